@@ -1,0 +1,28 @@
+# `make run` and `make test` set up everything they need: only Python 3.11 to 3.13 with venv, make and a network are assumed.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+
+.PHONY: run test lint clean
+
+run: $(READY)  ## plant + controller on a bus, a torque profile, a summary, a recorded run
+	$(BIN)/clutch-hil up
+
+test: $(READY) lint  ## lint, types, every test this machine can run, real vcan included
+	$(BIN)/pytest
+	$(BIN)/python deploy/guest/vcan_tests.py
+
+lint: $(READY)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+$(READY): pyproject.toml
+	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if (3, 11) <= v <= (3, 13) else f"Python {v[0]}.{v[1]} is not supported; needed is 3.11 to 3.13: make PYTHON=python3.12")'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test]'
+	touch $(READY)
+
+clean:
+	rm -rf $(VENV) build *.egg-info runs .pytest_cache .mypy_cache .ruff_cache

@@ -1,0 +1,73 @@
+"""Recording: the rows of both nodes joined into a run file, while they come.
+
+The plant's rows are the run: one a sample at a constant rate. To row k come the controller's terms of the cycle that
+answered sample k (`controller_...`); where none did, those of the cycle before still act and stand there
+(`controller_sample_tick` tells); before the first cycle they are not-a-number.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from protocols.node import Column
+from protocols.runs import RunWriter
+
+_CHUNK = 20_000  # rows a row group: 20 s at 1 kHz, some MB of memory
+_WAIT = 1000  # rows a plant row waits for the controller's answer before it is written without one
+
+
+class Recording:
+    """Collects rows and writes the run file at `path`."""
+
+    def __init__(self, path: Path, plant: Sequence[Column], controller: Sequence[Column], rate: int) -> None:
+        self.path = path
+        self.rows = 0
+        self._rate = rate
+        self._demand = [column.name for column in controller].index("torque_demand_nm")
+        self._tick = [column.name for column in controller].index("sample_tick")
+        terms = [Column(f"controller_{name}", unit, meaning) for name, unit, meaning in controller]
+        self._columns = [*plant, Column("torque_demand_nm", "Nm", "the controller's M_d"), *terms]
+        self._writer = RunWriter(path, self._columns)
+        self._plant: list[np.ndarray] = []
+        self._controller = np.empty((0, len(controller)))
+
+    def add(self, plant: np.ndarray, controller: np.ndarray) -> None:
+        """Take new rows of both nodes, each of shape (rows, columns of the node)."""
+        if len(plant):
+            self._plant.append(plant)
+        if len(controller):
+            self._controller = np.concatenate([self._controller, controller])
+        if sum(map(len, self._plant)) >= _CHUNK + _WAIT:
+            self._write(keep=_WAIT)
+
+    def finish(self, metadata: Mapping[str, Any]) -> None:
+        """Write what is left and close the file."""
+        self._write(keep=0)
+        self._writer.finish(metadata)
+
+    def __enter__(self) -> "Recording":
+        return self
+
+    def __exit__(self, *exception: Any) -> None:
+        self._writer.__exit__(*exception)
+
+    def _write(self, keep: int) -> None:
+        if not self._plant:
+            return
+        rows = np.concatenate(self._plant)
+        ready, rest = (rows[:-keep], rows[-keep:]) if keep else (rows, rows[:0])
+        ticks = np.rint(ready[:, 0] * self._rate)
+        terms = np.full((len(ready), self._controller.shape[1]), np.nan)
+        if len(self._controller):
+            answered = self._controller[:, self._tick]
+            held = np.searchsorted(answered, ticks, side="right") - 1  # newest cycle that knew no later sample
+            known = held >= 0
+            # several cycles may hold one sample: the first of them answered it
+            first = np.searchsorted(answered, answered[held[known]], side="left")
+            terms[known] = self._controller[first]
+            self._controller = self._controller[np.searchsorted(answered, ticks[-1]) :]
+        self._writer.append(np.column_stack([ready, terms[:, self._demand], terms]))
+        self.rows += len(ready)
+        self._plant = [rest]

@@ -1,0 +1,65 @@
+"""Status line: what the loop is doing right now, on one line of the terminal."""
+
+import time
+from collections.abc import Sequence
+from types import TracebackType
+
+import numpy as np
+from rich.console import Console
+from rich.live import Live
+from rich.text import Text
+
+from protocols.node import Column
+
+_PHASES = ("idle", "fill", "slip control", "release", "fault")
+_PLAIN_EVERY = 2.0  # s between lines where the output is no terminal
+
+
+class StatusLine:
+    """Rate, torque demand/estimate/true, pressure and late cycles; nothing at all when `quiet`."""
+
+    def __init__(self, plant: Sequence[Column], controller: Sequence[Column], duration: float, quiet: bool) -> None:
+        self._plant = {column.name: i for i, column in enumerate(plant)}
+        self._controller = {column.name: i for i, column in enumerate(controller)}
+        self._duration, self._quiet = duration, quiet
+        self._console = Console(stderr=True)
+        self._live = Live(console=self._console, refresh_per_second=8, transient=True)
+        self._shown = self._counted_at = time.monotonic()
+        self._cycles = 0
+        self._rate = 0.0
+
+    def __enter__(self) -> "StatusLine":
+        if self._console.is_terminal and not self._quiet:
+            self._live.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._live.stop()
+
+    def show(self, plant: np.ndarray, controller: np.ndarray) -> None:
+        """Show the newest of the new rows, shape (rows, columns of the node)."""
+        self._cycles += len(controller)
+        now = time.monotonic()
+        if self._quiet or not (len(plant) and len(controller)):
+            return
+        if now - self._counted_at >= 1.0:
+            self._rate = self._cycles / (now - self._counted_at)
+            self._cycles, self._counted_at = 0, now
+        text = self._text(plant[-1], controller[-1])
+        if self._console.is_terminal:
+            self._live.update(Text(text, no_wrap=True, overflow="ellipsis"))
+        elif now - self._shown >= _PLAIN_EVERY:
+            self._shown = now
+            self._console.print(text, soft_wrap=True, highlight=False)
+
+    def _text(self, plant: np.ndarray, controller: np.ndarray) -> str:
+        p = {name: plant[i] for name, i in self._plant.items()}
+        c = {name: controller[i] for name, i in self._controller.items()}
+        return (
+            f"{p['time_s']:6.1f}/{self._duration:g} s  {self._rate:5.0f} Hz  {_PHASES[int(c['phase'])]:<12}"
+            f"  torque demand {c['torque_demand_nm']:5.2f}  estimate {c['torque_estimate_nm']:5.2f}"
+            f"  true {p['truth_clutch_torque_nm']:5.2f} Nm  pressure {p['cylinder_pressure_bar']:4.2f} bar"
+            f"  late {int(c['late_cycles'])}"
+        )

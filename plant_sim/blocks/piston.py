@@ -1,0 +1,24 @@
+"""Piston between return springs and plate stack, quasi-static and damped.
+
+Equation        c_p dx/dt = A_cyl p - F_spring(x) - F_stack(x) - F_seal,  0 <= x                  (rig.md, 3)
+                F_spring = F_0 + k_s x;  F_stack = k_stack max(0, x - x_c)
+Assumptions     inertia negligible against damping; stack linear once touched
+Valid range     0 <= x < 2 mm
+Not modelled    waviness of the plates, squeezing of the oil film, tilting
+References      Janssens 2010, eqs 6.1, 6.4 and fig 6.10; contact at 2.35 bar (Table 6.3); the rest are design values of rig.md
+"""
+
+from numba import njit
+
+
+@njit(inline="always")
+def stack_force(position, clearance, stiffness):
+    """Normal force on the plates F_n [N] at piston `position` [m]."""
+    return stiffness * max(0.0, position - clearance)  # rig.md, 3
+
+
+@njit(inline="always")
+def speed(pressure, position, stack, seal, area, preload, spring_stiffness, damping):
+    """Piston speed dx/dt [m/s] from cylinder pressure [Pa] and the forces of stack and seal [N]."""
+    force = area * pressure - (preload + spring_stiffness * position) - stack - seal
+    return max(force, 0.0) / damping if position <= 0.0 else force / damping  # rig.md, 3

@@ -1,0 +1,22 @@
+"""Proportional pressure valve with its voltage-to-current converter.
+
+Equation        u = clip(k_v V, 0, p_supply);  p_v'' + 2 zeta w p_v' + w^2 p_v = w^2 u          (rig.md, 1)
+Assumptions     the supply pressure is constant; the voltage is held constant over a step (zero-order hold)
+Valid range     V 0..10 V
+Not modelled    dead band, spool stiction and hysteresis, flow limits
+References      Janssens 2010, sec. 6.3 (supply 2.5 MPa, bandwidth of the pressure loop 9.8 Hz); w, zeta, k_v are design values
+"""
+
+from numba import njit
+
+
+@njit(inline="always")
+def pressure_demand(voltage, gain, supply_pressure):
+    """Pressure the valve is asked for [Pa] at `voltage` [V]; `gain` [Pa/V], `supply_pressure` [Pa]."""
+    return min(max(gain * voltage, 0.0), supply_pressure)
+
+
+@njit(inline="always")
+def acceleration(pressure, rate, demand, frequency, damping):
+    """Second derivative of the valve pressure [Pa/s^2] from pressure [Pa], its rate [Pa/s] and `frequency` [rad/s]."""
+    return frequency * (frequency * (demand - pressure) - 2.0 * damping * rate)  # rig.md, 1

@@ -1,0 +1,216 @@
+"""The plant as a node: commands in, sensor frames out, ground truth in its record."""
+
+from collections.abc import Sequence
+from math import ceil
+
+from plant_sim.blocks.sensors import Sensors
+from plant_sim.profile import Profile
+from plant_sim.rigs import wet_clutch
+from protocols.errors import InputError
+from protocols.frames import Frame, load_frames
+from protocols.lifecycle import Lifecycle
+from protocols.node import Column
+from protocols.parameters import ParameterSet
+from protocols.reception import Reception
+from protocols.units import BAR, ZERO_CELSIUS
+
+STALE_CYCLES = (
+    5  # cycles without a valve command after which the valve amplifier closes: as the controller's own watchdog
+)
+_OWN = ("ANALOG_SENSORS", "ENCODER", "PLANT_STATUS", "PLANT_HEARTBEAT")
+
+# Columns of a recorded run (rig.md), then the truth.
+COLUMNS = tuple(
+    Column(*column)
+    for column in (
+        ("time_s", "s", "time since the run's start"),
+        ("valve_voltage_v", "V", "voltage to the V/A converter, acting from this row on"),
+        ("motor_speed_demand_rad_s", "rad/s", "speed demand of the motor, acting from this row on"),
+        ("cylinder_pressure_bar", "bar", "measured oil pressure behind the piston"),
+        ("slip_speed_rad_s", "rad/s", "measured slip speed, from encoder counts"),
+        ("shaft_angle_rad", "rad", "encoder angle of the turning plate"),
+        ("oil_temperature_degc", "degC", "measured oil temperature"),
+        ("clutch_torque_nm", "Nm", "measured clutch torque, for validation"),
+        ("motor_torque_nm", "Nm", "measured torque of the motor"),
+        ("truth_valve_pressure_bar", "bar", "pressure after the valve"),
+        ("truth_cylinder_pressure_bar", "bar", "pressure behind the piston"),
+        ("truth_piston_position_m", "m", "0 at rest"),
+        ("truth_normal_force_n", "N", "on the plates"),
+        ("truth_seal_force_n", "N", "friction of the piston's seals"),
+        ("truth_friction_state", "1", "m of eq. 6.9"),
+        ("truth_clutch_torque_nm", "Nm", "M"),
+        ("truth_motor_torque_nm", "Nm", "M_m"),
+        ("truth_slip_speed_rad_s", "rad/s", "omega"),
+        ("truth_oil_temperature_degc", "degC", "T"),
+    )
+)
+
+
+class PlantNode:
+    """The wet-clutch rig behind its data acquisition, with the profile player of the bench.
+
+    rate [Hz]; `temperature` is the oil's at the start [degC]; `filled` starts with the piston at the plates. A step
+    answers with the frames of the present tick and then advances the rig by one period; what it was sent acts from this
+    tick on, so a command that answers tick k acts from tick k + 1.
+    """
+
+    columns = COLUMNS
+
+    def __init__(
+        self,
+        rate: int = 1000,
+        parameters: ParameterSet | None = None,
+        profile: Profile | None = None,
+        seed: int = 1,
+        temperature: float | None = None,
+        filled: bool = False,
+        session: int = 1,
+    ) -> None:
+        self.parameters = parameters = parameters or wet_clutch.nominal()
+        self.rate = rate
+        self.profile = profile
+        self.late_cycles = 0  # set by the service for PLANT_STATUS
+        self._period = 1.0 / rate
+        self._substeps = ceil(self._period / wet_clutch.STEP_LIMIT - 1e-9)
+        self._record = wet_clutch.parameter_record(parameters)
+        self._sensors = Sensors(parameters, seed)
+        kelvin = (parameters["oil.reference"].value if temperature is None else temperature) + ZERO_CELSIUS
+        speed = profile.at(0.0).speed if profile else 0.0
+        self._state = (
+            wet_clutch.filled_state(speed, kelvin, self._record) if filled else wet_clutch.initial_state(speed, kelvin)
+        )
+        self._y = wet_clutch.as_state(self._state)
+
+        frames = load_frames()
+        self._analog, self._encoder = frames["ANALOG_SENSORS"], frames["ENCODER"]
+        self._setpoint = frames["TORQUE_SETPOINT"]
+        self._status, self._heartbeat = frames["PLANT_STATUS"], frames["PLANT_HEARTBEAT"]
+        names = ("VALVE_COMMAND", "MOTOR_COMMAND", "CONTROLLER_HEARTBEAT")
+        self._receptions = {frames[name].can_id: Reception(frames[name]) for name in names}
+        self._valve_id, self._motor_id, self._controller_id = self._receptions
+        self._own = {frames[name].can_id: name for name in _OWN}
+        self._session = session
+        self._heartbeats = 0
+        self._status_every = max(1, round(self._status.cycle_time * rate))
+        self._heartbeat_every = max(1, round(self._heartbeat.cycle_time * rate))
+
+        self.tick = -1
+        self.answered_tick = -1  # SAMPLE_TICK of the last valve command
+        self.controller = Lifecycle.UNCONFIGURED  # by its heartbeat
+        self._command_age = 0  # cycles
+        self._commanded = False
+        self._voltage, self._speed_demand, self._torque_limit = 0.0, speed, self._record["motor_torque_limit"][0]
+        self._angle_step = self._encoder.definitions[2].scale
+        self._count: int | None = None
+        self._angle = 0.0
+        self._row: tuple[float, ...] = (0.0,) * len(COLUMNS)
+
+    def step(self, inbox: Sequence[Frame]) -> list[Frame]:
+        """One sample. Raises InputError when the bus has a second plant or speaks another protocol."""
+        self.receive(inbox)
+        frames = self.sample()
+        self.advance()
+        return frames
+
+    def receive(self, inbox: Sequence[Frame]) -> None:
+        """Take commands; they act from the next sample on."""
+        for can_id, data in inbox:
+            if can_id in self._own:
+                raise InputError(f"a second plant is on the bus: it sends {self._own[can_id]} (0x{can_id:03X})")
+            reception = self._receptions.get(can_id)
+            if reception is None or not reception.accept(data):
+                continue
+            values = reception.codec.unpack(data)
+            if can_id == self._valve_id:
+                self._voltage = values.valve_voltage if values.valve_enable else 0.0
+                self.answered_tick, self._command_age, self._commanded = values.sample_tick, 0, True
+            elif can_id == self._motor_id:
+                self._speed_demand, self._torque_limit = (
+                    (values.speed_demand, values.torque_limit) if values.motor_enable else (0.0, 0.0)
+                )
+            else:
+                if values.rate != self.rate:
+                    raise InputError(
+                        f"the controller runs at {values.rate} Hz, this plant at {self.rate} Hz: give both one rate"
+                    )
+                self.controller = Lifecycle(values.lifecycle)
+
+    def sample(self) -> list[Frame]:
+        """Frames of the present tick: set-point, status, sensors; the encoder frame comes last and completes the sample."""
+        self.tick = tick = self.tick + 1
+        if self._commanded and self._command_age >= STALE_CYCLES:
+            self._voltage = self._speed_demand = self._torque_limit = 0.0
+        self._command_age += 1
+        y = self._y
+        counts = self._sensors.sample(y.pressure, y.temperature, y.motor_torque, y.clutch_torque, y.angle)
+        frames = []
+        if tick % self._heartbeat_every == 0:
+            frames.append(self.heartbeat(Lifecycle.ACTIVE))
+        if tick % self._status_every == 0:
+            rejected = sum(r.corrupt + r.repeated for r in self._receptions.values())
+            status = (self._actuators(), min(self.late_cycles, 65535), min(rejected, 65535))
+            frames.append(Frame(self._status.can_id, self._status.pack(tick // self._status_every, *status)))
+        if self.profile:
+            engage, torque, speed = self.profile.at(tick * self._period)
+            frames.append(Frame(self._setpoint.can_id, self._setpoint.pack(tick, engage, torque, speed)))
+        analog = self._analog.pack_raw(tick, *counts[:4])
+        frames.append(Frame(self._analog.can_id, analog))
+        frames.append(Frame(self._encoder.can_id, self._encoder.pack_raw(tick, counts.encoder, tick & 0xFFFF)))
+        self._note(self._analog.unpack(analog), counts.encoder)
+        return frames
+
+    def advance(self) -> None:
+        """Let the rig run for one period with the inputs held."""
+        self._state = wet_clutch.advance(
+            self._state,
+            self._voltage,
+            self._speed_demand,
+            self._torque_limit,
+            self._record,
+            self._period,
+            self._substeps,
+        )
+        self._y = wet_clutch.as_state(self._state)
+
+    def safe(self) -> list[Frame]:
+        """A plant commands nothing: it says that it ends."""
+        return [self.heartbeat(Lifecycle.FINALIZED)]
+
+    def heartbeat(self, lifecycle: Lifecycle) -> Frame:
+        """The next heartbeat of this plant."""
+        self._heartbeats += 1
+        return Frame(
+            self._heartbeat.can_id, self._heartbeat.pack(self._heartbeats, lifecycle, self.rate, self._session)
+        )
+
+    def row(self) -> tuple[float, ...]:
+        """The record of the last sample, in the order of COLUMNS."""
+        return self._row
+
+    @property
+    def finished(self) -> bool:
+        """Whether the profile has been played to its end."""
+        return self.profile is not None and (self.tick + 1) * self._period >= self.profile.duration
+
+    def reception_counts(self) -> dict[str, dict[str, int]]:
+        """Counts of `protocols.reception.Reception` by frame name."""
+        return {reception.codec.name: reception.counts() for reception in self._receptions.values()}
+
+    def _actuators(self) -> int:
+        """Value of PLANT_STATUS.ACTUATORS."""
+        if not self._commanded:
+            return 0
+        return 2 if self._command_age > STALE_CYCLES else 1
+
+    def _note(self, analog, count: int) -> None:
+        y = self._y
+        turned = 0 if self._count is None else (count - self._count + 0x80000000 & 0xFFFFFFFF) - 0x80000000
+        slip = y.slip_speed if self._count is None else turned * self._angle_step / self._period
+        self._count = count
+        self._angle += turned * self._angle_step
+        self._row = (
+            self.tick * self._period, self._voltage, self._speed_demand,
+            analog.cylinder_pressure, slip, self._angle, analog.oil_temperature, analog.clutch_torque, analog.motor_torque,
+            y.valve_pressure / BAR, y.pressure / BAR, y.position, y.normal_force, y.seal_force, y.friction_state,
+            y.clutch_torque, y.motor_torque, y.slip_speed, y.temperature - ZERO_CELSIUS,
+        )  # fmt: skip

@@ -1,0 +1,1 @@
+"""Rigs: how blocks and effects are assembled."""

@@ -1,0 +1,127 @@
+"""The plant as a process: a bus, a clock, a ring. Time begins when a controller is on the bus."""
+
+import os
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from plant_sim.node import COLUMNS, PlantNode
+from plant_sim.profile import Profile
+from protocols import realtime
+from protocols.bus import Port, listen, open_bus
+from protocols.clock import Clock
+from protocols.errors import InputError
+from protocols.frames import load_frames
+from protocols.lifecycle import Lifecycle
+from protocols.parameters import ParameterSet
+from protocols.ring import RingWriter
+from protocols.stopping import Stop
+
+LISTEN = 0.2  # s, four heartbeats: long enough to hear another plant
+_ANSWER = 5.0  # s to wait for a controller's answer in lock-step: it has died
+_RING_ROWS = 65_536  # a minute at 1 kHz
+
+
+@dataclass(frozen=True)
+class PlantService:
+    """Settings of a plant process. rate [Hz]; temperature [degC]; `profile` None plays none and runs until stopped."""
+
+    bus: str
+    rate: int
+    lockstep: bool = False
+    parameters: ParameterSet | None = None
+    profile: Profile | None = None
+    seed: int = 1
+    temperature: float | None = None
+    ring: Path | None = None
+    cpu: int | None = None
+
+    def run(self, ready: Callable[[str], None]) -> dict[str, Any]:
+        """Serve until SIGTERM or SIGINT, in lock-step to the end of the profile; return the summary.
+
+        Raises InputError for a bad bus, a second plant, another rate or protocol.
+        """
+        session = os.getpid() << 8 & 0xFFFFFF00 | time.monotonic_ns() & 0xFF
+        node = PlantNode(self.rate, self.parameters, self.profile, self.seed, self.temperature, session=session)
+        node.advance()  # compiles or loads the kernel before time counts
+        node = PlantNode(self.rate, self.parameters, self.profile, self.seed, self.temperature, session=session)
+        clock = Clock(1_000_000_000 // self.rate)
+        with Stop() as stop, open_bus(self.bus) as port:
+            _refuse_second(port)
+            ring = RingWriter(self.ring, COLUMNS, _RING_ROWS) if self.ring else None
+            ready(f"plant on {port.name} at {self.rate} Hz, {'lock-step' if self.lockstep else 'real time'}")
+            missing = [] if self.lockstep else realtime.prepare(self.cpu)
+            try:
+                self._await_controller(node, port, stop)
+                if self.lockstep:
+                    self._lockstep(node, port, ring, stop)
+                else:
+                    self._real_time(node, port, ring, clock, stop)
+            finally:
+                for frame in node.safe():
+                    port.send(frame)
+                if ring:
+                    ring.close()
+        return {
+            "bus": port.name,
+            "rate_hz": self.rate,
+            "lockstep": self.lockstep,
+            "samples": node.tick + 1,
+            "timing": None if self.lockstep else clock.summary(),
+            "not_available": missing,
+            "port": port.counts(),
+            "frames": node.reception_counts(),
+        }
+
+    def _await_controller(self, node: PlantNode, port: Port, stop: Stop) -> None:
+        """Say "inactive" every 50 ms until a controller says "active"."""
+        heartbeat_period = load_frames()["PLANT_HEARTBEAT"].cycle_time
+        while not stop.asked and node.controller != Lifecycle.ACTIVE:
+            port.send(node.heartbeat(Lifecycle.INACTIVE))
+            if port.wait(heartbeat_period):
+                node.receive(port.receive())
+
+    def _real_time(self, node: PlantNode, port: Port, ring: RingWriter | None, clock: Clock, stop: Stop) -> None:
+        """Real time does not wait: slots slept through are simulated and sent when the plant wakes."""
+        clock.start(time.monotonic_ns() + clock.period_ns)
+        while not stop.asked:
+            missed = clock.wait()
+            node.receive(port.receive())
+            for _ in range(missed + 1):
+                for frame in node.sample():
+                    port.send(frame)
+                node.advance()
+                if ring:
+                    ring.write(node.row())
+            clock.done()
+            node.late_cycles = clock.late
+
+    def _lockstep(self, node: PlantNode, port: Port, ring: RingWriter | None, stop: Stop) -> None:
+        """Sample, wait for the answer to this sample, go on."""
+        while not (stop.asked or node.finished):
+            for frame in node.sample():
+                port.send(frame)
+            node.advance()
+            if ring:
+                ring.write(node.row())
+            deadline = time.monotonic() + _ANSWER
+            while node.answered_tick != node.tick & 0xFFFF and not stop.asked:
+                if not port.wait(0.2) and time.monotonic() > deadline:
+                    raise InputError(f"the controller on {port.name} has not answered for {_ANSWER:g} s of lock-step")
+                node.receive(port.receive())
+                if node.controller == Lifecycle.FINALIZED:
+                    return
+
+
+def _refuse_second(port: Port) -> None:
+    """Raise InputError when another plant is heard."""
+    heartbeat = load_frames()["PLANT_HEARTBEAT"]
+    for can_id, data in listen(port, LISTEN):
+        if can_id == heartbeat.can_id and heartbeat.valid(data):
+            values = heartbeat.unpack(data)
+            if values.lifecycle != Lifecycle.FINALIZED:
+                raise InputError(
+                    f"a second plant is on {port.name} (session {values.session:08x}); only one may simulate the rig"
+                )

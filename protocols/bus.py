@@ -1,0 +1,184 @@
+"""Open a bus by name: `vcan0`, `can0` (SocketCAN), `local:NAME` (between processes, no CAN kernel), `auto`.
+
+python-can opens and configures every bus; the loop then reads and writes the raw `struct can_frame` on its socket, at a
+fifth of the cost of a message object (realtime.md). Tools (`candump`, `python -m can.viewer`) see an ordinary bus.
+"""
+
+import errno
+import select
+import struct
+import time
+from pathlib import Path
+from typing import Protocol
+
+import can
+
+from protocols.errors import InputError, listing
+from protocols.frames import Frame
+from protocols.local_channel import LocalChannel
+
+AUTO_LOCAL = "local:clutch"  # bus of `auto` where no vcan0 is up
+_CAN_FRAME = struct.Struct("=IB3x8s")  # struct can_frame: identifier and flags, length, data
+_STANDARD_ID = 0x7FF
+_FLAGS = 0xE0000000  # extended, remote, error: never frames of this bench
+_INTERFACES = Path("/sys/class/net")
+_ARPHRD_CAN = 280  # linux/if_arp.h
+_IFF_UP = 1  # linux/if.h
+_DRAIN_LIMIT = 4096  # frames taken at once, so that a flood cannot hold the loop
+
+
+class _RawPort(Protocol):
+    """What carries packed frames."""
+
+    def send(self, packed: bytes) -> int:
+        """Send one frame; return 1 when it was refused because a queue is full, else 0."""
+
+    def receive(self) -> list[bytes]:
+        """Every packed frame that waits, without blocking."""
+
+    def wait(self, timeout: float) -> bool:
+        """Whether a frame comes within `timeout` [s]."""
+
+    def close(self) -> None:
+        """Leave the bus."""
+
+
+class Port:
+    """A participant's place on a bus, for frames with standard identifiers and up to 8 bytes.
+
+    `sent`, `received`, `refused` (full queues) and `down` (sends while the interface was down) count frames.
+    """
+
+    def __init__(self, name: str, raw: _RawPort) -> None:
+        self.name = name
+        self.sent = self.received = self.refused = self.down = 0
+        self._raw = raw
+
+    def send(self, frame: Frame) -> None:
+        """Send without waiting; what the bus cannot take is counted, not repeated."""
+        try:
+            self.refused += self._raw.send(_CAN_FRAME.pack(frame.can_id, len(frame.data), frame.data))
+            self.sent += 1
+        except OSError as error:
+            if error.errno in (errno.ENOBUFS, errno.EAGAIN):
+                self.refused += 1
+            elif error.errno in (errno.ENETDOWN, errno.ENXIO, errno.ENODEV):
+                self.down += 1
+            else:
+                raise
+
+    def receive(self) -> list[Frame]:
+        """Every frame that waits, oldest first, without blocking."""
+        frames = []
+        for packed in self._raw.receive():
+            if len(packed) == _CAN_FRAME.size:
+                can_id, length, data = _CAN_FRAME.unpack(packed)
+                if not can_id & _FLAGS:
+                    frames.append(Frame(can_id & _STANDARD_ID, data[:length]))
+        self.received += len(frames)
+        return frames
+
+    def wait(self, timeout: float) -> bool:
+        """Whether a frame comes within `timeout` [s]."""
+        return self._raw.wait(timeout)
+
+    def counts(self) -> dict[str, int]:
+        """The four counters by name."""
+        return {name: getattr(self, name) for name in ("sent", "received", "refused", "down")}
+
+    def close(self) -> None:
+        """Leave the bus."""
+        self._raw.close()
+
+    def __enter__(self) -> "Port":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+class _LocalPort:
+    def __init__(self, channel: LocalChannel) -> None:
+        self._channel = channel
+        self.wait, self.close = channel.wait, channel.close
+
+    def send(self, packed: bytes) -> int:
+        return 1 if self._channel.send(packed) else 0
+
+    def receive(self) -> list[bytes]:
+        return [packed for _, packed in self._channel.receive()]
+
+
+class _SocketCanPort:
+    def __init__(self, bus: can.BusABC) -> None:
+        self._bus = bus
+        self._socket = bus.socket  # type: ignore[attr-defined]
+        self._socket.setblocking(False)
+
+    def send(self, packed: bytes) -> int:
+        self._socket.send(packed)
+        return 0
+
+    def receive(self) -> list[bytes]:
+        frames: list[bytes] = []
+        try:
+            while len(frames) < _DRAIN_LIMIT:
+                frames.append(self._socket.recv(_CAN_FRAME.size))
+        except BlockingIOError:
+            pass
+        except OSError as error:
+            if error.errno != errno.ENETDOWN:  # said once when the interface goes down; the socket lives on
+                raise
+        return frames
+
+    def wait(self, timeout: float) -> bool:
+        return bool(select.select([self._socket], [], [], timeout)[0])
+
+    def close(self) -> None:
+        self._bus.shutdown()
+
+
+def resolve(name: str) -> str:
+    """`auto` becomes vcan0 where it is up, else a local bus; other names stay."""
+    if name != "auto":
+        return name
+    return "vcan0" if "vcan0" in _can_interfaces(only_up=True) else AUTO_LOCAL
+
+
+def open_bus(name: str) -> Port:
+    """Open a bus by name. Raises InputError when there is none of that name or it is down."""
+    name = resolve(name)
+    try:
+        if name.startswith("local:"):
+            return Port(name, _LocalPort(LocalChannel(name.removeprefix("local:"))))
+        if name not in _can_interfaces():
+            known = listing([*_can_interfaces(), "local:NAME", "auto"])
+            raise InputError(f"bus {name!r} does not exist; there are {known}")
+        if name not in _can_interfaces(only_up=True):
+            raise InputError(f"bus {name} is down; bring it up with: ip link set {name} up")
+        return Port(name, _SocketCanPort(can.Bus(interface="socketcan", channel=name)))
+    except (can.CanError, OSError, ValueError) as error:
+        raise InputError(f"bus {name} cannot be opened: {error}") from None
+
+
+def listen(port: Port, seconds: float) -> list[Frame]:
+    """Every frame that comes within `seconds`."""
+    frames, end = [], time.monotonic() + seconds
+    while (left := end - time.monotonic()) > 0.0:
+        if port.wait(left):
+            frames += port.receive()
+    return frames
+
+
+def _can_interfaces(only_up: bool = False) -> list[str]:
+    """SocketCAN interfaces of this machine."""
+    names = []
+    for folder in _INTERFACES.glob("*"):
+        try:
+            is_can = int((folder / "type").read_text()) == _ARPHRD_CAN
+            up = int((folder / "flags").read_text(), 16) & _IFF_UP
+        except (OSError, ValueError):
+            continue
+        if is_can and (up or not only_up):
+            names.append(folder.name)
+    return sorted(names)

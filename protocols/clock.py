@@ -1,0 +1,96 @@
+"""The clock of a service: an absolute grid of deadlines, what was late, and the distribution of how late.
+
+Slot k begins at start + k period. A cycle that ends after its slot is late; slots it has slept through are skipped and
+counted, so that elapsed slots = cycles run + cycles skipped, always.
+"""
+
+import time
+from typing import Any
+
+
+class Histogram:
+    """Counts of durations in bins of 1 us up to 20 ms, for percentiles; constant memory."""
+
+    BINS = 20_000
+
+    def __init__(self) -> None:
+        self._counts = [0] * (self.BINS + 1)
+        self.total = 0
+        self.maximum_ns = 0
+
+    def add(self, duration_ns: int) -> None:
+        """Count a duration [ns]."""
+        self._counts[min(max(duration_ns, 0) // 1000, self.BINS)] += 1
+        self.total += 1
+        if duration_ns > self.maximum_ns:
+            self.maximum_ns = duration_ns
+
+    def percentile(self, percent: float) -> float:
+        """Upper edge of the bin in which `percent` of the durations are reached [us]; 0 when there are none."""
+        wanted, reached = self.total * percent / 100.0, 0
+        for microseconds, count in enumerate(self._counts):
+            reached += count
+            if count and reached >= wanted:
+                return min(microseconds + 1.0, self.maximum_ns / 1000.0)
+        return 0.0
+
+    def summary(self) -> dict[str, float]:
+        """p50, p99, p99.9 and maximum [us]."""
+        values = {f"p{percent:g}_us": self.percentile(percent) for percent in (50.0, 99.0, 99.9)}
+        return values | {"max_us": self.maximum_ns / 1000.0}
+
+
+class Clock:
+    """Absolute deadlines every `period_ns` on CLOCK_MONOTONIC.
+
+    `run` cycles waited for, `skipped` slots slept through, `late` cycles that ended after their slot,
+    `wake` lateness of wake-ups and `work` durations of cycles; `lateness_ns` and `work_ns` are the last ones.
+    """
+
+    def __init__(self, period_ns: int) -> None:
+        self.period_ns = period_ns
+        self.run = self.skipped = self.late = 0
+        self.wake, self.work = Histogram(), Histogram()
+        self.deadline_ns = self._woken_ns = 0
+        self.lateness_ns = self.work_ns = 0
+
+    def start(self, first_deadline_ns: int) -> None:
+        """Set the grid: the first slot begins at `first_deadline_ns` of CLOCK_MONOTONIC."""
+        self.deadline_ns = first_deadline_ns - self.period_ns
+
+    def wait(self) -> int:
+        """Sleep until the next slot; return how many slots passed unserved since the last one."""
+        self.deadline_ns += self.period_ns
+        now = time.monotonic_ns()
+        missed = 0
+        if now < self.deadline_ns:
+            time.sleep((self.deadline_ns - now) / 1e9)
+            now = time.monotonic_ns()
+        elif now >= self.deadline_ns + self.period_ns:
+            missed = (now - self.deadline_ns) // self.period_ns
+            self.deadline_ns += missed * self.period_ns
+            self.skipped += missed
+        self.run += 1
+        self._woken_ns = now
+        self.lateness_ns = now - self.deadline_ns
+        self.wake.add(self.lateness_ns)
+        return missed
+
+    def done(self) -> None:
+        """The work of the cycle has ended."""
+        now = time.monotonic_ns()
+        self.work_ns = now - self._woken_ns
+        self.work.add(self.work_ns)
+        if now > self.deadline_ns + self.period_ns:
+            self.late += 1
+
+    def summary(self) -> dict[str, Any]:
+        """Counts and distributions, for the end of a run."""
+        return {
+            "period_us": self.period_ns / 1000.0,
+            "cycles": self.run,
+            "skipped": self.skipped,
+            "late": self.late,
+            "wake": self.wake.summary(),
+            "work": self.work.summary(),
+        }

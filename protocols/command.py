@@ -1,0 +1,87 @@
+"""`clutch-hil`: one command, its parts found by entry point (`clutch_hil.commands`), so that no side imports the other.
+
+Exit codes: 0 fine, 1 the verdict is bad, 2 the input or the command is wrong.
+"""
+
+import json
+import sys
+from importlib.metadata import entry_points, version
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from protocols.errors import InputError
+
+RATES = (
+    20,
+    10_000,
+)  # Hz; below, the pressure loop is unstable; above, a plant step is shorter than its integration step
+
+
+def verdict(text: str, good: bool = True) -> None:
+    """Print the verdict line; end with exit code 1 when it is bad."""
+    typer.echo(f"verdict: {text}")
+    if not good:
+        raise typer.Exit(1)
+
+
+def emit(document: Any) -> None:
+    """Print a document for machines (`--json`)."""
+    typer.echo(json.dumps(document, indent=2, allow_nan=True))
+
+
+def report(document: Any, text: str, verdict_text: str, good: bool, as_json: bool) -> None:
+    """End a command: the document for machines, or text and verdict line for people; exit code 1 when not `good`."""
+    if as_json:
+        emit(document)
+        if not good:
+            raise typer.Exit(1)
+    else:
+        typer.echo(text)
+        verdict(verdict_text, good)
+
+
+def checked_rate(rate: int) -> int:
+    """`rate` [Hz] when a loop can run at it. Raises InputError."""
+    low, high = RATES
+    if not low <= rate <= high or 1_000_000_000 % rate:
+        raise InputError(f"rate {rate} Hz is not possible; allowed are {low} to {high} Hz with a whole period in ns")
+    return rate
+
+
+def write_summary(path: Path | None, document: Any) -> None:
+    """Write the JSON summary of a service for the process that started it."""
+    if path:
+        part = path.with_suffix(".part")
+        part.write_text(json.dumps(document), encoding="utf-8")
+        part.rename(path)
+
+
+def application() -> typer.Typer:
+    """The command with the sub-commands of every installed part."""
+    app = typer.Typer(
+        help="Hardware-in-the-loop bench for wet-clutch torque control over CAN.",
+        no_args_is_help=True,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+    )
+
+    @app.callback(invoke_without_command=True)
+    def root(show_version: bool = typer.Option(False, "--version", help="Print the version.")) -> None:
+        if show_version:
+            typer.echo(f"clutch-hil {version('clutch-hil')}")
+            raise typer.Exit
+
+    for point in sorted(entry_points(group="clutch_hil.commands"), key=lambda point: point.name):
+        point.load().register(app)
+    return app
+
+
+def main() -> None:
+    """Run the command; an InputError becomes one sentence and exit code 2."""
+    try:
+        application()()
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)

@@ -1,0 +1,152 @@
+"""Frames: `clutch_rig.dbc` compiled once into pack and unpack functions that cost about a microsecond.
+
+cantools reads and checks the DBC; the loop runs generated code on one integer a frame. Agreement with cantools on
+random values is a test (tests/test_frames.py).
+"""
+
+from collections import namedtuple
+from collections.abc import Callable
+from math import floor
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import cantools.database
+from cantools.database.can import Database, Message, Signal
+from e2e.crc import calculate_crc8
+
+from protocols.errors import InputError, listing
+
+DBC = Path(__file__).with_name("clutch_rig.dbc")
+COUNTER_MODULUS = 16  # 4-bit alive counter
+
+# Every frame starts alike: where its protection stands.
+_CRC = ("CRC", 0, 8)
+_COUNTER = ("COUNTER", 8, 4)
+# What the processes use; a DBC without one of these is not this bench's.
+REQUIRED = (
+    "VALVE_COMMAND", "MOTOR_COMMAND", "ANALOG_SENSORS", "ENCODER", "TORQUE_SETPOINT",
+    "CONTROLLER_STATUS", "PLANT_STATUS", "CONTROLLER_HEARTBEAT", "PLANT_HEARTBEAT",
+)  # fmt: skip
+
+
+class Frame(NamedTuple):
+    """A frame as nodes exchange it: CAN identifier and payload bytes."""
+
+    can_id: int
+    data: bytes
+
+
+class FrameCodec:
+    """One frame of the DBC, compiled.
+
+    `pack(counter, *values)` takes physical values in the order of `signals` (or by lower-case name) and returns the
+    payload with CRC and counter, `pack_raw` takes raw integers; both raise InputError for a value outside the raw range.
+    `unpack(data)` returns a namedtuple of physical values, `raw(data)` of raw integers; neither checks: `valid` does.
+    """
+
+    def __init__(self, message: Message) -> None:
+        self.name: str = message.name
+        self.can_id: int = message.frame_id
+        self.length: int = message.length
+        self.sender: str = message.senders[0] if message.senders else "-"
+        self.cycle_time: float = (message.cycle_time or 0) / 1000.0  # s
+        self.comment: str = message.comment or ""
+        self.definitions: list[Signal] = sorted(message.signals, key=lambda signal: signal.start)
+        payload = [signal for signal in self.definitions if signal.name not in ("CRC", "COUNTER")]
+        self.signals: tuple[str, ...] = tuple(signal.name.lower() for signal in payload)
+        functions = _compile(self.name, self.length, payload)
+        self.pack: Callable[..., bytes] = functions["pack"]
+        self.pack_raw: Callable[..., bytes] = functions["pack_raw"]
+        self.unpack: Callable[[bytes], Any] = functions["unpack"]
+        self.raw: Callable[[bytes], Any] = functions["raw"]
+
+    def valid(self, data: bytes) -> bool:
+        """Whether the CRC of `data` is right."""
+        return calculate_crc8(data[1:]) == data[0]
+
+    def counter(self, data: bytes) -> int:
+        """Alive counter, 0..15."""
+        return data[1] & 15
+
+
+def load_frames(path: Path = DBC) -> dict[str, FrameCodec]:
+    """Compile every frame of a DBC, by name. Raises InputError naming the file, frame and signal."""
+    try:
+        database = cantools.database.load_file(path)
+    except FileNotFoundError:
+        raise InputError(f"DBC {path} does not exist") from None
+    except Exception as error:  # cantools raises many kinds
+        raise InputError(f"DBC {path} is malformed: {' '.join(str(error).split())}") from None
+    if not isinstance(database, Database):
+        raise InputError(f"{path} is not a CAN database")
+    messages = {message.name: message for message in database.messages}
+    if missing := [name for name in REQUIRED if name not in messages]:
+        raise InputError(f"DBC {path} lacks the frame {missing[0]}; it has {listing(messages)}")
+    for message in messages.values():
+        _check(path, message)
+    return {name: FrameCodec(message) for name, message in messages.items()}
+
+
+def _check(path: Path, message: Message) -> None:
+    where = f"DBC {path}: frame {message.name}"
+    if not 2 <= message.length <= 8:
+        raise InputError(f"{where} has {message.length} bytes; allowed are 2 to 8")
+    signals = {signal.name: signal for signal in message.signals}
+    for name, start, length in (_CRC, _COUNTER):
+        signal = signals.get(name)
+        if signal is None or (signal.start, signal.length, signal.byte_order) != (start, length, "little_endian"):
+            raise InputError(f"{where} needs the signal {name} : {start}|{length}@1+")
+    for signal in message.signals:
+        if signal.byte_order != "little_endian" or signal.is_float or signal.is_multiplexer or signal.multiplexer_ids:
+            raise InputError(f"{where}: signal {signal.name} must be a plain little-endian integer")
+
+
+def _compile(name: str, length: int, signals: list[Signal]) -> dict[str, Any]:
+    """Generate `pack`, `pack_raw`, `unpack` and `raw` for the payload signals of a frame.
+
+    The scaling stands in one visible line each way: raw = floor((value - offset) / scale + 0.5), value = raw * scale + offset.
+    """
+    names = [signal.name.lower() for signal in signals]
+    pack_raw = [f"def pack_raw(counter, {', '.join(names)}):", " word = (counter & 15) << 8"]
+    scaled, raws, values = [], [], []
+    for index, (signal, value) in enumerate(zip(signals, names, strict=True)):
+        mask, sign = (1 << signal.length) - 1, 1 << signal.length - 1
+        low, high = (-sign, sign - 1) if signal.is_signed else (0, mask)
+        scale, offset = float(signal.scale), float(signal.offset)
+        plain = scale == 1.0 and offset == 0.0
+        scaled.append(f"floor({value if plain else f'({value} - {offset!r}) / {scale!r}'} + 0.5)")
+        pack_raw += [
+            f" if not {low} <= {value} <= {high}: refuse({index}, {value}, {low}, {high})",
+            f" word |= ({value} & {mask}) << {signal.start}",
+        ]
+        bits = f"(word >> {signal.start} & {mask})"
+        raws.append(f"({bits} ^ {sign}) - {sign}" if signal.is_signed else bits)
+        values.append(raws[-1] if plain else f"({raws[-1]}) * {scale!r} + {offset!r}")
+    source = [
+        *pack_raw,
+        f" data = word.to_bytes({length}, 'little')",
+        " return bytes((crc8(data[1:]),)) + data[1:]",
+        f"def pack(counter, {', '.join(names)}):",
+        f" return pack_raw(counter, {', '.join(scaled)})",
+        "def unpack(data):",
+        " word = int_from(data, 'little')",
+        f" return Signals({', '.join(values)})",
+        "def raw(data):",
+        " word = int_from(data, 'little')",
+        f" return Signals({', '.join(raws)})",
+    ]
+
+    def refuse(index: int, raw: int, low: int, high: int) -> None:
+        signal = signals[index]
+        value, least, most = (float(x * signal.scale + signal.offset) for x in (raw, low, high))
+        raise InputError(f"{name}.{signal.name} = {value:g} {signal.unit or ''} is outside {least:g}..{most:g}")
+
+    scope: dict[str, Any] = {
+        "floor": floor,
+        "crc8": calculate_crc8,
+        "int_from": int.from_bytes,
+        "refuse": refuse,
+        "Signals": namedtuple(name, names),
+    }
+    exec(compile("\n".join(source), f"<frame {name}>", "exec"), scope)
+    return scope

@@ -1,0 +1,42 @@
+"""Node: what runs on a bus. The same object runs on its own clock, in lock-step, or in one process with the other."""
+
+from collections.abc import Callable, Sequence
+from importlib.metadata import entry_points
+from typing import Any, NamedTuple, Protocol
+
+from protocols.errors import InputError, listing
+from protocols.frames import Frame
+
+
+class Column(NamedTuple):
+    """A column of a node's record."""
+
+    name: str
+    unit: str
+    meaning: str
+
+
+class Node(Protocol):
+    """A participant that is stepped once a cycle. It has no clock, opens nothing and sends nothing itself."""
+
+    columns: Sequence[Column]
+
+    def step(self, inbox: Sequence[Frame]) -> list[Frame]:
+        """Take the frames that came since the last step, return those to send. Raises InputError to be stopped."""
+        ...
+
+    def safe(self) -> list[Frame]:
+        """Frames that leave the actuators safe; the last thing sent."""
+        ...
+
+    def row(self) -> tuple[float, ...]:
+        """The record of the last step, in the order of `columns`."""
+        ...
+
+
+def node_factory(name: str) -> Callable[..., Any]:
+    """The class of a node by entry point (`plant`, `controller`), so that no side imports the other."""
+    points = {point.name: point for point in entry_points(group="clutch_hil.nodes")}
+    if name not in points:
+        raise InputError(f"node {name!r} is not installed; installed are {listing(points)}")
+    return points[name].load()

@@ -1,0 +1,152 @@
+"""Parameter files: TOML in which every number has a unit, a source, an uncertainty and bounds.
+
+A defaults file declares the parameters, one line each:
+
+    [clutch]
+    coulomb_slope = { value = 10.8, unit = "Nm/bar", uncertainty = 0.3, bounds = [1.0, 100.0], source = "Table 6.4" }
+
+A user's file changes some of them, `coulomb_slope = 11.5` in the declared unit, or an inline table to change more fields.
+"""
+
+import difflib
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+from protocols.errors import InputError
+from protocols.units import to_si
+
+_FIELDS = ("value", "unit", "uncertainty", "bounds", "source")
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number with its provenance; `uncertainty` (one standard deviation) and `bounds` are in the same `unit`."""
+
+    name: str
+    value: float
+    unit: str
+    uncertainty: float
+    bounds: tuple[float, float]
+    source: str
+
+    def __post_init__(self) -> None:
+        """Raise InputError when the value breaks its bounds or the unit is unknown."""
+        to_si(self.value, self.unit)
+        low, high = self.bounds
+        if not (isfinite(self.value) and low <= self.value <= high):
+            raise InputError(f"parameter {self.name} = {self.value:g} {self.unit} breaks {low:g} <= value <= {high:g}")
+        if not self.uncertainty >= 0.0:
+            raise InputError(f"parameter {self.name} has uncertainty {self.uncertainty:g}; allowed is 0 or more")
+
+    @property
+    def si(self) -> float:
+        """The value in SI units."""
+        return to_si(self.value, self.unit)
+
+
+class ParameterSet(Mapping[str, Parameter]):
+    """Parameters by dotted name (`clutch.coulomb_slope`), immutable; changes give a new set."""
+
+    def __init__(self, parameters: Mapping[str, Parameter]) -> None:
+        self._parameters = dict(parameters)
+
+    def __getitem__(self, name: str) -> Parameter:
+        try:
+            return self._parameters[name]
+        except KeyError:
+            close = difflib.get_close_matches(name, self._parameters, n=3, cutoff=0.4)
+            hint = f"did you mean {' or '.join(close)}?" if close else f"known are {', '.join(self._parameters)}"
+            raise InputError(f"parameter {name!r} is unknown; {hint}") from None
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._parameters)
+
+    def __len__(self) -> int:
+        return len(self._parameters)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._parameters
+
+    def with_values(self, values: Mapping[str, float]) -> "ParameterSet":
+        """A copy with new `values` by dotted name, each in its declared unit. Raises InputError."""
+        changed = {name: replace(self[name], value=_number(name, value)) for name, value in values.items()}
+        return ParameterSet(self._parameters | changed)
+
+    def si(self, group: str) -> dict[str, float]:
+        """SI values of one group, by short name."""
+        prefix = group + "."
+        return {name.removeprefix(prefix): p.si for name, p in self._parameters.items() if name.startswith(prefix)}
+
+    def as_values(self) -> dict[str, float]:
+        """Values by dotted name, each in its declared unit: what a run file keeps."""
+        return {name: parameter.value for name, parameter in self._parameters.items()}
+
+
+def load_defaults(path: Path) -> ParameterSet:
+    """Read a file that declares parameters completely. Raises InputError naming the file and the entry."""
+    parameters = {}
+    for name, entry in _entries(path):
+        if not isinstance(entry, dict) or sorted(entry) != sorted(_FIELDS):
+            raise InputError(f"{path}: {name} must be a table with exactly the fields {', '.join(_FIELDS)}")
+        parameters[name] = _parameter(path, name, entry)
+    return ParameterSet(parameters)
+
+
+def load_overlay(path: Path, defaults: ParameterSet) -> ParameterSet:
+    """`defaults` changed by a user's file, which may name any subset. Raises InputError naming the file and the entry."""
+    changed = dict(defaults)
+    for name, entry in _entries(path):
+        try:
+            declared = defaults[name]
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
+        fields = entry if isinstance(entry, dict) else {"value": entry}
+        if unknown := set(fields) - set(_FIELDS):
+            raise InputError(f"{path}: {name} has the unknown field {min(unknown)!r}; allowed are {', '.join(_FIELDS)}")
+        if fields.get("unit", declared.unit) != declared.unit:
+            raise InputError(f"{path}: {name} is given in {fields['unit']!r}; its unit is {declared.unit!r}")
+        changed[name] = _parameter(path, name, {f: getattr(declared, f) for f in _FIELDS} | fields)
+    return ParameterSet(changed)
+
+
+def _entries(path: Path) -> Iterator[tuple[str, Any]]:
+    """(dotted name, entry) of every line of every `[group]`."""
+    try:
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(f"parameter file {path} does not exist") from None
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise InputError(f"parameter file {path} cannot be read: {error}") from None
+    for group, entries in document.items():
+        if not isinstance(entries, dict):
+            raise InputError(f"{path}: {group} stands outside a [group]")
+        for name, entry in entries.items():
+            yield f"{group}.{name}", entry
+
+
+def _parameter(path: Path, name: str, entry: Mapping[str, Any]) -> Parameter:
+    try:
+        bounds = entry["bounds"]
+        if not isinstance(bounds, (list, tuple)) or len(bounds) != 2:
+            raise InputError(f"parameter {name} has bounds {bounds!r}; allowed is [low, high]")
+        low, high = (_number(name, bound) for bound in bounds)
+        return Parameter(
+            name=name,
+            value=_number(name, entry["value"]),
+            unit=str(entry["unit"]),
+            uncertainty=_number(name, entry["uncertainty"]),
+            bounds=(low, high),
+            source=str(entry["source"]),
+        )
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def _number(name: str, value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise InputError(f"parameter {name} is {value!r}; a number is needed")
+    return float(value)

@@ -1,0 +1,93 @@
+"""Ring: the newest rows of a node's record in shared memory, written by the loop, read by anybody.
+
+One writer never waits and never asks; readers copy rows out and count what was overwritten before they came. A file
+mapped into memory (in /dev/shm where there is one), so that it needs no server and ends with its folder.
+
+Layout: 16 bytes (magic, length of the header), header JSON (columns, capacity), rows written (u64), rows of doubles.
+x86 and ARMv8.1+ keep the order "row, then count" as long as the interpreter stores in that order; a reader that was
+overtaken while copying notices by the count.
+"""
+
+import json
+import mmap
+import os
+import struct
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from protocols.errors import InputError
+from protocols.node import Column
+
+_MAGIC = b"clutchR1"
+_PREFIX = struct.Struct("<8sQ")
+_COUNT = struct.Struct("<Q")
+
+
+class RingWriter:
+    """Create a ring at `path` for rows of `columns`, keeping the newest `capacity` rows."""
+
+    def __init__(self, path: Path, columns: Sequence[Column], capacity: int) -> None:
+        header = json.dumps({"columns": columns, "capacity": capacity}).encode()
+        header += b" " * (-(_PREFIX.size + len(header)) % 8)
+        self._row = struct.Struct(f"<{len(columns)}d")
+        self._start = _PREFIX.size + len(header) + _COUNT.size
+        size = self._start + capacity * self._row.size
+        part = path.with_suffix(".part")
+        with part.open("w+b") as file:
+            os.truncate(file.fileno(), size)
+            self._map = mmap.mmap(file.fileno(), size)
+        self._map[: self._start] = _PREFIX.pack(_MAGIC, len(header)) + header + _COUNT.pack(0)
+        for page in range(self._start, size, mmap.PAGESIZE):
+            self._map[page] = 0  # touched now, so that the loop meets no page fault
+        self._capacity = capacity
+        self._written = 0
+        part.rename(path)  # readers never see half a header
+
+    def write(self, row: Sequence[float]) -> None:
+        """Append a row; the oldest is overwritten when the ring is full."""
+        slot = self._written % self._capacity
+        self._row.pack_into(self._map, self._start + slot * self._row.size, *row)
+        self._written += 1
+        _COUNT.pack_into(self._map, self._start - _COUNT.size, self._written)
+
+    def close(self) -> None:
+        """Release the memory; readers keep theirs."""
+        self._map.close()
+
+
+class RingReader:
+    """Read a ring; `columns` describes its rows, `lost` counts rows overwritten before they were read."""
+
+    def __init__(self, path: Path) -> None:
+        try:
+            with path.open("rb") as file:
+                self._map = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+            magic, length = _PREFIX.unpack_from(self._map)
+            if magic != _MAGIC:
+                raise InputError(f"{path} is not a ring of this version")
+            header = json.loads(self._map[_PREFIX.size : _PREFIX.size + length])
+        except (OSError, ValueError, struct.error) as error:
+            raise InputError(f"ring {path} cannot be read: {error}") from None
+        self.columns = tuple(Column(*column) for column in header["columns"])
+        self.lost = 0
+        self._capacity = header["capacity"]
+        self._count_at = _PREFIX.size + length
+        self._rows = np.frombuffer(self._map, np.float64, offset=self._count_at + _COUNT.size).reshape(
+            self._capacity, len(self.columns)
+        )
+        self._read = 0
+
+    def read(self) -> np.ndarray:
+        """Rows written since the last call, shape (rows, columns), oldest first."""
+        written = self._written()
+        first = max(self._read, written - self._capacity)
+        rows = self._rows[np.arange(first, written) % self._capacity]
+        overtaken = min(max(self._written() - self._capacity - first + 1, 0), len(rows)) if len(rows) else 0
+        self.lost += first - self._read + overtaken
+        self._read = written
+        return rows[overtaken:]
+
+    def _written(self) -> int:
+        return _COUNT.unpack_from(self._map, self._count_at)[0]

@@ -1,0 +1,126 @@
+"""Run files: one row a sample at a constant rate, Parquet out, Parquet and CSV in.
+
+The columns of rig.md come first; controller terms (`controller_...`), plant truth (`truth_...`) and anything else follow
+and are kept. Metadata are key-value strings in the file; structured ones are JSON.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet as pq
+
+from protocols.errors import InputError
+from protocols.node import Column
+
+REQUIRED = (
+    "time_s", "valve_voltage_v", "motor_speed_demand_rad_s", "cylinder_pressure_bar", "slip_speed_rad_s",
+    "shaft_angle_rad", "oil_temperature_degc", "clutch_torque_nm", "motor_torque_nm",
+)  # fmt: skip
+_TIME_TOLERANCE = 0.01  # of a sample period: times are written as decimal seconds
+
+
+@dataclass(frozen=True)
+class Run:
+    """A recorded run: `columns` by name, each of shape (samples,), and `metadata`."""
+
+    columns: Mapping[str, np.ndarray]
+    metadata: Mapping[str, Any]
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        if name not in self.columns:
+            raise InputError(f"the run has no column {name!r}; it has {', '.join(self.columns)}")
+        return self.columns[name]
+
+
+class RunWriter:
+    """Write a run in pieces. The file gets its name only when the run is complete: nothing half-written is left.
+
+    Use as a context manager; leaving it by an exception, or without `finish`, removes what was written.
+    """
+
+    def __init__(self, path: Path, columns: Sequence[Column]) -> None:
+        self._path, self._part = path, path.with_name(path.name + ".part")
+        self._schema = pa.schema(
+            [pa.field(c.name, pa.float64(), metadata={"unit": c.unit, "meaning": c.meaning}) for c in columns]
+        )
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._writer = pq.ParquetWriter(self._part, self._schema, compression="zstd")
+        except OSError as error:
+            raise InputError(f"run file {path} cannot be written: {error}") from None
+        self._finished = False
+
+    def append(self, rows: np.ndarray) -> None:
+        """Add `rows`, shape (samples, columns)."""
+        if len(rows):
+            self._writer.write_table(pa.table(list(np.ascontiguousarray(rows.T)), schema=self._schema))
+
+    def finish(self, metadata: Mapping[str, Any]) -> None:
+        """Add metadata and give the file its name."""
+        text = {k: v if isinstance(v, str) else json.dumps(v) for k, v in metadata.items()}
+        self._writer.add_key_value_metadata(text)
+        self._writer.close()
+        self._part.rename(self._path)
+        self._finished = True
+
+    def __enter__(self) -> "RunWriter":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if not self._finished:
+            self._writer.close()
+            self._part.unlink(missing_ok=True)
+
+
+def read_run(path: Path) -> Run:
+    """Read and check a run. Raises InputError naming the file, the column and the first bad row."""
+    raw: dict[bytes, bytes] = {}
+    try:
+        if path.suffix == ".csv":
+            table = pyarrow.csv.read_csv(path)
+        else:
+            file = pq.ParquetFile(path)
+            table, raw = file.read(), file.metadata.metadata or {}
+    except (OSError, pa.ArrowException) as error:
+        raise InputError(f"run {path} cannot be read: {error}") from None
+    metadata = {k.decode(): _parsed(v.decode()) for k, v in raw.items() if not k.startswith(b"ARROW")}
+    columns = {}
+    for name in table.column_names:
+        column = table[name]
+        if pa.types.is_floating(column.type) or pa.types.is_integer(column.type):
+            columns[name] = column.to_numpy().astype(float)
+    _check(path, columns)
+    return Run(columns, metadata)
+
+
+def _check(path: Path, columns: Mapping[str, np.ndarray]) -> None:
+    for name in REQUIRED:
+        if name not in columns:
+            raise InputError(f"run {path} lacks the column {name}")
+        if len(bad := np.flatnonzero(~np.isfinite(columns[name]))):
+            raise InputError(f"run {path}: {name} is not a number in row {bad[0]}")
+    time = columns["time_s"]
+    if len(time) < 2:
+        raise InputError(f"run {path} has {len(time)} rows; at least 2 are needed")
+    steps = np.diff(time)
+    period = float(np.median(steps))
+    if len(bad := np.flatnonzero(steps <= 0.0)):
+        raise InputError(f"run {path}: time_s does not increase in row {bad[0] + 1}")
+    if len(bad := np.flatnonzero(np.abs(steps - period) > _TIME_TOLERANCE * period)):
+        raise InputError(f"run {path}: the sample rate changes in row {bad[0] + 1}")
+
+
+def _parsed(text: str) -> Any:
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError:
+        return text

@@ -1,0 +1,1 @@
+"""The controller: estimator, feedforward, regulator, phases, limits and the real-time loop they run in."""

@@ -1,0 +1,48 @@
+"""Commands of the controller."""
+
+from pathlib import Path
+
+import typer
+
+from protocols.command import checked_rate, emit, verdict, write_summary
+
+
+def register(app: typer.Typer) -> None:
+    """Add the controller's commands."""
+    app.command()(controller)
+
+
+def controller(
+    bus: str = typer.Option("auto", help="vcan0, can0, local:NAME or auto"),
+    rate: int = typer.Option(1000, help="control rate [Hz]"),
+    lockstep: bool = typer.Option(False, help="step when a sample comes instead of by the clock"),
+    parameters: Path | None = typer.Option(None, help="TOML file that changes controller parameters"),
+    law: str = typer.Option("both", help="both, feedforward or feedback"),
+    adaptation: bool = typer.Option(True, help="adapt the friction level on-line"),
+    ring: Path | None = typer.Option(None, help="shared-memory file for the record of every cycle"),
+    summary: Path | None = typer.Option(None, help="JSON file for the summary"),
+    cpu: int | None = typer.Option(None, help="CPU to run on"),
+    json_output: bool = typer.Option(False, "--json", help="print the summary as JSON"),
+) -> None:
+    """Run the controller on a bus until it is stopped."""
+    from protocols.parameters import load_overlay
+    from rt_controller.node import controller_parameters
+    from rt_controller.service import ControllerService
+
+    known = controller_parameters()
+    service = ControllerService(
+        bus=bus,
+        rate=checked_rate(rate),
+        lockstep=lockstep,
+        parameters=load_overlay(parameters, known) if parameters else known,
+        law=law,
+        adaptation=adaptation,
+        ring=ring,
+        cpu=cpu,
+    )
+    result = service.run(lambda text: typer.echo(text, err=True))
+    write_summary(summary, result)
+    if json_output:
+        emit(result)
+    else:
+        verdict("controller stopped, valve closed")

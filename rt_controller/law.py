@@ -1,0 +1,125 @@
+"""The control law of section 6.5: estimate, feedforward, torque feedback, pressure regulator, each term published."""
+
+from protocols.errors import InputError
+from protocols.node import Column
+from protocols.parameters import ParameterSet
+from protocols.units import BAR, ZERO_CELSIUS
+from rt_controller.adaptation import Adaptation, AdaptationSettings, LevelAdaptation, NoAdaptation
+from rt_controller.estimator import Model, friction_state, torque_parts
+from rt_controller.feedforward import ContactOnly, Feedforward, InverseModel
+from rt_controller.phases import Phase
+from rt_controller.regulator import EstimatedTorquePI, NoFeedback, TorqueFeedback, proportional_integral
+from rt_controller.sample import Sample
+
+LAWS = ("both", "feedforward", "feedback")  # the three rows of Table 6.6
+
+TERMS = tuple(
+    Column(*column)
+    for column in (
+        ("torque_demand_nm", "Nm", "M_d"),
+        ("torque_estimate_nm", "Nm", "M_sim of eq. 6.9"),
+        ("coulomb_part_nm", "Nm", "M_C m before the level"),
+        ("viscous_part_nm", "Nm", "viscous part before level and correction"),
+        ("friction_state", "1", "m of eq. 6.9"),
+        ("feedforward_bar", "bar", "p_ff of eq. 6.8"),
+        ("proportional_bar", "bar", "P of the torque feedback"),
+        ("integral_bar", "bar", "I of the torque feedback"),
+        ("pressure_demand_bar", "bar", "p_d"),
+        ("pressure_bar", "bar", "measured cylinder pressure"),
+        ("pressure_proportional_bar", "bar", "P of the pressure regulator"),
+        ("pressure_integral_bar", "bar", "I of the pressure regulator"),
+        ("voltage_v", "V", "asked of the valve, before the guard"),
+        ("slip_rad_s", "rad/s", "observed slip speed"),
+        ("slip_acceleration_rad_s2", "rad/s^2", "observed slip acceleration"),
+        ("temperature_degc", "degC", "measured oil temperature"),
+        ("observed_torque_nm", "Nm", "M_m - J alpha, what the adaptation learns from"),
+        ("friction_level", "1", "adapted level"),
+        ("viscous_correction", "1", "adapted correction of the viscous part"),
+        ("adaptation_active", "1", "1 while the adaptation learns"),
+        ("in_contact", "1", "1 while the plates are believed to touch"),
+        ("frozen", "1", "1 while the torque integrator is held"),
+        ("saturated", "1", "1 while pressure demand or voltage is at its limit"),
+    )
+)
+
+
+class TorqueLaw:
+    """Pressure and valve voltage for a torque demand, without a torque measurement.
+
+    `law` is one of LAWS, `adaptation` switches the adaptive level on. Attributes: `estimate` [Nm], `voltage` [V],
+    `level` [-] and `terms`, in the order of TERMS, all of the last step.
+    """
+
+    def __init__(self, parameters: ParameterSet, law: str, adaptation: bool) -> None:
+        if law not in LAWS:
+            raise InputError(f"control law {law!r} is unknown; allowed are {', '.join(LAWS)}")
+        self.model = model = Model(**parameters.si("model"))
+        torque, pressure, phases = (parameters.si(group) for group in ("torque", "pressure", "phases"))
+        self._pressure_limit = torque["pressure_limit"]
+        self._k_p, self._k_i = pressure["proportional_gain"], pressure["integral_gain"]
+        self._valve_gain, self._voltage_limit = pressure["valve_gain"], pressure["voltage_limit"]
+        self._fill_pressure, self._contact_band = phases["fill_pressure"], phases["contact_band"]
+        self._feedforward: Feedforward = ContactOnly(model) if law == "feedback" else InverseModel(model)
+        self._feedback: TorqueFeedback = (
+            NoFeedback()
+            if law == "feedforward"
+            else EstimatedTorquePI(torque["proportional_gain"], torque["integral_gain"])
+        )
+        self._adaptation: Adaptation = (
+            LevelAdaptation(AdaptationSettings(**parameters.si("adaptation"))) if adaptation else NoAdaptation()
+        )
+        self.estimate = self.voltage = 0.0
+        self.terms: tuple[float, ...] = (0.0,) * len(TERMS)
+        self._m = 0.0
+        self._contact = self._saturated = False
+        self._pressure_integral = 0.0
+
+    @property
+    def level(self) -> float:
+        """Adapted friction level [-]."""
+        return self._adaptation.level
+
+    def step(self, phase: Phase, demand: float, sample: Sample, step: float) -> None:
+        """Advance by `step` [s], 0 without a fresh sample, towards the torque `demand` [Nm]."""
+        model, pressure, slip = self.model, sample.pressure, sample.slip
+        closing = phase in (Phase.FILL, Phase.SLIP_CONTROL)
+        floor = model.contact_pressure - (self._contact_band if self._contact else 0.0)
+        self._contact = contact = closing and pressure >= floor
+
+        # estimate, eq. 6.9; out of contact there is no torque and m is 0
+        self._m = friction_state(model, self._m, pressure, slip, step) if contact else 0.0
+        coulomb, viscous = torque_parts(model, self._m, pressure, slip, sample.temperature) if contact else (0.0, 0.0)
+        observed = sample.motor_torque - model.motor_inertia * sample.acceleration  # torque balance, rig.md 8
+        adaptation = self._adaptation
+        sliding = phase is Phase.SLIP_CONTROL and contact and step > 0.0
+        adaptation.update(coulomb, viscous, observed, slip, sample.acceleration, sample.temperature, step, sliding)
+        level, correction = adaptation.level, adaptation.viscous
+        self.estimate = level * (coulomb + viscous) + correction * viscous
+
+        # torque loop: fig 6.16
+        feedforward = wanted = 0.0
+        frozen = not contact or self._saturated or step == 0.0
+        if phase is Phase.SLIP_CONTROL:
+            feedforward = self._feedforward(demand, slip, level, correction)
+            wanted = feedforward + self._feedback(demand - self.estimate, step, frozen)
+        else:
+            self._feedback.reset()
+            wanted = self._fill_pressure if phase is Phase.FILL else 0.0
+        pressure_demand = min(max(wanted, 0.0), self._pressure_limit)
+        saturated = pressure_demand != wanted
+
+        # pressure loop: rig.md
+        error = pressure_demand - pressure if closing else 0.0
+        p_term, i_term, self._pressure_integral = proportional_integral(
+            self._pressure_integral if closing else 0.0, error, step, self._k_p, self._k_i, frozen
+        )
+        wanted = (pressure_demand + p_term + i_term) / self._valve_gain if closing else 0.0
+        self.voltage = min(max(wanted, 0.0), self._voltage_limit)
+        self._saturated = saturated or self.voltage != wanted
+        self.terms = (
+            demand, self.estimate, coulomb, viscous, self._m,
+            feedforward / BAR, self._feedback.proportional / BAR, self._feedback.integral / BAR, pressure_demand / BAR,
+            pressure / BAR, p_term / BAR, i_term / BAR, self.voltage,
+            slip, sample.acceleration, sample.temperature - ZERO_CELSIUS,
+            observed, level, correction, adaptation.active, contact, frozen, self._saturated,
+        )  # fmt: skip

@@ -1,0 +1,179 @@
+"""The controller as a node: frames in, frames out; the guard sees both."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from protocols.errors import InputError
+from protocols.frames import Frame, load_frames
+from protocols.lifecycle import Lifecycle
+from protocols.node import Column
+from protocols.parameters import ParameterSet, load_defaults
+from protocols.reception import Reception
+from rt_controller.law import TERMS, TorqueLaw
+from rt_controller.limits import Guard, Limits
+from rt_controller.phases import Fault, Phase, PhaseMachine, PhaseSettings, Request
+from rt_controller.sample import Sample
+
+PARAMETERS = Path(__file__).with_name("parameters") / "controller.toml"
+LIMITS = Path(__file__).with_name("parameters") / "limits.toml"
+_OWN = ("VALVE_COMMAND", "MOTOR_COMMAND", "CONTROLLER_STATUS", "CONTROLLER_HEARTBEAT")
+
+COLUMNS = (
+    Column("sample_tick", "1", "number of the sample answered, unwrapped; -1 before the first"),
+    Column("sample_age", "cycles", "cycles since the last believable sample"),
+    Column("phase", "1", "0 idle, 1 fill, 2 slip control, 3 release, 4 fault"),
+    Column("fault", "1", "0 none, 1 stale sensors, 2 overpressure, 3 overtemperature, 4 overspeed, 5 fill time-out"),
+    *TERMS,
+    Column("commands_lowered", "1", "commands the guard has cut to its limit, total"),
+    Column("commands_replaced", "1", "commands the guard has replaced by the safe one, total"),
+)
+
+
+def controller_parameters() -> ParameterSet:
+    """The controller's parameters as shipped."""
+    return load_defaults(PARAMETERS)
+
+
+class ControllerNode:
+    """Decode, check, estimate, control, encode.
+
+    rate [Hz]; `law` is one of `law.LAWS`; `adaptation` switches the adaptive level on; `session` tells two controllers
+    apart. `late_cycles` is set by the service, for CONTROLLER_STATUS.
+    """
+
+    columns = COLUMNS
+
+    def __init__(
+        self,
+        rate: int = 1000,
+        parameters: ParameterSet | None = None,
+        limits: ParameterSet | None = None,
+        law: str = "both",
+        adaptation: bool = True,
+        session: int = 1,
+    ) -> None:
+        self.parameters = parameters = parameters or controller_parameters()
+        self.rate = rate
+        self.late_cycles = 0
+        self._period = 1.0 / rate
+        self._law = TorqueLaw(parameters, law, adaptation)
+        phases = parameters.si("phases")
+        self._setpoint_timeout, self._motor_torque_limit = phases["setpoint_timeout"], phases["motor_torque_limit"]
+        self._demand_limit = parameters["torque.demand_limit"].si
+        self._phases = PhaseMachine(
+            PhaseSettings(
+                contact_pressure=self._law.model.contact_pressure,
+                **{name: phases[name] for name in ("released_pressure", "fill_dwell", "fill_timeout")},
+            )
+        )
+        self._guard = Guard(Limits(**(limits or load_defaults(LIMITS)).si("guard")), self._period)
+        self._sample = Sample(self._period, parameters["slip.bandwidth"].si, self._law.model.oil_reference)
+
+        frames = load_frames()
+        self._valve, self._motor = frames["VALVE_COMMAND"], frames["MOTOR_COMMAND"]
+        self._status, self._heartbeat = frames["CONTROLLER_STATUS"], frames["CONTROLLER_HEARTBEAT"]
+        names = ("ANALOG_SENSORS", "ENCODER", "TORQUE_SETPOINT", "PLANT_HEARTBEAT")
+        self._receptions = {frames[name].can_id: Reception(frames[name]) for name in names}
+        self._analog_id, self._encoder_id, self._setpoint_id, self._plant_id = self._receptions
+        self._own = {frames[name].can_id: name for name in _OWN}
+        self._session = session
+        self._cycle = self._heartbeats = 0
+        self._status_every = max(1, round(self._status.cycle_time * rate))
+        self._heartbeat_every = max(1, round(self._heartbeat.cycle_time * rate))
+
+        self._request, self._demand, self._speed_demand = Request.IDLE, 0.0, 0.0
+        self._setpoint_age = float("inf")  # s
+        self._row: tuple[float, ...] = (0.0,) * len(COLUMNS)
+
+    def step(self, inbox: Sequence[Frame]) -> list[Frame]:
+        """One control cycle. Raises InputError when the bus has a second controller or speaks another protocol."""
+        self._setpoint_age += self._period
+        ticks = 0
+        for can_id, data in inbox:
+            self._guard.inbound(can_id, data)
+            ticks += self._receive(can_id, data)
+        step = ticks * self._period
+        request = self._request if self._setpoint_age <= self._setpoint_timeout else Request.IDLE
+        phase = self._phases.step(request, self._sample.pressure, Fault(self._guard.cycle()), step)
+        self._law.step(phase, self._demand, self._sample, step)
+        guard = self._guard
+        self._row = (
+            self._sample.tick, guard.age, phase, self._phases.fault, *self._law.terms, guard.lowered, guard.replaced,
+        )  # fmt: skip
+        return self._commands(phase)
+
+    def safe(self) -> list[Frame]:
+        """Valve closed, motor off, heartbeat finalised."""
+        return [
+            Frame(self._valve.can_id, self._valve.pack(self._cycle, 0, 0.0, max(self._sample.tick, 0) & 0xFFFF)),
+            Frame(self._motor.can_id, self._motor.pack(self._cycle, 0, 0.0, 0.0)),
+            self.heartbeat(Lifecycle.FINALIZED),
+        ]
+
+    def heartbeat(self, lifecycle: Lifecycle) -> Frame:
+        """The next heartbeat of this controller."""
+        self._heartbeats += 1
+        return Frame(
+            self._heartbeat.can_id, self._heartbeat.pack(self._heartbeats, lifecycle, self.rate, self._session)
+        )
+
+    def row(self) -> tuple[float, ...]:
+        """The record of the last cycle, in the order of COLUMNS."""
+        return self._row
+
+    @property
+    def sample_tick(self) -> int:
+        """Unwrapped number of the last sample; -1 before the first."""
+        return self._sample.tick
+
+    def reception_counts(self) -> dict[str, dict[str, int]]:
+        """Counts of `protocols.reception.Reception` by frame name."""
+        return {reception.codec.name: reception.counts() for reception in self._receptions.values()}
+
+    def _receive(self, can_id: int, data: bytes) -> int:
+        """Take one frame; return how many sample periods it moved the controller's time on."""
+        if can_id in self._own:
+            raise InputError(f"a second controller is on the bus: it sends {self._own[can_id]} (0x{can_id:03X})")
+        reception = self._receptions.get(can_id)
+        if reception is None or not reception.accept(data):
+            return 0
+        codec = reception.codec
+        if can_id == self._analog_id:
+            self._sample.analog(codec.unpack(data))
+        elif can_id == self._encoder_id:
+            return self._sample.encoder(codec.raw(data), self._speed_demand)
+        elif can_id == self._setpoint_id:
+            self._take_setpoint(codec.unpack(data))
+        elif (rate := codec.unpack(data).rate) != self.rate:
+            raise InputError(f"the plant runs at {rate} Hz, this controller at {self.rate} Hz: give both one rate")
+        return 0
+
+    def _take_setpoint(self, values: Any) -> None:
+        if values.torque_demand > self._demand_limit:
+            raise InputError(f"set-point {values.torque_demand:g} Nm is outside 0..{self._demand_limit:g} Nm")
+        if values.request > Request.RELEASE:
+            raise InputError(f"request {values.request} is unknown; allowed are 0 idle, 1 engage, 2 release")
+        self._request, self._demand = Request(values.request), values.torque_demand
+        self._speed_demand = values.speed_demand
+        self._setpoint_age = 0.0
+
+    def _commands(self, phase: Phase) -> list[Frame]:
+        cycle, law = self._cycle, self._law
+        open_valve = phase in (Phase.FILL, Phase.SLIP_CONTROL)
+        run_motor = phase is not Phase.FAULT and self._setpoint_age != float("inf")
+        motor = self._motor.pack(
+            cycle, run_motor, *((self._speed_demand, self._motor_torque_limit) if run_motor else (0.0, 0.0))
+        )
+        valve = self._valve.pack(cycle, open_valve, law.voltage, max(self._sample.tick, 0) & 0xFFFF)
+        frames = []
+        if cycle % self._heartbeat_every == 0:
+            frames.append(self.heartbeat(Lifecycle.ACTIVE))
+        if cycle % self._status_every == 0:
+            estimate = min(max(law.estimate, -65.0), 65.0)  # range of the signal
+            status = (phase, self._phases.fault, estimate, min(self.late_cycles, 65535), law.level)
+            frames.append(Frame(self._status.can_id, self._status.pack(cycle // self._status_every, *status)))
+        frames.append(Frame(self._motor.can_id, self._guard.outbound(self._motor.can_id, motor)))
+        frames.append(Frame(self._valve.can_id, self._guard.outbound(self._valve.can_id, valve)))
+        self._cycle = cycle + 1
+        return frames

@@ -1,0 +1,62 @@
+"""Feedback: PI on the estimated torque, PI on the measured pressure, both with a frozen integrator.
+
+Equation        p_fb = k_p e + I,  I' = k_i e,  e = M_d - M_sim                                        (fig 6.16)
+                u = p_d + k_p (p_d - p) + I,  I' = k_i (p_d - p),  V = u / k_v                          (rig.md)
+Assumptions     `frozen` is true in saturation, out of contact and when the sample is not fresh
+References      Janssens 2010, sec. 6.5, fig 6.16; gains of the pressure loop from rig.md
+"""
+
+from typing import Protocol
+
+
+def proportional_integral(
+    integral: float, error: float, step: float, k_p: float, k_i: float, frozen: bool
+) -> tuple[float, float, float]:
+    """Return (proportional term, integral term, next integral term), in the unit of `k_p * error`; `step` [s]."""
+    return k_p * error, integral, integral if frozen else integral + k_i * error * step
+
+
+class TorqueFeedback(Protocol):
+    """Pressure [Pa] added to the feedforward; `terms` publishes its parts."""
+
+    proportional: float
+    integral: float
+
+    def reset(self) -> None:
+        """Forget the integral."""
+
+    def __call__(self, error: float, step: float, frozen: bool) -> float:
+        """`error` [Nm], `step` [s]."""
+        ...
+
+
+class EstimatedTorquePI:
+    """PI on demand minus estimated torque."""
+
+    def __init__(self, proportional_gain: float, integral_gain: float) -> None:
+        self._gains = proportional_gain, integral_gain
+        self.proportional = self.integral = self._next = 0.0
+
+    def reset(self) -> None:
+        """See `TorqueFeedback`."""
+        self.proportional = self.integral = self._next = 0.0
+
+    def __call__(self, error: float, step: float, frozen: bool) -> float:
+        """See `TorqueFeedback`."""
+        self.proportional, self.integral, self._next = proportional_integral(
+            self._next, error, step, *self._gains, frozen
+        )
+        return self.proportional + self.integral
+
+
+class NoFeedback:
+    """Feedforward alone."""
+
+    proportional = integral = 0.0
+
+    def reset(self) -> None:
+        """Nothing to forget."""
+
+    def __call__(self, error: float, step: float, frozen: bool) -> float:
+        """See `TorqueFeedback`."""
+        return 0.0
