@@ -18,12 +18,13 @@ SEED = typer.Option(1, help="seed of the sensor noise")
 TEMPERATURE = typer.Option(None, help="oil temperature at the start [degC]; the reference temperature if not given")
 LAW = typer.Option("both", help="both, feedforward or feedback")
 ADAPTATION = typer.Option(True, help="adapt the friction level on-line")
+OUT = typer.Option(Path("runs"), help="folder for what is written")
 JSON = typer.Option(False, "--json", help="print the result as JSON")
 
 
 def register(app: typer.Typer) -> None:
     """Add the commands of plant and bench."""
-    for command in (plant, up):
+    for command in (plant, up, simulate, reproduce, frames):
         app.command()(command)
 
 
@@ -45,14 +46,12 @@ def plant(
     from plant_sim.profile import load_profile
     from plant_sim.rigs import wet_clutch
     from plant_sim.service import PlantService
-    from protocols.parameters import load_overlay
 
-    known = wet_clutch.nominal()
     service = PlantService(
         bus=bus,
         rate=checked_rate(rate),
         lockstep=lockstep,
-        parameters=load_overlay(parameters, known) if parameters else known,
+        parameters=wet_clutch.nominal(parameters),
         profile=load_profile(profile, seconds) if profile else None,
         seed=seed,
         temperature=temperature,
@@ -79,7 +78,7 @@ def up(
     temperature: float | None = TEMPERATURE,
     law: str = LAW,
     adaptation: bool = ADAPTATION,
-    out: Path = typer.Option(Path("runs"), help="folder for the run file and its picture"),
+    out: Path = OUT,
     json_output: bool = JSON,
 ) -> None:
     """Start plant and controller, play a profile, record, judge, draw."""
@@ -101,3 +100,96 @@ def up(
     )
     result = bench.run(quiet=json_output)
     report(result.document, result.text, result.verdict, result.good, json_output)
+
+
+def simulate(
+    rate: int = RATE,
+    profile: str = PROFILE,
+    seconds: float | None = SECONDS,
+    plant_parameters: Path | None = PLANT_PARAMETERS,
+    controller_parameters: Path | None = CONTROLLER_PARAMETERS,
+    seed: int = SEED,
+    seeds: int = typer.Option(1, help="number of seeds; more than one is a sweep", min=1),
+    vary: str | None = typer.Option(None, help="plant parameter to sweep, NAME=LOW:HIGH:COUNT"),
+    temperature: float | None = TEMPERATURE,
+    law: str = LAW,
+    adaptation: bool = ADAPTATION,
+    out: Path = OUT,
+    json_output: bool = JSON,
+) -> None:
+    """Run plant and controller in one process, once or as a sweep."""
+    from plant_sim.bench.progress import progress_bar
+    from plant_sim.bench.simulate import Simulation
+
+    simulation = Simulation(
+        rate=checked_rate(rate),
+        profile=profile,
+        seconds=seconds,
+        plant_parameters=plant_parameters,
+        controller_parameters=controller_parameters,
+        seed=seed,
+        temperature=temperature,
+        law=law,
+        adaptation=adaptation,
+        out=out,
+    )
+    with progress_bar("simulate", json_output) as progress:
+        sweep = seeds > 1 or vary is not None
+        result = simulation.sweep(vary, seeds, progress) if sweep else simulation.run(progress)
+    report(result.document, result.text, result.verdict, result.good, json_output)
+
+
+def reproduce(
+    name: str | None = typer.Argument(None, help="name of a reproduction"),
+    list_all: bool = typer.Option(False, "--list", help="list what can be reproduced"),
+    out: Path = OUT,
+    json_output: bool = JSON,
+) -> None:
+    """Check a result of the thesis by running it."""
+    from plant_sim.bench.progress import progress_bar, table_text
+    from plant_sim.reproduce import ENTRIES, entry
+
+    if list_all or name is None:
+        rows = [("name", "what"), *((key, entry(key).TITLE) for key in ENTRIES)]
+        report(
+            {key: entry(key).TITLE for key in ENTRIES}, table_text(rows), f"{len(ENTRIES)} entries", True, json_output
+        )
+        return
+    module = entry(name)
+    out.mkdir(parents=True, exist_ok=True)
+    with progress_bar(name, json_output) as progress:
+        outcome = module.reproduce(out, progress)
+    text = "\n".join([module.TITLE, table_text(outcome.table), *outcome.notes, f"wrote:   {outcome.picture}"])
+    document = outcome.document | {"claim": module.CLAIM, "holds": outcome.holds, "picture": str(outcome.picture)}
+    report(
+        document, text, f"{'holds' if outcome.holds else 'does not hold'}: {module.CLAIM}", outcome.holds, json_output
+    )
+
+
+def frames(
+    rate: int = RATE,
+    dbc: Path | None = typer.Option(None, help="another DBC to check and list"),
+    json_output: bool = JSON,
+) -> None:
+    """List the frames of the bus and its worst-case load."""
+    from plant_sim.bench.progress import table_text
+    from protocols.bus_load import BITRATES, bus_load, frame_rate, highest_rate, worst_bits
+    from protocols.frames import DBC, load_frames
+
+    checked_rate(rate)
+    path = dbc or DBC
+    codecs = load_frames(path).values()
+    rows: list[tuple[str, ...]] = [("frame", "id", "bytes", "sender", "frames/s", "worst bits", "signals")]
+    for codec in codecs:
+        cells = (codec.name, f"0x{codec.can_id:03X}", codec.length, codec.sender, f"{frame_rate(codec, rate):g}")
+        rows.append((*map(str, cells), str(worst_bits(codec.length)), " ".join(codec.signals)))
+    loads = {bitrate: bus_load(codecs, rate, bitrate) for bitrate in BITRATES}
+    lines = [f"read:    {path}", table_text(rows)]
+    for bitrate, load in loads.items():
+        most = highest_rate(codecs, bitrate)
+        lines.append(
+            f"{bitrate // 1000} kbit/s: {100 * load:.0f} % of the wire at {rate} Hz; below 80 % up to {most} Hz"
+        )
+    fits = [f"{bitrate // 1000} kbit/s" for bitrate, load in loads.items() if load < 1.0]
+    verdict_text = f"{rate} Hz fits {' and '.join(fits) or 'no classic CAN bus'}"
+    report({"frames": rows[1:], "load": loads, "fits": fits}, "\n".join(lines), verdict_text, True, json_output)

@@ -121,14 +121,14 @@ class _SocketCanPort:
 
     def receive(self) -> list[bytes]:
         frames: list[bytes] = []
-        try:
-            while len(frames) < _DRAIN_LIMIT:
+        while len(frames) < _DRAIN_LIMIT:
+            try:
                 frames.append(self._socket.recv(_CAN_FRAME.size))
-        except BlockingIOError:
-            pass
-        except OSError as error:
-            if error.errno != errno.ENETDOWN:  # said once when the interface goes down; the socket lives on
-                raise
+            except BlockingIOError:
+                break
+            except OSError as error:
+                if error.errno != errno.ENETDOWN:  # told once, before what is queued; the socket lives on
+                    raise
         return frames
 
     def wait(self, timeout: float) -> bool:

@@ -25,16 +25,13 @@ def controller(
     json_output: bool = typer.Option(False, "--json", help="print the summary as JSON"),
 ) -> None:
     """Run the controller on a bus until it is stopped."""
-    from protocols.parameters import load_overlay
-    from rt_controller.node import controller_parameters
     from rt_controller.service import ControllerService
 
-    known = controller_parameters()
     service = ControllerService(
         bus=bus,
         rate=checked_rate(rate),
         lockstep=lockstep,
-        parameters=load_overlay(parameters, known) if parameters else known,
+        parameters_file=parameters,
         law=law,
         adaptation=adaptation,
         ring=ring,

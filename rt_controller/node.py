@@ -8,7 +8,7 @@ from protocols.errors import InputError
 from protocols.frames import Frame, load_frames
 from protocols.lifecycle import Lifecycle
 from protocols.node import Column
-from protocols.parameters import ParameterSet, load_defaults
+from protocols.parameters import ParameterSet, load_defaults, load_overlay
 from protocols.reception import Reception
 from rt_controller.law import TERMS, TorqueLaw
 from rt_controller.limits import Guard, Limits
@@ -30,16 +30,17 @@ COLUMNS = (
 )
 
 
-def controller_parameters() -> ParameterSet:
-    """The controller's parameters as shipped."""
-    return load_defaults(PARAMETERS)
+def controller_parameters(changed: Path | None = None) -> ParameterSet:
+    """The controller's parameters as shipped, or as changed by a user's file. Raises InputError."""
+    shipped = load_defaults(PARAMETERS)
+    return load_overlay(changed, shipped) if changed else shipped
 
 
 class ControllerNode:
     """Decode, check, estimate, control, encode.
 
-    rate [Hz]; `law` is one of `law.LAWS`; `adaptation` switches the adaptive level on; `session` tells two controllers
-    apart. `late_cycles` is set by the service, for CONTROLLER_STATUS.
+    rate [Hz]; `parameters_file` changes parameters of `controller.toml`; `law` is one of `law.LAWS`; `adaptation` switches
+    the adaptive level on; `session` tells two controllers apart. `late_cycles` is set by the service, for CONTROLLER_STATUS.
     """
 
     columns = COLUMNS
@@ -47,13 +48,12 @@ class ControllerNode:
     def __init__(
         self,
         rate: int = 1000,
-        parameters: ParameterSet | None = None,
-        limits: ParameterSet | None = None,
+        parameters_file: Path | None = None,
         law: str = "both",
         adaptation: bool = True,
         session: int = 1,
     ) -> None:
-        self.parameters = parameters = parameters or controller_parameters()
+        self.parameters = parameters = controller_parameters(parameters_file)
         self.rate = rate
         self.late_cycles = 0
         self._period = 1.0 / rate
@@ -67,7 +67,7 @@ class ControllerNode:
                 **{name: phases[name] for name in ("released_pressure", "fill_dwell", "fill_timeout")},
             )
         )
-        self._guard = Guard(Limits(**(limits or load_defaults(LIMITS)).si("guard")), self._period)
+        self._guard = Guard(Limits(**load_defaults(LIMITS).si("guard")), self._period)
         self._sample = Sample(self._period, parameters["slip.bandwidth"].si, self._law.model.oil_reference)
 
         frames = load_frames()

@@ -14,7 +14,6 @@ from protocols.errors import InputError
 from protocols.frames import Frame, load_frames
 from protocols.lifecycle import Lifecycle
 from protocols.node import Column
-from protocols.parameters import ParameterSet
 from protocols.ring import RingWriter
 from protocols.stopping import Stop
 from rt_controller.node import COLUMNS, ControllerNode
@@ -37,7 +36,7 @@ class ControllerService:
     bus: str
     rate: int
     lockstep: bool = False
-    parameters: ParameterSet | None = None
+    parameters_file: Path | None = None
     law: str = "both"
     adaptation: bool = True
     ring: Path | None = None
@@ -49,7 +48,7 @@ class ControllerService:
         Raises InputError for a bad bus, a second controller, another rate or protocol; the actuators are safe then.
         """
         session = os.getpid() << 8 & 0xFFFFFF00 | time.monotonic_ns() & 0xFF
-        node = ControllerNode(self.rate, self.parameters, None, self.law, self.adaptation, session)
+        node = ControllerNode(self.rate, self.parameters_file, self.law, self.adaptation, session)
         clock = Clock(1_000_000_000 // self.rate)
         with Stop() as stop, open_bus(self.bus) as port:
             _refuse_second(port)

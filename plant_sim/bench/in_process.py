@@ -1,24 +1,44 @@
 """Plant and controller in one process, frame by frame as on a bus: deterministic, for sweeps and tests."""
 
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
+from plant_sim.bench.following import Following, following
 from plant_sim.node import PlantNode
 from protocols.frames import Frame
-from protocols.node import Node
+from protocols.node import Column, Node
+
+_TOLD_EVERY = 500  # cycles between two calls of `progress`
 
 
-class Rows(NamedTuple):
-    """Records of both nodes, shape (cycles, columns of the node)."""
+@dataclass(frozen=True)
+class Played:
+    """Records of both nodes, shape (cycles, columns of the node), and the names of those columns."""
 
     plant: np.ndarray
     controller: np.ndarray
+    plant_columns: tuple[Column, ...]
+    controller_columns: tuple[Column, ...]
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """A column, shape (cycles,), by its name in a run file."""
+        names = [column.name for column in self.plant_columns]
+        if name in names:
+            return self.plant[:, names.index(name)]
+        terms = [f"controller_{column.name}" for column in self.controller_columns]
+        return self.controller[:, terms.index(name)]
+
+    def following(self, begin: float = 0.0, end: float = float("inf")) -> Following:
+        """How well the true torque followed the demand between two times [s]."""
+        time = self["time_s"]
+        part = (time >= begin) & (time < end)
+        return following(time[part], self["controller_torque_demand_nm"][part], self["truth_clutch_torque_nm"][part])
 
 
-def run(plant: PlantNode, controller: Node, progress: Any = None) -> Rows:
+def play(plant: PlantNode, controller: Node, progress: Callable[[int], None] | None = None) -> Played:
     """Play the plant's profile to its end. `progress(cycle)` is called now and then."""
-    assert plant.profile is not None
     plant_rows, controller_rows = [], []
     inbox: list[Frame] = []
     while not plant.finished:
@@ -28,6 +48,11 @@ def run(plant: PlantNode, controller: Node, progress: Any = None) -> Rows:
         plant.advance()
         inbox = controller.step(sensors)
         controller_rows.append(controller.row())
-        if progress and not plant.tick % 500:
+        if progress and plant.tick % _TOLD_EVERY == 0:
             progress(plant.tick)
-    return Rows(np.array(plant_rows, dtype=float), np.array(controller_rows, dtype=float))
+    return Played(
+        np.array(plant_rows, dtype=float),
+        np.array(controller_rows, dtype=float),
+        tuple(plant.columns),
+        tuple(controller.columns),
+    )

@@ -22,7 +22,6 @@ from plant_sim.profile import load_profile
 from plant_sim.rigs import wet_clutch
 from protocols.bus import open_bus, resolve
 from protocols.errors import InputError
-from protocols.parameters import load_overlay
 from protocols.ring import RingReader
 from protocols.stopping import Stop
 
@@ -52,9 +51,7 @@ class Bench:
     def run(self, quiet: bool = False) -> Result:
         """Run to the end of the profile or Ctrl-C. Raises InputError; nothing half-written is left then."""
         profile = load_profile(self.profile, self.seconds)
-        plant_parameters = wet_clutch.nominal()
-        if self.plant_parameters:
-            plant_parameters = load_overlay(self.plant_parameters, plant_parameters)
+        plant_parameters = wet_clutch.nominal(self.plant_parameters)
         bus = resolve(self.bus)
         open_bus(bus).close()  # a bad bus is told before anything starts
         path = self.out / f"{datetime.now():%Y%m%d-%H%M%S}-{profile.name}.parquet"

@@ -17,7 +17,7 @@ from numba import njit
 
 from plant_sim.blocks import clutch, hydraulics, motor, oil, piston, valve
 from plant_sim.effects import friction_level, piston_seal_friction
-from protocols.parameters import ParameterSet, load_defaults
+from protocols.parameters import ParameterSet, load_defaults, load_overlay
 
 DEFAULTS = Path(__file__).parents[1] / "parameters" / "janssens2010.toml"
 STEP_LIMIT = 1e-4  # s, longest integration step: rig.md; the stack on its damping has a time constant of 0.4 ms
@@ -63,9 +63,10 @@ def parameter_record(parameters: ParameterSet) -> np.ndarray:
     return np.array([tuple(values.values())], dtype=[(name, np.float64) for name in values])
 
 
-def nominal() -> ParameterSet:
-    """The parameters of rig.md."""
-    return load_defaults(DEFAULTS)
+def nominal(changed: Path | None = None) -> ParameterSet:
+    """The parameters of rig.md, or as changed by a user's file. Raises InputError."""
+    shipped = load_defaults(DEFAULTS)
+    return load_overlay(changed, shipped) if changed else shipped
 
 
 def initial_state(slip_speed: float, temperature: float) -> np.ndarray:

@@ -1,0 +1,106 @@
+"""Adaptive feedforward: the friction level learnt from motor torque and slip acceleration, on plants that are 20 % off.
+
+The thesis names adaptive control with changing parameters as future work (chapter 7); claim and cases are ours.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from plant_sim.bench.in_process import Played, play
+from plant_sim.node import PlantNode
+from plant_sim.profile import load_profile
+from plant_sim.reproduce import Outcome, Progress
+from plant_sim.rigs import wet_clutch
+from protocols.node import node_factory
+
+TITLE = "Adaptive feedforward on a plant whose friction is 20 % off and drifting"
+CLAIM = "the regime error with adaptation is at most a third of the one without, in every case"
+GAIN = 3.0  # times better, at least
+SEEDS = 5
+FIRST_RISE = 0.5  # s, end of the first rise of the demand in the profile `engagement`
+# change of plant parameters, oil temperature at the start [degC]
+CASES: dict[str, tuple[dict[str, float], float]] = {
+    "20 % low, falling 0.5 %/s": ({"friction_level.level": 0.8, "friction_level.drift": -0.005}, 70.0),
+    "20 % high, rising 0.5 %/s": ({"friction_level.level": 1.2, "friction_level.drift": 0.005}, 70.0),
+    "20 % low, cold oil warming up": ({"friction_level.level": 0.8}, 45.0),
+    "viscous factor 30 % low": ({"clutch.viscous_slope": 1.869, "clutch.viscous_intercept": -4.543}, 70.0),
+}
+
+
+def reproduce(out: Path, progress: Progress) -> Outcome:
+    """Run every case with and without adaptation over all seeds."""
+    profile = load_profile("engagement", 24.0)
+    table = [("plant", "without [Nm]", "with [Nm]", "times better", "level at the end, true / learnt")]
+    document: dict[str, Any] = {"seeds": SEEDS, "cases": {}}
+    shown: tuple[Played, Played] | None = None
+    holds = True
+    for i, (name, (values, temperature)) in enumerate(CASES.items()):
+        parameters = wet_clutch.nominal().with_values(values)
+        errors: dict[bool, list[float]] = {False: [], True: []}
+        learnt = []
+        for seed in range(SEEDS):
+            pair = []
+            for adaptation in (False, True):
+                plant = PlantNode(parameters=parameters, profile=profile, seed=seed, temperature=temperature)
+                pair.append(play(plant, node_factory("controller")(adaptation=adaptation)))
+                errors[adaptation].append(regime_error(pair[-1]))
+            learnt.append(float(pair[1]["controller_friction_level"][-1]))
+            shown = shown or (pair[0], pair[1])
+            progress(i * SEEDS + seed + 1, len(CASES) * SEEDS)
+        without, with_it = float(np.mean(errors[False])), float(np.mean(errors[True]))
+        true = values.get("friction_level.level", 1.0) + values.get("friction_level.drift", 0.0) * profile.duration
+        table.append(
+            (
+                name,
+                f"{without:.3f}",
+                f"{with_it:.3f}",
+                f"{without / with_it:.1f}",
+                f"{true:.2f} / {np.mean(learnt):.2f}",
+            )
+        )
+        document["cases"][name] = {"without_nm": without, "with_nm": with_it, "level": true, "learnt": np.mean(learnt)}
+        holds = holds and without >= GAIN * with_it
+    picture = out / "adaptation.png"
+    assert shown
+    _draw(picture, *shown)
+    notes = [f"{profile.duration:g} s of the profile engagement, {SEEDS} seeds; mean absolute error of the true torque"]
+    return Outcome(table, notes, document, holds, picture)
+
+
+def regime_error(played: Played) -> float:
+    """Mean absolute error of the true torque [Nm] while the regime lasts.
+
+    The regime begins with the end of the demand's first rise, not when 90 % is reached: a plant 20 % low never gets there.
+    """
+    time, demand = played["time_s"], played["controller_torque_demand_nm"]
+    regime = (demand > 0.0) & (time >= FIRST_RISE)
+    return float(np.mean(np.abs(played["truth_clutch_torque_nm"] - demand)[regime]))
+
+
+def _draw(path: Path, without: Played, with_it: Played) -> None:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10, 6), layout="constrained")
+    FigureCanvasAgg(figure)
+    error, level = figure.subplots(2, 1, sharex=True)
+    for played, label in ((without, "without adaptation"), (with_it, "with adaptation")):
+        difference = played["truth_clutch_torque_nm"] - played["controller_torque_demand_nm"]
+        error.plot(played["time_s"], difference, lw=1.0, label=label)
+    error.set_ylim(-3.0, 3.0)
+    error.set_ylabel("true - demand [Nm]")
+    error.legend(loc="upper right", ncols=2, frameon=False)
+    first = next(iter(CASES))
+    error.set_title(f"Adaptive feedforward: friction {first}", loc="left", fontsize=11)
+    time = with_it["time_s"]
+    level.plot(time, 0.8 - 0.005 * time, color="#222222", lw=1.0, ls="--", label="true level")
+    level.plot(time, with_it["controller_friction_level"], color="#ff7f0e", label="learnt level")
+    level.set_ylabel("friction level [-]")
+    level.set_xlabel("time [s]")
+    level.legend(loc="lower right", frameon=False)
+    for axes in (error, level):
+        axes.grid(alpha=0.3)
+        axes.spines[["top", "right"]].set_visible(False)
+    figure.savefig(path, dpi=110)

@@ -1,0 +1,34 @@
+"""Where the host has no CAN kernel, the vcan tests run in a guest that has one."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from protocols.bus import resolve
+
+ROOT = Path(__file__).parents[1]
+NO_GUEST = 3  # exit code of can_guest.py where no guest can run
+
+
+@pytest.mark.skipif(resolve("auto") == "vcan0", reason="vcan0 is up here: the vcan tests run directly")
+def test_the_vcan_tests_pass_in_a_guest_with_a_can_kernel(tmp_path: Path) -> None:
+    environment = os.environ | {"TMPDIR": "/tmp"}
+    done = subprocess.run(
+        [
+            *(sys.executable, ROOT / "deploy/guest/can_guest.py", "--timeout", "480", "--"),
+            *(sys.executable, "-m", "pytest", "tests/vcan", "-p", "no:cacheprovider", "--basetemp", "/tmp/vcan-tests"),
+        ],
+        cwd=ROOT,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode == NO_GUEST:
+        pytest.skip(f"no CAN kernel here and no guest: {done.stderr.strip().splitlines()[-1]}")
+    print(done.stdout)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "skipped" not in done.stdout.splitlines()[-1], done.stdout
