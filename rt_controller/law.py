@@ -1,5 +1,7 @@
 """The control law of section 6.5: estimate, feedforward, torque feedback, pressure regulator, each term published."""
 
+from math import exp
+
 from protocols.errors import InputError
 from protocols.node import Column
 from protocols.parameters import ParameterSet
@@ -7,6 +9,7 @@ from protocols.units import BAR, ZERO_CELSIUS
 from rt_controller.adaptation import Adaptation, AdaptationSettings, LevelAdaptation, NoAdaptation
 from rt_controller.estimator import Model, friction_state, torque_parts
 from rt_controller.feedforward import ContactOnly, Feedforward, InverseModel
+from rt_controller.lag import AT_REST, lagged
 from rt_controller.phases import Phase
 from rt_controller.regulator import EstimatedTorquePI, NoFeedback, TorqueFeedback, proportional_integral
 from rt_controller.sample import Sample
@@ -32,7 +35,7 @@ TERMS = tuple(
         ("slip_rad_s", "rad/s", "observed slip speed"),
         ("slip_acceleration_rad_s2", "rad/s^2", "observed slip acceleration"),
         ("temperature_degc", "degC", "measured oil temperature"),
-        ("observed_torque_nm", "Nm", "M_m - J alpha, what the adaptation learns from"),
+        ("observed_torque_nm", "Nm", "M_m - J alpha behind the slip observer's lag: what the adaptation learns from"),
         ("friction_level", "1", "adapted level"),
         ("viscous_correction", "1", "adapted correction of the viscous part"),
         ("adaptation_active", "1", "1 while the adaptation learns"),
@@ -70,6 +73,8 @@ class TorqueLaw:
         )
         self.estimate = self.voltage = 0.0
         self.terms: tuple[float, ...] = (0.0,) * len(TERMS)
+        self._bandwidth = parameters["slip.bandwidth"].si
+        self._coulomb = self._viscous = self._motor = AT_REST
         self._m = 0.0
         self._contact = self._saturated = False
         self._pressure_integral = 0.0
@@ -78,6 +83,26 @@ class TorqueLaw:
     def level(self) -> float:
         """Adapted friction level [-]."""
         return self._adaptation.level
+
+    def _adapt(self, phase: Phase, coulomb: float, viscous: float, sample: Sample, step: float) -> float:
+        """Let the adaptation compare both sides of the torque balance behind the same lag; return the observed side."""
+        q = exp(-self._bandwidth * step)
+        self._coulomb = lagged(self._coulomb, coulomb, q)
+        self._viscous = lagged(self._viscous, viscous, q)
+        self._motor = lagged(self._motor, sample.motor_torque, q)
+        observed = self._motor[-1] - self.model.motor_inertia * sample.acceleration  # torque balance, rig.md 8
+        sliding = phase is Phase.SLIP_CONTROL and self._contact and step > 0.0
+        self._adaptation.update(
+            self._coulomb[-1],
+            self._viscous[-1],
+            observed,
+            sample.slip,
+            sample.acceleration,
+            sample.temperature,
+            step,
+            sliding,
+        )
+        return observed
 
     def step(self, phase: Phase, demand: float, sample: Sample, step: float) -> None:
         """Advance by `step` [s], 0 without a fresh sample, towards the torque `demand` [Nm]."""
@@ -89,10 +114,8 @@ class TorqueLaw:
         # estimate, eq. 6.9; out of contact there is no torque and m is 0
         self._m = friction_state(model, self._m, pressure, slip, step) if contact else 0.0
         coulomb, viscous = torque_parts(model, self._m, pressure, slip, sample.temperature) if contact else (0.0, 0.0)
-        observed = sample.motor_torque - model.motor_inertia * sample.acceleration  # torque balance, rig.md 8
+        observed = self._adapt(phase, coulomb, viscous, sample, step)
         adaptation = self._adaptation
-        sliding = phase is Phase.SLIP_CONTROL and contact and step > 0.0
-        adaptation.update(coulomb, viscous, observed, slip, sample.acceleration, sample.temperature, step, sliding)
         level, correction = adaptation.level, adaptation.viscous
         self.estimate = level * (coulomb + viscous) + correction * viscous
 

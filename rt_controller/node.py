@@ -103,6 +103,19 @@ class ControllerNode:
         )  # fmt: skip
         return self._commands(phase)
 
+    def listen(self, frames: Sequence[Frame]) -> list[Frame]:
+        """Heed heartbeats before the first cycle; return the frames left for it.
+
+        Raises InputError when the plant runs at another rate.
+        """
+        left = []
+        for frame in frames:
+            if frame.can_id == self._plant_id:
+                self._receive(*frame)
+            else:
+                left.append(frame)
+        return left
+
     def safe(self) -> list[Frame]:
         """Valve closed, motor off, heartbeat finalised."""
         return [

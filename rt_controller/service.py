@@ -51,7 +51,7 @@ class ControllerService:
         node = ControllerNode(self.rate, self.parameters_file, self.law, self.adaptation, session)
         clock = Clock(1_000_000_000 // self.rate)
         with Stop() as stop, open_bus(self.bus) as port:
-            _refuse_second(port)
+            node.listen(_refuse_second(port))
             ring = RingWriter(self.ring, RING_COLUMNS, _RING_ROWS) if self.ring else None
             ready(f"controller on {port.name} at {self.rate} Hz, {'lock-step' if self.lockstep else 'real time'}")
             missing = [] if self.lockstep else realtime.prepare(self.cpu)
@@ -88,7 +88,7 @@ class ControllerService:
                 port.send(node.heartbeat(Lifecycle.ACTIVE))
                 spoken = time.monotonic()
             if port.wait(heartbeat_period):
-                inbox += port.receive()
+                inbox += node.listen(port.receive())
         return inbox
 
     def _real_time(
@@ -139,11 +139,12 @@ class ControllerService:
             came = port.receive()
 
 
-def _refuse_second(port: Port) -> None:
-    """Raise InputError when another controller is heard."""
+def _refuse_second(port: Port) -> list[Frame]:
+    """Raise InputError when another controller is heard; return what was heard."""
     frames = load_frames()
     heartbeat, valve = frames["CONTROLLER_HEARTBEAT"], frames["VALVE_COMMAND"]
-    for can_id, data in listen(port, LISTEN):
+    heard = listen(port, LISTEN)
+    for can_id, data in heard:
         if can_id == heartbeat.can_id and heartbeat.valid(data):
             values = heartbeat.unpack(data)
             if values.lifecycle != Lifecycle.FINALIZED:
@@ -154,3 +155,4 @@ def _refuse_second(port: Port) -> None:
             raise InputError(
                 f"a second controller is on {port.name}: it sends VALVE_COMMAND; only one may command the rig"
             )
+    return heard

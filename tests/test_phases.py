@@ -4,6 +4,8 @@ from itertools import product
 
 import pytest
 
+from protocols.frames import load_frames
+from rt_controller import limits
 from rt_controller.phases import Fault, Phase, PhaseMachine, PhaseSettings, Request
 
 BAR = 1e5
@@ -62,6 +64,36 @@ def test_arrows_never_contradict() -> None:
     for phase, request, pressure, dwelt, late in product(Phase, Request, PRESSURES, (False, True), (False, True)):
         to = [end for (start, end), when in ARROWS.items() if start is phase and when(request, pressure, dwelt, late)]
         assert len(to) <= 1
+
+
+def test_phases_and_requests_are_numbered_as_in_the_dbc() -> None:
+    frames = load_frames()
+    for enumeration, frame, signal in (
+        (Phase, "CONTROLLER_STATUS", "PHASE"),
+        (Request, "TORQUE_SETPOINT", "REQUEST"),
+    ):
+        [choices] = [s.choices for s in frames[frame].definitions if s.name == signal]
+        assert {int(value): str(name).upper() for value, name in choices.items()} == {
+            e.value: e.name for e in enumeration
+        }
+
+
+def test_faults_are_numbered_as_the_guards_findings_then_the_fill_time_out() -> None:
+    for fault in GUARD[1:]:
+        assert getattr(limits, fault.name) == fault.value
+    assert (Fault.NONE, Fault.FILL_TIMEOUT) == (limits.HEALTHY, 5)
+
+
+def test_dwell_is_complete_at_its_end_and_a_time_out_after_it() -> None:
+    binary = PhaseSettings(2.0, 1.0, fill_dwell=0.5, fill_timeout=1.0)  # sums of quarters are exact
+    clutch = PhaseMachine(binary)
+    assert [clutch.step(Request.ENGAGE, p, Fault.NONE, 0.25) for p in (0.0, 2.0, 2.0)] == [
+        Phase.FILL,
+        Phase.FILL,
+        Phase.SLIP_CONTROL,
+    ]
+    clutch = PhaseMachine(binary)
+    assert [clutch.step(Request.ENGAGE, 0.0, Fault.NONE, 0.25) for _ in range(6)] == [Phase.FILL] * 5 + [Phase.FAULT]
 
 
 def test_a_clutch_starts_idle_and_healthy() -> None:

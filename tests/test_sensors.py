@@ -50,9 +50,11 @@ def test_a_converter_errs_by_at_most_half_its_step(bar: float, degc: float, moto
         assert abs(found[name] - value) <= 0.5 * LSB[name] * (1 + 1e-9), name  # 1e-9: rounding of the value itself
 
 
-def test_steps_are_those_of_rig_md() -> None:
-    assert sample(quiet(), bar=4.8828125e-3, degc=0.09765625, motor=0.0244140625, clutch=50 / 32768)[:4] == (1, 1, 1, 1)
-    assert sample(quiet(), bar=2.4e-3, degc=0.0488, motor=0.0122, clutch=0.00076)[:4] == (0, 0, 0, 0)
+def test_steps_are_those_of_rig_md_and_change_in_the_middle() -> None:
+    for step in (0, 1, -3, 1000):
+        for inside in (-0.4999, 0.0, 0.4999):
+            near = (step + inside) * 4.8828125e-3, (step + inside) * 0.09765625, (step + inside) * 0.0244140625
+            assert sample(quiet(), *near, (step + inside) * 50 / 32768)[:4] == (step,) * 4
     assert LSB["pressure"] == pytest.approx(4.88e-3, abs=5e-6)
 
 

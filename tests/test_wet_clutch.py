@@ -30,7 +30,7 @@ class Deviation(NamedTuple):
     angle: float  # rad
 
 
-# --- rig.md, equations 1 to 8, written anew in bar, degC; integrated between kinks ---------------------------------------
+# --- rig.md, equations 1 to 8, written anew in bar, degC; integrated between kinks -----------------------------------
 
 A_CYL, P_CONTACT, P_PRELOAD, X_C = 1.131e-2, 2.35, 1.7, 1.0e-3
 W_V, ZETA = 2 * np.pi * 8.0, 0.9
@@ -163,7 +163,7 @@ class Reference:
         return samples
 
 
-# --- the plant -----------------------------------------------------------------------------------------------------------
+# --- the plant -------------------------------------------------------------------------------------------------------
 
 Piece = tuple[float, float, int]  # voltage [V], speed demand [rad/s], cycles
 
@@ -217,7 +217,7 @@ def triangle(low: float, high: float, seconds: float, speed: float) -> list[Piec
     return [(p / 2.5, speed, 20) for p in (*up, *up[::-1])]
 
 
-# --- tolerances ------------------------------------------------------------------------------------------------------------
+# --- tolerances ------------------------------------------------------------------------------------------------------
 
 # Measured maxima against the independent integration, at 0.1 ms:
 #              pressure   position  torque    slip         temperature  angle
@@ -290,7 +290,7 @@ def assert_within(found: np.ndarray, expected: np.ndarray, allowed: Deviation) -
         assert value <= limit, f"{name} deviates by {value:.3g}, allowed {limit:.3g}"
 
 
-# --- statements ------------------------------------------------------------------------------------------------------------
+# --- statements ------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", SCENARIOS)

@@ -1,0 +1,242 @@
+"""Plant and controller as processes on a local bus: what they write, what they refuse, how they end."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from plant_sim.bench.in_process import play
+from plant_sim.node import PlantNode
+from plant_sim.profile import load_profile
+from protocols.bus import Port, listen, open_bus
+from protocols.frames import Frame, load_frames
+from protocols.node import node_factory
+from protocols.runs import REQUIRED, read_run
+
+COMMAND = [sys.executable, "-m", "protocols"]
+FRAMES = load_frames()
+PATIENCE = 60.0  # s: a service starts in 2 s, on a loaded machine in more
+SECONDS = 3.0  # s of the profile `engagement`: fill, 5 Nm, 10 Nm
+# Nm: real time adds jitter of the machine to the deterministic run; 0.001 measured when idle
+REAL_TIME_DIFFERENCE = 0.3
+
+
+def clutch_hil(*arguments: str) -> subprocess.CompletedProcess:
+    return subprocess.run([*COMMAND, *arguments], capture_output=True, text=True, timeout=PATIENCE, check=False)
+
+
+def up(bus: str, out: Path, *arguments: str) -> dict:
+    done = clutch_hil("up", "--bus", bus, "--out", str(out), "--seconds", str(SECONDS), "--json", *arguments)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return json.loads(done.stdout)
+
+
+@contextmanager
+def service(*arguments: str) -> Iterator[subprocess.Popen]:
+    process = subprocess.Popen([*COMMAND, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            process.kill()
+        process.communicate()
+
+
+def ended(process: subprocess.Popen) -> tuple[int, str]:
+    """Exit code and last line on stderr of a service that ends by itself."""
+    _, errors = process.communicate(timeout=PATIENCE)
+    return process.returncode, (errors.strip().splitlines() or [""])[-1]
+
+
+def hear(port: Port, frame: str, wanted) -> object:
+    """The first values of `frame` on the bus that are `wanted`."""
+    codec = FRAMES[frame]
+    deadline = time.monotonic() + PATIENCE
+    while time.monotonic() < deadline:
+        for can_id, data in listen(port, 0.05):
+            if can_id == codec.can_id and wanted(values := codec.unpack(data)):
+                return values
+    raise AssertionError(f"{frame} never came as wanted")
+
+
+def played():
+    return play(PlantNode(profile=load_profile("engagement", SECONDS)), node_factory("controller")())
+
+
+def test_lock_step_of_two_processes_is_one_process_to_the_bit(local_bus: str, tmp_path: Path) -> None:
+    result = up(local_bus, tmp_path, "--lockstep")
+    run, expected = read_run(Path(result["run"])), played()
+    for column in expected.plant_columns:
+        assert np.array_equal(run[column.name], expected[column.name]), column.name
+    for column in expected.controller_columns:
+        name = f"controller_{column.name}"
+        assert np.array_equal(run[name], expected[name]), name
+
+
+def test_real_time_agrees_with_one_process(local_bus: str, tmp_path: Path) -> None:
+    result = up(local_bus, tmp_path)
+    run, expected = read_run(Path(result["run"])), played()
+    difference = run["truth_clutch_torque_nm"] - expected["truth_clutch_torque_nm"]
+    assert np.sqrt(np.mean(difference**2)) < REAL_TIME_DIFFERENCE
+    for name in ("plant", "controller"):
+        clock = result[name]["timing"]
+        assert clock["wake"]["p50_us"] > 0.0
+        assert clock["late"] <= clock["cycles"]
+        assert all(counts["lost"] == counts["corrupt"] == 0 for counts in result[name]["frames"].values())
+
+
+def test_a_run_file_has_everything(local_bus: str, tmp_path: Path) -> None:
+    result = up(local_bus, tmp_path, "--rate", "500")
+    run = read_run(Path(result["run"]))
+    assert list(run.columns)[: len(REQUIRED)] == list(REQUIRED)
+    assert {"torque_demand_nm", "controller_feedforward_bar", "truth_clutch_torque_nm"} <= set(run.columns)
+    assert len(run["time_s"]) == SECONDS * 500
+    assert run.metadata["rig"] == "wet_clutch"
+    assert run.metadata["sample_rate_hz"] == 500
+    assert run.metadata["bus"] == local_bus
+    assert run.metadata["plant_parameters"]["clutch.coulomb_slope"] == 10.8
+    assert run.metadata["controller_parameters"]["model.coulomb_slope"] == 10.8
+    assert run.metadata["timing"]["controller"]["timing"]["cycles"] > 0
+    assert Path(result["picture"]).stat().st_size > 10_000
+    assert sorted(path.suffix for path in tmp_path.iterdir()) == [".parquet", ".png"]
+
+
+def test_ctrl_c_keeps_a_whole_run(local_bus: str, tmp_path: Path) -> None:
+    with service("up", "--bus", local_bus, "--out", str(tmp_path)) as process, open_bus(local_bus) as port:
+        hear(port, "CONTROLLER_STATUS", lambda status: status.phase == 2)
+        time.sleep(0.5)
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=PATIENCE)
+    run = read_run(next(tmp_path.glob("*.parquet")))
+    assert run.metadata["interrupted"] is True
+    assert len(run["time_s"]) > 500, errors
+    assert not list(tmp_path.glob("*.part"))
+
+
+def test_a_controller_that_is_stopped_leaves_the_valve_closed(local_bus: str) -> None:
+    with service("plant", "--bus", local_bus, "--profile", "engagement"), open_bus(local_bus) as port:
+        with service("controller", "--bus", local_bus) as controller:
+            hear(port, "CONTROLLER_STATUS", lambda status: status.phase == 2)
+            controller.terminate()
+            assert ended(controller)[0] == 0
+        last = [FRAMES["VALVE_COMMAND"].unpack(d) for i, d in port.receive() if i == FRAMES["VALVE_COMMAND"].can_id][-1]
+        assert (last.valve_enable, last.valve_voltage) == (0, 0.0)
+
+
+def test_a_controller_that_is_killed_leaves_the_valve_closed(local_bus: str) -> None:
+    with service("plant", "--bus", local_bus, "--profile", "engagement"), open_bus(local_bus) as port:
+        with service("controller", "--bus", local_bus) as controller:
+            hear(port, "CONTROLLER_STATUS", lambda status: status.phase == 2)
+            controller.kill()
+        hear(port, "PLANT_STATUS", lambda status: status.actuators == 2)
+        hear(port, "ANALOG_SENSORS", lambda sensors: sensors.cylinder_pressure < 0.5)
+
+
+def test_a_plant_that_is_killed_faults_the_controller(local_bus: str) -> None:
+    with service("controller", "--bus", local_bus) as controller, open_bus(local_bus) as port:
+        with service("plant", "--bus", local_bus, "--profile", "engagement") as plant:
+            hear(port, "CONTROLLER_STATUS", lambda status: status.phase == 2)
+            plant.kill()
+        status = hear(port, "CONTROLLER_STATUS", lambda status: status.phase == 4)
+        assert status.fault == 1  # type: ignore[attr-defined]
+        valve = hear(port, "VALVE_COMMAND", lambda valve: True)
+        assert (valve.valve_enable, valve.valve_voltage) == (0, 0.0)  # type: ignore[attr-defined]
+        controller.terminate()
+        assert ended(controller)[0] == 0
+
+
+def test_a_second_controller_is_refused_and_the_first_goes_on(local_bus: str) -> None:
+    with service("controller", "--bus", local_bus) as first, open_bus(local_bus) as port:
+        hear(port, "CONTROLLER_HEARTBEAT", lambda heartbeat: heartbeat.lifecycle == 2)
+        second = clutch_hil("controller", "--bus", local_bus)
+        assert second.returncode == 2
+        assert second.stderr.startswith(f"error: a second controller is on {local_bus}")
+        assert first.poll() is None
+        hear(port, "CONTROLLER_HEARTBEAT", lambda heartbeat: heartbeat.lifecycle == 2)
+
+
+def test_a_second_plant_is_refused(local_bus: str) -> None:
+    with service("plant", "--bus", local_bus) as first, open_bus(local_bus) as port:
+        hear(port, "PLANT_HEARTBEAT", lambda heartbeat: True)
+        second = clutch_hil("plant", "--bus", local_bus)
+        assert second.returncode == 2
+        assert second.stderr.startswith(f"error: a second plant is on {local_bus}")
+        assert first.poll() is None
+
+
+@pytest.mark.parametrize(
+    ("frame", "sentence"),
+    [
+        (Frame(0x100, b"\0" * 7), "error: frame ANALOG_SENSORS (0x100) came with 7 bytes; its definition has 8"),
+        (Frame(0x180, FRAMES["TORQUE_SETPOINT"].pack(0, 1, 31.0, 10.0)), "error: set-point 31 Nm is outside 0..30 Nm"),
+        (Frame(0x080, FRAMES["VALVE_COMMAND"].pack(0, 1, 2.0, 0)), "error: a second controller is on the bus"),
+    ],
+)
+def test_a_bad_frame_ends_the_controller_with_a_sentence_and_a_closed_valve(
+    local_bus: str, frame: Frame, sentence: str
+) -> None:
+    with (
+        service("plant", "--bus", local_bus, "--profile", "engagement"),
+        service("controller", "--bus", local_bus) as controller,
+        open_bus(local_bus) as port,
+    ):
+        hear(port, "CONTROLLER_STATUS", lambda status: status.phase == 2)
+        port.send(frame)
+        code, line = ended(controller)
+        assert code == 2
+        assert line.startswith(sentence)
+        last = [FRAMES["VALVE_COMMAND"].unpack(d) for i, d in port.receive() if i == FRAMES["VALVE_COMMAND"].can_id][-1]
+        assert (last.valve_enable, last.valve_voltage) == (0, 0.0)
+
+
+def test_two_rates_are_refused(local_bus: str) -> None:
+    with service("plant", "--bus", local_bus, "--rate", "500"):
+        controller = clutch_hil("controller", "--bus", local_bus, "--rate", "1000")
+    assert controller.returncode == 2
+    assert "give both one rate" in controller.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--bus", "nosuch"], "bus 'nosuch' does not exist; there are"),
+        (["--bus", "local:a/b"], "allowed are 1 to 32 of A-Z a-z 0-9"),
+        (["--rate", "7"], "rate 7 Hz is not possible; allowed are 20 to 10000 Hz"),
+        (["--profile", "nosuch"], "profile 'nosuch' does not exist; known are engagement"),
+        (["--seconds", "-1"], "a run of -1 s is not possible"),
+        (["--law", "best"], "control law 'best' is unknown; allowed are both, feedforward, feedback"),
+        (["--plant-parameters", "bad.toml"], "parameter clutch.coulomb_slope = 999 Nm/bar breaks 1 <= value <= 100"),
+        (["--controller-parameters", "bad.toml"], "parameter 'clutch.coulomb_slope' is unknown; did you mean"),
+        (["--plant-parameters", "missing.toml"], "parameter file missing.toml does not exist"),
+        (["--profile", "high.csv"], "row 2: set-point 31 Nm is outside 0..30 Nm"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, local_bus: str, arguments: list[str], words: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("bad.toml").write_text("[clutch]\ncoulomb_slope = 999\n")
+    Path("high.csv").write_text("time_s,torque_demand_nm,motor_speed_demand_rad_s\n0,0,10\n1,31,10\n2,0,10\n")
+    done = clutch_hil("up", *(() if "--bus" in arguments else ("--bus", local_bus)), *arguments)
+    assert done.returncode == 2
+    assert words in done.stderr
+    assert done.stderr.startswith("error: ")
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert not Path("runs").exists() or not os.listdir("runs")
+
+
+def test_a_malformed_dbc_is_one_sentence(tmp_path: Path) -> None:
+    path = tmp_path / "bad.dbc"
+    path.write_text("BO_ junk")
+    done = clutch_hil("frames", "--dbc", str(path))
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"error: DBC {path} is malformed: ")
+    assert len(done.stderr.strip().splitlines()) == 1
