@@ -24,7 +24,7 @@ JSON = typer.Option(False, "--json", help="print the result as JSON")
 
 def register(app: typer.Typer) -> None:
     """Add the commands of plant and bench."""
-    for command in (plant, up, simulate, reproduce, frames):
+    for command in (plant, up, simulate, reproduce, frames, benchmark):
         app.command()(command)
 
 
@@ -193,3 +193,34 @@ def frames(
     fits = [f"{bitrate // 1000} kbit/s" for bitrate, load in loads.items() if load < 1.0]
     verdict_text = f"{rate} Hz fits {' and '.join(fits) or 'no classic CAN bus'}"
     report({"frames": rows[1:], "load": loads, "fits": fits}, "\n".join(lines), verdict_text, True, json_output)
+
+
+def benchmark(
+    bus: str = BUS,
+    seconds: float = typer.Option(60.0, help="length of the closed loop in real time [s]"),
+    json_output: bool = JSON,
+) -> None:
+    """Measure kernel, controller step, closed loop and lock-step on this machine."""
+    import platform
+
+    from plant_sim.bench.benchmark import benchmark as measure
+    from plant_sim.bench.progress import table_text
+
+    targets, document = measure(bus, seconds, json_output)
+    rows = [("what", "measured", "asked for", "met"), *(target.row() for target in targets)]
+    step, loop = document["step"], document["loop"]["controller"]
+    lines = [
+        f"machine: {platform.machine()}, Linux {platform.release()}, Python {platform.python_version()}",
+        table_text(rows),
+        f"controller step: p50 {step['p50_us']:.0f}, p99 {step['p99_us']:.0f}, p99.9 {step['p99.9_us']:.0f} us",
+        f"controller wake-up: p50 {loop['wake']['p50_us']:.0f}, p99 {loop['wake']['p99_us']:.0f},"
+        f" p99.9 {loop['wake']['p99.9_us']:.0f}, max {loop['wake']['max_us']:.0f} us",
+    ]
+    missed = [target.name for target in targets if not target.met]
+    report(
+        document,
+        "\n".join(lines),
+        "all met" if not missed else f"not met: {', '.join(missed)}",
+        not missed,
+        json_output,
+    )

@@ -54,7 +54,10 @@ def write_summary(path: Path | None, document: Any) -> None:
     """Write the JSON summary of a service for the process that started it."""
     if path:
         part = path.with_suffix(".part")
-        part.write_text(json.dumps(document), encoding="utf-8")
+        try:
+            part.write_text(json.dumps(document), encoding="utf-8")
+        except OSError as error:
+            raise InputError(f"summary {path} cannot be written: {error.strerror}") from None
         part.rename(path)
 
 

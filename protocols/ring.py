@@ -35,9 +35,12 @@ class RingWriter:
         self._start = _PREFIX.size + len(header) + _COUNT.size
         size = self._start + capacity * self._row.size
         part = path.with_suffix(".part")
-        with part.open("w+b") as file:
-            os.truncate(file.fileno(), size)
-            self._map = mmap.mmap(file.fileno(), size)
+        try:
+            with part.open("w+b") as file:
+                os.truncate(file.fileno(), size)
+                self._map = mmap.mmap(file.fileno(), size)
+        except OSError as error:
+            raise InputError(f"ring {path} cannot be made: {error.strerror}") from None
         self._map[: self._start] = _PREFIX.pack(_MAGIC, len(header)) + header + _COUNT.pack(0)
         for page in range(self._start, size, mmap.PAGESIZE):
             self._map[page] = 0  # touched now, so that the loop meets no page fault

@@ -222,6 +222,38 @@ def test_what_is_learnt_at_a_node_is_shared_by_the_temperature_share() -> None:
     )
 
 
+def test_between_two_nodes_both_remember_by_their_nearness_and_the_others_nothing() -> None:
+    low, high = TEMPERATURE_NODES[1:3]
+    for nearness in (0.5, 0.25, 0.9):
+        adaptation = LevelAdaptation(SETTINGS)
+        learn(adaptation, 1.0, 0.8, temperature=low + nearness * (high - low))
+        base = look(adaptation, TEMPERATURE_NODES[0])
+        assert look(adaptation, TEMPERATURE_NODES[3]) == look(adaptation, TEMPERATURE_NODES[5]) == base
+        shares = base - look(adaptation, low), base - look(adaptation, high)
+        whole = SETTINGS.temperature_share / (1.0 - SETTINGS.temperature_share) * (1.0 - base)
+        assert shares == pytest.approx(((1.0 - nearness) * whole, nearness * whole), rel=1e-9)
+
+
+@pytest.mark.parametrize(("outside", "end", "next_one"), [(280.0, 0, 1), (500.0, 5, 4)])
+def test_beyond_the_nodes_the_end_node_remembers_alone(outside: float, end: int, next_one: int) -> None:
+    adaptation = LevelAdaptation(SETTINGS)
+    learn(adaptation, 1.0, 0.8, temperature=outside)
+    assert look(adaptation, TEMPERATURE_NODES[end]) == look(adaptation, outside)
+    assert look(adaptation, TEMPERATURE_NODES[next_one]) == look(adaptation, TEMPERATURE_NODES[2])
+    assert look(adaptation, outside) < look(adaptation, TEMPERATURE_NODES[2])
+
+
+def test_nodes_span_fig_6_8() -> None:
+    assert (TEMPERATURE_NODES[0], TEMPERATURE_NODES[-1]) == (313.15, 423.15)
+    assert list(TEMPERATURE_NODES) == sorted(set(TEMPERATURE_NODES))
+
+
+def test_a_step_longer_than_the_time_constant_goes_to_the_truth_and_not_beyond() -> None:
+    adaptation = LevelAdaptation(SETTINGS)
+    adaptation.update(COULOMB, VISCOUS, 0.8 * (COULOMB + VISCOUS), 20.0, 0.0, TEMPERATURE_NODES[2], 10.0, True)
+    assert adaptation.level == pytest.approx(0.8, abs=1e-12)
+
+
 def test_two_temperatures_end_with_a_level_each() -> None:
     adaptation = LevelAdaptation(SETTINGS)
 

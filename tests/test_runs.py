@@ -120,9 +120,13 @@ def test_an_unknown_column_is_refused_with_those_there_are(path: Path) -> None:
 
 
 def test_leaving_by_an_exception_leaves_no_file(path: Path) -> None:
-    with pytest.raises(ZeroDivisionError), RunWriter(path, COLUMNS) as writer:
-        writer.append(np.ones((5, len(COLUMNS))))
-        raise ZeroDivisionError
+    def fail() -> None:
+        with RunWriter(path, COLUMNS) as writer:
+            writer.append(np.ones((5, len(COLUMNS))))
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fail()
     assert list(path.parent.iterdir()) == []
 
 

@@ -5,17 +5,34 @@ answered sample k (`controller_...`); where none did, those of the cycle before 
 (`controller_sample_tick` tells); before the first cycle they are not-a-number.
 """
 
+import os
 from collections.abc import Mapping, Sequence
+from datetime import datetime
+from itertools import count
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from protocols.errors import InputError
 from protocols.node import Column
 from protocols.runs import RunWriter
 
 _CHUNK = 20_000  # rows a row group: 20 s at 1 kHz, some MB of memory
 _WAIT = 1000  # rows a plant row waits for the controller's answer before it is written without one
+
+
+def run_path(folder: Path, name: str, suffix: str = ".parquet") -> Path:
+    """A path for a new run file, named by date and time; the folder exists then. Raises InputError."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"folder {folder} cannot be made: {error.strerror}") from None
+    if not os.access(folder, os.W_OK):
+        raise InputError(f"folder {folder} cannot be written")
+    stem = f"{datetime.now():%Y%m%d-%H%M%S}-{name}"
+    candidates = (f"{stem}{f'-{k}' if k else ''}" for k in count())
+    return next(folder / f"{c}{suffix}" for c in candidates if not (folder / f"{c}{suffix}").exists())
 
 
 class Recording:

@@ -3,7 +3,6 @@
 import csv
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy as np
 
 from plant_sim.bench.in_process import Played, play
 from plant_sim.bench.metadata import run_metadata
-from plant_sim.bench.recording import Recording
+from plant_sim.bench.recording import Recording, run_path
 from plant_sim.bench.result import Result, judge_run
 from plant_sim.node import PlantNode
 from plant_sim.profile import Profile, load_profile
@@ -43,7 +42,7 @@ class Simulation:
         parameters = wet_clutch.nominal(self.plant_parameters)
         controller = self._controller()
         played = self._play(parameters, controller, profile, self.seed, lambda cycle: progress(cycle, cycles))
-        path = self.out / f"{datetime.now():%Y%m%d-%H%M%S}-{profile.name}-simulated.parquet"
+        path = run_path(self.out, f"{profile.name}-simulated")
         with Recording(path, played.plant_columns, played.controller_columns, self.rate) as recording:
             recording.add(played.plant, played.controller)
             recording.finish(
@@ -64,8 +63,7 @@ class Simulation:
                 played = self._play(changed, self._controller(), profile, self.seed + k, None)
                 rows.append((value, self.seed + k, *played.following()))
                 progress(i * seeds + k + 1, len(values) * seeds)
-        path = self.out / f"{datetime.now():%Y%m%d-%H%M%S}-{profile.name}-sweep.csv"
-        path.parent.mkdir(parents=True, exist_ok=True)
+        path = run_path(self.out, f"{profile.name}-sweep", ".csv")
         with path.open("w", newline="", encoding="utf-8") as file:
             csv.writer(file).writerows([(name if vary else "-", "seed", "regime_error_nm", "rise_time_s"), *rows])
         lines = [f"read:  profile {profile.name}, {len(rows)} runs in one process", f"wrote: {path}"]

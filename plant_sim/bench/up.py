@@ -10,12 +10,11 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 from plant_sim.bench.metadata import run_metadata
-from plant_sim.bench.recording import Recording
+from plant_sim.bench.recording import Recording, run_path
 from plant_sim.bench.result import Result, judge_run
 from plant_sim.bench.status import StatusLine
 from plant_sim.profile import load_profile
@@ -54,8 +53,9 @@ class Bench:
         plant_parameters = wet_clutch.nominal(self.plant_parameters)
         bus = resolve(self.bus)
         open_bus(bus).close()  # a bad bus is told before anything starts
-        path = self.out / f"{datetime.now():%Y%m%d-%H%M%S}-{profile.name}.parquet"
+        path = run_path(self.out, profile.name)
         with _workplace() as folder, Stop() as stop:
+            cpus = os.sched_getaffinity(0)
             services = self._start(folder, bus)
             try:
                 rings = _await_rings(folder, services, stop)
@@ -75,13 +75,12 @@ class Bench:
                         | {"settings": settings, "bus": bus, "interrupted": stop.asked, "timing": ended}
                     )
             finally:
-                for process in services.values():
-                    if process.poll() is None:
-                        process.kill()
+                os.sched_setaffinity(0, cpus)
+                _abandon(services)
         return judge_run(path, f"profile {profile.name} ({profile.duration:g} s), bus {bus}, {self.rate} Hz", ended)
 
     def _start(self, folder: Path, bus: str) -> Services:
-        cpus = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else [0]
+        cpus = sorted(os.sched_getaffinity(0))
         common = ["--bus", bus, "--rate", str(self.rate)]
         if self.lockstep:
             common.append("--lockstep")
@@ -167,6 +166,19 @@ def _await_rings(folder: Path, services: Services, stop: Stop) -> tuple[RingRead
             raise InputError("the services were stopped before they had started")
         time.sleep(_POLL)
     return RingReader(paths[0]), RingReader(paths[1])
+
+
+def _abandon(services: Services) -> None:
+    """End what still runs, by force if need be, controller first."""
+    for name in ("controller", "plant"):
+        process = services[name]
+        if process.poll() is None:
+            process.terminate()
+            try:
+                process.wait(_STOP)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
 
 
 def _end(folder: Path, services: Services) -> dict[str, Any]:

@@ -1,0 +1,102 @@
+"""`clutch-hil benchmark`: what this machine makes of the bench, measured in one run.
+
+Ratios to real time and medians mean something; single maxima are the machine's as often as ours.
+"""
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from plant_sim.bench.up import Bench
+from plant_sim.node import PlantNode
+from plant_sim.profile import load_profile
+from plant_sim.rigs import wet_clutch
+from protocols.frames import Frame
+from protocols.node import node_factory
+
+_KERNEL_SECONDS = 10.0  # s of simulated time a call
+_REPEATS = 5  # the best of these counts: the machine is shared
+
+
+@dataclass(frozen=True)
+class Target:
+    """A measured value, its unit, and the bound asked for: `at least` or `at most`."""
+
+    name: str
+    value: float
+    unit: str
+    relation: str
+    bound: float
+
+    @property
+    def met(self) -> bool:
+        """Whether the bound is kept."""
+        return self.value >= self.bound if self.relation == "at least" else self.value <= self.bound
+
+    def row(self) -> tuple[str, ...]:
+        """Cells of the table."""
+        shown = f"{self.value:.4g} {self.unit}", f"{self.relation} {self.bound:g} {self.unit}"
+        return (self.name, *shown, "yes" if self.met else "no")
+
+
+def kernel_speed() -> float:
+    """Simulated over elapsed time of the plant kernel at 10 kHz sub-steps, in slip control."""
+    parameters = wet_clutch.parameter_record(wet_clutch.nominal())
+    state = wet_clutch.filled_state(20.0, 343.15, parameters)
+    voltage = 1.36  # V: 3.4 bar
+    steps = round(_KERNEL_SECONDS / wet_clutch.STEP_LIMIT)
+    best = float("inf")
+    for _ in range(_REPEATS + 1):  # the first call loads the kernel
+        began = time.perf_counter()
+        wet_clutch.advance(state, voltage, 20.0, 40.0, parameters, _KERNEL_SECONDS, steps)
+        best = min(best, time.perf_counter() - began)
+    return _KERNEL_SECONDS / best
+
+
+def step_times(rate: int) -> np.ndarray:
+    """Durations of controller steps, decode to encode [us], while it runs against the plant."""
+    plant = PlantNode(rate=rate, profile=load_profile("engagement"))
+    controller = node_factory("controller")(rate=rate)
+    durations: list[int] = []
+    inbox: list[Frame] = []
+    while not plant.finished:
+        frames = plant.step(inbox)
+        began = time.perf_counter_ns()
+        inbox = controller.step(frames)
+        durations.append(time.perf_counter_ns() - began)
+    return np.array(durations) / 1e3
+
+
+def benchmark(bus: str, seconds: float, quiet: bool) -> tuple[list[Target], dict[str, Any]]:
+    """Measure everything; `seconds` [s] is the length of the closed loop in real time on `bus`."""
+    kernel = kernel_speed()
+    steps = step_times(1000)
+    with TemporaryDirectory() as folder:
+        loop = _loop(bus, seconds, False, Path(folder), quiet)
+        lockstep = _loop(bus, min(seconds, 24.0), True, Path(folder), quiet)
+    late = max(loop[name]["timing"]["late"] / loop[name]["timing"]["cycles"] for name in ("plant", "controller"))
+    targets = [
+        Target("plant kernel, 10 kHz sub-steps", kernel, "x real time", "at least", 1000.0),
+        Target("controller step, decode to encode, median", float(np.median(steps)), "us", "at most", 100.0),
+        Target(f"late cycles, 1 kHz closed loop for {seconds:g} s", 100.0 * late, "%", "at most", 0.1),
+        Target("lock-step, two processes", lockstep["speed"], "x real time", "at least", 5.0),
+    ]
+    percentiles = {f"p{p:g}_us": float(np.percentile(steps, p)) for p in (50, 99, 99.9)}
+    document = {
+        "targets": [vars(target) | {"met": target.met} for target in targets],
+        "step": percentiles,
+        "loop": {name: loop[name]["timing"] for name in ("plant", "controller")},
+    }
+    return targets, document
+
+
+def _loop(bus: str, seconds: float, lockstep: bool, out: Path, quiet: bool) -> dict[str, Any]:
+    bench = Bench(
+        bus=bus, rate=1000, profile="engagement", seconds=seconds, lockstep=lockstep, plant_parameters=None,
+        controller_parameters=None, seed=1, temperature=None, law="both", adaptation=True, out=out,
+    )  # fmt: skip
+    return bench.run(quiet=quiet).document
