@@ -133,6 +133,8 @@ class PlantNode:
                     raise InputError(
                         f"the controller runs at {values.rate} Hz, this plant at {self.rate} Hz: give both one rate"
                     )
+                if values.lifecycle > Lifecycle.FINALIZED:
+                    raise InputError(f"lifecycle {values.lifecycle} of the controller is unknown; allowed are 0 to 3")
                 self.controller = Lifecycle(values.lifecycle)
 
     def sample(self) -> list[Frame]:

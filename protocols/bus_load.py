@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from protocols.frames import FrameCodec
 
 BITRATES = (500_000, 1_000_000)  # bit/s
+_HIGHEST = 10_000  # Hz, where the search ends: the highest rate of the bench
 _NOMINAL_RATE = 1000  # Hz: cycle times in the DBC are for this rate
 
 
@@ -36,6 +37,6 @@ def highest_rate(codecs: Iterable[FrameCodec], bitrate: int, load: float = 0.8) 
     """Highest control rate [Hz], in steps of 10, whose worst-case load stays below `load`."""
     frames = list(codecs)
     rate = 0
-    while bus_load(frames, rate + 10, bitrate) < load:
+    while rate < _HIGHEST and bus_load(frames, rate + 10, bitrate) < load:
         rate += 10
     return rate

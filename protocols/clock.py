@@ -9,7 +9,10 @@ from typing import Any
 
 
 class Histogram:
-    """Counts of durations in bins of 1 us up to 20 ms, for percentiles; constant memory."""
+    """Counts of durations in bins of 1 us up to 20 ms, for percentiles; constant memory.
+
+    Longer ones share the last bin: a percentile that falls there reads 20 ms, the maximum is exact.
+    """
 
     BINS = 20_000
 

@@ -6,7 +6,8 @@ random values is a test (tests/test_frames.py).
 
 from collections import namedtuple
 from collections.abc import Callable
-from math import floor
+from keyword import iskeyword
+from math import floor, isfinite
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -97,6 +98,8 @@ def _check(path: Path, message: Message) -> None:
         if signal is None or (signal.start, signal.length, signal.byte_order) != (start, length, "little_endian"):
             raise InputError(f"{where} needs the signal {name} : {start}|{length}@1+")
     for signal in message.signals:
+        if iskeyword(signal.name.lower()) or signal.name.startswith("_"):
+            raise InputError(f"{where}: signal name {signal.name} cannot be used; rename it")
         if signal.byte_order != "little_endian" or signal.is_float or signal.is_multiplexer or signal.multiplexer_ids:
             raise InputError(f"{where}: signal {signal.name} must be a plain little-endian integer")
 
@@ -107,46 +110,54 @@ def _compile(name: str, length: int, signals: list[Signal]) -> dict[str, Any]:
     The scaling stands in one visible line each way: raw = floor((value - offset) / scale + 0.5), value = raw * scale + offset.
     """
     names = [signal.name.lower() for signal in signals]
-    pack_raw = [f"def pack_raw(counter, {', '.join(names)}):", " word = (counter & 15) << 8"]
+    pack_raw = [f"def pack_raw(_counter, {', '.join(names)}):", " _word = (_counter & 15) << 8"]
     scaled, raws, values = [], [], []
     for index, (signal, value) in enumerate(zip(signals, names, strict=True)):
         mask, sign = (1 << signal.length) - 1, 1 << signal.length - 1
         low, high = (-sign, sign - 1) if signal.is_signed else (0, mask)
         scale, offset = float(signal.scale), float(signal.offset)
         plain = scale == 1.0 and offset == 0.0
-        scaled.append(f"floor({value if plain else f'({value} - {offset!r}) / {scale!r}'} + 0.5)")
+        scaled.append(f"_floor({value if plain else f'({value} - {offset!r}) / {scale!r}'} + 0.5)")
         pack_raw += [
-            f" if not {low} <= {value} <= {high}: refuse({index}, {value}, {low}, {high})",
-            f" word |= ({value} & {mask}) << {signal.start}",
+            f" if not {low} <= {value} <= {high}: _refuse({index}, {value} * {scale!r} + {offset!r})",
+            f" _word |= ({value} & {mask}) << {signal.start}",
         ]
-        bits = f"(word >> {signal.start} & {mask})"
+        bits = f"(_word >> {signal.start} & {mask})"
         raws.append(f"({bits} ^ {sign}) - {sign}" if signal.is_signed else bits)
         values.append(raws[-1] if plain else f"({raws[-1]}) * {scale!r} + {offset!r}")
     source = [
         *pack_raw,
-        f" data = word.to_bytes({length}, 'little')",
-        " return bytes((crc8(data[1:]),)) + data[1:]",
-        f"def pack(counter, {', '.join(names)}):",
-        f" return pack_raw(counter, {', '.join(scaled)})",
-        "def unpack(data):",
-        " word = int_from(data, 'little')",
-        f" return Signals({', '.join(values)})",
-        "def raw(data):",
-        " word = int_from(data, 'little')",
-        f" return Signals({', '.join(raws)})",
+        f" _data = _word.to_bytes({length}, 'little')",
+        " return bytes((_crc8(_data[1:]),)) + _data[1:]",
+        f"def pack(_counter, {', '.join(names)}):",
+        " try:",
+        f"  return pack_raw(_counter, {', '.join(scaled)})",
+        " except (ValueError, OverflowError):",  # not a number, infinite
+        *(f"  if not _isfinite({value}): _refuse({index}, {value})" for index, value in enumerate(names)),
+        "  raise",
+        "def unpack(_data):",
+        " _word = _int_from(_data, 'little')",
+        f" return _Signals({', '.join(values)})",
+        "def raw(_data):",
+        " _word = _int_from(_data, 'little')",
+        f" return _Signals({', '.join(raws)})",
     ]
 
-    def refuse(index: int, raw: int, low: int, high: int) -> None:
+    def refuse(index: int, value: float) -> None:
         signal = signals[index]
-        value, least, most = (float(x * signal.scale + signal.offset) for x in (raw, low, high))
-        raise InputError(f"{name}.{signal.name} = {value:g} {signal.unit or ''} is outside {least:g}..{most:g}")
+        half = 1 << signal.length - 1
+        limits = (-half, half - 1) if signal.is_signed else (0, 2 * half - 1)
+        least, most = (float(raw * signal.scale + signal.offset) for raw in limits)
+        unit = f" {signal.unit}" if signal.unit else ""
+        raise InputError(f"{name}.{signal.name} = {value:.10g}{unit} is outside {least:.10g}..{most:.10g}{unit}")
 
     scope: dict[str, Any] = {
-        "floor": floor,
-        "crc8": calculate_crc8,
-        "int_from": int.from_bytes,
-        "refuse": refuse,
-        "Signals": namedtuple(name, names),
+        "_floor": floor,
+        "_isfinite": isfinite,
+        "_crc8": calculate_crc8,
+        "_int_from": int.from_bytes,
+        "_refuse": refuse,
+        "_Signals": namedtuple(name, names),
     }
     exec(compile("\n".join(source), f"<frame {name}>", "exec"), scope)
     return scope

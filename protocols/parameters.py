@@ -9,10 +9,11 @@ A user's file changes some of them, `coulomb_slope = 11.5` in the declared unit,
 """
 
 import difflib
+import sys
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from math import isfinite
+from math import inf, isfinite
 from pathlib import Path
 from typing import Any
 
@@ -39,8 +40,10 @@ class Parameter:
         low, high = self.bounds
         if not (isfinite(self.value) and low <= self.value <= high):
             raise InputError(f"parameter {self.name} = {self.value:g} {self.unit} breaks {low:g} <= value <= {high:g}")
-        if not self.uncertainty >= 0.0:
+        if not 0.0 <= self.uncertainty < inf:
             raise InputError(f"parameter {self.name} has uncertainty {self.uncertainty:g}; allowed is 0 or more")
+        if not self.source.strip():
+            raise InputError(f"parameter {self.name} has no source; say where its value comes from")
 
     @property
     def si(self) -> float:
@@ -134,9 +137,10 @@ def _parameter(path: Path, name: str, entry: Mapping[str, Any]) -> Parameter:
         if not isinstance(bounds, (list, tuple)) or len(bounds) != 2:
             raise InputError(f"parameter {name} has bounds {bounds!r}; allowed is [low, high]")
         low, high = (_number(name, bound) for bound in bounds)
+        allowed = f"a number is needed, in {entry['unit']}, {low:g} <= value <= {high:g}"
         return Parameter(
             name=name,
-            value=_number(name, entry["value"]),
+            value=_number(name, entry["value"], allowed),
             unit=str(entry["unit"]),
             uncertainty=_number(name, entry["uncertainty"]),
             bounds=(low, high),
@@ -146,7 +150,7 @@ def _parameter(path: Path, name: str, entry: Mapping[str, Any]) -> Parameter:
         raise InputError(f"{path}: {error}") from None
 
 
-def _number(name: str, value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise InputError(f"parameter {name} is {value!r}; a number is needed")
+def _number(name: str, value: object, allowed: str = "a number is needed") -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or sys.float_info.max < abs(value) < inf:
+        raise InputError(f"parameter {name} is {value!r}; {allowed}")
     return float(value)

@@ -33,7 +33,8 @@ class RingWriter:
         header += b" " * (-(_PREFIX.size + len(header)) % 8)
         self._row = struct.Struct(f"<{len(columns)}d")
         self._start = _PREFIX.size + len(header) + _COUNT.size
-        size = self._start + capacity * self._row.size
+        self._slots = capacity + 1  # one is being written while the others are read
+        size = self._start + self._slots * self._row.size
         part = path.with_suffix(".part")
         try:
             with part.open("w+b") as file:
@@ -44,19 +45,21 @@ class RingWriter:
         self._map[: self._start] = _PREFIX.pack(_MAGIC, len(header)) + header + _COUNT.pack(0)
         for page in range(self._start, size, mmap.PAGESIZE):
             self._map[page] = 0  # touched now, so that the loop meets no page fault
-        self._capacity = capacity
+        # An item of a memoryview is stored at once; struct.pack_into would zero it first, and readers would see that.
+        self._count = memoryview(self._map)[self._start - _COUNT.size : self._start].cast("Q")
         self._written = 0
         part.rename(path)  # readers never see half a header
 
     def write(self, row: Sequence[float]) -> None:
         """Append a row; the oldest is overwritten when the ring is full."""
-        slot = self._written % self._capacity
+        slot = self._written % self._slots
         self._row.pack_into(self._map, self._start + slot * self._row.size, *row)
         self._written += 1
-        _COUNT.pack_into(self._map, self._start - _COUNT.size, self._written)
+        self._count[0] = self._written
 
     def close(self) -> None:
         """Release the memory; readers keep theirs."""
+        self._count.release()
         self._map.close()
 
 
@@ -69,25 +72,26 @@ class RingReader:
                 self._map = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
             magic, length = _PREFIX.unpack_from(self._map)
             if magic != _MAGIC:
-                raise InputError(f"{path} is not a ring of this version")
+                raise ValueError("it is not a ring of this version")
             header = json.loads(self._map[_PREFIX.size : _PREFIX.size + length])
-        except (OSError, ValueError, struct.error) as error:
+            self.columns = tuple(Column(*column) for column in header["columns"])
+            self._slots = header["capacity"] + 1
+            self._count_at = _PREFIX.size + length
+            rows = np.frombuffer(
+                self._map, np.float64, self._slots * len(self.columns), offset=self._count_at + _COUNT.size
+            )
+            self._rows = rows.reshape(self._slots, len(self.columns))
+        except (OSError, ValueError, KeyError, TypeError, struct.error) as error:
             raise InputError(f"ring {path} cannot be read: {error}") from None
-        self.columns = tuple(Column(*column) for column in header["columns"])
         self.lost = 0
-        self._capacity = header["capacity"]
-        self._count_at = _PREFIX.size + length
-        self._rows = np.frombuffer(self._map, np.float64, offset=self._count_at + _COUNT.size).reshape(
-            self._capacity, len(self.columns)
-        )
         self._read = 0
 
     def read(self) -> np.ndarray:
         """Rows written since the last call, shape (rows, columns), oldest first."""
         written = self._written()
-        first = max(self._read, written - self._capacity)
-        rows = self._rows[np.arange(first, written) % self._capacity]
-        overtaken = min(max(self._written() - self._capacity - first + 1, 0), len(rows)) if len(rows) else 0
+        first = max(self._read, written - self._slots + 1)
+        rows = self._rows[np.arange(first, written) % self._slots]
+        overtaken = min(max(self._written() - self._slots + 1 - first, 0), len(rows))  # while they were copied
         self.lost += first - self._read + overtaken
         self._read = written
         return rows[overtaken:]

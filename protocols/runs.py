@@ -1,7 +1,7 @@
 """Run files: one row a sample at a constant rate, Parquet out, Parquet and CSV in.
 
 The columns of rig.md come first; controller terms (`controller_...`), plant truth (`truth_...`) and anything else follow
-and are kept. Metadata are key-value strings in the file; structured ones are JSON.
+and are kept. Metadata are JSON values by key.
 """
 
 import json
@@ -64,8 +64,7 @@ class RunWriter:
 
     def finish(self, metadata: Mapping[str, Any]) -> None:
         """Add metadata and give the file its name."""
-        text = {k: v if isinstance(v, str) else json.dumps(v) for k, v in metadata.items()}
-        self._writer.add_key_value_metadata(text)
+        self._writer.add_key_value_metadata({name: json.dumps(value) for name, value in metadata.items()})
         self._writer.close()
         self._part.rename(self._path)
         self._finished = True
@@ -94,10 +93,13 @@ def read_run(path: Path) -> Run:
         raise InputError(f"run {path} cannot be read: {error}") from None
     metadata = {k.decode(): _parsed(v.decode()) for k, v in raw.items() if not k.startswith(b"ARROW")}
     columns = {}
-    for name in table.column_names:
-        column = table[name]
+    for name, column in zip(table.column_names, table.columns, strict=True):
+        if name in columns:
+            raise InputError(f"run {path} has the column {name} twice")
         if pa.types.is_floating(column.type) or pa.types.is_integer(column.type):
             columns[name] = column.to_numpy().astype(float)
+        elif name in REQUIRED:
+            raise InputError(f"run {path}: {name} is not a number in row {_first_text(column)}")
     _check(path, columns)
     return Run(columns, metadata)
 
@@ -112,11 +114,20 @@ def _check(path: Path, columns: Mapping[str, np.ndarray]) -> None:
     if len(time) < 2:
         raise InputError(f"run {path} has {len(time)} rows; at least 2 are needed")
     steps = np.diff(time)
-    period = float(np.median(steps))
     if len(bad := np.flatnonzero(steps <= 0.0)):
         raise InputError(f"run {path}: time_s does not increase in row {bad[0] + 1}")
-    if len(bad := np.flatnonzero(np.abs(steps - period) > _TIME_TOLERANCE * period)):
+    if len(bad := np.flatnonzero(np.abs(steps - steps[0]) > _TIME_TOLERANCE * steps[0])):
         raise InputError(f"run {path}: the sample rate changes in row {bad[0] + 1}")
+
+
+def _first_text(column: pa.ChunkedArray) -> int:
+    """First row of a column whose cell is no number."""
+    for row, cell in enumerate(column.to_pylist()):
+        try:
+            float(cell)
+        except (TypeError, ValueError):
+            return row
+    return 0
 
 
 def _parsed(text: str) -> Any:

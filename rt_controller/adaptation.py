@@ -84,6 +84,7 @@ class LevelAdaptation:
         whole = coulomb + viscous
         self.active = (
             sliding
+            and step > 0.0
             and abs(slip) > s.slip_floor
             and abs(whole) > s.torque_floor
             and abs(acceleration) < s.acceleration_limit

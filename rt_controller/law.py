@@ -91,7 +91,7 @@ class TorqueLaw:
         self._viscous = lagged(self._viscous, viscous, q)
         self._motor = lagged(self._motor, sample.motor_torque, q)
         observed = self._motor[-1] - self.model.motor_inertia * sample.acceleration  # torque balance, rig.md 8
-        sliding = phase is Phase.SLIP_CONTROL and self._contact and step > 0.0
+        sliding = phase is Phase.SLIP_CONTROL and self._contact
         self._adaptation.update(
             self._coulomb[-1],
             self._viscous[-1],

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 HEALTHY, STALE_SENSORS, OVERPRESSURE, OVERTEMPERATURE, OVERSPEED = range(5)
 
 VALVE_COMMAND, MOTOR_COMMAND, ANALOG_SENSORS, ENCODER, TORQUE_SETPOINT = 0x080, 0x090, 0x100, 0x101, 0x180
+_INBOUND_BYTES = {ANALOG_SENSORS: 8, ENCODER: 8, TORQUE_SETPOINT: 6}
 _PRESSURE_COUNTS = 4096 / 20.0 / 1e5  # 1/Pa: 12 bit over 20 V, 1 V/bar
 _TEMPERATURE_COUNTS = 4096 / 20.0 * 0.05  # 1/K: 12 bit over 20 V, 0.05 V/degC, zero at 0 degC
 _ANGLE_COUNTS = 163840 / 6.283185307179586  # 1/rad
@@ -63,7 +64,7 @@ class Guard:
         self._slip = limits.slip_speed * _ANGLE_COUNTS * period  # counts a tick
         self._valve = int(limits.voltage * _VALVE_COUNTS)
         self._motor = int(limits.motor_torque * _MOTOR_COUNTS)
-        self._armed = False  # sensors have been seen: from then on they must not fail
+        self._armed = False  # no sample yet: the valve stays closed; after the first, samples must not fail
         self._analog = self._encoder = False  # seen since the last cycle
         self._counters: dict[int, int] = {}
         self._angle = self._tick = -1
@@ -71,7 +72,7 @@ class Guard:
 
     def inbound(self, can_id: int, data: bytes) -> None:
         """Look at a frame from the bus."""
-        if can_id not in (ANALOG_SENSORS, ENCODER, TORQUE_SETPOINT) or len(data) < 6 or crc8(data[1:]) != data[0]:
+        if len(data) != _INBOUND_BYTES.get(can_id) or crc8(data[1:]) != data[0]:
             return
         counter = data[1] & 15
         if self._counters.get(can_id) == counter:
@@ -100,7 +101,7 @@ class Guard:
         else:
             self.age += 1
         self._analog = self._encoder = False
-        if self._armed and self.age > self._stale:
+        if self._armed and self.age > self._stale and not self.finding:
             self.finding = STALE_SENSORS
         return self.finding
 
@@ -108,7 +109,7 @@ class Guard:
         """The payload that may go to the bus instead of `data`."""
         if can_id == VALVE_COMMAND:
             counts = data[2] | data[3] << 8
-            if self.finding or not data[1] & 0x10:
+            if self.finding or not self._armed or not data[1] & 0x10:
                 if counts or data[1] & 0x10:
                     self.replaced += 1
                 return self._rewritten(data, data[1] & 0xEF, 0, data[4:])

@@ -95,7 +95,7 @@ class ControllerNode:
             ticks += self._receive(can_id, data)
         step = ticks * self._period
         request = self._request if self._setpoint_age <= self._setpoint_timeout else Request.IDLE
-        phase = self._phases.step(request, self._sample.pressure, Fault(self._guard.cycle()), step)
+        phase = self._phases.step(request, self._sample.pressure, Fault(self._guard.cycle()), self._period)
         self._law.step(phase, self._demand, self._sample, step)
         guard = self._guard
         self._row = (

@@ -160,7 +160,6 @@ def test_no_data_drives_level_or_viscous_correction_out_of_bounds(data: list[tup
         assert abs(adaptation.viscous) <= SETTINGS.viscous_bound
 
 
-@pytest.mark.xfail(strict=True, raises=ZeroDivisionError, reason="no moments yet; the law never asks for this")
 def test_a_stale_sample_may_be_the_first() -> None:
     LevelAdaptation(SETTINGS).update(COULOMB, VISCOUS, 5.0, 20.0, 0.0, WARM, 0.0, True)
 

@@ -141,19 +141,14 @@ def loaded(tree: ast.Module) -> ModuleType:
 
 
 def checks() -> list[Callable[[ModuleType], None]]:
-    """The tests of test_limits.py that take the module, but for those of a known gap (xfail)."""
+    """The tests of test_limits.py that take the module."""
     spec = importlib.util.spec_from_file_location("guard_checks", Path(__file__).with_name("test_limits.py"))
     assert spec
     assert spec.loader
     module = importlib.util.module_from_spec(spec)  # plain asserts: quicker than those pytest rewrites
     spec.loader.exec_module(module)
     functions = [function for name, function in vars(module).items() if name.startswith("test_")]
-    return [
-        function
-        for function in functions
-        if list(inspect.signature(function).parameters) == ["limits"]
-        and all(mark.name != "xfail" for mark in getattr(function, "pytestmark", ()))
-    ]
+    return [function for function in functions if list(inspect.signature(function).parameters) == ["limits"]]
 
 
 def killed(tree: ast.Module, by: list[Callable[[ModuleType], None]]) -> bool:

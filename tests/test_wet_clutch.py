@@ -306,7 +306,6 @@ def test_plant_agrees_with_an_independent_integration_of_rig_md(name: str) -> No
     assert allowed.pressure < ADC_STEP
 
 
-@pytest.mark.xfail(strict=True, reason="clamping x to 0 loses the oil the last step pushed out: up to 10.4 mbar")
 def test_piston_meets_its_rest_without_losing_oil() -> None:
     worst = 0.0
     for last in np.linspace(2.9, 3.9, 9):  # bar: moves the landing through the phases of an integration step

@@ -150,7 +150,10 @@ def advance(before, voltage, speed_demand, torque_limit, parameters, duration, s
         rate += k * (a1 + 2.0 * (b1 + c1) + d1)
         p = max(p + k * (a2 + 2.0 * (b2 + c2) + d2), 0.0)
         x_before = x
-        x = max(x + k * (a3 + 2.0 * (b3 + c3) + d3), 0.0)
+        x += k * (a3 + 2.0 * (b3 + c3) + d3)
+        if x < 0.0:  # the piston meets its rest within the step: the oil it did not displace stays in the cylinder
+            p = max(p + x * c.piston_area / c.hydraulics_capacity, 0.0)
+            x = 0.0
         seal = piston_seal_friction.force(
             seal, x - x_before, c.piston_seal_friction_force, c.piston_seal_friction_travel
         )
