@@ -20,6 +20,7 @@ from rt_controller.node import COLUMNS, ControllerNode
 
 LISTEN = 0.2  # s, four heartbeats: long enough to hear another controller
 _SILENCE = 5.0  # s without a sample after which lock-step gives up: the plant has died
+_WARM_UP = 50  # cycles at the plant's pace before the clock is set: caches are warm, the plant's grid is steady
 _RING_ROWS = 65_536  # a minute at 1 kHz
 RING_COLUMNS = (
     *COLUMNS,
@@ -56,11 +57,12 @@ class ControllerService:
             ready(f"controller on {port.name} at {self.rate} Hz, {'lock-step' if self.lockstep else 'real time'}")
             missing = [] if self.lockstep else realtime.prepare(self.cpu)
             try:
-                inbox = self._await_plant(node, port, stop)
+                samples = _Samples(port)
+                inbox = self._await_plant(node, samples, stop)
                 if self.lockstep:
-                    self._lockstep(node, port, ring, stop, inbox)
+                    self._lockstep(node, samples, ring, stop, inbox)
                 else:
-                    self._real_time(node, port, ring, clock, stop, inbox)
+                    self._real_time(node, samples, ring, clock, stop, inbox)
             finally:
                 for frame in node.safe():
                     port.send(frame)
@@ -77,35 +79,55 @@ class ControllerService:
             "parameters": node.parameters.as_values(),
         }
 
-    def _await_plant(self, node: ControllerNode, port: Port, stop: Stop) -> list[Frame]:
-        """Say "active" every 50 ms until the plant's first sample is complete; return the frames so far."""
-        frames = load_frames()
-        encoder_id, heartbeat_period = frames["ENCODER"].can_id, frames["CONTROLLER_HEARTBEAT"].cycle_time
+    def _await_plant(self, node: ControllerNode, samples: "_Samples", stop: Stop) -> list[Frame]:
+        """Say "active" every 50 ms until the plant's first sample is complete; return its frames."""
+        heartbeat_period = load_frames()["CONTROLLER_HEARTBEAT"].cycle_time
         inbox: list[Frame] = []
-        spoken = 0.0
-        while not stop.asked and all(frame.can_id != encoder_id for frame in inbox):
-            if time.monotonic() - spoken >= heartbeat_period:
-                port.send(node.heartbeat(Lifecycle.ACTIVE))
-                spoken = time.monotonic()
-            if port.wait(heartbeat_period):
-                inbox += node.listen(port.receive())
+        while not (stop.asked or samples.complete(inbox)):
+            samples.port.send(node.heartbeat(Lifecycle.ACTIVE))
+            inbox += node.listen(samples.next(heartbeat_period))
         return inbox
 
     def _real_time(
-        self, node: ControllerNode, port: Port, ring: RingWriter | None, clock: Clock, stop: Stop, inbox: list[Frame]
+        self,
+        node: ControllerNode,
+        samples: "_Samples",
+        ring: RingWriter | None,
+        clock: Clock,
+        stop: Stop,
+        inbox: list[Frame],
     ) -> None:
-        """Answer the first sample at once, then run half a period after the plant: both clocks are CLOCK_MONOTONIC."""
+        """Warm up at the plant's pace, then run on the clock half a period after its samples.
+
+        Both clocks are CLOCK_MONOTONIC, so the phase stays, and plant and controller never want one CPU at one time.
+        """
+        arrived = time.monotonic_ns()
+        for _ in range(_WARM_UP):
+            self._cycle(node, samples.port, ring, inbox, (0.0, 0.0, 0.0))
+            inbox = samples.next(2.0 / self.rate)
+            arrived = time.monotonic_ns()
+        clock.start(arrived + clock.period_ns // 2)
         work_us = 0.0
-        self._cycle(node, port, ring, inbox, (0.0, 0.0, 0.0))
-        if not stop.asked:
-            port.wait(2.0 / self.rate)
-        clock.start(time.monotonic_ns() + clock.period_ns // 2)
         while not stop.asked:
             clock.wait()
-            self._cycle(node, port, ring, port.receive(), (clock.lateness_ns / 1e3, work_us, clock.late))
+            inbox += samples.port.receive()
+            self._cycle(node, samples.port, ring, inbox, (clock.lateness_ns / 1e3, work_us, clock.late))
             clock.done()
+            inbox = []
             work_us = clock.work_ns / 1e3
             node.late_cycles = clock.late
+
+    def _lockstep(
+        self, node: ControllerNode, samples: "_Samples", ring: RingWriter | None, stop: Stop, inbox: list[Frame]
+    ) -> None:
+        """Answer each complete sample at once; end when the plant says it ends."""
+        while not stop.asked:
+            if not samples.complete(inbox):
+                if samples.plant_ended(inbox):
+                    return
+                raise InputError(f"the plant on {samples.port.name} has been silent for {_SILENCE:g} s of lock-step")
+            self._cycle(node, samples.port, ring, inbox, (0.0, 0.0, 0.0))
+            inbox = samples.next(_SILENCE)
 
     @staticmethod
     def _cycle(
@@ -116,27 +138,34 @@ class ControllerService:
         if ring:
             ring.write(node.row() + timing)
 
-    def _lockstep(
-        self, node: ControllerNode, port: Port, ring: RingWriter | None, stop: Stop, came: list[Frame]
-    ) -> None:
-        """Answer each complete sample at once; end when the plant says it ends."""
+
+class _Samples:
+    """The plant's samples as they come: each ends with its ENCODER frame."""
+
+    def __init__(self, port: Port) -> None:
         frames = load_frames()
-        encoder_id, plant = frames["ENCODER"].can_id, frames["PLANT_HEARTBEAT"]
-        inbox: list[Frame] = []
-        last = time.monotonic()
-        while not stop.asked:
-            for frame in came:
-                inbox.append(frame)
-                if frame.can_id == encoder_id:
-                    self._cycle(node, port, ring, inbox, (0.0, 0.0, 0.0))
-                    inbox = []
-                elif frame.can_id == plant.can_id and plant.unpack(frame.data).lifecycle == Lifecycle.FINALIZED:
-                    return
-            if port.wait(0.2):
-                last = time.monotonic()
-            elif time.monotonic() - last > _SILENCE:
-                raise InputError(f"the plant on {port.name} has been silent for {_SILENCE:g} s of lock-step")
-            came = port.receive()
+        self.port = port
+        self._encoder_id, self._plant = frames["ENCODER"].can_id, frames["PLANT_HEARTBEAT"]
+
+    def next(self, timeout: float) -> list[Frame]:
+        """Frames up to and with the next complete sample, the plant's end, or what came within `timeout` [s]."""
+        frames: list[Frame] = []
+        end = time.monotonic() + timeout
+        while not (self.complete(frames) or self.plant_ended(frames)):
+            left = end - time.monotonic()
+            if left <= 0.0 or not self.port.wait(left):
+                break
+            frames += self.port.receive()
+        return frames
+
+    def complete(self, frames: list[Frame]) -> bool:
+        """Whether the last sensor frame of a sample is among `frames`."""
+        return any(frame.can_id == self._encoder_id for frame in frames)
+
+    def plant_ended(self, frames: list[Frame]) -> bool:
+        """Whether the plant says among `frames` that it ends."""
+        codec = self._plant
+        return any(i == codec.can_id and codec.unpack(d).lifecycle == Lifecycle.FINALIZED for i, d in frames)
 
 
 def _refuse_second(port: Port) -> list[Frame]:
