@@ -10,7 +10,7 @@ $busybox mount -t proc proc /proc
 
 modules=$run/tools/usr/lib/uml/modules/$($busybox uname -r)/kernel
 for module in fs/overlayfs/overlay net/can/can net/can/can-raw net/can/can-bcm drivers/net/can/dev/can-dev \
-    drivers/net/can/vcan; do
+    drivers/net/can/vcan net/sched/sch_tbf; do
     $busybox insmod $modules/$module.ko
 done
 $busybox ip link set lo up

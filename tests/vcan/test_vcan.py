@@ -1,6 +1,7 @@
 """The bench on a real SocketCAN bus, vcan0."""
 
 import json
+import os
 import shutil
 import socket
 import subprocess
@@ -179,6 +180,24 @@ def wait_for_phase(port: Port, phase: int) -> None:
             if can_id == status.can_id and status.unpack(data).phase == phase:
                 return
     raise AssertionError(f"the controller never reached phase {phase}")
+
+
+@pytest.mark.skipif(shutil.which("tc") is None or os.geteuid() != 0, reason="needs tc (iproute2) as root")
+def test_a_full_transmit_queue_refuses_and_counts() -> None:
+    """A bus of 8 kbit/s with room for 200 bytes: most of 50 frames find the queue full (ENOBUFS)."""
+    queue = ["dev", BUS, "root", "tbf", "rate", "8kbit", "burst", "100", "limit", "200"]
+    subprocess.run(["tc", "qdisc", "add", *queue], check=True)
+    try:
+        with open_bus(BUS) as sender, open_bus(BUS) as reader:
+            for k in range(50):
+                sender.send(Frame(0x123, bytes((k,))))
+            received = listen(reader, 0.5)
+            assert sender.refused > 0
+            assert sender.sent + sender.refused == 50
+            assert len(received) == sender.sent
+            assert [data[0] for _, data in received] == sorted(data[0] for _, data in received)
+    finally:
+        subprocess.run(["tc", "qdisc", "del", "dev", BUS, "root"], check=True)
 
 
 def test_a_full_receive_queue_loses_frames_there_alone_and_the_counter_tells() -> None:
