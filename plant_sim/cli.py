@@ -82,23 +82,22 @@ def up(
     json_output: bool = JSON,
 ) -> None:
     """Start plant and controller, play a profile, record, judge, draw."""
+    from plant_sim.bench.settings import RunSettings
     from plant_sim.bench.up import Bench
 
-    bench = Bench(
-        bus=bus,
-        rate=checked_rate(rate),
-        profile=profile,
-        seconds=seconds,
-        lockstep=lockstep,
-        plant_parameters=plant_parameters,
-        controller_parameters=controller_parameters,
-        seed=seed,
-        temperature=temperature,
-        law=law,
-        adaptation=adaptation,
-        out=out,
+    settings = RunSettings(
+        checked_rate(rate),
+        profile,
+        seconds,
+        plant_parameters,
+        controller_parameters,
+        seed,
+        temperature,
+        law,
+        adaptation,
+        out,
     )
-    result = bench.run(quiet=json_output)
+    result = Bench(settings, bus, lockstep).run(quiet=json_output)
     report(result.document, result.text, result.verdict, result.good, json_output)
 
 
@@ -119,20 +118,22 @@ def simulate(
 ) -> None:
     """Run plant and controller in one process, once or as a sweep."""
     from plant_sim.bench.progress import progress_bar
+    from plant_sim.bench.settings import RunSettings
     from plant_sim.bench.simulate import Simulation
 
-    simulation = Simulation(
-        rate=checked_rate(rate),
-        profile=profile,
-        seconds=seconds,
-        plant_parameters=plant_parameters,
-        controller_parameters=controller_parameters,
-        seed=seed,
-        temperature=temperature,
-        law=law,
-        adaptation=adaptation,
-        out=out,
+    settings = RunSettings(
+        checked_rate(rate),
+        profile,
+        seconds,
+        plant_parameters,
+        controller_parameters,
+        seed,
+        temperature,
+        law,
+        adaptation,
+        out,
     )
+    simulation = Simulation(settings)
     with progress_bar("simulate", json_output) as progress:
         sweep = seeds > 1 or vary is not None
         result = simulation.sweep(vary, seeds, progress) if sweep else simulation.run(progress)

@@ -8,6 +8,7 @@ from plant_sim.profile import Profile
 from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError
 from protocols.frames import Frame, load_frames
+from protocols.heartbeat import Heartbeat
 from protocols.lifecycle import Lifecycle
 from protocols.node import Column
 from protocols.parameters import ParameterSet
@@ -84,15 +85,13 @@ class PlantNode:
         frames = load_frames()
         self._analog, self._encoder = frames["ANALOG_SENSORS"], frames["ENCODER"]
         self._setpoint = frames["TORQUE_SETPOINT"]
-        self._status, self._heartbeat = frames["PLANT_STATUS"], frames["PLANT_HEARTBEAT"]
+        self._status = frames["PLANT_STATUS"]
+        self.heartbeat = Heartbeat(frames["PLANT_HEARTBEAT"], rate, session)
         names = ("VALVE_COMMAND", "MOTOR_COMMAND", "CONTROLLER_HEARTBEAT")
         self._receptions = {frames[name].can_id: Reception(frames[name]) for name in names}
         self._valve_id, self._motor_id, self._controller_id = self._receptions
         self._own = {frames[name].can_id: name for name in _OWN}
-        self._session = session
-        self._heartbeats = 0
         self._status_every = max(1, round(self._status.cycle_time * rate))
-        self._heartbeat_every = max(1, round(self._heartbeat.cycle_time * rate))
 
         self.tick = -1
         self.answered_tick = -1  # SAMPLE_TICK of the last valve command
@@ -146,8 +145,8 @@ class PlantNode:
         y = self._y
         counts = self._sensors.sample(y.pressure, y.temperature, y.motor_torque, y.clutch_torque, y.angle)
         frames = []
-        if tick % self._heartbeat_every == 0:
-            frames.append(self.heartbeat(Lifecycle.ACTIVE))
+        if tick % self.heartbeat.every == 0:
+            frames.append(self.heartbeat.next(Lifecycle.ACTIVE))
         if tick % self._status_every == 0:
             rejected = sum(r.corrupt + r.repeated for r in self._receptions.values())
             status = (self._actuators(), min(self.late_cycles, 65535), min(rejected, 65535))
@@ -176,14 +175,7 @@ class PlantNode:
 
     def safe(self) -> list[Frame]:
         """A plant commands nothing: it says that it ends."""
-        return [self.heartbeat(Lifecycle.FINALIZED)]
-
-    def heartbeat(self, lifecycle: Lifecycle) -> Frame:
-        """The next heartbeat of this plant."""
-        self._heartbeats += 1
-        return Frame(
-            self._heartbeat.can_id, self._heartbeat.pack(self._heartbeats, lifecycle, self.rate, self._session)
-        )
+        return [self.heartbeat.next(Lifecycle.FINALIZED)]
 
     def row(self) -> tuple[float, ...]:
         """The record of the last sample, in the order of COLUMNS."""

@@ -1,6 +1,5 @@
 """The plant as a process: a bus, a clock, a ring. Time begins when a controller is on the bus."""
 
-import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,16 +9,16 @@ from typing import Any
 from plant_sim.node import COLUMNS, PlantNode
 from plant_sim.profile import Profile
 from protocols import realtime
-from protocols.bus import Port, listen, open_bus
+from protocols.bus import Port, open_bus
 from protocols.clock import Clock
 from protocols.errors import InputError
 from protocols.frames import load_frames
+from protocols.heartbeat import heard_alone, new_session
 from protocols.lifecycle import Lifecycle
 from protocols.parameters import ParameterSet
 from protocols.ring import RingWriter
 from protocols.stopping import Stop
 
-LISTEN = 0.2  # s, four heartbeats: long enough to hear another plant
 _ANSWER = 5.0  # s to wait for a controller's answer in lock-step: it has died
 _RING_ROWS = 65_536  # a minute at 1 kHz
 
@@ -43,13 +42,13 @@ class PlantService:
 
         Raises InputError for a bad bus, a second plant, another rate or protocol.
         """
-        session = os.getpid() << 8 & 0xFFFFFF00 | time.monotonic_ns() & 0xFF
+        session = new_session()
         node = PlantNode(self.rate, self.parameters, self.profile, self.seed, self.temperature, session=session)
         node.advance()  # compiles or loads the kernel before time counts
         node = PlantNode(self.rate, self.parameters, self.profile, self.seed, self.temperature, session=session)
         clock = Clock(1_000_000_000 // self.rate)
         with Stop() as stop, open_bus(self.bus) as port:
-            _refuse_second(port)
+            heard_alone(port, "plant", load_frames()["PLANT_HEARTBEAT"])
             ring = RingWriter(self.ring, COLUMNS, _RING_ROWS) if self.ring else None
             ready(f"plant on {port.name} at {self.rate} Hz, {'lock-step' if self.lockstep else 'real time'}")
             missing = [] if self.lockstep else realtime.prepare(self.cpu)
@@ -80,7 +79,7 @@ class PlantService:
         """Say "inactive" every 50 ms until a controller says "active"."""
         heartbeat_period = load_frames()["PLANT_HEARTBEAT"].cycle_time
         while not stop.asked and node.controller != Lifecycle.ACTIVE:
-            port.send(node.heartbeat(Lifecycle.INACTIVE))
+            port.send(node.heartbeat.next(Lifecycle.INACTIVE))
             if port.wait(heartbeat_period):
                 node.receive(port.receive())
 
@@ -120,15 +119,3 @@ class PlantService:
                 node.receive(port.receive())
                 if node.controller == Lifecycle.FINALIZED:
                     return
-
-
-def _refuse_second(port: Port) -> None:
-    """Raise InputError when another plant is heard."""
-    heartbeat = load_frames()["PLANT_HEARTBEAT"]
-    for can_id, data in listen(port, LISTEN):
-        if can_id == heartbeat.can_id and heartbeat.valid(data):
-            values = heartbeat.unpack(data)
-            if values.lifecycle != Lifecycle.FINALIZED:
-                raise InputError(
-                    f"a second plant is on {port.name} (session {values.session:08x}); only one may simulate the rig"
-                )

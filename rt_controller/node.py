@@ -6,6 +6,7 @@ from typing import Any
 
 from protocols.errors import InputError
 from protocols.frames import Frame, load_frames
+from protocols.heartbeat import Heartbeat
 from protocols.lifecycle import Lifecycle
 from protocols.node import Column
 from protocols.parameters import ParameterSet, load_defaults, load_overlay
@@ -72,15 +73,14 @@ class ControllerNode:
 
         frames = load_frames()
         self._valve, self._motor = frames["VALVE_COMMAND"], frames["MOTOR_COMMAND"]
-        self._status, self._heartbeat = frames["CONTROLLER_STATUS"], frames["CONTROLLER_HEARTBEAT"]
+        self._status = frames["CONTROLLER_STATUS"]
+        self.heartbeat = Heartbeat(frames["CONTROLLER_HEARTBEAT"], rate, session)
         names = ("ANALOG_SENSORS", "ENCODER", "TORQUE_SETPOINT", "PLANT_HEARTBEAT")
         self._receptions = {frames[name].can_id: Reception(frames[name]) for name in names}
         self._analog_id, self._encoder_id, self._setpoint_id, self._plant_id = self._receptions
         self._own = {frames[name].can_id: name for name in _OWN}
-        self._session = session
-        self._cycle = self._heartbeats = 0
+        self._cycle = 0
         self._status_every = max(1, round(self._status.cycle_time * rate))
-        self._heartbeat_every = max(1, round(self._heartbeat.cycle_time * rate))
 
         self._request, self._demand, self._speed_demand = Request.IDLE, 0.0, 0.0
         self._setpoint_age = float("inf")  # s
@@ -121,15 +121,8 @@ class ControllerNode:
         return [
             Frame(self._valve.can_id, self._valve.pack(self._cycle, 0, 0.0, max(self._sample.tick, 0) & 0xFFFF)),
             Frame(self._motor.can_id, self._motor.pack(self._cycle, 0, 0.0, 0.0)),
-            self.heartbeat(Lifecycle.FINALIZED),
+            self.heartbeat.next(Lifecycle.FINALIZED),
         ]
-
-    def heartbeat(self, lifecycle: Lifecycle) -> Frame:
-        """The next heartbeat of this controller."""
-        self._heartbeats += 1
-        return Frame(
-            self._heartbeat.can_id, self._heartbeat.pack(self._heartbeats, lifecycle, self.rate, self._session)
-        )
 
     def row(self) -> tuple[float, ...]:
         """The record of the last cycle, in the order of COLUMNS."""
@@ -180,8 +173,8 @@ class ControllerNode:
         )
         valve = self._valve.pack(cycle, open_valve, law.voltage, max(self._sample.tick, 0) & 0xFFFF)
         frames = []
-        if cycle % self._heartbeat_every == 0:
-            frames.append(self.heartbeat(Lifecycle.ACTIVE))
+        if cycle % self.heartbeat.every == 0:
+            frames.append(self.heartbeat.next(Lifecycle.ACTIVE))
         if cycle % self._status_every == 0:
             estimate = min(max(law.estimate, -65.0), 65.0)  # range of the signal
             status = (phase, self._phases.fault, estimate, min(self.late_cycles, 65535), law.level)

@@ -1,6 +1,5 @@
 """The controller as a process: a bus, a clock, a ring, and the safe command whatever ends it."""
 
-import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,17 +7,17 @@ from pathlib import Path
 from typing import Any
 
 from protocols import realtime
-from protocols.bus import Port, listen, open_bus
+from protocols.bus import Port, open_bus
 from protocols.clock import Clock
 from protocols.errors import InputError
 from protocols.frames import Frame, load_frames
+from protocols.heartbeat import heard_alone, new_session
 from protocols.lifecycle import Lifecycle
 from protocols.node import Column
 from protocols.ring import RingWriter
 from protocols.stopping import Stop
 from rt_controller.node import COLUMNS, ControllerNode
 
-LISTEN = 0.2  # s, four heartbeats: long enough to hear another controller
 _SILENCE = 5.0  # s without a sample after which lock-step gives up: the plant has died
 _WARM_UP = 50  # cycles at the plant's pace before the clock is set: caches are warm, the plant's grid is steady
 _RING_ROWS = 65_536  # a minute at 1 kHz
@@ -48,11 +47,10 @@ class ControllerService:
 
         Raises InputError for a bad bus, a second controller, another rate or protocol; the actuators are safe then.
         """
-        session = os.getpid() << 8 & 0xFFFFFF00 | time.monotonic_ns() & 0xFF
-        node = ControllerNode(self.rate, self.parameters_file, self.law, self.adaptation, session)
+        node = ControllerNode(self.rate, self.parameters_file, self.law, self.adaptation, new_session())
         clock = Clock(1_000_000_000 // self.rate)
         with Stop() as stop, open_bus(self.bus) as port:
-            node.listen(_refuse_second(port))
+            node.listen(heard_alone(port, "controller", load_frames()["CONTROLLER_HEARTBEAT"]))
             ring = RingWriter(self.ring, RING_COLUMNS, _RING_ROWS) if self.ring else None
             ready(f"controller on {port.name} at {self.rate} Hz, {'lock-step' if self.lockstep else 'real time'}")
             missing = [] if self.lockstep else realtime.prepare(self.cpu)
@@ -84,7 +82,7 @@ class ControllerService:
         heartbeat_period = load_frames()["CONTROLLER_HEARTBEAT"].cycle_time
         inbox: list[Frame] = []
         while not (stop.asked or samples.complete(inbox)):
-            samples.port.send(node.heartbeat(Lifecycle.ACTIVE))
+            samples.port.send(node.heartbeat.next(Lifecycle.ACTIVE))
             inbox += node.listen(samples.next(heartbeat_period))
         return inbox
 
@@ -166,22 +164,3 @@ class _Samples:
         """Whether the plant says among `frames` that it ends."""
         codec = self._plant
         return any(i == codec.can_id and codec.unpack(d).lifecycle == Lifecycle.FINALIZED for i, d in frames)
-
-
-def _refuse_second(port: Port) -> list[Frame]:
-    """Raise InputError when another controller is heard; return what was heard."""
-    frames = load_frames()
-    heartbeat, valve = frames["CONTROLLER_HEARTBEAT"], frames["VALVE_COMMAND"]
-    heard = listen(port, LISTEN)
-    for can_id, data in heard:
-        if can_id == heartbeat.can_id and heartbeat.valid(data):
-            values = heartbeat.unpack(data)
-            if values.lifecycle != Lifecycle.FINALIZED:
-                raise InputError(
-                    f"a second controller is on {port.name} (session {values.session:08x}); only one may command the rig"
-                )
-        elif can_id == valve.can_id:
-            raise InputError(
-                f"a second controller is on {port.name}: it sends VALVE_COMMAND; only one may command the rig"
-            )
-    return heard

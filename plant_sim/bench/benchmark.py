@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from plant_sim.bench.settings import RunSettings
 from plant_sim.bench.up import Bench
 from plant_sim.node import PlantNode
 from plant_sim.profile import load_profile
@@ -95,8 +96,4 @@ def benchmark(bus: str, seconds: float, quiet: bool) -> tuple[list[Target], dict
 
 
 def _loop(bus: str, seconds: float, lockstep: bool, out: Path, quiet: bool) -> dict[str, Any]:
-    bench = Bench(
-        bus=bus, rate=1000, profile="engagement", seconds=seconds, lockstep=lockstep, plant_parameters=None,
-        controller_parameters=None, seed=1, temperature=None, law="both", adaptation=True, out=out,
-    )  # fmt: skip
-    return bench.run(quiet=quiet).document
+    return Bench(RunSettings(seconds=seconds, out=out), bus, lockstep).run(quiet).document

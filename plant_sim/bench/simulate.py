@@ -3,7 +3,6 @@
 import csv
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,58 +11,50 @@ from plant_sim.bench.in_process import Played, play
 from plant_sim.bench.metadata import run_metadata
 from plant_sim.bench.recording import Recording, run_path
 from plant_sim.bench.result import Result, judge_run
+from plant_sim.bench.settings import RunSettings
 from plant_sim.node import PlantNode
-from plant_sim.profile import Profile, load_profile
-from plant_sim.rigs import wet_clutch
+from plant_sim.profile import Profile
 from protocols.errors import InputError
-from protocols.node import node_factory
 from protocols.parameters import ParameterSet
 
 
 @dataclass(frozen=True)
 class Simulation:
-    """Settings of a simulation. rate [Hz], seconds [s], temperature [degC]."""
+    """Runs of plant and controller in one process."""
 
-    rate: int
-    profile: str
-    seconds: float | None
-    plant_parameters: Path | None
-    controller_parameters: Path | None
-    seed: int
-    temperature: float | None
-    law: str
-    adaptation: bool
-    out: Path
+    settings: RunSettings
 
     def run(self, progress: Callable[[int, int], None]) -> Result:
         """Simulate once; write the run file and its picture."""
-        profile = load_profile(self.profile, self.seconds)
-        cycles = round(profile.duration * self.rate)
-        parameters = wet_clutch.nominal(self.plant_parameters)
-        controller = self._controller()
-        played = self._play(parameters, controller, profile, self.seed, lambda cycle: progress(cycle, cycles))
-        path = run_path(self.out, f"{profile.name}-simulated")
-        with Recording(path, played.plant_columns, played.controller_columns, self.rate) as recording:
+        profile = self.settings.loaded_profile()
+        cycles = round(profile.duration * self.settings.rate)
+        parameters = self.settings.loaded_plant_parameters()
+        controller = self.settings.new_controller()
+        played = self._play(parameters, controller, profile, self.settings.seed, lambda cycle: progress(cycle, cycles))
+        path = run_path(self.settings.out, f"{profile.name}-simulated")
+        with Recording(path, played.plant_columns, played.controller_columns, self.settings.rate) as recording:
             recording.add(played.plant, played.controller)
             recording.finish(
-                run_metadata(self.rate, parameters, controller.parameters.as_values())
-                | {"settings": {"profile": self.profile, "seed": self.seed, "law": self.law, "mode": "in process"}}
+                run_metadata(self.settings.rate, parameters, controller.parameters.as_values())
+                | {"settings": self.settings.as_text() | {"mode": "in process"}}
             )
-        return judge_run(path, f"profile {profile.name} ({profile.duration:g} s), in one process, {self.rate} Hz")
+        return judge_run(
+            path, f"profile {profile.name} ({profile.duration:g} s), in one process, {self.settings.rate} Hz"
+        )
 
     def sweep(self, vary: str | None, seeds: int, progress: Callable[[int, int], None]) -> Result:
         """Simulate for every value of `vary` (`NAME=LOW:HIGH:COUNT`, a plant parameter) and `seeds` seeds; write a CSV."""
-        profile = load_profile(self.profile, self.seconds)
-        parameters = wet_clutch.nominal(self.plant_parameters)
+        profile = self.settings.loaded_profile()
+        parameters = self.settings.loaded_plant_parameters()
         name, values = parsed_range(vary, parameters) if vary else ("seed", [float("nan")])
         rows = []
         for i, value in enumerate(values):
             changed = parameters.with_values({name: value}) if vary else parameters
             for k in range(seeds):
-                played = self._play(changed, self._controller(), profile, self.seed + k, None)
-                rows.append((value, self.seed + k, *played.following()))
+                played = self._play(changed, self.settings.new_controller(), profile, self.settings.seed + k, None)
+                rows.append((value, self.settings.seed + k, *played.following()))
                 progress(i * seeds + k + 1, len(values) * seeds)
-        path = run_path(self.out, f"{profile.name}-sweep", ".csv")
+        path = run_path(self.settings.out, f"{profile.name}-sweep", ".csv")
         with path.open("w", newline="", encoding="utf-8") as file:
             csv.writer(file).writerows([(name if vary else "-", "seed", "regime_error_nm", "rise_time_s"), *rows])
         lines = [f"read:  profile {profile.name}, {len(rows)} runs in one process", f"wrote: {path}"]
@@ -86,13 +77,8 @@ class Simulation:
         seed: int,
         progress: Callable[[int], None] | None,
     ) -> Played:
-        plant = PlantNode(self.rate, parameters, profile, seed, self.temperature)
+        plant = PlantNode(self.settings.rate, parameters, profile, seed, self.settings.temperature)
         return play(plant, controller, progress)
-
-    def _controller(self) -> Any:
-        return node_factory("controller")(
-            rate=self.rate, parameters_file=self.controller_parameters, law=self.law, adaptation=self.adaptation
-        )
 
 
 def parsed_range(text: str, parameters: ParameterSet) -> tuple[str, Sequence[float]]:

@@ -1,0 +1,99 @@
+"""Services: plant and controller as processes of the bench, started, watched and ended together."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from protocols.errors import InputError
+from protocols.ring import RingReader
+from protocols.stopping import Stop
+
+_START = 120.0  # s for both services to come up: compiling the kernel for the first time takes some of it
+_STOP = 10.0  # s for a service to end once asked
+_POLL = 0.05  # s between looks
+_ORDER = ("controller", "plant")  # in which they end, so that the safe command still meets a plant
+
+
+class Services:
+    """Processes of `clutch-hil COMMAND ARGUMENTS...` by command, with a ring and a summary file each.
+
+    Use as a context manager: leaving it ends what still runs, by force if need be, and removes their files.
+    """
+
+    def __init__(self, commands: Mapping[str, Sequence[str]]) -> None:
+        shared = Path("/dev/shm")  # rings are memory where there is any
+        self._folder = Path(tempfile.mkdtemp(prefix="clutch-hil-", dir=shared if os.access(shared, os.W_OK) else None))
+        self._processes = {name: self._spawn(name, arguments) for name, arguments in commands.items()}
+
+    def __enter__(self) -> "Services":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for name in _ORDER:
+            if not self._stopped(name):
+                self._processes[name].kill()
+                self._processes[name].wait()
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+    def rings(self, stop: Stop) -> tuple[RingReader, RingReader]:
+        """Rings of plant and controller once both have started. Raises InputError when one does not."""
+        deadline = time.monotonic() + _START
+        paths = [self._folder / f"{name}.ring" for name in ("plant", "controller")]
+        while not all(path.exists() for path in paths):
+            self.check()
+            if stop.asked or time.monotonic() > deadline:
+                raise InputError("the services were stopped before they had started")
+            time.sleep(_POLL)
+        return RingReader(paths[0]), RingReader(paths[1])
+
+    def ended(self) -> list[str]:
+        """Names of the services that have ended well. Raises InputError for one that has not."""
+        self.check()
+        return [name for name, process in self._processes.items() if process.poll() is not None]
+
+    def check(self) -> None:
+        """Raise InputError with a service's own sentence when it has failed."""
+        for name, process in self._processes.items():
+            if process.poll() not in (None, 0):
+                lines = self._log(name).read_text(errors="replace").strip().splitlines() or ["it said nothing"]
+                raise InputError(f"the {name} stopped: {lines[-1].removeprefix('error: ')}")
+
+    def end(self) -> dict[str, Any]:
+        """Stop the services and return their summaries by name. Raises InputError when one fails or does not stop."""
+        summaries = {}
+        for name in _ORDER:
+            if not self._stopped(name):
+                raise InputError(f"the {name} did not stop within {_STOP:g} s")
+            self.check()
+            summaries[name] = json.loads((self._folder / f"{name}.json").read_text(encoding="utf-8"))
+        return summaries
+
+    def _spawn(self, name: str, arguments: Sequence[str]) -> subprocess.Popen[bytes]:
+        files = ["--ring", str(self._folder / f"{name}.ring"), "--summary", str(self._folder / f"{name}.json")]
+        with self._log(name).open("w") as log:
+            command = [sys.executable, "-m", "protocols", name, *arguments, *files]
+            return subprocess.Popen(command, stdout=log, stderr=log, stdin=subprocess.DEVNULL)
+
+    def _log(self, name: str) -> Path:
+        return self._folder / f"{name}.log"
+
+    def _stopped(self, name: str) -> bool:
+        """Ask a service to end, if it has not; whether it did in time."""
+        process = self._processes[name]
+        if process.poll() is None:
+            process.terminate()
+        try:
+            process.wait(_STOP)
+        except subprocess.TimeoutExpired:
+            return False
+        return True

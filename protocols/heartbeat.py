@@ -1,0 +1,42 @@
+"""Heartbeat of a service: says that it lives, in which state, at which rate; and finds a second one of its kind."""
+
+import os
+import time
+
+from protocols.bus import Port, listen
+from protocols.errors import InputError
+from protocols.frames import Frame, FrameCodec
+from protocols.lifecycle import Lifecycle
+
+LISTEN = 0.2  # s, four heartbeats: long enough to hear another service of one's kind
+
+
+def new_session() -> int:
+    """A number that tells two services apart: process and start time."""
+    return os.getpid() << 8 & 0xFFFFFF00 | time.monotonic_ns() & 0xFF
+
+
+class Heartbeat:
+    """Source of a service's heartbeat frames; `every` is the cycles between two at `rate` [Hz]."""
+
+    def __init__(self, codec: FrameCodec, rate: int, session: int) -> None:
+        self.every = max(1, round(codec.cycle_time * rate))
+        self._codec, self._rate, self._session = codec, rate, session
+        self._count = 0
+
+    def next(self, lifecycle: Lifecycle) -> Frame:
+        """The next heartbeat."""
+        self._count += 1
+        return Frame(self._codec.can_id, self._codec.pack(self._count, lifecycle, self._rate, self._session))
+
+
+def heard_alone(port: Port, kind: str, codec: FrameCodec) -> list[Frame]:
+    """Listen before speaking; return what was heard. Raises InputError when another service of this `kind` lives."""
+    heard = listen(port, LISTEN)
+    for can_id, data in heard:
+        if can_id == codec.can_id and codec.valid(data):
+            values = codec.unpack(data)
+            if values.lifecycle != Lifecycle.FINALIZED:
+                session = f"session {values.session:08x}"
+                raise InputError(f"a second {kind} is on {port.name} ({session}); only one may be there")
+    return heard
