@@ -19,7 +19,7 @@ from protocols.stopping import Stop
 from rt_controller.node import COLUMNS, ControllerNode
 
 _SILENCE = 5.0  # s without a sample after which lock-step gives up: the plant has died
-_WARM_UP = 50  # cycles at the plant's pace before the clock is set: caches are warm, the plant's grid is steady
+_WARM_UP = 0.05  # s at the plant's pace before the clock is set: caches are warm then, the plant's grid is steady
 _RING_ROWS = 65_536  # a minute at 1 kHz
 RING_COLUMNS = (
     *COLUMNS,
@@ -100,7 +100,7 @@ class ControllerService:
         Both clocks are CLOCK_MONOTONIC, so the phase stays, and plant and controller never want one CPU at one time.
         """
         arrived = time.monotonic_ns()
-        for _ in range(_WARM_UP):
+        for _ in range(max(1, round(_WARM_UP * self.rate))):
             self._cycle(node, samples.port, ring, inbox, (0.0, 0.0, 0.0))
             inbox = samples.next(2.0 / self.rate)
             arrived = time.monotonic_ns()

@@ -214,7 +214,7 @@ def test_two_rates_are_refused(local_bus: str) -> None:
     [
         (["--bus", "nosuch"], "bus 'nosuch' does not exist; there are"),
         (["--bus", "local:a/b"], "allowed are 1 to 32 of A-Z a-z 0-9"),
-        (["--rate", "7"], "rate 7 Hz is not possible; allowed are 20 to 10000 Hz"),
+        (["--rate", "7"], "rate 7 Hz is not possible; allowed are 50 to 10000 Hz"),
         (["--profile", "nosuch"], "profile 'nosuch' does not exist; known are engagement"),
         (["--seconds", "-1"], "a run of -1 s is not possible"),
         (["--law", "best"], "control law 'best' is unknown; allowed are both, feedforward, feedback"),
