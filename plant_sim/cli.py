@@ -42,7 +42,7 @@ def plant(
     cpu: int | None = typer.Option(None, help="CPU to run on"),
     json_output: bool = JSON,
 ) -> None:
-    """Simulate the rig on a bus until its profile ends or it is stopped."""
+    """Simulate the rig on a bus until it is stopped; in lock-step until its profile ends."""
     from plant_sim.profile import load_profile
     from plant_sim.rigs import wet_clutch
     from plant_sim.service import PlantService
@@ -148,6 +148,7 @@ def reproduce(
 ) -> None:
     """Check a result of the thesis by running it."""
     from plant_sim.bench.progress import progress_bar, table_text
+    from plant_sim.bench.recording import writable
     from plant_sim.reproduce import ENTRIES, entry
 
     if list_all or name is None:
@@ -157,7 +158,7 @@ def reproduce(
         )
         return
     module = entry(name)
-    out.mkdir(parents=True, exist_ok=True)
+    writable(out)
     with progress_bar(name, json_output) as progress:
         outcome = module.reproduce(out, progress)
     text = "\n".join([module.TITLE, table_text(outcome.table), *outcome.notes, f"wrote:   {outcome.picture}"])

@@ -18,6 +18,7 @@ from protocols.units import BAR, ZERO_CELSIUS
 STALE_CYCLES = (
     5  # cycles without a valve command after which the valve amplifier closes: as the controller's own watchdog
 )
+_TEMPERATURES = 35.0, 150.0  # degC: valid range of eq. 6.3 (blocks/oil.py) and of fig 6.8
 _OWN = ("ANALOG_SENSORS", "ENCODER", "PLANT_STATUS", "PLANT_HEARTBEAT")
 
 # Columns of a recorded run (rig.md), then the truth.
@@ -75,6 +76,9 @@ class PlantNode:
         self._substeps = ceil(self._period / wet_clutch.STEP_LIMIT - 1e-9)
         self._record = wet_clutch.parameter_record(parameters)
         self._sensors = Sensors(parameters, seed)
+        low, high = _TEMPERATURES
+        if temperature is not None and not low <= temperature <= high:
+            raise InputError(f"oil temperature {temperature:g} degC is outside {low:g}..{high:g} degC")
         kelvin = (parameters["oil.reference"].value if temperature is None else temperature) + ZERO_CELSIUS
         speed = profile.at(0.0).speed if profile else 0.0
         self._state = (

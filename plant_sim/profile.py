@@ -1,14 +1,13 @@
 """Profile: what the supervisor asks for over time.
 
 A CSV file with the columns `time_s`, `torque_demand_nm`, `motor_speed_demand_rad_s`; straight lines between rows. The
-clutch is engaged from the first to the last instant with a demand above zero.
+clutch is engaged between two rows of which one has a demand above zero.
 """
 
 import csv
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from math import ceil, isfinite
 from pathlib import Path
 from typing import NamedTuple
@@ -18,6 +17,7 @@ from protocols.errors import InputError, listing
 FOLDER = Path(__file__).with_name("profiles")
 COLUMNS = ("time_s", "torque_demand_nm", "motor_speed_demand_rad_s")
 TORQUE_LIMIT = 30.0  # Nm, range of the maps (Janssens 2010, fig 6.12)
+_SHORTEST = 0.1  # s, of a run: five samples at the lowest rate
 _REPEAT_GAP = 1e-3  # s between the last row of a profile and the first of its repetition: times must increase
 SPEED_LIMIT = 26.2  # rad/s, 250 rpm, range of the maps (Janssens 2010, fig 6.12)
 
@@ -73,13 +73,13 @@ class Profile:
         share = (time - t_0) / (t_1 - t_0)
         torque = self.torque[after - 1] + share * (self.torque[after] - self.torque[after - 1])
         speed = self.speed[after - 1] + share * (self.speed[after] - self.speed[after - 1])
-        start, end = self._engaged
-        return Setpoint(start <= time < end, torque, speed)
+        engage = self.torque[after - 1] > 0.0 or self.torque[after] > 0.0
+        return Setpoint(engage, torque, speed)
 
     def lasting(self, seconds: float) -> "Profile":
-        """This profile repeated and cut to `seconds`. Raises InputError when that is not more than 0."""
-        if not (isfinite(seconds) and seconds > 0.0):
-            raise InputError(f"a run of {seconds:g} s is not possible; it must be longer than 0")
+        """This profile repeated and cut to `seconds`. Raises InputError when that is too short."""
+        if not (isfinite(seconds) and seconds >= _SHORTEST):
+            raise InputError(f"a run of {seconds:g} s is not possible; it must last {_SHORTEST:g} s or more")
         period = self.duration + _REPEAT_GAP
         rows = [
             (k * period + time, torque, speed)
@@ -92,13 +92,6 @@ class Profile:
         time, torque, speed = zip(*cut, strict=True)
         return Profile(self.name, time, torque, speed)
 
-    @cached_property
-    def _engaged(self) -> tuple[float, float]:
-        asked = [i for i, torque in enumerate(self.torque) if torque > 0.0]
-        if not asked:
-            return 0.0, 0.0
-        return self.time[max(asked[0] - 1, 0)], self.time[min(asked[-1] + 1, len(self.time) - 1)]
-
 
 def load_profile(name: str, seconds: float | None = None) -> Profile:
     """A profile by file path, or by name from the ones that come with the rig, `lasting` some seconds if given.
@@ -109,17 +102,16 @@ def load_profile(name: str, seconds: float | None = None) -> Profile:
     if not path.is_file():
         known = listing(p.stem for p in FOLDER.glob("*.csv"))
         raise InputError(f"profile {name!r} does not exist; known are {known}, or the path of a .csv file")
-    with path.open(newline="", encoding="utf-8") as file:
-        rows = csv.reader(line for line in file if not line.startswith("#"))
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+        rows = csv.reader(line for line in lines if not line.startswith("#"))
         header = tuple(next(rows, ()))
         if header != COLUMNS:
-            raise InputError(
-                f"profile {path} has the columns {', '.join(header) or '-'}; needed are {', '.join(COLUMNS)}"
-            )
-        try:
-            table = [[float(cell) for cell in row] for row in rows if row]
-        except ValueError as error:
-            raise InputError(f"profile {path}: {error}") from None
+            columns = ", ".join(header) or "-"
+            raise InputError(f"profile {path} has the columns {columns}; needed are {', '.join(COLUMNS)}")
+        table = [[float(cell) for cell in row] for row in rows if row]
+    except (OSError, ValueError, csv.Error) as error:
+        raise InputError(f"profile {path} cannot be read: {error}") from None
     if bad := next((i for i, row in enumerate(table, 1) if len(row) != len(COLUMNS)), None):
         raise InputError(f"profile {path}, row {bad} has {len(table[bad - 1])} cells; needed are {len(COLUMNS)}")
     time, torque, speed = zip(*table, strict=True) if table else ((), (), ())

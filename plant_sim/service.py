@@ -9,7 +9,7 @@ from typing import Any
 from plant_sim.node import COLUMNS, PlantNode
 from plant_sim.profile import Profile
 from protocols import realtime
-from protocols.bus import Port, open_bus
+from protocols.bus import Port, listen, open_bus
 from protocols.clock import Clock
 from protocols.errors import InputError
 from protocols.frames import load_frames
@@ -52,6 +52,8 @@ class PlantService:
             ring = RingWriter(self.ring, COLUMNS, _RING_ROWS) if self.ring else None
             ready(f"plant on {port.name} at {self.rate} Hz, {'lock-step' if self.lockstep else 'real time'}")
             missing = [] if self.lockstep else realtime.prepare(self.cpu)
+            for text in missing:
+                ready(f"note: {text}")
             timing = None
             try:
                 self._await_controller(node, port, stop)
@@ -77,11 +79,9 @@ class PlantService:
 
     def _await_controller(self, node: PlantNode, port: Port, stop: Stop) -> None:
         """Say "inactive" every 50 ms until a controller says "active"."""
-        heartbeat_period = load_frames()["PLANT_HEARTBEAT"].cycle_time
         while not stop.asked and node.controller != Lifecycle.ACTIVE:
             port.send(node.heartbeat.next(Lifecycle.INACTIVE))
-            if port.wait(heartbeat_period):
-                node.receive(port.receive())
+            node.receive(listen(port, node.heartbeat.period))
 
     def _real_time(
         self, node: PlantNode, port: Port, ring: RingWriter | None, clock: Clock, stop: Stop

@@ -6,6 +6,7 @@ Exit codes: 0 fine, 1 the verdict is bad, 2 the input or the command is wrong.
 import json
 import sys
 from importlib.metadata import entry_points, version
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +14,8 @@ import typer
 
 from protocols.errors import InputError
 
-RATES = (
-    20,
-    10_000,
-)  # Hz; below, the pressure loop is unstable; above, a plant step is shorter than its integration step
+# Hz; below, a period of the 9.8 Hz pressure loop has less than five samples; above, a plant step is its integration step
+RATES = (50, 10_000)
 
 
 def verdict(text: str, good: bool = True) -> None:
@@ -27,8 +26,16 @@ def verdict(text: str, good: bool = True) -> None:
 
 
 def emit(document: Any) -> None:
-    """Print a document for machines (`--json`)."""
-    typer.echo(json.dumps(document, indent=2, allow_nan=True))
+    """Print a document for machines (`--json`); what is not a number becomes null."""
+    typer.echo(json.dumps(_finite(document), indent=2, allow_nan=False))
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not isfinite(value) else value
 
 
 def report(document: Any, text: str, verdict_text: str, good: bool, as_json: bool) -> None:

@@ -17,10 +17,11 @@ def new_session() -> int:
 
 
 class Heartbeat:
-    """Source of a service's heartbeat frames; `every` is the cycles between two at `rate` [Hz]."""
+    """Source of a service's heartbeat frames: one every `period` [s], that is `every` cycles at `rate` [Hz]."""
 
     def __init__(self, codec: FrameCodec, rate: int, session: int) -> None:
-        self.every = max(1, round(codec.cycle_time * rate))
+        self.period = codec.cycle_time
+        self.every = max(1, round(self.period * rate))
         self._codec, self._rate, self._session = codec, rate, session
         self._count = 0
 

@@ -38,9 +38,10 @@ class RingWriter:
         part = path.with_suffix(".part")
         try:
             with part.open("w+b") as file:
-                os.truncate(file.fileno(), size)
+                os.posix_fallocate(file.fileno(), 0, size)  # a full memory is told now, not by SIGBUS in the loop
                 self._map = mmap.mmap(file.fileno(), size)
         except OSError as error:
+            part.unlink(missing_ok=True)
             raise InputError(f"ring {path} cannot be made: {error.strerror}") from None
         self._map[: self._start] = _PREFIX.pack(_MAGIC, len(header)) + header + _COUNT.pack(0)
         for page in range(self._start, size, mmap.PAGESIZE):

@@ -4,6 +4,7 @@ The columns of rig.md come first; controller terms (`controller_...`), plant tru
 and are kept. Metadata are JSON values by key.
 """
 
+import contextlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -60,13 +61,19 @@ class RunWriter:
     def append(self, rows: np.ndarray) -> None:
         """Add `rows`, shape (samples, columns)."""
         if len(rows):
-            self._writer.write_table(pa.table(list(np.ascontiguousarray(rows.T)), schema=self._schema))
+            try:
+                self._writer.write_table(pa.table(list(np.ascontiguousarray(rows.T)), schema=self._schema))
+            except OSError as error:
+                raise InputError(f"run file {self._path} cannot be written: {error}") from None
 
     def finish(self, metadata: Mapping[str, Any]) -> None:
         """Add metadata and give the file its name."""
         self._writer.add_key_value_metadata({name: json.dumps(value) for name, value in metadata.items()})
-        self._writer.close()
-        self._part.rename(self._path)
+        try:
+            self._writer.close()
+            self._part.rename(self._path)
+        except OSError as error:
+            raise InputError(f"run file {self._path} cannot be written: {error}") from None
         self._finished = True
 
     def __enter__(self) -> "RunWriter":
@@ -76,7 +83,8 @@ class RunWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if not self._finished:
-            self._writer.close()
+            with contextlib.suppress(OSError):  # a full disk is what brought us here
+                self._writer.close()
             self._part.unlink(missing_ok=True)
 
 

@@ -1,4 +1,4 @@
-"""Stop: SIGINT and SIGTERM ask a service to end at its next cycle, so that its last frames are the safe ones."""
+"""Stop: SIGINT, SIGTERM and SIGHUP ask a service to end at its next cycle, so that its last frames are the safe ones."""
 
 import signal
 from types import FrameType
@@ -6,14 +6,14 @@ from typing import Any
 
 
 class Stop:
-    """While entered, SIGINT and SIGTERM only set `asked`."""
+    """While entered, SIGINT, SIGTERM and SIGHUP (a closed terminal) only set `asked`."""
 
     def __init__(self) -> None:
         self.asked = False
         self._before: dict[int, Any] = {}
 
     def __enter__(self) -> "Stop":
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             self._before[number] = signal.signal(number, self._ask)
         return self
 

@@ -42,4 +42,5 @@ def controller(
     if json_output:
         emit(result)
     else:
-        verdict("controller stopped, valve closed")
+        closed = result["valve_closed"]
+        verdict(f"controller stopped, {'valve closed' if closed else 'the safe command could not be sent'}", closed)

@@ -1,8 +1,9 @@
 """Lag: the low-pass that the slip observer puts on its acceleration, for signals that are compared with it.
 
 Equation        three first-order lags in a row, H = ((1 - q) / (1 - q z^-1))^3, q = exp(-w T);
-                observe() gives the acceleration as H applied to the second difference of the angle, so
-                H M_m - J alpha = H (M_m - J domega/dt) = H M exactly, also while the torque changes fast
+                observe() gives the acceleration as H applied to the second difference of the angle, which is
+                centred on the sample before; with M_m of that sample, H M_m - J alpha = H (M_m - J domega/dt) = H M
+                to second order in T, also while the torque changes fast
 Valid range     any T
 References      regressor filtering: Slotine and Li 1991, Applied Nonlinear Control, sec. 8.7; filter of slip.py
 """

@@ -75,6 +75,9 @@ class TorqueLaw:
         self.terms: tuple[float, ...] = (0.0,) * len(TERMS)
         self._bandwidth = parameters["slip.bandwidth"].si
         self._coulomb = self._viscous = self._motor = AT_REST
+        self._before = (0.0, 0.0, 0.0)  # Coulomb part, viscous part, motor torque of the sample before
+        self._observed = 0.0
+        self._slip_hold = parameters["slip.hold"].si
         self._m = 0.0
         self._contact = self._saturated = False
         self._pressure_integral = 0.0
@@ -84,29 +87,19 @@ class TorqueLaw:
         """Adapted friction level [-]."""
         return self._adaptation.level
 
-    def _adapt(self, phase: Phase, coulomb: float, viscous: float, sample: Sample, step: float) -> float:
-        """Let the adaptation compare both sides of the torque balance behind the same lag; return the observed side."""
-        q = exp(-self._bandwidth * step)
-        self._coulomb = lagged(self._coulomb, coulomb, q)
-        self._viscous = lagged(self._viscous, viscous, q)
-        self._motor = lagged(self._motor, sample.motor_torque, q)
-        observed = self._motor[-1] - self.model.motor_inertia * sample.acceleration  # torque balance, rig.md 8
-        sliding = phase is Phase.SLIP_CONTROL and self._contact
-        self._adaptation.update(
-            self._coulomb[-1],
-            self._viscous[-1],
-            observed,
-            sample.slip,
-            sample.acceleration,
-            sample.temperature,
-            step,
-            sliding,
-        )
-        return observed
+    @property
+    def mismatch(self) -> float:
+        """Torque observed at the motor minus estimate, both behind the lag of the slip observer [Nm]."""
+        level, correction = self._adaptation.level, self._adaptation.viscous
+        coulomb, viscous = self._coulomb[-1], self._viscous[-1]
+        return self._observed - level * (coulomb + viscous) - correction * viscous
 
     def step(self, phase: Phase, demand: float, sample: Sample, step: float) -> None:
-        """Advance by `step` [s], 0 without a fresh sample, towards the torque `demand` [Nm]."""
-        model, pressure, slip = self.model, sample.pressure, sample.slip
+        """Advance by `step` [s], 0 without a fresh sample, towards the torque `demand` [Nm].
+
+        The demand is a magnitude; so are the estimate and the observed torque, whichever way the clutch slips.
+        """
+        model, pressure, slip = self.model, sample.pressure, abs(sample.slip)
         closing = phase in (Phase.FILL, Phase.SLIP_CONTROL)
         floor = model.contact_pressure - (self._contact_band if self._contact else 0.0)
         self._contact = contact = closing and pressure >= floor
@@ -114,7 +107,7 @@ class TorqueLaw:
         # estimate, eq. 6.9; out of contact there is no torque and m is 0
         self._m = friction_state(model, self._m, pressure, slip, step) if contact else 0.0
         coulomb, viscous = torque_parts(model, self._m, pressure, slip, sample.temperature) if contact else (0.0, 0.0)
-        observed = self._adapt(phase, coulomb, viscous, sample, step)
+        self._adapt(phase, coulomb, viscous, sample, step)
         adaptation = self._adaptation
         level, correction = adaptation.level, adaptation.viscous
         self.estimate = level * (coulomb + viscous) + correction * viscous
@@ -122,9 +115,10 @@ class TorqueLaw:
         # torque loop: fig 6.16
         feedforward = wanted = 0.0
         frozen = not contact or self._saturated or step == 0.0
+        held = frozen or slip < self._slip_hold
         if phase is Phase.SLIP_CONTROL:
             feedforward = self._feedforward(demand, slip, level, correction)
-            wanted = feedforward + self._feedback(demand - self.estimate, step, frozen)
+            wanted = feedforward + self._feedback(demand - self.estimate, step, held)
         else:
             self._feedback.reset()
             wanted = self._fill_pressure if phase is Phase.FILL else 0.0
@@ -143,6 +137,23 @@ class TorqueLaw:
             demand, self.estimate, coulomb, viscous, self._m,
             feedforward / BAR, self._feedback.proportional / BAR, self._feedback.integral / BAR, pressure_demand / BAR,
             pressure / BAR, p_term / BAR, i_term / BAR, self.voltage,
-            slip, sample.acceleration, sample.temperature - ZERO_CELSIUS,
-            observed, level, correction, adaptation.active, contact, frozen, self._saturated,
+            sample.slip, sample.acceleration, sample.temperature - ZERO_CELSIUS,
+            self._observed, level, correction, adaptation.active, contact, held, self._saturated,
+        )  # fmt: skip
+
+    def _adapt(self, phase: Phase, coulomb: float, viscous: float, sample: Sample, step: float) -> None:
+        """Compare both sides of the torque balance behind the same lag, and let the adaptation learn from it."""
+        if step > 0.0:
+            # The observer's second difference is centred on the sample before (lag.py).
+            q = exp(-self._bandwidth * step)
+            before, self._before = self._before, (coulomb, viscous, sample.motor_torque)
+            self._coulomb = lagged(self._coulomb, before[0], q)
+            self._viscous = lagged(self._viscous, before[1], q)
+            self._motor = lagged(self._motor, before[2], q)
+            observed = self._motor[-1] - self.model.motor_inertia * sample.acceleration  # torque balance, rig.md 8
+            self._observed = observed if sample.slip >= 0.0 else -observed
+        sliding = phase is Phase.SLIP_CONTROL and self._contact
+        self._adaptation.update(
+            self._coulomb[-1], self._viscous[-1], self._observed, sample.slip, sample.acceleration,
+            sample.temperature, step, sliding,
         )  # fmt: skip

@@ -64,7 +64,7 @@ class Guard:
         self._slip = limits.slip_speed * _ANGLE_COUNTS * period  # counts a tick
         self._valve = int(limits.voltage * _VALVE_COUNTS)
         self._motor = int(limits.motor_torque * _MOTOR_COUNTS)
-        self._armed = False  # no sample yet: the valve stays closed; after the first, samples must not fail
+        self._armed = False  # no sample yet: valve closed, motor off; after the first, samples must not fail
         self._analog = self._encoder = False  # seen since the last cycle
         self._counters: dict[int, int] = {}
         self._angle = self._tick = -1
@@ -94,12 +94,12 @@ class Guard:
         elif data[1] >> 4 & 3 == 0 and self.age == 0 and not any(self._broken.values()):
             self.finding = HEALTHY  # the supervisor asks for idle and the cause is gone
 
-    def cycle(self) -> int:
-        """Close a control cycle: age the sample, return the finding."""
+    def cycle(self, slots: int = 1) -> int:
+        """Close a control cycle that took `slots` periods: age the sample, return the finding."""
         if self._analog and self._encoder:
             self._armed, self.age = True, 0
         else:
-            self.age += 1
+            self.age += slots
         self._analog = self._encoder = False
         if self._armed and self.age > self._stale and not self.finding:
             self.finding = STALE_SENSORS
@@ -117,7 +117,7 @@ class Guard:
                 self.lowered += 1
                 return self._rewritten(data, data[1], self._valve, data[4:])
         elif can_id == MOTOR_COMMAND:
-            if self.finding:
+            if self.finding or not self._armed:
                 self.replaced += 1
                 return self._rewritten(data, data[1] & 0xEF, 0, b"\0\0")
             if data[4] | data[5] << 8 > self._motor:

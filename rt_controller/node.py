@@ -1,6 +1,7 @@
 """The controller as a node: frames in, frames out; the guard sees both."""
 
 from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from rt_controller.limits import Guard, Limits
 from rt_controller.phases import Fault, Phase, PhaseMachine, PhaseSettings, Request
 from rt_controller.sample import Sample
 
+_STEP_LIMIT = 10  # periods: a longer gap between samples is not integrated over (estimator, regulators)
 PARAMETERS = Path(__file__).with_name("parameters") / "controller.toml"
 LIMITS = Path(__file__).with_name("parameters") / "limits.toml"
 _OWN = ("VALVE_COMMAND", "MOTOR_COMMAND", "CONTROLLER_STATUS", "CONTROLLER_HEARTBEAT")
@@ -24,7 +26,7 @@ COLUMNS = (
     Column("sample_tick", "1", "number of the sample answered, unwrapped; -1 before the first"),
     Column("sample_age", "cycles", "cycles since the last believable sample"),
     Column("phase", "1", "0 idle, 1 fill, 2 slip control, 3 release, 4 fault"),
-    Column("fault", "1", "0 none, 1 stale sensors, 2 overpressure, 3 overtemperature, 4 overspeed, 5 fill time-out"),
+    Column("fault", "1", f"why the phase is fault: {', '.join(f'{f.value} {f.name.lower()}' for f in Fault)}"),
     *TERMS,
     Column("commands_lowered", "1", "commands the guard has cut to its limit, total"),
     Column("commands_replaced", "1", "commands the guard has replaced by the safe one, total"),
@@ -61,14 +63,20 @@ class ControllerNode:
         self._law = TorqueLaw(parameters, law, adaptation)
         phases = parameters.si("phases")
         self._setpoint_timeout, self._motor_torque_limit = phases["setpoint_timeout"], phases["motor_torque_limit"]
-        self._demand_limit = parameters["torque.demand_limit"].si
+        self._demand_limit, self._speed_limit = parameters["torque.demand_limit"].si, phases["speed_limit"]
         self._phases = PhaseMachine(
             PhaseSettings(
                 contact_pressure=self._law.model.contact_pressure,
-                **{name: phases[name] for name in ("released_pressure", "fill_dwell", "fill_timeout")},
+                **{field.name: phases[field.name] for field in fields(PhaseSettings) if field.name in phases},
             )
         )
-        self._guard = Guard(Limits(**load_defaults(LIMITS).si("guard")), self._period)
+        self.limits = load_defaults(LIMITS)
+        asked, allowed = parameters["pressure.voltage_limit"], self.limits["guard.voltage"]
+        if asked.value > allowed.value:
+            raise InputError(
+                f"parameter {asked.name} = {asked.value:g} V is above the guard's limit of {allowed.value:g} V"
+            )
+        self._guard = Guard(Limits(**self.limits.si("guard")), self._period)
         self._sample = Sample(self._period, parameters["slip.bandwidth"].si, self._law.model.oil_reference)
 
         frames = load_frames()
@@ -79,6 +87,7 @@ class ControllerNode:
         self._receptions = {frames[name].can_id: Reception(frames[name]) for name in names}
         self._analog_id, self._encoder_id, self._setpoint_id, self._plant_id = self._receptions
         self._own = {frames[name].can_id: name for name in _OWN}
+        self._commands_of_others = (self._valve.can_id, self._motor.can_id)
         self._cycle = 0
         self._status_every = max(1, round(self._status.cycle_time * rate))
 
@@ -86,16 +95,21 @@ class ControllerNode:
         self._setpoint_age = float("inf")  # s
         self._row: tuple[float, ...] = (0.0,) * len(COLUMNS)
 
-    def step(self, inbox: Sequence[Frame]) -> list[Frame]:
-        """One control cycle. Raises InputError when the bus has a second controller or speaks another protocol."""
-        self._setpoint_age += self._period
+    def step(self, inbox: Sequence[Frame], slots: int = 1) -> list[Frame]:
+        """One control cycle, `slots` periods after the last one: more than 1 when the loop has slept through some.
+
+        Raises InputError when the bus has a second controller or speaks another protocol.
+        """
+        elapsed = slots * self._period
+        self._setpoint_age += elapsed
         ticks = 0
         for can_id, data in inbox:
             self._guard.inbound(can_id, data)
             ticks += self._receive(can_id, data)
-        step = ticks * self._period
-        request = self._request if self._setpoint_age <= self._setpoint_timeout else Request.IDLE
-        phase = self._phases.step(request, self._sample.pressure, Fault(self._guard.cycle()), self._period)
+        step = min(ticks, _STEP_LIMIT) * self._period
+        request = self._request if self._setpoint_age <= self._setpoint_timeout else Request.RELEASE
+        finding = Fault(self._guard.cycle(slots))
+        phase = self._phases.step(request, self._sample.pressure, self._law.mismatch, finding, elapsed)
         self._law.step(phase, self._demand, self._sample, step)
         guard = self._guard
         self._row = (
@@ -106,11 +120,11 @@ class ControllerNode:
     def listen(self, frames: Sequence[Frame]) -> list[Frame]:
         """Heed heartbeats before the first cycle; return the frames left for it.
 
-        Raises InputError when the plant runs at another rate.
+        Raises InputError when the plant runs at another rate or another controller speaks.
         """
         left = []
         for frame in frames:
-            if frame.can_id == self._plant_id:
+            if frame.can_id == self._plant_id or frame.can_id in self._commands_of_others:
                 self._receive(*frame)
             else:
                 left.append(frame)
@@ -118,9 +132,10 @@ class ControllerNode:
 
     def safe(self) -> list[Frame]:
         """Valve closed, motor off, heartbeat finalised."""
+        self._cycle += 1
         return [
-            Frame(self._valve.can_id, self._valve.pack(self._cycle, 0, 0.0, max(self._sample.tick, 0) & 0xFFFF)),
-            Frame(self._motor.can_id, self._motor.pack(self._cycle, 0, 0.0, 0.0)),
+            Frame(self._valve.can_id, self._valve.pack(self._cycle - 1, 0, 0.0, max(self._sample.tick, 0) & 0xFFFF)),
+            Frame(self._motor.can_id, self._motor.pack(self._cycle - 1, 0, 0.0, 0.0)),
             self.heartbeat.next(Lifecycle.FINALIZED),
         ]
 
@@ -160,6 +175,8 @@ class ControllerNode:
             raise InputError(f"set-point {values.torque_demand:g} Nm is outside 0..{self._demand_limit:g} Nm")
         if values.request > Request.RELEASE:
             raise InputError(f"request {values.request} is unknown; allowed are 0 idle, 1 engage, 2 release")
+        if not 0.0 <= values.speed_demand <= self._speed_limit:
+            raise InputError(f"set-point {values.speed_demand:g} rad/s is outside 0..{self._speed_limit:g} rad/s")
         self._request, self._demand = Request(values.request), values.torque_demand
         self._speed_demand = values.speed_demand
         self._setpoint_age = 0.0
@@ -177,7 +194,7 @@ class ControllerNode:
             frames.append(self.heartbeat.next(Lifecycle.ACTIVE))
         if cycle % self._status_every == 0:
             estimate = min(max(law.estimate, -65.0), 65.0)  # range of the signal
-            status = (phase, self._phases.fault, estimate, min(self.late_cycles, 65535), law.level)
+            status = (phase, self._phases.fault, estimate, min(self.late_cycles, 65535), min(law.level, 2.55))
             frames.append(Frame(self._status.can_id, self._status.pack(cycle // self._status_every, *status)))
         frames.append(Frame(self._motor.can_id, self._guard.outbound(self._motor.can_id, motor)))
         frames.append(Frame(self._valve.can_id, self._guard.outbound(self._valve.can_id, valve)))

@@ -20,6 +20,8 @@ from rt_controller.node import COLUMNS, ControllerNode
 
 _SILENCE = 5.0  # s without a sample after which lock-step gives up: the plant has died
 _WARM_UP = 0.05  # s at the plant's pace before the clock is set: caches are warm then, the plant's grid is steady
+_KEPT = 64  # frames before the first sample that its cycle still sees; a supervisor may talk long before the plant
+_SAFE_REPEATS = 3  # the safe command is sent in this many cycles: one frame may be lost
 _RING_ROWS = 65_536  # a minute at 1 kHz
 RING_COLUMNS = (
     *COLUMNS,
@@ -54,6 +56,9 @@ class ControllerService:
             ring = RingWriter(self.ring, RING_COLUMNS, _RING_ROWS) if self.ring else None
             ready(f"controller on {port.name} at {self.rate} Hz, {'lock-step' if self.lockstep else 'real time'}")
             missing = [] if self.lockstep else realtime.prepare(self.cpu)
+            for text in missing:
+                ready(f"note: {text}")
+            closed = False
             try:
                 samples = _Samples(port)
                 inbox = self._await_plant(node, samples, stop)
@@ -62,8 +67,7 @@ class ControllerService:
                 else:
                     self._real_time(node, samples, ring, clock, stop, inbox)
             finally:
-                for frame in node.safe():
-                    port.send(frame)
+                closed = _made_safe(node, port, 1.0 / self.rate)
                 if ring:
                     ring.close()
         return {
@@ -72,18 +76,18 @@ class ControllerService:
             "lockstep": self.lockstep,
             "timing": None if self.lockstep else clock.summary(),
             "not_available": missing,
+            "valve_closed": closed,
             "port": port.counts(),
             "frames": node.reception_counts(),
-            "parameters": node.parameters.as_values(),
+            "parameters": node.parameters.as_values() | node.limits.as_values(),
         }
 
     def _await_plant(self, node: ControllerNode, samples: "_Samples", stop: Stop) -> list[Frame]:
         """Say "active" every 50 ms until the plant's first sample is complete; return its frames."""
-        heartbeat_period = load_frames()["CONTROLLER_HEARTBEAT"].cycle_time
         inbox: list[Frame] = []
         while not (stop.asked or samples.complete(inbox)):
             samples.port.send(node.heartbeat.next(Lifecycle.ACTIVE))
-            inbox += node.listen(samples.next(heartbeat_period))
+            inbox = (inbox + node.listen(samples.next(node.heartbeat.period)))[-_KEPT:]
         return inbox
 
     def _real_time(
@@ -107,9 +111,9 @@ class ControllerService:
         clock.start(arrived + clock.period_ns // 2)
         work_us = 0.0
         while not stop.asked:
-            clock.wait()
+            slots = 1 + clock.wait()
             inbox += samples.port.receive()
-            self._cycle(node, samples.port, ring, inbox, (clock.lateness_ns / 1e3, work_us, clock.late))
+            self._cycle(node, samples.port, ring, inbox, (clock.lateness_ns / 1e3, work_us, clock.late), slots)
             clock.done()
             inbox = []
             work_us = clock.work_ns / 1e3
@@ -129,12 +133,32 @@ class ControllerService:
 
     @staticmethod
     def _cycle(
-        node: ControllerNode, port: Port, ring: RingWriter | None, inbox: list[Frame], timing: tuple[float, ...]
+        node: ControllerNode,
+        port: Port,
+        ring: RingWriter | None,
+        inbox: list[Frame],
+        timing: tuple[float, ...],
+        slots: int = 1,
     ) -> None:
-        for frame in node.step(inbox):
+        for frame in node.step(inbox, slots):
             port.send(frame)
         if ring:
             ring.write(node.row() + timing)
+
+
+def _made_safe(node: ControllerNode, port: Port, period: float) -> bool:
+    """Send the safe frames in a few cycles of `period` [s]; whether every one of some cycle has left."""
+    left = False
+    for _ in range(_SAFE_REPEATS):
+        before = port.refused + port.down
+        try:
+            for frame in node.safe():
+                port.send(frame)
+            left = left or port.refused + port.down == before
+        except OSError:  # the bus is gone: nothing can be sent, the rig's own watchdog closes the valve
+            break
+        time.sleep(period)
+    return left
 
 
 class _Samples:

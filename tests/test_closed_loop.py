@@ -129,6 +129,85 @@ def test_an_empty_supply_is_a_fill_time_out() -> None:
     assert result["valve_voltage_v"][-1] == 0.0
 
 
+def test_a_lost_pressure_signal_is_a_fault_before_the_torque_runs_away() -> None:
+    """From 2 s on the pressure reads 0 with valid frames: both loops would ask for all there is."""
+    codec = FRAMES["ANALOG_SENSORS"]
+
+    def without_pressure(tick: int, frames: list[Frame]) -> list[Frame]:
+        return [
+            Frame(i, codec.pack_raw(tick, 0, *codec.raw(d)[1:])) if i == codec.can_id and tick >= 2000 else Frame(i, d)
+            for i, d in frames
+        ]
+
+    result, _ = interfered(without_pressure)
+    assert result["controller_fault"][-1] == 6
+    assert result["truth_clutch_torque_nm"].max() < 13.0  # Nm, of 10 asked; 33 without the check
+    assert result["truth_cylinder_pressure_bar"][-1] < CLOSED_BAR
+
+
+def test_a_pressure_signal_that_sticks_low_is_a_fault() -> None:
+    """The signal stands at 2.5 bar: the estimate says 3 Nm, the motor feels far more."""
+    codec = FRAMES["ANALOG_SENSORS"]
+    stuck = round(2.5 / 0.0048828125)
+
+    def sticking(tick: int, frames: list[Frame]) -> list[Frame]:
+        return [
+            Frame(i, codec.pack_raw(tick, stuck, *codec.raw(d)[1:]))
+            if i == codec.can_id and tick >= 1000
+            else Frame(i, d)
+            for i, d in frames
+        ]
+
+    result, _ = interfered(sticking)
+    assert result["controller_fault"][-1] == 7
+    assert result["truth_cylinder_pressure_bar"][-1] < CLOSED_BAR
+
+
+def test_a_controller_that_slept_does_not_throw_the_torque_up() -> None:
+    """0.3 s without commands: the plant closes its valve; then the clutch is open, and the controller knows."""
+    plant, controller = PlantNode(profile=STEADY), controller_node()
+    inbox: list[Frame] = []
+    missed: list[Frame] = []
+    torque = []
+    while not plant.finished:
+        frames = plant.step(inbox)
+        torque.append(plant.row()[[column.name for column in plant.columns].index("truth_clutch_torque_nm")])
+        missed += frames
+        if 1500 <= plant.tick < 1800:
+            inbox = []
+            continue
+        inbox = controller.step(missed, slots=301 if plant.tick == 1800 else 1)
+        missed = []
+    assert max(torque[1800:]) < 11.0  # Nm, of 10 asked
+    assert controller.row()[3] == 6
+
+
+def test_a_restarted_controller_does_not_engage_in_the_middle_of_a_demand() -> None:
+    plant, controller = PlantNode(profile=STEADY), controller_node()
+    inbox: list[Frame] = []
+    while not plant.finished:
+        if plant.tick == 1500:
+            controller = controller_node()
+        inbox = controller.step(plant.step(inbox))
+    assert controller.row()[2] == 0
+
+
+def test_a_standing_clutch_does_not_wind_up() -> None:
+    still = Profile("still", STEADY.time, STEADY.torque, (0.0,) * 4)
+    result = played(still)
+    assert result["truth_cylinder_pressure_bar"].max() < 3.5  # bar: feedforward and P alone
+    assert result["controller_fault"].max() == 0
+
+
+def test_the_motor_stands_until_a_sample_has_been_believed() -> None:
+    def corrupt(tick: int, frames: list[Frame]) -> list[Frame]:
+        return [Frame(i, bytes((d[0] ^ 1,)) + d[1:]) if i == 0x100 else Frame(i, d) for i, d in frames]
+
+    result, sent = interfered(corrupt)
+    assert valve(sent[-1]) == (0, 0.0)
+    assert result["motor_speed_demand_rad_s"][10:].max() == 0.0
+
+
 def test_corrupt_frames_are_refused_and_counted() -> None:
     def flipped(tick: int, frames: list[Frame]) -> list[Frame]:
         return [Frame(i, d[:-1] + bytes((d[-1] ^ 1,))) if tick % 10 == 3 else Frame(i, d) for i, d in frames]
@@ -152,6 +231,12 @@ def test_a_second_controller_stops_the_controller_with_a_sentence() -> None:
 def test_a_set_point_outside_limits_stops_the_controller_with_a_sentence() -> None:
     with pytest.raises(InputError, match=r"^set-point 30.5 Nm is outside 0..30 Nm$"):
         controller_node().step([Frame(0x180, FRAMES["TORQUE_SETPOINT"].pack(0, 1, 30.5, 10.0))])
+
+
+def test_a_speed_outside_limits_stops_the_controller_with_a_sentence() -> None:
+    for speed in (-10.0, 27.0):
+        with pytest.raises(InputError, match=r"rad/s is outside 0..26.2 rad/s$"):
+            controller_node().step([Frame(0x180, FRAMES["TORQUE_SETPOINT"].pack(0, 1, 10.0, speed))])
 
 
 def test_two_rates_on_one_bus_are_refused() -> None:

@@ -1,5 +1,8 @@
 """Phases of the clutch: the transitions of the docstring and no other."""
 
+from collections import namedtuple
+from collections.abc import Callable
+from dataclasses import replace
 from itertools import product
 
 import pytest
@@ -10,60 +13,104 @@ from rt_controller.phases import Fault, Phase, PhaseMachine, PhaseSettings, Requ
 
 BAR = 1e5
 STEP = 1e-3
-SETTINGS = PhaseSettings(contact_pressure=2.35 * BAR, released_pressure=1.0 * BAR, fill_dwell=0.01, fill_timeout=1.5)
+SETTINGS = PhaseSettings(
+    contact_pressure=2.35 * BAR,
+    released_pressure=1.0 * BAR,
+    fill_dwell=0.01,
+    fill_timeout=1.5,
+    lost_pressure=1.5 * BAR,
+    lost_dwell=0.005,
+    torque_mismatch=8.0,
+    mismatch_dwell=0.1,
+)
+BOOLEANS = (False, True)
 PRESSURES = {"low": 0.5 * BAR, "between": 2.0 * BAR, "contact": 2.6 * BAR}
 GUARD = (Fault.NONE, Fault.STALE_SENSORS, Fault.OVERPRESSURE, Fault.OVERTEMPERATURE, Fault.OVERSPEED)
 
-# Every arrow of the docstring: (from, to): when, in terms of request, pressure, dwell over, time over. Guard healthy.
-ARROWS = {
-    (Phase.IDLE, Phase.FILL): lambda request, pressure, dwelt, late: request is Request.ENGAGE,
-    (Phase.FILL, Phase.SLIP_CONTROL): lambda request, pressure, dwelt, late: (
-        request is Request.ENGAGE and pressure == "contact" and dwelt
+# Every arrow of the docstring: (from, to): when, of a case. Guard healthy; `dwelt`: every dwell is over, `late`: the time-out.
+Case = namedtuple("Case", "request pressure dwelt late permitted implausible")
+ARROWS: dict[tuple[Phase, Phase], Callable[[Case], bool]] = {
+    (Phase.IDLE, Phase.FILL): lambda c: c.request is Request.ENGAGE and c.permitted,
+    (Phase.FILL, Phase.SLIP_CONTROL): lambda c: c.request is Request.ENGAGE and c.pressure == "contact" and c.dwelt,
+    (Phase.FILL, Phase.RELEASE): lambda c: c.request is not Request.ENGAGE,
+    (Phase.FILL, Phase.FAULT): lambda c: (
+        c.request is Request.ENGAGE and c.late and not (c.pressure == "contact" and c.dwelt)
     ),
-    (Phase.FILL, Phase.RELEASE): lambda request, pressure, dwelt, late: request is not Request.ENGAGE,
-    (Phase.FILL, Phase.FAULT): lambda request, pressure, dwelt, late: (
-        request is Request.ENGAGE and late and not (pressure == "contact" and dwelt)
+    (Phase.SLIP_CONTROL, Phase.RELEASE): lambda c: c.request is not Request.ENGAGE,
+    (Phase.SLIP_CONTROL, Phase.FAULT): lambda c: (
+        c.request is Request.ENGAGE and c.dwelt and (c.pressure == "low" or c.implausible)
     ),
-    (Phase.SLIP_CONTROL, Phase.RELEASE): lambda request, pressure, dwelt, late: request is not Request.ENGAGE,
-    (Phase.RELEASE, Phase.IDLE): lambda request, pressure, dwelt, late: pressure == "low",
-    (Phase.FAULT, Phase.IDLE): lambda request, pressure, dwelt, late: request is Request.IDLE,
+    (Phase.RELEASE, Phase.IDLE): lambda c: c.pressure == "low",
+    (Phase.FAULT, Phase.IDLE): lambda c: c.request is Request.IDLE,
 }
+CASES = [Case(*values) for values in product(Request, PRESSURES, BOOLEANS, BOOLEANS, BOOLEANS, BOOLEANS)]
 
 
-def machine(phase: Phase, dwelt: bool = False, late: bool = False) -> PhaseMachine:
+def machine(phase: Phase, dwelt: bool = False, late: bool = False, permitted: bool = True) -> PhaseMachine:
     fault = Fault.OVERPRESSURE if phase is Phase.FAULT else Fault.NONE
-    return PhaseMachine(SETTINGS, phase, fault, 1.5 if late else 0.5, 0.02 if dwelt else 0.0)
+    dwell = 1.0 if dwelt else 0.0
+    return PhaseMachine(SETTINGS, phase, fault, 1.5 if late else 0.5, dwell, dwell, dwell, permitted)
+
+
+def step(
+    clutch: PhaseMachine, request: Request, pressure: float, guard: Fault = Fault.NONE, step: float = STEP
+) -> Phase:
+    return clutch.step(request, pressure, 0.0, guard, step)
 
 
 @pytest.mark.parametrize("phase", list(Phase))
 def test_every_transition_of_the_docstring_and_no_other(phase: Phase) -> None:
     seen = set()
-    for request, pressure, guard, dwelt, late in product(Request, PRESSURES, GUARD, (False, True), (False, True)):
-        clutch = machine(phase, dwelt, late)
-        after = clutch.step(request, PRESSURES[pressure], guard, STEP)
-        if guard:
-            expected = {Phase.FAULT}
-        else:
-            arrows = ARROWS.items()
-            expected = {to for (start, to), when in arrows if start is phase and when(request, pressure, dwelt, late)}
-        case = f"{phase.name} {request.name} {pressure} {guard.name} dwelt={dwelt} late={late}"
-        assert after is clutch.phase, case
-        assert {after} == (expected or {phase}), case
+    for case, guard in product(CASES, GUARD):
+        clutch = machine(phase, case.dwelt, case.late, case.permitted)
+        mismatch = -9.0 if case.implausible else 7.9
+        after = clutch.step(case.request, PRESSURES[case.pressure], mismatch, guard, STEP)
+        expected = {to for (start, to), when in ARROWS.items() if start is phase and when(case)}
+        told = f"{phase.name} {case} {guard.name}"
+        assert after is clutch.phase, told
+        assert {after} == ({Phase.FAULT} if guard else expected or {phase}), told
         seen.add(after)
         # the reason is given in a fault and only there
         if after is not Phase.FAULT:
-            assert clutch.fault is Fault.NONE, case
+            assert clutch.fault is Fault.NONE, told
         elif guard:
-            assert clutch.fault is guard, case
+            assert clutch.fault is guard, told
         else:
-            assert clutch.fault is (Fault.OVERPRESSURE if phase is Phase.FAULT else Fault.FILL_TIMEOUT), case
+            lost = Fault.PRESSURE_LOST if case.pressure == "low" else Fault.TORQUE_IMPLAUSIBLE
+            reasons = {Phase.FAULT: Fault.OVERPRESSURE, Phase.FILL: Fault.FILL_TIMEOUT, Phase.SLIP_CONTROL: lost}
+            assert clutch.fault is reasons[phase], told
     assert seen == {to for start, to in ARROWS if start is phase} | {phase, Phase.FAULT}
 
 
 def test_arrows_never_contradict() -> None:
-    for phase, request, pressure, dwelt, late in product(Phase, Request, PRESSURES, (False, True), (False, True)):
-        to = [end for (start, end), when in ARROWS.items() if start is phase and when(request, pressure, dwelt, late)]
-        assert len(to) <= 1
+    for phase, case in product(Phase, CASES):
+        assert len([end for (start, end), when in ARROWS.items() if start is phase and when(case)]) <= 1
+
+
+def test_each_engagement_needs_a_request_for_idle_before_it() -> None:
+    clutch = PhaseMachine(SETTINGS)
+    assert step(clutch, Request.ENGAGE, 0.0) is Phase.IDLE, "a controller that restarts"
+    assert step(clutch, Request.RELEASE, 0.0) is Phase.IDLE
+    assert step(clutch, Request.ENGAGE, 0.0) is Phase.IDLE, "a supervisor that comes back"
+    assert step(clutch, Request.IDLE, 0.0) is Phase.IDLE
+    assert step(clutch, Request.ENGAGE, 0.0) is Phase.FILL
+    assert step(clutch, Request.RELEASE, 0.0) is Phase.RELEASE
+    assert step(clutch, Request.RELEASE, 0.0) is Phase.IDLE
+    assert step(clutch, Request.ENGAGE, 0.0) is Phase.IDLE, "once"
+
+
+@pytest.mark.parametrize(
+    ("pressure", "mismatch", "fault"), [(1.4, 0.0, Fault.PRESSURE_LOST), (3.0, 8.1, Fault.TORQUE_IMPLAUSIBLE)]
+)
+def test_what_cannot_be_is_a_fault_only_when_it_lasts(pressure: float, mismatch: float, fault: Fault) -> None:
+    dwell = SETTINGS.lost_dwell if fault is Fault.PRESSURE_LOST else SETTINGS.mismatch_dwell
+    clutch = machine(Phase.SLIP_CONTROL)
+    for _ in range(3):
+        for _ in range(round(dwell / STEP) - 1):
+            assert clutch.step(Request.ENGAGE, pressure * BAR, mismatch, Fault.NONE, STEP) is Phase.SLIP_CONTROL
+        assert clutch.step(Request.ENGAGE, 3.0 * BAR, 0.0, Fault.NONE, STEP) is Phase.SLIP_CONTROL
+    assert clutch.step(Request.ENGAGE, pressure * BAR, mismatch, Fault.NONE, 1.01 * dwell) is Phase.FAULT
+    assert clutch.fault is fault
 
 
 def test_phases_and_requests_are_numbered_as_in_the_dbc() -> None:
@@ -71,6 +118,7 @@ def test_phases_and_requests_are_numbered_as_in_the_dbc() -> None:
     for enumeration, frame, signal in (
         (Phase, "CONTROLLER_STATUS", "PHASE"),
         (Request, "TORQUE_SETPOINT", "REQUEST"),
+        (Fault, "CONTROLLER_STATUS", "FAULT"),
     ):
         [choices] = [s.choices for s in frames[frame].definitions if s.name == signal]
         assert {int(value): str(name).upper() for value, name in choices.items()} == {
@@ -85,15 +133,17 @@ def test_faults_are_numbered_as_the_guards_findings_then_the_fill_time_out() -> 
 
 
 def test_dwell_is_complete_at_its_end_and_a_time_out_after_it() -> None:
-    binary = PhaseSettings(2.0, 1.0, fill_dwell=0.5, fill_timeout=1.0)  # sums of quarters are exact
-    clutch = PhaseMachine(binary)
-    assert [clutch.step(Request.ENGAGE, p, Fault.NONE, 0.25) for p in (0.0, 2.0, 2.0)] == [
+    binary = replace(
+        SETTINGS, contact_pressure=2.0, released_pressure=1.0, fill_dwell=0.5, fill_timeout=1.0
+    )  # sums of quarters are exact
+    clutch = PhaseMachine(binary, permitted=True)
+    assert [step(clutch, Request.ENGAGE, p, Fault.NONE, 0.25) for p in (0.0, 2.0, 2.0)] == [
         Phase.FILL,
         Phase.FILL,
         Phase.SLIP_CONTROL,
     ]
-    clutch = PhaseMachine(binary)
-    assert [clutch.step(Request.ENGAGE, 0.0, Fault.NONE, 0.25) for _ in range(6)] == [Phase.FILL] * 5 + [Phase.FAULT]
+    clutch = PhaseMachine(binary, permitted=True)
+    assert [step(clutch, Request.ENGAGE, 0.0, Fault.NONE, 0.25) for _ in range(6)] == [Phase.FILL] * 5 + [Phase.FAULT]
 
 
 def test_a_clutch_starts_idle_and_healthy() -> None:
@@ -102,24 +152,24 @@ def test_a_clutch_starts_idle_and_healthy() -> None:
 
 
 def filling() -> PhaseMachine:
-    clutch = PhaseMachine(SETTINGS)
-    assert clutch.step(Request.ENGAGE, 0.0, Fault.NONE, STEP) is Phase.FILL
+    clutch = PhaseMachine(SETTINGS, permitted=True)
+    assert step(clutch, Request.ENGAGE, 0.0, Fault.NONE, STEP) is Phase.FILL
     return clutch
 
 
 def test_pressure_must_stay_above_contact_for_the_whole_dwell() -> None:
     clutch = filling()
     for _ in range(9):
-        assert clutch.step(Request.ENGAGE, 2.6 * BAR, Fault.NONE, STEP) is Phase.FILL
-    assert clutch.step(Request.ENGAGE, 2.34 * BAR, Fault.NONE, STEP) is Phase.FILL, "a dip starts the dwell again"
+        assert step(clutch, Request.ENGAGE, 2.6 * BAR, Fault.NONE, STEP) is Phase.FILL
+    assert step(clutch, Request.ENGAGE, 2.34 * BAR, Fault.NONE, STEP) is Phase.FILL, "a dip starts the dwell again"
     for _ in range(9):
-        assert clutch.step(Request.ENGAGE, 2.35 * BAR, Fault.NONE, STEP) is Phase.FILL
-    assert clutch.step(Request.ENGAGE, 2.35 * BAR, Fault.NONE, 1.001 * STEP) is Phase.SLIP_CONTROL
+        assert step(clutch, Request.ENGAGE, 2.35 * BAR, Fault.NONE, STEP) is Phase.FILL
+    assert step(clutch, Request.ENGAGE, 2.35 * BAR, Fault.NONE, 1.001 * STEP) is Phase.SLIP_CONTROL
 
 
 def test_a_fill_that_takes_too_long_is_a_fault() -> None:
     clutch, steps = filling(), 0
-    while clutch.step(Request.ENGAGE, 2.0 * BAR, Fault.NONE, STEP) is Phase.FILL:
+    while step(clutch, Request.ENGAGE, 2.0 * BAR, Fault.NONE, STEP) is Phase.FILL:
         steps += 1
         assert steps < 2000
     assert (clutch.phase, clutch.fault) == (Phase.FAULT, Fault.FILL_TIMEOUT)
@@ -129,17 +179,17 @@ def test_a_fill_that_takes_too_long_is_a_fault() -> None:
 def test_each_fill_has_the_full_time() -> None:
     clutch = filling()
     for _ in range(1400):
-        clutch.step(Request.ENGAGE, 0.5 * BAR, Fault.NONE, STEP)
-    assert clutch.step(Request.IDLE, 0.5 * BAR, Fault.NONE, STEP) is Phase.RELEASE
-    assert clutch.step(Request.IDLE, 0.5 * BAR, Fault.NONE, STEP) is Phase.IDLE
+        step(clutch, Request.ENGAGE, 0.5 * BAR, Fault.NONE, STEP)
+    assert step(clutch, Request.IDLE, 0.5 * BAR, Fault.NONE, STEP) is Phase.RELEASE
+    assert step(clutch, Request.IDLE, 0.5 * BAR, Fault.NONE, STEP) is Phase.IDLE
     for _ in range(1400):
-        assert clutch.step(Request.ENGAGE, 0.5 * BAR, Fault.NONE, STEP) is Phase.FILL
+        assert step(clutch, Request.ENGAGE, 0.5 * BAR, Fault.NONE, STEP) is Phase.FILL
 
 
 def test_slip_control_has_no_time_out() -> None:
     clutch = machine(Phase.SLIP_CONTROL)
     for _ in range(5000):
-        assert clutch.step(Request.ENGAGE, 2.0 * BAR, Fault.NONE, STEP) is Phase.SLIP_CONTROL
+        assert step(clutch, Request.ENGAGE, 2.0 * BAR, Fault.NONE, STEP) is Phase.SLIP_CONTROL
 
 
 @pytest.mark.parametrize("cause", [fault for fault in Fault if fault])
@@ -147,9 +197,9 @@ def test_a_fault_is_latched_until_idle_is_asked(cause: Fault) -> None:
     clutch = PhaseMachine(SETTINGS, Phase.FAULT, cause)
     for request in (Request.ENGAGE, Request.RELEASE, Request.ENGAGE):
         for pressure in PRESSURES.values():
-            assert clutch.step(request, pressure, Fault.NONE, 10.0) is Phase.FAULT
+            assert step(clutch, request, pressure, Fault.NONE, 10.0) is Phase.FAULT
             assert clutch.fault is cause
-    assert clutch.step(Request.IDLE, 3.0 * BAR, Fault.NONE, STEP) is Phase.IDLE
+    assert step(clutch, Request.IDLE, 3.0 * BAR, Fault.NONE, STEP) is Phase.IDLE
     assert clutch.fault is Fault.NONE
 
 
@@ -157,17 +207,17 @@ def test_a_fault_is_latched_until_idle_is_asked(cause: Fault) -> None:
 def test_idle_does_not_clear_a_fault_while_the_guard_finds_something(cause: Fault) -> None:
     clutch = PhaseMachine(SETTINGS, Phase.FAULT, cause)
     for _ in range(5):
-        assert clutch.step(Request.IDLE, 0.0, cause, STEP) is Phase.FAULT
+        assert step(clutch, Request.IDLE, 0.0, cause, STEP) is Phase.FAULT
 
 
 def test_no_path_leads_from_fault_to_fill_in_one_step() -> None:
     for request in Request:
         clutch = machine(Phase.FAULT)
-        assert clutch.step(request, 2.6 * BAR, Fault.NONE, STEP) in (Phase.FAULT, Phase.IDLE)
+        assert step(clutch, request, 2.6 * BAR, Fault.NONE, STEP) in (Phase.FAULT, Phase.IDLE)
 
 
 def test_a_release_is_finished_before_the_clutch_engages_again() -> None:
     clutch = machine(Phase.RELEASE)
-    assert clutch.step(Request.ENGAGE, 2.6 * BAR, Fault.NONE, STEP) is Phase.RELEASE
-    assert clutch.step(Request.ENGAGE, 1.0 * BAR, Fault.NONE, STEP) is Phase.RELEASE
-    assert clutch.step(Request.ENGAGE, 0.99 * BAR, Fault.NONE, STEP) is Phase.IDLE
+    assert step(clutch, Request.ENGAGE, 2.6 * BAR, Fault.NONE, STEP) is Phase.RELEASE
+    assert step(clutch, Request.ENGAGE, 1.0 * BAR, Fault.NONE, STEP) is Phase.RELEASE
+    assert step(clutch, Request.ENGAGE, 0.99 * BAR, Fault.NONE, STEP) is Phase.IDLE

@@ -5,6 +5,7 @@ answered sample k (`controller_...`); where none did, those of the cycle before 
 (`controller_sample_tick` tells); before the first cycle they are not-a-number.
 """
 
+import contextlib
 import os
 from collections.abc import Mapping, Sequence
 from datetime import datetime
@@ -22,17 +23,31 @@ _CHUNK = 20_000  # rows a row group: 20 s at 1 kHz, some MB of memory
 _WAIT = 1000  # rows a plant row waits for the controller's answer before it is written without one
 
 
-def run_path(folder: Path, name: str, suffix: str = ".parquet") -> Path:
-    """A path for a new run file, named by date and time; the folder exists then. Raises InputError."""
+def writable(folder: Path) -> Path:
+    """`folder`, made if need be. Raises InputError when nothing can be written there."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"folder {folder} cannot be made: {error.strerror}") from None
     if not os.access(folder, os.W_OK):
         raise InputError(f"folder {folder} cannot be written")
+    return folder
+
+
+def run_path(folder: Path, name: str, suffix: str = ".parquet") -> Path:
+    """A path for a new file in a `writable` folder, named by date and time, that no other process has or is writing."""
     stem = f"{datetime.now():%Y%m%d-%H%M%S}-{name}"
     candidates = (f"{stem}{f'-{k}' if k else ''}" for k in count())
-    return next(folder / f"{c}{suffix}" for c in candidates if not (folder / f"{c}{suffix}").exists())
+    for candidate in candidates:
+        path = folder / f"{candidate}{suffix}"
+        with contextlib.suppress(FileExistsError):
+            os.close(
+                os.open(path.with_name(path.name + ".part"), os.O_CREAT | os.O_EXCL)
+            )  # RunWriter's; reserves the name
+            if not path.exists():
+                return path
+            path.with_name(path.name + ".part").unlink()
+    raise AssertionError  # count() never ends
 
 
 class Recording:
@@ -60,8 +75,10 @@ class Recording:
             self._write(keep=_WAIT)
 
     def finish(self, metadata: Mapping[str, Any]) -> None:
-        """Write what is left and close the file."""
+        """Write what is left and close the file. Raises InputError when there are less than two rows: no run."""
         self._write(keep=0)
+        if self.rows < 2:
+            raise InputError(f"the run ended after {self.rows} samples; nothing was recorded")
         self._writer.finish(metadata)
 
     def __enter__(self) -> "Recording":

@@ -10,7 +10,12 @@ from plant_sim.bench.following import following
 from plant_sim.bench.picture import draw_run
 from protocols.runs import read_run
 
-_FAULTS = ("none", "stale sensors", "overpressure", "overtemperature", "overspeed", "fill time-out")
+# Values of CONTROLLER_STATUS.FAULT in the DBC.
+_FAULTS = (
+    "none", "stale sensors", "overpressure", "overtemperature", "overspeed", "fill time-out", "pressure lost",
+    "torque implausible",
+)  # fmt: skip
+_LATE_NOTED = 1e-3  # share of late cycles above which a run in real time is told to be no measure of the controller
 
 
 @dataclass(frozen=True)
@@ -30,17 +35,21 @@ def judge_run(path: Path, read: str, timing: dict[str, Any] | None = None) -> Re
     followed = following(
         columns["time_s"], np.nan_to_num(columns["torque_demand_nm"]), columns["truth_clutch_torque_nm"]
     )
-    fault = int(np.nanmax(columns["controller_fault"]))
-    good = fault == 0 and bool(np.isfinite(followed.regime_error))
+    demand = np.nan_to_num(columns["torque_demand_nm"])
+    fault = int(np.max(np.nan_to_num(columns["controller_fault"])))
+    asked, reached = bool(np.any(demand > 0.0)), bool(np.isfinite(followed.regime_error))
+    good = fault == 0 and (reached or not asked)
     picture = path.with_suffix(".png")
-    title = f"{path.stem}: regime error {followed.regime_error:.2f} Nm, rise time {followed.rise_time:.2f} s"
-    draw_run(picture, columns, title)
+    figures = f"regime error {followed.regime_error:.2f} Nm, rise time {followed.rise_time:.2f} s"
+    draw_run(picture, columns, f"{path.stem}: {figures if reached else 'no regime'}")
     if fault:
         verdict = f"fault: {_FAULTS[fault]}"
-    elif good:
-        verdict = f"torque followed, regime error {followed.regime_error:.2f} Nm, rise time {followed.rise_time:.2f} s"
+    elif reached:
+        verdict = f"torque followed, {figures}"
     else:
-        verdict = "torque never reached 90 % of the demand"
+        verdict = "torque never reached 90 % of the demand" if asked else "no torque was asked for"
+    if timing and timing["interrupted"]:
+        verdict = f"interrupted after {columns['time_s'][-1]:.1f} s; {verdict}"
     document = {
         "run": str(path),
         "picture": str(picture),
@@ -78,8 +87,10 @@ def _timing_lines(timing: dict[str, Any]) -> list[str]:
             )
         lines.append(
             f"{'' if clock else name + ':':<12} frames sent {port['sent']}, received {port['received']}, lost {lost},"
-            f" rejected {bad}, refused by full queues {port['refused']}"
+            f" rejected {bad}, refused by full queues {port['refused']}, not sent while the bus was down {port['down']}"
         )
+        if clock and clock["late"] > _LATE_NOTED * clock["cycles"]:
+            lines.append(f"{'':<12} note: more than {100 * _LATE_NOTED:g} % late: the machine disturbed this run")
         lines += [f"{'':<12} note: {text}" for text in service["not_available"]]
     if "speed" in timing:
         lines.append(f"speed:       {timing['speed']:.1f} x real time")

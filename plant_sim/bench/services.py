@@ -1,8 +1,10 @@
 """Services: plant and controller as processes of the bench, started, watched and ended together."""
 
+import ctypes
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -19,7 +21,13 @@ from protocols.stopping import Stop
 _START = 120.0  # s for both services to come up: compiling the kernel for the first time takes some of it
 _STOP = 10.0  # s for a service to end once asked
 _POLL = 0.05  # s between looks
+_PR_SET_PDEATHSIG = 1  # linux/prctl.h
 _ORDER = ("controller", "plant")  # in which they end, so that the safe command still meets a plant
+
+
+def _die_with_parent() -> None:
+    """In the child: SIGTERM when the bench dies, so that no service lives on alone."""
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 class Services:
@@ -31,9 +39,12 @@ class Services:
     def __init__(self, commands: Mapping[str, Sequence[str]]) -> None:
         shared = Path("/dev/shm")  # rings are memory where there is any
         self._folder = Path(tempfile.mkdtemp(prefix="clutch-hil-", dir=shared if os.access(shared, os.W_OK) else None))
-        self._processes = {name: self._spawn(name, arguments) for name, arguments in commands.items()}
+        self._commands = dict(commands)
+        self._processes: dict[str, subprocess.Popen[bytes]] = {}
 
     def __enter__(self) -> "Services":
+        for name, arguments in self._commands.items():
+            self._processes[name] = self._spawn(name, arguments)
         return self
 
     def __exit__(
@@ -64,7 +75,9 @@ class Services:
     def check(self) -> None:
         """Raise InputError with a service's own sentence when it has failed."""
         for name, process in self._processes.items():
-            if process.poll() not in (None, 0):
+            if (code := process.poll()) not in (None, 0):
+                if code is not None and code < 0:
+                    raise InputError(f"the {name} was killed by {signal.Signals(-code).name}")
                 lines = self._log(name).read_text(errors="replace").strip().splitlines() or ["it said nothing"]
                 raise InputError(f"the {name} stopped: {lines[-1].removeprefix('error: ')}")
 
@@ -81,8 +94,16 @@ class Services:
     def _spawn(self, name: str, arguments: Sequence[str]) -> subprocess.Popen[bytes]:
         files = ["--ring", str(self._folder / f"{name}.ring"), "--summary", str(self._folder / f"{name}.json")]
         with self._log(name).open("w") as log:
-            command = [sys.executable, "-m", "protocols", name, *arguments, *files]
-            return subprocess.Popen(command, stdout=log, stderr=log, stdin=subprocess.DEVNULL)
+            # -P: modules of the folder we are in must not stand in for ours
+            command = [sys.executable, "-P", "-m", "protocols", name, *arguments, *files]
+            return subprocess.Popen(
+                command,
+                stdout=log,
+                stderr=log,
+                stdin=subprocess.DEVNULL,
+                start_new_session=True,  # Ctrl-C is ours: the controller ends first, while the plant still listens
+                preexec_fn=_die_with_parent,
+            )
 
     def _log(self, name: str) -> Path:
         return self._folder / f"{name}.log"

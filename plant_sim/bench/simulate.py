@@ -9,7 +9,7 @@ import numpy as np
 
 from plant_sim.bench.in_process import Played, play
 from plant_sim.bench.metadata import run_metadata
-from plant_sim.bench.recording import Recording, run_path
+from plant_sim.bench.recording import Recording, run_path, writable
 from plant_sim.bench.result import Result, judge_run
 from plant_sim.bench.settings import RunSettings
 from plant_sim.node import PlantNode
@@ -27,6 +27,7 @@ class Simulation:
     def run(self, progress: Callable[[int, int], None]) -> Result:
         """Simulate once; write the run file and its picture."""
         profile = self.settings.loaded_profile()
+        writable(self.settings.out)
         cycles = round(profile.duration * self.settings.rate)
         parameters = self.settings.loaded_plant_parameters()
         controller = self.settings.new_controller()
@@ -46,6 +47,7 @@ class Simulation:
         """Simulate for every value of `vary` (`NAME=LOW:HIGH:COUNT`, a plant parameter) and `seeds` seeds; write a CSV."""
         profile = self.settings.loaded_profile()
         parameters = self.settings.loaded_plant_parameters()
+        writable(self.settings.out)
         name, values = parsed_range(vary, parameters) if vary else ("seed", [float("nan")])
         rows = []
         for i, value in enumerate(values):
@@ -55,8 +57,10 @@ class Simulation:
                 rows.append((value, self.settings.seed + k, *played.following()))
                 progress(i * seeds + k + 1, len(values) * seeds)
         path = run_path(self.settings.out, f"{profile.name}-sweep", ".csv")
-        with path.open("w", newline="", encoding="utf-8") as file:
+        part = path.with_name(path.name + ".part")
+        with part.open("w", newline="", encoding="utf-8") as file:
             csv.writer(file).writerows([(name if vary else "-", "seed", "regime_error_nm", "rise_time_s"), *rows])
+        part.rename(path)
         lines = [f"read:  profile {profile.name}, {len(rows)} runs in one process", f"wrote: {path}"]
         table = np.array(rows)
         for value in values:

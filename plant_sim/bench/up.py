@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from plant_sim.bench.metadata import run_metadata
-from plant_sim.bench.recording import Recording, run_path
+from plant_sim.bench.recording import Recording, run_path, writable
 from plant_sim.bench.result import Result, judge_run
 from plant_sim.bench.services import Services
 from plant_sim.bench.settings import RunSettings
@@ -35,17 +35,19 @@ class Bench:
         settings.new_controller()  # bad settings of the controller are told before anything starts
         bus = resolve(self.bus)
         open_bus(bus).close()
-        path = run_path(settings.out, profile.name)
+        writable(settings.out)
         cpus = os.sched_getaffinity(0)
         try:
             with Stop() as stop, Services(self._commands(bus, sorted(cpus))) as services:
                 rings = services.rings(stop)
                 began = time.monotonic()
+                path = run_path(settings.out, profile.name)
                 with Recording(path, rings[0].columns, rings[1].columns, settings.rate) as recording:
                     self._watch(services, rings, recording, stop, profile.duration, quiet)
                     elapsed = time.monotonic() - began
                     timing = services.end()
                     recording.add(_until(profile.duration, rings[0].read()), rings[1].read())
+                    timing["interrupted"] = stop.asked
                     timing["record_rows_lost"] = rings[0].lost + rings[1].lost
                     if self.lockstep:
                         timing["speed"] = timing["plant"]["samples"] / settings.rate / elapsed
