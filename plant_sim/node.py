@@ -53,7 +53,8 @@ class PlantNode:
 
     rate [Hz]; `temperature` is the oil's at the start [degC]; `filled` starts with the piston at the plates. A step
     answers with the frames of the present tick and then advances the rig by one period; what it was sent acts from this
-    tick on, so a command that answers tick k acts from tick k + 1.
+    tick on, so a command that answers tick k acts from tick k + 1. The measured slip is the encoder's difference over a
+    period; in row 0, where there is none yet, it is the speed the run begins with.
     """
 
     columns = COLUMNS
@@ -103,7 +104,7 @@ class PlantNode:
         self._command_age = 0  # cycles
         self._commanded = False
         self._voltage, self._speed_demand, self._torque_limit = 0.0, speed, self._record["motor_torque_limit"][0]
-        self._angle_step = self._encoder.definitions[2].scale
+        self._angle_step = self._encoder.scale["shaft_angle"]  # rad
         self._count: int | None = None
         self._angle = 0.0
         self._row: tuple[float, ...] = (0.0,) * len(COLUMNS)

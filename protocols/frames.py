@@ -55,6 +55,7 @@ class FrameCodec:
         self.definitions: list[Signal] = sorted(message.signals, key=lambda signal: signal.start)
         payload = [signal for signal in self.definitions if signal.name not in ("CRC", "COUNTER")]
         self.signals: tuple[str, ...] = tuple(signal.name.lower() for signal in payload)
+        self.scale = {signal.name.lower(): float(signal.scale) for signal in payload}  # unit a count, by signal
         functions = _compile(self.name, self.length, payload)
         self.pack: Callable[..., bytes] = functions["pack"]
         self.pack_raw: Callable[..., bytes] = functions["pack_raw"]

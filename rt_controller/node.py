@@ -77,9 +77,14 @@ class ControllerNode:
                 f"parameter {asked.name} = {asked.value:g} V is above the guard's limit of {allowed.value:g} V"
             )
         self._guard = Guard(Limits(**self.limits.si("guard")), self._period)
-        self._sample = Sample(self._period, parameters["slip.bandwidth"].si, self._law.model.oil_reference)
 
         frames = load_frames()
+        self._sample = Sample(
+            self._period,
+            parameters["slip.bandwidth"].si,
+            self._law.model.oil_reference,
+            frames["ENCODER"].scale["shaft_angle"],
+        )
         self._valve, self._motor = frames["VALVE_COMMAND"], frames["MOTOR_COMMAND"]
         self._status = frames["CONTROLLER_STATUS"]
         self.heartbeat = Heartbeat(frames["CONTROLLER_HEARTBEAT"], rate, session)

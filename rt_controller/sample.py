@@ -5,7 +5,6 @@ from typing import Any
 from protocols.units import BAR, ZERO_CELSIUS
 from rt_controller.slip import observe
 
-_ANGLE_STEP = 3.834951969714103e-05  # rad/count: 163840 counts a revolution (DBC, ENCODER.SHAFT_ANGLE)
 _ANGLE_WRAP = 1 << 32  # counts of the encoder's counter
 _TICK_WRAP = 1 << 16
 
@@ -13,15 +12,17 @@ _TICK_WRAP = 1 << 16
 class Sample:
     """The newest complete sample. Time comes from the ticks of the data acquisition, so bus jitter does not enter.
 
+    period [s]; bandwidth of the slip observer [1/s]; temperature until one is measured [K]; angle_step [rad/count].
+
     tick (unwrapped, -1 before the first), pressure [Pa], temperature [K], motor_torque [Nm], slip [rad/s],
     acceleration [rad/s^2].
     """
 
-    def __init__(self, period: float, bandwidth: float, temperature: float) -> None:
+    def __init__(self, period: float, bandwidth: float, temperature: float, angle_step: float) -> None:
         self.tick = -1
         self.pressure = self.motor_torque = self.slip = self.acceleration = 0.0
         self.temperature = temperature
-        self._period, self._bandwidth = period, bandwidth
+        self._period, self._bandwidth, self._angle_step = period, bandwidth, angle_step
         self._analog: Any = None  # half a sample: its encoder frame has not come yet
         self._count = 0  # encoder, unwrapped
         self._observer = (0.0, 0.0, 0.0)
@@ -39,7 +40,7 @@ class Sample:
         if analog is None:
             return 0
         self._count += (raw.shaft_angle - self._count + _ANGLE_WRAP // 2) % _ANGLE_WRAP - _ANGLE_WRAP // 2
-        angle = self._count * _ANGLE_STEP
+        angle = self._count * self._angle_step
         if self.tick < 0:
             ticks, self.tick = 1, raw.sample_tick
             self._observer = (angle, speed_demand, 0.0)

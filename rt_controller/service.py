@@ -101,7 +101,8 @@ class ControllerService:
     ) -> None:
         """Warm up at the plant's pace, then run on the clock half a period after its samples.
 
-        Both clocks are CLOCK_MONOTONIC, so the phase stays, and plant and controller never want one CPU at one time.
+        With a plant on this machine both clocks are CLOCK_MONOTONIC, so the phase stays, and the two do not want one CPU
+        at one time. With a real rig the phase drifts by the difference of the two crystals. The warm-up is not in the timing.
         """
         arrived = time.monotonic_ns()
         for _ in range(max(1, round(_WARM_UP * self.rate))):

@@ -12,6 +12,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from plant_sim.rigs import wet_clutch
+from protocols.errors import InputError
 
 BAR, KELVIN = 1e5, 273.15
 ADC_STEP = 10.0 / 2048  # bar, 12 bit over +-10 V at 1 V/bar: what nobody on the rig could see
@@ -550,3 +551,10 @@ def test_pressure_and_position_never_turn_negative() -> None:
     assert states["valve_pressure"].min() < 0.0, "the valve must undershoot or nothing is tested"
     assert states["pressure"].min() == 0.0
     assert states["position"].min() == 0.0
+
+
+def test_a_rig_too_fast_to_integrate_is_refused() -> None:
+    with pytest.raises(
+        InputError, match=r"^the rig is too fast to integrate: .* reach .* 1/s; allowed are 2.5e\+04 1/s"
+    ):
+        wet_clutch.parameter_record(wet_clutch.nominal().with_values({"piston.area": 0.1}))

@@ -17,11 +17,13 @@ from numba import njit
 
 from plant_sim.blocks import clutch, hydraulics, motor, oil, piston, valve
 from plant_sim.effects import friction_level, piston_seal_friction
+from protocols.errors import InputError
 from protocols.parameters import ParameterSet, load_defaults, load_overlay
 
 DEFAULTS = Path(__file__).parents[1] / "parameters" / "janssens2010.toml"
 STEP_LIMIT = 1e-4  # s, longest integration step: rig.md; the stack on its damping has a time constant of 0.4 ms
 
+_STABLE = 2.5  # rate times step that Runge-Kutta 4 bears on the real axis, 2.78, less a margin
 _GROUPS = ("valve", "hydraulics", "piston", "clutch", "oil", "motor", "friction_level", "piston_seal_friction")
 
 
@@ -60,7 +62,22 @@ def parameter_record(parameters: ParameterSet) -> np.ndarray:
     values["piston_preload"] = area * values["piston_preload_pressure"]
     rise = values["piston_contact_pressure"] - values["piston_preload_pressure"]
     values["piston_spring_stiffness"] = area * rise / values["piston_clearance"]
+    _check_step(values)
     return np.array([tuple(values.values())], dtype=[(name, np.float64) for name in values])
+
+
+def _check_step(values: dict[str, float]) -> None:
+    """Raise InputError when fluid and piston together are too fast for the integration step."""
+    damping, capacity = values["piston_damping"], values["hydraulics_capacity"]
+    seal = values["piston_seal_friction_force"] / values["piston_seal_friction_travel"]
+    piston_rate = (values["piston_spring_stiffness"] + values["piston_stack_stiffness"] + seal) / damping
+    fluid_rate = values["piston_area"] ** 2 / (capacity * damping) + values["hydraulics_conductance"] / capacity
+    rate = piston_rate + fluid_rate  # 1/s, bound on the fastest eigenvalue of rig.md 2 and 3
+    if not rate * STEP_LIMIT <= _STABLE:
+        raise InputError(
+            f"the rig is too fast to integrate: piston and cylinder together reach {rate:.3g} 1/s; allowed are"
+            f" {_STABLE / STEP_LIMIT:.3g} 1/s (raise piston.damping or hydraulics.capacity, or lower piston.area)"
+        )
 
 
 def nominal(changed: Path | None = None) -> ParameterSet:
