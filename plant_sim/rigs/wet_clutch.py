@@ -69,7 +69,8 @@ def parameter_record(parameters: ParameterSet) -> np.ndarray:
 def _check_step(values: dict[str, float]) -> None:
     """Raise InputError when fluid and piston together are too fast for the integration step."""
     damping, capacity = values["piston_damping"], values["hydraulics_capacity"]
-    seal = values["piston_seal_friction_force"] / values["piston_seal_friction_travel"]
+    # a rig may be built without the effect
+    seal = values.get("piston_seal_friction_force", 0.0) / values.get("piston_seal_friction_travel", 1.0)
     piston_rate = (values["piston_spring_stiffness"] + values["piston_stack_stiffness"] + seal) / damping
     fluid_rate = values["piston_area"] ** 2 / (capacity * damping) + values["hydraulics_conductance"] / capacity
     rate = piston_rate + fluid_rate  # 1/s, bound on the fastest eigenvalue of rig.md 2 and 3
