@@ -65,6 +65,7 @@ class Guard:
         self._valve = int(limits.voltage * _VALVE_COUNTS)
         self._motor = int(limits.motor_torque * _MOTOR_COUNTS)
         self._armed = False  # no sample yet: valve closed, motor off; after the first, samples must not fail
+        self._slept = 0  # periods slept through before a cycle without a sample
         self._analog = self._encoder = False  # seen since the last cycle
         self._counters: dict[int, int] = {}
         self._angle = self._tick = -1
@@ -95,11 +96,16 @@ class Guard:
             self.finding = HEALTHY  # the supervisor asks for idle and the cause is gone
 
     def cycle(self, slots: int = 1) -> int:
-        """Close a control cycle that took `slots` periods: age the sample, return the finding."""
+        """Close a control cycle that took `slots` periods: age the sample, return the finding.
+
+        Periods the loop has slept through age the sample only when the cycle after them has none either: what stood
+        still may have been the machine, sensors and all, and their frames are on the way.
+        """
         if self._analog and self._encoder:
-            self._armed, self.age = True, 0
+            self._armed, self.age, self._slept = True, 0, 0
         else:
-            self.age += slots
+            self.age += 1 + self._slept
+            self._slept = slots - 1
         self._analog = self._encoder = False
         if self._armed and self.age > self._stale and not self.finding:
             self.finding = STALE_SENSORS
