@@ -24,7 +24,7 @@ from protocols.node import node_factory
 from protocols.reception import Reception
 from protocols.runs import read_run
 
-RATE = 250  # Hz: a guest's system calls cost 15 us, so timing is judged on the host (design/realtime.md)
+RATE = 100  # Hz: a guest pays 15 us a system call and now and then 25 ms; timing is judged on the host (realtime.md)
 BUS = "vcan0"
 COMMAND = [sys.executable, "-m", "protocols"]
 
@@ -107,13 +107,13 @@ def test_frames_of_others_are_passed_over() -> None:
 def test_candump_reads_the_traffic(tmp_path: Path) -> None:
     log = tmp_path / "traffic.log"
     with log.open("w") as file:
-        dump = subprocess.Popen(["candump", "-L", "-n", "2000", BUS], stdout=file)
+        dump = subprocess.Popen(["candump", "-L", "-n", "1000", BUS], stdout=file)
         done = clutch_hil("up", "--bus", BUS, "--rate", str(RATE), "--seconds", "3", "--out", str(tmp_path))
         assert done.returncode == 0, done.stdout + done.stderr
         dump.wait(10)
     database = cantools.database.load_file(DBC)
     messages = list(can.CanutilsLogReader(log))
-    assert len(messages) == 2000
+    assert len(messages) == 1000
     names = {database.get_message_by_frame_id(message.arbitration_id).name for message in messages}
     assert {"VALVE_COMMAND", "MOTOR_COMMAND", "ANALOG_SENSORS", "ENCODER", "TORQUE_SETPOINT"} <= names
     codecs = {codec.can_id: codec for codec in load_frames().values()}
@@ -146,7 +146,7 @@ def test_an_interface_that_is_down_is_refused_with_the_command_that_helps() -> N
 
 
 def test_a_torn_bus_closes_the_valve_and_faults_the_controller() -> None:
-    """Down for half a second while the clutch slips: 125 cycles without a sample, far more than 5."""
+    """Down for half a second while the clutch slips: 50 cycles without a sample, far more than 5."""
     frames = load_frames()
     status, actuators = frames["CONTROLLER_STATUS"], frames["PLANT_STATUS"]
     plant = subprocess.Popen([*COMMAND, "plant", "--bus", BUS, "--rate", str(RATE), "--profile", "engagement"])
