@@ -20,7 +20,7 @@ from protocols.frames import Frame
 from protocols.node import node_factory
 
 _KERNEL_SECONDS = 10.0  # s of simulated time a call
-_REPEATS = 5  # the best of these counts: the machine is shared
+_REPEATS = 50  # the best of these counts: the machine is shared, and a call takes only 7 ms
 
 
 @dataclass(frozen=True)
