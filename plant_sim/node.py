@@ -16,7 +16,7 @@ from protocols.reception import Reception
 from protocols.units import BAR, ZERO_CELSIUS
 
 STALE_CYCLES = (
-    5  # cycles without a valve command after which the valve amplifier closes: as the controller's own watchdog
+    5  # cycles without a valve command that close the valve amplifier: as long as the controller's guard waits
 )
 _TEMPERATURES = 35.0, 150.0  # degC: valid range of eq. 6.3 (blocks/oil.py) and of fig 6.8
 _OWN = ("ANALOG_SENSORS", "ENCODER", "PLANT_STATUS", "PLANT_HEARTBEAT")
@@ -51,7 +51,7 @@ COLUMNS = tuple(
 class PlantNode:
     """The wet-clutch rig behind its data acquisition, with the profile player of the bench.
 
-    rate [Hz]; `temperature` is the oil's at the start [degC]; `filled` starts with the piston at the plates. A step
+    rate [Hz]; `temperature` is the oil's at the start [degC]. A step
     answers with the frames of the present tick and then advances the rig by one period; what it was sent acts from this
     tick on, so a command that answers tick k acts from tick k + 1. The measured slip is the encoder's difference over a
     period; in row 0, where there is none yet, it is the speed the run begins with.
@@ -66,7 +66,6 @@ class PlantNode:
         profile: Profile | None = None,
         seed: int = 1,
         temperature: float | None = None,
-        filled: bool = False,
         session: int = 1,
     ) -> None:
         self.parameters = parameters = parameters or wet_clutch.nominal()
@@ -82,9 +81,7 @@ class PlantNode:
             raise InputError(f"oil temperature {temperature:g} degC is outside {low:g}..{high:g} degC")
         kelvin = (parameters["oil.reference"].value if temperature is None else temperature) + ZERO_CELSIUS
         speed = profile.at(0.0).speed if profile else 0.0
-        self._state = (
-            wet_clutch.filled_state(speed, kelvin, self._record) if filled else wet_clutch.initial_state(speed, kelvin)
-        )
+        self._state = wet_clutch.initial_state(speed, kelvin)
         self._y = wet_clutch.as_state(self._state)
 
         frames = load_frames()

@@ -16,6 +16,7 @@ from plant_sim.bench.up import Bench
 from plant_sim.node import PlantNode
 from plant_sim.profile import load_profile
 from plant_sim.rigs import wet_clutch
+from protocols.bus import open_bus
 from protocols.frames import Frame
 from protocols.node import node_factory
 
@@ -73,7 +74,9 @@ def step_times(rate: int) -> np.ndarray:
 
 
 def benchmark(bus: str, seconds: float, quiet: bool) -> tuple[list[Target], dict[str, Any]]:
-    """Measure everything; `seconds` [s] is the length of the closed loop in real time on `bus`."""
+    """Measure everything; `seconds` [s] is the length of the closed loop in real time on `bus`. Raises InputError."""
+    open_bus(bus).close()  # a bad bus or length is told before anything is measured
+    RunSettings(seconds=seconds).loaded_profile()
     kernel = kernel_speed()
     steps = step_times(1000)
     with TemporaryDirectory() as folder:

@@ -40,13 +40,12 @@ def run_path(folder: Path, name: str, suffix: str = ".parquet") -> Path:
     candidates = (f"{stem}{f'-{k}' if k else ''}" for k in count())
     for candidate in candidates:
         path = folder / f"{candidate}{suffix}"
+        part = path.with_name(path.name + ".part")  # what RunWriter writes; making it reserves the name
         with contextlib.suppress(FileExistsError):
-            os.close(
-                os.open(path.with_name(path.name + ".part"), os.O_CREAT | os.O_EXCL)
-            )  # RunWriter's; reserves the name
+            part.touch(exist_ok=False)
             if not path.exists():
                 return path
-            path.with_name(path.name + ".part").unlink()
+            part.unlink()
     raise AssertionError  # count() never ends
 
 

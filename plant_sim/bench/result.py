@@ -32,10 +32,8 @@ def judge_run(path: Path, read: str, timing: dict[str, Any] | None = None) -> Re
     """Judge the run file at `path`, draw its picture beside it; `timing` comes from services in real time."""
     run = read_run(path)
     columns = dict(run.columns)
-    followed = following(
-        columns["time_s"], np.nan_to_num(columns["torque_demand_nm"]), columns["truth_clutch_torque_nm"]
-    )
     demand = np.nan_to_num(columns["torque_demand_nm"])
+    followed = following(columns["time_s"], demand, columns["truth_clutch_torque_nm"])
     fault = int(np.max(np.nan_to_num(columns["controller_fault"])))
     asked, reached = bool(np.any(demand > 0.0)), bool(np.isfinite(followed.regime_error))
     good = fault == 0 and (reached or not asked)
@@ -90,7 +88,7 @@ def _timing_lines(timing: dict[str, Any]) -> list[str]:
             f" rejected {bad}, refused by full queues {port['refused']}, not sent while the bus was down {port['down']}"
         )
         if clock and clock["late"] > _LATE_NOTED * clock["cycles"]:
-            lines.append(f"{'':<12} note: more than {100 * _LATE_NOTED:g} % late: the machine disturbed this run")
+            lines.append(f"{'':<12} note: more than {100 * _LATE_NOTED:g} % late: timing of this run was disturbed")
         lines += [f"{'':<12} note: {text}" for text in service["not_available"]]
     if "speed" in timing:
         lines.append(f"speed:       {timing['speed']:.1f} x real time")

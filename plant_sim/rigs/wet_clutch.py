@@ -96,7 +96,7 @@ def initial_state(slip_speed: float, temperature: float) -> np.ndarray:
 
 
 def filled_state(slip_speed: float, temperature: float, parameters: np.ndarray) -> np.ndarray:
-    """State of a filled clutch: piston at the plates, contact pressure everywhere (the start of Table 6.6)."""
+    """State of a filled clutch: piston at the plates, contact pressure in valve and cylinder; arguments as `initial_state`."""
     state = initial_state(slip_speed, temperature)
     state["position"] = parameters["piston_clearance"]
     for name in ("valve_pressure", "pressure"):
