@@ -89,9 +89,9 @@ def _draw(path: Path, without: Played, with_it: Played) -> None:
     for played, label in ((without, "without adaptation"), (with_it, "with adaptation")):
         difference = played["truth_clutch_torque_nm"] - played["controller_torque_demand_nm"]
         error.plot(played["time_s"], difference, lw=1.0, label=label)
-    error.set_ylim(-3.0, 3.0)
+    error.set_ylim(-6.0, 2.0)
     error.set_ylabel("true - demand [Nm]")
-    error.legend(loc="upper right", ncols=2, frameon=False)
+    error.legend(loc="lower right", ncols=2, frameon=False)
     first = next(iter(CASES))
     error.set_title(f"Adaptive feedforward: friction {first}", loc="left", fontsize=11)
     time = with_it["time_s"]
@@ -99,7 +99,7 @@ def _draw(path: Path, without: Played, with_it: Played) -> None:
     level.plot(time, with_it["controller_friction_level"], color="#ff7f0e", label="learnt level")
     level.set_ylabel("friction level [-]")
     level.set_xlabel("time [s]")
-    level.legend(loc="lower right", frameon=False)
+    level.legend(loc="upper right", frameon=False)
     for axes in (error, level):
         axes.grid(alpha=0.3)
         axes.spines[["top", "right"]].set_visible(False)
