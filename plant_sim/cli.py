@@ -5,6 +5,7 @@ from pathlib import Path
 import typer
 
 from protocols.command import checked_rate, emit, report, verdict, write_summary
+from protocols.errors import InputError
 
 BUS = typer.Option("auto", help="vcan0, can0, local:NAME or auto")
 RATE = typer.Option(1000, help="rate of samples and commands [Hz]")
@@ -141,31 +142,34 @@ def simulate(
 
 
 def reproduce(
-    name: str | None = typer.Argument(None, help="name of a reproduction"),
+    name: str | None = typer.Argument(None, help="name of a reproduction, or a figure's number"),
     list_all: bool = typer.Option(False, "--list", help="list what can be reproduced"),
+    every: bool = typer.Option(False, "--all", help="reproduce everything and write one page with all pictures"),
     out: Path = OUT,
     json_output: bool = JSON,
 ) -> None:
     """Check a result of the thesis by running it."""
     from plant_sim.bench.progress import progress_bar, table_text
     from plant_sim.bench.recording import writable
-    from plant_sim.reproduce import ENTRIES, entry
+    from plant_sim.reproduce import entries, entry
+    from plant_sim.reproduce.result import checks_text, run, run_all
 
-    if list_all or name is None:
-        rows = [("name", "what"), *((key, entry(key).TITLE) for key in ENTRIES)]
-        report(
-            {key: entry(key).TITLE for key in ENTRIES}, table_text(rows), f"{len(ENTRIES)} entries", True, json_output
-        )
+    if list_all or not (name or every):
+        rows = [("name", "what"), *((e.name, e.title) for e in entries().values())]
+        report(dict(rows[1:]), table_text(rows), f"{len(rows) - 1} entries", True, json_output)
         return
-    module = entry(name)
+    if every and name:
+        raise InputError(f"reproduce was given {name!r} and --all; allowed is one of them")
+    chosen = entry(name) if name else None
     writable(out)
-    with progress_bar(name, json_output) as progress:
-        outcome = module.reproduce(out, progress)
-    text = "\n".join([module.TITLE, table_text(outcome.table), *outcome.notes, f"wrote:   {outcome.picture}"])
-    document = outcome.document | {"claim": module.CLAIM, "holds": outcome.holds, "picture": str(outcome.picture)}
-    report(
-        document, text, f"{'holds' if outcome.holds else 'does not hold'}: {module.CLAIM}", outcome.holds, json_output
-    )
+    with progress_bar(name or "reproduce", json_output) as progress:
+        if chosen is None:
+            report(*run_all(out, progress), json_output)
+            return
+        result = run(chosen, out, progress)
+    text = "\n".join([f"{chosen.name}: {chosen.title}", checks_text(result), f"wrote:   {result.picture}"])
+    verdict_text = f"{'holds' if result.holds else 'does not hold'}: {chosen.claim}"
+    report(result.document(), text, verdict_text, result.holds, json_output)
 
 
 def frames(

@@ -1,7 +1,6 @@
 """The closed loop in one process: it follows, it adapts, it stays safe."""
 
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +9,7 @@ from plant_sim.bench.following import following
 from plant_sim.bench.in_process import Played, play
 from plant_sim.node import PlantNode
 from plant_sim.profile import Profile, load_profile
-from plant_sim.reproduce import adaptation, table_6_6
+from plant_sim.reproduce import adaptation
 from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError
 from protocols.frames import Frame, load_frames
@@ -271,13 +270,6 @@ def test_the_safe_frames_close_the_valve_and_stop_the_motor() -> None:
 def test_the_loop_works_at_other_rates(rate: int) -> None:
     result = play(PlantNode(rate=rate, profile=STEADY), controller_node(rate=rate))
     assert result.following().regime_error < 0.2  # Nm
-
-
-def test_table_6_6_is_reproduced(tmp_path: Path) -> None:
-    """Order of the three controllers, and the thesis's values as bounds for both together: 20 seeds, about 45 s."""
-    outcome = table_6_6.reproduce(tmp_path, lambda done, total: None)
-    assert outcome.holds, outcome.table
-    assert outcome.picture.stat().st_size > 10_000
 
 
 @pytest.mark.parametrize("case", adaptation.CASES)

@@ -1,37 +1,66 @@
-"""Reproductions: results of the thesis, and claims of this project, each checked by running it.
+"""Reproductions: figures and tables of the thesis, and claims of this project, each checked by running it.
 
-An entry is one module with TITLE, CLAIM and `reproduce(out, progress) -> Outcome`, named in ENTRIES.
+A reproduction is a function that fills a `Sheet`, marked with `@reproduces(name, title, claim)` in one of MODULES.
+Names are `figure-2.12` and `table-6.1`; a bare `2.12` means the figure.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
-from pathlib import Path
-from types import ModuleType
-from typing import Any
 
+from plant_sim.reproduce.sheet import Sheet
 from protocols.errors import InputError, listing
 
-ENTRIES = {
-    "table-6.6": "plant_sim.reproduce.table_6_6",
-    "adaptation": "plant_sim.reproduce.adaptation",
-}
-Progress = Callable[[int, int], None]  # (done, total)
+MODULES = (
+    "table_6_6",
+    "adaptation",
+)
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """A `table` (header first) for people, a `document` for machines, whether the claim `holds`, the `picture` drawn."""
+class Entry:
+    """One reproduction: `claim` is what the thesis states, `run` fills a sheet with the picture and the checks."""
 
-    table: Sequence[Sequence[str]]
-    notes: Sequence[str]
-    document: dict[str, Any]
-    holds: bool
-    picture: Path
+    name: str
+    title: str
+    claim: str
+    run: Callable[[Sheet], None]
 
 
-def entry(name: str) -> ModuleType:
-    """The module of an entry. Raises InputError."""
-    if name not in ENTRIES:
-        raise InputError(f"reproduction {name!r} does not exist; known are {listing(ENTRIES)}")
-    return import_module(ENTRIES[name])
+_ENTRIES: dict[str, Entry] = {}
+
+
+def reproduces(name: str, title: str, claim: str) -> Callable[[Callable[[Sheet], None]], Callable[[Sheet], None]]:
+    """Register the decorated function as the reproduction `name`."""
+
+    def register(run: Callable[[Sheet], None]) -> Callable[[Sheet], None]:
+        if name in _ENTRIES and _ENTRIES[name].run.__module__ != run.__module__:
+            raise ValueError(f"reproduction {name} is defined twice")
+        _ENTRIES[name] = Entry(name, title, claim, run)
+        return run
+
+    return register
+
+
+def entries() -> dict[str, Entry]:
+    """All reproductions by name: the thesis's order, then ours."""
+    for module in MODULES:
+        import_module(f"plant_sim.reproduce.{module}")
+    return dict(sorted(_ENTRIES.items(), key=lambda item: _order(item[0])))
+
+
+def entry(name: str) -> Entry:
+    """The reproduction called `name`, or the figure of that number. Raises InputError."""
+    known = entries()
+    found = known.get(name) or known.get(f"figure-{name}")
+    if found is None:
+        raise InputError(f"reproduction {name!r} does not exist; known are {listing(known)}")
+    return found
+
+
+def _order(name: str) -> tuple[int, str, int, str]:
+    kind, _, number = name.partition("-")
+    chapter, _, rest = number.partition(".")
+    if kind not in ("figure", "table") or not rest.isdigit():
+        return (1, "", 0, name)
+    return (0, chapter, int(rest), kind)

@@ -3,20 +3,16 @@
 The thesis names adaptive control with changing parameters as future work (chapter 7); claim and cases are ours.
 """
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 
 from plant_sim.bench.in_process import Played, play
 from plant_sim.node import PlantNode
 from plant_sim.profile import load_profile
-from plant_sim.reproduce import Outcome, Progress
+from plant_sim.reproduce import reproduces
+from plant_sim.reproduce.sheet import INK, Sheet
 from plant_sim.rigs import wet_clutch
 from protocols.node import node_factory
 
-TITLE = "Adaptive feedforward on a plant whose friction is 20 % off and drifting"
-CLAIM = "the regime error with adaptation is at most a fifth of the one without, in every case"
 GAIN = 5.0  # times better, at least; 8.4 to 22 measured
 SEEDS = 5
 FIRST_RISE = 0.5  # s, end of the first rise of the demand in the profile `engagement`
@@ -29,44 +25,41 @@ CASES: dict[str, tuple[dict[str, float], float]] = {
 }
 
 
-def reproduce(out: Path, progress: Progress) -> Outcome:
+@reproduces(
+    "adaptation",
+    "Adaptive feedforward on a plant whose friction is 20 % off and drifting",
+    claim="the regime error with adaptation is at most a fifth of the one without, in every case",
+)
+def adaptation(sheet: Sheet) -> None:
     """Run every case with and without adaptation over all seeds."""
     profile = load_profile("engagement", 24.0)
-    table = [("plant", "without [Nm]", "with [Nm]", "times better", "level at the end, true / learnt")]
-    document: dict[str, Any] = {"seeds": SEEDS, "cases": {}}
+    sheet.table = [("plant", "without [Nm]", "with [Nm]", "times better", "level at the end, true / learnt")]
+    sheet.document = {"seeds": SEEDS, "cases": {}}
     shown: tuple[Played, Played] | None = None
-    holds = True
     for i, (name, (values, temperature)) in enumerate(CASES.items()):
         parameters = wet_clutch.nominal().with_values(values)
         errors: dict[bool, list[float]] = {False: [], True: []}
         learnt = []
         for seed in range(SEEDS):
             pair = []
-            for adaptation in (False, True):
+            for adaptive in (False, True):
                 plant = PlantNode(parameters=parameters, profile=profile, seed=seed, temperature=temperature)
-                pair.append(play(plant, node_factory("controller")(adaptation=adaptation)))
-                errors[adaptation].append(regime_error(pair[-1]))
+                pair.append(play(plant, node_factory("controller")(adaptation=adaptive)))
+                errors[adaptive].append(regime_error(pair[-1]))
             learnt.append(float(pair[1]["controller_friction_level"][-1]))
             shown = shown or (pair[0], pair[1])
-            progress(i * SEEDS + seed + 1, len(CASES) * SEEDS)
-        without, with_it = float(np.mean(errors[False])), float(np.mean(errors[True]))
+            sheet.progress(i * SEEDS + seed + 1, len(CASES) * SEEDS)
+        without, with_it, found = (float(np.mean(v)) for v in (errors[False], errors[True], learnt))
         true = values.get("friction_level.level", 1.0) + values.get("friction_level.drift", 0.0) * profile.duration
-        table.append(
-            (
-                name,
-                f"{without:.3f}",
-                f"{with_it:.3f}",
-                f"{without / with_it:.1f}",
-                f"{true:.2f} / {np.mean(learnt):.2f}",
-            )
-        )
-        document["cases"][name] = {"without_nm": without, "with_nm": with_it, "level": true, "learnt": np.mean(learnt)}
-        holds = holds and without >= GAIN * with_it
-    picture = out / "adaptation.png"
+        cells = (f"{without:.3f}", f"{with_it:.3f}", f"{without / with_it:.1f}", f"{true:.2f} / {found:.2f}")
+        sheet.table.append((name, *cells))
+        sheet.document["cases"][name] = {"without_nm": without, "with_nm": with_it, "level": true, "learnt": found}
+        sheet.check(f"times better, {name}", without >= GAIN * with_it, without / with_it, f"at least {GAIN:g} (ours)")
+    sheet.note(
+        f"{profile.duration:g} s of the profile engagement, {SEEDS} seeds; mean absolute error of the true torque"
+    )
     assert shown
-    _draw(picture, *shown)
-    notes = [f"{profile.duration:g} s of the profile engagement, {SEEDS} seeds; mean absolute error of the true torque"]
-    return Outcome(table, notes, document, holds, picture)
+    _draw(sheet, *shown)
 
 
 def regime_error(played: Played) -> float:
@@ -79,28 +72,18 @@ def regime_error(played: Played) -> float:
     return float(np.mean(np.abs(played["truth_clutch_torque_nm"] - demand)[regime]))
 
 
-def _draw(path: Path, without: Played, with_it: Played) -> None:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(10, 6), layout="constrained")
-    FigureCanvasAgg(figure)
-    error, level = figure.subplots(2, 1, sharex=True)
+def _draw(sheet: Sheet, without: Played, with_it: Played) -> None:
+    error, level = sheet.axes(2, 1, height=6.0, sharex=True)
     for played, label in ((without, "without adaptation"), (with_it, "with adaptation")):
         difference = played["truth_clutch_torque_nm"] - played["controller_torque_demand_nm"]
         error.plot(played["time_s"], difference, lw=1.0, label=label)
     error.set_ylim(-6.0, 2.0)
     error.set_ylabel("true - demand [Nm]")
     error.legend(loc="lower right", ncols=2, frameon=False)
-    first = next(iter(CASES))
-    error.set_title(f"Adaptive feedforward: friction {first}", loc="left", fontsize=11)
+    error.set_title(f"friction {next(iter(CASES))}", loc="left", fontsize=10)
     time = with_it["time_s"]
-    level.plot(time, 0.8 - 0.005 * time, color="#222222", lw=1.0, ls="--", label="true level")
+    level.plot(time, 0.8 - 0.005 * time, color=INK, lw=1.0, ls="--", label="true level")
     level.plot(time, with_it["controller_friction_level"], color="#ff7f0e", label="learnt level")
     level.set_ylabel("friction level [-]")
     level.set_xlabel("time [s]")
     level.legend(loc="upper right", frameon=False)
-    for axes in (error, level):
-        axes.grid(alpha=0.3)
-        axes.spines[["top", "right"]].set_visible(False)
-    figure.savefig(path, dpi=110)

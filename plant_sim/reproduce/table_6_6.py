@@ -4,24 +4,17 @@ The plant differs from the controller's model in the ways the thesis names. It g
 model that has been identified on the rig, and are stated in DIFFERENCES and printed with the result.
 """
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 
 from plant_sim.bench.in_process import Played, play
 from plant_sim.node import PlantNode
 from plant_sim.profile import Profile, load_profile
-from plant_sim.reproduce import Outcome, Progress
+from plant_sim.reproduce import reproduces
+from plant_sim.reproduce.sheet import INK, Sheet
 from plant_sim.rigs import wet_clutch
 from protocols.node import node_factory
 from protocols.parameters import ParameterSet
 
-TITLE = "Table 6.6: following behaviour of the controllers"
-CLAIM = (
-    "regime error: feedforward > feedback > both, both at most 0.30 Nm; rise time: feedback > feedforward > both, "
-    "both at most 0.25 s"
-)
 THESIS = {"feedforward": (1.00, 0.30), "feedback": (0.50, 0.76), "both": (0.30, 0.25)}  # Nm, s: Table 6.6
 SEEDS = 20
 BEGIN, END = 1.0, 7.0  # s, the trajectory to 10 Nm in the profile `table-6.6`; before, the clutch is being filled
@@ -60,7 +53,12 @@ def follow(profile: Profile, law: str, adaptation: bool, seed: int) -> Played:
     return play(plant, node_factory("controller")(law=law, adaptation=adaptation))
 
 
-def reproduce(out: Path, progress: Progress) -> Outcome:
+@reproduces(
+    "table-6.6",
+    "Following behaviour of the controllers",
+    claim="regime error: feedforward > feedback > both; rise time: feedback > feedforward > both; both within its values",
+)
+def table_6_6(sheet: Sheet) -> None:
     """Run the three controllers of the thesis, and ours with adaptation, over all seeds."""
     profile = load_profile("table-6.6")
     cases = {"feedforward": ("feedforward", False), "feedback": ("feedback", False), "both": ("both", False)}
@@ -73,63 +71,68 @@ def reproduce(out: Path, progress: Progress) -> Outcome:
             played = follow(profile, law, adaptation, seed)
             shown.setdefault(name, played)
             results.append(played.following(BEGIN, END))
-            progress(i * SEEDS + seed + 1, len(cases) * SEEDS)
+            sheet.progress(i * SEEDS + seed + 1, len(cases) * SEEDS)
         measured[name] = np.array(results)
-    table = [("controller", "regime error [Nm]", "thesis", "rise time [s]", "thesis")]
-    document: dict[str, Any] = {"seeds": SEEDS, "differences": DIFFERENCES, "controllers": {}}
+    sheet.table = [("controller", "regime error [Nm]", "thesis", "rise time [s]", "thesis")]
+    sheet.document = {"seeds": SEEDS, "differences": DIFFERENCES, "controllers": {}}
     for name, values in measured.items():
-        error, rise = np.nanmean(values, axis=0)
-        spread_error, spread_rise = np.nanstd(values, axis=0)
-        thesis = THESIS.get(name)
-        table.append(
-            (
-                name,
-                f"{error:.3f} +- {spread_error:.3f}",
-                f"{thesis[0]:.2f}" if thesis else "-",
-                f"{rise:.3f} +- {spread_rise:.3f}",
-                f"{thesis[1]:.2f}" if thesis else "-",
-            )
-        )
-        document["controllers"][name] = {
-            "regime_error_nm": {"mean": error, "std": spread_error, "thesis": thesis and thesis[0]},
-            "rise_time_s": {"mean": rise, "std": spread_rise, "thesis": thesis and thesis[1]},
-            "not_reached": int(np.isnan(values[:, 0]).sum()),
-        }
+        _record(sheet, name, values)
     error, rise = ({name: float(np.nanmean(v[:, k])) for name, v in measured.items()} for k in (0, 1))
-    holds = (
-        error["feedforward"] > error["feedback"] > error["both"]
-        and rise["feedback"] > rise["feedforward"] > rise["both"]
-        and error["both"] <= THESIS["both"][0]
-        and rise["both"] <= THESIS["both"][1]
-        and not any(np.isnan(values).any() for values in measured.values())
+    names = ("feedforward", "feedback", "both")
+    order = error["feedforward"] > error["feedback"] > error["both"]
+    sheet.check(
+        "regime error falls: feedforward, feedback, both [Nm]", order, [error[n] for n in names], "1.00, 0.50, 0.30"
     )
-    picture = out / "table-6.6.png"
-    _draw(picture, shown)
-    return Outcome(table, [f"plant differs: {text}" for text in DIFFERENCES], document, holds, picture)
+    order = rise["feedback"] > rise["feedforward"] > rise["both"]
+    sheet.check(
+        "rise time falls: feedback, feedforward, both [s]",
+        order,
+        [rise[n] for n in (*names[1::-1], "both")],
+        "0.76, 0.30, 0.25",
+    )
+    sheet.check(
+        "regime error of both at most the thesis's [Nm]",
+        error["both"] <= THESIS["both"][0],
+        error["both"],
+        THESIS["both"][0],
+    )
+    sheet.check(
+        "rise time of both at most the thesis's [s]", rise["both"] <= THESIS["both"][1], rise["both"], THESIS["both"][1]
+    )
+    missed = sum(int(np.isnan(values).any(axis=1).sum()) for values in measured.values())
+    sheet.check("runs that never reach 90 % of the demand", missed == 0, missed)
+    for text in DIFFERENCES:
+        sheet.note(f"plant differs: {text}")
+    _draw(sheet, shown)
 
 
-def _draw(path: Path, shown: dict[str, Played]) -> None:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+def _record(sheet: Sheet, name: str, values: np.ndarray) -> None:
+    error, rise = np.nanmean(values, axis=0)
+    spread_error, spread_rise = np.nanstd(values, axis=0)
+    thesis = THESIS.get(name)
+    error_cells = (f"{error:.3f} +- {spread_error:.3f}", f"{thesis[0]:.2f}" if thesis else "-")
+    rise_cells = (f"{rise:.3f} +- {spread_rise:.3f}", f"{thesis[1]:.2f}" if thesis else "-")
+    sheet.table.append((name, *error_cells, *rise_cells))
+    sheet.document["controllers"][name] = {
+        "regime_error_nm": {"mean": error, "std": spread_error, "thesis": thesis and thesis[0]},
+        "rise_time_s": {"mean": rise, "std": spread_rise, "thesis": thesis and thesis[1]},
+        "not_reached": int(np.isnan(values[:, 0]).sum()),
+    }
 
-    figure = Figure(figsize=(10, 6), layout="constrained")
-    FigureCanvasAgg(figure)
-    torque, error = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+
+def _draw(sheet: Sheet, shown: dict[str, Played]) -> None:
+    torque, error = sheet.axes(2, 1, height=6.0, sharex=True, height_ratios=(2, 1))
     for name, played in shown.items():
         time, demand = played["time_s"], played["controller_torque_demand_nm"]
         part = (time > BEGIN - 0.1) & (time < END)
         time, demand, true = time[part] - BEGIN, demand[part], played["truth_clutch_torque_nm"][part]
         (line,) = torque.plot(time, true, lw=1.4, label=name)
         error.plot(time, true - demand, lw=1.0, color=line.get_color())
-    torque.plot(time, demand, color="#222222", lw=1.0, ls="--", label="demand")
+    torque.plot(time, demand, color=INK, lw=1.0, ls="--", label="demand")
     torque.set_ylabel("true clutch torque [Nm]")
     torque.legend(loc="lower right", frameon=False)
-    torque.set_title("Table 6.6: the first of the seeds", loc="left", fontsize=11)
+    torque.set_title("the first of the seeds", loc="left", fontsize=10)
     error.set_ylabel("true - demand [Nm]")
     error.set_ylim(-2.5, 1.5)
-    error.axhline(0.0, color="#222222", lw=0.8, ls="--")
+    error.axhline(0.0, color=INK, lw=0.8, ls="--")
     error.set_xlabel("time since the trajectory began [s]")
-    for axes in (torque, error):
-        axes.grid(alpha=0.3)
-        axes.spines[["top", "right"]].set_visible(False)
-    figure.savefig(path, dpi=110)

@@ -1,0 +1,81 @@
+"""Friction coupled to a linear structure: the displacement of a step from the balance of forces at its end.
+
+What            any law in any structure that is linear over a step, with friction taken at the end of the step
+Equation        A u + F(u) = B;  for a mass with damping c and a spring k to ground:
+                A = m/dt^2 + c/dt + k,  B = m v/dt + F_ext - k x
+Assumptions     backward Euler for the mass: no energy is made, of first order in dt
+Valid range     A larger than the steepest fall of F with u (by the Stribeck curve: |ds/dv|/dt); then there is one root
+Not modelled    -
+References      semi-implicit step with friction at end-of-step velocity, as MuJoCo issue 3443 and Newton PR 3855 do
+"""
+
+from numba import njit, types
+from numba.core.types import float64, int64
+
+from plant_sim.friction.kernel import VECTOR, LAW
+
+STANDSTILL = 1e-200  # m, a displacement that only asks which force opposes motion in its direction
+MOST_ROUNDS = 100  # of the bracketed search; stick needs 2, sliding about 6
+PRECISION = 4e-15  # relative to the forces of the balance: a few units in the last place
+
+
+@njit(types.UniTuple(float64, 2)(LAW, VECTOR, VECTOR, float64, float64, float64, float64, VECTOR), cache=True)
+def balance(law, parameters, state, stiffness, drive, dt, load, new_state):
+    """Displacement u [m] and friction [N] that solve stiffness u + F(u) = drive from `state`; writes `new_state`.
+
+    `stiffness` A [N/m] above 0, `drive` B [N]. A contact that can hold the drive at rest (Coulomb) stays at rest and takes it.
+    """
+    forward = law(parameters, state, STANDSTILL, dt, load, new_state)
+    backward = law(parameters, state, -STANDSTILL, dt, load, new_state)
+    if backward <= drive <= forward:
+        law(parameters, state, 0.0, dt, load, new_state)
+        return 0.0, drive
+    near = 0.0
+    near_rest = (forward if drive > forward else backward) - drive
+    far = -near_rest / stiffness
+    far_rest = stiffness * far + law(parameters, state, far, dt, load, new_state) - drive
+    while far_rest * near_rest > 0.0:  # friction fell: further
+        near, near_rest = far, far_rest
+        far *= 2.0
+        far_rest = stiffness * far + law(parameters, state, far, dt, load, new_state) - drive
+    for _ in range(MOST_ROUNDS):  # regula falsi with the Illinois weight
+        u = far - far_rest * (far - near) / (far_rest - near_rest)
+        force = law(parameters, state, u, dt, load, new_state)
+        rest = stiffness * u + force - drive
+        if abs(rest) <= PRECISION * (abs(drive) + abs(force)) or u in (near, far):
+            return u, force
+        if rest * far_rest < 0.0:
+            near, near_rest = far, far_rest
+        else:
+            near_rest *= 0.5
+        far, far_rest = u, rest
+    return u, force
+
+
+_RUN = types.void(
+    LAW, VECTOR, VECTOR, float64, float64, float64, types.UniTuple(float64, 2), VECTOR, VECTOR, float64,
+    VECTOR, types.Array(types.float64, 2, "C"), int64,
+)  # fmt: skip
+
+
+@njit(_RUN, cache=True)
+def slide_mass(law, parameters, state, mass, damping, stiffness, start, force, load, dt, anchor, motion, every):
+    """Motion of a mass on friction, held by a spring whose other end follows `anchor` [m] (n,).
+
+    `mass` [kg], `damping` [Ns/m] to ground, `stiffness` [N/m], `start` position [m] and velocity [m/s], applied `force` [N] (n,),
+    `load` [N] (n,). Writes position [m], velocity [m/s] and friction [N] into `motion` (n // every, 3) at every `every`-th step;
+    `state` is left at the last one.
+    """
+    position, velocity = start
+    new_state = state.copy()
+    A = mass / dt**2 + damping / dt + stiffness
+    for i in range(force.size):
+        B = mass * velocity / dt + force[i] + stiffness * (anchor[i] - position)
+        u, friction = balance(law, parameters, state, A, B, dt, load[i], new_state)
+        state[:] = new_state
+        position += u
+        velocity = u / dt
+        if (i + 1) % every == 0:
+            motion[i // every, 0] = position
+            motion[i // every, 1] = velocity
+            motion[i // every, 2] = friction

@@ -1,0 +1,54 @@
+"""The one signature of every friction law, so that a rig that is compiled once runs with any of them.
+
+    force = law(parameters, state, displacement, dt, load, new_state)
+
+`displacement` [m] is made during the step `dt` [s] at constant velocity; `load` [N] is the normal force at its end. A law
+without load dependence ignores it. `new_state` is written and may be `state` itself. A solver may call a law many times from
+one state with trial displacements. In a rotational rig read rad, Nm and Nm/rad for m, N and N/m.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numba import njit, types
+from numba.core.types import float64, int64
+
+Law = Callable[[np.ndarray, np.ndarray, float, float, float, np.ndarray], float]
+
+VECTOR = types.Array(types.float64, 1, "C")
+SIGNATURE = float64(VECTOR, VECTOR, float64, float64, float64, VECTOR)
+LAW = types.FunctionType(SIGNATURE)  # the type of a law as an argument of a jitted function
+
+
+def law(function: Any) -> Any:
+    """Compile a friction law with the signature of all laws."""
+    return njit(SIGNATURE, cache=True)(function)
+
+
+_TRACE = types.void(LAW, VECTOR, VECTOR, VECTOR, float64, VECTOR, VECTOR, types.Array(types.float64, 2, "C"))
+
+
+@njit(_TRACE, cache=True)
+def trace(law, parameters, state, position, dt, load, force, states):
+    """Play `position` [m] (n,) through a law from `state`; write `force` [N] (n,) and `states` (n, m).
+
+    The first sample is the start: no step is made, the force there is 0.
+    """
+    force[0] = 0.0
+    states[0] = state
+    for i in range(1, position.size):
+        displacement = position[i] - position[i - 1]
+        force[i] = law(parameters, states[i - 1], displacement, dt, load[i], states[i])
+
+
+_REPEAT = float64(LAW, VECTOR, VECTOR, float64, float64, float64, int64)
+
+
+@njit(_REPEAT, cache=True)
+def repeat(law, parameters, state, displacement, dt, load, steps):
+    """Make `steps` equal steps, leave the last state in `state`, return the last force [N]."""
+    force = 0.0
+    for _ in range(steps):
+        force = law(parameters, state, displacement, dt, load, state)
+    return force

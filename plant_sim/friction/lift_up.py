@@ -1,0 +1,161 @@
+"""Normal degree of freedom of the XGMS model: sliding lifts the body, and the lighter contact has less friction.
+
+What            a lift-up force grows with speed and lags; it moves a mass on the contact; the contact force loads the friction
+Equation        F_N(v) = F_N,inf (1 - exp(-|v|/v_N)), even in v                                                  (fig E.1)
+                slip  dF_Ni/dt = C_N (alpha_i - F_Ni/F_N(v));  stick  dF_Ni/dt = -C_N F_Ni/F_N,inf                    (E.2)
+                M h'' = sum F_Ni + F_c(h, h') - G,  F_c = K max(0, d - h)^p - c h' while in contact, else 0;  F_c(0) = G
+                friction: XGMS under the load max(0, F_c)
+Assumptions     constant velocity over a step: the lift-up force is exact; the mass by the trapezoidal rule; G is the load given
+Valid range     normal motion small beside the thickness of the plates; the lift-up force below G
+Not modelled    runout of the disks, tilt. The decay in stick is ours: the thesis leaves it open. It prints sign(v) before C_N as for the
+                friction; with F_N even, that equation has no steady state for v < 0 (F_N grows without end), so there is none here
+References      Janssens 2010, appendix E
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import exp
+
+import numpy as np
+from numba import njit
+
+from plant_sim.friction.kernel import law
+from plant_sim.friction.model import Array, FrictionModel, require
+from plant_sim.friction.xgms import XGMS, xgms
+
+HEAD = 7  # parameters before those of the tangential model
+MOST_ROUNDS = 50  # of Newton's method; the contact force is convex where it acts, so it needs about 4
+
+
+@njit(inline="always")
+def lift_force(speed, highest, speed_scale):
+    """F_N [N] of steady sliding at `speed` [m/s]: even, 0 at rest, saturating (figs E.1, E.5)."""
+    return highest * (1.0 - exp(-speed / speed_scale))
+
+
+@njit(inline="always")
+def contact_force(lift, rate, approach, stiffness, power, damping):
+    """F_c [N] of the contact at `lift` h [m] and `rate` h' [m/s], and its derivative by h [N/m] at constant rate; never pulls."""
+    squeeze = approach - lift
+    if squeeze <= 0.0:
+        return 0.0, 0.0
+    force = stiffness * squeeze**power - damping * rate
+    if force <= 0.0:
+        return 0.0, 0.0
+    return force, -power * stiffness * squeeze ** (power - 1.0)
+
+
+@law
+def lifting_xgms(parameters, state, displacement, dt, load, new_state):
+    """Friction [N]; `state` holds that of the XGMS model, F_Ni (n,), h [m], h' [m/s].
+
+    Parameters F_N,inf, v_N, C_N, M, K, p, c and those of the XGMS model.
+    """
+    highest, speed_scale, attraction, mass = parameters[0], parameters[1], parameters[2], parameters[3]
+    stiffness, power, damping = parameters[4], parameters[5], parameters[6]
+    n = (state.size - 4) // 3
+    tangential = 2 * n + 2
+    speed = abs(displacement) / dt
+    now = lift_force(speed, highest, speed_scale)
+    slide = exp(-attraction / now * dt) if now > 0.0 else 0.0
+    rest = exp(-attraction / highest * dt) if highest > 0.0 else 0.0
+    direction = np.sign(displacement)
+    lift = 0.0
+    for i in range(n):
+        at = tangential + i
+        if direction != 0.0 and state[n + i] == direction:
+            end = parameters[HEAD + 8 + n + i] * now  # alpha_i F_N(v)
+            new_state[at] = end + (state[at] - end) * slide  # E.2, slip
+        else:
+            new_state[at] = state[at] * rest  # stick: the film squeezes out
+        lift += new_state[at]
+    approach = (load / stiffness) ** (1.0 / power)  # F_c(0) = G
+    h, rate = state[tangential + n], state[tangential + n + 1]
+    before = contact_force(h, rate, approach, stiffness, power, damping)[0]
+    push = lift - load
+    new_rate = rate
+    for _ in range(MOST_ROUNDS):  # trapezoidal rule: M (r1 - r) = dt (push + (F_c + F_c1)/2), h1 = h + dt (r + r1)/2
+        new_h = h + 0.5 * dt * (rate + new_rate)
+        force, slope = contact_force(new_h, new_rate, approach, stiffness, power, damping)
+        residual = mass * (new_rate - rate) - dt * (push + 0.5 * (before + force))
+        by_rate = 0.5 * dt * slope - (damping if force > 0.0 else 0.0)
+        change = residual / (mass - 0.5 * dt * by_rate)
+        new_rate -= change
+        if abs(change) <= 1e-15 * (abs(new_rate) + speed_scale):
+            break
+    new_h = h + 0.5 * dt * (rate + new_rate)
+    contact = contact_force(new_h, new_rate, approach, stiffness, power, damping)[0]
+    new_state[tangential + n] = new_h
+    new_state[tangential + n + 1] = new_rate
+    return xgms(parameters[HEAD:], state[:tangential], displacement, dt, contact, new_state[:tangential])
+
+
+@dataclass(frozen=True, eq=False)
+class LiftUp:
+    """Parameters of the normal direction.
+
+    `highest` F_N,inf [N], `speed_scale` v_N [m/s], `attraction` C_N [N/s], `mass` M [kg], `stiffness` K [N/m^p] and `power` p [-]
+    of the contact, `damping` c [Ns/m]. Raises InputError.
+    """
+
+    highest: float
+    speed_scale: float
+    attraction: float
+    mass: float
+    stiffness: float
+    power: float = 1.5
+    damping: float = 0.0
+
+    def __post_init__(self) -> None:
+        require("highest lift-up force", self.highest, least=0.0, unit="N")
+        require("speed scale v_N", self.speed_scale, above=0.0, unit="m/s")
+        require("attraction C_N", self.attraction, above=0.0, most=np.inf, unit="N/s")
+        require("mass", self.mass, above=0.0, unit="kg")
+        require("contact stiffness", self.stiffness, above=0.0, unit="N/m^p")
+        require("contact power", self.power, least=1.0, most=10.0)
+        require("contact damping", self.damping, least=0.0, unit="Ns/m")
+
+
+@dataclass(frozen=True, eq=False)
+class LiftingXGMS(FrictionModel):
+    """XGMS model `tangential` whose load comes from the contact of a body that `normal` lets move; the load given is G = M g + W_n."""
+
+    tangential: XGMS
+    normal: LiftUp
+    law = staticmethod(lifting_xgms)
+
+    @cached_property
+    def parameters(self) -> Array:
+        """F_N,inf, v_N, C_N, M, K, p, c, then those of the XGMS model."""
+        n = self.normal
+        head = (n.highest, n.speed_scale, n.attraction, n.mass, n.stiffness, n.power, n.damping)
+        return np.concatenate([head, self.tangential.parameters])
+
+    def rest(self) -> Array:
+        """State of the XGMS model, F_Ni [N] (n,), h [m], h' [m/s]: at rest on the contact."""
+        return np.concatenate([self.tangential.rest(), np.zeros(self.tangential.stiffness.size + 2)])
+
+    def steady_state(self, velocity: Array | float, load: float = 1.0) -> Array:
+        """S(v, F_s) [N] under the load that the lift-up force leaves."""
+        lift = self.steady_lift_force(velocity)
+        single = [
+            float(self.tangential.steady_state(v, w)) for v, w in np.broadcast(velocity, np.maximum(load - lift, 0.0))
+        ]
+        return np.array(single).reshape(np.shape(velocity))
+
+    def steady_lift_force(self, velocity: Array | float) -> Array:
+        """F_N(v) [N] (fig E.1), same shape as `velocity` [m/s]."""
+        return self.normal.highest * -np.expm1(-np.abs(velocity) / self.normal.speed_scale)
+
+    def lift_force(self, state: Array) -> Array:
+        """Sum of the lift-up forces [N] of `state` (m,) or (k, m)."""
+        n = self.tangential.stiffness.size
+        return state[..., 2 * n + 2 : 3 * n + 2].sum(axis=-1)
+
+    def lift(self, state: Array) -> Array:
+        """Lift h [m] of `state` (m,) or (k, m); 0 at rest."""
+        return state[..., -2]
+
+    def contact_load(self, state: Array) -> Array:
+        """Load on the friction [N] of `state` (m,) or (k, m)."""
+        return state[..., 2 * self.tangential.stiffness.size]

@@ -1,0 +1,68 @@
+"""Maxwell-slip: hysteresis with non-local memory.
+
+What            N springs in parallel, each with a Coulomb slider (Jenkins elements; also called the parallel Iwan model)
+Equation        stick dF_i/dt = k_i v while |F_i| < W_i;  slip dF_i/dt = 0;  F = sum F_i
+Assumptions     rate independent; exact for any monotone displacement
+Valid range     pre-sliding, and sliding at a constant level
+Not modelled    Stribeck effect, viscous friction, friction lag
+References      Janssens 2010, sec. 5.2 and appendix D; Iwan 1966; Lampaert 2003
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from plant_sim.friction.kernel import law
+from plant_sim.friction.model import Array, FrictionModel, elements
+from protocols.errors import InputError
+
+
+@law
+def maxwell_slip(parameters, state, displacement, dt, load, new_state):
+    """Force [N]; `state` holds F_i (n,). Parameters k_1..k_n, W_1..W_n."""
+    n = state.size
+    force = 0.0
+    for i in range(n):
+        limit = parameters[n + i]
+        new_state[i] = min(max(state[i] + parameters[i] * displacement, -limit), limit)  # 5.2, stick and slip
+        force += new_state[i]
+    return force
+
+
+@dataclass(frozen=True, eq=False)
+class MaxwellSlip(FrictionModel):
+    """Maxwell-slip model of N elements: `stiffness` k_i [N/m] (n,), `limits` W_i [N] (n,).
+
+    An infinite limit makes an element that never slips (appendix D: the non-saturating element). Raises InputError.
+    """
+
+    stiffness: Array
+    limits: Array
+    law = staticmethod(maxwell_slip)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "stiffness", elements("stiffness [N/m]", self.stiffness))
+        object.__setattr__(self, "limits", elements("limit [N]", self.limits, infinite=True))
+        if self.stiffness.size != self.limits.size:
+            raise InputError(
+                f"there are {self.stiffness.size} stiffnesses and {self.limits.size} limits; needed are as many"
+            )
+
+    @cached_property
+    def parameters(self) -> Array:
+        """k_1..k_n, W_1..W_n."""
+        return np.concatenate([self.stiffness, self.limits])
+
+    def rest(self) -> Array:
+        """The element forces [N]: none."""
+        return np.zeros(self.stiffness.size)
+
+    def steady_state(self, velocity: Array | float, load: float = 1.0) -> Array:
+        """Sum of the limits with the sign of the velocity [N]."""
+        total = self.limits.sum()
+        return np.where(np.asarray(velocity) == 0.0, 0.0, np.copysign(total, velocity))
+
+    def energy(self, state: Array) -> Array:
+        """Energy in the springs [J] of `state` (m,) or (n, m)."""
+        return (state**2 / (2.0 * self.stiffness)).sum(axis=-1)

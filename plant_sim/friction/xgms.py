@@ -1,0 +1,157 @@
+"""Extended GMS (XGMS): GMS under a normal load that varies.
+
+What            friction for control: pre-sliding with non-local memory, Stribeck curve, friction lag, load dependence
+Equation        F_s(W_n) from 4.2, s(v, F_s) = F_s (1 + (beta - 1) exp(-V_S/|v|)) with the sign of v                    (5.5, 4.1)
+                stick dF_i/dt = k_i v, and on unloading |F_i| <= alpha_i F_s
+                slip, normalised as in 6.2.3, F_i = m_i F_s:  dm_i/dt = sign(v) C (alpha_i - m_i/(s/F_s))               (5.5, 6.2.3)
+                and no spring grows by more than its end moves, dF_i <= k_i |dx|
+                F = sum F_i + sign(v) F_s sigma_v |v|^gamma
+Assumptions     constant velocity over a step, load as at its end: stick and slip under a constant load are exact for any step
+Valid range     pre-sliding and gross sliding under any load, also 0
+Not modelled    dwell time; the normal motion (see `lift_up`). The bound on growth is ours: with it the model is passive under any
+                load, sum F_i^2/(2 k_i) is its stored energy; without it, that is as GMS, it is not
+References      Janssens 2010, secs. 5.5, 6.2.3, 4.2.3
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import exp
+
+import numpy as np
+from numba import njit
+
+from plant_sim.friction.gms import checked_elements
+from plant_sim.friction.kernel import law
+from plant_sim.friction.load_law import Amontons, LoadLaw, static_force
+from plant_sim.friction.model import Array, FrictionModel, require
+from plant_sim.friction.stribeck import relative_level, viscous_force
+
+HEAD = 8  # parameters before those of the elements
+
+
+@njit(inline="always")
+def _slip(along, scaled, limit, decay, rate, dt, reach):
+    """Force of a slipping element after the step, along the motion [N].
+
+    `scaled` is the force after the change of load; `reach` = k |dx| bounds its growth.
+    """
+    new = limit + (scaled - limit) * decay  # 5.5, slip
+    if new <= along or scaled < along:
+        return new
+    if scaled > along:
+        return min(new, along + reach)
+    if rate * dt * (limit - along) <= reach:
+        return new
+    bound = (limit - along) * dt / reach - 1.0 / rate  # s, until the spring can follow the slip law
+    if bound >= dt:
+        return along + reach
+    return limit - reach / (dt * rate) * exp(-rate * (dt - bound))
+
+
+@law
+def xgms(parameters, state, displacement, dt, load, new_state):
+    """Force [N]; `state` holds F_i (n,), the latch (n,), the last load [N] and its F_s [N].
+
+    Parameters mu_max, 1/a_2, L, beta, V_S, sigma_v, gamma, C, k_1..k_n, alpha_1..alpha_n.
+    """
+    n = (state.size - 2) // 2
+    before = state[2 * n + 1]
+    static = before if load == state[2 * n] else static_force(load, parameters[0], parameters[1], parameters[2])
+    new_state[2 * n] = load
+    new_state[2 * n + 1] = static
+    ratio = static / before if before > 0.0 else 0.0
+    direction = np.sign(displacement)
+    distance = abs(displacement)
+    speed = distance / dt
+    relative = relative_level(speed, parameters[3], parameters[4])
+    level = static * relative  # |s(v, F_s)|, 5.5
+    rate = parameters[7] / relative
+    decay = exp(-rate * dt)
+    highest = static * max(1.0, parameters[3])
+    force = 0.0
+    for i in range(n):
+        weight = parameters[HEAD + n + i]
+        most = weight * highest
+        if direction == 0.0:  # standstill: sticks
+            new_state[i] = min(max(state[i], -most), most)
+            new_state[n + i] = 0.0
+            force += new_state[i]
+            continue
+        along = direction * state[i]
+        limit = weight * level  # W_i = alpha_i s(v, F_s), 5.5
+        reach = parameters[HEAD + i] * distance
+        latch = direction
+        if state[n + i] == direction:
+            along = _slip(along, along * ratio, limit, decay, rate, dt, reach)
+        else:
+            along = min(max(along, -most), most)
+            if along >= limit:
+                along = limit + (along - limit) * decay
+            else:
+                along += reach  # 5.5, stick
+                if along >= limit:
+                    along = limit
+                else:
+                    latch = 0.0
+        new_state[i] = direction * along
+        new_state[n + i] = latch
+        force += direction * along
+    if direction == 0.0:
+        return force
+    return force + direction * static * viscous_force(speed, parameters[5], parameters[6])  # 5.5
+
+
+@dataclass(frozen=True, eq=False)
+class XGMS(FrictionModel):
+    """XGMS model of n elements.
+
+    `friction` gives F_s from the normal load; `beta` [-] and `stribeck_velocity` V_S [m/s] shape s; `viscous` sigma_v
+    [(s/m)^gamma] with `exponent` gamma [-] is relative to F_s. `stiffness` k_i [N/m] (n,), `weights` alpha_i [-] (n,) with sum 1,
+    `attraction` C [1/s] of the normalised force (infinite: no friction lag). Raises InputError.
+    """
+
+    friction: LoadLaw | Amontons
+    stiffness: Array
+    weights: Array
+    beta: float = 1.0
+    stribeck_velocity: float = np.inf
+    viscous: float = 0.0
+    exponent: float = 1.0
+    attraction: float = np.inf
+    law = staticmethod(xgms)
+
+    def __post_init__(self) -> None:
+        stiffness, weights = checked_elements(self.stiffness, self.weights)
+        object.__setattr__(self, "stiffness", stiffness)
+        object.__setattr__(self, "weights", weights)
+        require("beta", self.beta, above=0.0, most=10.0)
+        require("Stribeck velocity", self.stribeck_velocity, above=0.0, most=np.inf, unit="m/s")
+        require("viscous factor sigma_v", self.viscous, least=0.0, unit="(s/m)^gamma")
+        require("viscous exponent", self.exponent, above=0.0, most=10.0)
+        require("attraction", self.attraction, above=0.0, most=np.inf, unit="1/s")
+
+    @cached_property
+    def parameters(self) -> Array:
+        """mu_max, 1/a_2, L, beta, V_S, sigma_v, gamma, C, k_1..k_n, alpha_1..alpha_n."""
+        curve = (self.beta, self.stribeck_velocity, self.viscous, self.exponent, self.attraction)
+        return np.array([*self.friction.block, *curve, *self.stiffness, *self.weights])
+
+    def rest(self) -> Array:
+        """Element forces [N] (n,), latches (n,), last load and F_s [N]: no force, all in stick, no load yet."""
+        return np.zeros(2 * self.stiffness.size + 2)
+
+    def steady_state(self, velocity: Array | float, load: float = 1.0) -> Array:
+        """S(v, F_s) [N] (eq 4.1)."""
+        velocity = np.asarray(velocity, float)
+        speed = np.abs(velocity)
+        with np.errstate(divide="ignore"):
+            relative = 1.0 + (self.beta - 1.0) * np.exp(-self.stribeck_velocity / speed)
+        return np.sign(velocity) * self.friction(load) * (relative + self.viscous * speed**self.exponent)  # 4.1
+
+    def forces(self, state: Array) -> Array:
+        """Element forces F_i [N] of `state` (m,) or (k, m)."""
+        return state[..., : self.stiffness.size]
+
+    def energy(self, state: Array) -> Array:
+        """Energy in the springs [J] of `state` (m,) or (k, m)."""
+        return (self.forces(state) ** 2 / (2.0 * self.stiffness)).sum(axis=-1)

@@ -1,0 +1,83 @@
+"""What one reproduction shows: a picture, and the checks of the claim, each with what was measured."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+DPI = 110
+INK = "#222222"  # reference lines: what was asked for, or the static curve
+
+
+@dataclass(frozen=True)
+class Check:
+    """One statement about what was measured; `thesis` is what the thesis says of it, as text."""
+
+    statement: str
+    measured: str
+    thesis: str
+    holds: bool
+
+
+class Sheet:
+    """Filled by a reproduction: axes to draw on, checks, notes, and a table and document where there is more to say.
+
+    `progress(done, total)` may be called by long work.
+    """
+
+    def __init__(self, progress: Callable[[int, int], None] = lambda done, total: None) -> None:
+        self.progress = progress
+        self.checks: list[Check] = []
+        self.notes: list[str] = []
+        self.table: list[Sequence[str]] = []
+        self.document: dict[str, Any] = {}
+        self.figure = Figure(layout="constrained")
+        FigureCanvasAgg(self.figure)
+
+    def axes(self, rows: int = 1, columns: int = 1, width: float = 10.0, height: float = 4.5, **options: Any) -> Any:
+        """Axes to draw on, as `matplotlib.figure.Figure.subplots`; `width`, `height` of the whole picture [inch]."""
+        self.figure.set_size_inches(width, height)
+        made = self.figure.subplots(rows, columns, **options)
+        for axes in np.atleast_1d(made).flat:
+            axes.grid(alpha=0.3)
+            axes.spines[["top", "right"]].set_visible(False)
+        return made
+
+    def check(self, statement: str, holds: bool, measured: object = "", thesis: object = "") -> None:
+        """Record one check. Numbers in `measured` are to be given as they were measured, with units in `statement`."""
+        self.checks.append(Check(statement, _text(measured), _text(thesis), bool(holds)))
+
+    def note(self, text: str) -> None:
+        """Say what the reader must know to judge the result, such as parameters that the thesis does not give."""
+        self.notes.append(text)
+
+    @property
+    def holds(self) -> bool:
+        """Whether there is a check, and all hold."""
+        return bool(self.checks) and all(check.holds for check in self.checks)
+
+    def save(self, path: Path, title: str) -> None:
+        """Write the picture with `title` above it."""
+        self.figure.suptitle(title, x=0.01, ha="left", fontsize=11)
+        self.figure.savefig(path, dpi=DPI)
+
+
+def label(axes: Axes, x: str, y: str, title: str = "") -> None:
+    """Axis labels (with units) and a title of one panel."""
+    axes.set_xlabel(x)
+    axes.set_ylabel(y)
+    if title:
+        axes.set_title(title, loc="left", fontsize=10)
+
+
+def _text(value: object) -> str:
+    if isinstance(value, float | np.floating):
+        return f"{value:.4g}"
+    if isinstance(value, list | tuple | np.ndarray):
+        return ", ".join(_text(item) for item in value)
+    return str(value)
