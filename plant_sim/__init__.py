@@ -1,1 +1,7 @@
 """The rig: physics, effects, sensors and data acquisition, and the bench that runs it with a controller."""
+
+from pathlib import Path
+
+from plant_sim.compiled import drop_stale
+
+drop_stale(Path(__file__).parent)

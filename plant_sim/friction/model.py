@@ -12,7 +12,7 @@ from plant_sim.friction import kernel
 from protocols.errors import InputError
 
 Array = np.ndarray
-MOST = np.finfo(float).max
+MOST = float(np.finfo(float).max)
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class FrictionModel(ABC):
         Raises InputError.
         """
         position = np.ascontiguousarray(position, float)
-        loads = np.ascontiguousarray(np.broadcast_to(np.asarray(load, float), position.shape))
+        loads = np.array(np.broadcast_to(np.asarray(load, float), position.shape))
         require("time step", dt, above=0.0, unit="s")
         if position.ndim != 1 or position.size < 1:
             raise InputError(f"position has shape {position.shape}; needed is one value or more in one dimension")

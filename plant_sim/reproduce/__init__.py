@@ -12,6 +12,13 @@ from plant_sim.reproduce.sheet import Sheet
 from protocols.errors import InputError, listing
 
 MODULES = (
+    "generic",
+    "asperity_stiffness",
+    "clutch_temperature",
+    "clutch_piston",
+    "clutch_stationary",
+    "clutch_dynamics",
+    "appendix_c",
     "table_6_6",
     "adaptation",
 )

@@ -1,0 +1,45 @@
+"""Compiled kernels on disk that are older than a source they were made from.
+
+Numba asks only whether the file of a function itself has changed. A kernel whose blocks, in other files, were edited or
+updated would go on with the old physics, so such kernels are deleted before they are used.
+"""
+
+import re
+from pathlib import Path
+
+_IMPORT = re.compile(r"^from (\w+(?:\.\w+)*) import (\([^)]*\)|.*)$", re.MULTILINE)
+
+
+def drop_stale(package: Path) -> list[Path]:
+    """Delete the cached kernels of `package` that are older than a module they import, directly or not; return them."""
+    sources = {path: path.stat().st_mtime_ns for path in package.rglob("*.py")}
+    caches = {path: path.stat().st_mtime_ns for path in package.rglob("__pycache__/*.nbi")}
+    if not caches or max(sources.values()) <= min(caches.values()):
+        return []
+    imported = {path: _imported(path, package, sources) for path in sources}
+    stale = []
+    for cache, made in caches.items():
+        module = cache.parents[1] / f"{cache.name.partition('.')[0]}.py"
+        if any(sources[path] > made for path in _reached(module, imported)):
+            cache.unlink(missing_ok=True)
+            stale.append(cache)
+    return stale
+
+
+def _imported(path: Path, package: Path, sources: dict[Path, int]) -> set[Path]:
+    """Modules of `package` that the module at `path` imports."""
+    found = set()
+    for base, names in _IMPORT.findall(path.read_text(encoding="utf-8")):
+        folder = package.parent.joinpath(*base.split("."))
+        candidates = [folder, *(folder / name for name in re.findall(r"\w+", names))]
+        found |= {candidate.with_suffix(".py") for candidate in candidates} & sources.keys()
+    return found
+
+
+def _reached(module: Path, imported: dict[Path, set[Path]]) -> set[Path]:
+    reached, open_ends = set(), {module} & imported.keys()
+    while open_ends:
+        path = open_ends.pop()
+        reached.add(path)
+        open_ends |= imported[path] - reached
+    return reached

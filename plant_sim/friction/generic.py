@@ -1,0 +1,250 @@
+"""Generic model: friction of a body on many asperities over a counter surface of steps, with a normal degree of freedom.
+
+What            N asperities with drawn positions, heights and stiffness; each an adapted Maxwell-slip element while it is in
+                contact (`asperity_contact.py`); the body's separation z_b follows from the normal load
+Equation        F = sum F_t,i + sum F_m,i;  k_n = (2 - nu)/(2 (1 - nu)) k_t                               (2.1, 2.9)
+                quasi-static:   sum k_n,i zeta_i = W, solved exactly (piecewise linear and monotone in z_b)
+                dynamic:        M z_b'' + C z_b' = sum k_n,i zeta_i - W, backward Euler, solved exactly
+                fixed:          z_b is given; so was the original model (sec. 2.2.5)
+Assumptions     those of `asperity_contact.py`; asperities do not touch each other; masses act tangentially only
+Valid range     any displacement and dt: a step longer than the narrowest step or recess is divided, so that no asperity
+                passes a contact unseen (its cost grows with the distance, its state does not depend on the division
+                except for the order dt of the load balance). Backward Euler damps vibration of z_b: omega dt/2 is added
+                to its damping ratio
+Not modelled    plasticity, floor of the recesses, vibration of a free tip (its energy is lost at once), wear
+References      Janssens 2010, sec. 2.2, appendices A and B
+
+Lengths are in heights of a unit step, forces in (total k_t) x (that height), as the thesis's are dimensionless; any
+consistent units do as well, when heights z_i and z_b are read from one step height (1 of the unit) down.
+State: F_t (N), t (N), mode (N), place (N), then position of the body, z_b, dz_b/dt. A `Trace` holds all of them at every
+sample, 32 N bytes each; `GenericModel.observe` keeps sums only.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import ceil
+
+import numpy as np
+from numba import njit, types
+
+from plant_sim.friction import asperity_contact as contact
+from plant_sim.friction import kernel
+from plant_sim.friction.asperities import Asperities, StickTimeFriction
+from plant_sim.friction.counter_surface import CounterSurface, FlatSurface, segment_at
+from plant_sim.friction.model import Array, FrictionModel, Trace, require
+
+HEADER = 9  # numbers before the arrays: N, 2 N_w, mu_0, mu_inf, tau, period, longest travel, two of the normal motion
+SAMPLES = 50  # a pitch, in `steady_state`; ours: 200 change the mean force of figure 2.5's model by less than 0.02 %
+
+
+@njit(inline="always")
+def _fields(parameters):
+    """Position, height, k_t, k_n, mass (N,), edges (2 N_w,), inverse pitch up and down (2 N_w,)."""
+    n, e = int(parameters[0]), int(parameters[1])
+    a = parameters[HEADER : HEADER + 5 * n].reshape(5, n)
+    b = parameters[HEADER + 5 * n :].reshape(3, e)
+    return a[0], a[1], a[2], a[3], a[4], b[0], b[1], b[2]
+
+
+@njit(cache=True)
+def _advance(parameters, state, displacement, dt, load, free, new_state):
+    """Move by `displacement`; z_b is found from `load` if `free`, else stays. Returns the friction force."""
+    position, height, tangential, normal, mass, edges, up, down = _fields(parameters)
+    mu_0, mu_inf, tau, period, longest = parameters[2:7]
+    n = position.size
+    new_state[:] = state
+    asperities = new_state[: 4 * n].reshape(4, n)
+    force, stick_time, mode, place = asperities[0], asperities[1], asperities[2], asperities[3]
+    travelled, reach = np.empty(n), np.empty(n)
+    steps = max(1, ceil(abs(displacement) / longest))
+    travel, tick = displacement / steps, dt / steps
+    inertia, damping = (
+        parameters[7] / tick**2,
+        parameters[8] / tick,
+    )  # backward Euler's, as stiffness; only used if free
+    total = 0.0
+    for _ in range(steps):
+        body = new_state[4 * n]
+        contact.search_contacts(
+            body, travel, position, height, tangential, edges, period, force, stick_time, mode, place, travelled, reach
+        )
+        new_state[4 * n] += travel
+        if free:
+            before, rate = new_state[4 * n + 1], new_state[4 * n + 2]
+            offset = load - damping * before - inertia * (before + rate * tick)
+            after = contact.balanced_separation(reach, normal, offset, damping + inertia, before)
+            new_state[4 * n + 1], new_state[4 * n + 2] = after, (after - before) / tick
+        separation = new_state[4 * n + 1]
+        total = contact.hold_and_slide(
+            reach, separation, tangential, normal, travelled, travel, tick, mu_0, mu_inf, tau, force, stick_time, mode
+        )
+        total += contact.inertial_force(travel / tick, height, separation, mass, place, up if travel > 0.0 else down)
+    return total
+
+
+@kernel.law
+def balanced_law(parameters, state, displacement, dt, load, new_state):
+    """Law of a body that is free in the normal direction: `parameters` 7 and 8 are its mass and damping."""
+    return _advance(parameters, state, displacement, dt, max(load, 0.0), True, new_state)
+
+
+@kernel.law
+def fixed_law(parameters, state, displacement, dt, load, new_state):
+    """Law of a body at fixed separation; the load is what the asperities make it."""
+    return _advance(parameters, state, displacement, dt, load, False, new_state)
+
+
+_VECTOR = types.Array(types.float64, 1, "C")
+_OBSERVE = types.void(kernel.LAW, _VECTOR, _VECTOR, _VECTOR, types.float64, _VECTOR, types.Array(types.float64, 2, "C"))
+
+
+@njit(_OBSERVE, cache=True)
+def _observe(law, parameters, state, position, dt, load, sums):
+    """Play `position` from `state`, which becomes the last; write the sums of `Observed` to `sums` (5, n)."""
+    fields, n = _fields(parameters), int(parameters[0])
+    height, normal, mode = fields[1], fields[3], state[2 * n : 3 * n]
+    for k in range(position.size):
+        sums[0, k] = law(parameters, state, position[k] - position[k - 1], dt, load[k], state) if k > 0 else 0.0
+        sums[1, k] = state[4 * n + 1]
+        sums[2:, k] = 0.0
+        for i in range(n):
+            if mode[i] != contact.FREE:
+                sums[2, k] += normal[i] * (1.0 - height[i] - state[4 * n + 1])  # 2.5
+                sums[3, k] += 1.0
+                sums[4, k] += 1.0 if mode[i] == contact.STICK else 0.0
+
+
+@dataclass(frozen=True)
+class Observed:
+    """Sums over the asperities at every sample (n,), and the last `state`.
+
+    Friction `force`, `separation` z_b, `normal_force`, number in contact (`touching`), number of these in stick (`sticking`).
+    """
+
+    force: Array
+    separation: Array
+    normal_force: Array
+    touching: Array
+    sticking: Array
+    state: Array
+
+
+@dataclass(frozen=True)
+class GenericModel(FrictionModel):
+    """The Generic model with quasi-static load balance: `asperities` over a `surface`, their `friction` coefficient."""
+
+    law = staticmethod(balanced_law)
+
+    asperities: Asperities
+    surface: CounterSurface | FlatSurface
+    friction: StickTimeFriction
+
+    @property
+    def _normal_motion(self) -> tuple[float, float]:
+        """Mass and damping of the body in the normal direction."""
+        return 0.0, 0.0
+
+    @cached_property
+    def parameters(self) -> Array:
+        """The parameters as the law takes them, float64 (9 + 5 N + 6 N_w,)."""
+        a, s, f = self.asperities, self.surface, self.friction
+        header = (a.position.size, s.edges.size, f.mu_0, f.mu_inf, f.tau, s.period, s.narrowest, *self._normal_motion)
+        arrays = (a.position, a.height, a.stiffness, a.normal_stiffness, np.asarray(a.mass), s.edges, *s.inverse_pitch)
+        return np.concatenate((header, *arrays))
+
+    def rest(self, load: float = 1.0) -> Array:
+        """State of a body just put down under `load`: undeflected, in stick where it touches (sec. 2.2.3)."""
+        a, s = self.asperities, self.surface
+        place = np.array([segment_at(p, 0, s.edges, s.period) for p in a.position], float)
+        reach = np.where(place % 2 == 0, 1.0 - a.height, -np.inf)  # 2.4
+        separation = self._separation_at_rest(reach, load)
+        mode = np.where(reach > separation, contact.STICK, contact.FREE)
+        zero = np.zeros(a.position.size)
+        return np.concatenate((zero, zero, mode, place, (0.0, separation, 0.0)))
+
+    def split(self, state: Array) -> tuple[Array, Array, Array, Array]:
+        """Tangential force, stick time, mode (FREE, STICK, sign of the slip) and place of each asperity, (..., N) each."""
+        force, stick_time, mode, place = np.split(state[..., :-3], 4, axis=-1)
+        return force, stick_time, mode, place
+
+    def trace(self, position: Array, dt: float, load: Array | float = 1.0, state: Array | None = None) -> Trace:
+        """Force and whole state at every sample of `position` (n,); as `FrictionModel.trace`. Raises InputError."""
+        return super().trace(position, dt, load, self._first(load) if state is None else state)
+
+    def observe(self, position: Array, dt: float, load: Array | float = 1.0, state: Array | None = None) -> Observed:
+        """Sums over the asperities at every sample of `position` (n,), `dt` apart, under `load` (scalar or (n,)).
+
+        Begins as `trace` does. Raises InputError.
+        """
+        position = np.array(position, float, ndmin=1)
+        loads = np.array(np.broadcast_to(np.asarray(load, float), position.shape))
+        require("time step", dt, above=0.0, unit="s")
+        require("largest position", float(np.abs(position).max()))
+        require("least load", float(loads.min()), least=0.0)
+        last = np.array(self._first(load) if state is None else state, float)
+        sums = np.empty((5, position.size))
+        _observe(self.law, self.parameters, last, position, float(dt), loads, sums)
+        force, separation, normal_force, touching, sticking = sums
+        return Observed(force, separation, normal_force, touching, sticking, last)
+
+    def steady_state(self, velocity: Array | float, load: float = 1.0) -> Array:
+        """Mean force of long sliding at constant `velocity`, same shape; 0 at velocity 0. Found by sliding.
+
+        The mean is over one period of the surface, after all deflections have saturated and two steps were passed.
+        """
+        return np.vectorize(lambda v: self._mean_force(float(v), load), otypes=[float])(velocity)
+
+    def _mean_force(self, velocity: float, load: float) -> float:
+        if velocity == 0.0:
+            return 0.0
+        start, a = self.rest(load), self.asperities
+        deepest = max(0.0, 1.0 - float(a.height.min()) - float(start[-2]))
+        settling = (
+            2.0 * self.friction.mu_inf * deepest * float((a.normal_stiffness / a.stiffness).max())
+        )  # F_t/k_t <= this
+        if isinstance(self.surface, CounterSurface):
+            pitch = self.surface.period / self.surface.width.size
+            settling, stroke, travel = settling + 2.0 * pitch, self.surface.period, pitch / SAMPLES
+        else:
+            settling, stroke, travel = settling + 1e-12, 0.0, (settling + 1e-12) / SAMPLES
+        before, during = int(np.ceil(settling / travel)), int(np.ceil(stroke / travel))
+        position = np.copysign(travel, velocity) * np.arange(before + during + 1)
+        return float(self.observe(position, travel / abs(velocity), load, start).force[before:].mean())
+
+    def _first(self, load: Array | float) -> Array:
+        return self.rest(float(np.ravel(load)[0]))
+
+    def _separation_at_rest(self, reach: Array, load: float) -> float:
+        lowest = 1.0 - float(self.asperities.height.max())  # below it all asperities bear load
+        return float(contact.balanced_separation(reach, self.asperities.normal_stiffness, max(load, 0.0), 0.0, lowest))
+
+
+@dataclass(frozen=True)
+class DynamicGenericModel(GenericModel):
+    """The Generic model whose body moves in the normal direction: `body_mass` M, `body_damping` C. Raises InputError."""
+
+    body_mass: float
+    body_damping: float
+
+    def __post_init__(self) -> None:
+        require("mass of the body", self.body_mass, least=0.0)
+        require("damping of the body", self.body_damping, least=0.0)
+
+    @property
+    def _normal_motion(self) -> tuple[float, float]:
+        return self.body_mass, self.body_damping
+
+
+@dataclass(frozen=True)
+class FixedSeparationModel(GenericModel):
+    """The original model: the body at a given `separation` z_b, whatever the load. Raises InputError."""
+
+    law = staticmethod(fixed_law)
+
+    separation: float
+
+    def __post_init__(self) -> None:
+        require("separation", self.separation)
+
+    def _separation_at_rest(self, reach: Array, load: float) -> float:
+        return self.separation
