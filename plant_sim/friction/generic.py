@@ -38,7 +38,7 @@ SAMPLES = 50  # a pitch, in `steady_state`; ours: 200 change the mean force of f
 
 
 @njit(inline="always")
-def _fields(parameters):
+def fields(parameters):
     """Position, height, k_t, k_n, mass (N,), edges (2 N_w,), inverse pitch up and down (2 N_w,)."""
     n, e = int(parameters[0]), int(parameters[1])
     a = parameters[HEADER : HEADER + 5 * n].reshape(5, n)
@@ -49,7 +49,7 @@ def _fields(parameters):
 @njit(cache=True)
 def _advance(parameters, state, displacement, dt, load, free, new_state):
     """Move by `displacement`; z_b is found from `load` if `free`, else stays. Returns the friction force."""
-    position, height, tangential, normal, mass, edges, up, down = _fields(parameters)
+    position, height, tangential, normal, mass, edges, up, down = fields(parameters)
     mu_0, mu_inf, tau, period, longest = parameters[2:7]
     n = position.size
     new_state[:] = state
@@ -101,8 +101,8 @@ _OBSERVE = types.void(kernel.LAW, _VECTOR, _VECTOR, _VECTOR, types.float64, _VEC
 @njit(_OBSERVE, cache=True)
 def _observe(law, parameters, state, position, dt, load, sums):
     """Play `position` from `state`, which becomes the last; write the sums of `Observed` to `sums` (5, n)."""
-    fields, n = _fields(parameters), int(parameters[0])
-    height, normal, mode = fields[1], fields[3], state[2 * n : 3 * n]
+    arrays, n = fields(parameters), int(parameters[0])
+    height, normal, mode = arrays[1], arrays[3], state[2 * n : 3 * n]
     for k in range(position.size):
         sums[0, k] = law(parameters, state, position[k] - position[k - 1], dt, load[k], state) if k > 0 else 0.0
         sums[1, k] = state[4 * n + 1]

@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
 from math import inf, isfinite
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -30,7 +30,7 @@ class FrictionModel(ABC):
     state: it is passed in and comes out.
     """
 
-    law: ClassVar[kernel.Law]
+    law: ClassVar[Any]  # a `kernel.Law`, as staticmethod
 
     @cached_property
     @abstractmethod

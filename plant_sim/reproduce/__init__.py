@@ -13,6 +13,10 @@ from protocols.errors import InputError, listing
 
 MODULES = (
     "generic",
+    "rayleigh_step",
+    "rayleigh_pair",
+    "rayleigh_stribeck",
+    "generic_rayleigh",
     "asperity_stiffness",
     "clutch_temperature",
     "clutch_piston",
