@@ -1,0 +1,90 @@
+"""Parameters of any friction model from a measured trace.
+
+What            the parameters with which a model, played along the measured position, comes nearest to the measured force
+Equation        min over theta of sum (F_model(theta) - F_measured)^2, from several starts within the bounds
+Assumptions     as `least_squares`; the contact is at rest at the first sample
+Valid range     any model with `trace(position, dt, load).force`
+Not modelled    masses, sensors: measure the force at the contact, or make them part of `build`
+References      Janssens 2010, sec. 5.8; starts: McKay, Beckman, Conover 1979 (Latin hypercube)
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from scipy.stats import qmc
+
+from plant_sim.friction.identification.least_squares import Estimate, minimise
+from plant_sim.friction.identification.virgin_curve import paired
+from plant_sim.friction.model import Array, require
+from protocols.errors import InputError
+
+DECADE = 10.0  # bounds further apart than this are searched by their logarithm
+
+
+class Model(Protocol):
+    """What is fitted."""
+
+    def trace(self, position: Array, dt: float, load: Array | float = 1.0) -> Any: ...
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A measured trace: `position` [m] (n,), `dt` [s], `force` [N] (n,), `load` [N] scalar or (n,). Raises InputError."""
+
+    position: Array
+    dt: float
+    force: Array
+    load: Array | float = field(default=1.0)
+
+    def __post_init__(self) -> None:
+        position, force = paired(self.position, self.force, "measured trace")
+        require("time step", self.dt, above=0.0, unit="s")
+        object.__setattr__(self, "position", position)
+        object.__setattr__(self, "force", force)
+
+
+def fit(
+    build: Callable[[Mapping[str, float]], Model],
+    names: Sequence[str],
+    start: Mapping[str, float],
+    bounds: Mapping[str, tuple[float, float]],
+    trace: Measured,
+    starts: int = 1,
+    seed: int = 0,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Estimate:
+    """Fit the parameters `names` of the model that `build` makes of all values by name; those only in `start` stay frozen.
+
+    Searches from `start` and from `starts` - 1 further points spread within `bounds`, which are needed for `names`; points
+    differ by `seed`. `progress(done, total)` is called after each start. Raises InputError.
+    """
+    for name in names:
+        if name not in start or name not in bounds:
+            raise InputError(f"parameter {name!r} has no {'start' if name not in start else 'bounds'}; needed are both")
+    frozen = {name: float(value) for name, value in start.items() if name not in names}
+    limits = np.array([bounds[name] for name in names], float).reshape(-1, 2)
+    if trace.force.size <= len(names):
+        raise InputError(f"measured trace has {trace.force.size} samples for {len(names)} parameters; needed are more")
+
+    def residual(theta: Array) -> Array:
+        model = build({**frozen, **dict(zip(names, map(float, theta), strict=True))})
+        return model.trace(trace.position, trace.dt, trace.load).force - trace.force
+
+    first = np.array([[start[name] for name in names]], float).reshape(1, -1)
+    return minimise(residual, names, np.vstack([first, _spread(limits, starts - 1, seed)]), limits, frozen, progress)
+
+
+def _spread(bounds: Array, number: int, seed: int) -> Array:
+    """`number` points (number, m) by Latin hypercube within `bounds` (m, 2), by logarithm where they span decades."""
+    if number <= 0:
+        return np.empty((0, len(bounds)))
+    if not np.isfinite(bounds).all():
+        raise InputError("several starts need finite bounds; give them, or use one start")
+    unit = qmc.LatinHypercube(len(bounds), rng=np.random.default_rng(seed)).random(number)
+    low, high = bounds.T
+    wide = (low > 0.0) & (high > DECADE * np.abs(low))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        logarithmic = np.exp(np.log(low) + unit * (np.log(high) - np.log(low)))
+    return np.clip(np.where(wide, logarithmic, low + unit * (high - low)), low, high)

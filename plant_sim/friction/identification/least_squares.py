@@ -1,0 +1,211 @@
+"""Bounded least squares with what is known of the result: covariance, 95 % intervals, correlation, identifiability.
+
+What            parameters theta in their bounds with the smallest sum of squared residuals
+Equation        covariance = s^2 (J^T J)^-1,  s^2 = sum r^2 / (n - m),  interval = theta -+ t_975(n - m) sigma
+Assumptions     residuals independent, of one size, the model nearly linear over an interval. A residual that lasts over many
+                samples (the model is not the plant) makes the intervals too narrow
+Valid range     more samples than parameters
+Not modelled    bounds in the intervals: a parameter at a bound is told instead
+References      scipy.optimize.least_squares (trust region reflective: Branch, Coleman, Li 1999); Seber and Wild 2003, ch. 5
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy import optimize, stats
+
+from plant_sim.friction.model import Array
+from protocols.errors import InputError
+
+CONFIDENCE = 0.95
+STEP = 1e-6  # of a parameter, for the search's Jacobian: well above rounding, well below any curvature of these models
+MOST_ROUNDS = 200  # of the search; those that settle took 7 to 93 on smooth and on measured traces
+LAST_STEP = 1e-4  # of a parameter, for the Jacobian of the result by central differences: error about 1e-8
+SINGULAR = 1e-7  # of the largest singular value: below it finite differences show nothing but rounding
+TAKES_PART = 0.1  # of a unit direction: a parameter with less of it is not named
+AT_BOUND = 1e-6  # of the width between the bounds
+WIDE = 1.0  # half an interval, of the value: the data do not say even the sign
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Estimated parameters, in the order of `names`.
+
+    `values` (m,); `intervals` (m, 2) at 95 %; `covariance`, `correlation` (m, m); `jacobian` of the residual (n, m); `rmse` in
+    the unit of the data; `evaluations` of the model; `frozen` parameters and their values; `doubts`, one sentence for each
+    parameter that the data do not tell.
+    """
+
+    names: tuple[str, ...]
+    values: Array
+    intervals: Array
+    covariance: Array
+    correlation: Array
+    jacobian: Array
+    rmse: float
+    evaluations: int
+    frozen: Mapping[str, float] = field(default_factory=dict)
+    doubts: tuple[str, ...] = ()
+
+    def __getitem__(self, name: str) -> float:
+        """Value of a parameter, estimated or frozen."""
+        return float(self.values[self.names.index(name)]) if name in self.names else self.frozen[name]
+
+    def contains(self, truth: Mapping[str, float]) -> Array:
+        """Whether each interval holds the value in `truth`, bool (m,)."""
+        wanted = np.array([truth[name] for name in self.names])
+        return (self.intervals[:, 0] <= wanted) & (wanted <= self.intervals[:, 1])
+
+
+def minimise(
+    residual: Callable[[Array], Array],
+    names: Sequence[str],
+    starts: Array,
+    bounds: Array,
+    frozen: Mapping[str, float] | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Estimate:
+    """The best estimate from each of `starts` (k, m) within `bounds` (m, 2) for `residual`: (m,) -> (n,).
+
+    `progress(done, total)` is called after each start. Raises InputError.
+    """
+    starts, bounds = np.atleast_2d(np.asarray(starts, float)), np.asarray(bounds, float)
+    _check(names, starts, bounds)
+    scale = np.where(starts[0] != 0.0, np.abs(starts[0]), np.abs(bounds[:, 1] - bounds[:, 0]))
+    scale = np.where(np.isfinite(scale), scale, 1.0)
+    count = 0
+
+    def scaled(theta: Array) -> Array:
+        nonlocal count
+        count += 1
+        return residual(theta * scale)
+
+    limits = bounds / scale[:, None]
+    best = None
+    for i, start in enumerate(starts):
+        found = _search(scaled, start / scale, limits)
+        best = found if best is None or found.cost < best.cost else best
+        progress(i + 1, len(starts))
+    assert best is not None
+    values = np.clip(best.theta * scale, bounds[:, 0], bounds[:, 1])
+    rows = jacobian(scaled, values / scale, limits) / scale
+    estimate = _estimate(tuple(names), values, bounds, rows, scaled(values / scale), count, dict(frozen or {}))
+    if best.settled:
+        return estimate
+    return replace(estimate, doubts=(f"the search has not settled after {MOST_ROUNDS} rounds", *estimate.doubts))
+
+
+@dataclass(frozen=True)
+class _Found:
+    theta: Array
+    cost: float
+    settled: bool
+
+
+def _search(residual: Callable[[Array], Array], start: Array, bounds: Array) -> _Found:
+    """The minimum from `start`. Parameters that change nothing where it begins join once they do: they make it crawl."""
+    theta, joined = start.copy(), np.zeros(start.size, bool)
+    found = _Found(start, np.inf, True)
+    while True:
+        alive = joined | (np.linalg.norm(jacobian(residual, theta, bounds), axis=0) > 0.0)
+        if (alive == joined).all():
+            return found
+        joined = alive
+
+        def part(free: Array, fixed: Array = theta, alive: Array = alive) -> Array:
+            whole = fixed.copy()
+            whole[alive] = free
+            return residual(whole)
+
+        result = optimize.least_squares(
+            part, theta[alive], bounds=bounds[alive].T, x_scale="jac", diff_step=STEP, max_nfev=MOST_ROUNDS
+        )
+        theta = theta.copy()
+        theta[alive] = result.x
+        found = _Found(theta, result.cost, result.status > 0)
+        if alive.all():
+            return found
+
+
+def jacobian(residual: Callable[[Array], Array], values: Array, bounds: Array) -> Array:
+    """Derivative of `residual` at `values` (m,) by central differences inside `bounds` (m, 2): (n, m)."""
+    columns = []
+    for j, value in enumerate(values):
+        step = LAST_STEP * (abs(value) or min(1.0, bounds[j, 1] - bounds[j, 0]))
+        low, high = values.copy(), values.copy()
+        low[j], high[j] = max(value - step, bounds[j, 0]), min(value + step, bounds[j, 1])
+        columns.append((residual(high) - residual(low)) / (high[j] - low[j]))
+    return np.stack(columns, axis=1)
+
+
+def _estimate(
+    names: tuple[str, ...],
+    values: Array,
+    bounds: Array,
+    rows: Array,
+    residual: Array,
+    count: int,
+    frozen: dict[str, float],
+) -> Estimate:
+    freedom = residual.size - values.size
+    variance = float(residual @ residual) / freedom
+    size = np.linalg.norm(rows, axis=0)
+    unit = rows / np.where(size > 0.0, size, 1.0)
+    _, singular, directions = np.linalg.svd(unit, full_matrices=False)
+    dead = singular <= SINGULAR * singular[0]
+    inverse = np.where(dead, 0.0, 1.0 / np.where(dead, 1.0, singular))
+    covariance = (
+        variance * (directions.T * inverse**2) @ directions / np.outer(*(2 * [np.where(size > 0.0, size, 1.0)]))
+    )
+    lost = (np.abs(directions[dead]) > TAKES_PART).any(axis=0) | (size == 0.0)
+    covariance[lost, lost] = np.inf
+    sigma = np.sqrt(np.diag(covariance))
+    half = stats.t.ppf(0.5 + CONFIDENCE / 2.0, freedom) * sigma
+    with np.errstate(divide="ignore", invalid="ignore"):
+        correlation = np.where(np.eye(values.size) > 0.0, 1.0, covariance / np.outer(sigma, sigma))
+    return Estimate(
+        names,
+        values,
+        np.stack([values - half, values + half], axis=1),
+        covariance,
+        correlation,
+        rows,
+        float(np.sqrt(np.mean(residual**2))),
+        count,
+        frozen,
+        _doubts(names, values, bounds, half, size, directions[dead]),
+    )
+
+
+def _doubts(
+    names: tuple[str, ...], values: Array, bounds: Array, half: Array, size: Array, lost: Array
+) -> tuple[str, ...]:
+    """One sentence for each parameter, or each group of them, that the data do not tell."""
+    told = [f"{names[j]} is not identifiable: it changes nothing in these data" for j in np.flatnonzero(size == 0.0)]
+    for direction in lost:
+        group = [names[j] for j in np.flatnonzero(np.abs(direction) > TAKES_PART) if size[j] > 0.0]
+        if len(group) > 1:
+            told.append(f"{' and '.join(group)} are not identifiable apart: these data fix a combination of them")
+    for j, name in enumerate(names):
+        width = bounds[j, 1] - bounds[j, 0]
+        gap = min(values[j] - bounds[j, 0], bounds[j, 1] - values[j])
+        if gap <= AT_BOUND * (width if np.isfinite(width) else abs(values[j])):
+            told.append(f"{name} rests at its bound {values[j]:g}; its interval does not hold")
+        elif np.isfinite(half[j]) and half[j] > WIDE * abs(values[j]):
+            told.append(f"{name} is poorly identifiable: its interval is {values[j]:g} -+ {half[j]:.2g}")
+    return tuple(told)
+
+
+def _check(names: Sequence[str], starts: Array, bounds: Array) -> None:
+    if not names:
+        raise InputError("no parameter is to be fitted; needed is one or more")
+    if starts.shape[1] != len(names) or bounds.shape != (len(names), 2):
+        raise InputError(f"start and bounds are {starts.shape[1:]} and {bounds.shape} for {len(names)} parameters")
+    for j, name in enumerate(names):
+        low, high = bounds[j]
+        if not low < high:
+            raise InputError(f"bounds of {name} are {low:g} and {high:g}; the first must be the smaller")
+        for start in starts[:, j]:
+            if not low <= start <= high or not np.isfinite(start):
+                raise InputError(f"start of {name} is {start:g}; allowed is {low:g} to {high:g}")

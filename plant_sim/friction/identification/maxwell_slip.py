@@ -1,0 +1,74 @@
+"""Maxwell-slip elements from a virgin curve.
+
+What            stiffness k_i and limit W_i of N elements whose model runs through the curve at N break points
+Equation        A k = b,  A_ij = x_min(i,j),  b_i = f(x_i),  W_i = k_i x_i                              (D.2 to D.6)
+Assumptions     symmetric hysteresis; two sides that differ: `asymmetric`
+Valid range     up to the last break point; an element that never slips carries the slope of the curve beyond the last but one
+Not modelled    rate dependence
+References      Janssens 2010, app. D.2, figs D.3 and D.4; non-negative least squares: Lawson and Hanson 1974, ch. 23
+"""
+
+import numpy as np
+from scipy.optimize import nnls
+
+from plant_sim.friction.identification.break_points import checked
+from plant_sim.friction.identification.virgin_curve import VirginCurve
+from plant_sim.friction.maxwell_slip import MaxwellSlip
+from plant_sim.friction.model import Array
+from protocols.errors import InputError
+
+NOTHING = 1e-9  # of the whole stiffness: an element with less is rounding, and is left out
+
+
+def matrix(position: Array, break_points: Array) -> Array:
+    """Force at `position` [m] (n,) of elements with unit stiffness that slip at `break_points` [m] (N,): A, (n, N) [m]."""
+    return np.minimum.outer(np.asarray(position, float), np.asarray(break_points, float))  # D.3
+
+
+def virgin_force(model: MaxwellSlip, position: Array | float) -> Array:
+    """Force of `model` [N] when first loaded from rest to `position` [m] of 0 or more, same shape."""
+    sticking = np.multiply.outer(np.asarray(position, float), model.stiffness)
+    return np.minimum(sticking, model.limits).sum(axis=-1)  # D.2
+
+
+def solve(curve: VirginCurve, break_points: Array, saturating: bool = True) -> MaxwellSlip:
+    """The elements whose virgin curve runs through `curve` at each of `break_points` [m] (N,).
+
+    Not `saturating`: the last element never slips, its limit is infinite. Elements without stiffness are left out.
+    Raises InputError, also where the curve bends upwards, which no element does.
+    """
+    points = checked(break_points, curve.stroke)
+    stiffness = np.linalg.solve(matrix(points, points), curve(points))  # D.3 to D.5
+    worst = int(np.argmin(stiffness))
+    if stiffness[worst] < -NOTHING * np.abs(stiffness).sum():
+        raise InputError(
+            f"element {worst + 1} would have a stiffness of {stiffness[worst]:g} N/m, as the virgin curve bends upwards at "
+            f"its break point {points[worst]:g} m; allowed are stiffnesses above 0: use the least-squares fit"
+        )
+    return _model(stiffness, points, saturating)
+
+
+def fit(curve: VirginCurve, break_points: Array, saturating: bool = True) -> MaxwellSlip:
+    """The elements with stiffness of 0 or more that come nearest to `curve` over its whole stroke, in least squares.
+
+    `break_points` [m] (N,) as given; not `saturating` makes the last element one that never slips. Elements without stiffness
+    are left out. Raises InputError.
+    """
+    points = checked(break_points, curve.stroke)
+    weight = np.sqrt(np.gradient(curve.position))[:, None]  # a dense part of the curve counts no more than its length
+    columns = matrix(curve.position, points if saturating else np.append(points[:-1], curve.stroke))
+    stiffness, _ = nnls(weight * columns, weight[:, 0] * curve.force)
+    return _model(stiffness, points, saturating)
+
+
+def error(model: MaxwellSlip, curve: VirginCurve) -> float:
+    """Largest difference of the virgin curve of `model` and `curve` [N]."""
+    return float(np.abs(virgin_force(model, curve.position) - curve.force).max())
+
+
+def _model(stiffness: Array, points: Array, saturating: bool) -> MaxwellSlip:
+    limits = stiffness * points  # D.6
+    if not saturating:
+        limits[-1] = np.inf
+    kept = stiffness > NOTHING * stiffness.sum()
+    return MaxwellSlip(stiffness[kept], limits[kept])

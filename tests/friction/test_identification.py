@@ -1,0 +1,510 @@
+"""Identification: virgin curve, break points, Maxwell-slip elements, asymmetric loops, and the fit of any model."""
+
+from dataclasses import replace
+from itertools import pairwise
+from math import inf
+
+import numpy as np
+import pytest
+
+from plant_sim.friction.dahl import Dahl
+from plant_sim.friction.gms import GMS
+from plant_sim.friction.identification.asymmetric import Shaped, TwoSided, fit_shaped, fit_two_sided
+from plant_sim.friction.identification.break_points import CurvatureSpacing, EqualSpacing
+from plant_sim.friction.identification.fit import Measured, fit
+from plant_sim.friction.identification.maxwell_slip import error, matrix, solve, virgin_force
+from plant_sim.friction.identification.maxwell_slip import fit as fit_elements
+from plant_sim.friction.identification.virgin_curve import VirginCurve, from_half_loop, from_loops, reversals
+from plant_sim.friction.lugre import LuGre
+from plant_sim.friction.maxwell_slip import MaxwellSlip
+from plant_sim.friction.stribeck import Stribeck
+from protocols.errors import InputError
+
+REACH = 15e-6  # m
+MODEL = MaxwellSlip([3e6, 2e6, 1e6, 0.5e6], [3.0, 4.0, 5.0, 6.0])  # slip at 1, 2, 5, 12 um
+BREAKS = MODEL.limits / MODEL.stiffness
+X = np.linspace(0.0, 20e-6, 2001)
+SMOOTH = VirginCurve(X, 10.0 * (1.0 - np.exp(-X / 3e-6)))  # most of its curvature near the origin
+SPRING = VirginCurve(X, SMOOTH.force + 2e5 * X)  # never saturates
+
+
+def along(turns: np.ndarray, samples: int) -> np.ndarray:
+    """Positions through `turns`, `samples` a stroke."""
+    return np.append(np.concatenate([np.linspace(a, b, samples + 1)[:-1] for a, b in pairwise(turns)]), turns[-1])
+
+
+def triangle(reach: float, samples: int, cycles: int = 1) -> np.ndarray:
+    """Virgin loading to `reach`, then full cycles, `samples` a stroke."""
+    return along(np.array([0.0, reach, *[-reach, reach] * cycles]), samples)
+
+
+def half_loop(model: MaxwellSlip = MODEL) -> tuple[np.ndarray, np.ndarray]:
+    position = triangle(REACH, 600)
+    return position[1200:], model.trace(position, 1e-3).force[1200:]
+
+
+# --- virgin curve ---------------------------------------------------------------------------------------------------------
+
+
+def test_half_a_loop_is_the_virgin_curve_twice_as_large() -> None:
+    position = triangle(REACH, 600)
+    force = MODEL.trace(position, 1e-3).force
+    for stroke in (slice(600, 1201), slice(1200, 1801)):  # down, up
+        curve = from_half_loop(position[stroke], force[stroke])
+        assert curve.stroke == pytest.approx(REACH)
+        np.testing.assert_allclose(curve.force, virgin_force(MODEL, curve.position), atol=1e-12)
+
+
+def test_virgin_curve_predicts_any_branch() -> None:
+    """Masing: the same curve gives a branch from any reversal, also an inner one."""
+    curve = from_half_loop(*half_loop())
+    turn, back = 7e-6, -2e-6
+    position = np.concatenate([np.linspace(0.0, turn, 141), np.linspace(turn, back, 181)[1:]])
+    force = MODEL.trace(position, 1e-3).force
+    np.testing.assert_allclose(curve.branch(position[140:], turn, force[140]), force[140:], atol=1e-10)
+
+
+def test_virgin_curve_is_odd() -> None:
+    np.testing.assert_array_equal(SMOOTH(-X), -SMOOTH(X))
+
+
+@pytest.mark.parametrize("side", [-1, 0, 1])
+def test_noise_of_many_cycles_averages_out(side: int) -> None:
+    """Force noise of 3 % of the height, offset and noise of the position: the curve is right within 1 %."""
+    rng = np.random.default_rng(1)
+    position = REACH * np.sin(2.0 * np.pi * np.arange(20000) * 1e-3)
+    force = MODEL.trace(position, 1e-3).force + 0.7 + rng.normal(0.0, 0.5, position.size)
+    curve = from_loops(position + rng.normal(0.0, 2e-8, position.size), force, side=side)
+    assert np.abs(curve.force - virgin_force(MODEL, curve.position)).max() < 0.01 * MODEL.limits.sum()
+
+
+def test_more_cycles_average_better() -> None:
+    errors = []
+    for cycles in (2, 50):
+        found = []
+        for seed in range(6):
+            position = triangle(REACH, 300, cycles)
+            force = MODEL.trace(position, 1e-3).force + np.random.default_rng(seed).normal(0.0, 1.0, position.size)
+            curve = from_loops(position, force, points=30)
+            found.append(np.mean((curve.force - virgin_force(MODEL, curve.position)) ** 2))
+        errors.append(np.sqrt(np.mean(found)))
+    assert errors[1] < errors[0] / 3.0  # the square root of 25 would be 5
+
+
+def test_inner_loops_of_a_record_are_left_out() -> None:
+    turns = np.array([0.0, 1.0, -1.0, 0.2, -1.0, 1.0, -0.3, 1.0, -1.0, 1.0]) * REACH
+    position = along(turns, 400)
+    curve = from_loops(position, MODEL.trace(position, 1e-3).force)
+    assert np.abs(curve.force - virgin_force(MODEL, curve.position)).max() < 0.005 * MODEL.limits.sum()
+
+
+def test_reversals_ignore_noise() -> None:
+    position = triangle(1.0, 500, 3) + np.random.default_rng(2).normal(0.0, 0.002, 500 * 7 + 1)
+    found = reversals(position)
+    np.testing.assert_allclose(found, np.arange(1, 7) * 500, atol=3)
+
+
+# --- break points ---------------------------------------------------------------------------------------------------------
+
+
+def test_equal_spacing_is_equal_and_ends_at_saturation() -> None:
+    curve = VirginCurve([0.0, 1.0, 4.0, 10.0], [0.0, 2.0, 3.0, 3.0])
+    np.testing.assert_allclose(EqualSpacing().place(curve, 4), [1.0, 2.0, 3.0, 4.0])
+
+
+def test_distance_is_inverse_to_the_second_derivative() -> None:
+    """For f'' proportional to exp(-x/l) the distance of break points times f'' between them is the same everywhere."""
+    points = CurvatureSpacing().place(SMOOTH, 12)
+    middle = (points[1:-2] + points[2:-1]) / 2.0
+    product = np.diff(points)[1:-1] * np.exp(-middle / 3e-6)
+    assert product.max() / product.min() < 1.06
+    assert np.sum(points < 6e-6) >= 10  # where 86 % of the curvature is
+
+
+def test_curvature_spacing_gives_elements_of_equal_stiffness() -> None:
+    """The thesis's rule in other words; the last element takes what curvature is left before the end."""
+    bent, equal = (solve(SMOOTH, s.place(SMOOTH, 12)).stiffness[:-2] for s in (CurvatureSpacing(), EqualSpacing()))
+    assert bent.max() / bent.min() < 1.03
+    assert equal.max() / equal.min() > 100.0
+
+
+def test_equal_curvature_gives_equal_spacing() -> None:
+    parabola = VirginCurve(X, X * (2.0 * X[-1] - X))
+    np.testing.assert_allclose(CurvatureSpacing().place(parabola, 5), EqualSpacing().place(parabola, 5), rtol=1e-3)
+
+
+def test_break_points_find_the_kinks_of_elements() -> None:
+    """The curvature of four elements is at their break points alone, and all but the last point goes there."""
+    model = MaxwellSlip([1e6] * 4, np.array([1.0, 2.0, 5.0, 12.0]))
+    curve = VirginCurve(X, virgin_force(model, X))
+    points = CurvatureSpacing().place(curve, 8)
+    distance = np.abs(points[:, None] - np.array([1e-6, 2e-6, 5e-6, 12e-6])).min(axis=1)
+    assert distance.max() <= 2e-8  # two samples
+
+
+# --- elements -------------------------------------------------------------------------------------------------------------
+
+
+def test_matrix_is_the_sum_written_out() -> None:
+    """A k against eq D.2 line by line: the elements before i slip, the others stick."""
+    points, stiffness = np.array([1.0, 2.5, 3.0, 7.0]), np.array([4.0, 3.0, 2.0, 1.0])
+    heights = [
+        sum(stiffness[j] * points[j] for j in range(i)) + sum(stiffness[j] * points[i] for j in range(i, 4))
+        for i in range(4)
+    ]
+    np.testing.assert_allclose(matrix(points, points) @ stiffness, heights)
+
+
+def test_own_break_points_return_the_elements() -> None:
+    found = solve(from_half_loop(*half_loop()), BREAKS)
+    np.testing.assert_allclose(found.stiffness, MODEL.stiffness, rtol=1e-9)
+    np.testing.assert_allclose(found.limits, MODEL.limits, rtol=1e-9)
+
+
+def test_elements_run_through_the_curve_at_break_points() -> None:
+    points = CurvatureSpacing().place(SMOOTH, 6)
+    np.testing.assert_allclose(virgin_force(solve(SMOOTH, points), points), SMOOTH(points))
+
+
+@pytest.mark.parametrize("spacing", [EqualSpacing(), CurvatureSpacing(0.5)])
+def test_error_falls_with_the_square_of_the_number(spacing: EqualSpacing | CurvatureSpacing) -> None:
+    errors = [error(solve(SMOOTH, spacing.place(SMOOTH, n)), SMOOTH) for n in (16, 32, 64)]
+    assert (np.divide(errors[:-1], errors[1:]) > 3.5).all()  # 4 in the limit
+
+
+def test_few_elements_fit_better_where_the_curve_bends() -> None:
+    for number in (2, 4):
+        equal, bent = (
+            error(solve(SMOOTH, s.place(SMOOTH, number)), SMOOTH) for s in (EqualSpacing(), CurvatureSpacing())
+        )
+        assert bent < equal
+
+
+def test_root_of_the_curvature_makes_the_error_even() -> None:
+    """Distances inverse to the root of f'' give every piece the same error, so the largest is smaller than with either rule."""
+    for number in (4, 8, 16, 32):
+        rules = (EqualSpacing(), CurvatureSpacing(1.0), CurvatureSpacing(0.5))
+        equal, thesis, root = (error(solve(SMOOTH, rule.place(SMOOTH, number)), SMOOTH) for rule in rules)
+        assert root < 0.5 * min(equal, thesis)
+
+
+def test_element_that_never_slips_carries_the_slope_beyond() -> None:
+    """Its model goes on rising beyond the record; the saturating one does not."""
+    points = EqualSpacing().place(SPRING, 8)
+    free, bounded = (solve(SPRING, points, saturating) for saturating in (False, True))
+    assert free.limits[-1] == inf
+    x = np.array([20e-6, 40e-6])
+    assert np.ptp(virgin_force(bounded, x)) == 0.0
+    assert np.ptp(virgin_force(free, x)) == pytest.approx(2e5 * 20e-6, rel=0.05)
+    np.testing.assert_allclose(virgin_force(free, points), SPRING(points))
+
+
+def test_least_squares_is_the_nearest() -> None:
+    """Nearer than the elements that run through the points, and no single stiffness can be bettered."""
+    points = CurvatureSpacing(0.5).place(SMOOTH, 4)
+
+    def square(model: MaxwellSlip) -> float:
+        return float(np.mean((virgin_force(model, X) - SMOOTH.force) ** 2))
+
+    best = fit_elements(SMOOTH, points)
+    assert square(best) < square(solve(SMOOTH, points))
+    for i in range(4):
+        for factor in (0.99, 1.01):
+            stiffness = best.stiffness * np.where(np.arange(4) == i, factor, 1.0)
+            assert square(MaxwellSlip(stiffness, stiffness * points)) > square(best)
+
+
+def test_identified_model_plays_the_measured_record() -> None:
+    """From a noisy record to elements, then a record they have not seen, with inner loops: within 2 % of the height."""
+    rng = np.random.default_rng(4)
+    position = triangle(REACH, 500, 10)
+    truth = Dahl(10.0, 4e6)  # not a Maxwell-slip model, but with no inner loop it is nearly one
+    force = MODEL.trace(position, 1e-3).force + rng.normal(0.0, 0.3, position.size)
+    curve = from_loops(position, force)
+    model = fit_elements(curve, CurvatureSpacing(0.5).place(curve, 10))
+    time = np.arange(4000) * 1e-3
+    other = 8e-6 * np.sin(2 * np.pi * time) + 5e-6 * np.sin(2 * np.pi * 3.7 * time)
+    seen, wanted = model.trace(other, 1e-3).force, MODEL.trace(other, 1e-3).force
+    assert np.sqrt(np.mean((seen - wanted) ** 2)) < 0.02 * MODEL.limits.sum()
+    assert np.sqrt(np.mean((truth.trace(other, 1e-3).force - wanted) ** 2)) > 0.02 * MODEL.limits.sum()
+
+
+# --- asymmetric loops -----------------------------------------------------------------------------------------------------
+
+UP, DOWN = MaxwellSlip([2e6, 1e6], [2.0, 4.0]), MaxwellSlip([3e6, 1e6], [3.0, 3.0])  # equal heights, unequal sums
+LEVEL = MaxwellSlip([2.5e6, 0.5e6], [2.0, 4.0])  # same sum and height as UP
+
+
+def test_unequal_sums_of_stiffness_drift_with_every_cycle() -> None:
+    pair = TwoSided(UP, DOWN, 8e-6)
+    stroke, cycles = 0.5e-6, 40
+    _, force = pair.play(np.tile([0.0, stroke], cycles + 1)[:-1])
+    assert force[-1] == pytest.approx(-cycles * 1e6 * stroke)
+    condition = pair.equal_stiffness()
+    assert not condition.holds
+    assert condition.violation == pytest.approx(-1e6)
+    assert "drifts 1e+06 N down" in condition.statement
+
+
+def test_equal_sums_of_stiffness_do_not_drift_in_small_strokes() -> None:
+    pair = TwoSided(UP, LEVEL, 8e-6)
+    _, force = pair.play(np.tile([0.0, 0.5e-6], 1001)[:-1])
+    assert abs(force[-1]) < 1e-12
+    assert pair.equal_stiffness().holds
+
+
+def test_equal_sums_alone_do_not_close_the_loops() -> None:
+    """Condition 2 is one of its own, and its statement gives the gap that playing the loop shows."""
+    pair = TwoSided(UP, LEVEL, 8e-6)
+    condition = pair.return_through_extreme()
+    assert not condition.holds
+    stroke = float(condition.statement.split()[-2])
+    _, force = pair.play([stroke, 0.0, stroke])
+    assert -force[-1] == pytest.approx(condition.violation, rel=1e-4)
+    assert force[-1] != pytest.approx(0.0, abs=0.1)
+
+
+def test_first_condition_is_the_slope_of_the_second() -> None:
+    pair = TwoSided(UP, DOWN, 8e-6)
+    assert pair.gap(1e-9) / 1e-9 == pytest.approx(-pair.equal_stiffness().violation)
+
+
+def test_same_elements_on_both_sides_meet_both_conditions() -> None:
+    pair = TwoSided(UP, UP, 8e-6)
+    assert pair.equal_stiffness().holds
+    assert pair.return_through_extreme().holds
+
+
+def test_constrained_fit_meets_what_the_free_fit_violates() -> None:
+    up = VirginCurve(X, 10.0 * (1.0 - np.exp(-X / 3e-6)))
+    down = VirginCurve(X, 9.0 * (1.0 - np.exp(-X / 2e-6)))
+    points = CurvatureSpacing(0.5).place(up, 6)
+    free, tied = (fit_two_sided(up, down, points, constrained) for constrained in (False, True))
+    assert not free.equal_stiffness().holds
+    assert abs(free.gap(2.0 * X[-1])) > 1.0
+    assert tied.equal_stiffness().holds
+    assert abs(tied.gap(2.0 * X[-1])) < 1e-6
+    assert np.abs(tied.gap(2.0 * X)).max() < np.abs(free.gap(2.0 * X)).max()
+    misfit = [np.abs(virgin_force(s.up, X) - up.force).max() for s in (free, tied)]
+    assert misfit[1] > misfit[0]  # the conditions cost fit
+
+
+def test_shaped_elements_are_asymmetric_and_still_close_every_loop() -> None:
+    shaped = Shaped(MODEL, [0.4, 0.1], REACH)
+    turns = np.array([0.0, 1.0, -1.0, 1.0, 0.1, 0.6, 0.1, 1.0]) * REACH
+    position = along(turns, 300)
+    force = shaped.force(position)
+    highest, lowest = force[900], force[600]
+    assert abs(highest) > 1.5 * abs(lowest)  # asymmetric
+    assert force[-1] == pytest.approx(highest, rel=1e-12)  # condition 2
+    assert force[1800] == pytest.approx(force[1200], rel=1e-12)  # the inner loop closes
+    small = REACH * (0.5 + 0.02 * np.sin(np.arange(200000) * 2 * np.pi / 200))
+    played = shaped.force(np.append(0.0, small))
+    assert played[-200:].mean() == pytest.approx(
+        played[400:600].mean(), rel=1e-9
+    )  # condition 1: no drift in 1000 cycles
+
+
+def test_shaped_fit_returns_elements_and_shape() -> None:
+    position = triangle(REACH, 400, 2)
+    truth = Shaped(MODEL, np.array([0.4, -0.1]), REACH)
+    found = fit_shaped(position, truth.force(position), BREAKS)
+    np.testing.assert_allclose(found.shape, truth.shape, atol=1e-6)
+    np.testing.assert_allclose(found.elements.stiffness, MODEL.stiffness, rtol=1e-5)
+
+
+# --- fit of any model -----------------------------------------------------------------------------------------------------
+
+TIME = np.arange(2000) * 1e-3
+MOTION = 1e-5 * (np.sin(2 * np.pi * TIME) + 0.5 * np.sin(2 * np.pi * 3.3 * TIME))
+MOTION = MOTION + 2e-3 * np.sin(np.pi * (TIME - 1.0)) ** 3 * (TIME > 1.0)  # pre-sliding, then sliding at many speeds
+CURVE = {"F": 8.0, "beta": 0.7, "V": 1e-3, "C": 60.0, "g": 0.9}
+BUILDS = {
+    "MaxwellSlip": (
+        lambda p: MaxwellSlip([p["k1"], p["k2"]], [p["W1"], p["W2"]]),
+        {"k1": 2e6, "k2": 1e6, "W1": 3.0, "W2": 5.0},
+    ),
+    "Dahl": (lambda p: Dahl(p["F"], p["s"], p["i"]), {"F": 8.0, "s": 3e6, "i": 1.3}),
+    "LuGre": (
+        lambda p: LuGre(Stribeck(p["F"], p["beta"], p["V"], p["C"], p["g"]), p["s0"], p["s1"]),
+        {**CURVE, "s0": 2e6, "s1": 300.0},
+    ),
+    "GMS": (
+        lambda p: GMS(
+            Stribeck(p["F"], p["beta"], p["V"], p["C"], p["g"]), [p["k1"], p["k2"]], [p["w1"], 1.0 - p["w1"]], p["a"]
+        ),
+        {**CURVE, "k1": 2e6, "k2": 5e5, "w1": 0.4, "a": 300.0},
+    ),
+}
+
+
+def bounds(truth: dict[str, float]) -> dict[str, tuple[float, float]]:
+    return {name: (v / 10.0, 0.99 if name in ("beta", "w1") else v * 10.0) for name, v in truth.items()}
+
+
+@pytest.mark.parametrize("name", BUILDS)
+def test_fit_of_a_simulation_returns_its_parameters(name: str) -> None:
+    build, truth = BUILDS[name]
+    force = build(truth).trace(MOTION, 1e-3).force
+    off = {p: v * (1.15 if i % 2 else 0.85) for i, (p, v) in enumerate(truth.items())}
+    clean = fit(build, list(truth), off, bounds(truth), Measured(MOTION, 1e-3, force))
+    np.testing.assert_allclose(clean.values, list(truth.values()), rtol=1e-4)
+    assert (
+        np.linalg.norm(clean.jacobian, axis=0) * clean.values > 0.5
+    ).all()  # N over the trace, for 100 % of a parameter
+    inside = []
+    for seed in range(15):
+        noisy = Measured(MOTION, 1e-3, force + np.random.default_rng(seed).normal(0.0, 0.05, force.size))
+        found = fit(build, list(truth), off, bounds(truth), noisy)
+        inside.append(found.contains(truth))
+        assert found.rmse == pytest.approx(0.05, rel=0.1)
+        assert found.doubts == ()
+    assert 0.88 <= np.mean(inside) < 1.0  # of 95 % intervals, 15 draws of 3 to 9 parameters
+
+
+def test_intervals_shrink_with_the_noise_and_with_the_root_of_the_length() -> None:
+    build, truth = BUILDS["Dahl"]
+    width = {}
+    for size, repeats in ((0.2, 1), (0.1, 1), (0.2, 4)):
+        motion = np.tile(MOTION, repeats)
+        force = build(truth).trace(motion, 1e-3).force + np.random.default_rng(1).normal(0.0, size, motion.size)
+        found = fit(build, list(truth), truth, bounds(truth), Measured(motion, 1e-3, force))
+        width[size, repeats] = np.ptp(found.intervals, axis=1)
+    np.testing.assert_allclose(width[0.1, 1] / width[0.2, 1], 0.5, rtol=0.05)
+    np.testing.assert_allclose(width[0.2, 4] / width[0.2, 1], 0.5, rtol=0.1)
+
+
+def test_frozen_parameters_stay() -> None:
+    build, truth = BUILDS["LuGre"]
+    trace = Measured(MOTION, 1e-3, build(truth).trace(MOTION, 1e-3).force)
+    found = fit(build, ["F", "s0"], {**truth, "F": 6.0, "s0": 1e6}, bounds(truth), trace)
+    assert found.names == ("F", "s0")
+    assert found.frozen == {k: v for k, v in truth.items() if k not in ("F", "s0")}
+    assert found["V"] == truth["V"]
+    np.testing.assert_allclose(found.values, [8.0, 2e6], rtol=1e-6)
+
+
+def test_several_starts_leave_a_local_minimum() -> None:
+    """A limit that no stroke reaches at the start has no slope there: only other starts find it."""
+    build, truth = BUILDS["MaxwellSlip"]
+    motion = triangle(8e-6, 200, 2)
+    trace = Measured(motion, 1e-3, build(truth).trace(motion, 1e-3).force)
+    far = {"k1": 1e5, "k2": 1e5, "W1": 30.0, "W2": 30.0}
+    wide = {"k1": (1e4, 1e8), "k2": (1e4, 1e8), "W1": (0.1, 50.0), "W2": (0.1, 50.0)}
+    calls: list[tuple[int, int]] = []
+    one = fit(build, list(truth), far, wide, trace)
+    many = fit(build, list(truth), far, wide, trace, starts=8, progress=lambda done, total: calls.append((done, total)))
+    assert one.rmse > 0.1
+    assert many.rmse < 1e-6
+    assert calls == [(i, 8) for i in range(1, 9)]
+
+
+def test_parameter_that_moves_nothing_is_told() -> None:
+    """Pre-sliding says nothing of a limit that is never reached."""
+    build, truth = BUILDS["MaxwellSlip"]
+    motion = triangle(3e-6, 200)  # the second element slips at 5 um
+    force = build(truth).trace(motion, 1e-3).force + np.random.default_rng(0).normal(0.0, 0.01, motion.size)
+    found = fit(build, list(truth), truth, bounds(truth), Measured(motion, 1e-3, force))
+    assert found.doubts == ("W2 is not identifiable: it changes nothing in these data",)
+    assert np.isinf(found.intervals[3]).all()
+    assert np.isfinite(found.intervals[:3]).all()
+
+
+def test_limit_that_is_not_reached_at_the_start_joins_the_search() -> None:
+    """A spring too soft to slip: its limit changes nothing until the stiffness has been found."""
+
+    def build(p: dict[str, float]) -> MaxwellSlip:
+        return MaxwellSlip([p["k"]], [p["W"]])
+
+    motion = triangle(8e-6, 200, 2)
+    trace = Measured(motion, 1e-3, build({"k": 2e6, "W": 3.0}).trace(motion, 1e-3).force)
+    found = fit(build, ["k", "W"], {"k": 1e5, "W": 2.0}, {"k": (1e4, 1e8), "W": (0.1, 50.0)}, trace)
+    np.testing.assert_allclose(found.values, [2e6, 3.0], rtol=1e-6)
+    dead = fit(build, ["W"], {"k": 1e5, "W": 9.0}, {"W": (0.1, 50.0)}, trace)
+    assert dead["W"] == 9.0
+    assert dead.doubts == ("W is not identifiable: it changes nothing in these data",)
+
+
+def test_parameters_that_are_only_known_together_are_told() -> None:
+    """Two elements that never slip are one spring: only the sum of their stiffness is in the data."""
+    motion = triangle(1e-7, 100)
+    build, truth = BUILDS["MaxwellSlip"]
+    force = build(truth).trace(motion, 1e-3).force + np.random.default_rng(0).normal(0.0, 1e-3, motion.size)
+    found = fit(build, ["k1", "k2"], truth, bounds(truth), Measured(motion, 1e-3, force))
+    assert found.doubts == ("k1 and k2 are not identifiable apart: these data fix a combination of them",)
+    assert np.isinf(found.intervals).all()
+
+
+def test_parameter_at_its_bound_is_told() -> None:
+    build, truth = BUILDS["Dahl"]
+    trace = Measured(MOTION, 1e-3, build(truth).trace(MOTION, 1e-3).force)
+    found = fit(build, ["F", "s"], {**truth, "F": 5.0}, {"F": (1.0, 7.0), "s": (1e5, 1e8)}, trace)
+    assert found["F"] == pytest.approx(7.0)
+    assert any("F rests at its bound 7" in doubt for doubt in found.doubts)
+
+
+# --- bad input ------------------------------------------------------------------------------------------------------------
+
+
+def trace_of(values: list[float]) -> Measured:
+    return Measured(np.arange(len(values)) * 1.0, 1.0, values)
+
+
+@pytest.mark.parametrize(
+    ("make", "sentence"),
+    [
+        (lambda: VirginCurve([0.0, 1.0, 2.0], [0.0, 2.0, 1.5]), "falls from 2 to 1.5 N after 1 m"),
+        (lambda: VirginCurve([0.0, 1.0, 1.0], [0.0, 1.0, 2.0]), "does not rise after 1 m"),
+        (lambda: VirginCurve([0.0, 1.0, 2.0], [0.5, 1.0, 2.0]), "begins at (0, 0.5)"),
+        (lambda: VirginCurve([0.0, 1.0], [0.0, 1.0]), "has 2 points; needed are 3 or more"),
+        (lambda: VirginCurve([0.0, 1.0, 2.0], [0.0, np.nan, 2.0]), "force nan at sample 1"),
+        (lambda: VirginCurve([0.0, 1.0, 2.0], [0.0, 1.0]), "vectors of one length"),
+        (lambda: SMOOTH(1.0), "position 1 m is beyond the virgin curve, which ends at 2e-05 m"),
+        (lambda: from_half_loop([0.0, 1.0, 0.5], [0.0, 1.0, 0.0]), "turns or rests"),
+        (lambda: from_loops(np.linspace(0, 1, 500), np.linspace(0, 1, 500)), "no reversal"),
+        (lambda: from_loops(triangle(1.0, 20), triangle(1.0, 20)), "60 points need 180 or more"),
+        (lambda: from_loops(triangle(1.0, 300)[:700], triangle(1.0, 300)[:700], side=1), "no full stroke upwards"),
+        (lambda: from_loops(triangle(1.0, 300), -triangle(1.0, 300)), "which no Maxwell-slip elements do"),
+        (lambda: EqualSpacing().place(SMOOTH, 0), "number of break points is 0"),
+        (lambda: CurvatureSpacing(0.0), "exponent of the curvature is 0"),
+        (lambda: solve(SMOOTH, [1e-6, 3e-5]), "break point 3e-05 m is beyond the virgin curve"),
+        (lambda: solve(SMOOTH, [2e-6, 1e-6]), "break points do not rise"),
+        (lambda: solve(SMOOTH, []), "one or more finite positions"),
+        (lambda: solve(VirginCurve([0, 1, 2], [0, 1, 3]), [1.0, 2.0]), "element 1 would have a stiffness of -1 N/m"),
+        (lambda: Shaped(MODEL, [2.0], 1.0), "must be above 0"),
+        (lambda: trace_of([0.0, np.inf, 1.0]), "force inf at sample 1"),
+        (lambda: replace(trace_of([0.0, 1.0, 2.0]), dt=0.0), "time step is 0 s"),
+        (lambda: fit(BUILDS["Dahl"][0], ["F"], {}, {}, trace_of([0.0, 1.0, 2.0])), "parameter 'F' has no start"),
+        (
+            lambda: fit(BUILDS["Dahl"][0], ["F"], {"F": 1.0}, {}, trace_of([0.0, 1.0, 2.0])),
+            "parameter 'F' has no bounds",
+        ),
+        (
+            lambda: fit(
+                BUILDS["Dahl"][0], ["F"], {"F": 9.0, "s": 1.0, "i": 1.0}, {"F": (1.0, 2.0)}, trace_of([0.0, 1.0, 2.0])
+            ),
+            "start of F is 9; allowed is 1 to 2",
+        ),
+        (
+            lambda: fit(
+                BUILDS["Dahl"][0],
+                ["F"],
+                {"F": 9.0, "s": 1.0, "i": 1.0},
+                {"F": (1.0, inf)},
+                trace_of([0.0, 1.0, 2.0]),
+                starts=2,
+            ),
+            "several starts need finite bounds",
+        ),
+        (
+            lambda: fit(
+                BUILDS["Dahl"][0], ["F", "s", "i"], BUILDS["Dahl"][1], bounds(BUILDS["Dahl"][1]), trace_of([0, 1, 2])
+            ),
+            "3 samples for 3 parameters",
+        ),
+    ],
+)
+def test_bad_input_is_told_in_one_sentence(make: object, sentence: str) -> None:
+    with pytest.raises(InputError) as caught:
+        make()  # type: ignore[operator]
+    assert sentence in str(caught.value)

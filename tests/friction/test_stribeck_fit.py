@@ -1,0 +1,150 @@
+"""Fits of Stribeck curves and of the load law: Nelder-Mead and bounded least squares."""
+
+import numpy as np
+import pytest
+
+from plant_sim.friction.identification.stribeck_fit import (
+    CLUTCH,
+    DEPTH,
+    LOAD,
+    STRIBECK,
+    SteadyLaw,
+    least_squares,
+    nelder_mead,
+)
+from plant_sim.friction.load_law import LoadLaw
+from plant_sim.friction.stribeck import Stribeck
+from protocols.errors import InputError
+
+SPEED = np.linspace(0.5, 50.0, 40)
+TRUTH = {"static_force": 0.7, "a_1": 1.6, "v_s": 3.0, "sigma_v": 0.03, "gamma": 0.6}
+CURVE = Stribeck.from_depth(0.7, 1.6, 3.0, 0.03, 0.6)(SPEED)
+NOISE = 0.003
+LOADS = np.array([50.0, 100.0, 200.0, 280.0, 400.0, 560.0, 840.0, 1120.0])  # N, range of fig 4.14
+CLUTCH_SPEED = np.linspace(0.2, 26.0, 60)  # rad/s, range of fig 4.16
+
+
+def noisy(seed: int = 0, size: float = NOISE) -> np.ndarray:
+    return CURVE + np.random.default_rng(seed).normal(0.0, size, SPEED.size)
+
+
+@pytest.mark.parametrize(
+    ("law", "x", "truth"),
+    [
+        (STRIBECK, SPEED, (20.0, 0.4, 5.0, 1.0, 0.5)),
+        (DEPTH, SPEED, tuple(TRUTH.values())),
+        (CLUTCH, CLUTCH_SPEED, (11.6, 0.704, 11.52, 2.59, 1.0 / 3.0)),  # tables 6.4 and 6.5 at 3.4 bar, eq 6.5
+        (LOAD, LOADS, (0.25, 1.8, 200.0)),  # 0.25 down to about 0.11 (fig 4.14)
+    ],
+)
+def test_both_methods_return_the_parameters_of_a_clean_curve(
+    law: SteadyLaw, x: np.ndarray, truth: tuple[float, ...]
+) -> None:
+    y = law.evaluate(x, *truth)
+    np.testing.assert_allclose(least_squares(law, x, y).values, truth, rtol=1e-5)
+    np.testing.assert_allclose(list(nelder_mead(law, x, y).values.values()), truth, rtol=1e-3)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_both_methods_find_the_same_minimum(seed: int) -> None:
+    """Same RMSE, and parameters that differ by a small part of what the noise leaves open."""
+    simplex, bounded = nelder_mead(DEPTH, SPEED, noisy(seed)), least_squares(DEPTH, SPEED, noisy(seed))
+    assert simplex.rmse == pytest.approx(bounded.rmse, rel=1e-6)
+    width = np.ptp(bounded.intervals, axis=1)
+    assert (np.abs(np.array(list(simplex.values.values())) - bounded.values) < 0.02 * width).all()
+    assert bounded.evaluations < simplex.evaluations
+
+
+def test_rmse_is_that_of_the_fitted_curve() -> None:
+    found = least_squares(DEPTH, SPEED, noisy())
+    assert found.rmse == pytest.approx(np.sqrt(np.mean((Stribeck.from_depth(*found.values)(SPEED) - noisy()) ** 2)))
+    assert found.rmse == pytest.approx(NOISE * np.sqrt(35 / 40), rel=0.3)
+
+
+def test_two_forms_are_one_curve() -> None:
+    """Eq 4.1 is eq 1.4 with beta = 1 - 1/a_1 and C_v = F_s sigma_v."""
+    plain, depth = least_squares(STRIBECK, SPEED, noisy()), least_squares(DEPTH, SPEED, noisy())
+    assert plain.rmse == pytest.approx(depth.rmse, rel=1e-9)
+    assert plain["beta"] == pytest.approx(1.0 - 1.0 / depth["a_1"], rel=1e-4)
+    assert plain["viscous"] == pytest.approx(depth["static_force"] * depth["sigma_v"], rel=1e-3)
+
+
+def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
+    """95 % over 80 draws of five parameters; 0.05 is four standard deviations of that mean, were the five independent."""
+    inside = np.mean([least_squares(DEPTH, SPEED, noisy(seed)).contains(TRUTH) for seed in range(80)])
+    assert inside == pytest.approx(0.95, abs=0.05)
+
+
+def test_covariance_is_the_scatter_of_repeated_fits() -> None:
+    fits = [least_squares(DEPTH, SPEED, noisy(seed)) for seed in range(80)]
+    scatter = np.std([fit.values for fit in fits], axis=0)
+    told = np.sqrt(np.mean([np.diag(fit.covariance) for fit in fits], axis=0))
+    np.testing.assert_allclose(told, scatter, rtol=0.25)  # 80 draws tell a scatter within 8 %
+
+
+def test_viscous_factor_and_exponent_are_hardly_told_apart() -> None:
+    found = least_squares(DEPTH, SPEED, noisy())
+    names = list(found.names)
+    assert found.correlation[names.index("sigma_v"), names.index("gamma")] < -0.99
+    np.testing.assert_allclose(np.diag(found.correlation), 1.0)
+    np.testing.assert_allclose(found.correlation, found.correlation.T)
+
+
+def test_frozen_parameters_make_the_others_sure() -> None:
+    """As in fig 4.16, which keeps v_s and gamma."""
+    held = {"v_s": 3.0, "gamma": 0.6}
+    free, kept = least_squares(DEPTH, SPEED, noisy()), least_squares(DEPTH, SPEED, noisy(), frozen=held)
+    assert kept.names == ("static_force", "a_1", "sigma_v")
+    assert kept.frozen == held
+    for name in kept.names:
+        assert np.ptp(kept.intervals[kept.names.index(name)]) < 0.5 * np.ptp(free.intervals[free.names.index(name)])
+    assert kept.contains(TRUTH).all()
+    simplex = nelder_mead(DEPTH, SPEED, noisy(), frozen=held)
+    assert simplex.values["gamma"] == 0.6
+    np.testing.assert_allclose([simplex.values[name] for name in kept.names], kept.values, rtol=1e-4)
+
+
+def test_exponent_of_nothing_is_not_identifiable() -> None:
+    """Without viscous friction its exponent changes nothing."""
+    found = least_squares(
+        STRIBECK, SPEED, Stribeck(1.0, 0.5, 3.0)(SPEED), start={"viscous": 0.0}, frozen={"viscous": 0.0}
+    )
+    assert found.doubts == ("exponent is not identifiable: it changes nothing in these data",)
+    assert found["beta"] == pytest.approx(0.5)
+
+
+def test_points_far_above_the_stribeck_velocity_leave_its_effect_open() -> None:
+    """At high speed the Stribeck part is flat: static force, depth and velocity are known together at best."""
+    speed = np.linspace(40.0, 50.0, 40)
+    y = Stribeck.from_depth(*TRUTH.values())(speed) + np.random.default_rng(0).normal(0.0, NOISE, 40)
+    assert any("identifiable" in doubt for doubt in least_squares(DEPTH, speed, y).doubts)
+    assert least_squares(DEPTH, SPEED, noisy()).doubts == ()
+
+
+def test_load_law_saturates_where_the_data_say() -> None:
+    """Friction coefficient falls from 0.25 at 50 N towards 0.11 (fig 4.14): both limits come back with their intervals."""
+    truth = {"coefficient": 0.25, "a_2": 1.8, "load_scale": 200.0}
+    force = LoadLaw(*truth.values())(LOADS) * (1.0 + np.random.default_rng(3).normal(0.0, 0.005, LOADS.size))
+    found = least_squares(LOAD, LOADS, force)
+    assert found.contains(truth).all()
+    assert nelder_mead(LOAD, LOADS, force).rmse == pytest.approx(found.rmse, rel=1e-6)
+
+
+@pytest.mark.parametrize("fit", [nelder_mead, least_squares])
+@pytest.mark.parametrize(
+    ("x", "y", "options", "sentence"),
+    [
+        (SPEED[:4], CURVE[:4], {}, "measured curve has 4 points; needed are 6 or more"),
+        (SPEED, CURVE[:-1], {}, "vectors of one length"),
+        (SPEED, np.where(SPEED > 40.0, np.nan, CURVE), {}, "force nan at sample 32"),
+        (SPEED - 1.0, CURVE, {}, "has a point at -0.5; allowed are points above 0"),
+        (SPEED, CURVE, {"frozen": {"beta": 0.5}}, "parameter 'beta' is not in eq 4.1"),
+        (SPEED, CURVE, {"frozen": TRUTH}, "no parameter of eq 4.1 is to be fitted"),
+    ],
+)
+def test_bad_input_is_told_in_one_sentence(
+    fit: object, x: np.ndarray, y: np.ndarray, options: dict, sentence: str
+) -> None:
+    with pytest.raises(InputError) as caught:
+        fit(DEPTH, x, y, **options)  # type: ignore[operator]
+    assert sentence in str(caught.value)
