@@ -13,6 +13,7 @@ RPM = 0.10471975511965977  # rad/s, 2 pi / 60
 _SI = (
     *("1", "bit", "cycles", "counts/rev", "s", "1/s", "Hz", "m", "m^2", "rad", "rad/s", "rad/s^2", "V", "V/s", "V/K"),
     *("V/Nm", "K", "J/K", "W/K", "N", "N/m", "Ns/m", "Nm", "Nm/s", "Nm/rad", "Nm s/rad", "Nm/(rad/s)^gamma", "kg m^2"),
+    *("A", "N/A", "Nm/V", "kg", "m/s", "s/m"),
 )
 _TO_SI: dict[str, tuple[float, float]] = dict.fromkeys(_SI, (1.0, 0.0)) | {
     "bar": (BAR, 0.0),

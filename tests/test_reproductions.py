@@ -12,6 +12,10 @@ from protocols.errors import InputError
 
 # claims of the thesis that do not hold here, and why
 DO_NOT_HOLD = {
+    "figure-3.6": "misprints: both printed transfer functions contradict the printed system equations",
+    "figure-3.10": "a model in one direction has no tilting modes: two resonances below 500 Hz at own weight, not more",
+    "figure-3.11": "over the dynamometer torque, which is the friction, sliding is a damper: -22 dB/decade, not -40",
+    "figure-4.13": "our lift-up is the same at every load, so speed shows at 280 N as much as at higher loads",
     "figure-6.8": "the axis of the figure contradicts eq 6.3 with Table 6.1, which the plant follows",
     "figure-6.9": "with gamma = 1/3 the viscous term is 18 % of the torque at 10 rpm, so temperature shows there",
     "table-6.3": "contradicts Tables 6.4 and 6.5 at 200 rpm, which the plant follows, by 6 % in slope",

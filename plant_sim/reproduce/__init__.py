@@ -18,6 +18,8 @@ MODULES = (
     "rayleigh_stribeck",
     "generic_rayleigh",
     "asperity_stiffness",
+    "tribometer_frf",
+    "tribometer_normal",
     "stribeck",
     "stribeck_data",
     "clutch_temperature",

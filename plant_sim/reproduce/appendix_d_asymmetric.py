@@ -86,7 +86,7 @@ def figure_d_6(sheet: Sheet) -> None:
         "h [N]",
         f"two sets, two elements: passes {abs(gap):.2g} N {'below' if gap > 0 else 'above'} (1)",
     )
-    left.legend(loc="lower right", **LEGEND)
+    left.legend(loc="upper left", **LEGEND)
     strokes = np.linspace(0.0, 2.0 * REACH, 401)
     x = np.linspace(0.0, REACH, 801)
     curves = VirginCurve(x, virgin_force(UP, x)), VirginCurve(x, virgin_force(DOWN, x))
