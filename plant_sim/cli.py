@@ -202,31 +202,30 @@ def frames(
 
 
 def benchmark(
+    what: str = typer.Argument("loop", help="loop: kernel, controller and closed loop; friction: friction models"),
     bus: str = BUS,
     seconds: float = typer.Option(60.0, help="length of the closed loop in real time [s]"),
     json_output: bool = JSON,
 ) -> None:
-    """Measure kernel, controller step, closed loop and lock-step on this machine."""
+    """Measure the loop, or our friction models beside those of other packages, on this machine."""
     import platform
 
+    from plant_sim.bench.benchmark import Target, loop_text
     from plant_sim.bench.benchmark import benchmark as measure
-    from plant_sim.bench.progress import table_text
+    from plant_sim.bench.friction_benchmark import friction_benchmark
+    from plant_sim.bench.progress import progress_bar, table_text
 
-    targets, document = measure(bus, seconds, json_output)
-    rows = [("what", "measured", "asked for", "met"), *(target.row() for target in targets)]
-    step, loop = document["step"], document["loop"]["controller"]
-    lines = [
-        f"machine: {platform.machine()}, Linux {platform.release()}, Python {platform.python_version()}",
-        table_text(rows),
-        f"controller step: p50 {step['p50_us']:.0f}, p99 {step['p99_us']:.0f}, p99.9 {step['p99.9_us']:.0f} us",
-        f"controller wake-up: p50 {loop['wake']['p50_us']:.0f}, p99 {loop['wake']['p99_us']:.0f},"
-        f" p99.9 {loop['wake']['p99.9_us']:.0f}, max {loop['wake']['max_us']:.0f} us",
-    ]
+    if what == "loop":
+        targets, document = measure(bus, seconds, json_output)
+        extra = loop_text(document)
+    elif what == "friction":
+        with progress_bar("friction models", json_output) as progress:
+            models, targets, document = friction_benchmark(progress)
+        extra = table_text(models)
+    else:
+        raise InputError(f"benchmark {what!r} does not exist; known are friction, loop")
+    rows = [Target.HEAD, *(target.row() for target in targets)]
+    machine = f"machine: {platform.machine()}, Linux {platform.release()}, Python {platform.python_version()}"
     missed = [target.name for target in targets if not target.met]
-    report(
-        document,
-        "\n".join(lines),
-        "all met" if not missed else f"not met: {', '.join(missed)}",
-        not missed,
-        json_output,
-    )
+    verdict_text = "all met" if not missed else f"not met: {', '.join(missed)}"
+    report(document, "\n".join([machine, extra, "", table_text(rows)]), verdict_text, not missed, json_output)

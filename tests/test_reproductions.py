@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from plant_sim.reproduce import Entry, entries, entry
+from plant_sim.reproduce.measured_data import MissingDataError
 from plant_sim.reproduce.result import Result, checks_text, run
 from plant_sim.reproduce.sheet import Sheet
 from protocols.errors import InputError
@@ -35,7 +36,10 @@ ENTRIES = entries()
 
 @pytest.mark.parametrize("name", ENTRIES)
 def test_the_claim_holds(name: str, tmp_path: Path) -> None:
-    result = run(ENTRIES[name], tmp_path, lambda done, total: None)
+    try:
+        result = run(ENTRIES[name], tmp_path, lambda done, total: None)
+    except MissingDataError as error:
+        pytest.skip(str(error))
     assert result.holds != (name in DO_NOT_HOLD), checks_text(result)
     assert result.picture.stat().st_size > 10_000  # bytes: not an empty canvas
     json.dumps(result.document(), default=float)

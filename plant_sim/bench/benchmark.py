@@ -7,7 +7,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -33,6 +33,7 @@ class Target:
     unit: str
     relation: str
     bound: float
+    HEAD: ClassVar = ("what", "measured", "asked for", "met")
 
     @property
     def met(self) -> bool:
@@ -100,3 +101,13 @@ def benchmark(bus: str, seconds: float, quiet: bool) -> tuple[list[Target], dict
 
 def _loop(bus: str, seconds: float, lockstep: bool, out: Path, quiet: bool) -> dict[str, Any]:
     return Bench(RunSettings(seconds=seconds, out=out), bus, lockstep).run(quiet).document
+
+
+def loop_text(document: dict[str, Any]) -> str:
+    """Step time and wake-up of the controller in the measured loop."""
+    step, wake = document["step"], document["loop"]["controller"]["wake"]
+    return (
+        f"controller step: p50 {step['p50_us']:.0f}, p99 {step['p99_us']:.0f}, p99.9 {step['p99.9_us']:.0f} us\n"
+        f"controller wake-up: p50 {wake['p50_us']:.0f}, p99 {wake['p99_us']:.0f}, p99.9 {wake['p99.9_us']:.0f}, "
+        f"max {wake['max_us']:.0f} us"
+    )

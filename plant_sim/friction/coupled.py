@@ -4,7 +4,8 @@ What            any law in any structure that is linear over a step, with fricti
 Equation        A u + F(u) = B;  for a mass with damping c and a spring k to ground:
                 A = m/dt^2 + c/dt + k,  B = m v/dt + F_ext - k x
 Assumptions     backward Euler for the mass: no energy is made, of first order in dt
-Valid range     A larger than the steepest fall of F with u (by the Stribeck curve: |ds/dv|/dt); then there is one root
+Valid range     A larger than the steepest fall of F with u (by the Stribeck curve: |ds/dv|/dt; with a bristle damper sigma_1:
+                sigma_1/dt); then there is one root
 Not modelled    -
 References      semi-implicit step with friction at end-of-step velocity, as MuJoCo issue 3443 and Newton PR 3855 do
 """
@@ -12,18 +13,23 @@ References      semi-implicit step with friction at end-of-step velocity, as MuJ
 from numba import njit, types
 from numba.core.types import float64, int64
 
-from plant_sim.friction.kernel import VECTOR, LAW
+from plant_sim.friction.kernel import LAW, VECTOR
 
 STANDSTILL = 1e-200  # m, a displacement that only asks which force opposes motion in its direction
 MOST_ROUNDS = 100  # of the bracketed search; stick needs 2, sliding about 6
 PRECISION = 4e-15  # relative to the forces of the balance: a few units in the last place
 
 
-@njit(types.UniTuple(float64, 2)(LAW, VECTOR, VECTOR, float64, float64, float64, float64, VECTOR), cache=True)
+@njit(
+    types.UniTuple(float64, 2)(LAW, VECTOR, VECTOR, float64, float64, float64, float64, VECTOR),
+    cache=True,
+    error_model="numpy",
+)
 def balance(law, parameters, state, stiffness, drive, dt, load, new_state):
     """Displacement u [m] and friction [N] that solve stiffness u + F(u) = drive from `state`; writes `new_state`.
 
-    `stiffness` A [N/m] above 0, `drive` B [N]. A contact that can hold the drive at rest (Coulomb) stays at rest and takes it.
+    `stiffness` A [N/m] above 0, `drive` B [N]. A contact that can hold the drive at rest stays there and takes it, whatever
+    force is in its state: a law that jumps at velocity 0 (Coulomb; GMS in a step in which slip ends) may hold more or less.
     """
     forward = law(parameters, state, STANDSTILL, dt, load, new_state)
     backward = law(parameters, state, -STANDSTILL, dt, load, new_state)
@@ -40,6 +46,8 @@ def balance(law, parameters, state, stiffness, drive, dt, load, new_state):
         far_rest = stiffness * far + law(parameters, state, far, dt, load, new_state) - drive
     for _ in range(MOST_ROUNDS):  # regula falsi with the Illinois weight
         u = far - far_rest * (far - near) / (far_rest - near_rest)
+        if not min(near, far) <= u <= max(near, far):  # the last digits of tiny forces
+            u = 0.5 * (near + far)
         force = law(parameters, state, u, dt, load, new_state)
         rest = stiffness * u + force - drive
         if abs(rest) <= PRECISION * (abs(drive) + abs(force)) or u in (near, far):
@@ -62,9 +70,9 @@ _RUN = types.void(
 def slide_mass(law, parameters, state, mass, damping, stiffness, start, force, load, dt, anchor, motion, every):
     """Motion of a mass on friction, held by a spring whose other end follows `anchor` [m] (n,).
 
-    `mass` [kg], `damping` [Ns/m] to ground, `stiffness` [N/m], `start` position [m] and velocity [m/s], applied `force` [N] (n,),
-    `load` [N] (n,). Writes position [m], velocity [m/s] and friction [N] into `motion` (n // every, 3) at every `every`-th step;
-    `state` is left at the last one.
+    `mass` [kg], `damping` [Ns/m] to ground, `stiffness` [N/m], `start` position [m] and velocity [m/s], applied `force` [N]
+    (n,), `load` [N] (n,). Writes position [m], velocity [m/s] and friction [N] into `motion` (n // every, 3) at every
+    `every`-th step; `state` is left at the last one.
     """
     position, velocity = start
     new_state = state.copy()

@@ -47,8 +47,11 @@ def _creep(force, level, power):
 
 
 @njit(inline="always")
-def _implicit_step(parameters, state, n, direction, h, level, power):
-    """Motion y of z over a displacement `h`: root of y - h (1 - creep(F_h(y))), which grows with y; bracketed Newton."""
+def _implicit_step(parameters, state, n, direction, h, level, power, scale):
+    """Motion y of z over a displacement `h`: root of y - h (1 - creep(F_h(y))), which grows with y.
+
+    Bracketed Newton to 1e-13 of `scale` [m].
+    """
     start = direction * _hysteresis(parameters, state, n, 0.0)[0]
     y = h * (
         1.0 - _creep(start, level, power)
@@ -63,7 +66,7 @@ def _implicit_step(parameters, state, n, direction, h, level, power):
         else:
             low = y
         step = rest / (1.0 + h * power * abs(force / level) ** (power - 1.0) * slope / level)
-        if abs(step) <= 1e-13 * h:
+        if abs(step) <= 1e-13 * min(h, scale):
             break
         y -= step
         if not low <= y <= high:
@@ -87,10 +90,11 @@ def leuven(parameters, state, displacement, dt, load, new_state):
         return _hysteresis(parameters, new_state, n, 0.0)[0]
     speed, direction = abs(displacement) / dt, np.sign(displacement)
     level = parameters[0] * relative_level(speed, parameters[1], parameters[2])
-    count = min(int(abs(displacement) * power * total_stiffness / (STEP * level)) + 1, MOST_STEPS)
+    scale = level / total_stiffness  # m, over which F_h changes by s at most
+    count = int(min(abs(displacement) * power / (STEP * scale), MOST_STEPS - 1.0)) + 1
     h = abs(displacement) / count
     for _ in range(count):
-        y = _implicit_step(parameters, new_state, n, direction, h, level, power)
+        y = _implicit_step(parameters, new_state, n, direction, h, level, power, scale)
         for i in range(n):
             limit = parameters[HEAD + n + i]
             new_state[i] = min(max(new_state[i] + parameters[HEAD + i] * direction * y, -limit), limit)

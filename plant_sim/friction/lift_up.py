@@ -3,12 +3,15 @@
 What            a lift-up force grows with speed and lags; it moves a mass on the contact; the contact force loads the friction
 Equation        F_N(v) = F_N,inf (1 - exp(-|v|/v_N)), even in v                                                  (fig E.1)
                 slip  dF_Ni/dt = C_N (alpha_i - F_Ni/F_N(v));  stick  dF_Ni/dt = -C_N F_Ni/F_N,inf                    (E.2)
-                M h'' = sum F_Ni + F_c(h, h') - G,  F_c = K max(0, d - h)^p - c h' while in contact, else 0;  F_c(0) = G
-                friction: XGMS under the load max(0, F_c)
-Assumptions     constant velocity over a step: the lift-up force is exact; the mass by the trapezoidal rule; G is the load given
+                M h'' = sum F_Ni + F_c(h, h') - G,  F_c = K max(0, d - h - tau h')^p,  K d^p = G,
+                tau = c/(p K d^(p-1)): a damper that leaves the contact with its stiffness, c at rest under G
+                friction: XGMS under the load F_c
+Assumptions     constant velocity over a step: the lift-up force is exact; the mass by the trapezoidal rule. G is the
+                load given; when it changes, the static approach d follows at once: h is the lift above it
 Valid range     normal motion small beside the thickness of the plates; the lift-up force below G
-Not modelled    runout of the disks, tilt. The decay in stick is ours: the thesis leaves it open. It prints sign(v) before C_N as for the
-                friction; with F_N even, that equation has no steady state for v < 0 (F_N grows without end), so there is none here
+Not modelled    runout of the disks, tilt. The decay in stick is ours: the thesis leaves it open. It prints sign(v)
+                before C_N as for the friction; with F_N even, that equation has no steady state for v < 0 (F_N runs away),
+                so there is none here. F_N does not fall with h: a lift-up force above G throws the body off
 References      Janssens 2010, appendix E
 """
 
@@ -34,27 +37,24 @@ def lift_force(speed, highest, speed_scale):
 
 
 @njit(inline="always")
-def contact_force(lift, rate, approach, stiffness, power, damping):
-    """F_c [N] of the contact at `lift` h [m] and `rate` h' [m/s], and its derivative by h [N/m] at constant rate; never pulls."""
-    squeeze = approach - lift
+def contact_force(squeeze, stiffness, power):
+    """F_c [N] of the contact at `squeeze` d - h - tau h' [m], and its derivative by it [N/m]; never pulls."""
     if squeeze <= 0.0:
         return 0.0, 0.0
-    force = stiffness * squeeze**power - damping * rate
-    if force <= 0.0:
-        return 0.0, 0.0
-    return force, -power * stiffness * squeeze ** (power - 1.0)
+    slope = stiffness * squeeze ** (power - 1.0)
+    return slope * squeeze, power * slope
 
 
 @law
 def lifting_xgms(parameters, state, displacement, dt, load, new_state):
-    """Friction [N]; `state` holds that of the XGMS model, F_Ni (n,), h [m], h' [m/s].
+    """Friction [N]; `state` holds that of the XGMS model, F_Ni (n,), h [m], h' [m/s], F_c [N].
 
     Parameters F_N,inf, v_N, C_N, M, K, p, c and those of the XGMS model.
     """
     highest, speed_scale, attraction, mass = parameters[0], parameters[1], parameters[2], parameters[3]
     stiffness, power, damping = parameters[4], parameters[5], parameters[6]
-    n = (state.size - 4) // 3
-    tangential = 2 * n + 2
+    n = (state.size - 3) // 3
+    tangential = 2 * n
     speed = abs(displacement) / dt
     now = lift_force(speed, highest, speed_scale)
     slide = exp(-attraction / now * dt) if now > 0.0 else 0.0
@@ -63,30 +63,31 @@ def lifting_xgms(parameters, state, displacement, dt, load, new_state):
     lift = 0.0
     for i in range(n):
         at = tangential + i
-        if direction != 0.0 and state[n + i] == direction:
+        if direction * state[n + i] > 0.0:
             end = parameters[HEAD + 8 + n + i] * now  # alpha_i F_N(v)
             new_state[at] = end + (state[at] - end) * slide  # E.2, slip
         else:
             new_state[at] = state[at] * rest  # stick: the film squeezes out
         lift += new_state[at]
     approach = (load / stiffness) ** (1.0 / power)  # F_c(0) = G
+    time = damping * approach / (power * load) if load > 0.0 else 0.0
     h, rate = state[tangential + n], state[tangential + n + 1]
-    before = contact_force(h, rate, approach, stiffness, power, damping)[0]
+    before = contact_force(approach - h - time * rate, stiffness, power)[0]
     push = lift - load
+    reach = 0.5 * dt + time
     new_rate = rate
     for _ in range(MOST_ROUNDS):  # trapezoidal rule: M (r1 - r) = dt (push + (F_c + F_c1)/2), h1 = h + dt (r + r1)/2
-        new_h = h + 0.5 * dt * (rate + new_rate)
-        force, slope = contact_force(new_h, new_rate, approach, stiffness, power, damping)
+        force, slope = contact_force(approach - h - 0.5 * dt * rate - reach * new_rate, stiffness, power)
         residual = mass * (new_rate - rate) - dt * (push + 0.5 * (before + force))
-        by_rate = 0.5 * dt * slope - (damping if force > 0.0 else 0.0)
-        change = residual / (mass - 0.5 * dt * by_rate)
+        change = residual / (mass + 0.5 * dt * reach * slope)
         new_rate -= change
         if abs(change) <= 1e-15 * (abs(new_rate) + speed_scale):
             break
     new_h = h + 0.5 * dt * (rate + new_rate)
-    contact = contact_force(new_h, new_rate, approach, stiffness, power, damping)[0]
+    contact = contact_force(approach - new_h - time * new_rate, stiffness, power)[0]
     new_state[tangential + n] = new_h
     new_state[tangential + n + 1] = new_rate
+    new_state[tangential + n + 2] = contact
     return xgms(parameters[HEAD:], state[:tangential], displacement, dt, contact, new_state[:tangential])
 
 
@@ -94,8 +95,8 @@ def lifting_xgms(parameters, state, displacement, dt, load, new_state):
 class LiftUp:
     """Parameters of the normal direction.
 
-    `highest` F_N,inf [N], `speed_scale` v_N [m/s], `attraction` C_N [N/s], `mass` M [kg], `stiffness` K [N/m^p] and `power` p [-]
-    of the contact, `damping` c [Ns/m]. Raises InputError.
+    `highest` F_N,inf [N], `speed_scale` v_N [m/s], `attraction` C_N [N/s], `mass` M [kg], `stiffness` K [N/m^p] and
+    `power` p [-] of the contact, `damping` c [Ns/m] of the contact at rest. Raises InputError.
     """
 
     highest: float
@@ -118,7 +119,7 @@ class LiftUp:
 
 @dataclass(frozen=True, eq=False)
 class LiftingXGMS(FrictionModel):
-    """XGMS model `tangential` whose load comes from the contact of a body that `normal` lets move; the load given is G = M g + W_n."""
+    """XGMS model `tangential` loaded by the contact of a body that `normal` lets move; the load given is G = M g + W_n."""
 
     tangential: XGMS
     normal: LiftUp
@@ -132,8 +133,8 @@ class LiftingXGMS(FrictionModel):
         return np.concatenate([head, self.tangential.parameters])
 
     def rest(self) -> Array:
-        """State of the XGMS model, F_Ni [N] (n,), h [m], h' [m/s]: at rest on the contact."""
-        return np.concatenate([self.tangential.rest(), np.zeros(self.tangential.stiffness.size + 2)])
+        """State of the XGMS model, F_Ni [N] (n,), h [m], h' [m/s], F_c [N]: at rest on the contact, not loaded yet."""
+        return np.concatenate([self.tangential.rest(), np.zeros(self.tangential.stiffness.size + 3)])
 
     def steady_state(self, velocity: Array | float, load: float = 1.0) -> Array:
         """S(v, F_s) [N] under the load that the lift-up force leaves."""
@@ -150,12 +151,16 @@ class LiftingXGMS(FrictionModel):
     def lift_force(self, state: Array) -> Array:
         """Sum of the lift-up forces [N] of `state` (m,) or (k, m)."""
         n = self.tangential.stiffness.size
-        return state[..., 2 * n + 2 : 3 * n + 2].sum(axis=-1)
+        return state[..., 2 * n : 3 * n].sum(axis=-1)
 
     def lift(self, state: Array) -> Array:
         """Lift h [m] of `state` (m,) or (k, m); 0 at rest."""
+        return state[..., -3]
+
+    def lift_rate(self, state: Array) -> Array:
+        """Rate h' [m/s] of `state` (m,) or (k, m)."""
         return state[..., -2]
 
     def contact_load(self, state: Array) -> Array:
         """Load on the friction [N] of `state` (m,) or (k, m)."""
-        return state[..., 2 * self.tangential.stiffness.size]
+        return state[..., -1]

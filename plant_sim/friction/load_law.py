@@ -46,10 +46,10 @@ class LoadLaw:
         return (self.coefficient, 1.0 / self.a_2, self.load_scale)
 
     def __call__(self, load: Array | float) -> Array:
-        """F_s [N] for `load` [N], same shape."""
-        load = np.asarray(load, float)
+        """F_s [N] for `load` [N], same shape; 0 where the contact is open (load below 0)."""
+        load = np.maximum(load, 0.0)
         coefficient, fall, scale = self.block
-        with np.errstate(divide="ignore"):
+        with np.errstate(divide="ignore", over="ignore"):
             return load * coefficient * (1.0 - fall * np.exp(-scale / load))  # 4.2
 
 
@@ -68,5 +68,5 @@ class Amontons:
         return (self.coefficient, 0.0, 1.0)
 
     def __call__(self, load: Array | float) -> Array:
-        """F_s [N] for `load` [N], same shape."""
-        return self.coefficient * np.asarray(load, float)
+        """F_s [N] for `load` [N], same shape; 0 where the contact is open (load below 0)."""
+        return self.coefficient * np.maximum(load, 0.0)

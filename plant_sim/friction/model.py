@@ -46,7 +46,8 @@ class FrictionModel(ABC):
         """Force [N] after long sliding at constant `velocity` [m/s], same shape; 0 at velocity 0."""
 
     def step(self, state: Array, displacement: float, dt: float, load: float = 1.0) -> tuple[float, Array]:
-        """Force [N] and new state after `displacement` [m] in `dt` [s] under `load` [N]."""
+        """Force [N] and new state after `displacement` [m] in `dt` [s] under `load` [N]. Raises InputError."""
+        require("time step", dt, above=0.0, unit="s")
         new_state = np.empty_like(state)
         return self.law(self.parameters, state, displacement, dt, load, new_state), new_state
 
@@ -56,16 +57,19 @@ class FrictionModel(ABC):
         The contact begins in `state`, else at rest, at position[0]; the force of that sample is 0.
         Raises InputError.
         """
-        position = np.ascontiguousarray(position, float)
-        loads = np.array(np.broadcast_to(np.asarray(load, float), position.shape))
+        position, loads = real("position [m]", position), real("load [N]", load)
         require("time step", dt, above=0.0, unit="s")
         if position.ndim != 1 or position.size < 1:
             raise InputError(f"position has shape {position.shape}; needed is one value or more in one dimension")
-        if not (np.isfinite(position).all() and np.isfinite(loads).all() and (loads >= 0.0).all()):
+        if loads.shape not in ((), position.shape):
             raise InputError(
-                "position or load holds a value that is not allowed; positions are finite, loads 0 N or more"
+                f"load has shape {loads.shape}; allowed is one value, or one for each of {position.size} positions"
             )
-        start = np.array(self.rest() if state is None else state, float)
+        require("least load", float(loads.min()), least=0.0, unit="N")
+        start = self.rest() if state is None else real("state", state)
+        if start.shape != self.rest().shape:
+            raise InputError(f"state has shape {start.shape}; that of this model has {self.rest().shape}")
+        loads = np.array(np.broadcast_to(loads, position.shape))
         force, states = np.empty(position.size), np.empty((position.size, start.size))
         kernel.trace(self.law, self.parameters, start, position, float(dt), loads, force, states)
         return Trace(force, states)
@@ -82,14 +86,30 @@ def require(
     raise InputError(f"{name} is {value:g} {unit}; allowed is a number {' and '.join(allowed)}")
 
 
+def real(name: str, values: object) -> Array:
+    """A copy of `values` as float64, any shape, all finite. Raises InputError."""
+    try:
+        array = np.array(values, float, order="C")
+    except (TypeError, ValueError):
+        raise InputError(f"{name} is {values!r:.60}; allowed are numbers") from None
+    if not np.isfinite(array).all():
+        raise InputError(f"{name} holds {array[~np.isfinite(array)][0]:g}; allowed are finite numbers")
+    return array
+
+
 def elements(name: str, values: object, above: float = 0.0, infinite: bool = False) -> Array:
     """`values` as a float64 vector (n,), n >= 1, all above `above`; finite unless `infinite`. Raises InputError."""
-    vector = np.array(values, float, ndmin=1)
+    try:
+        vector = np.array(values, float, ndmin=1)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} is {values!r:.60}; allowed are numbers, one for each element") from None
     if vector.ndim != 1 or vector.size == 0:
         raise InputError(f"{name} has shape {vector.shape}; needed is one value for each element")
     bad = ~(vector > above) | (np.isinf(vector) & (not infinite))
     if bad.any():
         i = int(np.argmax(bad))
-        raise InputError(f"{name} of element {i + 1} is {vector[i]:g}; allowed is a finite number above {above:g}")
+        raise InputError(
+            f"{name} of element {i + 1} is {vector[i]:g}; allowed is a {'' if infinite else 'finite '}number above {above:g}"
+        )
     vector.flags.writeable = False
     return vector

@@ -58,7 +58,7 @@ class Stribeck:
 
     @classmethod
     def from_depth(cls, static_force: float, a_1: float, v_s: float, sigma_v: float, gamma: float) -> "Stribeck":
-        """The curve in the parameters of eq 4.1: depth a_1 [-] (1 or more), v_s [m/s], sigma_v [(s/m)^gamma]."""
+        """The curve in the parameters of eq 4.1: depth a_1 [-] (above 1), v_s [m/s], sigma_v [(s/m)^gamma]."""
         require("depth a_1", a_1, above=1.0)
         return cls(static_force, 1.0 - 1.0 / a_1, v_s, static_force * sigma_v, gamma)  # 4.1
 

@@ -1,15 +1,15 @@
 """Extended GMS (XGMS): GMS under a normal load that varies.
 
 What            friction for control: pre-sliding with non-local memory, Stribeck curve, friction lag, load dependence
-Equation        F_s(W_n) from 4.2, s(v, F_s) = F_s (1 + (beta - 1) exp(-V_S/|v|)) with the sign of v                    (5.5, 4.1)
+Equation        F_s(W_n) from 4.2, s(v, F_s) = F_s (1 + (beta - 1) exp(-V_S/|v|)) with the sign of v                  (5.5, 4.1)
                 stick dF_i/dt = k_i v, and on unloading |F_i| <= alpha_i F_s
-                slip, normalised as in 6.2.3, F_i = m_i F_s:  dm_i/dt = sign(v) C (alpha_i - m_i/(s/F_s))               (5.5, 6.2.3)
-                and no spring grows by more than its end moves, dF_i <= k_i |dx|
+                slip, normalised as in 6.2.3, F_i = m_i F_s:  dm_i/dt = sign(v) C (alpha_i - m_i/(s/F_s))           (5.5, 6.2.3)
+                and no spring grows by more than its end moves: F_i = m_i F_s, or less while dF_i = k_i |dx|
                 F = sum F_i + sign(v) F_s sigma_v |v|^gamma
 Assumptions     constant velocity over a step, load as at its end: stick and slip under a constant load are exact for any step
 Valid range     pre-sliding and gross sliding under any load, also 0
-Not modelled    dwell time; the normal motion (see `lift_up`). The bound on growth is ours: with it the model is passive under any
-                load, sum F_i^2/(2 k_i) is its stored energy; without it, that is as GMS, it is not
+Not modelled    dwell time; the normal motion (see `lift_up`). The bound on growth is ours: with it the model is passive under
+                any load, sum F_i^2/(2 k_i) is its stored energy; without it, that is as GMS, it is not
 References      Janssens 2010, secs. 5.5, 6.2.3, 4.2.3
 """
 
@@ -18,7 +18,6 @@ from functools import cached_property
 from math import exp
 
 import numpy as np
-from numba import njit
 
 from plant_sim.friction.gms import checked_elements
 from plant_sim.friction.kernel import law
@@ -29,76 +28,43 @@ from plant_sim.friction.stribeck import relative_level, viscous_force
 HEAD = 8  # parameters before those of the elements
 
 
-@njit(inline="always")
-def _slip(along, scaled, limit, decay, rate, dt, reach):
-    """Force of a slipping element after the step, along the motion [N].
-
-    `scaled` is the force after the change of load; `reach` = k |dx| bounds its growth.
-    """
-    new = limit + (scaled - limit) * decay  # 5.5, slip
-    if new <= along or scaled < along:
-        return new
-    if scaled > along:
-        return min(new, along + reach)
-    if rate * dt * (limit - along) <= reach:
-        return new
-    bound = (limit - along) * dt / reach - 1.0 / rate  # s, until the spring can follow the slip law
-    if bound >= dt:
-        return along + reach
-    return limit - reach / (dt * rate) * exp(-rate * (dt - bound))
-
-
 @law
 def xgms(parameters, state, displacement, dt, load, new_state):
-    """Force [N]; `state` holds F_i (n,), the latch (n,), the last load [N] and its F_s [N].
+    """Force [N]; `state` holds F_i [N] (n,) and m_i of slip with its direction, 0 in stick (n,).
 
     Parameters mu_max, 1/a_2, L, beta, V_S, sigma_v, gamma, C, k_1..k_n, alpha_1..alpha_n.
     """
-    n = (state.size - 2) // 2
-    before = state[2 * n + 1]
-    static = before if load == state[2 * n] else static_force(load, parameters[0], parameters[1], parameters[2])
-    new_state[2 * n] = load
-    new_state[2 * n + 1] = static
-    ratio = static / before if before > 0.0 else 0.0
-    direction = np.sign(displacement)
+    n = state.size // 2
+    static = static_force(load, parameters[0], parameters[1], parameters[2])
+    direction = 1.0 if displacement >= 0.0 else -1.0
     distance = abs(displacement)
     speed = distance / dt
-    relative = relative_level(speed, parameters[3], parameters[4])
-    level = static * relative  # |s(v, F_s)|, 5.5
-    rate = parameters[7] / relative
-    decay = exp(-rate * dt)
-    highest = static * max(1.0, parameters[3])
-    force = 0.0
+    relative = relative_level(speed, parameters[3], parameters[4])  # s/F_s
+    decay = exp(-parameters[7] / relative * dt)
+    highest = max(1.0, parameters[3])
+    force = static * viscous_force(speed, parameters[5], parameters[6])  # along the motion, 5.5
     for i in range(n):
-        weight = parameters[HEAD + n + i]
-        most = weight * highest
-        if direction == 0.0:  # standstill: sticks
-            new_state[i] = min(max(state[i], -most), most)
-            new_state[n + i] = 0.0
-            force += new_state[i]
-            continue
+        weight, reach = parameters[HEAD + n + i], parameters[HEAD + i] * distance
+        end, most = weight * relative, weight * highest * static
         along = direction * state[i]
-        limit = weight * level  # W_i = alpha_i s(v, F_s), 5.5
-        reach = parameters[HEAD + i] * distance
-        latch = direction
-        if state[n + i] == direction:
-            along = _slip(along, along * ratio, limit, decay, rate, dt, reach)
-        else:
+        share = direction * state[n + i]  # m_i of an element that slips this way
+        if distance == 0.0:  # standstill: sticks
             along = min(max(along, -most), most)
-            if along >= limit:
-                along = limit + (along - limit) * decay
-            else:
-                along += reach  # 5.5, stick
-                if along >= limit:
-                    along = limit
-                else:
-                    latch = 0.0
+            share = 0.0
+        elif share > 0.0:
+            share = end + (share - end) * decay  # 6.2.3, slip
+            along = min(share * static, along + reach)
+        elif along >= end * static:  # slips from here on
+            share = end + (min(along, most) / static - end) * decay if static > 0.0 else end
+            along = share * static
+        else:
+            along = max(along, -most) + reach  # 5.5, stick
+            share = end if along >= end * static else 0.0
+            along = min(along, end * static)
         new_state[i] = direction * along
-        new_state[n + i] = latch
-        force += direction * along
-    if direction == 0.0:
-        return force
-    return force + direction * static * viscous_force(speed, parameters[5], parameters[6])  # 5.5
+        new_state[n + i] = direction * share
+        force += along
+    return direction * force
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,8 +72,8 @@ class XGMS(FrictionModel):
     """XGMS model of n elements.
 
     `friction` gives F_s from the normal load; `beta` [-] and `stribeck_velocity` V_S [m/s] shape s; `viscous` sigma_v
-    [(s/m)^gamma] with `exponent` gamma [-] is relative to F_s. `stiffness` k_i [N/m] (n,), `weights` alpha_i [-] (n,) with sum 1,
-    `attraction` C [1/s] of the normalised force (infinite: no friction lag). Raises InputError.
+    [(s/m)^gamma] with `exponent` gamma [-] is relative to F_s. `stiffness` k_i [N/m] (n,), `weights` alpha_i [-] (n,) with sum
+    1, `attraction` C [1/s] of the normalised force (infinite: no friction lag). Raises InputError.
     """
 
     friction: LoadLaw | Amontons
@@ -137,8 +103,8 @@ class XGMS(FrictionModel):
         return np.array([*self.friction.block, *curve, *self.stiffness, *self.weights])
 
     def rest(self) -> Array:
-        """Element forces [N] (n,), latches (n,), last load and F_s [N]: no force, all in stick, no load yet."""
-        return np.zeros(2 * self.stiffness.size + 2)
+        """Element forces F_i [N] (n,) and normalised forces m_i of slip (n,): no force, all in stick."""
+        return np.zeros(2 * self.stiffness.size)
 
     def steady_state(self, velocity: Array | float, load: float = 1.0) -> Array:
         """S(v, F_s) [N] (eq 4.1)."""

@@ -9,6 +9,7 @@ from typing import Any
 
 from plant_sim.bench.progress import table_text
 from plant_sim.reproduce import Entry, entries
+from plant_sim.reproduce.measured_data import MissingDataError
 from plant_sim.reproduce.sheet import Sheet
 
 Progress = Callable[[int, int], None]  # (done, total)
@@ -64,8 +65,12 @@ def run_all(out: Path, progress: Progress) -> tuple[dict[str, Any], str, str, bo
     """Run every reproduction; write pictures and the page `index.html`. Returns document, text, verdict, all hold."""
     known = entries()
     results = []
+    skipped = {}
     for i, entry in enumerate(known.values()):
-        results.append(run(entry, out, lambda done, total: None))
+        try:
+            results.append(run(entry, out, lambda done, total: None))
+        except MissingDataError as error:
+            skipped[entry.name] = str(error)
         progress(i + 1, len(known))
     page = out / "index.html"
     page.write_text(_page(results), encoding="utf-8")
@@ -75,8 +80,9 @@ def run_all(out: Path, progress: Progress) -> tuple[dict[str, Any], str, str, bo
     verdict = f"{len(results) - len(failed)} of {len(results)} claims hold"
     if failed:
         verdict += f"; not: {', '.join(failed)}"
-    text = "\n".join([table_text(rows), f"wrote:   {page}"])
-    return {"results": [r.document() for r in results]}, text, verdict, not failed
+    skips = [f"skipped: {name}: {reason}" for name, reason in skipped.items()]
+    text = "\n".join([table_text(rows), *skips, f"wrote:   {page}"])
+    return {"results": [r.document() for r in results], "skipped": skipped}, text, verdict, not failed
 
 
 def _page(results: list[Result]) -> str:

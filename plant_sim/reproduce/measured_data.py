@@ -1,0 +1,24 @@
+"""Where measured data of real rigs are: beside the project, or in `$CLUTCH_HIL_DATA`. They are no part of the project."""
+
+import os
+from pathlib import Path
+
+from protocols.errors import InputError
+
+VARIABLE = "CLUTCH_HIL_DATA"
+BESIDE = Path(__file__).resolve().parents[3] / "shared" / "data"  # ../shared/data, seen from the project
+
+
+class MissingDataError(InputError):
+    """Measured data are not on this machine."""
+
+
+def measured_file(name: str) -> Path:
+    """Path of the data file `name`, such as `microtribometer/test_data_2.txt`. Raises MissingDataError."""
+    folder = Path(os.environ.get(VARIABLE) or BESIDE)
+    path = folder / name
+    if not path.is_file():
+        raise MissingDataError(
+            f"measured data {name} are not in {folder}; set {VARIABLE} to the folder that holds them"
+        )
+    return path

@@ -1,0 +1,131 @@
+"""Friction feedforward of the position axis: inertia and a friction model of the wanted motion (fig 5.10).
+
+What            the motor force that makes a model of the axis move as wanted
+Equation        F_ff = M x_d'' + F(x_d, N), over the control period at the middle of which the wanted motion is read
+Assumptions     the model begins at rest; it sees the wanted motion only, never the measured one
+Valid range     motions that PID control keeps close to the wanted one
+Not modelled    -
+References      Janssens 2010, sec. 5.9
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.interpolate import PPoly
+
+from plant_sim.friction.kernel import law
+from plant_sim.friction.model import Array, FrictionModel, require
+from plant_sim.rigs.position_axis import Trajectory
+from protocols.errors import InputError
+
+FADE = 0.5  # s, the end of a trajectory that is followed by another
+
+
+@law
+def frictionless(parameters, state, displacement, dt, load, new_state):
+    """No friction [N]; the state is empty."""
+    return 0.0
+
+
+@dataclass(frozen=True)
+class Frictionless(FrictionModel):
+    """The null model: a feedforward with it holds the inertia alone."""
+
+    law = staticmethod(frictionless)
+
+    @cached_property
+    def parameters(self) -> Array:
+        """None."""
+        return np.empty(0)
+
+    def rest(self) -> Array:
+        """No state."""
+        return np.empty(0)
+
+    def steady_state(self, velocity: Array | float, load: float = 1.0) -> Array:
+        """0 N."""
+        return np.zeros(np.shape(velocity))
+
+
+@dataclass(frozen=True)
+class Feedforward:
+    """Inertia of `mass` [kg] and `friction`. Raises InputError."""
+
+    mass: float
+    friction: FrictionModel
+
+    def __post_init__(self) -> None:
+        require("mass of the feedforward", self.mass, least=0.0, unit="kg")
+
+    def force(self, trajectory: Trajectory, time: Array, load: Array | float = 1.0) -> Array:
+        """Force [N] (n,) for each control period that begins at `time` [s] (n,); `load` [N] as measured, scalar or (n,)."""
+        period = time[1] - time[0]
+        middle = trajectory(np.append(time - 0.5 * period, time[-1] + 0.5 * period + np.array([0.0, period])))
+        acceleration = np.diff(middle, 2) / period**2
+        friction = self.friction.trace(
+            middle[:-1], period, np.append(np.ravel(load)[:1], np.broadcast_to(load, time.size))
+        )
+        return self.mass * acceleration + friction.force[1:]
+
+
+def sine(amplitude: float, frequency: float) -> Trajectory:
+    """Sine of `amplitude` [m] and `frequency` [Hz] that grows from rest over its first period. Raises InputError."""
+    require("frequency", frequency, above=0.0, unit="Hz")
+    return lambda time: amplitude * _growing(time * frequency) * np.sin(2.0 * np.pi * frequency * time)
+
+
+def multisine(rms: float, lowest: float, highest: float, period: float, seed: int) -> Trajectory:
+    """Random-phase multisine of `rms` [m], all harmonics of 1/`period` [s] from `lowest` to `highest` [Hz].
+
+    Amplitudes fall with the frequency, so that every line has the same velocity; grows from rest over the first period.
+    Raises InputError.
+    """
+    lines = np.arange(round(lowest * period), round(highest * period) + 1) / period
+    if lines.size == 0 or not lines[0] > 0.0:
+        raise InputError(
+            f"multisine has lines from {lowest:g} to {highest:g} Hz; needed are frequencies that rise from above 0"
+        )
+    phases = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, lines.size)
+    amplitudes = rms * np.sqrt(2.0 / np.sum(lines**-2.0)) / lines
+
+    def position(time: Array) -> Array:
+        angle = 2.0 * np.pi * np.multiply.outer(np.asarray(time, float), lines) + phases
+        return _growing(time / period) * (np.sin(angle) @ amplitudes)
+
+    return position
+
+
+def there_and_back(distance: float, speed: float, acceleration: float, dwell: float, strokes: int) -> Trajectory:
+    """Trapezoids of the velocity: `strokes` moves of `distance` [m] to and fro, each after `dwell` [s]. Raises InputError."""
+    for name, value in (("distance", distance), ("speed", speed), ("acceleration", acceleration), ("dwell", dwell)):
+        require(name, value, above=0.0)
+    ramp = speed / acceleration
+    cruise = distance / speed - ramp
+    require("time at full speed", cruise, above=0.0, unit="s")
+    durations = np.tile([dwell, ramp, cruise, ramp], strokes)
+    senses = np.repeat(np.where(np.arange(strokes) % 2 == 0, 1.0, -1.0), 4)
+    accelerations = senses * np.tile([0.0, acceleration, 0.0, -acceleration], strokes)
+    breaks = np.concatenate([[-1.0], np.cumsum(durations), [np.sum(durations) + 1e5]])
+    return PPoly([np.concatenate([accelerations, [0.0]])], breaks).antiderivative(2)
+
+
+def in_turn(*parts: tuple[Trajectory, float]) -> Trajectory:
+    """Each trajectory for its time [s], which is more than `FADE`; in the last of it each fades to rest at 0."""
+    ends = np.cumsum([0.0, *(seconds for _, seconds in parts)])
+
+    def position(time: Array) -> Array:
+        time = np.asarray(time, float)
+        whole = np.zeros(time.shape)
+        for (trajectory, seconds), start in zip(parts, ends[:-1], strict=True):
+            own = np.clip(time - start, 0.0, seconds)
+            whole += trajectory(own) * _growing((seconds - own) / FADE)
+        return whole
+
+    return position
+
+
+def _growing(turns: Array) -> Array:
+    """0 before the first turn, 1 after it, smooth to the second derivative."""
+    x = np.clip(turns, 0.0, 1.0)
+    return x**3 * (10.0 - 15.0 * x + 6.0 * x**2)

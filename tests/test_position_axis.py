@@ -1,0 +1,236 @@
+"""The position axis of section 5.9: mass, friction, PID, and feedforwards identified from its own runs."""
+
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from plant_sim.friction.coulomb import Coulomb
+from plant_sim.friction.gms import GMS
+from plant_sim.friction.lugre import LuGre
+from plant_sim.friction.maxwell_slip import MaxwellSlip
+from plant_sim.friction.model import FrictionModel
+from plant_sim.friction.stribeck import Stribeck
+from plant_sim.rigs import position_identification as identification
+from plant_sim.rigs.position_axis import PositionAxis, Run, nominal, nominal_friction
+from plant_sim.rigs.position_feedforward import Feedforward, Frictionless, in_turn, multisine, sine, there_and_back
+from plant_sim.rigs.position_identification import Identified
+from protocols.errors import InputError
+
+MASS = 15.0  # kg, of the table
+LOAD = 150.0  # N
+SLOW = sine(2e-3, 0.5), 5.0
+SETTLED = 2.0  # s
+
+QUIET = {"motor.force_noise": 0.0, "sensors.force_noise": 0.0, "sensors.load_noise": 0.0, "sensors.resolution": 1e-10}
+
+
+@cache
+def experiment() -> Run:
+    return identification.experiment(PositionAxis())
+
+
+@cache
+def gms() -> Identified:
+    return identification.gms(experiment(), 13.0)
+
+
+def quiet(friction: FrictionModel | None = None, **changes: float) -> PositionAxis:
+    """The axis without noise; `controller__rate` stands for `controller.rate`."""
+    values = QUIET | {name.replace("__", "."): value for name, value in changes.items()}
+    return PositionAxis(friction, nominal().with_values(values))
+
+
+def tracked(axis: PositionAxis, feedforward: Feedforward, load: np.ndarray | float = LOAD) -> float:
+    """Rms tracking error [m] of the slow sine."""
+    trajectory, seconds = SLOW
+    run = axis.simulate(trajectory, seconds, feedforward.force(trajectory, axis.times(seconds), load), load)
+    return float(np.sqrt(np.mean(run.error[run.time_s > SETTLED] ** 2)))
+
+
+class TestPlant:
+    def test_without_friction_and_control_a_force_gives_its_acceleration(self) -> None:
+        axis = quiet(Frictionless())
+        run = axis.respond(np.full(2001, 3.0))
+        half_step = 0.5 * 5e-5  # s, of backward Euler
+        np.testing.assert_allclose(
+            run.true_position, 0.5 * 3.0 / MASS * run.time_s * (run.time_s + 2.0 * half_step), rtol=1e-9, atol=1e-15
+        )
+        np.testing.assert_allclose(run.true_velocity, 3.0 / MASS * run.time_s, rtol=1e-9, atol=1e-15)
+
+    def test_friction_holds_a_force_below_its_limit_for_ever(self) -> None:
+        axis = quiet()
+        limit = float(axis.friction.friction(LOAD))
+        ramp = np.minimum(np.arange(6001) / 2000.0, 1.0)
+        held, slid = (axis.respond(share * limit * ramp).true_position for share in (0.9, 1.1))
+        assert np.ptp(held[-1000:]) < 1e-9
+        assert slid[-1] > 1e-3
+
+    def test_motor_force_minus_friction_is_mass_times_acceleration(self) -> None:
+        run = PositionAxis().simulate(*SLOW)
+        impulse = np.diff(run.true_velocity) * MASS
+        given = run.motor_force[:-1] * 5e-4
+        friction = np.cumsum(given - impulse)  # of all periods, from the balance of momentum
+        sampled = np.cumsum(run.friction[1:]) * 5e-4
+        assert np.abs(friction - sampled).max() < 0.002 * np.abs(sampled).max()
+
+    def test_is_of_first_order_in_the_step(self) -> None:
+        axis = quiet(LuGre(Stribeck(20.0, 0.7, 4e-3, 40.0), 2e6, 100.0))
+        time = axis.times(0.5)
+        motions = []
+        for substeps in (10, 20, 40, 80):
+            axis._substeps = substeps
+            motions.append(axis.respond(40.0 * np.sin(2.0 * np.pi * 4.0 * time)).true_position)
+        changes = [np.abs(b - a).max() for a, b in pairwise(motions)]
+        assert changes[1] / changes[0] == pytest.approx(0.5, abs=0.05)
+        assert changes[2] / changes[1] == pytest.approx(0.5, abs=0.05)
+
+    def test_encoder_tells_multiples_of_its_resolution(self) -> None:
+        run = PositionAxis().simulate(*SLOW)
+        np.testing.assert_allclose(run.position / 1e-7, np.round(run.position / 1e-7), atol=1e-6)
+        assert np.abs(run.position - run.true_position).max() <= 0.5001e-7
+
+    def test_a_run_repeats_with_its_seed_and_differs_with_another(self) -> None:
+        axis = PositionAxis()
+        first, same, other = (axis.simulate(*SLOW, seed=seed) for seed in (1, 1, 2))
+        np.testing.assert_array_equal(first.motor_force, same.motor_force)
+        np.testing.assert_array_equal(first.true_position, same.true_position)
+        assert not np.array_equal(first.true_position, other.true_position)
+
+    def test_replayed_motor_force_gives_the_same_motion_without_control(self) -> None:
+        axis = quiet()
+        run = axis.simulate(*SLOW)
+        np.testing.assert_allclose(axis.respond(run.motor_force).true_position, run.true_position, atol=1e-9)
+
+
+class TestControl:
+    def test_bandwidth_is_the_highest_with_a_peak_sensitivity_below_two(self) -> None:
+        """Sampled loop of the sliding table with hold and delay, in steps of 10 Hz."""
+
+        def peak(bandwidth: float) -> float:
+            axis = quiet(controller__bandwidth=bandwidth)
+            proportional, integral, derivative, filter_time = axis.gains
+            t = axis.period
+            z = np.exp(1j * np.geomspace(1.0, np.pi / t, 20000) * t)
+            mass = t**2 * (z + 1.0) / (2.0 * MASS * (z - 1.0) ** 2)
+            rate = derivative * (z - 1.0) / ((filter_time + t) * z - filter_time)
+            control = (proportional + integral * t / (z - 1.0) + rate) / z
+            return float(np.abs(1.0 / (1.0 + mass * control)).max())
+
+        used = nominal()["controller.bandwidth"].value
+        assert peak(used) < 2.0 < peak(used + 10.0)
+
+    def test_stands_still_without_humming(self) -> None:
+        run = PositionAxis().simulate(lambda time: 0.0 * time, 2.0)
+        assert run.true_position[2000:].std() < 0.5e-7
+
+    def test_the_integral_does_not_wind_up_at_the_force_limit(self) -> None:
+        axis = quiet(Frictionless(), motor__force_limit=5.0)
+        run = axis.simulate(there_and_back(20e-3, 50e-3, 1.0, 0.1, 1), 5.0)
+        assert np.abs(run.motor_force).max() == 5.0
+        assert run.true_position.max() < 1.25 * 20e-3
+        assert abs(run.error[-1]) < 1e-6
+
+
+class TestFeedforward:
+    def test_of_the_inertia_makes_a_frictionless_axis_follow(self) -> None:
+        axis = quiet(Frictionless())
+        with_it, without = (tracked(axis, Feedforward(mass, Frictionless())) for mass in (MASS, 0.0))
+        assert with_it < 0.01 * without
+        assert with_it < 1e-10  # m, the step of this encoder
+
+    @pytest.mark.parametrize(
+        "friction",
+        [
+            Coulomb(Stribeck(25.0, 0.8, 4e-3, 40.0)),
+            LuGre(Stribeck(25.0, 0.8, 4e-3, 40.0), 2e6, 100.0),
+            MaxwellSlip([2e6, 1e6, 5e5], [10.0, 8.0, 7.0]),
+            GMS(Stribeck(25.0, 0.8, 4e-3, 40.0), [2e6, 1e6], [0.5, 0.5], 2e3),
+            nominal_friction(nominal()),
+        ],
+        ids=lambda friction: type(friction).__name__,
+    )
+    def test_with_the_true_friction_divides_the_error_by_more_than_twenty(self, friction: FrictionModel) -> None:
+        """All models in the plant and in the feedforward, through one compiled run."""
+        axis = quiet(friction)
+        assert tracked(axis, Feedforward(MASS, friction)) < tracked(axis, Feedforward(MASS, Frictionless())) / 20.0
+
+    def test_with_the_load_follows_a_load_step(self) -> None:
+        axis = quiet()
+        time = axis.times(SLOW[1])
+        load = LOAD * np.where(time < 3.1, 1.0, 1.75)
+        trajectory = SLOW[0]
+        errors = []
+        for known in (load, LOAD):
+            force = Feedforward(MASS, axis.friction).force(trajectory, time, known)
+            run = axis.simulate(trajectory, SLOW[1], force, load)
+            errors.append(np.abs(run.error[run.time_s > 3.3]).max())
+        assert errors[0] < 0.1 * errors[1]
+
+    def test_trajectories_begin_and_part_at_rest(self) -> None:
+        time = np.linspace(0.0, 8.0, 80001)
+        parts = in_turn((sine(1e-3, 0.5), 4.0), (multisine(1e-3, 0.5, 5.0, 2.0, seed=0), 4.0))
+        for trajectory in (
+            sine(1e-3, 2.0),
+            multisine(1e-3, 0.5, 5.0, 2.0, seed=0),
+            there_and_back(0.02, 0.05, 1.0, 0.3, 4),
+            parts,
+        ):
+            position = trajectory(time)
+            assert position[0] == 0.0
+            assert abs(position[1]) < 1e-12
+        velocity = np.gradient(parts(time), time)
+        assert abs(parts(np.array([4.0]))[0]) < 1e-12
+        assert np.abs(velocity[39999:40002]).max() < 1e-7
+
+    def test_moves_there_and_back_end_where_they_began(self) -> None:
+        trajectory = there_and_back(0.02, 0.05, 1.0, 0.3, 4)
+        np.testing.assert_allclose(
+            trajectory(np.array([0.0, 0.3, 0.75, 0.9, 10.0])), [0.0, 0.0, 0.02, 0.02, 0.0], atol=1e-12
+        )
+        time = np.linspace(0.0, 4.0, 40001)
+        assert np.abs(np.diff(trajectory(time))).max() / 1e-4 == pytest.approx(0.05, rel=1e-6)
+
+
+class TestIdentification:
+    """From one noisy run: encoder steps, force noise, no velocity sensor."""
+
+    def test_finds_the_mass_and_the_stribeck_curve(self) -> None:
+        found = gms().feedforward
+        assert found.mass == pytest.approx(MASS, rel=0.02)
+        curve = found.friction.stribeck
+        for velocity in (2e-3, 1e-2, 5e-2):
+            true = float(nominal_friction(nominal()).steady_state(velocity, LOAD))
+            assert float(curve(velocity)) == pytest.approx(true, rel=0.04)
+
+    def test_finds_the_static_friction_at_every_load(self) -> None:
+        found = identification.xgms(experiment(), gms(), LOAD).feedforward.friction
+        loads = LOAD * np.array([0.5, 0.75, 1.0, 1.4, 1.75])
+        np.testing.assert_allclose(found.friction(loads), nominal_friction(nominal()).friction(loads), rtol=0.02)
+
+    def test_the_better_the_model_the_smaller_the_error(self) -> None:
+        mass = gms().feedforward.mass
+        coulomb = identification.coulomb(experiment(), mass).feedforward
+        lugre = identification.lugre(experiment(), mass).feedforward
+        errors = [
+            tracked(PositionAxis(), ff) for ff in (Feedforward(mass, Frictionless()), coulomb, lugre, gms().feedforward)
+        ]
+        assert errors == sorted(errors, reverse=True)
+        assert errors[-1] < 0.02 * errors[0]
+
+
+class TestInput:
+    def test_a_reference_that_does_not_begin_at_zero_is_refused(self) -> None:
+        with pytest.raises(InputError, match="start of the reference"):
+            PositionAxis().simulate(lambda time: 1e-3 + 0.0 * time, 1.0)
+
+    def test_samples_that_do_not_fit_the_run_are_refused(self) -> None:
+        with pytest.raises(InputError, match=r"feedforward force \[N\] has shape \(7,\)"):
+            PositionAxis().simulate(sine(1e-3, 1.0), 1.0, np.zeros(7))
+        with pytest.raises(InputError, match="least normal load"):
+            PositionAxis().simulate(sine(1e-3, 1.0), 1.0, load=-1.0)
+
+    def test_break_points_out_of_order_are_refused(self) -> None:
+        with pytest.raises(InputError, match="first_break"):
+            PositionAxis(parameters=nominal().with_values({"friction.first_break": 1e-3}))
