@@ -9,7 +9,6 @@ from plant_sim.bench.following import following
 from plant_sim.bench.in_process import Played, play
 from plant_sim.node import PlantNode
 from plant_sim.profile import Profile, load_profile
-from plant_sim.reproduce import adaptation
 from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError
 from protocols.frames import Frame, load_frames
@@ -270,17 +269,6 @@ def test_the_safe_frames_close_the_valve_and_stop_the_motor() -> None:
 def test_the_loop_works_at_other_rates(rate: int) -> None:
     result = play(PlantNode(rate=rate, profile=STEADY), controller_node(rate=rate))
     assert result.following().regime_error < 0.2  # Nm
-
-
-@pytest.mark.parametrize("case", adaptation.CASES)
-def test_adaptation_brings_the_error_to_a_fifth(case: str) -> None:
-    values, temperature = adaptation.CASES[case]
-    parameters = wet_clutch.nominal().with_values(values)
-    errors = {}
-    for on in (False, True):
-        plant = PlantNode(parameters=parameters, profile=load_profile("engagement"), temperature=temperature)
-        errors[on] = adaptation.regime_error(play(plant, controller_node(adaptation=on)))
-    assert errors[True] * adaptation.GAIN <= errors[False]
 
 
 def test_following_is_judged_as_the_thesis_does() -> None:

@@ -1,0 +1,220 @@
+"""The experiments of chapter 4 on the virtual tribometer: a rig in, what its sensors told out.
+
+What            break-away, pre-sliding, friction lag, Stribeck curve, stick-slip, lift-up
+Equation        torque, load and angle are those measured, through one zero-phase low-pass of 100 Hz: the bandwidth of the rig
+                (sec. 3.11); velocity is the derivative of the filtered angle
+Assumptions     every run starts from rest
+Valid range     that of the rig
+Not modelled    running-in, averaging over several runs
+References      Janssens 2010, secs. 4.1, 4.2.2, 4.3
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import pi
+
+import numpy as np
+from scipy.signal import butter, sosfiltfilt
+
+from plant_sim.friction.model import require
+from plant_sim.rigs.tribometer import Record, Tribometer
+from plant_sim.rigs.tribometer_drive import Drive
+from protocols.errors import InputError
+
+Array = np.ndarray
+BANDWIDTH = 100.0  # Hz, sec. 3.11
+DT = 1e-4  # s
+EVERY = 5  # steps between kept samples: 2 kHz, so that the sensors' noise is filtered, not aliased
+TURNS_TO_SETTLE = 0.1  # rad, before a steady state is read: a thousand times the travel before sliding
+KICK = 0.05  # s, of a velocity high enough to begin to slide
+READ = 0.5  # s, over which a steady state is averaged
+JUST_SLIDING = 1e-6  # rad/s
+LONGEST_HOLD = 1.6  # over the friction just sliding: no contact here breaks away above it
+STUCK, BURST = 0.1, 1.5  # of the driven speed: stick-slip falls below the one and exceeds the other
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Measured (n,): `time` [s], `angle` [rad], `velocity` [rad/s], `torque` [Nm], `load` [N], mean `gap` [m].
+
+    `record` is the run as the rig told it, the whole of it, with what no sensor shows.
+    """
+
+    time: Array
+    angle: Array
+    velocity: Array
+    torque: Array
+    load: Array
+    gap: Array
+    record: Record
+
+    def part(self, start: float, stop: float) -> "Motion":
+        """Samples with start <= time < stop [s]; the record stays whole."""
+        inside = (self.time >= start) & (self.time < stop)
+        names = ("time", "angle", "velocity", "torque", "load", "gap")
+        return replace(self, **{name: getattr(self, name)[inside] for name in names})
+
+
+@dataclass(frozen=True)
+class Steady:
+    """Means in steady sliding at each `speed` [rad/s] (k,): `torque` [Nm] with its `spread` over a run, `load` [N]."""
+
+    speed: Array
+    torque: Array
+    spread: Array
+    load: Array
+
+    def coefficient(self, radius: float) -> Array:
+        """Friction coefficient [-] (k,) at the mean `radius` [m] (eq 4.3, one contact)."""
+        return self.torque / (self.load * radius)  # 4.3
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """What pulls the motor in the stick-slip experiment: `stiffness` [Nm/rad] and `damping` [Nm s/rad].
+
+    Raises InputError.
+    """
+
+    stiffness: float
+    damping: float
+
+    def __post_init__(self) -> None:
+        require("stiffness of the coupling", self.stiffness, above=0.0, unit="Nm/rad")
+        require("damping of the coupling", self.damping, least=0.0, unit="Nm s/rad")
+
+
+def measured(rig: Tribometer, drive: Drive, load: float, seconds: float) -> Motion:
+    """Run the rig and filter what its sensors tell. Raises InputError."""
+    record = rig.run(drive, load, seconds, DT, every=EVERY)
+    rate = 1.0 / (EVERY * DT)
+    low_pass = butter(2, BANDWIDTH, fs=rate, output="sos")
+    wanted = (record.angle_measured, record.torque_measured, record.normal_measured, record.gap.mean(axis=0))
+    angle, torque, normal, gap = (sosfiltfilt(low_pass, values) for values in wanted)
+    return Motion(record.time_s, angle, np.gradient(angle, record.time_s), torque, normal, gap, record)
+
+
+def break_away(rig: Tribometer, load: float, acceleration: float) -> tuple[float, Motion]:
+    """Break-away torque [Nm], the highest on the way from rest to gross sliding, and the run (sec. 4.1.1).
+
+    The velocity demanded rises at `acceleration` [rad/s^2], to well beyond break-away. Raises InputError.
+    """
+    require("acceleration", acceleration, above=0.0, unit="rad/s^2")
+    held = LONGEST_HOLD * _torque(rig, JUST_SLIDING, load) / rig.parameters["motor.velocity_gain"].si  # rad/s
+    seconds = (held + (2.0 * TURNS_TO_SETTLE * acceleration) ** 0.5) / acceleration
+    motion = measured(rig, rig.velocity_drive(lambda time: acceleration * time), load, seconds)
+    return float(motion.torque.max()), motion
+
+
+def saw_tooth(corners: Sequence[float] | Array, speed: float, time: Array) -> Array:
+    """Position command [rad] at `time` [s] (n,) that goes from one of `corners` [rad] to the next at `speed` [rad/s]."""
+    return np.interp(time, corner_times(corners, speed), corners)
+
+
+def corner_times(corners: Sequence[float] | Array, speed: float) -> Array:
+    """When a saw-tooth of `speed` [rad/s] is at each of its `corners` [rad]: [s], same shape."""
+    return np.append(0.0, np.cumsum(np.abs(np.diff(corners)))) / speed
+
+
+def pre_sliding(rig: Tribometer, load: float, corners: Sequence[float] | Array, speed: float) -> Motion:
+    """Play a saw-tooth under proportional position control (sec. 4.1.2); arguments as `saw_tooth`.
+
+    Raises InputError.
+    """
+    require("speed", speed, above=0.0, unit="rad/s")
+    seconds = float(corner_times(corners, speed)[-1])
+    return measured(rig, rig.position_drive(lambda time: saw_tooth(corners, speed, time)), load, seconds)
+
+
+def reciprocation(rig: Tribometer, load: float, amplitude: float, frequency: float, periods: int) -> Motion:
+    """A sine of position of `amplitude` [rad] at `frequency` [Hz]: `periods` after the first (secs. 4.1.3, 4.3).
+
+    Raises InputError.
+    """
+    require("frequency", frequency, above=0.0, most=BANDWIDTH, unit="Hz")
+    drive = rig.position_drive(lambda time: amplitude * np.sin(2.0 * pi * frequency * time))
+    motion = measured(rig, drive, load, (periods + 1.25) / frequency)
+    return motion.part(1.0 / frequency, (periods + 1.0) / frequency)
+
+
+def oscillation(rig: Tribometer, load: float, offset: float, swing: float, frequency: float, periods: int) -> Motion:
+    """A sine of velocity of `swing` around `offset` [rad/s] at `frequency` [Hz]: `periods` after the first three.
+
+    Sec. 4.1.3. Raises InputError when the velocity would not stay above 0.
+    """
+    require("frequency", frequency, above=0.0, most=BANDWIDTH, unit="Hz")
+    if not 0.0 < swing < offset:
+        raise InputError(f"swing is {swing:g} rad/s about {offset:g} rad/s; allowed is above 0 to below the offset")
+    mean = offset + _torque(rig, offset, load) / rig.parameters["motor.velocity_gain"].si  # as in `stribeck`
+    drive = rig.velocity_drive(lambda time: mean - swing * np.cos(2.0 * pi * frequency * time))
+    return measured(rig, drive, load, (periods + 3.5) / frequency).part(3.0 / frequency, (periods + 3.0) / frequency)
+
+
+def branches(motion: Motion, speeds: Array) -> tuple[Array, Array]:
+    """Mean torque [Nm] (k,) accelerating, and decelerating, between neighbours of `speeds` (k + 1,) above 0 [rad/s].
+
+    The acceleration is the sign of the change of the velocity through a period, read from the filtered angle.
+    """
+    gains = np.gradient(motion.velocity, motion.time) > 0.0
+    bins = np.digitize(motion.velocity, speeds)
+    means = [
+        [motion.torque[(bins == k) & (gains == gaining)].mean() for k in range(1, speeds.size)]
+        for gaining in (True, False)
+    ]
+    return np.array(means[0]), np.array(means[1])
+
+
+def stribeck(rig: Tribometer, load: float, speeds: Sequence[float] | Array) -> Steady:
+    """Steady friction at each of `speeds` [rad/s], each run from rest under velocity control (sec. 4.1.4).
+
+    Raises InputError.
+    """
+    rows = []
+    gain = rig.parameters["motor.velocity_gain"].si
+    for speed in np.asarray(speeds, float):
+        require("speed", speed, above=0.0, unit="rad/s")
+        settle = KICK + min(TURNS_TO_SETTLE / speed, 1.0)
+        droop = _torque(rig, speed, load) / gain  # rad/s, of the proportional loop: set off by hand
+        kick = 2.0 * _torque(rig, JUST_SLIDING, load) / gain  # rad/s, to begin to slide
+        command = np.full(round((settle + READ) / DT) + 1, speed + droop)
+        command[: round(KICK / DT)] += kick
+        drive = rig.velocity_drive(command)
+        motion = measured(rig, drive, load, settle + READ).part(settle, settle + READ)
+        rows.append((motion.velocity.mean(), motion.torque.mean(), motion.torque.std(), motion.load.mean()))
+    return Steady(*np.array(rows).T)
+
+
+def _torque(rig: Tribometer, speed: float, load: float) -> float:
+    """Steady friction torque [Nm] that is to be expected at `speed` [rad/s]."""
+    return float(rig.friction.steady_state(speed * rig.radius, load)) * rig.radius
+
+
+def stick_slip(rig: Tribometer, load: float, speed: float, coupling: Coupling, seconds: float) -> Motion:
+    """Drive the motor at `speed` [rad/s] through a soft `coupling` (sec. 4.1.5). Raises InputError."""
+    require("speed", speed, above=0.0, unit="rad/s")
+    drive = rig.spring_drive(lambda time: speed * time, coupling.stiffness, coupling.damping)
+    return measured(rig, drive, load, seconds)
+
+
+def sticks(motion: Motion, speed: float) -> bool:
+    """Whether in the last half of `motion` the slip falls below a tenth of the driven `speed`, and exceeds it by half."""
+    slip = motion.record.slip_velocity_rad_s[motion.record.time_s > 0.5 * motion.record.time_s[-1]]
+    return bool(slip.min() < STUCK * speed and slip.max() > BURST * speed)
+
+
+def critical_speed(rig: Tribometer, load: float, coupling: Coupling, bounds: tuple[float, float], steps: int) -> float:
+    """Speed [rad/s] above which stick-slip ceases, by `steps` halvings of the logarithm of `bounds` [rad/s].
+
+    Raises InputError unless there is stick-slip at the lower bound and none at the upper.
+    """
+
+    def at(speed: float) -> bool:
+        return sticks(stick_slip(rig, load, speed, coupling, 4.0), speed)
+
+    low, high = bounds
+    if not at(low) or at(high):
+        raise InputError(f"stick-slip does not end between {low:g} and {high:g} rad/s under {load:g} N")
+    for _ in range(steps):
+        middle = (low * high) ** 0.5
+        low, high = (middle, high) if at(middle) else (low, middle)
+    return (low * high) ** 0.5

@@ -1,0 +1,178 @@
+"""The experiments of chapter 4 measure what is in the contact, and the contacts are what their parameters say."""
+
+import numpy as np
+import pytest
+
+from plant_sim.friction.dahl import Dahl
+from plant_sim.rigs.tribometer import Tribometer
+from plant_sim.rigs.tribometer_contacts import Contacts, contacts
+from plant_sim.rigs.tribometer_experiments import (
+    Coupling,
+    branches,
+    break_away,
+    corner_times,
+    critical_speed,
+    oscillation,
+    pre_sliding,
+    reciprocation,
+    saw_tooth,
+    stick_slip,
+    sticks,
+    stribeck,
+)
+from protocols.errors import InputError
+
+CONTACTS = Contacts(seed=11)
+NOISE = 4e-3  # Nm, rms of the difference of two filtered torque signals: 9 mNm of three rings, 2 kHz to 100 Hz, twice
+SOFT = Coupling(100.0, 5.8)
+LOOP = 2e-4 * np.array([0.0, 1.0, -1.0, 1.0])  # rad
+
+
+def changed(**values: float) -> Contacts:
+    return Contacts(contacts().with_values({name.replace("__", "."): value for name, value in values.items()}), seed=11)
+
+
+class TestContacts:
+    @pytest.mark.parametrize("load", [58.0, 560.0, 1400.0])
+    def test_oil_lowers_the_friction_at_low_speed(self, load: float) -> None:
+        dry, wet = CONTACTS.dry(load), CONTACTS.lubricated(load)
+        speed = 0.2 * dry.radius
+        assert wet.friction.steady_state(speed, load) < 0.9 * dry.friction.steady_state(speed, load)
+
+    @pytest.mark.parametrize("load", [58.0, 560.0, 1400.0])
+    def test_gross_sliding_begins_after_the_travel_under_any_load(self, load: float) -> None:
+        rig = CONTACTS.dry(load)
+        static = float(CONTACTS.load_law("dry")(load))
+        travel = contacts()["dry.travel"].si * rig.radius
+        force = rig.friction.trace(np.array([0.0, 0.5, 0.99, 1.0, 1.5]) * travel, 10.0, load).force
+        assert force[2] < static * (1.0 - 1e-6)
+        np.testing.assert_allclose(force[3:], static, rtol=1e-4)  # viscous friction of 1e-6 rad/s
+
+    def test_without_a_share_of_the_load_the_film_changes_no_friction(self) -> None:
+        rig = changed(film__share=0.0).lubricated(58.0)
+        model = rig.friction
+        speeds = np.array([0.01, 1.0, 6.0]) * rig.radius
+        np.testing.assert_allclose(
+            model.steady_state(speeds, 58.0), model.tangential.steady_state(speeds, 58.0), rtol=1e-12
+        )
+
+    def test_the_creeping_asperities_slide_at_beta_of_the_static_friction(self) -> None:
+        rig = CONTACTS.creeping(280.0)
+        static = CONTACTS.static_coefficient("dry", 280.0) * 280.0
+        assert rig.friction.steady_state(1e-3, 280.0) == pytest.approx(contacts()["dry.beta"].si * static, rel=1e-9)
+
+    def test_a_load_beyond_the_rig_is_refused(self) -> None:
+        with pytest.raises(InputError, match="load is 2000 N"):
+            CONTACTS.dry(2000.0)
+
+
+class TestBreakAway:
+    def test_it_falls_with_the_acceleration_by_creep(self) -> None:
+        rig = CONTACTS.creeping(280.0)
+        slow, fast = (break_away(rig, 280.0, acceleration)[0] for acceleration in (0.2, 2.0))
+        assert slow > fast + 10.0 * NOISE
+
+    def test_without_creep_it_does_not(self) -> None:
+        rig = changed(dry__beta=1.0).creeping(280.0)
+        slow, fast = (break_away(rig, 280.0, acceleration)[0] for acceleration in (0.2, 2.0))
+        assert abs(slow - fast) < 5.0 * NOISE
+
+    def test_slowly_it_is_the_static_friction(self) -> None:
+        peak, motion = break_away(CONTACTS.dry(560.0), 560.0, 0.2)
+        static = CONTACTS.static_coefficient("dry", 560.0) * 560.0 * 0.075
+        assert peak == pytest.approx(static, abs=5.0 * NOISE)
+        assert motion.velocity[-1] > 0.1
+
+
+class TestPreSliding:
+    def test_the_saw_tooth_reaches_its_corners_at_its_speed(self) -> None:
+        times = corner_times(LOOP, 1e-4)
+        np.testing.assert_allclose(saw_tooth(LOOP, 1e-4, times), LOOP, atol=1e-18)
+        time = np.linspace(0.0, times[-1], 1001)
+        assert np.abs(np.diff(saw_tooth(LOOP, 1e-4, time))).max() <= 1e-4 * time[1] * (1.0 + 1e-9)
+
+    def test_the_dry_loop_does_not_depend_on_the_speed(self) -> None:
+        rig = CONTACTS.dry(80.0)
+        slow, fast = (pre_sliding(rig, 80.0, LOOP, speed) for speed in (4e-4, 16e-4))
+        last = [motion.time > corner_times(LOOP, speed)[2] for motion, speed in ((slow, 4e-4), (fast, 16e-4))]
+        angle = np.linspace(-0.4e-4, 0.4e-4, 50)
+        torque = [
+            np.interp(angle, motion.record.angle_rad[part], motion.torque[part])
+            for motion, part in zip((slow, fast), last, strict=True)
+        ]
+        assert np.sqrt(np.mean((torque[0] - torque[1]) ** 2)) < 1.5 * NOISE
+
+    def test_it_dissipates(self) -> None:
+        motion = pre_sliding(CONTACTS.dry(80.0), 80.0, LOOP, 8e-4)
+        cycle = motion.time > corner_times(LOOP, 8e-4)[1]
+        work = np.trapezoid(motion.torque[cycle], motion.record.slip_angle_rad[cycle])
+        assert work > 0.02 * np.ptp(motion.torque[cycle]) * np.ptp(motion.record.slip_angle_rad[cycle])
+
+
+class TestFrictionLag:
+    SPEEDS = np.linspace(0.13, 0.34, 6)
+
+    def lag(self, rig: Tribometer, frequency: float) -> float:
+        up, down = branches(reciprocation(rig, 58.0, 0.06, frequency, periods=3), self.SPEEDS)
+        return float((up - down).mean())
+
+    def test_dry_friction_is_higher_accelerating_and_more_so_the_faster(self) -> None:
+        rig = CONTACTS.dry(58.0)
+        assert 0.0 < self.lag(rig, 1.0) < self.lag(rig, 2.0) < self.lag(rig, 3.0)
+
+    def test_a_contact_without_memory_of_its_speed_has_none(self) -> None:
+        rig = Tribometer(Dahl(12.0, 5e6), seed=3)
+        assert abs(self.lag(rig, 2.0)) < NOISE
+
+    def test_a_swing_that_would_reverse_is_refused(self) -> None:
+        with pytest.raises(InputError, match=r"swing is 0\.5 rad/s"):
+            oscillation(CONTACTS.lubricated(58.0), 58.0, 0.4, 0.5, 9.0, periods=1)
+
+
+class TestStribeck:
+    @pytest.mark.parametrize("name", ["dry", "lubricated"])
+    def test_it_measures_the_steady_curve_of_the_contact(self, name: str) -> None:
+        rig = getattr(CONTACTS, name)(280.0)
+        curve = stribeck(rig, 280.0, (0.08, 0.3, 2.0))
+        np.testing.assert_allclose(curve.speed, (0.08, 0.3, 2.0), rtol=0.01)
+        expected = rig.friction.steady_state(curve.speed * rig.radius, 280.0) * rig.radius
+        np.testing.assert_allclose(curve.torque, expected, atol=NOISE)
+        np.testing.assert_allclose(curve.load, 280.0, rtol=1e-3)
+        np.testing.assert_allclose(curve.coefficient(rig.radius), expected / (280.0 * 0.075), rtol=5e-3)
+
+
+class TestStickSlip:
+    def test_it_ceases_at_high_speed(self) -> None:
+        rig = CONTACTS.dry(75.0)
+        assert sticks(stick_slip(rig, 75.0, 4e-3, SOFT, 4.0), 4e-3)
+        assert not sticks(stick_slip(rig, 75.0, 40e-3, SOFT, 2.0), 40e-3)
+
+    def test_it_needs_friction_that_falls_with_speed(self) -> None:
+        rig = changed(dry__beta=1.0).dry(75.0)
+        assert not sticks(stick_slip(rig, 75.0, 4e-3, SOFT, 4.0), 4e-3)
+
+    def test_damping_ends_it(self) -> None:
+        rig = CONTACTS.dry(75.0)
+        assert not sticks(stick_slip(rig, 75.0, 9.44e-3, Coupling(100.0, 50.0), 4.0), 9.44e-3)
+
+    def test_the_critical_speed_grows_with_the_load(self) -> None:
+        low, high = (critical_speed(CONTACTS.dry(w), w, SOFT, (6e-3, 60e-3), steps=4) for w in (65.0, 140.0))
+        assert low < high
+
+    def test_bounds_without_the_critical_speed_are_refused(self) -> None:
+        with pytest.raises(InputError, match="does not end between"):
+            critical_speed(CONTACTS.dry(75.0), 75.0, SOFT, (40e-3, 60e-3), steps=1)
+
+
+class TestLiftUp:
+    def test_the_gap_is_wider_in_deceleration(self) -> None:
+        motion = reciprocation(CONTACTS.lubricated(58.0), 58.0, 0.06, 9.0, periods=8)
+        beyond = (motion.angle > 0.02) & (motion.angle < 0.05)
+        slows, speeds_up = (motion.gap[beyond & (sign * motion.velocity > 0.0)].mean() for sign in (1.0, -1.0))
+        assert slows > speeds_up + 0.05e-6
+
+    def test_dry_disks_do_not_lift(self) -> None:
+        motion = reciprocation(CONTACTS.dry(58.0), 58.0, 0.06, 9.0, periods=8)
+        beyond = (motion.angle > 0.02) & (motion.angle < 0.05)
+        slows, speeds_up = (motion.gap[beyond & (sign * motion.velocity > 0.0)].mean() for sign in (1.0, -1.0))
+        assert abs(slows - speeds_up) < 0.01e-6
