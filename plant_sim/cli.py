@@ -151,6 +151,10 @@ def reproduce(
     """Check a result of the thesis by running it."""
     from plant_sim.bench.progress import progress_bar, table_text
     from plant_sim.bench.recording import writable
+    from plant_sim.compiled import is_compiled
+
+    if not is_compiled(Path(__file__).parent):
+        typer.echo("compiling the kernels, once: about half a minute", err=True)
     from plant_sim.reproduce import entries, entry
     from plant_sim.reproduce.result import checks_text, run, run_all
 
@@ -168,8 +172,7 @@ def reproduce(
             return
         result = run(chosen, out, progress)
     text = "\n".join([f"{chosen.name}: {chosen.title}", checks_text(result), f"wrote:   {result.picture}"])
-    verdict_text = f"{'holds' if result.holds else 'does not hold'}: {chosen.claim}"
-    report(result.document(), text, verdict_text, result.holds, json_output)
+    report(result.document(), text, result.verdict, result.holds, json_output)
 
 
 def frames(
@@ -228,4 +231,6 @@ def benchmark(
     machine = f"machine: {platform.machine()}, Linux {platform.release()}, Python {platform.python_version()}"
     missed = [target.name for target in targets if not target.met]
     verdict_text = "all met" if not missed else f"not met: {', '.join(missed)}"
+    if without := document.get("not_installed"):
+        verdict_text += f"; not measured: {', '.join(without)}, not installed"
     report(document, "\n".join([machine, extra, "", table_text(rows)]), verdict_text, not missed, json_output)

@@ -1,13 +1,33 @@
-"""Compiled kernels on disk that are older than a source they were made from.
+"""Compiled kernels on disk: none older than a source it was made from, and a place for them where there is none.
 
 Numba asks only whether the file of a function itself has changed. A kernel whose blocks, in other files, were edited or
 updated would go on with the old physics, so such kernels are deleted before they are used.
 """
 
+import atexit
+import os
 import re
+import shutil
+import tempfile
 from pathlib import Path
 
 _IMPORT = re.compile(r"^from (\w+(?:\.\w+)*) import (\([^)]*\)|.*)$", re.MULTILINE)
+
+
+def place_cache(package: Path) -> None:
+    """Where neither `package` nor ~/.cache can be written, keep kernels in a temporary folder for this process and its children."""
+    variable = "NUMBA_CACHE_DIR"
+    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    existing = next(folder for folder in (home, *home.parents) if folder.exists())
+    if variable in os.environ or os.access(package, os.W_OK) or os.access(existing, os.W_OK):
+        return
+    os.environ[variable] = tempfile.mkdtemp(prefix="clutch-hil-kernels-")
+    atexit.register(shutil.rmtree, os.environ[variable], ignore_errors=True)
+
+
+def is_compiled(package: Path) -> bool:
+    """Whether kernels of `package` are on disk, beside it."""
+    return any(package.rglob("__pycache__/*.nbi"))
 
 
 def drop_stale(package: Path) -> list[Path]:

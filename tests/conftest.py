@@ -1,14 +1,12 @@
 """Shared fixtures."""
 
-import os
 import shutil
 import tempfile
 from collections.abc import Iterator
 
 import pytest
 
-# before numpy is imported: threads for matrices of a few rows only fight for the cores (5 s became 41 s beside other work)
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+import protocols  # noqa: F401  # sets the number of BLAS threads before numpy is imported
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from plant_sim.compiled import drop_stale
+from plant_sim.compiled import drop_stale, place_cache
 
 MODULES = {
     "block.py": "",
@@ -57,3 +57,18 @@ def test_a_cache_without_its_source_is_left_alone(package: Path) -> None:
     (package / "alone.py").unlink()
     os.utime(package / "block.py", (300, 300))
     assert all("alone" not in path.name for path in drop_stale(package))
+
+
+def test_kernels_have_a_place_where_nothing_can_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    place_cache(tmp_path)
+    assert "NUMBA_CACHE_DIR" not in os.environ
+    monkeypatch.setattr(os, "access", lambda path, mode: False)
+    monkeypatch.setattr("plant_sim.compiled.tempfile.mkdtemp", lambda prefix: str(tmp_path / prefix))
+    monkeypatch.setattr("plant_sim.compiled.atexit.register", lambda *args, **kwargs: None)
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "kept")
+    place_cache(tmp_path)
+    assert os.environ["NUMBA_CACHE_DIR"] == "kept"
+    monkeypatch.delenv("NUMBA_CACHE_DIR")
+    place_cache(tmp_path)
+    assert os.environ["NUMBA_CACHE_DIR"] == str(tmp_path / "clutch-hil-kernels-")

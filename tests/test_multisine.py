@@ -101,6 +101,12 @@ def test_lines_that_a_period_does_not_have_are_refused(lines: np.ndarray, sample
         Multisine(lines, 1.0, samples)
 
 
+@pytest.mark.parametrize("samples", [100.0, "a", None])
+def test_samples_that_are_no_count_are_refused(samples: object) -> None:
+    with pytest.raises(InputError, match=r"samples of a period is .*; allowed is a whole number"):
+        Multisine(np.arange(1, 10), 1.0, samples)  # type: ignore[arg-type]
+
+
 def test_one_realisation_or_a_wrong_shape_is_refused() -> None:
     u = excitations()
     with pytest.raises(InputError, match="1 realisations"):

@@ -1,12 +1,16 @@
 """The position axis of section 5.9: mass, friction, PID, and feedforwards identified from its own runs."""
 
+from collections.abc import Callable
 from functools import cache
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
+from plant_sim.friction.asperities import Asperities, StickTimeFriction
 from plant_sim.friction.coulomb import Coulomb
+from plant_sim.friction.counter_surface import FlatSurface
+from plant_sim.friction.generic import DynamicGenericModel, GenericModel
 from plant_sim.friction.gms import GMS
 from plant_sim.friction.lugre import LuGre
 from plant_sim.friction.maxwell_slip import MaxwellSlip
@@ -22,6 +26,7 @@ MASS = 15.0  # kg, of the table
 LOAD = 150.0  # N
 SLOW = sine(2e-3, 0.5), 5.0
 SETTLED = 2.0  # s
+TIMES = 1e-3 * np.arange(5)  # s
 
 QUIET = {"motor.force_noise": 0.0, "sensors.force_noise": 0.0, "sensors.load_noise": 0.0, "sensors.resolution": 1e-10}
 
@@ -50,6 +55,18 @@ def tracked(axis: PositionAxis, feedforward: Feedforward, load: np.ndarray | flo
 
 
 class TestPlant:
+    def test_a_contact_with_a_body_of_its_own_begins_in_equilibrium_with_the_first_load(self) -> None:
+        """It moves the axis as the same contact without mass does, whose asperities bear the load at every instant."""
+        tips = Asperities.draw(50, np.random.default_rng(1))
+        contact = Asperities(tips.position, 1e-6 * tips.height, 1e7 * tips.stiffness), FlatSurface()
+        friction = StickTimeFriction(0.1, 0.2, 1.0)
+        force = 20.0 * np.sin(0.05 * np.arange(400))  # N, beyond the friction of 15 N
+        models = GenericModel(*contact, friction), DynamicGenericModel(*contact, friction, 5.0, 100.0)
+        light, heavy = (quiet(model).respond(force, LOAD) for model in models)
+        # z_b is near 1 m, rounded to 1e-16 m: on 5 kg that is 2e-7 N in a step of 5e-5 s
+        np.testing.assert_allclose(heavy.friction, light.friction, atol=1e-5)
+        assert np.abs(light.friction).max() > 14.0
+
     def test_without_friction_and_control_a_force_gives_its_acceleration(self) -> None:
         axis = quiet(Frictionless())
         run = axis.respond(np.full(2001, 3.0))
@@ -234,3 +251,35 @@ class TestInput:
     def test_break_points_out_of_order_are_refused(self) -> None:
         with pytest.raises(InputError, match="first_break"):
             PositionAxis(parameters=nominal().with_values({"friction.first_break": 1e-3}))
+
+    @pytest.mark.parametrize(
+        ("ask", "told"),
+        [
+            (lambda: PositionAxis("x"), "friction of the axis is 'x'"),  # type: ignore[arg-type]
+            (
+                lambda: PositionAxis().respond([]),
+                "motor force has shape (0,); needed is one value for each of 2 periods",
+            ),
+            (lambda: PositionAxis().respond([1.0]), "motor force has shape (1,)"),
+            (lambda: PositionAxis().respond([0.0, np.nan]), "motor force [N] holds nan"),
+            (lambda: Feedforward(1.0, None), "friction of the feedforward is None"),  # type: ignore[arg-type]
+            (lambda: Feedforward(1.0, Frictionless()).force(SLOW[0], np.zeros(1)), "time has shape (1,)"),
+            (lambda: Feedforward(1.0, Frictionless()).force(SLOW[0], np.zeros(2)), "control period is 0 s"),
+            (lambda: Feedforward(1.0, Frictionless()).force(SLOW[0], TIMES, np.ones(3)), "load has shape (3,)"),
+            (lambda: sine(np.nan, 1.0), "amplitude is nan m"),
+            (lambda: sine(1.0, np.nan), "frequency is nan Hz"),
+            (lambda: multisine(np.nan, 0.5, 5.0, 2.0, 0), "rms of the multisine is nan m"),
+            (lambda: multisine(1e-3, np.nan, 5.0, 2.0, 0), "lowest frequency is nan Hz"),
+            (lambda: multisine(1e-3, 0.5, np.nan, 2.0, 0), "highest frequency is nan Hz"),
+            (lambda: multisine(1e-3, 5.0, 0.5, 2.0, 0), "highest frequency is 0.5 Hz; allowed is a number at least 5"),
+            (lambda: multisine(1e-3, 0.5, 5.0, np.nan, 0), "period of the multisine is nan s"),
+            (lambda: multisine(1e-3, 0.5, 1e300, 2.0, 0), "number of its lines is 2e+300; allowed is"),
+            (lambda: multisine(1e-3, 0.0, 5.0, 2.0, 0), "needed are frequencies that rise from above 0"),
+            (lambda: in_turn((sine(1e-3, 1.0), 0.4)), "time of a trajectory is 0.4 s; allowed is a number above 0.5"),
+            (lambda: there_and_back(0.02, 0.05, 1.0, 0.3, 1.5), "number of strokes is 1.5"),  # type: ignore[arg-type]
+        ],
+    )
+    def test_what_is_no_motion_is_told_in_one_sentence(self, ask: Callable[[], object], told: str) -> None:
+        with pytest.raises(InputError) as refused:
+            ask()
+        assert told in str(refused.value)

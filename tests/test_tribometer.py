@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 from scipy.signal import lsim
 
+from plant_sim.friction.asperities import Asperities, StickTimeFriction
 from plant_sim.friction.coulomb import Coulomb
+from plant_sim.friction.counter_surface import FlatSurface
 from plant_sim.friction.dahl import Dahl
+from plant_sim.friction.generic import DynamicGenericModel
 from plant_sim.friction.gms import GMS
 from plant_sim.friction.load_law import Amontons
 from plant_sim.friction.lugre import LuGre
@@ -120,6 +123,18 @@ class TestContacts:
         assert speed == pytest.approx(1.0 - expected / 20.0, rel=1e-3)  # P control: 20 Nm s/rad
         assert record.friction_torque[-1] == pytest.approx(expected, rel=1e-6)
         assert np.mean(record.torque_measured[-5000:]) == pytest.approx(expected, rel=1e-3)
+
+    def test_a_contact_with_a_body_of_its_own_begins_in_equilibrium_with_the_first_load(self) -> None:
+        """Nothing moves in the normal direction: its asperities bear the load from the first sample on."""
+        tips = Asperities.draw(50, np.random.default_rng(1))
+        stiff = Asperities(tips.position, 1e-6 * tips.height, 1e7 * tips.stiffness)  # N/m
+        friction = DynamicGenericModel(stiff, FlatSurface(), StickTimeFriction(0.1, 0.2, 1.0), 5.0, 100.0)
+        r = rig(friction, disks__runout=0.0)
+        record = r.run(r.torque_drive(0.5), 280.0, 0.02, DT)
+        begin = friction.rest(280.0)
+        assert begin[-2] == pytest.approx(friction.rest(1.0)[-2] - 279.0 / stiff.normal_stiffness.sum(), abs=1e-7)
+        assert record.end.friction[-2] == pytest.approx(begin[-2], abs=1e-13)
+        np.testing.assert_allclose(record.normal_load, 280.0, rtol=1e-12)
 
     def test_all_models_run_through_one_compiled_rig(self) -> None:
         assert len(advance.signatures) == 1
@@ -357,10 +372,27 @@ class TestDrivesAndSensors:
             r.run(r.velocity_drive(lambda t: 20.0 * t), 58.0, 1.0, DT)
         with pytest.raises(InputError, match="time step"):
             r.run(r.torque_drive(0.0), 58.0, 1.0, 1e-3)
-        with pytest.raises(InputError, match="not finite"):
+        with pytest.raises(InputError, match="drive torque holds nan; allowed are finite numbers"):
             r.run(r.torque_drive(np.nan), 58.0, 1.0, DT)
         with pytest.raises(InputError, match="inner_diameter"):
             rig(disks__inner_diameter=0.2)
         other = rig(Coulomb(CURVE))
         with pytest.raises(InputError, match="friction states"):
             other.run(other.torque_drive(0.0), 58.0, 0.1, DT, start=r.run(r.torque_drive(0.0), 58.0, 0.1, DT).end)
+
+    @pytest.mark.parametrize(
+        ("ask", "told"),
+        [
+            (lambda: Tribometer(None), "friction between the disks is None"),  # type: ignore[arg-type]
+            (
+                lambda: rig().run(rig().torque_drive(0.0), 58.0, 0.1, DT, every=1.5),
+                "two kept ones is 1.5; allowed is a whole",
+            ),
+            (lambda: rig().run(rig().torque_drive(0.0), 58.0, 0.1, DT, every=0), "two kept ones is 0"),
+            (lambda: rig().run(rig().torque_drive("a"), 58.0, 0.1, DT), "drive torque is 'a'"),
+            (lambda: rig().run(rig().torque_drive(0.0), 58.0, 0.1, DT, start="x"), "start of the run is 'x'"),
+        ],
+    )
+    def test_what_is_no_rig_and_no_run_is_told_in_one_sentence(self, ask: Callable[[], object], told: str) -> None:
+        with pytest.raises(InputError, match=told):
+            ask()

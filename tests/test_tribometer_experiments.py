@@ -130,6 +130,13 @@ class TestFrictionLag:
 
 
 class TestStribeck:
+    @pytest.mark.parametrize(
+        ("speeds", "told"), [([], "speed .* has shape"), ([0.1, 0.0], "element 2 is 0"), (["a"], "allowed are numbers")]
+    )
+    def test_what_are_no_speeds_is_refused(self, speeds: list, told: str) -> None:
+        with pytest.raises(InputError, match=told):
+            stribeck(CONTACTS.dry(280.0), 280.0, speeds)
+
     @pytest.mark.parametrize("name", ["dry", "lubricated"])
     def test_it_measures_the_steady_curve_of_the_contact(self, name: str) -> None:
         rig = getattr(CONTACTS, name)(280.0)
@@ -165,6 +172,14 @@ class TestStickSlip:
 
 
 class TestLiftUp:
+    @pytest.mark.parametrize("periods", [-1, 0, 1.5])
+    def test_what_is_no_number_of_periods_is_refused(self, periods: int) -> None:
+        rig = CONTACTS.dry(58.0)
+        with pytest.raises(InputError, match=f"number of periods is {periods}; allowed is a whole number of 1 or more"):
+            reciprocation(rig, 58.0, 0.06, 9.0, periods)
+        with pytest.raises(InputError, match=f"number of periods is {periods}"):
+            oscillation(rig, 58.0, 0.4, 0.2, 9.0, periods)
+
     def test_the_gap_is_wider_in_deceleration(self) -> None:
         motion = reciprocation(CONTACTS.lubricated(58.0), 58.0, 0.06, 9.0, periods=8)
         beyond = (motion.angle > 0.02) & (motion.angle < 0.05)
@@ -176,3 +191,8 @@ class TestLiftUp:
         beyond = (motion.angle > 0.02) & (motion.angle < 0.05)
         slows, speeds_up = (motion.gap[beyond & (sign * motion.velocity > 0.0)].mean() for sign in (1.0, -1.0))
         assert abs(slows - speeds_up) < 0.01e-6
+
+
+def test_a_load_beyond_the_dynamometers_is_refused_where_it_is_read() -> None:
+    with pytest.raises(InputError, match=r"load, which the normal dynamometers must read, is 1400 N; .* at most 1293"):
+        stribeck(Contacts().dry(1400.0), 1400.0, [0.5])

@@ -7,7 +7,7 @@ Method          cost: the best of many short windows, the contestants in turn, b
                 20 ns are to be added. OpenSees gets a list and fills an array, by Python calls for each step. MuJoCo and
                 Exudyn make all steps of a sliding mass of 1 kg in one call
 Assumptions     all models have the stiffness K, the static friction F_S and, where they can, the same fall with speed
-References      friction.md A1.3
+References      docs/friction.md has what was measured
 """
 
 import time
@@ -53,7 +53,7 @@ SWITCHING = (
 )
 MOTIONS = (SLIDING, SWITCHING)
 
-BIAS, SWING, FREQUENCY, DURATION, SETTLING = 0.5, 0.3, 10.0, 4.0, 0.2  # F_S, F_S, Hz, s, s: friction.md A1.3
+BIAS, SWING, FREQUENCY, DURATION, SETTLING = 0.5, 0.3, 10.0, 4.0, 0.2  # F_S, F_S, Hz, s, s: ours, below break-away
 TURNS = np.array([0.0, 1.0, -0.5, 0.3, -0.5])  # of the amplitude
 AMPLITUDE = 1.5 * STATIC / STIFFNESS  # m
 REQUIRED_COST, REQUIRED_RATIO = 60.0, 10.0  # ns, -
@@ -150,7 +150,7 @@ def closure(contestant: Any) -> float:
 def friction_benchmark(
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> tuple[list[tuple[str, ...]], list[Target], dict[str, Any]]:
-    """Rows of the table, the head first; what issue 3 asks for; and the numbers.
+    """Rows of the table, the head first; what is asked of XGMS; and the numbers.
 
     `progress(done, total)` is called after each round and each model.
     """
@@ -183,11 +183,13 @@ def friction_benchmark(
         "not_installed": missing,
         "note": f"best of {ROUNDS} windows of {WINDOW} steps, contestants in turn",
     }
-    return rows, _targets(measured), document
+    targets = _targets(measured)
+    document["targets"] = [vars(target) | {"met": target.met} for target in targets]
+    return rows, targets, document
 
 
 def _targets(measured: dict[str, dict[str, float]]) -> list[Target]:
-    """What issue 3 asks of XGMS."""
+    """What is asked of XGMS: 60 ns a step, ten times the speed of the fastest other model with memory, loops that close."""
     full, plain = measured[f"XGMS, {ELEMENTS} elements"], measured[f"XGMS as Maxwell-slip, {ELEMENTS} elements"]
     targets = [
         Target("XGMS, cost of a step, sliding", full["sliding_ns"], "ns", "at most", REQUIRED_COST),

@@ -5,7 +5,7 @@ What            OpenSeesPy `Parallel` of `ElasticPP`: Maxwell-slip. MuJoCo `dcmo
 Assumptions     each package at its own default accuracy; a path is prescribed, or a mass of 1 kg is driven by a force
 Not modelled    their Stribeck curves: exp(-(v/v_s)^2) in MuJoCo, exp(-|v|/v_s) in Exudyn, exp(-V_S/|v|) in ours; compare at a
                 constant level, or at one speed
-References      friction.md A1.3
+References      the packages' own documentation; docs/friction.md has what was measured
 """
 
 import time

@@ -10,6 +10,7 @@
 | `maxwell_slip` | springs and sliders | non-local | - | - | - | pre-sliding |
 | `gms` | Maxwell-slip with a sliding law | non-local | yes | yes | - | pre-sliding and sliding |
 | `xgms` | GMS under a varying load | non-local | yes | yes | yes | control |
+| `passive_xgms` | XGMS that never gives out energy | non-local | yes | yes | yes | co-simulation, proofs |
 | `lift_up` | XGMS with a normal degree of freedom | non-local | yes | yes | yes | lubricated contacts |
 | `generic` | asperities on a stepped surface | yes | yes | yes | yes | dry friction from its physics |
 | `rayleigh_step`, `step_bearing` | step bearing on a film | - | yes | yes | yes | hydrodynamic friction |

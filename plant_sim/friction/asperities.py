@@ -11,6 +11,7 @@ import numpy as np
 
 from plant_sim.friction.mindlin import stiffness_ratio
 from plant_sim.friction.model import Array, elements, require
+from plant_sim.friction.whole_number import whole
 from protocols.errors import InputError
 
 
@@ -35,7 +36,7 @@ class StickTimeFriction:
         return self.mu_0 - (self.mu_inf - self.mu_0) * np.expm1(-np.asarray(stick_time, float) / self.tau)  # 2.2
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Asperities:
     """N asperities: tangential `position`, `height` z, tangential `stiffness` k_t, `mass`, each (N,).
 
@@ -82,7 +83,7 @@ class Asperities:
         with standard deviation `spread` of its logarithm (the thesis names no distributions; these are ours, log-normal
         because a stiffness is positive). Raises InputError.
         """
-        require("number of asperities", count, least=1)
+        whole("number of asperities", count)
         require("length", length, least=0.0)
         require("roughness", roughness, least=0.0)
         require("spread of the stiffness", spread, least=0.0, most=10.0)

@@ -1,6 +1,6 @@
 """Life cycle of asperities: free, stick, slip, loss of contact; and the load balance of the body that carries them.
 
-What            the jitted parts of the Generic model (`asperities.py`), each usable alone; the Generic-Rayleigh model puts
+What            the jitted parts of the Generic model (`generic.py`), each usable alone; the Generic-Rayleigh model puts
                 lubricated slip between them
 Functions       friction_coefficient    mu after a time in stick
                 search_contacts         1. tips move, contacts are lost and found
@@ -20,7 +20,7 @@ Assumptions     the tip carries the contact: in stick it rests while its spring 
                 force rises with the spring only, k_t dx. Slip becomes stick at reversal or standstill of the body alone.
                 F_m acts over the whole pitch on each asperity that reaches the steps (zeta_i > 0), so that each passage
                 takes m v^2/2; at standstill it is 0.
-Valid range     |displacement| of one call at most the narrowest step or recess (the laws of `asperities.py` divide it)
+Valid range     |displacement| of one call at most the narrowest step or recess (the laws of `generic.py` divide it)
 References      Janssens 2010, secs. 2.2.1-2.2.3; Al-Bender, Lampaert and Swevers 2004 for the original, energy-based model
 
 Arrays over N asperities, float64: `force` F_t, `stick_time` t, `mode` (FREE, STICK, or the sign of the slip), `place`
@@ -173,4 +173,4 @@ def inertial_force(velocity, height, separation, mass, place, inverse_pitch):
         if 1.0 - height[i] > separation:
             segment = int(place[i])
             total += mass[i] * inverse_pitch[segment % inverse_pitch.size]
-    return 0.5 * velocity * abs(velocity) * total  # 2.9
+    return 0.5 * velocity * abs(velocity) * total if total > 0.0 else 0.0  # 2.9

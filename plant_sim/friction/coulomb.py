@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from plant_sim.friction.kernel import law
-from plant_sim.friction.model import Array, FrictionModel
+from plant_sim.friction.model import Array, FrictionModel, kind
 from plant_sim.friction.stribeck import Stribeck, relative_level, viscous_force
 
 
@@ -34,17 +34,23 @@ def coulomb(parameters, state, displacement, dt, load, new_state):
 
 @dataclass(frozen=True)
 class Coulomb(FrictionModel):
-    """Static friction along the curve `stribeck`; Coulomb friction in the narrow sense with a curve of only F_S."""
+    """Static friction along the curve `stribeck`; with a curve of only F_S Coulomb friction in the narrow sense.
+
+    Raises InputError.
+    """
 
     stribeck: Stribeck
     law = staticmethod(coulomb)
+
+    def __post_init__(self) -> None:
+        kind("stribeck", self.stribeck, Stribeck)
 
     @cached_property
     def parameters(self) -> Array:
         """F_S, beta, V_S, C_v, gamma."""
         return np.array(self.stribeck.block)
 
-    def rest(self) -> Array:
+    def rest(self, load: float = 1.0) -> Array:
         """The last force [N]: none."""
         return np.zeros(1)
 

@@ -17,6 +17,7 @@ import numpy as np
 from numba import njit
 
 from plant_sim.friction.model import Array, elements, require
+from plant_sim.friction.whole_number import whole
 from protocols.errors import InputError
 
 NARROWEST = 0.2  # of the mean width; ours: a drawn width below it is set to it, so that no width is 0 or negative
@@ -40,7 +41,7 @@ def segment_at(position, hint, edges, period):
     return segment
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CounterSurface:
     """Steps of unit height, `width` (N_w,) each, each followed by a recess `gap` (N_w,); lengths in any one unit.
 
@@ -67,7 +68,7 @@ class CounterSurface:
         Widths are normal with the standard deviation `spread` [-] of their mean, then scaled to the fill degree exactly.
         Raises InputError.
         """
-        require("number of steps", steps, least=1)
+        whole("number of steps", steps)
         require("fill degree", fill, above=0.0, most=1.0 - 1e-6)
         require("pitch", pitch, above=0.0)
         require("spread of the widths", spread, least=0.0, most=10.0)

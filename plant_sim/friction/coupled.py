@@ -10,10 +10,15 @@ Not modelled    -
 References      semi-implicit step with friction at end-of-step velocity, as MuJoCo issue 3443 and Newton PR 3855 do
 """
 
+from dataclasses import dataclass
+
+import numpy as np
 from numba import njit, types
 from numba.core.types import float64, int64
 
 from plant_sim.friction.kernel import LAW, VECTOR
+from plant_sim.friction.model import Array, FrictionModel, kind, real, require
+from protocols.errors import InputError
 
 STANDSTILL = 1e-200  # m, a displacement that only asks which force opposes motion in its direction
 MOST_ROUNDS = 100  # of the bracketed search; stick needs 2, sliding about 6
@@ -68,7 +73,7 @@ _RUN = types.void(
 
 @njit(_RUN, cache=True)
 def slide_mass(law, parameters, state, mass, damping, stiffness, start, force, load, dt, anchor, motion, every):
-    """Motion of a mass on friction, held by a spring whose other end follows `anchor` [m] (n,).
+    """The loop of `slide`, without its checks: arrays of other lengths than told corrupt memory.
 
     `mass` [kg], `damping` [Ns/m] to ground, `stiffness` [N/m], `start` position [m] and velocity [m/s], applied `force` [N]
     (n,), `load` [N] (n,). Writes position [m], velocity [m/s] and friction [N] into `motion` (n // every, 3) at every
@@ -87,3 +92,62 @@ def slide_mass(law, parameters, state, mass, damping, stiffness, start, force, l
             motion[i // every, 0] = position
             motion[i // every, 1] = velocity
             motion[i // every, 2] = friction
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Position [m], velocity [m/s] and friction [N] (k,) of a sliding mass, and the last state of its contact."""
+
+    position: Array
+    velocity: Array
+    friction: Array
+    state: Array
+
+
+def slide(
+    model: FrictionModel,
+    mass: float,
+    force: Array,
+    dt: float,
+    load: Array | float = 1.0,
+    spring: float = 0.0,
+    damping: float = 0.0,
+    anchor: Array | float = 0.0,
+    start: tuple[float, float] = (0.0, 0.0),
+    every: int = 1,
+) -> Motion:
+    """Motion of a `mass` [kg] on friction under a `force` [N] (n,), in steps of `dt` [s].
+
+    A `spring` [N/m] holds it to `anchor` [m], a `damping` [Ns/m] to ground; `load` [N] on the contact; these may be one value
+    or (n,). `start` is position [m] and velocity [m/s]. Every `every`-th step is kept, n // every in all. Raises InputError.
+    """
+    kind("model", model, FrictionModel)
+    require("mass", mass, above=0.0, unit="kg")
+    require("time step", dt, above=0.0, unit="s")
+    require("spring stiffness", spring, least=0.0, unit="N/m")
+    require("damping", damping, least=0.0, unit="Ns/m")
+    force = real("force [N]", force)
+    if force.ndim != 1 or force.size == 0:
+        raise InputError(f"force has shape {force.shape}; needed is one value or more in one dimension")
+    if not isinstance(every, int | np.integer) or not 1 <= every <= force.size:
+        raise InputError(f"every is {every!r}; allowed is a whole number from 1 to the {force.size} steps")
+    signals = []
+    for name, values in (("load [N]", load), ("anchor [m]", anchor)):
+        checked = real(name, values)
+        if checked.shape not in ((), force.shape):
+            raise InputError(
+                f"{name} has shape {checked.shape}; allowed is one value, or one for each of {force.size} forces"
+            )
+        signals.append(np.array(np.broadcast_to(checked, force.shape)))
+    loads, anchors = signals
+    require("least load", float(loads.min()), least=0.0, unit="N")
+    begin = real("start [m, m/s]", start)
+    if begin.shape != (2,):
+        raise InputError(f"start has shape {begin.shape}; needed are position and velocity")
+    state, motion = model.rest(float(loads[0])), np.empty((force.size // every, 3))
+    slide_mass(
+        model.law, model.parameters, state, float(mass), float(damping), float(spring), (begin[0], begin[1]), force, loads,
+        float(dt), anchors, motion, every,
+    )  # fmt: skip
+    position, velocity, friction = motion.T.copy()
+    return Motion(position, velocity, friction, state)

@@ -56,7 +56,7 @@ class Dahl(FrictionModel):
         """F_C, sigma, i."""
         return np.array([self.coulomb_force, self.stiffness, self.shape])
 
-    def rest(self) -> Array:
+    def rest(self, load: float = 1.0) -> Array:
         """The force [N]: none."""
         return np.zeros(1)
 

@@ -5,7 +5,7 @@ Equation        dz/dt = v [1 - alpha(z, v) sign(v) z/z_ss],  z_ss = s(v)/sigma_0
                 alpha = 0 below z_ba and while z opposes v, 1 above z_ss, a half sine between
 Assumptions     constant velocity over a step; the yielding range is integrated over the displacement; z_ba falls with s(v)
                 as z_ss does, their ratio is constant
-Valid range     pre-sliding without drift, sliding, friction lag
+Valid range     pre-sliding, without drift while the deflection stays below z_ba, sliding, friction lag
 Not modelled    non-local memory
 References      Dupont, Hayward, Armstrong, Altpeter 2002 (IEEE TAC 47:787); Janssens 2010, refs 51, 52
 """
@@ -18,7 +18,7 @@ import numpy as np
 from numba import njit
 
 from plant_sim.friction.kernel import law
-from plant_sim.friction.model import Array, FrictionModel, require
+from plant_sim.friction.model import Array, FrictionModel, kind, require
 from plant_sim.friction.stribeck import Stribeck, relative_level, viscous_force
 
 SLID = 30.0  # z_ss; after this distance the deflection differs from z_ss by less than 1e-12 z_ss
@@ -92,6 +92,7 @@ class ElastoPlastic(FrictionModel):
     law = staticmethod(elasto_plastic)
 
     def __post_init__(self) -> None:
+        kind("stribeck", self.stribeck, Stribeck)
         require("bristle stiffness", self.stiffness, above=0.0, unit="N/m")
         require("bristle damping", self.damping, least=0.0, unit="Ns/m")
         require("break-away ratio", self.break_away, least=0.0, most=0.999)
@@ -101,7 +102,7 @@ class ElastoPlastic(FrictionModel):
         """F_S, beta, V_S, C_v, gamma, sigma_0, sigma_1, z_ba/z_ss."""
         return np.array([*self.stribeck.block, self.stiffness, self.damping, self.break_away])
 
-    def rest(self) -> Array:
+    def rest(self, load: float = 1.0) -> Array:
         """The bristle deflection [m]: none."""
         return np.zeros(1)
 

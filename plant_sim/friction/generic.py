@@ -7,10 +7,10 @@ Equation        F = sum F_t,i + sum F_m,i;  k_n = (2 - nu)/(2 (1 - nu)) k_t     
                 dynamic:        M z_b'' + C z_b' = sum k_n,i zeta_i - W, backward Euler, solved exactly
                 fixed:          z_b is given; so was the original model (sec. 2.2.5)
 Assumptions     those of `asperity_contact.py`; asperities do not touch each other; masses act tangentially only
-Valid range     any displacement and dt: a step longer than the narrowest step or recess is divided, so that no asperity
-                passes a contact unseen (its cost grows with the distance, its state does not depend on the division
-                except for the order dt of the load balance). Backward Euler damps vibration of z_b: omega dt/2 is added
-                to its damping ratio
+Valid range     any dt, up to 1e5 times the narrowest step or recess in one sample (on a flat surface 1e9): a sample longer
+                than the narrowest one is divided, so that no asperity passes a contact unseen (its cost grows with the
+                distance, its state does not depend on the division except for the order dt of the load balance).
+                Backward Euler damps vibration of z_b: omega dt/2 is added to its damping ratio
 Not modelled    plasticity, floor of the recesses, vibration of a free tip (its energy is lost at once), wear
 References      Janssens 2010, sec. 2.2, appendices A and B
 
@@ -22,19 +22,22 @@ sample, 32 N bytes each; `GenericModel.observe` keeps sums only.
 
 from dataclasses import dataclass
 from functools import cached_property
-from math import ceil
+from math import ceil, isfinite
 
 import numpy as np
-from numba import njit, types
+from numba import njit
 
 from plant_sim.friction import asperity_contact as contact
 from plant_sim.friction import kernel
 from plant_sim.friction.asperities import Asperities, StickTimeFriction
+from plant_sim.friction.asperity_model import OBSERVE, AsperityModel
 from plant_sim.friction.counter_surface import CounterSurface, FlatSurface, segment_at
-from plant_sim.friction.model import Array, FrictionModel, Trace, require
+from plant_sim.friction.model import Array, kind, real, require
 
 HEADER = 9  # numbers before the arrays: N, 2 N_w, mu_0, mu_inf, tau, period, longest travel, two of the normal motion
 SAMPLES = 50  # a pitch, in `steady_state`; ours: 200 change the mean force of figure 2.5's model by less than 0.02 %
+MOST_PARTS = 1e5  # into which a sample is divided; ours: 1 s for 250 asperities
+MOST_FLAT = 1e9  # travel in one sample on a flat surface; ours: its square, in m v^2/2, stays a number
 
 
 @njit(inline="always")
@@ -58,10 +61,7 @@ def _advance(parameters, state, displacement, dt, load, free, new_state):
     travelled, reach = np.empty(n), np.empty(n)
     steps = max(1, ceil(abs(displacement) / longest))
     travel, tick = displacement / steps, dt / steps
-    inertia, damping = (
-        parameters[7] / tick**2,
-        parameters[8] / tick,
-    )  # backward Euler's, as stiffness; only used if free
+    inertia, damping = parameters[7] / tick / tick, parameters[8] / tick  # backward Euler's, as stiffness; if free
     total = 0.0
     for _ in range(steps):
         body = new_state[4 * n]
@@ -94,11 +94,7 @@ def fixed_law(parameters, state, displacement, dt, load, new_state):
     return _advance(parameters, state, displacement, dt, load, False, new_state)
 
 
-_VECTOR = types.Array(types.float64, 1, "C")
-_OBSERVE = types.void(kernel.LAW, _VECTOR, _VECTOR, _VECTOR, types.float64, _VECTOR, types.Array(types.float64, 2, "C"))
-
-
-@njit(_OBSERVE, cache=True)
+@njit(OBSERVE, cache=True)
 def _observe(law, parameters, state, position, dt, load, sums):
     """Play `position` from `state`, which becomes the last; write the sums of `Observed` to `sums` (5, n)."""
     arrays, n = fields(parameters), int(parameters[0])
@@ -129,9 +125,12 @@ class Observed:
     state: Array
 
 
-@dataclass(frozen=True)
-class GenericModel(FrictionModel):
-    """The Generic model with quasi-static load balance: `asperities` over a `surface`, their `friction` coefficient."""
+@dataclass(frozen=True, eq=False)
+class GenericModel(AsperityModel):
+    """The Generic model with quasi-static load balance: `asperities` over a `surface`, their `friction` coefficient.
+
+    Raises InputError.
+    """
 
     law = staticmethod(balanced_law)
 
@@ -139,10 +138,21 @@ class GenericModel(FrictionModel):
     surface: CounterSurface | FlatSurface
     friction: StickTimeFriction
 
+    def __post_init__(self) -> None:
+        kind("asperities", self.asperities, Asperities)
+        kind("counter surface", self.surface, CounterSurface, FlatSurface)
+        kind("friction coefficient", self.friction, StickTimeFriction)
+        require("farthest asperity", float(np.abs(self.asperities.position).max()), most=self.longest)
+
+    @property
+    def longest(self) -> float:
+        """The longest displacement of one sample: 1e5 of the narrowest step or recess, 1e9 on a flat surface."""
+        narrowest = self.surface.narrowest
+        return MOST_PARTS * narrowest if isfinite(narrowest) else MOST_FLAT
+
     @property
     def _normal_motion(self) -> tuple[float, float]:
-        """Mass and damping of the body in the normal direction."""
-        return 0.0, 0.0
+        return 0.0, 0.0  # mass and damping of the body in the normal direction
 
     @cached_property
     def parameters(self) -> Array:
@@ -153,7 +163,11 @@ class GenericModel(FrictionModel):
         return np.concatenate((header, *arrays))
 
     def rest(self, load: float = 1.0) -> Array:
-        """State of a body just put down under `load`: undeflected, in stick where it touches (sec. 2.2.3)."""
+        """State of a body just put down under `load`: undeflected, in stick where it touches (sec. 2.2.3).
+
+        Raises InputError.
+        """
+        require("load", load, least=0.0)
         a, s = self.asperities, self.surface
         place = np.array([segment_at(p, 0, s.edges, s.period) for p in a.position], float)
         reach = np.where(place % 2 == 0, 1.0 - a.height, -np.inf)  # 2.4
@@ -167,41 +181,29 @@ class GenericModel(FrictionModel):
         force, stick_time, mode, place = np.split(state[..., :-3], 4, axis=-1)
         return force, stick_time, mode, place
 
-    def trace(self, position: Array, dt: float, load: Array | float = 1.0, state: Array | None = None) -> Trace:
-        """Force and whole state at every sample of `position` (n,); as `FrictionModel.trace`. Raises InputError."""
-        return super().trace(position, dt, load, self._first(load) if state is None else state)
-
     def observe(self, position: Array, dt: float, load: Array | float = 1.0, state: Array | None = None) -> Observed:
         """Sums over the asperities at every sample of `position` (n,), `dt` apart, under `load` (scalar or (n,)).
 
         Begins as `trace` does. Raises InputError.
         """
-        position = np.array(position, float, ndmin=1)
-        loads = np.array(np.broadcast_to(np.asarray(load, float), position.shape))
-        require("time step", dt, above=0.0, unit="s")
-        require("largest position", float(np.abs(position).max()))
-        require("least load", float(loads.min()), least=0.0)
-        last = np.array(self._first(load) if state is None else state, float)
-        sums = np.empty((5, position.size))
-        _observe(self.law, self.parameters, last, position, float(dt), loads, sums)
-        force, separation, normal_force, touching, sticking = sums
+        (force, separation, normal_force, touching, sticking), last = self.play(_observe, position, dt, load, state)
         return Observed(force, separation, normal_force, touching, sticking, last)
 
     def steady_state(self, velocity: Array | float, load: float = 1.0) -> Array:
         """Mean force of long sliding at constant `velocity`, same shape; 0 at velocity 0. Found by sliding.
 
         The mean is over one period of the surface, after all deflections have saturated and two steps were passed.
+        Raises InputError.
         """
-        return np.vectorize(lambda v: self._mean_force(float(v), load), otypes=[float])(velocity)
+        return np.vectorize(lambda v: self._mean_force(float(v), load), otypes=[float])(real("velocity", velocity))
 
     def _mean_force(self, velocity: float, load: float) -> float:
         if velocity == 0.0:
             return 0.0
         start, a = self.rest(load), self.asperities
         deepest = max(0.0, 1.0 - float(a.height.min()) - float(start[-2]))
-        settling = (
-            2.0 * self.friction.mu_inf * deepest * float((a.normal_stiffness / a.stiffness).max())
-        )  # F_t/k_t <= this
+        # F_t/k_t is never above this
+        settling = 2.0 * self.friction.mu_inf * deepest * float((a.normal_stiffness / a.stiffness).max())
         if isinstance(self.surface, CounterSurface):
             pitch = self.surface.period / self.surface.width.size
             settling, stroke, travel = settling + 2.0 * pitch, self.surface.period, pitch / SAMPLES
@@ -211,15 +213,12 @@ class GenericModel(FrictionModel):
         position = np.copysign(travel, velocity) * np.arange(before + during + 1)
         return float(self.observe(position, travel / abs(velocity), load, start).force[before:].mean())
 
-    def _first(self, load: Array | float) -> Array:
-        return self.rest(float(np.ravel(load)[0]))
-
     def _separation_at_rest(self, reach: Array, load: float) -> float:
         lowest = 1.0 - float(self.asperities.height.max())  # below it all asperities bear load
-        return float(contact.balanced_separation(reach, self.asperities.normal_stiffness, max(load, 0.0), 0.0, lowest))
+        return float(contact.balanced_separation(reach, self.asperities.normal_stiffness, load, 0.0, lowest))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class DynamicGenericModel(GenericModel):
     """The Generic model whose body moves in the normal direction: `body_mass` M, `body_damping` C. Raises InputError."""
 
@@ -227,6 +226,7 @@ class DynamicGenericModel(GenericModel):
     body_damping: float
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         require("mass of the body", self.body_mass, least=0.0)
         require("damping of the body", self.body_damping, least=0.0)
 
@@ -235,7 +235,7 @@ class DynamicGenericModel(GenericModel):
         return self.body_mass, self.body_damping
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FixedSeparationModel(GenericModel):
     """The original model: the body at a given `separation` z_b, whatever the load. Raises InputError."""
 
@@ -244,6 +244,7 @@ class FixedSeparationModel(GenericModel):
     separation: float
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         require("separation", self.separation)
 
     def _separation_at_rest(self, reach: Array, load: float) -> float:

@@ -9,7 +9,7 @@ Assumptions     those of `generic` and `rayleigh_step`. A wet tip moves with the
                 The film begins as thick as makes its shear the force of dry slip; falling dry, the tip sticks and its spring
                 carries the force on: so the force is continuous ("the transition must be done based on the friction force that
                 occurs at dry slip"). A tip that loses contact loses its film.
-Valid range     as `generic`; dh h much smaller than the deflection of the asperities
+Valid range     as `generic`, its limit of the displacement too; dh h much smaller than the deflection of the asperities
 Not modelled    oil between the tips, the film a tip brings to a step, starvation; a limit of the shear stress of thin films:
                 while V grows faster than the film lifts, its shear exceeds the force of dry slip
 References      Janssens 2010, sec. 2.4
@@ -24,12 +24,13 @@ from functools import cached_property
 from math import ceil
 
 import numpy as np
-from numba import njit, types
+from numba import njit
 
 from plant_sim.friction import asperity_contact as contact
 from plant_sim.friction import kernel
+from plant_sim.friction.asperity_model import OBSERVE, AsperityModel
 from plant_sim.friction.generic import FixedSeparationModel, GenericModel, fields
-from plant_sim.friction.model import Array, FrictionModel, Trace, require
+from plant_sim.friction.model import Array, kind, real
 from plant_sim.friction.step_bearing import faces_friction, lift_speed, squeeze_at_load
 from plant_sim.friction.tip_film import SlidingThreshold, TipFilm, validated
 from protocols.errors import InputError
@@ -77,9 +78,8 @@ def tip_contact(
     sliding = per_velocity * abs(displacement) / dt  # 2.55
     if gap > 0.0:
         spring = normal * rise / area
-        speed = lift_speed(
-            FACES, alpha, squeeze_number, spring * dt**2, load / area, sliding, gap, 0.0, dt, 0.0
-        )  # 2.53
+        inertia = spring * dt**2
+        speed = lift_speed(FACES, alpha, squeeze_number, inertia, load / area, sliding, gap, 0.0, dt, 0.0)  # 2.53
         gap += dt * speed
         pressure = load / area + spring * dt * speed
         if sliding >= ratio * pressure or gap > dry_below:
@@ -110,7 +110,7 @@ def wet_law(parameters, state, displacement, dt, load, new_state):
     travelled, reach = np.empty(n), np.empty(n)
     steps = max(1, ceil(abs(displacement) / longest))
     travel, tick = displacement / steps, dt / steps
-    inertia, damping = dry[7] / tick**2, dry[8] / tick
+    inertia, damping = dry[7] / tick / tick, dry[8] / tick
     total = 0.0
     for _ in range(steps):
         contact.search_contacts(
@@ -143,17 +143,13 @@ def wet_law(parameters, state, displacement, dt, load, new_state):
     return total
 
 
-_VECTOR = types.Array(types.float64, 1, "C")
-_OBSERVE = types.void(_VECTOR, _VECTOR, _VECTOR, types.float64, _VECTOR, types.Array(types.float64, 2, "C"))
-
-
-@njit(_OBSERVE, cache=True)
-def _observe(parameters, state, position, dt, load, sums):
+@njit(OBSERVE, cache=True)
+def _observe(law, parameters, state, position, dt, load, sums):
     """Play `position` from `state`, which becomes the last; write the sums of `Regimes` to `sums` (5, n)."""
     n = int(parameters[FILM])
     mode, gap = state[2 * n : 3 * n], state[4 * n + 3 :]
     for k in range(position.size):
-        sums[0, k] = wet_law(parameters, state, position[k] - position[k - 1], dt, load[k], state) if k > 0 else 0.0
+        sums[0, k] = law(parameters, state, position[k] - position[k - 1], dt, load[k], state) if k > 0 else 0.0
         sums[1, k] = state[4 * n + 1]
         sums[2:, k] = 0.0
         for i in range(n):
@@ -177,8 +173,8 @@ class Regimes:
     state: Array
 
 
-@dataclass(frozen=True)
-class GenericRayleighModel(FrictionModel):
+@dataclass(frozen=True, eq=False)
+class GenericRayleighModel(AsperityModel):
     """The model `dry` (Generic, with load balance) whose tips have a `film` in slip above a `threshold`. Raises InputError."""
 
     law = staticmethod(wet_law)
@@ -188,6 +184,9 @@ class GenericRayleighModel(FrictionModel):
     threshold: SlidingThreshold
 
     def __post_init__(self) -> None:
+        kind("dry model", self.dry, GenericModel)
+        kind("film", self.film, TipFilm)
+        kind("threshold", self.threshold, SlidingThreshold)
         if isinstance(self.dry, FixedSeparationModel):
             raise InputError(
                 "the dry model has a fixed separation; allowed is one with a load balance, so that a film can lift it"
@@ -198,53 +197,40 @@ class GenericRayleighModel(FrictionModel):
     def parameters(self) -> Array:
         """The parameters as the law takes them, float64 (9 + those of the Generic model,)."""
         f, t = self.film, self.threshold
-        film = (
-            f.alpha,
-            f.slope,
-            f.area,
-            f.step,
-            f.sliding_per_velocity,
-            f.squeeze_number,
-            f.ratio(t.gap),
-            t.gap,
-            t.dry_below,
-        )
+        tip = (f.alpha, f.slope, f.area, f.step, f.sliding_per_velocity, f.squeeze_number)
+        film = (*tip, f.ratio(t.gap), t.gap, t.dry_below)
         return np.concatenate((film, self.dry.parameters))
 
+    @property
+    def longest(self) -> float:
+        """The longest displacement of one sample: that of the dry model."""
+        return self.dry.longest
+
     def rest(self, load: float = 1.0) -> Array:
-        """State of a body just put down under `load`: undeflected, in stick where it touches, without films."""
+        """State of a body just put down under `load`: undeflected, in stick where it touches, without films.
+
+        Raises InputError.
+        """
         return np.concatenate((self.dry.rest(load), np.zeros(self.dry.asperities.position.size)))
 
     def gaps(self, state: Array) -> Array:
         """Gap h [-] of each film, (..., N); 0 without film."""
         return state[..., -self.dry.asperities.position.size :]
 
-    def trace(self, position: Array, dt: float, load: Array | float = 1.0, state: Array | None = None) -> Trace:
-        """Force and whole state at every sample of `position` (n,); as `FrictionModel.trace`. Raises InputError."""
-        return super().trace(position, dt, load, self._first(load) if state is None else state)
-
     def observe(self, position: Array, dt: float, load: Array | float = 1.0, state: Array | None = None) -> Regimes:
         """Sums over the asperities at every sample of `position` (n,), `dt` apart, under `load` (scalar or (n,)).
 
         Begins as `trace` does. Raises InputError.
         """
-        position = np.ascontiguousarray(position, float)
-        loads = np.array(np.broadcast_to(np.asarray(load, float), position.shape))
-        require("time step", dt, above=0.0, unit="s")
-        require("largest position", float(np.abs(position).max()))
-        require("least load", float(loads.min()), least=0.0)
-        last = np.array(self._first(load) if state is None else state, float)
-        sums = np.empty((5, position.size))
-        _observe(self.parameters, last, position, float(dt), loads, sums)
-        force, separation, stick, dry, wet = sums
+        (force, separation, stick, dry, wet), last = self.play(_observe, position, dt, load, state)
         return Regimes(force, separation, stick, dry, wet, last)
 
     def steady_state(self, velocity: Array | float, load: float = 1.0) -> Array:
         """Mean force of long sliding at constant `velocity`, same shape; 0 at velocity 0. Found by sliding.
 
-        The mean is over a stroke of one period of the surface, or one unit, once it repeats to 1e-4.
+        The mean is over a stroke of one period of the surface, or one unit, once it repeats to 1e-4. Raises InputError.
         """
-        return np.vectorize(lambda v: self._mean_force(float(v), load), otypes=[float])(velocity)
+        return np.vectorize(lambda v: self._mean_force(float(v), load), otypes=[float])(real("velocity", velocity))
 
     def _mean_force(self, velocity: float, load: float) -> float:
         if velocity == 0.0:
@@ -261,6 +247,3 @@ class GenericRayleighModel(FrictionModel):
                 break
             before = mean
         return mean
-
-    def _first(self, load: Array | float) -> Array:
-        return self.rest(float(np.ravel(load)[0]))

@@ -18,7 +18,7 @@ from math import exp
 import numpy as np
 
 from plant_sim.friction.kernel import law
-from plant_sim.friction.model import Array, FrictionModel, elements, require
+from plant_sim.friction.model import Array, ElementModel, elements, kind, require
 from plant_sim.friction.stribeck import Stribeck, relative_level, viscous_force
 from protocols.errors import InputError
 
@@ -63,7 +63,7 @@ def gms(parameters, state, displacement, dt, load, new_state):
 
 
 @dataclass(frozen=True, eq=False)
-class GMS(FrictionModel):
+class GMS(ElementModel):
     """GMS model of n elements.
 
     `stribeck` is the curve s(v) + f(v), `stiffness` k_i [N/m] (n,), `weights` alpha_i [-] (n,) with sum 1, `attraction`
@@ -77,6 +77,7 @@ class GMS(FrictionModel):
     law = staticmethod(gms)
 
     def __post_init__(self) -> None:
+        kind("stribeck", self.stribeck, Stribeck)
         stiffness, weights = checked_elements(self.stiffness, self.weights)
         object.__setattr__(self, "stiffness", stiffness)
         object.__setattr__(self, "weights", weights)
@@ -87,21 +88,13 @@ class GMS(FrictionModel):
         """F_S, beta, V_S, C_v, gamma, C, k_1..k_n, alpha_1..alpha_n."""
         return np.array([*self.stribeck.block, self.attraction, *self.stiffness, *self.weights])
 
-    def rest(self) -> Array:
+    def rest(self, load: float = 1.0) -> Array:
         """Element forces [N] (n,) and latches (n,): no force, all in stick."""
         return np.zeros(2 * self.stiffness.size)
 
     def steady_state(self, velocity: Array | float, load: float = 1.0) -> Array:
         """S(v) [N] (eq 1.4)."""
         return self.stribeck(velocity)
-
-    def forces(self, state: Array) -> Array:
-        """Element forces F_i [N] of `state` (m,) or (k, m)."""
-        return state[..., : self.stiffness.size]
-
-    def energy(self, state: Array) -> Array:
-        """Energy in the springs [J] of `state` (m,) or (k, m)."""
-        return (self.forces(state) ** 2 / (2.0 * self.stiffness)).sum(axis=-1)
 
 
 def checked_elements(stiffness: object, weights: object) -> tuple[Array, Array]:

@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit
 
 from plant_sim.friction.kernel import law
-from plant_sim.friction.model import Array, FrictionModel, elements, require
+from plant_sim.friction.model import Array, FrictionModel, elements, kind, require
 from plant_sim.friction.stribeck import Stribeck, relative_level, viscous_force
 from protocols.errors import InputError
 
@@ -119,6 +119,7 @@ class Leuven(FrictionModel):
     law = staticmethod(leuven)
 
     def __post_init__(self) -> None:
+        kind("stribeck", self.stribeck, Stribeck)
         object.__setattr__(self, "stiffness", elements("stiffness [N/m]", self.stiffness))
         object.__setattr__(self, "limits", elements("limit [N]", self.limits, infinite=True))
         require("power n", self.power, least=1.0, most=50.0)
@@ -138,7 +139,7 @@ class Leuven(FrictionModel):
         """F_S, beta, V_S, C_v, gamma, sigma_1, n, k_1..k_N, W_1..W_N."""
         return np.array([*self.stribeck.block, self.damping, self.power, *self.stiffness, *self.limits])
 
-    def rest(self) -> Array:
+    def rest(self, load: float = 1.0) -> Array:
         """Element forces over z [N]: none."""
         return np.zeros(self.stiffness.size)
 

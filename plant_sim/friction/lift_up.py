@@ -23,7 +23,7 @@ import numpy as np
 from numba import njit
 
 from plant_sim.friction.kernel import law
-from plant_sim.friction.model import Array, FrictionModel, require
+from plant_sim.friction.model import Array, FrictionModel, kind, require
 from plant_sim.friction.xgms import XGMS, xgms
 
 HEAD = 7  # parameters before those of the tangential model
@@ -125,6 +125,10 @@ class LiftingXGMS(FrictionModel):
     normal: LiftUp
     law = staticmethod(lifting_xgms)
 
+    def __post_init__(self) -> None:
+        kind("tangential", self.tangential, XGMS)
+        kind("normal", self.normal, LiftUp)
+
     @cached_property
     def parameters(self) -> Array:
         """F_N,inf, v_N, C_N, M, K, p, c, then those of the XGMS model."""
@@ -132,17 +136,13 @@ class LiftingXGMS(FrictionModel):
         head = (n.highest, n.speed_scale, n.attraction, n.mass, n.stiffness, n.power, n.damping)
         return np.concatenate([head, self.tangential.parameters])
 
-    def rest(self) -> Array:
+    def rest(self, load: float = 1.0) -> Array:
         """State of the XGMS model, F_Ni [N] (n,), h [m], h' [m/s], F_c [N]: at rest on the contact, not loaded yet."""
         return np.concatenate([self.tangential.rest(), np.zeros(self.tangential.stiffness.size + 3)])
 
-    def steady_state(self, velocity: Array | float, load: float = 1.0) -> Array:
+    def steady_state(self, velocity: Array | float, load: Array | float = 1.0) -> Array:
         """S(v, F_s) [N] under the load that the lift-up force leaves."""
-        lift = self.steady_lift_force(velocity)
-        single = [
-            float(self.tangential.steady_state(v, w)) for v, w in np.broadcast(velocity, np.maximum(load - lift, 0.0))
-        ]
-        return np.array(single).reshape(np.shape(velocity))
+        return self.tangential.steady_state(velocity, np.maximum(load - self.steady_lift_force(velocity), 0.0))
 
     def steady_lift_force(self, velocity: Array | float) -> Array:
         """F_N(v) [N] (fig E.1), same shape as `velocity` [m/s]."""

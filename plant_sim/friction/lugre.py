@@ -17,7 +17,7 @@ from math import exp
 import numpy as np
 
 from plant_sim.friction.kernel import law
-from plant_sim.friction.model import Array, FrictionModel, require
+from plant_sim.friction.model import Array, FrictionModel, kind, require
 from plant_sim.friction.stribeck import Stribeck, relative_level, viscous_force
 
 
@@ -47,21 +47,24 @@ class LuGre(FrictionModel):
     law = staticmethod(lugre)
 
     def __post_init__(self) -> None:
+        kind("stribeck", self.stribeck, Stribeck)
         require("bristle stiffness", self.stiffness, above=0.0, unit="N/m")
         require("bristle damping", self.damping, least=0.0, unit="Ns/m")
 
     @property
     def passive(self) -> bool:
         """Whether the model can never give out energy (Barabanov and Ortega; shown for a linear viscous part)."""
-        ratio = max(1.0 / self.stribeck.beta - 1.0, 0.0)
-        return self.damping == 0.0 or (self.stribeck.exponent == 1.0 and self.stribeck.viscous > self.damping * ratio)
+        curve = self.stribeck
+        if self.damping == 0.0 or curve.beta >= 1.0 or np.isinf(curve.stribeck_velocity):
+            return True
+        return curve.exponent == 1.0 and curve.viscous > self.damping * (1.0 / curve.beta - 1.0)
 
     @cached_property
     def parameters(self) -> Array:
         """F_S, beta, V_S, C_v, gamma, sigma_0, sigma_1."""
         return np.array([*self.stribeck.block, self.stiffness, self.damping])
 
-    def rest(self) -> Array:
+    def rest(self, load: float = 1.0) -> Array:
         """The bristle deflection [m]: none."""
         return np.zeros(1)
 

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from plant_sim.friction.kernel import law
-from plant_sim.friction.model import Array, FrictionModel, elements
+from plant_sim.friction.model import Array, ElementModel, elements
 from protocols.errors import InputError
 
 
@@ -31,7 +31,7 @@ def maxwell_slip(parameters, state, displacement, dt, load, new_state):
 
 
 @dataclass(frozen=True, eq=False)
-class MaxwellSlip(FrictionModel):
+class MaxwellSlip(ElementModel):
     """Maxwell-slip model of N elements: `stiffness` k_i [N/m] (n,), `limits` W_i [N] (n,).
 
     An infinite limit makes an element that never slips (appendix D: the non-saturating element). Raises InputError.
@@ -54,7 +54,7 @@ class MaxwellSlip(FrictionModel):
         """k_1..k_n, W_1..W_n."""
         return np.concatenate([self.stiffness, self.limits])
 
-    def rest(self) -> Array:
+    def rest(self, load: float = 1.0) -> Array:
         """The element forces [N]: none."""
         return np.zeros(self.stiffness.size)
 
@@ -62,7 +62,3 @@ class MaxwellSlip(FrictionModel):
         """Sum of the limits with the sign of the velocity [N]."""
         total = self.limits.sum()
         return np.where(np.asarray(velocity) == 0.0, 0.0, np.copysign(total, velocity))
-
-    def energy(self, state: Array) -> Array:
-        """Energy in the springs [J] of `state` (m,) or (n, m)."""
-        return (state**2 / (2.0 * self.stiffness)).sum(axis=-1)

@@ -1,5 +1,6 @@
 """What every friction model offers: a jitted law, its parameters and state as vectors, and traces made with them."""
 
+import warnings
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
@@ -38,23 +39,36 @@ class FrictionModel(ABC):
         """The parameters as the law takes them, float64 (p,)."""
 
     @abstractmethod
-    def rest(self) -> Array:
-        """The state of a contact that has never moved, float64 (m,)."""
+    def rest(self, load: float = 1.0) -> Array:
+        """The state of a contact that has never moved, under `load` [N], float64 (m,)."""
 
     @abstractmethod
     def steady_state(self, velocity: Array | float, load: float = 1.0) -> Array:
         """Force [N] after long sliding at constant `velocity` [m/s], same shape; 0 at velocity 0."""
 
+    def start(self, state: Array | None, load: float) -> Array:
+        """A copy of `state`, checked; without one the contact at rest under `load` [N]. Raises InputError."""
+        rest = self.rest(load)
+        if state is None:
+            return rest
+        checked = real("state", state)
+        if checked.shape != rest.shape:
+            raise InputError(f"state has shape {checked.shape}; that of this model has {rest.shape}")
+        return checked
+
     def step(self, state: Array, displacement: float, dt: float, load: float = 1.0) -> tuple[float, Array]:
         """Force [N] and new state after `displacement` [m] in `dt` [s] under `load` [N]. Raises InputError."""
+        require("displacement", displacement, least=-MOST, unit="m")
         require("time step", dt, above=0.0, unit="s")
-        new_state = np.empty_like(state)
-        return self.law(self.parameters, state, displacement, dt, load, new_state), new_state
+        require("load", load, least=0.0, unit="N")
+        new_state = self.start(state, load)
+        force = self.law(self.parameters, new_state, float(displacement), float(dt), float(load), new_state)
+        return force, new_state
 
     def trace(self, position: Array, dt: float, load: Array | float = 1.0, state: Array | None = None) -> Trace:
         """Force and state at every sample of `position` [m] (n,), `dt` [s] apart, under `load` [N] (scalar or (n,)).
 
-        The contact begins in `state`, else at rest, at position[0]; the force of that sample is 0.
+        The contact begins at position[0], at rest without force, or in `state` with the force that it holds at standstill.
         Raises InputError.
         """
         position, loads = real("position [m]", position), real("load [N]", load)
@@ -66,31 +80,61 @@ class FrictionModel(ABC):
                 f"load has shape {loads.shape}; allowed is one value, or one for each of {position.size} positions"
             )
         require("least load", float(loads.min()), least=0.0, unit="N")
-        start = self.rest() if state is None else real("state", state)
-        if start.shape != self.rest().shape:
-            raise InputError(f"state has shape {start.shape}; that of this model has {self.rest().shape}")
         loads = np.array(np.broadcast_to(loads, position.shape))
-        force, states = np.empty(position.size), np.empty((position.size, start.size))
-        kernel.trace(self.law, self.parameters, start, position, float(dt), loads, force, states)
+        first = self.start(state, float(loads[0]))
+        force, states = np.empty(position.size), np.empty((position.size, first.size))
+        kernel.trace(self.law, self.parameters, first, position, float(dt), loads, force, states)
+        if state is not None:
+            force[0] = self.law(self.parameters, first, 0.0, float(dt), float(loads[0]), first)
         return Trace(force, states)
+
+
+class ElementModel(FrictionModel):
+    """A friction model of n springs in parallel, whose state begins with their forces."""
+
+    stiffness: Array
+
+    def forces(self, state: Array) -> Array:
+        """Element forces F_i [N] of `state` (m,) or (k, m)."""
+        return state[..., : self.stiffness.size]
+
+    def energy(self, state: Array) -> Array:
+        """Energy in the springs [J] of `state` (m,) or (k, m)."""
+        return (self.forces(state) ** 2 / (2.0 * self.stiffness)).sum(axis=-1)
 
 
 def require(
     name: str, value: float, above: float = -inf, least: float = -inf, most: float = MOST, unit: str = "-"
 ) -> None:
     """Raise InputError unless above < value, least <= value <= most; infinity passes only where `most` is infinity."""
-    if value > above and least <= value <= most:
+    try:
+        number = float("a" if isinstance(value, str) else value)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{name} is {value!r:.60}; allowed is a number") from None
+    if number > above and least <= number <= most:
         return
-    allowed = [f"above {above:g}"] * isfinite(above) + [f"at least {least:g}"] * isfinite(least)
+    allowed = [f"above {above:g}"] * isfinite(above) + [f"at least {least:g}"] * (least > -MOST)
     allowed += [f"at most {most:g}"] * (most < MOST)
-    raise InputError(f"{name} is {value:g} {unit}; allowed is a number {' and '.join(allowed)}")
+    shown = f"{number:g}" if unit == "-" else f"{number:g} {unit}"
+    raise InputError(
+        f"{name} is {shown}; allowed is a {'finite ' * (not allowed)}number {' and '.join(allowed)}".rstrip()
+    )
+
+
+def kind(name: str, value: object, *kinds: type) -> None:
+    """Raise InputError unless `value` is an instance of one of `kinds`."""
+    if not isinstance(value, kinds):
+        names = " or ".join(k.__name__ for k in kinds)
+        raise InputError(f"{name} is {value!r:.60}; needed is a {names}")
 
 
 def real(name: str, values: object) -> Array:
     """A copy of `values` as float64, any shape, all finite. Raises InputError."""
     try:
-        array = np.array(values, float, order="C")
-    except (TypeError, ValueError):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", np.exceptions.ComplexWarning)
+            array = np.array(values, float, order="C")
+    except (TypeError, ValueError, np.exceptions.ComplexWarning):
         raise InputError(f"{name} is {values!r:.60}; allowed are numbers") from None
     if not np.isfinite(array).all():
         raise InputError(f"{name} holds {array[~np.isfinite(array)][0]:g}; allowed are finite numbers")

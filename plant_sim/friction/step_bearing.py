@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from plant_sim.friction.model import Array, require
+from plant_sim.friction.model import Array, kind, real, require
 from plant_sim.friction.rayleigh_step import friction, load_and_rate, steady_gap
 from protocols.errors import InputError
 
@@ -174,6 +174,7 @@ class StepBearing:
         require("step slope dh/L", self.slope, above=0.0, most=1e6)
         require("squeeze number sigma", self.squeeze_number, above=0.0, unit="Pa")
         require("bearing mass", self.mass, least=0.0, unit="Pa")
+        kind("faces of the bearing", self.faces, tuple)
         if not self.faces or not set(self.faces) <= {1, -1}:
             raise InputError(f"faces of the bearing are {self.faces}; allowed are one or more of 1 and -1")
 
@@ -183,11 +184,11 @@ class StepBearing:
         Starts at `gap` [-] with the quasi-static speed; without one, at the gap of steady sliding at sliding[0].
         Raises InputError.
         """
-        sliding = np.ascontiguousarray(sliding, float)
+        sliding = real("sliding [Pa]", sliding)
         require("load", load, above=0.0, unit="Pa")
         require("time step", dt, above=0.0)
-        if sliding.ndim != 1 or sliding.size < 1 or not np.isfinite(sliding).all():
-            raise InputError(f"sliding has shape {sliding.shape}; needed is one finite value or more in one dimension")
+        if sliding.ndim != 1 or sliding.size < 1:
+            raise InputError(f"sliding has shape {sliding.shape}; needed is one value or more in one dimension")
         if gap is None:
             gap = self.steady_gap(float(sliding[0]), load)
         require("gap at the start", gap, above=0.0)
@@ -206,12 +207,13 @@ class StepBearing:
 
     def stribeck(self, sliding: Array, load: float) -> Array:
         """Friction [Pa] in steady sliding for `sliding` [Pa] (n,), not a number where no film carries `load` [Pa]."""
+        sliding = real("sliding [Pa]", sliding)
         gaps = np.array([self.steady_gap(float(value), load) for value in sliding])
         faces = np.array(self.faces, float)
         return np.array(
             [
                 faces_friction(faces, self.alpha, gap, value, 0.0, self.slope) if gap > 0.0 else np.nan
-                for gap, value in zip(gaps, np.asarray(sliding, float), strict=True)
+                for gap, value in zip(gaps, sliding, strict=True)
             ]
         )
 

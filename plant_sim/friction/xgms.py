@@ -4,12 +4,11 @@ What            friction for control: pre-sliding with non-local memory, Stribec
 Equation        F_s(W_n) from 4.2, s(v, F_s) = F_s (1 + (beta - 1) exp(-V_S/|v|)) with the sign of v                  (5.5, 4.1)
                 stick dF_i/dt = k_i v, and on unloading |F_i| <= alpha_i F_s
                 slip, normalised as in 6.2.3, F_i = m_i F_s:  dm_i/dt = sign(v) C (alpha_i - m_i/(s/F_s))           (5.5, 6.2.3)
-                and no spring grows by more than its end moves: F_i = m_i F_s, or less while dF_i = k_i |dx|
                 F = sum F_i + sign(v) F_s sigma_v |v|^gamma
 Assumptions     constant velocity over a step, load as at its end: stick and slip under a constant load are exact for any step
-Valid range     pre-sliding and gross sliding under any load, also 0
-Not modelled    dwell time; the normal motion (see `lift_up`). The bound on growth is ours: with it the model is passive under
-                any load, sum F_i^2/(2 k_i) is its stored energy; without it, that is as GMS, it is not
+Valid range     pre-sliding and gross sliding under any load, also 0; under a constant load it is GMS
+Not modelled    dwell time; the normal motion (see `lift_up`). Not passive, as GMS: in slip an element gains force with time or
+                load, without displacement (see `passive_xgms`)
 References      Janssens 2010, secs. 5.5, 6.2.3, 4.2.3
 """
 
@@ -18,22 +17,20 @@ from functools import cached_property
 from math import exp
 
 import numpy as np
+from numba import njit
 
 from plant_sim.friction.gms import checked_elements
 from plant_sim.friction.kernel import law
 from plant_sim.friction.load_law import Amontons, LoadLaw, static_force
-from plant_sim.friction.model import Array, FrictionModel, require
+from plant_sim.friction.model import Array, ElementModel, kind, require
 from plant_sim.friction.stribeck import relative_level, viscous_force
 
 HEAD = 8  # parameters before those of the elements
 
 
-@law
-def xgms(parameters, state, displacement, dt, load, new_state):
-    """Force [N]; `state` holds F_i [N] (n,) and m_i of slip with its direction, 0 in stick (n,).
-
-    Parameters mu_max, 1/a_2, L, beta, V_S, sigma_v, gamma, C, k_1..k_n, alpha_1..alpha_n.
-    """
+@njit(inline="always")
+def advance(parameters, state, displacement, dt, load, new_state, passive):
+    """The law; with `passive` no spring grows by more than its end moves (`passive_xgms`)."""
     n = state.size // 2
     static = static_force(load, parameters[0], parameters[1], parameters[2])
     direction = 1.0 if displacement >= 0.0 else -1.0
@@ -53,7 +50,7 @@ def xgms(parameters, state, displacement, dt, load, new_state):
             share = 0.0
         elif share > 0.0:
             share = end + (share - end) * decay  # 6.2.3, slip
-            along = min(share * static, along + reach)
+            along = min(share * static, along + reach) if passive else share * static
         elif along >= end * static:  # slips from here on
             share = end + (min(along, most) / static - end) * decay if static > 0.0 else end
             along = share * static
@@ -67,8 +64,17 @@ def xgms(parameters, state, displacement, dt, load, new_state):
     return direction * force
 
 
+@law
+def xgms(parameters, state, displacement, dt, load, new_state):
+    """Force [N]; `state` holds F_i [N] (n,) and m_i of slip with its direction, 0 in stick (n,).
+
+    Parameters mu_max, 1/a_2, L, beta, V_S, sigma_v, gamma, C, k_1..k_n, alpha_1..alpha_n.
+    """
+    return advance(parameters, state, displacement, dt, load, new_state, False)
+
+
 @dataclass(frozen=True, eq=False)
-class XGMS(FrictionModel):
+class XGMS(ElementModel):
     """XGMS model of n elements.
 
     `friction` gives F_s from the normal load; `beta` [-] and `stribeck_velocity` V_S [m/s] shape s; `viscous` sigma_v
@@ -87,6 +93,7 @@ class XGMS(FrictionModel):
     law = staticmethod(xgms)
 
     def __post_init__(self) -> None:
+        kind("friction", self.friction, LoadLaw, Amontons)
         stiffness, weights = checked_elements(self.stiffness, self.weights)
         object.__setattr__(self, "stiffness", stiffness)
         object.__setattr__(self, "weights", weights)
@@ -102,22 +109,14 @@ class XGMS(FrictionModel):
         curve = (self.beta, self.stribeck_velocity, self.viscous, self.exponent, self.attraction)
         return np.array([*self.friction.block, *curve, *self.stiffness, *self.weights])
 
-    def rest(self) -> Array:
+    def rest(self, load: float = 1.0) -> Array:
         """Element forces F_i [N] (n,) and normalised forces m_i of slip (n,): no force, all in stick."""
         return np.zeros(2 * self.stiffness.size)
 
-    def steady_state(self, velocity: Array | float, load: float = 1.0) -> Array:
+    def steady_state(self, velocity: Array | float, load: Array | float = 1.0) -> Array:
         """S(v, F_s) [N] (eq 4.1)."""
         velocity = np.asarray(velocity, float)
         speed = np.abs(velocity)
         with np.errstate(divide="ignore"):
             relative = 1.0 + (self.beta - 1.0) * np.exp(-self.stribeck_velocity / speed)
         return np.sign(velocity) * self.friction(load) * (relative + self.viscous * speed**self.exponent)  # 4.1
-
-    def forces(self, state: Array) -> Array:
-        """Element forces F_i [N] of `state` (m,) or (k, m)."""
-        return state[..., : self.stiffness.size]
-
-    def energy(self, state: Array) -> Array:
-        """Energy in the springs [J] of `state` (m,) or (k, m)."""
-        return (self.forces(state) ** 2 / (2.0 * self.stiffness)).sum(axis=-1)

@@ -1,15 +1,17 @@
 """Reproductions: figures and tables of the thesis, and claims of this project, each checked by running it.
 
 A reproduction is a function that fills a `Sheet`, marked with `@reproduces(name, title, claim)` in one of MODULES.
-Names are `figure-2.12` and `table-6.1`; a bare `2.12` means the figure.
+Names are `figure-2.12` and `table-6.1`; a bare `2.12` means the figure, else the table.
 """
 
+import difflib
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 
+from plant_sim.reproduce.contradicted import CONTRADICTED
 from plant_sim.reproduce.sheet import Sheet
-from protocols.errors import InputError, listing
+from protocols.errors import InputError
 
 MODULES = (
     "generic",
@@ -38,6 +40,7 @@ MODULES = (
     "appendix_d_asymmetric",
     "appendix_e",
     "appendix_e_lag",
+    "cross_level",
     "microtribometer",
     "table_6_6",
     "adaptation",
@@ -52,6 +55,11 @@ class Entry:
     title: str
     claim: str
     run: Callable[[Sheet], None]
+
+    @property
+    def contradicted(self) -> str:
+        """Why the claim is known not to hold; empty if it is not."""
+        return CONTRADICTED.get(self.name, "")
 
 
 _ENTRIES: dict[str, Entry] = {}
@@ -77,12 +85,15 @@ def entries() -> dict[str, Entry]:
 
 
 def entry(name: str) -> Entry:
-    """The reproduction called `name`, or the figure of that number. Raises InputError."""
+    """The reproduction called `name`, or the figure or table of that number. Raises InputError."""
     known = entries()
-    found = known.get(name) or known.get(f"figure-{name}")
-    if found is None:
-        raise InputError(f"reproduction {name!r} does not exist; known are {listing(known)}")
-    return found
+    for candidate in (name, f"figure-{name}", f"table-{name}"):
+        for key in known:
+            if key.lower() == candidate.lower():
+                return known[key]
+    close = difflib.get_close_matches(name.lower(), known, n=3, cutoff=0.5)
+    hint = f"did you mean {' or '.join(close)}?" if close else "`clutch-hil reproduce --list` names all"
+    raise InputError(f"reproduction {name!r} does not exist; {hint}")
 
 
 def _order(name: str) -> tuple[int, str, int, str]:

@@ -170,7 +170,7 @@ def figure_6_15(sheet: Sheet) -> None:
                 (ripple.min(), ripple.max()), "'clearly the link between both systems'")  # fmt: skip
     sheet.check("... and within 5 deg [deg]", np.abs(turn).max() < 5.0, (turn.min(), turn.max()))
     sheet.note(
-        f"valve, line and gains are design values of ours (rig.md 1, 2) for 9.8 Hz; they give {found.bandwidth():.1f}"
+        f"valve, line and gains are design values of ours (janssens2010.toml) for 9.8 Hz; they give {found.bandwidth():.1f}"
     )
 
 

@@ -19,8 +19,8 @@ RADIUS = 0.058  # m, Table 6.2
 CONTACTS = 2  # friction contacts of the one friction plate, sec. 6.3
 REFERENCE = 70.0  # degC, components during the identification, sec. 6.4.3
 
-_SETTLING = 1.5  # s before a record begins: 15 time constants of the motor's speed control (rig.md 8: 85 ms)
-_PROPORTIONAL, _INTEGRAL = 0.45, 6.0  # 1, 1/s: pressure regulator of rig.md
+_SETTLING = 1.5  # s before a record begins: 15 time constants of the motor's speed control, 85 ms ([motor])
+_PROPORTIONAL, _INTEGRAL = 0.45, 6.0  # 1, 1/s: that of rt_controller/parameters/controller.toml
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ def measure(
         rows.append((asked, pressure, slip, degrees, torque, y.position, y.normal_force))
         error = asked - pressure
         voltage = (asked + _PROPORTIONAL * error + _INTEGRAL * integral) / gain
-        integral += error * period if pressure > contact else 0.0  # rig.md: only in contact
+        integral += error * period if pressure > contact else 0.0  # only in contact
         state = wet_clutch.advance(state, voltage, turning, limit, record, period, substeps)
     return Run(np.arange(demand.size) * period, *np.array(rows)[settling:].T)
 
@@ -107,7 +107,7 @@ def measure(
 def law(
     pressure: np.ndarray | float, slip: np.ndarray | float, p: ParameterSet, temperature: np.ndarray | float = REFERENCE
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What the plant must show at rest, M_C s_n and C_v r_T |omega|^gamma [Nm]: the laws of rig.md 4 to 6 written anew.
+    """What the plant must show at rest, M_C s_n and C_v r_T |omega|^gamma [Nm]: its `clutch` and `oil` written anew.
 
     pressure of the cylinder [bar], slip [rad/s], oil temperature [degC].
     """
@@ -119,7 +119,7 @@ def law(
     mu = temperature_law(temperature, *temperature_parameters(p)) / temperature_law(
         REFERENCE, *temperature_parameters(p)
     )
-    viscosity = 1.0 + p["oil.viscous_gain"].value * (mu - 1.0)  # rig.md 6
+    viscosity = 1.0 + p["oil.viscous_gain"].value * (mu - 1.0)  # r_T of `plant_sim.blocks.oil`
     return coulomb * ratio, viscous * viscosity * np.power(slip, p["clutch.viscous_exponent"].value)
 
 
@@ -141,7 +141,7 @@ def stribeck_depth(pressure: np.ndarray | float, lowest: float, onset: float, sc
 def seen_by_plates(pressure: np.ndarray | float, p: ParameterSet) -> np.ndarray:
     """Effective friction pressure p* [bar] at cylinder `pressure` [bar]: the return springs keep their share of the rise."""
     contact = p["piston.contact_pressure"].value
-    return contact + plate_share(p) * (np.asarray(pressure) - contact)  # rig.md 3, 4
+    return contact + plate_share(p) * (np.asarray(pressure) - contact)  # p* of `plant_sim.blocks.clutch`
 
 
 def plate_share(p: ParameterSet) -> float:
@@ -149,7 +149,7 @@ def plate_share(p: ParameterSet) -> float:
     rise = (p["piston.contact_pressure"].value - p["piston.preload_pressure"].value) * BAR
     spring = p["piston.area"].value * rise / p["piston.clearance"].value
     stack = p["piston.stack_stiffness"].value
-    return stack / (stack + spring)  # rig.md 3
+    return stack / (stack + spring)  # `plant_sim.blocks.piston`, at rest
 
 
 def friction_coefficient(torque: np.ndarray | float, pressure: np.ndarray | float, p: ParameterSet) -> np.ndarray:

@@ -48,7 +48,8 @@ def figure_6_10(sheet: Sheet) -> None:
     kept = 1.0 - np.polyfit(run.pressure[pressed] * BAR, run.true_normal_force[pressed], 1)[0] / area
     sheet.check("the springs bear less than 2 % of the further force [%]", 0.0 <= kept < 0.02, 100 * kept, "none")
     sheet.note(
-        "clearance, preload and stack stiffness are ours (rig.md 3); the thesis draws the figure without numbers"
+        "clearance, preload and stack stiffness are ours ([piston] of janssens2010.toml); the thesis draws the figure "
+        "without numbers"
     )
 
 

@@ -80,14 +80,15 @@ def seen_line(name: str) -> tuple[float, float]:
     p = nominal()
     share, contact = plate_share(p), p["piston.contact_pressure"].value
     slope, intercept = p[f"clutch.{name}_slope"].value, p[f"clutch.{name}_intercept"].value
-    return slope * share, intercept + slope * contact * (1.0 - share)  # rig.md 4
+    return slope * share, intercept + slope * contact * (1.0 - share)  # p* of `plant_sim.blocks.clutch`
 
 
 def note_springs(sheet: Sheet) -> None:
     """Say why the plant's values over cylinder pressure are not the tables'."""
     sheet.note(
         f"the tables' pressure acts on the plates in our plant; over the pressure of the cylinder, which is measured, the "
-        f"return springs take {1.0 - plate_share(nominal()):.2%} of the rise (rig.md 3, 4): the plant's values differ by it"
+        f"return springs take {1.0 - plate_share(nominal()):.2%} of the rise (plant_sim/blocks/piston.py): the "
+        "plant's values differ by it"
     )
     sheet.note(
         "much oil (ours: 1e5 J/K, 1000 W/K) holds 70 degC within 0.1 K: the thesis says the parts had about 70 degC"

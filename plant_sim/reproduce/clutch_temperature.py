@@ -68,7 +68,8 @@ def figure_6_8(sheet: Sheet) -> None:
         "mean of 0.1128: neither lies on the axis of its fig 6.8, which is read from the print; the plant agrees with eq. 6.3"
     )
     sheet.note(
-        "the thesis names no speed; 200 rpm is ours, as in fig 6.11. Heat capacity and cooling are ours (rig.md 7)"
+        "the thesis names no speed; 200 rpm is ours, as in fig 6.11. Heat capacity and cooling are ours ([oil] of "
+        "janssens2010.toml)"
     )
 
 
@@ -112,7 +113,8 @@ def figure_6_9(sheet: Sheet) -> None:
     )
     _up_and_down(sheet, axes[1])
     sheet.note(
-        "rig.md 6 puts the temperature on the viscous term alone: that M_C keeps its value is the plant's own law"
+        "the plant puts the temperature on the viscous term alone (plant_sim/blocks/oil.py): that M_C keeps its "
+        "value is the plant's own law"
     )
 
 
@@ -153,10 +155,10 @@ def table_6_1(sheet: Sheet) -> None:
     label(axes, "oil temperature [degC]", "friction coefficient [-]")
     for i, (name, thesis) in enumerate((("A [-]", -0.0145), ("B [-]", 0.143), ("T_0 [degC]", 30.0))):
         recovered(sheet, name, found[i], half[i], plant[i], thesis)
-    sheet.note("log is read to base 10 (digest): base e would give 2.3 times the slope of fig 6.8")
+    sheet.note("log is read to base 10: base e would give 2.3 times the slope of fig 6.8")
     sheet.note(
         "our plant lets the temperature act on the viscous torque alone; at 3.4 bar and 200 rpm the whole torque then follows "
-        "eq. 6.3 (rig.md 6), at other pressures only nearly"
+        "eq. 6.3 (oil.viscous_gain of janssens2010.toml is chosen so), at other pressures only nearly"
     )
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from protocols.errors import InputError
 
 VARIABLE = "CLUTCH_HIL_DATA"
+SOURCES = {"microtribometer/test_data_2.txt": "github.com/jchristopherson/FrictionModels.jl, examples/test_data_2.txt"}
 BESIDE = Path(__file__).resolve().parents[3] / "shared" / "data"  # ../shared/data, seen from the project
 
 
@@ -19,6 +20,6 @@ def measured_file(name: str) -> Path:
     path = folder / name
     if not path.is_file():
         raise MissingDataError(
-            f"measured data {name} are not in {folder}; set {VARIABLE} to the folder that holds them"
+            f"measured data {name} are not in {folder}; set {VARIABLE} to a folder that has them (source: {SOURCES[name]})"
         )
     return path

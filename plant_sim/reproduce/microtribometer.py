@@ -30,6 +30,7 @@ from plant_sim.friction.xgms import XGMS
 from plant_sim.reproduce import reproduces
 from plant_sim.reproduce.measured_data import measured_file
 from plant_sim.reproduce.sheet import INK, Sheet, label
+from protocols.errors import InputError
 
 FILE = "microtribometer/test_data_2.txt"
 STEP = 0.01  # s: 179 steps of the record are 9 to 10 ms, the others 5 ms; on this grid no gap is filled by a guess
@@ -63,8 +64,15 @@ class Record:
 
 
 def read_record() -> Record:
-    """The measured record; force with the sign of the motion. Raises MissingDataError."""
-    time, load, position, force = np.loadtxt(measured_file(FILE), skiprows=1, unpack=True)  # s, uN, mm, uN
+    """The measured record; force with the sign of the motion. Raises InputError."""
+    path = measured_file(FILE)
+    try:
+        time, load, position, force = np.loadtxt(path, skiprows=1, unpack=True)  # s, uN, mm, uN
+    except ValueError:
+        raise InputError(f"measured data {path} are not a table of four columns of numbers") from None
+    needed = BEGIN + 2 * CYCLES * PERIOD
+    if time[-1] < needed:
+        raise InputError(f"measured data {path} end at {time[-1]:g} s; needed are {needed:g} s or more")
     grid = np.arange(0.0, time[-1], STEP)
     metres = 1e-3 * np.interp(grid, time, position - position[0])
     newtons = np.interp(grid, time, np.maximum(load, 0.0)) * 1e-6

@@ -10,18 +10,30 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from protocols.errors import InputError
+
 DPI = 110
+_NUMBERS = (bool, int, float, np.generic, np.ndarray, list, tuple)
 INK = "#222222"  # reference lines: what was asked for, or the static curve
 
 
 @dataclass(frozen=True)
 class Check:
-    """One statement about what was measured; `thesis` is what the thesis says of it, as text."""
+    """One statement about what was measured; `thesis` is what the thesis says of it."""
 
     statement: str
-    measured: str
-    thesis: str
+    measured: Any
+    thesis: Any
     holds: bool
+
+    def row(self) -> tuple[str, ...]:
+        """Cells of a table."""
+        return (self.statement, _text(self.measured), _text(self.thesis), "yes" if self.holds else "NO")
+
+    def document(self) -> dict[str, Any]:
+        """The check for machines, with the numbers as measured."""
+        measured = np.asarray(self.measured).tolist() if isinstance(self.measured, _NUMBERS) else str(self.measured)
+        return {"statement": self.statement, "measured": measured, "thesis": _text(self.thesis), "holds": self.holds}
 
 
 class Sheet:
@@ -50,7 +62,7 @@ class Sheet:
 
     def check(self, statement: str, holds: bool, measured: object = "", thesis: object = "") -> None:
         """Record one check. Numbers in `measured` are to be given as they were measured, with units in `statement`."""
-        self.checks.append(Check(statement, _text(measured), _text(thesis), bool(holds)))
+        self.checks.append(Check(statement, measured, thesis, bool(holds)))
 
     def note(self, text: str) -> None:
         """Say what the reader must know to judge the result, such as parameters that the thesis does not give."""
@@ -62,9 +74,12 @@ class Sheet:
         return bool(self.checks) and all(check.holds for check in self.checks)
 
     def save(self, path: Path, title: str) -> None:
-        """Write the picture with `title` above it."""
+        """Write the picture with `title` above it. Raises InputError."""
         self.figure.suptitle(title, x=0.01, ha="left", fontsize=11)
-        self.figure.savefig(path, dpi=DPI)
+        try:
+            self.figure.savefig(path, dpi=DPI)
+        except OSError as error:
+            raise InputError(f"picture {path} cannot be written: {error.strerror}") from None
 
 
 def label(axes: Axes, x: str, y: str, title: str = "") -> None:

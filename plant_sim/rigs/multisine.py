@@ -19,7 +19,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plant_sim.friction.model import require
+from plant_sim.friction.model import real, require
+from plant_sim.friction.whole_number import whole
 from protocols.errors import InputError
 
 Array = np.ndarray
@@ -34,6 +35,7 @@ class Multisine:
     samples: int
 
     def __post_init__(self) -> None:
+        whole("samples of a period", self.samples)
         lines = np.asarray(self.lines)
         if lines.ndim != 1 or lines.size == 0 or not np.issubdtype(lines.dtype, np.integer):
             raise InputError("lines of a multisine must be a list of one or more whole numbers")
@@ -74,7 +76,7 @@ def measured(
 
     reference: (M, samples), the multisine itself, where feedback makes the input depend on the output. Raises InputError.
     """
-    inputs, outputs = np.asarray(inputs, float), np.asarray(outputs, float)
+    inputs, outputs = real("inputs", inputs), real("outputs", outputs)
     if inputs.shape != outputs.shape or inputs.ndim != 3 or inputs.shape[2] != source.samples:
         raise InputError(
             f"inputs have shape {inputs.shape} and outputs {outputs.shape}; both must be (realisations, periods,"

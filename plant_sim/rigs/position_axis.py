@@ -24,7 +24,7 @@ from numba.core.types import float64, int64
 from plant_sim.friction.coupled import balance
 from plant_sim.friction.kernel import LAW, VECTOR
 from plant_sim.friction.load_law import LoadLaw
-from plant_sim.friction.model import Array, FrictionModel, require
+from plant_sim.friction.model import Array, FrictionModel, kind, real, require
 from plant_sim.friction.xgms import XGMS
 from protocols.errors import InputError
 from protocols.parameters import ParameterSet, load_defaults
@@ -32,6 +32,7 @@ from protocols.parameters import ParameterSet, load_defaults
 DEFAULTS = Path(__file__).parents[1] / "parameters" / "position_axis.toml"
 STEP_LIMIT = 5e-5  # s: forty steps in a period of the stick resonance at 500 Hz
 ELEMENTS = 10  # of the friction the axis truly has: the thesis's larger number (sec. 5.5)
+LEAST_SAMPLES = 2  # of a run: a velocity needs two
 COLUMNS = 4  # of a run: position, velocity, motor force, friction
 
 # Of the PID controller, as multiples of the crossover frequency w: usual loop shaping for a mass, the most phase at w
@@ -123,6 +124,7 @@ class PositionAxis:
     def __init__(self, friction: FrictionModel | None = None, parameters: ParameterSet | None = None) -> None:
         self.parameters = p = nominal() if parameters is None else parameters
         self.friction = nominal_friction(p) if friction is None else friction
+        kind("friction of the axis", self.friction, FrictionModel)
         self.mass = p["table.mass"].si
         self.load = p["table.load"].si  # N, of a run that names none
         self.period = 1.0 / p["controller.rate"].si  # s
@@ -157,7 +159,11 @@ class PositionAxis:
 
         load [N]: scalar or (n,); seed: of the noise of the sensors, none: what ideal sensors tell. Raises InputError.
         """
-        force = np.asarray(motor_force, float)
+        force = real("motor force [N]", motor_force)
+        if force.ndim != 1 or force.size < LEAST_SAMPLES:
+            raise InputError(
+                f"motor force has shape {force.shape}; needed is one value for each of {LEAST_SAMPLES} periods or more"
+            )
         time = self.period * np.arange(force.size)
         random = None if seed is None else np.random.default_rng(seed)
         return self._run(
@@ -186,7 +192,7 @@ class PositionAxis:
         require("least normal load", float(loads.min()), least=0.0, unit="N")
         require("start of the reference", abs(float(reference[0])), most=p["sensors.resolution"].si, unit="m")
         w, u, v = np.zeros((3, n)) if random is None else random.standard_normal((3, n))
-        kept, state = np.empty((n, COLUMNS)), self.friction.rest()
+        kept, state = np.empty((n, COLUMNS)), self.friction.rest(float(loads[0]))
         advance(
             self.friction.law, self.friction.parameters, state, self.mass, gains, p["motor.force_limit"].si,
             p["sensors.resolution"].si, reference, extra, current_loop * p["motor.force_noise"].si * w, loads, self.period,
@@ -228,7 +234,7 @@ def nominal_friction(parameters: ParameterSet) -> XGMS:
 
 
 def _samples(name: str, values: Array | float, n: int) -> Array:
-    values = np.asarray(values, float)
-    if values.shape not in ((), (n,)) or not np.isfinite(values).all():
+    values = real(name, values)
+    if values.shape not in ((), (n,)):
         raise InputError(f"{name} has shape {values.shape}; needed is one finite number or one for each of {n} samples")
     return np.full(n, values)

@@ -15,10 +15,12 @@ import numpy as np
 from scipy.interpolate import PPoly
 
 from plant_sim.friction.kernel import law
-from plant_sim.friction.model import Array, FrictionModel, require
-from plant_sim.rigs.position_axis import Trajectory
+from plant_sim.friction.model import Array, FrictionModel, kind, real, require
+from plant_sim.friction.whole_number import whole
+from plant_sim.rigs.position_axis import LEAST_SAMPLES, Trajectory
 from protocols.errors import InputError
 
+MOST_LINES = 1e5  # of a multisine; ours: each is summed at each sample
 FADE = 0.5  # s, the end of a trajectory that is followed by another
 
 
@@ -39,7 +41,7 @@ class Frictionless(FrictionModel):
         """None."""
         return np.empty(0)
 
-    def rest(self) -> Array:
+    def rest(self, load: float = 1.0) -> Array:
         """No state."""
         return np.empty(0)
 
@@ -57,10 +59,20 @@ class Feedforward:
 
     def __post_init__(self) -> None:
         require("mass of the feedforward", self.mass, least=0.0, unit="kg")
+        kind("friction of the feedforward", self.friction, FrictionModel)
 
     def force(self, trajectory: Trajectory, time: Array, load: Array | float = 1.0) -> Array:
-        """Force [N] (n,) for each control period that begins at `time` [s] (n,); `load` [N] as measured, scalar or (n,)."""
-        period = time[1] - time[0]
+        """Force [N] (n,) for each control period that begins at `time` [s] (n,); `load` [N] as measured, scalar or (n,).
+
+        `time` is equidistant, n is 2 or more. Raises InputError.
+        """
+        time, load = real("time [s]", time), real("load [N]", load)
+        if time.ndim != 1 or time.size < LEAST_SAMPLES:
+            raise InputError(f"time has shape {time.shape}; needed are {LEAST_SAMPLES} values or more in one dimension")
+        if load.shape not in ((), time.shape):
+            raise InputError(f"load has shape {load.shape}; allowed is one value, or one for each of {time.size} times")
+        period = float(time[1] - time[0])
+        require("control period", period, above=0.0, unit="s")
         middle = trajectory(np.append(time - 0.5 * period, time[-1] + 0.5 * period + np.array([0.0, period])))
         acceleration = np.diff(middle, 2) / period**2
         friction = self.friction.trace(
@@ -71,6 +83,7 @@ class Feedforward:
 
 def sine(amplitude: float, frequency: float) -> Trajectory:
     """Sine of `amplitude` [m] and `frequency` [Hz] that grows from rest over its first period. Raises InputError."""
+    require("amplitude", amplitude, unit="m")
     require("frequency", frequency, above=0.0, unit="Hz")
     return lambda time: amplitude * _growing(time * frequency) * np.sin(2.0 * np.pi * frequency * time)
 
@@ -81,6 +94,11 @@ def multisine(rms: float, lowest: float, highest: float, period: float, seed: in
     Amplitudes fall with the frequency, so that every line has the same velocity; grows from rest over the first period.
     Raises InputError.
     """
+    require("rms of the multisine", rms, least=0.0, unit="m")
+    require("lowest frequency", lowest, least=0.0, unit="Hz")
+    require("highest frequency", highest, least=lowest, unit="Hz")
+    require("period of the multisine", period, above=0.0, unit="s")
+    require("number of its lines", highest * period, most=MOST_LINES)
     lines = np.arange(round(lowest * period), round(highest * period) + 1) / period
     if lines.size == 0 or not lines[0] > 0.0:
         raise InputError(
@@ -100,6 +118,7 @@ def there_and_back(distance: float, speed: float, acceleration: float, dwell: fl
     """Trapezoids of the velocity: `strokes` moves of `distance` [m] to and fro, each after `dwell` [s]. Raises InputError."""
     for name, value in (("distance", distance), ("speed", speed), ("acceleration", acceleration), ("dwell", dwell)):
         require(name, value, above=0.0)
+    whole("number of strokes", strokes)
     ramp = speed / acceleration
     cruise = distance / speed - ramp
     require("time at full speed", cruise, above=0.0, unit="s")
@@ -111,7 +130,12 @@ def there_and_back(distance: float, speed: float, acceleration: float, dwell: fl
 
 
 def in_turn(*parts: tuple[Trajectory, float]) -> Trajectory:
-    """Each trajectory for its time [s], which is more than `FADE`; in the last of it each fades to rest at 0."""
+    """Each trajectory for its time [s], which is more than `FADE`; in the last of it each fades to rest at 0.
+
+    Raises InputError.
+    """
+    for _, seconds in parts:
+        require("time of a trajectory", seconds, above=FADE, unit="s")
     ends = np.cumsum([0.0, *(seconds for _, seconds in parts)])
 
     def position(time: Array) -> Array:

@@ -37,10 +37,7 @@ PRESLIDING = 6.0  # s, of the nominal part: loops that hardly slide
 FIT_RATE = 500.0  # Hz, of the samples that are fitted
 LOAD_CORNER = 5.0  # Hz, low-pass for the load: it changes at rest only
 SLIDES = 1e-3  # m/s, speed from which a static model is fitted
-BREAKS = (
-    5e-7,
-    5e-5,
-)  # m, first and last break point of the GMS elements: from a few encoder steps to far beyond a guide
+BREAKS = (5e-7, 5e-5)  # m, first and last break point of the GMS elements: a few encoder steps to far beyond a guide
 CURVE = {"static_force": 20.0, "beta": 0.8, "stribeck_velocity": 2e-3, "viscous": 20.0}
 CURVE_BOUNDS = {
     "static_force": (0.1, 1e3),

@@ -10,7 +10,9 @@ Integration     the structures exactly (matrix exponential), drive gains within;
                 stick does not chatter: to a stiffness k of the contact the method adds a damper k dt/2, no more. First order in
                 dt (tests/test_tribometer.py); runout, lift-up and saturation of the drive act one step late.
 Assumptions     one friction force at the mean radius; the load acts at the shaft end; lift-up by speed alone, whatever the load
-Valid range     up to 500 Hz; dt of at most 2e-4 s, 5e-5 s where the resonances matter
+Valid range     up to 100 Hz, the usable band of the real one: responses within 4, 2, 1, 0.4 % at dt of 2e-4, 1e-4, 5e-5, 2e-5 s
+                with the contact in stick. Resonances above keep their place, but the damper k dt/2 rules their height: at
+                460 Hz the response is off by half even at 2e-5 s
 Not modelled    tilting modes, friction that depends on the place on the disk, inertia of the weights
 References      Janssens 2010, chapters 3 and 4
 
@@ -23,7 +25,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from plant_sim.friction.model import FrictionModel, require
+from plant_sim.friction.model import FrictionModel, kind, require
+from plant_sim.friction.whole_number import whole
 from plant_sim.rigs.tribometer_drive import Drive, Signal, sampled
 from plant_sim.rigs.tribometer_integration import COLUMNS, advance
 from plant_sim.rigs.tribometer_sensors import RINGS, Sensors
@@ -70,19 +73,17 @@ class Tribometer:
     friction: a friction model in m and N at the mean radius. parameters: `nominal()`, or as changed by a user.
     sensors: whether the measured quantities carry noise and resolution; else they are what an ideal sensor at the
     dynamometers, gaps and encoder would tell. seed: of the noise.
-    Raises InputError for parameters that make no rig.
+    Raises InputError for what is no friction model and for parameters that make no rig.
     """
 
     def __init__(
         self, friction: FrictionModel, parameters: ParameterSet | None = None, sensors: bool = True, seed: int = 0
     ) -> None:
+        kind("friction between the disks", friction, FrictionModel)
         self.friction = friction
         self.parameters = p = nominal() if parameters is None else parameters
         self.tangential, self.normal = chains(p)
-        inner, outer = p["disks.inner_diameter"].si, p["disks.outer_diameter"].si
-        if not inner < outer:
-            raise InputError(f"disks.inner_diameter is {inner:g} m; it must be below disks.outer_diameter, {outer:g} m")
-        self.radius = 0.25 * (inner + outer)  # m
+        self.radius = mean_radius(p)  # m
         self._sensors = Sensors(p, seed) if sensors else None
 
     def torque_drive(self, torque: Signal, stiffness: float = 0.0) -> Drive:
@@ -125,14 +126,16 @@ class Tribometer:
         Signals are constants, functions of time, or have a value for each of the round(seconds/dt) + 1 samples.
         Raises InputError.
         """
+        kind("drive", drive, Drive)
         require("time step", dt, above=0.0, most=STEP_LIMIT, unit="s")
         require("duration", seconds, least=dt, most=1e6, unit="s")
-        require("samples between two kept ones", every, least=1)
+        every = whole("samples between two kept ones", every)
         steps = round(seconds / dt)
         time = dt * np.arange(steps + 1)
         self._check_speed(sampled("drive velocity", drive.velocity, time))
         loads = self._checked_load(sampled("load", load, time))
-        begin = start or self._rest(float(loads[0]))
+        begin = self._rest(float(loads[0])) if start is None else start
+        kind("start of the run", begin, State)
         if begin.friction.shape != self.friction.rest().shape:
             raise InputError(
                 f"the start has {begin.friction.size} friction states; this model has {self.friction.rest().size}"
@@ -149,15 +152,14 @@ class Tribometer:
         normal = np.array([self.normal.discretised(dt).T])
         q, x, friction = (np.array(part, float) for part in begin[:3])
         kept = np.empty((steps // every + 1, COLUMNS))
-        law = type(self.friction).law
         advance(
-            law, self.friction.parameters, friction, torsion, q, normal, x,
+            self.friction.law, self.friction.parameters, friction, torsion, q, normal, x,
             motor, drive.command(time), contact, loads, dt, every, kept,
         )  # fmt: skip
         return self._record(time[::every], kept, begin.preload, State(q, x, friction, begin.preload))
 
     def _rest(self, load: float) -> State:
-        return State(np.zeros(7), np.array([*np.zeros(8), load]), self.friction.rest(), load)
+        return State(np.zeros(7), np.array([*np.zeros(8), load]), self.friction.rest(load), load)
 
     def _record(self, time: Array, kept: Array, preload: float, end: State) -> Record:
         table, disk, motor, _, velocity, slip_velocity, sunk, lower, force, load, torque = kept.T.copy()
@@ -194,6 +196,14 @@ class Tribometer:
 def nominal() -> ParameterSet:
     """The parameters of `parameters/tribometer.toml`."""
     return load_defaults(DEFAULTS)
+
+
+def mean_radius(parameters: ParameterSet) -> float:
+    """Mean radius of the disks [m]. Raises InputError."""
+    inner, outer = parameters["disks.inner_diameter"].si, parameters["disks.outer_diameter"].si
+    if not inner < outer:
+        raise InputError(f"disks.inner_diameter is {inner:g} m; it must be below disks.outer_diameter, {outer:g} m")
+    return 0.25 * (inner + outer)
 
 
 def chains(parameters: ParameterSet) -> tuple[Chain, Chain]:

@@ -20,7 +20,7 @@ from plant_sim.friction.lift_up import LiftingXGMS, LiftUp
 from plant_sim.friction.load_law import LoadLaw
 from plant_sim.friction.model import require
 from plant_sim.friction.xgms import XGMS
-from plant_sim.rigs.tribometer import Tribometer, nominal
+from plant_sim.rigs.tribometer import Tribometer, mean_radius, nominal
 from protocols.parameters import ParameterSet, load_defaults
 
 DEFAULTS = Path(__file__).parents[1] / "parameters" / "tribometer_contacts.toml"
@@ -37,7 +37,7 @@ class Contacts:
         self.parameters = contacts() if parameters is None else parameters
         self._seed = seed
         self._rig = nominal()
-        self._radius = 0.25 * (self._rig["disks.inner_diameter"].si + self._rig["disks.outer_diameter"].si)  # m
+        self._radius = mean_radius(self._rig)  # m
 
     def dry(self, load: float) -> Tribometer:
         """The rig with the dry contact as it is under `load` [N]. Raises InputError."""

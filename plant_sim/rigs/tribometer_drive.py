@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plant_sim.friction.model import require
+from plant_sim.friction.model import real, require
 from protocols.errors import InputError
 
 Array = np.ndarray
@@ -46,11 +46,9 @@ class Drive:
 
 def sampled(name: str, signal: Signal, time: Array) -> Array:
     """`signal` at every sample of `time` [s] (n,). Raises InputError."""
-    values = np.asarray(signal(time) if callable(signal) else signal, float)
+    values = real(name, signal(time) if callable(signal) else signal)
     if values.shape not in ((), time.shape):
         raise InputError(
             f"{name} has shape {values.shape}; needed is one value, or one for each of {time.size} samples"
         )
-    if not np.isfinite(values).all():
-        raise InputError(f"{name} holds a value that is not finite")
     return np.array(np.broadcast_to(values, time.shape))

@@ -16,9 +16,11 @@ from math import pi
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from plant_sim.friction.model import require
+from plant_sim.friction.model import elements, real, require
+from plant_sim.friction.whole_number import whole
 from plant_sim.rigs.tribometer import Record, Tribometer
 from plant_sim.rigs.tribometer_drive import Drive
+from plant_sim.rigs.tribometer_sensors import RINGS
 from protocols.errors import InputError
 
 Array = np.ndarray
@@ -30,6 +32,7 @@ KICK = 0.05  # s, of a velocity high enough to begin to slide
 READ = 0.5  # s, over which a steady state is averaged
 JUST_SLIDING = 1e-6  # rad/s
 LONGEST_HOLD = 1.6  # over the friction just sliding: no contact here breaks away above it
+HIGHEST_COEFFICIENT = 0.3  # -, above the 0.25 measured at 50 N (fig 4.14)
 STUCK, BURST = 0.1, 1.5  # of the driven speed: stick-slip falls below the one and exceeds the other
 
 
@@ -121,6 +124,7 @@ def pre_sliding(rig: Tribometer, load: float, corners: Sequence[float] | Array, 
 
     Raises InputError.
     """
+    corners = real("corners [rad]", corners)
     require("speed", speed, above=0.0, unit="rad/s")
     seconds = float(corner_times(corners, speed)[-1])
     return measured(rig, rig.position_drive(lambda time: saw_tooth(corners, speed, time)), load, seconds)
@@ -131,6 +135,8 @@ def reciprocation(rig: Tribometer, load: float, amplitude: float, frequency: flo
 
     Raises InputError.
     """
+    whole("number of periods", periods)
+    require("amplitude", amplitude, unit="rad")
     require("frequency", frequency, above=0.0, most=BANDWIDTH, unit="Hz")
     drive = rig.position_drive(lambda time: amplitude * np.sin(2.0 * pi * frequency * time))
     motion = measured(rig, drive, load, (periods + 1.25) / frequency)
@@ -142,6 +148,7 @@ def oscillation(rig: Tribometer, load: float, offset: float, swing: float, frequ
 
     Sec. 4.1.3. Raises InputError when the velocity would not stay above 0.
     """
+    whole("number of periods", periods)
     require("frequency", frequency, above=0.0, most=BANDWIDTH, unit="Hz")
     if not 0.0 < swing < offset:
         raise InputError(f"swing is {swing:g} rad/s about {offset:g} rad/s; allowed is above 0 to below the offset")
@@ -169,10 +176,11 @@ def stribeck(rig: Tribometer, load: float, speeds: Sequence[float] | Array) -> S
 
     Raises InputError.
     """
+    most = RINGS * rig.parameters["sensors.normal_range"].si
+    require("load, which the normal dynamometers must read,", load, above=0.0, most=most, unit="N")
     rows = []
     gain = rig.parameters["motor.velocity_gain"].si
-    for speed in np.asarray(speeds, float):
-        require("speed", speed, above=0.0, unit="rad/s")
+    for speed in elements("speed [rad/s]", speeds):
         settle = KICK + min(TURNS_TO_SETTLE / speed, 1.0)
         droop = _torque(rig, speed, load) / gain  # rad/s, of the proportional loop: set off by hand
         kick = 2.0 * _torque(rig, JUST_SLIDING, load) / gain  # rad/s, to begin to slide
@@ -205,11 +213,15 @@ def sticks(motion: Motion, speed: float) -> bool:
 def critical_speed(rig: Tribometer, load: float, coupling: Coupling, bounds: tuple[float, float], steps: int) -> float:
     """Speed [rad/s] above which stick-slip ceases, by `steps` halvings of the logarithm of `bounds` [rad/s].
 
-    Raises InputError unless there is stick-slip at the lower bound and none at the upper.
+    Raises InputError unless there is stick-slip at the lower bound and none at the upper. Where the Stribeck curve is flat at
+    rest (eq 1.4) there is none far below either: stick-slip is a band of speeds.
     """
+    whole("number of halvings", steps, least=0)
+    torque = HIGHEST_COEFFICIENT * load * rig.radius  # Nm, at which any contact slips
 
     def at(speed: float) -> bool:
-        return sticks(stick_slip(rig, load, speed, coupling, 4.0), speed)
+        wind_up = torque / (coupling.stiffness * speed)  # s, until it slips
+        return sticks(stick_slip(rig, load, speed, coupling, max(4.0, 3.0 * wind_up)), speed)
 
     low, high = bounds
     if not at(low) or at(high):

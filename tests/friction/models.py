@@ -16,6 +16,7 @@ from plant_sim.friction.load_law import Amontons, LoadLaw
 from plant_sim.friction.lugre import LuGre
 from plant_sim.friction.maxwell_slip import MaxwellSlip
 from plant_sim.friction.model import FrictionModel
+from plant_sim.friction.passive_xgms import PassiveXGMS
 from plant_sim.friction.stribeck import Stribeck
 from plant_sim.friction.xgms import XGMS
 
@@ -118,6 +119,12 @@ def _xgms(n: int, attraction: float = C, beta: float = BETA, viscous: float = 0.
     return XGMS(Amontons(F_S / LOAD), *split(n), beta, V_S, viscous, exponent, attraction)
 
 
+def _passive(
+    n: int, attraction: float = C, beta: float = BETA, viscous: float = 0.0, exponent: float = 1.0
+) -> PassiveXGMS:
+    return PassiveXGMS(Amontons(F_S / LOAD), *split(n), beta, V_S, viscous, exponent, attraction)
+
+
 def _falling() -> LoadLaw:
     return LoadLaw(F_S / LOAD / (1.0 - np.exp(-20.0 / LOAD) / 1.5), 1.5, 20.0)
 
@@ -211,20 +218,37 @@ CASES = [
         viscous=1.0,
         exponent=0.5,
     ),
-    Case("xgms-1", _xgms(1)),
-    Case("xgms-4", _xgms(4)),
-    Case("xgms-100", _xgms(100)),
-    Case("xgms-no-lag", _xgms(4, np.inf), {"friction_lag": "C is infinite"}),
+    Case("xgms-1", _xgms(1), ACTIVE),
+    Case("xgms-4", _xgms(4), ACTIVE),
+    Case("xgms-100", _xgms(100), ACTIVE),
+    Case("xgms-no-lag", _xgms(4, np.inf), ACTIVE | {"friction_lag": "C is infinite"}),
+    Case("xgms-rising", _xgms(4, beta=1.5), RISING | {"continuous_at_rest": ACTIVE["continuous_at_rest"]}, beta=1.5),
     Case(
-        "xgms-rising",
-        _xgms(4, beta=1.5),
-        RISING | {"continuous_at_rest": "a force above its limit relaxes with time"},
-        beta=1.5,
+        "xgms-viscous",
+        _xgms(4, viscous=1.0 / F_S, exponent=0.5),
+        VISCOUS | {"continuous_at_rest": ACTIVE["continuous_at_rest"]},
+        viscous=1.0,
+        exponent=0.5,
     ),
-    Case("xgms-viscous", _xgms(4, viscous=1.0 / F_S, exponent=0.5), VISCOUS, viscous=1.0, exponent=0.5),
     Case(
         "xgms-falling",
         XGMS(_falling(), *split(4), BETA, V_S, attraction=C),
+        ACTIVE | {"load_scaling": "its coefficient falls with load"},
+    ),
+    Case("passive-xgms-1", _passive(1)),
+    Case("passive-xgms-4", _passive(4)),
+    Case("passive-xgms-100", _passive(100)),
+    Case("passive-xgms-no-lag", _passive(4, np.inf), {"friction_lag": "C is infinite"}),
+    Case(
+        "passive-xgms-rising",
+        _passive(4, beta=1.5),
+        RISING | {"continuous_at_rest": "a force above its limit relaxes with time"},
+        beta=1.5,
+    ),
+    Case("passive-xgms-viscous", _passive(4, viscous=1.0 / F_S, exponent=0.5), VISCOUS, viscous=1.0, exponent=0.5),
+    Case(
+        "passive-xgms-falling",
+        PassiveXGMS(_falling(), *split(4), BETA, V_S, attraction=C),
         {"load_scaling": "its coefficient falls with load"},
     ),
     Case("leuven", _leuven(2.0), NO_LOAD | CREEP, accuracy=FIRST_ORDER),

@@ -24,9 +24,9 @@ class Piece:
 class Reference:
     """n elements with stiffness k_i and weights alpha_i under s(v) = F_s (1 + (beta - 1) exp(-V_S/|v|)).
 
-    `static_force` gives F_s [N] of the load and `static_slope` its derivative. `bounded`: XGMS, attraction C [1/s] of the
-    normalised force m_i, and F_i = m_i F_s unless the spring cannot be stretched so fast: then it waits, F_i grows by k_i |v|
-    until it is m_i F_s. Else GMS, attraction C [N/s].
+    `static_force` gives F_s [N] of the load and `static_slope` its derivative. `normalised`: XGMS,
+    attraction C [1/s] of the normalised force m_i, F_i = m_i F_s; else GMS, attraction C [N/s]. `bounded`: passive XGMS, where
+    a spring that cannot be stretched so fast waits: F_i grows by k_i |v| until it is m_i F_s.
     """
 
     static_force: Callable[[float], float]
@@ -36,6 +36,7 @@ class Reference:
     attraction: float
     stiffness: Array
     weights: Array
+    normalised: bool
     bounded: bool
     resolution: int = 20  # least number of steps a piece; two events that fall into one step are missed
 
@@ -50,7 +51,7 @@ class Reference:
     def _slip_rate(self, piece: Piece, t: float, along: Array, share: Array) -> Array:
         """dF_i/dt of slip, along the motion."""
         F_s = self.static_force(piece.load(t))
-        if not self.bounded:
+        if not self.normalised:
             return self.attraction * (self.weights - along / (F_s * self._level(piece, t)))  # 5.4
         load_part = share * self.static_slope(piece.load(t)) * piece.load_rate(t)
         return F_s * self._share_rate(piece, t, share) + load_part  # of F_i = m_i F_s

@@ -18,7 +18,7 @@ AGEING, CONSTANT = StickTimeFriction(0.2, 0.4, 0.5), StickTimeFriction(0.2, 0.2,
 TIME = np.arange(0.0, 2.0 * np.pi, DT)
 SINE = 0.5 * np.sin(TIME)
 ROUNDING = 1e-12  # of forces of order LOAD, summed over some hundred asperities
-BALANCE = 1e-9  # of the load; what the brief of the model promises
+BALANCE = 1e-9  # of the load; rounding of the sum over the asperities
 RATIO = 1.7 / 1.4  # k_n/k_t at nu 0.3
 
 
@@ -370,8 +370,8 @@ def test_a_seed_gives_one_model() -> None:
 @pytest.mark.parametrize(
     ("make", "sentence"),
     [
-        (lambda: StickTimeFriction(0.0, 0.4, 1.0), r"mu_0 is 0 -; allowed is a number above 0"),
-        (lambda: StickTimeFriction(0.3, 0.2, 1.0), r"mu_inf is 0\.2 -; allowed is a number at least 0\.3"),
+        (lambda: StickTimeFriction(0.0, 0.4, 1.0), r"mu_0 is 0; allowed is a number above 0"),
+        (lambda: StickTimeFriction(0.3, 0.2, 1.0), r"mu_inf is 0\.2; allowed is a number at least 0\.3"),
         (lambda: StickTimeFriction(0.2, 0.4, 0.0), r"tau_t is 0 s; allowed is a number above 0"),
         (lambda: CounterSurface(np.ones(2), np.ones(3)), "surface has 2 steps and 3 recesses"),
         (lambda: CounterSurface.draw(0, np.random.default_rng(0)), "number of steps is 0"),
@@ -380,6 +380,12 @@ def test_a_seed_gives_one_model() -> None:
         (lambda: Asperities(np.zeros(1), np.zeros(1), np.ones(1), mass=-1.0), "asperity mass is -1"),
         (lambda: DynamicGenericModel(asperities(), surface(), AGEING, -1.0, 0.0), "mass of the body is -1"),
         (lambda: FixedSeparationModel(asperities(), surface(), AGEING, np.nan), "separation is nan"),
+        (lambda: GenericModel("x", surface(), AGEING), "asperities is 'x'"),  # type: ignore[arg-type]
+        (lambda: GenericModel(asperities(), None, AGEING), "counter surface is None"),  # type: ignore[arg-type]
+        (lambda: FixedSeparationModel(asperities(), surface(), 0.2, 0.9), "is 0.2"),  # type: ignore[arg-type]
+        (lambda: Asperities.draw(2.5, np.random.default_rng(0)), "number of asperities is 2.5; allowed is a whole"),  # type: ignore[arg-type]
+        (lambda: stepped(count=5).rest(-1.0), "load is -1; allowed is a number at least 0"),
+        (lambda: stepped(count=5).steady_state("a"), "velocity is 'a'"),  # type: ignore[arg-type]
         (lambda: stepped().observe(SINE, 0.0), "time step is 0 s"),
         (lambda: stepped().observe(SINE, DT, -1.0), "load"),
     ],
@@ -387,3 +393,57 @@ def test_a_seed_gives_one_model() -> None:
 def test_bad_values_are_named(make: object, sentence: str) -> None:
     with pytest.raises(InputError, match=sentence):
         make()  # type: ignore[operator]
+
+
+def test_a_second_observation_begins_with_the_force_that_is_held() -> None:
+    model, there = stepped(), np.linspace(0.0, 0.3, 301)
+    first = model.observe(there, DT, LOAD)
+    rest = model.observe(there[-1:], DT, LOAD, first.state)
+    assert rest.force[0] == model.trace(there[-1:], DT, LOAD, first.state).force[0] != 0.0
+    assert rest.force[0] == pytest.approx(first.force[-1], rel=1e-3)
+
+
+@pytest.mark.parametrize("surface_", [FlatSurface(), surface()], ids=["flat", "steps"])
+def test_a_sample_that_would_take_for_ever_is_refused(surface_: CounterSurface | FlatSurface) -> None:
+    """The longest displacement is made, in its many parts; a longer one is refused, however it is asked for."""
+    model = GenericModel(asperities(5, mass=0.01), surface_, AGEING)
+    longest = model.longest
+    assert np.isfinite(model.observe([0.0, longest], DT, LOAD).force).all()
+    for far in (1.01 * longest, 1e18, 1e300):
+        for ask in (
+            lambda far=far: model.observe([0.0, far], DT, LOAD),
+            lambda far=far: model.trace([far, 0.0], DT, LOAD),
+            lambda far=far: model.step(model.rest(LOAD), far, DT, LOAD),
+        ):
+            with pytest.raises(InputError, match=f"displacement.* at most {longest:g}".replace("+", r"\+")):
+                ask()
+    with pytest.raises(InputError, match="farthest asperity is"):
+        GenericModel(replace(model.asperities, position=np.full(5, 1.01 * longest)), surface_, AGEING)
+
+
+@pytest.mark.parametrize("kind", ["observe", "trace"])
+@pytest.mark.parametrize(
+    ("position", "options", "sentence"),
+    [
+        ([], {}, "position has shape (0,)"),
+        ([[0.0, 1.0]], {}, "position has shape (1, 2)"),
+        (0.0, {}, "position has shape ()"),
+        (["a", "b"], {}, "allowed are numbers"),
+        ([0.0, np.nan], {}, "holds nan; allowed are finite numbers"),
+        ([0.0, 0.1], {"load": [1.0, 1.0, 1.0]}, "load has shape (3,)"),
+        ([0.0, 0.1], {"load": -1.0}, "least load is -1"),
+        ([0.0, 0.1], {"load": np.nan}, "holds nan"),
+        ([0.0, 0.1], {"state": np.zeros(3)}, "state has shape (3,)"),
+    ],
+)
+def test_what_is_no_motion_is_refused(kind: str, position: object, options: dict, sentence: str) -> None:
+    with pytest.raises(InputError) as caught:
+        getattr(stepped(count=5), kind)(position, DT, **options)
+    assert sentence in str(caught.value)
+
+
+def test_models_are_equal_only_to_themselves() -> None:
+    first, second = stepped(count=5), stepped(count=5)
+    assert first == first
+    assert first != second
+    assert len({first, second, first.asperities, second.asperities, first.surface, second.surface}) == 6

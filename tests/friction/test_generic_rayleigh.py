@@ -239,3 +239,28 @@ def test_refuses_a_threshold_that_makes_a_jump() -> None:
     fixed = FixedSeparationModel(dry.asperities, dry.surface, FRICTION, 0.9)
     with pytest.raises(InputError, match="fixed separation"):
         GenericRayleighModel(fixed, film, SlidingThreshold.at_friction(film, MU_0))
+
+
+def test_what_is_no_motion_is_refused() -> None:
+    """By `observe` as by `trace`."""
+    model = _rough(5)
+    for ask in (model.observe, model.trace):
+        for position, sentence in (
+            ([], "position has shape"),
+            ([[0.0, 1.0]], "position has shape"),
+            ([0.0, np.nan], "holds nan"),
+            ([0.0, 1e18], "displacement of one sample is 1e"),
+        ):
+            with pytest.raises(InputError, match=sentence):
+                ask(position, 1e-3, LOAD)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="displacement is 1e"):
+        model.step(model.rest(LOAD), 1e18, 1e-3, LOAD)
+    with pytest.raises(InputError, match="dry model is 'x'"):
+        GenericRayleighModel("x", model.film, model.threshold)  # type: ignore[arg-type]
+
+
+def test_models_are_equal_only_to_themselves() -> None:
+    first, second = _rough(5), _rough(5)
+    assert first == first
+    assert first != second
+    assert len({first, second}) == 2

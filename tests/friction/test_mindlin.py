@@ -78,9 +78,7 @@ def test_asperities_of_a_sphere_obey_masing_at_reversal() -> None:
 
 
 def test_bad_values_are_named() -> None:
-    with pytest.raises(
-        InputError, match=r"Poisson coefficient is 0\.6 -; allowed is a number above -1 and at most 0\.5"
-    ):
+    with pytest.raises(InputError, match=r"Poisson coefficient is 0\.6; allowed is a number above -1 and at most 0\.5"):
         Material(210e9, 0.6)
     with pytest.raises(InputError, match="Young's modulus is 0 Pa"):
         Material(0.0, 0.3)

@@ -7,6 +7,7 @@ import pytest
 
 from plant_sim.friction.gms import GMS
 from plant_sim.friction.load_law import LoadLaw
+from plant_sim.friction.passive_xgms import PassiveXGMS
 from plant_sim.friction.xgms import XGMS
 from tests.friction.models import BETA, F_S, LOAD, SPAN, V_S, C, curve, split
 from tests.friction.reference import Piece, Reference
@@ -24,21 +25,28 @@ def _slope(load: float) -> float:
 
 def _gms(attraction: float, beta: float = BETA) -> tuple[GMS, Reference]:
     model = GMS(curve(beta=beta), STIFFNESS, WEIGHTS, attraction)
-    return model, Reference(lambda w: F_S, lambda w: 0.0, beta, V_S, attraction, STIFFNESS, WEIGHTS, False)
+    return model, Reference(lambda w: F_S, lambda w: 0.0, beta, V_S, attraction, STIFFNESS, WEIGHTS, False, False)
 
 
-def _xgms(attraction: float, beta: float = BETA) -> tuple[XGMS, Reference]:
-    model = XGMS(FRICTION, STIFFNESS, WEIGHTS, beta, V_S, attraction=attraction)
-    return model, Reference(lambda w: float(FRICTION(w)), _slope, beta, V_S, attraction, STIFFNESS, WEIGHTS, True)
+def _xgms(kind: type[XGMS], attraction: float, beta: float = BETA) -> tuple[XGMS, Reference]:
+    model = kind(FRICTION, STIFFNESS, WEIGHTS, beta, V_S, attraction=attraction)
+    passive = kind is PassiveXGMS
+    reference = Reference(
+        lambda w: float(FRICTION(w)), _slope, beta, V_S, attraction, STIFFNESS, WEIGHTS, True, passive
+    )
+    return model, reference
 
 
 PAIRS = {
     "gms": _gms(C * F_S),
     "gms-slow": _gms(0.05 * C * F_S),
     "gms-rising": _gms(C * F_S, 1.5),
-    "xgms": _xgms(C),
-    "xgms-quick": _xgms(50.0 * C),  # its bound on growth acts at most speeds
-    "xgms-rising": _xgms(C, 1.5),
+    "xgms": _xgms(XGMS, C),
+    "xgms-quick": _xgms(XGMS, 50.0 * C),
+    "xgms-rising": _xgms(XGMS, C, 1.5),
+    "passive-xgms": _xgms(PassiveXGMS, C),
+    "passive-xgms-quick": _xgms(PassiveXGMS, 50.0 * C),  # its bound on growth acts at most speeds
+    "passive-xgms-rising": _xgms(PassiveXGMS, C, 1.5),
 }
 every_pair = pytest.mark.parametrize("pair", list(PAIRS.values()), ids=list(PAIRS))
 

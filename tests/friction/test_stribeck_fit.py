@@ -136,7 +136,7 @@ def test_load_law_saturates_where_the_data_say() -> None:
     [
         (SPEED[:4], CURVE[:4], {}, "measured curve has 4 points; needed are 6 or more"),
         (SPEED, CURVE[:-1], {}, "vectors of one length"),
-        (SPEED, np.where(SPEED > 40.0, np.nan, CURVE), {}, "force nan at sample 32"),
+        (SPEED, np.where(SPEED > 40.0, np.nan, CURVE), {}, "force of the measured curve holds nan"),
         (SPEED - 1.0, CURVE, {}, "has a point at -0.5; allowed are points above 0"),
         (SPEED, CURVE, {"frozen": {"beta": 0.5}}, "parameter 'beta' is not in eq 4.1"),
         (SPEED, CURVE, {"frozen": TRUTH}, "no parameter of eq 4.1 is to be fitted"),

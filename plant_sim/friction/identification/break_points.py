@@ -13,7 +13,8 @@ from typing import Protocol
 import numpy as np
 
 from plant_sim.friction.identification.virgin_curve import VirginCurve
-from plant_sim.friction.model import Array, require
+from plant_sim.friction.model import Array, real, require
+from plant_sim.friction.whole_number import whole
 from protocols.errors import InputError
 
 
@@ -29,7 +30,7 @@ class EqualSpacing:
 
     def place(self, curve: VirginCurve, number: int) -> Array:
         """Break points (number,) [m]. Raises InputError."""
-        _at_least_one(number)
+        whole("number of break points", number)
         return curve.saturation * np.arange(1, number + 1) / number
 
 
@@ -48,7 +49,7 @@ class CurvatureSpacing:
 
     def place(self, curve: VirginCurve, number: int) -> Array:
         """Break points (number,) [m]. Raises InputError."""
-        _at_least_one(number)
+        whole("number of break points", number)
         end = curve.saturation
         middle = (curve.position[:-1] + curve.position[1:]) / 2.0
         inside = middle < end
@@ -58,9 +59,8 @@ class CurvatureSpacing:
         density = (bend / np.diff(edges)) ** self.exponent  # 1/distance
         share = np.concatenate(([0.0], np.cumsum(density * np.diff(edges))))
         if share[-1] == 0.0:
-            return EqualSpacing().place(
-                curve, number
-            )  # a straight line up to saturation: no place is better than another
+            # a straight line up to saturation: no place is better than another
+            return EqualSpacing().place(curve, number)
         rising = np.append(True, np.diff(share) > 0.0)
         wanted = share[-1] * np.arange(1, number) / number
         return np.append(np.interp(wanted, share[rising], edges[rising]), end)
@@ -68,16 +68,11 @@ class CurvatureSpacing:
 
 def checked(break_points: Array, stroke: float) -> Array:
     """`break_points` [m] (N,) as a float64 vector, rising, inside 0 to `stroke` [m]. Raises InputError."""
-    points = np.array(break_points, float, ndmin=1)
-    if points.ndim != 1 or points.size == 0 or not np.isfinite(points).all():
-        raise InputError(f"break points are {break_points}; needed are one or more finite positions")
+    points = np.atleast_1d(real("break points", break_points))
+    if points.ndim != 1 or points.size == 0:
+        raise InputError(f"break points have shape {points.shape}; needed are one or more in one dimension")
     if points[0] <= 0.0 or (np.diff(points) <= 0.0).any():
         raise InputError("break points do not rise; each must be larger than the one before, the first larger than 0 m")
     if points[-1] > stroke * (1.0 + 1e-12):
         raise InputError(f"break point {points[-1]:g} m is beyond the virgin curve, which ends at {stroke:g} m")
     return points
-
-
-def _at_least_one(number: int) -> None:
-    if number < 1:
-        raise InputError(f"number of break points is {number}; allowed is 1 or more")

@@ -17,7 +17,8 @@ from scipy.stats import qmc
 
 from plant_sim.friction.identification.least_squares import Estimate, minimise
 from plant_sim.friction.identification.virgin_curve import paired
-from plant_sim.friction.model import Array, require
+from plant_sim.friction.model import Array, kind, real, require
+from plant_sim.friction.whole_number import whole
 from protocols.errors import InputError
 
 DECADE = 10.0  # bounds further apart than this are searched by their logarithm
@@ -41,8 +42,16 @@ class Measured:
     def __post_init__(self) -> None:
         position, force = paired(self.position, self.force, "measured trace")
         require("time step", self.dt, above=0.0, unit="s")
+        load = real("load of the measured trace [N]", self.load)
+        if load.shape not in ((), position.shape):
+            raise InputError(
+                f"load of the measured trace has shape {load.shape}; allowed is one value, or one for each of "
+                f"{position.size} samples"
+            )
+        require("least load of the measured trace", float(load.min()), least=0.0, unit="N")
         object.__setattr__(self, "position", position)
         object.__setattr__(self, "force", force)
+        object.__setattr__(self, "load", load if load.ndim else float(load))
 
 
 def fit(
@@ -60,11 +69,15 @@ def fit(
     Searches from `start` and from `starts` - 1 further points spread within `bounds`, which are needed for `names`; points
     differ by `seed`. `progress(done, total)` is called after each start. Raises InputError.
     """
+    kind("measured trace", trace, Measured)
+    whole("number of starts", starts)
     for name in names:
         if name not in start or name not in bounds:
             raise InputError(f"parameter {name!r} has no {'start' if name not in start else 'bounds'}; needed are both")
+    for name, value in start.items():
+        require(f"start of {name}", value, most=np.inf)
     frozen = {name: float(value) for name, value in start.items() if name not in names}
-    limits = np.array([bounds[name] for name in names], float).reshape(-1, 2)
+    limits = np.array([_limits(name, bounds[name]) for name in names]).reshape(-1, 2)
     if trace.force.size <= len(names):
         raise InputError(f"measured trace has {trace.force.size} samples for {len(names)} parameters; needed are more")
 
@@ -72,8 +85,17 @@ def fit(
         model = build({**frozen, **dict(zip(names, map(float, theta), strict=True))})
         return model.trace(trace.position, trace.dt, trace.load).force - trace.force
 
-    first = np.array([[start[name] for name in names]], float).reshape(1, -1)
+    first = np.array([[float(start[name]) for name in names]])
     return minimise(residual, names, np.vstack([first, _spread(limits, starts - 1, seed)]), limits, frozen, progress)
+
+
+def _limits(name: str, bounds: tuple[float, float]) -> tuple[float, float]:
+    """The two bounds of a parameter; they may be infinite. Raises InputError."""
+    try:
+        low, high = map(float, bounds)
+    except (TypeError, ValueError):
+        raise InputError(f"bounds of {name} are {bounds!r:.60}; needed are two numbers, the lower first") from None
+    return low, high
 
 
 def _spread(bounds: Array, number: int, seed: int) -> Array:

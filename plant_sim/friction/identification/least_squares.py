@@ -19,9 +19,9 @@ from plant_sim.friction.model import Array
 from protocols.errors import InputError
 
 CONFIDENCE = 0.95
-STEP = 1e-6  # of a parameter, for the search's Jacobian: well above rounding, well below any curvature of these models
+STEP = 1e-6  # of a parameter, for Jacobians: well above rounding, well below any curvature of these models
 MOST_ROUNDS = 200  # of the search; those that settle took 7 to 93 on smooth and on measured traces
-LAST_STEP = 1e-4  # of a parameter, for the Jacobian of the result by central differences: error about 1e-8
+JUMP = 0.1  # of a slope: sides that differ by more have a jump or a kink between them, curvature is about STEP
 SINGULAR = 1e-7  # of the largest singular value: below it finite differences show nothing but rounding
 TAKES_PART = 0.1  # of a unit direction: a parameter with less of it is not named
 AT_BOUND = 1e-6  # of the width between the bounds
@@ -129,13 +129,24 @@ def _search(residual: Callable[[Array], Array], start: Array, bounds: Array) -> 
 
 
 def jacobian(residual: Callable[[Array], Array], values: Array, bounds: Array) -> Array:
-    """Derivative of `residual` at `values` (m,) by central differences inside `bounds` (m, 2): (n, m)."""
-    columns = []
+    """Derivative of `residual` at `values` (m,) inside `bounds` (m, 2): (n, m), by central differences.
+
+    A sampled model jumps where an event moves by a sample, and a search likes to end there: across a jump a difference is no
+    slope and would make the intervals far too narrow, so there the side without the jump is taken.
+    """
+    here, columns = residual(values), []
     for j, value in enumerate(values):
-        step = LAST_STEP * (abs(value) or min(1.0, bounds[j, 1] - bounds[j, 0]))
-        low, high = values.copy(), values.copy()
-        low[j], high[j] = max(value - step, bounds[j, 0]), min(value + step, bounds[j, 1])
-        columns.append((residual(high) - residual(low)) / (high[j] - low[j]))
+        width = bounds[j, 1] - bounds[j, 0]
+        size = min(STEP * max(abs(value), 0.01 * min(1.0, width)), 0.5 * width)  # also for a value near 0
+        sides = []
+        for step in (size, -size):
+            beside = values.copy()
+            beside[j] += step
+            if bounds[j, 0] <= beside[j] <= bounds[j, 1]:
+                sides.append((residual(beside) - here) / (beside[j] - value))
+        smallest, largest = min(sides, key=np.linalg.norm), max(sides, key=np.linalg.norm)
+        jumps = np.linalg.norm(largest - smallest) > JUMP * np.linalg.norm(largest)
+        columns.append(smallest if jumps else np.mean(sides, axis=0))
     return np.stack(columns, axis=1)
 
 

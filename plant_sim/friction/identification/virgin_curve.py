@@ -15,11 +15,13 @@ import numpy as np
 from numba import njit
 from scipy.optimize import nnls
 
-from plant_sim.friction.model import Array
+from plant_sim.friction.model import Array, real, require
+from plant_sim.friction.whole_number import whole
 from protocols.errors import InputError
 
 DEAD_BAND = 0.05  # of the position's range: a smaller turn is noise; ours, ten times the noise of a good encoder
 FULL_STROKE = 0.95  # of the widest stroke: shorter ones are inner loops or cut off by the record; ours
+LEAST_POINTS = 2  # of the curve that is cut out of a record: one alone says nothing of its bend
 BINS = 10  # in which the stroke is averaged to see whether the force falls
 MISFIT = 0.05  # of the height of the curve: a larger fall of it is no noise; ours
 
@@ -66,7 +68,7 @@ class VirginCurve:
 
     def __call__(self, position: Array | float) -> Array:
         """Force [N] at `position` [m], same shape; odd, linear between the points. Raises InputError beyond the stroke."""
-        position = np.asarray(position, float)
+        position = real("position [m]", position)
         reach = float(np.max(np.abs(position), initial=0.0))
         if not reach <= self.stroke * (1.0 + 1e-12):
             raise InputError(f"position {reach:g} m is beyond the virgin curve, which ends at {self.stroke:g} m")
@@ -98,6 +100,9 @@ def from_loops(position: Array, force: Array, points: int = 60, side: int = 0) -
     Raises InputError.
     """
     position, force = paired(position, force, "record")
+    whole("number of points", points, least=LEAST_POINTS)
+    if side not in (-1, 0, 1):
+        raise InputError(f"side is {side!r:.60}; allowed is 1 (upward strokes), -1 (downward) or 0 (both)")
     strokes = _full_strokes(position, side)
     reach = min(abs(position[b] - position[a]) for a, b in strokes) / 2.0
     grid = reach * (np.arange(1, points + 1) / points) ** 2  # finer near the reversal, where friction curves bend most
@@ -125,22 +130,25 @@ def from_loops(position: Array, force: Array, points: int = 60, side: int = 0) -
 
 def paired(position: Array, force: Array, name: str, least: int = 3) -> tuple[Array, Array]:
     """`position` and `force` as float64 vectors of one length, `least` or more, finite. Raises InputError."""
-    position, force = np.array(position, float), np.array(force, float)
+    position, force = real(f"position of the {name}", position), real(f"force of the {name}", force)
     if position.ndim != 1 or position.shape != force.shape:
         raise InputError(
             f"{name} has positions {position.shape} and forces {force.shape}; needed are vectors of one length"
         )
     if position.size < least:
         raise InputError(f"{name} has {position.size} points; needed are {least} or more")
-    if not (np.isfinite(position).all() and np.isfinite(force).all()):
-        i = int(np.argmin(np.isfinite(position) & np.isfinite(force)))
-        raise InputError(f"{name} holds position {position[i]:g}, force {force[i]:g} at sample {i}; all must be finite")
     return position, force
 
 
 def reversals(position: Array, dead_band: float = DEAD_BAND) -> Array:
-    """Samples at which `position` [m] (n,) turns, int (k,); turns smaller than `dead_band` of its range are noise."""
-    position = np.ascontiguousarray(position, float)
+    """Samples at which `position` [m] (n,) turns, int (k,); turns smaller than `dead_band` of its range are noise.
+
+    Raises InputError.
+    """
+    position = real("position", position)
+    if position.ndim != 1 or position.size < 1:
+        raise InputError(f"position has shape {position.shape}; needed is one value or more in one dimension")
+    require("dead band", dead_band, least=0.0, most=1.0)
     return _turns(position, dead_band * float(np.ptp(position)))
 
 

@@ -1,0 +1,62 @@
+"""What the models of many asperities share: a limit of the displacement of one sample, and sums over the asperities."""
+
+from abc import abstractmethod
+from typing import Any
+
+import numpy as np
+from numba import types
+
+from plant_sim.friction import kernel
+from plant_sim.friction.model import Array, FrictionModel, Trace, real, require
+from protocols.errors import InputError
+
+_V, _SUMS = kernel.VECTOR, types.Array(types.float64, 2, "C")
+# law, parameters, state, position, dt, load, sums
+OBSERVE = types.void(kernel.LAW, _V, _V, _V, types.float64, _V, _SUMS)
+
+
+class AsperityModel(FrictionModel):
+    """A friction model of asperities, divided into parts where a sample is long: with a limit, and with sums of its state."""
+
+    @property
+    @abstractmethod
+    def longest(self) -> float:
+        """The longest displacement of one sample."""
+
+    def step(self, state: Array, displacement: float, dt: float, load: float = 1.0) -> tuple[float, Array]:
+        """As `FrictionModel.step`, for `displacement` up to `longest`. Raises InputError."""
+        require("displacement", displacement, least=-self.longest, most=self.longest)
+        return super().step(state, displacement, dt, load)
+
+    def trace(self, position: Array, dt: float, load: Array | float = 1.0, state: Array | None = None) -> Trace:
+        """As `FrictionModel.trace`, for positions up to `longest` apart. Raises InputError."""
+        self._refuse_jumps(real("position", position))
+        return super().trace(position, dt, load, state)
+
+    def play(
+        self, observe: Any, position: Array, dt: float, load: Array | float, state: Array | None
+    ) -> tuple[Array, Array]:
+        """What the jitted `observe` (type OBSERVE) sums over the asperities, (5, n), and the last state.
+
+        The other arguments, and the force of the first sample, as in `trace`. Raises InputError.
+        """
+        position, loads = real("position", position), real("load", load)
+        require("time step", dt, above=0.0, unit="s")
+        if position.ndim != 1 or position.size < 1:
+            raise InputError(f"position has shape {position.shape}; needed is one value or more in one dimension")
+        if loads.shape not in ((), position.shape):
+            raise InputError(f"load has shape {loads.shape}; allowed is one value, or one for each of the positions")
+        require("least load", float(loads.min()), least=0.0)
+        self._refuse_jumps(position)
+        loads = np.array(np.broadcast_to(loads, position.shape))
+        last, sums = self.start(state, float(loads[0])), np.empty((5, position.size))
+        held = self.law(self.parameters, last, 0.0, float(dt), loads[0], np.empty_like(last))
+        observe(self.law, self.parameters, last, position, float(dt), loads, sums)
+        if state is not None:
+            sums[0, 0] = held
+        return sums, last
+
+    def _refuse_jumps(self, position: Array) -> None:
+        with np.errstate(over="ignore"):
+            travel = float(np.abs(np.diff(np.ravel(position))).max(initial=0.0))
+        require("longest displacement of one sample", travel, most=self.longest)
