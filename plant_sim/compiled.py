@@ -15,7 +15,7 @@ _IMPORT = re.compile(r"^from (\w+(?:\.\w+)*) import (\([^)]*\)|.*)$", re.MULTILI
 
 
 def place_cache(package: Path) -> None:
-    """Where neither `package` nor ~/.cache can be written, keep kernels in a temporary folder for this process and its children."""
+    """Keep kernels in a temporary folder where neither `package` nor ~/.cache can be written; children find it too."""
     variable = "NUMBA_CACHE_DIR"
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     existing = next(folder for folder in (home, *home.parents) if folder.exists())
