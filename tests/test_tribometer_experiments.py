@@ -17,6 +17,7 @@ from plant_sim.rigs.tribometer_experiments import (
     reciprocation,
     saw_tooth,
     stick_slip,
+    stick_slip_map,
     sticks,
     stribeck,
 )
@@ -196,3 +197,13 @@ class TestLiftUp:
 def test_a_load_beyond_the_dynamometers_is_refused_where_it_is_read() -> None:
     with pytest.raises(InputError, match=r"load, which the normal dynamometers must read, is 1400 N; .* at most 1293"):
         stribeck(Contacts().dry(1400.0), 1400.0, [0.5])
+
+
+def test_the_stick_slip_map_has_loads_by_speeds() -> None:
+    """As in figure 4.7: at 75 N there is none at the highest speed, at 87 N there is."""
+    found = stick_slip_map(Contacts().dry, (75.0, 87.0), (13.74e-3, 20e-3), Coupling(100.0, 5.8))
+    np.testing.assert_array_equal(found, [[True, False], [True, True]])
+
+
+def test_a_slow_drive_is_given_the_time_to_break_away() -> None:
+    assert stick_slip_map(Contacts().dry, (87.0,), (4e-3,), Coupling(100.0, 5.8)).all()

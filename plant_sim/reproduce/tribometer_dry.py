@@ -18,6 +18,7 @@ from plant_sim.rigs.tribometer_experiments import (
     reciprocation,
     saw_tooth,
     stick_slip,
+    stick_slip_map,
     sticks,
     stribeck,
 )
@@ -285,12 +286,10 @@ def figure_4_7(sheet: Sheet) -> None:
         "critical speed grows with every load, 65 to 140 N [mrad/s]", bool(np.all(np.diff(critical) > 0.0)),
         1e3 * np.array(critical), "the higher the load, the higher the critical velocity",
     )  # fmt: skip
-    wet = [
-        sticks(stick_slip(CONTACTS.lubricated(load), load, speed, coupling, 4.0), speed)
-        for load in found
-        for speed in SLIP_SPEEDS
-    ]
-    sheet.check("no stick-slip at any of these loads and speeds in oil", not any(wet), sum(wet), "will not occur")
+    wet = stick_slip_map(CONTACTS.lubricated, list(found), SLIP_SPEEDS, coupling)
+    sheet.check(
+        "no stick-slip at any of these loads and speeds in oil", not wet.any(), int(wet.sum()), "will not occur"
+    )
     sheet.note(
         "stiffness (100 Nm/rad) and damping (5.8 Nm s/rad) of the drive are ours: the damping puts the critical speed"
         " at 75 N between 13.74 and 20 mrad/s. That it is higher at 87 N is predicted, and so is how far the torque"

@@ -16,8 +16,8 @@ from plant_sim.reproduce.tribometer_identification import (
     mass_line,
     mass_spring,
     resonance,
+    sines,
     slope,
-    stepped_sine,
 )
 from plant_sim.rigs.multisine import FrequencyResponse
 
@@ -201,8 +201,8 @@ def figure_3_11(sheet: Sheet) -> None:
 def figure_3_12(sheet: Sheet) -> None:
     """Own weight, six amplitudes, one frequency after the other."""
     axes = sheet.axes(2, 1, width=9, height=7, sharex=True, height_ratios=(2, 1))
-    frequency = stepped_sine(AMPLITUDES[0])[0]
-    found = [stepped_sine(amplitude)[1] for amplitude in AMPLITUDES]
+    frequency = sines(AMPLITUDES[0])[0]
+    found = [sines(amplitude)[1] for amplitude in AMPLITUDES]
     for shade, amplitude, values in zip(np.linspace(0.0, 0.9, 6), AMPLITUDES, found, strict=True):
         _draw(axes, frequency, values, f"A = {amplitude:g} V", shade, ".-")
     _bounds(sheet, axes[0], found, frequency)

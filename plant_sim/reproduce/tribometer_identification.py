@@ -1,4 +1,4 @@
-"""The tangential identification of section 3.10 on the virtual tribometer: the dry contact, multisine and stepped sine."""
+"""What the figures of the tangential responses share: the dry contact, the responses of the thesis's loads, and measures."""
 
 from functools import cache
 from math import pi
@@ -7,18 +7,17 @@ import numpy as np
 
 from plant_sim.friction.load_law import LoadLaw
 from plant_sim.friction.maxwell_slip import MaxwellSlip
-from plant_sim.rigs.multisine import FrequencyResponse, Multisine, measured
+from plant_sim.rigs.multisine import Multisine
 from plant_sim.rigs.tribometer import Tribometer
+from plant_sim.rigs.tribometer_responses import DRIFT_STIFFNESS, Tangential, stepped_sine, tangential_response
 from plant_sim.rigs.tribometer_structure import response
 
 Array = np.ndarray
 OWN_WEIGHT = 58.0  # N
 LOADS = (OWN_WEIGHT, 280.0, 560.0, 840.0, 1120.0, 1400.0)  # N, sec. 3.10
-REALISATIONS, PERIODS = 4, 10  # sec. 3.10
 DT = 1e-4  # s: adds k dt/2 of damping to a contact of stiffness k
 SAMPLES = 10_000  # a period of 1 s: lines 1 Hz apart, as the axes of the figures begin at 1 Hz
 LINES = np.arange(1, 501)  # 500 Hz of bandwidth, sec. 3.10
-DRIFT_STIFFNESS = 1.0  # Nm/rad, ours: the weak position loop of sec. 3.10; as much as the inertia at 1 Hz
 BAND = (5.0, 60.0)  # Hz, where levels and slopes are read: above the weak position loop, below the resonances
 
 DRY = LoadLaw(0.2743, 1.524, 100.0)  # 0.25 at 50 N and 0.11 at 1100 N (fig 4.14); the load scale of 100 N is ours
@@ -42,41 +41,19 @@ def contact(load: float) -> MaxwellSlip:
 
 
 @cache
-def identified(load: float, amplitude: float) -> tuple[FrequencyResponse, FrequencyResponse]:
-    """theta/T [rad/Nm] at `load` [N] and `amplitude` [V] a line: T of the motor, and T of the dynamometers."""
+def identified(load: float, amplitude: float) -> Tangential:
+    """theta/T [rad/Nm] at `load` [N] and `amplitude` [V] a line."""
     rig = Tribometer(contact(load))
     source = Multisine(LINES, rig.parameters["motor.gain"].si * amplitude, SAMPLES)
-    random = np.random.default_rng(1)
-    periods = np.array([source.period(random) for _ in range(REALISATIONS)])
-    angle, motor, table = (np.empty((REALISATIONS, PERIODS, SAMPLES)) for _ in range(3))
-    for m, period in enumerate(periods):
-        torque = np.append(np.tile(period, PERIODS + 1), period[0])
-        record = rig.run(rig.torque_drive(torque, DRIFT_STIFFNESS), load, (PERIODS + 1) * SAMPLES * DT, DT)
-        for kept, signal in ((angle, record.angle_rad), (motor, record.motor_torque), (table, record.torque_measured)):
-            kept[m] = signal[SAMPLES:-1].reshape(PERIODS, SAMPLES)  # without the first period
-    return measured(source, DT, motor, angle, periods), measured(source, DT, table, angle, periods)
+    return tangential_response(rig, load, source, DT)
 
 
 @cache
-def stepped_sine(level: float) -> tuple[Array, Array]:
-    """Frequencies [Hz] and first harmonics of theta/T [rad/Nm] under the own weight, T of the motor.
-
-    Sines with the effective value of the multisine of `level` [V] a line.
-    """
+def sines(level: float) -> tuple[Array, Array]:
+    """Frequencies [Hz] and theta/T [rad/Nm] under the own weight: sines as strong as the multisine of `level` [V]."""
     rig = Tribometer(contact(OWN_WEIGHT), sensors=False)
     amplitude = rig.parameters["motor.gain"].si * level * np.sqrt(LINES.size)
-    samples = np.unique(np.round(1.0 / (DT * np.geomspace(2.0, 450.0, 50))).astype(int))[::-1]
-    found, state = [], None
-    for period in samples:
-        settle, cycles = max(4, int(0.3 / (period * DT))), 4
-        angle = 2.0 * pi * np.arange((settle + cycles) * period + 1) / period
-        drive = rig.torque_drive(amplitude * np.sin(angle), DRIFT_STIFFNESS)
-        record = rig.run(drive, OWN_WEIGHT, (angle.size - 1) * DT, DT, start=state)
-        state = record.end
-        part = slice(settle * period, -1)
-        turn = np.exp(-1j * angle[part])
-        found.append(np.sum(record.angle_rad[part] * turn) / np.sum(record.motor_torque[part] * turn))
-    return 1.0 / (samples * DT), np.array(found)
+    return stepped_sine(rig, OWN_WEIGHT, amplitude, np.geomspace(2.0, 450.0, 50), DT)
 
 
 def mass_line(frequency: Array) -> Array:

@@ -8,8 +8,9 @@ from scipy.signal import find_peaks
 from plant_sim.friction.maxwell_slip import MaxwellSlip
 from plant_sim.reproduce import reproduces
 from plant_sim.reproduce.sheet import INK, Sheet, label
-from plant_sim.rigs.multisine import FrequencyResponse, Multisine, measured
+from plant_sim.rigs.multisine import Multisine
 from plant_sim.rigs.tribometer import Tribometer, nominal
+from plant_sim.rigs.tribometer_responses import normal_response
 from plant_sim.rigs.tribometer_structure import Chain, response
 
 Array = np.ndarray
@@ -88,21 +89,6 @@ def figure_3_6(sheet: Sheet) -> None:
     )
 
 
-def normal_response(load: float) -> FrequencyResponse:
-    """Deflection of the dynamometers over shaker force [m/N] at `load` [N], by multisine."""
-    rig = Tribometer(FRICTION)
-    source = Multisine(np.arange(1, 251), LINE, SAMPLES)
-    random = np.random.default_rng(2)
-    force, deflection = (np.empty((4, 3, SAMPLES)) for _ in range(2))
-    for m in range(4):
-        period = source.period(random)
-        forces = np.append(np.tile(period, 4), period[0])
-        record = rig.run(rig.torque_drive(0.0), load + forces, 4 * SAMPLES * DT, DT)
-        force[m] = forces[SAMPLES:-1].reshape(3, SAMPLES)
-        deflection[m] = record.normal_measured[SAMPLES:-1].reshape(3, SAMPLES) / rig.normal.table_stiffness
-    return measured(source, DT, force, deflection)
-
-
 @reproduces(
     "figure-3.10", "Normal frequency response, deflection of the dynamometers over shaker force",
     claim="the first resonance, 186 Hz under the own weight, moves up with preload; many resonances at low preload merge into"
@@ -113,7 +99,10 @@ def figure_3_10(sheet: Sheet) -> None:
     axes = sheet.axes(2, 2, width=12, height=7, sharex="col", height_ratios=(2, 1), width_ratios=(3, 2))
     peaks = []
     for shade, load in zip(np.linspace(0.0, 0.9, len(PRELOADS)), PRELOADS, strict=True):
-        found, colour = normal_response(load), (shade, 0.25 + 0.35 * shade, 0.75 - 0.65 * shade)
+        found, colour = (
+            normal_response(Tribometer(FRICTION), load, Multisine(np.arange(1, 251), LINE, SAMPLES), DT, periods=3),
+            (shade, 0.25 + 0.35 * shade, 0.75 - 0.65 * shade),
+        )
         decibel = 20.0 * np.log10(1e6 * np.abs(found.response))
         for upper, lower in axes.T:
             upper.plot(found.frequency, decibel, color=colour, lw=1.0, label=f"{load:g} N")

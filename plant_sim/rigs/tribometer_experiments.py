@@ -9,7 +9,7 @@ Not modelled    running-in, averaging over several runs
 References      Janssens 2010, secs. 4.1, 4.2.2, 4.3
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import pi
 
@@ -210,6 +210,26 @@ def sticks(motion: Motion, speed: float) -> bool:
     return bool(slip.min() < STUCK * speed and slip.max() > BURST * speed)
 
 
+def stick_slip_map(
+    rig_at: Callable[[float], Tribometer],
+    loads: Sequence[float] | Array,
+    speeds: Sequence[float] | Array,
+    coupling: Coupling,
+) -> Array:
+    """Whether there is stick-slip at each of `loads` [N] and `speeds` [rad/s]: bool (loads, speeds).
+
+    `rig_at` gives the rig of a load, such as `Contacts().dry`. Raises InputError.
+    """
+    pairs = [[_sticks_at(rig_at(load), load, speed, coupling) for speed in speeds] for load in loads]
+    return np.array(pairs, bool)
+
+
+def _sticks_at(rig: Tribometer, load: float, speed: float, coupling: Coupling) -> bool:
+    """Stick-slip after as long as it takes for any contact to slip three times."""
+    wind_up = HIGHEST_COEFFICIENT * load * rig.radius / (coupling.stiffness * speed)  # s
+    return sticks(stick_slip(rig, load, speed, coupling, max(4.0, 3.0 * wind_up)), speed)
+
+
 def critical_speed(rig: Tribometer, load: float, coupling: Coupling, bounds: tuple[float, float], steps: int) -> float:
     """Speed [rad/s] above which stick-slip ceases, by `steps` halvings of the logarithm of `bounds` [rad/s].
 
@@ -217,11 +237,9 @@ def critical_speed(rig: Tribometer, load: float, coupling: Coupling, bounds: tup
     rest (eq 1.4) there is none far below either: stick-slip is a band of speeds.
     """
     whole("number of halvings", steps, least=0)
-    torque = HIGHEST_COEFFICIENT * load * rig.radius  # Nm, at which any contact slips
 
     def at(speed: float) -> bool:
-        wind_up = torque / (coupling.stiffness * speed)  # s, until it slips
-        return sticks(stick_slip(rig, load, speed, coupling, max(4.0, 3.0 * wind_up)), speed)
+        return _sticks_at(rig, load, speed, coupling)
 
     low, high = bounds
     if not at(low) or at(high):

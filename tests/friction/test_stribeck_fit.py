@@ -148,3 +148,12 @@ def test_bad_input_is_told_in_one_sentence(
     with pytest.raises(InputError) as caught:
         fit(DEPTH, x, y, **options)  # type: ignore[operator]
     assert sentence in str(caught.value)
+
+
+@pytest.mark.parametrize("fit", [nelder_mead, least_squares])
+def test_what_no_friction_curve_can_be_is_refused(fit) -> None:
+    speed = np.linspace(0.1, 1.0, 30)
+    with pytest.raises(InputError, match="mean force -1; allowed is above 0"):
+        fit(DEPTH, speed, np.full(30, -1.0))
+    with pytest.raises(InputError, match=r"start of a_1 is 0\.5; allowed is a number at least 1"):
+        fit(DEPTH, speed, np.full(30, 1.0), start={"a_1": 0.5})

@@ -18,7 +18,7 @@ from scipy.optimize import nnls
 from plant_sim.friction.identification.least_squares import Estimate, minimise
 from plant_sim.friction.identification.virgin_curve import paired
 from plant_sim.friction.load_law import LoadLaw
-from plant_sim.friction.model import Array
+from plant_sim.friction.model import Array, require
 from plant_sim.friction.stribeck import Stribeck
 from protocols.errors import InputError
 
@@ -165,9 +165,15 @@ def _prepared(
     x, y = paired(x, y, "measured curve", least=len(free) + 1)
     if (x <= 0.0).any():
         raise InputError(f"measured curve has a point at {x.min():g}; allowed are points above 0")
+    if y.mean() <= 0.0:
+        raise InputError(
+            f"measured curve has the mean force {y.mean():g}; allowed is above 0: friction against the motion"
+        )
     low, high = np.array(law.bounds).T
     floor = np.where(low > 0.0, low * 1.01, 1e-6 * np.abs(y).max())  # off the bound, where the search has slope
     guess = dict(zip(law.names, np.clip(law.guess(x, y), floor, high * 0.999), strict=True)) | dict(start or {})
     bounds = np.array([law.bounds[law.names.index(name)] for name in free])
     begin = np.array([guess[name] for name in free], float)
+    for name, value, (least, most) in zip(free, begin, bounds, strict=True):
+        require(f"start of {name}", value, least=least, most=most)
     return free, begin, bounds, held, x, y
