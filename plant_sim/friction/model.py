@@ -4,7 +4,7 @@ import warnings
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
-from math import inf, isfinite
+from math import inf
 from typing import Any, ClassVar
 
 import numpy as np
@@ -108,13 +108,15 @@ def require(
 ) -> None:
     """Raise InputError unless above < value, least <= value <= most; infinity passes only where `most` is infinity."""
     try:
-        number = float("a" if isinstance(value, str) else value)
+        if isinstance(value, str):
+            raise TypeError
+        number = float(value)
     except (TypeError, ValueError, OverflowError):
         raise InputError(f"{name} is {value!r:.60}; allowed is a number") from None
     if number > above and least <= number <= most:
         return
-    allowed = [f"above {above:g}"] * isfinite(above) + [f"at least {least:g}"] * (least > -MOST)
-    allowed += [f"at most {most:g}"] * (most < MOST)
+    bounds = {"above": (above, above > -inf), "at least": (least, least > -MOST), "at most": (most, most < MOST)}
+    allowed = [f"{word} {bound:g}" for word, (bound, told) in bounds.items() if told]
     shown = f"{number:g}" if unit == "-" else f"{number:g} {unit}"
     raise InputError(
         f"{name} is {shown}; allowed is a {'finite ' * (not allowed)}number {' and '.join(allowed)}".rstrip()
