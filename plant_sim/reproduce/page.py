@@ -13,7 +13,7 @@ body{font:15px/1.45 system-ui,sans-serif;max-width:60rem;margin:2rem auto;paddin
 img{max-width:100%;height:auto;border:1px solid #ddd}.wide{overflow-x:auto}
 table{border-collapse:collapse;margin:.6rem 0}td,th{border-bottom:1px solid #ddd;padding:.2rem .8rem .2rem 0;text-align:left}
 .yes{color:#17722e}.no{color:#b00020}.note{color:#555;margin:.2rem 0}section{margin-bottom:3rem}
-ul{columns:2;padding-left:1.2rem}
+ul{columns:20rem 2;column-gap:2.5rem;padding-left:1.2rem}
 </style><h1>Reproductions of Janssens 2010</h1>"""
 
 
