@@ -157,3 +157,13 @@ def test_what_no_friction_curve_can_be_is_refused(fit) -> None:
         fit(DEPTH, speed, np.full(30, -1.0))
     with pytest.raises(InputError, match=r"start of a_1 is 0\.5; allowed is a number at least 1"):
         fit(DEPTH, speed, np.full(30, 1.0), start={"a_1": 0.5})
+
+
+def test_a_curve_that_rises_from_rest_is_found() -> None:
+    """Boundary lubrication may strengthen with speed: beta above 1."""
+    speed = np.geomspace(1e-3, 1.0, 60)
+    noise = np.random.default_rng(0).normal(0.0, 0.01, speed.size)
+    found = least_squares(STRIBECK, speed, Stribeck(2.0, 1.3, 0.02, 0.4, 0.7)(speed) + noise)
+    low, high = found.intervals[1]
+    assert low < 1.3 < high
+    assert found.rmse < 0.01

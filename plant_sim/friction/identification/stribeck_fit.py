@@ -68,7 +68,7 @@ def _guess_load(load: Array, force: Array) -> Array:
 
 
 # gamma, the last: 1/3 to 2/3 in the thesis
-_CURVE_BOUNDS = ((1e-12, np.inf), (1e-3, 1.0), (1e-9, np.inf), (0.0, np.inf), (0.05, 3.0))
+_CURVE_BOUNDS = ((1e-12, np.inf), (1e-3, 10.0), (1e-9, np.inf), (0.0, np.inf), (0.05, 3.0))
 _DEPTH_BOUNDS = ((1e-12, np.inf), (1.0 + 1e-9, 1e3), (1e-9, np.inf), (0.0, np.inf), (0.05, 3.0))
 _LOAD_BOUNDS = ((1e-9, 10.0), (1.0 + 1e-9, 1e3), (1e-9, np.inf))
 
