@@ -215,13 +215,14 @@ def benchmark(
 
     from plant_sim.bench.benchmark import Target, loop_text
     from plant_sim.bench.benchmark import benchmark as measure
-    from plant_sim.bench.friction_benchmark import friction_benchmark
     from plant_sim.bench.progress import progress_bar, table_text
 
     if what == "loop":
         targets, document = measure(bus, seconds, json_output)
         extra = loop_text(document)
     elif what == "friction":
+        from plant_sim.bench.friction_benchmark import friction_benchmark
+
         with progress_bar("friction models", json_output) as progress:
             models, targets, document = friction_benchmark(progress)
         extra = table_text(models)
