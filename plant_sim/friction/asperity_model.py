@@ -7,8 +7,7 @@ import numpy as np
 from numba import types
 
 from plant_sim.friction import kernel
-from plant_sim.friction.model import Array, FrictionModel, Trace, real, require
-from protocols.errors import InputError
+from plant_sim.friction.model import Array, FrictionModel, Trace, motion, real, require
 
 _V, _SUMS = kernel.VECTOR, types.Array(types.float64, 2, "C")
 # law, parameters, state, position, dt, load, sums
@@ -40,15 +39,9 @@ class AsperityModel(FrictionModel):
 
         The other arguments, and the force of the first sample, as in `trace`. Raises InputError.
         """
-        position, loads = real("position", position), real("load", load)
+        position, loads = motion(position, load)
         require("time step", dt, above=0.0, unit="s")
-        if position.ndim != 1 or position.size < 1:
-            raise InputError(f"position has shape {position.shape}; needed is one value or more in one dimension")
-        if loads.shape not in ((), position.shape):
-            raise InputError(f"load has shape {loads.shape}; allowed is one value, or one for each of the positions")
-        require("least load", float(loads.min()), least=0.0)
         self._refuse_jumps(position)
-        loads = np.array(np.broadcast_to(loads, position.shape))
         last, sums = self.start(state, float(loads[0])), np.empty((5, position.size))
         held = self.law(self.parameters, last, 0.0, float(dt), loads[0], np.empty_like(last))
         observe(self.law, self.parameters, last, position, float(dt), loads, sums)

@@ -6,7 +6,7 @@ Equation        A u + F(u) = B;  for a mass with damping c and a spring k to gro
 Assumptions     backward Euler for the mass: no energy is made, of first order in dt
 Valid range     A larger than the steepest fall of F with u (by the Stribeck curve: |ds/dv|/dt; with a bristle damper sigma_1:
                 sigma_1/dt); then there is one root
-Not modelled    -
+Not modelled    anything of second order in dt
 References      semi-implicit step with friction at end-of-step velocity, as MuJoCo issue 3443 and Newton PR 3855 do
 """
 
@@ -17,7 +17,8 @@ from numba import njit, types
 from numba.core.types import float64, int64
 
 from plant_sim.friction.kernel import LAW, VECTOR
-from plant_sim.friction.model import Array, FrictionModel, kind, real, require
+from plant_sim.friction.model import Array, FrictionModel, kind, real, require, signal
+from plant_sim.friction.whole_number import whole
 from protocols.errors import InputError
 
 STANDSTILL = 1e-200  # m, a displacement that only asks which force opposes motion in its direction
@@ -129,17 +130,9 @@ def slide(
     force = real("force [N]", force)
     if force.ndim != 1 or force.size == 0:
         raise InputError(f"force has shape {force.shape}; needed is one value or more in one dimension")
-    if not isinstance(every, int | np.integer) or not 1 <= every <= force.size:
-        raise InputError(f"every is {every!r}; allowed is a whole number from 1 to the {force.size} steps")
-    signals = []
-    for name, values in (("load [N]", load), ("anchor [m]", anchor)):
-        checked = real(name, values)
-        if checked.shape not in ((), force.shape):
-            raise InputError(
-                f"{name} has shape {checked.shape}; allowed is one value, or one for each of {force.size} forces"
-            )
-        signals.append(np.array(np.broadcast_to(checked, force.shape)))
-    loads, anchors = signals
+    if whole("every", every) > force.size:
+        raise InputError(f"every is {every}; allowed is at most the {force.size} steps")
+    loads, anchors = signal("load", load, force.size), signal("anchor", anchor, force.size)
     require("least load", float(loads.min()), least=0.0, unit="N")
     begin = real("start [m, m/s]", start)
     if begin.shape != (2,):

@@ -24,7 +24,9 @@ from numba import njit
 
 from plant_sim.friction.kernel import law
 from plant_sim.friction.model import Array, FrictionModel, kind, require
+from plant_sim.friction.xgms import HEAD as TANGENTIAL_HEAD
 from plant_sim.friction.xgms import XGMS, xgms
+from protocols.errors import InputError
 
 HEAD = 7  # parameters before those of the tangential model
 MOST_ROUNDS = 50  # of Newton's method; the contact force is convex where it acts, so it needs about 4
@@ -64,7 +66,7 @@ def lifting_xgms(parameters, state, displacement, dt, load, new_state):
     for i in range(n):
         at = tangential + i
         if direction * state[n + i] > 0.0:
-            end = parameters[HEAD + 8 + n + i] * now  # alpha_i F_N(v)
+            end = parameters[HEAD + TANGENTIAL_HEAD + n + i] * now  # alpha_i F_N(v)
             new_state[at] = end + (state[at] - end) * slide  # E.2, slip
         else:
             new_state[at] = state[at] * rest  # stick: the film squeezes out
@@ -127,6 +129,10 @@ class LiftingXGMS(FrictionModel):
 
     def __post_init__(self) -> None:
         kind("tangential", self.tangential, XGMS)
+        if self.tangential.law is not xgms:
+            raise InputError(
+                f"tangential is a {type(self.tangential).__name__}; allowed is XGMS itself, whose law is used"
+            )
         kind("normal", self.normal, LiftUp)
 
     @cached_property

@@ -71,16 +71,8 @@ class FrictionModel(ABC):
         The contact begins at position[0], at rest without force, or in `state` with the force that it holds at standstill.
         Raises InputError.
         """
-        position, loads = real("position [m]", position), real("load [N]", load)
+        position, loads = motion(position, load)
         require("time step", dt, above=0.0, unit="s")
-        if position.ndim != 1 or position.size < 1:
-            raise InputError(f"position has shape {position.shape}; needed is one value or more in one dimension")
-        if loads.shape not in ((), position.shape):
-            raise InputError(
-                f"load has shape {loads.shape}; allowed is one value, or one for each of {position.size} positions"
-            )
-        require("least load", float(loads.min()), least=0.0, unit="N")
-        loads = np.array(np.broadcast_to(loads, position.shape))
         first = self.start(state, float(loads[0]))
         force, states = np.empty(position.size), np.empty((position.size, first.size))
         kernel.trace(self.law, self.parameters, first, position, float(dt), loads, force, states)
@@ -141,6 +133,24 @@ def real(name: str, values: object) -> Array:
     if not np.isfinite(array).all():
         raise InputError(f"{name} holds {array[~np.isfinite(array)][0]:g}; allowed are finite numbers")
     return array
+
+
+def signal(name: str, values: object, samples: int) -> Array:
+    """`values`, one or one for each of the `samples`, as float64 (samples,). Raises InputError."""
+    array = real(name, values)
+    if array.shape not in ((), (samples,)):
+        raise InputError(f"{name} has shape {array.shape}; allowed is one value, or one for each of {samples} samples")
+    return np.array(np.broadcast_to(array, (samples,)))
+
+
+def motion(position: object, load: object) -> tuple[Array, Array]:
+    """Position (n,), n >= 1, and normal load (n,), 0 or more, of a motion that a model can play. Raises InputError."""
+    positions = real("position", position)
+    if positions.ndim != 1 or positions.size < 1:
+        raise InputError(f"position has shape {positions.shape}; needed is one value or more in one dimension")
+    loads = signal("load", load, positions.size)
+    require("least load", float(loads.min()), least=0.0)
+    return positions, loads
 
 
 def elements(name: str, values: object, above: float = 0.0, infinite: bool = False) -> Array:

@@ -54,14 +54,15 @@ def test_every_nth_step_is_kept_and_a_spring_pulls() -> None:
         ({"force": []}, "force has shape"),
         ({"force": [1.0, np.nan]}, r"force \[N\] holds nan"),
         ({"dt": -1.0}, "time step is -1 s"),
-        ({"load": [1.0, 2.0]}, r"load \[N\] has shape \(2,\)"),
+        ({"load": [1.0, 2.0]}, r"load has shape \(2,\)"),
         ({"load": -1.0}, "least load is -1 N"),
-        ({"anchor": [1.0]}, r"anchor \[m\] has shape \(1,\)"),
+        ({"anchor": [1.0]}, r"anchor has shape \(1,\)"),
         ({"spring": -1.0}, "spring stiffness is -1 N/m"),
         ({"damping": -1.0}, "damping is -1 Ns/m"),
         ({"start": 1.0}, r"start has shape \(\)"),
-        ({"every": 0}, "every is 0; allowed is a whole number from 1 to the 10 steps"),
+        ({"every": 0}, "every is 0; allowed is a whole number of 1 or more"),
         ({"every": 1.5}, "every is 1.5"),
+        ({"every": 11}, "every is 11; allowed is at most the 10 steps"),
     ],
 )
 def test_wrong_input_is_one_sentence(changed: dict, sentence: str) -> None:

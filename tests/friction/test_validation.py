@@ -9,9 +9,11 @@ from plant_sim.friction.dahl import Dahl
 from plant_sim.friction.elasto_plastic import ElastoPlastic
 from plant_sim.friction.gms import GMS
 from plant_sim.friction.leuven import Leuven
+from plant_sim.friction.lift_up import LiftingXGMS, LiftUp
 from plant_sim.friction.load_law import Amontons, LoadLaw
 from plant_sim.friction.lugre import LuGre
 from plant_sim.friction.maxwell_slip import MaxwellSlip
+from plant_sim.friction.passive_xgms import PassiveXGMS
 from plant_sim.friction.stribeck import Stribeck
 from plant_sim.friction.xgms import XGMS
 from protocols.errors import InputError
@@ -123,3 +125,9 @@ def test_a_second_trace_goes_on_where_the_first_ended(case: Case) -> None:
     second = case.model.trace(position[40:], 1e-3, LOAD, first.state[-1])
     np.testing.assert_array_equal(second.force[1:], whole.force[41:])
     np.testing.assert_array_equal(second.state, whole.state[40:])
+
+
+def test_a_lifting_model_takes_no_other_law_than_it_runs() -> None:
+    passive = PassiveXGMS(Amontons(0.1), [1.0], [1.0])
+    with pytest.raises(InputError, match="tangential is a PassiveXGMS; allowed is XGMS itself"):
+        LiftingXGMS(passive, LiftUp(1.0, 0.1, 1.0, 1.0, 1e6))
