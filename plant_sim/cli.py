@@ -40,6 +40,8 @@ def plant(
     temperature: float | None = TEMPERATURE,
     ring: Path | None = typer.Option(None, help="shared-memory file for the record of every sample"),
     summary: Path | None = typer.Option(None, help="JSON file for the summary"),
+    telemetry: bool = typer.Option(True, help="publish every cycle over zenoh, from a process of its own"),
+    router: str | None = typer.Option(None, help="zenoh router to publish to, such as tcp/192.168.1.5:7447"),
     cpu: int | None = typer.Option(None, help="CPU to run on"),
     json_output: bool = JSON,
 ) -> None:
@@ -57,6 +59,8 @@ def plant(
         seed=seed,
         temperature=temperature,
         ring=ring,
+        telemetry=telemetry,
+        router=router,
         cpu=cpu,
     )
     result = service.run(lambda text: typer.echo(text, err=True))

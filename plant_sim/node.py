@@ -1,6 +1,6 @@
 """The plant as a node: commands in, sensor frames out, ground truth in its record."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import ceil
 
 from plant_sim.blocks.sensors import Sensors
@@ -178,6 +178,18 @@ class PlantNode:
     def safe(self) -> list[Frame]:
         """A plant commands nothing: it says that it ends."""
         return [self.heartbeat.next(Lifecycle.FINALIZED)]
+
+    def fixed(self, name: str) -> str | None:
+        """Why a parameter cannot be changed while the plant runs; None when it can."""
+        if name.partition(".")[0] == "sensors":
+            return f"parameter {name} is fixed while the plant runs: its data acquisition is set up at the start"
+        return None
+
+    def tune(self, values: Mapping[str, float]) -> None:
+        """Change parameters between two samples, each in its declared unit; states stay. All or none: raises InputError."""
+        changed = self.parameters.with_values(values)
+        self._record = wet_clutch.parameter_record(changed)
+        self.parameters = changed
 
     def row(self) -> tuple[float, ...]:
         """The record of the last sample, in the order of COLUMNS."""

@@ -8,6 +8,7 @@ from typing import Any
 
 from plant_sim.node import COLUMNS, PlantNode
 from plant_sim.profile import Profile
+from plant_sim.rigs import wet_clutch
 from protocols import realtime
 from protocols.bus import Port, listen, open_bus
 from protocols.clock import Clock
@@ -16,16 +17,18 @@ from protocols.frames import load_frames
 from protocols.heartbeat import heard_alone, new_session
 from protocols.lifecycle import Lifecycle
 from protocols.parameters import ParameterSet
-from protocols.ring import RingWriter
 from protocols.stopping import Stop
+from protocols.telemetry.outlet import Outlet
 
 _ANSWER = 5.0  # s to wait for a controller's answer in lock-step: it has died
-_RING_ROWS = 65_536  # a minute at 1 kHz
 
 
 @dataclass(frozen=True)
 class PlantService:
-    """Settings of a plant process. rate [Hz]; temperature [degC]; `profile` None plays none and runs until stopped."""
+    """Settings of a plant process. rate [Hz]; temperature [degC]; `profile` None plays none and runs until stopped.
+
+    `ring`, `telemetry` and `router` as of `Outlet`.
+    """
 
     bus: str
     rate: int
@@ -35,6 +38,8 @@ class PlantService:
     seed: int = 1
     temperature: float | None = None
     ring: Path | None = None
+    telemetry: bool = True
+    router: str | None = None
     cpu: int | None = None
 
     def run(self, ready: Callable[[str], None]) -> dict[str, Any]:
@@ -49,23 +54,25 @@ class PlantService:
         clock = Clock(1_000_000_000 // self.rate)
         with Stop() as stop, open_bus(self.bus) as port:
             heard_alone(port, "plant", load_frames()["PLANT_HEARTBEAT"])
-            ring = RingWriter(self.ring, COLUMNS, _RING_ROWS) if self.ring else None
+            outlet = Outlet(
+                "plant", node, COLUMNS, port.name, self.rate, session, shipped=wet_clutch.nominal(),
+                ring=self.ring, publish=self.telemetry, router=self.router, prefix="plant_",
+            )  # fmt: skip
             ready(f"plant on {port.name} at {self.rate} Hz, {'lock-step' if self.lockstep else 'real time'}")
             missing = [] if self.lockstep else realtime.prepare(self.cpu)
             for text in missing:
                 ready(f"note: {text}")
             timing = None
             try:
-                self._await_controller(node, port, stop)
+                self._await_controller(node, port, outlet, stop)
                 if self.lockstep:
-                    self._lockstep(node, port, ring, stop)
+                    self._lockstep(node, port, outlet, stop)
                 else:
-                    timing = self._real_time(node, port, ring, clock, stop)
+                    timing = self._real_time(node, port, outlet, clock, stop)
             finally:
                 for frame in node.safe():
                     port.send(frame)
-                if ring:
-                    ring.close()
+                published = outlet.close()
         return {
             "bus": port.name,
             "rate_hz": self.rate,
@@ -75,19 +82,20 @@ class PlantService:
             "not_available": missing,
             "port": port.counts(),
             "frames": node.reception_counts(),
+            **published,
         }
 
-    def _await_controller(self, node: PlantNode, port: Port, stop: Stop) -> None:
+    def _await_controller(self, node: PlantNode, port: Port, outlet: Outlet, stop: Stop) -> None:
         """Say "inactive" every 50 ms until a controller says "active"."""
         while not stop.asked and node.controller != Lifecycle.ACTIVE:
             port.send(node.heartbeat.next(Lifecycle.INACTIVE))
+            outlet.tune()
             node.receive(listen(port, node.heartbeat.period))
 
-    def _real_time(
-        self, node: PlantNode, port: Port, ring: RingWriter | None, clock: Clock, stop: Stop
-    ) -> dict[str, Any]:
+    def _real_time(self, node: PlantNode, port: Port, outlet: Outlet, clock: Clock, stop: Stop) -> dict[str, Any]:
         """Real time does not wait: slots slept through are simulated and sent when the plant wakes."""
         timing = None
+        work_us = 0.0
         clock.start(time.monotonic_ns() + clock.period_ns)
         while not stop.asked:
             missed = clock.wait()
@@ -96,22 +104,23 @@ class PlantService:
                 for frame in node.sample():
                     port.send(frame)
                 node.advance()
-                if ring:
-                    ring.write(node.row())
+                outlet.write(node.row(), clock.woken_ns / 1e9, clock.lateness_ns / 1e3, work_us, clock.late)
+            outlet.tune()
             clock.done()
+            work_us = clock.work_ns / 1e3
             node.late_cycles = clock.late
             if timing is None and node.finished:
                 timing = clock.summary()  # of the run, not of the controller's end after it
         return timing or clock.summary()
 
-    def _lockstep(self, node: PlantNode, port: Port, ring: RingWriter | None, stop: Stop) -> None:
+    def _lockstep(self, node: PlantNode, port: Port, outlet: Outlet, stop: Stop) -> None:
         """Sample, wait for the answer to this sample, go on."""
         while not (stop.asked or node.finished):
             for frame in node.sample():
                 port.send(frame)
             node.advance()
-            if ring:
-                ring.write(node.row())
+            outlet.write(node.row(), time.monotonic(), 0.0, 0.0, 0)
+            outlet.tune()
             deadline = time.monotonic() + _ANSWER
             while node.answered_tick != node.tick & 0xFFFF and not stop.asked:
                 if not port.wait(0.2) and time.monotonic() > deadline:

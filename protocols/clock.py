@@ -47,14 +47,15 @@ class Clock:
     """Absolute deadlines every `period_ns` on CLOCK_MONOTONIC.
 
     `run` cycles waited for, `skipped` slots slept through, `late` cycles that ended after their slot,
-    `wake` lateness of wake-ups and `work` durations of cycles; `lateness_ns` and `work_ns` are the last ones.
+    `wake` lateness of wake-ups and `work` durations of cycles; `woken_ns` (of CLOCK_MONOTONIC), `lateness_ns` and
+    `work_ns` are the last ones.
     """
 
     def __init__(self, period_ns: int) -> None:
         self.period_ns = period_ns
         self.run = self.skipped = self.late = 0
         self.wake, self.work = Histogram(), Histogram()
-        self.deadline_ns = self._woken_ns = 0
+        self.deadline_ns = self.woken_ns = 0
         self.lateness_ns = self.work_ns = 0
 
     def start(self, first_deadline_ns: int) -> None:
@@ -74,7 +75,7 @@ class Clock:
             self.deadline_ns += missed * self.period_ns
             self.skipped += missed
         self.run += 1
-        self._woken_ns = now
+        self.woken_ns = now
         self.lateness_ns = now - self.deadline_ns
         self.wake.add(self.lateness_ns)
         return missed
@@ -82,7 +83,7 @@ class Clock:
     def done(self) -> None:
         """The work of the cycle has ended."""
         now = time.monotonic_ns()
-        self.work_ns = now - self._woken_ns
+        self.work_ns = now - self.woken_ns
         self.work.add(self.work_ns)
         if now > self.deadline_ns + self.period_ns:
             self.late += 1

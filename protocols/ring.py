@@ -3,7 +3,8 @@
 One writer never waits and never asks; readers copy rows out and count what was overwritten before they came. A file
 mapped into memory (in /dev/shm where there is one), so that it needs no server and ends with its folder.
 
-Layout: 16 bytes (magic, length of the header), header JSON (columns, capacity), rows written (u64), rows of doubles.
+Layout: 16 bytes (magic, length of the header), header JSON (columns, capacity, description), rows written (u64), rows of
+doubles.
 x86 and ARMv8.1+ keep the order "row, then count" as long as the interpreter stores in that order; a reader that was
 overtaken while copying notices by the count.
 """
@@ -12,8 +13,9 @@ import json
 import mmap
 import os
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -26,10 +28,16 @@ _COUNT = struct.Struct("<Q")
 
 
 class RingWriter:
-    """Create a ring at `path` for rows of `columns`, keeping the newest `capacity` rows."""
+    """Create a ring at `path` for rows of `columns`, keeping the newest `capacity` rows.
 
-    def __init__(self, path: Path, columns: Sequence[Column], capacity: int) -> None:
-        header = json.dumps({"columns": columns, "capacity": capacity}).encode()
+    `description` is kept as JSON for readers; `written` counts rows.
+    """
+
+    def __init__(
+        self, path: Path, columns: Sequence[Column], capacity: int, description: Mapping[str, Any] | None = None
+    ) -> None:
+        content = {"columns": columns, "capacity": capacity, "description": description or {}}
+        header = json.dumps(content).encode()
         header += b" " * (-(_PREFIX.size + len(header)) % 8)
         self._row = struct.Struct(f"<{len(columns)}d")
         self._start = _PREFIX.size + len(header) + _COUNT.size
@@ -48,15 +56,15 @@ class RingWriter:
             self._map[page] = 0  # touched now, so that the loop meets no page fault
         # An item of a memoryview is stored at once; struct.pack_into would zero it first, and readers would see that.
         self._count = memoryview(self._map)[self._start - _COUNT.size : self._start].cast("Q")
-        self._written = 0
+        self.written = 0
         part.rename(path)  # readers never see half a header
 
     def write(self, row: Sequence[float]) -> None:
         """Append a row; the oldest is overwritten when the ring is full."""
-        slot = self._written % self._slots
+        slot = self.written % self._slots
         self._row.pack_into(self._map, self._start + slot * self._row.size, *row)
-        self._written += 1
-        self._count[0] = self._written
+        self.written += 1
+        self._count[0] = self.written
 
     def close(self) -> None:
         """Release the memory; readers keep theirs."""
@@ -65,7 +73,7 @@ class RingWriter:
 
 
 class RingReader:
-    """Read a ring; `columns` describes its rows, `lost` counts rows overwritten before they were read."""
+    """Read a ring; `columns` and `description` tell what it holds, `lost` counts rows overwritten before they were read."""
 
     def __init__(self, path: Path) -> None:
         try:
@@ -76,6 +84,7 @@ class RingReader:
                 raise ValueError("it is not a ring of this version")
             header = json.loads(self._map[_PREFIX.size : _PREFIX.size + length])
             self.columns = tuple(Column(*column) for column in header["columns"])
+            self.description: dict[str, Any] = header["description"]
             self._slots = header["capacity"] + 1
             self._count_at = _PREFIX.size + length
             rows = np.frombuffer(

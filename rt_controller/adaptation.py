@@ -36,8 +36,9 @@ class AdaptationSettings:
 
 
 class Adaptation(Protocol):
-    """Friction level and viscous correction of estimator and inverse model."""
+    """Friction level and viscous correction of estimator and inverse model; `settings` may be replaced between updates."""
 
+    settings: AdaptationSettings
     level: float
     viscous: float
     active: bool
@@ -56,6 +57,9 @@ class NoAdaptation:
     viscous = 0.0
     active = False
 
+    def __init__(self, settings: AdaptationSettings) -> None:
+        self.settings = settings
+
     def update(
         self, coulomb: float, viscous: float, observed: float, slip: float, acceleration: float,
         temperature: float, step: float, sliding: bool,
@@ -67,7 +71,7 @@ class LevelAdaptation:
     """Bounded, frozen without excitation, scheduled with oil temperature."""
 
     def __init__(self, settings: AdaptationSettings) -> None:
-        self._s = settings
+        self.settings = settings
         self.level, self.viscous, self.active = 1.0, 0.0, False
         self._base = 1.0
         self._deviations = [0.0] * len(TEMPERATURE_NODES)
@@ -79,7 +83,7 @@ class LevelAdaptation:
         temperature: float, step: float, sliding: bool,
     ) -> None:  # fmt: skip
         """See `Adaptation`."""
-        s = self._s
+        s = self.settings
         node, weight = _hat(temperature)
         whole = coulomb + viscous
         self.active = (

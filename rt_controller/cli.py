@@ -21,6 +21,8 @@ def controller(
     adaptation: bool = typer.Option(True, help="adapt the friction level on-line"),
     ring: Path | None = typer.Option(None, help="shared-memory file for the record of every cycle"),
     summary: Path | None = typer.Option(None, help="JSON file for the summary"),
+    telemetry: bool = typer.Option(True, help="publish every cycle over zenoh, from a process of its own"),
+    router: str | None = typer.Option(None, help="zenoh router to publish to, such as tcp/192.168.1.5:7447"),
     cpu: int | None = typer.Option(None, help="CPU to run on"),
     json_output: bool = typer.Option(False, "--json", help="print the summary as JSON"),
 ) -> None:
@@ -35,6 +37,8 @@ def controller(
         law=law,
         adaptation=adaptation,
         ring=ring,
+        telemetry=telemetry,
+        router=router,
         cpu=cpu,
     )
     result = service.run(lambda text: typer.echo(text, err=True))

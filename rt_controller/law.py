@@ -56,31 +56,32 @@ class TorqueLaw:
     def __init__(self, parameters: ParameterSet, law: str, adaptation: bool) -> None:
         if law not in LAWS:
             raise InputError(f"control law {law!r} is unknown; allowed are {', '.join(LAWS)}")
+        self._feedback: TorqueFeedback = NoFeedback() if law == "feedforward" else EstimatedTorquePI()
+        settings = AdaptationSettings(**parameters.si("adaptation"))
+        self._adaptation: Adaptation = LevelAdaptation(settings) if adaptation else NoAdaptation(settings)
+        self._contact_only = law == "feedback"
+        self.configure(parameters)
+        self.estimate = self.voltage = 0.0
+        self.terms: tuple[float, ...] = (0.0,) * len(TERMS)
+        self._coulomb = self._viscous = self._motor = AT_REST
+        self._before = (0.0, 0.0, 0.0)  # Coulomb part, viscous part, motor torque of the sample before
+        self._observed = 0.0
+        self._m = 0.0
+        self._contact = self._saturated = False
+        self._pressure_integral = 0.0
+
+    def configure(self, parameters: ParameterSet) -> None:
+        """Take `parameters`; every state stays, so this may be done between two steps."""
         self.model = model = Model(**parameters.si("model"))
         torque, pressure, phases = (parameters.si(group) for group in ("torque", "pressure", "phases"))
         self._pressure_limit = torque["pressure_limit"]
         self._k_p, self._k_i = pressure["proportional_gain"], pressure["integral_gain"]
         self._valve_gain, self._voltage_limit = pressure["valve_gain"], pressure["voltage_limit"]
         self._fill_pressure, self._contact_band = phases["fill_pressure"], phases["contact_band"]
-        self._feedforward: Feedforward = ContactOnly(model) if law == "feedback" else InverseModel(model)
-        self._feedback: TorqueFeedback = (
-            NoFeedback()
-            if law == "feedforward"
-            else EstimatedTorquePI(torque["proportional_gain"], torque["integral_gain"])
-        )
-        self._adaptation: Adaptation = (
-            LevelAdaptation(AdaptationSettings(**parameters.si("adaptation"))) if adaptation else NoAdaptation()
-        )
-        self.estimate = self.voltage = 0.0
-        self.terms: tuple[float, ...] = (0.0,) * len(TERMS)
-        self._bandwidth = parameters["slip.bandwidth"].si
-        self._coulomb = self._viscous = self._motor = AT_REST
-        self._before = (0.0, 0.0, 0.0)  # Coulomb part, viscous part, motor torque of the sample before
-        self._observed = 0.0
-        self._slip_hold = parameters["slip.hold"].si
-        self._m = 0.0
-        self._contact = self._saturated = False
-        self._pressure_integral = 0.0
+        self._bandwidth, self._slip_hold = parameters["slip.bandwidth"].si, parameters["slip.hold"].si
+        self._feedforward: Feedforward = ContactOnly(model) if self._contact_only else InverseModel(model)
+        self._feedback.gains = torque["proportional_gain"], torque["integral_gain"]
+        self._adaptation.settings = AdaptationSettings(**parameters.si("adaptation"))
 
     @property
     def level(self) -> float:

@@ -1,6 +1,6 @@
 """The controller as a node: frames in, frames out; the guard sees both."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -39,6 +39,24 @@ def controller_parameters(changed: Path | None = None) -> ParameterSet:
     return load_overlay(changed, shipped) if changed else shipped
 
 
+def shipped_parameters() -> ParameterSet:
+    """Parameters of controller and guard as shipped: the defaults."""
+    return ParameterSet({**load_defaults(PARAMETERS), **load_defaults(LIMITS)})
+
+
+def _check(parameters: ParameterSet) -> None:
+    asked, allowed = parameters["pressure.voltage_limit"], parameters["guard.voltage"]
+    if asked.value > allowed.value:
+        raise InputError(
+            f"parameter {asked.name} = {asked.value:g} V is above the guard's limit of {allowed.value:g} V"
+        )
+
+
+def _phase_settings(parameters: ParameterSet) -> PhaseSettings:
+    values = parameters.si("phases") | {"contact_pressure": parameters["model.contact_pressure"].si}
+    return PhaseSettings(**{field.name: values[field.name] for field in fields(PhaseSettings)})
+
+
 class ControllerNode:
     """Decode, check, estimate, control, encode.
 
@@ -56,27 +74,16 @@ class ControllerNode:
         adaptation: bool = True,
         session: int = 1,
     ) -> None:
-        self.parameters = parameters = controller_parameters(parameters_file)
+        limits = load_defaults(LIMITS)
+        parameters = ParameterSet({**controller_parameters(parameters_file), **limits})
+        _check(parameters)
+        self.parameters = parameters
         self.rate = rate
         self.late_cycles = 0
         self._period = 1.0 / rate
         self._law = TorqueLaw(parameters, law, adaptation)
-        phases = parameters.si("phases")
-        self._setpoint_timeout, self._motor_torque_limit = phases["setpoint_timeout"], phases["motor_torque_limit"]
-        self._demand_limit, self._speed_limit = parameters["torque.demand_limit"].si, phases["speed_limit"]
-        self._phases = PhaseMachine(
-            PhaseSettings(
-                contact_pressure=self._law.model.contact_pressure,
-                **{field.name: phases[field.name] for field in fields(PhaseSettings) if field.name in phases},
-            )
-        )
-        self.limits = load_defaults(LIMITS)
-        asked, allowed = parameters["pressure.voltage_limit"], self.limits["guard.voltage"]
-        if asked.value > allowed.value:
-            raise InputError(
-                f"parameter {asked.name} = {asked.value:g} V is above the guard's limit of {allowed.value:g} V"
-            )
-        self._guard = Guard(Limits(**self.limits.si("guard")), self._period)
+        self._phases = PhaseMachine(_phase_settings(parameters))
+        self._guard = Guard(Limits(**limits.si("guard")), self._period)
 
         frames = load_frames()
         self._sample = Sample(
@@ -98,6 +105,7 @@ class ControllerNode:
 
         self._request, self._demand, self._speed_demand = Request.IDLE, 0.0, 0.0
         self._setpoint_age = float("inf")  # s
+        self._configure(parameters)
         self._row: tuple[float, ...] = (0.0,) * len(COLUMNS)
 
     def step(self, inbox: Sequence[Frame], slots: int = 1) -> list[Frame]:
@@ -135,6 +143,20 @@ class ControllerNode:
                 left.append(frame)
         return left
 
+    def fixed(self, name: str) -> str | None:
+        """Why a parameter cannot be changed while the controller runs; None when it can."""
+        if name.partition(".")[0] == "guard":
+            return f"parameter {name} is fixed while the controller runs: the guard's limits are set at the start"
+        return None
+
+    def tune(self, values: Mapping[str, float]) -> None:
+        """Change parameters between two cycles, each in its declared unit; states stay. All or none: raises InputError."""
+        changed = self.parameters.with_values(values)
+        _check(changed)
+        self.parameters = changed
+        self._law.configure(changed)
+        self._configure(changed)
+
     def safe(self) -> list[Frame]:
         """Valve closed, motor off, heartbeat finalised."""
         self._cycle += 1
@@ -156,6 +178,13 @@ class ControllerNode:
     def reception_counts(self) -> dict[str, dict[str, int]]:
         """Counts of `protocols.reception.Reception` by frame name."""
         return {reception.codec.name: reception.counts() for reception in self._receptions.values()}
+
+    def _configure(self, parameters: ParameterSet) -> None:
+        phases = parameters.si("phases")
+        self._setpoint_timeout, self._motor_torque_limit = phases["setpoint_timeout"], phases["motor_torque_limit"]
+        self._demand_limit, self._speed_limit = parameters["torque.demand_limit"].si, phases["speed_limit"]
+        self._phases.settings = _phase_settings(parameters)
+        self._sample.bandwidth = parameters["slip.bandwidth"].si
 
     def _receive(self, can_id: int, data: bytes) -> int:
         """Take one frame; return how many sample periods it moved the controller's time on."""

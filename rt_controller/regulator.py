@@ -17,8 +17,9 @@ def proportional_integral(
 
 
 class TorqueFeedback(Protocol):
-    """Pressure [Pa] added to the feedforward; `terms` publishes its parts."""
+    """Pressure [Pa] added to the feedforward; `gains` are k_p [Pa/Nm] and k_i [Pa/(Nm s)], the rest publishes its parts."""
 
+    gains: tuple[float, float]
     proportional: float
     integral: float
 
@@ -33,8 +34,8 @@ class TorqueFeedback(Protocol):
 class EstimatedTorquePI:
     """PI on demand minus estimated torque."""
 
-    def __init__(self, proportional_gain: float, integral_gain: float) -> None:
-        self._gains = proportional_gain, integral_gain
+    def __init__(self, proportional_gain: float = 0.0, integral_gain: float = 0.0) -> None:
+        self.gains = proportional_gain, integral_gain
         self.proportional = self.integral = self._next = 0.0
 
     def reset(self) -> None:
@@ -44,7 +45,7 @@ class EstimatedTorquePI:
     def __call__(self, error: float, step: float, frozen: bool) -> float:
         """See `TorqueFeedback`."""
         self.proportional, self.integral, self._next = proportional_integral(
-            self._next, error, step, *self._gains, frozen
+            self._next, error, step, *self.gains, frozen
         )
         return self.proportional + self.integral
 
@@ -52,6 +53,7 @@ class EstimatedTorquePI:
 class NoFeedback:
     """Feedforward alone."""
 
+    gains = (0.0, 0.0)
     proportional = integral = 0.0
 
     def reset(self) -> None:

@@ -14,15 +14,15 @@ class Sample:
 
     period [s]; bandwidth of the slip observer [1/s]; temperature until one is measured [K]; angle_step [rad/count].
 
-    tick (unwrapped, -1 before the first), pressure [Pa], temperature [K], motor_torque [Nm], slip [rad/s],
-    acceleration [rad/s^2].
+    `bandwidth` may be changed between samples. tick (unwrapped, -1 before the first), pressure [Pa], temperature [K],
+    motor_torque [Nm], slip [rad/s], acceleration [rad/s^2].
     """
 
     def __init__(self, period: float, bandwidth: float, temperature: float, angle_step: float) -> None:
         self.tick = -1
         self.pressure = self.motor_torque = self.slip = self.acceleration = 0.0
         self.temperature = temperature
-        self._period, self._bandwidth, self._angle_step = period, bandwidth, angle_step
+        self._period, self.bandwidth, self._angle_step = period, bandwidth, angle_step
         self._analog: Any = None  # half a sample: its encoder frame has not come yet
         self._count = 0  # encoder, unwrapped
         self._observer = (0.0, 0.0, 0.0)
@@ -46,7 +46,7 @@ class Sample:
             self._observer = (angle, speed_demand, 0.0)
         elif ticks := (raw.sample_tick - self.tick) % _TICK_WRAP:
             self.tick += ticks
-            self._observer = observe(self._observer, angle, ticks * self._period, self._bandwidth)
+            self._observer = observe(self._observer, angle, ticks * self._period, self.bandwidth)
         _, self.slip, self.acceleration = self._observer
         self.pressure = analog.cylinder_pressure * BAR
         self.temperature = analog.oil_temperature + ZERO_CELSIUS

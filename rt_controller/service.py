@@ -13,27 +13,19 @@ from protocols.errors import InputError
 from protocols.frames import Frame, load_frames
 from protocols.heartbeat import heard_alone, new_session
 from protocols.lifecycle import Lifecycle
-from protocols.node import Column
-from protocols.ring import RingWriter
 from protocols.stopping import Stop
-from rt_controller.node import COLUMNS, ControllerNode
+from protocols.telemetry.outlet import Outlet
+from rt_controller.node import COLUMNS, ControllerNode, shipped_parameters
 
 _SILENCE = 5.0  # s without a sample after which lock-step gives up: the plant has died
 _WARM_UP = 0.05  # s at the plant's pace before the clock is set: caches are warm then, the plant's grid is steady
 _KEPT = 64  # frames before the first sample that its cycle still sees; a supervisor may talk long before the plant
 _SAFE_REPEATS = 3  # the safe command is sent in this many cycles: one frame may be lost
-_RING_ROWS = 65_536  # a minute at 1 kHz
-RING_COLUMNS = (
-    *COLUMNS,
-    Column("wake_us", "us", "lateness of the cycle's wake-up"),
-    Column("work_us", "us", "duration of the cycle before"),
-    Column("late_cycles", "1", "cycles that ended after their slot, total"),
-)
 
 
 @dataclass(frozen=True)
 class ControllerService:
-    """Settings of a controller process. rate [Hz]; `ring` is where the record goes, None for nowhere."""
+    """Settings of a controller process. rate [Hz]; `ring`, `telemetry` and `router` as of `Outlet`."""
 
     bus: str
     rate: int
@@ -42,6 +34,8 @@ class ControllerService:
     law: str = "both"
     adaptation: bool = True
     ring: Path | None = None
+    telemetry: bool = True
+    router: str | None = None
     cpu: int | None = None
 
     def run(self, ready: Callable[[str], None]) -> dict[str, Any]:
@@ -49,11 +43,16 @@ class ControllerService:
 
         Raises InputError for a bad bus, a second controller, another rate or protocol; the actuators are safe then.
         """
-        node = ControllerNode(self.rate, self.parameters_file, self.law, self.adaptation, new_session())
+        session = new_session()
+        node = ControllerNode(self.rate, self.parameters_file, self.law, self.adaptation, session)
+        parameters = node.parameters.as_values()  # at the start; changes are told apart
         clock = Clock(1_000_000_000 // self.rate)
         with Stop() as stop, open_bus(self.bus) as port:
             node.listen(heard_alone(port, "controller", load_frames()["CONTROLLER_HEARTBEAT"]))
-            ring = RingWriter(self.ring, RING_COLUMNS, _RING_ROWS) if self.ring else None
+            outlet = Outlet(
+                "controller", node, COLUMNS, port.name, self.rate, session,
+                shipped=shipped_parameters(), ring=self.ring, publish=self.telemetry, router=self.router,
+            )  # fmt: skip
             ready(f"controller on {port.name} at {self.rate} Hz, {'lock-step' if self.lockstep else 'real time'}")
             missing = [] if self.lockstep else realtime.prepare(self.cpu)
             for text in missing:
@@ -61,15 +60,14 @@ class ControllerService:
             closed = False
             try:
                 samples = _Samples(port)
-                inbox = self._await_plant(node, samples, stop)
+                inbox = self._await_plant(node, samples, outlet, stop)
                 if self.lockstep:
-                    self._lockstep(node, samples, ring, stop, inbox)
+                    self._lockstep(node, samples, outlet, stop, inbox)
                 else:
-                    self._real_time(node, samples, ring, clock, stop, inbox)
+                    self._real_time(node, samples, outlet, clock, stop, inbox)
             finally:
                 closed = _made_safe(node, port, 1.0 / self.rate)
-                if ring:
-                    ring.close()
+                published = outlet.close()
         return {
             "bus": port.name,
             "rate_hz": self.rate,
@@ -79,14 +77,16 @@ class ControllerService:
             "valve_closed": closed,
             "port": port.counts(),
             "frames": node.reception_counts(),
-            "parameters": node.parameters.as_values() | node.limits.as_values(),
+            "parameters": parameters,
+            **published,
         }
 
-    def _await_plant(self, node: ControllerNode, samples: "_Samples", stop: Stop) -> list[Frame]:
+    def _await_plant(self, node: ControllerNode, samples: "_Samples", outlet: Outlet, stop: Stop) -> list[Frame]:
         """Say "active" every 50 ms until the plant's first sample is complete; return its frames."""
         inbox: list[Frame] = []
         while not (stop.asked or samples.complete(inbox)):
             samples.port.send(node.heartbeat.next(Lifecycle.ACTIVE))
+            outlet.tune()
             inbox = (inbox + node.listen(samples.next(node.heartbeat.period)))[-_KEPT:]
         return inbox
 
@@ -94,7 +94,7 @@ class ControllerService:
         self,
         node: ControllerNode,
         samples: "_Samples",
-        ring: RingWriter | None,
+        outlet: Outlet,
         clock: Clock,
         stop: Stop,
         inbox: list[Frame],
@@ -106,7 +106,7 @@ class ControllerService:
         """
         arrived = time.monotonic_ns()
         for _ in range(max(1, round(_WARM_UP * self.rate))):
-            self._cycle(node, samples.port, ring, inbox, (0.0, 0.0, 0.0))
+            self._cycle(node, samples.port, outlet, inbox, (time.monotonic(), 0.0, 0.0, 0))
             inbox = samples.next(2.0 / self.rate)
             arrived = time.monotonic_ns()
         clock.start(arrived + clock.period_ns // 2)
@@ -114,14 +114,15 @@ class ControllerService:
         while not stop.asked:
             slots = 1 + clock.wait()
             inbox += samples.port.receive()
-            self._cycle(node, samples.port, ring, inbox, (clock.lateness_ns / 1e3, work_us, clock.late), slots)
+            timing = (clock.woken_ns / 1e9, clock.lateness_ns / 1e3, work_us, clock.late)
+            self._cycle(node, samples.port, outlet, inbox, timing, slots)
             clock.done()
             inbox = []
             work_us = clock.work_ns / 1e3
             node.late_cycles = clock.late
 
     def _lockstep(
-        self, node: ControllerNode, samples: "_Samples", ring: RingWriter | None, stop: Stop, inbox: list[Frame]
+        self, node: ControllerNode, samples: "_Samples", outlet: Outlet, stop: Stop, inbox: list[Frame]
     ) -> None:
         """Answer each complete sample at once; end when the plant says it ends."""
         while not stop.asked:
@@ -129,22 +130,22 @@ class ControllerService:
                 if samples.plant_ended(inbox):
                     return
                 raise InputError(f"the plant on {samples.port.name} has been silent for {_SILENCE:g} s of lock-step")
-            self._cycle(node, samples.port, ring, inbox, (0.0, 0.0, 0.0))
+            self._cycle(node, samples.port, outlet, inbox, (time.monotonic(), 0.0, 0.0, 0))
             inbox = samples.next(_SILENCE)
 
     @staticmethod
     def _cycle(
         node: ControllerNode,
         port: Port,
-        ring: RingWriter | None,
+        outlet: Outlet,
         inbox: list[Frame],
-        timing: tuple[float, ...],
+        timing: tuple[float, float, float, int],
         slots: int = 1,
     ) -> None:
         for frame in node.step(inbox, slots):
             port.send(frame)
-        if ring:
-            ring.write(node.row() + timing)
+        outlet.write(node.row(), *timing)
+        outlet.tune()
 
 
 def _made_safe(node: ControllerNode, port: Port, period: float) -> bool:

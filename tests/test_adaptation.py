@@ -277,7 +277,7 @@ def test_without_a_temperature_share_all_temperatures_learn_alike() -> None:
 
 
 def test_no_adaptation_is_level_one_for_ever() -> None:
-    adaptation = NoAdaptation()
+    adaptation = NoAdaptation(SETTINGS)
     for observed in (0.0, 5.0, 1e9, -inf):
         adaptation.update(COULOMB, VISCOUS, observed, 20.0, 0.0, WARM, STEP, True)
         assert (adaptation.level, adaptation.viscous, adaptation.active) == (1.0, 0.0, False)

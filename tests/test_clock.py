@@ -62,7 +62,7 @@ def test_deadlines_stay_on_the_grid_exactly() -> None:
     for cycle in range(100):
         clock.wait()
         assert (clock.deadline_ns - start) % 333_333 == 0
-        assert clock.deadline_ns <= clock.deadline_ns + clock.lateness_ns == clock._woken_ns
+        assert clock.deadline_ns <= clock.deadline_ns + clock.lateness_ns == clock.woken_ns
         if cycle % 25 == 0:
             time.sleep(0.001)
         clock.done()

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Sequence
+from math import isfinite
 from types import TracebackType
 
 import numpy as np
@@ -21,7 +22,7 @@ class StatusLine:
     def __init__(self, plant: Sequence[Column], controller: Sequence[Column], duration: float, quiet: bool) -> None:
         self._plant = {column.name: i for i, column in enumerate(plant)}
         self._controller = {column.name: i for i, column in enumerate(controller)}
-        self._duration, self._quiet = duration, quiet
+        self._of, self._quiet = f"/{duration:g}" if isfinite(duration) else "", quiet
         self._console = Console(stderr=True)
         self._live = Live(console=self._console, refresh_per_second=8, transient=True)
         self._shown = self._counted_at = time.monotonic()
@@ -58,7 +59,7 @@ class StatusLine:
         p = {name: plant[i] for name, i in self._plant.items()}
         c = {name: controller[i] for name, i in self._controller.items()}
         return (
-            f"{p['time_s']:6.1f}/{self._duration:g} s  {self._rate:5.0f} Hz  {_PHASES[int(c['phase'])]:<12}"
+            f"{p['time_s']:6.1f}{self._of} s  {self._rate:5.0f} Hz  {_PHASES[int(c['phase'])]:<12}"
             f"  torque demand {c['torque_demand_nm']:5.2f}  estimate {c['torque_estimate_nm']:5.2f}"
             f"  true {p['truth_clutch_torque_nm']:5.2f} Nm  pressure {p['cylinder_pressure_bar']:4.2f} bar"
             f"  late {int(c['late_cycles'])}"

@@ -3,6 +3,8 @@
 import os
 import time
 from dataclasses import dataclass
+from math import inf
+from typing import Any
 
 import numpy as np
 
@@ -18,20 +20,24 @@ from protocols.ring import RingReader
 from protocols.stopping import Stop
 
 _POLL = 0.05  # s between looks at the rings
+MANUAL = "manual"  # instead of a profile: the demand comes over the bus, from `clutch-hil demand` or `panel`
 
 
 @dataclass(frozen=True)
 class Bench:
-    """A run of two processes on `bus`, on their clocks or in lock-step."""
+    """A run of two processes on `bus`, on their clocks or in lock-step, published over zenoh unless not `telemetry`."""
 
     settings: RunSettings
     bus: str
     lockstep: bool = False
+    telemetry: bool = True
+    router: str | None = None
 
     def run(self, quiet: bool = False) -> Result:
         """Run to the end of the profile or Ctrl-C. Raises InputError; nothing half-written is left then."""
         settings = self.settings
-        profile, plant_parameters = settings.loaded_profile(), settings.loaded_plant_parameters()
+        name, duration = self._demand()
+        plant_parameters = settings.loaded_plant_parameters()
         settings.new_controller()  # bad settings of the controller are told before anything starts
         bus = resolve(self.bus)
         open_bus(bus).close()
@@ -41,30 +47,34 @@ class Bench:
             with Stop() as stop, Services(self._commands(bus, sorted(cpus))) as services:
                 rings = services.rings(stop)
                 began = time.monotonic()
-                path = run_path(settings.out, profile.name)
+                path = run_path(settings.out, name)
                 with Recording(path, rings[0].columns, rings[1].columns, settings.rate) as recording:
-                    self._watch(services, rings, recording, stop, profile.duration, quiet)
+                    self._watch(services, rings, recording, stop, duration, quiet)
                     elapsed = time.monotonic() - began
                     timing = services.end()
-                    recording.add(_until(profile.duration, rings[0].read()), rings[1].read())
+                    recording.add(_until(duration, rings[0].read()), rings[1].read())
                     timing["interrupted"] = stop.asked
                     timing["record_rows_lost"] = rings[0].lost + rings[1].lost
                     if self.lockstep:
                         timing["speed"] = timing["plant"]["samples"] / settings.rate / elapsed
                     mode = {"mode": "lock-step" if self.lockstep else "real time"}
-                    recording.finish(
-                        run_metadata(settings.rate, plant_parameters, timing["controller"].pop("parameters"))
-                        | {
-                            "settings": settings.as_text() | mode,
-                            "bus": bus,
-                            "interrupted": stop.asked,
-                            "timing": timing,
-                        }
-                    )
+                    metadata = run_metadata(settings.rate, plant_parameters, timing["controller"].pop("parameters"))
+                    metadata |= {"settings": settings.as_text() | mode, "bus": bus, "interrupted": stop.asked}
+                    metadata |= {"parameter_changes": _changes(timing), "timing": timing}
+                    recording.finish(metadata)
         finally:
             os.sched_setaffinity(0, cpus)
-        read = f"profile {profile.name} ({profile.duration:g} s), bus {bus}, {settings.rate} Hz"
-        return judge_run(path, read, timing)
+        what = f"profile {name} ({duration:g} s)" if duration < inf else "demand from the bus"
+        return judge_run(path, f"{what}, bus {bus}, {settings.rate} Hz", timing)
+
+    def _demand(self) -> tuple[str, float]:
+        """Name and duration [s] of what is asked of the clutch. Raises InputError."""
+        if self.settings.profile != MANUAL:
+            profile = self.settings.loaded_profile()
+            return profile.name, profile.duration
+        if self.lockstep:
+            raise InputError("profile 'manual' cannot be played in lock-step; allowed is real time")
+        return MANUAL, self.settings.seconds or inf
 
     def _commands(self, bus: str, cpus: list[int]) -> dict[str, list[str]]:
         """Arguments of both services."""
@@ -76,8 +86,10 @@ class Bench:
             # plant and controller take turns on one CPU, everything else stays off it (realtime.md)
             common += ["--cpu", str(cpus[-1])]
             os.sched_setaffinity(0, set(cpus[:-1]))
-        plant = ["--profile", settings.profile, "--seed", str(settings.seed)]
-        plant += _option("--seconds", settings.seconds) + _option("--temperature", settings.temperature)
+        common += ([] if self.telemetry else ["--no-telemetry"]) + _option("--router", self.router)
+        plant = ["--seed", str(settings.seed)] + _option("--temperature", settings.temperature)
+        if settings.profile != MANUAL:
+            plant += ["--profile", settings.profile] + _option("--seconds", settings.seconds)
         plant += _option("--parameters", settings.plant_parameters)
         controller = ["--law", settings.law, "--adaptation" if settings.adaptation else "--no-adaptation"]
         controller += _option("--parameters", settings.controller_parameters)
@@ -104,6 +116,13 @@ class Bench:
                 if len(ended) == 2 or (len(plant) and plant[-1, 0] >= duration):
                     return
                 time.sleep(_POLL)
+
+
+def _changes(timing: dict[str, Any]) -> list[dict[str, Any]]:
+    """Parameters changed in both services; `row` counts the rows of that service, in which the change is first at work."""
+    return [
+        {"node": node} | change for node in ("plant", "controller") for change in timing[node].pop("parameter_changes")
+    ]
 
 
 def _until(duration: float, plant: np.ndarray) -> np.ndarray:

@@ -1,0 +1,88 @@
+"""Mailbox: one request at a time to a real-time loop, in shared memory. The loop looks once a cycle, for 0.1 us.
+
+The asking side writes a request and its number, the loop finds a new number, acts between two cycles and writes the
+answer and the same number. Neither side ever waits for a lock; a request that is not answered in time is told so.
+
+Layout: request number (u64), its length (u64), answer number (u64), its length (u64), request text, answer text.
+"""
+
+import mmap
+import time
+from pathlib import Path
+
+from protocols.errors import InputError
+
+_TEXT = 65_536  # bytes of a request or answer: some hundred parameters
+_HEAD = 32
+_ASKED, _ASKED_LENGTH, _ANSWERED, _ANSWERED_LENGTH = range(4)  # 64-bit words
+_LOOK = 1e-3  # s between looks for the answer
+
+
+class _Mapped:
+    def __init__(self, path: Path, create: bool) -> None:
+        try:
+            with path.open("w+b" if create else "r+b") as file:
+                if create:
+                    file.write(bytes(_HEAD + 2 * _TEXT))
+                    file.flush()
+                self._map = mmap.mmap(file.fileno(), _HEAD + 2 * _TEXT)
+        except (OSError, ValueError) as error:
+            raise InputError(f"mailbox {path} cannot be opened: {error}") from None
+        self._words = memoryview(self._map)[:_HEAD].cast("Q")
+
+    def close(self) -> None:
+        """Release the memory."""
+        self._words.release()
+        self._map.close()
+
+    def _put(self, start: int, text: str) -> int:
+        data = text.encode()
+        if len(data) > _TEXT:
+            raise InputError(f"a request of {len(data)} bytes is too long; allowed are {_TEXT}")
+        self._map[start : start + len(data)] = data
+        return len(data)
+
+    def _get(self, start: int, length: int) -> str:
+        return self._map[start : start + length].decode()
+
+
+class Mailbox(_Mapped):
+    """The loop's side."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, create=True)
+
+    def waiting(self) -> bool:
+        """Whether a request has come that is not answered."""
+        return self._words[_ASKED] != self._words[_ANSWERED]
+
+    def request(self) -> str:
+        """Text of the waiting request."""
+        return self._get(_HEAD, self._words[_ASKED_LENGTH])
+
+    def answer(self, text: str) -> None:
+        """Answer it."""
+        self._words[_ANSWERED_LENGTH] = self._put(_HEAD + _TEXT, text)
+        self._words[_ANSWERED] = self._words[_ASKED]
+
+
+class Asker(_Mapped):
+    """The asking side; one asker a mailbox."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, create=False)
+
+    def ask(self, text: str, timeout: float) -> str:
+        """Ask and return the answer. Raises InputError when none comes within `timeout` [s]."""
+        if self._words[_ASKED] != self._words[_ANSWERED]:
+            raise InputError("an earlier change still waits for the service; it is busy or stopped")
+        self._words[_ASKED_LENGTH] = self._put(_HEAD, text)
+        self._words[_ASKED] += 1
+        end = time.monotonic() + timeout
+        while self._words[_ANSWERED] != self._words[_ASKED]:
+            if time.monotonic() > end:
+                raise InputError(
+                    f"the service has not answered within {timeout:g} s; it acts on the change when it wakes"
+                )
+            time.sleep(_LOOK)
+        return self._get(_HEAD + _TEXT, self._words[_ANSWERED_LENGTH])

@@ -1,0 +1,25 @@
+"""Command of the telemetry process. Services start it; nobody needs to type it."""
+
+import shutil
+from pathlib import Path
+
+import typer
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command(hidden=True)(telemetry)
+
+
+def telemetry(
+    ring: Path = typer.Argument(help="ring of a service"),
+    folder: Path = typer.Argument(help="folder with the service's mailbox; removed at the end"),
+    router: str | None = typer.Option(None, help="zenoh router, for example tcp/192.168.1.5:7447"),
+) -> None:
+    """Publish the record of a service over zenoh."""
+    from protocols.telemetry.publisher import publish
+
+    try:
+        publish(ring, folder / "mailbox", router)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)  # the service may have been killed

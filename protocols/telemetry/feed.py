@@ -1,0 +1,131 @@
+"""Feed: the rows of a bench as they come, the last 30 s first; what never came is counted."""
+
+import json
+import time
+from typing import Any
+
+import zenoh
+
+from protocols.errors import InputError, listing
+from protocols.telemetry.batch import Batch, decode
+from protocols.telemetry.keys import NODES, Keys, bench_name, bus_of, parsed
+
+_LIVE_MESSAGES = 512  # 5 s of both nodes: a viewer that is further behind wants the newest
+_ALL_MESSAGES = 100_000  # some minutes: a recorder wants everything
+_LOOK = 0.002  # s between looks for a message
+_QUERY = 5.0  # s for a publisher to send its history
+
+
+class Feed:
+    """Rows of every node of a bench. Use as a context manager.
+
+    `live`: keep a few seconds and drop the oldest when the reader is slow; else keep everything for some minutes.
+    `lost` counts, by node, rows that never came since the first that did.
+    """
+
+    def __init__(self, session: zenoh.Session, bench: str, live: bool) -> None:
+        handler: Any = zenoh.handlers.RingChannel(_LIVE_MESSAGES) if live else zenoh.handlers.FifoChannel(_ALL_MESSAGES)
+        self.bench = bench
+        self.lost: dict[str, int] = {}
+        self.alive = dict.fromkeys(NODES, False)
+        self._session = session
+        self._records = session.declare_subscriber(Keys(bench, "*").record, handler)
+        self._changes = session.declare_subscriber(Keys(bench, "*").event, zenoh.handlers.FifoChannel(1000))
+        self._tokens = session.liveliness().declare_subscriber(
+            Keys(bench, "*").alive, zenoh.handlers.FifoChannel(100), history=True
+        )
+        self._position: dict[str, tuple[int, int]] = {}  # by node: session, number of the next row
+        self._events: list[dict[str, Any]] = []
+
+    def __enter__(self) -> "Feed":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for subscriber in (self._records, self._changes, self._tokens):
+            subscriber.undeclare()
+
+    def read(self, timeout: float = 0.0) -> list[Batch]:
+        """Every batch that waits, per node in order; waits up to `timeout` [s] for the first."""
+        end = time.monotonic() + timeout
+        batches: list[Batch] = []
+        while True:
+            while (sample := self._tokens.try_recv()) is not None:
+                self.alive[parsed(str(sample.key_expr)).node] = sample.kind == zenoh.SampleKind.PUT
+            while (sample := self._records.try_recv()) is not None:
+                batches += self._taken(decode(sample.payload.to_bytes()))
+            if batches or time.monotonic() >= end:
+                return batches
+            time.sleep(_LOOK)
+
+    def events(self) -> list[dict[str, Any]]:
+        """Changes of parameters since the last call, those before the first row included."""
+        while (sample := self._changes.try_recv()) is not None:
+            self._note([json.loads(sample.payload.to_string())])
+        events, self._events = self._events, []
+        return events
+
+    def describe(self, node: str) -> dict[str, Any] | None:
+        """What a node says about itself; None when it does not answer."""
+        return ask(self._session, Keys(self.bench, node).describe)
+
+    def _taken(self, batch: Batch) -> list[Batch]:
+        session, row = self._position.get(batch.node, (None, 0))
+        if session == batch.session:
+            self.lost[batch.node] += max(batch.first_row - row, 0)
+            fresh = [batch.after(row)]
+        else:
+            fresh = self._history(batch)
+            self.lost.setdefault(batch.node, 0)
+            self._note(ask(self._session, Keys(self.bench, batch.node).events) or [])
+        fresh = [part for part in fresh if len(part.rows)]
+        if fresh:
+            self._position[batch.node] = batch.session, fresh[-1].end
+        return fresh
+
+    def _history(self, batch: Batch) -> list[Batch]:
+        """What a node has kept, then `batch`: each row once."""
+        key = Keys(self.bench, batch.node).history
+        replies = self._session.get(
+            key, timeout=_QUERY, consolidation=zenoh.ConsolidationMode.NONE
+        )  # every reply counts
+        kept = [decode(reply.ok.payload.to_bytes()) for reply in replies if reply.ok is not None]
+        parts: list[Batch] = []
+        for part in sorted((*kept, batch), key=lambda part: part.first_row):
+            if part.session == batch.session:
+                part = part.after(parts[-1].end if parts else 0)
+                parts.append(part)
+        return parts
+
+    def _note(self, events: list[dict[str, Any]]) -> None:
+        self._events += [event for event in events if event not in self._events]
+
+
+def ask(session: zenoh.Session, key: str) -> Any:
+    """The JSON a key's queryable answers; None when there is none."""
+    for reply in session.get(key, timeout=_QUERY):
+        if reply.ok is not None:
+            return json.loads(reply.ok.payload.to_string())
+    return None
+
+
+def benches(session: zenoh.Session) -> list[str]:
+    """Names of the benches that live."""
+    replies = session.liveliness().get(Keys("*", "*").alive, timeout=_QUERY)
+    return sorted({parsed(str(reply.ok.key_expr)).bench for reply in replies if reply.ok is not None})
+
+
+def find_bench(session: zenoh.Session, bus: str | None = None) -> str:
+    """The bench on `bus`, or the only one there is. Raises InputError when there is none or more than one."""
+    there = benches(session)
+    if bus is None:
+        found = there
+    else:
+        own = bench_name(bus)
+        found = [own] if own in there else [name for name in there if bus in (name, bus_of(name))]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        raise InputError(f"there are {len(found)} benches: {listing(found)}; choose one with --bus")
+    where = f" on {bus}" if bus else ""
+    others = f"; there are {listing(there)}" if there else ""
+    raise InputError(f"no bench{where} publishes telemetry{others}; start one with: clutch-hil up")

@@ -1,0 +1,53 @@
+"""Keys: where in zenoh a bench's telemetry stands. A bench is named BUS@HOST, its nodes are `plant` and `controller`.
+
+| key (after `clutch-hil/BENCH/NODE/`) | kind       | payload                                                              |
+|--------------------------------------|------------|----------------------------------------------------------------------|
+| `alive`                              | liveliness | token: the service lives                                             |
+| `record`                             | put        | Arrow IPC stream (batch.py): every row, in order; DROP, REAL_TIME    |
+| `history`                            | queryable  | the same batches of the last 30 s, one reply each, oldest first      |
+| `last`                               | queryable  | JSON: newest row, {"row": n, "values": {column: {"value", "unit"}}}  |
+| `describe`                           | queryable  | JSON: columns with unit and meaning, rate, session, versions         |
+| `parameters`                         | queryable  | JSON: all of them; with a JSON payload {name: value}: set, all or none |
+| `event`                              | put        | JSON: a parameter was changed; `events` (queryable) has those so far |
+"""
+
+import os
+import socket
+import zlib
+from typing import NamedTuple
+
+PREFIX = "clutch-hil"
+NODES = ("plant", "controller")
+
+
+class Keys(NamedTuple):
+    """Keys of one node of one bench; `*` as a name means any."""
+
+    bench: str
+    node: str
+
+    def __getattr__(self, name: str) -> str:
+        if name not in LEAVES:
+            raise AttributeError(name)
+        return f"{PREFIX}/{self.bench}/{self.node}/{name}"
+
+
+LEAVES = ("alive", "record", "history", "last", "describe", "parameters", "event", "events")
+
+
+def parsed(key: str) -> Keys:
+    """Bench and node of a key."""
+    _, bench, node, _ = key.split("/")
+    return Keys(bench, node)
+
+
+def bench_name(bus: str) -> str:
+    """Name of the bench on `bus` of this machine; a local bus in a folder of its own (CLUTCH_HIL_BUS_DIR) is another bench."""
+    folder = os.environ.get("CLUTCH_HIL_BUS_DIR")
+    elsewhere = f".{zlib.crc32(folder.encode()):08x}" if folder and bus.startswith("local:") else ""
+    return f"{bus}@{socket.gethostname()}{elsewhere}"
+
+
+def bus_of(bench: str) -> str:
+    """The bus in a bench's name."""
+    return bench.rpartition("@")[0]

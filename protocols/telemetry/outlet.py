@@ -1,0 +1,103 @@
+"""Outlet: what leaves a service besides frames, and what comes in: record ring, mailbox, telemetry process.
+
+Everything that costs time is done before the loop begins; in the loop a row is copied and one number is looked at.
+"""
+
+import ctypes
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from protocols.mailbox import Mailbox
+from protocols.node import Column
+from protocols.parameters import ParameterSet
+from protocols.ring import RingWriter
+from protocols.telemetry.keys import bench_name
+from protocols.tuning import Tunable, Tuning, described
+
+RING_ROWS = 65_536  # a minute at 1 kHz
+TIMING = (
+    Column("clock_s", "s", "CLOCK_MONOTONIC when the cycle began"),
+    Column("wake_us", "us", "lateness of the cycle's wake-up"),
+    Column("work_us", "us", "duration of the cycle before"),
+    Column("late_cycles", "1", "cycles that ended after their slot, total"),
+    Column("parameter_changes", "1", "parameters changed while running, total"),
+)
+_END = 3.0  # s for the telemetry process to publish its last rows and end
+_PR_SET_PDEATHSIG = 1  # linux/prctl.h
+
+
+def _die_with_parent() -> None:
+    """In the child: SIGTERM when the service dies."""
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+
+
+class Outlet:
+    """Ring, mailbox and telemetry process of the service of `node`, called `name`, on `bus`; rate [Hz].
+
+    `columns` are the node's; those of TIMING follow in the ring, under `prefix`. `ring` is where the ring goes, None for a
+    folder of its own; `publish` starts the telemetry process; `router` is a zenoh endpoint, None for peer to peer.
+    """
+
+    def __init__(
+        self, name: str, node: Tunable, columns: Sequence[Column], bus: str, rate: int, session: int, *,
+        shipped: ParameterSet, ring: Path | None, publish: bool, router: str | None, prefix: str = "",
+    ) -> None:  # fmt: skip
+        shared = Path("/dev/shm")  # memory where there is any
+        self._folder = Path(tempfile.mkdtemp(prefix="clutch-hil-", dir=shared if os.access(shared, os.W_OK) else None))
+        self._process: subprocess.Popen[bytes] | None = None
+        try:
+            self._mailbox = Mailbox(self._folder / "mailbox")
+            description = {
+                "node": name, "bench": bench_name(bus), "rate": rate, "session": session, "pid": os.getpid(),
+                "versions": {"clutch-hil": version("clutch-hil"), "python": sys.version.split()[0]},
+                "parameters": described(node, shipped),
+            }  # fmt: skip
+            timing = [Column(prefix + column, unit, meaning) for column, unit, meaning in TIMING]
+            path = ring or self._folder / "ring"
+            self._ring = RingWriter(path, [*columns, *timing], RING_ROWS, description)
+            self._tuning = Tuning(node, self._mailbox)
+            if publish:
+                self._process = self._spawn(path, router)
+        except BaseException:
+            shutil.rmtree(self._folder, ignore_errors=True)
+            raise
+
+    def write(self, row: Sequence[float], clock: float, wake_us: float, work_us: float, late: int) -> None:
+        """Append a cycle's row; `clock` [s] of CLOCK_MONOTONIC."""
+        self._ring.write((*row, clock, wake_us, work_us, late, self._tuning.count))
+
+    def tune(self) -> None:
+        """Between two cycles: make the change of parameters that waits, if one does."""
+        if self._tuning.waiting():
+            self._tuning.act(self._ring.written)
+
+    def close(self) -> dict[str, Any]:
+        """End the telemetry process; return what a summary keeps."""
+        ended = "off"
+        if self._process:
+            self._process.terminate()
+            try:
+                code = self._process.wait(_END)
+                ended = "ended" if code == 0 else f"failed with exit code {code}"
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+                self._process.wait()
+                ended = "killed: it did not end"
+        self._ring.close()
+        self._mailbox.close()
+        shutil.rmtree(self._folder, ignore_errors=True)
+        return {"telemetry": ended, "rows": self._ring.written, "parameter_changes": self._tuning.changes}
+
+    def _spawn(self, ring: Path, router: str | None) -> "subprocess.Popen[bytes]":
+        # -P: modules of the folder we are in must not stand in for ours
+        command = [sys.executable, "-P", "-m", "protocols", "telemetry", str(ring), str(self._folder)]
+        command += ["--router", router] if router else []
+        return subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=True, preexec_fn=_die_with_parent)

@@ -1,0 +1,70 @@
+"""Sessions: how publishers and consumers of this bench meet in zenoh.
+
+Peer to peer on loopback: a publisher listens on the first free port of a short range, a consumer connects to all of them;
+keys tell benches apart, so several benches need no configuration. With a router both sides are its clients.
+"""
+
+import json
+
+import zenoh
+
+from protocols.errors import InputError
+
+PORTS = range(7447, 7463)  # 7447 is zenoh's own; two a bench: eight benches on one machine
+_LOOPBACK = "tcp/127.0.0.1:{}"
+_LEASE = 2000  # ms without a sign of life after which a peer counts as gone
+_REACH = 2000  # ms to reach a router
+_RETRY = 500  # ms between attempts to reach a publisher that is not there yet
+_COMMON = {
+    "scouting/multicast/enabled": False,
+    "scouting/gossip/enabled": False,
+    "transport/shared_memory/enabled": False,  # no gain at these sizes, and a killed process would leave its segment
+    "transport/link/tx/lease": _LEASE,
+    # A put never waits for a consumer: what its queue cannot take is dropped (telemetry.md, 1.2 and 1.3).
+    "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 0,  # us
+    "transport/link/tx/queue/congestion_control/block/wait_before_close": 20_000,  # us
+    "transport/link/tx/queue/size/real_time": 16,  # batches
+}
+
+
+def publisher_session(router: str | None = None) -> zenoh.Session:
+    """A session that consumers find; `router` is an endpoint such as tcp/192.168.1.5:7447. Raises InputError."""
+    if router:
+        return _client(router)
+    for port in PORTS:
+        try:
+            return zenoh.open(_config({"mode": "peer", "listen/endpoints": [_LOOPBACK.format(port)]}))
+        except zenoh.ZError:
+            continue  # another service or program listens there
+    raise InputError(f"no port of {PORTS.start} to {PORTS.stop - 1} on 127.0.0.1 is free for telemetry")
+
+
+def consumer_session(router: str | None = None) -> zenoh.Session:
+    """A session that sees every publisher of this machine, or of `router`. Raises InputError."""
+    if router:
+        return _client(router)
+    return zenoh.open(
+        _config(
+            {
+                "mode": "peer",
+                "listen/endpoints": [],
+                "connect/endpoints": [_LOOPBACK.format(port) for port in PORTS],
+                "connect/retry": {"period_init_ms": _RETRY, "period_max_ms": _RETRY, "period_increase_factor": 1.0},
+            }
+        )
+    )
+
+
+def _client(router: str) -> zenoh.Session:
+    try:
+        config = {"mode": "client", "connect/endpoints": [router], "connect/timeout_ms": _REACH}
+        return zenoh.open(_config(config))
+    except zenoh.ZError as error:
+        raise InputError(f"zenoh router {router!r} cannot be reached: {error}") from None
+
+
+def _config(settings: dict[str, object]) -> zenoh.Config:
+    config = zenoh.Config()
+    for key, value in (settings | _COMMON).items():
+        config.insert_json5(key, json.dumps(value))
+    return config
