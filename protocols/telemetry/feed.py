@@ -10,6 +10,10 @@ from protocols.errors import InputError, listing
 from protocols.telemetry.batch import Batch, decode
 from protocols.telemetry.keys import NODES, Keys, bench_name, bus_of, parsed
 
+_LIVE_REFILL, _ALL_REFILL = (
+    2.0,
+    30.0,
+)  # s: longest gap that is asked for again; a viewer goes on, a recorder wants it all
 _LIVE_MESSAGES = 512  # 5 s of both nodes: a viewer that is further behind wants the newest
 _ALL_MESSAGES = 100_000  # some minutes: a recorder wants everything
 _LOOK = 0.002  # s between looks for a message
@@ -19,12 +23,13 @@ _QUERY = 5.0  # s for a publisher to send its history
 class Feed:
     """Rows of every node of a bench. Use as a context manager.
 
-    `live`: keep a few seconds and drop the oldest when the reader is slow; else keep everything for some minutes.
-    `lost` counts, by node, rows that never came since the first that did.
+    `live`: keep a few seconds and drop the oldest when the reader is slow; else keep everything for some minutes. What was
+    dropped on the way is asked for again. `lost` counts, by node, rows that never came since the first that did.
     """
 
     def __init__(self, session: zenoh.Session, bench: str, live: bool) -> None:
         handler: Any = zenoh.handlers.RingChannel(_LIVE_MESSAGES) if live else zenoh.handlers.FifoChannel(_ALL_MESSAGES)
+        self._refill = _LIVE_REFILL if live else _ALL_REFILL
         self.bench = bench
         self.lost: dict[str, int] = {}
         self.alive = dict.fromkeys(NODES, False)
@@ -69,32 +74,32 @@ class Feed:
         return ask(self._session, Keys(self.bench, node).describe)
 
     def _taken(self, batch: Batch) -> list[Batch]:
+        """What is new with `batch`: what the node has kept before it, if it is the first or some are missing, and itself."""
         session, row = self._position.get(batch.node, (None, 0))
-        if session == batch.session:
-            self.lost[batch.node] += max(batch.first_row - row, 0)
-            fresh = [batch.after(row)]
-        else:
-            fresh = self._history(batch)
+        parts = [batch]
+        if session != batch.session:
+            parts = [*self._kept(batch, 0), batch]
+            row = parts[0].first_row
             self.lost.setdefault(batch.node, 0)
             self._note(ask(self._session, Keys(self.bench, batch.node).events) or [])
-        fresh = [part for part in fresh if len(part.rows)]
-        if fresh:
-            self._position[batch.node] = batch.session, fresh[-1].end
+        elif 0 < batch.first_row - row <= self._refill * batch.rate:
+            parts = [*self._kept(batch, row), batch]
+        fresh = []
+        for part in parts:
+            self.lost[batch.node] += max(part.first_row - row, 0)
+            part = part.after(row)
+            if len(part.rows):
+                fresh.append(part)
+                row = part.end
+        self._position[batch.node] = batch.session, row
         return fresh
 
-    def _history(self, batch: Batch) -> list[Batch]:
-        """What a node has kept, then `batch`: each row once."""
-        key = Keys(self.bench, batch.node).history
-        replies = self._session.get(
-            key, timeout=_QUERY, consolidation=zenoh.ConsolidationMode.NONE
-        )  # every reply counts
-        kept = [decode(reply.ok.payload.to_bytes()) for reply in replies if reply.ok is not None]
-        parts: list[Batch] = []
-        for part in sorted((*kept, batch), key=lambda part: part.first_row):
-            if part.session == batch.session:
-                part = part.after(parts[-1].end if parts else 0)
-                parts.append(part)
-        return parts
+    def _kept(self, batch: Batch, row: int) -> list[Batch]:
+        """What a node has kept from number `row` to the first of `batch`, in order."""
+        selector = f"{Keys(self.bench, batch.node).history}?from={row};to={batch.first_row}"
+        replies = self._session.get(selector, timeout=_QUERY, consolidation=zenoh.ConsolidationMode.NONE)  # all of them
+        parts = [decode(reply.ok.payload.to_bytes()) for reply in replies if reply.ok is not None]
+        return sorted((part for part in parts if part.session == batch.session), key=lambda part: part.first_row)
 
     def _note(self, events: list[dict[str, Any]]) -> None:
         self._events += [event for event in events if event not in self._events]

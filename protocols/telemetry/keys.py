@@ -4,7 +4,7 @@
 |--------------------------------------|------------|----------------------------------------------------------------------|
 | `alive`                              | liveliness | token: the service lives                                             |
 | `record`                             | put        | Arrow IPC stream (batch.py): every row, in order; DROP, REAL_TIME    |
-| `history`                            | queryable  | the same batches of the last 30 s, one reply each, oldest first      |
+| `history`                            | queryable  | such batches of the last 30 s, oldest first; `?from=ROW;to=ROW` of them |
 | `last`                               | queryable  | JSON: newest row, {"row": n, "values": {column: {"value", "unit"}}}  |
 | `describe`                           | queryable  | JSON: columns with unit and meaning, rate, session, versions         |
 | `parameters`                         | queryable  | JSON: all of them; with a JSON payload {name: value}: set, all or none |
@@ -44,8 +44,8 @@ def parsed(key: str) -> Keys:
 def bench_name(bus: str) -> str:
     """Name of the bench on `bus` of this machine; a local bus in a folder of its own (CLUTCH_HIL_BUS_DIR) is another bench."""
     folder = os.environ.get("CLUTCH_HIL_BUS_DIR")
-    elsewhere = f".{zlib.crc32(folder.encode()):08x}" if folder and bus.startswith("local:") else ""
-    return f"{bus}@{socket.gethostname()}{elsewhere}"
+    elsewhere = f"~{zlib.crc32(folder.encode()):08x}" if folder and bus.startswith("local:") else ""
+    return f"{bus}{elsewhere}@{socket.gethostname()}"
 
 
 def bus_of(bench: str) -> str:

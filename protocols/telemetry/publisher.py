@@ -80,19 +80,28 @@ class Publisher:
         for queryable, answer in self._queries:
             while (query := queryable.try_recv()) is not None:
                 with query:
-                    answer(query)
+                    try:
+                        answer(query)
+                    except (InputError, ValueError) as error:  # ValueError: no number, no UTF-8, no JSON
+                        query.reply_err(str(error))
 
     def _answer_history(self, query: zenoh.Query) -> None:
+        asked = query.selector.parameters
+        begin, end = int(asked.get("from", "0")), int(asked.get("to", str(self._next)))
         piece: list[np.ndarray] = []
-        first = end = 0
-        for start, rows in [*self._history, (-1, np.empty((0, len(self._columns))))]:
-            if piece and (start != end or end - first >= _PIECE * self._rate):
+        first = after = 0  # numbers of the first row of the piece and of the row after it
+        for number, rows in self._history:
+            rows = rows[max(begin - number, 0) : max(end - number, 0)]
+            number = max(number, begin)
+            if piece and (number != after or after - first >= _PIECE * self._rate):
                 query.reply(query.key_expr, self._encoder.encode(first, np.concatenate(piece), self._ring.lost))
                 piece = []
-            if not piece:
-                first = start
-            piece.append(rows)
-            end = start + len(rows)
+            if len(rows):
+                first = first if piece else number
+                piece.append(rows)
+                after = number + len(rows)
+        if piece:
+            query.reply(query.key_expr, self._encoder.encode(first, np.concatenate(piece), self._ring.lost))
 
     def _answer_last(self, query: zenoh.Query) -> None:
         row = self._history[-1][1][-1] if self._history else np.full(len(self._columns), np.nan)
@@ -112,21 +121,13 @@ class Publisher:
         if query.payload is None:
             query.reply(query.key_expr, json.dumps(list(self._parameters.values())))
             return
-        try:
-            answer = self._changed(query.payload.to_string())
-        except InputError as error:
-            query.reply_err(str(error))
-        else:
-            query.reply(query.key_expr, json.dumps(answer))
-
-    def _changed(self, payload: str) -> dict[str, Any]:
-        """Have the loop make a change. Raises InputError when it, or the request, is refused."""
-        try:
-            values = json.loads(payload)
-        except json.JSONDecodeError:
-            values = None
+        values = json.loads(query.payload.to_string())
         if not isinstance(values, dict) or not values:
-            raise InputError(f"a change must be a JSON object of names and numbers, not {payload[:40]!r}")
+            raise InputError("a change must be a JSON object of names and numbers")
+        query.reply(query.key_expr, json.dumps(self._changed(values)))
+
+    def _changed(self, values: dict[str, Any]) -> dict[str, Any]:
+        """Have the loop make a change. Raises InputError when it is refused."""
         answer = json.loads(self._mailbox.ask(json.dumps(values), _ANSWER))
         if "refused" in answer:
             raise InputError(answer["refused"])

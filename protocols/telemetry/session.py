@@ -20,8 +20,9 @@ _COMMON = {
     "scouting/gossip/enabled": False,
     "transport/shared_memory/enabled": False,  # no gain at these sizes, and a killed process would leave its segment
     "transport/link/tx/lease": _LEASE,
-    # A put never waits for a consumer: what its queue cannot take is dropped (telemetry.md, 1.2 and 1.3).
-    "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 0,  # us
+    # A put waits for a slow consumer once, then what its queue cannot take is dropped until it drains (telemetry.md, 1.2
+    # and 1.3). The wait is of the telemetry process alone; it lets a late joiner take its history without a gap.
+    "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 50_000,  # us
     "transport/link/tx/queue/congestion_control/block/wait_before_close": 20_000,  # us
     "transport/link/tx/queue/size/real_time": 16,  # batches
 }

@@ -1,0 +1,77 @@
+"""Real services for the tests of telemetry, and what a listener hears of them."""
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+
+import numpy as np
+
+from protocols.errors import InputError
+from protocols.telemetry.batch import Batch
+from protocols.telemetry.feed import Feed, find_bench
+
+PATIENCE = 60.0  # s for what takes a second on an idle machine
+COMMAND = [sys.executable, "-P", "-m", "protocols"]
+
+
+@contextmanager
+def service(*arguments: str) -> Iterator[subprocess.Popen]:
+    """A `clutch-hil` process; killed when it is left running."""
+    process = subprocess.Popen([*COMMAND, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            process.kill()
+        process.communicate()
+
+
+@contextmanager
+def bench(bus: str, *arguments: str) -> Iterator[dict[str, subprocess.Popen]]:
+    """Plant and controller on `bus`, playing the engagement over and over."""
+    profile = ("--profile", "engagement", "--seconds", "1000")
+    with ExitStack() as stack:
+        yield {
+            "controller": stack.enter_context(service("controller", "--bus", bus, *arguments)),
+            "plant": stack.enter_context(service("plant", "--bus", bus, *profile, *arguments)),
+        }
+
+
+def until(condition: Callable[[], object], what: str) -> object:
+    """The first true value of `condition`."""
+    deadline = time.monotonic() + PATIENCE
+    while time.monotonic() < deadline:
+        if value := condition():
+            return value
+        time.sleep(0.02)
+    raise AssertionError(f"{what}: not within {PATIENCE:g} s")
+
+
+def found(session, bus: str) -> str:
+    """The bench on `bus` once both of its services publish."""
+
+    def look() -> str | None:
+        try:
+            return find_bench(session, bus)
+        except InputError:
+            return None
+
+    return str(until(look, f"bench on {bus}"))
+
+
+def heard(feed: Feed, enough: Callable[[dict[str, list[Batch]]], bool]) -> dict[str, list[Batch]]:
+    """Batches by node until there are `enough`."""
+    batches: dict[str, list[Batch]] = {"plant": [], "controller": []}
+    deadline = time.monotonic() + PATIENCE
+    while not enough(batches):
+        assert time.monotonic() < deadline, "telemetry never came"
+        for batch in feed.read(0.2):
+            batches[batch.node].append(batch)
+    return batches
+
+
+def row_numbers(batches: Sequence[Batch]) -> np.ndarray:
+    """Numbers of all rows, in the order in which they came."""
+    return np.concatenate([np.arange(batch.first_row, batch.end) for batch in batches])
