@@ -1,13 +1,13 @@
-"""Run files: one row a sample at a constant rate, Parquet out, Parquet and CSV in.
+"""Run files: one row a sample at a constant rate, as Parquet, ASAM MF4 (measurement.py) or CSV.
 
 The columns of rig.md come first; controller terms (`controller_...`), plant truth (`truth_...`) and anything else follow
-and are kept. Metadata are JSON values by key.
+and are kept. Metadata are JSON values by key. A CSV has neither units nor metadata.
 """
 
 import contextlib
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -17,27 +17,34 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet as pq
 
-from protocols.errors import InputError
+from protocols.errors import InputError, listing
 from protocols.node import Column
 
 REQUIRED = (
     "time_s", "valve_voltage_v", "motor_speed_demand_rad_s", "cylinder_pressure_bar", "slip_speed_rad_s",
     "shaft_angle_rad", "oil_temperature_degc", "clutch_torque_nm", "motor_torque_nm",
 )  # fmt: skip
+SUFFIXES = (".parquet", ".mf4", ".csv")
 _TIME_TOLERANCE = 0.01  # of a sample period: times are written as decimal seconds
 
 
 @dataclass(frozen=True)
 class Run:
-    """A recorded run: `columns` by name, each of shape (samples,), and `metadata`."""
+    """A recorded run: `columns` by name, each of shape (samples,), `metadata`, and what the file says of the columns."""
 
     columns: Mapping[str, np.ndarray]
     metadata: Mapping[str, Any]
+    units: Mapping[str, str] = field(default_factory=dict)
+    meanings: Mapping[str, str] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> np.ndarray:
         if name not in self.columns:
             raise InputError(f"the run has no column {name!r}; it has {', '.join(self.columns)}")
         return self.columns[name]
+
+    def described(self) -> list[Column]:
+        """Name, unit and meaning of every column; empty where the file says nothing."""
+        return [Column(name, self.units.get(name, ""), self.meanings.get(name, "")) for name in self.columns]
 
 
 class RunWriter:
@@ -90,6 +97,49 @@ class RunWriter:
 
 def read_run(path: Path) -> Run:
     """Read and check a run. Raises InputError naming the file, the column and the first bad row."""
+    if path.suffix == ".mf4":
+        from protocols.measurement import read_mf4
+
+        run = read_mf4(path)
+    else:
+        run = _read_table(path)
+    _check(path, run.columns)
+    return run
+
+
+def write_run(run: Run, path: Path) -> None:
+    """Write a run as the suffix of `path` says. Raises InputError; nothing half-written is left."""
+    if path.suffix == ".mf4":
+        from protocols.measurement import write_mf4
+
+        write_mf4(run, path)
+    elif path.suffix == ".csv":
+        with whole_file(path) as part:
+            pyarrow.csv.write_csv(pa.table(dict(run.columns)), part)
+    elif path.suffix == ".parquet":
+        with RunWriter(path, run.described()) as writer:
+            writer.append(np.column_stack(list(run.columns.values())))
+            writer.finish(run.metadata)
+    else:
+        raise InputError(f"run {path} cannot be written as {path.suffix!r}; allowed are {listing(SUFFIXES)}")
+
+
+@contextlib.contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """A place to write a file that gets its name when all is written, and disappears otherwise. Raises InputError."""
+    part = path.with_name(path.name + ".part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        yield part
+        part.rename(path)
+    except OSError as error:
+        raise InputError(f"file {path} cannot be written: {error}") from None
+    finally:
+        with contextlib.suppress(OSError):  # its folder may be what is wrong
+            part.unlink(missing_ok=True)
+
+
+def _read_table(path: Path) -> Run:
     raw: dict[bytes, bytes] = {}
     try:
         if path.suffix == ".csv":
@@ -99,17 +149,21 @@ def read_run(path: Path) -> Run:
             table, raw = file.read(), file.metadata.metadata or {}
     except (OSError, pa.ArrowException) as error:
         raise InputError(f"run {path} cannot be read: {error}") from None
-    metadata = {k.decode(): _parsed(v.decode()) for k, v in raw.items() if not k.startswith(b"ARROW")}
-    columns = {}
-    for name, column in zip(table.column_names, table.columns, strict=True):
+    metadata = {k.decode(): parsed(v.decode()) for k, v in raw.items() if not k.startswith(b"ARROW")}
+    columns: dict[str, np.ndarray] = {}
+    said: dict[bytes, dict[str, str]] = {b"unit": {}, b"meaning": {}}
+    for column, described in zip(table.columns, table.schema, strict=True):
+        name = described.name
         if name in columns:
             raise InputError(f"run {path} has the column {name} twice")
         if pa.types.is_floating(column.type) or pa.types.is_integer(column.type):
             columns[name] = column.to_numpy().astype(float)
+            for key, texts in said.items():
+                if text := (described.metadata or {}).get(key):
+                    texts[name] = text.decode()
         elif name in REQUIRED:
             raise InputError(f"run {path}: {name} is not a number in row {_first_text(column)}")
-    _check(path, columns)
-    return Run(columns, metadata)
+    return Run(columns, metadata, said[b"unit"], said[b"meaning"])
 
 
 def _check(path: Path, columns: Mapping[str, np.ndarray]) -> None:
@@ -138,7 +192,8 @@ def _first_text(column: pa.ChunkedArray) -> int:
     return 0
 
 
-def _parsed(text: str) -> Any:
+def parsed(text: str) -> Any:
+    """A metadata value from its JSON; what is none, from files of others, stays text."""
     try:
         return json.loads(text)
     except json.JSONDecodeError:

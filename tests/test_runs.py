@@ -11,7 +11,7 @@ import pytest
 
 from protocols.errors import InputError
 from protocols.node import Column
-from protocols.runs import REQUIRED, RunWriter, read_run
+from protocols.runs import REQUIRED, RunWriter, read_run, write_run
 
 RATE_HZ = 1000.0
 SAMPLES = 200
@@ -98,6 +98,40 @@ def test_units_and_meanings_stand_in_the_file(path: Path) -> None:
     for column in COLUMNS:
         field = pq.read_schema(path).field(column.name)
         assert field.metadata == {b"unit": column.unit.encode(), b"meaning": column.meaning.encode()}
+
+
+def test_units_and_meanings_come_back(path: Path) -> None:
+    write(path, {})
+    run = read_run(path)
+    assert run.described() == list(COLUMNS)
+    assert run.units["time_s"] == "unit of time_s"
+    assert run.meanings["truth_x_m"] == "more"
+
+
+def test_a_run_written_again_is_the_same_run(path: Path) -> None:
+    write(path, {"notes": "twice"})
+    run, again = read_run(path), path.with_name("again.parquet")
+    write_run(run, again)
+    written = read_run(again)
+    assert (written.metadata, written.described()) == (run.metadata, run.described())
+    for name, values in run.columns.items():
+        np.testing.assert_array_equal(written[name], values)
+
+
+def test_csv_keeps_values_only(path: Path) -> None:
+    wanted = write(path, {"notes": "lost"})
+    write_run(read_run(path), path.with_suffix(".csv"))
+    run = read_run(path.with_suffix(".csv"))
+    for name, values in wanted.items():
+        np.testing.assert_array_equal(run[name], values)
+    assert (run.metadata, run.units) == ({}, {})
+
+
+def test_an_unknown_suffix_is_refused_with_those_allowed(path: Path) -> None:
+    write(path, {})
+    with pytest.raises(InputError, match=r"cannot be written as '\.xlsx'; allowed are \.csv, \.mf4, \.parquet"):
+        write_run(read_run(path), path.with_suffix(".xlsx"))
+    assert [entry.name for entry in path.parent.iterdir()] == [path.name]
 
 
 def test_metadata_come_back(path: Path) -> None:

@@ -10,7 +10,8 @@ import numpy as np
 
 from protocols.errors import InputError
 from protocols.telemetry.batch import Batch
-from protocols.telemetry.feed import Feed, find_bench
+from protocols.telemetry.feed import Feed, ask, find_bench
+from protocols.telemetry.keys import NODES, Keys
 
 PATIENCE = 60.0  # s for what takes a second on an idle machine
 COMMAND = [sys.executable, "-P", "-m", "protocols"]
@@ -54,9 +55,10 @@ def found(session, bus: str) -> str:
 
     def look() -> str | None:
         try:
-            return find_bench(session, bus)
+            name = find_bench(session, bus)
         except InputError:
             return None
+        return name if all(ask(session, Keys(name, node).last) for node in NODES) else None
 
     return str(until(look, f"bench on {bus}"))
 
