@@ -10,6 +10,9 @@ from protocols.errors import InputError
 BUS = typer.Option("auto", help="vcan0, can0, local:NAME or auto")
 RATE = typer.Option(1000, help="rate of samples and commands [Hz]")
 PROFILE = typer.Option("engagement", help="name of a profile, or a CSV file")
+PROFILE_OR_MANUAL = typer.Option(
+    "engagement", help="name of a profile, a CSV file, or manual: the demand comes from `clutch-hil demand` or `panel`"
+)
 PLANT_PARAMETERS = typer.Option(None, "--plant-parameters", help="TOML file that changes plant parameters")
 CONTROLLER_PARAMETERS = typer.Option(
     None, "--controller-parameters", help="TOML file that changes controller parameters"
@@ -74,7 +77,7 @@ def plant(
 def up(
     bus: str = BUS,
     rate: int = RATE,
-    profile: str = PROFILE,
+    profile: str = PROFILE_OR_MANUAL,
     seconds: float | None = SECONDS,
     lockstep: bool = typer.Option(False, help="deterministic, as fast as the machine allows"),
     plant_parameters: Path | None = PLANT_PARAMETERS,
@@ -83,6 +86,10 @@ def up(
     temperature: float | None = TEMPERATURE,
     law: str = LAW,
     adaptation: bool = ADAPTATION,
+    view: bool = typer.Option(False, "--view", help="watch it in rerun's viewer; `clutch-hil view` does it any time"),
+    web: bool = typer.Option(False, "--web", help="watch it in a browser"),
+    telemetry: bool = typer.Option(True, help="publish every cycle over zenoh"),
+    router: str | None = typer.Option(None, help="zenoh router to publish to, such as tcp/192.168.1.5:7447"),
     out: Path = OUT,
     json_output: bool = JSON,
 ) -> None:
@@ -102,7 +109,10 @@ def up(
         adaptation,
         out,
     )
-    result = Bench(settings, bus, lockstep).run(quiet=json_output)
+    if (view or web) and not telemetry:
+        raise InputError("a viewer was asked for and --no-telemetry; allowed is one of them")
+    viewer = ["--web"] if web else [] if view else None
+    result = Bench(settings, bus, lockstep, telemetry, router, viewer).run(quiet=json_output)
     report(result.document, result.text, result.verdict, result.good, json_output)
 
 

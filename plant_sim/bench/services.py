@@ -1,12 +1,10 @@
 """Services: plant and controller as processes of the bench, started, watched and ended together."""
 
-import ctypes
 import json
 import os
 import shutil
 import signal
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
@@ -14,6 +12,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from protocols.child import clutch_hil, spawn
 from protocols.errors import InputError
 from protocols.ring import RingReader
 from protocols.stopping import Stop
@@ -21,13 +20,7 @@ from protocols.stopping import Stop
 _START = 120.0  # s for both services to come up: compiling the kernel for the first time takes some of it
 _STOP = 10.0  # s for a service to end once asked
 _POLL = 0.05  # s between looks
-_PR_SET_PDEATHSIG = 1  # linux/prctl.h
 _ORDER = ("controller", "plant")  # in which they end, so that the safe command still meets a plant
-
-
-def _die_with_parent() -> None:
-    """In the child: SIGTERM when the bench dies, so that no service lives on alone."""
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 class Services:
@@ -94,16 +87,7 @@ class Services:
     def _spawn(self, name: str, arguments: Sequence[str]) -> subprocess.Popen[bytes]:
         files = ["--ring", str(self._folder / f"{name}.ring"), "--summary", str(self._folder / f"{name}.json")]
         with self._log(name).open("w") as log:
-            # -P: modules of the folder we are in must not stand in for ours
-            command = [sys.executable, "-P", "-m", "protocols", name, *arguments, *files]
-            return subprocess.Popen(
-                command,
-                stdout=log,
-                stderr=log,
-                stdin=subprocess.DEVNULL,
-                start_new_session=True,  # Ctrl-C is ours: the controller ends first, while the plant still listens
-                preexec_fn=_die_with_parent,
-            )
+            return spawn(clutch_hil(name, *arguments, *files), log)  # Ctrl-C is ours: the controller ends first
 
     def _log(self, name: str) -> Path:
         return self._folder / f"{name}.log"

@@ -1,7 +1,11 @@
 """`clutch-hil up`: plant and controller as two processes on a bus, watched, recorded, judged."""
 
 import os
+import subprocess
+import sys
 import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from math import inf
 from typing import Any
@@ -15,23 +19,29 @@ from plant_sim.bench.services import Services
 from plant_sim.bench.settings import RunSettings
 from plant_sim.bench.status import StatusLine
 from protocols.bus import open_bus, resolve
+from protocols.child import clutch_hil, spawn
 from protocols.errors import InputError
 from protocols.ring import RingReader
 from protocols.stopping import Stop
 
 _POLL = 0.05  # s between looks at the rings
+_VIEWER_END = 5.0  # s for a viewer to end once asked
 MANUAL = "manual"  # instead of a profile: the demand comes over the bus, from `clutch-hil demand` or `panel`
 
 
 @dataclass(frozen=True)
 class Bench:
-    """A run of two processes on `bus`, on their clocks or in lock-step, published over zenoh unless not `telemetry`."""
+    """A run of two processes on `bus`, on their clocks or in lock-step, published over zenoh unless not `telemetry`.
+
+    `viewer` holds the arguments of `clutch-hil view` beside it; None shows nothing.
+    """
 
     settings: RunSettings
     bus: str
     lockstep: bool = False
     telemetry: bool = True
     router: str | None = None
+    viewer: Sequence[str] | None = None
 
     def run(self, quiet: bool = False) -> Result:
         """Run to the end of the profile or Ctrl-C. Raises InputError; nothing half-written is left then."""
@@ -44,7 +54,7 @@ class Bench:
         writable(settings.out)
         cpus = os.sched_getaffinity(0)
         try:
-            with Stop() as stop, Services(self._commands(bus, sorted(cpus))) as services:
+            with Stop() as stop, Services(self._commands(bus, sorted(cpus))) as services, self._viewing(bus):
                 rings = services.rings(stop)
                 began = time.monotonic()
                 path = run_path(settings.out, name)
@@ -67,6 +77,23 @@ class Bench:
         what = f"profile {name} ({duration:g} s)" if duration < inf else "demand from the bus"
         return judge_run(path, f"{what}, bus {bus}, {settings.rate} Hz", timing)
 
+    @contextmanager
+    def _viewing(self, bus: str) -> Iterator[None]:
+        """A viewer beside the run; whatever becomes of it, the run goes on."""
+        if self.viewer is None:
+            yield
+            return
+        view = spawn(clutch_hil("view", "--bus", bus, *_option("--router", self.router), *self.viewer), sys.stderr)
+        try:
+            yield
+        finally:
+            view.terminate()
+            try:
+                view.wait(_VIEWER_END)
+            except subprocess.TimeoutExpired:
+                view.kill()
+                view.wait()
+
     def _demand(self) -> tuple[str, float]:
         """Name and duration [s] of what is asked of the clutch. Raises InputError."""
         if self.settings.profile != MANUAL:
@@ -87,9 +114,9 @@ class Bench:
             common += ["--cpu", str(cpus[-1])]
             os.sched_setaffinity(0, set(cpus[:-1]))
         common += ([] if self.telemetry else ["--no-telemetry"]) + _option("--router", self.router)
-        plant = ["--seed", str(settings.seed)] + _option("--temperature", settings.temperature)
+        plant = ["--seed", str(settings.seed), *_option("--temperature", settings.temperature)]
         if settings.profile != MANUAL:
-            plant += ["--profile", settings.profile] + _option("--seconds", settings.seconds)
+            plant += ["--profile", settings.profile, *_option("--seconds", settings.seconds)]
         plant += _option("--parameters", settings.plant_parameters)
         controller = ["--law", settings.law, "--adaptation" if settings.adaptation else "--no-adaptation"]
         controller += _option("--parameters", settings.controller_parameters)

@@ -3,10 +3,8 @@
 Everything that costs time is done before the loop begins; in the loop a row is copied and one number is looked at.
 """
 
-import ctypes
 import os
 import shutil
-import signal
 import subprocess
 import sys
 import tempfile
@@ -15,6 +13,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from protocols.child import clutch_hil, spawn
 from protocols.mailbox import Mailbox
 from protocols.node import Column
 from protocols.parameters import ParameterSet
@@ -31,12 +30,6 @@ TIMING = (
     Column("parameter_changes", "1", "parameters changed while running, total"),
 )
 _END = 3.0  # s for the telemetry process to publish its last rows and end
-_PR_SET_PDEATHSIG = 1  # linux/prctl.h
-
-
-def _die_with_parent() -> None:
-    """In the child: SIGTERM when the service dies."""
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 class Outlet:
@@ -65,7 +58,10 @@ class Outlet:
             self._ring = RingWriter(path, [*columns, *timing], RING_ROWS, description)
             self._tuning = Tuning(node, self._mailbox)
             if publish:
-                self._process = self._spawn(path, router)
+                command = clutch_hil(
+                    "telemetry", str(path), str(self._folder), *(["--router", router] if router else [])
+                )
+                self._process = spawn(command)
         except BaseException:
             shutil.rmtree(self._folder, ignore_errors=True)
             raise
@@ -95,9 +91,3 @@ class Outlet:
         self._mailbox.close()
         shutil.rmtree(self._folder, ignore_errors=True)
         return {"telemetry": ended, "rows": self._ring.written, "parameter_changes": self._tuning.changes}
-
-    def _spawn(self, ring: Path, router: str | None) -> "subprocess.Popen[bytes]":
-        # -P: modules of the folder we are in must not stand in for ours
-        command = [sys.executable, "-P", "-m", "protocols", "telemetry", str(ring), str(self._folder)]
-        command += ["--router", router] if router else []
-        return subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=True, preexec_fn=_die_with_parent)

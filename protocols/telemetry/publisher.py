@@ -82,12 +82,14 @@ class Publisher:
                 with query:
                     try:
                         answer(query)
-                    except (InputError, ValueError) as error:  # ValueError: no number, no UTF-8, no JSON
+                    except InputError as error:
                         query.reply_err(str(error))
+                    except ValueError as error:  # no number, no UTF-8, no JSON
+                        query.reply_err(f"the question is malformed: {error}")
 
     def _answer_history(self, query: zenoh.Query) -> None:
         asked = query.selector.parameters
-        begin, end = int(asked.get("from", "0")), int(asked.get("to", str(self._next)))
+        begin, end = int(asked.get("from") or 0), int(asked.get("to") or self._next)
         piece: list[np.ndarray] = []
         first = after = 0  # numbers of the first row of the piece and of the row after it
         for number, rows in self._history:

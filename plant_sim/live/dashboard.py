@@ -1,0 +1,130 @@
+"""Dashboard: which column stands in which plot. Each column of a node has one place, so a recording holds it once."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from plant_sim.live import palette
+from protocols.node import Column
+
+
+class Line(NamedTuple):
+    """A column as a line: its label in the legend, its colour and width [ui points]."""
+
+    column: str
+    label: str
+    color: int
+    width: float = 1.5
+
+
+class Plot(NamedTuple):
+    """A plot over time: entity path under the prefix, title, lines, and the units of columns without a place that it takes."""
+
+    path: str
+    title: str
+    lines: tuple[Line, ...] = ()
+    units: tuple[str, ...] = ()
+
+
+# rerun draws the entities of a plot in alphabetical order: the plant's lines lie on top of the controller's.
+PLOTS = (
+    Plot("torque", "torque [Nm]", (
+        Line("controller_torque_estimate_nm", "estimate", palette.ESTIMATE, 1.2),
+        Line("controller_torque_demand_nm", "demand", palette.DEMAND, 1.5),
+        Line("truth_clutch_torque_nm", "true", palette.TRUE, 2.5),
+    )),
+    Plot("pressure", "pressure [bar]", (
+        Line("controller_pressure_demand_bar", "demand", palette.DEMAND, 2.0),
+        Line("truth_valve_pressure_bar", "valve", palette.SECOND, 1.5),
+        Line("truth_cylinder_pressure_bar", "true", palette.TRUE, 2.0),
+        Line("cylinder_pressure_bar", "measured", palette.MEASURED, 1.0),
+    )),
+    Plot("voltage", "valve command [V]", (
+        Line("controller_voltage_v", "asked by the law", palette.DEMAND, 2.5),
+        Line("valve_voltage_v", "at the valve", palette.COMMAND, 1.2),
+    )),
+    Plot("slip", "slip [rad/s]", (
+        Line("controller_slip_rad_s", "observed", palette.ESTIMATE, 1.5),
+        Line("motor_speed_demand_rad_s", "motor demand", palette.DEMAND, 1.5),
+        Line("slip_speed_rad_s", "measured", palette.MEASURED, 1.0),
+        Line("truth_slip_speed_rad_s", "true", palette.TRUE, 1.5),
+    )),
+    Plot("temperature", "oil temperature [degC]", (
+        Line("controller_temperature_degc", "as the law takes it", palette.ESTIMATE, 1.0),
+        Line("oil_temperature_degc", "measured", palette.MEASURED, 1.0),
+        Line("truth_oil_temperature_degc", "true", palette.TRUE, 2.0),
+    )),
+    Plot("timing", "loop timing [us]", (
+        Line("controller_wake_us", "controller woke late", palette.ESTIMATE, 1.0),
+        Line("controller_work_us", "controller work", palette.COMMAND, 1.0),
+        Line("plant_wake_us", "plant woke late", palette.TRUE, 1.0),
+        Line("plant_work_us", "plant work", palette.SECOND, 1.0),
+    )),
+    Plot("terms", "feedback terms [bar]", (
+        Line("controller_proportional_bar", "torque P", palette.ESTIMATE, 1.0),
+        Line("controller_integral_bar", "torque I", palette.COMMAND, 2.0),
+        Line("controller_pressure_proportional_bar", "pressure P", palette.SECOND, 1.0),
+        Line("controller_pressure_integral_bar", "pressure I", palette.MEASURED, 2.0),
+    )),
+    Plot("feedforward", "feedforward and pressure [bar]", (
+        Line("controller_feedforward_bar", "feedforward", palette.COMMAND, 2.0),
+        Line("controller_pressure_bar", "measured, as the law takes it", palette.MEASURED, 1.0),
+    )),
+    Plot("balance", "torque balance [Nm]", (
+        Line("controller_observed_torque_nm", "observed at the motor", palette.ESTIMATE, 1.0),
+        Line("controller_coulomb_part_nm", "Coulomb part", palette.SECOND, 2.0),
+        Line("controller_viscous_part_nm", "viscous part", palette.COMMAND, 2.0),
+        Line("clutch_torque_nm", "clutch, measured", palette.MEASURED, 1.0),
+        Line("motor_torque_nm", "motor, measured", palette.CYCLE[5], 1.0),
+        Line("truth_motor_torque_nm", "motor, true", palette.TRUE, 1.5),
+    )),
+    Plot("adaptation", "adaptation [1]", (
+        Line("controller_friction_level", "friction level", palette.ESTIMATE, 2.0),
+        Line("controller_viscous_correction", "viscous correction", palette.SECOND, 1.5),
+    )),
+    Plot("more/position", "piston position [m]", units=("m",)),
+    Plot("more/force", "forces [N]", units=("N",)),
+    Plot("more/angle", "shaft angle [rad]", units=("rad",)),
+    Plot("more/acceleration", "observed slip acceleration [rad/s^2]", units=("rad/s^2",)),
+    Plot("more/clock", "clocks [s] and sample tick [1]", (
+        Line("controller_sample_tick", "controller sample tick", palette.CYCLE[-1]),
+    ), ("s",)),
+)  # fmt: skip
+REST = Plot("more/rest", "states, flags and counts [1], and what stands nowhere else")
+
+
+class Place(NamedTuple):
+    """Where columns of a node go: one wide entity. `numbers` are theirs among the node's columns."""
+
+    path: str
+    numbers: tuple[int, ...]
+    columns: tuple[Column, ...]
+    lines: tuple[Line, ...]
+
+    @property
+    def labels(self) -> list[str]:
+        """Of the lines, with units, for the legend."""
+        return [f"{line.label} [{column.unit}]" for line, column in zip(self.lines, self.columns, strict=True)]
+
+
+def places(node: str, columns: Sequence[Column]) -> list[Place]:
+    """The entities of a node's columns; every column is in exactly one."""
+    free = {column.name: number for number, column in enumerate(columns)}
+    chosen: dict[Plot, list[tuple[int, Line]]] = {}
+    for plot in PLOTS:
+        chosen[plot] = [(free.pop(line.column), line) for line in plot.lines if line.column in free]
+    by_unit = {unit: plot for plot in PLOTS for unit in plot.units}
+    for name, number in free.items():
+        unit = columns[number].unit
+        own = chosen.setdefault(by_unit.get(unit, REST), [])
+        label = name.removesuffix(f"_{unit.lower().replace('/', '_').replace('^', '')}").replace("_", " ")
+        own.append((number, Line(name, label, palette.CYCLE[len(own) % len(palette.CYCLE)])))
+    return [
+        Place(
+            f"{plot.path}/{node}",
+            tuple(number for number, _ in own),
+            tuple(columns[number] for number, _ in own),
+            tuple(line for _, line in own),
+        )
+        for plot, own in chosen.items()
+        if own
+    ]

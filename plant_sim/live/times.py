@@ -1,0 +1,70 @@
+"""Times of rows on rerun's timelines: `time` (UNIX time, live only), `rig_time` (since the run's start) and `row`."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import rerun as rr
+
+from protocols.telemetry.batch import Batch
+
+TIME, RIG_TIME, ROW = "time", "rig_time", "row"
+_CLOCKS = ("plant_clock_s", "controller_clock_s")
+
+
+@dataclass(frozen=True)
+class Times:
+    """Of some rows: `row` numbers, `rig` time [ns since the run's start], `unix` time [ns], None in a replay; int64."""
+
+    row: np.ndarray
+    rig: np.ndarray
+    unix: np.ndarray | None
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+    def __getitem__(self, rows: Any) -> "Times":
+        """Those of some of the rows, by slice or index array."""
+        return Times(self.row[rows], self.rig[rows], None if self.unix is None else self.unix[rows])
+
+    @property
+    def passing(self) -> np.ndarray:
+        """The time [ns] that passes even without samples, shape (rows,)."""
+        return self.rig if self.unix is None else self.unix
+
+    @cached_property
+    def indexes(self) -> list[rr.TimeColumn]:
+        """As rerun takes them; made once for all that is logged at these times."""
+        indexes = [
+            rr.TimeColumn(ROW, sequence=self.row),
+            rr.TimeColumn(RIG_TIME, duration=self.rig.astype("timedelta64[ns]")),
+        ]
+        if self.unix is not None:
+            indexes.append(rr.TimeColumn(TIME, timestamp=self.unix.astype("datetime64[ns]")))
+        return indexes
+
+
+def times(batch: Batch, live: bool) -> Times:
+    """Times of a batch's rows. A row whose clock is unknown stands at the epoch plus its rig time."""
+    row = np.arange(batch.first_row, batch.end)
+    names = {column.name for column in batch.columns}
+    if "time_s" in names:
+        seconds = batch["time_s"]
+    elif "controller_sample_tick" in names:  # -1 before the first sample; not-a-number in a run file
+        seconds = np.nan_to_num(batch["controller_sample_tick"], nan=-1.0) / batch.rate
+    else:
+        seconds = row / batch.rate
+    rig = _nanoseconds(np.where(np.isfinite(seconds), seconds, row / batch.rate))
+    if not live:
+        return Times(row, rig, None)
+    clock = rig
+    for name in _CLOCKS:
+        if name in names:
+            ticking = np.isfinite(batch[name])
+            clock = np.where(ticking, _nanoseconds(np.where(ticking, batch[name], 0.0)), rig)
+    return Times(row, rig, clock + round(batch.epoch * 1e9))
+
+
+def _nanoseconds(seconds: np.ndarray) -> np.ndarray:
+    return np.rint(seconds * 1e9).astype(np.int64)

@@ -1,0 +1,38 @@
+"""Child: a process of ours that does not outlive the one that started it."""
+
+import ctypes
+import signal
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from typing import IO
+
+_PR_SET_PDEATHSIG = 1  # linux/prctl.h
+
+
+def clutch_hil(*arguments: str) -> list[str]:
+    """The command line of `clutch-hil ARGUMENTS...` with this interpreter."""
+    # -P: modules of the folder we are in must not stand in for ours
+    return [sys.executable, "-P", "-m", "protocols", *arguments]
+
+
+def spawn(
+    command: Sequence[str],
+    output: IO[str] | None = None,
+    environment: Mapping[str, str] | None = None,
+    when_parent_dies: signal.Signals = signal.SIGTERM,
+) -> "subprocess.Popen[bytes]":
+    """Start a process in a session of its own, so that Ctrl-C is ours; `output` takes stdout and stderr."""
+
+    def die_with_parent() -> None:
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, when_parent_dies)
+
+    return subprocess.Popen(
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=output,
+        stderr=output,
+        env=environment,
+        start_new_session=True,
+        preexec_fn=die_with_parent,
+    )
