@@ -8,7 +8,7 @@ from protocols.command import checked_rate, emit, report, verdict, write_summary
 from protocols.errors import InputError
 
 BUS = typer.Option("auto", help="vcan0, can0, local:NAME or auto")
-RATE = typer.Option(1000, help="rate of samples and commands [Hz]")
+RATE = typer.Option(1000, help="rate of samples and commands, in Hz")
 PROFILE = typer.Option("engagement", help="name of a profile, or a CSV file")
 PROFILE_OR_MANUAL = typer.Option(
     "engagement", help="name of a profile, a CSV file, or manual: the demand comes from `clutch-hil demand` or `panel`"
@@ -17,9 +17,9 @@ PLANT_PARAMETERS = typer.Option(None, "--plant-parameters", help="TOML file that
 CONTROLLER_PARAMETERS = typer.Option(
     None, "--controller-parameters", help="TOML file that changes controller parameters"
 )
-SECONDS = typer.Option(None, help="repeat or cut the profile to this length [s]")
+SECONDS = typer.Option(None, help="repeat or cut the profile to this length, in s")
 SEED = typer.Option(1, help="seed of the sensor noise")
-TEMPERATURE = typer.Option(None, help="oil temperature at the start [degC]; the reference temperature if not given")
+TEMPERATURE = typer.Option(None, help="oil temperature at the start, in degC; the reference temperature if not given")
 LAW = typer.Option("both", help="both, feedforward or feedback")
 ADAPTATION = typer.Option(True, help="adapt the friction level on-line")
 OUT = typer.Option(Path("runs"), help="folder for what is written")
@@ -221,7 +221,7 @@ def frames(
 def benchmark(
     what: str = typer.Argument("loop", help="loop: kernel, controller and closed loop; friction: friction models"),
     bus: str = BUS,
-    seconds: float = typer.Option(60.0, help="length of the closed loop in real time [s]"),
+    seconds: float = typer.Option(60.0, help="length of the closed loop in real time, in s"),
     json_output: bool = JSON,
 ) -> None:
     """Measure the loop, or our friction models beside those of other packages, on this machine."""

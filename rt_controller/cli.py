@@ -14,7 +14,7 @@ def register(app: typer.Typer) -> None:
 
 def controller(
     bus: str = typer.Option("auto", help="vcan0, can0, local:NAME or auto"),
-    rate: int = typer.Option(1000, help="control rate [Hz]"),
+    rate: int = typer.Option(1000, help="control rate, in Hz"),
     lockstep: bool = typer.Option(False, help="step when a sample comes instead of by the clock"),
     parameters: Path | None = typer.Option(None, help="TOML file that changes controller parameters"),
     law: str = typer.Option("both", help="both, feedforward or feedback"),

@@ -1,0 +1,193 @@
+"""`clutch-hil panel`: drive the clutch from the keyboard, on the bus alone.
+
+A terminal that hangs also stops the set-points, and the controller releases the clutch: nobody sees it any more.
+"""
+
+import contextlib
+import os
+import re
+import select
+import sys
+import termios
+import time
+import tty
+from dataclasses import dataclass
+from typing import TextIO
+
+from rich.console import Console, Group
+from rich.live import Live
+from rich.panel import Panel as Box
+from rich.table import Table
+from rich.text import Text
+
+from plant_sim.live.bars import bar
+from plant_sim.live.supervisor import RATE, Answer, Supervisor
+from plant_sim.profile import SPEED_LIMIT, TORQUE_LIMIT
+from protocols.bus import open_bus
+from protocols.errors import InputError
+from protocols.stopping import Stop
+
+_DRAW_EVERY = RATE // 10  # cycles: 10 Hz, as often as the controller's status comes
+_ANSWERED = 0.3  # s, three status frames: the status heard before belongs to the request before
+_BAR_WIDTH = 28  # characters
+_PRESSURE_FULL = 5.0  # bar, limit of the guard
+_STEPS = {  # key: torque [Nm], speed [rad/s]
+    "up": (0.5, 0.0), "down": (-0.5, 0.0), "page up": (5.0, 0.0), "page down": (-5.0, 0.0),
+    "right": (0.0, 0.5), "left": (0.0, -0.5), "shift right": (0.0, 5.0), "shift left": (0.0, -5.0),
+}  # fmt: skip
+_SEQUENCES = {  # what a terminal sends for a key without a letter
+    "\x1b[A": "up", "\x1b[B": "down", "\x1b[C": "right", "\x1b[D": "left",
+    "\x1bOA": "up", "\x1bOB": "down", "\x1bOC": "right", "\x1bOD": "left",
+    "\x1b[5~": "page up", "\x1b[6~": "page down", "\x1b[1;2A": "page up", "\x1b[1;2B": "page down",
+    "\x1b[1;2C": "shift right", "\x1b[1;2D": "shift left", " ": "space",
+}  # fmt: skip
+_KEY = re.compile(r"\x1b\[[0-9;]*[A-Za-z~]|\x1bO.|[^\x1b]|\x1b(?![\[O]|$)", re.DOTALL)
+_HELP = (
+    "↑ ↓ 0.5 Nm   PgUp PgDn 5 Nm   ← → 0.5 rad/s   shift ← → 5 rad/s",
+    "e engage   r release   i idle, acknowledge   space release now   q quit",
+)
+_COLOURS = {"active": "green", "slip control": "green", "fill": "yellow", "release": "yellow", "fault": "bold red",
+            "silent": "bold red", "finalized": "bold red", "engage": "bold green", "none": "default"}  # fmt: skip
+
+
+@dataclass
+class Panel:
+    """What the operator asks for; keys change it. Torque [Nm], motor speed [rad/s]."""
+
+    torque: float = 5.0
+    speed: float = 10.47  # 100 rpm, the speed of the profiles
+    request: str = "idle"
+    message: str = ""
+    quit: bool = False
+    _since: float = 0.0  # s, when the request came
+
+    def press(self, key: str, answer: Answer, now: float) -> None:
+        """Take a key at `now` [s]; `answer` is what the bus says."""
+        torque, speed = _STEPS.get(key, (0.0, 0.0))
+        self.torque = min(max(self.torque + torque, 0.0), TORQUE_LIMIT)
+        self.speed = min(max(self.speed + speed, 0.0), SPEED_LIMIT)
+        if key in ("r", "space", "q", "end"):
+            self._ask("idle" if self.request == "idle" else "release", "", now)
+            self.quit = self.quit or key in ("q", "end")
+        elif key == "i":
+            self._ask("idle", "", now)
+        elif key == "e" and self.request != "engage":
+            if answer.phase == "idle" and self.request == "idle":
+                self._ask("engage", "", now)
+            else:
+                self.message = f"not engaged: the controller must be idle first, its phase is {answer.phase or '-'}"
+
+    def heed(self, answer: Answer, objection: str | None, now: float) -> None:
+        """Give up an engagement the controller does not carry out; go from release to idle when it is released."""
+        if self.request == "engage" and objection:
+            self._ask("release", f"{objection}{'; i acknowledges it' if answer.phase == 'fault' else ''}", now)
+        elif self.request == "release" and answer.phase == "idle" and now - self._since > _ANSWERED:
+            self._ask("idle", self.message, now)
+
+    def _ask(self, request: str, message: str, now: float) -> None:
+        self.request, self.message, self._since = request, message, now
+
+
+class Keyboard:
+    """Keys of a terminal one by one, without echo; leaving it restores the terminal. Raises InputError for no terminal."""
+
+    def __init__(self, stream: TextIO) -> None:
+        if not stream.isatty():
+            raise InputError("the panel needs a keyboard, and the standard input is no terminal; try clutch-hil demand")
+        self._terminal = stream.fileno()
+        self._pending = ""
+
+    def __enter__(self) -> "Keyboard":
+        self._before = termios.tcgetattr(self._terminal)
+        tty.setcbreak(self._terminal)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        with contextlib.suppress(termios.error):  # a terminal that has been closed needs no restoring
+            termios.tcsetattr(self._terminal, termios.TCSANOW, self._before)
+
+    def pressed(self) -> list[str]:
+        """Names of the keys pressed since the last call, letters in lower case; `end` when the terminal is gone."""
+        while select.select([self._terminal], [], [], 0.0)[0]:
+            try:
+                read = os.read(self._terminal, 1024)
+            except OSError:
+                read = b""
+            if not read:
+                return ["end"]
+            self._pending += read.decode(errors="replace")
+        found = list(_KEY.finditer(self._pending))
+        if found:
+            self._pending = self._pending[found[-1].end() :]
+        return [_SEQUENCES.get(match.group(), match.group().lower()) for match in found]
+
+
+def drive(bus: str) -> tuple[str, str, bool]:
+    """Serve the panel until q, Ctrl-C or SIGTERM; return text, verdict and whether the clutch was released.
+
+    Raises InputError when there is no terminal, no controller, or another supervisor.
+    """
+    panel, cycle = Panel(), 0
+    with (
+        Stop() as stop,
+        Keyboard(sys.stdin) as keyboard,
+        open_bus(bus) as port,
+        Supervisor(port) as supervisor,
+    ):
+        began = time.monotonic()
+        with Live(console=Console(), screen=True, auto_refresh=False) as live:
+            while not (stop.asked or panel.quit):
+                supervisor.ask(panel.request, panel.torque, panel.speed)
+                answer, now = supervisor.heard.answer(), time.monotonic()
+                for key in keyboard.pressed():
+                    panel.press(key, answer, now)
+                panel.heed(answer, supervisor.objection(), now)
+                if cycle % _DRAW_EVERY == 0:
+                    live.update(drawn(panel, answer, port.name), refresh=True)
+                cycle += 1
+            released = supervisor.release(panel.speed)
+        seconds = time.monotonic() - began
+    text = f"read:    keyboard, frames on {port.name}\nwrote:   set-points on {port.name} for {seconds:.1f} s"
+    verdict = "the clutch is released" if released else "the clutch was not released within 2 s"
+    return text, verdict, released
+
+
+def drawn(panel: Panel, answer: Answer, bus: str) -> Box:
+    """The panel as a picture of 80 columns."""
+    table = Table.grid(padding=(0, 2))
+    for style in ("bright_black", "bold", "", ""):
+        table.add_column(style=style)
+    table.columns[1].justify = "right"
+    rows: tuple[tuple[str, float | None, str, float], ...] = (
+        ("torque demand", panel.torque, "Nm", TORQUE_LIMIT),
+        ("torque estimate", answer.torque_estimate, "Nm", TORQUE_LIMIT),
+        ("torque measured", answer.clutch_torque, "Nm", TORQUE_LIMIT),
+        ("pressure", answer.pressure, "bar", _PRESSURE_FULL),
+        ("motor speed demand", panel.speed, "rad/s", SPEED_LIMIT),
+        ("slip", answer.slip, "rad/s", SPEED_LIMIT),
+        ("oil temperature", answer.temperature, "degC", 150.0),
+        ("friction level", answer.friction_level, "", 2.0),
+    )
+    for name, value, unit, full in rows:
+        number = "-" if value is None else f"{value:.2f}"
+        table.add_row(name, number, unit, bar(value, full, _BAR_WIDTH))
+    state = Table.grid(padding=(0, 2))
+    for _ in range(3):
+        state.add_column(style="bright_black", min_width=8)
+        state.add_column(min_width=12)
+    state.add_row("request", _coloured(panel.request), "phase", _coloured(answer.phase), "fault", _fault(answer.fault))
+    state.add_row("controller", _coloured(answer.controller), "plant", _coloured(answer.plant))
+    message = Text(panel.message or " ", style="yellow", no_wrap=True, overflow="ellipsis")
+    keys = Text("\n".join(_HELP), style="bright_black")
+    return Box(
+        Group(state, Text(), table, Text(), message, Text(), keys),
+        title=f"clutch-hil panel, {bus}", title_align="left", width=80, padding=(1, 2), border_style="bright_black",
+    )  # fmt: skip
+
+
+def _coloured(name: str | None) -> Text:
+    return Text(name or "-", style=_COLOURS.get(name or "", "default"))
+
+
+def _fault(name: str | None) -> Text:
+    return Text(name or "-", style="default" if name in (None, "none") else "bold red")

@@ -1,0 +1,73 @@
+"""Commands for the terminal: ask for torque, watch, tune."""
+
+import typer
+
+from protocols.command import report
+from protocols.errors import InputError
+
+BUS = typer.Option("auto", help="vcan0, can0, local:NAME or auto")
+BENCH = typer.Option(None, "--bus", help="bus of the bench, where several are running")
+ROUTER = typer.Option(None, help="zenoh router of another machine, such as tcp/192.168.1.5:7447")
+NAMES = typer.Argument(
+    None, metavar="[NAME[=VALUE]]...", help="parameters to show, or to set; a group such as torque. shows all of it"
+)
+JSON = typer.Option(False, "--json", help="print the result as JSON")
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands of the terminal."""
+    app.command(context_settings={"ignore_unknown_options": True})(demand)  # -1 is a torque, and refused as one
+    for command in (panel, monitor, tune):
+        app.command()(command)
+
+
+def demand(
+    torque: float | None = typer.Argument(None, help="torque to hold [Nm]"),
+    speed: float = typer.Option(10.47, help="speed of the motor, in rad/s"),
+    seconds: float | None = typer.Option(None, help="how long; until Ctrl-C, or to the profile's end, if not given"),
+    ramp: float = typer.Option(40.0, help="rise of the torque [Nm/s]"),
+    profile: str | None = typer.Option(None, help="name of a profile, or a CSV file, instead of TORQUE"),
+    bus: str = BUS,
+    json_output: bool = JSON,
+) -> None:
+    """Ask the controller for a torque, or for a profile, and tell whether it was reached."""
+    from plant_sim.live.demand import Demand, torque_profile
+    from plant_sim.profile import load_profile
+
+    if (torque is None) == (profile is None):
+        given = "neither of them" if torque is None else f"{torque:g} and {profile!r}"
+        raise InputError(f"demand needs either TORQUE or --profile; given are {given}")
+    asked = load_profile(str(profile), seconds) if torque is None else torque_profile(torque, speed, seconds, ramp)
+    report(*Demand(bus, asked).run(quiet=json_output), json_output)
+
+
+def panel(bus: str = BUS) -> None:
+    """Drive the clutch from the keyboard."""
+    from plant_sim.live.panel import drive
+
+    report({}, *drive(bus), as_json=False)
+
+
+def monitor(
+    bus: str | None = BENCH,
+    router: str | None = ROUTER,
+    once: bool = typer.Option(False, help="print one look and end"),
+    seconds: float | None = typer.Option(None, help="how long; until Ctrl-C if not given"),
+    json_output: bool = JSON,
+) -> None:
+    """Watch a running bench in the terminal."""
+    from plant_sim.live.monitor import watch
+
+    report(*watch(bus, router, once, seconds, json_output), json_output)
+
+
+def tune(
+    names: list[str] | None = NAMES,
+    bus: str | None = BENCH,
+    router: str | None = ROUTER,
+    json_output: bool = JSON,
+) -> None:
+    """List, show and set the parameters of the running services."""
+    from plant_sim.live.tune import tuned
+
+    report(*tuned(names or [], bus, router), json_output)

@@ -1,0 +1,103 @@
+"""A plant without a profile and a controller as processes, for the commands that drive and watch them."""
+
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from plant_sim.live.tune import nodes_alive
+from protocols.bus import Port, listen, open_bus
+from protocols.command import application
+from protocols.frames import load_frames
+from protocols.telemetry.keys import NODES, bench_name
+from protocols.telemetry.session import consumer_session
+
+COMMAND = [sys.executable, "-P", "-m", "protocols"]
+FRAMES = load_frames()
+PATIENCE = 60.0  # s: a service starts in 3 s, on a loaded machine in more
+RATE = 100  # Hz: five cycles are 50 ms, which even a busy machine seldom loses; at 1 kHz a hiccup of 6 ms is a fault
+
+
+@dataclass(frozen=True)
+class Running:
+    """Bus name and processes of both services."""
+
+    bus: str
+    plant: subprocess.Popen
+    controller: subprocess.Popen
+
+
+def clutch_hil(*arguments: str) -> Result:
+    """A command run to its end in this process; `exception` is its InputError."""
+    return CliRunner().invoke(application(), arguments)
+
+
+@contextmanager
+def process(*arguments: str, **settings) -> Iterator[subprocess.Popen]:
+    """A command while it runs; killed at the end when it still does."""
+    settings = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True} | settings
+    child = subprocess.Popen([*COMMAND, *arguments], **settings)
+    try:
+        yield child
+    finally:
+        if child.poll() is None:
+            child.kill()
+        child.communicate()
+
+
+@contextmanager
+def running_bench(*, telemetry: bool) -> Iterator[Running]:
+    """Both services on a bus of their own, ready: the controller answers."""
+    folder = tempfile.mkdtemp(prefix="ch-")  # short: socket paths hold 107 bytes
+    common = ["--bus", "local:bench", "--rate", str(RATE), "--telemetry" if telemetry else "--no-telemetry"]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    try:
+        with (
+            pytest.MonkeyPatch.context() as patch,
+            _with_bus_folder(patch, folder),
+            process("controller", *common, **quiet) as controller,
+            process("plant", *common, **quiet) as plant,
+        ):
+            with open_bus("local:bench") as port:
+                hear(port, "CONTROLLER_STATUS", lambda status: True)
+            if telemetry:
+                _await_telemetry()
+            yield Running("local:bench", plant, controller)
+            for child in (controller, plant):  # in this order the safe command still meets a plant
+                child.terminate()
+                child.wait(PATIENCE)
+    finally:
+        shutil.rmtree(folder)
+
+
+@contextmanager
+def _with_bus_folder(patch: pytest.MonkeyPatch, folder: str) -> Iterator[None]:
+    patch.setenv("CLUTCH_HIL_BUS_DIR", folder)
+    yield
+
+
+def _await_telemetry() -> None:
+    """Until both services publish."""
+    deadline = time.monotonic() + PATIENCE
+    with consumer_session() as session:
+        while nodes_alive(session, bench_name("local:bench")) != sorted(NODES):
+            assert time.monotonic() < deadline, "the services do not publish"
+            time.sleep(0.05)
+
+
+def hear(port: Port, frame: str, wanted: Callable[..., bool]) -> object:
+    """The first values of `frame` on the bus that are `wanted`."""
+    codec = FRAMES[frame]
+    deadline = time.monotonic() + PATIENCE
+    while time.monotonic() < deadline:
+        for can_id, data in listen(port, 0.02):
+            if can_id == codec.can_id and wanted(values := codec.unpack(data)):
+                return values
+    raise AssertionError(f"{frame} never came as wanted")

@@ -1,0 +1,205 @@
+"""`clutch-hil demand`: a supervisor on the bus, as a process, against a real controller and plant."""
+
+import json
+import signal
+import threading
+from collections.abc import Iterator
+from itertools import groupby, pairwise
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import can
+import pytest
+from typer.testing import Result
+
+from plant_sim.live.demand import Regime, torque_profile
+from plant_sim.live.supervisor import RATE as SETPOINTS
+from protocols.bus import open_bus
+from protocols.errors import InputError
+from protocols.frames import Frame
+from tests.live.running import FRAMES, Running, clutch_hil, hear, process, running_bench
+
+IDLE, ENGAGE, RELEASE = 0, 1, 2  # values of REQUEST in the DBC
+SLIP_CONTROL = 2  # value of PHASE in the DBC
+PACE_ERROR = 0.1  # of the period of set-points, in the median: a shared machine delays some of them
+RAMP = 20.0  # Nm/s
+RESOLUTION = 0.001  # Nm, of the signal
+
+
+@pytest.fixture(scope="module")
+def services() -> Iterator[Running]:
+    with running_bench(telemetry=False) as running:
+        yield running
+
+
+@pytest.fixture
+def bench(services: Running) -> Running:
+    with open_bus(services.bus) as port:
+        hear(port, "CONTROLLER_STATUS", lambda status: status.phase == IDLE)
+    return services
+
+
+def demand(bus: str, *arguments: str) -> Result:
+    return clutch_hil("demand", *arguments, "--bus", bus)
+
+
+class Witness:
+    """Every TORQUE_SETPOINT on a local bus, with the time [s] it was sent."""
+
+    def __init__(self, bus: str) -> None:
+        self.setpoints: list[tuple[float, Any]] = []
+        self._channel, self._ended = bus.removeprefix("local:"), threading.Event()
+        self._thread = threading.Thread(target=self._listen)
+
+    def __enter__(self) -> "Witness":
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ended.set()
+        self._thread.join()
+
+    def _listen(self) -> None:
+        codec = FRAMES["TORQUE_SETPOINT"]
+        with can.Bus(self._channel, interface="local") as bus:
+            while not self._ended.is_set():
+                message = bus.recv(0.05)
+                if message is not None and message.arbitration_id == codec.can_id:
+                    self.setpoints.append((message.timestamp, codec.unpack(bytes(message.data))))
+
+    def requests(self) -> list[int]:
+        """Requests in the order they were made, each once."""
+        return [request for request, _ in groupby(setpoint.request for _, setpoint in self.setpoints)]
+
+
+def test_a_torque_is_reached_and_released(bench: Running) -> None:
+    with Witness(bench.bus) as witness:
+        done = demand(bench.bus, "8", "--seconds", "1.5", "--ramp", str(RAMP), "--json")
+    assert done.exit_code == 0
+    result = json.loads(done.stdout)
+    assert result["good"]
+    assert result["released"]
+    assert abs(result["last_answer"]["torque_estimate"] - 8.0) < 0.8
+    assert abs(result["last_answer"]["clutch_torque"] - 8.0) < 0.8
+    assert witness.requests() == [IDLE, ENGAGE, RELEASE, IDLE]
+    times = [sent for sent, _ in witness.setpoints]
+    assert median(after - before for before, after in pairwise(times)) == pytest.approx(1.0 / SETPOINTS, rel=PACE_ERROR)
+    engaged = [(sent, setpoint.torque_demand) for sent, setpoint in witness.setpoints if setpoint.request == ENGAGE]
+    start = max(sent for sent, setpoint in witness.setpoints if setpoint.request == IDLE and sent < engaged[0][0])
+    assert all(torque <= RAMP * (sent - start) + RESOLUTION for sent, torque in engaged)
+
+
+def test_a_profile_file_is_followed(bench: Running, tmp_path: Path) -> None:
+    path = tmp_path / "steps.csv"
+    path.write_text(
+        "time_s,torque_demand_nm,motor_speed_demand_rad_s\n0,0,12\n0.2,5,12\n1.4,5,12\n1.6,0,12\n", encoding="utf-8"
+    )
+    with Witness(bench.bus) as witness:
+        done = demand(bench.bus, "--profile", str(path), "--json")
+    assert done.exit_code == 0
+    assert json.loads(done.stdout)["regime_demand_nm"] == pytest.approx(5.0)
+    assert {setpoint.speed_demand for _, setpoint in witness.setpoints} == {12.0}
+
+
+def test_ctrl_c_releases_the_clutch(bench: Running) -> None:
+    with open_bus(bench.bus) as port, process("demand", "6", "--bus", bench.bus) as child:
+        hear(port, "CONTROLLER_STATUS", lambda status: status.phase == SLIP_CONTROL)
+        child.send_signal(signal.SIGINT)
+        text, _ = child.communicate(timeout=10.0)
+        hear(port, "CONTROLLER_STATUS", lambda status: status.phase == IDLE)
+    assert "the clutch is released" in text
+    assert "verdict: interrupted after" in text
+
+
+def test_a_killed_supervisor_is_missed(bench: Running) -> None:
+    with open_bus(bench.bus) as port, process("demand", "6", "--bus", bench.bus) as child:
+        hear(port, "CONTROLLER_STATUS", lambda status: status.phase == SLIP_CONTROL)
+        child.kill()
+        hear(port, "CONTROLLER_STATUS", lambda status: status.phase == IDLE)
+
+
+def test_a_second_supervisor_is_refused(bench: Running) -> None:
+    with process("demand", "6", "--bus", bench.bus), open_bus(bench.bus) as port:
+        hear(port, "TORQUE_SETPOINT", lambda setpoint: True)
+        refusal = demand(bench.bus, "3").exception
+    assert isinstance(refusal, InputError)
+    assert "another supervisor" in str(refusal)
+    assert "clutch-hil plant without --profile" in str(refusal)
+
+
+def test_a_supervisor_that_comes_later_stops_the_demand(bench: Running) -> None:
+    codec = FRAMES["TORQUE_SETPOINT"]
+    with process("demand", "6", "--bus", bench.bus) as child, open_bus(bench.bus) as port:
+        hear(port, "CONTROLLER_STATUS", lambda status: status.phase == SLIP_CONTROL)
+        port.send(Frame(codec.can_id, codec.pack(0, IDLE, 0.0, 0.0)))
+        _, errors = child.communicate(timeout=10.0)
+        hear(port, "CONTROLLER_STATUS", lambda status: status.phase == IDLE)
+    assert child.returncode == 2
+    assert "another supervisor" in errors
+
+
+def test_a_fault_is_told_by_name(bench: Running) -> None:
+    with open_bus(bench.bus) as port, process("demand", "6", "--bus", bench.bus) as child:
+        hear(port, "CONTROLLER_STATUS", lambda status: status.phase == SLIP_CONTROL)
+        bench.plant.send_signal(signal.SIGSTOP)
+        try:
+            text, _ = child.communicate(timeout=10.0)
+        finally:
+            bench.plant.send_signal(signal.SIGCONT)
+    assert child.returncode == 1
+    assert text.strip().endswith("verdict: fault: stale sensors")
+
+
+def test_without_a_controller_nothing_is_asked(local_bus: str) -> None:
+    with Witness(local_bus) as witness:
+        refusal = demand(local_bus, "6").exception
+    assert isinstance(refusal, InputError)
+    assert "no controller is on local:bench" in str(refusal)
+    assert not witness.setpoints
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        ((), "needs either TORQUE or --profile"),
+        (("5", "--profile", "engagement"), "needs either TORQUE or --profile"),
+        (("31",), "torque 31 Nm is outside 0..30 Nm"),
+        (("-1",), "torque -1 Nm is outside 0..30 Nm"),
+        (("much",), "valid number"),
+        (("5", "--seconds", "0"), "0 s is not possible"),
+        (("--profile", "none"), "profile 'none' does not exist; known are"),
+    ],
+)
+def test_bad_input_is_told(arguments: tuple[str, ...], told: str) -> None:
+    done = demand("local:nobody", *arguments)
+    assert done.exit_code != 0
+    assert told in f"{done.output} {done.exception}"
+
+
+@pytest.mark.parametrize(
+    ("torque", "speed", "ramp"),
+    [(float("nan"), 10.0, 40.0), (5.0, 26.3, 40.0), (5.0, -0.1, 40.0), (5.0, 10.0, 0.0), (5.0, 10.0, float("inf"))],
+)
+def test_what_the_rig_cannot_do_is_refused(torque: float, speed: float, ramp: float) -> None:
+    with pytest.raises(InputError):
+        torque_profile(torque, speed, None, ramp)
+
+
+def test_a_ramp_that_is_longer_than_the_demand_is_cut() -> None:
+    profile = torque_profile(20.0, 10.0, 1.0, 10.0)
+    assert profile.duration == 1.0
+    assert profile.at(0.9999).torque == pytest.approx(10.0, abs=0.01)
+
+
+def test_only_steady_demands_are_judged() -> None:
+    rising, held = Regime(), Regime()
+    for sample in range(400):
+        rising.add(sample * 0.01, 0.0)
+        held.add(10.0, 9.5)
+    assert not rising.samples
+    assert not rising.reached
+    assert held.error == pytest.approx(0.5)
+    assert held.reached
+    held.error_sum *= 3.0
+    assert not held.reached

@@ -1,0 +1,204 @@
+"""`clutch-hil panel` in a pseudo-terminal, with keys pressed, against a real controller and plant."""
+
+import fcntl
+import os
+import pty
+import re
+import signal
+import struct
+import subprocess
+import termios
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from plant_sim.live.panel import Panel
+from plant_sim.live.supervisor import Answer
+from plant_sim.profile import SPEED_LIMIT, TORQUE_LIMIT
+from protocols.bus import Port, open_bus
+from protocols.frames import Frame
+from tests.live.running import FRAMES, PATIENCE, Running, hear, process, running_bench
+
+IDLE, ENGAGE, RELEASE = 0, 1, 2  # values of REQUEST in the DBC
+SLIP_CONTROL = 2  # value of PHASE in the DBC
+LONG_AGO, NOW = 0.0, 100.0  # s
+UP, PAGE_DOWN, RIGHT = "\x1b[A", "\x1b[6~", "\x1b[C"
+CONTROL = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")  # colours and positions on the screen
+
+ENGAGED = Answer("active", "active", "slip control", "none", 5.0)
+OPEN = Answer("active", "active", "idle", "none", 0.0)
+
+
+class Terminal:
+    """A pseudo-terminal of 80 x 24 with the panel in it."""
+
+    def __init__(self, keyboard: int, child: subprocess.Popen) -> None:
+        self.child = child
+        self._keyboard = keyboard
+        self._screen = ""
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def press(self, keys: str) -> None:
+        os.write(self._keyboard, keys.encode())
+
+    def shows(self, text: str) -> bool:
+        """Whether `text` has been on the screen since the last call."""
+        deadline = time.monotonic() + PATIENCE
+        while time.monotonic() < deadline:
+            if text in CONTROL.sub("", self._screen):
+                self._screen = ""
+                return True
+            time.sleep(0.01)
+        return False
+
+    def ended(self) -> tuple[int, str]:
+        """Exit code and what was printed."""
+        code = self.child.wait(PATIENCE)
+        deadline = time.monotonic() + 1.0
+        while "verdict" not in self._screen and "error" not in self._screen and time.monotonic() < deadline:
+            time.sleep(0.01)
+        return code, self._screen
+
+    def _read(self) -> None:
+        while True:
+            try:
+                self._screen += os.read(self._keyboard, 65536).decode(errors="replace")
+            except OSError:
+                return
+
+
+@pytest.fixture(scope="module")
+def services() -> Iterator[Running]:
+    with running_bench(telemetry=False) as running:
+        yield running
+
+
+@contextmanager
+def panel(running: Running) -> Iterator[tuple[Terminal, Port]]:
+    """The panel in a terminal that must be at the end as it was before; and a place on its bus."""
+    keyboard, line = pty.openpty()
+    fcntl.ioctl(line, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
+    before = termios.tcgetattr(line)
+    with open_bus(running.bus) as port:
+        hear(port, "CONTROLLER_STATUS", lambda status: status.phase == IDLE)
+        ends = {"stdin": line, "stdout": line, "stderr": line, "env": os.environ | {"TERM": "xterm-256color"}}
+        with process("panel", "--bus", running.bus, **ends) as child:
+            terminal = Terminal(keyboard, child)
+            assert terminal.shows("torque demand")
+            assert termios.tcgetattr(line) != before
+            yield terminal, port
+        hear(port, "CONTROLLER_STATUS", lambda status: status.phase == IDLE)
+    assert termios.tcgetattr(line) == before
+    os.close(line)
+    os.close(keyboard)
+
+
+def setpoint(port: Port, wanted: Callable[..., bool]) -> None:
+    hear(port, "TORQUE_SETPOINT", wanted)
+
+
+def test_keys_drive_the_clutch(services: Running) -> None:
+    with panel(services) as (terminal, port):
+        setpoint(port, lambda s: s.request == IDLE)
+        terminal.press("e")
+        setpoint(port, lambda s: s.request == ENGAGE and abs(s.torque_demand - 5.0) < 0.01)
+        hear(port, "CONTROLLER_STATUS", lambda status: status.phase == SLIP_CONTROL)
+        terminal.press(UP + UP + RIGHT)
+        setpoint(port, lambda s: abs(s.torque_demand - 6.0) < 0.01 and abs(s.speed_demand - 10.97) < 0.01)
+        hear(port, "CONTROLLER_STATUS", lambda status: abs(status.torque_estimate - 6.0) < 0.5)
+        assert terminal.shows("slip control")
+        terminal.press(" ")
+        setpoint(port, lambda s: s.request == RELEASE)
+        setpoint(port, lambda s: s.request == IDLE)  # by itself, once the controller is idle
+        terminal.press("e" + PAGE_DOWN)
+        setpoint(port, lambda s: s.request == ENGAGE and abs(s.torque_demand - 1.0) < 0.01)
+        terminal.press("q")
+        code, text = terminal.ended()
+    assert code == 0
+    assert "verdict: the clutch is released" in text
+
+
+def test_sigterm_releases_and_restores_the_terminal(services: Running) -> None:
+    with panel(services) as (terminal, port):
+        terminal.press("e")
+        hear(port, "CONTROLLER_STATUS", lambda status: status.phase == SLIP_CONTROL)
+        terminal.child.send_signal(signal.SIGTERM)
+        code, text = terminal.ended()
+    assert code == 0
+    assert "the clutch is released" in text
+
+
+def test_an_error_restores_the_terminal(services: Running) -> None:
+    codec = FRAMES["TORQUE_SETPOINT"]
+    with panel(services) as (terminal, port):
+        port.send(Frame(codec.can_id, codec.pack(0, IDLE, 0.0, 0.0)))
+        code, text = terminal.ended()
+    assert code == 2
+    assert "another supervisor" in text
+
+
+def test_a_fault_ends_the_engagement_until_it_is_acknowledged(services: Running) -> None:
+    with panel(services) as (terminal, port):
+        terminal.press("e")
+        hear(port, "CONTROLLER_STATUS", lambda status: status.phase == SLIP_CONTROL)
+        services.plant.send_signal(signal.SIGSTOP)
+        try:
+            setpoint(port, lambda s: s.request == RELEASE)
+            assert terminal.shows("fault: stale sensors; i acknowledges it")
+        finally:
+            services.plant.send_signal(signal.SIGCONT)
+        terminal.press("i")
+        hear(port, "CONTROLLER_STATUS", lambda status: status.phase == IDLE)
+        terminal.press("q")
+        assert terminal.ended()[0] == 0
+
+
+def test_without_a_terminal_one_sentence_is_told(local_bus: str) -> None:
+    with process("panel", "--bus", local_bus, stdin=subprocess.DEVNULL) as child:
+        _, errors = child.communicate(timeout=PATIENCE)
+    assert child.returncode == 2
+    assert errors.strip() == (
+        "error: the panel needs a keyboard, and the standard input is no terminal; try clutch-hil demand"
+    )
+
+
+def test_demands_stay_within_the_limits() -> None:
+    panel = Panel()
+    for _ in range(100):
+        panel.press("page up", OPEN, NOW)
+        panel.press("shift right", OPEN, NOW)
+    assert (panel.torque, panel.speed) == (TORQUE_LIMIT, SPEED_LIMIT)
+    for _ in range(100):
+        panel.press("page down", OPEN, NOW)
+        panel.press("shift left", OPEN, NOW)
+    assert (panel.torque, panel.speed) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("phase", ["release", "fault", None])
+def test_only_an_idle_controller_is_engaged(phase: str | None) -> None:
+    panel = Panel()
+    panel.press("e", Answer("active", "active", phase), NOW)
+    assert panel.request == "idle"
+    assert "must be idle first" in panel.message
+
+
+def test_an_engagement_the_controller_gives_up_is_not_asked_for_again() -> None:
+    panel = Panel()
+    panel.press("e", OPEN, LONG_AGO)
+    panel.heed(ENGAGED, None, NOW)
+    assert panel.request == "engage"
+    panel.heed(OPEN, "the controller has let the clutch go by itself", NOW)
+    assert panel.request == "release"
+    panel.heed(OPEN, None, NOW + 1.0)
+    assert (panel.request, panel.message) == ("idle", "the controller has let the clutch go by itself")
+
+
+@pytest.mark.parametrize("key", ["r", "space", "q", "end"])
+def test_each_way_out_releases(key: str) -> None:
+    panel = Panel(request="engage")
+    panel.press(key, ENGAGED, NOW)
+    assert panel.request == "release"

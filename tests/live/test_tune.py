@@ -1,0 +1,191 @@
+"""`clutch-hil tune`: names and values, a node that answers by the documented keys, and a real bench."""
+
+import json
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+import zenoh
+
+from plant_sim.live.tune import Catalogue, assignments, nodes_alive, parameters, set_parameters
+from protocols.errors import InputError
+from protocols.telemetry.keys import Keys
+from protocols.telemetry.session import consumer_session, publisher_session
+from tests.live.running import Running, clutch_hil, running_bench
+
+BENCH = "local:tuned@here"
+
+
+def entry(name: str, value: float, unit: str = "1", fixed: str | None = None) -> dict:
+    return {
+        "name": name, "value": value, "unit": unit, "type": "number", "bounds": [0.0, 100.0], "source": "a test",
+        "default": value, "uncertainty": 0.1, "fixed": fixed,
+    }  # fmt: skip
+
+
+CATALOGUE = Catalogue(
+    {
+        "controller.torque.proportional_gain": entry("torque.proportional_gain", 0.012, "bar/Nm"),
+        "controller.torque.integral_gain": entry("torque.integral_gain", 0.3),
+        "controller.model.coulomb_slope": entry("model.coulomb_slope", 10.8),
+        "controller.shared.name": entry("shared.name", 1.0),
+        "plant.shared.name": entry("shared.name", 1.0),
+        "plant.clutch.coulomb_slope": entry("clutch.coulomb_slope", 10.8),
+    }
+)
+
+
+def test_a_name_needs_no_node_where_it_is_clear() -> None:
+    assert CATALOGUE.named("torque.integral_gain") == "controller.torque.integral_gain"
+    assert CATALOGUE.named("plant.shared.name") == "plant.shared.name"
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("shared.name", "parameter 'shared.name' is ambiguous; there are controller.shared.name, plant.shared.name"),
+        ("torque.proportional_gian", "did you mean torque.proportional_gain"),
+        ("plant.clutch.coulomb_slop", "did you mean plant.clutch.coulomb_slope"),
+        ("zzz", "groups are controller.model, controller.shared, controller.torque, plant.clutch, plant.shared"),
+    ],
+)
+def test_what_is_not_one_parameter_is_told(name: str, told: str) -> None:
+    with pytest.raises(InputError) as error:
+        CATALOGUE.named(name)
+    assert told in str(error.value)
+
+
+@pytest.mark.parametrize("prefix", ["torque.", "torque", "torque.*", "controller.torque", "controller.torque."])
+def test_a_group_is_found_with_or_without_its_node(prefix: str) -> None:
+    assert CATALOGUE.group(prefix) == ["controller.torque.proportional_gain", "controller.torque.integral_gain"]
+
+
+def test_a_group_does_not_begin_in_the_middle_of_a_word() -> None:
+    assert not CATALOGUE.group("tor")
+
+
+def test_values_are_sorted_by_node() -> None:
+    assert assignments(CATALOGUE, ["torque.integral_gain=0.5", "clutch.coulomb_slope=1e1"]) == {
+        "controller": {"torque.integral_gain": 0.5},
+        "plant": {"clutch.coulomb_slope": 10.0},
+    }
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["torque.proportional_gain=abc"], "is given as 'abc'; a number is needed, 0 to 100 bar/Nm"),
+        (["torque.proportional_gain="], "is given as ''"),
+        (["torque.integral_gain=1", "controller.torque.integral_gain=2"], "is given twice"),
+    ],
+)
+def test_values_that_cannot_be_taken_are_told(arguments: list[str], told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        assignments(CATALOGUE, arguments)
+
+
+@contextmanager
+def answering(node: str, answer: dict | None, refusal: str = "") -> Iterator[list[str | None]]:
+    """A node of BENCH that lives and answers every query with `answer` or `refusal`; yields the payloads it was sent."""
+    asked: list[str | None] = []
+    with publisher_session() as session:
+        queryable = session.declare_queryable(Keys(BENCH, node).parameters, zenoh.handlers.FifoChannel(8))
+        token = session.liveliness().declare_token(Keys(BENCH, node).alive)
+
+        def serve() -> None:
+            while True:
+                try:
+                    query = queryable.recv()
+                except zenoh.ZError:  # the session is closed
+                    return
+                with query:
+                    asked.append(None if query.payload is None else query.payload.to_string())
+                    if answer is None:
+                        query.reply_err(refusal)
+                    else:
+                        query.reply(query.key_expr, json.dumps(answer))
+
+        server = threading.Thread(target=serve)
+        server.start()
+        yield asked
+        token.undeclare()
+    server.join()
+
+
+def test_the_wire_is_as_documented() -> None:
+    answer = {"row": 7, "changed": []}
+    with answering("plant", answer) as asked, consumer_session() as session:
+        assert nodes_alive(session, BENCH) == ["plant"]
+        assert parameters(session, BENCH, "plant") == answer
+        assert set_parameters(session, BENCH, "plant", {"clutch.coulomb_slope": 11.0}) == answer
+    assert asked[0] is None
+    assert json.loads(str(asked[1])) == {"clutch.coulomb_slope": 11.0}
+
+
+def test_a_refusal_is_told_in_the_words_of_the_node() -> None:
+    with (
+        answering("plant", None, "the slope is fixed"),
+        consumer_session() as session,
+        pytest.raises(InputError, match=r"^the slope is fixed$"),
+    ):
+        set_parameters(session, BENCH, "plant", {"clutch.coulomb_slope": 11.0})
+
+
+def test_a_node_that_does_not_answer_is_told() -> None:
+    with consumer_session() as session, pytest.raises(InputError, match="the plant on local:tuned does not answer"):
+        parameters(session, BENCH, "plant")
+
+
+@pytest.fixture(scope="module")
+def bench() -> Iterator[Running]:
+    with running_bench(telemetry=True) as running:
+        yield running
+
+
+def tune(bench: Running, *arguments: str) -> dict:
+    done = clutch_hil("tune", *arguments, "--bus", bench.bus, "--json")
+    assert done.exit_code == 0, done.exception
+    return json.loads(done.stdout)
+
+
+def refused(bench: Running, *arguments: str) -> str:
+    done = clutch_hil("tune", *arguments, "--bus", bench.bus)
+    assert isinstance(done.exception, InputError)
+    assert not done.stdout
+    return str(done.exception)
+
+
+def test_all_parameters_of_both_services_are_listed(bench: Running) -> None:
+    told = tune(bench)["parameters"]
+    assert told["controller.torque.proportional_gain"]["unit"] == "bar/Nm"
+    assert told["plant.clutch.coulomb_slope"]["default"] == 10.8
+    assert told["controller.guard.pressure"]["fixed"]
+
+
+def test_no_short_name_is_ambiguous(bench: Running) -> None:
+    names = [name.partition(".")[2] for name in tune(bench)["parameters"]]
+    assert len(set(names)) == len(names)
+
+
+def test_both_services_are_tuned_at_once(bench: Running) -> None:
+    told = tune(bench, "torque.proportional_gain=0.02", "plant.clutch.coulomb_slope=11.5")["changed"]
+    assert [(change["node"], change["old"], change["new"]) for change in told] == [
+        ("controller", 0.012, 0.02), ("plant", 10.8, 11.5),
+    ]  # fmt: skip
+    assert all(change["row"] > 0 for change in told)
+    now = tune(bench, "torque.proportional_gain", "clutch.coulomb_slope")["parameters"]
+    assert [entry["value"] for entry in now.values()] == [0.02, 11.5]
+
+
+def test_a_refused_change_changes_nothing(bench: Running) -> None:
+    before = tune(bench, "torque.")["parameters"]
+    message = refused(bench, "torque.integral_gain=0.4", "torque.demand_limit=1000")
+    assert "torque.demand_limit = 1000 Nm breaks 0 <= value <= 60" in message
+    assert tune(bench, "torque.")["parameters"] == before
+
+
+def test_bad_names_and_values_are_told(bench: Running) -> None:
+    assert "guard.pressure" in refused(bench, "guard.pressure=9")
+    assert "did you mean" in refused(bench, "torque.proportional_gian=1")
+    assert "without a value" in refused(bench, "torque.integral_gain", "torque.proportional_gain=1")
