@@ -1,0 +1,67 @@
+"""A change of parameters in a running bench is in its recording, at its row."""
+
+import json
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from plant_sim.live.tune import set_parameters
+from protocols.errors import InputError
+from protocols.runs import read_run
+from protocols.telemetry.feed import ask
+from protocols.telemetry.keys import Keys
+from protocols.telemetry.session import consumer_session
+from tests.telemetry.benches import COMMAND, found, until
+
+WEAKER = 0.6  # of the friction: the torque shows it at once
+SETTLED = 50  # rows for the friction state to follow: three of its time constants
+
+
+def test_a_change_is_in_the_recording_where_it_acts(local_bus: str, tmp_path: Path) -> None:
+    arguments = ["--bus", local_bus, "--seconds", "8", "--no-adaptation", "--out", str(tmp_path), "--json"]
+    with subprocess.Popen([*COMMAND, "up", *arguments], stdout=subprocess.PIPE, text=True) as bench:
+        with consumer_session() as session:
+            name = found(session, local_bus)
+            demand = "controller_torque_demand_nm"
+            until(lambda: ask(session, Keys(name, "controller").last)["values"][demand]["value"] == 10.0, "10 Nm")
+            weaker = set_parameters(session, name, "plant", {"friction_level.level": WEAKER})
+            gains = {"torque.proportional_gain": 0.02, "torque.integral_gain": 0.2}
+            tuned = set_parameters(session, name, "controller", gains)
+            with pytest.raises(InputError, match=r"torque\.integral_gain = 9 bar/\(Nm s\) breaks 0 <= value <= 5"):
+                set_parameters(session, name, "controller", {"torque.integral_gain": 9.0})
+        out, _ = bench.communicate()
+    run = read_run(Path(json.loads(out)["run"]))
+    changes = run.metadata["parameter_changes"]
+    assert [(change["node"], change["name"], change["old"], change["new"]) for change in changes] == [
+        ("plant", "friction_level.level", 1.0, WEAKER),
+        ("controller", "torque.proportional_gain", 0.012, 0.02),
+        ("controller", "torque.integral_gain", 0.3, 0.2),
+    ]
+    # the plant's record is the run: its row numbers are the run's
+    row = int(np.flatnonzero(run["plant_parameter_changes"])[0])
+    assert row == weaker["row"] == changes[0]["row"]
+    torque, estimate = run["truth_clutch_torque_nm"], run["controller_torque_estimate_nm"]
+    assert torque[row - 1] / estimate[row - 1] == pytest.approx(1.0, rel=0.05)
+    assert torque[row + SETTLED] / estimate[row + SETTLED] == pytest.approx(WEAKER, rel=0.05)
+    # both gains from the same cycle on
+    assert set(run["controller_parameter_changes"][SETTLED:]) == {0.0, 2.0}
+    first = int(np.flatnonzero(run["controller_parameter_changes"] == 2.0)[0])
+    error = run["controller_torque_demand_nm"] - run["controller_torque_estimate_nm"]
+    proportional = run["controller_proportional_bar"]
+    assert proportional[first - 1] == pytest.approx(0.012 * error[first - 1])
+    assert proportional[first] == pytest.approx(0.02 * error[first])
+    assert tuned["row"] == changes[1]["row"] == changes[2]["row"]
+
+
+def test_a_lock_step_run_can_be_tuned(local_bus: str, tmp_path: Path) -> None:
+    arguments = ["--lockstep", "--bus", local_bus, "--seconds", "120", "--out", str(tmp_path), "--json"]
+    with subprocess.Popen([*COMMAND, "up", *arguments], stdout=subprocess.PIPE, text=True) as bench:
+        with consumer_session() as session:
+            name = found(session, local_bus)
+            set_parameters(session, name, "plant", {"friction_level.level": WEAKER})
+        out, _ = bench.communicate()
+    run = read_run(Path(json.loads(out)["run"]))
+    assert run["plant_parameter_changes"][-1] == 1.0
+    assert run.metadata["plant_parameters"]["friction_level.level"] == 1.0  # as it began
