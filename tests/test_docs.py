@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from protocols.telemetry import keys
+
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 
@@ -18,6 +20,12 @@ def test_the_code_of_the_friction_page_runs() -> None:
         exec(compile(block, "docs/friction.md", "exec"), names)
     assert names["trace"].force.max() > 0.0  # type: ignore[attr-defined]
     assert names["motion"].friction.min() >= 0.0  # type: ignore[attr-defined]
+
+
+def test_the_telemetry_page_has_the_keys() -> None:
+    table = [line for line in str(keys.__doc__).splitlines() if line.startswith("|")]
+    assert len(table) == len(keys.LEAVES) + 2
+    assert "\n".join(table) in (ROOT / "docs" / "telemetry.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

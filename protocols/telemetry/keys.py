@@ -1,14 +1,15 @@
 """Keys: where in zenoh a bench's telemetry stands. A bench is named BUS@HOST, its nodes are `plant` and `controller`.
 
-| key (after `clutch-hil/BENCH/NODE/`) | kind       | payload                                                              |
-|--------------------------------------|------------|----------------------------------------------------------------------|
-| `alive`                              | liveliness | token: the service lives                                             |
-| `record`                             | put        | Arrow IPC stream (batch.py): every row, in order; DROP, REAL_TIME    |
-| `history`                            | queryable  | such batches of the last 30 s, oldest first; `?from=ROW;to=ROW` of them |
-| `last`                               | queryable  | JSON: newest row, {"row": n, "values": {column: {"value", "unit"}}}  |
-| `describe`                           | queryable  | JSON: columns with unit and meaning, rate, session, versions         |
-| `parameters`                         | queryable  | JSON: all of them; with a JSON payload {name: value}: set, all or none |
-| `event`                              | put        | JSON: a parameter was changed; `events` (queryable) has those so far |
+| key after `clutch-hil/BENCH/NODE/` | kind | payload |
+|---|---|---|
+| `alive` | liveliness | token: the service lives |
+| `record` | put | Arrow IPC stream (batch.py): every row, in order; DROP, REAL_TIME |
+| `history` | queryable | such batches of the last 30 s, oldest first; `?from=ROW;to=ROW` for a part |
+| `last` | queryable | JSON, the newest row: {"row": n, "values": {column: {"value": x, "unit": u}}} |
+| `describe` | queryable | JSON: columns with unit and meaning, rate, session, versions |
+| `parameters` | queryable | JSON: all of them; with a JSON payload {name: value}: set, all or none |
+| `event` | put | JSON: a parameter was changed |
+| `events` | queryable | JSON: the changes so far |
 """
 
 import os
