@@ -232,6 +232,9 @@ def test_two_rates_are_refused(local_bus: str) -> None:
         (["--plant-parameters", "bad.toml"], "parameter clutch.coulomb_slope = 999 Nm/bar breaks 1 <= value <= 100"),
         (["--controller-parameters", "bad.toml"], "parameter 'clutch.coulomb_slope' is unknown; did you mean"),
         (["--plant-parameters", "missing.toml"], "parameter file missing.toml does not exist"),
+        (["--router", "nonsense"], "telemetry: zenoh router 'nonsense' cannot be reached; an address such as"),
+        (["--profile", "manual", "--lockstep"], "profile 'manual' cannot be played in lock-step"),
+        (["--view", "--no-telemetry"], "a viewer was asked for and --no-telemetry"),
         (["--profile", "high.csv"], "row 2: set-point 31 Nm is outside 0..30 Nm"),
     ],
 )

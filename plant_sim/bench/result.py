@@ -90,6 +90,8 @@ def _timing_lines(timing: dict[str, Any]) -> list[str]:
         if clock and clock["late"] > _LATE_NOTED * clock["cycles"]:
             lines.append(f"{'':<12} note: more than {100 * _LATE_NOTED:g} % late: timing of this run was disturbed")
         lines += [f"{'':<12} note: {text}" for text in service["not_available"]]
+        if service["telemetry"] not in ("ended", "off"):
+            lines.append(f"{'':<12} note: telemetry {service['telemetry']}")
     if "speed" in timing:
         lines.append(f"speed:       {timing['speed']:.1f} x real time")
     return lines

@@ -1,11 +1,8 @@
 """Services: plant and controller as processes of the bench, started, watched and ended together."""
 
 import json
-import os
-import shutil
 import signal
 import subprocess
-import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -15,6 +12,7 @@ from typing import Any
 from protocols.child import clutch_hil, spawn
 from protocols.errors import InputError
 from protocols.ring import RingReader
+from protocols.shared_folder import SharedFolder
 from protocols.stopping import Stop
 
 _START = 120.0  # s for both services to come up: compiling the kernel for the first time takes some of it
@@ -30,8 +28,8 @@ class Services:
     """
 
     def __init__(self, commands: Mapping[str, Sequence[str]]) -> None:
-        shared = Path("/dev/shm")  # rings are memory where there is any
-        self._folder = Path(tempfile.mkdtemp(prefix="clutch-hil-", dir=shared if os.access(shared, os.W_OK) else None))
+        self._shared = SharedFolder()
+        self._folder = self._shared.path
         self._commands = dict(commands)
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
 
@@ -47,7 +45,7 @@ class Services:
             if not self._stopped(name):
                 self._processes[name].kill()
                 self._processes[name].wait()
-        shutil.rmtree(self._folder, ignore_errors=True)
+        self._shared.remove()
 
     def rings(self, stop: Stop) -> tuple[RingReader, RingReader]:
         """Rings of plant and controller once both have started. Raises InputError when one does not."""

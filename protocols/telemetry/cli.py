@@ -13,13 +13,14 @@ def register(app: typer.Typer) -> None:
 
 def telemetry(
     ring: Path = typer.Argument(help="ring of a service"),
-    folder: Path = typer.Argument(help="folder with the service's mailbox; removed at the end"),
+    folder: Path = typer.Argument(help="folder of the service with its mailbox; removed at the end"),
     router: str | None = typer.Option(None, help="zenoh router, for example tcp/192.168.1.5:7447"),
 ) -> None:
     """Publish the record of a service over zenoh."""
+    from protocols.telemetry.outlet import READY
     from protocols.telemetry.publisher import publish
 
     try:
-        publish(ring, folder / "mailbox", router)
+        publish(ring, folder / "mailbox", router, (folder / READY).touch)
     finally:
         shutil.rmtree(folder, ignore_errors=True)  # the service may have been killed

@@ -4,20 +4,22 @@ Everything that costs time is done before the loop begins; in the loop a row is 
 """
 
 import os
-import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from protocols.child import clutch_hil, spawn
+from protocols.errors import InputError
 from protocols.mailbox import Mailbox
 from protocols.node import Column
 from protocols.parameters import ParameterSet
 from protocols.ring import RingWriter
+from protocols.shared_folder import SharedFolder
 from protocols.telemetry.keys import bench_name
 from protocols.tuning import Tunable, Tuning, described
 
@@ -29,6 +31,9 @@ TIMING = (
     Column("late_cycles", "1", "cycles that ended after their slot, total"),
     Column("parameter_changes", "1", "parameters changed while running, total"),
 )
+READY = "ready"  # file that the telemetry process makes when it publishes
+_START = 60.0  # s for it to start; one takes half a second
+_POLL = 0.02  # s between looks
 _END = 3.0  # s for the telemetry process to publish its last rows and end
 
 
@@ -37,33 +42,30 @@ class Outlet:
 
     `columns` are the node's; those of TIMING follow in the ring, under `prefix`. `ring` is where the ring goes, None for a
     folder of its own; `publish` starts the telemetry process; `router` is a zenoh endpoint, None for peer to peer.
+    Raises InputError when the telemetry process cannot publish.
     """
 
     def __init__(
         self, name: str, node: Tunable, columns: Sequence[Column], bus: str, rate: int, session: int, *,
         shipped: ParameterSet, ring: Path | None, publish: bool, router: str | None, prefix: str = "",
     ) -> None:  # fmt: skip
-        shared = Path("/dev/shm")  # memory where there is any
-        self._folder = Path(tempfile.mkdtemp(prefix="clutch-hil-", dir=shared if os.access(shared, os.W_OK) else None))
+        self._folder = SharedFolder()
         self._process: subprocess.Popen[bytes] | None = None
         try:
-            self._mailbox = Mailbox(self._folder / "mailbox")
+            self._mailbox = Mailbox(self._folder.path / "mailbox")
             description = {
                 "node": name, "bench": bench_name(bus), "rate": rate, "session": session, "pid": os.getpid(),
                 "versions": {"clutch-hil": version("clutch-hil"), "python": sys.version.split()[0]},
                 "parameters": described(node, shipped),
             }  # fmt: skip
             timing = [Column(prefix + column, unit, meaning) for column, unit, meaning in TIMING]
-            path = ring or self._folder / "ring"
+            path = ring or self._folder.path / "ring"
             self._ring = RingWriter(path, [*columns, *timing], RING_ROWS, description)
             self._tuning = Tuning(node, self._mailbox)
             if publish:
-                command = clutch_hil(
-                    "telemetry", str(path), str(self._folder), *(["--router", router] if router else [])
-                )
-                self._process = spawn(command)
+                self._process = self._published(path, router)
         except BaseException:
-            shutil.rmtree(self._folder, ignore_errors=True)
+            self._folder.remove()
             raise
 
     def write(self, row: Sequence[float], clock: float, wake_us: float, work_us: float, late: int) -> None:
@@ -89,5 +91,21 @@ class Outlet:
                 ended = "killed: it did not end"
         self._ring.close()
         self._mailbox.close()
-        shutil.rmtree(self._folder, ignore_errors=True)
+        self._folder.remove()
         return {"telemetry": ended, "rows": self._ring.written, "parameter_changes": self._tuning.changes}
+
+    def _published(self, ring: Path, router: str | None) -> "subprocess.Popen[bytes]":
+        """The telemetry process, once it publishes. Raises InputError with its reason when it does not."""
+        folder = self._folder.path
+        command = clutch_hil("telemetry", str(ring), str(folder), *(["--router", router] if router else []))
+        with tempfile.TemporaryFile("w+", errors="replace") as log:
+            process = spawn(command, log)
+            deadline = time.monotonic() + _START
+            while not (folder / READY).exists():
+                if process.poll() is not None or time.monotonic() > deadline:
+                    process.kill()
+                    log.seek(0)
+                    lines = log.read().strip().splitlines() or [f"it did not start within {_START:g} s"]
+                    raise InputError(f"telemetry: {lines[-1].removeprefix('error: ')}; --no-telemetry goes without")
+                time.sleep(_POLL)
+        return process

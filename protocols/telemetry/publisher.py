@@ -141,11 +141,12 @@ class Publisher:
         return answer
 
 
-def publish(ring_path: Path, mailbox_path: Path, router: str | None) -> None:
-    """Publish a ring until SIGTERM, and then what came last. Raises InputError."""
+def publish(ring_path: Path, mailbox_path: Path, router: str | None, ready: Callable[[], None]) -> None:
+    """Publish a ring until SIGTERM, and then what came last; call `ready` when it begins. Raises InputError."""
     ring, mailbox = RingReader(ring_path), Asker(mailbox_path)
     with Stop() as stop, publisher_session(router) as session:
         publisher = Publisher(ring, mailbox, session)
+        ready()
         while not stop.asked:
             publisher.step()
             time.sleep(PERIOD)

@@ -60,8 +60,10 @@ def _client(router: str) -> zenoh.Session:
     try:
         config = {"mode": "client", "connect/endpoints": [router], "connect/timeout_ms": _REACH}
         return zenoh.open(_config(config))
-    except zenoh.ZError as error:
-        raise InputError(f"zenoh router {router!r} cannot be reached: {error}") from None
+    except zenoh.ZError:
+        raise InputError(
+            f"zenoh router {router!r} cannot be reached; an address such as tcp/192.168.1.5:7447 is needed"
+        ) from None
 
 
 def _config(settings: dict[str, object]) -> zenoh.Config:

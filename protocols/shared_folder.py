@@ -1,0 +1,37 @@
+"""SharedFolder: a folder in memory for what processes of a bench share. It goes with its owner, even a killed one."""
+
+import fcntl
+import os
+import shutil
+import tempfile
+from pathlib import Path
+
+_PREFIX = "clutch-hil-"
+_LOCK = "owner"  # file that its owner holds locked as long as it lives
+
+
+class SharedFolder:
+    """`path` is a new folder of this process, in /dev/shm where there is one. Folders of dead owners are removed."""
+
+    def __init__(self) -> None:
+        memory = Path("/dev/shm")
+        root = memory if os.access(memory, os.W_OK) else Path(tempfile.gettempdir())
+        for folder in root.glob(f"{_PREFIX}*"):
+            _remove_if_dead(folder)
+        self.path = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=root))
+        self._lock = (self.path / _LOCK).open("w")
+        fcntl.flock(self._lock, fcntl.LOCK_EX)
+
+    def remove(self) -> None:
+        """Remove it with all that is in it."""
+        shutil.rmtree(self.path, ignore_errors=True)
+        self._lock.close()
+
+
+def _remove_if_dead(folder: Path) -> None:
+    try:
+        with (folder / _LOCK).open() as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            shutil.rmtree(folder, ignore_errors=True)
+    except OSError:
+        pass  # it lives, is being made, or is somebody else's
