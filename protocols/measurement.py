@@ -45,8 +45,8 @@ def write_mf4(run: Run, path: Path) -> None:
         mdf.append(signals, acq_name="run", comment="one row a sample", common_timebase=True)
         mdf.groups[0].channels[0].comment = run.meanings.get(_TIME, "")
         mdf.header.comment = _header(run.metadata)
-        if start := next((run.metadata[key] for key in _START if key in run.metadata), None):
-            mdf.header.start_time = datetime.fromisoformat(start)
+        if key := next((key for key in _START if key in run.metadata), None):
+            mdf.header.start_time = _time_of_day(key, run.metadata[key])
         mdf.save(file, compression=_COMPRESSION)
 
 
@@ -78,9 +78,8 @@ def _read(path: Path) -> tuple[str, str, list["Signal"]]:
     """Header as XML, comment of the first master channel, channels with numbers."""
     from asammdf import MDF
 
-    with contextlib.redirect_stderr(
-        io.StringIO()
-    ):  # asammdf complains about a damaged file, and stumbles when it is collected
+    # asammdf complains about a damaged file, and stumbles when it is collected
+    with contextlib.redirect_stderr(io.StringIO()):
         try:
             with path.open("rb") as file:
                 if not file.read(8).startswith(_MAGIC):
@@ -109,10 +108,20 @@ def _values(signal: "Signal") -> np.ndarray:
     return values
 
 
+def _time_of_day(key: str, text: Any) -> datetime:
+    """Raises InputError when it is none."""
+    try:
+        return datetime.fromisoformat(text)
+    except (TypeError, ValueError):
+        raise InputError(f"metadata {key} is {text!r}; allowed is a time as in ISO 8601") from None
+
+
 def _header(metadata: Mapping[str, Any]) -> str:
     root = ElementTree.Element("HDcomment")
     ElementTree.SubElement(root, "TX").text = "clutch-hil run"
     properties = ElementTree.SubElement(root, "common_properties")
     for name, value in metadata.items():
+        if not name.isprintable():
+            raise InputError(f"metadata {name!r} cannot be written as MF4; allowed is a name of printable characters")
         ElementTree.SubElement(properties, "e", name=name).text = json.dumps(value)
     return ElementTree.tostring(root, encoding="unicode")

@@ -149,7 +149,7 @@ def _read_table(path: Path) -> Run:
             table, raw = file.read(), file.metadata.metadata or {}
     except (OSError, pa.ArrowException) as error:
         raise InputError(f"run {path} cannot be read: {error}") from None
-    metadata = {k.decode(): parsed(v.decode()) for k, v in raw.items() if not k.startswith(b"ARROW")}
+    metadata = {_text(k): parsed(_text(v)) for k, v in raw.items() if not k.startswith(b"ARROW")}
     columns: dict[str, np.ndarray] = {}
     said: dict[bytes, dict[str, str]] = {b"unit": {}, b"meaning": {}}
     for column, described in zip(table.columns, table.schema, strict=True):
@@ -160,7 +160,7 @@ def _read_table(path: Path) -> Run:
             columns[name] = column.to_numpy().astype(float)
             for key, texts in said.items():
                 if text := (described.metadata or {}).get(key):
-                    texts[name] = text.decode()
+                    texts[name] = _text(text)
         elif name in REQUIRED:
             raise InputError(f"run {path}: {name} is not a number in row {_first_text(column)}")
     return Run(columns, metadata, said[b"unit"], said[b"meaning"])
@@ -180,6 +180,10 @@ def _check(path: Path, columns: Mapping[str, np.ndarray]) -> None:
         raise InputError(f"run {path}: time_s does not increase in row {bad[0] + 1}")
     if len(bad := np.flatnonzero(np.abs(steps - steps[0]) > _TIME_TOLERANCE * steps[0])):
         raise InputError(f"run {path}: the sample rate changes in row {bad[0] + 1}")
+
+
+def _text(raw: bytes) -> str:
+    return raw.decode(errors="replace")  # files of others may hold anything
 
 
 def _first_text(column: pa.ChunkedArray) -> int:

@@ -143,6 +143,22 @@ def test_a_failed_writing_leaves_the_older_file_alone(path: Path) -> None:
     assert [entry.name for entry in path.parent.iterdir()] == [path.name]
 
 
+@pytest.mark.parametrize(
+    ("metadata", "sentence"),
+    [
+        ({"recorded_at": "yesterday"}, "metadata recorded_at is 'yesterday'; allowed is a time as in ISO 8601"),
+        ({"time_zero": 5}, "metadata time_zero is 5; allowed is a time as in ISO 8601"),
+        ({"a\x01": 1}, r"metadata 'a\\x01' cannot be written as MF4"),
+    ],
+)
+def test_metadata_of_others_that_cannot_be_written_are_refused_by_name(
+    path: Path, metadata: dict[str, Any], sentence: str
+) -> None:
+    with pytest.raises(InputError, match=sentence):
+        write_run(run(metadata), path)
+    assert list(path.parent.iterdir()) == []
+
+
 def test_a_foreign_file_with_one_group_is_a_run(path: Path) -> None:
     wanted = run()
     read = read_run(foreign(path, signals(wanted, REQUIRED)))

@@ -352,6 +352,15 @@ def test_an_unreadable_file_is_refused_by_name(tmp_path: Path, name: str) -> Non
     refusal(path)
 
 
+def test_metadata_in_another_encoding_spoil_no_run(path: Path) -> None:
+    latin = "°C".encode("latin-1")
+    fields = [pa.field(name, pa.float64(), metadata={b"unit": latin}) for name in table()]
+    schema = pa.schema(fields, metadata={b"note": latin})
+    pq.write_table(pa.table(list(table().values()), schema=schema), path)
+    run = read_run(path)
+    assert run.units["oil_temperature_degc"] == run.metadata["note"] == "\N{REPLACEMENT CHARACTER}C"
+
+
 def test_a_file_cut_off_is_refused_by_name(path: Path) -> None:
     write(path, {})
     path.write_bytes(path.read_bytes()[:-100])

@@ -1,7 +1,8 @@
 """CAN log: everything on a bus, as it was on the wire, in a file of python-can's writers (Vector BLF and ASC, candump, PEAK).
 
 It is a participant of its own that only listens; the services do not know of it. A bus queues half a second of frames at
-1 kHz: who sleeps longer loses some.
+1 kHz: who sleeps longer loses some. What was lost shows as a gap in the alive counters, but for whole rounds of 16 frames
+and for the last ones; so a log that found a full queue does not claim to be whole.
 """
 
 import time
@@ -31,14 +32,19 @@ _PATIENCE = 10.0  # s for the first frame where the length of the log is given; 
 _WAIT = 0.1  # s for a frame to come, then a look whether to end
 _SHOWN = 0.5  # s between reports of progress
 _HEARTBEATS = ("PLANT_HEARTBEAT", "CONTROLLER_HEARTBEAT")
+_SUPERVISOR = "SUPERVISOR"  # sender without a heartbeat
+_SILENCE = 0.1  # s; a supervisor listens for longer before it speaks, and counts from 0 then
+# frames waiting at once from which on a queue may have been full: 50 ms at 1 kHz. A local bus holds 2731 of a sender, 554
+# where the kernel grants no larger buffer; a CAN socket has half of that buffer for all senders
+_FULL = 250
 
 
 @dataclass(frozen=True)
 class Logged:
     """What a log holds: `frames` by name (by identifier where the DBC does not know it), `seconds` from first to last.
 
-    `lost` counts gaps in the alive counters of the bench's frames (at least: they wrap at 16); `failure` is why the bus could
-    not be read any longer.
+    `lost` counts gaps in the alive counters of the bench's frames (at least: they wrap at 16); `waited` is how many frames
+    waited at once to be read, at most; `failure` is why the bus could not be read any longer.
     """
 
     bus: str
@@ -46,17 +52,23 @@ class Logged:
     frames: dict[str, int]
     seconds: float
     lost: int
+    waited: int
     failure: str
 
     @property
     def good(self) -> bool:
-        """Whether everything that was sent is in the log."""
-        return not (self.lost or self.failure)
+        """Whether nothing speaks against a whole log."""
+        return not (self.lost or self.failure) and self.waited < _FULL
 
     @property
     def verdict(self) -> str:
         """The verdict line."""
-        told = f"at least {self.lost} frames lost, by their alive counters" if self.lost else "no frame lost"
+        if self.lost:
+            told = f"at least {self.lost} frames lost, by their alive counters"
+        elif self.waited >= _FULL:
+            told = f"frames may be lost: {self.waited} waited at once, and a full bus takes no more"
+        else:
+            told = "no frame lost"
         return f"{self.seconds:.1f} s recorded, {told}" + (f"; the bus failed: {self.failure}" if self.failure else "")
 
     @property
@@ -76,6 +88,7 @@ class Logged:
             "seconds": self.seconds,
             "frames": self.frames,
             "frames_lost": self.lost,
+            "frames_waited": self.waited,
             "bus_failure": self.failure,
             "verdict": self.verdict,
             "good": self.good,
@@ -95,6 +108,7 @@ class CanLog:
         self._sessions: dict[str, int] = {}  # of the services, by heartbeat
         self._counts: Counter[str] = Counter()
         self._lost = 0  # before the receptions began
+        self._supervised = 0.0  # s, time stamp of the newest frame of a supervisor
 
     def record(self, stop: Stop, seconds: float | None, progress: Callable[[str], None]) -> Logged:
         """Write what comes until `stop` is asked or `seconds` after the first frame. Raises InputError when none comes.
@@ -103,12 +117,14 @@ class CanLog:
         """
         interface, _, channel = self.bus.rpartition(":")
         first = last = 0.0
+        backlog = Backlog()
         shown, failure = time.monotonic(), ""
         with whole_file(self.path) as part:
             bus = can.Bus(channel, interface=interface or "socketcan")
             with WRITERS[self.path.suffix](part) as writer, bus:  # the bus is left first: we read no more
                 try:
                     for message in _heard(bus, stop, seconds):
+                        backlog.note(message.timestamp, time.time())
                         first = first or message.timestamp
                         # two senders may race for the first place; a log begins with its first line
                         last = message.timestamp = max(message.timestamp, first)
@@ -121,7 +137,8 @@ class CanLog:
                     failure = str(error)
             if not self._counts:
                 raise InputError(f"no frame came on bus {self.bus}; nothing was recorded")
-        return Logged(self.bus, self.path, dict(sorted(self._counts.items())), last - first, self._missing(), failure)
+        counts = dict(sorted(self._counts.items()))
+        return Logged(self.bus, self.path, counts, last - first, self._missing(), backlog.most, failure)
 
     def _count(self, message: can.Message) -> None:
         """Count a frame and, by its alive counter, those that should have come before it."""
@@ -133,13 +150,39 @@ class CanLog:
         self._counts[codec.name] += 1
         data = bytes(message.data)
         if codec.name in _HEARTBEATS and self._sessions.get(codec.name) != (session := codec.unpack(data).session):
-            self._sessions[codec.name] = session  # a service has started: it counts anew
-            self._lost = self._missing()
-            self._receptions = {can_id: Reception(codec) for can_id, codec in self._codecs.items()}
+            self._sessions[codec.name] = session
+            self._begin_anew(codec.sender)
+        if codec.sender == _SUPERVISOR:
+            if message.timestamp - self._supervised > _SILENCE:
+                self._begin_anew(_SUPERVISOR)
+            self._supervised = message.timestamp
         self._receptions[can_id].accept(data)
+
+    def _begin_anew(self, sender: str) -> None:
+        """Expect any alive counters of a sender: it has started."""
+        for can_id, codec in self._codecs.items():
+            if codec.sender == sender:
+                self._lost += self._receptions[can_id].lost
+                self._receptions[can_id] = Reception(codec)
 
     def _missing(self) -> int:
         return self._lost + sum(reception.lost for reception in self._receptions.values())
+
+
+class Backlog:
+    """How many frames waited at once to be read: `most` counts those that had been sent when the first of them was read."""
+
+    def __init__(self) -> None:
+        self.most = 0
+        self._looked = 0.0  # UNIX time [s]
+        self._read = 0  # frames sent before `_looked` and read since
+
+    def note(self, sent: float, now: float) -> None:
+        """A frame that was `sent` is read `now`; UNIX times [s]."""
+        if sent > self._looked:
+            self._looked, self._read = now, 0
+        self._read += 1
+        self.most = max(self.most, self._read)
 
 
 def _heard(bus: can.BusABC, stop: Stop, seconds: float | None) -> Iterator[can.Message]:

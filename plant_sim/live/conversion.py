@@ -10,8 +10,7 @@ FORMATS = (*SUFFIXES, ".rrd")
 
 def convert(source: Path, target: Path) -> int:
     """Write the run in `source` as the suffix of `target` says; return its samples. Raises InputError."""
-    if target.suffix not in FORMATS:
-        raise InputError(f"a run cannot be written as {target.suffix!r} ({target}); allowed are {listing(FORMATS)}")
+    checked_target(target)
     if source.resolve() == target.resolve():
         raise InputError(f"run {source} would be written over itself; name another file")
     run = read_run(source)
@@ -22,3 +21,14 @@ def convert(source: Path, target: Path) -> int:
     else:
         write_run(run, target)
     return len(run["time_s"])
+
+
+def checked_target(path: Path) -> Path:
+    """`path` when a run can be written there. Raises InputError."""
+    if path.suffix not in FORMATS:
+        raise InputError(f"a run cannot be written as {path.suffix!r} ({path}); allowed are {listing(FORMATS)}")
+    if path.suffix == ".rrd":
+        from plant_sim.live.rrd_writer import checked_rrd
+
+        checked_rrd(path)
+    return path

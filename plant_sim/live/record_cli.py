@@ -14,9 +14,7 @@ FILE = typer.Argument(
 )
 SOURCE = typer.Argument(help="run file: .parquet, .mf4 or .csv")
 TARGET = typer.Argument(help="what to write: .parquet, .mf4, .csv or .rrd")
-_PRIORITY = (
-    1  # real time, below the services: a bus queues frames for half a second, on a busy machine others wait longer
-)
+_PRIORITY = 1  # SCHED_RR, below the services at 80: a bus queues half a second, on a busy machine others wait longer
 JSON = typer.Option(False, "--json", help="print the result as JSON")
 
 
@@ -43,8 +41,8 @@ def record(
 
     from plant_sim.bench.can_log import WRITERS, CanLog, Logged
     from plant_sim.live.conversion import FORMATS
-    from plant_sim.live.record import Recorded
     from plant_sim.live.record import record as record_telemetry
+    from plant_sim.live.recorder import Recorded
     from protocols.stopping import Stop
 
     if seconds is not None and not 0.0 <= seconds < float("inf"):

@@ -76,7 +76,7 @@ def read_rrd(path: Path) -> dict[str, Table]:
                 entity = _entity(label, chunks[name])
                 prefix = name.strip("/").removesuffix(label["path"][0]).strip("/")
                 entities[f"{prefix}/{entity.node}".strip("/")].append(entity)
-    except (RuntimeError, ValueError, KeyError, TypeError, pa.ArrowException) as error:
+    except (OSError, RuntimeError, ValueError, KeyError, TypeError, pa.ArrowException) as error:
         raise InputError(f"file {path} cannot be read as a saved view: {' '.join(str(error).split())}") from None
     if not entities:
         raise InputError(f"file {path} holds no rows of a bench")

@@ -37,6 +37,7 @@ class RrdWriter:
             for screen in self.screens:
                 screen.open()
         except RuntimeError as error:
+            self._remove()
             raise InputError(f"file {path} cannot be written: {error}") from None
 
     def put(self, batches: Iterable[Batch], events: Iterable[dict[str, Any]] = (), screen: int = 0) -> None:
@@ -67,8 +68,11 @@ class RrdWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if not self._finished:
-            self._recording.disconnect()
-            self._part.unlink(missing_ok=True)
+            self._remove()
+
+    def _remove(self) -> None:
+        self._recording.disconnect()
+        self._part.unlink(missing_ok=True)
 
 
 def checked_rrd(path: Path) -> Path:

@@ -2,7 +2,6 @@
 
 import shutil
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -13,13 +12,13 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from plant_sim.live.tune import nodes_alive
+from protocols import child as children
 from protocols.bus import Port, listen, open_bus
 from protocols.command import application
 from protocols.frames import load_frames
 from protocols.telemetry.keys import NODES, bench_name
 from protocols.telemetry.session import consumer_session
 
-COMMAND = [sys.executable, "-P", "-m", "protocols"]
 FRAMES = load_frames()
 PATIENCE = 60.0  # s: a service starts in 3 s, on a loaded machine in more
 RATE = 100  # Hz: five cycles are 50 ms, which even a busy machine seldom loses; at 1 kHz a hiccup of 6 ms is a fault
@@ -43,7 +42,7 @@ def clutch_hil(*arguments: str) -> Result:
 def process(*arguments: str, **settings) -> Iterator[subprocess.Popen]:
     """A command while it runs; killed at the end when it still does."""
     settings = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True} | settings
-    child = subprocess.Popen([*COMMAND, *arguments], **settings)
+    child = subprocess.Popen(children.clutch_hil(*arguments), **settings)
     try:
         yield child
     finally:

@@ -18,13 +18,14 @@ from plant_sim.live.supervisor import RATE as SETPOINTS
 from protocols.bus import open_bus
 from protocols.errors import InputError
 from protocols.frames import Frame
-from tests.live.running import FRAMES, Running, clutch_hil, hear, process, running_bench
+from tests.live.running import FRAMES, PATIENCE, Running, clutch_hil, hear, process, running_bench
 
 IDLE, ENGAGE, RELEASE = 0, 1, 2  # values of REQUEST in the DBC
 SLIP_CONTROL = 2  # value of PHASE in the DBC
 PACE_ERROR = 0.1  # of the period of set-points, in the median: a shared machine delays some of them
 RAMP = 20.0  # Nm/s
 RESOLUTION = 0.001  # Nm, of the signal
+REACHED = 0.8  # Nm, a tenth of the 8 Nm: what the command itself takes for reached
 
 
 @pytest.fixture(scope="module")
@@ -80,8 +81,8 @@ def test_a_torque_is_reached_and_released(bench: Running) -> None:
     result = json.loads(done.stdout)
     assert result["good"]
     assert result["released"]
-    assert abs(result["last_answer"]["torque_estimate"] - 8.0) < 0.8
-    assert abs(result["last_answer"]["clutch_torque"] - 8.0) < 0.8
+    assert abs(result["last_answer"]["torque_estimate"] - 8.0) < REACHED
+    assert abs(result["last_answer"]["clutch_torque"] - 8.0) < REACHED
     assert witness.requests() == [IDLE, ENGAGE, RELEASE, IDLE]
     times = [sent for sent, _ in witness.setpoints]
     assert median(after - before for before, after in pairwise(times)) == pytest.approx(1.0 / SETPOINTS, rel=PACE_ERROR)
@@ -106,7 +107,7 @@ def test_ctrl_c_releases_the_clutch(bench: Running) -> None:
     with open_bus(bench.bus) as port, process("demand", "6", "--bus", bench.bus) as child:
         hear(port, "CONTROLLER_STATUS", lambda status: status.phase == SLIP_CONTROL)
         child.send_signal(signal.SIGINT)
-        text, _ = child.communicate(timeout=10.0)
+        text, _ = child.communicate(timeout=PATIENCE)
         hear(port, "CONTROLLER_STATUS", lambda status: status.phase == IDLE)
     assert "the clutch is released" in text
     assert "verdict: interrupted after" in text
@@ -133,7 +134,7 @@ def test_a_supervisor_that_comes_later_stops_the_demand(bench: Running) -> None:
     with process("demand", "6", "--bus", bench.bus) as child, open_bus(bench.bus) as port:
         hear(port, "CONTROLLER_STATUS", lambda status: status.phase == SLIP_CONTROL)
         port.send(Frame(codec.can_id, codec.pack(0, IDLE, 0.0, 0.0)))
-        _, errors = child.communicate(timeout=10.0)
+        _, errors = child.communicate(timeout=PATIENCE)
         hear(port, "CONTROLLER_STATUS", lambda status: status.phase == IDLE)
     assert child.returncode == 2
     assert "another supervisor" in errors
@@ -144,7 +145,7 @@ def test_a_fault_is_told_by_name(bench: Running) -> None:
         hear(port, "CONTROLLER_STATUS", lambda status: status.phase == SLIP_CONTROL)
         bench.plant.send_signal(signal.SIGSTOP)
         try:
-            text, _ = child.communicate(timeout=10.0)
+            text, _ = child.communicate(timeout=PATIENCE)
         finally:
             bench.plant.send_signal(signal.SIGCONT)
     assert child.returncode == 1

@@ -25,6 +25,8 @@ from tests.live.running import FRAMES, PATIENCE, Running, hear, process, running
 IDLE, ENGAGE, RELEASE = 0, 1, 2  # values of REQUEST in the DBC
 SLIP_CONTROL = 2  # value of PHASE in the DBC
 LONG_AGO, NOW = 0.0, 100.0  # s
+SET = 0.01  # Nm and rad/s: ten counts of the signal, a fiftieth of a key's step
+REACHED = 0.5  # Nm: the estimate at 6 Nm, not the 5 Nm before
 UP, PAGE_DOWN, RIGHT = "\x1b[A", "\x1b[6~", "\x1b[C"
 CONTROL = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")  # colours and positions on the screen
 
@@ -105,17 +107,17 @@ def test_keys_drive_the_clutch(services: Running) -> None:
     with panel(services) as (terminal, port):
         setpoint(port, lambda s: s.request == IDLE)
         terminal.press("e")
-        setpoint(port, lambda s: s.request == ENGAGE and abs(s.torque_demand - 5.0) < 0.01)
+        setpoint(port, lambda s: s.request == ENGAGE and abs(s.torque_demand - 5.0) < SET)
         hear(port, "CONTROLLER_STATUS", lambda status: status.phase == SLIP_CONTROL)
         terminal.press(UP + UP + RIGHT)
-        setpoint(port, lambda s: abs(s.torque_demand - 6.0) < 0.01 and abs(s.speed_demand - 10.97) < 0.01)
-        hear(port, "CONTROLLER_STATUS", lambda status: abs(status.torque_estimate - 6.0) < 0.5)
+        setpoint(port, lambda s: abs(s.torque_demand - 6.0) < SET and abs(s.speed_demand - 10.97) < SET)
+        hear(port, "CONTROLLER_STATUS", lambda status: abs(status.torque_estimate - 6.0) < REACHED)
         assert terminal.shows("slip control")
         terminal.press(" ")
         setpoint(port, lambda s: s.request == RELEASE)
         setpoint(port, lambda s: s.request == IDLE)  # by itself, once the controller is idle
         terminal.press("e" + PAGE_DOWN)
-        setpoint(port, lambda s: s.request == ENGAGE and abs(s.torque_demand - 1.0) < 0.01)
+        setpoint(port, lambda s: s.request == ENGAGE and abs(s.torque_demand - 1.0) < SET)
         terminal.press("q")
         code, text = terminal.ended()
     assert code == 0

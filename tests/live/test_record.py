@@ -3,10 +3,7 @@
 import json
 import signal
 import subprocess
-import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,55 +12,43 @@ import numpy as np
 import pytest
 
 from plant_sim.bench.in_process import Played, play
-from plant_sim.live import record as recording
+from plant_sim.live import record, recorder
 from plant_sim.live.conversion import convert
-from plant_sim.live.record import Recorded, Recorder
+from plant_sim.live.recorder import Recorded, Recorder
 from plant_sim.live.tune import set_parameters
 from plant_sim.node import PlantNode
 from plant_sim.profile import load_profile
+from protocols.child import clutch_hil
 from protocols.errors import InputError
 from protocols.node import Column, node_factory
 from protocols.runs import read_run
+from protocols.stopping import Stop
 from protocols.telemetry.batch import Batch, published_columns
 from protocols.telemetry.feed import Feed, find_bench
 from protocols.telemetry.session import consumer_session
+from tests.live.running import PATIENCE, process
 
-COMMAND = [sys.executable, "-m", "protocols"]
-PATIENCE = 60.0  # s: a service starts in 2 s, on a loaded machine in more
 SECONDS = 4.0  # s of the profile
 RATE = 500  # Hz: gentle to a machine that runs other tests
 EPOCH = 1.7e9  # s: UNIX time of a scripted bench
 PIECE = 100  # rows a scripted batch
 
 
-@contextmanager
-def clutch_hil(*arguments: str) -> Iterator[subprocess.Popen]:
-    process = subprocess.Popen([*COMMAND, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    try:
-        yield process
-    finally:
-        if process.poll() is None:
-            process.kill()
-        process.communicate()
-
-
-def result(process: subprocess.Popen) -> dict[str, Any]:
-    out, errors = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 0, out + errors
+def result(child: subprocess.Popen) -> dict[str, Any]:
+    out, errors = child.communicate(timeout=PATIENCE)
+    assert child.returncode == 0, out + errors
     return json.loads(out)
 
 
 def refusal(*arguments: str) -> str:
-    done = subprocess.run([*COMMAND, *arguments], capture_output=True, text=True, timeout=PATIENCE, check=False)
+    done = subprocess.run(clutch_hil(*arguments), capture_output=True, text=True, timeout=PATIENCE, check=False)
     assert done.returncode == 2
     assert len(done.stderr.strip().splitlines()) == 1, done.stderr
     return done.stderr
 
 
 def up(bus: str, out: Path, seconds: float = SECONDS) -> Any:
-    return clutch_hil(
-        "up", "--bus", bus, "--rate", str(RATE), "--seconds", str(seconds), "--out", str(out), "--json"
-    )  # fmt: skip
+    return process("up", "--bus", bus, "--rate", str(RATE), "--seconds", str(seconds), "--out", str(out), "--json")
 
 
 def await_file(path: Path) -> None:
@@ -90,11 +75,11 @@ class ScriptedFeed:
     def __init__(self, played: Played, steps: list[list[Batch]]) -> None:
         self.lost = {"plant": 0, "controller": 0}
         self.alive = {"plant": True, "controller": True}
-        self._steps = steps
+        self.steps = steps
         self._columns = {"plant": plant_columns(played), "controller": controller_columns(played)}
 
     def read(self, timeout: float = 0.0) -> list[Batch]:
-        return self._steps.pop(0) if self._steps else []
+        return self.steps.pop(0) if self.steps else []
 
     def events(self) -> list[dict[str, Any]]:
         return []
@@ -127,15 +112,17 @@ def steps(played: Played) -> list[list[Batch]]:
 
 
 def recorded(played: Played, script: list[list[Batch]], path: Path, monkeypatch: pytest.MonkeyPatch) -> Recorded:
-    monkeypatch.setattr(recording, "parameters", lambda session, bench, node: [{"name": "a.b", "value": 1.0}])
-    count = len(script)
-    feed: Any = ScriptedFeed(played, script)
+    monkeypatch.setattr(recorder, "parameters", lambda session, bench, node: [{"name": "a.b", "value": 1.0}])
+    return recorded_from(ScriptedFeed(played, script), path)
+
+
+def recorded_from(feed: Any, path: Path) -> Recorded:
     session: Any = None
-    with Recorder(session, feed, path) as recorder:
-        for _ in range(count):
-            recorder.step()
-        recorder.finish()
-    return recorder.recorded
+    with Recorder(session, feed, path) as made:
+        for _ in range(len(feed.steps)):
+            made.step()
+        made.finish()
+    return made.recorded
 
 
 def test_a_recording_is_the_run(played: Played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -211,6 +198,67 @@ def test_a_controller_that_counts_from_another_wrap_is_joined_by_its_clock(
     np.testing.assert_array_equal(run["controller_torque_estimate_nm"], played["controller_torque_estimate_nm"])
 
 
+def test_a_controller_that_publishes_later_than_the_plant_is_waited_for(
+    played: Played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recorder, "parameters", lambda session, bench, node: [])
+    feed = ScriptedFeed(played, steps(played))
+    described, silent = feed.describe, [True] * 3
+    feed.describe = lambda node: None if node == "controller" and silent and silent.pop() else described(node)
+    told = recorded_from(feed, tmp_path / "run.parquet")
+    assert not silent
+    assert told.files == {tmp_path / "run.parquet": len(played.plant)}
+    run = read_run(tmp_path / "run.parquet")
+    np.testing.assert_array_equal(run["controller_torque_estimate_nm"], played["controller_torque_estimate_nm"])
+
+
+def test_a_bench_of_one_side_is_refused(played: Played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recorder, "parameters", lambda session, bench, node: [])
+    monkeypatch.setattr(recorder, "_BOTH", 0.0)
+    feed = ScriptedFeed(played, [[batch] for batch in batches(played, "plant")])
+    feed.alive["controller"] = False
+    with pytest.raises(InputError, match="the controller of bench local:script@here publishes no telemetry"):
+        recorded_from(feed, tmp_path / "run.parquet")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_node_that_ends_while_it_is_asked_spoils_nothing(
+    played: Played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gone = [True]
+
+    def parameters(session: Any, bench: str, node: str) -> list[dict[str, Any]]:
+        if gone and gone.pop():
+            raise InputError(f"the {node} does not answer")
+        return []
+
+    monkeypatch.setattr(recorder, "parameters", parameters)
+    told = recorded_from(ScriptedFeed(played, steps(played)), tmp_path / "run.parquet")
+    assert not gone
+    assert told.files == {tmp_path / "run.parquet": len(played.plant)}
+
+
+def test_a_bench_that_comes_between_two_looks_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    looks = iter([InputError("no bench publishes telemetry"), "local:new@here"])
+
+    def find_bench(session: Any, bus: str | None) -> str:
+        look = next(looks)
+        if isinstance(look, InputError):
+            raise look
+        return look
+
+    monkeypatch.setattr(record, "find_bench", find_bench)
+    monkeypatch.setattr(record, "benches", lambda session: ["local:new@here"])
+    session: Any = None
+    assert record._found(session, None, Stop(), patience=PATIENCE) == "local:new@here"
+
+
+def test_a_saved_view_that_exists_is_told_before_anything_is_recorded(tmp_path: Path) -> None:
+    (tmp_path / "run.rrd").touch()
+    with Stop() as stop, pytest.raises(InputError, match="exists already"):
+        record.record(tmp_path / "run.rrd", None, None, 0.0, stop, lambda text: None)
+
+
 def test_a_failure_leaves_no_file(played: Played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     script = steps(played)
     script[3][1] = replace(script[3][1], columns=())
@@ -230,7 +278,7 @@ def test_a_bench_without_rows_is_told(played: Played, tmp_path: Path, monkeypatc
 
 def test_record_and_up_write_the_same_values(local_bus: str, tmp_path: Path) -> None:
     path = tmp_path / "wire.mf4"
-    with clutch_hil("record", str(path), "--bus", local_bus, "--json") as recorder, up(local_bus, tmp_path) as bench:
+    with process("record", str(path), "--bus", local_bus, "--json") as recorder, up(local_bus, tmp_path) as bench:
         ours = read_run(Path(result(bench)["run"]))
         told = result(recorder)  # ends by itself: the bench is gone
     run = read_run(path)
@@ -255,10 +303,10 @@ def test_a_late_recorder_has_the_past_and_ctrl_c_keeps_the_file(local_bus: str, 
             deadline = time.monotonic() + PATIENCE
             while not any(batch.node == "plant" and batch.end > 2 * RATE for batch in feed.read(0.1)):
                 assert time.monotonic() < deadline
-        with clutch_hil("record", str(path), "--bus", local_bus, "--json") as recorder:
+        with process("record", str(path), "--bus", local_bus, "--json") as recorder:
             await_file(tmp_path / "late.parquet.part")
             changed = set_parameters(session, bench, "controller", {"torque.proportional_gain": 0.02})["changed"]
-            time.sleep(0.5)
+            time.sleep(0.5)  # rows with the change: two looks of the recorder
             recorder.send_signal(signal.SIGINT)
             told = result(recorder)
     run = read_run(tmp_path / "late.parquet")

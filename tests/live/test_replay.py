@@ -9,6 +9,8 @@ from plant_sim.bench.settings import RunSettings
 from plant_sim.bench.simulate import Simulation
 from plant_sim.live.replay import export_rrd, run_batches
 from plant_sim.live.rrd import read_rrd
+from plant_sim.live.screen import Screen
+from protocols.errors import InputError
 from protocols.runs import Run, read_run
 from tests.live.viewing import View, colours, free_port, refused, shown, until, viewer_client
 
@@ -51,6 +53,18 @@ def test_values_of_an_exported_run_are_those_of_the_run(run_file: Path, tmp_path
     assert set(found) == set(run.columns)
     for name, values in run.columns.items():
         assert np.array_equal(found[name], values, equal_nan=True), name
+
+
+def test_an_export_that_cannot_begin_leaves_no_file(
+    run_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(screen: Screen) -> None:
+        raise RuntimeError("no space left on device")
+
+    monkeypatch.setattr(Screen, "open", full)
+    with pytest.raises(InputError, match="cannot be written: no space left"):
+        export_rrd(run_file, tmp_path / "run.rrd")
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("kind", ["parquet", "rrd"])

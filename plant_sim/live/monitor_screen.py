@@ -1,0 +1,131 @@
+"""Monitor screen: a snapshot on 80 x 24 characters, or on one line."""
+
+from datetime import datetime
+
+import numpy as np
+from rich.console import Group
+from rich.rule import Rule
+from rich.table import Table
+from rich.text import Text
+
+from plant_sim.live.bars import bar, sparkline
+from plant_sim.live.collector import POINTS, WINDOW
+from plant_sim.live.snapshot import QUANTITIES, Snapshot
+from protocols.telemetry.keys import bus_of
+
+_LEAST_RANGE = 0.05  # of the full scale, between bottom and top of a sparkline: noise stays small
+_STATE_STYLES = {"running": "green", "waiting": "yellow", "stalled": "bold red", "gone": "bold red"}
+_PHASE_STYLES = {"slip control": "green", "fill": "yellow", "release": "yellow", "fault": "bold red"}
+
+
+def drawn(snapshot: Snapshot) -> Group:
+    """A snapshot as a screen of 80 x 24."""
+    phase = Text.assemble(
+        ("phase ", "bright_black"),
+        (snapshot.phase or "-", _PHASE_STYLES.get(snapshot.phase or "", "")),
+        ("   fault ", "bright_black"),
+        (snapshot.fault or "-", "" if snapshot.fault in (None, "none") else "bold red"),
+    )
+    return Group(
+        _rule(f"clutch-hil monitor, {bus_of(snapshot.bench)}"),
+        _services(snapshot),
+        phase,
+        _rule(f"now, and the last {WINDOW:g} s"),
+        _quantities(snapshot),
+        _rule(f"loop timing of the last {WINDOW:g} s [us]"),
+        _timing(snapshot),
+        _rule("last changes of parameters"),
+        *_changes(snapshot),
+    )
+
+
+def _rule(title: str) -> Rule:
+    return Rule(Text(title), align="left", style="bright_black")
+
+
+def _services(snapshot: Snapshot) -> Table:
+    table = _grid(12, 9, 11, 14, 30)
+    for name, state in snapshot.nodes.items():
+        age = "" if state.age is None else f"newest row {state.age:.1f} s ago"
+        table.add_row(
+            Text(name, "bright_black"),
+            Text(state.state, _STATE_STYLES.get(state.state, "bright_black")),
+            Text(_number(state.rate, "{:.1f} Hz")),
+            Text(f"lost {state.lost}", "bold red" if state.lost else ""),
+            Text(age if state.state != "running" else "", "bold red"),
+        )
+    return table
+
+
+def _quantities(snapshot: Snapshot) -> Table:
+    table = _grid(16, 8, 6, 14, 1, POINTS)
+    table.columns[1].justify = "right"
+    for quantity in QUANTITIES:
+        value, trace = snapshot.values[quantity.name], snapshot.traces[quantity.name]
+        shared = np.concatenate([snapshot.traces[q.name] for q in QUANTITIES if q.group == quantity.group])
+        low = float(np.nanmin(shared, initial=quantity.full))
+        high = max(float(np.nanmax(shared, initial=0.0)), low + _LEAST_RANGE * quantity.full)
+        table.add_row(
+            Text(quantity.name, "bright_black"),
+            Text("-" if np.isnan(value) else f"{value:.2f}", "bold"),
+            "" if quantity.unit == "1" else quantity.unit,
+            bar(value, quantity.full, 14),
+            "",
+            Text(sparkline(trace, low, high), "cyan"),
+        )
+    return table
+
+
+def _timing(snapshot: Snapshot) -> Table:
+    table = _grid(10, 9, 6, 6, 11, 6, 6, 6, 1, 10)
+    for column in table.columns[1:-1]:
+        column.justify = "right"
+    head = ("", "wake p50", "p99", "max", "work p50", "p99", "max", "late", "", "p99/period")
+    table.add_row(*(Text(name, "bright_black") for name in head))
+    for name, state in snapshot.nodes.items():
+        busy = state.wake.p99 + state.work.p99
+        table.add_row(
+            Text(name, "bright_black"),
+            *(_number(value, "{:.0f}") for value in (*state.wake, *state.work)),
+            Text(str(state.late) if state.cycles else "-", "bold red" if state.late else ""),
+            "",
+            bar(busy, state.period_us, 10, "cyan" if busy < state.period_us else "bold red"),
+        )
+    return table
+
+
+def _changes(snapshot: Snapshot) -> list[Text]:
+    lines = [
+        Text(
+            f"{datetime.fromtimestamp(change['time']):%H:%M:%S}  {change['node']}.{change['name']}"
+            f"  {change['old']:g} -> {change['new']:g} {change['unit']}",
+            no_wrap=True,
+            overflow="ellipsis",
+        )
+        for change in reversed(snapshot.changes)
+    ]
+    return lines or [Text("none", "bright_black")]
+
+
+def _grid(*widths: int) -> Table:
+    table = Table.grid(padding=(0, 1))
+    for width in widths:
+        table.add_column(width=width, no_wrap=True)
+    return table
+
+
+def _number(value: float, form: str) -> str:
+    return "-" if np.isnan(value) else form.format(value)
+
+
+def line(snapshot: Snapshot) -> str:
+    """A snapshot on one line."""
+    states = "  ".join(f"{name} {state.state}" for name, state in snapshot.nodes.items())
+    value = snapshot.values
+    return (
+        f"{states}  {snapshot.phase or '-'}  fault {snapshot.fault or '-'}"
+        f"  torque demand {value['torque demand']:.2f} estimate {value['torque estimate']:.2f}"
+        f" true {value['torque true']:.2f} Nm  pressure {value['pressure']:.2f} bar  slip {value['slip']:.2f} rad/s"
+        f"  late {sum(state.late for state in snapshot.nodes.values())}"
+        f"  lost {sum(state.lost for state in snapshot.nodes.values())}"
+    )
