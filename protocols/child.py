@@ -7,6 +7,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from typing import IO
 
+_LIBC = ctypes.CDLL(None)  # before a fork, in which another thread may hold the loader's lock
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
@@ -22,10 +23,13 @@ def spawn(
     environment: Mapping[str, str] | None = None,
     when_parent_dies: signal.Signals = signal.SIGTERM,
 ) -> "subprocess.Popen[bytes]":
-    """Start a process in a session of its own, so that Ctrl-C is ours; `output` takes stdout and stderr."""
+    """Start a process in a session of its own, so that Ctrl-C is ours; `output` takes stdout and stderr.
+
+    It is sent `when_parent_dies` when the thread that called this ends.
+    """
 
     def die_with_parent() -> None:
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, when_parent_dies)
+        _LIBC.prctl(_PR_SET_PDEATHSIG, when_parent_dies)
 
     return subprocess.Popen(
         command,

@@ -13,7 +13,7 @@ from plant_sim.live.conversion import checked_target, convert
 from plant_sim.live.recorder import Recorded, Recorder, rows_file
 from protocols.errors import InputError
 from protocols.stopping import Stop
-from protocols.telemetry.feed import Feed, benches, find_bench
+from protocols.telemetry.feed import Feed, NoBenchError, find_bench
 from protocols.telemetry.session import consumer_session
 
 _LOOK = 0.2  # s between looks for rows
@@ -71,8 +71,7 @@ def _found(session: zenoh.Session, bus: str | None, stop: Stop, patience: float)
     while True:
         try:
             return find_bench(session, bus)
-        except InputError:
-            several = bus is None and len(benches(session)) > 1
-            if several or stop.asked or time.monotonic() > deadline:
+        except NoBenchError:
+            if stop.asked or time.monotonic() > deadline:
                 raise
         time.sleep(_LOOK)

@@ -12,6 +12,8 @@ NAMES = typer.Argument(
     None, metavar="[NAME[=VALUE]]...", help="parameters to show, or to set; a group such as torque. shows all of it"
 )
 JSON = typer.Option(False, "--json", help="print the result as JSON")
+_SPEED = 10.47  # rad/s, 100 rpm: where the profile `engagement` begins
+_RAMP = 40.0  # Nm/s: as the profile `engagement` rises
 
 
 def register(app: typer.Typer) -> None:
@@ -23,9 +25,9 @@ def register(app: typer.Typer) -> None:
 
 def demand(
     torque: float | None = typer.Argument(None, help="torque to hold [Nm]"),
-    speed: float = typer.Option(10.47, help="speed of the motor, in rad/s"),
+    speed: float | None = typer.Option(None, help=f"speed of the motor, in rad/s; {_SPEED:g} if not given"),
     seconds: float | None = typer.Option(None, help="how long; until Ctrl-C, or to the profile's end, if not given"),
-    ramp: float = typer.Option(40.0, help="rise of the torque [Nm/s]"),
+    ramp: float | None = typer.Option(None, help=f"rise of the torque [Nm/s]; {_RAMP:g} if not given"),
     profile: str | None = typer.Option(None, help="name of a profile, or a CSV file, instead of TORQUE"),
     bus: str = BUS,
     json_output: bool = JSON,
@@ -37,7 +39,12 @@ def demand(
     if (torque is None) == (profile is None):
         given = "neither of them" if torque is None else f"{torque:g} and {profile!r}"
         raise InputError(f"demand needs either TORQUE or --profile; given are {given}")
-    asked = load_profile(str(profile), seconds) if torque is None else torque_profile(torque, speed, seconds, ramp)
+    if torque is None:
+        if speed is not None or ramp is not None:
+            raise InputError(f"demand was given --profile {profile} and --speed or --ramp; they are for a TORQUE")
+        asked = load_profile(str(profile), seconds)
+    else:
+        asked = torque_profile(torque, _SPEED if speed is None else speed, seconds, _RAMP if ramp is None else ramp)
     report(*Demand(bus, asked).run(quiet=json_output), json_output)
 
 

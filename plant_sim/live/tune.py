@@ -10,8 +10,8 @@ import zenoh
 
 from plant_sim.bench.progress import table_text
 from protocols.errors import InputError, listing
-from protocols.telemetry.feed import find_bench
-from protocols.telemetry.keys import Keys, bus_of, parsed
+from protocols.telemetry.feed import find_bench, nodes_alive
+from protocols.telemetry.keys import Keys, bus_of
 from protocols.telemetry.session import consumer_session
 
 _TIMEOUT = 5.0  # s for an answer; one takes a millisecond, a loop that is asked to change something one cycle more
@@ -32,12 +32,6 @@ def set_parameters(session: zenoh.Session, bench: str, node: str, values: Mappin
     Raises InputError with the node's reason when it refuses, or when it does not answer.
     """
     return _asked(session, bench, node, json.dumps(values))
-
-
-def nodes_alive(session: zenoh.Session, bench: str) -> list[str]:
-    """Nodes of a bench that live."""
-    replies = session.liveliness().get(Keys(bench, "*").alive, timeout=_TIMEOUT)
-    return sorted({parsed(str(reply.ok.key_expr)).node for reply in replies if reply.ok is not None})
 
 
 def _asked(session: zenoh.Session, bench: str, node: str, payload: str | None) -> Any:

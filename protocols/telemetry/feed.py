@@ -20,6 +20,10 @@ _LOOK = 0.002  # s between looks for a message
 _QUERY = 5.0  # s for a publisher to send its history
 
 
+class NoBenchError(InputError):
+    """There is no bench, or not yet."""
+
+
 class Feed:
     """Rows of every node of a bench. Use as a context manager.
 
@@ -119,8 +123,14 @@ def benches(session: zenoh.Session) -> list[str]:
     return sorted({parsed(str(reply.ok.key_expr)).bench for reply in replies if reply.ok is not None})
 
 
+def nodes_alive(session: zenoh.Session, bench: str) -> list[str]:
+    """Nodes of a bench that live."""
+    replies = session.liveliness().get(Keys(bench, "*").alive, timeout=_QUERY)
+    return sorted({parsed(str(reply.ok.key_expr)).node for reply in replies if reply.ok is not None})
+
+
 def find_bench(session: zenoh.Session, bus: str | None = None) -> str:
-    """The bench on `bus`, or the only one there is. Raises InputError when there is none or more than one."""
+    """The bench on `bus`, or the only one there is. Raises InputError when there is more than one, NoBenchError for none."""
     there = benches(session)
     if bus is None:
         found = there
@@ -133,4 +143,4 @@ def find_bench(session: zenoh.Session, bus: str | None = None) -> str:
         raise InputError(f"there are {len(found)} benches: {listing(found)}; choose one with --bus")
     where = f" on {bus}" if bus else ""
     others = f"; there are {listing(there)}" if there else ""
-    raise InputError(f"no bench{where} publishes telemetry{others}; start one with: clutch-hil up")
+    raise NoBenchError(f"no bench{where} publishes telemetry{others}; start one with: clutch-hil up")

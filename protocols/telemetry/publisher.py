@@ -84,7 +84,7 @@ class Publisher:
                         answer(query)
                     except InputError as error:
                         query.reply_err(str(error))
-                    except ValueError as error:  # no number, no UTF-8, no JSON
+                    except (ValueError, RecursionError) as error:  # no number, no UTF-8, no JSON, JSON without end
                         query.reply_err(f"the question is malformed: {error}")
 
     def _answer_history(self, query: zenoh.Query) -> None:

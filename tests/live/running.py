@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import pytest
 from typer.testing import CliRunner, Result
 
-from plant_sim.live.tune import nodes_alive
 from protocols import child as children
 from protocols.bus import Port, listen, open_bus
 from protocols.command import application
 from protocols.frames import load_frames
+from protocols.telemetry.feed import nodes_alive
 from protocols.telemetry.keys import NODES, bench_name
 from protocols.telemetry.session import consumer_session
 

@@ -24,7 +24,7 @@ from protocols.node import Column, node_factory
 from protocols.runs import read_run
 from protocols.stopping import Stop
 from protocols.telemetry.batch import Batch, published_columns
-from protocols.telemetry.feed import Feed, find_bench
+from protocols.telemetry.feed import Feed, NoBenchError, find_bench
 from protocols.telemetry.session import consumer_session
 from tests.live.running import PATIENCE, process
 
@@ -239,16 +239,15 @@ def test_a_node_that_ends_while_it_is_asked_spoils_nothing(
 
 
 def test_a_bench_that_comes_between_two_looks_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    looks = iter([InputError("no bench publishes telemetry"), "local:new@here"])
+    looks = iter([NoBenchError("no bench publishes telemetry"), "local:new@here"])
 
     def find_bench(session: Any, bus: str | None) -> str:
         look = next(looks)
-        if isinstance(look, InputError):
+        if isinstance(look, NoBenchError):
             raise look
         return look
 
     monkeypatch.setattr(record, "find_bench", find_bench)
-    monkeypatch.setattr(record, "benches", lambda session: ["local:new@here"])
     session: Any = None
     assert record._found(session, None, Stop(), patience=PATIENCE) == "local:new@here"
 

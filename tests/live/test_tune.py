@@ -8,8 +8,9 @@ from contextlib import contextmanager
 import pytest
 import zenoh
 
-from plant_sim.live.tune import Catalogue, assignments, nodes_alive, parameters, set_parameters
+from plant_sim.live.tune import Catalogue, assignments, parameters, set_parameters
 from protocols.errors import InputError
+from protocols.telemetry.feed import nodes_alive
 from protocols.telemetry.keys import Keys
 from protocols.telemetry.session import consumer_session, publisher_session
 from tests.live.running import Running, clutch_hil, running_bench

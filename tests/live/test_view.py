@@ -5,6 +5,7 @@ import signal
 import socket
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import psutil
@@ -18,7 +19,10 @@ from protocols.telemetry.batch import Batch
 from tests.live import chromium
 from tests.live.fake_bench import FakeBench
 from tests.live.viewing import View, colours, free_port, newest, refused, shown, until, viewer_client
+from tests.telemetry.benches import bench
 
+MEDIAN_AGE = 0.5  # s: 0.05 on a quiet machine; loose for the same reason
+LOOKS = 50  # at the age
 AGE = 2.0  # s from row to viewer: 55 ms on a quiet machine, but two cores are shared here with a software renderer
 COLOURS = 200  # in a picture with plots; an empty viewer has less than 60
 PUT = 0.05  # s; a put is a few us, but the scheduler may take a moment
@@ -33,12 +37,17 @@ def bus() -> str:
 
 def test_a_viewer_shows_the_running_bench(bus: str, tmp_path: Path) -> None:
     port = free_port()
-    with FakeBench(bus), View("--bus", bus, "--headless", "--port", port) as view:
+    with bench(bus), View("--bus", bus, "--headless", "--port", port) as view:
         client = viewer_client(port)
         state = until(shown(client, "time"), "rows in the viewer")
         first = newest(state, "time")
         until(lambda: newest(client.get_state(), "time") > first + 1e9, "a second of rows")
         until(lambda: time.time() - newest(client.get_state(), "time") / 1e9 < AGE, "rows that are not old")
+        ages = np.array([_ages(client) for _ in range(LOOKS)]) * 1e3
+        for name, age in zip(("at least", "at most"), ages.T, strict=True):
+            told = "p50 {:.0f}, p99 {:.0f}, max {:.0f} ms".format(*np.percentile(age, [50, 99, 100]))
+            print(f"from cycle to viewer {name}: {told}")
+        assert np.median(ages[:, 1]) < MEDIAN_AGE * 1e3
         state = client.get_state()
         assert [view.name for view in state.views if view.reports] == []
         picture = client.take_screenshot()
@@ -46,6 +55,13 @@ def test_a_viewer_shows_the_running_bench(bus: str, tmp_path: Path) -> None:
         assert colours(picture) > COLOURS
         assert view.end() == 0
     assert "verdict: nothing lost" in view.output
+
+
+def _ages(client: Any) -> tuple[float, float]:
+    """Of the newest row [s], when we asked the viewer and when it had answered: it looked in between."""
+    before = time.time()
+    end = newest(client.get_state(), "time") / 1e9
+    return before - end, time.time() - end
 
 
 def test_a_stopped_viewer_does_not_disturb_the_file(bus: str, tmp_path: Path) -> None:
