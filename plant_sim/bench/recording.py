@@ -20,7 +20,7 @@ from protocols.node import Column
 from protocols.runs import RunWriter
 
 _CHUNK = 20_000  # rows a row group: 20 s at 1 kHz, some MB of memory
-_WAIT = 1000  # rows a plant row waits for the controller's answer before it is written without one
+_WAIT = 60_000  # rows a plant row waits for the controller's answer before it is written without one: its past may come late
 
 
 def writable(folder: Path) -> Path:
@@ -62,20 +62,25 @@ class Recording:
         self._columns = [*plant, Column("torque_demand_nm", "Nm", "the controller's M_d"), *terms]
         self._writer = RunWriter(path, self._columns)
         self._plant: list[np.ndarray] = []
-        self._controller = np.empty((0, len(controller)))
+        self._controller = [np.empty((0, len(controller)))]
 
     def add(self, plant: np.ndarray, controller: np.ndarray) -> None:
         """Take new rows of both nodes, each of shape (rows, columns of the node)."""
         if len(plant):
             self._plant.append(plant)
         if len(controller):
-            self._controller = np.concatenate([self._controller, controller])
-        if sum(map(len, self._plant)) >= _CHUNK + _WAIT:
-            self._write(keep=_WAIT)
+            self._controller.append(controller)
+        waiting = sum(map(len, self._plant))
+        answered = 0
+        if waiting and len(self._controller[-1]):
+            answered = int(self._controller[-1][-1, self._tick] - np.rint(self._plant[0][0, 0] * self._rate))
+        ready = max(min(answered, waiting), waiting - _WAIT)
+        if ready >= _CHUNK:
+            self._write(ready)
 
     def finish(self, metadata: Mapping[str, Any]) -> None:
         """Write what is left and close the file. Raises InputError when there are less than two rows: no run."""
-        self._write(keep=0)
+        self._write(sum(map(len, self._plant)))
         if self.rows < 2:
             raise InputError(f"the run ended after {self.rows} samples; nothing was recorded")
         self._writer.finish(metadata)
@@ -86,21 +91,22 @@ class Recording:
     def __exit__(self, *exception: Any) -> None:
         self._writer.__exit__(*exception)
 
-    def _write(self, keep: int) -> None:
-        if not self._plant:
+    def _write(self, count: int) -> None:
+        """Write the first `count` of the rows that wait."""
+        if not count:
             return
-        rows = np.concatenate(self._plant)
-        ready, rest = (rows[:-keep], rows[-keep:]) if keep else (rows, rows[:0])
+        rows, controller = np.concatenate(self._plant), np.concatenate(self._controller)
+        ready, rest = rows[:count], rows[count:]
         ticks = np.rint(ready[:, 0] * self._rate)
-        terms = np.full((len(ready), self._controller.shape[1]), np.nan)
-        if len(self._controller):
-            answered = self._controller[:, self._tick]
+        terms = np.full((len(ready), controller.shape[1]), np.nan)
+        if len(controller):
+            answered = controller[:, self._tick]
             held = np.searchsorted(answered, ticks, side="right") - 1  # newest cycle that knew no later sample
             known = held >= 0
             # several cycles may hold one sample: the first of them answered it
             first = np.searchsorted(answered, answered[held[known]], side="left")
-            terms[known] = self._controller[first]
-            self._controller = self._controller[np.searchsorted(answered, ticks[-1]) :]
+            terms[known] = controller[first]
+            controller = controller[first[-1] if len(first) else 0 :]
         self._writer.append(np.column_stack([ready, terms[:, self._demand], terms]))
         self.rows += len(ready)
-        self._plant = [rest]
+        self._plant, self._controller = [rest] if len(rest) else [], [controller]
