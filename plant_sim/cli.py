@@ -52,6 +52,7 @@ def plant(
     from plant_sim.profile import load_profile
     from plant_sim.rigs import wet_clutch
     from plant_sim.service import PlantService
+    from protocols.stopping import Stop
 
     service = PlantService(
         bus=bus,
@@ -66,8 +67,9 @@ def plant(
         router=router,
         cpu=cpu,
     )
-    result = service.run(lambda text: typer.echo(text, err=True))
-    write_summary(summary, result)
+    with Stop():  # a second signal does not interrupt the ending
+        result = service.run(lambda text: typer.echo(text, err=True))
+        write_summary(summary, result)
     if json_output:
         emit(result)
     else:

@@ -1,6 +1,7 @@
 """Tuning: parameters of a running node, described for people and changed between two cycles, all of a request or none."""
 
 import json
+import time
 from collections.abc import Mapping
 from typing import Any, Protocol
 
@@ -40,7 +41,10 @@ def described(node: Tunable, shipped: ParameterSet) -> list[dict[str, Any]]:
 
 
 class Tuning:
-    """Makes the changes that come by a mailbox; `changes` are those made, `count` how many parameters they changed."""
+    """Makes the changes that come by a mailbox; `changes` are those made, `count` how many parameters they changed.
+
+    A request is JSON: `values` by name, and `until`, the time of CLOCK_MONOTONIC [s] from when on it is refused.
+    """
 
     def __init__(self, node: Tunable, mailbox: Mailbox) -> None:
         self.changes: list[dict[str, Any]] = []
@@ -56,7 +60,10 @@ class Tuning:
         """Make the waiting change; `row` is the number of the first row of the record in which it acts."""
         before = self._node.parameters
         try:
-            values = json.loads(self._mailbox.request())
+            request = json.loads(self._mailbox.request())
+            values = request["values"]
+            if time.monotonic() > request["until"]:  # who asked has gone, and was told that nothing would change
+                raise InputError("the change came too late")
             if reasons := [reason for name in values if (reason := self._node.fixed(name))]:
                 raise InputError(reasons[0])
             self._node.tune(values)

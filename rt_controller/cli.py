@@ -27,6 +27,7 @@ def controller(
     json_output: bool = typer.Option(False, "--json", help="print the summary as JSON"),
 ) -> None:
     """Run the controller on a bus until it is stopped."""
+    from protocols.stopping import Stop
     from rt_controller.service import ControllerService
 
     service = ControllerService(
@@ -41,8 +42,9 @@ def controller(
         router=router,
         cpu=cpu,
     )
-    result = service.run(lambda text: typer.echo(text, err=True))
-    write_summary(summary, result)
+    with Stop():  # a second signal does not interrupt the ending
+        result = service.run(lambda text: typer.echo(text, err=True))
+        write_summary(summary, result)
     if json_output:
         emit(result)
     else:

@@ -2,6 +2,7 @@
 
 import json
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -38,8 +39,9 @@ def controller() -> Tunable:
 
 def asked(asker: Asker, tuning: Tuning, values: dict, row: int = 7) -> dict:
     """Ask for a change while a loop turns."""
+    request = {"values": values, "until": time.monotonic() + PATIENCE}
     answers: list[str] = []
-    thread = threading.Thread(target=lambda: answers.append(asker.ask(json.dumps(values), PATIENCE)))
+    thread = threading.Thread(target=lambda: answers.append(asker.ask(json.dumps(request), PATIENCE)))
     thread.start()
     while thread.is_alive():
         if tuning.waiting():
@@ -100,6 +102,18 @@ def test_a_refused_change_gives_its_reason_and_changes_nothing(
     assert sentence in asked(asker, tuning, values)["refused"]
     assert node.parameters.as_values() == before
     assert tuning.changes == []
+
+
+def test_a_change_that_comes_too_late_is_not_made(mailbox: Mailbox, asker: Asker) -> None:
+    node = controller()
+    tuning = Tuning(node, mailbox)
+    request = json.dumps({"values": {"slip.bandwidth": 60.0}, "until": time.monotonic() + 0.05})
+    with pytest.raises(InputError, match="has not answered"):
+        asker.ask(request, 0.1)
+    tuning.act(7)  # the loop wakes
+    assert node.parameters["slip.bandwidth"].value != 60.0
+    assert tuning.changes == []
+    assert asked(asker, tuning, {"slip.bandwidth": 70.0})["row"] == 7
 
 
 @pytest.mark.parametrize(("node", "shipped"), [(controller(), None), (PlantNode(), wet_clutch.nominal())])

@@ -67,6 +67,8 @@ class Services:
         """Raise InputError with a service's own sentence when it has failed."""
         for name, process in self._processes.items():
             if (code := process.poll()) not in (None, 0):
+                if code == -signal.SIGTERM and self._summary(name).exists():
+                    continue  # it had ended already when it was asked to
                 if code is not None and code < 0:
                     raise InputError(f"the {name} was killed by {signal.Signals(-code).name}")
                 lines = self._log(name).read_text(errors="replace").strip().splitlines() or ["it said nothing"]
@@ -79,13 +81,16 @@ class Services:
             if not self._stopped(name):
                 raise InputError(f"the {name} did not stop within {_STOP:g} s")
             self.check()
-            summaries[name] = json.loads((self._folder / f"{name}.json").read_text(encoding="utf-8"))
+            summaries[name] = json.loads(self._summary(name).read_text(encoding="utf-8"))
         return summaries
 
     def _spawn(self, name: str, arguments: Sequence[str]) -> subprocess.Popen[bytes]:
-        files = ["--ring", str(self._folder / f"{name}.ring"), "--summary", str(self._folder / f"{name}.json")]
+        files = ["--ring", str(self._folder / f"{name}.ring"), "--summary", str(self._summary(name))]
         with self._log(name).open("w") as log:
             return spawn(clutch_hil(name, *arguments, *files), log)  # Ctrl-C is ours: the controller ends first
+
+    def _summary(self, name: str) -> Path:
+        return self._folder / f"{name}.json"
 
     def _log(self, name: str) -> Path:
         return self._folder / f"{name}.log"

@@ -28,11 +28,15 @@ def blueprint(
     prefixes: Sequence[str] = ("",),
     names: Sequence[str] = ("",),
     window: float | None = 10.0,
+    light: bool = False,
 ) -> rrb.Blueprint:
-    """One prefix: the bench; two: the runs side by side under their `names`. `window` [s] before the cursor, None: all."""
+    """One prefix: the bench; two: the runs side by side under their `names`.
+
+    `window` [s] before the cursor, None: all; `light`: of a light screen.
+    """
     benches = [_Bench(timeline, p.rstrip("/"), name, window) for p, name in zip(prefixes, names, strict=True)]
     first = benches[0]
-    tabs = first.tabs() if len(benches) == 1 else _beside(benches)
+    tabs = [first.light()] if light else first.tabs() if len(benches) == 1 else _beside(benches)
     return rrb.Blueprint(
         rrb.Tabs(*tabs, active_tab=0),
         rrb.TopPanel(state="expanded"),
@@ -75,6 +79,16 @@ class _Bench:
             self.controller(),
             self.more(),
         ]
+
+    def light(self) -> Any:
+        """What a light screen logs."""
+        left = rrb.Vertical(
+            *map(self._plot, ("torque", "pressure", "slip")), self._lanes("states"), row_shares=[2.3, 2.1, 2.1, 1.6]
+        )
+        right = rrb.Vertical(
+            self._curve(0), self._curve(1), self._plot("voltage"), self._plot("timing"), row_shares=[2.0, 2.0, 1.3, 2.0]
+        )
+        return rrb.Horizontal(left, right, column_shares=[1.7, 1.0], name="bench")
 
     def main(self) -> Any:
         """Torque, pressure, slip and state over one time axis."""

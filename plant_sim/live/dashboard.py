@@ -89,6 +89,7 @@ PLOTS = (
         Line("controller_sample_tick", "controller sample tick", palette.CYCLE[-1]),
     ), ("s",)),
 )  # fmt: skip
+LIGHT = ("torque", "pressure", "voltage", "slip", "timing")  # paths of the plots that a light screen has
 REST = Plot("more/rest", "states, flags and counts [1], and what stands nowhere else")
 
 

@@ -6,7 +6,7 @@ import rerun as rr
 from plant_sim.live import palette
 from plant_sim.live.canvas import Canvas, wide
 from plant_sim.live.curves import Curves
-from plant_sim.live.dashboard import Place, places
+from plant_sim.live.dashboard import LIGHT, Place, places
 from plant_sim.live.pace import Pace
 from plant_sim.live.scene import Scene
 from plant_sim.live.states import States
@@ -25,17 +25,24 @@ class Screen:
     """Logs batches of a bench below `prefix` ("/a"), so that several runs stand in one recording.
 
     With the timeline "time" rows stand at UNIX time too, else only at the rig's time since the run's start ("rig_time").
+    A `light` screen has the most important plots only, with all their rows: a browser that draws without a graphics card
+    takes some ten messages of rerun a second, one for each entity.
     """
 
-    def __init__(self, recording: rr.RecordingStream, timeline: str = TIME, prefix: str = "") -> None:
+    def __init__(
+        self, recording: rr.RecordingStream, timeline: str = TIME, prefix: str = "", light: bool = False
+    ) -> None:
         if timeline not in TIMELINES:
             raise InputError(f"timeline {timeline!r} is unknown; allowed are {', '.join(TIMELINES)}")
         self._live = timeline == TIME
         self._canvas = canvas = Canvas(recording, prefix)
-        self._parts = (States(canvas), TorqueError(canvas), Curves(canvas), Scene(canvas))
+        self._light = light
+        more = () if light else (TorqueError(canvas), Scene(canvas))
+        self._parts = (States(canvas), Curves(canvas), *more)
         self._places: dict[str, tuple[tuple[Column, ...], list[Place]]] = {}  # by node, as announced
         self._last: dict[str, tuple[float, Times]] = {}  # rate and times of the newest batch by node
         self._sessions: dict[str, int] = {}  # by node
+        self._deadline_of = ""  # node whose rows carry the deadline
         self._deadlines = Pace(10.0)  # Hz: a straight line
 
     def open(self) -> None:
@@ -54,7 +61,8 @@ class Screen:
         when = times(batch, self._live)
         for place in self._announced(batch):
             self._canvas.send(place.path, when, wide(batch.rows[:, place.numbers]))
-        if any("_work_us" in column.name for column in batch.columns):
+        self._deadline_of = self._deadline_of or batch.node  # one line for both
+        if batch.node == self._deadline_of and any("_work_us" in column.name for column in batch.columns):
             ends = when[self._deadlines.pick(when)]
             self._canvas.send(DEADLINE, ends, wide(np.full((len(ends), 1), 1e6 / batch.rate)))
         for part in self._parts:
@@ -82,6 +90,8 @@ class Screen:
         if known is not None and known[0] == batch.columns:
             return known[1]
         found = places(batch.node, batch.columns)
+        if self._light:
+            found = [place for place in found if place.path.partition("/")[0] in LIGHT]
         for place in found:
             names, units = [c.name for c in place.columns], [c.unit for c in place.columns]
             self._canvas.static(
@@ -96,7 +106,7 @@ class Screen:
                     units=units,
                     index=place.numbers,
                     node=batch.node,
-                    rate_hz=batch.rate,
+                    rate_hz=float(batch.rate),
                     path=place.path,
                 ),
             )

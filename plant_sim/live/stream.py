@@ -39,12 +39,16 @@ class ViewerStream:
     """Sends rows to the viewer at `url` [rerun+http://...]. Use as a context manager.
 
     `sent` and `dropped` count rows by node; what a viewer that died had not taken counts as dropped.
+    `light` sends what a light screen shows.
     """
 
-    def __init__(self, url: str, name: str, blueprint: rrb.Blueprint, limit: int = QUEUE_BYTES) -> None:
+    def __init__(
+        self, url: str, name: str, blueprint: rrb.Blueprint, limit: int = QUEUE_BYTES, light: bool = False
+    ) -> None:
         self.sent: Counter[str] = Counter()
         self.dropped: Counter[str] = Counter()
         self._url, self._name, self._blueprint, self._limit = url, name, blueprint, limit
+        self._light = light
         self._id = str(uuid.uuid4())
         self._lock = threading.Lock()
         self._news = threading.Event()
@@ -104,7 +108,7 @@ class ViewerStream:
         recording.connect_grpc(self._url)
         recording.send_recording_name(self._name)
         recording.send_blueprint(self._blueprint, make_active=True, make_default=True)
-        screen = Screen(recording)
+        screen = Screen(recording, light=self._light)
         screen.open()
         while not self._end.is_set():
             self._news.wait(_HEARTBEAT)

@@ -13,10 +13,10 @@ from plant_sim.live.blueprint import blueprint
 from plant_sim.live.rrd_writer import RrdWriter
 from plant_sim.live.stream import ViewerStream
 from plant_sim.live.viewer import Say, Viewer
-from protocols.errors import InputError
 from protocols.stopping import Stop
 from protocols.telemetry.batch import Batch
-from protocols.telemetry.feed import Feed, benches, find_bench
+from protocols.telemetry.feed import Feed, NoBenchError, find_bench
+from protocols.telemetry.keys import NODES
 from protocols.telemetry.session import consumer_session
 
 _LOOK = 0.1  # s between looks at the viewer and at who asks us to stop
@@ -110,13 +110,12 @@ class ViewResult:
     @property
     def verdict(self) -> str:
         """The verdict line."""
-        told = (
-            f"{self.lost_rows} rows lost"
-            if self.lost_rows
-            else "nothing lost"
-            if any(self.rows.values())
-            else "no rows came"
-        )
+        silent = [node for node in NODES if not self.rows.get(node)]
+        if len(silent) == len(NODES):
+            told = "no rows came"
+        else:
+            told = f"{self.lost_rows} rows lost" if self.lost_rows else "nothing lost"
+            told += "".join(f"; no rows of the {node} came" for node in silent)
         return f"{self.viewer}; {told}" if self.viewer else told
 
     @property
@@ -199,11 +198,10 @@ class LiveView:
             while True:
                 try:
                     return find_bench(session, self.bus)
-                except InputError:
+                except NoBenchError:
                     waited = time.monotonic() - began
-                    several = self.bus is None and len(benches(session)) > 1
                     closed = viewer is not None and viewer.ended() is not None
-                    if several or closed or stop.asked or (self.seconds is not None and waited > self.seconds):
+                    if closed or stop.asked or (self.seconds is not None and waited > self.seconds):
                         raise
                     if not told and waited > _CONNECT:
                         say("waiting for a bench; start one with: clutch-hil up")
@@ -213,7 +211,7 @@ class LiveView:
     def _show(self, viewer: Viewer, watch: "Watch", saving: FeedThread | None, result: ViewResult) -> None:
         """Show until the time is over, or the viewer has ended."""
         with (
-            ViewerStream(viewer.url, result.bench, blueprint()) as stream,
+            ViewerStream(viewer.url, result.bench, blueprint(light=viewer.light), light=viewer.light) as stream,
             FeedThread(result.bench, self.router, stream, live=True, period=viewer.period) as showing,
         ):
             while not watch.over:

@@ -4,7 +4,6 @@ It gets a home folder of its own, so that no layout of an earlier version and no
 """
 
 import contextlib
-import ctypes
 import json
 import os
 import re
@@ -22,6 +21,7 @@ from pathlib import Path
 from urllib.parse import urlencode
 
 from plant_sim.live.page import Page
+from protocols.child import spawn
 from protocols.errors import InputError
 
 DATA_PORT = 9876  # rerun's own; where a stream connects
@@ -35,8 +35,7 @@ _PAGE_MEMORY = "256MB"  # of rows for browsers that join late: some minutes, and
 _SERVER_MEMORY = "64MiB"  # of rows that wait for the window's process, which keeps them itself
 _WINDOW_SIZE = "1600x900"  # points
 _PAGE_PERIOD = 0.1  # s between two sends to a browser with a graphics card
-_SLOW_PAGE_PERIOD = 0.5  # s; one without draws once a second and falls behind, the more the oftener we send
-_PR_SET_PDEATHSIG = 1  # linux/prctl.h
+_SLOW_PAGE_PERIOD = 2.0  # s; one without draws once a second
 
 Say = Callable[[str], None]
 
@@ -44,9 +43,10 @@ Say = Callable[[str], None]
 class Viewer:
     """A viewer process. Use as a context manager: leaving it ends the process, even a stopped one.
 
-    `period` [s] is what it likes between two sends.
+    `period` [s] is what it likes between two sends; `light` tells that it can only show a part of the screen in time.
     """
 
+    light = False
     period = 0.05  # s between two sends: a window shows them 40 ms later (telemetry.md, 2.3)
 
     def __init__(self, port: int | None, memory: str | None, headless: bool = False) -> None:
@@ -129,17 +129,14 @@ class Viewer:
             "data_dir_path": str(data / "rerun" / "analytics"),
         }
         (config / "rerun" / "analytics.json").write_text(json.dumps(statistics), encoding="utf-8")
-        environment = {"XDG_CONFIG_HOME": str(config), "XDG_DATA_HOME": str(data), "RUST_LOG": "warn", "NO_COLOR": "1"}
+        temporary = self._home / "tmp"
+        temporary.mkdir()
+        environment = {"XDG_CONFIG_HOME": str(config), "XDG_DATA_HOME": str(data), "TMPDIR": str(temporary)}
+        environment |= {"RUST_LOG": "warn", "NO_COLOR": "1"}
+        command = [str(files("rerun_cli") / "rerun"), "--bind", "127.0.0.1", *self._arguments]
         with (self._home / "log").open("w") as log:
-            return subprocess.Popen(
-                [str(files("rerun_cli") / "rerun"), "--bind", "127.0.0.1", *self._arguments],
-                env=os.environ | environment,
-                stdin=subprocess.DEVNULL,
-                stdout=log,
-                stderr=log,
-                start_new_session=True,  # Ctrl-C is ours: rows that are on their way still arrive
-                preexec_fn=_die_with_parent,
-            )
+            # Ctrl-C is ours: rows that are on their way still arrive
+            return spawn(command, log, os.environ | environment, signal.SIGKILL)
 
 
 class WebViewer(Viewer):
@@ -148,7 +145,8 @@ class WebViewer(Viewer):
     def __init__(self, port: int | None, page_port: int | None, memory: str | None, browser: bool) -> None:
         """Ports None take the default or a free one; `memory` is rerun's notation; `browser`: open one. Raises InputError."""
         self._browser = browser
-        self.period = _PAGE_PERIOD if list(Path("/dev/dri").glob("renderD*")) else _SLOW_PAGE_PERIOD
+        self.light = not list(Path("/dev/dri").glob("renderD*"))  # no graphics card
+        self.period = _SLOW_PAGE_PERIOD if self.light else _PAGE_PERIOD
         self._port = _free_port(port, DATA_PORT)
         self._page_port = _free_port(page_port, PAGE_PORT, but=(self._port,))
         self._inner = _free_port(None, 0, but=(self._port, self._page_port))
@@ -168,11 +166,13 @@ class WebViewer(Viewer):
 
     def _start(self, stack: ExitStack) -> None:
         super()._start(stack)
-        stack.enter_context(Page(self._page_port, self._inner, self._port))
+        stack.enter_context(Page(self._page_port, self._inner, self._port, self.light))
 
     def announce(self, say: Say) -> None:
         """Say the page, and open it where there is a screen."""
         say(f"open {self.page}")
+        if self.light:
+            say(f"no graphics card: the page has the most important plots, every {self.period:g} s")
         if self._browser and _display():
             webbrowser.open(self.page)
 
@@ -188,11 +188,6 @@ def _checked(memory: str) -> str:
     return memory
 
 
-def _die_with_parent() -> None:
-    """In the child: SIGKILL when we die."""
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-
-
 def _free_port(wanted: int | None, default: int, but: Sequence[int] = ()) -> int:
     """`wanted`; where it is None the default or, when that is taken, any free port. Raises InputError."""
     for port in [wanted] if wanted is not None else [default, 0]:
@@ -201,7 +196,9 @@ def _free_port(wanted: int | None, default: int, but: Sequence[int] = ()) -> int
             probe.bind(("127.0.0.1", port))
             if (free := probe.getsockname()[1]) not in but:
                 return free
-    raise InputError(f"port {wanted} on 127.0.0.1 is taken or not allowed; leave it out and a free one is chosen")
+    raise InputError(
+        f"port {wanted} on 127.0.0.1 is taken or not among 1 to 65535; leave it out and a free one is chosen"
+    )
 
 
 def _listening(port: int) -> bool:

@@ -85,7 +85,7 @@ class Feed:
             parts = [*self._kept(batch, 0), batch]
             row = parts[0].first_row
             self.lost.setdefault(batch.node, 0)
-            self._note(ask(self._session, Keys(self.bench, batch.node).events) or [])
+            self._note(ask(self._session, Keys(self.bench, batch.node).events, attempts=3) or [])
         elif 0 < batch.first_row - row <= self._refill * batch.rate:
             parts = [*self._kept(batch, row), batch]
         fresh = []
@@ -109,11 +109,12 @@ class Feed:
         self._events += [event for event in events if event not in self._events]
 
 
-def ask(session: zenoh.Session, key: str) -> Any:
-    """The JSON a key's queryable answers; None when there is none."""
-    for reply in session.get(key, timeout=_QUERY):
-        if reply.ok is not None:
-            return json.loads(reply.ok.payload.to_string())
+def ask(session: zenoh.Session, key: str, attempts: int = 1) -> Any:
+    """The JSON a key's queryable answers; None when there is none, also on a busy machine after some `attempts`."""
+    for _ in range(attempts):
+        for reply in session.get(key, timeout=_QUERY):
+            if reply.ok is not None:
+                return json.loads(reply.ok.payload.to_string())
     return None
 
 

@@ -25,7 +25,8 @@ from protocols.telemetry.session import publisher_session
 PERIOD = 0.02  # s between batches: 20 rows at 1 kHz; a fifth of the 100 ms from cycle to screen
 HISTORY = 30.0  # s of rows for those who join late
 _PIECE = 1.0  # s of rows in one reply of the history: some hundred kB
-_ANSWER = 2.0  # s for a loop to make a change of parameters; a cycle takes milliseconds
+_ANSWER = 2.0  # s for a loop to make a change of parameters, then it refuses; a cycle takes milliseconds
+_LATE = 0.2  # s more for its answer to be there
 _LINGER = 0.1  # s for the last batch to leave before the session is closed
 _QUERIES = ("history", "last", "describe", "parameters", "events")
 
@@ -84,7 +85,7 @@ class Publisher:
                         answer(query)
                     except InputError as error:
                         query.reply_err(str(error))
-                    except (ValueError, RecursionError) as error:  # no number, no UTF-8, no JSON, JSON without end
+                    except Exception as error:  # whatever somebody asks, the telemetry goes on
                         query.reply_err(f"the question is malformed: {error}")
 
     def _answer_history(self, query: zenoh.Query) -> None:
@@ -130,7 +131,8 @@ class Publisher:
 
     def _changed(self, values: dict[str, Any]) -> dict[str, Any]:
         """Have the loop make a change. Raises InputError when it is refused."""
-        answer = json.loads(self._mailbox.ask(json.dumps(values), _ANSWER))
+        request = {"values": values, "until": time.monotonic() + _ANSWER}
+        answer = json.loads(self._mailbox.ask(json.dumps(request), _ANSWER + _LATE))
         if "refused" in answer:
             raise InputError(answer["refused"])
         for change in answer["changed"]:
