@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 
 from plant_sim.bench.in_process import Played, play
@@ -109,6 +110,30 @@ def test_a_run_file_has_everything(local_bus: str, tmp_path: Path) -> None:
     assert run.metadata["timing"]["controller"]["timing"]["cycles"] > 0
     assert Path(result["picture"]).stat().st_size > 10_000
     assert sorted(path.suffix for path in tmp_path.iterdir()) == [".parquet", ".png"]
+
+
+def test_ctrl_c_keeps_a_lock_step_run(local_bus: str, tmp_path: Path) -> None:
+    arguments = ("--bus", local_bus, "--lockstep", "--seconds", "10000", "--out", str(tmp_path))
+    with service("up", *arguments) as process:
+        with open_bus(local_bus) as port:  # closed before we wait: a port that is not read fills up
+            hear(port, "CONTROLLER_STATUS", lambda status: status.phase == 2)
+        process.send_signal(signal.SIGINT)
+        out, errors = process.communicate(timeout=PATIENCE)
+    assert "verdict: interrupted after" in out, errors
+    (path,) = tmp_path.glob("*.parquet")
+    assert len(read_run(path)["time_s"]) > 100
+
+
+def test_a_telemetry_process_that_dies_is_told_and_the_run_goes_on(local_bus: str, tmp_path: Path) -> None:
+    with service("up", "--bus", local_bus, "--seconds", "3", "--out", str(tmp_path)) as process:
+        with open_bus(local_bus) as port:
+            hear(port, "CONTROLLER_STATUS", lambda status: status.phase == 2)
+        children = psutil.Process(process.pid).children(recursive=True)
+        (telemetry,) = [c for c in children if "telemetry" in c.cmdline() and "plant.ring" in " ".join(c.cmdline())]
+        telemetry.kill()
+        out, errors = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 0, errors
+    assert "note: telemetry failed with exit code -9" in out
 
 
 def test_ctrl_c_keeps_a_whole_run(local_bus: str, tmp_path: Path) -> None:
