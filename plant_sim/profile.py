@@ -100,6 +100,8 @@ def load_profile(name: str, seconds: float | None = None) -> Profile:
     """
     path = Path(name) if name.endswith(".csv") else FOLDER / f"{name}.csv"
     if not path.is_file():
+        if Path(name).is_file():
+            raise InputError(f"profile {name!r} has another suffix; a profile file ends with .csv")
         known = listing(p.stem for p in FOLDER.glob("*.csv"))
         raise InputError(f"profile {name!r} does not exist; known are {known}, or the path of a .csv file")
     try:

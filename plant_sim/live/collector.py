@@ -92,11 +92,13 @@ class Collector:
             column = self._column(rows, quantity.node, quantity.column)
             values[quantity.name] = float(column[-1]) if len(column) else float("nan")
             traces[quantity.name] = self._thinned(quantity.node, column)
+        states = {node: self._node_state(node, rows.get(node), now) for node in NODES}
+        known = self.alive.get("controller", False)
         return Snapshot(
             self._bench,
-            {node: self._node_state(node, rows.get(node), now) for node in NODES},
-            self._state_name(rows, "controller_phase", self._phases),
-            self._state_name(rows, "controller_fault", self._faults),
+            states,
+            self._state_name(rows, "controller_phase", self._phases) if known else None,
+            self._state_name(rows, "controller_fault", self._faults) if known else None,
             values,
             traces,
             tuple(self._changes),

@@ -10,9 +10,11 @@ FORMATS = (*SUFFIXES, ".rrd")
 
 def convert(source: Path, target: Path) -> int:
     """Write the run in `source` as the suffix of `target` says; return its samples. Raises InputError."""
+    if source.suffix not in SUFFIXES:
+        raise InputError(
+            f"run {source} has the suffix {source.suffix or '-'}; what can be read ends with {listing(SUFFIXES)}"
+        )
     checked_target(target)
-    if source.resolve() == target.resolve():
-        raise InputError(f"run {source} would be written over itself; name another file")
     run = read_run(source)
     if target.suffix == ".rrd":
         from plant_sim.live.replay import export_rrd
@@ -24,11 +26,21 @@ def convert(source: Path, target: Path) -> int:
 
 
 def checked_target(path: Path) -> Path:
-    """`path` when a run can be written there. Raises InputError."""
+    """`path` when a new run can be written there. Raises InputError."""
     if path.suffix not in FORMATS:
         raise InputError(f"a run cannot be written as {path.suffix!r} ({path}); allowed are {listing(FORMATS)}")
-    if path.suffix == ".rrd":
-        from plant_sim.live.rrd_writer import checked_rrd
+    return new_file(path)
 
-        checked_rrd(path)
+
+def new_file(path: Path) -> Path:
+    """`path` when a file can be made there and none is. Raises InputError."""
+    if not path.parent.is_dir():
+        raise InputError(f"folder {path.parent} of {path.name} does not exist")
+    try:
+        path.touch(exist_ok=False)  # root passes every look at rights, but does not write everywhere
+        path.unlink()
+    except FileExistsError:
+        raise InputError(f"file {path} exists already; give another name or remove it") from None
+    except OSError as error:
+        raise InputError(f"file {path} cannot be written: {error.strerror}") from None
     return path

@@ -54,7 +54,7 @@ def watch(
             screen.show(collector, now)
         snapshot = collector.snapshot(time.monotonic())
     troubles = snapshot.troubles()
-    verdict = "; ".join(troubles) or f"{_listed(snapshot)}, phase {snapshot.phase or '-'}, no fault"
+    verdict = "; ".join(troubles) or f"{_listed(snapshot)}, phase {snapshot.phase}, no fault"
     text = f"read:    telemetry of {bus_of(bench)} for {elapsed:.1f} s\nwrote:   nothing"
     if once:
         text = f"{_plain(snapshot)}\n{text}"

@@ -9,6 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from plant_sim.live.bars import bar, sparkline
+from plant_sim.live.catalogue import with_unit
 from plant_sim.live.collector import POINTS, WINDOW
 from plant_sim.live.snapshot import QUANTITIES, Snapshot
 from protocols.telemetry.keys import bus_of
@@ -97,8 +98,8 @@ def _timing(snapshot: Snapshot) -> Table:
 def _changes(snapshot: Snapshot) -> list[Text]:
     lines = [
         Text(
-            f"{datetime.fromtimestamp(change['time']):%H:%M:%S}  {change['node']}.{change['name']}"
-            f"  {change['old']:g} -> {change['new']:g} {change['unit']}",
+            f"{datetime.fromtimestamp(change['time']):%H:%M:%S}  {change['node']}.{change['name']}  "
+            + with_unit(f"{change['old']:g} -> {change['new']:g}", change["unit"]),
             no_wrap=True,
             overflow="ellipsis",
         )

@@ -30,10 +30,12 @@ def record(
 ) -> Recorded:
     """Record the bench on `bus` (None: the only one) until `stop` is asked, the bench is gone or `seconds` after its first row.
 
-    Rows are written as Parquet; another suffix is made of that at the end. Raises InputError when there is no bench.
+    Rows are written as Parquet; another suffix is made of that at the end. Raises InputError when there is no bench, or a file
+    is in the way.
     """
-    if path and rows_file(path) != path:
+    if path:
         checked_target(path)
+        checked_target(rows_file(path))
     with consumer_session(router) as session:
         progress("waiting for a bench")
         bench = _found(session, bus, stop, float("inf") if seconds is None else _PATIENCE)

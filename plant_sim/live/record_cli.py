@@ -40,7 +40,7 @@ def record(
     from rich.console import Console
 
     from plant_sim.bench.can_log import WRITERS, CanLog, Logged
-    from plant_sim.live.conversion import FORMATS
+    from plant_sim.live.conversion import FORMATS, new_file
     from plant_sim.live.record import record as record_telemetry
     from plant_sim.live.recorder import Recorded
     from protocols.stopping import Stop
@@ -55,6 +55,7 @@ def record(
         if path and path.suffix in WRITERS:
             if router:
                 raise InputError(f"frames on a bus do not come from the router {router}; leave --router away")
+            new_file(path)
             with suppress(OSError):  # only root may
                 os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(_PRIORITY))
             result = CanLog(bus or "auto", path).record(stop, seconds, status.update)

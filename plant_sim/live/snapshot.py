@@ -58,7 +58,10 @@ class NodeState:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """A bench at one instant: `values` and `traces` (shape (points,), the last 10 s) by name of QUANTITIES."""
+    """A bench at one instant: `values` and `traces` (shape (points,), the last 10 s) by name of QUANTITIES.
+
+    `phase` and `fault` are None when they are not known: a controller that is not there, or is gone, may be in any.
+    """
 
     bench: str
     nodes: Mapping[str, NodeState]
@@ -73,6 +76,9 @@ class Snapshot:
         found = [
             f"the {name} is {state.state}" for name, state in self.nodes.items() if state.state in ("stalled", "gone")
         ]
+        controller = self.nodes["controller"].state
+        if self.fault is None and controller != "gone":
+            found.append(f"controller {controller}: phase and fault unknown")
         if self.fault not in (None, "none"):
             found.append(f"fault: {self.fault}")
         if all(state.state in ("absent", "gone") for state in self.nodes.values()):

@@ -170,6 +170,7 @@ def test_without_a_controller_nothing_is_asked(local_bus: str) -> None:
         (("much",), "valid number"),
         (("5", "--seconds", "0"), "0 s is not possible"),
         (("--profile", "none"), "profile 'none' does not exist; known are"),
+        (("--profile", "/etc/passwd"), "profile '/etc/passwd' has another suffix; a profile file ends with .csv"),
     ],
 )
 def test_bad_input_is_told(arguments: tuple[str, ...], told: str) -> None:

@@ -18,7 +18,10 @@ from plant_sim.live.snapshot import Snapshot, document
 from protocols.errors import InputError
 from protocols.node import Column
 from protocols.telemetry.batch import Batch
-from tests.live.running import PATIENCE, RATE, Running, clutch_hil, running_bench
+from protocols.telemetry.feed import nodes_alive
+from protocols.telemetry.keys import bench_name
+from protocols.telemetry.session import consumer_session
+from tests.live.running import PATIENCE, RATE, Running, clutch_hil, process, running_bench
 
 HZ = 1000.0
 RATE_ERROR = 0.05  # of the nominal rate: a shared machine may lose some cycles within 10 s
@@ -122,6 +125,21 @@ def test_a_bench_without_a_plant_is_well() -> None:
     assert np.isnan(snapshot.values["torque true"])
 
 
+def test_without_a_controller_phase_and_fault_are_unknown() -> None:
+    watched = Collector("local:bench@here")
+    watched.alive = {"plant": True}
+    watched.take([batch("plant", 0, 20)], NOW)
+    snapshot = watched.snapshot(NOW)
+    assert snapshot.troubles() == ["controller absent: phase and fault unknown"]
+    assert document(snapshot)["fault"] is None
+
+
+def test_the_last_phase_of_a_controller_that_is_gone_is_not_told_as_its_phase() -> None:
+    watched = collector(batch("plant", 0, 20), batch("controller", 0, 20, controller_phase=2.0))
+    watched.alive = {"plant": True, "controller": False}
+    assert (watched.snapshot(NOW).phase, watched.snapshot(NOW).fault) == (None, None)
+
+
 def test_a_restarted_service_begins_anew() -> None:
     watched = collector(batch("plant", 0, 5000, plant_work_us=900.0))
     watched.take([batch("plant", 0, 100, session=2, plant_work_us=10.0)], NOW)
@@ -164,7 +182,9 @@ def test_only_the_last_changes_are_kept_in_the_order_of_time() -> None:
     watched.note([change | {"time": float(time)} for time in (5, 1, 3)])
     watched.note([change | {"time": 4.0}])
     watched.note([change | {"time": 4.0}])
-    assert [change["time"] for change in watched.snapshot(NOW).changes] == [3.0, 4.0, 5.0]
+    watched.note([change | {"time": 6.0, "name": "friction_level.level", "unit": "1"}])
+    assert any(line.endswith("plant.friction_level.level  10.8 -> 11") for line in screen(watched.snapshot(NOW)))
+    assert [change["time"] for change in watched.snapshot(NOW).changes] == [4.0, 5.0, 6.0]
 
 
 def test_the_screen_fits_80_columns_and_24_rows() -> None:
@@ -239,6 +259,18 @@ def test_without_a_terminal_lines_come(bench: Running) -> None:
     lines = done.stdout.splitlines()
     assert any(line.startswith("plant running  controller running  ") for line in lines)
     assert lines[-1].startswith("verdict: plant running, controller running")
+
+
+def test_a_plant_without_a_controller_is_not_well(local_bus: str) -> None:
+    arguments = ("plant", "--bus", local_bus, "--rate", str(RATE), "--telemetry")
+    with process(*arguments), consumer_session() as session:
+        deadline = time.monotonic() + PATIENCE
+        while nodes_alive(session, bench_name(local_bus)) != ["plant"]:
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        done = clutch_hil("monitor", "--once", "--bus", local_bus)
+    assert done.exit_code == 1
+    assert done.stdout.splitlines()[-1] == "verdict: controller absent: phase and fault unknown"
 
 
 def test_without_a_bench_one_sentence_is_told() -> None:

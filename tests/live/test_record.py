@@ -18,7 +18,7 @@ from plant_sim.live.recorder import Recorded, Recorder
 from plant_sim.live.tune import set_parameters
 from plant_sim.node import PlantNode
 from plant_sim.profile import load_profile
-from protocols.child import clutch_hil
+from protocols import child as children
 from protocols.errors import InputError
 from protocols.node import Column, node_factory
 from protocols.runs import read_run
@@ -26,7 +26,7 @@ from protocols.stopping import Stop
 from protocols.telemetry.batch import Batch, published_columns
 from protocols.telemetry.feed import Feed, NoBenchError, find_bench
 from protocols.telemetry.session import consumer_session
-from tests.live.running import PATIENCE, process
+from tests.live.running import PATIENCE, clutch_hil, process
 
 SECONDS = 4.0  # s of the profile
 RATE = 500  # Hz: gentle to a machine that runs other tests
@@ -41,7 +41,9 @@ def result(child: subprocess.Popen) -> dict[str, Any]:
 
 
 def refusal(*arguments: str) -> str:
-    done = subprocess.run(clutch_hil(*arguments), capture_output=True, text=True, timeout=PATIENCE, check=False)
+    done = subprocess.run(
+        children.clutch_hil(*arguments), capture_output=True, text=True, timeout=PATIENCE, check=False
+    )
     assert done.returncode == 2
     assert len(done.stderr.strip().splitlines()) == 1, done.stderr
     return done.stderr
@@ -362,8 +364,51 @@ def test_a_run_is_converted_to_rrd(played: Played, tmp_path: Path, monkeypatch: 
 
 @pytest.mark.parametrize(
     ("target", "sentence"),
-    [("run.xlsx", "allowed are .csv, .mf4, .parquet, .rrd"), ("run.parquet", "would be written over itself")],
+    [
+        ("run.xlsx", "allowed are .csv, .mf4, .parquet, .rrd"),
+        ("run.parquet", "run.parquet exists already; give another name or remove it"),
+        ("other.mf4", "other.mf4 exists already; give another name or remove it"),
+        ("none/run.mf4", "none of run.mf4 does not exist"),
+    ],
 )
 def test_a_conversion_that_cannot_be_is_refused(tmp_path: Path, target: str, sentence: str) -> None:
+    for name in ("run.parquet", "other.mf4"):
+        (tmp_path / name).write_text("before")
     with pytest.raises(InputError, match=sentence.replace(".", r"\.")):
         convert(tmp_path / "run.parquet", tmp_path / target)
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {
+        "run.parquet": "before",
+        "other.mf4": "before",
+    }
+
+
+@pytest.mark.parametrize("name", ["view.rrd", "frames.log", "bare"])
+def test_what_is_no_run_file_is_told_by_its_suffix(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_text("no Parquet")
+    told = rf"{name} has the suffix {Path(name).suffix or '-'}; what can be read ends with \.csv, \.mf4, \.parquet"
+    with pytest.raises(InputError, match=told):
+        convert(tmp_path / name, tmp_path / "run.parquet")
+
+
+@pytest.mark.parametrize("name", ["run.parquet", "run.csv", "run.rrd", "run.blf", "run"])
+def test_a_file_that_is_there_is_not_recorded_over(tmp_path: Path, name: str) -> None:
+    path = (tmp_path / name).with_suffix(Path(name).suffix or ".parquet")
+    path.write_text("before")
+    done = clutch_hil("record", str(tmp_path / name), "--bus", "local:nobody", "--seconds", "0")
+    assert str(done.exception) == f"file {path} exists already; give another name or remove it"
+    assert path.read_text() == "before"
+
+
+def test_rows_of_an_earlier_recording_are_not_recorded_over(tmp_path: Path) -> None:
+    (tmp_path / "run.csv.parquet").write_text("before")
+    done = clutch_hil("record", str(tmp_path / "run.csv"), "--bus", "local:nobody", "--seconds", "0")
+    assert str(done.exception) == f"file {tmp_path / 'run.csv.parquet'} exists already; give another name or remove it"
+
+
+@pytest.mark.parametrize("name", ["run.parquet", "run.csv", "run.rrd", "run.log"])
+def test_a_place_that_is_none_is_told_by_the_name_that_was_given(tmp_path: Path, name: str) -> None:
+    done = clutch_hil("record", str(tmp_path / "none" / name), "--bus", "local:nobody", "--seconds", "0")
+    assert str(done.exception) == f"folder {tmp_path / 'none'} of {name} does not exist"
+    assert not (tmp_path / "none").exists()
+    done = clutch_hil("record", f"/proc/{name}", "--bus", "local:nobody", "--seconds", "0")  # nobody makes files there
+    assert str(done.exception).startswith(f"file /proc/{name} cannot be written: ")

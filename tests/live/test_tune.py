@@ -1,6 +1,10 @@
 """`clutch-hil tune`: names and values, a node that answers by the documented keys, and a real bench."""
 
 import json
+import os
+import pty
+import subprocess
+import termios
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -8,7 +12,9 @@ from contextlib import contextmanager
 import pytest
 import zenoh
 
-from plant_sim.live.tune import Catalogue, assignments, parameters, set_parameters
+from plant_sim.live.catalogue import WHOLE, Catalogue, assignments, details, tables
+from plant_sim.live.tune import listed, parameters, set_parameters, tuned
+from protocols import child as children
 from protocols.errors import InputError
 from protocols.telemetry.feed import nodes_alive
 from protocols.telemetry.keys import Keys
@@ -26,6 +32,7 @@ def entry(name: str, value: float, unit: str = "1", fixed: str | None = None) ->
 
 
 CATALOGUE = Catalogue(
+    BENCH,
     {
         "controller.torque.proportional_gain": entry("torque.proportional_gain", 0.012, "bar/Nm"),
         "controller.torque.integral_gain": entry("torque.integral_gain", 0.3),
@@ -33,7 +40,8 @@ CATALOGUE = Catalogue(
         "controller.shared.name": entry("shared.name", 1.0),
         "plant.shared.name": entry("shared.name", 1.0),
         "plant.clutch.coulomb_slope": entry("clutch.coulomb_slope", 10.8),
-    }
+        "plant.motor.integral_gain": entry("motor.integral_gain", 4.0, fixed="the motor's gain is fixed"),
+    },
 )
 
 
@@ -48,7 +56,10 @@ def test_a_name_needs_no_node_where_it_is_clear() -> None:
         ("shared.name", "parameter 'shared.name' is ambiguous; there are controller.shared.name, plant.shared.name"),
         ("torque.proportional_gian", "did you mean torque.proportional_gain"),
         ("plant.clutch.coulomb_slop", "did you mean plant.clutch.coulomb_slope"),
-        ("zzz", "groups are controller.model, controller.shared, controller.torque, plant.clutch, plant.shared"),
+        (
+            "zzz",
+            "groups are controller.model, controller.shared, controller.torque, plant.clutch, plant.motor, plant.shared",
+        ),
     ],
 )
 def test_what_is_not_one_parameter_is_told(name: str, told: str) -> None:
@@ -79,6 +90,11 @@ def test_values_are_sorted_by_node() -> None:
         (["torque.proportional_gain=abc"], "is given as 'abc'; a number is needed, 0 to 100 bar/Nm"),
         (["torque.proportional_gain="], "is given as ''"),
         (["torque.integral_gain=1", "controller.torque.integral_gain=2"], "is given twice"),
+        (["torque.integral_gain=101"], "parameter controller.torque.integral_gain = 101 breaks 0 <= value <= 100"),
+        (["torque.proportional_gain=-1"], "torque.proportional_gain = -1 bar/Nm breaks 0 <= value <= 100"),
+        (["torque.integral_gain=nan"], "= nan breaks"),
+        (["torque.integral_gain=abc"], "a number is needed, 0 to 100$"),
+        (["motor.integral_gain=5"], "^the motor's gain is fixed$"),
     ],
 )
 def test_values_that_cannot_be_taken_are_told(arguments: list[str], told: str) -> None:
@@ -86,8 +102,55 @@ def test_values_that_cannot_be_taken_are_told(arguments: list[str], told: str) -
         assignments(CATALOGUE, arguments)
 
 
+PLANT = Catalogue(BENCH, {name: entry for name, entry in CATALOGUE.entries.items() if name.startswith("plant.")})
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("controller.torque.integral_gain", "the controller on local:tuned does not answer; is it running?"),
+        ("controller.", "the controller on local:tuned does not answer; is it running?"),
+        (
+            "torque.integral_gain",
+            "the controller on local:tuned does not answer, and the plant has no parameter 'torque.integral_gain'; "
+            "nearest there is motor.integral_gain",
+        ),
+        ("plant.clutch.slope", "parameter 'plant.clutch.slope' is unknown; did you mean plant.clutch.coulomb_slope"),
+    ],
+)
+def test_who_does_not_answer_is_named_where_a_name_may_be_its(name: str, told: str) -> None:
+    with pytest.raises(InputError) as error:
+        PLANT.named(name)
+    assert str(error.value).startswith(told)
+
+
+def test_who_answers_is_tuned_without_the_other() -> None:
+    assert assignments(PLANT, ["clutch.coulomb_slope=11"]) == {"plant": {"clutch.coulomb_slope": 11.0}}
+
+
+def test_no_line_of_a_table_is_wider_than_the_terminal() -> None:
+    entries = CATALOGUE.entries | {
+        "plant.clutch.exponent": entry("clutch.exponent", 1.0, "Nm/(bar (rad/s)^gamma)")
+        | {"source": "a long tale " * 9}
+    }
+    for width in (60, 80, 90, 120):
+        assert max(map(len, tables(entries, width).splitlines())) <= width
+    assert any(
+        "a long tale" in line and line.endswith("…") and len(line) == 100 for line in tables(entries, 100).splitlines()
+    )
+    assert "a long tale " * 9 in tables(entries, WHOLE) + " "
+    for told in ("value", "bounds", "0..100", "fixed"):
+        assert told in tables(entries, 80)
+
+
+def test_what_has_no_dimension_has_no_unit() -> None:
+    name = "controller.torque.integral_gain"
+    lines = details(name, CATALOGUE.entries[name]).splitlines()
+    assert [line.split("  ")[-1].strip() for line in lines[:4]] == [f"{name} = 0.3", "0 to 100", "0.3", "0.1"]
+
+
 @contextmanager
-def answering(node: str, answer: dict | None, refusal: str = "") -> Iterator[list[str | None]]:
+def answering(node: str, answer: object, refusal: str = "") -> Iterator[list[str | None]]:
     """A node of BENCH that lives and answers every query with `answer` or `refusal`; yields the payloads it was sent."""
     asked: list[str | None] = []
     with publisher_session() as session:
@@ -131,6 +194,49 @@ def test_a_refusal_is_told_in_the_words_of_the_node() -> None:
         pytest.raises(InputError, match=r"^the slope is fixed$"),
     ):
         set_parameters(session, BENCH, "plant", {"clutch.coulomb_slope": 11.0})
+
+
+@contextmanager
+def silent(node: str) -> Iterator[None]:
+    """A node of BENCH that lives and answers nothing."""
+    with publisher_session() as session:
+        handler = zenoh.handlers.FifoChannel(8)
+        queryable = session.declare_queryable(Keys(BENCH, node).parameters, handler)  # noqa: F841  # ends with its name
+        token = session.liveliness().declare_token(Keys(BENCH, node).alive)
+        yield
+        token.undeclare()
+
+
+def test_a_plant_is_not_changed_when_a_value_of_the_controller_is_refused() -> None:
+    with (
+        answering("plant", [entry("friction.level", 1.0)]) as plant,
+        answering("controller", [entry("torque.integral_gain", 0.3)]) as controller,
+        pytest.raises(InputError, match=r"controller\.torque\.integral_gain = 101 breaks"),
+    ):
+        tuned(["plant.friction.level=0.95", "controller.torque.integral_gain=101"], "local:tuned", None)
+    assert (plant, controller) == ([None], [None])  # both were asked for their lists, and for nothing else
+
+
+def test_a_controller_that_lives_and_keeps_silent_is_named() -> None:
+    with (
+        silent("controller"),
+        answering("plant", [entry("motor.integral_gain", 4.0)]) as asked,
+        pytest.raises(InputError, match=r"^the controller on local:tuned does not answer"),
+    ):
+        tuned(["torque.integral_gain=0.31"], "local:tuned", None)
+    assert asked == [None]
+
+
+def test_an_absent_controller_is_named_under_the_list_of_the_plant() -> None:
+    with answering("plant", [entry("motor.integral_gain", 4.0)]):
+        _, text, verdict, good = tuned([], "local:tuned", None)
+    assert "read:    1 parameter of plant on local:tuned; the controller on local:tuned does not answer\n" in text
+    assert (verdict, good) == ("1 parameter, 0 of them fixed while the service runs", True)
+
+
+def test_a_bench_where_nobody_answers_is_told() -> None:
+    with silent("plant"), consumer_session() as session, pytest.raises(InputError, match=r"the plant on .* not answer"):
+        listed(session, BENCH)
 
 
 def test_a_node_that_does_not_answer_is_told() -> None:
@@ -184,6 +290,25 @@ def test_a_refused_change_changes_nothing(bench: Running) -> None:
     message = refused(bench, "torque.integral_gain=0.4", "torque.demand_limit=1000")
     assert "torque.demand_limit = 1000 Nm breaks 0 <= value <= 60" in message
     assert tune(bench, "torque.")["parameters"] == before
+
+
+def test_the_list_fits_the_terminal(bench: Running) -> None:
+    master, slave = pty.openpty()
+    termios.tcsetwinsize(slave, (24, 80))
+    environment = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES")}
+    child = subprocess.Popen(children.clutch_hil("tune", "--bus", bench.bus), stdout=slave, env=environment)
+    os.close(slave)
+    shown = b""
+    try:
+        while piece := os.read(master, 4096):
+            shown += piece
+    except OSError:  # the child has closed its end
+        pass
+    os.close(master)
+    assert child.wait() == 0
+    table = shown.decode().replace("\r", "").partition("read:")[0].splitlines()
+    assert max(map(len, table)) <= 80
+    assert ["piston_seal_friction.travel", "5e-06", "m", "1e-06..0.001"] in [line.split() for line in table]
 
 
 def test_bad_names_and_values_are_told(bench: Running) -> None:
