@@ -62,6 +62,11 @@ class FrameCodec:
         self.unpack: Callable[[bytes], Any] = functions["unpack"]
         self.raw: Callable[[bytes], Any] = functions["raw"]
 
+    def choices(self, signal: str) -> dict[int, str]:
+        """Names of the values of a signal, given in lower case; with spaces, for people."""
+        (definition,) = (one for one in self.definitions if one.name.lower() == signal)
+        return {int(value): str(name).replace("_", " ") for value, name in (definition.choices or {}).items()}
+
     def valid(self, data: bytes) -> bool:
         """Whether the CRC of `data` is right."""
         return calculate_crc8(data[1:]) == data[0]

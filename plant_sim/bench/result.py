@@ -8,13 +8,9 @@ import numpy as np
 
 from plant_sim.bench.following import following
 from plant_sim.bench.picture import draw_run
+from protocols.frames import load_frames
 from protocols.runs import read_run
 
-# Values of CONTROLLER_STATUS.FAULT in the DBC.
-_FAULTS = (
-    "none", "stale sensors", "overpressure", "overtemperature", "overspeed", "fill time-out", "pressure lost",
-    "torque implausible",
-)  # fmt: skip
 _LATE_NOTED = 1e-3  # share of late cycles above which a run in real time is told to be no measure of the controller
 
 
@@ -34,6 +30,7 @@ def judge_run(path: Path, read: str, timing: dict[str, Any] | None = None) -> Re
     columns = dict(run.columns)
     demand = np.nan_to_num(columns["torque_demand_nm"])
     followed = following(columns["time_s"], demand, columns["truth_clutch_torque_nm"])
+    faults = load_frames()["CONTROLLER_STATUS"].choices("fault")
     fault = int(np.max(np.nan_to_num(columns["controller_fault"])))
     asked, reached = bool(np.any(demand > 0.0)), bool(np.isfinite(followed.regime_error))
     good = fault == 0 and (reached or not asked)
@@ -41,7 +38,7 @@ def judge_run(path: Path, read: str, timing: dict[str, Any] | None = None) -> Re
     figures = f"regime error {followed.regime_error:.2f} Nm, rise time {followed.rise_time:.2f} s"
     draw_run(picture, columns, f"{path.stem}: {figures if reached else 'no regime'}")
     if fault:
-        verdict = f"fault: {_FAULTS[fault]}"
+        verdict = f"fault: {faults[fault]}"
     elif reached:
         verdict = f"torque followed, {figures}"
     else:
@@ -54,7 +51,7 @@ def judge_run(path: Path, read: str, timing: dict[str, Any] | None = None) -> Re
         "samples": len(columns["time_s"]),
         "regime_error_nm": followed.regime_error,
         "rise_time_s": followed.rise_time,
-        "fault": _FAULTS[fault],
+        "fault": faults[fault],
         "verdict": verdict,
         "good": good,
     } | (timing or {})

@@ -10,9 +10,9 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
+from protocols.frames import load_frames
 from protocols.node import Column
 
-_PHASES = ("idle", "fill", "slip control", "release", "fault")
 _PLAIN_EVERY = 2.0  # s between lines where the output is no terminal
 
 
@@ -23,6 +23,7 @@ class StatusLine:
         self._plant = {column.name: i for i, column in enumerate(plant)}
         self._controller = {column.name: i for i, column in enumerate(controller)}
         self._of, self._quiet = f"/{duration:g}" if isfinite(duration) else "", quiet
+        self._phases = load_frames()["CONTROLLER_STATUS"].choices("phase")
         self._console = Console(stderr=True)
         self._live = Live(console=self._console, refresh_per_second=8, transient=True)
         self._shown = self._counted_at = time.monotonic()
@@ -59,7 +60,7 @@ class StatusLine:
         p = {name: plant[i] for name, i in self._plant.items()}
         c = {name: controller[i] for name, i in self._controller.items()}
         return (
-            f"{p['time_s']:6.1f}{self._of} s  {self._rate:5.0f} Hz  {_PHASES[int(c['phase'])]:<12}"
+            f"{p['time_s']:6.1f}{self._of} s  {self._rate:5.0f} Hz  {self._phases[int(c['phase'])]:<12}"
             f"  torque demand {c['torque_demand_nm']:5.2f}  estimate {c['torque_estimate_nm']:5.2f}"
             f"  true {p['truth_clutch_torque_nm']:5.2f} Nm  pressure {p['cylinder_pressure_bar']:4.2f} bar"
             f"  late {int(c['late_cycles'])}"

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from plant_sim.live.snapshot import NO_TIMES, QUANTITIES, NodeState, Percentiles, Snapshot
-from plant_sim.live.supervisor import choice_names
 from protocols.frames import load_frames
 from protocols.telemetry.batch import Batch
 from protocols.telemetry.keys import NODES
@@ -62,8 +61,8 @@ class Collector:
         self.lost: Mapping[str, int] = {}
         self.last_rows: dict[str, int] = {}  # newest row of a service of which none came: -1 when it has none yet
         self._bench = bench
-        self._phases = choice_names(frames["CONTROLLER_STATUS"], "PHASE")
-        self._faults = choice_names(frames["CONTROLLER_STATUS"], "FAULT")
+        self._phases = frames["CONTROLLER_STATUS"].choices("phase")
+        self._faults = frames["CONTROLLER_STATUS"].choices("fault")
         self._traces: dict[str, _Trace] = {}
         self._changes: list[Mapping[str, Any]] = []
 

@@ -5,6 +5,7 @@ plant began anew, a file ends and the next one begins: RUN.parquet, RUN-2.parque
 """
 
 import contextlib
+import itertools
 import time
 from collections import deque
 from collections.abc import Sequence
@@ -17,6 +18,7 @@ from typing import Any
 import zenoh
 
 from plant_sim.bench.recording import run_path, writable
+from plant_sim.live.catalogue import counted
 from plant_sim.live.tape import Tape
 from plant_sim.live.tune import parameters
 from protocols.errors import InputError
@@ -56,7 +58,7 @@ class Recorded:
     @property
     def text(self) -> str:
         """What was read and written, for people."""
-        changes = f", {self.parameter_changes} parameters changed" if self.parameter_changes else ""
+        changes = f", {counted(self.parameter_changes, 'parameter')} changed" if self.parameter_changes else ""
         lines = [f"read:    bench {self.bench}, {self.rate} Hz{changes}"]
         lines += [f"wrote:   {path}  ({samples} samples)" for path, samples in self.files.items()]
         return "\n".join(lines)
@@ -191,8 +193,8 @@ class Recorder:
             for node in NODES:
                 self._ask(node)
         first = self._path = self._path or run_path(writable(Path("runs")), "recorded")
-        count = len(self._metadata) + 1
-        path = first if count == 1 else first.with_stem(f"{first.stem}-{count}")
+        further = (first.with_stem(f"{first.stem}-{count}") for count in itertools.count(2))
+        path = next(p for p in further if not (p.exists() or p in self._metadata)) if self._metadata else first
         plant, controller = ([Column(**column) for column in self._abouts[node].described["columns"]] for node in NODES)
         tape = self._tapes[path] = Tape(rows_file(path), batch, plant, controller)
         began = batch["plant_clock_s"][0] + batch.epoch

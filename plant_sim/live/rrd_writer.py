@@ -1,6 +1,5 @@
 """RrdWriter: an .rrd file, rerun's own format, that gets its name only when it is complete."""
 
-import os
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import Any
 
 import rerun.blueprint as rrb
 
+from plant_sim.live.conversion import new_file
 from plant_sim.live.screen import Screen
 from plant_sim.live.stream import joined, new_recording
 from protocols.errors import InputError
@@ -79,10 +79,4 @@ def checked_rrd(path: Path) -> Path:
     """`path` when an .rrd file can be made there. Raises InputError."""
     if path.suffix != ".rrd":
         raise InputError(f"file {path} has the suffix {path.suffix or '-'}; a saved view ends with .rrd")
-    if path.exists():
-        raise InputError(f"file {path} exists already; give another name or remove it")
-    if not path.parent.is_dir():
-        raise InputError(f"folder {path.parent} of {path.name} does not exist")
-    if not os.access(path.parent, os.W_OK):
-        raise InputError(f"folder {path.parent} of {path.name} cannot be written")
-    return path
+    return new_file(path)

@@ -13,7 +13,7 @@ from protocols.telemetry.batch import Batch
 GROUPS = ("states", "flags")  # paths: the two that matter always, and the rest
 _REPEAT = 5_000_000_000  # ns: a viewer that forgets its oldest data still knows the present state
 _CALM, _BUSY, _GOOD, _LEAVING, _BAD = 0x455A64FF, 0xF9A825FF, 0x2E7D32FF, 0x6A4FB0FF, 0xD32F2FFF
-_PHASES = {"idle": _CALM, "fill": _BUSY, "slip_control": _GOOD, "release": _LEAVING, "fault": _BAD}
+_PHASES = {"idle": _CALM, "fill": _BUSY, "slip control": _GOOD, "release": _LEAVING, "fault": _BAD}
 _FAULTS = {"none": _CALM}  # all others are bad
 
 
@@ -28,7 +28,8 @@ class Lane(NamedTuple):
 
 def lanes() -> tuple[Lane, ...]:
     """The lanes; names of phases and faults are those of the DBC."""
-    phase, fault = _choices("PHASE"), _choices("FAULT")
+    status = load_frames()["CONTROLLER_STATUS"]
+    phase, fault = status.choices("phase"), status.choices("fault")
     return (
         Lane("controller_phase", "states/phase", phase, {name: _PHASES.get(name, _BUSY) for name in phase.values()}),
         Lane("controller_fault", "states/reason", fault, {name: _FAULTS.get(name, _BAD) for name in fault.values()}),
@@ -56,10 +57,8 @@ class States:
         """Log names and colours; the present state follows with the next rows."""
         self._last.clear()
         for lane in self._lanes:
-            names = list(lane.colors)
-            labels = [name.replace("_", " ") for name in names]
-            colors = list(lane.colors.values())
-            self._canvas.static(lane.path, rr.StateConfiguration(values=names, labels=labels, colors=colors))
+            texts, colors = list(lane.colors), list(lane.colors.values())
+            self._canvas.static(lane.path, rr.StateConfiguration(values=texts, colors=colors))
 
     def log(self, batch: Batch, times: Times) -> None:
         """Log what changed in the rows."""
@@ -83,9 +82,3 @@ class States:
         texts = [lane.texts.get(int(value), f"{value:g}") for value in values[rows]]
         self._canvas.send(lane.path, times[rows], rr.StateChange.columns(state=texts))
         self._last[lane.column] = float(values[-1]), int(times.passing[rows[-1]])
-
-
-def _choices(name: str) -> dict[int, str]:
-    """Texts of a signal of CONTROLLER_STATUS by value."""
-    (signal,) = (s for s in load_frames()["CONTROLLER_STATUS"].definitions if s.name == name)
-    return {int(value): str(text) for value, text in (signal.choices or {}).items()}

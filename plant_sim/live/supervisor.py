@@ -14,7 +14,7 @@ from typing import Any
 from protocols.bus import Port, listen
 from protocols.clock import Clock
 from protocols.errors import InputError
-from protocols.frames import Frame, FrameCodec, load_frames
+from protocols.frames import Frame, load_frames
 from protocols.heartbeat import LISTEN
 
 RATE = 200  # Hz: twenty set-points within the 0.1 s after which the controller misses its supervisor
@@ -22,12 +22,6 @@ _PRIORITY = 40  # SCHED_FIFO: above ordinary work, below the loops of the servic
 _SILENCE = 0.5  # s: ten heartbeats or five status frames that did not come
 _ANSWER = 0.3  # s, three status frames: what was asked for shows in the status by then
 _RELEASE = 2.0  # s to wait for a clutch to be released; it takes 0.2 s
-
-
-def choice_names(codec: FrameCodec, signal: str) -> dict[int, str]:
-    """Names of a signal's values as the DBC has them, with spaces."""
-    choices = next(definition.choices for definition in codec.definitions if definition.name == signal)
-    return {int(value): str(name).replace("_", " ") for value, name in (choices or {}).items()}
 
 
 @dataclass(frozen=True)
@@ -58,9 +52,9 @@ class Heard:
         self._newest: dict[str, tuple[float, Any]] = {}
         self._angle: tuple[int, float] | None = None  # sample tick and shaft angle of the look before
         self._slip: float | None = None
-        self._phases = choice_names(frames["CONTROLLER_STATUS"], "PHASE")
-        self._faults = choice_names(frames["CONTROLLER_STATUS"], "FAULT")
-        self._lifecycles = choice_names(frames["CONTROLLER_HEARTBEAT"], "LIFECYCLE")
+        self._phases = frames["CONTROLLER_STATUS"].choices("phase")
+        self._faults = frames["CONTROLLER_STATUS"].choices("fault")
+        self._lifecycles = frames["CONTROLLER_HEARTBEAT"].choices("lifecycle")
 
     def take(self, frames: Sequence[Frame]) -> None:
         """Keep the newest believable frame of each kind."""
@@ -124,7 +118,7 @@ class Supervisor:
         frames = load_frames()
         self.heard = Heard()
         self._port, self._setpoint = port, frames["TORQUE_SETPOINT"]
-        self._requests = {name: value for value, name in choice_names(self._setpoint, "REQUEST").items()}
+        self._requests = {name: value for value, name in self._setpoint.choices("request").items()}
         self._clock = Clock(1_000_000_000 // RATE)
         self._engaged_at: float | None = None
         self._sent = 0

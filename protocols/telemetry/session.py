@@ -20,6 +20,7 @@ _COMMON = {
     "scouting/gossip/enabled": False,
     "transport/shared_memory/enabled": False,  # no gain at these sizes, and a killed process would leave its segment
     "transport/link/tx/lease": _LEASE,
+    "transport/unicast/open_timeout": _LEASE,  # ms; a stopped process accepts a link and never opens it, and close waits for it
     # A put waits for a slow consumer once, then what its queue cannot take is dropped until it drains (telemetry.md, 1.2
     # and 1.3). The wait is of the telemetry process alone; it lets a late joiner take its history without a gap.
     "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 50_000,  # us

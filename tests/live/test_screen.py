@@ -244,7 +244,7 @@ def test_two_runs_stand_side_by_side(nodes: dict[str, Batch], logged: Logged) ->
 def test_states_are_logged_by_name_when_they_change(nodes: dict[str, Batch], logged: Logged) -> None:
     logged.screen(_pieces(nodes))
     chunks = logged.chunks()
-    assert _cells(chunks["/states/phase"], "StateChange:state") == [["idle"], ["fill"], ["slip_control"]]
+    assert _cells(chunks["/states/phase"], "StateChange:state") == [["idle"], ["fill"], ["slip control"]]
     assert _cells(chunks["/states/reason"], "StateChange:state") == [["none"]]
     phase = nodes["controller"]["controller_phase"]
     ticks = nodes["controller"]["controller_sample_tick"]
