@@ -10,10 +10,8 @@ from protocols.errors import InputError, listing
 from protocols.telemetry.batch import Batch, decode
 from protocols.telemetry.keys import NODES, Keys, bench_name, bus_of, parsed
 
-_LIVE_REFILL, _ALL_REFILL = (
-    2.0,
-    30.0,
-)  # s: longest gap that is asked for again; a viewer goes on, a recorder wants it all
+_LIVE_REFILL = 2.0  # s: longest gap that a viewer asks for again; then it goes on
+_ALL_REFILL = 30.0  # s: a recorder asks for all that is kept
 _LIVE_MESSAGES = 512  # 5 s of both nodes: a viewer that is further behind wants the newest
 _ALL_MESSAGES = 100_000  # some minutes: a recorder wants everything
 _LOOK = 0.002  # s between looks for a message
@@ -44,7 +42,8 @@ class Feed:
             Keys(bench, "*").alive, zenoh.handlers.FifoChannel(100), history=True
         )
         self._position: dict[str, tuple[int, int]] = {}  # by node: session, number of the next row
-        self._events: list[dict[str, Any]] = []
+        self._known: list[dict[str, Any]] = []  # events, which come live and by query
+        self._told = 0  # of them
 
     def __enter__(self) -> "Feed":
         return self
@@ -70,7 +69,8 @@ class Feed:
         """Changes of parameters since the last call, those before the first row included."""
         while (sample := self._changes.try_recv()) is not None:
             self._note([json.loads(sample.payload.to_string())])
-        events, self._events = self._events, []
+        events = self._known[self._told :]
+        self._told = len(self._known)
         return events
 
     def describe(self, node: str) -> dict[str, Any] | None:
@@ -106,7 +106,7 @@ class Feed:
         return sorted((part for part in parts if part.session == batch.session), key=lambda part: part.first_row)
 
     def _note(self, events: list[dict[str, Any]]) -> None:
-        self._events += [event for event in events if event not in self._events]
+        self._known += [event for event in events if event not in self._known]
 
 
 def ask(session: zenoh.Session, key: str, attempts: int = 1) -> Any:
