@@ -4,10 +4,8 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -17,14 +15,14 @@ import pytest
 from plant_sim.bench.in_process import Played, play
 from plant_sim.node import PlantNode
 from plant_sim.profile import load_profile
+from protocols import child
 from protocols.bus import Port, listen, open_bus
 from protocols.frames import Frame, load_frames
 from protocols.node import node_factory
 from protocols.runs import REQUIRED, read_run
+from tests.processes import PATIENCE, service
 
-COMMAND = [sys.executable, "-m", "protocols"]
 FRAMES = load_frames()
-PATIENCE = 60.0  # s: a service starts in 2 s, on a loaded machine in more
 RATE = 250  # Hz: five cycles are 20 ms, which a shared machine seldom loses; at 1 kHz a hiccup of 6 ms is a fault
 SECONDS = 3.0  # s of the profile `engagement`: fill, 5 Nm, 10 Nm
 # Nm: real time adds jitter of the machine to the deterministic run; 0.001 measured when idle
@@ -32,24 +30,13 @@ REAL_TIME_DIFFERENCE = 0.3
 
 
 def clutch_hil(*arguments: str) -> subprocess.CompletedProcess:
-    return subprocess.run([*COMMAND, *arguments], capture_output=True, text=True, timeout=PATIENCE, check=False)
+    return subprocess.run(child.clutch_hil(*arguments), capture_output=True, text=True, timeout=PATIENCE, check=False)
 
 
 def up(bus: str, out: Path, *arguments: str) -> dict:
     done = clutch_hil("up", "--bus", bus, "--out", str(out), "--seconds", str(SECONDS), "--json", *arguments)
     assert done.returncode == 0, done.stdout + done.stderr
     return json.loads(done.stdout)
-
-
-@contextmanager
-def service(*arguments: str) -> Iterator[subprocess.Popen]:
-    process = subprocess.Popen([*COMMAND, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    try:
-        yield process
-    finally:
-        if process.poll() is None:
-            process.kill()
-        process.communicate()
 
 
 def ended(process: subprocess.Popen) -> tuple[int, str]:

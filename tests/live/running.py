@@ -11,16 +11,15 @@ from dataclasses import dataclass
 import pytest
 from typer.testing import CliRunner, Result
 
-from protocols import child as children
 from protocols.bus import Port, listen, open_bus
 from protocols.command import application
 from protocols.frames import load_frames
 from protocols.telemetry.feed import nodes_alive
 from protocols.telemetry.keys import NODES, bench_name
 from protocols.telemetry.session import consumer_session
+from tests.processes import PATIENCE, service
 
 FRAMES = load_frames()
-PATIENCE = 60.0  # s: a service starts in 3 s, on a loaded machine in more
 RATE = 100  # Hz: five cycles are 50 ms, which even a busy machine seldom loses; at 1 kHz a hiccup of 6 ms is a fault
 
 
@@ -39,19 +38,6 @@ def clutch_hil(*arguments: str) -> Result:
 
 
 @contextmanager
-def process(*arguments: str, **settings) -> Iterator[subprocess.Popen]:
-    """A command while it runs; killed at the end when it still does."""
-    settings = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True} | settings
-    child = subprocess.Popen(children.clutch_hil(*arguments), **settings)
-    try:
-        yield child
-    finally:
-        if child.poll() is None:
-            child.kill()
-        child.communicate()
-
-
-@contextmanager
 def running_bench(*, telemetry: bool) -> Iterator[Running]:
     """Both services on a bus of their own, ready: the controller answers."""
     folder = tempfile.mkdtemp(prefix="ch-")  # short: socket paths hold 107 bytes
@@ -61,8 +47,8 @@ def running_bench(*, telemetry: bool) -> Iterator[Running]:
         with (
             pytest.MonkeyPatch.context() as patch,
             _with_bus_folder(patch, folder),
-            process("controller", *common, **quiet) as controller,
-            process("plant", *common, **quiet) as plant,
+            service("controller", *common, **quiet) as controller,
+            service("plant", *common, **quiet) as plant,
         ):
             with open_bus("local:bench") as port:
                 hear(port, "CONTROLLER_STATUS", lambda status: True)

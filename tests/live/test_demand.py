@@ -18,7 +18,8 @@ from plant_sim.live.supervisor import RATE as SETPOINTS
 from protocols.bus import open_bus
 from protocols.errors import InputError
 from protocols.frames import Frame
-from tests.live.running import FRAMES, PATIENCE, Running, clutch_hil, hear, process, running_bench
+from tests.live.running import FRAMES, Running, clutch_hil, hear, running_bench
+from tests.processes import PATIENCE, service
 
 IDLE, ENGAGE, RELEASE = 0, 1, 2  # values of REQUEST in the DBC
 SLIP_CONTROL = 2  # value of PHASE in the DBC
@@ -104,7 +105,7 @@ def test_a_profile_file_is_followed(bench: Running, tmp_path: Path) -> None:
 
 
 def test_ctrl_c_releases_the_clutch(bench: Running) -> None:
-    with open_bus(bench.bus) as port, process("demand", "6", "--bus", bench.bus) as child:
+    with open_bus(bench.bus) as port, service("demand", "6", "--bus", bench.bus) as child:
         hear(port, "CONTROLLER_STATUS", lambda status: status.phase == SLIP_CONTROL)
         child.send_signal(signal.SIGINT)
         text, _ = child.communicate(timeout=PATIENCE)
@@ -114,14 +115,14 @@ def test_ctrl_c_releases_the_clutch(bench: Running) -> None:
 
 
 def test_a_killed_supervisor_is_missed(bench: Running) -> None:
-    with open_bus(bench.bus) as port, process("demand", "6", "--bus", bench.bus) as child:
+    with open_bus(bench.bus) as port, service("demand", "6", "--bus", bench.bus) as child:
         hear(port, "CONTROLLER_STATUS", lambda status: status.phase == SLIP_CONTROL)
         child.kill()
         hear(port, "CONTROLLER_STATUS", lambda status: status.phase == IDLE)
 
 
 def test_a_second_supervisor_is_refused(bench: Running) -> None:
-    with process("demand", "6", "--bus", bench.bus), open_bus(bench.bus) as port:
+    with service("demand", "6", "--bus", bench.bus), open_bus(bench.bus) as port:
         hear(port, "TORQUE_SETPOINT", lambda setpoint: True)
         refusal = demand(bench.bus, "3").exception
     assert isinstance(refusal, InputError)
@@ -131,7 +132,7 @@ def test_a_second_supervisor_is_refused(bench: Running) -> None:
 
 def test_a_supervisor_that_comes_later_stops_the_demand(bench: Running) -> None:
     codec = FRAMES["TORQUE_SETPOINT"]
-    with process("demand", "6", "--bus", bench.bus) as child, open_bus(bench.bus) as port:
+    with service("demand", "6", "--bus", bench.bus) as child, open_bus(bench.bus) as port:
         hear(port, "CONTROLLER_STATUS", lambda status: status.phase == SLIP_CONTROL)
         port.send(Frame(codec.can_id, codec.pack(0, IDLE, 0.0, 0.0)))
         _, errors = child.communicate(timeout=PATIENCE)
@@ -141,7 +142,7 @@ def test_a_supervisor_that_comes_later_stops_the_demand(bench: Running) -> None:
 
 
 def test_a_fault_is_told_by_name(bench: Running) -> None:
-    with open_bus(bench.bus) as port, process("demand", "6", "--bus", bench.bus) as child:
+    with open_bus(bench.bus) as port, service("demand", "6", "--bus", bench.bus) as child:
         hear(port, "CONTROLLER_STATUS", lambda status: status.phase == SLIP_CONTROL)
         bench.plant.send_signal(signal.SIGSTOP)
         try:

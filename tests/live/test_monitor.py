@@ -21,7 +21,8 @@ from protocols.telemetry.batch import Batch
 from protocols.telemetry.feed import nodes_alive
 from protocols.telemetry.keys import bench_name
 from protocols.telemetry.session import consumer_session
-from tests.live.running import PATIENCE, RATE, Running, clutch_hil, process, running_bench
+from tests.live.running import RATE, Running, clutch_hil, running_bench
+from tests.processes import PATIENCE, service
 
 HZ = 1000.0
 RATE_ERROR = 0.05  # of the nominal rate: a shared machine may lose some cycles within 10 s
@@ -263,7 +264,7 @@ def test_without_a_terminal_lines_come(bench: Running) -> None:
 
 def test_a_plant_without_a_controller_is_not_well(local_bus: str) -> None:
     arguments = ("plant", "--bus", local_bus, "--rate", str(RATE), "--telemetry")
-    with process(*arguments), consumer_session() as session:
+    with service(*arguments), consumer_session() as session:
         deadline = time.monotonic() + PATIENCE
         while nodes_alive(session, bench_name(local_bus)) != ["plant"]:
             assert time.monotonic() < deadline

@@ -20,7 +20,8 @@ from plant_sim.live.supervisor import Answer
 from plant_sim.profile import SPEED_LIMIT, TORQUE_LIMIT
 from protocols.bus import Port, open_bus
 from protocols.frames import Frame
-from tests.live.running import FRAMES, PATIENCE, Running, hear, process, running_bench
+from tests.live.running import FRAMES, Running, hear, running_bench
+from tests.processes import PATIENCE, service
 
 IDLE, ENGAGE, RELEASE = 0, 1, 2  # values of REQUEST in the DBC
 SLIP_CONTROL = 2  # value of PHASE in the DBC
@@ -88,7 +89,7 @@ def panel(running: Running) -> Iterator[tuple[Terminal, Port]]:
     with open_bus(running.bus) as port:
         hear(port, "CONTROLLER_STATUS", lambda status: status.phase == IDLE)
         ends = {"stdin": line, "stdout": line, "stderr": line, "env": os.environ | {"TERM": "xterm-256color"}}
-        with process("panel", "--bus", running.bus, **ends) as child:
+        with service("panel", "--bus", running.bus, **ends) as child:
             terminal = Terminal(keyboard, child)
             assert terminal.shows("torque demand")
             assert termios.tcgetattr(line) != before
@@ -160,7 +161,7 @@ def test_a_fault_ends_the_engagement_until_it_is_acknowledged(services: Running)
 
 
 def test_without_a_terminal_one_sentence_is_told(local_bus: str) -> None:
-    with process("panel", "--bus", local_bus, stdin=subprocess.DEVNULL) as child:
+    with service("panel", "--bus", local_bus, stdin=subprocess.DEVNULL) as child:
         _, errors = child.communicate(timeout=PATIENCE)
     assert child.returncode == 2
     assert errors.strip() == (

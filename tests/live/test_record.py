@@ -26,7 +26,8 @@ from protocols.stopping import Stop
 from protocols.telemetry.batch import Batch, published_columns
 from protocols.telemetry.feed import Feed, NoBenchError, find_bench
 from protocols.telemetry.session import consumer_session
-from tests.live.running import PATIENCE, clutch_hil, process
+from tests.live.running import clutch_hil
+from tests.processes import PATIENCE, service
 
 SECONDS = 4.0  # s of the profile
 RATE = 500  # Hz: gentle to a machine that runs other tests
@@ -50,7 +51,7 @@ def refusal(*arguments: str) -> str:
 
 
 def up(bus: str, out: Path, seconds: float = SECONDS) -> Any:
-    return process("up", "--bus", bus, "--rate", str(RATE), "--seconds", str(seconds), "--out", str(out), "--json")
+    return service("up", "--bus", bus, "--rate", str(RATE), "--seconds", str(seconds), "--out", str(out), "--json")
 
 
 def await_file(path: Path) -> None:
@@ -279,7 +280,7 @@ def test_a_bench_without_rows_is_told(played: Played, tmp_path: Path, monkeypatc
 
 def test_record_and_up_write_the_same_values(local_bus: str, tmp_path: Path) -> None:
     path = tmp_path / "wire.mf4"
-    with process("record", str(path), "--bus", local_bus, "--json") as recorder, up(local_bus, tmp_path) as bench:
+    with service("record", str(path), "--bus", local_bus, "--json") as recorder, up(local_bus, tmp_path) as bench:
         ours = read_run(Path(result(bench)["run"]))
         told = result(recorder)  # ends by itself: the bench is gone
     run = read_run(path)
@@ -304,7 +305,7 @@ def test_a_late_recorder_has_the_past_and_ctrl_c_keeps_the_file(local_bus: str, 
             deadline = time.monotonic() + PATIENCE
             while not any(batch.node == "plant" and batch.end > 2 * RATE for batch in feed.read(0.1)):
                 assert time.monotonic() < deadline
-        with process("record", str(path), "--bus", local_bus, "--json") as recorder:
+        with service("record", str(path), "--bus", local_bus, "--json") as recorder:
             await_file(tmp_path / "late.parquet.part")
             changed = set_parameters(session, bench, "controller", {"torque.proportional_gain": 0.02})["changed"]
             time.sleep(0.5)  # rows with the change: two looks of the recorder

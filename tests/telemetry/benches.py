@@ -1,7 +1,6 @@
 """Real services for the tests of telemetry, and what a listener hears of them."""
 
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -12,21 +11,7 @@ from protocols.errors import InputError
 from protocols.telemetry.batch import Batch
 from protocols.telemetry.feed import Feed, ask, find_bench
 from protocols.telemetry.keys import NODES, Keys
-
-PATIENCE = 60.0  # s for what takes a second on an idle machine
-COMMAND = [sys.executable, "-P", "-m", "protocols"]
-
-
-@contextmanager
-def service(*arguments: str) -> Iterator[subprocess.Popen]:
-    """A `clutch-hil` process; killed when it is left running."""
-    process = subprocess.Popen([*COMMAND, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    try:
-        yield process
-    finally:
-        if process.poll() is None:
-            process.kill()
-        process.communicate()
+from tests.processes import PATIENCE, service
 
 
 @contextmanager

@@ -20,7 +20,8 @@ from protocols.errors import InputError
 from protocols.telemetry.feed import Feed, ask, benches, find_bench
 from protocols.telemetry.keys import Keys, bench_name
 from protocols.telemetry.session import consumer_session, publisher_session
-from tests.telemetry.benches import PATIENCE, bench, found, heard, row_numbers, until
+from tests.processes import PATIENCE
+from tests.telemetry.benches import bench, found, heard, row_numbers, until
 
 BEHIND = 0.5  # s a row may need to a listener in a test; 0.003 typical, the machine is shared
 STOPPED = 6.0  # s a listener is stopped: longer than the 5 s that a live feed keeps

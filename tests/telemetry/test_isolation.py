@@ -12,10 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from protocols.child import clutch_hil
 from protocols.runs import read_run
 from protocols.telemetry.feed import find_bench
 from protocols.telemetry.session import consumer_session
-from tests.telemetry.benches import COMMAND, found, until
+from tests.telemetry.benches import found, until
 
 CONDITIONS = ("none", "viewer", "stopped", "killed")
 ROUNDS = 2  # of all conditions, so that a drift of the machine is no effect of one of them
@@ -43,7 +44,7 @@ def descendants(pid: int) -> list[int]:
 @contextmanager
 def viewer(bus: str) -> Iterator[list[int]]:
     """A viewer of the bench that has rows; the processes it is made of."""
-    command = [*COMMAND, "view", "--bus", bus, "--headless"]
+    command = clutch_hil("view", "--bus", bus, "--headless")
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
         until(
@@ -90,7 +91,7 @@ def within(clock: np.ndarray, spans: Sequence[tuple[float, float]]) -> np.ndarra
 
 @pytest.mark.skipif(not _REAL_TIME, reason="without the right to SCHED_FIFO the loop shares its CPU with everybody")
 def test_no_viewer_live_stopped_or_killed_changes_the_loops_timing(local_bus: str, tmp_path: Path) -> None:
-    command = [*COMMAND, "up", "--bus", local_bus, "--seconds", str(SECONDS), "--out", str(tmp_path), "--json"]
+    command = clutch_hil("up", "--bus", local_bus, "--seconds", str(SECONDS), "--out", str(tmp_path), "--json")
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as bench:
         with consumer_session() as session:
             found(session, local_bus)

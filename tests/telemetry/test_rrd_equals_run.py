@@ -7,9 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from plant_sim.live.rrd import read_rrd
+from protocols.child import clutch_hil
 from protocols.runs import read_run
 from protocols.telemetry.session import consumer_session
-from tests.telemetry.benches import COMMAND, PATIENCE, found
+from tests.processes import PATIENCE
+from tests.telemetry.benches import found
 
 SECONDS = 8
 
@@ -17,10 +19,10 @@ SECONDS = 8
 def test_the_rrd_file_holds_the_run_file(local_bus: str, tmp_path: Path) -> None:
     rrd = tmp_path / "seen.rrd"
     arguments = ["--bus", local_bus, "--seconds", str(SECONDS), "--out", str(tmp_path), "--json"]
-    with subprocess.Popen([*COMMAND, "up", *arguments], stdout=subprocess.PIPE, text=True) as bench:
+    with subprocess.Popen(clutch_hil("up", *arguments), stdout=subprocess.PIPE, text=True) as bench:
         with consumer_session() as session:
             found(session, local_bus)
-        command = [*COMMAND, "view", "--bus", local_bus, "--save", str(rrd)]
+        command = clutch_hil("view", "--bus", local_bus, "--save", str(rrd))
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as view:
             out, _ = bench.communicate(timeout=PATIENCE)
             view.terminate()

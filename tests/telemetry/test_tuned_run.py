@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from plant_sim.live.tune import set_parameters
+from protocols.child import clutch_hil
 from protocols.errors import InputError
 from protocols.runs import read_run
 from protocols.telemetry.feed import ask
 from protocols.telemetry.keys import Keys
 from protocols.telemetry.session import consumer_session
-from tests.telemetry.benches import COMMAND, found, until
+from tests.telemetry.benches import found, until
 
 WEAKER = 0.6  # of the friction: the torque shows it at once
 SETTLED = 50  # rows for the friction state to follow: three of its time constants
@@ -21,7 +22,7 @@ SETTLED = 50  # rows for the friction state to follow: three of its time constan
 
 def test_a_change_is_in_the_recording_where_it_acts(local_bus: str, tmp_path: Path) -> None:
     arguments = ["--bus", local_bus, "--seconds", "8", "--no-adaptation", "--out", str(tmp_path), "--json"]
-    with subprocess.Popen([*COMMAND, "up", *arguments], stdout=subprocess.PIPE, text=True) as bench:
+    with subprocess.Popen(clutch_hil("up", *arguments), stdout=subprocess.PIPE, text=True) as bench:
         with consumer_session() as session:
             name = found(session, local_bus)
             demand = "controller_torque_demand_nm"
@@ -57,7 +58,7 @@ def test_a_change_is_in_the_recording_where_it_acts(local_bus: str, tmp_path: Pa
 
 def test_a_lock_step_run_can_be_tuned(local_bus: str, tmp_path: Path) -> None:
     arguments = ["--lockstep", "--bus", local_bus, "--seconds", "120", "--out", str(tmp_path), "--json"]
-    with subprocess.Popen([*COMMAND, "up", *arguments], stdout=subprocess.PIPE, text=True) as bench:
+    with subprocess.Popen(clutch_hil("up", *arguments), stdout=subprocess.PIPE, text=True) as bench:
         with consumer_session() as session:
             name = found(session, local_bus)
             set_parameters(session, name, "plant", {"friction_level.level": WEAKER})

@@ -1,0 +1,23 @@
+"""Commands as real processes, for the tests."""
+
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from protocols.child import clutch_hil
+
+PATIENCE = 60.0  # s for what takes a second or two on an idle machine
+
+
+@contextmanager
+def service(*arguments: str, **settings: Any) -> Iterator[subprocess.Popen]:
+    """A `clutch-hil` command while it runs, with pipes unless `settings` of Popen say else; killed when it is left running."""
+    settings = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True} | settings
+    process = subprocess.Popen(clutch_hil(*arguments), **settings)
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            process.kill()
+        process.communicate()
