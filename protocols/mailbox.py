@@ -81,8 +81,6 @@ class Asker(_Mapped):
         end = time.monotonic() + timeout
         while self._words[_ANSWERED] != self._words[_ASKED]:
             if time.monotonic() > end:
-                raise InputError(
-                    f"the service has not answered within {timeout:g} s; it acts on the change when it wakes"
-                )
+                raise InputError(f"the service has not answered within {timeout:g} s; is it stopped?")
             time.sleep(_LOOK)
         return self._get(_HEAD + _TEXT, self._words[_ANSWERED_LENGTH])

@@ -28,7 +28,7 @@ from protocols.telemetry.feed import Feed
 from protocols.telemetry.keys import NODES, bus_of
 
 _RECENT = 100  # batches: the controller's past may come before the plant's
-_BOTH = 10.0  # s from the first row of the plant until both sides must have said what they are
+_BOTH = 10.0  # s from the first row until both sides must have said what they are
 
 
 @dataclass
@@ -145,7 +145,7 @@ class Recorder:
                 self._ask(node)
         if plant:
             self._early += [batch for batch in batches if batch.node == "plant"]
-        if self._early and self._both_known():
+        if (batches or self._early) and self._both_known():
             for batch in self._early:
                 self._add_plant(batch)
             self._early.clear()

@@ -125,7 +125,9 @@ class ViewResult:
         lines = [f"read:    bench {self.bench}{again}: {_counts(self.rows) or 'no rows'}"]
         if self.saved:
             saved = self.saved
-            lines.append(f"wrote:   {saved['path']}  ({_counts(saved['rows'])}, {saved['bytes'] / 1e6:.1f} MB)")
+            lines.append(
+                f"wrote:   {saved['path']}  ({_counts(saved['rows']) or 'no rows'}, {saved['bytes'] / 1e6:.1f} MB)"
+            )
             if any(saved["lost"].values()):
                 lines.append(f"missing: {_counts(saved['lost'])} in the file: they never came")
         if any(self.lost.values()):

@@ -7,11 +7,9 @@ import contextlib
 import json
 import os
 import re
-import shutil
 import signal
 import socket
 import subprocess
-import tempfile
 import time
 import webbrowser
 from collections.abc import Callable, Sequence
@@ -23,6 +21,7 @@ from urllib.parse import urlencode
 from plant_sim.live.page import Page
 from protocols.child import spawn
 from protocols.errors import InputError
+from protocols.shared_folder import SharedFolder
 
 DATA_PORT = 9876  # rerun's own; where a stream connects
 PAGE_PORT = 9090  # rerun's own; where a browser connects
@@ -77,8 +76,9 @@ class Viewer:
 
     def __enter__(self) -> "Viewer":
         with ExitStack() as stack:
-            self._home = Path(tempfile.mkdtemp(prefix="clutch-hil-viewer-"))
-            stack.callback(shutil.rmtree, self._home, ignore_errors=True)
+            shared = SharedFolder()
+            stack.callback(shared.remove)
+            self._home = shared.path
             self._start(stack)
             self._stack = stack.pop_all()
         return self

@@ -132,7 +132,10 @@ class Publisher:
     def _changed(self, values: dict[str, Any]) -> dict[str, Any]:
         """Have the loop make a change. Raises InputError when it is refused."""
         request = {"values": values, "until": time.monotonic() + _ANSWER}
-        answer = json.loads(self._mailbox.ask(json.dumps(request), _ANSWER + _LATE))
+        try:
+            answer = json.loads(self._mailbox.ask(json.dumps(request), _ANSWER + _LATE))
+        except InputError as error:
+            raise InputError(f"{self._node}: {error} Nothing is changed, now or later") from None
         if "refused" in answer:
             raise InputError(answer["refused"])
         for change in answer["changed"]:

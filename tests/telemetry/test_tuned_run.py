@@ -1,20 +1,23 @@
-"""A change of parameters in a running bench is in its recording, at its row."""
+"""A change of parameters in a running bench is in its recording, at its row; what cannot be recorded is told."""
 
 import json
+import signal
 import subprocess
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 
-from plant_sim.live.tune import set_parameters
+from plant_sim.live.tune import parameters, set_parameters
 from protocols.child import clutch_hil
 from protocols.errors import InputError
 from protocols.runs import read_run
 from protocols.telemetry.feed import ask
 from protocols.telemetry.keys import Keys
 from protocols.telemetry.session import consumer_session
-from tests.telemetry.benches import found, until
+from tests.processes import PATIENCE
+from tests.telemetry.benches import bench, found, until
 
 WEAKER = 0.6  # of the friction: the torque shows it at once
 SETTLED = 50  # rows for the friction state to follow: three of its time constants
@@ -22,7 +25,7 @@ SETTLED = 50  # rows for the friction state to follow: three of its time constan
 
 def test_a_change_is_in_the_recording_where_it_acts(local_bus: str, tmp_path: Path) -> None:
     arguments = ["--bus", local_bus, "--seconds", "8", "--no-adaptation", "--out", str(tmp_path), "--json"]
-    with subprocess.Popen(clutch_hil("up", *arguments), stdout=subprocess.PIPE, text=True) as bench:
+    with subprocess.Popen(clutch_hil("up", *arguments), stdout=subprocess.PIPE, text=True) as up:
         with consumer_session() as session:
             name = found(session, local_bus)
             demand = "controller_torque_demand_nm"
@@ -32,7 +35,7 @@ def test_a_change_is_in_the_recording_where_it_acts(local_bus: str, tmp_path: Pa
             tuned = set_parameters(session, name, "controller", gains)
             with pytest.raises(InputError, match=r"torque\.integral_gain = 9 bar/\(Nm s\) breaks 0 <= value <= 5"):
                 set_parameters(session, name, "controller", {"torque.integral_gain": 9.0})
-        out, _ = bench.communicate()
+        out, _ = up.communicate()
     run = read_run(Path(json.loads(out)["run"]))
     changes = run.metadata["parameter_changes"]
     assert [(change["node"], change["name"], change["old"], change["new"]) for change in changes] == [
@@ -58,11 +61,41 @@ def test_a_change_is_in_the_recording_where_it_acts(local_bus: str, tmp_path: Pa
 
 def test_a_lock_step_run_can_be_tuned(local_bus: str, tmp_path: Path) -> None:
     arguments = ["--lockstep", "--bus", local_bus, "--seconds", "120", "--out", str(tmp_path), "--json"]
-    with subprocess.Popen(clutch_hil("up", *arguments), stdout=subprocess.PIPE, text=True) as bench:
+    with subprocess.Popen(clutch_hil("up", *arguments), stdout=subprocess.PIPE, text=True) as up:
         with consumer_session() as session:
             name = found(session, local_bus)
             set_parameters(session, name, "plant", {"friction_level.level": WEAKER})
-        out, _ = bench.communicate()
+        out, _ = up.communicate()
     run = read_run(Path(json.loads(out)["run"]))
     assert run["plant_parameter_changes"][-1] == 1.0
     assert run.metadata["plant_parameters"]["friction_level.level"] == 1.0  # as it began
+
+
+def test_a_stopped_service_refuses_a_change_and_does_not_make_it_later(local_bus: str) -> None:
+    with bench(local_bus) as services, consumer_session() as session:
+        name = found(session, local_bus)
+        before = parameters(session, name, "controller")
+        services["controller"].send_signal(signal.SIGSTOP)
+        with pytest.raises(
+            InputError, match=r"controller: the service has not answered .* Nothing is changed, now or later"
+        ):
+            set_parameters(session, name, "controller", {"torque.integral_gain": 0.5})
+        services["controller"].send_signal(signal.SIGCONT)
+        changed = set_parameters(session, name, "controller", {"torque.proportional_gain": 0.02})["changed"]
+        after = parameters(session, name, "controller")
+        assert [change["name"] for change in changed] == ["torque.proportional_gain"]
+        names = {"torque.integral_gain"}
+        assert [e["value"] for e in after if e["name"] in names] == [e["value"] for e in before if e["name"] in names]
+
+
+def test_a_recorder_says_that_the_plant_publishes_nothing(local_bus: str, tmp_path: Path) -> None:
+    with bench(local_bus) as services, consumer_session() as session:
+        found(session, local_bus)
+        (telemetry,) = psutil.Process(services["plant"].pid).children()
+        telemetry.kill()
+        arguments = clutch_hil("record", str(tmp_path / "run.parquet"), "--bus", local_bus, "--seconds", "1")
+        done = subprocess.run(arguments, capture_output=True, text=True, timeout=PATIENCE, check=False)
+    assert done.returncode == 2
+    assert "the plant of bench" in done.stderr
+    assert "publishes no telemetry; a run needs both sides" in done.stderr
+    assert not list(tmp_path.iterdir())
