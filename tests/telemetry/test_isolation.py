@@ -23,9 +23,9 @@ ROUNDS = 2  # of all conditions, so that a drift of the machine is no effect of 
 WINDOW = 6.0  # s of a condition in a round: 12000 cycles together, for a p99 of 120
 SECONDS = 75.0  # s of the run: the rounds, and starting viewers
 # "The same within noise" on a shared machine: medians of two windows without any viewer differ by a third, p99 by half;
-# a viewer that held the loop would show milliseconds.
+# beside the other tests more; a viewer that held the loop would show milliseconds.
 MEDIAN = 1.5, 20.0  # factor, us
-P99 = 3.0, 200.0  # factor, us
+P99 = 3.0, 500.0  # factor, us: half a period
 
 try:
     os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
@@ -89,8 +89,20 @@ def within(clock: np.ndarray, spans: Sequence[tuple[float, float]]) -> np.ndarra
     return np.any([(begin <= clock) & (clock < end) for begin, end in spans], axis=0)
 
 
+def side_by_side(table: dict[str, dict[str, np.ndarray]]) -> str:
+    """p50, p99 and maximum of each quantity, under each condition."""
+    lines = [f"{'viewer [us]':<18}" + "".join(f"{what:>34}" for what in ("p50", "p99", "max"))]
+    lines.append(f"{'':<18}" + 3 * "".join(f"{condition:>8}" for condition in CONDITIONS).rjust(34))
+    for name, row in table.items():
+        values = ("".join(f"{row[condition][i]:8.0f}" for condition in CONDITIONS).rjust(34) for i in range(3))
+        lines.append(f"{name:<18}" + "".join(values))
+    return "\n".join(lines)
+
+
 @pytest.mark.skipif(not _REAL_TIME, reason="without the right to SCHED_FIFO the loop shares its CPU with everybody")
-def test_no_viewer_live_stopped_or_killed_changes_the_loops_timing(local_bus: str, tmp_path: Path) -> None:
+def test_no_viewer_live_stopped_or_killed_changes_the_loops_timing(
+    local_bus: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     command = clutch_hil("up", "--bus", local_bus, "--seconds", str(SECONDS), "--out", str(tmp_path), "--json")
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as bench:
         with consumer_session() as session:
@@ -99,24 +111,22 @@ def test_no_viewer_live_stopped_or_killed_changes_the_loops_timing(local_bus: st
         with consumer_session() as session:
             assert find_bench(session, local_bus)  # the bench runs on: all windows lie in the run
         out, errors = bench.communicate()
-    assert bench.returncode in (0, 1), (
-        errors
-    )  # 1 judges the torque: a machine that stands still for 0.1 s faults the loop
+    # 1 is a verdict on the torque: a machine that stands still for 0.1 s faults the loop
+    assert bench.returncode in (0, 1), errors
     result = json.loads(out)
     run = read_run(Path(result["run"]))
     table: dict[str, dict[str, np.ndarray]] = {}
-    print(f"\n{'viewer [us]':<18}" + "".join(f"{what:>34}" for what in ("p50", "p99", "max")))
     for node in ("plant", "controller"):
-        clock = run[f"{node}_clock_s"]
+        # a plant that wakes late writes all rows it has slept through, with one clock: they are one cycle
+        clock, cycles = np.unique(run[f"{node}_clock_s"], return_index=True)
         for what in ("wake", "work"):
-            values = run[f"{node}_{what}_us"]
+            values = run[f"{node}_{what}_us"][cycles]
             table[f"{node} {what}"] = {
                 condition: np.percentile(values[within(clock, spans)], (50, 99, 100))
                 for condition, spans in times.items()
             }
-    print(f"{'':<18}" + 3 * "".join(f"{condition:>8}" for condition in CONDITIONS).rjust(34))
-    for name, row in table.items():
-        print(f"{name:<18}" + "".join("".join(f"{row[c][i]:8.0f}" for c in CONDITIONS).rjust(34) for i in range(3)))
+    with capsys.disabled():
+        print(f"\n{side_by_side(table)}")
     for name, row in table.items():
         for (factor, offset), i in ((MEDIAN, 0), (P99, 1)):
             worst = max(row[condition][i] for condition in CONDITIONS)
