@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from math import ceil
 
+from plant_sim.blocks import dac
 from plant_sim.blocks.sensors import Sensors
 from plant_sim.profile import Profile
 from plant_sim.rigs import wet_clutch
@@ -74,15 +75,15 @@ class PlantNode:
         self.late_cycles = 0  # set by the service for PLANT_STATUS
         self._period = 1.0 / rate
         self._substeps = ceil(self._period / wet_clutch.STEP_LIMIT - 1e-9)
-        self._record = wet_clutch.parameter_record(parameters)
-        self._sensors = Sensors(parameters, seed)
+        self._rig = wet_clutch.Rig(parameters)
+        self._sensors = Sensors(seed)
         low, high = _TEMPERATURES
         if temperature is not None and not low <= temperature <= high:
             raise InputError(f"oil temperature {temperature:g} degC is outside {low:g}..{high:g} degC")
         kelvin = (parameters["oil.reference"].value if temperature is None else temperature) + ZERO_CELSIUS
         speed = profile.at(0.0).speed if profile else 0.0
-        self._state = wet_clutch.initial_state(speed, kelvin)
-        self._y = wet_clutch.as_state(self._state)
+        self._state = self._rig.at_rest(speed, kelvin)
+        self._y = self._state.read()
 
         frames = load_frames()
         self._analog, self._encoder = frames["ANALOG_SENSORS"], frames["ENCODER"]
@@ -100,7 +101,7 @@ class PlantNode:
         self.controller = Lifecycle.UNCONFIGURED  # by its heartbeat
         self._command_age = 0  # cycles
         self._commanded = False
-        self._voltage, self._speed_demand, self._torque_limit = 0.0, speed, self._record["motor_torque_limit"][0]
+        self._voltage, self._speed_demand, self._torque_limit = 0.0, speed, self._rig.record["motor_torque_limit"][0]
         self._angle_step = self._encoder.scale["shaft_angle"]  # rad
         self._count: int | None = None
         self._angle = 0.0
@@ -123,7 +124,7 @@ class PlantNode:
                 continue
             values = reception.codec.unpack(data)
             if can_id == self._valve_id:
-                self._voltage = values.valve_voltage if values.valve_enable else 0.0
+                self._voltage = self._dac(reception.codec.raw(data).valve_voltage) if values.valve_enable else 0.0
                 self.answered_tick, self._command_age, self._commanded = values.sample_tick, 0, True
             elif can_id == self._motor_id:
                 self._speed_demand, self._torque_limit = (
@@ -144,8 +145,7 @@ class PlantNode:
         if self._commanded and self._command_age >= STALE_CYCLES:
             self._voltage = self._speed_demand = self._torque_limit = 0.0
         self._command_age += 1
-        y = self._y
-        counts = self._sensors.sample(y.pressure, y.temperature, y.motor_torque, y.clutch_torque, y.angle)
+        counts, self._state = self._sensors.sample(self._rig, self._state, self._period)
         frames = []
         if tick % self.heartbeat.every == 0:
             frames.append(self.heartbeat.next(Lifecycle.ACTIVE))
@@ -164,16 +164,10 @@ class PlantNode:
 
     def advance(self) -> None:
         """Let the rig run for one period with the inputs held."""
-        self._state = wet_clutch.advance(
-            self._state,
-            self._voltage,
-            self._speed_demand,
-            self._torque_limit,
-            self._record,
-            self._period,
-            self._substeps,
+        self._state = self._rig.advance(
+            self._state, self._voltage, self._speed_demand, self._torque_limit, self._period, self._substeps
         )
-        self._y = wet_clutch.as_state(self._state)
+        self._y = self._state.read()
 
     def safe(self) -> list[Frame]:
         """A plant commands nothing: it says that it ends."""
@@ -188,8 +182,9 @@ class PlantNode:
     def tune(self, values: Mapping[str, float]) -> None:
         """Change parameters between two samples, each in its declared unit; states stay. All or none: raises InputError."""
         changed = self.parameters.with_values(values)
-        self._record = wet_clutch.parameter_record(changed)
-        self.parameters = changed
+        rig = wet_clutch.Rig(changed)
+        states = rig.table.carried(self._state.effects, self._rig.table)
+        self._rig, self._state, self.parameters = rig, self._state._replace(effects=states), changed
 
     def row(self) -> tuple[float, ...]:
         """The record of the last sample, in the order of COLUMNS."""
@@ -203,6 +198,11 @@ class PlantNode:
     def reception_counts(self) -> dict[str, dict[str, int]]:
         """Counts of `protocols.reception.Reception` by frame name."""
         return {reception.codec.name: reception.counts() for reception in self._receptions.values()}
+
+    def _dac(self, counts: int) -> float:
+        """Voltage [V] that the valve's converter makes of the counts of a command."""
+        p = self.parameters
+        return dac.voltage(counts, p["sensors.dac_range"].value, int(p["sensors.dac_bits"].value))
 
     def _actuators(self) -> int:
         """Value of PLANT_STATUS.ACTUATORS."""

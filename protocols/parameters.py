@@ -8,16 +8,16 @@ A defaults file declares the parameters, one line each:
 A user's file changes some of them, `coulomb_slope = 11.5` in the declared unit, or an inline table to change more fields.
 """
 
-import difflib
 import sys
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import inf, isfinite
 from pathlib import Path
 from typing import Any
 
-from protocols.errors import InputError
+from protocols.errors import InputError, closest
 from protocols.units import to_si
 
 _FIELDS = ("value", "unit", "uncertainty", "bounds", "source")
@@ -61,9 +61,7 @@ class ParameterSet(Mapping[str, Parameter]):
         try:
             return self._parameters[name]
         except KeyError:
-            close = difflib.get_close_matches(name, self._parameters, n=3, cutoff=0.4)
-            hint = f"did you mean {' or '.join(close)}?" if close else f"known are {', '.join(self._parameters)}"
-            raise InputError(f"parameter {name!r} is unknown; {hint}") from None
+            raise InputError(f"parameter {name!r} is unknown; {closest(name, self._parameters)}") from None
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._parameters)
@@ -81,8 +79,16 @@ class ParameterSet(Mapping[str, Parameter]):
 
     def si(self, group: str) -> dict[str, float]:
         """SI values of one group, by short name."""
-        prefix = group + "."
-        return {name.removeprefix(prefix): p.si for name, p in self._parameters.items() if name.startswith(prefix)}
+        return {short: self._parameters[name].si for name, short in self._groups.get(group, ())}
+
+    @cached_property
+    def _groups(self) -> dict[str, list[tuple[str, str]]]:
+        """(dotted name, short name) of the parameters of each group."""
+        groups: dict[str, list[tuple[str, str]]] = {}
+        for name in self._parameters:
+            group, _, short = name.partition(".")
+            groups.setdefault(group, []).append((name, short))
+        return groups
 
     def as_values(self) -> dict[str, float]:
         """Values by dotted name, each in its declared unit: what a run file keeps."""

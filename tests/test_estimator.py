@@ -31,9 +31,8 @@ steps = st.floats(0.0, 0.1)
 
 def plant_ratio(pressure: float, slip: float) -> float:
     c = RIG["clutch"]
-    return float(
-        clutch.stribeck_ratio(pressure, slip, c["beta_inf"], c["beta_onset"], c["beta_scale"], c["stribeck_speed"])
-    )
+    depth = clutch.stribeck_depth(pressure, c["beta_inf"], c["beta_onset"], c["beta_scale"])
+    return float(clutch.stribeck_ratio(depth, slip, c["stribeck_speed"]))
 
 
 def plant_viscosity_ratio(temperature: float) -> float:
@@ -48,8 +47,8 @@ def plant_torque(state: float, pressure: float, slip: float, temperature: float)
     c = RIG["clutch"]
     coulomb = clutch.coulomb_torque(pressure, c["coulomb_slope"], c["coulomb_intercept"])
     viscous = clutch.viscous_factor(pressure, c["viscous_slope"], c["viscous_intercept"])
-    ratio = plant_viscosity_ratio(temperature)
-    return float(clutch.torque(coulomb, state, viscous, ratio, slip, c["viscous_exponent"]))
+    viscous *= plant_viscosity_ratio(temperature)
+    return float(clutch.torque(coulomb, state, viscous, slip, c["viscous_exponent"]))
 
 
 def test_controller_ships_with_the_plants_calibration() -> None:

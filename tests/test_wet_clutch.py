@@ -4,14 +4,13 @@ import ast
 from collections.abc import Iterable, Sequence
 from math import exp, log10, sqrt
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from plant_sim.rigs import wet_clutch
+from plant_sim.rigs import clutch_unit, wet_clutch
 from protocols.errors import InputError
 
 BAR, KELVIN = 1e5, 273.15
@@ -169,9 +168,9 @@ class Reference:
 Piece = tuple[float, float, int]  # voltage [V], speed demand [rad/s], cycles
 
 
-def parameters(**changed: float) -> np.ndarray:
+def parameters(**changed: float) -> wet_clutch.Rig:
     names = {name.replace("__", "."): value for name, value in changed.items()}
-    return wet_clutch.parameter_record(wet_clutch.nominal().with_values(names))
+    return wet_clutch.Rig(wet_clutch.nominal().with_values(names))
 
 
 NOMINAL = parameters()
@@ -180,21 +179,20 @@ NOMINAL = parameters()
 def run(
     state: np.ndarray,
     pieces: Iterable[Piece],
-    record: np.ndarray = NOMINAL,
+    rig: Any = NOMINAL,
     period: float = 1e-3,
     substeps: int = SUBSTEPS,
-    advance: Any = wet_clutch.advance,
 ) -> np.ndarray:
-    """States after every cycle."""
-    states = [state]
+    """States after every cycle; effects begin at rest."""
+    states = [wet_clutch.Whole(state, rig.table.at_rest())]
     for voltage, speed, cycles in pieces:
         for _ in range(cycles):
-            states.append(advance(states[-1], voltage, speed, 1e9, record, period, substeps))
-    return np.concatenate(states[1:])
+            states.append(rig.advance(states[-1], voltage, speed, 1e9, period, substeps))
+    return np.concatenate([state.y for state in states[1:]])
 
 
-def at_rest(speed: float, celsius: float = 70.0) -> np.ndarray:
-    return wet_clutch.initial_state(speed, celsius + KELVIN)
+def at_rest(speed: float, celsius: float = 70.0, rig: wet_clutch.Rig = NOMINAL) -> np.ndarray:
+    return rig.at_rest(speed, celsius + KELVIN).y
 
 
 def pressing(p_star: float) -> float:
@@ -203,11 +201,9 @@ def pressing(p_star: float) -> float:
     return (p_star + K_S * deflection / (A_CYL * BAR)) / 2.5
 
 
-def pressed(p_star: float, speed: float, record: np.ndarray = NOMINAL, celsius: float = 70.0) -> np.ndarray:
+def pressed(p_star: float, speed: float, rig: wet_clutch.Rig = NOMINAL, celsius: float = 70.0) -> np.ndarray:
     """State after a second at `p_star`, the temperature set back."""
-    state = run(wet_clutch.filled_state(speed, celsius + KELVIN, record), [(pressing(p_star), speed, 1000)], record)[
-        -1:
-    ]
+    state = run(rig.filled(speed, celsius + KELVIN).y, [(pressing(p_star), speed, 1000)], rig)[-1:]
     state["temperature"] = celsius + KELVIN
     return state
 
@@ -345,14 +341,14 @@ def test_rig_at_rest_stays_at_rest() -> None:
 
 def regulated(demand: Sequence[float], state: np.ndarray, cycles: int) -> np.ndarray:
     """States under rig.md's pressure regulator, sampled at 1 kHz; `demand` [bar] repeats."""
-    integral, states = 0.0, [state]
+    integral, states = 0.0, [wet_clutch.Whole(state, NOMINAL.table.at_rest())]
     for k in range(cycles):
-        y = states[-1][0]
-        error = demand[k % len(demand)] - y["pressure"] / BAR
+        y = states[-1].read()
+        error = demand[k % len(demand)] - y.pressure / BAR
         voltage = (demand[k % len(demand)] + 0.45 * error + 6.0 * integral) / 2.5
-        integral += error * 1e-3 if y["normal_force"] > 0.0 else 0.0
-        states.append(wet_clutch.advance(states[-1], voltage, 20.0, 1e9, NOMINAL, 1e-3, SUBSTEPS))
-    return np.concatenate(states)
+        integral += error * 1e-3 if y.normal_force > 0.0 else 0.0
+        states.append(NOMINAL.advance(states[-1], voltage, 20.0, 1e9, 1e-3, SUBSTEPS))
+    return np.concatenate([state.y for state in states[1:]])
 
 
 def test_a_step_to_3_4_bar_touches_the_plates_after_about_85_ms() -> None:
@@ -423,45 +419,62 @@ def test_error_falls_with_the_order_of_the_method_when_the_step_is_halved() -> N
         assert errors[1] / errors[2] > 2.0**order, f"{name}: {errors}"
 
 
-class _WithoutEffects(ast.NodeTransformer):
-    """The rig's source as if its effects had never been written: factor 1, force 0, no parameter of theirs."""
+class _WithoutHooks(ast.NodeTransformer):
+    """The rig's source as if hooks had never been written."""
 
-    def visit_Call(self, node: ast.Call) -> ast.AST:
+    def visit_If(self, node: ast.If) -> ast.AST | None:
         self.generic_visit(node)
-        called = ast.unparse(node.func)
-        constant = {"friction_level.factor": 1.0, "piston_seal_friction.force": 0.0}.get(called)
-        return node if constant is None else ast.Constant(constant)
+        return None if "attached(" in ast.unparse(node.test) else node
 
     def visit_keyword(self, node: ast.keyword) -> ast.keyword | None:
-        return None if node.arg == "cache" else node  # numba keeps no cache for source without a file
+        return None if node.arg == "cache" else node  # Numba keeps no cache for source without a file
 
-    def visit_ImportFrom(self, node: ast.ImportFrom) -> ast.ImportFrom | None:
-        return None if node.module == "plant_sim.effects" else node
+    def visit_Assign(self, node: ast.Assign) -> ast.AST | None:
+        self.generic_visit(node)
+        return None if "bound(" in ast.unparse(node.value) else node
 
-
-def rig_without_effects() -> SimpleNamespace:
-    path = Path(wet_clutch.__file__)
-    tree = _WithoutEffects().visit(ast.parse(path.read_text()))
-    scope: dict[str, Any] = {"__file__": str(path), "__name__": "rig_without_effects"}
-    exec(compile(ast.fix_missing_locations(tree), "<rig without effects>", "exec"), scope)
-    groups = scope["_GROUPS"]
-    scope["_GROUPS"] = tuple(g for g in groups if g not in ("friction_level", "piston_seal_friction"))
-    assert len(scope["_GROUPS"]) == len(groups) - 2
-    return SimpleNamespace(
-        **{name: scope[name] for name in ("advance", "parameter_record", "nominal")} | {"scope": scope}
-    )
+    def visit_Name(self, node: ast.Name) -> ast.AST:
+        return ast.Constant(None) if node.id == "e" and isinstance(node.ctx, ast.Load) else node
 
 
-def test_effects_off_is_bit_identical_to_a_rig_that_never_had_them() -> None:
-    bare = rig_without_effects()
-    record = bare.scope["parameter_record"](wet_clutch.nominal())
-    assert not [name for name in record.dtype.names if "seal" in name or "level" in name]
+def rig_without_hooks() -> Any:
+    """`Rig.advance` of a rig without hooks."""
+    scope: dict[str, Any] = {"__name__": "rig_without_hooks"}
+    for module in (clutch_unit, wet_clutch):
+        path = Path(module.__file__)
+        tree = _WithoutHooks().visit(ast.parse(path.read_text()))
+        tree.body = [n for n in tree.body if not (isinstance(n, ast.ImportFrom) and n.module == clutch_unit.__name__)]
+        source = ast.unparse(ast.fix_missing_locations(tree))
+        assert "attached(" not in source
+        assert "call(" not in source
+        scope["__file__"] = str(path)
+        exec(compile(source, f"<{path.stem} without hooks>", "exec"), scope)
+    return scope["advance"]
+
+
+def test_effects_off_is_bit_identical_to_a_rig_that_never_had_hooks() -> None:
+    kernel = rig_without_hooks()
+
+    class Bare:
+        table = NOMINAL.table
+
+        @staticmethod
+        def advance(before: wet_clutch.Whole, *inputs: float) -> wet_clutch.Whole:
+            *held, duration, substeps = inputs
+            return wet_clutch.Whole(*kernel(*before, *held, NOMINAL.record, None, duration, substeps))
+
     pieces = [*STEP, (1.5, -10.0, 250), (1.2, 24.0, 150), (0.0, 24.0, 200)]
-    ours = run(at_rest(20.0, 50.0), pieces)
-    theirs = run(at_rest(20.0, 50.0), pieces, record, advance=bare.advance)
+    ours, theirs = (run(at_rest(20.0, 50.0), pieces, rig) for rig in (NOMINAL, Bare))
     assert ours.tobytes() == theirs.tobytes()
     other = run(at_rest(20.0, 50.0), pieces, parameters(friction_level__level=0.9))
     assert ours.tobytes() != other.tobytes()
+
+
+def test_effects_attached_but_off_are_bit_identical_to_the_baseline() -> None:
+    every = wet_clutch.Rig(wet_clutch.nominal(), also=("friction_level", "piston_seal_friction"))
+    assert len(every.table.calls) == 2
+    pieces = [*STEP, (1.5, -10.0, 250), (1.2, 24.0, 150), (0.0, 24.0, 200)]
+    assert run(at_rest(20.0, 50.0), pieces, every).tobytes() == run(at_rest(20.0, 50.0), pieces).tobytes()
 
 
 def test_friction_level_scales_the_torque_and_drifts_in_time() -> None:
@@ -504,12 +517,15 @@ def test_seal_friction_never_exceeds_its_break_away_force() -> None:
 
 
 def test_advance_changes_none_of_its_arguments() -> None:
-    state, record = pressed(3.4, 20.0), NOMINAL.copy()
-    before = state.tobytes(), record.tobytes()
-    after = wet_clutch.advance(state, 2.0, -5.0, 1e9, record, 1e-3, SUBSTEPS)
-    assert (state.tobytes(), record.tobytes()) == before
-    assert after.tobytes() != before[0]
-    assert not np.shares_memory(after, state)
+    rig = parameters(piston_seal_friction__force=60.0)
+    state = wet_clutch.Whole(pressed(3.4, 20.0), rig.table.at_rest())
+    arguments = (*state, rig.record, rig.table.values)
+    before = [array.tobytes() for array in arguments]
+    after = rig.advance(state, 2.0, -5.0, 1e9, 1e-3, SUBSTEPS)
+    assert [array.tobytes() for array in arguments] == before
+    for ours, theirs in zip(after, state, strict=True):
+        assert ours.tobytes() != theirs.tobytes()
+        assert not np.shares_memory(ours, theirs)
 
 
 def test_advance_is_deterministic_to_the_bit() -> None:
@@ -532,12 +548,12 @@ def test_every_rate_gives_the_same_trajectory(rate: int) -> None:
 
 
 def test_torque_limit_of_the_command_binds_the_motor() -> None:
-    state = at_rest(0.0)
+    state = NOMINAL.at_rest(0.0, 70.0 + KELVIN)
     for _ in range(50):
-        state = wet_clutch.advance(state, 0.0, 20.0, 3.0, NOMINAL, 1e-3, SUBSTEPS)
-        assert state["motor_torque"] == 3.0
-    assert state["slip_speed"] == pytest.approx(3.0 / J * 0.05, rel=1e-9)
-    assert state["speed_integral"] == 0.0, "the integrator waits while the motor is limited"
+        state = NOMINAL.advance(state, 0.0, 20.0, 3.0, 1e-3, SUBSTEPS)
+        assert state.read().motor_torque == 3.0
+    assert state.read().slip_speed == pytest.approx(3.0 / J * 0.05, rel=1e-9)
+    assert state.read().speed_integral == 0.0, "the integrator waits while the motor is limited"
 
 
 @pytest.mark.parametrize("voltage", [-1.0, -10.0])
@@ -557,4 +573,4 @@ def test_a_rig_too_fast_to_integrate_is_refused() -> None:
     with pytest.raises(
         InputError, match=r"^the rig is too fast to integrate: .* reach .* 1/s; allowed are 2.5e\+04 1/s"
     ):
-        wet_clutch.parameter_record(wet_clutch.nominal().with_values({"piston.area": 0.1}))
+        parameters(piston__area=0.1)

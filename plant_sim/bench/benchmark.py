@@ -48,14 +48,14 @@ class Target:
 
 def kernel_speed() -> float:
     """Simulated over elapsed time of the plant kernel at 10 kHz sub-steps, in slip control."""
-    parameters = wet_clutch.parameter_record(wet_clutch.nominal())
-    state = wet_clutch.filled_state(20.0, 343.15, parameters)
+    rig = wet_clutch.Rig(wet_clutch.nominal())
+    state = rig.filled(20.0, 343.15)
     voltage = 1.36  # V: 3.4 bar
     steps = round(_KERNEL_SECONDS / wet_clutch.STEP_LIMIT)
     best = float("inf")
     for _ in range(_REPEATS + 1):  # the first call loads the kernel
         began = time.perf_counter()
-        wet_clutch.advance(state, voltage, 20.0, 40.0, parameters, _KERNEL_SECONDS, steps)
+        rig.advance(state, voltage, 20.0, 40.0, _KERNEL_SECONDS, steps)
         best = min(best, time.perf_counter() - began)
     return _KERNEL_SECONDS / best
 

@@ -1,17 +1,20 @@
-"""Converters of the data acquisition: voltage to counts.
+"""Converter of the data acquisition: voltage to counts.
 
 Equation        counts = clip(round(V / (2 V_range) 2^n), -2^(n-1), 2^(n-1) - 1)                        (rig.md, 9)
 Assumptions     ideal converter, two's complement; a converter with fewer bits than its frame field is left-justified
 Valid range     4..16 bit
-Not modelled    anti-alias filter, channel-to-channel delay, non-linearity
+Not modelled    non-linearity; anti-alias filter, sampling instant, channel skew, fewer bits are effects (plant_sim/effects)
 References      dSPACE 1103 of Janssens 2010, sec. 3.9.4: +-10 V, 16 bit on torque channels, 12 bit on the others
 """
 
 from math import floor
 
+from numba import njit
 
-def counts(voltage: float, input_range: float, bits: int, field_bits: int) -> int:
+
+@njit(inline="always")
+def counts(voltage, input_range, bits, field_bits):
     """Counts in a field of `field_bits` for `voltage` [V] at a converter of +-`input_range` [V] and `bits`."""
     half = 1 << (bits - 1)
-    code = floor(voltage / input_range * half + 0.5)
-    return min(max(code, -half), half - 1) << (field_bits - bits)
+    code = floor(min(max(voltage / input_range, -2.0), 2.0) * half + 0.5)
+    return min(max(int(code), -half), half - 1) << (field_bits - bits)

@@ -8,7 +8,7 @@ Equation        M_C = max(0, a_MC p* + b_MC);  C_v = max(0, a_Cv p* + b_Cv)     
                 p* = p_contact + F_n / A_cyl, only in contact                                       (rig.md, 4)
 Assumptions     normal and tangential dynamics decoupled (sec. 6.2.3); temperature acts on the viscous term alone (fig 6.9)
 Valid range     p* 2.7..4.2 bar, 0..250 rpm, 0..30 Nm, oil 50..150 degC
-Not modelled    pre-sliding, drag of the open clutch, wear
+Not modelled    wear; pre-sliding, drag of the open clutch and more are effects (plant_sim/effects)
 References      Janssens 2010, chapter 6
 """
 
@@ -30,9 +30,14 @@ def viscous_factor(pressure, slope, intercept):
 
 
 @njit(inline="always")
-def stribeck_ratio(pressure, slip, beta_inf, beta_onset, beta_scale, stribeck_speed):
-    """Normalised Stribeck torque s_n [-] at p* [Pa] and |slip| [rad/s]; 1 at standstill."""
-    beta = min(1.0, beta_inf + (1.0 - beta_inf) * exp(-(pressure - beta_onset) / beta_scale))  # Janssens 2010, eq. 6.6
+def stribeck_depth(pressure, beta_inf, beta_onset, beta_scale):
+    """Ratio beta [-] of Stribeck level to Coulomb torque at `pressure` p* [Pa]."""
+    return min(1.0, beta_inf + (1.0 - beta_inf) * exp(-(pressure - beta_onset) / beta_scale))  # Janssens 2010, eq. 6.6
+
+
+@njit(inline="always")
+def stribeck_ratio(beta, slip, stribeck_speed):
+    """Normalised Stribeck torque s_n [-] at |slip| [rad/s]; 1 at standstill."""
     speed = abs(slip)
     return 1.0 + (beta - 1.0) * exp(-stribeck_speed / speed) if speed > 0.0 else 1.0  # Janssens 2010, eq. 6.2
 
@@ -50,7 +55,7 @@ def relaxed(state, ratio, slip, attraction, step):
 
 
 @njit(inline="always")
-def torque(coulomb, state, viscous, viscosity_ratio, slip, exponent):
-    """Clutch torque M [Nm], positive when it opposes positive slip."""
-    drag = viscous * viscosity_ratio * abs(slip) ** exponent
+def torque(coulomb, state, viscous, slip, exponent):
+    """Clutch torque M [Nm], positive when it opposes positive slip; `viscous` is C_v r_T [Nm/(rad/s)^gamma]."""
+    drag = viscous * abs(slip) ** exponent
     return coulomb * state + (drag if slip > 0.0 else -drag if slip < 0.0 else 0.0)  # Janssens 2010, eq. 6.9

@@ -3,7 +3,7 @@
 Equation        u = clip(k_v V, 0, p_supply);  p_v'' + 2 zeta w p_v' + w^2 p_v = w^2 u          (rig.md, 1)
 Assumptions     the supply pressure is constant; the voltage is held constant over a step (zero-order hold)
 Valid range     V 0..10 V
-Not modelled    dead band, spool stiction and hysteresis, flow limits
+Not modelled    flow limits; dead band, stiction, hysteresis, delay, sagging supply are effects (plant_sim/effects)
 References      Janssens 2010, sec. 6.3 (supply 2.5 MPa, bandwidth of the pressure loop 9.8 Hz); w, zeta, k_v are design values
 """
 
@@ -11,9 +11,9 @@ from numba import njit
 
 
 @njit(inline="always")
-def pressure_demand(voltage, gain, supply_pressure):
-    """Pressure the valve is asked for [Pa] at `voltage` [V]; `gain` [Pa/V], `supply_pressure` [Pa]."""
-    return min(max(gain * voltage, 0.0), supply_pressure)
+def limited(demand, supply_pressure):
+    """Pressure the valve can be asked for [Pa]: within 0..`supply_pressure` [Pa]."""
+    return min(max(demand, 0.0), supply_pressure)  # rig.md, 1
 
 
 @njit(inline="always")

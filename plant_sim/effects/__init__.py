@@ -1,1 +1,1 @@
-"""Physical effects beside the baseline: one file each. With the parameters of `off` each leaves the rig bit-identical."""
+"""Physical effects beside the baseline: one file each. With all of them off the rig is bit-identical to the baseline."""

@@ -1,16 +1,33 @@
 """Level of the friction torque, drifting in time.
 
-Equation        M = (level + drift t) (M_C m + f)
+What            friction material, oil and wear scale the whole torque of one clutch against that of another
+Equation        M = max(level + drift t, 0) (M_C m + f)
 Assumptions     Coulomb and viscous part change alike
-Valid range     level 0.3..3; off at level 1, drift 0
+Valid range     level 0.3..3
 Not modelled    the wear that causes it
 References      Janssens 2010, sec. 6.2.2 (friction material and oil) and chapter 7 (changing parameters)
 """
 
-from numba import njit
+from plant_sim.effects.effect import Effect, Strength
+from plant_sim.effects.signals import TORQUE
 
 
-@njit(inline="always")
-def factor(time, level, drift):
-    """Factor on the clutch torque [-] at `time` [s]; `drift` [1/s]. Never below 0."""
-    return max(level + drift * time, 0.0)
+def scale(s, c, p, x, h):
+    """Multiply the torque."""
+    s.torque *= max(p.level + p.drift * s.time, 0.0)
+
+
+EFFECT = Effect(
+    block="friction",
+    laws={TORQUE: scale},
+    parameters=(
+        Strength(
+            "level", "1", off=1.0, typical=0.85, bounds=(0.3, 3.0),
+            source="[D] 15 % between batches of friction material and oil; Janssens 2010, sec. 6.2.2 names both as causes",
+        ),
+        Strength(
+            "drift", "1/s", off=0.0, typical=-1e-3, bounds=(-0.1, 0.1),
+            source="[D] wear and glazing, announced as future work in Janssens 2010, chapter 7",
+        ),
+    ),
+)  # fmt: skip

@@ -12,10 +12,17 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numba import njit
 
 from plant_sim.friction.kernel import law
 from plant_sim.friction.model import Array, ElementModel, elements
 from protocols.errors import InputError
+
+
+@njit(inline="always")
+def element(force, displacement, stiffness, limit):
+    """Force of one element [N] after a displacement [m] from `force` [N]; stiffness [N/m], limit W [N]."""
+    return min(max(force + stiffness * displacement, -limit), limit)  # 5.2, stick and slip
 
 
 @law
@@ -24,8 +31,7 @@ def maxwell_slip(parameters, state, displacement, dt, load, new_state):
     n = state.size
     force = 0.0
     for i in range(n):
-        limit = parameters[n + i]
-        new_state[i] = min(max(state[i] + parameters[i] * displacement, -limit), limit)  # 5.2, stick and slip
+        new_state[i] = element(state[i], displacement, parameters[i], parameters[n + i])
         force += new_state[i]
     return force
 

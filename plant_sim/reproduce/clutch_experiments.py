@@ -73,8 +73,8 @@ def measure(
 
     demand (n,) [bar], speed of the motor, scalar or (n,) [rad/s], oil temperature at the start [degC], rate [Hz].
     """
-    record = wet_clutch.parameter_record(parameters)
-    sensors = Sensors(parameters, seed)
+    rig = wet_clutch.Rig(parameters)
+    sensors = Sensors(seed)
     frames = load_frames()
     scale = frames["ANALOG_SENSORS"].scale
     angle_step = frames["ENCODER"].scale["shaft_angle"]  # rad
@@ -86,12 +86,12 @@ def measure(
     demands = np.concatenate([np.full(settling, demand[0]), demand])
     speeds = np.concatenate([np.full(settling, np.ravel(speed)[0]), np.broadcast_to(speed, demand.shape)])
 
-    state = wet_clutch.filled_state(speeds[0], temperature + ZERO_CELSIUS, record)
+    state = rig.filled(speeds[0], temperature + ZERO_CELSIUS)
     integral, last = 0.0, 0  # bar s, counts
     rows = []
     for asked, turning in zip(demands.tolist(), speeds.tolist(), strict=True):
-        y = wet_clutch.as_state(state)
-        counts = sensors.sample(y.pressure, y.temperature, y.motor_torque, y.clutch_torque, y.angle)
+        y = state.read()
+        counts, state = sensors.sample(rig, state, period)
         pressure = counts.pressure * scale["cylinder_pressure"]
         slip = (counts.encoder - last) * angle_step / period
         last = counts.encoder
@@ -100,7 +100,7 @@ def measure(
         error = asked - pressure
         voltage = (asked + _PROPORTIONAL * error + _INTEGRAL * integral) / gain
         integral += error * period if pressure > contact else 0.0  # only in contact
-        state = wet_clutch.advance(state, voltage, turning, limit, record, period, substeps)
+        state = rig.advance(state, voltage, turning, limit, period, substeps)
     return Run(np.arange(demand.size) * period, *np.array(rows)[settling:].T)
 
 

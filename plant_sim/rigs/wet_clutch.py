@@ -1,22 +1,26 @@
 """The wet-clutch rig of chapter 6: valve, cylinder, piston, clutch, oil, motor, on one screen.
 
-Equation        rig.md, 1 to 8, with the laws in `plant_sim.blocks` and the effects in `plant_sim.effects`
+Equation        rig.md, 1 to 8, with the laws in `plant_sim.blocks`, the clutch of `clutch_unit` and the effects that are on
 Integration     steps of at most 0.1 ms. Valve, cylinder and piston: classical Runge-Kutta of order 4. Friction state: exact
                 exponential at the pressure of mid-step. Motor, oil, angle: midpoint rule. Against LSODA at rtol 1e-9
                 (tests/test_wet_clutch.py) the pressure differs by less than an ADC step.
 Assumptions     inputs constant over a call; viscosity ratio constant over a step
-Not modelled    what each block lists
+Not modelled    what each block lists; effects beside the baseline: `clutch-hil effects`
 References      Janssens 2010, chapter 6
 """
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+from numba import from_dtype, njit
 
-from plant_sim.blocks import clutch, hydraulics, motor, oil, piston, valve
-from plant_sim.effects import friction_level, piston_seal_friction
+from plant_sim.blocks import motor, oil
+from plant_sim.effects.catalogue import effects as catalogue
+from plant_sim.effects.signals import DRIVE, RIG, SENSORS, SIGNALS, attached, bound, call
+from plant_sim.effects.table import added_rate, table
+from plant_sim.rigs.clutch_unit import actuate, friction_pressure, slide, stack_force, viscosity_ratio
 from protocols.errors import InputError
 from protocols.parameters import ParameterSet, load_defaults, load_overlay
 
@@ -24,7 +28,7 @@ DEFAULTS = Path(__file__).parents[1] / "parameters" / "janssens2010.toml"
 STEP_LIMIT = 1e-4  # s, longest integration step: rig.md; the stack on its damping has a time constant of 0.4 ms
 
 _STABLE = 2.5  # rate times step that Runge-Kutta 4 bears on the real axis, 2.78, less a margin
-_GROUPS = ("valve", "hydraulics", "piston", "clutch", "oil", "motor", "friction_level", "piston_seal_friction")
+_GROUPS = ("valve", "hydraulics", "piston", "clutch", "oil", "motor", "sensors")
 
 
 class State(NamedTuple):
@@ -35,45 +39,62 @@ class State(NamedTuple):
     valve_rate: float  # Pa/s
     pressure: float  # Pa, cylinder
     position: float  # m, piston, 0 at rest
-    seal_force: float  # N
+    seal_force: float  # N, of effects against the piston's motion
     friction_state: float  # m of eq. 6.9, dimensionless
     temperature: float  # K, oil
     slip_speed: float  # rad/s
     speed_integral: float  # rad, of the motor's speed controller
     angle: float  # rad
+    lead: float  # rad/s, speed of the motor less that of the turning plate; 0 on a rigid shaft
+    acceleration: float  # rad/s^2, of the turning plate
     clutch_torque: float  # Nm, M
     motor_torque: float  # Nm, M_m
     normal_force: float  # N, on the plates
+    sensed_pressure: float  # Pa
+    sensed_temperature: float  # K
+    sensed_motor_torque: float  # Nm
+    sensed_clutch_torque: float  # Nm
 
 
 STATE = np.dtype([(name, np.float64) for name in State._fields])  # a State as the kernel takes it
 
 
-def as_state(record: np.ndarray) -> State:
-    """The named tuple of a structured array (1,) of STATE: plain floats, quick to read."""
-    return State(*record.view(np.float64).tolist())
+class Whole(NamedTuple):
+    """Everything that moves: the rig `y`, structured array (1,) of STATE, and the states of its effects, (k,)."""
+
+    y: np.ndarray
+    effects: np.ndarray
+
+    def read(self) -> State:
+        """The rig's state as plain floats, quick to read."""
+        return State(*self.y.view(np.float64).tolist())
 
 
-def parameter_record(parameters: ParameterSet) -> np.ndarray:
-    """Parameters as the kernel takes them: a structured array of one record, SI, fields `group_name`."""
+def nominal(changed: Path | None = None) -> ParameterSet:
+    """The parameters of rig.md with every effect off, or as changed by a user's file. Raises InputError."""
+    declared = {name: parameter for effect in catalogue().values() for name, parameter in effect.declared().items()}
+    shipped = ParameterSet({**load_defaults(DEFAULTS), **declared})
+    return load_overlay(changed, shipped) if changed else shipped
+
+
+def parameter_values(parameters: ParameterSet) -> dict[str, float]:
+    """The rig's own parameters in SI, by `group_name`: fields of the kernel's record. Raises InputError."""
     values = {f"{group}_{name}": v for group in _GROUPS for name, v in parameters.si(group).items()}
     area = values["piston_area"]
     # rig.md, 3: F_0 = A p_preload, and k_s such that F_spring(x_c) = A p_contact
     values["piston_preload"] = area * values["piston_preload_pressure"]
     rise = values["piston_contact_pressure"] - values["piston_preload_pressure"]
     values["piston_spring_stiffness"] = area * rise / values["piston_clearance"]
-    _check_step(values)
-    return np.array([tuple(values.values())], dtype=[(name, np.float64) for name in values])
+    _check_step(values, added_rate(parameters, values))
+    return values
 
 
-def _check_step(values: dict[str, float]) -> None:
-    """Raise InputError when fluid and piston together are too fast for the integration step."""
+def _check_step(values: Mapping[str, float], added: float) -> None:
+    """Raise InputError when fluid, piston and what effects add [1/s] are too fast for the integration step."""
     damping, capacity = values["piston_damping"], values["hydraulics_capacity"]
-    # a rig may be built without the effect
-    seal = values.get("piston_seal_friction_force", 0.0) / values.get("piston_seal_friction_travel", 1.0)
-    piston_rate = (values["piston_spring_stiffness"] + values["piston_stack_stiffness"] + seal) / damping
+    piston_rate = (values["piston_spring_stiffness"] + values["piston_stack_stiffness"]) / damping
     fluid_rate = values["piston_area"] ** 2 / (capacity * damping) + values["hydraulics_conductance"] / capacity
-    rate = piston_rate + fluid_rate  # 1/s, bound on the fastest eigenvalue of rig.md 2 and 3
+    rate = piston_rate + fluid_rate + added  # 1/s, bound on the fastest eigenvalue of rig.md 2 and 3
     if not rate * STEP_LIMIT <= _STABLE:
         raise InputError(
             f"the rig is too fast to integrate: piston and cylinder together reach {rate:.3g} 1/s; allowed are"
@@ -81,137 +102,118 @@ def _check_step(values: dict[str, float]) -> None:
         )
 
 
-def nominal(changed: Path | None = None) -> ParameterSet:
-    """The parameters of rig.md, or as changed by a user's file. Raises InputError."""
-    shipped = load_defaults(DEFAULTS)
-    return load_overlay(changed, shipped) if changed else shipped
+class Rig:
+    """The rig compiled from `parameters`; effects named in `also` are attached even while they are off. Raises InputError.
 
-
-def initial_state(slip_speed: float, temperature: float) -> np.ndarray:
-    """State at rest: piston back, pressures 0, motor at `slip_speed` [rad/s], oil at `temperature` [K] (rig.md)."""
-    state = np.zeros(1, dtype=STATE)
-    state["slip_speed"] = slip_speed
-    state["temperature"] = temperature
-    return state
-
-
-def filled_state(slip_speed: float, temperature: float, parameters: np.ndarray) -> np.ndarray:
-    """State of a filled clutch: piston at the plates, contact pressure in valve and cylinder; arguments as `initial_state`."""
-    state = initial_state(slip_speed, temperature)
-    state["position"] = parameters["piston_clearance"]
-    for name in ("valve_pressure", "pressure"):
-        state[name] = parameters["piston_contact_pressure"]
-    return state
-
-
-@njit(inline="always")
-def _fluid_rates(pv, rate, p, x, seal, demand, c):
-    """Time derivatives of valve pressure, its rate, cylinder pressure and piston position."""
-    stack = piston.stack_force(x, c.piston_clearance, c.piston_stack_stiffness)
-    speed = piston.speed(
-        p, x, stack, seal, c.piston_area, c.piston_preload, c.piston_spring_stiffness, c.piston_damping
-    )
-    return (
-        rate,
-        valve.acceleration(pv, rate, demand, c.valve_frequency, c.valve_damping),
-        hydraulics.pressure_rate(pv, p, speed, c.hydraulics_conductance, c.hydraulics_capacity, c.piston_area),
-        speed,
-    )
-
-
-@njit(inline="always")
-def _friction_pressure(position, c):
-    """Effective friction pressure p* [Pa]; 0 out of contact."""
-    force = piston.stack_force(position, c.piston_clearance, c.piston_stack_stiffness)
-    return c.piston_contact_pressure + force / c.piston_area if force > 0.0 else 0.0  # rig.md, 4
-
-
-@njit(inline="always")
-def _clutch_torque(pressure, state, slip, viscosity_ratio, level, c):
-    """Clutch torque [Nm] in contact at effective pressure [Pa] > 0, 0 otherwise."""
-    if pressure == 0.0:
-        return 0.0
-    coulomb = clutch.coulomb_torque(pressure, c.clutch_coulomb_slope, c.clutch_coulomb_intercept)
-    viscous = clutch.viscous_factor(pressure, c.clutch_viscous_slope, c.clutch_viscous_intercept)
-    return level * clutch.torque(coulomb, state, viscous, viscosity_ratio, slip, c.clutch_viscous_exponent)
-
-
-# arcp: divisions by constants become multiplications; contract: fused multiply-add. Same result on every run of a machine.
-@njit(cache=True, error_model="numpy", fastmath={"arcp", "contract"})
-def advance(before, voltage, speed_demand, torque_limit, parameters, duration, substeps):
-    """State after `duration` [s] with the inputs held.
-
-    before: structured array (1,) of STATE; voltage [V]; speed_demand [rad/s]; torque_limit [Nm];
-    parameters: array of `parameter_record`; substeps: number of integration steps.
-    Returns a new structured array (1,) of STATE. Pure: changes none of its arguments.
+    `record` holds the parameters as the kernel takes them, `table` the effects.
     """
-    after = before.copy()
-    y = after[0]
-    c = parameters[0]
-    h = duration / substeps
-    demand = valve.pressure_demand(voltage, c.valve_gain, c.valve_supply_pressure)
+
+    def __init__(self, parameters: ParameterSet, also: tuple[str, ...] = ()) -> None:
+        self.parameters = parameters
+        values = parameter_values(parameters)
+        self.record = np.array([tuple(values.values())], dtype=[(name, np.float64) for name in values])
+        self.table = table(parameters, from_dtype(self.record.dtype), values, also)
+
+    def at_rest(self, slip_speed: float, temperature: float) -> Whole:
+        """Piston back, pressures 0, motor at `slip_speed` [rad/s], oil at `temperature` [K] (rig.md)."""
+        y = np.zeros(1, dtype=STATE)
+        y["slip_speed"], y["temperature"] = slip_speed, temperature
+        return self.advance(Whole(y, self.table.at_rest()), 0.0, slip_speed, 0.0, 0.0, 0)
+
+    def filled(self, slip_speed: float, temperature: float) -> Whole:
+        """A filled clutch: piston at the plates, contact pressure in valve and cylinder; arguments as `at_rest`."""
+        y = self.at_rest(slip_speed, temperature).y
+        y["position"] = self.record["piston_clearance"]
+        for name in ("valve_pressure", "pressure"):
+            y[name] = self.record["piston_contact_pressure"]
+        return self.advance(Whole(y, self.table.at_rest()), 0.0, slip_speed, 0.0, 0.0, 0)
+
+    def advance(
+        self, before: Whole, voltage: float, speed_demand: float, torque_limit: float, duration: float, substeps: int
+    ) -> Whole:
+        """State after `duration` [s] in `substeps` steps with the inputs held: voltage [V], speed_demand [rad/s],
+        torque_limit [Nm]. With 0 steps nothing moves, outputs are evaluated. Pure: changes none of its arguments."""
+        effects = self.table.kernel
+        return Whole(*advance(*before, voltage, speed_demand, torque_limit, self.record, effects, duration, substeps))
+
+
+@njit(cache=True, error_model="numpy")
+def advance(before, states_before, voltage, speed_demand, torque_limit, parameters, effects, duration, substeps):
+    """The kernel of `Rig.advance`; `effects` is the `kernel` of a `plant_sim.effects.table.Table`."""
+    after, states = before.copy(), states_before.copy()
+    own = parameters.copy()
+    signals = np.zeros(1, SIGNALS)
+    y, c, s = after[0], own[0], signals[0]
+    e = bound(effects, states)
+    h = duration / substeps if substeps > 0 else 0.0
+    if attached(RIG, e):
+        call(RIG, e, s, c, duration)
     limit = min(torque_limit, c.motor_torque_limit)
-    time, pv, rate, p, x, seal = y.time, y.valve_pressure, y.valve_rate, y.pressure, y.position, y.seal_force
-    m, temperature, slip, integral, angle = y.friction_state, y.temperature, y.slip_speed, y.speed_integral, y.angle
-    torque, motor_torque = y.clutch_torque, y.motor_torque
-    mu_reference = oil.friction_coefficient(c.oil_reference, c.oil_slope, c.oil_offset, c.oil_origin)
-    viscosity_ratio = level = 1.0
+    acceleration = y.acceleration
     for _ in range(substeps):
-        # valve, line, cylinder, piston: Runge-Kutta 4
-        a0, a1, a2, a3 = _fluid_rates(pv, rate, p, x, seal, demand, c)
-        k = 0.5 * h
-        b0, b1, b2, b3 = _fluid_rates(pv + k * a0, rate + k * a1, p + k * a2, x + k * a3, seal, demand, c)
-        c0, c1, c2, c3 = _fluid_rates(pv + k * b0, rate + k * b1, p + k * b2, x + k * b3, seal, demand, c)
-        d0, d1, d2, d3 = _fluid_rates(pv + h * c0, rate + h * c1, p + h * c2, x + h * c3, seal, demand, c)
-        k = h / 6.0
-        pv += k * (a0 + 2.0 * (b0 + c0) + d0)
-        rate += k * (a1 + 2.0 * (b1 + c1) + d1)
-        p = max(p + k * (a2 + 2.0 * (b2 + c2) + d2), 0.0)
-        x_before = x
-        x += k * (a3 + 2.0 * (b3 + c3) + d3)
-        if x < 0.0:  # the piston meets its rest within the step: the oil it did not displace stays in the cylinder
-            p = max(p + x * c.piston_area / c.hydraulics_capacity, 0.0)
-            x = 0.0
-        seal = piston_seal_friction.force(
-            seal, x - x_before, c.piston_seal_friction_force, c.piston_seal_friction_travel
-        )
+        s.time = y.time + 0.5 * h
+        pressure = actuate(y, voltage, s, c, e, h)
 
         # clutch, motor, oil at mid-step
-        slip_mid = slip + 0.5 * h * (motor_torque - torque) / c.motor_inertia
-        level = friction_level.factor(time + 0.5 * h, c.friction_level_level, c.friction_level_drift)
-        mu = oil.friction_coefficient(temperature, c.oil_slope, c.oil_offset, c.oil_origin)
-        viscosity_ratio = oil.viscosity_ratio(mu, mu_reference, c.oil_viscous_gain)
-        pressure_mid = _friction_pressure(0.5 * (x_before + x), c)
-        if pressure_mid > 0.0:
-            ratio = clutch.stribeck_ratio(
-                pressure_mid,
-                slip_mid,
-                c.clutch_beta_inf,
-                c.clutch_beta_onset,
-                c.clutch_beta_scale,
-                c.clutch_stribeck_speed,
-            )
-            m_before = m
-            m = clutch.relaxed(m, ratio, slip_mid, c.clutch_attraction, h)
-            torque = _clutch_torque(pressure_mid, 0.5 * (m_before + m), slip_mid, viscosity_ratio, level, c)
-        else:
-            m = torque = 0.0  # rig.md, 4
-        error = speed_demand - slip_mid
-        asked = motor.torque_demand(error, integral + 0.5 * h * error, c.motor_proportional_gain, c.motor_integral_gain)
+        slip = y.slip_speed + 0.5 * h * acceleration
+        s.angle = y.angle
+        y.friction_state, torque = slide(
+            y.friction_state, pressure, slip, y.temperature, viscosity_ratio(y.temperature, c), s, c, e, h
+        )
+        error = speed_demand - (slip + y.lead)
+        asked = motor.torque_demand(
+            error, y.speed_integral + 0.5 * h * error, c.motor_proportional_gain, c.motor_integral_gain
+        )
         motor_torque = motor.limited(asked, limit)
         if asked == motor_torque:
-            integral += h * error
-        temperature += h * oil.heating_rate(
-            temperature, abs(torque * slip_mid), c.oil_heat_capacity, c.oil_heat_transfer, c.oil_sump_temperature
+            y.speed_integral += h * error
+        motor_torque, drive_torque, inertia = _driven(y, motor_torque, torque, slip, s, c, e, h)
+        y.temperature += h * oil.heating_rate(
+            y.temperature, abs(torque * slip), c.oil_heat_capacity, c.oil_heat_transfer, c.oil_sump_temperature
         )
-        slip_before = slip
-        slip += h * (motor_torque - torque) / c.motor_inertia  # rig.md, 8
-        angle += 0.5 * h * (slip_before + slip)
-        time += h
-    y.time, y.valve_pressure, y.valve_rate, y.pressure, y.position, y.seal_force = time, pv, rate, p, x, seal
-    y.friction_state, y.temperature, y.slip_speed, y.speed_integral, y.angle = m, temperature, slip, integral, angle
-    y.normal_force = piston.stack_force(x, c.piston_clearance, c.piston_stack_stiffness)
-    y.clutch_torque = _clutch_torque(_friction_pressure(x, c), m, slip, viscosity_ratio, level, c)
-    asked = motor.torque_demand(speed_demand - slip, integral, c.motor_proportional_gain, c.motor_integral_gain)
-    y.motor_torque = motor.limited(asked, limit)
-    return after
+        acceleration = (drive_torque - torque) / inertia  # rig.md, 8
+        before_step = y.slip_speed
+        y.slip_speed += h * acceleration
+        y.angle += 0.5 * h * (before_step + y.slip_speed)
+        y.time += h
+        if attached(SENSORS, e):
+            _sense(y, motor_torque, torque, s, c, e, h)
+
+    # outputs at the end: nothing moves
+    s.time, s.angle = y.time, y.angle
+    y.normal_force = stack_force(y.position, s, c, e)
+    pressure = friction_pressure(y.position, s, c, e)
+    _, y.clutch_torque = slide(
+        y.friction_state, pressure, y.slip_speed, y.temperature, viscosity_ratio(y.temperature, c), s, c, e, 0.0
+    )
+    error = speed_demand - (y.slip_speed + y.lead)
+    asked = motor.torque_demand(error, y.speed_integral, c.motor_proportional_gain, c.motor_integral_gain)
+    motor_torque = motor.limited(asked, limit)
+    y.motor_torque, drive_torque, inertia = _driven(y, motor_torque, y.clutch_torque, y.slip_speed, s, c, e, 0.0)
+    y.acceleration = (drive_torque - y.clutch_torque) / inertia
+    _sense(y, y.motor_torque, y.clutch_torque, s, c, e, 0.0)
+    return after, states
+
+
+@njit(inline="always")
+def _driven(y, motor_torque, torque, slip, s, c, e, h):
+    """Motor torque [Nm], torque on the turning plate [Nm] and the inertia it accelerates [kg m^2]; sets `y.lead`."""
+    drive_torque, inertia = motor_torque, c.motor_inertia
+    if attached(DRIVE, e):
+        s.motor_torque, s.drive_torque, s.inertia, s.lead = motor_torque, drive_torque, inertia, y.lead
+        s.torque, s.slip = torque, slip
+        call(DRIVE, e, s, c, h)
+        motor_torque, drive_torque, inertia, y.lead = s.motor_torque, s.drive_torque, s.inertia, s.lead
+    return motor_torque, drive_torque, inertia
+
+
+@njit(inline="always")
+def _sense(y, motor_torque, torque, s, c, e, h):
+    """What the analog sensors show: sets `y.sensed_...`."""
+    s.sensed_pressure, s.sensed_temperature = y.pressure, y.temperature
+    s.sensed_motor_torque, s.sensed_clutch_torque = motor_torque, torque
+    if attached(SENSORS, e):
+        s.time, s.temperature, s.angle, s.slip = y.time, y.temperature, y.angle, y.slip_speed
+        call(SENSORS, e, s, c, h)
+    y.sensed_pressure, y.sensed_temperature = s.sensed_pressure, s.sensed_temperature
+    y.sensed_motor_torque, y.sensed_clutch_torque = s.sensed_motor_torque, s.sensed_clutch_torque

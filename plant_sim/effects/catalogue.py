@@ -1,0 +1,64 @@
+"""Catalogue: every effect there is. An effect is one file in this folder, or in a folder of CLUTCH_HIL_EFFECTS (as PATH)."""
+
+import importlib.util
+import os
+import sys
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+
+from plant_sim.effects.effect import Effect
+from protocols.errors import InputError, closest
+
+VARIABLE = "CLUTCH_HIL_EFFECTS"
+_FOLDER = Path(__file__).parent
+_NOT_EFFECTS = ("__init__", "catalogue", "effect", "none", "signals", "table")
+
+
+def effects() -> Mapping[str, Effect]:
+    """Every effect by name: ours, then those of the user's folders. Raises InputError."""
+    return _effects(os.environ.get(VARIABLE, ""))
+
+
+def effect(name: str) -> Effect:
+    """An effect by name. Raises InputError that tells what comes closest."""
+    known = effects()
+    if name not in known:
+        raise InputError(f"effect {name!r} is unknown; {closest(name, known)}")
+    return known[name]
+
+
+@cache
+def _effects(folders: str) -> dict[str, Effect]:
+    found: dict[str, Effect] = {}
+    for folder in (_FOLDER, *(Path(part) for part in folders.split(os.pathsep) if part)):
+        if not folder.is_dir():
+            raise InputError(f"folder {folder} of {VARIABLE} does not exist")
+        for path in sorted(folder.glob("*.py")):
+            if path.stem.startswith("_") or (folder == _FOLDER and path.stem in _NOT_EFFECTS):
+                continue
+            if path.stem in found:
+                raise InputError(f"effect {path.stem} of {path} exists already, in {found[path.stem].path}")
+            candidate = getattr(_module(path, folder == _FOLDER), "EFFECT", None)
+            if not isinstance(candidate, Effect):
+                raise InputError(f"effect file {path} defines no EFFECT = Effect(...)")
+            found[path.stem] = candidate
+    return found
+
+
+def _module(path: Path, ours: bool) -> ModuleType:
+    name = f"{__package__}.{path.stem}" if ours else f"clutch_hil_effects.{path.stem}"
+    if ours:
+        return importlib.import_module(name)
+    specification = importlib.util.spec_from_file_location(name, path)
+    assert specification is not None and specification.loader is not None
+    module = importlib.util.module_from_spec(specification)
+    sys.modules[name] = module
+    try:
+        specification.loader.exec_module(module)
+    except InputError:
+        raise
+    except Exception as error:  # a user's file may hold anything
+        raise InputError(f"effect file {path} cannot be loaded: {type(error).__name__}: {error}") from None
+    return module

@@ -1,0 +1,173 @@
+"""Effect: one physical effect as a plug-in of the rig. One file defines one, called EFFECT; its name is the file's.
+
+A law is a plain function `law(s, c, p, x, h)` that Numba can compile. It reads and changes the signals `s` (signals.py), reads
+the rig's parameters `c`, its own parameters `p` and its own states `x` by name, all in SI, and moves its states on by the step
+`h` [s]. Where h is 0 no state may move.
+"""
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numba import cfunc, from_dtype, types
+
+from plant_sim.effects.signals import HOOKS, SIGNALS_TYPE
+from protocols.errors import InputError
+from protocols.parameters import Parameter
+
+Law = Callable[[Any, Any, Any, Any, float], None]
+SECTIONS = ("Equation", "Assumptions", "Valid range", "Not modelled", "References")  # of an effect's docstring
+BLOCKS = ("valve", "hydraulics", "piston", "friction", "drive", "sensors", "fault")
+
+
+@dataclass(frozen=True)
+class Strength:
+    """A parameter that is the effect: at `off` there is none. `typical` is a value often met; bounds and both in `unit`."""
+
+    name: str
+    unit: str
+    off: float
+    typical: float
+    bounds: tuple[float, float]
+    source: str
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A parameter that only shapes the effect; bounds and `typical` in `unit`."""
+
+    name: str
+    unit: str
+    typical: float
+    bounds: tuple[float, float]
+    source: str
+
+    @property
+    def off(self) -> float:
+        """A shape is what it is, also while the effect is off."""
+        return self.typical
+
+
+@dataclass(frozen=True)
+class State:
+    """A state of an effect: `size` numbers in `unit`, 0 when the effect is switched on. Of size 1 it is a scalar."""
+
+    name: str
+    unit: str
+    size: int = 1
+
+
+@dataclass(frozen=True, eq=False)
+class Effect:
+    """An effect: its block, its laws by hook, parameters, states.
+
+    `rank` orders effects at a hook, low first: 0 unless it must see what others did. `excludes` names effects that model the
+    same part otherwise. `rate` gives from the SI values of its own parameters and of the rig's (by field of `c`) what it adds
+    to the fastest rate of piston and cylinder [1/s]; None adds nothing. `candidate`: whether the discrepancy workflow may
+    name it.
+    """
+
+    block: str
+    laws: Mapping[int, Law]
+    parameters: tuple[Strength | Shape, ...]
+    states: tuple[State, ...] = ()
+    rank: int = 0
+    excludes: tuple[str, ...] = ()
+    rate: Callable[[Mapping[str, float], Mapping[str, float]], float] | None = None
+    candidate: bool = True
+    _addresses: dict[Any, int] = field(default_factory=dict, repr=False)
+
+    def __post_init__(self) -> None:
+        """Raise InputError for an effect that cannot be."""
+        if not self.laws or not all(hook in range(len(HOOKS)) for hook in self.laws):
+            raise InputError(
+                f"effect {self.block}: laws must be a table of one or more hooks (plant_sim/effects/signals.py)"
+            )
+        if self.block not in BLOCKS:
+            raise InputError(f"effect {self.name}: block {self.block!r} is unknown; allowed are {', '.join(BLOCKS)}")
+        if not any(isinstance(p, Strength) for p in self.parameters):
+            raise InputError(f"effect {self.name} has no Strength: nothing could switch it on")
+        for p in self.parameters:
+            if isinstance(p, Strength) and p.typical == p.off:
+                raise InputError(f"effect {self.name}: {p.name} is off at its typical value {p.typical:g} {p.unit}")
+            for value in (p.off, p.typical):
+                Parameter(f"{self.name}.{p.name}", value, p.unit, 0.0, p.bounds, p.source)
+        for section in SECTIONS:
+            if f"\n{section} " not in self.text:
+                raise InputError(f"effect {self.name}: its file's docstring lacks {section!r}")
+
+    @cached_property
+    def name(self) -> str:
+        """Identifier: the name of its file."""
+        return self.path.stem
+
+    @cached_property
+    def path(self) -> Path:
+        """Its file."""
+        return Path(inspect.getfile(next(iter(self.laws.values()))))
+
+    @cached_property
+    def text(self) -> str:
+        """Docstring of its file: what, equation, assumptions, valid range, not modelled, references."""
+        module = inspect.getmodule(next(iter(self.laws.values())))
+        return inspect.getdoc(module) or ""
+
+    @property
+    def title(self) -> str:
+        """First line of the docstring."""
+        return self.text.partition("\n")[0].rstrip(".")
+
+    @cached_property
+    def strengths(self) -> tuple[Strength, ...]:
+        """The parameters that switch it on."""
+        return tuple(p for p in self.parameters if isinstance(p, Strength))
+
+    @cached_property
+    def parameter_type(self) -> np.dtype:
+        """Record of its parameters."""
+        return np.dtype([(p.name, np.float64) for p in self.parameters])
+
+    @cached_property
+    def state_type(self) -> np.dtype:
+        """Record of its states; one unused number where it has none."""
+        fields = [(s.name, np.float64, (s.size,)) if s.size > 1 else (s.name, np.float64) for s in self.states]
+        return np.dtype(fields or [("none", np.float64)])
+
+    def declared(self) -> dict[str, Parameter]:
+        """Its parameters by dotted name, switched off."""
+        named = ((f"{self.name}.{p.name}", p) for p in self.parameters)
+        return {name: Parameter(name, p.off, p.unit, 0.0, p.bounds, p.source) for name, p in named}
+
+    def typical(self) -> dict[str, float]:
+        """Typical values by dotted name, each in its unit."""
+        return {f"{self.name}.{p.name}": p.typical for p in self.parameters}
+
+    def off(self) -> dict[str, float]:
+        """Values of its strengths that switch it off, by dotted name, each in its unit."""
+        return {f"{self.name}.{p.name}": p.off for p in self.strengths}
+
+    def address(self, hook: int, rig: Any) -> int:
+        """Address of the compiled law of `hook` for a rig whose parameter record has the Numba type `rig`.
+
+        Laws of this package are kept on disk; a user's are compiled anew in each process. Raises InputError.
+        """
+        if (hook, rig) not in self._addresses:
+            records = SIGNALS_TYPE, rig, from_dtype(self.parameter_type), from_dtype(self.state_type)
+            ours = (self.laws[hook].__module__ or "").startswith("plant_sim.")
+            try:
+                law = cfunc(types.void(*records, types.float64), cache=ours, error_model="numpy")(self.laws[hook])
+            except Exception as error:  # Numba raises many kinds
+                reason = next((line for line in str(error).splitlines() if line.strip()), type(error).__name__)
+                raise InputError(f"effect {self.name} ({self.path}) cannot be compiled: {reason}") from None
+            self._addresses[hook, rig] = law.address
+            self._kept.append(law)
+        return self._addresses[hook, rig]
+
+    @cached_property
+    def _kept(self) -> list[Any]:
+        """Compiled laws: an address is good as long as its law lives."""
+        return []

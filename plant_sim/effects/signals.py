@@ -1,0 +1,144 @@
+"""Signals and hooks: where an effect attaches to a rig, what it sees there and what it may change.
+
+A hook is a place in the rig's integration step. The rig writes what is known there into a record of SIGNALS, calls the laws
+that are attached, and goes on with what they left in it. With nothing attached a hook costs two loads.
+
+    hook         called                               an effect may change
+    RIG          once a call of the rig               any field of `c`, the rig's own parameters
+    COMMAND      every step                           demand, supply_pressure
+    HYDRAULICS   every stage of a step, h = 0         flow, capacity, thrust_pressure
+    STACK        every stage of a step, h = 0         stack_force, a function of `position`
+    PISTON       every step, once it has moved        piston_force
+    FRICTION     every step, in contact               coulomb, viscous, beta, stribeck_speed, attraction
+    TORQUE       every step; at its end with h = 0    torque; in contact and out of it
+    DRIVE        every step                           motor_torque, drive_torque, inertia, lead
+    SENSORS      every step; at a sample with h = 0   sensed_...
+    ACQUISITION  every sample, after the noise        ..._voltage, encoder_angle; h is the time since the sample before
+
+A law is called with h = 0 where the rig only asks what the effect is now: no state may move on then.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from llvmlite import ir
+from numba import from_dtype, types
+from numba.extending import intrinsic, overload
+
+
+class Signal(NamedTuple):
+    """A field of SIGNALS."""
+
+    name: str
+    unit: str
+    meaning: str
+
+
+HOOKS = (
+    "RIG", "COMMAND", "HYDRAULICS", "STACK", "PISTON", "FRICTION", "TORQUE", "DRIVE", "SENSORS", "ACQUISITION",
+)  # fmt: skip
+RIG, COMMAND, HYDRAULICS, STACK, PISTON, FRICTION, TORQUE, DRIVE, SENSORS, ACQUISITION = range(len(HOOKS))
+
+FIELDS = tuple(
+    Signal(*signal)
+    for signal in (
+        ("time", "s", "since the run's start, at mid-step"),
+        ("voltage", "V", "at the valve's amplifier"),
+        ("demand", "Pa", "pressure the valve is asked for, before it is limited to 0..supply"),
+        ("supply_pressure", "Pa", "that the valve is fed with"),
+        ("valve_pressure", "Pa", "behind the valve"),
+        ("pressure", "Pa", "in the cylinder"),
+        ("thrust_pressure", "Pa", "that drives the piston"),
+        ("flow", "m^3/s", "into the cylinder"),
+        ("capacity", "m^3/Pa", "of oil and line"),
+        ("position", "m", "of the piston, 0 at rest"),
+        ("displacement", "m", "of the piston in the step"),
+        ("stack_force", "N", "on the plates, F_n"),
+        ("piston_force", "N", "against the piston's motion, held in the next step"),
+        ("temperature", "K", "of the oil"),
+        ("slip", "rad/s", "slip speed, at mid-step"),
+        ("angle", "rad", "of the turning plate"),
+        ("contact", "1", "1 when the plates are pressed, else 0"),
+        ("friction_pressure", "Pa", "p* of rig.md 4; 0 out of contact"),
+        ("coulomb", "Nm", "M_C"),
+        ("viscous", "Nm/(rad/s)^gamma", "C_v r_T"),
+        ("beta", "1", "eq. 6.6"),
+        ("stribeck_speed", "rad/s", "V_S"),
+        ("attraction", "1/s", "C"),
+        ("torque", "Nm", "clutch torque M, positive against positive slip"),
+        ("motor_torque", "Nm", "M_m"),
+        ("drive_torque", "Nm", "on the turning plate; the motor's where the shaft is rigid"),
+        ("inertia", "kg m^2", "that drive and clutch torque accelerate"),
+        ("lead", "rad/s", "speed of the motor less that of the plate; 0 where the shaft is rigid"),
+        ("sensed_pressure", "Pa", "of the pressure sensor"),
+        ("sensed_temperature", "K", "of the temperature sensor"),
+        ("sensed_motor_torque", "Nm", "of the motor's drive"),
+        ("sensed_clutch_torque", "Nm", "of the torque sensor"),
+        ("encoder_angle", "rad", "of the encoder"),
+        ("pressure_voltage", "V", "at the converter, with noise"),
+        ("temperature_voltage", "V", "at the converter, with noise"),
+        ("motor_torque_voltage", "V", "at the converter, with noise"),
+        ("clutch_torque_voltage", "V", "at the converter, with noise"),
+    )
+)
+SIGNALS = np.dtype([(signal.name, np.float64) for signal in FIELDS])
+SIGNALS_TYPE = from_dtype(SIGNALS)
+
+
+@intrinsic
+def _invoke(typing_context, address, s, c, p, x, h):
+    """Call the law at `address` with the records `s`, `c`, the addresses of the records `p`, `x`, and `h`."""
+    signature = types.void(types.intp, s, c, types.intp, types.intp, types.float64)
+
+    def codegen(context, builder, signature, arguments):
+        pointer = ir.IntType(8).as_pointer()
+        law = ir.FunctionType(ir.VoidType(), [pointer] * 4 + [ir.DoubleType()])
+        address, s, c, p, x, h = arguments
+        records = [builder.bitcast(s, pointer), builder.bitcast(c, pointer)]
+        records += [builder.inttoptr(p, pointer), builder.inttoptr(x, pointer)]
+        builder.call(builder.inttoptr(address, law.as_pointer()), [*records, h])
+        return context.get_dummy_value()
+
+    return signature, codegen
+
+
+def bound(effects, states):
+    """What `attached` and `call` need of a table's `kernel` and the effects' states (k,): `e`. Compiled code only."""
+
+
+def attached(hook, e):
+    """Whether any law is attached to `hook`; false where `e` is None: no effect is on. Compiled code only."""
+
+
+def call(hook, e, s, c, h):
+    """Call the laws of `hook` with signals `s`, the rig's parameters `c` and the step `h` [s]. Compiled code only."""
+
+
+# Where no effect is on `e` is None, known when the kernel is compiled: such a kernel has no hooks in it.
+
+
+@overload(bound, inline="always")
+def _bound(effects, states):
+    if isinstance(effects, types.NoneType):
+        return lambda effects, states: None
+    return lambda effects, states: (effects[0], effects[1], effects[2].ctypes.data, states.ctypes.data)
+
+
+@overload(attached, inline="always")
+def _attached(hook, e):
+    if isinstance(e, types.NoneType):
+        return lambda hook, e: False
+    return lambda hook, e: e[1][hook] < e[1][hook + 1]
+
+
+@overload(call, inline="always")
+def _call(hook, e, s, c, h):
+    if isinstance(e, types.NoneType):
+        return lambda hook, e, s, c, h: None
+
+    def call_each(hook, e, s, c, h):
+        calls, begins, values, states = e
+        for i in range(begins[hook], begins[hook + 1]):
+            _invoke(calls[i, 0], s, c, values + 8 * calls[i, 1], states + 8 * calls[i, 2], h)
+
+    return call_each
