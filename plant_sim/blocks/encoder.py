@@ -15,4 +15,4 @@ from numba import njit
 @njit(inline="always")
 def counts(angle, per_revolution):
     """Counter value, -2^31..2^31 - 1, at `angle` [rad]; `per_revolution` N [counts/rev]."""
-    return (int(floor(angle * (per_revolution / (2.0 * pi)))) + 0x80000000 & 0xFFFFFFFF) - 0x80000000
+    return (floor(angle * (per_revolution / (2.0 * pi))) + 0x80000000 & 0xFFFFFFFF) - 0x80000000

@@ -39,7 +39,7 @@ class Sensors:
 
     def sample(self, rig: Any, state: Any, interval: float) -> tuple[Counts, Any]:
         """Counts of a rig's `state`, and the state with those of its effects moved on; `interval` [s] since the last sample."""
-        counts, states = acquire(*state, next(self._noise), rig.record, rig.table.kernel, interval)
+        counts, states = acquire(state.y, state.effects, next(self._noise), rig.record, rig.table.kernel, interval)
         return Counts(*counts), state._replace(effects=states)
 
 

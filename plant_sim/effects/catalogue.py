@@ -52,7 +52,8 @@ def _module(path: Path, ours: bool) -> ModuleType:
     if ours:
         return importlib.import_module(name)
     specification = importlib.util.spec_from_file_location(name, path)
-    assert specification is not None and specification.loader is not None
+    assert specification is not None
+    assert specification.loader is not None
     module = importlib.util.module_from_spec(specification)
     sys.modules[name] = module
     try:

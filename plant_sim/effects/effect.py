@@ -79,7 +79,7 @@ class Effect:
     excludes: tuple[str, ...] = ()
     rate: Callable[[Mapping[str, float], Mapping[str, float]], float] | None = None
     candidate: bool = True
-    _addresses: dict[Any, int] = field(default_factory=dict, repr=False)
+    _laws: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)  # compiled
 
     def __post_init__(self) -> None:
         """Raise InputError for an effect that cannot be."""
@@ -155,7 +155,7 @@ class Effect:
 
         Laws of this package are kept on disk; a user's are compiled anew in each process. Raises InputError.
         """
-        if (hook, rig) not in self._addresses:
+        if (hook, rig) not in self._laws:
             records = SIGNALS_TYPE, rig, from_dtype(self.parameter_type), from_dtype(self.state_type)
             ours = (self.laws[hook].__module__ or "").startswith("plant_sim.")
             try:
@@ -163,11 +163,5 @@ class Effect:
             except Exception as error:  # Numba raises many kinds
                 reason = next((line for line in str(error).splitlines() if line.strip()), type(error).__name__)
                 raise InputError(f"effect {self.name} ({self.path}) cannot be compiled: {reason}") from None
-            self._addresses[hook, rig] = law.address
-            self._kept.append(law)
-        return self._addresses[hook, rig]
-
-    @cached_property
-    def _kept(self) -> list[Any]:
-        """Compiled laws: an address is good as long as its law lives."""
-        return []
+            self._laws[hook, rig] = law
+        return int(self._laws[hook, rig].address)  # good as long as the law lives

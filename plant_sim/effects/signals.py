@@ -139,6 +139,6 @@ def _call(hook, e, s, c, h):
     def call_each(hook, e, s, c, h):
         calls, begins, values, states = e
         for i in range(begins[hook], begins[hook + 1]):
-            _invoke(calls[i, 0], s, c, values + 8 * calls[i, 1], states + 8 * calls[i, 2], h)
+            _invoke(calls[i, 0], s, c, values + 8 * calls[i, 1], states + 8 * calls[i, 2], h)  # type: ignore[call-arg]
 
     return call_each
