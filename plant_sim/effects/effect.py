@@ -127,6 +127,11 @@ class Effect:
         return tuple(p for p in self.parameters if isinstance(p, Strength))
 
     @cached_property
+    def switches(self) -> tuple[tuple[str, float], ...]:
+        """Dotted name of each strength, and the value at which it is off."""
+        return tuple((f"{self.name}.{s.name}", s.off) for s in self.strengths)
+
+    @cached_property
     def parameter_type(self) -> np.dtype:
         """Record of its parameters."""
         return np.dtype([(p.name, np.float64) for p in self.parameters])
@@ -148,7 +153,7 @@ class Effect:
 
     def off(self) -> dict[str, float]:
         """Values of its strengths that switch it off, by dotted name, each in its unit."""
-        return {f"{self.name}.{p.name}": p.off for p in self.strengths}
+        return dict(self.switches)
 
     def address(self, hook: int, rig: Any) -> int:
         """Address of the compiled law of `hook` for a rig whose parameter record has the Numba type `rig`.
@@ -161,7 +166,8 @@ class Effect:
             try:
                 law = cfunc(types.void(*records, types.float64), cache=ours, error_model="numpy")(self.laws[hook])
             except Exception as error:  # Numba raises many kinds
-                reason = next((line for line in str(error).splitlines() if line.strip()), type(error).__name__)
+                lines = [line for line in str(error).splitlines() if line.strip() and "pipeline (step:" not in line]
+                reason = lines[0] if lines else type(error).__name__
                 raise InputError(f"effect {self.name} ({self.path}) cannot be compiled: {reason}") from None
             self._laws[hook, rig] = law
         return int(self._laws[hook, rig].address)  # good as long as the law lives

@@ -9,13 +9,15 @@ that are attached, and goes on with what they left in it. With nothing attached 
     HYDRAULICS   every stage of a step, h = 0         flow, capacity, thrust_pressure
     STACK        every stage of a step, h = 0         stack_force, a function of `position`
     PISTON       every step, once it has moved        piston_force
-    FRICTION     every step, in contact               coulomb, viscous, beta, stribeck_speed, attraction
+    FRICTION     every step, in contact               coulomb, viscous, beta, stribeck_speed, attraction,
+                                                      friction_state
     TORQUE       every step; at its end with h = 0    torque; in contact and out of it
     DRIVE        every step                           motor_torque, drive_torque, inertia, lead
     SENSORS      every step; at a sample with h = 0   sensed_...
     ACQUISITION  every sample, after the noise        ..._voltage, encoder_angle; h is the time since the sample before
 
-A law is called with h = 0 where the rig only asks what the effect is now: no state may move on then.
+A law is called with h = 0 where the rig only asks what the effect is now: no state may move on then. In a step (h > 0) SENSORS
+sees torques of mid-step, but pressure and temperature of the step's end.
 """
 
 from typing import NamedTuple
@@ -56,6 +58,7 @@ FIELDS = tuple(
         ("stack_force", "N", "on the plates, F_n"),
         ("piston_force", "N", "against the piston's motion, held in the next step"),
         ("temperature", "K", "of the oil"),
+        ("cylinder_speed", "rad/s", "the cylinder turns with"),
         ("slip", "rad/s", "slip speed, at mid-step"),
         ("angle", "rad", "of the turning plate"),
         ("contact", "1", "1 when the plates are pressed, else 0"),
@@ -65,7 +68,9 @@ FIELDS = tuple(
         ("beta", "1", "eq. 6.6"),
         ("stribeck_speed", "rad/s", "V_S"),
         ("attraction", "1/s", "C"),
+        ("friction_state", "1", "m of eq. 6.9, before the step"),
         ("torque", "Nm", "clutch torque M, positive against positive slip"),
+        ("viscous_share", "1", "of the torque before TORQUE, in contact: C_v r_T |omega|^gamma / |M|"),
         ("motor_torque", "Nm", "M_m"),
         ("drive_torque", "Nm", "on the turning plate; the motor's where the shaft is rigid"),
         ("inertia", "kg m^2", "that drive and clutch torque accelerate"),

@@ -92,8 +92,10 @@ def compile_all(rig: Any) -> None:
 
 def _active(one: Effect, parameters: ParameterSet) -> Effect | NoEffect:
     """The effect, or the null effect where all its strengths are off."""
-    on = any(parameters[f"{one.name}.{s.name}"].value != s.off for s in one.strengths)
-    return one if on else NONE
+    for name, off in one.switches:  # of each effect, for each rig that is made: in the loop of the running plant too
+        if parameters[name].value != off:
+            return one
+    return NONE
 
 
 def _check_exclusions(chosen: list[Effect]) -> None:

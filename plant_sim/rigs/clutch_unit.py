@@ -69,9 +69,12 @@ def actuate(y, voltage, s, c, e, h):
     after = max(p + k * (a2 + 2.0 * (b2 + c2) + d2), 0.0)
     moved = x + k * (a3 + 2.0 * (b3 + c3) + d3)
     if moved < 0.0:  # the piston meets its rest within the step: the oil it did not displace stays in the cylinder
-        after = max(after + moved * c.piston_area / c.hydraulics_capacity, 0.0)
+        capacity = c.hydraulics_capacity
+        if attached(HYDRAULICS, e):
+            capacity = s.capacity
+        after = max(after + moved * c.piston_area / capacity, 0.0)
         moved = 0.0
-    y.pressure, y.position = after, moved
+    y.pressure, y.position, y.seal_force = after, moved, 0.0
     if attached(PISTON, e):
         s.pressure, s.position, s.displacement, s.piston_force = after, moved, moved - x, 0.0
         call(PISTON, e, s, c, h)
@@ -83,6 +86,7 @@ def actuate(y, voltage, s, c, e, h):
 def friction_pressure(position, s, c, e):
     """Effective friction pressure p* [Pa] at piston `position` [m]; 0 out of contact."""
     force = stack_force(position, s, c, e)
+    s.position = position  # for FRICTION and TORQUE
     return c.piston_contact_pressure + force / c.piston_area if force > 0.0 else 0.0  # rig.md, 4
 
 
@@ -102,12 +106,14 @@ def slide(m, pressure, slip, temperature, viscosity_ratio, s, c, e, h):
         if attached(FRICTION, e):
             s.friction_pressure, s.slip, s.temperature = pressure, slip, temperature
             s.coulomb, s.viscous, s.beta = coulomb, viscous, beta
-            s.stribeck_speed, s.attraction = stribeck_speed, attraction
+            s.stribeck_speed, s.attraction, s.friction_state = stribeck_speed, attraction, m
             call(FRICTION, e, s, c, h)
             coulomb, viscous, beta = s.coulomb, s.viscous, s.beta
-            stribeck_speed, attraction = s.stribeck_speed, s.attraction
-        m = clutch.relaxed(m, clutch.stribeck_ratio(beta, slip, stribeck_speed), slip, attraction, h)
+            stribeck_speed, attraction, before = s.stribeck_speed, s.attraction, s.friction_state
+        m = clutch.relaxed(before, clutch.stribeck_ratio(beta, slip, stribeck_speed), slip, attraction, h)
         torque = clutch.torque(coulomb, 0.5 * (before + m), viscous, slip, c.clutch_viscous_exponent)
+        if attached(TORQUE, e):
+            s.viscous_share = 1.0 - coulomb * 0.5 * (before + m) / torque if torque != 0.0 else 0.0
     else:
         m = 0.0  # rig.md, 4
     if attached(TORQUE, e):

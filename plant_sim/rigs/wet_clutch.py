@@ -10,16 +10,18 @@ References      Janssens 2010, chapter 6
 """
 
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import from_dtype, njit
 
 from plant_sim.blocks import motor, oil
+from plant_sim.blocks.sensors import Sensors
 from plant_sim.effects.catalogue import effects as catalogue
 from plant_sim.effects.signals import DRIVE, RIG, SENSORS, SIGNALS, attached, bound, call
-from plant_sim.effects.table import added_rate, table
+from plant_sim.effects.table import added_rate, compile_all, table
 from plant_sim.rigs.clutch_unit import actuate, friction_pressure, slide, stack_force, viscosity_ratio
 from protocols.errors import InputError
 from protocols.parameters import ParameterSet, load_defaults, load_overlay
@@ -96,10 +98,18 @@ def _check_step(values: Mapping[str, float], added: float) -> None:
     fluid_rate = values["piston_area"] ** 2 / (capacity * damping) + values["hydraulics_conductance"] / capacity
     rate = piston_rate + fluid_rate + added  # 1/s, bound on the fastest eigenvalue of rig.md 2 and 3
     if not rate * STEP_LIMIT <= _STABLE:
+        effects = f", {added:.3g} of them by effects" if added else ""
         raise InputError(
-            f"the rig is too fast to integrate: piston and cylinder together reach {rate:.3g} 1/s; allowed are"
+            f"the rig is too fast to integrate: piston and cylinder together reach {rate:.3g} 1/s{effects}; allowed are"
             f" {_STABLE / STEP_LIMIT:.3g} 1/s (raise piston.damping or hydraulics.capacity, or lower piston.area)"
         )
+
+
+@cache
+def _record_types(fields: tuple[str, ...]) -> tuple[np.dtype, Any]:
+    """NumPy's and Numba's type of a parameter record; to make them anew takes longer than all else in a Rig."""
+    numpy_type = np.dtype([(name, np.float64) for name in fields])
+    return numpy_type, from_dtype(numpy_type)
 
 
 class Rig:
@@ -111,8 +121,9 @@ class Rig:
     def __init__(self, parameters: ParameterSet, also: tuple[str, ...] = ()) -> None:
         self.parameters = parameters
         values = parameter_values(parameters)
-        self.record = np.array([tuple(values.values())], dtype=[(name, np.float64) for name in values])
-        self.table = table(parameters, from_dtype(self.record.dtype), values, also)
+        numpy_type, numba_type = _record_types(tuple(values))
+        self.record = np.array([tuple(values.values())], dtype=numpy_type)
+        self.table = table(parameters, numba_type, values, also)
 
     def at_rest(self, slip_speed: float, temperature: float) -> Whole:
         """Piston back, pressures 0, motor at `slip_speed` [rad/s], oil at `temperature` [K] (rig.md)."""
@@ -137,6 +148,20 @@ class Rig:
         return Whole(*advance(*before, voltage, speed_demand, torque_limit, self.record, effects, duration, substeps))
 
 
+def warm() -> None:
+    """Compile, or load from disk, every law and every kernel of the rig, with effects and without: later nothing compiles."""
+    parameters = nominal()
+    values = parameter_values(parameters)
+    compile_all(_record_types(tuple(values))[1])
+    for name, effect in catalogue().items():
+        if effect.rate:
+            effect.rate(parameters.si(name), values)  # it may call compiled functions
+    for also in ((), tuple(catalogue())[:1]):
+        rig = Rig(parameters, also)
+        state = rig.at_rest(0.0, parameters["oil.reference"].si)
+        rig.advance(Sensors(seed=1).sample(rig, state, STEP_LIMIT)[1], 0.0, 0.0, 0.0, STEP_LIMIT, 1)
+
+
 @njit(cache=True, error_model="numpy")
 def advance(before, states_before, voltage, speed_demand, torque_limit, parameters, effects, duration, substeps):
     """The kernel of `Rig.advance`; `effects` is the `kernel` of a `plant_sim.effects.table.Table`."""
@@ -147,11 +172,13 @@ def advance(before, states_before, voltage, speed_demand, torque_limit, paramete
     e = bound(effects, states)
     h = duration / substeps if substeps > 0 else 0.0
     if attached(RIG, e):
+        s.time, s.temperature = y.time, y.temperature
         call(RIG, e, s, c, duration)
     limit = min(torque_limit, c.motor_torque_limit)
     acceleration = y.acceleration
     for _ in range(substeps):
         s.time = y.time + 0.5 * h
+        s.cylinder_speed = y.slip_speed  # the output stands, the cylinder turns with the motor
         pressure = actuate(y, voltage, s, c, e, h)
 
         # clutch, motor, oil at mid-step
@@ -177,7 +204,7 @@ def advance(before, states_before, voltage, speed_demand, torque_limit, paramete
         y.angle += 0.5 * h * (before_step + y.slip_speed)
         y.time += h
         if attached(SENSORS, e):
-            _sense(y, motor_torque, torque, s, c, e, h)
+            sense(y, motor_torque, torque, s, c, e, h)
 
     # outputs at the end: nothing moves
     s.time, s.angle = y.time, y.angle
@@ -191,24 +218,25 @@ def advance(before, states_before, voltage, speed_demand, torque_limit, paramete
     motor_torque = motor.limited(asked, limit)
     y.motor_torque, drive_torque, inertia = _driven(y, motor_torque, y.clutch_torque, y.slip_speed, s, c, e, 0.0)
     y.acceleration = (drive_torque - y.clutch_torque) / inertia
-    _sense(y, y.motor_torque, y.clutch_torque, s, c, e, 0.0)
+    sense(y, y.motor_torque, y.clutch_torque, s, c, e, 0.0)
     return after, states
 
 
 @njit(inline="always")
 def _driven(y, motor_torque, torque, slip, s, c, e, h):
     """Motor torque [Nm], torque on the turning plate [Nm] and the inertia it accelerates [kg m^2]; sets `y.lead`."""
-    drive_torque, inertia = motor_torque, c.motor_inertia
+    drive_torque, inertia, lead = motor_torque, c.motor_inertia, 0.0
     if attached(DRIVE, e):
-        s.motor_torque, s.drive_torque, s.inertia, s.lead = motor_torque, drive_torque, inertia, y.lead
+        s.motor_torque, s.drive_torque, s.inertia, s.lead = motor_torque, drive_torque, inertia, lead
         s.torque, s.slip = torque, slip
         call(DRIVE, e, s, c, h)
-        motor_torque, drive_torque, inertia, y.lead = s.motor_torque, s.drive_torque, s.inertia, s.lead
+        motor_torque, drive_torque, inertia, lead = s.motor_torque, s.drive_torque, s.inertia, s.lead
+    y.lead = lead
     return motor_torque, drive_torque, inertia
 
 
 @njit(inline="always")
-def _sense(y, motor_torque, torque, s, c, e, h):
+def sense(y, motor_torque, torque, s, c, e, h):
     """What the analog sensors show: sets `y.sensed_...`."""
     s.sensed_pressure, s.sensed_temperature = y.pressure, y.temperature
     s.sensed_motor_torque, s.sensed_clutch_torque = motor_torque, torque

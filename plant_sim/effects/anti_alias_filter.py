@@ -1,0 +1,91 @@
+"""Anti-alias filter before the converter.
+
+What            a low pass of second order on each analog channel: what is faster than half the sample rate is not folded
+Equation        u_shown'' + sqrt(2) w u_shown' + w^2 u_shown = w^2 u,  w = 2 pi corner: Butterworth, -3 dB at the corner
+                exact for an input held over the integration step at its value of mid-step
+Assumptions     one corner for all four channels; the filter has settled when the effect is switched on
+Valid range     corner 20..5000 Hz; inserted 0 (bypassed) or 1 (in the line), between them a blend for a smooth change
+Not modelled    tolerance of the corner from channel to channel; the noise of rig.md 9 is the converter's, behind the filter
+References      Butterworth 1930: On the theory of filter amplifiers, Experimental Wireless 7
+"""
+
+from math import cos, exp, pi, sin, sqrt
+
+from numba import njit
+
+from plant_sim.effects.effect import Effect, Shape, State, Strength
+from plant_sim.effects.signals import SENSORS
+
+
+@njit(inline="always")
+def low_pass(shown, rate, held, a, decay, cosine, sine):
+    """Output and its rate after a step of the input `held`; both poles have the real and imaginary part a [1/s]."""
+    off = shown - held
+    return (
+        held + decay * (off * (cosine + sine) + rate / a * sine),
+        decay * (rate * (cosine - sine) - 2.0 * a * off * sine),
+    )
+
+
+def smooth(s, c, p, x, h):
+    """Filter every channel."""
+    pressure, temperature, motor, clutch = (
+        s.sensed_pressure, s.sensed_temperature, s.sensed_motor_torque, s.sensed_clutch_torque,
+    )  # fmt: skip
+    motor_before, clutch_before = x.motor_torque, x.clutch_torque
+    if h > 0.0:
+        if x.begun == 0.0:
+            x.begun = 1.0
+            x.pressure, x.temperature, x.last_pressure, x.last_temperature = (
+                pressure,
+                temperature,
+                pressure,
+                temperature,
+            )
+            x.motor_torque, x.clutch_torque, motor_before, clutch_before = motor, clutch, motor, clutch
+        a = pi * sqrt(2.0) * p.corner  # w / sqrt(2)
+        decay, cosine, sine = exp(-a * h), cos(a * h), sin(a * h)
+        held = 0.5 * (x.last_pressure + pressure)
+        x.pressure, x.pressure_rate = low_pass(x.pressure, x.pressure_rate, held, a, decay, cosine, sine)
+        held = 0.5 * (x.last_temperature + temperature)
+        x.temperature, x.temperature_rate = low_pass(x.temperature, x.temperature_rate, held, a, decay, cosine, sine)
+        x.motor_torque, x.motor_rate = low_pass(x.motor_torque, x.motor_rate, motor, a, decay, cosine, sine)
+        x.clutch_torque, x.clutch_rate = low_pass(x.clutch_torque, x.clutch_rate, clutch, a, decay, cosine, sine)
+        x.last_pressure, x.last_temperature = pressure, temperature
+    if x.begun > 0.0:
+        s.sensed_pressure += p.inserted * (x.pressure - pressure)
+        s.sensed_temperature += p.inserted * (x.temperature - temperature)
+        # torques are those of mid-step, as they come in; at a sample nothing moves and both are the same
+        s.sensed_motor_torque += p.inserted * (0.5 * (motor_before + x.motor_torque) - motor)
+        s.sensed_clutch_torque += p.inserted * (0.5 * (clutch_before + x.clutch_torque) - clutch)
+
+
+EFFECT = Effect(
+    block="sensors",
+    laws={SENSORS: smooth},
+    rank=30,
+    candidate=False,
+    parameters=(
+        Strength(
+            "inserted", "1", off=0.0, typical=1.0, bounds=(0.0, 1.0),
+            source="[D] in the line or not",
+        ),
+        Shape(
+            "corner", "Hz", typical=400.0, bounds=(20.0, 5000.0),
+            source="[D] 0.4 of the sample rate of 1 kHz",
+        ),
+    ),
+    states=(
+        State("begun", "1"),
+        State("pressure", "Pa"),
+        State("pressure_rate", "Pa/s"),
+        State("last_pressure", "Pa"),
+        State("temperature", "K"),
+        State("temperature_rate", "K/s"),
+        State("last_temperature", "K"),
+        State("motor_torque", "Nm"),
+        State("motor_rate", "Nm/s"),
+        State("clutch_torque", "Nm"),
+        State("clutch_rate", "Nm/s"),
+    ),
+)  # fmt: skip

@@ -1,0 +1,33 @@
+"""Pressure arrives late.
+
+What            the pressure channel shows what was a fixed time ago: its filter, converter or link is slower than the others'
+Equation        p_shown(t) = p(t - delay), linear between integration steps
+Assumptions     pure delay; before the effect was switched on the pressure is taken to have been as it was then
+Valid range     delay 0..50 ms
+Not modelled    a pressure that is early: on a rig nothing is seen before it happens; delay the other channels instead
+References      law: plant_sim/blocks/delay_line.py
+"""
+
+from plant_sim.blocks.delay_line import AT_END, count, delayed
+from plant_sim.effects.effect import Effect, State, Strength
+from plant_sim.effects.signals import SENSORS
+
+
+def show_past(s, c, p, x, h):
+    """Show what was."""
+    count(x, h)
+    s.sensed_pressure = delayed(x.past, x, s.sensed_pressure, p.delay, AT_END, h)
+
+
+EFFECT = Effect(
+    block="sensors",
+    laws={SENSORS: show_past},
+    rank=40,
+    parameters=(
+        Strength(
+            "delay", "ms", off=0.0, typical=3.0, bounds=(0.0, 50.0),
+            source="[D] three cycles at 1 kHz: a moving average of the transmitter and a link of its own",
+        ),
+    ),
+    states=(State("past", "Pa", 1024), State("taken", "1"), State("step", "s")),
+)  # fmt: skip

@@ -1,0 +1,33 @@
+"""Torque ripples with the shaft's angle, in proportion to itself.
+
+What            a plate out of flat or out of square presses, or rubs, unevenly round the turn
+Equation        M = M_0 [1 + a cos(n theta + phi)]
+Assumptions     one order n; theta at mid-step
+Valid range     a 0..0.5, n 0.5..200 a turn
+Not modelled    harmonics, ripple of the pressure it causes
+References      [D] runout of plates; Janssens 2010, sec. 3.9.1: encoder on the turning side
+"""
+
+from math import cos
+
+from plant_sim.effects.effect import Effect, Shape, Strength
+from plant_sim.effects.signals import TORQUE
+
+
+def ripple(s, c, p, x, h):
+    """Scale the torque round the turn."""
+    s.torque *= 1.0 + p.amplitude * cos(p.order * (s.angle + 0.5 * h * s.slip) + p.phase)
+
+
+EFFECT = Effect(
+    block="friction",
+    laws={TORQUE: ripple},
+    parameters=(
+        Strength(
+            "amplitude", "1", off=0.0, typical=0.03, bounds=(0.0, 0.5),
+            source="[D] 3 %: some micrometres of runout against the compression of lining and stack",
+        ),
+        Shape("order", "1", typical=2.0, bounds=(0.5, 200.0), source="[D] periods a turn; a buckled plate has two"),
+        Shape("phase", "rad", typical=0.5, bounds=(-3.2, 3.2), source="[D] where the encoder's zero happens to be"),
+    ),
+)  # fmt: skip

@@ -1,0 +1,31 @@
+"""Dead band of the valve: the first part of its voltage gives no pressure.
+
+What            an overlapped spool, or an amplifier that does not make up for the overlap, loses the first V_0 of its input
+Equation        u = k_v (V - V_0) for V > V_0, 0 for |V| <= V_0, k_v (V + V_0) for V < -V_0              (dead zone)
+Assumptions     the same overlap both ways; the slope beyond it is unchanged
+Valid range     V_0 0..1 V
+Not modelled    leakage through the overlap, which rounds the corner; a jump that over-compensates
+References      Merritt 1967, Hydraulic Control Systems, chapter 5 (closed-centre valves); Jelali & Kroll 2003, Hydraulic
+                Servo-systems (valve nonlinearities)
+"""
+
+from plant_sim.effects.effect import Effect, Strength
+from plant_sim.effects.signals import COMMAND
+
+
+def swallow(s, c, p, x, h):
+    """Take the dead zone out of the demand."""
+    band = c.valve_gain * p.width
+    s.demand -= min(max(s.demand, -band), band)
+
+
+EFFECT = Effect(
+    block="valve",
+    laws={COMMAND: swallow},
+    parameters=(
+        Strength(
+            "width", "V", off=0.0, typical=0.01, bounds=(0.0, 1.0),
+            source="[D] 0.1 % of 10 V: what the amplifier's compensation leaves of an overlap of some percent; 25 mbar",
+        ),
+    ),
+)  # fmt: skip

@@ -1,0 +1,40 @@
+"""Hysteresis of the valve's solenoid: its pressure lies lower on the way up than on the way down.
+
+What            magnetic hysteresis and dry friction of the armature make the pressure lag the command by up to half a loop
+Equation        w_i = min(max(w_i, u - r_i), u + r_i);  u_out = mean of w_1..w_4;  r_i = (2 i - 1)/8 width
+                (Prandtl-Ishlinskii: play operators of evenly spread radii; the saturated loop is `width` wide)
+Assumptions     rate independent, loops congruent, alike at all pressures; the history begins at zero demand
+Valid range     width 0..2 bar
+Not modelled    saturation of the iron, dither, dependence on rate; a spool that jumps is spool_stiction
+References      Krasnosel'skii & Pokrovskii 1989, Systems with Hysteresis; Brokate & Sprekels 1996, Hysteresis and Phase
+                Transitions (play, Prandtl-Ishlinskii, return-point memory); Jelali & Kroll 2003 (proportional valves)
+"""
+
+from plant_sim.effects.effect import Effect, State, Strength
+from plant_sim.effects.signals import COMMAND
+
+PLAYS = 4  # enough that a minor loop looks smooth in 5 mbar of noise
+
+
+def lag(s, c, p, x, h):
+    """Replace the demand by the mean of the plays that follow it."""
+    demand, behind = s.demand, 0.0
+    for i in range(PLAYS):
+        radius = p.width * (2 * i + 1) / (2 * PLAYS)
+        x.plays[i] = min(max(x.plays[i], demand - radius), demand + radius)
+        behind += demand - x.plays[i]
+    s.demand = demand - behind / PLAYS
+
+
+EFFECT = Effect(
+    block="valve",
+    laws={COMMAND: lag},
+    parameters=(
+        Strength(
+            "width", "bar", off=0.0, typical=0.06, bounds=(0.0, 2.0),
+            source="[D] 0.25 % of 25 bar, with dither; undithered proportional pressure valves have some percent",
+        ),
+    ),
+    states=(State("plays", "Pa", PLAYS),),
+    rank=2,  # behind dead band and gain: the solenoid sees what the amplifier makes of the voltage
+)  # fmt: skip

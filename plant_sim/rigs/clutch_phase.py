@@ -1,0 +1,47 @@
+"""Phase of the clutch: what valve, piston and plates are doing, told from the rig's state alone.
+
+    phase    plates       definition
+    rest     apart        piston at its rest, and the valve gives less than the springs' preload: nothing will move
+    fill     apart        the valve drives oil in: above the preload with the piston at rest, above the cylinder off its rest
+    touch    pressed      film and asperities build friction up: |m| below half of the static friction (m of eq. 6.9)
+    slip     pressed      friction is built up
+    release  pressed      the valve gives less than the contact pressure: the plates will part
+    drain    apart        the piston goes back and pushes the oil out
+
+An engagement passes them in this order and ends at rest.
+
+Assumptions     the springs' preload and contact pressure are the rig's own; friction builds up from 0 at each touch (rig.md, 4)
+Valid range     the wet-clutch rig and each clutch of the power-shift rig
+Not modelled    plates that stick: while they carry less than half of the static friction they are called touching; a slip that
+                reverses passes through touch for about a time constant of the friction (12 ms)
+References      Janssens 2010, sec. 6.4.1 and fig 6.10 (filling, piston, contact pressure), eq. 6.9 (m)
+"""
+
+from enum import IntEnum
+
+from plant_sim.rigs.wet_clutch import State
+
+# of the static friction: reached 11 ms after the touch at 100 rpm; below beta_inf = 0.704, so no change of slip undoes it
+BUILT_UP = 0.5
+
+
+class Phase(IntEnum):
+    """Phases in the order of an engagement."""
+
+    REST = 0
+    FILL = 1
+    TOUCH = 2
+    SLIP = 3
+    RELEASE = 4
+    DRAIN = 5
+
+
+def phase(state: State, preload_pressure: float, contact_pressure: float) -> Phase:
+    """The phase of `state`; pressures [Pa] of the springs with the piston at rest and at the touch (`piston.` parameters)."""
+    if state.normal_force > 0.0:
+        if state.valve_pressure < contact_pressure:
+            return Phase.RELEASE
+        return Phase.SLIP if abs(state.friction_state) >= BUILT_UP else Phase.TOUCH
+    if state.position <= 0.0:
+        return Phase.FILL if state.valve_pressure > preload_pressure else Phase.REST
+    return Phase.FILL if state.valve_pressure >= state.pressure else Phase.DRAIN

@@ -1,0 +1,295 @@
+"""The power-shift rig of fig 6.1: a speed-controlled motor, two clutches in two gears, one vehicle, on one screen.
+
+Equation        slip of a clutch  s = w_in - i w_out,  i its ratio
+                J_m dw_in/dt = M_m - M_a - M_b;  J_v dw_out/dt = i_a M_a + i_b M_b - T_road
+                T_road = J_v g/r (c_r cos(alpha) sign(w_out) + sin(alpha)) + rho/2 c_d A r^3 |w_out| w_out
+                each clutch as in `clutch_unit`, motor and oil as in `wet_clutch`
+Integration     steps of at most 0.1 ms; shafts by the midpoint rule, clutches as in `wet_clutch`. Work and heat are summed
+                with the mean speed of a step, so that their balance holds to rounding
+Assumptions     inputs constant over a call; shafts and wheels rigid, tyres without slip; gears without loss; rolling
+                resistance is Coulomb friction: within a step it takes what brings the vehicle to rest, at most its level
+Valid range     slips within the maps, 250 rpm; a closed clutch sticks as eq. 6.9 does at zero slip: on a lag, not on a spring
+Not modelled    inertia of gears and plates, engine map, torque converter; what effects do between motor and clutch (hook DRIVE)
+References      Janssens 2010, sec. 6.2.1 and fig 6.1
+"""
+
+from dataclasses import replace
+from math import atan, cos, sin
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from plant_sim.blocks import motor, oil
+from plant_sim.effects.catalogue import effect
+from plant_sim.effects.signals import DRIVE, RIG, SENSORS, SIGNALS, attached, bound, call
+from plant_sim.effects.table import switched_on as effects_on
+from plant_sim.rigs import wet_clutch
+from plant_sim.rigs.clutch_unit import actuate, friction_pressure, slide, stack_force, viscosity_ratio
+from plant_sim.rigs.wet_clutch import STATE, Whole, sense
+from protocols.errors import InputError
+from protocols.parameters import ParameterSet, load_defaults, load_overlay
+from protocols.two_clutches import CLUTCHES
+
+DEFAULTS = Path(__file__).parents[1] / "parameters" / "power_shift.toml"
+GRAVITY = 9.80665  # m/s^2, standard gravity, ISO 80000-3
+AIR_DENSITY = 1.204  # kg/m^3, dry air at 20 degC and 1013.25 hPa, ISO 2533
+
+
+class Driveline(NamedTuple):
+    """State and outputs of the driveline at `time`; works and heats since the start."""
+
+    time: float  # s
+    input_speed: float  # rad/s
+    output_speed: float  # rad/s
+    speed_integral: float  # rad, of the motor's speed controller
+    input_acceleration: float  # rad/s^2
+    output_acceleration: float  # rad/s^2
+    motor_torque: float  # Nm
+    output_torque: float  # Nm, i_a M_a + i_b M_b
+    road_torque: float  # Nm, about the output shaft
+    input_work: float  # J, of the motor
+    road_work: float  # J, into the road
+    heat_a: float  # J, of friction in clutch a
+    heat_b: float  # J, of friction in clutch b
+
+
+DRIVELINE = np.dtype([(name, np.float64) for name in Driveline._fields])  # a Driveline as the kernel takes it
+
+
+class PowerShift(NamedTuple):
+    """Everything that moves: the driveline, structured array (1,) of DRIVELINE, and each clutch as on the wet-clutch rig."""
+
+    driveline: np.ndarray
+    a: Whole
+    b: Whole
+
+    def read(self) -> Driveline:
+        """The driveline as plain floats, quick to read."""
+        return Driveline(*self.driveline.view(np.float64).tolist())
+
+
+def nominal(changed: Path | None = None) -> ParameterSet:
+    """Driveline, motor and both clutches with every effect off, or as changed by a user's file. Raises InputError."""
+    single = wet_clutch.nominal()
+    shared = {name: parameter for name, parameter in single.items() if _is_motor(name)}
+    clutches = {
+        f"{clutch}.{name}": replace(parameter, name=f"{clutch}.{name}")
+        for clutch in CLUTCHES
+        for name, parameter in single.items()
+        if not _is_motor(name)
+    }
+    shipped = ParameterSet({**load_defaults(DEFAULTS), **shared, **clutches})
+    return load_overlay(changed, shipped) if changed else shipped
+
+
+def clutch_parameters(parameters: ParameterSet, clutch: str) -> ParameterSet:
+    """The parameters of one clutch, with the motor's, under the names of the wet-clutch rig."""
+    own = {
+        name.removeprefix(f"{clutch}."): parameter
+        for name, parameter in parameters.items()
+        if name.startswith(f"{clutch}.") or _is_motor(name)
+    }
+    return ParameterSet({name: replace(parameter, name=name) for name, parameter in own.items()})
+
+
+def switched_on(parameters: ParameterSet) -> list[str]:
+    """Effects that are on, as `a.friction_level`."""
+    return [f"{clutch}.{name}" for clutch in CLUTCHES for name in effects_on(clutch_parameters(parameters, clutch))]
+
+
+def _is_motor(name: str) -> bool:
+    return name.partition(".")[0] == "motor"
+
+
+def _clutch(parameters: ParameterSet, clutch: str, also: tuple[str, ...]) -> wet_clutch.Rig:
+    """A clutch of the rig: its record and table of effects. Raises InputError."""
+    try:
+        rig = wet_clutch.Rig(clutch_parameters(parameters, clutch), also)
+    except InputError as error:
+        raise InputError(f"clutch {clutch}: {error}") from None
+    for name in rig.table.names:
+        if DRIVE in effect(name).laws:
+            raise InputError(refusal(clutch, name))
+    return rig
+
+
+def refusal(clutch: str, name: str) -> str:
+    """Why an effect with the hook DRIVE cannot be, for people."""
+    return (
+        f"effect {clutch}.{name} acts between motor and clutch of the wet-clutch rig, which the power-shift rig does not"
+        " model; allowed are effects of valve, hydraulics, piston, friction and sensors"
+    )
+
+
+class Rig:
+    """The rig compiled from `parameters`; effects named in `also` are attached in both clutches even while off.
+
+    `a` and `b` are its clutches; their motors, of the same parameters, are the driveline's. Raises InputError.
+    """
+
+    def __init__(self, parameters: ParameterSet, also: tuple[str, ...] = ()) -> None:
+        self.parameters = parameters
+        self.a, self.b = (_clutch(parameters, clutch, also) for clutch in CLUTCHES)
+        p = parameters.si("driveline")
+        weight = p["vehicle_inertia"] * GRAVITY / p["wheel_radius"]  # Nm, m g r with J_v = m r^2
+        slope = atan(p["grade"])
+        values = {
+            "ratio_a": p["ratio_a"],
+            "ratio_b": p["ratio_b"],
+            "inertia": p["vehicle_inertia"],
+            "rolling": weight * p["rolling_resistance"] * cos(slope),
+            "grade": weight * sin(slope),
+            "drag": 0.5 * AIR_DENSITY * p["drag_area"] * p["wheel_radius"] ** 3,
+        }
+        self.record = np.array([tuple(values.values())], dtype=[(name, np.float64) for name in values])
+
+    def at_rest(self, input_speed: float, output_speed: float, temperature: float) -> PowerShift:
+        """Both clutches open, the shafts turning at their speeds [rad/s], all oil at `temperature` [K]."""
+        y = np.zeros(1, dtype=DRIVELINE)
+        y["input_speed"], y["output_speed"] = input_speed, output_speed
+        states = []
+        for rig, ratio in ((self.a, self.record["ratio_a"]), (self.b, self.record["ratio_b"])):
+            clutch = np.zeros(1, dtype=STATE)
+            clutch["slip_speed"], clutch["temperature"] = input_speed - ratio * output_speed, temperature
+            states.append(Whole(clutch, rig.table.at_rest()))
+        return self.advance(PowerShift(y, *states), (0.0, 0.0), input_speed, 0.0, 0.0, 0)
+
+    def advance(
+        self,
+        before: PowerShift,
+        voltages: tuple[float, float],
+        speed_demand: float,
+        torque_limit: float,
+        duration: float,
+        substeps: int,
+    ) -> PowerShift:
+        """State after `duration` [s] in `substeps` steps with the inputs held: voltages of the valves of a and b [V],
+        speed_demand [rad/s], torque_limit [Nm]. With 0 steps nothing moves, outputs are evaluated. Changes no argument."""
+        # tables as they are, also when no effect is on: there is one kernel
+        kernel_a, kernel_b = ((t.calls, t.begins, t.values) for t in (self.a.table, self.b.table))
+        y, a, b, effects_a, effects_b = advance(
+            before.driveline, *before.a, *before.b, *voltages, speed_demand, torque_limit,
+            self.record, self.a.record, self.b.record, kernel_a, kernel_b, duration, substeps,
+        )  # fmt: skip
+        return PowerShift(y, Whole(a, effects_a), Whole(b, effects_b))
+
+
+@njit(cache=True, error_model="numpy")
+def advance(
+    before, before_a, states_a, before_b, states_b, voltage_a, voltage_b, speed_demand, torque_limit,
+    driveline, parameters_a, parameters_b, effects_a, effects_b, duration, substeps,
+):  # fmt: skip
+    """The kernel of `Rig.advance`."""
+    after, after_a, after_b = before.copy(), before_a.copy(), before_b.copy()
+    own_a, own_b, states_a, states_b = parameters_a.copy(), parameters_b.copy(), states_a.copy(), states_b.copy()
+    signals = np.zeros(2, SIGNALS)
+    y, a, b, d = after[0], after_a[0], after_b[0], driveline[0]
+    sa, sb, ca, cb = signals[0], signals[1], own_a[0], own_b[0]
+    ea, eb = bound(effects_a, states_a), bound(effects_b, states_b)
+    h = duration / substeps if substeps > 0 else 0.0
+    if attached(RIG, ea):
+        sa.time, sa.temperature = a.time, a.temperature
+        call(RIG, ea, sa, ca, duration)
+    if attached(RIG, eb):
+        sb.time, sb.temperature = b.time, b.temperature
+        call(RIG, eb, sb, cb, duration)
+    limit = min(torque_limit, ca.motor_torque_limit)
+    inertia = ca.motor_inertia
+    for _ in range(substeps):
+        sa.cylinder_speed = sb.cylinder_speed = y.input_speed  # the cylinders turn with the input
+        k = 0.5 * h
+        w_in, w_out = y.input_speed + k * y.input_acceleration, y.output_speed + k * y.output_acceleration
+        torque_a = _carried(a, voltage_a, w_in - d.ratio_a * w_out, sa, ca, ea, h)
+        torque_b = _carried(b, voltage_b, w_in - d.ratio_b * w_out, sb, cb, eb, h)
+        error = speed_demand - w_in
+        asked = motor.torque_demand(
+            error, y.speed_integral + k * error, ca.motor_proportional_gain, ca.motor_integral_gain
+        )
+        motor_torque = motor.limited(asked, limit)
+        if asked == motor_torque:
+            y.speed_integral += h * error
+
+        # both shafts, and the work on their mean speeds
+        w_in, w_out = y.input_speed, y.output_speed
+        output = d.ratio_a * torque_a + d.ratio_b * torque_b
+        road = _road(w_out, output, d, h)
+        y.input_acceleration = (motor_torque - torque_a - torque_b) / inertia
+        y.output_acceleration = (output - road) / d.inertia
+        y.input_speed += h * y.input_acceleration
+        y.output_speed += h * y.output_acceleration
+        w_in, w_out = 0.5 * (w_in + y.input_speed), 0.5 * (w_out + y.output_speed)
+        y.input_work += h * motor_torque * w_in
+        y.road_work += h * road * w_out
+        y.heat_a += _slipped(a, torque_a, w_in - d.ratio_a * w_out, y, d.ratio_a, ca, h)
+        y.heat_b += _slipped(b, torque_b, w_in - d.ratio_b * w_out, y, d.ratio_b, cb, h)
+        y.time += h
+        if attached(SENSORS, ea):
+            sense(a, motor_torque, torque_a, sa, ca, ea, h)
+        if attached(SENSORS, eb):
+            sense(b, motor_torque, torque_b, sb, cb, eb, h)
+
+    # outputs at the end: nothing moves
+    torque_a, torque_b = _present(a, sa, ca, ea), _present(b, sb, cb, eb)
+    y.output_torque = d.ratio_a * torque_a + d.ratio_b * torque_b
+    error = speed_demand - y.input_speed
+    y.motor_torque = motor.limited(
+        motor.torque_demand(error, y.speed_integral, ca.motor_proportional_gain, ca.motor_integral_gain), limit
+    )
+    y.road_torque = _road(y.output_speed, y.output_torque, d, h)
+    y.input_acceleration = (y.motor_torque - torque_a - torque_b) / inertia
+    y.output_acceleration = (y.output_torque - y.road_torque) / d.inertia
+    a.acceleration = y.input_acceleration - d.ratio_a * y.output_acceleration
+    b.acceleration = y.input_acceleration - d.ratio_b * y.output_acceleration
+    sense(a, y.motor_torque, torque_a, sa, ca, ea, 0.0)
+    sense(b, y.motor_torque, torque_b, sb, cb, eb, 0.0)
+    a.motor_torque, b.motor_torque = y.motor_torque, y.motor_torque
+    return after, after_a, after_b, states_a, states_b
+
+
+@njit
+def _carried(y, voltage, slip, s, c, e, h):
+    """Move a clutch's valve, piston and friction on by a step; torque [Nm] at its middle, at `slip` [rad/s] there."""
+    s.time = y.time + 0.5 * h
+    pressure = actuate(y, voltage, s, c, e, h)
+    s.angle = y.angle
+    y.friction_state, torque = slide(
+        y.friction_state, pressure, slip, y.temperature, viscosity_ratio(y.temperature, c), s, c, e, h
+    )
+    return torque
+
+
+@njit
+def _present(y, s, c, e):
+    """Set a clutch's normal force and torque as they are now; return the torque [Nm]."""
+    s.time, s.angle = y.time, y.angle
+    y.normal_force = stack_force(y.position, s, c, e)
+    _, y.clutch_torque = slide(
+        y.friction_state, friction_pressure(y.position, s, c, e), y.slip_speed, y.temperature,
+        viscosity_ratio(y.temperature, c), s, c, e, 0.0,
+    )  # fmt: skip
+    return y.clutch_torque
+
+
+@njit(inline="always")
+def _slipped(y, torque, slip, line, ratio, c, h):
+    """Move a clutch's slip, angle and oil on by a step at its mean `slip` [rad/s]; heat of friction [J]."""
+    y.slip_speed = line.input_speed - ratio * line.output_speed
+    y.angle += h * slip
+    y.temperature += h * oil.heating_rate(
+        y.temperature, abs(torque * slip), c.oil_heat_capacity, c.oil_heat_transfer, c.oil_sump_temperature
+    )
+    y.time += h
+    return h * torque * slip
+
+
+@njit(inline="always")
+def _road(speed, output, d, h):
+    """Torque of road and air about the output shaft [Nm] at its `speed` [rad/s] and driving torque `output` [Nm]."""
+    other = d.grade + d.drag * abs(speed) * speed
+    if h > 0.0:
+        stopping = output - other + d.inertia * speed / h  # would bring the vehicle to rest within the step
+    else:
+        stopping = d.rolling * np.sign(speed) if speed != 0.0 else output - other
+    return other + min(max(stopping, -d.rolling), d.rolling)
