@@ -1,49 +1,63 @@
 """Profile: what the supervisor asks for over time.
 
-A CSV file with the columns `time_s`, `torque_demand_nm`, `motor_speed_demand_rad_s`; straight lines between rows. The
-clutch is engaged between two rows of which one has a demand above zero.
+A CSV file with the columns `time_s`, `torque_demand_nm`, `motor_speed_demand_rad_s` and, if wanted, `pressure_demand_bar`;
+straight lines between rows. Where the pressure demand is above zero it is followed, whatever the torque demand; elsewhere
+the clutch is engaged between two rows of which one has a torque demand above zero. A pressure demand below 2 bar
+(`pressure.floor` of the controller: no plate touches there) is followed at 2 bar.
 """
 
 import csv
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import ceil, isfinite
 from pathlib import Path
 from typing import NamedTuple
 
 from protocols.errors import InputError, listing
+from protocols.request import Request
 
 FOLDER = Path(__file__).with_name("profiles")
 COLUMNS = ("time_s", "torque_demand_nm", "motor_speed_demand_rad_s")
+OPTIONAL = "pressure_demand_bar"
 TORQUE_LIMIT = 30.0  # Nm, range of the maps (Janssens 2010, fig 6.12)
+PRESSURE_LIMIT = 4.5  # bar, what the controller asks for at most: the maps end at 4.2 bar (Janssens 2010, fig 6.12)
+FILL_PRESSURE = (
+    2.6  # bar, at which the controller fills: from a lower demand it would open again what it has just closed
+)
 _SHORTEST = 0.1  # s, of a run: five samples at the lowest rate
 _REPEAT_GAP = 1e-3  # s between the last row of a profile and the first of its repetition: times must increase
 SPEED_LIMIT = 26.2  # rad/s, 250 rpm, range of the maps (Janssens 2010, fig 6.12)
 
 
 class Setpoint(NamedTuple):
-    """What is asked for at one instant."""
+    """What is asked for at one instant: the values of TORQUE_SETPOINT, in its order."""
 
-    engage: bool
+    request: Request
     torque: float  # Nm
     speed: float  # rad/s
+    pressure: float  # bar
 
 
 @dataclass(frozen=True)
 class Profile:
-    """Breakpoints: time [s], torque demand [Nm], motor speed demand [rad/s], all of one length, at least 2."""
+    """Breakpoints: time [s], torque demand [Nm], motor speed demand [rad/s], all of one length, at least 2.
+
+    pressure: pressure demand [bar] of the same length; zeros when not given.
+    """
 
     name: str
     time: Sequence[float]
     torque: Sequence[float]
     speed: Sequence[float]
+    pressure: Sequence[float] = ()
 
     def __post_init__(self) -> None:
         """Raise InputError naming the first bad row."""
-        if not 2 <= len(self.time) == len(self.torque) == len(self.speed):
+        object.__setattr__(self, "pressure", self.pressure or (0.0,) * len(self.time))
+        if not 2 <= len(self.time) == len(self.torque) == len(self.speed) == len(self.pressure):
             raise InputError(f"profile {self.name} has {len(self.time)} rows; at least 2 are needed")
-        for row, (time, torque, speed) in enumerate(zip(self.time, self.torque, self.speed, strict=True), 1):
+        for row, (time, torque, speed, pressure) in enumerate(self._rows(), 1):
             if not (isfinite(time) and time >= 0.0) or (row > 1 and time <= self.time[row - 2]):
                 raise InputError(
                     f"profile {self.name}, row {row}: time_s = {time:g}; it must be 0 or more and increase"
@@ -56,6 +70,10 @@ class Profile:
                 raise InputError(
                     f"profile {self.name}, row {row}: speed {speed:g} rad/s is outside 0..{SPEED_LIMIT:g} rad/s"
                 )
+            if not 0.0 <= pressure <= PRESSURE_LIMIT:
+                raise InputError(
+                    f"profile {self.name}, row {row}: set-point {pressure:g} bar is outside 0..{PRESSURE_LIMIT:g} bar"
+                )
 
     @property
     def duration(self) -> float:
@@ -66,15 +84,19 @@ class Profile:
         """Set-point at `time` [s]; the first and last row hold outside."""
         after = bisect_right(self.time, time)
         if after == 0:
-            return Setpoint(False, self.torque[0], self.speed[0])
+            return Setpoint(Request.IDLE, self.torque[0], self.speed[0], 0.0)
         if after == len(self.time):
-            return Setpoint(False, 0.0, self.speed[-1])
+            return Setpoint(Request.IDLE, 0.0, self.speed[-1], 0.0)
         t_0, t_1 = self.time[after - 1], self.time[after]
         share = (time - t_0) / (t_1 - t_0)
-        torque = self.torque[after - 1] + share * (self.torque[after] - self.torque[after - 1])
-        speed = self.speed[after - 1] + share * (self.speed[after] - self.speed[after - 1])
+
+        def between(values: Sequence[float]) -> float:
+            return values[after - 1] + share * (values[after] - values[after - 1])
+
+        torque, speed, pressure = between(self.torque), between(self.speed), between(self.pressure)
         engage = self.torque[after - 1] > 0.0 or self.torque[after] > 0.0
-        return Setpoint(engage, torque, speed)
+        request = Request.PRESSURE if pressure > 0.0 else Request.ENGAGE if engage else Request.IDLE
+        return Setpoint(request, torque, speed, pressure)
 
     def lasting(self, seconds: float) -> "Profile":
         """This profile repeated and cut to `seconds`. Raises InputError when that is too short."""
@@ -82,15 +104,17 @@ class Profile:
             raise InputError(f"a run of {seconds:g} s is not possible; it must last {_SHORTEST:g} s or more")
         period = self.duration + _REPEAT_GAP
         rows = [
-            (k * period + time, torque, speed)
+            (k * period + time, torque, speed, pressure)
             for k in range(ceil(seconds / period))
-            for time, torque, speed in zip(self.time, self.torque, self.speed, strict=True)
+            for time, torque, speed, pressure in self._rows()
         ]
         cut = [row for row in rows if row[0] < seconds]
         end = self.at(seconds % period)
-        cut.append((seconds, end.torque, end.speed))
-        time, torque, speed = zip(*cut, strict=True)
-        return Profile(self.name, time, torque, speed)
+        cut.append((seconds, end.torque, end.speed, end.pressure))
+        return Profile(self.name, *zip(*cut, strict=True))
+
+    def _rows(self) -> Iterator[tuple[float, float, float, float]]:
+        return zip(self.time, self.torque, self.speed, self.pressure, strict=True)
 
 
 def load_profile(name: str, seconds: float | None = None) -> Profile:
@@ -108,14 +132,15 @@ def load_profile(name: str, seconds: float | None = None) -> Profile:
         lines = path.read_text(encoding="utf-8").splitlines()
         rows = csv.reader(line for line in lines if not line.startswith("#"))
         header = tuple(next(rows, ()))
-        if header != COLUMNS:
+        if header not in (COLUMNS, (*COLUMNS, OPTIONAL)):
             columns = ", ".join(header) or "-"
-            raise InputError(f"profile {path} has the columns {columns}; needed are {', '.join(COLUMNS)}")
+            raise InputError(
+                f"profile {path} has the columns {columns}; needed are {', '.join(COLUMNS)}, then {OPTIONAL} if wanted"
+            )
         table = [[float(cell) for cell in row] for row in rows if row]
     except (OSError, ValueError, csv.Error) as error:
         raise InputError(f"profile {path} cannot be read: {error}") from None
-    if bad := next((i for i, row in enumerate(table, 1) if len(row) != len(COLUMNS)), None):
-        raise InputError(f"profile {path}, row {bad} has {len(table[bad - 1])} cells; needed are {len(COLUMNS)}")
-    time, torque, speed = zip(*table, strict=True) if table else ((), (), ())
-    profile = Profile(path.stem, time, torque, speed)
+    if bad := next((i for i, row in enumerate(table, 1) if len(row) != len(header)), None):
+        raise InputError(f"profile {path}, row {bad} has {len(table[bad - 1])} cells; needed are {len(header)}")
+    profile = Profile(path.stem, *zip(*table, strict=True)) if table else Profile(path.stem, (), (), ())
     return profile if seconds is None else profile.lasting(seconds)

@@ -19,6 +19,7 @@ def controller(
     parameters: Path | None = typer.Option(None, help="TOML file that changes controller parameters"),
     law: str = typer.Option("both", help="both, feedforward or feedback"),
     adaptation: bool = typer.Option(True, help="adapt the friction level on-line"),
+    clutch: str | None = typer.Option(None, help="a or b, where two clutches are on the bus"),
     ring: Path | None = typer.Option(None, help="shared-memory file for the record of every cycle"),
     summary: Path | None = typer.Option(None, help="JSON file for the summary"),
     telemetry: bool = typer.Option(True, help="publish every cycle over zenoh, from a process of its own"),
@@ -28,6 +29,7 @@ def controller(
 ) -> None:
     """Run the controller on a bus until it is stopped."""
     from protocols.stopping import Stop
+    from protocols.two_clutches import checked_clutch
     from rt_controller.service import ControllerService
 
     service = ControllerService(
@@ -41,6 +43,7 @@ def controller(
         telemetry=telemetry,
         router=router,
         cpu=cpu,
+        clutch=clutch and checked_clutch(clutch),
     )
     with Stop():  # a second signal does not interrupt the ending
         result = service.run(lambda text: typer.echo(text, err=True))

@@ -1,6 +1,9 @@
-"""The control law of section 6.5: estimate, feedforward, torque feedback, pressure regulator, each term published."""
+"""The control law of section 6.5: estimate, feedforward, torque feedback, pressure regulator, each term published.
 
-from math import exp
+Where a pressure is asked for, it is the demand of the pressure regulator; the estimate goes on.
+"""
+
+from math import exp, nan
 
 from protocols.errors import InputError
 from protocols.node import Column
@@ -19,7 +22,7 @@ LAWS = ("both", "feedforward", "feedback")  # the three rows of Table 6.6
 TERMS = tuple(
     Column(*column)
     for column in (
-        ("torque_demand_nm", "Nm", "M_d"),
+        ("torque_demand_nm", "Nm", "M_d; not a number while a pressure is followed"),
         ("torque_estimate_nm", "Nm", "M_sim of eq. 6.9"),
         ("coulomb_part_nm", "Nm", "M_C m before the level"),
         ("viscous_part_nm", "Nm", "viscous part before level and correction"),
@@ -47,7 +50,7 @@ TERMS = tuple(
 
 
 class TorqueLaw:
-    """Pressure and valve voltage for a torque demand, without a torque measurement.
+    """Valve voltage for a torque demand, without a torque measurement, or for a pressure demand.
 
     `law` is one of LAWS, `adaptation` switches the adaptive level on. Attributes: `estimate` [Nm], `voltage` [V],
     `level` [-] and `terms`, in the order of TERMS, all of the last step.
@@ -74,7 +77,7 @@ class TorqueLaw:
         """Take `parameters`; every state stays, so this may be done between two steps."""
         self.model = model = Model(**parameters.si("model"))
         torque, pressure, phases = (parameters.si(group) for group in ("torque", "pressure", "phases"))
-        self._pressure_limit = torque["pressure_limit"]
+        self._pressure_limit, self._pressure_floor = torque["pressure_limit"], pressure["floor"]
         self._k_p, self._k_i = pressure["proportional_gain"], pressure["integral_gain"]
         self._valve_gain, self._voltage_limit = pressure["valve_gain"], pressure["voltage_limit"]
         self._fill_pressure, self._contact_band = phases["fill_pressure"], phases["contact_band"]
@@ -95,10 +98,11 @@ class TorqueLaw:
         coulomb, viscous = self._coulomb[-1], self._viscous[-1]
         return self._observed - level * (coulomb + viscous) - correction * viscous
 
-    def step(self, phase: Phase, demand: float, sample: Sample, step: float) -> None:
+    def step(self, phase: Phase, demand: float, sample: Sample, step: float, followed: float | None = None) -> None:
         """Advance by `step` [s], 0 without a fresh sample, towards the torque `demand` [Nm].
 
         The demand is a magnitude; so are the estimate and the observed torque, whichever way the clutch slips.
+        `followed` [Pa] is the pressure to be followed instead of the torque; None where there is none.
         """
         model, pressure, slip = self.model, sample.pressure, abs(sample.slip)
         closing = phase in (Phase.FILL, Phase.SLIP_CONTROL)
@@ -114,16 +118,24 @@ class TorqueLaw:
         self.estimate = level * (coulomb + viscous) + correction * viscous
 
         # torque loop: fig 6.16
-        feedforward = wanted = 0.0
+        feedforward = wanted = least = 0.0
         frozen = not contact or self._saturated or step == 0.0
         held = frozen or slip < self._slip_hold
-        if phase is Phase.SLIP_CONTROL:
+        if phase is Phase.SLIP_CONTROL and followed is not None:
+            wanted, least = followed, self._pressure_floor
+            if step > 0.0:
+                # so that a request for the torque there is now asks for the pressure there is now
+                known = contact and slip >= self._slip_hold
+                self._feedback.follow(
+                    pressure - self._feedforward(self.estimate, slip, level, correction) if known else 0.0
+                )
+        elif phase is Phase.SLIP_CONTROL:
             feedforward = self._feedforward(demand, slip, level, correction)
             wanted = feedforward + self._feedback(demand - self.estimate, step, held)
         else:
-            self._feedback.reset()
+            self._feedback.follow(0.0)
             wanted = self._fill_pressure if phase is Phase.FILL else 0.0
-        pressure_demand = min(max(wanted, 0.0), self._pressure_limit)
+        pressure_demand = min(max(wanted, least), self._pressure_limit)
         saturated = pressure_demand != wanted
 
         # pressure loop: rig.md
@@ -135,7 +147,7 @@ class TorqueLaw:
         self.voltage = min(max(wanted, 0.0), self._voltage_limit)
         self._saturated = saturated or self.voltage != wanted
         self.terms = (
-            demand, self.estimate, coulomb, viscous, self._m,
+            demand if followed is None else nan, self.estimate, coulomb, viscous, self._m,
             feedforward / BAR, self._feedback.proportional / BAR, self._feedback.integral / BAR, pressure_demand / BAR,
             pressure / BAR, p_term / BAR, i_term / BAR, self.voltage,
             sample.slip, sample.acceleration, sample.temperature - ZERO_CELSIUS,

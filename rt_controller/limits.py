@@ -12,7 +12,7 @@ from dataclasses import dataclass
 HEALTHY, STALE_SENSORS, OVERPRESSURE, OVERTEMPERATURE, OVERSPEED = range(5)
 
 VALVE_COMMAND, MOTOR_COMMAND, ANALOG_SENSORS, ENCODER, TORQUE_SETPOINT = 0x080, 0x090, 0x100, 0x101, 0x180
-_INBOUND_BYTES = {ANALOG_SENSORS: 8, ENCODER: 8, TORQUE_SETPOINT: 6}
+_INBOUND_BYTES = {ANALOG_SENSORS: 8, ENCODER: 8, TORQUE_SETPOINT: 8}
 _PRESSURE_COUNTS = 4096 / 20.0 / 1e5  # 1/Pa: 12 bit over 20 V, 1 V/bar
 _TEMPERATURE_COUNTS = 4096 / 20.0 * 0.05  # 1/K: 12 bit over 20 V, 0.05 V/degC, zero at 0 degC
 _ANGLE_COUNTS = 163840 / 6.283185307179586  # 1/rad
@@ -49,12 +49,14 @@ class Limits:
 class Guard:
     """One instance between one controller and its bus, working at `period` [s].
 
-    `finding` is HEALTHY or the latched cause; `age` counts cycles since the last believable sample; `lowered` counts
-    commands cut to the limit, `replaced` commands replaced by the safe one.
+    `offset` is added to the identifiers, for the second of two clutches. `finding` is HEALTHY or the latched cause; `age`
+    counts cycles since the last believable sample; `lowered` counts commands cut to the limit, `replaced` commands replaced
+    by the safe one.
     """
 
-    def __init__(self, limits: Limits, period: float) -> None:
+    def __init__(self, limits: Limits, period: float, offset: int = 0) -> None:
         self.finding = HEALTHY
+        self._offset = offset
         self.age = 0
         self.lowered = self.replaced = 0
         self._stale = limits.stale_cycles
@@ -73,6 +75,7 @@ class Guard:
 
     def inbound(self, can_id: int, data: bytes) -> None:
         """Look at a frame from the bus."""
+        can_id -= self._offset
         if len(data) != _INBOUND_BYTES.get(can_id) or crc8(data[1:]) != data[0]:
             return
         counter = data[1] & 15
@@ -92,7 +95,7 @@ class Guard:
                 turned = (angle - self._angle + 0x80000000 & 0xFFFFFFFF) - 0x80000000
                 self._judge(OVERSPEED, abs(turned) > self._slip * ticks)
             self._angle, self._tick = angle, tick
-        elif data[1] >> 4 & 3 == 0 and self.age == 0 and not any(self._broken.values()):
+        elif data[1] >> 4 == 0 and self.age == 0 and not any(self._broken.values()):
             self.finding = HEALTHY  # the supervisor asks for idle and the cause is gone
 
     def cycle(self, slots: int = 1) -> int:
@@ -113,7 +116,7 @@ class Guard:
 
     def outbound(self, can_id: int, data: bytes) -> bytes:
         """The payload that may go to the bus instead of `data`."""
-        if can_id == VALVE_COMMAND:
+        if can_id == VALVE_COMMAND + self._offset:
             counts = data[2] | data[3] << 8
             if self.finding or not self._armed or not data[1] & 0x10:
                 if counts or data[1] & 0x10:

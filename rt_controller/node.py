@@ -12,9 +12,12 @@ from protocols.lifecycle import Lifecycle
 from protocols.node import Column
 from protocols.parameters import ParameterSet, load_defaults, load_overlay
 from protocols.reception import Reception
+from protocols.request import Request
+from protocols.two_clutches import OFFSET, SHARED
+from protocols.units import BAR
 from rt_controller.law import TERMS, TorqueLaw
 from rt_controller.limits import Guard, Limits
-from rt_controller.phases import Fault, Phase, PhaseMachine, PhaseSettings, Request
+from rt_controller.phases import Fault, Phase, PhaseMachine, PhaseSettings
 from rt_controller.sample import Sample
 
 _STEP_LIMIT = 10  # periods: a longer gap between samples is not integrated over (estimator, regulators)
@@ -27,6 +30,9 @@ COLUMNS = (
     Column("sample_age", "cycles", "cycles since the last believable sample"),
     Column("phase", "1", "0 idle, 1 fill, 2 slip control, 3 release, 4 fault"),
     Column("fault", "1", f"why the phase is fault: {', '.join(f'{f.value} {f.name.lower()}' for f in Fault)}"),
+    Column(
+        "request", "1", f"what the supervisor asks for: {', '.join(f'{r.value} {r.name.lower()}' for r in Request)}"
+    ),
     *TERMS,
     Column("commands_lowered", "1", "commands the guard has cut to its limit, total"),
     Column("commands_replaced", "1", "commands the guard has replaced by the safe one, total"),
@@ -61,7 +67,11 @@ class ControllerNode:
     """Decode, check, estimate, control, encode.
 
     rate [Hz]; `parameters_file` changes parameters of `controller.toml`; `law` is one of `law.LAWS`; `adaptation` switches
-    the adaptive level on; `session` tells two controllers apart. `late_cycles` is set by the service, for CONTROLLER_STATUS.
+    the adaptive level on; `session` tells two controllers apart. `clutch` is a or b of two on one bus, None for a clutch
+    alone. `late_cycles` is set by the service, for CONTROLLER_STATUS.
+
+    One of two clutches neither adapts nor compares its estimate with the motor's torque, which is that of both; the motor
+    is commanded by clutch a's controller.
     """
 
     columns = COLUMNS
@@ -73,6 +83,7 @@ class ControllerNode:
         law: str = "both",
         adaptation: bool = True,
         session: int = 1,
+        clutch: str | None = None,
     ) -> None:
         limits = load_defaults(LIMITS)
         parameters = ParameterSet({**controller_parameters(parameters_file), **limits})
@@ -81,11 +92,12 @@ class ControllerNode:
         self.rate = rate
         self.late_cycles = 0
         self._period = 1.0 / rate
-        self._law = TorqueLaw(parameters, law, adaptation)
+        self._alone, self._drives = clutch is None, clutch != "b"
+        self._law = TorqueLaw(parameters, law, adaptation and self._alone)
         self._phases = PhaseMachine(_phase_settings(parameters))
-        self._guard = Guard(Limits(**limits.si("guard")), self._period)
+        self._guard = Guard(Limits(**limits.si("guard")), self._period, OFFSET if clutch == "b" else 0)
 
-        frames = load_frames()
+        frames = load_frames(clutch=clutch or "a")
         self._sample = Sample(
             self._period,
             parameters["slip.bandwidth"].si,
@@ -98,12 +110,13 @@ class ControllerNode:
         names = ("ANALOG_SENSORS", "ENCODER", "TORQUE_SETPOINT", "PLANT_HEARTBEAT")
         self._receptions = {frames[name].can_id: Reception(frames[name]) for name in names}
         self._analog_id, self._encoder_id, self._setpoint_id, self._plant_id = self._receptions
-        self._own = {frames[name].can_id: name for name in _OWN}
-        self._commands_of_others = (self._valve.can_id, self._motor.can_id)
+        own = [frames[name] for name in _OWN if self._drives or name not in SHARED]
+        self._own = {codec.can_id: codec.name for codec in own}
+        self._commands_of_others = {self._valve.can_id, self._motor.can_id} & self._own.keys()
         self._cycle = 0
         self._status_every = max(1, round(self._status.cycle_time * rate))
 
-        self._request, self._demand, self._speed_demand = Request.IDLE, 0.0, 0.0
+        self._request, self._demand, self._pressure_demand, self._speed_demand = Request.IDLE, 0.0, 0.0, 0.0
         self._setpoint_age = float("inf")  # s
         self._configure(parameters)
         self._row: tuple[float, ...] = (0.0,) * len(COLUMNS)
@@ -122,11 +135,13 @@ class ControllerNode:
         step = min(ticks, _STEP_LIMIT) * self._period
         request = self._request if self._setpoint_age <= self._setpoint_timeout else Request.RELEASE
         finding = Fault(self._guard.cycle(slots))
-        phase = self._phases.step(request, self._sample.pressure, self._law.mismatch, finding, elapsed)
-        self._law.step(phase, self._demand, self._sample, step)
+        mismatch = self._law.mismatch if self._alone else 0.0
+        phase = self._phases.step(request, self._sample.pressure, mismatch, finding, elapsed)
+        followed = self._pressure_demand if request is Request.PRESSURE else None
+        self._law.step(phase, self._demand, self._sample, step, followed)
         guard = self._guard
         self._row = (
-            self._sample.tick, guard.age, phase, self._phases.fault, *self._law.terms, guard.lowered, guard.replaced,
+            self._sample.tick, guard.age, phase, self._phases.fault, request, *self._law.terms, guard.lowered, guard.replaced,
         )  # fmt: skip
         return self._commands(phase)
 
@@ -160,11 +175,9 @@ class ControllerNode:
     def safe(self) -> list[Frame]:
         """Valve closed, motor off, heartbeat finalised."""
         self._cycle += 1
-        return [
-            Frame(self._valve.can_id, self._valve.pack(self._cycle - 1, 0, 0.0, max(self._sample.tick, 0) & 0xFFFF)),
-            Frame(self._motor.can_id, self._motor.pack(self._cycle - 1, 0, 0.0, 0.0)),
-            self.heartbeat.next(Lifecycle.FINALIZED),
-        ]
+        valve = self._valve.pack(self._cycle - 1, 0, 0.0, max(self._sample.tick, 0) & 0xFFFF)
+        motor = [Frame(self._motor.can_id, self._motor.pack(self._cycle - 1, 0, 0.0, 0.0))] if self._drives else []
+        return [Frame(self._valve.can_id, valve), *motor, self.heartbeat.next(Lifecycle.FINALIZED)]
 
     def row(self) -> tuple[float, ...]:
         """The record of the last cycle, in the order of COLUMNS."""
@@ -183,6 +196,7 @@ class ControllerNode:
         phases = parameters.si("phases")
         self._setpoint_timeout, self._motor_torque_limit = phases["setpoint_timeout"], phases["motor_torque_limit"]
         self._demand_limit, self._speed_limit = parameters["torque.demand_limit"].si, phases["speed_limit"]
+        self._pressure_limit = parameters["torque.pressure_limit"].value  # bar
         self._phases.settings = _phase_settings(parameters)
         self._sample.bandwidth = parameters["slip.bandwidth"].si
 
@@ -207,12 +221,15 @@ class ControllerNode:
     def _take_setpoint(self, values: Any) -> None:
         if values.torque_demand > self._demand_limit:
             raise InputError(f"set-point {values.torque_demand:g} Nm is outside 0..{self._demand_limit:g} Nm")
-        if values.request > Request.RELEASE:
-            raise InputError(f"request {values.request} is unknown; allowed are 0 idle, 1 engage, 2 release")
+        if values.pressure_demand > (limit := self._pressure_limit):
+            raise InputError(f"set-point {values.pressure_demand:g} bar is outside 0..{limit:g} bar")
+        if values.request > max(Request):
+            known = ", ".join(f"{request.value} {request.name.lower()}" for request in Request)
+            raise InputError(f"request {values.request} is unknown; allowed are {known}")
         if not 0.0 <= values.speed_demand <= self._speed_limit:
             raise InputError(f"set-point {values.speed_demand:g} rad/s is outside 0..{self._speed_limit:g} rad/s")
         self._request, self._demand = Request(values.request), values.torque_demand
-        self._speed_demand = values.speed_demand
+        self._speed_demand, self._pressure_demand = values.speed_demand, values.pressure_demand * BAR
         self._setpoint_age = 0.0
 
     def _commands(self, phase: Phase) -> list[Frame]:
@@ -230,7 +247,8 @@ class ControllerNode:
             estimate = min(max(law.estimate, -65.0), 65.0)  # range of the signal
             status = (phase, self._phases.fault, estimate, min(self.late_cycles, 65535), min(law.level, 2.55))
             frames.append(Frame(self._status.can_id, self._status.pack(cycle // self._status_every, *status)))
-        frames.append(Frame(self._motor.can_id, self._guard.outbound(self._motor.can_id, motor)))
+        if self._drives:
+            frames.append(Frame(self._motor.can_id, self._guard.outbound(self._motor.can_id, motor)))
         frames.append(Frame(self._valve.can_id, self._guard.outbound(self._valve.can_id, valve)))
         self._cycle = cycle + 1
         return frames

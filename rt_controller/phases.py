@@ -1,16 +1,19 @@
 """Phases of the clutch: idle, fill, slip control, release, fault.
 
-idle --engage, once idle has been asked for--> fill --pressure above contact for the dwell--> slip_control
-fill, slip_control --no engage--> release --pressure below the springs--> idle
+idle --engage or pressure, once idle has been asked for--> fill --pressure above contact for the dwell--> slip_control
+fill, slip_control --neither engage nor pressure--> release --pressure below the springs--> idle
 fill --time-out--> fault;  slip_control --pressure lost, torque implausible--> fault
 any --guard trips--> fault --guard healthy, request idle--> idle
 
 Each engagement needs a request for idle before it: a controller that restarts, or that finds its supervisor again, in the
-middle of a demand does not close the clutch by itself. A lost supervisor counts as a request for release.
+middle of a demand does not close the clutch by itself. A lost supervisor counts as a request for release. A request for a
+pressure closes the clutch as one for a torque does; what is then followed is no matter of phases (law.py).
 """
 
 from dataclasses import dataclass
 from enum import IntEnum
+
+from protocols.request import Request
 
 
 class Phase(IntEnum):
@@ -21,14 +24,6 @@ class Phase(IntEnum):
     SLIP_CONTROL = 2
     RELEASE = 3
     FAULT = 4
-
-
-class Request(IntEnum):
-    """Values of TORQUE_SETPOINT.REQUEST."""
-
-    IDLE = 0
-    ENGAGE = 1
-    RELEASE = 2
 
 
 class Fault(IntEnum):
@@ -69,7 +64,7 @@ class PhaseMachine:
     time_in_contact: float = 0.0
     time_lost: float = 0.0
     time_implausible: float = 0.0
-    permitted: bool = False  # to engage: idle has been asked for since the last engagement
+    permitted: bool = False  # to close the clutch: idle has been asked for since the last engagement
 
     def step(self, request: Request, pressure: float, mismatch: float, guard_fault: Fault, step: float) -> Phase:
         """Next phase.
@@ -95,15 +90,15 @@ class PhaseMachine:
             return Phase.FAULT, guard_fault
         if phase is Phase.FAULT:
             return (Phase.IDLE, Fault.NONE) if request is Request.IDLE else (Phase.FAULT, self.fault)
-        engage = request is Request.ENGAGE
+        close = request.closes
         if phase is Phase.IDLE:
-            if not (engage and self.permitted):
+            if not (close and self.permitted):
                 return Phase.IDLE, Fault.NONE
             self.permitted = False
             return Phase.FILL, Fault.NONE
         if phase is Phase.RELEASE:
             return (Phase.IDLE if pressure < s.released_pressure else Phase.RELEASE), Fault.NONE
-        if not engage:
+        if not close:
             return Phase.RELEASE, Fault.NONE
         if phase is Phase.FILL:
             if self.time_in_contact >= s.fill_dwell:

@@ -23,8 +23,8 @@ class TorqueFeedback(Protocol):
     proportional: float
     integral: float
 
-    def reset(self) -> None:
-        """Forget the integral."""
+    def follow(self, integral: float) -> None:
+        """Begin at this `integral` [Pa] when the loop closes."""
 
     def __call__(self, error: float, step: float, frozen: bool) -> float:
         """`error` [Nm], `step` [s]."""
@@ -38,9 +38,9 @@ class EstimatedTorquePI:
         self.gains = proportional_gain, integral_gain
         self.proportional = self.integral = self._next = 0.0
 
-    def reset(self) -> None:
+    def follow(self, integral: float) -> None:
         """See `TorqueFeedback`."""
-        self.proportional = self.integral = self._next = 0.0
+        self.proportional, self.integral, self._next = 0.0, integral, integral
 
     def __call__(self, error: float, step: float, frozen: bool) -> float:
         """See `TorqueFeedback`."""
@@ -56,8 +56,8 @@ class NoFeedback:
     gains = (0.0, 0.0)
     proportional = integral = 0.0
 
-    def reset(self) -> None:
-        """Nothing to forget."""
+    def follow(self, integral: float) -> None:
+        """There is no integral."""
 
     def __call__(self, error: float, step: float, frozen: bool) -> float:
         """See `TorqueFeedback`."""

@@ -1,7 +1,7 @@
 """The controller as a process: a bus, a clock, a ring, and the safe command whatever ends it."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,7 @@ from protocols import realtime
 from protocols.bus import Port, open_bus
 from protocols.clock import Clock
 from protocols.errors import InputError
-from protocols.frames import Frame, load_frames
+from protocols.frames import Frame, FrameCodec, load_frames
 from protocols.heartbeat import heard_alone, new_session
 from protocols.lifecycle import Lifecycle
 from protocols.stopping import Stop
@@ -25,7 +25,7 @@ _SAFE_REPEATS = 3  # the safe command is sent in this many cycles: one frame may
 
 @dataclass(frozen=True)
 class ControllerService:
-    """Settings of a controller process. rate [Hz]; `ring`, `telemetry` and `router` as of `Outlet`."""
+    """Settings of a controller process. rate [Hz]; `ring`, `telemetry` and `router` as of `Outlet`, `clutch` of the node."""
 
     bus: str
     rate: int
@@ -37,6 +37,12 @@ class ControllerService:
     telemetry: bool = True
     router: str | None = None
     cpu: int | None = None
+    clutch: str | None = None
+
+    @property
+    def name(self) -> str:
+        """In telemetry: a controller alone and clutch a's are `controller`, so that every viewer shows them."""
+        return "controller_b" if self.clutch == "b" else "controller"
 
     def run(self, ready: Callable[[str], None]) -> dict[str, Any]:
         """Serve until SIGTERM, SIGINT or, in lock-step, the plant's end; return the summary.
@@ -44,22 +50,25 @@ class ControllerService:
         Raises InputError for a bad bus, a second controller, another rate or protocol; the actuators are safe then.
         """
         session = new_session()
-        node = ControllerNode(self.rate, self.parameters_file, self.law, self.adaptation, session)
+        node = ControllerNode(self.rate, self.parameters_file, self.law, self.adaptation, session, self.clutch)
         parameters = node.parameters.as_values()  # at the start; changes are told apart
         clock = Clock(1_000_000_000 // self.rate)
         with Stop() as stop, open_bus(self.bus) as port:
-            node.listen(heard_alone(port, "controller", load_frames()["CONTROLLER_HEARTBEAT"]))
+            frames = load_frames(clutch=self.clutch or "a")
+            node.listen(heard_alone(port, self.name, frames["CONTROLLER_HEARTBEAT"]))
             outlet = Outlet(
-                "controller", node, COLUMNS, port.name, self.rate, session,
+                self.name, node, COLUMNS, port.name, self.rate, session,
                 shipped=shipped_parameters(), ring=self.ring, publish=self.telemetry, router=self.router,
             )  # fmt: skip
-            ready(f"controller on {port.name} at {self.rate} Hz, {'lock-step' if self.lockstep else 'real time'}")
+            ready(f"{self.name} on {port.name} at {self.rate} Hz, {'lock-step' if self.lockstep else 'real time'}")
             missing = [] if self.lockstep else realtime.prepare(self.cpu)
             for text in missing:
                 ready(f"note: {text}")
+            if self.clutch and self.adaptation:
+                ready("note: of two clutches none adapts: the motor's torque is that of both")
             closed = False
             try:
-                samples = _Samples(port)
+                samples = _Samples(port, frames)
                 inbox = self._await_plant(node, samples, outlet, stop)
                 if self.lockstep:
                     self._lockstep(node, samples, outlet, stop, inbox)
@@ -67,6 +76,7 @@ class ControllerService:
                     self._real_time(node, samples, outlet, clock, stop, inbox)
             finally:
                 closed = _made_safe(node, port, 1.0 / self.rate)
+                port.close()  # nobody reads it while the telemetry ends: its queue would fill up, and refuse the plant's frames
                 published = outlet.close()
         return {
             "bus": port.name,
@@ -166,8 +176,7 @@ def _made_safe(node: ControllerNode, port: Port, period: float) -> bool:
 class _Samples:
     """The plant's samples as they come: each ends with its ENCODER frame."""
 
-    def __init__(self, port: Port) -> None:
-        frames = load_frames()
+    def __init__(self, port: Port, frames: Mapping[str, FrameCodec]) -> None:
         self.port = port
         self._encoder_id, self._plant = frames["ENCODER"].can_id, frames["PLANT_HEARTBEAT"]
 

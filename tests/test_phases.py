@@ -24,21 +24,20 @@ SETTINGS = PhaseSettings(
     mismatch_dwell=0.1,
 )
 BOOLEANS = (False, True)
+CLOSING = (Request.ENGAGE, Request.PRESSURE)
 PRESSURES = {"low": 0.5 * BAR, "between": 2.0 * BAR, "contact": 2.6 * BAR}
 GUARD = (Fault.NONE, Fault.STALE_SENSORS, Fault.OVERPRESSURE, Fault.OVERTEMPERATURE, Fault.OVERSPEED)
 
 # Every arrow of the docstring: (from, to): when, of a case. Guard healthy; `dwelt`: every dwell is over, `late`: the time-out.
 Case = namedtuple("Case", "request pressure dwelt late permitted implausible")
 ARROWS: dict[tuple[Phase, Phase], Callable[[Case], bool]] = {
-    (Phase.IDLE, Phase.FILL): lambda c: c.request is Request.ENGAGE and c.permitted,
-    (Phase.FILL, Phase.SLIP_CONTROL): lambda c: c.request is Request.ENGAGE and c.pressure == "contact" and c.dwelt,
-    (Phase.FILL, Phase.RELEASE): lambda c: c.request is not Request.ENGAGE,
-    (Phase.FILL, Phase.FAULT): lambda c: (
-        c.request is Request.ENGAGE and c.late and not (c.pressure == "contact" and c.dwelt)
-    ),
-    (Phase.SLIP_CONTROL, Phase.RELEASE): lambda c: c.request is not Request.ENGAGE,
+    (Phase.IDLE, Phase.FILL): lambda c: c.request in CLOSING and c.permitted,
+    (Phase.FILL, Phase.SLIP_CONTROL): lambda c: c.request in CLOSING and c.pressure == "contact" and c.dwelt,
+    (Phase.FILL, Phase.RELEASE): lambda c: c.request not in CLOSING,
+    (Phase.FILL, Phase.FAULT): lambda c: c.request in CLOSING and c.late and not (c.pressure == "contact" and c.dwelt),
+    (Phase.SLIP_CONTROL, Phase.RELEASE): lambda c: c.request not in CLOSING,
     (Phase.SLIP_CONTROL, Phase.FAULT): lambda c: (
-        c.request is Request.ENGAGE and c.dwelt and (c.pressure == "low" or c.implausible)
+        c.request in CLOSING and c.dwelt and (c.pressure == "low" or c.implausible)
     ),
     (Phase.RELEASE, Phase.IDLE): lambda c: c.pressure == "low",
     (Phase.FAULT, Phase.IDLE): lambda c: c.request is Request.IDLE,

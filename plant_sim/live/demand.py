@@ -1,4 +1,4 @@
-"""`clutch-hil demand`: a supervisor that asks for one torque, or for a profile, and tells whether it was reached."""
+"""`clutch-hil demand`: a supervisor that asks for a torque, a pressure or a profile, and tells whether it was reached."""
 
 import time
 from dataclasses import asdict, dataclass, field
@@ -10,15 +10,17 @@ from rich.live import Live
 from rich.text import Text
 
 from plant_sim.live.supervisor import RATE, Answer, Supervisor
-from plant_sim.profile import SPEED_LIMIT, TORQUE_LIMIT, Profile, Setpoint
+from plant_sim.profile import FILL_PRESSURE, PRESSURE_LIMIT, SPEED_LIMIT, TORQUE_LIMIT, Profile, Setpoint
 from protocols.bus import open_bus
 from protocols.errors import InputError
+from protocols.request import Request
 from protocols.stopping import Stop
 
 _FOREVER = 1e9  # s, 31 years: a torque without an end is held until it is stopped
-_STEADY = 0.5  # s of a constant demand after which the torque counts as settled: the loop rises in 0.25 s
-_TOLERANCE = 0.10  # of the demand
+_STEADY = 0.5  # s of a constant demand after which it counts as settled: the torque loop rises in 0.25 s
+_TOLERANCE = 0.10  # of the demand of torque
 _TOLERANCE_FLOOR = 0.3  # Nm, three times the regime error of the default controller
+_PRESSURE_TOLERANCE = 0.03  # bar: three times the noise and the resolution of the signal, 5 mbar each
 _SHOWN_EVERY = 0.1  # s, on a terminal: as often as the controller's status comes
 _PLAIN_EVERY = 2.0  # s between lines where the output is no terminal
 
@@ -28,50 +30,69 @@ def torque_profile(torque: float, speed: float, seconds: float | None, ramp: flo
 
     Raises InputError.
     """
-    if not (isfinite(torque) and 0.0 <= torque <= TORQUE_LIMIT):
-        raise InputError(f"torque {torque:g} Nm is outside 0..{TORQUE_LIMIT:g} Nm")
-    if not (isfinite(speed) and 0.0 <= speed <= SPEED_LIMIT):
-        raise InputError(f"speed {speed:g} rad/s is outside 0..{SPEED_LIMIT:g} rad/s")
-    if not (isfinite(ramp) and ramp > 0.0):
-        raise InputError(f"ramp {ramp:g} Nm/s is not possible; it must be above 0")
+    _check("torque", torque, TORQUE_LIMIT, "Nm", speed, ramp)
     rise = max(torque / ramp, 1.0 / RATE)
     profile = Profile(f"{torque:g} Nm", (0.0, rise, _FOREVER), (0.0, torque, torque), (speed,) * 3)
     return profile if seconds is None else profile.lasting(seconds)
 
 
+def pressure_profile(pressure: float, speed: float, seconds: float | None, ramp: float) -> Profile:
+    """A pressure [bar] reached with `ramp` [bar/s] from where the clutch is filled; the rest as in `torque_profile`."""
+    _check("pressure", pressure, PRESSURE_LIMIT, "bar", speed, ramp)
+    first, least = min(pressure, FILL_PRESSURE), 1.0 / RATE
+    time = (0.0, least, least + max((pressure - first) / ramp, least), _FOREVER)
+    profile = Profile(f"{pressure:g} bar", time, (0.0,) * 4, (speed,) * 4, (0.0, first, pressure, pressure))
+    return profile if seconds is None else profile.lasting(seconds)
+
+
+def _check(name: str, value: float, limit: float, unit: str, speed: float, ramp: float) -> None:
+    if not (isfinite(value) and 0.0 <= value <= limit):
+        raise InputError(f"{name} {value:g} {unit} is outside 0..{limit:g} {unit}")
+    if not (isfinite(speed) and 0.0 <= speed <= SPEED_LIMIT):
+        raise InputError(f"speed {speed:g} rad/s is outside 0..{SPEED_LIMIT:g} rad/s")
+    if not (isfinite(ramp) and ramp > 0.0):
+        raise InputError(f"ramp {ramp:g} {unit}/s is not possible; it must be above 0")
+
+
 @dataclass
 class Regime:
-    """Mean absolute error of the controller's estimate while the demand is steady."""
+    """Mean absolute error of the answer while the demand is steady, both in `unit`.
 
+    `share` of the mean demand is allowed, and `floor` always.
+    """
+
+    unit: str = "Nm"
+    share: float = _TOLERANCE
+    floor: float = _TOLERANCE_FLOOR
     steady_for: float = 0.0  # s
     samples: int = 0
-    error_sum: float = 0.0  # Nm
-    demand_sum: float = 0.0  # Nm
+    error_sum: float = 0.0
+    demand_sum: float = 0.0
     _demand: float = field(default=0.0, repr=False)
 
-    def add(self, demand: float, estimate: float) -> None:
-        """One sample of RATE, both in Nm."""
+    def add(self, demand: float, answer: float) -> None:
+        """One sample of RATE."""
         self.steady_for = self.steady_for + 1.0 / RATE if demand == self._demand else 0.0
         self._demand = demand
         if demand > 0.0 and self.steady_for > _STEADY:
             self.samples += 1
-            self.error_sum += abs(estimate - demand)
+            self.error_sum += abs(answer - demand)
             self.demand_sum += demand
 
     @property
     def error(self) -> float:
-        """Regime error [Nm]; NaN when the demand never was steady."""
+        """Regime error; NaN when the demand never was steady."""
         return self.error_sum / self.samples if self.samples else float("nan")
 
     @property
     def demand(self) -> float:
-        """Mean of the demand in regime [Nm]; NaN when it never was steady."""
+        """Mean of the demand in regime; NaN when it never was steady."""
         return self.demand_sum / self.samples if self.samples else float("nan")
 
     @property
     def reached(self) -> bool:
-        """Whether the estimate was where it should be."""
-        return self.error <= max(_TOLERANCE * self.demand, _TOLERANCE_FLOOR)
+        """Whether the answer was where it should be."""
+        return self.error <= max(self.share * self.demand, self.floor)
 
 
 class Demand:
@@ -79,7 +100,10 @@ class Demand:
 
     def __init__(self, bus: str, profile: Profile) -> None:
         self._bus, self._profile = bus, profile
-        self._regime = Regime()
+        self._regimes = {
+            Request.ENGAGE: Regime(),
+            Request.PRESSURE: Regime("bar", share=0.0, floor=_PRESSURE_TOLERANCE),
+        }
 
     def run(self, quiet: bool) -> tuple[dict[str, Any], str, str, bool]:
         """Idle, engage, follow the profile to its end or to Ctrl-C, release; return document, text, verdict, good."""
@@ -95,32 +119,46 @@ class Demand:
             setpoint, elapsed, objection = profile.at(0.0), 0.0, None
             while not (stop.asked or objection) and elapsed < profile.duration:
                 setpoint = profile.at(elapsed)
-                supervisor.ask("engage" if setpoint.engage else "idle", setpoint.torque, setpoint.speed)
+                supervisor.ask(*setpoint)
                 objection = supervisor.objection()
                 answer = supervisor.heard.answer()
-                if answer.torque_estimate is not None:
-                    self._regime.add(setpoint.torque, answer.torque_estimate)
+                self._judge(setpoint, answer)
                 line.show(elapsed, setpoint, answer)
                 elapsed = time.monotonic() - began
             answer = supervisor.heard.answer()
             released = supervisor.release(setpoint.speed)
             return self._outcome(port.name, elapsed, answer, objection, released, stop.asked)
 
+    def _judge(self, setpoint: Setpoint, answer: Answer) -> None:
+        for request, demand, answered in (
+            (Request.ENGAGE, setpoint.torque, answer.torque_estimate),
+            (Request.PRESSURE, setpoint.pressure, answer.pressure),
+        ):
+            if answered is not None:
+                self._regimes[request].add(demand if setpoint.request is request else 0.0, answered)
+
     def _outcome(
         self, bus: str, elapsed: float, answer: Answer, objection: str | None, released: bool, interrupted: bool
     ) -> tuple[dict[str, Any], str, str, bool]:
-        regime, profile = self._regime, self._profile
-        asked = any(torque > 0.0 for torque in profile.torque)
-        good = objection is None and released and (regime.reached or not asked)
-        figures = f"regime error {regime.error:.2f} Nm of {regime.demand:.2f} Nm"
+        profile = self._profile
+        torque, pressure = self._regimes[Request.ENGAGE], self._regimes[Request.PRESSURE]
+        asked = [
+            regime
+            for regime, demands in ((torque, profile.torque), (pressure, profile.pressure))
+            if any(demand > 0.0 for demand in demands)
+        ]
+        good = objection is None and released and all(regime.reached for regime in asked)
+        figures = ", ".join(
+            f"regime error {r.error:.2f} {r.unit} of {r.demand:.2f} {r.unit}" for r in asked if r.samples
+        )
         if objection:
             verdict = objection
         elif not released:
             verdict = "the clutch was not released within 2 s"
         elif not asked:
-            verdict = "no torque was asked for"
-        elif not regime.samples:
-            verdict = f"not reached: no torque was held for {_STEADY:g} s"
+            verdict = "no torque or pressure was asked for"
+        elif not figures:
+            verdict = f"not reached: no demand was held for {_STEADY:g} s"
         else:
             verdict = f"{'reached' if good else 'not reached'}, {figures}"
         if interrupted:
@@ -137,8 +175,10 @@ class Demand:
             "bus": bus,
             "demand": profile.name,
             "seconds": elapsed,
-            "regime_error_nm": regime.error,
-            "regime_demand_nm": regime.demand,
+            "regime_error_nm": torque.error,
+            "regime_demand_nm": torque.demand,
+            "regime_error_bar": pressure.error,
+            "regime_demand_bar": pressure.demand,
             "last_answer": asdict(answer),
             "released": released,
             "interrupted": interrupted,
@@ -173,8 +213,10 @@ class _StatusLine:
             return
         self._next += self._every
         estimate, pressure = answer.torque_estimate, answer.pressure
+        by_pressure = setpoint.request is Request.PRESSURE
+        demand = f"{setpoint.pressure:5.2f} bar" if by_pressure else f"{setpoint.torque:5.2f} Nm"
         text = (
-            f"{elapsed:6.1f}{self._end} s  {answer.phase or '-':<12}  demand {setpoint.torque:5.2f}"
+            f"{elapsed:6.1f}{self._end} s  {answer.phase or '-':<12}  demand {demand}"
             f"  estimate {'-' if estimate is None else f'{estimate:.2f}':>5} Nm"
             f"  pressure {'-' if pressure is None else f'{pressure:.2f}':>4} bar  speed {setpoint.speed:.2f} rad/s"
         )

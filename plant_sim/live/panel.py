@@ -22,19 +22,22 @@ from rich.text import Text
 
 from plant_sim.live.bars import bar
 from plant_sim.live.supervisor import RATE, Answer, Supervisor
-from plant_sim.profile import SPEED_LIMIT, TORQUE_LIMIT
+from plant_sim.profile import PRESSURE_LIMIT, SPEED_LIMIT, TORQUE_LIMIT
 from protocols.bus import open_bus
 from protocols.errors import InputError
+from protocols.request import Request
 from protocols.stopping import Stop
 
 _DRAW_EVERY = RATE // 10  # cycles: 10 Hz, as often as the controller's status comes
 _ANSWERED = 0.3  # s, three status frames: the status heard before belongs to the request before
 _BAR_WIDTH = 28  # characters
 _PRESSURE_FULL = 5.0  # bar, limit of the guard
-_STEPS = {  # key: torque [Nm], speed [rad/s]
-    "up": (0.5, 0.0), "down": (-0.5, 0.0), "page up": (5.0, 0.0), "page down": (-5.0, 0.0),
-    "right": (0.0, 0.5), "left": (0.0, -0.5), "shift right": (0.0, 5.0), "shift left": (0.0, -5.0),
+_STEPS = {  # key: torque [Nm], speed [rad/s], pressure [bar]
+    "up": (0.5, 0.0, 0.0), "down": (-0.5, 0.0, 0.0), "page up": (5.0, 0.0, 0.0), "page down": (-5.0, 0.0, 0.0),
+    "right": (0.0, 0.5, 0.0), "left": (0.0, -0.5, 0.0), "shift right": (0.0, 5.0, 0.0), "shift left": (0.0, -5.0, 0.0),
+    "+": (0.0, 0.0, 0.05), "-": (0.0, 0.0, -0.05),
 }  # fmt: skip
+_CLOSING = {"e": Request.ENGAGE, "p": Request.PRESSURE}
 _SEQUENCES = {  # what a terminal sends for a key without a letter
     "\x1b[A": "up", "\x1b[B": "down", "\x1b[C": "right", "\x1b[D": "left",
     "\x1bOA": "up", "\x1bOB": "down", "\x1bOC": "right", "\x1bOD": "left",
@@ -44,47 +47,51 @@ _SEQUENCES = {  # what a terminal sends for a key without a letter
 _KEY = re.compile(r"\x1b\[[0-9;]*[A-Za-z~]|\x1bO.|[^\x1b]|\x1b(?![\[O]|$)", re.DOTALL)
 _HELP = (
     "↑ ↓ 0.5 Nm   PgUp PgDn 5 Nm   ← → 0.5 rad/s   shift ← → 5 rad/s",
-    "e engage   r release   i idle, acknowledge   space release now   q quit",
+    "+ - 0.05 bar   e engage: follow the torque   p follow the pressure",
+    "r release   i idle, acknowledge   space release now   q quit",
 )
 _COLOURS = {"active": "green", "slip control": "green", "fill": "yellow", "release": "yellow", "fault": "bold red",
-            "silent": "bold red", "finalized": "bold red", "engage": "bold green", "none": "default"}  # fmt: skip
+            "silent": "bold red", "finalized": "bold red", "engage": "bold green", "pressure": "bold green",
+            "none": "default"}  # fmt: skip
 
 
 @dataclass
 class Panel:
-    """What the operator asks for; keys change it. Torque [Nm], motor speed [rad/s]."""
+    """What the operator asks for; keys change it. Torque [Nm], motor speed [rad/s], pressure [bar]."""
 
     torque: float = 5.0
     speed: float = 10.47  # 100 rpm, the speed of the profiles
-    request: str = "idle"
+    pressure: float = 2.7  # bar: 5.5 Nm at that speed (Janssens 2010, eq. 6.5)
+    request: Request = Request.IDLE
     message: str = ""
     quit: bool = False
     _since: float = 0.0  # s, when the request came
 
     def press(self, key: str, answer: Answer, now: float) -> None:
         """Take a key at `now` [s]; `answer` is what the bus says."""
-        torque, speed = _STEPS.get(key, (0.0, 0.0))
+        torque, speed, pressure = _STEPS.get(key, (0.0, 0.0, 0.0))
         self.torque = min(max(self.torque + torque, 0.0), TORQUE_LIMIT)
         self.speed = min(max(self.speed + speed, 0.0), SPEED_LIMIT)
+        self.pressure = min(max(self.pressure + pressure, 0.0), PRESSURE_LIMIT)
         if key in ("r", "space", "q", "end"):
-            self._ask("idle" if self.request == "idle" else "release", "", now)
+            self._ask(Request.IDLE if self.request is Request.IDLE else Request.RELEASE, "", now)
             self.quit = self.quit or key in ("q", "end")
         elif key == "i":
-            self._ask("idle", "", now)
-        elif key == "e" and self.request != "engage":
-            if answer.phase == "idle" and self.request == "idle":
-                self._ask("engage", "", now)
+            self._ask(Request.IDLE, "", now)
+        elif (wanted := _CLOSING.get(key)) and self.request is not wanted:
+            if self.request.closes or (answer.phase == "idle" and self.request is Request.IDLE):
+                self._ask(wanted, "", now)
             else:
                 self.message = f"not engaged: the controller must be idle first, its phase is {answer.phase or '-'}"
 
     def heed(self, answer: Answer, objection: str | None, now: float) -> None:
         """Give up an engagement the controller does not carry out; go from release to idle when it is released."""
-        if self.request == "engage" and objection:
-            self._ask("release", f"{objection}{'; i acknowledges it' if answer.phase == 'fault' else ''}", now)
-        elif self.request == "release" and answer.phase == "idle" and now - self._since > _ANSWERED:
-            self._ask("idle", self.message, now)
+        if self.request.closes and objection:
+            self._ask(Request.RELEASE, f"{objection}{'; i acknowledges it' if answer.phase == 'fault' else ''}", now)
+        elif self.request is Request.RELEASE and answer.phase == "idle" and now - self._since > _ANSWERED:
+            self._ask(Request.IDLE, self.message, now)
 
-    def _ask(self, request: str, message: str, now: float) -> None:
+    def _ask(self, request: Request, message: str, now: float) -> None:
         self.request, self.message, self._since = request, message, now
 
 
@@ -137,7 +144,7 @@ def drive(bus: str) -> tuple[str, str, bool]:
         began = time.monotonic()
         with Live(console=Console(), screen=True, auto_refresh=False) as live:
             while not (stop.asked or panel.quit):
-                supervisor.ask(panel.request, panel.torque, panel.speed)
+                supervisor.ask(panel.request, panel.torque, panel.speed, panel.pressure)
                 answer, now = supervisor.heard.answer(), time.monotonic()
                 for key in keyboard.pressed():
                     panel.press(key, answer, now)
@@ -162,6 +169,7 @@ def drawn(panel: Panel, answer: Answer, bus: str) -> Box:
         ("torque demand", panel.torque, "Nm", TORQUE_LIMIT),
         ("torque estimate", answer.torque_estimate, "Nm", TORQUE_LIMIT),
         ("torque measured", answer.clutch_torque, "Nm", TORQUE_LIMIT),
+        ("pressure demand", panel.pressure, "bar", _PRESSURE_FULL),
         ("pressure", answer.pressure, "bar", _PRESSURE_FULL),
         ("motor speed demand", panel.speed, "rad/s", SPEED_LIMIT),
         ("slip", answer.slip, "rad/s", SPEED_LIMIT),
@@ -175,7 +183,14 @@ def drawn(panel: Panel, answer: Answer, bus: str) -> Box:
     for _ in range(3):
         state.add_column(style="bright_black", min_width=8)
         state.add_column(min_width=12)
-    state.add_row("request", _coloured(panel.request), "phase", _coloured(answer.phase), "fault", _fault(answer.fault))
+    state.add_row(
+        "request",
+        _coloured(panel.request.name.lower()),
+        "phase",
+        _coloured(answer.phase),
+        "fault",
+        _fault(answer.fault),
+    )
     state.add_row("controller", _coloured(answer.controller), "plant", _coloured(answer.plant))
     message = Text(panel.message or " ", style="yellow", no_wrap=True, overflow="ellipsis")
     keys = Text("\n".join(_HELP), style="bright_black")

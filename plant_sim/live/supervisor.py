@@ -1,4 +1,4 @@
-"""Supervisor: asks the controller for torque over the bus (TORQUE_SETPOINT) and hears what the services answer.
+"""Supervisor: asks the controller for torque or pressure over the bus (TORQUE_SETPOINT) and hears what the services answer.
 
 It lives on the bus alone, without telemetry, so that it works beside a real rig too. A supervisor that stops, dies or
 hangs is missed by the controller after 0.1 s, and the clutch is released.
@@ -16,6 +16,7 @@ from protocols.clock import Clock
 from protocols.errors import InputError
 from protocols.frames import Frame, load_frames
 from protocols.heartbeat import LISTEN
+from protocols.request import Request
 
 RATE = 200  # Hz: twenty set-points within the 0.1 s after which the controller misses its supervisor
 _PRIORITY = 40  # SCHED_FIFO: above ordinary work, below the loops of the services at 80
@@ -118,9 +119,8 @@ class Supervisor:
         frames = load_frames()
         self.heard = Heard()
         self._port, self._setpoint = port, frames["TORQUE_SETPOINT"]
-        self._requests = {name: value for value, name in self._setpoint.choices("request").items()}
         self._clock = Clock(1_000_000_000 // RATE)
-        self._engaged_at: float | None = None
+        self._closing_since: float | None = None
         self._sent = 0
 
     def __enter__(self) -> "Supervisor":
@@ -138,21 +138,19 @@ class Supervisor:
         with contextlib.suppress(PermissionError):
             os.sched_setscheduler(0, *self._policy)
 
-    def ask(self, request: str, torque: float = 0.0, speed: float = 0.0) -> None:
+    def ask(self, request: Request, torque: float = 0.0, speed: float = 0.0, pressure: float = 0.0) -> None:
         """Wait for the next slot of the grid, hear the bus, send one set-point.
 
-        `request` is idle, engage or release; torque [Nm], motor speed [rad/s]. Raises InputError when another
-        supervisor begins to speak.
+        torque [Nm], motor speed [rad/s], pressure [bar]. Raises InputError when another supervisor begins to speak.
         """
         self._clock.wait()
         self._take(self._port.receive())
-        if request != "engage":
-            self._engaged_at = None
-        elif self._engaged_at is None:
-            self._engaged_at = time.monotonic()
-        self._port.send(
-            Frame(self._setpoint.can_id, self._setpoint.pack(self._sent, self._requests[request], torque, speed))
-        )
+        if not request.closes:
+            self._closing_since = None
+        elif self._closing_since is None:
+            self._closing_since = time.monotonic()
+        payload = self._setpoint.pack(self._sent, request, torque, speed, pressure)
+        self._port.send(Frame(self._setpoint.can_id, payload))
         self._sent += 1
 
     def objection(self) -> str | None:
@@ -164,7 +162,7 @@ class Supervisor:
             return "the controller sends no status: it waits for a plant"
         if answer.phase == "fault":
             return f"fault: {answer.fault}"
-        asked_for = time.monotonic() - self._engaged_at if self._engaged_at is not None else 0.0
+        asked_for = time.monotonic() - self._closing_since if self._closing_since is not None else 0.0
         if asked_for > _ANSWER and answer.phase in ("idle", "release"):
             return "the controller has let the clutch go by itself: set-points came too late"
         return None
@@ -172,7 +170,7 @@ class Supervisor:
     def idle(self, speed: float) -> None:
         """Ask for idle, which each engagement needs before it, until the controller is. Raises InputError."""
         for cycle in range(round(_RELEASE * RATE)):
-            self.ask("idle", speed=speed)
+            self.ask(Request.IDLE, speed=speed)
             if cycle > _ANSWER * RATE and self.heard.answer().phase == "idle":
                 return
         raise InputError(f"the controller on {self._port.name} does not become idle: {self._reason()}")
@@ -183,13 +181,13 @@ class Supervisor:
         A fault, which closes the valve too, is left as it is, so that people see it.
         """
         for cycle in range(round(_RELEASE * RATE)):
-            self.ask("release", speed=speed)
+            self.ask(Request.RELEASE, speed=speed)
             phase = self.heard.answer().phase
             if cycle > _ANSWER * RATE and phase in ("idle", "fault"):
                 break
         if phase == "idle":
             for _ in range(round(_ANSWER * RATE)):
-                self.ask("idle", speed=speed)
+                self.ask(Request.IDLE, speed=speed)
         return phase in ("idle", "fault")
 
     def _reason(self) -> str:
