@@ -2,7 +2,7 @@
 
 import difflib
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
@@ -97,6 +97,20 @@ def tables(entries: Mapping[str, Mapping[str, Any]], width: int) -> str:
     """Parameters by full name as a table for each node, of lines of at most `width` characters."""
     grouped = groupby(entries.items(), lambda item: item[0].partition(".")[0])
     return "\n\n".join(table_text(_fitted(_rows(node, dict(items)), width)) for node, items in grouped)
+
+
+def without_off(entries: Mapping[str, Mapping[str, Any]], names: Collection[str]) -> tuple[dict[str, Any], list[str]]:
+    """`entries` by full name without those of effects (`names`) that are as shipped, off; and which effects these are."""
+    groups: dict[str, list[Mapping[str, Any]]] = {}
+    for full, entry in entries.items():
+        groups.setdefault(full.rpartition(".")[0], []).append(entry)
+    off = [
+        group
+        for group, members in groups.items()
+        if group.rpartition(".")[2] in names and all(entry["value"] == entry["default"] for entry in members)
+    ]
+    kept = {full: entry for full, entry in entries.items() if full.rpartition(".")[0] not in off}
+    return kept, [group.partition(".")[2] for group in off]
 
 
 def _rows(node: str, entries: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, ...]]:

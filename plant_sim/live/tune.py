@@ -3,12 +3,14 @@
 import json
 import shutil
 import sys
+import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import zenoh
 
-from plant_sim.live.catalogue import WHOLE, Catalogue, assignments, counted, details, tables, with_unit
+from plant_sim.effects.catalogue import effects
+from plant_sim.live.catalogue import WHOLE, Catalogue, assignments, counted, details, tables, with_unit, without_off
 from protocols.errors import InputError, listing
 from protocols.telemetry.feed import find_bench
 from protocols.telemetry.keys import NODES, Keys, bus_of
@@ -24,7 +26,7 @@ def parameters(session: zenoh.Session, bench: str, node: str) -> list[dict[str, 
 
     Raises InputError when the node does not answer.
     """
-    return _answer(bench, node, session.get(Keys(bench, node).parameters, timeout=_LIST_TIMEOUT))
+    return answered(bench, node, session.get(Keys(bench, node).parameters, timeout=_LIST_TIMEOUT))
 
 
 def set_parameters(session: zenoh.Session, bench: str, node: str, values: Mapping[str, float]) -> dict[str, Any]:
@@ -33,10 +35,11 @@ def set_parameters(session: zenoh.Session, bench: str, node: str, values: Mappin
     Raises InputError with the node's reason when it refuses, or when it does not answer.
     """
     replies = session.get(Keys(bench, node).parameters, payload=json.dumps(values), timeout=_TIMEOUT)
-    return _answer(bench, node, replies)
+    return answered(bench, node, replies)
 
 
-def _answer(bench: str, node: str, replies: Iterable[zenoh.Reply]) -> Any:
+def answered(bench: str, node: str, replies: Iterable[zenoh.Reply]) -> Any:
+    """The JSON in the reply of a node. Raises InputError with its reason when it refuses, or when it is silent."""
     for reply in replies:
         if reply.ok is not None:
             return json.loads(reply.ok.payload.to_string())
@@ -107,7 +110,9 @@ def _shown(catalogue: Catalogue, arguments: Sequence[str]) -> tuple[dict[str, An
         names |= dict.fromkeys(group or [catalogue.named(argument)])
     chosen = {name: catalogue.entries[name] for name in names}
     if grouped:
-        body = tables(chosen, shutil.get_terminal_size().columns if sys.stdout.isatty() else WHOLE)
+        rows, off = (chosen, []) if arguments else without_off(chosen, effects())
+        width = shutil.get_terminal_size().columns if sys.stdout.isatty() else WHOLE
+        body = tables(rows, width) + _off_text(off, width)
     else:
         body = "\n\n".join(details(name, entry) for name, entry in chosen.items())
     read = f"{counted(len(catalogue.entries), 'parameter')} of {' and '.join(catalogue.nodes)}"
@@ -116,3 +121,11 @@ def _shown(catalogue: Catalogue, arguments: Sequence[str]) -> tuple[dict[str, An
     fixed = sum(entry["fixed"] is not None for entry in chosen.values())
     verdict = f"{counted(len(chosen), 'parameter')}, {fixed} of them fixed while the service runs"
     return {"parameters": chosen}, text, verdict, True
+
+
+def _off_text(names: Sequence[str], width: int) -> str:
+    """A paragraph about effects that are off, to follow the tables; nothing when there are none."""
+    if not names:
+        return ""
+    told = f"{counted(len(names), 'effect')} of the plant off; `clutch-hil tune NAME.` shows one: {', '.join(names)}"
+    return "\n\n" + textwrap.fill(told, width, break_on_hyphens=False)

@@ -234,6 +234,20 @@ def test_an_absent_controller_is_named_under_the_list_of_the_plant() -> None:
     assert (verdict, good) == ("1 parameter, 0 of them fixed while the service runs", True)
 
 
+def test_effects_that_are_off_take_one_line_and_can_be_asked_for() -> None:
+    off = [entry("friction_level.level", 1.0), entry("friction_level.drift", 0.0)]
+    on = [entry("valve_delay.delay", 3.0) | {"default": 0.0}, entry("motor.integral_gain", 4.0)]
+    with answering("plant", off + on):
+        document, text, _, _ = tuned([], "local:tuned", None)
+        _, asked, _, _ = tuned(["friction_level."], "local:tuned", None)
+    assert "\n1 effect of the plant off; `clutch-hil tune NAME.` shows one: friction_level\n" in text
+    assert "friction_level.level" not in text
+    assert "valve_delay.delay" in text
+    assert "motor.integral_gain" in text
+    assert "friction_level.drift" in asked
+    assert len(document["parameters"]) == 4, "a machine is told everything"
+
+
 def test_a_bench_where_nobody_answers_is_told() -> None:
     with silent("plant"), consumer_session() as session, pytest.raises(InputError, match=r"the plant on .* not answer"):
         listed(session, BENCH)
@@ -308,7 +322,8 @@ def test_the_list_fits_the_terminal(bench: Running) -> None:
     assert child.wait() == 0
     table = shown.decode().replace("\r", "").partition("read:")[0].splitlines()
     assert max(map(len, table)) <= 80
-    assert ["piston_seal_friction.travel", "5e-06", "m", "1e-06..0.001"] in [line.split() for line in table]
+    assert ["hydraulics.capacity", "1e-06", "m^3/bar", "2e-07..0.0001"] in [line.split()[:4] for line in table]
+    assert "friction_level," in " ".join(table).split(), "off, it is named"
 
 
 def test_bad_names_and_values_are_told(bench: Running) -> None:
