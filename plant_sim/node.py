@@ -2,11 +2,16 @@
 
 from collections.abc import Mapping, Sequence
 from math import ceil
+from typing import Any
 
 from plant_sim.blocks import dac
 from plant_sim.blocks.sensors import Sensors
+from plant_sim.effects.catalogue import effects
+from plant_sim.injection import Injection, requested
 from plant_sim.profile import Profile
 from plant_sim.rigs import wet_clutch
+from plant_sim.rigs.clutch_phase import Phase, phase
+from plant_sim.schedule import Schedule
 from protocols.errors import InputError
 from protocols.frames import Frame, load_frames
 from protocols.heartbeat import Heartbeat
@@ -45,6 +50,7 @@ COLUMNS = tuple(
         ("truth_motor_torque_nm", "Nm", "M_m"),
         ("truth_slip_speed_rad_s", "rad/s", "omega"),
         ("truth_oil_temperature_degc", "degC", "T"),
+        ("truth_phase", "1", ", ".join(f"{p.value} {p.name.lower()}" for p in Phase)),
     )
 )
 
@@ -52,7 +58,8 @@ COLUMNS = tuple(
 class PlantNode:
     """The wet-clutch rig behind its data acquisition, with the profile player of the bench.
 
-    rate [Hz]; `temperature` is the oil's at the start [degC]. A step
+    rate [Hz]; `temperature` is the oil's at the start [degC]; `injections` change the plant while it runs, and `injected`
+    tells those that have begun; a `blind` plant does not say what it is beyond its own parameters at the start. A step
     answers with the frames of the present tick and then advances the rig by one period; what it was sent acts from this
     tick on, so a command that answers tick k acts from tick k + 1. The measured slip is the encoder's difference over a
     period; in row 0, where there is none yet, it is the speed the run begins with.
@@ -68,14 +75,24 @@ class PlantNode:
         seed: int = 1,
         temperature: float | None = None,
         session: int = 1,
+        injections: Sequence[Injection] = (),
+        blind: bool = False,
     ) -> None:
-        self.parameters = parameters = parameters or wet_clutch.nominal()
+        parameters = parameters or wet_clutch.nominal()
         self.rate = rate
         self.profile = profile
         self.late_cycles = 0  # set by the service for PLANT_STATUS
         self._period = 1.0 / rate
         self._substeps = ceil(self._period / wet_clutch.STEP_LIMIT - 1e-9)
-        self._rig = wet_clutch.Rig(parameters)
+        self._schedule = Schedule(parameters)
+        self.injected: list[dict[str, Any]] = []
+        self._plain = parameters
+        self._open = _without_effects(parameters) if blind else None  # what a blind plant says of itself
+        self.tick = -1
+        self.inject(*injections)
+        self._rig, _ = self._schedule.rig(0.0)
+        self._dac_range = parameters["sensors.dac_range"].value
+        self._dac_bits = int(parameters["sensors.dac_bits"].value)
         self._sensors = Sensors(seed)
         low, high = _TEMPERATURES
         if temperature is not None and not low <= temperature <= high:
@@ -96,7 +113,6 @@ class PlantNode:
         self._own = {frames[name].can_id: name for name in _OWN}
         self._status_every = max(1, round(self._status.cycle_time * rate))
 
-        self.tick = -1
         self.answered_tick = -1  # SAMPLE_TICK of the last valve command
         self.controller = Lifecycle.UNCONFIGURED  # by its heartbeat
         self._command_age = 0  # cycles
@@ -145,6 +161,7 @@ class PlantNode:
         if self._commanded and self._command_age >= STALE_CYCLES:
             self._voltage = self._speed_demand = self._torque_limit = 0.0
         self._command_age += 1
+        self._follow(tick * self._period)
         counts, self._state = self._sensors.sample(self._rig, self._state, self._period)
         frames = []
         if tick % self.heartbeat.every == 0:
@@ -154,8 +171,8 @@ class PlantNode:
             status = (self._actuators(), min(self.late_cycles, 65535), min(rejected, 65535))
             frames.append(Frame(self._status.can_id, self._status.pack(tick // self._status_every, *status)))
         if self.profile:
-            engage, torque, speed = self.profile.at(tick * self._period)
-            frames.append(Frame(self._setpoint.can_id, self._setpoint.pack(tick, engage, torque, speed)))
+            setpoint = self.profile.at(tick * self._period)
+            frames.append(Frame(self._setpoint.can_id, self._setpoint.pack(tick, *setpoint)))
         analog = self._analog.pack_raw(tick, *counts[:4])
         frames.append(Frame(self._analog.can_id, analog))
         frames.append(Frame(self._encoder.can_id, self._encoder.pack_raw(tick, counts.encoder, tick & 0xFFFF)))
@@ -179,12 +196,53 @@ class PlantNode:
             return f"parameter {name} is fixed while the plant runs: its data acquisition is set up at the start"
         return None
 
+    @property
+    def blind(self) -> bool:
+        """Whether the truth is kept from everybody but the recording."""
+        return self._open is not None
+
+    @property
+    def parameters(self) -> ParameterSet:
+        """What the plant says of its parameters: as they act from the next sample on, or, when blind, its own at the start."""
+        return self._schedule.parameters(self._now) if self._open is None else self._open
+
+    @property
+    def planned(self) -> list[dict[str, Any]]:
+        """Changes by injections that have not begun, as those `injected`."""
+        return [change.told(self.rate) for change in self._schedule.planned]
+
     def tune(self, values: Mapping[str, float]) -> None:
         """Change parameters between two samples, each in its declared unit; states stay. All or none: raises InputError."""
-        changed = self.parameters.with_values(values)
-        rig = wet_clutch.Rig(changed)
-        states = rig.table.carried(self._state.effects, self._rig.table)
-        self._rig, self._state, self.parameters = rig, self._state._replace(effects=states), changed
+        said = self._open if self._open is None else self._open.with_values(values)
+        self._schedule = self._schedule.tuned(values, self._now)
+        self._open = said
+        self._follow(self._now)
+
+    def inject(self, *injections: Injection) -> None:
+        """Take changes of parameters at times to come; states stay. All or none: raises InputError."""
+        for injection in injections:
+            self._check_free(injection)
+        self._schedule = self._schedule.extended(injections, self._now)
+
+    def accept(self, values: Mapping[str, float], when: Mapping[str, float]) -> list[dict[str, Any]]:
+        """Inject `values` when somebody from outside asks (`injection.requested`); return the changes planned for that.
+
+        A blind plant tells neither what was before nor why it refuses what any other plant would take. Raises InputError.
+        """
+        injection = requested(values, when, self._now)
+        if self._open is None:
+            self.inject(injection)
+            return self._told(injection, (injection.at, injection.until))
+        self._check_free(injection)
+        off = {name: value for effect in effects().values() for name, value in effect.switches}
+        Schedule(self._plain.with_values(off)).extended([injection], self._now)  # what any plant would refuse is told
+        try:
+            self.inject(injection)
+        except InputError:
+            raise InputError(
+                "the plant refuses this beside what it is already; being blind, it does not say why"
+            ) from None
+        return [told | {"old": None} for told in self._told(injection, (injection.at,))]
 
     def row(self) -> tuple[float, ...]:
         """The record of the last sample, in the order of COLUMNS."""
@@ -201,8 +259,34 @@ class PlantNode:
 
     def _dac(self, counts: int) -> float:
         """Voltage [V] that the valve's converter makes of the counts of a command."""
-        p = self.parameters
-        return dac.voltage(counts, p["sensors.dac_range"].value, int(p["sensors.dac_bits"].value))
+        return dac.voltage(counts, self._dac_range, self._dac_bits)
+
+    def _check_free(self, injection: Injection) -> None:
+        if reasons := [reason for name in injection.values if (reason := self.fixed(name))]:
+            raise InputError(reasons[0])
+
+    def _told(self, injection: Injection, times: Sequence[float]) -> list[dict[str, Any]]:
+        """What is planned at `times` [s] because of an injection: later ones come last."""
+        planned = {(c.name, c.at): c for c in self._schedule.planned if c.name in injection.values and c.at in times}
+        return [change.told(self.rate) for change in planned.values()]
+
+    @property
+    def _now(self) -> float:
+        """Time of the next sample [s]."""
+        return (self.tick + 1) * self._period
+
+    def _follow(self, time: float) -> None:
+        """Let the rig be what it is to be at `time` [s], of the next sample or of this one; its outputs follow."""
+        rig, moved = self._schedule.rig(time)
+        if rig is not self._rig or moved:
+            states = rig.table.carried(self._state.effects, self._rig.table)
+            self._rig = rig
+            self._state = rig.advance(
+                self._state._replace(effects=states), self._voltage, self._speed_demand, self._torque_limit, 0.0, 0
+            )
+            self._y = self._state.read()
+        if self._schedule.planned:
+            self.injected += [change.told(self.rate) for change in self._schedule.begin(time)]
 
     def _actuators(self) -> int:
         """Value of PLANT_STATUS.ACTUATORS."""
@@ -211,7 +295,7 @@ class PlantNode:
         return 2 if self._command_age > STALE_CYCLES else 1
 
     def _note(self, analog, count: int) -> None:
-        y = self._y
+        y, c = self._y, self._rig.record[0]
         turned = 0 if self._count is None else (count - self._count + 0x80000000 & 0xFFFFFFFF) - 0x80000000
         slip = y.slip_speed if self._count is None else turned * self._angle_step / self._period
         self._count = count
@@ -221,4 +305,9 @@ class PlantNode:
             analog.cylinder_pressure, slip, self._angle, analog.oil_temperature, analog.clutch_torque, analog.motor_torque,
             y.valve_pressure / BAR, y.pressure / BAR, y.position, y.normal_force, y.seal_force, y.friction_state,
             y.clutch_torque, y.motor_torque, y.slip_speed, y.temperature - ZERO_CELSIUS,
+            phase(y, c["piston_preload_pressure"], c["piston_contact_pressure"]),
         )  # fmt: skip
+
+
+def _without_effects(parameters: ParameterSet) -> ParameterSet:
+    return ParameterSet({name: p for name, p in parameters.items() if name.partition(".")[0] not in effects()})

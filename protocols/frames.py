@@ -16,6 +16,7 @@ from cantools.database.can import Database, Message, Signal
 from e2e.crc import calculate_crc8
 
 from protocols.errors import InputError, listing
+from protocols.two_clutches import CLUTCHES, of_clutch
 
 DBC = Path(__file__).with_name("clutch_rig.dbc")
 COUNTER_MODULUS = 16  # 4-bit alive counter
@@ -76,8 +77,11 @@ class FrameCodec:
         return data[1] & 15
 
 
-def load_frames(path: Path = DBC) -> dict[str, FrameCodec]:
-    """Compile every frame of a DBC, by name. Raises InputError naming the file, frame and signal."""
+def load_frames(path: Path = DBC, clutch: str = "a") -> dict[str, FrameCodec]:
+    """Compile every frame of a DBC as `clutch` has it, by its name in the DBC. Raises InputError naming file, frame, signal.
+
+    Where there is one clutch, it is clutch a.
+    """
     try:
         database = cantools.database.load_file(path)
     except FileNotFoundError:
@@ -91,7 +95,13 @@ def load_frames(path: Path = DBC) -> dict[str, FrameCodec]:
         raise InputError(f"DBC {path} lacks the frame {missing[0]}; it has {listing(messages)}")
     for message in messages.values():
         _check(path, message)
-    return {name: FrameCodec(message) for name, message in messages.items()}
+    return {name: FrameCodec(of_clutch(message, clutch)) for name, message in messages.items()}
+
+
+def bus_frames(path: Path = DBC, clutches: int = 1) -> list[FrameCodec]:
+    """Every frame on a bus with one or two `clutches`, highest priority first. Raises InputError as `load_frames`."""
+    frames = {codec.can_id: codec for name in CLUTCHES[:clutches] for codec in load_frames(path, name).values()}
+    return [frames[can_id] for can_id in sorted(frames)]
 
 
 def _check(path: Path, message: Message) -> None:

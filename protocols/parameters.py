@@ -75,7 +75,9 @@ class ParameterSet(Mapping[str, Parameter]):
     def with_values(self, values: Mapping[str, float]) -> "ParameterSet":
         """A copy with new `values` by dotted name, each in its declared unit. Raises InputError."""
         changed = {name: replace(self[name], value=_number(name, value)) for name, value in values.items()}
-        return ParameterSet(self._parameters | changed)
+        copy = ParameterSet(self._parameters | changed)
+        copy.__dict__["_groups"] = self._groups  # the names are the same
+        return copy
 
     def si(self, group: str) -> dict[str, float]:
         """SI values of one group, by short name."""
@@ -103,6 +105,11 @@ def load_defaults(path: Path) -> ParameterSet:
             raise InputError(f"{path}: {name} must be a table with exactly the fields {', '.join(_FIELDS)}")
         parameters[name] = _parameter(path, name, entry)
     return ParameterSet(parameters)
+
+
+def named_in(path: Path) -> tuple[str, ...]:
+    """Dotted names of the parameters that a user's file changes. Raises InputError naming the file."""
+    return tuple(name for name, _ in _entries(path))
 
 
 def load_overlay(path: Path, defaults: ParameterSet) -> ParameterSet:

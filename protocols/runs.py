@@ -95,15 +95,15 @@ class RunWriter:
             self._part.unlink(missing_ok=True)
 
 
-def read_run(path: Path) -> Run:
-    """Read and check a run. Raises InputError naming the file, the column and the first bad row."""
+def read_run(path: Path, required: Sequence[str] = REQUIRED) -> Run:
+    """Read and check a run with the columns `required`. Raises InputError naming the file, the column and the first bad row."""
     if path.suffix == ".mf4":
         from protocols.measurement import read_mf4
 
         run = read_mf4(path)
     else:
         run = _read_table(path)
-    _check(path, run.columns)
+    _check(path, run.columns, required)
     return run
 
 
@@ -166,8 +166,8 @@ def _read_table(path: Path) -> Run:
     return Run(columns, metadata, said[b"unit"], said[b"meaning"])
 
 
-def _check(path: Path, columns: Mapping[str, np.ndarray]) -> None:
-    for name in REQUIRED:
+def _check(path: Path, columns: Mapping[str, np.ndarray], required: Sequence[str]) -> None:
+    for name in required:
         if name not in columns:
             raise InputError(f"run {path} lacks the column {name}")
         if len(bad := np.flatnonzero(~np.isfinite(columns[name]))):

@@ -49,31 +49,75 @@ def run_path(folder: Path, name: str, suffix: str = ".parquet") -> Path:
     raise AssertionError  # count() never ends
 
 
-class Recording:
-    """Collects rows and writes the run file at `path`."""
+class Answers:
+    """The rows of one controller, by the sample they answered."""
 
-    def __init__(self, path: Path, plant: Sequence[Column], controller: Sequence[Column], rate: int) -> None:
+    def __init__(self, columns: Sequence[Column]) -> None:
+        self._tick = [column.name for column in columns].index("sample_tick")
+        self._rows = [np.empty((0, len(columns)))]
+
+    def add(self, rows: np.ndarray) -> None:
+        """Take new rows, shape (rows, columns)."""
+        if len(rows):
+            self._rows.append(rows)
+
+    @property
+    def newest(self) -> float:
+        """Tick of the newest sample that was answered by what came last; NaN when that was nothing."""
+        return float(self._rows[-1][-1, self._tick]) if len(self._rows[-1]) else np.nan
+
+    def to(self, ticks: np.ndarray) -> np.ndarray:
+        """Terms that act at each of `ticks`, not-a-number before the first cycle; forgets what came before the last of them."""
+        rows = np.concatenate(self._rows)
+        terms = np.full((len(ticks), rows.shape[1]), np.nan)
+        if len(rows):
+            answered = rows[:, self._tick]
+            held = np.searchsorted(answered, ticks, side="right") - 1  # newest cycle that knew no later sample
+            known = held >= 0
+            # several cycles may hold one sample: the first of them answered it
+            first = np.searchsorted(answered, answered[held[known]], side="left")
+            terms[known] = rows[first]
+            rows = rows[first[-1] if len(first) else 0 :]
+        self._rows = [rows]
+        return terms
+
+
+class Recording:
+    """Collects rows and writes the run file at `path`. Use as a context manager.
+
+    `second` are the columns of clutch b's controller where there are two: its terms follow as `controller_b_...`.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        plant: Sequence[Column],
+        controller: Sequence[Column],
+        rate: int,
+        second: Sequence[Column] = (),
+    ) -> None:
         self.path = path
         self.rows = 0
         self._rate = rate
         self._demand = [column.name for column in controller].index("torque_demand_nm")
-        self._tick = [column.name for column in controller].index("sample_tick")
+        self._answers = [Answers(columns) for columns in (controller, second) if columns]
         terms = [Column(f"controller_{name}", unit, meaning) for name, unit, meaning in controller]
+        terms += [Column(f"controller_b_{name}", unit, meaning) for name, unit, meaning in second]
         self._columns = [*plant, Column("torque_demand_nm", "Nm", "the controller's M_d"), *terms]
-        self._writer = RunWriter(path, self._columns)
+        self._writer = self._new_writer(path, self._columns)
         self._plant: list[np.ndarray] = []
-        self._controller = [np.empty((0, len(controller)))]
 
-    def add(self, plant: np.ndarray, controller: np.ndarray) -> None:
-        """Take new rows of both nodes, each of shape (rows, columns of the node)."""
+    def add(self, plant: np.ndarray, *controllers: np.ndarray) -> None:
+        """Take new rows of all nodes, each of shape (rows, columns of the node)."""
         if len(plant):
             self._plant.append(plant)
-        if len(controller):
-            self._controller.append(controller)
+        for answers, rows in zip(self._answers, controllers, strict=True):
+            answers.add(rows)
         waiting = sum(map(len, self._plant))
+        newest = float(np.min([answers.newest for answers in self._answers]))
         answered = 0
-        if waiting and len(self._controller[-1]):
-            answered = int(self._controller[-1][-1, self._tick] - np.rint(self._plant[0][0, 0] * self._rate))
+        if waiting and newest == newest:
+            answered = int(newest - np.rint(self._plant[0][0, 0] * self._rate))
         ready = max(min(answered, waiting), waiting - _WAIT)
         if ready >= _CHUNK:
             self._write(ready)
@@ -91,22 +135,16 @@ class Recording:
     def __exit__(self, *exception: Any) -> None:
         self._writer.__exit__(*exception)
 
+    def _new_writer(self, path: Path, columns: Sequence[Column]) -> RunWriter:
+        return RunWriter(path, columns)
+
     def _write(self, count: int) -> None:
         """Write the first `count` of the rows that wait."""
         if not count:
             return
-        rows, controller = np.concatenate(self._plant), np.concatenate(self._controller)
+        rows = np.concatenate(self._plant)
         ready, rest = rows[:count], rows[count:]
-        ticks = np.rint(ready[:, 0] * self._rate)
-        terms = np.full((len(ready), controller.shape[1]), np.nan)
-        if len(controller):
-            answered = controller[:, self._tick]
-            held = np.searchsorted(answered, ticks, side="right") - 1  # newest cycle that knew no later sample
-            known = held >= 0
-            # several cycles may hold one sample: the first of them answered it
-            first = np.searchsorted(answered, answered[held[known]], side="left")
-            terms[known] = controller[first]
-            controller = controller[first[-1] if len(first) else 0 :]
-        self._writer.append(np.column_stack([ready, terms[:, self._demand], terms]))
+        terms = [answers.to(np.rint(ready[:, 0] * self._rate)) for answers in self._answers]
+        self._writer.append(np.column_stack([ready, terms[0][:, self._demand], *terms]))
         self.rows += len(ready)
-        self._plant, self._controller = [rest] if len(rest) else [], [controller]
+        self._plant = [rest] if len(rest) else []

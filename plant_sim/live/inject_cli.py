@@ -1,7 +1,70 @@
-"""Commands that inject effects and faults into a running plant."""
+"""Commands that inject effects and faults into a running plant, and that open what a blind run keeps back."""
+
+from pathlib import Path
 
 import typer
 
+from protocols.command import report
+from protocols.errors import InputError
+
+WORDS = typer.Argument(
+    None,
+    metavar="[EFFECT [SHORT=VALUE]... | GROUP.NAME=VALUE]...",
+    help="effects to switch on, at typical values or the given ones, and parameters to set; what is on now if not given",
+)
+FREEZE = typer.Option([], help="sensor that keeps what it shows; may be given more than once")
+BIAS = typer.Option([], metavar="SENSOR=VALUE", help="sensor that shows so much more; may be given more than once")
+BENCH = typer.Option(None, "--bus", help="bus of the bench, where several are running")
+ROUTER = typer.Option(None, help="zenoh router of another machine, such as tcp/192.168.1.5:7447")
+JSON = typer.Option(False, "--json", help="print the result as JSON")
+
 
 def register(app: typer.Typer) -> None:
-    """Add the commands of this file."""
+    """Add the commands."""
+    for command in (inject, unseal):
+        app.command()(command)
+
+
+def inject(
+    words: list[str] | None = WORDS,
+    off: bool = typer.Option(False, "--off", help="switch the effects off, release the sensors"),
+    freeze: list[str] = FREEZE,
+    bias: list[str] = BIAS,
+    list_all: bool = typer.Option(False, "--list", help="show what is on now, and what is to come"),
+    clutch: str | None = typer.Option(None, help="clutch of a power-shift rig: a or b"),
+    at: float | None = typer.Option(None, help="when, in s of the plant's time; now if not given"),
+    after: float | None = typer.Option(None, help="when, in s from now"),
+    ramp: float | None = typer.Option(None, help="go there along a line of so many s"),
+    until: float | None = typer.Option(None, help="go back at this time, in s of the plant's time"),
+    hold: float | None = typer.Option(None, "--for", help="go back so many s after it is there"),
+    bus: str | None = BENCH,
+    router: str | None = ROUTER,
+    json_output: bool = JSON,
+) -> None:
+    """Change the running plant: effects on and off, parameters, sensors that freeze or are biased; now, later, slowly."""
+    from plant_sim.live.inject import injected, shown, wanted
+
+    values = {f"{clutch}.{name}" if clutch else name: v for name, v in wanted(words or [], off, freeze, bias).items()}
+    given = {"at": at, "after": after, "ramp": ramp, "until": until, "for": hold}
+    when = {name: seconds for name, seconds in given.items() if seconds is not None}
+    if not values:
+        if when or off:
+            raise InputError(
+                "inject was told when or how and not what; name an effect, GROUP.NAME=VALUE, --freeze or --bias"
+            )
+        report(*shown(bus, router), json_output)
+        return
+    if list_all:
+        raise InputError("inject was given --list and something to inject; allowed is one of them")
+    report(*injected(values, when, bus, router), json_output)
+
+
+def unseal(
+    run: Path = typer.Argument(help="run file that was recorded with --blind"),
+    truth: Path | None = typer.Option(None, help="folder of the truth file; that of the run if not given"),
+    json_output: bool = JSON,
+) -> None:
+    """Show what a blind run keeps back, when neither it nor its truth file has been changed."""
+    from plant_sim.bench.unseal import told_by, unsealed
+
+    report(*told_by(run, *unsealed(run, truth)), json_output)

@@ -31,6 +31,7 @@ def record(
     seconds: float | None = typer.Option(
         None, help="how long from now on; until Ctrl-C, or the bench's end, if not given"
     ),
+    blind: bool = typer.Option(False, "--blind", help="keep the truth out of the run file, in a sealed file beside it"),
     json_output: bool = JSON,
 ) -> None:
     """Record a running bench: its telemetry, the last 30 s before included, or the frames on its bus."""
@@ -55,12 +56,14 @@ def record(
         if path and path.suffix in WRITERS:
             if router:
                 raise InputError(f"frames on a bus do not come from the router {router}; leave --router away")
+            if blind:
+                raise InputError(f"frames on a bus hold no truth to keep out of {path}; leave --blind away")
             new_file(path)
             with suppress(OSError):  # only root may
                 os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(_PRIORITY))
             result = CanLog(bus or "auto", path).record(stop, seconds, status.update)
         else:
-            result = record_telemetry(path, bus, router, seconds, stop, status.update)
+            result = record_telemetry(path, bus, router, seconds, stop, status.update, blind)
     report(result.document, result.text, result.verdict, result.good, json_output)
 
 

@@ -17,7 +17,8 @@ from typing import Any
 
 import zenoh
 
-from plant_sim.bench.recording import run_path, writable
+from plant_sim.bench.recording import Recording, run_path, writable
+from plant_sim.bench.sealed import SealedRecording
 from plant_sim.live.catalogue import counted
 from plant_sim.live.tape import Tape
 from plant_sim.live.tune import parameters
@@ -27,6 +28,7 @@ from protocols.telemetry.batch import Batch
 from protocols.telemetry.feed import Feed
 from protocols.telemetry.keys import NODES, bus_of
 
+_INJECTED = ("name", "unit", "old", "new", "at", "ramp", "row")  # of an event, for the file
 _RECENT = 100  # batches: the controller's past may come before the plant's
 _BOTH = 10.0  # s from the first row until both sides must have said what they are
 
@@ -97,12 +99,13 @@ class _About:
 class Recorder:
     """Records the rows of `feed` at `path`, and in further files beside it. Use as a context manager.
 
-    Without a path the file is named by date and time, in `runs`.
+    Without a path the file is named by date and time, in `runs`. A `blind` recording seals the truth away.
     """
 
-    def __init__(self, session: zenoh.Session, feed: Feed, path: Path | None) -> None:
+    def __init__(self, session: zenoh.Session, feed: Feed, path: Path | None, blind: bool = False) -> None:
         self.recorded = Recorded(feed.bench)
         self._session, self._feed, self._path = session, feed, path
+        self._recording: type[Recording] = SealedRecording if blind else Recording
         self._tapes: dict[Path, Tape] = {}  # the last one runs, those before wait for the controller's last rows
         self._metadata: dict[Path, dict[str, Any]] = {}
         self._abouts: dict[str, _About] = {}  # by node
@@ -196,12 +199,12 @@ class Recorder:
         further = (first.with_stem(f"{first.stem}-{count}") for count in itertools.count(2))
         path = next(p for p in further if not (p.exists() or p in self._metadata)) if self._metadata else first
         plant, controller = ([Column(**column) for column in self._abouts[node].described["columns"]] for node in NODES)
-        tape = self._tapes[path] = Tape(rows_file(path), batch, plant, controller)
+        tape = self._tapes[path] = Tape(rows_file(path), batch, plant, controller, self._recording)
         began = batch["plant_clock_s"][0] + batch.epoch
         self.recorded.rate = round(batch.rate)
         self._note_changes()
         self._metadata[path] = {
-            "rig": "wet_clutch",
+            "rig": "wet_clutch" if any(c.name == "cylinder_pressure_bar" for c in plant) else "power_shift",
             "sample_rate_hz": round(batch.rate),
             "notes": "",
             "recorded_at": _iso(began),
@@ -210,6 +213,7 @@ class Recorder:
             **{f"{node}_parameters": self._abouts[node].parameters_at(began, self._changes) for node in NODES},
             "settings": {"mode": "recorded from telemetry"},
             "bus": bus_of(self._feed.bench),
+            "blind": self._abouts["plant"].described.get("blind", False),
         }
         return tape
 
@@ -226,7 +230,13 @@ class Recorder:
                 self._abouts[node] = _About(node, described, values, asked)
 
     def _close(self, path: Path) -> None:
-        told = {"parameter_changes": self._changes, "record_rows_lost": sum(self._feed.lost.values())}
+        told = {
+            "parameter_changes": [change for change in self._changes if "injection" not in change],
+            "injections": [
+                {key: change[key] for key in _INJECTED} for change in self._changes if "injection" in change
+            ],
+            "record_rows_lost": sum(self._feed.lost.values()),
+        }
         tape = self._tapes[path]
         tape.close(self._metadata[path] | told)
         del self._tapes[path]

@@ -17,12 +17,22 @@ _TICK_WRAP = 1 << 16  # a controller knows the low 16 bits of the plant's tick a
 
 
 class Tape:
-    """A run file being written: plant rows without a gap from `first` on, and the controller's rows of that time."""
+    """A run file being written: plant rows without a gap from `first` on, and the controller's rows of that time.
 
-    def __init__(self, path: Path, first: Batch, plant: Sequence[Column], controller: Sequence[Column]) -> None:
+    `recording` says how it is written.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        first: Batch,
+        plant: Sequence[Column],
+        controller: Sequence[Column],
+        recording: type[Recording] = Recording,
+    ) -> None:
         bare = [Column(name.removeprefix(_PREFIX), unit, meaning) for name, unit, meaning in controller]
         self.rows = 0
-        self._recording = Recording(path, plant, bare, round(first.rate))
+        self._recording = recording(path, plant, bare, round(first.rate))
         self._session, self._end = first.session, first.first_row
         self._nothing = {"plant": np.empty((0, len(plant))), "controller": np.empty((0, len(controller)))}
         self._pace: deque[tuple[float, float]] = deque(maxlen=_PACE)  # clock [s] and tick of the plant

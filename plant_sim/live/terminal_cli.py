@@ -1,4 +1,4 @@
-"""Commands for the terminal: ask for torque, watch, tune."""
+"""Commands for the terminal: ask for torque or pressure, watch, tune."""
 
 import typer
 
@@ -14,6 +14,7 @@ NAMES = typer.Argument(
 JSON = typer.Option(False, "--json", help="print the result as JSON")
 _SPEED = 10.47  # rad/s, 100 rpm: where the profile `engagement` begins
 _RAMP = 40.0  # Nm/s: as the profile `engagement` rises
+_PRESSURE_RAMP = 4.0  # bar/s: as the experiments rise (plant_sim/experiments.py)
 
 
 def register(app: typer.Typer) -> None:
@@ -27,24 +28,33 @@ def demand(
     torque: float | None = typer.Argument(None, help="torque to hold [Nm]"),
     speed: float | None = typer.Option(None, help=f"speed of the motor, in rad/s; {_SPEED:g} if not given"),
     seconds: float | None = typer.Option(None, help="how long; until Ctrl-C, or to the profile's end, if not given"),
-    ramp: float | None = typer.Option(None, help=f"rise of the torque [Nm/s]; {_RAMP:g} if not given"),
+    pressure: float | None = typer.Option(None, help="cylinder pressure to hold instead of a torque, in bar"),
+    ramp: float | None = typer.Option(
+        None, help=f"rise of the demand; {_RAMP:g} Nm/s or {_PRESSURE_RAMP:g} bar/s if not given"
+    ),
     profile: str | None = typer.Option(None, help="name of a profile, or a CSV file, instead of TORQUE"),
     bus: str = BUS,
     json_output: bool = JSON,
 ) -> None:
-    """Ask the controller for a torque, or for a profile, and tell whether it was reached."""
-    from plant_sim.live.demand import Demand, torque_profile
+    """Ask the controller for a torque, for a pressure, or for a profile, and tell whether it was reached."""
+    from plant_sim.live.demand import Demand, pressure_profile, torque_profile
     from plant_sim.profile import load_profile
 
-    if (torque is None) == (profile is None):
-        given = "neither of them" if torque is None else f"{torque:g} and {profile!r}"
-        raise InputError(f"demand needs either TORQUE or --profile; given are {given}")
-    if torque is None:
-        if speed is not None or ramp is not None:
-            raise InputError(f"demand was given --profile {profile} and --speed or --ramp; they are for a TORQUE")
-        asked = load_profile(str(profile), seconds)
+    given = [str(value) for value in (torque, pressure, profile) if value is not None]
+    if len(given) != 1:
+        told = " and ".join(given) or "none of them"
+        raise InputError(f"demand needs one of TORQUE, --pressure and --profile; given are {told}")
+    at_speed = _SPEED if speed is None else speed
+    if torque is not None:
+        asked = torque_profile(torque, at_speed, seconds, _RAMP if ramp is None else ramp)
+    elif pressure is not None:
+        asked = pressure_profile(pressure, at_speed, seconds, _PRESSURE_RAMP if ramp is None else ramp)
+    elif speed is not None or ramp is not None:
+        raise InputError(
+            f"demand was given --profile {profile} and --speed or --ramp; they are for a TORQUE or a --pressure"
+        )
     else:
-        asked = torque_profile(torque, _SPEED if speed is None else speed, seconds, _RAMP if ramp is None else ramp)
+        asked = load_profile(str(profile), seconds)
     report(*Demand(bus, asked).run(quiet=json_output), json_output)
 
 

@@ -52,10 +52,10 @@ class Batch:
 
 
 def published_columns(node: str, columns: Sequence[Column]) -> tuple[Column, ...]:
-    """Columns of a node under their names in a run file: the controller's terms begin with `controller_`."""
-    if node != "controller":
+    """Columns of a node under their names in a run file: a controller's terms begin with its name, `controller_`."""
+    if not node.startswith("controller"):
         return tuple(columns)
-    return tuple(Column(f"controller_{name}", unit, meaning) for name, unit, meaning in columns)
+    return tuple(Column(f"{node}_{name}", unit, meaning) for name, unit, meaning in columns)
 
 
 class BatchEncoder:

@@ -66,12 +66,12 @@ class Feed:
             time.sleep(_LOOK)
 
     def events(self) -> list[dict[str, Any]]:
-        """Changes of parameters since the last call, those before the first row included."""
+        """Changes of parameters since the last call, those before the first row included; of an injection, that it started."""
         while (sample := self._changes.try_recv()) is not None:
             self._note([json.loads(sample.payload.to_string())])
         events = self._known[self._told :]
         self._told = len(self._known)
-        return events
+        return [event for event in events if event.get("injection", "started") == "started"]
 
     def describe(self, node: str) -> dict[str, Any] | None:
         """What a node says about itself; None when it does not answer."""

@@ -7,9 +7,13 @@
 | `history` | queryable | such batches of the last 30 s, oldest first; `?from=ROW;to=ROW` for a part |
 | `last` | queryable | JSON, the newest row: {"row": n, "values": {column: {"value": x, "unit": u}}} |
 | `describe` | queryable | JSON: columns with unit and meaning, rate, session, versions |
-| `parameters` | queryable | JSON: all of them; with a JSON payload {name: value}: set, all or none |
-| `event` | put | JSON: a parameter was changed |
-| `events` | queryable | JSON: the changes so far |
+| `parameters` | queryable | JSON: all of them; with a JSON payload {name: value}: set, all or none; with WHEN: inject |
+| `event` | put | JSON: a parameter was changed; of an injection, that it is accepted, has started, has ended |
+| `events` | queryable | JSON: the events so far |
+
+WHEN is the payload {"values": {name: value}} with at most one of "at" [s of the node's time] and "after" [s from now], "ramp"
+[s], and at most one of "until" [s of the node's time] and "for" [s from the ramp's end], when the parameters go back to what
+they were. An event of an injection has "injection": "accepted", "started" or "ended"; its "row" is the first with the change.
 """
 
 import os

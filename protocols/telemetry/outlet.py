@@ -53,15 +53,15 @@ class Outlet:
         self._process: subprocess.Popen[bytes] | None = None
         try:
             self._mailbox = Mailbox(self._folder.path / "mailbox")
+            self._tuning = Tuning(node, self._mailbox)
             description = {
                 "node": name, "bench": bench_name(bus), "rate": rate, "session": session, "pid": os.getpid(),
                 "versions": {"clutch-hil": version("clutch-hil"), "python": sys.version.split()[0]},
-                "parameters": described(node, shipped),
+                "parameters": described(node, shipped), "planned": self._tuning.openly_planned, "blind": self._tuning.blind,
             }  # fmt: skip
             timing = [Column(prefix + column, unit, meaning) for column, unit, meaning in TIMING]
             path = ring or self._folder.path / "ring"
             self._ring = RingWriter(path, [*columns, *timing], RING_ROWS, description)
-            self._tuning = Tuning(node, self._mailbox)
             if publish:
                 self._process = self._published(path, router)
         except BaseException:
@@ -92,7 +92,12 @@ class Outlet:
         self._ring.close()
         self._mailbox.close()
         self._folder.remove()
-        return {"telemetry": ended, "rows": self._ring.written, "parameter_changes": self._tuning.changes}
+        return {
+            "telemetry": ended,
+            "rows": self._ring.written,
+            "parameter_changes": self._tuning.changes,
+            "injections": self._tuning.injections,
+        }
 
     def _published(self, ring: Path, router: str | None) -> "subprocess.Popen[bytes]":
         """The telemetry process, once it publishes. Raises InputError with its reason when it does not."""

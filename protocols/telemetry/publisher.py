@@ -6,19 +6,21 @@ It may be late or die without the loop noticing: the ring holds a minute, what i
 import json
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import zenoh
 
+from protocols.blind import tells_truth
 from protocols.errors import InputError
 from protocols.mailbox import Asker
 from protocols.node import Column
 from protocols.ring import RingReader
 from protocols.stopping import Stop
 from protocols.telemetry.batch import ENCODING, BatchEncoder, published_columns
+from protocols.telemetry.coming import Coming
 from protocols.telemetry.keys import Keys
 from protocols.telemetry.session import publisher_session
 
@@ -32,24 +34,30 @@ _QUERIES = ("history", "last", "describe", "parameters", "events")
 
 
 class Publisher:
-    """Publishes one ring; `description` of the ring names node, bench, rate, session and parameters (outlet.py)."""
+    """Publishes one ring; `description` of the ring names node, bench, rate, session and parameters (outlet.py).
+
+    Of a `blind` node it keeps back what tells the truth.
+    """
 
     def __init__(self, ring: RingReader, mailbox: Asker, session: zenoh.Session) -> None:
         about = ring.description
         self._ring, self._mailbox = ring, mailbox
         self._rate = float(about["rate"])
         self._node = str(about["node"])
-        columns = published_columns(self._node, ring.columns)
+        self._blind = bool(about["blind"])
+        self._shown = [i for i, c in enumerate(ring.columns) if not (self._blind and tells_truth(c.name))]
+        columns = published_columns(self._node, [ring.columns[i] for i in self._shown])
         epoch = time.time() - time.monotonic()
         self._encoder = BatchEncoder(self._node, about["session"], self._rate, epoch, columns)
         self._columns = columns
         self._parameters = {entry["name"]: entry for entry in about["parameters"]}
         self._events: list[dict[str, Any]] = []
+        self._coming = Coming(about["planned"])
         self._history: deque[tuple[int, np.ndarray]] = deque()
         self._next = 0  # number of the next row
         keys = Keys(about["bench"], self._node)
         described = about | {"columns": [Column(*c)._asdict() for c in columns], "epoch_s": epoch}
-        del described["parameters"]
+        del described["parameters"], described["planned"]
         self._described = json.dumps(described)
         self._record = session.declare_publisher(
             keys.record,
@@ -66,11 +74,14 @@ class Publisher:
             for name, answer in answers.items()
         ]
         self._token = session.liveliness().declare_token(keys.alive)
+        self._tell("accepted", about["planned"])
 
     def step(self) -> None:
         """Publish what is new and answer who has asked."""
         lost = self._ring.lost
         rows = self._ring.read()
+        if self._blind:
+            rows = rows[:, self._shown]
         self._next += self._ring.lost - lost
         if len(rows):
             self._record.put(self._encoder.encode(self._next, rows, self._ring.lost))
@@ -78,6 +89,10 @@ class Publisher:
             self._next += len(rows)
             while self._next - self._history[0][0] - len(self._history[0][1]) >= HISTORY * self._rate:
                 self._history.popleft()
+        self._tell("started", started := self._coming.started(self._next))
+        self._tell("ended", self._coming.ended(self._next / self._rate))
+        for change in started:
+            self._parameters[change["name"]]["value"] = change["new"]
         for queryable, answer in self._queries:
             while (query := queryable.try_recv()) is not None:
                 with query:
@@ -122,28 +137,45 @@ class Publisher:
 
     def _answer_parameters(self, query: zenoh.Query) -> None:
         if query.payload is None:
-            query.reply(query.key_expr, json.dumps(list(self._parameters.values())))
+            now = self._coming.values(self._next / self._rate)
+            entries = [entry | {"value": now.get(name, entry["value"])} for name, entry in self._parameters.items()]
+            query.reply(query.key_expr, json.dumps(entries))
             return
-        values = json.loads(query.payload.to_string())
+        asked = json.loads(query.payload.to_string())
+        timed = isinstance(asked, dict) and isinstance(asked.get("values"), dict)
+        values = asked["values"] if timed else asked
         if not isinstance(values, dict) or not values:
             raise InputError("a change must be a JSON object of names and numbers")
-        query.reply(query.key_expr, json.dumps(self._changed(values)))
+        when = {"when": {key: told for key, told in asked.items() if key != "values"}} if timed else {}
+        query.reply(query.key_expr, json.dumps(self._answered({"values": values} | when)))
 
-    def _changed(self, values: dict[str, Any]) -> dict[str, Any]:
-        """Have the loop make a change. Raises InputError when it is refused."""
-        request = {"values": values, "until": time.monotonic() + _ANSWER}
+    def _answered(self, request: dict[str, Any]) -> dict[str, Any]:
+        """Have the loop make or plan a change. Raises InputError when it is refused."""
+        request |= {"until": time.monotonic() + _ANSWER}
         try:
             answer = json.loads(self._mailbox.ask(json.dumps(request), _ANSWER + _LATE))
         except InputError as error:
             raise InputError(f"{self._node}: {error} Nothing is changed, now or later") from None
         if "refused" in answer:
             raise InputError(answer["refused"])
-        for change in answer["changed"]:
+        self._coming.plan(answer.pop("planned"), answer["row"])
+        for change in answer.get("changed", ()):
             self._parameters[change["name"]]["value"] = change["new"]
-            event = {"node": self._node, "time": time.time()} | change
-            self._events.append(event)
-            self._event.put(json.dumps(event))
+            self._coming.forget(change["name"])
+            self._put(change)
+        if not self._blind:
+            self._tell("accepted", answer.get("accepted", ()))
         return answer
+
+    def _tell(self, stage: str, changes: Iterable[dict[str, Any]]) -> None:
+        """Publish that changes by injections are `accepted`, have `started` or have `ended`."""
+        for change in changes:
+            self._put({"injection": stage} | change)
+
+    def _put(self, told: dict[str, Any]) -> None:
+        event = {"node": self._node, "time": time.time()} | told
+        self._events.append(event)
+        self._event.put(json.dumps(event))
 
 
 def publish(ring_path: Path, mailbox_path: Path, router: str | None, ready: Callable[[], None]) -> None:

@@ -13,7 +13,7 @@ import can
 import pytest
 from typer.testing import Result
 
-from plant_sim.live.demand import Regime, torque_profile
+from plant_sim.live.demand import Regime, pressure_profile, torque_profile
 from plant_sim.live.supervisor import RATE as SETPOINTS
 from protocols.bus import open_bus
 from protocols.errors import InputError
@@ -21,11 +21,12 @@ from protocols.frames import Frame
 from tests.live.running import FRAMES, Running, clutch_hil, hear, running_bench
 from tests.processes import PATIENCE, service
 
-IDLE, ENGAGE, RELEASE = 0, 1, 2  # values of REQUEST in the DBC
+IDLE, ENGAGE, RELEASE, PRESSURE = range(4)  # values of REQUEST in the DBC
 SLIP_CONTROL = 2  # value of PHASE in the DBC
 PACE_ERROR = 0.1  # of the period of set-points, in the median: a shared machine delays some of them
 RAMP = 20.0  # Nm/s
 RESOLUTION = 0.001  # Nm, of the signal
+PRESSURE_REACHED = 0.03  # bar: three times the noise and the resolution of the sensor, 5 mbar each
 REACHED = 0.8  # Nm, a tenth of the 8 Nm: what the command itself takes for reached
 
 
@@ -92,6 +93,22 @@ def test_a_torque_is_reached_and_released(bench: Running) -> None:
     assert all(torque <= RAMP * (sent - start) + RESOLUTION for sent, torque in engaged)
 
 
+def test_a_pressure_is_reached_and_released(bench: Running) -> None:
+    with Witness(bench.bus) as witness:
+        done = demand(bench.bus, "--pressure", "3.4", "--seconds", "2", "--json")
+    assert done.exit_code == 0
+    result = json.loads(done.stdout)
+    assert result["good"]
+    assert result["released"]
+    assert result["regime_demand_bar"] == pytest.approx(3.4)
+    assert abs(result["last_answer"]["pressure"] - 3.4) < PRESSURE_REACHED
+    assert result["last_answer"]["torque_estimate"] > 12.0  # Nm; 16 at that pressure
+    assert result["regime_error_nm"] is None
+    assert result["verdict"].startswith("reached, regime error 0.0")
+    assert witness.requests() == [IDLE, PRESSURE, RELEASE, IDLE]
+    assert {setpoint.torque_demand for _, setpoint in witness.setpoints} == {0.0}
+
+
 def test_a_profile_file_is_followed(bench: Running, tmp_path: Path) -> None:
     path = tmp_path / "steps.csv"
     path.write_text(
@@ -134,7 +151,7 @@ def test_a_supervisor_that_comes_later_stops_the_demand(bench: Running) -> None:
     codec = FRAMES["TORQUE_SETPOINT"]
     with service("demand", "6", "--bus", bench.bus) as child, open_bus(bench.bus) as port:
         hear(port, "CONTROLLER_STATUS", lambda status: status.phase == SLIP_CONTROL)
-        port.send(Frame(codec.can_id, codec.pack(0, IDLE, 0.0, 0.0)))
+        port.send(Frame(codec.can_id, codec.pack(0, IDLE, 0.0, 0.0, 0.0)))
         _, errors = child.communicate(timeout=PATIENCE)
         hear(port, "CONTROLLER_STATUS", lambda status: status.phase == IDLE)
     assert child.returncode == 2
@@ -164,8 +181,15 @@ def test_without_a_controller_nothing_is_asked(local_bus: str) -> None:
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        ((), "needs either TORQUE or --profile"),
-        (("5", "--profile", "engagement"), "needs either TORQUE or --profile"),
+        ((), "needs one of TORQUE, --pressure and --profile; given are none of them"),
+        (
+            ("5", "--profile", "engagement"),
+            "needs one of TORQUE, --pressure and --profile; given are 5.0 and engagement",
+        ),
+        (("5", "--pressure", "3"), "given are 5.0 and 3.0"),
+        (("--pressure", "4.6"), "pressure 4.6 bar is outside 0..4.5 bar"),
+        (("--pressure", "3", "--ramp", "0"), "ramp 0 bar/s is not possible; it must be above 0"),
+        (("--profile", "multisine", "--ramp", "1"), "they are for a TORQUE or a --pressure"),
         (("31",), "torque 31 Nm is outside 0..30 Nm"),
         (("-1",), "torque -1 Nm is outside 0..30 Nm"),
         (("much",), "valid number"),
@@ -187,6 +211,14 @@ def test_bad_input_is_told(arguments: tuple[str, ...], told: str) -> None:
 def test_what_the_rig_cannot_do_is_refused(torque: float, speed: float, ramp: float) -> None:
     with pytest.raises(InputError):
         torque_profile(torque, speed, None, ramp)
+
+
+def test_a_pressure_rises_from_where_the_clutch_is_filled() -> None:
+    profile = pressure_profile(3.4, 10.0, None, 4.0)
+    assert profile.at(0.01).pressure == pytest.approx(2.6, abs=0.05)
+    assert profile.at(0.1).pressure == pytest.approx(3.0, abs=0.05)
+    assert profile.at(100.0).pressure == pytest.approx(3.4)
+    assert pressure_profile(2.4, 10.0, None, 4.0).at(0.01).pressure == pytest.approx(2.4)
 
 
 def test_a_ramp_that_is_longer_than_the_demand_is_cut() -> None:

@@ -17,16 +17,16 @@ import pytest
 
 from plant_sim.live.panel import Panel
 from plant_sim.live.supervisor import Answer
-from plant_sim.profile import SPEED_LIMIT, TORQUE_LIMIT
+from plant_sim.profile import PRESSURE_LIMIT, SPEED_LIMIT, TORQUE_LIMIT
 from protocols.bus import Port, open_bus
 from protocols.frames import Frame
+from protocols.request import Request
 from tests.live.running import FRAMES, Running, hear, running_bench
 from tests.processes import PATIENCE, service
 
-IDLE, ENGAGE, RELEASE = 0, 1, 2  # values of REQUEST in the DBC
-SLIP_CONTROL = 2  # value of PHASE in the DBC
+OPEN_PHASE, SLIP_CONTROL = 0, 2  # values of PHASE in the DBC
 LONG_AGO, NOW = 0.0, 100.0  # s
-SET = 0.01  # Nm and rad/s: ten counts of the signal, a fiftieth of a key's step
+SET = 0.01  # Nm, rad/s and bar: ten counts of the signal, a fifth of a key's step
 REACHED = 0.5  # Nm: the estimate at 6 Nm, not the 5 Nm before
 UP, PAGE_DOWN, RIGHT = "\x1b[A", "\x1b[6~", "\x1b[C"
 CONTROL = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")  # colours and positions on the screen
@@ -87,14 +87,14 @@ def panel(running: Running) -> Iterator[tuple[Terminal, Port]]:
     fcntl.ioctl(line, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
     before = termios.tcgetattr(line)
     with open_bus(running.bus) as port:
-        hear(port, "CONTROLLER_STATUS", lambda status: status.phase == IDLE)
+        hear(port, "CONTROLLER_STATUS", lambda status: status.phase == OPEN_PHASE)
         ends = {"stdin": line, "stdout": line, "stderr": line, "env": os.environ | {"TERM": "xterm-256color"}}
         with service("panel", "--bus", running.bus, **ends) as child:
             terminal = Terminal(keyboard, child)
             assert terminal.shows("torque demand")
             assert termios.tcgetattr(line) != before
             yield terminal, port
-        hear(port, "CONTROLLER_STATUS", lambda status: status.phase == IDLE)
+        hear(port, "CONTROLLER_STATUS", lambda status: status.phase == OPEN_PHASE)
     assert termios.tcgetattr(line) == before
     os.close(line)
     os.close(keyboard)
@@ -106,23 +106,37 @@ def setpoint(port: Port, wanted: Callable[..., bool]) -> None:
 
 def test_keys_drive_the_clutch(services: Running) -> None:
     with panel(services) as (terminal, port):
-        setpoint(port, lambda s: s.request == IDLE)
+        setpoint(port, lambda s: s.request == Request.IDLE)
         terminal.press("e")
-        setpoint(port, lambda s: s.request == ENGAGE and abs(s.torque_demand - 5.0) < SET)
+        setpoint(port, lambda s: s.request == Request.ENGAGE and abs(s.torque_demand - 5.0) < SET)
         hear(port, "CONTROLLER_STATUS", lambda status: status.phase == SLIP_CONTROL)
         terminal.press(UP + UP + RIGHT)
         setpoint(port, lambda s: abs(s.torque_demand - 6.0) < SET and abs(s.speed_demand - 10.97) < SET)
         hear(port, "CONTROLLER_STATUS", lambda status: abs(status.torque_estimate - 6.0) < REACHED)
         assert terminal.shows("slip control")
         terminal.press(" ")
-        setpoint(port, lambda s: s.request == RELEASE)
-        setpoint(port, lambda s: s.request == IDLE)  # by itself, once the controller is idle
+        setpoint(port, lambda s: s.request == Request.RELEASE)
+        setpoint(port, lambda s: s.request == Request.IDLE)  # by itself, once the controller is idle
         terminal.press("e" + PAGE_DOWN)
-        setpoint(port, lambda s: s.request == ENGAGE and abs(s.torque_demand - 1.0) < SET)
+        setpoint(port, lambda s: s.request == Request.ENGAGE and abs(s.torque_demand - 1.0) < SET)
         terminal.press("q")
         code, text = terminal.ended()
     assert code == 0
     assert "verdict: the clutch is released" in text
+
+
+def test_keys_go_from_torque_to_pressure_and_back(services: Running) -> None:
+    with panel(services) as (terminal, port):
+        terminal.press("e")
+        hear(port, "CONTROLLER_STATUS", lambda status: status.phase == SLIP_CONTROL)
+        terminal.press("p++")
+        setpoint(port, lambda s: s.request == Request.PRESSURE and abs(s.pressure_demand - 2.8) < SET)
+        hear(port, "ANALOG_SENSORS", lambda sensors: abs(sensors.cylinder_pressure - 2.8) < 0.02)
+        terminal.press("e")
+        setpoint(port, lambda s: s.request == Request.ENGAGE)
+        hear(port, "CONTROLLER_STATUS", lambda status: status.phase == SLIP_CONTROL)
+        terminal.press("q")
+        assert terminal.ended()[0] == 0
 
 
 def test_sigterm_releases_and_restores_the_terminal(services: Running) -> None:
@@ -138,7 +152,7 @@ def test_sigterm_releases_and_restores_the_terminal(services: Running) -> None:
 def test_an_error_restores_the_terminal(services: Running) -> None:
     codec = FRAMES["TORQUE_SETPOINT"]
     with panel(services) as (terminal, port):
-        port.send(Frame(codec.can_id, codec.pack(0, IDLE, 0.0, 0.0)))
+        port.send(Frame(codec.can_id, codec.pack(0, Request.IDLE, 0.0, 0.0, 0.0)))
         code, text = terminal.ended()
     assert code == 2
     assert "another supervisor" in text
@@ -150,12 +164,12 @@ def test_a_fault_ends_the_engagement_until_it_is_acknowledged(services: Running)
         hear(port, "CONTROLLER_STATUS", lambda status: status.phase == SLIP_CONTROL)
         services.plant.send_signal(signal.SIGSTOP)
         try:
-            setpoint(port, lambda s: s.request == RELEASE)
+            setpoint(port, lambda s: s.request == Request.RELEASE)
             assert terminal.shows("fault: stale sensors; i acknowledges it")
         finally:
             services.plant.send_signal(signal.SIGCONT)
         terminal.press("i")
-        hear(port, "CONTROLLER_STATUS", lambda status: status.phase == IDLE)
+        hear(port, "CONTROLLER_STATUS", lambda status: status.phase == OPEN_PHASE)
         terminal.press("q")
         assert terminal.ended()[0] == 0
 
@@ -174,18 +188,21 @@ def test_demands_stay_within_the_limits() -> None:
     for _ in range(100):
         panel.press("page up", OPEN, NOW)
         panel.press("shift right", OPEN, NOW)
-    assert (panel.torque, panel.speed) == (TORQUE_LIMIT, SPEED_LIMIT)
+        panel.press("+", OPEN, NOW)
+    assert (panel.torque, panel.speed, panel.pressure) == (TORQUE_LIMIT, SPEED_LIMIT, PRESSURE_LIMIT)
     for _ in range(100):
         panel.press("page down", OPEN, NOW)
         panel.press("shift left", OPEN, NOW)
-    assert (panel.torque, panel.speed) == (0.0, 0.0)
+        panel.press("-", OPEN, NOW)
+    assert (panel.torque, panel.speed, panel.pressure) == (0.0, 0.0, 0.0)
 
 
+@pytest.mark.parametrize("key", ["e", "p"])
 @pytest.mark.parametrize("phase", ["release", "fault", None])
-def test_only_an_idle_controller_is_engaged(phase: str | None) -> None:
+def test_only_an_idle_controller_is_engaged(phase: str | None, key: str) -> None:
     panel = Panel()
-    panel.press("e", Answer("active", "active", phase), NOW)
-    assert panel.request == "idle"
+    panel.press(key, Answer("active", "active", phase), NOW)
+    assert panel.request is Request.IDLE
     assert "must be idle first" in panel.message
 
 
@@ -193,15 +210,16 @@ def test_an_engagement_the_controller_gives_up_is_not_asked_for_again() -> None:
     panel = Panel()
     panel.press("e", OPEN, LONG_AGO)
     panel.heed(ENGAGED, None, NOW)
-    assert panel.request == "engage"
+    assert panel.request is Request.ENGAGE
     panel.heed(OPEN, "the controller has let the clutch go by itself", NOW)
-    assert panel.request == "release"
+    assert panel.request is Request.RELEASE
     panel.heed(OPEN, None, NOW + 1.0)
-    assert (panel.request, panel.message) == ("idle", "the controller has let the clutch go by itself")
+    assert (panel.request, panel.message) == (Request.IDLE, "the controller has let the clutch go by itself")
 
 
 @pytest.mark.parametrize("key", ["r", "space", "q", "end"])
-def test_each_way_out_releases(key: str) -> None:
-    panel = Panel(request="engage")
+@pytest.mark.parametrize("asked", [Request.ENGAGE, Request.PRESSURE])
+def test_each_way_out_releases(key: str, asked: Request) -> None:
+    panel = Panel(request=asked)
     panel.press(key, ENGAGED, NOW)
-    assert panel.request == "release"
+    assert panel.request is Request.RELEASE

@@ -10,6 +10,7 @@ from plant_sim.bench.simulate import Simulation
 from plant_sim.live.replay import export_rrd, run_batches
 from plant_sim.live.rrd import read_rrd
 from plant_sim.live.screen import Screen
+from plant_sim.scenario import Scenario
 from protocols.errors import InputError
 from protocols.runs import Run, read_run
 from tests.live.viewing import View, colours, free_port, refused, shown, until, viewer_client
@@ -24,7 +25,7 @@ def run_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     settings = RunSettings(
         1000, "engagement", SECONDS, None, None, 1, None, "both", True, tmp_path_factory.mktemp("run")
     )
-    Simulation(settings).run(lambda done, total: None)
+    Simulation(Scenario.of(settings)).run(lambda done, total: None)
     (file,) = settings.out.glob("*.parquet")
     return file
 

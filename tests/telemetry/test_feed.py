@@ -80,6 +80,7 @@ def test_history_ends_after_thirty_seconds(tmp_path: Path) -> None:
 
     rate = 100
     about = {"node": "plant", "bench": f"test@{os.getpid()}", "rate": rate, "session": 1, "parameters": []}
+    about |= {"planned": [], "blind": False}
     ring = RingWriter(tmp_path / "ring", [Column("time_s", "s", "time")], 1000, about)
     Mailbox(tmp_path / "mailbox")
     with publisher_session() as session:
