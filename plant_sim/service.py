@@ -1,14 +1,17 @@
 """The plant as a process: a bus, a clock, a ring. Time begins when a controller is on the bus."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from plant_sim.node import COLUMNS, PlantNode
+from plant_sim.injection import Injection
+from plant_sim.node import PlantNode
+from plant_sim.power_shift_node import PowerShiftNode
 from plant_sim.profile import Profile
-from plant_sim.rigs import wet_clutch
+from plant_sim.rigs import power_shift, wet_clutch
+from plant_sim.shift_profile import ShiftProfile
 from protocols import realtime
 from protocols.bus import Port, listen, open_bus
 from protocols.clock import Clock
@@ -27,20 +30,24 @@ _ANSWER = 5.0  # s to wait for a controller's answer in lock-step: it has died
 class PlantService:
     """Settings of a plant process. rate [Hz]; temperature [degC]; `profile` None plays none and runs until stopped.
 
-    `ring`, `telemetry` and `router` as of `Outlet`.
+    `rig` is wet_clutch or power_shift, `profile` one of its kind. `injections` and `blind` as of `PlantNode`; `ring`,
+    `telemetry` and `router` as of `Outlet`.
     """
 
     bus: str
     rate: int
     lockstep: bool = False
     parameters: ParameterSet | None = None
-    profile: Profile | None = None
+    profile: Profile | ShiftProfile | None = None
     seed: int = 1
     temperature: float | None = None
+    injections: Sequence[Injection] = ()
+    blind: bool = False
     ring: Path | None = None
     telemetry: bool = True
     router: str | None = None
     cpu: int | None = None
+    rig: str = "wet_clutch"
 
     def run(self, ready: Callable[[str], None]) -> dict[str, Any]:
         """Serve until SIGTERM or SIGINT, in lock-step to the end of the profile; return the summary.
@@ -48,14 +55,14 @@ class PlantService:
         Raises InputError for a bad bus, a second plant, another rate or protocol.
         """
         session = new_session()
-        node = PlantNode(self.rate, self.parameters, self.profile, self.seed, self.temperature, session=session)
-        node.advance()  # compiles or loads the kernel before time counts
-        node = PlantNode(self.rate, self.parameters, self.profile, self.seed, self.temperature, session=session)
+        wet_clutch.warm()  # before time counts; nothing compiles later, whatever is injected
+        node = self._new_node(session)
         clock = Clock(1_000_000_000 // self.rate)
         with Stop() as stop, open_bus(self.bus) as port:
             heard_alone(port, "plant", load_frames()["PLANT_HEARTBEAT"])
+            shipped = power_shift.nominal() if self.rig == "power_shift" else wet_clutch.nominal()
             outlet = Outlet(
-                "plant", node, COLUMNS, port.name, self.rate, session, shipped=wet_clutch.nominal(),
+                "plant", node, node.columns, port.name, self.rate, session, shipped=shipped,
                 ring=self.ring, publish=self.telemetry, router=self.router, prefix="plant_",
             )  # fmt: skip
             ready(f"plant on {port.name} at {self.rate} Hz, {'lock-step' if self.lockstep else 'real time'}")
@@ -85,14 +92,21 @@ class PlantService:
             **published,
         }
 
-    def _await_controller(self, node: PlantNode, port: Port, outlet: Outlet, stop: Stop) -> None:
+    def _new_node(self, session: int) -> Any:
+        node: Any = PowerShiftNode if self.rig == "power_shift" else PlantNode
+        return node(
+            self.rate, self.parameters, self.profile, self.seed, self.temperature,
+            session=session, injections=self.injections, blind=self.blind,
+        )  # fmt: skip
+
+    def _await_controller(self, node: Any, port: Port, outlet: Outlet, stop: Stop) -> None:
         """Say "inactive" every 50 ms until a controller says "active"."""
         while not stop.asked and node.controller != Lifecycle.ACTIVE:
             port.send(node.heartbeat.next(Lifecycle.INACTIVE))
             outlet.tune()
             node.receive(listen(port, node.heartbeat.period))
 
-    def _real_time(self, node: PlantNode, port: Port, outlet: Outlet, clock: Clock, stop: Stop) -> dict[str, Any]:
+    def _real_time(self, node: Any, port: Port, outlet: Outlet, clock: Clock, stop: Stop) -> dict[str, Any]:
         """Real time does not wait: slots slept through are simulated and sent when the plant wakes."""
         timing = None
         work_us = 0.0
@@ -113,7 +127,7 @@ class PlantService:
                 timing = clock.summary()  # of the run, not of the controller's end after it
         return timing or clock.summary()
 
-    def _lockstep(self, node: PlantNode, port: Port, outlet: Outlet, stop: Stop) -> None:
+    def _lockstep(self, node: Any, port: Port, outlet: Outlet, stop: Stop) -> None:
         """Sample, wait for the answer to this sample, go on."""
         while not (stop.asked or node.finished):
             for frame in node.sample():

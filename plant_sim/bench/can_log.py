@@ -17,10 +17,11 @@ import can
 from plant_sim.bench.progress import table_text
 from protocols.bus import open_bus, resolve
 from protocols.errors import InputError, listing
-from protocols.frames import load_frames
+from protocols.frames import bus_frames
 from protocols.reception import Reception
 from protocols.runs import whole_file
 from protocols.stopping import Stop
+from protocols.two_clutches import CLUTCHES
 
 WRITERS: dict[str, Any] = {
     ".blf": can.BLFWriter,
@@ -31,7 +32,7 @@ WRITERS: dict[str, Any] = {
 _PATIENCE = 10.0  # s for the first frame where the length of the log is given; else it is waited for without end
 _WAIT = 0.1  # s for a frame to come, then a look whether to end
 _SHOWN = 0.5  # s between reports of progress
-_HEARTBEATS = ("PLANT_HEARTBEAT", "CONTROLLER_HEARTBEAT")
+_HEARTBEATS = ("PLANT_HEARTBEAT", "CONTROLLER_HEARTBEAT", "CONTROLLER_HEARTBEAT_B")
 _SUPERVISOR = "SUPERVISOR"  # sender without a heartbeat
 _SILENCE = 0.1  # s; a supervisor listens for longer before it speaks, and counts from 0 then
 # frames waiting at once from which on a queue may have been full: 50 ms at 1 kHz. A local bus holds 2731 of a sender, 554
@@ -103,7 +104,7 @@ class CanLog:
             raise InputError(f"CAN log {path} cannot be written as {path.suffix!r}; allowed are {listing(WRITERS)}")
         self.bus, self.path = resolve(bus), path
         open_bus(self.bus).close()  # tells what is wrong with a bus in one sentence
-        self._codecs = {codec.can_id: codec for codec in load_frames().values()}
+        self._codecs = {codec.can_id: codec for codec in bus_frames(clutches=len(CLUTCHES))}
         self._receptions = {can_id: Reception(codec) for can_id, codec in self._codecs.items()}
         self._sessions: dict[str, int] = {}  # of the services, by heartbeat
         self._counts: Counter[str] = Counter()

@@ -2,7 +2,8 @@
 
 Rise time       from the first demand until the torque first reaches 90 % of the desired trajectory, counted from where
                 the trajectory itself has made 90 % of its first rise (on the way up any lag would pass for "reached")
-Regime error    mean absolute error from that moment until the demand ends
+Regime          from that moment until the demand ends
+Regime error    mean absolute error in the regime
 """
 
 from typing import NamedTuple
@@ -22,19 +23,25 @@ class Following(NamedTuple):
 
 def following(time: np.ndarray, demand: np.ndarray, torque: np.ndarray) -> Following:
     """Judge `torque` against `demand` [Nm], both of shape (samples,) over `time` [s]."""
+    part = regime(time, demand, torque)
+    if not (demand[part] > 0.0).any():
+        return Following(float("nan"), float("nan"))
+    error = float(np.mean(np.abs(torque[part] - demand[part])))
+    first = int(np.argmax(demand > 0.0))
+    return Following(error, float(time[part.start] - time[first]))
+
+
+def regime(time: np.ndarray, demand: np.ndarray, torque: np.ndarray) -> slice:
+    """The samples of the regime; arguments as of `following`. Empty when 90 % was never reached."""
     asked = np.flatnonzero(demand > 0.0)
     if not len(asked):
-        return Following(float("nan"), float("nan"))
+        return slice(0, 0)
     first, end = asked[0], asked[-1] + 1
     level = _first_level(time[first:end], demand[first:end])
     reached = np.flatnonzero(
         (demand[first:end] >= REACHED * level) & (torque[first:end] >= REACHED * demand[first:end])
     )
-    if not len(reached):
-        return Following(float("nan"), float("nan"))
-    start = first + reached[0]
-    error = float(np.mean(np.abs(torque[start:end] - demand[start:end])))
-    return Following(error, float(time[start] - time[first]))
+    return slice(int(first + reached[0]), int(end)) if len(reached) else slice(0, 0)
 
 
 def _first_level(time: np.ndarray, demand: np.ndarray) -> float:

@@ -30,6 +30,12 @@ class Played:
         terms = [f"controller_{column.name}" for column in self.controller_columns]
         return self.controller[:, terms.index(name)]
 
+    def columns(self) -> dict[str, np.ndarray]:
+        """The columns that a run file of this would have, by name."""
+        terms = {f"controller_{column.name}": self.controller[:, i] for i, column in enumerate(self.controller_columns)}
+        plant = {column.name: self.plant[:, i] for i, column in enumerate(self.plant_columns)}
+        return plant | {"torque_demand_nm": terms["controller_torque_demand_nm"]} | terms
+
     def following(self, begin: float = 0.0, end: float = float("inf")) -> Following:
         """How well the true torque followed the demand between two times [s]."""
         time = self["time_s"]

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
+from plant_sim.bench.measures import torque as torque_of
+
 _DEMAND, _TRUE, _ESTIMATE = "#222222", "#1f77b4", "#ffb56b"
 _ERROR_SHOWN = 2.0  # Nm, half the height of the error's axis: the transient of the first touch may leave it
 
@@ -15,20 +17,26 @@ def draw_run(path: Path, columns: Mapping[str, np.ndarray], title: str) -> None:
     from matplotlib.figure import Figure
 
     time, demand = columns["time_s"], columns["torque_demand_nm"]
-    true, estimate = columns["truth_clutch_torque_nm"], columns["controller_torque_estimate_nm"]
+    true, estimate = torque_of(columns), columns["controller_torque_estimate_nm"]
+    name = "true" if "truth_clutch_torque_nm" in columns else "measured"
     figure = Figure(figsize=(10, 9), layout="constrained")
     FigureCanvasAgg(figure)
     torque, error, pressure, slip = figure.subplots(4, 1, sharex=True, height_ratios=(3, 1.3, 2, 1.3))
     figure.suptitle(title, x=0.01, ha="left", fontsize=11)
     torque.plot(time, estimate, color=_ESTIMATE, lw=1.0, label="estimate")
-    torque.plot(time, true, color=_TRUE, lw=1.4, label="true")
+    torque.plot(time, true, color=_TRUE, lw=1.4, label=name)
     torque.plot(time, demand, color=_DEMAND, lw=1.0, ls="--", label="demand")
     torque.set_ylabel("clutch torque [Nm]")
-    error.plot(time, estimate - demand, color=_ESTIMATE, lw=0.6, label="estimate - demand")
-    error.plot(time, true - demand, color=_TRUE, lw=1.2, label="true - demand")
+    if np.any(demand > 0.0):
+        error.plot(time, estimate - demand, color=_ESTIMATE, lw=0.6, label="estimate - demand")
+        error.plot(time, true - demand, color=_TRUE, lw=1.2, label=f"{name} - demand")
+    else:  # a pressure was asked for
+        error.plot(time, estimate - true, color=_ESTIMATE, lw=0.6, label=f"estimate - {name}")
     error.axhline(0.0, color=_DEMAND, lw=0.8, ls="--")
     error.set_ylim(-_ERROR_SHOWN, _ERROR_SHOWN)
     error.set_ylabel("error [Nm]")
+    if "truth_cylinder_pressure_bar" in columns:
+        pressure.plot(time, columns["truth_cylinder_pressure_bar"], color=_ESTIMATE, lw=2.4, label="true")
     pressure.plot(time, columns["cylinder_pressure_bar"], color=_TRUE, lw=1.2, label="measured")
     pressure.plot(time, columns["controller_pressure_demand_bar"], color=_DEMAND, lw=1.0, ls="--", label="demand")
     pressure.set_ylabel("cylinder pressure [bar]")

@@ -1,14 +1,17 @@
 """Result of a run: what was read and written, how well the torque followed, one verdict."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from plant_sim.bench.following import following
+from plant_sim.bench.limits import Judgement, Limit, judged
+from plant_sim.bench.measures import MEASURES, torque
 from plant_sim.bench.picture import draw_run
-from protocols.frames import load_frames
+from plant_sim.bench.sealed import SEAL
 from protocols.runs import read_run
 
 _LATE_NOTED = 1e-3  # share of late cycles above which a run in real time is told to be no measure of the controller
@@ -16,53 +19,87 @@ _LATE_NOTED = 1e-3  # share of late cycles above which a run in real time is tol
 
 @dataclass(frozen=True)
 class Result:
-    """`document` for machines, `text` for people, `verdict` and whether it is `good`."""
+    """`document` for machines, `text` for people, `verdict` and whether it is `good`; `judgements` of a scenario's limits."""
 
     document: dict[str, Any]
     text: str
     verdict: str
     good: bool
+    judgements: tuple[Judgement, ...] = ()
+
+    def limited(self, judgements: Sequence[Judgement]) -> "Result":
+        """This result where limits decide: they and nothing else tell whether it is good. Without any it stays as it is."""
+        if not judgements:
+            return self
+        broken = [judgement for judgement in judgements if not judgement.holds]
+        verdict = f"failed: {'; '.join(map(str, broken))}" if broken else f"passed: {len(judgements)} limits hold"
+        lines = [
+            f"{'limits:' if not i else '':<9}{'BROKEN' if j in broken else 'holds '}  {j}"
+            for i, j in enumerate(judgements)
+        ]
+        return replace(
+            self,
+            document=self.document
+            | {"limits": [j.document() for j in judgements], "verdict": verdict, "good": not broken},
+            text="\n".join([self.text, *lines]),
+            verdict=verdict,
+            good=not broken,
+            judgements=tuple(judgements),
+        )
+
+    def interrupted(self, seconds: float) -> "Result":
+        """This result of a run that was ended after `seconds` [s]: with limits it cannot have passed."""
+        verdict, good = f"interrupted after {seconds:.1f} s; {self.verdict}", self.good and not self.judgements
+        return replace(self, document=self.document | {"verdict": verdict, "good": good}, verdict=verdict, good=good)
 
 
-def judge_run(path: Path, read: str, timing: dict[str, Any] | None = None) -> Result:
-    """Judge the run file at `path`, draw its picture beside it; `timing` comes from services in real time."""
+def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[str, Any] | None = None) -> Result:
+    """Judge the run file at `path`, draw its picture beside it; `timing` comes from services in real time.
+
+    A run recorded blind has no truth: the measured torque stands for it.
+    """
     run = read_run(path)
     columns = dict(run.columns)
     demand = np.nan_to_num(columns["torque_demand_nm"])
-    followed = following(columns["time_s"], demand, columns["truth_clutch_torque_nm"])
-    faults = load_frames()["CONTROLLER_STATUS"].choices("fault")
-    fault = int(np.max(np.nan_to_num(columns["controller_fault"])))
+    followed = following(columns["time_s"], demand, torque(columns))
+    fault = MEASURES["fault"].of(columns)
     asked, reached = bool(np.any(demand > 0.0)), bool(np.isfinite(followed.regime_error))
-    good = fault == 0 and (reached or not asked)
-    picture = path.with_suffix(".png")
     figures = f"regime error {followed.regime_error:.2f} Nm, rise time {followed.rise_time:.2f} s"
-    draw_run(picture, columns, f"{path.stem}: {figures if reached else 'no regime'}")
-    if fault:
-        verdict = f"fault: {faults[fault]}"
+    good = fault == "none" and (reached or not asked)
+    if fault != "none":
+        verdict = f"fault: {fault}"
     elif reached:
         verdict = f"torque followed, {figures}"
+    elif asked:
+        verdict = "torque never reached 90 % of the demand"
+    elif np.isfinite(error := MEASURES["pressure_error_bar"].of(columns)):
+        verdict = f"pressure followed, mean error {error:.3f} bar"
     else:
-        verdict = "torque never reached 90 % of the demand" if asked else "no torque was asked for"
-    if timing and timing["interrupted"]:
-        verdict = f"interrupted after {columns['time_s'][-1]:.1f} s; {verdict}"
+        verdict = "no torque was asked for"
+    picture = path.with_suffix(".png")
+    draw_run(picture, columns, f"{path.stem}: {verdict}")
     document = {
         "run": str(path),
         "picture": str(picture),
         "samples": len(columns["time_s"]),
         "regime_error_nm": followed.regime_error,
         "rise_time_s": followed.rise_time,
-        "fault": faults[fault],
+        "fault": fault,
         "verdict": verdict,
         "good": good,
     } | (timing or {})
     lines = [f"read:    {read}", f"wrote:   {path}  ({len(columns['time_s'])} samples, {len(columns)} columns)"]
-    lines += [f"         {picture}", *_timing_lines(timing or {})]
-    return Result(document, "\n".join(lines), verdict, good)
+    if SEAL in run.metadata:
+        lines.append(f"         {path.with_name(run.metadata[SEAL]['file'])}  (sealed: the truth)")
+    lines += [f"         {picture}", *timing_lines(timing or {})]
+    result = Result(document, "\n".join(lines), verdict, good).limited(judged(limits, columns))
+    return result.interrupted(columns["time_s"][-1]) if timing and timing["interrupted"] else result
 
 
-def _timing_lines(timing: dict[str, Any]) -> list[str]:
+def timing_lines(timing: dict[str, Any]) -> list[str]:
+    """What the services' clocks and ports say, for people."""
     lines = []
-    for name in ("plant", "controller"):
+    for name in ("plant", "controller", "controller_b"):
         service = timing.get(name)
         if not service:
             continue

@@ -1,4 +1,4 @@
-"""Services: plant and controller as processes of the bench, started, watched and ended together."""
+"""Services: plant and controllers as processes of the bench, started, watched and ended together."""
 
 import json
 import signal
@@ -18,11 +18,11 @@ from protocols.stopping import Stop
 _START = 120.0  # s for both services to come up: compiling the kernel for the first time takes some of it
 _STOP = 10.0  # s for a service to end once asked
 _POLL = 0.05  # s between looks
-_ORDER = ("controller", "plant")  # in which they end, so that the safe command still meets a plant
+_PLANT = "plant"  # the service that ends last, so that every safe command still meets a plant
 
 
 class Services:
-    """Processes of `clutch-hil COMMAND ARGUMENTS...` by command, with a ring and a summary file each.
+    """Processes of `clutch-hil ARGUMENTS...` by name, with a ring and a summary file each; one of them is the plant.
 
     Use as a context manager: leaving it ends what still runs, by force if need be, and removes their files.
     """
@@ -31,6 +31,7 @@ class Services:
         self._shared = SharedFolder()
         self._folder = self._shared.path
         self._commands = dict(commands)
+        self._endings = sorted(commands, key=_PLANT.__eq__)
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
 
     def __enter__(self) -> "Services":
@@ -41,22 +42,22 @@ class Services:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        for name in _ORDER:
+        for name in self._endings:
             if not self._stopped(name):
                 self._processes[name].kill()
                 self._processes[name].wait()
         self._shared.remove()
 
-    def rings(self, stop: Stop) -> tuple[RingReader, RingReader]:
-        """Rings of plant and controller once both have started. Raises InputError when one does not."""
+    def rings(self, stop: Stop) -> tuple[RingReader, ...]:
+        """Rings of the services, in the order of their commands, once all have started. Raises InputError when one does not."""
         deadline = time.monotonic() + _START
-        paths = [self._folder / f"{name}.ring" for name in ("plant", "controller")]
+        paths = [self._folder / f"{name}.ring" for name in self._commands]
         while not all(path.exists() for path in paths):
             self.check()
             if stop.asked or time.monotonic() > deadline:
                 raise InputError("the services were stopped before they had started")
             time.sleep(_POLL)
-        return RingReader(paths[0]), RingReader(paths[1])
+        return tuple(map(RingReader, paths))
 
     def ended(self) -> list[str]:
         """Names of the services that have ended well. Raises InputError for one that has not."""
@@ -77,7 +78,7 @@ class Services:
     def end(self) -> dict[str, Any]:
         """Stop the services and return their summaries by name. Raises InputError when one fails or does not stop."""
         summaries = {}
-        for name in _ORDER:
+        for name in self._endings:
             if not self._stopped(name):
                 raise InputError(f"the {name} did not stop within {_STOP:g} s")
             self.check()
@@ -87,7 +88,7 @@ class Services:
     def _spawn(self, name: str, arguments: Sequence[str]) -> subprocess.Popen[bytes]:
         files = ["--ring", str(self._folder / f"{name}.ring"), "--summary", str(self._summary(name))]
         with self._log(name).open("w") as log:
-            return spawn(clutch_hil(name, *arguments, *files), log)  # Ctrl-C is ours: the controller ends first
+            return spawn(clutch_hil(*arguments, *files), log)  # Ctrl-C is ours: controllers end first
 
     def _summary(self, name: str) -> Path:
         return self._folder / f"{name}.json"

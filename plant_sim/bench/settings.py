@@ -1,18 +1,25 @@
 """Settings of a run, however it is run."""
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 from plant_sim.profile import Profile, load_profile
-from plant_sim.rigs import wet_clutch
+from protocols.errors import InputError
 from protocols.node import node_factory
-from protocols.parameters import ParameterSet
+from protocols.parameters import named_in
+
+MANUAL = "manual"  # instead of a profile: the demand comes over the bus, from `clutch-hil demand` or `panel`
 
 
 @dataclass(frozen=True)
 class RunSettings:
-    """rate [Hz], seconds [s], temperature [degC]; `out` is the folder for what is written. None means the default."""
+    """rate [Hz], seconds [s], temperature [degC]; `out` is the folder for what is written. None means the default.
+
+    `controller` changes parameters of the controller, by dotted name, in their declared units; `controller_parameters`, a
+    file, has the last word.
+    """
 
     rate: int = 1000
     profile: str = "engagement"
@@ -24,21 +31,34 @@ class RunSettings:
     law: str = "both"
     adaptation: bool = True
     out: Path = field(default_factory=lambda: Path("runs"))
+    controller: Mapping[str, float] = field(default_factory=dict)
 
     def loaded_profile(self) -> Profile:
         """The profile to play. Raises InputError."""
         return load_profile(self.profile, self.seconds)
 
-    def loaded_plant_parameters(self) -> ParameterSet:
-        """The parameters of the plant. Raises InputError."""
-        return wet_clutch.nominal(self.plant_parameters)
+    def new_controller(self, clutch: str | None = None) -> Any:
+        """A controller node with these settings, of a clutch where there are two. Raises InputError."""
+        node = node_factory("controller")(
+            rate=self.rate, parameters_file=self.controller_parameters, law=self.law, adaptation=self.adaptation,
+            clutch=clutch,
+        )  # fmt: skip
+        said = named_in(self.controller_parameters) if self.controller_parameters else ()
+        values = {name: value for name, value in self.controller.items() if name not in said}
+        if reasons := [reason for name in values if (reason := node.fixed(name))]:
+            raise InputError(reasons[0])
+        node.tune(values)
+        return node
 
-    def new_controller(self) -> Any:
-        """A controller node with these settings. Raises InputError."""
-        return node_factory("controller")(
-            rate=self.rate, parameters_file=self.controller_parameters, law=self.law, adaptation=self.adaptation
-        )
+    def controller_file(self, folder: Path) -> Path | None:
+        """A file of what these settings change of the controller's parameters, for its process; a new one is in `folder`."""
+        if not self.controller:
+            return self.controller_parameters
+        node, path = self.new_controller(), folder / "controller.toml"
+        values = {name: value for name, value in node.parameters.as_values().items() if node.fixed(name) is None}
+        path.write_text("".join(f"{name} = {value!r}\n" for name, value in values.items()), encoding="utf-8")
+        return path
 
     def as_text(self) -> dict[str, str]:
         """The settings that were given, for metadata."""
-        return {name: str(value) for name, value in asdict(self).items() if value is not None}
+        return {name: str(value) for name, value in asdict(self).items() if value is not None and value != {}}

@@ -1,105 +1,82 @@
-"""`clutch-hil simulate`: plant and controller in one process, once with a run file, or many times as a sweep."""
+"""`clutch-hil simulate`: plant and controller of the wet-clutch rig in one process, as fast as it goes."""
 
-import csv
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
-
-import numpy as np
+from collections.abc import Callable
+from typing import Any, Protocol
 
 from plant_sim.bench.in_process import Played, play
 from plant_sim.bench.metadata import run_metadata
 from plant_sim.bench.recording import Recording, run_path, writable
 from plant_sim.bench.result import Result, judge_run
-from plant_sim.bench.settings import RunSettings
+from plant_sim.bench.sealed import SealedRecording
 from plant_sim.node import PlantNode
 from plant_sim.profile import Profile
+from plant_sim.scenario import Scenario, naming
 from protocols.errors import InputError
 from protocols.parameters import ParameterSet
 
 
-@dataclass(frozen=True)
-class Simulation:
-    """Runs of plant and controller in one process."""
+class Simulated(Protocol):
+    """A scenario that is ready to be simulated, whatever its rig."""
 
-    settings: RunSettings
+    scenario: Scenario
 
     def run(self, progress: Callable[[int, int], None]) -> Result:
-        """Simulate once; write the run file and its picture."""
-        profile = self.settings.loaded_profile()
-        writable(self.settings.out)
-        cycles = round(profile.duration * self.settings.rate)
-        parameters = self.settings.loaded_plant_parameters()
-        controller = self.settings.new_controller()
-        played = self._play(parameters, controller, profile, self.settings.seed, lambda cycle: progress(cycle, cycles))
-        path = run_path(self.settings.out, f"{profile.name}-simulated")
-        with Recording(path, played.plant_columns, played.controller_columns, self.settings.rate) as recording:
+        """Simulate; write the run file and its picture."""
+
+
+def simulation(scenario: Scenario, blind: bool = False) -> Simulated:
+    """The simulation of a scenario's rig. Raises InputError when it cannot be: nothing has run then."""
+    if scenario.rig == "wet_clutch":
+        return Simulation(scenario, blind)
+    from plant_sim.bench.shift import ShiftSimulation
+
+    if blind:
+        raise InputError(f"scenario {scenario.name} of the rig {scenario.rig} cannot be blind; allowed is wet_clutch")
+    return ShiftSimulation(scenario)
+
+
+class Simulation:
+    """Runs of a scenario; `blind` seals the truth away. Raises InputError when they cannot be: nothing has run then."""
+
+    def __init__(self, scenario: Scenario, blind: bool = False) -> None:
+        self.scenario, self._blind = scenario, blind
+        with naming(scenario.path):
+            profile = scenario.loaded_profile()
+            if not isinstance(profile, Profile):
+                raise InputError(f"rig {scenario.rig} has no sweeps; allowed is wet_clutch")
+            self.profile = profile
+            self._new_nodes(scenario.plant, scenario.settings.seed)
+
+    def run(self, progress: Callable[[int, int], None]) -> Result:
+        """Simulate; write the run file and its picture."""
+        scenario, settings = self.scenario, self.scenario.settings
+        writable(settings.out)
+        plant, controller = self._new_nodes(scenario.plant, settings.seed)
+        cycles = round(self.profile.duration * settings.rate)
+        played = play(plant, controller, lambda cycle: progress(cycle, cycles))
+        name = "blind" if self._blind else scenario.name  # the name may say what is hidden
+        path = run_path(settings.out, f"{name}-simulated")
+        recorder = SealedRecording if self._blind else Recording
+        with recorder(path, played.plant_columns, played.controller_columns, settings.rate) as recording:
             recording.add(played.plant, played.controller)
-            recording.finish(
-                run_metadata(self.settings.rate, parameters, controller.parameters.as_values())
-                | {"settings": self.settings.as_text() | {"mode": "in process"}}
-            )
-        return judge_run(
-            path, f"profile {profile.name} ({profile.duration:g} s), in one process, {self.settings.rate} Hz"
-        )
+            told = run_metadata(settings.rate, scenario.plant, controller.parameters.as_values(), plant.injected)
+            told |= {"settings": settings.as_text() | {"mode": "in process"}, "scenario": scenario.name}
+            recording.finish(told)
+        return judge_run(path, f"{self}, in one process, {settings.rate} Hz", scenario.limits)
 
-    def sweep(self, vary: str | None, seeds: int, progress: Callable[[int, int], None]) -> Result:
-        """Simulate for every value of `vary` (`NAME=LOW:HIGH:COUNT`, a plant parameter) and `seeds` seeds; write a CSV."""
-        profile = self.settings.loaded_profile()
-        parameters = self.settings.loaded_plant_parameters()
-        writable(self.settings.out)
-        name, values = parsed_range(vary, parameters) if vary else ("seed", [float("nan")])
-        rows = []
-        for i, value in enumerate(values):
-            changed = parameters.with_values({name: value}) if vary else parameters
-            for k in range(seeds):
-                played = self._play(changed, self.settings.new_controller(), profile, self.settings.seed + k, None)
-                rows.append((value, self.settings.seed + k, *played.following()))
-                progress(i * seeds + k + 1, len(values) * seeds)
-        path = run_path(self.settings.out, f"{profile.name}-sweep", ".csv")
-        part = path.with_name(path.name + ".part")
-        with part.open("w", newline="", encoding="utf-8") as file:
-            csv.writer(file).writerows([(name if vary else "-", "seed", "regime_error_nm", "rise_time_s"), *rows])
-        part.rename(path)
-        lines = [f"read:  profile {profile.name}, {len(rows)} runs in one process", f"wrote: {path}"]
-        table = np.array(rows)
-        for value in values:
-            part = table[np.isnan(table[:, 0]) if np.isnan(value) else table[:, 0] == value]
-            error, rise = part[:, 2], part[:, 3]
-            label = f"{name} = {value:<10.5g}" if vary else "all seeds"
-            lines.append(f"{label}  regime error {_spread(error)} Nm, rise time {_spread(rise)} s")
-        missed = int(np.isnan(table[:, 2]).sum())
-        verdict = f"{len(rows)} runs, {missed} never reached 90 % of the demand"
-        document = {"sweep": str(path), "runs": [list(map(float, row)) for row in rows], "verdict": verdict}
-        return Result(document, "\n".join(lines), verdict, missed == 0)
+    def play(self, plant: ParameterSet, seed: int) -> Played:
+        """Simulate with other parameters of the plant and another seed; write nothing. Raises InputError."""
+        return play(*self._new_nodes(plant, seed))
 
-    def _play(
-        self,
-        parameters: ParameterSet,
-        controller: Any,
-        profile: Profile,
-        seed: int,
-        progress: Callable[[int], None] | None,
-    ) -> Played:
-        plant = PlantNode(self.settings.rate, parameters, profile, seed, self.settings.temperature)
-        return play(plant, controller, progress)
+    def __str__(self) -> str:
+        """What is read."""
+        what = f"scenario {self.scenario.path}" if self.scenario.path else f"profile {self.profile.name}"
+        return f"{what} ({self.profile.duration:g} s)"
 
-
-def parsed_range(text: str, parameters: ParameterSet) -> tuple[str, Sequence[float]]:
-    """Parameter name and values of `NAME=LOW:HIGH:COUNT`. Raises InputError."""
-    name, _, span = text.partition("=")
-    try:
-        low, high, count = span.split(":")
-        values = np.linspace(float(low), float(high), int(count)).tolist()
-    except ValueError:
-        raise InputError(f"range {text!r} is not of the form NAME=LOW:HIGH:COUNT") from None
-    if not values:
-        raise InputError(f"range {text!r} has no values; COUNT must be 1 or more")
-    for value in values:
-        parameters.with_values({name: value})
-    return name, values
-
-
-def _spread(values: np.ndarray) -> str:
-    known = values[~np.isnan(values)]
-    return f"{known.mean():.3f} +- {known.std():.3f}" if len(known) else "never"
+    def _new_nodes(self, plant: ParameterSet, seed: int) -> tuple[PlantNode, Any]:
+        settings = self.scenario.settings
+        node = PlantNode(
+            settings.rate, plant, self.profile, seed, settings.temperature,
+            injections=self.scenario.injections, blind=self._blind,
+        )  # fmt: skip
+        return node, settings.new_controller()

@@ -17,11 +17,14 @@ _PLAIN_EVERY = 2.0  # s between lines where the output is no terminal
 
 
 class StatusLine:
-    """Rate, torque demand/estimate/true, pressure and late cycles; nothing at all when `quiet`."""
+    """Rate, torque demand/estimate/true, pressure, late cycles. Nothing when `quiet`; the measured torque when `blind`."""
 
-    def __init__(self, plant: Sequence[Column], controller: Sequence[Column], duration: float, quiet: bool) -> None:
+    def __init__(
+        self, plant: Sequence[Column], controller: Sequence[Column], duration: float, quiet: bool, blind: bool = False
+    ) -> None:
         self._plant = {column.name: i for i, column in enumerate(plant)}
         self._controller = {column.name: i for i, column in enumerate(controller)}
+        self._torque = ("clutch_torque_nm", "measured") if blind else ("truth_clutch_torque_nm", "true")
         self._of, self._quiet = f"/{duration:g}" if isfinite(duration) else "", quiet
         self._phases = load_frames()["CONTROLLER_STATUS"].choices("phase")
         self._console = Console(stderr=True)
@@ -62,6 +65,6 @@ class StatusLine:
         return (
             f"{p['time_s']:6.1f}{self._of} s  {self._rate:5.0f} Hz  {self._phases[int(c['phase'])]:<12}"
             f"  torque demand {c['torque_demand_nm']:5.2f}  estimate {c['torque_estimate_nm']:5.2f}"
-            f"  true {p['truth_clutch_torque_nm']:5.2f} Nm  pressure {p['cylinder_pressure_bar']:4.2f} bar"
+            f"  {self._torque[1]} {p[self._torque[0]]:5.2f} Nm  pressure {p['cylinder_pressure_bar']:4.2f} bar"
             f"  late {int(c['late_cycles'])}"
         )

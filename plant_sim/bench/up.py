@@ -8,16 +8,20 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from math import inf
-from typing import Any
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Protocol
 
 import numpy as np
 
 from plant_sim.bench.metadata import run_metadata
 from plant_sim.bench.recording import Recording, run_path, writable
 from plant_sim.bench.result import Result, judge_run
+from plant_sim.bench.sealed import SealedRecording
 from plant_sim.bench.services import Services
-from plant_sim.bench.settings import RunSettings
+from plant_sim.bench.settings import MANUAL
 from plant_sim.bench.status import StatusLine
+from plant_sim.scenario import Scenario, naming
 from protocols.bus import open_bus, resolve
 from protocols.child import clutch_hil, spawn
 from protocols.errors import InputError
@@ -26,56 +30,105 @@ from protocols.stopping import Stop
 
 _POLL = 0.05  # s between looks at the rings
 _VIEWER_END = 5.0  # s for a viewer to end once asked
-MANUAL = "manual"  # instead of a profile: the demand comes over the bus, from `clutch-hil demand` or `panel`
+
+
+class Live(Protocol):
+    """A scenario that is ready to be run live, whatever its rig."""
+
+    def run(self, quiet: bool = False) -> Result:
+        """Run to the end of the profile or Ctrl-C."""
+
+
+def bench(
+    scenario: Scenario,
+    bus: str,
+    lockstep: bool,
+    telemetry: bool,
+    router: str | None,
+    viewer: Sequence[str] | None,
+    blind: bool,
+) -> Live:
+    """The bench of a scenario's rig; arguments as of `Bench`. Raises InputError."""
+    if scenario.rig == "wet_clutch":
+        return Bench(scenario, bus, lockstep, telemetry, router, viewer, blind)
+    from plant_sim.bench.shift import ShiftBench
+
+    if blind:
+        raise InputError(f"scenario {scenario.name} of the rig {scenario.rig} cannot be blind; allowed is wet_clutch")
+    return ShiftBench(scenario, bus, lockstep, telemetry, router, viewer)
 
 
 @dataclass(frozen=True)
 class Bench:
-    """A run of two processes on `bus`, on their clocks or in lock-step, published over zenoh unless not `telemetry`.
+    """A scenario run by two processes on `bus`, on their clocks or in lock-step, published over zenoh unless not `telemetry`.
 
-    `viewer` holds the arguments of `clutch-hil view` beside it; None shows nothing.
+    `viewer` holds the arguments of `clutch-hil view` beside it; None shows nothing. `blind` seals the truth away.
     """
 
-    settings: RunSettings
+    scenario: Scenario
     bus: str
     lockstep: bool = False
     telemetry: bool = True
     router: str | None = None
     viewer: Sequence[str] | None = None
+    blind: bool = False
 
     def run(self, quiet: bool = False) -> Result:
         """Run to the end of the profile or Ctrl-C. Raises InputError; nothing half-written is left then."""
-        settings = self.settings
-        name, duration = self._demand()
-        plant_parameters = settings.loaded_plant_parameters()
-        settings.new_controller()  # bad settings of the controller are told before anything starts
+        scenario, settings = self.scenario, self.scenario.settings
+        with naming(scenario.path):
+            what, duration = self._demand()
+            settings.new_controller()  # bad settings of the controller are told before anything starts
         bus = resolve(self.bus)
         open_bus(bus).close()
         writable(settings.out)
         cpus = os.sched_getaffinity(0)
         try:
-            with Stop() as stop, Services(self._commands(bus, sorted(cpus))) as services, self._viewing(bus):
+            with (
+                TemporaryDirectory() as folder,
+                Stop() as stop,
+                Services(self._commands(bus, sorted(cpus), Path(folder))) as services,
+                self._viewing(bus),
+            ):
                 rings = services.rings(stop)
                 began = time.monotonic()
+                name = "blind" if self.blind else scenario.name  # the name may say what is hidden
                 path = run_path(settings.out, name)
-                with Recording(path, rings[0].columns, rings[1].columns, settings.rate) as recording:
+                with self._recording(path, rings) as recording:
                     self._watch(services, rings, recording, stop, duration, quiet)
                     elapsed = time.monotonic() - began
                     timing = services.end()
-                    recording.add(_until(duration, rings[0].read()), rings[1].read())
+                    plant, *controllers = [ring.read() for ring in rings]
+                    recording.add(_until(duration, plant), *controllers)
                     timing["interrupted"] = stop.asked
-                    timing["record_rows_lost"] = rings[0].lost + rings[1].lost
+                    timing["record_rows_lost"] = sum(ring.lost for ring in rings)
                     if self.lockstep:
                         timing["speed"] = timing["plant"]["samples"] / settings.rate / elapsed
                     mode = {"mode": "lock-step" if self.lockstep else "real time"}
-                    metadata = run_metadata(settings.rate, plant_parameters, timing["controller"].pop("parameters"))
+                    metadata = self._metadata(timing)
                     metadata |= {"settings": settings.as_text() | mode, "bus": bus, "interrupted": stop.asked}
-                    metadata |= {"parameter_changes": _changes(timing), "timing": timing}
+                    metadata |= {"parameter_changes": _changes(timing)}
+                    metadata |= {"scenario": scenario.name, "timing": timing}
                     recording.finish(metadata)
         finally:
             os.sched_setaffinity(0, cpus)
-        what = f"profile {name} ({duration:g} s)" if duration < inf else "demand from the bus"
-        return judge_run(path, f"{what}, bus {bus}, {settings.rate} Hz", timing)
+        return self._judged(path, f"{what}, bus {bus}, {settings.rate} Hz", timing)
+
+    def _recording(self, path: Path, rings: Sequence[RingReader]) -> Recording:
+        recorder = SealedRecording if self.blind else Recording
+        return recorder(path, rings[0].columns, rings[1].columns, self.scenario.settings.rate)
+
+    def _metadata(self, timing: dict[str, Any]) -> dict[str, Any]:
+        """What the services' summaries tell of the rig; taken out of them."""
+        controller, injections = timing["controller"].pop("parameters"), timing["plant"].pop("injections")
+        timing["controller"].pop("injections")
+        return run_metadata(self.scenario.settings.rate, self.scenario.plant, controller, injections)
+
+    def _judged(self, path: Path, read: str, timing: dict[str, Any]) -> Result:
+        return judge_run(path, read, self.scenario.limits, timing)
+
+    def _status(self, rings: Sequence[RingReader], duration: float, quiet: bool) -> StatusLine:
+        return StatusLine(rings[0].columns, rings[1].columns, duration, quiet, self.blind)
 
     @contextmanager
     def _viewing(self, bus: str) -> Iterator[None]:
@@ -95,17 +148,19 @@ class Bench:
                 view.wait()
 
     def _demand(self) -> tuple[str, float]:
-        """Name and duration [s] of what is asked of the clutch. Raises InputError."""
-        if self.settings.profile != MANUAL:
-            profile = self.settings.loaded_profile()
-            return profile.name, profile.duration
+        """What is asked of the clutch, for people, and for how long [s]. Raises InputError."""
+        scenario, settings = self.scenario, self.scenario.settings
+        if settings.profile != MANUAL:
+            profile = scenario.loaded_profile()
+            what = f"scenario {scenario.path}" if scenario.path else f"profile {profile.name}"
+            return f"{what} ({profile.duration:g} s)", profile.duration
         if self.lockstep:
             raise InputError("profile 'manual' cannot be played in lock-step; allowed is real time")
-        return MANUAL, self.settings.seconds or inf
+        return "demand from the bus", settings.seconds or inf
 
-    def _commands(self, bus: str, cpus: list[int]) -> dict[str, list[str]]:
-        """Arguments of both services."""
-        settings = self.settings
+    def _commands(self, bus: str, cpus: list[int], folder: Path) -> dict[str, list[str]]:
+        """Arguments of both services; `folder` takes what they read."""
+        scenario, settings = self.scenario, self.scenario.settings
         common = ["--bus", bus, "--rate", str(settings.rate)]
         if self.lockstep:
             common.append("--lockstep")
@@ -115,32 +170,32 @@ class Bench:
             os.sched_setaffinity(0, set(cpus[:-1]))
         common += ([] if self.telemetry else ["--no-telemetry"]) + _option("--router", self.router)
         plant = ["--seed", str(settings.seed), *_option("--temperature", settings.temperature)]
-        if settings.profile != MANUAL:
-            plant += ["--profile", settings.profile, *_option("--seconds", settings.seconds)]
-        plant += _option("--parameters", settings.plant_parameters)
+        plant += ["--profile", settings.profile, *_option("--seconds", settings.seconds)]
+        plant += _option("--scenario", scenario.path) + _option("--parameters", settings.plant_parameters)
+        plant += ["--blind"] if self.blind else []
         controller = ["--law", settings.law, "--adaptation" if settings.adaptation else "--no-adaptation"]
-        controller += _option("--parameters", settings.controller_parameters)
-        return {"plant": common + plant, "controller": common + controller}
+        controller += _option("--parameters", settings.controller_file(folder))
+        return {"plant": ["plant", *common, *plant], "controller": ["controller", *common, *controller]}
 
     def _watch(
         self,
         services: Services,
-        rings: tuple[RingReader, RingReader],
+        rings: Sequence[RingReader],
         recording: Recording,
         stop: Stop,
         duration: float,
         quiet: bool,
     ) -> None:
         """Move rows from the rings to the recording and the status line until the run ends or somebody stops it."""
-        with StatusLine(rings[0].columns, rings[1].columns, duration, quiet) as status:
+        with self._status(rings, duration, quiet) as status:
             while not stop.asked:
                 ended = services.ended()
                 if ended and not self.lockstep:
                     raise InputError(f"the {ended[0]} ended before the profile did: somebody stopped it")
-                plant, controller = rings[0].read(), rings[1].read()
-                recording.add(_until(duration, plant), controller)
-                status.show(plant, controller)
-                if len(ended) == 2 or (len(plant) and plant[-1, 0] >= duration):
+                plant, *controllers = [ring.read() for ring in rings]
+                recording.add(_until(duration, plant), *controllers)
+                status.show(plant, controllers[0])
+                if len(ended) == len(rings) or (len(plant) and plant[-1, 0] >= duration):
                     return
                 time.sleep(_POLL)
 
@@ -148,7 +203,10 @@ class Bench:
 def _changes(timing: dict[str, Any]) -> list[dict[str, Any]]:
     """Parameters changed in both services; `row` counts the rows of that service, in which the change is first at work."""
     return [
-        {"node": node} | change for node in ("plant", "controller") for change in timing[node].pop("parameter_changes")
+        {"node": node} | change
+        for node in ("plant", "controller", "controller_b")
+        if node in timing
+        for change in timing[node].pop("parameter_changes")
     ]
 
 

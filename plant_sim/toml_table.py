@@ -1,0 +1,81 @@
+"""TomlTable: a table of a TOML file that a person wrote, asked for its entries by type. What is wrong is told by name."""
+
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from sys import float_info
+from typing import Any
+
+from protocols.errors import InputError, closest
+
+_KINDS: Mapping[type, str] = {
+    str: "text", int: "a whole number", float: "a number", bool: "true or false", dict: "a table", list: "a list of tables",
+}  # fmt: skip
+
+
+class TomlTable:
+    """The `entries` of the table `name` in the file at `path`. Raises InputError for an entry that is not in `known`.
+
+    Without `known` every entry is allowed: its keys are names of other things.
+    """
+
+    def __init__(self, path: Path, name: str, entries: Mapping[str, Any], known: Sequence[str] | None = None) -> None:
+        self.path, self.name, self._entries = path, name, entries
+        if known is not None and (unknown := [key for key in entries if key not in known]):
+            raise InputError(f"entry {self._dotted(unknown[0])} is unknown; {closest(unknown[0], known)}")
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._entries)
+
+    def __contains__(self, key: str) -> bool:
+        return key in self._entries
+
+    def get(self, key: str, kind: type, otherwise: Any = None) -> Any:
+        """The entry `key`, a `kind` (a float may be written as a whole number); `otherwise` where there is none."""
+        if key not in self._entries:
+            return otherwise
+        value = self._entries[key]
+        kinds = (int, float) if kind is float else (kind,)
+        if type(value) not in kinds or (kind is float and not abs(value) <= float_info.max):
+            raise InputError(f"{self._dotted(key)} is {value!r}; allowed is {_KINDS[kind]}")
+        return float(value) if kind is float else value
+
+    def need(self, key: str, kind: type) -> Any:
+        """As `get`, of an entry that must be there."""
+        if key not in self._entries:
+            raise InputError(f"entry {self._dotted(key)} is missing; {_KINDS[kind]} is needed")
+        return self.get(key, kind)
+
+    def table(self, key: str, known: Sequence[str] | None = None) -> "TomlTable":
+        """The table `key` within; an empty one where there is none."""
+        return TomlTable(self.path, self._dotted(key), self.get(key, dict, {}), known)
+
+    def tables(self, key: str, known: Sequence[str]) -> Iterator["TomlTable"]:
+        """The tables of the list `key`, named by their number from 1."""
+        for number, entries in enumerate(self.get(key, list, []), 1):
+            if not isinstance(entries, dict):
+                raise InputError(f"{self._dotted(key)} {number} is {entries!r}; allowed is a table")
+            yield TomlTable(self.path, f"{self._dotted(key)} {number}", entries, known)
+
+    def numbers(self) -> dict[str, float]:
+        """The numbers in this table and in the tables within, by dotted name. Raises InputError for anything else."""
+        values: dict[str, float] = {}
+        for key, value in self._entries.items():
+            if isinstance(value, dict):
+                values |= {f"{key}.{name}": number for name, number in self.table(key).numbers().items()}
+            else:
+                values[key] = self.get(key, float)
+        return values
+
+    def _dotted(self, key: str) -> str:
+        return f"{self.name}.{key}" if self.name else key
+
+
+def read_toml(path: Path, known: Sequence[str]) -> TomlTable:
+    """The outermost table of a TOML file. Raises InputError."""
+    try:
+        return TomlTable(path, "", tomllib.loads(path.read_text(encoding="utf-8")), known)
+    except FileNotFoundError:
+        raise InputError(f"file {path} does not exist") from None
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise InputError(f"file {path} cannot be read: {error}") from None
