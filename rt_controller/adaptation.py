@@ -6,7 +6,8 @@ Equation        y = M_m - J alpha  (torque balance of the motor side);  y = leve
                 independently of c + v (excitation), else it is held.
                 level(T) = base + sum_i w_i(T) d_i, w_i hat functions over oil temperature: what is learnt at one
                 temperature is remembered there.
-Assumptions     motor torque signal is right; inertia known; friction changes slower than the window
+Assumptions     motor torque signal is right while it moves, one that is stuck teaches nothing; inertia known; friction
+                changes slower than the window
 Valid range     |slip| and torque above their floors, |alpha| below its limit; outside, everything is held
 Not modelled    errors that are not proportional to torque (contact pressure, seal) appear as level
 References      ours; torque balance from rig.md 8. Integral adaptation announced as future work in Janssens 2010, chapter 7
@@ -32,6 +33,7 @@ class AdaptationSettings:
     torque_floor: float
     slip_floor: float
     acceleration_limit: float
+    stuck_time: float
     excitation: float
 
 

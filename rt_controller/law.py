@@ -165,7 +165,8 @@ class TorqueLaw:
             self._motor = lagged(self._motor, before[2], q)
             observed = self._motor[-1] - self.model.motor_inertia * sample.acceleration  # torque balance, rig.md 8
             self._observed = observed if sample.slip >= 0.0 else -observed
-        sliding = phase is Phase.SLIP_CONTROL and self._contact
+        stuck = sample.motor_stuck > self._adaptation.settings.stuck_time
+        sliding = phase is Phase.SLIP_CONTROL and self._contact and not stuck
         self._adaptation.update(
             self._coulomb[-1], self._viscous[-1], self._observed, sample.slip, sample.acceleration,
             sample.temperature, step, sliding,

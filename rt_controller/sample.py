@@ -15,12 +15,12 @@ class Sample:
     period [s]; bandwidth of the slip observer [1/s]; temperature until one is measured [K]; angle_step [rad/count].
 
     `bandwidth` may be changed between samples. tick (unwrapped, -1 before the first), pressure [Pa], temperature [K],
-    motor_torque [Nm], slip [rad/s], acceleration [rad/s^2].
+    motor_torque [Nm], unchanged by a count for motor_stuck [s], slip [rad/s], acceleration [rad/s^2].
     """
 
     def __init__(self, period: float, bandwidth: float, temperature: float, angle_step: float) -> None:
         self.tick = -1
-        self.pressure = self.motor_torque = self.slip = self.acceleration = 0.0
+        self.pressure = self.motor_torque = self.motor_stuck = self.slip = self.acceleration = 0.0
         self.temperature = temperature
         self._period, self.bandwidth, self._angle_step = period, bandwidth, angle_step
         self._analog: Any = None  # half a sample: its encoder frame has not come yet
@@ -50,5 +50,6 @@ class Sample:
         _, self.slip, self.acceleration = self._observer
         self.pressure = analog.cylinder_pressure * BAR
         self.temperature = analog.oil_temperature + ZERO_CELSIUS
+        self.motor_stuck = self.motor_stuck + ticks * self._period if analog.motor_torque == self.motor_torque else 0.0
         self.motor_torque = analog.motor_torque
         return ticks
