@@ -188,7 +188,7 @@ def test_the_next_supervisor_counts_anew(local_bus: str, tmp_path: Path) -> None
     with start(tmp_path / "wire.blf", local_bus) as recorder, open_bus(local_bus) as port:
         for counters in ((0, 1, 2), (0, 1), (2, 4)):
             for counter in counters:
-                port.send(Frame(setpoint.can_id, setpoint.pack(counter, 0, 0.0, 0.0)))
+                port.send(Frame(setpoint.can_id, setpoint.pack(counter, 0, 0.0, 0.0, 0.0)))
             if counters == (0, 1, 2):
                 time.sleep(0.2)  # the silence itself: a supervisor listens that long before it speaks
         assert stopped(recorder, signal.SIGTERM)["frames_lost"] == 1

@@ -228,13 +228,13 @@ def test_a_second_controller_stops_the_controller_with_a_sentence() -> None:
 
 def test_a_set_point_outside_limits_stops_the_controller_with_a_sentence() -> None:
     with pytest.raises(InputError, match=r"^set-point 30.5 Nm is outside 0..30 Nm$"):
-        controller_node().step([Frame(0x180, FRAMES["TORQUE_SETPOINT"].pack(0, 1, 30.5, 10.0))])
+        controller_node().step([Frame(0x180, FRAMES["TORQUE_SETPOINT"].pack(0, 1, 30.5, 10.0, 0.0))])
 
 
 def test_a_speed_outside_limits_stops_the_controller_with_a_sentence() -> None:
     for speed in (-10.0, 27.0):
         with pytest.raises(InputError, match=r"rad/s is outside 0..26.2 rad/s$"):
-            controller_node().step([Frame(0x180, FRAMES["TORQUE_SETPOINT"].pack(0, 1, 10.0, speed))])
+            controller_node().step([Frame(0x180, FRAMES["TORQUE_SETPOINT"].pack(0, 1, 10.0, speed, 0.0))])
 
 
 def test_two_rates_on_one_bus_are_refused() -> None:

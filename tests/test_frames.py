@@ -21,7 +21,7 @@ DECLARED = 1e-8  # of the range: the DBC prints its limits with 10 digits
 EXAMPLES = 50  # a frame
 LOAD = 0.8  # of the wire: the highest load a bus is planned for
 
-# Sender of each frame: architecture.md, "Processes and data flow"; the supervisor asks for torque.
+# Sender of each frame: architecture.md, "Processes and data flow"; the supervisor asks for torque or pressure.
 SENDERS = {
     "VALVE_COMMAND": "CONTROLLER",
     "MOTOR_COMMAND": "CONTROLLER",
@@ -290,8 +290,8 @@ def test_worst_case_frames_have_the_bits_counted_by_hand() -> None:
 
 
 def test_frames_at_1_khz_fit_a_bus_of_1_mbit_and_not_of_500_kbit() -> None:
-    # 1 kHz: three frames of 6 and two of 8 bytes; 10 Hz: one of each; 20 Hz: two of 8 bytes.
-    bits = 1000 * (3 * 115 + 2 * 135) + 10 * (135 + 115) + 20 * 2 * 135
+    # 1 kHz: two frames of 6 and three of 8 bytes; 10 Hz: one of each; 20 Hz: two of 8 bytes.
+    bits = 1000 * (2 * 115 + 3 * 135) + 10 * (135 + 115) + 20 * 2 * 135
     assert bus_load(CODECS.values(), 1000, 1_000_000) == pytest.approx(bits / 1e6, rel=ROUNDING)
     assert bus_load(CODECS.values(), 1000, 1_000_000) < LOAD
     assert bus_load(CODECS.values(), 1000, 500_000) > 1.0

@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 import rt_controller.limits
 from protocols.frames import DBC
 from protocols.parameters import load_defaults
+from protocols.two_clutches import OFFSET
 from rt_controller.node import LIMITS
 
 PERIOD = 1e-3  # s
@@ -124,6 +125,17 @@ def test_findings_are_those_of_controller_status(limits: ModuleType) -> None:
 def test_identifiers_agree_with_the_dbc(limits: ModuleType) -> None:
     for name in ("VALVE_COMMAND", "MOTOR_COMMAND", "ANALOG_SENSORS", "ENCODER", "TORQUE_SETPOINT"):
         assert getattr(limits, name) == IDENTIFIERS[name]
+
+
+def test_the_guard_of_a_second_clutch_sees_its_own_frames_and_no_others(limits: ModuleType) -> None:
+    guard = limits.Guard(limits.Limits(**NOMINAL), PERIOD, OFFSET)
+    command = frame("VALVE_COMMAND", 5, VALVE_ENABLE=1, VALVE_VOLTAGE=9000)
+    own = IDENTIFIERS["VALVE_COMMAND"] + OFFSET
+    for offset, passes in ((0, False), (OFFSET, True)):  # the sample of the other clutch, then its own
+        for name in ("ANALOG_SENSORS", "ENCODER"):
+            guard.inbound(IDENTIFIERS[name] + offset, frame(name, 1))
+        guard.cycle()
+        assert bool(decoded("VALVE_COMMAND", guard.outbound(own, command))["VALVE_ENABLE"]) is passes
 
 
 def test_scales_agree_with_the_dbc(limits: ModuleType) -> None:
@@ -421,7 +433,7 @@ def test_confirmation_and_age_come_from_the_limits(limits: ModuleType) -> None:
 
 
 def test_a_finding_is_latched_until_idle_is_asked(limits: ModuleType) -> None:
-    for request in (ENGAGE, RELEASE, 3):
+    for request in range(ENGAGE, 16):
         bench = tripped(limits)
         for _ in range(40):  # all counters
             bench.ask(request)

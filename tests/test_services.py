@@ -201,7 +201,7 @@ def test_a_second_plant_is_refused(local_bus: str) -> None:
         (0x100, lambda counter: b"\0" * 7, "frame ANALOG_SENSORS (0x100) came with 7 bytes; its definition has 8"),
         (
             0x180,
-            lambda counter: FRAMES["TORQUE_SETPOINT"].pack(counter, 1, 31.0, 10.0),
+            lambda counter: FRAMES["TORQUE_SETPOINT"].pack(counter, 1, 31.0, 10.0, 0.0),
             "set-point 31 Nm is outside 0..30 Nm",
         ),
         (0x080, lambda counter: FRAMES["VALVE_COMMAND"].pack(counter, 1, 2.0, 0), "a second controller is on the bus"),
@@ -238,7 +238,7 @@ def test_two_rates_are_refused(local_bus: str) -> None:
         (["--bus", "nosuch"], "bus 'nosuch' does not exist; there are"),
         (["--bus", "local:a/b"], "allowed are 1 to 32 of A-Z a-z 0-9"),
         (["--rate", "7"], "rate 7 Hz is not possible; allowed are 50 to 10000 Hz"),
-        (["--profile", "nosuch"], "profile 'nosuch' does not exist; known are engagement"),
+        (["--profile", "nosuch"], "profile 'nosuch' does not exist; known are cold_start, "),
         (["--seconds", "-1"], "a run of -1 s is not possible"),
         (["--law", "best"], "control law 'best' is unknown; allowed are both, feedforward, feedback"),
         (["--plant-parameters", "bad.toml"], "parameter clutch.coulomb_slope = 999 Nm/bar breaks 1 <= value <= 100"),

@@ -490,6 +490,16 @@ def test_friction_level_scales_the_torque_and_drifts_in_time() -> None:
         assert ratio == pytest.approx(expected, abs=1e-3)  # slip differs by 1e-3 through the inertia
 
 
+def test_a_drift_switched_on_late_begins_where_the_level_is() -> None:
+    late = pressed(3.4, 20.0)
+    late["time"] = 600.0
+    drifting, nominal = (
+        run(late, [(pressing(3.4), 20.0, 10)], rig) for rig in (parameters(friction_level__drift=-0.1), NOMINAL)
+    )
+    assert drifting["clutch_torque"] == pytest.approx(nominal["clutch_torque"], rel=2e-3)  # 0.1 % in 10 ms
+    assert drifting["clutch_torque"][-1] < nominal["clutch_torque"][-1]
+
+
 def opening_minus_closing(force: float) -> np.ndarray:
     """Torque opening less torque closing [Nm] at equal cylinder pressures, away from the turning points."""
     states = run(pressed(2.45, 20.0), triangle(2.45, 4.2, 2.0, 20.0), parameters(piston_seal_friction__force=force))

@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from plant_sim.blocks import adc, encoder
-from plant_sim.effects.signals import ACQUISITION, SIGNALS, attached, bound, call
+from plant_sim.effects.signals import ACQUISITION, SIGNALS, attached, bound, call, known
 from protocols.units import ZERO_CELSIUS
 
 _BLOCK = 64  # samples drawn at once: cheaper than one by one, and short enough for a cycle (20 us)
@@ -57,7 +57,7 @@ def acquire(rig_state, states_before, noise, parameters, effects, interval):
     clutch = c.sensors_clutch_torque_sensitivity * (y.sensed_clutch_torque + c.sensors_torque_noise * noise[3])
     angle = y.angle
     if attached(ACQUISITION, e):
-        s.time, s.temperature, s.angle = y.time, y.temperature, angle
+        known(e, s, y)
         s.pressure_voltage, s.temperature_voltage = pressure, temperature
         s.motor_torque_voltage, s.clutch_torque_voltage, s.encoder_angle = motor, clutch, angle
         call(ACQUISITION, e, s, c, interval)

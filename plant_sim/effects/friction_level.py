@@ -1,20 +1,21 @@
 """Level of the friction torque, drifting in time.
 
 What            friction material, oil and wear scale the whole torque of one clutch against that of another
-Equation        M = max(level + drift t, 0) (M_C m + f)
+Equation        M = max(level + drift t, 0) (M_C m + f), t since the effect was switched on
 Assumptions     Coulomb and viscous part change alike
 Valid range     level 0.3..3
 Not modelled    the wear that causes it
 References      Janssens 2010, sec. 6.2.2 (friction material and oil) and chapter 7 (changing parameters)
 """
 
-from plant_sim.effects.effect import Effect, Strength
+from plant_sim.effects.effect import Effect, State, Strength
 from plant_sim.effects.signals import TORQUE
 
 
 def scale(s, c, p, x, h):
     """Multiply the torque."""
-    s.torque *= max(p.level + p.drift * s.time, 0.0)
+    x.drifted += p.drift * h
+    s.torque *= max(p.level + x.drifted, 0.0)
 
 
 EFFECT = Effect(
@@ -30,4 +31,5 @@ EFFECT = Effect(
             source="[D] wear and glazing, announced as future work in Janssens 2010, chapter 7",
         ),
     ),
+    states=(State("drifted", "1"),),
 )  # fmt: skip

@@ -3,8 +3,13 @@
 A hook is a place in the rig's integration step. The rig writes what is known there into a record of SIGNALS, calls the laws
 that are attached, and goes on with what they left in it. With nothing attached a hook costs two loads.
 
+A law may read what its hook may change, and everywhere time, valve_pressure, pressure, position, temperature, slip and angle:
+those of the step's beginning, or later where the rig knows better. Further signals are known from a hook on until the step
+ends: voltage and cylinder_speed from COMMAND, displacement at PISTON, friction_pressure from FRICTION, contact and
+viscous_share at TORQUE, torque from TORQUE to DRIVE. Before that they are 0, or those of the step before.
+
     hook         called                               an effect may change
-    RIG          once a call of the rig               any field of `c`, the rig's own parameters
+    RIG          once a call of the rig               fields of `c`, the rig's own parameters, but for sensors_...
     COMMAND      every step                           demand, supply_pressure
     HYDRAULICS   every stage of a step, h = 0         flow, capacity, thrust_pressure
     STACK        every stage of a step, h = 0         stack_force, a function of `position`
@@ -44,7 +49,7 @@ RIG, COMMAND, HYDRAULICS, STACK, PISTON, FRICTION, TORQUE, DRIVE, SENSORS, ACQUI
 FIELDS = tuple(
     Signal(*signal)
     for signal in (
-        ("time", "s", "since the run's start, at mid-step"),
+        ("time", "s", "since the run's start, at mid-step; at SENSORS at its end"),
         ("voltage", "V", "at the valve's amplifier"),
         ("demand", "Pa", "pressure the valve is asked for, before it is limited to 0..supply"),
         ("supply_pressure", "Pa", "that the valve is fed with"),
@@ -108,7 +113,10 @@ def _invoke(typing_context, address, s, c, p, x, h):
 
 
 def bound(effects, states):
-    """What `attached` and `call` need of a table's `kernel` and the effects' states (k,): `e`. Compiled code only."""
+    """What `attached` and `call` need of a table's `kernel` and the effects' states (k,): `e`. Compiled code only.
+
+    Raises ValueError for states that are not of this table: laws would write beyond them.
+    """
 
 
 def attached(hook, e):
@@ -119,6 +127,10 @@ def call(hook, e, s, c, h):
     """Call the laws of `hook` with signals `s`, the rig's parameters `c` and the step `h` [s]. Compiled code only."""
 
 
+def known(e, s, y):
+    """Set the signals that every law may read to those of a clutch's state `y`. Compiled code only."""
+
+
 # Where no effect is on `e` is None, known when the kernel is compiled: such a kernel has no hooks in it.
 
 
@@ -126,7 +138,14 @@ def call(hook, e, s, c, h):
 def _bound(effects, states):
     if isinstance(effects, types.NoneType):
         return lambda effects, states: None
-    return lambda effects, states: (effects[0], effects[1], effects[2].ctypes.data, states.ctypes.data)
+
+    def bind(effects, states):
+        calls, begins, values, size = effects
+        if states.size != size:
+            raise ValueError("states are not those of this table of effects")
+        return calls, begins, values.ctypes.data, states.ctypes.data
+
+    return bind
 
 
 @overload(attached, inline="always")
@@ -147,3 +166,15 @@ def _call(hook, e, s, c, h):
             _invoke(calls[i, 0], s, c, values + 8 * calls[i, 1], states + 8 * calls[i, 2], h)  # type: ignore[call-arg]
 
     return call_each
+
+
+@overload(known, inline="always")
+def _known(e, s, y):
+    if isinstance(e, types.NoneType):
+        return lambda e, s, y: None
+
+    def set_each(e, s, y):
+        s.time, s.valve_pressure, s.pressure, s.position = y.time, y.valve_pressure, y.pressure, y.position
+        s.temperature, s.slip, s.angle = y.temperature, y.slip_speed, y.angle
+
+    return set_each

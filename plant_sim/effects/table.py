@@ -18,7 +18,8 @@ class Table(NamedTuple):
     """Effects that are on: names; laws to call, by hook; parameters; where each one's states begin.
 
     calls (n, 3) int64: address of a law, its first parameter, its first state; begins (hooks + 1,) int64: first call of each
-    hook; values (m,) float64 in SI; spans: (first, after last) state of each effect, by name.
+    hook; values (m,) float64 in SI; spans: (first, after last) state of each effect, by name; size: number of states, 1
+    where there are none.
     """
 
     names: tuple[str, ...]
@@ -26,15 +27,21 @@ class Table(NamedTuple):
     begins: np.ndarray
     values: np.ndarray
     spans: Mapping[str, tuple[int, int]]
+    size: int
 
     @property
-    def kernel(self) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-        """What a rig's kernel takes: calls, begins, values; None when no effect is on."""
-        return (self.calls, self.begins, self.values) if len(self.calls) else None
+    def kernel(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, int] | None:
+        """What a rig's kernel takes; None when no effect is on."""
+        return self.attachments if len(self.calls) else None
+
+    @property
+    def attachments(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+        """Calls, begins, values and the number of states, also when no effect is on."""
+        return self.calls, self.begins, self.values, self.size
 
     def at_rest(self) -> np.ndarray:
         """States of effects just switched on: zeros (k,)."""
-        return np.zeros(max((end for _, end in self.spans.values()), default=1))
+        return np.zeros(self.size)
 
     def carried(self, states: np.ndarray, before: "Table") -> np.ndarray:
         """States (k,) for this table from those of the table `before`: kept where an effect stays on."""
@@ -72,6 +79,7 @@ def table(parameters: ParameterSet, rig: Any, c: Mapping[str, float], also: tupl
         begins=np.array([0, *accumulate(map(len, hooked))], dtype=np.int64),
         values=np.array(values or [0.0]),
         spans={e.name: (starts[i], starts[i + 1]) for i, e in enumerate(chosen)},
+        size=max(starts[-1], 1),
     )
 
 

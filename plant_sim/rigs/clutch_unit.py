@@ -7,8 +7,8 @@ Assumptions     inputs, and the force against the piston, constant over a step
 Not modelled    what each block lists
 References      Janssens 2010, chapter 6; hooks: plant_sim/effects/signals.py
 
-`y` is a record with the states of a clutch, changed in place; `s` the signals, `c` the parameters, `h` [s] the step. `e` holds
-what the effects need: (calls, begins, address of their parameters, address of their states).
+`y` is a record with the states of a clutch, changed in place; `s` the signals, of which the `known` ones are set, `c` the
+parameters, `h` [s] the step, `e` what `bound` gives of the effects.
 """
 
 from numba import njit
@@ -52,9 +52,8 @@ def _rates(pv, rate, p, x, resistance, s, c, e):
 @njit(inline="always")
 def actuate(y, voltage, s, c, e, h):
     """Move valve, cylinder and piston of `y` on by a step; return the friction pressure p* [Pa] at mid-step."""
-    s.demand, s.supply_pressure = c.valve_gain * voltage, c.valve_supply_pressure
+    s.voltage, s.demand, s.supply_pressure = voltage, c.valve_gain * voltage, c.valve_supply_pressure
     if attached(COMMAND, e):
-        s.voltage, s.valve_pressure, s.pressure = voltage, y.valve_pressure, y.pressure
         call(COMMAND, e, s, c, h)
     s.demand = valve.limited(s.demand, s.supply_pressure)
     pv, rate, p, x, held = y.valve_pressure, y.valve_rate, y.pressure, y.position, y.seal_force
@@ -91,7 +90,7 @@ def friction_pressure(position, s, c, e):
 
 
 @njit(inline="always")
-def slide(m, pressure, slip, temperature, viscosity_ratio, s, c, e, h):
+def slide(m, pressure, slip, viscosity_ratio, s, c, e, h):
     """Friction state m and torque M [Nm] after, and at the middle of, a step at friction pressure p* [Pa] and slip [rad/s].
 
     With h = 0 the state stays and the torque is the present one.
@@ -104,7 +103,7 @@ def slide(m, pressure, slip, temperature, viscosity_ratio, s, c, e, h):
         beta = clutch.stribeck_depth(pressure, c.clutch_beta_inf, c.clutch_beta_onset, c.clutch_beta_scale)
         stribeck_speed, attraction = c.clutch_stribeck_speed, c.clutch_attraction
         if attached(FRICTION, e):
-            s.friction_pressure, s.slip, s.temperature = pressure, slip, temperature
+            s.friction_pressure, s.slip = pressure, slip
             s.coulomb, s.viscous, s.beta = coulomb, viscous, beta
             s.stribeck_speed, s.attraction, s.friction_state = stribeck_speed, attraction, m
             call(FRICTION, e, s, c, h)
@@ -117,7 +116,7 @@ def slide(m, pressure, slip, temperature, viscosity_ratio, s, c, e, h):
     else:
         m = 0.0  # rig.md, 4
     if attached(TORQUE, e):
-        s.friction_pressure, s.slip, s.temperature, s.torque = pressure, slip, temperature, torque
+        s.friction_pressure, s.slip, s.torque = pressure, slip, torque
         s.contact = 1.0 if pressure > 0.0 else 0.0
         call(TORQUE, e, s, c, h)
         torque = s.torque

@@ -13,17 +13,18 @@ Not modelled    inertia of gears and plates, engine map, torque converter; what 
 References      Janssens 2010, sec. 6.2.1 and fig 6.1
 """
 
+from collections.abc import Mapping
 from dataclasses import replace
 from math import atan, cos, sin
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numba import njit
 
 from plant_sim.blocks import motor, oil
 from plant_sim.effects.catalogue import effect
-from plant_sim.effects.signals import DRIVE, RIG, SENSORS, SIGNALS, attached, bound, call
+from plant_sim.effects.signals import DRIVE, RIG, SENSORS, SIGNALS, attached, bound, call, known
 from plant_sim.effects.table import switched_on as effects_on
 from plant_sim.rigs import wet_clutch
 from plant_sim.rigs.clutch_unit import actuate, friction_pressure, slide, stack_force, viscosity_ratio
@@ -35,6 +36,8 @@ from protocols.two_clutches import CLUTCHES
 DEFAULTS = Path(__file__).parents[1] / "parameters" / "power_shift.toml"
 GRAVITY = 9.80665  # m/s^2, standard gravity, ISO 80000-3
 AIR_DENSITY = 1.204  # kg/m^3, dry air at 20 degC and 1013.25 hPa, ISO 2533
+
+T = TypeVar("T")
 
 
 class Driveline(NamedTuple):
@@ -73,12 +76,12 @@ class PowerShift(NamedTuple):
 def nominal(changed: Path | None = None) -> ParameterSet:
     """Driveline, motor and both clutches with every effect off, or as changed by a user's file. Raises InputError."""
     single = wet_clutch.nominal()
-    shared = {name: parameter for name, parameter in single.items() if _is_motor(name)}
+    shared = {name: parameter for name, parameter in single.items() if is_motor(name)}
     clutches = {
         f"{clutch}.{name}": replace(parameter, name=f"{clutch}.{name}")
         for clutch in CLUTCHES
         for name, parameter in single.items()
-        if not _is_motor(name)
+        if not is_motor(name)
     }
     shipped = ParameterSet({**load_defaults(DEFAULTS), **shared, **clutches})
     return load_overlay(changed, shipped) if changed else shipped
@@ -86,12 +89,17 @@ def nominal(changed: Path | None = None) -> ParameterSet:
 
 def clutch_parameters(parameters: ParameterSet, clutch: str) -> ParameterSet:
     """The parameters of one clutch, with the motor's, under the names of the wet-clutch rig."""
-    own = {
-        name.removeprefix(f"{clutch}."): parameter
-        for name, parameter in parameters.items()
-        if name.startswith(f"{clutch}.") or _is_motor(name)
-    }
+    own = of_clutch(parameters, clutch)
     return ParameterSet({name: replace(parameter, name=name) for name, parameter in own.items()})
+
+
+def of_clutch(values: Mapping[str, T], clutch: str) -> dict[str, T]:
+    """What of `values`, by dotted name, is one clutch's or the motor's, under the names of the wet-clutch rig."""
+    return {
+        name.removeprefix(f"{clutch}."): value
+        for name, value in values.items()
+        if name.startswith(f"{clutch}.") or is_motor(name)
+    }
 
 
 def switched_on(parameters: ParameterSet) -> list[str]:
@@ -99,7 +107,8 @@ def switched_on(parameters: ParameterSet) -> list[str]:
     return [f"{clutch}.{name}" for clutch in CLUTCHES for name in effects_on(clutch_parameters(parameters, clutch))]
 
 
-def _is_motor(name: str) -> bool:
+def is_motor(name: str) -> bool:
+    """Whether a parameter is the motor's, of which there is one."""
     return name.partition(".")[0] == "motor"
 
 
@@ -168,7 +177,7 @@ class Rig:
         """State after `duration` [s] in `substeps` steps with the inputs held: voltages of the valves of a and b [V],
         speed_demand [rad/s], torque_limit [Nm]. With 0 steps nothing moves, outputs are evaluated. Changes no argument."""
         # tables as they are, also when no effect is on: there is one kernel
-        kernel_a, kernel_b = ((t.calls, t.begins, t.values) for t in (self.a.table, self.b.table))
+        kernel_a, kernel_b = self.a.table.attachments, self.b.table.attachments
         y, a, b, effects_a, effects_b = advance(
             before.driveline, *before.a, *before.b, *voltages, speed_demand, torque_limit,
             self.record, self.a.record, self.b.record, kernel_a, kernel_b, duration, substeps,
@@ -190,10 +199,10 @@ def advance(
     ea, eb = bound(effects_a, states_a), bound(effects_b, states_b)
     h = duration / substeps if substeps > 0 else 0.0
     if attached(RIG, ea):
-        sa.time, sa.temperature = a.time, a.temperature
+        known(ea, sa, a)
         call(RIG, ea, sa, ca, duration)
     if attached(RIG, eb):
-        sb.time, sb.temperature = b.time, b.temperature
+        known(eb, sb, b)
         call(RIG, eb, sb, cb, duration)
     limit = min(torque_limit, ca.motor_torque_limit)
     inertia = ca.motor_inertia
@@ -251,22 +260,20 @@ def advance(
 @njit
 def _carried(y, voltage, slip, s, c, e, h):
     """Move a clutch's valve, piston and friction on by a step; torque [Nm] at its middle, at `slip` [rad/s] there."""
+    known(e, s, y)
     s.time = y.time + 0.5 * h
     pressure = actuate(y, voltage, s, c, e, h)
-    s.angle = y.angle
-    y.friction_state, torque = slide(
-        y.friction_state, pressure, slip, y.temperature, viscosity_ratio(y.temperature, c), s, c, e, h
-    )
+    y.friction_state, torque = slide(y.friction_state, pressure, slip, viscosity_ratio(y.temperature, c), s, c, e, h)
     return torque
 
 
 @njit
 def _present(y, s, c, e):
     """Set a clutch's normal force and torque as they are now; return the torque [Nm]."""
-    s.time, s.angle = y.time, y.angle
+    known(e, s, y)
     y.normal_force = stack_force(y.position, s, c, e)
     _, y.clutch_torque = slide(
-        y.friction_state, friction_pressure(y.position, s, c, e), y.slip_speed, y.temperature,
+        y.friction_state, friction_pressure(y.position, s, c, e), y.slip_speed,
         viscosity_ratio(y.temperature, c), s, c, e, 0.0,
     )  # fmt: skip
     return y.clutch_torque

@@ -20,7 +20,7 @@ from numba import from_dtype, njit
 from plant_sim.blocks import motor, oil
 from plant_sim.blocks.sensors import Sensors
 from plant_sim.effects.catalogue import effects as catalogue
-from plant_sim.effects.signals import DRIVE, RIG, SENSORS, SIGNALS, attached, bound, call
+from plant_sim.effects.signals import DRIVE, RIG, SENSORS, SIGNALS, attached, bound, call, known
 from plant_sim.effects.table import added_rate, compile_all, table
 from plant_sim.rigs.clutch_unit import actuate, friction_pressure, slide, stack_force, viscosity_ratio
 from protocols.errors import InputError
@@ -172,20 +172,20 @@ def advance(before, states_before, voltage, speed_demand, torque_limit, paramete
     e = bound(effects, states)
     h = duration / substeps if substeps > 0 else 0.0
     if attached(RIG, e):
-        s.time, s.temperature = y.time, y.temperature
+        known(e, s, y)
         call(RIG, e, s, c, duration)
     limit = min(torque_limit, c.motor_torque_limit)
     acceleration = y.acceleration
     for _ in range(substeps):
+        known(e, s, y)
         s.time = y.time + 0.5 * h
         s.cylinder_speed = y.slip_speed  # the output stands, the cylinder turns with the motor
         pressure = actuate(y, voltage, s, c, e, h)
 
         # clutch, motor, oil at mid-step
         slip = y.slip_speed + 0.5 * h * acceleration
-        s.angle = y.angle
         y.friction_state, torque = slide(
-            y.friction_state, pressure, slip, y.temperature, viscosity_ratio(y.temperature, c), s, c, e, h
+            y.friction_state, pressure, slip, viscosity_ratio(y.temperature, c), s, c, e, h
         )
         error = speed_demand - (slip + y.lead)
         asked = motor.torque_demand(
@@ -207,11 +207,11 @@ def advance(before, states_before, voltage, speed_demand, torque_limit, paramete
             sense(y, motor_torque, torque, s, c, e, h)
 
     # outputs at the end: nothing moves
-    s.time, s.angle = y.time, y.angle
+    known(e, s, y)
     y.normal_force = stack_force(y.position, s, c, e)
     pressure = friction_pressure(y.position, s, c, e)
     _, y.clutch_torque = slide(
-        y.friction_state, pressure, y.slip_speed, y.temperature, viscosity_ratio(y.temperature, c), s, c, e, 0.0
+        y.friction_state, pressure, y.slip_speed, viscosity_ratio(y.temperature, c), s, c, e, 0.0
     )
     error = speed_demand - (y.slip_speed + y.lead)
     asked = motor.torque_demand(error, y.speed_integral, c.motor_proportional_gain, c.motor_integral_gain)
@@ -241,7 +241,7 @@ def sense(y, motor_torque, torque, s, c, e, h):
     s.sensed_pressure, s.sensed_temperature = y.pressure, y.temperature
     s.sensed_motor_torque, s.sensed_clutch_torque = motor_torque, torque
     if attached(SENSORS, e):
-        s.time, s.temperature, s.angle, s.slip = y.time, y.temperature, y.angle, y.slip_speed
+        known(e, s, y)
         call(SENSORS, e, s, c, h)
     y.sensed_pressure, y.sensed_temperature = s.sensed_pressure, s.sensed_temperature
     y.sensed_motor_torque, y.sensed_clutch_torque = s.sensed_motor_torque, s.sensed_clutch_torque

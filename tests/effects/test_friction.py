@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from plant_sim.blocks.viscosity import relative_viscosity
-from plant_sim.effects.catalogue import effects
 from plant_sim.effects.signals import FRICTION, TORQUE
 from plant_sim.friction.load_law import LoadLaw
 from protocols.units import BAR, ZERO_CELSIUS
@@ -31,26 +30,6 @@ def settled(changed: dict[str, float], slip: float = 20.0, p_star: float = 3.4, 
     """State of the rig after 0.2 s at a friction pressure."""
     of = rig(HEAVY | changed)
     return states(of, pressed(of, p_star, slip, celsius), pressing(p_star), slip, 0.2)[0][-1]
-
-
-FRICTION_EFFECTS = [name for name, effect in effects().items() if effect.block == "friction"]
-
-
-@pytest.mark.parametrize("name", FRICTION_EFFECTS)
-def test_rig_stays_bounded_at_the_bounds_of_each_parameter(name: str) -> None:
-    """Pressed, reversed, turned again, opened."""
-    for parameter in effects()[name].parameters:
-        for bound in parameter.bounds:
-            of = rig(effects()[name].typical() | {f"{name}.{parameter.name}": bound})
-            state = of.at_rest(10.0, 50.0 + ZERO_CELSIUS)
-            for voltage, speed, cycles in ((1.4, 10.0, 400), (1.4, -8.0, 200), (1.4, 5.0, 100), (0.0, 5.0, 200)):
-                for _ in range(cycles):
-                    state = of.advance(state, voltage, speed, 40.0, 1e-3, 10)
-                    assert abs(state.read().slip_speed) < 40.0, (parameter.name, bound)
-            assert np.isfinite(state.y.view(float)).all(), (parameter.name, bound)
-            assert np.isfinite(state.effects).all(), (parameter.name, bound)
-            asked = of.advance(state, 1.4, 5.0, 40.0, 0.0, 0)
-            assert asked.effects.tobytes() == state.effects.tobytes(), "asking moves no state"
 
 
 # --- level of the Coulomb torque --------------------------------------------------------------------------------------

@@ -1,0 +1,401 @@
+"""The power-shift rig as a node: commands of two controllers in, sensor frames of two clutches out, the truth in its record."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from math import ceil
+from typing import Any
+
+from plant_sim.blocks import dac
+from plant_sim.blocks.sensors import Sensors
+from plant_sim.effects.catalogue import effects
+from plant_sim.effects.signals import DRIVE
+from plant_sim.injection import Injection, requested
+from plant_sim.node import STALE_CYCLES
+from plant_sim.profile import Setpoint
+from plant_sim.rigs import power_shift
+from plant_sim.rigs.power_shift import PowerShift
+from plant_sim.rigs.wet_clutch import STEP_LIMIT, State, Whole
+from plant_sim.rigs.wet_clutch import Rig as ClutchRig
+from plant_sim.schedule import Change, Schedule
+from plant_sim.shift_profile import ShiftProfile
+from protocols.errors import InputError
+from protocols.frames import Frame, load_frames
+from protocols.heartbeat import Heartbeat
+from protocols.lifecycle import Lifecycle
+from protocols.node import Column
+from protocols.parameters import ParameterSet
+from protocols.reception import Reception
+from protocols.two_clutches import CLUTCHES
+from protocols.units import BAR, ZERO_CELSIUS
+
+_OF_CLUTCH = (
+    ("valve_voltage_{}_v", "V", "voltage to the V/A converter, acting from this row on"),
+    ("torque_demand_{}_nm", "Nm", "the supervisor's demand to the controller"),
+    ("cylinder_pressure_{}_bar", "bar", "measured oil pressure behind the piston"),
+    ("slip_speed_{}_rad_s", "rad/s", "measured slip speed, from encoder counts"),
+    ("slip_angle_{}_rad", "rad", "encoder angle of the clutch's input against its output"),
+    ("oil_temperature_{}_degc", "degC", "measured oil temperature"),
+    ("clutch_torque_{}_nm", "Nm", "measured clutch torque, for validation"),
+    ("truth_valve_pressure_{}_bar", "bar", "pressure after the valve"),
+    ("truth_cylinder_pressure_{}_bar", "bar", "pressure behind the piston"),
+    ("truth_piston_position_{}_m", "m", "0 at rest"),
+    ("truth_normal_force_{}_n", "N", "on the plates"),
+    ("truth_friction_state_{}", "1", "m of eq. 6.9"),
+    ("truth_clutch_torque_{}_nm", "Nm", "M"),
+    ("truth_slip_speed_{}_rad_s", "rad/s", "input speed less ratio times output speed"),
+    ("truth_oil_temperature_{}_degc", "degC", "T"),
+    ("truth_heat_{}_j", "J", "friction heat since the start"),
+)
+COLUMNS = (
+    Column("time_s", "s", "time since the run's start"),
+    Column("input_speed_demand_rad_s", "rad/s", "speed demand of the motor, acting from this row on"),
+    Column("motor_torque_nm", "Nm", "measured torque of the motor"),
+    *(Column(name.format(clutch), unit, meaning) for clutch in CLUTCHES for name, unit, meaning in _OF_CLUTCH),
+    Column("truth_motor_torque_nm", "Nm", "M_m"),
+    Column("truth_input_speed_rad_s", "rad/s", "of the motor and both clutches' inputs"),
+    Column("truth_output_speed_rad_s", "rad/s", "of the output shaft"),
+    Column("truth_vehicle_speed_m_s", "m/s", "output speed times the wheel's radius"),
+    Column("truth_output_torque_nm", "Nm", "i_a M_a + i_b M_b"),
+    Column("truth_road_torque_nm", "Nm", "rolling resistance, drag and grade, about the output shaft"),
+    Column("truth_input_work_j", "J", "of the motor since the start"),
+    Column("truth_road_work_j", "J", "into the road since the start"),
+)
+_TEMPERATURES = 35.0, 150.0  # degC: as of `PlantNode`
+
+
+class _Clutch:
+    """One clutch on the bus: its frames, its data acquisition, its parameters over time.
+
+    `answered_tick`, `controller` and `commanded` tell of its controller; `voltage` [V] is at its valve.
+    """
+
+    def __init__(self, clutch: str, rate: int, parameters: ParameterSet, seed: int) -> None:
+        frames = load_frames(clutch=clutch)
+        self.clutch = clutch
+        self.analog, self.encoder, self.setpoint = (
+            frames[name] for name in ("ANALOG_SENSORS", "ENCODER", "TORQUE_SETPOINT")
+        )
+        commands = frames["VALVE_COMMAND"], frames["CONTROLLER_HEARTBEAT"]
+        self.receptions = {codec.can_id: Reception(codec) for codec in commands}
+        self._valve_id, _ = self.receptions
+        self.own = {codec.can_id: codec.name for codec in (self.analog, self.encoder)}
+        self.schedule = Schedule(parameters)
+        self.voltage = 0.0
+        self.answered_tick = -1
+        self.controller = Lifecycle.UNCONFIGURED
+        self.age, self.commanded = 0, False  # cycles since the last valve command
+        self._rate, self._sensors = rate, Sensors(seed)
+        self._dac = parameters["sensors.dac_range"].value, int(parameters["sensors.dac_bits"].value)
+        self._count: int | None = None
+        self._angle = 0.0
+        self._measured = (0.0,) * 6
+
+    def receive(self, can_id: int, data: bytes) -> None:
+        """Take a command or a heartbeat of its controller. Raises InputError for another rate."""
+        reception = self.receptions[can_id]
+        if not reception.accept(data):
+            return
+        values = reception.codec.unpack(data)
+        if can_id == self._valve_id:
+            counts = reception.codec.raw(data).valve_voltage
+            self.voltage = dac.voltage(counts, *self._dac) if values.valve_enable else 0.0
+            self.answered_tick, self.age, self.commanded = values.sample_tick, 0, True
+        elif values.rate != self._rate:
+            raise InputError(
+                f"the controller of clutch {self.clutch} runs at {values.rate} Hz, this plant at {self._rate} Hz:"
+                " give all one rate"
+            )
+        elif values.lifecycle > Lifecycle.FINALIZED:
+            raise InputError(f"lifecycle {values.lifecycle} of a controller is unknown; allowed are 0 to 3")
+        else:
+            self.controller = Lifecycle(values.lifecycle)
+
+    @property
+    def stale(self) -> bool:
+        """Whether commands have come and come no more."""
+        return self.commanded and self.age >= STALE_CYCLES
+
+    def sample(self, tick: int, rig: ClutchRig, state: Whole) -> tuple[list[Frame], Whole]:
+        """Sensor frames of `tick`, and the state with those of its effects moved on."""
+        if self.stale:
+            self.voltage = 0.0
+        self.age += 1
+        slip = state.read().slip_speed
+        counts, state = self._sensors.sample(rig, state, 1.0 / self._rate)
+        analog = self.analog.pack_raw(tick, *counts[:4])
+        encoder = self.encoder.pack_raw(tick, counts.encoder, tick & 0xFFFF)
+        turned = 0 if self._count is None else (counts.encoder - self._count + 0x80000000 & 0xFFFFFFFF) - 0x80000000
+        step = turned * self.encoder.scale["shaft_angle"]
+        slip = slip if self._count is None else step * self._rate
+        self._count, self._angle = counts.encoder, self._angle + step
+        shown = self.analog.unpack(analog)
+        self._measured = (
+            shown.cylinder_pressure, slip, self._angle, shown.oil_temperature, shown.clutch_torque, shown.motor_torque,
+        )  # fmt: skip
+        return [Frame(self.analog.can_id, analog), Frame(self.encoder.can_id, encoder)], state
+
+    @property
+    def motor_torque(self) -> float:
+        """As its data acquisition shows it [Nm]."""
+        return self._measured[-1]
+
+    def row(self, y: State, demand: float, heat: float) -> tuple[float, ...]:
+        """Its part of the record, in the order of _OF_CLUTCH."""
+        return (
+            self.voltage, demand, *self._measured[:-1],
+            y.valve_pressure / BAR, y.pressure / BAR, y.position, y.normal_force, y.friction_state,
+            y.clutch_torque, y.slip_speed, y.temperature - ZERO_CELSIUS, heat,
+        )  # fmt: skip
+
+
+class PowerShiftNode:
+    """The power-shift rig behind the data acquisitions of its clutches, with the profile player of the bench.
+
+    Arguments and steps as of `PlantNode`. Each clutch has its own frames (protocols/two_clutches.py), sensors and noise; the
+    motor obeys clutch a's controller. Injections name parameters with the prefix of their clutch. It cannot be blind.
+    """
+
+    columns = COLUMNS
+
+    def __init__(
+        self,
+        rate: int = 1000,
+        parameters: ParameterSet | None = None,
+        profile: ShiftProfile | None = None,
+        seed: int = 1,
+        temperature: float | None = None,
+        session: int = 1,
+        injections: Sequence[Injection] = (),
+        blind: bool = False,
+    ) -> None:
+        if blind:
+            raise InputError("the power-shift rig cannot be blind; allowed is the rig wet_clutch")
+        self.blind = blind
+        self._base = parameters = parameters or power_shift.nominal()
+        self.rate, self.profile = rate, profile
+        self.late_cycles = 0  # set by the service for PLANT_STATUS
+        self._period = 1.0 / rate
+        self._substeps = ceil(self._period / STEP_LIMIT - 1e-9)
+        self._rig = power_shift.Rig(parameters)
+        self._radius = parameters["driveline.wheel_radius"].si
+        self._clutches = [
+            _Clutch(clutch, rate, power_shift.clutch_parameters(parameters, clutch), len(CLUTCHES) * seed + k)
+            for k, clutch in enumerate(CLUTCHES)
+        ]
+        self.tick = -1
+        self.injected: list[dict[str, Any]] = []
+        self.inject(*injections)
+        low, high = _TEMPERATURES
+        if temperature is not None and not low <= temperature <= high:
+            raise InputError(f"oil temperature {temperature:g} degC is outside {low:g}..{high:g} degC")
+        kelvin = (parameters["a.oil.reference"].value if temperature is None else temperature) + ZERO_CELSIUS
+        speed = profile.at(0.0)[0].speed if profile else 0.0
+        self._state = self._rig.at_rest(speed, 0.0, kelvin)
+
+        frames = load_frames()
+        self._status = frames["PLANT_STATUS"]
+        self._motor = Reception(frames["MOTOR_COMMAND"])
+        self.heartbeat = Heartbeat(frames["PLANT_HEARTBEAT"], rate, session)
+        shared = {frames[name].can_id: name for name in ("PLANT_STATUS", "PLANT_HEARTBEAT")}
+        self._own = {can_id: name for each in self._clutches for can_id, name in each.own.items()} | shared
+        self._status_every = max(1, round(self._status.cycle_time * rate))
+        self._speed_demand, self._torque_limit = speed, self._rig.a.record["motor_torque_limit"][0]
+        self._row: tuple[float, ...] = (0.0,) * len(COLUMNS)
+
+    def step(self, inbox: Sequence[Frame]) -> list[Frame]:
+        """One sample. Raises InputError when the bus has a second plant or speaks another protocol."""
+        self.receive(inbox)
+        frames = self.sample()
+        self.advance()
+        return frames
+
+    def receive(self, inbox: Sequence[Frame]) -> None:
+        """Take commands; they act from the next sample on."""
+        for can_id, data in inbox:
+            if can_id in self._own:
+                raise InputError(f"a second plant is on the bus: it sends {self._own[can_id]} (0x{can_id:03X})")
+            if can_id == self._motor.codec.can_id:
+                if self._motor.accept(data):
+                    values = self._motor.codec.unpack(data)
+                    self._speed_demand, self._torque_limit = (
+                        (values.speed_demand, values.torque_limit) if values.motor_enable else (0.0, 0.0)
+                    )
+                continue
+            for clutch in self._clutches:
+                if can_id in clutch.receptions:
+                    clutch.receive(can_id, data)
+
+    def sample(self) -> list[Frame]:
+        """Frames of the present tick; of each clutch the encoder frame comes last and completes its sample."""
+        self.tick = tick = self.tick + 1
+        time = tick * self._period
+        self._follow(time)
+        frames = []
+        if tick % self.heartbeat.every == 0:
+            frames.append(self.heartbeat.next(Lifecycle.ACTIVE))
+        if tick % self._status_every == 0:
+            counts = self.reception_counts().values()
+            rejected = sum(count["corrupt"] + count["repeated"] for count in counts)
+            status = (self._actuators(), min(self.late_cycles, 65535), min(rejected, 65535))
+            frames.append(Frame(self._status.can_id, self._status.pack(tick // self._status_every, *status)))
+        setpoints: Sequence[Setpoint] = self.profile.at(time) if self.profile else ()
+        for clutch, setpoint in zip(self._clutches, setpoints, strict=False):
+            frames.append(Frame(clutch.setpoint.can_id, clutch.setpoint.pack(tick, *setpoint)))
+        if self._clutches[0].stale:  # nobody commands the motor
+            self._speed_demand = self._torque_limit = 0.0
+        before, after = self._state, []
+        for clutch, rig, state in zip(self._clutches, (self._rig.a, self._rig.b), before[1:], strict=True):
+            sampled, state = clutch.sample(tick, rig, state)
+            frames += sampled
+            after.append(state)
+        self._state = PowerShift(before.driveline, *after)
+        self._note(time, [setpoint.torque for setpoint in setpoints] or [0.0, 0.0])
+        return frames
+
+    def advance(self) -> None:
+        """Let the rig run for one period with the inputs held."""
+        self._advance(self._period, self._substeps)
+
+    def safe(self) -> list[Frame]:
+        """A plant commands nothing: it says that it ends."""
+        return [self.heartbeat.next(Lifecycle.FINALIZED)]
+
+    @property
+    def answered_tick(self) -> int:
+        """SAMPLE_TICK that every controller has answered, of those that have not ended; -1 while they differ."""
+        ticks = {clutch.answered_tick for clutch in self._clutches if clutch.controller != Lifecycle.FINALIZED}
+        return ticks.pop() if len(ticks) == 1 else -1
+
+    @property
+    def controller(self) -> Lifecycle:
+        """The state of both controllers, inactive while theirs differ: active once both are, finalized when both have ended."""
+        states = {clutch.controller for clutch in self._clutches}
+        return states.pop() if len(states) == 1 else Lifecycle.INACTIVE
+
+    @property
+    def parameters(self) -> ParameterSet:
+        """As they act from the next sample on."""
+        values: dict[str, float] = {}
+        for clutch in self._clutches:
+            present = clutch.schedule.parameters(self._now)
+            values |= {_whole_name(name, clutch): p.value for name, p in present.items()}
+        return self._base.with_values(values)
+
+    @property
+    def planned(self) -> list[dict[str, Any]]:
+        """Changes by injections that have not begun, as those `injected`."""
+        return [told for clutch in self._clutches for told in self._told(clutch.schedule.planned, clutch)]
+
+    def fixed(self, name: str) -> str | None:
+        """Why a parameter cannot be changed while the plant runs; None when it can."""
+        group, _, rest = name.partition(".")
+        part = rest.partition(".")[0] if group in CLUTCHES else group
+        if part in ("driveline", "sensors"):
+            return f"parameter {name} is fixed while the plant runs: driveline and data acquisition are set up at the start"
+        if group in CLUTCHES and part in effects() and DRIVE in effects()[part].laws:
+            return power_shift.refusal(group, part)
+        return None
+
+    def tune(self, values: Mapping[str, float]) -> None:
+        """Change parameters between two samples, each in its declared unit; states stay. All or none: raises InputError."""
+        self._base.with_values(values)
+        parts = [(clutch, power_shift.of_clutch(values, clutch.clutch)) for clutch in self._clutches]
+        schedules = [clutch.schedule.tuned(part, self._now) if part else clutch.schedule for clutch, part in parts]
+        self._schedule(schedules)
+
+    def inject(self, *injections: Injection) -> None:
+        """Take changes of parameters at times to come; states stay. All or none: raises InputError."""
+        for injection in injections:
+            self._base.with_values(injection.values)
+            if reasons := [reason for name in injection.values if (reason := self.fixed(name))]:
+                raise InputError(reasons[0])
+        schedules = []
+        for clutch in self._clutches:
+            parts = [(i, power_shift.of_clutch(i.values, clutch.clutch)) for i in injections]
+            own = [replace(injection, values=part) for injection, part in parts if part]
+            schedules.append(clutch.schedule.extended(own, self._now) if own else clutch.schedule)
+        for clutch, schedule in zip(self._clutches, schedules, strict=True):
+            clutch.schedule = schedule
+
+    def accept(self, values: Mapping[str, float], when: Mapping[str, float]) -> list[dict[str, Any]]:
+        """Inject `values` when somebody from outside asks (`injection.requested`); return the changes planned for that."""
+        known = self.planned
+        self.inject(requested(values, when, self._now))
+        return [change for change in self.planned if change not in known]
+
+    def row(self) -> tuple[float, ...]:
+        """The record of the last sample, in the order of COLUMNS."""
+        return self._row
+
+    @property
+    def finished(self) -> bool:
+        """Whether the profile has been played to its end."""
+        return self.profile is not None and self._now >= self.profile.duration
+
+    def reception_counts(self) -> dict[str, dict[str, int]]:
+        """Counts of `protocols.reception.Reception` by frame name."""
+        receptions = [r for clutch in self._clutches for r in clutch.receptions.values()]
+        return {reception.codec.name: reception.counts() for reception in (self._motor, *receptions)}
+
+    @property
+    def _now(self) -> float:
+        """Time of the next sample [s]."""
+        return (self.tick + 1) * self._period
+
+    def _schedule(self, schedules: Sequence[Schedule]) -> None:
+        for clutch, schedule in zip(self._clutches, schedules, strict=True):
+            clutch.schedule = schedule
+        self._follow(self._now)
+
+    def _advance(self, duration: float, substeps: int) -> None:
+        a, b = self._clutches
+        self._state = self._rig.advance(
+            self._state, (a.voltage, b.voltage), self._speed_demand, self._torque_limit, duration, substeps
+        )
+
+    def _follow(self, time: float) -> None:
+        """Let both clutches be what they are to be at `time` [s]; outputs follow."""
+        driveline, *wholes = self._state
+        rigs = [self._rig.a, self._rig.b]
+        changed = False
+        for k, clutch in enumerate(self._clutches):
+            rig, moved = clutch.schedule.rig(time)
+            if rig is not rigs[k] or moved:
+                states = rig.table.carried(wholes[k].effects, rigs[k].table)
+                rigs[k], wholes[k] = rig, wholes[k]._replace(effects=states)
+                changed = True
+            if clutch.schedule.planned:
+                self.injected += self._told(clutch.schedule.begin(time), clutch)
+        if changed:
+            self._rig.a, self._rig.b = rigs
+            self._state = PowerShift(driveline, *wholes)
+            self._advance(0.0, 0)
+
+    def _told(self, changes: Sequence[Change], clutch: _Clutch) -> list[dict[str, Any]]:
+        """Changes of a clutch for people and files. Those of the motor, which both clutches have, are told once."""
+        return [
+            change.told(self.rate) | {"name": _whole_name(change.name, clutch)}
+            for change in changes
+            if clutch is self._clutches[0] or not power_shift.is_motor(change.name)
+        ]
+
+    def _actuators(self) -> int:
+        """Value of PLANT_STATUS.ACTUATORS: the worst of both clutches."""
+        if not any(clutch.commanded for clutch in self._clutches):
+            return 0
+        return 2 if any(clutch.stale for clutch in self._clutches) else 1
+
+    def _note(self, time: float, demands: Sequence[float]) -> None:
+        d = self._state.read()
+        (a, b), (demand_a, demand_b) = self._clutches, demands
+        self._row = (
+            time, self._speed_demand, a.motor_torque,
+            *a.row(self._state.a.read(), demand_a, d.heat_a), *b.row(self._state.b.read(), demand_b, d.heat_b),
+            d.motor_torque, d.input_speed, d.output_speed, d.output_speed * self._radius, d.output_torque, d.road_torque,
+            d.input_work, d.road_work,
+        )  # fmt: skip
+
+
+def _whole_name(name: str, clutch: _Clutch) -> str:
+    """Name of a clutch's or the motor's parameter among those of the power-shift rig."""
+    return name if power_shift.is_motor(name) else f"{clutch.clutch}.{name}"

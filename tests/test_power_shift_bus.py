@@ -1,0 +1,410 @@
+"""Two clutches on one bus: frames that cannot be mistaken, two controllers, and a hand-over of torque between them."""
+
+import json
+import subprocess
+import time
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import cantools.database
+import numpy as np
+import pytest
+
+from plant_sim.bench.power_shift_measures import MEASURES, handover
+from plant_sim.bench.shift import ShiftSimulation
+from plant_sim.injection import Injection
+from plant_sim.live.collector import Collector
+from plant_sim.power_shift_node import COLUMNS, PowerShiftNode
+from plant_sim.profile import load_profile
+from plant_sim.scenario import Scenario, load_scenario
+from plant_sim.shift_profile import load_shift_profile
+from protocols import child
+from protocols.bus import listen, open_bus
+from protocols.bus_load import bus_load
+from protocols.errors import InputError
+from protocols.frames import DBC, Frame, bus_frames, load_frames
+from protocols.node import Column, node_factory
+from protocols.runs import read_run
+from protocols.telemetry.batch import Batch, published_columns
+from protocols.two_clutches import SHARED, two_clutch_database, write_dbc
+from tests.processes import PATIENCE, service
+
+RATE = 500  # Hz: two clutches fill 59 % of a bus of 1 Mbit/s
+A, B = load_frames(clutch="a"), load_frames(clutch="b")
+# Share of the torque before: 0.022 and 0.102 measured (the rise is the touch of clutch b at the end of its fill)
+GAP, PEAK = 0.04, 0.13
+WEAK = 0.8  # friction level of clutch b: its torque, and with it the output's, falls by a fifth after the hand-over
+CLOSED = 0.3  # s until a valve without commands has emptied its cylinder
+
+controller_node = node_factory("controller")
+
+
+def scenario(seconds: float | None = None, **changed: float) -> Scenario:
+    """The shipped hand-over, cut, with parameters of the plant by dotted name with `__` for dots."""
+    shipped = load_scenario("shift", {"seconds": seconds} if seconds else None)
+    return replace(shipped, plant=shipped.plant.with_values({n.replace("__", "."): v for n, v in changed.items()}))
+
+
+def columns(rows: list[np.ndarray]) -> dict[str, np.ndarray]:
+    """Columns of a played hand-over by their names in a run file."""
+    plant, a, b = rows
+    names = [column.name for column in controller_node.columns]
+    return (
+        {column.name: plant[:, i] for i, column in enumerate(COLUMNS)}
+        | {f"controller_{name}": a[:, i] for i, name in enumerate(names)}
+        | {f"controller_b_{name}": b[:, i] for i, name in enumerate(names)}
+    )
+
+
+@pytest.fixture(scope="module")
+def played() -> dict[str, np.ndarray]:
+    """The shipped hand-over in one process."""
+    return columns(ShiftSimulation(scenario()).play())
+
+
+def nodes() -> tuple[PowerShiftNode, object, object]:
+    plant = PowerShiftNode(RATE, profile=load_shift_profile("shift"))
+    return plant, controller_node(rate=RATE, clutch="a"), controller_node(rate=RATE, clutch="b")
+
+
+# frames
+
+
+def test_frames_of_the_two_clutches_differ_but_for_what_there_is_once() -> None:
+    assert {name for name in A if A[name].can_id == B[name].can_id} == set(SHARED)
+    assert {B[name].can_id - A[name].can_id for name in A if name not in SHARED} == {0x008}
+    assert len(bus_frames(clutches=2)) == len(A) + len(B) - len(SHARED)
+    assert A["VALVE_COMMAND"].can_id == load_frames()["VALVE_COMMAND"].can_id
+
+
+def test_priorities_stay_by_kind() -> None:
+    order = [codec.name.removesuffix("_B") for codec in bus_frames(clutches=2)]
+    kinds = (
+        "VALVE_COMMAND",
+        "MOTOR_COMMAND",
+        "ENCODER",
+        "TORQUE_SETPOINT",
+        "CONTROLLER_STATUS",
+        "CONTROLLER_HEARTBEAT",
+    )
+    places = [[i for i, name in enumerate(order) if name == kind] for kind in kinds]
+    assert all(max(before) < min(after) for before, after in pairwise(places))
+
+
+def test_payloads_of_both_clutches_are_alike() -> None:
+    assert A["ENCODER"].pack(3, 1.5, 7) == B["ENCODER"].pack(3, 1.5, 7)
+
+
+def test_other_tools_read_the_bus_of_two_clutches(tmp_path: Path) -> None:
+    write_dbc(DBC, 2, tmp_path / "two.dbc")
+    read = cantools.database.load_file(tmp_path / "two.dbc")
+    made = two_clutch_database(DBC)
+    assert [m.frame_id for m in read.messages] == [codec.can_id for codec in bus_frames(clutches=2)]
+    for message, expected in zip(read.messages, made.messages, strict=True):
+        for field in ("name", "length", "senders", "cycle_time", "comment"):
+            assert getattr(message, field) == getattr(expected, field), (message.name, field)
+        for signal, wanted in zip(message.signals, expected.signals, strict=True):
+            for field in ("name", "start", "length", "is_signed", "scale", "offset", "unit", "choices", "receivers"):
+                assert getattr(signal, field) == getattr(wanted, field), (message.name, signal.name, field)
+    assert read.get_message_by_name("VALVE_COMMAND_B").senders == ["CONTROLLER_B"]
+    assert "CONTROLLER_B" in read.get_message_by_name("PLANT_HEARTBEAT").signals[0].receivers
+    assert read.get_message_by_name("MOTOR_COMMAND").senders == ["CONTROLLER"]
+    codec = B["TORQUE_SETPOINT"]
+    data = codec.pack(5, 1, 12.5, 20.0, 0.0)
+    assert read.decode_message(codec.can_id, data)["TORQUE_DEMAND"] == pytest.approx(12.5)
+
+
+def test_a_dbc_without_room_for_clutch_b_is_refused(tmp_path: Path) -> None:
+    narrow = tmp_path / "narrow.dbc"
+    narrow.write_text(DBC.read_text(encoding="utf-8").replace(" 144 ", " 136 "))
+    with pytest.raises(InputError, match="VALVE_COMMAND_B would have 0x088, which is MOTOR_COMMAND"):
+        two_clutch_database(narrow)
+
+
+def test_the_command_tells_the_load_and_writes_the_dbc(tmp_path: Path) -> None:
+    dbc = tmp_path / "two.dbc"
+    command = child.clutch_hil("frames", "--clutches", "2", "--rate", "1000", "--write", str(dbc), "--json")
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=True)
+    told = json.loads(done.stdout)
+    assert told["load"]["1000000"] == bus_load(bus_frames(clutches=2), 1000, 1_000_000) > 1.0
+    assert told["fits"] == []
+    assert told["wrote"] == str(dbc)
+    assert len(cantools.database.load_file(dbc).messages) == len(told["frames"])
+    assert bus_load(bus_frames(clutches=2), RATE, 1_000_000) < 0.6
+
+
+def test_terms_of_clutch_b_keep_their_own_names_in_telemetry() -> None:
+    phase = [Column("phase", "1", "")]
+    assert published_columns("controller", phase)[0].name == "controller_phase"
+    assert published_columns("controller_b", phase)[0].name == "controller_b_phase"
+
+
+# two controllers
+
+
+def test_controllers_of_two_clutches_do_not_hear_each_other() -> None:
+    plant, a, b = nodes()
+    frames = plant.step([])
+    of_a = a.step(frames)
+    for each in (of_a, b.listen(of_a), b.step([*frames, *of_a])):
+        assert each  # b takes a's frames for nobody's
+    with pytest.raises(InputError, match=r"second controller is on the bus: it sends VALVE_COMMAND \(0x080\)"):
+        a.step([f for f in of_a if f.can_id == A["VALVE_COMMAND"].can_id])
+    of_b = b.step(frames)
+    with pytest.raises(InputError, match=r"second controller is on the bus: it sends VALVE_COMMAND_B \(0x088\)"):
+        b.step([f for f in of_b if f.can_id == B["VALVE_COMMAND"].can_id])
+
+
+def test_only_clutch_a_commands_the_motor() -> None:
+    plant, a, b = nodes()
+    frames = plant.step([])
+    motor = A["MOTOR_COMMAND"].can_id
+    for node, drives in ((a, True), (b, False)):
+        assert (motor in [frame.can_id for frame in node.step(frames)]) is drives
+        assert (motor in [frame.can_id for frame in node.safe()]) is drives
+
+
+def test_the_guard_of_clutch_b_watches_clutch_b() -> None:
+    plant, _, b = nodes()
+    for k in range(5):
+        frames = [f for f in plant.step([]) if f.can_id != B["ANALOG_SENSORS"].can_id]
+        hot = B["ANALOG_SENSORS"].pack(k, 2.0, 160.0, 0.0, 0.0)
+        b.step([Frame(B["ANALOG_SENSORS"].can_id, hot), *frames])
+    named = dict(zip([column.name for column in b.columns], b.row(), strict=True))
+    assert load_frames()["CONTROLLER_STATUS"].choices("fault")[int(named["fault"])] == "overtemperature"
+
+
+def test_a_second_plant_is_refused() -> None:
+    plant, *_ = nodes()
+    with pytest.raises(InputError, match=r"a second plant is on the bus: it sends ENCODER_B \(0x109\)"):
+        plant.step([Frame(B["ENCODER"].can_id, B["ENCODER"].pack(0, 0.0, 0))])
+
+
+def test_a_controller_at_another_rate_is_refused() -> None:
+    plant, _, _ = nodes()
+    other = controller_node(rate=250, clutch="b").step([])
+    with pytest.raises(InputError, match="the controller of clutch b runs at 250 Hz, this plant at 500 Hz"):
+        plant.step(other)
+
+
+# the hand-over
+
+
+def test_the_output_torque_is_kept_while_both_clutches_slip(played: dict[str, np.ndarray]) -> None:
+    assert MEASURES["torque_gap"].of(played) < GAP
+    assert MEASURES["torque_peak"].of(played) < PEAK
+    assert MEASURES["tie_up_nm"].of(played) == 0.0
+    assert MEASURES["fault"].of(played) == "none"
+    shift = handover(played)
+    assert shift is not None
+    crossing = slice(
+        shift.begin, shift.torque_end
+    )  # Janssens 2010, sec. 6.2.1: both slip, one opens while the other closes
+    assert np.all(played["truth_slip_speed_a_rad_s"][crossing] > 0.0)
+    assert np.all(played["truth_slip_speed_b_rad_s"][crossing] > 0.0)
+    both = np.minimum(played["truth_clutch_torque_a_nm"], played["truth_clutch_torque_b_nm"])[crossing]
+    assert both.max() > 4.0
+
+
+def test_each_clutch_has_its_own_sensors_and_noise(played: dict[str, np.ndarray]) -> None:
+    still = played["time_s"] < 0.3
+    noise = [played[f"cylinder_pressure_{clutch}_bar"][still] for clutch in "ab"]
+    assert abs(np.corrcoef(*noise)[0, 1]) < 0.4  # 150 samples: 0.08 is one deviation
+
+
+def test_a_weak_clutch_shows_as_a_torque_gap_and_in_the_report(tmp_path: Path) -> None:
+    case = scenario(5.2, b__friction_level__level=WEAK)
+    case = replace(case, settings=replace(case.settings, out=tmp_path))
+    result = ShiftSimulation(case).run(lambda done, total: None)
+    assert result.document["torque_gap"] == pytest.approx(1.0 - WEAK, abs=GAP)
+    assert result.document["effects"] == ["b.friction_level"]
+    assert "effects: b.friction_level" in result.text
+    assert not result.good
+    assert result.verdict.startswith("failed: torque_gap <= 0.08")
+    assert sorted(path.suffix for path in tmp_path.iterdir()) == [".parquet", ".png"]
+
+
+def test_an_injection_reaches_its_clutch_alone(played: dict[str, np.ndarray]) -> None:
+    weaker = Injection({"b.friction_level.level": WEAK}, at=5.5)
+    other = columns(ShiftSimulation(replace(scenario(), injections=(weaker,))).play())
+    before, after = played["time_s"] < 5.5, (played["time_s"] > 5.6) & (played["time_s"] < 6.0)
+    for name in played:
+        assert np.array_equal(played[name][before], other[name][before]), name
+    torque = "truth_output_torque_nm"
+    assert other[torque][after].mean() == pytest.approx(WEAK * played[torque][after].mean(), rel=0.02)
+
+
+def test_a_change_of_the_motor_is_told_once() -> None:
+    plant = PowerShiftNode(RATE)
+    (planned,) = plant.accept({"motor.proportional_gain": 5.0}, {"at": 0.005})
+    while plant.tick / RATE < 0.01:
+        plant.step([])
+    assert plant.injected == [planned]
+    assert plant.parameters["motor.proportional_gain"].value == 5.0
+
+
+def stopped(clutch: str, at: float) -> tuple[dict[str, np.ndarray], list[int]]:
+    """Both clutches half-way; the controller of `clutch` dies at a time [s]; the columns, and ACTUATORS of each status."""
+    plant, a, b = nodes()
+    actuators: list[int] = []
+    inbox: list[Frame] = []
+    rows: list[list] = [[], [], []]
+    while plant.tick / RATE < at + 0.6:
+        frames = plant.step(inbox)
+        actuators += [A["PLANT_STATUS"].unpack(d).actuators for i, d in frames if i == A["PLANT_STATUS"].can_id]
+        alive = [n for n, name in ((a, "a"), (b, "b")) if name != clutch or plant.tick / RATE < at]
+        inbox = [frame for node in alive for frame in node.step(frames)]
+        for record, node in zip(rows, (plant, a, b), strict=True):
+            record.append(node.row())
+    return columns([np.array(record, float) for record in rows]), actuators
+
+
+def test_when_the_controller_of_b_dies_its_clutch_opens_and_a_carries_on() -> None:
+    played, actuators = stopped("b", at=4.2)
+    time = played["time_s"]
+    late = time > 4.2 + CLOSED
+    assert np.all(played["valve_voltage_b_v"][time > 4.22] == 0.0)
+    assert np.all(played["truth_clutch_torque_b_nm"][late] == 0.0)
+    assert np.all(played["controller_fault"] == 0.0)
+    after = (time > 4.22) & (time < 4.38)
+    np.testing.assert_allclose(
+        played["truth_clutch_torque_a_nm"][after], played["torque_demand_a_nm"][after], atol=0.5
+    )  # Nm: it follows as before, 0.2 measured
+    assert played["truth_input_speed_rad_s"][-1] == pytest.approx(played["input_speed_demand_rad_s"][-1], abs=1.0)
+    assert actuators[-1] == 2
+
+
+def test_when_the_controller_of_a_dies_its_clutch_opens_and_the_motor_stops_driving() -> None:
+    played, actuators = stopped("a", at=4.2)
+    time = played["time_s"]
+    assert np.all(played["valve_voltage_a_v"][time > 4.22] == 0.0)
+    assert np.all(played["truth_clutch_torque_a_nm"][time > 4.2 + CLOSED] == 0.0)
+    assert np.all(played["motor_torque_nm"][time > 4.25] < 0.5)
+    assert np.all(played["controller_b_fault"] == 0.0)
+    assert actuators[-1] == 2
+
+
+# as processes
+
+
+def test_three_processes_in_lock_step_are_one_process_to_the_bit(local_bus: str, tmp_path: Path) -> None:
+    seconds = 4.3  # into the torque phase: both clutches carry
+    arguments = ("up", "shift", "--bus", local_bus, "--lockstep", "--no-telemetry", "--seconds", str(seconds))
+    command = child.clutch_hil(*arguments, "--out", str(tmp_path), "--json")
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
+    told = json.loads(done.stdout)
+    run = read_run(Path(told["run"]), [column.name for column in COLUMNS])
+    expected = columns(ShiftSimulation(scenario(seconds)).play())
+    assert expected["truth_clutch_torque_a_nm"][-1] > 1.0
+    assert expected["truth_clutch_torque_b_nm"][-1] > 5.0
+    for name, values in expected.items():
+        assert np.array_equal(run[name], values), name
+    assert run.metadata["rig"] == "power_shift"
+    for name in ("plant", "controller", "controller_b"):
+        assert all(c["lost"] == c["corrupt"] == 0 for c in told[name]["frames"].values())
+
+
+def test_in_real_time_a_killed_controller_stops_neither_plant_nor_the_other(local_bus: str) -> None:
+    common = ("--bus", local_bus, "--rate", "250", "--no-telemetry")
+    with (
+        service("plant", *common, "--rig", "power_shift", "--profile", "shift"),
+        service("controller", *common, "--clutch", "a") as a,
+        service("controller", *common, "--clutch", "b") as b,
+        open_bus(local_bus) as port,
+    ):
+        assert heard(port, "PLANT_STATUS", lambda status: status.actuators == 1)
+        b.kill()
+        assert heard(port, "PLANT_STATUS", lambda status: status.actuators == 2)
+        frames = listen(port, 0.2)
+        assert sum(frame.can_id == A["VALVE_COMMAND"].can_id for frame in frames) > 20
+        assert not any(frame.can_id == B["VALVE_COMMAND"].can_id for frame in frames)
+        a.terminate()
+        _, errors = a.communicate(timeout=PATIENCE)
+        assert a.returncode == 0, errors
+
+
+def heard(port, frame: str, wanted) -> bool:
+    """Whether a frame that is `wanted` comes."""
+    codec = A[frame]
+    deadline = time.monotonic() + PATIENCE
+    while time.monotonic() < deadline:
+        if any(can_id == codec.can_id and wanted(codec.unpack(data)) for can_id, data in listen(port, 0.05)):
+            return True
+    return False
+
+
+# bad input
+
+
+HEADER = "time_s,torque_demand_a_nm,torque_demand_b_nm,input_speed_demand_rad_s\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("time_s,torque_demand_nm,motor_speed_demand_rad_s\n0,0,9\n", "has the columns time_s, torque_demand_nm"),
+        (HEADER + "0,0,0\n", "row 1 has 3 cells; needed are 4"),
+        (HEADER + "0,0,0,20\n1,0,40,20\n", "of clutch b, row 2: set-point 40 Nm"),
+        (HEADER + "0,0,0,x\n", "cannot be read"),
+    ],
+)
+def test_a_bad_shift_profile_is_refused(tmp_path: Path, text: str, sentence: str) -> None:
+    path = tmp_path / "bad.csv"
+    path.write_text(text)
+    with pytest.raises(InputError, match=sentence):
+        load_shift_profile(str(path))
+
+
+def test_a_profile_of_one_clutch_and_one_of_two_are_not_mistaken() -> None:
+    with pytest.raises(InputError, match=r"shift profile .*engagement.csv has the columns"):
+        load_shift_profile("engagement")
+    with pytest.raises(InputError, match=r"profile .*shift.csv has the columns"):
+        load_profile("shift")
+
+
+@pytest.mark.parametrize(
+    ("values", "sentence"),
+    [
+        ({"driveline.grade": 0.1}, "parameter driveline.grade is fixed while the plant runs"),
+        ({"a.sensors.pressure_noise": 0.1}, "parameter a.sensors.pressure_noise is fixed while the plant runs"),
+        ({"b.backlash.gap": 0.01}, "effect b.backlash acts between motor and clutch"),
+        ({"friction_level.level": 0.9}, "parameter 'friction_level.level' is unknown"),
+    ],
+)
+def test_what_cannot_change_while_it_runs_is_refused(values: dict[str, float], sentence: str) -> None:
+    plant, *_ = nodes()
+    with pytest.raises(InputError, match=sentence):
+        plant.inject(Injection(values, at=1.0))
+
+
+def test_tuning_one_clutch_keeps_its_states_and_the_other() -> None:
+    plant, a, b = nodes()
+    inbox: list[Frame] = []
+    for _ in range(300):
+        frames = plant.step(inbox)
+        inbox = [*a.step(frames), *b.step(frames)]
+    before = plant.parameters
+    plant.tune({"b.friction_level.level": 0.9, "motor.integral_gain": 30.0})
+    after = plant.parameters
+    assert {name for name in before if before[name].value != after[name].value} == {
+        "b.friction_level.level", "motor.integral_gain",
+    }  # fmt: skip
+    assert plant.step(inbox)
+
+
+def test_clutch_c_does_not_exist() -> None:
+    with pytest.raises(InputError, match="clutch 'c' is unknown; allowed are a, b"):
+        load_frames(clutch="c")
+
+
+def test_a_monitor_of_the_single_rig_shows_clutch_a_and_bears_the_rest() -> None:
+    collector = Collector("bench")
+    collector.alive = {"plant": True, "controller": True, "controller_b": True}
+    for name, node in zip(("plant", "controller", "controller_b"), nodes(), strict=True):
+        told = published_columns(name, node.columns)
+        collector.take([Batch(name, 1, 0, RATE, 0.0, 0, told, np.full((10, len(told)), 2.0))], now=1.0)
+    snapshot = collector.snapshot(now=1.1)
+    assert snapshot.phase == "slip control"
+    assert snapshot.values["torque demand"] == 2.0
+    assert np.isnan(snapshot.values["torque true"])  # which clutch's?
