@@ -38,7 +38,7 @@ CHOICES: Mapping[str, Choice] = {
     "load_dependent_friction": Choice("triangle", "clutch_torque_nm"),
     "motor_torque_ripple": Choice("crawl", "motor_torque_nm", over="shaft_angle_rad"),
     "oil_viscosity": Choice("cold_engagement", "clutch_torque_nm"),
-    "piston_seal_friction": Choice("triangle", "clutch_torque_nm"),
+    "piston_seal_friction": Choice("triangle", "clutch_torque_nm", over="cylinder_pressure_bar"),
     "plate_waviness": Choice("engagement", "clutch_torque_nm"),
     "position_ripple": Choice("crawl", "clutch_torque_nm", over="shaft_angle_rad"),
     "presliding": Choice("reversals", "shaft_angle_rad", over="clutch_torque_nm"),

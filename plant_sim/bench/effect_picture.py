@@ -9,7 +9,8 @@ from plant_sim.bench.demonstration import Demonstration
 
 _WITHOUT, _WITH, _DIFFERENCE = "#222222", "#d62728", "#1f77b4"
 _LETTERS = 14  # of a title, an inch
-_OVER = {  # label of an abscissa
+_OVER = {
+    "cylinder_pressure_bar": "cylinder pressure [bar]",  # label of an abscissa
     "time_s": "time [s]",
     "valve_voltage_v": "valve voltage [V]",
     "motor_speed_demand_rad_s": "speed demand [rad/s]",
