@@ -94,10 +94,7 @@ class PlantNode:
         self._dac_range = parameters["sensors.dac_range"].value
         self._dac_bits = int(parameters["sensors.dac_bits"].value)
         self._sensors = Sensors(seed)
-        low, high = _TEMPERATURES
-        if temperature is not None and not low <= temperature <= high:
-            raise InputError(f"oil temperature {temperature:g} degC is outside {low:g}..{high:g} degC")
-        kelvin = (parameters["oil.reference"].value if temperature is None else temperature) + ZERO_CELSIUS
+        kelvin = initial_temperature(parameters["oil.reference"].value if temperature is None else temperature)
         speed = profile.at(0.0).speed if profile else 0.0
         self._state = self._rig.at_rest(speed, kelvin)
         self._y = self._state.read()
@@ -307,6 +304,14 @@ class PlantNode:
             y.clutch_torque, y.motor_torque, y.slip_speed, y.temperature - ZERO_CELSIUS,
             phase(y, c["piston_preload_pressure"], c["piston_contact_pressure"]),
         )  # fmt: skip
+
+
+def initial_temperature(celsius: float) -> float:
+    """The oil's temperature at the start [K] from that in degC. Raises InputError."""
+    low, high = _TEMPERATURES
+    if not low <= celsius <= high:
+        raise InputError(f"oil temperature {celsius:g} degC is outside {low:g}..{high:g} degC")
+    return celsius + ZERO_CELSIUS
 
 
 def _without_effects(parameters: ParameterSet) -> ParameterSet:

@@ -5,17 +5,15 @@ from dataclasses import replace
 from math import ceil
 from typing import Any
 
-from plant_sim.blocks import dac
-from plant_sim.blocks.sensors import Sensors
+from plant_sim.clutch_interface import ClutchInterface, clutch_columns
 from plant_sim.effects.catalogue import effects
 from plant_sim.effects.signals import DRIVE
 from plant_sim.injection import Injection, requested
-from plant_sim.node import STALE_CYCLES
+from plant_sim.node import initial_temperature
 from plant_sim.profile import Setpoint
 from plant_sim.rigs import power_shift
 from plant_sim.rigs.power_shift import PowerShift
-from plant_sim.rigs.wet_clutch import STEP_LIMIT, State, Whole
-from plant_sim.rigs.wet_clutch import Rig as ClutchRig
+from plant_sim.rigs.wet_clutch import STEP_LIMIT
 from plant_sim.schedule import Change, Schedule
 from plant_sim.shift_profile import ShiftProfile
 from protocols.errors import InputError
@@ -26,31 +24,12 @@ from protocols.node import Column
 from protocols.parameters import ParameterSet
 from protocols.reception import Reception
 from protocols.two_clutches import CLUTCHES
-from protocols.units import BAR, ZERO_CELSIUS
 
-_OF_CLUTCH = (
-    ("valve_voltage_{}_v", "V", "voltage to the V/A converter, acting from this row on"),
-    ("torque_demand_{}_nm", "Nm", "the supervisor's demand to the controller"),
-    ("cylinder_pressure_{}_bar", "bar", "measured oil pressure behind the piston"),
-    ("slip_speed_{}_rad_s", "rad/s", "measured slip speed, from encoder counts"),
-    ("slip_angle_{}_rad", "rad", "encoder angle of the clutch's input against its output"),
-    ("oil_temperature_{}_degc", "degC", "measured oil temperature"),
-    ("clutch_torque_{}_nm", "Nm", "measured clutch torque, for validation"),
-    ("truth_valve_pressure_{}_bar", "bar", "pressure after the valve"),
-    ("truth_cylinder_pressure_{}_bar", "bar", "pressure behind the piston"),
-    ("truth_piston_position_{}_m", "m", "0 at rest"),
-    ("truth_normal_force_{}_n", "N", "on the plates"),
-    ("truth_friction_state_{}", "1", "m of eq. 6.9"),
-    ("truth_clutch_torque_{}_nm", "Nm", "M"),
-    ("truth_slip_speed_{}_rad_s", "rad/s", "input speed less ratio times output speed"),
-    ("truth_oil_temperature_{}_degc", "degC", "T"),
-    ("truth_heat_{}_j", "J", "friction heat since the start"),
-)
 COLUMNS = (
     Column("time_s", "s", "time since the run's start"),
     Column("input_speed_demand_rad_s", "rad/s", "speed demand of the motor, acting from this row on"),
     Column("motor_torque_nm", "Nm", "measured torque of the motor"),
-    *(Column(name.format(clutch), unit, meaning) for clutch in CLUTCHES for name, unit, meaning in _OF_CLUTCH),
+    *(column for clutch in CLUTCHES for column in clutch_columns(clutch)),
     Column("truth_motor_torque_nm", "Nm", "M_m"),
     Column("truth_input_speed_rad_s", "rad/s", "of the motor and both clutches' inputs"),
     Column("truth_output_speed_rad_s", "rad/s", "of the output shaft"),
@@ -60,92 +39,6 @@ COLUMNS = (
     Column("truth_input_work_j", "J", "of the motor since the start"),
     Column("truth_road_work_j", "J", "into the road since the start"),
 )
-_TEMPERATURES = 35.0, 150.0  # degC: as of `PlantNode`
-
-
-class _Clutch:
-    """One clutch on the bus: its frames, its data acquisition, its parameters over time.
-
-    `answered_tick`, `controller` and `commanded` tell of its controller; `voltage` [V] is at its valve.
-    """
-
-    def __init__(self, clutch: str, rate: int, parameters: ParameterSet, seed: int) -> None:
-        frames = load_frames(clutch=clutch)
-        self.clutch = clutch
-        self.analog, self.encoder, self.setpoint = (
-            frames[name] for name in ("ANALOG_SENSORS", "ENCODER", "TORQUE_SETPOINT")
-        )
-        commands = frames["VALVE_COMMAND"], frames["CONTROLLER_HEARTBEAT"]
-        self.receptions = {codec.can_id: Reception(codec) for codec in commands}
-        self._valve_id, _ = self.receptions
-        self.own = {codec.can_id: codec.name for codec in (self.analog, self.encoder)}
-        self.schedule = Schedule(parameters)
-        self.voltage = 0.0
-        self.answered_tick = -1
-        self.controller = Lifecycle.UNCONFIGURED
-        self.age, self.commanded = 0, False  # cycles since the last valve command
-        self._rate, self._sensors = rate, Sensors(seed)
-        self._dac = parameters["sensors.dac_range"].value, int(parameters["sensors.dac_bits"].value)
-        self._count: int | None = None
-        self._angle = 0.0
-        self._measured = (0.0,) * 6
-
-    def receive(self, can_id: int, data: bytes) -> None:
-        """Take a command or a heartbeat of its controller. Raises InputError for another rate."""
-        reception = self.receptions[can_id]
-        if not reception.accept(data):
-            return
-        values = reception.codec.unpack(data)
-        if can_id == self._valve_id:
-            counts = reception.codec.raw(data).valve_voltage
-            self.voltage = dac.voltage(counts, *self._dac) if values.valve_enable else 0.0
-            self.answered_tick, self.age, self.commanded = values.sample_tick, 0, True
-        elif values.rate != self._rate:
-            raise InputError(
-                f"the controller of clutch {self.clutch} runs at {values.rate} Hz, this plant at {self._rate} Hz:"
-                " give all one rate"
-            )
-        elif values.lifecycle > Lifecycle.FINALIZED:
-            raise InputError(f"lifecycle {values.lifecycle} of a controller is unknown; allowed are 0 to 3")
-        else:
-            self.controller = Lifecycle(values.lifecycle)
-
-    @property
-    def stale(self) -> bool:
-        """Whether commands have come and come no more."""
-        return self.commanded and self.age >= STALE_CYCLES
-
-    def sample(self, tick: int, rig: ClutchRig, state: Whole) -> tuple[list[Frame], Whole]:
-        """Sensor frames of `tick`, and the state with those of its effects moved on."""
-        if self.stale:
-            self.voltage = 0.0
-        self.age += 1
-        slip = state.read().slip_speed
-        counts, state = self._sensors.sample(rig, state, 1.0 / self._rate)
-        analog = self.analog.pack_raw(tick, *counts[:4])
-        encoder = self.encoder.pack_raw(tick, counts.encoder, tick & 0xFFFF)
-        turned = 0 if self._count is None else (counts.encoder - self._count + 0x80000000 & 0xFFFFFFFF) - 0x80000000
-        step = turned * self.encoder.scale["shaft_angle"]
-        slip = slip if self._count is None else step * self._rate
-        self._count, self._angle = counts.encoder, self._angle + step
-        shown = self.analog.unpack(analog)
-        self._measured = (
-            shown.cylinder_pressure, slip, self._angle, shown.oil_temperature, shown.clutch_torque, shown.motor_torque,
-        )  # fmt: skip
-        return [Frame(self.analog.can_id, analog), Frame(self.encoder.can_id, encoder)], state
-
-    @property
-    def motor_torque(self) -> float:
-        """As its data acquisition shows it [Nm]."""
-        return self._measured[-1]
-
-    def row(self, y: State, demand: float, heat: float) -> tuple[float, ...]:
-        """Its part of the record, in the order of _OF_CLUTCH."""
-        return (
-            self.voltage, demand, *self._measured[:-1],
-            y.valve_pressure / BAR, y.pressure / BAR, y.position, y.normal_force, y.friction_state,
-            y.clutch_torque, y.slip_speed, y.temperature - ZERO_CELSIUS, heat,
-        )  # fmt: skip
 
 
 class PowerShiftNode:
@@ -179,16 +72,13 @@ class PowerShiftNode:
         self._rig = power_shift.Rig(parameters)
         self._radius = parameters["driveline.wheel_radius"].si
         self._clutches = [
-            _Clutch(clutch, rate, power_shift.clutch_parameters(parameters, clutch), len(CLUTCHES) * seed + k)
+            ClutchInterface(clutch, rate, power_shift.clutch_parameters(parameters, clutch), len(CLUTCHES) * seed + k)
             for k, clutch in enumerate(CLUTCHES)
         ]
         self.tick = -1
         self.injected: list[dict[str, Any]] = []
         self.inject(*injections)
-        low, high = _TEMPERATURES
-        if temperature is not None and not low <= temperature <= high:
-            raise InputError(f"oil temperature {temperature:g} degC is outside {low:g}..{high:g} degC")
-        kelvin = (parameters["a.oil.reference"].value if temperature is None else temperature) + ZERO_CELSIUS
+        kelvin = initial_temperature(parameters["a.oil.reference"].value if temperature is None else temperature)
         speed = profile.at(0.0)[0].speed if profile else 0.0
         self._state = self._rig.at_rest(speed, 0.0, kelvin)
 
@@ -298,7 +188,7 @@ class PowerShiftNode:
 
     def tune(self, values: Mapping[str, float]) -> None:
         """Change parameters between two samples, each in its declared unit; states stay. All or none: raises InputError."""
-        self._base.with_values(values)
+        self._check_free(values)
         parts = [(clutch, power_shift.of_clutch(values, clutch.clutch)) for clutch in self._clutches]
         schedules = [clutch.schedule.tuned(part, self._now) if part else clutch.schedule for clutch, part in parts]
         self._schedule(schedules)
@@ -306,9 +196,7 @@ class PowerShiftNode:
     def inject(self, *injections: Injection) -> None:
         """Take changes of parameters at times to come; states stay. All or none: raises InputError."""
         for injection in injections:
-            self._base.with_values(injection.values)
-            if reasons := [reason for name in injection.values if (reason := self.fixed(name))]:
-                raise InputError(reasons[0])
+            self._check_free(injection.values)
         schedules = []
         for clutch in self._clutches:
             parts = [(i, power_shift.of_clutch(i.values, clutch.clutch)) for i in injections]
@@ -342,6 +230,12 @@ class PowerShiftNode:
         """Time of the next sample [s]."""
         return (self.tick + 1) * self._period
 
+    def _check_free(self, values: Mapping[str, float]) -> None:
+        """Raise InputError for values that cannot be, or cannot be changed while the plant runs."""
+        self._base.with_values(values)
+        if reasons := [reason for name in values if (reason := self.fixed(name))]:
+            raise InputError(reasons[0])
+
     def _schedule(self, schedules: Sequence[Schedule]) -> None:
         for clutch, schedule in zip(self._clutches, schedules, strict=True):
             clutch.schedule = schedule
@@ -371,7 +265,7 @@ class PowerShiftNode:
             self._state = PowerShift(driveline, *wholes)
             self._advance(0.0, 0)
 
-    def _told(self, changes: Sequence[Change], clutch: _Clutch) -> list[dict[str, Any]]:
+    def _told(self, changes: Sequence[Change], clutch: ClutchInterface) -> list[dict[str, Any]]:
         """Changes of a clutch for people and files. Those of the motor, which both clutches have, are told once."""
         return [
             change.told(self.rate) | {"name": _whole_name(change.name, clutch)}
@@ -396,6 +290,6 @@ class PowerShiftNode:
         )  # fmt: skip
 
 
-def _whole_name(name: str, clutch: _Clutch) -> str:
+def _whole_name(name: str, clutch: ClutchInterface) -> str:
     """Name of a clutch's or the motor's parameter among those of the power-shift rig."""
     return name if power_shift.is_motor(name) else f"{clutch.clutch}.{name}"

@@ -39,7 +39,8 @@ class Parameter:
         to_si(self.value, self.unit)
         low, high = self.bounds
         if not (isfinite(self.value) and low <= self.value <= high):
-            raise InputError(f"parameter {self.name} = {self.value:g} {self.unit} breaks {low:g} <= value <= {high:g}")
+            unit = "" if self.unit == "1" else f" {self.unit}"
+            raise InputError(f"parameter {self.name} = {self.value:g}{unit} breaks {low:g} <= value <= {high:g}")
         if not 0.0 <= self.uncertainty < inf:
             raise InputError(f"parameter {self.name} has uncertainty {self.uncertainty:g}; allowed is 0 or more")
         if not self.source.strip():

@@ -133,7 +133,7 @@ def whole_file(path: Path) -> Iterator[Path]:
         yield part
         part.rename(path)
     except OSError as error:
-        raise InputError(f"file {path} cannot be written: {error}") from None
+        raise InputError(f"file {path} cannot be written: {error.strerror or error}") from None
     finally:
         with contextlib.suppress(OSError):  # its folder may be what is wrong
             part.unlink(missing_ok=True)
@@ -147,6 +147,8 @@ def _read_table(path: Path) -> Run:
         else:
             file = pq.ParquetFile(path)
             table, raw = file.read(), file.metadata.metadata or {}
+    except FileNotFoundError:
+        raise InputError(f"run {path} does not exist") from None
     except (OSError, pa.ArrowException) as error:
         raise InputError(f"run {path} cannot be read: {error}") from None
     metadata = {_text(k): parsed(_text(v)) for k, v in raw.items() if not k.startswith(b"ARROW")}

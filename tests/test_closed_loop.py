@@ -1,44 +1,21 @@
 """The closed loop in one process: it follows, it adapts, it stays safe."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
 from plant_sim.bench.following import following
-from plant_sim.bench.in_process import Played, play
+from plant_sim.bench.in_process import play
 from plant_sim.node import PlantNode
 from plant_sim.profile import Profile, load_profile
 from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError
 from protocols.frames import Frame, load_frames
-from protocols.node import node_factory
+from tests.interference import controller_node, interfered, played, restarted, showing
 
 CLOSED_BAR = 0.5  # bar: what is left in the cylinder 0.3 s after the valve closed; the springs act from 1.7 bar
 FRAMES = load_frames()
-controller_node = node_factory("controller")
 
 STEADY = Profile("steady", (0.0, 0.2, 0.5, 3.0), (0.0, 0.0, 10.0, 10.0), (10.47,) * 4)
-
-
-def played(profile: Profile = STEADY, **controller: object) -> Played:
-    return play(PlantNode(profile=profile), controller_node(**controller))
-
-
-def interfered(change: Callable[[int, list[Frame]], list[Frame]], profile: Profile = STEADY) -> tuple[Played, list]:
-    """Play with the plant's frames changed by `change(tick, frames)` on their way; also what the controller sent."""
-    plant, controller = PlantNode(profile=profile), controller_node()
-    sent: list[list[Frame]] = []
-    plant_rows, controller_rows = [], []
-    inbox: list[Frame] = []
-    while not plant.finished:
-        frames = plant.step(inbox)
-        inbox = controller.step(change(plant.tick, frames))
-        sent.append(inbox)
-        plant_rows.append(plant.row())
-        controller_rows.append(controller.row())
-    rows = np.array(plant_rows, float), np.array(controller_rows, float)
-    return Played(*rows, tuple(plant.columns), tuple(controller.columns)), sent
 
 
 def valve(frames: list[Frame]) -> tuple[int, float]:
@@ -49,7 +26,7 @@ def valve(frames: list[Frame]) -> tuple[int, float]:
 
 
 def test_the_torque_follows_the_demand() -> None:
-    result = played()
+    result = played(STEADY)
     assert result.following().regime_error < 0.15  # Nm; 0.1 measured, spring share of 0.14 Nm included
     assert result.following().rise_time < 0.35  # s, of a ramp of 0.3 s and the fill
 
@@ -60,28 +37,20 @@ def test_the_run_goes_through_its_phases_in_order() -> None:
 
 
 def test_two_plays_are_the_same_to_the_bit() -> None:
-    one, other = played(), played()
+    one, other = played(STEADY), played(STEADY)
     assert np.array_equal(one.plant, other.plant)
     assert np.array_equal(one.controller, other.controller)
 
 
 def test_the_controller_never_uses_the_torque_sensor() -> None:
-    codec = FRAMES["ANALOG_SENSORS"]
-
-    def without_torque(tick: int, frames: list[Frame]) -> list[Frame]:
-        return [
-            Frame(i, codec.pack_raw(tick, *codec.raw(d)[:3], 12345)) if i == codec.can_id else Frame(i, d)
-            for i, d in frames
-        ]
-
-    blind, _ = interfered(without_torque)
-    assert np.array_equal(blind.controller, played().controller)
+    blind, _ = interfered(showing(clutch_torque=12345), STEADY)
+    assert np.array_equal(blind.controller, played(STEADY).controller)
 
 
 @pytest.mark.parametrize("kept", [5, 6])
 def test_sensors_stale_for_more_than_five_cycles_close_the_valve(kept: int) -> None:
     """`kept` cycles without a sample while the clutch slips."""
-    result, sent = interfered(lambda tick, frames: [] if 2000 <= tick < 2000 + kept else frames)
+    result, sent = interfered(lambda tick, frames: [] if 2000 <= tick < 2000 + kept else frames, STEADY)
     enabled, voltage = valve(sent[2000 + kept - 1])
     assert (enabled, voltage > 0.0) == ((1, True) if kept == 5 else (0, False))
     assert result["controller_fault"][-1] == (0 if kept == 5 else 1)
@@ -113,7 +82,7 @@ def test_a_fault_is_left_only_through_idle() -> None:
 
 def test_a_lost_supervisor_releases_the_clutch() -> None:
     setpoint = FRAMES["TORQUE_SETPOINT"].can_id
-    result, _ = interfered(lambda t, frames: [f for f in frames if t < 1500 or f.can_id != setpoint])
+    result, _ = interfered(lambda t, frames: [f for f in frames if t < 1500 or f.can_id != setpoint], STEADY)
     assert result["controller_phase"][1590] == 2  # within the time-out of 0.1 s
     assert result["controller_phase"][1610] == 3
     assert result["truth_cylinder_pressure_bar"][2000] < CLOSED_BAR
@@ -129,15 +98,7 @@ def test_an_empty_supply_is_a_fill_time_out() -> None:
 
 def test_a_lost_pressure_signal_is_a_fault_before_the_torque_runs_away() -> None:
     """From 2 s on the pressure reads 0 with valid frames: both loops would ask for all there is."""
-    codec = FRAMES["ANALOG_SENSORS"]
-
-    def without_pressure(tick: int, frames: list[Frame]) -> list[Frame]:
-        return [
-            Frame(i, codec.pack_raw(tick, 0, *codec.raw(d)[1:])) if i == codec.can_id and tick >= 2000 else Frame(i, d)
-            for i, d in frames
-        ]
-
-    result, _ = interfered(without_pressure)
+    result, _ = interfered(showing(since=2000, cylinder_pressure=0), STEADY)
     assert result["controller_fault"][-1] == 6
     assert result["truth_clutch_torque_nm"].max() < 13.0  # Nm, of 10 asked; 33 without the check
     assert result["truth_cylinder_pressure_bar"][-1] < CLOSED_BAR
@@ -145,18 +106,8 @@ def test_a_lost_pressure_signal_is_a_fault_before_the_torque_runs_away() -> None
 
 def test_a_pressure_signal_that_sticks_low_is_a_fault() -> None:
     """The signal stands at 2.5 bar: the estimate says 3 Nm, the motor feels far more."""
-    codec = FRAMES["ANALOG_SENSORS"]
     stuck = round(2.5 / 0.0048828125)
-
-    def sticking(tick: int, frames: list[Frame]) -> list[Frame]:
-        return [
-            Frame(i, codec.pack_raw(tick, stuck, *codec.raw(d)[1:]))
-            if i == codec.can_id and tick >= 1000
-            else Frame(i, d)
-            for i, d in frames
-        ]
-
-    result, _ = interfered(sticking)
+    result, _ = interfered(showing(since=1000, cylinder_pressure=stuck), STEADY)
     assert result["controller_fault"][-1] == 7
     assert result["truth_cylinder_pressure_bar"][-1] < CLOSED_BAR
 
@@ -181,13 +132,7 @@ def test_a_controller_that_slept_does_not_throw_the_torque_up() -> None:
 
 
 def test_a_restarted_controller_does_not_engage_in_the_middle_of_a_demand() -> None:
-    plant, controller = PlantNode(profile=STEADY), controller_node()
-    inbox: list[Frame] = []
-    while not plant.finished:
-        if plant.tick == 1500:
-            controller = controller_node()
-        inbox = controller.step(plant.step(inbox))
-    assert controller.row()[2] == 0
+    assert restarted(STEADY, at=1500)[2] == 0
 
 
 def test_a_standing_clutch_does_not_wind_up() -> None:
@@ -201,7 +146,7 @@ def test_the_motor_stands_until_a_sample_has_been_believed() -> None:
     def corrupt(tick: int, frames: list[Frame]) -> list[Frame]:
         return [Frame(i, bytes((d[0] ^ 1,)) + d[1:]) if i == 0x100 else Frame(i, d) for i, d in frames]
 
-    result, sent = interfered(corrupt)
+    result, sent = interfered(corrupt, STEADY)
     assert valve(sent[-1]) == (0, 0.0)
     assert result["motor_speed_demand_rad_s"][10:].max() == 0.0
 
@@ -210,7 +155,7 @@ def test_corrupt_frames_are_refused_and_counted() -> None:
     def flipped(tick: int, frames: list[Frame]) -> list[Frame]:
         return [Frame(i, d[:-1] + bytes((d[-1] ^ 1,))) if tick % 10 == 3 else Frame(i, d) for i, d in frames]
 
-    result, _ = interfered(flipped)
+    result, _ = interfered(flipped, STEADY)
     assert result["controller_fault"].max() == 0
     assert result.following().regime_error < 0.2  # Nm: one sample of ten is missing
 

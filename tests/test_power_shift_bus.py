@@ -244,6 +244,14 @@ def test_a_change_of_the_motor_is_told_once() -> None:
     assert plant.parameters["motor.proportional_gain"].value == 5.0
 
 
+@pytest.mark.parametrize("name", ["driveline.grade", "a.sensors.pressure_noise", "b.backlash.gap"])
+def test_what_is_fixed_is_neither_tuned_nor_injected(name: str) -> None:
+    plant = PowerShiftNode(RATE)
+    for change in (plant.tune, lambda values: plant.inject(Injection(values))):
+        with pytest.raises(InputError, match=r"is fixed while the plant runs|acts between motor and clutch"):
+            change({name: 0.01})
+
+
 def stopped(clutch: str, at: float) -> tuple[dict[str, np.ndarray], list[int]]:
     """Both clutches half-way; the controller of `clutch` dies at a time [s]; the columns, and ACTUATORS of each status."""
     plant, a, b = nodes()

@@ -1,6 +1,5 @@
 """A request for a pressure: it is followed, the clutch fills and opens as for a torque, and it stays safe."""
 
-from collections.abc import Callable
 from functools import cache
 
 import numpy as np
@@ -14,8 +13,8 @@ from plant_sim.rigs import wet_clutch
 from plant_sim.rigs.multisine import Multisine, measured
 from protocols.errors import InputError
 from protocols.frames import Frame, load_frames
-from protocols.node import node_factory
 from protocols.request import Request
+from tests.interference import controller_node, interfered, played, restarted, showing
 
 BANDWIDTH, BANDWIDTH_ERROR = 9.8, 0.3  # Hz, rig.md: 9.65 Hz measured here, with the bus and straight lines between rows
 OFFSET = 0.003  # bar: mean of 0.5 s, 1.2 mbar measured; noise and resolution of the sensor are 5 mbar each
@@ -28,7 +27,6 @@ CLOSED_BAR = 0.5  # bar: what is left 0.3 s after the valve closed; the springs 
 SPEED = 10.47  # rad/s
 FRAMES = load_frames()
 SETPOINT = FRAMES["TORQUE_SETPOINT"]
-controller_node = node_factory("controller")
 
 
 def demanded(*rows: tuple[float, float, float]) -> Profile:
@@ -44,26 +42,9 @@ def held(pressure: float) -> Profile:
 HELD = held(3.0)
 
 
-def played(profile: Profile, **controller: object) -> Played:
-    return play(PlantNode(profile=profile), controller_node(**controller))
-
-
 @cache
 def holding() -> Played:
     return played(HELD)
-
-
-def interfered(change: Callable[[int, list[Frame]], list[Frame]], profile: Profile = HELD) -> Played:
-    """Play with the plant's frames changed by `change(tick, frames)` on their way."""
-    plant, controller = PlantNode(profile=profile), controller_node()
-    plant_rows, controller_rows = [], []
-    inbox: list[Frame] = []
-    while not plant.finished:
-        inbox = controller.step(change(plant.tick + 1, plant.step(inbox)))
-        plant_rows.append(plant.row())
-        controller_rows.append(controller.row())
-    rows = np.array(plant_rows, float), np.array(controller_rows, float)
-    return Played(*rows, tuple(plant.columns), tuple(controller.columns))
 
 
 def phases(result: Played) -> list[int]:
@@ -108,11 +89,13 @@ def test_the_torque_demand_does_not_matter() -> None:
             for i, d in frames
         ]
 
-    assert np.array_equal(interfered(with_torque).plant, holding().plant)
+    assert np.array_equal(interfered(with_torque, HELD)[0].plant, holding().plant)
 
 
 def test_the_set_points_of_a_supervisor_may_be_fewer_than_the_cycles() -> None:
-    result = interfered(lambda tick, frames: [f for f in frames if tick % 5 == 0 or f.can_id != SETPOINT.can_id])
+    result, _ = interfered(
+        lambda tick, frames: [f for f in frames if tick % 5 == 0 or f.can_id != SETPOINT.can_id], HELD
+    )
     assert phases(result) == [0, 1, 2]
     assert (result["controller_pressure_demand_bar"][1000:] == 3.0).all()
 
@@ -128,15 +111,8 @@ def test_there_is_no_torque_demand_to_report_and_the_estimate_goes_on() -> None:
 
 
 def test_the_controller_never_uses_the_torque_sensor() -> None:
-    codec = FRAMES["ANALOG_SENSORS"]
-
-    def without_torque(tick: int, frames: list[Frame]) -> list[Frame]:
-        return [
-            Frame(i, codec.pack_raw(tick, *codec.raw(d)[:3], 12345)) if i == codec.can_id else Frame(i, d)
-            for i, d in frames
-        ]
-
-    assert np.array_equal(interfered(without_torque).controller, holding().controller, equal_nan=True)
+    blind, _ = interfered(showing(clutch_torque=12345), HELD)
+    assert np.array_equal(blind.controller, holding().controller, equal_nan=True)
 
 
 def test_less_than_the_floor_is_followed_at_the_floor() -> None:
@@ -179,13 +155,7 @@ def test_each_fill_and_release_of_an_experiment_is_complete() -> None:
 
 
 def test_a_restarted_controller_does_not_close_in_the_middle_of_a_demand() -> None:
-    plant, controller = PlantNode(profile=HELD), controller_node()
-    inbox: list[Frame] = []
-    while not plant.finished:
-        if plant.tick == 1500:
-            controller = controller_node()
-        inbox = controller.step(plant.step(inbox))
-    assert controller.row()[2] == 0
+    assert restarted(HELD, at=1500)[2] == 0
 
 
 # --- from one request to the other -----------------------------------------------------------------------------------
@@ -239,21 +209,13 @@ def test_overpressure_trips_the_guard() -> None:
 
 
 def test_a_lost_pressure_signal_is_a_fault() -> None:
-    codec = FRAMES["ANALOG_SENSORS"]
-
-    def without_pressure(tick: int, frames: list[Frame]) -> list[Frame]:
-        return [
-            Frame(i, codec.pack_raw(tick, 0, *codec.raw(d)[1:])) if i == codec.can_id and tick >= 2000 else Frame(i, d)
-            for i, d in frames
-        ]
-
-    result = interfered(without_pressure)
+    result, _ = interfered(showing(since=2000, cylinder_pressure=0), HELD)
     assert result["controller_fault"][-1] == 6
     assert result["truth_cylinder_pressure_bar"].max() < 3.5  # bar, of 3.0 asked
 
 
 def test_a_lost_supervisor_releases_the_clutch() -> None:
-    result = interfered(lambda t, frames: [f for f in frames if t < 1500 or f.can_id != SETPOINT.can_id])
+    result, _ = interfered(lambda t, frames: [f for f in frames if t < 1500 or f.can_id != SETPOINT.can_id], HELD)
     assert result["controller_phase"][1590] == 2  # within the time-out of 0.1 s
     assert result["controller_phase"][1610] == 3
     assert result["truth_cylinder_pressure_bar"][2000] < CLOSED_BAR
@@ -261,7 +223,7 @@ def test_a_lost_supervisor_releases_the_clutch() -> None:
 
 
 def test_a_lost_bus_closes_the_valve() -> None:
-    result = interfered(lambda t, frames: [] if t >= 1500 else frames)
+    result, _ = interfered(lambda t, frames: [] if t >= 1500 else frames, HELD)
     assert list(result["controller_fault"][[1500, 1510]]) == [0, 1]
     assert result["truth_cylinder_pressure_bar"][-1] < CLOSED_BAR
 

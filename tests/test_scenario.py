@@ -207,7 +207,7 @@ RUN = '\n[run]\nprofile = "short.csv"\n'
         ),
         (
             "title = 'x'\n[effects]\nfriction_level = { level = 9 }",
-            "parameter friction_level.level = 9 1 breaks 0.3 <= value <= 3",
+            "parameter friction_level.level = 9 breaks 0.3 <= value <= 3",
         ),
         ("title = 'x'\n[[inject]]\neffect = 'friction_level'", "entry inject 1.at is missing; a number is needed"),
         ("title = 'x'\n[inject]\nat = 1", "inject is {{'at': 1}}; allowed is a list of tables"),
@@ -336,7 +336,10 @@ def test_a_fault_fails_a_scenario_that_does_not_expect_it(written, tmp_path: Pat
 
 def test_what_cannot_be_measured_breaks_its_limit(written, tmp_path: Path) -> None:
     path = written(f"title = 'x'{RUN}[limits]\nfault_time_s = {{ most = 9 }}")
-    assert "failed: fault_time_s <= 9 s: nan" in invoked("simulate", path, "--out", tmp_path).stdout
+    assert (
+        "failed: fault_time_s <= 9 s: cannot be measured in this run"
+        in invoked("simulate", path, "--out", tmp_path).stdout
+    )
 
 
 def test_a_blind_run_is_judged_by_what_was_measured(written, tmp_path: Path) -> None:
@@ -378,3 +381,29 @@ def test_live_in_lock_step_a_scenario_is_what_it_is_in_one_process(written, loca
         "internal_leakage.conductance",
         "pressure_sensor_offset.offset",
     ]
+
+
+def test_a_run_says_what_changed_its_rig(written, tmp_path: Path) -> None:
+    changed = tmp_path / "rig.toml"
+    changed.write_text("[friction_level]\nlevel = 0.9\n")
+    path = written(f"title = 'x'{RUN}[[inject]]\nat = 0.5\neffect = 'valve_gain'\n")
+    said = invoked("simulate", path, "--plant-parameters", changed, "--out", tmp_path).stdout
+    assert f"s), changed by {changed}, in one process" in said
+    assert "effects: friction_level\ninjections: 1, the first at 0.500 s\n" in said
+    told = invoked("simulate", path, "--plant-parameters", changed, "--out", tmp_path, "--blind").stdout
+    assert "effects:" not in told
+    assert "injections:" not in told
+
+
+def test_a_picture_tells_the_verdict_of_the_limits_and_when_something_was_injected(
+    written, tmp_path, monkeypatch
+) -> None:
+    drawn = []
+    monkeypatch.setattr("plant_sim.bench.result.draw_run", lambda *arguments: drawn.append(arguments))
+    text = (
+        f"title = 'x'{RUN}[[inject]]\nat = 0.5\neffect = 'valve_gain'\n[limits]\npeak_pressure_bar = {{ most = 0.1 }}\n"
+    )
+    invoked("simulate", written(text), "--out", tmp_path)
+    _, _, title, injected = drawn[0]
+    assert title.splitlines()[1].startswith("failed: peak_pressure_bar <= 0.1 bar")
+    assert injected == [0.5]

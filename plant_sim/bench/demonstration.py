@@ -24,8 +24,8 @@ class Choice:
     beside: str | None = None
 
 
-_OTHERWISE = ("engagement", "triangle", "slip_sine", "slip_steps", "hold")
-# Where the quantity and excitation changed most do not show what an effect is
+_OTHERWISE = ("engagement", "triangle", "slip_sine", "slip_steps")
+# Where the quantity and excitation changed most do not show what an effect is, and where it takes a long hold
 CHOICES: Mapping[str, Choice] = {
     "backlash": Choice("slip_steps"),
     "coarse_quantisation": Choice("triangle", "clutch_torque_nm"),
@@ -46,6 +46,8 @@ CHOICES: Mapping[str, Choice] = {
     "shaft_angle_ripple": Choice("crawl", "clutch_torque_nm", over="shaft_angle_rad"),
     "spool_stiction": Choice("triangle", "cylinder_pressure_bar"),
     "stribeck_change": Choice("slip_sine", "clutch_torque_nm"),
+    "temperature_sensor_lag": Choice("hold"),
+    "torque_sensor_leakage": Choice("hold"),
     "valve_deadband": Choice("triangle", "cylinder_pressure_bar"),
     "valve_gain": Choice("triangle", "cylinder_pressure_bar"),
     "valve_hysteresis": Choice("triangle", "cylinder_pressure_bar"),

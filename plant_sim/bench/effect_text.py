@@ -132,17 +132,17 @@ def _section(name: str, text: str, width: int) -> str:
 
 def _plot(shown: Demonstration) -> str:
     """The quantity without, with and the difference as sparklines over time."""
-    without, with_it = (_means(answer[shown.column]) for answer in (shown.without, shown.with_it))
-    difference = _means(shown.difference)
+    without, with_it = shown.without[shown.column], shown.with_it[shown.column]
     low, high = min(without.min(), with_it.min()), max(without.max(), with_it.max())
     rows = (
         ("without", without, low, high),
         ("with", with_it, low, high),
-        ("with - without", difference, *_span(difference)),
+        ("with - without", shown.difference, *_span(shown.difference)),
     )
     lines = [f"{shown.what} [{shown.unit}] over time: {shown.excitation.title}"]
     lines += [
-        f"{name:<{_NAME}}{sparkline(y, *ends)}  {ends[0]:.4g}..{ends[1]:.4g} {shown.unit}" for name, y, *ends in rows
+        f"{name:<{_NAME}}{sparkline(_means(y), *ends)}  {ends[0]:.4g}..{ends[1]:.4g} {shown.unit}"
+        for name, y, *ends in rows
     ]
     return "\n".join(lines)
 

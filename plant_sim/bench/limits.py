@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import isfinite
 from typing import Any
 
 from plant_sim.bench.measures import Columns, measure
@@ -58,7 +59,10 @@ class Judgement:
     holds: bool
 
     def __str__(self) -> str:
-        said = self.value if isinstance(self.value, str) else f"{self.value:.4g}"
+        if isinstance(self.value, str):
+            said = self.value
+        else:
+            said = f"{self.value:.4g}" if isfinite(self.value) else "cannot be measured in this run"
         return f"{self.limit}: {said}"
 
     def document(self) -> dict[str, Any]:

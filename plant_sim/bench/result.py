@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from textwrap import shorten
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from plant_sim.bench.picture import draw_run
 from plant_sim.bench.sealed import SEAL
 from protocols.runs import read_run
 
+_TITLE_WIDTH = 130  # characters that fit over the picture
 _LATE_NOTED = 1e-3  # share of late cycles above which a run in real time is told to be no measure of the controller
 
 
@@ -77,7 +79,6 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
     else:
         verdict = "no torque was asked for"
     picture = path.with_suffix(".png")
-    draw_run(picture, columns, f"{path.stem}: {verdict}")
     document = {
         "run": str(path),
         "picture": str(picture),
@@ -92,8 +93,19 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
     if SEAL in run.metadata:
         lines.append(f"         {path.with_name(run.metadata[SEAL]['file'])}  (sealed: the truth)")
     lines += [f"         {picture}", *timing_lines(timing or {})]
+    if on := run.metadata.get("effects"):
+        lines.append(f"effects: {', '.join(on)}")
+    if injected := [change["row"] / run.metadata["sample_rate_hz"] for change in run.metadata.get("injections", ())]:
+        lines.append(f"injections: {len(injected)}, the first at {injected[0]:.3f} s")
     result = Result(document, "\n".join(lines), verdict, good).limited(judged(limits, columns))
+    draw_run(picture, columns, title(path, verdict, result), injected)
     return result.interrupted(columns["time_s"][-1]) if timing and timing["interrupted"] else result
+
+
+def title(path: Path, verdict: str, result: Result) -> str:
+    """Title of a run's picture: how the run went, and what its limits say where it has any."""
+    lines = [f"{path.stem}: {verdict}"] + ([result.verdict] if result.judgements else [])
+    return "\n".join(shorten(line, _TITLE_WIDTH, placeholder=" ...") for line in lines)
 
 
 def timing_lines(timing: dict[str, Any]) -> list[str]:

@@ -59,6 +59,11 @@ class RunSettings:
         path.write_text("".join(f"{name} = {value!r}\n" for name, value in values.items()), encoding="utf-8")
         return path
 
+    def changes(self) -> str:
+        """The parameter files that change something, for people: ", changed by rig.toml", or nothing."""
+        files = [str(path) for path in (self.plant_parameters, self.controller_parameters) if path]
+        return f", changed by {' and '.join(files)}" if files else ""
+
     def as_text(self) -> dict[str, str]:
         """The settings that were given, for metadata."""
         return {name: str(value) for name, value in asdict(self).items() if value is not None and value != {}}

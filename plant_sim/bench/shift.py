@@ -11,7 +11,7 @@ from plant_sim.bench.limits import Limit, judged
 from plant_sim.bench.metadata import run_metadata
 from plant_sim.bench.power_shift_measures import MEASURES, handover
 from plant_sim.bench.recording import Recording, run_path, writable
-from plant_sim.bench.result import Result, timing_lines
+from plant_sim.bench.result import Result, timing_lines, title
 from plant_sim.bench.shift_picture import draw_shift
 from plant_sim.bench.status import StatusLine
 from plant_sim.bench.up import Bench
@@ -136,7 +136,6 @@ def judge_shift(path: Path, read: str, limits: Sequence[Limit] = (), timing: dic
     else:
         verdict = f"torque handed over, {figures}, heat {measured['heat_a_j']:.0f} J in a and {measured['heat_b_j']:.0f} J in b"
     picture = path.with_suffix(".png")
-    draw_shift(picture, columns, f"{path.stem}: {verdict.partition(', heat')[0]}")
     document = {
         "run": str(path),
         "picture": str(picture),
@@ -153,6 +152,7 @@ def judge_shift(path: Path, read: str, limits: Sequence[Limit] = (), timing: dic
     lines += _load_lines(run.metadata["sample_rate_hz"])
     lines += [f"{'shift:' if not i else '':<9}{text}" for i, text in enumerate(_shift_lines(measured))]
     result = Result(document, "\n".join(lines), verdict, good).limited(judged(limits, columns))
+    draw_shift(picture, columns, title(path, verdict.partition(", heat")[0], result))
     return result.interrupted(columns["time_s"][-1]) if timing and timing["interrupted"] else result
 
 
@@ -181,4 +181,4 @@ def _metadata(scenario: Scenario, controllers: Sequence[dict[str, float]], injec
 
 def _named(scenario: Scenario) -> str:
     what = f"scenario {scenario.path}" if scenario.path else f"profile {scenario.name}"
-    return f"{what} ({scenario.duration:g} s)"
+    return f"{what} ({scenario.duration:g} s){scenario.settings.changes()}"

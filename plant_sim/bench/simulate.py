@@ -71,7 +71,7 @@ class Simulation:
     def __str__(self) -> str:
         """What is read."""
         what = f"scenario {self.scenario.path}" if self.scenario.path else f"profile {self.profile.name}"
-        return f"{what} ({self.profile.duration:g} s)"
+        return f"{what} ({self.profile.duration:g} s){self.scenario.settings.changes()}"
 
     def _new_nodes(self, plant: ParameterSet, seed: int) -> tuple[PlantNode, Any]:
         settings = self.scenario.settings

@@ -153,10 +153,10 @@ class Bench:
         if settings.profile != MANUAL:
             profile = scenario.loaded_profile()
             what = f"scenario {scenario.path}" if scenario.path else f"profile {profile.name}"
-            return f"{what} ({profile.duration:g} s)", profile.duration
+            return f"{what} ({profile.duration:g} s){settings.changes()}", profile.duration
         if self.lockstep:
             raise InputError("profile 'manual' cannot be played in lock-step; allowed is real time")
-        return "demand from the bus", settings.seconds or inf
+        return f"demand from the bus{settings.changes()}", settings.seconds or inf
 
     def _commands(self, bus: str, cpus: list[int], folder: Path) -> dict[str, list[str]]:
         """Arguments of both services; `folder` takes what they read."""

@@ -29,20 +29,16 @@ def low_pass(shown, rate, held, a, decay, cosine, sine):
 
 def smooth(s, c, p, x, h):
     """Filter every channel."""
-    pressure, temperature, motor, clutch = (
-        s.sensed_pressure, s.sensed_temperature, s.sensed_motor_torque, s.sensed_clutch_torque,
-    )  # fmt: skip
+    pressure, temperature = s.sensed_pressure, s.sensed_temperature
+    motor, clutch = s.sensed_motor_torque, s.sensed_clutch_torque
     motor_before, clutch_before = x.motor_torque, x.clutch_torque
     if h > 0.0:
         if x.begun == 0.0:
             x.begun = 1.0
-            x.pressure, x.temperature, x.last_pressure, x.last_temperature = (
-                pressure,
-                temperature,
-                pressure,
-                temperature,
-            )
-            x.motor_torque, x.clutch_torque, motor_before, clutch_before = motor, clutch, motor, clutch
+            x.pressure = x.last_pressure = pressure
+            x.temperature = x.last_temperature = temperature
+            x.motor_torque = motor_before = motor
+            x.clutch_torque = clutch_before = clutch
         a = pi * sqrt(2.0) * p.corner  # w / sqrt(2)
         decay, cosine, sine = exp(-a * h), cos(a * h), sin(a * h)
         held = 0.5 * (x.last_pressure + pressure)

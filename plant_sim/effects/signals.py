@@ -9,7 +9,7 @@ ends: voltage and cylinder_speed from COMMAND, displacement at PISTON, friction_
 viscous_share at TORQUE, torque from TORQUE to DRIVE. Before that they are 0, or those of the step before.
 
     hook         called                               an effect may change
-    RIG          once a call of the rig               fields of `c`, the rig's own parameters, but for sensors_...
+    RIG          once a call, h its length            fields of `c`, the rig's own parameters, but for sensors_...
     COMMAND      every step                           demand, supply_pressure
     HYDRAULICS   every stage of a step, h = 0         flow, capacity, thrust_pressure
     STACK        every stage of a step, h = 0         stack_force, a function of `position`

@@ -74,8 +74,11 @@ class Whole(NamedTuple):
 
 def nominal(changed: Path | None = None) -> ParameterSet:
     """The parameters of rig.md with every effect off, or as changed by a user's file. Raises InputError."""
+    own = load_defaults(DEFAULTS)
+    if taken := {name.partition(".")[0] for name in own} & set(catalogue()):
+        raise InputError(f"effect {min(taken)} has the name of a group of the rig's own parameters; give it another")
     declared = {name: parameter for effect in catalogue().values() for name, parameter in effect.declared().items()}
-    shipped = ParameterSet({**load_defaults(DEFAULTS), **declared})
+    shipped = ParameterSet({**own, **declared})
     return load_overlay(changed, shipped) if changed else shipped
 
 

@@ -32,13 +32,8 @@ def pressed(of: wet_clutch.Rig, p_star: float, slip: float, celsius: float = 70.
     plain = wet_clutch.Rig(wet_clutch.nominal().with_values(HEAVY))
     y = plain.filled(slip, celsius + ZERO_CELSIUS)
     y = plain.advance(y, pressing(p_star), slip, 1e9, 0.3, 3000).y
-    y["slip_speed"], y["temperature"], y["speed_integral"], y["angle"], y["time"] = (
-        slip,
-        celsius + ZERO_CELSIUS,
-        0,
-        0,
-        0,
-    )
+    y["slip_speed"], y["temperature"] = slip, celsius + ZERO_CELSIUS
+    y["speed_integral"] = y["angle"] = y["time"] = 0.0
     return of.advance(wet_clutch.Whole(y, of.table.at_rest()), pressing(p_star), slip, 1e9, 0.0, 0)
 
 

@@ -10,10 +10,7 @@ from plant_sim.effects.catalogue import effect
 from plant_sim.effects.signals import RIG
 from tests.effects.fluid import A_CYL, BAR, C_H, KELVIN, Fluid, G, rig, run
 
-PRESSURE, POSITION = (
-    6e-5,
-    6e-9,
-)  # bar, m, to the independent integration: the kink of the touch; measured 0.03 mbar, 2.7 nm
+PRESSURE, POSITION = 6e-5, 6e-9  # bar, m, to the independent integration: kink of the touch; measured 0.03 mbar, 2.7 nm
 LANDING = 5e-4  # bar, from steps of a 16th; measured 0.064 mbar, 4.8 mbar without the air's share of the capacity
 STEADY = 1e-7  # relative, 1.5 s after a step; measured 1.4e-8: the piston creeps on its damping
 VOLUME = 1e-3  # of the air's volume: trapezoids over 0.1 ms; measured 7e-5

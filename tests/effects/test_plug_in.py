@@ -123,6 +123,12 @@ def test_a_law_that_cannot_be_compiled_is_told(before: str, after: str, reason: 
     assert re.fullmatch(rf"effect wrong \(\S+wrong\.py\) cannot be compiled: .*{reason}.*", str(error)), error
 
 
+def test_an_effect_cannot_hide_parameters_of_the_rig(folder: Path) -> None:
+    (folder / "valve.py").write_text(EXAMPLE, encoding="utf-8")
+    with pytest.raises(InputError, match="effect valve has the name of a group of the rig's own parameters;"):
+        wet_clutch.nominal()
+
+
 def test_what_is_wrong_ends_with_exit_code_2(folder: Path) -> None:
     done = subprocess.run(child.clutch_hil("effects", "valve_ditter"), capture_output=True, text=True, check=False)
     assert done.returncode == 2

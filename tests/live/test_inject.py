@@ -152,7 +152,7 @@ def test_a_frozen_sensor_shows_one_value(line: Line) -> None:
 
 def test_bad_input_is_told_in_the_words_of_the_plant_and_changes_nothing(bench: Running, line: Line) -> None:
     assert "did you mean oil.sump_temperature" in refused(bench, "oil.sump_temprature=90")
-    assert "friction_level.level = 9 1 breaks 0.3 <= value <= 3" in refused(bench, SUMP + "=90", LEVEL + "=9")
+    assert "friction_level.level = 9 breaks 0.3 <= value <= 3" in refused(bench, SUMP + "=90", LEVEL + "=9")
     assert "is too late: the rig is at" in refused(bench, SUMP + "=90", "--at", "0")
     assert "not what; name an effect" in refused(bench, "--ramp", "2")
     assert line.standing()["changed"] == []
