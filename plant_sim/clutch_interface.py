@@ -1,50 +1,43 @@
-"""One clutch of the power-shift rig on the bus: commands of its controller in, its sensor frames out."""
+"""One clutch between rig and bus: the commands of its controller in, its sensor frames out."""
+
+from typing import NamedTuple
 
 from plant_sim.blocks import dac
 from plant_sim.blocks.sensors import Sensors
-from plant_sim.node import STALE_CYCLES
-from plant_sim.rigs.wet_clutch import Rig, State, Whole
-from plant_sim.schedule import Schedule
+from plant_sim.rigs.wet_clutch import Rig, Whole
 from protocols.errors import InputError
 from protocols.frames import Frame, load_frames
 from protocols.lifecycle import Lifecycle
-from protocols.node import Column
 from protocols.parameters import ParameterSet
 from protocols.reception import Reception
-from protocols.units import BAR, ZERO_CELSIUS
 
-_COLUMNS = (
-    ("valve_voltage_{}_v", "V", "voltage to the V/A converter, acting from this row on"),
-    ("torque_demand_{}_nm", "Nm", "the supervisor's demand to the controller"),
-    ("cylinder_pressure_{}_bar", "bar", "measured oil pressure behind the piston"),
-    ("slip_speed_{}_rad_s", "rad/s", "measured slip speed, from encoder counts"),
-    ("slip_angle_{}_rad", "rad", "encoder angle of the clutch's input against its output"),
-    ("oil_temperature_{}_degc", "degC", "measured oil temperature"),
-    ("clutch_torque_{}_nm", "Nm", "measured clutch torque, for validation"),
-    ("truth_valve_pressure_{}_bar", "bar", "pressure after the valve"),
-    ("truth_cylinder_pressure_{}_bar", "bar", "pressure behind the piston"),
-    ("truth_piston_position_{}_m", "m", "0 at rest"),
-    ("truth_normal_force_{}_n", "N", "on the plates"),
-    ("truth_friction_state_{}", "1", "m of eq. 6.9"),
-    ("truth_clutch_torque_{}_nm", "Nm", "M"),
-    ("truth_slip_speed_{}_rad_s", "rad/s", "input speed less ratio times output speed"),
-    ("truth_oil_temperature_{}_degc", "degC", "T"),
-    ("truth_heat_{}_j", "J", "friction heat since the start"),
+STALE_CYCLES = (
+    5  # cycles without a valve command that close the valve's amplifier: as long as the controller's guard waits
 )
 
 
-def clutch_columns(clutch: str) -> tuple[Column, ...]:
-    """Names of a clutch's part of the record."""
-    return tuple(Column(name.format(clutch), unit, meaning) for name, unit, meaning in _COLUMNS)
+class Measured(NamedTuple):
+    """What the data acquisition shows of a clutch, as the columns of rig.md."""
+
+    pressure: float  # bar
+    slip_speed: float  # rad/s, from encoder counts
+    angle: float  # rad, of the encoder since the start
+    temperature: float  # degC
+    clutch_torque: float  # Nm
+    motor_torque: float  # Nm
 
 
 class ClutchInterface:
-    """A clutch between rig and bus: its frames, its data acquisition, its parameters over time.
+    """A clutch on the bus, with its data acquisition; rate [Hz], `seed` of the sensors' noise, `sender` for messages.
 
-    `answered_tick`, `controller` and `commanded` tell of its controller; `voltage` [V] is at its valve.
+    `answered_tick` (SAMPLE_TICK of the last valve command), `controller` and `commanded` tell of its controller; `voltage` [V]
+    is at its valve. The measured slip is the encoder's difference over a period; in the first sample, where there is none yet,
+    it is the true one.
     """
 
-    def __init__(self, clutch: str, rate: int, parameters: ParameterSet, seed: int) -> None:
+    def __init__(
+        self, rate: int, parameters: ParameterSet, seed: int, clutch: str = "a", sender: str = "the controller"
+    ) -> None:
         frames = load_frames(clutch=clutch)
         self.clutch = clutch
         self.analog, self.encoder, self.setpoint = (
@@ -54,19 +47,18 @@ class ClutchInterface:
         self.receptions = {codec.can_id: Reception(codec) for codec in commands}
         self._valve_id, _ = self.receptions
         self.own = {codec.can_id: codec.name for codec in (self.analog, self.encoder)}
-        self.schedule = Schedule(parameters)
         self.voltage = 0.0
         self.answered_tick = -1
         self.controller = Lifecycle.UNCONFIGURED
         self.age, self.commanded = 0, False  # cycles since the last valve command
-        self._rate, self._sensors = rate, Sensors(seed)
+        self.measured = Measured(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        self._rate, self._sensors, self._sender = rate, Sensors(seed), sender
         self._dac = parameters["sensors.dac_range"].value, int(parameters["sensors.dac_bits"].value)
+        self._angle_step = self.encoder.scale["shaft_angle"]  # rad
         self._count: int | None = None
-        self._angle = 0.0
-        self._measured = (0.0,) * 6
 
     def receive(self, can_id: int, data: bytes) -> None:
-        """Take a command or a heartbeat of its controller. Raises InputError for another rate."""
+        """Take a command or a heartbeat of its controller. Raises InputError for another rate or protocol."""
         reception = self.receptions[can_id]
         if not reception.accept(data):
             return
@@ -77,11 +69,10 @@ class ClutchInterface:
             self.answered_tick, self.age, self.commanded = values.sample_tick, 0, True
         elif values.rate != self._rate:
             raise InputError(
-                f"the controller of clutch {self.clutch} runs at {values.rate} Hz, this plant at {self._rate} Hz:"
-                " give all one rate"
+                f"{self._sender} runs at {values.rate} Hz, this plant at {self._rate} Hz: give both one rate"
             )
         elif values.lifecycle > Lifecycle.FINALIZED:
-            raise InputError(f"lifecycle {values.lifecycle} of a controller is unknown; allowed are 0 to 3")
+            raise InputError(f"lifecycle {values.lifecycle} of {self._sender} is unknown; allowed are 0 to 3")
         else:
             self.controller = Lifecycle(values.lifecycle)
 
@@ -90,34 +81,22 @@ class ClutchInterface:
         """Whether commands have come and come no more."""
         return self.commanded and self.age >= STALE_CYCLES
 
-    def sample(self, tick: int, rig: Rig, state: Whole) -> tuple[list[Frame], Whole]:
-        """Sensor frames of `tick`, and the state with those of its effects moved on."""
+    def sample(self, tick: int, rig: Rig, state: Whole, slip_speed: float) -> tuple[list[Frame], Whole]:
+        """Sensor frames of `tick`, and the state with those of its effects moved on; true `slip_speed` [rad/s]."""
         if self.stale:
             self.voltage = 0.0
         self.age += 1
-        slip = state.read().slip_speed
         counts, state = self._sensors.sample(rig, state, 1.0 / self._rate)
         analog = self.analog.pack_raw(tick, *counts[:4])
         encoder = self.encoder.pack_raw(tick, counts.encoder, tick & 0xFFFF)
-        turned = 0 if self._count is None else (counts.encoder - self._count + 0x80000000 & 0xFFFFFFFF) - 0x80000000
-        step = turned * self.encoder.scale["shaft_angle"]
-        slip = slip if self._count is None else step * self._rate
-        self._count, self._angle = counts.encoder, self._angle + step
+        turned = 0.0
+        if self._count is not None:
+            turned = ((counts.encoder - self._count + 0x80000000 & 0xFFFFFFFF) - 0x80000000) * self._angle_step
+            slip_speed = turned * self._rate
+        self._count = counts.encoder
         shown = self.analog.unpack(analog)
-        self._measured = (
-            shown.cylinder_pressure, slip, self._angle, shown.oil_temperature, shown.clutch_torque, shown.motor_torque,
+        self.measured = Measured(
+            shown.cylinder_pressure, slip_speed, self.measured.angle + turned,
+            shown.oil_temperature, shown.clutch_torque, shown.motor_torque,
         )  # fmt: skip
         return [Frame(self.analog.can_id, analog), Frame(self.encoder.can_id, encoder)], state
-
-    @property
-    def motor_torque(self) -> float:
-        """As its data acquisition shows it [Nm]."""
-        return self._measured[-1]
-
-    def row(self, y: State, demand: float, heat: float) -> tuple[float, ...]:
-        """Its part of the record, in the order of `clutch_columns`."""
-        return (
-            self.voltage, demand, *self._measured[:-1],
-            y.valve_pressure / BAR, y.pressure / BAR, y.position, y.normal_force, y.friction_state,
-            y.clutch_torque, y.slip_speed, y.temperature - ZERO_CELSIUS, heat,
-        )  # fmt: skip

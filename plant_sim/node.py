@@ -4,8 +4,7 @@ from collections.abc import Mapping, Sequence
 from math import ceil
 from typing import Any
 
-from plant_sim.blocks import dac
-from plant_sim.blocks.sensors import Sensors
+from plant_sim.clutch_interface import ClutchInterface
 from plant_sim.effects.catalogue import effects
 from plant_sim.injection import Injection, requested
 from plant_sim.profile import Profile
@@ -21,11 +20,7 @@ from protocols.parameters import ParameterSet
 from protocols.reception import Reception
 from protocols.units import BAR, ZERO_CELSIUS
 
-STALE_CYCLES = (
-    5  # cycles without a valve command that close the valve amplifier: as long as the controller's guard waits
-)
 _TEMPERATURES = 35.0, 150.0  # degC: valid range of eq. 6.3 (blocks/oil.py) and of fig 6.8
-_OWN = ("ANALOG_SENSORS", "ENCODER", "PLANT_STATUS", "PLANT_HEARTBEAT")
 
 # Columns of a recorded run (rig.md), then the truth.
 COLUMNS = tuple(
@@ -61,8 +56,7 @@ class PlantNode:
     rate [Hz]; `temperature` is the oil's at the start [degC]; `injections` change the plant while it runs, and `injected`
     tells those that have begun; a `blind` plant does not say what it is beyond its own parameters at the start. A step
     answers with the frames of the present tick and then advances the rig by one period; what it was sent acts from this
-    tick on, so a command that answers tick k acts from tick k + 1. The measured slip is the encoder's difference over a
-    period; in row 0, where there is none yet, it is the speed the run begins with.
+    tick on, so a command that answers tick k acts from tick k + 1.
     """
 
     columns = COLUMNS
@@ -91,33 +85,20 @@ class PlantNode:
         self.tick = -1
         self.inject(*injections)
         self._rig, _ = self._schedule.rig(0.0)
-        self._dac_range = parameters["sensors.dac_range"].value
-        self._dac_bits = int(parameters["sensors.dac_bits"].value)
-        self._sensors = Sensors(seed)
+        self._clutch = ClutchInterface(rate, parameters, seed)
         kelvin = initial_temperature(parameters["oil.reference"].value if temperature is None else temperature)
         speed = profile.at(0.0).speed if profile else 0.0
         self._state = self._rig.at_rest(speed, kelvin)
         self._y = self._state.read()
 
         frames = load_frames()
-        self._analog, self._encoder = frames["ANALOG_SENSORS"], frames["ENCODER"]
-        self._setpoint = frames["TORQUE_SETPOINT"]
         self._status = frames["PLANT_STATUS"]
+        self._motor = Reception(frames["MOTOR_COMMAND"])
         self.heartbeat = Heartbeat(frames["PLANT_HEARTBEAT"], rate, session)
-        names = ("VALVE_COMMAND", "MOTOR_COMMAND", "CONTROLLER_HEARTBEAT")
-        self._receptions = {frames[name].can_id: Reception(frames[name]) for name in names}
-        self._valve_id, self._motor_id, self._controller_id = self._receptions
-        self._own = {frames[name].can_id: name for name in _OWN}
+        shared = {frames[name].can_id: name for name in ("PLANT_STATUS", "PLANT_HEARTBEAT")}
+        self._own = self._clutch.own | shared
         self._status_every = max(1, round(self._status.cycle_time * rate))
-
-        self.answered_tick = -1  # SAMPLE_TICK of the last valve command
-        self.controller = Lifecycle.UNCONFIGURED  # by its heartbeat
-        self._command_age = 0  # cycles
-        self._commanded = False
-        self._voltage, self._speed_demand, self._torque_limit = 0.0, speed, self._rig.record["motor_torque_limit"][0]
-        self._angle_step = self._encoder.scale["shaft_angle"]  # rad
-        self._count: int | None = None
-        self._angle = 0.0
+        self._speed_demand, self._torque_limit = speed, self._rig.record["motor_torque_limit"][0]
         self._row: tuple[float, ...] = (0.0,) * len(COLUMNS)
 
     def step(self, inbox: Sequence[Frame]) -> list[Frame]:
@@ -132,54 +113,40 @@ class PlantNode:
         for can_id, data in inbox:
             if can_id in self._own:
                 raise InputError(f"a second plant is on the bus: it sends {self._own[can_id]} (0x{can_id:03X})")
-            reception = self._receptions.get(can_id)
-            if reception is None or not reception.accept(data):
-                continue
-            values = reception.codec.unpack(data)
-            if can_id == self._valve_id:
-                self._voltage = self._dac(reception.codec.raw(data).valve_voltage) if values.valve_enable else 0.0
-                self.answered_tick, self._command_age, self._commanded = values.sample_tick, 0, True
-            elif can_id == self._motor_id:
+            if can_id in self._clutch.receptions:
+                self._clutch.receive(can_id, data)
+            elif can_id == self._motor.codec.can_id and self._motor.accept(data):
+                values = self._motor.codec.unpack(data)
                 self._speed_demand, self._torque_limit = (
                     (values.speed_demand, values.torque_limit) if values.motor_enable else (0.0, 0.0)
                 )
-            else:
-                if values.rate != self.rate:
-                    raise InputError(
-                        f"the controller runs at {values.rate} Hz, this plant at {self.rate} Hz: give both one rate"
-                    )
-                if values.lifecycle > Lifecycle.FINALIZED:
-                    raise InputError(f"lifecycle {values.lifecycle} of the controller is unknown; allowed are 0 to 3")
-                self.controller = Lifecycle(values.lifecycle)
 
     def sample(self) -> list[Frame]:
         """Frames of the present tick: set-point, status, sensors; the encoder frame comes last and completes the sample."""
         self.tick = tick = self.tick + 1
-        if self._commanded and self._command_age >= STALE_CYCLES:
-            self._voltage = self._speed_demand = self._torque_limit = 0.0
-        self._command_age += 1
+        clutch = self._clutch
+        if clutch.stale:
+            self._speed_demand = self._torque_limit = 0.0
         self._follow(tick * self._period)
-        counts, self._state = self._sensors.sample(self._rig, self._state, self._period)
         frames = []
         if tick % self.heartbeat.every == 0:
             frames.append(self.heartbeat.next(Lifecycle.ACTIVE))
         if tick % self._status_every == 0:
-            rejected = sum(r.corrupt + r.repeated for r in self._receptions.values())
+            counts = self.reception_counts().values()
+            rejected = sum(count["corrupt"] + count["repeated"] for count in counts)
             status = (self._actuators(), min(self.late_cycles, 65535), min(rejected, 65535))
             frames.append(Frame(self._status.can_id, self._status.pack(tick // self._status_every, *status)))
         if self.profile:
             setpoint = self.profile.at(tick * self._period)
-            frames.append(Frame(self._setpoint.can_id, self._setpoint.pack(tick, *setpoint)))
-        analog = self._analog.pack_raw(tick, *counts[:4])
-        frames.append(Frame(self._analog.can_id, analog))
-        frames.append(Frame(self._encoder.can_id, self._encoder.pack_raw(tick, counts.encoder, tick & 0xFFFF)))
-        self._note(self._analog.unpack(analog), counts.encoder)
-        return frames
+            frames.append(Frame(clutch.setpoint.can_id, clutch.setpoint.pack(tick, *setpoint)))
+        sampled, self._state = clutch.sample(tick, self._rig, self._state, self._y.slip_speed)
+        self._note()
+        return frames + sampled
 
     def advance(self) -> None:
         """Let the rig run for one period with the inputs held."""
         self._state = self._rig.advance(
-            self._state, self._voltage, self._speed_demand, self._torque_limit, self._period, self._substeps
+            self._state, self._clutch.voltage, self._speed_demand, self._torque_limit, self._period, self._substeps
         )
         self._y = self._state.read()
 
@@ -192,6 +159,16 @@ class PlantNode:
         if name.partition(".")[0] == "sensors":
             return f"parameter {name} is fixed while the plant runs: its data acquisition is set up at the start"
         return None
+
+    @property
+    def answered_tick(self) -> int:
+        """SAMPLE_TICK of the last valve command; -1 before the first."""
+        return self._clutch.answered_tick
+
+    @property
+    def controller(self) -> Lifecycle:
+        """State of the controller by its heartbeat."""
+        return self._clutch.controller
 
     @property
     def blind(self) -> bool:
@@ -252,11 +229,8 @@ class PlantNode:
 
     def reception_counts(self) -> dict[str, dict[str, int]]:
         """Counts of `protocols.reception.Reception` by frame name."""
-        return {reception.codec.name: reception.counts() for reception in self._receptions.values()}
-
-    def _dac(self, counts: int) -> float:
-        """Voltage [V] that the valve's converter makes of the counts of a command."""
-        return dac.voltage(counts, self._dac_range, self._dac_bits)
+        receptions = (*self._clutch.receptions.values(), self._motor)
+        return {reception.codec.name: reception.counts() for reception in receptions}
 
     def _check_free(self, injection: Injection) -> None:
         if reasons := [reason for name in injection.values if (reason := self.fixed(name))]:
@@ -279,7 +253,12 @@ class PlantNode:
             states = rig.table.carried(self._state.effects, self._rig.table)
             self._rig = rig
             self._state = rig.advance(
-                self._state._replace(effects=states), self._voltage, self._speed_demand, self._torque_limit, 0.0, 0
+                self._state._replace(effects=states),
+                self._clutch.voltage,
+                self._speed_demand,
+                self._torque_limit,
+                0.0,
+                0,
             )
             self._y = self._state.read()
         if self._schedule.planned:
@@ -287,19 +266,14 @@ class PlantNode:
 
     def _actuators(self) -> int:
         """Value of PLANT_STATUS.ACTUATORS."""
-        if not self._commanded:
+        if not self._clutch.commanded:
             return 0
-        return 2 if self._command_age > STALE_CYCLES else 1
+        return 2 if self._clutch.stale else 1
 
-    def _note(self, analog, count: int) -> None:
+    def _note(self) -> None:
         y, c = self._y, self._rig.record[0]
-        turned = 0 if self._count is None else (count - self._count + 0x80000000 & 0xFFFFFFFF) - 0x80000000
-        slip = y.slip_speed if self._count is None else turned * self._angle_step / self._period
-        self._count = count
-        self._angle += turned * self._angle_step
         self._row = (
-            self.tick * self._period, self._voltage, self._speed_demand,
-            analog.cylinder_pressure, slip, self._angle, analog.oil_temperature, analog.clutch_torque, analog.motor_torque,
+            self.tick * self._period, self._clutch.voltage, self._speed_demand, *self._clutch.measured,
             y.valve_pressure / BAR, y.pressure / BAR, y.position, y.normal_force, y.seal_force, y.friction_state,
             y.clutch_torque, y.motor_torque, y.slip_speed, y.temperature - ZERO_CELSIUS,
             phase(y, c["piston_preload_pressure"], c["piston_contact_pressure"]),

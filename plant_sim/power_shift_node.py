@@ -5,7 +5,7 @@ from dataclasses import replace
 from math import ceil
 from typing import Any
 
-from plant_sim.clutch_interface import ClutchInterface, clutch_columns
+from plant_sim.clutch_interface import ClutchInterface
 from plant_sim.effects.catalogue import effects
 from plant_sim.effects.signals import DRIVE
 from plant_sim.injection import Injection, requested
@@ -13,7 +13,7 @@ from plant_sim.node import initial_temperature
 from plant_sim.profile import Setpoint
 from plant_sim.rigs import power_shift
 from plant_sim.rigs.power_shift import PowerShift
-from plant_sim.rigs.wet_clutch import STEP_LIMIT
+from plant_sim.rigs.wet_clutch import STEP_LIMIT, State
 from plant_sim.schedule import Change, Schedule
 from plant_sim.shift_profile import ShiftProfile
 from protocols.errors import InputError
@@ -24,12 +24,32 @@ from protocols.node import Column
 from protocols.parameters import ParameterSet
 from protocols.reception import Reception
 from protocols.two_clutches import CLUTCHES
+from protocols.units import BAR, ZERO_CELSIUS
+
+_CLUTCH_COLUMNS = (
+    ("valve_voltage_{}_v", "V", "voltage to the V/A converter, acting from this row on"),
+    ("torque_demand_{}_nm", "Nm", "the supervisor's demand to the controller"),
+    ("cylinder_pressure_{}_bar", "bar", "measured oil pressure behind the piston"),
+    ("slip_speed_{}_rad_s", "rad/s", "measured slip speed, from encoder counts"),
+    ("slip_angle_{}_rad", "rad", "encoder angle of the clutch's input against its output"),
+    ("oil_temperature_{}_degc", "degC", "measured oil temperature"),
+    ("clutch_torque_{}_nm", "Nm", "measured clutch torque, for validation"),
+    ("truth_valve_pressure_{}_bar", "bar", "pressure after the valve"),
+    ("truth_cylinder_pressure_{}_bar", "bar", "pressure behind the piston"),
+    ("truth_piston_position_{}_m", "m", "0 at rest"),
+    ("truth_normal_force_{}_n", "N", "on the plates"),
+    ("truth_friction_state_{}", "1", "m of eq. 6.9"),
+    ("truth_clutch_torque_{}_nm", "Nm", "M"),
+    ("truth_slip_speed_{}_rad_s", "rad/s", "input speed less ratio times output speed"),
+    ("truth_oil_temperature_{}_degc", "degC", "T"),
+    ("truth_heat_{}_j", "J", "friction heat since the start"),
+)
 
 COLUMNS = (
     Column("time_s", "s", "time since the run's start"),
     Column("input_speed_demand_rad_s", "rad/s", "speed demand of the motor, acting from this row on"),
     Column("motor_torque_nm", "Nm", "measured torque of the motor"),
-    *(column for clutch in CLUTCHES for column in clutch_columns(clutch)),
+    *(Column(name.format(clutch), unit, meaning) for clutch in CLUTCHES for name, unit, meaning in _CLUTCH_COLUMNS),
     Column("truth_motor_torque_nm", "Nm", "M_m"),
     Column("truth_input_speed_rad_s", "rad/s", "of the motor and both clutches' inputs"),
     Column("truth_output_speed_rad_s", "rad/s", "of the output shaft"),
@@ -71,10 +91,12 @@ class PowerShiftNode:
         self._substeps = ceil(self._period / STEP_LIMIT - 1e-9)
         self._rig = power_shift.Rig(parameters)
         self._radius = parameters["driveline.wheel_radius"].si
+        own = [power_shift.clutch_parameters(parameters, clutch) for clutch in CLUTCHES]
         self._clutches = [
-            ClutchInterface(clutch, rate, power_shift.clutch_parameters(parameters, clutch), len(CLUTCHES) * seed + k)
+            ClutchInterface(rate, own[k], len(CLUTCHES) * seed + k, clutch, f"the controller of clutch {clutch}")
             for k, clutch in enumerate(CLUTCHES)
         ]
+        self._schedules = [Schedule(each) for each in own]
         self.tick = -1
         self.injected: list[dict[str, Any]] = []
         self.inject(*injections)
@@ -135,7 +157,7 @@ class PowerShiftNode:
             self._speed_demand = self._torque_limit = 0.0
         before, after = self._state, []
         for clutch, rig, state in zip(self._clutches, (self._rig.a, self._rig.b), before[1:], strict=True):
-            sampled, state = clutch.sample(tick, rig, state)
+            sampled, state = clutch.sample(tick, rig, state, state.read().slip_speed)
             frames += sampled
             after.append(state)
         self._state = PowerShift(before.driveline, *after)
@@ -166,15 +188,16 @@ class PowerShiftNode:
     def parameters(self) -> ParameterSet:
         """As they act from the next sample on."""
         values: dict[str, float] = {}
-        for clutch in self._clutches:
-            present = clutch.schedule.parameters(self._now)
+        for clutch, schedule in zip(self._clutches, self._schedules, strict=True):
+            present = schedule.parameters(self._now)
             values |= {_whole_name(name, clutch): p.value for name, p in present.items()}
         return self._base.with_values(values)
 
     @property
     def planned(self) -> list[dict[str, Any]]:
         """Changes by injections that have not begun, as those `injected`."""
-        return [told for clutch in self._clutches for told in self._told(clutch.schedule.planned, clutch)]
+        parts = zip(self._clutches, self._schedules, strict=True)
+        return [told for clutch, schedule in parts for told in self._told(schedule.planned, clutch)]
 
     def fixed(self, name: str) -> str | None:
         """Why a parameter cannot be changed while the plant runs; None when it can."""
@@ -189,21 +212,23 @@ class PowerShiftNode:
     def tune(self, values: Mapping[str, float]) -> None:
         """Change parameters between two samples, each in its declared unit; states stay. All or none: raises InputError."""
         self._check_free(values)
-        parts = [(clutch, power_shift.of_clutch(values, clutch.clutch)) for clutch in self._clutches]
-        schedules = [clutch.schedule.tuned(part, self._now) if part else clutch.schedule for clutch, part in parts]
-        self._schedule(schedules)
+        parts = [power_shift.of_clutch(values, clutch.clutch) for clutch in self._clutches]
+        self._schedules = [
+            schedule.tuned(part, self._now) if part else schedule
+            for schedule, part in zip(self._schedules, parts, strict=True)
+        ]
+        self._follow(self._now)
 
     def inject(self, *injections: Injection) -> None:
         """Take changes of parameters at times to come; states stay. All or none: raises InputError."""
         for injection in injections:
             self._check_free(injection.values)
         schedules = []
-        for clutch in self._clutches:
+        for clutch, schedule in zip(self._clutches, self._schedules, strict=True):
             parts = [(i, power_shift.of_clutch(i.values, clutch.clutch)) for i in injections]
             own = [replace(injection, values=part) for injection, part in parts if part]
-            schedules.append(clutch.schedule.extended(own, self._now) if own else clutch.schedule)
-        for clutch, schedule in zip(self._clutches, schedules, strict=True):
-            clutch.schedule = schedule
+            schedules.append(schedule.extended(own, self._now) if own else schedule)
+        self._schedules = schedules
 
     def accept(self, values: Mapping[str, float], when: Mapping[str, float]) -> list[dict[str, Any]]:
         """Inject `values` when somebody from outside asks (`injection.requested`); return the changes planned for that."""
@@ -236,11 +261,6 @@ class PowerShiftNode:
         if reasons := [reason for name in values if (reason := self.fixed(name))]:
             raise InputError(reasons[0])
 
-    def _schedule(self, schedules: Sequence[Schedule]) -> None:
-        for clutch, schedule in zip(self._clutches, schedules, strict=True):
-            clutch.schedule = schedule
-        self._follow(self._now)
-
     def _advance(self, duration: float, substeps: int) -> None:
         a, b = self._clutches
         self._state = self._rig.advance(
@@ -252,14 +272,14 @@ class PowerShiftNode:
         driveline, *wholes = self._state
         rigs = [self._rig.a, self._rig.b]
         changed = False
-        for k, clutch in enumerate(self._clutches):
-            rig, moved = clutch.schedule.rig(time)
+        for k, (clutch, schedule) in enumerate(zip(self._clutches, self._schedules, strict=True)):
+            rig, moved = schedule.rig(time)
             if rig is not rigs[k] or moved:
                 states = rig.table.carried(wholes[k].effects, rigs[k].table)
                 rigs[k], wholes[k] = rig, wholes[k]._replace(effects=states)
                 changed = True
-            if clutch.schedule.planned:
-                self.injected += self._told(clutch.schedule.begin(time), clutch)
+            if schedule.planned:
+                self.injected += self._told(schedule.begin(time), clutch)
         if changed:
             self._rig.a, self._rig.b = rigs
             self._state = PowerShift(driveline, *wholes)
@@ -283,11 +303,21 @@ class PowerShiftNode:
         d = self._state.read()
         (a, b), (demand_a, demand_b) = self._clutches, demands
         self._row = (
-            time, self._speed_demand, a.motor_torque,
-            *a.row(self._state.a.read(), demand_a, d.heat_a), *b.row(self._state.b.read(), demand_b, d.heat_b),
+            time, self._speed_demand, a.measured.motor_torque,
+            *_part(a, self._state.a.read(), demand_a, d.heat_a), *_part(b, self._state.b.read(), demand_b, d.heat_b),
             d.motor_torque, d.input_speed, d.output_speed, d.output_speed * self._radius, d.output_torque, d.road_torque,
             d.input_work, d.road_work,
         )  # fmt: skip
+
+
+def _part(clutch: ClutchInterface, y: State, demand: float, heat: float) -> tuple[float, ...]:
+    """A clutch's part of the record, in the order of _CLUTCH_COLUMNS; demand [Nm], heat [J]."""
+    m = clutch.measured
+    return (
+        clutch.voltage, demand, m.pressure, m.slip_speed, m.angle, m.temperature, m.clutch_torque,
+        y.valve_pressure / BAR, y.pressure / BAR, y.position, y.normal_force, y.friction_state,
+        y.clutch_torque, y.slip_speed, y.temperature - ZERO_CELSIUS, heat,
+    )  # fmt: skip
 
 
 def _whole_name(name: str, clutch: ClutchInterface) -> str:
