@@ -26,6 +26,7 @@ FILL_PRESSURE = (
     2.6  # bar, at which the controller fills: from a lower demand it would open again what it has just closed
 )
 _SHORTEST = 0.1  # s, of a run: five samples at the lowest rate
+_LONGEST = 1e6  # s, of a run: 11 days; the repeated profile is held in memory, 0.3 GB for this one
 _REPEAT_GAP = 1e-3  # s between the last row of a profile and the first of its repetition: times must increase
 SPEED_LIMIT = 26.2  # rad/s, 250 rpm, range of the maps (Janssens 2010, fig 6.12)
 
@@ -100,8 +101,10 @@ class Profile:
 
     def lasting(self, seconds: float) -> "Profile":
         """This profile repeated and cut to `seconds`. Raises InputError when that is too short."""
-        if not (isfinite(seconds) and seconds >= _SHORTEST):
+        if not seconds >= _SHORTEST:
             raise InputError(f"a run of {seconds:g} s is not possible; it must last {_SHORTEST:g} s or more")
+        if seconds > _LONGEST:
+            raise InputError(f"a run of {seconds:g} s is not possible; it must last {_LONGEST:g} s or less")
         period = self.duration + _REPEAT_GAP
         rows = [
             (k * period + time, torque, speed, pressure)

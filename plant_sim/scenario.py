@@ -138,11 +138,14 @@ def _nominal(rig: str, changed: Path | None = None) -> ParameterSet:
 
 
 def _plant(table: TomlTable, rig: str, changed: Path | None) -> ParameterSet:
-    plant = _nominal(rig).with_values(table.table("plant").numbers())
+    given = table.table("plant").numbers()
+    plant = _nominal(rig).with_values(given)
     effects = table.table("effects", RIGS[rig] or None)
     parts = {f"{clutch}.": effects.table(clutch) for clutch in RIGS[rig]} or {"": effects}
     for prefix, part in parts.items():
         for name in part:
+            if any(entry.startswith(f"{prefix}{name}.") for entry in given):
+                raise InputError(f"effect {prefix}{name} stands in plant and in effects; allowed is one of them")
             plant = plant.with_values(_prefixed(prefix, effect_on(name, part.table(name).numbers())))
     return load_overlay(changed, plant) if changed else plant
 

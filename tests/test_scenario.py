@@ -170,6 +170,10 @@ RUN = '\n[run]\nprofile = "short.csv"\n'
         ("title = 'x'\n[run]\nrate = 1000.0", "run.rate is 1000.0; allowed is a whole number"),
         ("title = 'x'\n[run]\nrate = true", "run.rate is True; allowed is a whole number"),
         ("title = 'x'\n[run]\nseconds = nan", "run.seconds is nan; allowed is a number"),
+        (
+            "title = 'x'\n[plant.friction_level]\nlevel = 0.9\n[effects]\nfriction_level = {}",
+            "effect friction_level stands in plant and in effects; allowed is one of them",
+        ),
         ("title = 'x'\n[run]\nadaptation = 'no'", "run.adaptation is 'no'; allowed is true or false"),
         (
             "title = 'x'\n[run]\nrate = 20000",
@@ -381,6 +385,14 @@ def test_live_in_lock_step_a_scenario_is_what_it_is_in_one_process(written, loca
         "internal_leakage.conductance",
         "pressure_sensor_offset.offset",
     ]
+
+
+@pytest.mark.parametrize(
+    ("seconds", "said"), [(1e9, "it must last 1e\\+06 s or less"), (2000, "does not fit into memory")]
+)
+def test_a_simulation_that_memory_cannot_hold_is_refused(seconds: float, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        simulation(Scenario.of(RunSettings(seconds=seconds)))
 
 
 def test_a_run_says_what_changed_its_rig(written, tmp_path: Path) -> None:

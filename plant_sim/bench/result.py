@@ -34,7 +34,8 @@ class Result:
         if not judgements:
             return self
         broken = [judgement for judgement in judgements if not judgement.holds]
-        verdict = f"failed: {'; '.join(map(str, broken))}" if broken else f"passed: {len(judgements)} limits hold"
+        held = "1 limit holds" if len(judgements) == 1 else f"{len(judgements)} limits hold"
+        verdict = f"failed: {'; '.join(map(str, broken))}" if broken else f"passed: {held}"
         lines = [
             f"{'limits:' if not i else '':<9}{'BROKEN' if j in broken else 'holds '}  {j}"
             for i, j in enumerate(judgements)

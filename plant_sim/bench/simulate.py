@@ -14,6 +14,8 @@ from plant_sim.scenario import Scenario, naming
 from protocols.errors import InputError
 from protocols.parameters import ParameterSet
 
+_MOST_SAMPLES = 1_000_000  # of a run in one process, which is held in memory until it ends: some 4 kB each
+
 
 class Simulated(Protocol):
     """A scenario that is ready to be simulated, whatever its rig."""
@@ -32,7 +34,18 @@ def simulation(scenario: Scenario, blind: bool = False) -> Simulated:
 
     if blind:
         raise InputError(f"scenario {scenario.name} of the rig {scenario.rig} cannot be blind; allowed is wet_clutch")
+    with naming(scenario.path):
+        _must_fit(scenario.duration, scenario.settings.rate)
     return ShiftSimulation(scenario)
+
+
+def _must_fit(duration: float, rate: int) -> None:
+    """Raise InputError when a run of `duration` [s] at `rate` [Hz] has too many samples to be held in memory."""
+    if (samples := round(duration * rate)) > _MOST_SAMPLES:
+        raise InputError(
+            f"a simulation of {samples} samples does not fit into memory; allowed are {_MOST_SAMPLES};"
+            " clutch-hil up --lockstep writes while it runs"
+        )
 
 
 class Simulation:
@@ -44,6 +57,7 @@ class Simulation:
             profile = scenario.loaded_profile()
             if not isinstance(profile, Profile):
                 raise InputError(f"rig {scenario.rig} has no sweeps; allowed is wet_clutch")
+            _must_fit(profile.duration, scenario.settings.rate)
             self.profile = profile
             self._new_nodes(scenario.plant, scenario.settings.seed)
 

@@ -1,6 +1,6 @@
 """Incremental encoder: angle to counts.
 
-Equation        counts = floor(theta N / 2 pi), kept in 32 bits                                          (rig.md, 9)
+Equation        edges = floor(theta N / 2 pi);  counts = floor(edges 163840 / N), kept in 32 bits        (rig.md, 9)
 Assumptions     every edge is counted, at any speed; the counter wraps in two's complement
 Valid range     any angle
 Not modelled    index pulse, unequal lines, eccentricity
@@ -11,8 +11,11 @@ from math import floor, pi
 
 from numba import njit
 
+FIELD = 163840.0  # counts/rev of ENCODER.SHAFT_ANGLE; an encoder with fewer lines steps by several
+
 
 @njit(inline="always")
 def counts(angle, per_revolution):
-    """Counter value, -2^31..2^31 - 1, at `angle` [rad]; `per_revolution` N [counts/rev]."""
-    return (floor(angle * (per_revolution / (2.0 * pi))) + 0x80000000 & 0xFFFFFFFF) - 0x80000000
+    """Counter value of the frame, -2^31..2^31 - 1, at `angle` [rad]; `per_revolution` N [counts/rev] of the encoder."""
+    edges = floor(angle * (per_revolution / (2.0 * pi)))
+    return (floor(edges * (FIELD / per_revolution)) + 0x80000000 & 0xFFFFFFFF) - 0x80000000

@@ -44,6 +44,11 @@ def _effects(folders: str) -> dict[str, Effect]:
             if not isinstance(candidate, Effect):
                 raise InputError(f"effect file {path} defines no EFFECT = Effect(...)")
             found[path.stem] = candidate
+    for one in found.values():
+        if unknown := [name for name in one.excludes if name not in found]:
+            raise InputError(
+                f"effect {one.name} excludes {unknown[0]!r}, which is unknown; {closest(unknown[0], found)}"
+            )
     return found
 
 

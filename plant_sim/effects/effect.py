@@ -5,7 +5,9 @@ the rig's parameters `c`, its own parameters `p` and its own states `x` by name,
 `h` [s]. Where h is 0 no state may move.
 """
 
+import ast
 import inspect
+import textwrap
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -16,7 +18,7 @@ import numpy as np
 from numba import cfunc, from_dtype, types
 
 from plant_sim.effects.signals import HOOKS, SIGNALS_TYPE
-from protocols.errors import InputError
+from protocols.errors import InputError, closest
 from protocols.parameters import Parameter
 
 Law = Callable[[Any, Any, Any, Any, float], None]
@@ -87,6 +89,10 @@ class Effect:
             raise InputError(
                 f"effect {self.block}: laws must be a table of one or more hooks (plant_sim/effects/signals.py)"
             )
+        if not self.name.isidentifier():
+            raise InputError(
+                f"effect file {self.path}: {self.name!r} is no name for an effect; letters, digits and _ are allowed"
+            )
         if self.block not in BLOCKS:
             raise InputError(f"effect {self.name}: block {self.block!r} is unknown; allowed are {', '.join(BLOCKS)}")
         if not any(isinstance(p, Strength) for p in self.parameters):
@@ -95,7 +101,10 @@ class Effect:
             if isinstance(p, Strength) and p.typical == p.off:
                 raise InputError(f"effect {self.name}: {p.name} is off at its typical value {p.typical:g} {p.unit}")
             for value in (p.off, p.typical):
-                Parameter(f"{self.name}.{p.name}", value, p.unit, 0.0, p.bounds, p.source)
+                try:
+                    Parameter(f"{self.name}.{p.name}", value, p.unit, 0.0, p.bounds, p.source)
+                except InputError as error:
+                    raise InputError(f"effect {self.name}, parameter {p.name}: {error}") from None
         for section in SECTIONS:
             if f"\n{section} " not in self.text:
                 raise InputError(f"effect {self.name}: its file's docstring lacks {section!r}")
@@ -167,7 +176,19 @@ class Effect:
                 law = cfunc(types.void(*records, types.float64), cache=ours, error_model="numpy")(self.laws[hook])
             except Exception as error:  # Numba raises many kinds
                 lines = [line for line in str(error).splitlines() if line.strip() and "pipeline (step:" not in line]
-                reason = lines[0] if lines else type(error).__name__
+                reason = self._unknown(hook, records) or (lines[0] if lines else type(error).__name__)
                 raise InputError(f"effect {self.name} ({self.path}) cannot be compiled: {reason}") from None
             self._laws[hook, rig] = law
         return int(self._laws[hook, rig].address)  # good as long as the law lives
+
+    def _unknown(self, hook: int, records: tuple[Any, ...]) -> str | None:
+        """The first field that a law names and its records do not have; None where there is none."""
+        tree = ast.parse(textwrap.dedent(inspect.getsource(self.laws[hook])))
+        named = zip(inspect.signature(self.laws[hook]).parameters, records, strict=False)
+        fields = {argument: list(record.fields) for argument, record in named}
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in fields:
+                record, name = node.value.id, node.attr
+                if name not in fields[record]:
+                    return f"{record}.{name} is unknown; {closest(name, fields[record])}"
+        return None

@@ -89,7 +89,9 @@ BROKEN = {
     "syntax": ("def", "cannot be loaded: SyntaxError"),
     "name": ("import nowhere_to_be_found", "cannot be loaded: ModuleNotFoundError: No module named 'nowhere_to_be_found'"),
     "section": (EXAMPLE.replace("Assumptions", "Assumed    "), "effect section: its file's docstring lacks 'Assumptions'"),
-    "unit": (EXAMPLE.replace('"bar"', '"barn"'), "barn"),
+    "unit": (EXAMPLE.replace('"bar"', '"barn"'), "effect unit, parameter amplitude: unit 'barn' is unknown"),
+    "Pump-Puls": (EXAMPLE, r"effect file \S+: 'Pump-Puls' is no name for an effect"),
+    "rival": (EXAMPLE.replace("candidate=False", "excludes=('backlsh',)"), "excludes 'backlsh', .* did you mean backlash"),
     "bounds": (EXAMPLE.replace("typical=1.0", "typical=9.0"), r"bounds\.amplitude = 9 bar breaks 0 <= value <= 5"),
     "off": (EXAMPLE.replace("typical=1.0", "typical=0.0"), "effect off: amplitude is off at its typical value 0 bar"),
     "block": (EXAMPLE.replace('block="valve"', 'block="spool"'), "block 'spool' is unknown; allowed are valve, hydraulics"),
@@ -111,8 +113,8 @@ def test_a_file_that_is_no_effect_is_told_in_one_sentence(name: str, folder: Pat
 @pytest.mark.parametrize(
     ("before", "after", "reason"),
     [
-        ("s.demand +=", "s.demnad +=", "demnad"),
-        ("p.amplitude", "p.amplitud", "amplitud"),
+        ("s.demand +=", "s.demnad +=", "s.demnad is unknown; did you mean demand"),
+        ("p.amplitude", "p.amplitud", "p.amplitud is unknown; did you mean amplitude"),
         ("+= p.amplitude * sin(x.phase)", "= open(x.phase)", "open"),
     ],
 )
