@@ -154,7 +154,7 @@ def up(
         raise InputError("a viewer was asked for and --no-telemetry; allowed is one of them")
     viewer = ["--web"] if web else [] if view else None
     live = bench(chosen, bus, lockstep, telemetry, router, viewer, blind)
-    result = run_one(chosen, lambda: live.run(quiet=json_output), junit)
+    result = run_one(live.label, lambda: live.run(quiet=json_output), junit)
     report(result.document, result.text, result.verdict, result.good, json_output)
 
 
@@ -204,7 +204,7 @@ def simulate(
             result = sweep(Simulation(chosen[0]), vary, seeds, progress)
         elif len(chosen) == 1:
             single = simulation(chosen[0], blind)
-            result = run_one(chosen[0], lambda: single.run(progress), junit)
+            result = run_one(single.label, lambda: single.run(progress), junit)
         else:
             result = run_suite([simulation(scenario, blind) for scenario in chosen], progress, junit)
     report(result.document, result.text, result.verdict, result.good, json_output)

@@ -47,6 +47,8 @@ class Injection:
             raise InputError(
                 f"injection until {self.until:g} s is not possible; its ramp ends at {self.at + self.ramp:g} s"
             )
+        if not self.until > self.at + _ROUNDED:
+            raise InputError(f"injection from {self.at:g} s until {self.until:g} s is not possible: it would last 0 s")
 
 
 def effect_on(name: str, given: Mapping[str, float] | None = None) -> dict[str, float]:

@@ -81,6 +81,8 @@ class Asker(_Mapped):
         end = time.monotonic() + timeout
         while self._words[_ANSWERED] != self._words[_ASKED]:
             if time.monotonic() > end:
-                raise InputError(f"the service has not answered within {timeout:g} s; is it stopped?")
+                raise InputError(
+                    f"the service has not answered within {timeout:g} s; it may still be starting, or be stopped"
+                )
             time.sleep(_LOOK)
         return self._get(_HEAD + _TEXT, self._words[_ANSWERED_LENGTH])

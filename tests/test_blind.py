@@ -9,6 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from typer.testing import CliRunner
 
 from plant_sim.bench.in_process import Played, play
 from plant_sim.bench.metadata import run_metadata
@@ -20,6 +21,7 @@ from plant_sim.injection import Injection, effect_on
 from plant_sim.node import PlantNode
 from plant_sim.profile import load_profile
 from plant_sim.rigs import wet_clutch
+from protocols.command import application
 from protocols.errors import InputError
 from protocols.node import node_factory
 from protocols.runs import read_run
@@ -174,6 +176,25 @@ def test_the_truth_of_another_run_is_noticed(tmp_path: Path, run: Path, played: 
     record(tmp_path / "other.parquet", (played[0], played[1] | {"scenario": "other"}))
     shutil.copy(tmp_path / "other.truth.parquet", tmp_path / "run.truth.parquet")
     with pytest.raises(InputError, match="SHA-256 is another"):
+        unsealed(run)
+
+
+def test_a_run_that_is_cut_with_its_seal_kept_is_noticed(run: Path) -> None:
+    table, metadata = contents(run)
+    pq.write_table(table.slice(0, table.num_rows - 1).replace_schema_metadata(metadata), run)
+    assert SEAL in read_run(run).metadata
+    with pytest.raises(InputError, match="has been changed since it was recorded: the column time_s"):
+        unsealed(run)
+
+
+@pytest.mark.parametrize("metadata", [None, {SEAL: '"run.truth.parquet"'}])
+def test_a_missing_seal_is_noticed_where_the_truth_file_is(run: Path, metadata: dict | None) -> None:
+    pq.write_table(contents(run)[0].replace_schema_metadata(metadata), run)
+    done = CliRunner().invoke(application(), ["unseal", str(run)])
+    assert isinstance(done.exception, InputError)  # exit code 2
+    assert "has been changed since it was recorded: its seal is missing, though its truth file" in str(done.exception)
+    run.with_name("run.truth.parquet").rename(run.with_name("away"))
+    with pytest.raises(InputError, match="is not sealed"):
         unsealed(run)
 
 

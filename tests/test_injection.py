@@ -71,11 +71,16 @@ def test_every_sensor_can_be_frozen_and_biased(sensor: str) -> None:
         (lambda: Injection({LEVEL: 0.5}, at=-1.0), "time -1 s of an injection is not possible"),
         (lambda: Injection({LEVEL: 0.5}, ramp=float("nan")), "ramp nan s"),
         (lambda: Injection({LEVEL: 0.5}, at=1.0, ramp=2.0, until=2.5), "its ramp ends at 3 s"),
+        (lambda: Injection({LEVEL: 0.5}, at=0.3, until=0.1 + 0.2), "from 0.3 s until 0.3 s is not possible: it would last 0 s"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_meant_is_told(values, told: str) -> None:
     with pytest.raises(InputError, match=told):
         values()
+
+
+def test_a_ramp_may_turn_back_where_it_ends() -> None:
+    assert requested({LEVEL: 0.5}, {"ramp": 1.0, "for": 0.0}, now=10.0).until == 11.0
 
 
 def test_decimal_times_that_add_up_are_taken() -> None:
@@ -286,6 +291,7 @@ def _exclusive(chosen: list) -> None:
         ({"until": 1.0, "for": 1.0}, "given 'until' and 'for'; allowed is one"),
         ({"ramps": 1.0}, "has no 'ramps'; did you mean ramp"),
         ({"ramp": "long"}, "ramp of an injection is 'long'; seconds are needed"),
+        ({"for": 0.0}, "it would last 0 s"),
         ({"after": -1.0}, "time -1 s|too late"),
     ],
 )

@@ -123,6 +123,42 @@ def test_a_run_that_fails_stands_as_an_error_and_the_others_go_on(tmp_path: Path
     assert root[1].get("failures") == "0"
 
 
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_blind_run_tells_its_limits_and_nothing_of_its_scenario(tmp_path: Path, count: int) -> None:
+    secret = "[effects]\nfriction_level = {}\n[plant]\noil.sump_temperature = 71\n"
+    file = scenario(tmp_path, "weak-oil", f"{secret}[limits]\npeak_torque_nm = {{ most = 99 }}\n", title="hidden title")
+    result = simulate(tmp_path, *[file] * count, "--blind")
+    assert result.exit_code == 0, result.exception
+    assert "read:    a scenario, blind" in result.stdout
+    root = ElementTree.parse(tmp_path / "out.xml").getroot()
+    check_structure(root)
+    assert [suite.get("name") for suite in root] == ["blind"] * count
+    assert [case.get("name") for case in root[0].iter("testcase")] == ["peak_torque_nm <= 99 Nm", "fault = none"]
+    said = {p.get("name") for p in root[0].iter("property")}
+    assert {name for name in said if not name.startswith("version ")} == {"rig", "rate", "law", "adaptation"}
+    for word in ("weak-oil", "hidden title", "friction_level", "short", "seed"):
+        assert word not in result.stdout
+        assert word not in (tmp_path / "out.xml").read_text()
+
+
+@pytest.mark.parametrize("file", ["/proc/out.xml", "x" * 251 + ".xml", "x" * 300])
+def test_a_name_that_cannot_be_written_is_told_before_the_run(tmp_path: Path, file: str) -> None:
+    options = ["--out", tmp_path / "runs", "--junit", tmp_path / "xml" / file]
+    result = CliRunner().invoke(application(), ["simulate", str(scenario(tmp_path, "x", GOOD)), *map(str, options)])
+    assert "cannot be written" in str(result.exception)
+    assert not [path for folder in ("runs", "xml") for path in (tmp_path / folder).glob("*")]
+
+
+def test_a_run_that_is_refused_leaves_no_verdict(tmp_path: Path, monkeypatch) -> None:
+    def full(*_: object) -> None:
+        assert not list(tmp_path.glob("out.xml*"))  # what was tried is gone
+        raise InputError("the disk is full")
+
+    monkeypatch.setattr("plant_sim.bench.simulate.judge_run", full)
+    assert isinstance(simulate(tmp_path, scenario(tmp_path, "x", GOOD)).exception, InputError)
+    assert not list(tmp_path.glob("out.xml*"))
+
+
 def test_a_file_that_cannot_be_written_is_told_before_the_run(tmp_path: Path) -> None:
     (tmp_path / "out.xml").mkdir()
     result = simulate(tmp_path, scenario(tmp_path, "x", GOOD))

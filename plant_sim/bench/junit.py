@@ -4,6 +4,7 @@ A test suite a scenario, a test case a limit. A scenario without limits has one 
 run has one case with an error. Layout: junit-10.xsd of Jenkins' xUnit plug-in (jenkinsci/xunit-plugin).
 """
 
+import contextlib
 import platform
 import re
 from collections.abc import Sequence
@@ -12,10 +13,10 @@ from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
 
+from plant_sim.bench.label import Label
 from plant_sim.bench.metadata import versions
 from plant_sim.bench.recording import writable
 from plant_sim.bench.result import Result
-from plant_sim.scenario import Scenario
 from protocols.errors import InputError
 from protocols.runs import whole_file
 
@@ -23,9 +24,9 @@ _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]") 
 
 
 class Case(NamedTuple):
-    """A scenario that was run for `seconds` [s] from `began` on: its result, or why it could not be."""
+    """The scenario of a label that was run for `seconds` [s] from `began` on: its result, or why it could not be."""
 
-    scenario: Scenario
+    label: Label
     result: Result | None
     error: str
     began: datetime
@@ -36,8 +37,15 @@ def junit_path(path: Path | None) -> None:
     """Raise InputError when nothing can be written to `path`, before a run is made for it."""
     if path is not None:
         writable(path.parent)
-        if path.is_dir():
-            raise InputError(f"file {path} cannot be written: it is a folder")
+        part = path.with_name(path.name + ".part")  # what `whole_file` writes
+        try:
+            if path.is_dir():
+                raise InputError(f"file {path} cannot be written: it is a folder")
+            with contextlib.suppress(FileExistsError):  # another run writes there: so can this one
+                part.touch(exist_ok=False)
+                part.unlink()
+        except OSError as error:
+            raise InputError(f"file {path} cannot be written: {error.strerror}") from None
 
 
 def write_junit(path: Path, cases: Sequence[Case]) -> None:
@@ -53,19 +61,18 @@ def write_junit(path: Path, cases: Sequence[Case]) -> None:
 
 
 def _suite(case: Case) -> ElementTree.Element:
-    scenario, result = case.scenario, case.result
+    label, result = case.label, case.result
     suite = ElementTree.Element(
         "testsuite",
-        name=scenario.name,
+        name=label.name,
         timestamp=case.began.isoformat(timespec="seconds"),
         hostname=platform.node(),
         time=f"{case.seconds:.3f}",
     )
-    said = {"title": scenario.title, "rig": scenario.rig, "file": scenario.path or "-"} | scenario.settings.as_text()
-    said |= {f"version {name}": version for name, version in versions().items()}
+    said = {**label.properties, **{f"version {name}": version for name, version in versions().items()}}
     properties = ElementTree.SubElement(suite, "properties")
     for name, value in said.items():
-        ElementTree.SubElement(properties, "property", name=name, value=_clean(str(value)))
+        ElementTree.SubElement(properties, "property", name=name, value=_clean(value))
     if result is None:
         _add(suite, "run", "error", case.error)
     elif result.judgements:

@@ -39,7 +39,7 @@ class SealedRecording(Recording):
     def __init__(
         self, path: Path, plant: Sequence[Column], controller: Sequence[Column], rate: int, folder: Path | None = None
     ) -> None:
-        self.truth = (folder or path.parent) / f"{path.stem}{_SUFFIX}"
+        self.truth = truth_path(path, folder)
         super().__init__(path, plant, controller, rate)
 
     def _new_writer(self, path: Path, columns: Sequence[Column]) -> RunWriter:
@@ -81,16 +81,26 @@ class SealedWriter(RunWriter):
             self._truth_path.unlink(missing_ok=True)
 
 
+def truth_path(path: Path, folder: Path | None = None) -> Path:
+    """The truth file of the blind run at `path`: beside it, or in `folder`."""
+    return (folder or path.parent) / f"{path.stem}{_SUFFIX}"
+
+
 def shown(metadata: Mapping[str, Any]) -> dict[str, Any]:
     """What a blind run says of the `metadata` of a whole one."""
     told = _only(metadata, _OPEN)
-    told["settings"] = _only(metadata.get("settings", {}), _OPEN_SETTINGS)
+    told["settings"] = shown_settings(metadata.get("settings", {}))
     told["plant_parameters"] = {
         name: value
         for name, value in metadata.get("plant_parameters", {}).items()
         if name.partition(".")[0] not in effects()
     }
     return told
+
+
+def shown_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """What a blind run says of its `settings`."""
+    return _only(settings, _OPEN_SETTINGS)
 
 
 def _only(mapping: Mapping[str, Any], names: Sequence[str]) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from plant_sim.bench.label import Label
 from plant_sim.bench.limits import Limit, judged
 from plant_sim.bench.metadata import run_metadata
 from plant_sim.bench.power_shift_measures import MEASURES, handover
@@ -31,7 +32,7 @@ class ShiftSimulation:
     """A hand-over in one process, frame by frame as on a bus. Raises InputError when it cannot be: nothing has run then."""
 
     def __init__(self, scenario: Scenario) -> None:
-        self.scenario = scenario
+        self.scenario, self.label = scenario, Label.of(scenario)
         settings = scenario.settings
         with naming(scenario.path):
             self.profile = load_shift_profile(settings.profile, settings.seconds)
@@ -47,7 +48,7 @@ class ShiftSimulation:
         writable(settings.out)
         cycles = round(self.profile.duration * settings.rate)
         rows = self.play(lambda cycle: progress(cycle, cycles))
-        path = run_path(settings.out, f"{scenario.name}-simulated")
+        path = run_path(settings.out, f"{self.label.name}-simulated")
         columns = [controller.columns for controller in self._controllers]
         with Recording(path, COLUMNS, columns[0], settings.rate, columns[1]) as recording:
             recording.add(*rows)
@@ -56,7 +57,9 @@ class ShiftSimulation:
                 _metadata(scenario, parameters, self._plant.injected)
                 | {"settings": settings.as_text() | {"mode": "in process"}, "scenario": scenario.name}
             )
-        return judge_shift(path, f"{_named(scenario)}, in one process, {settings.rate} Hz", scenario.limits)
+        return judge_shift(
+            path, f"{self.label.read(self.profile.duration)}, in one process, {settings.rate} Hz", scenario.limits
+        )
 
     def play(self, progress: Callable[[int], None] | None = None) -> list[np.ndarray]:
         """Play the profile to its end, once; the records of plant, controller a and controller b, (cycles, columns)."""
@@ -177,8 +180,3 @@ def _metadata(scenario: Scenario, controllers: Sequence[dict[str, float]], injec
     a, b = controllers
     told = run_metadata(scenario.settings.rate, scenario.plant, a, injections, scenario.rig)
     return told | {"controller_b_parameters": b}
-
-
-def _named(scenario: Scenario) -> str:
-    what = f"scenario {scenario.path}" if scenario.path else f"profile {scenario.name}"
-    return f"{what} ({scenario.duration:g} s){scenario.settings.changes()}"

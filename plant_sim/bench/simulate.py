@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 from plant_sim.bench.in_process import Played, play
+from plant_sim.bench.label import Label
 from plant_sim.bench.metadata import run_metadata
 from plant_sim.bench.recording import Recording, run_path, writable
 from plant_sim.bench.result import Result, judge_run
@@ -18,9 +19,10 @@ _MOST_SAMPLES = 1_000_000  # of a run in one process, which is held in memory un
 
 
 class Simulated(Protocol):
-    """A scenario that is ready to be simulated, whatever its rig."""
+    """A scenario that is ready to be simulated, whatever its rig, and what its result says of it."""
 
     scenario: Scenario
+    label: Label
 
     def run(self, progress: Callable[[int, int], None]) -> Result:
         """Simulate; write the run file and its picture."""
@@ -53,6 +55,7 @@ class Simulation:
 
     def __init__(self, scenario: Scenario, blind: bool = False) -> None:
         self.scenario, self._blind = scenario, blind
+        self.label = Label.of(scenario, blind)
         with naming(scenario.path):
             profile = scenario.loaded_profile()
             if not isinstance(profile, Profile):
@@ -68,8 +71,7 @@ class Simulation:
         plant, controller = self._new_nodes(scenario.plant, settings.seed)
         cycles = round(self.profile.duration * settings.rate)
         played = play(plant, controller, lambda cycle: progress(cycle, cycles))
-        name = "blind" if self._blind else scenario.name  # the name may say what is hidden
-        path = run_path(settings.out, f"{name}-simulated")
+        path = run_path(settings.out, f"{self.label.name}-simulated")
         recorder = SealedRecording if self._blind else Recording
         with recorder(path, played.plant_columns, played.controller_columns, settings.rate) as recording:
             recording.add(played.plant, played.controller)
@@ -84,8 +86,7 @@ class Simulation:
 
     def __str__(self) -> str:
         """What is read."""
-        what = f"scenario {self.scenario.path}" if self.scenario.path else f"profile {self.profile.name}"
-        return f"{what} ({self.profile.duration:g} s){self.scenario.settings.changes()}"
+        return self.label.read(self.profile.duration)
 
     def _new_nodes(self, plant: ParameterSet, seed: int) -> tuple[PlantNode, Any]:
         settings = self.scenario.settings

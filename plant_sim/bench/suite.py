@@ -7,18 +7,18 @@ from datetime import datetime
 from pathlib import Path
 
 from plant_sim.bench.junit import Case, junit_path, write_junit
+from plant_sim.bench.label import Label
 from plant_sim.bench.progress import table_text
 from plant_sim.bench.recording import writable
 from plant_sim.bench.result import Result
 from plant_sim.bench.simulate import Simulated
-from plant_sim.scenario import Scenario
 from protocols.errors import InputError
 
 
-def run_one(scenario: Scenario, run: Callable[[], Result], junit: Path | None) -> Result:
-    """The result of one scenario by `run`, written to the file `junit` too if given. Raises InputError."""
+def run_one(label: Label, run: Callable[[], Result], junit: Path | None) -> Result:
+    """The result of one scenario with this label by `run`, written to the file `junit` too if given. Raises InputError."""
     junit_path(junit)
-    case = _timed(scenario, run)
+    case = _timed(label, run)
     assert case.result is not None
     return _written(case.result, [case], junit)
 
@@ -33,13 +33,13 @@ def run_suite(simulated: Sequence[Simulated], progress: Callable[[float, int], N
         cases.append(_attempted(one, before, len(simulated), progress))
         progress(before + 1, len(simulated))
     rows = [("scenario", "s", "verdict")]
-    rows += [(c.scenario.name, f"{c.seconds:.1f}", c.result.verdict if c.result else c.error) for c in cases]
-    failed = [case.scenario.name for case in cases if not (case.result and case.result.good)]
+    rows += [(c.label.name, f"{c.seconds:.1f}", c.result.verdict if c.result else c.error) for c in cases]
+    failed = [case.label.name for case in cases if not (case.result and case.result.good)]
     verdict = f"failed: {', '.join(failed)}" if failed else f"passed: {len(cases)} scenarios"
-    lines = [f"read:    {case.scenario.path}" for case in cases]
+    lines = [f"read:    {case.label.what}" for case in cases]
     lines += [f"wrote:   {case.result.document['run']}" for case in cases if case.result]
     documents = [
-        {"scenario": case.scenario.name, "error": case.error} | (case.result.document if case.result else {})
+        {"scenario": case.label.name, "error": case.error} | (case.result.document if case.result else {})
         for case in cases
     ]
     document = {"scenarios": documents, "verdict": verdict, "good": not failed}
@@ -49,14 +49,14 @@ def run_suite(simulated: Sequence[Simulated], progress: Callable[[float, int], N
 def _attempted(one: Simulated, before: int, total: int, progress: Callable[[float, int], None]) -> Case:
     began, clock = _now(), time.monotonic()
     try:
-        return _timed(one.scenario, lambda: one.run(lambda done, cycles: progress(before + done / cycles, total)))
+        return _timed(one.label, lambda: one.run(lambda done, cycles: progress(before + done / cycles, total)))
     except InputError as error:
-        return Case(one.scenario, None, str(error), began, time.monotonic() - clock)
+        return Case(one.label, None, str(error), began, time.monotonic() - clock)
 
 
-def _timed(scenario: Scenario, run: Callable[[], Result]) -> Case:
+def _timed(label: Label, run: Callable[[], Result]) -> Case:
     began, clock = _now(), time.monotonic()
-    return Case(scenario, run(), "", began, time.monotonic() - clock)
+    return Case(label, run(), "", began, time.monotonic() - clock)
 
 
 def _now() -> datetime:

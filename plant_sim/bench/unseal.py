@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from plant_sim.bench.progress import table_text
-from plant_sim.bench.sealed import SEAL, checksum, shown
+from plant_sim.bench.sealed import SEAL, checksum, shown, truth_path
 from plant_sim.effects.catalogue import effects
 from protocols.blind import tells_truth
 from protocols.errors import InputError
@@ -21,9 +21,13 @@ def unsealed(path: Path, folder: Path | None = None) -> tuple[Path, Run]:
     Raises InputError when the run is not blind, its truth file is not there, or one of the two has been changed.
     """
     run = read_run(path)
-    if SEAL not in run.metadata:
+    seal = run.metadata.get(SEAL)
+    if not (isinstance(seal, dict) and {"file", "sha256"} <= seal.keys()):
+        if (truth := truth_path(path, folder)).exists():
+            raise InputError(
+                f"run {path} has been changed since it was recorded: its seal is missing, though its truth file {truth} exists"
+            )
         raise InputError(f"run {path} is not sealed: it was recorded without --blind")
-    seal = run.metadata[SEAL]
     truth = (folder or path.parent) / seal["file"]
     if not truth.exists():
         raise InputError(f"truth file {truth} of run {path} does not exist; give its folder with --truth")

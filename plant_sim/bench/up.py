@@ -14,6 +14,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from plant_sim.bench.label import Label
 from plant_sim.bench.metadata import run_metadata
 from plant_sim.bench.recording import Recording, run_path, writable
 from plant_sim.bench.result import Result, judge_run
@@ -33,7 +34,10 @@ _VIEWER_END = 5.0  # s for a viewer to end once asked
 
 
 class Live(Protocol):
-    """A scenario that is ready to be run live, whatever its rig."""
+    """A scenario that is ready to be run live, whatever its rig, and what its result says of it."""
+
+    @property
+    def label(self) -> Label: ...
 
     def run(self, quiet: bool = False) -> Result:
         """Run to the end of the profile or Ctrl-C."""
@@ -73,6 +77,11 @@ class Bench:
     viewer: Sequence[str] | None = None
     blind: bool = False
 
+    @property
+    def label(self) -> Label:
+        """What the result says of the scenario."""
+        return Label.of(self.scenario, self.blind)
+
     def run(self, quiet: bool = False) -> Result:
         """Run to the end of the profile or Ctrl-C. Raises InputError; nothing half-written is left then."""
         scenario, settings = self.scenario, self.scenario.settings
@@ -92,8 +101,7 @@ class Bench:
             ):
                 rings = services.rings(stop)
                 began = time.monotonic()
-                name = "blind" if self.blind else scenario.name  # the name may say what is hidden
-                path = run_path(settings.out, name)
+                path = run_path(settings.out, self.label.name)
                 with self._recording(path, rings) as recording:
                     self._watch(services, rings, recording, stop, duration, quiet)
                     elapsed = time.monotonic() - began
@@ -151,12 +159,11 @@ class Bench:
         """What is asked of the clutch, for people, and for how long [s]. Raises InputError."""
         scenario, settings = self.scenario, self.scenario.settings
         if settings.profile != MANUAL:
-            profile = scenario.loaded_profile()
-            what = f"scenario {scenario.path}" if scenario.path else f"profile {profile.name}"
-            return f"{what} ({profile.duration:g} s){settings.changes()}", profile.duration
+            duration = scenario.duration
+            return self.label.read(duration), duration
         if self.lockstep:
             raise InputError("profile 'manual' cannot be played in lock-step; allowed is real time")
-        return f"demand from the bus{settings.changes()}", settings.seconds or inf
+        return f"demand from the bus{self.label.changes}", settings.seconds or inf
 
     def _commands(self, bus: str, cpus: list[int], folder: Path) -> dict[str, list[str]]:
         """Arguments of both services; `folder` takes what they read."""

@@ -39,8 +39,9 @@ class Sensors:
 
     def sample(self, rig: Any, state: Any, interval: float) -> tuple[Counts, Any]:
         """Counts of a rig's `state`, and the state with those of its effects moved on; `interval` [s] since the last sample."""
-        counts, states = acquire(state.y, state.effects, next(self._noise), rig.record, rig.table.kernel, interval)
-        return Counts(*counts), state._replace(effects=states)
+        effects = rig.table.kernel
+        counts, states = acquire(state.y, state.effects, next(self._noise), rig.record, effects, interval)
+        return Counts._make(counts), state if effects is None else state._replace(effects=states)
 
 
 @njit(cache=True, error_model="numpy")

@@ -75,7 +75,7 @@ class Catalogue:
             hint = f"did you mean {' or '.join(close)}?" if close else f"groups are {listing(groups)}"
             return InputError(f"parameter {name!r} is unknown; {hint}")
         if node in NODES:
-            return InputError(f"{self.silence}; is it running?")
+            return InputError(f"{self.silence}; it may still be starting, or be stopped")
         nearest = f"; nearest there is {close[0]}" if close else ""
         return InputError(f"{self.silence}, and the {self.nodes[0]} has no parameter {name!r}{nearest}")
 

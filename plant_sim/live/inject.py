@@ -125,10 +125,11 @@ def shown(bus: str | None, router: str | None) -> tuple[dict[str, Any], str, str
 
 
 def to_come(events: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    """Changes by injections that are accepted and have not started, among the events of a node."""
+    """Changes by injections that are accepted and have not started, among the events of a node; the next one first."""
     started = [(event["name"], event["row"]) for event in events if event.get("injection") == "started"]
     accepted = [event for event in events if event.get("injection") == "accepted"]
-    return [event for event in accepted if (event["name"], event["row"]) not in started]
+    waiting = [event for event in accepted if (event["name"], event["row"]) not in started]
+    return sorted(waiting, key=lambda event: event["row"])
 
 
 def _put(values: dict[str, Any], name: str, value: Any) -> None:

@@ -45,7 +45,7 @@ def answered(bench: str, node: str, replies: Iterable[zenoh.Reply]) -> Any:
             return json.loads(reply.ok.payload.to_string())
         if reply.err is not None and (reason := reply.err.payload.to_string()) != _EXPIRED:
             raise InputError(reason)
-    raise InputError(f"the {node} on {bus_of(bench)} does not answer; is it stopped?")
+    raise InputError(f"the {node} on {bus_of(bench)} does not answer; it may still be starting, or be stopped")
 
 
 def listed(session: zenoh.Session, bench: str) -> Catalogue:

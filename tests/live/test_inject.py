@@ -154,6 +154,7 @@ def test_bad_input_is_told_in_the_words_of_the_plant_and_changes_nothing(bench: 
     assert "did you mean oil.sump_temperature" in refused(bench, "oil.sump_temprature=90")
     assert "friction_level.level = 9 breaks 0.3 <= value <= 3" in refused(bench, SUMP + "=90", LEVEL + "=9")
     assert "is too late: the rig is at" in refused(bench, SUMP + "=90", "--at", "0")
+    assert "is not possible: it would last 0 s" in refused(bench, "friction_level", "--for", "0")
     assert "not what; name an effect" in refused(bench, "--ramp", "2")
     assert line.standing()["changed"] == []
 
@@ -200,6 +201,11 @@ def test_events_without_a_start_are_to_come() -> None:
     assert to_come([accepted, started]) == []
     assert told(change) == "friction_level.level  1 -> 0.5, at 0.070 s (row 7), along 2 s"
     assert told(change | {"old": None}).startswith("friction_level.level  -> 0.5,")
+
+
+def test_what_is_to_come_stands_in_the_order_in_which_it_comes() -> None:
+    late, soon = ({"injection": "accepted", "name": SUMP, "row": row} for row in (900, 300))
+    assert to_come([late, soon]) == [soon, late]
 
 
 def test_a_blind_plant_does_not_tell_over_zenoh(local_bus: str) -> None:

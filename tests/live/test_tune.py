@@ -108,8 +108,11 @@ PLANT = Catalogue(BENCH, {name: entry for name, entry in CATALOGUE.entries.items
 @pytest.mark.parametrize(
     ("name", "told"),
     [
-        ("controller.torque.integral_gain", "the controller on local:tuned does not answer; is it running?"),
-        ("controller.", "the controller on local:tuned does not answer; is it running?"),
+        (
+            "controller.torque.integral_gain",
+            "the controller on local:tuned does not answer; it may still be starting, or be stopped",
+        ),
+        ("controller.", "the controller on local:tuned does not answer; it may still be starting, or be stopped"),
         (
             "torque.integral_gain",
             "the controller on local:tuned does not answer, and the plant has no parameter 'torque.integral_gain'; "
@@ -254,7 +257,10 @@ def test_a_bench_where_nobody_answers_is_told() -> None:
 
 
 def test_a_node_that_does_not_answer_is_told() -> None:
-    with consumer_session() as session, pytest.raises(InputError, match="the plant on local:tuned does not answer"):
+    with (
+        consumer_session() as session,
+        pytest.raises(InputError, match="does not answer; it may still be starting, or be stopped"),
+    ):
         parameters(session, BENCH, "plant")
 
 
