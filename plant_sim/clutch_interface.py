@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from plant_sim.blocks import dac
 from plant_sim.blocks.sensors import Sensors
-from plant_sim.rigs.wet_clutch import Rig, Whole
+from plant_sim.rigs.wet_clutch import Rig, State, Whole
 from protocols.errors import InputError
 from protocols.frames import Frame, load_frames
 from protocols.lifecycle import Lifecycle
@@ -64,8 +64,7 @@ class ClutchInterface:
             return
         values = reception.codec.unpack(data)
         if can_id == self._valve_id:
-            counts = reception.codec.raw(data).valve_voltage
-            self.voltage = dac.voltage(counts, *self._dac) if values.valve_enable else 0.0
+            self.voltage = dac.voltage(values.valve_voltage, *self._dac) if values.valve_enable else 0.0
             self.answered_tick, self.age, self.commanded = values.sample_tick, 0, True
         elif values.rate != self._rate:
             raise InputError(
@@ -81,15 +80,15 @@ class ClutchInterface:
         """Whether commands have come and come no more."""
         return self.commanded and self.age >= STALE_CYCLES
 
-    def sample(self, tick: int, rig: Rig, state: Whole, slip_speed: float) -> tuple[list[Frame], Whole]:
-        """Sensor frames of `tick`, and the state with those of its effects moved on; true `slip_speed` [rad/s]."""
+    def sample(self, tick: int, rig: Rig, state: Whole, y: State) -> tuple[list[Frame], Whole]:
+        """Sensor frames of `tick`, and the state with those of its effects moved on; `y` is what `state` reads."""
         if self.stale:
             self.voltage = 0.0
         self.age += 1
-        counts, state = self._sensors.sample(rig, state, 1.0 / self._rate)
+        counts, state = self._sensors.sample(rig, state, 1.0 / self._rate, y)
         analog = self.analog.pack_raw(tick, *counts[:4])
         encoder = self.encoder.pack_raw(tick, counts.encoder, tick & 0xFFFF)
-        turned = 0.0
+        turned, slip_speed = 0.0, y.slip_speed
         if self._count is not None:
             turned = ((counts.encoder - self._count + 0x80000000 & 0xFFFFFFFF) - 0x80000000) * self._angle_step
             slip_speed = turned * self._rate

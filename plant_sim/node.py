@@ -139,7 +139,7 @@ class PlantNode:
         if self.profile:
             setpoint = self.profile.at(tick * self._period)
             frames.append(Frame(clutch.setpoint.can_id, clutch.setpoint.pack(tick, *setpoint)))
-        sampled, self._state = clutch.sample(tick, self._rig, self._state, self._y.slip_speed)
+        sampled, self._state = clutch.sample(tick, self._rig, self._state, self._y)
         self._note()
         return frames + sampled
 
@@ -271,12 +271,12 @@ class PlantNode:
         return 2 if self._clutch.stale else 1
 
     def _note(self) -> None:
-        y, c = self._y, self._rig.record[0]
+        y = self._y
         self._row = (
             self.tick * self._period, self._clutch.voltage, self._speed_demand, *self._clutch.measured,
             y.valve_pressure / BAR, y.pressure / BAR, y.position, y.normal_force, y.seal_force, y.friction_state,
             y.clutch_torque, y.motor_torque, y.slip_speed, y.temperature - ZERO_CELSIUS,
-            phase(y, c["piston_preload_pressure"], c["piston_contact_pressure"]),
+            phase(y, *self._rig.phase_pressures),
         )  # fmt: skip
 
 

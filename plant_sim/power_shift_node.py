@@ -157,7 +157,7 @@ class PowerShiftNode:
             self._speed_demand = self._torque_limit = 0.0
         before, after = self._state, []
         for clutch, rig, state in zip(self._clutches, (self._rig.a, self._rig.b), before[1:], strict=True):
-            sampled, state = clutch.sample(tick, rig, state, state.read().slip_speed)
+            sampled, state = clutch.sample(tick, rig, state, state.read())
             frames += sampled
             after.append(state)
         self._state = PowerShift(before.driveline, *after)

@@ -9,10 +9,10 @@ References      dSPACE 1103 of Janssens 2010, sec. 3.9.4: +-10 V, 16 bit on torq
 
 from math import floor
 
-from numba import njit
+from numba.extending import register_jitable
 
 
-@njit(inline="always")
+@register_jitable(inline="always")
 def counts(voltage, input_range, bits, field_bits):
     """Counts in a field of `field_bits` for `voltage` [V] at a converter of +-`input_range` [V] and `bits`."""
     half = 1 << (bits - 1)

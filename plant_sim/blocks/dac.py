@@ -1,16 +1,18 @@
 """Converter of the valve's output: counts to voltage.
 
-Equation        V = counts V_range / 2^n, counts 0..2^n - 1, held until the next command                 (rig.md, 9)
+Equation        V = floor(V_c / V_full 2^n) V_range / 2^n, V_c the commanded voltage, held until the next    (rig.md, 9)
 Assumptions     ideal converter, no settling; a converter with fewer bits than the frame's field drops the lowest
 Valid range     4..16 bit
 Not modelled    settling, glitches, offset and gain error
 References      dSPACE 1103 of Janssens 2010, sec. 3.9.4; rig.md: 16 bit, 0..10 V
 """
 
-FIELD_BITS = 16  # of VALVE_COMMAND.VALVE_VOLTAGE
+from math import floor
+
+FULL = 10.0  # V, full scale of VALVE_COMMAND.VALVE_VOLTAGE
 
 
-def voltage(counts: int, output_range: float, bits: int) -> float:
-    """Voltage [V] of a converter of 0..`output_range` [V] and `bits` for the `counts` of a command."""
-    dropped = FIELD_BITS - bits
-    return (counts >> dropped << dropped) * output_range / (1 << FIELD_BITS)
+def voltage(commanded: float, output_range: float, bits: int) -> float:
+    """Voltage [V] of a converter of 0..`output_range` [V] and `bits` for a `commanded` one, 0..10 V in 16 bits."""
+    steps = 1 << bits
+    return floor(commanded * steps / FULL) * output_range / steps

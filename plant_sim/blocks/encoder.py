@@ -9,12 +9,12 @@ References      Janssens 2010, sec. 3.9.1: 163840 counts a revolution after inte
 
 from math import floor, pi
 
-from numba import njit
+from numba.extending import register_jitable
 
 FIELD = 163840.0  # counts/rev of ENCODER.SHAFT_ANGLE; an encoder with fewer lines steps by several
 
 
-@njit(inline="always")
+@register_jitable(inline="always")
 def counts(angle, per_revolution):
     """Counter value of the frame, -2^31..2^31 - 1, at `angle` [rad]; `per_revolution` N [counts/rev] of the encoder."""
     edges = floor(angle * (per_revolution / (2.0 * pi)))

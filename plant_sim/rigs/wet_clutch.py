@@ -18,7 +18,7 @@ import numpy as np
 from numba import from_dtype, njit
 
 from plant_sim.blocks import motor, oil
-from plant_sim.blocks.sensors import Sensors
+from plant_sim.blocks.sensors import Scales, Sensors
 from plant_sim.effects.catalogue import effects as catalogue
 from plant_sim.effects.signals import DRIVE, RIG, SENSORS, SIGNALS, attached, bound, call, known
 from plant_sim.effects.table import added_rate, compile_all, table
@@ -127,6 +127,9 @@ class Rig:
         numpy_type, numba_type = _record_types(tuple(values))
         self.record = np.array([tuple(values.values())], dtype=numpy_type)
         self.table = table(parameters, numba_type, values, also)
+        # plain numbers for every cycle; along a ramp of theirs, those of its beginning
+        self.scales = Scales(*(values[name] for name in Scales._fields))
+        self.phase_pressures = values["piston_preload_pressure"], values["piston_contact_pressure"]
 
     def at_rest(self, slip_speed: float, temperature: float) -> Whole:
         """Piston back, pressures 0, motor at `slip_speed` [rad/s], oil at `temperature` [K] (rig.md)."""
