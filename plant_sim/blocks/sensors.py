@@ -65,7 +65,7 @@ class Sensors:
         if effects is None:
             y = y or state.read()
             sensed = y.sensed_pressure, y.sensed_temperature, y.sensed_motor_torque, y.sensed_clutch_torque
-            # plain Python: a compiled call costs more than this, as long as its caches are cold, once a millisecond
+            # plain Python: with cold caches, as in a cycle of 1 ms, 15.5 us against 18 us of the compiled call
             voltages = _voltages(*sensed, noise, rig.scales)
             return Counts._make(_counts(*voltages, y.angle, rig.scales)), state  # type: ignore[call-arg]
         counts, states = acquire(state.y, state.effects, noise, rig.record, effects, interval)
