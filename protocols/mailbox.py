@@ -74,15 +74,21 @@ class Asker(_Mapped):
 
     def ask(self, text: str, timeout: float) -> str:
         """Ask and return the answer. Raises InputError when none comes within `timeout` [s]."""
-        if self._words[_ASKED] != self._words[_ANSWERED]:
+        end = time.monotonic() + timeout
+        if not self._answered(end):  # a service that has just gone on answers it in its next cycle
             raise InputError("an earlier change still waits for the service; it is busy or stopped")
         self._words[_ASKED_LENGTH] = self._put(_HEAD, text)
         self._words[_ASKED] += 1
-        end = time.monotonic() + timeout
+        if not self._answered(end):
+            raise InputError(
+                f"the service has not answered within {timeout:g} s; it may still be starting, or be stopped"
+            )
+        return self._get(_HEAD + _TEXT, self._words[_ANSWERED_LENGTH])
+
+    def _answered(self, end: float) -> bool:
+        """Wait until nothing waits, at most until `end` of CLOCK_MONOTONIC [s]; whether that is so."""
         while self._words[_ANSWERED] != self._words[_ASKED]:
             if time.monotonic() > end:
-                raise InputError(
-                    f"the service has not answered within {timeout:g} s; it may still be starting, or be stopped"
-                )
+                return False
             time.sleep(_LOOK)
-        return self._get(_HEAD + _TEXT, self._words[_ANSWERED_LENGTH])
+        return True

@@ -3,6 +3,7 @@
 import json
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -61,6 +62,20 @@ def test_a_loop_that_does_not_turn_is_told_and_the_next_request_is_refused(mailb
         asker.ask("{}", 0.01)
     mailbox.answer("late")
     assert not mailbox.waiting()
+
+
+def test_a_request_waits_for_the_answer_to_an_earlier_one(mailbox: Mailbox, asker: Asker) -> None:
+    with pytest.raises(InputError, match="has not answered"):
+        asker.ask("first", 0.01)
+    with ThreadPoolExecutor(1) as pool:
+        second = pool.submit(asker.ask, "second", PATIENCE)
+        seen = []
+        while not second.done():
+            if mailbox.waiting():
+                seen.append(mailbox.request())
+                mailbox.answer(f"to {seen[-1]}")
+        assert second.result() == "to second"
+    assert seen == ["first", "second"]
 
 
 def test_a_request_that_is_too_long_is_refused(asker: Asker, mailbox: Mailbox) -> None:
