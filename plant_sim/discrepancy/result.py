@@ -1,0 +1,134 @@
+"""Result: what the workflow found. `report.json` is `Result.as_json()`; report and pictures are made from nothing else."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+NOTHING, NAMED, ONE_OF, NONE_OF_THESE = "nothing_missing", "named", "one_of", "none_of_these"
+
+
+@dataclass(frozen=True)
+class Claim:
+    """They disagree here: in `regime` ("direction=release", "phase=slip", "all") `output` of `block` is off by `size` [unit]
+    root mean square, `times_floor` multiples of its floor; `p_value` is valid for autocorrelated data and all claims together.
+    """
+
+    block: str
+    output: str
+    regime: str
+    size: float
+    unit: str
+    times_floor: float
+    p_value: float
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A fitted parameter with its 95 % interval, in `unit`. `nominal`: its value before, known to +-`uncertainty` (1 sigma)."""
+
+    name: str
+    value: float
+    unit: str
+    ci95: tuple[float, float]
+    nominal: float
+    uncertainty: float = 0.0
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Root mean square error of an output on runs that were not fitted, before and after, and the floor, in its unit."""
+
+    before: float
+    after: float
+    floor: float
+
+    @property
+    def closed(self) -> float:
+        """(before^2 - after^2)/(before^2 - floor^2); not-a-number where there was no gap."""
+        excess = self.before**2 - self.floor**2
+        return (self.before**2 - self.after**2) / excess if excess > 0.0 else float("nan")
+
+
+@dataclass(frozen=True)
+class Rival:
+    """A candidate as it was judged: `closed`: share of the excess over the floor that it takes away on left-out runs;
+    `gain`: what it takes off twice the negative log-likelihood; `reason`: why it is not the one, one sentence; "" when it is.
+    `round`: in which search it was judged, from 1.
+    """
+
+    name: str
+    closed: float
+    gain: float
+    values: dict[str, float]
+    reason: str
+    round: int
+
+
+@dataclass(frozen=True)
+class Trace:
+    """One run: `measured`, `before` and `after` by output column, each (n,); `columns`: the whole run as it was read."""
+
+    name: str
+    held_out: bool
+    columns: dict[str, np.ndarray]
+    measured: dict[str, np.ndarray]
+    before: dict[str, np.ndarray]
+    after: dict[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Result:
+    """Everything that was found; traces and data hashes included. `surrogate` describes the residual of `none_of_these`:
+    block, variables, shape and the terms fitted. `experiment`: the proposed one, None where none is needed.
+    """
+
+    rig: str
+    verdict: str
+    effects: list[str]
+    alternatives: list[list[str]]
+    confidence: float
+    where: list[Claim]
+    parameters: list[Estimate]  # of the effects
+    baseline: list[Estimate]  # re-fitted parameters of the baseline
+    gap: dict[str, Gap]  # by output, held out
+    gap_by_regime: dict[str, dict[str, Gap]]  # by output and regime
+    rivals: list[Rival]
+    surrogate: dict[str, Any] | None
+    experiment: dict[str, Any] | None
+    floors: dict[str, float]  # by output, in its unit
+    units: dict[str, str]  # of outputs
+    equations: dict[str, str]  # of the effects named, or of the alternatives
+    hashes: dict[str, str]  # SHA-256 of each run file
+    seconds: float
+    held_out: str = "given"  # or "in turn": whole runs left out one after the other
+    notes: list[str] = field(default_factory=list)
+    traces: list[Trace] = field(default_factory=list)
+
+    def as_json(self) -> dict[str, Any]:
+        """`report.json` of design/discrepancy.md, and more."""
+        return {
+            "verdict": self.verdict,
+            "effects": self.effects,
+            "alternatives": self.alternatives,
+            "confidence": self.confidence,
+            "where": [vars(claim) for claim in self.where],
+            "parameters": [_estimate(estimate) for estimate in self.parameters],
+            "gap": {"holdout": {column: vars(gap) for column, gap in self.gap.items()}},
+            "experiment": self.experiment,
+            "seconds": self.seconds,
+            "rig": self.rig,
+            "baseline": [_estimate(estimate) for estimate in self.baseline],
+            "gap_by_regime": {c: {r: vars(g) for r, g in gaps.items()} for c, gaps in self.gap_by_regime.items()},
+            "rivals": [vars(rival) for rival in self.rivals],
+            "surrogate": self.surrogate,
+            "floors": self.floors,
+            "equations": self.equations,
+            "runs": self.hashes,
+            "held_out": self.held_out,
+            "notes": self.notes,
+        }
+
+
+def _estimate(estimate: Estimate) -> dict[str, Any]:
+    return vars(estimate) | {"ci95": list(estimate.ci95)}

@@ -1,0 +1,55 @@
+"""A whole run of the wet-clutch rig in one compiled call: inputs in, what the data acquisition shows out, free of noise.
+
+Equation        `wet_clutch.advance`, sample by sample; voltages by `blocks/sensors.py`, converted back and not rounded
+Assumptions     inputs held from sample to sample
+Not modelled    noise, and the converters' rounding, which a mean over samples does not see
+References      rig.md
+
+The compiled call lets other threads run: several runs are simulated side by side.
+"""
+
+import numpy as np
+from numba import njit
+
+from plant_sim.blocks.sensors import _voltages
+from plant_sim.effects.signals import ACQUISITION, SIGNALS, attached, bound, call, known
+from plant_sim.rigs.wet_clutch import advance
+
+PRESSURE, SLIP, ANGLE, TEMPERATURE, CLUTCH_TORQUE, MOTOR_TORQUE = range(6)  # columns of what `run` returns
+QUIET = (0.0, 0.0, 0.0, 0.0)  # standard normal numbers of a sample
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def run(state, states, voltage, speed, limit, parameters, effects, period, substeps, driven, pressure, slip, shown):
+    """Write what is shown, (n, 6) in Pa, rad/s, rad, degC, Nm, Nm, of a run from `state`, `states` (a `Whole`) on.
+
+    voltage [V], speed [rad/s]: inputs (n,); limit [Nm], period [s]. With `driven`, cylinder pressure [Pa] and slip [rad/s]
+    are set to the given ones (n,) at each sample: the clutch alone, behind its measured inputs.
+    """
+    signals = np.zeros(1, SIGNALS)
+    for k in range(voltage.size):
+        y = state[0]
+        if driven:
+            y.valve_pressure = pressure[k]
+            y.pressure = pressure[k]
+            y.slip_speed = slip[k]
+        c, s = parameters[0], signals[0]
+        e = bound(effects, states)
+        cylinder, kelvin, motor, clutch = _voltages(
+            y.sensed_pressure, y.sensed_temperature, y.sensed_motor_torque, y.sensed_clutch_torque, QUIET, c
+        )
+        angle = y.angle
+        if attached(ACQUISITION, e):
+            known(e, s, y)
+            s.pressure_voltage, s.temperature_voltage = cylinder, kelvin
+            s.motor_torque_voltage, s.clutch_torque_voltage, s.encoder_angle = motor, clutch, angle
+            call(ACQUISITION, e, s, c, period)
+            cylinder, kelvin = s.pressure_voltage, s.temperature_voltage
+            motor, clutch, angle = s.motor_torque_voltage, s.clutch_torque_voltage, s.encoder_angle
+        shown[k, PRESSURE] = cylinder / c.sensors_pressure_sensitivity
+        shown[k, SLIP] = y.slip_speed
+        shown[k, ANGLE] = angle
+        shown[k, TEMPERATURE] = kelvin / c.sensors_temperature_sensitivity
+        shown[k, CLUTCH_TORQUE] = clutch / c.sensors_clutch_torque_sensitivity
+        shown[k, MOTOR_TORQUE] = motor / c.sensors_motor_torque_sensitivity
+        state, states = advance(state, states, voltage[k], speed[k], limit, parameters, effects, period, substeps)
