@@ -66,14 +66,14 @@ class Sensors:
             y = y or state.read()
             sensed = y.sensed_pressure, y.sensed_temperature, y.sensed_motor_torque, y.sensed_clutch_torque
             # plain Python: with cold caches, as in a cycle of 1 ms, 15.5 us against 18 us of the compiled call
-            voltages = _voltages(*sensed, noise, rig.scales)
-            return Counts._make(_counts(*voltages, y.angle, rig.scales)), state  # type: ignore[call-arg]
+            channels = voltages(*sensed, noise, rig.scales)
+            return Counts._make(_counts(*channels, y.angle, rig.scales)), state  # type: ignore[call-arg]
         counts, states = acquire(state.y, state.effects, noise, rig.record, effects, interval)
         return Counts._make(counts), state._replace(effects=states)
 
 
 @register_jitable(inline="always")
-def _voltages(pressure, kelvin, motor, clutch, noise, c):
+def voltages(pressure, kelvin, motor, clutch, noise, c):
     """Voltages at the converters for what the sensors show [Pa, K, Nm, Nm] and four standard normal numbers."""
     return (
         c.sensors_pressure_sensitivity * (pressure + c.sensors_pressure_noise * noise[0]),
@@ -103,7 +103,7 @@ def acquire(rig_state, states_before, noise, parameters, effects, interval):
     signals = np.zeros(1, SIGNALS)
     y, c, s = rig_state[0], parameters[0], signals[0]
     e = bound(effects, states)
-    pressure, temperature, motor, clutch = _voltages(
+    pressure, temperature, motor, clutch = voltages(
         y.sensed_pressure, y.sensed_temperature, y.sensed_motor_torque, y.sensed_clutch_torque,
         noise, c,
     )  # fmt: skip

@@ -94,12 +94,21 @@ def parameter_values(parameters: ParameterSet) -> dict[str, float]:
     return values
 
 
-def _check_step(values: Mapping[str, float], added: float) -> None:
-    """Raise InputError when fluid, piston and what effects add [1/s] are too fast for the integration step."""
+def fastest_rate(values: Mapping[str, float], added: float) -> float:
+    """Bound on the fastest eigenvalue [1/s] of rig.md 2 and 3, with what effects add to it."""
     damping, capacity = values["piston_damping"], values["hydraulics_capacity"]
     piston_rate = (values["piston_spring_stiffness"] + values["piston_stack_stiffness"]) / damping
-    fluid_rate = values["piston_area"] ** 2 / (capacity * damping) + values["hydraulics_conductance"] / capacity
-    rate = piston_rate + fluid_rate + added  # 1/s, bound on the fastest eigenvalue of rig.md 2 and 3
+    return (
+        piston_rate
+        + values["piston_area"] ** 2 / (capacity * damping)
+        + values["hydraulics_conductance"] / capacity
+        + added
+    )
+
+
+def _check_step(values: Mapping[str, float], added: float) -> None:
+    """Raise InputError when fluid, piston and what effects add [1/s] are too fast for the integration step."""
+    rate = fastest_rate(values, added)
     if not rate * STEP_LIMIT <= _STABLE:
         effects = f", {added:.3g} of them by effects" if added else ""
         raise InputError(

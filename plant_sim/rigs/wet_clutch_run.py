@@ -11,7 +11,7 @@ The compiled call lets other threads run: several runs are simulated side by sid
 import numpy as np
 from numba import njit
 
-from plant_sim.blocks.sensors import _voltages
+from plant_sim.blocks.sensors import voltages
 from plant_sim.effects.signals import ACQUISITION, SIGNALS, attached, bound, call, known
 from plant_sim.rigs.wet_clutch import advance
 
@@ -35,7 +35,7 @@ def run(state, states, voltage, speed, limit, parameters, effects, period, subst
             y.slip_speed = slip[k]
         c, s = parameters[0], signals[0]
         e = bound(effects, states)
-        cylinder, kelvin, motor, clutch = _voltages(
+        cylinder, kelvin, motor, clutch = voltages(
             y.sensed_pressure, y.sensed_temperature, y.sensed_motor_torque, y.sensed_clutch_torque, QUIET, c
         )
         angle = y.angle

@@ -1,0 +1,74 @@
+"""Evidence: measured runs beside a model, as residuals in multiples of the floor.
+
+Equation        r = (mean over a block of samples of measured - predicted) sqrt(block) / floor: unit variance where the model is
+                right and the noise is white
+Assumptions     what is slower than a block of 4 ms is what tells effects apart
+"""
+
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from os import cpu_count
+
+import numpy as np
+
+from plant_sim.discrepancy.model import Columns, Model, Values
+from protocols.errors import InputError
+
+BLOCK = 4e-3  # s
+_POOL = ThreadPoolExecutor(cpu_count() or 1)  # simulations leave other threads running
+
+Point = tuple[Values, Values]  # parameters of the baseline and of the effects
+
+
+class Evidence:
+    """`runs` of a model with `floors` by output column. `pieces[i]` is the part of a residual vector that is of run i."""
+
+    def __init__(self, model: Model, runs: Sequence[Columns], floors: Values) -> None:
+        if not runs:
+            raise InputError("no run was given; at least one is needed")
+        self.model, self.runs, self.floors = model, list(runs), dict(floors)
+        self.columns = [output.column for output in model.outputs]
+        self.blocks = [max(1, round(BLOCK / float(run["time_s"][1] - run["time_s"][0]))) for run in self.runs]
+        self._measured = [
+            np.concatenate([_means(run[c], b) for c in self.columns])
+            for run, b in zip(self.runs, self.blocks, strict=True)
+        ]
+        self._weights = [
+            np.concatenate([np.full(len(run["time_s"]) // b, np.sqrt(b) / self.floors[c]) for c in self.columns])
+            for run, b in zip(self.runs, self.blocks, strict=True)
+        ]
+        ends = np.cumsum([len(m) for m in self._measured])
+        self.pieces = [slice(e - len(m), e) for e, m in zip(ends, self._measured, strict=True)]
+        self.size = int(ends[-1])
+
+    def part(self, run: int, column: str) -> slice:
+        """Where the residuals of an output of a run stand in a residual vector."""
+        n = len(self.runs[run]["time_s"]) // self.blocks[run]
+        begin = self.pieces[run].start + n * self.columns.index(column)
+        return slice(begin, begin + n)
+
+    def residuals(self, points: Iterable[Point]) -> list[np.ndarray]:
+        """Residual vectors (size,) at several points; what cannot be simulated there gives not-a-number."""
+        points = list(points)
+        jobs = [(i, k) for i in range(len(points)) for k in range(len(self.runs))]
+        found = [np.empty(self.size) for _ in points]
+        for (i, k), part in zip(jobs, _POOL.map(lambda job: self._residual(points[job[0]], job[1]), jobs), strict=True):
+            found[i][self.pieces[k]] = part
+        return found
+
+    def predicted(self, point: Point, run: int) -> Columns:
+        """Outputs of a run at full rate."""
+        return self.model.simulate(self.runs[run], *point)
+
+    def _residual(self, point: Point, k: int) -> np.ndarray:
+        try:
+            shown = self.model.simulate(self.runs[k], *point)
+        except InputError:
+            return np.full(len(self._measured[k]), np.nan)
+        predicted = np.concatenate([_means(shown[c], self.blocks[k]) for c in self.columns])
+        return (self._measured[k] - predicted) * self._weights[k]
+
+
+def _means(values: np.ndarray, block: int) -> np.ndarray:
+    n = len(values) // block
+    return values[: n * block].reshape(n, block).mean(axis=1)

@@ -1,0 +1,1 @@
+"""Models that the discrepancy workflow knows by name."""

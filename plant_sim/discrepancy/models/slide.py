@@ -1,0 +1,165 @@
+"""A contact that slides along a measured path: what its friction, and a sensor of its force, show at each sample.
+
+Equation        F = (mu N + F_c) m + F_v v;  m follows sign(v) at the rate C  (the clutch's law, `plant_sim.rigs.clutch_unit`)
+                shown: F + F_o, with F_o what else the sensor feels (inertia, pressure on a rod)
+Effects         the simulator's plug-ins at a lever of 1 m; the force shown is their torque channel; a rod's seal is their piston's
+Assumptions     speed held over a sample, about its time; the path is what was measured, so friction moves nothing
+Not modelled    noise
+References      Armstrong-Helouvry, Dupont and Canudas de Wit 1994, Automatica 30(7) (Coulomb and viscous friction; the literature
+                has sign(v), which m is within one sample)
+"""
+
+from collections.abc import Mapping
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+from numba import from_dtype, njit
+
+from plant_sim.discrepancy.model import Candidate, Columns, Output, Values
+from plant_sim.discrepancy.models.measured_motion import Motion, motion
+from plant_sim.discrepancy.models.ripple_starts import ripple_starts
+from plant_sim.discrepancy.models.straight import PERIOD, STRIBECK_DEPTH, law_values
+from plant_sim.effects.catalogue import effect
+from plant_sim.effects.signals import DRIVE, PISTON, SENSORS, SIGNALS, attached, bound, call
+from plant_sim.effects.table import attached_table
+from plant_sim.rigs.clutch_unit import slide
+from protocols.parameters import ParameterSet, load_defaults
+from protocols.units import ZERO_CELSIUS
+
+ROOM = 20.0 + ZERO_CELSIUS  # K: no rig here measures a temperature, and no candidate looks at one
+
+# Fields of the clutch's parameters that its friction law, and the laws of the candidates, read
+_FIELDS = (
+    "clutch_coulomb_slope", "clutch_coulomb_intercept", "clutch_viscous_slope", "clutch_viscous_intercept",
+    "clutch_viscous_exponent", "clutch_beta_inf", "clutch_beta_onset", "clutch_beta_scale", "clutch_stribeck_speed",
+    "clutch_attraction", "piston_contact_pressure",
+)  # fmt: skip
+_RECORD = np.dtype([(name, np.float64) for name in _FIELDS])
+_RECORD_TYPE = from_dtype(_RECORD)
+_CONSTANT = {
+    "clutch_viscous_exponent": 1.0,
+    "clutch_beta_onset": -1e9, "clutch_beta_scale": 1.0,  # beta does not depend on the load
+    "clutch_stribeck_speed": 1.0,  # m/s, of which stribeck_change.speed is a multiple
+    "clutch_attraction": 1e4,  # 1/s: sign(v) within a sample of 1 ms; friction_lag makes less of it
+}  # fmt: skip
+
+
+class Drive(NamedTuple):
+    """What moves and presses a contact, each (n,): load N [N], pressure on a seal [Pa], other forces F_o [N]."""
+
+    load: np.ndarray
+    pressure: np.ndarray
+    other: np.ndarray
+
+
+class Slide:
+    """A `Model` of a rig whose friction force along a measured path is judged; subclasses say what drives and presses it.
+
+    `parameters` may be another rig's (`--model`): an effect that is on in them is part of the baseline.
+    """
+
+    name: str
+    inputs: tuple[str, ...]
+    outputs: tuple[Output, ...]
+    known: ClassVar[tuple[Candidate, ...]]  # every candidate of the rig
+    defaults: ClassVar[str]  # file of plant_sim/parameters
+
+    def __init__(self, parameters: ParameterSet | None = None) -> None:
+        whole = nominal(type(self)) if parameters is None else parameters
+        on = [c for c in self.known if any(whole[f"{c.name}.{s.name}"].value != s.off for s in c.strengths)]
+        self._always = {f"{c.name}.{p.name}": whole[f"{c.name}.{p.name}"].value for c in on for p in c.parameters}
+        self.parameters = ParameterSet({n: p for n, p in whole.items() if n.partition(".")[0] not in self._names()})
+        self.candidates = tuple(c for c in self.known if c not in on)
+
+    def simulate(self, run: Columns, parameters: Values, effects: Values) -> dict[str, np.ndarray]:
+        """See `Model`."""
+        own = self.parameters.with_values(parameters)
+        values = {**self._always, **effects}
+        on = [c for c in self.known if any(f"{c.name}.{s.name}" in values for s in c.strengths)]
+        period = float(run["time_s"][1] - run["time_s"][0])
+        moved, drive = self._moved(run, own, period), self._drive(run, own, period)
+        table = attached_table(
+            [effect(c.name) for c in on], [v for c in on for v in law_values(c, values)], _RECORD_TYPE
+        )
+        record = np.array([tuple(self._record(own, on)[name] for name in _FIELDS)], dtype=_RECORD)
+        column = self.outputs[0].column
+        begin = float(run[column][0]) - drive.other[0] if column in run else 0.0
+        force = np.empty(moved.position.size)
+        play(
+            moved.position, moved.speed, drive.load, drive.pressure, drive.other, begin, period, record, table.kernel,
+            table.at_rest(), force,
+        )  # fmt: skip
+        return {column: force}
+
+    def starts(self, candidate: Candidate, run: Columns, residuals: Columns) -> list[dict[str, float]]:
+        """See `Hinting`: periods that stand in the residual over the path; sizes of pre-sliding and of Stribeck speed."""
+        typical = candidate.typical()
+        for name, tried in (("presliding.angle", _DECADES), ("stribeck_change.speed", _DECADES)):
+            if name in typical:
+                high = next(p for p in candidate.parameters if name.endswith(p.name)).bounds[1]
+                return [typical | {name: high * part} for part in tried]
+        if f"{candidate.name}.{PERIOD}" not in typical:
+            return []
+        period = float(run["time_s"][1] - run["time_s"][0])
+        moved = self._moved(run, self.parameters, period)
+        return ripple_starts(candidate, moved, residuals[self.outputs[0].column])
+
+    def _moved(self, run: Columns, own: ParameterSet, period: float) -> Motion:
+        raise NotImplementedError
+
+    def _drive(self, run: Columns, own: ParameterSet, period: float) -> Drive:
+        raise NotImplementedError
+
+    def _contact(self, own: ParameterSet) -> Mapping[str, float]:
+        """Friction mu [1] (`clutch_coulomb_slope`), F_c [N] and F_v [Ns/m]: fields of the record that are not 0."""
+        raise NotImplementedError
+
+    def _record(self, own: ParameterSet, on: list[Candidate]) -> dict[str, float]:
+        falls = any(c.name == "stribeck_change" for c in on)
+        beta = 1.0 - STRIBECK_DEPTH if falls else 1.0  # depth 0 and no candidate are the same
+        return dict.fromkeys(_FIELDS, 0.0) | _CONSTANT | {"clutch_beta_inf": beta, **self._contact(own)}
+
+    @classmethod
+    def _names(cls) -> set[str]:
+        return {c.name for c in cls.known}
+
+
+_DECADES = (1e-3, 1e-2, 1e-1)  # of the upper bound
+
+
+def nominal(rig: type[Slide]) -> ParameterSet:
+    """Parameters of the baseline and of every candidate, switched off."""
+    from plant_sim.rigs.wet_clutch import DEFAULTS
+
+    own = load_defaults(DEFAULTS.with_name(rig.defaults))
+    return ParameterSet({**own, **{name: p for c in rig.known for name, p in c.declared().items()}})
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def play(position, speed, load, pressure, other, begin, period, parameters, effects, states, force):
+    """Write the `force` [N] (n,) that is shown along `position` [m] at `speed` [m/s], all (n,); `begin` [N]: friction before."""
+    signals = np.zeros(1, SIGNALS)
+    c, s = parameters[0], signals[0]
+    e = bound(effects, states)
+    level = c.clutch_coulomb_slope * load[0] + c.clutch_coulomb_intercept
+    m = min(max(begin / level, -1.0), 1.0) if level > 0.0 else 0.0
+    s.temperature = ROOM
+    for k in range(position.size):
+        moved = period * speed[k]
+        if attached(SENSORS, e):
+            s.time, s.angle = k * period, position[k] - 0.5 * moved  # mid-step is the time of the sample
+        m, friction = slide(m, load[k], speed[k], 1.0, s, c, e, period)
+        if attached(PISTON, e):
+            s.pressure, s.displacement, s.piston_force = pressure[k], moved, 0.0
+            call(PISTON, e, s, c, period)
+            friction += s.piston_force
+        shown = friction + other[k]
+        if attached(DRIVE, e):
+            s.motor_torque, s.drive_torque = 1.0, 1.0
+            call(DRIVE, e, s, c, period)
+            shown /= s.drive_torque  # what must be asked for, that this is delivered
+        if attached(SENSORS, e):
+            s.sensed_clutch_torque = shown
+            call(SENSORS, e, s, c, period)
+            shown = s.sensed_clutch_torque
+        force[k] = shown

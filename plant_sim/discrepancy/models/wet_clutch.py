@@ -1,0 +1,136 @@
+"""The wet-clutch rig for the discrepancy workflow: the plant simulator's own kernel, parameters and effects.
+
+Equation        `plant_sim.rigs.wet_clutch`, from valve voltage and speed demand; blocks behind measured pressure and slip
+Assumptions     a run begins at rest (rig.md) or, where its pressure is not 0, with the piston where that pressure holds it
+Integration     steps of 0.25 ms: against 0.1 ms and less the pressure differs by 0.3 mbar at most, the torque by 2 mNm root
+                mean square (tests/discrepancy/test_wet_clutch_model.py); shorter where an effect is fast
+Not modelled    converters' rounding: fits see means over samples
+References      rig.md
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from math import ceil
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from plant_sim.discrepancy.model import Candidate, Columns, Output, Values
+from plant_sim.discrepancy.models.wet_clutch_starts import STARTS
+from plant_sim.effects.catalogue import effects as catalogue
+from plant_sim.effects.signals import DRIVE
+from plant_sim.effects.table import added_rate
+from plant_sim.rigs import wet_clutch
+from plant_sim.rigs.wet_clutch_run import CLUTCH_TORQUE, MOTOR_TORQUE, PRESSURE, SLIP, TEMPERATURE, run
+from protocols.parameters import ParameterSet
+from protocols.units import BAR, ZERO_CELSIUS
+
+_STEP = 2.5e-4  # s, see Integration
+_FINE = 1e-4  # s, with effects of the drive, whose springs are laid out for it
+_RATE = 1.5  # rate of piston and cylinder times step: accurate as well as stable (2.78)
+_BEGINNING = 1.0  # s of measured temperature that give the first one: the oil warms by less than 0.5 K in it
+_EMPTY = 0.3  # bar: a run that begins below is at rest
+_SMOOTH = 3e-3  # s, standard deviation of the window that measured pressure and slip are smoothed with to drive a block
+_SHOWN: Mapping[str, tuple[int, Callable[[np.ndarray], np.ndarray]]] = {
+    "cylinder_pressure_bar": (PRESSURE, lambda pascal: pascal / BAR),
+    "slip_speed_rad_s": (SLIP, lambda speed: speed),
+    "oil_temperature_degc": (TEMPERATURE, lambda celsius: celsius),
+    "clutch_torque_nm": (CLUTCH_TORQUE, lambda torque: torque),
+    "motor_torque_nm": (MOTOR_TORQUE, lambda torque: torque),
+}
+
+
+class WetClutch:
+    """The rig of rig.md with the simulator's plug-ins as candidates. `parameters` may be another rig's (`--model`)."""
+
+    name = "wet_clutch"
+    inputs: tuple[str, ...] = ("valve_voltage_v", "motor_speed_demand_rad_s")
+    outputs: tuple[Output, ...] = (  # resolutions: rig.md 9, noise and rounding together; slip: encoder over 1 ms
+        Output("cylinder_pressure_bar", "bar", "hydraulics", 0.0052),
+        Output("clutch_torque_nm", "Nm", "friction", 0.05),
+        Output("motor_torque_nm", "Nm", "drive", 0.051),
+        Output("slip_speed_rad_s", "rad/s", "drive", 0.016),
+        Output("oil_temperature_degc", "degC", "friction", 0.104),
+    )
+    blocks: Mapping[str, tuple[str, ...]] = {
+        "hydraulics": ("cylinder_pressure_bar",),
+        "friction": ("clutch_torque_nm", "oil_temperature_degc"),
+        "drive": ("motor_torque_nm", "slip_speed_rad_s"),
+    }
+
+    def __init__(self, parameters: ParameterSet | None = None) -> None:
+        whole = parameters or wet_clutch.nominal()
+        plug_ins = catalogue()
+        self._whole = whole
+        self.parameters = ParameterSet({n: p for n, p in whole.items() if n.partition(".")[0] not in plug_ins})
+        on = {name for name in plug_ins if any(whole[n].value != off for n, off in plug_ins[name].switches)}
+        self.candidates = tuple(Candidate.of(e) for n, e in plug_ins.items() if e.candidate and n not in on)
+
+    def simulate(self, run: Columns, parameters: Values, effects: Values) -> dict[str, np.ndarray]:
+        """See `Model`."""
+        return self._simulated(run, parameters, effects, ())
+
+    def simulate_block(self, block: str, run: Columns, parameters: Values, effects: Values) -> dict[str, np.ndarray]:
+        """See `Blockwise`: hydraulics from the voltage, friction from pressure and slip, drive from speed demand and torque."""
+        predicted = self._simulated(run, parameters, effects, () if block == "hydraulics" else ("pressure", "slip"))
+        return {column: predicted[column] for column in self.blocks[block]}
+
+    def starts(self, candidate: Candidate, run: Columns, residuals: Columns) -> list[dict[str, float]]:
+        """See `Hinting`."""
+        found = STARTS.get(candidate.name)
+        return found(candidate, run, residuals, self.parameters) if found else []
+
+    def _simulated(
+        self, columns: Columns, parameters: Values, effects: Values, driven: Sequence[str]
+    ) -> dict[str, np.ndarray]:
+        whole = self._whole.with_values({**parameters, **effects})
+        rig = wet_clutch.Rig(whole)
+        period = float(columns["time_s"][1] - columns["time_s"][0])
+        n = len(columns["time_s"])
+        voltage, speed = (np.ascontiguousarray(columns[name]) for name in self.inputs)
+        pressure, slip = voltage, speed  # not looked at
+        if driven:
+            width = _SMOOTH / period
+            pressure = np.maximum(gaussian_filter1d(columns["cylinder_pressure_bar"], width), 0.0) * BAR
+            slip = gaussian_filter1d(columns["slip_speed_rad_s"], width)
+        shown = np.empty((n, 6))
+        start = self._beginning(rig, columns, period)
+        steps = self._substeps(whole, effects, period)
+        limit = whole["motor.torque_limit"].si
+        run(
+            start.y, start.effects, voltage, speed, limit, rig.record, rig.table.kernel, period, steps,
+            bool(driven), pressure, slip, shown,
+        )  # fmt: skip
+        return {column: convert(shown[:, i]) for column, (i, convert) in _SHOWN.items()}
+
+    def _beginning(self, rig: wet_clutch.Rig, columns: Columns, period: float) -> wet_clutch.Whole:
+        """The state that a run begins in."""
+        first = max(2, round(_BEGINNING / period))
+        time, celsius = columns["time_s"][:first], columns["oil_temperature_degc"][:first]
+        slope, _ = np.polyfit(time - time.mean(), celsius, 1) if len(time) > 2 else (0.0, 0.0)
+        kelvin = float(celsius.mean() - slope * (time.mean() - time[0])) + ZERO_CELSIUS
+        state = rig.at_rest(float(columns["motor_speed_demand_rad_s"][0]), kelvin)
+        state.y["angle"] = columns["shaft_angle_rad"][0]
+        pressure = float(np.median(columns["cylinder_pressure_bar"][: max(1, first // 50)]))
+        if pressure > _EMPTY:
+            state.y["valve_pressure"] = state.y["pressure"] = pressure * BAR
+            state.y["position"] = _held(rig, pressure * BAR)
+        return state
+
+    def _substeps(self, whole: ParameterSet, effects: Values, period: float) -> int:
+        values = wet_clutch.parameter_values(whole)
+        rate = wet_clutch.fastest_rate(values, added_rate(whole, values))
+        plug_ins = catalogue()
+        on = {name.partition(".")[0] for name in effects}
+        fine = any(DRIVE in plug_ins[name].laws for name in on)
+        return ceil(max(period / (_FINE if fine else _STEP), period * rate / _RATE) - 1e-9)
+
+
+def _held(rig: wet_clutch.Rig, pressure: float) -> float:
+    """Position [m] at which springs and stack hold the piston under `pressure` [Pa]: rig.md 3 at rest."""
+    c = rig.record[0]
+    push = pressure * c["piston_area"] - c["piston_preload"]
+    free = push / c["piston_spring_stiffness"]
+    if free <= c["piston_clearance"]:
+        return max(free, 0.0)
+    stack = c["piston_stack_stiffness"]
+    return (push + stack * c["piston_clearance"]) / (c["piston_spring_stiffness"] + stack)
