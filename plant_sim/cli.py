@@ -21,7 +21,13 @@ PROFILE_OR_MANUAL = typer.Option(
     help="name of a profile, a CSV file, or manual: the demand comes from `clutch-hil demand` or `panel`;"
     " engagement if not given",
 )
-PLANT_PARAMETERS = typer.Option(None, "--plant-parameters", help="TOML file that changes plant parameters")
+# a model that `clutch-hil discrepancy` extended is such a file
+PLANT_PARAMETERS = typer.Option(
+    None,
+    "--model",
+    "--plant-parameters",
+    help="TOML file that changes plant parameters: a rig of yours, or a model.toml",
+)
 CONTROLLER_PARAMETERS = typer.Option(
     None, "--controller-parameters", help="TOML file that changes controller parameters"
 )
@@ -67,7 +73,9 @@ def plant(
         None, help="scenario: its rig, profile, effects, injections; options override it"
     ),
     rig: str | None = typer.Option(None, help="wet_clutch or power_shift; the scenario's, or wet_clutch, if not given"),
-    parameters: Path | None = typer.Option(None, help="TOML file that changes plant parameters"),
+    parameters: Path | None = typer.Option(
+        None, "--model", "--parameters", help="TOML file that changes plant parameters: a rig of yours, or a model.toml"
+    ),
     profile: str | None = typer.Option(None, help="profile to play, or manual; of the scenario, or none, if not given"),
     seconds: float | None = SECONDS,
     seed: int | None = SEED,

@@ -23,6 +23,7 @@ STEP = 0.001  # s, one sample at 1 kHz
 IDLE = 0.3  # s before the first demand: the controller wants to have been asked for idle
 FILLED = 0.2  # s, of which the fill takes 0.13
 SETTLED = 1.0  # s: the pressure is within 5 mbar after 0.55 s
+FLIP = 0.05  # s from one direction of slip to the other: 0.05 kg m^2 take 40 Nm from 20 to -20 rad/s
 RELEASED = 0.5  # s after the last demand, 0.2 s of which the release takes
 
 
@@ -138,6 +139,114 @@ def drift() -> Course:
     return course
 
 
+def reversals() -> Course:
+    """Slip there and back: flips at 3.4 bar from 5, 10 and 20 rad/s, slow sines of 2 and 6 rad/s at 2.6 bar."""
+    course = Course(5.0)
+    course.close(0.7, PRESSURE)
+    for speed in (5.0, 10.0, 20.0):
+        course.to(0.1, speed=speed)
+        for sign in (-1.0, 1.0, -1.0, 1.0):
+            # The torque turns within the 0.1 s in which the controller bears that the motor's contradicts the estimate.
+            course.to(FLIP, speed=sign * speed)
+            course.to(0.5)
+    course.to(0.2, speed=2.0, pressure=FILL_PRESSURE)
+    course.to(0.5)
+    for amplitude, frequency, periods in ((2.0, 1.0, 2), (6.0, 0.5, 2)):
+        for k in range(1, 20 * periods + 1):
+            course.to(0.05 / frequency, speed=amplitude * math.cos(2.0 * math.pi * k / 20))
+    course.release()
+    return course
+
+
+def pressure_steps() -> Course:
+    """Steps of 0.2 to 1.2 bar every 0.4 s at 25, 10 and 3 rad/s, after a fill each: delay, lag and gain of the valve."""
+    levels = (3.4, 3.2, 3.8, 2.8, 4.0, 3.0, 3.4, 4.0, 2.8, 3.6)
+    course = Course(25.0)
+    for speed in (25.0, 10.0, 3.0):
+        course.to(0.2, speed=speed)
+        course.close(0.6, levels[0])
+        for level in levels[1:]:
+            course.to(STEP, pressure=level)
+            course.to(0.4)
+        course.release(0.6)
+    return course
+
+
+def crawl() -> Course:
+    """Slip of 4 rad/s at 3.8 bar and at 3 bar, then 9 rad/s: ripples that go with the angle, and whether load scales them."""
+    course = Course(4.0)
+    course.close(0.5, 3.8)
+    course.to(5.0)
+    course.to(0.3, pressure=3.0)
+    course.to(5.0)
+    course.to(0.3, speed=9.0)
+    course.to(3.0)
+    course.release()
+    return course
+
+
+def long_hold() -> Course:
+    """3.8 bar and 24 rad/s held for 12 s, opened for 1, 3 and 0.5 s, each time closed again: what heat and rest change."""
+    course = Course(24.0)
+    course.close(12.0, 3.8)
+    for rest in (1.0, 3.0, RELEASED):
+        course.release(rest)
+        course.close(0.6, 3.8)
+    course.release()
+    return course
+
+
+def open_sweep() -> Course:
+    """Slip up to 25 rad/s and back with the clutch open, closed at 2.6 bar, and open again: drag, and offsets of sensors."""
+    course = Course(0.0)
+    for _ in range(2):
+        course.to(2.0, speed=25.0)
+        course.to(0.5)
+        course.to(2.0, speed=1.0)
+        course.to(0.3, speed=15.0)
+        course.close(1.0, FILL_PRESSURE)
+        course.release()
+    return course
+
+
+def loads_and_slips() -> Course:
+    """Nine pairs of 2.8, 3.4 and 4 bar with 4, 12 and 25 rad/s, in an order that does not go with time, then again."""
+    order = (
+        (3.4, 12.0),
+        (2.8, 25.0),
+        (4.0, 4.0),
+        (2.8, 12.0),
+        (3.4, 25.0),
+        (2.8, 4.0),
+        (4.0, 25.0),
+        (3.4, 4.0),
+        (4.0, 12.0),
+    )
+    course = Course(order[0][1])
+    for _ in range(2):
+        course.close(0.5, order[0][0])
+        for pressure, speed in order:
+            course.to(0.2, pressure=pressure, speed=speed)
+            course.to(0.8)
+        course.release()
+    return course
+
+
+def broadband() -> Course:
+    """Multisines of the pressure, 0.3 to 20 Hz, and of the slip, 0.2 to 8 Hz, together about 3.4 bar and 14 rad/s."""
+    random = np.random.default_rng(86)
+    course = Course(14.0)
+    for _ in range(2):
+        pressure = Multisine(np.unique(np.geomspace(3, 200, 24).round()).astype(int), amplitude=0.05, samples=1000)
+        speed = Multisine(np.unique(np.geomspace(2, 80, 16).round()).astype(int), amplitude=1.5, samples=1000)
+        values = zip(pressure.period(random), speed.period(random), strict=True)
+        course.close(0.5, PRESSURE)
+        for p, w in values:
+            course.to(0.01, pressure=PRESSURE + float(p), speed=14.0 + float(w))
+        course.release()
+    return course
+
+
 EXPERIMENTS: Mapping[str, Callable[[], Course]] = {
     make.__name__: make
     for make in (
@@ -148,6 +257,13 @@ EXPERIMENTS: Mapping[str, Callable[[], Course]] = {
         seal_hysteresis_triangle,
         cold_start,
         drift,
+        reversals,
+        pressure_steps,
+        crawl,
+        long_hold,
+        open_sweep,
+        loads_and_slips,
+        broadband,
     )
 }
 

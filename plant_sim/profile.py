@@ -28,7 +28,7 @@ FILL_PRESSURE = (
 _SHORTEST = 0.1  # s, of a run: five samples at the lowest rate
 _LONGEST = 1e6  # s, of a run: 11 days; the repeated profile is held in memory, 0.3 GB for this one
 _REPEAT_GAP = 1e-3  # s between the last row of a profile and the first of its repetition: times must increase
-SPEED_LIMIT = 26.2  # rad/s, 250 rpm, range of the maps (Janssens 2010, fig 6.12)
+SPEED_LIMIT = 26.2  # rad/s either way, 250 rpm, range of the maps (Janssens 2010, fig 6.12)
 
 
 class Setpoint(NamedTuple):
@@ -67,9 +67,9 @@ class Profile:
                 raise InputError(
                     f"profile {self.name}, row {row}: set-point {torque:g} Nm is outside 0..{TORQUE_LIMIT:g} Nm"
                 )
-            if not 0.0 <= speed <= SPEED_LIMIT:
+            if not -SPEED_LIMIT <= speed <= SPEED_LIMIT:
                 raise InputError(
-                    f"profile {self.name}, row {row}: speed {speed:g} rad/s is outside 0..{SPEED_LIMIT:g} rad/s"
+                    f"profile {self.name}, row {row}: speed {speed:g} rad/s is outside {-SPEED_LIMIT:g}..{SPEED_LIMIT:g} rad/s"
                 )
             if not 0.0 <= pressure <= PRESSURE_LIMIT:
                 raise InputError(

@@ -1,4 +1,4 @@
-"""Run files: one row a sample at a constant rate, as Parquet, ASAM MF4 (measurement.py) or CSV.
+"""Run files: one row a sample at a constant rate, as Parquet, ASAM MF4 (measurement.py) or CSV; MATLAB files (matlab.py) in.
 
 The columns of rig.md come first; controller terms (`controller_...`), plant truth (`truth_...`) and anything else follow
 and are kept. Metadata are JSON values by key. A CSV has neither units nor metadata.
@@ -97,14 +97,22 @@ class RunWriter:
 
 def read_run(path: Path, required: Sequence[str] = REQUIRED) -> Run:
     """Read and check a run with the columns `required`. Raises InputError naming the file, the column and the first bad row."""
+    run = read_columns(path)
+    check_columns(path, run.columns, required)
+    return run
+
+
+def read_columns(path: Path) -> Run:
+    """The numbers in a run file as they stand there, unchecked. Raises InputError for a file that cannot be read."""
     if path.suffix == ".mf4":
         from protocols.measurement import read_mf4
 
-        run = read_mf4(path)
-    else:
-        run = _read_table(path)
-    _check(path, run.columns, required)
-    return run
+        return read_mf4(path)
+    if path.suffix == ".mat":
+        from protocols.matlab import read_mat
+
+        return read_mat(path)
+    return _read_table(path)
 
 
 def write_run(run: Run, path: Path) -> None:
@@ -168,10 +176,19 @@ def _read_table(path: Path) -> Run:
     return Run(columns, metadata, said[b"unit"], said[b"meaning"])
 
 
-def _check(path: Path, columns: Mapping[str, np.ndarray], required: Sequence[str]) -> None:
+def check_columns(path: Path, columns: Mapping[str, np.ndarray], required: Sequence[str], steady: bool = True) -> None:
+    """Raise InputError for columns that make no run, naming `path`, column and first bad row.
+
+    They lack one of `required`, have unequal lengths, hold what is no number, or their time does not increase by equal
+    steps; where not `steady`, by steps of any size.
+    """
     for name in required:
         if name not in columns:
             raise InputError(f"run {path} lacks the column {name}")
+    for name, values in columns.items():
+        if len(values) != (rows := len(columns["time_s"])):
+            raise InputError(f"run {path}: {name} has {len(values)} rows, time_s has {rows}")
+    for name in required:
         if len(bad := np.flatnonzero(~np.isfinite(columns[name]))):
             raise InputError(f"run {path}: {name} is not a number in row {bad[0]}")
     time = columns["time_s"]
@@ -180,7 +197,7 @@ def _check(path: Path, columns: Mapping[str, np.ndarray], required: Sequence[str
     steps = np.diff(time)
     if len(bad := np.flatnonzero(steps <= 0.0)):
         raise InputError(f"run {path}: time_s does not increase in row {bad[0] + 1}")
-    if len(bad := np.flatnonzero(np.abs(steps - steps[0]) > _TIME_TOLERANCE * steps[0])):
+    if steady and len(bad := np.flatnonzero(np.abs(steps - steps[0]) > _TIME_TOLERANCE * steps[0])):
         raise InputError(f"run {path}: the sample rate changes in row {bad[0] + 1}")
 
 

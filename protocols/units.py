@@ -54,6 +54,14 @@ _TO_SI: dict[str, tuple[float, float]] = dict.fromkeys(_SI, (1.0, 0.0)) | {
     "ms": (1e-3, 0.0),
     "us": (1e-6, 0.0),
     "mm": (1e-3, 0.0),
+    "um": (1e-6, 0.0),
+    "uN": (1e-6, 0.0),
+    "kN": (1e3, 0.0),
+    "mV": (1e-3, 0.0),
+    "Pa": (1.0, 0.0),
+    "kPa": (1e3, 0.0),
+    "MPa": (1e6, 0.0),
+    "deg": (0.017453292519943295, 0.0),  # rad, pi / 180
     "degC": (1.0, ZERO_CELSIUS),
     "rpm": (RPM, 0.0),
 }  # fmt: skip
@@ -69,3 +77,9 @@ def to_si(value: float, unit: str) -> float:
     except KeyError:
         raise InputError(f"unit {unit!r} is unknown; known are {listing(_TO_SI)}") from None
     return factor * value + offset
+
+
+def from_si(value: float, unit: str) -> float:
+    """Return the SI `value` in `unit`; the inverse of `to_si`. Raises InputError."""
+    offset = to_si(0.0, unit)
+    return (value - offset) / (to_si(1.0, unit) - offset)

@@ -226,8 +226,8 @@ class ControllerNode:
         if values.request > max(Request):
             known = ", ".join(f"{request.value} {request.name.lower()}" for request in Request)
             raise InputError(f"request {values.request} is unknown; allowed are {known}")
-        if not 0.0 <= values.speed_demand <= self._speed_limit:
-            raise InputError(f"set-point {values.speed_demand:g} rad/s is outside 0..{self._speed_limit:g} rad/s")
+        if not abs(values.speed_demand) <= (limit := self._speed_limit):
+            raise InputError(f"set-point {values.speed_demand:g} rad/s is outside {-limit:g}..{limit:g} rad/s")
         self._request, self._demand = Request(values.request), values.torque_demand
         self._speed_demand, self._pressure_demand = values.speed_demand, values.pressure_demand * BAR
         self._setpoint_age = 0.0

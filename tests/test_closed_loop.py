@@ -177,8 +177,8 @@ def test_a_set_point_outside_limits_stops_the_controller_with_a_sentence() -> No
 
 
 def test_a_speed_outside_limits_stops_the_controller_with_a_sentence() -> None:
-    for speed in (-10.0, 27.0):
-        with pytest.raises(InputError, match=r"rad/s is outside 0..26.2 rad/s$"):
+    for speed in (-27.0, 27.0):
+        with pytest.raises(InputError, match=r"rad/s is outside -26.2..26.2 rad/s$"):
             controller_node().step([Frame(0x180, FRAMES["TORQUE_SETPOINT"].pack(0, 1, 10.0, speed, 0.0))])
 
 

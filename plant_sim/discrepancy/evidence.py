@@ -2,6 +2,8 @@
 
 Equation        r = (mean over a block of samples of measured - predicted) sqrt(block) / floor: unit variance where the model is
                 right and the noise is white
+                where the beginning of an output is known to tau floors: r - (1 - 1/sqrt(1 + n tau^2 block)) mean(r), which is r
+                whitened for a constant offset of the run with that prior
 Assumptions     what is slower than a block of 4 ms is what tells effects apart
 """
 
@@ -66,7 +68,14 @@ class Evidence:
         except InputError:
             return np.full(len(self._measured[k]), np.nan)
         predicted = np.concatenate([_means(shown[c], self.blocks[k]) for c in self.columns])
-        return (self._measured[k] - predicted) * self._weights[k]
+        residual = (self._measured[k] - predicted) * self._weights[k]
+        for output in self.model.outputs:
+            if output.beginning > 0.0:
+                part = self.part(k, output.column)
+                own = residual[part.start - self.pieces[k].start : part.stop - self.pieces[k].start]
+                spread = len(own) * self.blocks[k] * output.beginning**2
+                own -= (1.0 - 1.0 / np.sqrt(1.0 + spread)) * own.mean()
+        return residual
 
 
 def _means(values: np.ndarray, block: int) -> np.ndarray:

@@ -1,14 +1,14 @@
-"""Fit: baseline and effects by simulation error, damped Gauss-Newton, with what is known of the baseline as prior.
+"""Fit: parameters by simulation error, damped Gauss-Newton, with what is known of the baseline as prior.
 
-Equation        minimise |r(theta, phi)|^2 + |(theta - theta_0)/s|^2,  s = PRIOR times the stated uncertainty
-                theta is eliminated by its linear least squares (variable projection): the effect's phi sees residuals that
-                the baseline cannot explain
-Assumptions     the baseline's sensitivities are those at its re-fitted point
-References      Golub and Pereyra 1973, SIAM J. Numer. Anal. 10 (variable projection); Ljung 1999, System identification, ch. 10
+Equation        minimise |r(x)|^2 + sum over the baseline's parameters of ((x - x_0)/s)^2,  s = PRIOR times stated uncertainty
+                near a point r(x + S d) = r + J d, so d = -(J'J + L)^-1 (J'r + L a),  L = 1 where a prior is, a = (x - x_0)/S
+Assumptions     white noise of unit variance
+References      Ljung 1999, System identification, ch. 10; Kennedy and O'Hagan 2001, J. R. Statist. Soc. B 63 (a discrepancy is
+                judged beside the uncertainty of the model's own parameters)
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -17,228 +17,183 @@ from scipy.linalg import cho_factor, cho_solve
 from plant_sim.discrepancy.evidence import Evidence, Point
 from plant_sim.discrepancy.model import Candidate, Values
 from plant_sim.effects.effect import Strength
+from protocols.parameters import ParameterSet
 
-PRIOR = 0.5  # standard deviation of a baseline parameter as a share of its stated uncertainty: development split
-LIMIT = 2.0  # uncertainties that a parameter may move
-_STEP = 0.2  # uncertainties: step of the baseline's finite differences
-_ROUNDS = 3
+PRIOR = (
+    0.5  # standard deviation of a baseline parameter as a share of its stated uncertainty; set on the development split
+)
+LIMIT = 2.0  # stated uncertainties that a parameter may move
+_STEP = 0.2  # stated uncertainties: step of the baseline's finite differences
+_EFFECT_STEP = 0.05  # of an effect's parameter, or of a fifth of its typical size, whichever is more
+_PHASE_STEP = 0.05  # rad
+_ROUNDS = 4
+_CONVERGED = 1e-4  # of the number of residuals: a smaller gain ends the iteration
+_WORTHWHILE = 2e-3  # of the cost: a fit that gained less needs no other sensitivities
+_SHARES = (1.0, 0.4, 0.1)  # of a Gauss-Newton step that are tried
+_LOOSE = 1e-9  # prior weight of an effect's parameter, beside 1 of the baseline's: none, but the matrix stays regular
+
+
+@dataclass(frozen=True)
+class Free:
+    """A parameter that is fitted: its finite-difference `step`, unit of moves `scale`, bounds, known `centre` or None."""
+
+    name: str
+    step: float
+    scale: float
+    low: float
+    high: float
+    centre: float | None = None
+
+
+def baseline_free(declared: ParameterSet) -> list[Free]:
+    """The uncertain parameters of a baseline."""
+    return [
+        Free(
+            n, _STEP * p.uncertainty, PRIOR * p.uncertainty,
+            max(p.bounds[0], p.value - LIMIT * p.uncertainty), min(p.bounds[1], p.value + LIMIT * p.uncertainty), p.value,
+        )
+        for n, p in declared.items()
+        if p.uncertainty > 0.0
+    ]  # fmt: skip
+
+
+def effect_free(candidate: Candidate, values: Values, shapes: bool = True) -> list[Free]:
+    """Parameters of a candidate with `values`: strengths and, if asked, shapes. A second strength at `off` is free too."""
+    found = []
+    for p in candidate.parameters:
+        if isinstance(p, Strength) or shapes:
+            name = f"{candidate.name}.{p.name}"
+            size = abs(values[name] - p.off) if isinstance(p, Strength) else abs(values[name])
+            step = _EFFECT_STEP * max(size, 0.2 * abs((p.typical - p.off) or p.typical or 1.0))
+            if p.unit == "rad" and not isinstance(p, Strength):
+                step = _PHASE_STEP
+            found.append(Free(name, step, step, *p.bounds))
+    return found
 
 
 @dataclass(frozen=True)
 class Linear:
-    """A model linearised at a point: residuals r (size,), J (size, p) in units of the prior's s, offset a (p,) from theta_0."""
+    """A model linearised at `point`: residuals r (size,), J (size, p) per `scale` of each of `free`."""
 
     point: Point
-    names: tuple[str, ...]  # of the parameters moved
-    scales: np.ndarray  # s, (p,), in the parameters' units
-    offset: np.ndarray
+    free: tuple[Free, ...]
     residual: np.ndarray
     jacobian: np.ndarray
 
     @cached_property
+    def offset(self) -> np.ndarray:
+        """a: distance (p,) from what was known, in scales; 0 where nothing was."""
+        known = [(self.value(f) - f.centre) / f.scale if f.centre is not None else 0.0 for f in self.free]
+        return np.array(known)
+
+    @cached_property
+    def prior(self) -> np.ndarray:
+        """Diagonal of L, (p,)."""
+        return np.array([_LOOSE if f.centre is None else 1.0 for f in self.free])
+
+    @cached_property
+    def gram(self) -> np.ndarray:
+        """J'J (p, p)."""
+        return self.jacobian.T @ self.jacobian
+
+    @cached_property
     def _factor(self) -> tuple[np.ndarray, bool]:
-        return cho_factor(self.jacobian.T @ self.jacobian + np.eye(len(self.names)))
+        ridge = 1e-10 * np.diag(self.gram)
+        return cho_factor(self.gram + np.diag(self.prior + ridge))
+
+    @property
+    def cost(self) -> float:
+        """What is minimised, here."""
+        cost = float(self.residual @ self.residual + self.prior @ self.offset**2)
+        return cost if np.isfinite(cost) else np.inf
+
+    def value(self, free: Free) -> float:
+        """A parameter, here."""
+        return float(self.point[0][free.name] if free.name in self.point[0] else self.point[1][free.name])
 
     def best(self, residual: np.ndarray) -> tuple[np.ndarray, float]:
-        """Move (p,) of the baseline in units of s that suits `residual` best, and the cost that is left."""
-        g = self.jacobian.T @ residual + self.offset
+        """Move (p,) in scales that suits `residual` best, and the cost that is left."""
+        a = self.prior * self.offset
+        g = self.jacobian.T @ residual + a
         move = -cho_solve(self._factor, g)
-        return move, float(residual @ residual + self.offset @ self.offset + g @ move)
+        return move, float(residual @ residual + a @ self.offset + g @ move)
 
-    def schur(self, residual: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Matrix (k, k) and right side (k,) of the least squares for `directions` (size, k), the baseline eliminated."""
-        b = self.jacobian.T @ directions
-        g = self.jacobian.T @ residual + self.offset
-        solved = cho_solve(self._factor, np.column_stack([b, g]))
-        return directions.T @ directions - b.T @ solved[:, :-1], b.T @ solved[:, -1] - directions.T @ residual
+    def project(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """J'C (p, k), and C'C less what the free parameters explain (k, k): variable projection (Golub and Pereyra 1973)."""
+        b = self.jacobian.T @ columns
+        return b, columns.T @ columns - b.T @ cho_solve(self._factor, b)
 
-    def moved(self, move: np.ndarray) -> dict[str, float]:
-        """Parameters of the baseline after a move, within bounds and LIMIT."""
-        return dict(zip(self.names, self._values(move), strict=True))
+    def right(self, residual: np.ndarray, columns: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Right side (k,) of the least squares for `columns` (size, k) with `b` of `project`."""
+        g = self.jacobian.T @ residual + self.prior * self.offset
+        return b.T @ cho_solve(self._factor, g) - columns.T @ residual
 
-    def _values(self, move: np.ndarray) -> list[float]:
-        limit = LIMIT / PRIOR
-        new = np.clip(self.offset + move, -limit, limit)
-        old = np.array([self.point[0][n] for n in self.names])
-        return list(old + (new - self.offset) * self.scales)
+    def moved(self, move: np.ndarray, share: float = 1.0) -> Point:
+        """Parameters after a move, within bounds."""
+        parameters, effects = dict(self.point[0]), dict(self.point[1])
+        for f, by in zip(self.free, move, strict=True):
+            new = float(np.clip(self.value(f) + share * by * f.scale, f.low, f.high))
+            (parameters if f.name in parameters else effects)[f.name] = new
+        return parameters, effects
+
+    def covariance(self, clusters: Iterable[np.ndarray]) -> np.ndarray:
+        """Covariance (p, p) of the parameters in scales, robust to what the model lacks: sandwich with `clusters` of residuals
+        that are independent of each other (White 1980, Econometrica 48; Liang and Zeger 1986, Biometrika 73)."""
+        inverse = cho_solve(self._factor, np.eye(len(self.free)))
+        scores = np.array([self.jacobian[c].T @ self.residual[c] for c in clusters])
+        middle = scores.T @ scores + np.diag(self.prior)
+        return inverse @ middle @ inverse
 
 
-def linearised(evidence: Evidence, parameters: Values, effects: Values) -> Linear:
-    """The model of `evidence` linearised in its uncertain parameters."""
-    declared = evidence.model.parameters
-    names = tuple(n for n, p in declared.items() if p.uncertainty > 0.0)
-    steps = np.array([_STEP * declared[n].uncertainty for n in names])
-    points: list[Point] = [(parameters, effects)]
-    for i, (name, step) in enumerate(zip(names, steps, strict=True)):
-        low, high = declared[name].bounds
-        if not low <= parameters[name] + step <= high:
-            steps[i] = -step
-        points.append(({**parameters, name: parameters[name] + steps[i]}, effects))
+def linearised(evidence: Evidence, point: Point, free: Sequence[Free]) -> Linear:
+    """The model of `evidence` linearised at `point` in the parameters `free`."""
+    parameters, effects = point
+    steps = []
+    points: list[Point] = [point]
+    for f in free:
+        ours = f.name in parameters
+        value = (parameters if ours else effects)[f.name]
+        step = f.step if value + f.step <= f.high else -f.step
+        steps.append(step)
+        changed = {f.name: value + step}
+        points.append(({**parameters, **changed}, effects) if ours else (parameters, {**effects, **changed}))
     first, *others = evidence.residuals(points)
-    scales = np.array([PRIOR * declared[n].uncertainty for n in names])
-    jacobian = np.column_stack([(r - first) * (s / h) for r, s, h in zip(others, scales, steps, strict=True)])
-    jacobian[:, ~np.isfinite(jacobian).all(axis=0)] = 0.0
-    offset = np.array([(parameters[n] - declared[n].value) / s for n, s in zip(names, scales, strict=True)])
-    return Linear((parameters, effects), names, scales, offset, first, jacobian)
+    jacobian = np.empty((evidence.size, len(free)))
+    for i, (r, f, step) in enumerate(zip(others, free, steps, strict=True)):
+        jacobian[:, i] = (r - first) * (f.scale / step) if np.isfinite(r).all() else 0.0
+    return Linear(point, tuple(free), first, jacobian)
 
 
-def refitted(evidence: Evidence, parameters: Values, effects: Values, rounds: int = _ROUNDS) -> Linear:
-    """The model re-fitted in its uncertain parameters with the effects held, linearised there."""
-    at = linearised(evidence, parameters, effects)
-    for _ in range(rounds - 1):
-        move, expected = at.best(at.residual)
-        present = float(at.residual @ at.residual + at.offset @ at.offset)
-        if present - expected < 1e-4 * present / len(at.residual) * 100 or not len(at.names):
+def refitted(evidence: Evidence, start: Linear, renewals: int = 1) -> Linear:
+    """The model re-fitted from `start` in its free parameters, linearised where the fit ends.
+
+    Sensitivities are kept while steps with them pay (chord method), then renewed, at most `renewals` times.
+    """
+    at = start
+    for renewal in range(renewals + 1):
+        first = at.cost
+        at = _along(evidence, at)
+        if renewal == renewals or first - at.cost < _WORTHWHILE * max(at.cost, evidence.size):
             break
-        tried = linearised(evidence, {**at.point[0], **at.moved(move)}, effects)
-        if not tried.residual @ tried.residual + tried.offset @ tried.offset < present:
-            break
-        at = tried
+        at = linearised(evidence, at.point, at.free)
     return at
 
 
-@dataclass(frozen=True)
-class Fit:
-    """A candidate fitted beside a linearised baseline: `values` of its parameters, `cost` at them, (size,) `residual` with the
-    baseline unmoved, `directions` (size, k) of the parameters `free` at their scales."""
-
-    candidate: Candidate
-    values: dict[str, float]
-    cost: float
-    residual: np.ndarray
-    free: tuple[str, ...] = ()
-    scales: tuple[float, ...] = ()
-    directions: np.ndarray | None = None
-
-
-class Candidates:
-    """Fits candidates beside the linearised model `at`."""
-
-    def __init__(self, evidence: Evidence, at: Linear) -> None:
-        self._evidence, self._at = evidence, at
-        self.baseline_cost = at.best(at.residual)[1]
-
-    def screened(self, candidates: Sequence[Candidate], starts: Mapping[str, list[dict[str, float]]]) -> list[Fit]:
-        """Each candidate after one step from its starts, from where it is off."""
-        jobs: list[tuple[Candidate, list[tuple[str, float]], dict[str, float]]] = []
-        for c in candidates:
-            for start in starts.get(c.name) or [c.typical()]:
-                full = {**c.off(), **start}
-                strengths = [(f"{c.name}.{s.name}", full[f"{c.name}.{s.name}"]) for s in c.strengths]
-                jobs.append((c, strengths, full))
-        points = []
-        for c, strengths, full in jobs:
-            off = {**full, **{n: v for n, v in c.off().items() if n in dict(strengths)}}
-            points += [self._point({**off, n: v}) for n, v in strengths]
-        residuals = iter(self._evidence.residuals(points))
-        trials = []
-        for c, strengths, full in jobs:
-            columns = np.column_stack([next(residuals) - self._at.residual for _ in strengths])
-            off = c.off()
-            span = np.array([v - off[n] for n, v in strengths])
-            trials.append({**full, **self._amplitudes(c, columns, [n for n, _ in strengths], span)})
-        fits = self._evaluated([job[0] for job in jobs], trials)
-        best: dict[str, Fit] = {}
-        for fit in fits:
-            if fit.candidate.name not in best or fit.cost < best[fit.candidate.name].cost:
-                best[fit.candidate.name] = fit
-        return list(best.values())
-
-    def improved(self, fits: Sequence[Fit], shapes: bool, rounds: int) -> list[Fit]:
-        """The fits after `rounds` of damped Gauss-Newton, in step with each other, over strengths and, if asked, shapes."""
-        fits = list(fits)
-        for _ in range(rounds):
-            fits = [self._directed(*one) for one in self._differences(fits, shapes)]
-            for damping in (1.0, 0.3):
-                trials = [self._step(fit, damping) for fit in fits]
-                tried = self._evaluated([f.candidate for f in fits], trials)
-                fits = [new if new.cost < old.cost else old for old, new in zip(fits, tried, strict=True)]
-                if all(f.directions is None for f in fits):
-                    break
-        return fits
-
-    def with_directions(self, fits: Sequence[Fit]) -> list[Fit]:
-        """The fits with the sensitivities of all their parameters."""
-        return [self._directed(*one) for one in self._differences(list(fits), True)]
-
-    def _point(self, effects: Values) -> Point:
-        return self._at.point[0], {**self._at.point[1], **effects}
-
-    def _evaluated(self, candidates: Sequence[Candidate], values: Sequence[dict[str, float]]) -> list[Fit]:
-        fits = []
-        for c, v, r in zip(candidates, values, self._evidence.residuals(map(self._point, values)), strict=True):
-            finite = bool(np.isfinite(r).all())
-            fits.append(Fit(c, dict(v), self._at.best(r)[1] if finite else np.inf, r))
-        return fits
-
-    def _amplitudes(self, c: Candidate, columns: np.ndarray, names: list[str], span: np.ndarray) -> dict[str, float]:
-        """Strengths by one linear step from off, within bounds."""
-        usable = np.isfinite(columns).all(axis=0) & (np.abs(columns).max(axis=0) > 0.0)
-        off = c.off()
-        found = {n: off[n] for n in names}
-        while usable.any():
-            matrix, right = self._at.schur(self._at.residual, columns[:, usable])
-            share = np.linalg.lstsq(matrix, right, rcond=1e-10)[0]
-            ok = True
-            for i, k in enumerate(np.flatnonzero(usable)):
-                low, high = _bounds(c, names[k])
-                value = off[names[k]] + share[i] * span[k]
-                if (value <= low and off[names[k]] <= low) or (value >= high and off[names[k]] >= high):
-                    usable[k], ok = False, False
-                    found[names[k]] = off[names[k]]
-                else:
-                    found[names[k]] = float(np.clip(value, low, high))
-            if ok:
+def _along(evidence: Evidence, at: Linear) -> Linear:
+    """The fit with the sensitivities of `at` kept."""
+    for _ in range(_ROUNDS):
+        move, expected = at.best(at.residual)
+        if at.cost - expected < _CONVERGED * evidence.size:
+            break
+        for share in _SHARES:
+            point = at.moved(move, share)
+            tried = replace(at, point=point, residual=evidence.residuals([point])[0])
+            if tried.cost < at.cost:
                 break
-        return found
-
-    def _differences(self, fits: list[Fit], shapes: bool) -> list[tuple[Fit, list[str], list[float], list[np.ndarray]]]:
-        plans = []
-        points = []
-        for fit in fits:
-            names, steps = [], []
-            for p in fit.candidate.parameters:
-                if isinstance(p, Strength) or shapes:
-                    name = f"{fit.candidate.name}.{p.name}"
-                    high = p.bounds[1]
-                    value = fit.values[name]
-                    size = abs(value - p.off) if isinstance(p, Strength) else abs(value)
-                    step = 0.05 * max(size, 0.2 * abs((p.typical - p.off) or p.typical))
-                    if p.unit == "rad" and not isinstance(p, Strength):
-                        step = 0.05
-                    if value + step > high:
-                        step = -step
-                    names.append(name)
-                    steps.append(step)
-                    points.append(self._point({**fit.values, name: value + step}))
-            plans.append((fit, names, steps))
-        residuals = iter(self._evidence.residuals(points))
-        return [(fit, names, steps, [next(residuals) for _ in names]) for fit, names, steps in plans]
-
-    def _directed(self, fit: Fit, names: list[str], steps: list[float], residuals: list[np.ndarray]) -> Fit:
-        columns = [(r - fit.residual) / (step / abs(step)) for r, step in zip(residuals, steps, strict=True)]
-        ok = [bool(np.isfinite(c).all()) and bool(np.any(c)) for c in columns]
-        kept = [i for i, good in enumerate(ok) if good]
-        if not kept:
-            return Fit(fit.candidate, fit.values, fit.cost, fit.residual)
-        return Fit(
-            fit.candidate, fit.values, fit.cost, fit.residual,
-            tuple(names[i] for i in kept), tuple(abs(steps[i]) for i in kept),
-            np.column_stack([columns[i] for i in kept]),
-        )  # fmt: skip
-
-    def _step(self, fit: Fit, damping: float) -> dict[str, float]:
-        if fit.directions is None:
-            return fit.values
-        matrix, right = self._at.schur(fit.residual, fit.directions)
-        matrix = matrix + np.diag(1e-6 * np.diag(matrix) + 1e-12)
-        share = np.linalg.solve(matrix, right)
-        values = dict(fit.values)
-        for name, scale, by in zip(fit.free, fit.scales, share, strict=True):
-            low, high = _bounds(fit.candidate, name)
-            values[name] = float(np.clip(values[name] + damping * scale * np.clip(by, -30.0, 30.0), low, high))
-        return values
-
-
-def _bounds(c: Candidate, name: str) -> tuple[float, float]:
-    return next(p.bounds for p in c.parameters if f"{c.name}.{p.name}" == name)
+        else:
+            break
+        gained = at.cost - tried.cost
+        at = tried
+        if gained < 0.1 * (at.cost + gained - expected):  # these sensitivities no longer say where to go
+            break
+    return at

@@ -18,13 +18,16 @@ class Output:
     """A measured column that the model predicts, in `unit`.
 
     block: which part of the rig answers for it first. resolution: standard deviation of noise and rounding by the data sheet,
-    in `unit`; the floor found in the runs is not below it. 0 where nothing is known.
+    in `unit`; the floor found in the runs is not below it. 0 where nothing is known. beginning: standard deviation, in floors,
+    to which the value at a run's start is known, where the model is told it: a constant offset of a run of that size is no
+    disagreement.
     """
 
     column: str
     unit: str
     block: str
     resolution: float = 0.0
+    beginning: float = 0.0
 
 
 @dataclass(frozen=True)

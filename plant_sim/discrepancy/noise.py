@@ -1,9 +1,10 @@
 """Noise floor of measured outputs.
 
-Equation        sigma = 1.4826 median |d - median d| / sqrt(20), d the third differences of the samples (weights 1, 3, 3, 1),
-                which a signal that is a parabola over four samples does not enter; not below spacing/sqrt(12) of the values
+Equation        sigma = rms(d)/sqrt(20) of those third differences d of the samples (weights 1, 3, 3, 1) with |d| < 4 s,
+                s = 1.4826 median |d|; a signal that is a parabola over four samples does not enter; not below
+                spacing/sqrt(12) of the values
                 floor of an output: median over the runs; from repeated runs, rms of their differences / sqrt(2)
-Assumptions     white noise; fast events are rare (median)
+Assumptions     white noise; fast events are rare
 Not modelled    coloured noise: its low-frequency part is in no difference; repeated runs show it
 References      von Neumann et al. 1941, Ann. Math. Stat. 12 (mean square successive difference); Rousseeuw and Croux 1993 (MAD)
 """
@@ -15,6 +16,7 @@ import numpy as np
 from plant_sim.discrepancy.model import Columns, Output
 
 _GAUSSIAN = 1.4826  # standard deviation over median absolute deviation
+_FAST = 4.0  # standard deviations: further ones are events, 1 in 16000 of noise
 _THIRD = 20.0  # variance of third differences of unit white noise: 1 + 9 + 9 + 1
 _QUIET = 0.02  # of the column's standard deviation: inputs of runs that differ by less are repeats of one run
 
@@ -24,7 +26,8 @@ def floor_of(values: np.ndarray) -> float:
     if len(values) < 8:
         return 0.0
     d = np.diff(values, 3)
-    sigma = _GAUSSIAN * float(np.median(np.abs(d - np.median(d)))) / np.sqrt(_THIRD)
+    near = np.abs(d) <= max(_FAST * _GAUSSIAN * float(np.median(np.abs(d))), 0.0)
+    sigma = float(np.sqrt(np.mean(d[near] ** 2) / _THIRD))  # not the median itself: it is coarse where the values are
     steps = np.diff(np.unique(values))
     rounding = float(steps.min()) / np.sqrt(12.0) if len(steps) else 0.0
     return max(sigma, rounding if rounding > 1e-9 * float(np.ptp(values) or 1.0) else 0.0)

@@ -102,6 +102,8 @@ class Result:
     hashes: dict[str, str]  # SHA-256 of each run file
     seconds: float
     held_out: str = "given"  # or "in turn": whole runs left out one after the other
+    holdout: list[str] = field(default_factory=list)  # files of the runs that were not fitted
+    model: str | None = None  # model file that the search began with
     notes: list[str] = field(default_factory=list)
     traces: list[Trace] = field(default_factory=list)
 
@@ -126,6 +128,8 @@ class Result:
             "equations": self.equations,
             "runs": self.hashes,
             "held_out": self.held_out,
+            "holdout": self.holdout,
+            "model": self.model,
             "notes": self.notes,
         }
 

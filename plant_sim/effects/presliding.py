@@ -2,8 +2,8 @@
 
 What            asperities bend before they break, with a memory of every reversal
 Equation        M = W (f_1 + ... + f_4)/4 + f(omega);  df_i = dtheta/b_i while |f_i| < 1, else |f_i| = 1
-                b_i = b/8, b/4, b/2, b  (Maxwell-slip elements of equal limits; W and f: Coulomb and viscous part
-                of gross sliding; thesis sec. 5.2)
+                b_i = b/r^3, b/r^2, b/r, b  (Maxwell-slip elements of equal limits; W and f: Coulomb and viscous
+                part of gross sliding; thesis sec. 5.2); r = 1: one spring, as where the frame bends more than asperities
 Assumptions     limits follow the level of sliding at once, as in sec. 5.5; that level is kept over a reversal
 Integration     elements exact at constant slip; their torque is that at the end of the step, which damps a plate that sticks
                 with frequency w by h w/4 of critical, and is stable for h w < 1.4
@@ -12,12 +12,11 @@ Not modelled    lag of each element by itself (GMS): the level lags as a whole; 
 References      Janssens 2010, secs 5.2 and 5.5, appendix D; Lampaert 2003; Iwan 1966; plant_sim/friction/maxwell_slip.py
 """
 
-from plant_sim.effects.effect import Effect, State, Strength
+from plant_sim.effects.effect import Effect, Shape, State, Strength
 from plant_sim.effects.signals import FRICTION, TORQUE
 from plant_sim.friction.maxwell_slip import element
 
 _ELEMENTS = 4  # nearly as good as ten: Janssens 2010, sec. 5.5, after Tjahjowidodo
-_FIRST = 8.0  # b/b_1: each element breaks away at twice the angle of the one before
 
 
 def keep_level(s, c, p, x, h):
@@ -34,11 +33,11 @@ def bend(s, c, p, x, h):
         if h > 0.0:
             x.bent[:] = 0.0
         return
-    total, stiffness, turned = 0.0, _FIRST / p.angle, h * s.slip
+    total, stiffness, turned = 0.0, p.spread * p.spread * p.spread / p.angle, h * s.slip
     for i in range(_ELEMENTS):
         x.bent[i] = element(x.bent[i], turned, stiffness, 1.0)
         total += x.bent[i]
-        stiffness *= 0.5
+        stiffness /= p.spread
     viscous = s.viscous_share if s.slip >= 0.0 else -s.viscous_share
     s.torque = abs(s.torque) * ((1.0 - s.viscous_share) * (total / _ELEMENTS) + viscous)
 
@@ -50,6 +49,10 @@ EFFECT = Effect(
         Strength(
             "angle", "rad", off=0.0, typical=2e-3, bounds=(0.0, 0.1),
             source="[D] b: some 0.1 mm at the mean radius of 58 mm of Janssens 2010, Table 6.2, as for paper linings",
+        ),
+        Shape(
+            "spread", "1", typical=2.0, bounds=(1.0, 4.0),
+            source="[D] r: each element breaks away at twice the angle of the one before",
         ),
     ),
     states=(State("bent", "1", _ELEMENTS),),

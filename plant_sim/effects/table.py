@@ -1,6 +1,6 @@
 """Table: the effects that are on, as the kernel of a rig takes them."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import accumulate
 from typing import Any, NamedTuple
 
@@ -65,6 +65,11 @@ def table(parameters: ParameterSet, rig: Any, c: Mapping[str, float], also: tupl
     each other.
     """
     chosen = [e for e in effects().values() if e.name in also or _active(e, parameters) is not NONE]
+    return attached_table(chosen, [parameters[f"{e.name}.{p.name}"].si for e in chosen for p in e.parameters], rig)
+
+
+def attached_table(chosen: Sequence[Effect], values: Sequence[float], rig: Any) -> Table:
+    """The table of the effects `chosen`, with the SI `values` of their parameters one after the other. Raises InputError."""
     _check_exclusions(chosen)
     offsets = [0, *accumulate(len(e.parameters) for e in chosen)]
     starts = [0, *accumulate(e.state_type.itemsize // 8 for e in chosen)]
@@ -72,7 +77,6 @@ def table(parameters: ParameterSet, rig: Any, c: Mapping[str, float], also: tupl
     for _, i in sorted((e.rank, i) for i, e in enumerate(chosen)):
         for hook in chosen[i].laws:
             hooked[hook].append((chosen[i].address(hook, rig), offsets[i], starts[i]))
-    values = [parameters[f"{e.name}.{p.name}"].si for e in chosen for p in e.parameters]
     return Table(
         names=tuple(e.name for e in chosen),
         calls=np.array([call for calls in hooked for call in calls], dtype=np.int64).reshape(-1, 3),
@@ -106,7 +110,7 @@ def _active(one: Effect, parameters: ParameterSet) -> Effect | NoEffect:
     return NONE
 
 
-def _check_exclusions(chosen: list[Effect]) -> None:
+def _check_exclusions(chosen: Sequence[Effect]) -> None:
     names = [e.name for e in chosen]
     for one in chosen:
         if others := [name for name in one.excludes if name in names]:

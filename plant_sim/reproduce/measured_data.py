@@ -6,7 +6,11 @@ from pathlib import Path
 from protocols.errors import InputError
 
 VARIABLE = "CLUTCH_HIL_DATA"
-SOURCES = {"microtribometer/test_data_2.txt": "github.com/jchristopherson/FrictionModels.jl, examples/test_data_2.txt"}
+SOURCES = {  # by folder
+    "emps": "github.com/wmkouw/NSI-EMPS, data",
+    "microtribometer": "github.com/jchristopherson/FrictionModels.jl, examples/test_data_2.txt",
+    "pneumatic_seal_friction": "github.com/EvaZillen/3D-printed-pneumatic-actuator, results_pneumatic-actuator/data/friction",
+}
 BESIDE = Path(__file__).resolve().parents[3] / "shared" / "data"  # ../shared/data, seen from the project
 
 
@@ -19,7 +23,8 @@ def measured_file(name: str) -> Path:
     folder = Path(os.environ.get(VARIABLE) or BESIDE)
     path = folder / name
     if not path.is_file():
+        source = SOURCES[name.partition("/")[0]]
         raise MissingDataError(
-            f"measured data {name} are not in {folder}; set {VARIABLE} to a folder that has them (source: {SOURCES[name]})"
+            f"measured data {name} are not in {folder}; set {VARIABLE} to a folder that has them (source: {source})"
         )
     return path

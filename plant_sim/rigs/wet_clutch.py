@@ -180,11 +180,17 @@ def warm() -> None:
 @njit(cache=True, error_model="numpy")
 def advance(before, states_before, voltage, speed_demand, torque_limit, parameters, effects, duration, substeps):
     """The kernel of `Rig.advance`; `effects` is the `kernel` of a `plant_sim.effects.table.Table`."""
-    after, states = before.copy(), states_before.copy()
-    own = parameters.copy()
-    signals = np.zeros(1, SIGNALS)
-    y, c, s = after[0], own[0], signals[0]
+    after, states, own = before.copy(), states_before.copy(), parameters.copy()
     e = bound(effects, states)
+    move(after, own, np.zeros(1, SIGNALS), e, voltage, speed_demand, torque_limit, duration, substeps)
+    return after, states
+
+
+@njit(error_model="numpy")
+def move(state, own, signals, e, voltage, speed_demand, torque_limit, duration, substeps):
+    """As `Rig.advance`, in place: `state` (1,) of STATE and the effects' states in `e`; `own` (1,) are the rig's parameters,
+    which effects at RIG change, `signals` (1,) of SIGNALS is overwritten. Compiled code only."""
+    y, c, s = state[0], own[0], signals[0]
     h = duration / substeps if substeps > 0 else 0.0
     if attached(RIG, e):
         known(e, s, y)
@@ -234,7 +240,6 @@ def advance(before, states_before, voltage, speed_demand, torque_limit, paramete
     y.motor_torque, drive_torque, inertia = _driven(y, motor_torque, y.clutch_torque, y.slip_speed, s, c, e, 0.0)
     y.acceleration = (drive_torque - y.clutch_torque) / inertia
     sense(y, y.motor_torque, y.clutch_torque, s, c, e, 0.0)
-    return after, states
 
 
 @njit(inline="always")

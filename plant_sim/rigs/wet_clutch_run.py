@@ -12,8 +12,8 @@ import numpy as np
 from numba import njit
 
 from plant_sim.blocks.sensors import voltages
-from plant_sim.effects.signals import ACQUISITION, SIGNALS, attached, bound, call, known
-from plant_sim.rigs.wet_clutch import advance
+from plant_sim.effects.signals import ACQUISITION, RIG, SIGNALS, attached, bound, call, known
+from plant_sim.rigs.wet_clutch import move
 
 PRESSURE, SLIP, ANGLE, TEMPERATURE, CLUTCH_TORQUE, MOTOR_TORQUE = range(6)  # columns of what `run` returns
 QUIET = (0.0, 0.0, 0.0, 0.0)  # standard normal numbers of a sample
@@ -26,15 +26,14 @@ def run(state, states, voltage, speed, limit, parameters, effects, period, subst
     voltage [V], speed [rad/s]: inputs (n,); limit [Nm], period [s]. With `driven`, cylinder pressure [Pa] and slip [rad/s]
     are set to the given ones (n,) at each sample: the clutch alone, behind its measured inputs.
     """
-    signals = np.zeros(1, SIGNALS)
+    state, states, own, signals = state.copy(), states.copy(), parameters.copy(), np.zeros(1, SIGNALS)
+    e = bound(effects, states)
+    y, c, s = state[0], parameters[0], signals[0]
     for k in range(voltage.size):
-        y = state[0]
         if driven:
             y.valve_pressure = pressure[k]
             y.pressure = pressure[k]
             y.slip_speed = slip[k]
-        c, s = parameters[0], signals[0]
-        e = bound(effects, states)
         cylinder, kelvin, motor, clutch = voltages(
             y.sensed_pressure, y.sensed_temperature, y.sensed_motor_torque, y.sensed_clutch_torque, QUIET, c
         )
@@ -52,4 +51,6 @@ def run(state, states, voltage, speed, limit, parameters, effects, period, subst
         shown[k, TEMPERATURE] = kelvin / c.sensors_temperature_sensitivity
         shown[k, CLUTCH_TORQUE] = clutch / c.sensors_clutch_torque_sensitivity
         shown[k, MOTOR_TORQUE] = motor / c.sensors_motor_torque_sensitivity
-        state, states = advance(state, states, voltage[k], speed[k], limit, parameters, effects, period, substeps)
+        if attached(RIG, e):
+            own = parameters.copy()  # what such effects change, they change anew
+        move(state, own, signals, e, voltage[k], speed[k], limit, period, substeps)

@@ -1,8 +1,9 @@
-"""Speed and acceleration of a measured position, without delay.
+"""Motion of a measured position: exact where its sign matters, smooth where its acceleration does; no delay in either.
 
-Method          least squares of a cubic over a sliding window (Savitzky and Golay 1964): zero phase, and no transient at the
-                ends of a run, which the usual Butterworth filter forwards and backwards leaves there
-Play            holds the position while it flickers by less than the sensor's last digit: no reversals are made of noise
+Equation        path: v = dx/dt from sample to sample, x at the middle between them
+                smooth: least squares of a quartic over a sliding window (Savitzky and Golay 1964): zero phase, and no transient
+                at the ends of a run, which the usual Butterworth filter forwards and backwards leaves there
+Play            holds a path while it flickers by no more than the sensor's last digit: no reversals are made of noise
 References      Savitzky and Golay 1964, Anal. Chem. 36(8), 1627-1639; zero-phase central differences for inverse dynamics:
                 Gautier 1997, Dynamic identification of robots with power model, ICRA, 1922-1927
 """
@@ -13,26 +14,33 @@ import numpy as np
 from numba import njit
 from scipy.signal import savgol_filter
 
-_DEGREE = 3  # of the polynomial: its second derivative is still unbiased where the acceleration changes linearly
-_LEAST = 5  # samples in the window: a cubic leaves one over
+from protocols.errors import InputError
+
+_DEGREE = 4  # of the polynomial
+_LEAST = 5  # samples: through so many it is the usual central difference of order 4, which smooths nothing
 
 
 class Motion(NamedTuple):
-    """Position [m], speed [m/s] and acceleration [m/s^2], each (n,)."""
+    """Position [m], speed [m/s] and acceleration [m/s^2], each (n,), of a step about or before each sample."""
 
     position: np.ndarray
     speed: np.ndarray
     acceleration: np.ndarray
 
 
-def motion(position: np.ndarray, period: float, window: float, flicker: float) -> Motion:
-    """Motion of the measured `position` [m] (n,), sampled every `period` [s], over a `window` [s], played by `flicker` [m]."""
+def path(position: np.ndarray, period: float, flicker: float) -> Motion:
+    """Steps between samples of `position` [m] (n,), one every `period` [s], without its `flicker` [m]; no acceleration."""
     played = _played(np.ascontiguousarray(position, float), flicker)
-    length = min(max(2 * round(0.5 * window / period) + 1, _LEAST), 2 * ((position.size - 1) // 2) + 1)
-    if length <= _DEGREE:
-        return Motion(played, *2 * (np.zeros(position.size),))
-    smooth = [savgol_filter(played, length, _DEGREE, deriv=order, delta=period) for order in range(3)]
-    return Motion(*map(np.ascontiguousarray, smooth))
+    step = np.diff(played, prepend=played[0])
+    return Motion(played - 0.5 * step, step / period, np.zeros(played.size))
+
+
+def smooth(position: np.ndarray, period: float, window: float) -> Motion:
+    """Motion about samples of `position` [m] (n,), one every `period` [s], smoothed over a `window` [s]. Raises InputError."""
+    length = max(2 * round(0.5 * window / period) + 1, _LEAST)
+    if position.size < length:
+        raise InputError(f"position has {position.size} samples; the window of its derivative needs {length}")
+    return Motion(*(savgol_filter(position, length, _DEGREE, deriv=order, delta=period) for order in range(3)))
 
 
 @njit(cache=True, nogil=True)

@@ -12,7 +12,7 @@ from math import pi
 import numpy as np
 
 from plant_sim.discrepancy.model import Columns, Output
-from plant_sim.discrepancy.models.measured_motion import Motion, motion
+from plant_sim.discrepancy.models.measured_motion import Motion, smooth
 from plant_sim.discrepancy.models.slide import Drive, Slide
 from plant_sim.discrepancy.models.straight import Scale, candidates
 from protocols.parameters import ParameterSet
@@ -24,21 +24,21 @@ class PneumaticCylinder(Slide):
 
     name = "pneumatic_cylinder"
     inputs = ("position_m", "pressure_bar")
-    outputs = (Output("rod_force_n", "N", "piston", 0.05),)
+    output = Output("rod_force_n", "N", "piston")
     defaults = "pneumatic_cylinder_model.toml"
     known = candidates(
         Scale(force=30.0, speed=0.02, path=0.04),
         (
-            "piston_seal_friction", "direction_asymmetry", "position_ripple", "presliding", "stribeck_change",
-            "friction_lag", "friction_level", "friction_fade", "torque_sensor_offset", "torque_sensor_gain",
-            "torque_sensor_leakage", "torque_time_offset",
+            "piston_seal_friction", "direction_asymmetry", "position_ripple", "shaft_angle_ripple", "presliding",
+            "stribeck_change", "friction_lag", "friction_level", "friction_fade", "torque_sensor_offset",
+            "torque_sensor_gain", "torque_sensor_leakage", "torque_time_offset",
         ),
     )  # fmt: skip
 
     def _moved(self, run: Columns, own: ParameterSet, period: float) -> Motion:
-        return motion(run["position_m"], period, own["motion.window"].si, own["motion.flicker"].si)
+        return smooth(run["position_m"], period, own["motion.window"].si)
 
-    def _drive(self, run: Columns, own: ParameterSet, period: float) -> Drive:
+    def _drive(self, run: Columns, own: ParameterSet, moved: Motion) -> Drive:
         pressure = BAR * np.ascontiguousarray(run["pressure_bar"], float)
         area = 0.25 * pi * own["cylinder.bore"].si ** 2
         return Drive(np.ones(pressure.size), pressure, area * pressure)

@@ -1,6 +1,7 @@
 """A position axis judged by its motor's force: the closed loop hides in the position what the axis lacks, not in the force.
 
-Equation        F_m = M x'' + F_c sign(v) + F_v v                    (inverse dynamics; Janot, Gautier and Brunot 2019)
+Equation        F_m = M x'' + F_c sign(v) + F_v v, x later by the delay of drive and sample
+                                                                     (inverse dynamics; Janot, Gautier and Brunot 2019)
                 F_c in proportion to the load where the run has a column `normal_load_n`
 Inputs          the measured position; speed and acceleration from it without delay (`measured_motion.py`)
 Assumptions     rigid; the column of the force is what the motor delivers, nearly always its current or its demand
@@ -18,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plant_sim.discrepancy.model import Columns, Output
-from plant_sim.discrepancy.models.measured_motion import Motion, motion
+from plant_sim.discrepancy.models.measured_motion import Motion, smooth
 from plant_sim.discrepancy.models.slide import Drive, Slide
 from plant_sim.discrepancy.models.straight import Scale, candidates
 from protocols.parameters import ParameterSet
@@ -34,22 +35,23 @@ class PositionAxis(Slide):
 
     name = "position_axis"
     inputs = ("position_m",)
-    outputs = (Output("motor_force_n", "N", "friction", 0.1),)
+    output = Output("motor_force_n", "N", "friction")
     defaults = "position_axis_model.toml"
     known = candidates(
         Scale(force=50.0, speed=0.15, path=0.25, load=150.0),
         (
-            "direction_asymmetry", "position_ripple", "presliding", "stribeck_change", "friction_lag", "friction_level",
-            "friction_fade", "load_dependent_friction", "motor_torque_ripple", "torque_sensor_offset",
-            "torque_sensor_leakage", "torque_time_offset",
+            "direction_asymmetry", "position_ripple", "shaft_angle_ripple", "presliding", "stribeck_change",
+            "friction_lag", "friction_level", "friction_fade", "load_dependent_friction", "motor_torque_ripple",
+            "torque_sensor_offset", "torque_sensor_leakage", "torque_time_offset",
         ),
     )  # fmt: skip
 
     def _moved(self, run: Columns, own: ParameterSet, period: float) -> Motion:
-        return motion(run["position_m"], period, own["motion.window"].si, own["motion.flicker"].si)
+        time = run["time_s"]
+        at = time + own["motor.delay"].si  # the motion that the recorded force belongs to
+        return Motion(*(np.interp(at, time, one) for one in smooth(run["position_m"], period, own["motion.window"].si)))
 
-    def _drive(self, run: Columns, own: ParameterSet, period: float) -> Drive:
-        moved = self._moved(run, own, period)
+    def _drive(self, run: Columns, own: ParameterSet, moved: Motion) -> Drive:
         n = moved.position.size
         load = np.ascontiguousarray(run[_LOAD], float) if _LOAD in run else np.full(n, own["friction.load"].si)
         return Drive(load, np.zeros(n), own["table.mass"].si * moved.acceleration)

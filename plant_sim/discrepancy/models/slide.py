@@ -2,21 +2,23 @@
 
 Equation        F = (mu N + F_c) m + F_v v;  m follows sign(v) at the rate C  (the clutch's law, `plant_sim.rigs.clutch_unit`)
                 shown: F + F_o, with F_o what else the sensor feels (inertia, pressure on a rod)
-Effects         the simulator's plug-ins at a lever of 1 m; the force shown is their torque channel; a rod's seal is their piston's
+Effects         the simulator's plug-ins at a lever of 1 m; the force shown is their torque channel, a rod's seal their piston's
 Assumptions     speed held over a sample, about its time; the path is what was measured, so friction moves nothing
 Not modelled    noise
-References      Armstrong-Helouvry, Dupont and Canudas de Wit 1994, Automatica 30(7) (Coulomb and viscous friction; the literature
-                has sign(v), which m is within one sample)
+References      Armstrong-Helouvry, Dupont and Canudas de Wit 1994, Automatica 30(7): Coulomb and viscous friction with sign(v),
+                which m is within one sample
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
 from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numba import from_dtype, njit
 
 from plant_sim.discrepancy.model import Candidate, Columns, Output, Values
-from plant_sim.discrepancy.models.measured_motion import Motion, motion
+from plant_sim.discrepancy.models.measured_motion import Motion
 from plant_sim.discrepancy.models.ripple_starts import ripple_starts
 from plant_sim.discrepancy.models.straight import PERIOD, STRIBECK_DEPTH, law_values
 from plant_sim.effects.catalogue import effect
@@ -26,6 +28,7 @@ from plant_sim.rigs.clutch_unit import slide
 from protocols.parameters import ParameterSet, load_defaults
 from protocols.units import ZERO_CELSIUS
 
+_PARAMETERS = Path(__file__).parents[2] / "parameters"
 ROOM = 20.0 + ZERO_CELSIUS  # K: no rig here measures a temperature, and no candidate looks at one
 
 # Fields of the clutch's parameters that its friction law, and the laws of the candidates, read
@@ -60,16 +63,23 @@ class Slide:
 
     name: str
     inputs: tuple[str, ...]
-    outputs: tuple[Output, ...]
+    output: ClassVar[Output]
     known: ClassVar[tuple[Candidate, ...]]  # every candidate of the rig
     defaults: ClassVar[str]  # file of plant_sim/parameters
 
     def __init__(self, parameters: ParameterSet | None = None) -> None:
-        whole = nominal(type(self)) if parameters is None else parameters
+        whole = self.nominal() if parameters is None else parameters
         on = [c for c in self.known if any(whole[f"{c.name}.{s.name}"].value != s.off for s in c.strengths)]
         self._always = {f"{c.name}.{p.name}": whole[f"{c.name}.{p.name}"].value for c in on for p in c.parameters}
         self.parameters = ParameterSet({n: p for n, p in whole.items() if n.partition(".")[0] not in self._names()})
         self.candidates = tuple(c for c in self.known if c not in on)
+        self.outputs = (replace(self.output, resolution=self.parameters["sensor.repeatability"].si),)
+
+    @classmethod
+    def nominal(cls) -> ParameterSet:
+        """Parameters of the baseline and of every candidate, switched off."""
+        own = load_defaults(_PARAMETERS / cls.defaults)
+        return ParameterSet({**own, **{name: p for c in cls.known for name, p in c.declared().items()}})
 
     def simulate(self, run: Columns, parameters: Values, effects: Values) -> dict[str, np.ndarray]:
         """See `Model`."""
@@ -77,37 +87,54 @@ class Slide:
         values = {**self._always, **effects}
         on = [c for c in self.known if any(f"{c.name}.{s.name}" in values for s in c.strengths)]
         period = float(run["time_s"][1] - run["time_s"][0])
-        moved, drive = self._moved(run, own, period), self._drive(run, own, period)
+        moved = self._moved(run, own, period)
+        drive = self._drive(run, own, moved)
         table = attached_table(
             [effect(c.name) for c in on], [v for c in on for v in law_values(c, values)], _RECORD_TYPE
         )
-        record = np.array([tuple(self._record(own, on)[name] for name in _FIELDS)], dtype=_RECORD)
-        column = self.outputs[0].column
-        begin = float(run[column][0]) - drive.other[0] if column in run else 0.0
+        record = self._record(own, on)
+        column = self.output.column
+        m = 0.0  # share of its level that friction begins with, as measured
+        level = record["clutch_coulomb_slope"] * drive.load[0] + record["clutch_coulomb_intercept"]
+        if column in run and level > 0.0:
+            m = min(max((float(run[column][0]) - drive.other[0]) / level, -1.0), 1.0)
+        states = table.at_rest()
+        if "presliding" in table.spans:  # the contact is bent so far, and would slide at its full level
+            states[slice(*table.spans["presliding"])] = m
+            m = float(np.sign(m))
+        c = np.array([tuple(record[name] for name in _FIELDS)], dtype=_RECORD)
         force = np.empty(moved.position.size)
-        play(
-            moved.position, moved.speed, drive.load, drive.pressure, drive.other, begin, period, record, table.kernel,
-            table.at_rest(), force,
-        )  # fmt: skip
+        play(*moved[:2], *drive, m, period, c, table.kernel, states, force)
         return {column: force}
 
     def starts(self, candidate: Candidate, run: Columns, residuals: Columns) -> list[dict[str, float]]:
         """See `Hinting`: periods that stand in the residual over the path; sizes of pre-sliding and of Stribeck speed."""
         typical = candidate.typical()
-        for name, tried in (("presliding.angle", _DECADES), ("stribeck_change.speed", _DECADES)):
-            if name in typical:
-                high = next(p for p in candidate.parameters if name.endswith(p.name)).bounds[1]
-                return [typical | {name: high * part} for part in tried]
-        if f"{candidate.name}.{PERIOD}" not in typical:
-            return []
-        period = float(run["time_s"][1] - run["time_s"][0])
-        moved = self._moved(run, self.parameters, period)
-        return ripple_starts(candidate, moved, residuals[self.outputs[0].column])
+        if f"{candidate.name}.{PERIOD}" in typical:
+            period = float(run["time_s"][1] - run["time_s"][0])
+            moved, left = self._moved(run, self.parameters, period), residuals[self.output.column]
+            carriers = {
+                "shaft_angle_ripple": np.sign(moved.speed) * self._level(run, moved),  # a share of the friction
+                "motor_torque_ripple": left - run[self.output.column],  # what the motor lacks must be asked for
+            }
+            return ripple_starts(candidate, moved, left, carriers.get(candidate.name, np.ones(left.size)))
+        tried: list[dict[str, float]] = [{}]
+        for name, shares in _TRIED.get(candidate.name, {}).items():
+            low, high = next(p.bounds for p in candidate.parameters if p.name == name)
+            values = [low + share * (high - low) for share in shares]
+            tried = [one | {f"{candidate.name}.{name}": value} for one in tried for value in values]
+        return [typical | one for one in tried if one]
+
+    def _level(self, run: Columns, moved: Motion) -> np.ndarray:
+        """Coulomb friction [N] (n,) of the baseline as declared."""
+        contact = self._contact(self.parameters)
+        load = self._drive(run, self.parameters, moved).load
+        return contact.get("clutch_coulomb_slope", 0.0) * load + contact.get("clutch_coulomb_intercept", 0.0)
 
     def _moved(self, run: Columns, own: ParameterSet, period: float) -> Motion:
         raise NotImplementedError
 
-    def _drive(self, run: Columns, own: ParameterSet, period: float) -> Drive:
+    def _drive(self, run: Columns, own: ParameterSet, moved: Motion) -> Drive:
         raise NotImplementedError
 
     def _contact(self, own: ParameterSet) -> Mapping[str, float]:
@@ -124,30 +151,26 @@ class Slide:
         return {c.name for c in cls.known}
 
 
-_DECADES = (1e-3, 1e-2, 1e-1)  # of the upper bound
-
-
-def nominal(rig: type[Slide]) -> ParameterSet:
-    """Parameters of the baseline and of every candidate, switched off."""
-    from plant_sim.rigs.wet_clutch import DEFAULTS
-
-    own = load_defaults(DEFAULTS.with_name(rig.defaults))
-    return ParameterSet({**own, **{name: p for c in rig.known for name, p in c.declared().items()}})
+_DECADES = (1e-3, 1e-2, 1e-1)
+_TRIED: Mapping[str, Mapping[str, tuple[float, ...]]] = {  # where fits begin, as shares of the bounds
+    "presliding": {"angle": _DECADES, "spread": (0.0, 1.0 / 3.0)},
+    "stribeck_change": {"speed": _DECADES},
+}
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def play(position, speed, load, pressure, other, begin, period, parameters, effects, states, force):
-    """Write the `force` [N] (n,) that is shown along `position` [m] at `speed` [m/s], all (n,); `begin` [N]: friction before."""
+def play(position, speed, load, pressure, other, m, period, parameters, effects, states, force):
+    """Write the `force` [N] (n,) that is shown along `position` [m] at `speed` [m/s]; `m` [1] and `states` are the beginning's.
+
+    load [N], pressure [Pa], other [N]: (n,), see `Drive`; period [s].
+    """
     signals = np.zeros(1, SIGNALS)
     c, s = parameters[0], signals[0]
     e = bound(effects, states)
-    level = c.clutch_coulomb_slope * load[0] + c.clutch_coulomb_intercept
-    m = min(max(begin / level, -1.0), 1.0) if level > 0.0 else 0.0
     s.temperature = ROOM
     for k in range(position.size):
         moved = period * speed[k]
-        if attached(SENSORS, e):
-            s.time, s.angle = k * period, position[k] - 0.5 * moved  # mid-step is the time of the sample
+        s.time, s.angle = k * period, position[k] - 0.5 * moved  # the step's beginning; its middle is at `position`
         m, friction = slide(m, load[k], speed[k], 1.0, s, c, e, period)
         if attached(PISTON, e):
             s.pressure, s.displacement, s.piston_force = pressure[k], moved, 0.0

@@ -1,8 +1,8 @@
 """Effects of the catalogue as candidates of a contact that moves straight.
 
-The plug-ins are those of the turning clutch. They are put at a lever of 1 m: torque [Nm] and force [N], angle [rad] and path [m]
-are the same number. What changes is how far each parameter may go, which follows from the size of the rig, and two names:
-a ripple has a `period` in place of an `order` a turn, and no fall of friction with speed is what the baseline has.
+The plug-ins are those of the turning clutch, put at a lever of 1 m: torque [Nm] and force [N], angle [rad] and path [m] are the
+same number. What changes is how far each parameter may go, which follows from the size of the rig; that a ripple has a `period`
+in place of an `order` a turn; and that friction which does not fall with speed is what the baseline has.
 """
 
 from collections.abc import Iterable, Mapping
@@ -37,7 +37,7 @@ def candidates(scale: Scale, names: Iterable[str]) -> tuple[Candidate, ...]:
 
 def law_values(candidate: Candidate, values: Values) -> list[float]:
     """SI values of an effect's parameters as its laws take them, from `values` by dotted name in the candidate's units."""
-    own = {p.name: to_si(values[f"{candidate.name}.{p.name}"], p.unit) for p in candidate.parameters}
+    own = {p.name: to_si(values.get(f"{candidate.name}.{p.name}", p.off), p.unit) for p in candidate.parameters}
     if PERIOD in own:
         own["order"] = 2.0 * pi / own[PERIOD]
     return [own.get(p.name, to_si(p.off, p.unit)) for p in effect(candidate.name).parameters]
@@ -53,14 +53,21 @@ def _declared(s: Scale) -> Mapping[str, tuple[Strength | Shape, ...]]:
     size = "[D] by the size of the rig"
     millimetres = 1e3 * s.path
     ripple = (
-        Shape(PERIOD, "mm", 0.01 * millimetres, (0.002 * millimetres, millimetres), f"{size}: of its path"),
+        Shape(PERIOD, "mm", 0.01 * millimetres, (0.002 * millimetres, 0.2 * millimetres), f"{size}: of its path"),
         Shape("phase", "rad", 0.5, (-3.2, 3.2), "[D] where the zero of the path happens to be"),
     )
-    own = {
-        "direction_asymmetry": (_plain("direction_asymmetry", "asymmetry"),),
+    return {
+        "direction_asymmetry": (
+            _plain("direction_asymmetry", "asymmetry"),
+            _plain("direction_asymmetry", "viscous_part"),
+        ),
         "position_ripple": (Strength("amplitude", "N", 0.0, 0.05 * s.force, (0.0, s.force), size), *ripple),
+        "shaft_angle_ripple": (_plain("shaft_angle_ripple", "amplitude"), *ripple),
         "motor_torque_ripple": (_plain("motor_torque_ripple", "amplitude"), *ripple),
-        "presliding": (Strength("angle", "m", 0.0, 0.01 * s.path, (0.0, 0.5 * s.path), f"{size}: path to break-away"),),
+        "presliding": (
+            Strength("angle", "m", 0.0, 0.01 * s.path, (0.0, 0.5 * s.path), f"{size}: path to break-away"),
+            _plain("presliding", "spread"),
+        ),
         "stribeck_change": (
             Strength("depth", "1", 0.0, 0.4, (-1.9, 1.9), f"[D] times {STRIBECK_DEPTH}; negative: friction rises with speed"),
             Shape("speed", "m/s", 0.1 * s.speed, (1e-3 * s.speed, s.speed), size),
@@ -86,7 +93,6 @@ def _declared(s: Scale) -> Mapping[str, tuple[Strength | Shape, ...]]:
         "torque_sensor_leakage": (_plain("torque_sensor_leakage", "decay_rate"),),
         "torque_time_offset": (_plain("torque_time_offset", "delay"),),
     }  # fmt: skip
-    return own
 
 
 def _plain(name: str, parameter: str) -> Strength | Shape:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plant_sim.discrepancy.model import Columns, Output
-from plant_sim.discrepancy.models.measured_motion import Motion, motion
+from plant_sim.discrepancy.models.measured_motion import Motion, path
 from plant_sim.discrepancy.models.slide import Drive, Slide
 from plant_sim.discrepancy.models.straight import Scale, candidates
 from protocols.parameters import ParameterSet
@@ -28,7 +28,7 @@ class Tribometer(Slide):
 
     name = "tribometer"
     inputs = ("displacement_m", "normal_load_n")
-    outputs = (Output("friction_force_n", "N", "friction", 0.001),)
+    output = Output("friction_force_n", "N", "friction")
     defaults = "tribometer_model.toml"
     known = candidates(
         Scale(force=3.0, speed=1e-3, path=1e-3, load=5.0),
@@ -40,9 +40,9 @@ class Tribometer(Slide):
     )  # fmt: skip
 
     def _moved(self, run: Columns, own: ParameterSet, period: float) -> Motion:
-        return motion(run["displacement_m"], period, own["motion.window"].si, own["motion.flicker"].si)
+        return path(run["displacement_m"], period, own["motion.flicker"].si)
 
-    def _drive(self, run: Columns, own: ParameterSet, period: float) -> Drive:
+    def _drive(self, run: Columns, own: ParameterSet, moved: Motion) -> Drive:
         load = np.ascontiguousarray(run["normal_load_n"], float)
         return Drive(load, *np.zeros((2, load.size)))
 

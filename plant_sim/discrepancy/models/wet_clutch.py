@@ -2,7 +2,7 @@
 
 Equation        `plant_sim.rigs.wet_clutch`, from valve voltage and speed demand; blocks behind measured pressure and slip
 Assumptions     a run begins at rest (rig.md) or, where its pressure is not 0, with the piston where that pressure holds it
-Integration     steps of 0.25 ms: against 0.1 ms and less the pressure differs by 0.3 mbar at most, the torque by 2 mNm root
+Integration     steps of 0.33 ms: against 0.025 ms the pressure differs by 0.3 mbar at most, the torque by 2 mNm root
                 mean square (tests/discrepancy/test_wet_clutch_model.py); shorter where an effect is fast
 Not modelled    converters' rounding: fits see means over samples
 References      rig.md
@@ -24,10 +24,10 @@ from plant_sim.rigs.wet_clutch_run import CLUTCH_TORQUE, MOTOR_TORQUE, PRESSURE,
 from protocols.parameters import ParameterSet
 from protocols.units import BAR, ZERO_CELSIUS
 
-_STEP = 2.5e-4  # s, see Integration
+_STEP = 1e-3 / 3.0  # s, see Integration
 _FINE = 1e-4  # s, with effects of the drive, whose springs are laid out for it
 _RATE = 1.5  # rate of piston and cylinder times step: accurate as well as stable (2.78)
-_BEGINNING = 1.0  # s of measured temperature that give the first one: the oil warms by less than 0.5 K in it
+_BEGINNING = 0.2  # s of measured temperature that give the first one: the clutch is still open in half of it
 _EMPTY = 0.3  # bar: a run that begins below is at rest
 _SMOOTH = 3e-3  # s, standard deviation of the window that measured pressure and slip are smoothed with to drive a block
 _SHOWN: Mapping[str, tuple[int, Callable[[np.ndarray], np.ndarray]]] = {
@@ -49,7 +49,7 @@ class WetClutch:
         Output("clutch_torque_nm", "Nm", "friction", 0.05),
         Output("motor_torque_nm", "Nm", "drive", 0.051),
         Output("slip_speed_rad_s", "rad/s", "drive", 0.016),
-        Output("oil_temperature_degc", "degC", "friction", 0.104),
+        Output("oil_temperature_degc", "degC", "friction", 0.104, beginning=0.1),
     )
     blocks: Mapping[str, tuple[str, ...]] = {
         "hydraulics": ("cylinder_pressure_bar",),
@@ -64,6 +64,11 @@ class WetClutch:
         self.parameters = ParameterSet({n: p for n, p in whole.items() if n.partition(".")[0] not in plug_ins})
         on = {name for name in plug_ins if any(whole[n].value != off for n, off in plug_ins[name].switches)}
         self.candidates = tuple(Candidate.of(e) for n, e in plug_ins.items() if e.candidate and n not in on)
+
+    @staticmethod
+    def nominal() -> ParameterSet:
+        """Parameters of rig.md with every effect off."""
+        return wet_clutch.nominal()
 
     def simulate(self, run: Columns, parameters: Values, effects: Values) -> dict[str, np.ndarray]:
         """See `Model`."""
@@ -105,12 +110,10 @@ class WetClutch:
     def _beginning(self, rig: wet_clutch.Rig, columns: Columns, period: float) -> wet_clutch.Whole:
         """The state that a run begins in."""
         first = max(2, round(_BEGINNING / period))
-        time, celsius = columns["time_s"][:first], columns["oil_temperature_degc"][:first]
-        slope, _ = np.polyfit(time - time.mean(), celsius, 1) if len(time) > 2 else (0.0, 0.0)
-        kelvin = float(celsius.mean() - slope * (time.mean() - time[0])) + ZERO_CELSIUS
+        kelvin = float(columns["oil_temperature_degc"][:first].mean()) + ZERO_CELSIUS
         state = rig.at_rest(float(columns["motor_speed_demand_rad_s"][0]), kelvin)
         state.y["angle"] = columns["shaft_angle_rad"][0]
-        pressure = float(np.median(columns["cylinder_pressure_bar"][: max(1, first // 50)]))
+        pressure = float(np.median(columns["cylinder_pressure_bar"][: max(1, first // 10)]))
         if pressure > _EMPTY:
             state.y["valve_pressure"] = state.y["pressure"] = pressure * BAR
             state.y["position"] = _held(rig, pressure * BAR)

@@ -10,7 +10,7 @@ from protocols.parameters import ParameterSet
 _ORDERS = np.arange(0.5, 60.01, 0.05)  # periods a turn that are looked for
 _TURNING = 1.0  # rad/s: a slower shaft shows no order
 _FREQUENT = 400.0  # Hz: what a run at 1 kHz can show
-_BEST = 2  # orders to begin from
+_BEST = 1  # orders to begin from
 _SATURATED = 0.999  # quantile of a channel that stands for its end
 _LEVELS = 4000  # most different values of a channel that is coarse
 
@@ -33,7 +33,12 @@ def _ripple(column: str, relative: str | None) -> Starts:
         # the slow part of a residual has all low orders: take it away
         residual = residual - np.convolve(residual, np.ones(201) / 201, mode="same")
         orders = _ORDERS[_ORDERS * fastest / (2.0 * np.pi) < _FREQUENT]
-        amplitudes = np.array([np.sum(residual * base * np.exp(-1j * n * angle)) for n in orders])
+        # one complex product a sample and order in place of an exponential
+        wave, step = residual * base * np.exp(-1j * orders[0] * angle), np.exp(-1j * (orders[1] - orders[0]) * angle)
+        amplitudes = np.empty(len(orders), complex)
+        for i in range(len(orders)):
+            amplitudes[i] = wave.sum()
+            wave *= step
         amplitudes *= 2.0 / np.sum(base * base)
         found = []
         power = np.abs(amplitudes)

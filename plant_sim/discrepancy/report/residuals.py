@@ -1,7 +1,7 @@
-"""Residual views: what is drawn of the traces of a `Result`: worst stretch, maps, orders, autocorrelation, spectrum."""
+"""Residuals: what is drawn of the traces of a `Result`: worst stretch, maps, orders, autocorrelation, spectrum."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -10,8 +10,8 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.signal import welch
 
 from plant_sim.discrepancy.model import Columns
-from plant_sim.discrepancy.result import Claim, Result, Trace
-from plant_sim.discrepancy.wording import SIGNIFICANT, ratio
+from plant_sim.discrepancy.report.wording import SIGNIFICANT, ratio
+from plant_sim.discrepancy.result import NOTHING, Claim, Result, Trace
 
 Regimes = Callable[[Columns], Mapping[str, np.ndarray]]  # columns of a run -> samples (n,) of each regime, by its name
 ANGLE = "shaft_angle_rad"
@@ -20,13 +20,17 @@ _LEAST = 50  # samples of a stretch, and of a run's part that a mean is taken of
 _BINS = 24  # of a map
 _IN_BIN = 20  # samples that a mean of a bin needs
 _OUTLYING = 0.005  # share of samples at either end of an abscissa that a map leaves out
+_FAR = 2.0  # times the floor: without a claim of its own an output is shown too
+_ALIKE = 0.9  # correlation of columns above which one map does for both
+_PEAK = 5.0  # times the level around it: an order that stands out
+_AROUND, _BROAD = 12, 3  # steps of 1/8 of an order: how far the level around one reaches, and how broad a peak is
 _THINNED = 4  # every such sample is enough for a map
 _SMOOTH = 2e-3  # of a run, standard deviation of the window before a direction is told
 _LAGS = 1 / 40  # of a run: longest lag of an autocorrelation
 _SEGMENT = 2048  # samples of a spectrum
 _TURNS = 8  # of a segment of an order spectrum
 _A_TURN = 128  # samples a turn, at most
-_BEFORE_ALL = ("truth_", "controller_")  # columns that a rig does not have
+_NOT_OF_RIG = ("truth_", "controller_")  # columns that a rig does not have
 
 
 @dataclass(frozen=True)
@@ -84,8 +88,16 @@ class Residuals:
         return [column for column in self.outputs if column in claimed]
 
     @cached_property
+    def examined(self) -> list[str]:
+        """Outputs worth a look one by one: those that disagree, and others far from their floor, first; at least one."""
+        far = [c for c in self.outputs if c not in self.disagreeing and self.times_floor(c) > _FAR]
+        return [*self.disagreeing, *far] or self.outputs[:1]
+
+    @cached_property
     def changed(self) -> bool:
-        """Whether the model after differs from the one before."""
+        """Whether something was added, so that the model after differs from the one before."""
+        if self.result.verdict == NOTHING:
+            return False
         return any(
             not np.array_equal(t.before[c], t.after[c]) for t in self.result.traces for c in t.before if c in t.after
         )
@@ -94,6 +106,10 @@ class Residuals:
     def judged(self) -> list[Trace]:
         """Runs that were held out; all, where each was left out in turn."""
         return [trace for trace in self.result.traces if trace.held_out] or self.result.traces
+
+    def judged_with(self, column: str) -> list[Trace]:
+        """Those with an output."""
+        return [trace for trace in self.judged if column in trace.measured]
 
     def times_floor(self, column: str) -> float:
         """How far an output is off before, in multiples of its floor: of claims, else of the gap, else of all traces."""
@@ -155,16 +171,35 @@ class Residuals:
                 best = float(sums[begin]), Stretch(trace, column, begin, begin + width, regime, inside)
         return best[1] if best else None
 
+    def around(self, stretch: Stretch) -> Stretch:
+        """Twice as much of the run: what goes up in a stretch comes down beside it."""
+        more = (stretch.end - stretch.begin) // 2
+        return replace(
+            stretch, begin=max(0, stretch.begin - more), end=min(len(times(stretch.trace)), stretch.end + more)
+        )
+
     def variables(self, column: str) -> list[str]:
-        """Columns over which a map of an output can be drawn, the one that explains most of the residual first."""
+        """Columns over which a map of an output is drawn, the one that explains most of the residual first; of columns that
+        are alike, such as two torques, the first only.
+        """
         traces = self.having(column)
-        names = [name for name in (traces[0].columns if traces else ()) if not name.startswith(_BEFORE_ALL)]
+        names = [name for name in (traces[0].columns if traces else ()) if not name.startswith(_NOT_OF_RIG)]
         usable = []
         for name in names:
             values = [trace.columns.get(name) for trace in traces]
             if name != "time_s" and all(v is not None and _varies(v) for v in values):
                 usable.append(name)
-        return sorted(usable, key=lambda name: -self.map(column, name, "before").explained)
+        usable.sort(key=lambda name: -self.map(column, name, "before").explained)
+        kept: list[str] = []
+        for name in usable:
+            if all(abs(self._likeness(traces, name, other)) < _ALIKE for other in kept):
+                kept.append(name)
+        return kept
+
+    def _likeness(self, traces: list[Trace], name: str, other: str) -> float:
+        """Correlation of two columns over all runs."""
+        x, y = (np.concatenate([trace.columns[n][::_THINNED] for trace in traces]) for n in (name, other))
+        return float(np.corrcoef(x, y)[0, 1])
 
     def map(self, column: str, over: str, when: str) -> Map:
         """Mean residual of an output over a column, of all runs."""
@@ -217,9 +252,21 @@ class Residuals:
         orders, power = welch(residual, fs=a_turn, nperseg=_TURNS * a_turn, scaling="spectrum", detrend="linear")
         return orders[2:], np.sqrt(2.0 * power[2:])  # the slow part is no order
 
+    def has_order(self, column: str) -> bool:
+        """Whether an order of the shaft stands out of the residual."""
+        found = self.orders(column, "before")
+        if found is None:
+            return False
+        amplitudes = found[1]
+        for i in range(_AROUND, len(amplitudes) - _AROUND):
+            sides = amplitudes[i - _AROUND : i - _BROAD], amplitudes[i + _BROAD + 1 : i + _AROUND + 1]
+            if amplitudes[i] > _PEAK * max(np.median(side) for side in sides):
+                return True
+        return False
+
     def autocorrelation(self, column: str, when: str) -> tuple[np.ndarray, np.ndarray, float]:
         """Lags [s], autocorrelation of the residual in the judged runs, and the half-width of white noise's 95 % band."""
-        traces = [trace for trace in self.judged if column in trace.measured]
+        traces = self.judged_with(column)
         shortest = min(len(times(trace)) for trace in traces)
         lags = max(10, round(_LAGS * shortest))
         total, samples = np.zeros(lags), 0
@@ -235,7 +282,7 @@ class Residuals:
     def spectrum(self, column: str, when: str) -> tuple[np.ndarray, np.ndarray]:
         """Frequencies [Hz] and amplitude density [unit/sqrt(Hz)] of the residual in the judged runs."""
         found = []
-        traces = [trace for trace in self.judged if column in trace.measured]
+        traces = self.judged_with(column)
         length = min(_SEGMENT, *(len(times(trace)) // 2 for trace in traces))
         for trace in traces:
             residual = self.error(trace, column, when)

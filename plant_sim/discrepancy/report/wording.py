@@ -26,10 +26,16 @@ def number(value: float, digits: int = 3) -> str:
     return fixed(value, digits - 1 - power, power)
 
 
+def trimmed(value: float, digits: int = 3) -> str:
+    """The same without zeros at the end: of what is a setting rather than a measurement."""
+    text, times, power = number(value, digits).partition(" · ")
+    return (text.rstrip("0").rstrip(".") if "." in text else text) + times + power
+
+
 def fixed(value: float, decimals: int, power: int | None = None) -> str:
     """`value` rounded to `decimals` places, which may be negative; its `power` of ten tells where digits get too many."""
     power = math.floor(math.log10(abs(value))) if power is None and value else power or 0
-    if -4 <= power < 6:
+    if -3 <= power < 6:
         return f"{round(value, decimals):.{max(decimals, 0)}f}".replace("-", "−")
     mantissa = f"{value / 10.0**power:.{max(decimals + power, 0)}f}".replace("-", "−")
     return f"{mantissa} · 10{str(power).translate(_SUPERSCRIPT)}"
@@ -48,18 +54,19 @@ def interval(estimate: Estimate) -> tuple[str, str, str]:
     return value, below, above
 
 
-def percent(share: float, digits: int = 2) -> str:
-    """`share` of 1 in percent; 98.7 % is not rounded to 99 % where a digit more tells it apart from 100 %."""
-    if not math.isfinite(share):
-        return NO_NUMBER
-    value = 100.0 * share
-    decimals = 1 if 0.985 < share < 0.9995 or (digits > 2 and abs(value) < 10.0) else 0
-    return f"{value:.{decimals}f} %".replace("-", "−")
+def percent(share: float, decimals: int = 0) -> str:
+    """`share` of 1 in percent."""
+    return f"{100.0 * share:.{decimals}f} %".replace("-", "−") if math.isfinite(share) else NO_NUMBER
 
 
 def confidence(share: float) -> str:
     """A confidence in percent."""
-    return "more than 99.9 %" if share >= _SURE else percent(share)
+    return "more than 99.9 %" if share >= _SURE else percent(share, 1 if share > 0.985 else 0)
+
+
+def closed(gap: Gap) -> str:
+    """Share of a gap that is closed, in percent; nothing where there was none to close."""
+    return percent(gap.closed) if gap.before > AT_FLOOR * gap.floor else "no gap"
 
 
 def chance(p_value: float) -> str:
@@ -69,7 +76,7 @@ def chance(p_value: float) -> str:
 
 def unit_text(unit: str) -> str:
     """A unit as people write it; nothing for a pure number."""
-    return {"1": "", "degC": "°C"}.get(unit, unit)
+    return {"1": "", "degC": "°C"}.get(unit, unit).replace("^2", "²").replace("^3", "³")
 
 
 def with_unit(value: float, unit: str, digits: int = 3) -> str:
@@ -82,6 +89,11 @@ def spoken(column: str, unit: str | None = None) -> str:
     endings = [f"_{unit.lower().replace('/', '_').replace('^', '')}"] if unit else []
     ending = next((e for e in (*endings, *_UNITS) if column.endswith(e) and len(e) < len(column)), "")
     return column.removesuffix(ending).replace("_", " ")
+
+
+def excess(gap: Gap) -> float:
+    """What the error before is beyond the floor, in multiples of it: 0 where noise explains it all."""
+    return math.sqrt(max(gap.before**2 / gap.floor**2 - 1.0, 0.0)) if gap.floor > 0.0 else math.nan
 
 
 def axis_label(column: str, unit: str | None = None) -> str:
@@ -108,9 +120,9 @@ def listed(names: Sequence[str], last: str = "and") -> str:
     return f"{', '.join(names[:-1])} {last} {names[-1]}"
 
 
-def ratio(gap: Gap) -> float:
-    """Error before over floor."""
-    return gap.before / gap.floor if gap.floor > 0.0 else math.inf
+def ratio(gap: Gap, after: bool = False) -> float:
+    """Error before, or after, over floor."""
+    return (gap.after if after else gap.before) / gap.floor if gap.floor > 0.0 else math.inf
 
 
 def main_output(result: Result) -> str | None:
@@ -123,9 +135,22 @@ def candidates(result: Result) -> int:
     return len({rival.name for rival in result.rivals})
 
 
-def alternatives(result: Result) -> list[str]:
-    """Each alternative as text: an effect, or several together."""
-    return [" with ".join(map(effect_text, each)) for each in result.alternatives]
+def alternatives(result: Result) -> list[list[str]]:
+    """Sets of effects; of each set one is missing. Sets of one effect are one set together."""
+    sets = [each for each in result.alternatives if each]
+    if all(len(each) == 1 for each in sets):
+        return [[name for each in sets for name in each]] if sets else []
+    return sets
+
+
+def alike(result: Result) -> list[str]:
+    """Effects that cannot be told apart from another."""
+    return [name for each in alternatives(result) for name in each] if result.verdict == ONE_OF else []
+
+
+def proposed(result: Result) -> bool:
+    """Whether there is an experiment that separates the alternatives; one without a profile says why there is none."""
+    return result.experiment is not None and result.experiment.get("profile", "") is not None
 
 
 def verdict(result: Result) -> str:
@@ -142,9 +167,10 @@ def verdict(result: Result) -> str:
         tried = f"; none of the {count} candidates explains more than chance does" if count else ""
         return f"Nothing is missing from the model (confidence {sure}){within}{tried}."
     if result.verdict == ONE_OF:
-        also = f"{listed([effect_text(name) for name in result.effects])}, and " if result.effects else ""
-        which = f"{also}one of {listed(alternatives(result), 'or')}"
-        end = "; the experiment below separates them" if result.experiment else ""
+        lacking = [effect_text(name) for name in result.effects]
+        lacking += [f"one of {listed([effect_text(n) for n in each], 'or')}" for each in alternatives(result)]
+        which = listed(lacking)
+        end = "; the experiment below separates them" if proposed(result) else ""
         return (
             f"The model lacks {which}, but these runs cannot tell which (confidence {sure} that it is among them){end}."
         )
@@ -160,14 +186,14 @@ def _closed(result: Result, column: str | None, unit: str) -> str:
     falls = "falls" if gap.after < gap.before else "goes"
     return (
         f": with {'it' if len(result.effects) == 1 else 'them'} the error of {spoken(column, unit)} on runs that were not"
-        f" fitted {falls} from {with_unit(gap.before, unit)} to {with_unit(gap.after, unit)},"
-        f" where noise alone gives {with_unit(gap.floor, unit)}"
+        f" fitted {falls} from {with_unit(gap.before, unit, 2)} to {with_unit(gap.after, unit, 2)},"
+        f" where noise alone gives {with_unit(gap.floor, unit, 2)}"
     )
 
 
 def _within(result: Result) -> str:
-    largest = max(ratio(gap) for gap in result.gap.values())
-    return f"on runs that were not fitted no output is off by more than {number(largest)} times its noise floor"
+    largest = math.ceil(100.0 * max(ratio(gap) for gap in result.gap.values())) / 100.0
+    return f"on runs that were not fitted every output is within {largest:g} times its noise floor"
 
 
 def _located(result: Result) -> str:
@@ -176,6 +202,6 @@ def _located(result: Result) -> str:
         return ""
     place = "" if claim.regime == "all" else f" at {regime_text(claim.regime)}"
     return (
-        f": {spoken(claim.output, claim.unit)}{place} is off by {with_unit(claim.size, claim.unit)},"
+        f": {spoken(claim.output, claim.unit)}{place} is off by {with_unit(claim.size, claim.unit, 2)},"
         f" {number(claim.times_floor, 2)} times its noise floor"
     )

@@ -1,0 +1,76 @@
+"""Decide: which of the four verdicts a search supports, and with what confidence.
+
+Equation        closed = (S_0 - S)/(S_0 - N):  S_0 cost of the re-fitted baseline, S with the effect(s), N residuals: the share
+                of the excess over the floor that is explained
+                regret = (S - S_best)/(S_0 - S_best) of a rival
+Assumptions     thresholds hold for rigs like those of the development split (tests/discrepancy/battery), where they were set
+References      Hansen, Lunde and Nason 2011, Econometrica 79 (model confidence set); White 2000, Econometrica 68
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+GAIN = 0.006  # of the number of residuals: what no candidate gained where nothing was hidden
+EXCESS = 0.03  # of the number of residuals: an unexplained rest below it is no disagreement
+CLOSED = (0.75, 0.90, 0.95)  # least share of the excess that one, two, three effects must explain to be named
+ENOUGH = 0.96  # share explained with which no further effect is looked for
+MOST = len(CLOSED)  # effects that are named together
+NEEDED = 0.04  # least share of the excess that each of several effects must explain beside the others
+ALIAS = 0.02  # regret below which a rival is not told apart
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """Costs of a search: `base` of the re-fitted baseline, `best`, number of residuals `size`, of `count` effects."""
+
+    base: float
+    best: float
+    size: int
+    count: int
+
+    @property
+    def gain(self) -> float:
+        """Gain over the baseline as a share of the number of residuals."""
+        return (self.base - self.best) / self.size
+
+    @property
+    def excess(self) -> float:
+        """What the baseline leaves above the floor as a share of the number of residuals."""
+        return max(self.base / self.size - 1.0, 0.0)
+
+    @property
+    def rest(self) -> float:
+        """What is left above the floor."""
+        return max(self.best / self.size - 1.0, 0.0)
+
+    @property
+    def closed(self) -> float:
+        """Share of the excess that is explained; 1 where nothing is left."""
+        return self.gain / max(self.gain + self.rest, 1e-12)
+
+    @property
+    def gained(self) -> bool:
+        """Whether the gain is more than chance and what a model is off without any effect missing."""
+        return self.gain > GAIN
+
+    @property
+    def explained(self) -> bool:
+        """Whether so few effects explain enough to be named."""
+        return self.gained and (self.closed >= CLOSED[self.count - 1] or self.rest < EXCESS)
+
+
+def aliases(costs: dict[str, float], base: float) -> list[str]:
+    """Names that are not told apart from the best, the best first."""
+    best = min(costs.values())
+    near = [n for n, cost in costs.items() if cost - best <= ALIAS * max(base - best, 0.0)]
+    return sorted(near, key=lambda name: costs[name])
+
+
+def confidence(weighed: Weighed, margin: float) -> float:
+    """Probability that the verdict is right, from the share explained and the regret `margin` of the next rival.
+
+    Logistic in the logarithm of the margin; coefficients: development split.
+    """
+    score = 2.0 + 0.9 * np.log(max(margin, 1e-4) / 0.1) + 4.0 * (weighed.closed - 0.8)
+    return float(np.clip(1.0 / (1.0 + np.exp(-score)), 0.01, 0.995))

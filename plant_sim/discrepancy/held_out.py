@@ -1,0 +1,58 @@
+"""Held out: errors before and after on runs that were not fitted, against the floor."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from plant_sim.discrepancy.evidence import Evidence, Point
+from plant_sim.discrepancy.fit import Linear
+from plant_sim.discrepancy.model import Model, Values
+from plant_sim.discrepancy.regimes import ALL, Regimes
+from plant_sim.discrepancy.result import Gap, Trace
+
+
+def left_out(evidence: Evidence, before: Linear, after: Linear) -> list[tuple[Point, Point]]:
+    """For each run the parameters, before and after, that fit the other runs best, by one linear step from the whole fit."""
+    return [(_without(evidence, before, k), _without(evidence, after, k)) for k in range(len(evidence.runs))]
+
+
+def _without(evidence: Evidence, at: Linear, k: int) -> Point:
+    if len(evidence.runs) < 2:
+        return at.point
+    part = evidence.pieces[k]
+    own = at.jacobian[part]
+    gram = at.gram - own.T @ own
+    gradient = at.jacobian.T @ at.residual - own.T @ at.residual[part] + at.prior * at.offset
+    ridge = 1e-10 * np.diag(at.gram) + 1e-12
+    return at.moved(-cho_solve(cho_factor(gram + np.diag(at.prior + ridge)), gradient))
+
+
+def gaps(model: Model, traces: Sequence[Trace], floors: Values) -> tuple[dict[str, Gap], dict[str, dict[str, Gap]]]:
+    """Root mean square errors over all `traces` by output, and by output and regime."""
+    regimes = Regimes(model, [t.columns for t in traces], {n: p.value for n, p in model.parameters.items()})
+    masks = [regimes(trace.columns) for trace in traces]
+    names = list(dict.fromkeys(name for mask in masks for name in mask if name != ALL))
+    whole, parts = {}, {}
+    for output in model.outputs:
+        c = output.column
+        errors = [(t.measured[c] - t.before[c], t.measured[c] - t.after[c]) for t in traces]
+        whole[c] = _gap(errors, [np.ones(len(b), bool) for b, _ in errors], floors[c])
+        by_name = {
+            name: _gap(
+                errors,
+                [m.get(name, np.zeros(len(b), bool)) for m, (b, _) in zip(masks, errors, strict=True)],
+                floors[c],
+            )
+            for name in names
+        }
+        parts[c] = {name: gap for name, gap in by_name.items() if np.isfinite(gap.before)}
+    return whole, parts
+
+
+def _gap(errors: Sequence[tuple[np.ndarray, np.ndarray]], masks: Sequence[np.ndarray], floor: float) -> Gap:
+    before = np.concatenate([b[m] for (b, _), m in zip(errors, masks, strict=True)])
+    after = np.concatenate([a[m] for (_, a), m in zip(errors, masks, strict=True)])
+    if not len(before):
+        return Gap(float("nan"), float("nan"), floor)
+    return Gap(float(np.sqrt(np.mean(before**2))), float(np.sqrt(np.mean(after**2))), floor)

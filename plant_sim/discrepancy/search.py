@@ -1,0 +1,321 @@
+"""Search: the workflow from runs to a result - floor, re-fit, where, what, decision, again, held-out gap."""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from plant_sim.discrepancy.atlas import acting, claims
+from plant_sim.discrepancy.candidates import Fit, Search
+from plant_sim.discrepancy.decide import ENOUGH, EXCESS, GAIN, MOST, NEEDED, Weighed, aliases, confidence
+from plant_sim.discrepancy.evidence import Evidence, Point
+from plant_sim.discrepancy.experiment import propose
+from plant_sim.discrepancy.fit import Linear, baseline_free, effect_free, linearised, refitted
+from plant_sim.discrepancy.held_out import gaps, left_out
+from plant_sim.discrepancy.model import Candidate, Columns, Hinting, Model
+from plant_sim.discrepancy.noise import floors
+from plant_sim.discrepancy.result import NAMED, NONE_OF_THESE, NOTHING, ONE_OF, Estimate, Result, Rival, Trace
+from plant_sim.discrepancy.surrogate_term import described
+from protocols.errors import InputError, closest
+
+Progress = Callable[[str, float], None]  # what is being done, share of the whole
+_IN_EARNEST = 8  # candidates that are fitted in more than one step
+_FINALISTS = 4  # of these, fitted with their shapes too
+_JOINT = 3  # of these, fitted with the baseline's own parameters beside
+_CLOSE = 0.2  # regret within which a rival is fitted as fully as the best
+_PAIRS = 4  # pairs that are fitted
+_PARTNERS = 3  # candidates that are fitted beside what is named
+_TELLING = 2  # runs that starts are read from
+_CLUSTER = 1.0  # s: residuals further apart are taken as independent
+_Joint = tuple[Linear, tuple[Candidate, ...]]
+_NORMAL = 1.96  # 95 % of a normal distribution
+
+
+def investigate(
+    model: Model,
+    runs: Mapping[str, Columns],
+    held_out: Mapping[str, Columns] | None = None,
+    names: Sequence[str] | None = None,
+    progress: Progress = lambda what, share: None,
+) -> Result:
+    """What is missing in `model` to explain `runs` (by file or name). `names` restricts the candidates.
+
+    Without `held_out` runs, whole runs are left out in turn. Raises InputError.
+    """
+    started = time.perf_counter()
+    candidates = _chosen(model, names)
+    progress("noise floor", 0.0)
+    held = dict(held_out or {})
+    found = floors([*runs.values(), *held.values()], model.outputs)
+    inquiry = _Inquiry(model, Evidence(model, list(runs.values()), found), candidates, progress)
+    inquiry.run()
+    progress("gap on runs that were not fitted", 0.85)
+    before, after = inquiry.base, inquiry.final
+    pairs = left_out(inquiry.evidence, before, after) if not held else None
+    traces = _traces(model, runs, held, before, after, pairs)
+    judged = [t for t in traces if t.held_out or not held]
+    gap, by_regime = gaps(model, judged, found)
+    progress("where they disagree", 0.9)
+    where = claims(model, list(runs.values()), found, *before.point)
+    verdict, effects, alternatives, notes = inquiry.verdict()
+    if verdict in (NAMED, ONE_OF):
+        found_there = [acting(model, inquiry.evidence.runs, found, *after.point, c) for c in inquiry.named]
+        where = [claim for claims_of_one in found_there for claim in claims_of_one] or where
+    surrogate = proposed = None
+    if verdict == ONE_OF:
+        progress("experiment that separates them", 0.95)
+        options = [inquiry.values[name] for name in alternatives[0]]
+        proposed = propose(model, before.point[0], options, found)
+    if verdict == NONE_OF_THESE:
+        progress("what shape the rest has", 0.95)
+
+        surrogate = described(model, list(runs.values()), found, *before.point)
+    named = {c.name: c for c in inquiry.named}
+    progress("done", 1.0)
+    return Result(
+        rig=model.name,
+        verdict=verdict,
+        effects=effects,
+        alternatives=alternatives,
+        confidence=inquiry.confidence,
+        where=where if verdict != NOTHING else [],
+        parameters=inquiry.estimates(effects=True) if verdict in (NAMED, ONE_OF) else [],
+        baseline=inquiry.estimates(effects=False),
+        gap=gap,
+        gap_by_regime=by_regime,
+        rivals=inquiry.rivals(),
+        surrogate=surrogate,
+        experiment=proposed,
+        floors=found,
+        units={o.column: o.unit for o in model.outputs},
+        equations={n: c.equation for n, c in named.items()} | inquiry.equations(alternatives),
+        hashes={},
+        seconds=time.perf_counter() - started,
+        held_out="given" if held else "in turn",
+        notes=notes,
+        traces=traces,
+    )
+
+
+def _chosen(model: Model, names: Sequence[str] | None) -> list[Candidate]:
+    known = {c.name: c for c in model.candidates}
+    for name in names or []:
+        if name not in known:
+            raise InputError(f"effect {name!r} is no candidate of the rig {model.name}; {closest(name, known)}")
+    return [known[n] for n in names] if names else list(model.candidates)
+
+
+class _Inquiry:
+    """The fits of one search."""
+
+    def __init__(self, model: Model, evidence: Evidence, candidates: list[Candidate], progress: Progress) -> None:
+        self.model, self.evidence, self.candidates, self.progress = model, evidence, candidates, progress
+        self.named: tuple[Candidate, ...] = ()  # the effects that explain most
+        self.values: dict[str, dict[str, float]] = {}  # fitted, of each single candidate
+        self.costs: dict[str, float] = {}  # of the candidates in the round that decided, each beside those named before
+        self._rivals: list[Rival] = []
+        self.confidence = 0.5
+
+    def run(self) -> None:
+        """Fit the baseline, then one, two, three effects."""
+        model, evidence = self.model, self.evidence
+        nominal: Point = ({n: p.value for n, p in model.parameters.items()}, {})
+        self.progress("baseline re-fitted", 0.02)
+        self.start = linearised(evidence, nominal, baseline_free(model.parameters))
+        self.base = refitted(evidence, self.start)
+        self.final = self.base
+        self.weighed = Weighed(self.base.cost, self.base.cost, evidence.size, 0)
+        self.progress("candidates", 0.1)
+        self.search = Search(evidence, self.start, 0.5 * GAIN * evidence.size)
+        ranked = self.search.screened(self.candidates, self._starts(nominal))
+        hopeful = [f for f in ranked if self.search.cost - f.cost > 0.5 * GAIN * evidence.size]
+        self._judge({f.name: f.cost for f in ranked if f not in hopeful})
+        if not hopeful:
+            return
+        self.progress("the best candidates in earnest", 0.35)
+        earnest = self.search.improved(hopeful[:_IN_EARNEST], False, 2)
+        close = [f for f in earnest if self._close(f, earnest[0])][:_FINALISTS]
+        final = self.search.improved(close, True, 2)
+        ranked = self._first(final, earnest, hopeful)
+        self.progress("the finalists with the baseline", 0.5)
+        jointly = self._jointly([((f.candidate,), f.values) for f in ranked[:_JOINT] if self._close(f, ranked[0])])
+        costs = {f.name: f.cost for f in ranked} | {names[0].name: at.cost for at, names in jointly}
+        self._judge(costs)
+        self.values = {f.name: f.values for f in ranked} | {
+            candidates[0].name: at.point[1] for at, candidates in jointly
+        }
+        self._take(*jointly[0], costs)
+        if self.weighed.gained and self.weighed.closed < ENOUGH and self.weighed.rest > EXCESS:
+            self._several()
+        if self.weighed.gained:
+            self.progress("the model with what was found", 0.8)
+            self.final = self._renewed(self.final)
+            self.weighed = replace(self.weighed, best=self.final.cost)
+
+    @staticmethod
+    def _first(*groups: Sequence[Fit]) -> list[Fit]:
+        """Fits of all groups, each name once, as the first group that has it; best first."""
+        found: dict[str, Fit] = {}
+        for group in groups:
+            for fit in group:
+                found.setdefault(fit.name, fit)
+        return sorted(found.values(), key=lambda fit: fit.cost)
+
+    def _close(self, fit: Fit, best: Fit) -> bool:
+        return fit.cost - best.cost <= _CLOSE * max(self.base.cost - best.cost, 0.0)
+
+    def _starts(self, point: Point) -> dict[str, list[dict[str, float]]]:
+        """Where to begin, from the runs that disagree most."""
+        if not isinstance(self.model, Hinting):
+            return {}
+        power = [float(np.sum(self.start.residual[p] ** 2)) for p in self.evidence.pieces]
+        starts: dict[str, list[dict[str, float]]] = {}
+        for k in np.argsort(power)[::-1][:_TELLING]:
+            run, predicted = self.evidence.runs[k], self.evidence.predicted(point, int(k))
+            residuals = {c: run[c] - predicted[c] for c in self.evidence.columns}
+            for c in self.candidates:
+                starts.setdefault(c.name, []).extend(self.model.starts(c, run, residuals))
+        return starts
+
+    def _jointly(self, sets: Sequence[tuple[tuple[Candidate, ...], dict[str, float]]]) -> list[_Joint]:
+        """Each set of candidates, from given values on, with the baseline's own parameters, whose sensitivities are kept."""
+        found = []
+        for candidates, values in sets:
+            point = self.start.point[0], values
+            free = [f for c in candidates for f in effect_free(c, values)]
+            own = linearised(self.evidence, point, free)
+            at = Linear(point, self.start.free + own.free, own.residual, np.hstack([self.start.jacobian, own.jacobian]))
+            found.append((refitted(self.evidence, at, 0), candidates))
+        return sorted(found, key=lambda one: one[0].cost)
+
+    def _renewed(self, at: Linear) -> Linear:
+        """The final fit with its own sensitivities."""
+        own = linearised(self.evidence, at.point, at.free)
+        return refitted(self.evidence, own, 0)
+
+    def _take(self, at: Linear, candidates: tuple[Candidate, ...], costs: dict[str, float]) -> None:
+        self.named, self.final, self.costs = candidates, at, costs
+        self.weighed = Weighed(self.base.cost, at.cost, self.evidence.size, len(candidates))
+
+    def _several(self) -> None:
+        """Two effects, and a third beside them, where they explain what one does not."""
+        self.progress("two effects", 0.6)
+        sets = [((a.candidate, b.candidate), values) for _, (a, b), values in self.search.pairs(_PAIRS)]
+        known = [{c.name for c in candidates} for candidates, _ in sets]
+        sets += [s for s in self._beside() if {c.name for c in s[0]} not in known]
+        while sets:
+            at, candidates = self._jointly(sets)[0]
+            if not self._better(at):
+                break
+            self._take(at, candidates, {})
+            sets = []
+            if self.weighed.closed < ENOUGH and self.weighed.rest > EXCESS and len(candidates) < MOST:
+                self.progress("three effects", 0.7)
+                sets = self._beside()
+
+    def _beside(self) -> list[tuple[tuple[Candidate, ...], dict[str, float]]]:
+        """What is named, with each of the candidates that promise most beside it."""
+        search = Search(self.evidence, self.final, 0.5 * GAIN * self.evidence.size, self.search.directions)
+        promising = search.beside([c.name for c in self.named], _PARTNERS)
+        return [((*self.named, d.candidate), self.final.point[1] | values) for _, d, values in promising]
+
+    def _better(self, at: Linear) -> bool:
+        """Whether one more effect earns its place."""
+        gained = self.weighed.best - at.cost
+        excess = max(self.base.cost - self.evidence.size, 1.0)
+        return gained > GAIN * self.evidence.size and gained > NEEDED * excess
+
+    def _judge(self, costs: dict[str, float]) -> None:
+        base, size = self.base.cost, self.evidence.size
+        self._rivals += [Rival(n, Weighed(base, c, size, 1).closed, base - c, {}, "", 1) for n, c in costs.items()]
+
+    def verdict(self) -> tuple[str, list[str], list[list[str]], list[str]]:
+        """Verdict, effects named, sets of alternatives, notes."""
+        w = self.weighed
+        notes: list[str] = []
+        if not self.named or not w.gained:
+            if w.excess > 0.10:
+                self.confidence = 0.8
+                return NONE_OF_THESE, [], [], notes
+            self.confidence = 0.95
+            return NOTHING, [], [], notes
+        if not w.explained:
+            self.confidence = float(np.clip(1.0 - w.closed, 0.3, 0.95))
+            return NONE_OF_THESE, [], [], notes
+        if w.count > 1:
+            self.confidence = confidence(w, 0.1)
+            return NAMED, [c.name for c in self.named], [], notes
+        near = aliases(self.costs, self.base.cost)
+        others = [c for n, c in self.costs.items() if n not in near]
+        margin = (min(others, default=self.base.cost) - w.best) / max(self.base.cost - w.best, 1e-9)
+        self.confidence = confidence(w, margin)
+        if len(near) > 1:
+            return ONE_OF, [], [near], notes
+        return NAMED, [self.named[0].name], [], notes
+
+    def rivals(self) -> list[Rival]:
+        """Every candidate with why it is not the one."""
+        best = {c.name for c in self.named} if self.weighed.explained else set()
+        found = []
+        for r in sorted(self._rivals, key=lambda r: -r.gain):
+            reason = ""
+            if r.name not in best:
+                share = (self.weighed.best and (self.base.cost - r.gain) - self.weighed.best) / self.evidence.size
+                reason = (
+                    "explains nothing that the baseline's own parameters do not"
+                    if r.gain <= GAIN * self.evidence.size
+                    else f"leaves {share:.3g} floor^2 a sample more than what was found"
+                )
+            found.append(replace(r, reason=reason))
+        return found
+
+    def equations(self, alternatives: list[list[str]]) -> dict[str, str]:
+        """Equations of the alternatives."""
+        wanted = {n for group in alternatives for n in group}
+        return {c.name: c.equation for c in self.candidates if c.name in wanted}
+
+    def estimates(self, effects: bool) -> list[Estimate]:
+        """Fitted parameters with robust 95 % intervals."""
+        at = self.final
+        sd = np.sqrt(np.maximum(np.diag(at.covariance(_clusters(self.evidence))), 0.0))
+        declared = dict(self.model.parameters) | {n: p for c in self.named for n, p in c.declared().items()}
+        found = []
+        for f, s in zip(at.free, sd, strict=True):
+            if (f.centre is None) == effects:
+                value, half, p = at.value(f), _NORMAL * float(s) * f.scale, declared[f.name]
+                interval = max(value - half, p.bounds[0]), min(value + half, p.bounds[1])
+                found.append(Estimate(f.name, value, p.unit, interval, p.value, p.uncertainty))
+        return found
+
+
+def _clusters(evidence: Evidence) -> list[np.ndarray]:
+    """Indices of residuals that belong to one second of one run."""
+    found = []
+    for k, run in enumerate(evidence.runs):
+        period = float(run["time_s"][1] - run["time_s"][0]) * evidence.blocks[k]
+        length = max(1, round(_CLUSTER / period))
+        parts = [np.arange(p.start, p.stop) for p in (evidence.part(k, c) for c in evidence.columns)]
+        count = max(1, len(parts[0]) // length)
+        found += [np.concatenate([np.array_split(p, count)[i] for p in parts]) for i in range(count)]
+    return found
+
+
+def _traces(
+    model: Model,
+    runs: Mapping[str, Columns],
+    held: Mapping[str, Columns],
+    before: Linear,
+    after: Linear,
+    pairs: list[tuple[Point, Point]] | None,
+) -> list[Trace]:
+    traces = []
+    for k, (name, run) in enumerate([*runs.items(), *held.items()]):
+        first, last = pairs[k] if pairs and k < len(pairs) else (before.point, after.point)
+        traces.append(
+            Trace(
+                name, name in held and k >= len(runs), dict(run), {o.column: run[o.column] for o in model.outputs},
+                dict(model.simulate(run, *first)), dict(model.simulate(run, *last)),
+            )
+        )  # fmt: skip
+    return traces

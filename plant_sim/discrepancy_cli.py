@@ -1,0 +1,135 @@
+"""The command `discrepancy`: where runs and model disagree, what is missing, and the model with it added."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import typer
+from typer.core import TyperCommand
+
+from protocols.command import report
+from protocols.errors import InputError, listing
+
+if TYPE_CHECKING:
+    from plant_sim.discrepancy.result import Result
+
+_MANY = "--holdout"  # takes every path up to the next option
+
+
+class _ManyPaths(TyperCommand):
+    """`--holdout A B C` as click has it: `--holdout A --holdout B --holdout C`."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        spread: list[str] = []
+        within = False
+        for arg in args:
+            if arg.startswith("-"):
+                within = arg == _MANY
+                if not within:
+                    spread.append(arg)
+            else:
+                spread += [_MANY, arg] if within else [arg]
+        return super().parse_args(ctx, spread)
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command(cls=_ManyPaths)(discrepancy)
+
+
+def discrepancy(
+    runs: list[Path] = typer.Argument(..., metavar="RUN...", help="recorded runs: .parquet, .mf4, .csv, .mat"),
+    holdout: list[Path] = typer.Option([], "--holdout", metavar="RUN...", help="runs that are not fitted, to judge by"),
+    rig: str = typer.Option(
+        "wet_clutch", help="wet_clutch, position_axis, tribometer, pneumatic_cylinder or PATH.py:CLASS"
+    ),
+    model: Path | None = typer.Option(None, help="model file to begin from, as an earlier search wrote it"),
+    effects: str = typer.Option("", metavar="A,B,...", help="candidates; all of the rig's if not given"),
+    out: Path = typer.Option(
+        ..., help="folder for report.html, report.json, model.toml, atlas.png, gap.png, evidence.rrd"
+    ),
+    json_output: bool = typer.Option(False, "--json", help="print report.json"),
+) -> None:
+    """Find where runs and simulation disagree, name the missing effect, add it, show the gap on runs that were not fitted."""
+    import shlex
+    import sys
+    from dataclasses import replace
+
+    from plant_sim.bench.progress import progress_bar
+    from plant_sim.bench.recording import writable
+    from plant_sim.bench.sealed import checksum
+    from plant_sim.discrepancy.model_file import write_model
+    from plant_sim.discrepancy.models.named import declared, model_named, required
+    from plant_sim.discrepancy.report import write_report
+    from plant_sim.discrepancy.search import investigate
+    from protocols.runs import read_run
+
+    known = model_named(rig, model)
+    names = [name.strip() for name in effects.split(",") if name.strip()]
+    _check_paths(runs, holdout)
+    columns = required(known)
+    fitted = {str(path): read_run(path, columns).columns for path in runs}
+    held = {str(path): read_run(path, columns).columns for path in holdout}
+    writable(out)
+    with progress_bar("discrepancy", json_output) as progress:
+        result = investigate(known, fitted, held, names or None, lambda what, share: progress(round(100 * share), 100))
+    hashes = {str(path): checksum(path) for path in (*runs, *holdout)}
+    result = replace(
+        result, hashes=hashes, holdout=[str(path) for path in holdout], model=str(model) if model else None
+    )
+    shipped = model_named(rig)
+    write_model(result, declared(shipped), out / "model.toml", _whole(known, shipped) if model else None)
+    files = write_report(result, out, command=shlex.join(["clutch-hil", *sys.argv[1:]]))
+    text = "\n".join(
+        [
+            _told(result),
+            f"read:    {', '.join(map(str, (*runs, *holdout)))}",
+            f"wrote:   {', '.join(map(str, files))}, {out / 'model.toml'}",
+        ]
+    )
+    report(result.as_json(), text, verdict_line(result), True, json_output)
+
+
+def _whole(known: Any, shipped: Any) -> Any:
+    from plant_sim.discrepancy.models.named import declared
+    from protocols.parameters import ParameterSet
+
+    return ParameterSet({**declared(shipped), **declared(known), **getattr(known, "always", {})})
+
+
+def _check_paths(runs: list[Path], holdout: list[Path]) -> None:
+    seen: set[Path] = set()
+    for path in (*runs, *holdout):
+        if (resolved := path.resolve()) in seen:
+            raise InputError(f"run {path} is given twice; each run is fitted or held out, once")
+        seen.add(resolved)
+
+
+def verdict_line(result: "Result") -> str:
+    """The verdict as one line."""
+    sure = f"confidence {result.confidence:.2f}"
+    if result.verdict == "named":
+        worst = max(result.gap.items(), key=lambda item: item[1].before / item[1].floor)
+        column, gap = worst
+        return (
+            f"named: {' + '.join(result.effects)} ({sure}); {column} on runs not fitted: {gap.before:.3g} before,"
+            f" {gap.after:.3g} after, floor {gap.floor:.3g} {result.units[column]}"
+        )
+    if result.verdict == "one_of":
+        return f"one of {' | '.join(listing(group) for group in result.alternatives)} ({sure})"
+    if result.verdict == "none_of_these":
+        return f"none of these: {(result.surrogate or {}).get('sentence', 'something is missing that no candidate explains')} ({sure})"
+    return f"nothing missing ({sure})"
+
+
+def _told(result: "Result") -> str:
+    rows = [
+        f"  {claim.block:<11} {claim.output:<24} {claim.regime:<22} {claim.size:8.3g} {claim.unit:<6} {claim.times_floor:5.2f} floors"
+        f"  p {claim.p_value:.2g}"
+        for claim in result.where
+    ]
+    where = ["where they disagree:", *rows] if rows else ["they disagree nowhere"]
+    found = [
+        f"  {e.name} = {e.value:.5g} {e.unit}  (95 %: {e.ci95[0]:.5g}..{e.ci95[1]:.5g})" for e in result.parameters
+    ]
+    return "\n".join([*where, *(["fitted:", *found] if found else []), f"{result.seconds:.1f} s"])

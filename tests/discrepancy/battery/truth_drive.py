@@ -1,0 +1,54 @@
+"""What may be wrong with the drive: laws of the truth. Names as in `truth_clutch`."""
+
+from math import cos, sqrt, tanh
+
+from numba import njit
+
+
+@njit(error_model="numpy")
+def rippling(angle, order, e, v):
+    """Factor on the motor's torque. First law: with a second harmonic; second: with a subharmonic of a third (rotor
+    eccentricity).
+
+    The catalogue has one order. Strength: amplitude.
+    """
+    if e.motor_torque_ripple == 0.0:
+        return 1.0
+    if v.motor_torque_ripple == 0.0:
+        return 1.0 + e.motor_torque_ripple * (cos(order * angle + 0.9) + 0.25 * cos(2.0 * order * angle + 2.1))
+    return 1.0 + e.motor_torque_ripple * (cos(order * angle + 0.9) + 0.2 * cos(order * angle / 3.0 + 2.1))
+
+
+@njit(error_model="numpy")
+def plate_share(v):
+    """Share of the plate in the inertia, behind shaft or splines."""
+    return 0.3 if v.shaft_compliance != 0.0 or v.backlash != 0.0 else 0.2
+
+
+@njit(error_model="numpy")
+def shaft(twist, lead, inertia, e, f, v):
+    """Torque of shaft or splines [Nm] for a twist [rad] and lead [rad/s] of the motor; `inertia` is the reduced one.
+
+    shaft_compliance, first law: a coupling that hardens (Duffing: cubic, twice as stiff at 30 Nm), damping ratio 0.06
+    times 2^form; second: linear, heavier plate, strongly damped (rubber coupling). The catalogue: linear, 0.03.
+    Strength: compliance [rad/Nm].
+    backlash, first law: impact after Hunt & Crossley 1975, flanks of 20 kNm/rad; second: 20 kNm/rad with
+    friction in the gap. The catalogue: Kelvin-Voigt flanks. Strength: gap [rad].
+    """
+    if e.shaft_compliance != 0.0:
+        stiffness = 1.0 / e.shaft_compliance
+        ratio = 0.06 * 2.0**f.shaft_compliance if v.shaft_compliance == 0.0 else 0.2
+        spring = stiffness * twist
+        if v.shaft_compliance == 0.0:
+            wound = spring / 30.0
+            spring *= 1.0 + wound * wound
+        return spring + 2.0 * ratio * sqrt(stiffness * inertia) * lead
+    half = 0.5 * e.backlash
+    over = twist - half if twist > half else twist + half if twist < -half else 0.0
+    if v.backlash == 0.0:
+        return 20e3 * over * max(1.0 + 2.0 * (lead if over > 0.0 else -lead), 0.0)
+    rubbing = 0.3 * tanh(lead / 0.1)
+    if over == 0.0:
+        return rubbing
+    torque = 20e3 * over + 2.0 * 0.25 * sqrt(20e3 * inertia) * lead
+    return rubbing + (max(torque, 0.0) if over > 0.0 else min(torque, 0.0))

@@ -1,0 +1,72 @@
+"""The model in docs/examples does what docs/own_model.md says."""
+
+import importlib.util
+import re
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from plant_sim.discrepancy.model import Candidate
+from plant_sim.effects.catalogue import effect
+from protocols.runs import read_run
+from tests.discrepancy.least_squares import error, fitted
+
+DOCS = Path(__file__).parents[2] / "docs"
+NOISE = 0.05  # degC, of the example
+SURE = 3e-3  # relative: area found; measured 7e-4
+
+
+@pytest.fixture(scope="module")
+def heater() -> ModuleType:
+    specification = importlib.util.spec_from_file_location("heater", DOCS / "examples" / "heater.py")
+    assert specification is not None
+    assert specification.loader is not None
+    module = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(module)
+    return module
+
+
+def test_each_candidate_changes_nothing_while_it_is_off(heater: ModuleType) -> None:
+    model, run = heater.Heater(), heater.measured(1, (50, 10))
+    base = {name: p.value for name, p in model.parameters.items()}
+    plain = model.simulate(run, base, {})["temperature_degc"]
+    for candidate in model.candidates:
+        off = model.simulate(run, base, candidate.off())["temperature_degc"]
+        np.testing.assert_array_equal(off, plain, candidate.name)
+
+
+def test_radiation_explains_the_runs_and_its_rivals_do_not(heater: ModuleType) -> None:
+    model, runs = heater.Heater(), [heater.measured(1, (50, 10, 90)), heater.measured(2, (20, 80, 0))]
+    held_out = [heater.measured(3, (70, 30, 110, 0))]
+    found = {c.name: fitted(model, runs, c.typical()) for c in model.candidates}
+    errors = {name: error(model, held_out, *values) for name, values in found.items()}
+    assert min(errors, key=lambda name: errors[name]) == "radiation"
+    assert errors["radiation"] == pytest.approx(NOISE, rel=0.05)
+    assert sorted(errors.values())[1] > 10.0 * NOISE
+    assert found["radiation"][1]["radiation.area"] == pytest.approx(0.03, rel=SURE)
+
+
+def test_the_script_writes_runs_with_the_model_s_columns(
+    heater: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import runpy
+    import sys
+
+    monkeypatch.setattr(sys, "argv", ["heater.py", str(tmp_path)])
+    runpy.run_path(str(DOCS / "examples" / "heater.py"), run_name="__main__")
+    model = heater.Heater
+    for name in ("one", "two", "held_out"):
+        run = read_run(tmp_path / f"{name}.parquet", ("time_s", *model.inputs, *(o.column for o in model.outputs)))
+        assert len(run["time_s"]) == 1200
+
+
+def test_the_page_shows_the_example_as_it_is(heater: ModuleType) -> None:
+    page = (DOCS / "own_model.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    assert eval(block, vars(heater)) == heater.Heater.candidates[0]
+
+
+def test_an_effect_of_the_catalogue_is_a_candidate() -> None:
+    assert Candidate.of(effect("torque_sensor_offset")).off() == {"torque_sensor_offset.offset": 0.0}
