@@ -3,7 +3,6 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import click
 import typer
 from typer.core import TyperCommand
 
@@ -19,7 +18,7 @@ _MANY = "--holdout"  # takes every path up to the next option
 class _ManyPaths(TyperCommand):
     """`--holdout A B C` as click has it: `--holdout A --holdout B --holdout C`."""
 
-    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         spread: list[str] = []
         within = False
         for arg in args:
@@ -58,7 +57,7 @@ def discrepancy(
     from plant_sim.bench.progress import progress_bar
     from plant_sim.bench.recording import writable
     from plant_sim.bench.sealed import checksum
-    from plant_sim.discrepancy.model_file import write_model
+    from plant_sim.discrepancy.model_file import read_model, write_model
     from plant_sim.discrepancy.models.named import declared, model_named, required
     from plant_sim.discrepancy.report import write_report
     from plant_sim.discrepancy.search import investigate
@@ -77,24 +76,12 @@ def discrepancy(
     result = replace(
         result, hashes=hashes, holdout=[str(path) for path in holdout], model=str(model) if model else None
     )
-    shipped = model_named(rig)
-    write_model(result, declared(shipped), out / "model.toml", _whole(known, shipped) if model else None)
+    shipped = declared(model_named(rig))
+    write_model(result, shipped, out / "model.toml", read_model(model, shipped) if model else None)
     files = write_report(result, out, command=shlex.join(["clutch-hil", *sys.argv[1:]]))
-    text = "\n".join(
-        [
-            _told(result),
-            f"read:    {', '.join(map(str, (*runs, *holdout)))}",
-            f"wrote:   {', '.join(map(str, files))}, {out / 'model.toml'}",
-        ]
-    )
+    read, wrote = (", ".join(map(str, paths)) for paths in ((*runs, *holdout), (*files, out / "model.toml")))
+    text = "\n".join([_told(result), f"read:    {read}", f"wrote:   {wrote}"])
     report(result.as_json(), text, verdict_line(result), True, json_output)
-
-
-def _whole(known: Any, shipped: Any) -> Any:
-    from plant_sim.discrepancy.models.named import declared
-    from protocols.parameters import ParameterSet
-
-    return ParameterSet({**declared(shipped), **declared(known), **getattr(known, "always", {})})
 
 
 def _check_paths(runs: list[Path], holdout: list[Path]) -> None:
@@ -118,15 +105,15 @@ def verdict_line(result: "Result") -> str:
     if result.verdict == "one_of":
         return f"one of {' | '.join(listing(group) for group in result.alternatives)} ({sure})"
     if result.verdict == "none_of_these":
-        return f"none of these: {(result.surrogate or {}).get('sentence', 'something is missing that no candidate explains')} ({sure})"
+        what = (result.surrogate or {}).get("sentence", "something is missing that no candidate explains")
+        return f"none of these: {what} ({sure})"
     return f"nothing missing ({sure})"
 
 
 def _told(result: "Result") -> str:
     rows = [
-        f"  {claim.block:<11} {claim.output:<24} {claim.regime:<22} {claim.size:8.3g} {claim.unit:<6} {claim.times_floor:5.2f} floors"
-        f"  p {claim.p_value:.2g}"
-        for claim in result.where
+        f"  {c.block:<11} {c.output:<24} {c.regime:<22} {c.size:8.3g} {c.unit:<6} {c.times_floor:5.2f} floors  p {c.p_value:.2g}"
+        for c in result.where
     ]
     where = ["where they disagree:", *rows] if rows else ["they disagree nowhere"]
     found = [

@@ -132,11 +132,11 @@ def _decide(before: "Report", run: Path, out: Path, json_output: bool) -> None:
     """Decide again with `run`, and tell."""
     from plant_sim.bench.progress import progress_bar
     from plant_sim.discrepancy.follow_up import decided_again
+    from plant_sim.discrepancy_cli import verdict_line
 
     with progress_bar("decide again", json_output) as progress:
         result, files = decided_again(before, run, out, progress)
-    found = ", ".join(result.effects) or "; ".join(", ".join(group) for group in result.alternatives) or "-"
-    told = f"{result.verdict}: {found} (confidence {result.confidence:.2f}; before: {before.verdict})"
+    told = f"{verdict_line(result)}; before: {before.verdict}"
     lines = [
         f"read:    {before.path}, {len(before.runs) + len(before.held_out)} runs, experiment {before.experiment.name}"
     ]

@@ -1,15 +1,76 @@
-"""Shared fixtures."""
+"""How the tests share the machine, and fixtures for all of them.
 
+`make test` plays them on three workers (pytest-xdist): one has the soak to itself, ten minutes that are mostly waited for; the
+other two share all that computes or waits, and when that is done one of them plays what measures time, with nothing beside it
+but the soak. Without workers the tests run in the same order, one after the other.
+"""
+
+import os
 import shutil
 import tempfile
 from collections.abc import Iterator
+from pathlib import Path, PurePath
+from typing import Any
 
 import pytest
 
 import protocols  # noqa: F401  # sets the number of BLAS threads before numpy is imported
-from tests.telemetry.soak_process import Soak
 
-_SOAK = "test_soak.py"
+TESTS = Path(__file__).parent
+SOAK = "telemetry/test_soak.py"
+LONGEST = "test_reproductions.py"  # begins first, so that nobody waits for it at the end
+# These measure time, or hold a bench at 1 kHz to what it is on a machine that is not full.
+QUIET = (
+    "effects/test_effect_speed.py",
+    "live/test_view.py",
+    "telemetry",
+    "test_can_log.py",
+    "test_clock.py",
+    "test_local_bus.py",
+    "test_services.py",
+)
+ORDER = ("soak", "longest", "shared", "quiet")
+_KERNELS = pytest.StashKey[str]()
+
+
+def turn(file: str) -> str:
+    """When the tests of a file, named from the folder of this one, have their turn: one of `ORDER`."""
+    if file in (SOAK, LONGEST):
+        return "soak" if file == SOAK else "longest"
+    return "quiet" if any(PurePath(file).is_relative_to(place) for place in QUIET) else "shared"
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    items.sort(key=lambda item: ORDER.index(turn(item.path.relative_to(TESTS).as_posix())))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """A worker gets a file at a time, in the order of the tests, but all that is quiet together."""
+    from xdist.scheduler import LoadFileScheduling
+
+    class Turns(LoadFileScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            file = super()._split_scope(nodeid)
+            return "quiet" if turn(file.removeprefix(f"{TESTS.name}/")) == "quiet" else file
+
+    config.option.loadscopereorder = False
+    return Turns(config, log)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """A worker and its processes keep their kernels in a place of their own, before Numba is imported.
+
+    Two processes that compile one function for different types at once can give both the same file (Numba's cache has no
+    lock), and the next to load it would run the code of the other type.
+    """
+    if hasattr(config, "workerinput"):
+        config.stash[_KERNELS] = os.environ["NUMBA_CACHE_DIR"] = tempfile.mkdtemp(prefix="clutch-hil-kernels-")
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    if _KERNELS in config.stash:
+        shutil.rmtree(config.stash[_KERNELS], ignore_errors=True)
 
 
 @pytest.fixture
@@ -19,18 +80,3 @@ def local_bus(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     monkeypatch.setenv("CLUTCH_HIL_BUS_DIR", folder)
     yield "local:bench"
     shutil.rmtree(folder)
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The soak is asked last for what has run since the first test."""
-    items.sort(key=lambda item: item.path.name == _SOAK)
-
-
-@pytest.fixture(scope="session", autouse=True)
-def soak(request: pytest.FixtureRequest) -> Iterator[Soak | None]:
-    """Ten minutes of telemetry beside all other tests; nothing where its test is not among them."""
-    if any(item.path.name == _SOAK for item in request.session.items):
-        with Soak() as soak:
-            yield soak
-    else:
-        yield None

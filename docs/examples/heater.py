@@ -58,8 +58,17 @@ class Heater:
         ),
     )  # fmt: skip
 
+    def __init__(self, changed=None):
+        """With the parameters `changed` by a model file (`--model`), in which effects may be on."""
+        values = {name: p.value for name, p in (changed or {}).items()}
+        on = [c for c in self.candidates if any(values.get(f"{c.name}.{s.name}", s.off) != s.off for s in c.strengths)]
+        self.found = {name: value for name, value in values.items() if name.split(".")[0] in {c.name for c in on}}
+        self.candidates = tuple(c for c in self.candidates if c not in on)
+        self.parameters = ParameterSet({name: (changed or {}).get(name, p) for name, p in self.parameters.items()})
+
     def simulate(self, run, parameters, effects):
         """Temperature [degC] (n,) that the sensor shows for the power [W] of the run."""
+        effects = {**self.found, **effects}
         capacity, loss = parameters["element.capacity"], parameters["element.loss"]
         area, convection = effects.get("radiation.area", 0.0), effects.get("free_convection.gain", 0.0)
         gain, rise = effects.get("weak_heater.gain", 1.0), effects.get("weak_heater.rise", 0.0)

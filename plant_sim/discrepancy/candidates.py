@@ -186,7 +186,7 @@ class Search:
             for (c, values), r in zip(trials, residuals, strict=True)
         ]
 
-    def _steps(self, fits: Sequence[Fit], shapes: bool):  # type: ignore[no-untyped-def]
+    def _steps(self, fits: Sequence[Fit], shapes: bool):
         """For each fit a function from the share of a Gauss-Newton step to the values there."""
         frees = [effect_free(fit.candidate, fit.values, shapes) for fit in fits]
         frees = [[replace(f, step=f.step if fit.values[f.name] + f.step <= f.high else -f.step) for f in free]
@@ -199,7 +199,7 @@ class Search:
         residuals = iter(self._evidence.residuals(points))
         return [self._step(fit, free, [next(residuals) for _ in free]) for fit, free in zip(fits, frees, strict=True)]
 
-    def _step(self, fit: Fit, free: list, residuals: list[np.ndarray]):  # type: ignore[no-untyped-def, type-arg]
+    def _step(self, fit: Fit, free: list, residuals: list[np.ndarray]):
         columns = [(r - fit.residual, f) for r, f in zip(residuals, free, strict=True) if np.isfinite(r).all()]
         columns = [(d, f) for d, f in columns if d.any()]
         if not columns:

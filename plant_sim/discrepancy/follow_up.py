@@ -1,14 +1,19 @@
 """Follow-up: a report's proposed experiment is played, its recording joins the evidence, and the decision is taken again."""
 
 import json
+import shlex
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from plant_sim.bench.sealed import checksum
 from plant_sim.discrepancy.experiment import Experiment
 from protocols.errors import InputError
+
+if TYPE_CHECKING:
+    from plant_sim.discrepancy.result import Result
 
 RIG = "wet_clutch"  # whose bench we have
 
@@ -85,7 +90,7 @@ def _experiment(path: Path, proposed: Any) -> Experiment:
 
 def decided_again(
     report: Report, new: Path, out: Path, progress: Callable[[float, int], None]
-) -> tuple[Any, list[Path]]:
+) -> tuple["Result", list[Path]]:
     """The result with the run `new` among the evidence of `report`, and the files that were written into `out`."""
     from plant_sim.discrepancy.model_file import write_model
     from plant_sim.discrepancy.models.wet_clutch import WetClutch
@@ -99,7 +104,9 @@ def decided_again(
     runs = {str(path): read_run(path).columns for path in (*report.runs, new)}
     held_out = {str(path): read_run(path).columns for path in report.held_out}
     result = investigate(WetClutch(started), runs, held_out, progress=lambda what, share: progress(share, 1))
-    result = replace(result, hashes={name: checksum(Path(name)) for name in (*runs, *held_out)})
+    hashes = {name: checksum(Path(name)) for name in (*runs, *held_out)}
+    model = str(report.model) if report.model else None
+    result = replace(result, hashes=hashes, holdout=list(held_out), model=model)
     write_model(result, shipped, out / "model.toml", started)
-    files = write_report(result, out)
+    files = write_report(result, out, command=shlex.join(["clutch-hil", *sys.argv[1:]]))
     return result, [*files, out / "model.toml"]

@@ -29,6 +29,7 @@ _PARTNERS = 3  # candidates that are fitted beside what is named
 _TELLING = 2  # runs that starts are read from
 _CLUSTER = 1.0  # s: residuals further apart are taken as independent
 _Joint = tuple[Linear, tuple[Candidate, ...]]
+_Set = tuple[tuple[Candidate, ...], dict[str, float]]  # candidates and their values
 _NORMAL = 1.96  # 95 % of a normal distribution
 
 
@@ -143,7 +144,7 @@ class _Inquiry:
         costs = {f.name: f.cost for f in ranked} | {names[0].name: at.cost for at, names in jointly}
         self._judge(costs)
         self.values = {f.name: f.values for f in ranked} | {
-            candidates[0].name: at.point[1] for at, candidates in jointly
+            candidates[0].name: dict(at.point[1]) for at, candidates in jointly
         }
         self._take(*jointly[0], costs)
         if self.weighed.gained and self.weighed.closed < ENOUGH and self.weighed.rest > EXCESS:
@@ -178,7 +179,7 @@ class _Inquiry:
                 starts.setdefault(c.name, []).extend(self.model.starts(c, run, residuals))
         return starts
 
-    def _jointly(self, sets: Sequence[tuple[tuple[Candidate, ...], dict[str, float]]]) -> list[_Joint]:
+    def _jointly(self, sets: Sequence[_Set]) -> list[_Joint]:
         """Each set of candidates, from given values on, with the baseline's own parameters, whose sensitivities are kept."""
         found = []
         for candidates, values in sets:
@@ -201,7 +202,7 @@ class _Inquiry:
     def _several(self) -> None:
         """Two effects, and a third beside them, where they explain what one does not."""
         self.progress("two effects", 0.6)
-        sets = [((a.candidate, b.candidate), values) for _, (a, b), values in self.search.pairs(_PAIRS)]
+        sets: list[_Set] = [((a.candidate, b.candidate), values) for _, (a, b), values in self.search.pairs(_PAIRS)]
         known = [{c.name for c in candidates} for candidates, _ in sets]
         sets += [s for s in self._beside() if {c.name for c in s[0]} not in known]
         while sets:
@@ -214,11 +215,11 @@ class _Inquiry:
                 self.progress("three effects", 0.7)
                 sets = self._beside()
 
-    def _beside(self) -> list[tuple[tuple[Candidate, ...], dict[str, float]]]:
+    def _beside(self) -> list[_Set]:
         """What is named, with each of the candidates that promise most beside it."""
         search = Search(self.evidence, self.final, 0.5 * GAIN * self.evidence.size, self.search.directions)
         promising = search.beside([c.name for c in self.named], _PARTNERS)
-        return [((*self.named, d.candidate), self.final.point[1] | values) for _, d, values in promising]
+        return [((*self.named, d.candidate), {**self.final.point[1], **values}) for _, d, values in promising]
 
     def _better(self, at: Linear) -> bool:
         """Whether one more effect earns its place."""

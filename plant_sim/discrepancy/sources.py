@@ -99,7 +99,7 @@ def _clutch(
     turned = run[ANGLE] - run[ANGLE][0] - period * (np.cumsum(shown[SLIP]) - 0.5 * (shown[SLIP] + shown[SLIP][0]))
     law = r[MOTOR] + gain * r[SLIP] + rate * turned
     speed = gaussian_filter1d(run[SLIP], _BRIEF / period)
-    late = gain * np.gradient(speed, period) + rate * speed
+    late = gain * np.gradient(speed, period)
     law = _timed(_washed(law, period), _washed(late, period), period)
     x2, p, d = means(r[TORQUE], run), means(r[PRESSURE], run), means(law, run)
     turning = inertia * np.gradient(means(r[SLIP], run), MEAN)

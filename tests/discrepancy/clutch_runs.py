@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from plant_sim.discrepancy.models.wet_clutch import WetClutch
 
@@ -35,7 +36,7 @@ def recorded(hidden: Mapping[str, float], seed: int = 1, noise: Mapping[str, flo
         shown = model.simulate(run, baseline, hidden)
         for column, sigma in noise.items():
             run[column] = shown[column] + sigma * random.standard_normal(len(t))
-        run["shaft_angle_rad"] = PERIOD * np.cumsum(shown["slip_speed_rad_s"])
+        run["shaft_angle_rad"] = cumulative_trapezoid(shown["slip_speed_rad_s"], dx=PERIOD, initial=0.0)
         runs.append(run)
     return runs
 

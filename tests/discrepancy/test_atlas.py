@@ -12,8 +12,8 @@ from plant_sim.discrepancy.models.wet_clutch import WetClutch
 from plant_sim.discrepancy.sources import LATER, Source
 from tests.discrepancy.clutch_runs import NOISE, baseline, recorded
 
-CASES = 200  # of noise alone
-UNIFORM = 0.06  # a share of CASES below a level may miss the level by this: 2.6 standard errors of a share of one half / root 200
+CASES = 100  # of noise alone
+UNIFORM = 0.12  # what a share of them may miss its level by: 2.4 standard errors of a share of one half
 SIZE = 0.15  # relative: sizes of claims against what was put in; measured 4 %
 
 
@@ -68,11 +68,6 @@ def test_air_in_the_line_is_claimed_while_the_clutch_fills(model):
     assert ours and {c.regime for c in ours} <= {"phase=fill", "phase=engage", "phase=release"}
 
 
-def test_drag_is_claimed_while_the_plates_are_apart(model):
-    ours = claims(model, engaged({"drag_torque.drag": 0.05}), NOISE, baseline(), {})
-    assert ours and {c.regime for c in ours} <= {"phase=open", "phase=fill", "phase=release", "phase=engage"}
-
-
 def test_claims_name_the_block_of_the_effect_that_explains_them(model):
     known = {c.name: c for c in model.candidates}
     ours = found(model, {"piston_seal_friction.force": 60.0, "piston_seal_friction.pressure_slope": 8.0})
@@ -84,12 +79,10 @@ def test_claims_name_the_block_of_the_effect_that_explains_them(model):
 
 def test_an_effect_acts_where_it_makes_a_difference(model):
     known = {c.name: c for c in model.candidates}
-    hidden = {"drag_torque.drag": 0.05}
-    runs = engaged(hidden)
-    effects = known["drag_torque"].typical() | hidden
-    places = acting(model, runs, NOISE, baseline(), effects, known["drag_torque"])
-    assert {c.output for c in places} == {"clutch_torque_nm"} and {c.block for c in places} == {"friction"}
-    assert {c.regime for c in places} >= {"phase=fill", "phase=release"}
+    hidden = {"entrapped_air.volume": 4e-6}
+    places = acting(model, engaged(hidden), NOISE, baseline(), hidden, known["entrapped_air"])
+    assert {c.block for c in places} == {"hydraulics"}
+    assert {c.regime for c in places} <= {"phase=fill", "phase=engage", "phase=release"}
     assert all(c.p_value <= 0.05 for c in places)
 
 
@@ -97,7 +90,7 @@ def test_an_effect_acts_where_it_makes_a_difference(model):
 def test_p_values_are_uniform_under_coloured_noise(memory):
     """`memory`: of one mean of 4 ms in the next; 0.7 is a noise of 11 ms."""
     random = np.random.default_rng(3)
-    n = 6000
+    n = 3000
     block = np.arange(n) // 62
     smallest = []
     for _ in range(CASES):

@@ -9,7 +9,7 @@ import pytest
 from scipy.io import savemat
 from typer.testing import CliRunner
 
-from plant_sim.discrepancy.import_cli import register
+from plant_sim.import_cli import register
 from plant_sim.discrepancy.import_map import MAPS, load_map
 from protocols.errors import InputError
 from protocols.runs import REQUIRED, read_run

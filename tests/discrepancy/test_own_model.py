@@ -10,6 +10,7 @@ import pytest
 
 from plant_sim.discrepancy.model import Candidate
 from plant_sim.effects.catalogue import effect
+from protocols.parameters import ParameterSet
 from protocols.runs import read_run
 from tests.discrepancy.least_squares import error, fitted
 
@@ -46,6 +47,18 @@ def test_radiation_explains_the_runs_and_its_rivals_do_not(heater: ModuleType) -
     assert errors["radiation"] == pytest.approx(NOISE, rel=0.05)
     assert sorted(errors.values())[1] > 10.0 * NOISE
     assert found["radiation"][1]["radiation.area"] == pytest.approx(0.03, rel=SURE)
+
+
+def test_a_model_file_switches_effects_on(heater: ModuleType) -> None:
+    model, run = heater.Heater(), heater.measured(1, (50, 10))
+    base = {name: p.value for name, p in model.parameters.items()}
+    whole = ParameterSet({**model.parameters, **{n: p for c in model.candidates for n, p in c.declared().items()}})
+    extended = heater.Heater(whole.with_values({"radiation.area": 0.02}))
+    assert "radiation" not in {c.name for c in extended.candidates}
+    np.testing.assert_array_equal(
+        extended.simulate(run, base, {})["temperature_degc"],
+        model.simulate(run, base, {"radiation.area": 0.02})["temperature_degc"],
+    )
 
 
 def test_the_script_writes_runs_with_the_model_s_columns(

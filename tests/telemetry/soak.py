@@ -1,6 +1,6 @@
 """Ten minutes of telemetry at 1 kHz: a bench, and a listener that keeps up. Prints what came as JSON.
 
-Runs beside the other tests (conftest.py), so that its load is theirs: `python -m tests.telemetry.soak SECONDS`.
+Runs beside the other tests (conftest.py), so that its load is theirs and theirs its: `python -m tests.telemetry.soak SECONDS`.
 """
 
 import json

@@ -4,6 +4,7 @@ import json
 import os
 import signal
 import subprocess
+import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -19,9 +20,9 @@ from protocols.telemetry.session import consumer_session
 from tests.telemetry.benches import found, until
 
 CONDITIONS = ("none", "viewer", "stopped", "killed")
-ROUNDS = 2  # of all conditions, so that a drift of the machine is no effect of one of them
-WINDOW = 6.0  # s of a condition in a round: 12000 cycles together, for a p99 of 120
-SECONDS = 75.0  # s of the run: the rounds, and starting viewers
+ROUNDS = 5  # of all conditions; each is compared with the one without a viewer of its own round, seconds before it
+WINDOW = 2.0  # s of a condition in a round: 2000 cycles, for a p99 of 20
+SECONDS = 600.0  # s at most of the run, which ends with the last round
 # "The same within noise" on a shared machine: medians of two windows without any viewer differ by a third, p99 by half;
 # beside the other tests more; a viewer that held the loop would show milliseconds.
 MEDIAN = 1.5, 20.0  # factor, us
@@ -39,6 +40,23 @@ def descendants(pid: int) -> list[int]:
     """Processes that a process has started, and those that they have."""
     children = [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
     return children + [grandchild for child in children for grandchild in descendants(child)]
+
+
+@contextmanager
+def full_machine() -> Iterator[None]:
+    """Every CPU computes at the lowest priority.
+
+    A CPU is slower while its neighbours compute, whoever they are: a cycle's work has a median of 75 to 85 us on an idle
+    machine, 115 to 125 us on a full one. So it is full under every condition, and what differs is what a viewer does.
+    """
+    command = ("nice", "-n", "19", sys.executable, "-c", "while True: pass")
+    neighbours = [subprocess.Popen(command) for _ in os.sched_getaffinity(0)]
+    try:
+        yield
+    finally:
+        for neighbour in neighbours:
+            neighbour.kill()
+            neighbour.wait()
 
 
 @contextmanager
@@ -84,17 +102,18 @@ def windows(bus: str) -> dict[str, list[tuple[float, float]]]:
     return times
 
 
-def within(clock: np.ndarray, spans: Sequence[tuple[float, float]]) -> np.ndarray:
-    """Rows of `clock` [s] that lie in one of the spans."""
-    return np.any([(begin <= clock) & (clock < end) for begin, end in spans], axis=0)
+def by_round(clock: np.ndarray, values: np.ndarray, spans: Sequence[tuple[float, float]]) -> np.ndarray:
+    """p50, p99 and maximum of the values in each of the spans of `clock` [s], (rounds, 3)."""
+    return np.array([np.percentile(values[(begin <= clock) & (clock < end)], (50, 99, 100)) for begin, end in spans])
 
 
 def side_by_side(table: dict[str, dict[str, np.ndarray]]) -> str:
-    """p50, p99 and maximum of each quantity, under each condition."""
+    """p50, p99 and maximum of each quantity, under each condition; the median of the rounds."""
     lines = [f"{'viewer [us]':<18}" + "".join(f"{what:>34}" for what in ("p50", "p99", "max"))]
     lines.append(f"{'':<18}" + 3 * "".join(f"{condition:>8}" for condition in CONDITIONS).rjust(34))
     for name, row in table.items():
-        values = ("".join(f"{row[condition][i]:8.0f}" for condition in CONDITIONS).rjust(34) for i in range(3))
+        typical = {condition: np.median(row[condition], axis=0) for condition in CONDITIONS}
+        values = ("".join(f"{typical[condition][i]:8.0f}" for condition in CONDITIONS).rjust(34) for i in range(3))
         lines.append(f"{name:<18}" + "".join(values))
     return "\n".join(lines)
 
@@ -107,9 +126,11 @@ def test_no_viewer_live_stopped_or_killed_changes_the_loops_timing(
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as bench:
         with consumer_session() as session:
             found(session, local_bus)
-        times = windows(local_bus)
+        with full_machine():
+            times = windows(local_bus)
         with consumer_session() as session:
             assert find_bench(session, local_bus)  # the bench runs on: all windows lie in the run
+        bench.send_signal(signal.SIGINT)
         out, errors = bench.communicate()
     # 1 is a verdict on the torque: a machine that stands still for 0.1 s faults the loop
     assert bench.returncode in (0, 1), errors
@@ -121,14 +142,12 @@ def test_no_viewer_live_stopped_or_killed_changes_the_loops_timing(
         clock, cycles = np.unique(run[f"{node}_clock_s"], return_index=True)
         for what in ("wake", "work"):
             values = run[f"{node}_{what}_us"][cycles]
-            table[f"{node} {what}"] = {
-                condition: np.percentile(values[within(clock, spans)], (50, 99, 100))
-                for condition, spans in times.items()
-            }
+            table[f"{node} {what}"] = {condition: by_round(clock, values, spans) for condition, spans in times.items()}
     with capsys.disabled():
-        print(f"\n{side_by_side(table)}")
+        print(f"\n{side_by_side(table)}", file=sys.stderr)  # a worker of pytest-xdist has no stdout
     for name, row in table.items():
         for (factor, offset), i in ((MEDIAN, 0), (P99, 1)):
-            worst = max(row[condition][i] for condition in CONDITIONS)
-            assert worst <= factor * row["none"][i] + offset, (name, row)
+            for condition in CONDITIONS:
+                over = row[condition][:, i] - (factor * row["none"][:, i] + offset)
+                assert np.median(over) <= 0.0, (name, condition, row)
     assert result["record_rows_lost"] == 0

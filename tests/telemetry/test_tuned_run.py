@@ -60,7 +60,8 @@ def test_a_change_is_in_the_recording_where_it_acts(local_bus: str, tmp_path: Pa
 
 
 def test_a_lock_step_run_can_be_tuned(local_bus: str, tmp_path: Path) -> None:
-    arguments = ["--lockstep", "--bus", local_bus, "--seconds", "120", "--out", str(tmp_path), "--json"]
+    # five seconds of a quiet machine: time enough for a change to arrive
+    arguments = ["--lockstep", "--bus", local_bus, "--seconds", "40", "--out", str(tmp_path), "--json"]
     with subprocess.Popen(clutch_hil("up", *arguments), stdout=subprocess.PIPE, text=True) as up:
         with consumer_session() as session:
             name = found(session, local_bus)

@@ -8,6 +8,7 @@ from typing import Any
 import matplotlib
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import AutoLocator, MaxNLocator
 
 from plant_sim.discrepancy.model import Columns
 from plant_sim.discrepancy.report import panels
@@ -18,6 +19,7 @@ from plant_sim.discrepancy.result import Estimate, Rival
 _DPI = 130  # 1235 pixels for a page's width of 9.5 inch
 _WIDTH = 9.5  # inch
 _MOST = 2  # outputs that are drawn one by one
+_TICKS = 6  # intervals of an axis, at most
 _MAPS = 3  # variables beside the loop
 _STYLE: Any = {
     "text.parse_math": False,  # a name may have a $
@@ -277,6 +279,10 @@ def _wrapped(text: str) -> str:
 
 
 def _png(figure: Figure) -> bytes:
+    for axes in figure.axes:
+        for axis in (axes.xaxis, axes.yaxis):
+            if isinstance(axis.get_major_locator(), AutoLocator):
+                axis.set_major_locator(MaxNLocator(_TICKS, steps=[1, 2, 2.5, 5, 10]))  # ticks are what takes long
     target = BytesIO()
-    figure.canvas.print_png(target)  # type: ignore[attr-defined]  # `savefig` draws twice
+    figure.canvas.print_png(target, pil_kwargs={"compress_level": 4})  # type: ignore[attr-defined]  # `savefig` draws twice
     return target.getvalue()

@@ -1,0 +1,65 @@
+"""The battery by one command: python -m tests.discrepancy.battery."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from plant_sim.bench.progress import progress_bar
+from protocols.errors import InputError
+from tests.discrepancy.battery.cases import FAMILIES
+from tests.discrepancy.battery.run import Cache, chosen, line, run, sources
+
+
+def main(
+    split: Annotated[str, typer.Option(help="development or evaluation")] = "development",
+    families: Annotated[str, typer.Option(help="of cases, with commas")] = ",".join(FAMILIES),
+    only: Annotated[list[str] | None, typer.Option(help="pattern of case names; several: in this order")] = None,
+    quick: Annotated[bool, typer.Option(help="severity 2, noise 2 %, one seed")] = False,
+    jobs: Annotated[int, typer.Option(min=1, help="worker processes")] = 2,
+    out: Annotated[Path, typer.Option(help="folder of the answers")] = Path("runs/battery"),
+    log: Annotated[Path | None, typer.Option(help="a line a case is added to it")] = None,
+    docs: Annotated[Path | None, typer.Option(help="folder to write battery.md and its pictures to")] = None,
+) -> None:
+    """Run cases, or what is not done of them, and say how good the engine was."""
+    from tests.discrepancy.battery.score import scores
+    from tests.discrepancy.battery.table import text, write
+
+    try:
+        names = [case.name for case in chosen(split, families.split(","), quick, only or [])]
+    except InputError as error:
+        typer.echo(f"error: {error}", err=True)
+        raise typer.Exit(2) from None
+    if not names:
+        typer.echo(f"error: no case of the split {split} is like that", err=True)
+        raise typer.Exit(2)
+    cache = Cache(out / sources())
+    answers = []
+    try:
+        with progress_bar(f"battery, {split}", False) as progress:
+            progress(0, len(names))
+            for told in run(names, cache, jobs):
+                answers.append(told)
+                progress(len(answers), len(names))
+                if log:
+                    with log.open("a", encoding="utf-8") as file:
+                        file.write(line(told) + "\n")
+    except KeyboardInterrupt:
+        typer.echo(f"stopped after {len(answers)} of {len(names)} cases; the same command goes on from there", err=True)
+        raise typer.Exit(130) from None
+    typer.echo(f"read:    {len(names)} cases of the split {split}")
+    typer.echo(f"wrote:   {cache.folder}")
+    found = scores(answers)
+    typer.echo(text(found))
+    if docs:
+        for path in write(answers, split, docs, cache.folder.name):
+            typer.echo(f"wrote:   {path}")
+    failed = [one.name for one in found if one.reached is False]
+    typer.echo(
+        f"verdict: {len(failed)} goals not reached: {', '.join(failed)}" if failed else "verdict: every goal is reached"
+    )
+    raise typer.Exit(1 if failed else 0)
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -1,0 +1,132 @@
+"""Run cases of the battery: worker processes, one JSON file a case, nothing done twice.
+
+A case's file is OUT/HASH/CASE.json, HASH of the sources of the engine, the simulator and the truth: with other sources all is
+done again, and what was found before stays. A run that was stopped goes on where it was.
+"""
+
+import hashlib
+import json
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from fnmatch import fnmatch
+from multiprocessing import get_context
+from pathlib import Path
+
+from tests.discrepancy.battery import judged
+from tests.discrepancy.battery.cases import FAMILIES, Case, cases
+from tests.discrepancy.battery.judged import Told
+
+ROOT = Path(__file__).parents[3]
+_QUICK = {  # of --quick: one severity, noise and seed
+    "severity": (2.0, 1.0), "noise": (0.02,)
+}  # fmt: skip
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+
+
+def sources() -> str:
+    """Hash of all sources that a case's answer depends on."""
+    loaded = {Path(m.__file__) for m in list(sys.modules.values()) if getattr(m, "__file__", None)}
+    files = {p for p in loaded if ROOT / "plant_sim" in p.parents}
+    for folder, pattern in (("plant_sim", "effects/*.py"), ("plant_sim", "rigs/*.py"), ("plant_sim", "blocks/*.py"),
+                            ("plant_sim", "parameters/*.toml"), ("plant_sim", "discrepancy/surrogate_term.py"),
+                            ("tests/discrepancy/battery", "truth*.py"), ("tests/discrepancy/battery", "cases.py"),
+                            ("tests/discrepancy/battery", "excitation.py")):  # fmt: skip
+        files |= set((ROOT / folder).glob(pattern))
+    digest = hashlib.sha256()
+    for path in sorted(files):
+        digest.update(str(path.relative_to(ROOT)).encode() + b"\0" + path.read_bytes() + b"\0")
+    return digest.hexdigest()[:12]
+
+
+def chosen(split: str, families: Sequence[str] = FAMILIES, quick: bool = False, only: Sequence[str] = ()) -> list[Case]:
+    """Cases of a split, in the order of the patterns `only` if there are any, each once. Raises InputError."""
+    found = cases(split, families)
+    if quick:
+        first = min(case.seed for case in found)
+        found = [c for c in found if c.severity in _QUICK["severity"] and c.noise in _QUICK["noise"]
+                 and (c.seed == first or c.family == "null" and c.seed < first + 5)]  # fmt: skip
+    if only:
+        found = [c for pattern in only for c in found if fnmatch(c.name, pattern)]
+    return list(dict.fromkeys(found))
+
+
+class Cache:
+    """Answers below `folder`, by case."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def path(self, name: str) -> Path:
+        """File of a case."""
+        return self.folder / f"{name}.json"
+
+    def read(self, name: str) -> Told | None:
+        """What was said of a case, None if nothing or only an error."""
+        with suppress(FileNotFoundError, json.JSONDecodeError):
+            told: Told = json.loads(self.path(name).read_text(encoding="utf-8"))
+            return told if "error" not in told else None
+        return None
+
+    def write(self, told: Told) -> None:
+        """Keep an answer: all of it or nothing."""
+        path = self.path(told["case"])
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part = path.with_suffix(".part")
+        part.write_text(json.dumps(told, indent=1, default=float), encoding="utf-8")
+        part.replace(path)
+
+    def all(self) -> list[Told]:
+        """Every answer there is."""
+        names = (str(path.relative_to(self.folder))[:-5] for path in sorted(self.folder.rglob("*.json")))
+        return [told for told in map(self.read, names) if told]
+
+
+def run(names: Sequence[str], cache: Cache, jobs: int, judge: Callable[[str], Told] = judged.judge) -> Iterator[Told]:
+    """Answers of all cases as they come, first those of the cache; the others by `jobs` processes, cores shared out evenly."""
+    missing = []
+    for name in names:
+        told = cache.read(name)
+        if told is None:
+            missing.append(name)
+        else:
+            yield told
+    if not missing:
+        return
+    threads = max(1, (os.cpu_count() or 1) // jobs)
+    before = {name: os.environ.get(name) for name in _THREADS}
+    os.environ.update(dict.fromkeys(_THREADS, str(threads)))  # read when a worker imports its libraries
+    try:
+        context = get_context("spawn")
+        with context.Pool(
+            min(jobs, len(missing)), _begun, (threads,)
+        ) as pool:  # left by Ctrl-C: workers are terminated
+            for told in pool.imap_unordered(judge, missing):
+                cache.write(told)
+                yield told
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name, None) if value is None else os.environ.update({name: value})
+
+
+def _begun(threads: int) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent stops its workers
+    judged.use_threads(threads)
+
+
+def line(told: Told) -> str:
+    """One line on an answer."""
+    if "error" in told:
+        return f"{told['case']:58} ERROR {told['error'].strip().splitlines()[-1]}"
+    w = told["weighed"]
+    names = "+".join(told["effects"]) or " | ".join(
+        "+".join(group) if isinstance(group, list) else group for group in told["alternatives"]
+    )
+    rivals = ", ".join(f"{r['name']} {r['closed']:.3f}" for r in told["rivals"][:3])
+    return (
+        f"{told['case']:58} {told['verdict']:15} {names or '-':40} closed {w['closed']:.3f} gain {w['gain']:.4f} "
+        f"excess {w['excess']:.4f} margin {w['margin']:.3f} conf {told['confidence']:.2f} {told['seconds']:.0f} s "
+        f"(cpu {told['cpu_seconds']:.0f}) [{rivals}]"
+    )
