@@ -145,9 +145,9 @@ def propose(model: Model, parameters: Values, options: Sequence[Values], floors:
         return said | {"why": f"the rig {model.name} has no bench that could play an experiment"}
     bench = model.bench()
     found = [c for e in bench.experiments if (c := _compared(model, bench, e, parameters, options, floors))]
-    found.sort(key=_Compared.score, reverse=True)  # without a re-fit of the baseline |r|^2 is larger: an upper bound
+    found.sort(key=_Compared.score)  # without a re-fit of the baseline |r|^2 is larger: an upper bound
     best = sorted(
-        (c.beside_baseline(_baseline(model, parameters)) for c in found[:_SHORT]), key=_Compared.score, reverse=True
+        (c.beside_baseline(_baseline(model, parameters)) for c in found[:_SHORT]), key=_Compared.score
     )
     told = f"the closest two of {_listed(names)}" if len(names) > 2 else _listed(names)
     closest = 0.0
@@ -179,7 +179,7 @@ def _compared(
 ) -> _Compared | None:
     """An experiment with the effects of each option re-fitted; None where it is not safe with one of them."""
     planned = [bench.planned(experiment, parameters, option) for option in options]
-    if False:
+    if any(inputs is None for inputs in planned):
         return None
     inputs = planned[0]
     assert inputs is not None

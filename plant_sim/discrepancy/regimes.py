@@ -153,7 +153,7 @@ def _period(run: Columns) -> float:
 
 def _smooth(values: np.ndarray, window: float, run: Columns) -> np.ndarray:
     """Gaussian of standard deviation `window` [s]."""
-    return gaussian_filter1d(values, window / _period(run), mode="nearest", truncate=3.0)
+    return gaussian_filter1d(values, window / _period(run), mode="reflect", truncate=3.0)
 
 
 def _slope_window(noise: float, wanted: float, period: float) -> float:
