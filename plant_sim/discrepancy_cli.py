@@ -43,6 +43,9 @@ def discrepancy(
         "wet_clutch", help="wet_clutch, position_axis, tribometer, pneumatic_cylinder or PATH.py:CLASS"
     ),
     model: Path | None = typer.Option(None, help="model file to begin from, as an earlier search wrote it"),
+    calibration: float | None = typer.Option(
+        None, help="how far the baseline may be re-fitted, in stated uncertainties; the rig's own if not given"
+    ),
     effects: str = typer.Option("", metavar="A,B,...", help="candidates; all of the rig's if not given"),
     out: Path = typer.Option(
         ..., help="folder for report.html, report.json, model.toml, atlas.png, gap.png, evidence.rrd"
@@ -58,12 +61,15 @@ def discrepancy(
     from plant_sim.bench.recording import writable
     from plant_sim.bench.sealed import checksum
     from plant_sim.discrepancy.model_file import read_model, write_model
-    from plant_sim.discrepancy.models.named import declared, model_named, required
+    from plant_sim.discrepancy.models.named import declared, model_named, recalibrated, required
+    from plant_sim.discrepancy.regimes import Regimes
     from plant_sim.discrepancy.report import write_report
     from plant_sim.discrepancy.search import investigate
     from protocols.runs import read_run
 
     known = model_named(rig, model)
+    if calibration is not None:
+        known = recalibrated(known, calibration)
     names = [name.strip() for name in effects.split(",") if name.strip()]
     _check_paths(runs, holdout)
     columns = required(known)
@@ -78,7 +84,9 @@ def discrepancy(
     )
     shipped = declared(model_named(rig))
     write_model(result, shipped, out / "model.toml", read_model(model, shipped) if model else None)
-    files = write_report(result, out, command=shlex.join(["clutch-hil", *sys.argv[1:]]))
+    start = {name: p.value for name, p in known.parameters.items()}
+    regimes = Regimes(known, [*fitted.values(), *held.values()], start)
+    files = write_report(result, out, regimes, shlex.join(["clutch-hil", *sys.argv[1:]]))
     read, wrote = (", ".join(map(str, paths)) for paths in ((*runs, *holdout), (*files, out / "model.toml")))
     text = "\n".join([_told(result), f"read:    {read}", f"wrote:   {wrote}"])
     report(result.as_json(), text, verdict_line(result), True, json_output)
@@ -112,7 +120,7 @@ def verdict_line(result: "Result") -> str:
 
 def _told(result: "Result") -> str:
     rows = [
-        f"  {c.block:<11} {c.output:<24} {c.regime:<22} {c.size:8.3g} {c.unit:<6} {c.times_floor:5.2f} floors  p {c.p_value:.2g}"
+        f"  {c.block:<11} {c.output:<23} {c.regime:<20} {c.size:8.3g} {c.unit:<6} {c.times_floor:5.2f} floors  p {c.p_value:.2g}"
         for c in result.where
     ]
     where = ["where they disagree:", *rows] if rows else ["they disagree nowhere"]

@@ -1,5 +1,6 @@
 """The command `experiment`: plays experiments on the live plant and records them; one that a report proposes is decided on."""
 
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -80,11 +81,12 @@ def experiment(
     follow_up: Report | None = None
     wanted: list[Experiment] = []
     held_out: list[Experiment] = []
+    first = 0
     if for_report:
         from plant_sim.discrepancy import follow_up as follow
 
         follow_up = follow.Report.read(for_report)
-        wanted = [follow_up.experiment]
+        wanted, first = [follow_up.experiment], len(follow_up.runs) + len(follow_up.held_out)
     elif standard:
         wanted, held_out = list(STANDARD.values()), list(HELD_OUT.values())
     else:
@@ -96,18 +98,17 @@ def experiment(
         }  # fmt: skip
         if odd := [name for name, value in given.items() if value not in (None, False)]:
             raise InputError(f"--running was given and {odd[0]}; the bench that runs has its own plant and clock")
-        played = _played(RunningBench(bus, out, blind), wanted + held_out, json_output)
+        played = _played(RunningBench(bus, out, blind), wanted + held_out, json_output, first)
     else:
         with plant_under_test(scenario, plant_parameters, draw, seed, out) as plant:
             bench = OwnBench(plant, bus, lockstep, blind or draw is not None)
-            played = _played(bench, [e.at_rate(rate) for e in wanted + held_out], json_output)
+            played = _played(bench, [e.at_rate(rate) for e in wanted + held_out], json_output, first)
     if follow_up:
         _decide(follow_up, played[0], out, json_output)
         return
     runs, rest = played[: len(wanted)], played[len(wanted) :]
-    command = " ".join(
-        ["clutch-hil discrepancy", *map(str, runs), *(f"--holdout {path}" for path in rest), f"--out {out}"]
-    )
+    words = ["clutch-hil", "discrepancy", *map(str, runs), *(["--holdout", *map(str, rest)] if rest else [])]
+    command = shlex.join([*words, "--out", str(out / "report")])
     lines = [f"read:    {counted(len(played), 'experiment')}: {', '.join(e.name for e in wanted + held_out)}"]
     lines += [f"{'wrote:' if not i else '':<9}{path}" for i, path in enumerate(played)]
     lines += [f"next:    {command}"]
@@ -116,13 +117,12 @@ def experiment(
     report(document, "\n".join(lines), told, True, json_output)
 
 
-def _played(laboratory: "Laboratory", experiments: "Sequence[Experiment]", quiet: bool) -> list[Path]:
-    paths = []
-    for number, experiment in enumerate(experiments):
+def _played(laboratory: "Laboratory", experiments: "Sequence[Experiment]", quiet: bool, first: int) -> list[Path]:
+    """Play `experiments`, numbered from `first` on: each number has noise of its own."""
+    paths: list[Path] = []
+    for number, experiment in enumerate(experiments, first):
         if not quiet:
-            told = (
-                f"{number + 1}/{len(experiments)}  {experiment.name} ({experiment.seconds:.1f} s): {experiment.title}"
-            )
+            told = f"{len(paths) + 1}/{len(experiments)}  {experiment.name} ({experiment.seconds:.1f} s): {experiment.title}"
             typer.echo(told, err=True)
         paths.append(laboratory.play(experiment, number, quiet))
     return paths

@@ -27,7 +27,6 @@ QUIET = (
     "test_can_log.py",
     "test_clock.py",
     "test_local_bus.py",
-    "test_services.py",
 )
 ORDER = ("soak", "longest", "shared", "quiet")
 _KERNELS = pytest.StashKey[str]()

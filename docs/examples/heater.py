@@ -94,7 +94,7 @@ class Heater:
 
 def measured(seed, levels, seconds=1200.0):
     """A run of a heater that radiates from 0.03 m^2, at the power `levels` [W] one after the other, with the sensor's noise."""
-    time = np.arange(0.0, seconds, 1.0)
+    time = np.arange(0.0, seconds, 2.0)
     power = np.asarray(levels)[np.minimum((time * len(levels) / seconds).astype(int), len(levels) - 1)]
     run = {"time_s": time, "heater_power_w": power.astype(float)}
     truth = Heater().simulate(run, {"element.capacity": 63.0, "element.loss": 0.42}, {"radiation.area": 0.03})

@@ -34,7 +34,7 @@ from plant_sim.discrepancy.sources import (
 
 LEVEL = 0.01  # of p-values: share of cases without a disagreement in which anything may be claimed
 WHICH = 0.05  # of p-values of the regimes named, where the disagreement as such is sure at LEVEL
-LEAST = 0.3  # floors: a smaller excess over all samples is of no practical interest, ...
+LEAST = 0.458  # floors: root of 1.1^2 - 1; an error within 1.1 floors is closed (discrepancy.md), and so no disagreement, ...
 MUCH = 1.0  # ... nor is one of less in a phase of the rig's work
 _BLOCK = 0.25  # s: beyond it products of residuals are independent
 _DRAWS = 2000  # random signs: p-values down to 1/2001
@@ -43,9 +43,13 @@ _CHUNK = 250
 _SEED = 6
 _SHARE = 0.6  # of the power that regimes of a family must hold to be claimed ...
 _PART = 0.1  # of the power that each of them must hold
-_PHYSICAL = ("phase", "direction", "slip turn", "reversal turn")  # families that are parts of the rig's work, ...
-_DENSER = 1.6  # ... which are claimed where they hold this many times more than their share of the time
-_DENSER_THIRD = 2.0  # the same of terciles and signs: two thirds of the power in a third of the time
+_PLACES = (
+    "phase",
+    "direction",
+    "slip sign",
+    "reversal turn",
+)  # families of the rig's work; terciles are in atlas_numbers
+_DENSER = 1.6  # a set of regimes is claimed where it holds this many times more than its share of the time
 _BESIDE = 0.15  # of the power (in floors) of the largest claim: less is its echo in another block, whose gain is known to 10 %
 _TINY = 1e-3  # of the time: a regime with less is none
 Shares = Mapping[str, tuple[float, float]]  # regime -> (share of power, share of time)
@@ -73,7 +77,7 @@ def claims(model: Model, runs: Sequence[Columns], floors: Values, parameters: Va
         floor = floors[output.column]
         power = {name: float(np.mean(one.power[mask])) / floor**2 for name, mask in one.masks.items()}
         sure = {name for name in one.masks if p_values[i, name] <= LEVEL}
-        there = [n for n in sure if power[n] >= MUCH**2 and family(n) in _PHYSICAL]
+        there = [n for n in sure if power[n] >= MUCH**2 and family(n) in _PLACES]
         if sure and (power[ALL] >= LEAST**2 or (there and power[ALL] > 0.0)):
             # that they disagree is sure at LEVEL; which of the regimes it is, at WHICH
             names = [name for name in concentrated(shares(one)) if p_values[i, name] <= WHICH]
@@ -129,9 +133,9 @@ def concentrated(found: Shares) -> list[str]:
     Of each family the densest regimes are taken until they hold most of the power; the family whose set is densest counts. All
     regimes of a family together are no place.
     """
-    best: tuple[float, list[str]] = (1.0, [])
-    for one in dict.fromkeys(map(family, found)):
-        members = [n for n in found if family(n) == one and n != ALL and found[n][1] > _TINY]
+    best: tuple[float, list[str]] = (_DENSER, [])
+    for one in _PLACES:
+        members = [n for n in found if family(n) == one and found[n][1] > _TINY]
         taken: list[str] = []
         power = time = 0.0
         for name in sorted(members, key=lambda n: -found[n][0] / found[n][1]):
@@ -139,9 +143,8 @@ def concentrated(found: Shares) -> list[str]:
                 break
             taken.append(name)
             power, time = power + found[name][0], time + found[name][1]
-        denser = power / time / (_DENSER if one in _PHYSICAL else _DENSER_THIRD) if taken else 0.0
-        if len(taken) < len(members) and power >= _SHARE and denser > best[0]:
-            best = denser, taken
+        if taken and len(taken) < len(members) and power >= _SHARE and power / time > best[0]:
+            best = power / time, taken
     return best[1]
 
 
@@ -158,7 +161,9 @@ def significance(seen: Sequence[Seen]) -> dict[tuple[int, str], float]:
     u = u / np.where(size > 0.0, size, 1.0)
     z = np.abs(u.sum(axis=0))
     random = np.random.default_rng(_SEED)
-    largest = [np.abs((2.0 * random.integers(0, 2, (_CHUNK, len(u))) - 1.0) @ u).max(axis=1) for _ in range(_DRAWS // _CHUNK)]
+    largest = [
+        np.abs((2.0 * random.integers(0, 2, (_CHUNK, len(u))) - 1.0) @ u).max(axis=1) for _ in range(_DRAWS // _CHUNK)
+    ]
     drawn = np.sort(np.concatenate(largest))
     p = (1.0 + len(drawn) - np.searchsorted(drawn, z)) / (len(drawn) + 1.0)
     found: dict[tuple[int, str], float] = {}

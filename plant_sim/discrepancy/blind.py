@@ -10,7 +10,7 @@ import numpy as np
 
 from plant_sim.discrepancy.model import Candidate
 from plant_sim.discrepancy.models.wet_clutch import WetClutch
-from plant_sim.discrepancy.models.wet_clutch_experiments import STANDARD, WetClutchBench
+from plant_sim.discrepancy.models.wet_clutch_experiments import FLOORS, STANDARD, WetClutchBench
 from plant_sim.discrepancy.visibility import Visibility
 from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError
@@ -43,7 +43,7 @@ def drawn(seed: int) -> ParameterSet:
 @cache
 def standard() -> Visibility:
     """What the standard experiments show; to make it takes a second or two."""
-    return Visibility(WetClutch(), WetClutchBench(), STANDARD.values())
+    return Visibility(WetClutch(), WetClutchBench(), STANDARD.values(), FLOORS)
 
 
 def _seen(candidate: Candidate, random: np.random.Generator) -> dict[str, float] | None:

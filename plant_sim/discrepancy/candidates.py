@@ -6,14 +6,14 @@ Assumptions     sensitivities of the baseline do not depend on the candidate
 References      Golub and Pereyra 1973, SIAM J. Numer. Anal. 10; Rao 1948, Math. Proc. Camb. Phil. Soc. 44 (score test)
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 
 from plant_sim.discrepancy.evidence import Evidence, Point
-from plant_sim.discrepancy.fit import Linear, effect_free
+from plant_sim.discrepancy.fit import Free, Linear, effect_free
 from plant_sim.discrepancy.model import Candidate, Values
 
 _WORTH = 0.02  # of the best predicted gain: what promises less is not simulated a second time
@@ -64,9 +64,10 @@ class Search:
         self._spans: dict[int, slice] = {}  # of each direction's columns, by id
         self._matrix, self._right, self._usable = np.empty((0, 0)), np.empty(0), np.empty(0, bool)
         self.directions: list[Direction] = []
+        self._base = at.eliminated(at.residual)
+        self.cost = self._base.cost
         if directions:
             self._direct(directions)
-        self.cost = at.best(at.residual)[1]
 
     def screened(self, candidates: Sequence[Candidate], starts: Mapping[str, list[dict[str, float]]]) -> list[Fit]:
         """Each candidate after one step from where it is off, in the direction of its starts."""
@@ -119,12 +120,12 @@ class Search:
                 return float(share @ right[kept]), found
         return 0.0, found
 
-    def improved(self, fits: Sequence[Fit], shapes: bool, rounds: int) -> list[Fit]:
-        """The fits after `rounds` of damped Gauss-Newton, side by side, over strengths and, if asked, shapes; best first."""
+    def improved(self, fits: Sequence[Fit], rounds: int) -> list[Fit]:
+        """The fits after `rounds` of damped Gauss-Newton, side by side, over strengths; best first."""
         fits = list(fits)
         active = list(range(len(fits)))
         for _ in range(rounds):
-            steps = dict(zip(active, self._steps([fits[i] for i in active], shapes), strict=True))
+            steps = dict(zip(active, self._steps([fits[i] for i in active]), strict=True))
             old = {i: fits[i].cost for i in active}
             waiting = active
             for share in _SHARES:
@@ -171,8 +172,7 @@ class Search:
         finite = np.isfinite(columns).all(axis=0)
         columns[:, ~finite] = 0.0
         self._usable = finite & columns.any(axis=0)
-        b, self._matrix = self.at.project(columns)
-        self._right = self.at.right(self.at.residual, columns, b)
+        self._matrix, self._right = self._base.normal(columns)
         ends = np.cumsum([d.columns.shape[1] for d in directions]).tolist()
         self._spans = {id(d): slice(e - d.columns.shape[1], e) for d, e in zip(directions, ends, strict=True)}
 
@@ -186,11 +186,13 @@ class Search:
             for (c, values), r in zip(trials, residuals, strict=True)
         ]
 
-    def _steps(self, fits: Sequence[Fit], shapes: bool):
+    def _steps(self, fits: Sequence[Fit]) -> list[Callable[[float], dict[str, float]]]:
         """For each fit a function from the share of a Gauss-Newton step to the values there."""
-        frees = [effect_free(fit.candidate, fit.values, shapes) for fit in fits]
-        frees = [[replace(f, step=f.step if fit.values[f.name] + f.step <= f.high else -f.step) for f in free]
-                 for fit, free in zip(fits, frees, strict=True)]  # fmt: skip
+        frees = [
+            [replace(f, step=f.step if fit.values[f.name] + f.step <= f.high else -f.step) for f in free]
+            for fit in fits
+            for free in [effect_free(fit.candidate, fit.values, shapes=False)]
+        ]
         points = [
             self._point(fit.values | {f.name: fit.values[f.name] + f.step})
             for fit, free in zip(fits, frees, strict=True)
@@ -199,14 +201,15 @@ class Search:
         residuals = iter(self._evidence.residuals(points))
         return [self._step(fit, free, [next(residuals) for _ in free]) for fit, free in zip(fits, frees, strict=True)]
 
-    def _step(self, fit: Fit, free: list, residuals: list[np.ndarray]):
+    def _step(
+        self, fit: Fit, free: Sequence[Free], residuals: Sequence[np.ndarray]
+    ) -> Callable[[float], dict[str, float]]:
         columns = [(r - fit.residual, f) for r, f in zip(residuals, free, strict=True) if np.isfinite(r).all()]
         columns = [(d, f) for d, f in columns if d.any()]
         if not columns:
             return lambda share: fit.values
         directions = np.column_stack([d for d, _ in columns])
-        b, matrix = self.at.project(directions)
-        right = self.at.right(fit.residual, directions, b)
+        matrix, right = self.at.eliminated(fit.residual).normal(directions)
         matrix = matrix + np.diag(1e-6 * np.diag(matrix) + 1e-12)
         by = np.clip(np.linalg.solve(matrix, right), -_FURTHEST, _FURTHEST)
         moves = {f.name: (step * f.step, f) for step, (_, f) in zip(by, columns, strict=True)}

@@ -1,8 +1,8 @@
 """Decide: which of the four verdicts a search supports, and with what confidence.
 
-Equation        closed = (S_0 - S)/(S_0 - N):  S_0 cost of the re-fitted baseline, S with the effect(s), N residuals: the share
-                of the excess over the floor that is explained
-                regret = (S - S_best)/(S_0 - S_best) of a rival
+Equation        gain = (S_0 - S)/N:  S_0 cost of the re-fitted baseline, S with the effect(s), N residuals
+                closed = gain/(gain + rest):  the share of the excess over the floor that is explained
+                a rival is told apart when it is worse by more than the best one's own misfit would excuse
 Assumptions     thresholds hold for rigs like those of the development split (tests/discrepancy/battery), where they were set
 References      Hansen, Lunde and Nason 2011, Econometrica 79 (model confidence set); White 2000, Econometrica 68
 """
@@ -11,38 +11,34 @@ from dataclasses import dataclass
 
 import numpy as np
 
-GAIN = 0.006  # of the number of residuals: what no candidate gained where nothing was hidden
+GAIN = 0.02  # of the number of residuals: what no candidate gained where nothing was hidden
 EXCESS = 0.03  # of the number of residuals: an unexplained rest below it is no disagreement
-CLOSED = (0.75, 0.90, 0.95)  # least share of the excess that one, two, three effects must explain to be named
-ENOUGH = 0.96  # share explained with which no further effect is looked for
+CLOSED = (0.75, 0.85, 0.90)  # least share of the excess that one, two, three effects must explain to be named
+ENOUGH = 0.93  # share explained with which no further effect is looked for
 MOST = len(CLOSED)  # effects that are named together
-NEEDED = 0.04  # least share of the excess that each of several effects must explain beside the others
-ALIAS = 0.02  # regret below which a rival is not told apart
+NEEDED = 0.03  # least share of the excess that each of several effects must explain beside the others
+ALIAS = 0.5  # a rival is not told apart when it is worse by less than this share of what the best one leaves itself,
+TIE = 0.003  # and this share of the number of residuals
 
 
 @dataclass(frozen=True)
 class Weighed:
-    """Costs of a search: `base` of the re-fitted baseline, `best`, number of residuals `size`, of `count` effects."""
+    """A search: cost `base` of the re-fitted baseline and `best`, number of residuals `size`, `count` of effects.
+
+    excess, rest: what the baseline, and the best, leave above the floor, as a share of the number of residuals.
+    """
 
     base: float
     best: float
     size: int
     count: int
+    excess: float
+    rest: float
 
     @property
     def gain(self) -> float:
         """Gain over the baseline as a share of the number of residuals."""
         return (self.base - self.best) / self.size
-
-    @property
-    def excess(self) -> float:
-        """What the baseline leaves above the floor as a share of the number of residuals."""
-        return max(self.base / self.size - 1.0, 0.0)
-
-    @property
-    def rest(self) -> float:
-        """What is left above the floor."""
-        return max(self.best / self.size - 1.0, 0.0)
 
     @property
     def closed(self) -> float:
@@ -60,10 +56,10 @@ class Weighed:
         return self.gained and (self.closed >= CLOSED[self.count - 1] or self.rest < EXCESS)
 
 
-def aliases(costs: dict[str, float], base: float) -> list[str]:
-    """Names that are not told apart from the best, the best first."""
+def aliases(costs: dict[str, float], size: int, rest: float) -> list[str]:
+    """Names that are not told apart from the best, which leaves `rest` above the floor; the best first."""
     best = min(costs.values())
-    near = [n for n, cost in costs.items() if cost - best <= ALIAS * max(base - best, 0.0)]
+    near = [n for n, cost in costs.items() if cost - best <= (ALIAS * rest + TIE) * size]
     return sorted(near, key=lambda name: costs[name])
 
 

@@ -1,7 +1,9 @@
 """Evidence: measured runs beside a model, as residuals in multiples of the floor.
 
-Equation        r = (mean over a block of samples of measured - predicted) sqrt(block) / floor: unit variance where the model is
-                right and the noise is white
+Equation        r = (mean over a block of samples of measured - predicted)/sigma_b: unit variance where the model is right
+                sigma_b: floor of the means themselves (noise.py), so that noise that is not white counts as what it is; at most
+                1.5 floor/sqrt(block), else fast physics would pass for noise, and not less than floor/sqrt(block): the rounding
+                of a difference is small in the mean but not random; median over the runs
                 where the beginning of an output is known to tau floors: r - (1 - 1/sqrt(1 + n tau^2 block)) mean(r), which is r
                 whitened for a constant offset of the run with that prior
 Assumptions     what is slower than a block of 4 ms is what tells effects apart
@@ -14,9 +16,11 @@ from os import cpu_count
 import numpy as np
 
 from plant_sim.discrepancy.model import Columns, Model, Values
+from plant_sim.discrepancy.noise import floor_of
 from protocols.errors import InputError
 
 BLOCK = 4e-3  # s
+_RED = 1.5  # most of the floor of means over that of white noise
 _POOL = ThreadPoolExecutor(cpu_count() or 1)  # simulations leave other threads running
 
 Point = tuple[Values, Values]  # parameters of the baseline and of the effects
@@ -35,19 +39,36 @@ class Evidence:
             np.concatenate([_means(run[c], b) for c in self.columns])
             for run, b in zip(self.runs, self.blocks, strict=True)
         ]
+        weights = {c: 1.0 / self._spread(c) for c in self.columns}
         self._weights = [
-            np.concatenate([np.full(len(run["time_s"]) // b, np.sqrt(b) / self.floors[c]) for c in self.columns])
+            np.concatenate([np.full(len(run["time_s"]) // b, weights[c]) for c in self.columns])
             for run, b in zip(self.runs, self.blocks, strict=True)
         ]
         ends = np.cumsum([len(m) for m in self._measured])
         self.pieces = [slice(e - len(m), e) for e, m in zip(ends, self._measured, strict=True)]
         self.size = int(ends[-1])
 
+    def _spread(self, column: str) -> float:
+        """sigma_b of an output, in its unit."""
+        found = []
+        for run, block in zip(self.runs, self.blocks, strict=True):
+            white = self.floors[column] / np.sqrt(block)
+            found.append(np.clip(floor_of(_means(run[column], block)), white, _RED * white))
+        return float(np.median(found))
+
     def part(self, run: int, column: str) -> slice:
         """Where the residuals of an output of a run stand in a residual vector."""
         n = len(self.runs[run]["time_s"]) // self.blocks[run]
         begin = self.pieces[run].start + n * self.columns.index(column)
         return slice(begin, begin + n)
+
+    def excess(self, residual: np.ndarray) -> float:
+        """What `residual` (size,) has above the floor, as a share of its size; an output below it makes up for no other."""
+        total = 0.0
+        for c in self.columns:
+            own = np.concatenate([residual[self.part(k, c)] for k in range(len(self.runs))])
+            total += max(float(own @ own) - len(own), 0.0)
+        return total / self.size
 
     def residuals(self, points: Iterable[Point]) -> list[np.ndarray]:
         """Residual vectors (size,) at several points; what cannot be simulated there gives not-a-number."""

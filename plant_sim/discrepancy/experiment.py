@@ -19,9 +19,10 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from plant_sim.discrepancy.decide import GAIN
 from plant_sim.discrepancy.evidence import Evidence
 from plant_sim.discrepancy.fit import Free, Linear, baseline_free, effect_free, linearised, refitted
-from plant_sim.discrepancy.model import Columns, Model, Values
+from plant_sim.discrepancy.model import Columns, Model, Values, calibration
 from plant_sim.experiments import EXPERIMENTS
 from plant_sim.profile import load_profile
 
@@ -94,6 +95,13 @@ class Experimenting(Protocol):
         ...
 
 
+class Predicted(Evidence):
+    """Runs that are predicted: without noise to be estimated from, they are judged as if it were white, of one floor."""
+
+    def _spread(self, column: str) -> float:
+        return float(self.floors[column] / np.sqrt(np.median(self.blocks)))
+
+
 @dataclass(frozen=True)
 class _Compared:
     """An experiment, and each alternative linearised in it; `left` between each two: |r|^2, the smaller of both directions."""
@@ -145,15 +153,16 @@ def propose(model: Model, parameters: Values, options: Sequence[Values], floors:
         return said | {"why": f"the rig {model.name} has no bench that could play an experiment"}
     bench = model.bench()
     found = [c for e in bench.experiments if (c := _compared(model, bench, e, parameters, options, floors))]
-    found.sort(key=_Compared.score)  # without a re-fit of the baseline |r|^2 is larger: an upper bound
+    found.sort(key=_Compared.score, reverse=True)  # without a re-fit of the baseline |r|^2 is larger: an upper bound
     best = sorted(
-        (c.beside_baseline(_baseline(model, parameters)) for c in found[:_SHORT]), key=_Compared.score
+        (c.beside_baseline(_baseline(model, parameters)) for c in found[:_SHORT]), key=_Compared.score, reverse=True
     )
     told = f"the closest two of {_listed(names)}" if len(names) > 2 else _listed(names)
-    closest = 0.0
+    closest, needed = 0.0, SEPARATES
     for candidate in best[:_TRIED]:
         least, by_output = _in_earnest(candidate)
-        if least >= SEPARATES:
+        needed = max(SEPARATES, GAIN * candidate.evidence.size)  # what the decision takes for more than chance
+        if least >= needed:
             e = candidate.experiment
             column, times = max(by_output.items(), key=lambda item: item[1])
             why = (
@@ -169,7 +178,7 @@ def propose(model: Model, parameters: Values, options: Sequence[Values], floors:
         closest = max(closest, least)
     return said | {
         "why": f"none of {len(found)} experiments separates {told}: re-fitted to each other they differ by at most"
-        f" {np.sqrt(closest):.1f} standard deviations, needed are {np.sqrt(SEPARATES):.0f}",
+        f" {np.sqrt(closest):.1f} standard deviations, needed are {np.sqrt(needed):.0f}",
         "standard_deviations": float(np.sqrt(closest)),
     }
 
@@ -183,7 +192,7 @@ def _compared(
         return None
     inputs = planned[0]
     assert inputs is not None
-    evidence = Evidence(model, [{**inputs, **model.simulate(inputs, parameters, options[0])}], floors)
+    evidence = Predicted(model, [{**inputs, **model.simulate(inputs, parameters, options[0])}], floors)
     fits = [linearised(evidence, (parameters, option), _effects(model, option)) for option in options]
     return _Compared(experiment, evidence, fits)
 
@@ -196,7 +205,7 @@ def _in_earnest(compared: _Compared) -> tuple[float, dict[str, float]]:
     for a, b in ((i, j), (j, i)):
         run = given.runs[0]
         predicted = given.model.simulate(run, *compared.fits[a].point)
-        evidence = Evidence(given.model, [{**run, **predicted}], given.floors)
+        evidence = Predicted(given.model, [{**run, **predicted}], given.floors)
         start = replace(compared.fits[b], residual=compared.fits[b].residual - compared.fits[a].residual)
         end = refitted(evidence, start, _ROUNDS)
         ends.append(
@@ -216,7 +225,7 @@ def _times(residual: np.ndarray, block: int) -> float:
 
 def _baseline(model: Model, parameters: Values) -> list[Free]:
     """Within its prior about where it was re-fitted."""
-    return [replace(f, centre=float(parameters[f.name])) for f in baseline_free(model.parameters)]
+    return [replace(f, centre=float(parameters[f.name])) for f in baseline_free(model.parameters, calibration(model))]
 
 
 def _effects(model: Model, option: Values) -> list[Free]:

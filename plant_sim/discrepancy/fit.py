@@ -1,6 +1,6 @@
 """Fit: parameters by simulation error, damped Gauss-Newton, with what is known of the baseline as prior.
 
-Equation        minimise |r(x)|^2 + sum over the baseline's parameters of ((x - x_0)/s)^2,  s = PRIOR times stated uncertainty
+Equation        minimise |r(x)|^2 + sum over the baseline's parameters of ((x - x_0)/s)^2,  s = PRIOR times how far x may move
                 near a point r(x + S d) = r + J d, so d = -(J'J + L)^-1 (J'r + L a),  L = 1 where a prior is, a = (x - x_0)/S
 Assumptions     white noise of unit variance
 References      Ljung 1999, System identification, ch. 10; Kennedy and O'Hagan 2001, J. R. Statist. Soc. B 63 (a discrepancy is
@@ -26,16 +26,22 @@ LIMIT = 2.0  # stated uncertainties that a parameter may move
 _STEP = 0.2  # stated uncertainties: step of the baseline's finite differences
 _EFFECT_STEP = 0.05  # of an effect's parameter, or of a fifth of its typical size, whichever is more
 _PHASE_STEP = 0.05  # rad
+_LINEAR, _SHORTER = 0.3, 3  # share of an effect's contribution that a step of its shape may change, and tries
 _ROUNDS = 4
 _CONVERGED = 1e-4  # of the number of residuals: a smaller gain ends the iteration
 _WORTHWHILE = 2e-3  # of the cost: a fit that gained less needs no other sensitivities
 _SHARES = (1.0, 0.4, 0.1)  # of a Gauss-Newton step that are tried
+_ACTIVE = 12  # changes of the set of parameters at a bound
+_TRUSTED = 0.1  # of the gain that sensitivities promise: with less they are given up
 _LOOSE = 1e-9  # prior weight of an effect's parameter, beside 1 of the baseline's: none, but the matrix stays regular
 
 
 @dataclass(frozen=True)
 class Free:
-    """A parameter that is fitted: its finite-difference `step`, unit of moves `scale`, bounds, known `centre` or None."""
+    """A parameter that is fitted: its finite-difference `step`, unit of moves `scale`, bounds, known `centre` or None.
+
+    off: of an effect's strength, where it is off; None of what only shapes.
+    """
 
     name: str
     step: float
@@ -43,14 +49,16 @@ class Free:
     low: float
     high: float
     centre: float | None = None
+    off: float | None = None
 
 
-def baseline_free(declared: ParameterSet) -> list[Free]:
-    """The uncertain parameters of a baseline."""
+def baseline_free(declared: ParameterSet, calibration: float) -> list[Free]:
+    """The uncertain parameters of a baseline, each within `calibration` times its stated uncertainty."""
     return [
         Free(
-            n, _STEP * p.uncertainty, PRIOR * p.uncertainty,
-            max(p.bounds[0], p.value - LIMIT * p.uncertainty), min(p.bounds[1], p.value + LIMIT * p.uncertainty), p.value,
+            n, _STEP * p.uncertainty, PRIOR * calibration * p.uncertainty,
+            max(p.bounds[0], p.value - calibration * p.uncertainty),
+            min(p.bounds[1], p.value + calibration * p.uncertainty), p.value,
         )
         for n, p in declared.items()
         if p.uncertainty > 0.0
@@ -67,7 +75,7 @@ def effect_free(candidate: Candidate, values: Values, shapes: bool = True) -> li
             step = _EFFECT_STEP * max(size, 0.2 * abs((p.typical - p.off) or p.typical or 1.0))
             if p.unit == "rad" and not isinstance(p, Strength):
                 step = _PHASE_STEP
-            found.append(Free(name, step, step, *p.bounds))
+            found.append(Free(name, step, step, *p.bounds, off=p.off if isinstance(p, Strength) else None))
     return found
 
 
@@ -96,11 +104,6 @@ class Linear:
         """J'J (p, p)."""
         return self.jacobian.T @ self.jacobian
 
-    @cached_property
-    def _factor(self) -> tuple[np.ndarray, bool]:
-        ridge = 1e-10 * np.diag(self.gram)
-        return cho_factor(self.gram + np.diag(self.prior + ridge))
-
     @property
     def cost(self) -> float:
         """What is minimised, here."""
@@ -111,22 +114,41 @@ class Linear:
         """A parameter, here."""
         return float(self.point[0][free.name] if free.name in self.point[0] else self.point[1][free.name])
 
+    @cached_property
+    def _box(self) -> tuple[np.ndarray, np.ndarray]:
+        """Least and most move (p,) in scales, within bounds."""
+        values = np.array([self.value(f) for f in self.free])
+        scales = np.array([f.scale for f in self.free])
+        low, high = np.array([f.low for f in self.free]), np.array([f.high for f in self.free])
+        return np.minimum((low - values) / scales, 0.0), np.maximum((high - values) / scales, 0.0)
+
     def best(self, residual: np.ndarray) -> tuple[np.ndarray, float]:
-        """Move (p,) in scales that suits `residual` best, and the cost that is left."""
-        a = self.prior * self.offset
-        g = self.jacobian.T @ residual + a
-        move = -cho_solve(self._factor, g)
-        return move, float(residual @ residual + a @ self.offset + g @ move)
+        """Move (p,) in scales within bounds that suits `residual` best, and the cost that is left."""
+        left = self.eliminated(residual)
+        return left.move, left.cost
 
-    def project(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """J'C (p, k), and C'C less what the free parameters explain (k, k): variable projection (Golub and Pereyra 1973)."""
-        b = self.jacobian.T @ columns
-        return b, columns.T @ columns - b.T @ cho_solve(self._factor, b)
-
-    def right(self, residual: np.ndarray, columns: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Right side (k,) of the least squares for `columns` (size, k) with `b` of `project`."""
-        g = self.jacobian.T @ residual + self.prior * self.offset
-        return b.T @ cho_solve(self._factor, g) - columns.T @ residual
+    def eliminated(self, residual: np.ndarray) -> "Eliminated":
+        """The free parameters at their best for `residual` within bounds: quadratic programme by active sets."""
+        hessian = self.gram + np.diag(self.prior + 1e-10 * np.diag(self.gram))
+        gradient = self.jacobian.T @ residual + self.prior * self.offset
+        low, high = self._box
+        move, inside = np.zeros(len(self.free)), low < high
+        for _ in range(_ACTIVE):
+            inner = np.flatnonzero(inside)
+            rest = gradient + hessian @ np.where(inside, 0.0, move)
+            factor = cho_factor(hessian[np.ix_(inner, inner)]) if len(inner) else None
+            if factor is not None:
+                move[inner] = -cho_solve(factor, rest[inner])
+            beyond = inside & ((move < low) | (move > high))
+            slope = gradient + hessian @ move
+            released = ~inside & (low < high) & (((move <= low) & (slope < 0.0)) | ((move >= high) & (slope > 0.0)))
+            move = np.clip(move, low, high)
+            if not beyond.any() and not released.any():
+                break
+            inside = (inside & ~beyond) | (released & ~beyond.any())
+        inner = np.flatnonzero(inside)
+        cost = residual @ residual + self.prior @ self.offset**2 + 2.0 * gradient @ move + move @ hessian @ move
+        return Eliminated(self, residual, move, float(cost), inner)
 
     def moved(self, move: np.ndarray, share: float = 1.0) -> Point:
         """Parameters after a move, within bounds."""
@@ -139,17 +161,75 @@ class Linear:
     def covariance(self, clusters: Iterable[np.ndarray]) -> np.ndarray:
         """Covariance (p, p) of the parameters in scales, robust to what the model lacks: sandwich with `clusters` of residuals
         that are independent of each other (White 1980, Econometrica 48; Liang and Zeger 1986, Biometrika 73)."""
-        inverse = cho_solve(self._factor, np.eye(len(self.free)))
+        inverse = np.linalg.inv(self.gram + np.diag(self.prior + 1e-10 * np.diag(self.gram)))
         scores = np.array([self.jacobian[c].T @ self.residual[c] for c in clusters])
         middle = scores.T @ scores + np.diag(self.prior)
         return inverse @ middle @ inverse
 
 
+@dataclass(frozen=True)
+class Eliminated:
+    """Free parameters of `at` at their best `move` for `residual`, `cost` there; `inner` (q,) are those not at a bound.
+
+    What else is fitted sees residuals that the inner ones cannot explain: variable projection (Golub and Pereyra 1973).
+    """
+
+    at: Linear
+    residual: np.ndarray
+    move: np.ndarray
+    cost: float
+    inner: np.ndarray
+
+    def normal(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Matrix (k, k) and right side (k,) of the least squares for `columns` (size, k)."""
+        jacobian = self.at.jacobian
+        prior = self.at.prior[self.inner]
+        gram = self.at.gram[np.ix_(self.inner, self.inner)]
+        b = (jacobian.T @ columns)[self.inner]
+        left = self.residual + jacobian @ self.move
+        solved = cho_solve(cho_factor(gram + np.diag(prior + 1e-10 * np.diag(gram))), b) if len(self.inner) else b
+        # at the best move the gradient in the inner parameters is 0, so the right side needs no correction
+        return columns.T @ columns - b.T @ solved, -columns.T @ left
+
+
 def linearised(evidence: Evidence, point: Point, free: Sequence[Free]) -> Linear:
-    """The model of `evidence` linearised at `point` in the parameters `free`."""
+    """The model of `evidence` linearised at `point` in the parameters `free`.
+
+    The step of a shape is shortened until it changes less than a share of what its effect contributes: a small change of a
+    ripple's order is a large one after many turns.
+    """
+    first = evidence.residuals([point])[0]
+    columns, free = _differences(evidence, point, list(free), first)
+    contributed: dict[str, float] = {}
+    for f, column in zip(free, columns, strict=True):
+        if f.off is not None:
+            value = (point[0] | point[1])[f.name]  # type: ignore[operator]
+            size = np.linalg.norm(column) * abs(value - f.off) / f.scale
+            name = f.name.partition(".")[0]
+            contributed[name] = max(contributed.get(name, 0.0), float(size))
+    for _ in range(_SHORTER):
+        long = []
+        for i, f in enumerate(free):
+            allowed = _LINEAR * contributed.get(f.name.partition(".")[0], np.inf)
+            size = float(np.linalg.norm(columns[i]))
+            if f.centre is None and f.off is None and size > allowed > 0.0:
+                free[i] = replace(f, step=f.step * 0.7 * allowed / size, scale=f.scale * 0.7 * allowed / size)
+                long.append(i)
+        if not long:
+            break
+        again, _ = _differences(evidence, point, [free[i] for i in long], first)
+        for i, column in zip(long, again, strict=True):
+            columns[i] = column
+    jacobian = np.column_stack(columns) if columns else np.empty((evidence.size, 0))
+    return Linear(point, tuple(free), first, jacobian)
+
+
+def _differences(
+    evidence: Evidence, point: Point, free: list[Free], first: np.ndarray
+) -> tuple[list[np.ndarray], list[Free]]:
+    """Change of the residuals (size,) per scale of each parameter; 0 where it cannot be simulated."""
     parameters, effects = point
-    steps = []
-    points: list[Point] = [point]
+    steps, points = [], []
     for f in free:
         ours = f.name in parameters
         value = (parameters if ours else effects)[f.name]
@@ -157,11 +237,11 @@ def linearised(evidence: Evidence, point: Point, free: Sequence[Free]) -> Linear
         steps.append(step)
         changed = {f.name: value + step}
         points.append(({**parameters, **changed}, effects) if ours else (parameters, {**effects, **changed}))
-    first, *others = evidence.residuals(points)
-    jacobian = np.empty((evidence.size, len(free)))
-    for i, (r, f, step) in enumerate(zip(others, free, steps, strict=True)):
-        jacobian[:, i] = (r - first) * (f.scale / step) if np.isfinite(r).all() else 0.0
-    return Linear(point, tuple(free), first, jacobian)
+    found = [
+        (r - first) * (f.scale / step) if np.isfinite(r).all() else np.zeros(evidence.size)
+        for r, f, step in zip(evidence.residuals(points), free, steps, strict=True)
+    ]
+    return found, free
 
 
 def refitted(evidence: Evidence, start: Linear, renewals: int = 1) -> Linear:
@@ -194,6 +274,6 @@ def _along(evidence: Evidence, at: Linear) -> Linear:
             break
         gained = at.cost - tried.cost
         at = tried
-        if gained < 0.1 * (at.cost + gained - expected):  # these sensitivities no longer say where to go
+        if gained < _TRUSTED * (at.cost + gained - expected):  # these sensitivities no longer say where to go
             break
     return at

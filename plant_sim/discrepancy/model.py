@@ -117,6 +117,19 @@ class Blockwise(Protocol):
 
 
 @runtime_checkable
+class Calibrated(Protocol):
+    """A model whose baseline is known better than its parameters' stated uncertainties say: it may be off by `calibration`
+    times as much; 1 for any other model."""
+
+    calibration: float
+
+
+def calibration(model: Model) -> float:
+    """How far the baseline of a model may be re-fitted, in stated uncertainties."""
+    return model.calibration if isinstance(model, Calibrated) else 1.0
+
+
+@runtime_checkable
 class Hinting(Protocol):
     """A model that reads from residuals where to begin the fit of an effect that is not smooth in its parameters."""
 

@@ -22,6 +22,7 @@ from protocols.errors import InputError
 from protocols.parameters import Parameter, ParameterSet, load_overlay
 from protocols.runs import whole_file
 
+_MOVED = 1e-6  # uncertainties: a parameter of the baseline that moved less was not touched by the data, and stays as declared
 _NORMAL_95 = 1.959964  # half a 95 % interval in standard deviations
 
 
@@ -34,9 +35,12 @@ def write_model(result: Result, parameters: ParameterSet, path: Path, started: P
     """
     data = combined(result.hashes)
     before = {name: p for name, p in (started or {}).items() if p != parameters[name]}
-    found = [(e, "re-fitted") for e in result.baseline] + [(e, "fitted") for e in result.parameters]
+    moved = [e for e in result.baseline if not abs(e.value - parameters[e.name].value) <= _MOVED * e.uncertainty]
+    found = [(e, "re-fitted") for e in moved] + [(e, "fitted") for e in result.parameters]
     after = {
-        e.name: _changed(parameters[e.name], e, f"{how} by clutch-hil discrepancy, {_interval(e)}, data SHA-256 {data}")
+        e.name: _changed(
+            parameters[e.name], e, f"{how} by clutch-hil discrepancy, {_interval(e)}, data SHA-256 {data[:16]}..."
+        )
         for e, how in found
     }
     text = "\n".join([*_head(result, data), *_body((before | after).values()), ""])

@@ -136,15 +136,14 @@ class _Generic:
 
 
 def family(name: str) -> str:
-    """What regimes share that exclude each other: "phase", "direction", "slip" (its size), "slip sign", "slip turn"."""
+    """What regimes that exclude each other have in common: "phase", "direction", "slip" (its size), "slip sign"."""
     head, _, word = name.partition("=")
-    return head + {
-        "forward": " sign",
-        "backward": " sign",
-        "rising": " slope",
-        "falling": " slope",
-        "reversal": " turn",
-    }.get(word, "")
+    return head if head == "direction" else head + _KINDS.get(word, "")
+
+
+_KINDS = {
+    "forward": " sign", "backward": " sign", "rising": " slope", "falling": " slope", "reversal": " turn",
+}  # fmt: skip
 
 
 def _period(run: Columns) -> float:

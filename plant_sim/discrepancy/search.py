@@ -13,7 +13,7 @@ from plant_sim.discrepancy.evidence import Evidence, Point
 from plant_sim.discrepancy.experiment import propose
 from plant_sim.discrepancy.fit import Linear, baseline_free, effect_free, linearised, refitted
 from plant_sim.discrepancy.held_out import gaps, left_out
-from plant_sim.discrepancy.model import Candidate, Columns, Hinting, Model
+from plant_sim.discrepancy.model import Candidate, Columns, Hinting, Model, Values, calibration
 from plant_sim.discrepancy.noise import floors
 from plant_sim.discrepancy.result import NAMED, NONE_OF_THESE, NOTHING, ONE_OF, Estimate, Result, Rival, Trace
 from plant_sim.discrepancy.surrogate_term import described
@@ -21,8 +21,9 @@ from protocols.errors import InputError, closest
 
 Progress = Callable[[str, float], None]  # what is being done, share of the whole
 _IN_EARNEST = 8  # candidates that are fitted in more than one step
-_FINALISTS = 4  # of these, fitted with their shapes too
-_JOINT = 3  # of these, fitted with the baseline's own parameters beside
+_JOINT = 4  # of these, fitted with their shapes and with the baseline's own parameters beside
+_RENEWALS = 3
+_CONVERGED = 0.01  # of the gain over the baseline
 _CLOSE = 0.2  # regret within which a rival is fitted as fully as the best
 _PAIRS = 4  # pairs that are fitted
 _PARTNERS = 3  # candidates that are fitted beside what is named
@@ -51,6 +52,9 @@ def investigate(
     found = floors([*runs.values(), *held.values()], model.outputs)
     inquiry = _Inquiry(model, Evidence(model, list(runs.values()), found), candidates, progress)
     inquiry.run()
+    verdict, effects, alternatives, notes = inquiry.verdict()
+    if verdict not in (NAMED, ONE_OF):
+        inquiry.final = inquiry.base  # what does not explain enough is not in the model
     progress("gap on runs that were not fitted", 0.85)
     before, after = inquiry.base, inquiry.final
     pairs = left_out(inquiry.evidence, before, after) if not held else None
@@ -59,7 +63,6 @@ def investigate(
     gap, by_regime = gaps(model, judged, found)
     progress("where they disagree", 0.9)
     where = claims(model, list(runs.values()), found, *before.point)
-    verdict, effects, alternatives, notes = inquiry.verdict()
     if verdict in (NAMED, ONE_OF):
         found_there = [acting(model, inquiry.evidence.runs, found, *after.point, c) for c in inquiry.named]
         where = [claim for claims_of_one in found_there for claim in claims_of_one] or where
@@ -67,7 +70,7 @@ def investigate(
     if verdict == ONE_OF:
         progress("experiment that separates them", 0.95)
         options = [inquiry.values[name] for name in alternatives[0]]
-        proposed = propose(model, before.point[0], options, found)
+        proposed = propose(model, after.point[0], options, found)
     if verdict == NONE_OF_THESE:
         progress("what shape the rest has", 0.95)
 
@@ -115,7 +118,7 @@ class _Inquiry:
         self.named: tuple[Candidate, ...] = ()  # the effects that explain most
         self.values: dict[str, dict[str, float]] = {}  # fitted, of each single candidate
         self.costs: dict[str, float] = {}  # of the candidates in the round that decided, each beside those named before
-        self._rivals: list[Rival] = []
+        self._rivals: dict[str, Rival] = {}
         self.confidence = 0.5
 
     def run(self) -> None:
@@ -123,36 +126,44 @@ class _Inquiry:
         model, evidence = self.model, self.evidence
         nominal: Point = ({n: p.value for n, p in model.parameters.items()}, {})
         self.progress("baseline re-fitted", 0.02)
-        self.start = linearised(evidence, nominal, baseline_free(model.parameters))
+        self.start = linearised(evidence, nominal, baseline_free(model.parameters, calibration(model)))
         self.base = refitted(evidence, self.start)
         self.final = self.base
-        self.weighed = Weighed(self.base.cost, self.base.cost, evidence.size, 0)
+        self.weighed = self._weighed(self.base, 0)
         self.progress("candidates", 0.1)
         self.search = Search(evidence, self.start, 0.5 * GAIN * evidence.size)
-        ranked = self.search.screened(self.candidates, self._starts(nominal))
+        ranked = self.search.screened(self.candidates, self._starts(self.base.point))
         hopeful = [f for f in ranked if self.search.cost - f.cost > 0.5 * GAIN * evidence.size]
         self._judge({f.name: f.cost for f in ranked if f not in hopeful})
         if not hopeful:
             return
         self.progress("the best candidates in earnest", 0.35)
-        earnest = self.search.improved(hopeful[:_IN_EARNEST], False, 2)
-        close = [f for f in earnest if self._close(f, earnest[0])][:_FINALISTS]
-        final = self.search.improved(close, True, 2)
-        ranked = self._first(final, earnest, hopeful)
+        ranked = self._first(self.search.improved(hopeful[:_IN_EARNEST], 2), hopeful)
         self.progress("the finalists with the baseline", 0.5)
         jointly = self._jointly([((f.candidate,), f.values) for f in ranked[:_JOINT] if self._close(f, ranked[0])])
         costs = {f.name: f.cost for f in ranked} | {names[0].name: at.cost for at, names in jointly}
-        self._judge(costs)
         self.values = {f.name: f.values for f in ranked} | {
             candidates[0].name: dict(at.point[1]) for at, candidates in jointly
         }
+        self._judge(costs)
         self._take(*jointly[0], costs)
         if self.weighed.gained and self.weighed.closed < ENOUGH and self.weighed.rest > EXCESS:
             self._several()
         if self.weighed.gained:
             self.progress("the model with what was found", 0.8)
             self.final = self._renewed(self.final)
-            self.weighed = replace(self.weighed, best=self.final.cost)
+            self._again()
+
+    def _again(self) -> None:
+        """The baseline once more, from where the effects left it: a gain that it can have itself is none of theirs."""
+        at = self.final
+        own = [i for i, f in enumerate(at.free) if f.centre is not None]
+        point: Point = at.point[0], {}
+        alone = Linear(point, tuple(at.free[i] for i in own), self.evidence.residuals([point])[0], at.jacobian[:, own])
+        again = refitted(self.evidence, alone, 0)
+        if again.cost < self.base.cost:
+            self.base = again
+        self.weighed = self._weighed(at, self.weighed.count)
 
     @staticmethod
     def _first(*groups: Sequence[Fit]) -> list[Fit]:
@@ -181,23 +192,30 @@ class _Inquiry:
 
     def _jointly(self, sets: Sequence[_Set]) -> list[_Joint]:
         """Each set of candidates, from given values on, with the baseline's own parameters, whose sensitivities are kept."""
-        found = []
-        for candidates, values in sets:
-            point = self.start.point[0], values
-            free = [f for c in candidates for f in effect_free(c, values)]
+        return sorted(((self._joint(*one), one[0]) for one in sets), key=lambda one: one[0].cost)
+
+    def _joint(self, candidates: tuple[Candidate, ...], values: Values) -> Linear:
+        point: Point = self.start.point[0], values
+        for _ in range(_RENEWALS):  # of the effects' own sensitivities
+            free = [f for c in candidates for f in effect_free(c, point[1])]
             own = linearised(self.evidence, point, free)
-            at = Linear(point, self.start.free + own.free, own.residual, np.hstack([self.start.jacobian, own.jacobian]))
-            found.append((refitted(self.evidence, at, 0), candidates))
-        return sorted(found, key=lambda one: one[0].cost)
+            jacobian = np.hstack([self.start.jacobian, own.jacobian])
+            before = Linear(point, self.start.free + own.free, own.residual, jacobian)
+            after = refitted(self.evidence, before, 0)
+            point = after.point
+            if before.cost - after.cost < _CONVERGED * max(self.base.cost - after.cost, 0.0):
+                break
+        return after
 
     def _renewed(self, at: Linear) -> Linear:
         """The final fit with its own sensitivities."""
-        own = linearised(self.evidence, at.point, at.free)
-        return refitted(self.evidence, own, 0)
+        free = [f for f in at.free if f.centre is not None]
+        free += [f for c in self.named for f in effect_free(c, at.point[1])]
+        return refitted(self.evidence, linearised(self.evidence, at.point, free), 0)
 
     def _take(self, at: Linear, candidates: tuple[Candidate, ...], costs: dict[str, float]) -> None:
         self.named, self.final, self.costs = candidates, at, costs
-        self.weighed = Weighed(self.base.cost, at.cost, self.evidence.size, len(candidates))
+        self.weighed = self._weighed(at, len(candidates))
 
     def _several(self) -> None:
         """Two effects, and a third beside them, where they explain what one does not."""
@@ -221,15 +239,22 @@ class _Inquiry:
         promising = search.beside([c.name for c in self.named], _PARTNERS)
         return [((*self.named, d.candidate), {**self.final.point[1], **values}) for _, d, values in promising]
 
+    def _weighed(self, at: Linear, count: int) -> Weighed:
+        e = self.evidence
+        return Weighed(self.base.cost, at.cost, e.size, count, e.excess(self.base.residual), e.excess(at.residual))
+
     def _better(self, at: Linear) -> bool:
         """Whether one more effect earns its place."""
         gained = self.weighed.best - at.cost
-        excess = max(self.base.cost - self.evidence.size, 1.0)
-        return gained > GAIN * self.evidence.size and gained > NEEDED * excess
+        return gained > self.evidence.size * max(GAIN, NEEDED * self.weighed.excess)
 
     def _judge(self, costs: dict[str, float]) -> None:
         base, size = self.base.cost, self.evidence.size
-        self._rivals += [Rival(n, Weighed(base, c, size, 1).closed, base - c, {}, "", 1) for n, c in costs.items()]
+        for name, cost in costs.items():
+            least = min(cost, base)  # switched off it is the baseline
+            values = self.values.get(name, {})
+            closed = (base - least) / max(self.weighed.excess * size, 1.0)
+            self._rivals[name] = Rival(name, closed, base - least, values, "", 1)
 
     def verdict(self) -> tuple[str, list[str], list[list[str]], list[str]]:
         """Verdict, effects named, sets of alternatives, notes."""
@@ -247,7 +272,7 @@ class _Inquiry:
         if w.count > 1:
             self.confidence = confidence(w, 0.1)
             return NAMED, [c.name for c in self.named], [], notes
-        near = aliases(self.costs, self.base.cost)
+        near = aliases(self.costs, self.evidence.size, w.rest)
         others = [c for n, c in self.costs.items() if n not in near]
         margin = (min(others, default=self.base.cost) - w.best) / max(self.base.cost - w.best, 1e-9)
         self.confidence = confidence(w, margin)
@@ -259,7 +284,7 @@ class _Inquiry:
         """Every candidate with why it is not the one."""
         best = {c.name for c in self.named} if self.weighed.explained else set()
         found = []
-        for r in sorted(self._rivals, key=lambda r: -r.gain):
+        for r in sorted(self._rivals.values(), key=lambda r: -r.gain):
             reason = ""
             if r.name not in best:
                 share = (self.weighed.best and (self.base.cost - r.gain) - self.weighed.best) / self.evidence.size

@@ -10,6 +10,7 @@ Wet clutch      r: measured less simulated, in means over 4 ms. The torque that 
                   pressure sensor P = <x_1 x_1'> - H           drive D = <x_3 x_3'> - <x_2 x_3>, or
                   <d d'>, d = r of M_m + k_p r of omega + k_i integral of it: the motor's own law (rig.md 8)
                 <x_2 x_2'>, <d d'>: less the noise's own; <x_1 x_1'>, <x_3 x_3'>: 12 ms later, of x_1 less that of noise alone
+                x_2, x_3 differ by no gain that the sensors' data sheets allow
                 temperature: r less what x_2 times slip heats (rig.md 7)
 Other models    every output is its own source: <r r>, less the noise's own
 Assumptions     noises of two sensors independent; friction block nearly linear in what the pressure is off by
@@ -21,7 +22,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d, minimum_filter1d
+from scipy.ndimage import minimum_filter1d
 from scipy.signal import lfilter
 
 from plant_sim.discrepancy.model import Columns, Model, Values
@@ -33,7 +34,6 @@ LAG = 3  # means: of the auto product of x_1, x_3, whose noise is coloured: a ce
 LATER = 4, 5, 6  # means: of an auto product that is tested; 16 to 24 ms, so that coloured noise of 10 ms is not in it
 SENSORS, DRIVE, FRICTION, HYDRAULICS = "sensors", "drive", "friction", "hydraulics"
 _WASHOUT = 1.0  # rad/s: what is slower in d is the motor's integrator that was held at its limit
-_BRIEF = 2e-3  # s: window (standard deviation) of a slope of the slip
 _PRESSED, _AROUND = (
     0.1,
     0.4,
@@ -94,16 +94,16 @@ def _clutch(
     noise = floors[PRESSURE] * np.random.default_rng([_SEED, k]).standard_normal(len(r[PRESSURE]))
     x1, alone = means(torque_of(r[PRESSURE]), run), means(torque_of(noise), run)
     period = _period(run)
+    slip = _timed(r[SLIP], np.gradient(shown[SLIP], period), period)
     inertia, gain, rate = (parameters[f"motor.{n}"] for n in ("inertia", "proportional_gain", "integral_gain"))
     # the encoder's angle has no noise to be integrated; half a sample: predictions are of the sample's instant
     turned = run[ANGLE] - run[ANGLE][0] - period * (np.cumsum(shown[SLIP]) - 0.5 * (shown[SLIP] + shown[SLIP][0]))
-    law = r[MOTOR] + gain * r[SLIP] + rate * turned
-    speed = gaussian_filter1d(run[SLIP], _BRIEF / period)
-    late = gain * np.gradient(speed, period)
-    law = _timed(_washed(law, period), _washed(late, period), period)
+    law = r[MOTOR] + gain * slip + rate * turned
+    law = _washed(law, period)
     x2, p, d = means(r[TORQUE], run), means(r[PRESSURE], run), means(law, run)
-    turning = inertia * np.gradient(means(r[SLIP], run), MEAN)
+    turning = inertia * np.gradient(means(slip, run), MEAN)
     x3 = means(r[MOTOR], run) - turning
+    x3 = _alike(x2, x3, means(shown[TORQUE], run), _gains(model))
     heat = _heated(r[TORQUE] * np.abs(run[SLIP]), parameters, period)
     celsius = means(r[CELSIUS] - heat, run)
     celsius = celsius - celsius.mean()
@@ -160,11 +160,24 @@ def _washed(values: np.ndarray, period: float) -> np.ndarray:
     return np.asarray(lfilter([1.0, -1.0], [1.0, -pole], values - values[0]))
 
 
-def _timed(law: np.ndarray, late: np.ndarray, most: float) -> np.ndarray:
-    """`law` as if the slip had been shown 0 to `most` [s] later, `late` its slope with that: an encoder's speed is half a
-    sample old."""
-    share = np.clip(-(law @ late) / max(float(late @ late), 1e-12), 0.0, most)
-    return law + share * late
+def _gains(model: WetClutch) -> float:
+    """How far the gains of the two torque sensors may differ by their data sheets (1 sigma)."""
+    sheets = [model.parameters[f"sensors.{name}_sensitivity"] for name in ("clutch_torque", "motor_torque")]
+    return float(np.sqrt(sum((p.uncertainty / p.value) ** 2 for p in sheets)))
+
+
+def _alike(x2: np.ndarray, x3: np.ndarray, torque: np.ndarray, most: float) -> np.ndarray:
+    """`x3` as if its sensor's gain differed from that of `x2` by no more than is left beyond `most`."""
+    swing = torque - torque.mean()  # an offset is no gain
+    differ = np.clip((x2 - x3) @ swing / max(float(swing @ swing), 1e-12), -most, most)
+    return x3 + differ * torque
+
+
+def _timed(residual: np.ndarray, slope: np.ndarray, most: float) -> np.ndarray:
+    """`residual` of the slip as if it had been simulated 0 to `most` [s] late, `slope` [1/s] simulated: an encoder's speed is
+    half a sample old."""
+    late = np.clip(-(residual @ slope) / max(float(slope @ slope), 1e-12), 0.0, most)
+    return residual + late * slope
 
 
 def _free(x: np.ndarray, raw: np.ndarray, run: Columns) -> np.ndarray:

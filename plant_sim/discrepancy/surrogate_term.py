@@ -137,10 +137,16 @@ def _torque_terms(run: Columns, shown: Columns, parameters: Values, order: int) 
     period = _period(run)
     bar = shown[PRESSURE]
     slip, angle = run["slip_speed_rad_s"], run["shaft_angle_rad"]
-    q = (bar - by_friction.PRESSURE / BAR) / (by_friction.PRESSURE_SPAN / BAR)
-    w = np.abs(slip) / by_friction.SLIP_SPAN
-    t = (shown["oil_temperature_degc"] - 70.0) / by_friction.KELVIN_SPAN
-    e = (bar - _lagged(bar, by_friction.LAG, period)) / (by_friction.PRESSURE_SPAN / BAR)
+    q = np.clip(
+        (bar - by_friction.PRESSURE / BAR) / (by_friction.PRESSURE_SPAN / BAR), -by_friction.MOST, by_friction.MOST
+    )
+    w = np.minimum(np.abs(slip) / by_friction.SLIP_SPAN, by_friction.MOST)
+    t = np.clip((shown["oil_temperature_degc"] - 70.0) / by_friction.KELVIN_SPAN, -by_friction.MOST, by_friction.MOST)
+    e = np.clip(
+        (bar - _lagged(bar, by_friction.LAG, period)) / (by_friction.PRESSURE_SPAN / BAR),
+        -by_friction.MOST,
+        by_friction.MOST,
+    )
     v = (slip - _lagged(slip, by_friction.LAG, period)) / by_friction.SLIP_SPAN
     d = _direction(np.ascontiguousarray(bar), by_friction.TURN / BAR)
     contact = (bar >= parameters["piston.contact_pressure"]).astype(float)
@@ -160,10 +166,14 @@ def _demand_terms(run: Columns, parameters: Values) -> Terms:
     """Terms of `residual_pressure` behind the valve, in means."""
     period = _period(run)
     u = parameters["valve.gain"] * run["valve_voltage_v"]
-    q = (u - by_demand.PRESSURE / BAR) / (by_demand.PRESSURE_SPAN / BAR)
-    w = np.abs(run["slip_speed_rad_s"]) / by_demand.SLIP_SPAN
-    t = (run["oil_temperature_degc"] - 70.0) / by_demand.KELVIN_SPAN
-    e = (u - _lagged(u, by_demand.LAG, period)) / (by_demand.PRESSURE_SPAN / BAR)
+    q = np.clip((u - by_demand.PRESSURE / BAR) / (by_demand.PRESSURE_SPAN / BAR), -by_demand.MOST, by_demand.MOST)
+    w = np.minimum(np.abs(run["slip_speed_rad_s"]) / by_demand.SLIP_SPAN, by_demand.MOST)
+    t = np.clip((run["oil_temperature_degc"] - 70.0) / by_demand.KELVIN_SPAN, -by_demand.MOST, by_demand.MOST)
+    e = np.clip(
+        (u - _lagged(u, by_demand.LAG, period)) / (by_demand.PRESSURE_SPAN / BAR),
+        -by_demand.FOLLOWED,
+        by_demand.FOLLOWED,
+    )
     d = _direction(u, by_demand.TURN / BAR)
     terms = {
         "level": np.ones_like(u), "pressure": q, "pressure2": q**2, "slip": w, "slip2": w**2, "temperature": t, "direction": d,

@@ -9,26 +9,27 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from plant_sim.discrepancy.evidence import Evidence
-from plant_sim.discrepancy.experiment import Bench, Experiment
+from plant_sim.discrepancy.experiment import Bench, Experiment, Predicted
 from plant_sim.discrepancy.fit import baseline_free, linearised
-from plant_sim.discrepancy.model import Model, Values
+from plant_sim.discrepancy.model import Model, Values, calibration
 from protocols.errors import InputError
 
 
 class Visibility:
-    """What `experiments` on a `bench` show of the effects of `model`. Raises InputError for an experiment that is not safe."""
+    """What `experiments` on a `bench` show of the effects of `model`, with `floors` by output.
 
-    def __init__(self, model: Model, bench: Bench, experiments: Iterable[Experiment]) -> None:
+    Raises InputError for an experiment that is not safe.
+    """
+
+    def __init__(self, model: Model, bench: Bench, experiments: Iterable[Experiment], floors: Values) -> None:
         parameters: Values = {name: p.value for name, p in model.parameters.items()}
         runs = []
         for experiment in experiments:
             if (inputs := bench.planned(experiment, parameters, {})) is None:
                 raise InputError(f"experiment {experiment.name} comes too near a limit of the rig; see its profile")
             runs.append({**inputs, **model.simulate(inputs, parameters, {})})
-        floors = {output.column: output.resolution for output in model.outputs}
-        self._evidence = Evidence(model, runs, floors)
-        self._at = linearised(self._evidence, (parameters, {}), baseline_free(model.parameters))
+        self._evidence = Predicted(model, runs, floors)
+        self._at = linearised(self._evidence, (parameters, {}), baseline_free(model.parameters, calibration(model)))
 
     def gaps(self, effects: Values) -> dict[str, float]:
         """Gap by output, in floors, of effects by dotted name; the largest says how well they are seen."""

@@ -6,7 +6,7 @@ Equation        u += a_0 + a_1 P + a_2 P^2 + a_3 W + a_4 W^2 + a_5 T + a_6 D + a
                 E: u/0.8 bar less the same behind a lag of 50 ms,
                 dD = du/0.1 bar, |D| <= 1: direction of the demand, kept while it stands (Maxwell-slip element)
 Assumptions     none: coefficients are fitted (plant_sim/discrepancy/surrogate_term.py), not understood
-Valid range     that of the runs it was fitted to: pressure, slip and temperature beyond them are extrapolated
+Valid range     that of the runs it was fitted to; |P|, W, |T| are held beyond 2, |E| beyond 6
 Not modelled    the physics; memory beyond 50 ms
 References      Kennedy and O'Hagan 2001, J. R. Statist. Soc. B 63 (a model and its discrepancy term)
 """
@@ -25,26 +25,34 @@ LAG = 0.05  # s: what follows changes of the demand
 TURN = 0.1 * BAR  # Pa: the direction has turned after twice as much
 
 
+MOST = 2.0  # of P, and of W, T: beyond twice the range of a run what was fitted is held, not extrapolated
+FOLLOWED = 6.0  # of E: a step over the whole range in contact
+
+
 def add(s, c, p, x, h):
     """Add the polynomial."""
+    half = 1.0 - exp(-0.5 * h / LAG)  # 0 where h is
     if h > 0.0:
         x.direction = min(max(x.direction + (s.demand - x.last) / TURN, -1.0), 1.0)
         x.last = s.demand
-        x.before += (1.0 - exp(-h / LAG)) * (s.demand - x.before)
+        x.before += half * (s.demand - x.before)
+    behind = x.before  # at mid-step
+    x.before += half * (s.demand - x.before)
     if s.demand <= 0.0:
         return
-    q = (s.demand - PRESSURE) / PRESSURE_SPAN
-    w = abs(s.cylinder_speed) / SLIP_SPAN
+    q = min(max((s.demand - PRESSURE) / PRESSURE_SPAN, -MOST), MOST)
+    w = min(abs(s.cylinder_speed) / SLIP_SPAN, MOST)
+    t = min(max((s.temperature - CELSIUS_70) / KELVIN_SPAN, -MOST), MOST)
+    e = min(max((s.demand - behind) / PRESSURE_SPAN, -FOLLOWED), FOLLOWED)
     s.demand += (
-        p.level + p.temperature * (s.temperature - CELSIUS_70) / KELVIN_SPAN + p.time * s.time / TIME_SPAN
-        + p.direction * x.direction + p.lag * (s.demand - x.before) / PRESSURE_SPAN
+        p.level + p.temperature * t + p.time * s.time / TIME_SPAN + p.direction * x.direction + p.lag * e
         + q * (p.pressure + p.pressure2 * q + p.pressure_direction * x.direction) + w * (p.slip + p.slip2 * w)
     )  # fmt: skip
 
 
 def _coefficient(name):
     return Strength(
-        name, "bar", off=0.0, typical=0.05, bounds=(-3.0, 3.0), source="fitted; [D] bounds as the whole pressure"
+        name, "bar", off=0.0, typical=0.05, bounds=(-1.0, 1.0), source="fitted; [D] bounds as the range in contact"
     )
 
 

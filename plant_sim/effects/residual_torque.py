@@ -9,7 +9,7 @@ Equation        M += sigma (a_0 + a_1 P + a_2 P^2 + a_3 W + a_4 W^2 + a_5 P W + 
                 sigma = omega/(|omega| + 0.5 rad/s), E, V: p/0.8 bar, omega/20 rad/s less the same behind a lag of 20 ms,
                 dD = dp/0.1 bar, |D| <= 1: direction of the pressure, kept while it stands (Maxwell-slip element)
 Assumptions     none: coefficients are fitted (plant_sim/discrepancy/surrogate_term.py), not understood
-Valid range     that of the runs it was fitted to: pressure, slip and temperature beyond them are extrapolated
+Valid range     that of the runs it was fitted to; |P|, W, |T|, |E| are held beyond 2
 Not modelled    the physics; memory beyond 20 ms
 References      Kennedy and O'Hagan 2001, J. R. Statist. Soc. B 63 (a model and its discrepancy term)
 """
@@ -26,6 +26,7 @@ CELSIUS_70, KELVIN_SPAN = 343.15, 10.0  # K: reference and warming of a run
 TIME_SPAN = 24.0  # s, a run
 LAG = 0.02  # s: what follows changes of pressure and slip
 TURN = 0.1 * BAR  # Pa: the direction has turned after twice as much
+MOST = 2.0  # of P, W, T, E: beyond twice the range of a run what was fitted is held, not extrapolated
 CREEP = 0.5  # rad/s: slower slip has half a sign
 
 
@@ -40,15 +41,16 @@ def add(s, c, p, x, h):
     s.torque += p.offset
     speed = abs(s.slip)
     sign = s.slip / (speed + CREEP)
-    w = speed / SLIP_SPAN
+    w = min(speed / SLIP_SPAN, MOST)
     if s.contact == 0.0:
         s.torque += p.open_slip * w * sign
         return
-    q = (s.friction_pressure - PRESSURE) / PRESSURE_SPAN
-    t = (s.temperature - CELSIUS_70) / KELVIN_SPAN
+    q = min(max((s.friction_pressure - PRESSURE) / PRESSURE_SPAN, -MOST), MOST)
+    t = min(max((s.temperature - CELSIUS_70) / KELVIN_SPAN, -MOST), MOST)
+    e = min(max((s.pressure - x.pressure) / PRESSURE_SPAN, -MOST), MOST)
     s.torque += p.slip_lag * (s.slip - x.slip) / SLIP_SPAN + sign * (
         p.level + p.temperature * t + p.time * s.time / TIME_SPAN + p.direction * x.direction
-        + p.pressure_lag * (s.pressure - x.pressure) / PRESSURE_SPAN + w * (p.slip + p.slip2 * w)
+        + p.pressure_lag * e + w * (p.slip + p.slip2 * w)
         + q * (p.pressure + p.pressure2 * q + p.pressure_slip * w + p.pressure_temperature * t
                + p.pressure_direction * x.direction)
     )  # fmt: skip

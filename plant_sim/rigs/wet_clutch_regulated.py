@@ -18,7 +18,7 @@ from numba import njit
 from plant_sim.blocks.sensors import voltages
 from plant_sim.effects.signals import ACQUISITION, SIGNALS, attached, bound, call, known
 from plant_sim.profile import Profile
-from plant_sim.rigs.wet_clutch import Rig, advance
+from plant_sim.rigs.wet_clutch import Rig, advance, nominal
 from plant_sim.rigs.wet_clutch_run import QUIET
 from protocols.node import node_factory
 from protocols.units import ZERO_CELSIUS
@@ -39,6 +39,7 @@ class Regulator(NamedTuple):
     band: float
     dwell: float
     voltage: float
+    sensitivity: float  # V/Pa, of the pressure sensor by its data sheet, whatever the sensor is
 
     @classmethod
     def of_controller(cls) -> "Regulator":
@@ -49,7 +50,7 @@ class Regulator(NamedTuple):
             "torque.pressure_limit", "phases.fill_pressure", "model.contact_pressure", "phases.contact_band",
             "phases.fill_dwell", "pressure.voltage_limit",
         )  # fmt: skip
-        return cls(*(p[name].si for name in names))
+        return cls._make((*(p[name].si for name in names), nominal()["sensors.pressure_sensitivity"].si))
 
 
 class Regulated(NamedTuple):
@@ -101,7 +102,7 @@ def _regulate(state, states, demand, speed, regulator, limit, parameters, effect
             s.motor_torque_voltage, s.clutch_torque_voltage, s.encoder_angle = motor, clutch, y.angle
             call(ACQUISITION, e, s, c, period)
             shown = s.pressure_voltage
-        pressure = shown / c.sensors_pressure_sensitivity
+        pressure = shown / r.sensitivity
 
         dwelt = dwelt + period if pressure >= r.contact else 0.0
         if demand[k] <= 0.0:

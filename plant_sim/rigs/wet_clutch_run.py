@@ -20,11 +20,14 @@ QUIET = (0.0, 0.0, 0.0, 0.0)  # standard normal numbers of a sample
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def run(state, states, voltage, speed, limit, parameters, effects, period, substeps, driven, pressure, slip, shown):
+def run(
+    state, states, voltage, speed, limit, parameters, effects, period, substeps, driven, pressure, slip, scales, shown
+):
     """Write what is shown, (n, 6) in Pa, rad/s, rad, degC, Nm, Nm, of a run from `state`, `states` (a `Whole`) on.
 
     voltage [V], speed [rad/s]: inputs (n,); limit [Nm], period [s]. With `driven`, cylinder pressure [Pa] and slip [rad/s]
-    are set to the given ones (n,) at each sample: the clutch alone, behind its measured inputs.
+    are set to the given ones (n,) at each sample: the clutch alone, behind its measured inputs. scales: what a volt stands for
+    to whoever reads the channels of pressure, temperature, motor and clutch torque [Pa/V, K/V, Nm/V, Nm/V].
     """
     state, states, own, signals = state.copy(), states.copy(), parameters.copy(), np.zeros(1, SIGNALS)
     e = bound(effects, states)
@@ -45,12 +48,12 @@ def run(state, states, voltage, speed, limit, parameters, effects, period, subst
             call(ACQUISITION, e, s, c, period)
             cylinder, kelvin = s.pressure_voltage, s.temperature_voltage
             motor, clutch, angle = s.motor_torque_voltage, s.clutch_torque_voltage, s.encoder_angle
-        shown[k, PRESSURE] = cylinder / c.sensors_pressure_sensitivity
+        shown[k, PRESSURE] = cylinder * scales[0]
         shown[k, SLIP] = y.slip_speed
         shown[k, ANGLE] = angle
-        shown[k, TEMPERATURE] = kelvin / c.sensors_temperature_sensitivity
-        shown[k, CLUTCH_TORQUE] = clutch / c.sensors_clutch_torque_sensitivity
-        shown[k, MOTOR_TORQUE] = motor / c.sensors_motor_torque_sensitivity
+        shown[k, TEMPERATURE] = kelvin * scales[1]
+        shown[k, CLUTCH_TORQUE] = clutch * scales[3]
+        shown[k, MOTOR_TORQUE] = motor * scales[2]
         if attached(RIG, e):
             own = parameters.copy()  # what such effects change, they change anew
         move(state, own, signals, e, voltage[k], speed[k], limit, period, substeps)

@@ -15,8 +15,10 @@ NOISE = {  # 0.5 % of 3.4 bar, 17 Nm, 10 K; slip: encoder over a sample
 }  # fmt: skip
 
 
-def recorded(hidden: Mapping[str, float], seed: int = 1, noise: Mapping[str, float] = NOISE) -> list[dict[str, np.ndarray]]:
-    """Three runs: engagements, pressure triangles, a pressure multisine, all at changing slip; `hidden`: effects by dotted name."""
+def recorded(
+    hidden: Mapping[str, float], seed: int = 1, noise: Mapping[str, float] = NOISE
+) -> list[dict[str, np.ndarray]]:
+    """Three runs: engagements, pressure triangles, a pressure multisine, all at changing slip, with effects `hidden`."""
     t = np.arange(0.0, SECONDS, PERIOD)
     triangle = 2.0 * np.abs((t / 2.0) % 1.0 - 0.5)
     sines = sum(np.sin(2.0 * np.pi * f * t + f) for f in (0.7, 1.3, 2.9, 5.3))

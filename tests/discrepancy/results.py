@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from plant_sim.discrepancy.model import equation
+from plant_sim.discrepancy.models.wet_clutch import WetClutch
 from plant_sim.discrepancy.report.wording import excess
 from plant_sim.discrepancy.result import (
     NAMED,
@@ -22,14 +23,10 @@ from plant_sim.discrepancy.result import (
     Trace,
 )
 from plant_sim.effects import catalogue
-from plant_sim.rigs import wet_clutch
-from plant_sim.rigs.wet_clutch_run import CLUTCH_TORQUE, MOTOR_TORQUE, PRESSURE, SLIP, TEMPERATURE, run
-from protocols.units import BAR
 
 EFFECT = "piston_seal_friction"
 FITTED = {f"{EFFECT}.force": 58.0, f"{EFFECT}.pressure_slope": 6.4, f"{EFFECT}.travel": 5.0e-6}
 RATE = 1000  # Hz
-STEPS = 4  # of the integration, a sample
 UNITS = {
     "cylinder_pressure_bar": "bar",
     "clutch_torque_nm": "Nm",
@@ -44,9 +41,8 @@ FLOORS = {
     "slip_speed_rad_s": 0.016,
     "oil_temperature_degc": 0.104,
 }
-_NUMBERS = (PRESSURE, CLUTCH_TORQUE, MOTOR_TORQUE, SLIP, TEMPERATURE)
 _BLOCKS = dict(zip(UNITS, ("hydraulics", "friction", "drive", "drive", "friction"), strict=True))
-_KELVIN = 343.15
+OIL = 70.0  # degC, at the start
 
 
 def result(verdict: str, runs: int = 3, seconds: float = 8.0, outputs: int = 3) -> Result:
@@ -180,44 +176,32 @@ def _trace(number: int, runs: int, seconds: float, verdict: str) -> Trace:
     n = round(seconds * RATE)
     time = np.arange(n) / RATE
     sweep = np.sin(2.0 * np.pi * (0.25 + 0.1 * number + 0.05 * time) * time)
-    voltage = np.where((time % 8.0) < 7.0, (3.2 + 0.7 * sweep) / 2.5, 0.4)
-    speed = 20.0 + 12.0 * np.sin((0.5 + 0.2 * number) * time)
-    nominal = wet_clutch.nominal()
-    before = _simulated(nominal.with_values(_OFF), voltage, speed)
-    true = before if verdict == NOTHING else _simulated(nominal.with_values(FITTED), voltage, speed)
+    inputs = {
+        "time_s": time,
+        "valve_voltage_v": np.where((time % 8.0) < 7.0, (3.2 + 0.7 * sweep) / 2.5, 0.4),
+        "motor_speed_demand_rad_s": 20.0 + 12.0 * np.sin((0.5 + 0.2 * number) * time),
+    }
+    beginning = {
+        "cylinder_pressure_bar": np.zeros(n),
+        "oil_temperature_degc": np.full(n, OIL),
+        "shaft_angle_rad": np.zeros(n),
+    }
+    model = WetClutch()
+    parameters = {name: p.value for name, p in model.parameters.items()}
+    before = dict(model.simulate(inputs | beginning, parameters, {}))
+    true = before if verdict == NOTHING else dict(model.simulate(inputs | beginning, parameters, FITTED))
     random = np.random.default_rng(number)
-    shown = {c: true[:, i] + FLOORS[c] * random.standard_normal(n) for c, i in zip(UNITS, _NUMBERS, strict=True)}
-    columns = {
-        "time_s": time, "valve_voltage_v": voltage, "motor_speed_demand_rad_s": speed,
-        "shaft_angle_rad": true[:, 2], **shown,
-    }  # fmt: skip
-    model = {column: before[:, i] for column, i in zip(UNITS, _NUMBERS, strict=True)}
-    measured = {column: shown[column] for column in UNITS}
-    full = {column: true[:, i] for column, i in zip(UNITS, _NUMBERS, strict=True)}
+    measured = {column: true[column] + FLOORS[column] * random.standard_normal(n) for column in UNITS}
+    columns = inputs | {"shaft_angle_rad": np.cumsum(true["slip_speed_rad_s"]) / RATE} | measured
     held = number >= runs - (2 if runs > 4 else 1)
-    return Trace(f"run-{number}.parquet", held, columns, measured, model, full if verdict != NONE_OF_THESE else model)
+    after = before if verdict == NONE_OF_THESE else true
+    return Trace(f"run-{number}.parquet", held, columns, measured, before, after)
 
 
 def _kept(trace: Trace, columns: list[str]) -> Trace:
     """The same with some outputs only."""
     measured, before, after = ({c: v[c] for c in columns} for v in (trace.measured, trace.before, trace.after))
     return replace(trace, measured=measured, before=before, after=after)
-
-
-def _simulated(parameters, voltage, speed):
-    rig = wet_clutch.Rig(parameters)
-    start = rig.at_rest(speed[0], _KELVIN)
-    out = np.empty((len(voltage), 6))
-    limit = parameters["motor.torque_limit"].si
-    run(
-        start.y, start.effects, voltage, speed, limit, rig.record, rig.table.kernel, 1.0 / RATE, STEPS,
-        False, voltage, speed, out,
-    )  # fmt: skip
-    out[:, PRESSURE] /= BAR
-    return out
-
-
-_OFF = {f"{EFFECT}.force": 0.0, f"{EFFECT}.pressure_slope": 0.0}
 
 
 def _rms(trace: Trace, column: str, when: str, inside: np.ndarray | slice = slice(None)) -> float:

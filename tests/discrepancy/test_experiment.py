@@ -103,7 +103,8 @@ def test_an_unknown_experiment_is_told_what_comes_closest() -> None:
 
 @pytest.mark.parametrize("name", ["hold_and_release", "reversals", "pressure_steps"])
 def test_the_regulated_rig_gets_the_voltage_that_the_controller_gives(name: str) -> None:
-    parameters, profile = wet_clutch.nominal().with_values(QUIET), load_profile(name, SHORT)
+    parameters = wet_clutch.nominal().with_values(QUIET | {"sensors.pressure_sensitivity": 1.03})  # reads 3 % high
+    profile = load_profile(name, SHORT)
     played = play(PlantNode(1000, parameters, profile, temperature=70.0), node_factory("controller")(rate=1000))
     inputs = regulated(wet_clutch.Rig(parameters), profile, Regulator.of_controller(), 70.0, 1000, 10)
     assert np.abs(inputs.voltage - played["valve_voltage_v"]).max() < VOLTAGE

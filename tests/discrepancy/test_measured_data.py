@@ -14,6 +14,8 @@ from plant_sim.discrepancy.model import Columns
 from plant_sim.discrepancy.models.pneumatic_cylinder import PneumaticCylinder
 from plant_sim.discrepancy.models.position_axis import PositionAxis
 from plant_sim.discrepancy.models.tribometer import Tribometer
+from plant_sim.discrepancy.result import NAMED
+from plant_sim.discrepancy.search import investigate
 from plant_sim.reproduce.measured_data import MissingDataError, measured_file
 from protocols.parameters import ParameterSet
 from tests.discrepancy.least_squares import error, fitted, residual
@@ -137,3 +139,24 @@ def test_o_ring_friction_grows_with_pressure():
     assert before == pytest.approx(2.967, rel=CLOSE)
     assert error(model, runs[2:], *seal) == pytest.approx(2.20, rel=CLOSE)
     assert seal[1]["piston_seal_friction.pressure_slope"] == pytest.approx(0.84, rel=CLOSE)
+
+
+# --- the workflow -----------------------------------------------------------------------------------------------------
+
+
+def test_the_workflow_names_what_each_rig_lacks(axis_runs):
+    """And closes the gap, in runs it has not fitted, to what the fits above reach."""
+    record, of = path("microtribometer/test_data_2.txt"), load_map("microtribometer")
+    cycles = [of.part(begin, begin + 100.0).read(record).columns for begin in (8.8, 108.8)]
+    seal = load_map("pneumatic_seal")
+    strokes = [seal.read(path(f"pneumatic_seal_friction/O-ring_{bar}bar.csv")).columns for bar in (1, 3, 5, 7)]
+    cases = (
+        (PositionAxis(), axis_runs[:1], axis_runs[1:], "direction_asymmetry", 2.94),
+        (Tribometer(), cycles[:1], cycles[1:], "presliding", 0.150),
+        (PneumaticCylinder(), strokes[:2], strokes[2:], "piston_seal_friction", 2.21),
+    )
+    for model, fitted_runs, held_out, effect, after in cases:
+        named = [dict(zip("ab", runs, strict=False)) for runs in (fitted_runs, held_out)]
+        result = investigate(model, named[0], {f"held out {n}": run for n, run in named[1].items()})
+        assert (result.verdict, result.effects) == (NAMED, [effect])
+        assert result.gap[model.output.column].after == pytest.approx(after, rel=CLOSE)

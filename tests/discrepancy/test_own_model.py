@@ -9,6 +9,10 @@ import numpy as np
 import pytest
 
 from plant_sim.discrepancy.model import Candidate
+from plant_sim.discrepancy.model_file import write_model
+from plant_sim.discrepancy.models.named import declared, model_named
+from plant_sim.discrepancy.result import NAMED
+from plant_sim.discrepancy.search import investigate
 from plant_sim.effects.catalogue import effect
 from protocols.parameters import ParameterSet
 from protocols.runs import read_run
@@ -72,7 +76,20 @@ def test_the_script_writes_runs_with_the_model_s_columns(
     model = heater.Heater
     for name in ("one", "two", "held_out"):
         run = read_run(tmp_path / f"{name}.parquet", ("time_s", *model.inputs, *(o.column for o in model.outputs)))
-        assert len(run["time_s"]) == 1200
+        assert len(run["time_s"]) == 600
+
+
+def test_the_workflow_names_radiation_and_the_model_file_has_it(heater: ModuleType, tmp_path: Path) -> None:
+    """By PATH.py:CLASS, as the command does it."""
+    rig = f"{DOCS / 'examples' / 'heater.py'}:Heater"
+    model = model_named(rig)
+    runs = {"one": heater.measured(1, (50, 10, 90), 600.0), "two": heater.measured(2, (20, 80), 400.0)}
+    result = investigate(model, runs, {"held out": heater.measured(3, (70, 30, 110, 0), 800.0)})
+    assert (result.verdict, result.effects) == (NAMED, ["radiation"])
+    assert result.gap["temperature_degc"].after < 1.1 * NOISE
+    write_model(result, declared(model), tmp_path / "model.toml")
+    extended = model_named(rig, tmp_path / "model.toml")
+    assert "radiation" not in {c.name for c in extended.candidates}
 
 
 def test_the_page_shows_the_example_as_it_is(heater: ModuleType) -> None:

@@ -33,7 +33,10 @@ def test_phases_share_out_every_sample(runs, regimes):
 def test_a_clutch_fills_engages_slips_releases_and_is_open_in_this_order(runs, regimes):
     masks = regimes(runs[0])
     begun = 2.6  # s: demanded
-    first = {n: np.flatnonzero(masks[f"phase={n}"][round(begun / PERIOD) :])[0] for n in ("fill", "engage", "slip", "release", "open")}
+    first = {
+        n: np.flatnonzero(masks[f"phase={n}"][round(begun / PERIOD) :])[0]
+        for n in ("fill", "engage", "slip", "release", "open")
+    }
     assert first["fill"] < first["engage"] < first["slip"] < first["release"] < first["open"]
 
 
@@ -74,5 +77,6 @@ def test_an_axis_goes_forward_backward_and_reverses():
     masks = Regimes(PositionAxis(), [run], {})(run)
     assert masks[ALL].all()
     forward = np.cos(2.0 * np.pi * 0.5 * t) > 0.0
-    assert np.all(forward[masks["direction=forward"]]) and not np.any(forward[masks["direction=backward"]])
+    assert np.all(forward[masks["direction=forward"]])
+    assert not np.any(forward[masks["direction=backward"]])
     assert np.all(np.abs(np.cos(2.0 * np.pi * 0.5 * t[masks["reversal"]])) < 0.5)

@@ -28,7 +28,8 @@ def test_a_torque_that_depends_on_slip_and_temperature_is_described_and_carried(
     hidden = {"residual_torque.slip": 1.0, "residual_torque.temperature": -0.8}
     runs = recorded(hidden)
     told = described(model, runs, NOISE, baseline(), {})
-    assert told["block"] == "friction" and {"slip", "temperature"} <= set(told["variables"])
+    assert told["block"] == "friction"
+    assert {"slip", "temperature"} <= set(told["variables"])
     assert told["r2"] > R2
     for name, value in hidden.items():
         assert told["values"][name] == pytest.approx(value, abs=COEFFICIENT)
@@ -38,14 +39,18 @@ def test_a_torque_that_depends_on_slip_and_temperature_is_described_and_carried(
 def test_a_pressure_that_keeps_its_direction_is_described_and_carried(model):
     runs = recorded({"residual_pressure.direction": -0.08})
     told = described(model, runs, NOISE, baseline(), {})
-    assert told["block"] == "hydraulics" and "direction" in told["variables"]
+    assert told["block"] == "hydraulics"
+    assert "direction" in told["variables"]
     column = "cylinder_pressure_bar"
     assert error(model, runs, told["values"], column) < CLOSED * error(model, runs, {}, column)
 
 
 def test_a_ripple_is_told_by_its_order(model):
-    told = described(model, recorded({"position_ripple.amplitude": 0.5, "position_ripple.order": 7.0}), NOISE, baseline(), {})
-    assert told["variables"] == ["angle"] and "7 a turn" in told["sentence"]
+    told = described(
+        model, recorded({"position_ripple.amplitude": 0.5, "position_ripple.order": 7.0}), NOISE, baseline(), {}
+    )
+    assert told["variables"] == ["angle"]
+    assert "7 a turn" in told["sentence"]
 
 
 def test_what_depends_on_nothing_is_said_to(model):
@@ -56,5 +61,7 @@ def test_what_depends_on_nothing_is_said_to(model):
         for column in ("clutch_torque_nm", "motor_torque_nm"):
             run[column] = run[column] + hum
     told = described(model, runs, NOISE, baseline(), {})
-    assert told["values"] == {} and told["variables"] == []
-    assert "no simple function" in told["sentence"] and "31" in told["sentence"].replace("30.8", "31").replace("31.2", "31")
+    assert told["values"] == {}
+    assert told["variables"] == []
+    assert "no simple function" in told["sentence"]
+    assert "31" in told["sentence"].replace("30.8", "31").replace("31.2", "31")

@@ -27,7 +27,13 @@ TORQUE_RMS = 1.5e-3  # Nm, a step of its 16 bits: measured 0.8e-3 where the slip
 REVERSING_RMS = 0.1
 SETTLED = 0.01  # of the gap asked for: strengths are sought to 1 % of the difference
 SAMPLED = 0.02  # of the gap as recorded: 120000 samples of noise, measured below 0.006
-SLOW = "temperature_sensor_lag", "cooling_flow", "coulomb_temperature", "friction_fade"  # seen over whole runs
+SLOW = (
+    "temperature_sensor_lag",
+    "torque_sensor_leakage",
+    "cooling_flow",
+    "coulomb_temperature",
+    "friction_fade",
+)  # seen over whole runs
 FOLDER = Path(cases.__file__).parent
 
 

@@ -11,6 +11,7 @@ from protocols.errors import InputError, closest
 from protocols.parameters import ParameterSet, load_overlay
 from protocols.runs import REQUIRED
 
+_MOST = 5.0  # stated uncertainties: five standard deviations
 _NEEDED = ("name", "inputs", "outputs", "parameters", "candidates", "simulate")  # what `Model` has
 
 
@@ -60,6 +61,14 @@ def model_named(rig: str, changed: Path | None = None) -> Model:
         raise InputError(f"rig {rig} cannot be made {how}: {type(error).__name__}: {error}") from None
     if lacking := [name for name in _NEEDED if not hasattr(model, name)]:
         raise InputError(f"rig {rig} lacks {lacking[0]}; a model has {', '.join(_NEEDED)} (docs/own_model.md)")
+    return model
+
+
+def recalibrated(model: Any, share: float) -> Any:
+    """`model` with another `calibration`. Raises InputError."""
+    if not 0.0 < share <= _MOST:
+        raise InputError(f"calibration {share:g} is not possible; allowed is more than 0 and at most {_MOST:g}")
+    model.calibration = share
     return model
 
 

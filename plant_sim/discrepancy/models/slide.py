@@ -113,11 +113,12 @@ class Slide:
         if f"{candidate.name}.{PERIOD}" in typical:
             period = float(run["time_s"][1] - run["time_s"][0])
             moved, left = self._moved(run, self.parameters, period), residuals[self.output.column]
-            carriers = {
-                "shaft_angle_ripple": np.sign(moved.speed) * self._level(run, moved),  # a share of the friction
-                "motor_torque_ripple": left - run[self.output.column],  # what the motor lacks must be asked for
-            }
-            return ripple_starts(candidate, moved, left, carriers.get(candidate.name, np.ones(left.size)))
+            carrier = np.ones(left.size)
+            if candidate.name == "shaft_angle_ripple":  # a share of the friction
+                carrier = np.sign(moved.speed) * self._level(run, moved)
+            elif candidate.name == "motor_torque_ripple":  # what the motor lacks must be asked for
+                carrier = left - run[self.output.column]
+            return ripple_starts(candidate, moved, left, carrier)
         tried: list[dict[str, float]] = [{}]
         for name, shares in _TRIED.get(candidate.name, {}).items():
             low, high = next(p.bounds for p in candidate.parameters if p.name == name)

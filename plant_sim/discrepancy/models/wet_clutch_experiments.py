@@ -8,6 +8,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from plant_sim.bench.excitation import QUANTITIES
 from plant_sim.discrepancy.experiment import Experiment
 from plant_sim.discrepancy.model import Columns, Values
 from plant_sim.profile import load_profile
@@ -60,6 +61,9 @@ def find(name: str) -> Experiment:
     raise InputError(f"experiment {name!r} is unknown; {closest(name, known)}")
 
 
+FLOORS: Mapping[str, float] = {
+    column: resolution for column, (_, _, resolution) in QUANTITIES.items()
+}  # noise and rounding
 _MARGIN = 0.95  # of each of the guard's limits and of the motor's torque that a prediction may reach
 
 

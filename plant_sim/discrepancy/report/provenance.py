@@ -19,6 +19,7 @@ def section(pictures: Pictures, files: list[str], command: str) -> tuple[str, li
     versions = [*(f"{name} {version(name)}" for name in _PACKAGES), f"Python {python_version()}"]
     made = {
         "rig": result.rig,
+        "extended from": result.model or "",
         "command": tag("code", command) if command else "",
         "time taken": joined([value(result.seconds, number(result.seconds)), " s"], ""),
         "versions": ", ".join(versions),

@@ -47,7 +47,7 @@ def chosen(split: str, families: Sequence[str] = FAMILIES, quick: bool = False, 
     if quick:
         first = min(case.seed for case in found)
         found = [c for c in found if c.severity in _QUICK["severity"] and c.noise in _QUICK["noise"]
-                 and (c.seed == first or c.family == "null" and c.seed < first + 5)]  # fmt: skip
+                 and (c.seed == first or (c.family == "null" and c.seed < first + 5))]  # fmt: skip
     if only:
         found = [c for pattern in only for c in found if fnmatch(c.name, pattern)]
     return list(dict.fromkeys(found))

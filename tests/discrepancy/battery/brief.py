@@ -1,0 +1,39 @@
+"""Brief cases: four runs of 6 to 8 s with effects of given strength, made and investigated within seconds, for `make test`.
+
+Truth, noise and baseline as those of the battery; no strength is sought.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from plant_sim.discrepancy.model import Columns
+from tests.discrepancy.battery import excitation
+from tests.discrepancy.battery.cases import recorded
+from tests.discrepancy.battery.truth import PERIOD, Hidden, Inputs
+from tests.discrepancy.battery.truth_laws import LAWS
+from tests.discrepancy.battery.truth_rig import rig
+
+NOISE = 0.02
+_PARTS = ((0, 0.0, 8.0), (1, 9.0, 17.0), (4, 6.0, 14.0))  # number of the run, s: engagements, triangles, reversals
+_HELD_OUT = (3, 1.0, 7.0)  # multisine
+
+
+def brief(
+    strengths: Mapping[str, float], second_laws: tuple[str, ...] = (), seed: int = 1
+) -> tuple[dict[str, Columns], dict[str, Columns]]:
+    """Runs and held-out runs with effects of these strengths, in their laws' units; of `second_laws` the second law."""
+    five, plant, random = excitation.runs(seed)[0], rig(seed), np.random.default_rng(seed)
+    hidden = Hidden({n: s * LAWS[n].si for n, s in strengths.items()}, {}, dict.fromkeys(second_laws, 1))
+
+    def columns(number: int, begin: float, end: float) -> Columns:
+        return recorded(_cut(five[number], begin, end), hidden, plant, NOISE, random).columns
+
+    return {f"run-{k}": columns(*part) for k, part in enumerate(_PARTS)}, {"held-0": columns(*_HELD_OUT)}
+
+
+def _cut(inputs: Inputs, begin: float, end: float) -> Inputs:
+    part = slice(round(begin / PERIOD), round(end / PERIOD))
+    return Inputs(
+        inputs.title, inputs.mode, inputs.command[part], inputs.speed[part], inputs.celsius, inputs.burst[part]
+    )

@@ -1,0 +1,4 @@
+"""Other methods on the same cases: same runs, noise floors and re-fitted baseline, and the catalogue's names to answer with.
+
+They need `pip install -e '.[battery]'`: pysindy and scikit-learn.
+"""

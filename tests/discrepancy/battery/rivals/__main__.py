@@ -1,0 +1,110 @@
+"""Rivals by one command: python -m tests.discrepancy.battery.rivals --method sindy|classifier|gaussian_process|all.
+
+Their rankings are kept below OUT/HASH/rivals/METHOD, their limits are set on the development split, their answers to the
+split asked for are written to OUT/HASH/rivals/METHOD-SPLIT.json, which the battery's page reads.
+"""
+
+import json
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from plant_sim.bench.progress import progress_bar
+from plant_sim.discrepancy.result import NONE_OF_THESE, NOTHING
+from protocols.errors import InputError, closest
+from tests.discrepancy.battery.cases import Case
+from tests.discrepancy.battery.rivals import classifier, gaussian_process, sindy
+from tests.discrepancy.battery.rivals.features import features
+from tests.discrepancy.battery.rivals.prepared import prepared, simulated
+from tests.discrepancy.battery.rivals.verdict import answered, tuned
+from tests.discrepancy.battery.run import Cache, chosen, run, sources
+from tests.discrepancy.battery.score import Told, family, hidden, naming
+from tests.discrepancy.battery.table import text
+
+METHODS = ("sindy", "gaussian_process", "classifier")
+FAMILIES = ("single", "null", "unknown")
+
+
+def rank(method: str, folder: Path, name: str) -> Told:
+    """A method's ranking of a case; of the classifier its features."""
+    made = prepared(name, folder)
+    told: Told = {"case": name, "truth": _truth(name), "excess": made.excess, "ranking": []}
+    if method == "sindy":
+        return told | {"ranking": sindy.ranked(made)}
+    if method == "gaussian_process":
+        return told | {"ranking": gaussian_process.ranked(made, simulated(name, folder))}
+    return told | {"features": features(made).tolist()}
+
+
+def _truth(name: str) -> Told:
+    """What score.py needs of the truth; for the method's answer is not looked at."""
+    case = Case.of(name)
+    return {
+        "effects": [{"name": n} for n in case.effects], "severity": case.severity, "noise": case.noise, "split": case.split,
+    }  # fmt: skip
+
+
+def _class(told: Told) -> str:
+    if family(told) == "unknown":
+        return NONE_OF_THESE
+    return hidden(told)[0] if hidden(told) else NOTHING
+
+
+def classified(training: Sequence[Told], asked: Sequence[Told]) -> tuple[list[Told], list[Told]]:
+    """Both with rankings, the training cases by classifiers that were not shown them."""
+    x, classes = np.array([t["features"] for t in training]), [_class(t) for t in training]
+    own = [t | {"ranking": r} for t, r in zip(training, classifier.left_out(x, classes), strict=True)]
+    if not asked:
+        return own, []
+    answers = classifier.Classifier(x, classes).ranked(np.array([t["features"] for t in asked]))
+    return own, [t | {"ranking": r} for t, r in zip(asked, answers, strict=True)]
+
+
+def main(
+    method: Annotated[str, typer.Option(help="sindy, gaussian_process, classifier, all")] = "all",
+    split: Annotated[str, typer.Option(help="development or evaluation")] = "evaluation",
+    only: Annotated[list[str] | None, typer.Option(help="pattern of case names, in both splits")] = None,
+    quick: Annotated[bool, typer.Option(help="severity 2, noise 2 %, one seed")] = False,
+    jobs: Annotated[int, typer.Option(min=1)] = 2,
+    out: Annotated[Path, typer.Option()] = Path("runs/battery"),
+) -> None:
+    """Run other methods on single effects, null cases and unknown effects."""
+    try:
+        if method not in (*METHODS, "all"):
+            raise InputError(f"method {method!r} is unknown; {closest(method, (*METHODS, 'all'))}")
+        names = {
+            s: [c.name for c in chosen(s, FAMILIES, quick, only or [])] for s in dict.fromkeys(("development", split))
+        }
+    except InputError as error:
+        typer.echo(f"error: {error}", err=True)
+        raise typer.Exit(2) from None
+    folder = out / sources()
+    for one in METHODS if method == "all" else (method,):
+        found: dict[str, list[Told]] = {}
+        for s, wanted in names.items():
+            with progress_bar(f"{one}, {s}", False) as progress:
+                found[s] = []
+                for told in run(
+                    wanted, Cache(folder / "rivals" / one), jobs, partial(rank, one, folder / "rivals" / "prepared")
+                ):
+                    found[s].append(told)
+                    progress(len(found[s]), len(wanted))
+        if one == "classifier":
+            asked = [] if split == "development" else found[split]
+            found["development"], answers = classified(found["development"], asked)
+            found[split] = answers or found["development"]
+        limits = tuned(found["development"])
+        answers = [answered(told, limits) for told in found[split]]
+        path = folder / "rivals" / f"{one}-{split}.json"
+        kept = [{k: v for k, v in t.items() if k != "features"} for t in answers]
+        path.write_text(json.dumps(kept), encoding="utf-8")
+        typer.echo(f"{one}: {limits}\n{text(naming(answers))}\nwrote:   {path}")
+    typer.echo("verdict: done")
+
+
+if __name__ == "__main__":
+    typer.run(main)
