@@ -11,14 +11,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-GAIN = 0.02  # of the number of residuals: what no candidate gained where nothing was hidden
+GAIN = 0.003  # of the number of residuals: three times what any candidate gained where nothing was hidden
 EXCESS = 0.03  # of the number of residuals: an unexplained rest below it is no disagreement
+UNEXPLAINED = 0.10  # of the number of residuals: an excess above it that nothing explains is a disagreement
 CLOSED = (0.75, 0.85, 0.90)  # least share of the excess that one, two, three effects must explain to be named
 ENOUGH = 0.93  # share explained with which no further effect is looked for
 MOST = len(CLOSED)  # effects that are named together
 NEEDED = 0.03  # least share of the excess that each of several effects must explain beside the others
 ALIAS = 0.5  # a rival is not told apart when it is worse by less than this share of what the best one leaves itself,
-TIE = 0.003  # and this share of the number of residuals
+TIE = 0.001  # and this share of the number of residuals
 
 
 @dataclass(frozen=True)

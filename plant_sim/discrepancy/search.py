@@ -8,7 +8,18 @@ import numpy as np
 
 from plant_sim.discrepancy.atlas import acting, claims
 from plant_sim.discrepancy.candidates import Fit, Search
-from plant_sim.discrepancy.decide import ENOUGH, EXCESS, GAIN, MOST, NEEDED, Weighed, aliases, confidence
+from plant_sim.discrepancy.decide import (
+    CLOSED,
+    ENOUGH,
+    EXCESS,
+    GAIN,
+    MOST,
+    NEEDED,
+    UNEXPLAINED,
+    Weighed,
+    aliases,
+    confidence,
+)
 from plant_sim.discrepancy.evidence import Evidence, Point
 from plant_sim.discrepancy.experiment import propose
 from plant_sim.discrepancy.fit import Linear, baseline_free, effect_free, linearised, refitted
@@ -22,6 +33,7 @@ from protocols.errors import InputError, closest
 Progress = Callable[[str, float], None]  # what is being done, share of the whole
 _IN_EARNEST = 8  # candidates that are fitted in more than one step
 _JOINT = 4  # of these, fitted with their shapes and with the baseline's own parameters beside
+_RESHAPED = 4.0  # factor between starts of a shape
 _RENEWALS = 3
 _CONVERGED = 0.01  # of the gain over the baseline
 _CLOSE = 0.2  # regret within which a rival is fitted as fully as the best
@@ -178,17 +190,18 @@ class _Inquiry:
         return fit.cost - best.cost <= _CLOSE * max(self.base.cost - best.cost, 0.0)
 
     def _starts(self, point: Point) -> dict[str, list[dict[str, float]]]:
-        """Where to begin, from the runs that disagree most."""
+        """Where to begin: typical values, with each shape a factor up and down too, or what the runs that disagree most say."""
+        starts = {c.name: [c.typical(), *_reshaped(c)] for c in self.candidates}
         if not isinstance(self.model, Hinting):
-            return {}
+            return starts
         power = [float(np.sum(self.start.residual[p] ** 2)) for p in self.evidence.pieces]
-        starts: dict[str, list[dict[str, float]]] = {}
+        hints: dict[str, list[dict[str, float]]] = {}
         for k in np.argsort(power)[::-1][:_TELLING]:
             run, predicted = self.evidence.runs[k], self.evidence.predicted(point, int(k))
             residuals = {c: run[c] - predicted[c] for c in self.evidence.columns}
             for c in self.candidates:
-                starts.setdefault(c.name, []).extend(self.model.starts(c, run, residuals))
-        return starts
+                hints.setdefault(c.name, []).extend(self.model.starts(c, run, residuals))
+        return starts | {name: found for name, found in hints.items() if found}
 
     def _jointly(self, sets: Sequence[_Set]) -> list[_Joint]:
         """Each set of candidates, from given values on, with the baseline's own parameters, whose sensitivities are kept."""
@@ -249,19 +262,18 @@ class _Inquiry:
         return gained > self.evidence.size * max(GAIN, NEEDED * self.weighed.excess)
 
     def _judge(self, costs: dict[str, float]) -> None:
-        base, size = self.base.cost, self.evidence.size
+        base = self.base.cost
         for name, cost in costs.items():
             least = min(cost, base)  # switched off it is the baseline
             values = self.values.get(name, {})
-            closed = (base - least) / max(self.weighed.excess * size, 1.0)
-            self._rivals[name] = Rival(name, closed, base - least, values, "", 1)
+            self._rivals[name] = Rival(name, 0.0, base - least, values, "", 1)
 
     def verdict(self) -> tuple[str, list[str], list[list[str]], list[str]]:
         """Verdict, effects named, sets of alternatives, notes."""
         w = self.weighed
         notes: list[str] = []
         if not self.named or not w.gained:
-            if w.excess > 0.10:
+            if w.excess > UNEXPLAINED:
                 self.confidence = 0.8
                 return NONE_OF_THESE, [], [], notes
             self.confidence = 0.95
@@ -282,18 +294,18 @@ class _Inquiry:
 
     def rivals(self) -> list[Rival]:
         """Every candidate with why it is not the one."""
-        best = {c.name for c in self.named} if self.weighed.explained else set()
+        w, size = self.weighed, self.evidence.size
+        best = {c.name for c in self.named} if w.explained else set()
+        whole = max((w.gain + w.rest) * size, 1e-9)  # of the excess
         found = []
         for r in sorted(self._rivals.values(), key=lambda r: -r.gain):
-            reason = ""
-            if r.name not in best:
-                share = (self.weighed.best and (self.base.cost - r.gain) - self.weighed.best) / self.evidence.size
-                reason = (
-                    "explains nothing that the baseline's own parameters do not"
-                    if r.gain <= GAIN * self.evidence.size
-                    else f"leaves {share:.3g} floor^2 a sample more than what was found"
-                )
-            found.append(replace(r, reason=reason))
+            closed = float(np.clip(r.gain / whole, 0.0, 1.0))
+            reason = f"closes {closed:.0%} of the gap where {w.closed:.0%} can be closed"
+            if r.gain <= GAIN * size:
+                reason = "explains nothing that the baseline's own parameters do not"
+            elif not best:
+                reason = f"closes {closed:.0%} of the gap; to be named it takes {CLOSED[0]:.0%}"
+            found.append(replace(r, closed=closed, reason="" if r.name in best else reason))
         return found
 
     def equations(self, alternatives: list[list[str]]) -> dict[str, str]:
@@ -313,6 +325,17 @@ class _Inquiry:
                 interval = max(value - half, p.bounds[0]), min(value + half, p.bounds[1])
                 found.append(Estimate(f.name, value, p.unit, interval, p.value, p.uncertainty))
         return found
+
+
+def _reshaped(candidate: Candidate) -> list[dict[str, float]]:
+    """Typical values with one shape changed: an effect with another time constant is another direction."""
+    found = []
+    for shape in candidate.shapes:
+        for factor in (_RESHAPED, 1.0 / _RESHAPED):
+            value = float(np.clip(shape.typical * factor, *shape.bounds))
+            if shape.typical > 0.0 and shape.unit != "rad" and value != shape.typical:
+                found.append(candidate.typical() | {f"{candidate.name}.{shape.name}": value})
+    return found
 
 
 def _clusters(evidence: Evidence) -> list[np.ndarray]:

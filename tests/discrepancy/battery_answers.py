@@ -24,7 +24,9 @@ def answer(case: str, names: tuple[str, ...] = (), verdict: str = "named", **mor
         "weighed": {
             "base": 400.0, "best": 110.0, "size": 100, "count": len(names), "gain": 2.9, "excess": 3.0, "rest": 0.1,
             "closed": 2.9 / 3.0, "margin": 0.5, "named": list(names), "costs": dict.fromkeys(names, 110.0),
-            "steps": [{"effects": list(names), "cost": 110.0, "taken": True}] if names else [],
+            "steps": [
+                {"effects": list(names), "cost": 110.0, "base": 400.0, "excess": 3.0, "rest": 0.1, "taken": True}
+            ] if names else [],
         },
     }  # fmt: skip
     return told | more

@@ -136,11 +136,11 @@ def test_thresholds_decide_as_the_engine_and_learn_from_a_null_case():
     assert decided(strong, Constants()) == ("named", [SEAL])
     assert decided(strong, replace(Constants(), closed=0.99, excess=0.05)) == ("none_of_these", [])
     weak = answer("null/none/1.0/0.02/s1", (GAIN,))
-    weak["weighed"] |= {"base": 101.0, "best": 99.0, "excess": 0.01, "costs": {GAIN: 99.0}}
-    weak["weighed"]["steps"][0]["cost"] = 99.0
+    weak["weighed"] |= {"base": 103.0, "best": 99.0, "excess": 0.01, "rest": 0.0, "costs": {GAIN: 99.0}}
+    weak["weighed"]["steps"][0] |= {"base": 103.0, "cost": 99.0, "rest": 0.0}
     assert decided(weak, Constants())[0] == "named"
     learned = proposed([strong, weak])
-    assert learned.gain > 0.02
+    assert learned.gain > 0.04
     assert decided(weak, learned) == ("nothing_missing", [])
     assert decided(strong, learned) == ("named", [SEAL])
 

@@ -9,8 +9,8 @@ import pytest
 from scipy.io import savemat
 from typer.testing import CliRunner
 
-from plant_sim.import_cli import register
 from plant_sim.discrepancy.import_map import MAPS, load_map
+from plant_sim.import_cli import register
 from protocols.errors import InputError
 from protocols.runs import REQUIRED, read_run
 
@@ -161,7 +161,7 @@ def test_a_low_pass_takes_the_fast_and_does_not_delay_the_slow(tmp_path: Path) -
         ("[file]\nfrom_s = 9.0\n" + COLUMNS, {}, "has 0 rows; at least 2 are needed"),
         (
             "[file]\nlow_pass_hz = 100.0\nresample_hz = 500.0\n" + COLUMNS,
-            {"t": TIME + 0.05 * (TIME > TIME[99])},
+            {"t": TIME + 0.05 * (TIME[99] < TIME)},
             "the sample rate changes in row 100",
         ),
     ],

@@ -151,12 +151,13 @@ def test_the_workflow_names_what_each_rig_lacks(axis_runs):
     seal = load_map("pneumatic_seal")
     strokes = [seal.read(path(f"pneumatic_seal_friction/O-ring_{bar}bar.csv")).columns for bar in (1, 3, 5, 7)]
     cases = (
-        (PositionAxis(), axis_runs[:1], axis_runs[1:], "direction_asymmetry", 2.94),
-        (Tribometer(), cycles[:1], cycles[1:], "presliding", 0.150),
-        (PneumaticCylinder(), strokes[:2], strokes[2:], "piston_seal_friction", 2.21),
+        # the zero of the axis was set anew between the two files, so the ripple's phase does not carry over: without it 2.94
+        (PositionAxis(), axis_runs[:1], axis_runs[1:], ["direction_asymmetry", "position_ripple"], 3.11),
+        (Tribometer(), cycles[:1], cycles[1:], ["presliding"], 0.150),
+        (PneumaticCylinder(), strokes[:2], strokes[2:], ["piston_seal_friction"], 1.37),
     )
-    for model, fitted_runs, held_out, effect, after in cases:
+    for model, fitted_runs, held_out, effects, after in cases:
         named = [dict(zip("ab", runs, strict=False)) for runs in (fitted_runs, held_out)]
         result = investigate(model, named[0], {f"held out {n}": run for n, run in named[1].items()})
-        assert (result.verdict, result.effects) == (NAMED, [effect])
+        assert (result.verdict, result.effects) == (NAMED, effects)
         assert result.gap[model.output.column].after == pytest.approx(after, rel=CLOSE)

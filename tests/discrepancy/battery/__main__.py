@@ -1,5 +1,6 @@
 """The battery by one command: python -m tests.discrepancy.battery."""
 
+import json
 from pathlib import Path
 from typing import Annotated
 
@@ -33,7 +34,8 @@ def main(
     if not names:
         typer.echo(f"error: no case of the split {split} is like that", err=True)
         raise typer.Exit(2)
-    cache = Cache(out / sources())
+    folder = out / sources()
+    cache = Cache(folder / "cases")
     answers = []
     try:
         with progress_bar(f"battery, {split}", False) as progress:
@@ -52,7 +54,9 @@ def main(
     found = scores(answers)
     typer.echo(text(found))
     if docs:
-        for path in write(answers, split, docs, cache.folder.name):
+        files = sorted((folder / "rivals").glob(f"*-{split}.json"))
+        rivals = {f.stem.removesuffix(f"-{split}"): json.loads(f.read_text(encoding="utf-8")) for f in files}
+        for path in write(answers, split, docs, folder.name, rivals):
             typer.echo(f"wrote:   {path}")
     failed = [one.name for one in found if one.reached is False]
     typer.echo(

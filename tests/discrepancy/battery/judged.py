@@ -14,6 +14,7 @@ import numpy as np
 
 from plant_sim.discrepancy import evidence, search
 from plant_sim.discrepancy.atlas import concentrated
+from plant_sim.discrepancy.decide import Weighed
 from plant_sim.discrepancy.fit import Linear
 from plant_sim.discrepancy.model import Candidate, Columns
 from plant_sim.discrepancy.models.wet_clutch import WetClutch
@@ -116,14 +117,14 @@ class _Watch:
 
         class Watched(search._Inquiry):
             def _take(self, at: Linear, candidates: tuple[Candidate, ...], costs: dict[str, float]) -> None:
-                watch.steps.append({"effects": [c.name for c in candidates], "cost": at.cost, "taken": True})
                 super()._take(at, candidates, costs)
+                watch.step([c.name for c in candidates], self.weighed, True)
 
             def _better(self, at: Linear) -> bool:
                 better = super()._better(at)
+                names = sorted({n.partition(".")[0] for n in at.point[1]})
                 if not better:
-                    names = sorted({n.partition(".")[0] for n in at.point[1]})
-                    watch.steps.append({"effects": names, "cost": at.cost, "taken": False})
+                    watch.step(names, self._weighed(at, len(names)), False)
                 return better
 
             def verdict(self) -> Any:
@@ -135,6 +136,12 @@ class _Watch:
 
     def __exit__(self, *_: object) -> None:
         search._Inquiry = self._original  # type: ignore[misc]
+
+    def step(self, names: list[str], w: Weighed, taken: bool) -> None:
+        """Keep what a set of effects would leave."""
+        self.steps.append(
+            {"effects": names, "cost": w.best, "excess": w.excess, "rest": w.rest, "base": w.base, "taken": taken}
+        )
 
     def features(self, result: Result) -> Told:
         """Base, best, size, count, and what comes from them; costs of the rivals, steps of the search."""

@@ -1,7 +1,7 @@
 """Run cases of the battery: worker processes, one JSON file a case, nothing done twice.
 
-A case's file is OUT/HASH/CASE.json, HASH of the sources of the engine, the simulator and the truth: with other sources all is
-done again, and what was found before stays. A run that was stopped goes on where it was.
+A case's file is OUT/HASH/cases/CASE.json, HASH of the sources of the engine, the simulator and the truth: with other sources
+all is done again, and what was found before stays. A run that was stopped goes on where it was.
 """
 
 import hashlib

@@ -21,7 +21,7 @@ References      Wilson 1927, J. Am. Stat. Assoc. 22
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from math import nan, sqrt
+from math import isnan, nan, sqrt
 from typing import Any
 
 import numpy as np
@@ -82,7 +82,7 @@ class Measure:
     @property
     def reached(self) -> bool | None:
         """Whether the goal is reached; None where there is none or nothing was measured."""
-        if self.goal is None or self.count == 0:
+        if self.goal is None or isnan(self.value):
             return None
         if self.upper is not None:
             return self.goal <= self.value <= self.upper
@@ -160,6 +160,8 @@ def localisation(answers: Sequence[Told], block_alone: bool = False) -> float:
         seen = {c["block"] for c, ok in zip(told["claims"], good, strict=True) if ok}
         found += sum(effect["block"] in seen for effect in told["truth"]["effects"])
         effects += len(told["truth"]["effects"])
+    if not claims and not effects:
+        return nan
     precision, recall = right / max(claims, 1), found / max(effects, 1)
     return 2.0 * precision * recall / (precision + recall) if right else 0.0
 

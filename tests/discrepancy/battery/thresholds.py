@@ -3,7 +3,7 @@
 Nothing is simulated again: a decision is taken once more from the costs that the search kept. What a search did not fit,
 because a threshold said so, stays not fitted; so EXCESS and NEEDED are only looked at where they make it stop earlier.
 
-    python -m tests.discrepancy.battery.thresholds [OUT/HASH]
+    python -m tests.discrepancy.battery.thresholds [OUT/HASH/cases]
 """
 
 import sys
@@ -25,7 +25,8 @@ _GRID = {
     "closed": (0.5, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 0.93),
     "closed_two": (0.8, 0.85, 0.9, 0.93, 0.95, 0.97),
     "needed": (0.01, 0.02, 0.04, 0.06, 0.08, 0.12, 0.2),
-    "alias": (0.002, 0.005, 0.01, 0.02, 0.03, 0.05, 0.08, 0.12),
+    "alias": (0.0, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5),
+    "tie": (0.0, 0.0005, 0.001, 0.002, 0.003, 0.005, 0.01, 0.02),
 }
 _SWEEPS = 4  # of the grid, one constant after the other
 # goals of the specification and what a point missing costs; a name where nothing is hidden is what a user forgives least
@@ -33,6 +34,7 @@ _WEIGHTS = {"top1": 3.0, "alias": 1.0, "set": 1.5, "null": 8.0, "unknown": 2.0, 
 _GOALS = {"top1": 0.90, "alias": 0.97, "set": 0.95, "null": 0.0, "unknown": 0.85, "unknown_named": 0.05, "pairs": 0.75}
 _BELOW = ("null", "unknown_named")
 _OVER = 0.2  # what exceeding a goal by a point is worth, beside missing it by one
+_LOST = 0.10  # excess without a gain: search.py
 _ONE_OF_COSTS = 0.3  # of a hit: one of several is right, but less than its name
 
 
@@ -46,38 +48,34 @@ class Constants:
     closed_two: float = decide.CLOSED[1]
     needed: float = decide.NEEDED
     alias: float = decide.ALIAS
+    tie: float = decide.TIE
 
 
 def decided(told: Told, c: Constants) -> tuple[str, list[str]]:
-    """Verdict and names, the best first, with these constants."""
+    """Verdict and names, the best first, with these constants: what search.py does with what it fitted."""
     w = told["weighed"]
-    base, size = w["base"], w["size"]
-    best, named = base, []
-    gap = max(base - size, 1.0)
+    size = w["size"]
+    now, best, named = w, w["base"], []
     for step in w["steps"]:
-        gained = best - step["cost"]
-        if named and not (gained > c.gain * size and gained > c.needed * gap):
+        if named and best - step["cost"] <= size * max(c.gain, c.needed * step["excess"]):
             break
-        best, named = step["cost"], step["effects"]
+        now, best, named = step, step["cost"], step["effects"]
     if named == w["named"]:
-        best = w["best"]  # renewed at the end
-    gain, rest = (base - best) / size, max(best / size - 1.0, 0.0)
+        now, best = w, w["best"]  # renewed at the end
+    gain, rest = (now["base"] - best) / size, now["rest"]
     if not named or gain <= c.gain:
-        return (NONE_OF_THESE if w["excess"] > 0.10 else NOTHING), []
-    explained = gain / max(gain + rest, 1e-12)
+        return (NONE_OF_THESE if w["excess"] > _LOST else NOTHING), []
     least = (c.closed, c.closed_two, decide.CLOSED[2])[len(named) - 1]
-    if explained < least and rest >= c.excess:
+    if gain / max(gain + rest, 1e-12) < least and rest >= c.excess:
         return NONE_OF_THESE, []
-    if len(named) > 1:
-        return NAMED, list(named)
-    costs = w["costs"]
-    if not costs:
-        return NAMED, list(named)
-    lowest = min(costs.values())
-    near = sorted(
-        (n for n, cost in costs.items() if cost - lowest <= c.alias * max(base - lowest, 0.0)), key=costs.__getitem__
-    )
+    near = _near(w, rest, c) if len(named) == 1 else []
     return (ONE_OF, near) if len(near) > 1 else (NAMED, list(named))
+
+
+def _near(w: Told, rest: float, c: Constants) -> list[str]:
+    lowest = min(w["costs"].values(), default=0.0)
+    near = [n for n, cost in w["costs"].items() if cost - lowest <= (c.alias * rest + c.tie) * w["size"]]
+    return sorted(near, key=w["costs"].__getitem__)
 
 
 def measured(answers: list[Told], c: Constants) -> dict[str, float]:
@@ -149,10 +147,9 @@ def logistic(answers: list[Told], c: Constants) -> tuple[float, float, float]:
 
 
 def _margin(w: Told, c: Constants) -> float:
-    lowest = min(w["costs"].values())
-    gap = max(w["base"] - lowest, 1e-9)
-    others = [cost for cost in w["costs"].values() if cost - lowest > c.alias * gap]
-    return (min(others, default=w["base"]) - w["best"]) / gap
+    near = _near(w, w["rest"], c)
+    others = [cost for n, cost in w["costs"].items() if n not in near]
+    return (min(others, default=w["base"]) - w["best"]) / max(w["base"] - w["best"], 1e-9)
 
 
 def _names_only(answers: list[Told]) -> str:
@@ -162,7 +159,7 @@ def _names_only(answers: list[Told]) -> str:
 
 def main() -> None:
     """Print the constants in use and those proposed, with what each gives."""
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("runs/battery") / sources()
+    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("runs/battery") / sources() / "cases"
     answers = [told for told in Cache(folder).all() if told["truth"]["split"] == "development"]
     if not answers:
         sys.exit(f"error: no answers of the development split below {folder}")

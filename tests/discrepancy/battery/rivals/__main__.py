@@ -16,10 +16,8 @@ import typer
 from plant_sim.bench.progress import progress_bar
 from plant_sim.discrepancy.result import NONE_OF_THESE, NOTHING
 from protocols.errors import InputError, closest
-from tests.discrepancy.battery.cases import Case
-from tests.discrepancy.battery.rivals import classifier, gaussian_process, sindy
-from tests.discrepancy.battery.rivals.features import features
-from tests.discrepancy.battery.rivals.prepared import prepared, simulated
+from tests.discrepancy.battery.rivals import classifier
+from tests.discrepancy.battery.rivals.ranking import rank
 from tests.discrepancy.battery.rivals.verdict import answered, tuned
 from tests.discrepancy.battery.run import Cache, chosen, run, sources
 from tests.discrepancy.battery.score import Told, family, hidden, naming
@@ -27,25 +25,6 @@ from tests.discrepancy.battery.table import text
 
 METHODS = ("sindy", "gaussian_process", "classifier")
 FAMILIES = ("single", "null", "unknown")
-
-
-def rank(method: str, folder: Path, name: str) -> Told:
-    """A method's ranking of a case; of the classifier its features."""
-    made = prepared(name, folder)
-    told: Told = {"case": name, "truth": _truth(name), "excess": made.excess, "ranking": []}
-    if method == "sindy":
-        return told | {"ranking": sindy.ranked(made)}
-    if method == "gaussian_process":
-        return told | {"ranking": gaussian_process.ranked(made, simulated(name, folder))}
-    return told | {"features": features(made).tolist()}
-
-
-def _truth(name: str) -> Told:
-    """What score.py needs of the truth; for the method's answer is not looked at."""
-    case = Case.of(name)
-    return {
-        "effects": [{"name": n} for n in case.effects], "severity": case.severity, "noise": case.noise, "split": case.split,
-    }  # fmt: skip
 
 
 def _class(told: Told) -> str:

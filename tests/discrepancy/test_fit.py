@@ -1,0 +1,196 @@
+"""Fits: bounded least squares with priors, every effect beside the baseline, and when two are told apart."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from plant_sim.discrepancy.candidates import Search
+from plant_sim.discrepancy.decide import ALIAS, GAIN, TIE, Weighed, aliases
+from plant_sim.discrepancy.evidence import Evidence
+from plant_sim.discrepancy.fit import Free, Linear, baseline_free, effect_free, linearised, refitted
+from plant_sim.discrepancy.model import Candidate, Columns, Output, Values
+from plant_sim.discrepancy.noise import floor_of, floors
+from plant_sim.discrepancy.search import investigate
+from plant_sim.effects.effect import Shape, Strength
+from protocols.errors import InputError
+from protocols.parameters import Parameter, ParameterSet
+
+NOISE = 0.05  # V
+TRUE_GAIN = 2.03  # declared 2.0 +- 0.1
+PARAMETERS = ParameterSet(
+    {"gain.value": Parameter("gain.value", 2.0, "1", 0.1, (0.0, 10.0), "a test's"),
+     "lag.time": Parameter("lag.time", 0.05, "s", 0.0, (0.001, 1.0), "a test's")}
+)  # fmt: skip
+SOURCE = "a test's"
+
+
+class Amplifier:
+    """y = gain u, perhaps with an offset, a cubic, a saturation."""
+
+    name = "amplifier"
+    inputs = ("input_v",)
+    outputs = (Output("output_v", "V", "amplifier"),)
+    parameters = PARAMETERS
+    candidates = (
+        Candidate("offset", "amplifier", "Offset", "y + o", (Strength("volts", "V", 0.0, 0.3, (-2.0, 2.0), SOURCE),)),
+        Candidate("cubic", "amplifier", "Cubic", "y + c u^3", (Strength("share", "1", 0.0, 0.2, (0.0, 5.0), SOURCE),)),
+        Candidate(
+            "saturation", "amplifier", "Saturation", "limit tanh(y/limit)",
+            (Strength("inverse", "1", 0.0, 0.2, (0.0, 2.0), SOURCE),),
+        ),
+        Candidate(
+            "ripple", "amplifier", "Ripple", "y + a sin(w t)",
+            (Strength("amplitude", "V", 0.0, 0.2, (0.0, 2.0), SOURCE), Shape("rate", "rad/s", 3.0, (0.5, 50.0), SOURCE)),
+        ),
+    )  # fmt: skip
+
+    def simulate(self, run: Columns, parameters: Values, effects: Values) -> dict[str, np.ndarray]:
+        u = run["input_v"]
+        y = parameters["gain.value"] * u + effects.get("cubic.share", 0.0) * u**3 + effects.get("offset.volts", 0.0)
+        y = y + effects.get("ripple.amplitude", 0.0) * np.sin(effects.get("ripple.rate", 3.0) * run["time_s"])
+        if inverse := effects.get("saturation.inverse", 0.0):
+            y = np.tanh(inverse * y) / inverse
+        return {"output_v": y}
+
+
+def recorded(seed: int, effects: Values, n: int = 4000, noise: float = NOISE) -> dict[str, np.ndarray]:
+    random = np.random.default_rng(seed)
+    time = 1e-3 * np.arange(n)
+    run = {"time_s": time, "input_v": np.sin(2.0 * time + seed) + 0.3 * np.sin(7.3 * time)}
+    y = Amplifier().simulate(run, {"gain.value": TRUE_GAIN}, effects)["output_v"]
+    return run | {"output_v": y + noise * random.standard_normal(n)}
+
+
+def runs(effects: Values) -> dict[str, Columns]:
+    return {f"run-{seed}": recorded(seed, effects) for seed in range(1, 4)}
+
+
+def linear(effects: Values, point: Values | None = None) -> tuple[Evidence, Linear]:
+    model, measured = Amplifier(), list(runs(effects).values())
+    evidence = Evidence(model, measured, floors(measured, model.outputs))
+    nominal = {n: p.value for n, p in model.parameters.items()} | dict(point or {})
+    return evidence, linearised(evidence, (nominal, {}), baseline_free(model.parameters, 1.0))
+
+
+def test_the_floor_of_white_noise_is_its_standard_deviation_whatever_the_signal() -> None:
+    for effects in ({}, {"cubic.share": 0.5}):
+        assert floor_of(recorded(1, effects)["output_v"]) == pytest.approx(NOISE, rel=0.03)
+
+
+def test_the_floor_of_a_rounded_signal_is_not_below_its_rounding() -> None:
+    time = np.arange(2000) * 1e-3
+    assert floor_of(0.1 * np.round(10.0 * np.sin(time))) == pytest.approx(0.1 / np.sqrt(12.0))
+
+
+def test_residuals_of_the_true_model_have_unit_variance() -> None:
+    evidence, _ = linear({})
+    (residual,) = evidence.residuals([({"gain.value": TRUE_GAIN, "lag.time": 0.05}, {})])
+    assert np.mean(residual**2) == pytest.approx(1.0, abs=0.08)
+    assert evidence.excess(residual) < 0.08
+
+
+def test_a_calibration_error_is_fitted_and_leaves_no_excess() -> None:
+    evidence, at = linear({})
+    found = refitted(evidence, at)
+    assert found.point[0]["gain.value"] == pytest.approx(TRUE_GAIN, abs=0.003)
+    assert evidence.excess(found.residual) < 0.08 < evidence.excess(at.residual)
+
+
+def test_a_parameter_without_uncertainty_stays() -> None:
+    evidence, at = linear({})
+    assert [f.name for f in at.free] == ["gain.value"]
+    assert refitted(evidence, at).point[0]["lag.time"] == 0.05
+
+
+def test_a_refit_stays_within_the_stated_uncertainty() -> None:
+    evidence, at = linear({"saturation.inverse": 0.4})  # which asks for a much lower gain
+    found = refitted(evidence, at)
+    assert found.point[0]["gain.value"] == pytest.approx(1.9)  # 2.0 - 0.1
+
+
+def test_a_bounded_minimum_is_the_least_in_the_box() -> None:
+    random = np.random.default_rng(4)
+    jacobian, residual = random.standard_normal((300, 3)), random.standard_normal(300)
+    residual -= jacobian @ np.array([2.0, -0.2, 0.4])
+    free = tuple(Free(name, 0.1, 1.0, -1.0, 1.0, 0.0) for name in "abc")
+    at = Linear(({"a": 0.0, "b": 0.0, "c": 0.0}, {}), free, residual, jacobian)
+    left = at.eliminated(residual)
+    assert left.move[0] == pytest.approx(1.0)
+    assert list(left.inner) == [1, 2]
+    for trial in random.uniform(-1.0, 1.0, (2000, 3)):
+        cost = np.sum((residual + jacobian @ trial) ** 2) + trial @ trial
+        assert cost >= left.cost - 1e-9
+
+
+def test_each_hidden_effect_is_the_best_of_the_screened() -> None:
+    model = Amplifier()
+    for name, hidden in (
+        ("offset", {"offset.volts": 0.4}),
+        ("cubic", {"cubic.share": 0.3}),
+        ("saturation", {"saturation.inverse": 0.3}),
+    ):
+        evidence, at = linear(hidden)
+        search = Search(evidence, at)
+        best, *_ = search.improved(search.screened(model.candidates, {}), 2)
+        assert best.name == name
+        assert best.values[next(iter(hidden))] == pytest.approx(next(iter(hidden.values())), rel=0.05)
+
+
+def test_the_step_of_a_ripples_rate_is_shortened_until_it_is_small_after_many_turns() -> None:
+    hidden = {"ripple.amplitude": 0.5, "ripple.rate": 30.0}
+    model, measured = Amplifier(), [recorded(1, hidden, n=20_000)]
+    evidence = Evidence(model, measured, floors(measured, model.outputs))
+    point = {n: p.value for n, p in model.parameters.items()}, hidden
+    amplitude, rate = linearised(evidence, point, effect_free(model.candidates[3], hidden)).free
+    assert amplitude.step == pytest.approx(0.05 * 0.5)
+    assert rate.step < 0.1 < 0.05 * 30.0  # 0.1 rad/s are 2 rad after 20 s
+
+
+def test_a_hidden_effect_is_named_and_the_gap_closes_on_a_run_that_was_not_fitted() -> None:
+    hidden = {"cubic.share": 0.3}
+    result = investigate(Amplifier(), runs(hidden), {"other": recorded(9, hidden)})
+    assert (result.verdict, result.effects) == ("named", ["cubic"])
+    gap = result.gap["output_v"]
+    assert gap.before > 2.0 * NOISE
+    assert gap.after == pytest.approx(NOISE, rel=0.05)
+    (estimate,) = result.parameters
+    assert estimate.ci95[0] <= 0.3 <= estimate.ci95[1]
+
+
+def test_nothing_is_named_where_nothing_is_hidden() -> None:
+    result = investigate(Amplifier(), runs({}))
+    assert (result.verdict, result.effects, result.parameters, result.where) == ("nothing_missing", [], [], [])
+    assert result.gap["output_v"].after == result.gap["output_v"].before
+
+
+def test_two_hidden_effects_are_both_named() -> None:
+    result = investigate(Amplifier(), runs({"cubic.share": 0.3, "offset.volts": 0.3}))
+    assert result.verdict == "named"
+    assert sorted(result.effects) == ["cubic", "offset"]
+
+
+def test_an_effect_that_no_candidate_explains_is_not_named() -> None:
+    measured = {
+        name: run | {"output_v": run["output_v"] + 0.4 * np.sign(np.sin(61.0 * run["time_s"]))}
+        for name, run in runs({}).items()
+    }
+    result = investigate(Amplifier(), measured, names=["offset", "cubic", "saturation"])
+    assert (result.verdict, result.effects) == ("none_of_these", [])
+
+
+def test_only_candidates_of_the_rig_can_be_asked_for() -> None:
+    with pytest.raises(InputError, match=r"effect 'cubik' is no candidate of the rig amplifier; .*cubic"):
+        investigate(Amplifier(), runs({}), names=["cubik"])
+
+
+def test_a_rival_is_told_apart_by_more_than_the_best_ones_own_misfit() -> None:
+    costs = {"best": 1000.0, "near": 1000.0 + 0.9 * (ALIAS * 0.1 + TIE) * 1000.0, "far": 1200.0}
+    assert aliases(costs, 1000, rest=0.1) == ["best", "near"]
+    assert aliases(costs, 1000, rest=0.0) == ["best"]
+
+
+def test_a_gain_that_chance_gives_is_none() -> None:
+    weighed = Weighed(base=1000.0, best=1000.0 * (1.0 - 0.9 * GAIN), size=1000, count=1, excess=0.0, rest=0.0)
+    assert not weighed.gained
+    assert replace(weighed, best=1000.0 * (1.0 - 1.1 * GAIN)).gained
