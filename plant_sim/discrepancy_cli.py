@@ -120,7 +120,8 @@ def verdict_line(result: "Result") -> str:
 
 def _told(result: "Result") -> str:
     rows = [
-        f"  {c.block:<11} {c.output:<22} {c.regime:<20} {c.size:8.3g} {c.unit:<6} {c.times_floor:5.2f} floors, p {c.p_value:.2g}"
+        f"  {c.block:<11} {c.output:<22} {c.regime:<20} {c.size:8.3g} {c.unit:<6}"
+        f" {c.times_floor:5.2f} floors, p {c.p_value:.2g}"
         for c in result.where
     ]
     where = ["where they disagree:", *rows] if rows else ["they disagree nowhere"]
