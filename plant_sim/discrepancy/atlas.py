@@ -48,7 +48,7 @@ _PLACES = (
     "direction",
     "slip sign",
     "reversal turn",
-)  # families of the rig's work; terciles are in atlas_numbers
+)  # families of the rig's work; terciles are in report.json's gap_by_regime
 _DENSER = 1.6  # a set of regimes is claimed where it holds this many times more than its share of the time
 _BESIDE = 0.15  # of the power (in floors) of the largest claim: less is its echo in another block, whose gain is known to 10 %
 _TINY = 1e-3  # of the time: a regime with less is none

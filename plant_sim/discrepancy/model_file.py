@@ -43,6 +43,11 @@ def write_model(result: Result, parameters: ParameterSet, path: Path, started: P
         )
         for e, how in found
     }
+    carried = (result.surrogate or {}).get("values", {})  # of none_of_these: what the rest looks like, not what it is
+    after |= {
+        name: replace(parameters[name], value=float(value), source=f"surrogate of what is missing, data SHA-256 {data}")
+        for name, value in carried.items()
+    }
     text = "\n".join([*_head(result, data), *_body((before | after).values()), ""])
     with whole_file(path) as part:
         part.write_text(text, encoding="utf-8")

@@ -52,7 +52,7 @@ class Gap:
 
 @dataclass(frozen=True)
 class Rival:
-    """A candidate as it was judged: `closed`: share of the excess over the floor that it takes away on left-out runs;
+    """A candidate as it was judged: `closed`: share of the excess over the floor of the fitted runs that it takes away alone;
     `gain`: what it takes off twice the negative log-likelihood; `reason`: why it is not the one, one sentence; "" when it is.
     `round`: in which search it was judged, from 1.
     """
@@ -105,6 +105,9 @@ class Result:
     holdout: list[str] = field(default_factory=list)  # files of the runs that were not fitted
     model: str | None = None  # model file that the search began with
     notes: list[str] = field(default_factory=list)
+    atlas: dict[str, Any] = field(
+        default_factory=dict
+    )  # coherence, orders, correlations of the residual: atlas_numbers.py
     traces: list[Trace] = field(default_factory=list)
 
     def as_json(self) -> dict[str, Any]:
@@ -131,6 +134,7 @@ class Result:
             "holdout": self.holdout,
             "model": self.model,
             "notes": self.notes,
+            "atlas": self.atlas,
         }
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from plant_sim.discrepancy.atlas import acting, claims
+from plant_sim.discrepancy.atlas_numbers import atlas_numbers
 from plant_sim.discrepancy.candidates import Fit, Search
 from plant_sim.discrepancy.decide import (
     CLOSED,
@@ -76,8 +77,9 @@ def investigate(
     progress("where they disagree", 0.9)
     where = claims(model, list(runs.values()), found, *before.point)
     if verdict in (NAMED, ONE_OF):
-        found_there = [acting(model, inquiry.evidence.runs, found, *after.point, c) for c in inquiry.named]
-        where = [claim for claims_of_one in found_there for claim in claims_of_one] or where
+        acts = [claim for c in inquiry.named for claim in acting(model, inquiry.evidence.runs, found, *after.point, c)]
+        largest = {(c.block, c.output, c.regime): c for c in sorted(acts, key=lambda claim: claim.size)}
+        where = sorted(largest.values(), key=lambda claim: -claim.times_floor) or where
     surrogate = proposed = None
     if verdict == ONE_OF:
         progress("experiment that separates them", 0.95)
@@ -110,6 +112,7 @@ def investigate(
         seconds=time.perf_counter() - started,
         held_out="given" if held else "in turn",
         notes=notes,
+        atlas=atlas_numbers(model, list(runs.values()), found, *before.point),
         traces=traces,
     )
 

@@ -20,6 +20,7 @@ from plant_sim.discrepancy.model import Columns, Model, Values
 from plant_sim.discrepancy.sources import FRICTION, HYDRAULICS, MEAN, PRESSURE, SENSORS, TORQUE, Source, means, sources
 from plant_sim.effects import residual_pressure as by_demand
 from plant_sim.effects import residual_torque as by_friction
+from protocols.errors import listing
 from protocols.units import BAR
 
 _GAIN = 0.02  # of R^2 that a further term must add
@@ -79,7 +80,7 @@ def described(
         if target.order and "cosine" in names:
             values[f"{target.effect}.order"] = float(target.order)
     ranked = [names[i] for i in np.argsort(-_weights(target, names, coefficients))]
-    shape = ", ".join(dict.fromkeys(_WORDS[name][1] for name in ranked))
+    shape = ", ".join(dict.fromkeys(_words(name)[1] for name in ranked))
     if target.order and "cosine" in names:
         shape = shape.replace("the shaft's angle", f"the shaft's angle, {target.order} a turn")
     share = f"{100.0 * r2:.0f} % of the excess over the floor in left-out runs" if np.isfinite(r2) else "a single run"
@@ -89,11 +90,21 @@ def described(
 def _told(
     one: Source, names: Sequence[str], r2: float, values: Mapping[str, float], sentence: str, shape: str = "none found"
 ) -> dict[str, Any]:
-    variables = list(dict.fromkeys(v for name in names for v in _WORDS[name][0]))
+    variables = list(dict.fromkeys(v for name in names for v in _words(name)[0]))
     return {
         "block": one.block, "output": one.column, "variables": variables, "shape": shape,
         "r2": round(float(r2), 4), "sentence": sentence, "values": dict(values),
     }  # fmt: skip
+
+
+def _words(term: str) -> tuple[tuple[str, ...], str]:
+    """What a term depends on, and how: of the clutch's terms as they are, of another model's by its input."""
+    if term in _WORDS:
+        return _WORDS[term]
+    if column := term.removeprefix("direction of ") if term.startswith("direction of ") else "":
+        return (column, "direction"), f"changing sign with the direction of {column}"
+    column = term.removesuffix("^2")
+    return (column,), f"{'proportional to' if column == term else 'quadratic in'} {column}"
 
 
 def _place(one: Source) -> str:
@@ -110,9 +121,14 @@ def _unexplained(one: Source, target: Target, r2: float) -> str:
     own = f"it swings at {hertz[peak]:.1f} Hz" if sharp else "it has no frequency of its own"
     known = f"at most {max(100.0 * r2, 0.0):.0f} %" if np.isfinite(r2) else "little"
     return (
-        f"{_place(one)}: what is missing is no simple function of pressure, slip, temperature, direction, angle or time"
+        f"{_place(one)}: what is missing is no simple function of {_known(target)}"
         f" ({known} of the excess explained in left-out runs); {own}."
     )
+
+
+def _known(target: Target) -> str:
+    """What the terms are functions of, in words."""
+    return listing(list(dict.fromkeys(v for name in target.terms[0] for v in _words(name)[0])))
 
 
 def _target(model: Model, one: Source, runs: Sequence[Columns], shown: Sequence[Columns], parameters: Values) -> Target:

@@ -44,8 +44,9 @@ def test_sparse_regression_finds_a_term():
     assert ranking[0][1] > 0.2
 
 
-def test_gaussian_process_looks_like_the_effect_that_made_it():
+def test_gaussian_process_looks_like_the_effect_that_made_it(monkeypatch: pytest.MonkeyPatch):
     pytest.importorskip("sklearn", reason="needs pip install -e '.[battery]'")
+    monkeypatch.setattr(gaussian_process, "_POINTS", 120)
     case = made(off_by_gain)
     other = np.zeros_like(case.predicted)
     other[:, PRESSURE] = 1.0
@@ -53,14 +54,15 @@ def test_gaussian_process_looks_like_the_effect_that_made_it():
         case, {"pressure_sensor_offset": other, "torque_sensor_gain": off_by_gain(case.predicted)}
     )
     assert ranking[0][0] == "torque_sensor_gain"
-    assert ranking[0][1] > 0.8  # measured 0.99
+    assert ranking[0][1] > 0.8
     assert ranking[1][1] < 0.3
 
 
-def test_classifier_tells_classes_it_was_not_shown():
-    pytest.importorskip("sklearn", reason="needs pip install -e '.[battery]'")
+def test_classifier_tells_classes_it_was_not_shown(monkeypatch: pytest.MonkeyPatch):
+    ensemble = pytest.importorskip("sklearn.ensemble", reason="needs pip install -e '.[battery]'")
     from tests.discrepancy.battery.rivals import classifier
 
+    monkeypatch.setattr(classifier, "_forests", lambda: [ensemble.RandomForestClassifier(20, random_state=1)])
     x = np.random.default_rng(1).standard_normal((30, 4))
     classes = ["a" if row[0] > 0 else "b" for row in x]
     x[:, 0] += np.where(x[:, 0] > 0, 3.0, -3.0)

@@ -194,3 +194,13 @@ def test_a_gain_that_chance_gives_is_none() -> None:
     weighed = Weighed(base=1000.0, best=1000.0 * (1.0 - 0.9 * GAIN), size=1000, count=1, excess=0.0, rest=0.0)
     assert not weighed.gained
     assert replace(weighed, best=1000.0 * (1.0 - 1.1 * GAIN)).gained
+
+
+def test_what_no_candidate_explains_is_described_in_the_models_own_inputs() -> None:
+    """Also where it is a simple function of one of them."""
+    measured = {name: run | {"output_v": run["output_v"] + 0.5 * run["input_v"] ** 2} for name, run in runs({}).items()}
+    result = investigate(Amplifier(), measured, names=["ripple"])
+    assert result.verdict == "none_of_these"
+    assert result.surrogate is not None
+    assert "input_v" in result.surrogate["variables"]
+    assert "quadratic in input_v" in result.surrogate["sentence"]

@@ -101,3 +101,12 @@ def test_the_simulator_runs_the_extended_model_and_the_run_says_so(tmp_path: Pat
     assert metadata["effects"] == ["piston_seal_friction"]
     assert metadata["settings"]["plant_parameters"] == str(path)
     assert metadata["plant_parameters"][SLOPE.name] == SLOPE.value
+
+
+def test_what_is_like_nothing_known_is_carried_by_a_surrogate_that_the_rig_runs(tmp_path: Path) -> None:
+    name = next(n for n in SHIPPED if n.startswith("residual_torque."))
+    unknown = replace(result([], [SLOPE]), verdict="none_of_these", effects=[], surrogate={"values": {name: 0.25}})
+    write_model(unknown, SHIPPED, path := tmp_path / "model.toml")
+    parameter = wet_clutch.nominal(path)[name]
+    assert parameter.value == 0.25
+    assert parameter.source.startswith("surrogate of what is missing, data SHA-256")

@@ -111,7 +111,7 @@ def _rivals(pictures: Pictures, rivals: list[Rival]) -> list[Html]:
     picture = figure(
         pictures.rivals(order[:_DRAWN], sorted(same)),
         "share of the gap that each candidate closes",
-        f"Every candidate was fitted together with the baseline and judged on runs it had not seen. {legend}{most}",
+        f"Every candidate was fitted, alone, beside the baseline's own parameters. {legend}{most}",
     )
     rows: list[Sequence[object]] = [
         (

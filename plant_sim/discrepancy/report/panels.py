@@ -201,7 +201,7 @@ def rival_bars(axes: Axes, rivals: Sequence[Rival], alike: Sequence[str]) -> Non
     axes.set_ylim(len(rivals) - 0.4, -0.6)
     axes.set_xlim(right=1.15)
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: percent(value)))
-    axes.set_xlabel("share of the gap to the floor that is closed on left-out runs")
+    axes.set_xlabel("share of the gap to the floor that is closed on the fitted runs")
     axes.grid(axis="y", visible=False)
 
 
