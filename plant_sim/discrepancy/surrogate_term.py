@@ -83,8 +83,10 @@ def described(
     shape = ", ".join(dict.fromkeys(_words(name)[1] for name in ranked))
     if target.order and "cosine" in names:
         shape = shape.replace("the shaft's angle", f"the shaft's angle, {target.order} a turn")
-    share = f"{100.0 * r2:.0f} % of the excess over the floor in left-out runs" if np.isfinite(r2) else "a single run"
-    return _told(one, ranked, r2, values, f"{_place(one)}: what is missing is {shape}; this explains {share}.", shape)
+    share = f"this explains {100.0 * r2:.0f} % of the excess over the floor in left-out runs"
+    if not np.isfinite(r2):
+        share = "no second run was there to check it"
+    return _told(one, ranked, r2, values, f"{_place(one)}: what is missing is {shape}; {share}.", shape)
 
 
 def _told(
