@@ -88,7 +88,7 @@ def required(model: Model) -> tuple[str, ...]:
 
 def _ours(rig: str) -> Any:
     if rig not in RIGS:
-        raise InputError(f"rig {rig!r} is unknown; {closest(rig, RIGS)}, or PATH.py:CLASS")
+        raise InputError(f"rig {rig!r} is neither known nor PATH.py:CLASS; {closest(rig, RIGS)}")
     return RIGS[rig]()
 
 
