@@ -1,50 +1,20 @@
 """Search: the workflow from runs to a result - floor, re-fit, where, what, decision, again, held-out gap."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-
-import numpy as np
+from collections.abc import Mapping, Sequence
 
 from plant_sim.discrepancy.atlas import acting, claims
 from plant_sim.discrepancy.atlas_numbers import atlas_numbers
-from plant_sim.discrepancy.candidates import Fit, Search
-from plant_sim.discrepancy.decide import (
-    CLOSED,
-    ENOUGH,
-    EXCESS,
-    GAIN,
-    MOST,
-    NEEDED,
-    UNEXPLAINED,
-    Weighed,
-    aliases,
-    confidence,
-)
 from plant_sim.discrepancy.evidence import Evidence, Point
 from plant_sim.discrepancy.experiment import propose
-from plant_sim.discrepancy.fit import Linear, baseline_free, effect_free, linearised, refitted
+from plant_sim.discrepancy.fit import Linear
 from plant_sim.discrepancy.held_out import gaps, left_out
-from plant_sim.discrepancy.model import Candidate, Columns, Hinting, Model, Values, calibration
+from plant_sim.discrepancy.inquiry import Inquiry, Progress
+from plant_sim.discrepancy.model import Candidate, Columns, Model
 from plant_sim.discrepancy.noise import floors
-from plant_sim.discrepancy.result import NAMED, NONE_OF_THESE, NOTHING, ONE_OF, Estimate, Result, Rival, Trace
+from plant_sim.discrepancy.result import NAMED, NONE_OF_THESE, ONE_OF, Result, Trace
 from plant_sim.discrepancy.surrogate_term import described
 from protocols.errors import InputError, closest
-
-Progress = Callable[[str, float], None]  # what is being done, share of the whole
-_IN_EARNEST = 8  # candidates that are fitted in more than one step
-_JOINT = 4  # of these, fitted with their shapes and with the baseline's own parameters beside
-_RESHAPED = 4.0  # factor between starts of a shape
-_RENEWALS = 3
-_CONVERGED = 0.01  # of the gain over the baseline
-_CLOSE = 0.2  # regret within which a rival is fitted as fully as the best
-_PAIRS = 4  # pairs that are fitted
-_PARTNERS = 3  # candidates that are fitted beside what is named
-_TELLING = 2  # runs that starts are read from
-_CLUSTER = 1.0  # s: residuals further apart are taken as independent
-_Joint = tuple[Linear, tuple[Candidate, ...]]
-_Set = tuple[tuple[Candidate, ...], dict[str, float]]  # candidates and their values
-_NORMAL = 1.96  # 95 % of a normal distribution
 
 
 def investigate(
@@ -63,7 +33,7 @@ def investigate(
     progress("noise floor", 0.0)
     held = dict(held_out or {})
     found = floors([*runs.values(), *held.values()], model.outputs)
-    inquiry = _Inquiry(model, Evidence(model, list(runs.values()), found), candidates, progress)
+    inquiry = Inquiry(model, Evidence(model, list(runs.values()), found), candidates, progress)
     inquiry.run()
     verdict, effects, alternatives, notes = inquiry.verdict()
     if verdict not in (NAMED, ONE_OF):
@@ -87,9 +57,7 @@ def investigate(
         proposed = propose(model, after.point[0], options, found)
     if verdict == NONE_OF_THESE:
         progress("what shape the rest has", 0.95)
-
         surrogate = described(model, list(runs.values()), found, *before.point)
-    named = {c.name: c for c in inquiry.named}
     progress("done", 1.0)
     return Result(
         rig=model.name,
@@ -97,7 +65,7 @@ def investigate(
         effects=effects,
         alternatives=alternatives,
         confidence=inquiry.confidence,
-        where=where if verdict != NOTHING else [],
+        where=where,
         parameters=inquiry.estimates(effects=True) if verdict in (NAMED, ONE_OF) else [],
         baseline=inquiry.estimates(effects=False),
         gap=gap,
@@ -107,7 +75,7 @@ def investigate(
         experiment=proposed,
         floors=found,
         units={o.column: o.unit for o in model.outputs},
-        equations={n: c.equation for n, c in named.items()} | inquiry.equations(alternatives),
+        equations={c.name: c.equation for c in inquiry.named} | inquiry.equations(alternatives),
         hashes={},
         seconds=time.perf_counter() - started,
         held_out="given" if held else "in turn",
@@ -123,234 +91,6 @@ def _chosen(model: Model, names: Sequence[str] | None) -> list[Candidate]:
         if name not in known:
             raise InputError(f"effect {name!r} is no candidate of the rig {model.name}; {closest(name, known)}")
     return [known[n] for n in names] if names else list(model.candidates)
-
-
-class _Inquiry:
-    """The fits of one search."""
-
-    def __init__(self, model: Model, evidence: Evidence, candidates: list[Candidate], progress: Progress) -> None:
-        self.model, self.evidence, self.candidates, self.progress = model, evidence, candidates, progress
-        self.named: tuple[Candidate, ...] = ()  # the effects that explain most
-        self.values: dict[str, dict[str, float]] = {}  # fitted, of each single candidate
-        self.costs: dict[str, float] = {}  # of the candidates in the round that decided, each beside those named before
-        self._rivals: dict[str, Rival] = {}
-        self.confidence = 0.5
-
-    def run(self) -> None:
-        """Fit the baseline, then one, two, three effects."""
-        model, evidence = self.model, self.evidence
-        nominal: Point = ({n: p.value for n, p in model.parameters.items()}, {})
-        self.progress("baseline re-fitted", 0.02)
-        self.start = linearised(evidence, nominal, baseline_free(model.parameters, calibration(model)))
-        self.base = refitted(evidence, self.start)
-        self.final = self.base
-        self.weighed = self._weighed(self.base, 0)
-        self.progress("candidates", 0.1)
-        self.search = Search(evidence, self.start, 0.5 * GAIN * evidence.size)
-        ranked = self.search.screened(self.candidates, self._starts(self.base.point))
-        hopeful = [f for f in ranked if self.search.cost - f.cost > 0.5 * GAIN * evidence.size]
-        self._judge({f.name: f.cost for f in ranked if f not in hopeful})
-        if not hopeful:
-            return
-        self.progress("the best candidates in earnest", 0.35)
-        ranked = self._first(self.search.improved(hopeful[:_IN_EARNEST], 2), hopeful)
-        self.progress("the finalists with the baseline", 0.5)
-        jointly = self._jointly([((f.candidate,), f.values) for f in ranked[:_JOINT] if self._close(f, ranked[0])])
-        costs = {f.name: f.cost for f in ranked} | {names[0].name: at.cost for at, names in jointly}
-        self.values = {f.name: f.values for f in ranked} | {
-            candidates[0].name: dict(at.point[1]) for at, candidates in jointly
-        }
-        self._judge(costs)
-        self._take(*jointly[0], costs)
-        if self.weighed.gained and self.weighed.closed < ENOUGH and self.weighed.rest > EXCESS:
-            self._several()
-        if self.weighed.gained:
-            self.progress("the model with what was found", 0.8)
-            self.final = self._renewed(self.final)
-            self._again()
-
-    def _again(self) -> None:
-        """The baseline once more, from where the effects left it: a gain that it can have itself is none of theirs."""
-        at = self.final
-        own = [i for i, f in enumerate(at.free) if f.centre is not None]
-        point: Point = at.point[0], {}
-        alone = Linear(point, tuple(at.free[i] for i in own), self.evidence.residuals([point])[0], at.jacobian[:, own])
-        again = refitted(self.evidence, alone, 0)
-        if again.cost < self.base.cost:
-            self.base = again
-        self.weighed = self._weighed(at, self.weighed.count)
-
-    @staticmethod
-    def _first(*groups: Sequence[Fit]) -> list[Fit]:
-        """Fits of all groups, each name once, as the first group that has it; best first."""
-        found: dict[str, Fit] = {}
-        for group in groups:
-            for fit in group:
-                found.setdefault(fit.name, fit)
-        return sorted(found.values(), key=lambda fit: fit.cost)
-
-    def _close(self, fit: Fit, best: Fit) -> bool:
-        return fit.cost - best.cost <= _CLOSE * max(self.base.cost - best.cost, 0.0)
-
-    def _starts(self, point: Point) -> dict[str, list[dict[str, float]]]:
-        """Where to begin: typical values, with each shape a factor up and down too, or what the runs that disagree most say."""
-        starts = {c.name: [c.typical(), *_reshaped(c)] for c in self.candidates}
-        if not isinstance(self.model, Hinting):
-            return starts
-        power = [float(np.sum(self.start.residual[p] ** 2)) for p in self.evidence.pieces]
-        hints: dict[str, list[dict[str, float]]] = {}
-        for k in np.argsort(power)[::-1][:_TELLING]:
-            run, predicted = self.evidence.runs[k], self.evidence.predicted(point, int(k))
-            residuals = {c: run[c] - predicted[c] for c in self.evidence.columns}
-            for c in self.candidates:
-                hints.setdefault(c.name, []).extend(self.model.starts(c, run, residuals))
-        return starts | {name: found for name, found in hints.items() if found}
-
-    def _jointly(self, sets: Sequence[_Set]) -> list[_Joint]:
-        """Each set of candidates, from given values on, with the baseline's own parameters, whose sensitivities are kept."""
-        return sorted(((self._joint(*one), one[0]) for one in sets), key=lambda one: one[0].cost)
-
-    def _joint(self, candidates: tuple[Candidate, ...], values: Values) -> Linear:
-        point: Point = self.start.point[0], values
-        for _ in range(_RENEWALS):  # of the effects' own sensitivities
-            free = [f for c in candidates for f in effect_free(c, point[1])]
-            own = linearised(self.evidence, point, free)
-            jacobian = np.hstack([self.start.jacobian, own.jacobian])
-            before = Linear(point, self.start.free + own.free, own.residual, jacobian)
-            after = refitted(self.evidence, before, 0)
-            point = after.point
-            if before.cost - after.cost < _CONVERGED * max(self.base.cost - after.cost, 0.0):
-                break
-        return after
-
-    def _renewed(self, at: Linear) -> Linear:
-        """The final fit with its own sensitivities."""
-        free = [f for f in at.free if f.centre is not None]
-        free += [f for c in self.named for f in effect_free(c, at.point[1])]
-        return refitted(self.evidence, linearised(self.evidence, at.point, free), 0)
-
-    def _take(self, at: Linear, candidates: tuple[Candidate, ...], costs: dict[str, float]) -> None:
-        self.named, self.final, self.costs = candidates, at, costs
-        self.weighed = self._weighed(at, len(candidates))
-
-    def _several(self) -> None:
-        """Two effects, and a third beside them, where they explain what one does not."""
-        self.progress("two effects", 0.6)
-        sets: list[_Set] = [((a.candidate, b.candidate), values) for _, (a, b), values in self.search.pairs(_PAIRS)]
-        known = [{c.name for c in candidates} for candidates, _ in sets]
-        sets += [s for s in self._beside() if {c.name for c in s[0]} not in known]
-        while sets:
-            at, candidates = self._jointly(sets)[0]
-            if not self._better(at):
-                break
-            self._take(at, candidates, {})
-            sets = []
-            if self.weighed.closed < ENOUGH and self.weighed.rest > EXCESS and len(candidates) < MOST:
-                self.progress("three effects", 0.7)
-                sets = self._beside()
-
-    def _beside(self) -> list[_Set]:
-        """What is named, with each of the candidates that promise most beside it."""
-        search = Search(self.evidence, self.final, 0.5 * GAIN * self.evidence.size, self.search.directions)
-        promising = search.beside([c.name for c in self.named], _PARTNERS)
-        return [((*self.named, d.candidate), {**self.final.point[1], **values}) for _, d, values in promising]
-
-    def _weighed(self, at: Linear, count: int) -> Weighed:
-        e = self.evidence
-        return Weighed(self.base.cost, at.cost, e.size, count, e.excess(self.base.residual), e.excess(at.residual))
-
-    def _better(self, at: Linear) -> bool:
-        """Whether one more effect earns its place."""
-        gained = self.weighed.best - at.cost
-        return gained > self.evidence.size * max(GAIN, NEEDED * self.weighed.excess)
-
-    def _judge(self, costs: dict[str, float]) -> None:
-        base = self.base.cost
-        for name, cost in costs.items():
-            least = min(cost, base)  # switched off it is the baseline
-            values = self.values.get(name, {})
-            self._rivals[name] = Rival(name, 0.0, base - least, values, "", 1)
-
-    def verdict(self) -> tuple[str, list[str], list[list[str]], list[str]]:
-        """Verdict, effects named, sets of alternatives, notes."""
-        w = self.weighed
-        notes: list[str] = []
-        if not self.named or not w.gained:
-            if w.excess > UNEXPLAINED:
-                self.confidence = 0.8
-                return NONE_OF_THESE, [], [], notes
-            self.confidence = 0.95
-            return NOTHING, [], [], notes
-        if not w.explained:
-            self.confidence = float(np.clip(1.0 - w.closed, 0.3, 0.95))
-            return NONE_OF_THESE, [], [], notes
-        if w.count > 1:
-            self.confidence = confidence(w, 0.1)
-            return NAMED, [c.name for c in self.named], [], notes
-        near = aliases(self.costs, self.evidence.size, w.rest)
-        others = [c for n, c in self.costs.items() if n not in near]
-        margin = (min(others, default=self.base.cost) - w.best) / max(self.base.cost - w.best, 1e-9)
-        self.confidence = confidence(w, margin)
-        if len(near) > 1:
-            return ONE_OF, [], [near], notes
-        return NAMED, [self.named[0].name], [], notes
-
-    def rivals(self) -> list[Rival]:
-        """Every candidate with why it is not the one."""
-        w, size = self.weighed, self.evidence.size
-        best = {c.name for c in self.named} if w.explained else set()
-        whole = max((w.gain + w.rest) * size, 1e-9)  # of the excess
-        found = []
-        for r in sorted(self._rivals.values(), key=lambda r: -r.gain):
-            closed = float(np.clip(r.gain / whole, 0.0, 1.0))
-            reason = f"closes {closed:.0%} of the gap where {w.closed:.0%} can be closed"
-            if r.gain <= GAIN * size:
-                reason = "explains nothing that the baseline's own parameters do not"
-            elif not best:
-                reason = f"closes {closed:.0%} of the gap; to be named it takes {CLOSED[0]:.0%}"
-            found.append(replace(r, closed=closed, reason="" if r.name in best else reason))
-        return found
-
-    def equations(self, alternatives: list[list[str]]) -> dict[str, str]:
-        """Equations of the alternatives."""
-        wanted = {n for group in alternatives for n in group}
-        return {c.name: c.equation for c in self.candidates if c.name in wanted}
-
-    def estimates(self, effects: bool) -> list[Estimate]:
-        """Fitted parameters with robust 95 % intervals."""
-        at = self.final
-        sd = np.sqrt(np.maximum(np.diag(at.covariance(_clusters(self.evidence))), 0.0))
-        declared = dict(self.model.parameters) | {n: p for c in self.named for n, p in c.declared().items()}
-        found = []
-        for f, s in zip(at.free, sd, strict=True):
-            if (f.centre is None) == effects:
-                value, half, p = at.value(f), _NORMAL * float(s) * f.scale, declared[f.name]
-                interval = max(value - half, p.bounds[0]), min(value + half, p.bounds[1])
-                found.append(Estimate(f.name, value, p.unit, interval, p.value, p.uncertainty))
-        return found
-
-
-def _reshaped(candidate: Candidate) -> list[dict[str, float]]:
-    """Typical values with one shape changed: an effect with another time constant is another direction."""
-    found = []
-    for shape in candidate.shapes:
-        for factor in (_RESHAPED, 1.0 / _RESHAPED):
-            value = float(np.clip(shape.typical * factor, *shape.bounds))
-            if shape.typical > 0.0 and shape.unit != "rad" and value != shape.typical:
-                found.append(candidate.typical() | {f"{candidate.name}.{shape.name}": value})
-    return found
-
-
-def _clusters(evidence: Evidence) -> list[np.ndarray]:
-    """Indices of residuals that belong to one second of one run."""
-    found = []
-    for k, run in enumerate(evidence.runs):
-        period = float(run["time_s"][1] - run["time_s"][0]) * evidence.blocks[k]
-        length = max(1, round(_CLUSTER / period))
-        parts = [np.arange(p.start, p.stop) for p in (evidence.part(k, c) for c in evidence.columns)]
-        count = max(1, len(parts[0]) // length)
-        found += [np.concatenate([np.array_split(p, count)[i] for p in parts]) for i in range(count)]
-    return found
 
 
 def _traces(

@@ -112,10 +112,10 @@ class _Watch:
     def __enter__(self) -> "_Watch":
         self.seen: Any = None
         self.steps: list[Told] = []
-        self._original = search._Inquiry
+        self._original = search.Inquiry
         watch = self
 
-        class Watched(search._Inquiry):
+        class Watched(search.Inquiry):
             def _take(self, at: Linear, candidates: tuple[Candidate, ...], costs: dict[str, float]) -> None:
                 super()._take(at, candidates, costs)
                 watch.step([c.name for c in candidates], self.weighed, True)
@@ -131,11 +131,11 @@ class _Watch:
                 watch.seen = self
                 return super().verdict()
 
-        search._Inquiry = Watched  # type: ignore[misc]
+        search.Inquiry = Watched  # type: ignore[misc]
         return self
 
     def __exit__(self, *_: object) -> None:
-        search._Inquiry = self._original  # type: ignore[misc]
+        search.Inquiry = self._original  # type: ignore[misc]
 
     def step(self, names: list[str], w: Weighed, taken: bool) -> None:
         """Keep what a set of effects would leave."""
