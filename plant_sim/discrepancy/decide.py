@@ -3,7 +3,7 @@
 Equation        gain = (S_0 - S)/N:  S_0 cost of the re-fitted baseline, S with the effect(s), N residuals
                 closed = gain/(gain + rest):  the share of the excess over the floor that is explained
                 a rival is told apart when it is worse by more than the best one's own misfit would excuse
-Assumptions     thresholds hold for rigs like those of the development split (tests/discrepancy/battery), where they were set
+Assumptions     thresholds hold for rigs like those of the battery (tests/discrepancy/battery): set on some development cases
 References      Hansen, Lunde and Nason 2011, Econometrica 79 (model confidence set); White 2000, Econometrica 68
 """
 
@@ -11,7 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-GAIN = 0.003  # of the number of residuals: three times what any candidate gained where nothing was hidden
+GAIN = (
+    0.003  # of the number of residuals: three times the most that a candidate gained in six cases with nothing hidden
+)
 EXCESS = 0.03  # of the number of residuals: an unexplained rest below it is no disagreement
 UNEXPLAINED = 0.10  # of the number of residuals: an excess above it that nothing explains is a disagreement
 CLOSED = (0.75, 0.85, 0.90)  # least share of the excess that one, two, three effects must explain to be named
@@ -20,6 +22,7 @@ MOST = len(CLOSED)  # effects that are named together
 NEEDED = 0.03  # least share of the excess that each of several effects must explain beside the others
 ALIAS = 0.5  # a rival is not told apart when it is worse by less than this share of what the best one leaves itself,
 TIE = 0.001  # and this share of the number of residuals
+NOTHING_SURE, NONE_SURE = 0.95, 0.8  # confidence where nothing gains: not calibrated
 
 
 @dataclass(frozen=True)
@@ -67,7 +70,7 @@ def aliases(costs: dict[str, float], size: int, rest: float) -> list[str]:
 def confidence(weighed: Weighed, margin: float) -> float:
     """Probability that the verdict is right, from the share explained and the regret `margin` of the next rival.
 
-    Logistic in the logarithm of the margin; coefficients: development split.
+    Logistic in the logarithm of the margin; coefficients chosen by hand, not calibrated (docs/battery.md).
     """
     score = 2.0 + 0.9 * np.log(max(margin, 1e-4) / 0.1) + 4.0 * (weighed.closed - 0.8)
     return float(np.clip(1.0 / (1.0 + np.exp(-score)), 0.01, 0.995))

@@ -13,6 +13,8 @@ from plant_sim.discrepancy.decide import (
     GAIN,
     MOST,
     NEEDED,
+    NONE_SURE,
+    NOTHING_SURE,
     UNEXPLAINED,
     Weighed,
     aliases,
@@ -191,9 +193,9 @@ class Inquiry:
         notes: list[str] = []
         if not self.named or not w.gained:
             if w.excess > UNEXPLAINED:
-                self.confidence = 0.8
+                self.confidence = NONE_SURE
                 return NONE_OF_THESE, [], [], notes
-            self.confidence = 0.95
+            self.confidence = NOTHING_SURE
             return NOTHING, [], [], notes
         if not w.explained:
             self.confidence = float(np.clip(1.0 - w.closed, 0.3, 0.95))
