@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.stats import t
 
 from plant_sim.discrepancy.candidates import Fit, Search
 from plant_sim.discrepancy.decide import (
@@ -233,15 +234,18 @@ class Inquiry:
         return {c.name: c.equation for c in self.candidates if c.name in wanted}
 
     def estimates(self, effects: bool) -> list[Estimate]:
-        """Fitted parameters with robust 95 % intervals."""
+        """Fitted parameters with robust 95 % intervals: the wider of two, one from how seconds differ, one from how runs do."""
         at = self.final
-        sd = np.sqrt(np.maximum(np.diag(at.covariance(_clusters(self.evidence))), 0.0))
+        half = _NORMAL * _deviations(at, _clusters(self.evidence))
+        if (count := len(self.evidence.pieces)) > 2:  # what the model lacks pulls whole runs apart
+            runs = [np.arange(piece.start, piece.stop) for piece in self.evidence.pieces]
+            half = np.maximum(half, t.ppf(0.975, count - 1) * np.sqrt(count / (count - 1)) * _deviations(at, runs))
         declared = dict(self.model.parameters) | {n: p for c in self.named for n, p in c.declared().items()}
         found = []
-        for f, s in zip(at.free, sd, strict=True):
+        for f, h in zip(at.free, half, strict=True):
             if (f.centre is None) == effects:
-                value, half, p = at.value(f), _NORMAL * float(s) * f.scale, declared[f.name]
-                interval = max(value - half, p.bounds[0]), min(value + half, p.bounds[1])
+                value, reach, p = at.value(f), float(h) * f.scale, declared[f.name]
+                interval = max(value - reach, p.bounds[0]), min(value + reach, p.bounds[1])
                 found.append(Estimate(f.name, value, p.unit, interval, p.value, p.uncertainty))
         return found
 
@@ -255,6 +259,11 @@ def _reshaped(candidate: Candidate) -> list[dict[str, float]]:
             if shape.typical > 0.0 and shape.unit != "rad" and value != shape.typical:
                 found.append(candidate.typical() | {f"{candidate.name}.{shape.name}": value})
     return found
+
+
+def _deviations(at: Linear, clusters: Sequence[np.ndarray]) -> np.ndarray:
+    """Standard deviations (p,) of the parameters in scales."""
+    return np.sqrt(np.maximum(np.diag(at.covariance(clusters)), 0.0))
 
 
 def _clusters(evidence: Evidence) -> list[np.ndarray]:
