@@ -238,7 +238,7 @@ def test_two_rates_are_refused(local_bus: str) -> None:
         (["--bus", "nosuch"], "bus 'nosuch' does not exist; there are"),
         (["--bus", "local:a/b"], "allowed are 1 to 32 of A-Z a-z 0-9"),
         (["--rate", "7"], "rate 7 Hz is not possible; allowed are 50 to 10000 Hz"),
-        (["--profile", "nosuch"], "profile 'nosuch' does not exist; known are cold_start, "),
+        (["--profile", "nosuch"], "profile 'nosuch' does not exist; known are broadband, cold_start, "),
         (["--seconds", "-1"], "a run of -1 s is not possible"),
         (["--law", "best"], "control law 'best' is unknown; allowed are both, feedforward, feedback"),
         (["--plant-parameters", "bad.toml"], "parameter clutch.coulomb_slope = 999 Nm/bar breaks 1 <= value <= 100"),
