@@ -30,7 +30,7 @@ _LAGS = 1 / 40  # of a run: longest lag of an autocorrelation
 _SEGMENT = 2048  # samples of a spectrum
 _TURNS = 8  # of a segment of an order spectrum
 _A_TURN = 128  # samples a turn, at most
-_NOT_OF_RIG = ("truth_", "controller_")  # columns that a rig does not have
+_NOT_OF_RIG = ("truth_", "controller_", "plant_")  # columns of the bench, not of a rig
 
 
 @dataclass(frozen=True)
