@@ -9,6 +9,7 @@ from scipy.stats import t
 from plant_sim.discrepancy.candidates import Fit, Search
 from plant_sim.discrepancy.decide import (
     CLOSED,
+    DISTINCT,
     ENOUGH,
     EXCESS,
     GAIN,
@@ -16,6 +17,7 @@ from plant_sim.discrepancy.decide import (
     NEEDED,
     NONE_SURE,
     NOTHING_SURE,
+    SMALL,
     UNEXPLAINED,
     Weighed,
     aliases,
@@ -157,8 +159,8 @@ class Inquiry:
         known = [{c.name for c in candidates} for candidates, _ in sets]
         sets += [s for s in self._beside() if {c.name for c in s[0]} not in known]
         while sets:
-            at, candidates = self._jointly(sets)[0]
-            if not self._better(at):
+            (at, candidates), *others = self._jointly(sets)
+            if not self._better(at) or not self._distinct(at, [other.cost for other, _ in others]):
                 break
             self._take(at, candidates, {})
             sets = []
@@ -180,6 +182,12 @@ class Inquiry:
         """Whether one more effect earns its place."""
         gained = self.weighed.best - at.cost
         return gained > self.evidence.size * max(GAIN, NEEDED * self.weighed.excess)
+
+    def _distinct(self, at: Linear, others: Sequence[float]) -> bool:
+        """Whether what one more effect explains is much, or its own: a misfit of the first one can be mended in many ways."""
+        gained = self.weighed.best - at.cost
+        second = self.weighed.best - min(others, default=np.inf)
+        return gained > SMALL * self.weighed.excess * self.evidence.size or second < DISTINCT * gained
 
     def _judge(self, costs: dict[str, float]) -> None:
         base = self.base.cost
