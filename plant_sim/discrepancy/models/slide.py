@@ -9,6 +9,7 @@ References      Armstrong-Helouvry, Dupont and Canudas de Wit 1994, Automatica 3
                 which m is within one sample
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -55,7 +56,7 @@ class Drive(NamedTuple):
     other: np.ndarray
 
 
-class Slide:
+class Slide(ABC):
     """A `Model` of a rig whose friction force along a measured path is judged; subclasses say what drives and presses it.
 
     `parameters` may be another rig's (`--model`): an effect that is on in them is part of the baseline.
@@ -132,15 +133,17 @@ class Slide:
         load = self._drive(run, self.parameters, moved).load
         return contact.get("clutch_coulomb_slope", 0.0) * load + contact.get("clutch_coulomb_intercept", 0.0)
 
+    @abstractmethod
     def _moved(self, run: Columns, own: ParameterSet, period: float) -> Motion:
-        raise NotImplementedError
+        """The motion at the samples of a run; `own`: parameters of the baseline, period [s]."""
 
+    @abstractmethod
     def _drive(self, run: Columns, own: ParameterSet, moved: Motion) -> Drive:
-        raise NotImplementedError
+        """What presses the contact, and what else the sensor feels, at the samples of a run."""
 
+    @abstractmethod
     def _contact(self, own: ParameterSet) -> Mapping[str, float]:
         """Friction mu [1] (`clutch_coulomb_slope`), F_c [N] and F_v [Ns/m]: fields of the record that are not 0."""
-        raise NotImplementedError
 
     def _record(self, own: ParameterSet, on: list[Candidate]) -> dict[str, float]:
         falls = any(c.name == "stribeck_change" for c in on)

@@ -2,7 +2,7 @@
 
 Equation        `plant_sim.rigs.wet_clutch`, from valve voltage and speed demand; blocks behind measured pressure and slip
 Assumptions     a run begins at rest (rig.md) or, where its pressure is not 0, with the piston where that pressure holds it
-Integration     steps of 0.33 ms: against 0.025 ms the pressure differs by 0.3 mbar at most, the torque by 2 mNm root
+Integration     steps of 0.33 ms: against 0.025 ms the pressure differs by 0.6 mbar at most, the torque by 2 mNm root
                 mean square (tests/discrepancy/test_wet_clutch_model.py); shorter where an effect is fast
 Not modelled    converters' rounding: fits see means over samples
 References      rig.md
@@ -129,6 +129,8 @@ class WetClutch:
         if pressure > _EMPTY:
             state.y["valve_pressure"] = state.y["pressure"] = pressure * BAR
             state.y["position"] = _held(rig, pressure * BAR)
+            speed = float(state.y["slip_speed"][0])
+            state = rig.advance(state, 0.0, speed, rig.record["motor_torque_limit"][0], 0.0, 0)  # outputs follow
         return state
 
     def _substeps(self, whole: ParameterSet, effects: Values, period: float) -> int:
