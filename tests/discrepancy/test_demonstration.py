@@ -21,7 +21,7 @@ EXPERIMENTS = ("loads_and_slips", "reversals")
 HELD_OUT = "hold_and_release"
 RATE = "500"  # Hz: half of the time, and as good for what is slower than 4 ms
 PATIENCE = 600.0  # s for what takes 41 s of processor time, on a machine that does other things too
-CLOSED = 0.9  # share of the squared error above the floor that is gone on the held-out run: what a design of ours asks, no measured margin
+CLOSED = 0.9  # share of the squared error above the floor that must be gone on the held-out run; margin not measured
 WORSE = 1.1  # times the error before, or the floor, of an output in which there was no gap
 
 
