@@ -35,6 +35,9 @@ try:
 except OSError:
     _REAL_TIME = False
 
+# one picture of a 4k screen a turn, larger than the caches
+_MOVE_MEMORY = "import numpy; a = numpy.zeros(1 << 25, numpy.uint8)\nwhile True: numpy.add(a, 1, out=a)"
+
 
 def descendants(pid: int) -> list[int]:
     """Processes that a process has started, and those that they have."""
@@ -44,12 +47,13 @@ def descendants(pid: int) -> list[int]:
 
 @contextmanager
 def full_machine() -> Iterator[None]:
-    """Every CPU computes at the lowest priority.
+    """Every CPU computes and moves memory at the lowest priority.
 
-    A CPU is slower while its neighbours compute, whoever they are: a cycle's work has a median of 75 to 85 us on an idle
-    machine, 115 to 125 us on a full one. So it is full under every condition, and what differs is what a viewer does.
+    A CPU is slower while its neighbours compute, whoever they are, and slower still while they move memory, as a viewer
+    does that draws in software: a cycle's work has a median of 70 to 85 us on an idle machine, 115 to 125 us beside
+    neighbours that count, 130 to 165 us beside these. So it is full under every condition, and what differs is what a viewer does.
     """
-    command = ("nice", "-n", "19", sys.executable, "-c", "while True: pass")
+    command = ("nice", "-n", "19", sys.executable, "-c", _MOVE_MEMORY)
     neighbours = [subprocess.Popen(command) for _ in os.sched_getaffinity(0)]
     try:
         yield
