@@ -61,7 +61,7 @@ class Inquiry:
         nominal: Point = ({n: p.value for n, p in model.parameters.items()}, {})
         self.progress("baseline re-fitted", 0.02)
         self.start = linearised(evidence, nominal, baseline_free(model.parameters, calibration(model)))
-        self.base = refitted(evidence, self.start)
+        self.base = refitted(evidence, self.start, 0)
         self.final = self.base
         self.weighed = self._weighed(self.base, 0)
         self.progress("candidates", 0.1)

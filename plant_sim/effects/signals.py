@@ -112,10 +112,24 @@ def _invoke(typing_context, address, s, c, p, x, h):
     return signature, codegen
 
 
+@intrinsic
+def _word(typing_context, address, index):
+    """The 64-bit integer number `index` at `address`."""
+    signature = types.int64(types.intp, types.intp)
+
+    def codegen(context, builder, signature, arguments):
+        address, index = arguments
+        words = builder.inttoptr(address, ir.IntType(64).as_pointer())
+        return builder.load(builder.gep(words, [index]))
+
+    return signature, codegen
+
+
 def bound(effects, states):
     """What `attached` and `call` need of a table's `kernel` and the effects' states (k,): `e`. Compiled code only.
 
-    Raises ValueError for states that are not of this table: laws would write beyond them.
+    Addresses, not arrays: to count references to an array takes longer than a law does. So the caller keeps `effects` and
+    `states` as long as `e` is in use. Raises ValueError for states that are not of this table: laws would write beyond them.
     """
 
 
@@ -143,7 +157,7 @@ def _bound(effects, states):
         calls, begins, values, size = effects
         if states.size != size:
             raise ValueError("states are not those of this table of effects")
-        return calls, begins, values.ctypes.data, states.ctypes.data
+        return calls.ctypes.data, begins.ctypes.data, values.ctypes.data, states.ctypes.data
 
     return bind
 
@@ -152,7 +166,7 @@ def _bound(effects, states):
 def _attached(hook, e):
     if isinstance(e, types.NoneType):
         return lambda hook, e: False
-    return lambda hook, e: e[1][hook] < e[1][hook + 1]
+    return lambda hook, e: _word(e[1], hook) < _word(e[1], hook + 1)  # type: ignore[call-arg]
 
 
 @overload(call, inline="always")
@@ -162,8 +176,9 @@ def _call(hook, e, s, c, h):
 
     def call_each(hook, e, s, c, h):
         calls, begins, values, states = e
-        for i in range(begins[hook], begins[hook + 1]):
-            _invoke(calls[i, 0], s, c, values + 8 * calls[i, 1], states + 8 * calls[i, 2], h)  # type: ignore[call-arg]
+        for i in range(_word(begins, hook), _word(begins, hook + 1)):
+            law, parameter, state = _word(calls, 3 * i), _word(calls, 3 * i + 1), _word(calls, 3 * i + 2)
+            _invoke(law, s, c, values + 8 * parameter, states + 8 * state, h)  # type: ignore[call-arg]
 
     return call_each
 

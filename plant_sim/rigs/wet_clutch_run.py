@@ -23,13 +23,13 @@ QUIET = (0.0, 0.0, 0.0, 0.0)  # standard normal numbers of a sample
 def run(
     state, states, voltage, speed, limit, parameters, effects, period, substeps, driven, pressure, slip, scales, shown
 ):
-    """Write what is shown, (n, 6) in Pa, rad/s, rad, degC, Nm, Nm, of a run from `state`, `states` (a `Whole`) on.
+    """Write what is shown, (n, 6) in Pa, rad/s, rad, degC, Nm, Nm, of a run; moves `state`, `states` (a `Whole`) on with it.
 
     voltage [V], speed [rad/s]: inputs (n,); limit [Nm], period [s]. With `driven`, cylinder pressure [Pa] and slip [rad/s]
     are set to the given ones (n,) at each sample: the clutch alone, behind its measured inputs. scales: what a volt stands for
     to whoever reads the channels of pressure, temperature, motor and clutch torque [Pa/V, K/V, Nm/V, Nm/V].
     """
-    state, states, own, signals = state.copy(), states.copy(), parameters.copy(), np.zeros(1, SIGNALS)
+    own, signals = parameters.copy(), np.zeros(1, SIGNALS)
     e = bound(effects, states)
     y, c, s = state[0], parameters[0], signals[0]
     for k in range(voltage.size):

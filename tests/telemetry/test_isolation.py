@@ -51,7 +51,8 @@ def full_machine() -> Iterator[None]:
 
     A CPU is slower while its neighbours compute, whoever they are, and slower still while they move memory, as a viewer
     does that draws in software: a cycle's work has a median of 70 to 85 us on an idle machine, 115 to 125 us beside
-    neighbours that count, 130 to 165 us beside these. So it is full under every condition, and what differs is what a viewer does.
+    neighbours that count, 130 to 165 us beside these. So it is full under every condition, and what differs is what a
+    viewer does.
     """
     command = ("nice", "-n", "19", sys.executable, "-c", _MOVE_MEMORY)
     neighbours = [subprocess.Popen(command) for _ in os.sched_getaffinity(0)]
