@@ -20,6 +20,8 @@ _WORTH = 0.02  # of the best predicted gain: what promises less is not simulated
 _FURTHEST = 30.0  # steps of a parameter in one round
 _CONVERGED = 1e-3  # of a candidate's gain: a smaller one ends its rounds
 _SHARES = (1.0, 0.3)  # of a Gauss-Newton step that are tried
+_SHORTENED = (1.0, 0.4, 0.15)  # shares of the first step from off, shorter where it gains less than
+_KEPT = 0.3  # this much of what it promised
 
 
 @dataclass(frozen=True)
@@ -85,15 +87,20 @@ class Search:
                 for c, off, strengths in jobs
             ]
         )
-        trials = [(gain, d.candidate, values) for d in self.directions for gain, values in [self.predicted([d])]]
+        trials = [(gain, d, values) for d in self.directions for gain, values in [self.predicted([d])]]
         worth = max(self._least, _WORTH * max((gain for gain, _, _ in trials), default=0.0))
-        tried = [(c, values) for gain, c, values in trials if gain > worth]
         best: dict[str, Fit] = {}
-        for fit in self._evaluated(tried):
-            if fit.name not in best or fit.cost < best[fit.name].cost:
-                best[fit.name] = fit
-        for _, c, _ in trials:  # what promises nothing stays off
-            best.setdefault(c.name, Fit(c, c.off(), self.cost, self.at.residual))
+        waiting = [trial for trial in trials if trial[0] > worth]
+        for share in _SHORTENED:
+            found = self._evaluated([(d.candidate, _between(d.off, values, share)) for _, d, values in waiting])
+            for fit in found:
+                if fit.name not in best or fit.cost < best[fit.name].cost:
+                    best[fit.name] = fit
+            waiting = [
+                one for one, fit in zip(waiting, found, strict=True) if self.cost - fit.cost < share * _KEPT * one[0]
+            ]
+        for _, d, _ in trials:  # what promises nothing stays off
+            best.setdefault(d.candidate.name, Fit(d.candidate, d.candidate.off(), self.cost, self.at.residual))
         return sorted(best.values(), key=lambda fit: fit.cost)
 
     def predicted(self, together: Sequence[Direction]) -> tuple[float, dict[str, float]]:
@@ -219,6 +226,11 @@ class Search:
             return fit.values | moved
 
         return at
+
+
+def _between(off: Values, values: Values, share: float) -> dict[str, float]:
+    """Strengths at a share of their way from `off`; shapes as in `values`."""
+    return {n: off[n] + share * (v - off[n]) for n, v in values.items()}
 
 
 def _bounds(c: Candidate) -> dict[str, tuple[float, float]]:

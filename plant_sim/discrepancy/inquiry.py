@@ -32,7 +32,8 @@ Progress = Callable[[str, float], None]  # what is being done, share of the whol
 _IN_EARNEST = 8  # candidates that are fitted in more than one step
 _JOINT = 4  # of these, fitted with their shapes and with the baseline's own parameters beside
 _RESHAPED = 4.0  # factor between starts of a shape
-_RENEWALS = 3
+_TAKEN_UP = 0.3  # share of the nominal model's excess below which what is left is looked at from the re-fitted baseline
+_RENEWALS = 3  # of an effect's own sensitivities, and of a set of effects'
 _CONVERGED = 0.01  # of the gain over the baseline
 _CLOSE = 0.2  # regret within which a rival is fitted as fully as the best
 _PAIRS = 4  # pairs that are fitted
@@ -62,6 +63,9 @@ class Inquiry:
         self.progress("baseline re-fitted", 0.02)
         self.start = linearised(evidence, nominal, baseline_free(model.parameters, calibration(model)))
         self.base = refitted(evidence, self.start, 0)
+        if evidence.excess(self.base.residual) < _TAKEN_UP * evidence.excess(self.start.residual):
+            self.base = refitted(evidence, linearised(evidence, self.base.point, self.base.free))
+            self.start = self.base  # what is missing, if anything, is small beside what was calibrated
         self.final = self.base
         self.weighed = self._weighed(self.base, 0)
         self.progress("candidates", 0.1)
@@ -75,6 +79,9 @@ class Inquiry:
         ranked = self._first(self.search.improved(hopeful[:_IN_EARNEST], 2), hopeful)
         self.progress("the finalists with the baseline", 0.5)
         jointly = self._jointly([((f.candidate,), f.values) for f in ranked[:_JOINT] if self._close(f, ranked[0])])
+        for i, (at, (candidate,)) in enumerate(jointly):
+            if i == 0 or candidate.is_off(at.point[1]):
+                self._alone(at)
         costs = {f.name: f.cost for f in ranked} | {names[0].name: at.cost for at, names in jointly}
         self.values = {f.name: f.values for f in ranked} | {
             candidates[0].name: dict(at.point[1]) for at, candidates in jointly
@@ -86,18 +93,17 @@ class Inquiry:
         if self.weighed.gained:
             self.progress("the model with what was found", 0.8)
             self.final = self._renewed(self.final)
-            self._again()
+            self._alone(self.final)
+            self.weighed = self._weighed(self.final, self.weighed.count)
 
-    def _again(self) -> None:
-        """The baseline once more, from where the effects left it: a gain that it can have itself is none of theirs."""
-        at = self.final
+    def _alone(self, at: Linear) -> None:
+        """The baseline once more, from where effects left it: a gain that it can have itself is none of theirs."""
         own = [i for i, f in enumerate(at.free) if f.centre is not None]
         point: Point = at.point[0], {}
         alone = Linear(point, tuple(at.free[i] for i in own), self.evidence.residuals([point])[0], at.jacobian[:, own])
         again = refitted(self.evidence, alone, 0)
         if again.cost < self.base.cost:
             self.base = again
-        self.weighed = self._weighed(at, self.weighed.count)
 
     @staticmethod
     def _first(*groups: Sequence[Fit]) -> list[Fit]:
@@ -126,12 +132,23 @@ class Inquiry:
         return starts | {name: found for name, found in hints.items() if found}
 
     def _jointly(self, sets: Sequence[_Set]) -> list[_Joint]:
-        """Each set of candidates, from given values on, with the baseline's own parameters, whose sensitivities are kept."""
-        return sorted(((self._joint(*one), one[0]) for one in sets), key=lambda one: one[0].cost)
+        """Each set of candidates, from given values on, with the baseline's own parameters, whose sensitivities are kept.
 
-    def _joint(self, candidates: tuple[Candidate, ...], values: Values) -> Linear:
+        The best, and those that come close to it, are fitted to the end.
+        """
+        fits = sorted(((self._joint(*one, 1), one[0]) for one in sets), key=lambda one: one[0].cost)
+        least = fits[0][0].cost
+        close = least + _CLOSE * max(self.base.cost - least, 0.0)
+        fits = [
+            (self._joint(candidates, at.point[1], _RENEWALS - 1), candidates) if at.cost <= close else (at, candidates)
+            for at, candidates in fits
+        ]
+        return sorted(fits, key=lambda one: one[0].cost)
+
+    def _joint(self, candidates: tuple[Candidate, ...], values: Values, renewals: int) -> Linear:
+        """A set of candidates with the effects' own sensitivities taken at most `renewals` times."""
         point: Point = self.start.point[0], values
-        for _ in range(_RENEWALS):  # of the effects' own sensitivities
+        for _ in range(renewals):
             free = [f for c in candidates for f in effect_free(c, point[1])]
             own = linearised(self.evidence, point, free)
             jacobian = np.hstack([self.start.jacobian, own.jacobian])

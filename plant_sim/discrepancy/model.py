@@ -58,6 +58,10 @@ class Candidate:
         """Values of its parameters while it is off, by dotted name."""
         return {f"{self.name}.{p.name}": p.off for p in self.parameters}
 
+    def is_off(self, values: Values) -> bool:
+        """Whether `values`, by dotted name, switch it off."""
+        return all(values[f"{self.name}.{s.name}"] == s.off for s in self.strengths)
+
     def typical(self) -> dict[str, float]:
         """Typical values by dotted name."""
         return {f"{self.name}.{p.name}": p.typical for p in self.parameters}
