@@ -176,9 +176,11 @@ def _call(hook, e, s, c, h):
 
     def call_each(hook, e, s, c, h):
         calls, begins, values, states = e
-        for i in range(_word(begins, hook), _word(begins, hook + 1)):
-            law, parameter, state = _word(calls, 3 * i), _word(calls, 3 * i + 1), _word(calls, 3 * i + 2)
-            _invoke(law, s, c, values + 8 * parameter, states + 8 * state, h)  # type: ignore[call-arg]
+        for i in range(_word(begins, hook), _word(begins, hook + 1)):  # type: ignore[call-arg]
+            law = _word(calls, 3 * i)
+            parameter = _word(calls, 3 * i + 1)
+            state = _word(calls, 3 * i + 2)
+            _invoke(law, s, c, values + 8 * parameter, states + 8 * state, h)
 
     return call_each
 
