@@ -6,15 +6,15 @@ Equation        M_C = max(0, a_MC p* + b_MC);  C_v = max(0, a_Cv p* + b_Cv)     
                 m' = sign(omega) C (1 - m/s_n), s_n carrying the sign of omega                      (6.9)
                 M = M_C m + sign(omega) C_v r_T |omega|^gamma                                       (6.9)
                 p* = p_contact + F_n / A_cyl, only in contact                                       (rig.md, 4)
-Integration     below RESTING sign(omega) is omega/sqrt(omega^2 + RESTING^2), |omega|^gamma is rounded alike: with its corner,
-                of infinite slope, plates that reverse under load chatter from step to step, whatever the step
+Integration     below RESTING sign(omega) and sign(omega) |omega|^gamma are straight lines: with the corner, of infinite slope,
+                plates that reverse under load chatter from step to step, whatever the step
 Assumptions     normal and tangential dynamics decoupled (sec. 6.2.3); temperature acts on the viscous term alone (fig 6.9)
 Valid range     p* 2.7..4.2 bar, 0..250 rpm, 0..30 Nm, oil 50..150 degC
 Not modelled    wear; pre-sliding, drag of the open clutch and more are effects (plant_sim/effects)
 References      Janssens 2010, chapter 6
 """
 
-from math import exp, sqrt
+from math import exp
 
 from numba import njit
 
@@ -55,12 +55,13 @@ def relaxed(state, ratio, slip, attraction, step):
     if slip == 0.0:
         return state
     target = ratio if slip > 0.0 else -ratio
-    sliding = abs(slip) / sqrt(slip * slip + RESTING * RESTING)
+    sliding = min(abs(slip) / RESTING, 1.0)
     return target + (state - target) * exp(-attraction * sliding * step / ratio)  # Janssens 2010, eq. 6.9
 
 
 @njit(inline="always")
 def torque(coulomb, state, viscous, slip, exponent):
     """Clutch torque M [Nm], positive when it opposes positive slip; `viscous` is C_v r_T [Nm/(rad/s)^gamma]."""
-    root = slip * (slip * slip + RESTING * RESTING) ** (0.5 * (exponent - 1.0))
-    return coulomb * state + viscous * root  # Janssens 2010, eq. 6.9
+    speed = abs(slip)
+    drag = viscous * (speed**exponent if speed > RESTING else speed * RESTING ** (exponent - 1.0))
+    return coulomb * state + (drag if slip > 0.0 else -drag)  # Janssens 2010, eq. 6.9

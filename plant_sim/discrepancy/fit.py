@@ -3,8 +3,9 @@
 Equation        minimise |r(x)|^2 + sum over the baseline's parameters of ((x - x_0)/s)^2,  s = PRIOR times how far x may move
                 near a point r(x + S d) = r + J d, so d = -(J'J + L)^-1 (J'r + L a),  L = 1 where a prior is, a = (x - x_0)/S
 Assumptions     white noise of unit variance
-References      Ljung 1999, System identification, ch. 10; Kennedy and O'Hagan 2001, J. R. Statist. Soc. B 63 (a discrepancy is
-                judged beside the uncertainty of the model's own parameters)
+References      Ljung 1999, System identification, ch. 10; Stark and Parker 1995, Comput. Stat. 10 (bounded least squares);
+                Kennedy and O'Hagan 2001, J. R. Statist. Soc. B 63 (a discrepancy is judged beside the uncertainty of the model's
+                own parameters)
 """
 
 from collections.abc import Iterable, Sequence
@@ -12,7 +13,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
+from scipy.optimize import lsq_linear
 
 from plant_sim.discrepancy.evidence import Evidence, Point
 from plant_sim.discrepancy.model import Candidate, Values
@@ -31,7 +33,6 @@ _ROUNDS = 4
 _CONVERGED = 1e-4  # of the number of residuals: a smaller gain ends the iteration
 _WORTHWHILE = 2e-3  # of the cost: a fit that gained less needs no other sensitivities
 _SHARES = (1.0, 0.4, 0.1)  # of a Gauss-Newton step that are tried
-_ACTIVE = 12  # changes of the set of parameters at a bound
 _TRUSTED = 0.1  # of the gain that sensitivities promise: with less they are given up
 _LOOSE = 1e-9  # prior weight of an effect's parameter, beside 1 of the baseline's: none, but the matrix stays regular
 
@@ -128,25 +129,18 @@ class Linear:
         return left.move, left.cost
 
     def eliminated(self, residual: np.ndarray) -> "Eliminated":
-        """The free parameters at their best for `residual` within bounds: quadratic programme by active sets."""
+        """The free parameters at their best for `residual` within bounds: bounded least squares (Stark and Parker 1995)."""
         hessian = self.gram + np.diag(self.prior + 1e-10 * np.diag(self.gram))
         gradient = self.jacobian.T @ residual + self.prior * self.offset
         low, high = self._box
-        move, inside = np.zeros(len(self.free)), low < high
-        for _ in range(_ACTIVE):
-            inner = np.flatnonzero(inside)
-            rest = gradient + hessian @ np.where(inside, 0.0, move)
-            factor = cho_factor(hessian[np.ix_(inner, inner)]) if len(inner) else None
-            if factor is not None:
-                move[inner] = -cho_solve(factor, rest[inner])
-            beyond = inside & ((move < low) | (move > high))
-            slope = gradient + hessian @ move
-            released = ~inside & (low < high) & (((move <= low) & (slope < 0.0)) | ((move >= high) & (slope > 0.0)))
-            move = np.clip(move, low, high)
-            if not beyond.any() and not released.any():
-                break
-            inside = (inside & ~beyond) | (released & ~beyond.any())
-        inner = np.flatnonzero(inside)
+        inner = np.flatnonzero(low < high)
+        move = np.zeros(len(self.free))
+        if len(inner):
+            lower = cholesky(hessian[np.ix_(inner, inner)], lower=True)
+            right = -solve_triangular(lower, gradient[inner], lower=True)
+            found = lsq_linear(lower.T, right, (low[inner], high[inner]), method="bvls")
+            move[inner] = found.x
+            inner = inner[found.active_mask == 0]
         cost = residual @ residual + self.prior @ self.offset**2 + 2.0 * gradient @ move + move @ hessian @ move
         return Eliminated(self, residual, move, float(cost), inner)
 

@@ -1,16 +1,18 @@
-"""A valve with another natural frequency.
+"""A valve with another natural frequency, or a lag before it.
 
 What            cold or thick oil, a weak amplifier or a worn solenoid make the valve slower (or a better one faster)
-Equation        p_v'' + 2 zeta (r w) p_v' + (r w)^2 p_v = (r w)^2 u
+Equation        p_v'' + 2 zeta (r w) p_v' + (r w)^2 p_v = (r w)^2 i,  tau i' = u - i
 Assumptions     damping ratio unchanged; the same for large and small steps
-Valid range     r 0.1..3
+Valid range     r 0.1..3, tau 0..50 ms
 Not modelled    limited slew rate; dependence on temperature (oil_viscosity does the line)
 References      Merritt 1967, Hydraulic Control Systems; Watton 2009, Fundamentals of Fluid Power Control (valves as
-                second-order systems)
+                second-order systems; the amplifier's current loop as a lag before them)
 """
 
-from plant_sim.effects.effect import Effect, Strength
-from plant_sim.effects.signals import RIG
+from math import exp
+
+from plant_sim.effects.effect import Effect, State, Strength
+from plant_sim.effects.signals import COMMAND, RIG
 
 
 def slow(s, c, p, x, h):
@@ -18,13 +20,26 @@ def slow(s, c, p, x, h):
     c.valve_frequency *= p.ratio
 
 
+def follow(s, c, p, x, h):
+    """Let the solenoid's current, as demand, follow the command."""
+    kept = exp(-h / p.lag) if p.lag > 0.0 else 0.0
+    x.current = s.demand + kept * (x.current - s.demand)
+    s.demand = x.current
+
+
 EFFECT = Effect(
     block="valve",
-    laws={RIG: slow},
+    laws={RIG: slow, COMMAND: follow},
     parameters=(
         Strength(
             "ratio", "1", off=1.0, typical=0.9, bounds=(0.1, 3.0),
             source="[D] 10 % between valves of one type: 4 ms more of lag",
         ),
+        Strength(
+            "lag", "ms", off=0.0, typical=3.0, bounds=(0.0, 50.0),
+            source="[D] current loop of a plain amplifier, 50 Hz; without feedback L/R of a solenoid is 10 to 30 ms",
+        ),
     ),
+    states=(State("current", "Pa"),),
+    rank=1,  # behind the dead band, which is in volts at the amplifier
 )  # fmt: skip

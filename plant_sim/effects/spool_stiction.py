@@ -4,7 +4,7 @@ What            dirt, silting and side load hold the spool; a slow command gives
 Equation        |u - w| > S: w = u - sign(u - w) kappa S;  else w stays;  u_out = w
                 S break-away, kappa S what is left when it has come to rest again, all as pressure
 Assumptions     massless spool; the jump is over within a step; the same friction both ways
-Valid range     S 0..2 bar, kappa 0..1; kappa = 1 has no jump: a play operator
+Valid range     S 0..2 bar, kappa 0..0.8; with kappa = 1 nothing jumps: a play operator, which is valve_hysteresis
 Not modelled    silting that grows with the time at rest, dither, viscous friction (the valve's own damping)
 References      He, Wang, Pottmann & Qin 2007, Ind. Eng. Chem. Res. 46 (this two-parameter law); Choudhury, Thornhill &
                 Shah 2005, Control Engineering Practice 13 (stiction models); Merritt 1967 (causes, dither)
@@ -32,7 +32,7 @@ EFFECT = Effect(
             source="[D] 0.2 % of 25 bar: a spool in clean oil, with dither",
         ),
         Shape(
-            "kinetic_share", "1", typical=0.5, bounds=(0.0, 1.0),
+            "kinetic_share", "1", typical=0.5, bounds=(0.0, 0.8),
             source="[D] sliding friction half of break-away; lubricated metal pairs lie between 0.3 and 0.8",
         ),
     ),
