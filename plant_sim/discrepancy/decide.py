@@ -7,6 +7,7 @@ Assumptions     thresholds hold for rigs like those of the battery (tests/discre
 References      Hansen, Lunde and Nason 2011, Econometrica 79 (model confidence set); White 2000, Econometrica 68
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +25,9 @@ SMALL = 0.10  # of the excess: an effect beside others that explains less is nam
 DISTINCT = 0.5  # that is, gains this share of it
 ALIAS = 0.5  # a rival is not told apart when it is worse by less than this share of what the best one leaves itself,
 TIE = 0.001  # and this share of the number of residuals
+DECISIVE = (
+    1.5  # one run tells a rival apart where it leaves more by this share of what the best one leaves there itself
+)
 NOTHING_SURE, NONE_SURE = 0.95, 0.8  # confidence where nothing gains: not calibrated
 
 
@@ -62,11 +66,21 @@ class Weighed:
         return self.gained and (self.closed >= CLOSED[self.count - 1] or self.rest < EXCESS)
 
 
-def aliases(costs: dict[str, float], size: int, rest: float) -> list[str]:
-    """Names that are not told apart from the best, which leaves `rest` above the floor; the best first."""
-    best = min(costs.values())
-    near = [n for n, cost in costs.items() if cost - best <= (ALIAS * rest + TIE) * size]
-    return sorted(near, key=lambda name: costs[name])
+def aliases(costs: dict[str, float], size: int, rest: float, by_run: Mapping[str, np.ndarray]) -> list[str]:
+    """Names that are not told apart from the best, which leaves `rest` above the floor; the best first.
+
+    by_run: mean square of the residuals of each run (k,), of some names, in floors^2: one run that tells is enough.
+    """
+    best = min(costs, key=lambda name: costs[name])
+    near = [n for n, cost in costs.items() if cost - costs[best] <= (ALIAS * rest + TIE) * size]
+    return sorted((n for n in near if not _told_apart(best, n, by_run)), key=lambda name: costs[name])
+
+
+def _told_apart(best: str, other: str, by_run: Mapping[str, np.ndarray]) -> bool:
+    if best == other or best not in by_run or other not in by_run:
+        return False
+    more = by_run[other] - by_run[best]
+    return bool(np.any(more > DECISIVE * np.maximum(by_run[best] - 1.0, 0.0) + UNEXPLAINED))
 
 
 def confidence(weighed: Weighed, margin: float) -> float:

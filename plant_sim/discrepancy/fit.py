@@ -4,8 +4,8 @@ Equation        minimise |r(x)|^2 + sum over the baseline's parameters of ((x - 
                 near a point r(x + S d) = r + J d, so d = -(J'J + L)^-1 (J'r + L a),  L = 1 where a prior is, a = (x - x_0)/S
 Assumptions     white noise of unit variance
 References      Ljung 1999, System identification, ch. 10; Stark and Parker 1995, Comput. Stat. 10 (bounded least squares);
-                Kennedy and O'Hagan 2001, J. R. Statist. Soc. B 63 (a discrepancy is judged beside the uncertainty of the model's
-                own parameters)
+                Kennedy and O'Hagan 2001, J. R. Statist. Soc. B 63 (a discrepancy is judged beside the uncertainty of the
+                model's own parameters)
 """
 
 from collections.abc import Iterable, Sequence

@@ -53,6 +53,7 @@ class Inquiry:
         self.named: tuple[Candidate, ...] = ()  # the effects that explain most
         self.values: dict[str, dict[str, float]] = {}  # fitted, of each single candidate
         self.costs: dict[str, float] = {}  # of the candidates in the round that decided, each beside those named before
+        self.by_run: dict[str, np.ndarray] = {}  # mean square (k,) that each of the best candidates leaves in each run
         self._rivals: dict[str, Rival] = {}
         self.confidence = 0.5
 
@@ -85,6 +86,9 @@ class Inquiry:
         costs = {f.name: f.cost for f in ranked} | {names[0].name: at.cost for at, names in jointly}
         self.values = {f.name: f.values for f in ranked} | {
             candidates[0].name: dict(at.point[1]) for at, candidates in jointly
+        }
+        self.by_run = {
+            c.name: np.array([np.mean(at.residual[p] ** 2) for p in self.evidence.pieces]) for at, (c,) in jointly
         }
         self._judge(costs)
         self._take(*jointly[0], costs)
@@ -229,7 +233,7 @@ class Inquiry:
         if w.count > 1:
             self.confidence = confidence(w, 0.1)
             return NAMED, [c.name for c in self.named], [], notes
-        near = aliases(self.costs, self.evidence.size, w.rest)
+        near = aliases(self.costs, self.evidence.size, w.rest, self.by_run)
         others = [c for n, c in self.costs.items() if n not in near]
         margin = (min(others, default=self.base.cost) - w.best) / max(self.base.cost - w.best, 1e-9)
         self.confidence = confidence(w, margin)

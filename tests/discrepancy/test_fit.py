@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from plant_sim.discrepancy.candidates import Search
-from plant_sim.discrepancy.decide import ALIAS, GAIN, TIE, Weighed, aliases
+from plant_sim.discrepancy.decide import ALIAS, DECISIVE, GAIN, TIE, UNEXPLAINED, Weighed, aliases
 from plant_sim.discrepancy.evidence import Evidence
 from plant_sim.discrepancy.fit import Free, Linear, baseline_free, effect_free, linearised, refitted
 from plant_sim.discrepancy.model import Candidate, Columns, Output, Values
@@ -186,8 +186,15 @@ def test_only_candidates_of_the_rig_can_be_asked_for() -> None:
 
 def test_a_rival_is_told_apart_by_more_than_the_best_ones_own_misfit() -> None:
     costs = {"best": 1000.0, "near": 1000.0 + 0.9 * (ALIAS * 0.1 + TIE) * 1000.0, "far": 1200.0}
-    assert aliases(costs, 1000, rest=0.1) == ["best", "near"]
-    assert aliases(costs, 1000, rest=0.0) == ["best"]
+    assert aliases(costs, 1000, 0.1, {}) == ["best", "near"]
+    assert aliases(costs, 1000, 0.0, {}) == ["best"]
+
+
+def test_one_run_that_tells_is_enough() -> None:
+    costs = {"best": 1000.0, "near": 1040.0}
+    best, told = np.array([1.2, 1.2]), 1.2 + DECISIVE * 0.2 + UNEXPLAINED
+    assert aliases(costs, 1000, 0.2, {"best": best, "near": np.array([1.2, told - 0.01])}) == ["best", "near"]
+    assert aliases(costs, 1000, 0.2, {"best": best, "near": np.array([1.2, told + 0.01])}) == ["best"]
 
 
 def test_a_gain_that_chance_gives_is_none() -> None:

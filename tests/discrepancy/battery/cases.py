@@ -24,7 +24,18 @@ import numpy as np
 from protocols.errors import InputError, closest
 from protocols.runs import Run, write_run
 from tests.discrepancy.battery import excitation
-from tests.discrepancy.battery.truth import ANALOG, COLUMNS, OPEN, PERIOD, TORQUE, Answer, Hidden, Inputs, simulate
+from tests.discrepancy.battery.truth import (
+    ANALOG,
+    COLUMNS,
+    OPEN,
+    PERIOD,
+    PRESSURE,
+    TORQUE,
+    Answer,
+    Hidden,
+    Inputs,
+    simulate,
+)
 from tests.discrepancy.battery.truth_laws import CATALOGUE, LAWS, UNKNOWN, Law
 from tests.discrepancy.battery.truth_rig import BAR, changes, rig
 
@@ -267,6 +278,20 @@ def generate(case: Case) -> Generated:
     records = [recorded(inputs, hidden, truth.plant, case.noise, random) for inputs in truth.inputs + truth.held_out]
     runs, held_out = records[: len(truth.inputs)], records[len(truth.inputs) :]
     return Generated(runs, held_out, _told(case, truth, hidden, runs, held_out))
+
+
+def further(told: Mapping[str, Any], title: str, pressure: np.ndarray, speed: np.ndarray, celsius: float) -> Record:
+    """One more run of a case of which `told` is the truth: demands `pressure` [bar], `speed` [rad/s] (n,), oil at `celsius`."""
+    case, hidden = Case.of(told["name"]), Hidden({}, {}, {})
+    for effect in told["effects"]:
+        name = effect["name"]
+        hidden = Hidden(
+            {**hidden.strengths, name: effect["strength"] * LAWS[name].si},
+            {**hidden.forms, name: effect["form"]},
+            {**hidden.laws, name: effect["law"]},
+        )
+    inputs = Inputs(title, PRESSURE, pressure, speed, celsius, np.zeros(len(speed)))
+    return recorded(inputs, hidden, rig(int(case.random(1).integers(2**31))), case.noise, case.random(5))
 
 
 def write(case: Case, folder: Path) -> tuple[list[Path], list[Path]]:

@@ -19,9 +19,10 @@ from plant_sim.discrepancy.fit import Linear
 from plant_sim.discrepancy.model import Candidate, Columns
 from plant_sim.discrepancy.models.wet_clutch import WetClutch
 from plant_sim.discrepancy.regimes import ALL, Regimes
-from plant_sim.discrepancy.result import Claim, Result
-from tests.discrepancy.battery.cases import Case, Generated, Record, floors, generate
-from tests.discrepancy.battery.truth import COLUMNS
+from plant_sim.discrepancy.result import ONE_OF, Claim, Result
+from plant_sim.profile import load_profile
+from tests.discrepancy.battery.cases import Case, Generated, Record, floors, further, generate
+from tests.discrepancy.battery.truth import COLUMNS, PERIOD
 
 Told = dict[str, Any]
 RIVALS = 5  # kept of each case
@@ -59,7 +60,29 @@ def _timed(made: Generated, runs: dict[str, Columns], held_out: dict[str, Column
         "cpu_seconds": time.process_time() - cpu,
         "load": os.getloadavg()[0],
     }
-    return told | spent | _said(result) | {"weighed": watch.features(result), "claims": _claims(result, made)}
+    told |= spent | _said(result) | {"weighed": watch.features(result), "claims": _claims(result, made)}
+    names = [n for group in result.alternatives for n in group]
+    if result.verdict == ONE_OF and {e["name"] for e in made.truth["effects"]} & set(names):
+        told["resolved"] = _resolved(made, result, runs, held_out)
+    return told
+
+
+def _resolved(made: Generated, result: Result, runs: dict[str, Columns], held_out: dict[str, Columns]) -> Told | None:
+    """What is said once the proposed experiment has been played and joined the runs; None where none was proposed."""
+    proposed = result.experiment
+    if not proposed or not proposed["profile"]:
+        return None
+    profile = load_profile(proposed["profile"])
+    demands = [profile.at(k * PERIOD) for k in range(round(profile.duration / PERIOD))]
+    pressure, speed = (np.array([getattr(d, name) for d in demands]) for name in ("pressure", "speed"))
+    record = further(made.truth, proposed["profile"], pressure, speed, proposed["settings"]["temperature"])
+    again = search.investigate(WetClutch(), {**runs, "experiment": record.columns}, held_out)
+    return {
+        "profile": record.title,
+        "verdict": again.verdict,
+        "effects": again.effects,
+        "alternatives": again.alternatives,
+    }
 
 
 def _said(result: Result) -> Told:

@@ -11,6 +11,8 @@ localisation    of `where`: a claim is right if its block is that of a hidden ef
                 claims. Recall: hidden effects with a right claim of all hidden effects. F1 of both, over all single, pair,
                 triple and null cases together
 closed          (before^2 - after^2)/(before^2 - floor^2), squares over floors^2 summed over the analog outputs, held out
+resolves        of cases with `one_of` that holds the truth: the truth is named once the proposed experiment has been played;
+                where none was proposed it is not
 at the floor    no analog output is left above AT_FLOOR of its floor, held out
 worse           that sum is larger after than before by more than CHANCE
 parameter       |estimate - truth|/|truth - off| where law and catalogue share the parameter (shared.py) and the name is right
@@ -229,6 +231,11 @@ def _named_right(told: Told) -> bool:
     return first(told) == hidden(told)[0]
 
 
+def _resolved(told: Told) -> bool:
+    again = told["resolved"]
+    return again is not None and again["verdict"] == NAMED and again["effects"] == hidden(told)
+
+
 def _both_named(told: Told) -> bool:
     return set(hidden(told)) <= set(told["effects"])
 
@@ -250,6 +257,7 @@ def scores(answers: Sequence[Told]) -> list[Measure]:
         ),
         _share("truth in the reported set", single, lambda t: hidden(t)[0] in reported(t), 0.95),
         _share("one_of, of single effects", single, lambda t: t["verdict"] == ONE_OF),
+        _share("the proposed experiment resolves it", [t for t in single if "resolved" in t], _resolved, 0.90),
         Measure("localisation F1, block and regime", f1, len(located), 0.90, unit=""),
         Measure("localisation F1, block alone", block, len(located), unit=""),
         _median("held-out gap closed, median", [s for s in shares if np.isfinite(s)], 0.95),
