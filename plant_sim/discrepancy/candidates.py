@@ -89,7 +89,10 @@ class Search:
         )
         trials = [(gain, d, values) for d in self.directions for gain, values in [self.predicted([d])]]
         worth = max(self._least, _WORTH * max((gain for gain, _, _ in trials), default=0.0))
+        promising = [d for gain, d, _ in trials if gain > worth]
         best: dict[str, Fit] = {}
+        for fit in self._evaluated([(d.candidate, d.off | d.strengths) for d in promising]):
+            best[fit.name] = min(fit, best.get(fit.name, fit), key=lambda one: one.cost)
         waiting = [trial for trial in trials if trial[0] > worth]
         for share in _SHORTENED:
             found = self._evaluated([(d.candidate, _between(d.off, values, share)) for _, d, values in waiting])

@@ -18,7 +18,10 @@ GAIN = (
 EXCESS = 0.03  # of the number of residuals: an unexplained rest below it is no disagreement
 UNEXPLAINED = 0.10  # of the number of residuals: an excess above it that nothing explains is a disagreement
 CLOSED = (0.75, 0.85, 0.90)  # least share of the excess that one, two, three effects must explain to be named
-ENOUGH = 0.88  # share explained with which no further effect is looked for
+ENOUGH = 0.98  # share explained with which no further effect is looked for
+MENDED = (
+    0.6  # share of the rest that each of several effects must explain: less is what the law of the one before is off
+)
 MOST = len(CLOSED)  # effects that are named together
 NEEDED = 0.03  # least share of the excess that each of several effects must explain beside the others
 SMALL = 0.10  # of the excess: an effect beside others that explains less is named only if no other comes near,

@@ -3,7 +3,8 @@
 Equation        r = (mean over a block of samples of measured - predicted)/sigma_b: unit variance where the model is right
                 sigma_b: floor of the means themselves (noise.py), so that noise that is not white counts as what it is; at most
                 1.5 floor/sqrt(block), else fast physics would pass for noise, and not less than floor/sqrt(block): the rounding
-                of a difference is small in the mean but not random; median over the runs
+                of a difference is small in the mean but not random; median over the runs; not less than a `rounding` that is
+                evident, which no mean over a block takes away
                 where the beginning of an output is known to tau floors: r - (1 - 1/sqrt(1 + n tau^2 block)) mean(r), which is r
                 whitened for a constant offset of the run with that prior
 Assumptions     what is slower than a block of 4 ms is what tells effects apart
@@ -27,12 +28,16 @@ Point = tuple[Values, Values]  # parameters of the baseline and of the effects
 
 
 class Evidence:
-    """`runs` of a model with `floors` by output column. `pieces[i]` is the part of a residual vector that is of run i."""
+    """`runs` of a model with `floors` by output column. `pieces[i]` is the part of a residual vector that is of run i.
 
-    def __init__(self, model: Model, runs: Sequence[Columns], floors: Values) -> None:
+    rounding: of outputs that are recorded coarsely, root mean square in their unit.
+    """
+
+    def __init__(self, model: Model, runs: Sequence[Columns], floors: Values, rounding: Values | None = None) -> None:
         if not runs:
             raise InputError("no run was given; at least one is needed")
         self.model, self.runs, self.floors = model, list(runs), dict(floors)
+        self._rounding = dict(rounding or {})
         self.columns = [output.column for output in model.outputs]
         self.blocks = [max(1, round(BLOCK / float(run["time_s"][1] - run["time_s"][0]))) for run in self.runs]
         self._measured = [
@@ -54,7 +59,7 @@ class Evidence:
         for run, block in zip(self.runs, self.blocks, strict=True):
             white = self.floors[column] / np.sqrt(block)
             found.append(np.clip(floor_of(_means(run[column], block)), white, _RED * white))
-        return float(np.median(found))
+        return max(float(np.median(found)), self._rounding.get(column, 0.0))
 
     def part(self, run: int, column: str) -> slice:
         """Where the residuals of an output of a run stand in a residual vector."""

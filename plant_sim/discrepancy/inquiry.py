@@ -13,6 +13,7 @@ from plant_sim.discrepancy.decide import (
     ENOUGH,
     EXCESS,
     GAIN,
+    MENDED,
     MOST,
     NEEDED,
     NONE_SURE,
@@ -202,7 +203,8 @@ class Inquiry:
     def _better(self, at: Linear) -> bool:
         """Whether one more effect earns its place."""
         gained = self.weighed.best - at.cost
-        return gained > self.evidence.size * max(GAIN, NEEDED * self.weighed.excess)
+        share = max(NEEDED * self.weighed.excess, MENDED * self.weighed.rest)
+        return gained > self.evidence.size * max(GAIN, share)
 
     def _distinct(self, at: Linear, others: Sequence[float]) -> bool:
         """Whether what one more effect explains is much, or its own: a misfit of the first one can be mended in many ways."""
@@ -241,11 +243,15 @@ class Inquiry:
             return ONE_OF, [], [near], notes
         return NAMED, [self.named[0].name], [], notes
 
+    def drop(self) -> None:
+        """Go back to the baseline."""
+        self.named, self.final = (), self.base
+
     def rivals(self) -> list[Rival]:
         """Every candidate with why it is not the one."""
         w, size = self.weighed, self.evidence.size
         best = {c.name for c in self.named} if w.explained else set()
-        whole = max((w.gain + w.rest) * size, 1e-9)  # of the excess
+        whole = max(w.gain + w.rest, GAIN) * size  # of the excess
         found = []
         for r in sorted(self._rivals.values(), key=lambda r: -r.gain):
             closed = float(np.clip(r.gain / whole, 0.0, 1.0))

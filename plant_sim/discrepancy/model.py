@@ -1,6 +1,6 @@
 """Model: what the discrepancy workflow must know of a rig. Any class with these attributes will do (docs/discrepancy.md)."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -139,4 +139,23 @@ class Hinting(Protocol):
 
     def starts(self, candidate: Candidate, run: Columns, residuals: Columns) -> list[dict[str, float]]:
         """Parameters to begin from, by dotted name; [] for the typical ones. `residuals`: measured less predicted (n,)."""
+        ...
+
+
+@dataclass(frozen=True)
+class Evident:
+    """An effect that recorded values show by themselves: intervals (value, low, high) of its parameters by dotted name, the
+    rounding [root mean square, in the output's unit] that it adds by column, and `why` in one sentence."""
+
+    intervals: Mapping[str, tuple[float, float, float]]
+    rounding: Mapping[str, float]
+    why: str
+
+
+@runtime_checkable
+class Witnessing(Protocol):
+    """A model that sees some effects in the recorded values themselves, without any simulation."""
+
+    def evident(self, runs: Sequence[Columns]) -> Mapping[str, Evident]:
+        """Effects that the values of `runs` show, by name of the candidate."""
         ...

@@ -18,6 +18,8 @@ from plant_sim.discrepancy.model import Columns, Output
 _GAUSSIAN = 1.4826  # standard deviation over median absolute deviation
 _FAST = 4.0  # standard deviations: further ones are events, 1 in 16000 of noise
 _THIRD = 20.0  # variance of third differences of unit white noise: 1 + 9 + 9 + 1
+_LEVELS = 4000  # most different values of a channel that is coarse
+_UNEVEN = 0.15  # steps that levels may be off: differential non-linearity of a poor converter
 _QUIET = 0.02  # of the column's standard deviation: inputs of runs that differ by less are repeats of one run
 
 
@@ -31,6 +33,22 @@ def floor_of(values: np.ndarray) -> float:
     steps = np.diff(np.unique(values))
     rounding = float(steps.min()) / np.sqrt(12.0) if len(steps) else 0.0
     return max(sigma, rounding if rounding > 1e-9 * float(np.ptp(values) or 1.0) else 0.0)
+
+
+def lattice(values: np.ndarray) -> tuple[float, float]:
+    """Step of the lattice that all `values` lie on, and its offset from 0 in steps, -0.5..0.5; 0, 0 where they take too many
+    different ones to tell."""
+    levels = np.unique(np.round(values, 9))
+    if len(levels) < 3 or len(levels) > _LEVELS:
+        return 0.0, 0.0
+    gaps = np.diff(levels)
+    typical = float(np.median(gaps[gaps < 1.5 * np.quantile(gaps, 0.1)]))
+    number = np.concatenate([[0.0], np.cumsum(np.round(gaps / typical))])
+    step, first = np.polyfit(number, levels, 1)
+    off_lattice = np.abs(levels - first - step * number)
+    if np.quantile(off_lattice, 0.99) > _UNEVEN * step:
+        return 0.0, 0.0
+    return float(step), float(first / step - np.round(first / step))
 
 
 def floors(runs: Sequence[Columns], outputs: Sequence[Output]) -> dict[str, float]:

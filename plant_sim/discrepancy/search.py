@@ -10,9 +10,9 @@ from plant_sim.discrepancy.experiment import propose
 from plant_sim.discrepancy.fit import Linear
 from plant_sim.discrepancy.held_out import gaps, left_out
 from plant_sim.discrepancy.inquiry import Inquiry, Progress
-from plant_sim.discrepancy.model import Candidate, Columns, Model
+from plant_sim.discrepancy.model import Candidate, Columns, Evident, Model, Witnessing
 from plant_sim.discrepancy.noise import floors
-from plant_sim.discrepancy.result import NAMED, NONE_OF_THESE, ONE_OF, Result, Trace
+from plant_sim.discrepancy.result import NAMED, NONE_OF_THESE, NOTHING, ONE_OF, Estimate, Result, Rival, Trace
 from plant_sim.discrepancy.surrogate_term import described
 from protocols.errors import InputError, closest
 
@@ -33,11 +33,18 @@ def investigate(
     progress("noise floor", 0.0)
     held = dict(held_out or {})
     found = floors([*runs.values(), *held.values()], model.outputs)
-    inquiry = Inquiry(model, Evidence(model, list(runs.values()), found), candidates, progress)
+    seen = model.evident(list(runs.values())) if isinstance(model, Witnessing) else {}
+    evident = {c: seen[c.name] for c in candidates if c.name in seen}
+    rounding = {column: rms for one in evident.values() for column, rms in one.rounding.items()}
+    evidence = Evidence(model, list(runs.values()), found, rounding)
+    inquiry = Inquiry(model, evidence, [c for c in candidates if c not in evident], progress)
     inquiry.run()
     verdict, effects, alternatives, notes = inquiry.verdict()
     if verdict not in (NAMED, ONE_OF):
-        inquiry.final = inquiry.base  # what does not explain enough is not in the model
+        inquiry.drop()  # what does not explain enough is not in the model
+    if evident and verdict in (NOTHING, NAMED):
+        verdict, effects = NAMED, [*effects, *(c.name for c in evident)]
+    notes += [f"{c.name} is evident without any fit: {one.why}" for c, one in evident.items()]
     progress("gap on runs that were not fitted", 0.85)
     before, after = inquiry.base, inquiry.final
     pairs = left_out(inquiry.evidence, before, after) if not held else None
@@ -47,7 +54,9 @@ def investigate(
     progress("where they disagree", 0.9)
     where = claims(model, list(runs.values()), found, *before.point)
     if verdict in (NAMED, ONE_OF):
-        acts = [claim for c in inquiry.named for claim in acting(model, inquiry.evidence.runs, found, *after.point, c)]
+        shown = {n: values[0] for one in evident.values() for n, values in one.intervals.items()}
+        point = after.point[0], {**after.point[1], **shown}
+        acts = [claim for c in (*inquiry.named, *evident) for claim in acting(model, evidence.runs, found, *point, c)]
         largest = {(c.block, c.output, c.regime): c for c in sorted(acts, key=lambda claim: claim.size)}
         where = sorted(largest.values(), key=lambda claim: -claim.times_floor) or where
     surrogate = proposed = None
@@ -66,16 +75,16 @@ def investigate(
         alternatives=alternatives,
         confidence=inquiry.confidence,
         where=where,
-        parameters=inquiry.estimates(effects=True) if verdict in (NAMED, ONE_OF) else [],
+        parameters=[*inquiry.estimates(effects=True), *_read(evident)] if verdict in (NAMED, ONE_OF) else [],
         baseline=inquiry.estimates(effects=False),
         gap=gap,
         gap_by_regime=by_regime,
-        rivals=inquiry.rivals(),
+        rivals=[*(Rival(c.name, 1.0, 0.0, {}, "", 1) for c in evident), *inquiry.rivals()],
         surrogate=surrogate,
         experiment=proposed,
         floors=found,
         units={o.column: o.unit for o in model.outputs},
-        equations={c.name: c.equation for c in inquiry.named} | inquiry.equations(alternatives),
+        equations={c.name: c.equation for c in (*inquiry.named, *evident)} | inquiry.equations(alternatives),
         hashes={},
         seconds=time.perf_counter() - started,
         held_out="given" if held else "in turn",
@@ -91,6 +100,16 @@ def _chosen(model: Model, names: Sequence[str] | None) -> list[Candidate]:
         if name not in known:
             raise InputError(f"effect {name!r} is no candidate of the rig {model.name}; {closest(name, known)}")
     return [known[n] for n in names] if names else list(model.candidates)
+
+
+def _read(evident: Mapping[Candidate, Evident]) -> list[Estimate]:
+    """Parameters of effects that recorded values show by themselves."""
+    declared = {n: p for c in evident for n, p in c.declared().items()}
+    return [
+        Estimate(n, value, declared[n].unit, (low, high), declared[n].value, 0.0)
+        for one in evident.values()
+        for n, (value, low, high) in one.intervals.items()
+    ]
 
 
 def _traces(

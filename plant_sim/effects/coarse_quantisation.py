@@ -1,7 +1,8 @@
 """Coarse quantisation of the pressure and the clutch-torque channel.
 
 What            a converter has fewer effective bits than it is sold with: its lowest ones are not connected or say nothing
-Equation        V_shown = step round(V / step), step = 2 V_range 2^lost / 2^bits, after the noise
+Equation        V_shown = step (round(V / step - o) + o), step = 2 V_range 2^lost / 2^bits, after the noise
+                o = 0: a level at 0 V (mid-tread); o = 0.5: none (mid-rise, as of a converter that truncates)
 Assumptions     the error is that of a coarser ideal converter
 Valid range     bits lost 0..8 of 12 and 0..12 of 16; fractions are allowed, as for any effective number of bits
 Not modelled    the noise that takes effective bits away in a real converter: raise sensors...._noise for that
@@ -12,22 +13,22 @@ from math import floor
 
 from numba import njit
 
-from plant_sim.effects.effect import Effect, Strength
+from plant_sim.effects.effect import Effect, Shape, Strength
 from plant_sim.effects.signals import ACQUISITION
 
 
 @njit(inline="always")
-def rounded(voltage, input_range, bits):
-    """`voltage` [V] to the nearest level of a converter of +-`input_range` [V] and `bits`."""
+def rounded(voltage, input_range, bits, offset):
+    """`voltage` [V] to the nearest level of a converter of +-`input_range` [V] and `bits`, one of them `offset` steps off 0."""
     step = 2.0 * input_range / 2.0**bits
-    return step * floor(voltage / step + 0.5)
+    return step * (floor(voltage / step - offset + 0.5) + offset)
 
 
 def coarsen(s, c, p, x, h):
     """Round both channels."""
-    full = c.sensors_input_range
-    s.pressure_voltage = rounded(s.pressure_voltage, full, c.sensors_pressure_bits - p.pressure_bits_lost)
-    s.clutch_torque_voltage = rounded(s.clutch_torque_voltage, full, c.sensors_clutch_torque_bits - p.torque_bits_lost)
+    full, pressure, torque = c.sensors_input_range, c.sensors_pressure_bits, c.sensors_clutch_torque_bits
+    s.pressure_voltage = rounded(s.pressure_voltage, full, pressure - p.pressure_bits_lost, p.offset)
+    s.clutch_torque_voltage = rounded(s.clutch_torque_voltage, full, torque - p.torque_bits_lost, p.offset)
 
 
 EFFECT = Effect(
@@ -42,6 +43,10 @@ EFFECT = Effect(
         Strength(
             "torque_bits_lost", "bit", off=0.0, typical=8.0, bounds=(0.0, 12.0),
             source="[D] 8 of 16 bits: 0.39 Nm a step",
+        ),
+        Shape(
+            "offset", "1", typical=0.0, bounds=(0.0, 1.0),
+            source="[D] rounding, as the converters of rig.md 9",
         ),
     ),
 )  # fmt: skip

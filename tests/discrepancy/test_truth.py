@@ -22,9 +22,8 @@ ADC = {  # one step of the 12 bit converters, rig.md 9, in the column's unit
     "motor_torque_nm": 0.024,  # measured 0.015; root mean square where the slip reverses, measured 0.005
 }
 TORQUE_RMS = 1.5e-3  # Nm, a step of its 16 bits: measured 0.8e-3 where the slip does not reverse
-# Nm: where the slip reverses under load, plant_sim's torque chatters from step to step; measured 0.043 at 0.1 ms, 0.018 at an
-# eighth of that
-REVERSING_RMS = 0.1
+# Nm: where the slip reverses under load; plates that stick are rounded off below 1 mrad/s by both, not alike; measured 3.2e-3
+REVERSING_RMS = 6e-3
 SETTLED = 0.01  # of the gap asked for: strengths are sought to 1 % of the difference
 SAMPLED = 0.02  # of the gap as recorded: 120000 samples of noise, measured below 0.006
 SLOW = (

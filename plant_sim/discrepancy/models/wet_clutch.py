@@ -14,9 +14,10 @@ from math import ceil
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from plant_sim.discrepancy.model import Candidate, Columns, Output, Values
+from plant_sim.discrepancy.model import Candidate, Columns, Evident, Output, Values
 from plant_sim.discrepancy.models.wet_clutch_experiments import WetClutchBench
 from plant_sim.discrepancy.models.wet_clutch_starts import STARTS
+from plant_sim.discrepancy.noise import lattice
 from plant_sim.effects.catalogue import effects as catalogue
 from plant_sim.effects.signals import DRIVE
 from plant_sim.effects.table import added_rate
@@ -31,6 +32,12 @@ _RATE = 1.5  # rate of piston and cylinder times step: accurate as well as stabl
 _BEGINNING = 0.2  # s of measured temperature that give the first one: the clutch is still open in half of it
 _EMPTY = 0.3  # bar: a run that begins below is at rest
 _SMOOTH = 3e-3  # s, standard deviation of the window that measured pressure and slip are smoothed with to drive a block
+_CONVERTED = (  # column, group of its sensor, parameter of coarse_quantisation
+    ("cylinder_pressure_bar", "pressure", "pressure_bits_lost"),
+    ("clutch_torque_nm", "clutch_torque", "torque_bits_lost"),
+)
+_LOST = 1.0  # bits that a converter has lost at least before it is called coarse
+_TOLD = 0.02  # bits, or steps, to which a lattice tells them
 _CHANNELS = ("pressure", "temperature", "motor_torque", "clutch_torque")  # in the order of `run`'s scales
 _SHOWN: Mapping[str, tuple[int, Callable[[np.ndarray], np.ndarray]]] = {
     "cylinder_pressure_bar": (PRESSURE, lambda pascal: pascal / BAR),
@@ -94,6 +101,29 @@ class WetClutch:
         """See `Hinting`."""
         found = STARTS.get(candidate.name)
         return found(candidate, run, residuals, self.parameters) if found else []
+
+    def evident(self, runs: Sequence[Columns]) -> dict[str, Evident]:
+        """See `Witnessing`: a converter that has lost bits takes few values."""
+        name, full = "coarse_quantisation", 2.0 * self._whole["sensors.input_range"].value
+        if name not in {c.name for c in self.candidates}:
+            return {}
+        intervals: dict[str, tuple[float, float, float]] = {}
+        rounding, said = {}, []
+        for column, group, parameter in _CONVERTED:
+            volt = self._whole[f"sensors.{group}_sensitivity"].value  # a unit of the column
+            seen = np.array([lattice(run[column] * volt) for run in runs])
+            levels = 2.0 ** self._whole[f"sensors.{group}_bits"].value
+            lost = np.log2(np.maximum(seen[:, 0], 1e-12) * levels / full)
+            if lost.min() < _LOST:
+                continue
+            spread = max(float(np.ptp(lost)), _TOLD)
+            intervals[f"{name}.{parameter}"] = float(np.median(lost)), *np.median(lost) + np.array([-spread, spread])
+            offset = float(np.median(np.mod(seen[:, 1], 1.0)))
+            intervals[f"{name}.offset"] = offset, offset - _TOLD, offset + _TOLD
+            step = float(np.median(seen[:, 0])) / volt
+            rounding[column] = step / np.sqrt(12.0)
+            said.append(f"{column} takes only values {step:.3g} apart")
+        return {name: Evident(intervals, rounding, ", ".join(said))} if said else {}
 
     def _simulated(
         self, columns: Columns, parameters: Values, effects: Values, driven: Sequence[str]

@@ -12,7 +12,6 @@ _TURNING = 1.0  # rad/s: a slower shaft shows no order
 _FREQUENT = 400.0  # Hz: what a run at 1 kHz can show
 _BEST = 1  # orders to begin from
 _SATURATED = 0.999  # quantile of a channel that stands for its end
-_LEVELS = 4000  # most different values of a channel that is coarse
 
 Start = dict[str, float]
 Starts = Callable[[Candidate, Columns, Columns, ParameterSet], list[Start]]
@@ -70,37 +69,9 @@ def _saturation(candidate: Candidate, run: Columns, residuals: Columns, paramete
     ]
 
 
-def _quantisation(candidate: Candidate, run: Columns, residuals: Columns, parameters: ParameterSet) -> list[Start]:
-    """Bits lost by the spacing of the values that a channel takes."""
-    full = 2.0 * parameters["sensors.input_range"].value
-    found = candidate.off()
-    for name, column, group in (
-        ("pressure_bits_lost", "cylinder_pressure_bar", "pressure"),
-        ("torque_bits_lost", "clutch_torque_nm", "clutch_torque"),
-    ):
-        step = spacing(run[column] * parameters[f"sensors.{group}_sensitivity"].value)
-        lost = np.log2(step * 2.0 ** parameters[f"sensors.{group}_bits"].value / full) if step > 0.0 else 0.0
-        strength = next(p for p in candidate.strengths if p.name == name)
-        if lost > 0.5:
-            found[f"{candidate.name}.{name}"] = float(np.clip(lost, *strength.bounds))
-    return [found] if found != candidate.off() else []
-
-
-def spacing(values: np.ndarray) -> float:
-    """Step of the lattice that all `values` lie on; 0 where they take too many different ones to tell."""
-    levels = np.unique(np.round(values, 9))
-    if len(levels) < 3 or len(levels) > _LEVELS:
-        return 0.0
-    gaps = np.diff(levels)
-    step = float(np.median(gaps[gaps < 1.5 * np.quantile(gaps, 0.1)]))
-    off_lattice = np.abs(values / step - np.round(values / step))
-    return step if np.quantile(off_lattice, 0.99) < 0.1 else 0.0
-
-
 STARTS: Mapping[str, Starts] = {
     "shaft_angle_ripple": _ripple("clutch_torque_nm", "clutch_torque_nm"),
     "position_ripple": _ripple("clutch_torque_nm", None),
     "motor_torque_ripple": _ripple("motor_torque_nm", "motor_torque_nm"),
     "sensor_saturation": _saturation,
-    "coarse_quantisation": _quantisation,
 }
