@@ -94,6 +94,15 @@ def test_lost_bits_read_0(channel: str) -> None:
     assert {count % 16 for count in counts} == {0}
 
 
+def test_a_converter_that_truncates_has_no_level_at_0() -> None:
+    rig, step = (
+        quiet({"coarse_quantisation.torque_bits_lost": 8.0, "coarse_quantisation.offset": 0.5}),
+        2**8 * LSB["clutch_torque"],
+    )
+    found = {rig.read(clutch=value)["clutch_torque"] for value in (-0.9 * step, -0.1 * step, 0.1 * step, 0.9 * step)}
+    assert sorted(found) == pytest.approx([-0.5 * step, 0.5 * step])
+
+
 def test_a_fraction_of_a_bit_can_be_lost() -> None:
     rig, step = quiet({"coarse_quantisation.pressure_bits_lost": 3.5}), LSB["pressure"] * 2**3.5
     truth = np.linspace(-4.0, 4.0, 4001)

@@ -80,6 +80,13 @@ def test_slower_valve_answers_a_step_as_a_second_order_system_of_the_lower_frequ
     assert found == pytest.approx(K_V * 1.36 * step, abs=RESPONSE * K_V * 1.36)
 
 
+def test_a_lag_before_the_valve_follows_a_step_as_a_first_order_system_whatever_the_steps() -> None:
+    for h in (1e-4, 1e-3):
+        found = after("slower_valve", [0.0] + [2.0] * round(0.05 / h), h=h, ratio=1.0, lag=5e-3)
+        t = h * np.arange(len(found))
+        assert found == pytest.approx(2.0 * (1.0 - np.exp(-t / 5e-3)), abs=EXACT)
+
+
 # --- delay -----------------------------------------------------------------------------------------------------------
 
 
@@ -150,6 +157,17 @@ def test_what_the_valve_remembers_does_not_depend_on_the_integration_step(name: 
     coarse, fine = (run(rig(**hard), voltages, substeps=n)["valve_pressure"] for n in (10, 20))
     assert coarse == pytest.approx(fine, rel=1e-6)
     assert np.abs(coarse - run(rig(), voltages)["valve_pressure"]).max() > 0.1 * BAR
+
+
+@pytest.mark.parametrize("spread", [0.5, 1.0, 3.0])
+def test_spread_is_how_far_the_command_goes_from_one_side_of_the_loop_to_the_other(spread: float) -> None:
+    width, path = 0.4, ramp(0.0, 4.0, 1.0)
+    behind = path - after("valve_hysteresis", path, width=width, spread=spread)
+    top = int(np.argmax(path))
+    assert behind[top] == pytest.approx(width / 2)
+    crossed = top + np.flatnonzero(np.isclose(behind[top:], -width / 2, atol=1e-9))[0]
+    # the widest of four plays, 7/8 of the spread, crosses twice its radius
+    assert path[top] - path[crossed] == pytest.approx(2.0 * spread * width * 7 / 8, abs=2e-3)
 
 
 # --- stiction --------------------------------------------------------------------------------------------------------

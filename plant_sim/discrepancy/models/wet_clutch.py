@@ -118,7 +118,7 @@ class WetClutch:
                 continue
             spread = max(float(np.ptp(lost)), _TOLD)
             intervals[f"{name}.{parameter}"] = float(np.median(lost)), *np.median(lost) + np.array([-spread, spread])
-            offset = float(np.median(np.mod(seen[:, 1], 1.0)))
+            offset = float(np.median(np.mod(np.round(seen[:, 1], 3), 1.0)))
             intervals[f"{name}.offset"] = offset, offset - _TOLD, offset + _TOLD
             step = float(np.median(seen[:, 0])) / volt
             rounding[column] = step / np.sqrt(12.0)
