@@ -18,6 +18,7 @@ import numpy as np
 from numba import from_dtype, njit
 
 from plant_sim.blocks import motor, oil
+from plant_sim.blocks.clutch import RESTING
 from plant_sim.blocks.sensors import Scales, Sensors
 from plant_sim.effects.catalogue import effects as catalogue
 from plant_sim.effects.signals import DRIVE, RIG, SENSORS, SIGNALS, attached, bound, call, known
@@ -83,13 +84,14 @@ def nominal(changed: Path | None = None) -> ParameterSet:
 
 
 def parameter_values(parameters: ParameterSet) -> dict[str, float]:
-    """The rig's own parameters in SI, by `group_name`: fields of the kernel's record. Raises InputError."""
+    """The rig's own parameters in SI, by `group_name`, and what follows from them: the kernel's record. Raises InputError."""
     values = {f"{group}_{name}": v for group in _GROUPS for name, v in parameters.si(group).items()}
     area = values["piston_area"]
     # rig.md, 3: F_0 = A p_preload, and k_s such that F_spring(x_c) = A p_contact
     values["piston_preload"] = area * values["piston_preload_pressure"]
     rise = values["piston_contact_pressure"] - values["piston_preload_pressure"]
     values["piston_spring_stiffness"] = area * rise / values["piston_clearance"]
+    values["clutch_resting"] = RESTING
     _check_step(values, added_rate(parameters, values))
     return values
 
