@@ -16,15 +16,12 @@ GAIN = (
     0.003  # of the number of residuals: three times the most that a candidate gained in six cases with nothing hidden
 )
 EXCESS = 0.03  # of the number of residuals: an unexplained rest below it is no disagreement
-UNEXPLAINED = 0.10  # of the number of residuals: an excess above it that nothing explains is a disagreement
+UNEXPLAINED = 0.10  # of the number of residuals: an excess above it that nothing explains is a disagreement, and is looked into
 CLOSED = (0.75, 0.85, 0.90)  # least share of the excess that one, two, three effects must explain to be named
 ENOUGH = 0.98  # share explained with which no further effect is looked for
-MENDED = (
-    0.6  # share of the rest that each of several effects must explain: less is what the law of the one before is off
-)
 MOST = len(CLOSED)  # effects that are named together
 NEEDED = 0.03  # least share of the excess that each of several effects must explain beside the others
-SMALL = 0.10  # of the excess: an effect beside others that explains less is named only if no other comes near,
+MENDED = 0.6  # an effect beside others that explains less of what they leave is named only if no other comes near,
 DISTINCT = 0.5  # that is, gains this share of it
 ALIAS = 0.5  # a rival is not told apart when it is worse by less than this share of what the best one leaves itself,
 TIE = 0.001  # and this share of the number of residuals

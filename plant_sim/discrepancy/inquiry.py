@@ -11,14 +11,12 @@ from plant_sim.discrepancy.decide import (
     CLOSED,
     DISTINCT,
     ENOUGH,
-    EXCESS,
     GAIN,
     MENDED,
     MOST,
     NEEDED,
     NONE_SURE,
     NOTHING_SURE,
-    SMALL,
     UNEXPLAINED,
     Weighed,
     aliases,
@@ -93,7 +91,7 @@ class Inquiry:
         }
         self._judge(costs)
         self._take(*jointly[0], costs)
-        if self.weighed.gained and self.weighed.closed < ENOUGH and self.weighed.rest > EXCESS:
+        if self.weighed.gained and self.weighed.closed < ENOUGH and self.weighed.rest > UNEXPLAINED:
             self._several()
         if self.weighed.gained:
             self.progress("the model with what was found", 0.8)
@@ -186,7 +184,7 @@ class Inquiry:
                 break
             self._take(at, candidates, {})
             sets = []
-            if self.weighed.closed < ENOUGH and self.weighed.rest > EXCESS and len(candidates) < MOST:
+            if self.weighed.closed < ENOUGH and self.weighed.rest > UNEXPLAINED and len(candidates) < MOST:
                 self.progress("three effects", 0.7)
                 sets = self._beside()
 
@@ -203,14 +201,14 @@ class Inquiry:
     def _better(self, at: Linear) -> bool:
         """Whether one more effect earns its place."""
         gained = self.weighed.best - at.cost
-        share = max(NEEDED * self.weighed.excess, MENDED * self.weighed.rest)
-        return gained > self.evidence.size * max(GAIN, share)
+        return gained > self.evidence.size * max(GAIN, NEEDED * self.weighed.excess)
 
     def _distinct(self, at: Linear, others: Sequence[float]) -> bool:
-        """Whether what one more effect explains is much, or its own: a misfit of the first one can be mended in many ways."""
+        """Whether one more effect mends most of the rest, or more than any other: a misfit of the first can be patched in many
+        ways."""
         gained = self.weighed.best - at.cost
         second = self.weighed.best - min(others, default=np.inf)
-        return gained > SMALL * self.weighed.excess * self.evidence.size or second < DISTINCT * gained
+        return gained > MENDED * self.weighed.rest * self.evidence.size or second < DISTINCT * gained
 
     def _judge(self, costs: dict[str, float]) -> None:
         base = self.base.cost
