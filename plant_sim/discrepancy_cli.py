@@ -53,18 +53,10 @@ def discrepancy(
     json_output: bool = typer.Option(False, "--json", help="print report.json"),
 ) -> None:
     """Find where runs and simulation disagree, name the missing effect, add it, show the gap on runs that were not fitted."""
-    import shlex
-    import sys
-    from dataclasses import replace
-
     from plant_sim.bench.progress import progress_bar
     from plant_sim.bench.recording import writable
-    from plant_sim.bench.sealed import checksum
-    from plant_sim.discrepancy.model_file import read_model, write_model
-    from plant_sim.discrepancy.models.named import declared, model_named, recalibrated, required
-    from plant_sim.discrepancy.regimes import Regimes
-    from plant_sim.discrepancy.report import write_report
-    from plant_sim.discrepancy.search import investigate
+    from plant_sim.discrepancy.models.named import model_named, recalibrated, required
+    from plant_sim.discrepancy.outcome import concluded
     from protocols.runs import read_run
 
     known = model_named(rig, model)
@@ -77,17 +69,10 @@ def discrepancy(
     held = {str(path): read_run(path, columns).columns for path in holdout}
     writable(out)
     with progress_bar("discrepancy", json_output) as progress:
-        result = investigate(known, fitted, held, names or None, lambda what, share: progress(round(100 * share), 100))
-    hashes = {str(path): checksum(path) for path in (*runs, *holdout)}
-    result = replace(
-        result, hashes=hashes, holdout=[str(path) for path in holdout], model=str(model) if model else None
-    )
-    shipped = declared(model_named(rig))
-    write_model(result, shipped, out / "model.toml", read_model(model, shipped) if model else None)
-    start = {name: p.value for name, p in known.parameters.items()}
-    regimes = Regimes(known, [*fitted.values(), *held.values()], start)
-    files = write_report(result, out, regimes, shlex.join(["clutch-hil", *sys.argv[1:]]))
-    read, wrote = (", ".join(map(str, paths)) for paths in ((*runs, *holdout), (*files, out / "model.toml")))
+        result, files = concluded(
+            known, rig, model, fitted, held, names or None, out, lambda what, share: progress(round(100 * share), 100)
+        )
+    read, wrote = (", ".join(map(str, paths)) for paths in ((*runs, *holdout), files))
     text = "\n".join([_told(result), f"read:    {read}", f"wrote:   {wrote}"])
     report(result.as_json(), text, verdict_line(result), True, json_output)
 

@@ -1,10 +1,8 @@
 """Follow-up: a report's proposed experiment is played, its recording joins the evidence, and the decision is taken again."""
 
 import json
-import shlex
-import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -92,21 +90,11 @@ def decided_again(
     report: Report, new: Path, out: Path, progress: Callable[[float, int], None]
 ) -> tuple["Result", list[Path]]:
     """The result with the run `new` among the evidence of `report`, and the files that were written into `out`."""
-    from plant_sim.discrepancy.model_file import write_model
-    from plant_sim.discrepancy.models.wet_clutch import WetClutch
-    from plant_sim.discrepancy.report import write_report
-    from plant_sim.discrepancy.search import investigate
-    from plant_sim.rigs import wet_clutch
+    from plant_sim.discrepancy.models.named import model_named
+    from plant_sim.discrepancy.outcome import concluded
     from protocols.runs import read_run
 
-    shipped = wet_clutch.nominal()
-    started = wet_clutch.nominal(report.model) if report.model else shipped
     runs = {str(path): read_run(path).columns for path in (*report.runs, new)}
     held_out = {str(path): read_run(path).columns for path in report.held_out}
-    result = investigate(WetClutch(started), runs, held_out, progress=lambda what, share: progress(share, 1))
-    hashes = {name: checksum(Path(name)) for name in (*runs, *held_out)}
-    model = str(report.model) if report.model else None
-    result = replace(result, hashes=hashes, holdout=list(held_out), model=model)
-    write_model(result, shipped, out / "model.toml", started)
-    files = write_report(result, out, command=shlex.join(["clutch-hil", *sys.argv[1:]]))
-    return result, [*files, out / "model.toml"]
+    known = model_named(RIG, report.model)
+    return concluded(known, RIG, report.model, runs, held_out, None, out, lambda what, share: progress(share, 1))
