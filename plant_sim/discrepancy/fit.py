@@ -1,6 +1,8 @@
 """Fit: parameters by simulation error, damped Gauss-Newton, with what is known of the baseline as prior.
 
-Equation        minimise |r(x)|^2 + sum over the baseline's parameters of ((x - x_0)/s)^2,  s = PRIOR times how far x may move
+Equation        minimise |r(x)|^2 + chi^2,  chi^2 = sum over the baseline's p parameters of ((x - x_0)/s)^2,  s = PRIOR times
+                how far x may move,  with chi^2 <= its 99.9 % point for p degrees of freedom: each parameter may be off as far
+                as is stated, but not all of them at once
                 near a point r(x + S d) = r + J d, so d = -(J'J + L)^-1 (J'r + L a),  L = 1 where a prior is, a = (x - x_0)/S
 Assumptions     white noise of unit variance
 References      Ljung 1999, System identification, ch. 10; Stark and Parker 1995, Comput. Stat. 10 (bounded least squares);
@@ -15,15 +17,15 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 from scipy.optimize import lsq_linear
+from scipy.stats import chi2
 
 from plant_sim.discrepancy.evidence import Evidence, Point
 from plant_sim.discrepancy.model import Candidate, Values
 from plant_sim.effects.effect import Strength
 from protocols.parameters import ParameterSet
 
-PRIOR = (
-    0.5  # standard deviation of a baseline parameter as a share of its stated uncertainty; set on the development split
-)
+PRIOR = 1.0 / 3.0  # standard deviation of a baseline parameter as a share of how far it may move
+LIKELY = 0.999  # of rigs have a chi^2 below the limit
 LIMIT = 2.0  # stated uncertainties that a parameter may move
 _STEP = 0.2  # stated uncertainties: step of the baseline's finite differences
 _EFFECT_STEP = 0.05  # of an effect's parameter, or of a fifth of its typical size, whichever is more
@@ -34,6 +36,8 @@ _CONVERGED = 1e-4  # of the number of residuals: a smaller gain ends the iterati
 _WORTHWHILE = 2e-3  # of the cost: a fit that gained less needs no other sensitivities
 _SHARES = (1.0, 0.4, 0.1)  # of a Gauss-Newton step that are tried
 _TRUSTED = 0.1  # of the gain that sensitivities promise: with less they are given up
+_WEIGHTS = 1e8  # most that the prior is raised by to keep chi^2 within its limit
+_NEAR = 0.9  # share of the limit that is near enough to it
 _LOOSE = 1e-9  # prior weight of an effect's parameter, beside 1 of the baseline's: none, but the matrix stays regular
 
 
@@ -129,20 +133,47 @@ class Linear:
         return left.move, left.cost
 
     def eliminated(self, residual: np.ndarray) -> "Eliminated":
-        """The free parameters at their best for `residual` within bounds: bounded least squares (Stark and Parker 1995)."""
-        hessian = self.gram + np.diag(self.prior + 1e-10 * np.diag(self.gram))
-        gradient = self.jacobian.T @ residual + self.prior * self.offset
+        """The free parameters at their best for `residual` within bounds and the limit of chi^2.
+
+        Bounded least squares (Stark and Parker 1995), with the prior raised until the limit is kept.
+        """
+        gradient = self.jacobian.T @ residual
+        move, inner, weight = *self._bounded(gradient, 1.0), 1.0
+        low, high, tried = 1.0, _WEIGHTS, 10.0
+        while self._strain(move) > self._limit or (weight > 1.0 and self._strain(move) < _NEAR * self._limit):
+            if high / low < 1.02:
+                break
+            move, inner, weight = *self._bounded(gradient, tried), tried
+            low, high = (tried, high) if self._strain(move) > self._limit else (low, tried)
+            tried = min(10.0 * tried, np.sqrt(low * high)) if high == _WEIGHTS else np.sqrt(low * high)
+        change = self.jacobian @ move + residual
+        cost = float(change @ change + self.prior @ (self.offset + move) ** 2)
+        return Eliminated(self, residual, move, cost, inner, weight)
+
+    @cached_property
+    def _limit(self) -> float:
+        """Of chi^2."""
+        return float(chi2.ppf(LIKELY, sum(f.centre is not None for f in self.free) or 1))
+
+    def _strain(self, move: np.ndarray) -> float:
+        """chi^2 after a move."""
+        known = self.prior == 1.0
+        return float(np.sum((self.offset + move)[known] ** 2))
+
+    def _bounded(self, gradient: np.ndarray, weight: float) -> tuple[np.ndarray, np.ndarray]:
+        """Best move (p,) within bounds where J'r is `gradient` and the prior raised by `weight`; what is not at a bound."""
+        prior = weight * self.prior
+        hessian = self.gram + np.diag(prior + 1e-10 * np.diag(self.gram))
         low, high = self._box
         inner = np.flatnonzero(low < high)
         move = np.zeros(len(self.free))
         if len(inner):
             lower = cholesky(hessian[np.ix_(inner, inner)], lower=True)
-            right = -solve_triangular(lower, gradient[inner], lower=True)
+            right = -solve_triangular(lower, (gradient + prior * self.offset)[inner], lower=True)
             found = lsq_linear(lower.T, right, (low[inner], high[inner]), method="bvls")
             move[inner] = found.x
             inner = inner[found.active_mask == 0]
-        cost = residual @ residual + self.prior @ self.offset**2 + 2.0 * gradient @ move + move @ hessian @ move
-        return Eliminated(self, residual, move, float(cost), inner)
+        return move, inner
 
     def moved(self, move: np.ndarray, share: float = 1.0) -> Point:
         """Parameters after a move, within bounds."""
@@ -163,7 +194,9 @@ class Linear:
 
 @dataclass(frozen=True)
 class Eliminated:
-    """Free parameters of `at` at their best `move` for `residual`, `cost` there; `inner` (q,) are those not at a bound.
+    """Free parameters of `at` at their best `move` for `residual`, `cost` there.
+
+    inner: those (q,) that are not at a bound. weight: what the prior was raised by.
 
     What else is fitted sees residuals that the inner ones cannot explain: variable projection (Golub and Pereyra 1973).
     """
@@ -173,11 +206,12 @@ class Eliminated:
     move: np.ndarray
     cost: float
     inner: np.ndarray
+    weight: float
 
     def normal(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Matrix (k, k) and right side (k,) of the least squares for `columns` (size, k)."""
         jacobian = self.at.jacobian
-        prior = self.at.prior[self.inner]
+        prior = self.weight * self.at.prior[self.inner]
         gram = self.at.gram[np.ix_(self.inner, self.inner)]
         b = (jacobian.T @ columns)[self.inner]
         left = self.residual + jacobian @ self.move
