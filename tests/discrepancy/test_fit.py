@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from plant_sim.discrepancy.candidates import Search
 from plant_sim.discrepancy.decide import ALIAS, DECISIVE, GAIN, TIE, UNEXPLAINED, Weighed, aliases
 from plant_sim.discrepancy.evidence import Evidence
-from plant_sim.discrepancy.fit import Free, Linear, baseline_free, effect_free, linearised, refitted
+from plant_sim.discrepancy.fit import LIKELY, Free, Linear, baseline_free, effect_free, linearised, refitted
 from plant_sim.discrepancy.model import Candidate, Columns, Output, Values
 from plant_sim.discrepancy.noise import floor_of, floors
 from plant_sim.discrepancy.search import investigate
@@ -121,6 +122,32 @@ def test_a_bounded_minimum_is_the_least_in_the_box() -> None:
     for trial in random.uniform(-1.0, 1.0, (2000, 3)):
         cost = np.sum((residual + jacobian @ trial) ** 2) + trial @ trial
         assert cost >= left.cost - 1e-9
+
+
+@pytest.mark.parametrize("size", [1.0, 2.5])
+def test_parameters_may_each_be_off_but_not_all_at_once(size: float) -> None:
+    count, limit = 30, chi2.ppf(LIKELY, 30)
+    random = np.random.default_rng(5)
+    jacobian = 100.0 * random.standard_normal((300, count))
+    wanted = size * np.sign(random.standard_normal(count))
+    names = [f"p{i}" for i in range(count)]
+    free = tuple(Free(name, 0.1, 1.0, -3.0, 3.0, 0.0) for name in names)
+    at = Linear((dict.fromkeys(names, 0.0), {}), free, -jacobian @ wanted, jacobian)
+    left = at.eliminated(at.residual)
+    if count * size**2 <= limit:  # 30: likely
+        assert left.move == pytest.approx(wanted, rel=1e-3)
+        assert left.weight == 1.0
+    else:  # 187: each within 3, but not all
+        assert 0.85 * limit < left.move @ left.move <= limit
+        assert np.corrcoef(left.move, wanted)[0, 1] > 0.95
+    assert left.cost == pytest.approx(np.sum((at.residual + jacobian @ left.move) ** 2) + left.move @ left.move)
+
+
+def test_one_parameter_may_be_off_as_far_as_it_may() -> None:
+    jacobian = 100.0 * np.ones((300, 1))
+    free = (Free("p", 0.1, 1.0, -3.0, 3.0, 0.0),)
+    at = Linear(({"p": 0.0}, {}), free, -3.0 * jacobian[:, 0], jacobian)
+    assert at.eliminated(at.residual).move == pytest.approx([3.0], rel=1e-3)
 
 
 def test_each_hidden_effect_is_the_best_of_the_screened() -> None:
