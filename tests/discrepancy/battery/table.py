@@ -77,18 +77,25 @@ def text(found: Sequence[Measure]) -> str:
 def write(
     answers: Sequence[Told], split: str, folder: Path, sources: str, rivals: Mapping[str, Sequence[Told]] | None = None
 ) -> list[Path]:
-    """Write battery.md and its pictures to `folder`. `rivals`: answers of other methods to the same cases. Returns paths."""
+    """Write battery.md and its pictures to `folder`. `rivals`: answers of other methods to the same cases. Returns paths.
+
+    What a person has to say of the numbers is taken from battery/notes.md there, if there is any.
+    """
     pictures = folder / "battery"
     pictures.mkdir(parents=True, exist_ok=True)
     done = [told for told in answers if "error" not in told]
     paths = [folder / "battery.md", pictures / "confusion.png", pictures / "calibration.png"]
     confusion(done, paths[1])
     calibration(done, paths[2])
-    paths[0].write_text(page(answers, split, sources, rivals or {}), encoding="utf-8")
+    notes = pictures / "notes.md"
+    said = notes.read_text(encoding="utf-8") if notes.exists() else ""
+    paths[0].write_text(page(answers, split, sources, rivals or {}, said), encoding="utf-8")
     return paths
 
 
-def page(answers: Sequence[Told], split: str, sources: str, rivals: Mapping[str, Sequence[Told]]) -> str:
+def page(
+    answers: Sequence[Told], split: str, sources: str, rivals: Mapping[str, Sequence[Told]], notes: str = ""
+) -> str:
     """The text of battery.md."""
     done = [told for told in answers if "error" not in told]
     parts = [
@@ -96,7 +103,7 @@ def page(answers: Sequence[Told], split: str, sources: str, rivals: Mapping[str,
         "How often the workflow finds what is hidden, on cases whose truth comes from other laws and another solver than the",
         "catalogue's. What each measure is: `tests/discrepancy/battery/score.py`. Cases: `tests/discrepancy/battery/cases.py`.",
         "Again: `python -m tests.discrepancy.battery --split " + split + " --docs docs`.", "",
-        *_ran(answers, split, sources), "", *_table(_HEADER, [row(one) for one in scores(answers)]), "",
+        *_ran(answers, split, sources), "", *notes.splitlines(), "", *_table(_HEADER, [row(one) for one in scores(answers)]), "",
         "## By noise and severity", "", *_by_noise(answers), "", *_table(("single effects", "top-1", "of", "95 %"),
                                                                      [row(m)[:4] for m in by_severity(answers).values()]), "",
         *_rivals(done, rivals),
