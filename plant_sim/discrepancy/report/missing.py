@@ -92,7 +92,12 @@ def _surrogate(result: Result) -> list[Html]:
         )
         parts.append(tag("p", said))
     if result.surrogate:
-        return [*parts, described(result.surrogate)]
+        told = {key: said for key, said in result.surrogate.items() if said not in ("", [], {}, None)}
+        if sentence := told.pop("sentence", ""):
+            parts.append(tag("p", str(sentence)))
+        carried = "values" in told
+        added = "model.toml carries it with the values below." if carried else "Nothing of it is put into model.toml."
+        return [*parts, tag("p", added), described(told)]
     return [*parts, tag("p", "No structure was found in it that could be described.")]
 
 
