@@ -21,10 +21,11 @@ def slow(s, c, p, x, h):
 
 
 def follow(s, c, p, x, h):
-    """Let the solenoid's current, as demand, follow the command."""
+    """Let the solenoid's current, as demand, follow the command; what the valve sees is its mean over the step."""
+    behind = x.current - s.demand
     kept = exp(-h / p.lag) if p.lag > 0.0 else 0.0
-    x.current = s.demand + kept * (x.current - s.demand)
-    s.demand = x.current
+    x.current = s.demand + kept * behind
+    s.demand += behind * (1.0 - kept) * p.lag / h
 
 
 EFFECT = Effect(
