@@ -26,7 +26,7 @@ from protocols.errors import InputError
 from protocols.node import node_factory
 from protocols.runs import read_run
 
-SEED = 4711
+SEED = 471_147_118  # long enough that no checksum holds its digits by chance
 INJECTED = "oil.sump_temperature"
 FILE = "secret-scenario"  # a name that may tell
 METADATA = {
