@@ -1,26 +1,46 @@
 """Stiction of the valve's spool: it stays until the force on it exceeds the break-away force, then jumps.
 
 What            dirt, silting and side load hold the spool; a slow command gives a staircase, an integrating regulator hunts
-Equation        |u - w| > S: w = u - sign(u - w) kappa S;  else w stays;  u_out = w
-                S break-away, kappa S what is left when it has come to rest again, all as pressure
-Assumptions     massless spool; the jump is over within a step; the same friction both ways
-Valid range     S 0..2 bar, kappa 0..0.8; with kappa = 1 nothing jumps: a play operator, which is valve_hysteresis
-Not modelled    silting that grows with the time at rest, dither, viscous friction (the valve's own damping)
-References      He, Wang, Pottmann & Qin 2007, Ind. Eng. Chem. Res. 46 (this two-parameter law); Choudhury, Thornhill &
-                Shah 2005, Control Engineering Practice 13 (stiction models); Merritt 1967 (causes, dither)
+Equation        stuck: w stays until |u - w| > S;  sliding: dw/dt = a (|u - w|/S - kappa) sign(u - w)
+                stuck again when |dw/dt| < b a;  u_out = w
+                S break-away, kappa S what sliding takes, both as pressure; a speed under a surplus of S: what makes the spool
+                stick makes it viscous, too; S/a is the time constant of its slide
+Assumptions     massless spool; the same friction both ways; a band of speed about 0 counts as rest (Karnopp)
+Valid range     S 0..2 bar, kappa 0..0.8, a 5..1000 bar/s, b 0..0.2; a ramp slower than b a gives a staircase, a faster one a
+                lag of kappa S; with kappa = 1 nothing jumps: a play operator, which is valve_hysteresis
+Not modelled    silting that grows with the time at rest, dither
+References      Karnopp 1985, J. Dyn. Sys. Meas. Control 107 (rest as a band of speed); Choudhury, Thornhill & Shah 2005,
+                Control Engineering Practice 13 (stiction of valves); He, Wang, Pottmann & Qin 2007, Ind. Eng. Chem. Res. 46
+                (the two parameters S, kappa); Merritt 1967 (causes, dither)
 """
+
+from math import exp, log
 
 from plant_sim.effects.effect import Effect, Shape, State, Strength
 from plant_sim.effects.signals import COMMAND
 
 
 def stick(s, c, p, x, h):
-    """Hold the demand until it has gone further than the break-away force."""
+    """Hold the demand until it has gone further than the break-away force; then follow it until that gets slow."""
     ahead = s.demand - x.spool
     if abs(ahead) > p.breakaway:
-        left = p.breakaway * p.kinetic_share
-        x.spool = s.demand - (left if ahead > 0.0 else -left)
+        x.sliding = 1.0 if ahead > 0.0 else -1.0
+    rest = p.rest_band * p.breakaway
+    surplus = x.sliding * ahead - p.breakaway * p.kinetic_share
     s.demand = x.spool
+    if x.sliding == 0.0 or h == 0.0:
+        return
+    if surplus <= rest:
+        x.sliding = 0.0
+        return
+    pace = h * p.speed / p.breakaway
+    left = surplus * exp(-pace)
+    mean = (surplus - left) / pace  # of the surplus, over the step
+    if left < rest:  # it comes to rest within the step
+        mean = (surplus - rest) / pace + rest * (1.0 - log(surplus / rest) / pace)
+        left, x.sliding = rest, 0.0
+    s.demand += (1.0 if ahead > 0.0 else -1.0) * (surplus - mean)
+    x.spool += (1.0 if ahead > 0.0 else -1.0) * (surplus - left)
 
 
 EFFECT = Effect(
@@ -35,7 +55,12 @@ EFFECT = Effect(
             "kinetic_share", "1", typical=0.5, bounds=(0.0, 0.8),
             source="[D] sliding friction half of break-away; lubricated metal pairs lie between 0.3 and 0.8",
         ),
+        Shape(
+            "speed", "bar/s", typical=100.0, bounds=(5.0, 1000.0),
+            source="[D] 1 ms for a break-away of 0.1 bar: a spool is much faster than its valve (20 ms)",
+        ),
+        Shape("rest_band", "1", typical=0.01, bounds=(0.0, 0.2), source="[D] ramps below 1 bar/s stick and slip"),
     ),
-    states=(State("spool", "Pa"),),
+    states=(State("spool", "Pa"), State("sliding", "1")),
     rank=3,  # behind the solenoid
 )  # fmt: skip

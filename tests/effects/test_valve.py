@@ -150,13 +150,13 @@ def test_hysteresis_is_odd_and_takes_work() -> None:
     )  # sum of the plays' 2 r (4 - 2 r), a quarter each
 
 
-@pytest.mark.parametrize("name", ["valve_hysteresis", "spool_stiction"])
-def test_what_the_valve_remembers_does_not_depend_on_the_integration_step(name: str) -> None:
+@pytest.mark.parametrize(("name", "pascal"), [("valve_hysteresis", 0.0), ("spool_stiction", 1.0)])  # its slide: 0.28 Pa
+def test_what_the_valve_remembers_does_not_depend_on_the_integration_step(name: str, pascal: float) -> None:
     strength = effect(name).strengths[0].name
     hard = {f"{name}__{strength}": 0.3}
     voltages = [(float(v), 3) for v in 1.2 + 0.3 * np.sin(np.linspace(0.0, 20.0, 150))]
     coarse, fine = (run(rig(**hard), voltages, substeps=n)["valve_pressure"] for n in (10, 20))
-    assert coarse == pytest.approx(fine, rel=1e-6)
+    assert coarse == pytest.approx(fine, rel=1e-6, abs=pascal)
     assert np.abs(coarse - run(rig(), voltages)["valve_pressure"]).max() > 0.1 * BAR
 
 
@@ -174,14 +174,35 @@ def test_spread_is_how_far_the_command_goes_from_one_side_of_the_loop_to_the_oth
 # --- stiction --------------------------------------------------------------------------------------------------------
 
 
-def test_stiction_makes_a_staircase_of_a_ramp() -> None:
+FAST_SPOOL = {"speed": 1e20, "rest_band": 0.0}  # it jumps, and rests as soon as its demand does
+
+
+def test_stiction_makes_a_staircase_of_a_slow_ramp() -> None:
     path = ramp(0.0, 4.0)
-    out = after("spool_stiction", path, breakaway=0.5, kinetic_share=0.4)
+    out = after("spool_stiction", path, breakaway=0.5, kinetic_share=0.4, speed=1e20, rest_band=0.01)
     steps = np.diff(out)
     steps = steps[steps != 0.0]
-    assert steps == pytest.approx(0.5 * 0.6, abs=2e-3), "a step is what break-away has more than sliding"
+    assert steps == pytest.approx(0.5 * (0.6 - 0.01), abs=2e-3), "what break-away has more than sliding, less the rest"
     assert len(steps) == 12
     assert np.abs(path - out).max() <= 0.5
+
+
+def test_stiction_follows_a_fast_ramp_behind_what_sliding_takes() -> None:
+    slope, speed = 10.0, 500.0  # per s
+    path = ramp(0.0, 4.0, step=slope * 1e-4)
+    out = after("spool_stiction", path, breakaway=0.5, kinetic_share=0.4, speed=speed, rest_band=0.01)
+    lag = (0.4 + slope / speed) * 0.5  # dw/dt = a (lag/S - kappa)
+    assert (path - out)[len(path) // 2 :] == pytest.approx(lag, abs=2.0 * slope * 1e-4)
+
+
+@pytest.mark.parametrize("h", [1e-4, 1e-3, 7e-3])
+def test_the_slide_takes_the_time_that_its_speed_says_whatever_the_step(h: float) -> None:
+    """From 0 to 1 less 0.4 S: S/a = 5 ms; at rest when b S = 0.05 are left, after 14 ms."""
+    rest, time = 0.05, h * np.arange(1, 1 + round(0.042 / h))
+    out = after("spool_stiction", np.ones_like(time), h=h, breakaway=0.5, kinetic_share=0.4, speed=100.0, rest_band=0.1)
+    left = np.maximum(0.8 * np.exp(-np.linspace(0.0, 0.042, 420001) / 5e-3), rest)  # exact
+    assert out == pytest.approx(0.8 - left[:-1].reshape(len(out), -1).mean(axis=1), abs=1e-4)
+    assert out[-1] == pytest.approx(0.8 - rest, abs=1e-12)
 
 
 def test_stiction_without_a_jump_is_a_play() -> None:
@@ -190,7 +211,8 @@ def test_stiction_without_a_jump_is_a_play() -> None:
     for u in path:
         play = min(max(play, u - 0.3), u + 0.3)
         plays.append(play)
-    assert after("spool_stiction", path, breakaway=0.3, kinetic_share=1.0) == pytest.approx(plays, abs=EXACT)
+    out = after("spool_stiction", path, breakaway=0.3, kinetic_share=1.0, **FAST_SPOOL)
+    assert out == pytest.approx(plays, abs=EXACT)
 
 
 def test_stiction_is_odd() -> None:
