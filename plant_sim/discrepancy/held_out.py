@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from plant_sim.discrepancy.evidence import Evidence, Point
 from plant_sim.discrepancy.fit import Linear
@@ -20,12 +19,10 @@ def left_out(evidence: Evidence, before: Linear, after: Linear) -> list[tuple[Po
 def _without(evidence: Evidence, at: Linear, k: int) -> Point:
     if len(evidence.runs) < 2:
         return at.point
-    part = evidence.pieces[k]
-    own = at.jacobian[part]
-    gram = at.gram - own.T @ own
-    gradient = at.jacobian.T @ at.residual - own.T @ at.residual[part] + at.prior * at.offset
-    ridge = 1e-10 * np.diag(at.gram) + 1e-12
-    return at.moved(-cho_solve(cho_factor(gram + np.diag(at.prior + ridge)), gradient))
+    others = np.ones(evidence.size, bool)
+    others[evidence.pieces[k]] = False
+    rest = Linear(at.point, at.free, at.residual[others], at.jacobian[others])
+    return at.moved(rest.best(rest.residual)[0])
 
 
 def gaps(model: Model, traces: Sequence[Trace], floors: Values) -> tuple[dict[str, Gap], dict[str, dict[str, Gap]]]:

@@ -24,7 +24,7 @@ from plant_sim.discrepancy.decide import (
 )
 from plant_sim.discrepancy.evidence import Evidence, Point
 from plant_sim.discrepancy.fit import Linear, baseline_free, effect_free, linearised, refitted
-from plant_sim.discrepancy.model import Candidate, Hinting, Model, Values, calibration
+from plant_sim.discrepancy.model import Candidate, Hinting, Model, calibration
 from plant_sim.discrepancy.result import NAMED, NONE_OF_THESE, NOTHING, ONE_OF, Estimate, Rival
 
 Progress = Callable[[str, float], None]  # what is being done, share of the whole
@@ -40,7 +40,7 @@ _PARTNERS = 3  # candidates that are fitted beside what is named
 _TELLING = 2  # runs that starts are read from
 _CLUSTER = 1.0  # s: residuals further apart are taken as independent
 _Joint = tuple[Linear, tuple[Candidate, ...]]
-_Set = tuple[tuple[Candidate, ...], dict[str, float]]  # candidates and their values
+_Set = tuple[tuple[Candidate, ...], Point]  # candidates, and where their fit begins
 _NORMAL = 1.96  # 95 % of a normal distribution
 
 
@@ -78,7 +78,10 @@ class Inquiry:
         self.progress("the best candidates in earnest", 0.35)
         ranked = self._first(self.search.improved(hopeful[:_IN_EARNEST], 2), hopeful)
         self.progress("the finalists with the baseline", 0.5)
-        jointly = self._jointly([((f.candidate,), f.values) for f in ranked[:_JOINT] if self._close(f, ranked[0])])
+        own = self.start.point[0]
+        jointly = self._jointly(
+            [((f.candidate,), (own, f.values)) for f in ranked[:_JOINT] if self._close(f, ranked[0])]
+        )
         for i, (at, (candidate,)) in enumerate(jointly):
             if i == 0 or candidate.is_off(at.point[1]):
                 self._alone(at)
@@ -135,7 +138,7 @@ class Inquiry:
         return starts | {name: found for name, found in hints.items() if found}
 
     def _jointly(self, sets: Sequence[_Set]) -> list[_Joint]:
-        """Each set of candidates, from given values on, with the baseline's own parameters, whose sensitivities are kept.
+        """Each set of candidates, from a point on, with the baseline's own parameters, whose sensitivities are kept.
 
         The best, and those that come close to it, are fitted to the end.
         """
@@ -143,14 +146,13 @@ class Inquiry:
         least = fits[0][0].cost
         close = least + _CLOSE * max(self.base.cost - least, 0.0)
         fits = [
-            (self._joint(candidates, at.point[1], _RENEWALS - 1), candidates) if at.cost <= close else (at, candidates)
+            (self._joint(candidates, at.point, _RENEWALS - 1), candidates) if at.cost <= close else (at, candidates)
             for at, candidates in fits
         ]
         return sorted(fits, key=lambda one: one[0].cost)
 
-    def _joint(self, candidates: tuple[Candidate, ...], values: Values, renewals: int) -> Linear:
-        """A set of candidates with the effects' own sensitivities taken at most `renewals` times."""
-        point: Point = self.start.point[0], values
+    def _joint(self, candidates: tuple[Candidate, ...], point: Point, renewals: int) -> Linear:
+        """A set of candidates from `point` on with the effects' own sensitivities taken at most `renewals` times."""
         for _ in range(renewals):
             free = [f for c in candidates for f in effect_free(c, point[1])]
             own = linearised(self.evidence, point, free)
@@ -175,9 +177,11 @@ class Inquiry:
     def _several(self) -> None:
         """Two effects, and a third beside them, where they explain what one does not."""
         self.progress("two effects", 0.6)
-        sets: list[_Set] = [((a.candidate, b.candidate), values) for _, (a, b), values in self.search.pairs(_PAIRS)]
+        own, sets = self.start.point[0], self._beside()
         known = [{c.name for c in candidates} for candidates, _ in sets]
-        sets += [s for s in self._beside() if {c.name for c in s[0]} not in known]
+        for _, (a, b), values in self.search.pairs(_PAIRS):
+            if {a.candidate.name, b.candidate.name} not in known:
+                sets.append(((a.candidate, b.candidate), (own, values)))
         while sets:
             (at, candidates), *others = self._jointly(sets)
             if not self._better(at) or not self._distinct(at, [other.cost for other, _ in others]):
@@ -192,7 +196,8 @@ class Inquiry:
         """What is named, with each of the candidates that promise most beside it."""
         search = Search(self.evidence, self.final, 0.5 * GAIN * self.evidence.size, self.search.directions)
         promising = search.beside([c.name for c in self.named], _PARTNERS)
-        return [((*self.named, d.candidate), {**self.final.point[1], **values}) for _, d, values in promising]
+        parameters, effects = self.final.point
+        return [((*self.named, d.candidate), (parameters, {**effects, **values})) for _, d, values in promising]
 
     def _weighed(self, at: Linear, count: int) -> Weighed:
         e = self.evidence

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from plant_sim.discrepancy.atlas import acting, claims
 from plant_sim.discrepancy.atlas_numbers import atlas_numbers
@@ -10,7 +11,7 @@ from plant_sim.discrepancy.experiment import propose
 from plant_sim.discrepancy.fit import Linear
 from plant_sim.discrepancy.held_out import gaps, left_out
 from plant_sim.discrepancy.inquiry import Inquiry, Progress
-from plant_sim.discrepancy.model import Candidate, Columns, Evident, Model, Witnessing
+from plant_sim.discrepancy.model import Candidate, Columns, Evident, Model, Values, Witnessing
 from plant_sim.discrepancy.noise import floors
 from plant_sim.discrepancy.result import NAMED, NONE_OF_THESE, NOTHING, ONE_OF, Estimate, Result, Rival, Trace
 from plant_sim.discrepancy.surrogate_term import described
@@ -47,8 +48,19 @@ def investigate(
     notes += [f"{c.name} is evident without any fit: {one.why}" for c, one in evident.items()]
     progress("gap on runs that were not fitted", 0.85)
     before, after = inquiry.base, inquiry.final
-    pairs = left_out(inquiry.evidence, before, after) if not held else None
-    traces = _traces(model, runs, held, before, after, pairs)
+    points = [(before.point, after.point)] * len(runs) if held else left_out(evidence, before, after)
+    surrogate = proposed = None
+    if verdict == NONE_OF_THESE:
+        progress("what shape the rest has", 0.9)
+        surrogate = described(model, evidence.runs, found, *before.point)
+        after = _carrying(evidence, before, surrogate["values"])
+        if after is before:
+            surrogate["values"] = {}  # what does not help is not in the model
+        elif held:
+            points = [(before.point, after.point)] * len(runs)
+        else:
+            points = [(own, _without(evidence, own, k, found)) for k, (own, _) in enumerate(points)]
+    traces = _traces(model, runs, held, [*points, *([(before.point, after.point)] * len(held))])
     judged = [t for t in traces if t.held_out or not held]
     gap, by_regime = gaps(model, judged, found)
     progress("where they disagree", 0.9)
@@ -59,14 +71,10 @@ def investigate(
         acts = [claim for c in (*inquiry.named, *evident) for claim in acting(model, evidence.runs, found, *point, c)]
         largest = {(c.block, c.output, c.regime): c for c in sorted(acts, key=lambda claim: claim.size)}
         where = sorted(largest.values(), key=lambda claim: -claim.times_floor) or where
-    surrogate = proposed = None
     if verdict == ONE_OF:
         progress("experiment that separates them", 0.95)
         options = [inquiry.values[name] for name in alternatives[0]]
         proposed = propose(model, after.point[0], options, found)
-    if verdict == NONE_OF_THESE:
-        progress("what shape the rest has", 0.95)
-        surrogate = described(model, list(runs.values()), found, *before.point)
     progress("done", 1.0)
     return Result(
         rig=model.name,
@@ -112,17 +120,27 @@ def _read(evident: Mapping[Candidate, Evident]) -> list[Estimate]:
     ]
 
 
+def _carrying(evidence: Evidence, before: Linear, values: Values) -> Linear:
+    """The model that carries a surrogate of these values; `before` itself where there are none, or it fits no better."""
+    if not values:
+        return before
+    point: Point = before.point[0], {**before.point[1], **values}
+    after = replace(before, point=point, residual=evidence.residuals([point])[0])
+    return after if after.cost < before.cost else before
+
+
+def _without(evidence: Evidence, own: Point, left: int, found: Values) -> Point:
+    """`own` parameters of a run that is left out, with a surrogate of what the other runs lack."""
+    others = [run for k, run in enumerate(evidence.runs) if k != left]
+    told = described(evidence.model, others, found, *own) if others else {"values": {}}
+    return own[0], {**own[1], **told["values"]}
+
+
 def _traces(
-    model: Model,
-    runs: Mapping[str, Columns],
-    held: Mapping[str, Columns],
-    before: Linear,
-    after: Linear,
-    pairs: list[tuple[Point, Point]] | None,
+    model: Model, runs: Mapping[str, Columns], held: Mapping[str, Columns], points: Sequence[tuple[Point, Point]]
 ) -> list[Trace]:
     traces = []
-    for k, (name, run) in enumerate([*runs.items(), *held.items()]):
-        first, last = pairs[k] if pairs and k < len(pairs) else (before.point, after.point)
+    for k, ((name, run), (first, last)) in enumerate(zip([*runs.items(), *held.items()], points, strict=True)):
         traces.append(
             Trace(
                 name, name in held and k >= len(runs), dict(run), {o.column: run[o.column] for o in model.outputs},

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from plant_sim.discrepancy.models.wet_clutch import WetClutch
+from plant_sim.discrepancy.search import investigate
 from plant_sim.discrepancy.surrogate_term import described
 from tests.discrepancy.clutch_runs import NOISE, baseline, recorded
 
@@ -65,3 +66,15 @@ def test_what_depends_on_nothing_is_said_to(model):
     assert told["variables"] == []
     assert "no simple function" in told["sentence"]
     assert "31" in told["sentence"].replace("30.8", "31").replace("31.2", "31")
+
+
+@pytest.mark.parametrize(("apart", "left"), [(True, 0.35), (False, 0.95)])
+def test_the_gap_that_is_shown_is_that_of_the_model_that_carries_it(model, apart, left):
+    """On a run that was not fitted; or on each of three in turn, that the two others, of another kind, say little of."""
+    measured = {f"run-{k}": run for k, run in enumerate(recorded({"residual_torque.slip": 2.0}))}
+    held = {"held": measured.pop("run-0")} if apart else {}
+    result = investigate(model, measured, held, ["valve_delay"])
+    assert result.verdict == "none_of_these"
+    assert result.surrogate["values"]
+    gap = result.gap["clutch_torque_nm"]
+    assert gap.floor < gap.after < left * gap.before

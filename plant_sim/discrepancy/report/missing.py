@@ -96,7 +96,9 @@ def _surrogate(result: Result) -> list[Html]:
         if sentence := told.pop("sentence", ""):
             parts.append(tag("p", str(sentence)))
         carried = "values" in told
-        added = "model.toml carries it with the values below." if carried else "Nothing of it is put into model.toml."
+        added = "Nothing of it is put into model.toml."
+        if carried:
+            added = "model.toml carries it with the values below; the gap after is that of the model with it."
         return [*parts, tag("p", added), described(told)]
     return [*parts, tag("p", "No structure was found in it that could be described.")]
 
