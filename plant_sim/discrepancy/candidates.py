@@ -53,6 +53,9 @@ class Direction:
     columns: np.ndarray
 
 
+_Trial = tuple[float, Direction, dict[str, float]]  # predicted gain, and the values that give it
+
+
 class Search:
     """Fits candidates beside the linearised model `at`; `cost` is that without any.
 
@@ -89,19 +92,7 @@ class Search:
         )
         trials = [(gain, d, values) for d in self.directions for gain, values in [self.predicted([d])]]
         worth = max(self._least, _WORTH * max((gain for gain, _, _ in trials), default=0.0))
-        promising = [d for gain, d, _ in trials if gain > worth]
-        best: dict[str, Fit] = {}
-        for fit in self._evaluated([(d.candidate, d.off | d.strengths) for d in promising]):
-            best[fit.name] = min(fit, best.get(fit.name, fit), key=lambda one: one.cost)
-        waiting = [trial for trial in trials if trial[0] > worth]
-        for share in _SHORTENED:
-            found = self._evaluated([(d.candidate, _between(d.off, values, share)) for _, d, values in waiting])
-            for fit in found:
-                if fit.name not in best or fit.cost < best[fit.name].cost:
-                    best[fit.name] = fit
-            waiting = [
-                one for one, fit in zip(waiting, found, strict=True) if self.cost - fit.cost < share * _KEPT * one[0]
-            ]
+        best = self._stepped([trial for trial in trials if trial[0] > worth])
         for _, d, _ in trials:  # what promises nothing stays off
             best.setdefault(d.candidate.name, Fit(d.candidate, d.candidate.off(), self.cost, self.at.residual))
         return sorted(best.values(), key=lambda fit: fit.cost)
@@ -149,9 +140,9 @@ class Search:
                 break
         return sorted(fits, key=lambda fit: fit.cost)
 
-    def beside(self, taken: Sequence[str], count: int) -> list[tuple[float, Direction, dict[str, float]]]:
-        """The `count` candidates that promise most beside the effects `taken`, with their predicted gain and strengths."""
-        found: dict[str, tuple[float, Direction, dict[str, float]]] = {}
+    def beside(self, taken: Sequence[str], count: int) -> list[Fit]:
+        """The `count` candidates that promise most beside the effects `taken`, each after one step; best first."""
+        found: dict[str, _Trial] = {}
         for d in self.directions:
             name = d.candidate.name
             if name in taken or set(d.candidate.excludes) & set(taken):
@@ -159,7 +150,8 @@ class Search:
             gain, values = self.predicted([d])
             if gain > max(self._least, found[name][0] if name in found else 0.0):
                 found[name] = gain, d, values
-        return sorted(found.values(), key=lambda one: -one[0])[:count]
+        best = self._stepped(sorted(found.values(), key=lambda one: -one[0])[:count])
+        return sorted(best.values(), key=lambda fit: fit.cost)
 
     def pairs(self, count: int) -> list[tuple[float, tuple[Direction, Direction], dict[str, float]]]:
         """The `count` pairs of candidates that promise most together, with their predicted gain and strengths."""
@@ -174,6 +166,24 @@ class Search:
             gain, values = self.predicted([one, other])
             found.append((gain, (one, other), values))
         return sorted(found, key=lambda pair: -pair[0])[:count]
+
+    def _stepped(self, waiting: Sequence[_Trial]) -> dict[str, Fit]:
+        """The best by name of: where directions start from, and the predicted steps, shortened where they gain much less."""
+        best: dict[str, Fit] = {}
+
+        def evaluated(trials: list[tuple[Candidate, dict[str, float]]]) -> list[Fit]:
+            found = self._evaluated(trials)
+            for fit in found:
+                best[fit.name] = min(best.get(fit.name, fit), fit, key=lambda one: one.cost)
+            return found
+
+        evaluated([(d.candidate, d.off | d.strengths) for _, d, _ in waiting])
+        for share in _SHORTENED:
+            found = evaluated([(d.candidate, _between(d.off, values, share)) for _, d, values in waiting])
+            waiting = [
+                one for one, fit in zip(waiting, found, strict=True) if self.cost - fit.cost < share * _KEPT * one[0]
+            ]
+        return best
 
     def _direct(self, directions: Sequence[Direction]) -> None:
         """Take `directions` and the normal equations of all of them."""

@@ -10,7 +10,7 @@ from plant_sim.discrepancy.candidates import Fit, Search
 from plant_sim.discrepancy.decide import (
     CLOSED,
     DISTINCT,
-    ENOUGH,
+    FURTHER,
     GAIN,
     MENDED,
     MOST,
@@ -94,7 +94,7 @@ class Inquiry:
         }
         self._judge(costs)
         self._take(*jointly[0], costs)
-        if self.weighed.gained and self.weighed.closed < ENOUGH and self.weighed.rest > UNEXPLAINED:
+        if self.weighed.gained and self.weighed.rest > FURTHER:
             self._several()
         if self.weighed.gained:
             self.progress("the model with what was found", 0.8)
@@ -184,11 +184,11 @@ class Inquiry:
                 sets.append(((a.candidate, b.candidate), (own, values)))
         while sets:
             (at, candidates), *others = self._jointly(sets)
-            if not self._better(at) or not self._distinct(at, [other.cost for other, _ in others]):
+            if not self._earned(at, [other.cost for other, _ in others]):
                 break
             self._take(at, candidates, {})
             sets = []
-            if self.weighed.closed < ENOUGH and self.weighed.rest > UNEXPLAINED and len(candidates) < MOST:
+            if self.weighed.rest > FURTHER and len(candidates) < MOST:
                 self.progress("three effects", 0.7)
                 sets = self._beside()
 
@@ -197,23 +197,20 @@ class Inquiry:
         search = Search(self.evidence, self.final, 0.5 * GAIN * self.evidence.size, self.search.directions)
         promising = search.beside([c.name for c in self.named], _PARTNERS)
         parameters, effects = self.final.point
-        return [((*self.named, d.candidate), (parameters, {**effects, **values})) for _, d, values in promising]
+        return [((*self.named, fit.candidate), (parameters, {**effects, **fit.values})) for fit in promising]
 
     def _weighed(self, at: Linear, count: int) -> Weighed:
         e = self.evidence
         return Weighed(self.base.cost, at.cost, e.size, count, e.excess(self.base.residual), e.excess(at.residual))
 
-    def _better(self, at: Linear) -> bool:
-        """Whether one more effect earns its place."""
-        gained = self.weighed.best - at.cost
-        return gained > self.evidence.size * max(GAIN, NEEDED * self.weighed.excess)
-
-    def _distinct(self, at: Linear, others: Sequence[float]) -> bool:
-        """Whether one more effect mends most of the rest, or more than any other: a misfit of the first can be patched in many
-        ways."""
-        gained = self.weighed.best - at.cost
-        second = self.weighed.best - min(others, default=np.inf)
-        return gained > MENDED * self.weighed.rest * self.evidence.size or second < DISTINCT * gained
+    def _earned(self, at: Linear, others: Sequence[float]) -> bool:
+        """Whether one more effect earns its place: it mends most of the rest, or much of the excess and far more than any
+        other: a misfit of the first can be patched in many ways."""
+        w, size = self.weighed, self.evidence.size
+        gain = (w.best - at.cost) / size
+        second = (w.best - min(others, default=np.inf)) / size
+        distinct = gain > NEEDED * w.excess and second < DISTINCT * gain
+        return gain > GAIN and (gain > MENDED * w.rest or distinct)
 
     def _judge(self, costs: dict[str, float]) -> None:
         base = self.base.cost

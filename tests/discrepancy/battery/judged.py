@@ -143,12 +143,12 @@ class _Watch:
                 super()._take(at, candidates, costs)
                 watch.step([c.name for c in candidates], self.weighed, True)
 
-            def _better(self, at: Linear) -> bool:
-                better = super()._better(at)
+            def _earned(self, at: Linear, others: Sequence[float]) -> bool:
+                earned = super()._earned(at, others)
                 names = sorted({n.partition(".")[0] for n in at.point[1]})
-                if not better:
+                if not earned:
                     watch.step(names, self._weighed(at, len(names)), False)
-                return better
+                return earned
 
             def verdict(self) -> Any:
                 watch.seen = self
