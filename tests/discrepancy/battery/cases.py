@@ -389,6 +389,7 @@ def _told(
         "severity": case.severity,
         "noise": case.noise,
         "gap": gap(rms, case.noise),
+        "celsius": float(np.mean([record.columns["oil_temperature_degc"].mean() for record in runs])),
         "baseline": changes(truth.plant),
         "runs": [record.title for record in (*runs, *held_out)],
         "outputs": {

@@ -204,7 +204,7 @@ def parameters(told: Told) -> list[tuple[float, bool]]:
         if shared is None or effect["law"] not in shared.laws or effect["name"] not in told["effects"]:
             continue
         estimate = estimates[f"{effect['name']}.{shared.parameter}"]
-        truth = shared.value(effect["strength"])
+        truth = shared.truth(effect, told["truth"]["celsius"])
         low, high = estimate["ci95"]
         found.append((abs(estimate["value"] - truth) / abs(truth - shared.off), low <= truth <= high))
     return found

@@ -5,6 +5,7 @@ Left out are laws whose strength has another meaning there (another gas law, ano
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 
 def _same(strength: float) -> float:
@@ -23,13 +24,20 @@ def _against(strength: float) -> float:
 class Shared:
     """`parameter` of the catalogue is `value` of the strength in the law's unit, for these of the truth's `laws`.
 
-    off: its value where the effect is off, from which a relative error is taken.
+    off: its value where the effect is off, from which a relative error is taken. warming: what the strength grows by a kelvin
+    above 70 degC in the truth's second law; the catalogue's parameter, which is constant, is right at its mean over the runs.
     """
 
     parameter: str
     laws: tuple[int, ...] = (0, 1)
     value: Callable[[float], float] = _same
     off: float = 0.0
+    warming: float = 0.0
+
+    def truth(self, effect: Mapping[str, Any], celsius: float) -> float:
+        """What an estimate should be for an effect of a case whose oil had `celsius` in the mean."""
+        grown = self.warming * (celsius - 70.0) if effect["law"] == 1 else 0.0
+        return self.value(effect["strength"] * (1.0 + grown))
 
 
 SHARED: Mapping[str, Shared] = {
@@ -50,10 +58,10 @@ SHARED: Mapping[str, Shared] = {
     "motor_torque_ripple": Shared("amplitude"),
     "shaft_compliance": Shared("compliance", (1,)),
     "backlash": Shared("gap"),
-    "pressure_sensor_gain": Shared("gain", (0, 1), _factor, 1.0),
-    "pressure_sensor_offset": Shared("offset"),
-    "torque_sensor_gain": Shared("gain", (0, 1), _factor, 1.0),
-    "torque_sensor_offset": Shared("offset"),
+    "pressure_sensor_gain": Shared("gain", (0, 1), _factor, 1.0, warming=0.01),
+    "pressure_sensor_offset": Shared("offset", warming=0.01),
+    "torque_sensor_gain": Shared("gain", (0, 1), _factor, 1.0, warming=0.01),
+    "torque_sensor_offset": Shared("offset", warming=0.01),
     "torque_time_offset": Shared("delay"),
     "pressure_time_offset": Shared("delay"),
     "temperature_sensor_lag": Shared("time", (0,)),

@@ -1,7 +1,7 @@
 """Thresholds: constants of plant_sim/discrepancy/decide.py that suit the development split best, from its cached answers.
 
 Nothing is simulated again: a decision is taken once more from the costs that the search kept. What a search did not fit,
-because a threshold said so, stays not fitted; so EXCESS and NEEDED are only looked at where they make it stop earlier.
+because a threshold said so, stays not fitted; how many effects it took stays as it was.
 
     python -m tests.discrepancy.battery.thresholds [OUT/HASH/cases]
 """
@@ -24,7 +24,6 @@ _GRID = {
     "excess": (0.005, 0.01, 0.02, 0.03, 0.05, 0.08),
     "closed": (0.5, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 0.93),
     "closed_two": (0.8, 0.85, 0.9, 0.93, 0.95, 0.97),
-    "needed": (0.01, 0.02, 0.04, 0.06, 0.08, 0.12, 0.2),
     "alias": (0.0, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5),
     "tie": (0.0, 0.0005, 0.001, 0.002, 0.003, 0.005, 0.01, 0.02),
 }
@@ -46,7 +45,6 @@ class Constants:
     excess: float = decide.EXCESS
     closed: float = decide.CLOSED[0]
     closed_two: float = decide.CLOSED[1]
-    needed: float = decide.NEEDED
     alias: float = decide.ALIAS
     tie: float = decide.TIE
 
@@ -54,15 +52,7 @@ class Constants:
 def decided(told: Told, c: Constants) -> tuple[str, list[str]]:
     """Verdict and names, the best first, with these constants: what search.py does with what it fitted."""
     w = told["weighed"]
-    size = w["size"]
-    now, best, named = w, w["base"], []
-    for step in w["steps"]:
-        if named and best - step["cost"] <= size * max(c.gain, c.needed * step["excess"]):
-            break
-        now, best, named = step, step["cost"], step["effects"]
-    if named == w["named"]:
-        now, best = w, w["best"]  # renewed at the end
-    gain, rest = (now["base"] - best) / size, now["rest"]
+    gain, rest, named = w["gain"], w["rest"], w["named"]
     if not named or gain <= c.gain:
         return (NONE_OF_THESE if w["excess"] > _LOST else NOTHING), []
     least = (c.closed, c.closed_two, decide.CLOSED[2])[len(named) - 1]
