@@ -13,7 +13,7 @@ def answer(case: str, names: tuple[str, ...] = (), verdict: str = "named", **mor
     told = {
         "case": case,
         "truth": {
-            "severity": float(severity), "noise": float(noise), "split": "development",
+            "severity": float(severity), "noise": float(noise), "split": "development", "celsius": 70.0,
             "effects": [{"name": n, "block": LAWS[n].block, "law": NONE_SHARED, "strength": 1.0} for n in hidden],
         },
         "verdict": verdict,

@@ -124,6 +124,9 @@ def test_a_parameter_is_compared_where_the_laws_share_it():
     )
     gain["truth"]["effects"][0] |= {"law": 0, "strength": 0.4}
     assert parameters(gain) == [(pytest.approx(0.25), True)]
+    gain["truth"]["effects"][0]["law"] = 1  # grows as it warms: 1.5 is right at 95 degC
+    gain["truth"]["celsius"] = 95.0
+    assert parameters(gain) == [(pytest.approx(0.0, abs=1e-12), True)]
 
 
 def test_a_case_that_broke_the_engine_is_counted():
@@ -136,8 +139,7 @@ def test_thresholds_decide_as_the_engine_and_learn_from_a_null_case():
     assert decided(strong, Constants()) == ("named", [SEAL])
     assert decided(strong, replace(Constants(), closed=0.99, excess=0.05)) == ("none_of_these", [])
     weak = answer("null/none/1.0/0.02/s1", (GAIN,))
-    weak["weighed"] |= {"base": 103.0, "best": 99.0, "excess": 0.01, "rest": 0.0, "costs": {GAIN: 99.0}}
-    weak["weighed"]["steps"][0] |= {"base": 103.0, "cost": 99.0, "rest": 0.0}
+    weak["weighed"] |= {"base": 103.0, "best": 99.0, "gain": 0.04, "excess": 0.01, "rest": 0.0, "costs": {GAIN: 99.0}}
     assert decided(weak, Constants())[0] == "named"
     learned = proposed([strong, weak])
     assert learned.gain > 0.04
