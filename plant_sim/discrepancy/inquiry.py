@@ -178,9 +178,8 @@ class Inquiry:
         """Two effects, and a third beside them, where they explain what one does not."""
         self.progress("two effects", 0.6)
         own, sets = self.start.point[0], self._beside()
-        known = [{c.name for c in candidates} for candidates, _ in sets]
         for _, (a, b), values in self.search.pairs(_PAIRS):
-            if {a.candidate.name, b.candidate.name} not in known:
+            if not {a.candidate, b.candidate} & set(self.named):  # else the fit beside what is named begins nearer
                 sets.append(((a.candidate, b.candidate), (own, values)))
         while sets:
             (at, candidates), *others = self._jointly(sets)
