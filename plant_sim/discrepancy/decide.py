@@ -9,14 +9,15 @@ References      Hansen, Lunde and Nason 2011, Econometrica 79 (model confidence 
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import sqrt
 
 import numpy as np
 
 GAIN = 0.002  # of the number of residuals: the most in twelve cases with nothing hidden was 0.0006, of a ripple
+CHANCE = 30.0  # chi^2 that the best of 45 candidates with four parameters gains by chance once in a thousand cases: 28
 EXCESS = 0.03  # of the number of residuals: an unexplained rest below it is no disagreement
 UNEXPLAINED = 0.10  # of the number of residuals: an excess above it is a disagreement that is looked into
 CLOSED = (0.72, 0.85, 0.90)  # least share of the excess that one, two, three effects must explain to be named
-FURTHER = 0.02  # of the number of residuals: a rest above it is looked into for a further effect
 MOST = len(CLOSED)  # effects that are named together
 MENDED = 0.7  # share of what others leave that names an effect beside them: in cases with one effect none mended 0.4
 NEEDED = 0.03  # one that mends less must explain this share of the excess,
@@ -53,13 +54,24 @@ class Weighed:
 
     @property
     def gained(self) -> bool:
-        """Whether the gain is more than chance and what a model is off without any effect missing."""
-        return self.gain > GAIN
+        """Whether the gain is more than chance."""
+        return self.gain > worthwhile(self.size)
+
+    @property
+    def unfinished(self) -> bool:
+        """Whether what is left is worth looking for a further effect: it is a disagreement, and more than three deviations of
+        a mean square."""
+        return self.gained and self.count < MOST and self.rest > UNEXPLAINED + 3.0 * sqrt(2.0 / self.size)
 
     @property
     def explained(self) -> bool:
         """Whether so few effects explain enough to be named."""
         return self.gained and (self.closed >= CLOSED[self.count - 1] or self.rest < EXCESS)
+
+
+def worthwhile(size: int) -> float:
+    """Least gain, as a share of `size` residuals, that is no chance and more than a model is off without any effect missing."""
+    return max(GAIN, CHANCE / size)
 
 
 def aliases(costs: dict[str, float], size: int, rest: float, by_run: Mapping[str, np.ndarray]) -> list[str]:

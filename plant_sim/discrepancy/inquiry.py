@@ -10,10 +10,8 @@ from plant_sim.discrepancy.candidates import Fit, Search
 from plant_sim.discrepancy.decide import (
     CLOSED,
     DISTINCT,
-    FURTHER,
     GAIN,
     MENDED,
-    MOST,
     NEEDED,
     NONE_SURE,
     NOTHING_SURE,
@@ -21,9 +19,11 @@ from plant_sim.discrepancy.decide import (
     Weighed,
     aliases,
     confidence,
+    worthwhile,
 )
 from plant_sim.discrepancy.evidence import Evidence, Point
 from plant_sim.discrepancy.fit import Linear, baseline_free, effect_free, linearised, refitted
+from plant_sim.discrepancy.held_out import left_out
 from plant_sim.discrepancy.model import Candidate, Hinting, Model, calibration
 from plant_sim.discrepancy.result import NAMED, NONE_OF_THESE, NOTHING, ONE_OF, Estimate, Rival
 
@@ -94,7 +94,7 @@ class Inquiry:
         }
         self._judge(costs)
         self._take(*jointly[0], costs)
-        if self.weighed.gained and self.weighed.rest > FURTHER:
+        if self._unfinished():
             self._several()
         if self.weighed.gained:
             self.progress("the model with what was found", 0.8)
@@ -187,9 +187,16 @@ class Inquiry:
                 break
             self._take(at, candidates, {})
             sets = []
-            if self.weighed.rest > FURTHER and len(candidates) < MOST:
+            if self._unfinished():
                 self.progress("three effects", 0.7)
                 sets = self._beside()
+
+    def _unfinished(self) -> bool:
+        """Whether what is named, with its own sensitivities, leaves enough to look for a further effect."""
+        if self.weighed.unfinished:
+            self.final = self._renewed(self.final)
+            self.weighed = self._weighed(self.final, self.weighed.count)
+        return self.weighed.unfinished
 
     def _beside(self) -> list[_Set]:
         """What is named, with each of the candidates that promise most beside it."""
@@ -209,7 +216,14 @@ class Inquiry:
         gain = (w.best - at.cost) / size
         second = (w.best - min(others, default=np.inf)) / size
         distinct = gain > NEEDED * w.excess and second < DISTINCT * gain
-        return gain > GAIN and (gain > MENDED * w.rest or distinct)
+        return gain > worthwhile(size) and (gain > MENDED * w.rest or distinct) and self._holds(at)
+
+    def _holds(self, at: Linear) -> bool:
+        """Whether it predicts runs better that are left out in turn."""
+        squares = np.zeros(2)
+        for k, points in enumerate(left_out(self.evidence, self.final, at)):
+            squares += [np.sum(r[self.evidence.pieces[k]] ** 2) for r in self.evidence.residuals(points)]
+        return bool(squares[1] < squares[0])
 
     def _judge(self, costs: dict[str, float]) -> None:
         base = self.base.cost

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import chi2
 
 from plant_sim.discrepancy.candidates import Search
-from plant_sim.discrepancy.decide import ALIAS, DECISIVE, GAIN, TIE, UNEXPLAINED, Weighed, aliases
+from plant_sim.discrepancy.decide import ALIAS, CHANCE, DECISIVE, GAIN, MOST, TIE, UNEXPLAINED, Weighed, aliases
 from plant_sim.discrepancy.evidence import Evidence
 from plant_sim.discrepancy.fit import LIKELY, Free, Linear, baseline_free, effect_free, linearised, refitted
 from plant_sim.discrepancy.model import Candidate, Columns, Output, Values
@@ -224,10 +224,20 @@ def test_one_run_that_tells_is_enough() -> None:
     assert aliases(costs, 1000, 0.2, {"best": best, "near": np.array([1.2, told + 0.01])}) == ["best"]
 
 
-def test_a_gain_that_chance_gives_is_none() -> None:
-    weighed = Weighed(base=1000.0, best=1000.0 * (1.0 - 0.9 * GAIN), size=1000, count=1, excess=0.0, rest=0.0)
+@pytest.mark.parametrize(("size", "least"), [(100_000, GAIN), (1000, CHANCE / 1000)])
+def test_a_gain_that_chance_gives_is_none(size: int, least: float) -> None:
+    """Nor one that models are off without any effect missing."""
+    base = 1.5 * size
+    weighed = Weighed(base, base - 0.9 * least * size, size, count=1, excess=0.5, rest=0.0)
     assert not weighed.gained
-    assert replace(weighed, best=1000.0 * (1.0 - 1.1 * GAIN)).gained
+    assert replace(weighed, best=base - 1.1 * least * size).gained
+
+
+def test_a_rest_that_chance_leaves_is_not_looked_into() -> None:
+    weighed = Weighed(base=2000.0, best=1250.0, size=500, count=1, excess=3.0, rest=0.25)
+    assert not weighed.unfinished  # 0.1 + 3 root(2/500) = 0.29
+    assert replace(weighed, rest=0.31).unfinished
+    assert not replace(weighed, rest=0.31, count=MOST).unfinished
 
 
 def test_what_no_candidate_explains_is_described_in_the_models_own_inputs() -> None:
