@@ -41,6 +41,9 @@ _TELLING = 2  # runs that starts are read from
 _CLUSTER = 1.0  # s: residuals further apart are taken as independent
 _Joint = tuple[Linear, tuple[Candidate, ...]]
 _Set = tuple[tuple[Candidate, ...], Point]  # candidates, and where their fit begins
+_ASTRAY = (
+    0.12  # of an effect: with it nine in ten intervals held the truth of other laws on the development split, else 64 %
+)
 _NORMAL = 1.96  # 95 % of a normal distribution
 
 
@@ -282,7 +285,10 @@ class Inquiry:
         return {c.name: c.equation for c in self.candidates if c.name in wanted}
 
     def estimates(self, effects: bool) -> list[Estimate]:
-        """Fitted parameters with robust 95 % intervals: the wider of two, one from how seconds differ, one from how runs do."""
+        """Fitted parameters with robust 95 % intervals: the wider of two, one from how seconds differ, one from how runs do.
+
+        To that of a strength is added, as independent, how far the law of a rig leads that of the catalogue astray.
+        """
         at = self.final
         half = _NORMAL * _deviations(at, _clusters(self.evidence))
         if (count := len(self.evidence.pieces)) > 2:  # what the model lacks pulls whole runs apart
@@ -292,7 +298,8 @@ class Inquiry:
         found = []
         for f, h in zip(at.free, half, strict=True):
             if (f.centre is None) == effects:
-                value, reach, p = at.value(f), float(h) * f.scale, declared[f.name]
+                value, p = at.value(f), declared[f.name]
+                reach = float(np.hypot(h * f.scale, _ASTRAY * (value - f.off) if f.off is not None else 0.0))
                 interval = max(value - reach, p.bounds[0]), min(value + reach, p.bounds[1])
                 found.append(Estimate(f.name, value, p.unit, interval, p.value, p.uncertainty))
         return found
