@@ -89,11 +89,13 @@ def verdict_line(result: "Result") -> str:
     """The verdict as one line."""
     sure = f"confidence {result.confidence:.2f}"
     if result.verdict == "named":
-        worst = max(result.gap.items(), key=lambda item: item[1].before / item[1].floor)
-        column, gap = worst
+        named = f"named: {' + '.join(result.effects)} ({sure})"
+        if (column := result.main_output) is None:
+            return named
+        gap = result.gap[column]
         return (
-            f"named: {' + '.join(result.effects)} ({sure}); {column} on runs not fitted: {gap.before:.3g} before,"
-            f" {gap.after:.3g} after, floor {gap.floor:.3g} {result.units[column]}"
+            f"{named}; {column} on runs not fitted: {gap.before:.3g} before, {gap.after:.3g} after,"
+            f" floor {gap.floor:.3g} {result.units[column]}"
         )
     if result.verdict == "one_of":
         return f"one of {' | '.join(listing(group) for group in result.alternatives)} ({sure})"

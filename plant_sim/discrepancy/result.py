@@ -110,6 +110,13 @@ class Result:
     )  # coherence, orders, correlations of the residual: atlas_numbers.py
     traces: list[Trace] = field(default_factory=list)
 
+    @property
+    def main_output(self) -> str | None:
+        """The output that a headline tells of: of those claimed, else of all, the one with the largest gap in multiples of its
+        floor; None where no gap is told."""
+        claimed = [c for c in self.gap if c in {claim.output for claim in self.where}]
+        return max(claimed or self.gap, key=lambda c: self.gap[c].before / (self.gap[c].floor or 1e-300), default=None)
+
     def as_json(self) -> dict[str, Any]:
         """`report.json` of design/discrepancy.md, and more."""
         return {

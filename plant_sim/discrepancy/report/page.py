@@ -8,7 +8,6 @@ from plant_sim.discrepancy.report.pictures import Pictures
 from plant_sim.discrepancy.report.style import STYLE
 from plant_sim.discrepancy.report.wording import (
     closed,
-    main_output,
     number,
     regime_text,
     spoken,
@@ -67,7 +66,7 @@ def _facts(pictures: Pictures) -> Html:
     if claim is not None:
         place = f"{spoken(claim.output, claim.unit)}, {regime_text(claim.regime)}"
         facts.append((f"{number(claim.times_floor, 2)} × floor", f"largest disagreement: {place}"))
-    column = main_output(result)
+    column = result.main_output
     if column is not None:
         told, unit = result.gap[column], result.units.get(column, "")
         name = spoken(column, unit)

@@ -125,11 +125,6 @@ def ratio(gap: Gap, after: bool = False) -> float:
     return (gap.after if after else gap.before) / gap.floor if gap.floor > 0.0 else math.inf
 
 
-def main_output(result: Result) -> str | None:
-    """The output whose gap is the largest in multiples of its floor; None where no gap is told."""
-    return max(result.gap, key=lambda column: ratio(result.gap[column]), default=None)
-
-
 def candidates(result: Result) -> int:
     """How many candidates were judged."""
     return len({rival.name for rival in result.rivals})
@@ -156,7 +151,7 @@ def proposed(result: Result) -> bool:
 def verdict(result: Result) -> str:
     """The verdict in one sentence, with its confidence."""
     sure = confidence(result.confidence)
-    column = main_output(result)
+    column = result.main_output
     unit = result.units.get(column or "", "")
     if result.verdict == NAMED:
         named = listed([effect_text(name) for name in result.effects])
