@@ -6,7 +6,8 @@ Equation        r = (mean over a block of samples of measured - predicted)/sigma
                 of a difference is small in the mean but not random; median over the runs; not less than a `rounding` that is
                 evident, which no mean over a block takes away
                 where the beginning of an output is known to tau floors: r - (1 - 1/sqrt(1 + n tau^2 block)) mean(r), which is r
-                whitened for a constant offset of the run with that prior
+                whitened for a constant offset of the run with that prior; so, to the `rounding`, of an output that is recorded
+                coarsely: uneven levels shift it
 Assumptions     what is slower than a block of 4 ms is what tells effects apart
 """
 
@@ -96,11 +97,12 @@ class Evidence:
         predicted = np.concatenate([_means(shown[c], self.blocks[k]) for c in self.columns])
         residual = (self._measured[k] - predicted) * self._weights[k]
         for output in self.model.outputs:
-            if output.beginning > 0.0:
+            known = self.blocks[k] * output.beginning**2  # variance of a constant, in that of a residual
+            known = max(known, float(output.column in self._rounding))
+            if known > 0.0:
                 part = self.part(k, output.column)
                 own = residual[part.start - self.pieces[k].start : part.stop - self.pieces[k].start]
-                spread = len(own) * self.blocks[k] * output.beginning**2
-                own -= (1.0 - 1.0 / np.sqrt(1.0 + spread)) * own.mean()
+                own -= (1.0 - 1.0 / np.sqrt(1.0 + len(own) * known)) * own.mean()
         return residual
 
 

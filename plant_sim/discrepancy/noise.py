@@ -19,6 +19,7 @@ _GAUSSIAN = 1.4826  # standard deviation over median absolute deviation
 _FAST = 4.0  # standard deviations: further ones are events, 1 in 16000 of noise
 _THIRD = 20.0  # variance of third differences of unit white noise: 1 + 9 + 9 + 1
 _LEVELS = 4000  # most different values of a channel that is coarse
+_NEXT = 1.75  # smallest steps: a gap below it is one step of a poor converter, a longer one may be two
 _UNEVEN = 0.15  # steps that levels may be off: differential non-linearity of a poor converter
 _QUIET = 0.02  # of the column's standard deviation: inputs of runs that differ by less are repeats of one run
 
@@ -42,7 +43,7 @@ def lattice(values: np.ndarray) -> tuple[float, float]:
     if len(levels) < 3 or len(levels) > _LEVELS:
         return 0.0, 0.0
     gaps = np.diff(levels)
-    typical = float(np.median(gaps[gaps < 1.5 * np.quantile(gaps, 0.1)]))
+    typical = float(np.mean(gaps[gaps < _NEXT * np.quantile(gaps, 0.1)]))
     number = np.concatenate([[0.0], np.cumsum(np.round(gaps / typical))])
     step, first = np.polyfit(number, levels, 1)
     off_lattice = np.abs(levels - first - step * number)

@@ -44,7 +44,7 @@ def investigate(
     if verdict not in (NAMED, ONE_OF):
         inquiry.drop()  # what does not explain enough is not in the model
     if evident and verdict in (NOTHING, NAMED):
-        verdict, effects = NAMED, [*effects, *(c.name for c in evident)]
+        verdict, effects = NAMED, [*(c.name for c in evident), *effects]
     notes += [f"{c.name} is evident without any fit: {one.why}" for c, one in evident.items()]
     progress("gap on runs that were not fitted", 0.85)
     before, after = inquiry.base, inquiry.final

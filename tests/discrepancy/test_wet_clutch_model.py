@@ -75,6 +75,16 @@ def test_a_converter_that_has_lost_bits_shows_in_the_values(offset: float) -> No
     assert found.rounding == pytest.approx({"cylinder_pressure_bar": step / np.sqrt(12.0)})
 
 
+def test_a_converter_with_uneven_levels_has_lost_bits_too() -> None:
+    """Every second level is a fifth of a step high: differential non-linearity."""
+    random, columns = np.random.default_rng(4), run()
+    step = 20.0 / 2**8
+    code = np.round((3.0 + np.sin(columns["time_s"]) + 0.02 * random.standard_normal(N)) / step)
+    uneven = columns | {"cylinder_pressure_bar": step * (code + 0.2 * (code % 2))}
+    found = WetClutch().evident([uneven, uneven])["coarse_quantisation"]
+    assert found.intervals["coarse_quantisation.pressure_bits_lost"][0] == pytest.approx(4.0, abs=0.03)
+
+
 def test_plates_that_reverse_under_load_do_not_chatter(monkeypatch: pytest.MonkeyPatch) -> None:
     model, columns = WetClutch(), run()
     reversing = columns | {"motor_speed_demand_rad_s": 5.0 * np.sin(2.0 * np.pi * columns["time_s"])}
