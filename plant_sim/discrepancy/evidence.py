@@ -70,11 +70,17 @@ class Evidence:
 
     def excess(self, residual: np.ndarray) -> float:
         """What `residual` (size,) has above the floor, as a share of its size; an output below it makes up for no other."""
-        total = 0.0
-        for c in self.columns:
-            own = np.concatenate([residual[self.part(k, c)] for k in range(len(self.runs))])
-            total += max(float(own @ own) - len(own), 0.0)
-        return total / self.size
+        return float(self._above(residual).sum()) / self.size
+
+    def contradicted(self, residual: np.ndarray, before: np.ndarray) -> float:
+        """What outputs of `residual` (size,) have above the floor and above those of `before`, as a share of its size: what
+        is missing makes no output worse."""
+        return float(np.maximum(self._above(residual) - self._above(before), 0.0).sum()) / self.size
+
+    def _above(self, residual: np.ndarray) -> np.ndarray:
+        """Sum of squares above the floor of each output."""
+        parts = [np.concatenate([residual[self.part(k, c)] for k in range(len(self.runs))]) for c in self.columns]
+        return np.array([max(float(own @ own) - len(own), 0.0) for own in parts])
 
     def residuals(self, points: Iterable[Point]) -> list[np.ndarray]:
         """Residual vectors (size,) at several points; what cannot be simulated there gives not-a-number."""

@@ -38,6 +38,7 @@ _CLOSE = 0.2  # regret within which a rival is fitted as fully as the best
 _PAIRS = 4  # pairs that are fitted
 _PARTNERS = 3  # candidates that are fitted beside what is named
 _TELLING = 2  # runs that starts are read from
+_CONTRADICTED = 2.0  # weight of an output's power that a candidate adds: true ones of the development split add none
 _CLUSTER = 1.0  # s: residuals further apart are taken as independent
 _Joint = tuple[Linear, tuple[Candidate, ...]]
 _Set = tuple[tuple[Candidate, ...], Point]  # candidates, and where their fit begins
@@ -56,6 +57,7 @@ class Inquiry:
         self.values: dict[str, dict[str, float]] = {}  # fitted, of each single candidate
         self.costs: dict[str, float] = {}  # of the candidates in the round that decided, each beside those named before
         self.by_run: dict[str, np.ndarray] = {}  # mean square (k,) that each of the best candidates leaves in each run
+        self._against: dict[str, float] = {}  # how far some of them are contradicted
         self._rivals: dict[str, Rival] = {}
         self.confidence = 0.5
 
@@ -88,13 +90,14 @@ class Inquiry:
         for i, (at, (candidate,)) in enumerate(jointly):
             if i == 0 or candidate.is_off(at.point[1]):
                 self._alone(at)
-        costs = {f.name: f.cost for f in ranked} | {names[0].name: at.cost for at, names in jointly}
+        costs = {f.name: f.cost for f in ranked} | {names[0].name: self._score(at) for at, names in jointly}
         self.values = {f.name: f.values for f in ranked} | {
             candidates[0].name: dict(at.point[1]) for at, candidates in jointly
         }
         self.by_run = {
             c.name: np.array([np.mean(at.residual[p] ** 2) for p in self.evidence.pieces]) for at, (c,) in jointly
         }
+        self._against = {c.name: evidence.contradicted(at.residual, self.base.residual) for at, (c,) in jointly}
         self._judge(costs)
         self._take(*jointly[0], costs)
         if self._unfinished():
@@ -145,14 +148,25 @@ class Inquiry:
 
         The best, and those that come close to it, are fitted to the end.
         """
-        fits = sorted(((self._joint(*one, 1), one[0]) for one in sets), key=lambda one: one[0].cost)
-        least = fits[0][0].cost
+        fits = sorted(((self._joint(*one, 1), one[0]) for one in sets), key=self._rank)
+        least = self._rank(fits[0])
         close = least + _CLOSE * max(self.base.cost - least, 0.0)
         fits = [
-            (self._joint(candidates, at.point, _RENEWALS - 1), candidates) if at.cost <= close else (at, candidates)
+            (self._joint(candidates, at.point, _RENEWALS - 1), candidates)
+            if self._score(at) <= close
+            else (at, candidates)
             for at, candidates in fits
         ]
-        return sorted(fits, key=lambda one: one[0].cost)
+        return sorted(fits, key=self._rank)
+
+    def _score(self, at: Linear) -> float:
+        """What fits are compared by: the cost, and what contradicts them."""
+        return (
+            at.cost + _CONTRADICTED * self.evidence.contradicted(at.residual, self.base.residual) * self.evidence.size
+        )
+
+    def _rank(self, fit: _Joint) -> float:
+        return self._score(fit[0])
 
     def _joint(self, candidates: tuple[Candidate, ...], point: Point, renewals: int) -> Linear:
         """A set of candidates from `point` on with the effects' own sensitivities taken at most `renewals` times."""
@@ -186,7 +200,7 @@ class Inquiry:
                 sets.append(((a.candidate, b.candidate), (own, values)))
         while sets:
             (at, candidates), *others = self._jointly(sets)
-            if not self._earned(at, [other.cost for other, _ in others]):
+            if not self._earned(at, [self._score(other) for other, _ in others]):
                 break
             self._take(at, candidates, {})
             sets = []
@@ -252,6 +266,7 @@ class Inquiry:
             self.confidence = confidence(w, 0.1)
             return NAMED, [c.name for c in self.named], [], notes
         near = aliases(self.costs, self.evidence.size, w.rest, self.by_run)
+        near = [n for n in near if self._against.get(n, 0.0) <= self._against.get(near[0], 0.0) + UNEXPLAINED]
         others = [c for n, c in self.costs.items() if n not in near]
         margin = (min(others, default=self.base.cost) - w.best) / max(self.base.cost - w.best, 1e-9)
         self.confidence = confidence(w, margin)
@@ -274,6 +289,8 @@ class Inquiry:
             reason = f"closes {closed:.0%} of the gap where {w.closed:.0%} can be closed"
             if r.gain <= GAIN * size:
                 reason = "explains nothing that the baseline's own parameters do not"
+            elif self._against.get(r.name, 0.0) > UNEXPLAINED:
+                reason = "makes an output worse than the baseline alone does, which what is missing cannot"
             elif not best:
                 reason = f"closes {closed:.0%} of the gap; to be named it takes {CLOSED[0]:.0%}"
             found.append(replace(r, closed=closed, reason="" if r.name in best else reason))

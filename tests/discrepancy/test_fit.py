@@ -11,6 +11,7 @@ from plant_sim.discrepancy.decide import ALIAS, CHANCE, DECISIVE, GAIN, MOST, TI
 from plant_sim.discrepancy.evidence import Evidence
 from plant_sim.discrepancy.fit import LIKELY, Free, Linear, baseline_free, effect_free, linearised, refitted
 from plant_sim.discrepancy.model import Candidate, Columns, Output, Values
+from plant_sim.discrepancy.models.wet_clutch import WetClutch
 from plant_sim.discrepancy.noise import floor_of, floors
 from plant_sim.discrepancy.search import investigate
 from plant_sim.effects.effect import Shape, Strength
@@ -248,3 +249,15 @@ def test_what_no_candidate_explains_is_described_in_the_models_own_inputs() -> N
     assert result.surrogate is not None
     assert "input_v" in result.surrogate["variables"]
     assert "quadratic in input_v" in result.surrogate["sentence"]
+
+
+def test_what_makes_an_output_worse_is_contradicted_whatever_it_mends() -> None:
+    """Each output counts above its floor: what is below makes up for nothing."""
+    model, n = WetClutch(), 8000
+    rows = {output.column: np.random.default_rng(1).standard_normal(n) for output in model.outputs}
+    evidence = Evidence(model, [{"time_s": 1e-3 * np.arange(n)} | rows], dict.fromkeys(rows, 1.0))
+    before, after = np.ones(evidence.size), np.full(evidence.size, 0.5)
+    torque, pressure = evidence.part(0, "clutch_torque_nm"), evidence.part(0, "cylinder_pressure_bar")
+    before[torque], after[pressure] = 3.0, 2.0  # mends 8 floors^2 of torque, spoils pressure by 3
+    assert evidence.contradicted(after, before) == pytest.approx(3.0 / 5)
+    assert evidence.contradicted(before, before) == 0.0
