@@ -199,9 +199,10 @@ class Inquiry:
             if not {a.candidate, b.candidate} & set(self.named):  # else the fit beside what is named begins nearer
                 sets.append(((a.candidate, b.candidate), (own, values)))
         while sets:
-            (at, candidates), *others = self._jointly(sets)
-            if not self._earned(at, [self._score(other) for other, _ in others]):
+            best, *others = self._jointly(sets)
+            if not self._earned(best, others):
                 break
+            at, candidates = best
             self._take(at, candidates, {})
             sets = []
             if self._unfinished():
@@ -226,12 +227,14 @@ class Inquiry:
         e = self.evidence
         return Weighed(self.base.cost, at.cost, e.size, count, e.excess(self.base.residual), e.excess(at.residual))
 
-    def _earned(self, at: Linear, others: Sequence[float]) -> bool:
-        """Whether one more effect earns its place: it mends most of the rest, or much of the excess and far more than any
-        other: a misfit of the first can be patched in many ways."""
-        w, size = self.weighed, self.evidence.size
+    def _earned(self, fit: _Joint, others: Sequence[_Joint]) -> bool:
+        """Whether one more effect earns its place: it mends most of the rest, or much of the excess and far more than any fit
+        without it: a misfit of the first can be patched in many ways."""
+        w, size, (at, candidates) = self.weighed, self.evidence.size, fit
+        new = set(candidates) - set(self.named)
+        without = [self._score(other) for other, theirs in others if not new & set(theirs)]
         gain = (w.best - at.cost) / size
-        second = (w.best - min(others, default=np.inf)) / size
+        second = (w.best - min(without, default=np.inf)) / size
         distinct = gain > NEEDED * w.excess and second < DISTINCT * gain
         return gain > worthwhile(size) and (gain > MENDED * w.rest or distinct) and self._holds(at)
 

@@ -25,6 +25,7 @@ from tests.discrepancy.battery.cases import Case, Generated, Record, floors, fur
 from tests.discrepancy.battery.truth import COLUMNS, PERIOD
 
 Told = dict[str, Any]
+_Joint = tuple[Linear, tuple[Candidate, ...]]  # a fit of several candidates together
 RIVALS = 5  # kept of each case
 
 
@@ -143,11 +144,11 @@ class _Watch:
                 super()._take(at, candidates, costs)
                 watch.step([c.name for c in candidates], self.weighed, True)
 
-            def _earned(self, at: Linear, others: Sequence[float]) -> bool:
-                earned = super()._earned(at, others)
-                names = sorted({n.partition(".")[0] for n in at.point[1]})
+            def _earned(self, fit: _Joint, others: Sequence[_Joint]) -> bool:
+                earned = super()._earned(fit, others)
+                names = [c.name for c in fit[1]]
                 if not earned:
-                    watch.step(names, self._weighed(at, len(names)), False)
+                    watch.step(names, self._weighed(fit[0], len(names)), False)
                 return earned
 
             def verdict(self) -> Any:
