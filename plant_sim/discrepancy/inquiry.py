@@ -161,6 +161,8 @@ class Inquiry:
 
     def _score(self, at: Linear) -> float:
         """What fits are compared by: the cost, and what contradicts them."""
+        if not np.isfinite(at.cost):
+            return np.inf
         return (
             at.cost + _CONTRADICTED * self.evidence.contradicted(at.residual, self.base.residual) * self.evidence.size
         )
@@ -175,6 +177,8 @@ class Inquiry:
             own = linearised(self.evidence, point, free)
             jacobian = np.hstack([self.start.jacobian, own.jacobian])
             before = Linear(point, self.start.free + own.free, own.residual, jacobian)
+            if not np.isfinite(before.cost):  # it cannot be simulated there
+                return before
             after = refitted(self.evidence, before, 0)
             point = after.point
             if before.cost - after.cost < _CONVERGED * max(self.base.cost - after.cost, 0.0):

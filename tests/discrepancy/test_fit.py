@@ -261,3 +261,18 @@ def test_what_makes_an_output_worse_is_contradicted_whatever_it_mends() -> None:
     before[torque], after[pressure] = 3.0, 2.0  # mends 8 floors^2 of torque, spoils pressure by 3
     assert evidence.contradicted(after, before) == pytest.approx(3.0 / 5)
     assert evidence.contradicted(before, before) == 0.0
+
+
+class Fragile(Amplifier):
+    """An amplifier that cannot be simulated with two effects at once."""
+
+    def simulate(self, run: Columns, parameters: Values, effects: Values) -> dict[str, np.ndarray]:
+        if effects.get("offset.volts", 0.0) and effects.get("cubic.share", 0.0):
+            raise InputError("an offset and a cubic at once cannot be simulated")
+        return super().simulate(run, parameters, effects)
+
+
+def test_a_pair_that_cannot_be_simulated_is_not_taken() -> None:
+    """And breaks nothing."""
+    result = investigate(Fragile(), runs({"offset.volts": 0.4, "cubic.share": 0.2}))
+    assert set(result.effects) != {"offset", "cubic"}
