@@ -214,7 +214,7 @@ class Inquiry:
                 sets = self._beside()
 
     def _unfinished(self) -> bool:
-        """Whether what is named, with its own sensitivities, leaves enough to look for a further effect."""
+        """Whether what is named, fitted to its end where it seems to, leaves enough to look for a further effect."""
         if self.weighed.unfinished:
             self.final = self._renewed(self.final)
             self.weighed = self._weighed(self.final, self.weighed.count)

@@ -59,7 +59,7 @@ def investigate(
         elif held:
             points = [(before.point, after.point)] * len(runs)
         else:
-            points = [(own, _without(evidence, own, k, found)) for k, (own, _) in enumerate(points)]
+            points = [(own, _carrying_others(evidence, own, k, found)) for k, (own, _) in enumerate(points)]
     traces = _traces(model, runs, held, [*points, *([(before.point, after.point)] * len(held))])
     judged = [t for t in traces if t.held_out or not held]
     gap, by_regime = gaps(model, judged, found)
@@ -129,7 +129,7 @@ def _carrying(evidence: Evidence, before: Linear, values: Values) -> Linear:
     return after if after.cost < before.cost else before
 
 
-def _without(evidence: Evidence, own: Point, left: int, found: Values) -> Point:
+def _carrying_others(evidence: Evidence, own: Point, left: int, found: Values) -> Point:
     """`own` parameters of a run that is left out, with a surrogate of what the other runs lack."""
     others = [run for k, run in enumerate(evidence.runs) if k != left]
     told = described(evidence.model, others, found, *own) if others else {"values": {}}

@@ -23,13 +23,15 @@ from plant_sim.effects.signals import COMMAND
 def stick(s, c, p, x, h):
     """Hold the demand until it has gone further than the break-away force; then follow it until that gets slow."""
     ahead = s.demand - x.spool
+    s.demand = x.spool
+    if h == 0.0:
+        return
     if abs(ahead) > p.breakaway:
         x.sliding = 1.0 if ahead > 0.0 else -1.0
-    rest = p.rest_band * p.breakaway
-    surplus = x.sliding * ahead - p.breakaway * p.kinetic_share
-    s.demand = x.spool
-    if x.sliding == 0.0 or h == 0.0:
+    way, rest = x.sliding, p.rest_band * p.breakaway
+    if way == 0.0:
         return
+    surplus = way * ahead - p.breakaway * p.kinetic_share
     if surplus <= rest:
         x.sliding = 0.0
         return
@@ -39,8 +41,8 @@ def stick(s, c, p, x, h):
     if left < rest:  # it comes to rest within the step
         mean = (surplus - rest) / pace + rest * (1.0 - log(surplus / rest) / pace)
         left, x.sliding = rest, 0.0
-    s.demand += (1.0 if ahead > 0.0 else -1.0) * (surplus - mean)
-    x.spool += (1.0 if ahead > 0.0 else -1.0) * (surplus - left)
+    s.demand += way * (surplus - mean)
+    x.spool += way * (surplus - left)
 
 
 EFFECT = Effect(

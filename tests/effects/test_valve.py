@@ -215,6 +215,14 @@ def test_stiction_without_a_jump_is_a_play() -> None:
     assert out == pytest.approx(plays, abs=EXACT)
 
 
+def test_a_spool_does_not_break_away_in_no_time() -> None:
+    one = effect("spool_stiction")
+    p = SimpleNamespace(**{q.name: q.off for q in one.parameters} | {"breakaway": 0.3})
+    x, s = SimpleNamespace(spool=0.0, sliding=0.0), SimpleNamespace(demand=1.0)
+    one.laws[COMMAND](s, None, p, x, 0.0)
+    assert (s.demand, x.spool, x.sliding) == (0.0, 0.0, 0.0)
+
+
 def test_stiction_is_odd() -> None:
     path = ramp(0.0, 2.0, 0.7, 1.5, -1.0)
     there = after("spool_stiction", path, breakaway=0.3, kinetic_share=0.5)

@@ -68,7 +68,7 @@ def _meaning(result: Result, changed: bool) -> str:
     added = {
         NAMED: f"with {listed([effect_text(name) for name in result.effects])}",
         ONE_OF: "with one of the alternatives, which fit alike",
-        NONE_OF_THESE: "the closest that was found",
+        NONE_OF_THESE: "with the nameless term that model.toml carries",
     }.get(result.verdict, "re-fitted")
     closing = "Closed: (before² − after²)/(before² − floor²)."
     return f"{how} Before: the baseline with its own parameters re-fitted; after: {added}. {closing}"

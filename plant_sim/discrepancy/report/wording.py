@@ -170,7 +170,7 @@ def verdict(result: Result) -> str:
             f"The model lacks {which}, but these runs cannot tell which (confidence {sure} that it is among them){end}."
         )
     count = candidates(result)
-    what = f"none of the {count} candidates explains" if count else "no candidate explains"
+    what = f"none of the {count} candidates explains" if count > 1 else "no candidate explains"
     return f"Something is missing that {what} (confidence {sure}){_located(result)}."
 
 
