@@ -56,7 +56,7 @@ class Inquiry:
         self.named: tuple[Candidate, ...] = ()  # the effects that explain most
         self.values: dict[str, dict[str, float]] = {}  # fitted, of each single candidate
         self.costs: dict[str, float] = {}  # of the candidates in the round that decided, each beside those named before
-        self.by_run: dict[str, np.ndarray] = {}  # mean square (k,) that each of the best candidates leaves in each run
+        self.by_run: dict[str, np.ndarray] = {}  # excess (k,) that each of the best candidates leaves in each run
         self._against: dict[str, float] = {}  # how far some of them are contradicted
         self._rivals: dict[str, Rival] = {}
         self.confidence = 0.5
@@ -71,6 +71,7 @@ class Inquiry:
         if evidence.excess(self.base.residual) < _TAKEN_UP * evidence.excess(self.start.residual):
             self.base = refitted(evidence, linearised(evidence, self.base.point, self.base.free))
             self.start = self.base  # what is missing, if anything, is small beside what was calibrated
+        evidence = self._tolerant()
         self.final = self.base
         self.weighed = self._weighed(self.base, 0)
         self.progress("candidates", 0.1)
@@ -94,9 +95,7 @@ class Inquiry:
         self.values = {f.name: f.values for f in ranked} | {
             candidates[0].name: dict(at.point[1]) for at, candidates in jointly
         }
-        self.by_run = {
-            c.name: np.array([np.mean(at.residual[p] ** 2) for p in self.evidence.pieces]) for at, (c,) in jointly
-        }
+        self.by_run = {c.name: evidence.excess_by_run(at.residual) for at, (c,) in jointly}
         self._against = {c.name: evidence.contradicted(at.residual, self.base.residual) for at, (c,) in jointly}
         self._judge(costs)
         self._take(*jointly[0], costs)
@@ -107,6 +106,20 @@ class Inquiry:
             self.final = self._renewed(self.final)
             self._alone(self.final)
             self.weighed = self._weighed(self.final, self.weighed.count)
+
+    def _tolerant(self) -> Evidence:
+        """The evidence from here on: no output outweighs the others."""
+        evidence = self.evidence.tolerant(self.base.residual)
+        factor = evidence.weights / self.evidence.weights
+        self.evidence, same = evidence, self.start is self.base
+        self.start, self.base = (
+            replace(at, residual=factor * at.residual, jacobian=factor[:, None] * at.jacobian)
+            for at in (self.start, self.base)
+        )
+        self.base = refitted(evidence, self.base, 0)
+        if same:
+            self.start = self.base
+        return evidence
 
     def _alone(self, at: Linear) -> None:
         """The baseline once more, from where effects left it: a gain that it can have itself is none of theirs."""
@@ -270,13 +283,11 @@ class Inquiry:
             self.confidence = float(np.clip(1.0 - w.closed, 0.3, 0.95))
             return NONE_OF_THESE, [], [], notes
         if w.count > 1:
-            self.confidence = confidence(w, 0.1)
+            self.confidence = confidence(w)
             return NAMED, [c.name for c in self.named], [], notes
         near = aliases(self.costs, self.evidence.size, w.rest, self.by_run)
         near = [n for n in near if self._against.get(n, 0.0) <= self._against.get(near[0], 0.0) + UNEXPLAINED]
-        others = [c for n, c in self.costs.items() if n not in near]
-        margin = (min(others, default=self.base.cost) - w.best) / max(self.base.cost - w.best, 1e-9)
-        self.confidence = confidence(w, margin)
+        self.confidence = confidence(w)
         if len(near) > 1:
             return ONE_OF, [], [near], notes
         return NAMED, [self.named[0].name], [], notes

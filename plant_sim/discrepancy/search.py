@@ -47,7 +47,7 @@ def investigate(
         verdict, effects = NAMED, [*(c.name for c in evident), *effects]
     notes += [f"{c.name} is evident without any fit: {one.why}" for c, one in evident.items()]
     progress("gap on runs that were not fitted", 0.85)
-    before, after = inquiry.base, inquiry.final
+    evidence, before, after = inquiry.evidence, inquiry.base, inquiry.final
     points = [(before.point, after.point)] * len(runs) if held else left_out(evidence, before, after)
     surrogate = proposed = None
     if verdict == NONE_OF_THESE:

@@ -220,9 +220,9 @@ def test_a_rival_is_told_apart_by_more_than_the_best_ones_own_misfit() -> None:
 
 def test_one_run_that_tells_is_enough() -> None:
     costs = {"best": 1000.0, "near": 1040.0}
-    best, told = np.array([1.2, 1.2]), 1.2 + DECISIVE * 0.2 + UNEXPLAINED
-    assert aliases(costs, 1000, 0.2, {"best": best, "near": np.array([1.2, told - 0.01])}) == ["best", "near"]
-    assert aliases(costs, 1000, 0.2, {"best": best, "near": np.array([1.2, told + 0.01])}) == ["best"]
+    best, told = np.array([0.2, 0.2]), 0.2 + DECISIVE * 0.2 + UNEXPLAINED
+    assert aliases(costs, 1000, 0.2, {"best": best, "near": np.array([0.2, told - 0.01])}) == ["best", "near"]
+    assert aliases(costs, 1000, 0.2, {"best": best, "near": np.array([0.2, told + 0.01])}) == ["best"]
 
 
 @pytest.mark.parametrize(("size", "least"), [(100_000, GAIN), (1000, CHANCE / 1000)])
@@ -261,6 +261,22 @@ def test_what_makes_an_output_worse_is_contradicted_whatever_it_mends() -> None:
     before[torque], after[pressure] = 3.0, 2.0  # mends 8 floors^2 of torque, spoils pressure by 3
     assert evidence.contradicted(after, before) == pytest.approx(3.0 / 5)
     assert evidence.contradicted(before, before) == 0.0
+
+
+def test_no_output_outweighs_the_others() -> None:
+    """Of one that is off by 100 floors a tenth may be the law's: sigma^2 = 1 + 10^2. What is at its floor weighs as before."""
+    model, n = WetClutch(), 8000
+    rows = {output.column: np.random.default_rng(1).standard_normal(n) for output in model.outputs}
+    evidence = Evidence(model, [{"time_s": 1e-3 * np.arange(n)} | rows], dict.fromkeys(rows, 1.0))
+    slip, torque = evidence.part(0, "slip_speed_rad_s"), evidence.part(0, "clutch_torque_nm")
+    before = np.ones(evidence.size)
+    before[slip] = np.sqrt(1.0 + 100.0**2)
+    tolerant = evidence.tolerant(before)
+    share = tolerant.weights / evidence.weights
+    assert share[slip] == pytest.approx(1.0 / np.sqrt(1.0 + 10.0**2))
+    assert share[torque] == pytest.approx(1.0)
+    assert tolerant.excess(share * 1.0) == pytest.approx(0.0, abs=1e-12)  # noise alone, in its new measure
+    assert tolerant.excess_by_run(share * before) == pytest.approx([100.0**2 / (1.0 + 10.0**2) / 5])
 
 
 class Fragile(Amplifier):
