@@ -1,0 +1,110 @@
+"""Machine: what of kernel and hardware decides on jitter, as this machine has it, and the command that changes it."""
+
+import os
+import platform
+import shutil
+from pathlib import Path
+from typing import NamedTuple
+
+_CPU = Path("/sys/devices/system/cpu")
+_BOOT = "add {} to GRUB_CMDLINE_LINUX in /etc/default/grub, sudo update-grub, and start anew"
+
+
+class Fact(NamedTuple):
+    """`state` of something; `good` for a punctual loop or not, None where it is neither; `remedy`, a command."""
+
+    name: str
+    state: str
+    good: bool | None
+    remedy: str = ""
+
+
+def facts() -> list[Fact]:
+    """What decides on jitter here, most important first."""
+    return [
+        _kernel(), _isolated(), _ticks(), _governor(), _siblings(), _throttling(), _huge_pages(), _clock_source(),
+        _hypervisor(), _vcan(), _cyclictest(),
+    ]  # fmt: skip
+
+
+def _read(path: Path | str) -> str | None:
+    try:
+        return Path(path).read_text(encoding="utf-8").strip()
+    except OSError:
+        return None
+
+
+def _kernel() -> Fact:
+    preemptible = "PREEMPT_RT" in platform.version() or _read("/sys/kernel/realtime") == "1"
+    state = f"Linux {platform.release()}, {'PREEMPT_RT' if preemptible else 'not PREEMPT_RT'}"
+    return Fact("kernel", state, preemptible, "sudo apt-get install linux-image-rt-amd64, and start it")
+
+
+def _isolated() -> Fact:
+    cpus = _read(_CPU / "isolated")
+    last = (os.cpu_count() or 1) - 1
+    wanted = f"isolcpus={last} rcu_nocbs={last} irqaffinity=0"
+    return Fact("CPUs isolated for the loop", cpus or "none", bool(cpus), _BOOT.format(wanted))
+
+
+def _ticks() -> Fact:
+    cpus = _read(_CPU / "nohz_full")
+    off = cpus in (None, "", "(null)")
+    last = (os.cpu_count() or 1) - 1
+    return Fact(
+        "CPUs without a scheduler tick", "none" if off else str(cpus), not off, _BOOT.format(f"nohz_full={last}")
+    )
+
+
+def _governor() -> Fact:
+    found = {_read(path) for path in _CPU.glob("cpu[0-9]*/cpufreq/scaling_governor")} - {None}
+    if not found:
+        return Fact("clock frequency", "not ours to set", None)
+    state = ", ".join(sorted(str(one) for one in found))
+    return Fact("clock frequency", state, found == {"performance"}, "sudo cpupower frequency-set -g performance")
+
+
+def _siblings() -> Fact:
+    shared = {_read(path) for path in _CPU.glob("cpu[0-9]*/topology/thread_siblings_list")} - {None}
+    pairs = sorted(str(one) for one in shared if "," in str(one) or "-" in str(one))
+    if not pairs:
+        return Fact("CPUs that share a core", "none", True)
+    return Fact("CPUs that share a core", "; ".join(pairs), False, f"echo off | sudo tee {_CPU}/smt/control")
+
+
+def _throttling() -> Fact:
+    runtime = _read("/proc/sys/kernel/sched_rt_runtime_us")
+    state = "off" if runtime == "-1" else f"real-time work may take {int(runtime or 0) // 1000} ms of every second"
+    return Fact("real-time throttling", state, None)
+
+
+def _huge_pages() -> Fact:
+    modes = _read("/sys/kernel/mm/transparent_hugepage/enabled") or "not there"
+    chosen = modes.partition("[")[2].partition("]")[0] or modes
+    remedy = "echo madvise | sudo tee /sys/kernel/mm/transparent_hugepage/enabled"
+    return Fact("transparent huge pages", chosen, chosen != "always", remedy)
+
+
+def _clock_source() -> Fact:
+    source = _read("/sys/devices/system/clocksource/clocksource0/current_clocksource") or "unknown"
+    good = source in ("tsc", "arch_sys_counter", "kvm-clock")
+    return Fact(
+        "clock source", source, good, "choose one that is read without the kernel: clocksource=tsc at the start"
+    )
+
+
+def _hypervisor() -> Fact:
+    virtual = " hypervisor" in (_read("/proc/cpuinfo") or "")
+    state = "virtual: stalls of the host show as ours" if virtual else "bare metal"
+    return Fact("machine", state, not virtual, "use a machine of your own where tails matter")
+
+
+def _vcan() -> Fact:
+    there = [p.parent.name for p in Path("/sys/class/net").glob("*/type") if _read(p) == "280"]  # ARPHRD_CAN
+    remedy = "sudo modprobe vcan && sudo ip link add dev vcan0 type vcan && sudo ip link set vcan0 up"
+    return Fact("CAN interfaces", ", ".join(sorted(there)) or "none; local:NAME stands in", bool(there), remedy)
+
+
+def _cyclictest() -> Fact:
+    path = shutil.which("cyclictest")
+    return Fact("cyclictest", path or "not installed", bool(path), "sudo apt-get install rt-tests")

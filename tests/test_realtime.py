@@ -1,0 +1,109 @@
+"""What a process takes to be punctual: each measure alone, in a child, and told where the right is missing."""
+
+import ctypes
+import gc
+import json
+import os
+import resource
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from protocols.machine import facts
+from protocols.realtime import MEASURES, Wanted, possible, prepare
+
+_PR_GET_TIMERSLACK = 30  # linux/prctl.h
+CPU = max(os.sched_getaffinity(0))
+ROOT = os.geteuid() == 0
+
+
+def in_child(told: Callable[[], object]) -> object:
+    """What `told` returns in a child of its own, through JSON."""
+    read, write = os.pipe()
+    child = os.fork()
+    if child == 0:
+        os.write(write, json.dumps(told()).encode())
+        os._exit(0)
+    os.close(write)
+    os.waitpid(child, 0)
+    with os.fdopen(read) as answer:
+        return json.loads(answer.read())
+
+
+def prepared() -> dict[str, object]:
+    missing = prepare(CPU, 70)
+    status = dict(line.split(":\t", 1) for line in Path("/proc/self/status").read_text().splitlines() if ":\t" in line)
+    return {
+        "missing": missing,
+        "scheduler": [os.sched_getscheduler(0), os.sched_getparam(0).sched_priority],
+        "cpus": sorted(os.sched_getaffinity(0)),
+        "locked_kb": int(status["VmLck"].split()[0]),
+        "slack_ns": ctypes.CDLL(None).prctl(_PR_GET_TIMERSLACK, 0, 0, 0, 0),
+        "collects": gc.isenabled(),
+        "frozen": gc.get_freeze_count() > 0,
+    }
+
+
+@pytest.mark.skipif(not ROOT, reason="the rights of a user are those of the machine's set-up")
+def test_root_gets_every_measure() -> None:
+    found = in_child(prepared)
+    assert isinstance(found, dict)
+    absent = [m.missing for m in MEASURES if m.name == "CPU kept awake" and not Path("/dev/cpu_dma_latency").exists()]
+    assert found["missing"] == absent
+    assert found["scheduler"] == [os.SCHED_FIFO, 70]
+    assert found["cpus"] == [CPU]
+    assert found["locked_kb"] > 10_000
+    assert found["slack_ns"] == 1 or found["scheduler"][0] == os.SCHED_FIFO  # of a real-time process none is kept
+    assert (found["collects"], found["frozen"]) == (False, True)
+
+
+def test_what_is_touched_beforehand_faults_no_more() -> None:
+    """A list that grows and goes, as telemetry rows do, takes pages that the process has."""
+
+    def faults() -> int:
+        prepare()
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+        for _ in range(20):
+            block = bytearray(8 << 20)
+            del block
+        return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
+
+    assert in_child(faults) == 0
+
+
+def test_a_measure_that_is_refused_is_told_and_the_others_are_taken() -> None:
+    def refused(wanted: Wanted) -> None:
+        raise PermissionError
+
+    taken: list[Wanted] = []
+    measures = [MEASURES[0]._replace(take=refused, missing="no priority"), MEASURES[1]._replace(take=taken.append)]
+    assert prepare(3, 50, measures) == ["no priority"]
+    assert taken == [Wanted(3, 50)]
+
+
+def test_a_cpu_that_is_not_there_is_refused_without_any_harm() -> None:
+    bind = next(m for m in MEASURES if m.name == "bound to a CPU")
+    before = os.sched_getaffinity(0)
+    assert not possible(bind, Wanted(4095))
+    assert possible(bind, Wanted(CPU))
+    assert os.sched_getaffinity(0) == before
+
+
+def test_every_fact_that_is_not_good_says_what_to_do() -> None:
+    found = facts()
+    assert {"kernel", "clock source", "CAN interfaces"} <= {fact.name for fact in found}
+    assert all(fact.state for fact in found)
+    assert all(fact.remedy for fact in found if fact.good is False)
+
+
+def test_the_doctor_tells_both_and_changes_nothing() -> None:
+    done = subprocess.run(
+        [sys.executable, "-P", "-m", "protocols", "doctor", "--json"], capture_output=True, text=True, check=False
+    )
+    told = json.loads(done.stdout)
+    assert [one["name"] for one in told["process"]] == [m.name for m in MEASURES]
+    assert done.returncode == (0 if all(one["on"] for one in told["process"]) else 1)
+    assert all(one["remedy"] for one in told["process"])
