@@ -1,11 +1,15 @@
 """The clock of a service: an absolute grid of deadlines, what was late, and the distribution of how late.
 
 Slot k begins at start + k period. A cycle that ends after its slot is late; slots it has slept through are skipped and
-counted, so that elapsed slots = cycles run + cycles skipped, always.
+counted, so that elapsed slots = cycles run + cycles skipped, always: the grid's phase is never lost.
 """
 
 import time
+from collections.abc import Callable
 from typing import Any
+
+from protocols.overrun import skip
+from protocols.waiting import Sleep, Waiting
 
 
 class Histogram:
@@ -46,32 +50,40 @@ class Histogram:
 class Clock:
     """Absolute deadlines every `period_ns` on CLOCK_MONOTONIC.
 
+    `waiting` spends the time to a deadline, `overrun` says how many of the slots slept through are left out.
+
     `run` cycles waited for, `skipped` slots slept through, `late` cycles that ended after their slot,
     `wake` lateness of wake-ups and `work` durations of cycles; `woken_ns` (of CLOCK_MONOTONIC), `lateness_ns` and
     `work_ns` are the last ones.
     """
 
-    def __init__(self, period_ns: int) -> None:
+    def __init__(self, period_ns: int, waiting: Waiting | None = None, overrun: Callable[[int], int] = skip) -> None:
         self.period_ns = period_ns
+        self._waiting, self._overrun = waiting or Sleep(), overrun
         self.run = self.skipped = self.late = 0
         self.wake, self.work = Histogram(), Histogram()
-        self.deadline_ns = self.woken_ns = 0
+        self.deadline_ns = self.woken_ns = self._first_ns = 0
         self.lateness_ns = self.work_ns = 0
 
     def start(self, first_deadline_ns: int) -> None:
         """Set the grid: the first slot begins at `first_deadline_ns` of CLOCK_MONOTONIC."""
+        self._first_ns = first_deadline_ns
         self.deadline_ns = first_deadline_ns - self.period_ns
 
+    @property
+    def slots(self) -> int:
+        """Slots of the grid up to the present deadline: cycles run and skipped."""
+        return (self.deadline_ns - self._first_ns) // self.period_ns + 1
+
     def wait(self) -> int:
-        """Sleep until the next slot; return how many slots passed unserved since the last one."""
+        """Wait until the next slot; return how many slots were left out since the last one."""
         self.deadline_ns += self.period_ns
         now = time.monotonic_ns()
         missed = 0
         if now < self.deadline_ns:
-            time.sleep((self.deadline_ns - now) / 1e9)
-            now = time.monotonic_ns()
+            now = self._waiting(now, self.deadline_ns)
         elif now >= self.deadline_ns + self.period_ns:
-            missed = (now - self.deadline_ns) // self.period_ns
+            missed = self._overrun((now - self.deadline_ns) // self.period_ns)
             self.deadline_ns += missed * self.period_ns
             self.skipped += missed
         self.run += 1
@@ -92,6 +104,7 @@ class Clock:
         """Counts and distributions, for the end of a run."""
         return {
             "period_us": self.period_ns / 1000.0,
+            "slots": self.slots,
             "cycles": self.run,
             "skipped": self.skipped,
             "late": self.late,

@@ -7,6 +7,9 @@ import numpy as np
 import pytest
 
 from protocols.clock import Clock, Histogram
+from protocols.errors import InputError
+from protocols.overrun import OverrunError, overrun_policy
+from protocols.waiting import SleepThenSpin
 
 PERIOD_NS = 1_000_000
 BIN_US = 1.0  # width of the histogram's bins
@@ -26,10 +29,12 @@ class Hands:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now = 1_000_000_007
-        self.oversleep = 0
-        monkeypatch.setattr("protocols.clock.time", self)
+        self.oversleep = self.look = 0  # ns that a sleep takes longer, and that a look at the clock takes
+        for module in ("clock", "waiting"):
+            monkeypatch.setattr(f"protocols.{module}.time", self)
 
     def monotonic_ns(self) -> int:
+        self.now += self.look
         return self.now
 
     def sleep(self, seconds: float) -> None:
@@ -133,6 +138,66 @@ def test_late_starts_are_accounted_for(hands: Hands) -> None:
     clock.start(hands.now - 3 * PERIOD_NS)
     assert clock.wait() == 3
     assert clock.run + clock.skipped == 4
+
+
+def test_catching_up_runs_every_slot_and_leaves_the_grid_as_it_was(hands: Hands) -> None:
+    clock = Clock(PERIOD_NS, overrun=overrun_policy("catch-up"))
+    start = hands.now
+    clock.start(start)
+    for cycle in range(10):
+        assert clock.wait() == 0
+        assert clock.deadline_ns == start + cycle * PERIOD_NS
+        hands.now += 4_200_000 if cycle == 2 else 100_000
+        clock.done()
+    assert (clock.run, clock.skipped, clock.slots) == (10, 0, 10)
+    assert clock.lateness_ns == 0  # it has caught up
+
+
+def test_an_overrun_can_be_a_fault(hands: Hands) -> None:
+    clock = Clock(PERIOD_NS, overrun=overrun_policy("fault"))
+    clock.start(hands.now)
+    clock.wait()
+    hands.now += 1_900_000
+    clock.wait()  # late, but in its slot
+    hands.now += 3_500_000
+    with pytest.raises(OverrunError, match=r"^3 slots were missed, and the policy for overruns is fault$"):
+        clock.wait()
+
+
+def test_only_known_policies() -> None:
+    with pytest.raises(InputError, match=r"overrun policy 'slip' is unknown; allowed are catch-up, fault, skip"):
+        overrun_policy("slip")
+
+
+def test_a_spin_begins_as_early_as_sleeps_are_late(hands: Hands) -> None:
+    """At first as early as allowed; a late sleep makes it longer at once, good ones shorter slowly; the deadline is met."""
+    spin, clock = SleepThenSpin(100_000), Clock(PERIOD_NS)
+    clock = Clock(PERIOD_NS, spin)
+    clock.start(hands.now + PERIOD_NS)
+    hands.look, hands.oversleep = 50, 8_000
+    lengths = []
+    for cycle in range(3000):
+        if cycle == 2000:
+            hands.oversleep = 60_000
+        if cycle == 2001:
+            hands.oversleep = 8_000
+        clock.wait()
+        lengths.append(spin.spin_ns)
+        assert 0 <= clock.lateness_ns <= (60_000 if cycle == 2000 else 2 * hands.look)
+        clock.done()
+    assert lengths[0] == pytest.approx(100_000, rel=0.01)
+    assert lengths[1999] == pytest.approx(10_300, abs=500)  # lateness, margin, and what the division leaves
+    assert lengths[2000] > 60_000
+    assert lengths[2999] < 13_000
+    assert all(later <= earlier for earlier, later in itertools.pairwise(lengths[:2000]))
+
+
+def test_a_spin_is_never_longer_than_allowed(hands: Hands) -> None:
+    spin = SleepThenSpin(20_000)
+    hands.look, hands.oversleep = 50, 500_000
+    for _ in range(5):
+        spin(hands.now, hands.now + PERIOD_NS)
+        assert spin.spin_ns == 20_000
 
 
 @pytest.mark.parametrize("size", [1, 3, 11, 1003, 20_011])  # percent of it is never whole: numpy rounds such ties

@@ -1,0 +1,56 @@
+"""Waiting: how a loop spends the time to its next deadline, which decides on how late it wakes.
+
+After ros2_control's sleeping policies; what each is worth here: docs/timing.md.
+"""
+
+import time
+from typing import Protocol
+
+MOST_SPIN_US = 200.0  # a FIFO loop that is busy for longer than 95 % of a second is taken off the CPU by the kernel
+_MARGIN = 2_000  # ns between the latest sleep that is expected and the deadline
+_MEMORY = 256  # sleeps over which a late one is forgotten
+
+
+class Waiting(Protocol):
+    """Wait until a deadline."""
+
+    def __call__(self, now_ns: int, deadline_ns: int) -> int:
+        """Return once `deadline_ns` of CLOCK_MONOTONIC, after `now_ns`, has come; what the clock says then [ns]."""
+        ...
+
+
+class Sleep:
+    """Sleep to the deadline: the CPU is free, the wake-up is as late as the kernel's."""
+
+    def __call__(self, now_ns: int, deadline_ns: int) -> int:
+        """See `Waiting`."""
+        time.sleep((deadline_ns - now_ns) / 1e9)
+        return time.monotonic_ns()
+
+
+class SleepThenSpin:
+    """Sleep until shortly before the deadline, then look at the clock until it has come.
+
+    The spin begins as early as sleeps have been late of late: at once longer after a late one, shorter again over some hundred
+    good ones, at most `most_ns`. `spin_ns` is its present length.
+    """
+
+    def __init__(self, most_ns: int) -> None:
+        self._most = self.spin_ns = most_ns
+
+    def __call__(self, now_ns: int, deadline_ns: int) -> int:
+        """See `Waiting`."""
+        begin, now = deadline_ns - self.spin_ns, now_ns
+        if now < begin:
+            time.sleep((begin - now) / 1e9)
+            now = time.monotonic_ns()
+            needed = min(now - begin + _MARGIN, self._most)
+            self.spin_ns = needed if needed > self.spin_ns else self.spin_ns - (self.spin_ns - needed) // _MEMORY
+        while now < deadline_ns:
+            now = time.monotonic_ns()
+        return now
+
+
+def waiting(spin_us: float) -> Waiting:
+    """Sleep, and for the last at most `spin_us` spin."""
+    return SleepThenSpin(round(spin_us * 1000.0)) if spin_us > 0.0 else Sleep()
