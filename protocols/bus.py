@@ -6,8 +6,10 @@ fifth of the cost of a message object (realtime.md). Tools (`candump`, `python -
 
 import errno
 import select
+import socket
 import struct
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol
 
@@ -25,6 +27,9 @@ _INTERFACES = Path("/sys/class/net")
 _ARPHRD_CAN = 280  # linux/if_arp.h
 _IFF_UP = 1  # linux/if.h
 _DRAIN_LIMIT = 4096  # frames taken at once, so that a flood cannot hold the loop
+_SO_TIMESTAMPNS = 35  # asm-generic/socket.h: the kernel tells when it took a frame; Python does not name it
+_TIMESPEC = struct.Struct("=qq")  # s, ns
+_CONTROL = socket.CMSG_SPACE(_TIMESPEC.size)
 
 
 class _RawPort(Protocol):
@@ -33,8 +38,8 @@ class _RawPort(Protocol):
     def send(self, packed: bytes) -> int:
         """Send one frame; return 1 when it was refused because a queue is full, else 0."""
 
-    def receive(self) -> list[bytes]:
-        """Every packed frame that waits, without blocking."""
+    def receive(self) -> list[tuple[int, bytes]]:
+        """Every packed frame that waits, after its time stamp [ns of CLOCK_REALTIME], without blocking."""
 
     def wait(self, timeout: float) -> bool:
         """Whether a frame comes within `timeout` [s]."""
@@ -46,12 +51,14 @@ class _RawPort(Protocol):
 class Port:
     """A participant's place on a bus, for frames with standard identifiers and up to 8 bytes.
 
-    `sent`, `received`, `refused` (full queues) and `down` (sends while the interface was down) count frames.
+    `sent`, `received`, `refused` (full queues) and `down` (sends while the interface was down) count frames. `stamps`: when
+    the last frame of an identifier came, as the kernel has it (on a local bus: when it was sent) [ns of CLOCK_REALTIME].
     """
 
     def __init__(self, name: str, raw: _RawPort) -> None:
         self.name = name
         self.sent = self.received = self.refused = self.down = 0
+        self.stamps: dict[int, int] = {}
         self._raw = raw
 
     def send(self, frame: Frame) -> None:
@@ -70,11 +77,13 @@ class Port:
     def receive(self) -> list[Frame]:
         """Every frame that waits, oldest first, without blocking."""
         frames = []
-        for packed in self._raw.receive():
+        for stamp, packed in self._raw.receive():
             if len(packed) == _CAN_FRAME.size:
                 can_id, length, data = _CAN_FRAME.unpack(packed)
                 if not can_id & _FLAGS:
-                    frames.append(Frame(can_id & _STANDARD_ID, data[:length]))
+                    can_id &= _STANDARD_ID
+                    self.stamps[can_id] = stamp
+                    frames.append(Frame(can_id, data[:length]))
         self.received += len(frames)
         return frames
 
@@ -105,8 +114,8 @@ class _LocalPort:
     def send(self, packed: bytes) -> int:
         return 1 if self._channel.send(packed) else 0
 
-    def receive(self) -> list[bytes]:
-        return [packed for _, packed in self._channel.receive()]
+    def receive(self) -> list[tuple[int, bytes]]:
+        return self._channel.receive()
 
 
 class _SocketCanPort:
@@ -114,16 +123,19 @@ class _SocketCanPort:
         self._bus = bus
         self._socket = bus.socket  # type: ignore[attr-defined]
         self._socket.setblocking(False)
+        self._socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
 
     def send(self, packed: bytes) -> int:
         self._socket.send(packed)
         return 0
 
-    def receive(self) -> list[bytes]:
-        frames: list[bytes] = []
+    def receive(self) -> list[tuple[int, bytes]]:
+        frames: list[tuple[int, bytes]] = []
         while len(frames) < _DRAIN_LIMIT:
             try:
-                frames.append(self._socket.recv(_CAN_FRAME.size))
+                packed, told, _, _ = self._socket.recvmsg(_CAN_FRAME.size, _CONTROL)
+                seconds, nanoseconds = _TIMESPEC.unpack(told[0][2]) if told else (0, 0)
+                frames.append((seconds * 1_000_000_000 + nanoseconds, packed))
             except BlockingIOError:
                 break
             except OSError as error:
@@ -145,8 +157,11 @@ def resolve(name: str) -> str:
     return "vcan0" if "vcan0" in _can_interfaces(only_up=True) else AUTO_LOCAL
 
 
-def open_bus(name: str) -> Port:
-    """Open a bus by name. Raises InputError when there is none of that name or it is down."""
+def open_bus(name: str, only: Sequence[int] | None = None) -> Port:
+    """Open a bus by name. Raises InputError when there is none of that name or it is down.
+
+    `only`: identifiers that are wanted; where there is a kernel filter, other frames do not wake anybody.
+    """
     name = resolve(name)
     try:
         if name.startswith("local:"):
@@ -156,7 +171,8 @@ def open_bus(name: str) -> Port:
             raise InputError(f"bus {name!r} does not exist; there are {known}")
         if name not in _can_interfaces(only_up=True):
             raise InputError(f"bus {name} is down; bring it up with: ip link set {name} up")
-        return Port(name, _SocketCanPort(can.Bus(interface="socketcan", channel=name)))
+        filters = [{"can_id": i, "can_mask": _STANDARD_ID | _FLAGS} for i in only or ()] or None
+        return Port(name, _SocketCanPort(can.Bus(interface="socketcan", channel=name, can_filters=filters)))
     except (can.CanError, OSError, ValueError) as error:
         raise InputError(f"bus {name} cannot be opened: {error}") from None
 

@@ -52,7 +52,8 @@ class Clock:
 
     `waiting` spends the time to a deadline, `overrun` says how many of the slots slept through are left out.
 
-    `run` cycles waited for, `skipped` slots slept through, `late` cycles that ended after their slot,
+    `run` cycles begun, `skipped` slots slept through, `slots` both, counted with the grid,
+    `late` cycles that ended after their slot,
     `wake` lateness of wake-ups and `work` durations of cycles; `woken_ns` (of CLOCK_MONOTONIC), `lateness_ns` and
     `work_ns` are the last ones.
     """
@@ -72,8 +73,8 @@ class Clock:
 
     @property
     def slots(self) -> int:
-        """Slots of the grid up to the present deadline: cycles run and skipped."""
-        return (self.deadline_ns - self._first_ns) // self.period_ns + 1
+        """Periods from the first slot to the present one, and one: what run and skipped must add up to."""
+        return round((self.deadline_ns - self._first_ns) / self.period_ns) + 1
 
     def wait(self) -> int:
         """Wait until the next slot; return how many slots were left out since the last one."""
@@ -85,12 +86,21 @@ class Clock:
         elif now >= self.deadline_ns + self.period_ns:
             missed = self._overrun((now - self.deadline_ns) // self.period_ns)
             self.deadline_ns += missed * self.period_ns
-            self.skipped += missed
-        self.run += 1
-        self.woken_ns = now
-        self.lateness_ns = now - self.deadline_ns
-        self.wake.add(self.lateness_ns)
+        self.begin(now, missed)
         return missed
+
+    def begin(self, now_ns: int, missed: int) -> None:
+        """The cycle of the slot at `deadline_ns` begins `now_ns`; `missed` slots before it were left out."""
+        self.run += 1
+        self.skipped += missed
+        self.woken_ns = now_ns
+        self.lateness_ns = now_ns - self.deadline_ns
+        self.wake.add(self.lateness_ns)
+
+    def shift(self, by_ns: int) -> None:
+        """Move the grid, from the present slot on: it follows another clock. What was accounted for stays so."""
+        self.deadline_ns += by_ns
+        self._first_ns += by_ns
 
     def done(self) -> None:
         """The work of the cycle has ended."""

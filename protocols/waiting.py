@@ -6,6 +6,8 @@ After ros2_control's sleeping policies; what each is worth here: docs/timing.md.
 import time
 from typing import Protocol
 
+from protocols.errors import InputError
+
 MOST_SPIN_US = 200.0  # a FIFO loop that is busy for longer than 95 % of a second is taken off the CPU by the kernel
 _MARGIN = 2_000  # ns between the latest sleep that is expected and the deadline
 _MEMORY = 256  # sleeps over which a late one is forgotten
@@ -54,3 +56,10 @@ class SleepThenSpin:
 def waiting(spin_us: float) -> Waiting:
     """Sleep, and for the last at most `spin_us` spin."""
     return SleepThenSpin(round(spin_us * 1000.0)) if spin_us > 0.0 else Sleep()
+
+
+def checked_spin(spin_us: float) -> float:
+    """`spin_us` when a loop may spin for so long. Raises InputError."""
+    if not 0.0 <= spin_us <= MOST_SPIN_US:
+        raise InputError(f"spin of {spin_us:g} us is not possible; allowed are 0 to {MOST_SPIN_US:g} us")
+    return spin_us

@@ -25,11 +25,19 @@ def controller(
     telemetry: bool = typer.Option(True, help="publish every cycle over zenoh, from a process of its own"),
     router: str | None = typer.Option(None, help="zenoh router to publish to, such as tcp/192.168.1.5:7447"),
     cpu: int | None = typer.Option(None, help="CPU to run on"),
+    trigger: str = typer.Option(
+        "clock", help="what begins a cycle: clock, bus (the sample itself), or pll (a clock that follows the samples)"
+    ),
+    overrun: str = typer.Option("skip", help="what becomes of slots that were slept through: skip, catch-up or fault"),
+    spin_us: float = typer.Option(
+        0.0, help="spin at most so long before a slot instead of sleeping, in us; as long as sleeps are late"
+    ),
     json_output: bool = typer.Option(False, "--json", help="print the summary as JSON"),
 ) -> None:
     """Run the controller on a bus until it is stopped."""
     from protocols.stopping import Stop
     from protocols.two_clutches import checked_clutch
+    from protocols.waiting import checked_spin
     from rt_controller.service import ControllerService
 
     service = ControllerService(
@@ -44,12 +52,18 @@ def controller(
         router=router,
         cpu=cpu,
         clutch=clutch and checked_clutch(clutch),
+        trigger=trigger,
+        overrun=overrun,
+        spin_us=checked_spin(spin_us),
     )
     with Stop():  # a second signal does not interrupt the ending
         result = service.run(lambda text: typer.echo(text, err=True))
         write_summary(summary, result)
     if json_output:
         emit(result)
+        if result["overrun"]:
+            raise typer.Exit(1)
     else:
-        closed = result["valve_closed"]
-        verdict(f"controller stopped, {'valve closed' if closed else 'the safe command could not be sent'}", closed)
+        closed, missed = result["valve_closed"], result["overrun"]
+        text = f"controller stopped{f' because {missed}' if missed else ''}"
+        verdict(f"{text}, {'valve closed' if closed else 'the safe command could not be sent'}", closed and not missed)

@@ -112,6 +112,7 @@ class ControllerNode:
         self._analog_id, self._encoder_id, self._setpoint_id, self._plant_id = self._receptions
         own = [frames[name] for name in _OWN if self._drives or name not in SHARED]
         self._own = {codec.can_id: codec.name for codec in own}
+        self.heard = [*self._receptions, *self._own]  # identifiers of all frames that matter to it
         self._commands_of_others = {self._valve.can_id, self._motor.can_id} & self._own.keys()
         self._cycle = 0
         self._status_every = max(1, round(self._status.cycle_time * rate))

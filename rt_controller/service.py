@@ -1,7 +1,7 @@
 """The controller as a process: a bus, a clock, a ring, and the safe command whatever ends it."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,12 +10,16 @@ from protocols import realtime
 from protocols.bus import Port, open_bus
 from protocols.clock import Clock
 from protocols.errors import InputError
-from protocols.frames import Frame, FrameCodec, load_frames
+from protocols.frames import Frame, load_frames
 from protocols.heartbeat import heard_alone, new_session
 from protocols.lifecycle import Lifecycle
+from protocols.overrun import OverrunError, overrun_policy
 from protocols.stopping import Stop
 from protocols.telemetry.outlet import Outlet
+from protocols.waiting import waiting
 from rt_controller.node import COLUMNS, ControllerNode, shipped_parameters
+from rt_controller.samples import Samples
+from rt_controller.trigger import Trigger, trigger
 
 _SILENCE = 5.0  # s without a sample after which lock-step gives up: the plant has died
 _WARM_UP = 0.05  # s at the plant's pace before the clock is set: caches are warm then, the plant's grid is steady
@@ -25,7 +29,10 @@ _SAFE_REPEATS = 3  # the safe command is sent in this many cycles: one frame may
 
 @dataclass(frozen=True)
 class ControllerService:
-    """Settings of a controller process. rate [Hz]; `ring`, `telemetry` and `router` as of `Outlet`, `clutch` of the node."""
+    """Settings of a controller process. rate [Hz]; `ring`, `telemetry` and `router` as of `Outlet`, `clutch` of the node.
+
+    `trigger` is one of trigger.TRIGGERS, `overrun` of overrun.POLICIES; the last `spin_us` before a slot of a grid may be spun.
+    """
 
     bus: str
     rate: int
@@ -38,6 +45,9 @@ class ControllerService:
     router: str | None = None
     cpu: int | None = None
     clutch: str | None = None
+    trigger: str = "clock"
+    overrun: str = "skip"
+    spin_us: float = 0.0
 
     @property
     def name(self) -> str:
@@ -49,11 +59,11 @@ class ControllerService:
 
         Raises InputError for a bad bus, a second controller, another rate or protocol; the actuators are safe then.
         """
-        session = new_session()
+        session, begun_by = new_session(), trigger(self.trigger)
         node = ControllerNode(self.rate, self.parameters_file, self.law, self.adaptation, session, self.clutch)
         parameters = node.parameters.as_values()  # at the start; changes are told apart
-        clock = Clock(1_000_000_000 // self.rate)
-        with Stop() as stop, open_bus(self.bus) as port:
+        clock = Clock(1_000_000_000 // self.rate, waiting(self.spin_us), overrun_policy(self.overrun))
+        with Stop() as stop, open_bus(self.bus, node.heard) as port:
             frames = load_frames(clutch=self.clutch or "a")
             node.listen(heard_alone(port, self.name, frames["CONTROLLER_HEARTBEAT"]))
             outlet = Outlet(
@@ -66,14 +76,17 @@ class ControllerService:
                 ready(f"note: {text}")
             if self.clutch and self.adaptation:
                 ready("note: of two clutches none adapts: the motor's torque is that of both")
-            closed = False
+            closed, missed = False, None
+            samples = Samples(port, frames)
+            begins = begun_by(clock, samples)
             try:
-                samples = _Samples(port, frames)
                 inbox = self._await_plant(node, samples, outlet, stop)
                 if self.lockstep:
                     self._lockstep(node, samples, outlet, stop, inbox)
                 else:
-                    self._real_time(node, samples, outlet, clock, stop, inbox)
+                    self._real_time(node, samples, outlet, begins, stop, inbox)
+            except OverrunError as error:
+                missed = str(error)
             finally:
                 closed = _made_safe(node, port, 1.0 / self.rate)
                 port.close()  # nobody reads it while the telemetry ends: its queue would fill up, and refuse the plant's frames
@@ -83,6 +96,8 @@ class ControllerService:
             "rate_hz": self.rate,
             "lockstep": self.lockstep,
             "timing": None if self.lockstep else clock.summary(),
+            "trigger": self.trigger,
+            "overrun": missed,
             "not_available": missing,
             "valve_closed": closed,
             "port": port.counts(),
@@ -91,7 +106,7 @@ class ControllerService:
             **published,
         }
 
-    def _await_plant(self, node: ControllerNode, samples: "_Samples", outlet: Outlet, stop: Stop) -> list[Frame]:
+    def _await_plant(self, node: ControllerNode, samples: Samples, outlet: Outlet, stop: Stop) -> list[Frame]:
         """Say "active" every 50 ms until the plant's first sample is complete; return its frames."""
         inbox: list[Frame] = []
         while not (stop.asked or samples.complete(inbox)):
@@ -103,27 +118,22 @@ class ControllerService:
     def _real_time(
         self,
         node: ControllerNode,
-        samples: "_Samples",
+        samples: Samples,
         outlet: Outlet,
-        clock: Clock,
+        begins: Trigger,
         stop: Stop,
         inbox: list[Frame],
     ) -> None:
-        """Warm up at the plant's pace, then run on the clock half a period after its samples.
-
-        With a plant on this machine both clocks are CLOCK_MONOTONIC, so the phase stays, and the two do not want one CPU
-        at one time. With a real rig the phase drifts by the difference of the two crystals. The warm-up is not in the timing.
-        """
-        arrived = time.monotonic_ns()
+        """Warm up at the plant's pace, then cycle by cycle as the trigger begins them. The warm-up is not in the timing."""
+        clock, arrived = begins.clock, time.monotonic_ns()
         for _ in range(max(1, round(_WARM_UP * self.rate))):
             self._cycle(node, samples.port, outlet, inbox, (time.monotonic(), 0.0, 0.0, 0))
             inbox = samples.next(2.0 / self.rate)
             arrived = time.monotonic_ns()
-        clock.start(arrived + clock.period_ns // 2)
+        begins.start(arrived)
         work_us = 0.0
         while not stop.asked:
-            slots = 1 + clock.wait()
-            inbox += samples.port.receive()
+            slots = 1 + begins.wait(inbox)
             timing = (clock.woken_ns / 1e9, clock.lateness_ns / 1e3, work_us, clock.late)
             self._cycle(node, samples.port, outlet, inbox, timing, slots)
             clock.done()
@@ -131,9 +141,7 @@ class ControllerService:
             work_us = clock.work_ns / 1e3
             node.late_cycles = clock.late
 
-    def _lockstep(
-        self, node: ControllerNode, samples: "_Samples", outlet: Outlet, stop: Stop, inbox: list[Frame]
-    ) -> None:
+    def _lockstep(self, node: ControllerNode, samples: Samples, outlet: Outlet, stop: Stop, inbox: list[Frame]) -> None:
         """Answer each complete sample at once; end when the plant says it ends."""
         while not stop.asked:
             if not samples.complete(inbox):
@@ -171,31 +179,3 @@ def _made_safe(node: ControllerNode, port: Port, period: float) -> bool:
             break
         time.sleep(period)
     return left
-
-
-class _Samples:
-    """The plant's samples as they come: each ends with its ENCODER frame."""
-
-    def __init__(self, port: Port, frames: Mapping[str, FrameCodec]) -> None:
-        self.port = port
-        self._encoder_id, self._plant = frames["ENCODER"].can_id, frames["PLANT_HEARTBEAT"]
-
-    def next(self, timeout: float) -> list[Frame]:
-        """Frames up to and with the next complete sample, the plant's end, or what came within `timeout` [s]."""
-        frames: list[Frame] = []
-        end = time.monotonic() + timeout
-        while not (self.complete(frames) or self.plant_ended(frames)):
-            left = end - time.monotonic()
-            if left <= 0.0 or not self.port.wait(left):
-                break
-            frames += self.port.receive()
-        return frames
-
-    def complete(self, frames: list[Frame]) -> bool:
-        """Whether the last sensor frame of a sample is among `frames`."""
-        return any(frame.can_id == self._encoder_id for frame in frames)
-
-    def plant_ended(self, frames: list[Frame]) -> bool:
-        """Whether the plant says among `frames` that it ends."""
-        codec = self._plant
-        return any(i == codec.can_id and codec.unpack(d).lifecycle == Lifecycle.FINALIZED for i, d in frames)

@@ -1,0 +1,123 @@
+"""Trigger: what begins a control cycle.
+
+clock   an absolute grid, half a period after the first sample: with a plant on this machine the phase stays, both clocks
+        being CLOCK_MONOTONIC; with a real rig it drifts by the difference of two crystals
+bus     the sample itself: lowest latency; a slot whose sample has not come half a period after it was due runs without one
+pll     a grid that follows the samples' arrival, a quarter of a period behind it: no drift, and no jitter of the bus
+
+Equation        pll: e = arrival + T/4 - slot, within +-T/2;  I += K_I e;  next slot = slot + T + K_P e + I, the last two
+                together at most T/50
+Assumptions     sample times are a grid of nearly our period; stamps of frames are CLOCK_REALTIME
+References      Gardner 2005, Phaselock Techniques, ch. 2 (loop of second order, damped by 1/sqrt 2: K_P^2 = 2 K_I)
+"""
+
+import time
+from collections.abc import Callable
+from typing import Protocol
+
+from protocols.clock import Clock
+from protocols.errors import InputError, listing
+from protocols.frames import Frame
+from rt_controller.samples import Samples
+
+_K_P, _K_I = 0.02, 0.0002  # bandwidth of some 3 Hz at 1 kHz: far below the jitter, far above the drift of crystals
+_FURTHEST = 50  # part of a period that the grid moves at most in a cycle
+
+
+class Trigger(Protocol):
+    """Begins cycles, each in a slot of `clock`."""
+
+    clock: Clock
+
+    def start(self, arrived_ns: int) -> None:
+        """The last sample was complete at `arrived_ns` of CLOCK_MONOTONIC; its cycle has been run."""
+
+    def wait(self, inbox: list[Frame]) -> int:
+        """Wait for the next cycle, adding its frames to `inbox`; return how many slots were left out before it."""
+        ...
+
+
+class ClockTrigger:
+    """On an absolute grid."""
+
+    def __init__(self, clock: Clock, samples: Samples) -> None:
+        self.clock, self._port = clock, samples.port
+
+    def start(self, arrived_ns: int) -> None:
+        """See `Trigger`."""
+        self.clock.start(arrived_ns + self.clock.period_ns // 2)
+
+    def wait(self, inbox: list[Frame]) -> int:
+        """See `Trigger`."""
+        missed = self.clock.wait()
+        inbox += self._port.receive()
+        return missed
+
+
+class BusTrigger:
+    """When a sample comes, or half a period after it was due."""
+
+    def __init__(self, clock: Clock, samples: Samples) -> None:
+        self.clock, self._samples = clock, samples
+
+    def start(self, arrived_ns: int) -> None:
+        """See `Trigger`."""
+        self.clock.start(arrived_ns + self.clock.period_ns)
+
+    def wait(self, inbox: list[Frame]) -> int:
+        """See `Trigger`."""
+        clock, period = self.clock, self.clock.period_ns
+        before = clock.deadline_ns
+        patience = before + period + period // 2
+        while True:
+            frames = self._samples.next((patience - time.monotonic_ns()) / 1e9)
+            inbox += frames
+            now = time.monotonic_ns()
+            came = self._samples.complete(frames)
+            if not came or now - before >= period // 2:  # else it is of the slot before, which has gone without it
+                break
+        arrived = self._samples.arrived_ns() if came else before + period
+        slots = max(1, round((arrived - before) / period))
+        clock.shift(arrived - before - slots * period)
+        clock.deadline_ns = arrived
+        clock.begin(now, slots - 1)
+        return slots - 1
+
+
+class PllTrigger:
+    """On a grid that follows the samples."""
+
+    def __init__(self, clock: Clock, samples: Samples) -> None:
+        self.clock, self._samples = clock, samples
+        self._drift = 0.0  # I [ns a period]
+
+    def start(self, arrived_ns: int) -> None:
+        """See `Trigger`."""
+        self.clock.start(arrived_ns + self.clock.period_ns + self.clock.period_ns // 4)
+
+    def wait(self, inbox: list[Frame]) -> int:
+        """See `Trigger`."""
+        clock = self.clock
+        missed = clock.wait()
+        frames = self._samples.port.receive()
+        inbox += frames
+        period = clock.period_ns
+        error = 0
+        if self._samples.complete(frames):
+            error = (self._samples.arrived_ns() + period // 4 - clock.deadline_ns + period // 2) % period - period // 2
+        most = period / _FURTHEST
+        self._drift = min(max(self._drift + _K_I * error, -most), most)
+        clock.shift(round(min(max(_K_P * error + self._drift, -most), most)))
+        return missed
+
+
+TRIGGERS: dict[str, Callable[[Clock, Samples], Trigger]] = {
+    "clock": ClockTrigger, "bus": BusTrigger, "pll": PllTrigger
+}  # fmt: skip
+
+
+def trigger(name: str) -> Callable[[Clock, Samples], Trigger]:
+    """The trigger of that name, to be made of a clock and samples. Raises InputError."""
+    if name not in TRIGGERS:
+        raise InputError(f"trigger {name!r} is unknown; allowed are {listing(TRIGGERS)}")
+    return TRIGGERS[name]

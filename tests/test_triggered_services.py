@@ -1,0 +1,84 @@
+"""The controller as a process, begun by clock, bus or pll: closed loop, every slot accounted for, overruns by policy."""
+
+import json
+import os
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+
+from protocols import child
+from tests.processes import PATIENCE, service
+
+RATE = 250  # Hz: a hiccup of a shared machine is less than the guard's five cycles
+SECONDS = 3.0  # s of closed loop
+
+
+def wait_for(path: Path) -> None:
+    deadline = time.monotonic() + PATIENCE
+    while not path.exists():
+        assert time.monotonic() < deadline, f"{path} never came"
+        time.sleep(0.05)
+
+
+def controlled(bus: str, folder: Path, *arguments: str) -> dict:
+    """The summary of a controller that has controlled a plant for SECONDS."""
+    summary = folder / "summary.json"
+    common = ("--bus", bus, "--rate", str(RATE), "--no-telemetry")
+    with (
+        service("plant", *common, "--profile", "engagement") as plant,
+        service("controller", *common, "--ring", str(folder / "ring"), "--summary", str(summary), *arguments) as loop,
+    ):
+        wait_for(folder / "ring")
+        time.sleep(SECONDS)
+        loop.send_signal(signal.SIGTERM)
+        loop.wait(PATIENCE)
+        plant.terminate()
+        plant.wait(PATIENCE)
+    return json.loads(summary.read_text())
+
+
+@pytest.mark.parametrize("trigger", ["clock", "bus", "pll"])
+def test_every_slot_is_run_or_skipped_and_every_sample_counted(local_bus: str, tmp_path: Path, trigger: str) -> None:
+    told = controlled(local_bus, tmp_path, "--trigger", trigger, "--spin-us", "50")
+    timing, frames = told["timing"], told["frames"]["ENCODER"]
+    assert told["trigger"] == trigger
+    assert timing["slots"] == timing["cycles"] + timing["skipped"]
+    assert timing["slots"] > 0.5 * SECONDS * RATE
+    assert frames["lost"] == frames["corrupt"] == frames["repeated"] == 0
+    # one sample a slot, but for those before the grid begins and after it ends
+    assert abs(frames["received"] - timing["slots"]) <= 0.2 * RATE
+    assert told["valve_closed"]
+
+
+def test_an_overrun_can_end_the_controller_with_the_valve_closed(local_bus: str, tmp_path: Path) -> None:
+    common = ("--bus", local_bus, "--rate", str(RATE), "--no-telemetry")
+    with (
+        service("plant", *common, "--profile", "engagement"),
+        service("controller", *common, "--ring", str(tmp_path / "ring"), "--overrun", "fault") as loop,
+    ):
+        wait_for(tmp_path / "ring")
+        time.sleep(1.0)
+        os.kill(loop.pid, signal.SIGSTOP)
+        time.sleep(0.1)
+        os.kill(loop.pid, signal.SIGCONT)
+        told, _ = loop.communicate(timeout=PATIENCE)
+    assert loop.returncode == 1
+    assert "slots were missed, and the policy for overruns is fault, valve closed" in told
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("--trigger", "gps"), "error: trigger 'gps' is unknown; allowed are bus, clock, pll"),
+        (("--overrun", "slip"), "error: overrun policy 'slip' is unknown; allowed are catch-up, fault, skip"),
+        (("--spin-us", "900"), "error: spin of 900 us is not possible; allowed are 0 to 200 us"),
+    ],
+)
+def test_a_bad_setting_is_one_sentence(local_bus: str, arguments: tuple[str, ...], sentence: str) -> None:
+    done = subprocess.run(
+        child.clutch_hil("controller", "--bus", local_bus, *arguments), capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr.strip()) == (2, sentence)
