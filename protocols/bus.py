@@ -4,6 +4,7 @@ python-can opens and configures every bus; the loop then reads and writes the ra
 fifth of the cost of a message object (realtime.md). Tools (`candump`, `python -m can.viewer`) see an ordinary bus.
 """
 
+import contextlib
 import errno
 import select
 import socket
@@ -23,11 +24,16 @@ AUTO_LOCAL = "local:clutch"  # bus of `auto` where no vcan0 is up
 _CAN_FRAME = struct.Struct("=IB3x8s")  # struct can_frame: identifier and flags, length, data
 _STANDARD_ID = 0x7FF
 _FLAGS = 0xE0000000  # extended, remote, error: never frames of this bench
+_FILTER_MASK = (
+    0xC0000000 | _STANDARD_ID
+)  # with the error flag a filter would let error frames through, and nothing else
 _INTERFACES = Path("/sys/class/net")
 _ARPHRD_CAN = 280  # linux/if_arp.h
 _IFF_UP = 1  # linux/if.h
 _DRAIN_LIMIT = 4096  # frames taken at once, so that a flood cannot hold the loop
 _SO_TIMESTAMPNS = 35  # asm-generic/socket.h: the kernel tells when it took a frame; Python does not name it
+_SO_RCVBUFFORCE = 33
+_RECEIVE_BUFFER = 4 << 20  # bytes: some thousand frames, a second of a full bus
 _TIMESPEC = struct.Struct("=qq")  # s, ns
 _CONTROL = socket.CMSG_SPACE(_TIMESPEC.size)
 
@@ -76,6 +82,10 @@ class Port:
 
     def receive(self) -> list[Frame]:
         """Every frame that waits, oldest first, without blocking."""
+        return [frame for _, frame in self.stamped()]
+
+    def stamped(self) -> list[tuple[int, Frame]]:
+        """The same, each after its stamp [ns of CLOCK_REALTIME]."""
         frames = []
         for stamp, packed in self._raw.receive():
             if len(packed) == _CAN_FRAME.size:
@@ -83,7 +93,7 @@ class Port:
                 if not can_id & _FLAGS:
                     can_id &= _STANDARD_ID
                     self.stamps[can_id] = stamp
-                    frames.append(Frame(can_id, data[:length]))
+                    frames.append((stamp, Frame(can_id, data[:length])))
         self.received += len(frames)
         return frames
 
@@ -124,6 +134,9 @@ class _SocketCanPort:
         self._socket = bus.socket  # type: ignore[attr-defined]
         self._socket.setblocking(False)
         self._socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+        for option in (socket.SO_RCVBUF, _SO_RCVBUFFORCE):  # the latter beyond net.core.rmem_max, for root
+            with contextlib.suppress(PermissionError):
+                self._socket.setsockopt(socket.SOL_SOCKET, option, _RECEIVE_BUFFER)
 
     def send(self, packed: bytes) -> int:
         self._socket.send(packed)
@@ -171,7 +184,7 @@ def open_bus(name: str, only: Sequence[int] | None = None) -> Port:
             raise InputError(f"bus {name!r} does not exist; there are {known}")
         if name not in _can_interfaces(only_up=True):
             raise InputError(f"bus {name} is down; bring it up with: ip link set {name} up")
-        filters = [{"can_id": i, "can_mask": _STANDARD_ID | _FLAGS} for i in only or ()] or None
+        filters = [{"can_id": i, "can_mask": _FILTER_MASK} for i in only or ()] or None
         return Port(name, _SocketCanPort(can.Bus(interface="socketcan", channel=name, can_filters=filters)))
     except (can.CanError, OSError, ValueError) as error:
         raise InputError(f"bus {name} cannot be opened: {error}") from None

@@ -1,0 +1,300 @@
+"""Jitter: how punctual the loop is here, beside what the machine allows at the same time.
+
+Method          phases take turns in several rounds: cyclictest, a loop that does nothing (sleeping, and spinning the last
+                microseconds), the closed loop begun by the clock and by the bus, and echoes of the same frames. Beside each
+                loop runs a witness: another loop that does nothing, above it in priority, on the same CPU, at the same rate,
+                out of phase
+What counts     wake      from the slot of the grid to the first look at the clock; begun by the bus: from the frame's stamp
+                step      from there to the end of the cycle's work, telemetry included
+                latency   from the stamp of a sample's ENCODER frame to that of the VALVE_COMMAND that answers it
+                period    time between the beginnings of two cycles minus the period
+                late      cycles that end after their slot, and slots left out; unexplained: those without a spike of the
+                          witness within two periods. A spike is SPIKE of a period
+Assumptions     stamps of both frames are of one clock (a local bus stamps when a frame is sent, vcan when it is taken)
+References      rt-tests' cyclictest; witness: shared/design/realtime.md
+"""
+
+import contextlib
+import os
+import shutil
+import subprocess
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from plant_sim.bench.loads import Load
+from plant_sim.bench.services import Services
+from protocols.bus import Port, open_bus
+from protocols.echo import Echo
+from protocols.errors import InputError
+from protocols.frames import load_frames
+from protocols.pace import Pace, read
+from protocols.realtime import PRIORITY
+from protocols.ring import RingReader
+from protocols.shared_folder import SharedFolder
+from protocols.stopping import Stop
+
+SPIKE = 0.1  # of a period
+WITNESS_PRIORITY = 90
+_SETTLING = 1.0  # s of the closed loop before it counts
+_LONGER = 1.0  # s that a witness runs longer than what it watches
+_NEAR = 2  # periods around a witness spike
+_HISTOGRAM = 20_000  # us that cyclictest counts
+_POLL = 0.02  # s
+PERCENTILES = (50.0, 99.0, 99.9, 99.99)
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What is measured: `seconds` [s] of each phase in all, in `rounds`, at `rate` [Hz], on `cpu`, on `bus`."""
+
+    bus: str
+    rate: int
+    seconds: float
+    rounds: int
+    cpu: int
+    spin_us: float
+    telemetry: bool = True
+
+    @property
+    def piece(self) -> float:
+        """Length of a phase in one round [s]."""
+        return self.seconds / self.rounds
+
+
+@dataclass
+class Measured:
+    """Of one phase: durations [us] by what they are of, late cycles and cycles, and the witness's latenesses [us]."""
+
+    durations: dict[str, list[np.ndarray]] = field(default_factory=dict)
+    witness: list[np.ndarray] = field(default_factory=list)
+    cycles: int = 0
+    late: int = 0
+    unexplained: int = 0
+
+    def add(self, what: str, values: np.ndarray) -> None:
+        """Durations of one round [us]."""
+        self.durations.setdefault(what, []).append(values)
+
+    def all(self, what: str) -> np.ndarray:
+        """Durations of all rounds [us]."""
+        return np.concatenate(self.durations[what])
+
+
+def summary(values: np.ndarray) -> dict[str, float]:
+    """Percentiles and maximum [us] of durations (n,); as many as their number supports."""
+    found = {f"p{p:g}": float(np.percentile(values, p)) for p in PERCENTILES if len(values) * (1.0 - p / 100.0) >= 5.0}
+    return found | {"max": float(values.max())}
+
+
+def explained(late_at: np.ndarray, slots: np.ndarray, woken: np.ndarray, period_ns: int) -> np.ndarray:
+    """Whether late cycles, at times (k,), have a spike of the witness, woken for slots (n,), near; all ns."""
+    spikes = slots[(woken - slots) > SPIKE * period_ns]
+    gaps = np.flatnonzero(np.diff(slots) > 1.5 * period_ns)  # slots that the witness itself was not woken for
+    spikes = np.concatenate([spikes, *(slots[gaps] + k * period_ns for k in (1, 2))])
+    if not len(spikes) or not len(late_at):
+        return np.zeros(len(late_at), bool)
+    spikes = np.sort(spikes)
+    after = np.searchsorted(spikes, late_at)
+    near = [np.abs(late_at - spikes[np.clip(after + k, 0, len(spikes) - 1)]) for k in (-1, 0)]
+    return np.minimum(*near) <= (_NEAR + 0.5) * period_ns
+
+
+Phase = Callable[[Setting, Measured], None]
+
+
+def phases(setting: Setting) -> dict[str, Phase]:
+    """Every phase by name; without cyclictest where it is not installed."""
+    found: dict[str, Phase] = {"cyclictest": _cyclictest} if shutil.which("cyclictest") else {}
+    found |= {
+        "empty loop, sleep": lambda s, m: _empty(s, m, 0.0),
+        "empty loop, spin": lambda s, m: _empty(s, m, setting.spin_us),
+        "closed loop, clock": lambda s, m: _closed(s, m, "clock"),
+        "closed loop, bus": lambda s, m: _closed(s, m, "bus"),
+        "echo, raw frames": lambda s, m: _echo(s, m, "raw"),
+        "echo, python-can and cantools": lambda s, m: _echo(s, m, "python-can"),
+    }
+    return found
+
+
+def measure(
+    setting: Setting, loads: Sequence[Load], progress: Callable[[float, int], None]
+) -> tuple[dict[str, Measured], bool]:
+    """Run every phase in turn, `rounds` times; whether it was interrupted. Raises InputError."""
+    todo = phases(setting)
+    found = {name: Measured() for name in todo}
+    total, done = setting.rounds * len(todo), 0
+    before = os.sched_getaffinity(0)
+    others = before - {setting.cpu} or before
+    os.sched_setaffinity(0, others)
+    try:
+        with contextlib.ExitStack() as stack, Stop() as stop:
+            for load in loads:
+                stack.enter_context(load.running(setting.bus))
+            for _ in range(setting.rounds):
+                for name, phase in todo.items():
+                    if stop.asked:
+                        return found, True
+                    phase(setting, found[name])
+                    done += 1
+                    progress(done, total)
+    finally:
+        os.sched_setaffinity(0, before)
+    return found, False
+
+
+@contextlib.contextmanager
+def _witnessed(setting: Setting, measured: Measured, seconds: float, phase_ns: int) -> Iterator[list[np.ndarray]]:
+    """A witness while entered; afterwards the list holds its slots and wake-ups."""
+    folder = SharedFolder()
+    out = folder.path / "witness"
+    found: list[np.ndarray] = []
+    pace = Pace(str(out), setting.rate, seconds + _LONGER, setting.cpu, WITNESS_PRIORITY, phase_ns)
+    process = pace.spawn()
+    try:
+        yield found
+        process.wait(seconds + 30.0)
+        found += read(out)
+        measured.witness.append((found[1] - found[0]) / 1e3)
+    finally:
+        process.kill()
+        process.wait()
+        folder.remove()
+
+
+def _cyclictest(setting: Setting, measured: Measured) -> None:
+    loops, period_us = round(setting.piece * setting.rate), 1_000_000 // setting.rate
+    command = [
+        "cyclictest", "-q", "-m", "-t1", f"-p{PRIORITY}", f"-a{setting.cpu}", f"-i{period_us}", f"-l{loops}",
+        f"-h{_HISTOGRAM}",
+    ]  # fmt: skip
+    with _witnessed(setting, measured, setting.piece, 0):
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise InputError(f"cyclictest failed: {(done.stderr.strip().splitlines() or ['it said nothing'])[-1]}")
+    lines = [line.split() for line in done.stdout.splitlines() if line[:1].isdigit()]
+    counts = np.array([(int(us), int(count)) for us, count in lines])
+    wake = np.repeat(counts[:, 0] + 0.5, counts[:, 1])  # a bin of 1 us at its middle
+    overflow = next((line for line in done.stdout.splitlines() if line.startswith("# Max Latencies")), "")
+    wake = np.append(wake, [float(overflow.rpartition(" ")[2])] if overflow and loops > len(wake) else [])
+    measured.add("wake", wake)
+    measured.cycles += loops
+
+
+def _empty(setting: Setting, measured: Measured, spin_us: float) -> None:
+    folder = SharedFolder()
+    out = folder.path / "pace"
+    period = 1_000_000_000 // setting.rate
+    pace = Pace(str(out), setting.rate, setting.piece, setting.cpu, PRIORITY, period // 2, spin_us)
+    try:
+        with _witnessed(setting, measured, setting.piece, 0) as witness:
+            process = pace.spawn()
+            process.wait(setting.piece + 30.0)
+        slots, woken = read(out)
+    finally:
+        folder.remove()
+    measured.add("wake", (woken - slots) / 1e3)
+    measured.add("period", (np.diff(woken) - period) / 1e3)
+    left_out = np.flatnonzero(np.diff(slots) > 1.5 * period)
+    _account(measured, slots[left_out] + period, slots, witness, period)
+
+
+def _closed(setting: Setting, measured: Measured, trigger: str) -> None:
+    """Plant and controller on one CPU; what they record, and the stamps of their frames as a third one on the bus sees them."""
+    common = ["--bus", setting.bus, "--rate", str(setting.rate), "--cpu", str(setting.cpu)]
+    common += [] if setting.telemetry else ["--no-telemetry"]
+    # the loop alone spins where it waits for a slot; a plant that spins would only keep the controller off the CPU
+    loop = ["controller", *common, "--trigger", trigger, "--spin-us", str(setting.spin_us)]
+    period = 1_000_000_000 // setting.rate
+    commands = {"plant": ["plant", *common, "--profile", "engagement", "--seconds", "100000"], "controller": loop}
+    with Stop() as stop, Services(commands) as services:
+        rings = services.rings(stop)
+        first = _played(rings[1], _SETTLING)
+        column = [c.name for c in rings[1].columns].index("clock_s")
+        phase = int(first[-1, column] * 1e9) + (period // 4 if trigger == "clock" else period // 2)
+        with _heard(setting.bus) as frames:
+            with _witnessed(setting, measured, setting.piece, phase) as witness:
+                rows = _played(rings[1], setting.piece)
+            services.end()
+    names = [c.name for c in rings[1].columns]
+    clock, wake, work, late = (rows[:, names.index(n)] for n in ("clock_s", "wake_us", "work_us", "late_cycles"))
+    measured.add("wake", wake)
+    measured.add("step", work[1:])  # a row has the work of the cycle before
+    measured.add("period", np.diff(clock) * 1e6 - period / 1e3)
+    measured.add("latency", _latencies(frames))
+    left_out = np.flatnonzero(np.diff(clock) * 1e9 > 1.5 * period)
+    ended_late = np.flatnonzero(np.diff(late) > 0)
+    _account(measured, clock[np.union1d(left_out, ended_late)] * 1e9, clock * 1e9, witness, period)
+
+
+def _echo(setting: Setting, measured: Measured, kind: str) -> None:
+    timing = (setting.bus, setting.rate, setting.piece, setting.cpu, PRIORITY)
+    with _heard(setting.bus) as frames:
+        echo = Echo(kind, *timing).spawn()
+        time.sleep(1.5)  # it opens the bus
+        source = Echo("source", *timing).spawn()
+        for process in (source, echo):
+            process.wait(setting.piece + 30.0)
+    measured.add("latency", _latencies(frames))
+    measured.cycles += round(setting.piece * setting.rate)
+
+
+def _account(
+    measured: Measured, late_at: np.ndarray, cycles_at: np.ndarray, witness: Sequence[np.ndarray], period: int
+) -> None:
+    """Count what the witness has seen: cycles began at `cycles_at`, the late ones at `late_at` [ns]."""
+    slots, woken = witness
+    late_at, cycles_at = (at[(at >= slots[0]) & (at <= slots[-1])] for at in (late_at, cycles_at))
+    measured.cycles += len(cycles_at)
+    measured.late += len(late_at)
+    measured.unexplained += int((~explained(late_at, slots, woken, period)).sum())
+
+
+def _played(ring: RingReader, seconds: float) -> np.ndarray:
+    """Rows of a ring for some time."""
+    rows, end = [], time.monotonic() + seconds
+    while time.monotonic() < end:
+        time.sleep(_POLL)
+        rows.append(ring.read())
+    return np.concatenate(rows)
+
+
+@contextlib.contextmanager
+def _heard(bus: str) -> Iterator[list[tuple[int, int, int]]]:
+    """Stamp [ns], identifier and tick of samples and commands on the bus, while entered. Read all the time: a participant that
+    does not read fills its queue, and senders count refusals."""
+    codecs = {codec.can_id: codec for name, codec in load_frames().items() if name in ("ENCODER", "VALVE_COMMAND")}
+    heard: list[tuple[int, int, int]] = []
+    ends = threading.Event()
+
+    def listen(port: Port) -> None:
+        while not ends.is_set():
+            if port.wait(_POLL):
+                for stamp, (can_id, data) in port.stamped():
+                    if can_id in codecs:
+                        heard.append((stamp, can_id, codecs[can_id].raw(data).sample_tick))
+
+    with open_bus(bus) as port:
+        thread = threading.Thread(target=listen, args=(port,))
+        thread.start()
+        try:
+            yield heard
+        finally:
+            ends.set()
+            thread.join()
+
+
+def _latencies(frames: Sequence[tuple[int, int, int]]) -> np.ndarray:
+    """From each sample to the first command that answers it [us]."""
+    encoder = load_frames()["ENCODER"].can_id
+    asked: dict[int, int] = {}
+    found = []
+    for stamp, can_id, tick in sorted(frames):
+        if can_id == encoder:
+            asked[tick] = stamp
+        elif tick in asked:
+            found.append(stamp - asked.pop(tick))
+    return np.array(found) / 1e3

@@ -1,0 +1,65 @@
+"""`clutch-hil jitter`: the loop's timing beside cyclictest, a witness and echoes, as a table, a picture and JSON."""
+
+from pathlib import Path
+
+import typer
+
+from protocols.command import checked_rate, report
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command()(jitter)
+
+
+def jitter(
+    bus: str = typer.Option("auto", help="vcan0, can0, local:NAME or auto"),
+    rate: int = typer.Option(1000, help="rate of samples and commands, in Hz"),
+    seconds: float = typer.Option(30.0, help="length of each phase in all, in s"),
+    rounds: int = typer.Option(3, min=1, help="parts that it is measured in, the phases in turn"),
+    cpu: int | None = typer.Option(None, help="CPU of the loops; the last if not given"),
+    spin_us: float = typer.Option(100.0, help="spin at most so long before a slot, in us"),
+    load: list[str] = typer.Option([], help="cpu, memory, disk, bus or viewer; may be given more than once"),
+    telemetry: bool = typer.Option(True, help="publish every cycle meanwhile, as a bench does"),
+    out: Path = typer.Option(Path("runs"), help="folder for jitter.png and jitter.json"),
+    json_output: bool = typer.Option(False, "--json", help="print the result as JSON"),
+) -> None:
+    """Measure the loop's jitter here, side by side with what the machine allows."""
+    import os
+
+    from plant_sim.bench.jitter import Setting, measure
+    from plant_sim.bench.jitter_report import checked, document, draw, judged, text
+    from plant_sim.bench.loads import chosen
+    from plant_sim.bench.progress import progress_bar
+    from plant_sim.bench.recording import writable
+    from protocols.bus import open_bus, resolve
+    from protocols.command import write_summary
+    from protocols.waiting import checked_spin
+
+    cpus = sorted(os.sched_getaffinity(0))
+    setting = checked(
+        Setting(
+            resolve(bus), checked_rate(rate), seconds, rounds, cpus[-1] if cpu is None else cpu,
+            checked_spin(spin_us), telemetry,
+        ),
+        cpus,
+    )  # fmt: skip
+    loads = chosen(load)
+    open_bus(setting.bus).close()
+    writable(out)
+    with progress_bar("jitter", json_output) as progress:
+        measured, interrupted = measure(setting, loads, progress)
+    told = document(setting, loads, measured, interrupted)
+    picture, summary = out / "jitter.png", out / "jitter.json"
+    draw(setting, measured, picture)
+    write_summary(summary, told)
+    verdict, good = judged(told)
+    where = f"on {setting.bus} at {rate} Hz, CPU {setting.cpu}"
+    read = f"read:    {len(measured)} phases of {seconds:g} s in {rounds} rounds {where}"
+    report(
+        told,
+        "\n".join([text(told), "", read, f"wrote:   {picture}", f"wrote:   {summary}"]),
+        verdict,
+        good,
+        json_output,
+    )

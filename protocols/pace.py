@@ -1,0 +1,72 @@
+"""Pace: a real-time loop that does nothing but keep time. `python -m protocols.pace JSON`
+
+As a witness beside another loop, on its CPU, above its priority and out of its phase, it shows what the machine allows at that
+moment; alone it is the floor of a loop in this language.
+"""
+
+import json
+import sys
+import time
+from array import array
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from subprocess import Popen
+from typing import TYPE_CHECKING
+
+from protocols.child import spawn
+from protocols.clock import Clock
+from protocols.realtime import prepare
+from protocols.waiting import waiting
+
+if TYPE_CHECKING:
+    import numpy as np
+
+_BEGIN = 20_000_000  # ns to the first slot at least
+
+
+@dataclass(frozen=True)
+class Pace:
+    """`seconds` [s] at `rate` [Hz] on a CPU with a priority of SCHED_FIFO; slots lie `phase_ns` behind whole periods.
+
+    What was measured is written to `out`; see `read`.
+    """
+
+    out: str
+    rate: int
+    seconds: float
+    cpu: int
+    priority: int
+    phase_ns: int = 0
+    spin_us: float = 0.0
+
+    def spawn(self) -> "Popen[bytes]":
+        """The loop as a process of its own."""
+        return spawn([sys.executable, "-P", "-m", "protocols.pace", json.dumps(asdict(self))])
+
+    def run(self) -> None:
+        """Keep time; write slots and wake-ups when it is over."""
+        clock = Clock(1_000_000_000 // self.rate, waiting(self.spin_us))
+        count = round(self.seconds * self.rate)
+        deadlines, woken = (array("q", bytes(8 * count)) for _ in range(2))
+        prepare(self.cpu, self.priority)
+        period = clock.period_ns
+        clock.start((time.monotonic_ns() + _BEGIN) // period * period + period + self.phase_ns % period)
+        for k in range(count):
+            clock.wait()
+            deadlines[k], woken[k] = clock.deadline_ns, clock.woken_ns
+            clock.done()
+        part = Path(self.out).with_suffix(".part")
+        part.write_bytes(deadlines.tobytes() + woken.tobytes())
+        part.rename(self.out)
+
+
+def read(out: Path) -> "tuple[np.ndarray, np.ndarray]":
+    """Slots that were run and when they were woken up for (n,), ns of CLOCK_MONOTONIC."""
+    import numpy as np
+
+    both = np.fromfile(out, np.int64)
+    return both[: len(both) // 2], both[len(both) // 2 :]
+
+
+if __name__ == "__main__":
+    Pace(**json.loads(sys.argv[1])).run()
