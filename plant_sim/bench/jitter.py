@@ -86,7 +86,7 @@ class Measured:
 
 def summary(values: np.ndarray) -> dict[str, float]:
     """Percentiles and maximum [us] of durations (n,); as many as their number supports."""
-    found = {f"p{p:g}": float(np.percentile(values, p)) for p in PERCENTILES if len(values) * (1.0 - p / 100.0) >= 5.0}
+    found = {f"p{p:g}": float(np.percentile(values, p)) for p in PERCENTILES if len(values) * (100.0 - p) >= 499.9}
     return found | {"max": float(values.max())}
 
 

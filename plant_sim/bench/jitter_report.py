@@ -126,6 +126,7 @@ def draw(setting: Setting, measured: Mapping[str, Measured], path: Path) -> None
     from matplotlib.figure import Figure
 
     figure = Figure((11.0, 7.5), layout="constrained")
+    colours = {name: f"C{i}" for i, name in enumerate(measured)}
     for row, what in enumerate(("wake", "latency")):
         shown = {name: one.all(what) for name, one in measured.items() if what in one.durations}
         if not shown:
@@ -135,8 +136,9 @@ def draw(setting: Setting, measured: Mapping[str, Measured], path: Path) -> None
         edges = np.geomspace(0.1, max(top, 10.0) * 1.1, 90)
         for name, values in shown.items():
             clipped = np.clip(values, edges[0], None)
-            left.step(edges[:-1], np.histogram(clipped, edges)[0] / len(values), where="post", label=name)
-            right.step(np.sort(clipped), 1.0 - np.arange(len(values)) / len(values), where="post", label=name)
+            style: dict[str, Any] = {"where": "post", "label": name, "color": colours[name]}
+            left.step(edges[:-1], np.histogram(clipped, edges)[0] / len(values), **style)
+            right.step(np.sort(clipped), 1.0 - np.arange(len(values)) / len(values), **style)
         what_it_is = "wake-up after its slot" if what == "wake" else "sample frame to command frame"
         left.set(xscale="log", yscale="log", xlabel="us", ylabel="share of cycles", title=what_it_is)
         right.set(xscale="log", yscale="log", xlabel="us", ylabel="share that is later", title=f"{what_it_is}: tail")

@@ -1,0 +1,125 @@
+"""`clutch-hil jitter`: what is late and whose fault it is, and the whole command on a real bench.
+
+Nothing here bounds a duration: machines are shared. The report of the whole run is kept in runs/jitter-test.
+"""
+
+import json
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from plant_sim.bench.jitter import _latencies, explained, summary
+from plant_sim.bench.jitter_report import document, judged
+from plant_sim.bench.loads import LOADS, chosen
+from protocols import child
+from protocols.errors import InputError
+from protocols.frames import load_frames
+from protocols.pace import Pace, read
+
+PERIOD = 1_000_000  # ns
+ROOT = Path(__file__).parents[1]
+
+
+def test_a_late_cycle_near_a_spike_of_the_witness_is_the_machines() -> None:
+    slots = PERIOD * np.arange(1000)
+    woken = slots + 5_000
+    woken[500] += 300_000
+    late = PERIOD * np.array([300, 497, 498, 499, 501, 502, 503]) + PERIOD // 4
+    assert explained(late, slots, woken, PERIOD).tolist() == [False, False, True, True, True, True, False]
+
+
+def test_slots_the_witness_itself_has_slept_through_are_spikes() -> None:
+    slots = np.delete(PERIOD * np.arange(1000), [700, 701])
+    late = np.array([699.5, 703.5, 710.0]) * PERIOD
+    assert explained(late, slots, slots + 5_000, PERIOD).tolist() == [True, True, False]
+
+
+def test_without_spikes_nothing_is_explained() -> None:
+    slots = PERIOD * np.arange(100)
+    assert explained(np.array([50.0]) * PERIOD, slots, slots, PERIOD).tolist() == [False]
+    assert explained(np.array([]), slots, slots, PERIOD).tolist() == []
+
+
+def test_percentiles_are_told_only_where_there_are_enough_cycles() -> None:
+    values = np.arange(1.0, 5001.0)
+    assert set(summary(values)) == {"p50", "p99", "p99.9", "max"}
+    assert summary(values)["p50"] == pytest.approx(2500.5)
+    assert set(summary(values[:100])) == {"p50", "max"}
+
+
+def test_latency_is_from_a_sample_to_the_first_command_that_answers_it() -> None:
+    frames = load_frames()
+    encoder, valve = frames["ENCODER"].can_id, frames["VALVE_COMMAND"].can_id
+    heard = [(0, encoder, 65535), (40_000, valve, 65535), (1_000_000, encoder, 0), (1_025_000, valve, 0)]
+    heard += [(2_025_000, valve, 0), (3_000_000, encoder, 2), (3_050_000, valve, 2)]  # tick 0 again; 1 was lost
+    assert _latencies(heard).tolist() == [40.0, 25.0, 50.0]
+
+
+def test_a_loop_that_keeps_time_says_when(tmp_path: Path) -> None:
+    pace = Pace(str(tmp_path / "pace"), 500, 0.4, 0, 50, phase_ns=250_000, spin_us=20.0)
+    assert pace.spawn().wait(60.0) == 0
+    slots, woken = read(tmp_path / "pace")
+    assert len(slots) == 200
+    assert (slots % 2_000_000 == 250_000).all()
+    assert (woken >= slots).all()
+
+
+def test_only_known_loads() -> None:
+    with pytest.raises(InputError, match=r"load 'heat' is unknown; allowed are bus, cpu, disk, memory, viewer"):
+        chosen(["cpu", "heat"])
+    assert [load.name for load in chosen(["disk"])] == ["disk"]
+
+
+@pytest.mark.parametrize("name", sorted(set(LOADS) - {"viewer"}))
+def test_a_load_runs_and_ends(name: str, local_bus: str) -> None:
+    with LOADS[name].running(local_bus):
+        pass  # leaving waits for its end
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--cpu", "999"], "error: CPU 999 is not ours; allowed are "),
+        (["--seconds", "900"], "error: 900 s in 3 rounds is not possible; allowed are 1 to 60 s a round"),
+        (["--load", "heat"], "error: load 'heat' is unknown; allowed are bus, cpu, disk, memory, viewer"),
+    ],
+)
+def test_a_bad_setting_is_one_sentence(tmp_path: Path, local_bus: str, arguments: list[str], sentence: str) -> None:
+    command = child.clutch_hil("jitter", "--bus", local_bus, "--out", str(tmp_path / "out"), *arguments)
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr.startswith(sentence)
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_whole_report(local_bus: str) -> None:
+    """Every cycle the witness saw is accounted for; what is ours is told apart from what is the machine's."""
+    out = ROOT / "runs" / "jitter-test"
+    command = child.clutch_hil(
+        "jitter", "--bus", local_bus, "--rate", "250", "--seconds", "2", "--rounds", "1", "--out", str(out), "--json"
+    )
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300.0, check=False)
+    assert done.returncode in (0, 1), done.stderr
+    told = json.loads(done.stdout)
+    assert told == json.loads((out / "jitter.json").read_text())
+    assert (out / "jitter.png").stat().st_size > 10_000
+    loops = {name: one for name, one in told["phases"].items() if "period" in one}
+    assert set(loops) == {"empty loop, sleep", "empty loop, spin", "closed loop, clock", "closed loop, bus"}
+    for one in loops.values():
+        assert 0 <= one["unexplained"] <= one["late"] <= one["cycles"]
+        assert one["cycles"] + one["late"] >= 0.5 * 2.0 * 250
+        assert 0.0 <= one["wake"]["p50"] <= one["wake"]["max"]
+        assert one["witness"]["p50"] > 0.0
+    for name in ("closed loop, bus", "echo, raw frames", "echo, python-can and cantools"):
+        assert told["phases"][name]["latency"]["p50"] > 0.0
+    assert {ratio["to"] for ratio in told["ratios"]} >= {"its witness", "echo, raw frames"}
+    assert judged(told)[0].startswith("this machine is ")
+
+
+def test_an_interrupted_measurement_is_no_good_verdict() -> None:
+    from plant_sim.bench.jitter import Setting
+
+    told = document(Setting("local:x", 1000, 3.0, 1, 0, 0.0), [], {}, True)
+    assert judged(told) == ("interrupted: what was measured so far is told", False)
