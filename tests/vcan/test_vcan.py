@@ -23,6 +23,7 @@ from protocols.frames import DBC, Frame, load_frames
 from protocols.node import node_factory
 from protocols.reception import Reception
 from protocols.runs import read_run
+from tests.bus_log import write_log
 
 RATE = 100  # Hz: a guest pays 15 us a system call and now and then 25 ms; timing is judged on the host (realtime.md)
 BUS = "vcan0"
@@ -56,6 +57,35 @@ def test_lock_step_on_vcan_is_bit_identical_to_one_process(tmp_path: Path) -> No
     played = play(plant, node_factory("controller")())
     for column in plant.columns:
         assert np.array_equal(run[column.name], played[column.name]), column.name
+
+
+def test_a_log_is_answered_the_same_on_vcan_and_in_one_process(tmp_path: Path) -> None:
+    log = tmp_path / "bus.blf"
+    write_log(log, 0.5)
+    there, here = (clutch_hil("replay", str(log), "--json", *bus) for bus in (("--bus", BUS), ()))
+    assert (there.returncode, here.returncode) == (0, 0), there.stderr + here.stderr
+    there, here = json.loads(there.stdout), json.loads(here.stdout)
+    assert there["sha256"] == here["sha256"]
+    assert there["equal"] == here["equal"] == here["cycles"]
+
+
+def test_frames_carry_the_time_at_which_the_kernel_took_them() -> None:
+    with open_bus(BUS) as one, open_bus(BUS) as other:
+        before = time.time_ns()
+        one.send(Frame(0x123, b"x"))
+        after = time.time_ns()
+        time.sleep(0.05)
+        ((stamp, frame),) = [told for told in other.stamped() if told[1].can_id == 0x123]
+        assert before <= stamp == other.stamps[0x123] <= after
+        assert frame == Frame(0x123, b"x")
+
+
+def test_the_kernel_keeps_away_what_is_not_wanted() -> None:
+    with open_bus(BUS) as one, open_bus(BUS, [0x123, 0x124]) as picky, open_bus(BUS, []) as anything:
+        for can_id in (0x122, 0x123, 0x124, 0x125):
+            one.send(Frame(can_id, b"x"))
+        assert [can_id for can_id, _ in listen(picky, 0.2)] == [0x123, 0x124]
+        assert len(listen(anything, 0.0) + anything.receive()) == 4
 
 
 def test_frames_keep_their_order() -> None:
