@@ -19,6 +19,7 @@ def jitter(
     rounds: int = typer.Option(3, min=1, help="parts that it is measured in, the phases in turn"),
     cpu: int | None = typer.Option(None, help="CPU of the loops; the last if not given"),
     spin_us: float = typer.Option(100.0, help="spin at most so long before a slot, in us"),
+    rates: str | None = typer.Option(None, help="the closed loop alone at these rates, in Hz, such as 250,1000,4000"),
     load: list[str] = typer.Option([], help="cpu, memory, disk, bus or viewer; may be given more than once"),
     telemetry: bool = typer.Option(True, help="publish every cycle meanwhile, as a bench does"),
     out: Path = typer.Option(Path("runs"), help="folder for jitter.png and jitter.json"),
@@ -27,8 +28,8 @@ def jitter(
     """Measure the loop's jitter here, side by side with what the machine allows."""
     import os
 
-    from plant_sim.bench.jitter import Setting, measure
-    from plant_sim.bench.jitter_report import checked, document, draw, judged, text
+    from plant_sim.bench import jitter_report
+    from plant_sim.bench.jitter import Setting, measure, sweep
     from plant_sim.bench.loads import chosen
     from plant_sim.bench.progress import progress_bar
     from plant_sim.bench.recording import writable
@@ -37,7 +38,7 @@ def jitter(
     from protocols.waiting import checked_spin
 
     cpus = sorted(os.sched_getaffinity(0))
-    setting = checked(
+    setting = jitter_report.checked(
         Setting(
             resolve(bus), checked_rate(rate), seconds, rounds, cpus[-1] if cpu is None else cpu,
             checked_spin(spin_us), telemetry,
@@ -47,18 +48,28 @@ def jitter(
     loads = chosen(load)
     open_bus(setting.bus).close()
     writable(out)
+    summary = out / "jitter.json"
+    if rates is not None:
+        wanted = [checked_rate(int(rate) if rate.strip().isdigit() else 0) for rate in rates.split(",")]
+        with progress_bar("jitter by rate", json_output) as progress:
+            told = jitter_report.sweep_document(setting, loads, *sweep(setting, wanted, loads, progress))
+        write_summary(summary, told)
+        verdict, good = jitter_report.sweep_judged(told)
+        lines = [jitter_report.sweep_text(told), "", f"wrote:   {summary}"]
+        report(told, "\n".join(lines), verdict, good, json_output)
+        return
     with progress_bar("jitter", json_output) as progress:
         measured, interrupted = measure(setting, loads, progress)
-    told = document(setting, loads, measured, interrupted)
-    picture, summary = out / "jitter.png", out / "jitter.json"
-    draw(setting, measured, picture)
+    told = jitter_report.document(setting, loads, measured, interrupted)
+    picture = out / "jitter.png"
+    jitter_report.draw(setting, measured, picture)
     write_summary(summary, told)
-    verdict, good = judged(told)
+    verdict, good = jitter_report.judged(told)
     where = f"on {setting.bus} at {rate} Hz, CPU {setting.cpu}"
     read = f"read:    {len(measured)} phases of {seconds:g} s in {rounds} rounds {where}"
     report(
         told,
-        "\n".join([text(told), "", read, f"wrote:   {picture}", f"wrote:   {summary}"]),
+        "\n".join([jitter_report.text(told), "", read, f"wrote:   {picture}", f"wrote:   {summary}"]),
         verdict,
         good,
         json_output,

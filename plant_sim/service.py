@@ -16,6 +16,7 @@ from protocols import realtime
 from protocols.bus import Port, listen, open_bus
 from protocols.clock import Clock
 from protocols.errors import InputError
+from protocols.footprint import Footprint
 from protocols.frames import load_frames
 from protocols.heartbeat import heard_alone, new_session
 from protocols.lifecycle import Lifecycle
@@ -70,13 +71,15 @@ class PlantService:
             missing = [] if self.lockstep else realtime.prepare(self.cpu, _PRIORITY)
             for text in missing:
                 ready(f"note: {text}")
-            timing = None
+            timing = footprint = None
             try:
                 self._await_controller(node, port, outlet, stop)
                 if self.lockstep:
                     self._lockstep(node, port, outlet, stop)
                 else:
+                    taken = Footprint()
                     timing = self._real_time(node, port, outlet, clock, stop)
+                    footprint = taken.summary()
             finally:
                 for frame in node.safe():
                     port.send(frame)
@@ -87,6 +90,7 @@ class PlantService:
             "lockstep": self.lockstep,
             "samples": node.tick + 1,
             "timing": timing,
+            "footprint": footprint,
             "not_available": missing,
             "port": port.counts(),
             "frames": node.reception_counts(),

@@ -45,11 +45,11 @@ class Pace:
 
     def run(self) -> None:
         """Keep time; write slots and wake-ups when it is over."""
-        clock = Clock(1_000_000_000 // self.rate, waiting(self.spin_us))
+        period = 1_000_000_000 // self.rate
+        clock = Clock(period, waiting(self.spin_us, period))
         count = round(self.seconds * self.rate)
         deadlines, woken = (array("q", bytes(8 * count)) for _ in range(2))
         prepare(self.cpu, self.priority)
-        period = clock.period_ns
         clock.start((time.monotonic_ns() + _BEGIN) // period * period + period + self.phase_ns % period)
         for k in range(count):
             clock.wait()

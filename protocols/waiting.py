@@ -53,9 +53,9 @@ class SleepThenSpin:
         return now
 
 
-def waiting(spin_us: float) -> Waiting:
-    """Sleep, and for the last at most `spin_us` spin."""
-    return SleepThenSpin(round(spin_us * 1000.0)) if spin_us > 0.0 else Sleep()
+def waiting(spin_us: float, period_ns: int) -> Waiting:
+    """Sleep, and for the last at most `spin_us` and tenth of a period spin: the CPU is others', too."""
+    return SleepThenSpin(min(round(spin_us * 1000.0), period_ns // 10)) if spin_us > 0.0 else Sleep()
 
 
 def checked_spin(spin_us: float) -> float:

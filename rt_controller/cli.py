@@ -30,7 +30,7 @@ def controller(
     ),
     overrun: str = typer.Option("skip", help="what becomes of slots that were slept through: skip, catch-up or fault"),
     spin_us: float = typer.Option(
-        0.0, help="spin at most so long before a slot instead of sleeping, in us; as long as sleeps are late"
+        0.0, help="spin at most so long, and a tenth of a period, before a slot, in us; as long as sleeps are late"
     ),
     json_output: bool = typer.Option(False, "--json", help="print the summary as JSON"),
 ) -> None:

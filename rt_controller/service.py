@@ -10,6 +10,7 @@ from protocols import realtime
 from protocols.bus import Port, open_bus
 from protocols.clock import Clock
 from protocols.errors import InputError
+from protocols.footprint import Footprint
 from protocols.frames import Frame, load_frames
 from protocols.heartbeat import heard_alone, new_session
 from protocols.lifecycle import Lifecycle
@@ -62,7 +63,8 @@ class ControllerService:
         session, begun_by = new_session(), trigger(self.trigger)
         node = ControllerNode(self.rate, self.parameters_file, self.law, self.adaptation, session, self.clutch)
         parameters = node.parameters.as_values()  # at the start; changes are told apart
-        clock = Clock(1_000_000_000 // self.rate, waiting(self.spin_us), overrun_policy(self.overrun))
+        period = 1_000_000_000 // self.rate
+        clock = Clock(period, waiting(self.spin_us, period), overrun_policy(self.overrun))
         with Stop() as stop, open_bus(self.bus, node.heard) as port:
             frames = load_frames(clutch=self.clutch or "a")
             node.listen(heard_alone(port, self.name, frames["CONTROLLER_HEARTBEAT"]))
@@ -76,7 +78,7 @@ class ControllerService:
                 ready(f"note: {text}")
             if self.clutch and self.adaptation:
                 ready("note: of two clutches none adapts: the motor's torque is that of both")
-            closed, missed = False, None
+            closed, missed, footprint = False, None, None
             samples = Samples(port, frames)
             begins = begun_by(clock, samples)
             try:
@@ -84,7 +86,8 @@ class ControllerService:
                 if self.lockstep:
                     self._lockstep(node, samples, outlet, stop, inbox)
                 else:
-                    self._real_time(node, samples, outlet, begins, stop, inbox)
+                    self._warm_up(node, samples, outlet, begins, inbox)
+                    footprint = self._real_time(node, samples, outlet, begins, stop)
             except OverrunError as error:
                 missed = str(error)
             finally:
@@ -96,6 +99,7 @@ class ControllerService:
             "rate_hz": self.rate,
             "lockstep": self.lockstep,
             "timing": None if self.lockstep else clock.summary(),
+            "footprint": footprint,
             "trigger": self.trigger,
             "overrun": missed,
             "not_available": missing,
@@ -115,31 +119,34 @@ class ControllerService:
             inbox = (inbox + node.listen(samples.next(node.heartbeat.period)))[-_KEPT:]
         return inbox
 
-    def _real_time(
-        self,
-        node: ControllerNode,
-        samples: Samples,
-        outlet: Outlet,
-        begins: Trigger,
-        stop: Stop,
-        inbox: list[Frame],
+    def _warm_up(
+        self, node: ControllerNode, samples: Samples, outlet: Outlet, begins: Trigger, inbox: list[Frame]
     ) -> None:
-        """Warm up at the plant's pace, then cycle by cycle as the trigger begins them. The warm-up is not in the timing."""
-        clock, arrived = begins.clock, time.monotonic_ns()
+        """Some cycles at the plant's pace, which are not in the timing; then the trigger's grid is set."""
+        arrived = time.monotonic_ns()
         for _ in range(max(1, round(_WARM_UP * self.rate))):
             self._cycle(node, samples.port, outlet, inbox, (time.monotonic(), 0.0, 0.0, 0))
             inbox = samples.next(2.0 / self.rate)
             arrived = time.monotonic_ns()
+        self._cycle(node, samples.port, outlet, inbox, (time.monotonic(), 0.0, 0.0, 0))
         begins.start(arrived)
-        work_us = 0.0
+
+    def _real_time(
+        self, node: ControllerNode, samples: Samples, outlet: Outlet, begins: Trigger, stop: Stop
+    ) -> dict[str, int]:
+        """Cycle by cycle as the trigger begins them; return what it took from the system."""
+        clock, work_us = begins.clock, 0.0
+        inbox: list[Frame] = []
+        taken = Footprint()
         while not stop.asked:
             slots = 1 + begins.wait(inbox)
             timing = (clock.woken_ns / 1e9, clock.lateness_ns / 1e3, work_us, clock.late)
             self._cycle(node, samples.port, outlet, inbox, timing, slots)
             clock.done()
-            inbox = []
+            inbox.clear()
             work_us = clock.work_ns / 1e3
             node.late_cycles = clock.late
+        return taken.summary()
 
     def _lockstep(self, node: ControllerNode, samples: Samples, outlet: Outlet, stop: Stop, inbox: list[Frame]) -> None:
         """Answer each complete sample at once; end when the plant says it ends."""

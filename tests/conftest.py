@@ -26,7 +26,9 @@ QUIET = (
     "telemetry",
     "test_can_log.py",
     "test_clock.py",
+    "test_jitter.py",
     "test_local_bus.py",
+    "test_timing_budget.py",
 )
 ORDER = ("soak", "longest", "shared", "quiet")
 _KERNELS = pytest.StashKey[str]()

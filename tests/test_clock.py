@@ -9,7 +9,7 @@ import pytest
 from protocols.clock import Clock, Histogram
 from protocols.errors import InputError
 from protocols.overrun import OverrunError, overrun_policy
-from protocols.waiting import SleepThenSpin
+from protocols.waiting import Sleep, SleepThenSpin, waiting
 
 PERIOD_NS = 1_000_000
 BIN_US = 1.0  # width of the histogram's bins
@@ -198,6 +198,14 @@ def test_a_spin_is_never_longer_than_allowed(hands: Hands) -> None:
     for _ in range(5):
         spin(hands.now, hands.now + PERIOD_NS)
         assert spin.spin_ns == 20_000
+
+
+def test_at_most_a_tenth_of_a_period_is_spun() -> None:
+    fast, slow = waiting(100.0, 100_000), waiting(100.0, 4_000_000)
+    assert isinstance(fast, SleepThenSpin)
+    assert isinstance(slow, SleepThenSpin)
+    assert (fast.spin_ns, slow.spin_ns) == (10_000, 100_000)
+    assert isinstance(waiting(0.0, 1_000_000), Sleep)
 
 
 @pytest.mark.parametrize("size", [1, 3, 11, 1003, 20_011])  # percent of it is never whole: numpy rounds such ties

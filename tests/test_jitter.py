@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from plant_sim.bench.jitter import _latencies, explained, summary
-from plant_sim.bench.jitter_report import document, judged
+from plant_sim.bench.jitter import Measured, Setting, _latencies, explained, summary
+from plant_sim.bench.jitter_report import document, judged, sweep_document, sweep_judged, sweep_text
 from plant_sim.bench.loads import LOADS, chosen
 from protocols import child
 from protocols.errors import InputError
@@ -118,8 +118,25 @@ def test_the_whole_report(local_bus: str) -> None:
     assert judged(told)[0].startswith("this machine is ")
 
 
-def test_an_interrupted_measurement_is_no_good_verdict() -> None:
-    from plant_sim.bench.jitter import Setting
+def test_the_knee_is_the_last_rate_before_one_that_is_not_kept() -> None:
+    def measured(late: int, failure: str = "") -> Measured:
+        one = Measured(cycles=10_000, late=late, failure=failure)
+        for what in ("wake", "step", "period"):
+            one.add(what, np.ones(10))
+        return one
 
+    rates = {1000: measured(0), 2000: measured(20), 4000: measured(21), 8000: measured(0), 10_000: measured(0, "gone")}
+    told = sweep_document(Setting("local:x", 1000, 3.0, 1, 0, 0.0), [], rates, False)
+    assert told["knee_hz"] == 2000
+    assert sweep_judged(told) == ("up to 2000 Hz at most 0.2 % of the cycles are late", True)
+    assert [line.split()[:3] for line in sweep_text(told).splitlines()[4:]] == [
+        ["1000", "1000", "10000"], ["2000", "500", "10000"], ["4000", "250", "10000"], ["8000", "125", "10000"],
+        ["10000", "100", "failed"],
+    ]  # fmt: skip
+    told = sweep_document(Setting("local:x", 1000, 3.0, 1, 0, 0.0), [], {1000: measured(21)}, False)
+    assert sweep_judged(told) == ("no rate is kept with at most 0.2 % late", False)
+
+
+def test_an_interrupted_measurement_is_no_good_verdict() -> None:
     told = document(Setting("local:x", 1000, 3.0, 1, 0, 0.0), [], {}, True)
     assert judged(told) == ("interrupted: what was measured so far is told", False)

@@ -51,6 +51,10 @@ def test_every_slot_is_run_or_skipped_and_every_sample_counted(local_bus: str, t
     # one sample a slot, but for those before the grid begins and after it ends
     assert abs(frames["received"] - timing["slots"]) <= 0.2 * RATE
     assert told["valve_closed"]
+    taken = told["footprint"]
+    assert (taken["collections"], taken["threads_begun"]) == (0, 0)
+    if not told["not_available"]:  # with every right
+        assert (taken["minor_faults"], taken["major_faults"]) == (0, 0)
 
 
 def test_an_overrun_can_end_the_controller_with_the_valve_closed(local_bus: str, tmp_path: Path) -> None:

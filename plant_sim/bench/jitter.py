@@ -20,8 +20,9 @@ import shutil
 import subprocess
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -74,6 +75,7 @@ class Measured:
     cycles: int = 0
     late: int = 0
     unexplained: int = 0
+    failure: str = ""
 
     def add(self, what: str, values: np.ndarray) -> None:
         """Durations of one round [us]."""
@@ -104,6 +106,7 @@ def explained(late_at: np.ndarray, slots: np.ndarray, woken: np.ndarray, period_
 
 
 Phase = Callable[[Setting, Measured], None]
+Key = TypeVar("Key", str, int)
 
 
 def phases(setting: Setting) -> dict[str, Phase]:
@@ -120,11 +123,33 @@ def phases(setting: Setting) -> dict[str, Phase]:
     return found
 
 
+def sweep(
+    setting: Setting, rates: Sequence[int], loads: Sequence[Load], progress: Callable[[float, int], None]
+) -> tuple[dict[int, Measured], bool]:
+    """The closed loop begun by the clock at several rates [Hz], in turn; whether it was interrupted. Raises InputError."""
+
+    def at(rate: int) -> Phase:
+        def phase(setting: Setting, measured: Measured) -> None:
+            try:
+                _closed(replace(setting, rate=rate), measured, "clock", heard=False)
+            except InputError as error:  # beyond what the machine can do the services give up
+                measured.failure = str(error)
+
+        return phase
+
+    return _in_turn(setting, {rate: at(rate) for rate in rates}, loads, progress)
+
+
 def measure(
     setting: Setting, loads: Sequence[Load], progress: Callable[[float, int], None]
 ) -> tuple[dict[str, Measured], bool]:
     """Run every phase in turn, `rounds` times; whether it was interrupted. Raises InputError."""
-    todo = phases(setting)
+    return _in_turn(setting, phases(setting), loads, progress)
+
+
+def _in_turn(
+    setting: Setting, todo: Mapping[Key, Phase], loads: Sequence[Load], progress: Callable[[float, int], None]
+) -> tuple[dict[Key, Measured], bool]:
     found = {name: Measured() for name in todo}
     total, done = setting.rounds * len(todo), 0
     before = os.sched_getaffinity(0)
@@ -202,8 +227,8 @@ def _empty(setting: Setting, measured: Measured, spin_us: float) -> None:
     _account(measured, slots[left_out] + period, slots, witness, period)
 
 
-def _closed(setting: Setting, measured: Measured, trigger: str) -> None:
-    """Plant and controller on one CPU; what they record, and the stamps of their frames as a third one on the bus sees them."""
+def _closed(setting: Setting, measured: Measured, trigger: str, heard: bool = True) -> None:
+    """Plant and controller on one CPU; what they record, and, `heard`, the stamps of their frames."""
     common = ["--bus", setting.bus, "--rate", str(setting.rate), "--cpu", str(setting.cpu)]
     common += [] if setting.telemetry else ["--no-telemetry"]
     # the loop alone spins where it waits for a slot; a plant that spins would only keep the controller off the CPU
@@ -215,7 +240,8 @@ def _closed(setting: Setting, measured: Measured, trigger: str) -> None:
         first = _played(rings[1], _SETTLING)
         column = [c.name for c in rings[1].columns].index("clock_s")
         phase = int(first[-1, column] * 1e9) + (period // 4 if trigger == "clock" else period // 2)
-        with _heard(setting.bus) as frames:
+        with contextlib.ExitStack() as stack:
+            frames = stack.enter_context(_heard(setting.bus)) if heard else []
             with _witnessed(setting, measured, setting.piece, phase) as witness:
                 rows = _played(rings[1], setting.piece)
             services.end()
@@ -224,7 +250,8 @@ def _closed(setting: Setting, measured: Measured, trigger: str) -> None:
     measured.add("wake", wake)
     measured.add("step", work[1:])  # a row has the work of the cycle before
     measured.add("period", np.diff(clock) * 1e6 - period / 1e3)
-    measured.add("latency", _latencies(frames))
+    if heard:
+        measured.add("latency", _latencies(frames))
     left_out = np.flatnonzero(np.diff(clock) * 1e9 > 1.5 * period)
     ended_late = np.flatnonzero(np.diff(late) > 0)
     _account(measured, clock[np.union1d(left_out, ended_late)] * 1e9, clock * 1e9, witness, period)

@@ -22,6 +22,7 @@ BANDS = (
     (500.0, "poor: late now and then at 1 kHz"),
 )
 UNUSABLE = "unusable for a fixed rate"
+KNEE = 0.002  # share of late cycles up to which a rate is kept
 MOST_UNEXPLAINED = 100.0  # late cycles per million that the machine does not explain: more is a bad verdict
 
 
@@ -101,6 +102,56 @@ def text(told: Mapping[str, Any]) -> str:
     return "\n".join(
         [f"machine: {told['machine']}; {load}", "", table_text(rows), "", table_text(counts), "", table_text(ratios)]
     )
+
+
+def sweep_document(
+    setting: Setting, loads: Sequence[Load], measured: Mapping[int, Measured], interrupted: bool
+) -> dict[str, Any]:
+    """What was measured at each rate, and the knee [Hz]: the highest rate up to which each has at most KNEE late, or None."""
+    rates, knee, kept = [], None, True
+    for rate, one in sorted(measured.items()):
+        if one.failure or not one.cycles:
+            kept = False
+            rates.append({"rate_hz": rate, "failure": one.failure})
+            continue
+        late = one.late / one.cycles
+        kept = kept and late <= KNEE
+        knee = rate if kept else knee
+        durations = {what: summary(one.all(what)) for what in ("wake", "step", "period")}
+        counts = {"cycles": one.cycles, "late": one.late, "unexplained": one.unexplained, "late_share": late}
+        rates.append({"rate_hz": rate, **counts, **durations})
+    machine = f"{platform.machine()}, Linux {platform.release()}, Python {platform.python_version()}"
+    return {
+        "machine": machine, "bus": setting.bus, "cpu": setting.cpu, "spin_us": setting.spin_us,
+        "seconds": setting.seconds, "rounds": setting.rounds, "telemetry": setting.telemetry,
+        "loads": [load.name for load in loads], "interrupted": interrupted, "rates": rates, "knee_hz": knee,
+    }  # fmt: skip
+
+
+def sweep_text(told: Mapping[str, Any]) -> str:
+    """The table by rate, for people."""
+    rows: list[tuple[str, ...]] = [
+        ("rate Hz", "period us", "cycles", "late %", "unexplained", "wake p50", "p99", "step p50", "p99")
+    ]
+    for one in told["rates"]:
+        if "failure" in one:
+            rows.append((str(one["rate_hz"]), f"{1e6 / one['rate_hz']:.0f}", "failed", *["-"] * 6))
+            continue
+        shown = [_number(one[what].get(p, nan)) for what in ("wake", "step") for p in ("p50", "p99")]
+        counts = (str(one["cycles"]), f"{100.0 * one['late_share']:.3f}", str(one["unexplained"]))
+        rows.append((str(one["rate_hz"]), f"{1e6 / one['rate_hz']:.0f}", *counts, *shown))
+    load = f"load: {', '.join(told['loads'])}" if told["loads"] else "load: none"
+    return "\n".join([f"machine: {told['machine']}; {load}", "", table_text(rows)])
+
+
+def sweep_judged(told: Mapping[str, Any]) -> tuple[str, bool]:
+    """Verdict line, and whether there is a rate that is kept."""
+    knee = told["knee_hz"]
+    if told["interrupted"]:
+        return "interrupted: what was measured so far is told", False
+    if knee is None:
+        return f"no rate is kept with at most {100.0 * KNEE:g} % late", False
+    return f"up to {knee} Hz at most {100.0 * KNEE:g} % of the cycles are late", True
 
 
 def judged(told: Mapping[str, Any]) -> tuple[str, bool]:

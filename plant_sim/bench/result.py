@@ -16,6 +16,7 @@ from plant_sim.bench.sealed import SEAL
 from protocols.runs import read_run
 
 _TITLE_WIDTH = 130  # characters that fit over the picture
+_NOT_IN_A_LOOP = ("minor_faults", "major_faults", "collections", "threads_begun")
 _LATE_NOTED = 1e-3  # share of late cycles above which a run in real time is told to be no measure of the controller
 
 
@@ -136,6 +137,9 @@ def timing_lines(timing: dict[str, Any]) -> list[str]:
         )
         if clock and clock["late"] > _LATE_NOTED * clock["cycles"]:
             lines.append(f"{'':<12} note: more than {100 * _LATE_NOTED:g} % late: timing of this run was disturbed")
+        if any((taken := service.get("footprint") or {}).get(what) for what in _NOT_IN_A_LOOP):
+            told = ", ".join(f"{taken[what]} {what.replace('_', ' ')}" for what in _NOT_IN_A_LOOP if taken[what])
+            lines.append(f"{'':<12} note: in the loop there were {told}")
         lines += [f"{'':<12} note: {text}" for text in service["not_available"]]
         if service["telemetry"] not in ("ended", "off"):
             lines.append(f"{'':<12} note: telemetry {service['telemetry']}")

@@ -1,0 +1,39 @@
+"""Footprint: what a loop took from the system while it ran; in steady state nothing.
+
+What            page faults, collections of garbage, threads, and switches that the loop did not ask for
+Assumptions     it is asked by the loop's own thread
+References      getrusage(2), RUSAGE_THREAD
+"""
+
+import gc
+import os
+import resource
+
+
+class Footprint:
+    """Counts since it was made."""
+
+    def __init__(self) -> None:
+        self._threads = _threads()
+        self._collections = _collections()
+        self._usage = resource.getrusage(resource.RUSAGE_THREAD)
+
+    def summary(self) -> dict[str, int]:
+        """`minor_faults` and `major_faults` (from disk) of the loop's thread, `collections`, threads `begun`, and
+        `preemptions`: times that the CPU was taken away."""
+        now, before = resource.getrusage(resource.RUSAGE_THREAD), self._usage
+        return {
+            "minor_faults": now.ru_minflt - before.ru_minflt,
+            "major_faults": now.ru_majflt - before.ru_majflt,
+            "preemptions": now.ru_nivcsw - before.ru_nivcsw,
+            "collections": _collections() - self._collections,
+            "threads_begun": _threads() - self._threads,
+        }
+
+
+def _collections() -> int:
+    return sum(int(generation["collections"]) for generation in gc.get_stats())
+
+
+def _threads() -> int:
+    return len(os.listdir("/proc/self/task"))
