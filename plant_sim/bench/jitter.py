@@ -41,6 +41,7 @@ from protocols.stopping import Stop
 SPIKE = 0.1  # of a period
 WITNESS_PRIORITY = 90
 _SETTLING = 1.0  # s of the closed loop before it counts
+_START = 60.0  # s for the loop to be closed
 _LONGER = 1.0  # s that a witness runs longer than what it watches
 _NEAR = 2  # periods around a witness spike
 _HISTOGRAM = 20_000  # us that cyclictest counts
@@ -237,6 +238,7 @@ def _closed(setting: Setting, measured: Measured, trigger: str, heard: bool = Tr
     commands = {"plant": ["plant", *common, "--profile", "engagement", "--seconds", "100000"], "controller": loop}
     with Stop() as stop, Services(commands) as services:
         rings = services.rings(stop)
+        _begun(services, rings[1], stop)
         first = _played(rings[1], _SETTLING)
         column = [c.name for c in rings[1].columns].index("clock_s")
         phase = int(first[-1, column] * 1e9) + (period // 4 if trigger == "clock" else period // 2)
@@ -278,6 +280,16 @@ def _account(
     measured.cycles += len(cycles_at)
     measured.late += len(late_at)
     measured.unexplained += int((~explained(late_at, slots, woken, period)).sum())
+
+
+def _begun(services: Services, ring: RingReader, stop: Stop) -> None:
+    """Wait until the loop is closed. Raises InputError when it never is."""
+    end = time.monotonic() + _START
+    while not len(ring.read()):
+        services.check()
+        if stop.asked or time.monotonic() > end:
+            raise InputError(f"the loop was not closed within {_START:g} s")
+        time.sleep(_POLL)
 
 
 def _played(ring: RingReader, seconds: float) -> np.ndarray:
