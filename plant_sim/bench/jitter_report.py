@@ -14,13 +14,8 @@ from plant_sim.bench.progress import table_text
 from protocols.errors import InputError
 
 _SHOWN = ("p50", "p99", "p99.9", "p99.99", "max")
-# What the p99.9 of the wake-up means for a machine, in the bands that LinuxCNC gives for its base thread (us).
-BANDS = (
-    (20.0, "excellent"),
-    (50.0, "good"),
-    (100.0, "fair: enough for 1 kHz"),
-    (500.0, "poor: late now and then at 1 kHz"),
-)
+# What the p99.9 of the wake-up [us] means for a machine, in the bands of LinuxCNC's latency test, which takes the maximum
+BANDS = ((20.0, "excellent"), (50.0, "good"), (100.0, "fair"), (1000.0, "poor: late now and then at 1 kHz"))
 UNUSABLE = "unusable for a fixed rate"
 KNEE = 0.002  # share of late cycles up to which a rate is kept
 MOST_UNEXPLAINED = 100.0  # late cycles per million that the machine does not explain: more is a bad verdict
