@@ -307,7 +307,9 @@ def frames(
 
 
 def benchmark(
-    what: str = typer.Argument("loop", help="loop: kernel, controller and closed loop; friction: friction models"),
+    what: str = typer.Argument(
+        "loop", help="loop: kernel, controller and closed loop; clutches: cost of 1 to 8; friction: friction models"
+    ),
     bus: str = BUS,
     seconds: float = typer.Option(60.0, help="length of the closed loop in real time, in s"),
     json_output: bool = JSON,
@@ -328,8 +330,14 @@ def benchmark(
         with progress_bar("friction models", json_output) as progress:
             models, targets, document = friction_benchmark(progress)
         extra = table_text(models)
+    elif what == "clutches":
+        from plant_sim.bench.clutch_costs import clutch_costs, table
+
+        with progress_bar("clutches", json_output) as progress:
+            targets, document = clutch_costs(min(seconds, 24.0), progress)
+        extra = table_text(table(document))
     else:
-        raise InputError(f"benchmark {what!r} does not exist; known are friction, loop")
+        raise InputError(f"benchmark {what!r} does not exist; known are clutches, friction, loop")
     rows = [Target.HEAD, *(target.row() for target in targets)]
     machine = f"machine: {platform.machine()}, Linux {platform.release()}, Python {platform.python_version()}"
     missed = [target.name for target in targets if not target.met]
