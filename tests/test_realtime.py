@@ -7,8 +7,8 @@ import os
 import resource
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -18,19 +18,14 @@ from protocols.realtime import MEASURES, Wanted, possible, prepare
 _PR_GET_TIMERSLACK = 30  # linux/prctl.h
 CPU = max(os.sched_getaffinity(0))
 ROOT = os.geteuid() == 0
+PROJECT = Path(__file__).parents[1]
 
 
-def in_child(told: Callable[[], object]) -> object:
-    """What `told` returns in a child of its own, through JSON."""
-    read, write = os.pipe()
-    child = os.fork()
-    if child == 0:
-        os.write(write, json.dumps(told()).encode())
-        os._exit(0)
-    os.close(write)
-    os.waitpid(child, 0)
-    with os.fdopen(read) as answer:
-        return json.loads(answer.read())
+def in_child(told: str) -> Any:
+    """What a function of this module returns in a process of its own, through JSON."""
+    code = f"import json, tests.test_realtime as own; print(json.dumps(own.{told}()))"
+    done = subprocess.run([sys.executable, "-c", code], cwd=PROJECT, capture_output=True, text=True, check=True)
+    return json.loads(done.stdout)
 
 
 def prepared() -> dict[str, object]:
@@ -49,8 +44,7 @@ def prepared() -> dict[str, object]:
 
 @pytest.mark.skipif(not ROOT, reason="the rights of a user are those of the machine's set-up")
 def test_root_gets_every_measure() -> None:
-    found = in_child(prepared)
-    assert isinstance(found, dict)
+    found = in_child("prepared")
     absent = [m.missing for m in MEASURES if m.name == "CPU kept awake" and not Path("/dev/cpu_dma_latency").exists()]
     assert found["missing"] == absent
     assert found["scheduler"] == [os.SCHED_FIFO, 70]
@@ -60,18 +54,18 @@ def test_root_gets_every_measure() -> None:
     assert (found["collects"], found["frozen"]) == (False, True)
 
 
+def faults() -> int:
+    prepare()
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+    for _ in range(20):
+        block = bytearray(8 << 20)
+        del block
+    return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
+
+
 def test_what_is_touched_beforehand_faults_no_more() -> None:
-    """A list that grows and goes, as telemetry rows do, takes pages that the process has."""
-
-    def faults() -> int:
-        prepare()
-        before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
-        for _ in range(20):
-            block = bytearray(8 << 20)
-            del block
-        return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
-
-    assert in_child(faults) == 0
+    """Blocks that come and go take pages that the process has."""
+    assert in_child("faults") == 0
 
 
 def test_a_measure_that_is_refused_is_told_and_the_others_are_taken() -> None:
