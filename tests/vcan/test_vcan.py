@@ -88,6 +88,24 @@ def test_the_kernel_keeps_away_what_is_not_wanted() -> None:
         assert len(listen(anything, 0.0) + anything.receive()) == 4
 
 
+def test_the_jitter_report_on_a_can_kernel() -> None:
+    """Every phase is measured; nothing bounds a duration. The report is kept."""
+    out = Path(__file__).parents[2] / "runs" / "jitter-vcan"
+    done = clutch_hil(
+        "jitter", "--bus", BUS, "--rate", str(RATE), "--seconds", "2", "--rounds", "1", "--no-telemetry",
+        "--out", str(out), "--json", timeout=240.0,
+    )  # fmt: skip
+    assert done.returncode in (0, 1), done.stderr
+    told = json.loads(done.stdout)
+    phases = told["phases"]
+    for name in ("empty loop, sleep", "empty loop, spin", "closed loop, clock", "closed loop, bus"):
+        assert 0 <= phases[name]["unexplained"] <= phases[name]["late"] <= phases[name]["cycles"]
+        assert phases[name]["cycles"] > 0.3 * 2.0 * RATE
+    for name in ("closed loop, bus", "echo, raw frames", "echo, python-can and cantools"):
+        assert phases[name]["latency"]["p50"] > 0.0
+    assert (out / "jitter.png").stat().st_size > 10_000
+
+
 def test_frames_keep_their_order() -> None:
     sender = f"""
 from protocols.bus import open_bus
