@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from protocols.child import spawn
 from protocols.clock import Clock
 from protocols.realtime import prepare
+from protocols.stopping import Stop
 from protocols.waiting import waiting
 
 if TYPE_CHECKING:
@@ -26,7 +27,8 @@ _BEGIN = 20_000_000  # ns to the first slot at least
 
 @dataclass(frozen=True)
 class Pace:
-    """`seconds` [s] at `rate` [Hz] on a CPU with a priority of SCHED_FIFO; slots lie `phase_ns` behind whole periods.
+    """`seconds` [s], or until it is asked to end, at `rate` [Hz] on a CPU with a priority of SCHED_FIFO; slots lie `phase_ns`
+    behind whole periods.
 
     What was measured is written to `out`; see `read`.
     """
@@ -51,13 +53,20 @@ class Pace:
         deadlines, woken = (array("q", bytes(8 * count)) for _ in range(2))
         prepare(self.cpu, self.priority)
         clock.start((time.monotonic_ns() + _BEGIN) // period * period + period + self.phase_ns % period)
-        for k in range(count):
-            clock.wait()
-            deadlines[k], woken[k] = clock.deadline_ns, clock.woken_ns
-            clock.done()
+        with Stop() as stop:
+            begun(Path(self.out)).touch()
+            while clock.run < count and not stop.asked:
+                clock.wait()
+                deadlines[clock.run - 1], woken[clock.run - 1] = clock.deadline_ns, clock.woken_ns
+                clock.done()
         part = Path(self.out).with_suffix(".part")
-        part.write_bytes(deadlines.tobytes() + woken.tobytes())
+        part.write_bytes(deadlines[: clock.run].tobytes() + woken[: clock.run].tobytes())
         part.rename(self.out)
+
+
+def begun(out: Path) -> Path:
+    """The file that is there once the loop that will write `out` runs."""
+    return out.with_suffix(".begun")
 
 
 def read(out: Path) -> "tuple[np.ndarray, np.ndarray]":

@@ -32,7 +32,7 @@ from protocols.bus import Port, open_bus
 from protocols.echo import Echo
 from protocols.errors import InputError
 from protocols.frames import load_frames
-from protocols.pace import Pace, read
+from protocols.pace import Pace, begun, read
 from protocols.realtime import PRIORITY
 from protocols.ring import RingReader
 from protocols.shared_folder import SharedFolder
@@ -41,8 +41,7 @@ from protocols.stopping import Stop
 SPIKE = 0.1  # of a period
 WITNESS_PRIORITY = 90
 _SETTLING = 1.0  # s of the closed loop before it counts
-_START = 60.0  # s for the loop to be closed
-_LONGER = 1.0  # s that a witness runs longer than what it watches
+_START = 60.0  # s for the loop to be closed, and for other processes to start and end
 _NEAR = 2  # periods around a witness spike
 _HISTOGRAM = 20_000  # us that cyclictest counts
 _POLL = 0.02  # s
@@ -178,11 +177,17 @@ def _witnessed(setting: Setting, measured: Measured, seconds: float, phase_ns: i
     folder = SharedFolder()
     out = folder.path / "witness"
     found: list[np.ndarray] = []
-    pace = Pace(str(out), setting.rate, seconds + _LONGER, setting.cpu, WITNESS_PRIORITY, phase_ns)
+    pace = Pace(str(out), setting.rate, seconds + _START, setting.cpu, WITNESS_PRIORITY, phase_ns)
     process = pace.spawn()
     try:
+        end = time.monotonic() + _START
+        while not begun(out).exists():
+            if process.poll() is not None or time.monotonic() > end:
+                raise InputError("the witness of the measurement did not start")
+            time.sleep(_POLL)
         yield found
-        process.wait(seconds + 30.0)
+        process.terminate()
+        process.wait(_START)
         found += read(out)
         measured.witness.append((found[1] - found[0]) / 1e3)
     finally:
@@ -218,7 +223,7 @@ def _empty(setting: Setting, measured: Measured, spin_us: float) -> None:
     try:
         with _witnessed(setting, measured, setting.piece, 0) as witness:
             process = pace.spawn()
-            process.wait(setting.piece + 30.0)
+            process.wait(setting.piece + _START)
         slots, woken = read(out)
     finally:
         folder.remove()
@@ -266,7 +271,7 @@ def _echo(setting: Setting, measured: Measured, kind: str) -> None:
         time.sleep(1.5)  # it opens the bus
         source = Echo("source", *timing).spawn()
         for process in (source, echo):
-            process.wait(setting.piece + 30.0)
+            process.wait(setting.piece + _START)
     measured.add("latency", _latencies(frames))
     measured.cycles += round(setting.piece * setting.rate)
 
