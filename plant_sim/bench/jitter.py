@@ -105,7 +105,7 @@ def explained(late_at: np.ndarray, slots: np.ndarray, woken: np.ndarray, period_
     return np.minimum(*near) <= (_NEAR + 0.5) * period_ns
 
 
-Phase = Callable[[Setting, Measured], None]
+Phase = Callable[[Setting, Measured, Stop], None]
 Key = TypeVar("Key", str, int)
 
 
@@ -113,12 +113,12 @@ def phases(setting: Setting) -> dict[str, Phase]:
     """Every phase by name; without cyclictest where it is not installed."""
     found: dict[str, Phase] = {"cyclictest": _cyclictest} if shutil.which("cyclictest") else {}
     found |= {
-        "empty loop, sleep": lambda s, m: _empty(s, m, 0.0),
-        "empty loop, spin": lambda s, m: _empty(s, m, setting.spin_us),
-        "closed loop, clock": lambda s, m: _closed(s, m, "clock"),
-        "closed loop, bus": lambda s, m: _closed(s, m, "bus"),
-        "echo, raw frames": lambda s, m: _echo(s, m, "raw"),
-        "echo, python-can and cantools": lambda s, m: _echo(s, m, "python-can"),
+        "empty loop, sleep": lambda s, m, _: _empty(s, m, 0.0),
+        "empty loop, spin": lambda s, m, _: _empty(s, m, setting.spin_us),
+        "closed loop, clock": lambda s, m, stop: _closed(s, m, stop, "clock"),
+        "closed loop, bus": lambda s, m, stop: _closed(s, m, stop, "bus"),
+        "echo, raw frames": lambda s, m, _: _echo(s, m, "raw"),
+        "echo, python-can and cantools": lambda s, m, _: _echo(s, m, "python-can"),
     }
     return found
 
@@ -129,9 +129,9 @@ def sweep(
     """The closed loop begun by the clock at several rates [Hz], in turn; whether it was interrupted. Raises InputError."""
 
     def at(rate: int) -> Phase:
-        def phase(setting: Setting, measured: Measured) -> None:
+        def phase(setting: Setting, measured: Measured, stop: Stop) -> None:
             try:
-                _closed(replace(setting, rate=rate), measured, "clock", heard=False)
+                _closed(replace(setting, rate=rate), measured, stop, "clock", heard=False)
             except InputError as error:  # beyond what the machine can do the services give up
                 measured.failure = str(error)
 
@@ -163,7 +163,11 @@ def _in_turn(
                 for name, phase in todo.items():
                     if stop.asked:
                         return found, True
-                    phase(setting, found[name])
+                    try:
+                        phase(setting, found[name], stop)
+                    except InputError:
+                        if not stop.asked:  # else it was broken off
+                            raise
                     done += 1
                     progress(done, total)
     finally:
@@ -196,7 +200,7 @@ def _witnessed(setting: Setting, measured: Measured, seconds: float, phase_ns: i
         folder.remove()
 
 
-def _cyclictest(setting: Setting, measured: Measured) -> None:
+def _cyclictest(setting: Setting, measured: Measured, stop: Stop) -> None:
     loops, period_us = round(setting.piece * setting.rate), 1_000_000 // setting.rate
     command = [
         "cyclictest", "-q", "-m", "-t1", f"-p{PRIORITY}", f"-a{setting.cpu}", f"-i{period_us}", f"-l{loops}",
@@ -204,6 +208,8 @@ def _cyclictest(setting: Setting, measured: Measured) -> None:
     ]  # fmt: skip
     with _witnessed(setting, measured, setting.piece, 0):
         done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if stop.asked:
+        return
     if done.returncode:
         raise InputError(f"cyclictest failed: {(done.stderr.strip().splitlines() or ['it said nothing'])[-1]}")
     lines = [line.split() for line in done.stdout.splitlines() if line[:1].isdigit()]
@@ -233,7 +239,7 @@ def _empty(setting: Setting, measured: Measured, spin_us: float) -> None:
     _account(measured, slots[left_out] + period, slots, witness, period)
 
 
-def _closed(setting: Setting, measured: Measured, trigger: str, heard: bool = True) -> None:
+def _closed(setting: Setting, measured: Measured, stop: Stop, trigger: str, heard: bool = True) -> None:
     """Plant and controller on one CPU; what they record, and, `heard`, the stamps of their frames."""
     common = ["--bus", setting.bus, "--rate", str(setting.rate), "--cpu", str(setting.cpu)]
     common += [] if setting.telemetry else ["--no-telemetry"]
@@ -241,16 +247,16 @@ def _closed(setting: Setting, measured: Measured, trigger: str, heard: bool = Tr
     loop = ["controller", *common, "--trigger", trigger, "--spin-us", str(setting.spin_us)]
     period = 1_000_000_000 // setting.rate
     commands = {"plant": ["plant", *common, "--profile", "engagement", "--seconds", "100000"], "controller": loop}
-    with Stop() as stop, Services(commands) as services:
+    with Services(commands) as services:
         rings = services.rings(stop)
         _begun(services, rings[1], stop)
-        first = _played(rings[1], _SETTLING)
+        first = _played(rings[1], _SETTLING, stop)
         column = [c.name for c in rings[1].columns].index("clock_s")
         phase = int(first[-1, column] * 1e9) + (period // 4 if trigger == "clock" else period // 2)
         with contextlib.ExitStack() as stack:
             frames = stack.enter_context(_heard(setting.bus)) if heard else []
             with _witnessed(setting, measured, setting.piece, phase) as witness:
-                rows = _played(rings[1], setting.piece)
+                rows = _played(rings[1], setting.piece, stop)
             services.end()
     names = [c.name for c in rings[1].columns]
     clock, wake, work, late = (rows[:, names.index(n)] for n in ("clock_s", "wake_us", "work_us", "late_cycles"))
@@ -297,10 +303,11 @@ def _begun(services: Services, ring: RingReader, stop: Stop) -> None:
         time.sleep(_POLL)
 
 
-def _played(ring: RingReader, seconds: float) -> np.ndarray:
-    """Rows of a ring for some time."""
-    rows, end = [], time.monotonic() + seconds
-    while time.monotonic() < end:
+def _played(ring: RingReader, seconds: float, stop: Stop) -> np.ndarray:
+    """Rows of a ring for some time, at least one poll of them."""
+    rows: list[np.ndarray] = []
+    end = time.monotonic() + seconds
+    while not rows or (time.monotonic() < end and not stop.asked):
         time.sleep(_POLL)
         rows.append(ring.read())
     return np.concatenate(rows)
