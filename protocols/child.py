@@ -19,11 +19,11 @@ def clutch_hil(*arguments: str) -> list[str]:
 
 def spawn(
     command: Sequence[str],
-    output: IO[str] | None = None,
+    output: IO[str] | int | None = None,
     environment: Mapping[str, str] | None = None,
     when_parent_dies: signal.Signals = signal.SIGTERM,
 ) -> "subprocess.Popen[bytes]":
-    """Start a process in a session of its own, so that Ctrl-C is ours; `output` takes stdout and stderr.
+    """Start a process in a session of its own, so that Ctrl-C is ours; `output` takes stdout and stderr, as of Popen.
 
     It is sent `when_parent_dies` when the thread that called this ends.
     """

@@ -8,7 +8,7 @@ Assumptions     parameters and law are those of the controller that made the log
 """
 
 import hashlib
-import os
+import subprocess
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -57,11 +57,11 @@ class Log:
     """Samples of a log and what was answered then. Raises InputError for a file that is no log of this bench."""
 
     def __init__(self, path: Path) -> None:
-        self._codecs = load_frames()
-        by_id = {codec.can_id: codec.name for codec in self._codecs.values()}
-        own = {self._codecs[name].can_id for name in (*_TOLD, "CONTROLLER_HEARTBEAT")}
-        encoder, valve = self._codecs["ENCODER"], self._codecs["VALVE_COMMAND"]
-        heartbeat = self._codecs["PLANT_HEARTBEAT"]
+        codecs = load_frames()
+        by_id = {codec.can_id: codec.name for codec in codecs.values()}
+        own = {codecs[name].can_id for name in (*_TOLD, "CONTROLLER_HEARTBEAT")}
+        encoder, valve = codecs["ENCODER"], codecs["VALVE_COMMAND"]
+        heartbeat = codecs["PLANT_HEARTBEAT"]
         self.rate = 0
         self.samples: list[list[Frame]] = []
         self.answers: dict[int, bytes] = {}  # of valve commands, by index of their sample
@@ -124,8 +124,8 @@ def replayed_on(bus: str, log: Log, arguments: list[str]) -> Answers:
         "controller", "--bus", bus, "--lockstep", "--no-telemetry", "--rate", str(log.rate), *arguments
     )
     answers = Answers()
-    with open_bus(bus) as port, open(os.devnull, "w") as nowhere:
-        process = spawn(command, nowhere)
+    with open_bus(bus) as port:
+        process = spawn(command, subprocess.DEVNULL)
         try:
             _await(port, heartbeat.can_id, process)
             began = time.perf_counter()

@@ -84,7 +84,7 @@ class Load:
             if self.everywhere:
                 os.sched_setaffinity(0, range(os.cpu_count() or 1))
             try:
-                running = [spawn(command, subprocess.DEVNULL) for command in self.commands(bus, Path(folder))]  # type: ignore[arg-type]
+                running = [spawn(command, subprocess.DEVNULL) for command in self.commands(bus, Path(folder))]
             finally:
                 os.sched_setaffinity(0, before)
             try:
