@@ -143,6 +143,8 @@ def up(
     web: bool = typer.Option(False, "--web", help="watch it in a browser"),
     telemetry: bool = typer.Option(True, help="publish every cycle over zenoh"),
     router: str | None = typer.Option(None, help="zenoh router to publish to, such as tcp/192.168.1.5:7447"),
+    trigger: str | None = typer.Option(None, help="what begins a control cycle: clock (if not given), bus or pll"),
+    spin_us: float | None = typer.Option(None, help="the controller spins at most so long before a slot, in us"),
     blind: bool = BLIND,
     junit: Path | None = JUNIT,
     out: Path = OUT,
@@ -161,7 +163,9 @@ def up(
     if (view or web) and not telemetry:
         raise InputError("a viewer was asked for and --no-telemetry; allowed is one of them")
     viewer = ["--web"] if web else [] if view else None
-    live = bench(chosen, bus, lockstep, telemetry, router, viewer, blind)
+    pace = ["--trigger", trigger] if trigger else []
+    pace += ["--spin-us", str(spin_us)] if spin_us is not None else []
+    live = bench(chosen, bus, lockstep, telemetry, router, viewer, blind, pace)
     result = run_one(live.label, lambda: live.run(quiet=json_output), junit)
     report(result.document, result.text, result.verdict, result.good, json_output)
 

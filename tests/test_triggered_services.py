@@ -57,6 +57,31 @@ def test_every_slot_is_run_or_skipped_and_every_sample_counted(local_bus: str, t
         assert (taken["minor_faults"], taken["major_faults"]) == (0, 0)
 
 
+def test_the_bench_can_be_begun_by_its_samples(local_bus: str, tmp_path: Path) -> None:
+    arguments = ("--bus", local_bus, "--rate", str(RATE), "--seconds", "3", "--out", str(tmp_path), "--json")
+    done = subprocess.run(
+        child.clutch_hil("up", *arguments, "--trigger", "bus", "--spin-us", "20"),
+        capture_output=True, text=True, timeout=PATIENCE, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["controller"]["trigger"] == "bus"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--trigger", "gps"), "the controller stopped: trigger 'gps' is unknown; allowed are bus, clock, pll"),
+        (("--trigger", "bus", "--lockstep"), "--trigger was given and --lockstep, which has no clock"),
+    ],
+)
+def test_a_bench_refuses_a_bad_pace(local_bus: str, tmp_path: Path, arguments: tuple[str, ...], words: str) -> None:
+    command = child.clutch_hil("up", "--bus", local_bus, "--out", str(tmp_path / "out"), *arguments)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
+    assert done.returncode == 2
+    assert words in done.stderr
+    assert not list(tmp_path.rglob("*.parquet"))
+
+
 def test_an_overrun_can_end_the_controller_with_the_valve_closed(local_bus: str, tmp_path: Path) -> None:
     common = ("--bus", local_bus, "--rate", str(RATE), "--no-telemetry")
     with (

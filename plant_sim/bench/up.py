@@ -51,22 +51,26 @@ def bench(
     router: str | None,
     viewer: Sequence[str] | None,
     blind: bool,
+    pace: Sequence[str] = (),
 ) -> Live:
     """The bench of a scenario's rig; arguments as of `Bench`. Raises InputError."""
+    if lockstep and pace:
+        raise InputError(f"{pace[0]} was given and --lockstep, which has no clock; allowed is one of them")
     if scenario.rig == "wet_clutch":
-        return Bench(scenario, bus, lockstep, telemetry, router, viewer, blind)
+        return Bench(scenario, bus, lockstep, telemetry, router, viewer, blind, pace)
     from plant_sim.bench.shift import ShiftBench
 
     if blind:
         raise InputError(f"scenario {scenario.name} of the rig {scenario.rig} cannot be blind; allowed is wet_clutch")
-    return ShiftBench(scenario, bus, lockstep, telemetry, router, viewer)
+    return ShiftBench(scenario, bus, lockstep, telemetry, router, viewer, pace=pace)
 
 
 @dataclass(frozen=True)
 class Bench:
     """A scenario run by two processes on `bus`, on their clocks or in lock-step, published over zenoh unless not `telemetry`.
 
-    `viewer` holds the arguments of `clutch-hil view` beside it; None shows nothing. `blind` seals the truth away.
+    `viewer` holds the arguments of `clutch-hil view` beside it; None shows nothing. `blind` seals the truth away. `pace` holds
+    arguments of `clutch-hil controller` that say what begins its cycles.
     """
 
     scenario: Scenario
@@ -76,6 +80,7 @@ class Bench:
     router: str | None = None
     viewer: Sequence[str] | None = None
     blind: bool = False
+    pace: Sequence[str] = ()
 
     @property
     def label(self) -> Label:
@@ -181,7 +186,7 @@ class Bench:
         plant += _option("--scenario", scenario.path) + _option("--parameters", settings.plant_parameters)
         plant += ["--blind"] if self.blind else []
         controller = ["--law", settings.law, "--adaptation" if settings.adaptation else "--no-adaptation"]
-        controller += _option("--parameters", settings.controller_file(folder))
+        controller += [*_option("--parameters", settings.controller_file(folder)), *self.pace]
         return {"plant": ["plant", *common, *plant], "controller": ["controller", *common, *controller]}
 
     def _watch(
