@@ -12,7 +12,7 @@ from tests.bus_log import write_log
 from tests.processes import PATIENCE
 
 SECONDS = 3.0
-SLOWEST = 4.0  # times real time, in one process; some 20 when the machine is idle
+SLOWEST = 2.0  # times real time, start of the process included; some 20 when the machine is idle
 
 
 def replay(*arguments: object) -> subprocess.CompletedProcess:

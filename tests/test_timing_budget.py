@@ -32,15 +32,15 @@ class Budget(NamedTuple):
 
 CYCLE = 1.0 / RATE
 BUDGETS = {
-    "ANALOG_SENSORS": Budget(CYCLE, 0.02, 0.05, 0.90),
-    "ENCODER": Budget(CYCLE, 0.02, 0.05, 0.90),
-    "VALVE_COMMAND": Budget(CYCLE, 0.02, 0.05, 0.90),
-    "MOTOR_COMMAND": Budget(CYCLE, 0.02, 0.05, 0.90),
-    "TORQUE_SETPOINT": Budget(CYCLE, 0.02, 0.05, 0.90),
-    "CONTROLLER_STATUS": Budget(0.100, 0.03, 0.05, 0.90),
-    "PLANT_STATUS": Budget(0.100, 0.03, 0.05, 0.90),
-    "CONTROLLER_HEARTBEAT": Budget(0.050, 0.05, 0.05, 0.90),
-    "PLANT_HEARTBEAT": Budget(0.050, 0.05, 0.05, 0.90),
+    "ANALOG_SENSORS": Budget(CYCLE, 0.05, 0.1, 0.8),
+    "ENCODER": Budget(CYCLE, 0.05, 0.1, 0.8),
+    "VALVE_COMMAND": Budget(CYCLE, 0.05, 0.1, 0.8),
+    "MOTOR_COMMAND": Budget(CYCLE, 0.05, 0.1, 0.8),
+    "TORQUE_SETPOINT": Budget(CYCLE, 0.05, 0.1, 0.8),
+    "CONTROLLER_STATUS": Budget(0.100, 0.05, 0.1, 0.8),
+    "PLANT_STATUS": Budget(0.100, 0.05, 0.1, 0.8),
+    "CONTROLLER_HEARTBEAT": Budget(0.050, 0.05, 0.1, 0.8),
+    "PLANT_HEARTBEAT": Budget(0.050, 0.05, 0.1, 0.8),
 }
 
 

@@ -186,7 +186,13 @@ def draw(setting: Setting, measured: Mapping[str, Measured], path: Path) -> None
             left.step(edges[:-1], np.histogram(clipped, edges)[0] / len(values), **style)
             right.step(np.sort(clipped), 1.0 - np.arange(len(values)) / len(values), **style)
         what_it_is = "wake-up after its slot" if what == "wake" else "sample frame to command frame"
-        left.set(xscale="log", yscale="log", xlabel="us", ylabel="share of cycles", title=what_it_is)
+        left.set(
+            xscale="log",
+            yscale="log",
+            xlabel="us (what is less is shown as 0.1)",
+            ylabel="share of cycles",
+            title=what_it_is,
+        )
         right.set(xscale="log", yscale="log", xlabel="us", ylabel="share that is later", title=f"{what_it_is}: tail")
         for axes in (left, right):
             axes.grid(alpha=0.3)
