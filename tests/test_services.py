@@ -80,7 +80,14 @@ def test_real_time_agrees_with_one_process(local_bus: str, tmp_path: Path) -> No
         clock = result[name]["timing"]
         assert clock["wake"]["p50_us"] > 0.0
         assert clock["late"] <= clock["cycles"]
+        assert clock["slots"] == clock["cycles"] + clock["skipped"]
         assert all(counts["lost"] == counts["corrupt"] == 0 for counts in result[name]["frames"].values())
+    plant, controller = result["plant"], result["controller"]
+    assert plant["port"]["received"] == controller["port"]["sent"] - controller["port"]["refused"]
+    cycles = controller["timing"]["cycles"]
+    commands = plant["frames"]["VALVE_COMMAND"]["received"]
+    assert cycles <= commands <= cycles + 0.5 * RATE  # those of the warm-up, and the safe ones at the end
+    assert controller["frames"]["ENCODER"]["received"] <= plant["samples"]  # which outlives its controller
 
 
 def test_a_run_file_has_everything(local_bus: str, tmp_path: Path) -> None:
