@@ -24,9 +24,8 @@ AUTO_LOCAL = "local:clutch"  # bus of `auto` where no vcan0 is up
 _CAN_FRAME = struct.Struct("=IB3x8s")  # struct can_frame: identifier and flags, length, data
 _STANDARD_ID = 0x7FF
 _FLAGS = 0xE0000000  # extended, remote, error: never frames of this bench
-_FILTER_MASK = (
-    0xC0000000 | _STANDARD_ID
-)  # with the error flag a filter would let error frames through, and nothing else
+# identifier, extended, remote; with the error flag (0x20000000) a filter lets error frames through, and nothing else
+_FILTER_MASK = 0xC0000000 | _STANDARD_ID
 _INTERFACES = Path("/sys/class/net")
 _ARPHRD_CAN = 280  # linux/if_arp.h
 _IFF_UP = 1  # linux/if.h
@@ -147,7 +146,7 @@ class _SocketCanPort:
         while len(frames) < _DRAIN_LIMIT:
             try:
                 packed, told, _, _ = self._socket.recvmsg(_CAN_FRAME.size, _CONTROL)
-                seconds, nanoseconds = _TIMESPEC.unpack(told[0][2]) if told else (0, 0)
+                seconds, nanoseconds = _TIMESPEC.unpack(told[0][2]) if told else (0, time.time_ns())
                 frames.append((seconds * 1_000_000_000 + nanoseconds, packed))
             except BlockingIOError:
                 break

@@ -63,7 +63,8 @@ class Clock:
         self._waiting, self._overrun = waiting or Sleep(), overrun
         self.run = self.skipped = self.late = 0
         self.wake, self.work = Histogram(), Histogram()
-        self.deadline_ns = self.woken_ns = self._first_ns = 0
+        self.deadline_ns = self.woken_ns = 0
+        self._first_ns = period_ns  # no slot has come
         self.lateness_ns = self.work_ns = 0
 
     def start(self, first_deadline_ns: int) -> None:

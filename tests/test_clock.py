@@ -133,6 +133,15 @@ def test_the_account_holds_for_any_work(hands: Hands) -> None:
     assert clock.late == late > 0
 
 
+def test_a_clock_that_was_not_started_has_no_slots(hands: Hands) -> None:
+    clock = Clock(PERIOD_NS)
+    assert (clock.slots, clock.run, clock.skipped) == (0, 0, 0)
+    clock.start(hands.now)
+    assert clock.slots == 0
+    clock.wait()
+    assert clock.slots == 1
+
+
 def test_late_starts_are_accounted_for(hands: Hands) -> None:
     clock = Clock(PERIOD_NS)
     clock.start(hands.now - 3 * PERIOD_NS)
