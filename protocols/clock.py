@@ -86,7 +86,11 @@ class Clock:
             now = self._waiting(now, self.deadline_ns)
         elif now >= self.deadline_ns + self.period_ns:
             missed = self._overrun((now - self.deadline_ns) // self.period_ns)
+            if missed and 2 * ((now - self.deadline_ns) % self.period_ns) > self.period_ns:
+                missed += 1  # most of this slot is over: its rest is for others who are late, such as whose frames we wait for
             self.deadline_ns += missed * self.period_ns
+            if now < self.deadline_ns:
+                now = self._waiting(now, self.deadline_ns)
         self.begin(now, missed)
         return missed
 

@@ -68,16 +68,25 @@ class BusTrigger:
         """See `Trigger`."""
         clock, period = self.clock, self.clock.period_ns
         before = clock.deadline_ns
-        patience = before + period + period // 2
+        now = time.monotonic_ns()
+        patience = max(before + period, now) + period // 2
         while True:
-            frames = self._samples.next((patience - time.monotonic_ns()) / 1e9)
+            frames = self._samples.next((patience - now) / 1e9)
             inbox += frames
             now = time.monotonic_ns()
             came = self._samples.complete(frames)
-            if not came or now - before >= period // 2:  # else it is of the slot before, which has gone without it
+            if came and now - before >= period // 2:  # else it is of the slot before, which has gone without it
                 break
-        arrived = self._samples.arrived_ns() if came else before + period
-        slots = max(1, round((arrived - before) / period))
+            if not came and now < patience + period // 2:
+                break
+            if not came:  # the machine stood still, and the plant with it: its frames are on the way
+                patience = now + period // 2
+        if came:
+            arrived = self._samples.arrived_ns()
+            slots = max(1, round((arrived - before) / period))
+        else:
+            slots = max(1, round((now - before) / period - 0.5))
+            arrived = before + slots * period
         clock.shift(arrived - before - slots * period)
         clock.deadline_ns = arrived
         clock.begin(now, slots - 1)

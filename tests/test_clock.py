@@ -133,6 +133,21 @@ def test_the_account_holds_for_any_work(hands: Hands) -> None:
     assert clock.late == late > 0
 
 
+@pytest.mark.parametrize(("over", "skipped", "lateness"), [(0.3, 4, 300_000), (0.5, 4, 500_000), (0.6, 5, 0)])
+def test_after_a_stall_a_slot_that_is_mostly_over_is_left_to_others(
+    hands: Hands, over: float, skipped: int, lateness: int
+) -> None:
+    """Who sends what we wait for was stopped, too, and gets the rest of the slot."""
+    clock = Clock(PERIOD_NS)
+    start = hands.now
+    clock.start(start)
+    clock.wait()
+    hands.now = start + 5 * PERIOD_NS + int(over * PERIOD_NS)
+    assert clock.wait() == skipped
+    assert clock.lateness_ns == lateness
+    assert clock.slots == clock.run + clock.skipped == 2 + skipped
+
+
 def test_a_clock_that_was_not_started_has_no_slots(hands: Hands) -> None:
     clock = Clock(PERIOD_NS)
     assert (clock.slots, clock.run, clock.skipped) == (0, 0, 0)

@@ -127,6 +127,28 @@ def test_on_the_bus_a_stall_of_ours_is_counted_in_slots(monkeypatch: pytest.Monk
     assert cycles(rig, begins, 1)[0] == (15 * PERIOD, 1, 0)
 
 
+def test_on_the_bus_a_stall_of_the_machine_is_one_cycle_with_what_comes_after_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The plant stood still, too: its frames of that time come together, half a period late."""
+    arrivals = [*(PERIOD * np.arange(1, 6)), *[15 * PERIOD + 300_000] * 10, *(PERIOD * np.arange(16, 30))]
+    rig = Rig(monkeypatch, arrivals)
+    begins = BusTrigger(Clock(PERIOD), rig.samples)
+    begins.start(0)
+    cycles(rig, begins, 5)
+    waited, stalls = rig.wait, [15 * PERIOD + 50_000]
+
+    def stalled(timeout: float) -> bool:
+        if stalls:
+            rig.now = stalls.pop()
+            return False
+        return waited(timeout)
+
+    rig.wait = stalled  # type: ignore[method-assign]
+    assert cycles(rig, begins, 1) == [(15 * PERIOD + 300_000, 10, 9)]
+    assert cycles(rig, begins, 1) == [(16 * PERIOD, 1, 0)]
+
+
 @pytest.mark.parametrize("drift", [-200e-6, -20e-6, 0.0, 20e-6, 200e-6])  # of a crystal: 20 to 100 ppm
 def test_the_loop_locks_to_the_samples_and_follows_their_clock(monkeypatch: pytest.MonkeyPatch, drift: float) -> None:
     """From any phase; then each cycle is a quarter of a period behind its sample, quieter than the bus."""
