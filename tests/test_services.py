@@ -83,10 +83,12 @@ def test_real_time_agrees_with_one_process(local_bus: str, tmp_path: Path) -> No
         assert clock["slots"] == clock["cycles"] + clock["skipped"]
         assert all(counts["lost"] == counts["corrupt"] == 0 for counts in result[name]["frames"].values())
     plant, controller = result["plant"], result["controller"]
-    assert plant["port"]["received"] == controller["port"]["sent"] - controller["port"]["refused"]
+    # heartbeats before the plant has come are nobody's
+    assert plant["port"]["received"] <= controller["port"]["sent"] - controller["port"]["refused"]
     cycles = controller["timing"]["cycles"]
     commands = plant["frames"]["VALVE_COMMAND"]["received"]
     assert cycles <= commands <= cycles + 0.5 * RATE  # those of the warm-up, and the safe ones at the end
+    assert plant["frames"]["MOTOR_COMMAND"]["received"] == commands
     assert controller["frames"]["ENCODER"]["received"] <= plant["samples"]  # which outlives its controller
 
 
