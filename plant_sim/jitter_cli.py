@@ -5,6 +5,7 @@ from pathlib import Path
 import typer
 
 from protocols.command import checked_rate, report
+from protocols.errors import InputError
 
 
 def register(app: typer.Typer) -> None:
@@ -46,11 +47,11 @@ def jitter(
         cpus,
     )  # fmt: skip
     loads = chosen(load)
+    wanted = _rates(rates) if rates is not None else []
     open_bus(setting.bus).close()
     writable(out)
     summary = out / "jitter.json"
-    if rates is not None:
-        wanted = [checked_rate(int(rate) if rate.strip().isdigit() else 0) for rate in rates.split(",")]
+    if wanted:
         with progress_bar("jitter by rate", json_output) as progress:
             told = jitter_report.sweep_document(setting, loads, *sweep(setting, wanted, loads, progress))
         write_summary(summary, told)
@@ -74,3 +75,11 @@ def jitter(
         good,
         json_output,
     )
+
+
+def _rates(text: str) -> list[int]:
+    """Rates [Hz] with commas between. Raises InputError."""
+    parts = [part.strip() for part in text.split(",")]
+    if odd := [part for part in parts if not part.isdecimal()]:
+        raise InputError(f"rates {text!r} has {odd[0]!r}; allowed are whole numbers of Hz with commas between")
+    return [checked_rate(int(part)) for part in parts]

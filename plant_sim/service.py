@@ -24,7 +24,6 @@ from protocols.parameters import ParameterSet
 from protocols.stopping import Stop
 from protocols.telemetry.outlet import Outlet
 
-_PRIORITY = realtime.PRIORITY - 1  # on one CPU the controller answers a sample before the plant computes the next one
 _ANSWER = 5.0  # s to wait for a controller's answer in lock-step: it has died
 
 
@@ -68,7 +67,7 @@ class PlantService:
                 ring=self.ring, publish=self.telemetry, router=self.router, prefix="plant_",
             )  # fmt: skip
             ready(f"plant on {port.name} at {self.rate} Hz, {'lock-step' if self.lockstep else 'real time'}")
-            missing = [] if self.lockstep else realtime.prepare(self.cpu, _PRIORITY)
+            missing = [] if self.lockstep else realtime.prepare(self.cpu)
             for text in missing:
                 ready(f"note: {text}")
             timing = footprint = None
