@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from protocols import child
+from protocols.ring import RingReader
 from tests.processes import PATIENCE, service
 
 RATE = 250  # Hz: a hiccup of a shared machine is less than the guard's five cycles
@@ -23,6 +24,15 @@ def wait_for(path: Path) -> None:
         time.sleep(0.05)
 
 
+def closed_loop(ring: Path) -> None:
+    """Wait until the warm-up of the loop, 50 ms, is over."""
+    reader, rows, deadline = RingReader(ring), 0, time.monotonic() + PATIENCE
+    while rows < 0.5 * RATE:
+        assert time.monotonic() < deadline, "the loop was never closed"
+        time.sleep(0.05)
+        rows += len(reader.read())
+
+
 def controlled(bus: str, folder: Path, *arguments: str) -> dict:
     """The summary of a controller that has controlled a plant for SECONDS."""
     summary = folder / "summary.json"
@@ -32,6 +42,7 @@ def controlled(bus: str, folder: Path, *arguments: str) -> dict:
         service("controller", *common, "--ring", str(folder / "ring"), "--summary", str(summary), *arguments) as loop,
     ):
         wait_for(folder / "ring")
+        closed_loop(folder / "ring")
         time.sleep(SECONDS)
         loop.send_signal(signal.SIGTERM)
         loop.wait(PATIENCE)
@@ -91,7 +102,7 @@ def test_an_overrun_can_end_the_controller_with_the_valve_closed(local_bus: str,
         service("controller", *common, "--ring", str(tmp_path / "ring"), "--overrun", "fault") as loop,
     ):
         wait_for(tmp_path / "ring")
-        time.sleep(1.0)
+        closed_loop(tmp_path / "ring")
         os.kill(loop.pid, signal.SIGSTOP)
         time.sleep(0.1)
         os.kill(loop.pid, signal.SIGCONT)
