@@ -249,7 +249,7 @@ def reproduce(
     """Check a result of the thesis by running it."""
     from plant_sim.bench.progress import progress_bar, table_text
     from plant_sim.bench.recording import writable
-    from plant_sim.compiled import is_compiled
+    from protocols.compiled import is_compiled
 
     if not is_compiled(Path(__file__).parent):
         typer.echo("compiling the kernels, once: about half a minute", err=True)

@@ -6,6 +6,7 @@ fifth of the cost of a message object (realtime.md). Tools (`candump`, `python -
 
 import contextlib
 import errno
+import os
 import select
 import socket
 import struct
@@ -33,12 +34,22 @@ _DRAIN_LIMIT = 4096  # frames taken at once, so that a flood cannot hold the loo
 _SO_TIMESTAMPNS = 35  # asm-generic/socket.h: the kernel tells when it took a frame; Python does not name it
 _SO_RCVBUFFORCE = 33
 _RECEIVE_BUFFER = 4 << 20  # bytes: some thousand frames, a second of a full bus
+_FULL = (errno.ENOBUFS, errno.EAGAIN, errno.ENOMEM)
 _TIMESPEC = struct.Struct("=qq")  # s, ns
 _CONTROL = socket.CMSG_SPACE(_TIMESPEC.size)
 
 
 class _RawPort(Protocol):
-    """What carries packed frames."""
+    """What carries packed frames. `listener`: where newcomers come, first of the `sockets` to be heard, if they do."""
+
+    @property
+    def listener(self) -> int | None: ...
+
+    def sockets(self) -> tuple[list[int], list[int]]:
+        """Descriptors to be heard and to be sent to, those who left taken out."""
+
+    def left(self, descriptor: int, refused: int) -> None:
+        """Who is behind a descriptor refused that many frames; 0: has left."""
 
     def send(self, packed: bytes) -> int:
         """Send one frame; return 1 when it was refused because a queue is full, else 0."""
@@ -64,20 +75,34 @@ class Port:
         self.name = name
         self.sent = self.received = self.refused = self.down = 0
         self.stamps: dict[int, int] = {}
-        self._raw = raw
+        self.raw = raw
 
     def send(self, frame: Frame) -> None:
         """Send without waiting; what the bus cannot take is counted, not repeated."""
         try:
-            self.refused += self._raw.send(_CAN_FRAME.pack(frame.can_id, len(frame.data), frame.data))
+            self.refused += self.raw.send(_CAN_FRAME.pack(frame.can_id, len(frame.data), frame.data))
             self.sent += 1
         except OSError as error:
-            if error.errno in (errno.ENOBUFS, errno.EAGAIN):
-                self.refused += 1
-            elif error.errno in (errno.ENETDOWN, errno.ENXIO, errno.ENODEV):
-                self.down += 1
-            else:
-                raise
+            self._unsent(error, 1)
+
+    def lost(self, descriptor: int, error: int, frames: int) -> None:
+        """Behind a descriptor, the last `frames` of those counted as sent were not taken because of `error` (errno)."""
+        if self.raw.listener is None:
+            self.sent -= frames
+            self._unsent(OSError(error, os.strerror(error)), frames)
+        elif error in _FULL:
+            self.refused += frames
+            self.raw.left(descriptor, frames)
+        else:
+            self.raw.left(descriptor, 0)
+
+    def _unsent(self, error: OSError, frames: int) -> None:
+        if error.errno in _FULL:
+            self.refused += frames
+        elif error.errno in (errno.ENETDOWN, errno.ENXIO, errno.ENODEV):
+            self.down += frames
+        else:
+            raise error
 
     def receive(self) -> list[Frame]:
         """Every frame that waits, oldest first, without blocking."""
@@ -86,7 +111,7 @@ class Port:
     def stamped(self) -> list[tuple[int, Frame]]:
         """The same, each after its stamp [ns of CLOCK_REALTIME]."""
         frames = []
-        for stamp, packed in self._raw.receive():
+        for stamp, packed in self.raw.receive():
             if len(packed) == _CAN_FRAME.size:
                 can_id, length, data = _CAN_FRAME.unpack(packed)
                 if not can_id & _FLAGS:
@@ -98,7 +123,7 @@ class Port:
 
     def wait(self, timeout: float) -> bool:
         """Whether a frame comes within `timeout` [s]."""
-        return self._raw.wait(timeout)
+        return self.raw.wait(timeout)
 
     def counts(self) -> dict[str, int]:
         """The four counters by name."""
@@ -106,7 +131,7 @@ class Port:
 
     def close(self) -> None:
         """Leave the bus."""
-        self._raw.close()
+        self.raw.close()
 
     def __enter__(self) -> "Port":
         return self
@@ -118,7 +143,8 @@ class Port:
 class _LocalPort:
     def __init__(self, channel: LocalChannel) -> None:
         self._channel = channel
-        self.wait, self.close = channel.wait, channel.close
+        self.wait, self.close, self.listener = channel.wait, channel.close, channel.listener
+        self.sockets, self.left = channel.sockets, channel.left
 
     def send(self, packed: bytes) -> int:
         return 1 if self._channel.send(packed) else 0
@@ -128,6 +154,8 @@ class _LocalPort:
 
 
 class _SocketCanPort:
+    listener = None
+
     def __init__(self, bus: can.BusABC) -> None:
         self._bus = bus
         self._socket = bus.socket  # type: ignore[attr-defined]
@@ -157,6 +185,13 @@ class _SocketCanPort:
 
     def wait(self, timeout: float) -> bool:
         return bool(select.select([self._socket], [], [], timeout)[0])
+
+    def sockets(self) -> tuple[list[int], list[int]]:
+        own = [self._socket.fileno()]
+        return own, own
+
+    def left(self, descriptor: int, refused: int) -> None:
+        raise NotImplementedError("there is nobody behind a CAN socket")
 
     def close(self) -> None:
         self._bus.shutdown()

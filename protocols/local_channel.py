@@ -202,6 +202,31 @@ class LocalChannel:
         return self._ready.fileno()
 
     @property
+    def listener(self) -> int:
+        """A descriptor that is readable when a newcomer wants to be let in by `sockets`."""
+        return self._listener.fileno()
+
+    def sockets(self) -> tuple[list[int], list[int]]:
+        """Descriptors to be heard, the listener first, and of those to be sent to: for who reads and writes them himself.
+
+        Newcomers are let in, those who left and have nothing unread are let go.
+        """
+        for descriptor, event in self._ready.poll(0, 64):
+            if descriptor == self._listener.fileno():
+                self._admit()
+            elif event != select.EPOLLIN:
+                self._depart(descriptor)
+        return [self._listener.fileno(), *self._connections], [target[2] for target in self._targets]
+
+    def left(self, descriptor: int, refused: int) -> None:
+        """Who is behind a descriptor refused that many frames sent by ourselves; 0: has left."""
+        if not refused:
+            self._depart(descriptor)
+        elif descriptor in self._connections:
+            name = self._connections[descriptor][0]
+            self.refused[name] = self.refused.get(name, 0) + refused
+
+    @property
     def participants(self) -> list[str]:
         """Names `PID-k` of the others on the bus."""
         self.wait(0.0)

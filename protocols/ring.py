@@ -25,6 +25,7 @@ from protocols.node import Column
 _MAGIC = b"clutchR1"
 _PREFIX = struct.Struct("<8sQ")
 _COUNT = struct.Struct("<Q")
+_DOUBLE = 8  # bytes
 
 
 class RingWriter:
@@ -39,10 +40,9 @@ class RingWriter:
         content = {"columns": columns, "capacity": capacity, "description": description or {}}
         header = json.dumps(content).encode()
         header += b" " * (-(_PREFIX.size + len(header)) % 8)
-        self._row = struct.Struct(f"<{len(columns)}d")
         self._start = _PREFIX.size + len(header) + _COUNT.size
         self._slots = capacity + 1  # one is being written while the others are read
-        size = self._start + self._slots * self._row.size
+        size = self._start + self._slots * len(columns) * _DOUBLE
         part = path.with_suffix(".part")
         try:
             with part.open("w+b") as file:
@@ -56,19 +56,22 @@ class RingWriter:
             self._map[page] = 0  # touched now, so that the loop meets no page fault
         # An item of a memoryview is stored at once; struct.pack_into would zero it first, and readers would see that.
         self._count = memoryview(self._map)[self._start - _COUNT.size : self._start].cast("Q")
+        self._rows = np.frombuffer(self._map, np.float64, offset=self._start).reshape(self._slots, len(columns))
         self.written = 0
         part.rename(path)  # readers never see half a header
 
-    def write(self, row: Sequence[float]) -> None:
-        """Append a row; the oldest is overwritten when the ring is full."""
-        slot = self.written % self._slots
-        self._row.pack_into(self._map, self._start + slot * self._row.size, *row)
+    def write(self, row: Sequence[float] | np.ndarray, more: Sequence[float] = ()) -> None:
+        """Append a row, which is `row` and `more`; the oldest is overwritten when the ring is full."""
+        place = self._rows[self.written % self._slots]
+        place[: len(row)] = row
+        place[len(row) :] = more
         self.written += 1
         self._count[0] = self.written
 
     def close(self) -> None:
         """Release the memory; readers keep theirs."""
         self._count.release()
+        del self._rows
         self._map.close()
 
 

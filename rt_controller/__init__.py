@@ -1,1 +1,8 @@
 """The controller: estimator, feedforward, regulator, phases, limits and the real-time loop they run in."""
+
+from pathlib import Path
+
+from protocols.compiled import drop_stale, place_cache
+
+place_cache(Path(__file__).parent)
+drop_stale(Path(__file__).parent, Path(__file__).parent.with_name("protocols"))

@@ -13,120 +13,81 @@ Not modelled    errors that are not proportional to torque (contact pressure, se
 References      ours; torque balance from rig.md 8. Integral adaptation announced as future work in Janssens 2010, chapter 7
 """
 
-from bisect import bisect_right
-from dataclasses import dataclass
-from typing import Protocol
+import numpy as np
+from numba import njit
+
+from rt_controller.record import floats
 
 TEMPERATURE_NODES = (313.15, 333.15, 353.15, 373.15, 398.15, 423.15)  # K: 40..150 degC, the span of fig 6.8
+_LAST = len(TEMPERATURE_NODES) - 2  # lower node of the last interval
+
+# Names and units as in `controller.toml`, SI
+ADAPTATION_SETTINGS = floats(
+    "window", "time_constant", "temperature_share", "level_low", "level_high", "viscous_bound", "torque_floor", "slip_floor",
+    "acceleration_limit", "stuck_time", "excitation",
+)  # fmt: skip
+# Friction level and viscous correction [-] of estimator and inverse model; whether it learns; what the level is made of;
+# exponentially weighted moments of a = c + v, v and y
+ADAPTATION = np.dtype(
+    [("level", "f8"), ("viscous", "f8"), ("active", "?"), ("base", "f8"), ("deviations", "f8", len(TEMPERATURE_NODES)),
+     ("aa", "f8"), ("av", "f8"), ("vv", "f8"), ("ay", "f8"), ("vy", "f8")]
+)  # fmt: skip
+UNTAUGHT = {"level": 1.0, "base": 1.0}  # the identified parameters as they are
 
 
-@dataclass(frozen=True, slots=True)
-class AdaptationSettings:
-    """Names and units as in `controller.toml`, SI."""
+@njit
+def adapt(state, settings, coulomb, viscous, observed, slip, acceleration, temperature, step, sliding):
+    """Move ADAPTATION on; where not `sliding` nothing is learnt.
 
-    window: float
-    time_constant: float
-    temperature_share: float
-    level_low: float
-    level_high: float
-    viscous_bound: float
-    torque_floor: float
-    slip_floor: float
-    acceleration_limit: float
-    stuck_time: float
-    excitation: float
-
-
-class Adaptation(Protocol):
-    """Friction level and viscous correction of estimator and inverse model; `settings` may be replaced between updates."""
-
-    settings: AdaptationSettings
-    level: float
-    viscous: float
-    active: bool
-
-    def update(
-        self, coulomb: float, viscous: float, observed: float, slip: float, acceleration: float,
-        temperature: float, step: float, sliding: bool,
-    ) -> None:  # fmt: skip
-        """Torque parts and observed torque [Nm], slip [rad/s], acceleration [rad/s^2], temperature [K], step [s]."""
-
-
-class NoAdaptation:
-    """The identified parameters as they are."""
-
-    level = 1.0
-    viscous = 0.0
-    active = False
-
-    def __init__(self, settings: AdaptationSettings) -> None:
-        self.settings = settings
-
-    def update(
-        self, coulomb: float, viscous: float, observed: float, slip: float, acceleration: float,
-        temperature: float, step: float, sliding: bool,
-    ) -> None:  # fmt: skip
-        """Nothing to learn."""
+    Torque parts and observed torque [Nm], slip [rad/s], acceleration [rad/s^2], temperature [K], step [s].
+    """
+    s = settings
+    node, weight = _hat(temperature)
+    whole = coulomb + viscous
+    state.active = (
+        sliding
+        and step > 0.0
+        and abs(slip) > s.slip_floor
+        and abs(whole) > s.torque_floor
+        and abs(acceleration) < s.acceleration_limit
+    )
+    if state.active:
+        keep = max(0.0, 1.0 - step / s.window)
+        fresh = 1.0 - keep
+        state.aa = keep * state.aa + fresh * whole * whole
+        state.av = keep * state.av + fresh * whole * viscous
+        state.vv = keep * state.vv + fresh * viscous * viscous
+        state.ay = keep * state.ay + fresh * whole * observed
+        state.vy = keep * state.vy + fresh * viscous * observed
+        gain = min(1.0, step / s.time_constant)
+        unexplained = state.vv - state.av * state.av / state.aa  # of v, given a
+        if unexplained > s.excitation * state.aa:
+            best = (state.vy - state.av * state.ay / state.aa) / unexplained  # least squares in (level, viscous)
+            state.viscous = _clip(state.viscous + gain * (best - state.viscous), -s.viscous_bound, s.viscous_bound)
+        best = (state.ay - state.viscous * state.av) / state.aa  # least squares in level, viscous given
+        best = _clip(best, s.level_low, s.level_high)
+        correction = gain * (best - _level(state, node, weight))
+        state.base += (1.0 - s.temperature_share) * correction
+        state.deviations[node] += s.temperature_share * (1.0 - weight) * correction
+        state.deviations[node + 1] += s.temperature_share * weight * correction
+    state.level = _clip(_level(state, node, weight), s.level_low, s.level_high)
 
 
-class LevelAdaptation:
-    """Bounded, frozen without excitation, scheduled with oil temperature."""
-
-    def __init__(self, settings: AdaptationSettings) -> None:
-        self.settings = settings
-        self.level, self.viscous, self.active = 1.0, 0.0, False
-        self._base = 1.0
-        self._deviations = [0.0] * len(TEMPERATURE_NODES)
-        # exponentially weighted moments of a = c + v, v and y
-        self._aa = self._av = self._vv = self._ay = self._vy = 0.0
-
-    def update(
-        self, coulomb: float, viscous: float, observed: float, slip: float, acceleration: float,
-        temperature: float, step: float, sliding: bool,
-    ) -> None:  # fmt: skip
-        """See `Adaptation`."""
-        s = self.settings
-        node, weight = _hat(temperature)
-        whole = coulomb + viscous
-        self.active = (
-            sliding
-            and step > 0.0
-            and abs(slip) > s.slip_floor
-            and abs(whole) > s.torque_floor
-            and abs(acceleration) < s.acceleration_limit
-        )
-        if self.active:
-            keep = max(0.0, 1.0 - step / s.window)
-            fresh = 1.0 - keep
-            self._aa = keep * self._aa + fresh * whole * whole
-            self._av = keep * self._av + fresh * whole * viscous
-            self._vv = keep * self._vv + fresh * viscous * viscous
-            self._ay = keep * self._ay + fresh * whole * observed
-            self._vy = keep * self._vy + fresh * viscous * observed
-            gain = min(1.0, step / s.time_constant)
-            unexplained = self._vv - self._av * self._av / self._aa  # of v, given a
-            if unexplained > s.excitation * self._aa:
-                best = (self._vy - self._av * self._ay / self._aa) / unexplained  # least squares in (level, viscous)
-                self.viscous = _clip(self.viscous + gain * (best - self.viscous), -s.viscous_bound, s.viscous_bound)
-            best = (self._ay - self.viscous * self._av) / self._aa  # least squares in level, viscous given
-            best = _clip(best, s.level_low, s.level_high)
-            correction = gain * (best - self._level(node, weight))
-            self._base += (1.0 - s.temperature_share) * correction
-            self._deviations[node] += s.temperature_share * (1.0 - weight) * correction
-            self._deviations[node + 1] += s.temperature_share * weight * correction
-        self.level = _clip(self._level(node, weight), s.level_low, s.level_high)
-
-    def _level(self, node: int, weight: float) -> float:
-        low, high = self._deviations[node], self._deviations[node + 1]
-        return self._base + (1.0 - weight) * low + weight * high
+@njit
+def _level(state, node, weight):
+    return state.base + (1.0 - weight) * state.deviations[node] + weight * state.deviations[node + 1]
 
 
-def _hat(temperature: float) -> tuple[int, float]:
+@njit
+def _hat(temperature):
     """Lower node and weight of the upper one, for linear interpolation over `TEMPERATURE_NODES`; held outside."""
-    node = min(max(bisect_right(TEMPERATURE_NODES, temperature) - 1, 0), len(TEMPERATURE_NODES) - 2)
+    node = 0
+    while node < _LAST and temperature >= TEMPERATURE_NODES[node + 1]:
+        node += 1
     low, high = TEMPERATURE_NODES[node], TEMPERATURE_NODES[node + 1]
     return node, _clip((temperature - low) / (high - low), 0.0, 1.0)
 
 
-def _clip(value: float, low: float, high: float) -> float:
+@njit
+def _clip(value, low, high):
     return min(max(value, low), high)

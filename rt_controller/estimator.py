@@ -7,34 +7,22 @@ Not modelled    pre-sliding, seal friction, direction of the stroke
 References      Janssens 2010, eqs 6.2, 6.3, 6.6, 6.9, Tables 6.1, 6.4, 6.5. `level` and `viscous` are ours (adaptation.py)
 """
 
-from dataclasses import dataclass
 from math import exp, log10
 
+from numba import njit
 
-@dataclass(frozen=True, slots=True)
-class Model:
-    """The controller's calibration of the clutch; SI units (Pa, K, Nm, rad/s), names as in `controller.toml`."""
+from rt_controller.record import floats
 
-    coulomb_slope: float
-    coulomb_intercept: float
-    viscous_slope: float
-    viscous_intercept: float
-    beta_inf: float
-    beta_onset: float
-    beta_scale: float
-    stribeck_speed: float
-    viscous_exponent: float
-    attraction: float
-    contact_pressure: float
-    oil_slope: float
-    oil_offset: float
-    oil_origin: float
-    oil_reference: float
-    oil_viscous_gain: float
-    motor_inertia: float
+# The controller's calibration of the clutch; SI units (Pa, K, Nm, rad/s), names as in `controller.toml`
+MODEL = floats(
+    "coulomb_slope", "coulomb_intercept", "viscous_slope", "viscous_intercept", "beta_inf", "beta_onset", "beta_scale",
+    "stribeck_speed", "viscous_exponent", "attraction", "contact_pressure", "oil_slope", "oil_offset", "oil_origin",
+    "oil_reference", "oil_viscous_gain", "motor_inertia",
+)  # fmt: skip
 
 
-def viscosity_ratio(model: Model, temperature: float) -> float:
+@njit
+def viscosity_ratio(model, temperature):
     """Factor r_T [-] of the viscous torque at `temperature` [K]."""
     A, B, T_0 = model.oil_slope, model.oil_offset, model.oil_origin
     mu = A * log10(max(temperature - T_0, 1.0)) + B  # Janssens 2010, eq. 6.3
@@ -42,7 +30,8 @@ def viscosity_ratio(model: Model, temperature: float) -> float:
     return 1.0 + model.oil_viscous_gain * (mu / mu_ref - 1.0)  # rig.md, 6
 
 
-def friction_state(model: Model, state: float, pressure: float, slip: float, step: float) -> float:
+@njit
+def friction_state(model, state, pressure, slip, step):
     """Normalised friction state m [-] after `step` [s] at `pressure` [Pa] and `slip` [rad/s]: exact exponential."""
     if slip == 0.0:
         return state
@@ -53,7 +42,8 @@ def friction_state(model: Model, state: float, pressure: float, slip: float, ste
     return target + (state - target) * exp(-model.attraction * step / s_n)  # eq. 6.9, solved over the step
 
 
-def torque_parts(model: Model, state: float, pressure: float, slip: float, temperature: float) -> tuple[float, float]:
+@njit
+def torque_parts(model, state, pressure, slip, temperature):
     """Coulomb part M_C m and viscous part [Nm] of the torque, before level and viscous correction."""
     coulomb = max(0.0, model.coulomb_slope * pressure + model.coulomb_intercept) * state  # eq. 6.9, Table 6.4
     factor = max(0.0, model.viscous_slope * pressure + model.viscous_intercept)

@@ -8,13 +8,16 @@ Valid range     any T
 References      regressor filtering: Slotine and Li 1991, Applied Nonlinear Control, sec. 8.7; filter of slip.py
 """
 
-Lag = tuple[float, float, float]
-AT_REST: Lag = (0.0, 0.0, 0.0)
+import numpy as np
+from numba import njit
+
+LAG = np.dtype([("first", "f8"), ("second", "f8"), ("out", "f8")])  # in the unit of the signal
 
 
-def lagged(state: Lag, value: float, q: float) -> Lag:
-    """State after `value`; its last entry is the output, in the unit of `value`. `q` [-] within 0..1."""
-    a, b, c = state
-    a = value + q * (a - value)
-    b = a + q * (b - a)
-    return a, b, b + q * (c - b)
+@njit
+def lagged(state, value, q):
+    """Move the LAG `state` on by `value`; return its output, in the unit of `value`. `q` [-] within 0..1."""
+    state.first = value + q * (state.first - value)
+    state.second = state.first + q * (state.second - state.first)
+    state.out = state.second + q * (state.out - state.second)
+    return state.out

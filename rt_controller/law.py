@@ -4,18 +4,22 @@ Where a pressure is asked for, it is the demand of the pressure regulator; the e
 """
 
 from math import exp, nan
+from typing import Any
+
+import numpy as np
+from numba import njit
 
 from protocols.errors import InputError
 from protocols.node import Column
 from protocols.parameters import ParameterSet
 from protocols.units import BAR, ZERO_CELSIUS
-from rt_controller.adaptation import Adaptation, AdaptationSettings, LevelAdaptation, NoAdaptation
-from rt_controller.estimator import Model, friction_state, torque_parts
-from rt_controller.feedforward import ContactOnly, Feedforward, InverseModel
-from rt_controller.lag import AT_REST, lagged
+from rt_controller.adaptation import ADAPTATION, ADAPTATION_SETTINGS, UNTAUGHT, adapt
+from rt_controller.estimator import MODEL, friction_state, torque_parts
+from rt_controller.feedforward import inverse_model
+from rt_controller.lag import LAG, lagged
 from rt_controller.phases import Phase
-from rt_controller.regulator import EstimatedTorquePI, NoFeedback, TorqueFeedback, proportional_integral
-from rt_controller.sample import Sample
+from rt_controller.record import record
+from rt_controller.regulator import PI, follow, proportional_integral
 
 LAWS = ("both", "feedforward", "feedback")  # the three rows of Table 6.6
 
@@ -48,126 +52,138 @@ TERMS = tuple(
     )
 )
 
+# Parameters, SI. feeds_forward, feeds_back: the row of Table 6.6; adapts: whether the level is learnt
+LAW_SETTINGS = np.dtype(
+    [("model", MODEL), ("adaptation", ADAPTATION_SETTINGS), ("feeds_forward", "?"), ("feeds_back", "?"), ("adapts", "?"),
+     ("torque_k_p", "f8"), ("torque_k_i", "f8"), ("pressure_k_p", "f8"), ("pressure_k_i", "f8"), ("pressure_limit", "f8"),
+     ("pressure_floor", "f8"), ("valve_gain", "f8"), ("voltage_limit", "f8"), ("fill_pressure", "f8"),
+     ("contact_band", "f8"), ("bandwidth", "f8"), ("slip_hold", "f8")]
+)  # fmt: skip
+# estimate [Nm] and voltage [V] of the last step; friction state m; the torque balance behind the observer's lag, and its
+# parts of the sample before; terms in the order of TERMS
+LAW = np.dtype(
+    [("estimate", "f8"), ("voltage", "f8"), ("m", "f8"), ("contact", "?"), ("saturated", "?"), ("observed", "f8"),
+     ("coulomb", LAG), ("viscous", LAG), ("motor", LAG), ("coulomb_before", "f8"), ("viscous_before", "f8"),
+     ("motor_before", "f8"), ("torque", PI), ("pressure", PI), ("adaptation", ADAPTATION), ("terms", "f8", len(TERMS))]
+)  # fmt: skip
 
-class TorqueLaw:
-    """Valve voltage for a torque demand, without a torque measurement, or for a pressure demand.
 
-    `law` is one of LAWS, `adaptation` switches the adaptive level on. Attributes: `estimate` [Nm], `voltage` [V],
-    `level` [-] and `terms`, in the order of TERMS, all of the last step.
+def law_settings(parameters: ParameterSet, law: str, adaptation: bool) -> dict[str, object]:
+    """Fields of LAW_SETTINGS; `law` is one of LAWS, `adaptation` switches the adaptive level on. Raises InputError."""
+    if law not in LAWS:
+        raise InputError(f"control law {law!r} is unknown; allowed are {', '.join(LAWS)}")
+    torque, pressure, phases = (parameters.si(group) for group in ("torque", "pressure", "phases"))
+    return {
+        "model": record(MODEL, parameters.si("model")),
+        "adaptation": record(ADAPTATION_SETTINGS, parameters.si("adaptation")),
+        "feeds_forward": law != "feedback", "feeds_back": law != "feedforward", "adapts": adaptation,
+        "torque_k_p": torque["proportional_gain"], "torque_k_i": torque["integral_gain"],
+        "pressure_k_p": pressure["proportional_gain"], "pressure_k_i": pressure["integral_gain"],
+        "pressure_limit": torque["pressure_limit"], "pressure_floor": pressure["floor"],
+        "valve_gain": pressure["valve_gain"], "voltage_limit": pressure["voltage_limit"],
+        "fill_pressure": phases["fill_pressure"], "contact_band": phases["contact_band"],
+        "bandwidth": parameters["slip.bandwidth"].si, "slip_hold": parameters["slip.hold"].si,
+    }  # fmt: skip
+
+
+def law_at_rest() -> Any:
+    """LAW before its first step."""
+    return record(LAW, adaptation=record(ADAPTATION, UNTAUGHT))
+
+
+@njit
+def mismatch(law):
+    """Torque observed at the motor minus estimate, both behind the lag of the slip observer [Nm]."""
+    level, correction = law.adaptation.level, law.adaptation.viscous
+    return law.observed - level * (law.coulomb.out + law.viscous.out) - correction * law.viscous.out
+
+
+@njit
+def control(law, settings, phase, demand, sample, step, followed):
+    """Move LAW on by `step` [s], 0 without a fresh sample, towards the torque `demand` [Nm].
+
+    The demand is a magnitude; so are the estimate and the observed torque, whichever way the clutch slips.
+    `followed` [Pa] is the pressure to be followed instead of the torque; not a number where there is none.
     """
+    model, pressure, slip, follows = settings.model, sample.pressure, abs(sample.slip), followed == followed
+    closing = phase == Phase.FILL or phase == Phase.SLIP_CONTROL
+    floor = model.contact_pressure - (settings.contact_band if law.contact else 0.0)
+    contact = closing and pressure >= floor
+    law.contact = contact
 
-    def __init__(self, parameters: ParameterSet, law: str, adaptation: bool) -> None:
-        if law not in LAWS:
-            raise InputError(f"control law {law!r} is unknown; allowed are {', '.join(LAWS)}")
-        self._feedback: TorqueFeedback = NoFeedback() if law == "feedforward" else EstimatedTorquePI()
-        settings = AdaptationSettings(**parameters.si("adaptation"))
-        self._adaptation: Adaptation = LevelAdaptation(settings) if adaptation else NoAdaptation(settings)
-        self._contact_only = law == "feedback"
-        self.configure(parameters)
-        self.estimate = self.voltage = 0.0
-        self.terms: tuple[float, ...] = (0.0,) * len(TERMS)
-        self._coulomb = self._viscous = self._motor = AT_REST
-        self._before = (0.0, 0.0, 0.0)  # Coulomb part, viscous part, motor torque of the sample before
-        self._observed = 0.0
-        self._m = 0.0
-        self._contact = self._saturated = False
-        self._pressure_integral = 0.0
+    # estimate, eq. 6.9; out of contact there is no torque and m is 0
+    coulomb = viscous = 0.0
+    law.m = friction_state(model, law.m, pressure, slip, step) if contact else 0.0
+    if contact:
+        coulomb, viscous = torque_parts(model, law.m, pressure, slip, sample.temperature)
+    _learn(law, settings, phase, coulomb, viscous, sample, step)
+    level, correction = law.adaptation.level, law.adaptation.viscous
+    law.estimate = level * (coulomb + viscous) + correction * viscous
 
-    def configure(self, parameters: ParameterSet) -> None:
-        """Take `parameters`; every state stays, so this may be done between two steps."""
-        self.model = model = Model(**parameters.si("model"))
-        torque, pressure, phases = (parameters.si(group) for group in ("torque", "pressure", "phases"))
-        self._pressure_limit, self._pressure_floor = torque["pressure_limit"], pressure["floor"]
-        self._k_p, self._k_i = pressure["proportional_gain"], pressure["integral_gain"]
-        self._valve_gain, self._voltage_limit = pressure["valve_gain"], pressure["voltage_limit"]
-        self._fill_pressure, self._contact_band = phases["fill_pressure"], phases["contact_band"]
-        self._bandwidth, self._slip_hold = parameters["slip.bandwidth"].si, parameters["slip.hold"].si
-        self._feedforward: Feedforward = ContactOnly(model) if self._contact_only else InverseModel(model)
-        self._feedback.gains = torque["proportional_gain"], torque["integral_gain"]
-        self._adaptation.settings = AdaptationSettings(**parameters.si("adaptation"))
+    # torque loop: fig 6.16
+    feedforward = wanted = least = 0.0
+    frozen = not contact or law.saturated or step == 0.0
+    held = frozen or slip < settings.slip_hold
+    if phase == Phase.SLIP_CONTROL and follows:
+        wanted, least = followed, settings.pressure_floor
+        if step > 0.0 and settings.feeds_back:
+            # so that a request for the torque there is now asks for the pressure there is now
+            known = contact and slip >= settings.slip_hold
+            there = _feedforward(settings, law.estimate, slip, level, correction)
+            follow(law.torque, pressure - there if known else 0.0)
+    elif phase == Phase.SLIP_CONTROL:
+        feedforward = _feedforward(settings, demand, slip, level, correction)
+        wanted = feedforward
+        if settings.feeds_back:
+            error = demand - law.estimate
+            wanted += proportional_integral(law.torque, error, step, settings.torque_k_p, settings.torque_k_i, held)
+    else:
+        follow(law.torque, 0.0)
+        wanted = settings.fill_pressure if phase == Phase.FILL else 0.0
+    pressure_demand = min(max(wanted, least), settings.pressure_limit)
+    saturated = pressure_demand != wanted
 
-    @property
-    def level(self) -> float:
-        """Adapted friction level [-]."""
-        return self._adaptation.level
+    # pressure loop: rig.md
+    if not closing:
+        follow(law.pressure, 0.0)
+    error = pressure_demand - pressure if closing else 0.0
+    proportional_integral(law.pressure, error, step, settings.pressure_k_p, settings.pressure_k_i, frozen)
+    wanted = (
+        (pressure_demand + law.pressure.proportional + law.pressure.integral) / settings.valve_gain if closing else 0.0
+    )
+    law.voltage = min(max(wanted, 0.0), settings.voltage_limit)
+    law.saturated = saturated or law.voltage != wanted
 
-    @property
-    def mismatch(self) -> float:
-        """Torque observed at the motor minus estimate, both behind the lag of the slip observer [Nm]."""
-        level, correction = self._adaptation.level, self._adaptation.viscous
-        coulomb, viscous = self._coulomb[-1], self._viscous[-1]
-        return self._observed - level * (coulomb + viscous) - correction * viscous
+    t = law.terms
+    t[0], t[1], t[2], t[3], t[4] = nan if follows else demand, law.estimate, coulomb, viscous, law.m
+    t[5], t[6], t[7] = feedforward / BAR, law.torque.proportional / BAR, law.torque.integral / BAR
+    t[8], t[9], t[10] = pressure_demand / BAR, pressure / BAR, law.pressure.proportional / BAR
+    t[11], t[12], t[13], t[14] = law.pressure.integral / BAR, law.voltage, sample.slip, sample.acceleration
+    t[15], t[16], t[17], t[18] = sample.temperature - ZERO_CELSIUS, law.observed, level, correction
+    t[19], t[20], t[21], t[22] = law.adaptation.active, contact, held, law.saturated
 
-    def step(self, phase: Phase, demand: float, sample: Sample, step: float, followed: float | None = None) -> None:
-        """Advance by `step` [s], 0 without a fresh sample, towards the torque `demand` [Nm].
 
-        The demand is a magnitude; so are the estimate and the observed torque, whichever way the clutch slips.
-        `followed` [Pa] is the pressure to be followed instead of the torque; None where there is none.
-        """
-        model, pressure, slip = self.model, sample.pressure, abs(sample.slip)
-        closing = phase in (Phase.FILL, Phase.SLIP_CONTROL)
-        floor = model.contact_pressure - (self._contact_band if self._contact else 0.0)
-        self._contact = contact = closing and pressure >= floor
+@njit
+def _feedforward(settings, demand, slip, level, correction):
+    """Of eq. 6.8; with feedback alone the clutch is held filled at the contact pressure."""
+    return inverse_model(settings.model, demand if settings.feeds_forward else 0.0, slip, level, correction)
 
-        # estimate, eq. 6.9; out of contact there is no torque and m is 0
-        self._m = friction_state(model, self._m, pressure, slip, step) if contact else 0.0
-        coulomb, viscous = torque_parts(model, self._m, pressure, slip, sample.temperature) if contact else (0.0, 0.0)
-        self._adapt(phase, coulomb, viscous, sample, step)
-        adaptation = self._adaptation
-        level, correction = adaptation.level, adaptation.viscous
-        self.estimate = level * (coulomb + viscous) + correction * viscous
 
-        # torque loop: fig 6.16
-        feedforward = wanted = least = 0.0
-        frozen = not contact or self._saturated or step == 0.0
-        held = frozen or slip < self._slip_hold
-        if phase is Phase.SLIP_CONTROL and followed is not None:
-            wanted, least = followed, self._pressure_floor
-            if step > 0.0:
-                # so that a request for the torque there is now asks for the pressure there is now
-                known = contact and slip >= self._slip_hold
-                self._feedback.follow(
-                    pressure - self._feedforward(self.estimate, slip, level, correction) if known else 0.0
-                )
-        elif phase is Phase.SLIP_CONTROL:
-            feedforward = self._feedforward(demand, slip, level, correction)
-            wanted = feedforward + self._feedback(demand - self.estimate, step, held)
-        else:
-            self._feedback.follow(0.0)
-            wanted = self._fill_pressure if phase is Phase.FILL else 0.0
-        pressure_demand = min(max(wanted, least), self._pressure_limit)
-        saturated = pressure_demand != wanted
-
-        # pressure loop: rig.md
-        error = pressure_demand - pressure if closing else 0.0
-        p_term, i_term, self._pressure_integral = proportional_integral(
-            self._pressure_integral if closing else 0.0, error, step, self._k_p, self._k_i, frozen
-        )
-        wanted = (pressure_demand + p_term + i_term) / self._valve_gain if closing else 0.0
-        self.voltage = min(max(wanted, 0.0), self._voltage_limit)
-        self._saturated = saturated or self.voltage != wanted
-        self.terms = (
-            demand if followed is None else nan, self.estimate, coulomb, viscous, self._m,
-            feedforward / BAR, self._feedback.proportional / BAR, self._feedback.integral / BAR, pressure_demand / BAR,
-            pressure / BAR, p_term / BAR, i_term / BAR, self.voltage,
-            sample.slip, sample.acceleration, sample.temperature - ZERO_CELSIUS,
-            self._observed, level, correction, adaptation.active, contact, held, self._saturated,
-        )  # fmt: skip
-
-    def _adapt(self, phase: Phase, coulomb: float, viscous: float, sample: Sample, step: float) -> None:
-        """Compare both sides of the torque balance behind the same lag, and let the adaptation learn from it."""
-        if step > 0.0:
-            # The observer's second difference is centred on the sample before (lag.py).
-            q = exp(-self._bandwidth * step)
-            before, self._before = self._before, (coulomb, viscous, sample.motor_torque)
-            self._coulomb = lagged(self._coulomb, before[0], q)
-            self._viscous = lagged(self._viscous, before[1], q)
-            self._motor = lagged(self._motor, before[2], q)
-            observed = self._motor[-1] - self.model.motor_inertia * sample.acceleration  # torque balance, rig.md 8
-            self._observed = observed if sample.slip >= 0.0 else -observed
-        stuck = sample.motor_stuck > self._adaptation.settings.stuck_time
-        sliding = phase is Phase.SLIP_CONTROL and self._contact and not stuck
-        self._adaptation.update(
-            self._coulomb[-1], self._viscous[-1], self._observed, sample.slip, sample.acceleration,
-            sample.temperature, step, sliding,
-        )  # fmt: skip
+@njit
+def _learn(law, settings, phase, coulomb, viscous, sample, step):
+    """Compare both sides of the torque balance behind the same lag, and let the adaptation learn from it."""
+    if step > 0.0:
+        # The observer's second difference is centred on the sample before (lag.py).
+        q = exp(-settings.bandwidth * step)
+        lagged(law.coulomb, law.coulomb_before, q)
+        lagged(law.viscous, law.viscous_before, q)
+        motor = lagged(law.motor, law.motor_before, q)
+        law.coulomb_before, law.viscous_before, law.motor_before = coulomb, viscous, sample.motor_torque
+        observed = motor - settings.model.motor_inertia * sample.acceleration  # torque balance, rig.md 8
+        law.observed = observed if sample.slip >= 0.0 else -observed
+    stuck = sample.motor_stuck > settings.adaptation.stuck_time
+    sliding = settings.adapts and phase == Phase.SLIP_CONTROL and law.contact and not stuck
+    adapt(
+        law.adaptation, settings.adaptation, law.coulomb.out, law.viscous.out, law.observed, sample.slip,
+        sample.acceleration, sample.temperature, step, sliding,
+    )  # fmt: skip

@@ -6,144 +6,163 @@ to the limit, or replaces it by the safe command: valve closed, motor off. What 
 It is latched until the cause is gone and the supervisor asks for idle.
 """
 
-import struct
-from dataclasses import dataclass
+from collections.abc import Mapping
+
+import numpy as np
+from numba import njit
 
 HEALTHY, STALE_SENSORS, OVERPRESSURE, OVERTEMPERATURE, OVERSPEED = range(5)
 
 VALVE_COMMAND, MOTOR_COMMAND, ANALOG_SENSORS, ENCODER, TORQUE_SETPOINT = 0x080, 0x090, 0x100, 0x101, 0x180
-_INBOUND_BYTES = {ANALOG_SENSORS: 8, ENCODER: 8, TORQUE_SETPOINT: 8}
+_INBOUND_BYTES, _COMMAND_BYTES = 8, 6
 _PRESSURE_COUNTS = 4096 / 20.0 / 1e5  # 1/Pa: 12 bit over 20 V, 1 V/bar
 _TEMPERATURE_COUNTS = 4096 / 20.0 * 0.05  # 1/K: 12 bit over 20 V, 0.05 V/degC, zero at 0 degC
 _ANGLE_COUNTS = 163840 / 6.283185307179586  # 1/rad
 _VALVE_COUNTS = 65536 / 10.0  # 1/V
 _MOTOR_COUNTS = 1000.0  # 1/Nm
-_CRC_TABLE = []
+_crc_of_byte = []
 for _byte in range(256):
     for _ in range(8):
         _byte = (_byte << 1) ^ (0x11D if _byte & 0x80 else 0)  # SAE J1850 polynomial x^8 + x^4 + x^3 + x^2 + 1
-    _CRC_TABLE.append(_byte)
+    _crc_of_byte.append(_byte)
+_CRC_TABLE = tuple(_crc_of_byte)
+
+# Limits as they are looked at: in counts, identifiers with the clutch's offset; made by `guard_limits`
+LIMITS = np.dtype(
+    [("stale_cycles", "f8"), ("confirm_samples", "f8"), ("pressure", "f8"), ("temperature", "f8"), ("turn", "f8"),
+     ("valve", "i8"), ("motor", "i8"), ("offset", "i8")]
+)  # fmt: skip
+# finding: HEALTHY or the latched cause. age: cycles since the last believable sample. lowered: commands cut to the limit,
+# replaced: those replaced by the safe one. armed: a sample has come; before, valve closed and motor off, after it samples must
+# not fail. slept: periods slept through before a cycle without a sample. analog, encoder: seen since the last cycle. counters
+# of analog, encoder and set-point, and tick: one more than the last, 0 before the first. broken: samples beyond a limit in a
+# row, by finding.
+_COUNTERS, _BROKEN = ("counters", "i8", (3,)), ("broken", "i8", (5,))
+GUARD = np.dtype(
+    [("finding", "i8"), ("age", "i8"), ("lowered", "i8"), ("replaced", "i8"), ("armed", "?"), ("slept", "i8"),
+     ("analog", "?"), ("encoder", "?"), ("angle", "i8"), ("tick", "i8"), _COUNTERS, _BROKEN]
+)  # fmt: skip
 
 
-def crc8(data: bytes) -> int:
-    """CRC-8 SAE J1850 of `data`: start 0xFF, final xor 0xFF."""
+def guard_limits(limits: Mapping[str, float], period: float, offset: int) -> dict[str, float]:
+    """Fields of LIMITS from `limits` in SI, by the names in `limits.toml`; `period` [s] of the controller.
+
+    `offset` is added to the identifiers, for the second of two clutches.
+    """
+    return {
+        "stale_cycles": limits["stale_cycles"],
+        "confirm_samples": limits["confirm_samples"],
+        "pressure": limits["pressure"] * _PRESSURE_COUNTS,
+        "temperature": (limits["temperature"] - 273.15) * _TEMPERATURE_COUNTS,
+        "turn": limits["slip_speed"] * _ANGLE_COUNTS * period,  # counts a tick
+        "valve": int(limits["voltage"] * _VALVE_COUNTS),
+        "motor": int(limits["motor_torque"] * _MOTOR_COUNTS),
+        "offset": offset,
+    }
+
+
+@njit
+def crc8(data, length):
+    """CRC-8 SAE J1850 of bytes 1 to `length` of `data`: start 0xFF, final xor 0xFF."""
     crc = 0xFF
-    for byte in data:
-        crc = _CRC_TABLE[crc ^ byte]
+    for index in range(1, length):
+        crc = _CRC_TABLE[crc ^ int(data[index])]
     return crc ^ 0xFF
 
 
-@dataclass(frozen=True)
-class Limits:
-    """SI units, names as in `limits.toml`."""
+@njit
+def inbound(guard, limits, can_id, data, length):
+    """Look at a frame from the bus: `data` holds at least 8 bytes, `length` of them are the payload."""
+    kind = _kind(can_id - limits.offset)
+    if kind < 0 or length != _INBOUND_BYTES or crc8(data, length) != data[0]:
+        return
+    counter = 1 + (int(data[1]) & 15)
+    if guard.counters[kind] == counter:
+        return  # a stuck sender is no sample
+    guard.counters[kind] = counter
+    if kind == 0:
+        guard.analog = True
+        _judge(guard, limits, OVERPRESSURE, _signed12(int(data[1]) >> 4 | int(data[2]) << 4) > limits.pressure)
+        _judge(guard, limits, OVERTEMPERATURE, _signed12(int(data[3]) | int(data[4]) << 8) > limits.temperature)
+    elif kind == 1:
+        guard.encoder = True
+        angle = int(data[2]) | int(data[3]) << 8 | int(data[4]) << 16 | int(data[5]) << 24
+        tick = int(data[6]) | int(data[7]) << 8
+        if guard.tick:
+            ticks = (tick - guard.tick + 1) & 0xFFFF
+            turned = (angle - guard.angle + 0x80000000 & 0xFFFFFFFF) - 0x80000000
+            _judge(guard, limits, OVERSPEED, abs(turned) > limits.turn * ticks)
+        guard.angle, guard.tick = angle, tick + 1
+    elif int(data[1]) >> 4 == 0 and guard.age == 0 and not guard.broken.max():
+        guard.finding = HEALTHY  # the supervisor asks for idle and the cause is gone
 
-    stale_cycles: float
-    confirm_samples: float
-    pressure: float
-    temperature: float
-    slip_speed: float
-    voltage: float
-    motor_torque: float
 
+@njit
+def close_cycle(guard, limits, slots):
+    """Close a control cycle that took `slots` periods: age the sample, return the finding.
 
-class Guard:
-    """One instance between one controller and its bus, working at `period` [s].
-
-    `offset` is added to the identifiers, for the second of two clutches. `finding` is HEALTHY or the latched cause; `age`
-    counts cycles since the last believable sample; `lowered` counts commands cut to the limit, `replaced` commands replaced
-    by the safe one.
+    Periods the loop has slept through age the sample only when the cycle after them has none either: what stood
+    still may have been the machine, sensors and all, and their frames are on the way.
     """
-
-    def __init__(self, limits: Limits, period: float, offset: int = 0) -> None:
-        self.finding = HEALTHY
-        self._offset = offset
-        self.age = 0
-        self.lowered = self.replaced = 0
-        self._stale = limits.stale_cycles
-        self._confirm = limits.confirm_samples
-        self._pressure = limits.pressure * _PRESSURE_COUNTS
-        self._temperature = (limits.temperature - 273.15) * _TEMPERATURE_COUNTS
-        self._slip = limits.slip_speed * _ANGLE_COUNTS * period  # counts a tick
-        self._valve = int(limits.voltage * _VALVE_COUNTS)
-        self._motor = int(limits.motor_torque * _MOTOR_COUNTS)
-        self._armed = False  # no sample yet: valve closed, motor off; after the first, samples must not fail
-        self._slept = 0  # periods slept through before a cycle without a sample
-        self._analog = self._encoder = False  # seen since the last cycle
-        self._counters: dict[int, int] = {}
-        self._angle = self._tick = -1
-        self._broken = {OVERPRESSURE: 0, OVERTEMPERATURE: 0, OVERSPEED: 0}
-
-    def inbound(self, can_id: int, data: bytes) -> None:
-        """Look at a frame from the bus."""
-        can_id -= self._offset
-        if len(data) != _INBOUND_BYTES.get(can_id) or crc8(data[1:]) != data[0]:
-            return
-        counter = data[1] & 15
-        if self._counters.get(can_id) == counter:
-            return  # a stuck sender is no sample
-        self._counters[can_id] = counter
-        if can_id == ANALOG_SENSORS:
-            self._analog = True
-            word = int.from_bytes(data, "little")
-            self._judge(OVERPRESSURE, _signed12(word >> 12) > self._pressure)
-            self._judge(OVERTEMPERATURE, _signed12(word >> 24) > self._temperature)
-        elif can_id == ENCODER:
-            self._encoder = True
-            angle, tick = struct.unpack_from("<iH", data, 2)
-            if self._tick >= 0:
-                ticks = (tick - self._tick) & 0xFFFF
-                turned = (angle - self._angle + 0x80000000 & 0xFFFFFFFF) - 0x80000000
-                self._judge(OVERSPEED, abs(turned) > self._slip * ticks)
-            self._angle, self._tick = angle, tick
-        elif data[1] >> 4 == 0 and self.age == 0 and not any(self._broken.values()):
-            self.finding = HEALTHY  # the supervisor asks for idle and the cause is gone
-
-    def cycle(self, slots: int = 1) -> int:
-        """Close a control cycle that took `slots` periods: age the sample, return the finding.
-
-        Periods the loop has slept through age the sample only when the cycle after them has none either: what stood
-        still may have been the machine, sensors and all, and their frames are on the way.
-        """
-        if self._analog and self._encoder:
-            self._armed, self.age, self._slept = True, 0, 0
-        else:
-            self.age += 1 + self._slept
-            self._slept = slots - 1
-        self._analog = self._encoder = False
-        if self._armed and self.age > self._stale and not self.finding:
-            self.finding = STALE_SENSORS
-        return self.finding
-
-    def outbound(self, can_id: int, data: bytes) -> bytes:
-        """The payload that may go to the bus instead of `data`."""
-        if can_id == VALVE_COMMAND + self._offset:
-            counts = data[2] | data[3] << 8
-            if self.finding or not self._armed or not data[1] & 0x10:
-                if counts or data[1] & 0x10:
-                    self.replaced += 1
-                return self._rewritten(data, data[1] & 0xEF, 0, data[4:])
-            if counts > self._valve:
-                self.lowered += 1
-                return self._rewritten(data, data[1], self._valve, data[4:])
-        elif can_id == MOTOR_COMMAND:
-            if self.finding or not self._armed:
-                self.replaced += 1
-                return self._rewritten(data, data[1] & 0xEF, 0, b"\0\0")
-            if data[4] | data[5] << 8 > self._motor:
-                self.lowered += 1
-                return self._rewritten(data, data[1], data[2] | data[3] << 8, self._motor.to_bytes(2, "little"))
-        return data
-
-    def _judge(self, finding: int, broken: bool) -> None:
-        self._broken[finding] = self._broken[finding] + 1 if broken else 0
-        if self._broken[finding] >= self._confirm:
-            self.finding = finding
-
-    @staticmethod
-    def _rewritten(data: bytes, flags: int, counts: int, rest: bytes) -> bytes:
-        body = bytes((flags,)) + counts.to_bytes(2, "little") + rest
-        return bytes((crc8(body),)) + body
+    if guard.analog and guard.encoder:
+        guard.armed, guard.age, guard.slept = True, 0, 0
+    else:
+        guard.age += 1 + guard.slept
+        guard.slept = slots - 1
+    guard.analog = guard.encoder = False
+    if guard.armed and guard.age > limits.stale_cycles and guard.finding == HEALTHY:
+        guard.finding = STALE_SENSORS
+    return guard.finding
 
 
-def _signed12(bits: int) -> int:
+@njit
+def outbound(guard, limits, can_id, data):
+    """Make the command in `data`, 6 bytes, one that may go to the bus."""
+    if can_id == VALVE_COMMAND + limits.offset:
+        counts = int(data[2]) | int(data[3]) << 8
+        if guard.finding or not guard.armed or not data[1] & 0x10:
+            if counts or data[1] & 0x10:
+                guard.replaced += 1
+            data[1] &= 0xEF
+            _rewrite(data, 2, 0)
+        elif counts > limits.valve:
+            guard.lowered += 1
+            _rewrite(data, 2, limits.valve)
+    elif can_id == MOTOR_COMMAND:
+        if guard.finding or not guard.armed:
+            guard.replaced += 1
+            data[1] &= 0xEF
+            _rewrite(data, 2, 0)
+            _rewrite(data, 4, 0)
+        elif int(data[4]) | int(data[5]) << 8 > limits.motor:
+            guard.lowered += 1
+            _rewrite(data, 4, limits.motor)
+
+
+@njit
+def _kind(can_id):
+    """Place of a frame that is looked at, -1 for any other."""
+    if can_id == ANALOG_SENSORS:
+        return 0
+    if can_id == ENCODER:
+        return 1
+    return 2 if can_id == TORQUE_SETPOINT else -1
+
+
+@njit
+def _judge(guard, limits, finding, broken):
+    guard.broken[finding] = guard.broken[finding] + 1 if broken else 0
+    if guard.broken[finding] >= limits.confirm_samples:
+        guard.finding = finding
+
+
+@njit
+def _rewrite(data, at, counts):
+    """Two bytes of a command, and its CRC."""
+    data[at], data[at + 1] = counts & 0xFF, counts >> 8
+    data[0] = crc8(data, _COMMAND_BYTES)
+
+
+@njit
+def _signed12(bits):
     return (bits & 0xFFF ^ 0x800) - 0x800

@@ -10,10 +10,13 @@ middle of a demand does not close the clutch by itself. A lost supervisor counts
 pressure closes the clutch as one for a torque does; what is then followed is no matter of phases (law.py).
 """
 
-from dataclasses import dataclass
 from enum import IntEnum
 
+import numpy as np
+from numba import njit
+
 from protocols.request import Request
+from rt_controller.record import floats
 
 
 class Phase(IntEnum):
@@ -39,74 +42,62 @@ class Fault(IntEnum):
     TORQUE_IMPLAUSIBLE = 7
 
 
-@dataclass(frozen=True, slots=True)
-class PhaseSettings:
-    """Pressures [Pa] and times [s], names as in `controller.toml`."""
+# Pressures [Pa], torque [Nm] and times [s], names as in `controller.toml`
+PHASE_SETTINGS = floats(
+    "contact_pressure", "released_pressure", "fill_dwell", "fill_timeout", "lost_pressure", "lost_dwell", "torque_mismatch",
+    "mismatch_dwell",
+)  # fmt: skip
+# Phase, why it is in fault, and for how long [s] each condition has lasted. permitted: to close the clutch, since idle has
+# been asked for after the last engagement.
+PHASES = np.dtype(
+    [("phase", "i8"), ("fault", "i8"), ("time_in_phase", "f8"), ("time_in_contact", "f8"), ("time_lost", "f8"),
+     ("time_implausible", "f8"), ("permitted", "?")]
+)  # fmt: skip
 
-    contact_pressure: float
-    released_pressure: float
-    fill_dwell: float
-    fill_timeout: float
-    lost_pressure: float
-    lost_dwell: float
-    torque_mismatch: float  # Nm
-    mismatch_dwell: float
+
+@njit
+def advance(state, settings, request, pressure, mismatch, finding, step):
+    """Move PHASES on by `step` [s]; return the next phase.
+
+    `pressure` [Pa] of the cylinder; `mismatch` [Nm] between the torque observed at the motor and the estimate;
+    `finding` of the guard.
+    """
+    state.time_in_phase += step
+    state.time_in_contact = state.time_in_contact + step if pressure >= settings.contact_pressure else 0.0
+    state.time_lost = state.time_lost + step if pressure < settings.lost_pressure else 0.0
+    state.time_implausible = state.time_implausible + step if abs(mismatch) > settings.torque_mismatch else 0.0
+    state.permitted = state.permitted or request == Request.IDLE
+    after, state.fault = _next(state, settings, request, pressure, finding)
+    if after != state.phase:
+        state.phase, state.time_in_phase = after, 0.0
+    return after
 
 
-@dataclass(slots=True)
-class PhaseMachine:
-    """Phase, why it is in fault, and for how long [s] each condition has lasted."""
-
-    settings: PhaseSettings
-    phase: Phase = Phase.IDLE
-    fault: Fault = Fault.NONE
-    time_in_phase: float = 0.0
-    time_in_contact: float = 0.0
-    time_lost: float = 0.0
-    time_implausible: float = 0.0
-    permitted: bool = False  # to close the clutch: idle has been asked for since the last engagement
-
-    def step(self, request: Request, pressure: float, mismatch: float, guard_fault: Fault, step: float) -> Phase:
-        """Next phase.
-
-        `pressure` [Pa] of the cylinder; `mismatch` [Nm] between the torque observed at the motor and the estimate;
-        the guard's finding; `step` [s] since the last call.
-        """
-        s = self.settings
-        self.time_in_phase += step
-        self.time_in_contact = self.time_in_contact + step if pressure >= s.contact_pressure else 0.0
-        self.time_lost = self.time_lost + step if pressure < s.lost_pressure else 0.0
-        self.time_implausible = self.time_implausible + step if abs(mismatch) > s.torque_mismatch else 0.0
-        self.permitted = self.permitted or request is Request.IDLE
-        after, fault = self._next(request, pressure, guard_fault)
-        if after != self.phase:
-            self.phase, self.time_in_phase = after, 0.0
-        self.fault = fault
-        return after
-
-    def _next(self, request: Request, pressure: float, guard_fault: Fault) -> tuple[Phase, Fault]:
-        s, phase = self.settings, self.phase
-        if guard_fault:
-            return Phase.FAULT, guard_fault
-        if phase is Phase.FAULT:
-            return (Phase.IDLE, Fault.NONE) if request is Request.IDLE else (Phase.FAULT, self.fault)
-        close = request.closes
-        if phase is Phase.IDLE:
-            if not (close and self.permitted):
-                return Phase.IDLE, Fault.NONE
-            self.permitted = False
-            return Phase.FILL, Fault.NONE
-        if phase is Phase.RELEASE:
-            return (Phase.IDLE if pressure < s.released_pressure else Phase.RELEASE), Fault.NONE
-        if not close:
-            return Phase.RELEASE, Fault.NONE
-        if phase is Phase.FILL:
-            if self.time_in_contact >= s.fill_dwell:
-                return Phase.SLIP_CONTROL, Fault.NONE
-            if self.time_in_phase > s.fill_timeout:
-                return Phase.FAULT, Fault.FILL_TIMEOUT
-        elif self.time_lost >= s.lost_dwell:
-            return Phase.FAULT, Fault.PRESSURE_LOST
-        elif self.time_implausible >= s.mismatch_dwell:
-            return Phase.FAULT, Fault.TORQUE_IMPLAUSIBLE
-        return phase, Fault.NONE
+@njit
+def _next(state, settings, request, pressure, finding):
+    """Next phase and fault."""
+    phase = state.phase
+    if finding:
+        return Phase.FAULT.value, finding
+    if phase == Phase.FAULT:
+        return (Phase.IDLE.value, Fault.NONE.value) if request == Request.IDLE else (phase, state.fault)
+    close = request == Request.ENGAGE or request == Request.PRESSURE
+    if phase == Phase.IDLE:
+        if not (close and state.permitted):
+            return phase, Fault.NONE.value
+        state.permitted = False
+        return Phase.FILL.value, Fault.NONE.value
+    if phase == Phase.RELEASE:
+        return (Phase.IDLE.value if pressure < settings.released_pressure else phase), Fault.NONE.value
+    if not close:
+        return Phase.RELEASE.value, Fault.NONE.value
+    if phase == Phase.FILL:
+        if state.time_in_contact >= settings.fill_dwell:
+            return Phase.SLIP_CONTROL.value, Fault.NONE.value
+        if state.time_in_phase > settings.fill_timeout:
+            return Phase.FAULT.value, Fault.FILL_TIMEOUT.value
+    elif state.time_lost >= settings.lost_dwell:
+        return Phase.FAULT.value, Fault.PRESSURE_LOST.value
+    elif state.time_implausible >= settings.mismatch_dwell:
+        return Phase.FAULT.value, Fault.TORQUE_IMPLAUSIBLE.value
+    return phase, Fault.NONE.value

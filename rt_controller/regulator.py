@@ -6,59 +6,24 @@ Assumptions     `frozen` is true in saturation, out of contact and when the samp
 References      Janssens 2010, sec. 6.5, fig 6.16; gains of the pressure loop from rig.md
 """
 
-from typing import Protocol
+import numpy as np
+from numba import njit
+
+PI = np.dtype(
+    [("proportional", "f8"), ("integral", "f8"), ("next", "f8")]
+)  # terms of the last step; integral of the next
 
 
-def proportional_integral(
-    integral: float, error: float, step: float, k_p: float, k_i: float, frozen: bool
-) -> tuple[float, float, float]:
-    """Return (proportional term, integral term, next integral term), in the unit of `k_p * error`; `step` [s]."""
-    return k_p * error, integral, integral if frozen else integral + k_i * error * step
+@njit
+def proportional_integral(state, error, step, k_p, k_i, frozen):
+    """Move the PI `state` on by `step` [s]; return the sum of its terms, in the unit of `k_p * error`."""
+    state.proportional, state.integral = k_p * error, state.next
+    if not frozen:
+        state.next += k_i * error * step
+    return state.proportional + state.integral
 
 
-class TorqueFeedback(Protocol):
-    """Pressure [Pa] added to the feedforward; `gains` are k_p [Pa/Nm] and k_i [Pa/(Nm s)], the rest publishes its parts."""
-
-    gains: tuple[float, float]
-    proportional: float
-    integral: float
-
-    def follow(self, integral: float) -> None:
-        """Begin at this `integral` [Pa] when the loop closes."""
-
-    def __call__(self, error: float, step: float, frozen: bool) -> float:
-        """`error` [Nm], `step` [s]."""
-        ...
-
-
-class EstimatedTorquePI:
-    """PI on demand minus estimated torque."""
-
-    def __init__(self, proportional_gain: float = 0.0, integral_gain: float = 0.0) -> None:
-        self.gains = proportional_gain, integral_gain
-        self.proportional = self.integral = self._next = 0.0
-
-    def follow(self, integral: float) -> None:
-        """See `TorqueFeedback`."""
-        self.proportional, self.integral, self._next = 0.0, integral, integral
-
-    def __call__(self, error: float, step: float, frozen: bool) -> float:
-        """See `TorqueFeedback`."""
-        self.proportional, self.integral, self._next = proportional_integral(
-            self._next, error, step, *self.gains, frozen
-        )
-        return self.proportional + self.integral
-
-
-class NoFeedback:
-    """Feedforward alone."""
-
-    gains = (0.0, 0.0)
-    proportional = integral = 0.0
-
-    def follow(self, integral: float) -> None:
-        """There is no integral."""
-
-    def __call__(self, error: float, step: float, frozen: bool) -> float:
-        """See `TorqueFeedback`."""
-        return 0.0
+@njit
+def follow(state, integral):
+    """Begin at this `integral` when the loop closes."""
+    state.proportional, state.integral, state.next = 0.0, integral, integral

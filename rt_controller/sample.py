@@ -1,55 +1,57 @@
-"""A sample: what the sensors said at one tick, in SI, put together from its two frames."""
+"""A sample: what the sensors said at one tick, in SI, put together from its two frames.
 
-from typing import Any
+Time comes from the ticks of the data acquisition, so jitter of the bus does not enter.
+"""
 
-from protocols.units import BAR, ZERO_CELSIUS
+import numpy as np
+from numba import njit
+
 from rt_controller.slip import observe
 
 _ANGLE_WRAP = 1 << 32  # counts of the encoder's counter
 _TICK_WRAP = 1 << 16
 
+# The newest complete sample: tick (unwrapped, -1 before the first), pressure [Pa], temperature [K], motor_torque [Nm],
+# unchanged by a count for motor_stuck [s], slip [rad/s], acceleration [rad/s^2]; encoder count (unwrapped) and the observer's
+# angle [rad]. `analog`: half a sample is there, its encoder frame has not come yet; `next_...` is what it said.
+SAMPLE = np.dtype(
+    [("tick", "i8"), ("pressure", "f8"), ("temperature", "f8"), ("motor_torque", "f8"), ("motor_stuck", "f8"), ("slip", "f8"),
+     ("acceleration", "f8"), ("count", "i8"), ("angle", "f8"), ("analog", "?"), ("next_pressure", "f8"),
+     ("next_temperature", "f8"), ("next_motor_torque", "f8")]
+)  # fmt: skip
 
-class Sample:
-    """The newest complete sample. Time comes from the ticks of the data acquisition, so bus jitter does not enter.
 
-    period [s]; bandwidth of the slip observer [1/s]; temperature until one is measured [K]; angle_step [rad/count].
+@njit
+def take_analog(sample, pressure, temperature, motor_torque):
+    """Take the values of ANALOG_SENSORS: pressure [Pa], temperature [K], torque [Nm]."""
+    sample.analog = True
+    sample.next_pressure, sample.next_temperature, sample.next_motor_torque = pressure, temperature, motor_torque
 
-    `bandwidth` may be changed between samples. tick (unwrapped, -1 before the first), pressure [Pa], temperature [K],
-    motor_torque [Nm], unchanged by a count for motor_stuck [s], slip [rad/s], acceleration [rad/s^2].
+
+@njit
+def take_encoder(sample, shaft_angle, sample_tick, angle_step, period, bandwidth, speed_demand):
+    """Take the raw values of ENCODER; return the ticks since the sample before, 0 while the analog half is missing.
+
+    angle_step [rad/count], period [s], bandwidth of the slip observer [1/s]. The first sample starts the observer at
+    `speed_demand` [rad/s]: the motor holds its speed when a run begins.
     """
-
-    def __init__(self, period: float, bandwidth: float, temperature: float, angle_step: float) -> None:
-        self.tick = -1
-        self.pressure = self.motor_torque = self.motor_stuck = self.slip = self.acceleration = 0.0
-        self.temperature = temperature
-        self._period, self.bandwidth, self._angle_step = period, bandwidth, angle_step
-        self._analog: Any = None  # half a sample: its encoder frame has not come yet
-        self._count = 0  # encoder, unwrapped
-        self._observer = (0.0, 0.0, 0.0)
-
-    def analog(self, values: Any) -> None:
-        """Take the physical values of ANALOG_SENSORS."""
-        self._analog = values
-
-    def encoder(self, raw: Any, speed_demand: float) -> int:
-        """Take the raw values of ENCODER; return the ticks since the sample before, 0 while the analog half is missing.
-
-        The first sample starts the slip observer at `speed_demand` [rad/s]: the motor holds its speed when a run begins.
-        """
-        analog, self._analog = self._analog, None
-        if analog is None:
-            return 0
-        self._count += (raw.shaft_angle - self._count + _ANGLE_WRAP // 2) % _ANGLE_WRAP - _ANGLE_WRAP // 2
-        angle = self._count * self._angle_step
-        if self.tick < 0:
-            ticks, self.tick = 1, raw.sample_tick
-            self._observer = (angle, speed_demand, 0.0)
-        elif ticks := (raw.sample_tick - self.tick) % _TICK_WRAP:
-            self.tick += ticks
-            self._observer = observe(self._observer, angle, ticks * self._period, self.bandwidth)
-        _, self.slip, self.acceleration = self._observer
-        self.pressure = analog.cylinder_pressure * BAR
-        self.temperature = analog.oil_temperature + ZERO_CELSIUS
-        self.motor_stuck = self.motor_stuck + ticks * self._period if analog.motor_torque == self.motor_torque else 0.0
-        self.motor_torque = analog.motor_torque
-        return ticks
+    if not sample.analog:
+        return 0
+    sample.analog = False
+    sample.count += (shaft_angle - sample.count + _ANGLE_WRAP // 2) % _ANGLE_WRAP - _ANGLE_WRAP // 2
+    angle = sample.count * angle_step
+    if sample.tick < 0:
+        ticks, sample.tick = 1, sample_tick
+        sample.angle, sample.slip, sample.acceleration = angle, speed_demand, 0.0
+    else:
+        ticks = (sample_tick - sample.tick) % _TICK_WRAP
+        if ticks:
+            sample.tick += ticks
+            sample.angle, sample.slip, sample.acceleration = observe(
+                (sample.angle, sample.slip, sample.acceleration), angle, ticks * period, bandwidth
+            )
+    sample.pressure, sample.temperature = sample.next_pressure, sample.next_temperature
+    stuck = sample.next_motor_torque == sample.motor_torque
+    sample.motor_stuck = sample.motor_stuck + ticks * period if stuck else 0.0
+    sample.motor_torque = sample.next_motor_torque
+    return ticks

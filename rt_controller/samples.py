@@ -3,41 +3,47 @@
 import time
 from collections.abc import Mapping
 
-from protocols.bus import Port
-from protocols.frames import Frame, FrameCodec
+from protocols.batch import unload
+from protocols.exchange import Exchange
+from protocols.frames import FrameCodec
 from protocols.lifecycle import Lifecycle
 
 
 class Samples:
-    """What a controller waits for on `port`."""
+    """What a controller waits for: frames in `line.inbox`, where they stay until `line.clear()`."""
 
-    def __init__(self, port: Port, frames: Mapping[str, FrameCodec]) -> None:
-        self.port = port
-        self._encoder_id, self._plant = frames["ENCODER"].can_id, frames["PLANT_HEARTBEAT"]
+    def __init__(self, line: Exchange, frames: Mapping[str, FrameCodec]) -> None:
+        self.line = line
+        self._plant = frames["PLANT_HEARTBEAT"]
 
-    def next(self, timeout: float) -> list[Frame]:
-        """Frames up to and with the next complete sample, the plant's end, or what came within `timeout` [s]."""
-        frames: list[Frame] = []
+    def take(self) -> bool:
+        """Take what has come; whether a sample is complete by it."""
+        marks = self.line.marks
+        self.line.receive()
+        return self.line.marks > marks
+
+    def next(self, timeout: float) -> bool:
+        """Wait for the next complete sample, the plant's end or `timeout` [s]; whether a sample is complete."""
+        line, marks = self.line, self.line.marks
         end = time.monotonic() + timeout
-        while not (self.complete(frames) or self.plant_ended(frames)):
+        left = timeout
+        while True:
+            before = line.count
+            came = line.receive(max(left, 0.0))
+            if line.marks > marks:
+                return True
             left = end - time.monotonic()
-            came = self.port.wait(max(left, 0.0))
-            if came:
-                frames += self.port.receive()
-            if left <= 0.0 or not came:
-                break
-        return frames
+            if not came or left <= 0.0 or self.plant_ended(before):
+                return False
 
     def arrived_ns(self) -> int:
         """When the last sample was complete [ns of CLOCK_MONOTONIC]: by the frame's stamp."""
         now = time.monotonic_ns()
-        return now - max(time.time_ns() - self.port.stamps[self._encoder_id], 0)
+        return now - max(time.time_ns() - self.line.marked_ns, 0)
 
-    def complete(self, frames: list[Frame]) -> bool:
-        """Whether the last sensor frame of a sample is among `frames`."""
-        return any(frame.can_id == self._encoder_id for frame in frames)
-
-    def plant_ended(self, frames: list[Frame]) -> bool:
-        """Whether the plant says among `frames` that it ends."""
-        codec = self._plant
-        return any(i == codec.can_id and codec.unpack(d).lifecycle == Lifecycle.FINALIZED for i, d in frames)
+    def plant_ended(self, since: int = 0) -> bool:
+        """Whether the plant says, among the frames from number `since` on, that it ends."""
+        codec, inbox = self._plant, self.line.inbox
+        said = inbox[since : self.line.count]
+        heartbeats = said[said["can_id"] == codec.can_id]
+        return any(codec.unpack(data).lifecycle == Lifecycle.FINALIZED for _, data in unload(heartbeats))

@@ -7,9 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from protocols import realtime
+from protocols.batch import load, unload
 from protocols.bus import Port, open_bus
 from protocols.clock import Clock
 from protocols.errors import InputError
+from protocols.exchange import Exchange
 from protocols.footprint import Footprint
 from protocols.frames import Frame, load_frames
 from protocols.heartbeat import heard_alone, new_session
@@ -88,14 +90,14 @@ class ControllerService:
             if self.clutch and self.adaptation:
                 ready("note: of two clutches none adapts: the motor's torque is that of both")
             closed, missed, footprint = False, None, None
-            samples = Samples(port, frames)
+            samples = Samples(Exchange(port, frames["ENCODER"].can_id), frames)
             begins = begun_by(clock, samples)
             try:
-                inbox = self._await_plant(node, samples, outlet, stop)
+                self._await_plant(node, samples, outlet, stop)
                 if self.lockstep:
-                    self._lockstep(node, samples, outlet, stop, inbox)
+                    self._lockstep(node, samples, outlet, stop)
                 else:
-                    self._warm_up(node, samples, outlet, begins, inbox)
+                    self._warm_up(node, samples, outlet, begins)
                     footprint = self._real_time(node, samples, outlet, begins, stop)
             except OverrunError as error:
                 missed = str(error)
@@ -119,25 +121,26 @@ class ControllerService:
             **published,
         }
 
-    def _await_plant(self, node: ControllerNode, samples: Samples, outlet: Outlet, stop: Stop) -> list[Frame]:
-        """Say "active" every 50 ms until the plant's first sample is complete; return its frames."""
+    def _await_plant(self, node: ControllerNode, samples: Samples, outlet: Outlet, stop: Stop) -> None:
+        """Say "active" every 50 ms until the plant's first sample is complete; leave its frames in the inbox."""
+        line, complete = samples.line, False
         inbox: list[Frame] = []
-        while not (stop.asked or samples.complete(inbox)):
-            samples.port.send(node.heartbeat.next(Lifecycle.ACTIVE))
+        while not (stop.asked or complete):
+            line.port.send(node.heartbeat(Lifecycle.ACTIVE))
             outlet.tune()
-            inbox = (inbox + node.listen(samples.next(node.heartbeat.period)))[-_KEPT:]
-        return inbox
+            complete = samples.next(node.heartbeat_period)
+            inbox = (inbox + node.listen(unload(line.inbox[: line.count])))[-_KEPT:]
+            line.clear()
+        line.count = load(line.inbox, inbox)
 
-    def _warm_up(
-        self, node: ControllerNode, samples: Samples, outlet: Outlet, begins: Trigger, inbox: list[Frame]
-    ) -> None:
+    def _warm_up(self, node: ControllerNode, samples: Samples, outlet: Outlet, begins: Trigger) -> None:
         """Some cycles at the plant's pace, which are not in the timing; then the trigger's grid is set."""
         arrived = time.monotonic_ns()
         for _ in range(max(1, round(_WARM_UP * self.rate))):
-            self._cycle(node, samples.port, outlet, inbox, (time.monotonic(), 0.0, 0.0, 0))
-            inbox = samples.next(2.0 / self.rate)
+            self._cycle(node, samples.line, outlet, (time.monotonic(), 0.0, 0.0, 0))
+            samples.next(2.0 / self.rate)
             arrived = time.monotonic_ns()
-        self._cycle(node, samples.port, outlet, inbox, (time.monotonic(), 0.0, 0.0, 0))
+        self._cycle(node, samples.line, outlet, (time.monotonic(), 0.0, 0.0, 0))
         begins.start(arrived)
 
     def _real_time(
@@ -145,40 +148,36 @@ class ControllerService:
     ) -> dict[str, int]:
         """Cycle by cycle as the trigger begins them; return what it took from the system."""
         clock, work_us = begins.clock, 0.0
-        inbox: list[Frame] = []
         taken = Footprint()
         while not stop.asked:
-            slots = 1 + begins.wait(inbox)
+            slots = 1 + begins.wait()
             timing = (clock.woken_ns / 1e9, clock.lateness_ns / 1e3, work_us, clock.late)
-            self._cycle(node, samples.port, outlet, inbox, timing, slots)
+            self._cycle(node, samples.line, outlet, timing, slots)
             clock.done()
-            inbox.clear()
             work_us = clock.work_ns / 1e3
             node.late_cycles = clock.late
         return taken.summary()
 
-    def _lockstep(self, node: ControllerNode, samples: Samples, outlet: Outlet, stop: Stop, inbox: list[Frame]) -> None:
+    def _lockstep(self, node: ControllerNode, samples: Samples, outlet: Outlet, stop: Stop) -> None:
         """Answer each complete sample at once; end when the plant says it ends."""
+        complete = True
         while not stop.asked:
-            if not samples.complete(inbox):
-                if samples.plant_ended(inbox):
+            if not complete:
+                if samples.plant_ended():
                     return
-                raise InputError(f"the plant on {samples.port.name} has been silent for {_SILENCE:g} s of lock-step")
-            self._cycle(node, samples.port, outlet, inbox, (time.monotonic(), 0.0, 0.0, 0))
-            inbox = samples.next(_SILENCE)
+                raise InputError(
+                    f"the plant on {samples.line.port.name} has been silent for {_SILENCE:g} s of lock-step"
+                )
+            self._cycle(node, samples.line, outlet, (time.monotonic(), 0.0, 0.0, 0))
+            complete = samples.next(_SILENCE)
 
     @staticmethod
     def _cycle(
-        node: ControllerNode,
-        port: Port,
-        outlet: Outlet,
-        inbox: list[Frame],
-        timing: tuple[float, float, float, int],
-        slots: int = 1,
+        node: ControllerNode, line: Exchange, outlet: Outlet, timing: tuple[float, float, float, int], slots: int = 1
     ) -> None:
-        for frame in node.step(inbox, slots):
-            port.send(frame)
-        outlet.write(node.row(), *timing)
+        line.send(node.outbox, node.cycle(line.inbox, line.count, slots))
+        line.clear()
+        outlet.write(node.record, *timing)
         outlet.tune()
 
 

@@ -9,10 +9,11 @@ References      Morrison 1969, Introduction to Sequential Smoothing and Predicti
 
 from math import exp
 
+from numba import njit
 
-def observe(
-    state: tuple[float, float, float], angle: float, step: float, bandwidth: float
-) -> tuple[float, float, float]:
+
+@njit
+def observe(state, angle, step, bandwidth):
     """Return (angle [rad], speed [rad/s], acceleration [rad/s^2]) after a measured `angle` [rad], `step` [s] > 0 later."""
     x, v, a = state
     x += (v + 0.5 * a * step) * step

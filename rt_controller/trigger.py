@@ -17,7 +17,6 @@ from typing import Protocol
 
 from protocols.clock import Clock
 from protocols.errors import InputError, listing
-from protocols.frames import Frame
 from rt_controller.samples import Samples
 
 _K_P, _K_I = 0.02, 0.0002  # bandwidth of some 3 Hz at 1 kHz: far below the jitter, far above the drift of crystals
@@ -32,8 +31,8 @@ class Trigger(Protocol):
     def start(self, arrived_ns: int) -> None:
         """The last sample was complete at `arrived_ns` of CLOCK_MONOTONIC; its cycle has been run."""
 
-    def wait(self, inbox: list[Frame]) -> int:
-        """Wait for the next cycle, adding its frames to `inbox`; return how many slots were left out before it."""
+    def wait(self) -> int:
+        """Wait for the next cycle and take its frames; return how many slots were left out before it."""
         ...
 
 
@@ -41,16 +40,16 @@ class ClockTrigger:
     """On an absolute grid."""
 
     def __init__(self, clock: Clock, samples: Samples) -> None:
-        self.clock, self._port = clock, samples.port
+        self.clock, self._samples = clock, samples
 
     def start(self, arrived_ns: int) -> None:
         """See `Trigger`."""
         self.clock.start(arrived_ns + self.clock.period_ns // 2)
 
-    def wait(self, inbox: list[Frame]) -> int:
+    def wait(self) -> int:
         """See `Trigger`."""
         missed = self.clock.wait()
-        inbox += self._port.receive()
+        self._samples.take()
         return missed
 
 
@@ -64,17 +63,15 @@ class BusTrigger:
         """See `Trigger`."""
         self.clock.start(arrived_ns + self.clock.period_ns)
 
-    def wait(self, inbox: list[Frame]) -> int:
+    def wait(self) -> int:
         """See `Trigger`."""
         clock, period = self.clock, self.clock.period_ns
         before = clock.deadline_ns
         now = time.monotonic_ns()
         patience = max(before + period, now) + period // 2
         while True:
-            frames = self._samples.next((patience - now) / 1e9)
-            inbox += frames
+            came = self._samples.next((patience - now) / 1e9)
             now = time.monotonic_ns()
-            came = self._samples.complete(frames)
             if came and now - before >= period // 2:  # else it is of the slot before, which has gone without it
                 break
             if not came and now < patience + period // 2:
@@ -104,15 +101,13 @@ class PllTrigger:
         """See `Trigger`."""
         self.clock.start(arrived_ns + self.clock.period_ns + self.clock.period_ns // 4)
 
-    def wait(self, inbox: list[Frame]) -> int:
+    def wait(self) -> int:
         """See `Trigger`."""
         clock = self.clock
         missed = clock.wait()
-        frames = self._samples.port.receive()
-        inbox += frames
         period = clock.period_ns
         error = 0
-        if self._samples.complete(frames):
+        if self._samples.take():
             error = (self._samples.arrived_ns() + period // 4 - clock.deadline_ns + period // 2) % period - period // 2
         most = period / _FURTHEST
         self._drift = min(max(self._drift + _K_I * error, -most), most)

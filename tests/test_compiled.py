@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from plant_sim.compiled import drop_stale, place_cache
+from protocols.compiled import drop_stale, place_cache
 
 MODULES = {
     "block.py": "",
@@ -64,8 +64,8 @@ def test_kernels_have_a_place_where_nothing_can_be_written(tmp_path: Path, monke
     place_cache(tmp_path)
     assert "NUMBA_CACHE_DIR" not in os.environ
     monkeypatch.setattr(os, "access", lambda path, mode: False)
-    monkeypatch.setattr("plant_sim.compiled.tempfile.mkdtemp", lambda prefix: str(tmp_path / prefix))
-    monkeypatch.setattr("plant_sim.compiled.atexit.register", lambda *args, **kwargs: None)
+    monkeypatch.setattr("protocols.compiled.tempfile.mkdtemp", lambda prefix: str(tmp_path / prefix))
+    monkeypatch.setattr("protocols.compiled.atexit.register", lambda *args, **kwargs: None)
     monkeypatch.setenv("NUMBA_CACHE_DIR", "kept")
     place_cache(tmp_path)
     assert os.environ["NUMBA_CACHE_DIR"] == "kept"

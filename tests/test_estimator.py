@@ -1,6 +1,5 @@
 """The controller's torque estimator and feedforward: parity with the plant's law, the thesis's values, symmetry."""
 
-from dataclasses import replace
 from math import exp
 
 import pytest
@@ -10,16 +9,19 @@ from hypothesis import strategies as st
 from plant_sim.blocks import clutch, oil
 from plant_sim.rigs import wet_clutch
 from protocols.units import to_si
-from rt_controller.estimator import Model, friction_state, torque_parts, viscosity_ratio
-from rt_controller.feedforward import ContactOnly, InverseModel
+from rt_controller.estimator import MODEL as LAYOUT
+from rt_controller.estimator import friction_state, torque_parts, viscosity_ratio
+from rt_controller.feedforward import inverse_model
 from rt_controller.node import controller_parameters
+from rt_controller.record import record
 
 BAR, KELVIN = 1e5, 273.15
 PARITY = 1e-12  # relative to 1 or to the value: rounding of two orders of operation, no more
 EXPONENTIAL = 1e-13  # two half steps against one: rounding of exp
 PRINTED = 5e-3  # Nm: the thesis's coefficients have three digits
 
-MODEL = Model(**controller_parameters().si("model"))
+VALUES = controller_parameters().si("model")
+MODEL = record(LAYOUT, VALUES)
 RIG = {group: wet_clutch.nominal().si(group) for group in ("clutch", "oil", "piston")}
 
 pressures = st.floats(0.5, 6.0).map(lambda bar: bar * BAR)
@@ -78,7 +80,7 @@ def test_viscosity_ratio_of_controller_and_plant_agree_even_outside_the_valid_ra
 
 
 def test_parity_would_see_a_part_in_a_billion() -> None:
-    other = replace(MODEL, stribeck_speed=MODEL.stribeck_speed * (1 + 1e-9))
+    other = record(LAYOUT, VALUES, stribeck_speed=MODEL.stribeck_speed * (1 + 1e-9))
     theirs = clutch.relaxed(0.1, plant_ratio(3.4 * BAR, 20.0), 20.0, RIG["clutch"]["attraction"], clutch.RESTING, 0.01)
     assert friction_state(other, 0.1, 3.4 * BAR, 20.0, 0.01) != pytest.approx(theirs, rel=PARITY, abs=PARITY)
 
@@ -151,18 +153,17 @@ def test_cold_oil_raises_the_viscous_part_alone_and_the_whole_follows_eq_6_3() -
 
 def test_feedforward_of_eq_6_8_by_hand() -> None:
     # 20^(1/3) = 2.714418; 10 / (10.8 + 2.67 * 2.714418) + 2.35 = 10 / 18.047495 + 2.35 = 2.904094 bar
-    assert InverseModel(MODEL)(10.0, 20.0, 1.0, 0.0) / BAR == pytest.approx(2.904094, abs=1e-6)
-    assert InverseModel(MODEL)(10.0, -20.0, 1.0, 0.0) == InverseModel(MODEL)(10.0, 20.0, 1.0, 0.0)
+    assert inverse_model(MODEL, 10.0, 20.0, 1.0, 0.0) / BAR == pytest.approx(2.904094, abs=1e-6)
+    assert inverse_model(MODEL, 10.0, -20.0, 1.0, 0.0) == inverse_model(MODEL, 10.0, 20.0, 1.0, 0.0)
 
 
 def test_feedforward_asks_for_contact_alone_without_demand() -> None:
-    assert InverseModel(MODEL)(0.0, 20.0, 1.0, 0.0) == MODEL.contact_pressure
-    assert ContactOnly(MODEL)(10.0, 20.0, 1.0, 0.0) == MODEL.contact_pressure
+    assert inverse_model(MODEL, 0.0, 20.0, 1.0, 0.0) == MODEL.contact_pressure
 
 
 def test_a_weaker_clutch_needs_more_pressure_in_proportion() -> None:
     def above_contact(level: float, viscous: float) -> float:
-        return InverseModel(MODEL)(10.0, 20.0, level, viscous) - MODEL.contact_pressure
+        return inverse_model(MODEL, 10.0, 20.0, level, viscous) - MODEL.contact_pressure
 
     assert above_contact(0.8, 0.0) == pytest.approx(above_contact(1.0, 0.0) / 0.8, rel=1e-9)
     # 10 / (10.8 + 1.2 * 2.67 * 2.714418) = 10 / 19.496995 bar

@@ -15,8 +15,9 @@ FORBIDDEN = {
     "plant_sim": {"rt_controller"},
     "rt_controller": {"plant_sim"},
 }
-# Not on the real-time path: they start threads, allocate much, compile, or take seconds to load.
-HEAVY = ("zenoh", "rerun", "scipy", "matplotlib", "pandas", "pyarrow", "numba")
+# Not on the real-time path: they start threads, allocate much, or take seconds to load. Numba is: what it compiles is loaded
+# before the loop begins; it looks at the name scipy, whose parts are not loaded by that.
+HEAVY = ("zenoh", "rerun", "scipy.linalg", "scipy.optimize", "matplotlib", "pandas", "pyarrow")
 REAL_TIME = "rt_controller.service"
 PATIENCE_S = 60.0  # numba and matplotlib load in seconds on a busy machine
 
@@ -28,10 +29,9 @@ asked = {}
 class Witness:
     @staticmethod
     def find_spec(name, path=None, target=None):
-        top = name.partition(".")[0]
-        if top in heavy and top not in asked:
+        if name in heavy and name not in asked:
             frames = [f for f in traceback.extract_stack()[:-1] if not f.filename.startswith("<frozen")]
-            asked[top] = f"{frames[-1].filename}:{frames[-1].lineno}"
+            asked[name] = f"{frames[-1].filename}:{frames[-1].lineno}"
 sys.meta_path.insert(0, Witness)
 failed = {}
 for name in names:
@@ -39,7 +39,7 @@ for name in names:
         importlib.import_module(name)
     except Exception as error:
         failed[name] = repr(error)
-loaded = sorted({name.partition(".")[0] for name in sys.modules})
+loaded = sorted({name.partition(".")[0] for name in sys.modules} | set(heavy) & set(sys.modules))
 print(json.dumps({"loaded": loaded, "asked": asked, "failed": failed}))
 """
 

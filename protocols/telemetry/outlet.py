@@ -13,6 +13,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from protocols.child import clutch_hil, spawn
 from protocols.errors import InputError
 from protocols.mailbox import Mailbox
@@ -68,9 +70,9 @@ class Outlet:
             self._folder.remove()
             raise
 
-    def write(self, row: Sequence[float], clock: float, wake_us: float, work_us: float, late: int) -> None:
+    def write(self, row: Sequence[float] | np.ndarray, clock: float, wake_us: float, work_us: float, late: int) -> None:
         """Append a cycle's row; `clock` [s] of CLOCK_MONOTONIC."""
-        self._ring.write((*row, clock, wake_us, work_us, late, self._tuning.count))
+        self._ring.write(row, (clock, wake_us, work_us, late, self._tuning.count))
 
     def tune(self) -> None:
         """Between two cycles: make the change of parameters that waits, if one does."""

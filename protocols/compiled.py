@@ -30,9 +30,12 @@ def is_compiled(package: Path) -> bool:
     return any(package.rglob("__pycache__/*.nbi"))
 
 
-def drop_stale(package: Path) -> list[Path]:
-    """Delete the cached kernels of `package` that are older than a module they import, directly or not; return them."""
-    sources = {path: path.stat().st_mtime_ns for path in package.rglob("*.py")}
+def drop_stale(package: Path, *used: Path) -> list[Path]:
+    """Delete the cached kernels of `package` that are older than a module they import, directly or not; return them.
+
+    `used`: packages beside it, from which it imports functions that become part of its kernels.
+    """
+    sources = {path: path.stat().st_mtime_ns for folder in (package, *used) for path in folder.rglob("*.py")}
     caches = {path: path.stat().st_mtime_ns for path in package.rglob("__pycache__/*.nbi")}
     if not caches or max(sources.values()) <= min(caches.values()):
         return []
@@ -47,7 +50,7 @@ def drop_stale(package: Path) -> list[Path]:
 
 
 def _imported(path: Path, package: Path, sources: dict[Path, int]) -> set[Path]:
-    """Modules of `package` that the module at `path` imports."""
+    """Modules among `sources` that the module at `path` imports; all packages lie beside `package`."""
     found = set()
     for base, names in _IMPORT.findall(path.read_text(encoding="utf-8")):
         folder = package.parent.joinpath(*base.split("."))

@@ -1,0 +1,49 @@
+"""Batch: frames in memory that is there from the start, as the kernel and compiled loops read and write them."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numba import njit
+
+from protocols.frames import Frame
+
+# struct can_frame, then its time stamp [ns of CLOCK_REALTIME]
+FRAME = np.dtype([("can_id", "u4"), ("length", "u1"), ("_", "u1", (3,)), ("data", "u1", (8,)), ("stamp", "i8")])
+
+
+def batch(capacity: int) -> np.ndarray:
+    """Room for frames, shape (capacity,) of FRAME."""
+    return np.zeros(capacity, FRAME)
+
+
+def load(into: np.ndarray, frames: Sequence[Frame]) -> int:
+    """Put frames into a batch; return their number. Raises ValueError where there is no room for them."""
+    if len(frames) > len(into):
+        raise ValueError(f"{len(frames)} frames are too many for a batch of {len(into)}")
+    for row, (can_id, data) in zip(into, frames, strict=False):
+        row["can_id"], row["length"] = can_id, len(data)
+        row["data"][: len(data)] = np.frombuffer(data, np.uint8)
+        row["data"][len(data) :] = 0
+    return len(frames)
+
+
+def unload(frames: np.ndarray) -> list[Frame]:
+    """The frames of a batch as objects."""
+    return [Frame(int(f["can_id"]), f["data"][: f["length"]].tobytes()) for f in frames]
+
+
+@njit(inline="always")
+def word_of(data):
+    """Payload of up to 8 bytes as a word, little-endian."""
+    word = np.int64(0)
+    for index in range(8):
+        word |= np.int64(data[index]) << 8 * index
+    return word
+
+
+@njit(inline="always")
+def write(frame, can_id, length, word):
+    """Make `frame` one with this identifier and payload."""
+    frame.can_id, frame.length = can_id, length
+    for index in range(8):
+        frame.data[index] = word >> 8 * index & 0xFF

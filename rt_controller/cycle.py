@@ -1,0 +1,216 @@
+"""A cycle: decode, check, estimate, control, encode, in one compiled call without the GIL and without an allocation."""
+
+from enum import IntEnum
+from math import inf, nan
+
+import numpy as np
+from numba import njit
+
+from protocols.batch import word_of, write
+from protocols.frames import COUNTER_MODULUS
+from protocols.lifecycle import Lifecycle
+from protocols.request import Request
+from protocols.units import BAR, ZERO_CELSIUS
+from protocols.words import SIGNAL, counter, put, raw, sealed, valid, value
+from rt_controller.law import LAW, LAW_SETTINGS, TERMS, control, mismatch
+from rt_controller.limits import GUARD, LIMITS, close_cycle, inbound, outbound
+from rt_controller.phases import PHASE_SETTINGS, PHASES, Phase, advance
+from rt_controller.sample import SAMPLE, take_analog, take_encoder
+
+HEARD = ("ANALOG_SENSORS", "ENCODER", "TORQUE_SETPOINT", "PLANT_HEARTBEAT")  # in the order of NODE's receptions
+OUTBOX = 4  # frames a cycle sends at most: heartbeat, status, motor, valve
+_ANALOG, _ENCODER, _SETPOINT, _PLANT = range(len(HEARD))
+_STEP_LIMIT = 10  # periods: a longer gap between samples is not integrated over (estimator, regulators)
+_COMMAND, _STATUS = 6, 8  # bytes of commands, and of status and heartbeat
+_ESTIMATE, _LATE, _LEVEL = 65.0, 65535, 2.55  # ends of what CONTROLLER_STATUS can say: Nm, cycles, 1
+_TERMS_AT = 5  # column of the first term
+
+
+class Refusal(IntEnum):
+    """Why a bus cannot be worked on."""
+
+    SECOND_CONTROLLER = 1
+    LENGTH = 2
+    RATE = 3
+    REQUEST = 4
+    TORQUE = 5
+    PRESSURE = 6
+    SPEED = 7
+
+
+# Counts as of protocols.reception.Reception; counter: one more than the last, 0 before the first
+RECEPTION = np.dtype(
+    [(name, "i8") for name in ("can_id", "length", "counter", "received", "lost", "repeated", "corrupt")]
+)
+SETTINGS = np.dtype(
+    [("period", "f8"), ("rate", "i8"), ("session", "i8"), ("alone", "?"), ("drives", "?"), ("own", "i8", (4,)),
+     ("valve_id", "i8"), ("motor_id", "i8"), ("status_id", "i8"), ("heartbeat_id", "i8"), ("status_every", "i8"),
+     ("heartbeat_every", "i8"), ("angle_step", "f8"), ("setpoint_timeout", "f8"), ("motor_torque_limit", "f8"),
+     ("demand_limit", "f8"), ("speed_limit", "f8"), ("pressure_limit", "f8"),
+     ("analog_sensors", SIGNAL, (4,)), ("encoder", SIGNAL, (2,)), ("torque_setpoint", SIGNAL, (4,)),
+     ("plant_heartbeat", SIGNAL, (3,)), ("valve_command", SIGNAL, (3,)), ("motor_command", SIGNAL, (3,)),
+     ("controller_status", SIGNAL, (5,)), ("controller_heartbeat", SIGNAL, (3,)),
+     ("phases", PHASE_SETTINGS), ("law", LAW_SETTINGS), ("guard", LIMITS)]
+)  # fmt: skip
+# What is asked for: request, demand [Nm], pressure_demand [Pa], speed_demand [rad/s], setpoint_age [s]. refused_...: why the
+# bus cannot be worked on
+NODE = np.dtype(
+    [("cycle", "i8"), ("beats", "i8"), ("late_cycles", "i8"), ("request", "i8"), ("demand", "f8"), ("pressure_demand", "f8"),
+     ("speed_demand", "f8"), ("setpoint_age", "f8"), ("refused_id", "i8"), ("refused_value", "f8"),
+     ("receptions", RECEPTION, (len(HEARD),)), ("sample", SAMPLE), ("phases", PHASES), ("law", LAW), ("guard", GUARD)]
+)  # fmt: skip
+
+
+@njit(cache=True, nogil=True)
+def cycle(states, all_settings, inbox, count, slots, outbox, row):
+    """One cycle of the node in `states` (1,), `slots` periods after the last one, on the first `count` frames of `inbox`.
+
+    Fills `outbox` and `row`; returns the number of frames in `outbox`, or minus the Refusal.
+    """
+    node, settings = states[0], all_settings[0]
+    guard, law, sample = node.guard, node.law, node.sample
+    elapsed = slots * settings.period
+    node.setpoint_age += elapsed
+    ticks = 0
+    for index in range(count):
+        frame = inbox[index]
+        inbound(guard, settings.guard, np.int64(frame.can_id), frame.data, np.int64(frame.length))
+        moved = _receive(node, settings, frame)
+        if moved < 0:
+            return moved
+        ticks += moved
+    step = min(ticks, _STEP_LIMIT) * settings.period
+    request = node.request if node.setpoint_age <= settings.setpoint_timeout else Request.RELEASE.value
+    finding = close_cycle(guard, settings.guard, slots)
+    off = mismatch(law) if settings.alone else 0.0
+    phase = advance(node.phases, settings.phases, request, sample.pressure, off, finding, elapsed)
+    followed = node.pressure_demand if request == Request.PRESSURE else nan
+    control(law, settings.law, phase, node.demand, sample, step, followed)
+    row[0], row[1], row[2], row[3], row[4] = sample.tick, guard.age, phase, node.phases.fault, request
+    for index in range(len(TERMS)):
+        row[_TERMS_AT + index] = law.terms[index]
+    row[_TERMS_AT + len(TERMS)], row[_TERMS_AT + len(TERMS) + 1] = guard.lowered, guard.replaced
+    return _commands(node, settings, phase, outbox)
+
+
+@njit(cache=True, nogil=True)
+def hear(states, all_settings, inbox, count):
+    """Take frames before the first cycle, which the guard need not see; return the Refusal, 0 where there is none."""
+    for index in range(count):
+        moved = _receive(states[0], all_settings[0], inbox[index])
+        if moved < 0:
+            return -moved
+    return 0
+
+
+@njit
+def _receive(node, settings, frame):
+    """Take one frame; return how many sample periods it moved the controller's time on, or minus the Refusal."""
+    can_id, length = np.int64(frame.can_id), np.int64(frame.length)
+    for own in settings.own:
+        if can_id == own:
+            return _refuse(node, Refusal.SECOND_CONTROLLER, can_id, 0.0)
+    kind = -1
+    for index in range(len(HEARD)):
+        if node.receptions[index].can_id == can_id:
+            kind = index
+    if kind < 0:
+        return 0
+    reception = node.receptions[kind]
+    if length != reception.length:
+        return _refuse(node, Refusal.LENGTH, can_id, length)
+    word = word_of(frame.data)
+    if not _accept(reception, word, length):
+        return 0
+    if kind == _ANALOG:
+        s = settings.analog_sensors
+        take_analog(
+            node.sample, value(word, s[0]) * BAR, value(word, s[1]) + ZERO_CELSIUS, value(word, s[2])
+        )  # CLUTCH_TORQUE, the last, is for comparison only
+    elif kind == _ENCODER:
+        s = settings.encoder
+        return take_encoder(
+            node.sample, raw(word, s[0]), raw(word, s[1]), settings.angle_step, settings.period, settings.law.bandwidth,
+            node.speed_demand,
+        )  # fmt: skip
+    elif kind == _SETPOINT:
+        return _take_setpoint(node, settings, word, can_id)
+    elif raw(word, settings.plant_heartbeat[1]) != settings.rate:
+        return _refuse(node, Refusal.RATE, can_id, raw(word, settings.plant_heartbeat[1]))
+    return 0
+
+
+@njit
+def _accept(reception, word, length):
+    """Whether a payload may be used: its CRC is right and its counter another than the last."""
+    if not valid(word, length):
+        reception.corrupt += 1
+        return False
+    count = counter(word) + 1
+    if count == reception.counter:
+        reception.repeated += 1
+        return False
+    if reception.counter:
+        reception.lost += (count - reception.counter - 1) % COUNTER_MODULUS
+    reception.counter = count
+    reception.received += 1
+    return True
+
+
+@njit
+def _take_setpoint(node, settings, word, can_id):
+    s = settings.torque_setpoint
+    request = raw(word, s[0])
+    torque, speed, pressure = value(word, s[1]), value(word, s[2]), value(word, s[3])
+    if torque > settings.demand_limit:
+        return _refuse(node, Refusal.TORQUE, can_id, torque)
+    if pressure > settings.pressure_limit:
+        return _refuse(node, Refusal.PRESSURE, can_id, pressure)
+    if request > Request.PRESSURE:  # the last
+        return _refuse(node, Refusal.REQUEST, can_id, request)
+    if abs(speed) > settings.speed_limit:
+        return _refuse(node, Refusal.SPEED, can_id, speed)
+    node.request, node.demand, node.speed_demand, node.pressure_demand = request, torque, speed, pressure * BAR
+    node.setpoint_age = 0.0
+    return 0
+
+
+@njit
+def _refuse(node, why, can_id, said):
+    node.refused_id, node.refused_value = can_id, said
+    return -why.value
+
+
+@njit
+def _commands(node, settings, phase, outbox):
+    """Fill `outbox`; the valve's command is the last: in lock-step the plant goes on with it. Return the number of frames."""
+    cycle, law, sent = node.cycle, node.law, 0
+    if cycle % settings.heartbeat_every == 0:
+        s = settings.controller_heartbeat
+        node.beats += 1
+        word = put(put(put(np.int64(0), s[0], Lifecycle.ACTIVE.value), s[1], settings.rate), s[2], settings.session)
+        write(outbox[sent], settings.heartbeat_id, _STATUS, sealed(word, _STATUS, node.beats))
+        sent += 1
+    if cycle % settings.status_every == 0:
+        s = settings.controller_status
+        word = put(put(np.int64(0), s[0], phase), s[1], node.phases.fault)
+        word = put(word, s[2], min(max(law.estimate, -_ESTIMATE), _ESTIMATE))
+        word = put(put(word, s[3], min(node.late_cycles, _LATE)), s[4], min(law.adaptation.level, _LEVEL))
+        write(outbox[sent], settings.status_id, _STATUS, sealed(word, _STATUS, cycle // settings.status_every))
+        sent += 1
+    if settings.drives:
+        s = settings.motor_command
+        word = np.int64(0)
+        if phase != Phase.FAULT and node.setpoint_age != inf:
+            word = put(put(put(word, s[0], 1), s[1], node.speed_demand), s[2], settings.motor_torque_limit)
+        write(outbox[sent], settings.motor_id, _COMMAND, sealed(word, _COMMAND, cycle))
+        outbound(node.guard, settings.guard, settings.motor_id, outbox[sent].data)
+        sent += 1
+    s = settings.valve_command
+    opened = phase == Phase.FILL or phase == Phase.SLIP_CONTROL
+    word = put(put(np.int64(0), s[0], opened), s[1], law.voltage)
+    word = put(word, s[2], max(node.sample.tick, 0) & 0xFFFF)
+    write(outbox[sent], settings.valve_id, _COMMAND, sealed(word, _COMMAND, cycle))
+    outbound(node.guard, settings.guard, settings.valve_id, outbox[sent].data)
+    node.cycle = cycle + 1
+    return sent + 1
