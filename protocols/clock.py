@@ -100,7 +100,6 @@ class Clock:
         self.skipped += missed
         self.woken_ns = now_ns
         self.lateness_ns = now_ns - self.deadline_ns
-        self.wake.add(self.lateness_ns)
 
     def shift(self, by_ns: int) -> None:
         """Move the grid, from the present slot on: it follows another clock. What was accounted for stays so."""
@@ -111,6 +110,7 @@ class Clock:
         """The work of the cycle has ended."""
         now = time.monotonic_ns()
         self.work_ns = now - self.woken_ns
+        self.wake.add(self.lateness_ns)
         self.work.add(self.work_ns)
         if now > self.deadline_ns + self.period_ns:
             self.late += 1

@@ -137,10 +137,10 @@ class ControllerService:
         """Some cycles at the plant's pace, which are not in the timing; then the trigger's grid is set."""
         arrived = time.monotonic_ns()
         for _ in range(max(1, round(_WARM_UP * self.rate))):
-            self._cycle(node, samples.line, outlet, (time.monotonic(), 0.0, 0.0, 0))
+            self._cycle(node, samples.line, outlet)
             samples.next(2.0 / self.rate)
             arrived = time.monotonic_ns()
-        self._cycle(node, samples.line, outlet, (time.monotonic(), 0.0, 0.0, 0))
+        self._cycle(node, samples.line, outlet)
         begins.start(arrived)
 
     def _real_time(
@@ -150,9 +150,9 @@ class ControllerService:
         clock, work_us = begins.clock, 0.0
         taken = Footprint()
         while not stop.asked:
-            slots = 1 + begins.wait()
-            timing = (clock.woken_ns / 1e9, clock.lateness_ns / 1e3, work_us, clock.late)
-            self._cycle(node, samples.line, outlet, timing, slots)
+            self._answer(node, samples.line, 1 + begins.wait())
+            outlet.write(node.record, clock.woken_ns / 1e9, clock.lateness_ns / 1e3, work_us, clock.late)
+            outlet.tune()
             clock.done()
             work_us = clock.work_ns / 1e3
             node.late_cycles = clock.late
@@ -168,17 +168,19 @@ class ControllerService:
                 raise InputError(
                     f"the plant on {samples.line.port.name} has been silent for {_SILENCE:g} s of lock-step"
                 )
-            self._cycle(node, samples.line, outlet, (time.monotonic(), 0.0, 0.0, 0))
+            self._cycle(node, samples.line, outlet)
             complete = samples.next(_SILENCE)
 
+    def _cycle(self, node: ControllerNode, line: Exchange, outlet: Outlet) -> None:
+        """A cycle that is not timed."""
+        self._answer(node, line, 1)
+        outlet.write(node.record, time.monotonic(), 0.0, 0.0, 0)
+        outlet.tune()
+
     @staticmethod
-    def _cycle(
-        node: ControllerNode, line: Exchange, outlet: Outlet, timing: tuple[float, float, float, int], slots: int = 1
-    ) -> None:
+    def _answer(node: ControllerNode, line: Exchange, slots: int) -> None:
         line.send(node.outbox, node.cycle(line.inbox, line.count, slots))
         line.clear()
-        outlet.write(node.record, *timing)
-        outlet.tune()
 
 
 def _made_safe(node: ControllerNode, port: Port, period: float) -> bool:
