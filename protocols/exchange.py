@@ -99,12 +99,13 @@ class Exchange:
         left = round(timeout * 1e9)
         end = time.monotonic_ns() + left
         while True:
-            count = _gather(self._line, left, self.inbox, self.count)
+            count = _gather(self._line, left, self.inbox, self.count, self.count)
+            while self._view["changed"] and count + _A_CALL <= CAPACITY:
+                self._look()  # who came in may have sent already
+                count = _gather(self._line, 0, self.inbox, self.count, count)
             came = count > self.count
             self.port.received += count - self.count
             self.count = count
-            if self._view["changed"]:
-                self._look()
             if came or left <= 0:
                 return came
             left = max(end - time.monotonic_ns(), 0)
@@ -137,8 +138,11 @@ def _addresses(rows: np.ndarray) -> np.ndarray:
 
 
 @njit(cache=True, nogil=True)
-def _gather(lines, timeout_ns, inbox, count):
-    """Take what waits, or comes first within `timeout_ns`, into `inbox` from number `count` on; return how many there are."""
+def _gather(lines, timeout_ns, inbox, first, count):
+    """Take what waits, or comes first within `timeout_ns`, into `inbox` from number `count` on; return how many there are.
+
+    From number `first` on they are in the order of their stamps.
+    """
     line = lines[0]
     polls, messages = line.polls, line.incoming
     line.changed = False
@@ -183,7 +187,7 @@ def _gather(lines, timeout_ns, inbox, count):
             end = kept
         if events & ~_POLLIN:
             line.changed = True
-        _merge(inbox, count, begin, end)
+        _merge(inbox, first, begin, end)
     return end
 
 
