@@ -21,7 +21,9 @@ def jitter(
     cpu: int | None = typer.Option(None, help="CPU of the loops; the last if not given"),
     spin_us: float = typer.Option(100.0, help="spin at most so long before a slot, in us"),
     rates: str | None = typer.Option(None, help="the closed loop alone at these rates, in Hz, such as 250,1000,4000"),
-    load: list[str] = typer.Option([], help="cpu, memory, disk, bus or viewer; may be given more than once"),
+    load: list[str] = typer.Option(
+        [], help="cpu, memory, disk, bus, viewer, restarts or full; may be given more than once"
+    ),
     telemetry: bool = typer.Option(True, help="publish every cycle meanwhile, as a bench does"),
     out: Path = typer.Option(Path("runs"), help="folder for jitter.png and jitter.json"),
     json_output: bool = typer.Option(False, "--json", help="print the result as JSON"),

@@ -16,9 +16,13 @@ _M_TRIM_THRESHOLD, _M_MMAP_MAX = -1, -4  # malloc.h
 _PR_SET_TIMERSLACK = 29  # linux/prctl.h
 _DMA_LATENCY = Path("/dev/cpu_dma_latency")
 _HEAP, _STACK = 16 << 20, 512 << 10  # bytes touched beforehand: a loop in steady state holds less
+_POOLS = 4 << 20  # bytes of Python's own pools of small objects: its arenas are 1 MiB, a new one is 256 page faults
+_SMALL = 450  # bytes; up to 512 with the object's head come from the pools
+_KEPT_EVERY = 256  # objects: some stay in each arena, else it would be given back
 PRIORITY = 80  # SCHED_FIFO: above ordinary work, below the kernel's own threads at 99 (realtime.md)
 
 _LIBC = ctypes.CDLL(None, use_errno=True)
+_pinned: list[bytes] = []  # small objects that keep their arenas
 _held: list[int] = []  # descriptors that keep a request to the kernel alive as long as the process
 
 
@@ -62,6 +66,9 @@ def _fault_in(wanted: Wanted) -> None:
             raise OSError
     touched = bytearray(_HEAP)
     del touched
+    small = [bytes(_SMALL) for _ in range(_POOLS // _SMALL)]
+    _pinned.extend(small[::_KEPT_EVERY])
+    del small
     ctypes.memset(ctypes.create_string_buffer(_STACK), 1, _STACK)
 
 

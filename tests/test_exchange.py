@@ -31,7 +31,8 @@ def frames_of(line: Exchange) -> list[Frame]:
 def some(count: int, seed: int = 1) -> list[Frame]:
     generator = random.Random(seed)
     return [
-        Frame(generator.randrange(0x800), generator.randbytes(length)) for length in generator.choices(range(9), k=count)
+        Frame(generator.randrange(0x800), generator.randbytes(length))
+        for length in generator.choices(range(9), k=count)
     ]
 
 

@@ -67,7 +67,9 @@ def test_a_loop_that_keeps_time_says_when(tmp_path: Path) -> None:
 
 
 def test_only_known_loads() -> None:
-    with pytest.raises(InputError, match=r"load 'heat' is unknown; allowed are bus, cpu, disk, memory, viewer"):
+    with pytest.raises(
+        InputError, match=r"load 'heat' is unknown; allowed are bus, cpu, disk, full, memory, restarts, viewer"
+    ):
         chosen(["cpu", "heat"])
     assert [load.name for load in chosen(["disk"])] == ["disk"]
 
@@ -85,7 +87,10 @@ def test_a_load_runs_and_ends(name: str, local_bus: str) -> None:
         (["--seconds", "900"], "error: 900 s in 3 rounds is not possible; allowed are 1 to 60 s a round"),
         (["--rates", "250,fast"], "error: rates '250,fast' has 'fast'; allowed are whole numbers of Hz"),
         (["--rates", "250,7"], "error: rate 7 Hz is not possible; allowed are 50 to 10000 Hz"),
-        (["--load", "heat"], "error: load 'heat' is unknown; allowed are bus, cpu, disk, memory, viewer"),
+        (
+            ["--load", "heat"],
+            "error: load 'heat' is unknown; allowed are bus, cpu, disk, full, memory, restarts, viewer",
+        ),
     ],
 )
 def test_a_bad_setting_is_one_sentence(tmp_path: Path, local_bus: str, arguments: list[str], sentence: str) -> None:

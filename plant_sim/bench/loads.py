@@ -39,6 +39,22 @@ with open_bus(sys.argv[1], []) as port:
         port.receive()
         time.sleep(0.001)
 """
+_RESTARTS = """
+import signal, subprocess, sys, time
+for signal_number in (signal.SIGTERM, signal.SIGINT):
+    signal.signal(signal_number, lambda *_: sys.exit())
+while True:
+    viewer = subprocess.Popen(sys.argv[1:], stdin=subprocess.DEVNULL)
+    try:
+        for told in (signal.SIGSTOP, signal.SIGCONT, signal.SIGSTOP):
+            time.sleep(3.0)
+            viewer.send_signal(told)
+        time.sleep(3.0)
+    finally:
+        viewer.kill()
+        viewer.wait()
+"""
+_FULL_DISK = 'mount -t tmpfs -o size=1m tmpfs "$0" && exec "$@"'  # in a mount namespace of its own
 
 
 def _python(code: str, *arguments: str) -> list[str]:
@@ -65,6 +81,16 @@ def _bus(bus: str, folder: Path) -> list[list[str]]:
 
 def _viewer(bus: str, folder: Path) -> list[list[str]]:
     return [clutch_hil("view", "--bus", bus, "--save", str(folder / "seen.rrd"))]
+
+
+def _restarts(bus: str, folder: Path) -> list[list[str]]:
+    return [_python(_RESTARTS, *viewer) for viewer in _viewer(bus, folder)]
+
+
+def _full(bus: str, folder: Path) -> list[list[str]]:
+    if os.geteuid() != 0 or not shutil.which("unshare"):
+        raise InputError("load full needs root and unshare: it mounts a small disk of its own")
+    return [["unshare", "--mount", "sh", "-c", _FULL_DISK, str(folder), *viewer] for viewer in _viewer(bus, folder)]
 
 
 @dataclass(frozen=True)
@@ -106,6 +132,8 @@ LOADS = {
         Load("disk", "64 MiB written and flushed, over and over", _disk),
         Load("bus", "5000 frames a second that are nobody's", _bus, everywhere=False),
         Load("viewer", "a viewer that saves all telemetry", _viewer, everywhere=False),
+        Load("restarts", "a viewer that is stopped, killed and started again, every 12 s", _restarts, everywhere=False),
+        Load("full", "a viewer whose disk is full", _full, everywhere=False),
     )
 }
 
