@@ -194,3 +194,34 @@ def test_the_engine_is_right_on_the_quick_subset(name: str):
     found = investigate(WetClutch(), *brief(strengths, second))
     assert found.verdict == verdict
     assert set(found.effects) == (set(strengths) if verdict == NAMED else set())
+
+
+def test_answers_that_were_kept_count_on_another_machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(running, "_KEPT", tmp_path / "kept")
+    told = [answer(SINGLE, (SEAL,)), answer("null/none/1.0/0.02/s1", (), "nothing_missing")]
+    running.keep(told[:1], "0123")
+    running.keep([*told[1:], {"case": "broken", "error": "Traceback"}], "0123")
+    found = Cache(tmp_path / "nothing", running.kept("0123"))
+    assert [one["case"] for one in found.all()] == sorted(one["case"] for one in told)
+    assert {m.name: m.good for m in scores(found.all())} == {m.name: m.good for m in scores(told)}
+    assert running.kept("4567") == {}
+
+
+def test_what_is_left_to_do_is_done_seed_by_seed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    names = [f"single/{SEAL}/2.0/0.02/s{seed}" for seed in (2, 1)] + ["null/none/1.0/0.02/s1"]
+
+    class Pool:
+        def __init__(self, *_: object) -> None: ...
+
+        def __enter__(self) -> "Pool":
+            return self
+
+        def __exit__(self, *_: object) -> None: ...
+
+        def imap_unordered(self, judge, wanted):
+            return map(judge, wanted)
+
+    monkeypatch.setattr(running, "get_context", lambda _: type("Context", (), {"Pool": Pool}))
+    done = [told["case"] for told in running.run(names, Cache(tmp_path), 1, lambda name: answer(name, (SEAL,)))]
+    assert sorted(done[:2]) == sorted(names[1:])
+    assert done[2] == names[0]

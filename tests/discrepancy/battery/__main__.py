@@ -9,7 +9,7 @@ import typer
 from plant_sim.bench.progress import progress_bar
 from protocols.errors import InputError
 from tests.discrepancy.battery.cases import FAMILIES
-from tests.discrepancy.battery.run import Cache, chosen, line, run, sources
+from tests.discrepancy.battery.run import Cache, chosen, keep, kept, line, run, sources
 
 
 def main(
@@ -21,6 +21,10 @@ def main(
     out: Annotated[Path, typer.Option(help="folder of the answers")] = Path("runs/battery"),
     log: Annotated[Path | None, typer.Option(help="a line a case is added to it")] = None,
     docs: Annotated[Path | None, typer.Option(help="folder to write battery.md and its pictures to")] = None,
+    done: Annotated[bool, typer.Option("--done", help="only what is there: run nothing")] = False,
+    keeping: Annotated[
+        bool, typer.Option("--keep", help="keep the answers beside the battery, for the repository")
+    ] = False,
 ) -> None:
     """Run cases, or what is not done of them, and say how good the engine was."""
     from tests.discrepancy.battery.score import scores
@@ -35,7 +39,9 @@ def main(
         typer.echo(f"error: no case of the split {split} is like that", err=True)
         raise typer.Exit(2)
     folder = out / sources()
-    cache = Cache(folder / "cases")
+    cache = Cache(folder / "cases", kept(folder.name))
+    if done:
+        names = [name for name in names if cache.read(name)]
     answers = []
     try:
         with progress_bar(f"battery, {split}", False) as progress:
@@ -51,6 +57,8 @@ def main(
         raise typer.Exit(130) from None
     typer.echo(f"read:    {len(names)} cases of the split {split}")
     typer.echo(f"wrote:   {cache.folder}")
+    if keeping:
+        typer.echo(f"wrote:   {keep(answers, folder.name)}")
     found = scores(answers)
     typer.echo(text(found))
     if docs:

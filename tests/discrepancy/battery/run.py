@@ -1,15 +1,20 @@
 """Run cases of the battery: worker processes, one JSON file a case, nothing done twice.
 
 A case's file is OUT/HASH/cases/CASE.json, HASH of the sources of the engine, the simulator and the truth: with other sources
-all is done again, and what was found before stays. A run that was stopped goes on where it was.
+all is done again, and what was found before stays. A run that was stopped goes on where it was, on another machine, too, from
+what was kept beside the battery: answers/HASH.jsonl.xz.
+
+Cases are taken seed by seed, and of a seed in an order that has nothing to do with them: what a run has done so far is a fair
+sample of what it would do.
 """
 
 import hashlib
 import json
+import lzma
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from fnmatch import fnmatch
 from multiprocessing import get_context
@@ -29,7 +34,7 @@ _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA
 def sources() -> str:
     """Hash of all sources that a case's answer depends on."""
     loaded = {Path(m.__file__) for m in list(sys.modules.values()) if getattr(m, "__file__", None)}
-    files = {p for p in loaded if ROOT / "plant_sim" in p.parents}
+    files = {p for p in loaded if ROOT / "plant_sim" in p.parents} - {ROOT / "plant_sim" / "__init__.py"}
     for folder, pattern in (("plant_sim", "effects/*.py"), ("plant_sim", "rigs/*.py"), ("plant_sim", "blocks/*.py"),
                             ("plant_sim", "parameters/*.toml"), ("plant_sim", "discrepancy/surrogate_term.py"),
                             ("tests/discrepancy/battery", "truth*.py"), ("tests/discrepancy/battery", "cases.py"),
@@ -53,11 +58,40 @@ def chosen(split: str, families: Sequence[str] = FAMILIES, quick: bool = False, 
     return list(dict.fromkeys(found))
 
 
-class Cache:
-    """Answers below `folder`, by case."""
+_KEPT = Path(__file__).with_name("answers")
+_NOT_KEPT = ("generating_seconds", "load", "floors", "notes")  # no table needs them
+_TRUTH_KEPT, _WEIGHED_KEPT = ("effects", "severity", "noise", "celsius", "split"), ("closed", "excess", "gain", "margin")
 
-    def __init__(self, folder: Path) -> None:
+
+def kept(sources: str) -> dict[str, Told]:
+    """Answers that were kept of an engine with these sources, by case."""
+    with suppress(FileNotFoundError), lzma.open(_KEPT / f"{sources}.jsonl.xz", "rt", encoding="utf-8") as lines:
+        return {told["case"]: told for told in map(json.loads, lines)}
+    return {}
+
+
+def keep(answers: Sequence[Told], sources: str) -> Path:
+    """Keep what tables need of answers, with those kept before; return the file."""
+    path = _KEPT / f"{sources}.jsonl.xz"
+    every = kept(sources) | {told["case"]: told for told in answers if "error" not in told}
+    path.parent.mkdir(exist_ok=True)
+    part = path.with_suffix(".part")
+    with lzma.open(part, "wt", encoding="utf-8") as file:
+        for name in sorted(every):
+            told = {key: value for key, value in every[name].items() if key not in _NOT_KEPT}
+            told["truth"] = {key: told["truth"][key] for key in _TRUTH_KEPT}
+            told["weighed"] = {key: told["weighed"][key] for key in _WEIGHED_KEPT}
+            file.write(json.dumps(told, default=float) + "\n")
+    part.replace(path)
+    return path
+
+
+class Cache:
+    """Answers below `folder`, by case, and those that were `kept`."""
+
+    def __init__(self, folder: Path, kept: Mapping[str, Told] | None = None) -> None:
         self.folder = folder
+        self._kept = kept or {}
 
     def path(self, name: str) -> Path:
         """File of a case."""
@@ -68,7 +102,7 @@ class Cache:
         with suppress(FileNotFoundError, json.JSONDecodeError):
             told: Told = json.loads(self.path(name).read_text(encoding="utf-8"))
             return told if "error" not in told else None
-        return None
+        return self._kept.get(name)
 
     def write(self, told: Told) -> None:
         """Keep an answer: all of it or nothing."""
@@ -80,8 +114,8 @@ class Cache:
 
     def all(self) -> list[Told]:
         """Every answer there is."""
-        names = (str(path.relative_to(self.folder))[:-5] for path in sorted(self.folder.rglob("*.json")))
-        return [told for told in map(self.read, names) if told]
+        names = {str(path.relative_to(self.folder))[:-5] for path in self.folder.rglob("*.json")} | self._kept.keys()
+        return [told for told in map(self.read, sorted(names)) if told]
 
 
 def run(names: Sequence[str], cache: Cache, jobs: int, judge: Callable[[str], Told] = judged.judge) -> Iterator[Told]:
@@ -95,6 +129,7 @@ def run(names: Sequence[str], cache: Cache, jobs: int, judge: Callable[[str], To
             yield told
     if not missing:
         return
+    missing.sort(key=lambda name: (name.rpartition("/s")[2], hashlib.sha256(name.encode()).digest()))
     threads = max(1, (os.cpu_count() or 1) // jobs)
     before = {name: os.environ.get(name) for name in _THREADS}
     os.environ.update(dict.fromkeys(_THREADS, str(threads)))  # read when a worker imports its libraries
