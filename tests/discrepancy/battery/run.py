@@ -60,7 +60,10 @@ def chosen(split: str, families: Sequence[str] = FAMILIES, quick: bool = False, 
 
 _KEPT = Path(__file__).with_name("answers")
 _NOT_KEPT = ("generating_seconds", "load", "floors", "notes")  # no table needs them
-_TRUTH_KEPT, _WEIGHED_KEPT = ("effects", "severity", "noise", "celsius", "split"), ("closed", "excess", "gain", "margin")
+_TRUTH_KEPT, _WEIGHED_KEPT = (
+    ("effects", "severity", "noise", "celsius", "split"),
+    ("closed", "excess", "gain", "margin"),
+)
 
 
 def kept(sources: str) -> dict[str, Told]:
