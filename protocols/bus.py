@@ -191,7 +191,7 @@ class _SocketCanPort:
         return own, own
 
     def left(self, descriptor: int, refused: int) -> None:
-        raise NotImplementedError("there is nobody behind a CAN socket")
+        """Nobody is behind a CAN socket: what it does not take is the kernel's matter (`Port.lost`)."""
 
     def close(self) -> None:
         self._bus.shutdown()

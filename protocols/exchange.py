@@ -18,6 +18,7 @@ from protocols.errors import InputError
 
 CAPACITY = 4096  # frames between two looks of the loop; what comes beyond waits in the sockets
 _A_CALL = 32  # frames that one system call takes
+_LOOKS = 8  # at who is there, in one call: those who come and go for ever must not hold the loop
 _SOCKETS = 256  # participants of a local bus
 _CONTROL_BYTES = 32  # of a cmsghdr with a struct timespec
 _CLASSIC, _STAMPED = 16, 24  # bytes of struct can_frame, and with its stamp, as a local bus carries it
@@ -40,7 +41,8 @@ _LINE = np.dtype(
     [("local", "?"), ("mark", "i8"), ("heard", "i8"), ("polls", _POLLFD, (_SOCKETS,)), ("reached", "i8"),
      ("targets", "i4", (_SOCKETS,)), ("incoming", _MMSGHDR, (_A_CALL,)), ("in_parts", _IOVEC, (_A_CALL,)),
      ("controls", _CONTROL, (_A_CALL,)), ("outgoing", _MMSGHDR, (_A_CALL,)), ("out_parts", _IOVEC, (_A_CALL,)),
-     ("time", "i8", (2,)), ("marks", "i8"), ("marked_ns", "i8"), ("changed", "?"), ("error", "i8"), ("unsent", "i8")]
+     ("time", "i8", (2,)), ("marks", "i8"), ("marked_ns", "i8"), ("changed", "?"), ("error", "i8"), ("unsent", "i8")],
+    align=True,
 )  # fmt: skip
 
 
@@ -100,7 +102,9 @@ class Exchange:
         end = time.monotonic_ns() + left
         while True:
             count = _gather(self._line, left, self.inbox, self.count, self.count)
-            while self._view["changed"] and count + _A_CALL <= CAPACITY:
+            for _ in range(_LOOKS):
+                if not self._view["changed"]:
+                    break
                 self._look()  # who came in may have sent already
                 count = _gather(self._line, 0, self.inbox, self.count, count)
             came = count > self.count
@@ -156,7 +160,7 @@ def _gather(lines, timeout_ns, inbox, first, count):
             line.changed = True
             continue
         begin = end
-        more = events & _POLLIN != 0
+        more = events != 0  # an error is told once, by reading, and is no longer there then
         while more and end + _A_CALL <= CAPACITY:
             for index in range(_A_CALL):
                 line.in_parts[index].base = inbox.ctypes.data + (end + index) * inbox.itemsize

@@ -17,8 +17,10 @@ import pytest
 from plant_sim.bench.in_process import play
 from plant_sim.node import PlantNode
 from plant_sim.profile import load_profile
+from protocols.batch import batch, load, unload
 from protocols.bus import Port, listen, open_bus
 from protocols.errors import InputError
+from protocols.exchange import Exchange
 from protocols.frames import DBC, Frame, load_frames
 from protocols.node import node_factory
 from protocols.reception import Reception
@@ -179,6 +181,31 @@ def test_an_interface_that_goes_down_is_counted_and_comes_back() -> None:
             set_link("up")
         one.send(Frame(0x123, b"\x02"))
         assert listen(other, 0.1) == [Frame(0x123, b"\x02")]
+
+
+def test_frames_in_fixed_memory_are_stamped_and_outlive_an_interface_that_goes_down() -> None:
+    room = batch(2)
+    load(room, [Frame(0x123, b"ab"), Frame(0x124, b"cd")])
+    with open_bus(BUS) as one, open_bus(BUS) as two:
+        line, other = Exchange(one, 0x124), Exchange(two, 0x124)
+        try:
+            before = time.time_ns()
+            line.send(room, 2)
+            assert other.receive(1.0)
+            assert unload(other.inbox[: other.count]) == [Frame(0x123, b"ab"), Frame(0x124, b"cd")]
+            assert other.marks == 1
+            assert before <= other.marked_ns <= time.time_ns()
+            set_link("down")
+            line.send(room, 2)
+            assert (one.sent, one.down) == (2, 2)
+            other.clear()
+            assert not other.receive(0.1)  # the error is told once; it comes back from it
+        finally:
+            set_link("up")
+        line.send(room, 1)
+        assert other.receive(1.0)
+        assert unload(other.inbox[: other.count]) == [Frame(0x123, b"ab")]
+        assert one.counts() == {"sent": 3, "received": 0, "refused": 0, "down": 2}
 
 
 def test_an_interface_that_is_down_is_refused_with_the_command_that_helps() -> None:
