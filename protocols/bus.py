@@ -85,8 +85,11 @@ class Port:
         except OSError as error:
             self._unsent(error, 1)
 
-    def lost(self, descriptor: int, error: int, frames: int) -> None:
-        """Behind a descriptor, the last `frames` of those counted as sent were not taken because of `error` (errno)."""
+    def lost(self, descriptor: int, error: int, frames: int) -> bool:
+        """Behind a descriptor, the last `frames` of those counted as sent were not taken because of `error` (errno).
+
+        Returns whether nobody is behind it any more. Raises OSError for an error that is no such matter.
+        """
         if self.raw.listener is None:
             self.sent -= frames
             self._unsent(OSError(error, os.strerror(error)), frames)
@@ -95,6 +98,8 @@ class Port:
             self.raw.left(descriptor, frames)
         else:
             self.raw.left(descriptor, 0)
+            return True
+        return False
 
     def _unsent(self, error: OSError, frames: int) -> None:
         if error.errno in _FULL:

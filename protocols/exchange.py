@@ -116,15 +116,17 @@ class Exchange:
 
     def send(self, frames: np.ndarray, count: int) -> None:
         """Send the first `count` frames of a batch, never waiting; what the bus cannot take is counted, not repeated."""
-        line, target = self._view, _spread(self._line, 0, frames, count)
+        line, target, left = self._view, _spread(self._line, 0, frames, count), False
         while target != line["reached"]:
             if target < 0:  # newcomers are to get them, too
                 self._look()
                 target = _spread(self._line, 0, frames, count)
             else:
-                self.port.lost(int(line["targets"][target]), int(line["error"]), int(line["unsent"]))
+                left |= self.port.lost(int(line["targets"][target]), int(line["error"]), int(line["unsent"]))
                 target = _spread(self._line, target + 1, frames, count)
         self.port.sent += count
+        if left:  # a closed descriptor's number may soon be somebody else's
+            self._look()
 
     def _look(self) -> None:
         """Let newcomers in, and those go who have left; see who is there."""

@@ -109,6 +109,11 @@ def test_who_comes_while_it_waits_is_heard_and_who_has_left_is_no_harm(ports: li
         line.receive(0.2)
     assert [can_id for can_id, _ in frames_of(line)] == [0x200 + number for number in range(5)]
     assert ports[0].refused == 0
+    with open_bus(ports[0].name) as passing:
+        line.send(room, 1)
+        reached = int(line._view["reached"])
+    line.send(room, 1)
+    assert int(line._view["reached"]) == reached - 1
     began = time.monotonic()
     assert not line.receive(0.05)
     assert 0.05 <= time.monotonic() - began < 1.0
