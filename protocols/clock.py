@@ -1,7 +1,8 @@
 """The clock of a service: an absolute grid of deadlines, what was late, and the distribution of how late.
 
-Slot k begins at start + k period. A cycle that ends after its slot is late; slots it has slept through are skipped and
-counted, so that elapsed slots = cycles run + cycles skipped, always: the grid's phase is never lost.
+Slot k begins at start + k period. A cycle that ends after its slot, or begins after the one it waited for, is late; slots that
+are over before a cycle begins, as the one before took too long or the machine stood still, are skipped and counted with that
+cycle, so that elapsed slots = cycles run + cycles skipped, always: the grid's phase is never lost.
 """
 
 import time
@@ -53,7 +54,7 @@ class Clock:
     `waiting` spends the time to a deadline, `overrun` says how many of the slots slept through are left out.
 
     `run` cycles begun, `skipped` slots slept through, `slots` both, counted with the grid,
-    `late` cycles that ended after their slot,
+    `late` cycles that ended, or began, after the slot they waited for,
     `wake` lateness of wake-ups and `work` durations of cycles; `woken_ns` (of CLOCK_MONOTONIC), `lateness_ns` and
     `work_ns` are the last ones.
     """
@@ -80,26 +81,24 @@ class Clock:
     def wait(self) -> int:
         """Wait until the next slot; return how many slots were left out since the last one."""
         self.deadline_ns += self.period_ns
-        now = time.monotonic_ns()
-        missed = 0
-        if now < self.deadline_ns:
-            now = self._waiting(now, self.deadline_ns)
-        elif now >= self.deadline_ns + self.period_ns:
-            missed = self._overrun((now - self.deadline_ns) // self.period_ns)
-            if missed and 2 * ((now - self.deadline_ns) % self.period_ns) > self.period_ns:
-                missed += 1  # most of this slot is over: its rest is for others who are late, such as whose frames we wait for
+        due, now, missed = self.deadline_ns, time.monotonic_ns(), 0
+        asleep = now < due
+        if asleep:
+            now = self._waiting(now, due)
+        if now >= due + self.period_ns:
+            missed = self._overrun((now - due) // self.period_ns)
             self.deadline_ns += missed * self.period_ns
-            if now < self.deadline_ns:
-                now = self._waiting(now, self.deadline_ns)
-        self.begin(now, missed)
+        self.begin(now, missed, now - (due if asleep else self.deadline_ns))
         return missed
 
-    def begin(self, now_ns: int, missed: int) -> None:
-        """The cycle of the slot at `deadline_ns` begins `now_ns`; `missed` slots before it were left out."""
+    def begin(self, now_ns: int, missed: int, lateness_ns: int) -> None:
+        """The cycle of the slot at `deadline_ns` begins `now_ns`; `missed` slots before it were left out.
+
+        It begins `lateness_ns` after the slot that it waited for, be it one of those left out.
+        """
         self.run += 1
         self.skipped += missed
-        self.woken_ns = now_ns
-        self.lateness_ns = now_ns - self.deadline_ns
+        self.woken_ns, self.lateness_ns = now_ns, lateness_ns
 
     def shift(self, by_ns: int) -> None:
         """Move the grid, from the present slot on: it follows another clock. What was accounted for stays so."""
@@ -112,7 +111,7 @@ class Clock:
         self.work_ns = now - self.woken_ns
         self.wake.add(self.lateness_ns)
         self.work.add(self.work_ns)
-        if now > self.deadline_ns + self.period_ns:
+        if now > self.deadline_ns + self.period_ns or self.lateness_ns >= self.period_ns:
             self.late += 1
 
     def summary(self) -> dict[str, Any]:

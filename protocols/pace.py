@@ -50,17 +50,17 @@ class Pace:
         period = 1_000_000_000 // self.rate
         clock = Clock(period, waiting(self.spin_us, period))
         count = round(self.seconds * self.rate)
-        deadlines, woken = (array("q", bytes(8 * count)) for _ in range(2))
+        waited_for, woken = (array("q", bytes(8 * count)) for _ in range(2))
         prepare(self.cpu, self.priority)
         clock.start((time.monotonic_ns() + _BEGIN) // period * period + period + self.phase_ns % period)
         with Stop() as stop:
             begun(Path(self.out)).touch()
             while clock.run < count and not stop.asked:
                 clock.wait()
-                deadlines[clock.run - 1], woken[clock.run - 1] = clock.deadline_ns, clock.woken_ns
+                waited_for[clock.run - 1], woken[clock.run - 1] = clock.woken_ns - clock.lateness_ns, clock.woken_ns
                 clock.done()
         part = Path(self.out).with_suffix(".part")
-        part.write_bytes(deadlines[: clock.run].tobytes() + woken[: clock.run].tobytes())
+        part.write_bytes(waited_for[: clock.run].tobytes() + woken[: clock.run].tobytes())
         part.rename(self.out)
 
 
@@ -70,7 +70,7 @@ def begun(out: Path) -> Path:
 
 
 def read(out: Path) -> "tuple[np.ndarray, np.ndarray]":
-    """Slots that were run and when they were woken up for (n,), ns of CLOCK_MONOTONIC."""
+    """Slots that were waited for, and when their cycles began (n,), ns of CLOCK_MONOTONIC."""
     import numpy as np
 
     both = np.fromfile(out, np.int64)

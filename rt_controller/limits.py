@@ -34,12 +34,11 @@ LIMITS = np.dtype(
 )  # fmt: skip
 # finding: HEALTHY or the latched cause. age: cycles since the last believable sample. lowered: commands cut to the limit,
 # replaced: those replaced by the safe one. armed: a sample has come; before, valve closed and motor off, after it samples must
-# not fail. slept: periods slept through before a cycle without a sample. analog, encoder: seen since the last cycle. counters
-# of analog, encoder and set-point, and tick: one more than the last, 0 before the first. broken: samples beyond a limit in a
-# row, by finding.
+# not fail. analog, encoder: seen since the last cycle. counters of analog, encoder and set-point, and tick: one more than the
+# last, 0 before the first. broken: samples beyond a limit in a row, by finding.
 _COUNTERS, _BROKEN = ("counters", "i8", (3,)), ("broken", "i8", (5,))
 GUARD = np.dtype(
-    [("finding", "i8"), ("age", "i8"), ("lowered", "i8"), ("replaced", "i8"), ("armed", "?"), ("slept", "i8"),
+    [("finding", "i8"), ("age", "i8"), ("lowered", "i8"), ("replaced", "i8"), ("armed", "?"),
      ("analog", "?"), ("encoder", "?"), ("angle", "i8"), ("tick", "i8"), _COUNTERS, _BROKEN]
 )  # fmt: skip
 
@@ -101,14 +100,13 @@ def inbound(guard, limits, can_id, data, length):
 def close_cycle(guard, limits, slots):
     """Close a control cycle that took `slots` periods: age the sample, return the finding.
 
-    Periods the loop has slept through age the sample only when the cycle after them has none either: what stood
-    still may have been the machine, sensors and all, and their frames are on the way.
+    Periods the loop has slept through age the sample by one at most: what stood still may have been the machine, sensors and
+    all, and their frames are on the way. A loop that runs every other slot still knows the time.
     """
     if guard.analog and guard.encoder:
-        guard.armed, guard.age, guard.slept = True, 0, 0
+        guard.armed, guard.age = True, 0
     else:
-        guard.age += 1 + guard.slept
-        guard.slept = slots - 1
+        guard.age += min(slots, 2)
     guard.analog = guard.encoder = False
     if guard.armed and guard.age > limits.stale_cycles and guard.finding == HEALTHY:
         guard.finding = STALE_SENSORS

@@ -1,7 +1,9 @@
 """Samples: the plant's frames as they come on a port; a sample ends with its ENCODER frame."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+
+import numpy as np
 
 from protocols.batch import unload
 from protocols.exchange import Exchange
@@ -47,3 +49,13 @@ class Samples:
         said = inbox[since : self.line.count]
         heartbeats = said[said["can_id"] == codec.can_id]
         return any(codec.unpack(data).lifecycle == Lifecycle.FINALIZED for _, data in unload(heartbeats))
+
+
+def usual_arrival(arrivals_ns: Sequence[int], period_ns: int) -> int:
+    """When the last of some samples would have come, had it been as late as most are [ns]: a stall of the machine is no grid.
+
+    The circular mean of where in a period they arrive; Mardia and Jupp 2000, Directional Statistics, eq. 2.2.4.
+    """
+    arrivals = np.array(arrivals_ns)
+    turns = (arrivals - arrivals[-1]) % period_ns / period_ns
+    return int(arrivals[-1]) + round(np.angle(np.exp(2j * np.pi * turns).sum()) / (2.0 * np.pi) * period_ns)

@@ -21,7 +21,7 @@ from protocols.stopping import Stop
 from protocols.telemetry.outlet import Outlet
 from protocols.waiting import waiting
 from rt_controller.node import COLUMNS, ControllerNode, shipped_parameters
-from rt_controller.samples import Samples
+from rt_controller.samples import Samples, usual_arrival
 from rt_controller.trigger import Trigger, trigger
 
 _SILENCE = 5.0  # s without a sample after which lock-step gives up: the plant has died
@@ -61,10 +61,10 @@ class ControllerService:
     def priority(self) -> int:
         """Of SCHED_FIFO. Begun by its samples, it answers one before the plant, on the same CPU, computes the next.
 
-        On a grid it has the plant's priority: after a stall of the machine, when both are late, the plant was due first, and
-        sends samples before the controller looks for them.
+        On a grid the plant goes first: after a stall of the machine, when both are late, its samples are there before the
+        controller looks for them.
         """
-        return realtime.PRIORITY + (self.trigger == "bus")
+        return realtime.PRIORITY + (1 if self.trigger == "bus" else -1)
 
     def run(self, ready: Callable[[str], None]) -> dict[str, Any]:
         """Serve until SIGTERM, SIGINT or, in lock-step, the plant's end; return the summary.
@@ -135,13 +135,13 @@ class ControllerService:
 
     def _warm_up(self, node: ControllerNode, samples: Samples, outlet: Outlet, begins: Trigger) -> None:
         """Some cycles at the plant's pace, which are not in the timing; then the trigger's grid is set."""
-        arrived = time.monotonic_ns()
+        arrivals = []
         for _ in range(max(1, round(_WARM_UP * self.rate))):
             self._cycle(node, samples.line, outlet)
             samples.next(2.0 / self.rate)
-            arrived = time.monotonic_ns()
+            arrivals.append(samples.arrived_ns())
         self._cycle(node, samples.line, outlet)
-        begins.start(arrived)
+        begins.start(usual_arrival(arrivals, begins.clock.period_ns))
 
     def _real_time(
         self, node: ControllerNode, samples: Samples, outlet: Outlet, begins: Trigger, stop: Stop

@@ -86,7 +86,7 @@ class BusTrigger:
             arrived = before + slots * period
         clock.shift(arrived - before - slots * period)
         clock.deadline_ns = arrived
-        clock.begin(now, slots - 1)
+        clock.begin(now, slots - 1, now - arrived)
         return slots - 1
 
 

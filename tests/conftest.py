@@ -7,6 +7,8 @@ but the soak. Without workers the tests run in the same order, one after the oth
 
 import os
 import shutil
+import subprocess
+import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path, PurePath
@@ -30,6 +32,7 @@ QUIET = (
     "test_local_bus.py",
     "test_timing_budget.py",
 )
+COMPILED = "CLUTCH_HIL_COMPILED_TESTS"  # names the place of kernels that were compiled for all workers
 ORDER = ("soak", "longest", "shared", "quiet")
 _KERNELS = pytest.StashKey[str]()
 
@@ -63,10 +66,25 @@ def pytest_configure(config: pytest.Config) -> None:
     """A worker and its processes keep their kernels in a place of their own, before Numba is imported.
 
     Two processes that compile one function for different types at once can give both the same file (Numba's cache has no
-    lock), and the next to load it would run the code of the other type.
+    lock), and the next to load it would run the code of the other type. What services run is compiled once for all, before
+    the workers begin: who waits for a service does not wait for a compiler, thrice at once on two CPUs.
     """
     if hasattr(config, "workerinput"):
         config.stash[_KERNELS] = os.environ["NUMBA_CACHE_DIR"] = tempfile.mkdtemp(prefix="clutch-hil-kernels-")
+        shutil.copytree(os.environ[COMPILED], os.environ["NUMBA_CACHE_DIR"], dirs_exist_ok=True)
+    elif config.getoption("numprocesses", None):
+        config.stash[_KERNELS] = os.environ[COMPILED] = tempfile.mkdtemp(prefix="clutch-hil-kernels-")
+        compilers = [
+            subprocess.Popen(
+                [sys.executable, "-m", "tests.kernels", side],
+                cwd=TESTS.parent,
+                env=os.environ | {"NUMBA_CACHE_DIR": config.stash[_KERNELS]},
+            )
+            for side in ("plant", "controller")
+        ]
+        for compiler in compilers:
+            if compiler.wait():
+                raise pytest.UsageError(f"{compiler.args} ended with {compiler.returncode}")
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:

@@ -9,7 +9,7 @@ import pytest
 from protocols.batch import FRAME
 from protocols.clock import Clock
 from protocols.errors import InputError
-from rt_controller.samples import Samples
+from rt_controller.samples import Samples, usual_arrival
 from rt_controller.trigger import BusTrigger, ClockTrigger, PllTrigger, trigger
 
 PERIOD = 1_000_000  # ns
@@ -178,6 +178,17 @@ def test_the_loop_coasts_while_samples_are_lost(monkeypatch: pytest.MonkeyPatch)
     found = np.array(cycles(rig, begins, 8900))
     phase = (found[6490:6600, 0] / (PERIOD * (1.0 + drift)) + 0.5) % 1.0 - 0.5
     assert np.abs(phase - 0.25).max() < 0.01  # without the drift learnt it would be off by 0.05
+
+
+@pytest.mark.parametrize("phase", [0, 10_000, 500_000, 990_000])
+def test_a_grid_begins_where_samples_usually_come(phase: int) -> None:
+    """Whatever the last of them was late by, and wherever a period of the clock begins."""
+    jitter = np.random.default_rng(4).exponential(20_000, 50)
+    jitter[[7, 20, 49]] = 400_000, 3_300_000, 700_000
+    arrivals = phase + PERIOD * np.arange(1000, 1050) + jitter.astype(int)
+    found = usual_arrival(arrivals.tolist(), PERIOD)
+    assert 0 < (found - phase + PERIOD // 2) % PERIOD - PERIOD // 2 < 60_000
+    assert abs(found - arrivals[-1]) <= PERIOD // 2
 
 
 def test_only_known_triggers() -> None:

@@ -1,0 +1,20 @@
+"""Compile what the services of a bench run, into NUMBA_CACHE_DIR: `python -m tests.kernels plant` or `controller`."""
+
+import sys
+
+from plant_sim.rigs import wet_clutch
+from protocols.bus import open_bus
+from protocols.exchange import Exchange
+from protocols.frames import load_frames
+from rt_controller.node import ControllerNode
+
+
+def controller() -> None:
+    """As a controller does before its first frame."""
+    with open_bus("local:kernels") as port:
+        Exchange(port, load_frames()["ENCODER"].can_id)
+    ControllerNode(1000)
+
+
+if __name__ == "__main__":
+    {"plant": wet_clutch.warm, "controller": controller}[sys.argv[1]]()
