@@ -80,6 +80,10 @@ class ClutchInterface:
         """Whether commands have come and come no more."""
         return self.commanded and self.age >= STALE_CYCLES
 
+    def slept(self, periods: int) -> None:
+        """The machine has slept through `periods`: they age the command by one at most, as its sender may have slept, too."""
+        self.age -= max(periods - 1, 0)
+
     def sample(self, tick: int, rig: Rig, state: Whole, y: State) -> tuple[list[Frame], Whole]:
         """Sensor frames of `tick`, and the state with those of its effects moved on; `y` is what `state` reads."""
         if self.stale:

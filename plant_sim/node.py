@@ -121,6 +121,10 @@ class PlantNode:
                     (values.speed_demand, values.torque_limit) if values.motor_enable else (0.0, 0.0)
                 )
 
+    def slept(self, periods: int) -> None:
+        """The machine has slept through `periods`, whose samples come now, at once: nobody could answer them."""
+        self._clutch.slept(periods)
+
     def sample(self) -> list[Frame]:
         """Frames of the present tick: set-point, status, sensors; the encoder frame comes last and completes the sample."""
         self.tick = tick = self.tick + 1

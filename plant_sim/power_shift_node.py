@@ -137,6 +137,11 @@ class PowerShiftNode:
                 if can_id in clutch.receptions:
                     clutch.receive(can_id, data)
 
+    def slept(self, periods: int) -> None:
+        """See `PlantNode`."""
+        for clutch in self._clutches:
+            clutch.slept(periods)
+
     def sample(self) -> list[Frame]:
         """Frames of the present tick; of each clutch the encoder frame comes last and completes its sample."""
         self.tick = tick = self.tick + 1

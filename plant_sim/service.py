@@ -118,6 +118,7 @@ class PlantService:
         while not stop.asked:
             missed = clock.wait()
             node.receive(port.receive())
+            node.slept(missed)
             for _ in range(missed + 1):
                 for frame in node.sample():
                     port.send(frame)

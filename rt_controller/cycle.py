@@ -52,10 +52,12 @@ SETTINGS = np.dtype(
      ("controller_status", SIGNAL, (5,)), ("controller_heartbeat", SIGNAL, (3,)),
      ("phases", PHASE_SETTINGS), ("law", LAW_SETTINGS), ("guard", LIMITS)]
 )  # fmt: skip
-# What is asked for: request, demand [Nm], pressure_demand [Pa], speed_demand [rad/s], setpoint_age [s]. refused_...: why the
-# bus cannot be worked on
+# slot: periods gone by; beat_after, status_after: those after which the next heartbeat and status are due. What is asked
+# for: request, demand [Nm], pressure_demand [Pa], speed_demand [rad/s], setpoint_age [s]. refused_...: why the bus cannot be
+# worked on
 NODE = np.dtype(
-    [("cycle", "i8"), ("beats", "i8"), ("late_cycles", "i8"), ("request", "i8"), ("demand", "f8"), ("pressure_demand", "f8"),
+    [("cycle", "i8"), ("slot", "i8"), ("beats", "i8"), ("beat_after", "i8"), ("statuses", "i8"), ("status_after", "i8"),
+     ("late_cycles", "i8"), ("request", "i8"), ("demand", "f8"), ("pressure_demand", "f8"),
      ("speed_demand", "f8"), ("setpoint_age", "f8"), ("refused_id", "i8"), ("refused_value", "f8"),
      ("receptions", RECEPTION, (len(HEARD),)), ("sample", SAMPLE), ("phases", PHASES), ("law", LAW), ("guard", GUARD)]
 )  # fmt: skip
@@ -71,6 +73,7 @@ def cycle(states, all_settings, inbox, count, slots, outbox, row):
     guard, law, sample = node.guard, node.law, node.sample
     elapsed = slots * settings.period
     node.setpoint_age += elapsed
+    node.slot += slots
     ticks = 0
     for index in range(count):
         frame = inbox[index]
@@ -185,18 +188,21 @@ def _refuse(node, why, can_id, said):
 def _commands(node, settings, phase, outbox):
     """Fill `outbox`; the valve's command is the last: in lock-step the plant goes on with it. Return the number of frames."""
     cycle, law, sent = node.cycle, node.law, 0
-    if cycle % settings.heartbeat_every == 0:
+    if node.slot > node.beat_after:
         s = settings.controller_heartbeat
         node.beats += 1
+        node.beat_after = _next(node.slot, settings.heartbeat_every)
         word = put(put(put(np.int64(0), s[0], Lifecycle.ACTIVE.value), s[1], settings.rate), s[2], settings.session)
         write(outbox[sent], settings.heartbeat_id, _STATUS, sealed(word, _STATUS, node.beats))
         sent += 1
-    if cycle % settings.status_every == 0:
+    if node.slot > node.status_after:
         s = settings.controller_status
         word = put(put(np.int64(0), s[0], phase), s[1], node.phases.fault)
         word = put(word, s[2], min(max(law.estimate, -_ESTIMATE), _ESTIMATE))
         word = put(put(word, s[3], min(node.late_cycles, _LATE)), s[4], min(law.adaptation.level, _LEVEL))
-        write(outbox[sent], settings.status_id, _STATUS, sealed(word, _STATUS, cycle // settings.status_every))
+        write(outbox[sent], settings.status_id, _STATUS, sealed(word, _STATUS, node.statuses))
+        node.statuses += 1
+        node.status_after = _next(node.slot, settings.status_every)
         sent += 1
     if settings.drives:
         s = settings.motor_command
@@ -214,3 +220,9 @@ def _commands(node, settings, phase, outbox):
     outbound(node.guard, settings.guard, settings.valve_id, outbox[sent].data)
     node.cycle = cycle + 1
     return sent + 1
+
+
+@njit
+def _next(slot, every):
+    """The end of the present of the stretches of `every` slots: frames keep their rate when slots are left out."""
+    return ((slot - 1) // every + 1) * every

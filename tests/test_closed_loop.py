@@ -131,6 +131,27 @@ def test_a_controller_that_slept_does_not_throw_the_torque_up() -> None:
     assert controller.row()[3] == 6
 
 
+@pytest.mark.parametrize("stall", [10, 30, 80])
+def test_a_machine_that_stands_still_is_no_fault_of_the_rig(stall: int) -> None:
+    """Again and again for `stall` periods: their samples come at once when it goes on, and nobody could answer them."""
+    plant, controller = PlantNode(profile=STEADY), controller_node()
+    inbox: list[Frame] = []
+    torque = []
+    while not plant.finished:
+        slept = stall if plant.tick > 300 and plant.tick % 500 < stall else 0
+        plant.receive(inbox)
+        plant.slept(slept)
+        frames = []
+        for _ in range(1 + slept):
+            frames += plant.sample()
+            plant.advance()
+            torque.append(plant.row()[[column.name for column in plant.columns].index("truth_clutch_torque_nm")])
+        inbox = controller.step(frames, slots=1 + slept)
+        assert controller.row()[3] == 0, plant.tick
+    assert max(torque[1000:]) < 11.0  # Nm, of 10 asked
+    assert min(torque[1000:-stall]) > 9.0
+
+
 def test_a_restarted_controller_does_not_engage_in_the_middle_of_a_demand() -> None:
     assert restarted(STEADY, at=1500)[2] == 0
 

@@ -107,6 +107,22 @@ def test_there_is_room_for_what_a_cycle_sends() -> None:
     assert max(len(node.step(sample(tick))) for tick in range(200)) == OUTBOX
 
 
+@pytest.mark.parametrize("slots", [1, 2, 7])
+def test_status_and_heartbeat_keep_their_rate_when_slots_are_left_out(slots: int) -> None:
+    node = ControllerNode()
+    for name, every in (("CONTROLLER_STATUS", 100), ("CONTROLLER_HEARTBEAT", 50)):
+        can_id = node.frames[name].can_id
+        begin = 0 if name == "CONTROLLER_STATUS" else 14 * every  # the node has gone on
+        sent = [
+            begin + slots * cycle
+            for cycle in range(14 * every // slots)
+            for frame in node.step([], slots)
+            if frame.can_id == can_id
+        ]
+        assert len(sent) == 14
+        assert all(abs(time - k * every - begin) < slots for k, time in enumerate(sent)), sent
+
+
 @pytest.mark.parametrize(
     ("data", "words"),
     [
