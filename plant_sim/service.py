@@ -131,7 +131,9 @@ class PlantService:
             if timing is None and node.finished:
                 timing = clock.summary()  # of the run, not of the controller's end after it
             if missed:
-                time.sleep(0.5 / self.rate)  # before it goes on to catch up: the controller, on the same CPU, can answer
+                time.sleep(
+                    0.5 / self.rate
+                )  # before it goes on to catch up: the controller, on the same CPU, can answer
         return timing or clock.summary()
 
     def _lockstep(self, node: Any, port: Port, outlet: Outlet, stop: Stop) -> None:
