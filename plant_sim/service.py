@@ -13,9 +13,11 @@ from plant_sim.profile import Profile
 from plant_sim.rigs import power_shift, wet_clutch
 from plant_sim.shift_profile import ShiftProfile
 from protocols import realtime
+from protocols.batch import batch, load, unload
 from protocols.bus import Port, listen, open_bus
 from protocols.clock import Clock
 from protocols.errors import InputError
+from protocols.exchange import Exchange
 from protocols.footprint import Footprint
 from protocols.frames import load_frames
 from protocols.heartbeat import heard_alone, new_session
@@ -24,6 +26,7 @@ from protocols.parameters import ParameterSet
 from protocols.stopping import Stop
 from protocols.telemetry.outlet import Outlet
 
+_OUTBOX = 8  # frames of a sample at most: heartbeat, status, and of each of two clutches set-point, sensors, encoder
 _ANSWER = 5.0  # s to wait for a controller's answer in lock-step: it has died
 
 
@@ -60,7 +63,9 @@ class PlantService:
         node = self._new_node(session)
         clock = Clock(1_000_000_000 // self.rate)
         with Stop() as stop, open_bus(self.bus) as port:
-            heard_alone(port, "plant", load_frames()["PLANT_HEARTBEAT"])
+            frames = load_frames()
+            heard_alone(port, "plant", frames["PLANT_HEARTBEAT"])
+            line = Exchange(port, frames["VALVE_COMMAND"].can_id)
             shipped = power_shift.nominal() if self.rig == "power_shift" else wet_clutch.nominal()
             outlet = Outlet(
                 "plant", node, node.columns, port.name, self.rate, session, shipped=shipped,
@@ -77,7 +82,7 @@ class PlantService:
                     self._lockstep(node, port, outlet, stop)
                 else:
                     taken = Footprint()
-                    timing = self._real_time(node, port, outlet, clock, stop)
+                    timing = self._real_time(node, line, outlet, clock, stop)
                     footprint = taken.summary()
             finally:
                 for frame in node.safe():
@@ -110,18 +115,19 @@ class PlantService:
             outlet.tune()
             node.receive(listen(port, node.heartbeat.period))
 
-    def _real_time(self, node: Any, port: Port, outlet: Outlet, clock: Clock, stop: Stop) -> dict[str, Any]:
+    def _real_time(self, node: Any, line: Exchange, outlet: Outlet, clock: Clock, stop: Stop) -> dict[str, Any]:
         """Real time does not wait: slots slept through are simulated and sent when the plant wakes."""
-        timing = None
+        timing, outbox = None, batch(_OUTBOX)
         work_us = 0.0
         clock.start(time.monotonic_ns() + clock.period_ns)
         while not stop.asked:
             missed = clock.wait()
-            node.receive(port.receive())
+            line.receive()
+            node.receive(unload(line.inbox[: line.count]))
+            line.clear()
             node.slept(missed)
             for _ in range(missed + 1):
-                for frame in node.sample():
-                    port.send(frame)
+                line.send(outbox, load(outbox, node.sample()))
                 node.advance()
                 outlet.write(node.row(), clock.woken_ns / 1e9, clock.lateness_ns / 1e3, work_us, clock.late)
             outlet.tune()

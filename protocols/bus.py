@@ -45,6 +45,10 @@ class _RawPort(Protocol):
     @property
     def listener(self) -> int | None: ...
 
+    @property
+    def changes(self) -> int:
+        """Comings and goings of participants so far."""
+
     def sockets(self) -> tuple[list[int], list[int]]:
         """Descriptors to be heard and to be sent to, those who left taken out."""
 
@@ -151,6 +155,10 @@ class _LocalPort:
         self.wait, self.close, self.listener = channel.wait, channel.close, channel.listener
         self.sockets, self.left = channel.sockets, channel.left
 
+    @property
+    def changes(self) -> int:
+        return self._channel.changes
+
     def send(self, packed: bytes) -> int:
         return 1 if self._channel.send(packed) else 0
 
@@ -160,6 +168,7 @@ class _LocalPort:
 
 class _SocketCanPort:
     listener = None
+    changes = 0
 
     def __init__(self, bus: can.BusABC) -> None:
         self._bus = bus

@@ -26,7 +26,7 @@ _FLAGS, _STANDARD_ID, _DATA = 0xE0000000, 0x7FF, 8  # extended, remote, error: n
 _DONTWAIT, _NOSIGNAL, _TRUNC = 0x40, 0x4000, 0x20  # MSG_... of linux/socket.h
 _POLLIN = 1  # asm-generic/poll.h
 _EAGAIN = 11  # asm-generic/errno-base.h
-_CLOCK_REALTIME = 0
+_CLOCK_REALTIME, _CLOCK_MONOTONIC = 0, 1  # linux/time.h
 _SECOND = 1_000_000_000  # ns
 
 _MMSGHDR = np.dtype(
@@ -71,6 +71,9 @@ class Exchange:
         self.count = 0
         self._line = np.zeros(1, _LINE)
         self._view = line = self._line[0]
+        # what is looked at in every cycle: a field of a record costs a microsecond, an element of a memory view a tenth
+        seen = "marks", "marked_ns", "changed", "reached"
+        self._marks, self._marked_ns, self._changed, self._reached = (self._line[name].data for name in seen)
         line["mark"], line["local"] = mark, port.raw.listener is not None
         line["polls"]["events"] = _POLLIN
         for headers, parts in (("incoming", "in_parts"), ("outgoing", "out_parts")):
@@ -80,44 +83,53 @@ class Exchange:
             line["incoming"]["control"] = _addresses(line["controls"])
         self._look()
         self.receive()  # compiled now, not in the loop
+        self.receive(marked=True)
         self.send(batch(1), 0)
 
     @property
     def marks(self) -> int:
         """Frames with the identifier `mark` that have come."""
-        return int(self._view["marks"])
+        return self._marks[0]
 
     @property
     def marked_ns(self) -> int:
         """Stamp of the last one [ns of CLOCK_REALTIME]."""
-        return int(self._view["marked_ns"])
+        return self._marked_ns[0]
 
     def clear(self) -> None:
         """The frames in `inbox` have been used."""
         self.count = 0
 
-    def receive(self, timeout: float = 0.0) -> bool:
-        """Add to `inbox` the frames that wait, or that come first within `timeout` [s]; whether any did."""
+    def receive(self, timeout: float = 0.0, marked: bool = False) -> bool:
+        """Add to `inbox` the frames that wait, or that come within `timeout` [s] until one has, or, `marked`, until one of
+        those has that are marked; whether any came."""
         left = round(timeout * 1e9)
         end = time.monotonic_ns() + left
+        gather = _gather_marked if marked else _gather
+        first = count = self.count
+        if self._changes != self.port.raw.changes:  # while others read the bus through the port, or wrote to it
+            self._look()
+        marks = self.marks if marked else 0
         while True:
-            count = _gather(self._line, left, self.inbox, self.count, self.count)
+            count = gather(self._line, left, self.inbox, first, count)
             for _ in range(_LOOKS):
-                if not self._view["changed"]:
+                if not self._changed[0]:
                     break
                 self._look()  # who came in may have sent already
-                count = _gather(self._line, 0, self.inbox, self.count, count)
-            came = count > self.count
-            self.port.received += count - self.count
-            self.count = count
-            if came or left <= 0:
-                return came
+                count = _gather(self._line, 0, self.inbox, first, count)
+            if left <= 0 or (self.marks > marks if marked else count > first):
+                break
             left = max(end - time.monotonic_ns(), 0)
+        self.port.received += count - first
+        self.count = count
+        return count > first
 
     def send(self, frames: np.ndarray, count: int) -> None:
         """Send the first `count` frames of a batch, never waiting; what the bus cannot take is counted, not repeated."""
+        if self._changes != self.port.raw.changes:
+            self._look()
         line, target, left = self._view, _spread(self._line, 0, frames, count), False
-        while target != line["reached"]:
+        while target != self._reached[0]:
             if target < 0:  # newcomers are to get them, too
                 self._look()
                 target = _spread(self._line, 0, frames, count)
@@ -137,6 +149,7 @@ class Exchange:
         line["heard"], line["reached"] = len(heard), len(reached)
         line["polls"]["fd"][: len(heard)] = heard
         line["targets"][: len(reached)] = reached
+        self._changes = self.port.raw.changes
 
 
 def _addresses(rows: np.ndarray) -> np.ndarray:
@@ -145,7 +158,7 @@ def _addresses(rows: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _gather(lines, timeout_ns, inbox, first, count):
-    """Take what waits, or comes first within `timeout_ns`, into `inbox` from number `count` on; return how many there are.
+    """Take what waits, or comes first within `timeout_ns` [ns], into `inbox` from number `count` on; return how many there are.
 
     From number `first` on they are in the order of their stamps.
     """
@@ -197,6 +210,27 @@ def _gather(lines, timeout_ns, inbox, first, count):
     return end
 
 
+@njit(cache=True, nogil=True)
+def _gather_marked(lines, timeout_ns, inbox, first, count):
+    """The same until a marked frame has come: who waits for it does not wake up for others."""
+    line = lines[0]
+    marks, end, left = line.marks, _now(_CLOCK_MONOTONIC, line.time) + timeout_ns, timeout_ns
+    while True:
+        count = _gather(lines, left, inbox, first, count)
+        if line.marks > marks or line.changed or count + _A_CALL > CAPACITY:
+            return count
+        left = end - _now(_CLOCK_MONOTONIC, line.time)
+        if left <= 0:
+            return count
+
+
+@njit
+def _now(clock, times):
+    """Time of a clock of the kernel [ns]; `times` (2,) is overwritten."""
+    _clock_gettime(clock, times.ctypes.data)
+    return times[0] * _SECOND + times[1]
+
+
 @njit
 def _tidy(frame, line):
     """Without flags, and zero beyond its data; counted if it is one that is marked."""
@@ -213,8 +247,7 @@ def _stamp(control, length, times):
     """Time stamp of the kernel, or now where it gave none [ns of CLOCK_REALTIME]."""
     if length == _CONTROL_BYTES:
         return control.seconds * _SECOND + control.nanoseconds
-    _clock_gettime(_CLOCK_REALTIME, times.ctypes.data)
-    return times[0] * _SECOND + times[1]
+    return _now(_CLOCK_REALTIME, times)
 
 
 @njit
@@ -244,9 +277,9 @@ def _spread(lines, target, frames, count):
         times[0] = times[1] = 0
         if _ppoll(line.polls.ctypes.data, 1, times.ctypes.data, 0) > 0:
             return -1
-        _clock_gettime(_CLOCK_REALTIME, times.ctypes.data)
+        stamp = _now(_CLOCK_REALTIME, times)
         for index in range(count):
-            frames[index].stamp = times[0] * _SECOND + times[1]
+            frames[index].stamp = stamp
     for index in range(count):
         line.out_parts[index].base = frames.ctypes.data + index * frames.itemsize
     headers = line.outgoing

@@ -81,6 +81,7 @@ class LocalChannel:
         self.name = name
         self.participant = ""
         self.refused: dict[str, int] = {}
+        self.changes = 0  # of who is there: comings and goings
         self._connections: dict[int, tuple[str, socket.socket]] = {}  # by file descriptor, until read to the end
         # Replaced, never changed: send() goes through it while another thread may let a newcomer in.
         self._targets: tuple[tuple[str, Callable[[bytes, int], int], int], ...] = ()
@@ -299,6 +300,7 @@ class LocalChannel:
         self._connections[connection.fileno()] = (name, connection)
         self._ready.register(connection, select.EPOLLIN)
         self._targets = (*self._targets, (name, connection.send, connection.fileno()))
+        self.changes += 1
 
     def _depart(self, descriptor: int) -> bool:
         """Stop sending to a participant that left; close the connection unless it holds unread frames (then True)."""
@@ -306,6 +308,7 @@ class LocalChannel:
             if descriptor not in self._connections:
                 return False
             self._targets = tuple(target for target in self._targets if target[2] != descriptor)
+            self.changes += 1
             unread = _has_unread(self._connections[descriptor][1])
             if not unread:
                 self._disconnect(descriptor)
@@ -316,6 +319,7 @@ class LocalChannel:
 
     def _disconnect(self, descriptor: int) -> None:
         _, connection = self._connections.pop(descriptor)
+        self.changes += 1
         self._ready.unregister(descriptor)
         connection.close()
 

@@ -24,6 +24,12 @@ class Samples:
         self.line.receive()
         return self.line.marks > marks
 
+    def arrives(self, timeout: float) -> bool:
+        """Wait for the next complete sample or `timeout` [s]; whether it has come."""
+        marks = self.line.marks
+        self.line.receive(max(timeout, 0.0), marked=True)
+        return self.line.marks > marks
+
     def next(self, timeout: float) -> bool:
         """Wait for the next complete sample, the plant's end or `timeout` [s]; whether a sample is complete."""
         line, marks = self.line, self.line.marks

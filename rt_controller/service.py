@@ -79,6 +79,7 @@ class ControllerService:
         with Stop() as stop, open_bus(self.bus, node.heard) as port:
             frames = load_frames(clutch=self.clutch or "a")
             node.listen(heard_alone(port, self.name, frames["CONTROLLER_HEARTBEAT"]))
+            samples = Samples(Exchange(port, frames["ENCODER"].can_id), frames)
             outlet = Outlet(
                 self.name, node, COLUMNS, port.name, self.rate, session,
                 shipped=shipped_parameters(), ring=self.ring, publish=self.telemetry, router=self.router,
@@ -90,7 +91,6 @@ class ControllerService:
             if self.clutch and self.adaptation:
                 ready("note: of two clutches none adapts: the motor's torque is that of both")
             closed, missed, footprint = False, None, None
-            samples = Samples(Exchange(port, frames["ENCODER"].can_id), frames)
             begins = begun_by(clock, samples)
             try:
                 self._await_plant(node, samples, outlet, stop)

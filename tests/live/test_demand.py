@@ -18,7 +18,7 @@ from plant_sim.live.supervisor import RATE as SETPOINTS
 from protocols.bus import open_bus
 from protocols.errors import InputError
 from protocols.frames import Frame
-from tests.live.running import FRAMES, Running, clutch_hil, hear, running_bench
+from tests.live.running import FRAMES, Running, clutch_hil, hear, opened, running_bench
 from tests.processes import PATIENCE, service
 
 IDLE, ENGAGE, RELEASE, PRESSURE = range(4)  # values of REQUEST in the DBC
@@ -39,7 +39,7 @@ def services() -> Iterator[Running]:
 @pytest.fixture
 def bench(services: Running) -> Running:
     with open_bus(services.bus) as port:
-        hear(port, "CONTROLLER_STATUS", lambda status: status.phase == IDLE)
+        opened(port)
     return services
 
 

@@ -25,7 +25,7 @@ from tests.live.running import RATE, Running, clutch_hil, running_bench
 from tests.processes import PATIENCE, service
 
 HZ = 1000.0
-RATE_ERROR = 0.05  # of the nominal rate: a shared machine may lose some cycles within 10 s
+RATE_ERROR = 0.2  # of the nominal rate: a machine that stands still now and then loses cycles, and the monitor says so
 NOW = 500.0  # s
 CONTROLLER = (
     "controller_phase", "controller_fault", "controller_torque_demand_nm", "controller_torque_estimate_nm",

@@ -21,7 +21,7 @@ from plant_sim.profile import PRESSURE_LIMIT, SPEED_LIMIT, TORQUE_LIMIT
 from protocols.bus import Port, open_bus
 from protocols.frames import Frame
 from protocols.request import Request
-from tests.live.running import FRAMES, Running, hear, running_bench
+from tests.live.running import FRAMES, Running, hear, opened, running_bench
 from tests.processes import PATIENCE, service
 
 OPEN_PHASE, SLIP_CONTROL = 0, 2  # values of PHASE in the DBC
@@ -87,7 +87,7 @@ def panel(running: Running) -> Iterator[tuple[Terminal, Port]]:
     fcntl.ioctl(line, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
     before = termios.tcgetattr(line)
     with open_bus(running.bus) as port:
-        hear(port, "CONTROLLER_STATUS", lambda status: status.phase == OPEN_PHASE)
+        opened(port)
         ends = {"stdin": line, "stdout": line, "stderr": line, "env": os.environ | {"TERM": "xterm-256color"}}
         with service("panel", "--bus", running.bus, **ends) as child:
             terminal = Terminal(keyboard, child)

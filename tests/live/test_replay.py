@@ -13,7 +13,7 @@ from plant_sim.live.screen import Screen
 from plant_sim.scenario import Scenario
 from protocols.errors import InputError
 from protocols.runs import Run, read_run
-from tests.live.viewing import View, colours, free_port, refused, shown, until, viewer_client
+from tests.live.viewing import View, answered, colours, free_port, refused, shown, until, viewer_client
 
 SECONDS = 3.0  # of a run: the clutch is engaged by then
 COLOURS = 200  # in a picture with plots; an empty viewer has less than 60
@@ -82,8 +82,8 @@ def test_a_whole_run_is_shown(kind: str, run_file: Path, tmp_path: Path) -> None
         ends = {line.name: (line.start, line.end) for line in recording.timelines}
         assert ends["rig_time"] == (0, round((SECONDS - 0.001) * 1e9))
         assert recording.current_timeline == "rig_time"
-        assert [view.name for view in client.get_state().views if view.reports] == []
-        picture = client.take_screenshot()
+        assert [view.name for view in answered(client.get_state).views if view.reports] == []
+        picture = answered(client.take_screenshot)
         (tmp_path / "run.png").write_bytes(picture)
         assert colours(picture) > COLOURS
         assert view.end() == 0
@@ -97,7 +97,7 @@ def test_two_runs_stand_side_by_side(run_file: Path, tmp_path: Path) -> None:
     with View(run_file, other, "--headless", "--port", port, "--save", both) as view:
         client = viewer_client(port)
         until(shown(client, "rig_time"), "the runs in the viewer")
-        (tmp_path / "both.png").write_bytes(client.take_screenshot())
+        (tmp_path / "both.png").write_bytes(answered(client.take_screenshot))
         assert view.end() == 0
     assert "verdict: side by side" in view.output
     tables = read_rrd(both)
