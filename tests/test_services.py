@@ -219,9 +219,11 @@ def test_a_second_plant_is_refused(local_bus: str) -> None:
 def test_a_bad_frame_ends_the_controller_with_a_sentence_and_a_closed_valve(
     local_bus: str, can_id: int, payload: Callable[[int], bytes], sentence: str
 ) -> None:
+    one = str(max(os.sched_getaffinity(0)))  # CPU for both: what stands still, does so for both
+    common = ("--bus", local_bus, "--rate", str(RATE), "--cpu", one)
     with (
-        service("plant", "--bus", local_bus, "--rate", str(RATE), "--profile", "engagement"),
-        service("controller", "--bus", local_bus, "--rate", str(RATE)) as controller,
+        service("plant", *common, "--profile", "engagement"),
+        service("controller", *common) as controller,
         open_bus(local_bus) as port,
     ):
         hear(port, "CONTROLLER_STATUS", lambda status: status.phase == 2)
