@@ -49,11 +49,12 @@ def hear(port: Port, frame: str, wanted) -> object:
     """The first values of `frame` on the bus that are `wanted`."""
     codec = FRAMES[frame]
     deadline = time.monotonic() + PATIENCE
+    values = None
     while time.monotonic() < deadline:
         for can_id, data in listen(port, 0.05):
             if can_id == codec.can_id and wanted(values := codec.unpack(data)):
                 return values
-    raise AssertionError(f"{frame} never came as wanted")
+    raise AssertionError(f"{frame} never came as wanted; last: {values}")
 
 
 def played(rate: int = 1000) -> Played:
