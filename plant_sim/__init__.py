@@ -5,4 +5,4 @@ from pathlib import Path
 from protocols.compiled import drop_stale, place_cache
 
 place_cache(Path(__file__).parent)
-drop_stale(Path(__file__).parent)
+drop_stale(Path(__file__).parent, Path(__file__).parent.with_name("protocols"))

@@ -4,23 +4,25 @@ from collections.abc import Mapping, Sequence
 from math import ceil
 from typing import Any
 
-from plant_sim.clutch_interface import ClutchInterface
+import numpy as np
+from numba import njit
+
 from plant_sim.effects.catalogue import effects
-from plant_sim.injection import Injection, requested
+from plant_sim.injection import Injection, effect_on, requested
+from plant_sim.interface import Interface
 from plant_sim.profile import Profile
 from plant_sim.rigs import wet_clutch
 from plant_sim.rigs.clutch_phase import Phase, phase
+from plant_sim.rigs.wet_clutch import STATE, Whole
 from plant_sim.schedule import Schedule
 from protocols.errors import InputError
-from protocols.frames import Frame, load_frames
-from protocols.heartbeat import Heartbeat
-from protocols.lifecycle import Lifecycle
 from protocols.node import Column
 from protocols.parameters import ParameterSet
-from protocols.reception import Reception
 from protocols.units import BAR, ZERO_CELSIUS
 
 _TEMPERATURES = 35.0, 150.0  # degC: valid range of eq. 6.3 (blocks/oil.py) and of fig 6.8
+NO_SETPOINTS = np.zeros((0, 4, 0))
+_phase = njit(phase)
 
 # Columns of a recorded run (rig.md), then the truth.
 COLUMNS = tuple(
@@ -50,7 +52,7 @@ COLUMNS = tuple(
 )
 
 
-class PlantNode:
+class PlantNode(Interface):
     """The wet-clutch rig behind its data acquisition, with the profile player of the bench.
 
     rate [Hz]; `temperature` is the oil's at the start [degC]; `injections` change the plant while it runs, and `injected`
@@ -73,106 +75,48 @@ class PlantNode:
         blind: bool = False,
     ) -> None:
         parameters = parameters or wet_clutch.nominal()
-        self.rate = rate
+        kelvin = initial_temperature(parameters["oil.reference"].value if temperature is None else temperature)
+        super().__init__(rate, [parameters], [seed], session, NO_SETPOINTS if profile is None else profile.table[None])
         self.profile = profile
-        self.late_cycles = 0  # set by the service for PLANT_STATUS
-        self._period = 1.0 / rate
         self._substeps = ceil(self._period / wet_clutch.STEP_LIMIT - 1e-9)
         self._schedule = Schedule(parameters)
         self.injected: list[dict[str, Any]] = []
         self._plain = parameters
         self._open = _without_effects(parameters) if blind else None  # what a blind plant says of itself
-        self.tick = -1
         self.inject(*injections)
         self._rig, _ = self._schedule.rig(0.0)
-        self._clutch = ClutchInterface(rate, parameters, seed)
-        kelvin = initial_temperature(parameters["oil.reference"].value if temperature is None else temperature)
         speed = profile.at(0.0).speed if profile else 0.0
-        self._state = self._rig.at_rest(speed, kelvin)
-        self._y = self._state.read()
+        y, states = self._rig.at_rest(speed, kelvin)
+        self._state = Whole(
+            y.view(STATE), states
+        )  # the very STATE: to tell that another is equal takes Numba 8 us a call
+        self._interface.speed_demand, self._interface.torque_limit = speed, self._rig.record["motor_torque_limit"][0]
 
-        frames = load_frames()
-        self._status = frames["PLANT_STATUS"]
-        self._motor = Reception(frames["MOTOR_COMMAND"])
-        self.heartbeat = Heartbeat(frames["PLANT_HEARTBEAT"], rate, session)
-        shared = {frames[name].can_id: name for name in ("PLANT_STATUS", "PLANT_HEARTBEAT")}
-        self._own = self._clutch.own | shared
-        self._status_every = max(1, round(self._status.cycle_time * rate))
-        self._speed_demand, self._torque_limit = speed, self._rig.record["motor_torque_limit"][0]
-        self._row: tuple[float, ...] = (0.0,) * len(COLUMNS)
+    @staticmethod
+    def warm() -> None:
+        """Compile, or load from disk, all that a node runs, with effects and without: later nothing compiles."""
+        wet_clutch.warm()
+        for values in ({}, effect_on(next(iter(effects())))):
+            PlantNode(parameters=wet_clutch.nominal().with_values(values)).step([])
 
-    def step(self, inbox: Sequence[Frame]) -> list[Frame]:
-        """One sample. Raises InputError when the bus has a second plant or speaks another protocol."""
-        self.receive(inbox)
-        frames = self.sample()
-        self.advance()
-        return frames
-
-    def receive(self, inbox: Sequence[Frame]) -> None:
-        """Take commands; they act from the next sample on."""
-        for can_id, data in inbox:
-            if can_id in self._own:
-                raise InputError(f"a second plant is on the bus: it sends {self._own[can_id]} (0x{can_id:03X})")
-            if can_id in self._clutch.receptions:
-                self._clutch.receive(can_id, data)
-            elif can_id == self._motor.codec.can_id and self._motor.accept(data):
-                values = self._motor.codec.unpack(data)
-                self._speed_demand, self._torque_limit = (
-                    (values.speed_demand, values.torque_limit) if values.motor_enable else (0.0, 0.0)
-                )
-
-    def slept(self, periods: int) -> None:
-        """The machine has slept through `periods`, whose samples come now, at once: nobody could answer them."""
-        self._clutch.slept(periods)
-
-    def sample(self) -> list[Frame]:
-        """Frames of the present tick: set-point, status, sensors; the encoder frame comes last and completes the sample."""
-        self.tick = tick = self.tick + 1
-        clutch = self._clutch
-        if clutch.stale:
-            self._speed_demand = self._torque_limit = 0.0
-        self._follow(tick * self._period)
-        frames = []
-        if tick % self.heartbeat.every == 0:
-            frames.append(self.heartbeat.next(Lifecycle.ACTIVE))
-        if tick % self._status_every == 0:
-            counts = self.reception_counts().values()
-            rejected = sum(count["corrupt"] + count["repeated"] for count in counts)
-            status = (self._actuators(), min(self.late_cycles, 65535), min(rejected, 65535))
-            frames.append(Frame(self._status.can_id, self._status.pack(tick // self._status_every, *status)))
-        if self.profile:
-            setpoint = self.profile.at(tick * self._period)
-            frames.append(Frame(clutch.setpoint.can_id, clutch.setpoint.pack(tick, *setpoint)))
-        sampled, self._state = clutch.sample(tick, self._rig, self._state, self._y)
-        self._note()
-        return frames + sampled
+    def show(self) -> int:
+        """See `Interface`."""
+        sent = self._begin()
+        time = self.tick * self._period
+        self._follow(time)
+        sent = self._show(0, self._rig, self._state, sent)
+        _note(self.record, time, self._interfaces, self._state.y, *self._rig.phase_pressures)
+        return sent
 
     def advance(self) -> None:
-        """Let the rig run for one period with the inputs held."""
-        self._state = self._rig.advance(
-            self._state, self._clutch.voltage, self._speed_demand, self._torque_limit, self._period, self._substeps
-        )
-        self._y = self._state.read()
-
-    def safe(self) -> list[Frame]:
-        """A plant commands nothing: it says that it ends."""
-        return [self.heartbeat.next(Lifecycle.FINALIZED)]
+        """See `Interface`."""
+        self._advance(self._period, self._substeps)
 
     def fixed(self, name: str) -> str | None:
         """Why a parameter cannot be changed while the plant runs; None when it can."""
         if name.partition(".")[0] == "sensors":
             return f"parameter {name} is fixed while the plant runs: its data acquisition is set up at the start"
         return None
-
-    @property
-    def answered_tick(self) -> int:
-        """SAMPLE_TICK of the last valve command; -1 before the first."""
-        return self._clutch.answered_tick
-
-    @property
-    def controller(self) -> Lifecycle:
-        """State of the controller by its heartbeat."""
-        return self._clutch.controller
 
     @property
     def blind(self) -> bool:
@@ -222,19 +166,10 @@ class PlantNode:
             ) from None
         return [told | {"old": None} for told in self._told(injection, (injection.at,))]
 
-    def row(self) -> tuple[float, ...]:
-        """The record of the last sample, in the order of COLUMNS."""
-        return self._row
-
     @property
     def finished(self) -> bool:
         """Whether the profile has been played to its end."""
         return self.profile is not None and (self.tick + 1) * self._period >= self.profile.duration
-
-    def reception_counts(self) -> dict[str, dict[str, int]]:
-        """Counts of `protocols.reception.Reception` by frame name."""
-        receptions = (*self._clutch.receptions.values(), self._motor)
-        return {reception.codec.name: reception.counts() for reception in receptions}
 
     def _check_free(self, injection: Injection) -> None:
         if reasons := [reason for name in injection.values if (reason := self.fixed(name))]:
@@ -256,32 +191,41 @@ class PlantNode:
         if rig is not self._rig or moved:
             states = rig.table.carried(self._state.effects, self._rig.table)
             self._rig = rig
-            self._state = rig.advance(
-                self._state._replace(effects=states),
-                self._clutch.voltage,
-                self._speed_demand,
-                self._torque_limit,
-                0.0,
-                0,
-            )
-            self._y = self._state.read()
+            self._state = self._state._replace(effects=states)
+            self._advance(0.0, 0)
         if self._schedule.planned:
             self.injected += [change.told(self.rate) for change in self._schedule.begin(time)]
 
-    def _actuators(self) -> int:
-        """Value of PLANT_STATUS.ACTUATORS."""
-        if not self._clutch.commanded:
-            return 0
-        return 2 if self._clutch.stale else 1
+    def _advance(self, duration: float, substeps: int) -> None:
+        rig = self._rig
+        _move(self._interfaces, *self._state, rig.record, rig.table.kernel, duration, substeps)
 
-    def _note(self) -> None:
-        y = self._y
-        self._row = (
-            self.tick * self._period, self._clutch.voltage, self._speed_demand, *self._clutch.measured,
-            y.valve_pressure / BAR, y.pressure / BAR, y.position, y.normal_force, y.seal_force, y.friction_state,
-            y.clutch_torque, y.motor_torque, y.slip_speed, y.temperature - ZERO_CELSIUS,
-            phase(y, *self._rig.phase_pressures),
-        )  # fmt: skip
+
+@njit(cache=True, nogil=True)
+def _move(
+    interfaces: Any, rig_state: Any, states: Any, parameters: Any, effects: Any, duration: Any, substeps: Any
+) -> None:
+    """As `wet_clutch.advance` with the inputs that the interface holds, in place."""
+    interface = interfaces[0]
+    after, states_after = wet_clutch.advance(
+        rig_state, states, interface.clutches[0].voltage, interface.speed_demand, interface.torque_limit, parameters,
+        effects, duration, substeps,
+    )  # fmt: skip
+    rig_state[0] = after[0]
+    states[:] = states_after
+
+
+@njit(cache=True, nogil=True)
+def _note(row: Any, time: Any, interfaces: Any, rig_state: Any, preload_pressure: Any, contact_pressure: Any) -> None:
+    """Fill the record of a sample, in the order of COLUMNS."""
+    interface, y = interfaces[0], rig_state[0]
+    c = interface.clutches[0]
+    row[0], row[1], row[2], row[3] = time, c.voltage, interface.speed_demand, c.pressure
+    row[4], row[5], row[6], row[7], row[8] = c.slip_speed, c.angle, c.temperature, c.clutch_torque, c.motor_torque
+    row[9], row[10], row[11] = y.valve_pressure / BAR, y.pressure / BAR, y.position
+    row[12], row[13], row[14] = y.normal_force, y.seal_force, y.friction_state
+    row[15], row[16], row[17] = y.clutch_torque, y.motor_torque, y.slip_speed
+    row[18], row[19] = y.temperature - ZERO_CELSIUS, _phase(y, preload_pressure, contact_pressure).value
 
 
 def initial_temperature(celsius: float) -> float:

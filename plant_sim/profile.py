@@ -7,12 +7,14 @@ the clutch is engaged between two rows of which one has a torque demand above ze
 """
 
 import csv
-from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from math import ceil, isfinite
 from pathlib import Path
 from typing import NamedTuple
+
+import numpy as np
 
 from protocols.errors import InputError, listing
 from protocols.request import Request
@@ -29,6 +31,24 @@ _SHORTEST = 0.1  # s, of a run: five samples at the lowest rate
 _LONGEST = 1e6  # s, of a run: 11 days; the repeated profile is held in memory, 0.3 GB for this one
 _REPEAT_GAP = 1e-3  # s between the last row of a profile and the first of its repetition: times must increase
 SPEED_LIMIT = 26.2  # rad/s either way, 250 rpm, range of the maps (Janssens 2010, fig 6.12)
+
+
+def setpoint(table, time):  # compiled, too
+    """Set-point of a `Profile.table` at `time` [s]: request, torque [Nm], speed [rad/s], pressure [bar]."""
+    times, torques, speeds, pressures = table[0], table[1], table[2], table[3]
+    after = np.searchsorted(times, time, side="right")
+    if after == 0:
+        return Request.IDLE.value, torques[0], speeds[0], 0.0
+    if after == len(times):
+        return Request.IDLE.value, 0.0, speeds[-1], 0.0
+    before = after - 1
+    share = (time - times[before]) / (times[after] - times[before])
+    torque = torques[before] + share * (torques[after] - torques[before])
+    speed = speeds[before] + share * (speeds[after] - speeds[before])
+    pressure = pressures[before] + share * (pressures[after] - pressures[before])
+    engage = torques[before] > 0.0 or torques[after] > 0.0
+    request = Request.PRESSURE.value if pressure > 0.0 else Request.ENGAGE.value if engage else Request.IDLE.value
+    return request, torque, speed, pressure
 
 
 class Setpoint(NamedTuple):
@@ -83,21 +103,13 @@ class Profile:
 
     def at(self, time: float) -> Setpoint:
         """Set-point at `time` [s]; the first and last row hold outside."""
-        after = bisect_right(self.time, time)
-        if after == 0:
-            return Setpoint(Request.IDLE, self.torque[0], self.speed[0], 0.0)
-        if after == len(self.time):
-            return Setpoint(Request.IDLE, 0.0, self.speed[-1], 0.0)
-        t_0, t_1 = self.time[after - 1], self.time[after]
-        share = (time - t_0) / (t_1 - t_0)
+        request, *demands = setpoint(self.table, time)
+        return Setpoint(Request(request), *map(float, demands))
 
-        def between(values: Sequence[float]) -> float:
-            return values[after - 1] + share * (values[after] - values[after - 1])
-
-        torque, speed, pressure = between(self.torque), between(self.speed), between(self.pressure)
-        engage = self.torque[after - 1] > 0.0 or self.torque[after] > 0.0
-        request = Request.PRESSURE if pressure > 0.0 else Request.ENGAGE if engage else Request.IDLE
-        return Setpoint(request, torque, speed, pressure)
+    @cached_property
+    def table(self) -> np.ndarray:
+        """Times, torques, speeds and pressures, shape (4, rows)."""
+        return np.array([self.time, self.torque, self.speed, self.pressure])
 
     def lasting(self, seconds: float) -> "Profile":
         """This profile repeated and cut to `seconds`. Raises InputError when that is too short."""

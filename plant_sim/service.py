@@ -13,7 +13,6 @@ from plant_sim.profile import Profile
 from plant_sim.rigs import power_shift, wet_clutch
 from plant_sim.shift_profile import ShiftProfile
 from protocols import realtime
-from protocols.batch import batch, load, unload
 from protocols.bus import Port, listen, open_bus
 from protocols.clock import Clock
 from protocols.errors import InputError
@@ -26,7 +25,6 @@ from protocols.parameters import ParameterSet
 from protocols.stopping import Stop
 from protocols.telemetry.outlet import Outlet
 
-_OUTBOX = 8  # frames of a sample at most: heartbeat, status, and of each of two clutches set-point, sensors, encoder
 _ANSWER = 5.0  # s to wait for a controller's answer in lock-step: it has died
 
 
@@ -59,7 +57,6 @@ class PlantService:
         Raises InputError for a bad bus, a second plant, another rate or protocol.
         """
         session = new_session()
-        wet_clutch.warm()  # before time counts; nothing compiles later, whatever is injected
         node = self._new_node(session)
         clock = Clock(1_000_000_000 // self.rate)
         with Stop() as stop, open_bus(self.bus) as port:
@@ -103,6 +100,7 @@ class PlantService:
 
     def _new_node(self, session: int) -> Any:
         node: Any = PowerShiftNode if self.rig == "power_shift" else PlantNode
+        node.warm()  # before time counts; nothing compiles later, whatever is injected
         return node(
             self.rate, self.parameters, self.profile, self.seed, self.temperature,
             session=session, injections=self.injections, blind=self.blind,
@@ -111,25 +109,24 @@ class PlantService:
     def _await_controller(self, node: Any, port: Port, outlet: Outlet, stop: Stop) -> None:
         """Say "inactive" every 50 ms until a controller says "active"."""
         while not stop.asked and node.controller != Lifecycle.ACTIVE:
-            port.send(node.heartbeat.next(Lifecycle.INACTIVE))
+            port.send(node.heartbeat(Lifecycle.INACTIVE))
             outlet.tune()
-            node.receive(listen(port, node.heartbeat.period))
+            node.receive(listen(port, node.heartbeat_period))
 
     def _real_time(self, node: Any, line: Exchange, outlet: Outlet, clock: Clock, stop: Stop) -> dict[str, Any]:
         """Real time does not wait: slots slept through are simulated and sent when the plant wakes."""
-        timing, outbox = None, batch(_OUTBOX)
-        work_us = 0.0
+        timing, work_us = None, 0.0
         clock.start(time.monotonic_ns() + clock.period_ns)
         while not stop.asked:
             missed = clock.wait()
             line.receive()
-            node.receive(unload(line.inbox[: line.count]))
+            node.take(line.inbox, line.count)
             line.clear()
             node.slept(missed)
             for _ in range(missed + 1):
-                line.send(outbox, load(outbox, node.sample()))
+                line.send(node.outbox, node.show())
                 node.advance()
-                outlet.write(node.row(), clock.woken_ns / 1e9, clock.lateness_ns / 1e3, work_us, clock.late)
+                outlet.write(node.record, clock.woken_ns / 1e9, clock.lateness_ns / 1e3, work_us, clock.late)
             outlet.tune()
             clock.done()
             work_us = clock.work_ns / 1e3
@@ -148,7 +145,7 @@ class PlantService:
             for frame in node.sample():
                 port.send(frame)
             node.advance()
-            outlet.write(node.row(), time.monotonic(), 0.0, 0.0, 0)
+            outlet.write(node.record, time.monotonic(), 0.0, 0.0, 0)
             outlet.tune()
             deadline = time.monotonic() + _ANSWER
             while node.answered_tick != node.tick & 0xFFFF and not stop.asked:

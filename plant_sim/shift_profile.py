@@ -8,6 +8,8 @@ import csv
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from plant_sim.profile import FOLDER, Profile, Setpoint
 from protocols.errors import InputError
 
@@ -26,6 +28,11 @@ class ShiftProfile:
     def duration(self) -> float:
         """Time of the last breakpoint [s]."""
         return self.a.duration
+
+    @property
+    def table(self) -> np.ndarray:
+        """The tables of both, shape (2, 4, rows)."""
+        return np.array([self.a.table, self.b.table])
 
     def at(self, time: float) -> tuple[Setpoint, Setpoint]:
         """Set-points of a and b at `time` [s]."""

@@ -1,4 +1,4 @@
-"""Heartbeat of a service: says that it lives, in which state, at which rate; and finds a second one of its kind."""
+"""Heartbeat: tells a service from a second one of its kind."""
 
 import os
 import time
@@ -14,21 +14,6 @@ LISTEN = 0.2  # s, four heartbeats: long enough to hear another service of one's
 def new_session() -> int:
     """A number that tells two services apart: process and start time."""
     return os.getpid() << 8 & 0xFFFFFF00 | time.monotonic_ns() & 0xFF
-
-
-class Heartbeat:
-    """Source of a service's heartbeat frames: one every `period` [s], that is `every` cycles at `rate` [Hz]."""
-
-    def __init__(self, codec: FrameCodec, rate: int, session: int) -> None:
-        self.period = codec.cycle_time
-        self.every = max(1, round(self.period * rate))
-        self._codec, self._rate, self._session = codec, rate, session
-        self._count = 0
-
-    def next(self, lifecycle: Lifecycle) -> Frame:
-        """The next heartbeat."""
-        self._count += 1
-        return Frame(self._codec.can_id, self._codec.pack(self._count, lifecycle, self._rate, self._session))
 
 
 def heard_alone(port: Port, kind: str, codec: FrameCodec) -> list[Frame]:

@@ -1,7 +1,22 @@
-"""Reception of one kind of frame: length, CRC and alive counter decide whether a payload is believed."""
+"""Reception of one kind of frame: length, CRC and alive counter decide whether a payload is believed.
+
+For tools a class, for compiled loops a record and `accepted`; tests hold both to the same.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numba import njit
 
 from protocols.errors import InputError
 from protocols.frames import COUNTER_MODULUS, FrameCodec
+from protocols.words import counter, valid
+
+# Counts as of `Reception`; counter: one more than the last, 0 before the first
+RECEPTION = np.dtype(
+    [(name, "i8") for name in ("can_id", "length", "counter", "received", "lost", "repeated", "corrupt")]
+)
+_COUNTS = ("received", "lost", "repeated", "corrupt")
 
 
 class Reception:
@@ -42,4 +57,33 @@ class Reception:
 
     def counts(self) -> dict[str, int]:
         """The four counters by name."""
-        return {name: getattr(self, name) for name in ("received", "lost", "repeated", "corrupt")}
+        return {name: getattr(self, name) for name in _COUNTS}
+
+
+def receptions(codecs: Sequence[FrameCodec]) -> np.ndarray:
+    """Records of the frames `codecs` before anything has come, shape (codecs,) of RECEPTION."""
+    rows = np.zeros(len(codecs), RECEPTION)
+    rows["can_id"], rows["length"] = [c.can_id for c in codecs], [c.length for c in codecs]
+    return rows
+
+
+def counted(row: np.void) -> dict[str, int]:
+    """The four counters of a record by name."""
+    return {name: int(row[name]) for name in _COUNTS}
+
+
+@njit
+def accepted(reception, word, length):
+    """Whether a payload of the right length may be used: its CRC is right and its counter another than the last."""
+    if not valid(word, length):
+        reception.corrupt += 1
+        return False
+    count = counter(word) + 1
+    if count == reception.counter:
+        reception.repeated += 1
+        return False
+    if reception.counter:
+        reception.lost += (count - reception.counter - 1) % COUNTER_MODULUS
+    reception.counter = count
+    reception.received += 1
+    return True

@@ -51,6 +51,12 @@ def value(word, signal):
 def put(word, signal, physical):
     """`word` with the signal at `physical`, or at the nearest value that it has."""
     counts = min(max(floor((physical - signal.offset) / signal.scale + 0.5), signal.low), signal.high)
+    return put_raw(word, signal, counts)
+
+
+@njit(inline="always")
+def put_raw(word, signal, counts):
+    """`word` with the signal at the raw integer `counts`, which is in its range."""
     return word | (counts & signal.mask) << signal.start
 
 

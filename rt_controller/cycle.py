@@ -7,11 +7,11 @@ import numpy as np
 from numba import njit
 
 from protocols.batch import word_of, write
-from protocols.frames import COUNTER_MODULUS
 from protocols.lifecycle import Lifecycle
+from protocols.reception import RECEPTION, accepted
 from protocols.request import Request
 from protocols.units import BAR, ZERO_CELSIUS
-from protocols.words import SIGNAL, counter, put, raw, sealed, valid, value
+from protocols.words import SIGNAL, put, raw, sealed, value
 from rt_controller.law import LAW, LAW_SETTINGS, TERMS, control, mismatch
 from rt_controller.limits import GUARD, LIMITS, close_cycle, inbound, outbound
 from rt_controller.phases import PHASE_SETTINGS, PHASES, Phase, advance
@@ -38,10 +38,6 @@ class Refusal(IntEnum):
     SPEED = 7
 
 
-# Counts as of protocols.reception.Reception; counter: one more than the last, 0 before the first
-RECEPTION = np.dtype(
-    [(name, "i8") for name in ("can_id", "length", "counter", "received", "lost", "repeated", "corrupt")]
-)
 SETTINGS = np.dtype(
     [("period", "f8"), ("rate", "i8"), ("session", "i8"), ("alone", "?"), ("drives", "?"), ("own", "i8", (4,)),
      ("valve_id", "i8"), ("motor_id", "i8"), ("status_id", "i8"), ("heartbeat_id", "i8"), ("status_every", "i8"),
@@ -123,7 +119,7 @@ def _receive(node, settings, frame):
     if length != reception.length:
         return _refuse(node, Refusal.LENGTH, can_id, length)
     word = word_of(frame.data)
-    if not _accept(reception, word, length):
+    if not accepted(reception, word, length):
         return 0
     if kind == _ANALOG:
         s = settings.analog_sensors
@@ -141,23 +137,6 @@ def _receive(node, settings, frame):
     elif raw(word, settings.plant_heartbeat[1]) != settings.rate:
         return _refuse(node, Refusal.RATE, can_id, raw(word, settings.plant_heartbeat[1]))
     return 0
-
-
-@njit
-def _accept(reception, word, length):
-    """Whether a payload may be used: its CRC is right and its counter another than the last."""
-    if not valid(word, length):
-        reception.corrupt += 1
-        return False
-    count = counter(word) + 1
-    if count == reception.counter:
-        reception.repeated += 1
-        return False
-    if reception.counter:
-        reception.lost += (count - reception.counter - 1) % COUNTER_MODULUS
-    reception.counter = count
-    reception.received += 1
-    return True
 
 
 @njit

@@ -8,14 +8,14 @@ import numpy as np
 from protocols.batch import batch, load, unload
 from protocols.errors import InputError
 from protocols.frames import Frame, load_frames
-from protocols.heartbeat import Heartbeat
 from protocols.lifecycle import Lifecycle
 from protocols.node import Column
 from protocols.parameters import ParameterSet, load_defaults, load_overlay
+from protocols.reception import counted, receptions
 from protocols.request import Request
 from protocols.two_clutches import OFFSET, SHARED
 from protocols.words import signals
-from rt_controller.cycle import HEARD, NODE, OUTBOX, RECEPTION, SETTINGS, Refusal, cycle, hear
+from rt_controller.cycle import HEARD, NODE, OUTBOX, SETTINGS, Refusal, cycle, hear
 from rt_controller.law import LAW_SETTINGS, TERMS, law_at_rest, law_settings
 from rt_controller.limits import LIMITS as GUARD_LIMITS
 from rt_controller.limits import guard_limits
@@ -96,21 +96,17 @@ class ControllerNode:
         self.frames = frames = load_frames(clutch=clutch or "a")
         self._valve, self._motor = frames["VALVE_COMMAND"], frames["MOTOR_COMMAND"]
         self._heartbeat, self._status = frames["CONTROLLER_HEARTBEAT"], frames["CONTROLLER_STATUS"]
-        beats = Heartbeat(self._heartbeat, rate, session)
-        self.heartbeat_period = beats.period  # s
+        self.heartbeat_period = self._heartbeat.cycle_time  # s
         self._codecs = {frames[name].can_id: frames[name] for name in HEARD}
         own = [frames[name] for name in _OWN if self._drives or name not in SHARED]
         self._own = {codec.can_id: codec.name for codec in own}
         self.heard = [*self._codecs, *self._own]  # identifiers of all frames that matter to it
         self._early = {frames["PLANT_HEARTBEAT"].can_id} | {self._valve.can_id, self._motor.can_id} & self._own.keys()
 
-        receptions = np.zeros(len(HEARD), RECEPTION)
-        for row, codec in zip(receptions, self._codecs.values(), strict=True):
-            row["can_id"], row["length"] = codec.can_id, codec.length
         self._states, self._settings = np.zeros(1, NODE), np.zeros(1, SETTINGS)
         self._state = state = self._states.view(np.recarray)[0]
         fixed = self._settings.view(np.recarray)[0]
-        state.receptions = receptions
+        state.receptions = receptions(list(self._codecs.values()))
         state.setpoint_age = np.inf  # s
         state.sample.tick = -1
         state.sample.temperature = parameters["model.oil_reference"].si  # until one is measured
@@ -123,7 +119,7 @@ class ControllerNode:
         fixed.valve_id, fixed.motor_id = self._valve.can_id, self._motor.can_id
         fixed.status_id, fixed.heartbeat_id = self._status.can_id, self._heartbeat.can_id
         fixed.status_every = max(1, round(self._status.cycle_time * rate))
-        fixed.heartbeat_every = beats.every
+        fixed.heartbeat_every = max(1, round(self.heartbeat_period * rate))
         fixed.angle_step = frames["ENCODER"].scale["shaft_angle"]
         fixed.guard = record(
             GUARD_LIMITS, guard_limits(limits.si("guard"), fixed.period, OFFSET if clutch == "b" else 0)
@@ -210,7 +206,7 @@ class ControllerNode:
     def reception_counts(self) -> dict[str, dict[str, int]]:
         """Counts of `protocols.reception.Reception` by frame name."""
         return {
-            codec.name: {name: int(row[name]) for name in ("received", "lost", "repeated", "corrupt")}
+            codec.name: counted(row)
             for codec, row in zip(self._codecs.values(), self._states["receptions"][0], strict=True)
         }
 

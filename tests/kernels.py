@@ -2,7 +2,7 @@
 
 import sys
 
-from plant_sim.rigs import wet_clutch
+from plant_sim.node import PlantNode
 from protocols.bus import open_bus
 from protocols.exchange import Exchange
 from protocols.frames import load_frames
@@ -17,4 +17,4 @@ def controller() -> None:
 
 
 if __name__ == "__main__":
-    {"plant": wet_clutch.warm, "controller": controller}[sys.argv[1]]()
+    {"plant": PlantNode.warm, "controller": controller}[sys.argv[1]]()

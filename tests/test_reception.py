@@ -1,10 +1,12 @@
 """Which payloads are believed: length, CRC and alive counter."""
 
+import numpy as np
 import pytest
 
+from protocols.batch import batch, load, word_of
 from protocols.errors import InputError
-from protocols.frames import FrameCodec, load_frames
-from protocols.reception import Reception
+from protocols.frames import Frame, FrameCodec, load_frames
+from protocols.reception import Reception, accepted, counted, receptions
 
 CODECS = load_frames()
 each_frame = pytest.mark.parametrize("codec", CODECS.values(), ids=CODECS)
@@ -118,3 +120,19 @@ def test_a_wrong_length_stops_the_receiver_by_name(codec: FrameCodec) -> None:
         assert str(refused.value) == (
             f"frame {codec.name} (0x{codec.can_id:03X}) came with {length} bytes; its definition has {codec.length}"
         )
+
+
+@each_frame
+def test_compiled_loops_believe_the_same(codec: FrameCodec) -> None:
+    generator = np.random.default_rng(codec.can_id)
+    reception, record = Reception(codec), receptions([codec])
+    for number in range(500):
+        good = bytearray(patterned(codec, number if generator.random() < 0.7 else int(generator.integers(16))))
+        if generator.random() < 0.2:
+            good[generator.integers(len(good))] ^= 1 << generator.integers(8)
+        into = batch(1)
+        load(into, [Frame(codec.can_id, bytes(good))])
+        word = word_of.py_func(into["data"][0])
+        assert accepted(record[0], np.int64(word), codec.length) == reception.accept(bytes(good))
+    assert counted(record[0]) == reception.counts()
+    assert all(reception.counts().values())  # every kind has come

@@ -19,7 +19,6 @@ from plant_sim.profile import load_profile
 from plant_sim.rigs import wet_clutch
 from plant_sim.scenario import Scenario
 from protocols.bus import open_bus
-from protocols.frames import Frame
 from protocols.node import node_factory
 
 TEN = (  # effects of all blocks and, but for RIG, at all hooks of the kernel
@@ -75,11 +74,13 @@ def step_times(rate: int) -> np.ndarray:
     plant = PlantNode(rate=rate, profile=load_profile("engagement"))
     controller = node_factory("controller")(rate=rate)
     durations: list[int] = []
-    inbox: list[Frame] = []
+    commands = 0
     while not plant.finished:
-        frames = plant.step(inbox)
+        plant.take(controller.outbox, commands)
+        frames = plant.show()
+        plant.advance()
         began = time.perf_counter_ns()
-        inbox = controller.step(frames)
+        commands = controller.cycle(plant.outbox, frames)
         durations.append(time.perf_counter_ns() - began)
     return np.array(durations) / 1e3
 

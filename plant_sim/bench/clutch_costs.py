@@ -14,7 +14,6 @@ import numpy as np
 from plant_sim.bench.benchmark import Target
 from plant_sim.node import PlantNode
 from plant_sim.profile import load_profile
-from protocols.frames import Frame
 from protocols.node import node_factory
 
 MOST = 8
@@ -29,13 +28,15 @@ def clutch_costs(seconds: float, progress: Callable[[float, int], None]) -> tupl
     plant = PlantNode(rate=RATE, profile=load_profile("engagement", seconds))
     cycles = round(seconds * RATE)
     durations = np.zeros((MOST, cycles))
-    inbox: list[Frame] = []
+    commands = 0
     for cycle in range(cycles):
-        frames = plant.step(inbox)
+        plant.take(groups[0][0].outbox, commands)
+        frames = plant.show()
+        plant.advance()
         for k, group in enumerate(groups):
             began = time.perf_counter_ns()
             for controller in group:
-                inbox = controller.step(frames)
+                commands = controller.cycle(plant.outbox, frames)
             durations[k, cycle] = time.perf_counter_ns() - began
         if cycle % 100 == 0:
             progress(cycle, cycles)

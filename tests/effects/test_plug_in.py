@@ -147,8 +147,7 @@ ENABLE = """
 import json, time
 from plant_sim.effects.catalogue import effects
 from plant_sim.node import PlantNode
-from plant_sim.rigs import wet_clutch
-wet_clutch.warm()
+PlantNode.warm()
 node = PlantNode()
 node.sample(); node.advance()
 took = {}
