@@ -26,6 +26,7 @@ from protocols.stopping import Stop
 from protocols.telemetry.outlet import Outlet
 
 _ANSWER = 5.0  # s to wait for a controller's answer in lock-step: it has died
+_LOOK = 0.2  # s between looks whether it is to end
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,7 @@ class PlantService:
             try:
                 self._await_controller(node, port, outlet, stop)
                 if self.lockstep:
-                    self._lockstep(node, port, outlet, stop)
+                    self._lockstep(node, line, outlet, stop)
                 else:
                     taken = Footprint()
                     timing = self._real_time(node, line, outlet, clock, stop)
@@ -139,18 +140,20 @@ class PlantService:
                 )  # before it goes on to catch up: the controller, on the same CPU, can answer
         return timing or clock.summary()
 
-    def _lockstep(self, node: Any, port: Port, outlet: Outlet, stop: Stop) -> None:
+    def _lockstep(self, node: Any, line: Exchange, outlet: Outlet, stop: Stop) -> None:
         """Sample, wait for the answer to this sample, go on."""
         while not (stop.asked or node.finished):
-            for frame in node.sample():
-                port.send(frame)
+            line.send(node.outbox, node.show())
             node.advance()
             outlet.write(node.record, time.monotonic(), 0.0, 0.0, 0)
             outlet.tune()
             deadline = time.monotonic() + _ANSWER
             while node.answered_tick != node.tick & 0xFFFF and not stop.asked:
-                if not port.wait(0.2) and time.monotonic() > deadline:
-                    raise InputError(f"the controller on {port.name} has not answered for {_ANSWER:g} s of lock-step")
-                node.receive(port.receive())
+                if not line.receive(_LOOK) and time.monotonic() > deadline:
+                    raise InputError(
+                        f"the controller on {line.port.name} has not answered for {_ANSWER:g} s of lock-step"
+                    )
+                node.take(line.inbox, line.count)
+                line.clear()
                 if node.controller == Lifecycle.FINALIZED:
                     return

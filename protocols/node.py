@@ -4,6 +4,8 @@ from collections.abc import Callable, Sequence
 from importlib.metadata import entry_points
 from typing import Any, NamedTuple, Protocol
 
+import numpy as np
+
 from protocols.errors import InputError, listing
 from protocols.frames import Frame
 
@@ -20,9 +22,16 @@ class Node(Protocol):
     """A participant that is stepped once a cycle. It has no clock, opens nothing and sends nothing itself."""
 
     columns: Sequence[Column]
+    outbox: np.ndarray  # frames of the last cycle, (n,) of batch.FRAME
+    record: np.ndarray  # its row, in the order of `columns`, (columns,)
 
-    def step(self, inbox: Sequence[Frame]) -> list[Frame]:
-        """Take the frames that came since the last step, return those to send. Raises InputError to be stopped."""
+    def cycle(self, inbox: np.ndarray, count: int, slots: int = 1) -> int:
+        """Take the first `count` frames of a batch, which came since the last cycle, `slots` periods ago; return how many are
+        in `outbox`. Raises InputError to be stopped."""
+        ...
+
+    def step(self, inbox: Sequence[Frame], slots: int = 1) -> list[Frame]:
+        """The same with frames as objects."""
         ...
 
     def safe(self) -> list[Frame]:
@@ -30,7 +39,7 @@ class Node(Protocol):
         ...
 
     def row(self) -> tuple[float, ...]:
-        """The record of the last step, in the order of `columns`."""
+        """The record of the last cycle as plain numbers."""
         ...
 
 

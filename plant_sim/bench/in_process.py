@@ -7,7 +7,6 @@ import numpy as np
 
 from plant_sim.bench.following import Following, following
 from plant_sim.node import PlantNode
-from protocols.frames import Frame
 from protocols.node import Column, Node
 
 _TOLD_EVERY = 500  # cycles between two calls of `progress`
@@ -46,19 +45,19 @@ class Played:
 def play(plant: PlantNode, controller: Node, progress: Callable[[int], None] | None = None) -> Played:
     """Play the plant's profile to its end. `progress(cycle)` is called now and then."""
     plant_rows, controller_rows = [], []
-    inbox: list[Frame] = []
+    commands = 0
     while not plant.finished:
-        plant.receive(inbox)
-        sensors = plant.sample()
-        plant_rows.append(plant.row())
+        plant.take(controller.outbox, commands)
+        sensors = plant.show()
+        plant_rows.append(plant.record.copy())
         plant.advance()
-        inbox = controller.step(sensors)
-        controller_rows.append(controller.row())
+        commands = controller.cycle(plant.outbox, sensors)
+        controller_rows.append(controller.record.copy())
         if progress and plant.tick % _TOLD_EVERY == 0:
             progress(plant.tick)
     return Played(
-        np.array(plant_rows, dtype=float),
-        np.array(controller_rows, dtype=float),
+        np.array(plant_rows),
+        np.array(controller_rows),
         tuple(plant.columns),
         tuple(controller.columns),
     )

@@ -20,7 +20,7 @@ from plant_sim.power_shift_node import COLUMNS, PowerShiftNode
 from plant_sim.scenario import Scenario, naming
 from plant_sim.shift_profile import load_shift_profile
 from protocols.bus_load import BITRATES, bus_load
-from protocols.frames import Frame, bus_frames
+from protocols.frames import bus_frames
 from protocols.ring import RingReader
 from protocols.runs import read_run
 from protocols.two_clutches import CLUTCHES
@@ -64,16 +64,19 @@ class ShiftSimulation:
     def play(self, progress: Callable[[int], None] | None = None) -> list[np.ndarray]:
         """Play the profile to its end, once; the records of plant, controller a and controller b, (cycles, columns)."""
         nodes: list[Any] = [self._plant, *self._controllers]
-        rows: list[list[tuple[float, ...]]] = [[] for _ in nodes]
-        inbox: list[Frame] = []
+        rows: list[list[np.ndarray]] = [[] for _ in nodes]
+        commands = [0] * len(self._controllers)
         while not self._plant.finished:
-            sensors = self._plant.step(inbox)
-            inbox = [frame for controller in self._controllers for frame in controller.step(sensors)]
+            for controller, count in zip(self._controllers, commands, strict=True):
+                self._plant.take(controller.outbox, count)
+            sensors = self._plant.show()
+            self._plant.advance()
+            commands = [controller.cycle(self._plant.outbox, sensors) for controller in self._controllers]
             for record, node in zip(rows, nodes, strict=True):
-                record.append(node.row())
+                record.append(node.record.copy())
             if progress and self._plant.tick % _TOLD_EVERY == 0:
                 progress(self._plant.tick)
-        return [np.array(record, dtype=float) for record in rows]
+        return [np.array(record) for record in rows]
 
 
 @dataclass(frozen=True)
