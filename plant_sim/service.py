@@ -120,24 +120,26 @@ class PlantService:
         clock.start(time.monotonic_ns() + clock.period_ns)
         while not stop.asked:
             missed = clock.wait()
+            if node.tick >= 0:
+                node.advance()  # through the period that is over
+            outlet.tune()
             line.receive()
             node.take(line.inbox, line.count)
             line.clear()
             node.slept(missed)
-            for _ in range(missed + 1):
-                line.send(node.outbox, node.show())
-                node.advance()
+            for left in range(missed, -1, -1):
+                frames = node.show()
                 outlet.write(node.record, clock.woken_ns / 1e9, clock.lateness_ns / 1e3, work_us, clock.late)
-            outlet.tune()
+                line.send(node.outbox, frames)  # last: a controller on this CPU may go first from here on
+                if left:
+                    node.advance()
             clock.done()
             work_us = clock.work_ns / 1e3
             node.late_cycles = clock.late
             if timing is None and node.finished:
                 timing = clock.summary()  # of the run, not of the controller's end after it
-            if missed:
-                time.sleep(
-                    0.5 / self.rate
-                )  # before it goes on to catch up: the controller, on the same CPU, can answer
+            if missed:  # before it goes on to catch up: the controller can answer
+                time.sleep(0.5 / self.rate)
         return timing or clock.summary()
 
     def _lockstep(self, node: Any, line: Exchange, outlet: Outlet, stop: Stop) -> None:

@@ -1,7 +1,7 @@
 """Exchange: frames of a port in and out of memory that is there from the start, by system calls from compiled code.
 
-Method          one ppoll(2) waits for all sockets of the bus; recvmmsg(2) puts what waits on each into `inbox`, sendmmsg(2)
-                takes what is to be sent from a batch: no object a frame, no allocation, no GIL
+Method          one ppoll(2) waits for all sockets of the bus; recvmmsg(2) puts what waits on each into `inbox`, send(2) takes
+                what is to be sent from a batch: no object a frame, no allocation, no GIL
 Assumptions     Linux on a machine of 64 bits, whose layouts of pollfd, iovec, mmsghdr and cmsghdr these are
 Same as         protocols.bus.Port: who is heard, what is refused, order of frames, time stamps, counters
 """
@@ -26,7 +26,7 @@ _FLAGS, _STANDARD_ID, _DATA = 0xE0000000, 0x7FF, 8  # extended, remote, error: n
 _DONTWAIT, _NOSIGNAL, _TRUNC = 0x40, 0x4000, 0x20  # MSG_... of linux/socket.h
 _POLLIN = 1  # asm-generic/poll.h
 _EAGAIN = 11  # asm-generic/errno-base.h
-_CLOCK_REALTIME, _CLOCK_MONOTONIC = 0, 1  # linux/time.h
+CLOCK_REALTIME, CLOCK_MONOTONIC = 0, 1  # linux/time.h
 _SECOND = 1_000_000_000  # ns
 
 _MMSGHDR = np.dtype(
@@ -40,8 +40,8 @@ _POLLFD = np.dtype([("fd", "i4"), ("events", "i2"), ("revents", "i2")])
 _LINE = np.dtype(
     [("local", "?"), ("mark", "i8"), ("heard", "i8"), ("polls", _POLLFD, (_SOCKETS,)), ("reached", "i8"),
      ("targets", "i4", (_SOCKETS,)), ("incoming", _MMSGHDR, (_A_CALL,)), ("in_parts", _IOVEC, (_A_CALL,)),
-     ("controls", _CONTROL, (_A_CALL,)), ("outgoing", _MMSGHDR, (_A_CALL,)), ("out_parts", _IOVEC, (_A_CALL,)),
-     ("time", "i8", (2,)), ("marks", "i8"), ("marked_ns", "i8"), ("changed", "?"), ("error", "i8"), ("unsent", "i8")],
+     ("controls", _CONTROL, (_A_CALL,)), ("length", "i8"), ("time", "i8", (2,)),
+     ("marks", "i8"), ("marked_ns", "i8"), ("changed", "?"), ("error", "i8")],
     align=True,
 )  # fmt: skip
 
@@ -54,7 +54,7 @@ def _system(name: str, result: Any, *arguments: Any) -> Any:
 _INT, _LONG = types.int32, types.int64  # addresses and sizes are _LONG
 _ppoll = _system("ppoll", _INT, _LONG, _LONG, _LONG, _LONG)
 _recvmmsg = _system("recvmmsg", _INT, _INT, _LONG, _INT, _INT, _LONG)
-_sendmmsg = _system("sendmmsg", _INT, _INT, _LONG, _INT, _INT)
+_send = _system("send", _LONG, _INT, _LONG, _LONG, _INT)
 _clock_gettime = _system("clock_gettime", _INT, _INT, _LONG)
 _errno_location = _system("__errno_location", types.CPointer(_INT))
 
@@ -69,21 +69,18 @@ class Exchange:
         self.port = port
         self.inbox = batch(CAPACITY + 1)  # one to move frames by
         self.count = 0
-        self._line = np.zeros(1, _LINE)
-        self._view = line = self._line[0]
+        self.lines = np.zeros(1, _LINE)
+        self._view = line = self.lines[0]
         # what is looked at in every cycle: a field of a record costs a microsecond, an element of a memory view a tenth
-        seen = "marks", "marked_ns", "changed", "reached"
-        self._marks, self._marked_ns, self._changed, self._reached = (self._line[name].data for name in seen)
+        self._marks, self._marked_ns, self._changed = (self.lines[n].data for n in ("marks", "marked_ns", "changed"))
         line["mark"], line["local"] = mark, port.raw.listener is not None
         line["polls"]["events"] = _POLLIN
-        for headers, parts in (("incoming", "in_parts"), ("outgoing", "out_parts")):
-            line[headers]["iov"], line[headers]["iov_length"] = _addresses(line[parts]), 1
-            line[parts]["length"] = _STAMPED if line["local"] else _CLASSIC
+        line["length"] = line["in_parts"]["length"] = _STAMPED if line["local"] else _CLASSIC
+        line["incoming"]["iov"], line["incoming"]["iov_length"] = _addresses(line["in_parts"]), 1
         if not line["local"]:
             line["incoming"]["control"] = _addresses(line["controls"])
         self._look()
         self.receive()  # compiled now, not in the loop
-        self.receive(marked=True)
         self.send(batch(1), 0)
 
     @property
@@ -100,45 +97,52 @@ class Exchange:
         """The frames in `inbox` have been used."""
         self.count = 0
 
-    def receive(self, timeout: float = 0.0, marked: bool = False) -> bool:
-        """Add to `inbox` the frames that wait, or that come within `timeout` [s] until one has, or, `marked`, until one of
-        those has that are marked; whether any came."""
+    def receive(self, timeout: float = 0.0) -> bool:
+        """Add to `inbox` the frames that wait, or that come within `timeout` [s] until one has; whether any came."""
         left = round(timeout * 1e9)
         end = time.monotonic_ns() + left
-        gather = _gather_marked if marked else _gather
-        first = count = self.count
-        if self._changes != self.port.raw.changes:  # while others read the bus through the port, or wrote to it
-            self._look()
-        marks = self.marks if marked else 0
+        first = self.count
+        self.ready()
         while True:
-            count = gather(self._line, left, self.inbox, first, count)
-            for _ in range(_LOOKS):
-                if not self._changed[0]:
-                    break
-                self._look()  # who came in may have sent already
-                count = _gather(self._line, 0, self.inbox, first, count)
-            if left <= 0 or (self.marks > marks if marked else count > first):
-                break
+            self.took(gather(self.lines, left, self.inbox, first, self.count), first)
+            if left <= 0 or self.count > first:
+                return self.count > first
             left = max(end - time.monotonic_ns(), 0)
-        self.port.received += count - first
-        self.count = count
-        return count > first
 
     def send(self, frames: np.ndarray, count: int) -> None:
         """Send the first `count` frames of a batch, never waiting; what the bus cannot take is counted, not repeated."""
+        self.ready()
+        self.sent(frames, count, spread(self.lines, 0, frames, count))
+
+    def ready(self) -> None:
+        """See who is there, if others have read the bus through the port, or written to it: before a kernel."""
         if self._changes != self.port.raw.changes:
             self._look()
-        line, target, left = self._view, _spread(self._line, 0, frames, count), False
-        while target != self._reached[0]:
-            if target < 0:  # newcomers are to get them, too
+
+    def took(self, count: int, first: int) -> None:
+        """A kernel has filled `inbox` up to `count`, since `first` of them were there; let those in whom it found."""
+        self.port.received += count - self.count
+        for _ in range(_LOOKS):
+            if not self._changed[0]:
+                break
+            self._look()  # who came in may have sent already
+            more = gather(self.lines, 0, self.inbox, first, count)
+            self.port.received += more - count
+            count = more
+        self.count = count
+
+    def sent(self, frames: np.ndarray, count: int, position: int) -> None:
+        """`spread` has come to `position` with the first `count` frames of a batch: finish what it could not."""
+        while position != count * _SOCKETS:
+            if position < 0:  # newcomers are to get them, too
                 self._look()
-                target = _spread(self._line, 0, frames, count)
+                position = 0
+            elif self.port.lost(int(self._view["targets"][position % _SOCKETS]), int(self._view["error"]), 1):
+                self._look()  # the next one is in the place of who has left, whose descriptor may soon be somebody else's
             else:
-                left |= self.port.lost(int(line["targets"][target]), int(line["error"]), int(line["unsent"]))
-                target = _spread(self._line, target + 1, frames, count)
+                position += 1
+            position = spread(self.lines, position, frames, count)
         self.port.sent += count
-        if left:  # a closed descriptor's number may soon be somebody else's
-            self._look()
 
     def _look(self) -> None:
         """Let newcomers in, and those go who have left; see who is there."""
@@ -157,7 +161,7 @@ def _addresses(rows: np.ndarray) -> np.ndarray:
 
 
 @njit(cache=True, nogil=True)
-def _gather(lines, timeout_ns, inbox, first, count):
+def gather(lines, timeout_ns, inbox, first, count):
     """Take what waits, or comes first within `timeout_ns` [ns], into `inbox` from number `count` on; return how many there are.
 
     From number `first` on they are in the order of their stamps.
@@ -211,21 +215,21 @@ def _gather(lines, timeout_ns, inbox, first, count):
 
 
 @njit(cache=True, nogil=True)
-def _gather_marked(lines, timeout_ns, inbox, first, count):
+def gather_marked(lines, timeout_ns, inbox, first, count):
     """The same until a marked frame has come: who waits for it does not wake up for others."""
     line = lines[0]
-    marks, end, left = line.marks, _now(_CLOCK_MONOTONIC, line.time) + timeout_ns, timeout_ns
+    marks, end, left = line.marks, now(CLOCK_MONOTONIC, line.time) + timeout_ns, timeout_ns
     while True:
-        count = _gather(lines, left, inbox, first, count)
+        count = gather(lines, left, inbox, first, count)
         if line.marks > marks or line.changed or count + _A_CALL > CAPACITY:
             return count
-        left = end - _now(_CLOCK_MONOTONIC, line.time)
+        left = end - now(CLOCK_MONOTONIC, line.time)
         if left <= 0:
             return count
 
 
 @njit
-def _now(clock, times):
+def now(clock, times):
     """Time of a clock of the kernel [ns]; `times` (2,) is overwritten."""
     _clock_gettime(clock, times.ctypes.data)
     return times[0] * _SECOND + times[1]
@@ -247,7 +251,7 @@ def _stamp(control, length, times):
     """Time stamp of the kernel, or now where it gave none [ns of CLOCK_REALTIME]."""
     if length == _CONTROL_BYTES:
         return control.seconds * _SECOND + control.nanoseconds
-    return _now(_CLOCK_REALTIME, times)
+    return now(CLOCK_REALTIME, times)
 
 
 @njit
@@ -266,31 +270,26 @@ def _merge(inbox, first, begin, end):
 
 
 @njit(cache=True, nogil=True)
-def _spread(lines, target, frames, count):
-    """Send `count` frames to targets from number `target` on; return the number of the first that has not got them all.
+def spread(lines, position, frames, count):
+    """Send `count` frames from `position` on, frame by frame to every target; return where it ended.
 
-    -1 where somebody has to be let in first.
+    A position is the number of a frame times _SOCKETS and that of a target; at the end it is that of frame `count`, and -1
+    where somebody has to be let in first. Each frame is stamped when it leaves: who waits for it may run at once.
     """
     line = lines[0]
     times = line.time
-    if line.local and target == 0:
+    if line.local and position == 0:
         times[0] = times[1] = 0
         if _ppoll(line.polls.ctypes.data, 1, times.ctypes.data, 0) > 0:
             return -1
-        stamp = _now(_CLOCK_REALTIME, times)
-        for index in range(count):
-            frames[index].stamp = stamp
-    for index in range(count):
-        line.out_parts[index].base = frames.ctypes.data + index * frames.itemsize
-    headers = line.outgoing
-    for place in range(target, line.reached):
-        done = 0
-        while done < count:
-            sent = _sendmmsg(
-                line.targets[place], headers.ctypes.data + done * headers.itemsize, count - done, _DONTWAIT | _NOSIGNAL
-            )
-            if sent < 0:
-                line.error, line.unsent = _errno_location()[0], count - done
-                return place
-            done += sent
-    return line.reached
+    first = position % _SOCKETS
+    for index in range(position // _SOCKETS, count):
+        if line.local and first == 0:
+            frames[index].stamp = now(CLOCK_REALTIME, times)
+        frame = frames.ctypes.data + index * frames.itemsize
+        for place in range(first, line.reached):
+            if _send(line.targets[place], frame, line.length, _DONTWAIT | _NOSIGNAL) < 0:
+                line.error = _errno_location()[0]
+                return index * _SOCKETS + place
+        first = 0
+    return count * _SOCKETS

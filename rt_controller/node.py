@@ -68,7 +68,8 @@ class ControllerNode:
     the adaptive level on; `session` tells two controllers apart. `clutch` is a or b of two on one bus, None for a clutch
     alone.
 
-    `outbox` holds the frames of the last cycle, shape (OUTBOX,) of batch.FRAME; `record` its row, shape (columns,).
+    `outbox` holds the frames of the last cycle, shape (OUTBOX,) of batch.FRAME; `record` its row, shape (columns,). `states`
+    and `settings`, shape (1,), are what `cycle.cycle` works on.
 
     One of two clutches neither adapts nor compares its estimate with the motor's torque, which is that of both; the motor
     is commanded by clutch a's controller.
@@ -103,9 +104,9 @@ class ControllerNode:
         self.heard = [*self._codecs, *self._own]  # identifiers of all frames that matter to it
         self._early = {frames["PLANT_HEARTBEAT"].can_id} | {self._valve.can_id, self._motor.can_id} & self._own.keys()
 
-        self._states, self._settings = np.zeros(1, NODE), np.zeros(1, SETTINGS)
-        self._state = state = self._states.view(np.recarray)[0]
-        fixed = self._settings.view(np.recarray)[0]
+        self.states, self.settings = np.zeros(1, NODE), np.zeros(1, SETTINGS)
+        self._state = state = self.states.view(np.recarray)[0]
+        fixed = self.settings.view(np.recarray)[0]
         state.receptions = receptions(list(self._codecs.values()))
         state.setpoint_age = np.inf  # s
         state.sample.tick = -1
@@ -129,8 +130,8 @@ class ControllerNode:
         self.outbox = batch(OUTBOX)
         self.record = np.zeros(len(COLUMNS))
         # compiled now, not in the loop
-        cycle(self._states.copy(), self._settings, self._inbox, 0, 1, batch(OUTBOX), self.record.copy())
-        hear(self._states.copy(), self._settings, self._inbox, 0)
+        cycle(self.states.copy(), self.settings, self._inbox, 0, 1, batch(OUTBOX), self.record.copy())
+        hear(self.states.copy(), self.settings, self._inbox, 0)
 
     def cycle(self, inbox: np.ndarray, count: int, slots: int = 1) -> int:
         """One control cycle on the first `count` frames of the batch `inbox`; return how many frames are in `outbox`.
@@ -138,10 +139,13 @@ class ControllerNode:
         `slots` periods after the last one: more than 1 when the loop has slept through some. Raises InputError when the bus
         has a second controller or speaks another protocol.
         """
-        sent: int = cycle(self._states, self._settings, inbox, count, slots, self.outbox, self.record)
-        if sent < 0:
-            raise InputError(self._refusal(Refusal(-sent)))
-        return sent
+        return self.sent(cycle(self.states, self.settings, inbox, count, slots, self.outbox, self.record))
+
+    def sent(self, count: int) -> int:
+        """What a cycle has returned: number of frames in `outbox`. Raises InputError where it is minus a Refusal."""
+        if count < 0:
+            raise InputError(self._refusal(Refusal(-count)))
+        return count
 
     def step(self, inbox: Sequence[Frame], slots: int = 1) -> list[Frame]:
         """The same with frames as objects."""
@@ -153,7 +157,7 @@ class ControllerNode:
         Raises InputError when the plant runs at another rate or another controller speaks.
         """
         early = [frame for frame in frames if frame.can_id in self._early]
-        if code := hear(self._states, self._settings, self._inbox, load(self._inbox, early)):
+        if code := hear(self.states, self.settings, self._inbox, load(self._inbox, early)):
             raise InputError(self._refusal(Refusal(code)))
         return [frame for frame in frames if frame.can_id not in self._early]
 
@@ -192,11 +196,11 @@ class ControllerNode:
     @property
     def late_cycles(self) -> int:
         """Set by the service, for CONTROLLER_STATUS."""
-        return int(self._states["late_cycles"][0])
+        return int(self.states["late_cycles"][0])
 
     @late_cycles.setter
     def late_cycles(self, count: int) -> None:
-        self._states["late_cycles"] = count
+        self.states["late_cycles"] = count
 
     @property
     def sample_tick(self) -> int:
@@ -207,11 +211,11 @@ class ControllerNode:
         """Counts of `protocols.reception.Reception` by frame name."""
         return {
             codec.name: counted(row)
-            for codec, row in zip(self._codecs.values(), self._states["receptions"][0], strict=True)
+            for codec, row in zip(self._codecs.values(), self.states["receptions"][0], strict=True)
         }
 
     def _configure(self, parameters: ParameterSet) -> None:
-        settings = self._settings.view(np.recarray)[0]
+        settings = self.settings.view(np.recarray)[0]
         phases = parameters.si("phases")
         contact = {"contact_pressure": parameters["model.contact_pressure"].si}
         settings.phases = record(
@@ -228,7 +232,7 @@ class ControllerNode:
     def _refusal(self, why: Refusal) -> str:
         """What an unusable bus said, in a sentence."""
         can_id, said = int(self._state.refused_id), float(self._state.refused_value)
-        settings = self._settings[0]
+        settings = self.settings[0]
         if why is Refusal.SECOND_CONTROLLER:
             return f"a second controller is on the bus: it sends {self._own[can_id]} (0x{can_id:03X})"
         if why is Refusal.LENGTH:

@@ -18,18 +18,6 @@ class Samples:
         self.line = line
         self._plant = frames["PLANT_HEARTBEAT"]
 
-    def take(self) -> bool:
-        """Take what has come; whether a sample is complete by it."""
-        marks = self.line.marks
-        self.line.receive()
-        return self.line.marks > marks
-
-    def arrives(self, timeout: float) -> bool:
-        """Wait for the next complete sample or `timeout` [s]; whether it has come."""
-        marks = self.line.marks
-        self.line.receive(max(timeout, 0.0), marked=True)
-        return self.line.marks > marks
-
     def next(self, timeout: float) -> bool:
         """Wait for the next complete sample, the plant's end or `timeout` [s]; whether a sample is complete."""
         line, marks = self.line, self.line.marks

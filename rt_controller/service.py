@@ -23,6 +23,7 @@ from protocols.waiting import waiting
 from rt_controller.node import COLUMNS, ControllerNode, shipped_parameters
 from rt_controller.samples import Samples, usual_arrival
 from rt_controller.trigger import Trigger, trigger
+from rt_controller.turn import Turn
 
 _SILENCE = 5.0  # s without a sample after which lock-step gives up: the plant has died
 _WARM_UP = 0.05  # s at the plant's pace before the clock is set: caches are warm then, the plant's grid is steady
@@ -59,7 +60,7 @@ class ControllerService:
 
     @property
     def priority(self) -> int:
-        """Of SCHED_FIFO. Begun by its samples, it answers one before the plant, on the same CPU, computes the next.
+        """Of SCHED_FIFO. Begun by its samples, it answers one before the plant, on the same CPU, goes on.
 
         On a grid the plant goes first: after a stall of the machine, when both are late, its samples are there before the
         controller looks for them.
@@ -91,14 +92,15 @@ class ControllerService:
             if self.clutch and self.adaptation:
                 ready("note: of two clutches none adapts: the motor's torque is that of both")
             closed, missed, footprint = False, None, None
-            begins = begun_by(clock, samples)
+            turn = Turn(samples, node)
+            begins = begun_by(clock, turn)
             try:
                 self._await_plant(node, samples, outlet, stop)
                 if self.lockstep:
-                    self._lockstep(node, samples, outlet, stop)
+                    self._lockstep(node, turn, outlet, stop)
                 else:
-                    self._warm_up(node, samples, outlet, begins)
-                    footprint = self._real_time(node, samples, outlet, begins, stop)
+                    self._warm_up(node, turn, outlet, begins)
+                    footprint = self._real_time(node, outlet, begins, stop)
             except OverrunError as error:
                 missed = str(error)
             finally:
@@ -133,24 +135,22 @@ class ControllerService:
             line.clear()
         line.count = load(line.inbox, inbox)
 
-    def _warm_up(self, node: ControllerNode, samples: Samples, outlet: Outlet, begins: Trigger) -> None:
+    def _warm_up(self, node: ControllerNode, turn: Turn, outlet: Outlet, begins: Trigger) -> None:
         """Some cycles at the plant's pace, which are not in the timing; then the trigger's grid is set."""
         arrivals = []
         for _ in range(max(1, round(_WARM_UP * self.rate))):
-            self._cycle(node, samples.line, outlet)
-            samples.next(2.0 / self.rate)
-            arrivals.append(samples.arrived_ns())
-        self._cycle(node, samples.line, outlet)
+            self._cycle(node, turn, outlet)
+            turn.samples.next(2.0 / self.rate)
+            arrivals.append(turn.samples.arrived_ns())
+        self._cycle(node, turn, outlet)
         begins.start(usual_arrival(arrivals, begins.clock.period_ns))
 
-    def _real_time(
-        self, node: ControllerNode, samples: Samples, outlet: Outlet, begins: Trigger, stop: Stop
-    ) -> dict[str, int]:
-        """Cycle by cycle as the trigger begins them; return what it took from the system."""
+    def _real_time(self, node: ControllerNode, outlet: Outlet, begins: Trigger, stop: Stop) -> dict[str, int]:
+        """Cycle by cycle as the trigger runs them; return what it took from the system."""
         clock, work_us = begins.clock, 0.0
         taken = Footprint()
         while not stop.asked:
-            self._answer(node, samples.line, 1 + begins.wait())
+            begins.run()
             outlet.write(node.record, clock.woken_ns / 1e9, clock.lateness_ns / 1e3, work_us, clock.late)
             outlet.tune()
             clock.done()
@@ -158,29 +158,23 @@ class ControllerService:
             node.late_cycles = clock.late
         return taken.summary()
 
-    def _lockstep(self, node: ControllerNode, samples: Samples, outlet: Outlet, stop: Stop) -> None:
+    def _lockstep(self, node: ControllerNode, turn: Turn, outlet: Outlet, stop: Stop) -> None:
         """Answer each complete sample at once; end when the plant says it ends."""
         complete = True
         while not stop.asked:
             if not complete:
-                if samples.plant_ended():
+                if turn.samples.plant_ended():
                     return
-                raise InputError(
-                    f"the plant on {samples.line.port.name} has been silent for {_SILENCE:g} s of lock-step"
-                )
-            self._cycle(node, samples.line, outlet)
-            complete = samples.next(_SILENCE)
+                name = turn.samples.line.port.name
+                raise InputError(f"the plant on {name} has been silent for {_SILENCE:g} s of lock-step")
+            self._cycle(node, turn, outlet)
+            complete = turn.samples.next(_SILENCE)
 
-    def _cycle(self, node: ControllerNode, line: Exchange, outlet: Outlet) -> None:
+    def _cycle(self, node: ControllerNode, turn: Turn, outlet: Outlet) -> None:
         """A cycle that is not timed."""
-        self._answer(node, line, 1)
+        turn.answer(1)
         outlet.write(node.record, time.monotonic(), 0.0, 0.0, 0)
         outlet.tune()
-
-    @staticmethod
-    def _answer(node: ControllerNode, line: Exchange, slots: int) -> None:
-        line.send(node.outbox, node.cycle(line.inbox, line.count, slots))
-        line.clear()
 
 
 def _made_safe(node: ControllerNode, port: Port, period: float) -> bool:

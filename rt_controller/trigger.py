@@ -17,73 +17,71 @@ from typing import Protocol
 
 from protocols.clock import Clock
 from protocols.errors import InputError, listing
-from rt_controller.samples import Samples
+from rt_controller.turn import Turn
 
 _K_P, _K_I = 0.02, 0.0002  # bandwidth of some 3 Hz at 1 kHz: far below the jitter, far above the drift of crystals
 _FURTHEST = 50  # part of a period that the grid moves at most in a cycle
 
 
 class Trigger(Protocol):
-    """Begins cycles, each in a slot of `clock`."""
+    """Runs cycles, each in a slot of `clock`."""
 
     clock: Clock
 
     def start(self, arrived_ns: int) -> None:
         """The last sample was complete at `arrived_ns` of CLOCK_MONOTONIC; its cycle has been run."""
 
-    def wait(self) -> int:
-        """Wait for the next cycle and take its frames; return how many slots were left out before it."""
+    def run(self) -> int:
+        """Wait for the next cycle and run it; return how many slots were left out before it."""
         ...
 
 
 class ClockTrigger:
     """On an absolute grid."""
 
-    def __init__(self, clock: Clock, samples: Samples) -> None:
-        self.clock, self._samples = clock, samples
+    def __init__(self, clock: Clock, turn: Turn) -> None:
+        self.clock, self._turn = clock, turn
 
     def start(self, arrived_ns: int) -> None:
         """See `Trigger`."""
         self.clock.start(arrived_ns + self.clock.period_ns // 2)
 
-    def wait(self) -> int:
+    def run(self) -> int:
         """See `Trigger`."""
         missed = self.clock.wait()
-        self._samples.take()
+        self._turn.answer(1 + missed)
         return missed
 
 
 class BusTrigger:
     """When a sample comes, or half a period after it was due."""
 
-    def __init__(self, clock: Clock, samples: Samples) -> None:
-        self.clock, self._samples = clock, samples
+    def __init__(self, clock: Clock, turn: Turn) -> None:
+        self.clock, self._turn = clock, turn
 
     def start(self, arrived_ns: int) -> None:
         """See `Trigger`."""
         self.clock.start(arrived_ns + self.clock.period_ns)
 
-    def wait(self) -> int:
+    def run(self) -> int:
         """See `Trigger`."""
-        clock, period = self.clock, self.clock.period_ns
+        clock, turn, period = self.clock, self._turn, self.clock.period_ns
         before = clock.deadline_ns
         now = time.monotonic_ns()
         patience = max(before + period, now) + period // 2
-        while True:
-            came = self._samples.arrives((patience - now) / 1e9)
+        while not (slots := turn.answer_sample(max(patience - now, 0), before, period)):
             now = time.monotonic_ns()
-            if came and now - before >= period // 2:  # else it is of the slot before, which has gone without it
+            if now < patience:  # somebody has come, or a sample too late
+                continue
+            if now < patience + period // 2:
                 break
-            if not came and now < patience + period // 2:
-                break
-            if not came:  # the machine stood still, and the plant with it: its frames are on the way
-                patience = now + period // 2
-        if came:
-            arrived = self._samples.arrived_ns()
-            slots = max(1, round((arrived - before) / period))
+            patience = now + period // 2  # the machine stood still, and the plant with it: its frames are on the way
+        if slots:
+            now, arrived = turn.woken_ns, turn.samples.arrived_ns()
         else:
             slots = max(1, round((now - before) / period - 0.5))
             arrived = before + slots * period
+            turn.answer(slots)
         clock.shift(arrived - before - slots * period)
         clock.deadline_ns = arrived
         clock.begin(now, slots - 1, now - arrived)
@@ -93,35 +91,34 @@ class BusTrigger:
 class PllTrigger:
     """On a grid that follows the samples."""
 
-    def __init__(self, clock: Clock, samples: Samples) -> None:
-        self.clock, self._samples = clock, samples
+    def __init__(self, clock: Clock, turn: Turn) -> None:
+        self.clock, self._turn = clock, turn
         self._drift = 0.0  # I [ns a period]
 
     def start(self, arrived_ns: int) -> None:
         """See `Trigger`."""
         self.clock.start(arrived_ns + self.clock.period_ns + self.clock.period_ns // 4)
 
-    def wait(self) -> int:
+    def run(self) -> int:
         """See `Trigger`."""
-        clock = self.clock
+        clock, turn, period = self.clock, self._turn, self.clock.period_ns
         missed = clock.wait()
-        period = clock.period_ns
         error = 0
-        if self._samples.take():
-            error = (self._samples.arrived_ns() + period // 4 - clock.deadline_ns + period // 2) % period - period // 2
+        if turn.answer(1 + missed):
+            error = (turn.samples.arrived_ns() + period // 4 - clock.deadline_ns + period // 2) % period - period // 2
         most = period / _FURTHEST
         self._drift = min(max(self._drift + _K_I * error, -most), most)
         clock.shift(round(min(max(_K_P * error + self._drift, -most), most)))
         return missed
 
 
-TRIGGERS: dict[str, Callable[[Clock, Samples], Trigger]] = {
+TRIGGERS: dict[str, Callable[[Clock, Turn], Trigger]] = {
     "clock": ClockTrigger, "bus": BusTrigger, "pll": PllTrigger
 }  # fmt: skip
 
 
-def trigger(name: str) -> Callable[[Clock, Samples], Trigger]:
-    """The trigger of that name, to be made of a clock and samples. Raises InputError."""
+def trigger(name: str) -> Callable[[Clock, Turn], Trigger]:
+    """The trigger of that name, to be made of a clock and turns. Raises InputError."""
     if name not in TRIGGERS:
         raise InputError(f"trigger {name!r} is unknown; allowed are {listing(TRIGGERS)}")
     return TRIGGERS[name]

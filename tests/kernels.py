@@ -7,13 +7,15 @@ from protocols.bus import open_bus
 from protocols.exchange import Exchange
 from protocols.frames import load_frames
 from rt_controller.node import ControllerNode
+from rt_controller.samples import Samples
+from rt_controller.turn import Turn
 
 
 def controller() -> None:
     """As a controller does before its first frame."""
     with open_bus("local:kernels") as port:
-        Exchange(port, load_frames()["ENCODER"].can_id)
-    ControllerNode(1000)
+        frames = load_frames()
+        Turn(Samples(Exchange(port, frames["ENCODER"].can_id), frames), ControllerNode(1000))
 
 
 if __name__ == "__main__":

@@ -94,7 +94,7 @@ def test_other_threads_run_during_a_cycle() -> None:
         found = 0
         for _ in range(200):
             before = counted[0]
-            cycle(node._states, node._settings, inbox, count, 1, node.outbox, node.record)
+            cycle(node.states, node.settings, inbox, count, 1, node.outbox, node.record)
             found += counted[0] > before
     finally:
         ended.set()

@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from protocols.batch import FRAME
 from protocols.clock import Clock
 from protocols.errors import InputError
 from rt_controller.samples import Samples, usual_arrival
 from rt_controller.trigger import BusTrigger, ClockTrigger, PllTrigger, trigger
+from rt_controller.turn import slots_since
 
 PERIOD = 1_000_000  # ns
 SINCE_1970 = 1_700_000_000_000_000_000  # ns between the two clocks
@@ -21,7 +21,7 @@ class Rig:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, arrivals: Any) -> None:
         self.now = 0
-        self.inbox = np.zeros(100, FRAME)
+        self.answered: list[tuple[int, int, int]] = []  # time, samples and slots of each cycle
         self.count = self.marks = self.marked_ns = 0
         self._coming = deque(int(arrival) for arrival in arrivals)
         for module in ("protocols.clock", "protocols.waiting", "rt_controller.trigger", "rt_controller.samples"):
@@ -41,25 +41,37 @@ class Rig:
         self.now += round(seconds * 1e9)
 
     # of a line
-    def clear(self) -> None:
-        self.count = 0
+    def arrive(self, until: int) -> bool:
+        """Go on to the next sample, or to `until` [ns]; whether one is there."""
+        came = bool(self._coming) and self._coming[0] <= until
+        self.now = max(self.now, self._coming[0]) if came else max(self.now, until)
+        return came
 
-    def receive(self, timeout: float = 0.0, marked: bool = False) -> bool:
-        if not self.wait(timeout):
-            return False
+    def take(self) -> bool:
+        taken = self.marks
         while self._coming and self._coming[0] <= self.now:
             self.marked_ns = self._coming.popleft() + SINCE_1970
             self.marks += 1
             self.count += 1
-        return True
+        return self.marks > taken
 
-    def wait(self, timeout: float) -> bool:
-        until = self.now + round(timeout * 1e9)
-        if self._coming and self._coming[0] <= until:
-            self.now = max(self.now, self._coming[0])
-            return True
-        self.now = until
-        return False
+    # of a turn
+    woken_ns = 0
+
+    def answer(self, slots: int) -> bool:
+        complete = self.take()
+        self.answered.append((self.now, self.count, slots))
+        self.count = 0
+        return complete
+
+    def answer_sample(self, patience: int, before: int, period: int) -> int:
+        if not (self.arrive(self.now + patience) and self.take()):
+            return 0
+        self.woken_ns = self.now
+        slots = int(slots_since(before, self.marked_ns - SINCE_1970, self.now, period))
+        if slots:
+            self.answer(slots)
+        return slots
 
     @property
     def samples(self) -> Samples:
@@ -71,13 +83,19 @@ class Rig:
         return Samples(rig, codecs)
 
 
+def turn(rig: Any) -> Any:
+    return rig
+
+
 def cycles(rig: Rig, begins: Any, count: int, work: int = 100_000) -> list[tuple[int, int, int]]:
     """Time of each cycle, samples in it, slots left out before it."""
     found = []
     for _ in range(count):
-        missed = begins.wait()
-        found.append((rig.now, rig.count, missed))
-        rig.clear()
+        rig.answered.clear()
+        missed = begins.run()
+        ((at, samples, slots),) = rig.answered  # it is run once
+        assert slots == missed + 1
+        found.append((at, samples, missed))
         rig.now += work
         begins.clock.done()
         assert begins.clock.slots == begins.clock.run + begins.clock.skipped
@@ -86,7 +104,7 @@ def cycles(rig: Rig, begins: Any, count: int, work: int = 100_000) -> list[tuple
 
 def test_the_clock_runs_half_a_period_after_the_first_sample(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = Rig(monkeypatch, PERIOD * np.arange(1, 20))
-    begins = ClockTrigger(Clock(PERIOD), rig.samples)
+    begins = ClockTrigger(Clock(PERIOD), turn(rig))
     begins.start(0)
     found = cycles(rig, begins, 10)
     assert [at for at, _, _ in found] == [PERIOD // 2 + k * PERIOD for k in range(10)]
@@ -97,7 +115,7 @@ def test_on_the_bus_a_cycle_begins_with_its_sample_whatever_its_jitter(monkeypat
     jitter = np.random.default_rng(1).integers(-200_000, 200_000, 300)
     arrivals = PERIOD * np.arange(1, 301) + jitter
     rig = Rig(monkeypatch, arrivals)
-    begins = BusTrigger(Clock(PERIOD), rig.samples)
+    begins = BusTrigger(Clock(PERIOD), turn(rig))
     begins.start(0)
     found = cycles(rig, begins, 300)
     assert [at for at, _, _ in found] == arrivals.tolist()
@@ -108,7 +126,7 @@ def test_on_the_bus_a_cycle_begins_with_its_sample_whatever_its_jitter(monkeypat
 def test_on_the_bus_a_lost_sample_costs_one_cycle_without_it(monkeypatch: pytest.MonkeyPatch) -> None:
     arrivals = np.delete(PERIOD * np.arange(1, 21), [5, 6])  # the 6th and 7th are lost
     rig = Rig(monkeypatch, arrivals)
-    begins = BusTrigger(Clock(PERIOD), rig.samples)
+    begins = BusTrigger(Clock(PERIOD), turn(rig))
     begins.start(0)
     found = cycles(rig, begins, 20)
     assert [samples for _, samples, _ in found] == [1] * 5 + [0, 0] + [1] * 13
@@ -119,7 +137,7 @@ def test_on_the_bus_a_lost_sample_costs_one_cycle_without_it(monkeypatch: pytest
 
 def test_on_the_bus_a_stall_of_ours_is_counted_in_slots(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = Rig(monkeypatch, PERIOD * np.arange(1, 40))
-    begins = BusTrigger(Clock(PERIOD), rig.samples)
+    begins = BusTrigger(Clock(PERIOD), turn(rig))
     begins.start(0)
     cycles(rig, begins, 10)
     rig.now += 4 * PERIOD
@@ -135,18 +153,18 @@ def test_on_the_bus_a_stall_of_the_machine_is_one_cycle_with_what_comes_after_it
     """The plant stood still, too: its frames of that time come together, half a period late."""
     arrivals = [*(PERIOD * np.arange(1, 6)), *[15 * PERIOD + 300_000] * 10, *(PERIOD * np.arange(16, 30))]
     rig = Rig(monkeypatch, arrivals)
-    begins = BusTrigger(Clock(PERIOD), rig.samples)
+    begins = BusTrigger(Clock(PERIOD), turn(rig))
     begins.start(0)
     cycles(rig, begins, 5)
-    waited, stalls = rig.wait, [15 * PERIOD + 50_000]
+    arrive, stalls = rig.arrive, [15 * PERIOD + 50_000]
 
-    def stalled(timeout: float) -> bool:
+    def stalled(until: int) -> bool:
         if stalls:
             rig.now = stalls.pop()
             return False
-        return waited(timeout)
+        return arrive(until)
 
-    rig.wait = stalled  # type: ignore[method-assign]
+    rig.arrive = stalled  # type: ignore[method-assign]
     assert cycles(rig, begins, 1) == [(15 * PERIOD + 300_000, 10, 9)]
     assert cycles(rig, begins, 1) == [(16 * PERIOD, 1, 0)]
 
@@ -158,7 +176,7 @@ def test_the_loop_locks_to_the_samples_and_follows_their_clock(monkeypatch: pyte
     jitter = np.random.default_rng(2).normal(0.0, spread, count)
     arrivals = PERIOD * (1.0 + drift) * np.arange(1, count + 1) + np.abs(jitter)
     rig = Rig(monkeypatch, arrivals)
-    begins = PllTrigger(Clock(PERIOD), rig.samples)
+    begins = PllTrigger(Clock(PERIOD), turn(rig))
     begins.start(370_000)  # far from where it belongs
     found = np.array(cycles(rig, begins, count - 10))
     settled = found[4000:]
@@ -173,7 +191,7 @@ def test_the_loop_coasts_while_samples_are_lost(monkeypatch: pytest.MonkeyPatch)
     drift = 100e-6
     arrivals = PERIOD * (1.0 + drift) * np.delete(np.arange(1, 9001), np.arange(6000, 6500))
     rig = Rig(monkeypatch, arrivals)
-    begins = PllTrigger(Clock(PERIOD), rig.samples)
+    begins = PllTrigger(Clock(PERIOD), turn(rig))
     begins.start(0)
     found = np.array(cycles(rig, begins, 8900))
     phase = (found[6490:6600, 0] / (PERIOD * (1.0 + drift)) + 0.5) % 1.0 - 0.5

@@ -1,0 +1,129 @@
+"""Turn: frames in, a cycle, frames out, in one compiled call; the sample waited for in it, too.
+
+Nothing of Python runs between a sample and its answer: after a sleep caches are cold, and an interpreter needs much of them.
+"""
+
+from math import floor
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from protocols.batch import batch
+from protocols.exchange import CLOCK_MONOTONIC, CLOCK_REALTIME, gather, gather_marked, now, spread
+from rt_controller.cycle import cycle
+from rt_controller.node import ControllerNode
+from rt_controller.samples import Samples
+
+# Of the last turn: frames in the inbox, slots since the one before, when it woke [ns of CLOCK_MONOTONIC], frames sent, or minus
+# the Refusal, where sending them ended
+_TURN = np.dtype([(name, "i8") for name in ("count", "slots", "woken", "sent", "position")])
+
+
+class Turn:
+    """Turns of `node` on the line of `samples`."""
+
+    def __init__(self, samples: Samples, node: ControllerNode) -> None:
+        self.samples, self._node = samples, node
+        self._turns = np.zeros(1, _TURN)
+        # an element of a memory view is read ten times as fast as a field of a record
+        views = [self._turns[name].data for name in _TURN.names or ()]
+        self._count, self._slots, self._woken, self._sent, self._position = views
+        self._compile()
+
+    def _compile(self) -> None:
+        """Now, not in the loop; nothing is taken or sent."""
+        node, line = self._node, self.samples.line
+        states, rest = node.states.copy(), (node.settings, batch(len(node.outbox)), node.record.copy(), self._turns)
+        lines = np.zeros_like(line.lines)
+        answer(lines, line.inbox, 0, 1, states, *rest)
+        answer_sample(lines, 0, 0, 1, line.inbox, 0, states, *rest)
+
+    @property
+    def woken_ns(self) -> int:
+        """When the last sample waited for was there [ns of CLOCK_MONOTONIC]."""
+        return self._woken[0]
+
+    def answer(self, slots: int) -> bool:
+        """Take the frames that wait, run the cycle `slots` periods after the last one, send its frames.
+
+        Returns whether a sample is complete by them. Raises InputError as `ControllerNode.cycle`.
+        """
+        line, node = self.samples.line, self._node
+        marks, first = line.marks, line.count
+        line.ready()
+        answer(line.lines, line.inbox, first, slots, node.states, node.settings, node.outbox, node.record, self._turns)
+        self._finish(first)
+        return line.marks > marks
+
+    def answer_sample(self, patience_ns: int, before_ns: int, period_ns: int) -> int:
+        """Wait for the next complete sample for `patience_ns` [ns] at most; if it comes, the same at once.
+
+        Returns the slots of `period_ns` since the one at `before_ns` of CLOCK_MONOTONIC; 0 when there was no cycle: nothing
+        has come, or somebody new, or the sample of the slot before, see `slots_since`.
+        """
+        line, node = self.samples.line, self._node
+        first = line.count
+        line.ready()
+        slots = answer_sample(
+            line.lines, patience_ns, before_ns, period_ns, line.inbox, first, node.states, node.settings, node.outbox,
+            node.record, self._turns,
+        )  # fmt: skip
+        if slots:
+            self._finish(first)
+        else:
+            line.took(self._count[0], first)
+        return int(slots)
+
+    def _finish(self, first: int) -> None:
+        """What the compiled call leaves to do: of frames from number `first` on, and of those sent."""
+        line, node = self.samples.line, self._node
+        line.took(self._count[0], first)
+        line.clear()
+        line.sent(node.outbox, node.sent(self._sent[0]), self._position[0])
+
+
+@njit
+def slots_since(before_ns: Any, arrived_ns: Any, now_ns: Any, period_ns: Any) -> Any:
+    """Slots of `period_ns` from the one at `before_ns` to that of a sample which `arrived_ns` and is seen `now_ns`.
+
+    0 where it is of the slot before, which has gone without it: less than half a period is over. All of one clock.
+    """
+    if now_ns - before_ns < period_ns // 2:
+        return 0
+    return max(1, floor((arrived_ns - before_ns) / period_ns + 0.5))
+
+
+@njit(cache=True, nogil=True)
+def answer(
+    lines: Any, inbox: Any, count: Any, slots: Any, states: Any, settings: Any, outbox: Any, row: Any, turns: Any
+) -> None:
+    """See `Turn.answer`; `count` frames are in the inbox."""
+    turn = turns[0]
+    turn.count, turn.slots = gather(lines, 0, inbox, count, count), slots
+    _run(lines, inbox, states, settings, outbox, row, turn)
+
+
+@njit(cache=True, nogil=True)
+def answer_sample(
+    lines: Any, patience_ns: Any, before_ns: Any, period_ns: Any, inbox: Any, count: Any, states: Any, settings: Any,
+    outbox: Any, row: Any, turns: Any,
+) -> Any:  # fmt: skip
+    """See `Turn.answer_sample`."""
+    turn, line = turns[0], lines[0]
+    marks = line.marks
+    turn.count = gather_marked(lines, patience_ns, inbox, count, count)
+    if line.marks == marks:
+        return 0
+    turn.woken = now(CLOCK_MONOTONIC, line.time)
+    arrived = turn.woken - max(now(CLOCK_REALTIME, line.time) - line.marked_ns, 0)
+    turn.slots = slots_since(before_ns, arrived, turn.woken, period_ns)
+    if turn.slots > 0:
+        _run(lines, inbox, states, settings, outbox, row, turn)
+    return turn.slots
+
+
+@njit
+def _run(lines, inbox, states, settings, outbox, row, turn):
+    turn.sent = cycle(states, settings, inbox, turn.count, turn.slots, outbox, row)
+    turn.position = spread(lines, 0, outbox, max(turn.sent, 0))

@@ -1,0 +1,117 @@
+"""A turn on a real bus: the same answers as a node stepped by hand, the sample waited for, whoever comes and goes meanwhile."""
+
+import threading
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from plant_sim.node import PlantNode
+from plant_sim.profile import load_profile
+from protocols.bus import Port, open_bus
+from protocols.errors import InputError
+from protocols.exchange import Exchange
+from protocols.frames import Frame, load_frames
+from rt_controller.node import ControllerNode
+from rt_controller.samples import Samples
+from rt_controller.turn import Turn, slots_since
+
+FRAMES = load_frames()
+PERIOD = 1_000_000  # ns
+LATER = 0.05  # s after which another thread sends
+PATIENCE = 10_000_000_000  # ns
+
+
+@pytest.fixture
+def plant(local_bus: str) -> Iterator[Port]:
+    with open_bus(local_bus) as port:
+        yield port
+
+
+@pytest.fixture
+def turn(local_bus: str, plant: Port) -> Iterator[Turn]:
+    with open_bus(local_bus) as port:
+        yield Turn(Samples(Exchange(port, FRAMES["ENCODER"].can_id), FRAMES), ControllerNode())
+
+
+def sampled(count: int) -> list[list[Frame]]:
+    node = PlantNode(profile=load_profile("engagement", 3.0))
+    return [node.step([]) for _ in range(count)]
+
+
+def send(port: Port, frames: list[Frame]) -> None:
+    for frame in frames:
+        port.send(frame)
+
+
+def test_answers_are_those_of_a_node_stepped_by_hand(turn: Turn, plant: Port) -> None:
+    other = ControllerNode()
+    for number, frames in enumerate(sampled(200)):
+        send(plant, frames)
+        if number % 2:
+            assert turn.answer(1)
+        else:
+            assert turn.answer_sample(PATIENCE, time.monotonic_ns() - PERIOD, PERIOD) == 1
+        assert plant.receive() == other.step(frames)
+        assert turn.samples.line.count == 0
+    port = turn.samples.line.port
+    assert (port.received, port.sent) == (plant.sent, plant.received)
+
+
+def test_it_waits_for_the_sample_and_says_when_it_woke(turn: Turn, plant: Port) -> None:
+    frames = sampled(1)[0]
+    before = time.monotonic_ns()
+    late = threading.Timer(LATER, send, (plant, frames))
+    late.start()
+    slots = turn.answer_sample(PATIENCE, before, PERIOD)
+    assert turn.woken_ns - before > 0.9 * LATER * 1e9
+    assert slots == pytest.approx((turn.samples.arrived_ns() - before) / PERIOD, abs=1.0)
+    late.join()
+
+
+def test_without_a_sample_there_is_no_cycle_and_nothing_is_lost(turn: Turn, plant: Port) -> None:
+    frames = sampled(1)[0]
+    send(plant, frames[:-1])  # all but the encoder's, which completes it
+    record = turn._node.record.copy()
+    assert turn.answer_sample(20_000_000, time.monotonic_ns(), PERIOD) == 0
+    assert turn.samples.line.count == len(frames) - 1
+    assert np.array_equal(turn._node.record, record)
+    send(plant, frames[-1:])
+    assert turn.answer_sample(PATIENCE, time.monotonic_ns() - PERIOD, PERIOD) == 1
+    assert plant.receive() == ControllerNode().step(frames)
+
+
+def test_a_sample_of_the_slot_before_is_left_to_the_next_cycle(turn: Turn, plant: Port) -> None:
+    first, second = sampled(2)
+    send(plant, first)
+    assert turn.answer_sample(PATIENCE, time.monotonic_ns(), PERIOD * 1000) == 0  # its slot has gone without it
+    send(plant, second)
+    assert turn.answer(1)
+    assert plant.receive() == ControllerNode().step(first + second)
+
+
+def test_who_comes_while_it_waits_is_let_in_and_told(turn: Turn, plant: Port, local_bus: str) -> None:
+    frames = sampled(1)[0]
+    with open_bus(local_bus) as newcomer:
+        assert turn.answer_sample(PATIENCE, time.monotonic_ns(), PERIOD) == 0
+        send(plant, frames)
+        assert turn.answer_sample(PATIENCE, time.monotonic_ns() - PERIOD, PERIOD) == 1
+        answers = plant.receive()
+        assert answers == ControllerNode().step(frames)
+        assert newcomer.receive() == frames + answers
+
+
+def test_a_bus_that_cannot_be_worked_on_ends_it(turn: Turn, plant: Port) -> None:
+    plant.send(Frame(FRAMES["VALVE_COMMAND"].can_id, bytes(6)))
+    with pytest.raises(InputError, match="a second controller is on the bus: it sends VALVE_COMMAND"):
+        turn.answer(1)
+    assert plant.receive() == []
+
+
+@pytest.mark.parametrize(
+    ("arrived", "now", "slots"),
+    [(1.0, 1.0, 1), (0.6, 0.6, 1), (0.4, 0.4, 0), (0.4, 0.6, 1), (1.4, 1.5, 1), (1.6, 1.7, 2), (7.1, 7.1, 7)],
+)
+def test_slots_since(arrived: float, now: float, slots: int) -> None:
+    assert slots_since(0, round(arrived * PERIOD), round(now * PERIOD), PERIOD) == slots
