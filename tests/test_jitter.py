@@ -36,6 +36,14 @@ def test_slots_the_witness_itself_has_slept_through_are_spikes() -> None:
     assert explained(late, slots, slots + 5_000, PERIOD).tolist() == [True, True, False]
 
 
+def test_a_spike_lasts_until_the_witness_woke() -> None:
+    slots = np.delete(PERIOD * np.arange(1000), range(501, 510))
+    woken = slots + 5_000
+    woken[500] += round(9.4 * PERIOD)
+    late = np.array([497.0, 498.0, 505.0, 511.0, 513.0]) * PERIOD
+    assert explained(late, slots, woken, PERIOD).tolist() == [False, True, True, True, False]
+
+
 def test_without_spikes_nothing_is_explained() -> None:
     slots = PERIOD * np.arange(100)
     assert explained(np.array([50.0]) * PERIOD, slots, slots, PERIOD).tolist() == [False]

@@ -9,7 +9,7 @@ What counts     wake      from the slot of the grid to the first look at the clo
                 latency   from the stamp of a sample's ENCODER frame to that of the VALVE_COMMAND that answers it
                 period    time between the beginnings of two cycles minus the period
                 late      cycles that end after their slot, and slots left out; unexplained: those without a spike of the
-                          witness within two periods. A spike is SPIKE of a period
+                          witness within two periods. A spike is SPIKE of a period, and lasts until the witness woke
 Assumptions     stamps of both frames are of one clock (a local bus stamps when a frame is sent, vcan when it is taken)
 References      rt-tests' cyclictest; witness: shared/design/realtime.md
 """
@@ -93,16 +93,21 @@ def summary(values: np.ndarray) -> dict[str, float]:
 
 
 def explained(late_at: np.ndarray, slots: np.ndarray, woken: np.ndarray, period_ns: int) -> np.ndarray:
-    """Whether late cycles, at times (k,), have a spike of the witness, woken for slots (n,), near; all ns."""
-    spikes = slots[(woken - slots) > SPIKE * period_ns]
-    gaps = np.flatnonzero(np.diff(slots) > 1.5 * period_ns)  # slots that the witness itself was not woken for
-    spikes = np.concatenate([spikes, *(slots[gaps] + k * period_ns for k in (1, 2))])
-    if not len(spikes) or not len(late_at):
+    """Whether late cycles, at times (k,), have a spike of the witness, woken for slots (n,), near; all ns.
+
+    A spike lasts from the slot until the witness woke, or from the first slot that it was not woken for to the next.
+    """
+    late = (woken - slots) > SPIKE * period_ns
+    gaps = np.flatnonzero(np.diff(slots) > 1.5 * period_ns)
+    begins = np.concatenate([slots[late], slots[gaps] + period_ns])
+    if not len(begins) or not len(late_at):
         return np.zeros(len(late_at), bool)
-    spikes = np.sort(spikes)
-    after = np.searchsorted(spikes, late_at)
-    near = [np.abs(late_at - spikes[np.clip(after + k, 0, len(spikes) - 1)]) for k in (-1, 0)]
-    return np.minimum(*near) <= (_NEAR + 0.5) * period_ns
+    order = np.argsort(begins)
+    ends = np.maximum.accumulate(np.concatenate([woken[late], slots[gaps + 1]])[order])
+    after = np.searchsorted(begins[order], late_at)
+    since = late_at - np.append(ends, -np.inf)[after - 1]
+    until = np.append(begins[order], np.inf)[after] - late_at
+    return np.minimum(since, until) <= (_NEAR + 0.5) * period_ns
 
 
 Phase = Callable[[Setting, Measured, Stop], None]
