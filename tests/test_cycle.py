@@ -99,7 +99,7 @@ def test_other_threads_run_during_a_cycle() -> None:
     finally:
         ended.set()
         thread.join()
-    assert found > 100
+    assert found > 30  # of 200: all of them where a core is free, 91 where both are busy, 5 if the lock were held
 
 
 def test_there_is_room_for_what_a_cycle_sends() -> None:

@@ -79,7 +79,7 @@ class Witness:
 def test_a_torque_is_reached_and_released(bench: Running) -> None:
     with Witness(bench.bus) as witness:
         done = demand(bench.bus, "8", "--seconds", "1.5", "--ramp", str(RAMP), "--json")
-    assert done.exit_code == 0
+    assert done.exit_code == 0, done.stdout
     result = json.loads(done.stdout)
     assert result["good"]
     assert result["released"]

@@ -17,6 +17,9 @@ import numpy as np
 import psutil
 
 PATIENCE = 60.0  # s for a thing to happen that takes a few on a quiet machine
+_ANSWER = (
+    180.0  # s for a viewer to answer: on two shared cores its software renderer has been seen to keep it for a minute
+)
 _END = 30.0  # s for a view to end once asked
 _NO_DISPLAY = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
 
@@ -28,11 +31,11 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def until(condition: Callable[[], Any], what: str) -> Any:
-    """Wait for a condition and return what it gave."""
-    deadline = time.monotonic() + PATIENCE
+def until(condition: Callable[[], Any], what: str, patience: float = PATIENCE) -> Any:
+    """Wait for a condition, for `patience` [s] at most, and return what it gave."""
+    deadline = time.monotonic() + patience
     while not (found := condition()):
-        assert time.monotonic() < deadline, f"waited {PATIENCE:g} s in vain for {what}"
+        assert time.monotonic() < deadline, f"waited {patience:g} s in vain for {what}"
         time.sleep(0.1)
     return found
 
@@ -128,7 +131,7 @@ def answered(asked: Callable[[], Any]) -> Any:
         except TimeoutError:
             return None
 
-    return until(once, "an answer of the viewer")[0]
+    return until(once, "an answer of the viewer", _ANSWER)[0]
 
 
 def shown(client: Any, timeline: str) -> Callable[[], Any]:
