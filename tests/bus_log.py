@@ -21,7 +21,7 @@ def write_log(path: Path, seconds: float) -> None:
             for can_id, data in frames:
                 log(can.Message(plant.tick * 1e-3 + 1.0, can_id, is_extended_id=False, data=data, channel=0))
 
-        put([plant.heartbeat.next(Lifecycle.INACTIVE)])
+        put([plant.heartbeat(Lifecycle.INACTIVE)])
         while not plant.finished:
             sensors = plant.step(inbox)
             put(sensors)

@@ -5,6 +5,7 @@ other two share all that computes or waits, and when that is done one of them pl
 but the soak. Without workers the tests run in the same order, one after the other.
 """
 
+import fcntl
 import os
 import shutil
 import subprocess
@@ -32,7 +33,6 @@ QUIET = (
     "test_local_bus.py",
     "test_timing_budget.py",
 )
-COMPILED = "CLUTCH_HIL_COMPILED_TESTS"  # names the place of kernels that were compiled for all workers
 ORDER = ("soak", "longest", "shared", "quiet")
 _KERNELS = pytest.StashKey[str]()
 
@@ -63,28 +63,37 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """A worker and its processes keep their kernels in a place of their own, before Numba is imported.
+    """All workers and their processes share kernels in a place of their own, before Numba is imported.
 
-    Two processes that compile one function for different types at once can give both the same file (Numba's cache has no
-    lock), and the next to load it would run the code of the other type. What services run is compiled once for all, before
-    the workers begin: who waits for a service does not wait for a compiler, thrice at once on two CPUs.
+    What services run is compiled before the workers begin: who waits for a service does not wait for a compiler, thrice at once
+    on two CPUs. What the rest needs, one worker compiles and all have.
     """
     if hasattr(config, "workerinput"):
-        config.stash[_KERNELS] = os.environ["NUMBA_CACHE_DIR"] = tempfile.mkdtemp(prefix="clutch-hil-kernels-")
-        shutil.copytree(os.environ[COMPILED], os.environ["NUMBA_CACHE_DIR"], dirs_exist_ok=True)
+        _save_one_after_the_other()
     elif config.getoption("numprocesses", None):
-        config.stash[_KERNELS] = os.environ[COMPILED] = tempfile.mkdtemp(prefix="clutch-hil-kernels-")
+        config.stash[_KERNELS] = os.environ["NUMBA_CACHE_DIR"] = tempfile.mkdtemp(prefix="clutch-hil-kernels-")
         compilers = [
-            subprocess.Popen(
-                [sys.executable, "-m", "tests.kernels", side],
-                cwd=TESTS.parent,
-                env=os.environ | {"NUMBA_CACHE_DIR": config.stash[_KERNELS]},
-            )
+            subprocess.Popen([sys.executable, "-m", "tests.kernels", side], cwd=TESTS.parent)
             for side in ("plant", "controller")
         ]
         for compiler in compilers:
             if compiler.wait():
                 raise pytest.UsageError(f"{compiler.args} ended with {compiler.returncode}")
+
+
+def _save_one_after_the_other() -> None:
+    """Two processes that compile one function for different types at once can give both the same file (Numba's cache has no
+    lock), and the next to load it would run the code of the other type. So saving takes a lock."""
+    from numba.core.caching import IndexDataCacheFile
+
+    lock, save = Path(os.environ["NUMBA_CACHE_DIR"]) / "lock", IndexDataCacheFile.save
+
+    def locked(self: Any, key: Any, data: Any) -> None:
+        with lock.open("w") as file:
+            fcntl.flock(file, fcntl.LOCK_EX)
+            save(self, key, data)
+
+    IndexDataCacheFile.save = locked  # type: ignore[method-assign]
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:

@@ -1,5 +1,6 @@
 """Commands as real processes, for the tests."""
 
+import os
 import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -8,6 +9,8 @@ from typing import Any
 from protocols.child import clutch_hil
 
 PATIENCE = 60.0  # s for what takes a second or two on an idle machine
+# plant and controller on one CPU, as `up` has them: a CPU of a shared machine that stands still does so for both
+ONE_CPU = ("--cpu", str(max(os.sched_getaffinity(0))))
 
 
 @contextmanager

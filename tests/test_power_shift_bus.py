@@ -28,7 +28,7 @@ from protocols.node import Column, node_factory
 from protocols.runs import read_run
 from protocols.telemetry.batch import Batch, published_columns
 from protocols.two_clutches import SHARED, two_clutch_database, write_dbc
-from tests.processes import PATIENCE, service
+from tests.processes import ONE_CPU, PATIENCE, service
 
 RATE = 500  # Hz: two clutches fill 59 % of a bus of 1 Mbit/s
 A, B = load_frames(clutch="a"), load_frames(clutch="b")
@@ -314,7 +314,7 @@ def test_three_processes_in_lock_step_are_one_process_to_the_bit(local_bus: str,
 
 
 def test_in_real_time_a_killed_controller_stops_neither_plant_nor_the_other(local_bus: str) -> None:
-    common = ("--bus", local_bus, "--rate", "250", "--no-telemetry")
+    common = ("--bus", local_bus, "--rate", "250", "--no-telemetry", *ONE_CPU)
     with (
         service("plant", *common, "--rig", "power_shift", "--profile", "shift"),
         service("controller", *common, "--clutch", "a") as a,

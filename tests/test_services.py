@@ -20,7 +20,7 @@ from protocols.bus import Port, listen, open_bus
 from protocols.frames import Frame, load_frames
 from protocols.node import node_factory
 from protocols.runs import REQUIRED, read_run
-from tests.processes import PATIENCE, service
+from tests.processes import ONE_CPU, PATIENCE, service
 
 FRAMES = load_frames()
 RATE = 250  # Hz: five cycles are 20 ms, which a shared machine seldom loses; at 1 kHz a hiccup of 6 ms is a fault
@@ -150,10 +150,10 @@ def test_ctrl_c_keeps_a_whole_run(local_bus: str, tmp_path: Path) -> None:
 
 def test_a_controller_that_is_stopped_leaves_the_valve_closed(local_bus: str) -> None:
     with (
-        service("plant", "--bus", local_bus, "--rate", str(RATE), "--profile", "engagement"),
+        service("plant", "--bus", local_bus, "--rate", str(RATE), "--profile", "engagement", *ONE_CPU),
         open_bus(local_bus) as port,
     ):
-        with service("controller", "--bus", local_bus, "--rate", str(RATE)) as controller:
+        with service("controller", "--bus", local_bus, "--rate", str(RATE), *ONE_CPU) as controller:
             hear(port, "CONTROLLER_STATUS", lambda status: status.phase == 2)
             controller.terminate()
             assert ended(controller)[0] == 0
@@ -163,10 +163,10 @@ def test_a_controller_that_is_stopped_leaves_the_valve_closed(local_bus: str) ->
 
 def test_a_controller_that_is_killed_leaves_the_valve_closed(local_bus: str) -> None:
     with (
-        service("plant", "--bus", local_bus, "--rate", str(RATE), "--profile", "engagement"),
+        service("plant", "--bus", local_bus, "--rate", str(RATE), "--profile", "engagement", *ONE_CPU),
         open_bus(local_bus) as port,
     ):
-        with service("controller", "--bus", local_bus, "--rate", str(RATE)) as controller:
+        with service("controller", "--bus", local_bus, "--rate", str(RATE), *ONE_CPU) as controller:
             hear(port, "CONTROLLER_STATUS", lambda status: status.phase == 2)
             controller.kill()
         hear(port, "PLANT_STATUS", lambda status: status.actuators == 2)
@@ -174,8 +174,11 @@ def test_a_controller_that_is_killed_leaves_the_valve_closed(local_bus: str) -> 
 
 
 def test_a_plant_that_is_killed_faults_the_controller(local_bus: str) -> None:
-    with service("controller", "--bus", local_bus, "--rate", str(RATE)) as controller, open_bus(local_bus) as port:
-        with service("plant", "--bus", local_bus, "--rate", str(RATE), "--profile", "engagement") as plant:
+    with (
+        service("controller", "--bus", local_bus, "--rate", str(RATE), *ONE_CPU) as controller,
+        open_bus(local_bus) as port,
+    ):
+        with service("plant", "--bus", local_bus, "--rate", str(RATE), "--profile", "engagement", *ONE_CPU) as plant:
             hear(port, "CONTROLLER_STATUS", lambda status: status.phase == 2)
             plant.kill()
         status = hear(port, "CONTROLLER_STATUS", lambda status: status.phase == 4)
@@ -187,7 +190,7 @@ def test_a_plant_that_is_killed_faults_the_controller(local_bus: str) -> None:
 
 
 def test_a_second_controller_is_refused_and_the_first_goes_on(local_bus: str) -> None:
-    with service("controller", "--bus", local_bus, "--rate", str(RATE)) as first, open_bus(local_bus) as port:
+    with service("controller", "--bus", local_bus, "--rate", str(RATE), *ONE_CPU) as first, open_bus(local_bus) as port:
         hear(port, "CONTROLLER_HEARTBEAT", lambda heartbeat: heartbeat.lifecycle == 2)
         second = clutch_hil("controller", "--bus", local_bus)
         assert second.returncode == 2
@@ -220,8 +223,7 @@ def test_a_second_plant_is_refused(local_bus: str) -> None:
 def test_a_bad_frame_ends_the_controller_with_a_sentence_and_a_closed_valve(
     local_bus: str, can_id: int, payload: Callable[[int], bytes], sentence: str
 ) -> None:
-    one = str(max(os.sched_getaffinity(0)))  # CPU for both: what stands still, does so for both
-    common = ("--bus", local_bus, "--rate", str(RATE), "--cpu", one)
+    common = ("--bus", local_bus, "--rate", str(RATE), *ONE_CPU)
     with (
         service("plant", *common, "--profile", "engagement"),
         service("controller", *common) as controller,

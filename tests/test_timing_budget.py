@@ -15,7 +15,7 @@ import pytest
 
 from protocols.bus import open_bus
 from protocols.frames import load_frames
-from tests.processes import PATIENCE, service
+from tests.processes import ONE_CPU, PATIENCE, service
 
 RATE = 500  # Hz
 SECONDS = 4.0
@@ -57,7 +57,7 @@ def heard(module_bus: str) -> dict[str, np.ndarray]:
     """Stamps [s] of each frame while the loop is closed."""
     names = {codec.can_id: codec.name for codec in load_frames().values()}
     stamps: dict[str, list[int]] = defaultdict(list)
-    common = ("--bus", module_bus, "--rate", str(RATE))
+    common = ("--bus", module_bus, "--rate", str(RATE), *ONE_CPU)
     with (
         service("controller", *common),
         service("plant", *common, "--profile", "engagement"),

@@ -11,7 +11,7 @@ import pytest
 
 from protocols import child
 from protocols.ring import RingReader
-from tests.processes import PATIENCE, service
+from tests.processes import ONE_CPU, PATIENCE, service
 
 RATE = 250  # Hz: a hiccup of a shared machine is less than the guard's five cycles
 SECONDS = 3.0  # s of closed loop
@@ -36,7 +36,7 @@ def closed_loop(ring: Path) -> None:
 def controlled(bus: str, folder: Path, *arguments: str) -> dict:
     """The summary of a controller that has controlled a plant for SECONDS."""
     summary = folder / "summary.json"
-    common = ("--bus", bus, "--rate", str(RATE), "--no-telemetry")
+    common = ("--bus", bus, "--rate", str(RATE), "--no-telemetry", *ONE_CPU)
     with (
         service("plant", *common, "--profile", "engagement") as plant,
         service("controller", *common, "--ring", str(folder / "ring"), "--summary", str(summary), *arguments) as loop,
@@ -96,7 +96,7 @@ def test_a_bench_refuses_a_bad_pace(local_bus: str, tmp_path: Path, arguments: t
 
 
 def test_an_overrun_can_end_the_controller_with_the_valve_closed(local_bus: str, tmp_path: Path) -> None:
-    common = ("--bus", local_bus, "--rate", str(RATE), "--no-telemetry")
+    common = ("--bus", local_bus, "--rate", str(RATE), "--no-telemetry", *ONE_CPU)
     with (
         service("plant", *common, "--profile", "engagement"),
         service("controller", *common, "--ring", str(tmp_path / "ring"), "--overrun", "fault") as loop,

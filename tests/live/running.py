@@ -1,6 +1,5 @@
 """A plant without a profile and a controller as processes, for the commands that drive and watch them."""
 
-import os
 import shutil
 import subprocess
 import tempfile
@@ -19,11 +18,10 @@ from protocols.request import Request
 from protocols.telemetry.feed import nodes_alive
 from protocols.telemetry.keys import NODES, bench_name
 from protocols.telemetry.session import consumer_session
-from tests.processes import PATIENCE, service
+from tests.processes import ONE_CPU, PATIENCE, service
 
 FRAMES = load_frames()
 RATE = 100  # Hz: five cycles are 50 ms, which even a busy machine seldom loses; at 1 kHz a hiccup of 6 ms is a fault
-CPU = max(os.sched_getaffinity(0))  # of both services: what stands still, does so for both
 _PHASE_IDLE, _PHASE_FAULT = 0, 4
 
 
@@ -45,15 +43,8 @@ def clutch_hil(*arguments: str) -> Result:
 def running_bench(*, telemetry: bool) -> Iterator[Running]:
     """Both services on a bus of their own, ready: the controller answers."""
     folder = tempfile.mkdtemp(prefix="ch-")  # short: socket paths hold 107 bytes
-    common = [
-        "--bus",
-        "local:bench",
-        "--rate",
-        str(RATE),
-        "--cpu",
-        str(CPU),
-        "--telemetry" if telemetry else "--no-telemetry",
-    ]
+    published = "--telemetry" if telemetry else "--no-telemetry"
+    common = ["--bus", "local:bench", "--rate", str(RATE), *ONE_CPU, published]
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     try:
         with (

@@ -21,7 +21,7 @@ from protocols.telemetry.feed import ask, find_bench
 from protocols.telemetry.keys import Keys
 from protocols.telemetry.session import consumer_session
 from tests.live.running import RATE, Running, clutch_hil, running_bench
-from tests.processes import service
+from tests.processes import ONE_CPU, service
 from tests.telemetry.benches import until
 
 SUMP = "oil.sump_temperature"
@@ -209,7 +209,7 @@ def test_what_is_to_come_stands_in_the_order_in_which_it_comes() -> None:
 
 
 def test_a_blind_plant_does_not_tell_over_zenoh(local_bus: str) -> None:
-    common = ["--bus", local_bus, "--rate", str(RATE)]
+    common = ["--bus", local_bus, "--rate", str(RATE), *ONE_CPU]
     with service("controller", *common), service("plant", *common, "--blind"), consumer_session() as session:
 
         def ready() -> str | None:

@@ -11,7 +11,7 @@ from protocols.errors import InputError
 from protocols.telemetry.batch import Batch
 from protocols.telemetry.feed import Feed, ask, find_bench
 from protocols.telemetry.keys import NODES, Keys
-from tests.processes import PATIENCE, service
+from tests.processes import ONE_CPU, PATIENCE, service
 
 
 @contextmanager
@@ -20,8 +20,8 @@ def bench(bus: str, *arguments: str) -> Iterator[dict[str, subprocess.Popen]]:
     profile = ("--profile", "engagement", "--seconds", "1000")
     with ExitStack() as stack:
         yield {
-            "controller": stack.enter_context(service("controller", "--bus", bus, *arguments)),
-            "plant": stack.enter_context(service("plant", "--bus", bus, *profile, *arguments)),
+            "controller": stack.enter_context(service("controller", "--bus", bus, *ONE_CPU, *arguments)),
+            "plant": stack.enter_context(service("plant", "--bus", bus, *profile, *ONE_CPU, *arguments)),
         }
 
 
