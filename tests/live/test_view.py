@@ -21,7 +21,7 @@ from tests.live.fake_bench import FakeBench
 from tests.live.viewing import View, answered, colours, free_port, newest, refused, shown, until, viewer_client
 from tests.telemetry.benches import bench
 
-LOOKS = 10  # at the age of the newest row, which is told and not judged: two cores are shared with a software renderer
+LOOKS = 3  # at the age of the newest row, which is told and not judged: two cores are shared with a software renderer
 COLOURS = 200  # in a picture with plots; an empty viewer has less than 60
 PUT = 0.05  # s; a put is a few us, but the scheduler may take a moment
 STOPPED = 5.0  # s of a stopped viewer: enough for everything between us and it to be full
