@@ -131,6 +131,12 @@ class Exchange:
             count = more
         self.count = count
 
+    def used(self, count: int) -> None:
+        """A kernel has filled `inbox` up to `count` and has used it: what comes of those it found is kept for the next."""
+        self.port.received += count - self.count
+        self.clear()
+        self.took(0, 0)
+
     def sent(self, frames: np.ndarray, count: int, position: int) -> None:
         """`spread` has come to `position` with the first `count` frames of a batch: finish what it could not."""
         while position != count * _SOCKETS:

@@ -53,8 +53,9 @@ class Turn:
         marks, first = line.marks, line.count
         line.ready()
         answer(line.lines, line.inbox, first, slots, node.states, node.settings, node.outbox, node.record, self._turns)
-        self._finish(first)
-        return line.marks > marks
+        complete = line.marks > marks
+        self._finish()
+        return complete
 
     def answer_sample(self, patience_ns: int, before_ns: int, period_ns: int) -> int:
         """Wait for the next complete sample for `patience_ns` [ns] at most; if it comes, the same at once.
@@ -70,16 +71,15 @@ class Turn:
             node.record, self._turns,
         )  # fmt: skip
         if slots:
-            self._finish(first)
+            self._finish()
         else:
             line.took(self._count[0], first)
         return int(slots)
 
-    def _finish(self, first: int) -> None:
-        """What the compiled call leaves to do: of frames from number `first` on, and of those sent."""
+    def _finish(self) -> None:
+        """What the compiled call leaves to do: of the frames it has used, and of those sent."""
         line, node = self.samples.line, self._node
-        line.took(self._count[0], first)
-        line.clear()
+        line.used(self._count[0])
         line.sent(node.outbox, node.sent(self._sent[0]), self._position[0])
 
 

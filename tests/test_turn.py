@@ -102,6 +102,19 @@ def test_who_comes_while_it_waits_is_let_in_and_told(turn: Turn, plant: Port, lo
         assert newcomer.receive() == frames + answers
 
 
+def test_what_a_newcomer_sent_before_it_was_let_in_is_heard_in_the_next_turn(
+    turn: Turn, plant: Port, local_bus: str
+) -> None:
+    turn.answer(1)
+    plant.receive()
+    with open_bus(local_bus) as newcomer:
+        newcomer.send(Frame(FRAMES["TORQUE_SETPOINT"].can_id, FRAMES["TORQUE_SETPOINT"].pack(0, 1, 5.0, 10.0, 0.0)))
+        turn.answer(1)  # finds it there, when the frames of this turn have been taken
+        turn.answer(1)
+        assert turn._node.reception_counts()["TORQUE_SETPOINT"]["received"] == 1
+        assert turn._node.states["demand"][0] == 5.0
+
+
 def test_a_bus_that_cannot_be_worked_on_ends_it(turn: Turn, plant: Port) -> None:
     plant.send(Frame(FRAMES["VALVE_COMMAND"].can_id, bytes(6)))
     with pytest.raises(InputError, match="a second controller is on the bus: it sends VALVE_COMMAND"):
