@@ -20,7 +20,7 @@ from protocols.reception import counted, receptions
 from protocols.two_clutches import CLUTCHES
 from protocols.words import signals
 
-INBOX = 4096  # frames at once; more are given in parts
+INBOX = 4096  # frames that `receive` takes at once: more than a bus of 1 Mbit/s carries in 0.2 s
 _BLOCK = 64  # samples of which noise is drawn at once, as by blocks/sensors.py, whose stream it is
 _NO_FRAME = -1  # an identifier that no frame has
 _CODECS = (
@@ -112,7 +112,8 @@ class Interface(ABC):
 
     def receive(self, inbox: Sequence[Frame]) -> None:
         """Take commands; they act from the next sample on. Raises InputError as `take`."""
-        self.take(self._inbox, load(self._inbox, inbox))
+        for first in range(0, len(inbox), INBOX):
+            self.take(self._inbox, load(self._inbox, inbox[first : first + INBOX]))
 
     def take(self, inbox: np.ndarray, count: int) -> None:
         """The same with the first `count` frames of a batch.
@@ -179,17 +180,8 @@ class Interface(ABC):
             self._generators[k].standard_normal(out=self._noise[k])
         noise = self._noise[k, self.tick % _BLOCK]
         shown: int = show(
-            self._interfaces,
-            self._settings,
-            k,
-            self.tick,
-            *whole,
-            noise,
-            rig.record,
-            rig.table.kernel,
-            self.outbox,
-            sent,
-        )
+            self._interfaces, self._settings, k, self.tick, *whole, noise, rig.record, rig.table.kernel, self.outbox, sent
+        )  # fmt: skip
         return shown
 
     def _refusal(self, why: Refusal) -> str:

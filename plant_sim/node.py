@@ -21,7 +21,7 @@ from protocols.parameters import ParameterSet
 from protocols.units import BAR, ZERO_CELSIUS
 
 _TEMPERATURES = 35.0, 150.0  # degC: valid range of eq. 6.3 (blocks/oil.py) and of fig 6.8
-NO_SETPOINTS = np.zeros((0, 4, 0))
+NO_SETPOINTS = np.zeros((0, 4, 0))  # tables of no profile, see `Interface`
 _phase = njit(phase)
 
 # Columns of a recorded run (rig.md), then the truth.
@@ -87,9 +87,8 @@ class PlantNode(Interface):
         self._rig, _ = self._schedule.rig(0.0)
         speed = profile.at(0.0).speed if profile else 0.0
         y, states = self._rig.at_rest(speed, kelvin)
-        self._state = Whole(
-            y.view(STATE), states
-        )  # the very STATE: to tell that another is equal takes Numba 8 us a call
+        # the very STATE: to tell that an equal type is this one takes Numba 8 us a call
+        self._state = Whole(y.view(STATE), states)
         self._interface.speed_demand, self._interface.torque_limit = speed, self._rig.record["motor_torque_limit"][0]
 
     @staticmethod

@@ -33,8 +33,11 @@ _REPEAT_GAP = 1e-3  # s between the last row of a profile and the first of its r
 SPEED_LIMIT = 26.2  # rad/s either way, 250 rpm, range of the maps (Janssens 2010, fig 6.12)
 
 
-def setpoint(table, time):  # compiled, too
-    """Set-point of a `Profile.table` at `time` [s]: request, torque [Nm], speed [rad/s], pressure [bar]."""
+def setpoint(table, time):
+    """Set-point of a `Profile.table`, shape (4, rows), at `time` [s]: request, torque [Nm], speed [rad/s], pressure [bar].
+
+    Straight lines between rows. The plant's loop has it compiled (`cycle.py`).
+    """
     times, torques, speeds, pressures = table[0], table[1], table[2], table[3]
     after = np.searchsorted(times, time, side="right")
     if after == 0:

@@ -24,7 +24,7 @@ class Turn:
     """Turns of `node` on the line of `samples`."""
 
     def __init__(self, samples: Samples, node: ControllerNode) -> None:
-        self.samples, self._node = samples, node
+        self.samples, self.node = samples, node
         self._turns = np.zeros(1, _TURN)
         # an element of a memory view is read ten times as fast as a field of a record
         views = [self._turns[name].data for name in _TURN.names or ()]
@@ -33,7 +33,7 @@ class Turn:
 
     def _compile(self) -> None:
         """Now, not in the loop; nothing is taken or sent."""
-        node, line = self._node, self.samples.line
+        node, line = self.node, self.samples.line
         states, rest = node.states.copy(), (node.settings, batch(len(node.outbox)), node.record.copy(), self._turns)
         lines = np.zeros_like(line.lines)
         answer(lines, line.inbox, 0, 1, states, *rest)
@@ -49,7 +49,7 @@ class Turn:
 
         Returns whether a sample is complete by them. Raises InputError as `ControllerNode.cycle`.
         """
-        line, node = self.samples.line, self._node
+        line, node = self.samples.line, self.node
         marks, first = line.marks, line.count
         line.ready()
         answer(line.lines, line.inbox, first, slots, node.states, node.settings, node.outbox, node.record, self._turns)
@@ -63,7 +63,7 @@ class Turn:
         Returns the slots of `period_ns` since the one at `before_ns` of CLOCK_MONOTONIC; 0 when there was no cycle: nothing
         has come, or somebody new, or the sample of the slot before, see `slots_since`.
         """
-        line, node = self.samples.line, self._node
+        line, node = self.samples.line, self.node
         first = line.count
         line.ready()
         slots = answer_sample(
@@ -78,7 +78,7 @@ class Turn:
 
     def _finish(self) -> None:
         """What the compiled call leaves to do: of the frames it has used, and of those sent."""
-        line, node = self.samples.line, self._node
+        line, node = self.samples.line, self.node
         line.used(self._count[0])
         line.sent(node.outbox, node.sent(self._sent[0]), self._position[0])
 

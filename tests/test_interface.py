@@ -77,6 +77,13 @@ def test_a_bus_that_cannot_be_worked_on_is_told(frame: Frame, sentence: str) -> 
     assert str(told.value) == sentence
 
 
+def test_a_flood_is_taken_in_parts() -> None:
+    plant = PlantNode()
+    plant.receive([Frame(VALVE.can_id, VALVE.pack(n, 1, 1.0, n & 0xFFFF)) for n in range(10_000)])
+    assert plant.reception_counts()["VALVE_COMMAND"]["received"] == 10_000
+    assert plant.answered_tick == 9_999
+
+
 @pytest.mark.parametrize("rig", ["wet_clutch", "power_shift"])
 def test_a_sample_keeps_no_memory(rig: str) -> None:
     if rig == "power_shift":

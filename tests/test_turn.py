@@ -73,10 +73,10 @@ def test_it_waits_for_the_sample_and_says_when_it_woke(turn: Turn, plant: Port) 
 def test_without_a_sample_there_is_no_cycle_and_nothing_is_lost(turn: Turn, plant: Port) -> None:
     frames = sampled(1)[0]
     send(plant, frames[:-1])  # all but the encoder's, which completes it
-    record = turn._node.record.copy()
+    record = turn.node.record.copy()
     assert turn.answer_sample(20_000_000, time.monotonic_ns(), PERIOD) == 0
     assert turn.samples.line.count == len(frames) - 1
-    assert np.array_equal(turn._node.record, record)
+    assert np.array_equal(turn.node.record, record)
     send(plant, frames[-1:])
     assert turn.answer_sample(PATIENCE, time.monotonic_ns() - PERIOD, PERIOD) == 1
     assert plant.receive() == ControllerNode().step(frames)
@@ -111,8 +111,8 @@ def test_what_a_newcomer_sent_before_it_was_let_in_is_heard_in_the_next_turn(
         newcomer.send(Frame(FRAMES["TORQUE_SETPOINT"].can_id, FRAMES["TORQUE_SETPOINT"].pack(0, 1, 5.0, 10.0, 0.0)))
         turn.answer(1)  # finds it there, when the frames of this turn have been taken
         turn.answer(1)
-        assert turn._node.reception_counts()["TORQUE_SETPOINT"]["received"] == 1
-        assert turn._node.states["demand"][0] == 5.0
+        assert turn.node.reception_counts()["TORQUE_SETPOINT"]["received"] == 1
+        assert turn.node.states["demand"][0] == 5.0
 
 
 def test_a_bus_that_cannot_be_worked_on_ends_it(turn: Turn, plant: Port) -> None:
