@@ -10,7 +10,7 @@ run: $(READY)  ## plant + controller on a bus, a torque profile, a summary, a re
 	$(BIN)/clutch-hil up
 
 test: $(READY) lint  ## lint, types, every test this machine can run, real vcan included
-	$(BIN)/pytest --numprocesses 3 --durations 20  # tests/conftest.py tells what plays when
+	$(BIN)/python -m tests --numprocesses 3 --durations 20  # tests/conftest.py tells what plays when
 
 lint: $(READY)
 	$(BIN)/ruff check .

@@ -12,6 +12,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -33,15 +34,42 @@ QUIET = (
     "test_local_bus.py",
     "test_timing_budget.py",
 )
+# These run services, or wait for threads, in real time (`python -m tests` tells what follows from that).
+IN_REAL_TIME = (
+    *QUIET,
+    "discrepancy/test_demonstration.py",
+    "effects/test_plug_in.py",
+    "live",
+    "test_cycle.py",
+    "test_exchange.py",
+    "test_power_shift_bus.py",
+    "test_realtime.py",
+    "test_replay.py",
+    "test_scenario.py",
+    "test_services.py",
+    "test_triggered_services.py",
+    "test_turn.py",
+    "vcan",
+)
 ORDER = ("soak", "longest", "shared", "quiet")
 _KERNELS = pytest.StashKey[str]()
 
 
+@cache
 def turn(file: str) -> str:
     """When the tests of a file, named from the folder of this one, have their turn: one of `ORDER`."""
     if file in (SOAK, LONGEST):
         return "soak" if file == SOAK else "longest"
-    return "quiet" if any(PurePath(file).is_relative_to(place) for place in QUIET) else "shared"
+    return "quiet" if _in(file, QUIET) else "shared"
+
+
+def in_real_time(file: str) -> bool:
+    """Whether tests of a file depend on what else the machine does."""
+    return _in(file, IN_REAL_TIME)
+
+
+def _in(file: str, places: tuple[str, ...]) -> bool:
+    return any(PurePath(file).is_relative_to(place) for place in places)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -74,7 +102,7 @@ def pytest_configure(config: pytest.Config) -> None:
         config.stash[_KERNELS] = os.environ["NUMBA_CACHE_DIR"] = tempfile.mkdtemp(prefix="clutch-hil-kernels-")
         compilers = [
             subprocess.Popen([sys.executable, "-m", "tests.kernels", side], cwd=TESTS.parent)
-            for side in ("plant", "controller")
+            for side in ("plant", "shift", "controller")
         ]
         for compiler in compilers:
             if compiler.wait():

@@ -1,8 +1,9 @@
-"""Compile what the services of a bench run, into NUMBA_CACHE_DIR: `python -m tests.kernels plant` or `controller`."""
+"""Compile what the services of a bench run, into NUMBA_CACHE_DIR: `python -m tests.kernels SIDE`, see below."""
 
 import sys
 
 from plant_sim.node import PlantNode
+from plant_sim.power_shift_node import PowerShiftNode
 from protocols.bus import open_bus
 from protocols.exchange import Exchange
 from protocols.frames import load_frames
@@ -19,4 +20,4 @@ def controller() -> None:
 
 
 if __name__ == "__main__":
-    {"plant": PlantNode.warm, "controller": controller}[sys.argv[1]]()
+    {"plant": PlantNode.warm, "shift": PowerShiftNode.warm, "controller": controller}[sys.argv[1]]()

@@ -5,6 +5,7 @@ Nothing here bounds a duration: machines are shared. The report of the whole run
 
 import json
 import subprocess
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -127,6 +128,9 @@ def test_the_whole_report(local_bus: str) -> None:
         assert one["cycles"] + one["late"] >= 0.5 * 2.0 * 250
         assert 0.0 <= one["wake"]["p50"] <= one["wake"]["max"]
         assert one["witness"]["p50"] > 0.0
+    for name in ("closed loop, clock", "closed loop, bus"):
+        for taken in map(loops[name]["footprint"].get, ("plant", "controller")):
+            assert taken["collections"] == taken["threads_begun"] == 0
     for name in ("closed loop, bus", "echo, raw frames", "echo, python-can and cantools"):
         assert told["phases"][name]["latency"]["p50"] > 0.0
     assert {ratio["to"] for ratio in told["ratios"]} >= {"its witness", "echo, raw frames"}
@@ -138,12 +142,15 @@ def test_the_knee_is_the_last_rate_before_one_that_is_not_kept() -> None:
         one = Measured(cycles=10_000, late=late, failure=failure)
         for what in ("wake", "step", "period"):
             one.add(what, np.ones(10))
+        taken = {"minor_faults": 2, "major_faults": 1, "preemptions": 9, "collections": 0, "threads_begun": 4}
+        one.footprint = {"plant": Counter(taken), "controller": Counter(taken | {"minor_faults": 0})}
         return one
 
     rates = {1000: measured(0), 2000: measured(20), 4000: measured(21), 8000: measured(0), 10_000: measured(0, "gone")}
     told = sweep_document(Setting("local:x", 1000, 3.0, 1, 0, 0.0), [], rates, False)
     assert told["knee_hz"] == 2000
     assert sweep_judged(told) == ("up to 2000 Hz at most 0.2 % of the cycles are late", True)
+    assert [line.split()[-4:] for line in sweep_text(told).splitlines()[4:6]] == [["3", "1", "0", "8"]] * 2
     assert [line.split()[:3] for line in sweep_text(told).splitlines()[4:]] == [
         ["1000", "1000", "10000"], ["2000", "500", "10000"], ["4000", "250", "10000"], ["8000", "125", "10000"],
         ["10000", "100", "failed"],

@@ -10,6 +10,7 @@ What counts     wake      from the slot of the grid to the first look at the clo
                 period    time between the beginnings of two cycles minus the period
                 late      cycles that end after their slot, and slots left out; unexplained: those without a spike of the
                           witness within two periods. A spike is SPIKE of a period, and lasts until the witness woke
+                footprint of both services of the closed loop: page faults, collections of garbage, threads begun
 Assumptions     stamps of both frames are of one clock (a local bus stamps when a frame is sent, vcan when it is taken)
 References      rt-tests' cyclictest; witness: shared/design/realtime.md
 """
@@ -20,6 +21,7 @@ import shutil
 import subprocess
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
@@ -68,13 +70,15 @@ class Setting:
 
 @dataclass
 class Measured:
-    """Of one phase: durations [us] by what they are of, late cycles and cycles, and the witness's latenesses [us]."""
+    """Of one phase: durations [us] by what they are of, late cycles and cycles, the witness's latenesses [us], and what each
+    service took from the system (`protocols.footprint`)."""
 
     durations: dict[str, list[np.ndarray]] = field(default_factory=dict)
     witness: list[np.ndarray] = field(default_factory=list)
     cycles: int = 0
     late: int = 0
     unexplained: int = 0
+    footprint: dict[str, Counter[str]] = field(default_factory=dict)
     failure: str = ""
 
     def add(self, what: str, values: np.ndarray) -> None:
@@ -262,7 +266,8 @@ def _closed(setting: Setting, measured: Measured, stop: Stop, trigger: str, hear
             frames = stack.enter_context(_heard(setting.bus)) if heard else []
             with _witnessed(setting, measured, setting.piece, phase) as witness:
                 rows = _played(rings[1], setting.piece, stop)
-            services.end()
+            for service, told in services.end().items():
+                measured.footprint.setdefault(service, Counter()).update(told["footprint"] or {})
     names = [c.name for c in rings[1].columns]
     clock, wake, work, late = (rows[:, names.index(n)] for n in ("clock_s", "wake_us", "work_us", "late_cycles"))
     measured.add("wake", wake)

@@ -13,6 +13,8 @@ from plant_sim.bench.loads import Load
 from plant_sim.bench.progress import table_text
 from protocols.errors import InputError
 
+_SERVICES = ("plant", "controller")
+_TAKEN = ("page faults plant", "controller", "collections", "threads")
 _SHOWN = ("p50", "p99", "p99.9", "p99.99", "max")
 # What the p99.9 of the wake-up [us] means for a machine, in the bands of LinuxCNC's latency test, which takes the maximum
 BANDS = ((20.0, "excellent"), (50.0, "good"), (100.0, "fair"), (1000.0, "poor: late now and then at 1 kHz"))
@@ -43,7 +45,7 @@ def document(
         entry: dict[str, Any] = {what: summary(one.all(what)) for what in one.durations}
         if one.witness:
             entry["witness"] = summary(np.concatenate(one.witness))
-        entry |= {"cycles": one.cycles, "late": one.late, "unexplained": one.unexplained}
+        entry |= _counts(one)
         phases[name] = entry
     return {
         "machine": f"{platform.machine()}, Linux {platform.release()}, Python {platform.python_version()}",
@@ -52,6 +54,20 @@ def document(
         "loads": [load.name for load in loads],
         "interrupted": interrupted, "phases": phases, "ratios": _ratios(phases),
     }  # fmt: skip
+
+
+def _counts(one: Measured) -> dict[str, Any]:
+    """Cycles, late ones, and where there were services, what these took from the system."""
+    counts: dict[str, Any] = {"cycles": one.cycles, "late": one.late, "unexplained": one.unexplained}
+    return counts | ({"footprint": {k: dict(v) for k, v in one.footprint.items()}} if one.footprint else {})
+
+
+def _footprint(told: Mapping[str, Any]) -> tuple[str, ...]:
+    """Page faults of plant and controller, collections and threads of both."""
+    taken = told.get("footprint", {})
+    faults = [str(one["minor_faults"] + one["major_faults"]) for one in (taken.get(k) for k in _SERVICES) if one]
+    both = [str(sum(one[what] for one in taken.values())) for what in ("collections", "threads_begun")]
+    return (*faults, *both) if taken else ("-",) * 4
 
 
 def _ratios(phases: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -83,11 +99,12 @@ def text(told: Mapping[str, Any]) -> str:
             (name if what == shown[0] else "", what, *(_number(one[what].get(p, nan)) for p in _SHOWN))
             for what in shown
         ]
-    counts = [("phase", "cycles", "late", "unexplained", "a million")]
+    counts = [("phase", "cycles", "late", "unexplained", "a million", *_TAKEN)]
     for name, one in told["phases"].items():
         if "period" in one:
             million = 1e6 * one["unexplained"] / max(one["cycles"], 1)
-            counts.append((name, str(one["cycles"]), str(one["late"]), str(one["unexplained"]), f"{million:.0f}"))
+            late = (str(one["cycles"]), str(one["late"]), str(one["unexplained"]), f"{million:.0f}")
+            counts.append((name, *late, *_footprint(one)))
     ratios: list[tuple[str, ...]] = [("ratio of", "to", "p50", "p99", "p99.9")]
     ratios += [
         (one["of"], one["to"], *(_number(one.get(p, nan), 2) for p in ("p50", "p99", "p99.9")))
@@ -113,8 +130,7 @@ def sweep_document(
         kept = kept and late <= KNEE
         knee = rate if kept else knee
         durations = {what: summary(one.all(what)) for what in ("wake", "step", "period")}
-        counts = {"cycles": one.cycles, "late": one.late, "unexplained": one.unexplained, "late_share": late}
-        rates.append({"rate_hz": rate, **counts, **durations})
+        rates.append({"rate_hz": rate, **_counts(one), "late_share": late, **durations})
     machine = f"{platform.machine()}, Linux {platform.release()}, Python {platform.python_version()}"
     return {
         "machine": machine, "bus": setting.bus, "cpu": setting.cpu, "spin_us": setting.spin_us,
@@ -126,15 +142,15 @@ def sweep_document(
 def sweep_text(told: Mapping[str, Any]) -> str:
     """The table by rate, for people."""
     rows: list[tuple[str, ...]] = [
-        ("rate Hz", "period us", "cycles", "late %", "unexplained", "wake p50", "p99", "step p50", "p99")
+        ("rate Hz", "period us", "cycles", "late %", "unexplained", "wake p50", "p99", "step p50", "p99", *_TAKEN)
     ]
     for one in told["rates"]:
         if "failure" in one:
-            rows.append((str(one["rate_hz"]), f"{1e6 / one['rate_hz']:.0f}", "failed", *["-"] * 6))
+            rows.append((str(one["rate_hz"]), f"{1e6 / one['rate_hz']:.0f}", "failed", *["-"] * 10))
             continue
         shown = [_number(one[what].get(p, nan)) for what in ("wake", "step") for p in ("p50", "p99")]
         counts = (str(one["cycles"]), f"{100.0 * one['late_share']:.3f}", str(one["unexplained"]))
-        rows.append((str(one["rate_hz"]), f"{1e6 / one['rate_hz']:.0f}", *counts, *shown))
+        rows.append((str(one["rate_hz"]), f"{1e6 / one['rate_hz']:.0f}", *counts, *shown, *_footprint(one)))
     load = f"load: {', '.join(told['loads'])}" if told["loads"] else "load: none"
     return "\n".join([f"machine: {told['machine']}; {load}", "", table_text(rows)])
 
