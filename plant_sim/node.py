@@ -15,6 +15,7 @@ from plant_sim.rigs import wet_clutch
 from plant_sim.rigs.clutch_phase import Phase, phase
 from plant_sim.rigs.wet_clutch import STATE, Whole
 from plant_sim.schedule import Schedule
+from protocols.batch import batch
 from protocols.errors import InputError
 from protocols.node import Column
 from protocols.parameters import ParameterSet
@@ -96,7 +97,9 @@ class PlantNode(Interface):
         """Compile, or load from disk, all that a node runs, with effects and without: later nothing compiles."""
         wet_clutch.warm()
         for values in ({}, effect_on(next(iter(effects())))):
-            PlantNode(parameters=wet_clutch.nominal().with_values(values)).step([])
+            node = PlantNode(parameters=wet_clutch.nominal().with_values(values))
+            node.take(batch(1), 0)
+            node.step([])
 
     def show(self) -> int:
         """See `Interface`."""

@@ -17,6 +17,7 @@ from plant_sim.rigs.power_shift import DRIVELINE, PowerShift
 from plant_sim.rigs.wet_clutch import STATE, STEP_LIMIT, Whole
 from plant_sim.schedule import Change, Schedule
 from plant_sim.shift_profile import ShiftProfile
+from protocols.batch import batch
 from protocols.errors import InputError
 from protocols.node import Column
 from protocols.parameters import ParameterSet
@@ -106,7 +107,9 @@ class PowerShiftNode(Interface):
     def warm() -> None:
         """See `PlantNode`."""
         PlantNode.warm()
-        PowerShiftNode().step([])
+        node = PowerShiftNode()
+        node.take(batch(1), 0)
+        node.step([])
 
     def show(self) -> int:
         """See `Interface`."""

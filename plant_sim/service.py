@@ -85,6 +85,7 @@ class PlantService:
             finally:
                 for frame in node.safe():
                     port.send(frame)
+                realtime.relax()
                 published = outlet.close()
         return {
             "bus": port.name,

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from protocols.child import spawn
 from protocols.clock import Clock
-from protocols.realtime import prepare
+from protocols.realtime import prepare, relax
 from protocols.stopping import Stop
 from protocols.waiting import waiting
 
@@ -59,6 +59,7 @@ class Pace:
                 clock.wait()
                 waited_for[clock.run - 1], woken[clock.run - 1] = clock.woken_ns - clock.lateness_ns, clock.woken_ns
                 clock.done()
+        relax()
         part = Path(self.out).with_suffix(".part")
         part.write_bytes(waited_for[: clock.run].tobytes() + woken[: clock.run].tobytes())
         part.rename(self.out)

@@ -85,6 +85,8 @@ class ControllerService:
                 self.name, node, COLUMNS, port.name, self.rate, session,
                 shipped=shipped_parameters(), ring=self.ring, publish=self.telemetry, router=self.router,
             )  # fmt: skip
+            turn = Turn(samples, node)
+            begins = begun_by(clock, turn)
             ready(f"{self.name} on {port.name} at {self.rate} Hz, {'lock-step' if self.lockstep else 'real time'}")
             missing = [] if self.lockstep else realtime.prepare(self.cpu, self.priority)
             for text in missing:
@@ -92,8 +94,6 @@ class ControllerService:
             if self.clutch and self.adaptation:
                 ready("note: of two clutches none adapts: the motor's torque is that of both")
             closed, missed, footprint = False, None, None
-            turn = Turn(samples, node)
-            begins = begun_by(clock, turn)
             try:
                 self._await_plant(node, samples, outlet, stop)
                 if self.lockstep:
@@ -105,6 +105,7 @@ class ControllerService:
                 missed = str(error)
             finally:
                 closed = _made_safe(node, port, 1.0 / self.rate)
+                realtime.relax()
                 port.close()  # nobody reads it while the telemetry ends: its queue would fill up, and refuse the plant's frames
                 published = outlet.close()
         return {

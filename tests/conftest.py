@@ -94,7 +94,7 @@ def pytest_configure(config: pytest.Config) -> None:
     """All workers and their processes share kernels in a place of their own, before Numba is imported.
 
     What services run is compiled before the workers begin: who waits for a service does not wait for a compiler, thrice at once
-    on two CPUs. What the rest needs, one worker compiles and all have.
+    on two CPUs. What the rest needs, one worker compiles and all have. Likewise pytest's own form of the tests is made once.
     """
     if hasattr(config, "workerinput"):
         _save_one_after_the_other()
@@ -104,6 +104,10 @@ def pytest_configure(config: pytest.Config) -> None:
             subprocess.Popen([sys.executable, "-m", "tests.kernels", side], cwd=TESTS.parent)
             for side in ("plant", "shift", "controller")
         ]
+        subprocess.run(  # what it finds wrong, workers find, too
+            [sys.executable, "-m", "pytest", "--collect-only", "-qq"],
+            cwd=TESTS.parent, env=os.environ | {"PYTEST_ADDOPTS": ""}, stdout=subprocess.DEVNULL, check=False,
+        )  # fmt: skip
         for compiler in compilers:
             if compiler.wait():
                 raise pytest.UsageError(f"{compiler.args} ended with {compiler.returncode}")

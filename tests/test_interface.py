@@ -1,6 +1,8 @@
 """The plant's compiled interface against the codecs and the sensors of which it is made; what it costs memory."""
 
 import gc
+import subprocess
+import sys
 import tracemalloc
 
 import pytest
@@ -109,3 +111,29 @@ def test_a_sample_keeps_no_memory(rig: str) -> None:
     grown = tracemalloc.get_traced_memory()[0] - before
     tracemalloc.stop()
     assert grown < 1000  # bytes in 1400 samples: an object that a sample kept would be 28 each
+
+
+@pytest.mark.parametrize("name", ["PlantNode", "PowerShiftNode"])
+def test_once_warm_a_plant_loads_nothing(name: str) -> None:
+    """Not even with its first frame: it has real-time priority then, and others on its CPU would wait for the disk."""
+    code = f"""
+import sys
+from plant_sim.node import PlantNode
+from plant_sim.power_shift_node import PowerShiftNode
+from protocols.batch import batch, load
+from protocols.frames import Frame, load_frames
+{name}.warm()
+plant, line, valve = {name}(), batch(64), load_frames()["VALVE_COMMAND"]
+def told(event, arguments):
+    if event == "open" and str(arguments[0]).endswith((".nbi", ".nbc")):
+        print(arguments[0])
+sys.addaudithook(told)
+for tick in range(3):
+    plant.take(line, load(line, [Frame(valve.can_id, valve.pack(tick, 1, 1.0, tick))]))
+    plant.slept(0)
+    plant.show()
+    plant.advance()
+plant.heartbeat(1)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == ""

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from protocols.machine import facts
-from protocols.realtime import MEASURES, Wanted, possible, prepare
+from protocols.realtime import MEASURES, Measure, Wanted, possible, prepare, relax
 
 _PR_GET_TIMERSLACK = 30  # linux/prctl.h
 CPU = max(os.sched_getaffinity(0))
@@ -52,6 +52,26 @@ def test_root_gets_every_measure() -> None:
     assert found["locked_kb"] > 10_000
     assert found["slack_ns"] == 1 or found["scheduler"][0] == os.SCHED_FIFO  # of a real-time process none is kept
     assert (found["collects"], found["frozen"]) == (False, True)
+
+
+def policies() -> list[int]:
+    """Of scheduling: while each measure but the last is taken, once all are, and after."""
+    seen: list[int] = []
+
+    def watched(measure: Measure) -> Measure:
+        return measure._replace(take=lambda wanted: (measure.take(wanted), seen.append(os.sched_getscheduler(0))))
+
+    prepare(CPU, 70, [watched(measure) for measure in MEASURES])
+    relax()
+    return [*seen, os.sched_getscheduler(0)]
+
+
+@pytest.mark.skipif(not ROOT, reason="the rights of a user are those of the machine's set-up")
+def test_only_the_loop_has_priority() -> None:
+    """Getting ready and ending take tenths of a second, in which other loops on the CPU go on."""
+    *before, ready, after = in_child("policies")
+    assert set(before) == {os.SCHED_OTHER}
+    assert (ready, after) == (os.SCHED_FIFO, os.SCHED_OTHER)
 
 
 def faults() -> int:
