@@ -1,8 +1,8 @@
 """How the tests share the machine, and fixtures for all of them.
 
-`make test` plays them on three workers (pytest-xdist): one has the soak to itself, ten minutes that are mostly waited for; the
-other two share all that computes or waits, and when that is done one of them plays what measures time, with nothing beside it
-but the soak. Without workers the tests run in the same order, one after the other.
+`make test` plays them on three workers (pytest-xdist), for two CPUs: as long as there is something to compute, one of them does
+so, at low priority, and the others play what runs in real time: first the soak, ten minutes that are mostly waited for, and
+beside it what measures time. Without workers the tests run one after the other.
 """
 
 import fcntl
@@ -22,7 +22,9 @@ import protocols  # noqa: F401  # sets the number of BLAS threads before numpy i
 
 TESTS = Path(__file__).parent
 SOAK = "telemetry/test_soak.py"
-LONGEST = "test_reproductions.py"  # begins first, so that nobody waits for it at the end
+# These two begin first of what computes, so that nobody waits for them at the end.
+LONGEST = "test_reproductions.py"
+GUEST = "test_guest.py"
 # These measure time, or hold a bench at 1 kHz to what it is on a machine that is not full.
 QUIET = (
     "effects/test_effect_speed.py",
@@ -51,16 +53,16 @@ IN_REAL_TIME = (
     "test_turn.py",
     "vcan",
 )
-ORDER = ("soak", "longest", "shared", "quiet")
+ORDER = ("soak", "quiet", "longest", "guest", "shared")
+LOW = 10  # nice value of what computes: beside what runs in real time it has a tenth of a CPU that both want
 _KERNELS = pytest.StashKey[str]()
 
 
 @cache
 def turn(file: str) -> str:
     """When the tests of a file, named from the folder of this one, have their turn: one of `ORDER`."""
-    if file in (SOAK, LONGEST):
-        return "soak" if file == SOAK else "longest"
-    return "quiet" if _in(file, QUIET) else "shared"
+    alone = {SOAK: "soak", LONGEST: "longest", GUEST: "guest"}
+    return alone.get(file) or ("quiet" if _in(file, QUIET) else "shared")
 
 
 def in_real_time(file: str) -> bool:
@@ -78,16 +80,40 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """A worker gets a file at a time, in the order of the tests, but all that is quiet together."""
+    """A worker gets a file at a time, in the order of the tests, but all that is quiet together; as long as there is something
+    else, two of them at most play in real time."""
     from xdist.scheduler import LoadFileScheduling
 
     class Turns(LoadFileScheduling):
         def _split_scope(self, nodeid: str) -> str:
             file = super()._split_scope(nodeid)
-            return "quiet" if turn(file.removeprefix(f"{TESTS.name}/")) == "quiet" else file
+            return "quiet" if turn(_named(file)) == "quiet" else file
+
+        def _assign_work_unit(self, node: Any) -> None:
+            others = (work for other, work in self.assigned_work.items() if other is not node)
+            busy = [_timed(scope) for work in others for scope, done in work.items() if not all(done.values())]
+            wanted = (scope for scope in self.workqueue if _timed(scope) == (sum(busy) < 2))
+            self.workqueue.move_to_end(next(wanted, next(iter(self.workqueue))), last=False)
+            super()._assign_work_unit(node)
+
+    def _timed(scope: str) -> bool:
+        return scope == "quiet" or in_real_time(_named(scope))
 
     config.option.loadscopereorder = False
     return Turns(config, log)
+
+
+def _named(path: str) -> str:
+    """A file from the folder of this one."""
+    return path.removeprefix(f"{TESTS.name}/")
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _priority(request: pytest.FixtureRequest) -> None:
+    """What computes does so at low priority; root alone may have its own back afterwards."""
+    if os.geteuid() == 0:
+        file = request.path.relative_to(TESTS).as_posix()
+        os.setpriority(os.PRIO_PROCESS, 0, 0 if in_real_time(file) or file == GUEST else LOW)
 
 
 def pytest_configure(config: pytest.Config) -> None:

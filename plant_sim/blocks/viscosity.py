@@ -19,7 +19,7 @@ ORIGIN = ZERO_CELSIUS - 103.0  # K, T_V
 _NEAREST = 50.0  # K from T_V: a mineral oil no longer flows there
 
 
-@njit(inline="always")
+@njit(inline="always", cache=True)
 def relative_viscosity(temperature, reference):
     """Viscosity at `temperature` over that at `reference`, both [K]."""
     return exp(SLOPE * (1.0 / max(temperature - ORIGIN, _NEAREST) - 1.0 / (reference - ORIGIN)))
