@@ -128,7 +128,7 @@ def pytest_configure(config: pytest.Config) -> None:
         config.stash[_KERNELS] = os.environ["NUMBA_CACHE_DIR"] = tempfile.mkdtemp(prefix="clutch-hil-kernels-")
         compilers = [
             subprocess.Popen([sys.executable, "-m", "tests.kernels", side], cwd=TESTS.parent)
-            for side in ("plant", "shift", "controller")
+            for side in ("plant", "controller")
         ]
         subprocess.run(  # what it finds wrong, workers find, too
             [sys.executable, "-m", "pytest", "--collect-only", "-qq"],

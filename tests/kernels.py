@@ -1,8 +1,7 @@
-"""Compile what the services of a bench run, into NUMBA_CACHE_DIR: `python -m tests.kernels SIDE`, see below."""
+"""Compile what the services of a bench run, into NUMBA_CACHE_DIR: `python -m tests.kernels plant` or `controller`."""
 
 import sys
 
-from plant_sim.node import PlantNode
 from plant_sim.power_shift_node import PowerShiftNode
 from protocols.bus import open_bus
 from protocols.exchange import Exchange
@@ -19,5 +18,10 @@ def controller() -> None:
         Turn(Samples(Exchange(port, frames["ENCODER"].can_id), frames), ControllerNode(1000))
 
 
+SIDES = {
+    "plant": PowerShiftNode.warm,
+    "controller": controller,
+}  # that plant compiles what the one of one clutch runs, too
+
 if __name__ == "__main__":
-    {"plant": PlantNode.warm, "shift": PowerShiftNode.warm, "controller": controller}[sys.argv[1]]()
+    SIDES[sys.argv[1]]()

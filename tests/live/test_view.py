@@ -22,6 +22,7 @@ from tests.live.viewing import View, answered, colours, free_port, newest, refus
 from tests.telemetry.benches import bench
 
 LOOKS = 3  # at the age of the newest row, which is told and not judged: two cores are shared with a software renderer
+RATE = 250  # Hz: at 1 kHz that renderer needs seconds a picture beside other tests, and is seldom free to answer
 COLOURS = 200  # in a picture with plots; an empty viewer has less than 60
 PUT = 0.05  # s; a put is a few us, but the scheduler may take a moment
 STOPPED = 5.0  # s of a stopped viewer: enough for everything between us and it to be full
@@ -35,7 +36,7 @@ def bus() -> str:
 
 def test_a_viewer_shows_the_running_bench(bus: str, tmp_path: Path) -> None:
     port = free_port()
-    with bench(bus), View("--bus", bus, "--headless", "--port", port) as view:
+    with bench(bus, "--rate", str(RATE)), View("--bus", bus, "--headless", "--port", port) as view:
         client = viewer_client(port)
         state = until(shown(client, "time"), "rows in the viewer")
         first = newest(state, "time")
