@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.conftest import GUEST, IN_REAL_TIME, LONGEST, SOAK, TESTS
+
 ROOT = Path(__file__).parents[1]
 FAILS = "def test_it(): assert False"
 FAILS_ONCE = """
@@ -32,3 +34,7 @@ def test_a_failure_counts(file: str, text: str, tries: int, code: int, tmp_path:
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == code, done.stdout + done.stderr
     assert done.stdout.count("test session starts") == tries, done.stdout
+
+
+def test_every_place_that_has_a_turn_of_its_own_is_there() -> None:
+    assert [place for place in (*IN_REAL_TIME, SOAK, LONGEST, GUEST) if not (TESTS / place).exists()] == []
