@@ -8,6 +8,7 @@ import json
 import sys
 import time
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from subprocess import Popen
 from typing import Any
 
@@ -19,13 +20,15 @@ from protocols.child import spawn
 from protocols.clock import Clock
 from protocols.frames import DBC, Frame, load_frames
 from protocols.realtime import prepare
+from protocols.stopping import Stop
 
-_PATIENCE = 0.2  # s without a sample after which an echo looks whether its time is over
+_PATIENCE = 0.2  # s without a sample after which an echo looks whether it is to end
 
 
 @dataclass(frozen=True)
 class Echo:
-    """`role` is source, raw or python-can; `seconds` [s] at `rate` [Hz] on `bus`, on a CPU with a priority of SCHED_FIFO."""
+    """`role` is source, raw or python-can; at `rate` [Hz] on `bus`, on a CPU with a priority of SCHED_FIFO. A source sends for
+    `seconds` [s]; an echo answers from when the file `ready` is there until SIGTERM."""
 
     role: str
     bus: str
@@ -33,6 +36,7 @@ class Echo:
     seconds: float
     cpu: int
     priority: int
+    ready: str = ""
 
     def spawn(self) -> "Popen[bytes]":
         """The role as a process of its own."""
@@ -58,10 +62,10 @@ class Echo:
     def _raw(self) -> None:
         frames = load_frames()
         analog, encoder, valve = (frames[name] for name in ("ANALOG_SENSORS", "ENCODER", "VALVE_COMMAND"))
-        with open_bus(self.bus, [analog.can_id, encoder.can_id]) as port:
+        with Stop() as stop, open_bus(self.bus, [analog.can_id, encoder.can_id]) as port:
             prepare(self.cpu, self.priority)
-            end = time.monotonic() + self.seconds + _PATIENCE
-            while time.monotonic() < end:
+            Path(self.ready).touch()
+            while not stop.asked:
                 if port.wait(_PATIENCE):
                     for can_id, data in port.receive():
                         if can_id == analog.can_id:
@@ -78,10 +82,10 @@ class Echo:
         local = self.bus.startswith("local:")
         channel, interface = (self.bus.removeprefix("local:"), "local") if local else (self.bus, "socketcan")
         filters = [{"can_id": m.frame_id, "can_mask": 0x7FF} for m in (analog, encoder)]
-        with can.Bus(channel, interface=interface, can_filters=filters) as bus:
+        with Stop() as stop, can.Bus(channel, interface=interface, can_filters=filters) as bus:
             prepare(self.cpu, self.priority)
-            end = time.monotonic() + self.seconds + _PATIENCE
-            while time.monotonic() < end:
+            Path(self.ready).touch()
+            while not stop.asked:
                 message = bus.recv(_PATIENCE)
                 if message is None:
                     continue

@@ -5,16 +5,18 @@ Nothing here bounds a duration: machines are shared. The report of the whole run
 
 import json
 import subprocess
+import time
 from collections import Counter
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from plant_sim.bench.jitter import Measured, Setting, _latencies, explained, summary
+from plant_sim.bench.jitter import Measured, Setting, _heard, _latencies, explained, summary
 from plant_sim.bench.jitter_report import document, judged, sweep_document, sweep_judged, sweep_text
 from plant_sim.bench.loads import LOADS, chosen
 from protocols import child
+from protocols.echo import Echo
 from protocols.errors import InputError
 from protocols.frames import load_frames
 from protocols.pace import Pace, read
@@ -64,6 +66,26 @@ def test_latency_is_from_a_sample_to_the_first_command_that_answers_it() -> None
     heard = [(0, encoder, 65535), (40_000, valve, 65535), (1_000_000, encoder, 0), (1_025_000, valve, 0)]
     heard += [(2_025_000, valve, 0), (3_000_000, encoder, 2), (3_050_000, valve, 2)]  # tick 0 again; 1 was lost
     assert _latencies(heard).tolist() == [40.0, 25.0, 50.0]
+    with pytest.raises(InputError, match="no sample of the measurement was answered"):
+        _latencies([(0, encoder, 1), (1_000_000, encoder, 2)])
+
+
+@pytest.mark.parametrize("role", ["raw", "python-can"])
+def test_an_echo_answers_whenever_the_source_comes(role: str, local_bus: str, tmp_path: Path) -> None:
+    """On a busy machine that takes longer than the source sends."""
+    ready, timing = tmp_path / "ready", (local_bus, 250, 0.1, 0, 50)
+    echo = Echo(role, *timing, str(ready)).spawn()
+    try:
+        while not ready.exists():
+            assert echo.poll() is None
+            time.sleep(0.02)
+        with _heard(local_bus) as frames:
+            time.sleep(0.5)
+            assert Echo("source", *timing).spawn().wait(60.0) == 0
+        assert len(_latencies(frames)) > 0
+    finally:
+        echo.terminate()
+    assert echo.wait(60.0) == 0
 
 
 def test_a_loop_that_keeps_time_says_when(tmp_path: Path) -> None:

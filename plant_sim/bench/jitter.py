@@ -24,6 +24,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
@@ -193,11 +194,7 @@ def _witnessed(setting: Setting, measured: Measured, seconds: float, phase_ns: i
     pace = Pace(str(out), setting.rate, seconds + _START, setting.cpu, WITNESS_PRIORITY, phase_ns)
     process = pace.spawn()
     try:
-        end = time.monotonic() + _START
-        while not begun(out).exists():
-            if process.poll() is not None or time.monotonic() > end:
-                raise InputError("the witness of the measurement did not start")
-            time.sleep(_POLL)
+        _started(process, begun(out), "witness")
         yield found
         process.terminate()
         process.wait(_START)
@@ -282,14 +279,30 @@ def _closed(setting: Setting, measured: Measured, stop: Stop, trigger: str, hear
 
 def _echo(setting: Setting, measured: Measured, kind: str) -> None:
     timing = (setting.bus, setting.rate, setting.piece, setting.cpu, PRIORITY)
-    with _heard(setting.bus) as frames:
-        echo = Echo(kind, *timing).spawn()
-        time.sleep(1.5)  # it opens the bus
-        source = Echo("source", *timing).spawn()
-        for process in (source, echo):
-            process.wait(setting.piece + _START)
+    folder = SharedFolder()
+    ready = folder.path / "ready"
+    echo = Echo(kind, *timing, str(ready)).spawn()
+    try:
+        with _heard(setting.bus) as frames:
+            _started(echo, ready, "echo")
+            Echo("source", *timing).spawn().wait(setting.piece + _START)
+        echo.terminate()
+        echo.wait(_START)
+    finally:
+        echo.kill()
+        echo.wait()
+        folder.remove()
     measured.add("latency", _latencies(frames))
     measured.cycles += round(setting.piece * setting.rate)
+
+
+def _started(process: "subprocess.Popen[bytes]", told: Path, what: str) -> None:
+    """Wait for the file that a process makes when it begins. Raises InputError when it does not."""
+    end = time.monotonic() + _START
+    while not told.exists():
+        if process.poll() is not None or time.monotonic() > end:
+            raise InputError(f"the {what} of the measurement did not start")
+        time.sleep(_POLL)
 
 
 def _account(
@@ -349,7 +362,7 @@ def _heard(bus: str) -> Iterator[list[tuple[int, int, int]]]:
 
 
 def _latencies(frames: Sequence[tuple[int, int, int]]) -> np.ndarray:
-    """From each sample to the first command that answers it [us]."""
+    """From each sample to the first command that answers it [us]. Raises InputError when none was answered."""
     encoder = load_frames()["ENCODER"].can_id
     asked: dict[int, int] = {}
     found = []
@@ -358,4 +371,6 @@ def _latencies(frames: Sequence[tuple[int, int, int]]) -> np.ndarray:
             asked[tick] = stamp
         elif tick in asked:
             found.append(stamp - asked.pop(tick))
+    if not found:
+        raise InputError("no sample of the measurement was answered")
     return np.array(found) / 1e3
