@@ -21,7 +21,7 @@ $(READY): pyproject.toml
 	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if (3, 11) <= v <= (3, 13) else f"Python {v[0]}.{v[1]} is not supported; needed is 3.11 to 3.13: make PYTHON=python3.12")'
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --editable '.[test]'
-	-$(BIN)/python -m compileall -q -j 0 $(VENV)/lib >/dev/null  # pip would do so on one CPU; some files are not for this Python
+	-$(BIN)/python -m compileall -q -j 0 $(VENV)/lib >/dev/null  # pip would on one CPU; a file for another Python is no error
 	touch $(READY)
 
 clean:
