@@ -19,5 +19,5 @@ def line_flow(valve_pressure, pressure, conductance):
 @njit(inline="always")
 def pressure_rate(flow, pressure, piston_speed, capacity, area):
     """Rate of the cylinder pressure [Pa/s] at `flow` [m^3/s]; capacity [m^3/Pa], area [m^2]."""
-    rate = (flow - area * piston_speed) / capacity  # rig.md, 2
+    rate = (flow - area * piston_speed) * (1.0 / capacity)  # rig.md, 2; not divided: see `piston.speed`
     return max(rate, 0.0) if pressure <= 0.0 else rate

@@ -3,6 +3,7 @@
 The engine is given columns as rig.md has them under plain names, nothing else; what the case hides is looked at afterwards.
 """
 
+import gc
 import os
 import time
 import traceback
@@ -39,7 +40,9 @@ def judge(name: str) -> Told:
     case = Case.of(name)
     began = time.perf_counter()
     made = generate(case)
-    return _timed(made, columns(made.runs, "run"), columns(made.held_out, "held"), began)
+    told = _timed(made, columns(made.runs, "run"), columns(made.held_out, "held"), began)
+    gc.collect()  # a fit's cycles hold few objects but a gigabyte: the collector counts objects
+    return told
 
 
 def columns(records: Sequence[Record], kind: str) -> dict[str, Columns]:
