@@ -15,7 +15,8 @@ def controller() -> None:
     """As a controller does before its first frame."""
     with open_bus("local:kernels") as port:
         frames = load_frames()
-        Turn(Samples(Exchange(port, frames["ENCODER"].can_id), frames), ControllerNode(1000))
+        line = Exchange(port, frames["ENCODER"].can_id)
+        Turn(Samples(line, frames), ControllerNode(1000), line)
 
 
 SIDES = {

@@ -51,6 +51,16 @@ def test_two_processes_close_the_torque_loop(tmp_path: Path) -> None:
         assert result[name]["port"]["refused"] == 0
 
 
+def test_a_controller_begun_by_its_samples_wakes_up_once_for_each(tmp_path: Path) -> None:
+    """And not for each of a sample's three frames: the kernel filters what it waits for. Whoever faults meanwhile."""
+    common = ("--bus", BUS, "--rate", str(RATE), "--seconds", "3", "--trigger", "bus")
+    done = clutch_hil("up", *common, "--out", str(tmp_path), "--json")
+    assert done.returncode in (0, 1), done.stdout + done.stderr
+    told = json.loads(done.stdout)["controller"]
+    assert told["frames"]["ENCODER"]["received"] > 2 * RATE
+    assert told["footprint"]["sleeps"] < 1.2 * told["timing"]["cycles"]
+
+
 def test_lock_step_on_vcan_is_bit_identical_to_one_process(tmp_path: Path) -> None:
     done = clutch_hil("up", "--bus", BUS, "--lockstep", "--seconds", "2", "--out", str(tmp_path), "--json")
     assert done.returncode == 0, done.stdout + done.stderr
