@@ -19,7 +19,7 @@ import can
 
 from protocols.errors import InputError, listing
 from protocols.frames import Frame
-from protocols.local_channel import ALL, LocalChannel
+from protocols.local_channel import LocalChannel
 
 AUTO_LOCAL = "local:clutch"  # bus of `auto` where no vcan0 is up
 _CAN_FRAME = struct.Struct("=IB3x8s")  # struct can_frame: identifier and flags, length, data
@@ -49,8 +49,8 @@ class _RawPort(Protocol):
     def changes(self) -> int:
         """Comings and goings of participants so far."""
 
-    def sockets(self) -> tuple[list[int], list[tuple[int, int]]]:
-        """Descriptors to be heard, and to be sent to with the identifier that is wanted there; those who left taken out."""
+    def sockets(self) -> tuple[list[int], list[int]]:
+        """Descriptors to be heard and to be sent to, those who left taken out."""
 
     def left(self, descriptor: int, refused: int) -> None:
         """Who is behind a descriptor refused that many frames; 0: has left."""
@@ -200,9 +200,9 @@ class _SocketCanPort:
     def wait(self, timeout: float) -> bool:
         return bool(select.select([self._socket], [], [], timeout)[0])
 
-    def sockets(self) -> tuple[list[int], list[tuple[int, int]]]:
-        own = self._socket.fileno()
-        return [own], [(own, ALL)]
+    def sockets(self) -> tuple[list[int], list[int]]:
+        own = [self._socket.fileno()]
+        return own, own
 
     def left(self, descriptor: int, refused: int) -> None:
         """Nobody is behind a CAN socket: what it does not take is the kernel's matter (`Port.lost`)."""
@@ -221,14 +221,12 @@ def resolve(name: str) -> str:
 def open_bus(name: str, only: Sequence[int] | None = None) -> Port:
     """Open a bus by name. Raises InputError when there is none of that name or it is down.
 
-    `only`: identifiers that are wanted; where there is a kernel filter, other frames do not wake anybody. A local bus knows a
-    single one; of several, all frames come.
+    `only`: identifiers that are wanted; where there is a kernel filter, other frames do not wake anybody.
     """
     name = resolve(name)
     try:
         if name.startswith("local:"):
-            single = only[0] if only and len(only) == 1 else ALL
-            return Port(name, _LocalPort(LocalChannel(name.removeprefix("local:"), only=single)))
+            return Port(name, _LocalPort(LocalChannel(name.removeprefix("local:"))))
         if name not in _can_interfaces():
             known = listing([*_can_interfaces(), "local:NAME", "auto"])
             raise InputError(f"bus {name!r} does not exist; there are {known}")

@@ -15,7 +15,6 @@ from numba import njit, types
 from protocols.batch import batch
 from protocols.bus import Port
 from protocols.errors import InputError
-from protocols.local_channel import ALL
 
 CAPACITY = 4096  # frames between two looks of the loop; what comes beyond waits in the sockets
 _A_CALL = 32  # frames that one system call takes
@@ -40,9 +39,8 @@ _POLLFD = np.dtype([("fd", "i4"), ("events", "i2"), ("revents", "i2")])
 # What kernels work on: one record, as each array that is handed over costs a tenth of a microsecond
 _LINE = np.dtype(
     [("local", "?"), ("mark", "i8"), ("heard", "i8"), ("polls", _POLLFD, (_SOCKETS,)), ("reached", "i8"),
-     ("targets", "i4", (_SOCKETS,)), ("wanted", "i8", (_SOCKETS,)),
-     ("incoming", _MMSGHDR, (_A_CALL,)), ("in_parts", _IOVEC, (_A_CALL,)), ("controls", _CONTROL, (_A_CALL,)),
-     ("length", "i8"), ("time", "i8", (2,)),
+     ("targets", "i4", (_SOCKETS,)), ("incoming", _MMSGHDR, (_A_CALL,)), ("in_parts", _IOVEC, (_A_CALL,)),
+     ("controls", _CONTROL, (_A_CALL,)), ("length", "i8"), ("time", "i8", (2,)),
      ("marks", "i8"), ("marked_ns", "i8"), ("changed", "?"), ("error", "i8")],
     align=True,
 )  # fmt: skip
@@ -160,8 +158,7 @@ class Exchange:
         line = self._view
         line["heard"], line["reached"] = len(heard), len(reached)
         line["polls"]["fd"][: len(heard)] = heard
-        for place, target in enumerate(reached):
-            line["targets"][place], line["wanted"][place] = target
+        line["targets"][: len(reached)] = reached
         self._changes = self.port.raw.changes
 
 
@@ -237,21 +234,6 @@ def gather_marked(lines, timeout_ns, inbox, first, count):
             return count
 
 
-@njit(cache=True, nogil=True)
-def gather_rung(bell, lines, timeout_ns, rings, inbox, first, count):
-    """The same where `bell` hears marked frames alone, into `rings`: until it rings, no other frame wakes anybody up.
-
-    A ring with the stamp of the marked frame that came last is a late one. Frames reach the bell last (`local_channel`).
-    """
-    line = lines[0]
-    end, left = now(CLOCK_MONOTONIC, line.time) + timeout_ns, timeout_ns
-    while True:
-        gather(bell, left, rings, 0, 0)
-        left = max(end - now(CLOCK_MONOTONIC, line.time), 0)
-        if left == 0 or bell[0].changed or bell[0].marked_ns != line.marked_ns:
-            return gather_marked(lines, left, inbox, first, count)
-
-
 @njit
 def now(clock, times):
     """Time of a clock of the kernel [ns]; `times` (2,) is overwritten."""
@@ -312,8 +294,6 @@ def spread(lines, position, frames, count):
             frames[index].stamp = now(CLOCK_REALTIME, times)
         frame = frames.ctypes.data + index * frames.itemsize
         for place in range(first, line.reached):
-            if line.wanted[place] != ALL and line.wanted[place] != frames[index].can_id:
-                continue
             if _send(line.targets[place], frame, line.length, _DONTWAIT | _NOSIGNAL) < 0:
                 line.error = _errno_location()[0]
                 return index * _SOCKETS + place

@@ -1,6 +1,6 @@
 """Footprint: what a loop took from the system while it ran; in steady state nothing.
 
-What            page faults, collections of garbage, threads, sleeps, and switches that the loop did not ask for
+What            page faults, collections of garbage, threads, and switches that the loop did not ask for
 Assumptions     it is asked by the loop's own thread
 References      getrusage(2), RUSAGE_THREAD
 """
@@ -19,13 +19,12 @@ class Footprint:
         self._usage = resource.getrusage(resource.RUSAGE_THREAD)
 
     def summary(self) -> dict[str, int]:
-        """`minor_faults` and `major_faults` (from disk) of the loop's thread, `collections`, threads `begun`, `sleeps`: times
-        that it waited, and `preemptions`: times that the CPU was taken away."""
+        """`minor_faults` and `major_faults` (from disk) of the loop's thread, `collections`, threads `begun`, and
+        `preemptions`: times that the CPU was taken away."""
         now, before = resource.getrusage(resource.RUSAGE_THREAD), self._usage
         return {
             "minor_faults": now.ru_minflt - before.ru_minflt,
             "major_faults": now.ru_majflt - before.ru_majflt,
-            "sleeps": now.ru_nvcsw - before.ru_nvcsw,
             "preemptions": now.ru_nivcsw - before.ru_nivcsw,
             "collections": _collections() - self._collections,
             "threads_begun": _threads() - self._threads,

@@ -14,8 +14,7 @@ Unlike vcan:
 - Each pair of participants has its own queue, of 2731 frames where the kernel permits 1 MiB buffers (otherwise less).
   A full one refuses the newest frame, and the sender counts that in `refused`; the other participants get the frame.
 - Who only sends but never reads fills its own queues, and others count refusals for it.
-- There are no kernel filters but one: a participant that wants `only` one identifier is sent no other. Its name tells,
-  `PID-k@07e`. python-can's filters act when frames are taken from the queue (`local_bus`).
+- Kernel filters do not exist; python-can's filters act when frames are taken from the queue (`local_bus`).
 """
 
 import contextlib
@@ -45,10 +44,7 @@ FD = struct.Struct("=IBB2x64s")  # struct canfd_frame: the same with FD flags
 _STAMPED_CLASSIC = struct.Struct("=16sQ")  # what travels: a frame and its send time in ns
 _STAMPED_FD = struct.Struct("=72sQ")
 _STAMP = struct.Struct("=Q")
-_IDENTIFIER = struct.Struct("=I")
 _DATA_BYTES = {CLASSIC.size: 8, FD.size: 64}
-
-ALL = -1  # every identifier is wanted
 
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,32}")
 _PATH_BYTES = 107  # sun_path holds 108 with the closing zero
@@ -74,14 +70,13 @@ class OwnFrame(bytes):
 
 
 class LocalChannel:
-    """A participant of bus NAME for raw frames, those with the identifier `only` if there is one. One thread may send while
-    another one receives.
+    """A participant of bus NAME for raw frames. One thread may send while another one receives.
 
     Raises can.CanInitializationError when the name or the folder is unusable. After a fork the child's copy is closed.
     `refused` counts, by participant, the frames that found its queue full; a full echo counts under the own name.
     """
 
-    def __init__(self, name: str, receive_own: bool = False, only: int = ALL) -> None:
+    def __init__(self, name: str, receive_own: bool = False) -> None:
         folder = _bus_folder(name)
         self.name = name
         self.participant = ""
@@ -89,7 +84,7 @@ class LocalChannel:
         self.changes = 0  # of who is there: comings and goings
         self._connections: dict[int, tuple[str, socket.socket]] = {}  # by file descriptor, until read to the end
         # Replaced, never changed: send() goes through it while another thread may let a newcomer in.
-        self._targets: tuple[tuple[str, Callable[[bytes, int], int], int, int], ...] = ()
+        self._targets: tuple[tuple[str, Callable[[bytes, int], int], int], ...] = ()
         self._membership = threading.Lock()
         self._listener = _new_socket()
         self._ready = select.epoll()  # everything to receive, and newcomers
@@ -100,7 +95,7 @@ class LocalChannel:
         self._closed = False
         try:
             with _locked(folder):
-                self._bind(folder, only)
+                self._bind(folder)
                 self._connect_to_all(folder)
                 self._listener.listen(_BACKLOG)
             for epoll in (self._ready, self._newcomers):
@@ -128,11 +123,8 @@ class LocalChannel:
         if self._newcomers.poll(0, 1):
             self._admit()
         packet = frame + _STAMP.pack(time.time_ns())
-        (identifier,) = _IDENTIFIER.unpack_from(frame)
         refusals = 0
-        for name, transmit, descriptor, wanted in self._targets:
-            if wanted not in (ALL, identifier):
-                continue
+        for name, transmit, descriptor in self._targets:
             try:
                 transmit(packet, socket.MSG_NOSIGNAL)
             except OSError as error:
@@ -215,9 +207,8 @@ class LocalChannel:
         """A descriptor that is readable when a newcomer wants to be let in by `sockets`."""
         return self._listener.fileno()
 
-    def sockets(self) -> tuple[list[int], list[tuple[int, int]]]:
-        """Descriptors to be heard, the listener first, and of those to be sent to, each with the identifier it wants or ALL:
-        for who reads and writes them himself.
+    def sockets(self) -> tuple[list[int], list[int]]:
+        """Descriptors to be heard, the listener first, and of those to be sent to: for who reads and writes them himself.
 
         Newcomers are let in, those who left and have nothing unread are let go.
         """
@@ -226,7 +217,7 @@ class LocalChannel:
                 self._admit()
             elif event != select.EPOLLIN:
                 self._depart(descriptor)
-        return [self._listener.fileno(), *self._connections], [target[2:] for target in self._targets]
+        return [self._listener.fileno(), *self._connections], [target[2] for target in self._targets]
 
     def left(self, descriptor: int, refused: int) -> None:
         """Who is behind a descriptor refused that many frames sent by ourselves; 0: has left."""
@@ -240,7 +231,7 @@ class LocalChannel:
     def participants(self) -> list[str]:
         """Names `PID-k` of the others on the bus."""
         self.wait(0.0)
-        return [target[0] for target in self._targets]
+        return [name for name, _, _ in self._targets]
 
     def close(self) -> None:
         """Leave the bus. Frames already sent stay receivable by the others."""
@@ -256,10 +247,10 @@ class LocalChannel:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _bind(self, folder: Path, only: int) -> None:
+    def _bind(self, folder: Path) -> None:
         """Take the first free name `PID-k`; another container sharing the folder may have used it."""
         while self._path is None:
-            self.participant = f"{os.getpid()}-{next(_participant_number)}{'' if only == ALL else f'@{only:03x}'}"
+            self.participant = f"{os.getpid()}-{next(_participant_number)}"
             path = folder / self.participant
             if len(os.fsencode(path)) > _PATH_BYTES:
                 raise can.CanInitializationError(
@@ -308,10 +299,7 @@ class LocalChannel:
         _enlarge_send_buffer(connection)
         self._connections[connection.fileno()] = (name, connection)
         self._ready.register(connection, select.EPOLLIN)
-        _, _, only = name.partition("@")
-        target = name, connection.send, connection.fileno(), int(only, 16) if only else ALL
-        # who wants one identifier waits for it: when it comes, all others have it
-        self._targets = tuple(sorted((*self._targets, target), key=lambda one: one[3] != ALL))
+        self._targets = (*self._targets, (name, connection.send, connection.fileno()))
         self.changes += 1
 
     def _depart(self, descriptor: int) -> bool:

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -78,16 +77,15 @@ class ControllerService:
         parameters = node.parameters.as_values()  # at the start; changes are told apart
         period = 1_000_000_000 // self.rate
         clock = Clock(period, waiting(self.spin_us, period), overrun_policy(self.overrun))
-        frames = load_frames(clutch=self.clutch or "a")
-        complete = frames["ENCODER"].can_id  # the last frame of a sample
-        with Stop() as stop, open_bus(self.bus, node.heard) as port, self._bell(complete) as bell:
+        with Stop() as stop, open_bus(self.bus, node.heard) as port:
+            frames = load_frames(clutch=self.clutch or "a")
             node.listen(heard_alone(port, self.name, frames["CONTROLLER_HEARTBEAT"]))
-            samples = Samples(Exchange(port, complete), frames)
+            samples = Samples(Exchange(port, frames["ENCODER"].can_id), frames)
             outlet = Outlet(
                 self.name, node, COLUMNS, port.name, self.rate, session,
                 shipped=shipped_parameters(), ring=self.ring, publish=self.telemetry, router=self.router,
             )  # fmt: skip
-            turn = Turn(samples, node, Exchange(bell, complete) if bell else None)
+            turn = Turn(samples, node)
             begins = begun_by(clock, turn)
             ready(f"{self.name} on {port.name} at {self.rate} Hz, {'lock-step' if self.lockstep else 'real time'}")
             missing = [] if self.lockstep else realtime.prepare(self.cpu, self.priority)
@@ -108,8 +106,7 @@ class ControllerService:
             finally:
                 closed = _made_safe(node, port, 1.0 / self.rate)
                 realtime.relax()
-                for one in filter(None, (port, bell)):
-                    one.close()  # nobody reads while the telemetry ends: queues would fill up, and refuse the plant's frames
+                port.close()  # nobody reads it while the telemetry ends: its queue would fill up, and refuse the plant's frames
                 published = outlet.close()
         return {
             "bus": port.name,
@@ -126,12 +123,6 @@ class ControllerService:
             "parameters": parameters,
             **published,
         }
-
-    def _bell(self, complete: int) -> AbstractContextManager[Port | None]:
-        """A second place on the bus, for the frame `complete` alone, where that begins the cycles: who waits there sleeps
-        through the others."""
-        rings = self.trigger == "bus" and not self.lockstep
-        return open_bus(self.bus, [complete]) if rings else nullcontext()
 
     def _await_plant(self, node: ControllerNode, samples: Samples, outlet: Outlet, stop: Stop) -> None:
         """Say "active" every 50 ms until the plant's first sample is complete; leave its frames in the inbox."""

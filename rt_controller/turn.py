@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from protocols.batch import batch
-from protocols.exchange import CLOCK_MONOTONIC, CLOCK_REALTIME, Exchange, gather, gather_rung, now, spread
+from protocols.exchange import CLOCK_MONOTONIC, CLOCK_REALTIME, gather, gather_marked, now, spread
 from rt_controller.cycle import cycle
 from rt_controller.node import ControllerNode
 from rt_controller.samples import Samples
@@ -21,10 +21,10 @@ _TURN = np.dtype([(name, "i8") for name in ("count", "slots", "woken", "sent", "
 
 
 class Turn:
-    """Turns of `node` on the line of `samples`; `bell` hears nothing but the frame that completes a sample."""
+    """Turns of `node` on the line of `samples`."""
 
-    def __init__(self, samples: Samples, node: ControllerNode, bell: Exchange | None = None) -> None:
-        self.samples, self.node, self._bell = samples, node, bell
+    def __init__(self, samples: Samples, node: ControllerNode) -> None:
+        self.samples, self.node = samples, node
         self._turns = np.zeros(1, _TURN)
         # an element of a memory view is read ten times as fast as a field of a record
         views = [self._turns[name].data for name in _TURN.names or ()]
@@ -37,8 +37,7 @@ class Turn:
         states, rest = node.states.copy(), (node.settings, batch(len(node.outbox)), node.record.copy(), self._turns)
         lines = np.zeros_like(line.lines)
         answer(lines, line.inbox, 0, 1, states, *rest)
-        if self._bell:
-            answer_sample(lines, self._bell.inbox, lines, 0, 0, 1, line.inbox, 0, states, *rest)
+        answer_sample(lines, 0, 0, 1, line.inbox, 0, states, *rest)
 
     @property
     def woken_ns(self) -> int:
@@ -59,26 +58,22 @@ class Turn:
         return complete
 
     def answer_sample(self, patience_ns: int, before_ns: int, period_ns: int) -> int:
-        """Wait for the bell, which rings for a complete sample, `patience_ns` [ns] at most; if it rings, the same at once.
+        """Wait for the next complete sample for `patience_ns` [ns] at most; if it comes, the same at once.
 
         Returns the slots of `period_ns` since the one at `before_ns` of CLOCK_MONOTONIC; 0 when there was no cycle: nothing
         has come, or somebody new, or the sample of the slot before, see `slots_since`.
         """
-        line, node, bell = self.samples.line, self.node, self._bell
-        assert bell
+        line, node = self.samples.line, self.node
         first = line.count
         line.ready()
-        bell.ready()
         slots = answer_sample(
-            bell.lines, bell.inbox, line.lines, patience_ns, before_ns, period_ns, line.inbox, first, node.states,
-            node.settings, node.outbox, node.record, self._turns,
+            line.lines, patience_ns, before_ns, period_ns, line.inbox, first, node.states, node.settings, node.outbox,
+            node.record, self._turns,
         )  # fmt: skip
         if slots:
             self._finish()
         else:
             line.took(self._count[0], first)
-        bell.clear()
-        bell.took(0, 0)  # lets in whom the kernel found
         return int(slots)
 
     def _finish(self) -> None:
@@ -111,13 +106,13 @@ def answer(
 
 @njit(cache=True, nogil=True)
 def answer_sample(
-    bell: Any, rings: Any, lines: Any, patience_ns: Any, before_ns: Any, period_ns: Any, inbox: Any, count: Any, states: Any,
-    settings: Any, outbox: Any, row: Any, turns: Any,
+    lines: Any, patience_ns: Any, before_ns: Any, period_ns: Any, inbox: Any, count: Any, states: Any, settings: Any,
+    outbox: Any, row: Any, turns: Any,
 ) -> Any:  # fmt: skip
     """See `Turn.answer_sample`."""
     turn, line = turns[0], lines[0]
     marks = line.marks
-    turn.count = gather_rung(bell, lines, patience_ns, rings, inbox, count, count)
+    turn.count = gather_marked(lines, patience_ns, inbox, count, count)
     if line.marks == marks:
         return 0
     turn.woken = now(CLOCK_MONOTONIC, line.time)

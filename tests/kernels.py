@@ -15,8 +15,7 @@ def controller() -> None:
     """As a controller does before its first frame."""
     with open_bus("local:kernels") as port:
         frames = load_frames()
-        line = Exchange(port, frames["ENCODER"].can_id)
-        Turn(Samples(line, frames), ControllerNode(1000), line)
+        Turn(Samples(Exchange(port, frames["ENCODER"].can_id), frames), ControllerNode(1000))
 
 
 SIDES = {

@@ -88,17 +88,6 @@ def test_frames_come_as_a_port_would_take_them(ports: list[Port]) -> None:
         assert line.count == 0
 
 
-def test_who_wants_one_identifier_is_sent_no_other(ports: list[Port]) -> None:
-    room = batch(3)
-    load(room, [Frame(0x100, b"no"), Frame(MARK, b"yes"), Frame(0x102, b"no")])
-    line = Exchange(ports[0], MARK)
-    with open_bus(ports[0].name, [MARK]) as picky:
-        line.send(room, 3)
-        assert picky.receive() == [Frame(MARK, b"yes")]
-    assert [frame.can_id for frame in ports[1].receive()] == [0x100, MARK, 0x102]
-    assert ports[0].counts() == {"sent": 3, "received": 0, "refused": 0, "down": 0}
-
-
 def test_the_order_of_each_sender_stays_when_its_clock_is_set_back(
     ports: list[Port], monkeypatch: pytest.MonkeyPatch
 ) -> None:

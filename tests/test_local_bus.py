@@ -17,7 +17,7 @@ import can
 import pytest
 
 from protocols.local_bus import LocalBus
-from protocols.local_channel import ALL, FrameLengthError, LocalChannel, OwnFrame
+from protocols.local_channel import FrameLengthError, LocalChannel, OwnFrame
 
 PATIENCE_S = 10.0
 IMPORTS = """
@@ -280,31 +280,6 @@ def test_waiting_no_time_sees_what_a_newcomer_sent() -> None:
     with LocalChannel("b") as reader, LocalChannel("b") as newcomer:
         newcomer.send(frame(1))
         assert reader.wait(0.0)
-
-
-def test_who_wants_one_identifier_is_sent_no_other_and_that_one_last(folder: Path) -> None:
-    with (
-        LocalChannel("b", only=0x101) as picky,
-        LocalChannel("b") as sender,
-        LocalChannel("b") as curious,
-        LocalChannel("b", only=0x102) as other,
-    ):
-        assert picky.participant.endswith("@101")
-        assert socket_files(folder) == {one.participant for one in (picky, sender, curious, other)}
-        for identifier in (0x100, 0x101, 0x102, 0x101):
-            assert sender.send(frame(identifier, identifier)) == 0
-        assert [number_of(raw) for raw in take(curious, 4)] == [0x100, 0x101, 0x102, 0x101]
-        assert [number_of(raw) for raw in take(picky, 2)] == [0x101, 0x101]
-        assert [number_of(raw) for raw in take(other, 1)] == [0x102]
-        assert not picky.wait(0.0)
-        wanted = [identifier for _, identifier in sender.sockets()[1]]
-        assert (wanted[0], sorted(wanted[1:])) == (ALL, [0x101, 0x102])
-        for _ in range(3000):  # more than a queue holds
-            assert sender.send(frame(1, 0x100)) == 0
-            curious.receive()
-        assert not picky.wait(0.0)
-        assert picky.send(frame(2)) == 0
-        assert [number_of(raw) for raw in take(sender, 1)] == [2]
 
 
 def test_who_never_reads_does_not_run_out_of_descriptors() -> None:

@@ -31,9 +31,8 @@ def plant(local_bus: str) -> Iterator[Port]:
 
 @pytest.fixture
 def turn(local_bus: str, plant: Port) -> Iterator[Turn]:
-    mark = FRAMES["ENCODER"].can_id
-    with open_bus(local_bus) as port, open_bus(local_bus, [mark]) as bell:
-        yield Turn(Samples(Exchange(port, mark), FRAMES), ControllerNode(), Exchange(bell, mark))
+    with open_bus(local_bus) as port:
+        yield Turn(Samples(Exchange(port, FRAMES["ENCODER"].can_id), FRAMES), ControllerNode())
 
 
 def sampled(count: int) -> list[list[Frame]]:
@@ -81,19 +80,6 @@ def test_without_a_sample_there_is_no_cycle_and_nothing_is_lost(turn: Turn, plan
     send(plant, frames[-1:])
     assert turn.answer_sample(PATIENCE, time.monotonic_ns() - PERIOD, PERIOD) == 1
     assert plant.receive() == ControllerNode().step(frames)
-
-
-def test_a_late_ring_is_no_sample_and_the_next_one_is_waited_for(turn: Turn, plant: Port) -> None:
-    first, second = sampled(2)
-    send(plant, first)
-    assert turn.answer(1)  # the bell has not been heard: its ring is of a sample that was used
-    late = threading.Timer(LATER, send, (plant, second))
-    late.start()
-    before = time.monotonic_ns()
-    assert turn.answer_sample(PATIENCE, before - PERIOD, PERIOD) > 0
-    assert turn.woken_ns - before > 0.9 * LATER * 1e9
-    assert turn.samples.line.marks == 2
-    late.join()
 
 
 def test_a_sample_of_the_slot_before_is_left_to_the_next_cycle(turn: Turn, plant: Port) -> None:
