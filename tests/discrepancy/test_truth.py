@@ -2,6 +2,7 @@
 
 import ast
 import json
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -201,6 +202,12 @@ def test_splits_share_no_case_and_no_law():
     assert {case.seed for case in development}.isdisjoint({case.seed for case in evaluation})
     assert {case.effects[0] for case in cases.cases("evaluation", ["single"])} == {law.name for law in CATALOGUE}
     assert all(Case.of(case.name) == case for case in development[::50])
+
+
+def test_25_effects_come_with_each_severity_behind_each_noise_with_each_of_three_seeds():
+    """What the specification asks a battery for at least."""
+    found = Counter(case.effects for case in cases.cases("evaluation", ["single"]))
+    assert sum(count == len(cases.SEVERITIES) * len(cases.NOISES) * 3 for count in found.values()) >= 25
 
 
 def test_a_regulator_hides_a_valve_that_is_off():
