@@ -46,17 +46,17 @@ _LINE = np.dtype(
 )  # fmt: skip
 
 
-def _system(name: str, result: Any, *arguments: Any) -> Any:
+def system(name: str, result: Any, *arguments: Any) -> Any:
     """A function of the C library, called from compiled code."""
     return types.ExternalFunction(name, result(*arguments))
 
 
 _INT, _LONG = types.int32, types.int64  # addresses and sizes are _LONG
-_ppoll = _system("ppoll", _INT, _LONG, _LONG, _LONG, _LONG)
-_recvmmsg = _system("recvmmsg", _INT, _INT, _LONG, _INT, _INT, _LONG)
-_send = _system("send", _LONG, _INT, _LONG, _LONG, _INT)
-_clock_gettime = _system("clock_gettime", _INT, _INT, _LONG)
-_errno_location = _system("__errno_location", types.CPointer(_INT))
+_ppoll = system("ppoll", _INT, _LONG, _LONG, _LONG, _LONG)
+_recvmmsg = system("recvmmsg", _INT, _INT, _LONG, _INT, _INT, _LONG)
+_send = system("send", _LONG, _INT, _LONG, _LONG, _INT)
+_clock_gettime = system("clock_gettime", _INT, _INT, _LONG)
+_errno_location = system("__errno_location", types.CPointer(_INT))
 
 
 class Exchange:

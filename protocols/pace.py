@@ -46,11 +46,11 @@ class Pace:
         return spawn([sys.executable, "-P", "-m", "protocols.pace", json.dumps(asdict(self))])
 
     def run(self) -> None:
-        """Keep time; write slots and wake-ups when it is over."""
+        """Keep time; write slots, wake-ups and when it slept again when it is over."""
         period = 1_000_000_000 // self.rate
         clock = Clock(period, waiting(self.spin_us, period))
         count = round(self.seconds * self.rate)
-        waited_for, woken = (array("q", bytes(8 * count)) for _ in range(2))
+        waited_for, woken, ended = (array("q", bytes(8 * count)) for _ in range(3))
         prepare(self.cpu, self.priority)
         clock.start((time.monotonic_ns() + _BEGIN) // period * period + period + self.phase_ns % period)
         with Stop() as stop:
@@ -59,9 +59,10 @@ class Pace:
                 clock.wait()
                 waited_for[clock.run - 1], woken[clock.run - 1] = clock.woken_ns - clock.lateness_ns, clock.woken_ns
                 clock.done()
+                ended[clock.run - 1] = time.monotonic_ns()
         relax()
         part = Path(self.out).with_suffix(".part")
-        part.write_bytes(waited_for[: clock.run].tobytes() + woken[: clock.run].tobytes())
+        part.write_bytes(b"".join(times[: clock.run].tobytes() for times in (waited_for, woken, ended)))
         part.rename(self.out)
 
 
@@ -70,12 +71,12 @@ def begun(out: Path) -> Path:
     return out.with_suffix(".begun")
 
 
-def read(out: Path) -> "tuple[np.ndarray, np.ndarray]":
-    """Slots that were waited for, and when their cycles began (n,), ns of CLOCK_MONOTONIC."""
+def read(out: Path) -> "tuple[np.ndarray, np.ndarray, np.ndarray]":
+    """Slots that were waited for, when their cycles began, and when they were over (n,), ns of CLOCK_MONOTONIC."""
     import numpy as np
 
-    both = np.fromfile(out, np.int64)
-    return both[: len(both) // 2], both[len(both) // 2 :]
+    slots, woken, ended = np.fromfile(out, np.int64).reshape(3, -1)
+    return slots, woken, ended
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet as pq
 
+from protocols.arrow import from_rows, numbers
 from protocols.errors import InputError, listing
 from protocols.node import Column
 
@@ -69,7 +70,7 @@ class RunWriter:
         """Add `rows`, shape (samples, columns)."""
         if len(rows):
             try:
-                self._writer.write_table(pa.table(list(np.ascontiguousarray(rows.T)), schema=self._schema))
+                self._writer.write_table(pa.table(from_rows(rows), schema=self._schema))
             except OSError as error:
                 raise InputError(f"run file {self._path} cannot be written: {error}") from None
 
@@ -167,7 +168,7 @@ def _read_table(path: Path) -> Run:
         if name in columns:
             raise InputError(f"run {path} has the column {name} twice")
         if pa.types.is_floating(column.type) or pa.types.is_integer(column.type):
-            columns[name] = column.to_numpy().astype(float)
+            columns[name] = numbers(column)
             for key, texts in said.items():
                 if text := (described.metadata or {}).get(key):
                     texts[name] = _text(text)

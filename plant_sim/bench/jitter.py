@@ -9,7 +9,13 @@ What counts     wake      from the slot of the grid to the first look at the clo
                 latency   from the stamp of a sample's ENCODER frame to that of the VALVE_COMMAND that answers it
                 period    time between the beginnings of two cycles minus the period
                 late      cycles that end after their slot, and slots left out; unexplained: those without a spike of the
-                          witness within two periods. A spike is SPIKE of a period, and lasts until the witness woke
+                          witness, or a stall, from two periods before their slot to two after their end. The witness has
+                          nothing to do: from its slot until it sleeps again is the machine's time, a spike where that is
+                          more than SPIKE of a period. It looks once a period; what stops the CPU in between is seen by a
+                          watch that looks four times (above 1 kHz 4000 times a second), as a stall where it wakes later
+                          than SPIKE of a period
+                near      share of all cycles, late or not, that have such a spike or stall as near: how much it means when
+                          late ones have
                 footprint of both services of the closed loop: page faults, collections of garbage, threads begun
 Assumptions     stamps of both frames are of one clock (a local bus stamps when a frame is sent, vcan when it is taken)
 References      rt-tests' cyclictest; witness: shared/design/realtime.md
@@ -31,6 +37,7 @@ import numpy as np
 
 from plant_sim.bench.loads import Load
 from plant_sim.bench.services import Services
+from plant_sim.bench.stalls import StallWatch
 from protocols.bus import Port, open_bus
 from protocols.echo import Echo
 from protocols.errors import InputError
@@ -45,7 +52,9 @@ SPIKE = 0.1  # of a period
 WITNESS_PRIORITY = 90
 _SETTLING = 1.0  # s of the closed loop before it counts
 _START = 60.0  # s for the loop to be closed, and for other processes to start and end
-_NEAR = 2  # periods around a witness spike
+_NEAR = 2  # periods around a late cycle
+_LOOKS = 4  # of the watch in a period,
+_MOST_LOOKS = 4000  # and in a second: it takes 10 us for each
 _HISTOGRAM = 20_000  # us that cyclictest counts
 _POLL = 0.02  # s
 PERCENTILES = (50.0, 99.0, 99.9, 99.99)
@@ -71,12 +80,13 @@ class Setting:
 
 @dataclass
 class Measured:
-    """Of one phase: durations [us] by what they are of, late cycles and cycles, the witness's latenesses [us], and what each
-    service took from the system (`protocols.footprint`)."""
+    """Of one phase: durations [us] by what they are of, cycles, those near time lost to the machine, late and unexplained ones,
+    the witness's latenesses [us], and what each service took from the system (`protocols.footprint`)."""
 
     durations: dict[str, list[np.ndarray]] = field(default_factory=dict)
     witness: list[np.ndarray] = field(default_factory=list)
     cycles: int = 0
+    near: int = 0
     late: int = 0
     unexplained: int = 0
     footprint: dict[str, Counter[str]] = field(default_factory=dict)
@@ -97,22 +107,33 @@ def summary(values: np.ndarray) -> dict[str, float]:
     return found | {"max": float(values.max())}
 
 
-def explained(late_at: np.ndarray, slots: np.ndarray, woken: np.ndarray, period_ns: int) -> np.ndarray:
-    """Whether late cycles, at times (k,), have a spike of the witness, woken for slots (n,), near; all ns.
+def late_cycles(slots: np.ndarray, counted: np.ndarray, period_ns: int) -> np.ndarray:
+    """Which cycles (k,) were late, of those in `slots` (n,) [ns], before which `counted` (n,) had ended after their slot.
 
-    A spike lasts from the slot until the witness woke, or from the first slot that it was not woken for to the next.
+    A cycle that begins late is not late, unless a slot is left out.
     """
-    late = (woken - slots) > SPIKE * period_ns
+    return np.union1d(np.flatnonzero(np.diff(slots) > 1.5 * period_ns), np.flatnonzero(np.diff(counted) > 0))
+
+
+def spikes(slots: np.ndarray, ended: np.ndarray, period_ns: int) -> np.ndarray:
+    """Begin and end (k, 2) of the spikes of a witness that slept again at `ended` (n,) after slots (n,); all ns.
+
+    A spike lasts from the slot until the witness slept again, or from the first slot that it was not woken for to the next.
+    """
+    late = (ended - slots) > SPIKE * period_ns
     gaps = np.flatnonzero(np.diff(slots) > 1.5 * period_ns)
     begins = np.concatenate([slots[late], slots[gaps] + period_ns])
-    if not len(begins) or not len(late_at):
-        return np.zeros(len(late_at), bool)
-    order = np.argsort(begins)
-    ends = np.maximum.accumulate(np.concatenate([woken[late], slots[gaps + 1]])[order])
-    after = np.searchsorted(begins[order], late_at)
-    since = late_at - np.append(ends, -np.inf)[after - 1]
-    until = np.append(begins[order], np.inf)[after] - late_at
-    return np.minimum(since, until) <= (_NEAR + 0.5) * period_ns
+    return np.column_stack([begins, np.concatenate([ended[late], slots[gaps + 1]])])
+
+
+def explained(cycles: np.ndarray, lost: np.ndarray, period_ns: int) -> np.ndarray:
+    """Whether cycles, slot and end (k, 2), have time `lost` to the machine, begin and end (n, 2), near; all ns."""
+    lost = lost[np.argsort(lost[:, 0])]
+    ends = np.append(-np.inf, np.maximum.accumulate(lost[:, 1]))
+    before = np.searchsorted(
+        lost[:, 0], cycles[:, 1] + (_NEAR + 0.5) * period_ns, side="right"
+    )  # of those that had begun
+    return ends[before] >= cycles[:, 0] - (_NEAR + 0.5) * period_ns
 
 
 Phase = Callable[[Setting, Measured, Stop], None]
@@ -186,8 +207,8 @@ def _in_turn(
 
 
 @contextlib.contextmanager
-def _witnessed(setting: Setting, measured: Measured, seconds: float, phase_ns: int) -> Iterator[list[np.ndarray]]:
-    """A witness while entered; afterwards the list holds its slots and wake-ups."""
+def _witnessed(setting: Setting, seconds: float, phase_ns: int) -> Iterator[list[np.ndarray]]:
+    """A witness while entered; afterwards the list holds its slots, wake-ups, and when it slept again."""
     folder = SharedFolder()
     out = folder.path / "witness"
     found: list[np.ndarray] = []
@@ -199,11 +220,16 @@ def _witnessed(setting: Setting, measured: Measured, seconds: float, phase_ns: i
         process.terminate()
         process.wait(_START)
         found += read(out)
-        measured.witness.append((found[1] - found[0]) / 1e3)
     finally:
         process.kill()
         process.wait()
         folder.remove()
+
+
+def _watched(setting: Setting, seconds: float, phase_ns: int) -> StallWatch:
+    """Slots in the middle between those of the witness, of what is measured, and of each other."""
+    every = 1_000_000_000 // min(_LOOKS * setting.rate, _MOST_LOOKS)
+    return StallWatch(setting.cpu, WITNESS_PRIORITY, every, phase_ns + every // 2, seconds + _START)
 
 
 def _cyclictest(setting: Setting, measured: Measured, stop: Stop) -> None:
@@ -212,10 +238,11 @@ def _cyclictest(setting: Setting, measured: Measured, stop: Stop) -> None:
         "cyclictest", "-q", "-m", "-t1", f"-p{PRIORITY}", f"-a{setting.cpu}", f"-i{period_us}", f"-l{loops}",
         f"-h{_HISTOGRAM}",
     ]  # fmt: skip
-    with _witnessed(setting, measured, setting.piece, 0):
+    with _witnessed(setting, setting.piece, 0) as witness:
         done = subprocess.run(command, capture_output=True, text=True, check=False)
     if stop.asked:
         return
+    measured.witness.append((witness[1] - witness[0]) / 1e3)
     if done.returncode:
         raise InputError(f"cyclictest failed: {(done.stderr.strip().splitlines() or ['it said nothing'])[-1]}")
     lines = [line.split() for line in done.stdout.splitlines() if line[:1].isdigit()]
@@ -233,16 +260,16 @@ def _empty(setting: Setting, measured: Measured, spin_us: float) -> None:
     period = 1_000_000_000 // setting.rate
     pace = Pace(str(out), setting.rate, setting.piece, setting.cpu, PRIORITY, period // 2, spin_us)
     try:
-        with _witnessed(setting, measured, setting.piece, 0) as witness:
+        with _witnessed(setting, setting.piece, 0) as witness, _watched(setting, setting.piece, 0) as watch:
             process = pace.spawn()
             process.wait(setting.piece + _START)
-        slots, woken = read(out)
+        slots, woken, _ = read(out)
     finally:
         folder.remove()
     measured.add("wake", (woken - slots) / 1e3)
     measured.add("period", (np.diff(woken) - period) / 1e3)
-    left_out = np.flatnonzero(np.diff(slots) > 1.5 * period)
-    _account(measured, slots[left_out] + period, slots, witness, period)
+    late = late_cycles(slots, np.zeros(len(slots)), period)
+    _account(measured, np.column_stack([slots[:-1], woken[1:]]), late, witness, watch, period)
 
 
 def _closed(setting: Setting, measured: Measured, stop: Stop, trigger: str, heard: bool = True) -> None:
@@ -258,10 +285,10 @@ def _closed(setting: Setting, measured: Measured, stop: Stop, trigger: str, hear
         _begun(services, rings[1], stop)
         first = _played(rings[1], _SETTLING, stop)
         column = [c.name for c in rings[1].columns].index("clock_s")
-        phase = int(first[-1, column] * 1e9) + (period // 4 if trigger == "clock" else period // 2)
+        phase = int(first[-1, column] * 1e9) + period // 4  # whatever makes a cycle late lasts until the witness's slot
         with contextlib.ExitStack() as stack:
             frames = stack.enter_context(_heard(setting.bus)) if heard else []
-            with _witnessed(setting, measured, setting.piece, phase) as witness:
+            with _witnessed(setting, setting.piece, phase) as witness, _watched(setting, setting.piece, phase) as watch:
                 rows = _played(rings[1], setting.piece, stop)
             for service, told in services.end().items():
                 measured.footprint.setdefault(service, Counter()).update(told["footprint"] or {})
@@ -272,9 +299,9 @@ def _closed(setting: Setting, measured: Measured, stop: Stop, trigger: str, hear
     measured.add("period", np.diff(clock) * 1e6 - period / 1e3)
     if heard:
         measured.add("latency", _latencies(frames))
-    left_out = np.flatnonzero(np.diff(clock) * 1e9 > 1.5 * period)
-    ended_late = np.flatnonzero(np.diff(late) > 0)
-    _account(measured, clock[np.union1d(left_out, ended_late)] * 1e9, clock * 1e9, witness, period)
+    began = clock[:-1] * 1e9
+    cycles = np.column_stack([began - wake[:-1] * 1e3, began + work[1:] * 1e3])
+    _account(measured, cycles, late_cycles(cycles[:, 0], late[:-1], period), witness, watch, period)
 
 
 def _echo(setting: Setting, measured: Measured, kind: str) -> None:
@@ -306,14 +333,24 @@ def _started(process: "subprocess.Popen[bytes]", told: Path, what: str) -> None:
 
 
 def _account(
-    measured: Measured, late_at: np.ndarray, cycles_at: np.ndarray, witness: Sequence[np.ndarray], period: int
+    measured: Measured,
+    cycles: np.ndarray,
+    late: np.ndarray,
+    witness: Sequence[np.ndarray],
+    watch: StallWatch,
+    period: int,
 ) -> None:
-    """Count what the witness has seen: cycles began at `cycles_at`, the late ones at `late_at` [ns]."""
-    slots, woken = witness
-    late_at, cycles_at = (at[(at >= slots[0]) & (at <= slots[-1])] for at in (late_at, cycles_at))
-    measured.cycles += len(cycles_at)
-    measured.late += len(late_at)
-    measured.unexplained += int((~explained(late_at, slots, woken, period)).sum())
+    """Count what the witness has seen of `cycles`, slot and end (n, 2) [ns], of which number `late` (k,) were late."""
+    slots, woken, ended = witness
+    beside = (slots >= cycles[0, 0]) & (slots <= cycles[-1, 1])  # it also saw both begin and end
+    measured.witness.append((woken - slots)[beside] / 1e3)
+    seen = (cycles[:, 0] >= slots[0]) & (cycles[:, 1] <= slots[-1])
+    lost = np.concatenate([spikes(slots, ended, period), watch.stalls(SPIKE * period)])
+    near, late = explained(cycles, lost, period), late[seen[late]]
+    measured.cycles += int(seen.sum())
+    measured.near += int(near[seen].sum())
+    measured.late += len(late)
+    measured.unexplained += int((~near[late]).sum())
 
 
 def _begun(services: Services, ring: RingReader, stop: Stop) -> None:

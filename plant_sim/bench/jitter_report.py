@@ -58,8 +58,13 @@ def document(
 
 def _counts(one: Measured) -> dict[str, Any]:
     """Cycles, late ones, and where there were services, what these took from the system."""
-    counts: dict[str, Any] = {"cycles": one.cycles, "late": one.late, "unexplained": one.unexplained}
+    counts: dict[str, Any] = {"cycles": one.cycles, "near": one.near, "late": one.late, "unexplained": one.unexplained}
     return counts | ({"footprint": {k: dict(v) for k, v in one.footprint.items()}} if one.footprint else {})
+
+
+def _share(told: Mapping[str, Any]) -> str:
+    """Percentage of all cycles that are near time lost to the machine."""
+    return f"{100.0 * told['near'] / max(told['cycles'], 1):.2f}"
 
 
 def _footprint(told: Mapping[str, Any]) -> tuple[str, ...]:
@@ -99,11 +104,11 @@ def text(told: Mapping[str, Any]) -> str:
             (name if what == shown[0] else "", what, *(_number(one[what].get(p, nan)) for p in _SHOWN))
             for what in shown
         ]
-    counts = [("phase", "cycles", "late", "unexplained", "a million", *_TAKEN)]
+    counts = [("phase", "cycles", "near %", "late", "unexplained", "a million", *_TAKEN)]
     for name, one in told["phases"].items():
         if "period" in one:
             million = 1e6 * one["unexplained"] / max(one["cycles"], 1)
-            late = (str(one["cycles"]), str(one["late"]), str(one["unexplained"]), f"{million:.0f}")
+            late = (str(one["cycles"]), _share(one), str(one["late"]), str(one["unexplained"]), f"{million:.0f}")
             counts.append((name, *late, *_footprint(one)))
     ratios: list[tuple[str, ...]] = [("ratio of", "to", "p50", "p99", "p99.9")]
     ratios += [
@@ -142,14 +147,26 @@ def sweep_document(
 def sweep_text(told: Mapping[str, Any]) -> str:
     """The table by rate, for people."""
     rows: list[tuple[str, ...]] = [
-        ("rate Hz", "period us", "cycles", "late %", "unexplained", "wake p50", "p99", "step p50", "p99", *_TAKEN)
+        (
+            "rate Hz",
+            "period us",
+            "cycles",
+            "near %",
+            "late %",
+            "unexplained",
+            "wake p50",
+            "p99",
+            "step p50",
+            "p99",
+            *_TAKEN,
+        )
     ]
     for one in told["rates"]:
         if "failure" in one:
-            rows.append((str(one["rate_hz"]), f"{1e6 / one['rate_hz']:.0f}", "failed", *["-"] * 10))
+            rows.append((str(one["rate_hz"]), f"{1e6 / one['rate_hz']:.0f}", "failed", *["-"] * 11))
             continue
         shown = [_number(one[what].get(p, nan)) for what in ("wake", "step") for p in ("p50", "p99")]
-        counts = (str(one["cycles"]), f"{100.0 * one['late_share']:.3f}", str(one["unexplained"]))
+        counts = (str(one["cycles"]), _share(one), f"{100.0 * one['late_share']:.3f}", str(one["unexplained"]))
         rows.append((str(one["rate_hz"]), f"{1e6 / one['rate_hz']:.0f}", *counts, *shown, *_footprint(one)))
     load = f"load: {', '.join(told['loads'])}" if told["loads"] else "load: none"
     return "\n".join([f"machine: {told['machine']}; {load}", "", table_text(rows)])
@@ -212,7 +229,7 @@ def draw(setting: Setting, measured: Mapping[str, Measured], path: Path) -> None
         right.set(xscale="log", yscale="log", xlabel="us", ylabel="share that is later", title=f"{what_it_is}: tail")
         for axes in (left, right):
             axes.grid(alpha=0.3)
-        right.legend(fontsize=8)
+        right.legend(fontsize=8, loc="upper right")
     figure.suptitle(f"Jitter at {setting.rate} Hz on {setting.bus}, CPU {setting.cpu}")
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=110)

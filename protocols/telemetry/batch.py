@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import pyarrow as pa
 
+from protocols.arrow import from_rows, numbers
 from protocols.errors import InputError
 from protocols.node import Column
 
@@ -69,8 +70,7 @@ class BatchEncoder:
         """`rows`, shape (rows, columns), as an Arrow IPC stream."""
         counts = {"first_row": str(first_row), "rows_lost": str(rows_lost)}
         schema = pa.schema(self._fields, metadata=self._fixed | counts)
-        columns = np.ascontiguousarray(rows.T)
-        record = pa.record_batch([pa.array(column) for column in columns], schema=schema)
+        record = pa.record_batch(from_rows(rows), schema=schema)
         sink = pa.BufferOutputStream()
         with pa.ipc.new_stream(sink, schema) as writer:
             writer.write_batch(record)
@@ -84,7 +84,7 @@ def decode(payload: bytes) -> Batch:
             schema, table = reader.schema, reader.read_all()
         meta = {key.decode(): value.decode() for key, value in (schema.metadata or {}).items()}
         columns = tuple(Column(f.name, (f.metadata or {}).get(b"unit", b"").decode(), "") for f in schema)
-        rows = np.column_stack([column.to_numpy() for column in table.columns])
+        rows = np.column_stack([numbers(column) for column in table.columns])
         return Batch(
             meta["node"], int(meta["session"]), int(meta["first_row"]), float(meta["rate_hz"]), float(meta["epoch_s"]),
             int(meta["rows_lost"]), columns, rows,

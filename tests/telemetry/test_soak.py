@@ -8,7 +8,7 @@ import pytest
 
 SECONDS = 600.0
 RATE = 1000  # Hz
-SHARE = 0.9  # of the slots in which a cycle ran at least: the other tests have the machine too
+SHARE = 0.9  # of the slots in which a cycle ran at least, where the CPU did: the other tests have the machine too
 MEDIAN_AGE = 0.1  # s from a cycle to its row at a listener; 0.015 typical
 END = 120.0  # s for the bench to come up before and to end after
 
@@ -45,7 +45,7 @@ def test_rows_come_in_order(came: dict[str, dict[str, float]], node: str) -> Non
 
 @each_node
 def test_cycles_run_while_the_machine_is_full(came: dict[str, dict[str, float]], node: str) -> None:
-    assert came[node]["rows"] > SHARE * SECONDS * RATE
+    assert came[node]["rows"] > SHARE * (SECONDS - came[node]["stood_still"]) * RATE
 
 
 @each_node
