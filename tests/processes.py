@@ -8,7 +8,7 @@ from typing import Any
 
 from protocols.child import clutch_hil
 
-PATIENCE = 60.0  # s for what takes a second or two on an idle machine
+PATIENCE = 120.0  # s for what takes a second or two on an idle machine
 # plant and controller on one CPU, as `up` has them: a CPU of a shared machine that stands still does so for both
 ONE_CPU = ("--cpu", str(max(os.sched_getaffinity(0))))
 

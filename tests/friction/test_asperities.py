@@ -1,7 +1,7 @@
 """Generic model: what many asperities must do together, and what one must do alone."""
 
-import time
 from dataclasses import replace
+from timeit import repeat
 
 import numpy as np
 import pytest
@@ -339,12 +339,12 @@ def test_law_may_write_over_its_state() -> None:
 
 
 def test_5000_asperities_run_at_interactive_speed(record_property: pytest.FixtureRequest) -> None:
-    """Measured 0.13 ms a step on one core of a 2-core Xeon; ten times that is allowed here, since others share the machine."""
+    """Measured 0.13 ms a step on one core of a 2-core Xeon; ten times that is allowed.
+
+    The fastest of ten: a host that takes the CPU away does not do so every time.
+    """
     model = stepped(mass=0.01, count=5000)
-    model.observe(SINE[:2], DT, LOAD)
-    begin = time.perf_counter()
-    model.observe(SINE[:500], DT, LOAD)
-    each = (time.perf_counter() - begin) / 499
+    each = min(repeat(lambda: model.observe(SINE[:500], DT, LOAD), number=1, repeat=10)) / 499
     record_property("ms_per_step", 1e3 * each)  # type: ignore[operator]
     assert each < 1.3e-3
 

@@ -1,6 +1,6 @@
 """The Generic-Rayleigh model: the Generic model below the threshold, the Rayleigh step above it, continuous between."""
 
-from time import perf_counter
+from timeit import repeat
 
 import numpy as np
 import pytest
@@ -220,11 +220,9 @@ def test_any_motion_under_any_load_stays_finite() -> None:
 
 def test_five_thousand_asperities_run_at_interactive_speed() -> None:
     model = _rough(count=5000)
-    position = np.linspace(0.0, 0.3, 301)
-    model.observe(position[:3], 1e-3, LOAD)
-    begin = perf_counter()
-    model.observe(position, 1e-3, LOAD)  # velocity 1: dry and wet tips
-    assert (perf_counter() - begin) / 300 < 20e-3  # s a step; 1 to 2 ms measured
+    position = np.linspace(0.0, 0.03, 31)  # velocity 1: dry and wet tips
+    each = min(repeat(lambda: model.observe(position, 1e-3, LOAD), number=1, repeat=10)) / 30  # s
+    assert each < 20e-3  # 1 to 2 ms measured
 
 
 def test_refuses_a_threshold_that_makes_a_jump() -> None:
