@@ -12,6 +12,7 @@ from plant_sim.cycle import INTERFACE, OUTBOX, SETTINGS, Refusal, begin, show, t
 from plant_sim.rigs.wet_clutch import Rig, Whole
 from protocols.batch import batch, load, unload
 from protocols.errors import InputError
+from protocols.exchange import Exchange
 from protocols.frames import Frame, FrameCodec, load_frames
 from protocols.lifecycle import Lifecycle
 from protocols.node import Column
@@ -21,7 +22,7 @@ from protocols.two_clutches import CLUTCHES
 from protocols.words import signals
 
 INBOX = 4096  # frames that `receive` takes at once: more than a bus of 1 Mbit/s carries in 0.2 s
-_BLOCK = 64  # samples of which noise is drawn at once, as by blocks/sensors.py, whose stream it is
+BLOCK = 64  # samples of which noise is drawn at once, as by blocks/sensors.py, whose stream it is
 _NO_FRAME = -1  # an identifier that no frame has
 _CODECS = (
     "VALVE_COMMAND", "MOTOR_COMMAND", "ANALOG_SENSORS", "ENCODER", "TORQUE_SETPOINT",
@@ -53,7 +54,7 @@ class Interface(ABC):
         self._interfaces, self._settings = np.zeros(1, INTERFACE), np.zeros(1, SETTINGS)
         self._interface = self._interfaces.view(np.recarray)[0]
         self._generators = [np.random.default_rng(seed) for seed in seeds]
-        self._noise = np.zeros((len(seeds), _BLOCK, 4))
+        self._noise = np.zeros((len(seeds), BLOCK, 4))
         by_clutch = [load_frames(clutch=name) for name in self._names]
         self._connect(by_clutch, parameters)
 
@@ -94,6 +95,13 @@ class Interface(ABC):
     @abstractmethod
     def advance(self) -> None:
         """Let the rig run for one period with the inputs held."""
+
+    def turn(self, line: Exchange) -> bool:
+        """Advance, take what waits on the line, show, send: in one compiled call, where nothing but time goes on.
+
+        Where that is not so, or a rig has no such call, nothing is done: returns whether it was. Raises InputError as `take`.
+        """
+        return False
 
     def step(self, inbox: Sequence[Frame]) -> list[Frame]:
         """One sample, and on by a period. Raises InputError when the bus has a second plant or speaks another protocol."""
@@ -176,13 +184,17 @@ class Interface(ABC):
 
     def _show(self, k: int, rig: Rig, whole: Whole, sent: int) -> int:
         """Sensor frames of clutch `k` to the outbox behind `sent` others; its effects' states move on. Return their number."""
-        if not self.tick % _BLOCK:
-            self._generators[k].standard_normal(out=self._noise[k])
-        noise = self._noise[k, self.tick % _BLOCK]
+        self._draw(k)
+        noise = self._noise[k, self.tick % BLOCK]
         shown: int = show(
             self._interfaces, self._settings, k, self.tick, *whole, noise, rig.record, rig.table.kernel, self.outbox, sent
         )  # fmt: skip
         return shown
+
+    def _draw(self, k: int) -> None:
+        """Noise of clutch `k` for the present tick, where that begins a block."""
+        if not self.tick % BLOCK:
+            self._generators[k].standard_normal(out=self._noise[k])
 
     def _refusal(self, why: Refusal) -> str:
         """What an unusable bus said, in a sentence."""

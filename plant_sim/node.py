@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from plant_sim.cycle import Refusal, begin, show, take
 from plant_sim.effects.catalogue import effects
 from plant_sim.injection import Injection, effect_on, requested
-from plant_sim.interface import Interface
+from plant_sim.interface import BLOCK, Interface
 from plant_sim.profile import Profile
 from plant_sim.rigs import wet_clutch
 from plant_sim.rigs.clutch_phase import Phase, phase
@@ -17,6 +18,7 @@ from plant_sim.rigs.wet_clutch import STATE, Whole
 from plant_sim.schedule import Schedule
 from protocols.batch import batch
 from protocols.errors import InputError
+from protocols.exchange import Exchange, gather, silence, spread
 from protocols.node import Column
 from protocols.parameters import ParameterSet
 from protocols.units import BAR, ZERO_CELSIUS
@@ -100,6 +102,7 @@ class PlantNode(Interface):
             node = PlantNode(parameters=wet_clutch.nominal().with_values(values))
             node.take(batch(1), 0)
             node.step([])
+            node._turn(silence(), batch(1), 0)
 
     def show(self) -> int:
         """See `Interface`."""
@@ -113,6 +116,18 @@ class PlantNode(Interface):
     def advance(self) -> None:
         """See `Interface`."""
         self._advance(self._period, self._substeps)
+
+    def turn(self, line: Exchange) -> bool:
+        """See `Interface`."""
+        if self.tick < 0 or self._schedule.still(self._now) is not self._rig:
+            return False
+        line.ready()
+        count, sent, position = self._turn(line.lines, line.inbox, line.count)
+        line.used(count)
+        if sent < 0:
+            raise InputError(self._refusal(Refusal(-sent)))
+        line.sent(self.outbox, sent, position)
+        return True
 
     def fixed(self, name: str) -> str | None:
         """Why a parameter cannot be changed while the plant runs; None when it can."""
@@ -198,6 +213,18 @@ class PlantNode(Interface):
         if self._schedule.planned:
             self.injected += [change.told(self.rate) for change in self._schedule.begin(time)]
 
+    def _turn(self, lines: np.ndarray, inbox: np.ndarray, count: int) -> tuple[int, int, int]:
+        """On to the next tick by the kernel `_turn`, whose result this is."""
+        self.tick += 1
+        self._draw(0)
+        rig = self._rig
+        done: tuple[int, int, int] = _turn(
+            lines, inbox, count, self._interfaces, self._settings, self.tick, self.late_cycles, self._setpoints,
+            *self._state, rig.record, rig.table.kernel, *rig.phase_pressures, self._noise, self._period, self._substeps,
+            self.outbox, self.record,
+        )  # fmt: skip
+        return done
+
     def _advance(self, duration: float, substeps: int) -> None:
         rig = self._rig
         _move(self._interfaces, *self._state, rig.record, rig.table.kernel, duration, substeps)
@@ -228,6 +255,29 @@ def _note(row: Any, time: Any, interfaces: Any, rig_state: Any, preload_pressure
     row[12], row[13], row[14] = y.normal_force, y.seal_force, y.friction_state
     row[15], row[16], row[17] = y.clutch_torque, y.motor_torque, y.slip_speed
     row[18], row[19] = y.temperature - ZERO_CELSIUS, _phase(y, preload_pressure, contact_pressure).value
+
+
+@njit(cache=True, nogil=True)
+def _turn(
+    lines: Any, inbox: Any, count: Any, interfaces: Any, settings: Any, tick: Any, late_cycles: Any, setpoints: Any,
+    rig_state: Any, states: Any, parameters: Any, effects: Any, preload_pressure: Any, contact_pressure: Any, noise: Any,
+    period: Any, substeps: Any, outbox: Any, row: Any,
+) -> tuple[int, int, int]:  # fmt: skip
+    """Through the period before `tick`, then its sample, with the commands that wait behind the `count` frames of `inbox`.
+
+    Returns the frames in the inbox, those of the sample, or minus the Refusal, and where sending them ended (`spread`).
+    Nothing of Python runs in between, as in the controller's turn: what an interpreter needs is cold after a sleep.
+    """
+    _move(interfaces, rig_state, states, parameters, effects, period, substeps)
+    count = gather(lines, 0, inbox, count, count)
+    why = take(interfaces, settings, inbox, count)
+    if why != 0:
+        return count, -why, 0
+    sent = begin(interfaces, settings, tick, late_cycles, setpoints, outbox)
+    of_now = noise[0, tick % BLOCK]
+    sent = show(interfaces, settings, 0, tick, rig_state, states, of_now, parameters, effects, outbox, sent)
+    _note(row, tick * period, interfaces, rig_state, preload_pressure, contact_pressure)
+    return count, sent, spread(lines, 0, outbox, sent)
 
 
 def initial_temperature(celsius: float) -> float:

@@ -128,6 +128,13 @@ class Schedule:
             self._stretches.pop(0)
         return self._stretches[0].rig, self._stretches[0].move(time)
 
+    def still(self, time: float) -> Rig | None:
+        """The rig at `time` [s] where nothing begins, ends or moves; None where something does."""
+        stretch = self._stretches[0]
+        if isinstance(stretch, Stretch) or time >= stretch.end - _EARLY:
+            return None
+        return None if self.planned and self.planned[0].at <= time + _EARLY else stretch.rig
+
     def begin(self, time: float) -> list[Change]:
         """Changes that begin by `time` [s] and have not been told."""
         self._told = time

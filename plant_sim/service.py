@@ -121,19 +121,20 @@ class PlantService:
         clock.start(time.monotonic_ns() + clock.period_ns)
         while not stop.asked:
             missed = clock.wait()
-            if node.tick >= 0:
-                node.advance()  # through the period that is over
-            outlet.tune()
-            line.receive()
-            node.take(line.inbox, line.count)
-            line.clear()
-            node.slept(missed)
-            for left in range(missed, -1, -1):
-                frames = node.show()
-                outlet.write(node.record, clock.woken_ns / 1e9, clock.lateness_ns / 1e3, work_us, clock.late)
-                line.send(node.outbox, frames)  # last: a controller on this CPU may go first from here on
-                if left:
+            if missed or outlet.asked() or not node.turn(line):
+                if node.tick >= 0:
+                    node.advance()  # through the period that is over
+                outlet.tune()
+                line.receive()
+                node.take(line.inbox, line.count)
+                line.clear()
+                node.slept(missed)
+                for _ in range(missed):
+                    line.send(node.outbox, node.show())
+                    outlet.write(node.record, clock.woken_ns / 1e9, clock.lateness_ns / 1e3, work_us, clock.late)
                     node.advance()
+                line.send(node.outbox, node.show())  # a controller on this CPU may go first from here on
+            outlet.write(node.record, clock.woken_ns / 1e9, clock.lateness_ns / 1e3, work_us, clock.late)
             clock.done()
             work_us = clock.work_ns / 1e3
             node.late_cycles = clock.late

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from protocols.batch import batch
-from protocols.exchange import CLOCK_MONOTONIC, CLOCK_REALTIME, gather, gather_marked, now, spread
+from protocols.exchange import CLOCK_MONOTONIC, CLOCK_REALTIME, gather, gather_marked, now, silence, spread
 from rt_controller.cycle import cycle
 from rt_controller.node import ControllerNode
 from rt_controller.samples import Samples
@@ -35,7 +35,7 @@ class Turn:
         """Now, not in the loop; nothing is taken or sent."""
         node, line = self.node, self.samples.line
         states, rest = node.states.copy(), (node.settings, batch(len(node.outbox)), node.record.copy(), self._turns)
-        lines = np.zeros_like(line.lines)
+        lines = silence()
         answer(lines, line.inbox, 0, 1, states, *rest)
         answer_sample(lines, 0, 0, 1, line.inbox, 0, states, *rest)
 

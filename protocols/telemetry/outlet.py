@@ -74,9 +74,13 @@ class Outlet:
         """Append a cycle's row; `clock` [s] of CLOCK_MONOTONIC."""
         self._ring.write(row, (clock, wake_us, work_us, late, self._tuning.count))
 
+    def asked(self) -> bool:
+        """Whether a change of parameters waits."""
+        return self._tuning.waiting()
+
     def tune(self) -> None:
-        """Between two cycles: make the change of parameters that waits, if one does."""
-        if self._tuning.waiting():
+        """Between two cycles: make it."""
+        if self.asked():
             self._tuning.act(self._ring.written)
 
     def close(self) -> dict[str, Any]:

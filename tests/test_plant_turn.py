@@ -1,0 +1,137 @@
+"""The plant's turn, one compiled call, on a bus: the same frames and records as its parts, which are left what it does not do."""
+
+import gc
+import tracemalloc
+from collections.abc import Iterator
+
+import pytest
+
+from plant_sim.injection import Injection, effect_on
+from plant_sim.node import PlantNode
+from plant_sim.power_shift_node import PowerShiftNode
+from plant_sim.profile import load_profile
+from plant_sim.rigs import wet_clutch
+from protocols.batch import batch, load
+from protocols.bus import Port, open_bus
+from protocols.errors import InputError
+from protocols.exchange import Exchange
+from protocols.frames import Frame, load_frames
+from protocols.node import node_factory
+
+FRAMES = load_frames()
+SECONDS = 3.0
+LEVEL = "friction_level.level"
+
+
+@pytest.fixture
+def controller(local_bus: str) -> Iterator[Port]:
+    with open_bus(local_bus) as port:
+        yield port
+
+
+@pytest.fixture
+def line(local_bus: str, controller: Port) -> Iterator[Exchange]:
+    with open_bus(local_bus) as port:
+        yield Exchange(port, FRAMES["VALVE_COMMAND"].can_id)
+
+
+def plant(effect: str | None = None, **more: object) -> PlantNode:
+    parameters = wet_clutch.nominal().with_values(effect_on(effect) if effect else {})
+    return PlantNode(parameters=parameters, profile=load_profile("engagement", SECONDS), seed=5, **more)  # type: ignore[arg-type]
+
+
+def by_parts(node: PlantNode, commands: list[Frame]) -> list[Frame]:
+    """Frames of the next sample, made by the parts of a turn."""
+    node.advance()
+    node.receive(commands)
+    return node.sample()
+
+
+@pytest.mark.parametrize("effect", [None, "pressure_sensor_gain", "channel_skew"])
+def test_a_turn_is_its_parts(line: Exchange, controller: Port, effect: str | None) -> None:
+    whole, other, answering = plant(effect), plant(effect), node_factory("controller")()
+    assert not whole.turn(line)  # there is no period before the first sample
+    frames = whole.sample()
+    assert frames == other.sample()
+    for _ in range(round(1000 * SECONDS)):
+        commands = answering.step(frames)
+        for frame in commands:
+            controller.send(frame)
+        assert whole.turn(line)
+        frames = controller.receive()
+        assert frames == by_parts(other, commands)
+        assert whole.row() == other.row()
+    assert whole.row()[1] > 0.5  # V: the clutch is engaged
+    assert whole.reception_counts() == other.reception_counts()
+    assert (line.port.received, line.port.sent) == (controller.sent, controller.received)
+
+
+def test_where_parameters_change_a_turn_does_nothing(line: Exchange) -> None:
+    """A step at 10 ms, a ramp from 20 to 25 ms, a change made between two samples."""
+    begun = [Injection({LEVEL: 0.9}, at=0.010), Injection({LEVEL: 0.8}, at=0.020, ramp=0.005)]
+    whole, other = plant(injections=begun), plant(injections=begun)
+    whole.sample()
+    other.sample()
+    not_turned = []
+    for tick in range(1, 50):
+        if tick == 30:
+            whole.inject(Injection({LEVEL: 1.1}, at=0.040))
+            other.inject(Injection({LEVEL: 1.1}, at=0.040))
+        if not whole.turn(line):
+            not_turned.append(tick)
+            by_parts(whole, [])
+        by_parts(other, [])
+        assert (whole.tick, whole.row()) == (tick, other.row())
+    assert not_turned == [10, *range(20, 26), 30, 40]
+    assert whole.injected == other.injected
+    assert [change["new"] for change in whole.injected] == [0.9, 0.8, 1.1]
+
+
+def test_a_rig_of_two_clutches_is_left_to_its_parts(line: Exchange) -> None:
+    node = PowerShiftNode()
+    node.sample()
+    assert not node.turn(line)
+    assert node.tick == 0
+
+
+def test_a_bus_that_cannot_be_worked_on_ends_it(line: Exchange, controller: Port) -> None:
+    node = plant()
+    node.sample()
+    controller.send(Frame(FRAMES["ENCODER"].can_id, bytes(8)))
+    with pytest.raises(InputError, match=r"a second plant is on the bus: it sends ENCODER \(0x101\)"):
+        node.turn(line)
+    assert controller.receive() == []
+
+
+def test_who_comes_is_let_in_and_told(line: Exchange, local_bus: str) -> None:
+    node = plant()
+    node.sample()
+    assert node.turn(line)
+    with open_bus(local_bus) as newcomer:
+        for _ in range(10):  # at most one more turn: it stands at the door when the second begins
+            assert node.turn(line)
+        assert len([frame for frame in newcomer.receive() if frame.can_id == FRAMES["ENCODER"].can_id]) >= 9
+
+
+def test_a_turn_keeps_no_memory(line: Exchange, controller: Port) -> None:
+    node, answers, commands = plant(), Exchange(controller, 0), batch(1)
+    valve = FRAMES["VALVE_COMMAND"]
+    load(commands, [Frame(valve.can_id, valve.pack(1, 1, 1.0, 1))])
+    node.sample()
+
+    def play(count: int) -> None:
+        for _ in range(count):
+            answers.send(commands, 1)
+            assert node.turn(line)
+            answers.receive()
+            answers.clear()
+
+    play(300)
+    gc.collect()
+    tracemalloc.start()
+    play(100)
+    before = tracemalloc.get_traced_memory()[0]
+    play(1400)
+    grown = tracemalloc.get_traced_memory()[0] - before
+    tracemalloc.stop()
+    assert grown < 1000  # bytes in 1400 turns: an object that a turn kept would be 28 each
