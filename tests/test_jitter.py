@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from plant_sim.bench.jitter import Measured, Setting, _heard, _latencies, explained, late_cycles, spikes, summary
+from plant_sim.bench.jitter import Measured, Setting, _heard, _latencies, summary
 from plant_sim.bench.jitter_report import document, judged, sweep_document, sweep_judged, sweep_text
+from plant_sim.bench.lateness import explained, late_cycles, spike, spikes
 from plant_sim.bench.loads import LOADS, chosen
 from plant_sim.bench.stalls import StallWatch
 from protocols import child
@@ -46,6 +47,13 @@ def test_a_cycle_that_waited_for_a_stall_is_the_machines_however_late_it_began()
     """What was missed is made up for first, by the plant, which goes before the controller."""
     lost = np.array([[100.0, 170.0]]) * PERIOD
     assert explained(np.array([[99.5, 175.0], [173.0, 175.0]]) * PERIOD, lost, PERIOD).tolist() == [True, False]
+
+
+def test_what_is_usual_for_a_wake_up_explains_nothing() -> None:
+    """At 4 kHz a tenth of a period would be 25 us, and every cycle near a spike."""
+    assert [spike(period) for period in (4_000_000, PERIOD, 250_000)] == [400_000, 100_000, 100_000]
+    slots = 250_000 * np.arange(1000)
+    assert len(spikes(slots, slots + 60_000, 250_000)) == 0
 
 
 def test_slots_the_witness_itself_has_slept_through_are_spikes() -> None:

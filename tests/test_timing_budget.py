@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from plant_sim.bench.jitter import WITNESS_PRIORITY, explained
+from plant_sim.bench.jitter import WITNESS_PRIORITY
+from plant_sim.bench.lateness import explained
 from plant_sim.bench.stalls import StallWatch
 from protocols.bus import Port, open_bus
 from protocols.frames import load_frames

@@ -9,11 +9,10 @@ What counts     wake      from the slot of the grid to the first look at the clo
                 latency   from the stamp of a sample's ENCODER frame to that of the VALVE_COMMAND that answers it
                 period    time between the beginnings of two cycles minus the period
                 late      cycles that end after their slot, and slots left out; unexplained: those without a spike of the
-                          witness, or a stall, from two periods before their slot to two after their end. The witness has
-                          nothing to do: from its slot until it sleeps again is the machine's time, a spike where that is
-                          more than SPIKE of a period. It looks once a period; what stops the CPU in between is seen by a
-                          watch that looks four times (above 1 kHz 4000 times a second), as a stall where it wakes later
-                          than SPIKE of a period
+                          witness, or a stall, from two periods before their slot to two after their end (`lateness`). The
+                          witness looks once a period; what stops the CPU in between is seen by a watch that looks four times
+                          (above 1 kHz 4000 times a second), as a stall where it wakes later than a spike is long. Above
+                          1 kHz the watch is alone: a witness would take a sixth of the time that the loop has
                 near      share of all cycles, late or not, that have such a spike or stall as near: how much it means when
                           late ones have
                 footprint of both services of the closed loop: page faults, collections of garbage, threads begun
@@ -35,6 +34,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from plant_sim.bench.lateness import explained, late_cycles, spike, spikes
 from plant_sim.bench.loads import Load
 from plant_sim.bench.services import Services
 from plant_sim.bench.stalls import StallWatch
@@ -48,13 +48,12 @@ from protocols.ring import RingReader
 from protocols.shared_folder import SharedFolder
 from protocols.stopping import Stop
 
-SPIKE = 0.1  # of a period
 WITNESS_PRIORITY = 90
 _SETTLING = 1.0  # s of the closed loop before it counts
 _START = 60.0  # s for the loop to be closed, and for other processes to start and end
-_NEAR = 2  # periods around a late cycle
 _LOOKS = 4  # of the watch in a period,
 _MOST_LOOKS = 4000  # and in a second: it takes 10 us for each
+_WITNESSED = 1000  # Hz up to which there is a witness: it takes 40 us a period of a slow machine
 _HISTOGRAM = 20_000  # us that cyclictest counts
 _POLL = 0.02  # s
 PERCENTILES = (50.0, 99.0, 99.9, 99.99)
@@ -105,35 +104,6 @@ def summary(values: np.ndarray) -> dict[str, float]:
     """Percentiles and maximum [us] of durations (n,); as many as their number supports."""
     found = {f"p{p:g}": float(np.percentile(values, p)) for p in PERCENTILES if len(values) * (100.0 - p) >= 499.9}
     return found | {"max": float(values.max())}
-
-
-def late_cycles(slots: np.ndarray, counted: np.ndarray, period_ns: int) -> np.ndarray:
-    """Which cycles (k,) were late, of those in `slots` (n,) [ns], before which `counted` (n,) had ended after their slot.
-
-    A cycle that begins late is not late, unless a slot is left out.
-    """
-    return np.union1d(np.flatnonzero(np.diff(slots) > 1.5 * period_ns), np.flatnonzero(np.diff(counted) > 0))
-
-
-def spikes(slots: np.ndarray, ended: np.ndarray, period_ns: int) -> np.ndarray:
-    """Begin and end (k, 2) of the spikes of a witness that slept again at `ended` (n,) after slots (n,); all ns.
-
-    A spike lasts from the slot until the witness slept again, or from the first slot that it was not woken for to the next.
-    """
-    late = (ended - slots) > SPIKE * period_ns
-    gaps = np.flatnonzero(np.diff(slots) > 1.5 * period_ns)
-    begins = np.concatenate([slots[late], slots[gaps] + period_ns])
-    return np.column_stack([begins, np.concatenate([ended[late], slots[gaps + 1]])])
-
-
-def explained(cycles: np.ndarray, lost: np.ndarray, period_ns: int) -> np.ndarray:
-    """Whether cycles, slot and end (k, 2), have time `lost` to the machine, begin and end (n, 2), near; all ns."""
-    lost = lost[np.argsort(lost[:, 0])]
-    ends = np.append(-np.inf, np.maximum.accumulate(lost[:, 1]))
-    before = np.searchsorted(
-        lost[:, 0], cycles[:, 1] + (_NEAR + 0.5) * period_ns, side="right"
-    )  # of those that had begun
-    return ends[before] >= cycles[:, 0] - (_NEAR + 0.5) * period_ns
 
 
 Phase = Callable[[Setting, Measured, Stop], None]
@@ -288,7 +258,10 @@ def _closed(setting: Setting, measured: Measured, stop: Stop, trigger: str, hear
         phase = int(first[-1, column] * 1e9) + period // 4  # whatever makes a cycle late lasts until the witness's slot
         with contextlib.ExitStack() as stack:
             frames = stack.enter_context(_heard(setting.bus)) if heard else []
-            with _witnessed(setting, setting.piece, phase) as witness, _watched(setting, setting.piece, phase) as watch:
+            with contextlib.ExitStack() as beside:
+                witnessed = setting.rate <= _WITNESSED
+                witness = beside.enter_context(_witnessed(setting, setting.piece, phase)) if witnessed else []
+                watch = beside.enter_context(_watched(setting, setting.piece, phase))
                 rows = _played(rings[1], setting.piece, stop)
             for service, told in services.end().items():
                 measured.footprint.setdefault(service, Counter()).update(told["footprint"] or {})
@@ -340,12 +313,16 @@ def _account(
     watch: StallWatch,
     period: int,
 ) -> None:
-    """Count what the witness has seen of `cycles`, slot and end (n, 2) [ns], of which number `late` (k,) were late."""
-    slots, woken, ended = witness
-    beside = (slots >= cycles[0, 0]) & (slots <= cycles[-1, 1])  # it also saw both begin and end
-    measured.witness.append((woken - slots)[beside] / 1e3)
-    seen = (cycles[:, 0] >= slots[0]) & (cycles[:, 1] <= slots[-1])
-    lost = np.concatenate([spikes(slots, ended, period), watch.stalls(SPIKE * period)])
+    """Count what `watch`, and `witness` if there was one, have seen of `cycles`, slot and end (n, 2) [ns]; number `late` (k,) of
+    them were late."""
+    lost, (begin, end) = watch.stalls(spike(period)), watch.seen
+    if witness:
+        slots, woken, ended = witness
+        beside = (slots >= cycles[0, 0]) & (slots <= cycles[-1, 1])  # it also saw both begin and end
+        measured.witness.append((woken - slots)[beside] / 1e3)
+        lost = np.concatenate([lost, spikes(slots, ended, period)])
+        begin, end = max(begin, slots[0]), min(end, slots[-1])
+    seen = (cycles[:, 0] >= begin) & (cycles[:, 1] <= end)
     near, late = explained(cycles, lost, period), late[seen[late]]
     measured.cycles += int(seen.sum())
     measured.near += int(near[seen].sum())

@@ -147,20 +147,8 @@ def sweep_document(
 def sweep_text(told: Mapping[str, Any]) -> str:
     """The table by rate, for people."""
     rows: list[tuple[str, ...]] = [
-        (
-            "rate Hz",
-            "period us",
-            "cycles",
-            "near %",
-            "late %",
-            "unexplained",
-            "wake p50",
-            "p99",
-            "step p50",
-            "p99",
-            *_TAKEN,
-        )
-    ]
+        ("rate Hz", "period us", "cycles", "near %", "late %", "unexplained", "wake p50", "p99", "step p50", "p99", *_TAKEN)
+    ]  # fmt: skip
     for one in told["rates"]:
         if "failure" in one:
             rows.append((str(one["rate_hz"]), f"{1e6 / one['rate_hz']:.0f}", "failed", *["-"] * 11))

@@ -50,6 +50,11 @@ class StallWatch:
         self._asked[0] = True
         self._thread.join()
 
+    @property
+    def seen(self) -> tuple[int, int]:
+        """First and last slot [ns of CLOCK_MONOTONIC]."""
+        return self._first, self._first + self._every * (self._count - 1)
+
     def stalls(self, least_ns: float) -> np.ndarray:
         """Begin and end (n, 2) [ns of CLOCK_MONOTONIC] of every stall that was seen for more than `least_ns`."""
         slots = self._first + self._every * np.arange(self._count)
