@@ -313,8 +313,8 @@ def _account(
     watch: StallWatch,
     period: int,
 ) -> None:
-    """Count what `watch`, and `witness` if there was one, have seen of `cycles`, slot and end (n, 2) [ns]; number `late` (k,) of
-    them were late."""
+    """Count what `watch`, and `witness` if there was one, have seen of `cycles`, slot and end (n, 2) [ns]; `late` (k,) are the
+    numbers of those that were late."""
     lost, (begin, end) = watch.stalls(spike(period)), watch.seen
     if witness:
         slots, woken, ended = witness
