@@ -1,4 +1,4 @@
-"""The plant's turn, one compiled call, on a bus: the same frames and records as its parts, which are left what it does not do."""
+"""The plant's turn, one compiled call, on a bus: the frames and records of its parts, which are left what it does not do."""
 
 import gc
 import tracemalloc
