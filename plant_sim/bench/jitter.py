@@ -12,7 +12,7 @@ What counts     wake      from the slot of the grid to the first look at the clo
                           witness, or a stall, from two periods before their slot to two after their end (`lateness`). The
                           witness looks once a period; what stops the CPU in between is seen by a watch that looks four times
                           (above 1 kHz 4000 times a second), as a stall where it wakes later than a spike is long. Above
-                          1 kHz the watch is alone: a witness would take a sixth of the time that the loop has
+                          1 kHz the watch is alone: a witness would take an eighth of the time at 4 kHz
                 near      share of all cycles, late or not, that have such a spike or stall as near: how much it means when
                           late ones have
                 footprint of both services of the closed loop: page faults, collections of garbage, threads begun
@@ -53,7 +53,7 @@ _SETTLING = 1.0  # s of the closed loop before it counts
 _START = 60.0  # s for the loop to be closed, and for other processes to start and end
 _LOOKS = 4  # of the watch in a period,
 _MOST_LOOKS = 4000  # and in a second: it takes 10 us for each
-_WITNESSED = 1000  # Hz up to which there is a witness: it takes 40 us a period of a slow machine
+_WITNESSED = 1000  # Hz up to which there is a witness: it takes 24 to 38 us of the CPU a period (measured, slow machine)
 _HISTOGRAM = 20_000  # us that cyclictest counts
 _POLL = 0.02  # s
 PERCENTILES = (50.0, 99.0, 99.9, 99.99)
