@@ -53,7 +53,9 @@ _SETTLING = 1.0  # s of the closed loop before it counts
 _START = 60.0  # s for the loop to be closed, and for other processes to start and end
 _LOOKS = 4  # of the watch in a period,
 _MOST_LOOKS = 4000  # and in a second: it takes 10 us for each
-_WITNESSED = 1000  # Hz up to which there is a witness: it takes 24 to 38 us of the CPU a period (measured, slow machine)
+_WITNESSED = (
+    1000  # Hz up to which there is a witness: it takes 24 to 38 us of the CPU a period (measured, slow machine)
+)
 _HISTOGRAM = 20_000  # us that cyclictest counts
 _POLL = 0.02  # s
 PERCENTILES = (50.0, 99.0, 99.9, 99.99)
