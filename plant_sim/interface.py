@@ -11,6 +11,7 @@ import numpy as np
 from plant_sim.cycle import INTERFACE, OUTBOX, SETTINGS, Refusal, begin, show, take
 from plant_sim.rigs.wet_clutch import Rig, Whole
 from protocols.batch import batch, load, unload
+from protocols.beat import Beat
 from protocols.errors import InputError
 from protocols.exchange import Exchange
 from protocols.frames import Frame, FrameCodec, load_frames
@@ -54,7 +55,7 @@ class Interface(ABC):
         self._interfaces, self._settings = np.zeros(1, INTERFACE), np.zeros(1, SETTINGS)
         self._interface = self._interfaces.view(np.recarray)[0]
         self._generators = [np.random.default_rng(seed) for seed in seeds]
-        self._noise = np.zeros((len(seeds), BLOCK, 4))
+        self._noise, self._drawn = np.zeros((len(seeds), BLOCK, 4)), [-1] * len(seeds)
         by_clutch = [load_frames(clutch=name) for name in self._names]
         self._connect(by_clutch, parameters)
 
@@ -96,12 +97,17 @@ class Interface(ABC):
     def advance(self) -> None:
         """Let the rig run for one period with the inputs held."""
 
-    def turn(self, line: Exchange) -> bool:
-        """Advance, take what waits on the line, show, send: in one compiled call, where nothing but time goes on.
-
-        Where that is not so, or a rig has no such call, nothing is done: returns whether it was. Raises InputError as `take`.
-        """
+    @property
+    def steady(self) -> bool:
+        """Whether the next sample can be made by `turn`: a rig has it, and nothing but time goes on until then."""
         return False
+
+    def turn(self, line: Exchange, beat: Beat) -> int:
+        """Wait for the next slot, advance, take what waits on the line, show, send: in one compiled call.
+
+        Returns the slots slept through; where there are any, nothing but waiting has been done. Raises InputError as `take`.
+        """
+        raise NotImplementedError
 
     def step(self, inbox: Sequence[Frame]) -> list[Frame]:
         """One sample, and on by a period. Raises InputError when the bus has a second plant or speaks another protocol."""
@@ -184,17 +190,18 @@ class Interface(ABC):
 
     def _show(self, k: int, rig: Rig, whole: Whole, sent: int) -> int:
         """Sensor frames of clutch `k` to the outbox behind `sent` others; its effects' states move on. Return their number."""
-        self._draw(k)
+        self._draw(k, self.tick)
         noise = self._noise[k, self.tick % BLOCK]
         shown: int = show(
             self._interfaces, self._settings, k, self.tick, *whole, noise, rig.record, rig.table.kernel, self.outbox, sent
         )  # fmt: skip
         return shown
 
-    def _draw(self, k: int) -> None:
-        """Noise of clutch `k` for the present tick, where that begins a block."""
-        if not self.tick % BLOCK:
+    def _draw(self, k: int, tick: int) -> None:
+        """Noise of clutch `k` for `tick`, once, where that begins a block."""
+        if not tick % BLOCK and self._drawn[k] != tick:
             self._generators[k].standard_normal(out=self._noise[k])
+            self._drawn[k] = tick
 
     def _refusal(self, why: Refusal) -> str:
         """What an unusable bus said, in a sentence."""

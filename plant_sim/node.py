@@ -17,6 +17,8 @@ from plant_sim.rigs.clutch_phase import Phase, phase
 from plant_sim.rigs.wet_clutch import STATE, Whole
 from plant_sim.schedule import Schedule
 from protocols.batch import batch
+from protocols.beat import BEGUN, Beat, wait
+from protocols.clock import Clock
 from protocols.errors import InputError
 from protocols.exchange import Exchange, gather, silence, spread
 from protocols.node import Column
@@ -102,7 +104,7 @@ class PlantNode(Interface):
             node = PlantNode(parameters=wet_clutch.nominal().with_values(values))
             node.take(batch(1), 0)
             node.step([])
-            node._turn(silence(), batch(1), 0)
+            node._turn(Beat(Clock(1)), silence(), batch(1), 0)
 
     def show(self) -> int:
         """See `Interface`."""
@@ -117,17 +119,23 @@ class PlantNode(Interface):
         """See `Interface`."""
         self._advance(self._period, self._substeps)
 
-    def turn(self, line: Exchange) -> bool:
+    @property
+    def steady(self) -> bool:
         """See `Interface`."""
-        if self.tick < 0 or self._schedule.still(self._now) is not self._rig:
-            return False
+        return self.tick >= 0 and self._schedule.still(self._now) is self._rig
+
+    def turn(self, line: Exchange, beat: Beat) -> int:
+        """See `Interface`."""
         line.ready()
-        count, sent, position = self._turn(line.lines, line.inbox, line.count)
+        how, count, sent, position = self._turn(beat, line.lines, line.inbox, line.count)
+        if how != BEGUN:
+            return beat.woke(how)
+        self.tick += 1
         line.used(count)
         if sent < 0:
             raise InputError(self._refusal(Refusal(-sent)))
         line.sent(self.outbox, sent, position)
-        return True
+        return 0
 
     def fixed(self, name: str) -> str | None:
         """Why a parameter cannot be changed while the plant runs; None when it can."""
@@ -213,15 +221,14 @@ class PlantNode(Interface):
         if self._schedule.planned:
             self.injected += [change.told(self.rate) for change in self._schedule.begin(time)]
 
-    def _turn(self, lines: np.ndarray, inbox: np.ndarray, count: int) -> tuple[int, int, int]:
-        """On to the next tick by the kernel `_turn`, whose result this is."""
-        self.tick += 1
-        self._draw(0)
-        rig = self._rig
-        done: tuple[int, int, int] = _turn(
-            lines, inbox, count, self._interfaces, self._settings, self.tick, self.late_cycles, self._setpoints,
-            *self._state, rig.record, rig.table.kernel, *rig.phase_pressures, self._noise, self._period, self._substeps,
-            self.outbox, self.record,
+    def _turn(self, beat: Beat, lines: np.ndarray, inbox: np.ndarray, count: int) -> tuple[int, int, int, int]:
+        """The sample of the next tick by the kernel `_turn`, whose result this is."""
+        tick, rig = self.tick + 1, self._rig
+        self._draw(0, tick)
+        done: tuple[int, int, int, int] = _turn(
+            beat.words, beat.spins, lines, inbox, count, self._interfaces, self._settings, tick, self.late_cycles,
+            self._setpoints, *self._state, rig.record, rig.table.kernel, *rig.phase_pressures, self._noise, self._period,
+            self._substeps, self.outbox, self.record,
         )  # fmt: skip
         return done
 
@@ -259,25 +266,29 @@ def _note(row: Any, time: Any, interfaces: Any, rig_state: Any, preload_pressure
 
 @njit(cache=True, nogil=True)
 def _turn(
-    lines: Any, inbox: Any, count: Any, interfaces: Any, settings: Any, tick: Any, late_cycles: Any, setpoints: Any,
-    rig_state: Any, states: Any, parameters: Any, effects: Any, preload_pressure: Any, contact_pressure: Any, noise: Any,
-    period: Any, substeps: Any, outbox: Any, row: Any,
-) -> tuple[int, int, int]:  # fmt: skip
-    """Through the period before `tick`, then its sample, with the commands that wait behind the `count` frames of `inbox`.
+    words: Any, spins: Any, lines: Any, inbox: Any, count: Any, interfaces: Any, settings: Any, tick: Any, late_cycles: Any,
+    setpoints: Any, rig_state: Any, states: Any, parameters: Any, effects: Any, preload_pressure: Any, contact_pressure: Any,
+    noise: Any, period: Any, substeps: Any, outbox: Any, row: Any,
+) -> tuple[int, int, int, int]:  # fmt: skip
+    """Wait for the slot of `tick`; through the period before it; its sample, with what comes behind `count` frames of `inbox`.
 
-    Returns the frames in the inbox, those of the sample, or minus the Refusal, and where sending them ended (`spread`).
-    Nothing of Python runs in between, as in the controller's turn: what an interpreter needs is cold after a sleep.
+    Returns how it woke (`beat.wait`), and where its slot has begun the frames in the inbox, those of the sample, or minus the
+    Refusal, and where sending them ended (`spread`). Nothing of Python runs in between, as in the controller's turn: what an
+    interpreter needs is cold after a sleep.
     """
+    how = wait(words, spins)
+    if how != BEGUN:
+        return how, count, 0, 0
     _move(interfaces, rig_state, states, parameters, effects, period, substeps)
     count = gather(lines, 0, inbox, count, count)
     why = take(interfaces, settings, inbox, count)
     if why != 0:
-        return count, -why, 0
+        return how, count, -why, 0
     sent = begin(interfaces, settings, tick, late_cycles, setpoints, outbox)
     of_now = noise[0, tick % BLOCK]
     sent = show(interfaces, settings, 0, tick, rig_state, states, of_now, parameters, effects, outbox, sent)
     _note(row, tick * period, interfaces, rig_state, preload_pressure, contact_pressure)
-    return count, sent, spread(lines, 0, outbox, sent)
+    return how, count, sent, spread(lines, 0, outbox, sent)
 
 
 def initial_temperature(celsius: float) -> float:

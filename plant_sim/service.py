@@ -13,6 +13,7 @@ from plant_sim.profile import Profile
 from plant_sim.rigs import power_shift, wet_clutch
 from plant_sim.shift_profile import ShiftProfile
 from protocols import realtime
+from protocols.beat import Beat
 from protocols.bus import Port, listen, open_bus
 from protocols.clock import Clock
 from protocols.errors import InputError
@@ -117,32 +118,35 @@ class PlantService:
 
     def _real_time(self, node: Any, line: Exchange, outlet: Outlet, clock: Clock, stop: Stop) -> dict[str, Any]:
         """Real time does not wait: slots slept through are simulated and sent when the plant wakes."""
-        timing, work_us = None, 0.0
+        timing, beat = None, Beat(clock)
         clock.start(time.monotonic_ns() + clock.period_ns)
         while not stop.asked:
-            missed = clock.wait()
-            if missed or outlet.asked() or not node.turn(line):
-                if node.tick >= 0:
-                    node.advance()  # through the period that is over
-                outlet.tune()
-                line.receive()
-                node.take(line.inbox, line.count)
-                line.clear()
-                node.slept(missed)
-                for _ in range(missed):
-                    line.send(node.outbox, node.show())
-                    outlet.write(node.record, clock.woken_ns / 1e9, clock.lateness_ns / 1e3, work_us, clock.late)
-                    node.advance()
-                line.send(node.outbox, node.show())  # a controller on this CPU may go first from here on
-            outlet.write(node.record, clock.woken_ns / 1e9, clock.lateness_ns / 1e3, work_us, clock.late)
-            clock.done()
-            work_us = clock.work_ns / 1e3
+            turns = node.steady and not outlet.asked()
+            missed = node.turn(line, beat) if turns else clock.wait()
+            if missed or not turns:
+                self._by_parts(node, line, outlet, clock, missed)
+            outlet.book(node.record, beat)
             node.late_cycles = clock.late
             if timing is None and node.finished:
                 timing = clock.summary()  # of the run, not of the controller's end after it
             if missed:  # before it goes on to catch up: the controller can answer
                 time.sleep(0.5 / self.rate)
         return timing or clock.summary()
+
+    def _by_parts(self, node: Any, line: Exchange, outlet: Outlet, clock: Clock, missed: int) -> None:
+        """A cycle in which more is to do than a turn: changes of parameters, and samples of slots that were missed."""
+        if node.tick >= 0:
+            node.advance()  # through the period that is over
+        outlet.tune()
+        line.receive()
+        node.take(line.inbox, line.count)
+        line.clear()
+        node.slept(missed)
+        for _ in range(missed):
+            line.send(node.outbox, node.show())
+            outlet.write(node.record, clock.woken_ns / 1e9, clock.lateness_ns / 1e3, clock.work_ns / 1e3, clock.late)
+            node.advance()
+        line.send(node.outbox, node.show())  # a controller on this CPU may go first from here on
 
     def _lockstep(self, node: Any, line: Exchange, outlet: Outlet, stop: Stop) -> None:
         """Sample, wait for the answer to this sample, go on."""

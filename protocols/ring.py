@@ -31,7 +31,8 @@ _DOUBLE = 8  # bytes
 class RingWriter:
     """Create a ring at `path` for rows of `columns`, keeping the newest `capacity` rows.
 
-    `description` is kept as JSON for readers; `written` counts rows.
+    `description` is kept as JSON for readers. Compiled code (`beat.py`) writes to `rows`, shape (capacity + 1, columns), and
+    counts them in `counts`, shape (1,).
     """
 
     def __init__(
@@ -56,22 +57,27 @@ class RingWriter:
             self._map[page] = 0  # touched now, so that the loop meets no page fault
         # An item of a memoryview is stored at once; struct.pack_into would zero it first, and readers would see that.
         self._count = memoryview(self._map)[self._start - _COUNT.size : self._start].cast("Q")
-        self._rows = np.frombuffer(self._map, np.float64, offset=self._start).reshape(self._slots, len(columns))
-        self.written = 0
+        self.rows = np.frombuffer(self._map, np.float64, offset=self._start).reshape(self._slots, len(columns))
+        self.counts = np.frombuffer(self._map, np.int64, 1, self._start - _COUNT.size)
         part.rename(path)  # readers never see half a header
+
+    @property
+    def written(self) -> int:
+        """Rows so far."""
+        return self._count[0]
 
     def write(self, row: Sequence[float] | np.ndarray, more: Sequence[float] = ()) -> None:
         """Append a row, which is `row` and `more`; the oldest is overwritten when the ring is full."""
-        place = self._rows[self.written % self._slots]
+        written = self._count[0]
+        place = self.rows[written % self._slots]
         place[: len(row)] = row
         place[len(row) :] = more
-        self.written += 1
-        self._count[0] = self.written
+        self._count[0] = written + 1
 
     def close(self) -> None:
         """Release the memory; readers keep theirs."""
         self._count.release()
-        del self._rows
+        del self.rows, self.counts
         self._map.close()
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from protocols import realtime
 from protocols.batch import load, unload
+from protocols.beat import Beat
 from protocols.bus import Port, open_bus
 from protocols.clock import Clock
 from protocols.errors import InputError
@@ -148,14 +149,18 @@ class ControllerService:
 
     def _real_time(self, node: ControllerNode, outlet: Outlet, begins: Trigger, stop: Stop) -> dict[str, int]:
         """Cycle by cycle as the trigger runs them; return what it took from the system."""
-        clock, work_us = begins.clock, 0.0
+        clock, beat = begins.clock, Beat(begins.clock)
         taken = Footprint()
         while not stop.asked:
             begins.run()
-            outlet.write(node.record, clock.woken_ns / 1e9, clock.lateness_ns / 1e3, work_us, clock.late)
-            outlet.tune()
-            clock.done()
-            work_us = clock.work_ns / 1e3
+            if outlet.asked():
+                outlet.write(
+                    node.record, clock.woken_ns / 1e9, clock.lateness_ns / 1e3, clock.work_ns / 1e3, clock.late
+                )
+                outlet.tune()
+                clock.done()
+            else:
+                outlet.book(node.record, beat)
             node.late_cycles = clock.late
         return taken.summary()
 

@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable
 from typing import Protocol
 
+from protocols.beat import Beat
 from protocols.clock import Clock
 from protocols.errors import InputError, listing
 from rt_controller.turn import Turn
@@ -40,7 +41,7 @@ class ClockTrigger:
     """On an absolute grid."""
 
     def __init__(self, clock: Clock, turn: Turn) -> None:
-        self.clock, self._turn = clock, turn
+        self.clock, self._turn, self._beat = clock, turn, Beat(clock)
 
     def start(self, arrived_ns: int) -> None:
         """See `Trigger`."""
@@ -48,8 +49,7 @@ class ClockTrigger:
 
     def run(self) -> int:
         """See `Trigger`."""
-        missed = self.clock.wait()
-        self._turn.answer(1 + missed)
+        missed, _ = self._turn.answer_slot(self._beat)
         return missed
 
 
@@ -92,7 +92,7 @@ class PllTrigger:
     """On a grid that follows the samples."""
 
     def __init__(self, clock: Clock, turn: Turn) -> None:
-        self.clock, self._turn = clock, turn
+        self.clock, self._turn, self._beat = clock, turn, Beat(clock)
         self._drift = 0.0  # I [ns a period]
 
     def start(self, arrived_ns: int) -> None:
@@ -102,9 +102,9 @@ class PllTrigger:
     def run(self) -> int:
         """See `Trigger`."""
         clock, turn, period = self.clock, self._turn, self.clock.period_ns
-        missed = clock.wait()
+        missed, complete = turn.answer_slot(self._beat)
         error = 0
-        if turn.answer(1 + missed):
+        if complete:
             error = (turn.samples.arrived_ns() + period // 4 - clock.deadline_ns + period // 2) % period - period // 2
         most = period / _FURTHEST
         self._drift = min(max(self._drift + _K_I * error, -most), most)

@@ -10,6 +10,8 @@ import numpy as np
 from numba import njit
 
 from protocols.batch import batch
+from protocols.beat import BEGUN, Beat, wait
+from protocols.clock import Clock
 from protocols.exchange import CLOCK_MONOTONIC, CLOCK_REALTIME, gather, gather_marked, now, silence, spread
 from rt_controller.cycle import cycle
 from rt_controller.node import ControllerNode
@@ -38,6 +40,8 @@ class Turn:
         lines = silence()
         answer(lines, line.inbox, 0, 1, states, *rest)
         answer_sample(lines, 0, 0, 1, line.inbox, 0, states, *rest)
+        beat = Beat(Clock(1))
+        answer_slot(beat.words, beat.spins, lines, line.inbox, 0, states, *rest)
 
     @property
     def woken_ns(self) -> int:
@@ -56,6 +60,22 @@ class Turn:
         complete = line.marks > marks
         self._finish()
         return complete
+
+    def answer_slot(self, beat: Beat) -> tuple[int, bool]:
+        """Wait for the next slot, then the same; return the slots slept through before it, and whether a sample is complete."""
+        line, node = self.samples.line, self.node
+        marks, first = line.marks, line.count
+        line.ready()
+        how = answer_slot(
+            beat.words, beat.spins, line.lines, line.inbox, first, node.states, node.settings, node.outbox, node.record,
+            self._turns,
+        )  # fmt: skip
+        if how != BEGUN:
+            missed = beat.woke(how)
+            return missed, self.answer(1 + missed)
+        complete = line.marks > marks
+        self._finish()
+        return 0, complete
 
     def answer_sample(self, patience_ns: int, before_ns: int, period_ns: int) -> int:
         """Wait for the next complete sample for `patience_ns` [ns] at most; if it comes, the same at once.
@@ -102,6 +122,17 @@ def answer(
     turn = turns[0]
     turn.count, turn.slots = gather(lines, 0, inbox, count, count), slots
     _run(lines, inbox, states, settings, outbox, row, turn)
+
+
+@njit(cache=True, nogil=True)
+def answer_slot(
+    words: Any, spins: Any, lines: Any, inbox: Any, count: Any, states: Any, settings: Any, outbox: Any, row: Any, turns: Any
+) -> Any:  # fmt: skip
+    """See `Turn.answer_slot`; returns how it woke (`beat.wait`)."""
+    how = wait(words, spins)
+    if how == BEGUN:
+        answer(lines, inbox, count, 1, states, settings, outbox, row, turns)
+    return how
 
 
 @njit(cache=True, nogil=True)

@@ -1,6 +1,7 @@
 """The plant's turn, one compiled call, on a bus: the frames and records of its parts, which are left what it does not do."""
 
 import gc
+import time
 import tracemalloc
 from collections.abc import Iterator
 
@@ -12,7 +13,9 @@ from plant_sim.power_shift_node import PowerShiftNode
 from plant_sim.profile import load_profile
 from plant_sim.rigs import wet_clutch
 from protocols.batch import batch, load
+from protocols.beat import Beat
 from protocols.bus import Port, open_bus
+from protocols.clock import Clock
 from protocols.errors import InputError
 from protocols.exchange import Exchange
 from protocols.frames import Frame, load_frames
@@ -20,6 +23,7 @@ from protocols.node import node_factory
 
 FRAMES = load_frames()
 SECONDS = 3.0
+PERIOD = 3_600_000_000_000  # ns: slots begin when the test says so, and none is over before
 LEVEL = "friction_level.level"
 
 
@@ -40,6 +44,18 @@ def plant(effect: str | None = None, **more: object) -> PlantNode:
     return PlantNode(parameters=parameters, profile=load_profile("engagement", SECONDS), seed=5, **more)  # type: ignore[arg-type]
 
 
+@pytest.fixture
+def beat() -> Beat:
+    return Beat(Clock(PERIOD))
+
+
+def turned(node: PlantNode, line: Exchange, beat: Beat) -> None:
+    """A turn in a slot that has just begun."""
+    assert node.steady
+    beat.clock.deadline_ns = time.monotonic_ns() - PERIOD
+    assert node.turn(line, beat) == 0
+
+
 def by_parts(node: PlantNode, commands: list[Frame]) -> list[Frame]:
     """Frames of the next sample, made by the parts of a turn."""
     node.advance()
@@ -48,16 +64,16 @@ def by_parts(node: PlantNode, commands: list[Frame]) -> list[Frame]:
 
 
 @pytest.mark.parametrize("effect", [None, "pressure_sensor_gain", "channel_skew"])
-def test_a_turn_is_its_parts(line: Exchange, controller: Port, effect: str | None) -> None:
+def test_a_turn_is_its_parts(line: Exchange, controller: Port, beat: Beat, effect: str | None) -> None:
     whole, other, answering = plant(effect), plant(effect), node_factory("controller")()
-    assert not whole.turn(line)  # there is no period before the first sample
+    assert not whole.steady  # there is no period before the first sample
     frames = whole.sample()
     assert frames == other.sample()
     for _ in range(round(1000 * SECONDS)):
         commands = answering.step(frames)
         for frame in commands:
             controller.send(frame)
-        assert whole.turn(line)
+        turned(whole, line, beat)
         frames = controller.receive()
         assert frames == by_parts(other, commands)
         assert whole.row() == other.row()
@@ -66,7 +82,26 @@ def test_a_turn_is_its_parts(line: Exchange, controller: Port, effect: str | Non
     assert (line.port.received, line.port.sent) == (controller.sent, controller.received)
 
 
-def test_where_parameters_change_a_turn_does_nothing(line: Exchange) -> None:
+def test_slots_slept_through_are_left_to_the_parts(line: Exchange, controller: Port, beat: Beat) -> None:
+    """The same noise, too, though a block of it had been drawn for the turn that was none."""
+    whole, other = plant(), plant()
+    whole.sample()
+    other.sample()
+    for tick in range(1, 200):
+        if tick % 8:
+            turned(whole, line, beat)
+        else:
+            beat.clock.deadline_ns = time.monotonic_ns() - 3 * PERIOD
+            assert whole.turn(line, beat) == 2
+            assert whole.tick == tick - 1
+            by_parts(whole, [])
+        by_parts(other, [])
+        assert whole.row() == other.row()
+    assert controller.received == 0
+    assert beat.clock.run == 199
+
+
+def test_where_parameters_change_a_plant_is_not_steady(line: Exchange, beat: Beat) -> None:
     """A step at 10 ms, a ramp from 20 to 25 ms, a change made between two samples."""
     begun = [Injection({LEVEL: 0.9}, at=0.010), Injection({LEVEL: 0.8}, at=0.020, ramp=0.005)]
     whole, other = plant(injections=begun), plant(injections=begun)
@@ -77,7 +112,9 @@ def test_where_parameters_change_a_turn_does_nothing(line: Exchange) -> None:
         if tick == 30:
             whole.inject(Injection({LEVEL: 1.1}, at=0.040))
             other.inject(Injection({LEVEL: 1.1}, at=0.040))
-        if not whole.turn(line):
+        if whole.steady:
+            turned(whole, line, beat)
+        else:
             not_turned.append(tick)
             by_parts(whole, [])
         by_parts(other, [])
@@ -87,33 +124,32 @@ def test_where_parameters_change_a_turn_does_nothing(line: Exchange) -> None:
     assert [change["new"] for change in whole.injected] == [0.9, 0.8, 1.1]
 
 
-def test_a_rig_of_two_clutches_is_left_to_its_parts(line: Exchange) -> None:
+def test_a_rig_of_two_clutches_is_left_to_its_parts() -> None:
     node = PowerShiftNode()
     node.sample()
-    assert not node.turn(line)
-    assert node.tick == 0
+    assert not node.steady
 
 
-def test_a_bus_that_cannot_be_worked_on_ends_it(line: Exchange, controller: Port) -> None:
+def test_a_bus_that_cannot_be_worked_on_ends_it(line: Exchange, controller: Port, beat: Beat) -> None:
     node = plant()
     node.sample()
     controller.send(Frame(FRAMES["ENCODER"].can_id, bytes(8)))
     with pytest.raises(InputError, match=r"a second plant is on the bus: it sends ENCODER \(0x101\)"):
-        node.turn(line)
+        turned(node, line, beat)
     assert controller.receive() == []
 
 
-def test_who_comes_is_let_in_and_told(line: Exchange, local_bus: str) -> None:
+def test_who_comes_is_let_in_and_told(line: Exchange, beat: Beat, local_bus: str) -> None:
     node = plant()
     node.sample()
-    assert node.turn(line)
+    turned(node, line, beat)
     with open_bus(local_bus) as newcomer:
         for _ in range(10):  # at most one more turn: it stands at the door when the second begins
-            assert node.turn(line)
+            turned(node, line, beat)
         assert len([frame for frame in newcomer.receive() if frame.can_id == FRAMES["ENCODER"].can_id]) >= 9
 
 
-def test_a_turn_keeps_no_memory(line: Exchange, controller: Port) -> None:
+def test_a_turn_keeps_no_memory(line: Exchange, controller: Port, beat: Beat) -> None:
     node, answers, commands = plant(), Exchange(controller, 0), batch(1)
     valve = FRAMES["VALVE_COMMAND"]
     load(commands, [Frame(valve.can_id, valve.pack(1, 1, 1.0, 1))])
@@ -122,7 +158,7 @@ def test_a_turn_keeps_no_memory(line: Exchange, controller: Port) -> None:
     def play(count: int) -> None:
         for _ in range(count):
             answers.send(commands, 1)
-            assert node.turn(line)
+            turned(node, line, beat)
             answers.receive()
             answers.clear()
 

@@ -64,6 +64,10 @@ class Rig:
         self.count = 0
         return complete
 
+    def answer_slot(self, beat: Any) -> tuple[int, bool]:
+        missed = beat.clock.wait()
+        return missed, self.answer(1 + missed)
+
     def answer_sample(self, patience: int, before: int, period: int) -> int:
         if not (self.arrive(self.now + patience) and self.take()):
             return 0

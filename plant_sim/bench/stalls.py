@@ -12,19 +12,17 @@ import time
 from typing import Any
 
 import numpy as np
-from numba import njit, types
+from numba import njit
 
-from protocols.exchange import CLOCK_MONOTONIC, now, system
+from protocols.beat import sleep_until
+from protocols.exchange import CLOCK_MONOTONIC, now
 from protocols.realtime import MEASURES, prepare
 
-_ABSOLUTE = 1  # TIMER_ABSTIME of linux/time.h
 _SECOND = 1_000_000_000  # ns
 _BEGIN = 20_000_000  # ns to the first slot at least
 _MINE = tuple(
     m for m in MEASURES if m.name in ("bound to a CPU", "real-time priority")
 )  # of a thread; others: a process's
-
-_clock_nanosleep = system("clock_nanosleep", types.int32, types.int32, types.int32, types.int64, types.int64)
 
 
 class StallWatch:
@@ -73,8 +71,7 @@ def _watch(first: Any, every: Any, woken: Any, asked: Any) -> Any:
     times, k = np.zeros(2, np.int64), 0
     while k < woken.size and not asked[0]:
         due = first + k * every
-        times[0], times[1] = due // _SECOND, due % _SECOND
-        _clock_nanosleep(CLOCK_MONOTONIC, _ABSOLUTE, times.ctypes.data, 0)
+        sleep_until(due, times)
         at = now(CLOCK_MONOTONIC, times)
         while k < woken.size and first + k * every <= at:
             woken[k] = at

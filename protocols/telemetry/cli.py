@@ -5,6 +5,8 @@ from pathlib import Path
 
 import typer
 
+READY = "ready"  # file that the telemetry process makes when it publishes
+
 
 def register(app: typer.Typer) -> None:
     """Add the command."""
@@ -17,7 +19,6 @@ def telemetry(
     router: str | None = typer.Option(None, help="zenoh router, for example tcp/192.168.1.5:7447"),
 ) -> None:
     """Publish the record of a service over zenoh."""
-    from protocols.telemetry.outlet import READY
     from protocols.telemetry.publisher import publish
 
     try:

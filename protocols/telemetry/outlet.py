@@ -15,13 +15,16 @@ from typing import Any
 
 import numpy as np
 
+from protocols.beat import Beat, book
 from protocols.child import clutch_hil, spawn
+from protocols.clock import Clock
 from protocols.errors import InputError
 from protocols.mailbox import Mailbox
 from protocols.node import Column
 from protocols.parameters import ParameterSet
 from protocols.ring import RingWriter
 from protocols.shared_folder import SharedFolder
+from protocols.telemetry.cli import READY
 from protocols.telemetry.keys import bench_name
 from protocols.tuning import Tunable, Tuning, described
 
@@ -33,7 +36,6 @@ TIMING = (
     Column("late_cycles", "1", "cycles that ended after their slot, total"),
     Column("parameter_changes", "1", "parameters changed while running, total"),
 )
-READY = "ready"  # file that the telemetry process makes when it publishes
 _START = 60.0  # s for it to start; one takes half a second
 _POLL = 0.02  # s between looks
 _END = 3.0  # s for the telemetry process to publish its last rows and end
@@ -64,15 +66,25 @@ class Outlet:
             timing = [Column(prefix + column, unit, meaning) for column, unit, meaning in TIMING]
             path = ring or self._folder.path / "ring"
             self._ring = RingWriter(path, [*columns, *timing], RING_ROWS, description)
+            self._compile(len(columns))
             if publish:
                 self._process = self._published(path, router)
         except BaseException:
             self._folder.remove()
             raise
 
+    def _compile(self, width: int) -> None:
+        """Now, not in the loop."""
+        ring, words = self._ring, Beat(Clock(1)).words
+        book(words, np.zeros_like(ring.rows[:1]), np.zeros_like(ring.counts), np.zeros(width), 0)
+
     def write(self, row: Sequence[float] | np.ndarray, clock: float, wake_us: float, work_us: float, late: int) -> None:
         """Append a cycle's row; `clock` [s] of CLOCK_MONOTONIC."""
         self._ring.write(row, (clock, wake_us, work_us, late, self._tuning.count))
+
+    def book(self, row: np.ndarray, beat: Beat) -> None:
+        """The cycle of `beat` has ended: write its row, and let the clock know, in one compiled call."""
+        book(beat.words, self._ring.rows, self._ring.counts, row, self._tuning.count)
 
     def asked(self) -> bool:
         """Whether a change of parameters waits."""
@@ -95,12 +107,13 @@ class Outlet:
                 self._process.kill()
                 self._process.wait()
                 ended = "killed: it did not end"
+        rows = self._ring.written
         self._ring.close()
         self._mailbox.close()
         self._folder.remove()
         return {
             "telemetry": ended,
-            "rows": self._ring.written,
+            "rows": rows,
             "parameter_changes": self._tuning.changes,
             "injections": self._tuning.injections,
         }

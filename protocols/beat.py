@@ -1,0 +1,107 @@
+"""Beat: the clock of a loop in compiled code, on the clock's own memory: a slot waited for, a cycle's row and account.
+
+Same as         Clock.wait where no slot was slept through, SleepThenSpin, Clock.done, RingWriter.write
+Method          clock_nanosleep(2) to the absolute time; nothing of Python, which is cold after a sleep, runs before the turn
+                that follows in the same call
+"""
+
+from typing import Any
+
+import numpy as np
+from numba import njit, types
+
+from protocols.clock import Clock, Histogram, Word
+from protocols.exchange import CLOCK_MONOTONIC, now, system
+from protocols.waiting import MARGIN, MEMORY
+
+BEGUN, OVERRUN, OVERSLEPT = 0, 1, 2  # what `wait` returns
+_ABSOLUTE = 1  # TIMER_ABSTIME of linux/time.h
+_SECOND = 1_000_000_000  # ns
+_BINS = Histogram.BINS
+_PERIOD, _DEADLINE, _WOKEN, _LATENESS, _WORKED, _RUN, _LATE, _SPARE = (
+    int(word)
+    for word in (
+        Word.PERIOD, Word.DEADLINE, Word.WOKEN, Word.LATENESS, Word.WORKED, Word.RUN, Word.LATE, Word.SPARE,
+    )
+)  # fmt: skip
+_WAKE, _WORK = int(Word.WAKE), Word.WAKE + Histogram.WORDS
+
+_clock_nanosleep = system("clock_nanosleep", types.int32, types.int32, types.int32, types.int64, types.int64)
+
+
+class Beat:
+    """`clock` for compiled code: `words` of it, and `spins` of its waiting, are the same memory."""
+
+    def __init__(self, clock: Clock) -> None:
+        self.clock = clock
+        self.words, self.spins = (np.frombuffer(kept, np.int64) for kept in (clock.words, clock.waiting.words))
+
+    def woke(self, how: int) -> int:
+        """What is left to do after a `wait` that did not begin a cycle: see `Clock.woke`."""
+        return self.clock.woke(self.clock.woken_ns, how == OVERSLEPT)
+
+
+@njit(cache=True, nogil=True)
+def wait(words: Any, spins: Any) -> Any:
+    """Wait for the next slot. Returns BEGUN, or, where slots are over, with its cycle not begun, OVERRUN or OVERSLEPT."""
+    words[_DEADLINE] += words[_PERIOD]
+    due, times = words[_DEADLINE], words[_SPARE : _SPARE + 2]
+    at = now(CLOCK_MONOTONIC, times)
+    asleep = at < due
+    if asleep:
+        at = _until(due, at, spins, times)
+    words[_WOKEN] = at
+    if at >= due + words[_PERIOD]:
+        return OVERSLEPT if asleep else OVERRUN
+    words[_RUN] += 1
+    words[_LATENESS] = at - due
+    return BEGUN
+
+
+@njit
+def _until(due, at, spins, times):
+    """Return once `due` has come; what the clock says then [ns]."""
+    spin, most = spins[0], spins[1]
+    begin = due - spin
+    if at < begin:
+        while at < begin:  # a signal may end a sleep
+            sleep_until(begin, times)
+            at = now(CLOCK_MONOTONIC, times)
+        if most > 0:
+            needed = min(at - begin + MARGIN, most)
+            spins[0] = needed if needed > spin else spin - (spin - needed) // MEMORY
+    while at < due:
+        at = now(CLOCK_MONOTONIC, times)
+    return at
+
+
+@njit
+def sleep_until(due, times):
+    """Sleep until `due` of CLOCK_MONOTONIC [ns], or a signal; `times` (2,) is overwritten."""
+    times[0], times[1] = due // _SECOND, due % _SECOND
+    _clock_nanosleep(CLOCK_MONOTONIC, _ABSOLUTE, times.ctypes.data, 0)
+
+
+@njit(cache=True, nogil=True)
+def book(words: Any, rows: Any, counts: Any, row: Any, changes: Any) -> None:
+    """The cycle has ended: its row, which is `row` and TIMING of `outlet.py`, to a ring, then the account of `Clock.done`."""
+    place, width = rows[counts[0] % rows.shape[0]], row.size
+    for column in range(width):
+        place[column] = row[column]
+    place[width], place[width + 1] = words[_WOKEN] / 1e9, words[_LATENESS] / 1e3
+    place[width + 2], place[width + 3], place[width + 4] = words[_WORKED] / 1e3, words[_LATE], changes
+    at = now(CLOCK_MONOTONIC, words[_SPARE : _SPARE + 2])  # a call between: the count is stored after the row
+    counts[0] += 1
+    words[_WORKED] = at - words[_WOKEN]
+    _add(words, _WAKE, words[_LATENESS])
+    _add(words, _WORK, words[_WORKED])
+    if at > words[_DEADLINE] + words[_PERIOD] or words[_LATENESS] >= words[_PERIOD]:
+        words[_LATE] += 1
+
+
+@njit
+def _add(words, histogram, duration):
+    """As `Histogram.add`."""
+    words[histogram + min(max(duration, 0) // 1000, _BINS)] += 1
+    words[histogram + _BINS + 1] += 1
+    words[histogram + _BINS + 2] = max(words[histogram + _BINS + 2], duration)
