@@ -79,7 +79,7 @@ class _Kept:
     """A number of a clock that lies in its memory."""
 
     def __init__(self, word: Word) -> None:
-        self._word = word
+        self._word = int(word)
 
     def __get__(self, clock: "Clock", kind: type) -> int:
         return clock.words[self._word]
