@@ -131,10 +131,10 @@ class PlantNode(Interface):
         if how != BEGUN:
             return beat.woke(how)
         self.tick += 1
-        line.used(count)
         if sent < 0:
             raise InputError(self._refusal(Refusal(-sent)))
         line.sent(self.outbox, sent, position)
+        line.used(count)
         return 0
 
     def fixed(self, name: str) -> str | None:

@@ -132,7 +132,10 @@ class Exchange:
         self.count = count
 
     def used(self, count: int) -> None:
-        """A kernel has filled `inbox` up to `count` and has used it: what comes of those it found is kept for the next."""
+        """A kernel has filled `inbox` up to `count` and has used it: what comes of those it found is kept for the next.
+
+        After `sent`, whose position is a place among those who were there for the kernel: here they come and go.
+        """
         self.port.received += count - self.count
         self.clear()
         self.took(0, 0)

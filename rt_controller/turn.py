@@ -97,10 +97,10 @@ class Turn:
         return int(slots)
 
     def _finish(self) -> None:
-        """What the compiled call leaves to do: of the frames it has used, and of those sent."""
+        """What the compiled call leaves to do: of the frames it has sent, then of those used."""
         line, node = self.samples.line, self.node
-        line.used(self._count[0])
         line.sent(node.outbox, node.sent(self._sent[0]), self._position[0])
+        line.used(self._count[0])
 
 
 @njit

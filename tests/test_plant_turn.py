@@ -149,6 +149,20 @@ def test_who_comes_is_let_in_and_told(line: Exchange, beat: Beat, local_bus: str
         assert len([frame for frame in newcomer.receive() if frame.can_id == FRAMES["ENCODER"].can_id]) >= 9
 
 
+def test_who_leaves_takes_nobody_along(local_bus: str, beat: Beat) -> None:
+    """Seen to have left, by the turn that also fails to send to him: whoever is in his place by then stays."""
+    leaver = open_bus(local_bus)  # he came first
+    with open_bus(local_bus) as controller, open_bus(local_bus) as port:
+        node, line = plant(), Exchange(port, FRAMES["VALVE_COMMAND"].can_id)
+        node.sample()
+        for number in range(6):
+            if number == 3:
+                leaver.close()
+            turned(node, line, beat)
+            heard = [frame.can_id for frame in controller.receive()]
+            assert FRAMES["ENCODER"].can_id in heard, number
+
+
 def test_a_turn_keeps_no_memory(line: Exchange, controller: Port, beat: Beat) -> None:
     node, answers, commands = plant(), Exchange(controller, 0), batch(1)
     valve = FRAMES["VALVE_COMMAND"]

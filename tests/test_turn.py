@@ -115,6 +115,20 @@ def test_what_a_newcomer_sent_before_it_was_let_in_is_heard_in_the_next_turn(
         assert turn.node.states["demand"][0] == 5.0
 
 
+def test_who_leaves_takes_nobody_along(local_bus: str) -> None:
+    """Seen to have left, by the turn that also fails to send to him: whoever is in his place by then stays."""
+    leaver = open_bus(local_bus)  # he came first
+    with open_bus(local_bus) as plant, open_bus(local_bus) as port:
+        turn = Turn(Samples(Exchange(port, FRAMES["ENCODER"].can_id), FRAMES), ControllerNode())
+        other = ControllerNode()
+        for number, frames in enumerate(sampled(6)):
+            if number == 3:
+                leaver.close()
+            send(plant, frames)
+            assert turn.answer(1)
+            assert plant.receive() == other.step(frames)
+
+
 def test_a_bus_that_cannot_be_worked_on_ends_it(turn: Turn, plant: Port) -> None:
     plant.send(Frame(FRAMES["VALVE_COMMAND"].can_id, bytes(6)))
     with pytest.raises(InputError, match="a second controller is on the bus: it sends VALVE_COMMAND"):
