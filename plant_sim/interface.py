@@ -99,13 +99,14 @@ class Interface(ABC):
 
     @property
     def steady(self) -> bool:
-        """Whether the next sample can be made by `turn`: a rig has it, and nothing but time goes on until then."""
+        """Whether the next sample can be made by `turns`: a rig has it, and nothing but time goes on until then."""
         return False
 
-    def turn(self, line: Exchange, beat: Beat) -> int:
-        """Wait for the next slot, advance, take what waits on the line, show, send: in one compiled call.
+    def turns(self, line: Exchange, beat: Beat, changes: int) -> int:
+        """Wait for the next slot, advance, take what waits on the line, show, send, and so on: in one compiled call.
 
-        Returns the slots slept through; where there are any, nothing but waiting has been done. Raises InputError as `take`.
+        `beat.most` times at most; rows but the last are booked (`Beat.book`). Returns the slots slept through before the last;
+        where there are any, nothing but waiting has been done in it. Raises InputError as `take`.
         """
         raise NotImplementedError
 

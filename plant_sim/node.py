@@ -1,7 +1,7 @@
 """The plant as a node: commands in, sensor frames out, ground truth in its record."""
 
 from collections.abc import Mapping, Sequence
-from math import ceil
+from math import ceil, floor
 from typing import Any
 
 import numpy as np
@@ -17,16 +17,17 @@ from plant_sim.rigs.clutch_phase import Phase, phase
 from plant_sim.rigs.wet_clutch import STATE, Whole
 from plant_sim.schedule import Schedule
 from protocols.batch import batch
-from protocols.beat import BEGUN, Beat, wait
-from protocols.clock import Clock
+from protocols.beat import BEGUN, Beat, book, wait
+from protocols.clock import Clock, Word
 from protocols.errors import InputError
-from protocols.exchange import Exchange, gather, silence, spread
+from protocols.exchange import Exchange, gather, settled, silence, spread
 from protocols.node import Column
 from protocols.parameters import ParameterSet
 from protocols.units import BAR, ZERO_CELSIUS
 
 _TEMPERATURES = 35.0, 150.0  # degC: valid range of eq. 6.3 (blocks/oil.py) and of fig 6.8
 NO_SETPOINTS = np.zeros((0, 4, 0))  # tables of no profile, see `Interface`
+_LATE = int(Word.LATE)
 _phase = njit(phase)
 
 # Columns of a recorded run (rig.md), then the truth.
@@ -104,7 +105,7 @@ class PlantNode(Interface):
             node = PlantNode(parameters=wet_clutch.nominal().with_values(values))
             node.take(batch(1), 0)
             node.step([])
-            node._turn(Beat(Clock(1)), silence(), batch(1), 0)
+            node._turns(Beat(Clock(1)), silence(), batch(1), 0, 0)
 
     def show(self) -> int:
         """See `Interface`."""
@@ -124,13 +125,15 @@ class PlantNode(Interface):
         """See `Interface`."""
         return self.tick >= 0 and self._schedule.still(self._now) is self._rig
 
-    def turn(self, line: Exchange, beat: Beat) -> int:
+    def turns(self, line: Exchange, beat: Beat, changes: int) -> int:
         """See `Interface`."""
         line.ready()
-        how, count, sent, position = self._turn(beat, line.lines, line.inbox, line.count)
+        how, made, count, sent, position = self._turns(beat, line.lines, line.inbox, line.count, changes)
+        self.tick += made
+        if made > (how == BEGUN):
+            line.passed()
         if how != BEGUN:
             return beat.woke(how)
-        self.tick += 1
         if sent < 0:
             raise InputError(self._refusal(Refusal(-sent)))
         line.sent(self.outbox, sent, position)
@@ -221,16 +224,27 @@ class PlantNode(Interface):
         if self._schedule.planned:
             self.injected += [change.told(self.rate) for change in self._schedule.begin(time)]
 
-    def _turn(self, beat: Beat, lines: np.ndarray, inbox: np.ndarray, count: int) -> tuple[int, int, int, int]:
-        """The sample of the next tick by the kernel `_turn`, whose result this is."""
+    def _turns(
+        self, beat: Beat, lines: np.ndarray, inbox: np.ndarray, count: int, changes: int
+    ) -> tuple[int, int, int, int, int]:
+        """The samples of the next ticks by the kernel `_turns`, whose result this is."""
         tick, rig = self.tick + 1, self._rig
         self._draw(0, tick)
-        done: tuple[int, int, int, int] = _turn(
-            beat.words, beat.spins, lines, inbox, count, self._interfaces, self._settings, tick, self.late_cycles,
-            self._setpoints, *self._state, rig.record, rig.table.kernel, *rig.phase_pressures, self._noise, self._period,
-            self._substeps, self.outbox, self.record,
+        done: tuple[int, int, int, int, int] = _turns(
+            beat.words, beat.spins, lines, inbox, count, self._interfaces, self._settings, tick, self._setpoints,
+            *self._state, rig.record, rig.table.kernel, *rig.phase_pressures, self._noise, self._period, self._substeps,
+            self.outbox, self.record, self._most(beat), *beat.rows, changes,
         )  # fmt: skip
         return done
+
+    def _most(self, beat: Beat) -> int:
+        """Turns that one call may make: up to new noise, the next change of the rig and the profile's end."""
+        most = min(beat.most, BLOCK - (self.tick + 1) % BLOCK)
+        end = self._schedule.until
+        if self.profile and not self.finished:
+            end = min(end, self.profile.duration)
+        left = (end - self._now) / self._period
+        return most if left >= most else max(1, floor(left + 1e-6))  # times are sums of floats
 
     def _advance(self, duration: float, substeps: int) -> None:
         rig = self._rig
@@ -265,30 +279,38 @@ def _note(row: Any, time: Any, interfaces: Any, rig_state: Any, preload_pressure
 
 
 @njit(cache=True, nogil=True)
-def _turn(
-    words: Any, spins: Any, lines: Any, inbox: Any, count: Any, interfaces: Any, settings: Any, tick: Any, late_cycles: Any,
-    setpoints: Any, rig_state: Any, states: Any, parameters: Any, effects: Any, preload_pressure: Any, contact_pressure: Any,
-    noise: Any, period: Any, substeps: Any, outbox: Any, row: Any,
-) -> tuple[int, int, int, int]:  # fmt: skip
-    """Wait for the slot of `tick`; through the period before it; its sample, with what comes behind `count` frames of `inbox`.
+def _turns(
+    words: Any, spins: Any, lines: Any, inbox: Any, count: Any, interfaces: Any, settings: Any, tick: Any, setpoints: Any,
+    rig_state: Any, states: Any, parameters: Any, effects: Any, preload_pressure: Any, contact_pressure: Any, noise: Any,
+    period: Any, substeps: Any, outbox: Any, row: Any, most: Any, rows: Any, counts: Any, changes: Any,
+) -> tuple[int, int, int, int, int]:  # fmt: skip
+    """In the slot of `tick`, and those after it: through the period before; the sample, with what comes behind `count` frames.
 
-    Returns how it woke (`beat.wait`), and where its slot has begun the frames in the inbox, those of the sample, or minus the
-    Refusal, and where sending them ended (`spread`). Nothing of Python runs in between, as in the controller's turn: what an
-    interpreter needs is cold after a sleep.
+    `most` turns, or up to one after which something is left to Python: a slot slept through, a refusal, somebody who has come
+    or gone. Rows but the last are booked. Returns how it woke last (`beat.wait`), the turns made, and of the last the frames in
+    the inbox, those of the sample, or minus the Refusal, and where sending them ended (`spread`). Nothing of Python runs in
+    between, as in the controller's turns: what an interpreter needs is cold after a sleep.
     """
-    how = wait(words, spins)
-    if how != BEGUN:
-        return how, count, 0, 0
-    _move(interfaces, rig_state, states, parameters, effects, period, substeps)
-    count = gather(lines, 0, inbox, count, count)
-    why = take(interfaces, settings, inbox, count)
-    if why != 0:
-        return how, count, -why, 0
-    sent = begin(interfaces, settings, tick, late_cycles, setpoints, outbox)
-    of_now = noise[0, tick % BLOCK]
-    sent = show(interfaces, settings, 0, tick, rig_state, states, of_now, parameters, effects, outbox, sent)
-    _note(row, tick * period, interfaces, rig_state, preload_pressure, contact_pressure)
-    return how, count, sent, spread(lines, 0, outbox, sent)
+    made = 0
+    while True:
+        how = wait(words, spins)
+        if how != BEGUN:
+            return how, made, count, 0, 0
+        made += 1
+        _move(interfaces, rig_state, states, parameters, effects, period, substeps)
+        first, count = count, gather(lines, 0, inbox, count, count)
+        why = take(interfaces, settings, inbox, count)
+        if why != 0:
+            return how, made, count, -why, 0
+        sent = begin(interfaces, settings, tick, words[_LATE], setpoints, outbox)
+        of_now = noise[0, tick % BLOCK]
+        sent = show(interfaces, settings, 0, tick, rig_state, states, of_now, parameters, effects, outbox, sent)
+        _note(row, tick * period, interfaces, rig_state, preload_pressure, contact_pressure)
+        position = spread(lines, 0, outbox, sent)
+        if made == most or not settled(lines[0], first, count, sent, position):
+            return how, made, count, sent, position
+        book(words, rows, counts, row, changes)
+        tick, count = tick + 1, 0
 
 
 def initial_temperature(celsius: float) -> float:

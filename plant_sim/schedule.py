@@ -135,6 +135,11 @@ class Schedule:
             return None
         return None if self.planned and self.planned[0].at <= time + _EARLY else stretch.rig
 
+    @property
+    def until(self) -> float:
+        """Up to when it stays as it is where it is `still` [s]."""
+        return min([self._stretches[0].end, *(change.at for change in self.planned[:1])])
+
     def begin(self, time: float) -> list[Change]:
         """Changes that begin by `time` [s] and have not been told."""
         self._told = time

@@ -13,7 +13,6 @@ from plant_sim.profile import Profile
 from plant_sim.rigs import power_shift, wet_clutch
 from plant_sim.shift_profile import ShiftProfile
 from protocols import realtime
-from protocols.beat import Beat
 from protocols.bus import Port, listen, open_bus
 from protocols.clock import Clock
 from protocols.errors import InputError
@@ -118,19 +117,19 @@ class PlantService:
 
     def _real_time(self, node: Any, line: Exchange, outlet: Outlet, clock: Clock, stop: Stop) -> dict[str, Any]:
         """Real time does not wait: slots slept through are simulated and sent when the plant wakes."""
-        timing, beat = None, Beat(clock)
+        timing, beat = None, outlet.beat(clock)
         clock.start(time.monotonic_ns() + clock.period_ns)
         while not stop.asked:
             turns = node.steady and not outlet.asked()
-            missed = node.turn(line, beat) if turns else clock.wait()
+            missed = node.turns(line, beat, outlet.changes) if turns else clock.wait()
             if missed or not turns:
                 self._by_parts(node, line, outlet, clock, missed)
-            outlet.book(node.record, beat)
+            beat.book(node.record, outlet.changes)
             node.late_cycles = clock.late
             if timing is None and node.finished:
                 timing = clock.summary()  # of the run, not of the controller's end after it
-            if missed:  # before it goes on to catch up: the controller can answer
-                time.sleep(0.5 / self.rate)
+            if missed:  # before it goes on to catch up: the controller can answer, which may wait for this CPU
+                line.receive(0.5 / self.rate)
         return timing or clock.summary()
 
     def _by_parts(self, node: Any, line: Exchange, outlet: Outlet, clock: Clock, missed: int) -> None:

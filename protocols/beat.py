@@ -2,7 +2,7 @@
 
 Same as         Clock.wait where no slot was slept through, SleepThenSpin, Clock.done, RingWriter.write
 Method          clock_nanosleep(2) to the absolute time; nothing of Python, which is cold after a sleep, runs before the turn
-                that follows in the same call
+                that follows in the same call, nor between turns, of which a call makes several
 """
 
 from typing import Any
@@ -12,11 +12,13 @@ from numba import njit, types
 
 from protocols.clock import Clock, Histogram, Word
 from protocols.exchange import CLOCK_MONOTONIC, now, system
+from protocols.ring import RingWriter
 from protocols.waiting import MARGIN, MEMORY
 
 BEGUN, OVERRUN, OVERSLEPT = 0, 1, 2  # what `wait` returns
 _ABSOLUTE = 1  # TIMER_ABSTIME of linux/time.h
 _SECOND = 1_000_000_000  # ns
+_LOOK = 10_000_000  # ns after which a loop looks whether anybody asks it something: a change of parameters, its end
 _BINS = Histogram.BINS
 _PERIOD, _DEADLINE, _WOKEN, _LATENESS, _WORKED, _RUN, _LATE, _SPARE = (
     int(word)
@@ -30,11 +32,24 @@ _clock_nanosleep = system("clock_nanosleep", types.int32, types.int32, types.int
 
 
 class Beat:
-    """`clock` for compiled code: `words` of it, and `spins` of its waiting, are the same memory."""
+    """`clock` for compiled code: `words` of it, and `spins` of its waiting, are the same memory.
 
-    def __init__(self, clock: Clock) -> None:
-        self.clock = clock
+    One call of compiled code may make `most` turns, whose rows but the last one's it writes to `ring`; without a ring one.
+    """
+
+    def __init__(self, clock: Clock, ring: RingWriter | None = None) -> None:
+        self.clock, self._ring = clock, ring
         self.words, self.spins = (np.frombuffer(kept, np.int64) for kept in (clock.words, clock.waiting.words))
+        self.most = max(1, _LOOK // clock.period_ns) if ring else 1
+
+    @property
+    def rows(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rows and counts of the ring, shapes (capacity + 1, columns) and (1,)."""
+        return (self._ring.rows, self._ring.counts) if self._ring else (np.zeros((1, 0)), np.zeros(1, np.int64))
+
+    def book(self, row: np.ndarray, changes: int) -> None:
+        """The cycle has ended: write its row, with `changes` of parameters so far, and let the clock know, in one call."""
+        book(self.words, *self.rows, row, changes)
 
     def woke(self, how: int) -> int:
         """What is left to do after a `wait` that did not begin a cycle: see `Clock.woke`."""

@@ -41,7 +41,7 @@ _LINE = np.dtype(
     [("local", "?"), ("mark", "i8"), ("heard", "i8"), ("polls", _POLLFD, (_SOCKETS,)), ("reached", "i8"),
      ("targets", "i4", (_SOCKETS,)), ("incoming", _MMSGHDR, (_A_CALL,)), ("in_parts", _IOVEC, (_A_CALL,)),
      ("controls", _CONTROL, (_A_CALL,)), ("length", "i8"), ("time", "i8", (2,)),
-     ("marks", "i8"), ("marked_ns", "i8"), ("changed", "?"), ("error", "i8")],
+     ("marks", "i8"), ("marked_ns", "i8"), ("changed", "?"), ("error", "i8"), ("taken", "i8"), ("given", "i8")],
     align=True,
 )  # fmt: skip
 
@@ -130,6 +130,14 @@ class Exchange:
             self.port.received += more - count
             count = more
         self.count = count
+
+    def passed(self) -> None:
+        """Turns have passed of which nothing is left to do (`settled`): their frames are counted, and gone."""
+        line = self._view
+        self.port.received += int(line["taken"])
+        self.port.sent += int(line["given"])
+        line["taken"] = line["given"] = 0
+        self.clear()
 
     def used(self, count: int) -> None:
         """A kernel has filled `inbox` up to `count` and has used it: what comes of those it found is kept for the next.
@@ -281,6 +289,19 @@ def _merge(inbox, first, begin, end):
                 inbox[back] = inbox[back - 1]
             inbox[at] = inbox[CAPACITY]
         at += 1
+
+
+@njit
+def settled(line, first, count, sent, position):
+    """Whether nothing is left to do of a turn but to forget its frames: from `first` to `count` they came, `sent` have left.
+
+    `sent` is negative where the turn was refused, `position` that of `spread`. Its frames are noted for `Exchange.passed`.
+    """
+    if sent < 0 or position != sent * _SOCKETS or line.changed:
+        return False
+    line.taken += count - first
+    line.given += sent
+    return True
 
 
 @njit(cache=True, nogil=True)

@@ -87,7 +87,8 @@ class ControllerService:
                 shipped=shipped_parameters(), ring=self.ring, publish=self.telemetry, router=self.router,
             )  # fmt: skip
             turn = Turn(samples, node)
-            begins = begun_by(clock, turn)
+            beat = outlet.beat(clock)
+            begins = begun_by(beat, turn)
             ready(f"{self.name} on {port.name} at {self.rate} Hz, {'lock-step' if self.lockstep else 'real time'}")
             missing = [] if self.lockstep else realtime.prepare(self.cpu, self.priority)
             for text in missing:
@@ -101,7 +102,7 @@ class ControllerService:
                     self._lockstep(node, turn, outlet, stop)
                 else:
                     self._warm_up(node, turn, outlet, begins)
-                    footprint = self._real_time(node, outlet, begins, stop)
+                    footprint = self._real_time(node, outlet, beat, begins, stop)
             except OverrunError as error:
                 missed = str(error)
             finally:
@@ -147,12 +148,14 @@ class ControllerService:
         self._cycle(node, turn, outlet)
         begins.start(usual_arrival(arrivals, begins.clock.period_ns))
 
-    def _real_time(self, node: ControllerNode, outlet: Outlet, begins: Trigger, stop: Stop) -> dict[str, int]:
-        """Cycle by cycle as the trigger runs them; return what it took from the system."""
-        clock, beat = begins.clock, Beat(begins.clock)
+    def _real_time(
+        self, node: ControllerNode, outlet: Outlet, beat: Beat, begins: Trigger, stop: Stop
+    ) -> dict[str, int]:
+        """Cycles as the trigger runs them; return what it took from the system."""
+        clock = beat.clock
         taken = Footprint()
         while not stop.asked:
-            begins.run()
+            begins.run(outlet.changes)
             if outlet.asked():
                 outlet.write(
                     node.record, clock.woken_ns / 1e9, clock.lateness_ns / 1e3, clock.work_ns / 1e3, clock.late
@@ -160,7 +163,7 @@ class ControllerService:
                 outlet.tune()
                 clock.done()
             else:
-                outlet.book(node.record, beat)
+                beat.book(node.record, outlet.changes)
             node.late_cycles = clock.late
         return taken.summary()
 

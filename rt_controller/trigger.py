@@ -32,39 +32,42 @@ class Trigger(Protocol):
     def start(self, arrived_ns: int) -> None:
         """The last sample was complete at `arrived_ns` of CLOCK_MONOTONIC; its cycle has been run."""
 
-    def run(self) -> int:
-        """Wait for the next cycle and run it; return how many slots were left out before it."""
+    def run(self, changes: int) -> int:
+        """Wait for the next cycle and run it, and so on for some; rows but the last are booked (`Beat.book`, with `changes`).
+
+        Returns how many slots were left out before the last.
+        """
         ...
 
 
 class ClockTrigger:
     """On an absolute grid."""
 
-    def __init__(self, clock: Clock, turn: Turn) -> None:
-        self.clock, self._turn, self._beat = clock, turn, Beat(clock)
+    def __init__(self, beat: Beat, turn: Turn) -> None:
+        self.clock, self._turn, self._beat = beat.clock, turn, beat
 
     def start(self, arrived_ns: int) -> None:
         """See `Trigger`."""
         self.clock.start(arrived_ns + self.clock.period_ns // 2)
 
-    def run(self) -> int:
+    def run(self, changes: int) -> int:
         """See `Trigger`."""
-        missed, _ = self._turn.answer_slot(self._beat)
+        missed, _ = self._turn.answer_slots(self._beat, self._beat.most, changes)
         return missed
 
 
 class BusTrigger:
     """When a sample comes, or half a period after it was due."""
 
-    def __init__(self, clock: Clock, turn: Turn) -> None:
-        self.clock, self._turn = clock, turn
+    def __init__(self, beat: Beat, turn: Turn) -> None:
+        self.clock, self._turn = beat.clock, turn
 
     def start(self, arrived_ns: int) -> None:
         """See `Trigger`."""
         self.clock.start(arrived_ns + self.clock.period_ns)
 
-    def run(self) -> int:
-        """See `Trigger`."""
+    def run(self, changes: int) -> int:
+        """See `Trigger`; one."""
         clock, turn, period = self.clock, self._turn, self.clock.period_ns
         before = clock.deadline_ns
         now = time.monotonic_ns()
@@ -91,18 +94,18 @@ class BusTrigger:
 class PllTrigger:
     """On a grid that follows the samples."""
 
-    def __init__(self, clock: Clock, turn: Turn) -> None:
-        self.clock, self._turn, self._beat = clock, turn, Beat(clock)
+    def __init__(self, beat: Beat, turn: Turn) -> None:
+        self.clock, self._turn, self._beat = beat.clock, turn, beat
         self._drift = 0.0  # I [ns a period]
 
     def start(self, arrived_ns: int) -> None:
         """See `Trigger`."""
         self.clock.start(arrived_ns + self.clock.period_ns + self.clock.period_ns // 4)
 
-    def run(self) -> int:
-        """See `Trigger`."""
+    def run(self, changes: int) -> int:
+        """See `Trigger`; one."""
         clock, turn, period = self.clock, self._turn, self.clock.period_ns
-        missed, complete = turn.answer_slot(self._beat)
+        missed, complete = turn.answer_slots(self._beat, 1, changes)
         error = 0
         if complete:
             error = (turn.samples.arrived_ns() + period // 4 - clock.deadline_ns + period // 2) % period - period // 2
@@ -112,13 +115,13 @@ class PllTrigger:
         return missed
 
 
-TRIGGERS: dict[str, Callable[[Clock, Turn], Trigger]] = {
+TRIGGERS: dict[str, Callable[[Beat, Turn], Trigger]] = {
     "clock": ClockTrigger, "bus": BusTrigger, "pll": PllTrigger
 }  # fmt: skip
 
 
-def trigger(name: str) -> Callable[[Clock, Turn], Trigger]:
-    """The trigger of that name, to be made of a clock and turns. Raises InputError."""
+def trigger(name: str) -> Callable[[Beat, Turn], Trigger]:
+    """The trigger of that name, to be made of a beat and turns. Raises InputError."""
     if name not in TRIGGERS:
         raise InputError(f"trigger {name!r} is unknown; allowed are {listing(TRIGGERS)}")
     return TRIGGERS[name]

@@ -1,4 +1,4 @@
-"""Turn: frames in, a cycle, frames out, in one compiled call; the sample waited for in it, too.
+"""Turn: frames in, a cycle, frames out, in one compiled call; the slot or the sample waited for in it, too.
 
 Nothing of Python runs between a sample and its answer: after a sleep caches are cold, and an interpreter needs much of them.
 """
@@ -10,13 +10,14 @@ import numpy as np
 from numba import njit
 
 from protocols.batch import batch
-from protocols.beat import BEGUN, Beat, wait
-from protocols.clock import Clock
-from protocols.exchange import CLOCK_MONOTONIC, CLOCK_REALTIME, gather, gather_marked, now, silence, spread
+from protocols.beat import BEGUN, Beat, book, wait
+from protocols.clock import Clock, Word
+from protocols.exchange import CLOCK_MONOTONIC, CLOCK_REALTIME, gather, gather_marked, now, settled, silence, spread
 from rt_controller.cycle import cycle
 from rt_controller.node import ControllerNode
 from rt_controller.samples import Samples
 
+_LATE = int(Word.LATE)
 # Of the last turn: frames in the inbox, slots since the one before, when it woke [ns of CLOCK_MONOTONIC], frames sent, or minus
 # the Refusal, where sending them ended
 _TURN = np.dtype([(name, "i8") for name in ("count", "slots", "woken", "sent", "position")])
@@ -41,7 +42,7 @@ class Turn:
         answer(lines, line.inbox, 0, 1, states, *rest)
         answer_sample(lines, 0, 0, 1, line.inbox, 0, states, *rest)
         beat = Beat(Clock(1))
-        answer_slot(beat.words, beat.spins, lines, line.inbox, 0, states, *rest)
+        answer_slots(beat.words, beat.spins, lines, line.inbox, 0, states, *rest, 1, *beat.rows, 0)
 
     @property
     def woken_ns(self) -> int:
@@ -61,15 +62,20 @@ class Turn:
         self._finish()
         return complete
 
-    def answer_slot(self, beat: Beat) -> tuple[int, bool]:
-        """Wait for the next slot, then the same; return the slots slept through before it, and whether a sample is complete."""
+    def answer_slots(self, beat: Beat, most: int, changes: int) -> tuple[int, bool]:
+        """Wait for the next slot, then the same, and so on, `most` times at most; rows but the last are booked (`Beat.book`).
+
+        Returns the slots slept through before the last, and whether a sample is complete since the first.
+        """
         line, node = self.samples.line, self.node
-        marks, first = line.marks, line.count
+        marks = line.marks
         line.ready()
-        how = answer_slot(
-            beat.words, beat.spins, line.lines, line.inbox, first, node.states, node.settings, node.outbox, node.record,
-            self._turns,
+        how, made = answer_slots(
+            beat.words, beat.spins, line.lines, line.inbox, line.count, node.states, node.settings, node.outbox,
+            node.record, self._turns, most, *beat.rows, changes,
         )  # fmt: skip
+        if made > (how == BEGUN):
+            line.passed()
         if how != BEGUN:
             missed = beat.woke(how)
             return missed, self.answer(1 + missed)
@@ -125,14 +131,26 @@ def answer(
 
 
 @njit(cache=True, nogil=True)
-def answer_slot(
-    words: Any, spins: Any, lines: Any, inbox: Any, count: Any, states: Any, settings: Any, outbox: Any, row: Any, turns: Any
-) -> Any:  # fmt: skip
-    """See `Turn.answer_slot`; returns how it woke (`beat.wait`)."""
-    how = wait(words, spins)
-    if how == BEGUN:
+def answer_slots(
+    words: Any, spins: Any, lines: Any, inbox: Any, count: Any, states: Any, settings: Any, outbox: Any, row: Any, turns: Any,
+    most: Any, rows: Any, counts: Any, changes: Any,
+) -> tuple[int, int]:  # fmt: skip
+    """See `Turn.answer_slots`; returns how it woke last (`beat.wait`), and the turns made.
+
+    Up to one after which something is left to Python: a slot slept through, a refusal, somebody who has come or gone.
+    """
+    turn, made = turns[0], 0
+    while True:
+        how = wait(words, spins)
+        if how != BEGUN:
+            return how, made
+        made += 1
+        states[0].late_cycles = words[_LATE]
         answer(lines, inbox, count, 1, states, settings, outbox, row, turns)
-    return how
+        if made == most or not settled(lines[0], count, turn.count, turn.sent, turn.position):
+            return how, made
+        book(words, rows, counts, row, changes)
+        count = 0
 
 
 @njit(cache=True, nogil=True)

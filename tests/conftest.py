@@ -44,6 +44,7 @@ IN_REAL_TIME = (
     "live",
     "test_cycle.py",
     "test_exchange.py",
+    "test_plant_turn.py",
     "test_power_shift_bus.py",
     "test_realtime.py",
     "test_replay.py",

@@ -4,7 +4,10 @@ import gc
 import time
 import tracemalloc
 from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 from plant_sim.injection import Injection, effect_on
@@ -12,6 +15,7 @@ from plant_sim.node import PlantNode
 from plant_sim.power_shift_node import PowerShiftNode
 from plant_sim.profile import load_profile
 from plant_sim.rigs import wet_clutch
+from plant_sim.service import PlantService
 from protocols.batch import batch, load
 from protocols.beat import Beat
 from protocols.bus import Port, open_bus
@@ -20,6 +24,8 @@ from protocols.errors import InputError
 from protocols.exchange import Exchange
 from protocols.frames import Frame, load_frames
 from protocols.node import node_factory
+from protocols.ring import RingReader, RingWriter
+from protocols.telemetry.outlet import TIMING
 
 FRAMES = load_frames()
 SECONDS = 3.0
@@ -53,7 +59,7 @@ def turned(node: PlantNode, line: Exchange, beat: Beat) -> None:
     """A turn in a slot that has just begun."""
     assert node.steady
     beat.clock.deadline_ns = time.monotonic_ns() - PERIOD
-    assert node.turn(line, beat) == 0
+    assert node.turns(line, beat, 0) == 0
 
 
 def by_parts(node: PlantNode, commands: list[Frame]) -> list[Frame]:
@@ -92,7 +98,7 @@ def test_slots_slept_through_are_left_to_the_parts(line: Exchange, controller: P
             turned(whole, line, beat)
         else:
             beat.clock.deadline_ns = time.monotonic_ns() - 3 * PERIOD
-            assert whole.turn(line, beat) == 2
+            assert whole.turns(line, beat, 0) == 2
             assert whole.tick == tick - 1
             by_parts(whole, [])
         by_parts(other, [])
@@ -185,3 +191,66 @@ def test_a_turn_keeps_no_memory(line: Exchange, controller: Port, beat: Beat) ->
     grown = tracemalloc.get_traced_memory()[0] - before
     tracemalloc.stop()
     assert grown < 1000  # bytes in 1400 turns: an object that a turn kept would be 28 each
+
+
+class Until:
+    """A stop at the tick `last`; `ends` are the ticks after each call."""
+
+    def __init__(self, node: PlantNode, last: int) -> None:
+        self.node, self.last, self.ends = node, last, list[int]()
+
+    @property
+    def asked(self) -> bool:
+        self.ends.append(self.node.tick)
+        return self.node.tick >= self.last
+
+
+class Book:
+    """An outlet that nobody asks anything."""
+
+    changes = 7
+
+    def __init__(self, node: PlantNode, folder: Path) -> None:
+        self.ring = RingWriter(folder / "ring", [*node.columns, *TIMING], 4096)
+
+    def beat(self, clock: Clock) -> Beat:
+        beat = Beat(clock, self.ring)
+        beat.most = 8
+        return beat
+
+    def write(self, row: np.ndarray, *timing: float) -> None:
+        self.ring.write(row, [*timing, self.changes])
+
+    def asked(self) -> bool:
+        return False
+
+    def tune(self) -> None:
+        """Nothing changes."""
+
+
+def test_turns_of_one_call_are_those_of_many(line: Exchange, controller: Port, tmp_path: Path) -> None:
+    """A command before the first, a step at 40 ms, new noise at 64, an end at 110: frames, rows and account."""
+    motor = FRAMES["MOTOR_COMMAND"]
+    command = Frame(motor.can_id, motor.pack(1, 1, 30.0, 20.0))
+    begun = [Injection({LEVEL: 0.9}, at=0.040)]
+    PlantNode.warm()
+    whole, other = (PlantNode(profile=load_profile("engagement", 0.11), seed=5, injections=begun) for _ in range(2))
+    clock, until, outlet = Clock(3_000_000), Until(whole, 120), Book(whole, tmp_path)
+    rows = RingReader(tmp_path / "ring")
+    whole.sample()
+    other.sample()
+    controller.send(command)
+    service: Any = PlantService("", 1000)
+    timing = service._real_time(whole, line, outlet, clock, until)
+    frames = [frame for tick in range(whole.tick) for frame in by_parts(other, [command] * (tick == 0))]
+    heard, counts = controller.receive(), FRAMES["PLANT_STATUS"].can_id  # of late cycles, too: the host's matter
+    assert [frame for frame in heard if frame.can_id != counts] == [frame for frame in frames if frame.can_id != counts]
+    assert whole.row() == other.row()
+    found = rows.read()
+    assert len(found) == clock.slots == clock.run + clock.skipped == whole.tick
+    np.testing.assert_array_equal(found[:, 0], np.arange(1, len(found) + 1) * 1e-3)
+    assert set(found[:, -1]) == {7.0}
+    assert {39, 63, 109} <= set(until.ends)  # where somebody has to look
+    assert 2 < max(np.diff(until.ends)) <= 8
+    assert timing["slots"] == 109
+    assert (line.port.received, line.port.sent) == (1, len(frames))

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from protocols.beat import Beat
 from protocols.clock import Clock
 from protocols.errors import InputError
 from rt_controller.samples import Samples, usual_arrival
@@ -64,7 +65,7 @@ class Rig:
         self.count = 0
         return complete
 
-    def answer_slot(self, beat: Any) -> tuple[int, bool]:
+    def answer_slots(self, beat: Any, most: int, changes: int) -> tuple[int, bool]:
         missed = beat.clock.wait()
         return missed, self.answer(1 + missed)
 
@@ -96,7 +97,7 @@ def cycles(rig: Rig, begins: Any, count: int, work: int = 100_000) -> list[tuple
     found = []
     for _ in range(count):
         rig.answered.clear()
-        missed = begins.run()
+        missed = begins.run(0)
         ((at, samples, slots),) = rig.answered  # it is run once
         assert slots == missed + 1
         found.append((at, samples, missed))
@@ -108,7 +109,7 @@ def cycles(rig: Rig, begins: Any, count: int, work: int = 100_000) -> list[tuple
 
 def test_the_clock_runs_half_a_period_after_the_first_sample(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = Rig(monkeypatch, PERIOD * np.arange(1, 20))
-    begins = ClockTrigger(Clock(PERIOD), turn(rig))
+    begins = ClockTrigger(Beat(Clock(PERIOD)), turn(rig))
     begins.start(0)
     found = cycles(rig, begins, 10)
     assert [at for at, _, _ in found] == [PERIOD // 2 + k * PERIOD for k in range(10)]
@@ -119,7 +120,7 @@ def test_on_the_bus_a_cycle_begins_with_its_sample_whatever_its_jitter(monkeypat
     jitter = np.random.default_rng(1).integers(-200_000, 200_000, 300)
     arrivals = PERIOD * np.arange(1, 301) + jitter
     rig = Rig(monkeypatch, arrivals)
-    begins = BusTrigger(Clock(PERIOD), turn(rig))
+    begins = BusTrigger(Beat(Clock(PERIOD)), turn(rig))
     begins.start(0)
     found = cycles(rig, begins, 300)
     assert [at for at, _, _ in found] == arrivals.tolist()
@@ -130,7 +131,7 @@ def test_on_the_bus_a_cycle_begins_with_its_sample_whatever_its_jitter(monkeypat
 def test_on_the_bus_a_lost_sample_costs_one_cycle_without_it(monkeypatch: pytest.MonkeyPatch) -> None:
     arrivals = np.delete(PERIOD * np.arange(1, 21), [5, 6])  # the 6th and 7th are lost
     rig = Rig(monkeypatch, arrivals)
-    begins = BusTrigger(Clock(PERIOD), turn(rig))
+    begins = BusTrigger(Beat(Clock(PERIOD)), turn(rig))
     begins.start(0)
     found = cycles(rig, begins, 20)
     assert [samples for _, samples, _ in found] == [1] * 5 + [0, 0] + [1] * 13
@@ -141,7 +142,7 @@ def test_on_the_bus_a_lost_sample_costs_one_cycle_without_it(monkeypatch: pytest
 
 def test_on_the_bus_a_stall_of_ours_is_counted_in_slots(monkeypatch: pytest.MonkeyPatch) -> None:
     rig = Rig(monkeypatch, PERIOD * np.arange(1, 40))
-    begins = BusTrigger(Clock(PERIOD), turn(rig))
+    begins = BusTrigger(Beat(Clock(PERIOD)), turn(rig))
     begins.start(0)
     cycles(rig, begins, 10)
     rig.now += 4 * PERIOD
@@ -157,7 +158,7 @@ def test_on_the_bus_a_stall_of_the_machine_is_one_cycle_with_what_comes_after_it
     """The plant stood still, too: its frames of that time come together, half a period late."""
     arrivals = [*(PERIOD * np.arange(1, 6)), *[15 * PERIOD + 300_000] * 10, *(PERIOD * np.arange(16, 30))]
     rig = Rig(monkeypatch, arrivals)
-    begins = BusTrigger(Clock(PERIOD), turn(rig))
+    begins = BusTrigger(Beat(Clock(PERIOD)), turn(rig))
     begins.start(0)
     cycles(rig, begins, 5)
     arrive, stalls = rig.arrive, [15 * PERIOD + 50_000]
@@ -180,7 +181,7 @@ def test_the_loop_locks_to_the_samples_and_follows_their_clock(monkeypatch: pyte
     jitter = np.random.default_rng(2).normal(0.0, spread, count)
     arrivals = PERIOD * (1.0 + drift) * np.arange(1, count + 1) + np.abs(jitter)
     rig = Rig(monkeypatch, arrivals)
-    begins = PllTrigger(Clock(PERIOD), turn(rig))
+    begins = PllTrigger(Beat(Clock(PERIOD)), turn(rig))
     begins.start(370_000)  # far from where it belongs
     found = np.array(cycles(rig, begins, count - 10))
     settled = found[4000:]
@@ -195,7 +196,7 @@ def test_the_loop_coasts_while_samples_are_lost(monkeypatch: pytest.MonkeyPatch)
     drift = 100e-6
     arrivals = PERIOD * (1.0 + drift) * np.delete(np.arange(1, 9001), np.arange(6000, 6500))
     rig = Rig(monkeypatch, arrivals)
-    begins = PllTrigger(Clock(PERIOD), turn(rig))
+    begins = PllTrigger(Beat(Clock(PERIOD)), turn(rig))
     begins.start(0)
     found = np.array(cycles(rig, begins, 8900))
     phase = (found[6490:6600, 0] / (PERIOD * (1.0 + drift)) + 0.5) % 1.0 - 0.5

@@ -82,9 +82,14 @@ class Outlet:
         """Append a cycle's row; `clock` [s] of CLOCK_MONOTONIC."""
         self._ring.write(row, (clock, wake_us, work_us, late, self._tuning.count))
 
-    def book(self, row: np.ndarray, beat: Beat) -> None:
-        """The cycle of `beat` has ended: write its row, and let the clock know, in one compiled call."""
-        book(beat.words, self._ring.rows, self._ring.counts, row, self._tuning.count)
+    def beat(self, clock: Clock) -> Beat:
+        """`clock` for compiled code, which writes rows here."""
+        return Beat(clock, self._ring)
+
+    @property
+    def changes(self) -> int:
+        """Parameters changed so far."""
+        return self._tuning.count
 
     def asked(self) -> bool:
         """Whether a change of parameters waits."""
