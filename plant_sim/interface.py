@@ -23,7 +23,7 @@ from protocols.two_clutches import CLUTCHES
 from protocols.words import signals
 
 INBOX = 4096  # frames that `receive` takes at once: more than a bus of 1 Mbit/s carries in 0.2 s
-BLOCK = 64  # samples of which noise is drawn at once, as by blocks/sensors.py, whose stream it is
+BLOCK = 1024  # samples of which noise is drawn at once: between two blocks compiled code has to end; 50 us each
 _NO_FRAME = -1  # an identifier that no frame has
 _CODECS = (
     "VALVE_COMMAND", "MOTOR_COMMAND", "ANALOG_SENSORS", "ENCODER", "TORQUE_SETPOINT",

@@ -17,7 +17,7 @@ from plant_sim.rigs.clutch_phase import Phase, phase
 from plant_sim.rigs.wet_clutch import STATE, Whole
 from plant_sim.schedule import Schedule
 from protocols.batch import batch
-from protocols.beat import BEGUN, Beat, book, wait
+from protocols.beat import BEGUN, Beat, book, called, wait
 from protocols.clock import Clock, Word
 from protocols.errors import InputError
 from protocols.exchange import Exchange, gather, settled, silence, spread
@@ -233,14 +233,13 @@ class PlantNode(Interface):
         done: tuple[int, int, int, int, int] = _turns(
             beat.words, beat.spins, lines, inbox, count, self._interfaces, self._settings, tick, self._setpoints,
             *self._state, rig.record, rig.table.kernel, *rig.phase_pressures, self._noise, self._period, self._substeps,
-            self.outbox, self.record, self._most(beat), *beat.rows, changes,
+            self.outbox, self.record, self._most(beat), *beat.outlet, changes,
         )  # fmt: skip
         return done
 
     def _most(self, beat: Beat) -> int:
         """Turns that one call may make: up to new noise, the next change of the rig and the profile's end."""
-        most = min(beat.most, BLOCK - (self.tick + 1) % BLOCK)
-        end = self._schedule.until
+        most, end = min(beat.most, BLOCK - (self.tick + 1) % BLOCK), self._schedule.until
         if self.profile and not self.finished:
             end = min(end, self.profile.duration)
         left = (end - self._now) / self._period
@@ -282,14 +281,15 @@ def _note(row: Any, time: Any, interfaces: Any, rig_state: Any, preload_pressure
 def _turns(
     words: Any, spins: Any, lines: Any, inbox: Any, count: Any, interfaces: Any, settings: Any, tick: Any, setpoints: Any,
     rig_state: Any, states: Any, parameters: Any, effects: Any, preload_pressure: Any, contact_pressure: Any, noise: Any,
-    period: Any, substeps: Any, outbox: Any, row: Any, most: Any, rows: Any, counts: Any, changes: Any,
+    period: Any, substeps: Any, outbox: Any, row: Any, most: Any, rows: Any, counts: Any, numbers: Any,
+    changes: Any,
 ) -> tuple[int, int, int, int, int]:  # fmt: skip
     """In the slot of `tick`, and those after it: through the period before; the sample, with what comes behind `count` frames.
 
-    `most` turns, or up to one after which something is left to Python: a slot slept through, a refusal, somebody who has come
-    or gone. Rows but the last are booked. Returns how it woke last (`beat.wait`), the turns made, and of the last the frames in
-    the inbox, those of the sample, or minus the Refusal, and where sending them ended (`spread`). Nothing of Python runs in
-    between, as in the controller's turns: what an interpreter needs is cold after a sleep.
+    `most` turns, or up to one after which something is left to Python: a slot slept through, a refusal, somebody who has come,
+    gone or asked. Rows but the last are booked. Returns how it woke last (`beat.wait`), the turns made, and of the last the
+    frames in the inbox, those of the sample, or minus the Refusal, and where sending them ended (`spread`). Nothing of Python
+    runs in between, as in the controller's turns: what an interpreter needs is cold after a sleep.
     """
     made = 0
     while True:
@@ -307,7 +307,7 @@ def _turns(
         sent = show(interfaces, settings, 0, tick, rig_state, states, of_now, parameters, effects, outbox, sent)
         _note(row, tick * period, interfaces, rig_state, preload_pressure, contact_pressure)
         position = spread(lines, 0, outbox, sent)
-        if made == most or not settled(lines[0], first, count, sent, position):
+        if made == most or called(words, numbers) or not settled(lines[0], first, count, sent, position):
             return how, made, count, sent, position
         book(words, rows, counts, row, changes)
         tick, count = tick + 1, 0

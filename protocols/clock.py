@@ -28,7 +28,8 @@ class Word(IntEnum):
     SKIPPED = 7
     LATE = 8
     SPARE = 9  # two words of compiled code
-    WAKE = 11  # from here on a histogram
+    SIGNALLED = 11  # whether a signal has ended a sleep of compiled code
+    WAKE = 12  # from here on a histogram
 
 
 class Histogram:

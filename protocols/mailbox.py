@@ -10,11 +10,14 @@ import mmap
 import time
 from pathlib import Path
 
+import numpy as np
+
 from protocols.errors import InputError
 
 _TEXT = 65_536  # bytes of a request or answer: some hundred parameters
 _HEAD = 32
-_ASKED, _ASKED_LENGTH, _ANSWERED, _ANSWERED_LENGTH = range(4)  # 64-bit words
+ASKED, _ASKED_LENGTH, ANSWERED, _ANSWERED_LENGTH = range(4)  # 64-bit words
+WORDS = _HEAD // 8
 _LOOK = 1e-3  # s between looks for the answer
 
 
@@ -52,9 +55,14 @@ class Mailbox(_Mapped):
     def __init__(self, path: Path) -> None:
         super().__init__(path, create=True)
 
+    @property
+    def numbers(self) -> np.ndarray:
+        """Those of the head, for compiled code: a request waits where number ASKED is not number ANSWERED; shape (4,)."""
+        return np.frombuffer(self._map, np.int64, WORDS)
+
     def waiting(self) -> bool:
         """Whether a request has come that is not answered."""
-        return self._words[_ASKED] != self._words[_ANSWERED]
+        return self._words[ASKED] != self._words[ANSWERED]
 
     def request(self) -> str:
         """Text of the waiting request."""
@@ -63,7 +71,7 @@ class Mailbox(_Mapped):
     def answer(self, text: str) -> None:
         """Answer it."""
         self._words[_ANSWERED_LENGTH] = self._put(_HEAD + _TEXT, text)
-        self._words[_ANSWERED] = self._words[_ASKED]
+        self._words[ANSWERED] = self._words[ASKED]
 
 
 class Asker(_Mapped):
@@ -78,7 +86,7 @@ class Asker(_Mapped):
         if not self._answered(end):  # a service that has just gone on answers it in its next cycle
             raise InputError("an earlier change still waits for the service; it is busy or stopped")
         self._words[_ASKED_LENGTH] = self._put(_HEAD, text)
-        self._words[_ASKED] += 1
+        self._words[ASKED] += 1
         if not self._answered(end):
             raise InputError(
                 f"the service has not answered within {timeout:g} s; it may still be starting, or be stopped"
@@ -87,7 +95,7 @@ class Asker(_Mapped):
 
     def _answered(self, end: float) -> bool:
         """Wait until nothing waits, at most until `end` of CLOCK_MONOTONIC [s]; whether that is so."""
-        while self._words[_ANSWERED] != self._words[_ASKED]:
+        while self._words[ANSWERED] != self._words[ASKED]:
             if time.monotonic() > end:
                 return False
             time.sleep(_LOOK)

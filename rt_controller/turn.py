@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from protocols.batch import batch
-from protocols.beat import BEGUN, Beat, book, wait
+from protocols.beat import BEGUN, Beat, book, called, wait
 from protocols.clock import Clock, Word
 from protocols.exchange import CLOCK_MONOTONIC, CLOCK_REALTIME, gather, gather_marked, now, settled, silence, spread
 from rt_controller.cycle import cycle
@@ -42,7 +42,7 @@ class Turn:
         answer(lines, line.inbox, 0, 1, states, *rest)
         answer_sample(lines, 0, 0, 1, line.inbox, 0, states, *rest)
         beat = Beat(Clock(1))
-        answer_slots(beat.words, beat.spins, lines, line.inbox, 0, states, *rest, 1, *beat.rows, 0)
+        answer_slots(beat.words, beat.spins, lines, line.inbox, 0, states, *rest, 1, *beat.outlet, 0)
 
     @property
     def woken_ns(self) -> int:
@@ -72,7 +72,7 @@ class Turn:
         line.ready()
         how, made = answer_slots(
             beat.words, beat.spins, line.lines, line.inbox, line.count, node.states, node.settings, node.outbox,
-            node.record, self._turns, most, *beat.rows, changes,
+            node.record, self._turns, most, *beat.outlet, changes,
         )  # fmt: skip
         if made > (how == BEGUN):
             line.passed()
@@ -133,11 +133,11 @@ def answer(
 @njit(cache=True, nogil=True)
 def answer_slots(
     words: Any, spins: Any, lines: Any, inbox: Any, count: Any, states: Any, settings: Any, outbox: Any, row: Any, turns: Any,
-    most: Any, rows: Any, counts: Any, changes: Any,
+    most: Any, rows: Any, counts: Any, numbers: Any, changes: Any,
 ) -> tuple[int, int]:  # fmt: skip
     """See `Turn.answer_slots`; returns how it woke last (`beat.wait`), and the turns made.
 
-    Up to one after which something is left to Python: a slot slept through, a refusal, somebody who has come or gone.
+    Up to one after which something is left to Python: a slot slept through, a refusal, somebody who has come, gone or asked.
     """
     turn, made = turns[0], 0
     while True:
@@ -147,7 +147,7 @@ def answer_slots(
         made += 1
         states[0].late_cycles = words[_LATE]
         answer(lines, inbox, count, 1, states, settings, outbox, row, turns)
-        if made == most or not settled(lines[0], count, turn.count, turn.sent, turn.position):
+        if made == most or called(words, numbers) or not settled(lines[0], count, turn.count, turn.sent, turn.position):
             return how, made
         book(words, rows, counts, row, changes)
         count = 0

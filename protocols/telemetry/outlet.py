@@ -83,8 +83,8 @@ class Outlet:
         self._ring.write(row, (clock, wake_us, work_us, late, self._tuning.count))
 
     def beat(self, clock: Clock) -> Beat:
-        """`clock` for compiled code, which writes rows here."""
-        return Beat(clock, self._ring)
+        """`clock` for compiled code, which writes rows here, and ends where a change waits."""
+        return Beat(clock, self._ring, self._mailbox)
 
     @property
     def changes(self) -> int:
