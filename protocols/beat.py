@@ -23,13 +23,11 @@ _SECOND = 1_000_000_000  # ns
 # 0.15 ms, as all of it is cold
 _STAY = 250_000_000
 _BINS = Histogram.BINS
-_PERIOD, _DEADLINE, _WOKEN, _LATENESS, _WORKED, _RUN, _LATE, _SPARE, _SIGNALLED = (
-    int(word)
-    for word in (
-        Word.PERIOD, Word.DEADLINE, Word.WOKEN, Word.LATENESS, Word.WORKED, Word.RUN, Word.LATE, Word.SPARE, Word.SIGNALLED,
-    )
-)  # fmt: skip
-_WAKE, _WORK = int(Word.WAKE), Word.WAKE + Histogram.WORDS
+# as numbers, in the order in which they stand there
+_PERIOD, _FIRST, _DEADLINE, _WOKEN, _LATENESS, _WORKED, _RUN, _SKIPPED, _LATE, _SPARE, _SIGNALLED, _WAKE = map(
+    int, Word
+)
+_WORK = _WAKE + Histogram.WORDS
 
 _clock_nanosleep = system("clock_nanosleep", types.int32, types.int32, types.int32, types.int64, types.int64)
 
@@ -102,6 +100,15 @@ def sleep_until(due, times):
     """Sleep until `due` of CLOCK_MONOTONIC [ns]; `times` (2,) is overwritten. Not 0 where a signal has ended it."""
     times[0], times[1] = due // _SECOND, due % _SECOND
     return _clock_nanosleep(CLOCK_MONOTONIC, _ABSOLUTE, times.ctypes.data, 0)
+
+
+@njit(cache=True, nogil=True)
+def arrive(words: Any, woken: Any, arrived: Any, slots: Any) -> None:
+    """A cycle has begun, `woken` by a sample that `arrived` [ns], `slots` after the one before: the grid goes with it."""
+    words[_FIRST] += arrived - words[_DEADLINE] - slots * words[_PERIOD]
+    words[_DEADLINE], words[_WOKEN], words[_LATENESS] = arrived, woken, woken - arrived
+    words[_RUN] += 1
+    words[_SKIPPED] += slots - 1
 
 
 @njit

@@ -147,11 +147,6 @@ class Clock:
         self.skipped += missed
         self.woken_ns, self.lateness_ns = now_ns, lateness_ns
 
-    def shift(self, by_ns: int) -> None:
-        """Move the grid, from the present slot on: it follows another clock. What was accounted for stays so."""
-        self.deadline_ns += by_ns
-        self._first_ns += by_ns
-
     def done(self) -> None:
         """The work of the cycle has ended."""
         now = time.monotonic_ns()

@@ -9,9 +9,10 @@ import pytest
 from protocols.beat import Beat
 from protocols.clock import Clock
 from protocols.errors import InputError
+from rt_controller.phase_lock import follow
 from rt_controller.samples import Samples, usual_arrival
 from rt_controller.trigger import BusTrigger, ClockTrigger, PllTrigger, trigger
-from rt_controller.turn import slots_since
+from rt_controller.turn import GRID, slots_since
 
 PERIOD = 1_000_000  # ns
 SINCE_1970 = 1_700_000_000_000_000_000  # ns between the two clocks
@@ -57,7 +58,7 @@ class Rig:
         return self.marks > taken
 
     # of a turn
-    woken_ns = 0
+    woken_ns = arrived_ns = patience_ns = 0
 
     def answer(self, slots: int) -> bool:
         complete = self.take()
@@ -65,14 +66,23 @@ class Rig:
         self.count = 0
         return complete
 
-    def answer_slots(self, beat: Any, most: int, changes: int) -> tuple[int, bool]:
-        missed = beat.clock.wait()
-        return missed, self.answer(1 + missed)
+    def answer_slots(self, beat: Any, changes: int, drifts: np.ndarray = GRID) -> int:
+        missed: int = beat.clock.wait()
+        complete = self.answer(1 + missed)
+        if drifts.size:
+            follow(beat.words, drifts, complete, self.samples.arrived_ns())
+        return missed
+
+    def answer_samples(self, beat: Any, changes: int) -> int:
+        """Nothing yet: the trigger goes on by itself."""
+        clock = beat.clock
+        self.patience_ns = max(clock.deadline_ns + clock.period_ns, self.now) + clock.period_ns // 2
+        return 0
 
     def answer_sample(self, patience: int, before: int, period: int) -> int:
         if not (self.arrive(self.now + patience) and self.take()):
             return 0
-        self.woken_ns = self.now
+        self.woken_ns, self.arrived_ns = self.now, self.marked_ns - SINCE_1970
         slots = int(slots_since(before, self.marked_ns - SINCE_1970, self.now, period))
         if slots:
             self.answer(slots)

@@ -1,19 +1,26 @@
 """A turn on a real bus: the same answers as a node stepped by hand, the sample waited for, whoever comes and goes meanwhile."""
 
+import signal
 import threading
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from plant_sim.node import PlantNode
 from plant_sim.profile import load_profile
+from protocols.beat import Beat
 from protocols.bus import Port, open_bus
+from protocols.clock import Clock
 from protocols.errors import InputError
 from protocols.exchange import Exchange
 from protocols.frames import Frame, load_frames
-from rt_controller.node import ControllerNode
+from protocols.mailbox import Asker, Mailbox
+from protocols.ring import RingReader, RingWriter
+from protocols.telemetry.outlet import TIMING
+from rt_controller.node import COLUMNS, ControllerNode
 from rt_controller.samples import Samples
 from rt_controller.turn import Turn, slots_since
 
@@ -57,6 +64,96 @@ def test_answers_are_those_of_a_node_stepped_by_hand(turn: Turn, plant: Port) ->
         assert turn.samples.line.count == 0
     port = turn.samples.line.port
     assert (port.received, port.sent) == (plant.sent, plant.received)
+
+
+class Several:
+    """Turns of 20 ms, of which one call may make `most`, while another thread plays the plant; `rows` are what they leave."""
+
+    SLOT = 20_000_000  # ns
+
+    def __init__(self, folder: Path, most: int) -> None:
+        self.mailbox = Mailbox(folder / "mailbox")
+        ring = RingWriter(folder / "ring", [*COLUMNS, *TIMING], 64)
+        self.rows = RingReader(folder / "ring")
+        self.beat = Beat(Clock(self.SLOT), ring, self.mailbox)
+        self.beat.most = most
+
+    def begin(self, plant: Port, samples: list[list[Frame]]) -> threading.Thread:
+        """One sample at the beginning of each slot; that of the clock is 5 ms behind."""
+        start = time.monotonic_ns() + self.SLOT
+        self.beat.clock.start(start + 5_000_000)
+
+        def play() -> None:
+            for number, frames in enumerate(samples):
+                time.sleep(max(start + number * self.SLOT - time.monotonic_ns(), 0) / 1e9)
+                send(plant, frames)
+
+        thread = threading.Thread(target=play)
+        thread.start()
+        return thread
+
+
+BEGUN_BY = {
+    "clock": lambda turn, beat: turn.answer_slots(beat, 3),
+    "pll": lambda turn, beat: turn.answer_slots(beat, 3, np.zeros(1)),
+    "bus": lambda turn, beat: turn.answer_samples(beat, 3) - 1,
+}
+
+
+@pytest.mark.parametrize("begun_by", BEGUN_BY)
+def test_several_turns_of_one_call_are_those_of_many(turn: Turn, plant: Port, tmp_path: Path, begun_by: str) -> None:
+    """Their answers, rows and account; the last one's row is left to the caller."""
+    samples, other, several = sampled(8), ControllerNode(), Several(tmp_path, 8)
+    thread = several.begin(plant, samples)
+    clock = several.beat.clock
+    clock.deadline_ns -= several.SLOT // 4 * (begun_by == "bus")  # the sample before was there
+    assert BEGUN_BY[begun_by](turn, several.beat) == 0
+    thread.join()
+    answers, rows = [], []
+    for frames in samples:
+        answers += other.step(frames)
+        rows.append(other.row())
+    assert plant.receive() == answers
+    np.testing.assert_array_equal(several.rows.read()[:, : len(COLUMNS)], rows[:-1])
+    assert turn.node.row() == rows[-1]
+    assert (clock.run, clock.skipped, clock.slots) == (8, 0, 8)
+    assert clock.work.total == 7
+    port = turn.samples.line.port
+    assert (port.received, port.sent) == (plant.sent, plant.received)
+
+
+@pytest.mark.parametrize("begun_by", BEGUN_BY)
+def test_a_request_ends_a_call(turn: Turn, plant: Port, tmp_path: Path, begun_by: str) -> None:
+    """In the turn in which it comes; and with more turns to make it would wait for samples for ever."""
+    several = Several(tmp_path, 1_000_000)
+    thread = several.begin(plant, sampled(8))
+    asker = Asker(tmp_path / "mailbox")
+
+    def ask() -> None:
+        with pytest.raises(InputError, match="not answered"):
+            asker.ask("{}", 0.0)
+
+    asking = threading.Timer(3.6 * several.SLOT / 1e9, ask)
+    asking.start()
+    BEGUN_BY[begun_by](turn, several.beat)
+    assert several.mailbox.waiting()
+    assert several.beat.clock.run < 8
+    asking.join()
+    thread.join()
+
+
+def test_a_signal_ends_a_call(turn: Turn, tmp_path: Path) -> None:
+    several = Several(tmp_path, 1_000_000)
+    asked: list[int] = []
+    before = signal.signal(signal.SIGALRM, lambda number, _: asked.append(number))
+    signal.setitimer(signal.ITIMER_REAL, 0.11)  # half a period from every slot
+    try:
+        several.beat.clock.start(time.monotonic_ns())
+        turn.answer_slots(several.beat, 0)
+    finally:
+        signal.signal(signal.SIGALRM, before)
+    assert asked
+    assert 3 <= several.beat.clock.run < 50
 
 
 def test_it_waits_for_the_sample_and_says_when_it_woke(turn: Turn, plant: Port) -> None:
