@@ -73,9 +73,8 @@ class BusTrigger:
             if now >= patience:
                 if now < patience + period // 2:
                     break
-                patience = (
-                    now + period // 2
-                )  # the machine stood still, and the plant with it: its frames are on the way
+                # the machine stood still, and the plant with it: its frames are on the way
+                patience = now + period // 2
             slots = turn.answer_sample(patience - now, before, period)  # else somebody has come, or a sample too late
         woken, arrived = turn.woken_ns, turn.arrived_ns
         if not slots:
