@@ -8,6 +8,7 @@ from numba import njit
 
 from plant_sim.blocks import dac
 from plant_sim.blocks.sensors import acquire
+from plant_sim.noise import draw
 from plant_sim.profile import setpoint
 from protocols.batch import word_of, write
 from protocols.lifecycle import Lifecycle
@@ -39,10 +40,18 @@ class Refusal(IntEnum):
 CLUTCH = np.dtype(
     [("voltage", "f8"), ("answered_tick", "i8"), ("controller", "i8"), ("age", "i8"), ("commanded", "?"),
      ("torque_demand", "f8"), ("begun", "?"), ("count", "i8"), ("pressure", "f8"), ("slip_speed", "f8"), ("angle", "f8"),
-     ("temperature", "f8"), ("clutch_torque", "f8"), ("motor_torque", "f8"), ("valve", RECEPTION), ("heartbeat", RECEPTION)]
+     ("temperature", "f8"), ("clutch_torque", "f8"), ("motor_torque", "f8"), ("noise", "f8", (4,)), ("valve", RECEPTION),
+     ("heartbeat", RECEPTION)]
 )  # fmt: skip
 CLUTCH_SETTINGS = np.dtype(
-    [("dac_range", "f8"), ("dac_bits", "i8"), ("analog_id", "i8"), ("encoder_id", "i8"), ("setpoint_id", "i8")]
+    [
+        ("dac_range", "f8"),
+        ("dac_bits", "i8"),
+        ("noise_source", "i8"),
+        ("analog_id", "i8"),
+        ("encoder_id", "i8"),
+        ("setpoint_id", "i8"),
+    ]
 )
 # refused_...: why the bus cannot be worked on, which of its clutches says so
 INTERFACE = np.dtype(
@@ -153,20 +162,21 @@ def begin(interfaces: Any, all_settings: Any, tick: Any, late_cycles: Any, setpo
 
 @njit(cache=True, nogil=True)
 def show(
-    interfaces: Any, all_settings: Any, k: Any, tick: Any, y: Any, states: Any, noise: Any, parameters: Any, effects: Any,
-    outbox: Any, sent: Any,
+    interfaces: Any, all_settings: Any, k: Any, tick: Any, y: Any, states: Any, parameters: Any, effects: Any, outbox: Any,
+    sent: Any,
 ) -> Any:  # fmt: skip
     """Sensor frames of clutch `k`, the encoder's last: it completes the sample; return the number of frames in `outbox`.
 
-    Rig, noise (4,) and effects as of `sensors.acquire`; `states` move on in place.
+    Rig and effects as of `sensors.acquire`; `states` move on in place.
     """
     settings = all_settings[0]
     clutch, its = interfaces[0].clutches[k], settings.clutches[k]
     if _stale(clutch):
         clutch.voltage = 0.0
     clutch.age += 1
+    draw(its.noise_source, clutch.noise)
     (pressure, temperature, motor_torque, clutch_torque, count), after = acquire(
-        y, states, noise, parameters, effects, settings.period
+        y, states, clutch.noise, parameters, effects, settings.period
     )
     states[:] = after
     s = settings.analog_sensors

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from plant_sim.cycle import INTERFACE, OUTBOX, SETTINGS, Refusal, begin, show, take
+from plant_sim.noise import address
 from plant_sim.rigs.wet_clutch import Rig, Whole
 from protocols.batch import batch, load, unload
 from protocols.beat import Beat
@@ -23,7 +24,6 @@ from protocols.two_clutches import CLUTCHES
 from protocols.words import signals
 
 INBOX = 4096  # frames that `receive` takes at once: more than a bus of 1 Mbit/s carries in 0.2 s
-BLOCK = 1024  # samples of which noise is drawn at once: between two blocks compiled code has to end; 50 us each
 _NO_FRAME = -1  # an identifier that no frame has
 _CODECS = (
     "VALVE_COMMAND", "MOTOR_COMMAND", "ANALOG_SENSORS", "ENCODER", "TORQUE_SETPOINT",
@@ -55,7 +55,6 @@ class Interface(ABC):
         self._interfaces, self._settings = np.zeros(1, INTERFACE), np.zeros(1, SETTINGS)
         self._interface = self._interfaces.view(np.recarray)[0]
         self._generators = [np.random.default_rng(seed) for seed in seeds]
-        self._noise, self._drawn = np.zeros((len(seeds), BLOCK, 4)), [-1] * len(seeds)
         by_clutch = [load_frames(clutch=name) for name in self._names]
         self._connect(by_clutch, parameters)
 
@@ -74,6 +73,7 @@ class Interface(ABC):
             heard = [codecs["VALVE_COMMAND"], codecs["CONTROLLER_HEARTBEAT"]]
             clutch.valve, clutch.heartbeat = receptions(heard)
             clutch.answered_tick = -1
+            its.noise_source = address(self._generators[k])
             its.dac_range, its.dac_bits = of_clutch["sensors.dac_range"].value, int(of_clutch["sensors.dac_bits"].value)
             sensors = codecs["ANALOG_SENSORS"], codecs["ENCODER"]
             its.analog_id, its.encoder_id = (codec.can_id for codec in sensors)
@@ -191,18 +191,10 @@ class Interface(ABC):
 
     def _show(self, k: int, rig: Rig, whole: Whole, sent: int) -> int:
         """Sensor frames of clutch `k` to the outbox behind `sent` others; its effects' states move on. Return their number."""
-        self._draw(k, self.tick)
-        noise = self._noise[k, self.tick % BLOCK]
         shown: int = show(
-            self._interfaces, self._settings, k, self.tick, *whole, noise, rig.record, rig.table.kernel, self.outbox, sent
-        )  # fmt: skip
+            self._interfaces, self._settings, k, self.tick, *whole, rig.record, rig.table.kernel, self.outbox, sent
+        )
         return shown
-
-    def _draw(self, k: int, tick: int) -> None:
-        """Noise of clutch `k` for `tick`, once, where that begins a block."""
-        if not tick % BLOCK and self._drawn[k] != tick:
-            self._generators[k].standard_normal(out=self._noise[k])
-            self._drawn[k] = tick
 
     def _refusal(self, why: Refusal) -> str:
         """What an unusable bus said, in a sentence."""

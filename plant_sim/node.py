@@ -10,7 +10,7 @@ from numba import njit
 from plant_sim.cycle import Refusal, begin, show, take
 from plant_sim.effects.catalogue import effects
 from plant_sim.injection import Injection, effect_on, requested
-from plant_sim.interface import BLOCK, Interface
+from plant_sim.interface import Interface
 from plant_sim.profile import Profile
 from plant_sim.rigs import wet_clutch
 from plant_sim.rigs.clutch_phase import Phase, phase
@@ -229,17 +229,16 @@ class PlantNode(Interface):
     ) -> tuple[int, int, int, int, int]:
         """The samples of the next ticks by the kernel `_turns`, whose result this is."""
         tick, rig = self.tick + 1, self._rig
-        self._draw(0, tick)
         done: tuple[int, int, int, int, int] = _turns(
             beat.words, beat.spins, lines, inbox, count, self._interfaces, self._settings, tick, self._setpoints,
-            *self._state, rig.record, rig.table.kernel, *rig.phase_pressures, self._noise, self._period, self._substeps,
+            *self._state, rig.record, rig.table.kernel, *rig.phase_pressures, self._period, self._substeps,
             self.outbox, self.record, self._most(beat), *beat.outlet, changes,
         )  # fmt: skip
         return done
 
     def _most(self, beat: Beat) -> int:
-        """Turns that one call may make: up to new noise, the next change of the rig and the profile's end."""
-        most, end = min(beat.most, BLOCK - (self.tick + 1) % BLOCK), self._schedule.until
+        """Turns that one call may make: up to the next change of the rig and the profile's end."""
+        most, end = beat.most, self._schedule.until
         if self.profile and not self.finished:
             end = min(end, self.profile.duration)
         left = (end - self._now) / self._period
@@ -280,9 +279,8 @@ def _note(row: Any, time: Any, interfaces: Any, rig_state: Any, preload_pressure
 @njit(cache=True, nogil=True)
 def _turns(
     words: Any, spins: Any, lines: Any, inbox: Any, count: Any, interfaces: Any, settings: Any, tick: Any, setpoints: Any,
-    rig_state: Any, states: Any, parameters: Any, effects: Any, preload_pressure: Any, contact_pressure: Any, noise: Any,
-    period: Any, substeps: Any, outbox: Any, row: Any, most: Any, rows: Any, counts: Any, numbers: Any,
-    changes: Any,
+    rig_state: Any, states: Any, parameters: Any, effects: Any, preload_pressure: Any, contact_pressure: Any,
+    period: Any, substeps: Any, outbox: Any, row: Any, most: Any, rows: Any, counts: Any, numbers: Any, changes: Any,
 ) -> tuple[int, int, int, int, int]:  # fmt: skip
     """In the slot of `tick`, and those after it: through the period before; the sample, with what comes behind `count` frames.
 
@@ -303,8 +301,7 @@ def _turns(
         if why != 0:
             return how, made, count, -why, 0
         sent = begin(interfaces, settings, tick, words[_LATE], setpoints, outbox)
-        of_now = noise[0, tick % BLOCK]
-        sent = show(interfaces, settings, 0, tick, rig_state, states, of_now, parameters, effects, outbox, sent)
+        sent = show(interfaces, settings, 0, tick, rig_state, states, parameters, effects, outbox, sent)
         _note(row, tick * period, interfaces, rig_state, preload_pressure, contact_pressure)
         position = spread(lines, 0, outbox, sent)
         if made == most or called(words, numbers) or not settled(lines[0], first, count, sent, position):

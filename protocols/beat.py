@@ -20,8 +20,8 @@ BEGUN, OVERRUN, OVERSLEPT = 0, 1, 2  # what `wait` returns
 _ABSOLUTE = 1  # TIMER_ABSTIME of linux/time.h
 _SECOND = 1_000_000_000  # ns
 # ns that compiled code stays at most: a signal that comes outside of a sleep waits for it. What Python does in between costs
-# 0.15 ms, as all of it is cold
-_STAY = 250_000_000
+# 0.15 ms, as all of it is cold, which at 4 kHz and above makes the next cycle late
+_STAY = 1_000_000_000
 _BINS = Histogram.BINS
 # as numbers, in the order in which they stand there
 _PERIOD, _FIRST, _DEADLINE, _WOKEN, _LATENESS, _WORKED, _RUN, _SKIPPED, _LATE, _SPARE, _SIGNALLED, _WAKE = map(
