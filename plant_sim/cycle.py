@@ -126,6 +126,14 @@ def _refuse(interface, why, can_id, said, k):
 
 
 @njit(cache=True, nogil=True)
+def slept(interfaces: Any, all_settings: Any, periods: Any) -> None:
+    """See `Interface.slept`."""
+    if periods > 1:
+        for k in range(all_settings[0].count):
+            interfaces[0].clutches[k].age -= periods - 1
+
+
+@njit(cache=True, nogil=True)
 def begin(interfaces: Any, all_settings: Any, tick: Any, late_cycles: Any, setpoints: Any, outbox: Any) -> Any:
     """Frames of the plant itself and of the supervisor at `tick`; return their number. Nobody's command drives no motor."""
     interface, settings, sent = interfaces[0], all_settings[0], 0

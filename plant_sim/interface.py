@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from plant_sim.cycle import INTERFACE, OUTBOX, SETTINGS, Refusal, begin, show, take
+from plant_sim.cycle import INTERFACE, OUTBOX, SETTINGS, Refusal, begin, show, slept, take
 from plant_sim.noise import address
 from plant_sim.rigs.wet_clutch import Rig, Whole
 from protocols.batch import batch, load, unload
@@ -102,11 +102,12 @@ class Interface(ABC):
         """Whether the next sample can be made by `turns`: a rig has it, and nothing but time goes on until then."""
         return False
 
-    def turns(self, line: Exchange, beat: Beat, changes: int) -> int:
+    def turns(self, line: Exchange, beat: Beat, changes: int, owed: int) -> int:
         """Wait for the next slot, advance, take what waits on the line, show, send, and so on: in one compiled call.
 
-        `beat.most` times at most; rows but the last are booked (`Beat.book`). Returns the slots slept through before the last;
-        where there are any, nothing but waiting has been done in it. Raises InputError as `take`.
+        `beat.most` samples at most; rows but the last are in the ring, and booked. Where slots were slept through, which the
+        beat's clock leaves out, their samples come first, without waiting: `owed` are to come before the next wait, and it
+        returns how many are after the last one. Raises InputError as `take`.
         """
         raise NotImplementedError
 
@@ -143,8 +144,7 @@ class Interface(ABC):
 
         They age commands by one at most, as the controller may have slept, too.
         """
-        if periods > 1:
-            self._interfaces["clutches"]["age"] -= periods - 1
+        slept(self._interfaces, self._settings, periods)
 
     def heartbeat(self, lifecycle: Lifecycle) -> Frame:
         """The next heartbeat."""

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from plant_sim.cycle import Refusal, begin, show, take
+from plant_sim.cycle import Refusal, begin, show, slept, take
 from plant_sim.effects.catalogue import effects
 from plant_sim.injection import Injection, effect_on, requested
 from plant_sim.interface import Interface
@@ -17,7 +17,7 @@ from plant_sim.rigs.clutch_phase import Phase, phase
 from plant_sim.rigs.wet_clutch import STATE, Whole
 from plant_sim.schedule import Schedule
 from protocols.batch import batch
-from protocols.beat import BEGUN, Beat, book, called, wait
+from protocols.beat import Beat, book, called, wait, write
 from protocols.clock import Clock, Word
 from protocols.errors import InputError
 from protocols.exchange import Exchange, gather, settled, silence, spread
@@ -27,7 +27,7 @@ from protocols.units import BAR, ZERO_CELSIUS
 
 _TEMPERATURES = 35.0, 150.0  # degC: valid range of eq. 6.3 (blocks/oil.py) and of fig 6.8
 NO_SETPOINTS = np.zeros((0, 4, 0))  # tables of no profile, see `Interface`
-_LATE = int(Word.LATE)
+_LATE, _PERIOD = int(Word.LATE), int(Word.PERIOD)
 _phase = njit(phase)
 
 # Columns of a recorded run (rig.md), then the truth.
@@ -105,7 +105,8 @@ class PlantNode(Interface):
             node = PlantNode(parameters=wet_clutch.nominal().with_values(values))
             node.take(batch(1), 0)
             node.step([])
-            node._turns(Beat(Clock(1)), silence(), batch(1), 0, 0)
+            node.slept(0)
+            node._turns(Beat(Clock(1)), silence(), batch(1), 0, 0, 0)
 
     def show(self) -> int:
         """See `Interface`."""
@@ -125,20 +126,18 @@ class PlantNode(Interface):
         """See `Interface`."""
         return self.tick >= 0 and self._schedule.still(self._now) is self._rig
 
-    def turns(self, line: Exchange, beat: Beat, changes: int) -> int:
+    def turns(self, line: Exchange, beat: Beat, changes: int, owed: int) -> int:
         """See `Interface`."""
         line.ready()
-        how, made, count, sent, position = self._turns(beat, line.lines, line.inbox, line.count, changes)
+        made, owed, count, sent, position = self._turns(beat, line.lines, line.inbox, line.count, changes, owed)
         self.tick += made
-        if made > (how == BEGUN):
+        if made > 1:
             line.passed()
-        if how != BEGUN:
-            return beat.woke(how)
         if sent < 0:
             raise InputError(self._refusal(Refusal(-sent)))
         line.sent(self.outbox, sent, position)
         line.used(count)
-        return 0
+        return owed
 
     def fixed(self, name: str) -> str | None:
         """Why a parameter cannot be changed while the plant runs; None when it can."""
@@ -225,19 +224,19 @@ class PlantNode(Interface):
             self.injected += [change.told(self.rate) for change in self._schedule.begin(time)]
 
     def _turns(
-        self, beat: Beat, lines: np.ndarray, inbox: np.ndarray, count: int, changes: int
+        self, beat: Beat, lines: np.ndarray, inbox: np.ndarray, count: int, changes: int, owed: int
     ) -> tuple[int, int, int, int, int]:
         """The samples of the next ticks by the kernel `_turns`, whose result this is."""
         tick, rig = self.tick + 1, self._rig
         done: tuple[int, int, int, int, int] = _turns(
             beat.words, beat.spins, lines, inbox, count, self._interfaces, self._settings, tick, self._setpoints,
             *self._state, rig.record, rig.table.kernel, *rig.phase_pressures, self._period, self._substeps,
-            self.outbox, self.record, self._most(beat), *beat.outlet, changes,
+            self.outbox, self.record, self._most(beat), *beat.outlet, changes, owed,
         )  # fmt: skip
         return done
 
     def _most(self, beat: Beat) -> int:
-        """Turns that one call may make: up to the next change of the rig and the profile's end."""
+        """Samples that one call may make: up to the next change of the rig and the profile's end."""
         most, end = beat.most, self._schedule.until
         if self.profile and not self.finished:
             end = min(end, self.profile.duration)
@@ -280,34 +279,40 @@ def _note(row: Any, time: Any, interfaces: Any, rig_state: Any, preload_pressure
 def _turns(
     words: Any, spins: Any, lines: Any, inbox: Any, count: Any, interfaces: Any, settings: Any, tick: Any, setpoints: Any,
     rig_state: Any, states: Any, parameters: Any, effects: Any, preload_pressure: Any, contact_pressure: Any,
-    period: Any, substeps: Any, outbox: Any, row: Any, most: Any, rows: Any, counts: Any, numbers: Any, changes: Any,
+    period: Any, substeps: Any, outbox: Any, row: Any, most: Any, rows: Any, counts: Any, numbers: Any, changes: Any, owed: Any,
 ) -> tuple[int, int, int, int, int]:  # fmt: skip
-    """In the slot of `tick`, and those after it: through the period before; the sample, with what comes behind `count` frames.
+    """Samples from that of `tick` on, each at the end of the period before it, with what comes behind `count` frames.
 
-    `most` turns, or up to one after which something is left to Python: a slot slept through, a refusal, somebody who has come,
-    gone or asked. Rows but the last are booked. Returns how it woke last (`beat.wait`), the turns made, and of the last the
-    frames in the inbox, those of the sample, or minus the Refusal, and where sending them ended (`spread`). Nothing of Python
-    runs in between, as in the controller's turns: what an interpreter needs is cold after a sleep.
+    `owed` of them without waiting, then as slots begin; `most`, or up to one after which something is left to Python: a
+    refusal, somebody who has come, gone or asked. Rows but the last are written. Returns the samples made, and after the last
+    of them those still owed, the frames in the inbox, those sent, or minus the Refusal, and where sending ended (`spread`).
+    Nothing of Python runs in between, as in the controller's turns: what an interpreter needs is cold after a sleep.
     """
-    made = 0
+    made, known, behind = 0, count, owed > 0
     while True:
-        how = wait(words, spins)
-        if how != BEGUN:
-            return how, made, count, 0, 0
+        waits = owed == 0
+        owed = wait(words, spins) if waits else owed - 1
         made += 1
         _move(interfaces, rig_state, states, parameters, effects, period, substeps)
-        first, count = count, gather(lines, 0, inbox, count, count)
-        why = take(interfaces, settings, inbox, count)
-        if why != 0:
-            return how, made, count, -why, 0
+        if waits:
+            behind, count = owed > 0, gather(lines, 0, inbox, count, count)
+            why = take(interfaces, settings, inbox, count)
+            if why != 0:
+                return made, owed, count, -why, 0
+            slept(interfaces, settings, owed)
         sent = begin(interfaces, settings, tick, words[_LATE], setpoints, outbox)
         sent = show(interfaces, settings, 0, tick, rig_state, states, parameters, effects, outbox, sent)
         _note(row, tick * period, interfaces, rig_state, preload_pressure, contact_pressure)
         position = spread(lines, 0, outbox, sent)
-        if made == most or called(words, numbers) or not settled(lines[0], first, count, sent, position):
-            return how, made, count, sent, position
+        if made == most or called(words, numbers) or not settled(lines[0], known, count, sent, position):
+            return made, owed, count, sent, position
+        tick, known, count = tick + 1, 0, 0
+        if owed > 0:
+            write(words, rows, counts, row, changes)
+            continue
         book(words, rows, counts, row, changes)
-        tick, count = tick + 1, 0
+        if behind:  # before it goes on: the controller can answer, which may wait for this CPU
+            count = gather(lines, words[_PERIOD] // 2, inbox, 0, 0)
 
 
 def initial_temperature(celsius: float) -> float:

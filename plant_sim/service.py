@@ -116,36 +116,43 @@ class PlantService:
             node.receive(listen(port, node.heartbeat_period))
 
     def _real_time(self, node: Any, line: Exchange, outlet: Outlet, clock: Clock, stop: Stop) -> dict[str, Any]:
-        """Real time does not wait: slots slept through are simulated and sent when the plant wakes."""
-        timing, beat = None, outlet.beat(clock)
+        """Real time does not wait: samples of slots slept through are made and sent when the plant wakes."""
+        timing, beat, owed = None, outlet.beat(clock), 0
         clock.start(time.monotonic_ns() + clock.period_ns)
-        while not stop.asked:
-            turns = node.steady and not outlet.asked()
-            missed = node.turns(line, beat, outlet.changes) if turns else clock.wait()
-            if missed or not turns:
-                self._by_parts(node, line, outlet, clock, missed)
+        while owed or not stop.asked:
+            behind = owed > 0
+            if node.steady and not outlet.asked():
+                owed = node.turns(line, beat, outlet.changes, owed)
+            else:
+                owed = self._by_parts(node, line, outlet, clock, owed)
+                behind = behind or owed > 0
+            if owed:
+                outlet.write(
+                    node.record, clock.woken_ns / 1e9, clock.lateness_ns / 1e3, clock.work_ns / 1e3, clock.late
+                )
+                continue
             beat.book(node.record, outlet.changes)
             node.late_cycles = clock.late
             if timing is None and node.finished:
                 timing = clock.summary()  # of the run, not of the controller's end after it
-            if missed:  # before it goes on to catch up: the controller can answer, which may wait for this CPU
+            if behind:  # before it goes on: the controller can answer, which may wait for this CPU
                 line.receive(0.5 / self.rate)
         return timing or clock.summary()
 
-    def _by_parts(self, node: Any, line: Exchange, outlet: Outlet, clock: Clock, missed: int) -> None:
-        """A cycle in which more is to do than a turn: changes of parameters, and samples of slots that were missed."""
+    def _by_parts(self, node: Any, line: Exchange, outlet: Outlet, clock: Clock, owed: int) -> int:
+        """A sample where more is to do than a turn, changes of parameters. `owed` and what it returns: `Interface.turns`."""
+        waits = not owed
+        owed = clock.wait() if waits else owed - 1
         if node.tick >= 0:
             node.advance()  # through the period that is over
         outlet.tune()
-        line.receive()
-        node.take(line.inbox, line.count)
-        line.clear()
-        node.slept(missed)
-        for _ in range(missed):
-            line.send(node.outbox, node.show())
-            outlet.write(node.record, clock.woken_ns / 1e9, clock.lateness_ns / 1e3, clock.work_ns / 1e3, clock.late)
-            node.advance()
+        if waits:
+            line.receive()
+            node.take(line.inbox, line.count)
+            line.clear()
+            node.slept(owed)
         line.send(node.outbox, node.show())  # a controller on this CPU may go first from here on
+        return owed
 
     def _lockstep(self, node: Any, line: Exchange, outlet: Outlet, stop: Stop) -> None:
         """Sample, wait for the answer to this sample, go on."""

@@ -1,6 +1,6 @@
 """Beat: the clock of a loop in compiled code, on the clock's own memory: a slot waited for, a cycle's row and account.
 
-Same as         Clock.wait where no slot was slept through, SleepThenSpin, Clock.done, RingWriter.write
+Same as         Clock.wait where slots slept through are left out, SleepThenSpin, Clock.done, RingWriter.write
 Method          clock_nanosleep(2) to the absolute time; nothing of Python, which is cold after a sleep, runs before the turn
                 that follows in the same call, nor between turns, of which a call makes several
 """
@@ -16,7 +16,7 @@ from protocols.mailbox import ANSWERED, ASKED, WORDS, Mailbox
 from protocols.ring import RingWriter
 from protocols.waiting import MARGIN, MEMORY
 
-BEGUN, OVERRUN, OVERSLEPT = 0, 1, 2  # what `wait` returns
+OVERRUN, OVERSLEPT = -1, -2  # what `wait` returns where the clock's policy for overruns is to be asked
 _ABSOLUTE = 1  # TIMER_ABSTIME of linux/time.h
 _SECOND = 1_000_000_000  # ns
 # ns that compiled code stays at most: a signal that comes outside of a sleep waits for it. What Python does in between costs
@@ -24,8 +24,8 @@ _SECOND = 1_000_000_000  # ns
 _STAY = 1_000_000_000
 _BINS = Histogram.BINS
 # as numbers, in the order in which they stand there
-_PERIOD, _FIRST, _DEADLINE, _WOKEN, _LATENESS, _WORKED, _RUN, _SKIPPED, _LATE, _SPARE, _SIGNALLED, _WAKE = map(
-    int, Word
+_PERIOD, _FIRST, _DEADLINE, _WOKEN, _LATENESS, _WORKED, _RUN, _SKIPPED, _LATE, _SPARE, _SIGNALLED, _SKIPS, _WAKE = (
+    int(word) for word in Word
 )
 _WORK = _WAKE + Histogram.WORDS
 
@@ -56,25 +56,32 @@ class Beat:
         book(self.words, rows, counts, row, changes)
 
     def woke(self, how: int) -> int:
-        """What is left to do after a `wait` that did not begin a cycle: see `Clock.woke`."""
+        """What is left to do after a `wait` that began no cycle: see `Clock.woke`."""
         return self.clock.woke(self.clock.woken_ns, how == OVERSLEPT)
 
 
 @njit(cache=True, nogil=True)
 def wait(words: Any, spins: Any) -> Any:
-    """Wait for the next slot. Returns BEGUN, or, where slots are over, with its cycle not begun, OVERRUN or OVERSLEPT."""
+    """Wait for the next slot. Returns how many were left out since the last one.
+
+    Where slots are over, and the policy for overruns is not to leave them out: OVERRUN or OVERSLEPT, with no cycle begun.
+    """
     words[_DEADLINE] += words[_PERIOD]
     due, times = words[_DEADLINE], words[_SPARE : _SPARE + 2]
     at = now(CLOCK_MONOTONIC, times)
     asleep = at < due
     if asleep:
         at = _until(due, at, words, spins, times)
-    words[_WOKEN] = at
+    words[_WOKEN], missed = at, 0
     if at >= due + words[_PERIOD]:
-        return OVERSLEPT if asleep else OVERRUN
+        if words[_SKIPS] == 0:
+            return OVERSLEPT if asleep else OVERRUN
+        missed = (at - due) // words[_PERIOD]
+        words[_DEADLINE] += missed * words[_PERIOD]
     words[_RUN] += 1
-    words[_LATENESS] = at - due
-    return BEGUN
+    words[_SKIPPED] += missed
+    words[_LATENESS] = at - (due if asleep else words[_DEADLINE])
+    return missed
 
 
 @njit
@@ -120,7 +127,18 @@ def called(words, numbers):
 
 @njit(cache=True, nogil=True)
 def book(words: Any, rows: Any, counts: Any, row: Any, changes: Any) -> None:
-    """The cycle has ended: its row, which is `row` and TIMING of `outlet.py`, to a ring, then the account of `Clock.done`."""
+    """The cycle has ended: write its row, then the account of `Clock.done`."""
+    at = write(words, rows, counts, row, changes)
+    words[_WORKED] = at - words[_WOKEN]
+    _add(words, _WAKE, words[_LATENESS])
+    _add(words, _WORK, words[_WORKED])
+    if at > words[_DEADLINE] + words[_PERIOD] or words[_LATENESS] >= words[_PERIOD]:
+        words[_LATE] += 1
+
+
+@njit(cache=True, nogil=True)
+def write(words: Any, rows: Any, counts: Any, row: Any, changes: Any) -> Any:
+    """A row, which is `row` and TIMING of `outlet.py`, to a ring; returns what the clock says then [ns]."""
     place, width = rows[counts[0] % rows.shape[0]], row.size
     for column in range(width):
         place[column] = row[column]
@@ -128,11 +146,7 @@ def book(words: Any, rows: Any, counts: Any, row: Any, changes: Any) -> None:
     place[width + 2], place[width + 3], place[width + 4] = words[_WORKED] / 1e3, words[_LATE], changes
     at = now(CLOCK_MONOTONIC, words[_SPARE : _SPARE + 2])  # a call between: the count is stored after the row
     counts[0] += 1
-    words[_WORKED] = at - words[_WOKEN]
-    _add(words, _WAKE, words[_LATENESS])
-    _add(words, _WORK, words[_WORKED])
-    if at > words[_DEADLINE] + words[_PERIOD] or words[_LATENESS] >= words[_PERIOD]:
-        words[_LATE] += 1
+    return at
 
 
 @njit

@@ -29,7 +29,8 @@ class Word(IntEnum):
     LATE = 8
     SPARE = 9  # two words of compiled code
     SIGNALLED = 11  # whether a signal has ended a sleep of compiled code
-    WAKE = 12  # from here on a histogram
+    SKIPS = 12  # whether slots slept through are just left out: nobody is to be asked
+    WAKE = 13  # from here on a histogram
 
 
 class Histogram:
@@ -110,6 +111,7 @@ class Clock:
         self.wake = Histogram(view[Word.WAKE : Word.WAKE + Histogram.WORDS])
         self.work = Histogram(view[Word.WAKE + Histogram.WORDS :])
         self.waiting, self._overrun = waiting or Sleep(), overrun
+        self.words[Word.SKIPS] = overrun is skip
         self.period_ns = self._first_ns = period_ns  # no slot has come
 
     def start(self, first_deadline_ns: int) -> None:

@@ -25,7 +25,7 @@ _CLASSIC, _STAMPED = 16, 24  # bytes of struct can_frame, and with its stamp, as
 _FLAGS, _STANDARD_ID, _DATA = 0xE0000000, 0x7FF, 8  # extended, remote, error: never frames of this bench
 _DONTWAIT, _NOSIGNAL, _TRUNC = 0x40, 0x4000, 0x20  # MSG_... of linux/socket.h
 _POLLIN = 1  # asm-generic/poll.h
-_EAGAIN = 11  # asm-generic/errno-base.h
+_EINTR, _EAGAIN = 4, 11  # asm-generic/errno-base.h
 CLOCK_REALTIME, CLOCK_MONOTONIC = 0, 1  # linux/time.h
 _SECOND = 1_000_000_000  # ns
 
@@ -41,7 +41,8 @@ _LINE = np.dtype(
     [("local", "?"), ("mark", "i8"), ("heard", "i8"), ("polls", _POLLFD, (_SOCKETS,)), ("reached", "i8"),
      ("targets", "i4", (_SOCKETS,)), ("incoming", _MMSGHDR, (_A_CALL,)), ("in_parts", _IOVEC, (_A_CALL,)),
      ("controls", _CONTROL, (_A_CALL,)), ("length", "i8"), ("time", "i8", (2,)),
-     ("marks", "i8"), ("marked_ns", "i8"), ("changed", "?"), ("error", "i8"), ("taken", "i8"), ("given", "i8")],
+     ("marks", "i8"), ("marked_ns", "i8"), ("changed", "?"), ("signalled", "?"), ("error", "i8"), ("taken", "i8"),
+     ("given", "i8")],
     align=True,
 )  # fmt: skip
 
@@ -192,7 +193,9 @@ def gather(lines, timeout_ns, inbox, first, count):
     polls, messages = line.polls, line.incoming
     line.changed = False
     line.time[0], line.time[1] = timeout_ns // _SECOND, timeout_ns % _SECOND
-    if _ppoll(polls.ctypes.data, line.heard, line.time.ctypes.data, 0) <= 0:
+    ready = _ppoll(polls.ctypes.data, line.heard, line.time.ctypes.data, 0)
+    if ready <= 0:
+        line.signalled |= ready < 0 and _errno_location()[0] == _EINTR
         return count
     end = count
     for place in range(line.heard):

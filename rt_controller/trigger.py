@@ -9,13 +9,12 @@ pll     a grid that follows the samples' arrival, a quarter of a period behind i
 Assumptions     sample times are a grid of nearly our period; stamps of frames are CLOCK_REALTIME
 """
 
-import time
 from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
 
-from protocols.beat import Beat, arrive
+from protocols.beat import Beat
 from protocols.clock import Clock
 from protocols.errors import InputError, listing
 from rt_controller.turn import Turn
@@ -64,25 +63,7 @@ class BusTrigger:
 
     def run(self, changes: int) -> int:
         """See `Trigger`."""
-        clock, turn, period = self.clock, self._turn, self.clock.period_ns
-        if slots := turn.answer_samples(self._beat, changes):
-            return slots - 1
-        before, patience = clock.deadline_ns, turn.patience_ns
-        while not slots:
-            now = time.monotonic_ns()
-            if now >= patience:
-                if now < patience + period // 2:
-                    break
-                # the machine stood still, and the plant with it: its frames are on the way
-                patience = now + period // 2
-            slots = turn.answer_sample(patience - now, before, period)  # else somebody has come, or a sample too late
-        woken, arrived = turn.woken_ns, turn.arrived_ns
-        if not slots:
-            slots = max(1, round((now - before) / period - 0.5))
-            woken, arrived = now, before + slots * period
-            turn.answer(slots)
-        arrive(self._beat.words, woken, arrived, slots)
-        return slots - 1
+        return self._turn.answer_samples(self._beat, changes)
 
 
 class PllTrigger:

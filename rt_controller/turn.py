@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from protocols.batch import batch
-from protocols.beat import BEGUN, Beat, arrive, book, called, wait
+from protocols.beat import Beat, arrive, book, called, wait
 from protocols.clock import Clock, Word
 from protocols.exchange import CLOCK_MONOTONIC, CLOCK_REALTIME, gather, gather_marked, now, settled, silence, spread
 from rt_controller.cycle import cycle
@@ -18,7 +18,7 @@ from rt_controller.node import ControllerNode
 from rt_controller.phase_lock import follow
 from rt_controller.samples import Samples
 
-_LATE, _DEADLINE, _PERIOD = int(Word.LATE), int(Word.DEADLINE), int(Word.PERIOD)
+_LATE, _DEADLINE, _PERIOD, _SIGNALLED = map(int, (Word.LATE, Word.DEADLINE, Word.PERIOD, Word.SIGNALLED))
 # Of the last turn: frames in the inbox, slots since the one before, when it woke, when its sample was there, and until when it
 # would have been waited for [ns of CLOCK_MONOTONIC], frames sent, or minus the Refusal, where sending them ended
 _TURN = np.dtype([(name, "i8") for name in ("count", "slots", "woken", "arrived", "patience", "sent", "position")])
@@ -42,27 +42,10 @@ class Turn:
         states, rest = node.states.copy(), (node.settings, batch(len(node.outbox)), node.record.copy(), self._turns)
         lines = silence()
         answer(lines, line.inbox, 0, 1, states, *rest)
-        answer_sample(lines, 0, 0, 1, line.inbox, 0, states, *rest)
-        beat = Beat(Clock(1))
+        beat = Beat(Clock(1000))
         answer_slots(beat.words, beat.spins, lines, line.inbox, 0, states, *rest, 1, *beat.outlet, 0, GRID)
-        answer_samples(beat.words, lines, line.inbox, 0, states, *rest, 1, *beat.outlet, 0)
-        arrive(beat.words, 0, 0, 1)
+        answer_samples(beat.words, lines, line.inbox, 0, states, *rest, 1, *beat.outlet, 0, 0)
         follow(beat.words, np.zeros(1), False, 0)
-
-    @property
-    def woken_ns(self) -> int:
-        """When the last sample waited for was there for us, when it had `arrived_ns` [ns of CLOCK_MONOTONIC]."""
-        return self._woken[0]
-
-    @property
-    def arrived_ns(self) -> int:
-        """See `woken_ns`."""
-        return self._arrived[0]
-
-    @property
-    def patience_ns(self) -> int:
-        """Until when `answer_samples` has waited, or would have [ns of CLOCK_MONOTONIC]."""
-        return self._patience[0]
 
     def answer(self, slots: int) -> bool:
         """Take the frames that wait, run the cycle `slots` periods after the last one, send its frames.
@@ -85,61 +68,43 @@ class Turn:
         """
         line, node = self.samples.line, self.node
         line.ready()
-        how, made = answer_slots(
+        missed, made = answer_slots(
             beat.words, beat.spins, line.lines, line.inbox, line.count, node.states, node.settings, node.outbox,
             node.record, self._turns, beat.most, *beat.outlet, changes, drifts,
         )  # fmt: skip
-        if made > (how == BEGUN):
+        if made > (missed >= 0):
             line.passed()
-        if how == BEGUN:
+        if missed >= 0:
             self._finish()
-            return 0
-        missed = beat.woke(how)
+            return int(missed)
+        missed = beat.woke(missed)
         complete = self.answer(1 + missed)
         if drifts.size:
             follow(beat.words, drifts, complete, self.samples.arrived_ns())
         return missed
 
     def answer_samples(self, beat: Beat, changes: int) -> int:
-        """Wait for the next sample until half a period after it is due, answer it, and so on, as `answer_slots` does.
+        """Wait for the next sample until half a period after it is due, run its cycle, and so on, as `answer_slots` does.
 
-        Returns the slots since the one before the last; 0 where there was no cycle but those booked, as of `answer_sample`.
+        A slot whose sample has not come by then has its cycle without one.
         """
-        line, node = self.samples.line, self.node
-        first = line.count
-        line.ready()
-        made = answer_samples(
-            beat.words, line.lines, line.inbox, first, node.states, node.settings, node.outbox, node.record, self._turns,
-            beat.most, *beat.outlet, changes,
-        )  # fmt: skip
-        slots: int = self._slots[0]
-        if made > (slots > 0):
-            line.passed()
-            first = 0
-        if slots:
-            self._finish()
-        else:
-            line.took(self._count[0], first)
-        return slots
-
-    def answer_sample(self, patience_ns: int, before_ns: int, period_ns: int) -> int:
-        """Wait for the next complete sample for `patience_ns` [ns] at most; if it comes, the same at once.
-
-        Returns the slots of `period_ns` since the one at `before_ns` of CLOCK_MONOTONIC; 0 when there was no cycle: nothing
-        has come, or somebody new, or the sample of the slot before, see `slots_since`.
-        """
-        line, node = self.samples.line, self.node
-        first = line.count
-        line.ready()
-        slots = answer_sample(
-            line.lines, patience_ns, before_ns, period_ns, line.inbox, first, node.states, node.settings, node.outbox,
-            node.record, self._turns,
-        )  # fmt: skip
-        if slots:
-            self._finish()
-        else:
-            line.took(self._count[0], first)
-        return int(slots)
+        line, node, patience = self.samples.line, self.node, 0
+        while True:
+            first = line.count
+            line.ready()
+            made = answer_samples(
+                beat.words, line.lines, line.inbox, first, node.states, node.settings, node.outbox, node.record, self._turns,
+                beat.most, *beat.outlet, changes, patience,
+            )  # fmt: skip
+            slots = self._slots[0]
+            if made > (slots > 0):
+                line.passed()
+                first = 0
+            if slots:
+                self._finish()
+                return slots - 1
+            line.took(self._count[0], first)  # somebody has come, or gone
+            patience = self._patience[0]
 
     def _finish(self) -> None:
         """What the compiled call leaves to do: of the frames it has sent, then of those used."""
@@ -149,10 +114,28 @@ class Turn:
 
 
 @njit
+def begun(before: Any, period: Any, came: Any, at: Any, patience: Any, anew: Any) -> tuple[int, int, int]:
+    """What begins `at`, where a sample `came`, or none (0): slots since the one at `before`, the last one's time, new patience.
+
+    No slots: go on waiting. A sample of the slot before, which has gone without it, begins nothing; a slot without a sample
+    begins at `patience`, unless the machine stood still, and the plant with it: its frames are on the way, and waited for
+    `anew`, once. All ns of one clock.
+    """
+    if came > 0:
+        return slots_since(before, came, at, period), came, patience
+    if at < patience:
+        return 0, 0, patience
+    if at >= patience + period // 2 and not anew:
+        return 0, 0, at + period // 2
+    slots = max(1, round((at - before) / period - 0.5))
+    return slots, before + slots * period, patience
+
+
+@njit
 def slots_since(before_ns: Any, arrived_ns: Any, now_ns: Any, period_ns: Any) -> Any:
     """Slots of `period_ns` from the one at `before_ns` to that of a sample which `arrived_ns` and is seen `now_ns`.
 
-    0 where it is of the slot before, which has gone without it: less than half a period is over. All of one clock.
+    0 where it is of the slot before: less than half a period is over. All of one clock.
     """
     if now_ns - before_ns < period_ns // 2:
         return 0
@@ -166,7 +149,8 @@ def answer(
     """See `Turn.answer`; `count` frames are in the inbox."""
     turn = turns[0]
     turn.count, turn.slots = gather(lines, 0, inbox, count, count), slots
-    _run(lines, inbox, states, settings, outbox, row, turn)
+    turn.sent = cycle(states, settings, inbox, turn.count, slots, outbox, row)
+    turn.position = spread(lines, 0, outbox, max(turn.sent, 0))
 
 
 @njit(cache=True, nogil=True)
@@ -174,74 +158,75 @@ def answer_slots(
     words: Any, spins: Any, lines: Any, inbox: Any, count: Any, states: Any, settings: Any, outbox: Any, row: Any, turns: Any,
     most: Any, rows: Any, counts: Any, numbers: Any, changes: Any, drifts: Any,
 ) -> tuple[int, int]:  # fmt: skip
-    """See `Turn.answer_slots`; returns how it woke last (`beat.wait`), and the turns made.
+    """See `Turn.answer_slots`; returns what the last `beat.wait` did, and the turns made.
 
-    Up to one after which something is left to Python: a slot slept through, a refusal, somebody who has come, gone or asked.
+    Up to one after which something is left to Python: a refusal, somebody who has come, gone or asked.
     """
     turn, line, made = turns[0], lines[0], 0
     while True:
-        how = wait(words, spins)
-        if how != BEGUN:
-            return how, made
+        missed = wait(words, spins)
+        if missed < 0:
+            return missed, made
         made += 1
         states[0].late_cycles, marks = words[_LATE], line.marks
-        answer(lines, inbox, count, 1, states, settings, outbox, row, turns)
+        answer(lines, inbox, count, 1 + missed, states, settings, outbox, row, turns)
         if drifts.size > 0:
             follow(words, drifts, line.marks > marks, _arrived(line, now(CLOCK_MONOTONIC, line.time)))
         if made == most or called(words, numbers) or not settled(line, count, turn.count, turn.sent, turn.position):
-            return how, made
+            return missed, made
         book(words, rows, counts, row, changes)
         count = 0
-
-
-@njit(cache=True, nogil=True)
-def answer_sample(
-    lines: Any, patience_ns: Any, before_ns: Any, period_ns: Any, inbox: Any, count: Any, states: Any, settings: Any,
-    outbox: Any, row: Any, turns: Any,
-) -> Any:  # fmt: skip
-    """See `Turn.answer_sample`."""
-    turn, line = turns[0], lines[0]
-    marks, turn.slots = line.marks, 0
-    turn.count = gather_marked(lines, patience_ns, inbox, count, count)
-    if line.marks == marks:
-        return 0
-    turn.woken = now(CLOCK_MONOTONIC, line.time)
-    turn.arrived = _arrived(line, turn.woken)
-    turn.slots = slots_since(before_ns, turn.arrived, turn.woken, period_ns)
-    if turn.slots > 0:
-        _run(lines, inbox, states, settings, outbox, row, turn)
-    return turn.slots
 
 
 @njit(cache=True, nogil=True)
 def answer_samples(
     words: Any, lines: Any, inbox: Any, count: Any, states: Any, settings: Any, outbox: Any, row: Any, turns: Any,
-    most: Any, rows: Any, counts: Any, numbers: Any, changes: Any,
+    most: Any, rows: Any, counts: Any, numbers: Any, changes: Any, patience: Any,
 ) -> int:  # fmt: skip
-    """See `Turn.answer_samples`; returns the turns made."""
+    """See `Turn.answer_samples`; returns the turns made. `patience` [ns of CLOCK_MONOTONIC] is that of the first; 0: the usual.
+
+    Up to one after which something is left to Python, as of `answer_slots`; in a last one that has not been made, as somebody
+    has come or gone, `slots` is 0.
+    """
     turn, line, made = turns[0], lines[0], 0
     while True:
         before, period, at = words[_DEADLINE], words[_PERIOD], now(CLOCK_MONOTONIC, line.time)
-        turn.patience = max(before + period, at) + period // 2
+        turn.patience = patience if patience > 0 else max(before + period, at) + period // 2
         states[0].late_cycles = words[_LATE]
-        answer_sample(lines, turn.patience - at, before, period, inbox, count, states, settings, outbox, row, turns)
+        _await(lines, inbox, count, turn, before, period)
         if turn.slots == 0:
             return made
         made += 1
+        turn.sent = cycle(states, settings, inbox, turn.count, turn.slots, outbox, row)
+        turn.position = spread(lines, 0, outbox, max(turn.sent, 0))
         arrive(words, turn.woken, turn.arrived, turn.slots)
+        words[_SIGNALLED] |= line.signalled
+        line.signalled = False
         if made == most or called(words, numbers) or not settled(line, count, turn.count, turn.sent, turn.position):
             return made
         book(words, rows, counts, row, changes)
-        count = 0
+        count = patience = 0
+
+
+@njit
+def _await(lines, inbox, count, turn, before, period):
+    """Wait for a sample, or until the turn's patience: `slots` since the one at `before`, 0 where somebody has come or gone."""
+    line = lines[0]
+    turn.slots, turn.count, turn.woken = 0, count, now(CLOCK_MONOTONIC, line.time)
+    patience = turn.patience
+    while turn.slots == 0:
+        marks, left = line.marks, max(turn.patience - turn.woken, 0)
+        turn.count = gather_marked(lines, left, inbox, count, turn.count)
+        turn.woken = now(CLOCK_MONOTONIC, line.time)
+        came = _arrived(line, turn.woken) if line.marks > marks else 0
+        turn.slots, turn.arrived, turn.patience = begun(
+            before, period, came, turn.woken, turn.patience, turn.patience > patience
+        )
+        if turn.slots == 0 and line.changed:
+            return
 
 
 @njit
 def _arrived(line, at):
     """When the last sample was complete, seen from `at`, which is now [ns of CLOCK_MONOTONIC]: by the frame's stamp."""
     return at - max(now(CLOCK_REALTIME, line.time) - line.marked_ns, 0)
-
-
-@njit
-def _run(lines, inbox, states, settings, outbox, row, turn):
-    turn.sent = cycle(states, settings, inbox, turn.count, turn.slots, outbox, row)
-    turn.position = spread(lines, 0, outbox, max(turn.sent, 0))

@@ -1,6 +1,7 @@
 """The plant's turn, one compiled call, on a bus: the frames and records of its parts, which are left what it does not do."""
 
 import gc
+import threading
 import time
 import tracemalloc
 from collections.abc import Iterator
@@ -59,7 +60,7 @@ def turned(node: PlantNode, line: Exchange, beat: Beat) -> None:
     """A turn in a slot that has just begun."""
     assert node.steady
     beat.clock.deadline_ns = time.monotonic_ns() - PERIOD
-    assert node.turns(line, beat, 0) == 0
+    assert node.turns(line, beat, 0, 0) == 0
 
 
 def by_parts(node: PlantNode, commands: list[Frame]) -> list[Frame]:
@@ -88,23 +89,78 @@ def test_a_turn_is_its_parts(line: Exchange, controller: Port, beat: Beat, effec
     assert (line.port.received, line.port.sent) == (controller.sent, controller.received)
 
 
-def test_slots_slept_through_are_left_to_the_parts(line: Exchange, controller: Port, beat: Beat) -> None:
-    """The same noise, too: none is drawn for the turn that was none."""
+def caught_up(node: PlantNode, commands: list[Frame], missed: int) -> tuple[list[Frame], list[tuple[float, ...]]]:
+    """Frames and rows of `missed` samples and one, made by the parts of a turn."""
+    node.advance()
+    node.receive(commands)
+    node.slept(missed)
+    frames, rows = node.sample(), [node.row()]
+    for _ in range(missed):
+        node.advance()
+        frames += node.sample()
+        rows.append(node.row())
+    return frames, rows
+
+
+def valve(count: int, volts: float) -> Frame:
+    codec = FRAMES["VALVE_COMMAND"]
+    return Frame(codec.can_id, codec.pack(count, 1, volts, count))
+
+
+def test_samples_of_slots_slept_through_come_first(line: Exchange, controller: Port, beat: Beat) -> None:
+    """One a call: the commands are taken before the first of them, and age by one at most."""
     whole, other = plant(), plant()
     whole.sample()
     other.sample()
-    for tick in range(1, 200):
-        if tick % 8:
-            turned(whole, line, beat)
-        else:
-            beat.clock.deadline_ns = time.monotonic_ns() - 3 * PERIOD
-            assert whole.turns(line, beat, 0) == 2
-            assert whole.tick == tick - 1
-            by_parts(whole, [])
-        by_parts(other, [])
-        assert whole.row() == other.row()
-    assert controller.received == 0
-    assert beat.clock.run == 199
+    for number in range(1, 30):
+        controller.send(valve(number, 2.0))
+        missed = number % 8  # up to 7, after 5 cycles without a command a valve closes
+        beat.clock.deadline_ns = time.monotonic_ns() - (1 + missed) * PERIOD
+        frames, rows = caught_up(other, [valve(number, 2.0)], missed)
+        for left in range(missed, -1, -1):
+            assert whole.turns(line, beat, 0, 0 if left == missed else left + 1) == left
+            assert whole.row() == rows[missed - left]
+        assert controller.receive() == frames
+        assert whole.row()[1] == pytest.approx(2.0, abs=0.01)
+    assert (beat.clock.run, beat.clock.skipped) == (29, sum(number % 8 for number in range(1, 30)))
+    assert whole.reception_counts() == other.reception_counts()
+
+
+def test_samples_of_slots_slept_through_are_rows_of_one_cycle(line: Exchange, controller: Port, tmp_path: Path) -> None:
+    whole, other = plant(), plant()
+    ring = RingWriter(tmp_path / "ring", [*whole.columns, *TIMING], 64)
+    reader, beat = RingReader(tmp_path / "ring"), Beat(Clock(PERIOD), ring)
+    whole.sample()
+    other.sample()
+    controller.send(valve(1, 2.0))
+    beat.clock.deadline_ns, beat.most = time.monotonic_ns() - 5 * PERIOD, 5
+    assert whole.turns(line, beat, 3, 0) == 0
+    frames, rows = caught_up(other, [valve(1, 2.0)], 4)
+    assert controller.receive() == frames
+    found = reader.read()
+    np.testing.assert_array_equal(found[:, : len(whole.columns)], rows[:-1])
+    assert len({tuple(row) for row in found[:, len(whole.columns) :].tolist()}) == 1
+    assert whole.row() == rows[-1]
+    assert (beat.clock.run, beat.clock.skipped, beat.clock.work.total) == (1, 4, 0)
+    assert (line.port.received, line.port.sent) == (1, len(frames))
+
+
+def test_when_it_has_caught_up_it_waits_for_an_answer(line: Exchange, controller: Port, tmp_path: Path) -> None:
+    """Which may need this CPU; and is taken with the next sample. None is waited for beyond half a period."""
+    node, period = plant(), 100_000_000
+    ring = RingWriter(tmp_path / "ring", [*node.columns, *TIMING], 64)
+    beat = Beat(Clock(period), ring)
+    node.sample()
+    for number in 1, 2:
+        answer = threading.Timer(0.02, controller.send, [valve(number, 2.0)])
+        beat.clock.deadline_ns, beat.most = time.monotonic_ns() - 3 * period - period // 10, 4
+        before = beat.clock.skipped
+        if number == 1:
+            answer.start()
+        assert node.turns(line, beat, 0, 0) == 0
+        assert beat.clock.skipped - before >= 2
+        assert node.reception_counts()["VALVE_COMMAND"]["received"] == 1
+    assert line.count == 0
 
 
 def test_where_parameters_change_a_plant_is_not_steady(line: Exchange, beat: Beat) -> None:

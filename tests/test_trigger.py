@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from protocols.beat import Beat
+from protocols.beat import Beat, arrive
 from protocols.clock import Clock
 from protocols.errors import InputError
 from rt_controller.phase_lock import follow
 from rt_controller.samples import Samples, usual_arrival
 from rt_controller.trigger import BusTrigger, ClockTrigger, PllTrigger, trigger
-from rt_controller.turn import GRID, slots_since
+from rt_controller.turn import GRID, begun
 
 PERIOD = 1_000_000  # ns
 SINCE_1970 = 1_700_000_000_000_000_000  # ns between the two clocks
@@ -26,7 +26,7 @@ class Rig:
         self.answered: list[tuple[int, int, int]] = []  # time, samples and slots of each cycle
         self.count = self.marks = self.marked_ns = 0
         self._coming = deque(int(arrival) for arrival in arrivals)
-        for module in ("protocols.clock", "protocols.waiting", "rt_controller.trigger", "rt_controller.samples"):
+        for module in ("protocols.clock", "protocols.waiting", "rt_controller.samples"):
             monkeypatch.setattr(f"{module}.time", self)
 
     # of the module time
@@ -58,8 +58,6 @@ class Rig:
         return self.marks > taken
 
     # of a turn
-    woken_ns = arrived_ns = patience_ns = 0
-
     def answer(self, slots: int) -> bool:
         complete = self.take()
         self.answered.append((self.now, self.count, slots))
@@ -74,19 +72,15 @@ class Rig:
         return missed
 
     def answer_samples(self, beat: Any, changes: int) -> int:
-        """Nothing yet: the trigger goes on by itself."""
-        clock = beat.clock
-        self.patience_ns = max(clock.deadline_ns + clock.period_ns, self.now) + clock.period_ns // 2
-        return 0
-
-    def answer_sample(self, patience: int, before: int, period: int) -> int:
-        if not (self.arrive(self.now + patience) and self.take()):
-            return 0
-        self.woken_ns, self.arrived_ns = self.now, self.marked_ns - SINCE_1970
-        slots = int(slots_since(before, self.marked_ns - SINCE_1970, self.now, period))
-        if slots:
-            self.answer(slots)
-        return slots
+        before, period, slots = beat.clock.deadline_ns, beat.clock.period_ns, 0
+        patience = usual = max(before + period, self.now) + period // 2
+        while not slots:
+            came = self.arrive(patience) and self.take()
+            arrived = self.marked_ns - SINCE_1970 if came else 0
+            slots, arrived, patience = begun(before, period, arrived, self.now, patience, patience > usual)
+        self.answer(slots)
+        arrive(beat.words, self.now, arrived, slots)
+        return slots - 1
 
     @property
     def samples(self) -> Samples:

@@ -22,12 +22,12 @@ from protocols.ring import RingReader, RingWriter
 from protocols.telemetry.outlet import TIMING
 from rt_controller.node import COLUMNS, ControllerNode
 from rt_controller.samples import Samples
-from rt_controller.turn import Turn, slots_since
+from rt_controller.turn import Turn, begun
 
 FRAMES = load_frames()
 PERIOD = 1_000_000  # ns
 LATER = 0.05  # s after which another thread sends
-PATIENCE = 10_000_000_000  # ns
+LONG = 10_000_000_000  # ns: nobody waits for so long
 
 
 @pytest.fixture
@@ -52,6 +52,15 @@ def send(port: Port, frames: list[Frame]) -> None:
         port.send(frame)
 
 
+def waited(turn: Turn, period: int, ago: float = 1.0) -> Clock:
+    """A turn begun by a sample; the cycle before was `ago` periods [ns] before. Returns its clock."""
+    beat = Beat(Clock(period))
+    beat.clock.start(time.monotonic_ns() - round(ago * period) + period)
+    missed = turn.answer_samples(beat, 0)
+    assert (beat.clock.run, beat.clock.skipped) == (1, missed)
+    return beat.clock
+
+
 def test_answers_are_those_of_a_node_stepped_by_hand(turn: Turn, plant: Port) -> None:
     other = ControllerNode()
     for number, frames in enumerate(sampled(200)):
@@ -59,7 +68,7 @@ def test_answers_are_those_of_a_node_stepped_by_hand(turn: Turn, plant: Port) ->
         if number % 2:
             assert turn.answer(1)
         else:
-            assert turn.answer_sample(PATIENCE, time.monotonic_ns() - PERIOD, PERIOD) == 1
+            assert waited(turn, LONG).skipped == 0
         assert plant.receive() == other.step(frames)
         assert turn.samples.line.count == 0
     port = turn.samples.line.port
@@ -96,7 +105,7 @@ class Several:
 BEGUN_BY = {
     "clock": lambda turn, beat: turn.answer_slots(beat, 3),
     "pll": lambda turn, beat: turn.answer_slots(beat, 3, np.zeros(1)),
-    "bus": lambda turn, beat: turn.answer_samples(beat, 3) - 1,
+    "bus": lambda turn, beat: turn.answer_samples(beat, 3),
 }
 
 
@@ -161,42 +170,63 @@ def test_it_waits_for_the_sample_and_says_when_it_woke(turn: Turn, plant: Port) 
     before = time.monotonic_ns()
     late = threading.Timer(LATER, send, (plant, frames))
     late.start()
-    slots = turn.answer_sample(PATIENCE, before, PERIOD)
-    assert turn.woken_ns - before > 0.9 * LATER * 1e9
-    assert slots == pytest.approx((turn.samples.arrived_ns() - before) / PERIOD, abs=1.0)
+    clock = waited(turn, LONG)
     late.join()
-
-
-def test_without_a_sample_there_is_no_cycle_and_nothing_is_lost(turn: Turn, plant: Port) -> None:
-    frames = sampled(1)[0]
-    send(plant, frames[:-1])  # all but the encoder's, which completes it
-    record = turn.node.record.copy()
-    assert turn.answer_sample(20_000_000, time.monotonic_ns(), PERIOD) == 0
-    assert turn.samples.line.count == len(frames) - 1
-    assert np.array_equal(turn.node.record, record)
-    send(plant, frames[-1:])
-    assert turn.answer_sample(PATIENCE, time.monotonic_ns() - PERIOD, PERIOD) == 1
+    assert clock.woken_ns - before > 0.9 * LATER * 1e9
+    assert clock.deadline_ns == pytest.approx(turn.samples.arrived_ns(), abs=1e6)  # ns of another clock
+    assert 0 <= clock.lateness_ns == clock.woken_ns - clock.deadline_ns
     assert plant.receive() == ControllerNode().step(frames)
+
+
+def test_a_slot_without_its_sample_has_its_cycle_half_a_period_later(turn: Turn, plant: Port) -> None:
+    """With what has come of it; the grid goes on."""
+    other, slot, (first, second) = ControllerNode(), 40_000_000, sampled(2)
+    send(plant, first[:-1])  # all but the encoder's, which completes it
+    start = time.monotonic_ns()
+    clock = waited(turn, slot, ago=0.0)
+    assert clock.woken_ns >= start + 1.5 * slot
+    assert 0 <= clock.deadline_ns - start - (1 + clock.skipped) * slot < clock.woken_ns - start - slot
+    assert plant.receive() == other.step(first[:-1], slots=1 + clock.skipped)
+    send(plant, [first[-1], *second])
+    assert waited(turn, LONG).skipped == 0
+    assert plant.receive() == other.step([first[-1], *second])
 
 
 def test_a_sample_of_the_slot_before_is_left_to_the_next_cycle(turn: Turn, plant: Port) -> None:
     first, second = sampled(2)
     send(plant, first)
-    assert turn.answer_sample(PATIENCE, time.monotonic_ns(), PERIOD * 1000) == 0  # its slot has gone without it
-    send(plant, second)
-    assert turn.answer(1)
-    assert plant.receive() == ControllerNode().step(first + second)
+    next_one = threading.Timer(0.16, send, (plant, second))
+    next_one.start()
+    clock = waited(turn, 200_000_000, ago=0.0)
+    next_one.join()
+    assert plant.receive() == ControllerNode().step(first + second, slots=1 + clock.skipped)
 
 
 def test_who_comes_while_it_waits_is_let_in_and_told(turn: Turn, plant: Port, local_bus: str) -> None:
     frames = sampled(1)[0]
     with open_bus(local_bus) as newcomer:
-        assert turn.answer_sample(PATIENCE, time.monotonic_ns(), PERIOD) == 0
-        send(plant, frames)
-        assert turn.answer_sample(PATIENCE, time.monotonic_ns() - PERIOD, PERIOD) == 1
+        late = threading.Timer(LATER, send, (plant, frames))
+        late.start()
+        assert waited(turn, LONG).skipped == 0
+        late.join()
         answers = plant.receive()
         assert answers == ControllerNode().step(frames)
         assert newcomer.receive() == frames + answers
+
+
+def test_a_signal_ends_a_call_that_waits_for_samples(turn: Turn, tmp_path: Path) -> None:
+    """Of which none come: in the cycle after it."""
+    several = Several(tmp_path, 1_000_000)
+    asked: list[int] = []
+    before = signal.signal(signal.SIGALRM, lambda number, _: asked.append(number))
+    signal.setitimer(signal.ITIMER_REAL, 0.11)
+    try:
+        several.beat.clock.start(time.monotonic_ns())
+        turn.answer_samples(several.beat, 0)
+    finally:
+        signal.signal(signal.SIGALRM, before)
+    assert asked
+    assert 2 <= several.beat.clock.slots < 50
 
 
 def test_what_a_newcomer_sent_before_it_was_let_in_is_heard_in_the_next_turn(
@@ -237,5 +267,25 @@ def test_a_bus_that_cannot_be_worked_on_ends_it(turn: Turn, plant: Port) -> None
     ("arrived", "now", "slots"),
     [(1.0, 1.0, 1), (0.6, 0.6, 1), (0.4, 0.4, 0), (0.4, 0.6, 1), (1.4, 1.5, 1), (1.6, 1.7, 2), (7.1, 7.1, 7)],
 )
-def test_slots_since(arrived: float, now: float, slots: int) -> None:
-    assert slots_since(0, round(arrived * PERIOD), round(now * PERIOD), PERIOD) == slots
+def test_slots_since_the_last_cycle(arrived: float, now: float, slots: int) -> None:
+    """By the sample's arrival, whatever was to be waited for."""
+    came, at = (100 * PERIOD + round(ago * PERIOD) for ago in (arrived, now))
+    for patience in 0, at, 10 * at:
+        assert begun(100 * PERIOD, PERIOD, came, at, patience, False) == (slots, came, patience)
+
+
+@pytest.mark.parametrize(
+    ("now", "slots", "patience"),
+    [(1.4, 0, 1.5), (1.5, 1, 1.5), (1.9, 1, 1.5), (2.0, 0, 2.5), (8.3, 0, 8.8)],
+)
+def test_without_a_sample_a_slot_begins_in_its_time_or_is_waited_for_anew(
+    now: float, slots: int, patience: float
+) -> None:
+    found = begun(0, PERIOD, 0, round(now * PERIOD), round(1.5 * PERIOD), False)
+    assert found == (slots, slots * PERIOD, round(patience * PERIOD))
+
+
+@pytest.mark.parametrize("late", [0.0, 0.7])  # periods; the second would be waited for anew, and so on for ever
+def test_who_has_waited_anew_leaves_slots_out(late: float) -> None:
+    patience, at = round(8.8 * PERIOD), round((8.8 + late) * PERIOD)
+    assert begun(0, PERIOD, 0, at, patience, True) == (round(8.3 + late), round(8.3 + late) * PERIOD, patience)
