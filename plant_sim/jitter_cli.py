@@ -20,7 +20,9 @@ def jitter(
     rounds: int = typer.Option(3, min=1, help="parts that it is measured in, the phases in turn"),
     cpu: int | None = typer.Option(None, help="CPU of the loops; the last if not given"),
     spin_us: float = typer.Option(100.0, help="spin at most so long before a slot, in us"),
-    rates: str | None = typer.Option(None, help="the closed loop alone at these rates, in Hz, such as 250,1000,4000"),
+    rates: str | None = typer.Option(
+        None, help="the closed loop alone, by clock and bus, at these rates in Hz, such as 250,4000"
+    ),
     load: list[str] = typer.Option(
         [], help="cpu, memory, disk, bus, viewer, restarts or full; may be given more than once"
     ),

@@ -304,7 +304,7 @@ def _turns(
         sent = show(interfaces, settings, 0, tick, rig_state, states, parameters, effects, outbox, sent)
         _note(row, tick * period, interfaces, rig_state, preload_pressure, contact_pressure)
         position = spread(lines, 0, outbox, sent)
-        if made == most or called(words, numbers) or not settled(lines[0], known, count, sent, position):
+        if made == most or called(lines[0], numbers) or not settled(lines[0], known, count, sent, position):
             return made, owed, count, sent, position
         tick, known, count = tick + 1, 0, 0
         if owed > 0:

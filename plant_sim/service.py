@@ -63,7 +63,7 @@ class PlantService:
         with Stop() as stop, open_bus(self.bus) as port:
             frames = load_frames()
             heard_alone(port, "plant", frames["PLANT_HEARTBEAT"])
-            line = Exchange(port, frames["VALVE_COMMAND"].can_id)
+            line = Exchange(port, frames["VALVE_COMMAND"].can_id, stop.wakes)
             shipped = power_shift.nominal() if self.rig == "power_shift" else wet_clutch.nominal()
             outlet = Outlet(
                 "plant", node, node.columns, port.name, self.rate, session, shipped=shipped,

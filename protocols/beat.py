@@ -19,12 +19,12 @@ from protocols.waiting import MARGIN, MEMORY
 OVERRUN, OVERSLEPT = -1, -2  # what `wait` returns where the clock's policy for overruns is to be asked
 _ABSOLUTE = 1  # TIMER_ABSTIME of linux/time.h
 _SECOND = 1_000_000_000  # ns
-# ns that compiled code stays at most: a signal that comes outside of a sleep waits for it. What Python does in between costs
-# 0.15 ms, as all of it is cold, which at 4 kHz and above makes the next cycle late
-_STAY = 1_000_000_000
+# ns that compiled code stays at most, though nobody asks for anything. What Python does in between costs 0.15 ms, as all of it
+# is cold, which at 4 kHz and above makes the next cycle late
+_STAY = 60_000_000_000
 _BINS = Histogram.BINS
 # as numbers, in the order in which they stand there
-_PERIOD, _FIRST, _DEADLINE, _WOKEN, _LATENESS, _WORKED, _RUN, _SKIPPED, _LATE, _SPARE, _SIGNALLED, _SKIPS, _WAKE = (
+_PERIOD, _FIRST, _DEADLINE, _WOKEN, _LATENESS, _WORKED, _RUN, _SKIPPED, _LATE, _SPARE, _SKIPS, _WAKE = (
     int(word) for word in Word
 )
 _WORK = _WAKE + Histogram.WORDS
@@ -91,8 +91,7 @@ def _until(due, at, words, spins, times):
     begin = due - spin
     if at < begin:
         while at < begin:  # a signal may end a sleep
-            if sleep_until(begin, times) != 0:
-                words[_SIGNALLED] = 1
+            sleep_until(begin, times)
             at = now(CLOCK_MONOTONIC, times)
         if most > 0:
             needed = min(at - begin + MARGIN, most)
@@ -119,10 +118,9 @@ def arrive(words: Any, woken: Any, arrived: Any, slots: Any) -> None:
 
 
 @njit
-def called(words, numbers):
-    """Whether Python is to look: a signal has come, which is forgotten by that, or a request to the mailbox of `numbers`."""
-    signalled, words[_SIGNALLED] = words[_SIGNALLED], 0
-    return signalled != 0 or numbers[ASKED] != numbers[ANSWERED]
+def called(line, numbers):
+    """Whether Python is to look: a signal has been seen, or there is a request to the mailbox of `numbers`."""
+    return line.signalled or numbers[ASKED] != numbers[ANSWERED]
 
 
 @njit(cache=True, nogil=True)

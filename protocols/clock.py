@@ -28,9 +28,8 @@ class Word(IntEnum):
     SKIPPED = 7
     LATE = 8
     SPARE = 9  # two words of compiled code
-    SIGNALLED = 11  # whether a signal has ended a sleep of compiled code
-    SKIPS = 12  # whether slots slept through are just left out: nobody is to be asked
-    WAKE = 13  # from here on a histogram
+    SKIPS = 11  # whether slots slept through are just left out: nobody is to be asked
+    WAKE = 12  # from here on a histogram
 
 
 class Histogram:

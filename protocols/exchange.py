@@ -6,7 +6,9 @@ Assumptions     Linux on a machine of 64 bits, whose layouts of pollfd, iovec, m
 Same as         protocols.bus.Port: who is heard, what is refused, order of frames, time stamps, counters
 """
 
+import os
 import time
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -25,7 +27,7 @@ _CLASSIC, _STAMPED = 16, 24  # bytes of struct can_frame, and with its stamp, as
 _FLAGS, _STANDARD_ID, _DATA = 0xE0000000, 0x7FF, 8  # extended, remote, error: never frames of this bench
 _DONTWAIT, _NOSIGNAL, _TRUNC = 0x40, 0x4000, 0x20  # MSG_... of linux/socket.h
 _POLLIN = 1  # asm-generic/poll.h
-_EINTR, _EAGAIN = 4, 11  # asm-generic/errno-base.h
+_EAGAIN = 11  # asm-generic/errno-base.h
 CLOCK_REALTIME, CLOCK_MONOTONIC = 0, 1  # linux/time.h
 _SECOND = 1_000_000_000  # ns
 
@@ -38,7 +40,7 @@ _CONTROL = np.dtype([("length", "i8"), ("level", "i4"), ("type", "i4"), ("second
 _POLLFD = np.dtype([("fd", "i4"), ("events", "i2"), ("revents", "i2")])
 # What kernels work on: one record, as each array that is handed over costs a tenth of a microsecond
 _LINE = np.dtype(
-    [("local", "?"), ("mark", "i8"), ("heard", "i8"), ("polls", _POLLFD, (_SOCKETS,)), ("reached", "i8"),
+    [("local", "?"), ("mark", "i8"), ("heard", "i8"), ("polls", _POLLFD, (_SOCKETS + 1,)), ("reached", "i8"),
      ("targets", "i4", (_SOCKETS,)), ("incoming", _MMSGHDR, (_A_CALL,)), ("in_parts", _IOVEC, (_A_CALL,)),
      ("controls", _CONTROL, (_A_CALL,)), ("length", "i8"), ("time", "i8", (2,)),
      ("marks", "i8"), ("marked_ns", "i8"), ("changed", "?"), ("signalled", "?"), ("error", "i8"), ("taken", "i8"),
@@ -63,17 +65,19 @@ _errno_location = system("__errno_location", types.CPointer(_INT))
 class Exchange:
     """What comes on `port` goes to `inbox`, shape (CAPACITY,) of batch.FRAME, the first `count` of it.
 
+    Compiled code sees a signal by the descriptor `wakes` (`stopping.py`), -1 for none: in a sleep or out of it.
     Raises InputError where more than 256 participants are on a local bus.
     """
 
-    def __init__(self, port: Port, mark: int) -> None:
-        self.port = port
+    def __init__(self, port: Port, mark: int, wakes: int = -1) -> None:
+        self.port, self._wakes = port, wakes
         self.inbox = batch(CAPACITY + 1)  # one to move frames by
         self.count = 0
         self.lines = np.zeros(1, _LINE)
         self._view = line = self.lines[0]
         # what is looked at in every cycle: a field of a record costs a microsecond, an element of a memory view a tenth
-        self._marks, self._marked_ns, self._changed = (self.lines[n].data for n in ("marks", "marked_ns", "changed"))
+        seen = (self.lines[name].data for name in ("marks", "marked_ns", "changed", "signalled"))
+        self._marks, self._marked_ns, self._changed, self._signalled = seen
         line["mark"], line["local"] = mark, port.raw.listener is not None
         line["polls"]["events"] = _POLLIN
         line["length"] = line["in_parts"]["length"] = _STAMPED if line["local"] else _CLASSIC
@@ -117,6 +121,11 @@ class Exchange:
 
     def ready(self) -> None:
         """See who is there, if others have read the bus through the port, or written to it: before a kernel."""
+        if self._signalled[0]:
+            with suppress(BlockingIOError):
+                os.read(self._wakes, _A_CALL)
+            self._signalled[0] = False
+            self._look()
         if self._changes != self.port.raw.changes:
             self._look()
 
@@ -169,14 +178,16 @@ class Exchange:
             raise InputError(f"{len(heard)} participants are on {self.port.name}; allowed are {_SOCKETS}")
         line = self._view
         line["heard"], line["reached"] = len(heard), len(reached)
-        line["polls"]["fd"][: len(heard)] = heard
+        line["polls"]["fd"][: len(heard) + 1] = [*heard, self._wakes]
         line["targets"][: len(reached)] = reached
         self._changes = self.port.raw.changes
 
 
 def silence() -> np.ndarray:
     """`lines` of an Exchange on a bus with nobody there, to compile kernels with; shape (1,)."""
-    return np.zeros(1, _LINE)
+    lines = np.zeros(1, _LINE)
+    lines["polls"]["fd"] = -1
+    return lines
 
 
 def _addresses(rows: np.ndarray) -> np.ndarray:
@@ -193,10 +204,10 @@ def gather(lines, timeout_ns, inbox, first, count):
     polls, messages = line.polls, line.incoming
     line.changed = False
     line.time[0], line.time[1] = timeout_ns // _SECOND, timeout_ns % _SECOND
-    ready = _ppoll(polls.ctypes.data, line.heard, line.time.ctypes.data, 0)
-    if ready <= 0:
-        line.signalled |= ready < 0 and _errno_location()[0] == _EINTR
+    if _ppoll(polls.ctypes.data, line.heard + 1, line.time.ctypes.data, 0) <= 0:
         return count
+    if polls[line.heard].revents:
+        line.signalled, polls[line.heard].fd = True, -1  # seen: who waits for frames goes on with that
     end = count
     for place in range(line.heard):
         events = polls[place].revents

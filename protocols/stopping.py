@@ -1,18 +1,25 @@
 """Stop: SIGINT, SIGTERM and SIGHUP ask a service to end at its next cycle, so that its last frames are the safe ones."""
 
+import os
 import signal
 from types import FrameType
 from typing import Any
 
 
 class Stop:
-    """While entered, SIGINT, SIGTERM and SIGHUP (a closed terminal) only set `asked`."""
+    """While entered, SIGINT, SIGTERM and SIGHUP (a closed terminal) only set `asked`.
+
+    The descriptor `wakes` is readable from then on: Python runs no handler while compiled code stays (`exchange.py`).
+    """
 
     def __init__(self) -> None:
         self.asked = False
+        self.wakes = self._told = self._told_before = -1
         self._before: dict[int, Any] = {}
 
     def __enter__(self) -> "Stop":
+        self.wakes, self._told = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
+        self._told_before = signal.set_wakeup_fd(self._told, warn_on_full_buffer=False)
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             self._before[number] = signal.signal(number, self._ask)
         return self
@@ -20,6 +27,9 @@ class Stop:
     def __exit__(self, *_: object) -> None:
         for number, handler in self._before.items():
             signal.signal(number, handler)
+        signal.set_wakeup_fd(self._told_before)
+        os.close(self.wakes)
+        os.close(self._told)
 
     def _ask(self, number: int, frame: FrameType | None) -> None:
         self.asked = True

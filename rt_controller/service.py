@@ -85,7 +85,7 @@ class ControllerService:
         with Stop() as stop, open_bus(self.bus, node.heard) as port:
             frames = load_frames(clutch=self.clutch or "a")
             node.listen(heard_alone(port, self.name, frames["CONTROLLER_HEARTBEAT"]))
-            samples = Samples(Exchange(port, frames["ENCODER"].can_id), frames)
+            samples = Samples(Exchange(port, frames["ENCODER"].can_id, stop.wakes), frames)
             outlet = Outlet(
                 self.name, node, COLUMNS, port.name, self.rate, session,
                 shipped=shipped_parameters(), ring=self.ring, publish=self.telemetry, router=self.router,

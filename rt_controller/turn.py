@@ -18,7 +18,7 @@ from rt_controller.node import ControllerNode
 from rt_controller.phase_lock import follow
 from rt_controller.samples import Samples
 
-_LATE, _DEADLINE, _PERIOD, _SIGNALLED = map(int, (Word.LATE, Word.DEADLINE, Word.PERIOD, Word.SIGNALLED))
+_LATE, _DEADLINE, _PERIOD = int(Word.LATE), int(Word.DEADLINE), int(Word.PERIOD)
 # Of the last turn: frames in the inbox, slots since the one before, when it woke, when its sample was there, and until when it
 # would have been waited for [ns of CLOCK_MONOTONIC], frames sent, or minus the Refusal, where sending them ended
 _TURN = np.dtype([(name, "i8") for name in ("count", "slots", "woken", "arrived", "patience", "sent", "position")])
@@ -172,7 +172,7 @@ def answer_slots(
         answer(lines, inbox, count, 1 + missed, states, settings, outbox, row, turns)
         if drifts.size > 0:
             follow(words, drifts, line.marks > marks, _arrived(line, now(CLOCK_MONOTONIC, line.time)))
-        if made == most or called(words, numbers) or not settled(line, count, turn.count, turn.sent, turn.position):
+        if made == most or called(line, numbers) or not settled(line, count, turn.count, turn.sent, turn.position):
             return missed, made
         book(words, rows, counts, row, changes)
         count = 0
@@ -200,9 +200,7 @@ def answer_samples(
         turn.sent = cycle(states, settings, inbox, turn.count, turn.slots, outbox, row)
         turn.position = spread(lines, 0, outbox, max(turn.sent, 0))
         arrive(words, turn.woken, turn.arrived, turn.slots)
-        words[_SIGNALLED] |= line.signalled
-        line.signalled = False
-        if made == most or called(words, numbers) or not settled(line, count, turn.count, turn.sent, turn.position):
+        if made == most or called(line, numbers) or not settled(line, count, turn.count, turn.sent, turn.position):
             return made
         book(words, rows, counts, row, changes)
         count = patience = 0

@@ -229,16 +229,22 @@ def test_the_knee_is_the_last_rate_before_one_that_is_not_kept() -> None:
         one.footprint = {"plant": Counter(taken), "controller": Counter(taken | {"minor_faults": 0})}
         return one
 
-    rates = {1000: measured(0), 2000: measured(20), 4000: measured(21), 8000: measured(0), 10_000: measured(0, "gone")}
+    late = {1000: measured(0), 2000: measured(20), 4000: measured(21), 8000: measured(0), 10_000: measured(0, "gone")}
+    rates = {(rate, "clock"): one for rate, one in late.items()}
     told = sweep_document(Setting("local:x", 1000, 3.0, 1, 0, 0.0), [], rates, False)
-    assert told["knee_hz"] == 2000
-    assert sweep_judged(told) == ("up to 2000 Hz at most 0.2 % of the cycles are late", True)
+    assert told["knee_hz"] == {"clock": 2000}
+    assert sweep_judged(told) == ("up to 2000 Hz begun by the clock at most 0.2 % of the cycles are late", True)
     assert [line.split()[-4:] for line in sweep_text(told).splitlines()[4:6]] == [["3", "1", "0", "8"]] * 2
-    assert [line.split()[:3] for line in sweep_text(told).splitlines()[4:]] == [
-        ["1000", "1000", "10000"], ["2000", "500", "10000"], ["4000", "250", "10000"], ["8000", "125", "10000"],
-        ["10000", "100", "failed"],
+    assert [line.split()[:4] for line in sweep_text(told).splitlines()[4:]] == [
+        ["clock", "1000", "1000", "10000"], ["clock", "2000", "500", "10000"], ["clock", "4000", "250", "10000"],
+        ["clock", "8000", "125", "10000"], ["clock", "10000", "100", "failed"],
     ]  # fmt: skip
-    told = sweep_document(Setting("local:x", 1000, 3.0, 1, 0, 0.0), [], {1000: measured(21)}, False)
+    by_bus = {(1000, "bus"): measured(0), (8000, "bus"): measured(20), (2000, "bus"): measured(1)}
+    told = sweep_document(Setting("local:x", 1000, 3.0, 1, 0, 0.0), [], rates | by_bus, False)
+    assert told["knee_hz"] == {"clock": 2000, "bus": 8000}
+    assert sweep_judged(told)[0].startswith("up to 2000 Hz begun by the clock and 8000 Hz begun by the bus at most")
+    assert [one["rate_hz"] for one in told["rates"]] == [1000, 2000, 4000, 8000, 10_000, 1000, 2000, 8000]
+    told = sweep_document(Setting("local:x", 1000, 3.0, 1, 0, 0.0), [], {(1000, "clock"): measured(21)}, False)
     assert sweep_judged(told) == ("no rate is kept with at most 0.2 % late", False)
 
 

@@ -19,6 +19,7 @@ from protocols.exchange import Exchange
 from protocols.frames import Frame, load_frames
 from protocols.mailbox import Asker, Mailbox
 from protocols.ring import RingReader, RingWriter
+from protocols.stopping import Stop
 from protocols.telemetry.outlet import TIMING
 from rt_controller.node import COLUMNS, ControllerNode
 from rt_controller.samples import Samples
@@ -151,18 +152,32 @@ def test_a_request_ends_a_call(turn: Turn, plant: Port, tmp_path: Path, begun_by
     thread.join()
 
 
-def test_a_signal_ends_a_call(turn: Turn, tmp_path: Path) -> None:
+@pytest.fixture
+def waking(local_bus: str, plant: Port) -> Iterator[Turn]:
+    """A turn that sees signals, as the service's does."""
+    before = signal.signal(signal.SIGALRM, lambda *_: None)
+    with Stop() as stop, open_bus(local_bus) as port:
+        yield Turn(Samples(Exchange(port, FRAMES["ENCODER"].can_id, stop.wakes), FRAMES), ControllerNode())
+    signal.signal(signal.SIGALRM, before)
+
+
+@pytest.mark.parametrize("begun_by", BEGUN_BY)
+def test_a_signal_ends_a_call(waking: Turn, tmp_path: Path, begun_by: str) -> None:
     several = Several(tmp_path, 1_000_000)
-    asked: list[int] = []
-    before = signal.signal(signal.SIGALRM, lambda number, _: asked.append(number))
     signal.setitimer(signal.ITIMER_REAL, 0.11)  # half a period from every slot
-    try:
-        several.beat.clock.start(time.monotonic_ns())
-        turn.answer_slots(several.beat, 0)
-    finally:
-        signal.signal(signal.SIGALRM, before)
-    assert asked
-    assert 3 <= several.beat.clock.run < 50
+    several.beat.clock.start(time.monotonic_ns())
+    BEGUN_BY[begun_by](waking, several.beat)
+    assert 3 <= several.beat.clock.slots < 50
+
+
+@pytest.mark.parametrize("begun_by", BEGUN_BY)
+def test_a_signal_outside_of_a_sleep_ends_one_call(waking: Turn, tmp_path: Path, begun_by: str) -> None:
+    several = Several(tmp_path, 3)
+    several.beat.clock.start(time.monotonic_ns())
+    signal.raise_signal(signal.SIGALRM)
+    for run in 1, 4, 7:
+        BEGUN_BY[begun_by](waking, several.beat)
+        assert several.beat.clock.run == run
 
 
 def test_it_waits_for_the_sample_and_says_when_it_woke(turn: Turn, plant: Port) -> None:
@@ -212,21 +227,6 @@ def test_who_comes_while_it_waits_is_let_in_and_told(turn: Turn, plant: Port, lo
         answers = plant.receive()
         assert answers == ControllerNode().step(frames)
         assert newcomer.receive() == frames + answers
-
-
-def test_a_signal_ends_a_call_that_waits_for_samples(turn: Turn, tmp_path: Path) -> None:
-    """Of which none come: in the cycle after it."""
-    several = Several(tmp_path, 1_000_000)
-    asked: list[int] = []
-    before = signal.signal(signal.SIGALRM, lambda number, _: asked.append(number))
-    signal.setitimer(signal.ITIMER_REAL, 0.11)
-    try:
-        several.beat.clock.start(time.monotonic_ns())
-        turn.answer_samples(several.beat, 0)
-    finally:
-        signal.signal(signal.SIGALRM, before)
-    assert asked
-    assert 2 <= several.beat.clock.slots < 50
 
 
 def test_what_a_newcomer_sent_before_it_was_let_in_is_heard_in_the_next_turn(

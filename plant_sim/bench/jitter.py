@@ -109,7 +109,9 @@ def summary(values: np.ndarray) -> dict[str, float]:
 
 
 Phase = Callable[[Setting, Measured, Stop], None]
-Key = TypeVar("Key", str, int)
+Key = TypeVar("Key")
+Point = tuple[int, str]  # of a sweep: rate [Hz], and what begins a cycle
+SWEPT = "clock", "bus"  # triggers of a sweep
 
 
 def phases(setting: Setting) -> dict[str, Phase]:
@@ -128,19 +130,20 @@ def phases(setting: Setting) -> dict[str, Phase]:
 
 def sweep(
     setting: Setting, rates: Sequence[int], loads: Sequence[Load], progress: Callable[[float, int], None]
-) -> tuple[dict[int, Measured], bool]:
-    """The closed loop begun by the clock at several rates [Hz], in turn; whether it was interrupted. Raises InputError."""
+) -> tuple[dict[Point, Measured], bool]:
+    """The closed loop at several rates [Hz] by each trigger of SWEPT in turn; whether it was interrupted. Raises InputError."""
 
-    def at(rate: int) -> Phase:
+    def at(rate: int, trigger: str) -> Phase:
         def phase(setting: Setting, measured: Measured, stop: Stop) -> None:
             try:
-                _closed(replace(setting, rate=rate), measured, stop, "clock", heard=False)
+                _closed(replace(setting, rate=rate), measured, stop, trigger, heard=False)
             except InputError as error:  # beyond what the machine can do the services give up
                 measured.failure = str(error)
 
         return phase
 
-    return _in_turn(setting, {rate: at(rate) for rate in rates}, loads, progress)
+    points = [(rate, trigger) for rate in rates for trigger in SWEPT]
+    return _in_turn(setting, {point: at(*point) for point in points}, loads, progress)
 
 
 def measure(

@@ -2,13 +2,13 @@
 
 import platform
 from collections.abc import Mapping, Sequence
-from math import nan
+from math import inf, nan
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from plant_sim.bench.jitter import Measured, Setting, summary
+from plant_sim.bench.jitter import SWEPT, Measured, Point, Setting, summary
 from plant_sim.bench.loads import Load
 from plant_sim.bench.progress import table_text
 from protocols.errors import InputError
@@ -122,20 +122,24 @@ def text(told: Mapping[str, Any]) -> str:
 
 
 def sweep_document(
-    setting: Setting, loads: Sequence[Load], measured: Mapping[int, Measured], interrupted: bool
+    setting: Setting, loads: Sequence[Load], measured: Mapping[Point, Measured], interrupted: bool
 ) -> dict[str, Any]:
-    """What was measured at each rate, and the knee [Hz]: the highest rate up to which each has at most KNEE late, or None."""
-    rates, knee, kept = [], None, True
-    for rate, one in sorted(measured.items()):
-        if one.failure or not one.cycles:
-            kept = False
-            rates.append({"rate_hz": rate, "failure": one.failure})
+    """What was measured at each rate, and by trigger the knee [Hz]: the highest rate up to which each has at most KNEE late."""
+    rates: list[dict[str, Any]] = []
+    knee: dict[str, int | None] = {}
+    over: set[str] = set()  # triggers
+    for (rate, trigger), one in sorted(measured.items(), key=lambda found: (SWEPT.index(found[0][1]), found[0])):
+        knee.setdefault(trigger, None)
+        late = one.late / one.cycles if one.cycles and not one.failure else inf
+        if late > KNEE:
+            over.add(trigger)
+        elif trigger not in over:
+            knee[trigger] = rate
+        if late == inf:
+            rates.append({"rate_hz": rate, "trigger": trigger, "failure": one.failure})
             continue
-        late = one.late / one.cycles
-        kept = kept and late <= KNEE
-        knee = rate if kept else knee
         durations = {what: summary(one.all(what)) for what in ("wake", "step", "period")}
-        rates.append({"rate_hz": rate, **_counts(one), "late_share": late, **durations})
+        rates.append({"rate_hz": rate, "trigger": trigger, **_counts(one), "late_share": late, **durations})
     machine = f"{platform.machine()}, Linux {platform.release()}, Python {platform.python_version()}"
     return {
         "machine": machine, "bus": setting.bus, "cpu": setting.cpu, "spin_us": setting.spin_us,
@@ -147,27 +151,30 @@ def sweep_document(
 def sweep_text(told: Mapping[str, Any]) -> str:
     """The table by rate, for people."""
     rows: list[tuple[str, ...]] = [
-        ("rate Hz", "period us", "cycles", "near %", "late %", "unexplained", "wake p50", "p99", "step p50", "p99", *_TAKEN)
+        ("begun by", "rate Hz", "period us", "cycles", "near %", "late %", "unexplained", "wake p50", "p99", "step p50", "p99",
+         *_TAKEN)
     ]  # fmt: skip
     for one in told["rates"]:
+        at = (one["trigger"], str(one["rate_hz"]), f"{1e6 / one['rate_hz']:.0f}")
         if "failure" in one:
-            rows.append((str(one["rate_hz"]), f"{1e6 / one['rate_hz']:.0f}", "failed", *["-"] * 11))
+            rows.append((*at, "failed", *["-"] * 11))
             continue
         shown = [_number(one[what].get(p, nan)) for what in ("wake", "step") for p in ("p50", "p99")]
         counts = (str(one["cycles"]), _share(one), f"{100.0 * one['late_share']:.3f}", str(one["unexplained"]))
-        rows.append((str(one["rate_hz"]), f"{1e6 / one['rate_hz']:.0f}", *counts, *shown, *_footprint(one)))
+        rows.append((*at, *counts, *shown, *_footprint(one)))
     load = f"load: {', '.join(told['loads'])}" if told["loads"] else "load: none"
     return "\n".join([f"machine: {told['machine']}; {load}", "", table_text(rows)])
 
 
 def sweep_judged(told: Mapping[str, Any]) -> tuple[str, bool]:
     """Verdict line, and whether there is a rate that is kept."""
-    knee = told["knee_hz"]
+    knee = {trigger: rate for trigger, rate in told["knee_hz"].items() if rate is not None}
     if told["interrupted"]:
         return "interrupted: what was measured so far is told", False
-    if knee is None:
+    if not knee:
         return f"no rate is kept with at most {100.0 * KNEE:g} % late", False
-    return f"up to {knee} Hz at most {100.0 * KNEE:g} % of the cycles are late", True
+    rates = " and ".join(f"{rate} Hz begun by the {trigger}" for trigger, rate in knee.items())
+    return f"up to {rates} at most {100.0 * KNEE:g} % of the cycles are late", True
 
 
 def judged(told: Mapping[str, Any]) -> tuple[str, bool]:
