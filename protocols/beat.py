@@ -19,9 +19,9 @@ from protocols.waiting import MARGIN, MEMORY
 OVERRUN, OVERSLEPT = -1, -2  # what `wait` returns where the clock's policy for overruns is to be asked
 _ABSOLUTE = 1  # TIMER_ABSTIME of linux/time.h
 _SECOND = 1_000_000_000  # ns
-# ns that compiled code stays at most, though nobody asks for anything. What Python does in between costs 0.15 ms, as all of it
-# is cold, which at 4 kHz and above makes the next cycle late
-_STAY = 60_000_000_000
+# ns that compiled code stays at most, though nobody asks for anything: who waits for a service to end does so for ten seconds.
+# What Python does in between costs 0.15 ms, as all of it is cold, which at 4 kHz and above makes the next cycle late
+_STAY = 2_000_000_000
 _BINS = Histogram.BINS
 # as numbers, in the order in which they stand there
 _PERIOD, _FIRST, _DEADLINE, _WOKEN, _LATENESS, _WORKED, _RUN, _SKIPPED, _LATE, _SPARE, _SKIPS, _WAKE = (

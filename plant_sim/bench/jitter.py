@@ -52,7 +52,8 @@ WITNESS_PRIORITY = 90
 _SETTLING = 1.0  # s of the closed loop before it counts
 _START = 60.0  # s for the loop to be closed, and for other processes to start and end
 _LOOKS = 4  # of the watch in a period,
-_MOST_LOOKS = 4000  # and in a second: it takes 10 us for each
+_MOST_LOOKS = 4000  # and in a second: it takes 10 us for each,
+_FAST_LOOKS = 1000  # and where a period is shorter than from look to look: of 125 us that is too much
 _WITNESSED = (
     1000  # Hz up to which there is a witness: it takes 24 to 38 us of the CPU a period (measured, slow machine)
 )
@@ -203,7 +204,8 @@ def _witnessed(setting: Setting, seconds: float, phase_ns: int) -> Iterator[list
 
 def _watched(setting: Setting, seconds: float, phase_ns: int) -> StallWatch:
     """Slots in the middle between those of the witness, of what is measured, and of each other."""
-    every = 1_000_000_000 // min(_LOOKS * setting.rate, _MOST_LOOKS)
+    most = _MOST_LOOKS if setting.rate <= _MOST_LOOKS else _FAST_LOOKS
+    every = 1_000_000_000 // min(_LOOKS * setting.rate, most)
     return StallWatch(setting.cpu, WITNESS_PRIORITY, every, phase_ns + every // 2, seconds + _START)
 
 
