@@ -119,7 +119,7 @@ class PlantService:
         """Real time does not wait: samples of slots slept through are made and sent when the plant wakes."""
         timing, beat, owed = None, outlet.beat(clock), 0
         clock.start(time.monotonic_ns() + clock.period_ns)
-        while owed or not stop.asked:
+        while not stop.asked:
             behind = owed > 0
             if node.steady and not outlet.asked():
                 owed = node.turns(line, beat, outlet.changes, owed)

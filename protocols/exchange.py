@@ -6,6 +6,7 @@ Assumptions     Linux on a machine of 64 bits, whose layouts of pollfd, iovec, m
 Same as         protocols.bus.Port: who is heard, what is refused, order of frames, time stamps, counters
 """
 
+import errno
 import os
 import time
 from contextlib import suppress
@@ -27,7 +28,7 @@ _CLASSIC, _STAMPED = 16, 24  # bytes of struct can_frame, and with its stamp, as
 _FLAGS, _STANDARD_ID, _DATA = 0xE0000000, 0x7FF, 8  # extended, remote, error: never frames of this bench
 _DONTWAIT, _NOSIGNAL, _TRUNC = 0x40, 0x4000, 0x20  # MSG_... of linux/socket.h
 _POLLIN = 1  # asm-generic/poll.h
-_EAGAIN = 11  # asm-generic/errno-base.h
+_EAGAIN, _ENOMEM, _ENOBUFS = errno.EAGAIN, errno.ENOMEM, errno.ENOBUFS  # a queue is full
 CLOCK_REALTIME, CLOCK_MONOTONIC = 0, 1  # linux/time.h
 _SECOND = 1_000_000_000  # ns
 
@@ -44,7 +45,7 @@ _LINE = np.dtype(
      ("targets", "i4", (_SOCKETS,)), ("incoming", _MMSGHDR, (_A_CALL,)), ("in_parts", _IOVEC, (_A_CALL,)),
      ("controls", _CONTROL, (_A_CALL,)), ("length", "i8"), ("time", "i8", (2,)),
      ("marks", "i8"), ("marked_ns", "i8"), ("changed", "?"), ("signalled", "?"), ("error", "i8"), ("taken", "i8"),
-     ("given", "i8")],
+     ("given", "i8"), ("refused", "i8", (_SOCKETS,)), ("unsent", "i8")],
     align=True,
 )  # fmt: skip
 
@@ -76,8 +77,8 @@ class Exchange:
         self.lines = np.zeros(1, _LINE)
         self._view = line = self.lines[0]
         # what is looked at in every cycle: a field of a record costs a microsecond, an element of a memory view a tenth
-        seen = (self.lines[name].data for name in ("marks", "marked_ns", "changed", "signalled"))
-        self._marks, self._marked_ns, self._changed, self._signalled = seen
+        seen = (self.lines[name].data for name in ("marks", "marked_ns", "changed", "signalled", "unsent"))
+        self._marks, self._marked_ns, self._changed, self._signalled, self._unsent = seen
         line["mark"], line["local"] = mark, port.raw.listener is not None
         line["polls"]["events"] = _POLLIN
         line["length"] = line["in_parts"]["length"] = _STAMPED if line["local"] else _CLASSIC
@@ -147,6 +148,7 @@ class Exchange:
         self.port.received += int(line["taken"])
         self.port.sent += int(line["given"])
         line["taken"] = line["given"] = 0
+        self._count_unsent()
         self.clear()
 
     def used(self, count: int) -> None:
@@ -170,9 +172,19 @@ class Exchange:
                 position += 1
             position = spread(self.lines, position, frames, count)
         self.port.sent += count
+        self._count_unsent()
+
+    def _count_unsent(self) -> None:
+        """Frames for which queues had no room are theirs who have not read: who is slow costs no cycle."""
+        if self._unsent[0]:
+            line = self._view
+            for place in np.flatnonzero(line["refused"]):
+                self.port.lost(int(line["targets"][place]), _EAGAIN, int(line["refused"][place]))
+            line["refused"] = line["unsent"] = 0
 
     def _look(self) -> None:
         """Let newcomers in, and those go who have left; see who is there."""
+        self._count_unsent()  # before anybody is in another's place
         heard, reached = self.port.raw.sockets()
         if len(heard) > _SOCKETS:
             raise InputError(f"{len(heard)} participants are on {self.port.name}; allowed are {_SOCKETS}")
@@ -338,7 +350,11 @@ def spread(lines, position, frames, count):
         frame = frames.ctypes.data + index * frames.itemsize
         for place in range(first, line.reached):
             if _send(line.targets[place], frame, line.length, _DONTWAIT | _NOSIGNAL) < 0:
-                line.error = _errno_location()[0]
-                return index * _SOCKETS + place
+                error = _errno_location()[0]
+                if error != _EAGAIN and error != _ENOBUFS and error != _ENOMEM:
+                    line.error = error
+                    return index * _SOCKETS + place
+                line.refused[place] += 1
+                line.unsent += 1
         first = 0
     return count * _SOCKETS

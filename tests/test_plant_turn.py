@@ -145,6 +145,24 @@ def test_samples_of_slots_slept_through_are_rows_of_one_cycle(line: Exchange, co
     assert (line.port.received, line.port.sent) == (1, len(frames))
 
 
+def test_who_does_not_read_ends_no_call(line: Exchange, controller: Port, local_bus: str, tmp_path: Path) -> None:
+    """A viewer that is stopped: what its queue has no room for is counted, and costs the loop nothing."""
+    node = plant()
+    ring = RingWriter(tmp_path / "ring", [*node.columns, *TIMING], 64)
+    beat = Beat(Clock(PERIOD), ring)
+    frames = len(node.sample())
+    with open_bus(local_bus):
+        while not line.port.refused:
+            line.send(node.outbox, frames)
+            controller.receive()
+        refused, sent = line.port.refused, line.port.sent
+        beat.clock.deadline_ns, beat.most = time.monotonic_ns() - 5 * PERIOD, 5
+        assert node.turns(line, beat, 0, 0) == 0
+        assert ring.written == 4  # all but the last in compiled code
+        heard = controller.receive()
+        assert line.port.sent - sent == line.port.refused - refused == len(heard) > 5 * 2
+
+
 def test_when_it_has_caught_up_it_waits_for_an_answer(line: Exchange, controller: Port, tmp_path: Path) -> None:
     """Which may need this CPU; and is taken with the next sample. None is waited for beyond half a period."""
     node, period = plant(), 100_000_000
