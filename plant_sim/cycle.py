@@ -36,7 +36,8 @@ class Refusal(IntEnum):
 
 # A clutch on the bus. voltage [V] at its valve; answered_tick: SAMPLE_TICK of the last valve command, -1 before the first;
 # controller: Lifecycle of its controller; age: cycles since the last valve command, if one has come (commanded); what the data
-# acquisition shows [bar, rad/s, rad, degC, Nm, Nm], slip_speed as the difference of encoder counts, once there are two
+# acquisition shows [bar, rad/s, rad, degC, Nm, Nm], slip_speed as the difference of encoder counts, once there are two; noise:
+# that of its sensors in the sample, standard normal, from the generator at noise_source (`noise.py`)
 CLUTCH = np.dtype(
     [("voltage", "f8"), ("answered_tick", "i8"), ("controller", "i8"), ("age", "i8"), ("commanded", "?"),
      ("torque_demand", "f8"), ("begun", "?"), ("count", "i8"), ("pressure", "f8"), ("slip_speed", "f8"), ("angle", "f8"),
@@ -44,15 +45,9 @@ CLUTCH = np.dtype(
      ("heartbeat", RECEPTION)]
 )  # fmt: skip
 CLUTCH_SETTINGS = np.dtype(
-    [
-        ("dac_range", "f8"),
-        ("dac_bits", "i8"),
-        ("noise_source", "i8"),
-        ("analog_id", "i8"),
-        ("encoder_id", "i8"),
-        ("setpoint_id", "i8"),
-    ]
-)
+    [("dac_range", "f8"), ("dac_bits", "i8"), ("noise_source", "i8"), ("analog_id", "i8"), ("encoder_id", "i8"),
+     ("setpoint_id", "i8")]
+)  # fmt: skip
 # refused_...: why the bus cannot be worked on, which of its clutches says so
 INTERFACE = np.dtype(
     [("speed_demand", "f8"), ("torque_limit", "f8"), ("beats", "i8"), ("refused_id", "i8"), ("refused_value", "i8"),

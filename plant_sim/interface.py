@@ -12,9 +12,7 @@ from plant_sim.cycle import INTERFACE, OUTBOX, SETTINGS, Refusal, begin, show, s
 from plant_sim.noise import address
 from plant_sim.rigs.wet_clutch import Rig, Whole
 from protocols.batch import batch, load, unload
-from protocols.beat import Beat
 from protocols.errors import InputError
-from protocols.exchange import Exchange
 from protocols.frames import Frame, FrameCodec, load_frames
 from protocols.lifecycle import Lifecycle
 from protocols.node import Column
@@ -99,17 +97,8 @@ class Interface(ABC):
 
     @property
     def steady(self) -> bool:
-        """Whether the next sample can be made by `turns`: a rig has it, and nothing but time goes on until then."""
+        """Whether the next sample can be made by `PlantNode.turns`: the rig has it, and nothing but time goes on until then."""
         return False
-
-    def turns(self, line: Exchange, beat: Beat, changes: int, owed: int) -> int:
-        """Wait for the next slot, advance, take what waits on the line, show, send, and so on: in one compiled call.
-
-        `beat.most` samples at most; rows but the last are in the ring, and booked. Where slots were slept through, which the
-        beat's clock leaves out, their samples come first, without waiting: `owed` are to come before the next wait, and it
-        returns how many are after the last one. Raises InputError as `take`.
-        """
-        raise NotImplementedError
 
     def step(self, inbox: Sequence[Frame]) -> list[Frame]:
         """One sample, and on by a period. Raises InputError when the bus has a second plant or speaks another protocol."""

@@ -127,7 +127,12 @@ class PlantNode(Interface):
         return self.tick >= 0 and self._schedule.still(self._now) is self._rig
 
     def turns(self, line: Exchange, beat: Beat, changes: int, owed: int) -> int:
-        """See `Interface`."""
+        """Wait for the next slot, advance, take what waits on the line, show, send, and so on: in one compiled call.
+
+        `beat.most` samples at most; rows but the last are in the ring, and booked. Where slots were slept through, which the
+        beat's clock leaves out, their samples come first, without waiting: `owed` are to come before the next wait, and it
+        returns how many are after the last one. Raises InputError as `take`.
+        """
         line.ready()
         made, owed, count, sent, position = self._turns(beat, line.lines, line.inbox, line.count, changes, owed)
         self.tick += made

@@ -140,7 +140,7 @@ class PlantService:
         return timing or clock.summary()
 
     def _by_parts(self, node: Any, line: Exchange, outlet: Outlet, clock: Clock, owed: int) -> int:
-        """A sample where more is to do than a turn, changes of parameters. `owed` and what it returns: `Interface.turns`."""
+        """A sample where more is to do than a turn, changes of parameters. `owed` and what it returns: `PlantNode.turns`."""
         waits = not owed
         owed = clock.wait() if waits else owed - 1
         if node.tick >= 0:
