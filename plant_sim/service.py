@@ -26,6 +26,7 @@ from protocols.stopping import Stop
 from protocols.telemetry.outlet import Outlet
 
 _ANSWER = 5.0  # s to wait for a controller's answer in lock-step: it has died
+_TICK = 1_000_000  # ns; of a kernel with 1000 Hz, whose multiples are those of others
 _LOOK = 0.2  # s between looks whether it is to end
 
 
@@ -118,7 +119,7 @@ class PlantService:
     def _real_time(self, node: Any, line: Exchange, outlet: Outlet, clock: Clock, stop: Stop) -> dict[str, Any]:
         """Real time does not wait: samples of slots slept through are made and sent when the plant wakes."""
         timing, beat, owed = None, outlet.beat(clock), 0
-        clock.start(time.monotonic_ns() + clock.period_ns)
+        clock.start(between_ticks(time.monotonic_ns(), clock.period_ns))
         while not stop.asked:
             behind = owed > 0
             if node.steady and not outlet.asked():
@@ -171,3 +172,12 @@ class PlantService:
                 line.clear()
                 if node.controller == Lifecycle.FINALIZED:
                     return
+
+
+def between_ticks(now_ns: int, period_ns: int) -> int:
+    """A first slot, a period or more from now, that the kernel's ticks do not meet [ns of CLOCK_MONOTONIC].
+
+    They come at whole milliseconds (`tick_setup_device`, since Linux 6.4), and a sample that meets one comes 20 to 40 us
+    later (docs/timing.md). A quarter of a period behind them a controller half a period later does not meet them either.
+    """
+    return (now_ns // period_ns + 2) * period_ns + min(period_ns, _TICK) // 4
