@@ -5,30 +5,28 @@ from math import ceil, floor
 from typing import Any
 
 import numpy as np
-from numba import njit
 
-from plant_sim.cycle import Refusal, begin, show, slept, take
+from plant_sim.cycle import Refusal
 from plant_sim.effects.catalogue import effects
 from plant_sim.injection import Injection, effect_on, requested
 from plant_sim.interface import Interface
 from plant_sim.profile import Profile
 from plant_sim.rigs import wet_clutch
-from plant_sim.rigs.clutch_phase import Phase, phase
+from plant_sim.rigs.clutch_phase import Phase
 from plant_sim.rigs.wet_clutch import STATE, Whole
 from plant_sim.schedule import Schedule
+from plant_sim.turn import in_step, in_time, move, note
 from protocols.batch import batch
-from protocols.beat import Beat, book, called, wait, write
-from protocols.clock import Clock, Word
+from protocols.beat import Beat
+from protocols.clock import Clock
 from protocols.errors import InputError
-from protocols.exchange import Exchange, gather, settled, silence, spread
+from protocols.exchange import Exchange, silence
 from protocols.node import Column
 from protocols.parameters import ParameterSet
-from protocols.units import BAR, ZERO_CELSIUS
+from protocols.units import ZERO_CELSIUS
 
 _TEMPERATURES = 35.0, 150.0  # degC: valid range of eq. 6.3 (blocks/oil.py) and of fig 6.8
 NO_SETPOINTS = np.zeros((0, 4, 0))  # tables of no profile, see `Interface`
-_LATE, _PERIOD = int(Word.LATE), int(Word.PERIOD)
-_phase = njit(phase)
 
 # Columns of a recorded run (rig.md), then the truth.
 COLUMNS = tuple(
@@ -107,6 +105,7 @@ class PlantNode(Interface):
             node.step([])
             node.slept(0)
             node._turns(Beat(Clock(1)), silence(), batch(1), 0, 0, 0)
+            node._in_step(Beat(Clock(1)), silence(), batch(1), 0)
 
     def show(self) -> int:
         """See `Interface`."""
@@ -114,7 +113,7 @@ class PlantNode(Interface):
         time = self.tick * self._period
         self._follow(time)
         sent = self._show(0, self._rig, self._state, sent)
-        _note(self.record, time, self._interfaces, self._state.y, *self._rig.phase_pressures)
+        note(self.record, time, self._interfaces, self._state.y, *self._rig.phase_pressures)
         return sent
 
     def advance(self) -> None:
@@ -143,6 +142,22 @@ class PlantNode(Interface):
         line.sent(self.outbox, sent, position)
         line.used(count)
         return owed
+
+    def in_step(self, line: Exchange, beat: Beat, changes: int) -> bool:
+        """Show, send, advance, wait for the answer and take it, and so on: in one compiled call.
+
+        `beat.most` samples at most. Rows but the last are in the ring; it returns whether the last is, which may be unanswered
+        either way. Raises InputError as `take`.
+        """
+        line.ready()
+        made, count, sent, position = self._in_step(beat, line.lines, line.inbox, changes)
+        self.tick += made
+        line.passed()
+        if sent < 0:
+            raise InputError(self._refusal(Refusal(-sent)))
+        line.sent(self.outbox, sent, position)
+        line.used(count)
+        return sent == 0
 
     def fixed(self, name: str) -> str | None:
         """Why a parameter cannot be changed while the plant runs; None when it can."""
@@ -231,12 +246,22 @@ class PlantNode(Interface):
     def _turns(
         self, beat: Beat, lines: np.ndarray, inbox: np.ndarray, count: int, changes: int, owed: int
     ) -> tuple[int, int, int, int, int]:
-        """The samples of the next ticks by the kernel `_turns`, whose result this is."""
+        """The samples of the next ticks by the kernel `in_time`, whose result this is."""
         tick, rig = self.tick + 1, self._rig
-        done: tuple[int, int, int, int, int] = _turns(
+        done: tuple[int, int, int, int, int] = in_time(
             beat.words, beat.spins, lines, inbox, count, self._interfaces, self._settings, tick, self._setpoints,
             *self._state, rig.record, rig.table.kernel, *rig.phase_pressures, self._period, self._substeps,
             self.outbox, self.record, self._most(beat), *beat.outlet, changes, owed,
+        )  # fmt: skip
+        return done
+
+    def _in_step(self, beat: Beat, lines: np.ndarray, inbox: np.ndarray, changes: int) -> tuple[int, int, int, int]:
+        """The same by the kernel `in_step`."""
+        rig = self._rig
+        done: tuple[int, int, int, int] = in_step(
+            beat.words, lines, inbox, self._interfaces, self._settings, self.tick + 1, self._setpoints,
+            *self._state, rig.record, rig.table.kernel, *rig.phase_pressures, self._period, self._substeps,
+            self.outbox, self.record, self._most(beat), *beat.outlet, changes,
         )  # fmt: skip
         return done
 
@@ -250,74 +275,7 @@ class PlantNode(Interface):
 
     def _advance(self, duration: float, substeps: int) -> None:
         rig = self._rig
-        _move(self._interfaces, *self._state, rig.record, rig.table.kernel, duration, substeps)
-
-
-@njit(cache=True, nogil=True)
-def _move(
-    interfaces: Any, rig_state: Any, states: Any, parameters: Any, effects: Any, duration: Any, substeps: Any
-) -> None:
-    """As `wet_clutch.advance` with the inputs that the interface holds, in place."""
-    interface = interfaces[0]
-    after, states_after = wet_clutch.advance(
-        rig_state, states, interface.clutches[0].voltage, interface.speed_demand, interface.torque_limit, parameters,
-        effects, duration, substeps,
-    )  # fmt: skip
-    rig_state[0] = after[0]
-    states[:] = states_after
-
-
-@njit(cache=True, nogil=True)
-def _note(row: Any, time: Any, interfaces: Any, rig_state: Any, preload_pressure: Any, contact_pressure: Any) -> None:
-    """Fill the record of a sample, in the order of COLUMNS."""
-    interface, y = interfaces[0], rig_state[0]
-    c = interface.clutches[0]
-    row[0], row[1], row[2], row[3] = time, c.voltage, interface.speed_demand, c.pressure
-    row[4], row[5], row[6], row[7], row[8] = c.slip_speed, c.angle, c.temperature, c.clutch_torque, c.motor_torque
-    row[9], row[10], row[11] = y.valve_pressure / BAR, y.pressure / BAR, y.position
-    row[12], row[13], row[14] = y.normal_force, y.seal_force, y.friction_state
-    row[15], row[16], row[17] = y.clutch_torque, y.motor_torque, y.slip_speed
-    row[18], row[19] = y.temperature - ZERO_CELSIUS, _phase(y, preload_pressure, contact_pressure).value
-
-
-@njit(cache=True, nogil=True)
-def _turns(
-    words: Any, spins: Any, lines: Any, inbox: Any, count: Any, interfaces: Any, settings: Any, tick: Any, setpoints: Any,
-    rig_state: Any, states: Any, parameters: Any, effects: Any, preload_pressure: Any, contact_pressure: Any,
-    period: Any, substeps: Any, outbox: Any, row: Any, most: Any, rows: Any, counts: Any, numbers: Any, changes: Any, owed: Any,
-) -> tuple[int, int, int, int, int]:  # fmt: skip
-    """Samples from that of `tick` on, each at the end of the period before it, with what comes behind `count` frames.
-
-    `owed` of them without waiting, then as slots begin; `most`, or up to one after which something is left to Python: a
-    refusal, somebody who has come, gone or asked. Rows but the last are written. Returns the samples made, and after the last
-    of them those still owed, the frames in the inbox, those sent, or minus the Refusal, and where sending ended (`spread`).
-    Nothing of Python runs in between, as in the controller's turns: what an interpreter needs is cold after a sleep.
-    """
-    made, known, behind = 0, count, owed > 0
-    while True:
-        waits = owed == 0
-        owed = wait(words, spins) if waits else owed - 1
-        made += 1
-        _move(interfaces, rig_state, states, parameters, effects, period, substeps)
-        if waits:
-            behind, count = owed > 0, gather(lines, 0, inbox, count, count)
-            why = take(interfaces, settings, inbox, count)
-            if why != 0:
-                return made, owed, count, -why, 0
-            slept(interfaces, settings, owed)
-        sent = begin(interfaces, settings, tick, words[_LATE], setpoints, outbox)
-        sent = show(interfaces, settings, 0, tick, rig_state, states, parameters, effects, outbox, sent)
-        _note(row, tick * period, interfaces, rig_state, preload_pressure, contact_pressure)
-        position = spread(lines, 0, outbox, sent)
-        if made == most or called(lines[0], numbers) or not settled(lines[0], known, count, sent, position):
-            return made, owed, count, sent, position
-        tick, known, count = tick + 1, 0, 0
-        if owed > 0:
-            write(words, rows, counts, row, changes)
-            continue
-        book(words, rows, counts, row, changes)
-        if behind:  # before it goes on: the controller can answer, which may wait for this CPU
-            count = gather(lines, words[_PERIOD] // 2, inbox, 0, 0)
+        move(self._interfaces, *self._state, rig.record, rig.table.kernel, duration, substeps)
 
 
 def initial_temperature(celsius: float) -> float:

@@ -13,6 +13,7 @@ from plant_sim.profile import Profile
 from plant_sim.rigs import power_shift, wet_clutch
 from plant_sim.shift_profile import ShiftProfile
 from protocols import realtime
+from protocols.beat import Beat
 from protocols.bus import Port, listen, open_bus
 from protocols.clock import Clock
 from protocols.errors import InputError
@@ -78,7 +79,7 @@ class PlantService:
             try:
                 self._await_controller(node, port, outlet, stop)
                 if self.lockstep:
-                    self._lockstep(node, line, outlet, stop)
+                    self._lockstep(node, line, outlet, outlet.beat(clock), stop)
                 else:
                     taken = Footprint()
                     timing = self._real_time(node, line, outlet, clock, stop)
@@ -155,12 +156,19 @@ class PlantService:
         line.send(node.outbox, node.show())  # a controller on this CPU may go first from here on
         return owed
 
-    def _lockstep(self, node: Any, line: Exchange, outlet: Outlet, stop: Stop) -> None:
+    def _lockstep(self, node: Any, line: Exchange, outlet: Outlet, beat: Beat, stop: Stop) -> None:
         """Sample, wait for the answer to this sample, go on."""
         while not (stop.asked or node.finished):
-            line.send(node.outbox, node.show())
-            node.advance()
-            outlet.write(node.record, time.monotonic(), 0.0, 0.0, 0)
+            written = False
+            if node.steady and not outlet.asked():
+                written = node.in_step(line, beat, outlet.changes)
+                node.take(line.inbox, line.count)
+                line.clear()
+            else:
+                line.send(node.outbox, node.show())
+                node.advance()
+            if not written:
+                outlet.write(node.record, time.monotonic(), 0.0, 0.0, 0)
             outlet.tune()
             deadline = time.monotonic() + _ANSWER
             while node.answered_tick != node.tick & 0xFFFF and not stop.asked:

@@ -86,8 +86,10 @@ class Exchange:
         if not line["local"]:
             line["incoming"]["control"] = _addresses(line["controls"])
         self._look()
-        self.receive()  # compiled now, not in the loop
-        self.send(batch(1), 0)
+        gather(
+            silence(), 0, self.inbox, 0, 0
+        )  # compiled now, not in the loop; nothing is taken that others may wait for
+        spread(silence(), 0, batch(1), 0)
 
     @property
     def marks(self) -> int:

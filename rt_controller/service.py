@@ -103,7 +103,7 @@ class ControllerService:
             try:
                 self._await_plant(node, samples, outlet, stop)
                 if self.lockstep:
-                    self._lockstep(node, turn, outlet, stop)
+                    self._lockstep(turn, outlet, beat, stop)
                 else:
                     self._warm_up(node, turn, outlet, begins)
                     footprint = self._real_time(node, outlet, beat, begins, stop)
@@ -171,17 +171,19 @@ class ControllerService:
             node.late_cycles = clock.late
         return taken.summary()
 
-    def _lockstep(self, node: ControllerNode, turn: Turn, outlet: Outlet, stop: Stop) -> None:
+    def _lockstep(self, turn: Turn, outlet: Outlet, beat: Beat, stop: Stop) -> None:
         """Answer each complete sample at once; end when the plant says it ends."""
-        complete = True
+        samples = turn.samples
         while not stop.asked:
-            if not complete:
-                if turn.samples.plant_ended():
-                    return
-                name = turn.samples.line.port.name
-                raise InputError(f"the plant on {name} has been silent for {_SILENCE:g} s of lock-step")
-            self._cycle(node, turn, outlet)
-            complete = turn.samples.next(_SILENCE)
+            written, complete = turn.answer_in_step(beat, outlet.changes)
+            if not written:
+                outlet.write(turn.node.record, time.monotonic(), 0.0, 0.0, 0)
+            outlet.tune()
+            if complete or (not samples.plant_ended() and samples.next(_SILENCE)):
+                continue
+            if samples.plant_ended():
+                return
+            raise InputError(f"the plant on {samples.line.port.name} has been silent for {_SILENCE:g} s of lock-step")
 
     def _cycle(self, node: ControllerNode, turn: Turn, outlet: Outlet) -> None:
         """A cycle that is not timed."""

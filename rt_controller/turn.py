@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from protocols.batch import batch
-from protocols.beat import Beat, arrive, book, called, wait
+from protocols.beat import Beat, arrive, book, called, wait, write
 from protocols.clock import Clock, Word
 from protocols.exchange import CLOCK_MONOTONIC, CLOCK_REALTIME, gather, gather_marked, now, settled, silence, spread
 from rt_controller.cycle import cycle
@@ -18,7 +18,8 @@ from rt_controller.node import ControllerNode
 from rt_controller.phase_lock import follow
 from rt_controller.samples import Samples
 
-_LATE, _DEADLINE, _PERIOD = int(Word.LATE), int(Word.DEADLINE), int(Word.PERIOD)
+_LATE, _DEADLINE, _PERIOD, _WOKEN = (int(word) for word in (Word.LATE, Word.DEADLINE, Word.PERIOD, Word.WOKEN))
+_PATIENCE = 200_000_000  # ns that compiled code waits for a sample in lock-step; then Python looks
 # Of the last turn: frames in the inbox, slots since the one before, when it woke, when its sample was there, and until when it
 # would have been waited for [ns of CLOCK_MONOTONIC], frames sent, or minus the Refusal, where sending them ended
 _TURN = np.dtype([(name, "i8") for name in ("count", "slots", "woken", "arrived", "patience", "sent", "position")])
@@ -45,6 +46,7 @@ class Turn:
         beat = Beat(Clock(1000))
         answer_slots(beat.words, beat.spins, lines, line.inbox, 0, states, *rest, 1, *beat.outlet, 0, GRID)
         answer_samples(beat.words, lines, line.inbox, 0, states, *rest, 1, *beat.outlet, 0, 0)
+        answer_in_step(beat.words, lines, line.inbox, 0, states, *rest, 1, *beat.outlet, 0)
         follow(beat.words, np.zeros(1), False, 0)
 
     def answer(self, slots: int) -> bool:
@@ -105,6 +107,25 @@ class Turn:
                 return slots - 1
             line.took(self._count[0], first)  # somebody has come, or gone
             patience = self._patience[0]
+
+    def answer_in_step(self, beat: Beat, changes: int) -> tuple[bool, bool]:
+        """The same for a sample that is complete, wait for the next one, and so on, `beat.most` times at most.
+
+        Rows but the last are in the ring; returns whether the last is, and whether the sample after it is complete.
+        """
+        line, node = self.samples.line, self.node
+        line.ready()
+        made, waited, marks = answer_in_step(
+            beat.words, line.lines, line.inbox, line.count, node.states, node.settings, node.outbox, node.record, self._turns,
+            beat.most, *beat.outlet, changes,
+        )  # fmt: skip
+        if made > (not waited):
+            line.passed()
+        if waited:
+            line.took(self._count[0], 0)
+        else:
+            self._finish()
+        return bool(waited), line.marks > marks
 
     def _finish(self) -> None:
         """What the compiled call leaves to do: of the frames it has sent, then of those used."""
@@ -204,6 +225,29 @@ def answer_samples(
             return made
         book(words, rows, counts, row, changes)
         count = patience = 0
+
+
+@njit(cache=True, nogil=True)
+def answer_in_step(
+    words: Any, lines: Any, inbox: Any, count: Any, states: Any, settings: Any, outbox: Any, row: Any, turns: Any,
+    most: Any, rows: Any, counts: Any, numbers: Any, changes: Any,
+) -> tuple[int, bool, int]:  # fmt: skip
+    """See `Turn.answer_in_step`; returns the turns made, whether it ended waiting, and marked frames up to the last answer.
+
+    Up to one after which something is left to Python, as of `answer_slots`.
+    """
+    turn, line, known, made = turns[0], lines[0], count, 0
+    while True:
+        answer(lines, inbox, count, 1, states, settings, outbox, row, turns)
+        made, marks = made + 1, line.marks
+        if made == most or called(line, numbers) or not settled(line, known, turn.count, turn.sent, turn.position):
+            return made, False, marks
+        words[_WOKEN] = now(CLOCK_MONOTONIC, line.time)
+        write(words, rows, counts, row, changes)
+        turn.count = gather_marked(lines, _PATIENCE, inbox, 0, 0)
+        if line.marks == marks or line.changed:
+            return made, True, marks
+        known, count = 0, turn.count
 
 
 @njit

@@ -68,6 +68,16 @@ def test_whom_the_port_has_let_in_is_heard_and_reached(ports: list[Port]) -> Non
         assert ports[0].refused == 0
 
 
+def test_setting_it_up_takes_no_frame_from_the_port(ports: list[Port]) -> None:
+    """A service waits for another by its port: what had come before was heard after what came then, in the loop."""
+    frames = some(3)
+    for frame in frames:
+        ports[1].send(frame)
+    line = Exchange(ports[0], MARK)
+    assert line.count == 0
+    assert ports[0].receive() == frames
+
+
 def test_frames_come_as_a_port_would_take_them(ports: list[Port]) -> None:
     """From two senders in turn, in the order of their stamps; the marked ones are counted."""
     line, other = Exchange(ports[0], MARK), ports[1]

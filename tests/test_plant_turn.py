@@ -191,6 +191,48 @@ def test_neither_a_sample_nor_its_answer_meets_a_tick_of_the_kernel(rate: int) -
     assert np.minimum(after, 1_000_000 - after).min() >= min(period, 1_000_000) // 4
 
 
+def test_in_step_a_sample_is_its_parts_and_waits_for_its_answer(
+    line: Exchange, controller: Port, tmp_path: Path
+) -> None:
+    """The first one's is there, the second one's does not come: its row is written before it is waited for."""
+    whole, other = plant(), plant()
+    ring = RingWriter(tmp_path / "ring", [*whole.columns, *TIMING], 64)
+    reader, beat = RingReader(tmp_path / "ring"), Beat(Clock(PERIOD), ring)
+    beat.most = 10
+    for node in whole, other:
+        node.sample()
+        node.advance()
+    controller.send(valve(1, 2.0))
+    frames, rows = [], []
+    for number in 1, 2:
+        frames += other.sample()
+        rows.append(other.row())
+        other.advance()
+        if number == 1:
+            other.receive([valve(1, 2.0)])
+    assert whole.in_step(line, beat, 3)
+    assert (whole.tick, whole.answered_tick, line.count) == (2, 1, 0)
+    assert controller.receive() == frames
+    np.testing.assert_array_equal(reader.read()[:, : len(whole.columns)], rows)
+    assert (line.port.received, line.port.sent) == (1, len(frames))
+    beat.most = 1
+    assert not whole.in_step(line, beat, 3)
+    assert controller.receive() == other.sample()
+    assert whole.row() == other.row()
+    assert reader.read().size == 0
+    assert whole.reception_counts() == other.reception_counts()
+
+
+def test_in_step_a_second_plant_ends_it(line: Exchange, controller: Port, tmp_path: Path) -> None:
+    node = plant()
+    beat = Beat(Clock(PERIOD), RingWriter(tmp_path / "ring", [*node.columns, *TIMING], 64))
+    beat.most = 2
+    node.sample()
+    controller.send(Frame(FRAMES["ENCODER"].can_id, bytes(8)))
+    with pytest.raises(InputError, match=r"a second plant is on the bus: it sends ENCODER \(0x101\)"):
+        node.in_step(line, beat, 0)
+
+
 def test_where_parameters_change_a_plant_is_not_steady(line: Exchange, beat: Beat) -> None:
     """A step at 10 ms, a ramp from 20 to 25 ms, a change made between two samples."""
     begun = [Injection({LEVEL: 0.9}, at=0.010), Injection({LEVEL: 0.8}, at=0.020, ramp=0.005)]

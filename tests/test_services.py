@@ -4,6 +4,7 @@ import json
 import os
 import signal
 import subprocess
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -70,6 +71,27 @@ def test_lock_step_of_two_processes_is_one_process_to_the_bit(local_bus: str, tm
     for column in expected.controller_columns:
         name = f"controller_{column.name}"
         assert np.array_equal(run[name], expected[name]), name
+
+
+def test_lock_step_goes_on_whoever_comes_and_goes(local_bus: str, tmp_path: Path) -> None:
+    """Some while a sample or its answer is waited for."""
+    ended = threading.Event()
+
+    def come_and_go() -> None:
+        while not ended.is_set():
+            with open_bus(local_bus):
+                time.sleep(0.002)
+
+    guest = threading.Thread(target=come_and_go)
+    guest.start()
+    try:
+        result = up(local_bus, tmp_path, "--lockstep")
+    finally:
+        ended.set()
+        guest.join()
+    run, expected = read_run(Path(result["run"])), played()
+    for column in expected.plant_columns:
+        assert np.array_equal(run[column.name], expected[column.name]), column.name
 
 
 def test_real_time_agrees_with_one_process(local_bus: str, tmp_path: Path) -> None:

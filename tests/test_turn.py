@@ -29,6 +29,7 @@ FRAMES = load_frames()
 PERIOD = 1_000_000  # ns
 LATER = 0.05  # s after which another thread sends
 LONG = 10_000_000_000  # ns: nobody waits for so long
+PATIENCE = 5.0  # s
 
 
 @pytest.fixture
@@ -178,6 +179,27 @@ def test_a_signal_outside_of_a_sleep_ends_one_call(waking: Turn, tmp_path: Path,
     for run in 1, 4, 7:
         BEGUN_BY[begun_by](waking, several.beat)
         assert several.beat.clock.run == run
+
+
+def test_in_step_it_answers_and_waits_for_the_next_sample(turn: Turn, plant: Port, tmp_path: Path) -> None:
+    """The second comes while it waits, the third does not: the row of its answer is written, as those before."""
+    samples, other, several = sampled(3), ControllerNode(), Several(tmp_path, 10)
+    answers, rows = [], []
+    for frames in samples:
+        answers += other.step(frames)
+        rows.append(other.row())
+    send(plant, samples[0])
+    threading.Timer(LATER / 5, send, (plant, samples[1])).start()
+    assert turn.answer_in_step(several.beat, 3) == (True, False)
+    np.testing.assert_array_equal(several.rows.read()[:, : len(COLUMNS)], rows[:2])
+    send(plant, samples[2])
+    assert turn.samples.next(PATIENCE)
+    several.beat.most = 1
+    assert turn.answer_in_step(several.beat, 3) == (False, False)
+    assert turn.node.row() == rows[2]
+    assert plant.receive() == answers
+    port = turn.samples.line.port
+    assert (port.received, port.sent, turn.samples.line.count) == (plant.sent, plant.received, 0)
 
 
 def test_it_waits_for_the_sample_and_says_when_it_woke(turn: Turn, plant: Port) -> None:
