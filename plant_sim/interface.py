@@ -97,7 +97,7 @@ class Interface(ABC):
 
     @property
     def steady(self) -> bool:
-        """Whether the next sample can be made by `PlantNode.turns`: the rig has it, and nothing but time goes on until then."""
+        """Whether a compiled call can make the next sample (`PlantNode.turns`): nothing but time goes on until then."""
         return False
 
     def step(self, inbox: Sequence[Frame]) -> list[Frame]:
