@@ -172,14 +172,15 @@ class PlantService:
             outlet.tune()
             deadline = time.monotonic() + _ANSWER
             while node.answered_tick != node.tick & 0xFFFF and not stop.asked:
-                if not line.receive(_LOOK) and time.monotonic() > deadline:
-                    raise InputError(
-                        f"the controller on {line.port.name} has not answered for {_ANSWER:g} s of lock-step"
-                    )
+                line.receive(_LOOK)
                 node.take(line.inbox, line.count)
                 line.clear()
                 if node.controller == Lifecycle.FINALIZED:
                     return
+                if time.monotonic() > deadline and node.answered_tick != node.tick & 0xFFFF:
+                    raise InputError(
+                        f"the controller on {line.port.name} has not answered for {_ANSWER:g} s of lock-step"
+                    )
 
 
 def between_ticks(now_ns: int, period_ns: int) -> int:

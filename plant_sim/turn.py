@@ -111,10 +111,10 @@ def in_step(
             return made, 0, sent, position
         words[_WOKEN] = now(CLOCK_MONOTONIC, line.time)
         write(words, rows, counts, row, changes)
-        while clutch.answered_tick != tick & _TICK:
+        if clutch.answered_tick != tick & _TICK:
             count = gather_marked(lines, _PATIENCE, inbox, 0, 0)
             why = take(interfaces, settings, inbox, count)
-            if why != 0 or count == 0 or line.changed:
+            if why != 0 or line.changed or clutch.answered_tick != tick & _TICK:
                 return made, count, -why, 0
             line.taken += count
         tick += 1

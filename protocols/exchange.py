@@ -86,9 +86,8 @@ class Exchange:
         if not line["local"]:
             line["incoming"]["control"] = _addresses(line["controls"])
         self._look()
-        gather(
-            silence(), 0, self.inbox, 0, 0
-        )  # compiled now, not in the loop; nothing is taken that others may wait for
+        # compiled now, not in the loop; no frame is taken that a service waits for by the port
+        gather(silence(), 0, self.inbox, 0, 0)
         spread(silence(), 0, batch(1), 0)
 
     @property

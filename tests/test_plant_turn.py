@@ -24,6 +24,7 @@ from protocols.clock import Clock
 from protocols.errors import InputError
 from protocols.exchange import Exchange
 from protocols.frames import Frame, load_frames
+from protocols.lifecycle import Lifecycle
 from protocols.node import node_factory
 from protocols.ring import RingReader, RingWriter
 from protocols.telemetry.outlet import TIMING
@@ -221,6 +222,27 @@ def test_in_step_a_sample_is_its_parts_and_waits_for_its_answer(
     assert whole.row() == other.row()
     assert reader.read().size == 0
     assert whole.reception_counts() == other.reception_counts()
+
+
+def test_in_step_heartbeats_are_no_answer(line: Exchange, controller: Port, tmp_path: Path) -> None:
+    """Of a controller that was started anew: a call that waits on for as long as they come would never see a signal."""
+    node, codec, told, beats = plant(), FRAMES["CONTROLLER_HEARTBEAT"], threading.Event(), []
+    beat = Beat(Clock(PERIOD), RingWriter(tmp_path / "ring", [*node.columns, *TIMING], 64))
+    beat.most = 10
+    node.sample()
+
+    def go_on() -> None:
+        while len(beats) < 200 and not told.wait(0.02):
+            beats.append(len(beats))
+            controller.send(Frame(codec.can_id, codec.pack(len(beats), Lifecycle.ACTIVE, 1000, 7)))
+
+    talker = threading.Thread(target=go_on)
+    talker.start()
+    written = node.in_step(line, beat, 0)
+    told.set()
+    talker.join()
+    assert written
+    assert len(beats) < 200
 
 
 def test_in_step_a_second_plant_ends_it(line: Exchange, controller: Port, tmp_path: Path) -> None:
