@@ -17,19 +17,20 @@ RATE = 250  # Hz: a hiccup of a shared machine is less than the guard's five cyc
 SECONDS = 3.0  # s of closed loop
 
 
-def wait_for(path: Path) -> None:
+def closed_loop(controller: subprocess.Popen[str], ring: Path) -> None:
+    """Wait until the warm-up of a controller's loop, 50 ms, is over."""
     deadline = time.monotonic() + PATIENCE
-    while not path.exists():
-        assert time.monotonic() < deadline, f"{path} never came"
+
+    def wait(until: str) -> None:
+        assert controller.poll() is None, f"the controller ended before {until}: {controller.communicate()[0]}"
+        assert time.monotonic() < deadline, f"no {until}"
         time.sleep(0.05)
 
-
-def closed_loop(ring: Path) -> None:
-    """Wait until the warm-up of the loop, 50 ms, is over."""
-    reader, rows, deadline = RingReader(ring), 0, time.monotonic() + PATIENCE
+    while not ring.exists():
+        wait("ring")
+    reader, rows = RingReader(ring), 0
     while rows < 0.5 * RATE:
-        assert time.monotonic() < deadline, "the loop was never closed"
-        time.sleep(0.05)
+        wait("closed loop")
         rows += len(reader.read())
 
 
@@ -41,8 +42,7 @@ def controlled(bus: str, folder: Path, *arguments: str) -> dict:
         service("plant", *common, "--profile", "engagement") as plant,
         service("controller", *common, "--ring", str(folder / "ring"), "--summary", str(summary), *arguments) as loop,
     ):
-        wait_for(folder / "ring")
-        closed_loop(folder / "ring")
+        closed_loop(loop, folder / "ring")
         time.sleep(SECONDS)
         loop.send_signal(signal.SIGTERM)
         loop.wait(PATIENCE)
@@ -101,8 +101,7 @@ def test_an_overrun_can_end_the_controller_with_the_valve_closed(local_bus: str,
         service("plant", *common, "--profile", "engagement"),
         service("controller", *common, "--ring", str(tmp_path / "ring"), "--overrun", "fault") as loop,
     ):
-        wait_for(tmp_path / "ring")
-        closed_loop(tmp_path / "ring")
+        closed_loop(loop, tmp_path / "ring")
         os.kill(loop.pid, signal.SIGSTOP)
         time.sleep(0.1)
         os.kill(loop.pid, signal.SIGCONT)
