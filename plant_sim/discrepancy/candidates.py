@@ -22,6 +22,10 @@ _CONVERGED = 1e-3  # of a candidate's gain: a smaller one ends its rounds
 _SHARES = (1.0, 0.3)  # of a Gauss-Newton step that are tried
 _SHORTENED = (1.0, 0.4, 0.15)  # shares of the first step from off, shorter where it gains less than
 _KEPT = 0.3  # this much of what it promised
+_LONGER, _DOUBLED = (
+    0.1,
+    4,
+)  # of the best gain: what gains more is made twice as strong while that pays, so many times at most
 
 
 @dataclass(frozen=True)
@@ -168,7 +172,10 @@ class Search:
         return sorted(found, key=lambda pair: -pair[0])[:count]
 
     def _stepped(self, waiting: Sequence[_Trial]) -> dict[str, Fit]:
-        """The best by name of: where directions start from, and the predicted steps, shortened where they gain much less."""
+        """The best by name of: where directions start from, and the predicted steps, shortened where they gain much less.
+
+        What is promising is made stronger while that pays: an effect with a threshold does little while it is small.
+        """
         best: dict[str, Fit] = {}
 
         def evaluated(trials: list[tuple[Candidate, dict[str, float]]]) -> list[Fit]:
@@ -183,6 +190,11 @@ class Search:
             waiting = [
                 one for one, fit in zip(waiting, found, strict=True) if self.cost - fit.cost < share * _KEPT * one[0]
             ]
+        most = self.cost - min((fit.cost for fit in best.values()), default=self.cost)
+        growing = [fit for fit in best.values() if self.cost - fit.cost > _LONGER * most]
+        for _ in range(_DOUBLED):
+            longer = evaluated([(fit.candidate, _doubled(fit)) for fit in growing])
+            growing = [new for fit, new in zip(growing, longer, strict=True) if new.cost < fit.cost]
         return best
 
     def _direct(self, directions: Sequence[Direction]) -> None:
@@ -244,6 +256,13 @@ class Search:
 def _between(off: Values, values: Values, share: float) -> dict[str, float]:
     """Strengths at a share of their way from `off`; shapes as in `values`."""
     return {n: off[n] + share * (v - off[n]) for n, v in values.items()}
+
+
+def _doubled(fit: Fit) -> dict[str, float]:
+    """Values with the strengths twice as far from off, within bounds."""
+    bounds, off = _bounds(fit.candidate), fit.candidate.off()
+    strengths = {f"{fit.name}.{s.name}" for s in fit.candidate.strengths}
+    return {n: float(np.clip(2.0 * v - off[n], *bounds[n])) if n in strengths else v for n, v in fit.values.items()}
 
 
 def _bounds(c: Candidate) -> dict[str, tuple[float, float]]:

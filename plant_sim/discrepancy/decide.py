@@ -1,6 +1,7 @@
 """Decide: which of the four verdicts a search supports, and with what confidence.
 
-Equation        gain = (S_0 - S)/N:  S_0 cost of the re-fitted baseline, S with the effect(s), N residuals
+Equation        gain = (S_0 - S)/N:  S_0 cost of the re-fitted baseline, S with the effect(s), N residuals; it is more than
+                chance by how much better it fits, or by how much likelier a calibration it leaves (fit.py)
                 closed = gain/(gain + rest):  the share of the excess over the floor that is explained
                 a rival is told apart when it is worse by more than the best one's own misfit would excuse
 Assumptions     thresholds hold for rigs like those of the battery (tests/discrepancy/battery): set on some development cases
@@ -14,16 +15,20 @@ from math import sqrt
 import numpy as np
 
 GAIN = 0.002  # of the number of residuals: the most in twelve cases with nothing hidden was 0.0006, of a ripple
-CHANCE = 30.0  # chi^2 that the best of 45 candidates with four parameters gains by chance once in a thousand cases: 28
+CHANCE = 30.0  # |r|^2 that the best of 45 candidates with four parameters gains by chance once in a thousand cases: 28
+RELIEF = (
+    15.0  # the same of cost/alike: wrong names of the development split gained 8 at most there, right ones 39 at least
+)
 EXCESS = 0.03  # of the number of residuals: an unexplained rest below it is no disagreement
 UNEXPLAINED = 0.10  # of the number of residuals: an excess above it is a disagreement that is looked into
 CLOSED = (0.75, 0.85, 0.90)  # least share of the excess that one, two, three effects must explain to be named
 MOST = len(CLOSED)  # effects that are named together
-MENDED = 0.7  # share of what others leave that names an effect beside them: in cases with one effect none mended 0.4
-NEEDED = 0.03  # one that mends less must explain this share of the excess,
-DISTINCT = 0.5  # and no other may gain this share of what it gains
-ALIAS = 0.5  # a rival is not told apart when it is worse by less than this share of what the best one leaves itself,
-TIE = 0.0003  # and this share of the number of residuals
+MENDED = 0.7  # share of what others leave that names an effect beside them; development: wrong ones 0.52 at most,
+HALF, NEEDED = 0.5, 0.03  # or this share of it and this of the excess: wrong ones with the one had 0.026 of the other,
+DISTINCT = 0.5  # or this of the excess while no other gains this share of what it gains
+ALIAS = 0.75  # a rival is not told apart when it is worse by less than this share of what the best one leaves itself,
+TIE = 3.0  # and this of cost/alike: odds of e^1.5. Neither costs a right name on the development split
+RARE = 35.0  # chi^2 of a calibration; where a single effect explained nearly all it was 30 at most on the development split
 DECISIVE = 1.5  # a run tells a rival apart that leaves more there by this share of what the best one leaves itself
 NOTHING_SURE, NONE_SURE = 0.9, 0.8  # confidence where nothing gains: set by hand
 
@@ -33,6 +38,8 @@ class Weighed:
     """A search: cost `base` of the re-fitted baseline and `best`, number of residuals `size`, `count` of effects.
 
     excess, rest: what the baseline, and the best, leave above the floor, as a share of the number of residuals.
+    relief, strain: chi^2 of the calibration (fit.py), by how much that of the best is less, and what it is.
+    alike: residuals that tell as much as one (evidence.py).
     """
 
     base: float
@@ -41,6 +48,9 @@ class Weighed:
     count: int
     excess: float
     rest: float
+    relief: float = 0.0
+    strain: float = 0.0
+    alike: float = 1.0
 
     @property
     def gain(self) -> float:
@@ -55,13 +65,20 @@ class Weighed:
     @property
     def gained(self) -> bool:
         """Whether the gain is more than chance."""
-        return self.gain > worthwhile(self.size)
+        return worthwhile(self.gain, self.relief, self.size, self.alike)
 
     @property
     def unfinished(self) -> bool:
         """Whether what is left is worth looking for a further effect: it is a disagreement, and more than three deviations of
-        a mean square."""
-        return self.gained and self.count < MOST and self.rest > UNEXPLAINED + 3.0 * sqrt(2.0 / self.size)
+        a mean square, or hidden by a calibration that is rare."""
+        left = self.rest > UNEXPLAINED + 3.0 * sqrt(2.0 / self.size)
+        return self.gained and self.count < MOST and (left or self.strain > RARE)
+
+    def mended(self, gain: float, second: float) -> bool:
+        """Whether a further effect that gains so much, and the best of the others so much, earns its place: a misfit of the
+        first can be patched in many ways."""
+        much = gain > NEEDED * self.excess
+        return gain > MENDED * self.rest or (much and (gain > HALF * self.rest or second < DISTINCT * gain))
 
     @property
     def explained(self) -> bool:
@@ -69,18 +86,24 @@ class Weighed:
         return self.gained and (self.closed >= CLOSED[self.count - 1] or self.rest < EXCESS)
 
 
-def worthwhile(size: int) -> float:
-    """Least gain, as a share of `size` residuals, that is no chance and more than a model is off without any effect missing."""
-    return max(GAIN, CHANCE / size)
+def worthwhile(gain: float, relief: float, size: int, alike: float) -> bool:
+    """Whether a gain, as a share of `size` residuals, is no chance and more than a model is off without any effect missing.
+
+    relief: by how much chi^2 of the calibration is less: what is left of the gain without it is what fits better.
+    alike: residuals that tell as much as one.
+    """
+    better = gain - alike * relief / size
+    least = max(GAIN, CHANCE / size)
+    return min(gain, better) > least or gain > max(least, alike * RELIEF / size)
 
 
-def aliases(costs: dict[str, float], size: int, rest: float, by_run: Mapping[str, np.ndarray]) -> list[str]:
-    """Names that are not told apart from the best, which leaves `rest` above the floor; the best first.
+def aliases(costs: dict[str, float], w: Weighed, by_run: Mapping[str, np.ndarray]) -> list[str]:
+    """Names of `costs` that are not told apart from the best, which leaves `w.rest` above the floor; the best first.
 
     by_run: mean square above the floor in each run (k,), of some names, in floors^2: one run that tells is enough.
     """
     best = min(costs, key=lambda name: costs[name])
-    near = [n for n, cost in costs.items() if cost - costs[best] <= (ALIAS * rest + TIE) * size]
+    near = [n for n, cost in costs.items() if cost - costs[best] <= ALIAS * w.rest * w.size + TIE * w.alike]
     return sorted((n for n in near if not _told_apart(best, n, by_run)), key=lambda name: costs[name])
 
 

@@ -1,7 +1,8 @@
 """Experiment: of those that a bench can do, the one whose outcome the alternatives predict most differently.
 
-Equation        T = min over pairs (a, b) of  min over (theta, phi_b) of |r_a - r_b(theta, phi_b)|^2 + prior of theta,
-                r in floors (evidence.py): what is left of the difference after each is re-fitted to the other's prediction
+Equation        T = min over pairs (a, b) of  min over (theta, phi_b) of |r_a - r_b(theta, phi_b)|^2/n + chi^2 of theta,
+                r in floors (evidence.py): what is left of the difference after each is re-fitted to the other's prediction;
+                n neighbouring residuals tell as much as one (evidence.py)
                 T-optimality; from the library the experiment with the largest T
 Assumptions     sensitivities of the baseline are those beside the first alternative, inputs those that it would get under the
                 bench's own controller; white noise
@@ -19,15 +20,14 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from plant_sim.discrepancy.decide import GAIN
 from plant_sim.discrepancy.evidence import Evidence
 from plant_sim.discrepancy.fit import Free, Linear, baseline_free, effect_free, linearised, refitted
 from plant_sim.discrepancy.model import Columns, Model, Values, calibration
 from plant_sim.experiments import EXPERIMENTS
 from plant_sim.profile import load_profile
 
-# |r|^2, twice the log of the odds by which the outcome would tell: 7 standard deviations, room for noise that is not white
-SEPARATES = 50.0
+# T, twice the log of the odds by which the outcome would tell: 3 standard deviations, thrice what ties (decide.py)
+SEPARATES = 9.0
 _SHORT = 6  # experiments for which the baseline is re-fitted too, thirty simulations each: those that promise most
 _ROUNDS = 2  # of the re-fit in earnest
 _TRIED = 3  # experiments whose re-fit is done in earnest before none is said to separate
@@ -104,7 +104,7 @@ class Predicted(Evidence):
 
 @dataclass(frozen=True)
 class _Compared:
-    """An experiment, and each alternative linearised in it; `left` between each two: |r|^2, the smaller of both directions."""
+    """An experiment, and each alternative linearised in it; `left` between each two: T, the smaller of both directions."""
 
     experiment: Experiment
     evidence: Evidence
@@ -116,7 +116,7 @@ class _Compared:
         costs: dict[tuple[int, int], float] = {}
         for i, j in permutations(range(len(self.fits)), 2):
             pair = min(i, j), max(i, j)
-            cost = self.fits[j].best(self.fits[j].residual - self.fits[i].residual)[1]
+            cost = self.fits[j].best(self.fits[j].residual - self.fits[i].residual)[1] / self.evidence.alike
             costs[pair] = min(cost, costs.get(pair, np.inf))
         return costs
 
@@ -128,7 +128,7 @@ class _Compared:
         """The same with the baseline re-fitted too."""
         baseline = linearised(self.evidence, self.fits[0].point, free)
         fits = [
-            Linear(own.point, (*baseline.free, *own.free), own.residual, np.hstack([baseline.jacobian, own.jacobian]))
+            replace(own, free=(*baseline.free, *own.free), jacobian=np.hstack([baseline.jacobian, own.jacobian]))
             for own in self.fits
         ]
         return replace(self, fits=fits)
@@ -153,16 +153,15 @@ def propose(model: Model, parameters: Values, options: Sequence[Values], floors:
         return said | {"why": f"the rig {model.name} has no bench that could play an experiment"}
     bench = model.bench()
     found = [c for e in bench.experiments if (c := _compared(model, bench, e, parameters, options, floors))]
-    found.sort(key=_Compared.score, reverse=True)  # without a re-fit of the baseline |r|^2 is larger: an upper bound
+    found.sort(key=_Compared.score, reverse=True)  # without a re-fit of the baseline T is larger: an upper bound
     best = sorted(
         (c.beside_baseline(_baseline(model, parameters)) for c in found[:_SHORT]), key=_Compared.score, reverse=True
     )
     told = f"the closest two of {_listed(names)}" if len(names) > 2 else _listed(names)
-    closest, needed = 0.0, SEPARATES
+    closest = 0.0
     for candidate in best[:_TRIED]:
         least, by_output = _in_earnest(candidate)
-        needed = max(SEPARATES, GAIN * candidate.evidence.size)  # what the decision takes for more than chance
-        if least >= needed:
+        if least >= SEPARATES:
             e = candidate.experiment
             column, times = max(by_output.items(), key=lambda item: item[1])
             why = (
@@ -178,7 +177,7 @@ def propose(model: Model, parameters: Values, options: Sequence[Values], floors:
         closest = max(closest, least)
     return said | {
         "why": f"none of {len(found)} experiments separates {told}: re-fitted to each other they differ by at most"
-        f" {np.sqrt(closest):.1f} standard deviations, needed are {np.sqrt(needed):.0f}",
+        f" {np.sqrt(closest):.1f} standard deviations, needed are {np.sqrt(SEPARATES):.0f}",
         "standard_deviations": float(np.sqrt(closest)),
     }
 
@@ -198,7 +197,7 @@ def _compared(
 
 
 def _in_earnest(compared: _Compared) -> tuple[float, dict[str, float]]:
-    """|r|^2 left between the closest two after each is re-fitted to the other in earnest, and the difference by output."""
+    """T between the closest two after each is re-fitted to the other in earnest, and the difference by output."""
     (i, j) = min(compared.left, key=lambda pair: compared.left[pair])
     given = compared.evidence
     ends = []
@@ -209,7 +208,10 @@ def _in_earnest(compared: _Compared) -> tuple[float, dict[str, float]]:
         start = replace(compared.fits[b], residual=compared.fits[b].residual - compared.fits[a].residual)
         end = refitted(evidence, start, _ROUNDS)
         ends.append(
-            (end.cost, {c: _times(end.residual[evidence.part(0, c)], evidence.blocks[0]) for c in evidence.columns})
+            (
+                end.cost / evidence.alike,
+                {c: _times(end.residual[evidence.part(0, c)], evidence.blocks[0]) for c in evidence.columns},
+            )
         )
     return min(ends, key=lambda end: end[0])
 

@@ -1,10 +1,10 @@
 """Fit: parameters by simulation error, damped Gauss-Newton, with what is known of the baseline as prior.
 
-Equation        minimise |r(x)|^2 + chi^2,  chi^2 = sum over the baseline's p parameters of ((x - x_0)/s)^2,  s = PRIOR times
-                how far x may move,  with chi^2 <= its 99.9 % point for p degrees of freedom: each parameter may be off as far
-                as is stated, but not all of them at once
-                near a point r(x + S d) = r + J d, so d = -(J'J + L)^-1 (J'r + L a),  L = 1 where a prior is, a = (x - x_0)/S
-Assumptions     white noise of unit variance
+Equation        minimise |r(x)|^2 + n chi^2,  chi^2 = sum over the baseline's p parameters of ((x - x_0)/s)^2,  s = PRIOR times
+                how far x may move,  n residuals that tell as much as one (Evidence.alike),  with chi^2 <= its 99.9 % point for
+                p degrees of freedom: each parameter may be off as far as is stated, but not all of them at once
+                near a point r(x + S d) = r + J d, so d = -(J'J + L)^-1 (J'r + L a),  L = n where a prior is, a = (x - x_0)/S
+Assumptions     white noise of unit variance, and beside it what the laws of a rig do otherwise than ours (evidence.py)
 References      Ljung 1999, System identification, ch. 10; Stark and Parker 1995, Comput. Stat. 10 (bounded least squares);
                 Kennedy and O'Hagan 2001, J. R. Statist. Soc. B 63 (a discrepancy is judged beside the uncertainty of the
                 model's own parameters)
@@ -86,12 +86,14 @@ def effect_free(candidate: Candidate, values: Values, shapes: bool = True) -> li
 
 @dataclass(frozen=True)
 class Linear:
-    """A model linearised at `point`: residuals r (size,), J (size, p) per `scale` of each of `free`."""
+    """A model linearised at `point`: residuals r (size,), `alike` of which tell as much as one, J (size, p) per `scale` of each
+    of `free`."""
 
     point: Point
     free: tuple[Free, ...]
     residual: np.ndarray
     jacobian: np.ndarray
+    alike: float
 
     @cached_property
     def offset(self) -> np.ndarray:
@@ -102,12 +104,17 @@ class Linear:
     @cached_property
     def prior(self) -> np.ndarray:
         """Diagonal of L, (p,)."""
-        return np.array([_LOOSE if f.centre is None else 1.0 for f in self.free])
+        return np.array([_LOOSE if f.centre is None else self.alike for f in self.free])
 
     @cached_property
     def gram(self) -> np.ndarray:
         """J'J (p, p)."""
         return self.jacobian.T @ self.jacobian
+
+    @property
+    def strain(self) -> float:
+        """chi^2, here."""
+        return self._strain(np.zeros(len(self.free)))
 
     @property
     def cost(self) -> float:
@@ -157,7 +164,7 @@ class Linear:
 
     def _strain(self, move: np.ndarray) -> float:
         """chi^2 after a move."""
-        known = self.prior == 1.0
+        known = [f.centre is not None for f in self.free]
         return float(np.sum((self.offset + move)[known] ** 2))
 
     def _bounded(self, gradient: np.ndarray, weight: float) -> tuple[np.ndarray, np.ndarray]:
@@ -188,7 +195,7 @@ class Linear:
         that are independent of each other (White 1980, Econometrica 48; Liang and Zeger 1986, Biometrika 73)."""
         inverse = np.linalg.inv(self.gram + np.diag(self.prior + 1e-10 * np.diag(self.gram)))
         scores = np.array([self.jacobian[c].T @ self.residual[c] for c in clusters])
-        middle = scores.T @ scores + np.diag(self.prior)
+        middle = scores.T @ scores + np.diag(self.prior**2)
         return inverse @ middle @ inverse
 
 
@@ -249,7 +256,7 @@ def linearised(evidence: Evidence, point: Point, free: Sequence[Free]) -> Linear
         for i, column in zip(long, again, strict=True):
             columns[i] = column
     jacobian = np.column_stack(columns) if columns else np.empty((evidence.size, 0))
-    return Linear(point, tuple(free), first, jacobian)
+    return Linear(point, tuple(free), first, jacobian, evidence.alike)
 
 
 def _differences(

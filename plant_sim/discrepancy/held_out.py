@@ -21,7 +21,7 @@ def _without(evidence: Evidence, at: Linear, k: int) -> Point:
         return at.point
     others = np.ones(evidence.size, bool)
     others[evidence.pieces[k]] = False
-    rest = Linear(at.point, at.free, at.residual[others], at.jacobian[others])
+    rest = Linear(at.point, at.free, at.residual[others], at.jacobian[others], at.alike)
     return at.moved(rest.best(rest.residual)[0])
 
 

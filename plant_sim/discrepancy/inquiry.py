@@ -9,10 +9,7 @@ from scipy.stats import t
 from plant_sim.discrepancy.candidates import Fit, Search
 from plant_sim.discrepancy.decide import (
     CLOSED,
-    DISTINCT,
     GAIN,
-    MENDED,
-    NEEDED,
     NONE_SURE,
     NOTHING_SURE,
     UNEXPLAINED,
@@ -37,6 +34,9 @@ _CONVERGED = 0.01  # of the gain over the baseline
 _CLOSE = 0.2  # regret within which a rival is fitted as fully as the best
 _PAIRS = 4  # pairs that are fitted
 _PARTNERS = 3  # candidates that are fitted beside what is named
+_RUNNERS_UP = (
+    2  # single effects beside which they are, too: with a second one missing the best single one may be the wrong one
+)
 _TELLING = 2  # runs that starts are read from
 _CONTRADICTED = 2.0  # weight of an output's power that a candidate adds: true ones of the development split add none
 _CLUSTER = 1.0  # s: residuals further apart are taken as independent
@@ -100,7 +100,8 @@ class Inquiry:
         self._judge(costs)
         self._take(*jointly[0], costs)
         if self._unfinished():
-            self._several()
+            near = self._near()
+            self._several([(at, names) for at, names in jointly[1:] if names[0].name in near])
         if self.weighed.gained:
             self.progress("the model with what was found", 0.8)
             self.final = self._renewed(self.final)
@@ -125,7 +126,8 @@ class Inquiry:
         """The baseline once more, from where effects left it: a gain that it can have itself is none of theirs."""
         own = [i for i, f in enumerate(at.free) if f.centre is not None]
         point: Point = at.point[0], {}
-        alone = Linear(point, tuple(at.free[i] for i in own), self.evidence.residuals([point])[0], at.jacobian[:, own])
+        residual, jacobian = self.evidence.residuals([point])[0], at.jacobian[:, own]
+        alone = Linear(point, tuple(at.free[i] for i in own), residual, jacobian, at.alike)
         again = refitted(self.evidence, alone, 0)
         if again.cost < self.base.cost:
             self.base = again
@@ -189,7 +191,7 @@ class Inquiry:
             free = [f for c in candidates for f in effect_free(c, point[1])]
             own = linearised(self.evidence, point, free)
             jacobian = np.hstack([self.start.jacobian, own.jacobian])
-            before = Linear(point, self.start.free + own.free, own.residual, jacobian)
+            before = Linear(point, self.start.free + own.free, own.residual, jacobian, own.alike)
             if not np.isfinite(before.cost):  # it cannot be simulated there
                 return before
             after = refitted(self.evidence, before, 0)
@@ -208,10 +210,12 @@ class Inquiry:
         self.named, self.final, self.costs = candidates, at, costs
         self.weighed = self._weighed(at, len(candidates))
 
-    def _several(self) -> None:
-        """Two effects, and a third beside them, where they explain what one does not."""
+    def _several(self, near: Sequence[_Joint]) -> None:
+        """Two effects, and a third beside them, where they explain what one does not. near: single ones nearly as good."""
         self.progress("two effects", 0.6)
-        own, sets = self.start.point[0], self._beside()
+        own, sets = self.start.point[0], self._beside(self.final, self.named)
+        for at, candidates in near[:_RUNNERS_UP]:
+            sets += self._beside(at, candidates)
         for _, (a, b), values in self.search.pairs(_PAIRS):
             if not {a.candidate, b.candidate} & set(self.named):  # else the fit beside what is named begins nearer
                 sets.append(((a.candidate, b.candidate), (own, values)))
@@ -220,11 +224,13 @@ class Inquiry:
             if not self._earned(best, others):
                 break
             at, candidates = best
+            if self.weighed.explained and not self._weighed(at, len(candidates)).explained:
+                break  # of two more is asked for than of one
             self._take(at, candidates, {})
             sets = []
             if self._unfinished():
                 self.progress("three effects", 0.7)
-                sets = self._beside()
+                sets = self._beside(self.final, self.named)
 
     def _unfinished(self) -> bool:
         """Whether what is named, fitted to its end where it seems to, leaves enough to look for a further effect."""
@@ -233,31 +239,30 @@ class Inquiry:
             self.weighed = self._weighed(self.final, self.weighed.count)
         return self.weighed.unfinished
 
-    def _beside(self) -> list[_Set]:
-        """What is named, with each of the candidates that promise most beside it."""
-        search = Search(self.evidence, self.final, 0.5 * GAIN * self.evidence.size, self.search.directions)
-        promising = search.beside([c.name for c in self.named], _PARTNERS)
-        parameters, effects = self.final.point
-        return [((*self.named, fit.candidate), (parameters, {**effects, **fit.values})) for fit in promising]
+    def _beside(self, at: Linear, candidates: tuple[Candidate, ...]) -> list[_Set]:
+        """`candidates`, fitted as `at`, with each of those that promise most beside them."""
+        search = Search(self.evidence, at, 0.5 * GAIN * self.evidence.size, self.search.directions)
+        promising = search.beside([c.name for c in candidates], _PARTNERS)
+        parameters, effects = at.point
+        return [((*candidates, fit.candidate), (parameters, {**effects, **fit.values})) for fit in promising]
 
     def _weighed(self, at: Linear, count: int) -> Weighed:
         e = self.evidence
-        return Weighed(self.base.cost, at.cost, e.size, count, e.excess(self.base.residual), e.excess(at.residual))
+        left = e.excess(self.base.residual), e.excess(at.residual)
+        return Weighed(self.base.cost, at.cost, e.size, count, *left, self.base.strain - at.strain, at.strain, e.alike)
 
     def _earned(self, fit: _Joint, others: Sequence[_Joint]) -> bool:
-        """Whether one more effect earns its place: it mends most of the rest, or much of the excess and far more than any fit
-        without it: a misfit of the first can be patched in many ways."""
-        w, size, (at, candidates) = self.weighed, self.evidence.size, fit
+        """Whether one more effect earns its place: it mends much of what is left, no chance, in runs left out, too."""
+        w, (at, candidates) = self.weighed, fit
         new = set(candidates) - set(self.named)
         without = [self._score(other) for other, theirs in others if not new & set(theirs)]
-        gain = (w.best - at.cost) / size
-        second = (w.best - min(without, default=np.inf)) / size
-        distinct = gain > NEEDED * w.excess and second < DISTINCT * gain
-        return gain > worthwhile(size) and (gain > MENDED * w.rest or distinct) and self._holds(at)
+        gain, second = (w.best - at.cost) / w.size, (w.best - min(without, default=np.inf)) / w.size
+        likelier = self.final.strain - at.strain
+        return worthwhile(gain, likelier, w.size, w.alike) and w.mended(gain, second) and self._holds(at)
 
     def _holds(self, at: Linear) -> bool:
-        """Whether it predicts runs better that are left out in turn."""
-        squares = np.zeros(2)
+        """Whether it predicts runs better that are left out in turn, beside what its calibration costs."""
+        squares = self.evidence.alike * np.array([self.final.strain, at.strain])
         for k, points in enumerate(left_out(self.evidence, self.final, at)):
             squares += [np.sum(r[self.evidence.pieces[k]] ** 2) for r in self.evidence.residuals(points)]
         return bool(squares[1] < squares[0])
@@ -285,12 +290,16 @@ class Inquiry:
         if w.count > 1:
             self.confidence = confidence(w)
             return NAMED, [c.name for c in self.named], [], notes
-        near = aliases(self.costs, self.evidence.size, w.rest, self.by_run)
-        near = [n for n in near if self._against.get(n, 0.0) <= self._against.get(near[0], 0.0) + UNEXPLAINED]
+        near = self._near()
         self.confidence = confidence(w)
         if len(near) > 1:
             return ONE_OF, [], [near], notes
         return NAMED, [self.named[0].name], [], notes
+
+    def _near(self) -> list[str]:
+        """Single effects that are not told apart from the best, which is the first."""
+        near = aliases(self.costs, self.weighed, self.by_run)
+        return [n for n in near if self._against.get(n, 0.0) <= self._against.get(near[0], 0.0) + UNEXPLAINED]
 
     def drop(self) -> None:
         """Go back to the baseline."""
@@ -359,9 +368,8 @@ def _deviations(at: Linear, clusters: Sequence[np.ndarray]) -> np.ndarray:
 def _clusters(evidence: Evidence) -> list[np.ndarray]:
     """Indices of residuals that belong to one second of one run."""
     found = []
-    for k, run in enumerate(evidence.runs):
-        period = float(run["time_s"][1] - run["time_s"][0]) * evidence.blocks[k]
-        length = max(1, round(_CLUSTER / period))
+    for k in range(len(evidence.runs)):
+        length = max(1, round(_CLUSTER / evidence.lengths[k]))
         parts = [np.arange(p.start, p.stop) for p in (evidence.part(k, c) for c in evidence.columns)]
         count = max(1, len(parts[0]) // length)
         found += [np.concatenate([np.array_split(p, count)[i] for p in parts]) for i in range(count)]

@@ -42,8 +42,8 @@ class Visibility:
         return found
 
     def deviations(self, effects: Values) -> float:
-        """How surely they are seen, in standard deviations of white noise of one floor; above 7 an experiment separates."""
-        return float(np.sqrt(self._at.best(self._residual(effects))[1]))
+        """How surely they are seen, in standard deviations; above 3 an experiment separates (experiment.py)."""
+        return float(np.sqrt(self._at.best(self._residual(effects))[1] / self._evidence.alike))
 
     def _residual(self, effects: Values) -> np.ndarray:
         return self._evidence.residuals([(self._at.point[0], effects)])[0]

@@ -23,6 +23,7 @@ def answer(case: str, names: tuple[str, ...] = (), verdict: str = "named", **mor
         "gap": {c: {"before": 2.0, "after": 1.0, "floor": 1.0} for c in ANALOG},
         "weighed": {
             "base": 400.0, "best": 110.0, "size": 100, "count": len(names), "gain": 2.9, "excess": 3.0, "rest": 0.1,
+            "relief": 0.0, "strain": 0.0, "alike": 1.0,
             "closed": 2.9 / 3.0, "margin": 0.5, "named": list(names), "costs": dict.fromkeys(names, 110.0),
             "steps": [
                 {"effects": list(names), "cost": 110.0, "base": 400.0, "excess": 3.0, "rest": 0.1, "taken": True}

@@ -7,7 +7,23 @@ import pytest
 from scipy.stats import chi2
 
 from plant_sim.discrepancy.candidates import Search
-from plant_sim.discrepancy.decide import ALIAS, CHANCE, DECISIVE, GAIN, MOST, TIE, UNEXPLAINED, Weighed, aliases
+from plant_sim.discrepancy.decide import (
+    ALIAS,
+    CHANCE,
+    DECISIVE,
+    DISTINCT,
+    GAIN,
+    HALF,
+    MENDED,
+    MOST,
+    NEEDED,
+    RARE,
+    RELIEF,
+    TIE,
+    UNEXPLAINED,
+    Weighed,
+    aliases,
+)
 from plant_sim.discrepancy.evidence import Evidence
 from plant_sim.discrepancy.fit import LIKELY, Free, Linear, baseline_free, effect_free, linearised, refitted
 from plant_sim.discrepancy.model import Candidate, Columns, Output, Values
@@ -92,6 +108,14 @@ def test_residuals_of_the_true_model_have_unit_variance() -> None:
     assert evidence.excess(residual) < 0.08
 
 
+def test_what_is_sampled_slowly_tells_by_itself() -> None:
+    """Within 0.4 s residuals tell as much as one: a hundred blocks of 4 ms, forty samples of 10 ms, one of a second."""
+    run = recorded(1, {})
+    for period, alike in ((1e-3, 100.0), (1e-2, 40.0), (1.0, 1.0)):
+        slower = run | {"time_s": run["time_s"] * period / 1e-3}
+        assert Evidence(Amplifier(), [slower], {"output_v": NOISE}).alike == pytest.approx(alike)
+
+
 def test_a_calibration_error_is_fitted_and_leaves_no_excess() -> None:
     evidence, at = linear({})
     found = refitted(evidence, at)
@@ -111,17 +135,18 @@ def test_a_refit_stays_within_the_stated_uncertainty() -> None:
     assert found.point[0]["gain.value"] == pytest.approx(1.9)  # 2.0 - 0.1
 
 
-def test_a_bounded_minimum_is_the_least_in_the_box() -> None:
+@pytest.mark.parametrize("alike", [1.0, 100.0])
+def test_a_bounded_minimum_is_the_least_in_the_box(alike: float) -> None:
     random = np.random.default_rng(4)
     jacobian, residual = random.standard_normal((300, 3)), random.standard_normal(300)
     residual -= jacobian @ np.array([2.0, -0.2, 0.4])
     free = tuple(Free(name, 0.1, 1.0, -1.0, 1.0, 0.0) for name in "abc")
-    at = Linear(({"a": 0.0, "b": 0.0, "c": 0.0}, {}), free, residual, jacobian)
+    at = Linear(({"a": 0.0, "b": 0.0, "c": 0.0}, {}), free, residual, jacobian, alike)
     left = at.eliminated(residual)
     assert left.move[0] == pytest.approx(1.0)
     assert list(left.inner) == [1, 2]
     for trial in random.uniform(-1.0, 1.0, (2000, 3)):
-        cost = np.sum((residual + jacobian @ trial) ** 2) + trial @ trial
+        cost = np.sum((residual + jacobian @ trial) ** 2) + alike * trial @ trial
         assert cost >= left.cost - 1e-9
 
 
@@ -133,7 +158,7 @@ def test_parameters_may_each_be_off_but_not_all_at_once(size: float) -> None:
     wanted = size * np.sign(random.standard_normal(count))
     names = [f"p{i}" for i in range(count)]
     free = tuple(Free(name, 0.1, 1.0, -3.0, 3.0, 0.0) for name in names)
-    at = Linear((dict.fromkeys(names, 0.0), {}), free, -jacobian @ wanted, jacobian)
+    at = Linear((dict.fromkeys(names, 0.0), {}), free, -jacobian @ wanted, jacobian, 1.0)
     left = at.eliminated(at.residual)
     if count * size**2 <= limit:  # 30: likely
         assert left.move == pytest.approx(wanted, rel=1e-3)
@@ -147,7 +172,7 @@ def test_parameters_may_each_be_off_but_not_all_at_once(size: float) -> None:
 def test_one_parameter_may_be_off_as_far_as_it_may() -> None:
     jacobian = 100.0 * np.ones((300, 1))
     free = (Free("p", 0.1, 1.0, -3.0, 3.0, 0.0),)
-    at = Linear(({"p": 0.0}, {}), free, -3.0 * jacobian[:, 0], jacobian)
+    at = Linear(({"p": 0.0}, {}), free, -3.0 * jacobian[:, 0], jacobian, 1.0)
     assert at.eliminated(at.residual).move == pytest.approx([3.0], rel=1e-3)
 
 
@@ -163,6 +188,43 @@ def test_each_hidden_effect_is_the_best_of_the_screened() -> None:
         best, *_ = search.improved(search.screened(model.candidates, {}), 2)
         assert best.name == name
         assert best.values[next(iter(hidden))] == pytest.approx(next(iter(hidden.values())), rel=0.05)
+
+
+class Stiff(Amplifier):
+    """An amplifier whose disturbance grows less than its strength does: where it is off it seems to need little."""
+
+    candidates = (
+        Candidate("hum", "amplifier", "Hum", "y + root(s) sin 60 t", (Strength("size", "V^2", 0.0, 0.01, (0.0, 4.0), SOURCE),)),
+    )  # fmt: skip
+
+    def simulate(self, run: Columns, parameters: Values, effects: Values) -> dict[str, np.ndarray]:
+        y = super().simulate(run, parameters, effects)["output_v"]
+        return {"output_v": y + np.sqrt(effects.get("hum.size", 0.0)) * np.sin(60.0 * run["time_s"])}
+
+
+def test_a_step_is_made_longer_while_that_pays() -> None:
+    model, hidden = Stiff(), 0.64  # predicted from 0.01: root(0.64 0.01) = 0.08
+    run = recorded(1, {})
+    run = run | {"output_v": run["output_v"] + np.sqrt(hidden) * np.sin(60.0 * run["time_s"])}
+    evidence = Evidence(model, [run], floors([run], model.outputs))
+    nominal = {n: p.value for n, p in model.parameters.items()}
+    search = Search(evidence, linearised(evidence, (nominal, {}), baseline_free(model.parameters, 1.0)))
+    (fit,) = search.screened(model.candidates, {})
+    assert fit.values["hum.size"] == pytest.approx(hidden, rel=0.3)
+
+
+def test_a_further_effect_mends_most_or_much_of_what_is_left() -> None:
+    """Half of it and no small part of the excess, or such a part while no other does nearly as well."""
+    weighed = Weighed(base=9000.0, best=1000.0, size=1000, count=1, excess=8.0, rest=0.2)
+    assert weighed.mended(1.01 * MENDED * 0.2, 0.0)
+    assert not weighed.mended(0.99 * MENDED * 0.2, 0.0)  # less than the part of 8
+    small = replace(weighed, excess=0.5)
+    much = 1.01 * NEEDED * 0.5  # a tenth of what is left
+    assert small.mended(1.01 * HALF * 0.2, 0.2)
+    assert not small.mended(0.99 * HALF * 0.2, 0.2)
+    assert small.mended(much, 0.99 * DISTINCT * much)
+    assert not small.mended(much, 1.01 * DISTINCT * much)
+    assert not small.mended(0.99 * NEEDED * 0.5, 0.0)
 
 
 def test_the_step_of_a_ripples_rate_is_shortened_until_it_is_small_after_many_turns() -> None:
@@ -213,16 +275,18 @@ def test_only_candidates_of_the_rig_can_be_asked_for() -> None:
 
 
 def test_a_rival_is_told_apart_by_more_than_the_best_ones_own_misfit() -> None:
-    costs = {"best": 1000.0, "near": 1000.0 + 0.9 * (ALIAS * 0.1 + TIE) * 1000.0, "far": 1200.0}
-    assert aliases(costs, 1000, 0.1, {}) == ["best", "near"]
-    assert aliases(costs, 1000, 0.0, {}) == ["best"]
+    w = Weighed(base=9000.0, best=1000.0, size=1000, count=1, excess=8.0, rest=0.1, alike=50.0)
+    costs = {"best": 1000.0, "near": 1000.0 + 0.9 * (ALIAS * 0.1 * 1000.0 + TIE * 50.0), "far": 1600.0}
+    assert aliases(costs, w, {}) == ["best", "near"]
+    assert aliases(costs, replace(w, rest=0.0), {}) == ["best"]
 
 
 def test_one_run_that_tells_is_enough() -> None:
     costs = {"best": 1000.0, "near": 1040.0}
     best, told = np.array([0.2, 0.2]), 0.2 + DECISIVE * 0.2 + UNEXPLAINED
-    assert aliases(costs, 1000, 0.2, {"best": best, "near": np.array([0.2, told - 0.01])}) == ["best", "near"]
-    assert aliases(costs, 1000, 0.2, {"best": best, "near": np.array([0.2, told + 0.01])}) == ["best"]
+    w = Weighed(base=9000.0, best=1000.0, size=1000, count=1, excess=8.0, rest=0.2)
+    assert aliases(costs, w, {"best": best, "near": np.array([0.2, told - 0.01])}) == ["best", "near"]
+    assert aliases(costs, w, {"best": best, "near": np.array([0.2, told + 0.01])}) == ["best"]
 
 
 @pytest.mark.parametrize(("size", "least"), [(100_000, GAIN), (1000, CHANCE / 1000)])
@@ -232,6 +296,23 @@ def test_a_gain_that_chance_gives_is_none(size: int, least: float) -> None:
     weighed = Weighed(base, base - 0.9 * least * size, size, count=1, excess=0.5, rest=0.0)
     assert not weighed.gained
     assert replace(weighed, best=base - 1.1 * least * size).gained
+
+
+def test_a_likelier_calibration_is_a_gain_where_it_is_no_chance() -> None:
+    """However little better it fits; and what only fits better because of a rarer calibration is none."""
+    base, size, n = 150_000.0, 100_000, 100.0
+    likelier = Weighed(base, base - 1.1 * n * RELIEF, size, count=1, excess=0.0, rest=0.0, relief=1.1 * RELIEF, alike=n)
+    assert likelier.gained
+    assert not replace(likelier, best=base - 0.9 * n * RELIEF, relief=0.9 * RELIEF).gained
+    rarer = replace(likelier, best=base - 0.5 * GAIN * size, relief=-1.0)  # fits better by 1.5 GAIN, which costs GAIN
+    assert not rarer.gained
+    assert replace(rarer, best=base - 1.1 * GAIN * size).gained
+
+
+def test_behind_a_rare_calibration_a_further_effect_is_looked_for() -> None:
+    weighed = Weighed(base=2000.0, best=1250.0, size=500, count=1, excess=3.0, rest=0.0, strain=RARE - 1.0)
+    assert not weighed.unfinished
+    assert replace(weighed, strain=RARE + 1.0).unfinished
 
 
 def test_a_rest_that_chance_leaves_is_not_looked_into() -> None:

@@ -18,7 +18,7 @@ def linear(wanted: np.ndarray) -> tuple[SimpleNamespace, Linear]:
     jacobian = 100.0 * np.random.default_rng(5).standard_normal((RUNS * LENGTH, COUNT))
     pieces = [slice(k * LENGTH, (k + 1) * LENGTH) for k in range(RUNS)]
     residual = np.concatenate([-jacobian[p] @ w for p, w in zip(pieces, wanted, strict=True)])
-    at = Linear(({f.name: 0.0 for f in FREE}, {}), FREE, residual, jacobian)
+    at = Linear(({f.name: 0.0 for f in FREE}, {}), FREE, residual, jacobian, 1.0)
     return SimpleNamespace(runs=[None] * RUNS, pieces=pieces, size=RUNS * LENGTH), at
 
 

@@ -147,12 +147,12 @@ class _Watch:
                 super()._take(at, candidates, costs)
                 watch.step([c.name for c in candidates], self.weighed, True)
 
-            def _earned(self, fit: _Joint, others: Sequence[_Joint]) -> bool:
-                earned = super()._earned(fit, others)
-                names = [c.name for c in fit[1]]
-                if not earned:
-                    watch.step(names, self._weighed(fit[0], len(names)), False)
-                return earned
+            def _jointly(self, sets: Any) -> Any:
+                fits = super()._jointly(sets)
+                at, candidates = fits[0]
+                if len(candidates) > 1:
+                    watch.step([c.name for c in candidates], self._weighed(at, len(candidates)), False)
+                return fits
 
             def verdict(self) -> Any:
                 watch.seen = self
@@ -178,7 +178,8 @@ class _Watch:
         margin = (ordered[1] - ordered[0]) / max(w.base - ordered[0], 1e-9) if len(ordered) > 1 else 1.0
         return {
             "base": w.base, "best": w.best, "size": w.size, "count": w.count, "gain": w.gain, "excess": w.excess,
-            "rest": w.rest, "closed": w.closed, "margin": margin, "named": [c.name for c in inquiry.named],
+            "rest": w.rest, "relief": w.relief, "strain": w.strain, "alike": w.alike, "closed": w.closed, "margin": margin,
+            "named": [c.name for c in inquiry.named],
             "costs": costs, "steps": self.steps,
         }  # fmt: skip
 

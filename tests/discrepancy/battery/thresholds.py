@@ -25,7 +25,8 @@ _GRID = {
     "closed": (0.5, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 0.93),
     "closed_two": (0.8, 0.85, 0.9, 0.93, 0.95, 0.97),
     "alias": (0.0, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5),
-    "tie": (0.0, 0.0005, 0.001, 0.002, 0.003, 0.005, 0.01, 0.02),
+    "tie": (0.0, 1.0, 2.0, 3.0, 5.0, 8.0, 12.0),
+    "relief": (4.0, 6.0, 8.0, 10.0, 15.0, 20.0, 30.0),
 }
 _SWEEPS = 4  # of the grid, one constant after the other
 # goals of the specification and what a point missing costs; a name where nothing is hidden is what a user forgives least
@@ -47,13 +48,14 @@ class Constants:
     closed_two: float = decide.CLOSED[1]
     alias: float = decide.ALIAS
     tie: float = decide.TIE
+    relief: float = decide.RELIEF
 
 
 def decided(told: Told, c: Constants) -> tuple[str, list[str]]:
     """Verdict and names, the best first, with these constants: what search.py does with what it fitted."""
     w = told["weighed"]
     gain, rest, named = w["gain"], w["rest"], w["named"]
-    if not named or gain <= c.gain:
+    if not named or not _gained(w, c):
         return (NONE_OF_THESE if w["excess"] > _LOST else NOTHING), []
     least = (c.closed, c.closed_two, decide.CLOSED[2])[len(named) - 1]
     if gain / max(gain + rest, 1e-12) < least and rest >= c.excess:
@@ -62,9 +64,14 @@ def decided(told: Told, c: Constants) -> tuple[str, list[str]]:
     return (ONE_OF, near) if len(near) > 1 else (NAMED, list(named))
 
 
+def _gained(w: Told, c: Constants) -> bool:
+    better = w["gain"] - w["alike"] * w["relief"] / w["size"]
+    return bool(min(w["gain"], better) > c.gain or w["gain"] > max(c.gain, w["alike"] * c.relief / w["size"]))
+
+
 def _near(w: Told, rest: float, c: Constants) -> list[str]:
     lowest = min(w["costs"].values(), default=0.0)
-    near = [n for n, cost in w["costs"].items() if cost - lowest <= (c.alias * rest + c.tie) * w["size"]]
+    near = [n for n, cost in w["costs"].items() if cost - lowest <= c.alias * rest * w["size"] + c.tie * w["alike"]]
     return sorted(near, key=w["costs"].__getitem__)
 
 
