@@ -36,6 +36,7 @@ def test_a_failure_counts(file: str, text: str, tries: int, code: int, tmp_path:
     path = tmp_path / "tests" / file
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text)
+    (tmp_path / "pytest.ini").touch()  # tests are named from where one is, and there may be another further up
     environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTEST_")} | {"PYTHONPATH": str(ROOT)}
     play = "import sys; from tests import __main__ as tests; tests.PATIENCE = 0.0; sys.exit(tests.main(sys.argv[1:]))"
     command = [sys.executable, "-c", play, "-p", "no:cacheprovider", "-p", "no:hypothesispytest", "tests"]

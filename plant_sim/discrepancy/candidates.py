@@ -22,10 +22,8 @@ _CONVERGED = 1e-3  # of a candidate's gain: a smaller one ends its rounds
 _SHARES = (1.0, 0.3)  # of a Gauss-Newton step that are tried
 _SHORTENED = (1.0, 0.4, 0.15)  # shares of the first step from off, shorter where it gains less than
 _KEPT = 0.3  # this much of what it promised
-_LONGER, _DOUBLED = (
-    0.1,
-    4,
-)  # of the best gain: what gains more is made twice as strong while that pays, so many times at most
+_LONGER = 0.1  # of the best gain: what gains more is made twice as strong while that pays,
+_DOUBLED = 4  # so many times at most
 
 
 @dataclass(frozen=True)

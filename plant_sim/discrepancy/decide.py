@@ -16,9 +16,7 @@ import numpy as np
 
 GAIN = 0.002  # of the number of residuals: the most in twelve cases with nothing hidden was 0.0006, of a ripple
 CHANCE = 30.0  # |r|^2 that the best of 45 candidates with four parameters gains by chance once in a thousand cases: 28
-RELIEF = (
-    15.0  # the same of cost/alike: wrong names of the development split gained 8 at most there, right ones 39 at least
-)
+RELIEF = 15.0  # the same of cost/alike: wrong names of the development split gained 8 at most, right ones 39 at least
 EXCESS = 0.03  # of the number of residuals: an unexplained rest below it is no disagreement
 UNEXPLAINED = 0.10  # of the number of residuals: an excess above it is a disagreement that is looked into
 CLOSED = (0.75, 0.85, 0.90)  # least share of the excess that one, two, three effects must explain to be named

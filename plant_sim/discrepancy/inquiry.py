@@ -34,17 +34,13 @@ _CONVERGED = 0.01  # of the gain over the baseline
 _CLOSE = 0.2  # regret within which a rival is fitted as fully as the best
 _PAIRS = 4  # pairs that are fitted
 _PARTNERS = 3  # candidates that are fitted beside what is named
-_RUNNERS_UP = (
-    2  # single effects beside which they are, too: with a second one missing the best single one may be the wrong one
-)
+_RUNNERS_UP = 2  # single effects beside which they are, too: of two that are missing neither may be the best alone
 _TELLING = 2  # runs that starts are read from
 _CONTRADICTED = 2.0  # weight of an output's power that a candidate adds: true ones of the development split add none
 _CLUSTER = 1.0  # s: residuals further apart are taken as independent
 _Joint = tuple[Linear, tuple[Candidate, ...]]
 _Set = tuple[tuple[Candidate, ...], Point]  # candidates, and where their fit begins
-_ASTRAY = (
-    0.12  # of an effect: with it nine in ten intervals held the truth of other laws on the development split, else 64 %
-)
+_ASTRAY = 0.12  # of an effect: with it nine in ten intervals of the development split held the truth of other laws
 _NORMAL = 1.96  # 95 % of a normal distribution
 
 

@@ -128,6 +128,5 @@ def slide(m, pressure, slip, viscosity_ratio, s, c, e, h):
 @njit(inline="always")
 def viscosity_ratio(temperature, c):
     """Factor r_T [-] on the viscous torque at oil `temperature` [K]."""
-    reference = oil.friction_coefficient(c.oil_reference, c.oil_slope, c.oil_offset, c.oil_origin)
     mu = oil.friction_coefficient(temperature, c.oil_slope, c.oil_offset, c.oil_origin)
-    return oil.viscosity_ratio(mu, reference, c.oil_viscous_gain)
+    return oil.viscosity_ratio(mu, c.oil_reference_coefficient, c.oil_viscous_gain)

@@ -92,6 +92,9 @@ def parameter_values(parameters: ParameterSet) -> dict[str, float]:
     rise = values["piston_contact_pressure"] - values["piston_preload_pressure"]
     values["piston_spring_stiffness"] = area * rise / values["piston_clearance"]
     values["clutch_resting"] = RESTING
+    values["oil_reference_coefficient"] = oil.friction_coefficient(
+        *(values[f"oil_{name}"] for name in ("reference", "slope", "offset", "origin"))
+    )
     _check_step(values, added_rate(parameters, values))
     return values
 
