@@ -4,12 +4,13 @@ Kept on disk, as 16 bit floats: 0.7 MB a case.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
 from plant_sim.discrepancy.evidence import Evidence, Point
-from plant_sim.discrepancy.fit import baseline_free, linearised, refitted
+from plant_sim.discrepancy.fit import Linear, baseline_free, linearised, refitted
 from plant_sim.discrepancy.models.wet_clutch import WetClutch
 from plant_sim.discrepancy.noise import floors
 from tests.discrepancy.battery.cases import Case, generate
@@ -58,43 +59,39 @@ def prepared(name: str, folder: Path) -> Prepared:
 
 
 def _prepared(name: str) -> Prepared:
-    runs = list(columns(generate(Case.of(name)).runs, "run").values())
-    model = WetClutch()
-    evidence = Evidence(model, runs, floors(runs, model.outputs))
-    nominal: Point = ({n: p.value for n, p in model.parameters.items()}, {})
-    at = refitted(evidence, linearised(evidence, nominal, baseline_free(model.parameters, model.calibration)))
-    shown = [model.simulate(run, *at.point) for run in runs]
+    evidence, nominal = _begun(name)
+    at = refitted(evidence, nominal)
+    shown = [evidence.model.simulate(run, *at.point) for run in evidence.runs]
     return Prepared(
-        at.residual.reshape(len(runs), len(OUTPUTS), -1),
+        at.residual.reshape(len(shown), len(OUTPUTS), -1),
         np.array([[_means(one[c], evidence.blocks[0]) for c in OUTPUTS] for one in shown]),
-        np.array([[_means(run[c], evidence.blocks[0]) for c in INPUTS] for run in runs]),
+        np.array([[_means(run[c], evidence.blocks[0]) for c in INPUTS] for run in evidence.runs]),
         max(at.cost / evidence.size - 1.0, 0.0),
     )
 
 
-def simulated(name: str, folder: Path) -> dict[str, np.ndarray]:
-    """What each effect of the catalogue, typically strong, changes in the runs of a case: residuals in floors
-    (runs, outputs, n), less what the baseline's own parameters can do about them. Kept in `folder`.
-    """
-    path = folder / f"{name}.effects.npz"
-    if path.exists():
-        with np.load(path) as kept:
-            return {n: kept[n].astype(np.float64) for n in kept.files}
+@lru_cache(1)  # one method asks for both, residuals and effects
+def _begun(name: str) -> tuple[Evidence, Linear]:
+    """The runs of a case, and the baseline linearised where it is nominal."""
     runs = list(columns(generate(Case.of(name)).runs, "run").values())
     model = WetClutch()
     evidence = Evidence(model, runs, floors(runs, model.outputs))
     nominal: Point = ({n: p.value for n, p in model.parameters.items()}, {})
-    at = linearised(evidence, nominal, baseline_free(model.parameters, model.calibration))
-    shown = evidence.residuals([(nominal[0], c.typical()) for c in model.candidates])
+    return evidence, linearised(evidence, nominal, baseline_free(model.parameters, model.calibration))
+
+
+def simulated(name: str) -> dict[str, np.ndarray]:
+    """What each effect of the catalogue, typically strong, changes in the runs of a case: residuals in floors
+    (runs, outputs, n), less what the baseline's own parameters can do about them.
+    """
+    evidence, at = _begun(name)
+    candidates = evidence.model.candidates
+    shown = evidence.residuals([(at.point[0], c.typical()) for c in candidates])
     found = {}
-    for c, residual in zip(model.candidates, shown, strict=True):
+    for c, residual in zip(candidates, shown, strict=True):
         change = np.nan_to_num(residual - at.residual)
         move, _ = at.best(change)
-        found[c.name] = (change + at.jacobian @ move).reshape(len(runs), len(OUTPUTS), -1)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_suffix(".part.npz")
-    np.savez_compressed(part, **{n: np.clip(one, -6e4, 6e4).astype(np.float16) for n, one in found.items()})
-    part.replace(path)
+        found[c.name] = (change + at.jacobian @ move).reshape(len(evidence.runs), len(OUTPUTS), -1)
     return found
 
 

@@ -16,7 +16,7 @@ def rank(method: str, folder: Path, name: str) -> Told:
     if method == "sindy":
         return told | {"ranking": sindy.ranked(made)}
     if method == "gaussian_process":
-        return told | {"ranking": gaussian_process.ranked(made, simulated(name, folder))}
+        return told | {"ranking": gaussian_process.ranked(made, simulated(name))}
     return told | {"features": features(made).tolist()}
 
 
