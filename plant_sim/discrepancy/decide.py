@@ -66,6 +66,12 @@ class Weighed:
         return worthwhile(self.gain, self.relief, self.size, self.alike)
 
     @property
+    def slight(self) -> bool:
+        """Whether all that is left beside an effect that is evident is no disagreement: levels of a converter that are up to
+        0.15 of a step uneven (noise.py) shift what it shows by half its rounding, a quarter of the power in that output."""
+        return self.excess <= UNEXPLAINED and self.relief < RELIEF
+
+    @property
     def unfinished(self) -> bool:
         """Whether what is left is worth looking for a further effect: it is a disagreement, and more than three deviations of
         a mean square, or hidden by a calibration that is rare."""

@@ -41,10 +41,13 @@ def investigate(
     inquiry = Inquiry(model, evidence, [c for c in candidates if c not in evident], progress)
     inquiry.run()
     verdict, effects, alternatives, notes = inquiry.verdict()
+    if evident and inquiry.weighed.slight:
+        verdict, effects, alternatives = NOTHING, [], []  # a poor converter's own law leaves as much
     if verdict not in (NAMED, ONE_OF):
         inquiry.drop()  # what does not explain enough is not in the model
-    if evident and verdict in (NOTHING, NAMED):
-        verdict, effects = NAMED, [*(c.name for c in evident), *effects]
+    if evident and verdict != NONE_OF_THESE:
+        verdict = verdict if verdict == ONE_OF else NAMED
+        effects = [*(c.name for c in evident), *effects]
     notes += [f"{c.name} is evident without any fit: {one.why}" for c, one in evident.items()]
     progress("gap on runs that were not fitted", 0.85)
     evidence, before, after = inquiry.evidence, inquiry.base, inquiry.final

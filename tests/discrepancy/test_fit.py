@@ -1,5 +1,6 @@
 """Fits: bounded least squares with priors, every effect beside the baseline, and when two are told apart."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -26,7 +27,7 @@ from plant_sim.discrepancy.decide import (
 )
 from plant_sim.discrepancy.evidence import Evidence
 from plant_sim.discrepancy.fit import LIKELY, Free, Linear, baseline_free, effect_free, linearised, refitted
-from plant_sim.discrepancy.model import Candidate, Columns, Output, Values
+from plant_sim.discrepancy.model import Candidate, Columns, Evident, Output, Values
 from plant_sim.discrepancy.models.wet_clutch import WetClutch
 from plant_sim.discrepancy.noise import floor_of, floors
 from plant_sim.discrepancy.search import investigate
@@ -267,6 +268,33 @@ def test_an_effect_that_no_candidate_explains_is_not_named() -> None:
     }
     result = investigate(Amplifier(), measured, names=["offset", "cubic", "saturation"])
     assert (result.verdict, result.effects) == ("none_of_these", [])
+
+
+class Witnessed(Amplifier):
+    """An amplifier whose recordings show a ripple by themselves; zero and offset are one thing by two names."""
+
+    candidates = (
+        *Amplifier.candidates,
+        Candidate("zero", "amplifier", "Zero", "y + o", (Strength("volts", "V", 0.0, 0.3, (-2.0, 2.0), SOURCE),)),
+    )  # fmt: skip
+
+    def evident(self, runs: Sequence[Columns]) -> dict[str, Evident]:
+        return {"ripple": Evident({"ripple.amplitude": (0.0, 0.0, 0.0)}, {}, "so it was made")}
+
+    def simulate(self, run: Columns, parameters: Values, effects: Values) -> dict[str, np.ndarray]:
+        y = super().simulate(run, parameters, effects)["output_v"]
+        return {"output_v": y + effects.get("zero.volts", 0.0)}
+
+
+def test_beside_what_is_evident_a_disagreement_is_named_and_nothing_slight() -> None:
+    small = {"offset.volts": 0.008}  # less than a tenth of the floor's power in means over 4 ms
+    assert investigate(Amplifier(), runs(small)).verdict == "one_of", "where nothing is evident it is told"
+    alone = investigate(Witnessed(), runs(small))
+    assert (alone.verdict, alone.effects, alone.alternatives) == ("named", ["ripple"], [])
+    assert investigate(Witnessed(), runs({"cubic.share": 0.3})).effects == ["ripple", "cubic"]
+    either = investigate(Witnessed(), runs({"offset.volts": 0.3}))
+    assert (either.verdict, either.effects) == ("one_of", ["ripple"])
+    assert set(either.alternatives[0]) == {"offset", "zero"}
 
 
 def test_only_candidates_of_the_rig_can_be_asked_for() -> None:
