@@ -171,11 +171,12 @@ def test_subsets_are_chosen_in_the_order_asked_for():
 
 def test_the_page_says_which_part_was_run(tmp_path: Path):
     answers = [answer(SINGLE, (SEAL,)), answer("null/none/1.0/0.02/s1", (), "nothing_missing")]
-    page, confusion, calibration = table.write(answers, "development", tmp_path, "0123", {"guess": answers[:1]})
+    guessed = [answer(SINGLE, ("friction_level",)), answers[1]]
+    page, confusion, calibration = table.write(answers, "development", tmp_path, "0123", {"guess": guessed})
     words = page.read_text(encoding="utf-8")
     assert "**Not the whole split development: 2 of" in words
     assert "| top-1 name | 100.0 % | 1/1 |" in words
-    assert "| guess | 1 | 100.0 % | 100.0 % | +0.0 |" in words
+    assert "| guess | 0.0 %, 100.0 % (of 1) | 0.0 %, 0.0 % (of 1) | -, - (of 0) | -, - (of 0) | +100.0 |" in words
     assert min(confusion.stat().st_size, calibration.stat().st_size) > 5000
 
 
@@ -204,6 +205,9 @@ def test_answers_that_were_kept_count_on_another_machine(tmp_path: Path, monkeyp
     found = Cache(tmp_path / "nothing", running.kept("0123"))
     assert [one["case"] for one in found.all()] == sorted(one["case"] for one in told)
     assert {m.name: m.good for m in scores(found.all())} == {m.name: m.good for m in scores(told)}
+    rival = {key: told[0][key] for key in ("case", "truth", "verdict", "effects")}
+    running.keep([rival | {"ranking": [(SEAL, 1.0)]}], "0123", "guess")
+    assert running.kept("0123", "guess")[SINGLE]["effects"] == [SEAL]
     assert running.kept("4567") == {}
 
 

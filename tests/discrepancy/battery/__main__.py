@@ -1,6 +1,5 @@
 """The battery by one command: python -m tests.discrepancy.battery."""
 
-import json
 from pathlib import Path
 from typing import Annotated
 
@@ -9,6 +8,7 @@ import typer
 from plant_sim.bench.progress import progress_bar
 from protocols.errors import InputError
 from tests.discrepancy.battery.cases import FAMILIES
+from tests.discrepancy.battery.rivals import METHODS
 from tests.discrepancy.battery.run import Cache, chosen, keep, kept, line, run, sources
 
 
@@ -62,8 +62,7 @@ def main(
     found = scores(answers)
     typer.echo(text(found))
     if docs:
-        files = sorted((folder / "rivals").glob(f"*-{split}.json"))
-        rivals = {f.stem.removesuffix(f"-{split}"): json.loads(f.read_text(encoding="utf-8")) for f in files}
+        rivals = {name: list(said.values()) for name in METHODS if (said := kept(folder.name, name))}
         for path in write(answers, split, docs, folder.name, rivals):
             typer.echo(f"wrote:   {path}")
     failed = [one.name for one in found if one.reached is False]

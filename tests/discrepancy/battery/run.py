@@ -2,7 +2,7 @@
 
 A case's file is OUT/HASH/cases/CASE.json, HASH of the sources of the engine, the simulator and the truth: with other sources
 all is done again, and what was found before stays. A run that was stopped goes on where it was, on another machine, too, from
-what was kept beside the battery: answers/HASH.jsonl.xz.
+what was kept beside the battery: answers/HASH.jsonl.xz; HASH-METHOD.jsonl.xz is what other methods said.
 
 Cases are taken seed by seed, and of a seed in an order that has nothing to do with them: what a run has done so far is a fair
 sample of what it would do.
@@ -59,34 +59,39 @@ def chosen(split: str, families: Sequence[str] = FAMILIES, quick: bool = False, 
 
 
 _KEPT = Path(__file__).with_name("answers")
-_NOT_KEPT = ("generating_seconds", "load", "floors", "notes")  # no table needs them
+_NOT_KEPT = ("generating_seconds", "load", "floors", "notes", "features", "ranking")  # no table needs them
 _TRUTH_KEPT, _WEIGHED_KEPT = (
     ("effects", "severity", "noise", "celsius", "split"),
     ("closed", "excess", "gain", "margin"),
 )
 
 
-def kept(sources: str) -> dict[str, Told]:
-    """Answers that were kept of an engine with these sources, by case."""
-    with suppress(FileNotFoundError), lzma.open(_KEPT / f"{sources}.jsonl.xz", "rt", encoding="utf-8") as lines:
+def kept(sources: str, method: str = "") -> dict[str, Told]:
+    """Answers that were kept of an engine with these sources, or of another `method` behind its first steps, by case."""
+    with suppress(FileNotFoundError), lzma.open(_kept_in(sources, method), "rt", encoding="utf-8") as lines:
         return {told["case"]: told for told in map(json.loads, lines)}
     return {}
 
 
-def keep(answers: Sequence[Told], sources: str) -> Path:
+def keep(answers: Sequence[Told], sources: str, method: str = "") -> Path:
     """Keep what tables need of answers, with those kept before; return the file."""
-    path = _KEPT / f"{sources}.jsonl.xz"
-    every = kept(sources) | {told["case"]: told for told in answers if "error" not in told}
+    path = _kept_in(sources, method)
+    every = kept(sources, method) | {told["case"]: told for told in answers if "error" not in told}
     path.parent.mkdir(exist_ok=True)
     part = path.with_suffix(".part")
     with lzma.open(part, "wt", encoding="utf-8") as file:
         for name in sorted(every):
             told = {key: value for key, value in every[name].items() if key not in _NOT_KEPT}
-            told["truth"] = {key: told["truth"][key] for key in _TRUTH_KEPT}
-            told["weighed"] = {key: told["weighed"][key] for key in _WEIGHED_KEPT}
+            told["truth"] = {key: value for key, value in told["truth"].items() if key in _TRUTH_KEPT}
+            if "weighed" in told:
+                told["weighed"] = {key: told["weighed"][key] for key in _WEIGHED_KEPT}
             file.write(json.dumps(told, default=float) + "\n")
     part.replace(path)
     return path
+
+
+def _kept_in(sources: str, method: str) -> Path:
+    return _KEPT / f"{sources}{method and '-' + method}.jsonl.xz"
 
 
 class Cache:

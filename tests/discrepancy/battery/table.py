@@ -26,6 +26,7 @@ from tests.discrepancy.battery.score import (
     family,
     first,
     hidden,
+    naming,
     reported,
     scores,
     strong,
@@ -34,6 +35,8 @@ from tests.discrepancy.battery.score import (
 from tests.discrepancy.battery.truth_laws import CATALOGUE, UNKNOWN
 
 _WORST = 40  # cases listed
+_TOP = "top-1 name"
+_COMPARED = (_TOP, "a name where nothing is hidden", "unknown effect: none_of_these", "unknown effect: a name")
 _BINS = np.linspace(0.0, 1.0, 11)  # of confidence
 _PACKAGES = ("clutch-hil", "numpy", "scipy", "numba")
 ROOT = Path(__file__).parents[3]
@@ -162,20 +165,18 @@ def _by_noise(answers: Sequence[Told]) -> list[str]:
 
 
 def _rivals(done: Sequence[Told], rivals: Mapping[str, Sequence[Told]]) -> list[str]:
-    if not rivals:
-        return []
-    ours = {told["case"]: told for told in done if family(told) == "single" and strong(told)}
+    """Each method beside the workflow on the cases that both answered."""
+    ours = {told["case"]: told for told in done}
     rows = []
-    for name, answers in rivals.items():
+    for method, answers in rivals.items():
         both = [told for told in answers if told["case"] in ours]
-        good = [first(told) == hidden(told)[0] for told in both]
-        own = [first(ours[told["case"]]) == hidden(told)[0] for told in both]
-        share, mine = (float(np.mean(one)) if one else float("nan") for one in (good, own))
-        rows.append(
-            (name, str(len(both)), f"{100 * share:.1f} %", f"{100 * mine:.1f} %", f"{100 * (mine - share):+.1f}")
-        )
-    header = ("method", "cases", "top-1", "the workflow's there", "points above (goal 20)")
-    return ["## Other methods on the same cases", "", *_table(header, rows), ""]
+        theirs = {m.name: m for m in naming(both)}
+        mine = {m.name: m for m in naming([ours[told["case"]] for told in both])}
+        cells = [f"{row(theirs[m])[1]}, {row(mine[m])[1]} (of {theirs[m].count})" for m in _COMPARED]
+        above = 100.0 * (mine[_TOP].value - theirs[_TOP].value)
+        rows.append((method, *cells, f"{above:+.1f}"))
+    header = ("method, then the workflow", *_COMPARED, "points above in top-1 (goal 20)")
+    return ["## Other methods on the same cases", "", *_table(header, rows), ""] if rows else []
 
 
 def _mixed_up(done: Sequence[Told]) -> list[tuple[str, ...]]:

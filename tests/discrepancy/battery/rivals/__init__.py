@@ -2,3 +2,5 @@
 
 They need `pip install -e '.[battery]'`: pysindy and scikit-learn.
 """
+
+METHODS = ("gaussian_process", "sindy", "classifier")  # the first one needs most, and leaves the others what they need

@@ -1,10 +1,9 @@
 """Rivals by one command: python -m tests.discrepancy.battery.rivals --method sindy|classifier|gaussian_process|all.
 
-Their rankings are kept below OUT/HASH/rivals/METHOD, their limits are set on the development split, their answers to the
-split asked for are written to OUT/HASH/rivals/METHOD-SPLIT.json, which the battery's page reads.
+Their rankings are below OUT/HASH/rivals/METHOD, their limits are set on the development split, and their answers to the split
+asked for are kept beside the battery's own, with --keep, from where its page reads them.
 """
 
-import json
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -16,14 +15,13 @@ import typer
 from plant_sim.bench.progress import progress_bar
 from plant_sim.discrepancy.result import NONE_OF_THESE, NOTHING
 from protocols.errors import InputError, closest
-from tests.discrepancy.battery.rivals import classifier
+from tests.discrepancy.battery.rivals import METHODS, classifier
 from tests.discrepancy.battery.rivals.ranking import rank
 from tests.discrepancy.battery.rivals.verdict import answered, tuned
-from tests.discrepancy.battery.run import Cache, chosen, run, sources
+from tests.discrepancy.battery.run import Cache, chosen, keep, run, sources
 from tests.discrepancy.battery.score import Told, family, hidden, naming
 from tests.discrepancy.battery.table import text
 
-METHODS = ("gaussian_process", "sindy", "classifier")  # the first one needs most, and leaves the others what they need
 FAMILIES = ("single", "null", "unknown")
 
 
@@ -49,7 +47,8 @@ def main(
     only: Annotated[list[str] | None, typer.Option(help="pattern of case names, in both splits")] = None,
     quick: Annotated[bool, typer.Option(help="severity 2, noise 2 %, one seed")] = False,
     jobs: Annotated[int, typer.Option(min=1)] = 2,
-    out: Annotated[Path, typer.Option()] = Path("runs/battery"),
+    out: Annotated[Path, typer.Option(help="folder of the rankings")] = Path("runs/battery"),
+    keeping: Annotated[bool, typer.Option("--keep", help="keep the answers, for the repository")] = False,
 ) -> None:
     """Run other methods on single effects, null cases and unknown effects."""
     try:
@@ -78,10 +77,9 @@ def main(
             found[split] = answers or found["development"]
         limits = tuned(found["development"])
         answers = [answered(told, limits) for told in found[split]]
-        path = folder / "rivals" / f"{one}-{split}.json"
-        kept = [{k: v for k, v in t.items() if k != "features"} for t in answers]
-        path.write_text(json.dumps(kept), encoding="utf-8")
-        typer.echo(f"{one}: {limits}\n{text(naming(answers))}\nwrote:   {path}")
+        typer.echo(f"{one}: {limits}\n{text(naming(answers))}")
+        if keeping:
+            typer.echo(f"wrote:   {keep(answers, folder.name, one)}")
     typer.echo("verdict: done")
 
 
