@@ -207,7 +207,11 @@ def test_answers_that_were_kept_count_on_another_machine(tmp_path: Path, monkeyp
     assert {m.name: m.good for m in scores(found.all())} == {m.name: m.good for m in scores(told)}
     rival = {key: told[0][key] for key in ("case", "truth", "verdict", "effects")}
     running.keep([rival | {"ranking": [(SEAL, 1.0)]}], "0123", "guess")
-    assert running.kept("0123", "guess")[SINGLE]["effects"] == [SEAL]
+    other = rival | {"case": "null/none/1.0/0.02/s1", "truth": told[1]["truth"]}
+    assert set(running.kept("0123", "guess")[SINGLE]) == set(rival)
+    running.keep([other], "0123", "guess")
+    assert list(running.kept("0123", "guess")) == [other["case"]], "answers by the limits of another run are gone"
+    assert len(running.kept("0123")) == 2
     assert running.kept("4567") == {}
 
 

@@ -62,7 +62,7 @@ def main(
     found = scores(answers)
     typer.echo(text(found))
     if docs:
-        rivals = {name: list(said.values()) for name in METHODS if (said := kept(folder.name, name))}
+        rivals = {name: list(said.values()) for name in METHODS if (said := kept(folder.name, f"{name}-{split}"))}
         for path in write(answers, split, docs, folder.name, rivals):
             typer.echo(f"wrote:   {path}")
     failed = [one.name for one in found if one.reached is False]

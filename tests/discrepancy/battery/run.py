@@ -2,7 +2,7 @@
 
 A case's file is OUT/HASH/cases/CASE.json, HASH of the sources of the engine, the simulator and the truth: with other sources
 all is done again, and what was found before stays. A run that was stopped goes on where it was, on another machine, too, from
-what was kept beside the battery: answers/HASH.jsonl.xz; HASH-METHOD.jsonl.xz is what other methods said.
+what was kept beside the battery: answers/HASH.jsonl.xz; answers/HASH-METHOD-SPLIT.jsonl.xz is what other methods said.
 
 Cases are taken seed by seed, and of a seed in an order that has nothing to do with them: what a run has done so far is a fair
 sample of what it would do.
@@ -74,9 +74,14 @@ def kept(sources: str, method: str = "") -> dict[str, Told]:
 
 
 def keep(answers: Sequence[Told], sources: str, method: str = "") -> Path:
-    """Keep what tables need of answers, with those kept before; return the file."""
+    """Keep what tables need of answers, with those kept before; return the file.
+
+    Of another method what was kept before is replaced: its limits are set anew by each run, and answers by other limits are
+    another method's.
+    """
     path = _kept_in(sources, method)
-    every = kept(sources, method) | {told["case"]: told for told in answers if "error" not in told}
+    before = {} if method else kept(sources)
+    every = before | {told["case"]: told for told in answers if "error" not in told}
     path.parent.mkdir(exist_ok=True)
     part = path.with_suffix(".part")
     with lzma.open(part, "wt", encoding="utf-8") as file:

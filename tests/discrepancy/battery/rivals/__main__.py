@@ -79,7 +79,7 @@ def main(
         answers = [answered(told, limits) for told in found[split]]
         typer.echo(f"{one}: {limits}\n{text(naming(answers))}")
         if keeping:
-            typer.echo(f"wrote:   {keep(answers, folder.name, one)}")
+            typer.echo(f"wrote:   {keep(answers, folder.name, f'{one}-{split}')}")
     typer.echo("verdict: done")
 
 
