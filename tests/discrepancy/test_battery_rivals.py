@@ -1,10 +1,15 @@
 """The battery's rivals do what their methods promise, on made-up residuals."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+import typer
+from typer.testing import CliRunner
 
 from plant_sim.discrepancy.result import NAMED, NONE_OF_THESE, NOTHING
 from tests.discrepancy.battery.rivals import gaussian_process
+from tests.discrepancy.battery.rivals.__main__ import main
 from tests.discrepancy.battery.rivals.features import features
 from tests.discrepancy.battery.rivals.prepared import INPUTS, OUTPUTS, PERIOD, Prepared
 from tests.discrepancy.battery.rivals.verdict import answered, tuned
@@ -92,3 +97,21 @@ def test_limits_are_learned_from_null_and_unknown_cases():
     limits = tuned(answers)
     assert [answered(a, limits)["verdict"] for a in answers] == [NOTHING, NOTHING, NONE_OF_THESE, NAMED, NAMED]
     assert answered(answers[3], limits)["effects"] == ["a"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--method", "svm"], "method 'svm' is unknown"),
+        (["--split", "test"], "split 'test' is unknown"),
+        (["--only", "*/s1"], "no case of the split evaluation is like */s1"),
+    ],
+)
+def test_wrong_input_is_told_in_a_sentence(arguments: list[str], said: str, tmp_path: Path):
+    app = typer.Typer()
+    app.command()(main)
+    result = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path)])
+    assert result.exit_code == 2
+    assert result.output.startswith("error: ")
+    assert said in result.output
+    assert list(tmp_path.iterdir()) == []

@@ -6,6 +6,7 @@ asked for are kept beside the battery's own, with --keep, from where its page re
 
 from collections.abc import Sequence
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
@@ -23,6 +24,7 @@ from tests.discrepancy.battery.score import Told, family, hidden, naming
 from tests.discrepancy.battery.table import text
 
 FAMILIES = ("single", "null", "unknown")
+_PACKAGES = ("pysindy", "sklearn")
 
 
 def _class(told: Told) -> str:
@@ -57,6 +59,10 @@ def main(
         names = {
             s: [c.name for c in chosen(s, FAMILIES, quick, only or [])] for s in dict.fromkeys(("development", split))
         }
+        if empty := [s for s, ones in names.items() if not ones]:
+            raise InputError(f"no case of the split {empty[0]} is like {', '.join(only or [])}; both splits need some")
+        if lacking := [name for name in _PACKAGES if find_spec(name) is None]:
+            raise InputError(f"package {lacking[0]} is not installed; pip install -e '.[battery]' brings it")
     except InputError as error:
         typer.echo(f"error: {error}", err=True)
         raise typer.Exit(2) from None
