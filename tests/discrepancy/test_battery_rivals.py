@@ -49,8 +49,23 @@ def test_sparse_regression_finds_a_term():
     assert ranking[0][1] > 0.2
 
 
+def test_marginal_likelihood_and_its_gradient_are_those_of_scikit_learn():
+    process = pytest.importorskip("sklearn.gaussian_process", reason="needs pip install -e '.[battery]'")
+    from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
+
+    random = np.random.default_rng(1)
+    x, y = random.standard_normal((40, 3)), random.standard_normal(40)
+    kernel = ConstantKernel(1.0) * RBF(np.ones(3)) + WhiteKernel(1.0)
+    regressor = process.GaussianProcessRegressor(kernel, optimizer=None, alpha=0.0).fit(x, y)
+    apart = (x.T[:, :, None] - x.T[:, None, :]) ** 2
+    for logs in random.uniform(-1.0, 1.0, (5, 5)):
+        value, gradient = regressor.log_marginal_likelihood(logs, eval_gradient=True)
+        ours, by = gaussian_process.loss(logs, apart, y)
+        assert ours == pytest.approx(-value, rel=1e-10)
+        assert by == pytest.approx(-gradient, rel=1e-8)
+
+
 def test_gaussian_process_looks_like_the_effect_that_made_it(monkeypatch: pytest.MonkeyPatch):
-    pytest.importorskip("sklearn", reason="needs pip install -e '.[battery]'")
     monkeypatch.setattr(gaussian_process, "_POINTS", 120)
     case = made(off_by_gain)
     other = np.zeros_like(case.predicted)

@@ -7,18 +7,19 @@ Method          residual = delta(p, dp/dt, slip, temperature, torque, voltage) +
 References      Kennedy and O'Hagan 2001, J. R. Statist. Soc. B 63; Rasmussen and Williams 2006, ch. 2 and 5
 """
 
-import warnings
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import LinAlgError, cho_factor, cho_solve, cholesky
+from scipy.linalg.lapack import dpotri
+from scipy.optimize import minimize
 
 from tests.discrepancy.battery.rivals.prepared import PERIOD, Prepared
 
 _POINTS = 600  # of the subset
 _THINNED = 5  # every fifth mean is compared: 20 ms
 _SEED = 6
+_SIGNAL, _LENGTH, _NOISE = (1e-4, 1e4), (0.05, 1e2), (1e-2, 1e2)  # floors², standard deviations of the state, floors²
 _OUTPUTS = (0, 1, 2, 4)  # analog: pressure, both torques, temperature
 
 
@@ -35,29 +36,59 @@ def ranked(made: Prepared, effects: Mapping[str, np.ndarray]) -> list[tuple[str,
     """Effects with |cosine| between their changes and the posterior mean, the largest first."""
     x = states(made)[:, ::_THINNED].reshape(-1, 6)
     chosen = np.random.default_rng(_SEED).choice(len(x), _POINTS, replace=False)
-    mean, changes = [], {name: [] for name in effects}
+    near, far = _apart(x[chosen], x[chosen]), _apart(x, x[chosen])
+    means = []
     for i in _OUTPUTS:
         y = made.residuals[:, i, ::_THINNED].ravel()
-        kernel = _kernel(x[chosen], y[chosen])
-        across = kernel(x, x[chosen])  # without the white part, which sklearn adds for one set with itself alone
-        factor = cho_factor(kernel(x[chosen]))
-        mean.append(across @ cho_solve(factor, y[chosen]))
-        for name, change in effects.items():
-            seen = change[:, i, ::_THINNED].ravel()
-            changes[name].append(across @ cho_solve(factor, seen[chosen]))
-    whole = np.concatenate(mean)
-    found = {name: _cosine(whole, np.concatenate(parts)) for name, parts in changes.items()}
+        seen = np.stack([y, *(change[:, i, ::_THINNED].ravel() for change in effects.values())], axis=-1)
+        means.append(_posterior_mean(near, far, seen[chosen], learned(near, y[chosen])))
+    mean, *smoothed = np.concatenate(means).T
+    found = {name: _cosine(mean, change) for name, change in zip(effects, smoothed, strict=True)}
     return sorted(found.items(), key=lambda one: -one[1])
 
 
-def _kernel(x: np.ndarray, y: np.ndarray) -> Any:
-    from sklearn.gaussian_process import GaussianProcessRegressor
-    from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
+def learned(apart: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Logarithms of signal variance, lengths and noise variance, by marginal likelihood from where all are 1: (d + 2,)."""
+    bounds = np.log([_SIGNAL, *[_LENGTH] * len(apart), _NOISE])
+    return minimize(loss, np.zeros(len(bounds)), (apart, y), jac=True, bounds=bounds, method="L-BFGS-B").x
 
-    start = ConstantKernel(1.0, (1e-4, 1e4)) * RBF(np.ones(x.shape[1]), (0.05, 1e2)) + WhiteKernel(1.0, (1e-2, 1e2))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # a length at its bound: the residual does not depend on that state
-        return GaussianProcessRegressor(start, normalize_y=False, random_state=_SEED).fit(x, y).kernel_
+
+def loss(logs: np.ndarray, apart: np.ndarray, y: np.ndarray) -> tuple[float, np.ndarray]:
+    """Negative logarithmic marginal likelihood and its gradient (Rasmussen and Williams, eq. 2.30 and 5.9).
+
+    apart: squared distances in each state, (d, n, n). scikit-learn's value and gradient, at a third of the time: it
+    writes down the derivative of the kernel by each of its parameters, (n, n, 8).
+    """
+    signal, noise = _kernel(logs, apart), np.exp(logs[-1])
+    try:
+        factor = cholesky(signal + noise * np.eye(len(y)), lower=True)
+    except LinAlgError:
+        return np.inf, np.zeros_like(logs)
+    a = cho_solve((factor, True), y)
+    half = np.tril(dpotri(factor, lower=1)[0])
+    inverse = half + np.tril(half, -1).T
+    value = 0.5 * y @ a + np.log(np.diag(factor)).sum() + 0.5 * len(y) * np.log(2.0 * np.pi)
+    weight = np.outer(a, a) - inverse
+    by_noise = 0.5 * noise * np.trace(weight)
+    weight *= signal
+    by_length = 0.5 * np.tensordot(apart, weight, 2) * np.exp(-2.0 * logs[1:-1])
+    return value, -np.array([0.5 * weight.sum(), *by_length, by_noise])
+
+
+def _posterior_mean(near: np.ndarray, far: np.ndarray, y: np.ndarray, logs: np.ndarray) -> np.ndarray:
+    """What the process, given y (k, m), expects elsewhere (n, m); squared distances near (d, k, k) and far (d, n, k)."""
+    factor = cho_factor(_kernel(logs, near) + np.exp(logs[-1]) * np.eye(len(y)))
+    return _kernel(logs, far) @ cho_solve(factor, y)
+
+
+def _kernel(logs: np.ndarray, apart: np.ndarray) -> np.ndarray:
+    """Squared exponential, a length to each state."""
+    return np.exp(logs[0] - 0.5 * np.tensordot(np.exp(-2.0 * logs[1:-1]), apart, 1))
+
+
+def _apart(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Squared distances in each state: (d, rows of a, rows of b)."""
+    return (a.T[:, :, None] - b.T[:, None, :]) ** 2
 
 
 def _cosine(a: np.ndarray, b: np.ndarray) -> float:
