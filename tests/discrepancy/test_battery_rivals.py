@@ -114,6 +114,17 @@ def test_limits_are_learned_from_null_and_unknown_cases():
     assert answered(answers[3], limits)["effects"] == ["a"]
 
 
+def test_cautious_limits_name_few_unknown_effects():
+    def told(case: str, name: str, score: float) -> dict:
+        return {"case": case, "truth": {"effects": [{"name": "a"}]}, "excess": 1.0, "ranking": [(name, score)]}
+
+    singles = [told(f"single/{i}", "a", 0.3 if i < 9 else 0.9) for i in range(10)]
+    answers = [*singles, told("unknown/1", "a", 0.5), told("unknown/2", "a", 0.2)]
+    best, cautious = tuned(answers), tuned(answers, 0.05)
+    named = [[answered(a, limits)["verdict"] for a in answers].count(NAMED) for limits in (best, cautious)]
+    assert named == [11, 1]  # one of two unknown effects for nine names; nine names for none
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

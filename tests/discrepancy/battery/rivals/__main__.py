@@ -1,7 +1,7 @@
 """Rivals by one command: python -m tests.discrepancy.battery.rivals --method sindy|classifier|gaussian_process|all.
 
-Their rankings are below OUT/HASH/rivals/METHOD, their limits are set on the development split, and their answers to the split
-asked for are kept beside the battery's own, with --keep, from where its page reads them.
+Their rankings are below OUT/HASH/rivals/METHOD, their limits are set on the development split, twice (MOST_NAMED), and their
+answers to the split asked for are kept beside the battery's own, with --keep, from where its page reads them.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ import typer
 from plant_sim.bench.progress import progress_bar
 from plant_sim.discrepancy.result import NONE_OF_THESE, NOTHING
 from protocols.errors import InputError, closest
-from tests.discrepancy.battery.rivals import METHODS, classifier
+from tests.discrepancy.battery.rivals import METHODS, MOST_NAMED, classifier
 from tests.discrepancy.battery.rivals.ranking import rank
 from tests.discrepancy.battery.rivals.verdict import answered, tuned
 from tests.discrepancy.battery.run import Cache, chosen, keep, run, sources
@@ -81,11 +81,12 @@ def main(
             asked = [] if split == "development" else found[split]
             found["development"], answers = classified(found["development"], asked)
             found[split] = answers or found["development"]
-        limits = tuned(found["development"])
-        answers = [answered(told, limits) for told in found[split]]
-        typer.echo(f"{one}: {limits}\n{text(naming(answers))}")
-        if keeping:
-            typer.echo(f"wrote:   {keep(answers, folder.name, f'{one}-{split}')}")
+        for point, most_named in MOST_NAMED.items():
+            limits = tuned(found["development"], most_named)
+            answers = [answered(told, limits) for told in found[split]]
+            typer.echo(f"{one}, {point}: {limits}\n{text(naming(answers))}")
+            if keeping:
+                typer.echo(f"wrote:   {keep(answers, folder.name, f'{one}-{point}-{split}')}")
     typer.echo("verdict: done")
 
 
