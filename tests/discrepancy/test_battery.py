@@ -171,12 +171,15 @@ def test_subsets_are_chosen_in_the_order_asked_for():
 
 def test_the_page_says_which_part_was_run(tmp_path: Path):
     answers = [answer(SINGLE, (SEAL,)), answer("null/none/1.0/0.02/s1", (), "nothing_missing")]
-    guessed = [answer(SINGLE, ("friction_level",)), answers[1]]
+    guessed = [answer(SINGLE, ("friction_level",), leads=SEAL), answers[1]]
     page, confusion, calibration = table.write(answers, "development", tmp_path, "0123", {"guess": guessed})
     words = page.read_text(encoding="utf-8")
     assert "**Not the whole split development: 2 of" in words
     assert "| top-1 name | 100.0 % | 1/1 |" in words
-    assert "| guess | 0.0 %, 100.0 % (of 1) | 0.0 %, 0.0 % (of 1) | -, - (of 0) | -, - (of 0) | +100.0 |" in words
+    assert (
+        "| guess | 0.0 %, 100.0 % (of 1) | 0.0 %, 0.0 % (of 1) | -, - (of 0) | -, - (of 0) | +100.0 | 100.0 % |"
+        in words
+    )
     assert min(confusion.stat().st_size, calibration.stat().st_size) > 5000
 
 

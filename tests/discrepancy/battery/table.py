@@ -175,8 +175,9 @@ def _rivals(done: Sequence[Told], rivals: Mapping[str, Sequence[Told]]) -> list[
         mine = {m.name: m for m in naming([ours[told["case"]] for told in both])}
         cells = [f"{row(theirs[m])[1]}, {row(mine[m])[1]} (of {theirs[m].count})" for m in _COMPARED]
         above = 100.0 * (mine[_TOP].value - theirs[_TOP].value)
-        rows.append((method, *cells, f"{above:+.1f}"))
-    header = ("method, then the workflow", *_COMPARED, "points above in top-1 (goal 20)")
+        leads = [told["leads"] == hidden(told)[0] for told in both if family(told) == "single" and strong(told)]
+        rows.append((method, *cells, f"{above:+.1f}", f"{100.0 * float(np.mean(leads)):.1f} %" if leads else "-"))
+    header = ("method, then the workflow", *_COMPARED, "points above in top-1 (goal 20)", "its top-1 without limits")
     said = (
         "Each with two sets of limits, fixed on the development split: those that do best there, and those that do best of "
         f"them that name at most {100.0 * MOST_NAMED['cautious']:g} % of its unknown effects."

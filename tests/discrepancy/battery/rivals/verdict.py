@@ -58,7 +58,8 @@ def tuned(answers: Sequence[Told], most_named: float = 1.0) -> Limits:
 
 
 def answered(told: Told, limits: Limits) -> Told:
-    """An answer in the form that score.py counts."""
+    """An answer in the form that score.py counts, and the name that leads its ranking, whatever the limits say."""
     verdict = limits.said(told)
     names = [told["ranking"][0][0]] if verdict == NAMED else []
-    return told | {"verdict": verdict, "effects": names, "alternatives": []}
+    leads = told["ranking"][0][0] if told["ranking"] else NONE_OF_THESE
+    return told | {"verdict": verdict, "effects": names, "alternatives": [], "leads": leads}
