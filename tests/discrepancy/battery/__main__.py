@@ -1,6 +1,5 @@
 """The battery by one command: python -m tests.discrepancy.battery."""
 
-from itertools import product
 from pathlib import Path
 from typing import Annotated
 
@@ -9,7 +8,7 @@ import typer
 from plant_sim.bench.progress import progress_bar
 from protocols.errors import InputError
 from tests.discrepancy.battery.cases import FAMILIES
-from tests.discrepancy.battery.rivals import METHODS, MOST_NAMED
+from tests.discrepancy.battery.rivals import METHODS
 from tests.discrepancy.battery.run import Cache, chosen, keep, kept, line, run, sources
 
 
@@ -63,11 +62,7 @@ def main(
     found = scores(answers)
     typer.echo(text(found))
     if docs:
-        rivals = {
-            f"{name}, {point}": list(said.values())
-            for name, point in product(METHODS, MOST_NAMED)
-            if (said := kept(folder.name, f"{name}-{point}-{split}"))
-        }
+        rivals = {name: list(said.values()) for name in METHODS if (said := kept(folder.name, f"{name}-{split}"))}
         for path in write(answers, split, docs, folder.name, rivals):
             typer.echo(f"wrote:   {path}")
     failed = [one.name for one in found if one.reached is False]

@@ -17,7 +17,6 @@ from matplotlib.figure import Figure
 from plant_sim.bench.progress import table_text
 from plant_sim.discrepancy.result import NONE_OF_THESE, NOTHING
 from tests.discrepancy.battery.cases import FAMILIES, NOISES, cases
-from tests.discrepancy.battery.rivals import MOST_NAMED
 from tests.discrepancy.battery.score import (
     Measure,
     Told,
@@ -178,11 +177,7 @@ def _rivals(done: Sequence[Told], rivals: Mapping[str, Sequence[Told]]) -> list[
         leads = [told["leads"] == hidden(told)[0] for told in both if family(told) == "single" and strong(told)]
         rows.append((method, *cells, f"{above:+.1f}", f"{100.0 * float(np.mean(leads)):.1f} %" if leads else "-"))
     header = ("method, then the workflow", *_COMPARED, "points above in top-1 (goal 20)", "its top-1 without limits")
-    said = (
-        "Each with two sets of limits, fixed on the development split: those that do best there, and those that do best of "
-        f"them that name at most {100.0 * MOST_NAMED['cautious']:g} % of its unknown effects."
-    )
-    return ["## Other methods on the same cases", "", said, "", *_table(header, rows), ""] if rows else []
+    return ["## Other methods on the same cases", "", *_table(header, rows), ""] if rows else []
 
 
 def _mixed_up(done: Sequence[Told]) -> list[tuple[str, ...]]:

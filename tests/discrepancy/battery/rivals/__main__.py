@@ -1,7 +1,7 @@
 """Rivals by one command: python -m tests.discrepancy.battery.rivals --method sindy|classifier|gaussian_process|all.
 
-Their rankings are below OUT/HASH/rivals/METHOD, their limits are set on the development split, twice (MOST_NAMED), and their
-answers to the split asked for are kept beside the battery's own, with --keep, from where its page reads them.
+Their rankings are below OUT/HASH/rivals/METHOD, their limits are set on the development split, and their answers to the split
+asked for are kept beside the battery's own, with --keep, from where its page reads them.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ import typer
 from plant_sim.bench.progress import progress_bar
 from plant_sim.discrepancy.result import NONE_OF_THESE, NOTHING
 from protocols.errors import InputError, closest
-from tests.discrepancy.battery.rivals import METHODS, MOST_NAMED, classifier
+from tests.discrepancy.battery.rivals import METHODS, classifier
 from tests.discrepancy.battery.rivals.ranking import rank
 from tests.discrepancy.battery.rivals.verdict import answered, tuned
 from tests.discrepancy.battery.run import Cache, chosen, keep, run, sources
@@ -24,7 +24,7 @@ from tests.discrepancy.battery.score import Told, family, hidden, naming
 from tests.discrepancy.battery.table import text
 
 FAMILIES = ("single", "null", "unknown")
-_PACKAGES = ("pysindy", "sklearn")
+_PACKAGES = {"sindy": "pysindy", "classifier": "sklearn"}
 
 
 def _class(told: Told) -> str:
@@ -61,13 +61,14 @@ def main(
         }
         if empty := [s for s, ones in names.items() if not ones]:
             raise InputError(f"no case of the split {empty[0]} is like {', '.join(only or [])}; both splits need some")
-        if lacking := [name for name in _PACKAGES if find_spec(name) is None]:
+        methods = METHODS if method == "all" else (method,)
+        if lacking := [name for one, name in _PACKAGES.items() if one in methods and find_spec(name) is None]:
             raise InputError(f"package {lacking[0]} is not installed; pip install -e '.[battery]' brings it")
     except InputError as error:
         typer.echo(f"error: {error}", err=True)
         raise typer.Exit(2) from None
     folder = out / sources()
-    for one in METHODS if method == "all" else (method,):
+    for one in methods:
         found: dict[str, list[Told]] = {}
         for s, wanted in names.items():
             with progress_bar(f"{one}, {s}", False) as progress:
@@ -81,12 +82,11 @@ def main(
             asked = [] if split == "development" else found[split]
             found["development"], answers = classified(found["development"], asked)
             found[split] = answers or found["development"]
-        for point, most_named in MOST_NAMED.items():
-            limits = tuned(found["development"], most_named)
-            answers = [answered(told, limits) for told in found[split]]
-            typer.echo(f"{one}, {point}: {limits}\n{text(naming(answers))}")
-            if keeping:
-                typer.echo(f"wrote:   {keep(answers, folder.name, f'{one}-{point}-{split}')}")
+        limits = tuned(found["development"])
+        answers = [answered(told, limits) for told in found[split]]
+        typer.echo(f"{one}: {limits}\n{text(naming(answers))}")
+        if keeping:
+            typer.echo(f"wrote:   {keep(answers, folder.name, f'{one}-{split}')}")
     typer.echo("verdict: done")
 
 

@@ -10,7 +10,7 @@ References      Kennedy and O'Hagan 2001, J. R. Statist. Soc. B 63; Rasmussen an
 from collections.abc import Mapping
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve, cholesky
+from scipy.linalg import cho_factor, cho_solve, cholesky
 from scipy.linalg.lapack import dpotri
 from scipy.optimize import minimize
 
@@ -48,27 +48,27 @@ def ranked(made: Prepared, effects: Mapping[str, np.ndarray]) -> list[tuple[str,
 
 
 def learned(apart: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Logarithms of signal variance, lengths and noise variance, by marginal likelihood from where all are 1: (d + 2,)."""
+    """Logarithms of signal variance, lengths and noise variance, (d + 2,), by marginal likelihood from where all are 1.
+
+    apart: squared distances in each state, (d, n, n). y: residuals in floors, (n,).
+    """
     bounds = np.log([_SIGNAL, *[_LENGTH] * len(apart), _NOISE])
     return minimize(loss, np.zeros(len(bounds)), (apart, y), jac=True, bounds=bounds, method="L-BFGS-B").x
 
 
 def loss(logs: np.ndarray, apart: np.ndarray, y: np.ndarray) -> tuple[float, np.ndarray]:
-    """Negative logarithmic marginal likelihood and its gradient (Rasmussen and Williams, eq. 2.30 and 5.9).
+    """Negative logarithmic marginal likelihood of `learned`'s logarithms, and its gradient (d + 2,).
 
-    apart: squared distances in each state, (d, n, n). scikit-learn's value and gradient, at a third of the time: it
-    writes down the derivative of the kernel by each of its parameters, (n, n, 8).
+    Rasmussen and Williams 2006, eq. 2.30 and 5.9. scikit-learn's, with which a case took three times as long: it writes
+    down the kernel's derivative by each of its parameters, (n, n, d + 2).
     """
     signal, noise = _kernel(logs, apart), np.exp(logs[-1])
-    try:
-        factor = cholesky(signal + noise * np.eye(len(y)), lower=True)
-    except LinAlgError:
-        return np.inf, np.zeros_like(logs)
+    factor = cholesky(signal + noise * np.eye(len(y)), lower=True)
     a = cho_solve((factor, True), y)
     half = np.tril(dpotri(factor, lower=1)[0])
     inverse = half + np.tril(half, -1).T
-    value = 0.5 * y @ a + np.log(np.diag(factor)).sum() + 0.5 * len(y) * np.log(2.0 * np.pi)
-    weight = np.outer(a, a) - inverse
+    value = 0.5 * y @ a + np.log(np.diag(factor)).sum() + 0.5 * len(y) * np.log(2.0 * np.pi)  # eq. 2.30
+    weight = np.outer(a, a) - inverse  # eq. 5.9, and below: half the trace of it times the kernel's derivative
     by_noise = 0.5 * noise * np.trace(weight)
     weight *= signal
     by_length = 0.5 * np.tensordot(apart, weight, 2) * np.exp(-2.0 * logs[1:-1])
@@ -76,13 +76,13 @@ def loss(logs: np.ndarray, apart: np.ndarray, y: np.ndarray) -> tuple[float, np.
 
 
 def _posterior_mean(near: np.ndarray, far: np.ndarray, y: np.ndarray, logs: np.ndarray) -> np.ndarray:
-    """What the process, given y (k, m), expects elsewhere (n, m); squared distances near (d, k, k) and far (d, n, k)."""
+    """What the process, given y (k, m), expects elsewhere (n, m), eq. 2.25; squared distances near (d, k, k), far (d, n, k)."""
     factor = cho_factor(_kernel(logs, near) + np.exp(logs[-1]) * np.eye(len(y)))
     return _kernel(logs, far) @ cho_solve(factor, y)
 
 
 def _kernel(logs: np.ndarray, apart: np.ndarray) -> np.ndarray:
-    """Squared exponential, a length to each state."""
+    """Squared exponential, a length to each state (eq. 5.1, without noise)."""
     return np.exp(logs[0] - 0.5 * np.tensordot(np.exp(-2.0 * logs[1:-1]), apart, 1))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from plant_sim.discrepancy.result import NAMED, NONE_OF_THESE, NOTHING
 from tests.discrepancy.battery.score import Told, family, hidden
 
-_GRID = 60
+_GRID = 30  # values of each limit that are tried
 
 
 @dataclass(frozen=True)
@@ -27,21 +27,17 @@ class Limits:
         return NONE_OF_THESE if not ranking or best == NONE_OF_THESE or ranking[0][1] < self.score else NAMED
 
 
-def tuned(answers: Sequence[Told], most_named: float = 1.0) -> Limits:
-    """Limits with the best mean of: names of single effects right, null cases silent, unknown effects `none_of_these`.
-
-    most_named: among those that name at most this share of unknown effects.
-    """
+def tuned(answers: Sequence[Told]) -> Limits:
+    """Limits with the best mean of: names of single effects right, null cases silent, unknown effects `none_of_these`."""
     excesses = np.unique(np.quantile([a["excess"] for a in answers], np.linspace(0.0, 0.6, _GRID)))
-    scores = np.unique(np.quantile([a["ranking"][0][1] for a in answers if a["ranking"]], np.linspace(0.0, 1.0, _GRID)))
+    scores = np.unique(
+        np.quantile([a["ranking"][0][1] for a in answers if a["ranking"]], np.linspace(0.0, 0.95, _GRID))
+    )
 
     def worth(limits: Limits) -> float:
         parts: dict[str, list[bool]] = {}
-        named = []
         for a in answers:
             kind, verdict, truth = family(a), limits.said(a), hidden(a)
-            if kind == "unknown":
-                named.append(verdict == NAMED)
             if kind in ("null", "unknown"):
                 right = verdict == (NOTHING if kind == "null" else NONE_OF_THESE)
             elif kind == "single":
@@ -49,11 +45,9 @@ def tuned(answers: Sequence[Told], most_named: float = 1.0) -> Limits:
             else:
                 continue
             parts.setdefault(kind, []).append(right)
-        if named and np.mean(named) > most_named:
-            return -1.0
         return float(np.mean([np.mean(ones) for ones in parts.values()])) if parts else 0.0
 
-    tried = [Limits(float(e), float(s)) for e in (0.0, *excesses) for s in (0.0, *scores, np.inf)]
+    tried = [Limits(float(e), float(s)) for e in (0.0, *excesses) for s in (0.0, *scores)]
     return max(tried, key=worth)
 
 
