@@ -10,7 +10,8 @@ import can
 import can.typechecking
 from can.util import CAN_FD_DLC
 
-from protocols.local_channel import CLASSIC, FD, LocalChannel, OwnFrame, bus_root
+from protocols.local_channel import CLASSIC, FD, LocalChannel, OwnFrame
+from protocols.local_folder import bus_root
 
 _EXTENDED, _REMOTE, _ERROR = 0x80000000, 0x40000000, 0x20000000  # CAN_EFF_FLAG, CAN_RTR_FLAG, CAN_ERR_FLAG
 _BRS, _ESI, _FDF = 0x01, 0x02, 0x04  # CANFD_BRS, CANFD_ESI, CANFD_FDF

@@ -17,25 +17,23 @@ Unlike vcan:
 - Kernel filters do not exist; python-can's filters act when frames are taken from the queue (`local_bus`).
 """
 
-import contextlib
 import errno
-import fcntl
 import heapq
 import itertools
 import os
-import re
 import select
 import socket
-import stat
 import struct
 import threading
 import time
 import weakref
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from operator import itemgetter
 from pathlib import Path
 
 import can
+
+from protocols.local_folder import bus_folder, locked
 
 StampedFrame = tuple[int, bytes]  # send time in ns since 1970, struct can_frame or struct canfd_frame
 
@@ -46,14 +44,12 @@ _STAMPED_FD = struct.Struct("=72sQ")
 _STAMP = struct.Struct("=Q")
 _DATA_BYTES = {CLASSIC.size: 8, FD.size: 64}
 
-_NAME = re.compile(r"[A-Za-z0-9_-]{1,32}")
 _PATH_BYTES = 107  # sun_path holds 108 with the closing zero
 _SEND_BUFFER = 1 << 20  # bytes; the kernel doubles it and charges 768 for a small frame: 2731 frames
 _SO_SNDBUFFORCE = 32  # goes beyond net.core.wmem_max, for root; Python does not name it
 _BACKLOG = 4096  # newcomers waiting for a participant that does nothing
 _FRAMES_A_CALL = 4096
 _DEPARTED_KEPT = 64  # departed participants with unread frames; who never reads must not run out of descriptors
-_LOCK_PATIENCE_S = 5.0
 _SELECTABLE = 1024  # select() takes descriptors below this
 _FULL = {errno.EAGAIN, errno.ENOBUFS, errno.ENOMEM}
 
@@ -77,7 +73,7 @@ class LocalChannel:
     """
 
     def __init__(self, name: str, receive_own: bool = False) -> None:
-        folder = _bus_folder(name)
+        folder = bus_folder(name)
         self.name = name
         self.participant = ""
         self.refused: dict[str, int] = {}
@@ -94,7 +90,7 @@ class LocalChannel:
         self._path: Path | None = None
         self._closed = False
         try:
-            with _locked(folder):
+            with locked(folder):
                 self._bind(folder)
                 self._connect_to_all(folder)
                 self._listener.listen(_BACKLOG)
@@ -330,55 +326,6 @@ class LocalChannel:
         for resource in (self._listener, self._ready, self._newcomers, *(self._echo or ()), *connections):
             resource.close()
         self._targets = ()
-
-
-def bus_root() -> Path:
-    """The folder of all buses of this user."""
-    if chosen := os.environ.get("CLUTCH_HIL_BUS_DIR"):
-        return Path(chosen).absolute()
-    if runtime := os.environ.get("XDG_RUNTIME_DIR"):
-        return Path(runtime) / "clutch-hil"
-    return Path(f"/tmp/clutch-hil-{os.getuid()}")
-
-
-def _bus_folder(name: str) -> Path:
-    """The existing folder of a bus; raises can.CanInitializationError."""
-    if not _NAME.fullmatch(name):
-        raise can.CanInitializationError(f"bus name {name!r}; allowed are 1 to 32 of A-Z a-z 0-9 _ -")
-    root = bus_root()
-    folder = root / name
-    try:
-        root.mkdir(mode=0o700, parents=True, exist_ok=True)
-        status = root.lstat()
-        # In /tmp anybody could have made the folder first. Where $CLUTCH_HIL_BUS_DIR says, sharing may be wanted.
-        private = status.st_uid == os.getuid() and stat.S_ISDIR(status.st_mode) and not status.st_mode & 0o077
-        if not private and not os.environ.get("CLUTCH_HIL_BUS_DIR"):
-            raise can.CanInitializationError(f"bus folder {root} must be a folder of user {os.getuid()} with mode 0700")
-        folder.mkdir(mode=0o700, exist_ok=True)
-    except OSError as error:
-        raise can.CanInitializationError(f"bus folder {folder} cannot be used: {error}") from error
-    return folder
-
-
-@contextlib.contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    """Hold the lock of the folder, under which participants join one after another."""
-    descriptor = os.open(folder / "lock", os.O_RDWR | os.O_CREAT, 0o600)
-    deadline = time.monotonic() + _LOCK_PATIENCE_S
-    try:
-        while True:
-            try:
-                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                break
-            except BlockingIOError as error:
-                if time.monotonic() > deadline:
-                    raise can.CanInitializationError(
-                        f"{folder / 'lock'} stayed locked for {_LOCK_PATIENCE_S:g} s: a process stopped while joining"
-                    ) from error
-                time.sleep(0.001)
-        yield
-    finally:
-        os.close(descriptor)
 
 
 def _new_socket() -> socket.socket:

@@ -1,11 +1,9 @@
 """The report of a result: page, pictures, report.json and recording say the same, for each verdict and for any names."""
 
-import base64
 import json
 import math
 import re
 from dataclasses import replace
-from html.parser import HTMLParser
 from io import BytesIO
 
 import matplotlib.image
@@ -33,6 +31,7 @@ from plant_sim.discrepancy.result import (
 )  # fmt: skip
 from protocols.errors import InputError
 from tests.discrepancy import results
+from tests.discrepancy.page_content import Content, told_number
 
 COLOURS = 40  # of a picture with a line in it; an empty figure has 1, empty axes with labels about 20
 ROUNDING = 6e-3  # of a number that is told with three digits: 0.5 %; of one with two digits ten times as much
@@ -63,43 +62,6 @@ _TEXTS = {
         "higher while the pressure falls", "sign(dp/dt)", "−0.062", "All were refused.", "No experiment is proposed.",
     ),
 }  # fmt: skip
-
-
-class Content(HTMLParser):
-    """What a page holds: tags, where they point to, text, numbers with their exact values."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.tags: list[str] = []
-        self.open: list[str] = []
-        self.addresses: list[str] = []
-        self.numbers: list[tuple[float, str]] = []
-        self.text = ""
-        self._exact: float | None = None
-        self.feed(text)
-
-    def handle_starttag(self, name, attributes):
-        given = dict(attributes)
-        self.tags.append(name)
-        if name not in ("meta", "img"):
-            self.open.append(name)
-        self.addresses += [given[key] for key in ("src", "href", "srcset", "action", "data") if key in given]
-        if name == "data":
-            self._exact = float(given["value"])
-
-    def handle_endtag(self, name):
-        assert self.open.pop() == name
-
-    def handle_data(self, data):
-        if self.open and self.open[-1] != "style":
-            self.text += data
-        if self._exact is not None:
-            self.numbers.append((self._exact, data))
-            self._exact = None
-
-    @property
-    def pictures(self):
-        return [base64.b64decode(address.partition(",")[2]) for address in self.addresses]
 
 
 def made(kind):
@@ -198,7 +160,7 @@ def test_page_and_report_json_tell_the_same_numbers(folder, pages):
 def test_numbers_are_rounded_and_not_wrong(kind, pages):
     for exact, text in Content(pages[kind]).numbers:
         digits = len(re.sub(r"[^\d]", "", text.partition("·")[0]).lstrip("0"))
-        assert _number(text) == pytest.approx(
+        assert told_number(text) == pytest.approx(
             exact, rel=ROUNDING * 10 ** max(0, 3 - digits), abs=6e-4 if "%" in text else 0.0
         )
 
@@ -420,14 +382,3 @@ def _colours(png):
 def _follow(row, told):
     """Whether the numbers of `row` stand one after the other in `told`."""
     return any(tuple(told[i : i + len(row)]) == row for i in range(len(told)))
-
-
-def _number(text):
-    """The number that a text tells."""
-    plain = text.replace("−", "-").replace(",", "")
-    power = 0
-    if "·" in plain:
-        plain, _, ten = plain.partition(" · 10")
-        power = int(ten.split()[0].translate(str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")))
-    value = float(plain.split()[0]) * 10.0**power
-    return value / 100.0 if "%" in text else value
