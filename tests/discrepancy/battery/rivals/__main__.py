@@ -78,6 +78,7 @@ def main(
                 ):
                     found[s].append(told)
                     progress(len(found[s]), len(wanted))
+            found[s].sort(key=lambda told: str(told["case"]))  # they come as they are done; a classifier sees an order
         if one == "classifier":
             asked = [] if split == "development" else found[split]
             found["development"], answers = classified(found["development"], asked)
