@@ -20,8 +20,8 @@ LONG = 3_600_000_000_000  # ns: a period in which nothing is late
 
 def started(period: int = PERIOD, **settings: object) -> Beat:
     beat = Beat(Clock(period, **settings))  # type: ignore[arg-type]
-    # compiled, on a clock that was never started: it is late since the machine was
-    wait(Beat(Clock(period)).words, beat.spins)
+    # compiled, on a clock that was never started: it is late since the machine was, at any period shorter than that
+    wait(Beat(Clock(PERIOD)).words, beat.spins)
     beat.clock.start(time.monotonic_ns() + period)
     return beat
 
