@@ -88,11 +88,8 @@ class Inquiry:
             if i == 0 or candidate.is_off(at.point[1]):
                 self._alone(at)
         costs = {f.name: f.cost for f in ranked} | {names[0].name: self._score(at) for at, names in jointly}
-        self.values = {f.name: f.values for f in ranked} | {
-            candidates[0].name: dict(at.point[1]) for at, candidates in jointly
-        }
-        self.by_run = {c.name: evidence.excess_by_run(at.residual) for at, (c,) in jointly}
-        self._against = {c.name: evidence.contradicted(at.residual, self.base.residual) for at, (c,) in jointly}
+        self.values = {f.name: f.values for f in ranked}
+        self._singly(jointly)
         self._judge(costs)
         self._take(*jointly[0], costs)
         if self._unfinished():
@@ -100,9 +97,8 @@ class Inquiry:
             self._several([(at, names) for at, names in jointly[1:] if names[0].name in near])
         if self.weighed.gained:
             self.progress("the model with what was found", 0.8)
-            self.final = self._renewed(self.final)
-            self._alone(self.final)
-            self.weighed = self._weighed(self.final, self.weighed.count)
+            self._end()
+            self._without_idle(costs)
 
     def _tolerant(self) -> Evidence:
         """The evidence from here on: no output outweighs the others."""
@@ -202,6 +198,12 @@ class Inquiry:
         free += [f for c in self.named for f in effect_free(c, at.point[1])]
         return refitted(self.evidence, linearised(self.evidence, at.point, free), 0)
 
+    def _end(self) -> None:
+        """What is named, fitted to its end, and the baseline from there."""
+        self.final = self._renewed(self.final)
+        self._alone(self.final)
+        self.weighed = self._weighed(self.final, self.weighed.count)
+
     def _take(self, at: Linear, candidates: tuple[Candidate, ...], costs: dict[str, float]) -> None:
         self.named, self.final, self.costs = candidates, at, costs
         self.weighed = self._weighed(at, len(candidates))
@@ -227,6 +229,38 @@ class Inquiry:
             if self._unfinished():
                 self.progress("three effects", 0.7)
                 sets = self._beside(self.final, self.named)
+
+    def _without_idle(self, costs: dict[str, float]) -> None:
+        """Drop what is named beside others and may as well be off: a further effect does its work, or it never did any.
+
+        costs: of single effects.
+        """
+        while self.weighed.explained and len(self.named) > 1 and (idle := self._idle()):
+            parameters, effects = self.final.point
+            sets = []
+            for c in idle:
+                others = {n: v for n, v in effects.items() if n not in c.declared()}
+                sets.append((tuple(o for o in self.named if o is not c), (parameters, others)))
+            at, kept = self._jointly(sets)[0]
+            if not self._weighed(at, len(kept)).explained:
+                break
+            if len(kept) == 1:
+                self._singly([(at, kept)])
+                self._judge(costs := costs | {kept[0].name: self._score(at)})
+            self._take(at, kept, costs if len(kept) == 1 else {})
+            self._end()
+
+    def _idle(self) -> list[Candidate]:
+        """Effects none of whose strengths has an interval that leaves out where it is off."""
+        unsure = {e.name for e in self.estimates(effects=True) if e.ci95[0] <= e.nominal <= e.ci95[1]}
+        return [c for c in self.named if all(f"{c.name}.{s.name}" in unsure for s in c.strengths)]
+
+    def _singly(self, fits: Sequence[_Joint]) -> None:
+        """Keep what fits of single effects found."""
+        for at, (c,) in fits:
+            self.values[c.name] = dict(at.point[1])
+            self.by_run[c.name] = self.evidence.excess_by_run(at.residual)
+            self._against[c.name] = self.evidence.contradicted(at.residual, self.base.residual)
 
     def _unfinished(self) -> bool:
         """Whether what is named, fitted to its end where it seems to, leaves enough to look for a further effect."""
