@@ -343,7 +343,7 @@ class Inquiry:
         found = []
         for r in sorted(self._rivals.values(), key=lambda r: -r.gain):
             closed = float(np.clip(r.gain / whole, 0.0, 1.0))
-            reason = f"closes {closed:.0%} of the gap where {w.closed:.0%} can be closed"
+            reason = f"closes {closed:.1%} of the gap where {w.closed:.1%} can be closed"
             if r.gain <= GAIN * size:
                 reason = "explains nothing that the baseline's own parameters do not"
             elif self._against.get(r.name, 0.0) > UNEXPLAINED:
