@@ -231,7 +231,8 @@ class Inquiry:
                 sets = self._beside(self.final, self.named)
 
     def _without_idle(self, costs: dict[str, float]) -> None:
-        """Drop what is named beside others and may as well be off: a further effect does its work, or it never did any.
+        """Drop what is named beside others, may as well be off, and would not be added to them: a further effect does its
+        work, or it never did any.
 
         costs: of single effects.
         """
@@ -242,7 +243,10 @@ class Inquiry:
                 others = {n: v for n, v in effects.items() if n not in c.declared()}
                 sets.append((tuple(o for o in self.named if o is not c), (parameters, others)))
             at, kept = self._jointly(sets)[0]
-            if not self._weighed(at, len(kept)).explained:
+            without, likelier = self._weighed(at, len(kept)), at.strain - self.final.strain
+            gain = (without.best - self.weighed.best) / without.size
+            earned = worthwhile(gain, likelier, without.size, without.alike) and without.mended(gain, gain)
+            if earned or not without.explained:
                 break
             if len(kept) == 1:
                 self._singly([(at, kept)])
