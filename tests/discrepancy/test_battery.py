@@ -71,6 +71,16 @@ def test_an_unknown_effect_must_not_be_named():
     assert measure(answers, "unknown effect: a name").good == 1
 
 
+def test_a_name_beside_the_right_one_is_counted():
+    answers = [
+        answer(SINGLE, (SEAL, GAIN)),
+        answer(SINGLE, (SEAL,)),
+        answer(SINGLE, (GAIN, WAVES)),  # neither is right
+        answer(SINGLE, (SEAL, GAIN), "one_of"),
+    ]
+    assert measure(answers, "one named beside it that is not hidden").good == 1
+
+
 def test_pairs_need_both_names():
     case = f"pair/{SEAL}+{GAIN}/2.0/0.02/s1"
     answers = [answer(case, (SEAL, GAIN)), answer(case, (SEAL,)), answer(case, (SEAL, GAIN), "one_of")]

@@ -257,6 +257,9 @@ def scores(answers: Sequence[Told]) -> list[Measure]:
         ),
         _share("truth in the reported set", single, lambda t: hidden(t)[0] in reported(t), 0.95),
         _share("one_of, of single effects", single, lambda t: t["verdict"] == ONE_OF),
+        _share(
+            "one named beside it that is not hidden", single, lambda t: set(hidden(t)) < set(t["effects"]), below=True
+        ),
         _share("the proposed experiment resolves it", [t for t in single if "resolved" in t], _resolved, 0.90),
         Measure("localisation F1, block and regime", f1, len(located), 0.90, unit=""),
         Measure("localisation F1, block alone", block, len(located), unit=""),
