@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import t
 
 from plant_sim.discrepancy.candidates import Fit, Search
 from plant_sim.discrepancy.decide import (
@@ -21,6 +20,7 @@ from plant_sim.discrepancy.decide import (
 from plant_sim.discrepancy.evidence import Evidence, Point
 from plant_sim.discrepancy.fit import Linear, baseline_free, effect_free, linearised, refitted
 from plant_sim.discrepancy.held_out import left_out
+from plant_sim.discrepancy.intervals import half_widths
 from plant_sim.discrepancy.model import Candidate, Hinting, Model, calibration
 from plant_sim.discrepancy.result import NAMED, NONE_OF_THESE, NOTHING, ONE_OF, Estimate, Rival
 
@@ -37,11 +37,8 @@ _PARTNERS = 3  # candidates that are fitted beside what is named
 _RUNNERS_UP = 2  # single effects beside which they are, too: of two that are missing neither may be the best alone
 _TELLING = 2  # runs that starts are read from
 _CONTRADICTED = 2.0  # weight of an output's power that a candidate adds: true ones of the development split add none
-_CLUSTER = 1.0  # s: residuals further apart are taken as independent
 _Joint = tuple[Linear, tuple[Candidate, ...]]
 _Set = tuple[tuple[Candidate, ...], Point]  # candidates, and where their fit begins
-_ASTRAY = 0.12  # of an effect: with it nine in ten intervals of the development split held the truth of other laws
-_NORMAL = 1.96  # 95 % of a normal distribution
 
 
 class Inquiry:
@@ -363,21 +360,13 @@ class Inquiry:
         return {c.name: c.equation for c in self.candidates if c.name in wanted}
 
     def estimates(self, effects: bool) -> list[Estimate]:
-        """Fitted parameters with robust 95 % intervals: the wider of two, one from how seconds differ, one from how runs do.
-
-        To that of a strength is added, as independent, how far the law of a rig leads that of the catalogue astray.
-        """
-        at = self.final
-        half = _NORMAL * _deviations(at, _clusters(self.evidence))
-        if (count := len(self.evidence.pieces)) > 2:  # what the model lacks pulls whole runs apart
-            runs = [np.arange(piece.start, piece.stop) for piece in self.evidence.pieces]
-            half = np.maximum(half, t.ppf(0.975, count - 1) * np.sqrt(count / (count - 1)) * _deviations(at, runs))
+        """Fitted parameters, of effects or of the baseline, with 95 % intervals."""
+        at, half = self.final, half_widths(self.evidence, self.final)
         declared = dict(self.model.parameters) | {n: p for c in self.named for n, p in c.declared().items()}
         found = []
         for f, h in zip(at.free, half, strict=True):
             if (f.centre is None) == effects:
-                value, p = at.value(f), declared[f.name]
-                reach = float(np.hypot(h * f.scale, _ASTRAY * (value - f.off) if f.off is not None else 0.0))
+                value, p, reach = at.value(f), declared[f.name], float(h)
                 interval = max(value - reach, p.bounds[0]), min(value + reach, p.bounds[1])
                 found.append(Estimate(f.name, value, p.unit, interval, p.value, p.uncertainty))
         return found
@@ -391,20 +380,4 @@ def _reshaped(candidate: Candidate) -> list[dict[str, float]]:
             value = float(np.clip(shape.typical * factor, *shape.bounds))
             if shape.typical > 0.0 and shape.unit != "rad" and value != shape.typical:
                 found.append(candidate.typical() | {f"{candidate.name}.{shape.name}": value})
-    return found
-
-
-def _deviations(at: Linear, clusters: Sequence[np.ndarray]) -> np.ndarray:
-    """Standard deviations (p,) of the parameters in scales."""
-    return np.sqrt(np.maximum(np.diag(at.covariance(clusters)), 0.0))
-
-
-def _clusters(evidence: Evidence) -> list[np.ndarray]:
-    """Indices of residuals that belong to one second of one run."""
-    found = []
-    for k in range(len(evidence.runs)):
-        length = max(1, round(_CLUSTER / evidence.lengths[k]))
-        parts = [np.arange(p.start, p.stop) for p in (evidence.part(k, c) for c in evidence.columns)]
-        count = max(1, len(parts[0]) // length)
-        found += [np.concatenate([np.array_split(p, count)[i] for p in parts]) for i in range(count)]
     return found
