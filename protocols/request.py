@@ -10,8 +10,9 @@ class Request(IntEnum):
     ENGAGE = 1  # follow the torque demand
     RELEASE = 2
     PRESSURE = 3  # follow the pressure demand, whatever the torque demand
+    LOCK = 4  # close the clutch totally: carry whatever is applied, with a margin
 
     @property
     def closes(self) -> bool:
         """Whether it keeps the clutch closed."""
-        return self in (Request.ENGAGE, Request.PRESSURE)
+        return self in (Request.ENGAGE, Request.PRESSURE, Request.LOCK)

@@ -14,6 +14,7 @@ from protocols.units import BAR, ZERO_CELSIUS
 from protocols.words import SIGNAL, put, raw, sealed, value
 from rt_controller.law import LAW, LAW_SETTINGS, TERMS, control, mismatch
 from rt_controller.limits import GUARD, LIMITS, close_cycle, inbound, outbound
+from rt_controller.lock import motor_limit
 from rt_controller.phases import PHASE_SETTINGS, PHASES, Phase, advance
 from rt_controller.sample import SAMPLE, take_analog, take_encoder
 
@@ -39,7 +40,7 @@ class Refusal(IntEnum):
 
 
 SETTINGS = np.dtype(
-    [("period", "f8"), ("rate", "i8"), ("session", "i8"), ("alone", "?"), ("drives", "?"), ("own", "i8", (4,)),
+    [("period", "f8"), ("rate", "i8"), ("session", "i8"), ("drives", "?"), ("own", "i8", (4,)),
      ("valve_id", "i8"), ("motor_id", "i8"), ("status_id", "i8"), ("heartbeat_id", "i8"), ("status_every", "i8"),
      ("heartbeat_every", "i8"), ("angle_step", "f8"), ("setpoint_timeout", "f8"), ("motor_torque_limit", "f8"),
      ("demand_limit", "f8"), ("speed_limit", "f8"), ("pressure_limit", "f8"),
@@ -81,7 +82,8 @@ def cycle(states, all_settings, inbox, count, slots, outbox, row):
     step = min(ticks, _STEP_LIMIT) * settings.period
     request = node.request if node.setpoint_age <= settings.setpoint_timeout else Request.RELEASE.value
     finding = close_cycle(guard, settings.guard, slots)
-    off = mismatch(law) if settings.alone else 0.0
+    compared = settings.law.alone and request != Request.PRESSURE
+    off = mismatch(law) if compared else 0.0
     phase = advance(node.phases, settings.phases, request, sample.pressure, off, finding, elapsed)
     followed = node.pressure_demand if request == Request.PRESSURE else nan
     control(law, settings.law, phase, node.demand, sample, step, followed)
@@ -148,7 +150,7 @@ def _take_setpoint(node, settings, word, can_id):
         return _refuse(node, Refusal.TORQUE, can_id, torque)
     if pressure > settings.pressure_limit:
         return _refuse(node, Refusal.PRESSURE, can_id, pressure)
-    if request > Request.PRESSURE:  # the last
+    if request > Request.LOCK:  # the last
         return _refuse(node, Refusal.REQUEST, can_id, request)
     if abs(speed) > settings.speed_limit:
         return _refuse(node, Refusal.SPEED, can_id, speed)
@@ -187,12 +189,15 @@ def _commands(node, settings, phase, outbox):
         s = settings.motor_command
         word = np.int64(0)
         if phase != Phase.FAULT and node.setpoint_age != inf:
-            word = put(put(put(word, s[0], 1), s[1], node.speed_demand), s[2], settings.motor_torque_limit)
+            limit = settings.motor_torque_limit
+            if phase == Phase.LOCK and settings.law.alone:
+                limit = min(limit, motor_limit(settings.law.lock, settings.law.model, law.adaptation.level))
+            word = put(put(put(word, s[0], 1), s[1], node.speed_demand), s[2], limit)
         write(outbox[sent], settings.motor_id, _COMMAND, sealed(word, _COMMAND, cycle))
         outbound(node.guard, settings.guard, settings.motor_id, outbox[sent].data)
         sent += 1
     s = settings.valve_command
-    opened = phase == Phase.FILL or phase == Phase.SLIP_CONTROL
+    opened = phase == Phase.FILL or phase == Phase.SLIP_CONTROL or phase == Phase.LOCK
     word = put(put(np.int64(0), s[0], opened), s[1], law.voltage)
     word = put(word, s[2], max(node.sample.tick, 0) & 0xFFFF)
     write(outbox[sent], settings.valve_id, _COMMAND, sealed(word, _COMMAND, cycle))

@@ -1,10 +1,15 @@
 """Torque estimator: the normal-load dependent part of the XGMS model (eq. 6.9) driven by measured pressure, slip, temperature.
 
-Equation        M_sim = level M_C(p) m + (level + viscous) sign(omega) C_v(p) r_T |omega|^gamma;  m' = sign(omega) C (1 - m/s_n)
-Assumptions     gross sliding; measured pressure is the pressure on the plates; one element (sec. 6.2.3)
-Valid range     p 2.7..4.2 bar, 0..250 rpm, oil above 35 degC
+Equation        sliding     M_sim = level M_C(p) m + (level + viscous) sign(omega) C_v(p) r_T |omega|^gamma
+                            m' = sign(omega) C (1 - m/s_n), s_n carrying the sign of omega
+                standstill  sign(omega) is any number in [-1, 1] and s_n = 1: within a step T, m may go anywhere in
+                            [-1 + (m + 1) q, 1 + (m - 1) q], q = exp(-C T); it goes to what carries the torque applied, or as
+                            near as it can. A load that changes leaves the carried torque as it is: M_C m is kept
+Assumptions     measured pressure is the pressure on the plates; one element (sec. 6.2.3)
+Valid range     p 2.7..4.2 bar, 0..250 rpm either way, oil above 35 degC
 Not modelled    pre-sliding, seal friction, direction of the stroke
-References      Janssens 2010, eqs 6.2, 6.3, 6.6, 6.9, Tables 6.1, 6.4, 6.5. `level` and `viscous` are ours (adaptation.py)
+References      Janssens 2010, eqs 6.2, 6.3, 6.6, 6.9, Tables 6.1, 6.4, 6.5. Standstill: the same equation after Filippov 1988,
+                Differential Equations with Discontinuous Righthand Sides, ch. 2. `level` and `viscous` are ours (adaptation.py)
 """
 
 from math import exp, log10
@@ -43,9 +48,34 @@ def friction_state(model, state, pressure, slip, step):
 
 
 @njit
+def held_state(model, state, before, after, applied, step):
+    """Friction state m [-] after `step` [s] at standstill, where `applied` [Nm] is to be carried.
+
+    `before`, `after` [Nm]: Coulomb torque at the begin and the end of the step.
+    """
+    if after <= 0.0:
+        return 0.0
+    kept = min(max(state * before / after, -1.0), 1.0)  # the load changes, the carried torque does not
+    q = exp(-model.attraction * step)
+    low, high = -1.0 + (kept + 1.0) * q, 1.0 + (kept - 1.0) * q  # eq. 6.9 with s_n = 1 and sign(omega) = -1, 1
+    return min(max(applied / after, low), high)
+
+
+@njit
+def coulomb_torque(model, pressure):
+    """Coulomb torque M_C [Nm] at `pressure` [Pa]: what the plates carry before they slide."""
+    return max(0.0, model.coulomb_slope * pressure + model.coulomb_intercept)  # Table 6.4
+
+
+@njit
+def viscous_torque(model, pressure, slip, temperature):
+    """Viscous torque f [Nm] at `pressure` [Pa], `slip` [rad/s] and oil `temperature` [K]; its sign is that of the slip."""
+    factor = max(0.0, model.viscous_slope * pressure + model.viscous_intercept)  # Table 6.4
+    viscous = factor * viscosity_ratio(model, temperature) * abs(slip) ** model.viscous_exponent  # eq. 6.9
+    return viscous if slip >= 0.0 else -viscous
+
+
+@njit
 def torque_parts(model, state, pressure, slip, temperature):
     """Coulomb part M_C m and viscous part [Nm] of the torque, before level and viscous correction."""
-    coulomb = max(0.0, model.coulomb_slope * pressure + model.coulomb_intercept) * state  # eq. 6.9, Table 6.4
-    factor = max(0.0, model.viscous_slope * pressure + model.viscous_intercept)
-    viscous = factor * viscosity_ratio(model, temperature) * abs(slip) ** model.viscous_exponent  # eq. 6.9
-    return coulomb, viscous if slip >= 0.0 else -viscous
+    return coulomb_torque(model, pressure) * state, viscous_torque(model, pressure, slip, temperature)  # eq. 6.9

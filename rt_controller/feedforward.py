@@ -15,3 +15,9 @@ def inverse_model(model, demand, slip, level, viscous):
     """Pressure demand [Pa] before feedback, from `demand` [Nm], `slip` [rad/s], `level` and `viscous` [-]."""
     slope = model.viscous_slope * abs(slip) ** model.viscous_exponent
     return demand / (level * model.coulomb_slope + (level + viscous) * slope) + model.contact_pressure  # eq. 6.8
+
+
+@njit
+def holding_pressure(model, torque, level):
+    """Pressure [Pa] at which the plates carry `torque` [Nm] before they slide: Table 6.4 solved for p, `level` [-]."""
+    return (torque / level - model.coulomb_intercept) / model.coulomb_slope

@@ -19,7 +19,7 @@ from rt_controller.cycle import HEARD, NODE, OUTBOX, SETTINGS, Refusal, cycle, h
 from rt_controller.law import LAW_SETTINGS, TERMS, law_at_rest, law_settings
 from rt_controller.limits import LIMITS as GUARD_LIMITS
 from rt_controller.limits import guard_limits
-from rt_controller.phases import PHASE_SETTINGS, Fault
+from rt_controller.phases import PHASE_SETTINGS, Fault, Phase
 from rt_controller.record import record
 
 PARAMETERS = Path(__file__).with_name("parameters") / "controller.toml"
@@ -31,7 +31,7 @@ _NO_FRAME = -1  # an identifier that no frame has
 COLUMNS = (
     Column("sample_tick", "1", "number of the sample answered, unwrapped; -1 before the first"),
     Column("sample_age", "cycles", "cycles since the last believable sample"),
-    Column("phase", "1", "0 idle, 1 fill, 2 slip control, 3 release, 4 fault"),
+    Column("phase", "1", f"phase of the controller: {', '.join(f'{p.value} {p.name.lower()}' for p in Phase)}"),
     Column("fault", "1", f"why the phase is fault: {', '.join(f'{f.value} {f.name.lower()}' for f in Fault)}"),
     Column(
         "request", "1", f"what the supervisor asks for: {', '.join(f'{r.value} {r.name.lower()}' for r in Request)}"
@@ -92,7 +92,7 @@ class ControllerNode:
         self.parameters = parameters
         self.rate = rate
         self._session = session
-        self._kind = law, adaptation and clutch is None
+        self._kind = law, adaptation and clutch is None, clutch is None
         self._drives = clutch != "b"
         self.frames = frames = load_frames(clutch=clutch or "a")
         self._valve, self._motor = frames["VALVE_COMMAND"], frames["MOTOR_COMMAND"]
@@ -116,7 +116,7 @@ class ControllerNode:
             setattr(fixed, name.lower(), signals(frames[name]))
         fixed.own = [*self._own, *[_NO_FRAME] * (len(_OWN) - len(self._own))]
         fixed.period, fixed.rate, fixed.session = 1.0 / rate, rate, session
-        fixed.alone, fixed.drives = clutch is None, self._drives
+        fixed.drives = self._drives
         fixed.valve_id, fixed.motor_id = self._valve.can_id, self._motor.can_id
         fixed.status_id, fixed.heartbeat_id = self._status.can_id, self._heartbeat.can_id
         fixed.status_every = max(1, round(self._status.cycle_time * rate))

@@ -1,13 +1,19 @@
-"""Phases of the clutch: idle, fill, slip control, release, fault.
+"""Phases of the clutch: idle, fill, slip control, lock, release, fault.
 
-idle --engage or pressure, once idle has been asked for--> fill --pressure above contact for the dwell--> slip_control
-fill, slip_control --neither engage nor pressure--> release --pressure below the springs--> idle
-fill --time-out--> fault;  slip_control --pressure lost, torque implausible--> fault
+idle --engage, pressure or lock, once idle has been asked for--> fill
+fill --pressure above contact for the dwell--> lock, where that is asked for, else slip_control
+slip_control --lock--> lock --engage or pressure--> slip_control
+fill, slip_control, lock --none of the three--> release --pressure below the springs--> idle
+fill --time-out--> fault;  slip_control, lock --pressure lost, torque implausible--> fault
 any --guard trips--> fault --guard healthy, request idle--> idle
 
 Each engagement needs a request for idle before it: a controller that restarts, or that finds its supervisor again, in the
 middle of a demand does not close the clutch by itself. A lost supervisor counts as a request for release. A request for a
 pressure closes the clutch as one for a torque does; what is then followed is no matter of phases (law.py).
+
+The torque is implausible when the motor's balance and the model differ for longer than the dwell (`law.mismatch`): sliding, the
+model is eq. 6.9; standing, it is what is applied, as far as the plates can carry it. Under a request for a pressure nothing is
+compared: a clutch that nobody has calibrated can be experimented on.
 """
 
 from enum import IntEnum
@@ -27,6 +33,7 @@ class Phase(IntEnum):
     SLIP_CONTROL = 2
     RELEASE = 3
     FAULT = 4
+    LOCK = 5
 
 
 class Fault(IntEnum):
@@ -81,7 +88,9 @@ def _next(state, settings, request, pressure, finding):
         return Phase.FAULT.value, finding
     if phase == Phase.FAULT:
         return (Phase.IDLE.value, Fault.NONE.value) if request == Request.IDLE else (phase, state.fault)
-    close = request == Request.ENGAGE or request == Request.PRESSURE
+    locks = request == Request.LOCK
+    close = request == Request.ENGAGE or request == Request.PRESSURE or locks
+    closed = Phase.LOCK.value if locks else Phase.SLIP_CONTROL.value
     if phase == Phase.IDLE:
         if not (close and state.permitted):
             return phase, Fault.NONE.value
@@ -93,11 +102,12 @@ def _next(state, settings, request, pressure, finding):
         return Phase.RELEASE.value, Fault.NONE.value
     if phase == Phase.FILL:
         if state.time_in_contact >= settings.fill_dwell:
-            return Phase.SLIP_CONTROL.value, Fault.NONE.value
+            return closed, Fault.NONE.value
         if state.time_in_phase > settings.fill_timeout:
             return Phase.FAULT.value, Fault.FILL_TIMEOUT.value
-    elif state.time_lost >= settings.lost_dwell:
+        return phase, Fault.NONE.value
+    if state.time_lost >= settings.lost_dwell:
         return Phase.FAULT.value, Fault.PRESSURE_LOST.value
-    elif state.time_implausible >= settings.mismatch_dwell:
+    if state.time_implausible >= settings.mismatch_dwell:
         return Phase.FAULT.value, Fault.TORQUE_IMPLAUSIBLE.value
-    return phase, Fault.NONE.value
+    return closed, Fault.NONE.value

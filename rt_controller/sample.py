@@ -12,11 +12,12 @@ _ANGLE_WRAP = 1 << 32  # counts of the encoder's counter
 _TICK_WRAP = 1 << 16
 
 # The newest complete sample: tick (unwrapped, -1 before the first), pressure [Pa], temperature [K], motor_torque [Nm],
-# unchanged by a count for motor_stuck [s], slip [rad/s], acceleration [rad/s^2]; encoder count (unwrapped) and the observer's
-# angle [rad]. `analog`: half a sample is there, its encoder frame has not come yet; `next_...` is what it said.
+# unchanged by a count for motor_stuck [s]; slip [rad/s], acceleration [rad/s^2] and angle [rad] of the observer; speed [rad/s]:
+# the encoder's own, mean since the sample before; encoder count (unwrapped). `analog`: half a sample is there, its encoder frame
+# has not come yet; `next_...` is what it said.
 SAMPLE = np.dtype(
     [("tick", "i8"), ("pressure", "f8"), ("temperature", "f8"), ("motor_torque", "f8"), ("motor_stuck", "f8"), ("slip", "f8"),
-     ("acceleration", "f8"), ("count", "i8"), ("angle", "f8"), ("analog", "?"), ("next_pressure", "f8"),
+     ("speed", "f8"), ("acceleration", "f8"), ("count", "i8"), ("angle", "f8"), ("analog", "?"), ("next_pressure", "f8"),
      ("next_temperature", "f8"), ("next_motor_torque", "f8")]
 )  # fmt: skip
 
@@ -38,15 +39,17 @@ def take_encoder(sample, shaft_angle, sample_tick, angle_step, period, bandwidth
     if not sample.analog:
         return 0
     sample.analog = False
-    sample.count += (shaft_angle - sample.count + _ANGLE_WRAP // 2) % _ANGLE_WRAP - _ANGLE_WRAP // 2
+    turned = (shaft_angle - sample.count + _ANGLE_WRAP // 2) % _ANGLE_WRAP - _ANGLE_WRAP // 2
+    sample.count += turned
     angle = sample.count * angle_step
     if sample.tick < 0:
         ticks, sample.tick = 1, sample_tick
-        sample.angle, sample.slip, sample.acceleration = angle, speed_demand, 0.0
+        sample.angle, sample.slip, sample.speed, sample.acceleration = angle, speed_demand, speed_demand, 0.0
     else:
         ticks = (sample_tick - sample.tick) % _TICK_WRAP
         if ticks:
             sample.tick += ticks
+            sample.speed = turned * angle_step / (ticks * period)
             sample.angle, sample.slip, sample.acceleration = observe(
                 (sample.angle, sample.slip, sample.acceleration), angle, ticks * period, bandwidth
             )

@@ -1,0 +1,43 @@
+"""State of the plates as the controller believes it, from the encoder alone: open, sliding, sticking, locked.
+
+Equation        the plates stick when the encoder has moved less than `stick_angle` for `stick_time`: slower than their ratio
+                a slide cannot be told from rest
+Assumptions     the encoder is on the side that turns; plates that do not touch are open, whatever moves
+References      ours; locked: "totally closed", Janssens 2010, sec. 6.2.1
+"""
+
+from enum import IntEnum
+
+import numpy as np
+from numba import njit
+
+from rt_controller.record import floats
+
+
+class ClutchState(IntEnum):
+    """What the plates do."""
+
+    OPEN = 0
+    SLIDING = 1
+    STICKING = 2
+    LOCKED = 3  # sticking, and held so on request
+
+
+# Names and units as in `controller.toml`, SI
+MOTION_SETTINGS = floats("standing_speed", "stick_angle", "stick_time")
+# Speed of the sample before [rad/s]; angle since it began to be looked at [rad], time in which that has stayed small [s];
+# crosses: the speed has changed its sign within the last sample
+MOTION = np.dtype([("speed", "f8"), ("angle", "f8"), ("still", "f8"), ("crosses", "?")])
+
+
+@njit
+def motion(state, settings, speed, step):
+    """Move MOTION on by `step` [s] at `speed` [rad/s], the mean over it; return whether the plates move."""
+    if step > 0.0:
+        state.crosses = state.speed * speed < 0.0
+        state.speed = speed
+        state.angle += speed * step
+        state.still += step
+        if abs(state.angle) > settings.stick_angle:
+            state.angle = state.still = 0.0
+    return state.still < settings.stick_time
