@@ -86,7 +86,7 @@ def cycle(states, all_settings, inbox, count, slots, outbox, row):
     off = mismatch(law) if compared else 0.0
     phase = advance(node.phases, settings.phases, request, sample.pressure, off, finding, elapsed)
     followed = node.pressure_demand if request == Request.PRESSURE else nan
-    control(law, settings.law, phase, node.demand, sample, step, followed)
+    control(law, settings.law, phase, node.demand, node.speed_demand, sample, step, followed)
     row[0], row[1], row[2], row[3], row[4] = sample.tick, guard.age, phase, node.phases.fault, request
     for index in range(len(TERMS)):
         row[_TERMS_AT + index] = law.terms[index]

@@ -27,6 +27,7 @@ from rt_controller.lock import LOCK_SETTINGS, hold
 from rt_controller.phases import Phase
 from rt_controller.record import record
 from rt_controller.regulator import PI, follow, proportional_integral
+from rt_controller.trim import TRIM, TRIM_SETTINGS, forget, trim
 
 LAWS = ("both", "feedforward", "feedback")  # the three rows of Table 6.6
 
@@ -34,7 +35,7 @@ TERMS = tuple(
     Column(*column)
     for column in (
         ("torque_demand_nm", "Nm", "M_d; not a number while a pressure is followed"),
-        ("torque_estimate_nm", "Nm", "torque transmitted: M_sim of eq. 6.9 and its correction; signed as the slip"),
+        ("torque_estimate_nm", "Nm", "torque transmitted: M_sim of eq. 6.9, trimmed; signed as the slip"),
         ("coulomb_part_nm", "Nm", "M_C m before the level, signed"),
         ("viscous_part_nm", "Nm", "viscous part before level and correction, signed"),
         ("friction_state", "1", "m of eq. 6.9"),
@@ -58,14 +59,14 @@ TERMS = tuple(
         ("saturated", "1", "1 while pressure demand or voltage is at its limit"),
         ("clutch_state", "1", f"what the plates do: {', '.join(f'{s.value} {s.name.lower()}' for s in ClutchState)}"),
         ("capacity_nm", "Nm", "what the plates carry before they slide: level M_C, or what they carry, where that is more"),
-        ("torque_correction_nm", "Nm", "observed torque less that of the model behind the same lag, as added to the estimate"),
+        ("trim", "1", "share by which the estimate is above level and model: what the motor has shown for a tenth of a second"),
     )
 )
 
 # Parameters, SI. feeds_forward, feeds_back: the row of Table 6.6; adapts: whether level and correction are learnt; alone: whether
 # the motor's torque is that of this clutch
 LAW_SETTINGS = np.dtype(
-    [("model", MODEL), ("adaptation", ADAPTATION_SETTINGS), ("motion", MOTION_SETTINGS), ("lock", LOCK_SETTINGS),
+    [("model", MODEL), ("adaptation", ADAPTATION_SETTINGS), ("motion", MOTION_SETTINGS), ("lock", LOCK_SETTINGS), ("trim", TRIM_SETTINGS),
      ("feeds_forward", "?"), ("feeds_back", "?"), ("adapts", "?"), ("alone", "?"),
      ("torque_k_p", "f8"), ("torque_k_i", "f8"), ("pressure_k_p", "f8"), ("pressure_k_i", "f8"), ("pressure_limit", "f8"),
      ("pressure_floor", "f8"), ("valve_gain", "f8"), ("voltage_limit", "f8"), ("fill_pressure", "f8"),
@@ -73,11 +74,11 @@ LAW_SETTINGS = np.dtype(
 )  # fmt: skip
 # estimate [Nm] and voltage [V] of the last step; friction state m, and the Coulomb torque it stands on [Nm]; contact: by the
 # pressure; pressed: the plates rub, too; touched: time in contact [s]; pressure_limited,
-# voltage_limited: 1 at the upper limit, -1 at the lower, else 0; held: capacity asked for in lock [Nm], 0 outside; the torque
-# balance behind the observer's lag, and its parts of the sample before; terms in the order of TERMS
+# voltage_limited: 1 at the upper limit, -1 at the lower, else 0; held: capacity asked for in lock [Nm], 0 outside; level: adapted
+# and trimmed; the torque balance behind the observer's lag, and its parts of the sample before; terms in the order of TERMS
 LAW = np.dtype(
     [("estimate", "f8"), ("voltage", "f8"), ("m", "f8"), ("coulomb_torque", "f8"), ("contact", "?"), ("pressed", "?"), ("touched", "f8"),
-     ("pressure_limited", "i8"), ("voltage_limited", "i8"), ("held", "f8"), ("observed", "f8"),
+     ("pressure_limited", "i8"), ("voltage_limited", "i8"), ("held", "f8"), ("observed", "f8"), ("level", "f8"), ("trim", TRIM),
      ("coulomb", LAG), ("viscous", LAG), ("motor", LAG), ("coulomb_before", "f8"), ("viscous_before", "f8"),
      ("motor_before", "f8"), ("torque", PI), ("pressure", PI), ("adaptation", ADAPTATION), ("motion", MOTION),
      ("terms", "f8", len(TERMS))]
@@ -96,6 +97,7 @@ def law_settings(parameters: ParameterSet, law: str, adaptation: bool, alone: bo
         "model": record(MODEL, parameters.si("model")),
         "adaptation": record(ADAPTATION_SETTINGS, parameters.si("adaptation")),
         "motion": record(MOTION_SETTINGS, {name: slip[name] for name in MOTION_SETTINGS.names or ()}),
+        "trim": record(TRIM_SETTINGS, parameters.si("trim")),
         "lock": record(LOCK_SETTINGS, parameters.si("lock")),
         "feeds_forward": law != "feedback", "feeds_back": law != "feedforward", "adapts": adaptation, "alone": alone,
         "torque_k_p": torque["proportional_gain"], "torque_k_i": torque["integral_gain"],
@@ -124,9 +126,10 @@ def mismatch(law):
 
 
 @njit
-def control(law, settings, phase, demand, sample, step, followed):
+def control(law, settings, phase, demand, speed_demand, sample, step, followed):
     """Move LAW on by `step` [s], 0 without a fresh sample, towards the torque `demand` [Nm], a magnitude.
 
+    `speed_demand` [rad/s] is what the motor is asked for.
     `followed` [Pa] is the pressure to be followed instead of the torque; not a number where there is none.
     """
     model, pressure, follows = settings.model, sample.pressure, followed == followed
@@ -138,8 +141,8 @@ def control(law, settings, phase, demand, sample, step, followed):
     state = ClutchState.OPEN.value
     if contact:
         state = ClutchState.SLIDING.value if moving else ClutchState.STICKING.value
-    coulomb, viscous, correction = _estimate(law, settings, phase, sample, step)
-    level, viscous_level = law.adaptation.level, law.adaptation.viscous
+    coulomb, viscous = _estimate(law, settings, phase, speed_demand, sample, step)
+    level, viscous_level = law.level, law.adaptation.viscous
     capacity = level * law.coulomb_torque if contact else 0.0
     if state == ClutchState.STICKING.value:
         capacity = max(capacity, abs(law.estimate))
@@ -198,10 +201,11 @@ def control(law, settings, phase, demand, sample, step, followed):
     t[5], t[6], t[7] = feedforward / BAR, law.torque.proportional / BAR, law.torque.integral / BAR
     t[8], t[9], t[10] = pressure_demand / BAR, pressure / BAR, law.pressure.proportional / BAR
     t[11], t[12], t[13], t[14] = law.pressure.integral / BAR, law.voltage, sample.speed, sample.acceleration
-    t[15], t[16], t[17], t[18] = sample.temperature - ZERO_CELSIUS, law.observed, level, viscous_level
+    t[15], t[16] = sample.temperature - ZERO_CELSIUS, law.observed
+    t[17], t[18] = law.adaptation.level, viscous_level
     t[19], t[20], t[21] = law.adaptation.active, contact, waits
     t[22] = law.pressure_limited != 0 or law.voltage_limited != 0
-    t[23], t[24], t[25] = state, capacity, correction
+    t[23], t[24], t[25] = state, capacity, law.trim.share
 
 
 @njit
@@ -217,32 +221,43 @@ def _feedforward(settings, demand, slip, level, correction):
 
 
 @njit
-def _estimate(law, settings, phase, sample, step):
-    """Set the torque transmitted; return Coulomb and viscous part before the level, and the correction [Nm].
+def _estimate(law, settings, phase, speed_demand, sample, step):
+    """Set the torque transmitted, and `law.level` with which it is made; return Coulomb and viscous part before it [Nm].
 
-    The model is fast, the torque balance at the motor is right: where the balance is this clutch's own and is learnt from, what
-    it shows behind the observer's lag beyond the model behind the same lag is added to the model.
+    The model is fast, the torque balance at the motor is right: where the balance is this clutch's own, and is learnt from, the
+    model is trimmed by what the balance shows. Plates that stand carry what is applied, up to their capacity.
     """
     model, pressure, speed = settings.model, sample.pressure, sample.speed
-    level, viscous_level = law.adaptation.level, law.adaptation.viscous
+    learns = settings.adapts and settings.alone
+    if learns:
+        law.level = law.adaptation.level * (1.0 + law.trim.share)
+    else:
+        law.level = law.adaptation.level
+    viscous_level = law.adaptation.viscous
     coulomb = viscous = 0.0
+    stands = False
     if _pressed(law, settings, pressure, step):
         before, law.coulomb_torque = law.coulomb_torque, coulomb_torque(model, pressure)
         viscous = viscous_torque(model, pressure, speed, sample.temperature)
         if settings.alone and (law.motion.crosses or abs(speed) <= settings.motion.standing_speed):
-            applied = (sample.motor_torque - (level + viscous_level) * viscous) / level
+            applied = (sample.motor_torque - (law.level + viscous_level) * viscous) / law.level
             law.m = held_state(model, law.m, before, law.coulomb_torque, applied, step)
+            stands = abs(law.m) < 1.0
         else:
             law.m = friction_state(model, law.m, pressure, speed, step)
         coulomb = law.coulomb_torque * law.m  # eq. 6.9
     else:
         law.m = law.coulomb_torque = 0.0  # out of contact there is no torque
+    law.estimate = law.level * (coulomb + viscous) + viscous_level * viscous
     stuck = sample.motor_stuck > settings.adaptation.stuck_time
     _learn(law, settings, phase, coulomb, viscous, sample, step, stuck)
-    level, viscous_level = law.adaptation.level, law.adaptation.viscous
-    correction = mismatch(law) if law.contact and settings.adapts and settings.alone and not stuck else 0.0
-    law.estimate = level * (coulomb + viscous) + viscous_level * viscous + correction
-    return coulomb, viscous, correction
+    if not law.pressed or stuck:
+        forget(law.trim)
+    off, level = mismatch(law), law.adaptation.level
+    low, high = settings.adaptation.level_low / level - 1.0, settings.adaptation.level_high / level - 1.0
+    sees = learns and law.pressed and not stands and not stuck
+    trim(law.trim, settings.trim, law.observed - off, off, speed_demand, sees, low, high, step)
+    return coulomb, viscous
 
 
 @njit
