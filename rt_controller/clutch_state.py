@@ -26,8 +26,8 @@ class ClutchState(IntEnum):
 # Names and units as in `controller.toml`, SI
 MOTION_SETTINGS = floats("standing_speed", "stick_angle", "stick_time")
 # Speed of the sample before [rad/s]; angle since it began to be looked at [rad], time in which that has stayed small [s];
-# crosses: the speed has changed its sign within the last sample
-MOTION = np.dtype([("speed", "f8"), ("angle", "f8"), ("still", "f8"), ("crosses", "?")])
+# crosses: the speed has changed its sign within the last sample; moves: what `motion` returned
+MOTION = np.dtype([("speed", "f8"), ("angle", "f8"), ("still", "f8"), ("crosses", "?"), ("moves", "?")])
 
 
 @njit
@@ -40,4 +40,5 @@ def motion(state, settings, speed, step):
         state.still += step
         if abs(state.angle) > settings.stick_angle:
             state.angle = state.still = 0.0
-    return state.still < settings.stick_time
+    state.moves = state.still < settings.stick_time
+    return state.moves

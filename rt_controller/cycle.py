@@ -16,6 +16,7 @@ from rt_controller.law import LAW, LAW_SETTINGS, TERMS, control, mismatch
 from rt_controller.limits import GUARD, LIMITS, close_cycle, inbound, outbound
 from rt_controller.lock import motor_limit
 from rt_controller.phases import PHASE_SETTINGS, PHASES, Phase, advance
+from rt_controller.plausibility import PLAUSIBILITY, PLAUSIBILITY_SETTINGS, pressure_lost, torque_implausible
 from rt_controller.sample import SAMPLE, take_analog, take_encoder
 
 HEARD = ("ANALOG_SENSORS", "ENCODER", "TORQUE_SETPOINT", "PLANT_HEARTBEAT")  # in the order of NODE's receptions
@@ -24,6 +25,7 @@ _ANALOG, _ENCODER, _SETPOINT, _PLANT = range(len(HEARD))
 _STEP_LIMIT = 10  # periods: a longer gap between samples is not integrated over (estimator, regulators)
 _COMMAND, _STATUS = 6, 8  # bytes of commands, and of status and heartbeat
 _ESTIMATE, _LATE, _LEVEL = 65.0, 65535, 2.55  # ends of what CONTROLLER_STATUS can say: Nm, cycles, 1
+_PUSHES = 0.9  # of what it may give: the motor pushes with all it has; above the sensor's gain error
 _TERMS_AT = 5  # column of the first term
 
 
@@ -46,17 +48,18 @@ SETTINGS = np.dtype(
      ("demand_limit", "f8"), ("speed_limit", "f8"), ("pressure_limit", "f8"),
      ("analog_sensors", SIGNAL, (4,)), ("encoder", SIGNAL, (2,)), ("torque_setpoint", SIGNAL, (4,)),
      ("plant_heartbeat", SIGNAL, (3,)), ("valve_command", SIGNAL, (3,)), ("motor_command", SIGNAL, (3,)),
-     ("controller_status", SIGNAL, (5,)), ("controller_heartbeat", SIGNAL, (3,)),
-     ("phases", PHASE_SETTINGS), ("law", LAW_SETTINGS), ("guard", LIMITS)]
+     ("controller_status", SIGNAL, (6,)), ("controller_heartbeat", SIGNAL, (3,)),
+     ("phases", PHASE_SETTINGS), ("plausibility", PLAUSIBILITY_SETTINGS), ("law", LAW_SETTINGS), ("guard", LIMITS)]
 )  # fmt: skip
 # slot: periods gone by; beat_after, status_after: those after which the next heartbeat and status are due. What is asked
-# for: request, demand [Nm], pressure_demand [Pa], speed_demand [rad/s], setpoint_age [s]. refused_...: why the bus cannot be
+# for: request, demand [Nm], pressure_demand [Pa], speed_demand [rad/s], setpoint_age [s]. motor_limit [Nm]: torque that the
+# motor may give. refused_...: why the bus cannot be
 # worked on
 NODE = np.dtype(
     [("cycle", "i8"), ("slot", "i8"), ("beats", "i8"), ("beat_after", "i8"), ("statuses", "i8"), ("status_after", "i8"),
      ("late_cycles", "i8"), ("request", "i8"), ("demand", "f8"), ("pressure_demand", "f8"),
-     ("speed_demand", "f8"), ("setpoint_age", "f8"), ("refused_id", "i8"), ("refused_value", "f8"),
-     ("receptions", RECEPTION, (len(HEARD),)), ("sample", SAMPLE), ("phases", PHASES), ("law", LAW), ("guard", GUARD)]
+     ("speed_demand", "f8"), ("motor_limit", "f8"), ("setpoint_age", "f8"), ("refused_id", "i8"), ("refused_value", "f8"),
+     ("receptions", RECEPTION, (len(HEARD),)), ("sample", SAMPLE), ("phases", PHASES), ("plausibility", PLAUSIBILITY), ("law", LAW), ("guard", GUARD)]
 )  # fmt: skip
 
 
@@ -82,9 +85,8 @@ def cycle(states, all_settings, inbox, count, slots, outbox, row):
     step = min(ticks, _STEP_LIMIT) * settings.period
     request = node.request if node.setpoint_age <= settings.setpoint_timeout else Request.RELEASE.value
     finding = close_cycle(guard, settings.guard, slots)
-    compared = settings.law.alone and request != Request.PRESSURE
-    off = mismatch(law) if compared else 0.0
-    phase = advance(node.phases, settings.phases, request, sample.pressure, off, finding, elapsed)
+    lost, implausible = _doubts(node, settings, request, elapsed)
+    phase = advance(node.phases, settings.phases, request, sample.pressure, lost, implausible, finding, elapsed)
     followed = node.pressure_demand if request == Request.PRESSURE else nan
     control(law, settings.law, phase, node.demand, node.speed_demand, sample, step, followed)
     row[0], row[1], row[2], row[3], row[4] = sample.tick, guard.age, phase, node.phases.fault, request
@@ -92,6 +94,20 @@ def cycle(states, all_settings, inbox, count, slots, outbox, row):
         row[_TERMS_AT + index] = law.terms[index]
     row[_TERMS_AT + len(TERMS)], row[_TERMS_AT + len(TERMS) + 1] = guard.lowered, guard.replaced
     return _commands(node, settings, phase, outbox)
+
+
+@njit
+def _doubts(node, settings, request, elapsed):
+    """Whether the pressure signal is lost, and whether the torque is implausible."""
+    law, sample, doubts, s = node.law, node.sample, node.plausibility, settings.plausibility
+    closed = node.phases.phase == Phase.SLIP_CONTROL or node.phases.phase == Phase.LOCK
+    lost = pressure_lost(doubts, s, sample.pressure, law.pressure_demand, elapsed)
+    compared = closed and settings.law.alone and request != Request.PRESSURE
+    off = mismatch(law) if compared else 0.0
+    stands = compared and law.contact and not law.motion.moves
+    pushes = abs(sample.motor_torque) >= _PUSHES * node.motor_limit
+    implausible = torque_implausible(doubts, s, off, node.speed_demand - sample.speed, stands, pushes, elapsed)
+    return lost, implausible
 
 
 @njit(cache=True, nogil=True)
@@ -178,9 +194,10 @@ def _commands(node, settings, phase, outbox):
         sent += 1
     if node.slot > node.status_after:
         s = settings.controller_status
-        word = put(put(np.int64(0), s[0], phase), s[1], node.phases.fault)
-        word = put(word, s[2], min(max(law.estimate, -_ESTIMATE), _ESTIMATE))
-        word = put(put(word, s[3], min(node.late_cycles, _LATE)), s[4], min(law.adaptation.level, _LEVEL))
+        sticking = law.contact and not law.motion.moves
+        word = put(put(put(np.int64(0), s[0], phase), s[1], sticking), s[2], node.phases.fault)
+        word = put(word, s[3], min(max(law.estimate, -_ESTIMATE), _ESTIMATE))
+        word = put(put(word, s[4], min(node.late_cycles, _LATE)), s[5], min(law.adaptation.level, _LEVEL))
         write(outbox[sent], settings.status_id, _STATUS, sealed(word, _STATUS, node.statuses))
         node.statuses += 1
         node.status_after = _next(node.slot, settings.status_every)
@@ -192,6 +209,7 @@ def _commands(node, settings, phase, outbox):
             limit = settings.motor_torque_limit
             if phase == Phase.LOCK and settings.law.alone:
                 limit = min(limit, motor_limit(settings.law.lock, settings.law.model, law.adaptation.level))
+            node.motor_limit = limit
             word = put(put(put(word, s[0], 1), s[1], node.speed_demand), s[2], limit)
         write(outbox[sent], settings.motor_id, _COMMAND, sealed(word, _COMMAND, cycle))
         outbound(node.guard, settings.guard, settings.motor_id, outbox[sent].data)

@@ -58,8 +58,16 @@ TERMS = tuple(
         ("frozen", "1", "1 while the torque integrator is held"),
         ("saturated", "1", "1 while pressure demand or voltage is at its limit"),
         ("clutch_state", "1", f"what the plates do: {', '.join(f'{s.value} {s.name.lower()}' for s in ClutchState)}"),
-        ("capacity_nm", "Nm", "what the plates carry before they slide: level M_C, or what they carry, where that is more"),
-        ("trim", "1", "share by which the estimate is above level and model: what the motor has shown for a tenth of a second"),
+        (
+            "capacity_nm",
+            "Nm",
+            "what the plates carry before they slide: level M_C, or what they carry, where that is more",
+        ),
+        (
+            "trim",
+            "1",
+            "share by which the estimate is above level and model: what the motor has shown for a tenth of a second",
+        ),
     )
 )
 
@@ -74,11 +82,11 @@ LAW_SETTINGS = np.dtype(
 )  # fmt: skip
 # estimate [Nm] and voltage [V] of the last step; friction state m, and the Coulomb torque it stands on [Nm]; contact: by the
 # pressure; pressed: the plates rub, too; touched: time in contact [s]; pressure_limited,
-# voltage_limited: 1 at the upper limit, -1 at the lower, else 0; held: capacity asked for in lock [Nm], 0 outside; level: adapted
+# voltage_limited: 1 at the upper limit, -1 at the lower, else 0; held: capacity asked for in lock [Nm], 0 outside; pressure_demand [Pa]; level: adapted
 # and trimmed; the torque balance behind the observer's lag, and its parts of the sample before; terms in the order of TERMS
 LAW = np.dtype(
     [("estimate", "f8"), ("voltage", "f8"), ("m", "f8"), ("coulomb_torque", "f8"), ("contact", "?"), ("pressed", "?"), ("touched", "f8"),
-     ("pressure_limited", "i8"), ("voltage_limited", "i8"), ("held", "f8"), ("observed", "f8"), ("level", "f8"), ("trim", TRIM),
+     ("pressure_limited", "i8"), ("voltage_limited", "i8"), ("held", "f8"), ("pressure_demand", "f8"), ("observed", "f8"), ("level", "f8"), ("trim", TRIM),
      ("coulomb", LAG), ("viscous", LAG), ("motor", LAG), ("coulomb_before", "f8"), ("viscous_before", "f8"),
      ("motor_before", "f8"), ("torque", PI), ("pressure", PI), ("adaptation", ADAPTATION), ("motion", MOTION),
      ("terms", "f8", len(TERMS))]
@@ -182,7 +190,7 @@ def control(law, settings, phase, demand, speed_demand, sample, step, followed):
         follow(law.torque, 0.0)
         wanted = settings.fill_pressure if phase == Phase.FILL else 0.0
     pressure_demand = min(max(wanted, least), most)
-    law.pressure_limited = _side(wanted, pressure_demand)
+    law.pressure_demand, law.pressure_limited = pressure_demand, _side(wanted, pressure_demand)
 
     # pressure loop: rig.md
     if not closing:

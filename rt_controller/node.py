@@ -20,6 +20,7 @@ from rt_controller.law import LAW_SETTINGS, TERMS, law_at_rest, law_settings
 from rt_controller.limits import LIMITS as GUARD_LIMITS
 from rt_controller.limits import guard_limits
 from rt_controller.phases import PHASE_SETTINGS, Fault, Phase
+from rt_controller.plausibility import PLAUSIBILITY_SETTINGS
 from rt_controller.record import record
 
 PARAMETERS = Path(__file__).with_name("parameters") / "controller.toml"
@@ -221,6 +222,8 @@ class ControllerNode:
         settings.phases = record(
             PHASE_SETTINGS, {name: (phases | contact)[name] for name in PHASE_SETTINGS.names or ()}
         )
+        doubts = {name: phases[name] for name in PLAUSIBILITY_SETTINGS.names or ()}
+        settings.plausibility = record(PLAUSIBILITY_SETTINGS, doubts)
         settings.law = record(LAW_SETTINGS, law_settings(parameters, *self._kind))
         settings.setpoint_timeout, settings.motor_torque_limit = (
             phases["setpoint_timeout"],

@@ -11,9 +11,7 @@ Each engagement needs a request for idle before it: a controller that restarts, 
 middle of a demand does not close the clutch by itself. A lost supervisor counts as a request for release. A request for a
 pressure closes the clutch as one for a torque does; what is then followed is no matter of phases (law.py).
 
-The torque is implausible when the motor's balance and the model differ for longer than the dwell (`law.mismatch`): sliding, the
-model is eq. 6.9; standing, it is what is applied, as far as the plates can carry it. Under a request for a pressure nothing is
-compared: a clutch that nobody has calibrated can be experimented on.
+Under a request for a pressure no torque is implausible: a clutch that nobody has calibrated can be experimented on.
 """
 
 from enum import IntEnum
@@ -49,39 +47,33 @@ class Fault(IntEnum):
     TORQUE_IMPLAUSIBLE = 7
 
 
-# Pressures [Pa], torque [Nm] and times [s], names as in `controller.toml`
-PHASE_SETTINGS = floats(
-    "contact_pressure", "released_pressure", "fill_dwell", "fill_timeout", "lost_pressure", "lost_dwell", "torque_mismatch",
-    "mismatch_dwell",
-)  # fmt: skip
+# Pressures [Pa] and times [s], names as in `controller.toml`
+PHASE_SETTINGS = floats("contact_pressure", "released_pressure", "fill_dwell", "fill_timeout")
 # Phase, why it is in fault, and for how long [s] each condition has lasted. permitted: to close the clutch, since idle has
 # been asked for after the last engagement.
 PHASES = np.dtype(
-    [("phase", "i8"), ("fault", "i8"), ("time_in_phase", "f8"), ("time_in_contact", "f8"), ("time_lost", "f8"),
-     ("time_implausible", "f8"), ("permitted", "?")]
-)  # fmt: skip
+    [("phase", "i8"), ("fault", "i8"), ("time_in_phase", "f8"), ("time_in_contact", "f8"), ("permitted", "?")]
+)
 
 
 @njit
-def advance(state, settings, request, pressure, mismatch, finding, step):
+def advance(state, settings, request, pressure, lost, implausible, finding, step):
     """Move PHASES on by `step` [s]; return the next phase.
 
-    `pressure` [Pa] of the cylinder; `mismatch` [Nm] between the torque observed at the motor and the estimate;
-    `finding` of the guard.
+    `pressure` [Pa] of the cylinder; `lost`: its signal is none; `implausible`: the torque is (`plausibility.py`); `finding` of
+    the guard.
     """
     state.time_in_phase += step
     state.time_in_contact = state.time_in_contact + step if pressure >= settings.contact_pressure else 0.0
-    state.time_lost = state.time_lost + step if pressure < settings.lost_pressure else 0.0
-    state.time_implausible = state.time_implausible + step if abs(mismatch) > settings.torque_mismatch else 0.0
     state.permitted = state.permitted or request == Request.IDLE
-    after, state.fault = _next(state, settings, request, pressure, finding)
+    after, state.fault = _next(state, settings, request, pressure, lost, implausible, finding)
     if after != state.phase:
         state.phase, state.time_in_phase = after, 0.0
     return after
 
 
 @njit
-def _next(state, settings, request, pressure, finding):
+def _next(state, settings, request, pressure, lost, implausible, finding):
     """Next phase and fault."""
     phase = state.phase
     if finding:
@@ -106,8 +98,8 @@ def _next(state, settings, request, pressure, finding):
         if state.time_in_phase > settings.fill_timeout:
             return Phase.FAULT.value, Fault.FILL_TIMEOUT.value
         return phase, Fault.NONE.value
-    if state.time_lost >= settings.lost_dwell:
+    if lost:
         return Phase.FAULT.value, Fault.PRESSURE_LOST.value
-    if state.time_implausible >= settings.mismatch_dwell:
+    if implausible:
         return Phase.FAULT.value, Fault.TORQUE_IMPLAUSIBLE.value
     return closed, Fault.NONE.value
