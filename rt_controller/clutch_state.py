@@ -26,13 +26,13 @@ class ClutchState(IntEnum):
 # Names and units as in `controller.toml`, SI
 MOTION_SETTINGS = floats("standing_speed", "stick_angle", "stick_time")
 # Speed of the sample before [rad/s]; angle since it began to be looked at [rad], time in which that has stayed small [s];
-# crosses: the speed has changed its sign within the last sample; moves: what `motion` returned
+# crosses: the speed has changed its sign within the last sample; moves: whether the plates do
 MOTION = np.dtype([("speed", "f8"), ("angle", "f8"), ("still", "f8"), ("crosses", "?"), ("moves", "?")])
 
 
 @njit
 def motion(state, settings, speed, step):
-    """Move MOTION on by `step` [s] at `speed` [rad/s], the mean over it; return whether the plates move."""
+    """Move MOTION on by `step` [s] at `speed` [rad/s], the mean over it; `moves` says whether the plates do."""
     if step > 0.0:
         state.crosses = state.speed * speed < 0.0
         state.speed = speed
@@ -41,4 +41,13 @@ def motion(state, settings, speed, step):
         if abs(state.angle) > settings.stick_angle:
             state.angle = state.still = 0.0
     state.moves = state.still < settings.stick_time
-    return state.moves
+
+
+@njit
+def clutch_state(contact, moves, lock):
+    """The ClutchState, from whether the plates touch, move, and are to be locked."""
+    if not contact:
+        return ClutchState.OPEN.value
+    if moves:
+        return ClutchState.SLIDING.value
+    return ClutchState.LOCKED.value if lock else ClutchState.STICKING.value

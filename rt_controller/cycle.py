@@ -12,12 +12,13 @@ from protocols.reception import RECEPTION, accepted
 from protocols.request import Request
 from protocols.units import BAR, ZERO_CELSIUS
 from protocols.words import SIGNAL, put, raw, sealed, value
-from rt_controller.law import LAW, LAW_SETTINGS, TERMS, control, mismatch
+from rt_controller.law import LAW, LAW_SETTINGS, TERMS, control
 from rt_controller.limits import GUARD, LIMITS, close_cycle, inbound, outbound
 from rt_controller.lock import motor_limit
 from rt_controller.phases import PHASE_SETTINGS, PHASES, Phase, advance
 from rt_controller.plausibility import PLAUSIBILITY, PLAUSIBILITY_SETTINGS, pressure_lost, torque_implausible
 from rt_controller.sample import SAMPLE, take_analog, take_encoder
+from rt_controller.transmitted import mismatch
 
 HEARD = ("ANALOG_SENSORS", "ENCODER", "TORQUE_SETPOINT", "PLANT_HEARTBEAT")  # in the order of NODE's receptions
 OUTBOX = 4  # frames a cycle sends at most: heartbeat, status, motor, valve
@@ -53,13 +54,13 @@ SETTINGS = np.dtype(
 )  # fmt: skip
 # slot: periods gone by; beat_after, status_after: those after which the next heartbeat and status are due. What is asked
 # for: request, demand [Nm], pressure_demand [Pa], speed_demand [rad/s], setpoint_age [s]. motor_limit [Nm]: torque that the
-# motor may give. refused_...: why the bus cannot be
-# worked on
+# motor may give. refused_...: why the bus cannot be worked on
 NODE = np.dtype(
     [("cycle", "i8"), ("slot", "i8"), ("beats", "i8"), ("beat_after", "i8"), ("statuses", "i8"), ("status_after", "i8"),
      ("late_cycles", "i8"), ("request", "i8"), ("demand", "f8"), ("pressure_demand", "f8"),
      ("speed_demand", "f8"), ("motor_limit", "f8"), ("setpoint_age", "f8"), ("refused_id", "i8"), ("refused_value", "f8"),
-     ("receptions", RECEPTION, (len(HEARD),)), ("sample", SAMPLE), ("phases", PHASES), ("plausibility", PLAUSIBILITY), ("law", LAW), ("guard", GUARD)]
+     ("receptions", RECEPTION, (len(HEARD),)), ("sample", SAMPLE), ("phases", PHASES),
+     ("plausibility", PLAUSIBILITY), ("law", LAW), ("guard", GUARD)]
 )  # fmt: skip
 
 
@@ -102,9 +103,9 @@ def _doubts(node, settings, request, elapsed):
     law, sample, doubts, s = node.law, node.sample, node.plausibility, settings.plausibility
     closed = node.phases.phase == Phase.SLIP_CONTROL or node.phases.phase == Phase.LOCK
     lost = pressure_lost(doubts, s, sample.pressure, law.pressure_demand, elapsed)
-    compared = closed and settings.law.alone and request != Request.PRESSURE
-    off = mismatch(law) if compared else 0.0
-    stands = compared and law.contact and not law.motion.moves
+    compared = closed and settings.law.torque.alone and request != Request.PRESSURE
+    off = mismatch(law.torque) if compared else 0.0
+    stands = compared and law.torque.contact and not law.torque.motion.moves
     pushes = abs(sample.motor_torque) >= _PUSHES * node.motor_limit
     implausible = torque_implausible(doubts, s, off, node.speed_demand - sample.speed, stands, pushes, elapsed)
     return lost, implausible
@@ -147,7 +148,7 @@ def _receive(node, settings, frame):
     elif kind == _ENCODER:
         s = settings.encoder
         return take_encoder(
-            node.sample, raw(word, s[0]), raw(word, s[1]), settings.angle_step, settings.period, settings.law.bandwidth,
+            node.sample, raw(word, s[0]), raw(word, s[1]), settings.angle_step, settings.period, settings.law.torque.bandwidth,
             node.speed_demand,
         )  # fmt: skip
     elif kind == _SETPOINT:
@@ -194,10 +195,10 @@ def _commands(node, settings, phase, outbox):
         sent += 1
     if node.slot > node.status_after:
         s = settings.controller_status
-        sticking = law.contact and not law.motion.moves
+        sticking = law.torque.contact and not law.torque.motion.moves
         word = put(put(put(np.int64(0), s[0], phase), s[1], sticking), s[2], node.phases.fault)
-        word = put(word, s[3], min(max(law.estimate, -_ESTIMATE), _ESTIMATE))
-        word = put(put(word, s[4], min(node.late_cycles, _LATE)), s[5], min(law.adaptation.level, _LEVEL))
+        word = put(word, s[3], min(max(law.torque.estimate, -_ESTIMATE), _ESTIMATE))
+        word = put(put(word, s[4], min(node.late_cycles, _LATE)), s[5], min(law.torque.adaptation.level, _LEVEL))
         write(outbox[sent], settings.status_id, _STATUS, sealed(word, _STATUS, node.statuses))
         node.statuses += 1
         node.status_after = _next(node.slot, settings.status_every)
@@ -207,8 +208,10 @@ def _commands(node, settings, phase, outbox):
         word = np.int64(0)
         if phase != Phase.FAULT and node.setpoint_age != inf:
             limit = settings.motor_torque_limit
-            if phase == Phase.LOCK and settings.law.alone:
-                limit = min(limit, motor_limit(settings.law.lock, settings.law.model, law.adaptation.level))
+            if phase == Phase.LOCK and settings.law.torque.alone:
+                limit = min(
+                    limit, motor_limit(settings.law.lock, settings.law.torque.model, law.torque.adaptation.level)
+                )
             node.motor_limit = limit
             word = put(put(put(word, s[0], 1), s[1], node.speed_demand), s[2], limit)
         write(outbox[sent], settings.motor_id, _COMMAND, sealed(word, _COMMAND, cycle))

@@ -5,8 +5,8 @@ What            mismatch    the motor's torque balance and the model of the torq
                             capacity (`law.mismatch`). Pressure, motor torque or friction is another than believed
                 encoder     the plates stand, the motor is to turn and gives less than it may: a speed control would press
                             until one of the two is no longer so. Its error, summed over time, exceeds `standing_error`
-                pressure    the signal has not moved by a count since the pressure asked for has moved by `frozen_change`, for
-                            `frozen_dwell`; or it lies below `lost_pressure` for `lost_dwell`: no plate touches there
+                pressure    the signal has not moved by a count for `frozen_dwell` since the pressure asked for has moved by
+                            `frozen_change`; or it lies below `lost_pressure` for `lost_dwell`: no plate touches there
 Assumptions     the model is right within `torque_mismatch`; the motor's speed control integrates; the pressure loop follows within
                 the dwell
 Not modelled    signals that are wrong by less; a motor torque that stands still while the plates do
@@ -40,8 +40,8 @@ PLAUSIBILITY = np.dtype(
 def torque_implausible(state, settings, mismatch, speed_error, stands, pushes, step):
     """Whether motor torque, estimate and encoder contradict each other, `step` [s] later.
 
-    mismatch [Nm]; speed_error [rad/s] of the motor; `stands`: the encoder says that the plates do; `pushes`: the motor gives all
-    that it may.
+    mismatch [Nm]; speed_error [rad/s] of the motor; `stands`: by the encoder the plates do; `pushes`: the motor gives all that
+    it may.
     """
     state.time_mismatch = state.time_mismatch + step if abs(mismatch) > settings.torque_mismatch else 0.0
     state.standing = state.standing + abs(speed_error) * step if stands and not pushes else 0.0

@@ -2,7 +2,7 @@
 
 Equation        share = sum w x (y - x) / (sum w x^2 + floor^2), x and y the torque of the model and the observed one, behind
                 one lag; w = exp(-age/window)/window: least squares through the origin with forgetting
-Assumptions     what is off is off in proportion to the torque; `floor` is what the torque must exceed to be worth a share
+Assumptions     what is off is off in proportion to the torque; `floor`: what the torque must exceed to be worth a share
 Not modelled    what lasts is the adaptation's (adaptation.py): it learns slowly, by oil temperature, and only in clear cases; this
                 bridges the time until it has, in creep and after a touch, too, and forgets
 References      ours
@@ -23,8 +23,8 @@ TRIM = np.dtype([("xx", "f8"), ("xy", "f8"), ("share", "f8"), ("calm", "f8"), ("
 def trim(state, settings, model, mismatch, speed_demand, sees, low, high, step):
     """Move TRIM on by `step` [s]; `model` and `mismatch` [Nm] behind one lag, the share stays within `low`..`high`.
 
-    `sees`: whether the two say anything of the friction. While the motor's `speed_demand` [rad/s] changes faster than `slew_limit`, and `calm_time` after it, its torque jumps with
-    every new demand, by more between two samples than what is looked for.
+    `sees`: whether the two say anything of the friction. While the motor's `speed_demand` [rad/s] changes faster than `slew_limit`,
+    and `calm_time` after it, its torque jumps with every new demand, by more between two samples than what is looked for.
     """
     calm = abs(speed_demand - state.speed_demand) <= settings.slew_limit * step
     if step > 0.0:
