@@ -22,7 +22,7 @@ from rt_controller.record import floats
 MODEL = floats(
     "coulomb_slope", "coulomb_intercept", "viscous_slope", "viscous_intercept", "beta_inf", "beta_onset", "beta_scale",
     "stribeck_speed", "viscous_exponent", "attraction", "contact_pressure", "oil_slope", "oil_offset", "oil_origin",
-    "oil_reference", "oil_viscous_gain", "motor_inertia",
+    "oil_reference", "oil_viscous_gain", "motor_inertia", "motor_gain",
 )  # fmt: skip
 
 

@@ -118,7 +118,8 @@ def control(law, settings, phase, demand, speed_demand, sample, step, followed):
     torque, model, pressure, follows = law.torque, settings.torque.model, sample.pressure, followed == followed
     closed = phase == Phase.SLIP_CONTROL or phase == Phase.LOCK
     closing = closed or phase == Phase.FILL
-    estimate(torque, settings.torque, closing, closed, speed_demand, sample, step)
+    may_touch = closing or phase == Phase.RELEASE  # until the piston has gone back
+    estimate(torque, settings.torque, may_touch, closed, speed_demand, sample, step)
     contact, moves, carried = torque.contact, torque.motion.moves, abs(torque.estimate)
     level, correction = torque.level, torque.adaptation.viscous
     state, capacity = clutch_state(contact, moves, phase == Phase.LOCK), level * torque.coulomb_torque
@@ -165,7 +166,7 @@ def control(law, settings, phase, demand, speed_demand, sample, step, followed):
     if not closing:
         follow(law.pressure_loop, 0.0)
     error = pressure_demand - pressure if closing else 0.0
-    frozen = not contact or step == 0.0 or law.voltage_limited * error > 0.0
+    frozen = not contact or not closing or step == 0.0 or law.voltage_limited * error > 0.0
     proportional_integral(law.pressure_loop, error, step, settings.pressure_k_p, settings.pressure_k_i, frozen)
     wanted = pressure_demand + law.pressure_loop.proportional + law.pressure_loop.integral if closing else 0.0
     wanted /= settings.valve_gain

@@ -32,11 +32,12 @@ TORQUE_SETTINGS = np.dtype(
 )  # fmt: skip
 # estimate [Nm], signed as the slip; level [-] with which it is made, adapted and trimmed; coulomb and viscous part [Nm] before it;
 # m, and the Coulomb torque it stands on [Nm]; contact: by the pressure; pressed: the plates rub, too; touched: time in contact
-# [s]; observed [Nm]: the torque balance behind the observer's lag; lags and what they are given next
+# [s]; observed [Nm]: the torque balance behind the observer's lag; lags and what they are given next;
+# demand_acting, demand_before [rad/s]: speed demands that the motor has begun to follow with this sample and the one before
 TORQUE = np.dtype(
     [("estimate", "f8"), ("level", "f8"), ("coulomb", "f8"), ("viscous", "f8"), ("m", "f8"), ("coulomb_torque", "f8"),
      ("contact", "?"), ("pressed", "?"), ("touched", "f8"), ("observed", "f8"), ("coulomb_lag", LAG), ("viscous_lag", LAG),
-     ("motor_lag", LAG), ("motor_before", "f8"), ("adaptation", ADAPTATION), ("trim", TRIM), ("motion", MOTION)]
+     ("motor_lag", LAG), ("motor_before", "f8"), ("demand_acting", "f8"), ("demand_before", "f8"), ("adaptation", ADAPTATION), ("trim", TRIM), ("motion", MOTION)]
 )  # fmt: skip
 
 
@@ -98,7 +99,7 @@ def estimate(torque, settings, closing, closed, speed_demand, sample, step):
     else:
         torque.m = torque.coulomb_torque = 0.0  # out of contact there is no torque
     torque.estimate = torque.level * (torque.coulomb + torque.viscous) + correction * torque.viscous
-    _balance(torque, settings, before_coulomb, before_viscous, sample, step)
+    _balance(torque, settings, before_coulomb, before_viscous, speed_demand, sample, step)
     stuck = sample.motor_stuck > settings.adaptation.stuck_time
     adapt(
         torque.adaptation, settings.adaptation, torque.coulomb_lag.out, torque.viscous_lag.out, torque.observed, sample.slip,
@@ -106,10 +107,10 @@ def estimate(torque, settings, closing, closed, speed_demand, sample, step):
     )  # fmt: skip
     if not torque.pressed or stuck:
         forget(torque.trim)
-    off, level = mismatch(torque), torque.adaptation.level
-    low, high = settings.adaptation.level_low / level - 1.0, settings.adaptation.level_high / level - 1.0
-    sees = learns and torque.pressed and not stands and not stuck
-    trim(torque.trim, settings.trim, torque.observed - off, off, speed_demand, sees, low, high, step)
+    elif learns and not stands:
+        off, level = mismatch(torque), torque.adaptation.level
+        low, high = settings.adaptation.level_low / level - 1.0, settings.adaptation.level_high / level - 1.0
+        trim(torque.trim, settings.trim, torque.observed - off, off, low, high, step)
 
 
 @njit
@@ -127,7 +128,7 @@ def _pressed(torque, settings, pressure, step):
 
 
 @njit
-def _balance(torque, settings, coulomb, viscous, sample, step):
+def _balance(torque, settings, coulomb, viscous, speed_demand, sample, step):
     """Both sides of the torque balance behind the same lag; `coulomb`, `viscous` [Nm] are those of the sample before."""
     if step > 0.0:
         # The observer's second difference is centred on the sample before (lag.py).
@@ -135,5 +136,8 @@ def _balance(torque, settings, coulomb, viscous, sample, step):
         lagged(torque.coulomb_lag, coulomb, q)
         lagged(torque.viscous_lag, viscous, q)
         motor = lagged(torque.motor_lag, torque.motor_before, q)
-        torque.motor_before = sample.motor_torque
+        # The sample was taken just before the demand sent last began to act: half of what it changed is the mean's.
+        jump = settings.model.motor_gain * (torque.demand_acting - torque.demand_before)
+        torque.motor_before = sample.motor_torque + 0.5 * jump
+        torque.demand_before, torque.demand_acting = torque.demand_acting, speed_demand
         torque.observed = motor - settings.model.motor_inertia * sample.acceleration  # rig.md, 8

@@ -8,34 +8,23 @@ Not modelled    what lasts is the adaptation's (adaptation.py): it learns slowly
 References      ours
 """
 
-import numpy as np
 from numba import njit
 
 from rt_controller.record import floats
 
 # Names and units as in `controller.toml`, SI
-TRIM_SETTINGS = floats("window", "floor", "slew_limit", "calm_time")
-# Moments [Nm^2]; share [-]; speed demand of the step before [rad/s], and time [s] for which it has changed slowly
-TRIM = np.dtype([("xx", "f8"), ("xy", "f8"), ("share", "f8"), ("calm", "f8"), ("speed_demand", "f8")])
+TRIM_SETTINGS = floats("window", "floor")
+# Moments [Nm^2]; share [-]
+TRIM = floats("xx", "xy", "share")
 
 
 @njit
-def trim(state, settings, model, mismatch, speed_demand, sees, low, high, step):
-    """Move TRIM on by `step` [s]; `model` and `mismatch` [Nm] behind one lag, the share stays within `low`..`high`.
-
-    `sees`: whether the two say anything of the friction. While the motor's `speed_demand` [rad/s] changes faster than `slew_limit`,
-    and `calm_time` after it, its torque jumps with every new demand, by more between two samples than what is looked for.
-    """
-    calm = abs(speed_demand - state.speed_demand) <= settings.slew_limit * step
-    if step > 0.0:
-        state.speed_demand = speed_demand
-    state.calm = state.calm + step if calm else 0.0
-    if sees and state.calm >= settings.calm_time:
-        fresh = min(step / settings.window, 1.0)
-        state.xx += fresh * (model * model - state.xx)
-        state.xy += fresh * (model * mismatch - state.xy)
-        state.share = state.xy / (state.xx + settings.floor * settings.floor)
-    state.share = min(max(state.share, low), high)
+def trim(state, settings, model, mismatch, low, high, step):
+    """Move TRIM on by `step` [s]; `model` and `mismatch` [Nm] behind one lag, the share stays within `low`..`high`."""
+    fresh = min(step / settings.window, 1.0)
+    state.xx += fresh * (model * model - state.xx)
+    state.xy += fresh * (model * mismatch - state.xy)
+    state.share = min(max(state.xy / (state.xx + settings.floor * settings.floor), low), high)
 
 
 @njit
