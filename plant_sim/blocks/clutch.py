@@ -1,4 +1,4 @@
-"""Friction torque of the wet multi-disk clutch in gross sliding: XGMS with one element.
+"""Friction torque of the wet multi-disk clutch: XGMS with one element, that sticks rigidly.
 
 Equation        M_C = max(0, a_MC p* + b_MC);  C_v = max(0, a_Cv p* + b_Cv)                        (Table 6.4)
                 beta = min(1, beta_inf + (1 - beta_inf) exp(-(p* - p_1)/p_0))                       (6.6)
@@ -6,8 +6,9 @@ Equation        M_C = max(0, a_MC p* + b_MC);  C_v = max(0, a_Cv p* + b_Cv)     
                 m' = sign(omega) C (1 - m/s_n), s_n carrying the sign of omega                      (6.9)
                 M = M_C m + sign(omega) C_v r_T |omega|^gamma                                       (6.9)
                 p* = p_contact + F_n / A_cyl, only in contact                                       (rig.md, 4)
-Integration     below a `resting` speed sign(omega) and sign(omega) |omega|^gamma are straight lines: with the corner, of
-                infinite slope, plates that reverse under load chatter from step to step, whatever the step
+                at omega = 0 the plates carry what is applied, |M| <= M_C: they stick; beyond it they break away with m = +-1.
+                This is the stick branch of the element, dF/dt = k omega, on a stiff spring, k -> infinity; s_n(0) = 1
+Integration     sticking and slow sliding: `plant_sim/rigs/standstill.py`
 Assumptions     normal and tangential dynamics decoupled (sec. 6.2.3); temperature acts on the viscous term alone (fig 6.9)
 Valid range     p* 2.7..4.2 bar, 0..250 rpm, 0..30 Nm, oil 50..150 degC
 Not modelled    wear; pre-sliding, drag of the open clutch and more are effects (plant_sim/effects)
@@ -17,8 +18,6 @@ References      Janssens 2010, chapter 6
 from math import exp
 
 from numba import njit
-
-RESTING = 1e-3  # rad/s: a fortieth of a count of the encoder in a sample of 1 ms (rig.md, 9)
 
 
 @njit(inline="always")
@@ -47,21 +46,19 @@ def stribeck_ratio(beta, slip, stribeck_speed):
 
 
 @njit(inline="always")
-def relaxed(state, ratio, slip, attraction, resting, step):
+def relaxed(state, ratio, slip, attraction, step):
     """Normalised friction state m [-] after `step` [s] of constant slip: exact solution of eq. 6.9.
 
-    `ratio` is s_n [-], `attraction` is C [1/s]; below `resting` [rad/s] the plates hardly slide.
+    `ratio` is s_n [-], `attraction` is C [1/s]. At standstill the state stays.
     """
     if slip == 0.0:
         return state
     target = ratio if slip > 0.0 else -ratio
-    sliding = min(abs(slip) / resting, 1.0)
-    return target + (state - target) * exp(-attraction * sliding * step / ratio)  # Janssens 2010, eq. 6.9
+    return target + (state - target) * exp(-attraction * step / ratio)  # Janssens 2010, eq. 6.9
 
 
 @njit(inline="always")
-def torque(coulomb, state, viscous, slip, exponent, resting):
-    """Clutch torque M [Nm], positive when it opposes positive slip; `viscous`: C_v r_T [Nm/(rad/s)^gamma], resting [rad/s]."""
-    speed = abs(slip)
-    drag = viscous * (speed**exponent if speed > resting else speed * resting ** (exponent - 1.0))
+def torque(coulomb, state, viscous, slip, exponent):
+    """Clutch torque M [Nm], positive when it opposes positive slip; `viscous`: C_v r_T [Nm/(rad/s)^gamma]."""
+    drag = viscous * abs(slip) ** exponent
     return coulomb * state + (drag if slip > 0.0 else -drag)  # Janssens 2010, eq. 6.9

@@ -3,7 +3,7 @@
 What            splines or gears with clearance: no torque passes until a flank is met, then it comes with an impact
 Equation        J_m dw_m/dt = M_m - T,  J_p dw_p/dt = T - M,  dphi/dt = lambda = w_m - w_p
                 T = max(k (phi - b/2) + d lambda, 0) for phi > b/2, its mirror image below -b/2, 0 between;  d = 0.2 sqrt(k J_r)
-                J_p = share J,  J_m = (1 - share) J,  J_r = J_p J_m/J
+                J_p = share J,  J_m = (1 - share) J,  J_r = J_p J_m/J;  while the plate sticks w_p = 0
 Assumptions     flanks linear, not sticky, with a damping ratio of 0.1; switched on, the flank that carries is touched
 Integration     leapfrog with 8 sub-steps at constant M_m and M; the plate gets the step's mean torque, so that
                 momentum is kept
@@ -42,6 +42,9 @@ def rattle(s, c, p, x, h):
     reduced = (1.0 - p.share) * plate
     push = s.drive_torque / (c.motor_inertia - plate) + s.torque / plate  # rad/s^2, of the lead in the gap
     half, damping = 0.5 * p.gap, 2.0 * _DAMPING * sqrt(p.stiffness * reduced)
+    if s.still > 0.0:
+        reduced = c.motor_inertia - plate
+        push = s.drive_torque / reduced
     turned, lead = x.twist, x.lead
     if x.wound == 0.0:
         settled = reduced * push

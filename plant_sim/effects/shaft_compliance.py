@@ -3,7 +3,7 @@
 What            motor and turning plate are two inertias on a shaft that twists, so that the plate swings against the motor
 Equation        J_m dw_m/dt = M_m - T,  J_p dw_p/dt = T - M,  lambda = dphi/dt = w_m - w_p
                 T = phi/e + 2 zeta sqrt(J_r/e) lambda;  eigenfrequency 1/sqrt(e J_r), damping ratio zeta
-                J_p = share J,  J_m = (1 - share) J,  J_r = J_p J_m/J
+                J_p = share J,  J_m = (1 - share) J,  J_r = J_p J_m/J;  while the plate sticks w_p = 0, J_m in place of J_r
 Assumptions     massless linear shaft; damping as a ratio of the free shaft's; switched on, it is wound up as its torques ask
 Integration     exact at constant M_m and M; the plate gets the mean torque over the step, so that momentum is kept
 Valid range     e 0..0.1 rad/Nm: any below 0.1 is stable; the sampled motor speed sees oscillations up to some 1 kHz
@@ -23,16 +23,19 @@ def twist(s, c, p, x, h):
         return
     plate = p.share * c.motor_inertia
     reduced = (1.0 - p.share) * plate
+    damping = 2.0 * p.damping * sqrt(reduced / p.compliance)  # Nm s/rad
     push = s.drive_torque / (c.motor_inertia - plate) + s.torque / plate  # rad/s^2, of the lead on a slack shaft
+    if s.still > 0.0:
+        reduced = c.motor_inertia - plate
+        push = s.drive_torque / reduced
     settled = reduced * push  # Nm, in a shaft that does not swing
     spring = x.spring if x.wound > 0.0 else settled
-    frequency = 1.0 / sqrt(p.compliance * reduced)
-    decay = p.damping * frequency
+    decay = 0.5 * damping / reduced
     s.inertia = plate
     if h == 0.0:
-        s.drive_torque, s.lead = spring + 2.0 * decay * reduced * x.lead, x.lead
+        s.drive_torque, s.lead = spring + damping * x.lead, x.lead
         return
-    swing = frequency * sqrt(1.0 - p.damping * p.damping)
+    swing = sqrt(1.0 / (p.compliance * reduced) - decay * decay)
     left = exp(-decay * h)
     cosine, sine = left * cos(swing * h), left * sin(swing * h) / swing
     away, before = spring - settled, x.lead

@@ -6,7 +6,7 @@ that are attached, and goes on with what they left in it. With nothing attached 
 A law may read what its hook may change, and everywhere time, valve_pressure, pressure, position, temperature, slip and angle:
 those of the step's beginning, or later where the rig knows better. Further signals are known from a hook on until the step
 ends: voltage and cylinder_speed from COMMAND, displacement at PISTON, friction_pressure from FRICTION, contact and
-viscous_share at TORQUE, torque from TORQUE to DRIVE. Before that they are 0, or those of the step before.
+viscous_share at TORQUE, torque from TORQUE to DRIVE, still at DRIVE. Before that they are 0, or those of the step before.
 
     hook         called                               an effect may change
     RIG          once a call, h its length            fields of `c`, the rig's own parameters, but for sensors_...
@@ -79,6 +79,7 @@ FIELDS = tuple(
         ("motor_torque", "Nm", "M_m"),
         ("drive_torque", "Nm", "on the turning plate; the motor's where the shaft is rigid"),
         ("inertia", "kg m^2", "that drive and clutch torque accelerate"),
+        ("still", "1", "1 where the plate stays at rest in the step, whatever the torques; else 0"),
         ("lead", "rad/s", "speed of the motor less that of the plate; 0 where the shaft is rigid"),
         ("sensed_pressure", "Pa", "of the pressure sensor"),
         ("sensed_temperature", "K", "of the temperature sensor"),

@@ -109,10 +109,8 @@ def slide(m, pressure, slip, viscosity_ratio, s, c, e, h):
             call(FRICTION, e, s, c, h)
             coulomb, viscous, beta = s.coulomb, s.viscous, s.beta
             stribeck_speed, attraction, before = s.stribeck_speed, s.attraction, s.friction_state
-        m = clutch.relaxed(
-            before, clutch.stribeck_ratio(beta, slip, stribeck_speed), slip, attraction, c.clutch_resting, h
-        )
-        torque = clutch.torque(coulomb, 0.5 * (before + m), viscous, slip, c.clutch_viscous_exponent, c.clutch_resting)
+        m = clutch.relaxed(before, clutch.stribeck_ratio(beta, slip, stribeck_speed), slip, attraction, h)
+        torque = clutch.torque(coulomb, 0.5 * (before + m), viscous, slip, c.clutch_viscous_exponent)
         if attached(TORQUE, e):
             s.viscous_share = 1.0 - coulomb * 0.5 * (before + m) / torque if torque != 0.0 else 0.0
     else:

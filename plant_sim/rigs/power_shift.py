@@ -8,7 +8,8 @@ Integration     steps of at most 0.1 ms; shafts by the midpoint rule, clutches a
                 with the mean speed of a step, so that their balance holds to rounding
 Assumptions     inputs constant over a call; shafts and wheels rigid, tyres without slip; gears without loss; rolling
                 resistance is Coulomb friction: within a step it takes what brings the vehicle to rest, at most its level
-Valid range     slips within the maps, 250 rpm; a closed clutch sticks as eq. 6.9 does at zero slip: on a lag, not on a spring
+                a clutch that sticks carries what keeps its slip at 0: `tied_shafts`
+Valid range     slips within the maps, 250 rpm
 Not modelled    inertia of gears and plates, engine map, torque converter; what effects do between motor and clutch (hook DRIVE)
 References      Janssens 2010, sec. 6.2.1 and fig 6.1
 """
@@ -28,6 +29,8 @@ from plant_sim.effects.signals import DRIVE, RIG, SENSORS, SIGNALS, attached, bo
 from plant_sim.effects.table import switched_on as effects_on
 from plant_sim.rigs import wet_clutch
 from plant_sim.rigs.clutch_unit import actuate, friction_pressure, slide, stack_force, viscosity_ratio
+from plant_sim.rigs.standstill import capacity, nearly_at_rest
+from plant_sim.rigs.tied_shafts import Shafts, Standing, now, road_torque, stand, stuck
 from plant_sim.rigs.wet_clutch import STATE, Whole, sense
 from protocols.errors import InputError
 from protocols.parameters import ParameterSet, load_defaults, load_overlay
@@ -210,8 +213,10 @@ def advance(
         sa.cylinder_speed = sb.cylinder_speed = y.input_speed  # the cylinders turn with the input
         k = 0.5 * h
         w_in, w_out = y.input_speed + k * y.input_acceleration, y.output_speed + k * y.output_acceleration
-        torque_a = _carried(a, voltage_a, w_in - d.ratio_a * w_out, sa, ca, ea, h)
-        torque_b = _carried(b, voltage_b, w_in - d.ratio_b * w_out, sb, cb, eb, h)
+        slip_a, slip_b = w_in - d.ratio_a * w_out, w_in - d.ratio_b * w_out
+        pressure_a, pressure_b = _moved(a, voltage_a, sa, ca, ea, h), _moved(b, voltage_b, sb, cb, eb, h)
+        rests_a = nearly_at_rest(pressure_a, a.slip_speed, slip_a)
+        rests_b = nearly_at_rest(pressure_b, b.slip_speed, slip_b)
         error = speed_demand - w_in
         asked = motor.torque_demand(
             error, y.speed_integral + k * error, ca.motor_proportional_gain, ca.motor_integral_gain
@@ -220,14 +225,36 @@ def advance(
         if asked == motor_torque:
             y.speed_integral += h * error
 
+        # the torques: of plates that slide, then of those nearly at rest, which may stick
+        torque_a = 0.0 if rests_a else _slides(a, pressure_a, slip_a, sa, ca, ea, h)
+        torque_b = 0.0 if rests_b else _slides(b, pressure_b, slip_b, sb, cb, eb, h)
+        sticks_a = sticks_b = False
+        if rests_a or rests_b:
+            shafts = Shafts(motor_torque, y.input_speed, y.output_speed, inertia)
+            va, vb = viscosity_ratio(a.temperature, ca), viscosity_ratio(b.temperature, cb)
+            one = Standing(rests_a, a.friction_state, a.slip_speed, torque_a, pressure_a, va, d.ratio_a)
+            two = Standing(rests_b, b.friction_state, b.slip_speed, torque_b, pressure_b, vb, d.ratio_b)
+            (a.friction_state, slip_a, sticks_a), (b.friction_state, slip_b, sticks_b), torques = stand(
+                shafts, one, two, d, sa, ca, ea, sb, cb, eb, h
+            )
+            if rests_a:
+                torque_a = _slides(a, pressure_a, slip_a, sa, ca, ea, h)
+            if rests_b:
+                torque_b = _slides(b, pressure_b, slip_b, sb, cb, eb, h)
+            torque_a, torque_b = stuck(shafts, torque_a, torque_b, sticks_a, sticks_b, torques, d, h)
+
         # both shafts, and the work on their mean speeds
         w_in, w_out = y.input_speed, y.output_speed
         output = d.ratio_a * torque_a + d.ratio_b * torque_b
-        road = _road(w_out, output, d, h)
+        road = road_torque(w_out, output, d, h)
         y.input_acceleration = (motor_torque - torque_a - torque_b) / inertia
         y.output_acceleration = (output - road) / d.inertia
         y.input_speed += h * y.input_acceleration
         y.output_speed += h * y.output_acceleration
+        if sticks_a and sticks_b:
+            y.input_speed = y.output_speed = 0.0  # but for rounding they are
+        elif sticks_a or sticks_b:
+            y.input_speed = (d.ratio_a if sticks_a else d.ratio_b) * y.output_speed
         w_in, w_out = 0.5 * (w_in + y.input_speed), 0.5 * (w_out + y.output_speed)
         y.input_work += h * motor_torque * w_in
         y.road_work += h * road * w_out
@@ -240,13 +267,25 @@ def advance(
             sense(b, motor_torque, torque_b, sb, cb, eb, h)
 
     # outputs at the end: nothing moves
-    torque_a, torque_b = _present(a, sa, ca, ea), _present(b, sb, cb, eb)
-    y.output_torque = d.ratio_a * torque_a + d.ratio_b * torque_b
+    torque_a, pressure_a = _present(a, sa, ca, ea)
+    torque_b, pressure_b = _present(b, sb, cb, eb)
     error = speed_demand - y.input_speed
     y.motor_torque = motor.limited(
         motor.torque_demand(error, y.speed_integral, ca.motor_proportional_gain, ca.motor_integral_gain), limit
     )
-    y.road_torque = _road(y.output_speed, y.output_torque, d, h)
+    rests_a, rests_b = pressure_a > 0.0 and a.slip_speed == 0.0, pressure_b > 0.0 and b.slip_speed == 0.0
+    if rests_a or rests_b:
+        ends_a = (
+            capacity(pressure_a, viscosity_ratio(a.temperature, ca), sa, ca, ea) if rests_a else (torque_a, torque_a)
+        )
+        ends_b = (
+            capacity(pressure_b, viscosity_ratio(b.temperature, cb), sb, cb, eb) if rests_b else (torque_b, torque_b)
+        )
+        shafts = Shafts(y.motor_torque, y.input_speed, y.output_speed, inertia)
+        torque_a, torque_b = now(shafts, rests_a, rests_b, *ends_a, *ends_b, d)
+        a.clutch_torque, b.clutch_torque = torque_a, torque_b
+    y.output_torque = d.ratio_a * torque_a + d.ratio_b * torque_b
+    y.road_torque = road_torque(y.output_speed, y.output_torque, d, 0.0)
     y.input_acceleration = (y.motor_torque - torque_a - torque_b) / inertia
     y.output_acceleration = (y.output_torque - y.road_torque) / d.inertia
     a.acceleration = y.input_acceleration - d.ratio_a * y.output_acceleration
@@ -258,25 +297,29 @@ def advance(
 
 
 @njit
-def _carried(y, voltage, slip, s, c, e, h):
-    """Move a clutch's valve, piston and friction on by a step; torque [Nm] at its middle, at `slip` [rad/s] there."""
+def _moved(y, voltage, s, c, e, h):
+    """Move a clutch's valve and piston on by a step; friction pressure [Pa] at its middle."""
     known(e, s, y)
     s.time = y.time + 0.5 * h
-    pressure = actuate(y, voltage, s, c, e, h)
+    return actuate(y, voltage, s, c, e, h)
+
+
+@njit
+def _slides(y, pressure, slip, s, c, e, h):
+    """Move a clutch's friction on by a step at `slip` [rad/s]; its torque [Nm]."""
     y.friction_state, torque = slide(y.friction_state, pressure, slip, viscosity_ratio(y.temperature, c), s, c, e, h)
     return torque
 
 
 @njit
 def _present(y, s, c, e):
-    """Set a clutch's normal force and torque as they are now; return the torque [Nm]."""
+    """Set a clutch's normal force and torque, if it slides, as they are now; return the torque [Nm] and pressure [Pa]."""
     known(e, s, y)
     y.normal_force = stack_force(y.position, s, c, e)
-    _, y.clutch_torque = slide(
-        y.friction_state, friction_pressure(y.position, s, c, e), y.slip_speed,
-        viscosity_ratio(y.temperature, c), s, c, e, 0.0,
-    )  # fmt: skip
-    return y.clutch_torque
+    pressure = friction_pressure(y.position, s, c, e)
+    viscosity = viscosity_ratio(y.temperature, c)
+    _, y.clutch_torque = slide(y.friction_state, pressure, y.slip_speed, viscosity, s, c, e, 0.0)
+    return y.clutch_torque, pressure
 
 
 @njit(inline="always")
@@ -289,14 +332,3 @@ def _slipped(y, torque, slip, line, ratio, c, h):
     )
     y.time += h
     return h * torque * slip
-
-
-@njit(inline="always")
-def _road(speed, output, d, h):
-    """Torque of road and air about the output shaft [Nm] at its `speed` [rad/s] and driving torque `output` [Nm]."""
-    other = d.grade + d.drag * abs(speed) * speed
-    if h > 0.0:
-        stopping = output - other + d.inertia * speed / h  # would bring the vehicle to rest within the step
-    else:
-        stopping = d.rolling * np.sign(speed) if speed != 0.0 else output - other
-    return other + min(max(stopping, -d.rolling), d.rolling)

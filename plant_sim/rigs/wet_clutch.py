@@ -18,12 +18,12 @@ import numpy as np
 from numba import from_dtype, njit
 
 from plant_sim.blocks import motor, oil
-from plant_sim.blocks.clutch import RESTING
 from plant_sim.blocks.sensors import Scales, Sensors
 from plant_sim.effects.catalogue import effects as catalogue
 from plant_sim.effects.signals import DRIVE, RIG, SENSORS, SIGNALS, attached, bound, call, known
 from plant_sim.effects.table import added_rate, compile_all, table
 from plant_sim.rigs.clutch_unit import actuate, friction_pressure, slide, stack_force, viscosity_ratio
+from plant_sim.rigs.standstill import capacity, held, near_standstill, nearly_at_rest
 from protocols.errors import InputError
 from protocols.parameters import ParameterSet, load_defaults, load_overlay
 
@@ -91,7 +91,6 @@ def parameter_values(parameters: ParameterSet) -> dict[str, float]:
     values["piston_preload"] = area * values["piston_preload_pressure"]
     rise = values["piston_contact_pressure"] - values["piston_preload_pressure"]
     values["piston_spring_stiffness"] = area * rise / values["piston_clearance"]
-    values["clutch_resting"] = RESTING
     values["oil_reference_coefficient"] = oil.friction_coefficient(
         *(values[f"oil_{name}"] for name in ("reference", "slope", "offset", "origin"))
     )
@@ -208,11 +207,12 @@ def move(state, own, signals, e, voltage, speed_demand, torque_limit, duration, 
         s.cylinder_speed = y.slip_speed  # the output stands, the cylinder turns with the motor
         pressure = actuate(y, voltage, s, c, e, h)
 
-        # clutch, motor, oil at mid-step
-        slip = y.slip_speed + 0.5 * h * acceleration
-        y.friction_state, torque = slide(
-            y.friction_state, pressure, slip, viscosity_ratio(y.temperature, c), s, c, e, h
-        )
+        # clutch, motor, oil at mid-step; plates nearly at rest are looked at from the step's beginning
+        before_step = y.slip_speed
+        slip = before_step + 0.5 * h * acceleration
+        resting, sticks = nearly_at_rest(pressure, before_step, slip), False
+        if resting:
+            slip = before_step
         error = speed_demand - (slip + y.lead)
         asked = motor.torque_demand(
             error, y.speed_integral + 0.5 * h * error, c.motor_proportional_gain, c.motor_integral_gain
@@ -220,13 +220,27 @@ def move(state, own, signals, e, voltage, speed_demand, torque_limit, duration, 
         motor_torque = motor.limited(asked, limit)
         if asked == motor_torque:
             y.speed_integral += h * error
-        motor_torque, drive_torque, inertia = _driven(y, motor_torque, torque, slip, s, c, e, h)
+        viscosity = viscosity_ratio(y.temperature, c)
+        if resting:
+            _, drive_torque, inertia = _driven(y, motor_torque, y.clutch_torque, slip, False, s, c, e, 0.0)
+            y.friction_state, slip, sticks = near_standstill(
+                y.friction_state, before_step, drive_torque, inertia, pressure, viscosity, s, c, e, h
+            )
+        y.friction_state, torque = slide(y.friction_state, pressure, slip, viscosity, s, c, e, h)
+        if sticks:
+            torque = drive_torque + inertia * before_step / h
+        still = sticks and before_step == 0.0
+        motor_torque, drive_torque, inertia = _driven(y, motor_torque, torque, slip, still, s, c, e, h)
+        if sticks:
+            torque = drive_torque + inertia * before_step / h  # what brings the plates to rest, and keeps them there
         y.temperature += h * oil.heating_rate(
             y.temperature, abs(torque * slip), c.oil_heat_capacity, c.oil_heat_transfer, c.oil_sump_temperature
         )
         acceleration = (drive_torque - torque) / inertia  # rig.md, 8
-        before_step = y.slip_speed
-        y.slip_speed += h * acceleration
+        y.slip_speed = 0.0 if sticks else before_step + h * acceleration
+        if resting and y.slip_speed * slip < 0.0:
+            y.slip_speed = 0.0  # rounding, and what the state moved, must not turn plates that creep
+        acceleration = 0.0 if sticks else acceleration
         y.angle += 0.5 * h * (before_step + y.slip_speed)
         y.time += h
         if attached(SENSORS, e):
@@ -236,24 +250,28 @@ def move(state, own, signals, e, voltage, speed_demand, torque_limit, duration, 
     known(e, s, y)
     y.normal_force = stack_force(y.position, s, c, e)
     pressure = friction_pressure(y.position, s, c, e)
-    _, y.clutch_torque = slide(
-        y.friction_state, pressure, y.slip_speed, viscosity_ratio(y.temperature, c), s, c, e, 0.0
-    )
+    viscosity = viscosity_ratio(y.temperature, c)
+    _, y.clutch_torque = slide(y.friction_state, pressure, y.slip_speed, viscosity, s, c, e, 0.0)
     error = speed_demand - (y.slip_speed + y.lead)
     asked = motor.torque_demand(error, y.speed_integral, c.motor_proportional_gain, c.motor_integral_gain)
     motor_torque = motor.limited(asked, limit)
-    y.motor_torque, drive_torque, inertia = _driven(y, motor_torque, y.clutch_torque, y.slip_speed, s, c, e, 0.0)
+    y.motor_torque, drive_torque, inertia = _driven(y, motor_torque, y.clutch_torque, y.slip_speed, False, s, c, e, 0.0)
+    if pressure > 0.0 and y.slip_speed == 0.0:
+        _, y.clutch_torque, _ = held(y.friction_state, drive_torque, *capacity(pressure, viscosity, s, c, e))
     y.acceleration = (drive_torque - y.clutch_torque) / inertia
     sense(y, y.motor_torque, y.clutch_torque, s, c, e, 0.0)
 
 
 @njit(inline="always")
-def _driven(y, motor_torque, torque, slip, s, c, e, h):
-    """Motor torque [Nm], torque on the turning plate [Nm] and the inertia it accelerates [kg m^2]; sets `y.lead`."""
+def _driven(y, motor_torque, torque, slip, still, s, c, e, h):
+    """Motor torque [Nm], torque on the turning plate [Nm] and the inertia it accelerates [kg m^2]; sets `y.lead`.
+
+    `still`: the plate stays at rest, whatever the torques.
+    """
     drive_torque, inertia, lead = motor_torque, c.motor_inertia, 0.0
     if attached(DRIVE, e):
         s.motor_torque, s.drive_torque, s.inertia, s.lead = motor_torque, drive_torque, inertia, lead
-        s.torque, s.slip = torque, slip
+        s.torque, s.slip, s.still = torque, slip, 1.0 if still else 0.0
         call(DRIVE, e, s, c, h)
         motor_torque, drive_torque, inertia, lead = s.motor_torque, s.drive_torque, s.inertia, s.lead
     y.lead = lead

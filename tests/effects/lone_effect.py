@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from plant_sim.effects.catalogue import effect
+from plant_sim.effects.signals import SIGNALS
 from plant_sim.rigs import wet_clutch
 
 
@@ -25,7 +26,7 @@ class LoneEffect:
         self.x = SimpleNamespace(**{key: np.zeros(n) if n > 1 else 0.0 for key, n in sizes.items()})
 
     def __call__(self, hook: int, h: float, **signals: float) -> Any:
-        """The signals as the law of `hook` leaves them after a step of `h` [s]."""
-        s = SimpleNamespace(**signals)
+        """The signals as the law of `hook` leaves them after a step of `h` [s]; those not given are 0."""
+        s = SimpleNamespace(**dict.fromkeys(SIGNALS.names, 0.0) | signals)
         self.effect.laws[hook](s, self.c, self.p, self.x, h)
         return s

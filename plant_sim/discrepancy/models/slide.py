@@ -36,7 +36,7 @@ ROOM = 20.0 + ZERO_CELSIUS  # K: no rig here measures a temperature, and no cand
 _FIELDS = (
     "clutch_coulomb_slope", "clutch_coulomb_intercept", "clutch_viscous_slope", "clutch_viscous_intercept",
     "clutch_viscous_exponent", "clutch_beta_inf", "clutch_beta_onset", "clutch_beta_scale", "clutch_stribeck_speed",
-    "clutch_attraction", "clutch_resting", "piston_contact_pressure",
+    "clutch_attraction", "piston_contact_pressure",
 )  # fmt: skip
 _RECORD = np.dtype([(name, np.float64) for name in _FIELDS])
 _RECORD_TYPE = from_dtype(_RECORD)
@@ -45,7 +45,6 @@ _CONSTANT = {
     "clutch_beta_onset": -1e9, "clutch_beta_scale": 1.0,  # beta does not depend on the load
     "clutch_stribeck_speed": 1.0,  # m/s, of which stribeck_change.speed is a multiple
     "clutch_attraction": 1e4,  # 1/s: sign(v) within a sample of 1 ms; friction_lag makes less of it
-    "clutch_resting": 1e-12,  # m/s: the motion is given, so no corner can make it chatter
 }  # fmt: skip
 
 

@@ -1,0 +1,98 @@
+"""Plates at standstill or nearly so: they stick, break away, creep, or pass through zero slip.
+
+Equation        J dw/dt = D - M(m, w) of one clutch, D what drives its slip, M the torque of `clutch_unit.slide`
+    stick       w = 0 and M = D while M(-1, 0) <= D <= M(1, 0): the plates carry exactly what is applied, up to their capacity.
+                The state is the share they carry, m = D/M_C. It has no lag here: plates that do not slide build nothing up
+                (GMS: stick dF/dt = k w, slip from |F| = s(0) = M_C on; here k -> infinity). So a change of M_C breaks no hold
+                that it can still bear
+    break-away  D beyond an end: the plates slide from m = +-1 there
+    turn        w passes 0 within the step: the plates stay there if they can hold D, else m goes on as eq. 6.9 has it
+Integration     below `SLOW`: backward Euler in w, as |w|^gamma has an infinite slope at 0. Its equation
+                w = w_0 + h/J (D - M(m, w)) has one root where M does not fall steeply with w. No step makes it chatter
+Assumptions     D is constant over the step
+Not modelled    spring of the plates before they slide: effect `presliding`, with which M(-1, 0) = M(1, 0), so that nothing but
+                its spring holds
+References      Janssens 2010, sec. 5.2 and eq. 6.9; Moreau 1988 (set-valued friction in time stepping)
+
+Arguments as in `clutch_unit`.
+"""
+
+from math import copysign
+
+from numba import njit
+
+from plant_sim.rigs.clutch_unit import slide
+
+# rad/s: above it the slope of |w|^gamma times a step of 0.1 ms is below 1 (at 0.05 kg m^2, 15 Nm (s/rad)^gamma: 5e-3)
+SLOW = 0.1
+_ENOUGH = 1e-10  # of the surplus of torque: where the search for a root ends
+_TRIALS = 60  # of that search; measured: 9
+
+
+@njit(inline="always")
+def nearly_at_rest(pressure, begin, middle):
+    """Whether pressed plates may stick in a step that begins at slip `begin` and is expected at `middle` half way [rad/s]."""
+    return pressure > 0.0 and (abs(middle) < SLOW or begin * (2.0 * middle - begin) <= 0.0)
+
+
+@njit(error_model="numpy")
+def capacity(pressure, viscosity, s, c, e):
+    """Least and largest torque [Nm] of plates that stick. Moves no state."""
+    _, low = slide(-1.0, pressure, 0.0, viscosity, s, c, e, 0.0)
+    _, high = slide(1.0, pressure, 0.0, viscosity, s, c, e, 0.0)
+    return low, high
+
+
+@njit(error_model="numpy")
+def held(m, drive, low, high):
+    """State m, torque [Nm] at zero slip, and whether plates with the capacity `low` to `high` hold `drive` [Nm]."""
+    if low <= drive <= high:
+        return ((2.0 * drive - (low + high)) / (high - low) if high > low else m), drive, True
+    return (1.0, high, False) if drive > high else (-1.0, low, False)
+
+
+@njit(error_model="numpy")
+def near_standstill(m, begin, drive, inertia, pressure, viscosity, s, c, e, h):
+    """State m with which to slide, slip [rad/s] to slide at, and whether the plates stick, in a step from slip `begin` [rad/s].
+
+    drive [Nm] acts on `inertia` [kg m^2] over the step `h` [s]. Moves no state.
+    """
+    sticking = False
+    if begin == 0.0:
+        m, present, sticking = held(m, drive, *capacity(pressure, viscosity, s, c, e))
+    else:
+        _, present = slide(m, pressure, 0.0, viscosity, s, c, e, 0.0)
+    end = begin + h / inertia * (drive - present)  # were the torque that at zero slip
+    if begin * end < 0.0:
+        share, _, sticking = held(m, drive, *capacity(pressure, viscosity, s, c, e))
+        m = share if sticking else m
+    if sticking or end == 0.0:
+        return m, 0.0, sticking
+    return m, _creep(m, end, present, inertia, pressure, viscosity, s, c, e, h), False
+
+
+@njit(error_model="numpy")
+def _creep(m, end, present, inertia, pressure, viscosity, s, c, e, h):
+    """Root w [rad/s] of w = end - h/J (M(w) - M(0)), with M(0) `present` [Nm], by the Illinois rule in |w|^gamma."""
+    exponent = c.clutch_viscous_exponent
+    low, high = 0.0, abs(end) ** exponent
+    below, above, side = -abs(end), 0.0, 0
+    slip = end
+    for k in range(_TRIALS):
+        trial = high if k == 0 else (low * above - high * below) / (above - below)
+        slip = copysign(trial ** (1.0 / exponent), end)
+        _, torque = slide(m, pressure, slip, viscosity, s, c, e, 0.0)
+        off = copysign(1.0, end) * (slip - end + h / inertia * (torque - present))
+        if abs(off) <= _ENOUGH * abs(end) or (k == 0 and off <= 0.0):
+            break  # where the torque falls with slip: as good as the explicit step
+        if off > 0.0:
+            high, above = trial, off
+            if side > 0:
+                below *= 0.5
+            side = 1
+        else:
+            low, below = trial, off
+            if side < 0:
+                above *= 0.5
+            side = -1
+    return slip
