@@ -24,17 +24,31 @@ class ClutchState(IntEnum):
 
 
 # Names and units as in `controller.toml`, SI
-MOTION_SETTINGS = floats("standing_speed", "stick_angle", "stick_time")
-# Speed of the sample before [rad/s]; angle since it began to be looked at [rad], time in which that has stayed small [s];
-# crosses: the speed has changed its sign within the last sample; moves: whether the plates do
-MOTION = np.dtype([("speed", "f8"), ("angle", "f8"), ("still", "f8"), ("crosses", "?"), ("moves", "?")])
+MOTION_SETTINGS = floats("standing_speed", "coarse_speed", "stick_angle", "stick_time")
+# Speed of the sample before, and the present one, below `coarse_speed` over two samples [rad/s]; angle since it began to be looked at [rad], time in which that has stayed small [s];
+# stands: at the end of the last sample the speed is, as
+# far as can be seen, 0, or has just passed it; rests: it has been 0 over two; moves: whether the plates do
+MOTION = np.dtype(
+    [
+        ("speed", "f8"),
+        ("angle", "f8"),
+        ("still", "f8"),
+        ("smooth", "f8"),
+        ("stands", "?"),
+        ("rests", "?"),
+        ("moves", "?"),
+    ]
+)
 
 
 @njit
-def motion(state, settings, speed, step):
-    """Move MOTION on by `step` [s] at `speed` [rad/s], the mean over it; `moves` says whether the plates do."""
+def motion(state, settings, speed, slip, step):
+    """Move MOTION on by `step` [s] at `speed` [rad/s], the mean over it, and `slip` [rad/s] at its end, as observed; `moves` says whether the plates do."""
     if step > 0.0:
-        state.crosses = state.speed * speed < 0.0
+        still = abs(speed) <= settings.standing_speed
+        state.rests = still and abs(state.speed) <= settings.standing_speed
+        state.stands = still or speed * slip <= 0.0 or speed * state.speed < 0.0
+        state.smooth = speed if abs(speed) > settings.coarse_speed else 0.5 * (speed + state.speed)
         state.speed = speed
         state.angle += speed * step
         state.still += step

@@ -2,14 +2,14 @@
 
 Equation        sliding     M_sim = level M_C(p) m + (level + viscous) sign(omega) C_v(p) r_T |omega|^gamma
                             m' = sign(omega) C (1 - m/s_n), s_n carrying the sign of omega
-                standstill  sign(omega) is any number in [-1, 1] and s_n = 1: within a step T, m may go anywhere in
-                            [-1 + (m + 1) q, 1 + (m - 1) q], q = exp(-C T); it goes to what carries the torque applied, or as
-                            near as it can. A load that changes leaves the carried torque as it is: M_C m is kept
+                standing    M = what is applied, within -level M_C .. level M_C: plates that do not slide build nothing up (GMS:
+                            stick dF/dt = k omega, slip from |F| = s(0) = M_C on; here k -> infinity); m is the share carried
+                turning     the plates stand once m can go, within a step T, to the share that is applied: at standstill s_n = 1
+                            and sign(omega) is any number in [-1, 1] (Filippov)
 Assumptions     measured pressure is the pressure on the plates; one element (sec. 6.2.3)
 Valid range     p 2.7..4.2 bar, 0..250 rpm either way, oil above 35 degC
 Not modelled    pre-sliding, seal friction, direction of the stroke
-References      Janssens 2010, eqs 6.2, 6.3, 6.6, 6.9, Tables 6.1, 6.4, 6.5. Standstill: the same equation after Filippov 1988,
-                Differential Equations with Discontinuous Righthand Sides, ch. 2. `level` and `viscous` are ours (adaptation.py)
+References      Janssens 2010, sec. 5.2, eqs 6.2, 6.3, 6.6, 6.9, Tables 6.1, 6.4, 6.5. `level` and `viscous` are ours (adaptation.py)
 """
 
 from math import exp, log10
@@ -48,17 +48,10 @@ def friction_state(model, state, pressure, slip, step):
 
 
 @njit
-def held_state(model, state, before, after, applied, step):
-    """Friction state m [-] after `step` [s] at standstill, where `applied` [Nm] is to be carried.
-
-    `before`, `after` [Nm]: Coulomb torque at the begin and the end of the step.
-    """
-    if after <= 0.0:
-        return 0.0
-    kept = min(max(state * before / after, -1.0), 1.0)  # the load changes, the carried torque does not
+def reachable_states(model, state, step):
+    """Least and largest state m [-] that eq. 6.9 reaches from `state` within `step` [s] at standstill, where s_n = 1."""
     q = exp(-model.attraction * step)
-    low, high = -1.0 + (kept + 1.0) * q, 1.0 + (kept - 1.0) * q  # eq. 6.9 with s_n = 1 and sign(omega) = -1, 1
-    return min(max(applied / after, low), high)
+    return -1.0 + (state + 1.0) * q, 1.0 + (state - 1.0) * q
 
 
 @njit

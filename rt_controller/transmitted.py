@@ -1,7 +1,7 @@
 """Torque transmitted, as the controller believes it: model, adapted level, trim, torque balance of the motor.
 
 Equation        contact, p >= p_contact: M = level (1 + trim) (M_C m + f) + viscous f  (estimator.py); m follows the slip where the
-                plates slide, and the torque applied where they stand (`held_state`)
+                plates slide, and the torque applied where they stand
                 balance  y = M_m - J alpha behind the observer's lag; compared with the model behind the same lag
 Assumptions     the model is fast, the balance is right: where the balance is this clutch's own, and is learnt from, the model is
                 trimmed by what the balance shows
@@ -18,7 +18,7 @@ from numba import njit
 from protocols.parameters import ParameterSet
 from rt_controller.adaptation import ADAPTATION, ADAPTATION_SETTINGS, UNTAUGHT, adapt
 from rt_controller.clutch_state import MOTION, MOTION_SETTINGS, motion
-from rt_controller.estimator import MODEL, coulomb_torque, friction_state, held_state, viscous_torque
+from rt_controller.estimator import MODEL, coulomb_torque, friction_state, reachable_states, viscous_torque
 from rt_controller.lag import LAG, lagged
 from rt_controller.record import record
 from rt_controller.trim import TRIM, TRIM_SETTINGS, forget, trim
@@ -31,12 +31,12 @@ TORQUE_SETTINGS = np.dtype(
      ("touch_time", "f8"), ("bandwidth", "f8")]
 )  # fmt: skip
 # estimate [Nm], signed as the slip; level [-] with which it is made, adapted and trimmed; coulomb and viscous part [Nm] before it;
-# m, and the Coulomb torque it stands on [Nm]; contact: by the pressure; pressed: the plates rub, too; touched: time in contact
+# m, and the Coulomb torque it stands on [Nm]; contact: by the pressure; pressed: the plates rub, too; stands: and hold what is applied; touched: time in contact
 # [s]; observed [Nm]: the torque balance behind the observer's lag; lags and what they are given next;
 # demand_acting, demand_before [rad/s]: speed demands that the motor has begun to follow with this sample and the one before
 TORQUE = np.dtype(
     [("estimate", "f8"), ("level", "f8"), ("coulomb", "f8"), ("viscous", "f8"), ("m", "f8"), ("coulomb_torque", "f8"),
-     ("contact", "?"), ("pressed", "?"), ("touched", "f8"), ("observed", "f8"), ("coulomb_lag", LAG), ("viscous_lag", LAG),
+     ("contact", "?"), ("pressed", "?"), ("stands", "?"), ("touched", "f8"), ("observed", "f8"), ("coulomb_lag", LAG), ("viscous_lag", LAG),
      ("motor_lag", LAG), ("motor_before", "f8"), ("demand_acting", "f8"), ("demand_before", "f8"), ("adaptation", ADAPTATION), ("trim", TRIM), ("motion", MOTION)]
 )  # fmt: skip
 
@@ -63,7 +63,7 @@ def torque_at_rest() -> Any:
 def mismatch(torque):
     """Torque observed at the motor minus that of the model, untrimmed, both behind the lag of the slip observer [Nm].
 
-    Plates that stand carry what is applied (`held_state`), so there it is what is applied beyond their capacity.
+    Plates that stand carry what is applied, so there it is what is applied beyond their capacity.
     """
     level, correction = torque.adaptation.level, torque.adaptation.viscous
     coulomb, viscous = torque.coulomb_lag.out, torque.viscous_lag.out
@@ -79,25 +79,28 @@ def estimate(torque, settings, closing, closed, speed_demand, sample, step):
     model, pressure, speed = settings.model, sample.pressure, sample.speed
     floor = model.contact_pressure - (settings.contact_band if torque.contact else 0.0)
     torque.contact = closing and pressure >= floor
-    motion(torque.motion, settings.motion, speed, step)
+    motion(torque.motion, settings.motion, speed, sample.slip, step)
     learns = settings.adapts and settings.alone
     torque.level = torque.adaptation.level * (1.0 + torque.trim.share) if learns else torque.adaptation.level
     correction = torque.adaptation.viscous
-    stands = False
     before_coulomb, before_viscous = torque.coulomb, torque.viscous
     torque.coulomb = torque.viscous = 0.0
     if _pressed(torque, settings, pressure, step):
-        before, torque.coulomb_torque = torque.coulomb_torque, coulomb_torque(model, pressure)
-        torque.viscous = viscous_torque(model, pressure, speed, sample.temperature)
-        if settings.alone and (torque.motion.crosses or abs(speed) <= settings.motion.standing_speed):
-            applied = (sample.motor_torque - (torque.level + correction) * torque.viscous) / torque.level
-            torque.m = held_state(model, torque.m, before, torque.coulomb_torque, applied, step)
-            stands = abs(torque.m) < 1.0
+        torque.coulomb_torque = coulomb_torque(model, pressure)
+        if settings.alone and torque.motion.stands and torque.coulomb_torque > 0.0:
+            low, high = (-1.0, 1.0) if torque.stands or torque.motion.rests else reachable_states(model, torque.m, step)
+            share = sample.motor_torque / (torque.level * torque.coulomb_torque)
+            torque.stands = low <= share <= high
+            torque.m = min(max(share, low), high)
         else:
+            torque.stands = False
             torque.m = friction_state(model, torque.m, pressure, speed, step)
+        if not torque.stands:
+            torque.viscous = viscous_torque(model, pressure, torque.motion.smooth, sample.temperature)
         torque.coulomb = torque.coulomb_torque * torque.m  # eq. 6.9
     else:
         torque.m = torque.coulomb_torque = 0.0  # out of contact there is no torque
+        torque.stands = False
     torque.estimate = torque.level * (torque.coulomb + torque.viscous) + correction * torque.viscous
     _balance(torque, settings, before_coulomb, before_viscous, speed_demand, sample, step)
     stuck = sample.motor_stuck > settings.adaptation.stuck_time
@@ -107,7 +110,7 @@ def estimate(torque, settings, closing, closed, speed_demand, sample, step):
     )  # fmt: skip
     if not torque.pressed or stuck:
         forget(torque.trim)
-    elif learns and not stands:
+    elif learns and not torque.stands:
         off, level = mismatch(torque), torque.adaptation.level
         low, high = settings.adaptation.level_low / level - 1.0, settings.adaptation.level_high / level - 1.0
         trim(torque.trim, settings.trim, torque.observed - off, off, low, high, step)

@@ -6,21 +6,25 @@ Equation        J dw/dt = D - M(m, w) of one clutch, D what drives its slip, M t
                 (GMS: stick dF/dt = k w, slip from |F| = s(0) = M_C on; here k -> infinity). So a change of M_C breaks no hold
                 that it can still bear
     break-away  D beyond an end: the plates slide from m = +-1 there
-    turn        w passes 0 within the step: the plates stay there if they can hold D, else m goes on as eq. 6.9 has it
+    turn        w passes 0 within the step: m goes on as eq. 6.9 has it, without a jump, and the plates stay there once the m
+                that holds D is one that eq. 6.9 can reach within the step: s_n = 1 at standstill, and sign(w) any number in
+                [-1, 1] (Filippov), so that m may go anywhere in [-1 + (m + 1) q, 1 + (m - 1) q], q = exp(-C h)
 Integration     below `SLOW`: backward Euler in w, as |w|^gamma has an infinite slope at 0. Its equation
                 w = w_0 + h/J (D - M(m, w)) has one root where M does not fall steeply with w. No step makes it chatter
 Assumptions     D is constant over the step
 Not modelled    spring of the plates before they slide: effect `presliding`, with which M(-1, 0) = M(1, 0), so that nothing but
                 its spring holds
-References      Janssens 2010, sec. 5.2 and eq. 6.9; Moreau 1988 (set-valued friction in time stepping)
+References      Janssens 2010, sec. 5.2 and eq. 6.9; Filippov 1988, Differential Equations with Discontinuous Righthand Sides,
+                ch. 2; Moreau 1988 (set-valued friction in time stepping)
 
 Arguments as in `clutch_unit`.
 """
 
-from math import copysign
+from math import copysign, exp
 
 from numba import njit
 
+from plant_sim.effects.signals import FRICTION, attached
 from plant_sim.rigs.clutch_unit import slide
 
 # rad/s: above it the slope of |w|^gamma times a step of 0.1 ms is below 1 (at 0.05 kg m^2, 15 Nm (s/rad)^gamma: 5e-3)
@@ -65,10 +69,18 @@ def near_standstill(m, begin, drive, inertia, pressure, viscosity, s, c, e, h):
     end = begin + h / inertia * (drive - present)  # were the torque that at zero slip
     if begin * end < 0.0:
         share, _, sticking = held(m, drive, *capacity(pressure, viscosity, s, c, e))
+        sticking = sticking and _reached(m, share, s.attraction if attached(FRICTION, e) else c.clutch_attraction, h)
         m = share if sticking else m
     if sticking or end == 0.0:
         return m, 0.0, sticking
     return m, _creep(m, end, present, inertia, pressure, viscosity, s, c, e, h), False
+
+
+@njit(inline="always")
+def _reached(m, share, attraction, h):
+    """Whether the state can go from `m` to `share` within a step `h` [s] at standstill; attraction C [1/s]."""
+    q = exp(-attraction * h)
+    return -1.0 + (m + 1.0) * q <= share <= 1.0 + (m - 1.0) * q  # eq. 6.9 with s_n = 1
 
 
 @njit(error_model="numpy")
