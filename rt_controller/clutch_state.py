@@ -24,8 +24,8 @@ class ClutchState(IntEnum):
 
 
 # Names and units as in `controller.toml`, SI
-MOTION_SETTINGS = floats("standing_speed", "coarse_speed", "stick_angle", "stick_time")
-# Speed of the sample before, and the present one, below `coarse_speed` over two samples [rad/s]; angle since it began to be looked at [rad], time in which that has stayed small [s];
+MOTION_SETTINGS = floats("standing_speed", "coarse_speed", "coarse_time", "stick_angle", "stick_time")
+# Speed of the sample before, and the present one, below `coarse_speed` smoothed [rad/s]; angle since it began to be looked at [rad], time in which that has stayed small [s];
 # stands: at the end of the last sample the speed is, as
 # far as can be seen, 0, or has just passed it; rests: it has been 0 over two; moves: whether the plates do
 MOTION = np.dtype(
@@ -48,7 +48,8 @@ def motion(state, settings, speed, slip, step):
         still = abs(speed) <= settings.standing_speed
         state.rests = still and abs(state.speed) <= settings.standing_speed
         state.stands = still or speed * slip <= 0.0 or speed * state.speed < 0.0
-        state.smooth = speed if abs(speed) > settings.coarse_speed else 0.5 * (speed + state.speed)
+        share = min(step / settings.coarse_time, 1.0) if abs(speed) <= settings.coarse_speed else 1.0
+        state.smooth += share * (speed - state.smooth)
         state.speed = speed
         state.angle += speed * step
         state.still += step

@@ -104,7 +104,7 @@ def _doubts(node, settings, request, elapsed):
     closed = node.phases.phase == Phase.SLIP_CONTROL or node.phases.phase == Phase.LOCK
     lost = pressure_lost(doubts, s, sample.pressure, law.pressure_demand, elapsed)
     compared = closed and settings.law.torque.alone and request != Request.PRESSURE
-    off = mismatch(law.torque) if compared else 0.0
+    off = mismatch(law.torque, settings.law.torque) if compared else 0.0
     stands = compared and law.torque.contact and not law.torque.motion.moves
     pushes = abs(sample.motor_torque) >= _PUSHES * node.motor_limit
     implausible = torque_implausible(doubts, s, off, node.speed_demand - sample.speed, stands, pushes, elapsed)

@@ -61,9 +61,9 @@ TERMS = tuple(
             "what the plates carry before they slide: level M_C, or what they carry, where that is more",
         ),
         (
-            "trim",
+            "trimmed_level",
             "1",
-            "share by which the estimate is above level and model: what the motor has shown for a tenth of a second",
+            "level of the moment: the adapted one and what the motor has shown for a tenth of a second",
         ),
     )
 )
@@ -182,7 +182,7 @@ def control(law, settings, phase, demand, speed_demand, sample, step, followed):
     t[15], t[16] = sample.temperature - ZERO_CELSIUS, torque.observed
     t[17], t[18], t[19], t[20] = torque.adaptation.level, correction, torque.adaptation.active, contact
     t[21], t[22] = waits, law.pressure_limited != 0 or law.voltage_limited != 0
-    t[23], t[24], t[25] = state, capacity, torque.trim.share
+    t[23], t[24], t[25] = state, capacity, level
 
 
 @njit

@@ -21,8 +21,11 @@ from rt_controller.clutch_state import MOTION, MOTION_SETTINGS, motion
 from rt_controller.estimator import MODEL, coulomb_torque, friction_state, reachable_states, viscous_torque
 from rt_controller.lag import LAG, lagged
 from rt_controller.record import record
-from rt_controller.trim import TRIM, TRIM_SETTINGS, forget, trim
+from rt_controller.trim import TRIM, TRIM_SETTINGS, forget, hold, trim, trimmed
 
+# Plates that carry more than the level says, by a tenth, for so long [s], have a higher one: breaking away, 1 Nm more than they
+# carry would have moved 0.05 kg m^2 by six counts of the encoder
+_CLEARLY, _SURELY = 1.1, 5e-3
 # Parameters, SI. adapts: whether level, viscous correction and trim are learnt; alone: whether the motor's torque is that of
 # this clutch
 TORQUE_SETTINGS = np.dtype(
@@ -31,12 +34,13 @@ TORQUE_SETTINGS = np.dtype(
      ("touch_time", "f8"), ("bandwidth", "f8")]
 )  # fmt: skip
 # estimate [Nm], signed as the slip; level [-] with which it is made, adapted and trimmed; coulomb and viscous part [Nm] before it;
-# m, and the Coulomb torque it stands on [Nm]; contact: by the pressure; pressed: the plates rub, too; stands: and hold what is applied; touched: time in contact
+# m, and the Coulomb torque it stands on [Nm]; contact: by the pressure; pressed: the plates rub, too; stands: and hold what is applied; exceeded: for so
+# long more than the level says [s]; touched: time in contact
 # [s]; observed [Nm]: the torque balance behind the observer's lag; lags and what they are given next;
 # demand_acting, demand_before [rad/s]: speed demands that the motor has begun to follow with this sample and the one before
 TORQUE = np.dtype(
     [("estimate", "f8"), ("level", "f8"), ("coulomb", "f8"), ("viscous", "f8"), ("m", "f8"), ("coulomb_torque", "f8"),
-     ("contact", "?"), ("pressed", "?"), ("stands", "?"), ("touched", "f8"), ("observed", "f8"), ("coulomb_lag", LAG), ("viscous_lag", LAG),
+     ("contact", "?"), ("pressed", "?"), ("stands", "?"), ("exceeded", "f8"), ("touched", "f8"), ("observed", "f8"), ("coulomb_lag", LAG), ("viscous_lag", LAG),
      ("motor_lag", LAG), ("motor_before", "f8"), ("demand_acting", "f8"), ("demand_before", "f8"), ("adaptation", ADAPTATION), ("trim", TRIM), ("motion", MOTION)]
 )  # fmt: skip
 
@@ -60,14 +64,18 @@ def torque_at_rest() -> Any:
 
 
 @njit
-def mismatch(torque):
-    """Torque observed at the motor minus that of the model, untrimmed, both behind the lag of the slip observer [Nm].
+def mismatch(torque, settings):
+    """Torque observed at the motor minus that of the model, untrimmed, behind the lag of the slip observer [Nm]; 0 where a
+    friction level within the bounds of the adaptation explains it.
 
     Plates that stand carry what is applied, so there it is what is applied beyond their capacity.
     """
-    level, correction = torque.adaptation.level, torque.adaptation.viscous
     coulomb, viscous = torque.coulomb_lag.out, torque.viscous_lag.out
-    return torque.observed - level * (coulomb + viscous) - correction * viscous
+    whole, rest = coulomb + viscous, torque.observed - torque.adaptation.viscous * viscous
+    one, other = settings.adaptation.level_low * whole, settings.adaptation.level_high * whole
+    if min(one, other) - settings.touch_torque <= rest <= max(one, other) + settings.touch_torque:
+        return 0.0
+    return rest - torque.adaptation.level * whole
 
 
 @njit
@@ -80,18 +88,27 @@ def estimate(torque, settings, closing, closed, speed_demand, sample, step):
     floor = model.contact_pressure - (settings.contact_band if torque.contact else 0.0)
     torque.contact = closing and pressure >= floor
     motion(torque.motion, settings.motion, speed, sample.slip, step)
+    learnt, correction = torque.adaptation.level, torque.adaptation.viscous
+    low, high = settings.adaptation.level_low, settings.adaptation.level_high
     learns = settings.adapts and settings.alone
-    torque.level = torque.adaptation.level * (1.0 + torque.trim.share) if learns else torque.adaptation.level
-    correction = torque.adaptation.viscous
+    torque.level = trimmed(torque.trim, settings.trim, learnt, low, high) if learns else learnt
     before_coulomb, before_viscous = torque.coulomb, torque.viscous
     torque.coulomb = torque.viscous = 0.0
     if _pressed(torque, settings, pressure, step):
         torque.coulomb_torque = coulomb_torque(model, pressure)
         if settings.alone and torque.motion.stands and torque.coulomb_torque > 0.0:
-            low, high = (-1.0, 1.0) if torque.stands or torque.motion.rests else reachable_states(model, torque.m, step)
-            share = sample.motor_torque / (torque.level * torque.coulomb_torque)
-            torque.stands = low <= share <= high
-            torque.m = min(max(share, low), high)
+            applied = sample.motor_torque / torque.coulomb_torque
+            exceeds = learns and torque.motion.rests and abs(applied) > _CLEARLY * torque.level
+            torque.exceeded = torque.exceeded + step if exceeds else 0.0
+            if torque.exceeded >= _SURELY:
+                hold(torque.trim, settings.trim, learnt, min(abs(applied), high))
+                torque.level = trimmed(torque.trim, settings.trim, learnt, low, high)
+            least, most = (
+                (-1.0, 1.0) if torque.stands or torque.motion.rests else reachable_states(model, torque.m, step)
+            )
+            share = applied / torque.level
+            torque.stands = least <= share <= most
+            torque.m = min(max(share, least), most)
         else:
             torque.stands = False
             torque.m = friction_state(model, torque.m, pressure, speed, step)
@@ -103,17 +120,16 @@ def estimate(torque, settings, closing, closed, speed_demand, sample, step):
         torque.stands = False
     torque.estimate = torque.level * (torque.coulomb + torque.viscous) + correction * torque.viscous
     _balance(torque, settings, before_coulomb, before_viscous, speed_demand, sample, step)
+    coulomb, viscous = torque.coulomb_lag.out, torque.viscous_lag.out
     stuck = sample.motor_stuck > settings.adaptation.stuck_time
     adapt(
-        torque.adaptation, settings.adaptation, torque.coulomb_lag.out, torque.viscous_lag.out, torque.observed, sample.slip,
-        sample.acceleration, sample.temperature, step, settings.adapts and closed and torque.contact and not stuck,
+        torque.adaptation, settings.adaptation, coulomb, viscous, torque.observed, sample.slip, sample.acceleration,
+        sample.temperature, step, settings.adapts and closed and torque.contact and not stuck,
     )  # fmt: skip
     if not torque.pressed or stuck:
         forget(torque.trim)
     elif learns and not torque.stands:
-        off, level = mismatch(torque), torque.adaptation.level
-        low, high = settings.adaptation.level_low / level - 1.0, settings.adaptation.level_high / level - 1.0
-        trim(torque.trim, settings.trim, torque.observed - off, off, low, high, step)
+        trim(torque.trim, settings.trim, coulomb + viscous, torque.observed - correction * viscous, step)
 
 
 @njit

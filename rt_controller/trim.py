@@ -1,9 +1,10 @@
-"""Trim: by which share the torque observed at the motor exceeds the model's, over the last tenth of a second.
+"""Trim: the friction level of the moment, around the adapted one.
 
-Equation        share = sum w x (y - x) / (sum w x^2 + floor^2), x and y the torque of the model and the observed one, behind
-                one lag; w = exp(-age/window)/window: least squares through the origin with forgetting
-Assumptions     what is off is off in proportion to the torque; `floor`: what the torque must exceed to be worth a share
-Not modelled    what lasts is the adaptation's (adaptation.py): it learns slowly, by oil temperature, and only in clear cases; this
+Equation        level = (sum w x y + floor^2 l) / (sum w x^2 + floor^2),  w = exp(-age/window)/window
+                x the torque of the model at level 1, y the observed one less the viscous correction, behind one lag; l the
+                adapted level: least squares through the origin with forgetting, and with l as what is known before
+Assumptions     what is off is off in proportion to the torque; `floor`: what the torque must exceed to say more than l does
+Not modelled    what lasts: the adaptation learns it (adaptation.py), slowly, by oil temperature, in clear cases alone. This
                 bridges the time until it has, in creep and after a touch, too, and forgets
 References      ours
 """
@@ -14,20 +15,32 @@ from rt_controller.record import floats
 
 # Names and units as in `controller.toml`, SI
 TRIM_SETTINGS = floats("window", "floor")
-# Moments [Nm^2]; share [-]
-TRIM = floats("xx", "xy", "share")
+TRIM = floats("xx", "xy")  # moments [Nm^2]
 
 
 @njit
-def trim(state, settings, model, mismatch, low, high, step):
-    """Move TRIM on by `step` [s]; `model` and `mismatch` [Nm] behind one lag, the share stays within `low`..`high`."""
+def trim(state, settings, model, observed, step):
+    """Take the torque of the `model` at level 1 and the `observed` one [Nm], behind one lag, `step` [s] after the last."""
     fresh = min(step / settings.window, 1.0)
     state.xx += fresh * (model * model - state.xx)
-    state.xy += fresh * (model * mismatch - state.xy)
-    state.share = min(max(state.xy / (state.xx + settings.floor * settings.floor), low), high)
+    state.xy += fresh * (model * observed - state.xy)
+
+
+@njit
+def trimmed(state, settings, level, low, high):
+    """Level of the moment [-] within `low`..`high`; `level` is the adapted one."""
+    known = settings.floor * settings.floor
+    return min(max((state.xy + known * level) / (state.xx + known), low), high)
+
+
+@njit
+def hold(state, settings, level, least):
+    """Plates that rest carry more than the level of the moment says: raise that to `least` [-]; `level` is the adapted one."""
+    known = settings.floor * settings.floor
+    state.xy = max(state.xy, least * (state.xx + known) - known * level)
 
 
 @njit
 def forget(state):
     """Begin anew."""
-    state.xx = state.xy = state.share = 0.0
+    state.xx = state.xy = 0.0
