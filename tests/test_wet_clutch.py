@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from plant_sim.rigs import clutch_unit, wet_clutch
+from plant_sim.rigs import clutch_unit, standstill, wet_clutch
 from protocols.errors import InputError
 
 BAR, KELVIN = 1e5, 273.15
@@ -440,10 +440,12 @@ class _WithoutHooks(ast.NodeTransformer):
 def rig_without_hooks() -> Any:
     """`Rig.advance` of a rig without hooks."""
     scope: dict[str, Any] = {"__name__": "rig_without_hooks"}
-    for module in (clutch_unit, wet_clutch):
+    modules = (clutch_unit, standstill, wet_clutch)
+    names = {module.__name__ for module in modules}
+    for module in modules:
         path = Path(module.__file__)
         tree = _WithoutHooks().visit(ast.parse(path.read_text()))
-        tree.body = [n for n in tree.body if not (isinstance(n, ast.ImportFrom) and n.module == clutch_unit.__name__)]
+        tree.body = [n for n in tree.body if not (isinstance(n, ast.ImportFrom) and n.module in names)]
         source = ast.unparse(ast.fix_missing_locations(tree))
         assert "attached(" not in source
         assert "call(" not in source

@@ -5,8 +5,8 @@ Equation        M = W (f_1 + ... + f_4)/4 + f(omega);  df_i = dtheta/b_i while |
                 b_i = b/r^3, b/r^2, b/r, b  (Maxwell-slip elements of equal limits; W and f: Coulomb and viscous
                 part of gross sliding; thesis sec. 5.2); r = 1: one spring, as where the frame bends more than asperities
 Assumptions     limits follow the level of sliding at once, as in sec. 5.5; that level is kept over a reversal
-Integration     elements exact at constant slip; their torque is that at the end of the step, which damps a plate that sticks
-                with frequency w by h w/4 of critical, and is stable for h w < 1.4
+Integration     elements exact at constant slip; their torque is that at the end of the step, which damps a plate that swings
+                on them with frequency w by some h w/4 of critical, and is stable for h w < 1.4. The plates never stick rigidly
 Valid range     b 1e-4..0.1 rad with the plate's inertia at 0.1 ms; below that sticking chatters
 Not modelled    lag of each element by itself (GMS): the level lags as a whole; creep
 References      Janssens 2010, secs 5.2 and 5.5, appendix D; Lampaert 2003; Iwan 1966; plant_sim/friction/maxwell_slip.py

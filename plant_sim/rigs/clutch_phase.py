@@ -5,15 +5,16 @@
     fill     apart        the valve drives oil in: above the preload with the piston at rest, above the cylinder off its rest
     touch    pressed      film and asperities build friction up: |m| below half of the static friction (m of eq. 6.9)
     slip     pressed      friction is built up
+    stick    pressed      no slip: the plates carry what is applied, whatever the state m
     release  pressed      the valve gives less than the contact pressure: the plates will part
     drain    apart        the piston goes back and pushes the oil out
 
-An engagement passes them in this order and ends at rest.
+An engagement under slip passes them in this order, without stick, and ends at rest.
 
 Assumptions     the springs' preload and contact pressure are the rig's own; friction builds up from 0 at each touch (rig.md, 4)
 Valid range     the wet-clutch rig and each clutch of the power-shift rig
-Not modelled    plates that stick: while they carry less than half of the static friction they are called touching; a slip that
-                reverses passes through touch for about a time constant of the friction (12 ms)
+Not modelled    plates held by a spring before they slide (effect `presliding`), which move: they are told by m alone; a slip
+                that reverses passes through touch for about a time constant of the friction (12 ms)
 References      Janssens 2010, sec. 6.4.1 and fig 6.10 (filling, piston, contact pressure), eq. 6.9 (m)
 """
 
@@ -26,7 +27,7 @@ BUILT_UP = 0.5
 
 
 class Phase(IntEnum):
-    """Phases in the order of an engagement."""
+    """Phases in the order of an engagement, and that of plates which stick."""
 
     REST = 0
     FILL = 1
@@ -34,6 +35,7 @@ class Phase(IntEnum):
     SLIP = 3
     RELEASE = 4
     DRAIN = 5
+    STICK = 6
 
 
 def phase(state: State, preload_pressure: float, contact_pressure: float) -> Phase:
@@ -41,6 +43,8 @@ def phase(state: State, preload_pressure: float, contact_pressure: float) -> Pha
     if state.normal_force > 0.0:
         if state.valve_pressure < contact_pressure:
             return Phase.RELEASE
+        if state.slip_speed == 0.0:
+            return Phase.STICK
         return Phase.SLIP if abs(state.friction_state) >= BUILT_UP else Phase.TOUCH
     if state.position <= 0.0:
         return Phase.FILL if state.valve_pressure > preload_pressure else Phase.REST

@@ -234,14 +234,9 @@ def advance(
             va, vb = viscosity_ratio(a.temperature, ca), viscosity_ratio(b.temperature, cb)
             one = Standing(rests_a, a.friction_state, a.slip_speed, torque_a, pressure_a, va, d.ratio_a)
             two = Standing(rests_b, b.friction_state, b.slip_speed, torque_b, pressure_b, vb, d.ratio_b)
-            (a.friction_state, slip_a, sticks_a), (b.friction_state, slip_b, sticks_b), torques = stand(
-                shafts, one, two, d, sa, ca, ea, sb, cb, eb, h
+            torque_a, torque_b, sticks_a, sticks_b = _nearly_at_rest(
+                shafts, one, two, a, b, d, sa, ca, ea, sb, cb, eb, h
             )
-            if rests_a:
-                torque_a = _slides(a, pressure_a, slip_a, sa, ca, ea, h)
-            if rests_b:
-                torque_b = _slides(b, pressure_b, slip_b, sb, cb, eb, h)
-            torque_a, torque_b = stuck(shafts, torque_a, torque_b, sticks_a, sticks_b, torques, d, h)
 
         # both shafts, and the work on their mean speeds
         w_in, w_out = y.input_speed, y.output_speed
@@ -282,7 +277,7 @@ def advance(
             capacity(pressure_b, viscosity_ratio(b.temperature, cb), sb, cb, eb) if rests_b else (torque_b, torque_b)
         )
         shafts = Shafts(y.motor_torque, y.input_speed, y.output_speed, inertia)
-        torque_a, torque_b = now(shafts, rests_a, rests_b, *ends_a, *ends_b, d)
+        torque_a, torque_b = now(shafts, rests_a, rests_b, ends_a, ends_b, d)
         a.clutch_torque, b.clutch_torque = torque_a, torque_b
     y.output_torque = d.ratio_a * torque_a + d.ratio_b * torque_b
     y.road_torque = road_torque(y.output_speed, y.output_torque, d, 0.0)
@@ -297,6 +292,21 @@ def advance(
 
 
 @njit
+def _nearly_at_rest(shafts, one, two, a, b, d, sa, ca, ea, sb, cb, eb, h):
+    """Move friction of plates nearly at rest on by a step; the torque of each clutch [Nm], and whether it sticks."""
+    torque_a, torque_b = one.torque, two.torque
+    (m_a, slip_a, sticks_a), (m_b, slip_b, sticks_b), torques = stand(shafts, one, two, d, sa, ca, ea, sb, cb, eb, h)
+    if one.rests:
+        a.friction_state = m_a
+        torque_a = _slides(a, one.pressure, slip_a, sa, ca, ea, h)
+    if two.rests:
+        b.friction_state = m_b
+        torque_b = _slides(b, two.pressure, slip_b, sb, cb, eb, h)
+    torque_a, torque_b = stuck(shafts, torque_a, torque_b, sticks_a, sticks_b, torques, d, h)
+    return torque_a, torque_b, sticks_a, sticks_b
+
+
+@njit(inline="always")
 def _moved(y, voltage, s, c, e, h):
     """Move a clutch's valve and piston on by a step; friction pressure [Pa] at its middle."""
     known(e, s, y)
@@ -304,7 +314,7 @@ def _moved(y, voltage, s, c, e, h):
     return actuate(y, voltage, s, c, e, h)
 
 
-@njit
+@njit(inline="always")
 def _slides(y, pressure, slip, s, c, e, h):
     """Move a clutch's friction on by a step at `slip` [rad/s]; its torque [Nm]."""
     y.friction_state, torque = slide(y.friction_state, pressure, slip, viscosity_ratio(y.temperature, c), s, c, e, h)

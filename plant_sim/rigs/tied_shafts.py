@@ -166,8 +166,9 @@ def stuck(shafts, torque_a, torque_b, sticks_a, sticks_b, torques, d, h):
 
 
 @njit(error_model="numpy")
-def now(shafts, rests_a, rests_b, low_a, high_a, low_b, high_b, d):
-    """Torques of both clutches [Nm] at this moment. `rests`: at zero slip; of the others `low` is the torque, and `high`."""
+def now(shafts, rests_a, rests_b, ends_a, ends_b, d):
+    """Torques of both clutches [Nm] at this moment. `rests`: at zero slip; `ends` of its capacity, or twice the torque."""
+    (low_a, high_a), (low_b, high_b) = ends_a, ends_b
     if rests_a and rests_b:
         torque_a, torque_b, both = both_stuck(shafts, low_a, high_a, low_b, high_b, d, 0.0)
         if both:

@@ -8,17 +8,14 @@ References      rig.md
 The compiled call lets other threads run: several runs are simulated side by side.
 """
 
-from math import ceil
-
 import numpy as np
 from numba import njit
 
 from plant_sim.blocks.sensors import voltages
 from plant_sim.effects.signals import ACQUISITION, RIG, SIGNALS, attached, bound, call, known
-from plant_sim.rigs.wet_clutch import STEP_LIMIT, move
+from plant_sim.rigs.wet_clutch import move
 
 PRESSURE, SLIP, ANGLE, TEMPERATURE, CLUTCH_TORQUE, MOTOR_TORQUE = range(6)  # columns of what `run` returns
-_SLOW = 0.3  # rad/s: below it the corner of |omega|^gamma is stiff
 QUIET = (0.0, 0.0, 0.0, 0.0)  # standard normal numbers of a sample
 
 
@@ -31,7 +28,7 @@ def run(
     voltage [V], speed [rad/s]: inputs (n,); limit [Nm], period [s]. With `driven`, cylinder pressure [Pa] and slip [rad/s]
     are set to the given ones (n,) at each sample: the clutch alone, behind its measured inputs. scales: what a volt stands for
     to whoever reads the channels of pressure, temperature, motor and clutch torque [Pa/V, K/V, Nm/V, Nm/V]. substeps: of a
-    sample; as many as `STEP_LIMIT` asks for where the plates almost stick.
+    sample.
     """
     own, signals = parameters.copy(), np.zeros(1, SIGNALS)
     e = bound(effects, states)
@@ -60,5 +57,4 @@ def run(
         shown[k, MOTOR_TORQUE] = motor * scales[2]
         if attached(RIG, e):
             own = parameters.copy()  # what such effects change, they change anew
-        steps = substeps if abs(y.slip_speed) > _SLOW else max(substeps, ceil(period / STEP_LIMIT - 1e-9))
-        move(state, own, signals, e, voltage[k], speed[k], limit, period, steps)
+        move(state, own, signals, e, voltage[k], speed[k], limit, period, substeps)

@@ -10,7 +10,7 @@ from tests.effects.lone_effect import LoneEffect
 from tests.effects.pressed_rig import STEP, pressed, pressing, rig, states
 from tests.effects.test_friction import EXACT, settled
 
-DRIFT = 1e-8  # rad a cycle: of the rig's midpoint rule, the elements do not move; measured 3e-9
+DRIFT = 1e-9  # rad a cycle, once the level has settled; measured 4e-10, and half of it in the next
 TURN = 1.0  # Nm a step of 0.1 ms: the viscous part turns over; measured 0.32
 
 
@@ -64,13 +64,16 @@ def test_no_cycle_of_pre_sliding_gives_energy() -> None:
 HELD = {"motor.proportional_gain": 1.0, "motor.integral_gain": 0.0}  # the motor's torque is nearly its speed demand
 
 
-def test_plates_held_below_break_away_do_not_drift() -> None:
+def test_plates_held_below_break_away_bend_and_do_not_drift() -> None:
     of = rig(HELD | {"presliding.angle": 0.01})
     begin = pressed(of, 3.4, 0.0)
     y, _ = states(of, begin, pressing(3.4), lambda t: 5.0 + 3.0 * sin(2 * pi * 10.0 * t), 1.5)
     cycles = y["angle"][::1000]  # every 0.1 s
-    assert 0.005 < cycles[-1] < 0.01
-    assert np.abs(np.diff(cycles[8:])).max() < DRIFT
+    # of four elements the first two slide at 8 Nm: (1 + 1 + 2 u + u)/4 = 8 Nm/M_C; the way back to 2 Nm by Masing's rule
+    furthest, nearest = 0.01 * (4.0 * 8.0 / 11.62 - 2.0) / 3.0, 2.0 * 0.01 / 15.0 * 4.0 * 3.0 / 11.62
+    assert y["angle"].max() == pytest.approx(furthest, rel=0.1)
+    assert y["angle"][-1000:].min() == pytest.approx(furthest - nearest, rel=0.1)
+    assert abs(np.diff(cycles)[-1]) < DRIFT
 
 
 @pytest.mark.parametrize("asymmetry", [0.0, 0.3])
