@@ -7,7 +7,7 @@ Equation        J dw/dt = D - M(m, w) of one clutch, D what drives its slip, M t
                 that it can still bear
     break-away  D beyond an end: the plates slide from m = +-1 there
     turn        w passes 0 within the step: m goes on as eq. 6.9 has it, without a jump, and the plates stay there once the m
-                that holds D is one that eq. 6.9 can reach within the step: s_n = 1 at standstill, and sign(w) any number in
+                that holds D is one that eq. 6.9 can reach within ten steps, or `LANDING`: s_n = 1 at standstill, and sign(w) any number in
                 [-1, 1] (Filippov), so that m may go anywhere in [-1 + (m + 1) q, 1 + (m - 1) q], q = exp(-C h)
 Integration     below `SLOW`: backward Euler in w, as |w|^gamma has an infinite slope at 0. Its equation
                 w = w_0 + h/J (D - M(m, w)) has one root where M does not fall steeply with w. No step makes it chatter
@@ -29,6 +29,7 @@ from plant_sim.rigs.clutch_unit import slide
 
 # rad/s: above it the slope of |w|^gamma times a step of 0.1 ms is below 1 (at 0.05 kg m^2, 15 Nm (s/rad)^gamma: 5e-3)
 SLOW = 0.1
+LANDING = 1e-3  # s, a fourteenth of 1/C: plates that turn land after a swing or two, also in coarse steps
 _ENOUGH = 1e-10  # of the surplus of torque: where the search for a root ends
 _TRIALS = 60  # of that search; measured: 9
 
@@ -78,8 +79,8 @@ def near_standstill(m, begin, drive, inertia, pressure, viscosity, s, c, e, h):
 
 @njit(inline="always")
 def _reached(m, share, attraction, h):
-    """Whether the state can go from `m` to `share` within a step `h` [s] at standstill; attraction C [1/s]."""
-    q = exp(-attraction * h)
+    """Whether the state can go from `m` to `share` within ten steps `h` [s], or `LANDING`, at standstill; attraction C [1/s]."""
+    q = exp(-attraction * max(10.0 * h, LANDING))
     return -1.0 + (m + 1.0) * q <= share <= 1.0 + (m - 1.0) * q  # eq. 6.9 with s_n = 1
 
 
