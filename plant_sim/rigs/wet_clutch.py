@@ -233,6 +233,9 @@ def move(state, own, signals, e, voltage, speed_demand, torque_limit, duration, 
         motor_torque, drive_torque, inertia = _driven(y, motor_torque, torque, slip, still, s, c, e, h)
         if sticks:
             torque = drive_torque + inertia * before_step / h  # what brings the plates to rest, and keeps them there
+            if attached(DRIVE, e):  # a blow within the step may be more than they bear
+                ends = capacity(pressure, viscosity, s, c, e)
+                y.friction_state, torque, sticks = held(y.friction_state, torque, ends[0], ends[1])
         y.temperature += h * oil.heating_rate(
             y.temperature, abs(torque * slip), c.oil_heat_capacity, c.oil_heat_transfer, c.oil_sump_temperature
         )
