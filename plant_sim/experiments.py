@@ -13,7 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from plant_sim.profile import COLUMNS, FILL_PRESSURE, FOLDER, OPTIONAL
+from plant_sim.profile import COLUMNS, FILL_PRESSURE, FOLDER, PRESSURE_COLUMN
 from plant_sim.rigs.multisine import Multisine
 from protocols.units import RPM
 
@@ -272,7 +272,7 @@ def text(name: str) -> str:
     """The file of an experiment."""
     make = EXPERIMENTS[name]
     rows = (f"{time:.3f},{torque:g},{speed:.4g},{pressure:.5g}" for time, torque, speed, pressure in make().rows)
-    head = f"# {make.__doc__}\n# Written by python -m plant_sim.experiments.\n{','.join((*COLUMNS, OPTIONAL))}\n"
+    head = f"# {make.__doc__}\n# Written by python -m plant_sim.experiments.\n{','.join((*COLUMNS, PRESSURE_COLUMN))}\n"
     return head + "\n".join(rows) + "\n"
 
 

@@ -33,7 +33,7 @@ class Interface(ABC):
     """The clutches of a rig on the bus: the base of its node, which moves them and tells of them.
 
     rate [Hz]; `parameters`, `seeds` of the sensors' noise: one of each clutch; `session` tells two plants apart; `setpoints`
-    are the tables of the clutches' profiles, shape (clutches, 4, rows), see `profile.setpoint`, or (0, 4, 0).
+    are the tables of the clutches' profiles, shape (clutches, 5, rows), see `profile.setpoint`, or (0, 5, 0).
 
     Of the last sample `tick` is the number, -1 before the first, `outbox` holds the frames, shape (OUTBOX,) of batch.FRAME, and
     `record` the row, shape (columns,).

@@ -26,7 +26,7 @@ from protocols.parameters import ParameterSet
 from protocols.units import ZERO_CELSIUS
 
 _TEMPERATURES = 35.0, 150.0  # degC: valid range of eq. 6.3 (blocks/oil.py) and of fig 6.8
-NO_SETPOINTS = np.zeros((0, 4, 0))  # tables of no profile, see `Interface`
+NO_SETPOINTS = np.zeros((0, 5, 0))  # tables of no profile, see `Interface`
 
 # Columns of a recorded run (rig.md), then the truth.
 COLUMNS = tuple(

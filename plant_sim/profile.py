@@ -1,9 +1,10 @@
 """Profile: what the supervisor asks for over time.
 
-A CSV file with the columns `time_s`, `torque_demand_nm`, `motor_speed_demand_rad_s` and, if wanted, `pressure_demand_bar`;
-straight lines between rows. Where the pressure demand is above zero it is followed, whatever the torque demand; elsewhere
-the clutch is engaged between two rows of which one has a torque demand above zero. A pressure demand below 2 bar
-(`pressure.floor` of the controller: no plate touches there) is followed at 2 bar.
+A CSV file with the columns `time_s`, `torque_demand_nm`, `motor_speed_demand_rad_s` and, if wanted, `pressure_demand_bar` and
+`lock`, in any order; straight lines between rows. From a row with `lock` 1 to the next with 0 the clutch is to be locked, and
+neither torque nor pressure is asked for. Elsewhere, where the pressure demand is above zero it is followed, whatever the torque
+demand; elsewhere the clutch is engaged between two rows of which one has a torque demand above zero. A pressure demand below
+2 bar (`pressure.floor` of the controller: no plate touches there) is followed at 2 bar.
 """
 
 import csv
@@ -21,7 +22,8 @@ from protocols.request import Request
 
 FOLDER = Path(__file__).with_name("profiles")
 COLUMNS = ("time_s", "torque_demand_nm", "motor_speed_demand_rad_s")
-OPTIONAL = "pressure_demand_bar"
+PRESSURE_COLUMN = "pressure_demand_bar"
+OPTIONAL = (PRESSURE_COLUMN, "lock")
 TORQUE_LIMIT = 30.0  # Nm, range of the maps (Janssens 2010, fig 6.12)
 PRESSURE_LIMIT = 4.5  # bar, what the controller asks for at most: the maps end at 4.2 bar (Janssens 2010, fig 6.12)
 FILL_PRESSURE = (
@@ -34,11 +36,11 @@ SPEED_LIMIT = 26.2  # rad/s either way, 250 rpm, range of the maps (Janssens 201
 
 
 def setpoint(table, time):
-    """Set-point of a `Profile.table`, shape (4, rows), at `time` [s]: request, torque [Nm], speed [rad/s], pressure [bar].
+    """Set-point of a `Profile.table`, shape (5, rows), at `time` [s]: request, torque [Nm], speed [rad/s], pressure [bar].
 
     Straight lines between rows. The plant's loop has it compiled (`cycle.py`).
     """
-    times, torques, speeds, pressures = table[0], table[1], table[2], table[3]
+    times, torques, speeds, pressures, locks = table[0], table[1], table[2], table[3], table[4]
     after = np.searchsorted(times, time, side="right")
     if after == 0:
         return Request.IDLE.value, torques[0], speeds[0], 0.0
@@ -46,8 +48,10 @@ def setpoint(table, time):
         return Request.IDLE.value, 0.0, speeds[-1], 0.0
     before = after - 1
     share = (time - times[before]) / (times[after] - times[before])
-    torque = torques[before] + share * (torques[after] - torques[before])
     speed = speeds[before] + share * (speeds[after] - speeds[before])
+    if locks[before] > 0.0:
+        return Request.LOCK.value, 0.0, speed, 0.0
+    torque = torques[before] + share * (torques[after] - torques[before])
     pressure = pressures[before] + share * (pressures[after] - pressures[before])
     engage = torques[before] > 0.0 or torques[after] > 0.0
     request = Request.PRESSURE.value if pressure > 0.0 else Request.ENGAGE.value if engage else Request.IDLE.value
@@ -67,7 +71,8 @@ class Setpoint(NamedTuple):
 class Profile:
     """Breakpoints: time [s], torque demand [Nm], motor speed demand [rad/s], all of one length, at least 2.
 
-    pressure: pressure demand [bar] of the same length; zeros when not given.
+    pressure: pressure demand [bar], lock: 1 from where the clutch is to be locked, 0 from where not; of the same length, zeros
+    when not given.
     """
 
     name: str
@@ -75,13 +80,15 @@ class Profile:
     torque: Sequence[float]
     speed: Sequence[float]
     pressure: Sequence[float] = ()
+    lock: Sequence[float] = ()
 
     def __post_init__(self) -> None:
         """Raise InputError naming the first bad row."""
-        object.__setattr__(self, "pressure", self.pressure or (0.0,) * len(self.time))
-        if not 2 <= len(self.time) == len(self.torque) == len(self.speed) == len(self.pressure):
+        for name in ("pressure", "lock"):
+            object.__setattr__(self, name, getattr(self, name) or (0.0,) * len(self.time))
+        if len(self.time) < 2 or len({len(column) for column in self._columns}) > 1:
             raise InputError(f"profile {self.name} has {len(self.time)} rows; at least 2 are needed")
-        for row, (time, torque, speed, pressure) in enumerate(self._rows(), 1):
+        for row, (time, torque, speed, pressure, lock) in enumerate(self._rows(), 1):
             if not (isfinite(time) and time >= 0.0) or (row > 1 and time <= self.time[row - 2]):
                 raise InputError(
                     f"profile {self.name}, row {row}: time_s = {time:g}; it must be 0 or more and increase"
@@ -98,6 +105,8 @@ class Profile:
                 raise InputError(
                     f"profile {self.name}, row {row}: set-point {pressure:g} bar is outside 0..{PRESSURE_LIMIT:g} bar"
                 )
+            if lock not in (0.0, 1.0):
+                raise InputError(f"profile {self.name}, row {row}: lock is {lock:g}; allowed are 0 and 1")
 
     @property
     def duration(self) -> float:
@@ -111,8 +120,8 @@ class Profile:
 
     @cached_property
     def table(self) -> np.ndarray:
-        """Times, torques, speeds and pressures, shape (4, rows)."""
-        return np.array([self.time, self.torque, self.speed, self.pressure])
+        """Times, torques, speeds, pressures and locks, shape (5, rows)."""
+        return np.array(self._columns)
 
     def lasting(self, seconds: float) -> "Profile":
         """This profile repeated and cut to `seconds`. Raises InputError when that is too short."""
@@ -121,18 +130,18 @@ class Profile:
         if seconds > _LONGEST:
             raise InputError(f"a run of {seconds:g} s is not possible; it must last {_LONGEST:g} s or less")
         period = self.duration + _REPEAT_GAP
-        rows = [
-            (k * period + time, torque, speed, pressure)
-            for k in range(ceil(seconds / period))
-            for time, torque, speed, pressure in self._rows()
-        ]
+        rows = [(k * period + time, *row) for k in range(ceil(seconds / period)) for time, *row in self._rows()]
         cut = [row for row in rows if row[0] < seconds]
         end = self.at(seconds % period)
-        cut.append((seconds, end.torque, end.speed, end.pressure))
+        cut.append((seconds, end.torque, end.speed, end.pressure, float(end.request is Request.LOCK)))
         return Profile(self.name, *zip(*cut, strict=True))
 
-    def _rows(self) -> Iterator[tuple[float, float, float, float]]:
-        return zip(self.time, self.torque, self.speed, self.pressure, strict=True)
+    @property
+    def _columns(self) -> tuple[Sequence[float], ...]:
+        return self.time, self.torque, self.speed, self.pressure, self.lock
+
+    def _rows(self) -> Iterator[tuple[float, ...]]:
+        return zip(*self._columns, strict=True)
 
 
 def load_profile(name: str, seconds: float | None = None) -> Profile:
@@ -146,19 +155,28 @@ def load_profile(name: str, seconds: float | None = None) -> Profile:
             raise InputError(f"profile {name!r} has another suffix; a profile file ends with .csv")
         known = listing(p.stem for p in FOLDER.glob("*.csv"))
         raise InputError(f"profile {name!r} does not exist; known are {known}, or the path of a .csv file")
+    columns = read_columns(path, "profile", COLUMNS, OPTIONAL)
+    profile = Profile(path.stem, *(columns.get(name, ()) for name in (*COLUMNS, *OPTIONAL)))
+    return profile if seconds is None else profile.lasting(seconds)
+
+
+def read_columns(path: Path, kind: str, needed: Sequence[str], optional: Sequence[str]) -> dict[str, tuple[float, ...]]:
+    """Columns of a CSV file by name: the `needed` and those `optional` that it has; lines with # are none of them.
+
+    `kind` of file names it in the InputError that is raised for a file that is not as it should be.
+    """
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
         rows = csv.reader(line for line in lines if not line.startswith("#"))
         header = tuple(next(rows, ()))
-        if header not in (COLUMNS, (*COLUMNS, OPTIONAL)):
-            columns = ", ".join(header) or "-"
+        if len(set(header)) < len(header) or not set(needed) <= set(header) <= {*needed, *optional}:
             raise InputError(
-                f"profile {path} has the columns {columns}; needed are {', '.join(COLUMNS)}, then {OPTIONAL} if wanted"
+                f"{kind} {path} has the columns {', '.join(header) or '-'}; needed are {', '.join(needed)}"
+                f" and, if wanted, {', '.join(optional)}"
             )
         table = [[float(cell) for cell in row] for row in rows if row]
     except (OSError, ValueError, csv.Error) as error:
-        raise InputError(f"profile {path} cannot be read: {error}") from None
+        raise InputError(f"{kind} {path} cannot be read: {error}") from None
     if bad := next((i for i, row in enumerate(table, 1) if len(row) != len(header)), None):
-        raise InputError(f"profile {path}, row {bad} has {len(table[bad - 1])} cells; needed are {len(header)}")
-    profile = Profile(path.stem, *zip(*table, strict=True)) if table else Profile(path.stem, (), (), ())
-    return profile if seconds is None else profile.lasting(seconds)
+        raise InputError(f"{kind} {path}, row {bad} has {len(table[bad - 1])} cells; needed are {len(header)}")
+    return {name: tuple(row[i] for row in table) for i, name in enumerate(header)}

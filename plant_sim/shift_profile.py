@@ -1,19 +1,20 @@
 """Shift profile: what the supervisor asks of two clutches and their common input over time.
 
-A CSV file with the columns `time_s`, `torque_demand_a_nm`, `torque_demand_b_nm`, `input_speed_demand_rad_s`; straight lines
-between rows. Each clutch is engaged as in a profile of one clutch (profile.py), so it is filled by a small demand.
+A CSV file with the columns `time_s`, `torque_demand_a_nm`, `torque_demand_b_nm`, `input_speed_demand_rad_s` and, if wanted,
+`lock_a` and `lock_b`; straight lines between rows. Each clutch is engaged and locked as in a profile of one clutch
+(profile.py), so it is filled by a small demand.
 """
 
-import csv
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from plant_sim.profile import FOLDER, Profile, Setpoint
-from protocols.errors import InputError
+from plant_sim.profile import FOLDER, Profile, Setpoint, read_columns
+from protocols.two_clutches import CLUTCHES
 
 COLUMNS = ("time_s", "torque_demand_a_nm", "torque_demand_b_nm", "input_speed_demand_rad_s")
+OPTIONAL = ("lock_a", "lock_b")
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class ShiftProfile:
 
     @property
     def table(self) -> np.ndarray:
-        """The tables of both, shape (2, 4, rows)."""
+        """The tables of both, shape (2, 5, rows)."""
         return np.array([self.a.table, self.b.table])
 
     def at(self, time: float) -> tuple[Setpoint, Setpoint]:
@@ -45,21 +46,15 @@ def load_shift_profile(name: str, seconds: float | None = None) -> ShiftProfile:
     Raises InputError.
     """
     path = Path(name) if name.endswith(".csv") else FOLDER / f"{name}.csv"
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-        rows = csv.reader(line for line in lines if not line.startswith("#"))
-        header = tuple(next(rows, ()))
-        if header != COLUMNS:
-            columns = ", ".join(header) or "-"
-            raise InputError(f"shift profile {path} has the columns {columns}; needed are {', '.join(COLUMNS)}")
-        table = [[float(cell) for cell in row] for row in rows if row]
-    except (OSError, ValueError, csv.Error) as error:
-        raise InputError(f"shift profile {path} cannot be read: {error}") from None
-    if bad := next((i for i, row in enumerate(table, 1) if len(row) != len(COLUMNS)), None):
-        raise InputError(f"shift profile {path}, row {bad} has {len(table[bad - 1])} cells; needed are {len(COLUMNS)}")
-    time, torque_a, torque_b, speed = zip(*table, strict=True) if table else ((), (), (), ())
-    a = Profile(f"{path.stem} of clutch a", time, torque_a, speed)
-    b = Profile(f"{path.stem} of clutch b", time, torque_b, speed)
+    columns = read_columns(path, "shift profile", COLUMNS, OPTIONAL)
+    time, speed = columns["time_s"], columns["input_speed_demand_rad_s"]
+    a, b = (
+        Profile(
+            f"{path.stem} of clutch {clutch}", time, columns[f"torque_demand_{clutch}_nm"], speed,
+            lock=columns.get(f"lock_{clutch}", ()),
+        )
+        for clutch in CLUTCHES
+    )  # fmt: skip
     if seconds is not None:
         a, b = a.lasting(seconds), b.lasting(seconds)
     return ShiftProfile(path.stem, a, b)
