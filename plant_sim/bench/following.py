@@ -22,7 +22,7 @@ class Following(NamedTuple):
 
 
 def following(time: np.ndarray, demand: np.ndarray, torque: np.ndarray) -> Following:
-    """Judge `torque` against `demand` [Nm], both of shape (samples,) over `time` [s]."""
+    """Judge `torque` against `demand` [Nm], both magnitudes of shape (samples,) over `time` [s]."""
     part = regime(time, demand, torque)
     if not (demand[part] > 0.0).any():
         return Following(float("nan"), float("nan"))

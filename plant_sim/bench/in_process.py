@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plant_sim.bench.following import Following, following
+from plant_sim.bench.following import Following
+from plant_sim.bench.measures import followed
 from plant_sim.node import PlantNode
 from protocols.node import Column, Node
 
@@ -39,7 +40,7 @@ class Played:
         """How well the true torque followed the demand between two times [s]."""
         time = self["time_s"]
         part = (time >= begin) & (time < end)
-        return following(time[part], self["controller_torque_demand_nm"][part], self["truth_clutch_torque_nm"][part])
+        return followed({name: column[part] for name, column in self.columns().items()})
 
 
 def play(plant: PlantNode, controller: Node, progress: Callable[[int], None] | None = None) -> Played:

@@ -1,6 +1,8 @@
 """Measure: a number, or a word, by which a run is judged. To add one is to add a line to MEASURES of its rig.
 
-Torque and pressure are the true ones, whatever a sensor shows; a run recorded blind has none, so there they are measured.
+Torque, slip and pressure are the true ones, whatever a sensor shows; a run recorded blind has none, so there they are measured.
+Torque and slip are signed; a demand of torque is a magnitude, and is compared with one. A clutch that is to be locked follows
+no demand: how well a torque is followed is judged without the phase lock.
 """
 
 from collections.abc import Callable, Mapping
@@ -9,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from plant_sim.bench.following import following, regime
+from plant_sim.bench.following import Following, following, regime
 from protocols.errors import InputError, closest
 from protocols.frames import load_frames
 
@@ -20,6 +22,8 @@ _MOVING = 0.05  # bar/s and rad/s^2: below, a demand neither rises nor falls
 _HELD = 0.2  # s before the end of an engagement, in which it is taken as settled
 _EXCITED = 1e-3  # of the strongest line's power: a line that the demand holds on purpose
 _HALF_POWER = 0.5**0.5  # -3 dB
+_STANDS = 0.01  # rad/s, a fifth of the slowest creep: below, plates stand; where they stick the true slip is 0
+_TURNING = 0.03  # s after slip has begun, ended or turned, in which friction is on its way (two lags of the thesis, 12 ms each)
 _EDGE = 0.1  # share of the span of slip that counts as slow, and as fast
 
 
@@ -48,8 +52,22 @@ def measure(name: str, rig: str) -> Measure:
 
 
 def torque(columns: Columns) -> np.ndarray:
-    """The clutch torque [Nm], true where the run tells it."""
+    """The clutch torque [Nm], true where the run tells it; signed as the slip."""
     return columns.get("truth_clutch_torque_nm", columns["clutch_torque_nm"])
+
+
+def followed(columns: Columns) -> Following:
+    """How well the torque followed its demand, where the clutch was not to be locked."""
+    return following(*_course(columns))
+
+
+def _magnitude(columns: Columns) -> np.ndarray:
+    return np.abs(torque(columns))
+
+
+def _slip(columns: Columns) -> np.ndarray:
+    """The slip [rad/s], true where the run tells it."""
+    return columns.get("truth_slip_speed_rad_s", columns["slip_speed_rad_s"])
 
 
 def _pressure(columns: Columns) -> np.ndarray:
@@ -62,17 +80,15 @@ def faults() -> tuple[str, ...]:
     return tuple(load_frames()["CONTROLLER_STATUS"].choices("fault").values())
 
 
-def _demand(columns: Columns) -> np.ndarray:
-    return np.nan_to_num(columns["torque_demand_nm"])
-
-
-def _followed(columns: Columns) -> tuple[float, float]:
-    return following(columns["time_s"], _demand(columns), torque(columns))
+def _course(columns: Columns) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Time [s], torque demand and torque, magnitudes [Nm], without the phase lock."""
+    part = ~_locking(columns)
+    return columns["time_s"][part], np.nan_to_num(columns["torque_demand_nm"][part]), _magnitude(columns)[part]
 
 
 def _largest_error(columns: Columns) -> float:
-    part = regime(columns["time_s"], _demand(columns), torque(columns))
-    return _highest(np.abs(torque(columns) - _demand(columns))[part])
+    time, demand, moment = _course(columns)
+    return _highest(np.abs(moment - demand)[regime(time, demand, moment)])
 
 
 def _phase(columns: Columns, name: str) -> np.ndarray:
@@ -85,6 +101,10 @@ def _slipping(columns: Columns) -> np.ndarray:
     return _phase(columns, "slip control")
 
 
+def _locking(columns: Columns) -> np.ndarray:
+    return _phase(columns, "lock")
+
+
 def _pressure_error(columns: Columns) -> float:
     error = columns["controller_pressure_demand_bar"] - _pressure(columns)
     return _mean(np.abs(error[_slipping(columns)]))
@@ -93,7 +113,7 @@ def _pressure_error(columns: Columns) -> float:
 def _loop(columns: Columns, demand: np.ndarray, value: np.ndarray, width: float) -> float:
     """Torque at a falling less that at a rising `demand`, mean over the bins of `value` that were passed both ways."""
     slope = np.gradient(demand, columns["time_s"])
-    moment, sliding, bins = torque(columns), _slipping(columns), np.floor(value / width)
+    moment, sliding, bins = _magnitude(columns), _slipping(columns), np.floor(value / width)
     up, down = sliding & (slope > _MOVING), sliding & (slope < -_MOVING)
     both = np.intersect1d(bins[up], bins[down])
     return _mean(np.array([moment[down & (bins == b)].mean() - moment[up & (bins == b)].mean() for b in both]))
@@ -115,7 +135,7 @@ def _stretches(mask: np.ndarray) -> list[slice]:
 
 def _held_torque_spread(columns: Columns) -> float:
     samples = round(_HELD / float(columns["time_s"][1] - columns["time_s"][0]))
-    held = [torque(columns)[part][-samples:].mean() for part in _stretches(_slipping(columns))]
+    held = [_magnitude(columns)[part][-samples:].mean() for part in _stretches(_slipping(columns))]
     return float(max(held) - min(held)) if held else float("nan")
 
 
@@ -150,7 +170,7 @@ def _seconds(signal: np.ndarray, rate: int) -> np.ndarray:
 
 def _torque_over_slip(columns: Columns) -> float:
     sliding = _slipping(columns)
-    slip, moment = columns["slip_speed_rad_s"][sliding], torque(columns)[sliding]
+    slip, moment = np.abs(columns["slip_speed_rad_s"][sliding]), _magnitude(columns)[sliding]
     if not len(slip):
         return float("nan")
     low, high = slip.min(), slip.max()
@@ -174,6 +194,73 @@ def _level(columns: Columns) -> float:
     return float(level[-1]) if len(level) else float("nan")
 
 
+def _estimate_errors(columns: Columns) -> tuple[np.ndarray, np.ndarray]:
+    """Errors of the estimate [Nm] while the clutch is closed: outside _TURNING after slip begins, ends or turns, and inside."""
+    step = float(columns["time_s"][1] - columns["time_s"][0])
+    changes = np.diff(np.sign(np.where(np.abs(_slip(columns)) < _STANDS, 0.0, _slip(columns))), prepend=0.0) != 0.0
+    turning = np.convolve(changes, np.ones(round(_TURNING / step)))[: len(changes)] > 0.0
+    error, closed = np.abs(columns["controller_torque_estimate_nm"] - torque(columns)), _closed(columns)
+    return error[closed & ~turning], error[closed & turning]
+
+
+def _estimate_error(columns: Columns) -> float:
+    return _highest(_estimate_errors(columns)[0])
+
+
+def _turning_error(columns: Columns) -> float:
+    return _highest(_estimate_errors(columns)[1])
+
+
+def _closed(columns: Columns) -> np.ndarray:
+    return _slipping(columns) | _locking(columns)
+
+
+def _standing(columns: Columns) -> np.ndarray:
+    return np.abs(_slip(columns)) < _STANDS
+
+
+def _locked_time(columns: Columns) -> float:
+    locking = _locking(columns)
+    step = float(columns["time_s"][1] - columns["time_s"][0])
+    return step * np.count_nonzero(locking & _standing(columns)) if locking.any() else float("nan")
+
+
+def _standstill_times(columns: Columns, mask: np.ndarray) -> np.ndarray:
+    """From the begin of each stretch of `mask` until the plates stand [s]; not a number where they never do."""
+    standing, time = _standing(columns), columns["time_s"]
+    firsts = [(part, np.flatnonzero(standing[part])) for part in _stretches(mask)]
+    return np.array([time[p.start + at[0]] - time[p.start] if len(at) else np.nan for p, at in firsts])
+
+
+def _locking_time(columns: Columns) -> float:
+    return _highest(_standstill_times(columns, _locking(columns)))
+
+
+def _stopping_time(columns: Columns) -> float:
+    return _highest(_standstill_times(columns, _closed(columns)))
+
+
+def _stopping_spread(columns: Columns) -> float:
+    times = _standstill_times(columns, _closed(columns))
+    return float(np.ptp(times)) if len(times) else float("nan")
+
+
+def _held_angle(columns: Columns) -> float:
+    """Of the encoder, between the first standstill of a lock and its end."""
+    standing, turns = _standing(columns), []
+    for part in _stretches(_locking(columns)):
+        angle = columns["shaft_angle_rad"][part][np.maximum.accumulate(standing[part])]
+        turns += [np.ptp(angle)] if len(angle) else []
+    return _highest(np.array(turns))
+
+
+def _breakaway(columns: Columns) -> float:
+    """The torque of the last sample in which they stand."""
+    stands = _closed(columns) & _standing(columns)
+    leaves = np.flatnonzero(stands[:-1] & ~stands[1:] & _closed(columns)[1:])
+    return _highest(_magnitude(columns)[leaves])
+
+
 def _highest(values: np.ndarray) -> float:
     return float(values.max()) if len(values) else float("nan")
 
@@ -183,10 +270,10 @@ def _mean(values: np.ndarray) -> float:
 
 
 MEASURES: Mapping[str, Measure] = {
-    "regime_error_nm": Measure("Nm", "mean error of the torque once 90 % of the demand is reached", lambda c: _followed(c)[0]),
-    "rise_time_s": Measure("s", "from the first demand until 90 % of it is reached", lambda c: _followed(c)[1]),
+    "regime_error_nm": Measure("Nm", "mean error of the torque once 90 % of the demand is reached", lambda c: followed(c)[0]),
+    "rise_time_s": Measure("s", "from the first demand until 90 % of it is reached", lambda c: followed(c)[1]),
     "max_torque_error_nm": Measure("Nm", "largest error of the torque once 90 % of the demand is reached", _largest_error),
-    "peak_torque_nm": Measure("Nm", "highest torque", lambda c: _highest(torque(c))),
+    "peak_torque_nm": Measure("Nm", "highest torque, either way", lambda c: _highest(_magnitude(c))),
     "peak_pressure_bar": Measure("bar", "highest pressure", lambda c: _highest(_pressure(c))),
     "final_pressure_bar": Measure("bar", "pressure at the end", lambda c: float(_pressure(c)[-1])),
     "pressure_error_bar": Measure("bar", "mean error of the pressure in slip control", _pressure_error),
@@ -198,6 +285,14 @@ MEASURES: Mapping[str, Measure] = {
     "torque_over_slip_nm": Measure("Nm", "torque at fast less that at slow slip, tenths of its span", _torque_over_slip),
     "peak_temperature_degc": Measure("degC", "highest measured oil temperature", lambda c: _highest(c["oil_temperature_degc"])),
     "friction_level": Measure("1", "adapted level of the friction when slip control ends", _level),
+    "estimate_error_nm": Measure("Nm", "largest error of the estimate, without what follows", _estimate_error),
+    "turning_error_nm": Measure("Nm", "the same in the 30 ms after slip begins, ends or turns", _turning_error),
+    "locked_s": Measure("s", "time for which the clutch is locked: plates that stand in the phase lock", _locked_time),
+    "locking_time_s": Measure("s", "longest time from the begin of lock until the plates stand", _locking_time),
+    "stopping_time_s": Measure("s", "longest time from the end of the fill until the plates stand", _stopping_time),
+    "stopping_spread_s": Measure("s", "longest less shortest of these times", _stopping_spread),
+    "held_angle_rad": Measure("rad", "largest turn of a locked clutch after its plates stand", _held_angle),
+    "breakaway_torque_nm": Measure("Nm", "highest torque at which plates that stand begin to slide", _breakaway),
     "fault": Measure("", "why the controller is in fault", _fault, faults),
     "fault_time_s": Measure("s", "when the controller first is in fault", _fault_time),
 }  # fmt: skip

@@ -7,6 +7,7 @@ Shift           ends, after that, where clutch a carries less than 5 % of its to
 Window          from where b is first asked for torque, so with its fill, until 0.2 s after the shift; where that does not end,
                 until 1 s after the torque phase
 Before          mean torque in the 0.2 s before the window
+Lock-up         from where clutch b is first in lock until 0.2 s after its plates stand
 """
 
 from collections.abc import Mapping
@@ -15,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from plant_sim.bench.measures import Columns, Measure, faults
+from protocols.frames import load_frames
 from protocols.two_clutches import CLUTCHES
 
 _BEFORE = 0.2  # s, long enough to average the sensor noise's way through the loop
@@ -22,6 +24,7 @@ _AFTER = 0.2  # s after the shift: two time constants of the motor's speed loop
 _LONGEST = 1.0  # s after the torque phase that is looked at where the shift does not end
 _CARRIES = 0.05  # share of the torque before, below which clutch a counts as open
 SYNCHRONOUS = 4.0  # rad/s: twice the slip that the shipped profile drives with in 2nd gear
+_STANDS = 0.01  # rad/s: below, plates stand; where they stick the true slip is 0
 _CONTROLLERS = ("controller_fault", "controller_b_fault")
 
 
@@ -84,6 +87,39 @@ def _shift_time(columns: Columns) -> float:
     return float(columns["time_s"][shift.shift_end] - columns["time_s"][shift.begin])
 
 
+def _locking(columns: Columns) -> np.ndarray:
+    """Mask of the samples in which clutch b is in lock."""
+    phases = {text: value for value, text in load_frames()["CONTROLLER_STATUS"].choices("phase").items()}
+    return columns["controller_b_phase"] == phases["lock"]
+
+
+def _standing(columns: Columns) -> np.ndarray:
+    """Mask of the samples in which clutch b is locked: in lock, and its plates stand."""
+    return _locking(columns) & (np.abs(columns["truth_slip_speed_b_rad_s"]) < _STANDS)
+
+
+def _locked_time(columns: Columns) -> float:
+    step = float(columns["time_s"][1] - columns["time_s"][0])
+    return step * np.count_nonzero(_standing(columns)) if _locking(columns).any() else float("nan")
+
+
+def _locking_time(columns: Columns) -> float:
+    standing = np.flatnonzero(_standing(columns))
+    if not len(standing):
+        return float("nan")
+    return float(columns["time_s"][standing[0]] - columns["time_s"][np.argmax(_locking(columns))])
+
+
+def _lock_up_peak(columns: Columns) -> float:
+    standing, time = np.flatnonzero(_standing(columns)), columns["time_s"]
+    if not len(standing):
+        return float("nan")
+    begin, end = time[np.argmax(_locking(columns))], time[standing[0]] + _AFTER
+    output = columns["truth_output_torque_nm"]
+    before = float(output[(time >= begin - _BEFORE) & (time < begin)].mean())
+    return float(output[(time >= begin) & (time <= end)].max()) / before - 1.0
+
+
 def _heat(columns: Columns, clutch: str) -> float:
     shift = handover(columns)
     if shift is None:
@@ -109,5 +145,8 @@ MEASURES: Mapping[str, Measure] = {
     "heat_b_j": Measure("J", "friction heat of clutch b in the hand-over", lambda c: _heat(c, "b")),
     "peak_temperature_a_degc": Measure("degC", "highest oil temperature of clutch a", lambda c: _hottest(c, "a")),
     "peak_temperature_b_degc": Measure("degC", "highest oil temperature of clutch b", lambda c: _hottest(c, "b")),
+    "locked_s": Measure("s", "time for which clutch b is locked", _locked_time),
+    "locking_time_s": Measure("s", "from the begin of lock until the plates of clutch b stand", _locking_time),
+    "lock_up_peak": Measure("1", "highest rise of the output torque in the lock-up, share of the torque before", _lock_up_peak),
     "fault": Measure("", "why a controller is in fault", _fault, faults),
 }  # fmt: skip

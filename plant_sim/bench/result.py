@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from plant_sim.bench.following import following
 from plant_sim.bench.limits import Judgement, Limit, judged
-from plant_sim.bench.measures import MEASURES, torque
+from plant_sim.bench.measures import MEASURES, followed
 from plant_sim.bench.picture import draw_run
 from plant_sim.bench.sealed import SEAL
 from protocols.runs import read_run
@@ -64,18 +63,20 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
     """
     run = read_run(path)
     columns = dict(run.columns)
-    demand = np.nan_to_num(columns["torque_demand_nm"])
-    followed = following(columns["time_s"], demand, torque(columns))
-    fault = MEASURES["fault"].of(columns)
-    asked, reached = bool(np.any(demand > 0.0)), bool(np.isfinite(followed.regime_error))
-    figures = f"regime error {followed.regime_error:.2f} Nm, rise time {followed.rise_time:.2f} s"
-    good = fault == "none" and (reached or not asked)
+    course, fault, locked = followed(columns), MEASURES["fault"].of(columns), MEASURES["locked_s"].of(columns)
+    asked, reached = bool(np.any(columns["torque_demand_nm"] > 0.0)), bool(np.isfinite(course.regime_error))
+    figures = f"regime error {course.regime_error:.2f} Nm, rise time {course.rise_time:.2f} s"
+    good = fault == "none" and (reached or not asked) and locked != 0.0
     if fault != "none":
         verdict = f"fault: {fault}"
+    elif locked == 0.0:
+        verdict = "the clutch was to be locked and its plates never stood"
     elif reached:
-        verdict = f"torque followed, {figures}"
+        verdict = f"torque followed, {figures}" + (f"; locked for {locked:.2f} s" if np.isfinite(locked) else "")
     elif asked:
         verdict = "torque never reached 90 % of the demand"
+    elif np.isfinite(locked):
+        verdict = f"locked for {locked:.2f} s"
     elif np.isfinite(error := MEASURES["pressure_error_bar"].of(columns)):
         verdict = f"pressure followed, mean error {error:.3f} bar"
     else:
@@ -85,8 +86,8 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
         "run": str(path),
         "picture": str(picture),
         "samples": len(columns["time_s"]),
-        "regime_error_nm": followed.regime_error,
-        "rise_time_s": followed.rise_time,
+        "regime_error_nm": course.regime_error,
+        "rise_time_s": course.rise_time,
         "fault": fault,
         "verdict": verdict,
         "good": good,

@@ -9,8 +9,8 @@ _HEIGHTS = "▁▂▃▄▅▆▇"  # without the full block, so that lines belo
 
 
 def bar(value: float | None, full: float, width: int, style: str = "cyan") -> Text:
-    """`value` of `full` as a bar of `width` characters; empty for None and NaN."""
-    share = min(max(value / full, 0.0), 1.0) if value is not None and isfinite(value) else 0.0
+    """`value` of `full`, whatever its sign, as a bar of `width` characters; empty for None and NaN."""
+    share = min(abs(value) / full, 1.0) if value is not None and isfinite(value) else 0.0
     whole, half = divmod(round(share * width * 2), 2)
     return Text.assemble(
         ("━" * whole + "╸" * half, style), ("─" * (width - whole - half), "bright_black"), no_wrap=True

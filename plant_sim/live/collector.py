@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from plant_sim.live import clutch_state
 from plant_sim.live.snapshot import NO_TIMES, QUANTITIES, NodeState, Percentiles, Snapshot
 from protocols.frames import load_frames
 from protocols.telemetry.batch import Batch
@@ -16,7 +17,7 @@ STALLED = 0.5  # s without a row; batches come every 20 ms
 POINTS = 30  # characters of a sparkline: three a second
 _CHANGES = 3  # last changes of parameters that are shown
 _TIMING = ("clock_s", "wake_us", "work_us", "late_cycles")
-_STATES = ("controller_phase", "controller_fault")
+_STATES = ("controller_phase", "controller_fault", clutch_state.COLUMN)
 
 
 class _Trace:
@@ -98,6 +99,7 @@ class Collector:
             states,
             self._state_name(rows, "controller_phase", self._phases) if known else None,
             self._state_name(rows, "controller_fault", self._faults) if known else None,
+            self._state_name(rows, clutch_state.COLUMN, dict(enumerate(clutch_state.STATES))) if known else None,
             values,
             traces,
             tuple(self._changes),

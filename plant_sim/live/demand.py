@@ -1,4 +1,4 @@
-"""`clutch-hil demand`: a supervisor that asks for a torque, a pressure or a profile, and tells whether it was reached."""
+"""`clutch-hil demand`: a supervisor that asks for torque, pressure, lock or a profile, and tells whether it was reached."""
 
 import time
 from dataclasses import asdict, dataclass, field
@@ -45,13 +45,24 @@ def pressure_profile(pressure: float, speed: float, seconds: float | None, ramp:
     return profile if seconds is None else profile.lasting(seconds)
 
 
+def lock_profile(speed: float, seconds: float | None) -> Profile:
+    """A clutch that is to be locked, at a motor speed [rad/s], for `seconds`, None for ever. Raises InputError."""
+    _check_speed(speed)
+    profile = Profile("lock", (0.0, _FOREVER), (0.0, 0.0), (speed, speed), lock=(1.0, 1.0))
+    return profile if seconds is None else profile.lasting(seconds)
+
+
 def _check(name: str, value: float, limit: float, unit: str, speed: float, ramp: float) -> None:
     if not (isfinite(value) and 0.0 <= value <= limit):
         raise InputError(f"{name} {value:g} {unit} is outside 0..{limit:g} {unit}")
-    if not (isfinite(speed) and 0.0 <= speed <= SPEED_LIMIT):
-        raise InputError(f"speed {speed:g} rad/s is outside 0..{SPEED_LIMIT:g} rad/s")
+    _check_speed(speed)
     if not (isfinite(ramp) and ramp > 0.0):
         raise InputError(f"ramp {ramp:g} {unit}/s is not possible; it must be above 0")
+
+
+def _check_speed(speed: float) -> None:
+    if not (isfinite(speed) and abs(speed) <= SPEED_LIMIT):
+        raise InputError(f"speed {speed:g} rad/s is outside {-SPEED_LIMIT:g}..{SPEED_LIMIT:g} rad/s")
 
 
 @dataclass
@@ -95,11 +106,36 @@ class Regime:
         return self.error <= max(self.share * self.demand, self.floor)
 
 
+@dataclass
+class Lock:
+    """Whether the clutch locked where it was to: within how long [s], and whether it was still locked when last asked to."""
+
+    asked_for: float = 0.0  # s
+    locked_after: float | None = None  # s, since it was first asked to
+    locked: bool = False
+
+    def add(self, asked: bool, clutch: str | None) -> None:
+        """One sample of RATE; `clutch` is its state in a word."""
+        if not asked:
+            return
+        self.asked_for += 1.0 / RATE
+        self.locked = clutch == "locked"
+        if self.locked and self.locked_after is None:
+            self.locked_after = self.asked_for
+
+    def __str__(self) -> str:
+        """What to say of it."""
+        if self.locked_after is None:
+            return f"not locked within {self.asked_for:.2f} s"
+        return f"locked after {self.locked_after:.2f} s{'' if self.locked else ', then no more'}"
+
+
 class Demand:
     """A profile to be asked for on a bus. Raises InputError when there is another supervisor or no controller."""
 
     def __init__(self, bus: str, profile: Profile) -> None:
         self._bus, self._profile = bus, profile
+        self._lock = Lock()
         self._regimes = {
             Request.ENGAGE: Regime(),
             Request.PRESSURE: Regime("bar", share=0.0, floor=_PRESSURE_TOLERANCE),
@@ -130,8 +166,10 @@ class Demand:
             return self._outcome(port.name, elapsed, answer, objection, released, stop.asked)
 
     def _judge(self, setpoint: Setpoint, answer: Answer) -> None:
+        estimate = answer.torque_estimate
+        self._lock.add(setpoint.request is Request.LOCK, answer.clutch)
         for request, demand, answered in (
-            (Request.ENGAGE, setpoint.torque, answer.torque_estimate),
+            (Request.ENGAGE, setpoint.torque, None if estimate is None else abs(estimate)),  # the demand has no sign
             (Request.PRESSURE, setpoint.pressure, answer.pressure),
         ):
             if answered is not None:
@@ -147,16 +185,18 @@ class Demand:
             for regime, demands in ((torque, profile.torque), (pressure, profile.pressure))
             if any(demand > 0.0 for demand in demands)
         ]
-        good = objection is None and released and all(regime.reached for regime in asked)
-        figures = ", ".join(
-            f"regime error {r.error:.2f} {r.unit} of {r.demand:.2f} {r.unit}" for r in asked if r.samples
-        )
+        locks = any(profile.lock)
+        good = objection is None and released and all(r.reached for r in asked) and (self._lock.locked or not locks)
+        told = [f"regime error {r.error:.2f} {r.unit} of {r.demand:.2f} {r.unit}" for r in asked if r.samples]
+        figures = ", ".join(told + ([str(self._lock)] if locks else []))
         if objection:
             verdict = objection
         elif not released:
             verdict = "the clutch was not released within 2 s"
+        elif not (asked or locks):
+            verdict = "neither torque nor pressure nor lock was asked for"
         elif not asked:
-            verdict = "no torque or pressure was asked for"
+            verdict = str(self._lock)
         elif not figures:
             verdict = f"not reached: no demand was held for {_STEADY:g} s"
         else:
@@ -179,7 +219,9 @@ class Demand:
             "regime_demand_nm": torque.demand,
             "regime_error_bar": pressure.error,
             "regime_demand_bar": pressure.demand,
-            "last_answer": asdict(answer),
+            "locked_after_s": self._lock.locked_after,
+            "locked": self._lock.locked,
+            "last_answer": asdict(answer) | {"clutch": answer.clutch},
             "released": released,
             "interrupted": interrupted,
             "verdict": verdict,
@@ -213,11 +255,13 @@ class _StatusLine:
             return
         self._next += self._every
         estimate, pressure = answer.torque_estimate, answer.pressure
-        by_pressure = setpoint.request is Request.PRESSURE
-        demand = f"{setpoint.pressure:5.2f} bar" if by_pressure else f"{setpoint.torque:5.2f} Nm"
+        demand = {
+            Request.PRESSURE: f"{setpoint.pressure:5.2f} bar",
+            Request.LOCK: "    lock",
+        }.get(setpoint.request, f"{setpoint.torque:5.2f} Nm")
         text = (
-            f"{elapsed:6.1f}{self._end} s  {answer.phase or '-':<12}  demand {demand}"
-            f"  estimate {'-' if estimate is None else f'{estimate:.2f}':>5} Nm"
+            f"{elapsed:6.1f}{self._end} s  {answer.phase or '-':<12}  {answer.clutch or '-':<8}  demand {demand}"
+            f"  estimate {'-' if estimate is None else f'{estimate:.2f}':>6} Nm"
             f"  pressure {'-' if pressure is None else f'{pressure:.2f}':>4} bar  speed {setpoint.speed:.2f} rad/s"
         )
         if self._console.is_terminal:

@@ -16,7 +16,7 @@ from protocols.telemetry.keys import bus_of
 
 _LEAST_RANGE = 0.05  # of the full scale, between bottom and top of a sparkline: noise stays small
 _STATE_STYLES = {"running": "green", "waiting": "yellow", "stalled": "bold red", "gone": "bold red"}
-_PHASE_STYLES = {"slip control": "green", "fill": "yellow", "release": "yellow", "fault": "bold red"}
+_PHASE_STYLES = {"slip control": "green", "lock": "green", "fill": "yellow", "release": "yellow", "fault": "bold red"}
 
 
 def drawn(snapshot: Snapshot) -> Group:
@@ -24,6 +24,8 @@ def drawn(snapshot: Snapshot) -> Group:
     phase = Text.assemble(
         ("phase ", "bright_black"),
         (snapshot.phase or "-", _PHASE_STYLES.get(snapshot.phase or "", "")),
+        ("   clutch ", "bright_black"),
+        snapshot.clutch or "-",
         ("   fault ", "bright_black"),
         (snapshot.fault or "-", "" if snapshot.fault in (None, "none") else "bold red"),
     )
@@ -124,7 +126,7 @@ def line(snapshot: Snapshot) -> str:
     states = "  ".join(f"{name} {state.state}" for name, state in snapshot.nodes.items())
     value = snapshot.values
     return (
-        f"{states}  {snapshot.phase or '-'}  fault {snapshot.fault or '-'}"
+        f"{states}  {snapshot.phase or '-'}  {snapshot.clutch or '-'}  fault {snapshot.fault or '-'}"
         f"  torque demand {value['torque demand']:.2f} estimate {value['torque estimate']:.2f}"
         f" true {value['torque true']:.2f} Nm  pressure {value['pressure']:.2f} bar  slip {value['slip']:.2f} rad/s"
         f"  late {sum(state.late for state in snapshot.nodes.values())}"

@@ -37,7 +37,7 @@ _STEPS = {  # key: torque [Nm], speed [rad/s], pressure [bar]
     "right": (0.0, 0.5, 0.0), "left": (0.0, -0.5, 0.0), "shift right": (0.0, 5.0, 0.0), "shift left": (0.0, -5.0, 0.0),
     "+": (0.0, 0.0, 0.05), "-": (0.0, 0.0, -0.05),
 }  # fmt: skip
-_CLOSING = {"e": Request.ENGAGE, "p": Request.PRESSURE}
+_CLOSING = {"e": Request.ENGAGE, "p": Request.PRESSURE, "l": Request.LOCK}
 _SEQUENCES = {  # what a terminal sends for a key without a letter
     "\x1b[A": "up", "\x1b[B": "down", "\x1b[C": "right", "\x1b[D": "left",
     "\x1bOA": "up", "\x1bOB": "down", "\x1bOC": "right", "\x1bOD": "left",
@@ -47,17 +47,18 @@ _SEQUENCES = {  # what a terminal sends for a key without a letter
 _KEY = re.compile(r"\x1b\[[0-9;]*[A-Za-z~]|\x1bO.|[^\x1b]|\x1b(?![\[O]|$)", re.DOTALL)
 _HELP = (
     "↑ ↓ 0.5 Nm   PgUp PgDn 5 Nm   ← → 0.5 rad/s   shift ← → 5 rad/s",
-    "+ - 0.05 bar   e engage: follow the torque   p follow the pressure",
+    "+ - 0.05 bar   e engage: follow the torque   p the pressure   l lock",
     "r release   i idle, acknowledge   space release now   q quit",
 )
 _COLOURS = {"active": "green", "slip control": "green", "fill": "yellow", "release": "yellow", "fault": "bold red",
             "silent": "bold red", "finalized": "bold red", "engage": "bold green", "pressure": "bold green",
+            "lock": "bold green", "locked": "bold green", "sliding": "green", "sticking": "yellow",
             "none": "default"}  # fmt: skip
 
 
 @dataclass
 class Panel:
-    """What the operator asks for; keys change it. Torque [Nm], motor speed [rad/s], pressure [bar]."""
+    """What the operator asks for; keys change it. Torque [Nm], motor speed [rad/s], either way, pressure [bar]."""
 
     torque: float = 5.0
     speed: float = 10.47  # 100 rpm, the speed of the profiles
@@ -71,7 +72,7 @@ class Panel:
         """Take a key at `now` [s]; `answer` is what the bus says."""
         torque, speed, pressure = _STEPS.get(key, (0.0, 0.0, 0.0))
         self.torque = min(max(self.torque + torque, 0.0), TORQUE_LIMIT)
-        self.speed = min(max(self.speed + speed, 0.0), SPEED_LIMIT)
+        self.speed = min(max(self.speed + speed, -SPEED_LIMIT), SPEED_LIMIT)
         self.pressure = min(max(self.pressure + pressure, 0.0), PRESSURE_LIMIT)
         if key in ("r", "space", "q", "end"):
             self._ask(Request.IDLE if self.request is Request.IDLE else Request.RELEASE, "", now)
@@ -191,7 +192,14 @@ def drawn(panel: Panel, answer: Answer, bus: str) -> Box:
         "fault",
         _fault(answer.fault),
     )
-    state.add_row("controller", _coloured(answer.controller), "plant", _coloured(answer.plant))
+    state.add_row(
+        "controller",
+        _coloured(answer.controller),
+        "plant",
+        _coloured(answer.plant),
+        "clutch",
+        _coloured(answer.clutch),
+    )
     message = Text(panel.message or " ", style="yellow", no_wrap=True, overflow="ellipsis")
     keys = Text("\n".join(_HELP), style="bright_black")
     return Box(

@@ -60,13 +60,15 @@ class NodeState:
 class Snapshot:
     """A bench at one instant: `values` and `traces` (shape (points,), the last 10 s) by name of QUANTITIES.
 
-    `phase` and `fault` are None when they are not known: a controller that is not there, or is gone, may be in any.
+    `phase`, `fault` and `clutch` (open, sliding, sticking, locked) are None when they are not known: a controller that is not
+    there, or is gone, may be in any.
     """
 
     bench: str
     nodes: Mapping[str, NodeState]
     phase: str | None
     fault: str | None
+    clutch: str | None
     values: Mapping[str, float]
     traces: Mapping[str, np.ndarray]
     changes: Sequence[Mapping[str, Any]]
@@ -97,6 +99,7 @@ def document(snapshot: Snapshot) -> dict[str, Any]:
         "nodes": nodes,
         "phase": snapshot.phase,
         "fault": snapshot.fault,
+        "clutch": snapshot.clutch,
         "values": {q.name: {"value": snapshot.values[q.name], "unit": q.unit} for q in QUANTITIES},
         "changes": list(snapshot.changes),
         "troubles": snapshot.troubles(),

@@ -1,10 +1,11 @@
-"""States: phase and fault of the controller, and its flags, as lanes of text."""
+"""States: phase, fault and clutch as the controller has them, and its flags, as lanes of text."""
 
 from typing import NamedTuple
 
 import numpy as np
 import rerun as rr
 
+from plant_sim.live import clutch_state
 from plant_sim.live.canvas import Canvas
 from plant_sim.live.times import Times
 from protocols.frames import load_frames
@@ -13,7 +14,8 @@ from protocols.telemetry.batch import Batch
 GROUPS = ("states", "flags")  # paths: the two that matter always, and the rest
 _REPEAT = 5_000_000_000  # ns: a viewer that forgets its oldest data still knows the present state
 _CALM, _BUSY, _GOOD, _LEAVING, _BAD = 0x455A64FF, 0xF9A825FF, 0x2E7D32FF, 0x6A4FB0FF, 0xD32F2FFF
-_PHASES = {"idle": _CALM, "fill": _BUSY, "slip control": _GOOD, "release": _LEAVING, "fault": _BAD}
+_PHASES = {"idle": _CALM, "fill": _BUSY, "slip control": _GOOD, "lock": _GOOD, "release": _LEAVING, "fault": _BAD}
+_CLUTCH = {"open": _CALM, "sliding": _GOOD, "sticking": _BUSY, "locked": _GOOD}
 _FAULTS = {"none": _CALM}  # all others are bad
 
 
@@ -32,6 +34,7 @@ def lanes() -> tuple[Lane, ...]:
     phase, fault = status.choices("phase"), status.choices("fault")
     return (
         Lane("controller_phase", "states/phase", phase, {name: _PHASES.get(name, _BUSY) for name in phase.values()}),
+        Lane(clutch_state.COLUMN, "states/clutch", dict(enumerate(clutch_state.STATES)), _CLUTCH),
         Lane("controller_fault", "states/reason", fault, {name: _FAULTS.get(name, _BAD) for name in fault.values()}),
         *(
             Lane(f"controller_{flag}", f"flags/{flag}", {0: "no", 1: text}, {"no": _CALM, text: color})

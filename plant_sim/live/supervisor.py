@@ -1,4 +1,4 @@
-"""Supervisor: asks the controller for torque or pressure over the bus (TORQUE_SETPOINT) and hears what the services answer.
+"""Supervisor: asks the controller for torque, pressure or lock over the bus (TORQUE_SETPOINT), hears what the services answer.
 
 It lives on the bus alone, without telemetry, so that it works beside a real rig too. A supervisor that stops, dies or
 hangs is missed by the controller after 0.1 s, and the clutch is released.
@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from plant_sim.live.clutch_state import clutch_state
 from protocols.bus import Port, listen
 from protocols.clock import Clock
 from protocols.errors import InputError
@@ -36,12 +37,20 @@ class Answer:
     plant: str
     phase: str | None = None
     fault: str | None = None
-    torque_estimate: float | None = None  # Nm
+    sticking: bool | None = None  # plates touch and stand
+    torque_estimate: float | None = None  # Nm, signed as the slip
     friction_level: float | None = None
     pressure: float | None = None  # bar, measured
     temperature: float | None = None  # degC, measured
     clutch_torque: float | None = None  # Nm, measured
     slip: float | None = None  # rad/s
+
+    @property
+    def clutch(self) -> str | None:
+        """State of the clutch in a word."""
+        if self.phase is None or self.sticking is None:
+            return None
+        return clutch_state(self.phase, self.sticking)
 
 
 class Heard:
@@ -78,6 +87,7 @@ class Heard:
             answer |= {
                 "phase": self._phases.get(status.phase, str(status.phase)),
                 "fault": self._faults.get(status.fault, str(status.fault)),
+                "sticking": bool(status.sticking),
                 "torque_estimate": status.torque_estimate,
                 "friction_level": status.friction_level,
             }

@@ -1,4 +1,7 @@
-"""Torque error: true and estimated torque less the demand of the same sample, though the nodes' rows come apart."""
+"""Torque error: true and estimated torque less the demand of the same sample, though the nodes' rows come apart.
+
+A demand is a magnitude; the torque, signed as the slip, counts with its own.
+"""
 
 from collections import deque
 
@@ -36,12 +39,12 @@ class TorqueError:
         names = {column.name for column in batch.columns}
         if "controller_torque_demand_nm" in names:
             demand = batch["controller_torque_demand_nm"]
-            self._send(_ESTIMATE, times, batch["controller_torque_estimate_nm"] - demand)
+            self._send(_ESTIMATE, times, np.abs(batch["controller_torque_estimate_nm"]) - demand)
             self._add_demand(times.rig, demand)
         if "truth_clutch_torque_nm" in names:
             if self._true and times.rig[0] < self._true[-1][0].rig[-1]:
                 self._true.clear()  # a new life of the plant
-            self._true.append((times, batch["truth_clutch_torque_nm"]))
+            self._true.append((times, np.abs(batch["truth_clutch_torque_nm"])))
         self._join()
 
     def _add_demand(self, rig: np.ndarray, demand: np.ndarray) -> None:

@@ -121,6 +121,30 @@ def test_a_profile_file_is_followed(bench: Running, tmp_path: Path) -> None:
     assert {setpoint.speed_demand for _, setpoint in witness.setpoints} == {12.0}
 
 
+def test_a_clutch_locks_and_is_released(bench: Running) -> None:
+    with Witness(bench.bus) as witness:
+        done = demand(bench.bus, "--lock", "--speed", "1", "--seconds", "3", "--json")
+    result = json.loads(done.stdout)
+    assert done.exit_code == 0, result
+    assert result["locked"]
+    assert result["released"]
+    assert result["verdict"] == f"locked after {result['locked_after_s']:.2f} s"
+    assert result["last_answer"]["clutch"] == "locked"
+    assert result["last_answer"]["sticking"]
+    assert abs(result["last_answer"]["slip"]) < STANDING
+    assert witness.requests() == [IDLE, LOCK, RELEASE, IDLE]
+
+
+def test_a_torque_is_reached_the_other_way_round(bench: Running) -> None:
+    done = demand(bench.bus, "8", "--speed", "-5", "--seconds", "1.5", "--json")
+    result = json.loads(done.stdout)
+    assert done.exit_code == 0, result
+    assert abs(result["last_answer"]["torque_estimate"] + 8.0) < REACHED  # signed as the slip
+    assert result["regime_error_nm"] < REACHED
+    assert result["last_answer"]["slip"] < -4.0
+    assert result["last_answer"]["clutch"] == "sliding"
+
+
 def test_ctrl_c_releases_the_clutch(bench: Running) -> None:
     with open_bus(bench.bus) as port, service("demand", "6", "--bus", bench.bus) as child:
         hear(port, "CONTROLLER_STATUS", lambda status: status.phase == SLIP_CONTROL)

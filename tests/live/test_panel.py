@@ -24,7 +24,7 @@ from protocols.request import Request
 from tests.live.running import FRAMES, Running, hear, opened, running_bench
 from tests.processes import PATIENCE, service
 
-OPEN_PHASE, SLIP_CONTROL = 0, 2  # values of PHASE in the DBC
+OPEN_PHASE, SLIP_CONTROL, LOCK = 0, 2, 5  # values of PHASE in the DBC
 LONG_AGO, NOW = 0.0, 100.0  # s
 SET = 0.01  # Nm, rad/s and bar: ten counts of the signal, a fifth of a key's step
 REACHED = 0.5  # Nm: the estimate at 6 Nm, not the 5 Nm before
@@ -123,6 +123,19 @@ def test_keys_drive_the_clutch(services: Running) -> None:
         code, text = terminal.ended()
     assert code == 0
     assert "verdict: the clutch is released" in text
+
+
+def test_a_key_locks_the_clutch_and_another_lets_it_slide(services: Running) -> None:
+    with panel(services) as (terminal, port):
+        terminal.press("\x1b[1;2D" * 2 + "l")  # 0.47 rad/s: a locked clutch holds the motor
+        setpoint(port, lambda s: s.request == Request.LOCK and abs(s.speed_demand - 0.47) < SET)
+        hear(port, "CONTROLLER_STATUS", lambda status: status.phase == LOCK and status.sticking)
+        assert terminal.shows("locked")
+        terminal.press("e")
+        setpoint(port, lambda s: s.request == Request.ENGAGE)
+        hear(port, "CONTROLLER_STATUS", lambda status: status.phase == SLIP_CONTROL and not status.sticking)
+        terminal.press("q")
+        assert terminal.ended()[0] == 0
 
 
 def test_keys_go_from_torque_to_pressure_and_back(services: Running) -> None:
