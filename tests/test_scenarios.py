@@ -46,6 +46,12 @@ BROKEN = {
     "frozen_motor_torque": (5.0, {}, {"adaptation.stuck_time": 10.0}, {"peak_torque_nm", "regime_error_nm"}),
     "hold_and_release": (None, {"friction_fade.fade": 6e-5}, {}, {"held_torque_spread_nm"}),
     "multisine": (7.0, {"slower_valve.ratio": 0.8}, {}, {"pressure_bandwidth_hz"}),
+    "lock": (4.0, {}, {"lock.rate": 5.0}, {"locking_time_s"}),
+    "hill_hold": (4.0, {}, {"model.coulomb_slope": 12.0}, {"breakaway_torque_nm"}),
+    "free_inertia": (None, {"motor.inertia": 0.6}, {}, {"peak_torque_nm"}),
+    "creep": (5.0, {}, {"model.coulomb_slope": 12.0}, {"regime_error_nm"}),
+    "fast_reversal": (4.0, {}, {"model.attraction": 20.0}, {"estimate_error_nm"}),
+    "release_from_lock": (5.0, {}, {"lock.rate": 5.0}, {"locking_time_s"}),
     "seal_hysteresis_triangle": (None, {"piston_seal_friction.force": 10.0}, {}, {"torque_loop_nm"}),
 }
 
@@ -53,7 +59,8 @@ BROKEN = {
 @pytest.mark.parametrize("name", BROKEN)
 def test_a_scenario_fails_when_something_breaks(name: str) -> None:
     seconds, plant, controller, measures = BROKEN[name]
-    scenario = load_scenario(name, {"seconds": seconds, "controller": controller})
+    scenario = load_scenario(name, {"controller": {**load_scenario(name).settings.controller, **controller}})
+    scenario = replace(scenario, settings=replace(scenario.settings, seconds=seconds))
     columns = Simulation(scenario).play(scenario.plant.with_values(plant), scenario.settings.seed).columns()
     broken = {judgement.limit.measure for judgement in judged(scenario.limits, columns) if not judgement.holds}
     assert measures <= broken

@@ -2,7 +2,8 @@
 
 Torque, slip and pressure are the true ones, whatever a sensor shows; a run recorded blind has none, so there they are measured.
 Torque and slip are signed; a demand of torque is a magnitude, and is compared with one. A clutch that is to be locked follows
-no demand: how well a torque is followed is judged without the phase lock.
+no demand: how well a torque is followed is judged without the phase lock. A turn of the slip: it begins, ends or changes its
+sign.
 """
 
 from collections.abc import Callable, Mapping
@@ -23,7 +24,7 @@ _HELD = 0.2  # s before the end of an engagement, in which it is taken as settle
 _EXCITED = 1e-3  # of the strongest line's power: a line that the demand holds on purpose
 _HALF_POWER = 0.5**0.5  # -3 dB
 _STANDS = 0.01  # rad/s, a fifth of the slowest creep: below, plates stand; where they stick the true slip is 0
-_TURNING = 0.03  # s after slip has begun, ended or turned, in which friction is on its way (two lags of the thesis, 12 ms each)
+_TURNING = 0.03  # s after a turn of the slip, in which friction is on its way (two lags of the thesis, 12 ms each)
 _EDGE = 0.1  # share of the span of slip that counts as slow, and as fast
 
 
@@ -195,7 +196,7 @@ def _level(columns: Columns) -> float:
 
 
 def _estimate_errors(columns: Columns) -> tuple[np.ndarray, np.ndarray]:
-    """Errors of the estimate [Nm] while the clutch is closed: outside _TURNING after slip begins, ends or turns, and inside."""
+    """Errors of the estimate [Nm] while the clutch is closed: outside _TURNING after a turn of the slip, and inside."""
     step = float(columns["time_s"][1] - columns["time_s"][0])
     changes = np.diff(np.sign(np.where(np.abs(_slip(columns)) < _STANDS, 0.0, _slip(columns))), prepend=0.0) != 0.0
     turning = np.convolve(changes, np.ones(round(_TURNING / step)))[: len(changes)] > 0.0
@@ -285,8 +286,8 @@ MEASURES: Mapping[str, Measure] = {
     "torque_over_slip_nm": Measure("Nm", "torque at fast less that at slow slip, tenths of its span", _torque_over_slip),
     "peak_temperature_degc": Measure("degC", "highest measured oil temperature", lambda c: _highest(c["oil_temperature_degc"])),
     "friction_level": Measure("1", "adapted level of the friction when slip control ends", _level),
-    "estimate_error_nm": Measure("Nm", "largest error of the estimate, without what follows", _estimate_error),
-    "turning_error_nm": Measure("Nm", "the same in the 30 ms after slip begins, ends or turns", _turning_error),
+    "estimate_error_nm": Measure("Nm", "largest error of the estimate, away from a turn of the slip", _estimate_error),
+    "turning_error_nm": Measure("Nm", "largest error of the estimate in the 30 ms after such a turn", _turning_error),
     "locked_s": Measure("s", "time for which the clutch is locked: plates that stand in the phase lock", _locked_time),
     "locking_time_s": Measure("s", "longest time from the begin of lock until the plates stand", _locking_time),
     "stopping_time_s": Measure("s", "longest time from the end of the fill until the plates stand", _stopping_time),

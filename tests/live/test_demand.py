@@ -13,20 +13,24 @@ import can
 import pytest
 from typer.testing import Result
 
-from plant_sim.live.demand import Regime, pressure_profile, torque_profile
+from plant_sim.live.clutch_state import STATES
+from plant_sim.live.demand import Lock, Regime, pressure_profile, torque_profile
 from plant_sim.live.supervisor import RATE as SETPOINTS
+from plant_sim.live.supervisor import Answer
 from protocols.bus import open_bus
 from protocols.errors import InputError
 from protocols.frames import Frame
+from rt_controller.clutch_state import ClutchState
 from tests.live.running import FRAMES, Running, clutch_hil, hear, opened, running_bench
 from tests.processes import PATIENCE, service
 
-IDLE, ENGAGE, RELEASE, PRESSURE = range(4)  # values of REQUEST in the DBC
+IDLE, ENGAGE, RELEASE, PRESSURE, LOCK = range(5)  # values of REQUEST in the DBC
 SLIP_CONTROL = 2  # value of PHASE in the DBC
 PACE_ERROR = 0.1  # of the period of set-points, in the median: a shared machine delays some of them
 RAMP = 20.0  # Nm/s
 RESOLUTION = 0.001  # Nm, of the signal
 PRESSURE_REACHED = 0.03  # bar: three times the noise and the resolution of the sensor, 5 mbar each
+STANDING = 0.05  # rad/s: two counts of the encoder within the 20 ms of a look
 REACHED = 0.8  # Nm, a tenth of the 8 Nm: what the command itself takes for reached
 
 
@@ -205,15 +209,20 @@ def test_without_a_controller_nothing_is_asked(local_bus: str) -> None:
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        ((), "needs one of TORQUE, --pressure and --profile; given are none of them"),
+        ((), "needs one of TORQUE, --pressure, --lock and --profile; given are none of them"),
         (
             ("5", "--profile", "engagement"),
-            "needs one of TORQUE, --pressure and --profile; given are 5.0 and engagement",
+            "needs one of TORQUE, --pressure, --lock and --profile; given are 5.0 and engagement",
         ),
         (("5", "--pressure", "3"), "given are 5.0 and 3.0"),
+        (("5", "--lock"), "given are 5.0 and --lock"),
+        (("--lock", "--profile", "engagement"), "given are engagement and --lock"),
+        (("--lock", "--ramp", "3"), "demand was given --lock and --ramp 3; a ramp is for a TORQUE or a --pressure"),
+        (("--lock", "--speed", "-27"), "speed -27 rad/s is outside -26.2..26.2 rad/s"),
+        (("5", "--speed", "-27"), "speed -27 rad/s is outside -26.2..26.2 rad/s"),
         (("--pressure", "4.6"), "pressure 4.6 bar is outside 0..4.5 bar"),
         (("--pressure", "3", "--ramp", "0"), "ramp 0 bar/s is not possible; it must be above 0"),
-        (("--profile", "multisine", "--ramp", "1"), "they are for a TORQUE or a --pressure"),
+        (("--profile", "multisine", "--ramp", "1"), "--speed or --ramp; they are not for a profile"),
         (("31",), "torque 31 Nm is outside 0..30 Nm"),
         (("-1",), "torque -1 Nm is outside 0..30 Nm"),
         (("much",), "valid number"),
@@ -230,7 +239,7 @@ def test_bad_input_is_told(arguments: tuple[str, ...], told: str) -> None:
 
 @pytest.mark.parametrize(
     ("torque", "speed", "ramp"),
-    [(float("nan"), 10.0, 40.0), (5.0, 26.3, 40.0), (5.0, -0.1, 40.0), (5.0, 10.0, 0.0), (5.0, 10.0, float("inf"))],
+    [(float("nan"), 10.0, 40.0), (5.0, 26.3, 40.0), (5.0, -26.3, 40.0), (5.0, 10.0, 0.0), (5.0, 10.0, float("inf"))],
 )
 def test_what_the_rig_cannot_do_is_refused(torque: float, speed: float, ramp: float) -> None:
     with pytest.raises(InputError):
@@ -262,3 +271,34 @@ def test_only_steady_demands_are_judged() -> None:
     assert held.reached
     held.error_sum *= 3.0
     assert not held.reached
+
+
+def test_a_clutch_that_did_not_lock_is_told() -> None:
+    lock = Lock()
+    lock.add(False, "locked")  # nobody asked
+    for clutch in ("open", "sliding", "sticking"):
+        lock.add(True, clutch)
+        assert not lock.locked
+    assert str(lock) == "not locked within 0.01 s"
+    lock.add(True, "locked")
+    assert (lock.locked, str(lock)) == (True, "locked after 0.02 s")
+    lock.add(True, "sliding")
+    assert (lock.locked, str(lock)) == (False, "locked after 0.02 s, then no more")
+
+
+@pytest.mark.parametrize(
+    ("phase", "sticking", "clutch"),
+    [
+        ("idle", True, "open"), ("fill", True, "open"), ("release", False, "open"), ("fault", True, "open"),
+        ("slip control", False, "sliding"), ("slip control", True, "sticking"), ("lock", False, "sliding"),
+        ("lock", True, "locked"), (None, None, None),
+    ],
+)  # fmt: skip
+def test_the_state_of_the_clutch_is_told_by_phase_and_sticking(
+    phase: str | None, sticking: bool | None, clutch: str | None
+) -> None:
+    assert Answer("active", "active", phase, sticking=sticking).clutch == clutch
+
+
+def test_the_words_of_the_state_are_the_controllers() -> None:
+    assert list(STATES) == [state.name.lower() for state in ClutchState]

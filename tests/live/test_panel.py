@@ -207,10 +207,10 @@ def test_demands_stay_within_the_limits() -> None:
         panel.press("page down", OPEN, NOW)
         panel.press("shift left", OPEN, NOW)
         panel.press("-", OPEN, NOW)
-    assert (panel.torque, panel.speed, panel.pressure) == (0.0, 0.0, 0.0)
+    assert (panel.torque, panel.speed, panel.pressure) == (0.0, -SPEED_LIMIT, 0.0)
 
 
-@pytest.mark.parametrize("key", ["e", "p"])
+@pytest.mark.parametrize("key", ["e", "p", "l"])
 @pytest.mark.parametrize("phase", ["release", "fault", None])
 def test_only_an_idle_controller_is_engaged(phase: str | None, key: str) -> None:
     panel = Panel()
@@ -231,7 +231,7 @@ def test_an_engagement_the_controller_gives_up_is_not_asked_for_again() -> None:
 
 
 @pytest.mark.parametrize("key", ["r", "space", "q", "end"])
-@pytest.mark.parametrize("asked", [Request.ENGAGE, Request.PRESSURE])
+@pytest.mark.parametrize("asked", [Request.ENGAGE, Request.PRESSURE, Request.LOCK])
 def test_each_way_out_releases(key: str, asked: Request) -> None:
     panel = Panel(request=asked)
     panel.press(key, ENGAGED, NOW)
