@@ -151,9 +151,12 @@ def test_the_file_of_an_experiment_is_what_its_function_makes(name: str) -> None
     assert LENGTHS[0] <= load_profile(name).duration <= LENGTHS[1]
 
 
-@pytest.mark.parametrize("name", [*experiments.EXPERIMENTS, "engagement", "table-6.6"])
+STANDING = ("lock", "release_from_lock", "slow_reversal", "fast_reversal", "creep", "free_inertia", "hill_hold")
+
+
+@pytest.mark.parametrize("name", [*experiments.EXPERIMENTS, "engagement", "table-6.6", *STANDING])
 def test_every_profile_says_what_it_is_and_ends_open(name: str) -> None:
     assert (FOLDER / f"{name}.csv").read_text(encoding="utf-8").startswith("# ")
     profile = load_profile(name)
     assert profile.at(0.0).request is profile.at(profile.duration).request is Request.IDLE
-    assert (profile.torque[-1], profile.pressure[-1]) == (0.0, 0.0)
+    assert (profile.torque[-1], profile.pressure[-1], profile.lock[-1]) == (0.0, 0.0, 0.0)

@@ -41,8 +41,8 @@ def test_a_scenario_passes_with_margin(name: str, tmp_path: Path) -> None:
 
 # scenario: seconds of it in which the limits hold otherwise, change of the plant, change of the controller, limits that break
 BROKEN = {
-    "engagement": (5.0, {}, {"model.coulomb_slope": 12.0}, {"regime_error_nm", "rise_time_s"}),
-    "adaptation": (5.0, {}, {"adaptation.time_constant": 100.0}, {"regime_error_nm"}),
+    "engagement": (5.0, {}, {"model.coulomb_slope": 12.0}, {"regime_error_nm", "max_torque_error_nm"}),
+    "adaptation": (5.0, {}, {"adaptation.time_constant": 100.0}, {"friction_level"}),
     "frozen_motor_torque": (5.0, {}, {"adaptation.stuck_time": 10.0}, {"peak_torque_nm", "regime_error_nm"}),
     "hold_and_release": (None, {"friction_fade.fade": 6e-5}, {}, {"held_torque_spread_nm"}),
     "multisine": (7.0, {"slower_valve.ratio": 0.8}, {}, {"pressure_bandwidth_hz"}),
