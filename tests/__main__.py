@@ -21,12 +21,15 @@ PATIENCE = 300.0  # s that are waited for it
 
 
 class Failures:
-    """Plugin of pytest that keeps the names of tests that failed."""
+    """Plugin of pytest that keeps the names of tests that failed, and what was skipped."""
 
     def __init__(self) -> None:
         self.names: list[str] = []
+        self.skipped: list[pytest.TestReport] = []
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        if report.skipped and not hasattr(report, "wasxfail"):
+            self.skipped.append(report)
         if report.failed and report.nodeid not in self.names:
             self.names.append(report.nodeid)
 
@@ -47,13 +50,15 @@ def stalls_before_it_runs() -> int:
 def main(options: list[str]) -> int:
     failures = Failures()
     told = int(pytest.main(options, plugins=[failures]))
+    skipped, number = failures.skipped, 1
     alone = ["--numprocesses", "1"] if "--numprocesses" in options else []
-    for number in range(2, TRIES + 1):
+    while number < TRIES:
         files = {name.partition("::")[0].removeprefix("tests/") for name in failures.names}
         # the guest runs services, too; it has its own turn (conftest.py)
         final = [file for file in files if not in_real_time(file) and file != GUEST]
         if told != pytest.ExitCode.TESTS_FAILED or final or len(files) > MANY:
             break
+        number += 1
         stalls = stalls_before_it_runs()
         print(
             f"\n{len(failures.names)} failed, all in real time; try {number} of {TRIES}, alone, after {stalls} stalls",
@@ -61,6 +66,10 @@ def main(options: list[str]) -> int:
         )
         names, failures = failures.names, Failures()
         told = int(pytest.main([*alone, *names], plugins=[failures]))
+    if number > 1 and skipped:  # the first try's list is far above by now
+        from tests.needs import HEADING, listed
+
+        print(f"\n{HEADING}", *listed(skipped), sep="\n", flush=True)
     return told
 
 

@@ -138,6 +138,9 @@ def pytest_configure(config: pytest.Config) -> None:
         for compiler in compilers:
             if compiler.wait():
                 raise pytest.UsageError(f"{compiler.args} ended with {compiler.returncode}")
+    from tests import needs
+
+    config.pluginmanager.register(needs, needs.__name__)
 
 
 def _save_one_after_the_other() -> None:

@@ -18,6 +18,7 @@ from importlib.resources import files
 from pathlib import Path
 from urllib.parse import urlencode
 
+from plant_sim.live.graphics import MISSING, NO_DRIVER, vulkan
 from plant_sim.live.page import Page
 from protocols.child import spawn
 from protocols.errors import InputError
@@ -46,6 +47,7 @@ class Viewer:
     """
 
     light = False
+    _headless = False
     period = 0.05  # s between two sends: a window shows them 40 ms later (telemetry.md, 2.3)
 
     def __init__(self, port: int | None, memory: str | None, headless: bool = False) -> None:
@@ -62,6 +64,7 @@ class Viewer:
             "--server-memory-limit",
             _SERVER_MEMORY,
         ]
+        self._headless = headless
         self._arguments += ["--headless", "--renderer", "vulkan"] if headless else []
 
     @property
@@ -75,6 +78,8 @@ class Viewer:
         return self._process.pid
 
     def __enter__(self) -> "Viewer":
+        if self._headless and not vulkan():
+            raise InputError(MISSING)
         with ExitStack() as stack:
             shared = SharedFolder()
             stack.callback(shared.remove)
@@ -96,7 +101,10 @@ class Viewer:
             return None if code is None else ""
         if code < 0:
             return f"the viewer was killed by {signal.Signals(-code).name}"
-        lines = (self._home / "log").read_text(errors="replace").strip().splitlines() or ["it said nothing"]
+        said = (self._home / "log").read_text(errors="replace")
+        if NO_DRIVER in said:
+            return MISSING
+        lines = said.strip().splitlines() or ["it said nothing"]
         return f"the viewer ended with exit code {code}: {lines[-1]}"
 
     def _start(self, stack: ExitStack) -> None:
@@ -173,8 +181,8 @@ class WebViewer(Viewer):
         say(f"open {self.page}")
         if self.light:
             say(f"no graphics card: the page has the most important plots, every {self.period:g} s")
-        if self._browser and _display():
-            webbrowser.open(self.page)
+        if self._browser and _display() and not webbrowser.open(self.page):
+            say("no browser is installed here; a tunnel of both ports shows the page elsewhere")
 
 
 def _display() -> bool:

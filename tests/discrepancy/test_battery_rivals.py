@@ -8,6 +8,7 @@ import typer
 from typer.testing import CliRunner
 
 from plant_sim.discrepancy.result import NAMED, NONE_OF_THESE, NOTHING
+from tests import needs
 from tests.discrepancy.battery.rivals import gaussian_process
 from tests.discrepancy.battery.rivals.__main__ import main
 from tests.discrepancy.battery.rivals.features import features
@@ -41,7 +42,7 @@ def off_by_gain(predicted: np.ndarray) -> np.ndarray:
 
 
 def test_sparse_regression_finds_a_term():
-    pytest.importorskip("pysindy", reason="needs pip install -e '.[battery]'")
+    needs.skip_without("pysindy")
     from tests.discrepancy.battery.rivals import sindy
 
     ranking = sindy.ranked(made(off_by_gain))
@@ -50,7 +51,8 @@ def test_sparse_regression_finds_a_term():
 
 
 def test_marginal_likelihood_and_its_gradient_are_those_of_scikit_learn():
-    process = pytest.importorskip("sklearn.gaussian_process", reason="needs pip install -e '.[battery]'")
+    needs.skip_without("sklearn")
+    from sklearn import gaussian_process as process
     from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
     random = np.random.default_rng(1)
@@ -79,7 +81,9 @@ def test_gaussian_process_looks_like_the_effect_that_made_it(monkeypatch: pytest
 
 
 def test_classifier_tells_classes_it_was_not_shown(monkeypatch: pytest.MonkeyPatch):
-    ensemble = pytest.importorskip("sklearn.ensemble", reason="needs pip install -e '.[battery]'")
+    needs.skip_without("sklearn")
+    from sklearn import ensemble
+
     from tests.discrepancy.battery.rivals import classifier
 
     monkeypatch.setattr(classifier, "_forests", lambda: [ensemble.RandomForestClassifier(20, random_state=1)])

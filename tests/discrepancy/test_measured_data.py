@@ -18,6 +18,7 @@ from plant_sim.discrepancy.result import NAMED
 from plant_sim.discrepancy.search import investigate
 from plant_sim.reproduce.measured_data import MissingDataError, measured_file
 from protocols.parameters import ParameterSet
+from tests import needs
 from tests.discrepancy.least_squares import error, fitted, residual
 
 CLOSE = 0.05  # of an error: least squares end where they end; measured within 0.01 of the numbers below
@@ -28,8 +29,8 @@ README_LOW_PASS = 40.0  # Hz: with it the errors are those of the data's README
 def path(name: str) -> Path:
     try:
         return measured_file(name)
-    except MissingDataError as missing:
-        pytest.skip(str(missing))
+    except MissingDataError:
+        needs.skip("data")
 
 
 # --- EMPS: a position axis --------------------------------------------------------------------------------------------

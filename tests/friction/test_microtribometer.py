@@ -7,6 +7,7 @@ from plant_sim.friction.load_law import Amontons
 from plant_sim.friction.xgms import XGMS
 from plant_sim.reproduce import microtribometer as entry
 from plant_sim.reproduce.measured_data import VARIABLE, MissingDataError, measured_file
+from tests import needs
 
 
 @pytest.fixture(scope="module")
@@ -14,8 +15,8 @@ def record() -> entry.Record:
     """The measured record."""
     try:
         return entry.read_record()
-    except MissingDataError as error:
-        pytest.skip(str(error))
+    except MissingDataError:
+        needs.skip("data")
 
 
 @pytest.fixture(scope="module")

@@ -15,9 +15,7 @@ BREAK_AWAY = LEVEL / STIFFNESS  # m
 
 def needs(oracle: type[Oracle]) -> pytest.MarkDecorator:
     """Skip a test where the package of `oracle` is missing."""
-    return pytest.mark.skipif(
-        not oracle.installed(), reason=f"{oracle.package} is not installed; {oracle.install()} brings it"
-    )
+    return pytest.mark.needs(oracle.package)
 
 
 @needs(OpenSees)

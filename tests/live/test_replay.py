@@ -68,6 +68,7 @@ def test_an_export_that_cannot_begin_leaves_no_file(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.needs("vulkan")
 @pytest.mark.parametrize("kind", ["parquet", "rrd"])
 def test_a_whole_run_is_shown(kind: str, run_file: Path, tmp_path: Path) -> None:
     file = run_file
@@ -90,6 +91,7 @@ def test_a_whole_run_is_shown(kind: str, run_file: Path, tmp_path: Path) -> None
     assert f"read:    {file}  ({round(SECONDS * 1000)} samples)" in view.output
 
 
+@pytest.mark.needs("vulkan")
 def test_two_runs_stand_side_by_side(run_file: Path, tmp_path: Path) -> None:
     other, both = tmp_path / "other.rrd", tmp_path / "both.rrd"
     export_rrd(run_file, other)

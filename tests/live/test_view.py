@@ -34,6 +34,7 @@ def bus() -> str:
     return f"local:view{os.getpid()}"
 
 
+@pytest.mark.needs("vulkan")
 def test_a_viewer_shows_the_running_bench(bus: str, tmp_path: Path) -> None:
     port = free_port()
     with bench(bus, "--rate", str(RATE)), View("--bus", bus, "--headless", "--port", port) as view:
@@ -61,6 +62,7 @@ def _ages(client: Any) -> tuple[float, float]:
     return before - end, time.time() - end
 
 
+@pytest.mark.needs("vulkan")
 def test_a_stopped_viewer_does_not_disturb_the_file(bus: str, tmp_path: Path) -> None:
     file = tmp_path / "run.rrd"
     with FakeBench(bus) as bench, View("--bus", bus, "--headless", "--save", file) as view:
@@ -79,6 +81,7 @@ def test_a_stopped_viewer_does_not_disturb_the_file(bus: str, tmp_path: Path) ->
     assert not (tmp_path / "run.rrd.part").exists()
 
 
+@pytest.mark.needs("vulkan")
 def test_a_killed_viewer_ends_the_view_with_a_word(bus: str) -> None:
     with FakeBench(bus), View("--bus", bus, "--headless") as view:
         view.line("bench")
@@ -87,6 +90,7 @@ def test_a_killed_viewer_ends_the_view_with_a_word(bus: str) -> None:
     assert "verdict: the viewer was killed by SIGKILL" in view.output
 
 
+@pytest.mark.needs("vulkan")
 def test_a_killed_viewer_does_not_end_the_file(bus: str, tmp_path: Path) -> None:
     file = tmp_path / "run.rrd"
     with FakeBench(bus), View("--bus", bus, "--headless", "--save", file) as view:
@@ -168,7 +172,7 @@ def test_a_stream_finds_a_viewer_that_was_started_again() -> None:
                 until(lambda: stream.put([_batch(row, 1000)]) or stream.sent["plant"] > sent, "rows in the new viewer")
 
 
-@pytest.mark.skipif(not chromium.PROGRAM, reason="chromium is not installed: apt-get install chromium")
+@pytest.mark.needs("chromium")
 def test_a_browser_shows_the_running_bench_and_asks_nobody_else(bus: str, tmp_path: Path) -> None:
     with FakeBench(bus), View("--bus", bus, "--web", "--no-open") as view:
         page = view.line("open").removeprefix("open ")

@@ -28,13 +28,6 @@ SECONDS = 600.0  # s at most of the run, which ends with the last round
 MEDIAN = 1.5, 20.0  # factor, us
 P99 = 3.0, 500.0  # factor, us: half a period
 
-try:
-    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
-    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-    _REAL_TIME = True
-except OSError:
-    _REAL_TIME = False
-
 # one picture of a 4k screen a turn, larger than the caches
 _MOVE_MEMORY = "import numpy; a = numpy.zeros(1 << 25, numpy.uint8)\nwhile True: numpy.add(a, 1, out=a)"
 
@@ -123,7 +116,7 @@ def side_by_side(table: dict[str, dict[str, np.ndarray]]) -> str:
     return "\n".join(lines)
 
 
-@pytest.mark.skipif(not _REAL_TIME, reason="without the right to SCHED_FIFO the loop shares its CPU with everybody")
+@pytest.mark.needs("vulkan", "real-time priority")
 def test_no_viewer_live_stopped_or_killed_changes_the_loops_timing(
     local_bus: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -1,8 +1,6 @@
 """The bench on a real SocketCAN bus, vcan0."""
 
 import json
-import os
-import shutil
 import socket
 import subprocess
 import sys
@@ -25,6 +23,7 @@ from protocols.frames import DBC, Frame, load_frames
 from protocols.node import node_factory
 from protocols.reception import Reception
 from protocols.runs import read_run
+from tests import needs
 from tests.bus_log import write_log
 
 RATE = 100  # Hz: a guest pays 15 us a system call and now and then 25 ms; timing is judged on the host (realtime.md)
@@ -47,7 +46,7 @@ def played(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict, Path]:
     folder = tmp_path_factory.mktemp("played")
     log = folder / "traffic.log"
     with log.open("w") as file:
-        dump = subprocess.Popen(["candump", "-L", "-n", "1000", BUS], stdout=file) if shutil.which("candump") else None
+        dump = subprocess.Popen(["candump", "-L", "-n", "1000", BUS], stdout=file) if needs.there("candump") else None
         common = ("--bus", BUS, "--rate", str(RATE), "--seconds", "4", "--trigger", "bus")
         done = clutch_hil("up", *common, "--out", str(folder), "--json")
         assert done.returncode == 0, done.stdout + done.stderr
@@ -65,7 +64,7 @@ def test_two_processes_close_the_torque_loop(played: tuple[dict, Path]) -> None:
         assert result[name]["port"]["refused"] == 0
 
 
-@pytest.mark.skipif(shutil.which("candump") is None, reason="candump (can-utils) is not installed")
+@pytest.mark.needs("candump")
 def test_candump_reads_the_traffic(played: tuple[dict, Path]) -> None:
     database = cantools.database.load_file(DBC)
     messages = list(can.CanutilsLogReader(played[1]))
@@ -265,7 +264,7 @@ def wait_for_phase(port: Port, phase: int) -> None:
     raise AssertionError(f"the controller never reached phase {phase}")
 
 
-@pytest.mark.skipif(shutil.which("tc") is None or os.geteuid() != 0, reason="needs tc (iproute2) as root")
+@pytest.mark.needs("tc", "root")
 def test_a_full_transmit_queue_refuses_and_counts() -> None:
     """A bus of 8 kbit/s with room for 200 bytes: most of 50 frames find the queue full (ENOBUFS)."""
     queue = ["dev", BUS, "root", "tbf", "rate", "8kbit", "burst", "100", "limit", "200"]

@@ -1,0 +1,46 @@
+"""Whether something on this machine can draw: a Vulkan driver, of a graphics card or Mesa's, which computes."""
+
+import ctypes
+import subprocess
+import sys
+
+INSTALL = "apt-get install mesa-vulkan-drivers libvulkan1"
+MISSING = f"the viewer needs a Vulkan driver to draw; {INSTALL} brings one, and --web, --save FILE.rrd need none"
+NO_DRIVER = "No graphics adapter was found"  # what rerun's viewer says then, whatever it draws by
+_INSTANCE = 1  # VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO
+_PATIENCE = 60.0  # s; 0.1 on a quiet machine
+
+
+def vulkan() -> bool:
+    """Whether there is a Vulkan device. Another process looks: a driver brings a compiler, which is not to meet Numba's."""
+    command = [sys.executable, "-P", "-m", __name__]
+    try:
+        return subprocess.run(command, capture_output=True, timeout=_PATIENCE, check=False).returncode == 0
+    except subprocess.TimeoutExpired:
+        return False
+
+
+class _InstanceInfo(ctypes.Structure):
+    """VkInstanceCreateInfo: type, next, flags, application, and numbers and names of layers and of extensions."""
+
+    _fields_ = (
+        ("type", ctypes.c_int), ("next", ctypes.c_void_p), ("flags", ctypes.c_uint32), ("application", ctypes.c_void_p),
+        ("layers", ctypes.c_uint32), ("layer_names", ctypes.c_void_p),
+        ("extensions", ctypes.c_uint32), ("extension_names", ctypes.c_void_p),
+    )  # fmt: skip
+
+
+def _devices() -> int:
+    """Number of Vulkan devices. Raises OSError without the library that finds drivers."""
+    library, instance, count = ctypes.CDLL("libvulkan.so.1"), ctypes.c_void_p(), ctypes.c_uint32()
+    if library.vkCreateInstance(ctypes.byref(_InstanceInfo(_INSTANCE)), None, ctypes.byref(instance)):
+        return 0  # there is no driver
+    library.vkEnumeratePhysicalDevices(instance, ctypes.byref(count), None)
+    return count.value
+
+
+if __name__ == "__main__":
+    try:
+        sys.exit(0 if _devices() else 1)
+    except OSError:
+        sys.exit(1)

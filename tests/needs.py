@@ -1,0 +1,154 @@
+"""What tests need of the machine, in one table: how to find out, and the line that brings it.
+
+A test says so by `@pytest.mark.needs("vulkan")`, or asks on its way (`skip_without`), and is skipped where it is not there.
+`$CLUTCH_HIL_MUST_HAVE` names what is never skipped for: continuous integration installs it, and loses no test silently.
+The end of a run tells what was skipped, and what would have it run (`listed`).
+"""
+
+import importlib.util
+import os
+import shutil
+import subprocess
+from collections import Counter
+from collections.abc import Callable, Iterable
+from functools import cache, partial
+from typing import Any, NamedTuple, NoReturn
+
+import pytest
+
+from plant_sim.bench.friction_oracles import Exudyn, MuJoCo, OpenSees
+from plant_sim.live import graphics
+from plant_sim.reproduce.measured_data import VARIABLE
+from protocols.bus import resolve
+from protocols.realtime import MEASURES, Wanted, possible
+from tests.live import chromium
+
+MUST_HAVE = "CLUTCH_HIL_MUST_HAVE"
+HEADING = "skipped, and what would enable it"
+
+
+class Need(NamedTuple):
+    """`what` a test needs, whether it is `there`, and the line that `brings` it."""
+
+    what: str
+    there: Callable[[], bool]
+    brings: str
+
+    @property
+    def reason(self) -> str:
+        """Why a test without it is skipped."""
+        return f"needs {self.what}: {self.brings}"
+
+
+def _program(name: str) -> Callable[[], bool]:
+    return lambda: shutil.which(name) is not None
+
+
+def _succeeds(*command: str) -> Callable[[], bool]:
+    return lambda: bool(shutil.which(command[0])) and subprocess.run(command, capture_output=True).returncode == 0
+
+
+def _module(name: str) -> Callable[[], bool]:
+    return lambda: importlib.util.find_spec(name) is not None
+
+
+def _right(name: str) -> "Need":
+    (measure,) = (one for one in MEASURES if one.name == name)
+    there = partial(possible, measure, Wanted(max(os.sched_getaffinity(0))))
+    return Need(f"the right to {name}", there, f"run it as root, or: {measure.remedy}")
+
+
+def _found_by_the_test() -> bool:
+    return True
+
+
+NEEDS = {
+    "vulkan": Need("a Vulkan driver", graphics.vulkan, graphics.INSTALL),
+    "chromium": Need("Chromium", lambda: bool(chromium.PROGRAM), "apt-get install chromium"),
+    "vcan0": Need(
+        "the CAN interface vcan0, here or in the guest of tests/test_guest.py",
+        lambda: resolve("auto") == "vcan0",
+        "modprobe vcan && ip link add dev vcan0 type vcan && ip link set vcan0 up",
+    ),
+    "guest": Need(
+        "a guest with a CAN kernel",
+        _found_by_the_test,
+        "apt-get install user-mode-linux can-utils busybox-static gcc libc6-dev",
+    ),
+    "candump": Need("candump", _program("candump"), "apt-get install can-utils"),
+    "tc": Need("tc", _program("tc"), "apt-get install iproute2"),
+    "root": Need("root", lambda: os.geteuid() == 0, "run it as root"),
+    "mount": Need(
+        "the right to mount",
+        lambda: os.geteuid() == 0 and _succeeds("unshare", "--mount", "true")(),
+        "run it as root (in a container, one with --cap-add SYS_ADMIN)",
+    ),
+    "real-time priority": _right("real-time priority"),
+    "memory locked": _right("memory locked"),
+    "data": Need(
+        "measured data", _found_by_the_test, f"set {VARIABLE} to a folder that has them (docs/measured_data.md)"
+    ),
+    "pysindy": Need("pysindy", _module("pysindy"), "pip install -e '.[battery]'"),
+    "sklearn": Need("scikit-learn", _module("sklearn"), "pip install -e '.[battery]'"),
+    "quiet": Need("a machine that lets processes run", _found_by_the_test, "stop what else it computes"),
+    **{
+        oracle.package: Need(oracle.package, oracle.installed, oracle.install())
+        for oracle in (Exudyn, MuJoCo, OpenSees)
+    },
+}
+
+
+@cache
+def there(name: str) -> bool:
+    """Whether this machine has what `NEEDS` calls `name`."""
+    return NEEDS[name].there()
+
+
+def skip_without(*names: str) -> None:
+    """Skip the running test when one of the needs is not there."""
+    for name in names:
+        if not there(name):
+            skip(name)
+
+
+def skip(name: str, found: str = "") -> NoReturn:
+    """Skip the running test for a need that is not there, as it has `found` out itself; fail where the machine must have it."""
+    reason = NEEDS[name].reason + (f" ({found})" if found else "")
+    if name in _must_have():
+        pytest.fail(f"{reason}; ${MUST_HAVE} says that it is here", pytrace=False)
+    pytest.skip(reason)
+
+
+def _must_have() -> list[str]:
+    return [name.strip() for name in os.environ.get(MUST_HAVE, "").split(",") if name.strip()]
+
+
+def listed(reports: Iterable[Any]) -> list[str]:
+    """One line for each reason of skipped tests, the most frequent first."""
+    reasons = Counter(_reason(report) for report in reports)
+    return [f"{count:>4}  {reason}" for reason, count in reasons.most_common()]
+
+
+def _reason(report: Any) -> str:
+    told = report.longrepr
+    return str(told[2] if isinstance(told, tuple) else told).removeprefix("Skipped: ")
+
+
+def pytest_sessionstart() -> None:
+    """What the machine must have is in the table."""
+    for name in _must_have():
+        if name not in NEEDS:
+            raise pytest.UsageError(f"{MUST_HAVE} names {name!r}; allowed are {', '.join(NEEDS)}")
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Skip what is marked with a need that is not there."""
+    for mark in item.iter_markers("needs"):
+        skip_without(*mark.args)
+
+
+def pytest_terminal_summary(terminalreporter: Any) -> None:
+    """Tell what was skipped."""
+    if lines := listed(terminalreporter.stats.get("skipped", ())):
+        terminalreporter.section(HEADING)
+        terminalreporter.write("\n".join(lines) + "\n")
