@@ -182,7 +182,7 @@ class WebViewer(Viewer):
         if self.light:
             say(f"no graphics card: the page has the most important plots, every {self.period:g} s")
         if self._browser and _display() and not webbrowser.open(self.page):
-            say("no browser is installed here; a tunnel of both ports shows the page elsewhere")
+            say("no browser was found here that would open it")
 
 
 def _display() -> bool:

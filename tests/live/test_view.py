@@ -11,6 +11,7 @@ import numpy as np
 import psutil
 import pytest
 
+from plant_sim.live.graphics import MISSING
 from plant_sim.live.rrd import read_rrd
 from plant_sim.live.stream import ViewerStream
 from plant_sim.live.viewer import WebViewer
@@ -18,7 +19,7 @@ from protocols.node import Column
 from protocols.telemetry.batch import Batch
 from tests.live import chromium
 from tests.live.fake_bench import FakeBench
-from tests.live.viewing import View, answered, colours, free_port, newest, refused, shown, until, viewer_client
+from tests.live.viewing import NO_DISPLAY, View, answered, colours, free_port, newest, refused, shown, until, viewer_client
 from tests.telemetry.benches import bench
 
 LOOKS = 3  # at the age of the newest row, which is told and not judged: two cores are shared with a software renderer
@@ -184,6 +185,13 @@ def test_a_browser_shows_the_running_bench_and_asks_nobody_else(bus: str, tmp_pa
             asked = {request.split("/")[2] for request in browser.requests if request.startswith("http")}
         assert {address.split(":")[0] for address in asked} == {"127.0.0.1"}
         assert view.end() == 0
+
+
+def test_without_a_vulkan_driver_a_view_says_what_brings_one(bus: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    for variable in ("VK_DRIVER_FILES", "VK_ICD_FILENAMES"):  # of Vulkan's loader, the second of an old one
+        monkeypatch.setitem(NO_DISPLAY, variable, "/nowhere.json")
+    with FakeBench(bus):
+        assert refused("--bus", bus, "--headless") == f"error: {MISSING}"
 
 
 def test_without_a_display_a_view_says_what_else_there_is() -> None:

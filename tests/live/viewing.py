@@ -21,7 +21,7 @@ _ANSWER = (
     180.0  # s for a viewer to answer: on two shared cores its software renderer has been seen to keep it for a minute
 )
 _END = 30.0  # s for a view to end once asked
-_NO_DISPLAY = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
+NO_DISPLAY = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
 
 
 def free_port() -> int:
@@ -46,7 +46,7 @@ class View:
     def __init__(self, *arguments: object) -> None:
         command = [sys.executable, "-P", "-m", "protocols", "view", *map(str, arguments)]
         self._said = tempfile.TemporaryFile()  # noqa: SIM115
-        self._process = subprocess.Popen(command, env=_NO_DISPLAY, text=True, stdout=subprocess.PIPE, stderr=self._said)
+        self._process = subprocess.Popen(command, env=NO_DISPLAY, text=True, stdout=subprocess.PIPE, stderr=self._said)
         self.output = ""
 
     def __enter__(self) -> "View":
