@@ -19,7 +19,18 @@ from protocols.node import Column
 from protocols.telemetry.batch import Batch
 from tests.live import chromium
 from tests.live.fake_bench import FakeBench
-from tests.live.viewing import NO_DISPLAY, View, answered, colours, free_port, newest, refused, shown, until, viewer_client
+from tests.live.viewing import (
+    NO_DISPLAY,
+    View,
+    answered,
+    colours,
+    free_port,
+    newest,
+    refused,
+    shown,
+    until,
+    viewer_client,
+)
 from tests.telemetry.benches import bench
 
 LOOKS = 3  # at the age of the newest row, which is told and not judged: two cores are shared with a software renderer
