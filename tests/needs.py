@@ -44,18 +44,20 @@ def _program(name: str) -> Callable[[], bool]:
     return lambda: shutil.which(name) is not None
 
 
-def _succeeds(*command: str) -> Callable[[], bool]:
-    return lambda: bool(shutil.which(command[0])) and subprocess.run(command, capture_output=True).returncode == 0
+def _mounts() -> bool:
+    return shutil.which("unshare") is not None and not subprocess.call(
+        ["unshare", "--mount", "true"], stderr=subprocess.DEVNULL
+    )
 
 
 def _module(name: str) -> Callable[[], bool]:
     return lambda: importlib.util.find_spec(name) is not None
 
 
-def _right(name: str) -> "Need":
+def _right(what: str, name: str) -> Need:
     (measure,) = (one for one in MEASURES if one.name == name)
     there = partial(possible, measure, Wanted(max(os.sched_getaffinity(0))))
-    return Need(f"the right to {name}", there, f"run it as root, or: {measure.remedy}")
+    return Need(f"the right to {what}", there, f"run it as root, or: {measure.remedy}")
 
 
 def _found_by_the_test() -> bool:
@@ -66,9 +68,14 @@ NEEDS = {
     "vulkan": Need("a Vulkan driver", graphics.vulkan, graphics.INSTALL),
     "chromium": Need("Chromium", lambda: bool(chromium.PROGRAM), "apt-get install chromium"),
     "vcan0": Need(
-        "the CAN interface vcan0, here or in the guest of tests/test_guest.py",
+        "the CAN interface vcan0, or the guest of tests/test_guest.py, which plays these where it can",
         lambda: resolve("auto") == "vcan0",
         "modprobe vcan && ip link add dev vcan0 type vcan && ip link set vcan0 up",
+    ),
+    "no vcan0": Need(
+        "a machine without vcan0 to be of use",
+        lambda: resolve("auto") != "vcan0",
+        "nothing is lost, as the vcan tests run directly",
     ),
     "guest": Need(
         "a guest with a CAN kernel",
@@ -80,11 +87,11 @@ NEEDS = {
     "root": Need("root", lambda: os.geteuid() == 0, "run it as root"),
     "mount": Need(
         "the right to mount",
-        lambda: os.geteuid() == 0 and _succeeds("unshare", "--mount", "true")(),
+        lambda: os.geteuid() == 0 and _mounts(),
         "run it as root (in a container, one with --cap-add SYS_ADMIN)",
     ),
-    "real-time priority": _right("real-time priority"),
-    "memory locked": _right("memory locked"),
+    "real-time priority": _right("real-time priority", "real-time priority"),
+    "memory locked": _right("lock memory", "memory locked"),
     "data": Need(
         "measured data", _found_by_the_test, f"set {VARIABLE} to a folder that has them (docs/measured_data.md)"
     ),

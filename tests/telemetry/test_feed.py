@@ -12,6 +12,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pyarrow as pa
 import pytest
 import zenoh
@@ -199,14 +200,13 @@ def test_a_killed_service_is_no_longer_alive_and_leaves_nothing(local_bus: str, 
     with bench(local_bus) as services, Feed(session, found(session, local_bus), live=True) as feed:
         heard(feed, rows)
         for node in ("controller", "plant"):
-            pid = services[node].pid
-            child = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()[0]  # its telemetry process
-            ring = Path(f"/proc/{child}/cmdline").read_text().split("\0")[5]
+            child = psutil.Process(services[node].pid).children()[0]  # its telemetry process
+            ring = child.cmdline()[5]
             assert Path(ring).exists()
             assert feed.alive[node]
             services[node].kill()
             until(lambda node=node: feed.read(0.01) is None or not feed.alive[node], "the token to go")
-            until(lambda child=child: not Path(f"/proc/{child}").exists(), "the telemetry process to end")
+            until(lambda child=child: not child.is_running(), "the telemetry process to end")
             assert not Path(ring).parent.exists()
 
 

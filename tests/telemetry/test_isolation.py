@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 
 from protocols.child import clutch_hil
@@ -34,8 +35,7 @@ _MOVE_MEMORY = "import numpy; a = numpy.zeros(1 << 25, numpy.uint8)\nwhile True:
 
 def descendants(pid: int) -> list[int]:
     """Processes that a process has started, and those that they have."""
-    children = [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
-    return children + [grandchild for child in children for grandchild in descendants(child)]
+    return [child.pid for child in psutil.Process(pid).children(recursive=True)]
 
 
 @contextmanager

@@ -1,0 +1,34 @@
+"""How long something of this process took, had every thread that wanted a CPU been given one."""
+
+import time
+from contextlib import suppress
+from pathlib import Path
+
+_TASKS = Path("/proc/self/task")
+_WAITED = 1  # of a thread's schedstat: ns that it was ready and another had the CPU
+
+
+class Stopwatch:
+    """Runs from where it is made. On a machine that is not full it shows what any clock does.
+
+    Where it is full, what the threads of this process waited for a CPU is taken off: of all of them, as one that has no CPU
+    may hold what another waits for.
+    """
+
+    def __init__(self) -> None:
+        self._waited = _waited()
+        self._began = time.monotonic()
+
+    def seconds(self) -> float:
+        """Since then [s], 0 at least."""
+        elapsed = time.monotonic() - self._began
+        return max(0.0, elapsed - max(0, _waited() - self._waited) * 1e-9)
+
+
+def _waited() -> int:
+    """What the threads of this process have waited for a CPU [ns]; 0 where the kernel does not count it."""
+    waited = 0
+    for task in _TASKS.iterdir():
+        with suppress(OSError):  # the thread has ended
+            waited += int((task / "schedstat").read_text().split()[_WAITED])
+    return waited
