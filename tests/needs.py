@@ -11,6 +11,7 @@ import shutil
 import subprocess
 from collections import Counter
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from functools import cache, partial
 from typing import Any, NamedTuple, NoReturn
 
@@ -54,6 +55,14 @@ def _module(name: str) -> Callable[[], bool]:
     return lambda: importlib.util.find_spec(name) is not None
 
 
+def _terminal() -> bool:
+    with suppress(OSError):
+        for end in os.openpty():
+            os.close(end)
+        return True
+    return False
+
+
 def _right(what: str, name: str) -> Need:
     (measure,) = (one for one in MEASURES if one.name == name)
     there = partial(possible, measure, Wanted(max(os.sched_getaffinity(0))))
@@ -85,6 +94,7 @@ NEEDS = {
     "candump": Need("candump", _program("candump"), "apt-get install can-utils"),
     "tc": Need("tc", _program("tc"), "apt-get install iproute2"),
     "root": Need("root", lambda: os.geteuid() == 0, "run it as root"),
+    "terminal": Need("a terminal that a program opens", _terminal, "mount -t devpts devpts /dev/pts"),
     "mount": Need(
         "the right to mount",
         lambda: os.geteuid() == 0 and _mounts(),

@@ -21,6 +21,7 @@ from plant_sim.profile import PRESSURE_LIMIT, SPEED_LIMIT, TORQUE_LIMIT
 from protocols.bus import Port, open_bus
 from protocols.frames import Frame
 from protocols.request import Request
+from tests import needs
 from tests.live.running import FRAMES, Running, hear, opened, running_bench
 from tests.processes import PATIENCE, service
 
@@ -83,6 +84,7 @@ def services() -> Iterator[Running]:
 @contextmanager
 def panel(running: Running) -> Iterator[tuple[Terminal, Port]]:
     """The panel in a terminal that must be at the end as it was before; and a place on its bus."""
+    needs.skip_without("terminal")
     keyboard, line = pty.openpty()
     fcntl.ioctl(line, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
     before = termios.tcgetattr(line)

@@ -312,6 +312,7 @@ def test_a_refused_change_changes_nothing(bench: Running) -> None:
     assert tune(bench, "torque.")["parameters"] == before
 
 
+@pytest.mark.needs("terminal")
 def test_the_list_fits_the_terminal(bench: Running) -> None:
     master, slave = pty.openpty()
     termios.tcsetwinsize(slave, (24, 80))

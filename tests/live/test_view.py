@@ -126,6 +126,8 @@ def test_a_view_waits_for_its_bench_and_follows_it_through_a_restart(bus: str, t
             until(lambda: first.published > 3000, "three seconds of the first bench")
         with FakeBench(bus, session=2) as second:
             until(lambda: second.published > 3000, "three seconds of the second bench")
+            part = tmp_path / "run.rrd.part"
+            until(lambda: 2 in {b.session for b in read_rrd(part)["plant"].batches()}, "the second bench in the file")
         assert view.end() == 0
     assert "started 2 times" in view.output
     assert {batch.session for batch in read_rrd(file)["plant"].batches()} == {1, 2}
