@@ -8,4 +8,4 @@ import pytest
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if item.path.parent == Path(__file__).parent:
-            item.add_marker(pytest.mark.needs("vcan0"))
+            item.add_marker(pytest.mark.needs("vcan0"), append=False)  # told before what else it needs
