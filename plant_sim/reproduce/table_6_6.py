@@ -18,6 +18,10 @@ from protocols.parameters import ParameterSet
 THESIS = {"feedforward": (1.00, 0.30), "feedback": (0.50, 0.76), "both": (0.30, 0.25)}  # Nm, s: Table 6.6
 SEEDS = 20
 BEGIN, END = 1.0, 7.0  # s, the trajectory to 10 Nm in the profile `table-6.6`; before, the clutch is being filled
+STEP_TIME = 2.0  # s; by then the clutch is filled and has settled at 5 Nm
+STEP = Profile(  # a ramp of 0.24 s hides how fast a controller is: the demand then rises in a sample
+    "step", (0.0, 0.5, 0.501, 2.0, 2.001, 3.0, 3.1), (0.0, 0.0, 5.0, 5.0, 10.0, 10.0, 0.0), (10.47,) * 7
+)
 DIFFERENCES = (
     "friction level 1 % and viscous factor 3 % (standard deviations), contact pressure 6 mbar, beta_inf 0.01, C 10 1/s",
     "oil and sump between 60 and 80 degC, heated by friction; the controller reads a quantised, noisy thermometer",
@@ -51,6 +55,14 @@ def follow(profile: Profile, law: str, adaptation: bool, seed: int) -> Played:
     parameters, temperature = perturbed(seed)
     plant = PlantNode(parameters=parameters, profile=profile, seed=seed, temperature=temperature)
     return play(plant, node_factory("controller")(law=law, adaptation=adaptation))
+
+
+def step_rise(law: str, adaptation: bool, seed: int) -> float:
+    """Time [s] from a step of the demand, 5 to 10 Nm in one sample, to 90 % of 10 Nm of true torque; NaN where never."""
+    played = follow(STEP, law, adaptation, seed)
+    after = (played["time_s"] >= STEP_TIME) & (played["time_s"] < 3.0)
+    reached = after & (played["truth_clutch_torque_nm"] >= 9.0)
+    return float(played["time_s"][np.argmax(reached)] - STEP_TIME) if reached.any() else float("nan")
 
 
 @reproduces(
@@ -101,6 +113,17 @@ def table_6_6(sheet: Sheet) -> None:
     )
     missed = sum(int(np.isnan(values).any(axis=1).sum()) for values in measured.values())
     sheet.check("runs that never reach 90 % of the demand", missed == 0, missed)
+    for name, (law, adaptation) in cases.items():
+        times = np.array([step_rise(law, adaptation, seed) for seed in range(SEEDS)])
+        reached = times[np.isfinite(times)]
+        mean, spread = (float(reached.mean()), float(reached.std())) if reached.size else (float("nan"), float("nan"))
+        sheet.note(
+            f"step of the demand from 5 to 10 Nm, {name}: 9 Nm after {mean:.3f} +- {spread:.3f} s,"
+            f" in {reached.size} of {SEEDS} runs"
+        )
+        sheet.document["controllers"][name]["step_rise_time_s"] = {
+            "mean": mean, "std": spread, "not_reached": SEEDS - reached.size
+        }  # fmt: skip
     for text in DIFFERENCES:
         sheet.note(f"plant differs: {text}")
     _draw(sheet, shown)
