@@ -92,6 +92,8 @@ def plant(
     from plant_sim.bench.settings import MANUAL
     from plant_sim.scenario import naming
     from plant_sim.service import PlantService
+    from protocols.service_text import service_lines
+    from protocols.starting import compile_first
     from protocols.stopping import Stop
 
     given = {
@@ -117,12 +119,14 @@ def plant(
             cpu=cpu,
             rig=played.rig,
         )
+    compile_first(service.warm)
     with Stop():  # a second signal does not interrupt the ending
         result = service.run(lambda text: typer.echo(text, err=True))
         write_summary(summary, result)
     if json_output:
         emit(result)
     else:
+        typer.echo("\n".join(service_lines("plant", result)))
         verdict(f"plant stopped after {result['samples']} samples")
 
 

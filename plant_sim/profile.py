@@ -3,8 +3,9 @@
 A CSV file with the columns `time_s`, `torque_demand_nm`, `motor_speed_demand_rad_s` and, if wanted, `pressure_demand_bar` and
 `lock`, in any order; straight lines between rows. From a row with `lock` 1 to the next with 0 the clutch is to be locked, and
 neither torque nor pressure is asked for. Elsewhere, where the pressure demand is above zero it is followed, whatever the torque
-demand; elsewhere the clutch is engaged between two rows of which one has a torque demand above zero. A pressure demand below
-2 bar (`pressure.floor` of the controller: no plate touches there) is followed at 2 bar.
+demand; elsewhere the clutch is engaged between two rows of which one has a torque demand above zero. In the first 50 ms idle is
+asked for, whatever the demands are: a controller closes no clutch before. A pressure demand below 2 bar (`pressure.floor` of the
+controller: no plate touches there) is followed at 2 bar.
 """
 
 import csv
@@ -29,6 +30,9 @@ PRESSURE_LIMIT = 4.5  # bar, what the controller asks for at most: the maps end 
 FILL_PRESSURE = (
     2.6  # bar, at which the controller fills: from a lower demand it would open again what it has just closed
 )
+# s from the beginning in which idle is asked for, whatever the profile says: a controller closes no clutch without it
+# (phases.py). At 50 Hz three samples, as one frame may be lost.
+_IDLE_FIRST = 0.05
 _SHORTEST = 0.1  # s, of a run: five samples at the lowest rate
 _LONGEST = 1e6  # s, of a run: 11 days; the repeated profile is held in memory, 0.3 GB for this one
 _REPEAT_GAP = 1e-3  # s between the last row of a profile and the first of its repetition: times must increase
@@ -55,6 +59,8 @@ def setpoint(table, time):
     pressure = pressures[before] + share * (pressures[after] - pressures[before])
     engage = torques[before] > 0.0 or torques[after] > 0.0
     request = Request.PRESSURE.value if pressure > 0.0 else Request.ENGAGE.value if engage else Request.IDLE.value
+    if time < _IDLE_FIRST:
+        request = Request.IDLE.value
     return request, torque, speed, pressure
 
 

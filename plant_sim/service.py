@@ -13,7 +13,7 @@ from plant_sim.profile import Profile
 from plant_sim.rigs import power_shift, wet_clutch
 from plant_sim.shift_profile import ShiftProfile
 from protocols import realtime
-from protocols.beat import Beat
+from protocols.beat import Beat, warm_book
 from protocols.bus import Port, listen, open_bus
 from protocols.clock import Clock
 from protocols.errors import InputError
@@ -53,6 +53,18 @@ class PlantService:
     router: str | None = None
     cpu: int | None = None
     rig: str = "wet_clutch"
+
+    def warm(self) -> None:
+        """Compile, or load from disk, all that this plant runs: nothing compiles later, whatever is injected.
+
+        Before its signals are those of `Stop`: this can be ended.
+        """
+        self._kind.warm()
+        warm_book()
+
+    @property
+    def _kind(self) -> Any:
+        return PowerShiftNode if self.rig == "power_shift" else PlantNode
 
     def run(self, ready: Callable[[str], None]) -> dict[str, Any]:
         """Serve until SIGTERM or SIGINT, in lock-step to the end of the profile; return the summary.
@@ -103,9 +115,7 @@ class PlantService:
         }
 
     def _new_node(self, session: int) -> Any:
-        node: Any = PowerShiftNode if self.rig == "power_shift" else PlantNode
-        node.warm()  # before time counts; nothing compiles later, whatever is injected
-        return node(
+        return self._kind(
             self.rate, self.parameters, self.profile, self.seed, self.temperature,
             session=session, injections=self.injections, blind=self.blind,
         )  # fmt: skip

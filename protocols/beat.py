@@ -60,6 +60,11 @@ class Beat:
         return self.clock.woke(self.clock.woken_ns, how == OVERSLEPT)
 
 
+def warm_book() -> None:
+    """Compile, or load from disk, what writes a row: now, not in the loop."""
+    book(Beat(Clock(1)).words, np.zeros((1, 8)), np.zeros(1, np.int64), np.zeros(1), 0)
+
+
 @njit(cache=True, nogil=True)
 def wait(words: Any, spins: Any) -> Any:
     """Wait for the next slot. Returns how many were left out since the last one.

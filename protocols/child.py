@@ -22,10 +22,11 @@ def spawn(
     output: IO[str] | int | None = None,
     environment: Mapping[str, str] | None = None,
     when_parent_dies: signal.Signals = signal.SIGTERM,
+    keep: Sequence[int] = (),
 ) -> "subprocess.Popen[bytes]":
     """Start a process in a session of its own, so that Ctrl-C is ours; `output` takes stdout and stderr, as of Popen.
 
-    It is sent `when_parent_dies` when the thread that called this ends.
+    It keeps the descriptors `keep`. It is sent `when_parent_dies` when the thread that called this ends.
     """
 
     def die_with_parent() -> None:
@@ -37,6 +38,7 @@ def spawn(
         stdout=output,
         stderr=output,
         env=environment,
+        pass_fds=keep,
         start_new_session=True,
         preexec_fn=die_with_parent,
     )

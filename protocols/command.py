@@ -1,19 +1,24 @@
 """`clutch-hil`: one command, its parts found by entry point (`clutch_hil.commands`), so that no side imports the other.
 
-Exit codes: 0 fine, 1 the verdict is bad, 2 the input or the command is wrong.
+Exit codes: 0 fine, 1 the verdict is bad, 2 the input or the command is wrong, 130 interrupted before there was a result.
 """
 
 import json
+import signal
 import sys
 from importlib.metadata import entry_points, version
 from math import isfinite
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import typer
 
-from protocols.errors import InputError
+from protocols.errors import InputError, InterruptionError
+from protocols.starting import STARTING
 
+_KEPT = "nothing half-written is left, compiled kernels are kept"
+INTERRUPTED = 130  # 128 and SIGINT, as of every shell
 # Hz; below, a period of the 9.8 Hz pressure loop has less than five samples; above, a plant step is its integration step
 RATES = (50, 10_000)
 
@@ -89,9 +94,33 @@ def application() -> typer.Typer:
 
 
 def main() -> None:
-    """Run the command; an InputError becomes one sentence and exit code 2."""
+    """Run the command; an InputError becomes one sentence and exit code 2, Ctrl-C or SIGTERM one and 130."""
+    asked = False
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        nonlocal asked
+        asked = True
+        raise KeyboardInterrupt
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, interrupt)
     try:
-        application()()
+        with STARTING:
+            application()()
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
+    except InterruptionError as interruption:
+        _interrupted(str(interruption))
+    except BaseException:
+        if not asked:
+            raise
+        _interrupted(_KEPT)  # whatever a compiler or a library has made of the KeyboardInterrupt
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def _interrupted(kept: str) -> None:
+    print(f"interrupted: {kept}", file=sys.stderr)
+    sys.exit(INTERRUPTED)

@@ -1,4 +1,4 @@
-"""The one exception a person causes: wrong input, told in one sentence, exit code 2."""
+"""The exceptions a person causes, told in one sentence: wrong input, exit code 2, and an interruption, 130."""
 
 import difflib
 from collections.abc import Iterable
@@ -6,6 +6,10 @@ from collections.abc import Iterable
 
 class InputError(Exception):
     """Input or a command is wrong. The message is one sentence: the thing, its value, what is allowed."""
+
+
+class InterruptionError(Exception):
+    """Somebody has ended a command before there was a result. The message says what is kept; exit code 130."""
 
 
 def listing(names: object) -> str:

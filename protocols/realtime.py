@@ -12,6 +12,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
+from protocols.starting import STARTING
+
 _MCL_CURRENT, _MCL_FUTURE = 1, 2  # sys/mman.h
 _M_TRIM_THRESHOLD, _M_MMAP_MAX = -1, -4  # malloc.h
 _PR_SET_TIMERSLACK = 29  # linux/prctl.h
@@ -130,6 +132,7 @@ MEASURES = (  # priority last: what comes before takes a quarter of a second, an
 
 def prepare(cpu: int | None = None, priority: int = PRIORITY, measures: Sequence[Measure] = MEASURES) -> list[str]:
     """Take every measure for this process. Returns one line for each that was not possible."""
+    STARTING.end()
     missing = []
     for measure in measures:
         try:

@@ -35,6 +35,8 @@ def controller(
     json_output: bool = typer.Option(False, "--json", help="print the summary as JSON"),
 ) -> None:
     """Run the controller on a bus until it is stopped."""
+    from protocols.service_text import service_lines
+    from protocols.starting import compile_first
     from protocols.stopping import Stop
     from protocols.two_clutches import checked_clutch
     from protocols.waiting import checked_spin
@@ -56,14 +58,19 @@ def controller(
         overrun=overrun,
         spin_us=checked_spin(spin_us),
     )
+    compile_first(service.warm)
     with Stop():  # a second signal does not interrupt the ending
         result = service.run(lambda text: typer.echo(text, err=True))
         write_summary(summary, result)
     if json_output:
         emit(result)
-        if result["overrun"]:
+        if result["overrun"] or result["faults"]:
             raise typer.Exit(1)
     else:
-        closed, missed = result["valve_closed"], result["overrun"]
+        closed, missed, count = result["valve_closed"], result["overrun"], result["faults"]
         text = f"controller stopped{f' because {missed}' if missed else ''}"
-        verdict(f"{text}, {'valve closed' if closed else 'the safe command could not be sent'}", closed and not missed)
+        text += f", {'valve closed' if closed else 'the safe command could not be sent'}"
+        if count:
+            text += f"; {'' if count == 1 else f'{count} faults, the first: '}{result['first_fault']}"
+        typer.echo("\n".join(service_lines(service.name, result)))
+        verdict(text, closed and not missed and not count)

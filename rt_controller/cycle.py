@@ -12,6 +12,7 @@ from protocols.reception import RECEPTION, accepted
 from protocols.request import Request
 from protocols.units import BAR, ZERO_CELSIUS
 from protocols.words import SIGNAL, put, raw, sealed, value
+from rt_controller.faults import faults_kept, note_fault
 from rt_controller.law import LAW, LAW_SETTINGS, TERMS, control
 from rt_controller.limits import GUARD, LIMITS, close_cycle, inbound, outbound
 from rt_controller.lock import motor_limit
@@ -60,7 +61,7 @@ NODE = np.dtype(
      ("late_cycles", "i8"), ("request", "i8"), ("demand", "f8"), ("pressure_demand", "f8"),
      ("speed_demand", "f8"), ("motor_limit", "f8"), ("setpoint_age", "f8"), ("refused_id", "i8"), ("refused_value", "f8"),
      ("receptions", RECEPTION, (len(HEARD),)), ("sample", SAMPLE), ("phases", PHASES),
-     ("plausibility", PLAUSIBILITY), ("law", LAW), ("guard", GUARD)]
+     ("plausibility", PLAUSIBILITY), ("law", LAW), ("guard", GUARD), ("faults", faults_kept(_TERMS_AT + len(TERMS) + 2))]
 )  # fmt: skip
 
 
@@ -94,6 +95,7 @@ def cycle(states, all_settings, inbox, count, slots, outbox, row):
     for index in range(len(TERMS)):
         row[_TERMS_AT + index] = law.terms[index]
     row[_TERMS_AT + len(TERMS)], row[_TERMS_AT + len(TERMS) + 1] = guard.lowered, guard.replaced
+    note_fault(node.faults, row)
     return _commands(node, settings, phase, outbox)
 
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from protocols.batch import batch, load, unload
 from protocols.errors import InputError
+from protocols.faults import FaultWatch
 from protocols.frames import Frame, load_frames
 from protocols.lifecycle import Lifecycle
 from protocols.node import Column
@@ -189,6 +190,16 @@ class ControllerNode:
         valve = self._valve.pack(counter, 0, 0.0, max(self.sample_tick, 0) & 0xFFFF)
         motor = [Frame(self._motor.can_id, self._motor.pack(counter, 0, 0.0, 0.0))] if self._drives else []
         return [Frame(self._valve.can_id, valve), *motor, self.heartbeat(Lifecycle.FINALIZED)]
+
+    def faults(self) -> FaultWatch:
+        """The faults so far: how many, and the first."""
+        kept = self.states["faults"][0]
+        values = {parameter.name: parameter.value for parameter in self.parameters.values()}
+        watch = FaultWatch([column.name for column in COLUMNS], self.rate, values)
+        if kept["count"]:
+            watch.take(kept["first"][None])
+            watch.count = int(kept["count"])
+        return watch
 
     def row(self) -> tuple[float, ...]:
         """The record of the last cycle, in the order of COLUMNS."""

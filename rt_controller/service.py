@@ -8,7 +8,7 @@ from typing import Any
 
 from protocols import realtime
 from protocols.batch import load, unload
-from protocols.beat import Beat
+from protocols.beat import Beat, warm_book
 from protocols.bus import Port, open_bus
 from protocols.clock import Clock
 from protocols.errors import InputError
@@ -24,7 +24,7 @@ from protocols.waiting import waiting
 from rt_controller.node import COLUMNS, ControllerNode, shipped_parameters
 from rt_controller.samples import Samples, usual_arrival
 from rt_controller.trigger import Trigger, trigger
-from rt_controller.turn import Turn
+from rt_controller.turn import Turn, warm
 
 _SILENCE = 5.0  # s without a sample after which lock-step gives up: the plant has died
 _WARM_UP = 0.05  # s at the plant's pace before the clock is set: caches are warm then, the plant's grid is steady
@@ -72,6 +72,12 @@ class ControllerService:
         at_once = self.trigger == "bus" and self.rate <= _AT_ONCE
         return realtime.PRIORITY + (1 if at_once else -1)
 
+    @staticmethod
+    def warm() -> None:
+        """Compile, or load from disk, all that a controller runs. Before its signals are those of `Stop`: this can be ended."""
+        warm(ControllerNode())
+        warm_book()
+
     def run(self, ready: Callable[[str], None]) -> dict[str, Any]:
         """Serve until SIGTERM, SIGINT or, in lock-step, the plant's end; return the summary.
 
@@ -114,6 +120,7 @@ class ControllerService:
                 realtime.relax()
                 port.close()  # nobody reads it while the telemetry ends: its queue would fill up, and refuse the plant's frames
                 published = outlet.close()
+        faults = node.faults()
         return {
             "bus": port.name,
             "rate_hz": self.rate,
@@ -124,6 +131,8 @@ class ControllerService:
             "overrun": missed,
             "not_available": missing,
             "valve_closed": closed,
+            "faults": faults.count,
+            "first_fault": faults.first.line if faults.first else None,
             "port": port.counts(),
             "frames": node.reception_counts(),
             "parameters": parameters,

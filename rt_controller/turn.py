@@ -35,19 +35,7 @@ class Turn:
         # an element of a memory view is read ten times as fast as a field of a record
         views = [self._turns[name].data for name in _TURN.names or ()]
         self._count, self._slots, self._woken, self._arrived, self._patience, self._sent, self._position = views
-        self._compile()
-
-    def _compile(self) -> None:
-        """Now, not in the loop; nothing is taken or sent."""
-        node, line = self.node, self.samples.line
-        states, rest = node.states.copy(), (node.settings, batch(len(node.outbox)), node.record.copy(), self._turns)
-        lines = silence()
-        answer(lines, line.inbox, 0, 1, states, *rest)
-        beat = Beat(Clock(1000))
-        answer_slots(beat.words, beat.spins, lines, line.inbox, 0, states, *rest, 1, *beat.outlet, 0, GRID)
-        answer_samples(beat.words, lines, line.inbox, 0, states, *rest, 1, *beat.outlet, 0, 0)
-        answer_in_step(beat.words, lines, line.inbox, 0, states, *rest, 1, *beat.outlet, 0)
-        follow(beat.words, np.zeros(1), False, 0)
+        warm(node)
 
     def answer(self, slots: int) -> bool:
         """Take the frames that wait, run the cycle `slots` periods after the last one, send its frames.
@@ -132,6 +120,18 @@ class Turn:
         line, node = self.samples.line, self.node
         line.sent(node.outbox, node.sent(self._sent[0]), self._position[0])
         line.used(self._count[0])
+
+
+def warm(node: ControllerNode) -> None:
+    """Compile, or load from disk, the turns of a node: now, not in the loop; nothing is taken or sent."""
+    states, inbox = node.states.copy(), batch(1)
+    rest = node.settings, batch(len(node.outbox)), node.record.copy(), np.zeros(1, _TURN)
+    lines, beat = silence(), Beat(Clock(1000))
+    answer(lines, inbox, 0, 1, states, *rest)
+    answer_slots(beat.words, beat.spins, lines, inbox, 0, states, *rest, 1, *beat.outlet, 0, GRID)
+    answer_samples(beat.words, lines, inbox, 0, states, *rest, 1, *beat.outlet, 0, 0)
+    answer_in_step(beat.words, lines, inbox, 0, states, *rest, 1, *beat.outlet, 0)
+    follow(beat.words, np.zeros(1), False, 0)
 
 
 @njit

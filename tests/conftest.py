@@ -5,7 +5,6 @@ so, at low priority, and the others play what runs in real time: first the soak,
 beside it what measures time. Without workers the tests run one after the other.
 """
 
-import fcntl
 import os
 import shutil
 import subprocess
@@ -123,9 +122,7 @@ def pytest_configure(config: pytest.Config) -> None:
     What services run is compiled before the workers begin: who waits for a service does not wait for a compiler, thrice at once
     on two CPUs. What the rest needs, one worker compiles and all have. Likewise pytest's own form of the tests is made once.
     """
-    if hasattr(config, "workerinput"):
-        _save_one_after_the_other()
-    elif config.getoption("numprocesses", None):
+    if not hasattr(config, "workerinput") and config.getoption("numprocesses", None):
         config.stash[_KERNELS] = os.environ["NUMBA_CACHE_DIR"] = tempfile.mkdtemp(prefix="clutch-hil-kernels-")
         compilers = [
             subprocess.Popen([sys.executable, "-m", "tests.kernels", side], cwd=TESTS.parent)
@@ -141,21 +138,6 @@ def pytest_configure(config: pytest.Config) -> None:
     from tests import needs
 
     config.pluginmanager.register(needs, needs.__name__)
-
-
-def _save_one_after_the_other() -> None:
-    """Two processes that compile one function for different types at once can give both the same file (Numba's cache has no
-    lock), and the next to load it would run the code of the other type. So saving takes a lock."""
-    from numba.core.caching import IndexDataCacheFile
-
-    lock, save = Path(os.environ["NUMBA_CACHE_DIR"]) / "lock", IndexDataCacheFile.save
-
-    def locked(self: Any, key: Any, data: Any) -> None:
-        with lock.open("w") as file:
-            fcntl.flock(file, fcntl.LOCK_EX)
-            save(self, key, data)
-
-    IndexDataCacheFile.save = locked  # type: ignore[method-assign]
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:

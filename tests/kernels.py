@@ -2,26 +2,13 @@
 
 import sys
 
-from plant_sim.power_shift_node import PowerShiftNode
-from protocols.bus import open_bus
-from protocols.exchange import Exchange
-from protocols.frames import load_frames
-from rt_controller.node import ControllerNode
-from rt_controller.samples import Samples
-from rt_controller.turn import Turn
-
-
-def controller() -> None:
-    """As a controller does before its first frame."""
-    with open_bus("local:kernels") as port:
-        frames = load_frames()
-        Turn(Samples(Exchange(port, frames["ENCODER"].can_id), frames), ControllerNode(1000))
-
+from plant_sim.service import PlantService
+from rt_controller.service import ControllerService
 
 SIDES = {
-    "plant": PowerShiftNode.warm,
-    "controller": controller,
-}  # that plant compiles what the one of one clutch runs, too
+    "plant": PlantService("", 1000, rig="power_shift").warm,  # which compiles what the plant of one clutch runs, too
+    "controller": ControllerService.warm,
+}
 
 if __name__ == "__main__":
     SIDES[sys.argv[1]]()

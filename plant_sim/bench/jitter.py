@@ -36,7 +36,7 @@ import numpy as np
 
 from plant_sim.bench.lateness import explained, late_cycles, spike, spikes
 from plant_sim.bench.loads import Load
-from plant_sim.bench.services import Services
+from plant_sim.bench.services import Services, say
 from plant_sim.bench.stalls import StallWatch
 from protocols.bus import Port, open_bus
 from protocols.echo import Echo
@@ -258,7 +258,7 @@ def _closed(setting: Setting, measured: Measured, stop: Stop, trigger: str, hear
     period = 1_000_000_000 // setting.rate
     commands = {"plant": ["plant", *common, "--profile", "engagement", "--seconds", "100000"], "controller": loop}
     with Services(commands) as services:
-        rings = services.rings(stop)
+        rings = services.rings(stop, say)
         _begun(services, rings[1], stop)
         first = _played(rings[1], _SETTLING, stop)
         column = [c.name for c in rings[1].columns].index("clock_s")

@@ -1,6 +1,6 @@
 """Result of a run: what was read and written, how well the torque followed, one verdict."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from textwrap import shorten
@@ -12,11 +12,11 @@ from plant_sim.bench.limits import Judgement, Limit, judged
 from plant_sim.bench.measures import MEASURES, followed
 from plant_sim.bench.picture import draw_run
 from plant_sim.bench.sealed import SEAL
+from protocols.faults import WAITS_FOR_IDLE, faults_of, waits_for_idle
 from protocols.runs import read_run
+from protocols.service_text import service_lines
 
 _TITLE_WIDTH = 130  # characters that fit over the picture
-_NOT_IN_A_LOOP = ("minor_faults", "major_faults", "collections", "threads_begun")
-_LATE_NOTED = 1e-3  # share of late cycles above which a run in real time is told to be no measure of the controller
 
 
 @dataclass(frozen=True)
@@ -66,19 +66,24 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
     course, fault, locked = followed(columns), MEASURES["fault"].of(columns), MEASURES["locked_s"].of(columns)
     asked, reached = bool(np.any(columns["torque_demand_nm"] > 0.0)), bool(np.isfinite(course.regime_error))
     figures = f"regime error {course.regime_error:.2f} Nm, rise time {course.rise_time:.2f} s"
+    faults = faults_of(columns, run.metadata["sample_rate_hz"], run.metadata.get("controller_parameters", {}))
     good = fault == "none" and (reached or not asked) and locked != 0.0
     if fault != "none":
-        verdict = f"fault: {fault}"
+        verdict = faults.verdict or f"fault: {fault}"
     elif locked == 0.0:
         verdict = "the clutch was to be locked and its plates never stood"
     elif reached:
         verdict = f"torque followed, {figures}" + (f"; locked for {locked:.2f} s" if np.isfinite(locked) else "")
     elif asked:
         verdict = "torque never reached 90 % of the demand"
+        if _never_idle(columns):
+            verdict += f": {WAITS_FOR_IDLE}"
     elif np.isfinite(locked):
         verdict = f"locked for {locked:.2f} s"
     elif np.isfinite(error := MEASURES["pressure_error_bar"].of(columns)):
         verdict = f"pressure followed, mean error {error:.3f} bar"
+    elif _never_idle(columns):
+        verdict, good = f"the clutch never closed: {WAITS_FOR_IDLE}", False
     else:
         verdict = "no torque was asked for"
     picture = path.with_suffix(".png")
@@ -89,6 +94,8 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
         "regime_error_nm": course.regime_error,
         "rise_time_s": course.rise_time,
         "fault": fault,
+        "faults": faults.count,
+        "first_fault": faults.first.line if faults.first else None,
         "verdict": verdict,
         "good": good,
     } | (timing or {})
@@ -105,6 +112,13 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
     return result.interrupted(columns["time_s"][-1]) if timing and timing["interrupted"] else result
 
 
+def _never_idle(columns: Mapping[str, np.ndarray]) -> bool:
+    """Whether the controller stayed idle to the end, asked to close the clutch."""
+    return waits_for_idle(
+        float(columns["controller_phase"][-1]), float(columns["controller_request"][-1])
+    ) and not np.any(columns["controller_phase"] > 0.0)
+
+
 def title(path: Path, verdict: str, result: Result) -> str:
     """Title of a run's picture: how the run went, and what its limits say where it has any."""
     lines = [f"{path.stem}: {verdict}"] + ([result.verdict] if result.judgements else [])
@@ -115,35 +129,8 @@ def timing_lines(timing: dict[str, Any]) -> list[str]:
     """What the services' clocks and ports say, for people."""
     lines = []
     for name in ("plant", "controller", "controller_b"):
-        service = timing.get(name)
-        if not service:
-            continue
-        port = service["port"]
-        gated = service["frames"].values()
-        lost, bad = (
-            sum(sum(frame[key] for key in keys) for frame in gated) for keys in (("lost",), ("corrupt", "repeated"))
-        )
-        clock = service["timing"]
-        if clock:
-            wake, work = clock["wake"], clock["work"]
-            share = 100.0 * clock["late"] / max(clock["cycles"], 1)
-            lines.append(
-                f"{name + ':':<12} {clock['cycles']} cycles, late {clock['late']} ({share:.3f} %), skipped {clock['skipped']};"
-                f" wake-up p50 {wake['p50_us']:.0f} p99 {wake['p99_us']:.0f} max {wake['max_us']:.0f} us;"
-                f" work p50 {work['p50_us']:.0f} p99 {work['p99_us']:.0f} max {work['max_us']:.0f} us"
-            )
-        lines.append(
-            f"{'' if clock else name + ':':<12} frames sent {port['sent']}, received {port['received']}, lost {lost},"
-            f" rejected {bad}, refused by full queues {port['refused']}, not sent while the bus was down {port['down']}"
-        )
-        if clock and clock["late"] > _LATE_NOTED * clock["cycles"]:
-            lines.append(f"{'':<12} note: more than {100 * _LATE_NOTED:g} % late: timing of this run was disturbed")
-        if any((taken := service.get("footprint") or {}).get(what) for what in _NOT_IN_A_LOOP):
-            told = ", ".join(f"{taken[what]} {what.replace('_', ' ')}" for what in _NOT_IN_A_LOOP if taken[what])
-            lines.append(f"{'':<12} note: in the loop there were {told}")
-        lines += [f"{'':<12} note: {text}" for text in service["not_available"]]
-        if service["telemetry"] not in ("ended", "off"):
-            lines.append(f"{'':<12} note: telemetry {service['telemetry']}")
+        if timing.get(name):
+            lines += service_lines(name, timing[name])
     if "speed" in timing:
         lines.append(f"speed:       {timing['speed']:.1f} x real time")
     return lines

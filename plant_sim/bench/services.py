@@ -1,21 +1,25 @@
 """Services: plant and controllers as processes of the bench, started, watched and ended together."""
 
 import json
+import os
 import signal
 import subprocess
+import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 from protocols.child import clutch_hil, spawn
-from protocols.errors import InputError
+from protocols.command import INTERRUPTED
+from protocols.errors import InputError, InterruptionError
 from protocols.ring import RingReader
 from protocols.shared_folder import SharedFolder
 from protocols.stopping import Stop
 
-_START = 120.0  # s for both services to come up: compiling the kernel for the first time takes some of it
+_START = 60.0  # s without a word of a service that has not started; while it loads and compiles it says one every 5 s
+_SILENCE = 5.0  # s without a word of any, after which we say that we wait
 _STOP = 10.0  # s for a service to end once asked
 _POLL = 0.05  # s between looks
 _PLANT = "plant"  # the service that ends last, so that every safe command still meets a plant
@@ -33,6 +37,7 @@ class Services:
         self._commands = dict(commands)
         self._endings = sorted(commands, key=_PLANT.__eq__)
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
+        self._heard = dict.fromkeys(commands, 0)  # characters of a service's log that have been told
 
     def __enter__(self) -> "Services":
         for name, arguments in self._commands.items():
@@ -48,16 +53,41 @@ class Services:
                 self._processes[name].wait()
         self._shared.remove()
 
-    def rings(self, stop: Stop) -> tuple[RingReader, ...]:
-        """Rings of the services, in the order of their commands, once all have started. Raises InputError when one does not."""
-        deadline = time.monotonic() + _START
-        paths = [self._folder / f"{name}.ring" for name in self._commands]
-        while not all(path.exists() for path in paths):
+    def rings(self, stop: Stop, tell: Callable[[str], None]) -> tuple[RingReader, ...]:
+        """Rings of the services, in the order of their commands, once all have started; meanwhile `tell` what they say.
+
+        Raises InputError when one does not, InterruptionError when `stop` is asked.
+        """
+        paths = {name: self._folder / f"{name}.ring" for name in self._commands}
+        began = told = time.monotonic()
+        heard, last = dict.fromkeys(paths, began), dict.fromkeys(paths, "")
+        while missing := [name for name, path in paths.items() if not path.exists()]:
+            now = time.monotonic()
+            for name, line in self.said():
+                heard[name], last[name], told = now, line, now
+                if name in missing:
+                    tell(f"{name}: {line}")
             self.check()
-            if stop.asked or time.monotonic() > deadline:
-                raise InputError("the services were stopped before they had started")
+            if stop.asked:
+                raise InterruptionError("the services had not started; nothing was written, compiled kernels are kept")
+            for name in missing:
+                if now - heard[name] > _START:
+                    raise InputError(_late(name, last[name]))
+            if now - told > _SILENCE:
+                told = now
+                tell(f"waiting for {' and '.join(missing)} to start, {now - began:.0f} s")
             time.sleep(_POLL)
-        return tuple(map(RingReader, paths))
+        return tuple(map(RingReader, paths.values()))
+
+    def said(self) -> list[tuple[str, str]]:
+        """Whole lines the services have said since the last call, with the service's name."""
+        lines = []
+        for name, told in self._heard.items():
+            text = self._log(name).read_text(errors="replace")
+            end = text.rfind("\n") + 1
+            lines += [(name, line) for line in text[told:end].splitlines() if line]
+            self._heard[name] = max(end, told)
+        return lines
 
     def ended(self) -> list[str]:
         """Names of the services that have ended well. Raises InputError for one that has not."""
@@ -68,7 +98,7 @@ class Services:
         """Raise InputError with a service's own sentence when it has failed."""
         for name, process in self._processes.items():
             if (code := process.poll()) not in (None, 0):
-                if code == -signal.SIGTERM and self._summary(name).exists():
+                if code in (-signal.SIGTERM, INTERRUPTED) and self._summary(name).exists():
                     continue  # it had ended already when it was asked to
                 if code is not None and code < 0:
                     raise InputError(f"the {name} was killed by {signal.Signals(-code).name}")
@@ -106,3 +136,18 @@ class Services:
         except subprocess.TimeoutExpired:
             return False
         return True
+
+
+def say(line: str) -> None:
+    """Tell a person what a service says."""
+    print(line, file=sys.stderr, flush=True)
+
+
+def _late(name: str, last: str) -> str:
+    """Why a service is given up."""
+    busy, cpus = os.getloadavg()[0], len(os.sched_getaffinity(0))
+    said = f"after it said {last!r}" if last else "after it was begun, and it said nothing"
+    return (
+        f"the {name} had not started {_START:g} s {said} (limit {_START:g} s without a word); its record was waited for;"
+        f" the machine has a load of {busy:.1f} on {cpus} CPUs"
+    )

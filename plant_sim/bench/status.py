@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
+from protocols.faults import WAITS_FOR_IDLE, waits_for_idle
 from protocols.frames import load_frames
 from protocols.node import Column
 
@@ -43,6 +44,10 @@ class StatusLine:
     ) -> None:
         self._live.stop()
 
+    def note(self, text: str) -> None:
+        """Tell something that stays on the terminal."""
+        self._console.print(text, soft_wrap=True, highlight=False, markup=False)
+
     def show(self, plant: np.ndarray, controller: np.ndarray) -> None:
         """Show the newest of the new rows, shape (rows, columns of the node)."""
         self._cycles += len(controller)
@@ -66,5 +71,9 @@ class StatusLine:
             f"{p['time_s']:6.1f}{self._of} s  {self._rate:5.0f} Hz  {self._phases[int(c['phase'])]:<12}"
             f"  torque demand {c['torque_demand_nm']:5.2f}  estimate {c['torque_estimate_nm']:6.2f}"
             f"  {self._torque[1]} {p[self._torque[0]]:6.2f} Nm  pressure {p['cylinder_pressure_bar']:4.2f} bar"
-            f"  late {int(c['late_cycles'])}"
+            f"  late {int(c['late_cycles'])}{self._waits(c)}"
         )
+
+    def _waits(self, c: dict[str, float]) -> str:
+        """Why an idle controller does not close the clutch."""
+        return f"  {WAITS_FOR_IDLE}" if waits_for_idle(c["phase"], c["request"]) else ""

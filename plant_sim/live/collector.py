@@ -8,6 +8,7 @@ import numpy as np
 
 from plant_sim.live import clutch_state
 from plant_sim.live.snapshot import NO_TIMES, QUANTITIES, NodeState, Percentiles, Snapshot
+from protocols.faults import FaultWatch, waits_for_idle
 from protocols.frames import load_frames
 from protocols.telemetry.batch import Batch
 from protocols.telemetry.keys import NODES
@@ -17,7 +18,7 @@ STALLED = 0.5  # s without a row; batches come every 20 ms
 POINTS = 30  # characters of a sparkline: three a second
 _CHANGES = 3  # last changes of parameters that are shown
 _TIMING = ("clock_s", "wake_us", "work_us", "late_cycles")
-_STATES = ("controller_phase", "controller_fault", clutch_state.COLUMN)
+_STATES = ("controller_phase", "controller_fault", "controller_request", clutch_state.COLUMN)
 
 
 class _Trace:
@@ -65,15 +66,23 @@ class Collector:
         self._phases = frames["CONTROLLER_STATUS"].choices("phase")
         self._faults = frames["CONTROLLER_STATUS"].choices("fault")
         self._traces: dict[str, _Trace] = {}
+        self._watch: FaultWatch | None = None
+        self._last_fault: str | None = None
         self._changes: list[Mapping[str, Any]] = []
 
     def take(self, batches: Iterable[Batch], now: float) -> None:
         """Add batches that came at `now` [s, of any steady clock]."""
         for batch in batches:
             trace = self._traces.get(batch.node)
-            if trace is None or trace.session != batch.session:
+            if anew := trace is None or trace.session != batch.session:
                 trace = self._traces[batch.node] = _Trace(batch)
             trace.take(batch, now)
+            if batch.node == "controller" and len(batch.rows):
+                if anew or self._watch is None:
+                    names = [column.name.removeprefix("controller_") for column in batch.columns]
+                    self._watch = FaultWatch(names, batch.rate) if "fault" in names else None
+                for told in self._watch.take(batch.rows) if self._watch else ():
+                    self._last_fault = told.line if told.name != "none" else f"{self._last_fault}; {told.line}"
 
     def note(self, events: Iterable[Mapping[str, Any]]) -> None:
         """Add changes of parameters; one that is told twice, live and when a feed begins, counts once."""
@@ -103,7 +112,13 @@ class Collector:
             values,
             traces,
             tuple(self._changes),
+            self._last_fault,
+            known and self._waits(rows),
         )
+
+    def _waits(self, rows: Mapping[str, np.ndarray]) -> bool:
+        phase, request = (self._column(rows, "controller", f"controller_{name}") for name in ("phase", "request"))
+        return bool(len(phase)) and waits_for_idle(float(phase[-1]), float(request[-1]))
 
     def _column(self, rows: Mapping[str, np.ndarray], node: str, name: str) -> np.ndarray:
         return self._traces[node].column(rows[node], name) if node in rows else np.empty(0)

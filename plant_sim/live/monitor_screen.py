@@ -12,6 +12,7 @@ from plant_sim.live.bars import bar, sparkline
 from plant_sim.live.catalogue import with_unit
 from plant_sim.live.collector import POINTS, WINDOW
 from plant_sim.live.snapshot import QUANTITIES, Snapshot
+from protocols.faults import WAITS_FOR_IDLE
 from protocols.telemetry.keys import bus_of
 
 _LEAST_RANGE = 0.05  # of the full scale, between bottom and top of a sparkline: noise stays small
@@ -28,6 +29,9 @@ def drawn(snapshot: Snapshot) -> Group:
         snapshot.clutch or "-",
         ("   fault ", "bright_black"),
         (snapshot.fault or "-", "" if snapshot.fault in (None, "none") else "bold red"),
+        (f"   {_told(snapshot)}", "yellow"),
+        no_wrap=True,
+        overflow="ellipsis",
     )
     return Group(
         _rule(f"clutch-hil monitor, {bus_of(snapshot.bench)}"),
@@ -40,6 +44,10 @@ def drawn(snapshot: Snapshot) -> Group:
         _rule("last changes of parameters"),
         *_changes(snapshot),
     )
+
+
+def _told(snapshot: Snapshot) -> str:
+    return WAITS_FOR_IDLE if snapshot.waits_for_idle else snapshot.last_fault or ""
 
 
 def _rule(title: str) -> Rule:
@@ -131,4 +139,6 @@ def line(snapshot: Snapshot) -> str:
         f" true {value['torque true']:.2f} Nm  pressure {value['pressure']:.2f} bar  slip {value['slip']:.2f} rad/s"
         f"  late {sum(state.late for state in snapshot.nodes.values())}"
         f"  lost {sum(state.lost for state in snapshot.nodes.values())}"
+        f"{f'  {WAITS_FOR_IDLE}' if snapshot.waits_for_idle else ''}"
+        f"{f'  last {snapshot.last_fault}' if snapshot.last_fault else ''}"
     )

@@ -28,11 +28,12 @@ def record(
     stop: Stop,
     progress: Callable[[str], None],
     blind: bool = False,
+    tell: Callable[[str], None] = print,
 ) -> Recorded:
     """Record the bench on `bus` (None: the only one) until `stop` is asked, the bench is gone or `seconds` after its first row.
 
     Rows are written as Parquet; another suffix is made of that at the end. `blind` seals the truth away, in Parquet alone.
-    Raises InputError when there is no bench, or a file is in the way.
+    `tell` takes what stays on the terminal: faults. Raises InputError when there is no bench, or a file is in the way.
     """
     if blind and path and path.suffix != ".parquet":
         raise InputError(f"{path} cannot be recorded blind as {path.suffix!r}; allowed is .parquet")
@@ -42,7 +43,7 @@ def record(
     with consumer_session(router) as session:
         progress("waiting for a bench")
         bench = _found(session, bus, stop, float("inf") if seconds is None else _PATIENCE)
-        with Feed(session, bench, live=False) as feed, Recorder(session, feed, path, blind) as recorder:
+        with Feed(session, bench, live=False) as feed, Recorder(session, feed, path, blind, tell) as recorder:
             end = float("inf")
             while not stop.asked and time.monotonic() < end:
                 came = recorder.step()

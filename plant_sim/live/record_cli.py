@@ -52,7 +52,12 @@ def record(
     if path and path.suffix not in (*FORMATS, *WRITERS):
         raise InputError(f"{path} cannot be recorded as {path.suffix!r}; allowed are {listing((*FORMATS, *WRITERS))}")
     result: Logged | Recorded
-    with Stop() as stop, Console(stderr=True, quiet=json_output).status("starting") as status:
+    console = Console(stderr=True, quiet=json_output)
+
+    def tell(line: str) -> None:
+        console.print(line, soft_wrap=True, highlight=False, markup=False)
+
+    with Stop() as stop, console.status("starting") as status:
         if path and path.suffix in WRITERS:
             if router:
                 raise InputError(f"frames on a bus do not come from the router {router}; leave --router away")
@@ -63,7 +68,7 @@ def record(
                 os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(_PRIORITY))
             result = CanLog(bus or "auto", path).record(stop, seconds, status.update)
         else:
-            result = record_telemetry(path, bus, router, seconds, stop, status.update, blind)
+            result = record_telemetry(path, bus, router, seconds, stop, status.update, blind, tell)
     report(result.document, result.text, result.verdict, result.good, json_output)
 
 

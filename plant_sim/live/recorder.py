@@ -8,7 +8,7 @@ import contextlib
 import itertools
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -23,6 +23,7 @@ from plant_sim.live.catalogue import counted
 from plant_sim.live.tape import Tape
 from plant_sim.live.tune import parameters
 from protocols.errors import InputError
+from protocols.faults import FaultWatch
 from protocols.node import Column
 from protocols.telemetry.batch import Batch
 from protocols.telemetry.feed import Feed
@@ -42,11 +43,13 @@ class Recorded:
     files: dict[Path, int] = field(default_factory=dict)
     lost: dict[str, int] = field(default_factory=dict)
     parameter_changes: int = 0
+    faults: str = ""  # what was in them, for the verdict
+    fault_count: int = 0
 
     @property
     def good(self) -> bool:
-        """Whether every row came."""
-        return not any(self.lost.values())
+        """Whether every row came, and no fault in them."""
+        return not any(self.lost.values()) and not self.fault_count
 
     @property
     def verdict(self) -> str:
@@ -55,7 +58,8 @@ class Recorded:
         told = f"{seconds:.1f} s recorded"
         if len(self.files) > 1:
             told += f" in {len(self.files)} files: the plant began anew or rows were lost"
-        return f"{told}; rows that never came: {_counts(self.lost)}" if not self.good else f"{told}, no row lost"
+        lost = f"; rows that never came: {_counts(self.lost)}" if any(self.lost.values()) else ", no row lost"
+        return f"{told}{lost}{'; ' if self.faults else ''}{self.faults}"
 
     @property
     def text(self) -> str:
@@ -74,6 +78,7 @@ class Recorded:
             "runs": {str(path): samples for path, samples in self.files.items()},
             "rows_lost": self.lost,
             "parameter_changes": self.parameter_changes,
+            "faults": self.fault_count,
             "verdict": self.verdict,
             "good": self.good,
         }
@@ -102,7 +107,14 @@ class Recorder:
     Without a path the file is named by date and time, in `runs`. A `blind` recording seals the truth away.
     """
 
-    def __init__(self, session: zenoh.Session, feed: Feed, path: Path | None, blind: bool = False) -> None:
+    def __init__(
+        self,
+        session: zenoh.Session,
+        feed: Feed,
+        path: Path | None,
+        blind: bool = False,
+        tell: Callable[[str], None] = print,
+    ) -> None:
         self.recorded = Recorded(feed.bench)
         self._session, self._feed, self._path = session, feed, path
         self._recording: type[Recording] = SealedRecording if blind else Recording
@@ -112,6 +124,8 @@ class Recorder:
         self._early: list[Batch] = []  # of the plant, while a side has not said what it is
         self._deadline = float("inf")  # s of CLOCK_MONOTONIC, for both to have said it
         self._recent: deque[Batch] = deque(maxlen=_RECENT)  # of the controller
+        self._tell = tell  # a line that stays on the terminal
+        self._faults: FaultWatch | None = None
         self._changes: list[dict[str, Any]] = []
 
     def __enter__(self) -> "Recorder":
@@ -154,6 +168,7 @@ class Recorder:
             self._early.clear()
         for batch in batches:
             if batch.node == "controller":
+                self._take_faults(batch)
                 self._recent.append(batch)
                 for tape in self._tapes.values():
                     tape.add_controller(batch)
@@ -165,9 +180,20 @@ class Recorder:
         for path in list(self._tapes):
             self._close(path)
         self.recorded.lost = dict(self._feed.lost)
+        if self._faults:
+            self.recorded.faults, self.recorded.fault_count = self._faults.verdict, self._faults.count
         self.recorded.parameter_changes = len(self._changes)
         if not self.recorded.files:
             raise InputError(f"bench {self._feed.bench} published no rows; nothing was recorded")
+
+    def _take_faults(self, batch: Batch) -> None:
+        """Tell what begins or ends in a batch of the controller."""
+        if self._faults is None:
+            about = self._abouts.get("controller")
+            names = [column.name.removeprefix("controller_") for column in batch.columns]
+            self._faults = FaultWatch(names, batch.rate, about.parameters if about else None)
+        for told in self._faults.take(batch.rows):
+            self._tell(told.line)
 
     def _both_known(self) -> bool:
         """Whether both sides have said what they are; services that start together publish one after the other."""

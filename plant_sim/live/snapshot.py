@@ -6,6 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from protocols.faults import WAITS_FOR_IDLE
+
 
 class Quantity(NamedTuple):
     """A number on the screen: the column it comes from, the full scale of its bar, whose sparkline scale it shares."""
@@ -72,6 +74,8 @@ class Snapshot:
     values: Mapping[str, float]
     traces: Mapping[str, np.ndarray]
     changes: Sequence[Mapping[str, Any]]
+    last_fault: str | None = None  # the line of the last one that came, with time, reason and values
+    waits_for_idle: bool = False
 
     def troubles(self) -> list[str]:
         """What a person must look at, one phrase each."""
@@ -82,7 +86,9 @@ class Snapshot:
         if self.fault is None and controller != "gone":
             found.append(f"controller {controller}: phase and fault unknown")
         if self.fault not in (None, "none"):
-            found.append(f"fault: {self.fault}")
+            found.append(self.last_fault or f"fault: {self.fault}")
+        if self.waits_for_idle:
+            found.append(WAITS_FOR_IDLE)
         if all(state.state in ("absent", "gone") for state in self.nodes.values()):
             found.append("no service runs")
         return found
@@ -100,6 +106,8 @@ def document(snapshot: Snapshot) -> dict[str, Any]:
         "phase": snapshot.phase,
         "fault": snapshot.fault,
         "clutch": snapshot.clutch,
+        "last_fault": snapshot.last_fault,
+        "waits_for_idle": snapshot.waits_for_idle,
         "values": {q.name: {"value": snapshot.values[q.name], "unit": q.unit} for q in QUANTITIES},
         "changes": list(snapshot.changes),
         "troubles": snapshot.troubles(),

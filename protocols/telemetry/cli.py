@@ -16,12 +16,13 @@ def register(app: typer.Typer) -> None:
 def telemetry(
     ring: Path = typer.Argument(help="ring of a service"),
     folder: Path = typer.Argument(help="folder of the service with its mailbox; removed at the end"),
+    terminal: int | None = typer.Option(None, help="descriptor on which faults are told"),
     router: str | None = typer.Option(None, help="zenoh router, for example tcp/192.168.1.5:7447"),
 ) -> None:
     """Publish the record of a service over zenoh."""
     from protocols.telemetry.publisher import publish
 
     try:
-        publish(ring, folder / "mailbox", router, (folder / READY).touch)
+        publish(ring, folder / "mailbox", router, (folder / READY).touch, terminal)
     finally:
         shutil.rmtree(folder, ignore_errors=True)  # the service may have been killed

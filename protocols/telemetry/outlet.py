@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from protocols.beat import Beat, book
+from protocols.beat import Beat, warm_book
 from protocols.child import clutch_hil, spawn
 from protocols.clock import Clock
 from protocols.errors import InputError
@@ -66,17 +66,12 @@ class Outlet:
             timing = [Column(prefix + column, unit, meaning) for column, unit, meaning in TIMING]
             path = ring or self._folder.path / "ring"
             self._ring = RingWriter(path, [*columns, *timing], RING_ROWS, description)
-            self._compile(len(columns))
+            warm_book()
             if publish:
                 self._process = self._published(path, router)
         except BaseException:
             self._folder.remove()
             raise
-
-    def _compile(self, width: int) -> None:
-        """Now, not in the loop."""
-        ring, words = self._ring, Beat(Clock(1)).words
-        book(words, np.zeros_like(ring.rows[:1]), np.zeros_like(ring.counts), np.zeros(width), 0)
 
     def write(self, row: Sequence[float] | np.ndarray, clock: float, wake_us: float, work_us: float, late: int) -> None:
         """Append a cycle's row; `clock` [s] of CLOCK_MONOTONIC."""
@@ -127,8 +122,11 @@ class Outlet:
         """The telemetry process, once it publishes. Raises InputError with its reason when it does not."""
         folder = self._folder.path
         command = clutch_hil("telemetry", str(ring), str(folder), *(["--router", router] if router else []))
+        terminal = os.dup(2)  # there it tells faults; its own stderr is for what goes wrong with itself
+        command += ["--terminal", str(terminal)]
         with tempfile.TemporaryFile("w+", errors="replace") as log:
-            process = spawn(command, log)
+            process = spawn(command, log, keep=[terminal])
+            os.close(terminal)
             deadline = time.monotonic() + _START
             while not (folder / READY).exists():
                 if process.poll() is not None or time.monotonic() > deadline:

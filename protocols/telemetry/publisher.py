@@ -4,9 +4,11 @@ It may be late or die without the loop noticing: the ring holds a minute, what i
 """
 
 import json
+import os
 import time
 from collections import deque
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,7 @@ import zenoh
 
 from protocols.blind import tells_truth
 from protocols.errors import InputError
+from protocols.faults import FaultWatch
 from protocols.mailbox import Asker
 from protocols.node import Column
 from protocols.ring import RingReader
@@ -39,7 +42,7 @@ class Publisher:
     Of a `blind` node it keeps back what tells the truth.
     """
 
-    def __init__(self, ring: RingReader, mailbox: Asker, session: zenoh.Session) -> None:
+    def __init__(self, ring: RingReader, mailbox: Asker, session: zenoh.Session, terminal: int | None = None) -> None:
         about = ring.description
         self._ring, self._mailbox = ring, mailbox
         self._rate = float(about["rate"])
@@ -51,6 +54,8 @@ class Publisher:
         self._encoder = BatchEncoder(self._node, about["session"], self._rate, epoch, columns)
         self._columns = columns
         self._parameters = {entry["name"]: entry for entry in about["parameters"]}
+        self._terminal = terminal
+        self._faults = self._fault_watch([column.name for column in ring.columns])
         self._events: list[dict[str, Any]] = []
         self._coming = Coming(about["planned"])
         self._history: deque[tuple[int, np.ndarray]] = deque()
@@ -80,6 +85,7 @@ class Publisher:
         """Publish what is new and answer who has asked."""
         lost = self._ring.lost
         rows = self._ring.read()
+        self._tell_faults(rows)
         if self._blind:
             rows = rows[:, self._shown]
         self._next += self._ring.lost - lost
@@ -102,6 +108,20 @@ class Publisher:
                         query.reply_err(str(error))
                     except Exception as error:  # whatever somebody asks, the telemetry goes on
                         query.reply_err(f"the question is malformed: {error}")
+
+    def _fault_watch(self, columns: list[str]) -> FaultWatch | None:
+        """Of a controller."""
+        if "fault" not in columns:
+            return None
+        return FaultWatch(columns, self._rate, {name: entry["value"] for name, entry in self._parameters.items()})
+
+    def _tell_faults(self, rows: np.ndarray) -> None:
+        """Where the service runs, as it must not do so itself."""
+        if self._faults is None or self._terminal is None:
+            return
+        for told in self._faults.take(rows):
+            with suppress(OSError):  # a terminal that is gone
+                os.write(self._terminal, f"{told.line}\n".encode())
 
     def _answer_history(self, query: zenoh.Query) -> None:
         asked = query.selector.parameters
@@ -178,11 +198,16 @@ class Publisher:
         self._event.put(json.dumps(event))
 
 
-def publish(ring_path: Path, mailbox_path: Path, router: str | None, ready: Callable[[], None]) -> None:
-    """Publish a ring until SIGTERM, and then what came last; call `ready` when it begins. Raises InputError."""
+def publish(
+    ring_path: Path, mailbox_path: Path, router: str | None, ready: Callable[[], None], terminal: int | None = None
+) -> None:
+    """Publish a ring until SIGTERM, and then what came last; call `ready` when it begins. Raises InputError.
+
+    Faults are told on the descriptor `terminal`.
+    """
     ring, mailbox = RingReader(ring_path), Asker(mailbox_path)
     with Stop() as stop, publisher_session(router) as session:
-        publisher = Publisher(ring, mailbox, session)
+        publisher = Publisher(ring, mailbox, session, terminal)
         ready()
         while not stop.asked:
             publisher.step()

@@ -1,0 +1,38 @@
+"""What a service's clock and port say at its end, for people: under a bench, and on the service's own terminal."""
+
+from typing import Any
+
+_NOT_IN_A_LOOP = ("minor_faults", "major_faults", "collections", "threads_begun")
+_LATE_NOTED = 1e-3  # share of late cycles above which a run in real time is told to be no measure of the controller
+
+
+def service_lines(name: str, service: dict[str, Any]) -> list[str]:
+    """The summary of the service called `name`."""
+    lines = []
+    port = service["port"]
+    gated = service["frames"].values()
+    lost, bad = (
+        sum(sum(frame[key] for key in keys) for frame in gated) for keys in (("lost",), ("corrupt", "repeated"))
+    )
+    clock = service["timing"]
+    if clock:
+        wake, work = clock["wake"], clock["work"]
+        share = 100.0 * clock["late"] / max(clock["cycles"], 1)
+        lines.append(
+            f"{name + ':':<12} {clock['cycles']} cycles, late {clock['late']} ({share:.3f} %), skipped {clock['skipped']};"
+            f" wake-up p50 {wake['p50_us']:.0f} p99 {wake['p99_us']:.0f} max {wake['max_us']:.0f} us;"
+            f" work p50 {work['p50_us']:.0f} p99 {work['p99_us']:.0f} max {work['max_us']:.0f} us"
+        )
+    lines.append(
+        f"{'' if clock else name + ':':<12} frames sent {port['sent']}, received {port['received']}, lost {lost},"
+        f" rejected {bad}, refused by full queues {port['refused']}, not sent while the bus was down {port['down']}"
+    )
+    if clock and clock["late"] > _LATE_NOTED * clock["cycles"]:
+        lines.append(f"{'':<12} note: more than {100 * _LATE_NOTED:g} % late: timing of this run was disturbed")
+    if any((taken := service.get("footprint") or {}).get(what) for what in _NOT_IN_A_LOOP):
+        told = ", ".join(f"{taken[what]} {what.replace('_', ' ')}" for what in _NOT_IN_A_LOOP if taken[what])
+        lines.append(f"{'':<12} note: in the loop there were {told}")
+    lines += [f"{'':<12} note: {text}" for text in service["not_available"]]
+    if service["telemetry"] not in ("ended", "off"):
+        lines.append(f"{'':<12} note: telemetry {service['telemetry']}")
+    return lines

@@ -1,0 +1,77 @@
+"""Starting: while a command loads its modules and compiles kernels, it says so on stderr."""
+
+import sys
+import threading
+from collections.abc import Callable
+from types import FrameType
+
+from protocols.compiling import COMPILING
+
+_FIRST = 2.0  # s of silence that nobody minds
+_EVERY = 5.0  # s between lines
+_IMPORT = "<frozen importlib._bootstrap>"  # the file of a frame in which a module is being loaded
+
+
+class Starting:
+    """While entered, a thread says every 5 s what is loaded or compiled; what takes less than 2 s is not told.
+
+    `end` ends it before: beside a loop in real time there may be no other thread.
+    """
+
+    def __init__(self) -> None:
+        self._ended = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._watched = threading.get_ident()
+
+    def __enter__(self) -> "Starting":
+        self._ended.clear()
+        self._watched = threading.get_ident()
+        self._thread = threading.Thread(target=self._tell, daemon=True)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.end()
+
+    def end(self) -> None:
+        """No further line."""
+        self._ended.set()
+        if self._thread:
+            self._thread.join()
+            self._thread = None
+
+    def _tell(self) -> None:
+        pause = _FIRST
+        while not self._ended.wait(pause):
+            pause = 0.5  # s until the next look, where nothing is to be told
+            if COMPILING.kernels:
+                told = COMPILING.describe()
+            elif _loads(sys._current_frames().get(self._watched)):
+                told = "loading modules"
+            else:
+                continue
+            print(told, file=sys.stderr, flush=True)
+            pause = _EVERY
+
+
+STARTING = Starting()
+
+
+def compile_first(warm: Callable[[], None]) -> None:
+    """Compile what a service runs by `warm`, and say when that took time: who waits for the service counts from then on."""
+    warm()
+    if COMPILING.compiled:
+        print(
+            f"kernels are compiled: {COMPILING.compiled} in {COMPILING.seconds:.0f} s; they are kept",
+            file=sys.stderr,
+            flush=True,
+        )
+
+
+def _loads(frame: FrameType | None) -> bool:
+    """Whether a thread is loading a module."""
+    while frame is not None:
+        if frame.f_code.co_filename == _IMPORT:
+            return True
+        frame = frame.f_back
+    return False
