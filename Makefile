@@ -19,8 +19,11 @@ lint: $(READY)
 
 $(READY): pyproject.toml
 	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if (3, 11) <= v <= (3, 13) else f"Python {v[0]}.{v[1]} is not supported; needed is 3.11 to 3.13: make PYTHON=python3.12")'
+	@echo "set-up 1 of 3: a virtual environment in $(VENV)" >&2
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --editable '.[test]'
+	@echo "set-up 2 of 3: packages from the network; pip names each" >&2
+	$(BIN)/python -m pip install --progress-bar off --disable-pip-version-check --no-compile --editable '.[test]'
+	@echo "set-up 3 of 3: byte code of the packages, once" >&2
 	-$(BIN)/python -m compileall -q -j 0 $(VENV)/lib >/dev/null  # pip would on one CPU; a file for another Python is no error
 	touch $(READY)
 

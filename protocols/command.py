@@ -15,8 +15,9 @@ from typing import Any
 import typer
 
 from protocols.errors import InputError, InterruptionError
-from protocols.starting import STARTING
+from protocols.starting import STARTING, starts
 
+_AGAIN = 0.2  # s between interruptions, until the one who loads or compiles has noticed
 _KEPT = "nothing half-written is left, compiled kernels are kept"
 INTERRUPTED = 130  # 128 and SIGINT, as of every shell
 # Hz; below, a period of the 9.8 Hz pressure loop has less than five samples; above, a plant step is its integration step
@@ -100,8 +101,16 @@ def main() -> None:
     def interrupt(number: int, frame: FrameType | None) -> None:
         nonlocal asked
         asked = True
+        signal.setitimer(signal.ITIMER_REAL, _AGAIN, _AGAIN)
         raise KeyboardInterrupt
 
+    def insist(number: int, frame: FrameType | None) -> None:
+        """A compiler has destructors, in which Python drops an exception."""
+        if starts(frame):
+            raise KeyboardInterrupt
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+
+    signal.signal(signal.SIGALRM, insist)
     for number in (signal.SIGINT, signal.SIGTERM):
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, interrupt)
@@ -118,6 +127,7 @@ def main() -> None:
             raise
         _interrupted(_KEPT)  # whatever a compiler or a library has made of the KeyboardInterrupt
     finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 

@@ -24,13 +24,13 @@ class Reason(NamedTuple):
 
 
 REASONS: Mapping[str, Reason] = {
-    "stale_sensors": Reason("no believable sample for {sample_age:g} cycles", "guard.stale_cycles", "cycles"),
+    "stale sensors": Reason("no believable sample for {sample_age:g} cycles", "guard.stale_cycles", "cycles"),
     "overpressure": Reason("the cylinder pressure is too high", "guard.pressure", "bar"),
     "overtemperature": Reason("the oil is too hot", "guard.temperature", "degC"),
     "overspeed": Reason("the slip is too fast", "guard.slip_speed", "rad/s"),
-    "fill_timeout": Reason("the clutch was not filled in time", "phases.fill_timeout", "s"),
-    "pressure_lost": Reason("the pressure fell while the clutch was closed", "phases.lost_pressure", "bar"),
-    "torque_implausible": Reason(
+    "fill timeout": Reason("the clutch was not filled in time", "phases.fill_timeout", "s"),
+    "pressure lost": Reason("the pressure fell while the clutch was closed", "phases.lost_pressure", "bar"),
+    "torque implausible": Reason(
         "the torque seen at the motor, {observed_torque_nm:.2f} Nm, and the estimate differ",
         "phases.torque_mismatch",
         "Nm",

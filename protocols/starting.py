@@ -57,6 +57,11 @@ class Starting:
 STARTING = Starting()
 
 
+def starts(frame: FrameType | None) -> bool:
+    """Whether this process compiles, or the thread at `frame` loads a module."""
+    return bool(COMPILING.kernels) or _loads(frame)
+
+
 def compile_first(warm: Callable[[], None]) -> None:
     """Compile what a service runs by `warm`, and say when that took time: who waits for the service counts from then on."""
     warm()

