@@ -5,6 +5,7 @@ telemetry process, a recorder, a monitor or a run file, tells faults by these wo
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from math import isfinite, nan
 from typing import NamedTuple
 
 import numpy as np
@@ -45,6 +46,7 @@ MEASURED = (
     ("torque demand", "torque_demand_nm", "Nm"),
     ("estimate", "torque_estimate_nm", "Nm"),
 )
+_NEEDED = ("sample_tick", "sample_age", "observed_torque_nm", *(column for _, column, _ in MEASURED))
 WAITS_FOR_IDLE = "the controller waits for a request for idle before it closes the clutch"
 
 
@@ -66,7 +68,7 @@ class FaultWatch:
         self._place = {name: i for i, name in enumerate(columns)}
         self._names = load_frames()["CONTROLLER_STATUS"].choices("fault")
         self._rate, self._parameters = rate, parameters or {}
-        self._last = 0
+        self._last: float | None = None  # before the first row
         self.count = 0
         self.first: Told | None = None
 
@@ -88,24 +90,27 @@ class FaultWatch:
 
     def _changes(self, rows: np.ndarray) -> Iterator[int]:
         faults = np.nan_to_num(rows[:, self._place["fault"]])
-        for at in np.flatnonzero(np.diff(faults, prepend=self._last)):
+        for at in np.flatnonzero(np.diff(faults, prepend=self._last or 0.0)):
             yield int(at)
             self._last = faults[at]
+        if len(faults):
+            self._last = faults[-1]
 
     def _tell(self, row: np.ndarray) -> Told:
-        values = {name: float(row[i]) for name, i in self._place.items()}
+        values = dict.fromkeys(_NEEDED, nan) | {name: float(row[i]) for name, i in self._place.items()}
         name = self._names[int(values["fault"])]
         tick, age = values["sample_tick"], max(values["sample_age"], 0.0)
-        time = max(tick + (age if np.isfinite(age) else 0.0), 0.0) / self._rate
+        time = max(tick + (age if isfinite(age) else 0.0), 0.0) / self._rate
+        when = "at" if self._last is not None else "before"  # who comes later sees it last
         if name == "none":
             return Told(name, time, f"cleared at {time:.2f} s")
         reason = REASONS[name]
         limit = self._parameters.get(reason.limit)
         said = f" (limit {limit:g} {reason.unit})" if limit is not None else ""
         measured = ", ".join(
-            f"{what} {values[column]:.2f} {unit}" for what, column, unit in MEASURED if np.isfinite(values[column])
+            f"{what} {values[column]:.2f} {unit}" for what, column, unit in MEASURED if isfinite(values[column])
         )
-        return Told(name, time, f"fault at {time:.2f} s: {name}: {reason.text.format(**values)}{said}; {measured}")
+        return Told(name, time, f"fault {when} {time:.2f} s: {name}: {reason.text.format(**values)}{said}; {measured}")
 
 
 def waits_for_idle(phase: float, request: float) -> bool:

@@ -196,6 +196,7 @@ class ControllerNode:
         kept = self.states["faults"][0]
         values = {parameter.name: parameter.value for parameter in self.parameters.values()}
         watch = FaultWatch([column.name for column in COLUMNS], self.rate, values)
+        watch.take(np.zeros((1, len(COLUMNS))))  # before it there was none
         if kept["count"]:
             watch.take(kept["first"][None])
             watch.count = int(kept["count"])

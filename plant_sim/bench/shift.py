@@ -20,6 +20,7 @@ from plant_sim.power_shift_node import COLUMNS, PowerShiftNode
 from plant_sim.scenario import Scenario, naming
 from plant_sim.shift_profile import load_shift_profile
 from protocols.bus_load import BITRATES, bus_load
+from protocols.faults import faults_of
 from protocols.frames import bus_frames
 from protocols.ring import RingReader
 from protocols.runs import read_run
@@ -134,7 +135,8 @@ def judge_shift(path: Path, read: str, limits: Sequence[Limit] = (), timing: dic
         f" shift time {measured['shift_time_s']:.2f} s"
     )
     if fault != "none":
-        verdict = f"fault: {fault}"
+        told = faults_of(columns, run.metadata["sample_rate_hz"], run.metadata.get("controller_parameters", {}))
+        verdict = told.verdict or f"fault of clutch b: {fault}"
     elif shift is None:
         verdict = "no torque was handed over"
     elif shift.shift_end is None:
