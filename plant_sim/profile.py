@@ -3,8 +3,8 @@
 A CSV file with the columns `time_s`, `torque_demand_nm`, `motor_speed_demand_rad_s` and, if wanted, `pressure_demand_bar` and
 `lock`, in any order; straight lines between rows. From a row with `lock` 1 to the next with 0 the clutch is to be locked, and
 neither torque nor pressure is asked for. Elsewhere, where the pressure demand is above zero it is followed, whatever the torque
-demand; elsewhere the clutch is engaged between two rows of which one has a torque demand above zero. In the first 50 ms idle is
-asked for, whatever the demands are: a controller closes no clutch before. A pressure demand below 2 bar (`pressure.floor` of the
+demand; elsewhere the clutch is engaged between two rows of which one has a torque demand above zero. In the first 50 ms idle
+is asked for, whatever the demands are: a controller closes no clutch before. A pressure demand below 2 bar (`pressure.floor` of the
 controller: no plate touches there) is followed at 2 bar.
 """
 
@@ -54,7 +54,7 @@ def setpoint(table, time):
     share = (time - times[before]) / (times[after] - times[before])
     speed = speeds[before] + share * (speeds[after] - speeds[before])
     if locks[before] > 0.0:
-        return Request.LOCK.value, 0.0, speed, 0.0
+        return Request.LOCK.value if time >= _IDLE_FIRST else Request.IDLE.value, 0.0, speed, 0.0
     torque = torques[before] + share * (torques[after] - torques[before])
     pressure = pressures[before] + share * (pressures[after] - pressures[before])
     engage = torques[before] > 0.0 or torques[after] > 0.0

@@ -25,9 +25,9 @@ class ClutchState(IntEnum):
 
 # Names and units as in `controller.toml`, SI
 MOTION_SETTINGS = floats("standing_speed", "coarse_speed", "coarse_time", "stick_angle", "stick_time")
-# Speed of the sample before, and the present one, below `coarse_speed` smoothed [rad/s]; angle since it began to be looked at [rad], time in which that has stayed small [s];
-# stands: at the end of the last sample the speed is, as
-# far as can be seen, 0, or has just passed it; rests: it has been 0 over two; moves: whether the plates do
+# Speed of the sample before, and the present one, below `coarse_speed` smoothed [rad/s]; angle since it began to be looked at
+# [rad], time in which that has stayed small [s]; stands: at the end of the last sample the speed is, as far as can be seen, 0,
+# or has just passed it; rests: it has been 0 over two; moves: whether the plates do
 MOTION = np.dtype(
     [
         ("speed", "f8"),
@@ -43,7 +43,7 @@ MOTION = np.dtype(
 
 @njit
 def motion(state, settings, speed, slip, step):
-    """Move MOTION on by `step` [s] at `speed` [rad/s], the mean over it, and `slip` [rad/s] at its end, as observed; `moves` says whether the plates do."""
+    """Move MOTION on by `step` [s] at `speed` [rad/s], the mean over it, and `slip` [rad/s], observed at its end."""
     if step > 0.0:
         still = abs(speed) <= settings.standing_speed
         state.rests = still and abs(state.speed) <= settings.standing_speed

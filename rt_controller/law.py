@@ -1,7 +1,7 @@
 """The control law of section 6.5: estimate, feedforward, torque feedback, pressure regulator, all published.
 
-Where a pressure is asked for, it is the demand of the pressure regulator; the estimate goes on. In the phase `lock` the pressure
-is what holds more than the torque carried (`lock.py`). The torque demand is a magnitude; torque and slip carry a sign.
+Where a pressure is asked for, it is the demand of the pressure regulator; the estimate goes on. In the phase `lock` the
+pressure is what holds more than the torque carried (`lock.py`). The torque demand is a magnitude; torque and slip carry a sign.
 
 Anti-windup     conditional integration: an integrator stands still only while its error would drive it further into the
                 active limit. So each loop leaves its limit at once, needs no further gain, and does not stop the other: the
@@ -75,8 +75,8 @@ LAW_SETTINGS = np.dtype(
      ("pressure_floor", "f8"), ("valve_gain", "f8"), ("voltage_limit", "f8"), ("fill_pressure", "f8"),
      ("slip_hold", "f8")]
 )  # fmt: skip
-# torque: what is transmitted; voltage [V] and pressure_demand [Pa] of the last step; pressure_limited, voltage_limited: 1 at the
-# upper limit, -1 at the lower, else 0; held: capacity asked for in lock [Nm], 0 outside; terms in the order of TERMS
+# torque: what is transmitted; voltage [V] and pressure_demand [Pa] of the last step; pressure_limited, voltage_limited: 1 at
+# the upper limit, -1 at the lower, else 0; held: capacity asked for in lock [Nm], 0 outside; terms in the order of TERMS
 LAW = np.dtype(
     [("torque", TORQUE), ("voltage", "f8"), ("pressure_demand", "f8"), ("pressure_limited", "i8"), ("voltage_limited", "i8"),
      ("held", "f8"), ("torque_loop", PI), ("pressure_loop", PI), ("terms", "f8", len(TERMS))]

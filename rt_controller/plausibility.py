@@ -7,8 +7,8 @@ What            mismatch    the motor's torque balance and the model of the torq
                             until one of the two is no longer so. Its error, summed over time, exceeds `standing_error`
                 pressure    the signal has not moved by a count for `frozen_dwell` since the pressure asked for has moved by
                             `frozen_change`; or it lies below `lost_pressure` for `lost_dwell`: no plate touches there
-Assumptions     the model is right within `torque_mismatch`; the motor's speed control integrates; the pressure loop follows within
-                the dwell
+Assumptions     the model is right within `torque_mismatch`; the motor's speed control integrates; the pressure loop follows
+                within the dwell
 Not modelled    signals that are wrong by less; a motor torque that stands still while the plates do
 References      ours; what each fault takes to be found is measured: docs/faults.md
 """

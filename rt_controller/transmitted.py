@@ -1,10 +1,10 @@
 """Torque transmitted, as the controller believes it: model, adapted level, trim, torque balance of the motor.
 
-Equation        contact, p >= p_contact: M = level (1 + trim) (M_C m + f) + viscous f  (estimator.py); m follows the slip where the
-                plates slide, and the torque applied where they stand
+Equation        contact, p >= p_contact: M = level (M_C m + f) + viscous f  (estimator.py), level the adapted one, trimmed; m
+                follows the slip where the plates slide, and the torque applied where they stand
                 balance  y = M_m - J alpha behind the observer's lag; compared with the model behind the same lag
-Assumptions     the model is fast, the balance is right: where the balance is this clutch's own, and is learnt from, the model is
-                trimmed by what the balance shows
+Assumptions     the model is fast, the balance is right: where the balance is this clutch's own, and is learnt from, the
+                model is trimmed by what the balance shows
 Not modelled    a motor torque of two clutches: there the plates that stand keep the torque they had
 References      rig.md 8; Janssens 2010, eq. 6.9
 """
@@ -33,15 +33,17 @@ TORQUE_SETTINGS = np.dtype(
      ("adapts", "?"), ("alone", "?"), ("contact_band", "f8"), ("touch_band", "f8"), ("touch_torque", "f8"),
      ("touch_time", "f8"), ("bandwidth", "f8")]
 )  # fmt: skip
-# estimate [Nm], signed as the slip; level [-] with which it is made, adapted and trimmed; coulomb and viscous part [Nm] before it;
-# m, and the Coulomb torque it stands on [Nm]; contact: by the pressure; pressed: the plates rub, too; stands: and hold what is applied; exceeded: for so
-# long more than the level says [s]; touched: time in contact
-# [s]; observed [Nm]: the torque balance behind the observer's lag; lags and what they are given next;
-# demand_acting, demand_before [rad/s]: speed demands that the motor has begun to follow with this sample and the one before
+# estimate [Nm], signed as the slip; level [-] with which it is made, adapted and trimmed; coulomb and viscous part [Nm] before
+# it; m, and the Coulomb torque it stands on [Nm]; contact: by the pressure; pressed: the plates rub, too; stands: and hold what is
+# applied; exceeded: for so long more than the level says [s]; touched: time in contact [s]; observed [Nm]: the torque balance
+# behind the observer's lag; lags and what they are given next; demand_acting, demand_before [rad/s]: speed demands that the motor
+# has begun to follow with this sample and the one before
 TORQUE = np.dtype(
     [("estimate", "f8"), ("level", "f8"), ("coulomb", "f8"), ("viscous", "f8"), ("m", "f8"), ("coulomb_torque", "f8"),
-     ("contact", "?"), ("pressed", "?"), ("stands", "?"), ("exceeded", "f8"), ("touched", "f8"), ("observed", "f8"), ("coulomb_lag", LAG), ("viscous_lag", LAG),
-     ("motor_lag", LAG), ("motor_before", "f8"), ("demand_acting", "f8"), ("demand_before", "f8"), ("adaptation", ADAPTATION), ("trim", TRIM), ("motion", MOTION)]
+     ("contact", "?"), ("pressed", "?"), ("stands", "?"), ("exceeded", "f8"), ("touched", "f8"),
+     ("observed", "f8"), ("coulomb_lag", LAG), ("viscous_lag", LAG),
+     ("motor_lag", LAG), ("motor_before", "f8"), ("demand_acting", "f8"), ("demand_before", "f8"),
+     ("adaptation", ADAPTATION), ("trim", TRIM), ("motion", MOTION)]
 )  # fmt: skip
 
 

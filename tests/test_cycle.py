@@ -130,7 +130,7 @@ def test_status_and_heartbeat_keep_their_rate_when_slots_are_left_out(slots: int
         (SETPOINT.pack(1, 3, 0.0, 10.0, 9.0), "set-point 9 bar is outside 0..4.5 bar"),
         (
             SETPOINT.pack(1, 9, 0.0, 10.0, 0.0),
-            "request 9 is unknown; allowed are 0 idle, 1 engage, 2 release, 3 pressure",
+            "request 9 is unknown; allowed are 0 idle, 1 engage, 2 release, 3 pressure, 4 lock",
         ),
         (SETPOINT.pack(1, 1, 0.0, -30.0, 0.0), "set-point -30 rad/s is outside -26.2..26.2 rad/s"),
         (bytes(5), "frame TORQUE_SETPOINT (0x180) came with 5 bytes; its definition has 8"),

@@ -238,4 +238,7 @@ def test_an_unknown_request_stops_the_controller_with_a_sentence() -> None:
     for request in range(4, 16):
         with pytest.raises(InputError) as told:
             controller_node().step([Frame(SETPOINT.can_id, SETPOINT.pack(0, request, 0.0, SPEED, 3.0))])
-        assert str(told.value) == f"request {request} is unknown; allowed are 0 idle, 1 engage, 2 release, 3 pressure"
+        assert (
+            str(told.value)
+            == f"request {request} is unknown; allowed are 0 idle, 1 engage, 2 release, 3 pressure, 4 lock"
+        )

@@ -7,8 +7,8 @@ Equation        J dw/dt = D - M(m, w) of one clutch, D what drives its slip, M t
                 that it can still bear
     break-away  D beyond an end: the plates slide from m = +-1 there
     turn        w passes 0 within the step: m goes on as eq. 6.9 has it, without a jump, and the plates stay there once the m
-                that holds D is one that eq. 6.9 can reach within ten steps, or `LANDING`: s_n = 1 at standstill, and sign(w) any number in
-                [-1, 1] (Filippov), so that m may go anywhere in [-1 + (m + 1) q, 1 + (m - 1) q], q = exp(-C h)
+                that holds D is one that eq. 6.9 can reach within ten steps, or `LANDING`: at standstill s_n = 1, and sign(w) is
+                any number in [-1, 1] (Filippov), so that m may go anywhere in [-1 + (m + 1) q, 1 + (m - 1) q], q = exp(-C h)
 Integration     below `SLOW`: backward Euler in w, as |w|^gamma has an infinite slope at 0. Its equation
                 w = w_0 + h/J (D - M(m, w)) has one root where M does not fall steeply with w. No step makes it chatter
 Assumptions     D is constant over the step
@@ -79,7 +79,7 @@ def near_standstill(m, begin, drive, inertia, pressure, viscosity, s, c, e, h):
 
 @njit(inline="always")
 def _reached(m, share, attraction, h):
-    """Whether the state can go from `m` to `share` within ten steps `h` [s], or `LANDING`, at standstill; attraction C [1/s]."""
+    """Whether `m` can become `share` within ten steps `h` [s], or `LANDING`, at standstill; attraction C [1/s]."""
     q = exp(-attraction * max(10.0 * h, LANDING))
     return -1.0 + (m + 1.0) * q <= share <= 1.0 + (m - 1.0) * q  # eq. 6.9 with s_n = 1
 
