@@ -4,8 +4,8 @@ A CSV file with the columns `time_s`, `torque_demand_nm`, `motor_speed_demand_ra
 `lock`, in any order; straight lines between rows. From a row with `lock` 1 to the next with 0 the clutch is to be locked, and
 neither torque nor pressure is asked for. Elsewhere, where the pressure demand is above zero it is followed, whatever the torque
 demand; elsewhere the clutch is engaged between two rows of which one has a torque demand above zero. In the first 50 ms idle
-is asked for, whatever the demands are: a controller closes no clutch before. A pressure demand below 2 bar (`pressure.floor` of the
-controller: no plate touches there) is followed at 2 bar.
+is asked for, whatever the demands are: a controller closes no clutch before. A pressure demand below 2 bar (`pressure.floor` of
+the controller: no plate touches there) is followed at 2 bar.
 """
 
 import csv
