@@ -91,6 +91,8 @@ class FaultWatch:
     def _changes(self, rows: np.ndarray) -> Iterator[int]:
         faults = np.nan_to_num(rows[:, self._place["fault"]])
         for at in np.flatnonzero(np.diff(faults, prepend=self._last or 0.0)):
+            if at > 0 and self._last is None:
+                self._last = faults[0]
             yield int(at)
             self._last = faults[at]
         if len(faults):

@@ -13,6 +13,13 @@ PATIENCE = 120.0  # s for what takes a second or two on an idle machine
 ONE_CPU = ("--cpu", str(max(os.sched_getaffinity(0))))
 
 
+def progress(line: str) -> bool:
+    """Whether a line on stderr only says that a command starts, as it does on a busy machine."""
+    return any(
+        words in line for words in ("loading modules", "compiling kernels: ", "kernels are compiled", "waiting for ")
+    )
+
+
 @contextmanager
 def service(*arguments: str, **settings: Any) -> Iterator[subprocess.Popen]:
     """A `clutch-hil` command while it runs, with pipes unless `settings` of Popen say else; killed when it is left running."""

@@ -132,9 +132,9 @@ AT_ONCE = {
 def test_a_profile_whose_demand_is_there_at_once_engages(kind: str, rate: int, tmp_path: Path) -> None:
     profile = AT_ONCE[kind](tmp_path)
     played = play(PlantNode(rate=rate, profile=profile), node_factory("controller")(rate=rate))
-    assert played["request"][0] == Request.IDLE
-    assert Phase.FILL in played["phase"]
-    assert not played["fault"].any()
+    assert played["controller_request"][0] == Request.IDLE
+    assert Phase.FILL in played["controller_phase"]
+    assert not played["controller_fault"].any()
 
 
 def test_who_waits_for_idle_says_so() -> None:

@@ -22,6 +22,8 @@ _START = 60.0  # s without a word of a service that has not started; while it lo
 _SILENCE = 5.0  # s without a word of any, after which we say that we wait
 _STOP = 10.0  # s for a service to end once asked
 _POLL = 0.05  # s between looks
+# with which a service begins and ends: its error is raised, the rest is in the summary
+TOLD_ELSEWHERE = ("error: ", "plant", "controller", " ", "note: ", "verdict: ")
 _PLANT = "plant"  # the service that ends last, so that every safe command still meets a plant
 
 
@@ -65,7 +67,7 @@ class Services:
             now = time.monotonic()
             for name, line in self.said():
                 heard[name], last[name], told = now, line, now
-                if name in missing:
+                if name in missing and not line.startswith(TOLD_ELSEWHERE):
                     tell(f"{name}: {line}")
             self.check()
             if stop.asked:

@@ -19,7 +19,7 @@ from plant_sim.bench.metadata import run_metadata
 from plant_sim.bench.recording import Recording, run_path, writable
 from plant_sim.bench.result import Result, judge_run
 from plant_sim.bench.sealed import SealedRecording
-from plant_sim.bench.services import Services, say
+from plant_sim.bench.services import TOLD_ELSEWHERE, Services, say
 from plant_sim.bench.settings import MANUAL
 from plant_sim.bench.status import StatusLine
 from plant_sim.scenario import Scenario, naming
@@ -30,13 +30,6 @@ from protocols.ring import RingReader
 from protocols.stopping import Stop
 
 _POLL = 0.05  # s between looks at the rings
-_OWN_WORDS = (
-    "plant",
-    "controller",
-    "note: ",
-    "read:",
-    "verdict:",
-)  # with which a service begins and ends, told in the summary
 _VIEWER_END = 5.0  # s for a viewer to end once asked
 
 
@@ -214,7 +207,7 @@ class Bench:
                 plant, *controllers = [ring.read() for ring in rings]
                 recording.add(_until(duration, plant), *controllers)
                 for name, line in services.said():
-                    if not line.startswith(_OWN_WORDS):
+                    if not line.startswith(TOLD_ELSEWHERE):
                         status.note(f"{name}: {line}")
                 status.show(plant, controllers[0])
                 if len(ended) == len(rings) or (len(plant) and plant[-1, 0] >= duration):
