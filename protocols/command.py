@@ -132,5 +132,6 @@ def main() -> None:
 
 
 def _interrupted(kept: str) -> None:
+    signal.signal(signal.SIGALRM, signal.SIG_IGN)  # it has been noticed
     print(f"interrupted: {kept}", file=sys.stderr)
     sys.exit(INTERRUPTED)
