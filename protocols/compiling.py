@@ -52,12 +52,12 @@ class Compiling:
             return
         if not self.kernels:
             self._began = time.monotonic()
+        self._locks[path] = _UNLOCKED  # first: whoever is interrupted from here on ends it
         self.kernels.append(name)
         try:
             os.makedirs(os.path.dirname(path), exist_ok=True)
             lock = os.open(f"{path}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
         except OSError:  # where nothing can be written nobody saves a kernel either
-            self._locks[path] = _UNLOCKED
             return
         self._locks[path], self.waits = lock, True
         fcntl.flock(lock, fcntl.LOCK_EX)
@@ -68,7 +68,7 @@ class Compiling:
         lock = self._locks.pop(path)
         if lock is None:  # it was on disk
             return
-        self.kernels.pop()
+        del self.kernels[-1:]
         self.compiled += 1
         if not self.kernels:
             self.seconds += time.monotonic() - self._began
