@@ -60,7 +60,7 @@ class States:
         """Log names and colours; the present state follows with the next rows."""
         self._last.clear()
         for lane in self._lanes:
-            texts, colors = list(lane.colors), list(lane.colors.values())
+            texts, colors = list(lane.colors), np.array(list(lane.colors.values()), dtype=np.uint32)
             self._canvas.static(lane.path, rr.StateConfiguration(values=texts, colors=colors))
 
     def log(self, batch: Batch, times: Times) -> None:

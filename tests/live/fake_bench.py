@@ -31,6 +31,8 @@ def rows(node: str, begin: int, end: int, rate: float, start: float) -> np.ndarr
             values[:, index] = number[:, 0]
         elif column.name in ("controller_phase", "controller_fault"):
             values[:, index] = number[:, 0] // rate % 5
+        elif column.name == "controller_clutch_state":
+            values[:, index] = number[:, 0] // rate % 4
         elif column.name.endswith("_clock_s"):
             values[:, index] = start + number[:, 0] / rate
     return values

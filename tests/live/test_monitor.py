@@ -28,7 +28,8 @@ HZ = 1000.0
 RATE_ERROR = 0.2  # of the nominal rate: a machine that stands still now and then loses cycles, and the monitor says so
 NOW = 500.0  # s
 CONTROLLER = (
-    "controller_phase", "controller_fault", "controller_torque_demand_nm", "controller_torque_estimate_nm",
+    "controller_phase", "controller_fault", "controller_clutch_state", "controller_torque_demand_nm",
+    "controller_torque_estimate_nm",
     "controller_pressure_demand_bar", "controller_pressure_bar", "controller_slip_rad_s", "controller_temperature_degc",
     "controller_friction_level", "controller_clock_s", "controller_wake_us", "controller_work_us", "controller_late_cycles",
 )  # fmt: skip
@@ -138,7 +139,8 @@ def test_without_a_controller_phase_and_fault_are_unknown() -> None:
 def test_the_last_phase_of_a_controller_that_is_gone_is_not_told_as_its_phase() -> None:
     watched = collector(batch("plant", 0, 20), batch("controller", 0, 20, controller_phase=2.0))
     watched.alive = {"plant": True, "controller": False}
-    assert (watched.snapshot(NOW).phase, watched.snapshot(NOW).fault) == (None, None)
+    gone = watched.snapshot(NOW)
+    assert (gone.phase, gone.fault, gone.clutch) == (None, None, None)
 
 
 def test_a_restarted_service_begins_anew() -> None:
@@ -155,6 +157,8 @@ def test_rows_lost_in_the_ring_never_came_and_count_once() -> None:
 
 
 def test_a_fault_is_told_by_name() -> None:
+    locked = collector(batch("controller", 0, 20, controller_phase=5.0, controller_clutch_state=3.0)).snapshot(NOW)
+    assert (locked.phase, locked.clutch) == ("lock", "locked")
     snapshot = collector(batch("controller", 0, 20, controller_phase=4.0, controller_fault=6.0)).snapshot(NOW)
     assert (snapshot.phase, snapshot.fault) == ("fault", "pressure lost")
     assert any("pressure lost: the pressure fell" in trouble for trouble in snapshot.troubles())

@@ -3,6 +3,7 @@
 import time
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -246,6 +247,7 @@ def test_states_are_logged_by_name_when_they_change(nodes: dict[str, Batch], log
     chunks = logged.chunks()
     assert _cells(chunks["/states/phase"], "StateChange:state") == [["idle"], ["fill"], ["slip control"]]
     assert _cells(chunks["/states/reason"], "StateChange:state") == [["none"]]
+    assert [text for text, *_ in _cells(chunks["/states/clutch"], "StateChange:state")][:2] == ["open", "sliding"]
     phase = nodes["controller"]["controller_phase"]
     ticks = nodes["controller"]["controller_sample_tick"]
     changes = [0, *(np.flatnonzero(np.diff(phase)) + 1)]
@@ -260,6 +262,23 @@ def test_errors_are_those_of_the_same_sample(nodes: dict[str, Batch], logged: Lo
     error = np.concatenate(_cells(logged.chunks()["/torque_error/true"], "Scalars:scalars"))
     demand = controller["controller_torque_demand_nm"][:400]
     assert np.array_equal(np.sort(error), np.sort(plant["truth_clutch_torque_nm"][:400] - demand))
+
+
+def test_a_torque_backwards_has_the_error_of_its_magnitude(nodes: dict[str, Batch], logged: Logged) -> None:
+    back = {"plant": "truth_clutch_torque_nm", "controller": "controller_torque_estimate_nm"}
+    turned_round = {node: _negated(nodes[node], column) for node, column in back.items()}
+    logged.screen(_pieces(turned_round))
+    demand = nodes["controller"]["controller_torque_demand_nm"]
+    error = np.concatenate(_cells(logged.chunks()["/torque_error/estimate"], "Scalars:scalars"))
+    assert np.array_equal(error, np.abs(nodes["controller"]["controller_torque_estimate_nm"]) - demand)
+    error = np.concatenate(_cells(logged.chunks()["/torque_error/true"], "Scalars:scalars"))
+    assert error.max() < 1.0  # Nm; with the sign it were the demand and the torque together
+
+
+def _negated(batch: Batch, column: str) -> Batch:
+    rows = batch.rows.copy()
+    rows[:, [c.name for c in batch.columns].index(column)] *= -1.0
+    return replace(batch, rows=rows)
 
 
 @pytest.mark.parametrize("size", [7, 20, 1000])
