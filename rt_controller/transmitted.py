@@ -35,9 +35,9 @@ TORQUE_SETTINGS = np.dtype(
 )  # fmt: skip
 # estimate [Nm], signed as the slip; level [-] with which it is made, adapted and trimmed; coulomb and viscous part [Nm] before
 # it; m, and the Coulomb torque it stands on [Nm]; contact: by the pressure; pressed: the plates rub, too; stands: and hold
-# what is applied; exceeded: for so long more than the level says [s]; touched: time in contact [s]; observed [Nm]: the torque balance
-# behind the observer's lag; lags and what they are given next; demand_acting, demand_before [rad/s]: speed demands that the
-# motor has begun to follow with this sample and the one before
+# what is applied; exceeded: for so long more than the level says [s]; touched: time in contact [s]; observed [Nm]: the torque
+# balance behind the observer's lag; lags and what they are given next; demand_acting, demand_before [rad/s]: speed demands that
+# the motor has begun to follow with this sample and the one before
 TORQUE = np.dtype(
     [("estimate", "f8"), ("level", "f8"), ("coulomb", "f8"), ("viscous", "f8"), ("m", "f8"), ("coulomb_torque", "f8"),
      ("contact", "?"), ("pressed", "?"), ("stands", "?"), ("exceeded", "f8"), ("touched", "f8"),

@@ -63,6 +63,15 @@ def test_a_slow_slide_moves_by_the_angle_it_adds_up(clutch_state: ModuleType) ->
     assert not motion.at(1.0).moves, "0.5 rad in 0.5 s"
 
 
+def test_the_angle_is_summed_with_its_sign(clutch_state: ModuleType) -> None:
+    motion = Motion(clutch_state)
+    for _ in range(6):
+        motion.at(0.0)
+    assert motion.at(4.0).angle == 0.5
+    assert motion.at(-2.0).angle == 0.25
+    assert not motion.at(-2.0).moves
+
+
 def test_a_cycle_without_a_sample_changes_nothing(clutch_state: ModuleType) -> None:
     motion = Motion(clutch_state)
     before = motion.at(3.0).copy()
@@ -80,12 +89,17 @@ def test_plates_stand_at_a_speed_that_cannot_be_seen(clutch_state: ModuleType) -
 def test_plates_stand_when_the_observer_is_past_zero_or_at_it(clutch_state: ModuleType) -> None:
     motion = Motion(clutch_state)
     assert not motion.at(2.0, slip=1.0).stands
+    assert not motion.at(2.0, slip=1e-300).stands
+    assert motion.at(2.0, slip=-1e-300).stands
     assert motion.at(2.0, slip=-1.0).stands
     assert motion.at(2.0, slip=0.0).stands
 
 
 def test_plates_stand_in_the_sample_in_which_the_speed_turns(clutch_state: ModuleType) -> None:
     motion = Motion(clutch_state)
+    assert not motion.at(-2.0).stands, "begun so"
+    motion.at(0.625)
+    assert motion.at(-0.625).stands, "however little"
     motion.at(2.0)
     assert motion.at(-2.0).stands
     assert not motion.at(-2.0).stands

@@ -51,6 +51,20 @@ def test_a_mismatch_at_the_limit_is_none(plausibility: ModuleType) -> None:
     assert not any(doubts.torque(sign * 8.0) for sign in (1.0, -1.0) for _ in range(20))
 
 
+def test_a_doubt_begins_at_nothing_however_long_all_was_well(plausibility: ModuleType) -> None:
+    doubts = Doubts(plausibility)
+    for _ in range(3):
+        assert not doubts.torque(0.0, 0.0)
+        assert not doubts.pressure(20.0, 20.0)
+    assert [doubts.torque(9.0, 4.0, stands=True) for _ in range(4)] == [False, False, False, True]
+    assert [doubts.torque(0.0, 4.0, stands=True) for _ in range(1)] == [True]
+    assert [doubts.pressure(15.0, 20.0) for _ in range(2)] == [False, True]
+    for arguments in ((0.0, 4.0, True), (9.0,)):
+        doubts = Doubts(plausibility)
+        assert not doubts.torque(0.0, 0.0)
+        assert [doubts.torque(*arguments) for _ in range(4)] == [False, False, False, True]
+
+
 def test_a_mismatch_that_goes_begins_anew(plausibility: ModuleType) -> None:
     doubts = Doubts(plausibility)
     assert not any(doubts.torque(mismatch) for _ in range(5) for mismatch in (9.0, 9.0, 9.0, 0.0))
