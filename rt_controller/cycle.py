@@ -55,11 +55,12 @@ SETTINGS = np.dtype(
 )  # fmt: skip
 # slot: periods gone by; beat_after, status_after: those after which the next heartbeat and status are due. What is asked
 # for: request, demand [Nm], pressure_demand [Pa], speed_demand [rad/s], setpoint_age [s]. motor_limit [Nm]: torque that the
-# motor may give. refused_...: why the bus cannot be worked on
+# motor may give; locked: the plates still stand from lock. refused_...: why the bus cannot be worked on
 NODE = np.dtype(
     [("cycle", "i8"), ("slot", "i8"), ("beats", "i8"), ("beat_after", "i8"), ("statuses", "i8"), ("status_after", "i8"),
      ("late_cycles", "i8"), ("request", "i8"), ("demand", "f8"), ("pressure_demand", "f8"),
-     ("speed_demand", "f8"), ("motor_limit", "f8"), ("setpoint_age", "f8"), ("refused_id", "i8"), ("refused_value", "f8"),
+     ("speed_demand", "f8"), ("motor_limit", "f8"), ("locked", "?"), ("setpoint_age", "f8"),
+     ("refused_id", "i8"), ("refused_value", "f8"),
      ("receptions", RECEPTION, (len(HEARD),)), ("sample", SAMPLE), ("phases", PHASES),
      ("plausibility", PLAUSIBILITY), ("law", LAW), ("guard", GUARD), ("faults", faults_kept(_TERMS_AT + len(TERMS) + 2))]
 )  # fmt: skip
@@ -210,7 +211,9 @@ def _commands(node, settings, phase, outbox):
         word = np.int64(0)
         if phase != Phase.FAULT and node.setpoint_age != inf:
             limit = settings.motor_torque_limit
-            if phase == Phase.LOCK and settings.law.torque.alone:
+            # plates that have been locked stand until they slide or part: a motor that may push harder would tear them apart
+            node.locked = phase == Phase.LOCK or (node.locked and law.torque.contact and not law.torque.motion.moves)
+            if node.locked and settings.law.torque.alone:
                 limit = min(
                     limit, motor_limit(settings.law.lock, settings.law.torque.model, law.torque.adaptation.level)
                 )

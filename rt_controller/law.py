@@ -76,7 +76,8 @@ LAW_SETTINGS = np.dtype(
      ("slip_hold", "f8")]
 )  # fmt: skip
 # torque: what is transmitted; voltage [V] and pressure_demand [Pa] of the last step; pressure_limited, voltage_limited: 1 at
-# the upper limit, -1 at the lower, else 0; held: capacity asked for in lock [Nm], 0 outside; terms in the order of TERMS
+# the upper limit, -1 at the lower, else 0; held: capacity asked for in lock and on the way out [Nm], else 0; terms in the order
+# of TERMS
 LAW = np.dtype(
     [("torque", TORQUE), ("voltage", "f8"), ("pressure_demand", "f8"), ("pressure_limited", "i8"), ("voltage_limited", "i8"),
      ("held", "f8"), ("torque_loop", PI), ("pressure_loop", PI), ("terms", "f8", len(TERMS))]
@@ -134,7 +135,11 @@ def control(law, settings, phase, demand, speed_demand, sample, step, followed):
     turning = torque.estimate * sample.speed < 0.0  # the friction of the direction before is still there
     limit = law.pressure_limited if law.pressure_limited else law.voltage_limited
     waits = not contact or step == 0.0 or turning or slip < settings.slip_hold or limit * error > 0.0
-    if phase != Phase.LOCK:
+    lowers = phase == Phase.SLIP_CONTROL and law.held > 0.0  # out of lock, without a step
+    if lowers:
+        law.held = max(law.held - settings.lock.rate * step, 0.0)
+        waits = True
+    elif phase != Phase.LOCK:
         law.held = 0.0
     if phase == Phase.SLIP_CONTROL and follows:
         wanted, least = followed, settings.pressure_floor
@@ -159,6 +164,10 @@ def control(law, settings, phase, demand, speed_demand, sample, step, followed):
     else:
         follow(law.torque_loop, 0.0)
         wanted = settings.fill_pressure if phase == Phase.FILL else 0.0
+    if lowers:
+        kept = holding_pressure(model, law.held, level)
+        law.held = law.held if kept > wanted else 0.0
+        wanted, most = max(wanted, kept), settings.lock.pressure_limit
     pressure_demand = min(max(wanted, least), most)
     law.pressure_demand, law.pressure_limited = pressure_demand, _side(wanted, pressure_demand)
 

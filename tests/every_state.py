@@ -1,0 +1,150 @@
+"""Random lives of a healthy clutch, slipping, sticking, locking, creeping, reversing: what the controller makes of them.
+
+`python -m tests.every_state --runs 10000` plays many and tells the worst; test_every_state.py plays some.
+"""
+
+import argparse
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from plant_sim.bench.in_process import Played, play
+from plant_sim.node import PlantNode
+from plant_sim.profile import Profile
+from plant_sim.rigs import wet_clutch
+from rt_controller.clutch_state import ClutchState
+from rt_controller.node import ControllerNode
+
+# Of the torque estimate: the larger of the two is allowed, outside `TRANSIENT` after a crossing of zero slip or a touch
+ERROR, SHARE = 0.5, 0.05  # Nm, 1
+TRANSIENT = 0.030  # s
+CREEP = (0.05, 1.0)  # rad/s
+SPEED, TORQUE = 25.0, 25.0  # rad/s, Nm: the span of the maps
+LEVEL, OIL, RATES = (0.7, 1.3), (40.0, 140.0), (250, 1000)  # 1, degC, Hz
+
+
+@dataclass(frozen=True)
+class Life:
+    """A profile, and the clutch that lives it: friction level [1], oil [degC], sample rate [Hz]."""
+
+    seed: int
+    profile: Profile
+    level: float
+    celsius: float
+    rate: int
+
+
+class Verdict(NamedTuple):
+    """fault: its number; samples judged, and those in which the estimate is off by more than is allowed; excess [Nm]: the most
+    by which; above: samples in which it is above what the plates can carry by more than 5 % and 0.5 Nm; voltage [V]: the most
+    by which the valve command moves from one sample to the next while the plates stick and the same is asked for."""
+
+    fault: int
+    samples: int
+    off: int
+    excess: float
+    above: int
+    voltage: float
+
+
+def drawn(seed: int) -> Life:
+    """A random life."""
+    random = np.random.default_rng(seed)
+    speed = random.uniform(-SPEED, SPEED)
+    rows = [(0.0, 0.0, speed, 0.0), (0.3, 0.0, speed, 0.0)]
+    time, torque = 0.3, 0.0
+    for _ in range(random.integers(5, 10)):
+        time += np.exp(random.uniform(np.log(0.1), np.log(2.0)))
+        if torque == 0.0 or random.random() < 0.7:
+            torque = random.uniform(0.5, TORQUE)
+        what = random.choice(["rest", "turn", "creep", "slide", "slide", "keep"])
+        if what == "rest":
+            speed = 0.0
+        elif what == "turn":
+            speed = -speed
+        elif what == "creep":
+            speed = random.choice([-1.0, 1.0]) * np.exp(random.uniform(*np.log(CREEP)))
+        elif what == "slide":
+            speed = random.uniform(-SPEED, SPEED)
+        rows.append((time, torque, speed, float(random.random() < 0.15)))
+        if random.random() < 0.5:
+            time += random.uniform(0.1, 1.5)
+            rows.append((time, torque, speed, rows[-1][3]))
+    rows += [(time + 0.3, 0.0, speed, 0.0), (time + 0.6, 0.0, speed, 0.0)]
+    times, torques, speeds, locks = zip(*rows, strict=True)
+    profile = Profile(f"life {seed}", times, torques, speeds, (0.0,) * len(rows), locks)
+    return Life(seed, profile, random.uniform(*LEVEL), random.uniform(*OIL), int(random.choice(RATES)))
+
+
+def lived(life: Life) -> Played:
+    """The run of a life."""
+    changes = {"friction_level.level": life.level, "oil.sump_temperature": life.celsius}
+    plant = PlantNode(
+        rate=life.rate, parameters=wet_clutch.nominal().with_values(changes), profile=life.profile, seed=life.seed + 1,
+        temperature=life.celsius,
+    )  # fmt: skip
+    return play(plant, ControllerNode(rate=life.rate))
+
+
+def judged(life: Life, run: Played) -> Verdict:
+    """What the controller made of it."""
+    true, estimate, slip = (
+        run[name] for name in ("truth_clutch_torque_nm", "controller_torque_estimate_nm", "truth_slip_speed_rad_s")
+    )
+    settled = ~_after(np.diff(np.sign(slip)) != 0.0, life.rate)
+    settled &= ~_after(np.diff(run["truth_normal_force_n"] > 0.0), life.rate)
+    excess = np.where(settled, np.abs(estimate - true) - np.maximum(ERROR, SHARE * np.abs(true)), -np.inf)
+    above = settled & (np.abs(estimate) > (1.0 + SHARE) * _capacity(life, run) + ERROR)
+    sticks = run["controller_clutch_state"] >= ClutchState.STICKING
+    # what is asked for has been the same for long: the command that acts is one sample old
+    asked = np.diff(run["controller_torque_demand_nm"]) != 0.0
+    asked |= np.diff(run["controller_phase"]) != 0.0
+    held = sticks & ~_after(asked | (np.diff(sticks.astype(int)) != 0), life.rate)
+    voltage = np.abs(np.diff(run["valve_voltage_v"]))[held[1:]]
+    return Verdict(
+        int(run["controller_fault"].max()), int(settled.sum()), int((excess > 0.0).sum()), float(excess.max()),
+        int(above.sum()), float(voltage.max(initial=0.0)),
+    )  # fmt: skip
+
+
+def _after(events: np.ndarray, rate: int) -> np.ndarray:
+    """Samples within TRANSIENT after the one before an event, shape (n + 1,)."""
+    span = round(TRANSIENT * rate) + 2
+    marked = np.concatenate([events, [False]]).astype(float)
+    return np.convolve(marked, np.ones(span))[: len(marked)] > 0.0
+
+
+def _capacity(life: Life, run: Played) -> np.ndarray:
+    """Torque [Nm] that the plates carry at most at their pressure: what they do carry, or level M_C of Table 6.4."""
+    true = np.abs(run["truth_clutch_torque_nm"])
+    force = run["truth_normal_force_n"]
+    pressure = 2.35 + force / (1.131e-2 * 1e5)  # bar: rig.md, 4
+    return np.maximum(true, np.where(force > 0.0, life.level * np.maximum(10.8 * pressure - 25.1, 0.0), 0.0))
+
+
+def main() -> None:
+    """Play lives and tell."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--runs", type=int, default=300)
+    parser.add_argument("--first", type=int, default=0, help="seed of the first")
+    arguments = parser.parse_args()
+    verdicts = {}
+    for seed in range(arguments.first, arguments.first + arguments.runs):
+        life = drawn(seed)
+        verdicts[seed] = judged(life, lived(life))
+        if len(verdicts) % 500 == 0:
+            print(f"{len(verdicts)} of {arguments.runs}", flush=True)
+    faults = [seed for seed, verdict in verdicts.items() if verdict.fault]
+    samples, off = (sum(getattr(v, name) for v in verdicts.values()) for name in ("samples", "off"))
+    runs = sum(v.off > 0 for v in verdicts.values())
+    worst = max(verdicts, key=lambda seed: verdicts[seed].excess)
+    print(f"lives {len(verdicts)}, faults {len(faults)} {faults[:10]}")
+    print(f"estimate off by more than is allowed: {off} of {samples} samples ({off / samples:.2e}), in {runs} lives")
+    print(f"the most beyond what is allowed: {verdicts[worst].excess:.2f} Nm (life {worst})")
+    print(f"above what the plates can carry: {sum(v.above for v in verdicts.values())} samples")
+    print(f"valve command between two samples in stick: at most {max(v.voltage for v in verdicts.values()):.3f} V")
+
+
+if __name__ == "__main__":
+    main()
