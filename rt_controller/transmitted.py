@@ -130,7 +130,7 @@ def estimate(torque, settings, closing, closed, speed_demand, sample, step):
     )  # fmt: skip
     if not torque.pressed or stuck:
         forget(torque.trim)
-    elif learns and not torque.stands:
+    elif learns and not torque.stands and mismatch(torque, settings) == 0.0:  # else it is no friction level
         trim(torque.trim, settings.trim, coulomb + viscous, torque.observed - correction * viscous, step)
 
 

@@ -24,7 +24,6 @@ from math import copysign, exp
 
 from numba import njit
 
-from plant_sim.effects.signals import FRICTION, attached
 from plant_sim.rigs.clutch_unit import slide
 
 # rad/s: above it the slope of |w|^gamma times a step of 0.1 ms is below 1 (at 0.05 kg m^2, 15 Nm (s/rad)^gamma: 5e-3)
@@ -70,7 +69,7 @@ def near_standstill(m, begin, drive, inertia, pressure, viscosity, s, c, e, h):
     end = begin + h / inertia * (drive - present)  # were the torque that at zero slip
     if begin * end < 0.0:
         share, _, sticking = held(m, drive, *capacity(pressure, viscosity, s, c, e))
-        sticking = sticking and _reached(m, share, s.attraction if attached(FRICTION, e) else c.clutch_attraction, h)
+        sticking = sticking and _reached(m, share, c.clutch_attraction, h)
         m = share if sticking else m
     if sticking or end == 0.0:
         return m, 0.0, sticking
