@@ -32,7 +32,7 @@ FILL_PRESSURE = (
 )
 # s from the beginning in which idle is asked for, whatever the profile says: a controller closes no clutch without it
 # (phases.py). At 50 Hz three samples, as one frame may be lost.
-_IDLE_FIRST = 0.05
+IDLE_FIRST = 0.05
 _SHORTEST = 0.1  # s, of a run: five samples at the lowest rate
 _LONGEST = 1e6  # s, of a run: 11 days; the repeated profile is held in memory, 0.3 GB for this one
 _REPEAT_GAP = 1e-3  # s between the last row of a profile and the first of its repetition: times must increase
@@ -54,12 +54,12 @@ def setpoint(table, time):
     share = (time - times[before]) / (times[after] - times[before])
     speed = speeds[before] + share * (speeds[after] - speeds[before])
     if locks[before] > 0.0:
-        return Request.LOCK.value if time >= _IDLE_FIRST else Request.IDLE.value, 0.0, speed, 0.0
+        return Request.LOCK.value if time >= IDLE_FIRST else Request.IDLE.value, 0.0, speed, 0.0
     torque = torques[before] + share * (torques[after] - torques[before])
     pressure = pressures[before] + share * (pressures[after] - pressures[before])
     engage = torques[before] > 0.0 or torques[after] > 0.0
     request = Request.PRESSURE.value if pressure > 0.0 else Request.ENGAGE.value if engage else Request.IDLE.value
-    if time < _IDLE_FIRST:
+    if time < IDLE_FIRST:
         request = Request.IDLE.value
     return request, torque, speed, pressure
 

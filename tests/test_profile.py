@@ -39,7 +39,8 @@ LOCKED = Profile(
 @pytest.mark.parametrize(
     ("time", "asked"),
     [
-        (0.0, (Request.ENGAGE, 8.0, 0.0, 0.0)),
+        (0.0, (Request.IDLE, 8.0, 0.0, 0.0)),  # whatever is asked for
+        (0.05, (Request.PRESSURE, 8.0, 0.5, 0.15)),
         (0.9, (Request.PRESSURE, 8.0, 9.0, 2.7)),
         (1.0, (Request.LOCK, 0.0, 10.0, 0.0)),  # nothing else is asked for then, but the motor's speed
         (1.75, (Request.LOCK, 0.0, -5.0, 0.0)),

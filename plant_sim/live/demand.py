@@ -10,7 +10,7 @@ from rich.live import Live
 from rich.text import Text
 
 from plant_sim.live.supervisor import RATE, Answer, Supervisor
-from plant_sim.profile import FILL_PRESSURE, PRESSURE_LIMIT, SPEED_LIMIT, TORQUE_LIMIT, Profile, Setpoint
+from plant_sim.profile import FILL_PRESSURE, IDLE_FIRST, PRESSURE_LIMIT, SPEED_LIMIT, TORQUE_LIMIT, Profile, Setpoint
 from protocols.bus import open_bus
 from protocols.errors import InputError
 from protocols.request import Request
@@ -32,7 +32,8 @@ def torque_profile(torque: float, speed: float, seconds: float | None, ramp: flo
     """
     _check("torque", torque, TORQUE_LIMIT, "Nm", speed, ramp)
     rise = max(torque / ramp, 1.0 / RATE)
-    profile = Profile(f"{torque:g} Nm", (0.0, rise, _FOREVER), (0.0, torque, torque), (speed,) * 3)
+    times = 0.0, IDLE_FIRST, IDLE_FIRST + rise, _FOREVER
+    profile = Profile(f"{torque:g} Nm", times, (0.0, 0.0, torque, torque), (speed,) * 4)
     return profile if seconds is None else profile.lasting(seconds)
 
 
@@ -40,8 +41,9 @@ def pressure_profile(pressure: float, speed: float, seconds: float | None, ramp:
     """A pressure [bar] reached with `ramp` [bar/s] from where the clutch is filled; the rest as in `torque_profile`."""
     _check("pressure", pressure, PRESSURE_LIMIT, "bar", speed, ramp)
     first, least = min(pressure, FILL_PRESSURE), 1.0 / RATE
-    time = (0.0, least, least + max((pressure - first) / ramp, least), _FOREVER)
-    profile = Profile(f"{pressure:g} bar", time, (0.0,) * 4, (speed,) * 4, (0.0, first, pressure, pressure))
+    begin = IDLE_FIRST + least
+    time = (0.0, IDLE_FIRST, begin, begin + max((pressure - first) / ramp, least), _FOREVER)
+    profile = Profile(f"{pressure:g} bar", time, (0.0,) * 5, (speed,) * 5, (0.0, 0.0, first, pressure, pressure))
     return profile if seconds is None else profile.lasting(seconds)
 
 
