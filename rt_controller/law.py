@@ -68,6 +68,8 @@ TERMS = tuple(
     )
 )
 
+# as the way into lock is the way out of it: 25 Nm in 0.25 s, which the pressure loop follows; at once, it would open the clutch
+_FASTER = 4.0
 # Parameters, SI. feeds_forward, feeds_back: the row of Table 6.6
 LAW_SETTINGS = np.dtype(
     [("torque", TORQUE_SETTINGS), ("lock", LOCK_SETTINGS), ("feeds_forward", "?"), ("feeds_back", "?"),
@@ -137,7 +139,7 @@ def control(law, settings, phase, demand, speed_demand, sample, step, followed):
     waits = not contact or step == 0.0 or turning or slip < settings.slip_hold or limit * error > 0.0
     lowers = phase == Phase.SLIP_CONTROL and law.held > 0.0  # out of lock, without a step
     if lowers:
-        law.held = max(law.held - settings.lock.rate * step, 0.0)
+        law.held = max(law.held - _FASTER * settings.lock.rate * step, 0.0)
         waits = True
     elif phase != Phase.LOCK:
         law.held = 0.0

@@ -248,16 +248,16 @@ def test_what_the_rig_cannot_do_is_refused(torque: float, speed: float, ramp: fl
 
 def test_a_pressure_rises_from_where_the_clutch_is_filled() -> None:
     profile = pressure_profile(3.4, 10.0, None, 4.0)
-    assert profile.at(0.01).pressure == pytest.approx(2.6, abs=0.05)
-    assert profile.at(0.1).pressure == pytest.approx(3.0, abs=0.05)
+    assert profile.at(0.06).pressure == pytest.approx(2.6, abs=0.05)
+    assert profile.at(0.15).pressure == pytest.approx(3.0, abs=0.05)
     assert profile.at(100.0).pressure == pytest.approx(3.4)
-    assert pressure_profile(2.4, 10.0, None, 4.0).at(0.01).pressure == pytest.approx(2.4)
+    assert pressure_profile(2.4, 10.0, None, 4.0).at(0.06).pressure == pytest.approx(2.4)
 
 
 def test_a_ramp_that_is_longer_than_the_demand_is_cut() -> None:
     profile = torque_profile(20.0, 10.0, 1.0, 10.0)
     assert profile.duration == 1.0
-    assert profile.at(0.9999).torque == pytest.approx(10.0, abs=0.01)
+    assert profile.at(0.9999).torque == pytest.approx(9.5, abs=0.01)  # after 50 ms of idle
 
 
 def test_only_steady_demands_are_judged() -> None:
