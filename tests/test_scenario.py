@@ -330,7 +330,8 @@ def test_limits_decide(written, tmp_path: Path) -> None:
 
 
 def test_a_fault_fails_a_scenario_that_does_not_expect_it(written, tmp_path: Path) -> None:
-    text = f"title = 'x'{RUN}[[inject]]\nat = 0.6\nfreeze = 'encoder'\n[limits]\npeak_pressure_bar = {{ most = 9 }}\n"
+    run = RUN.replace("short.csv", "engagement") + "seconds = 2.5\n"
+    text = f"title = 'x'{run}[[inject]]\nat = 0.6\nfreeze = 'encoder'\n[limits]\npeak_pressure_bar = {{ most = 9 }}\n"
     result = invoked("simulate", written(text), "--out", tmp_path)
     assert result.exit_code == 1
     assert "BROKEN  fault = none: torque implausible" in result.stdout
