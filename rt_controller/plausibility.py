@@ -10,7 +10,7 @@ What            mismatch    the motor's torque balance and the model of the torq
 Assumptions     the model is right within `torque_mismatch`; the motor's speed control integrates; the pressure loop follows
                 within the dwell
 Not modelled    signals that are wrong by less; a motor torque that stands still while the plates do
-References      ours; what each fault takes to be found is measured: docs/faults.md
+References      ours; what each fault takes to be found is measured: docs/states.md
 """
 
 import numpy as np
