@@ -88,10 +88,11 @@ def cycle(states, all_settings, inbox, count, slots, outbox, row):
     step = min(ticks, _STEP_LIMIT) * settings.period
     request = node.request if node.setpoint_age <= settings.setpoint_timeout else Request.RELEASE.value
     finding = close_cycle(guard, settings.guard, slots)
-    lost, implausible = _doubts(node, settings, request, elapsed)
+    pushes = abs(sample.motor_torque) >= _PUSHES * node.motor_limit
+    lost, implausible = _doubts(node, settings, request, pushes, elapsed)
     phase = advance(node.phases, settings.phases, request, sample.pressure, lost, implausible, finding, elapsed)
     followed = node.pressure_demand if request == Request.PRESSURE else nan
-    control(law, settings.law, phase, node.demand, node.speed_demand, sample, step, followed)
+    control(law, settings.law, phase, node.demand, node.speed_demand, pushes, sample, step, followed)
     row[0], row[1], row[2], row[3], row[4] = sample.tick, guard.age, phase, node.phases.fault, request
     for index in range(len(TERMS)):
         row[_TERMS_AT + index] = law.terms[index]
@@ -101,7 +102,7 @@ def cycle(states, all_settings, inbox, count, slots, outbox, row):
 
 
 @njit
-def _doubts(node, settings, request, elapsed):
+def _doubts(node, settings, request, pushes, elapsed):
     """Whether the pressure signal is lost, and whether the torque is implausible."""
     law, sample, doubts, s = node.law, node.sample, node.plausibility, settings.plausibility
     closed = node.phases.phase == Phase.SLIP_CONTROL or node.phases.phase == Phase.LOCK
@@ -109,7 +110,6 @@ def _doubts(node, settings, request, elapsed):
     compared = closed and settings.law.torque.alone and request != Request.PRESSURE
     off = mismatch(law.torque, settings.law.torque) if compared else 0.0
     stands = compared and law.torque.contact and not law.torque.motion.moves
-    pushes = abs(sample.motor_torque) >= _PUSHES * node.motor_limit
     implausible = torque_implausible(doubts, s, off, node.speed_demand - sample.speed, stands, pushes, elapsed)
     return lost, implausible
 
@@ -212,7 +212,8 @@ def _commands(node, settings, phase, outbox):
         if phase != Phase.FAULT and node.setpoint_age != inf:
             limit = settings.motor_torque_limit
             # plates that have been locked stand until they slide or part: a motor that may push harder would tear them apart
-            node.locked = phase == Phase.LOCK or (node.locked and law.torque.contact and not law.torque.motion.moves)
+            leaves = not law.torque.motion.moves or law.held > 0.0 or phase == Phase.RELEASE
+            node.locked = phase == Phase.LOCK or (node.locked and law.torque.contact and leaves)
             if node.locked and settings.law.torque.alone:
                 limit = min(
                     limit, motor_limit(settings.law.lock, settings.law.torque.model, law.torque.adaptation.level)

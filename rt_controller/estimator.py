@@ -8,7 +8,7 @@ Equation        sliding     M_sim = level M_C(p) m + (level + viscous) sign(omeg
                             and sign(omega) is any number in [-1, 1] (Filippov)
 Assumptions     measured pressure is the pressure on the plates; one element (sec. 6.2.3)
 Valid range     p 2.7..4.2 bar, 0..250 rpm either way, oil above 35 degC
-Not modelled    pre-sliding, seal friction, direction of the stroke
+Not modelled    pre-sliding (presliding.py), seal friction, direction of the stroke
 References      Janssens 2010, sec. 5.2, eqs 6.2, 6.3, 6.6, 6.9, Tables 6.1, 6.4, 6.5; `level` and `viscous` are ours
                 (adaptation.py, trim.py)
 """
@@ -22,8 +22,8 @@ from rt_controller.record import floats
 # The controller's calibration of the clutch; SI units (Pa, K, Nm, rad/s), names as in `controller.toml`
 MODEL = floats(
     "coulomb_slope", "coulomb_intercept", "viscous_slope", "viscous_intercept", "beta_inf", "beta_onset", "beta_scale",
-    "stribeck_speed", "viscous_exponent", "attraction", "contact_pressure", "oil_slope", "oil_offset", "oil_origin",
-    "oil_reference", "oil_viscous_gain", "motor_inertia", "motor_gain",
+    "stribeck_speed", "viscous_exponent", "attraction", "contact_pressure", "piston_lag", "oil_slope", "oil_offset",
+    "oil_origin", "oil_reference", "oil_viscous_gain", "motor_inertia", "motor_gain",
 )  # fmt: skip
 
 
@@ -37,13 +37,33 @@ def viscosity_ratio(model, temperature):
 
 
 @njit
+def plate_pressure(model, present, before, pressure, step):
+    """Pressure [Pa] on the plates, `present` a `step` [s] ago, when that in the cylinder goes from `before` to `pressure`."""
+    lag = model.piston_lag
+    if lag <= 0.0 or step <= 0.0:
+        return pressure if lag <= 0.0 else present
+    behind = lag * (pressure - before) / step
+    return (
+        pressure - behind + (present - before + behind) * exp(-step / lag)
+    )  # rig.md, 3: c_p x' = A p - F, F' = k_stack x'
+
+
+@njit
+def sliding_level(model, pressure, slip):
+    """Level s_n [-] of the Coulomb part in steady sliding at `pressure` [Pa] and `slip` [rad/s], without its sign."""
+    if slip == 0.0:
+        return 1.0
+    beta_inf = model.beta_inf
+    beta = min(1.0, beta_inf + (1.0 - beta_inf) * exp((model.beta_onset - pressure) / model.beta_scale))  # eq. 6.6
+    return 1.0 + (beta - 1.0) * exp(-model.stribeck_speed / abs(slip))  # eq. 6.2
+
+
+@njit
 def friction_state(model, state, pressure, slip, step):
     """Normalised friction state m [-] after `step` [s] at `pressure` [Pa] and `slip` [rad/s]: exact exponential."""
     if slip == 0.0:
         return state
-    beta_inf = model.beta_inf
-    beta = min(1.0, beta_inf + (1.0 - beta_inf) * exp((model.beta_onset - pressure) / model.beta_scale))  # eq. 6.6
-    s_n = 1.0 + (beta - 1.0) * exp(-model.stribeck_speed / abs(slip))  # eq. 6.2
+    s_n = sliding_level(model, pressure, slip)
     target = s_n if slip > 0.0 else -s_n
     return target + (state - target) * exp(-model.attraction * step / s_n)  # eq. 6.9, solved over the step
 

@@ -112,17 +112,17 @@ def law_at_rest() -> Any:
 
 
 @njit
-def control(law, settings, phase, demand, speed_demand, sample, step, followed):
+def control(law, settings, phase, demand, speed_demand, pushes, sample, step, followed):
     """Move LAW on by `step` [s], 0 without a fresh sample, towards the torque `demand` [Nm], a magnitude.
 
-    `speed_demand` [rad/s] is what the motor is asked for.
+    `speed_demand` [rad/s] is what the motor is asked for; it `pushes` with all that it may give, or not.
     `followed` [Pa] is the pressure to be followed instead of the torque; not a number where there is none.
     """
     torque, model, pressure, follows = law.torque, settings.torque.model, sample.pressure, followed == followed
     closed = phase == Phase.SLIP_CONTROL or phase == Phase.LOCK
     closing = closed or phase == Phase.FILL
     may_touch = closing or phase == Phase.RELEASE  # until the piston has gone back
-    estimate(torque, settings.torque, may_touch, closed, speed_demand, sample, step)
+    estimate(torque, settings.torque, may_touch, closed, speed_demand, pushes, sample, step)
     contact, moves, carried = torque.contact, torque.motion.moves, abs(torque.estimate)
     level, correction = torque.level, torque.adaptation.viscous
     state, capacity = clutch_state(contact, moves, phase == Phase.LOCK), level * torque.coulomb_torque
@@ -131,6 +131,7 @@ def control(law, settings, phase, demand, speed_demand, sample, step, followed):
 
     # torque loop: fig 6.16
     slip = abs(sample.slip) if moves else 0.0  # of the observer: the encoder's own steps with every count
+    coming = max(slip, abs(speed_demand)) if settings.torque.alone and speed_demand * torque.estimate >= 0.0 else slip
     feedforward = wanted = least = 0.0
     most = settings.pressure_limit
     error = demand - carried
@@ -151,7 +152,7 @@ def control(law, settings, phase, demand, speed_demand, sample, step, followed):
             there = _feedforward(settings, carried, slip, level, correction)
             follow(law.torque_loop, pressure - there if known else 0.0)
     elif phase == Phase.SLIP_CONTROL:
-        feedforward = _feedforward(settings, demand, slip, level, correction)
+        feedforward = _feedforward(settings, demand, coming, level, correction)
         wanted = feedforward
         if settings.feeds_back:
             shown = 0.0 if turning else error
@@ -168,7 +169,7 @@ def control(law, settings, phase, demand, speed_demand, sample, step, followed):
         wanted = settings.fill_pressure if phase == Phase.FILL else 0.0
     if lowers:
         kept = holding_pressure(model, law.held, level)
-        law.held = law.held if kept > wanted else 0.0
+        law.held = law.held if max(kept, pressure) > wanted + settings.torque.contact_band else 0.0
         wanted, most = max(wanted, kept), settings.lock.pressure_limit
     pressure_demand = min(max(wanted, least), most)
     law.pressure_demand, law.pressure_limited = pressure_demand, _side(wanted, pressure_demand)

@@ -9,7 +9,7 @@ Not modelled    a motor torque of two clutches: there the plates that stand keep
 References      rig.md 8; Janssens 2010, eq. 6.9
 """
 
-from math import exp
+from math import copysign, exp
 from typing import Any
 
 import numpy as np
@@ -17,33 +17,44 @@ from numba import njit
 
 from protocols.parameters import ParameterSet
 from rt_controller.adaptation import ADAPTATION, ADAPTATION_SETTINGS, UNTAUGHT, adapt
-from rt_controller.clutch_state import MOTION, MOTION_SETTINGS, motion
-from rt_controller.estimator import MODEL, coulomb_torque, friction_state, reachable_states, viscous_torque
+from rt_controller.estimator import (
+    MODEL,
+    coulomb_torque,
+    friction_state,
+    plate_pressure,
+    reachable_states,
+    sliding_level,
+    viscous_torque,
+)
 from rt_controller.lag import LAG, lagged
+from rt_controller.motion import MOTION, MOTION_SETTINGS, motion
+from rt_controller.presliding import PRESLIDING, PRESLIDING_SETTINGS, bend, straighten
 from rt_controller.record import record
-from rt_controller.trim import TRIM, TRIM_SETTINGS, forget, hold, trim, trimmed
+from rt_controller.trim import TRIM, TRIM_SETTINGS, forget, lower, raise_to, trim, trimmed
 
-# Plates that carry more than the level says, by a tenth, for so long [s], have a higher one: breaking away, 1 Nm more than they
-# carry would have moved 0.05 kg m^2 by six counts of the encoder
-_CLEARLY, _SURELY = 1.1, 5e-3
+_DOUBT = 0.02  # of the torque at rest: gain error and noise of the motor's
+_LIGHT = 0.5  # of what the motor feels when plates touch: so much less when they have parted
 # Parameters, SI. adapts: whether level, viscous correction and trim are learnt; alone: whether the motor's torque is that of
 # this clutch
 TORQUE_SETTINGS = np.dtype(
-    [("model", MODEL), ("adaptation", ADAPTATION_SETTINGS), ("motion", MOTION_SETTINGS), ("trim", TRIM_SETTINGS),
+    [("model", MODEL), ("adaptation", ADAPTATION_SETTINGS), ("motion", MOTION_SETTINGS),
+     ("presliding", PRESLIDING_SETTINGS),
+     ("trim", TRIM_SETTINGS),
      ("adapts", "?"), ("alone", "?"), ("contact_band", "f8"), ("touch_band", "f8"), ("touch_torque", "f8"),
      ("touch_time", "f8"), ("bandwidth", "f8")]
 )  # fmt: skip
 # estimate [Nm], signed as the slip; level [-] with which it is made, adapted and trimmed; coulomb and viscous part [Nm] before
 # it; m, and the Coulomb torque it stands on [Nm]; contact: by the pressure; pressed: the plates rub, too; stands: and hold
-# what is applied; exceeded: for so long more than the level says [s]; touched: time in contact [s]; observed [Nm]: the torque
-# balance behind the observer's lag; lags and what they are given next; demand_acting, demand_before [rad/s]: speed demands that
-# the motor has begun to follow with this sample and the one before
+# what is applied; spin [rad/s], turn [rad]: that the motor would have, were the capacity what the level says; touched: time in
+# contact [s]; observed [Nm]: the torque balance behind the observer's lag; lags and what they are given next; demand_acting,
+# demand_before [rad/s]: speed demands that the motor has begun to follow with this sample and the one before
 TORQUE = np.dtype(
     [("estimate", "f8"), ("level", "f8"), ("coulomb", "f8"), ("viscous", "f8"), ("m", "f8"), ("coulomb_torque", "f8"),
-     ("contact", "?"), ("pressed", "?"), ("stands", "?"), ("exceeded", "f8"), ("touched", "f8"),
+     ("cylinder", "f8"), ("pressure", "f8"), ("borne", "f8"),
+     ("contact", "?"), ("pressed", "?"), ("stands", "?"), ("spin", "f8"), ("turn", "f8"), ("touched", "f8"),
      ("observed", "f8"), ("coulomb_lag", LAG), ("viscous_lag", LAG),
      ("motor_lag", LAG), ("motor_before", "f8"), ("demand_acting", "f8"), ("demand_before", "f8"),
-     ("adaptation", ADAPTATION), ("trim", TRIM), ("motion", MOTION)]
+     ("adaptation", ADAPTATION), ("trim", TRIM), ("motion", MOTION), ("presliding", PRESLIDING)]
 )  # fmt: skip
 
 
@@ -54,6 +65,7 @@ def torque_settings(parameters: ParameterSet, adapts: bool, alone: bool) -> dict
         "model": record(MODEL, parameters.si("model")),
         "adaptation": record(ADAPTATION_SETTINGS, parameters.si("adaptation")),
         "motion": record(MOTION_SETTINGS, {name: slip[name] for name in MOTION_SETTINGS.names or ()}),
+        "presliding": record(PRESLIDING_SETTINGS, parameters.si("presliding")),
         "trim": record(TRIM_SETTINGS, parameters.si("trim")),
         "adapts": adapts, "alone": alone, "bandwidth": slip["bandwidth"],
         **{name: phases[name] for name in ("contact_band", "touch_band", "touch_torque", "touch_time")},
@@ -81,47 +93,33 @@ def mismatch(torque, settings):
 
 
 @njit
-def estimate(torque, settings, closing, closed, speed_demand, sample, step):
+def estimate(torque, settings, closing, closed, speed_demand, pushes, sample, step):
     """Move TORQUE on by `step` [s], 0 without a fresh sample, to what `sample` says.
 
-    `closing`: the valve is open; `closed`: it is, and the fill is over. `speed_demand` [rad/s] of the motor.
+    `closing`: the valve is open; `closed`: it is, and the fill is over. `speed_demand` [rad/s] of the motor, which
+    `pushes` with all that it may give, or not.
     """
-    model, pressure, speed = settings.model, sample.pressure, sample.speed
+    model, speed = settings.model, sample.speed
+    pressure = plate_pressure(model, torque.pressure, torque.cylinder, sample.pressure, step)
+    torque.pressure, torque.cylinder = pressure, sample.pressure
     floor = model.contact_pressure - (settings.contact_band if torque.contact else 0.0)
     torque.contact = closing and pressure >= floor
-    motion(torque.motion, settings.motion, speed, sample.slip, step)
-    learnt, correction = torque.adaptation.level, torque.adaptation.viscous
-    low, high = settings.adaptation.level_low, settings.adaptation.level_high
-    learns = settings.adapts and settings.alone
-    torque.level = trimmed(torque.trim, settings.trim, learnt, low, high) if learns else learnt
+    rested = torque.motion.quiet >= settings.motion.stick_time
+    motion(torque.motion, settings.motion, speed, sample.acceleration, step)
+    correction = torque.adaptation.viscous
+    torque.level = _level(torque, settings)
     before_coulomb, before_viscous = torque.coulomb, torque.viscous
     torque.coulomb = torque.viscous = 0.0
     if _pressed(torque, settings, pressure, step):
         torque.coulomb_torque = coulomb_torque(model, pressure)
-        if settings.alone and torque.motion.stands and torque.coulomb_torque > 0.0:
-            applied = sample.motor_torque / torque.coulomb_torque
-            exceeds = learns and torque.motion.rests and abs(applied) > _CLEARLY * torque.level
-            torque.exceeded = torque.exceeded + step if exceeds else 0.0
-            if torque.exceeded >= _SURELY:
-                hold(torque.trim, settings.trim, learnt, min(abs(applied), high))
-                torque.level = trimmed(torque.trim, settings.trim, learnt, low, high)
-            least, most = (
-                (-1.0, 1.0) if torque.stands or torque.motion.rests else reachable_states(model, torque.m, step)
-            )
-            share = applied / torque.level
-            torque.stands = least <= share <= most
-            torque.m = min(max(share, least), most)
-        else:
-            torque.stands = False
-            torque.m = friction_state(model, torque.m, pressure, speed, step)
-        if not torque.stands:
-            torque.viscous = viscous_torque(model, pressure, torque.motion.smooth, sample.temperature)
+        _rub(torque, settings, sample, pressure, rested, step)
         torque.coulomb = torque.coulomb_torque * torque.m  # eq. 6.9
     else:
-        torque.m = torque.coulomb_torque = 0.0  # out of contact there is no torque
+        torque.m = torque.coulomb_torque = torque.borne = 0.0  # out of contact there is no torque
         torque.stands = False
+        straighten(torque.presliding)
     torque.estimate = torque.level * (torque.coulomb + torque.viscous) + correction * torque.viscous
-    _balance(torque, settings, before_coulomb, before_viscous, speed_demand, sample, step)
+    _balance(torque, settings, before_coulomb, before_viscous, speed_demand, pushes, sample, step)
     coulomb, viscous = torque.coulomb_lag.out, torque.viscous_lag.out
     stuck = sample.motor_stuck > settings.adaptation.stuck_time
     adapt(
@@ -130,26 +128,137 @@ def estimate(torque, settings, closing, closed, speed_demand, sample, step):
     )  # fmt: skip
     if not torque.pressed or stuck:
         forget(torque.trim)
-    elif learns and not torque.stands and mismatch(torque, settings) == 0.0:  # else it is no friction level
+    elif (
+        settings.adapts and settings.alone and not torque.stands and mismatch(torque, settings) == 0.0
+    ):  # else it is no friction level
         trim(torque.trim, settings.trim, coulomb + viscous, torque.observed - correction * viscous, step)
+
+
+@njit
+def _rub(torque, settings, sample, pressure, rested, step):
+    """State m and viscous torque of plates that rub, `step` [s] later; `rested`: they have stood for long before it."""
+    model, moved = settings.model, torque.motion
+    known = settings.alone and torque.coulomb_torque > 0.0  # what is applied to these plates
+    applied = sample.motor_torque / torque.coulomb_torque if known else 0.0
+    if settings.presliding.angle > 0.0:
+        _bend(torque, settings, sample, pressure, known, step)
+        return
+    if rested and known:
+        torque.borne = applied
+    torque.stands = known and moved.rests
+    if torque.stands:
+        moved.end = 0.0
+        _stand(torque, settings, sample, pressure, applied, step)
+        return
+    turns = False
+    if moved.turns:
+        least, most = reachable_states(model, torque.m, step)
+        share = applied / torque.level
+        turns = (share < least if moved.begin > 0.0 else share > most) if known else True
+        if known and sample.speed == 0.0 and least <= share <= most:  # they have landed
+            torque.stands, torque.m, moved.end = True, share, 0.0
+            return
+    lands = not turns and (moved.turns or moved.end * sample.speed < 0.0)
+    if lands:
+        moved.end = 0.0
+    if turns:
+        part = moved.begin / (moved.begin - moved.end)  # of the step, before it turned
+        torque.m = friction_state(model, torque.m, pressure, moved.begin, part * step)
+        torque.m = friction_state(model, torque.m, pressure, moved.end, (1.0 - part) * step)
+    else:
+        if known and moved.moves and torque.borne != 0.0:  # they have broken away: they carried all that they can
+            torque.m = copysign(1.0, torque.borne)
+            share = max(abs(torque.borne), settings.adaptation.level_low)
+            lower(torque.trim, settings.trim, torque.adaptation.level, share)
+            torque.borne = 0.0
+            torque.level = _level(torque, settings)
+        mean = sample.speed if sample.speed != 0.0 else 0.5 * (moved.begin + moved.end)
+        torque.m = friction_state(model, torque.m, pressure, mean, step)
+    slow = abs(sample.speed) <= settings.motion.coarse_speed
+    slip = moved.end if turns or not (slow or lands) else moved.slow
+    torque.viscous = viscous_torque(model, pressure, slip, sample.temperature)
+    if known and (slow or lands):  # the encoder tells the speed only roughly, but the balance tells the torque
+        least = 0.0 if lands else torque.viscous * min(abs(slip) / settings.motion.coarse_speed, 1.0)
+        balance = (sample.motor_torque - model.motor_inertia * sample.acceleration) / torque.level
+        rest = balance - torque.coulomb_torque * torque.m
+        torque.viscous = min(max(rest, min(torque.viscous, least)), max(torque.viscous, least))
+
+
+@njit
+def _bend(torque, settings, sample, pressure, known, step):
+    """As `_rub`, of plates that bend before they slide. Until all elements slip they carry what is applied, up to capacity."""
+    model, moved = settings.model, torque.motion
+    turned = sample.speed * step
+    level = sliding_level(model, pressure, sample.speed)
+    torque.m, slides = bend(
+        torque.presliding, settings.presliding, turned, level, model.attraction, torque.coulomb_torque, step
+    )
+    moved.moves = torque.presliding.still < settings.motion.stick_time
+    torque.stands = known and not slides
+    if slides:
+        torque.viscous = viscous_torque(model, pressure, moved.end, sample.temperature)
+    elif known:
+        balance = (sample.motor_torque - model.motor_inertia * sample.acceleration) / torque.coulomb_torque
+        torque.m = min(max(balance / torque.level, -1.0), 1.0)
+
+
+@njit
+def _stand(torque, settings, sample, pressure, applied, step):
+    """Plates at rest carry what is `applied`, a share of M_C, as far as they can at a creep that the encoder does not show."""
+    creep = 2.0 * settings.motion.standing_angle / torque.motion.quiet
+    viscous = viscous_torque(settings.model, pressure, creep, sample.temperature)
+    most = 1.0 + _DOUBT + viscous / torque.coulomb_torque
+    if _exceeded(torque, settings, abs(applied), most, step):
+        share = min(abs(applied) / most, settings.adaptation.level_high)
+        raise_to(torque.trim, settings.trim, torque.adaptation.level, share)
+        torque.level = _level(torque, settings)
+    torque.m = min(max(applied / torque.level, -most), most)
+
+
+@njit
+def _level(torque, settings):
+    """Friction level of the moment [-]: adapted, and trimmed."""
+    s = settings.adaptation
+    learnt = torque.adaptation.level
+    if not (settings.adapts and settings.alone):
+        return learnt
+    return trimmed(torque.trim, settings.trim, learnt, s.level_low, s.level_high)
+
+
+@njit
+def _exceeded(torque, settings, applied, capacity, step):
+    """Whether plates that rest carry more than the level says: with what is `applied` beyond the `capacity`, shares of M_C, the
+    motor would have turned by `coarse_angle` since, and has not by a count."""
+    gain = (applied - torque.level * capacity) * torque.coulomb_torque / settings.model.motor_inertia
+    torque.spin = max(torque.spin + gain * step, 0.0) if torque.motion.rests else 0.0
+    torque.turn = torque.turn + torque.spin * step if torque.spin > 0.0 else 0.0
+    exceeded = torque.turn >= settings.motion.coarse_angle
+    if exceeded:
+        torque.spin = torque.turn = 0.0
+    return exceeded
 
 
 @njit
 def _pressed(torque, settings, pressure, step):
     """Whether the plates rub. At the end of the fill the pressure tells of contact before the piston has arrived: it moves, and
-    its damping takes a part. It has arrived when the pressure is clearly above contact or the motor feels a torque."""
-    torque.touched = torque.touched + step if torque.contact else 0.0
-    arrived = (
-        pressure >= settings.model.contact_pressure + settings.touch_band
-        or abs(torque.observed) >= settings.touch_torque
-        or torque.touched >= settings.touch_time
+    its damping takes a part. It has arrived when the pressure is clearly above contact or the motor feels a torque; it has left
+    again when the pressure is close to contact and plates that move are not felt."""
+    above = pressure - settings.model.contact_pressure
+    felt = abs(torque.observed)
+    lifted = (
+        settings.alone
+        and torque.motion.moves
+        and above < settings.contact_band
+        and felt < _LIGHT * settings.touch_torque
     )
-    torque.pressed = torque.contact and (torque.pressed or arrived)
+    torque.touched = torque.touched + step if torque.contact and not lifted else 0.0
+    arrived = above >= settings.touch_band or felt >= settings.touch_torque or torque.touched >= settings.touch_time
+    torque.pressed = torque.contact and not lifted and (torque.pressed or arrived)
     return torque.pressed
 
 
 @njit
-def _balance(torque, settings, coulomb, viscous, speed_demand, sample, step):
+def _balance(torque, settings, coulomb, viscous, speed_demand, pushes, sample, step):
     """Both sides of the torque balance behind the same lag; `coulomb`, `viscous` [Nm] are those of the sample before."""
     if step > 0.0:
         # The observer's second difference is centred on the sample before (lag.py).
@@ -158,7 +267,7 @@ def _balance(torque, settings, coulomb, viscous, speed_demand, sample, step):
         lagged(torque.viscous_lag, viscous, q)
         motor = lagged(torque.motor_lag, torque.motor_before, q)
         # The sample was taken just before the demand sent last began to act: half of what it changed is the mean's.
-        jump = settings.model.motor_gain * (torque.demand_acting - torque.demand_before)
+        jump = 0.0 if pushes else settings.model.motor_gain * (torque.demand_acting - torque.demand_before)
         torque.motor_before = sample.motor_torque + 0.5 * jump
         torque.demand_before, torque.demand_acting = torque.demand_acting, speed_demand
         torque.observed = motor - settings.model.motor_inertia * sample.acceleration  # rig.md, 8

@@ -34,10 +34,17 @@ def trimmed(state, settings, level, low, high):
 
 
 @njit
-def hold(state, settings, level, least):
-    """Plates that rest carry more than the level of the moment says: raise that to `least` [-]; `level` is the adapted one."""
+def lower(state, settings, level, share):
+    """Plates that break away carry no more: the level of the moment is at most `share` [-]; `level` is the adapted one."""
     known = settings.floor * settings.floor
-    state.xy = max(state.xy, least * (state.xx + known) - known * level)
+    state.xy = min(state.xy, share * (state.xx + known) - known * level)
+
+
+@njit
+def raise_to(state, settings, level, share):
+    """Plates that rest carry as much: the level of the moment is at least `share` [-]; `level` is the adapted one."""
+    known = settings.floor * settings.floor
+    state.xy = max(state.xy, share * (state.xx + known) - known * level)
 
 
 @njit
