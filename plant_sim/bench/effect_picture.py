@@ -5,9 +5,10 @@ from pathlib import Path
 from textwrap import wrap
 from typing import Any
 
+from plant_sim import palette
 from plant_sim.bench.demonstration import Demonstration
 
-_WITHOUT, _WITH, _DIFFERENCE = "#222222", "#d62728", "#1f77b4"
+_WITHOUT, _WITH, _DIFFERENCE = palette.INK, palette.LIMIT, palette.SECOND
 _LETTERS = 14  # of a title, an inch
 _OVER = {
     "cylinder_pressure_bar": "cylinder pressure [bar]",  # label of an abscissa

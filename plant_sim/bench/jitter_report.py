@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from plant_sim import palette
 from plant_sim.bench.jitter import SWEPT, Measured, Point, Setting, summary
 from plant_sim.bench.loads import Load
 from plant_sim.bench.progress import table_text
@@ -200,7 +201,7 @@ def draw(setting: Setting, measured: Mapping[str, Measured], path: Path) -> None
     from matplotlib.figure import Figure
 
     figure = Figure((11.0, 7.5), layout="constrained")
-    colours = {name: f"C{i}" for i, name in enumerate(measured)}
+    colours = {name: palette.CYCLE[i % len(palette.CYCLE)] for i, name in enumerate(measured)}
     for row, what in enumerate(("wake", "latency")):
         shown = {name: one.all(what) for name, one in measured.items() if what in one.durations}
         if not shown:

@@ -5,16 +5,16 @@ from math import isfinite
 import numpy as np
 from rich.text import Text
 
+from plant_sim import palette
+
 _HEIGHTS = "▁▂▃▄▅▆▇"  # without the full block, so that lines below each other stay apart
 
 
-def bar(value: float | None, full: float, width: int, style: str = "cyan") -> Text:
+def bar(value: float | None, full: float, width: int, style: str) -> Text:
     """`value` of `full`, whatever its sign, as a bar of `width` characters; empty for None and NaN."""
     share = min(abs(value) / full, 1.0) if value is not None and isfinite(value) else 0.0
     whole, half = divmod(round(share * width * 2), 2)
-    return Text.assemble(
-        ("━" * whole + "╸" * half, style), ("─" * (width - whole - half), "bright_black"), no_wrap=True
-    )
+    return Text.assemble(("━" * whole + "╸" * half, style), ("─" * (width - whole - half), palette.DIM), no_wrap=True)
 
 
 def sparkline(values: np.ndarray, low: float, high: float) -> str:

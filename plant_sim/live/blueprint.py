@@ -11,16 +11,15 @@ from plant_sim.live import curves, scene
 from plant_sim.live.dashboard import PLOTS, REST
 from plant_sim.live.screen import EVENTS
 from plant_sim.live.times import RIG_TIME, TIME
-from plant_sim.live.torque_error import PATH as TORQUE_ERROR
+from plant_sim.live.torque import ERROR
 
 _TRAIL = 5.0  # s: tail of the x-y plots; an engagement of the clutch takes less
 _AXES = ((-16.0, 200.0), (-104.0, 27.0))  # what an x-y plot shows: its box and room for the tick labels
 _TITLES = {plot.path: plot.title for plot in (*PLOTS, REST)} | {
-    TORQUE_ERROR: "torque error: less the demand [Nm]",
-    "states": "phase and fault",
+    ERROR: "torque error, + is too much [Nm]",
+    "states": "phase, clutch, fault",
     "flags": "controller's flags",
 }
-_ERROR = (-4.0, 4.0)  # Nm: a worn lining stays inside; the transient of the first touch leaves it
 
 
 def blueprint(
@@ -29,12 +28,17 @@ def blueprint(
     names: Sequence[str] = ("",),
     window: float | None = 10.0,
     light: bool = False,
+    slips: Sequence[float | None] = (),
 ) -> rrb.Blueprint:
     """One prefix: the bench; two: the runs side by side under their `names`.
 
-    `window` [s] before the cursor, None: all; `light`: of a light screen.
+    `window` [s] before the cursor, None: all; `light`: of a light screen; `slips` [rad/s]: how far each bench's axis of the
+    slip reaches both ways, where that is known before.
     """
-    benches = [_Bench(timeline, p.rstrip("/"), name, window) for p, name in zip(prefixes, names, strict=True)]
+    benches = [
+        _Bench(timeline, prefix.rstrip("/"), name, window, slip)
+        for prefix, name, slip in zip(prefixes, names, slips or [None] * len(prefixes), strict=True)
+    ]
     first = benches[0]
     tabs = [first.light()] if light else first.tabs() if len(benches) == 1 else _beside(benches)
     return rrb.Blueprint(
@@ -66,6 +70,7 @@ class _Bench:
     prefix: str
     name: str
     window: float | None
+    slip: float | None
 
     def tabs(self) -> list[Any]:
         """Tabs of a single bench."""
@@ -83,7 +88,11 @@ class _Bench:
     def light(self) -> Any:
         """What a light screen logs."""
         left = rrb.Vertical(
-            *map(self._plot, ("torque", "pressure", "slip")), self._lanes("states"), row_shares=[2.3, 2.1, 2.1, 1.6]
+            self._plot("torque"),
+            self._plot("pressure"),
+            self._slip(),
+            self._lanes("states"),
+            row_shares=[2.3, 2.1, 2.1, 1.6],
         )
         right = rrb.Vertical(
             self._curve(0), self._curve(1), self._plot("voltage"), self._plot("timing"), row_shares=[2.0, 2.0, 1.3, 2.0]
@@ -94,9 +103,9 @@ class _Bench:
         """Torque, pressure, slip and state over one time axis."""
         return rrb.Vertical(
             self._plot("torque"),
-            self._plot(TORQUE_ERROR, axis_y=rrb.ScalarAxis(range=_ERROR)),
+            self._plot(ERROR),
             self._plot("pressure"),
-            self._plot("slip"),
+            self._slip(),
             self._lanes("states"),
             row_shares=[2.3, 1.4, 2.1, 2.1, 1.6],
         )
@@ -130,6 +139,10 @@ class _Bench:
             time_ranges=self._range(self.window),
             **options,
         )
+
+    def _slip(self) -> rrb.TimeSeriesView:
+        axis = rrb.ScalarAxis(range=(-self.slip, self.slip)) if self.slip else None
+        return self._plot("slip", axis_y=axis)
 
     def _lanes(self, path: str) -> rrb.StateTimelineView:
         return rrb.StateTimelineView(

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import rerun as rr
 
-from plant_sim.live import palette
+from plant_sim import palette
 from plant_sim.live.canvas import Canvas
 from plant_sim.live.pace import Pace
 from plant_sim.live.times import Times
@@ -19,7 +19,7 @@ from protocols.telemetry.batch import Batch
 BOX = (190.0, 88.0)  # width and height of the axes, in units of the view: landscape like the place it has
 _PACE = 10.0  # Hz: pieces of trail; each piece and its dot cost two calls of rerun
 _POINTS = 200.0  # Hz: points of a trail; the pressure loop has 9.8 Hz
-_DIVISIONS = 5  # of an axis, at least
+_DIVISIONS = 5, 3  # at most, of an axis, and of each half of one that goes both ways
 
 
 class Trail(NamedTuple):
@@ -28,12 +28,11 @@ class Trail(NamedTuple):
     name: str
     x: str
     y: str
-    color: int
 
 
 @dataclass
 class Curve:
-    """An x-y plot: its axes (x, y) reach from `low` to `high`, and further where data do."""
+    """An x-y plot: its axes (x, y) reach from `low` to `high`, and further where data do; below 0 as far as above."""
 
     path: str
     title: str
@@ -47,12 +46,12 @@ def curves() -> tuple[Curve, ...]:
     """The two curves of a clutch. The axes begin with the reach of the engagement profile."""
     return (
         Curve("torque_over_pressure", "torque over pressure", ("pressure [bar]", "torque [Nm]"), np.array([4.0, 20.0]), (
-            Trail("estimate", "controller_pressure_bar", "controller_torque_estimate_nm", palette.ESTIMATE),
-            Trail("true", "truth_cylinder_pressure_bar", "truth_clutch_torque_nm", palette.TRUE),
+            Trail("estimate", "controller_pressure_bar", "controller_torque_estimate_nm"),
+            Trail("true", "truth_cylinder_pressure_bar", "truth_clutch_torque_nm"),
         )),
         Curve("torque_over_slip", "torque over slip", ("slip [rad/s]", "torque [Nm]"), np.array([25.0, 20.0]), (
-            Trail("estimate", "controller_slip_rad_s", "controller_torque_estimate_nm", palette.ESTIMATE),
-            Trail("true", "truth_slip_speed_rad_s", "truth_clutch_torque_nm", palette.TRUE),
+            Trail("estimate", "controller_slip_rad_s", "controller_torque_estimate_nm"),
+            Trail("true", "truth_slip_speed_rad_s", "truth_clutch_torque_nm"),
         )),
     )  # fmt: skip
 
@@ -106,12 +105,15 @@ class Curves:
         low, high = points.min(axis=0), points.max(axis=0)
         slack = 0.02 * (curve.high - curve.low)  # noise about zero is no reason for a new axis
         if (low < curve.low - slack).any() or (high > curve.high).any():
-            curve.low = np.where(low < curve.low - slack, 1.2 * low, curve.low)
             curve.high = np.where(high > curve.high, 1.2 * high, curve.high)
+            back = low < curve.low - slack
+            curve.high = np.where(back, np.maximum(curve.high, -1.2 * low), curve.high)
+            curve.low = np.where(back | (curve.low < 0.0), -curve.high, curve.low)
             self._draw_axes(curve)
 
     def _draw_axes(self, curve: Curve) -> None:
-        steps = np.array([_nice(reach / _DIVISIONS) for reach in curve.high - curve.low])
+        parts = np.where(curve.low < 0.0, curve.high / _DIVISIONS[1], curve.high / _DIVISIONS[0])
+        steps = np.array([_nice(part) for part in parts])
         curve.low = np.floor(curve.low / steps + 1e-9) * steps
         curve.high = np.ceil(curve.high / steps - 1e-9) * steps
         width, height = BOX
@@ -122,17 +124,19 @@ class Curves:
         ys = np.arange(curve.low[1], curve.high[1] + steps[1] / 2, steps[1])
         across = [[(x * sx + shift[0], 0.0), (x * sx + shift[0], -height)] for x in xs]
         along = [[(0.0, -y * sy + shift[1]), (width, -y * sy + shift[1])] for y in ys]
-        grid = rr.LineStrips2D(across + along, colors=[palette.GRID], radii=rr.Radius.ui_points(0.4), draw_order=-1.0)
+        grid = rr.LineStrips2D(
+            across + along, colors=[palette.rgba(palette.GRID)], radii=rr.Radius.ui_points(0.4), draw_order=-1.0
+        )
         self._canvas.static(f"{curve.path}/grid", grid)
         marks = [(line[0][0], 2.0) for line in across] + [(-7.0, line[0][1] - 5.0) for line in along]
         texts = [f"{value:g}" for value in (*np.round(xs, 9), *np.round(ys, 9))]
         marks += [(width / 2.0, 13.0), (12.0, -height - 16.0)]
         texts += curve.labels
-        labels = rr.Points2D(marks, labels=texts, colors=[palette.TEXT], radii=0.0, show_labels=True)
+        labels = rr.Points2D(marks, labels=texts, colors=[palette.rgba(palette.TEXT)], radii=0.0, show_labels=True)
         self._canvas.static(f"{curve.path}/labels", labels)
         for level, trail in enumerate(curve.trails):
             path = f"{curve.path}/data/{trail.name}"
-            color, order = [trail.color], level + 1.0  # the later over the earlier
+            color, order = [palette.rgba(palette.of(trail.y))], level + 1.0  # the later over the earlier
             line, dot = rr.Radius.ui_points(1.2), rr.Radius.ui_points(4.5)
             self._canvas.static(path, rr.LineStrips2D.from_fields(colors=color, radii=line, draw_order=order))
             self._canvas.static(f"{path}/now", rr.Points2D.from_fields(colors=color, radii=dot, draw_order=order))

@@ -8,6 +8,7 @@ from rich.rule import Rule
 from rich.table import Table
 from rich.text import Text
 
+from plant_sim import palette
 from plant_sim.live.bars import bar, sparkline
 from plant_sim.live.catalogue import with_unit
 from plant_sim.live.collector import POINTS, WINDOW
@@ -16,20 +17,18 @@ from protocols.faults import WAITS_FOR_IDLE
 from protocols.telemetry.keys import bus_of
 
 _LEAST_RANGE = 0.05  # of the full scale, between bottom and top of a sparkline: noise stays small
-_STATE_STYLES = {"running": "green", "waiting": "yellow", "stalled": "bold red", "gone": "bold red"}
-_PHASE_STYLES = {"slip control": "green", "lock": "green", "fill": "yellow", "release": "yellow", "fault": "bold red"}
 
 
 def drawn(snapshot: Snapshot) -> Group:
     """A snapshot as a screen of 80 x 24."""
     phase = Text.assemble(
-        ("phase ", "bright_black"),
-        (snapshot.phase or "-", _PHASE_STYLES.get(snapshot.phase or "", "")),
-        ("   clutch ", "bright_black"),
-        snapshot.clutch or "-",
-        ("   fault ", "bright_black"),
-        (snapshot.fault or "-", "" if snapshot.fault in (None, "none") else "bold red"),
-        (f"   {_told(snapshot)}", "yellow"),
+        ("phase ", palette.DIM),
+        (snapshot.phase or "-", palette.badge(snapshot.phase)),
+        ("   clutch ", palette.DIM),
+        (snapshot.clutch or "-", palette.badge(snapshot.clutch)),
+        ("   fault ", palette.DIM),
+        (snapshot.fault or "-", palette.badge(snapshot.fault)),
+        (f"   {_told(snapshot)}", palette.NOTICE),
         no_wrap=True,
         overflow="ellipsis",
     )
@@ -51,7 +50,7 @@ def _told(snapshot: Snapshot) -> str:
 
 
 def _rule(title: str) -> Rule:
-    return Rule(Text(title), align="left", style="bright_black")
+    return Rule(Text(title), align="left", style=palette.DIM)
 
 
 def _services(snapshot: Snapshot) -> Table:
@@ -59,11 +58,11 @@ def _services(snapshot: Snapshot) -> Table:
     for name, state in snapshot.nodes.items():
         age = "" if state.age is None else f"newest row {state.age:.1f} s ago"
         table.add_row(
-            Text(name, "bright_black"),
-            Text(state.state, _STATE_STYLES.get(state.state, "bright_black")),
+            Text(name, palette.DIM),
+            Text(state.state, palette.badge(state.state)),
             Text(_number(state.rate, "{:.1f} Hz")),
-            Text(f"lost {state.lost}", "bold red" if state.lost else ""),
-            Text(age if state.state != "running" else "", "bold red"),
+            Text(f"lost {state.lost}", palette.WRONG if state.lost else ""),
+            Text(age if state.state != "running" else "", palette.WRONG),
         )
     return table
 
@@ -76,13 +75,14 @@ def _quantities(snapshot: Snapshot) -> Table:
         shared = np.concatenate([snapshot.traces[q.name] for q in QUANTITIES if q.group == quantity.group])
         low = float(np.nanmin(shared, initial=quantity.full))
         high = max(float(np.nanmax(shared, initial=0.0)), low + _LEAST_RANGE * quantity.full)
+        colour = palette.of(quantity.column)
         table.add_row(
-            Text(quantity.name, "bright_black"),
+            Text(quantity.name, palette.DIM),
             Text("-" if np.isnan(value) else f"{value:.2f}", "bold"),
             "" if quantity.unit == "1" else quantity.unit,
-            bar(value, quantity.full, 14),
+            bar(value, quantity.full, 14, colour),
             "",
-            Text(sparkline(trace, low, high), "cyan"),
+            Text(sparkline(trace, low, high), colour),
         )
     return table
 
@@ -92,15 +92,15 @@ def _timing(snapshot: Snapshot) -> Table:
     for column in table.columns[1:-1]:
         column.justify = "right"
     head = ("", "wake p50", "p99", "max", "work p50", "p99", "max", "late", "", "p99/period")
-    table.add_row(*(Text(name, "bright_black") for name in head))
+    table.add_row(*(Text(name, palette.DIM) for name in head))
     for name, state in snapshot.nodes.items():
         busy = state.wake.p99 + state.work.p99
         table.add_row(
-            Text(name, "bright_black"),
+            Text(name, palette.DIM),
             *(_number(value, "{:.0f}") for value in (*state.wake, *state.work)),
-            Text(str(state.late) if state.cycles else "-", "bold red" if state.late else ""),
+            Text(str(state.late) if state.cycles else "-", palette.WRONG if state.late else ""),
             "",
-            bar(busy, state.period_us, 10, "cyan" if busy < state.period_us else "bold red"),
+            bar(busy, state.period_us, 10, palette.of(f"{name}_wake_us") if busy < state.period_us else palette.WRONG),
         )
     return table
 
@@ -115,7 +115,7 @@ def _changes(snapshot: Snapshot) -> list[Text]:
         )
         for change in reversed(snapshot.changes)
     ]
-    return lines or [Text("none", "bright_black")]
+    return lines or [Text("none", palette.DIM)]
 
 
 def _grid(*widths: int) -> Table:

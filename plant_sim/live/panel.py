@@ -20,6 +20,7 @@ from rich.panel import Panel as Box
 from rich.table import Table
 from rich.text import Text
 
+from plant_sim import palette
 from plant_sim.live.bars import bar
 from plant_sim.live.supervisor import RATE, Answer, Supervisor
 from plant_sim.profile import PRESSURE_LIMIT, SPEED_LIMIT, TORQUE_LIMIT
@@ -50,10 +51,6 @@ _HELP = (
     "+ - 0.05 bar   e engage: follow the torque   p the pressure   l lock",
     "r release   i idle, acknowledge   space release now   q quit",
 )
-_COLOURS = {"active": "green", "slip control": "green", "fill": "yellow", "release": "yellow", "fault": "bold red",
-            "silent": "bold red", "finalized": "bold red", "engage": "bold green", "pressure": "bold green",
-            "lock": "bold green", "locked": "bold green", "sliding": "green", "sticking": "yellow",
-            "none": "default"}  # fmt: skip
 
 
 @dataclass
@@ -163,26 +160,26 @@ def drive(bus: str) -> tuple[str, str, bool]:
 def drawn(panel: Panel, answer: Answer, bus: str) -> Box:
     """The panel as a picture of 80 columns."""
     table = Table.grid(padding=(0, 2))
-    for style in ("bright_black", "bold", "", ""):
+    for style in (palette.DIM, "bold", "", ""):
         table.add_column(style=style)
     table.columns[1].justify = "right"
-    rows: tuple[tuple[str, float | None, str, float], ...] = (
-        ("torque demand", panel.torque, "Nm", TORQUE_LIMIT),
-        ("torque estimate", answer.torque_estimate, "Nm", TORQUE_LIMIT),
-        ("torque measured", answer.clutch_torque, "Nm", TORQUE_LIMIT),
-        ("pressure demand", panel.pressure, "bar", _PRESSURE_FULL),
-        ("pressure", answer.pressure, "bar", _PRESSURE_FULL),
-        ("motor speed demand", panel.speed, "rad/s", SPEED_LIMIT),
-        ("slip", answer.slip, "rad/s", SPEED_LIMIT),
-        ("oil temperature", answer.temperature, "degC", 150.0),
-        ("friction level", answer.friction_level, "", 2.0),
+    rows: tuple[tuple[str, float | None, str, float, str], ...] = (
+        ("torque demand", panel.torque, "Nm", TORQUE_LIMIT, "torque_demand_nm"),
+        ("torque estimate", answer.torque_estimate, "Nm", TORQUE_LIMIT, "controller_torque_estimate_nm"),
+        ("torque measured", answer.clutch_torque, "Nm", TORQUE_LIMIT, "clutch_torque_nm"),
+        ("pressure demand", panel.pressure, "bar", _PRESSURE_FULL, "controller_pressure_demand_bar"),
+        ("pressure", answer.pressure, "bar", _PRESSURE_FULL, "cylinder_pressure_bar"),
+        ("motor speed demand", panel.speed, "rad/s", SPEED_LIMIT, "motor_speed_demand_rad_s"),
+        ("slip", answer.slip, "rad/s", SPEED_LIMIT, "slip_speed_rad_s"),
+        ("oil temperature", answer.temperature, "degC", 150.0, "oil_temperature_degc"),
+        ("friction level", answer.friction_level, "", 2.0, "controller_friction_level"),
     )
-    for name, value, unit, full in rows:
+    for name, value, unit, full, column in rows:
         number = "-" if value is None else f"{value:.2f}"
-        table.add_row(name, number, unit, bar(value, full, _BAR_WIDTH))
+        table.add_row(name, number, unit, bar(value, full, _BAR_WIDTH, palette.of(column)))
     state = Table.grid(padding=(0, 2))
     for _ in range(3):
-        state.add_column(style="bright_black", min_width=8)
+        state.add_column(style=palette.DIM, min_width=8)
         state.add_column(min_width=12)
     state.add_row(
         "request",
@@ -190,7 +187,7 @@ def drawn(panel: Panel, answer: Answer, bus: str) -> Box:
         "phase",
         _coloured(answer.phase),
         "fault",
-        _fault(answer.fault),
+        _coloured(answer.fault),
     )
     state.add_row(
         "controller",
@@ -200,17 +197,13 @@ def drawn(panel: Panel, answer: Answer, bus: str) -> Box:
         "clutch",
         _coloured(answer.clutch),
     )
-    message = Text(panel.message or " ", style="yellow", no_wrap=True, overflow="ellipsis")
-    keys = Text("\n".join(_HELP), style="bright_black")
+    message = Text(panel.message or " ", style=palette.NOTICE, no_wrap=True, overflow="ellipsis")
+    keys = Text("\n".join(_HELP), style=palette.DIM)
     return Box(
         Group(state, Text(), table, Text(), message, Text(), keys),
-        title=f"clutch-hil panel, {bus}", title_align="left", width=80, padding=(1, 2), border_style="bright_black",
+        title=f"clutch-hil panel, {bus}", title_align="left", width=80, padding=(1, 2), border_style=palette.DIM,
     )  # fmt: skip
 
 
 def _coloured(name: str | None) -> Text:
-    return Text(name or "-", style=_COLOURS.get(name or "", "default"))
-
-
-def _fault(name: str | None) -> Text:
-    return Text(name or "-", style="default" if name in (None, "none") else "bold red")
+    return Text(name or "-", style=palette.badge(name))

@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from plant_sim.direction import both_ways
 from plant_sim.live.blueprint import blueprint
+from plant_sim.live.dashboard import SLIP
 from plant_sim.live.rrd_writer import RrdWriter
 from plant_sim.live.screen import Screen
 from plant_sim.live.stream import new_recording
@@ -105,7 +107,8 @@ class Replay:
         stems = [path.stem for path in paths]
         self._names = stems if len(set(stems)) == len(stems) else list(map(str, paths))
         titles = self._names if len(paths) > 1 else [""]
-        self._blueprint = blueprint(TIMELINE, self._prefixes, titles, window=None)
+        slips = [_slip_axis(batches) for batches in self._runs.values()]
+        self._blueprint = blueprint(TIMELINE, self._prefixes, titles, window=None, slips=slips)
 
     @property
     def name(self) -> str:
@@ -147,6 +150,12 @@ class Replay:
             for batch in batches:
                 screen.log(batch)
         recording.flush()
+
+
+def _slip_axis(batches: Sequence[Batch]) -> float | None:
+    """How far the axis of a run's slip reaches both ways [rad/s]; None where the clutch slips one way only."""
+    lines = {line.column for line in SLIP.lines}
+    return both_ways(*(batch[c.name] for batch in batches for c in batch.columns if c.name in lines), np.empty(0))
 
 
 def _samples(batches: Sequence[Batch]) -> int:

@@ -12,10 +12,12 @@ import numpy as np
 import rerun as rr
 
 import plant_sim
+from plant_sim import palette
 from plant_sim.live.canvas import Canvas
 from plant_sim.live.lathe import disc, turned
 from plant_sim.live.pace import Pace
 from plant_sim.live.times import Times
+from plant_sim.palette import rgb, rgba
 from protocols.parameters import load_defaults
 from protocols.telemetry.batch import Batch
 
@@ -24,8 +26,6 @@ EYE, TARGET = (5.5, -5.0, 2.1), (2.75, 0.0, -0.1)  # seen from the shaft's side,
 RATE = 25.0  # Hz: smooth for the eye
 _NEEDED = ("truth_piston_position_m", "truth_cylinder_pressure_bar", "truth_clutch_torque_nm", "shaft_angle_rad")
 _PRESSURE, _TORQUE = 4.0, 20.0  # bar, Nm: full colour, as far as the axes of the curves reach
-_COLD_OIL, _PRESSED_OIL = np.array([38, 50, 66]), np.array([64, 156, 255])  # RGB
-_COLD_PLATE, _LOADED_PLATE = np.array([120, 96, 72]), np.array([255, 140, 40])
 
 # Drawing units along the axis; radii likewise.
 _STROKE = 0.55  # what the piston's clearance is drawn as
@@ -49,14 +49,15 @@ class Scene:
         """Log the shapes."""
         send = self._canvas.static
         half = partial(turned, begin=-pi / 2.0, end=pi / 2.0)  # behind the cut
-        housing, steel, dark = 0x6B7683FF, 0xA9B4C0FF, 0x58626EFF
+        housing, steel, dark = map(rgba, (palette.HOUSING, palette.STEEL, palette.DRUM))
+        white = rgba(palette.PAPER)
         end = _STACK + _STROKE + (2 * _PLATES + 1) * _THICKNESS
         send(f"{PATH}/housing/bottom", half(disc(-0.25, 0.25, 0.0, _BORE + 0.2), housing))
         send(f"{PATH}/housing/cylinder", half(disc(0.0, 2.0, _BORE, _BORE + 0.2), housing))
         send(f"{PATH}/housing/wall", half(disc(1.8, 0.2, 0.85, _BORE), housing))
         send(f"{PATH}/housing/drum", half(disc(2.0, end - 2.0 + 0.25, _BORE, _BORE + 0.2), dark))
         send(f"{PATH}/housing/end", half(disc(end, 0.25, 0.55, _BORE), housing))
-        send(f"{PATH}/oil", turned(disc(0.0, 1.0, 0.0, _BORE - 0.02), 0xFFFFFFFF))
+        send(f"{PATH}/oil", turned(disc(0.0, 1.0, 0.0, _BORE - 0.02), white))
         send(f"{PATH}/piston/head", turned(disc(_CHAMBER, _PISTON, 0.0, _BORE - 0.02), steel))
         send(
             f"{PATH}/piston/rod", turned(disc(_CHAMBER + _PISTON, _STACK - _CHAMBER - _PISTON - 0.2, 0.45, 0.62), steel)
@@ -64,10 +65,15 @@ class Scene:
         send(f"{PATH}/piston/plate", turned(disc(_STACK - 0.2, 0.2, 0.45, 1.4), steel))
         turns = np.linspace(0.0, 2 * pi * 5, 161)
         coil = np.stack([turns / turns[-1], 1.05 * np.cos(turns), 1.05 * np.sin(turns)], axis=1)
-        send(f"{PATH}/spring", rr.LineStrips3D([coil], colors=[0xD9DEE4FF], radii=0.045))
+        send(f"{PATH}/spring", rr.LineStrips3D([coil], colors=[rgba(palette.SPRING)], radii=0.045))
         send(f"{PATH}/steel", turned(disc(0.0, _THICKNESS, 0.75, _BORE - 0.03), steel))
-        send(f"{PATH}/rotor/friction", turned(disc(0.0, _THICKNESS, 0.4, 1.3), 0xFFFFFFFF, stripe=0x8C8C8CFF))
-        send(f"{PATH}/rotor/shaft", turned(disc(0.9, end + 1.0 - 0.9, 0.0, 0.32), dark, stripe=0x5C6672FF))
+        send(
+            f"{PATH}/rotor/friction", turned(disc(0.0, _THICKNESS, 0.4, 1.3), white, stripe=rgba(palette.PLATE_STRIPE))
+        )
+        send(
+            f"{PATH}/rotor/shaft",
+            turned(disc(0.9, end + 1.0 - 0.9, 0.0, 0.32), dark, stripe=rgba(palette.SHAFT_STRIPE)),
+        )
         send(f"{PATH}/rotor/flange", turned(disc(end + 0.75, 0.25, 0.32, 1.0), dark, stripe=steel))
 
     def log(self, batch: Batch, times: Times) -> None:
@@ -87,7 +93,7 @@ class Scene:
         stroke = _STROKE * np.clip(position / self._clearance, 0.0, 1.1)
         zero, one = np.zeros(len(stroke)), np.ones(len(stroke))
         send = self._canvas.send
-        oil = _mixed(_COLD_OIL, _PRESSED_OIL, pressure / _PRESSURE)
+        oil = _mixed(palette.COLD_OIL, palette.PRESSED_OIL, pressure / _PRESSURE)
         scale = np.stack([_CHAMBER + stroke, one, one], axis=1)
         send(f"{PATH}/oil", times, [*rr.Transform3D.columns(scale=scale), *rr.Mesh3D.columns(albedo_factor=oil)])
         along = np.stack([stroke, zero, zero], axis=1)
@@ -106,7 +112,7 @@ class Scene:
         shift = np.zeros((len(stroke), count, 3))
         shift[..., 0] = x
         send(f"{PATH}/steel", times, _poses(shift[:, 0::2]))
-        glow = _mixed(_COLD_PLATE, _LOADED_PLATE, torque / _TORQUE)
+        glow = _mixed(palette.COLD_PLATE, palette.LOADED_PLATE, np.abs(torque) / _TORQUE)
         tint = rr.Mesh3D.columns(albedo_factor=glow)
         send(f"{PATH}/rotor/friction", times, [*_poses(shift[:, 1::2]), *tint])
         half = angle / 2.0
@@ -120,7 +126,8 @@ def _poses(shift: np.ndarray) -> rr.ComponentColumnList:
     return columns.partition(np.full(shift.shape[0], shift.shape[1]))
 
 
-def _mixed(low: np.ndarray, high: np.ndarray, part: np.ndarray) -> np.ndarray:
+def _mixed(low_colour: str, high_colour: str, part: np.ndarray) -> np.ndarray:
     """Colours between two, shape (n,), 0xRRGGBBAA."""
-    rgb = (low + np.clip(part, 0.0, 1.0)[:, None] * (high - low)).astype(np.uint32)
-    return (rgb[:, 0] << 24) | (rgb[:, 1] << 16) | (rgb[:, 2] << 8) | 0xFF
+    low, high = np.array(rgb(low_colour)), np.array(rgb(high_colour))
+    mixed = (low + np.clip(part, 0.0, 1.0)[:, None] * (high - low)).astype(np.uint32)
+    return (mixed[:, 0] << 24) | (mixed[:, 1] << 16) | (mixed[:, 2] << 8) | 0xFF

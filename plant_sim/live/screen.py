@@ -3,7 +3,7 @@
 import numpy as np
 import rerun as rr
 
-from plant_sim.live import palette
+from plant_sim import palette
 from plant_sim.live.canvas import Canvas, wide
 from plant_sim.live.curves import Curves
 from plant_sim.live.dashboard import LIGHT, Place, places
@@ -11,7 +11,7 @@ from plant_sim.live.pace import Pace
 from plant_sim.live.scene import Scene
 from plant_sim.live.states import States
 from plant_sim.live.times import RIG_TIME, TIME, Times, times
-from plant_sim.live.torque_error import TorqueError
+from plant_sim.live.torque import TorqueDemand, TorqueError
 from protocols.errors import InputError
 from protocols.node import Column
 from protocols.telemetry.batch import Batch
@@ -38,7 +38,7 @@ class Screen:
         self._canvas = canvas = Canvas(recording, prefix)
         self._light = light
         more = () if light else (TorqueError(canvas), Scene(canvas))
-        self._parts = (States(canvas), Curves(canvas), *more)
+        self._parts = (States(canvas), Curves(canvas), TorqueDemand(canvas), *more)
         self._places: dict[str, tuple[tuple[Column, ...], list[Place]]] = {}  # by node, as announced
         self._last: dict[str, tuple[float, Times]] = {}  # rate and times of the newest batch by node
         self._sessions: dict[str, int] = {}  # by node
@@ -50,9 +50,9 @@ class Screen:
         self._places.clear()
         for part in self._parts:
             part.open()
-        limit = rr.SeriesLines(names=["deadline [us]"], colors=[palette.LIMIT], widths=[1.0])
+        limit = rr.SeriesLines(names=["deadline [us]"], colors=[palette.rgba(palette.LIMIT)], widths=[1.0])
         self._canvas.static(DEADLINE, limit)
-        self._canvas.static(EVENTS, rr.TextLog.from_fields(color=palette.TEXT))
+        self._canvas.static(EVENTS, rr.TextLog.from_fields(color=palette.rgba(palette.TEXT)))
 
     def log(self, batch: Batch) -> None:
         """Log the rows of a batch: every column once, and what is drawn from them."""
@@ -98,7 +98,7 @@ class Screen:
                 place.path,
                 rr.SeriesLines(
                     names=place.labels,
-                    colors=np.array([line.color for line in place.lines], dtype=np.uint32),
+                    colors=np.array([palette.rgba(colour) for colour in place.colours], dtype=np.uint32),
                     widths=[line.width for line in place.lines],
                 ),
                 rr.AnyValues(

@@ -8,10 +8,10 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from plant_sim import palette
 from plant_sim.discrepancy.report.residuals import Residuals, times
 from plant_sim.discrepancy.report.wording import axis_label, number, regime_text, spoken, unit_text, verdict
 from plant_sim.discrepancy.result import Trace
-from plant_sim.live import palette
 from plant_sim.live.canvas import wide
 from plant_sim.live.stream import new_recording
 from protocols.errors import InputError
@@ -19,7 +19,9 @@ from protocols.runs import whole_file
 
 TIMELINE = "rig_time"
 NAMES = ("before", "after", "measured")  # lines of an output, the last on top; those of a residual are the first two
-_COLOURS = (palette.LIMIT, palette.TRUE, palette.DEMAND)  # the page has red, blue, black on white
+_COLOURS = tuple(
+    map(palette.rgba, (palette.LIMIT, palette.TRUE, palette.MEASURED))
+)  # the page has red, blue, black on white
 _WIDTHS = (1.5, 2.5, 1.0)  # ui points: after shows on both sides of measured
 _VERDICT = "verdict"
 _ROWS = 4  # outputs on a screen
@@ -57,7 +59,7 @@ def _log(recording: rr.RecordingStream, residuals: Residuals, trace: Trace) -> N
             ends = [rr.TimeColumn(TIMELINE, duration=nanoseconds[[0, -1]])]
             band = [np.full(2, 2.0 * floor), np.full(2, -2.0 * floor)]
             path = _path(trace, column, "residual", "floor")
-            _lines(recording, path, ("2 x floor", "-2 x floor"), (palette.GRID,) * 2, ends, band)
+            _lines(recording, path, ("2 x floor", "-2 x floor"), (palette.rgba(palette.GRID),) * 2, ends, band)
 
 
 def _lines(
