@@ -8,7 +8,7 @@ from typing import Any
 from plant_sim import palette
 from plant_sim.bench.demonstration import Demonstration
 
-_WITHOUT, _WITH, _DIFFERENCE = palette.INK, palette.LIMIT, palette.SECOND
+_WITHOUT, _WITH, _DIFFERENCE = palette.INK, *palette.CYCLE[:2]
 _LETTERS = 14  # of a title, an inch
 _OVER = {
     "cylinder_pressure_bar": "cylinder pressure [bar]",  # label of an abscissa

@@ -92,7 +92,7 @@ class _Bench:
             self._plot("pressure"),
             self._slip(),
             self._lanes("states"),
-            row_shares=[2.3, 2.1, 2.1, 1.6],
+            row_shares=[2.0, 1.9, 1.9, 1.8],
         )
         right = rrb.Vertical(
             self._curve(0), self._curve(1), self._plot("voltage"), self._plot("timing"), row_shares=[2.0, 2.0, 1.3, 2.0]
@@ -107,7 +107,7 @@ class _Bench:
             self._plot("pressure"),
             self._slip(),
             self._lanes("states"),
-            row_shares=[2.3, 1.4, 2.1, 2.1, 1.6],
+            row_shares=[2.0, 1.3, 2.0, 2.0, 2.0],
         )
 
     def motion(self) -> Any:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from plant_sim.direction import direction
 from plant_sim.live import clutch_state
 from plant_sim.live.snapshot import NO_TIMES, QUANTITIES, NodeState, Percentiles, Snapshot
 from protocols.faults import FaultWatch, waits_for_idle
@@ -101,6 +102,8 @@ class Collector:
             column = self._column(rows, quantity.node, quantity.column)
             values[quantity.name] = float(column[-1]) if len(column) else float("nan")
             traces[quantity.name] = self._thinned(quantity.node, column)
+        # a magnitude, drawn over the signed torque
+        traces["torque demand"] = traces["torque demand"] * direction(traces["slip"], traces["torque estimate"])
         states = {node: self._node_state(node, rows.get(node), now) for node in NODES}
         known = self.alive.get("controller", False)
         return Snapshot(

@@ -59,7 +59,7 @@ def _services(snapshot: Snapshot) -> Table:
         age = "" if state.age is None else f"newest row {state.age:.1f} s ago"
         table.add_row(
             Text(name, palette.DIM),
-            Text(state.state, palette.badge(state.state)),
+            Text.assemble((state.state, palette.badge(state.state))),
             Text(_number(state.rate, "{:.1f} Hz")),
             Text(f"lost {state.lost}", palette.WRONG if state.lost else ""),
             Text(age if state.state != "running" else "", palette.WRONG),

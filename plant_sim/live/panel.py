@@ -206,4 +206,4 @@ def drawn(panel: Panel, answer: Answer, bus: str) -> Box:
 
 
 def _coloured(name: str | None) -> Text:
-    return Text(name or "-", style=palette.badge(name))
+    return Text.assemble((name or "-", palette.badge(name)))

@@ -62,6 +62,8 @@ class NodeState:
 class Snapshot:
     """A bench at one instant: `values` and `traces` (shape (points,), the last 10 s) by name of QUANTITIES.
 
+    The demand of a torque, a magnitude, has the sign of the slip in its trace.
+
     `phase`, `fault` and `clutch` (open, sliding, sticking, locked) are None when they are not known: a controller that is not
     there, or is gone, may be in any.
     """

@@ -9,8 +9,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rich.color import Color
 from rich.console import Console
 
+from plant_sim import palette
 from plant_sim.live.bars import bar, sparkline
 from plant_sim.live.collector import WINDOW, Collector
 from plant_sim.live.monitor_screen import drawn, line
@@ -181,6 +183,30 @@ def test_a_trace_ends_now_and_begins_ten_seconds_ago() -> None:
     assert trace[0] == pytest.approx(ramp[-1] - WINDOW, abs=WINDOW / len(trace))
 
 
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_a_demand_is_drawn_the_way_round_the_clutch_slips_and_told_as_it_is(way: float) -> None:
+    rows = batch("controller", 0, 10_000, controller_torque_demand_nm=10.0, controller_torque_estimate_nm=way * 9.9,
+                 controller_slip_rad_s=way * 12.0)  # fmt: skip
+    snapshot = collector(rows).snapshot(NOW)
+    assert (snapshot.traces["torque demand"] == way * 10.0).all()
+    assert snapshot.values["torque demand"] == 10.0
+
+
+def test_a_quantity_and_a_state_have_the_colours_of_the_pictures() -> None:
+    console = Console(width=80, record=True, file=io.StringIO(), force_terminal=True, color_system="truecolor")
+    rows = batch(
+        "controller", 0, 20, controller_torque_estimate_nm=15.0, controller_phase=2.0, controller_clutch_state=2.0
+    )
+    console.print(drawn(collector(rows).snapshot(NOW)))
+    styles = {part.text.strip(): part.style for part in console._record_buffer if part.text.strip() and part.style}
+    for word in ("slip control", "sticking"):
+        assert styles[word].bgcolor == Color.parse(palette.of_state(word)), word
+    bars = [
+        part.style.color for part in console._record_buffer if set(part.text) <= {"━", "╸"} and part.text and part.style
+    ]
+    assert Color.parse(palette.ESTIMATE) in bars
+
+
 def test_only_the_last_changes_are_kept_in_the_order_of_time() -> None:
     watched = collector(batch("plant", 0, 20))
     change = {"node": "plant", "name": "clutch.coulomb_slope", "old": 10.8, "new": 11.0, "unit": "Nm/bar", "row": 1}
@@ -227,8 +253,8 @@ def test_a_line_tells_states_torque_and_losses() -> None:
 
 def test_bars_and_sparklines_keep_their_width() -> None:
     for value in (None, float("nan"), -5.0, 0.0, 3.0, 10.0, 99.0):
-        assert len(bar(value, 10.0, 8).plain) == 8
-    assert bar(5.0, 10.0, 8).plain == "━━━━────"
+        assert len(bar(value, 10.0, 8, "").plain) == 8
+    assert bar(5.0, 10.0, 8, "").plain == "━━━━────"
     assert sparkline(np.array([np.nan, 0.0, 0.5, 1.0, 7.0]), 0.0, 1.0) == " ▁▄▇▇"
     assert sparkline(np.array([2.0, 2.0]), 2.0, 2.0) == "▁▁"
 
