@@ -119,6 +119,11 @@ def test_too_much_torque_is_above_zero_either_way(way: float) -> None:
     assert error["estimate - true"] == pytest.approx(-0.3)
 
 
+def test_a_torque_against_the_slip_is_too_little() -> None:
+    error = panel(run_sheet(sliding(truth_clutch_torque_nm=-10.0), ""), 1)
+    assert error["true - demand"] == pytest.approx(-20.0)
+
+
 def test_an_estimate_of_the_wrong_sign_is_seen() -> None:
     error = panel(run_sheet(sliding(controller_torque_estimate_nm=-10.0), ""), 1)
     assert error["estimate - true"] == pytest.approx(-20.0)
@@ -167,8 +172,9 @@ def test_a_transient_does_not_flatten_the_error_and_is_told(tmp_path: Path) -> N
     assert 0.2 < axes.get_ylim()[1] < 0.5
     assert any(text.get_text() == "true - demand (to -7.0 and +4.0)" for text in axes.get_legend().texts)
     marks = {line.get_marker(): list(line.get_xdata()) for line in axes.get_lines() if line.get_color() == palette.TRUE}
-    assert marks["v"] == [0.0]
-    assert marks["^"] == [0.5]
+    assert (marks["v"], marks["^"]) == ([0.0], [0.5])
+    heights = {line.get_marker(): set(line.get_ydata()) for line in axes.get_lines() if line.get_marker() in ("v", "^")}
+    assert (heights["v"], heights["^"]) == ({axes.get_ylim()[0]}, {axes.get_ylim()[1]})
 
 
 def test_an_error_that_lasts_is_shown_whole() -> None:
