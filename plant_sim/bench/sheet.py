@@ -22,6 +22,7 @@ _ABOVE: dict[str, Any] = {
 }  # fmt: skip
 _REACH, _ROOM = 98.0, 1.5  # %, of an error's samples that its axis is made for, and times these
 _LEAST = 0.1  # Nm, half of an error's axis at least: the rounded pressure alone is 0.08
+_EDGE = 0.94  # of half an axis, where a mark of what leaves it is inside it and below the legend
 _MARKS = 100  # places along the time for marks of what leaves an axis: nearer ones lay on each other
 
 
@@ -169,7 +170,14 @@ def plot_errors(
         for side, mark in ((1.0, "^"), (-1.0, "v")):
             at = _places(time, side * values > reach)
             axes.plot(
-                at, np.full(len(at), side * reach), mark, color=colour, ms=5, ls="none", clip_on=False, in_layout=False
+                at,
+                np.full(len(at), side * _EDGE * reach),
+                mark,
+                color=colour,
+                ms=5,
+                ls="none",
+                clip_on=False,
+                in_layout=False,
             )
 
 
