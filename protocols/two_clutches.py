@@ -26,6 +26,11 @@ def checked_clutch(name: str) -> str:
     return name
 
 
+def other_clutch(name: str) -> str:
+    """The other of the two."""
+    return "b" if checked_clutch(name) == "a" else "a"
+
+
 def of_clutch(message: Message, clutch: str) -> Message:
     """A message of the DBC as clutch `clutch` has it."""
     if checked_clutch(clutch) == "a" or message.name in SHARED:

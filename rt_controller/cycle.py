@@ -16,14 +16,25 @@ from rt_controller.faults import faults_kept, note_fault
 from rt_controller.law import LAW, LAW_SETTINGS, TERMS, control
 from rt_controller.limits import GUARD, LIMITS, close_cycle, inbound, outbound
 from rt_controller.lock import motor_limit
+from rt_controller.other_clutch import (
+    OTHER,
+    PAIR_SETTINGS,
+    applied_alone,
+    heed,
+    pair_mismatch,
+    take_other_encoder,
+    take_other_status,
+)  # fmt: skip
 from rt_controller.phases import PHASE_SETTINGS, PHASES, Phase, advance
 from rt_controller.plausibility import PLAUSIBILITY, PLAUSIBILITY_SETTINGS, pressure_lost, torque_implausible
 from rt_controller.sample import SAMPLE, take_analog, take_encoder
 from rt_controller.transmitted import mismatch
 
-HEARD = ("ANALOG_SENSORS", "ENCODER", "TORQUE_SETPOINT", "PLANT_HEARTBEAT")  # in the order of NODE's receptions
+HEARD = ("ANALOG_SENSORS", "ENCODER", "TORQUE_SETPOINT", "PLANT_HEARTBEAT")  # in the order of NODE's receptions, then
+HEARD_OF_OTHER = ("ENCODER", "CONTROLLER_STATUS")  # those of the other clutch, where there are two
 OUTBOX = 4  # frames a cycle sends at most: heartbeat, status, motor, valve
-_ANALOG, _ENCODER, _SETPOINT, _PLANT = range(len(HEARD))
+_RECEPTIONS = len(HEARD) + len(HEARD_OF_OTHER)
+_ANALOG, _ENCODER, _SETPOINT, _PLANT, _OTHER_ENCODER, _OTHER_STATUS = range(_RECEPTIONS)
 _STEP_LIMIT = 10  # periods: a longer gap between samples is not integrated over (estimator, regulators)
 _COMMAND, _STATUS = 6, 8  # bytes of commands, and of status and heartbeat
 _ESTIMATE, _LATE, _LEVEL = 65.0, 65535, 2.55  # ends of what CONTROLLER_STATUS can say: Nm, cycles, 1
@@ -51,7 +62,8 @@ SETTINGS = np.dtype(
      ("analog_sensors", SIGNAL, (4,)), ("encoder", SIGNAL, (2,)), ("torque_setpoint", SIGNAL, (4,)),
      ("plant_heartbeat", SIGNAL, (3,)), ("valve_command", SIGNAL, (3,)), ("motor_command", SIGNAL, (3,)),
      ("controller_status", SIGNAL, (6,)), ("controller_heartbeat", SIGNAL, (3,)),
-     ("phases", PHASE_SETTINGS), ("plausibility", PLAUSIBILITY_SETTINGS), ("law", LAW_SETTINGS), ("guard", LIMITS)]
+     ("phases", PHASE_SETTINGS), ("pair", PAIR_SETTINGS), ("plausibility", PLAUSIBILITY_SETTINGS), ("law", LAW_SETTINGS),
+     ("guard", LIMITS)]
 )  # fmt: skip
 # slot: periods gone by; beat_after, status_after: those after which the next heartbeat and status are due. What is asked
 # for: request, demand [Nm], pressure_demand [Pa], speed_demand [rad/s], setpoint_age [s]. motor_limit [Nm]: torque that the
@@ -61,7 +73,7 @@ NODE = np.dtype(
      ("late_cycles", "i8"), ("request", "i8"), ("demand", "f8"), ("pressure_demand", "f8"),
      ("speed_demand", "f8"), ("motor_limit", "f8"), ("locked", "?"), ("setpoint_age", "f8"),
      ("refused_id", "i8"), ("refused_value", "f8"),
-     ("receptions", RECEPTION, (len(HEARD),)), ("sample", SAMPLE), ("phases", PHASES),
+     ("receptions", RECEPTION, (_RECEPTIONS,)), ("sample", SAMPLE), ("other", OTHER), ("phases", PHASES),
      ("plausibility", PLAUSIBILITY), ("law", LAW), ("guard", GUARD), ("faults", faults_kept(_TERMS_AT + len(TERMS) + 2))]
 )  # fmt: skip
 
@@ -76,6 +88,7 @@ def cycle(states, all_settings, inbox, count, slots, outbox, row):
     guard, law, sample = node.guard, node.law, node.sample
     elapsed = slots * settings.period
     node.setpoint_age += elapsed
+    node.other.age += elapsed
     node.slot += slots
     ticks = 0
     for index in range(count):
@@ -88,6 +101,7 @@ def cycle(states, all_settings, inbox, count, slots, outbox, row):
     step = min(ticks, _STEP_LIMIT) * settings.period
     request = node.request if node.setpoint_age <= settings.setpoint_timeout else Request.RELEASE.value
     finding = close_cycle(guard, settings.guard, slots)
+    _what_is_applied(node, settings)
     pushes = abs(sample.motor_torque) >= _PUSHES * node.motor_limit
     lost, implausible = _doubts(node, settings, request, pushes, elapsed)
     phase = advance(node.phases, settings.phases, request, sample.pressure, lost, implausible, finding, elapsed)
@@ -102,14 +116,33 @@ def cycle(states, all_settings, inbox, count, slots, outbox, row):
 
 
 @njit
+def _what_is_applied(node, settings):
+    """Torque applied to this clutch, by the motor alone or as far as another leaves it to this one."""
+    sample, torque = node.sample, settings.law.torque
+    if torque.alone:
+        sample.applied, sample.known = sample.motor_torque, True
+        return
+    if node.slot % settings.status_every == settings.status_every // 2:
+        heed(node.other)
+    sample.applied, sample.known = applied_alone(node.other, settings.pair, torque, sample.motor_torque)
+
+
+@njit
 def _doubts(node, settings, request, pushes, elapsed):
     """Whether the pressure signal is lost, and whether the torque is implausible."""
     law, sample, doubts, s = node.law, node.sample, node.plausibility, settings.plausibility
     closed = node.phases.phase == Phase.SLIP_CONTROL or node.phases.phase == Phase.LOCK
     lost = pressure_lost(doubts, s, sample.pressure, law.pressure_demand, elapsed)
-    compared = closed and settings.law.torque.alone and request != Request.PRESSURE
-    off = mismatch(law.torque, settings.law.torque) if compared else 0.0
-    stands = compared and law.torque.contact and not law.torque.motion.moves
+    alone, torque = settings.law.torque.alone, law.torque
+    compared = closed and request != Request.PRESSURE
+    sticks = torque.contact and not torque.motion.moves
+    off = 0.0
+    if compared and alone:
+        off = mismatch(torque, settings.law.torque)
+    elif compared:
+        capacity = torque.level * torque.coulomb_torque
+        off = pair_mismatch(node.other, settings.pair, settings.law.torque, torque.estimate, capacity, sticks, sample)
+    stands = compared and alone and sticks
     implausible = torque_implausible(doubts, s, off, node.speed_demand - sample.speed, stands, pushes, elapsed)
     return lost, implausible
 
@@ -132,7 +165,7 @@ def _receive(node, settings, frame):
         if can_id == own:
             return _refuse(node, Refusal.SECOND_CONTROLLER, can_id, 0.0)
     kind = -1
-    for index in range(len(HEARD)):
+    for index in range(_RECEPTIONS):
         if node.receptions[index].can_id == can_id:
             kind = index
     if kind < 0:
@@ -156,6 +189,19 @@ def _receive(node, settings, frame):
         )  # fmt: skip
     elif kind == _SETPOINT:
         return _take_setpoint(node, settings, word, can_id)
+    elif kind == _OTHER_ENCODER:
+        s = settings.encoder
+        take_other_encoder(
+            node.other,
+            raw(word, s[0]),
+            raw(word, s[1]),
+            settings.angle_step,
+            settings.period,
+            settings.law.torque.bandwidth,
+        )
+    elif kind == _OTHER_STATUS:
+        s = settings.controller_status
+        take_other_status(node.other, value(word, s[3]), raw(word, s[1]) != 0)
     elif raw(word, settings.plant_heartbeat[1]) != settings.rate:
         return _refuse(node, Refusal.RATE, can_id, raw(word, settings.plant_heartbeat[1]))
     return 0

@@ -14,12 +14,13 @@ from protocols.node import Column
 from protocols.parameters import ParameterSet, load_defaults, load_overlay
 from protocols.reception import counted, receptions
 from protocols.request import Request
-from protocols.two_clutches import OFFSET, SHARED
+from protocols.two_clutches import OFFSET, SHARED, other_clutch
 from protocols.words import signals
-from rt_controller.cycle import HEARD, NODE, OUTBOX, SETTINGS, Refusal, cycle, hear
+from rt_controller.cycle import HEARD, HEARD_OF_OTHER, NODE, OUTBOX, SETTINGS, Refusal, cycle, hear
 from rt_controller.law import LAW_SETTINGS, TERMS, law_at_rest, law_settings
 from rt_controller.limits import LIMITS as GUARD_LIMITS
 from rt_controller.limits import guard_limits
+from rt_controller.other_clutch import PAIR_SETTINGS, unheard
 from rt_controller.phases import PHASE_SETTINGS, Fault, Phase
 from rt_controller.plausibility import PLAUSIBILITY_SETTINGS
 from rt_controller.record import record
@@ -61,6 +62,9 @@ def _check(parameters: ParameterSet) -> None:
         raise InputError(
             f"parameter {asked.name} = {asked.value:g} V is above the guard's limit of {allowed.value:g} V"
         )
+    if parameters["driveline.ratio_a"].value == parameters["driveline.ratio_b"].value:
+        same = parameters["driveline.ratio_a"].value
+        raise InputError(f"parameters driveline.ratio_a and driveline.ratio_b are both {same:g}; two gears must differ")
 
 
 class ControllerNode:
@@ -73,8 +77,8 @@ class ControllerNode:
     `outbox` holds the frames of the last cycle, shape (OUTBOX,) of batch.FRAME; `record` its row, shape (columns,). `states`
     and `settings`, shape (1,), are what `cycle.cycle` works on.
 
-    One of two clutches neither adapts nor compares its estimate with the motor's torque, which is that of both; the motor
-    is commanded by clutch a's controller.
+    One of two clutches does not adapt: the motor's torque is that of both, and is compared with both (`other_clutch`). The
+    motor is commanded by clutch a's controller.
     """
 
     columns = COLUMNS
@@ -100,7 +104,12 @@ class ControllerNode:
         self._valve, self._motor = frames["VALVE_COMMAND"], frames["MOTOR_COMMAND"]
         self._heartbeat, self._status = frames["CONTROLLER_HEARTBEAT"], frames["CONTROLLER_STATUS"]
         self.heartbeat_period = self._heartbeat.cycle_time  # s
-        self._codecs = {frames[name].can_id: frames[name] for name in HEARD}
+        heard = [frames[name] for name in HEARD]
+        self._clutch = clutch
+        if clutch:
+            others = load_frames(clutch=other_clutch(clutch))
+            heard += [others[name] for name in HEARD_OF_OTHER]
+        self._codecs = {codec.can_id: codec for codec in heard}
         own = [frames[name] for name in _OWN if self._drives or name not in SHARED]
         self._own = {codec.can_id: codec.name for codec in own}
         self.heard = [*self._codecs, *self._own]  # identifiers of all frames that matter to it
@@ -109,7 +118,9 @@ class ControllerNode:
         self.states, self.settings = np.zeros(1, NODE), np.zeros(1, SETTINGS)
         self._state = state = self.states.view(np.recarray)[0]
         fixed = self.settings.view(np.recarray)[0]
-        state.receptions = receptions(list(self._codecs.values()))
+        state.receptions["can_id"] = _NO_FRAME
+        state.receptions[: len(heard)] = receptions(heard)
+        state.other = unheard()
         state.setpoint_age = np.inf  # s
         state.sample.tick = -1
         state.sample.temperature = parameters["model.oil_reference"].si  # until one is measured
@@ -224,7 +235,7 @@ class ControllerNode:
         """Counts of `protocols.reception.Reception` by frame name."""
         return {
             codec.name: counted(row)
-            for codec, row in zip(self._codecs.values(), self.states["receptions"][0], strict=True)
+            for codec, row in zip(self._codecs.values(), self.states["receptions"][0], strict=False)
         }
 
     def _configure(self, parameters: ParameterSet) -> None:
@@ -236,6 +247,12 @@ class ControllerNode:
         )
         doubts = {name: phases[name] for name in PLAUSIBILITY_SETTINGS.names or ()}
         settings.plausibility = record(PLAUSIBILITY_SETTINGS, doubts)
+        if self._clutch:
+            own, other = (
+                parameters[f"driveline.ratio_{name}"].si for name in (self._clutch, other_clutch(self._clutch))
+            )
+            patience = 2.5 * self._status.cycle_time  # s: two may be lost
+            settings.pair = record(PAIR_SETTINGS, ratio=own, other_ratio=other, patience=patience)
         settings.law = record(LAW_SETTINGS, law_settings(parameters, *self._kind))
         settings.setpoint_timeout, settings.motor_torque_limit = (
             phases["setpoint_timeout"],

@@ -14,11 +14,12 @@ _TICK_WRAP = 1 << 16
 # The newest complete sample: tick (unwrapped, -1 before the first), pressure [Pa], temperature [K], motor_torque [Nm],
 # unchanged by a count for motor_stuck [s]; slip [rad/s], acceleration [rad/s^2] and angle [rad] of the observer; speed
 # [rad/s]: the encoder's own, mean since the sample before; encoder count (unwrapped). `analog`: half a sample is there, its
-# encoder frame has not come yet; `next_...` is what it said.
+# encoder frame has not come yet; `next_...` is what it said. applied [Nm]: torque on this clutch while its slip is constant,
+# where that is `known`.
 SAMPLE = np.dtype(
     [("tick", "i8"), ("pressure", "f8"), ("temperature", "f8"), ("motor_torque", "f8"), ("motor_stuck", "f8"), ("slip", "f8"),
      ("speed", "f8"), ("acceleration", "f8"), ("count", "i8"), ("angle", "f8"), ("analog", "?"), ("next_pressure", "f8"),
-     ("next_temperature", "f8"), ("next_motor_torque", "f8")]
+     ("next_temperature", "f8"), ("next_motor_torque", "f8"), ("applied", "f8"), ("known", "?")]
 )  # fmt: skip
 
 

@@ -5,7 +5,7 @@ Equation        contact, p >= p_contact: M = level (M_C m + f) + viscous f  (est
                 balance  y = M_m - J alpha behind the observer's lag; compared with the model behind the same lag
 Assumptions     the model is fast, the balance is right: where the balance is this clutch's own, and is learnt from, the
                 model is trimmed by what the balance shows
-Not modelled    a motor torque of two clutches: there the plates that stand keep the torque they had
+Not modelled    two clutches that both transmit: there plates that stand keep the torque they had
 References      rig.md 8; Janssens 2010, eq. 6.9
 """
 
@@ -138,8 +138,8 @@ def estimate(torque, settings, closing, closed, speed_demand, pushes, sample, st
 def _rub(torque, settings, sample, pressure, rested, step):
     """State m and viscous torque of plates that rub, `step` [s] later; `rested`: they have stood for long before it."""
     model, moved = settings.model, torque.motion
-    known = settings.alone and torque.coulomb_torque > 0.0  # what is applied to these plates
-    applied = sample.motor_torque / torque.coulomb_torque if known else 0.0
+    known = sample.known and torque.coulomb_torque > 0.0  # what is applied to these plates
+    applied = sample.applied / torque.coulomb_torque if known else 0.0
     if settings.presliding.angle > 0.0:
         _bend(torque, settings, sample, pressure, known, step)
         return
@@ -177,7 +177,9 @@ def _rub(torque, settings, sample, pressure, rested, step):
     slow = abs(sample.speed) <= settings.motion.coarse_speed
     slip = moved.end if turns or not (slow or lands) else moved.slow
     torque.viscous = viscous_torque(model, pressure, slip, sample.temperature)
-    if known and (slow or lands):  # the encoder tells the speed only roughly, but the balance tells the torque
+    if (
+        known and settings.alone and (slow or lands)
+    ):  # the encoder tells the speed only roughly, but the balance tells the torque
         least = 0.0 if lands else torque.viscous * min(abs(slip) / settings.motion.coarse_speed, 1.0)
         balance = (sample.motor_torque - model.motor_inertia * sample.acceleration) / torque.level
         rest = balance - torque.coulomb_torque * torque.m
@@ -198,7 +200,7 @@ def _bend(torque, settings, sample, pressure, known, step):
     if slides:
         torque.viscous = viscous_torque(model, pressure, moved.end, sample.temperature)
     elif known:
-        balance = (sample.motor_torque - model.motor_inertia * sample.acceleration) / torque.coulomb_torque
+        balance = (sample.applied - model.motor_inertia * sample.acceleration) / torque.coulomb_torque
         torque.m = min(max(balance / torque.level, -1.0), 1.0)
 
 

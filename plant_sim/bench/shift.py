@@ -72,7 +72,14 @@ class ShiftSimulation:
                 self._plant.take(controller.outbox, count)
             sensors = self._plant.show()
             self._plant.advance()
-            commands = [controller.cycle(self._plant.outbox, sensors) for controller in self._controllers]
+            # what the other has said since the sample before comes first, as on a bus
+            heard = [
+                np.concatenate([other.outbox[:count], self._plant.outbox[:sensors]])
+                for other, count in zip(reversed(self._controllers), reversed(commands), strict=True)
+            ]
+            commands = [
+                controller.cycle(inbox, len(inbox)) for controller, inbox in zip(self._controllers, heard, strict=True)
+            ]
             for record, node in zip(rows, nodes, strict=True):
                 record.append(node.record.copy())
             if progress and self._plant.tick % _TOLD_EVERY == 0:
