@@ -34,6 +34,8 @@ MODULES = (
     "clutch_temperature",
     "clutch_piston",
     "clutch_stationary",
+    "clutch_lag",
+    "clutch_response",
     "clutch_dynamics",
     "appendix_c",
     "appendix_d",

@@ -1,38 +1,56 @@
 """Experiments of chapter 6 on the simulated rig: what its data acquisition records, noise and quantisation included.
 
-Pressures in bar and temperatures in degC, as on the rig and in every figure of the chapter.
+The rig is played under the controller itself, which is asked for pressures, frame by frame as on a bus. Pressures in bar and
+temperatures in degC, as on the rig and in every figure of the chapter.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from math import ceil, pi
+from math import pi
 
 import numpy as np
 
-from plant_sim.blocks.sensors import Sensors
+from plant_sim.bench.in_process import play
+from plant_sim.node import PlantNode
+from plant_sim.profile import IDLE_FIRST, Profile
 from plant_sim.rigs import wet_clutch
-from protocols.frames import load_frames
+from protocols.errors import InputError
+from protocols.node import node_factory
 from protocols.parameters import ParameterSet
-from protocols.units import BAR, RPM, ZERO_CELSIUS
+from protocols.units import BAR, RPM
 
 RADIUS = 0.058  # m, Table 6.2
 CONTACTS = 2  # friction contacts of the one friction plate, sec. 6.3
 REFERENCE = 70.0  # degC, components during the identification, sec. 6.4.3
 
-_SETTLING = 1.5  # s before a record begins: 15 time constants of the motor's speed control, 85 ms ([motor])
-_PROPORTIONAL, _INTEGRAL = 0.45, 6.0  # 1, 1/s: that of rt_controller/parameters/controller.toml
+_SETTLING = 1.5  # s before a record begins: 0.2 s of idle and fill, then 15 time constants of the motor's 85 ms ([motor])
+SLOW = 250  # Hz, of experiments in which all is slow: the controller's loops are the same there as at 1 kHz
+_COLUMNS = {
+    "demand": "controller_pressure_demand_bar",
+    "pressure": "cylinder_pressure_bar",
+    "slip": "slip_speed_rad_s",
+    "temperature": "oil_temperature_degc",
+    "torque": "clutch_torque_nm",
+    "estimate": "controller_torque_estimate_nm",
+    "true_torque": "truth_clutch_torque_nm",
+    "true_position": "truth_piston_position_m",
+    "true_normal_force": "truth_normal_force_n",
+}
 
 
 @dataclass(frozen=True)
 class Run:
-    """One record, each (n,): as measured, and of the truth what no sensor of the rig shows."""
+    """One record, each (n,): as measured and as the controller tells it, and of the truth what no sensor of the rig shows."""
 
     time: np.ndarray  # s
-    demand: np.ndarray  # bar
+    demand: np.ndarray  # bar, what the controller's pressure loop is to follow
     pressure: np.ndarray  # bar
     slip: np.ndarray  # rad/s
     temperature: np.ndarray  # degC
     torque: np.ndarray  # Nm
+    estimate: np.ndarray  # Nm, the torque that the controller estimates while it runs
+    true_torque: np.ndarray  # Nm
     true_position: np.ndarray  # m, of the piston
     true_normal_force: np.ndarray  # N, on the plates
 
@@ -68,40 +86,29 @@ def measure(
     temperature: float = REFERENCE,
     seed: int = 1,
     rate: int = 1000,
+    tuned: Mapping[str, float] | None = None,
 ) -> Run:
-    """The rig under its pressure regulator, from a filled clutch settled at the first set-points.
+    """The rig under its controller, which is asked for pressures, from a clutch that is filled and settled at the first of them.
 
-    demand (n,) [bar], speed of the motor, scalar or (n,) [rad/s], oil temperature at the start [degC], rate [Hz].
+    demand (n,) [bar], 2 bar or more (the controller's floor), speed of the motor, scalar or (n,) [rad/s], oil temperature at
+    the start [degC], rate [Hz]; `tuned` changes parameters of the controller. Raises InputError where it ends in a fault.
     """
-    rig = wet_clutch.Rig(parameters)
-    sensors = Sensors(seed)
-    frames = load_frames()
-    scale = frames["ANALOG_SENSORS"].scale
-    angle_step = frames["ENCODER"].scale["shaft_angle"]  # rad
-    gain = parameters["valve.gain"].value  # bar/V
-    contact = parameters["piston.contact_pressure"].value  # bar
-    limit = parameters["motor.torque_limit"].value  # Nm
-    period, substeps = 1.0 / rate, ceil(1.0 / (rate * wet_clutch.STEP_LIMIT) - 1e-9)
     settling = round(_SETTLING * rate)
-    demands = np.concatenate([np.full(settling, demand[0]), demand])
-    speeds = np.concatenate([np.full(settling, np.ravel(speed)[0]), np.broadcast_to(speed, demand.shape)])
-
-    state = rig.filled(speeds[0], temperature + ZERO_CELSIUS)
-    integral, last = 0.0, 0  # bar s, counts
-    rows = []
-    for asked, turning in zip(demands.tolist(), speeds.tolist(), strict=True):
-        y = state.read()
-        counts, state = sensors.sample(rig, state, period)
-        pressure = counts.pressure * scale["cylinder_pressure"]
-        slip = (counts.encoder - last) * angle_step / period
-        last = counts.encoder
-        degrees, torque = counts.temperature * scale["oil_temperature"], counts.clutch_torque * scale["clutch_torque"]
-        rows.append((asked, pressure, slip, degrees, torque, y.position, y.normal_force))
-        error = asked - pressure
-        voltage = (asked + _PROPORTIONAL * error + _INTEGRAL * integral) / gain
-        integral += error * period if pressure > contact else 0.0  # only in contact
-        state = rig.advance(state, voltage, turning, limit, period, substeps)
-    return Run(np.arange(demand.size) * period, *np.array(rows)[settling:].T)
+    speeds = np.broadcast_to(speed, demand.shape)
+    before = np.array([0.0, IDLE_FIRST])  # s; from the end of IDLE_FIRST on the pressure is asked for
+    times = np.concatenate([before, (settling + np.arange(demand.size + 1)) * (1.0 / rate)])
+    pressures, motor = (
+        np.concatenate([np.full(before.size, wanted[0]), wanted, wanted[-1:]]) for wanted in (demand, speeds)
+    )
+    profile = Profile("experiment", times.tolist(), [0.0] * times.size, motor.tolist(), pressures.tolist())
+    plant = PlantNode(rate, parameters, profile, seed, temperature)
+    controller = node_factory("controller")(rate)
+    controller.tune(tuned or {})
+    played = play(plant, controller)
+    if played["controller_fault"].any():
+        raise InputError(f"the controller ended an experiment with fault {played['controller_fault'].max():g}")
+    kept = slice(settling, settling + demand.size)
+    return Run(np.arange(demand.size) / rate, *(played[name][kept].copy() for name in _COLUMNS.values()))
 
 
 def law(
@@ -173,18 +180,22 @@ def stationary_curves() -> tuple[Run, ...]:
     return tuple(runs)
 
 
+# Fig 6.8, pressure [bar]: seconds until the oil has 148 degC, at most 320; the controller's guard ends a run at 150
+HEATED = {3.2: 320.0, 3.4: 276.0, 3.6: 204.0}
+
+
 @cache
-def heating(pressure: float, speed: float = 200 * RPM, seconds: float = 320.0) -> Run:
-    """Fig 6.8: constant pressure [bar] and speed from 50 degC, friction heats the oil; means over 2 s."""
-    rate = 100  # Hz: everything is slow here
-    run = measure(np.full(round(seconds * rate), pressure), speed, nominal(), 50.0, 3, rate)
-    return run.plateaus(round(seconds / 2.0), 1.0)
+def heating(pressure: float) -> Run:
+    """Fig 6.8: one of the pressures of HEATED [bar] and 200 rpm from 50 degC, friction heats the oil; means over 2 s."""
+    seconds = HEATED[pressure]
+    run = measure(np.full(round(seconds * SLOW), pressure), 200 * RPM, nominal(), 50.0, 3, SLOW)
+    return run.plateaus(int(seconds / 2.0), 1.0)
 
 
 def ramp(parameters: ParameterSet, seed: int, seconds: float = 100.0, low: float = 2.0, high: float = 4.4) -> Run:
     """Fig 6.11: pressure up and down [bar] at 200 rpm."""
-    half = np.linspace(low, high, round(seconds * 100 / 2))
-    return measure(np.concatenate([half, half[::-1]]), 200 * RPM, parameters, seed=seed, rate=100)
+    half = np.linspace(low, high, round(seconds * SLOW / 2))
+    return measure(np.concatenate([half, half[::-1]]), 200 * RPM, parameters, seed=seed, rate=SLOW)
 
 
 def sine(amount: float, rate: float, seconds: float) -> np.ndarray:

@@ -32,10 +32,15 @@ def quantile(freedom: float) -> float:
 
 
 def recovered(sheet: Sheet, name: str, found: float, half: float, plant: float, thesis: float) -> None:
-    """Two checks and a row of the table: the interval contains the plant's value, and the thesis's is near."""
+    """A row of the table, and what `compared` checks."""
     if not sheet.table:
         sheet.table.append(("parameter", "identified", "95 %", "plant", "thesis"))
     sheet.table.append((name, f"{found:.5g}", f"+- {half:.2g}", f"{plant:.5g}", f"{thesis:.5g}"))
+    compared(sheet, name, found, half, plant, thesis)
+
+
+def compared(sheet: Sheet, name: str, found: float, half: float, plant: float, thesis: float) -> None:
+    """Two checks: the interval `found` +- `half` contains the plant's value, and the thesis's is near."""
     sheet.check(f"the 95 % interval of {name} contains the plant's {plant:.5g}", abs(found - plant) <= half,
                 f"{found:.5g} +- {half:.2g}")  # fmt: skip
     sheet.check(f"{name} within {NEAR:.0%} of the thesis's", abs(found - thesis) <= NEAR * abs(thesis), found, thesis)

@@ -10,6 +10,7 @@ from plant_sim.reproduce.clutch_experiments import (
     PRESSURES,
     RADIUS,
     REFERENCE,
+    SLOW,
     Run,
     cooled,
     law,
@@ -21,6 +22,8 @@ from plant_sim.reproduce.clutch_experiments import (
 from plant_sim.reproduce.clutch_fit import fit, line, quantile, recovered
 from plant_sim.reproduce.sheet import INK, Sheet, label
 from protocols.units import BAR, RPM
+
+FLOOR = 2.0  # bar, the least pressure that the controller follows on request (`pressure.floor` of its parameters)
 
 
 @reproduces(
@@ -86,8 +89,8 @@ def table_6_2(sheet: Sheet) -> None:
 
 def _closing() -> Run:
     """The piston moved to the plates and pressed to 4.2 bar in 40 s, at 200 rpm, means over 0.1 s."""
-    demand = np.linspace(1.6, 4.2, 4000)
-    return measure(demand, 200 * RPM, nominal(**cooled()), seed=7, rate=100).plateaus(400, 1.0)
+    demand = np.linspace(FLOOR, 4.2, 40 * SLOW)
+    return measure(demand, 200 * RPM, nominal(**cooled()), seed=7, rate=SLOW).plateaus(400, 1.0)
 
 
 @reproduces(

@@ -8,6 +8,7 @@ Equation        u(t) = sum_k A cos(2 pi k t/T + phi_k), phi_k uniform
                 var(G) = sum_m |G_m - G|^2/(M (M - 1)),  var_n(G) = mean_m var_n(G_m)/M
                 var_s = M max(0, var - var_n), distortion of one realisation
                 with a reference R: G = mean_m(Y/R)/mean_m(U/R), where feedback makes U depend on Y
+                coherence |sum Y U*|^2/(sum |U|^2 sum |Y|^2) over all periods of all realisations
 Assumptions     the system answers a period with the same period after the transient; integer periods, so there is no leakage
 Valid range     M of 2 or more for the distortion, P of 2 or more for the noise
 Not modelled    transient: leave out the first period
@@ -112,3 +113,11 @@ def measured(
         noise=np.sqrt(noise_of_mean),
         distortion=np.sqrt(realisations * np.maximum(total - noise_of_mean, 0.0)),
     )
+
+
+def coherence(source: Multisine, inputs: Array, outputs: Array) -> Array:
+    """Coherence (n,) [-] of inputs and outputs as for `measured`: 1 where all of the output follows from the input."""
+    u, y = (np.fft.rfft(signal)[..., source.lines] for signal in (inputs, outputs))
+    cross = np.sum(y * u.conj(), axis=(0, 1))
+    powers = np.sum(np.abs(u) ** 2, axis=(0, 1)) * np.sum(np.abs(y) ** 2, axis=(0, 1))
+    return np.abs(cross) ** 2 / powers
