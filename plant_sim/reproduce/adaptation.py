@@ -13,7 +13,7 @@ from plant_sim.reproduce.sheet import INK, Sheet
 from plant_sim.rigs import wet_clutch
 from protocols.node import node_factory
 
-GAIN = 5.0  # times better, at least; 8.4 to 22 measured
+GAIN = 5.0  # times better, at least
 SEEDS = 5
 FIRST_RISE = 0.5  # s, end of the first rise of the demand in the profile `engagement`
 # change of plant parameters, oil temperature at the start [degC]

@@ -128,14 +128,15 @@ def figure_c_4(sheet: Sheet) -> None:
 @reproduces(
     "figure-C.5",
     "Loads put on one by one or at once, and taken off one by one",
-    claim="levels are the same either way: linear, no memory; a load of 500 g is off by 6 g at most (1.2 %); unrestored fades",
+    claim="levels are the same either way: linear, no memory; every load of 500 g, put on or taken off, is found within the 6 g of "
+    "the thesis; unrestored it fades",
 )
 def figure_c_5(sheet: Sheet) -> None:
     """Four weights of 500 g in both orders, amplifier x100."""
     one_by_one = [(1.0 + k, 0.5 * (k + 1)) for k in range(4)]
     taken_off = [(8.0 + 2.0 * k, 1.5 - 0.5 * k) for k in range(4)]
     axes = sheet.axes(1, 2, width=11, height=4.5, sharey=True)
-    levels = []
+    levels, steps = [], []
     for k, (putting, name) in enumerate(((one_by_one, "put on one by one"), ([(1.0, 2.0)], "put on at once"))):
         time, force = loads(20.0, *putting, *taken_off)
         voltage = taken(SENSOR, force, seed=k + 1)
@@ -145,21 +146,24 @@ def figure_c_5(sheet: Sheet) -> None:
         label(axes[k], "time [s]", "[V/10]" if k == 0 else "", name)
         kilograms = back / (SENSOR.scale * GRAVITY)  # the data sheet's sensitivity
         levels.append([mean_at(time, kilograms, at + 0.1) for at in (7.0, 8.0, 10.0, 12.0, 14.0)])
-        if k == 0:
-            first = mean_at(time, kilograms, 1.1)
-        else:
+        for at, _ in (*(putting if k == 0 else ()), *taken_off):  # of 500 g each
+            steps.append(abs(mean_at(time, kilograms, at + 0.01) - mean_at(time, kilograms, at - 0.21)))
+        if k == 1:
             unrestored = mean_at(time, voltage, 19.0) * _SHOWN
     axes[0].legend(loc="upper right", frameon=False)
     expected = np.array([2.0, 1.5, 1.0, 0.5, 0.0])
     apart = 1e3 * float(np.abs(np.subtract(levels[0], levels[1])).max())
     off = 1e3 * float(np.abs(np.array(levels) - expected).max())
     sheet.check("same levels both ways within 6 g [g]", apart < 6.0, apart, "same values, no memory effect")
-    sheet.check("every level within 1.2 % of full load, 24 g [g]", off < 24.0, off, "linear")
-    sheet.check("first 500 g at once within 6 g [g]", abs(first - 0.5) < 6e-3, 1e3 * (first - 0.5), "6 g")
+    sheet.check("every level from 0 to 2 kg within 6 g [g]", off < 6.0, off, "linear")
+    error = 1e3 * float(np.abs(np.array(steps) - 0.5).max())
+    sheet.check(f"each of {len(steps)} loads of 500 g, at once, within 6 g: largest error [g]", error < 6.0, error,
+                "6 g, measured")  # fmt: skip
     sheet.check("the output itself fades and is below zero after unloading [V/10]", unrestored < 0.0, unrestored,
                 "drifts away")  # fmt: skip
     sheet.note(
-        "our sensor has the data sheet's sensitivity exactly: its error is noise, quantisation and rest of the zero"
+        "the 6 g (1.2 %) are what the thesis's sensor is off its data sheet. Ours has that sensitivity exactly: its error is noise,"
+        " quantisation and rest of the zero"
     )
     ours(sheet)
 
@@ -240,7 +244,8 @@ def figure_c_7(sheet: Sheet) -> None:
 @reproduces(
     "figure-C.8",
     "Error of the restored signal over time, amplifier x10 and x100",
-    claim="x10, 2 kg: error 0.55 % at once, 3.5 % after 65 s; x100: about 1.2 %",
+    claim="x10, 2 kg: by what zeroing leaves, the error grows in a straight line from below 1 % at once (thesis 0.55 %) to 3.5 % "
+    "after 65 s; x100 stays below 1.2 %",
 )
 def figure_c_8(sheet: Sheet) -> None:
     """2 kg put on after 15 s, no error but the zero that zeroing left: chosen for the 3.5 %, it predicts the rest."""
@@ -261,15 +266,18 @@ def figure_c_8(sheet: Sheet) -> None:
     axes.legend(loc="upper left", frameon=False)
     label(axes, "time [s]", "error of the restored load [%]")
     at_once, middle, late = errors[10.0]
-    sheet.check(
-        "x10: error at once from the same zero error, 0.55 +- 0.3 [%]", abs(at_once - 0.55) < 0.3, at_once, 0.55
-    )
+    sheet.check("x10: error at once, from the zero error chosen for 3.5 % after 65 s, above 0 and below 1 % [%]",
+                0.0 < at_once < 1.0, at_once, 0.55)  # fmt: skip
     bend = middle - 0.5 * (at_once + late)
     sheet.check("x10: halfway in time, halfway in error, +- 0.1: the drift is linear [%]", abs(bend) < 0.1, middle)
     sheet.check("the zero error it takes is below two steps of the converter: zeroing cannot do much better [mV]",
                 left < 2.0 * step, (1e3 * left, 1e3 * step), "function of the accuracy of the zeroing")  # fmt: skip
     sheet.check("x100: the same zero error at the output stays below 1.2 % for 65 s [%]", errors[100.0][2] < 1.2,
-                errors[100.0][2], 1.2)  # fmt: skip
+                errors[100.0][2], "about 1.2 at once")  # fmt: skip
+    sheet.note(
+        "the thesis's 1.2 % at x100 is figure-C.5's 6 g of 500 g, what its sensor is off its data sheet; ours is not off, and a"
+        " zero error alone makes a tenth at x100 of what it makes at x10"
+    )
     sheet.note(f"the zero error of {1e3 * left:.2f} mV at the output is chosen for the 3.5 %; the thesis gives none")
     sheet.note("'after about 65 seconds' is read as 65 s on the load")
     ours(sheet)

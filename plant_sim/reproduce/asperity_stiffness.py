@@ -148,14 +148,14 @@ def figure_a_2(sheet: Sheet) -> None:
     right.legend(loc="upper right", frameon=False)
     label(right, "position x", "F [-]", "crossing")
     sheet.check(
-        "largest difference of integral of k_2 and k_1 x",
+        "largest difference of integral of k_2 and k_1 x, below 1e-9",
         bool(np.abs(integral - secant * x).max() < 1e-9),
         np.abs(integral - secant * x).max(),
         "the same force",
     )
     ends = brentq(lambda p: spring(p) - REACH * spring(p) / p * FRICTION(p / VELOCITY), 1e-6, 3.5)
     sheet.check(
-        "end of stick of the softening spring",
+        "end of stick of the softening spring, within 1e-9",
         abs(ends - crossing()) < 1e-9,
         ends,
         f"that of the linear spring, {crossing():.6f}",
@@ -201,7 +201,7 @@ def appendix_b(sheet: Sheet) -> None:
     label(left, "Poisson coefficient [-]", "$k_n/k_t$ [-]", "stiffness ratio")
     difference = np.abs(np.array(measured) / [stiffness_ratio(nu) for nu in poissons] - 1.0)
     sheet.check(
-        "k_n/k_t from differences of the deflections, relative difference, nu 0 to 0.5",
+        "k_n/k_t from differences of the deflections, relative difference below 1e-5, nu 0 to 0.5",
         bool(difference.max() < 1e-5),
         difference.max(),
         "(2 - nu)/(2 (1 - nu))",
@@ -218,7 +218,7 @@ def appendix_b(sheet: Sheet) -> None:
     label(right, "tangential displacement [nm]", "tangential force Q [N]", "steel sphere R = 10 mm, W = 10 N, mu = 0.3")
     error = np.abs(force[:-1] / (mu * load) - used).max()
     sheet.check(
-        "Generic model of the sphere (asperities at depths x^2/R): largest difference of Q/(mu W)",
+        "Generic model of the sphere (asperities at depths x^2/R): largest difference of Q/(mu W), below 1e-4",
         bool(error < 1e-4),
         error,
         "delta_t = 3 mu W/(16 a G*) (1 - (1 - Q/mu W)^(2/3))",
@@ -226,7 +226,7 @@ def appendix_b(sheet: Sheet) -> None:
     stiff = force[1] / closed[1]
     ratio = float(contact.normal_stiffness(load)) / stiff
     sheet.check(
-        "k_n of Hertz over the model's first stiffness",
+        "k_n of Hertz over the model's first stiffness, within 0.5 %",
         abs(ratio / stiffness_ratio(0.3) - 1.0) < 0.005,
         ratio,
         f"{stiffness_ratio(0.3):.4f}, at Q = 0.005 mu W",

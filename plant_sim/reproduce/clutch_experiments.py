@@ -24,7 +24,9 @@ RADIUS = 0.058  # m, Table 6.2
 CONTACTS = 2  # friction contacts of the one friction plate, sec. 6.3
 REFERENCE = 70.0  # degC, components during the identification, sec. 6.4.3
 
-_SETTLING = 1.5  # s before a record begins: 0.2 s of idle and fill, then 15 time constants of the motor's 85 ms ([motor])
+_SETTLING = (
+    1.5  # s before a record begins: 0.2 s of idle and fill, then 15 time constants of the motor's 85 ms ([motor])
+)
 SLOW = 250  # Hz, of experiments in which all is slow: the controller's loops are the same there as at 1 kHz
 _COLUMNS = {
     "demand": "controller_pressure_demand_bar",

@@ -145,8 +145,14 @@ def figure_6_14(sheet: Sheet) -> None:
     values = (ATTRACTION / 2.0, ATTRACTION, 2.0 * ATTRACTION, NO_LAG)
     for k, attraction in enumerate(values):
         rms = [on_line(frequency, attraction).error for frequency in FREQUENCIES]
-        name = "hardly a lag" if attraction == NO_LAG else f"C = {attraction:g} 1/s"
-        errors.plot(FREQUENCIES, rms, "o-", ms=4, color=("C1", "C0", "C2", "C7")[k], label=f"controller with {name}")
+        errors.plot(
+            FREQUENCIES,
+            rms,
+            "o-",
+            ms=4,
+            color=("C1", "C0", "C2", "C7")[k],
+            label=f"controller with C = {attraction:g} 1/s",
+        )
     errors.axhline(MOST, color=INK, lw=0.8, ls="--")
     errors.set_ylim(0.0, 0.35)
     errors.legend(loc="upper left", frameon=False)
@@ -200,7 +206,7 @@ def _draw_run(speed, pressure, run: Run) -> None:
 def _draw_loop(loop, found: OnLine, without: OnLine) -> None:
     for part, name in ((found.rising, "accelerate"), (~found.rising, "decelerate")):
         loop.plot(found.slip[part] / RPM, found.measured[part], ".", ms=7, label=f"measured, {name}")
-    for one, style, name in ((found, "-", "estimate, C = 69 1/s"), (without, ":", "estimate, hardly a lag")):
+    for one, style, name in ((found, "-", "estimate, C = 69 1/s"), (without, ":", "estimate, C = 1000 1/s")):
         closed = np.append(np.arange(BINS), 0)
         loop.plot(one.slip[closed] / RPM, one.estimate[closed], color=INK, lw=1.2, ls=style, label=name)
     loop.legend(loc="lower right", frameon=False)

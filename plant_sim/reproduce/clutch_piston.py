@@ -29,7 +29,8 @@ FLOOR = 2.0  # bar, the least pressure that the controller follows on request (`
 @reproduces(
     "figure-6.10",
     "Cylinder pressure over piston position",
-    claim="the stack is much stiffer than the springs: a kink at the contact pressure, and all further force on the stack",
+    claim="the stack is much stiffer than the springs: a kink at the contact pressure, and all but 2 % of the further force is "
+    "on the stack",
 )
 def figure_6_10(sheet: Sheet) -> None:
     """A slow ramp that moves the piston to the plates and loads them."""
@@ -42,7 +43,7 @@ def figure_6_10(sheet: Sheet) -> None:
     axes = sheet.axes(1, 1, width=7.5, height=4.5)
     axes.plot(run.true_position * 1e3, run.pressure, lw=1.6)
     axes.axhline(kink, color=INK, lw=0.8, ls="--")
-    axes.text(0.02, kink + 0.05, f"p_contact = {kink:.3f} bar", fontsize=9)
+    axes.text(0.4, kink + 0.05, f"p_contact = {kink:.3f} bar", fontsize=9)
     label(axes, "piston position [mm]", "cylinder pressure [bar]")
     sheet.check("kink at the contact pressure, 2.35 +- 0.02 bar [bar]", abs(kink - 2.35) < 0.02, kink, 2.35)
     ratio = lines[1][0] / lines[0][0]
@@ -52,7 +53,7 @@ def figure_6_10(sheet: Sheet) -> None:
     sheet.check("the springs bear less than 2 % of the further force [%]", 0.0 <= kept < 0.02, 100 * kept, "none")
     sheet.note(
         "clearance, preload and stack stiffness are ours ([piston] of janssens2010.toml); the thesis draws the figure "
-        "without numbers"
+        "without numbers. The controller follows no demand below 2 bar: the first 0.4 mm are not shown"
     )
 
 

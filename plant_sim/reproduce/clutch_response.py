@@ -19,7 +19,7 @@ SOURCE = Multisine(np.arange(1, 61), amplitude=0.012, samples=2000)  # 0.5 to 30
 REALISATIONS, PERIODS = 4, 10  # as the thesis's of sec. 3.10; one period more of each is left out
 STEP = 1e-3  # s
 HALF_POWER = -10.0 * np.log10(2.0)  # dB: "-3 dB"
-THESIS = 9.8  # Hz, sec. 6.2.3
+THESIS = 9.8  # Hz, sec. 6.3
 FOLLOWS = 15.0  # Hz, ours: well above both bandwidths
 TOLD = (0.5, 1.0, 2.0, 5.0, 8.0, 10.0, 15.0, 20.0, 30.0)  # Hz, rows of the table
 

@@ -56,8 +56,10 @@ def elements(sheet: Sheet) -> None:
         "pre-sliding: 4 elements err by less than 5 % of the friction",
         by_count[4] < 0.05,
         by_count[4],
-        "10 only slightly better",
     )
+    ratio = by_count[4] / by_count[10]
+    sheet.check("pre-sliding: 4 elements err by at most a fifth more than 10 (4 over 10)", ratio <= 1.2, ratio,
+                "10 slightly better, not significant")  # fmt: skip
     sheet.check(
         "pre-sliding: one element errs by more than three times as much as four",
         by_count[1] > 3.0 * by_count[4],
@@ -76,8 +78,9 @@ def elements(sheet: Sheet) -> None:
         "one is enough",
     )
     sheet.note(
-        f"10 elements err {by_count[4] / by_count[10]:.1f} times less than 4 in pre-sliding: the step is not significant only "
-        "where measurements scatter by several percent of the friction; on an axis that repeats better it pays"
+        f"10 elements err by {by_count[10]:.1%} of the friction where 4 err by {by_count[4]:.1%}: what is left of 4 shows unless "
+        "measurements scatter by more than that, as Tjahjowidodo's may have. On a measured contact (`microtribometer`) 4 are as "
+        "good as 10; on an axis that repeats better the further elements pay"
     )
     sheet.note(
         "truth: 200 elements on a smooth virgin curve x/(x + x_0) up to 60 um; break points and limits of N elements fitted to "

@@ -38,6 +38,7 @@ RESOLUTION = 1e-7  # m, the last digit of the recorded position
 BEGIN, PERIOD, CYCLES = 8.8, 4.0, 25  # s, s, -: the first stroke begins, a cycle with both dwells, cycles in each half
 LOAD = 5.0  # N, nominal
 REQUIRED = 0.12  # N, held out: what Dahl's model reaches, with an offset
+FOUR, TEN = "Maxwell-slip, 4 elements", "Maxwell-slip, 10 elements"  # sec. 5.5 of Janssens 2010, after Tjahjowidodo [9]
 
 Values = Mapping[str, float]
 
@@ -187,6 +188,8 @@ def candidates() -> tuple[Candidate, ...]:
         ),
         Candidate("Maxwell-slip, 1 element", _maxwell_slip, *_elements(1), ours=True),
         Candidate(slip, _maxwell_slip, two, two_bounds, ours=True),
+        Candidate(FOUR, _maxwell_slip, *_elements(4), ours=True),
+        Candidate(TEN, _maxwell_slip, *_elements(10), ours=True),
         Candidate(
             "Leuven, 2 elements",
             _leuven,
@@ -228,7 +231,8 @@ def compare(
 @reproduces(
     "microtribometer",
     "Ours: every model on a measured contact, held-out half",
-    claim="the Maxwell-slip family predicts cycles it has not seen to 0.12 N of 2.4 N, and unloading with XGMS alone",
+    claim="every model of the Maxwell-slip family predicts cycles it has not seen to 0.12 N of 2.4 N, and unloading with XGMS alone; 4 "
+    "elements are nearly as good as 10 (Janssens 2010, sec. 5.5)",
 )
 def microtribometer(sheet: Sheet) -> None:
     """Fit on 25 measured cycles, predict 25 others and the unloading."""
@@ -243,9 +247,11 @@ def microtribometer(sheet: Sheet) -> None:
     best = min(ours, key=lambda name: ours[name])
     others = [score.unloading for name, score in scores.items() if not name.startswith("XGMS")]
     xgms = scores["XGMS, 2 elements"]
-    sheet.check(f"held-out error of the best of ours [N] ({best}), at most 0.12", ours[best] <= REQUIRED, ours[best])
+    sheet.check("largest held-out error of ours [N], at most 0.12", max(ours.values()) <= REQUIRED, max(ours.values()))
+    few = ours[FOUR] / ours[TEN]
+    sheet.check("held-out error with 4 elements over that with 10: at most 1.02", few <= 1.02, few, "not significant")
     sheet.check(
-        "held-out error of the best of ours below that of Dahl's model [N]",
+        f"held-out error of the best of ours ({best}) below that of Dahl's model [N]",
         ours[best] < scores["Dahl"].held_out,
         [ours[best], scores["Dahl"].held_out],
     )

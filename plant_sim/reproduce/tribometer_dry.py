@@ -110,7 +110,8 @@ def _without_creep(load: float) -> Tribometer:
 
 @reproduces(
     "figure-4.3", "Pre-sliding hysteresis with two inner loops, dry and lubricated",
-    claim="hysteresis with non-local memory: inner loops close and the outer branch goes on as if they had not been",
+    claim="hysteresis with non-local memory: the outer branch goes on as if the inner loops had not been; they close, dry within the"
+          " noise, in oil within half of what a contact with local memory would miss",
 )  # fmt: skip
 def figure_4_3(sheet: Sheet) -> None:
     """The input of figure 4.2 and what it gives."""
@@ -130,21 +131,26 @@ def figure_4_3(sheet: Sheet) -> None:
             f"{name}: both outer branches after their inner loop, and without one: rms difference below 6 mNm; the"
             " sensors' noise alone gives 4 [mNm]", float(apart.max()) < 0.006, 1e3 * apart, "past extremes are remembered",
         )  # fmt: skip
-        closure = _closure(motion)
+        closure, missed = _closure(motion), _closure(_with_local_memory(name, load, scale))
         if name == "dry":
             sheet.check(
                 "dry: torque at both inner loops on the return to where they began less that when they began: within 12"
                 " mNm, three times the noise [mNm]", float(np.abs(closure).max()) < 0.012, 1e3 * closure, "closes",
             )  # fmt: skip
-    limit = CONTACTS.static_coefficient("dry", load) * load  # N
-    stiffness = 2.0 * limit / (CONTACTS.parameters["dry.travel"].si * CONTACTS.dry(load).radius)  # N/m, of the parabola
-    local = Tribometer(Dahl(limit, stiffness))
-    missed = _closure(pre_sliding(local, load, SAW_TOOTH, SAW_SPEED))
-    sheet.check(
-        "a contact with local memory (Dahl, of equal limit and first stiffness) misses by more than 12 mNm at both"
-        " [mNm]",
-        float(np.abs(missed).min()) > 0.012, 1e3 * missed, "not local",
-    )  # fmt: skip
+        else:
+            sheet.check(
+                "lubricated: that difference, within half of what local memory misses [mNm]",
+                bool(np.all(np.abs(closure) < 0.5 * np.abs(missed))), 1e3 * closure, "closes",
+            )  # fmt: skip
+        sheet.check(
+            f"{name}: a contact with local memory (Dahl, of equal limit and first stiffness) misses by more than 12 mNm at"
+            " both [mNm]",
+            float(np.abs(missed).min()) > 0.012, 1e3 * missed, "not local",
+        )  # fmt: skip
+    sheet.note(
+        "in oil an inner loop begins at rest and is met again moving, where viscous friction adds: without it (lubricated.viscous"
+        " = 0) the differences are 1 and 7 mNm, within the noise"
+    )
     sheet.note(
         "load of 80 N and levels of the inner reversals are ours. In oil the command is 0.4 of it, or the contact would"
         " slide"
@@ -153,6 +159,13 @@ def figure_4_3(sheet: Sheet) -> None:
         "the angle is that of an ideal encoder: a count of the real one, 0.38e-4 rad, is a fifth of the dry loop"
     )
     sheet.note(CONTACT_NOTE)
+
+
+def _with_local_memory(condition: str, load: float, scale: float) -> Motion:
+    """The same command on a contact of Dahl's, with the limit and the first stiffness of the elements' parabola."""
+    limit = CONTACTS.static_coefficient(condition, load) * load  # N
+    stiffness = 2.0 * limit / (CONTACTS.parameters[f"{condition}.travel"].si * CONTACTS.dry(load).radius)  # N/m
+    return pre_sliding(Tribometer(Dahl(limit, stiffness)), load, scale * SAW_TOOTH, scale * SAW_SPEED)
 
 
 def _closure(motion: Motion) -> Array:
