@@ -128,8 +128,8 @@ def figure_c_4(sheet: Sheet) -> None:
 @reproduces(
     "figure-C.5",
     "Loads put on one by one or at once, and taken off one by one",
-    claim="levels are the same either way: linear, no memory; every load of 500 g, put on or taken off, is found within the 6 g of "
-    "the thesis; unrestored it fades",
+    claim="levels are the same either way: linear, no memory; every load of 500 g, put on or taken off, is found within the 6 "
+    "g of the thesis; unrestored it fades",
 )
 def figure_c_5(sheet: Sheet) -> None:
     """Four weights of 500 g in both orders, amplifier x100."""
@@ -162,8 +162,8 @@ def figure_c_5(sheet: Sheet) -> None:
     sheet.check("the output itself fades and is below zero after unloading [V/10]", unrestored < 0.0, unrestored,
                 "drifts away")  # fmt: skip
     sheet.note(
-        "the 6 g (1.2 %) are what the thesis's sensor is off its data sheet. Ours has that sensitivity exactly: its error is noise,"
-        " quantisation and rest of the zero"
+        "the 6 g (1.2 %) are what the thesis's sensor is off its data sheet. Ours has that sensitivity exactly: its error is"
+        " noise, quantisation and rest of the zero"
     )
     ours(sheet)
 
@@ -244,8 +244,8 @@ def figure_c_7(sheet: Sheet) -> None:
 @reproduces(
     "figure-C.8",
     "Error of the restored signal over time, amplifier x10 and x100",
-    claim="x10, 2 kg: by what zeroing leaves, the error grows in a straight line from below 1 % at once (thesis 0.55 %) to 3.5 % "
-    "after 65 s; x100 stays below 1.2 %",
+    claim="x10, 2 kg: by what zeroing leaves, the error grows in a straight line from below 1 % at once (thesis 0.55 %) to 3.5 "
+    "% after 65 s; x100 stays below 1.2 %",
 )
 def figure_c_8(sheet: Sheet) -> None:
     """2 kg put on after 15 s, no error but the zero that zeroing left: chosen for the 3.5 %, it predicts the rest."""

@@ -16,8 +16,8 @@ from protocols.units import RPM
 @reproduces(
     "figure-6.3",
     "Normal and tangential dynamics apart by normalising the friction curve",
-    claim="with a friction curve normalised to 1 Nm times M_C(p), the torque lags the pressure by less than 5 deg at 10 Hz, and C is "
-    "one number at 2.9, 3.4 and 4.0 bar",
+    claim="with a friction curve normalised to 1 Nm times M_C(p), the torque lags the pressure by less than 5 deg at 10 Hz, "
+    "and C is one number at 2.9, 3.4 and 4.0 bar",
 )
 def figure_6_3(sheet: Sheet) -> None:
     """Normalised curves, torque under a pressure sine at constant speed, and C at three pressures."""

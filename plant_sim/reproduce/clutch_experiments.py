@@ -90,7 +90,7 @@ def measure(
     rate: int = 1000,
     tuned: Mapping[str, float] | None = None,
 ) -> Run:
-    """The rig under its controller, which is asked for pressures, from a clutch that is filled and settled at the first of them.
+    """The rig under its controller, which is asked for pressures, from a clutch filled and settled at the first of them.
 
     demand (n,) [bar], 2 bar or more (the controller's floor), speed of the motor, scalar or (n,) [rad/s], oil temperature at
     the start [degC], rate [Hz]; `tuned` changes parameters of the controller. Raises InputError where it ends in a fault.

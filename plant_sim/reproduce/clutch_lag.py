@@ -121,11 +121,11 @@ def on_line(frequency: float, attraction: float = ATTRACTION) -> OnLine:
     error = (run.estimate - run.true_torque)[begun]
     bins = np.floor((frequency * run.time[begun] + 1e-9) % 1.0 * BINS).astype(int)
     counts = np.bincount(bins, minlength=BINS)
-    means = (
+    slip, measured, true, estimate = (
         np.bincount(bins, signal[begun], BINS) / counts
         for signal in (run.slip, run.torque, run.true_torque, run.estimate)
     )
-    return OnLine(*means, float(error.std()), float(error.mean()))
+    return OnLine(slip, measured, true, estimate, float(error.std()), float(error.mean()))
 
 
 @reproduces(
@@ -166,7 +166,7 @@ def figure_6_14(sheet: Sheet) -> None:
         sheet.table.append(row)
 
     up = [one.width(one.measured) for one in found.values()]
-    sheet.check("1, 2, 5, 9 Hz: lag, the measured torque accelerating less decelerating at 80 to 120 rpm, is above 0.05 Nm [Nm]",
+    sheet.check("1, 2, 5, 9 Hz: lag, measured torque accelerating less decelerating at 80 to 120 rpm, above 0.05 Nm [Nm]",
                 min(up) > 0.05, up, "accelerate above decelerate")  # fmt: skip
     compared(sheet, "C [1/s]", lag.attraction, lag.half, nominal()["clutch.attraction"].value, ATTRACTION)
     left = float(np.sqrt(np.mean((lag.torque - lag.fitted) ** 2)))

@@ -21,6 +21,7 @@ STEP = 1e-3  # s
 HALF_POWER = -10.0 * np.log10(2.0)  # dB: "-3 dB"
 THESIS = 9.8  # Hz, sec. 6.3
 FOLLOWS = 15.0  # Hz, ours: well above both bandwidths
+LINK = "'clearly the link between both systems'"
 TOLD = (0.5, 1.0, 2.0, 5.0, 8.0, 10.0, 15.0, 20.0, 30.0)  # Hz, rows of the table
 
 
@@ -104,11 +105,11 @@ def figure_6_15(sheet: Sheet) -> None:
     sheet.check(f"p_cyl/p_d is 3 dB down within {NEAR:.0%} of the thesis's bandwidth [Hz]",
                 abs(bandwidth / THESIS - 1.0) <= NEAR, bandwidth, THESIS)  # fmt: skip
     sheet.check("M/p_d is 3 dB down within 3 % of where p_cyl/p_d is [Hz]",
-                abs(torque.bandwidth / bandwidth - 1.0) <= 0.03, torque.bandwidth, "'clearly the link between both systems'")  # fmt: skip
+                abs(torque.bandwidth / bandwidth - 1.0) <= 0.03, torque.bandwidth, LINK)  # fmt: skip
     up_to = frequency <= FOLLOWS
     ripple, turn = (torque.decibel - pressure.decibel)[up_to], (torque.phase - pressure.phase)[up_to]
     sheet.check("M/p_d over p_cyl/p_d is constant within 1 dB up to 15 Hz [dB]", np.abs(ripple).max() < 1.0,
-                (ripple.min(), ripple.max()), "'clearly the link between both systems'")  # fmt: skip
+                (ripple.min(), ripple.max()), LINK)  # fmt: skip
     sheet.check("... and in phase within 5 deg [deg]", np.abs(turn).max() < 5.0, (turn.min(), turn.max()))
     least = [float(channel.coherence[up_to].min()) for channel in (pressure, torque)]
     sheet.check("coherence with p_d up to 15 Hz, of p_cyl and of M, is above 0.98", min(least) > 0.98, least, "ours")
@@ -118,8 +119,8 @@ def figure_6_15(sheet: Sheet) -> None:
     )
     sheet.note(
         f"{REALISATIONS} realisations of {PERIODS} periods of 2 s at {PRESSURE:g} bar and 200 rpm; p_d is the pressure demand "
-        "that the controller records, p_cyl and M are the sensors'. 3 dB: half the power of what the response is at rest, 1 bar/bar "
-        f"and {torque.stationary:.2f} Nm/bar of the plant's law, on the straight line between neighbouring lines"
+        "that the controller records, p_cyl and M are the sensors'. 3 dB: half the power of what the response is at rest, 1 "
+        f"bar/bar and {torque.stationary:.2f} Nm/bar of the plant's law, on the straight line between neighbouring lines"
     )
 
 

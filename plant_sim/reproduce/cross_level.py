@@ -202,8 +202,8 @@ def _pooled(errors: Array) -> float:
 @reproduces(
     "cross-level",
     "Ours: XGMS identified on asperities with oil films predicts motions it has not seen",
-    claim="identified on slow loops, one sine and steady friction at two loads, XGMS predicts every held-out motion better than "
-    "Coulomb and LuGre, also under another and a moving load",
+    claim="identified on slow loops, one sine and steady friction at two loads, XGMS predicts every held-out motion better "
+    "than Coulomb and LuGre, also under another and a moving load",
 )
 def cross_level(sheet: Sheet) -> None:
     """Identify on one part of the surface, predict on another."""

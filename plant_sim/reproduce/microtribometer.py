@@ -231,8 +231,8 @@ def compare(
 @reproduces(
     "microtribometer",
     "Ours: every model on a measured contact, held-out half",
-    claim="every model of the Maxwell-slip family predicts cycles it has not seen to 0.12 N of 2.4 N, and unloading with XGMS alone; 4 "
-    "elements are nearly as good as 10 (Janssens 2010, sec. 5.5)",
+    claim="every model of the Maxwell-slip family predicts cycles it has not seen to 0.12 N of 2.4 N, and unloading with XGMS "
+    "alone; 4 elements are nearly as good as 10 (Janssens 2010, sec. 5.5)",
 )
 def microtribometer(sheet: Sheet) -> None:
     """Fit on 25 measured cycles, predict 25 others and the unloading."""

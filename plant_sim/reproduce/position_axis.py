@@ -154,8 +154,8 @@ def _others() -> dict[str, FrictionModel]:
 @reproduces(
     "compensation",
     "Friction feedforward when the true friction is of another family",
-    claim="ours: what compensates best, in the mean of the tasks, depends on the true friction; on a table that truly is LuGre, "
-    "LuGre does",
+    claim="ours: what compensates best, in the mean of the tasks, depends on the true friction; on a table that truly is "
+    "LuGre, LuGre does",
 )
 def compensation(sheet: Sheet) -> None:
     axes = sheet.axes(1, 2, width=12, height=4.5, sharey=True)

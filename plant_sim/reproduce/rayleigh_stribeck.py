@@ -87,8 +87,8 @@ def figure_5_7(sheet: Sheet) -> None:
 @reproduces(
     "figure-5.8",
     "Stribeck curve of the Rayleigh step and its terms",
-    claim="two terms depend on Lambda, the third not; the tail of F_s as printed fits (Lambda - Lambda_0)^(1/1.7), and the power goes "
-    "to 2/3 as the range grows",
+    claim="two terms depend on Lambda, the third not; the tail of F_s as printed fits (Lambda - Lambda_0)^(1/1.7), and the "
+    "power goes to 2/3 as the range grows",
 )
 def figure_5_8(sheet: Sheet) -> None:
     left, right = sheet.axes(1, 2, 12, 4.8)

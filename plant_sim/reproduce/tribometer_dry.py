@@ -110,8 +110,8 @@ def _without_creep(load: float) -> Tribometer:
 
 @reproduces(
     "figure-4.3", "Pre-sliding hysteresis with two inner loops, dry and lubricated",
-    claim="hysteresis with non-local memory: the outer branch goes on as if the inner loops had not been; they close, dry within the"
-          " noise, in oil within half of what a contact with local memory would miss",
+    claim="hysteresis with non-local memory: the outer branch goes on as if the inner loops had not been; they close, dry"
+          " within the noise, in oil within half of what a contact with local memory would miss",
 )  # fmt: skip
 def figure_4_3(sheet: Sheet) -> None:
     """The input of figure 4.2 and what it gives."""
@@ -148,8 +148,8 @@ def figure_4_3(sheet: Sheet) -> None:
             float(np.abs(missed).min()) > 0.012, 1e3 * missed, "not local",
         )  # fmt: skip
     sheet.note(
-        "in oil an inner loop begins at rest and is met again moving, where viscous friction adds: without it (lubricated.viscous"
-        " = 0) the differences are 1 and 7 mNm, within the noise"
+        "in oil an inner loop begins at rest and is met again moving, where viscous friction adds: without it"
+        " (lubricated.viscous = 0) the differences are 1 and 7 mNm, within the noise"
     )
     sheet.note(
         "load of 80 N and levels of the inner reversals are ours. In oil the command is 0.4 of it, or the contact would"
