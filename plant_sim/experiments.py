@@ -107,7 +107,7 @@ def hold_and_release() -> Course:
 
 def seal_hysteresis_triangle() -> Course:
     """200 rpm, pressure up and down at 0.5 bar/s, 2.6 to 4.2 bar, inner loops on both branches, a small one (fig 6.11)."""
-    rate = 0.5  # bar/s: the pressure loop of 9.8 Hz is 8 mbar behind
+    rate = 0.5  # bar/s: the pressure loop of 10 Hz is 8 mbar behind
     corners = (2.6, 4.2, 2.6, 3.6, 3.0, 3.6, 4.2, 3.2, 3.8, 3.2, 2.6, 3.0, 2.6)
     course = Course(200 * RPM)
     course.close(SETTLED, corners[0])

@@ -20,7 +20,7 @@ from protocols.starting import STARTING, starts
 _AGAIN = 0.2  # s between interruptions, until the one who loads or compiles has noticed
 _KEPT = "nothing half-written is left, compiled kernels are kept"
 INTERRUPTED = 130  # 128 and SIGINT, as of every shell
-# Hz; below, a period of the 9.8 Hz pressure loop has less than five samples; above, a plant step is its integration step
+# Hz; below, a period of the 10 Hz pressure loop has less than five samples; above, a plant step is its integration step
 RATES = (50, 10_000)
 
 

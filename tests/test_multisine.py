@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import freqz, lfilter
 
-from plant_sim.rigs.multisine import Multisine, measured
+from plant_sim.rigs.multisine import Multisine, coherence, measured
 from protocols.errors import InputError
 
 DT = 1e-3  # s
@@ -65,6 +65,19 @@ def test_noise_is_told_as_noise_and_its_size_is_right() -> None:
     assert np.sqrt(np.mean(found.deviation**2)) == pytest.approx(expected, rel=0.06)
     errors = np.abs(found.response - truth())
     assert np.sqrt(np.mean(errors**2)) == pytest.approx(expected, rel=0.15)
+
+
+def test_the_coherence_is_one_of_a_linear_system_and_falls_with_noise_as_it_should() -> None:
+    inputs = excitations(realisations=40)
+    outputs = np.array([filtered(period) for period in inputs])
+    np.testing.assert_allclose(coherence(SOURCE, repeated(inputs), outputs), 1.0, atol=1e-12)
+    power = 0.5 * (0.1 * np.abs(truth())) ** 2  # of each line of the output
+    deviation = 0.3
+    noisy = outputs + np.random.default_rng(3).normal(0.0, deviation, outputs.shape)
+    expected = power / (power + 2.0 * deviation**2 / SOURCE.samples)  # white noise: its variance is over all lines
+    found = coherence(SOURCE, repeated(inputs), noisy)
+    assert expected.min() < 0.5 < 0.9 < expected.max()
+    np.testing.assert_allclose(found, expected, atol=0.1)
 
 
 def test_a_cubic_is_told_as_distortion_and_its_gain_is_that_of_a_gaussian_input() -> None:

@@ -1,6 +1,11 @@
-"""Every reproduction runs and draws; the claims hold, except those that are known not to, with the reason."""
+"""Every reproduction runs and draws; the claims hold, except those that are known not to, with the reason.
+
+What docs/reproductions.md and README tell of each is what it says now.
+"""
 
 import json
+import re
+from itertools import takewhile
 from pathlib import Path
 
 import pytest
@@ -8,6 +13,7 @@ import pytest
 from plant_sim.reproduce import Entry, entries, entry
 from plant_sim.reproduce.contradicted import CONTRADICTED
 from plant_sim.reproduce.measured_data import MissingDataError
+from plant_sim.reproduce.record import PAGE, PICTURED, PICTURES, against_rows, claim_row, line
 from plant_sim.reproduce.result import Result, checks_text, run, run_all
 from plant_sim.reproduce.sheet import Sheet
 from protocols.errors import InputError
@@ -23,6 +29,30 @@ FIGURES = (
 )
 TABLES = tuple(f"6.{n}" for n in range(1, 7))
 ENTRIES = entries()
+RECORD = PAGE.read_text(encoding="utf-8").splitlines()
+README = (PAGE.parents[1] / "README.md").read_text(encoding="utf-8").splitlines()
+IN_README = ("table-6.6", "adaptation")  # whose tables stand there too
+NUMBER = re.compile(r"(\d+(?:\.(\d+))?(?:e([-+]\d+))?)")
+SHARE = 0.003  # of a number: libraries and processors round otherwise; 9.57 for 9.66 is three times that
+
+
+def alike(told: str, now: str) -> bool:
+    """Whether two lines have the same words, and numbers that differ by two units of the last digit or by SHARE at most."""
+    if NUMBER.sub("#", told) != NUMBER.sub("#", now):
+        return False
+    for one, other in zip(NUMBER.finditer(told), NUMBER.finditer(now), strict=True):
+        unit = 10.0 ** (int(one[3] or 0) - len(one[2] or ""))
+        if abs(float(one[1]) - float(other[1])) > max(2.01 * unit * bool(one[2]), SHARE * float(one[1])):
+            return False
+    return True
+
+
+def recorded(name: str) -> list[str]:
+    """The lines of the page on an entry: its rows in the two tables, and those of its own table."""
+    rows = [row for row in RECORD if row.startswith(f"| {name} |")]
+    headings = [i for i, row in enumerate(RECORD) if row.startswith(f"### {name}: ")]
+    own = [row for i in headings for row in takewhile(lambda row: not row.startswith("#"), RECORD[i + 1 :])]
+    return rows + [row for row in own if row.startswith("| ")]
 
 
 @pytest.mark.parametrize("name", ENTRIES)
@@ -34,6 +64,47 @@ def test_the_claim_holds(name: str, tmp_path: Path) -> None:
     assert result.as_known, checks_text(result)
     assert result.picture.stat().st_size > 10_000  # bytes: not an empty canvas
     json.dumps(result.document(), default=float)
+    table = [line(row) for row in result.sheet.table]
+    now = [*map(line, (claim_row(result), *against_rows(result))), *table]
+    told = recorded(name)
+    hint = "`python -m plant_sim.reproduce` writes the page anew"
+    assert len(told) == len(now), f"{PAGE.name}: {told} is now {now}; {hint}"
+    for one, other in zip(told, now, strict=True):
+        assert alike(one, other), f"{PAGE.name}: {one} is now {other}; {hint}"
+    if name in IN_README:
+        for row in table:
+            assert any(alike(one.replace("±", "+-"), row) for one in README), f"not in README: {row}"
+
+
+def test_the_page_tells_every_entry_and_no_other() -> None:
+    begun = RECORD.index("## What does not hold, and why")
+    assert [row.split(" | ")[0][2:] for row in RECORD[:begun] if row.startswith("| ")] == ["name", *ENTRIES]
+    holding = sum(" | yes | " in row for row in RECORD[:begun])
+    assert f"{holding} of {len(ENTRIES)} claims hold, {len(CONTRADICTED)} known not to." in RECORD[2]
+    told = {
+        row.split(" | ")[0][2:]
+        for row in RECORD[begun : RECORD.index("## What was measured, for entries with a table")]
+    }
+    assert {name for name in told if name in ENTRIES} == CONTRADICTED.keys()
+    assert all((PICTURES / f"{name}.png").stat().st_size > 10_000 for name in PICTURED)
+
+
+@pytest.mark.parametrize(
+    ("told", "now", "same"),
+    [
+        ("| 9.57 Hz |", "| 9.66 Hz |", False),
+        ("| 9.8 |", "| 9.57 |", False),
+        ("| 0.080 | 0.4 |", "| 0.081 | 0.4 |", True),
+        ("| 129.8 |", "| 129.5 |", True),
+        ("| 2.9e-06 |", "| 3.0e-06 |", True),
+        ("| 2.9e-06 |", "| 3.9e-06 |", False),
+        ("| 20 seeds |", "| 19 seeds |", False),
+        ("| holds |", "| holds not |", False),
+        ("| -0.25 |", "| 0.25 |", False),
+    ],
+)
+def test_lines_are_alike_in_words_and_in_numbers_but_for_rounding(told: str, now: str, same: bool) -> None:
+    assert alike(told, now) is same
 
 
 @pytest.mark.parametrize("name", [*(f"figure-{n}" for n in FIGURES), *(f"table-{n}" for n in TABLES)])

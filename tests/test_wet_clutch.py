@@ -233,7 +233,7 @@ REVERSAL = TOUCH._replace(torque=0.05, slip=0.015, angle=8e-4)
 TORQUE_PRINTED = 0.006  # Nm: rig.md prints 16.74
 LAG_PRINTED = 5e-5  # s: rig.md prints 12.1 ms
 TOUCH_TIME = 0.075, 0.095  # s: "about 85 ms"; measured 86 ms
-BANDWIDTH, BANDWIDTH_BAND = 9.8, 0.8  # Hz; measured 9.60 Hz
+BANDWIDTH, BANDWIDTH_BAND = 9.8, 0.3  # Hz; measured 9.60 Hz, without bus, noise and rounding
 ENERGY = (
     5e-4  # of the friction heat: trapezoids over 0.1 ms miss half of each jump of the motor torque; measured 2.3e-4
 )
@@ -357,7 +357,7 @@ def test_a_step_to_3_4_bar_touches_the_plates_after_about_85_ms() -> None:
     assert TOUCH_TIME[0] < touch < TOUCH_TIME[1]
 
 
-def test_closed_pressure_loop_has_9_8_hz_bandwidth() -> None:
+def test_closed_pressure_loop_comes_near_the_9_8_hz_of_the_thesis() -> None:
     cycles = 2000  # one period of the multisine: lines every 0.5 Hz
     lines = np.arange(1, 61)  # 0.5..30 Hz
     phases = np.random.default_rng(1).uniform(0.0, 2 * np.pi, lines.size)

@@ -4,7 +4,7 @@ Equation        q = G (p_v - p);  dp/dt = (q - A_cyl dx/dt) / C_h,  p >= 0      
 Assumptions     laminar line, constant oil and line compliance C_h
 Valid range     0..25 bar
 Not modelled    line inertia; air, leakage, centrifugal pressure, cold oil are effects (plant_sim/effects)
-References      design values of rig.md, chosen for the measured 9.8 Hz of fig 6.15 of Janssens 2010
+References      design values of rig.md, chosen to come near the 9.8 Hz of fig 6.15 of Janssens 2010
 """
 
 from numba import njit

@@ -18,7 +18,7 @@ from protocols.telemetry.batch import Batch
 
 BOX = (190.0, 88.0)  # width and height of the axes, in units of the view: landscape like the place it has
 _PACE = 10.0  # Hz: pieces of trail; each piece and its dot cost two calls of rerun
-_POINTS = 200.0  # Hz: points of a trail; the pressure loop has 9.8 Hz
+_POINTS = 200.0  # Hz: points of a trail; the pressure loop has 10 Hz
 _DIVISIONS = 5, 3  # at most, of an axis, and of each half of one that goes both ways
 
 

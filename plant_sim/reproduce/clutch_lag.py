@@ -161,9 +161,9 @@ def figure_6_14(sheet: Sheet) -> None:
     sheet.table = [("slip [Hz]", "rms error [Nm]", "of it in every period [Nm]", "mean [Nm]", "rms with C = 1000 1/s [Nm]",
                     "lag, true [Nm]", "lag, estimated [Nm]")]  # fmt: skip
     for frequency, one in found.items():
-        cells = (one.error, one.repeated, one.offset, without[frequency].error, one.width(one.true))
-        row = (f"{frequency:g}", *(f"{cell:.3f}" for cell in cells), f"{one.width(one.estimate):.3f}")
-        sheet.table.append(row)
+        cells = (one.error, one.repeated, one.offset, without[frequency].error, one.width(one.true),
+                 one.width(one.estimate))  # fmt: skip
+        sheet.table.append((f"{frequency:g}", *(f"{round(cell, 3) + 0.0:.3f}" for cell in cells)))  # no -0.000
 
     up = [one.width(one.measured) for one in found.values()]
     sheet.check("1, 2, 5, 9 Hz: lag, measured torque accelerating less decelerating at 80 to 120 rpm, above 0.05 Nm [Nm]",

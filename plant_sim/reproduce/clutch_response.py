@@ -102,6 +102,7 @@ def figure_6_15(sheet: Sheet) -> None:
             f"{torque.coherence[k]:.4f}",
         ))  # fmt: skip
     bandwidth = pressure.bandwidth
+    sheet.table.append(("3 dB down at", f"{bandwidth:.2f} Hz", "", "", "", f"{torque.bandwidth:.2f} Hz", "", ""))
     sheet.check(f"p_cyl/p_d is 3 dB down within {NEAR:.0%} of the thesis's bandwidth [Hz]",
                 abs(bandwidth / THESIS - 1.0) <= NEAR, bandwidth, THESIS)  # fmt: skip
     sheet.check("M/p_d is 3 dB down within 3 % of where p_cyl/p_d is [Hz]",

@@ -1,7 +1,7 @@
 """The result of a reproduction: what was checked, and where the picture is; one, or all on a page."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -75,11 +75,8 @@ def checks_text(result: Result) -> str:
     return "\n".join([*tables, table_text(rows), *(f"note:    {note}" for note in sheet.notes)])
 
 
-def run_all(out: Path, progress: Progress) -> tuple[dict[str, Any], str, str, bool]:
-    """Run every reproduction; write pictures and the page `index.html`. Returns document, text, verdict, all as known.
-
-    An entry whose data are missing or bad is skipped with the reason. Raises InputError.
-    """
+def every(out: Path, progress: Progress) -> tuple[list[Result], dict[str, str]]:
+    """Run every reproduction and write its picture; results, and by name why an entry was skipped: data missing or bad."""
     known = entries()
     results, skipped = [], {}
     for i, entry in enumerate(known.values()):
@@ -88,12 +85,25 @@ def run_all(out: Path, progress: Progress) -> tuple[dict[str, Any], str, str, bo
         except InputError as error:
             skipped[entry.name] = str(error)
         progress(i + 1, len(known))
+    return results, skipped
+
+
+def summary(results: Sequence[Result]) -> str:
+    """How many claims hold, how many are known not to, and which do otherwise."""
     unexpected = [r.entry.name for r in results if not r.as_known]
     holding = sum(r.holds for r in results)
     against = sum(not r.holds and r.as_known for r in results)
     verdict = f"{holding} of {len(results)} claims hold, {against} known not to"
-    verdict += f"; unexpected: {', '.join(unexpected)}" if unexpected else ""
-    verdict += f"; {len(skipped)} skipped" if skipped else ""
+    return verdict + (f"; unexpected: {', '.join(unexpected)}" if unexpected else "")
+
+
+def run_all(out: Path, progress: Progress) -> tuple[dict[str, Any], str, str, bool]:
+    """Run every reproduction; write pictures and the page `index.html`. Returns document, text, verdict, all as known.
+
+    An entry whose data are missing or bad is skipped with the reason. Raises InputError.
+    """
+    results, skipped = every(out, progress)
+    verdict = summary(results) + (f"; {len(skipped)} skipped" if skipped else "")
     page = out / "index.html"
     try:
         page.write_text(page_text(results, skipped, verdict), encoding="utf-8")
@@ -104,4 +114,4 @@ def run_all(out: Path, progress: Progress) -> tuple[dict[str, Any], str, str, bo
     skips = [f"skipped: {name}: {reason}" for name, reason in skipped.items()]
     text = "\n".join([table_text(rows), *skips, f"wrote:   {page}"])
     document = {"verdict": verdict, "results": [r.document() for r in results], "skipped": skipped}
-    return document, text, verdict, not unexpected
+    return document, text, verdict, all(result.as_known for result in results)
