@@ -17,6 +17,7 @@ ROOT = Path(__file__).parents[1]
 TELLING = (
     "README.md",
     "docs/rig.md",
+    "docs/telemetry.md",
     "plant_sim/parameters/janssens2010.toml",
     "rt_controller/parameters/controller.toml",
 )
