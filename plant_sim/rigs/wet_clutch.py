@@ -242,9 +242,7 @@ def move(state, own, signals, e, voltage, speed_demand, torque_limit, duration, 
         acceleration = (drive_torque - torque) / inertia  # rig.md, 8
         y.slip_speed = 0.0 if sticks else before_step + h * acceleration
         if resting and y.slip_speed * slip < 0.0:
-            y.slip_speed = (
-                slip  # rounding, and what the state moved, must not turn plates that creep; at 0 they would hold
-            )
+            y.slip_speed = 0.0  # rounding, and what the state moved, must not turn plates that creep
         acceleration = 0.0 if sticks else acceleration
         y.angle += 0.5 * h * (before_step + y.slip_speed)
         y.time += h
