@@ -1,6 +1,7 @@
 """Plates at standstill: they carry exactly what is applied, up to their capacity, at any step; break away; land; hold."""
 
 from collections.abc import Callable, Mapping
+from functools import cache
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ import pytest
 from plant_sim.effects.catalogue import effects
 from plant_sim.effects.effect import Effect
 from plant_sim.effects.signals import SIGNALS
-from plant_sim.rigs import power_shift, wet_clutch
+from plant_sim.rigs import wet_clutch
 from plant_sim.rigs.clutch_phase import Phase, phase
 from plant_sim.rigs.standstill import near_standstill
 from plant_sim.rigs.wet_clutch import Rig, Whole
@@ -22,6 +23,7 @@ RIG = Rig(NOMINAL)
 INERTIA = 0.05  # kg m^2, of the motor
 AREA = 1.131e-2  # m^2, of the piston
 BROKEN = 1e-6  # rad/s: faster plates have broken away
+TURNED = 0.015  # Nm, root mean square, the same where plates turn again and again
 CONVERGED = 0.05  # Nm between steps of 0.5 and 0.01 ms, the sensor's noise; measured 0.024
 
 Signal = float | Callable[[float], float]  # a number, or a function of the time [s]
@@ -103,6 +105,29 @@ def test_the_motor_s_speed_control_acts_on_plates_that_stick(substeps: int) -> N
         assert state.read().acceleration == 0.0
 
 
+# --- friction that builds up at rest as well ---------------------------------------------------------------------------
+
+LETTER = Rig(NOMINAL.with_values({"standstill.lag": 1.0}))
+
+
+@pytest.mark.parametrize("substeps", STEPS)
+def test_with_its_lag_friction_at_rest_builds_up_by_equation_6_9(substeps: int) -> None:
+    """A sudden torque slides the plates at first: m = 1 - exp(-C t), and viscous friction."""
+    begin = at_rest(LETTER)
+    states = applied(LETTER, begin, 1.36, 9.0, 0.01, substeps)
+    sliding = states["slip_speed"] > 0.0
+    assert sliding.all()
+    m = 1.0 - np.exp(-69.0 * PERIOD * np.arange(1, 11))
+    assert states["friction_state"] == pytest.approx(m, abs=2e-3)
+
+
+@pytest.mark.parametrize("substeps", STEPS)
+def test_with_its_lag_plates_hold_what_comes_slowly(substeps: int) -> None:
+    states = applied(LETTER, at_rest(LETTER), 1.36, lambda t: 8.0 * np.sin(2 * np.pi * t), 1.0, substeps)
+    assert np.ptp(states["angle"]) < 1e-7  # rad, measured 2e-8: creep while a step of 0.05 Nm is built up
+    assert states["clutch_torque"] == pytest.approx(states["motor_torque"], abs=0.06)
+
+
 # --- break-away -------------------------------------------------------------------------------------------------------
 
 
@@ -142,11 +167,19 @@ def test_a_sudden_loss_of_pressure_still_holds_what_it_can() -> None:
     assert_sticks(states)
 
 
-SWINGS = 3  # turns of the slip when plates land: measured, for all loads and steps
+SWINGS = 4  # turns of the slip when plates land: most of all loads, the same with steps of 1 us
+TOGETHER = 3  # samples within which plates land with any step; measured 1
 SWING = 3.0  # rad/s: half of 20 Nm for 14 ms on 0.05 kg m^2; 2.4 measured
 
 
 # --- landing and turning ----------------------------------------------------------------------------------------------
+
+
+@cache
+def landed(load: float) -> int:
+    """First sample of rest of a free inertia under `load` [Nm], with the finest steps."""
+    states = applied(RIG, RIG.filled(20.0, OIL), 1.36, load, 1.5, STEPS[-1])
+    return int(np.flatnonzero(states["slip_speed"] != 0.0)[-1]) + 1
 
 
 @pytest.mark.parametrize("substeps", STEPS)
@@ -158,7 +191,7 @@ def test_a_free_inertia_is_stopped_and_held(load: float, substeps: int) -> None:
     assert turns(states) <= SWINGS
     assert states["slip_speed"].min() > -SWING
     stopped = int(np.flatnonzero(states["slip_speed"] != 0.0)[-1]) + 1
-    assert 0 < stopped < 1400
+    assert abs(stopped - landed(load)) <= TOGETHER
     assert_sticks(states[stopped:])
     assert (states["clutch_torque"][stopped:] == load).all()
 
@@ -181,6 +214,22 @@ def test_a_slow_reversal_turns_once_without_chatter(substeps: int) -> None:
     assert resting.size > 50
     assert np.ptp(resting) == resting.size - 1, "one rest without a break"
     assert np.abs(np.diff(states["clutch_torque"][600:])).max() < 0.4  # Nm: 40 Nm/rad of 5 rad/s give 0.2 a sample
+
+
+@pytest.mark.parametrize("substeps", STEPS[:-1])
+@pytest.mark.parametrize(("swing", "hertz"), [(3.0, 1.0), (10.0, 2.5)])
+def test_every_step_gives_the_same_turns(swing: float, hertz: float, substeps: int) -> None:
+    """Slow and fast: plates that land early in coarse steps once were 5 Nm off."""
+
+    def turned(steps: int) -> np.ndarray:
+        state, states = RIG.filled(swing, OIL), []
+        for k in range(2000):
+            speed = swing * np.cos(2 * np.pi * hertz * k * PERIOD)
+            state = RIG.advance(state, 1.36, speed, 40.0, PERIOD, steps)
+            states.append(state.y)
+        return np.concatenate(states)["clutch_torque"]
+
+    assert np.sqrt(np.mean((turned(substeps) - turned(STEPS[-1])) ** 2)) < TURNED
 
 
 def test_every_step_gives_the_same_reversal() -> None:
@@ -276,82 +325,3 @@ def test_plates_that_stick_are_told_so() -> None:
         state = RIG.advance(state, 1.36, 100.0, 2.0, PERIOD, 10)
         assert phase(state.read(), 1.7 * BAR, 2.35 * BAR) is Phase.STICK
     assert phase(RIG.advance(state, 1.36, 100.0, 40.0, 0.1, 1000).read(), 1.7 * BAR, 2.35 * BAR) is Phase.SLIP
-
-
-# --- two clutches on one driveline ------------------------------------------------------------------------------------
-
-
-def drive(
-    whole: power_shift.Rig,
-    state: power_shift.PowerShift,
-    volts: tuple[float, float],
-    speed: float,
-    seconds: float,
-    limit: float,
-    substeps: int = 10,
-) -> tuple[power_shift.PowerShift, list[power_shift.PowerShift]]:
-    seen = []
-    for _ in range(round(seconds / PERIOD)):
-        state = whole.advance(state, volts, speed, limit, PERIOD, substeps)
-        seen.append(state)
-    return state, seen
-
-
-def energy_lost(whole: power_shift.Rig, begin: power_shift.PowerShift, end: power_shift.PowerShift) -> float:
-    """Share of the motor's work that is neither kinetic energy nor heat nor of the road."""
-    one, two = begin.read(), end.read()
-    inertia, vehicle = whole.a.record["motor_inertia"][0], whole.record["inertia"][0]
-    kinetic = 0.5 * inertia * (two.input_speed**2 - one.input_speed**2)
-    kinetic += 0.5 * vehicle * (two.output_speed**2 - one.output_speed**2)
-    work = two.input_work - one.input_work
-    spent = kinetic + two.road_work - one.road_work + two.heat_a - one.heat_a + two.heat_b - one.heat_b
-    return abs(work - spent) / max(abs(work), 1.0)
-
-
-@pytest.mark.parametrize("substeps", STEPS)
-def test_a_clutch_locks_up_during_a_shift_and_ties_the_shafts(substeps: int) -> None:
-    whole = power_shift.Rig(power_shift.nominal())
-    begin = whole.at_rest(15.0, 4.0, OIL)
-    state, seen = drive(whole, begin, (0.0, 1.5), 15.0, 3.0, 8.0, substeps)
-    tail = [one.b.read() for one in seen[-500:]]
-    assert all(one.slip_speed == 0.0 for one in tail)
-    line, clutch = state.read(), state.b.read()
-    assert line.input_speed == 2.0 * line.output_speed
-    # the motor less what its own inertia takes goes through the clutch, and moves the vehicle
-    inertia, vehicle = whole.a.record["motor_inertia"][0], whole.record["inertia"][0]
-    assert clutch.clutch_torque == pytest.approx(line.motor_torque - inertia * line.input_acceleration, rel=1e-9)
-    assert 2.0 * clutch.clutch_torque == pytest.approx(line.road_torque + vehicle * line.output_acceleration, rel=1e-9)
-    assert clutch.acceleration == pytest.approx(0.0, abs=1e-9)
-    assert energy_lost(whole, begin, state) < 1e-9
-
-
-@pytest.mark.parametrize("case", range(12))
-def test_energy_is_kept_whatever_sticks(case: int) -> None:
-    random = np.random.default_rng(case)
-    whole = power_shift.Rig(power_shift.nominal())
-    begin = state = whole.at_rest(random.uniform(-5, 20), random.choice([0.0, 3.0]), OIL)
-    for _ in range(8):
-        volts = tuple(random.choice([0.0, 1.2, 1.6, 2.5], 2).tolist())
-        state, seen = drive(whole, state, volts, random.uniform(-10, 20), 0.4, random.uniform(2, 40))
-        torques = np.array([[one.a.read().clutch_torque, one.b.read().clutch_torque] for one in seen])
-        assert np.isfinite(torques).all()
-        for clutch in ("a", "b"):
-            states = [getattr(one, clutch).read() for one in seen]
-            way = np.sign([one.slip_speed for one in states])
-            # a clutch may land, and break away, twice when the other one does
-            assert (np.diff(way[way != 0.0]) != 0.0).sum() <= 3 * SWINGS, "chatter"
-    assert energy_lost(whole, begin, state) < 1e-9
-
-
-def test_both_clutches_stick_at_a_standstill_and_hold_the_motor_and_the_grade() -> None:
-    whole = power_shift.Rig(power_shift.nominal().with_values({"driveline.grade": 0.03}))
-    state, _ = drive(whole, whole.at_rest(0.0, 0.0, OIL), (2.0, 2.0), 0.0, 0.5, 40.0)
-    begin = state.read()
-    for motor in (5.0, -5.0, 0.0):
-        state, seen = drive(whole, state, (2.0, 2.0), np.copysign(100.0, motor), 0.3, abs(motor))
-        for one in seen:
-            line, a, b = one.read(), one.a.read(), one.b.read()
-            assert line.input_speed == line.output_speed == 0.0
-            assert a.clutch_torque + b.clutch_torque == pytest.approx(line.motor_torque, abs=1e-9)
-            assert 3.0 * a.clutch_torque + 2.0 * b.clutch_torque == pytest.approx(line.road_torque, abs=1e-9)
-    assert state.read().output_speed == begin.output_speed

@@ -7,10 +7,13 @@ Equation        J dw/dt = D - M(m, w) of one clutch, D what drives its slip, M t
                 that it can still bear
     break-away  D beyond an end: the plates slide from m = +-1 there
     turn        w passes 0 within the step: m goes on as eq. 6.9 has it, without a jump, and the plates stay there once the m
-                that holds D is one that eq. 6.9 can reach within ten steps, or `LANDING`: at standstill s_n = 1, and sign(w) is
-                any number in [-1, 1] (Filippov), so that m may go anywhere in [-1 + (m + 1) q, 1 + (m - 1) q], q = exp(-C h)
-Integration     below `SLOW`: backward Euler in w, as |w|^gamma has an infinite slope at 0. Its equation
-                w = w_0 + h/J (D - M(m, w)) has one root where M does not fall steeply with w. No step makes it chatter
+                that holds D is one that eq. 6.9 can reach within the step h: at standstill s_n = 1, and sign(w) any number
+                in [-1, 1] (Filippov), so that m may go anywhere in [-1 + (m + 1) q, 1 + (m - 1) q], q = exp(-C h)
+    lag L > 0   (`standstill.lag`) the m of plates that stick follows D as where they turn, with C/L for C: with L = 1 all is
+                eq. 6.9 to the letter. Plates creep where it cannot give what is asked for, or not as soon
+Integration     steps of at most `PIECE`. Below `SLOW`: backward Euler in w, as |w|^gamma has an infinite slope at 0, with m
+                half a step on. Its equation w = w_0 + h/J (D - M(m, w)) has one root where M does not fall steeply with w.
+                No step makes it chatter
 Assumptions     D is constant over the step
 Not modelled    spring of the plates before they slide: effect `presliding`, with which M(-1, 0) = M(1, 0), so that nothing but
                 its spring holds
@@ -28,7 +31,8 @@ from plant_sim.rigs.clutch_unit import slide
 
 # rad/s: above it the slope of |w|^gamma times a step of 0.1 ms is below 1 (at 0.05 kg m^2, 15 Nm (s/rad)^gamma: 5e-3)
 SLOW = 0.1
-LANDING = 1e-3  # s, a fourteenth of 1/C: plates that turn land after a swing or two, also in coarse steps
+PIECE = 1e-4  # s, longest step of plates nearly at rest, which turn within some ms: with 0.5 ms 0.3 Nm off (10 rad/s, 2.5 Hz)
+_TURNING = 1e-9  # rad/s: slip of plates that stop at the end of a step without sticking yet
 _ENOUGH = 1e-10  # of the surplus of torque: where the search for a root ends
 _TRIALS = 60  # of that search; measured: 9
 
@@ -61,25 +65,33 @@ def near_standstill(m, begin, drive, inertia, pressure, viscosity, s, c, e, h):
 
     drive [Nm] acts on `inertia` [kg m^2] over the step `h` [s]. Moves no state.
     """
-    sticking = False
+    low, high = capacity(pressure, viscosity, s, c, e)
+    share, _, sticks = held(m, drive, low, high)
     if begin == 0.0:
-        m, present, sticking = held(m, drive, *capacity(pressure, viscosity, s, c, e))
-    else:
-        _, present = slide(m, pressure, 0.0, viscosity, s, c, e, 0.0)
+        lag = c.standstill_lag
+        sticks = sticks and (lag == 0.0 or _reached(m, share, c.clutch_attraction / lag, h))
+        if sticks:
+            return share, 0.0, True
+        way = copysign(1.0, share - m) if share != m else share
+        m = way if lag == 0.0 else way + (m - way) * exp((1.0 - 1.0 / lag) * c.clutch_attraction * h)
+    _, present = slide(m, pressure, 0.0, viscosity, s, c, e, 0.0)
     end = begin + h / inertia * (drive - present)  # were the torque that at zero slip
-    if begin * end < 0.0:
-        share, _, sticking = held(m, drive, *capacity(pressure, viscosity, s, c, e))
-        sticking = sticking and _reached(m, share, c.clutch_attraction, h)
-        m = share if sticking else m
-    if sticking or end == 0.0:
-        return m, 0.0, sticking
+    if begin * end < 0.0 and sticks and _reached(m, share, c.clutch_attraction, h):
+        return share, 0.0, True
+    if end == 0.0:
+        return m, 0.0, False
+    way = copysign(1.0, end)
+    grown = 0.25 * (high - low) * (way - m) * (1.0 - exp(-c.clutch_attraction * h))  # Nm, by mid-step, where s_n = 1
+    end -= h / inertia * grown
+    if end * way <= 0.0:
+        return m, way * _TURNING, False
     return m, _creep(m, end, present, inertia, pressure, viscosity, s, c, e, h), False
 
 
 @njit(inline="always")
-def _reached(m, share, attraction, h):
-    """Whether `m` can become `share` within ten steps `h` [s], or `LANDING`, at standstill; attraction C [1/s]."""
-    q = exp(-attraction * max(10.0 * h, LANDING))
+def _reached(m, share, rate, h):
+    """Whether `m` can become `share` within a step `h` [s] at standstill, at a rate C [1/s]."""
+    q = exp(-rate * h)
     return -1.0 + (m + 1.0) * q <= share <= 1.0 + (m - 1.0) * q  # eq. 6.9 with s_n = 1
 
 

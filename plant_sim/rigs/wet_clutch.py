@@ -11,6 +11,7 @@ References      Janssens 2010, chapter 6
 
 from collections.abc import Mapping
 from functools import cache
+from math import ceil
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,7 +24,7 @@ from plant_sim.effects.catalogue import effects as catalogue
 from plant_sim.effects.signals import DRIVE, RIG, SENSORS, SIGNALS, attached, bound, call, known
 from plant_sim.effects.table import added_rate, compile_all, table
 from plant_sim.rigs.clutch_unit import actuate, friction_pressure, slide, stack_force, viscosity_ratio
-from plant_sim.rigs.standstill import capacity, held, near_standstill, nearly_at_rest
+from plant_sim.rigs.standstill import PIECE, capacity, held, near_standstill, nearly_at_rest
 from protocols.errors import InputError
 from protocols.parameters import ParameterSet, load_defaults, load_overlay
 
@@ -31,7 +32,7 @@ DEFAULTS = Path(__file__).parents[1] / "parameters" / "janssens2010.toml"
 STEP_LIMIT = 1e-4  # s, longest integration step: rig.md; the stack on its damping has a time constant of 0.4 ms
 
 _STABLE = 2.5  # rate times step that Runge-Kutta 4 bears on the real axis, 2.78, less a margin
-_GROUPS = ("valve", "hydraulics", "piston", "clutch", "oil", "motor", "sensors")
+_GROUPS = ("valve", "hydraulics", "piston", "clutch", "oil", "motor", "sensors", "standstill")
 
 
 class State(NamedTuple):
@@ -207,47 +208,10 @@ def move(state, own, signals, e, voltage, speed_demand, torque_limit, duration, 
         s.cylinder_speed = y.slip_speed  # the output stands, the cylinder turns with the motor
         pressure = actuate(y, voltage, s, c, e, h)
 
-        # clutch, motor, oil at mid-step; plates nearly at rest are looked at from the step's beginning
-        before_step = y.slip_speed
-        slip = before_step + 0.5 * h * acceleration
-        resting, sticks = nearly_at_rest(pressure, before_step, slip), False
-        if resting:
-            slip = before_step
-        error = speed_demand - (slip + y.lead)
-        asked = motor.torque_demand(
-            error, y.speed_integral + 0.5 * h * error, c.motor_proportional_gain, c.motor_integral_gain
-        )
-        motor_torque = motor.limited(asked, limit)
-        if asked == motor_torque:
-            y.speed_integral += h * error
-        viscosity = viscosity_ratio(y.temperature, c)
-        if resting:
-            _, drive_torque, inertia = _driven(y, motor_torque, y.clutch_torque, slip, False, s, c, e, 0.0)
-            y.friction_state, slip, sticks = near_standstill(
-                y.friction_state, before_step, drive_torque, inertia, pressure, viscosity, s, c, e, h
-            )
-        y.friction_state, torque = slide(y.friction_state, pressure, slip, viscosity, s, c, e, h)
-        if sticks:
-            torque = drive_torque + inertia * before_step / h
-        still = sticks and before_step == 0.0
-        motor_torque, drive_torque, inertia = _driven(y, motor_torque, torque, slip, still, s, c, e, h)
-        if sticks:
-            torque = drive_torque + inertia * before_step / h  # what brings the plates to rest, and keeps them there
-            if attached(DRIVE, e):  # a blow within the step may be more than they bear
-                ends = capacity(pressure, viscosity, s, c, e)
-                y.friction_state, torque, sticks = held(y.friction_state, torque, ends[0], ends[1])
-        y.temperature += h * oil.heating_rate(
-            y.temperature, abs(torque * slip), c.oil_heat_capacity, c.oil_heat_transfer, c.oil_sump_temperature
-        )
-        acceleration = (drive_torque - torque) / inertia  # rig.md, 8
-        y.slip_speed = 0.0 if sticks else before_step + h * acceleration
-        if resting and y.slip_speed * slip < 0.0:
-            y.slip_speed = 0.0  # rounding, and what the state moved, must not turn plates that creep
-        acceleration = 0.0 if sticks else acceleration
-        y.angle += 0.5 * h * (before_step + y.slip_speed)
-        y.time += h
-        if attached(SENSORS, e):
-            sense(y, motor_torque, torque, s, c, e, h)
+        middle = y.slip_speed + 0.5 * h * acceleration
+        pieces = ceil(h / PIECE) if nearly_at_rest(pressure, y.slip_speed, middle) else 1
+        for _ in range(pieces):
+            acceleration = _turn(y, acceleration, pressure, speed_demand, limit, s, c, e, h / pieces)
 
     # outputs at the end: nothing moves
     known(e, s, y)
@@ -263,6 +227,55 @@ def move(state, own, signals, e, voltage, speed_demand, torque_limit, duration, 
         _, y.clutch_torque, _ = held(y.friction_state, drive_torque, *capacity(pressure, viscosity, s, c, e))
     y.acceleration = (drive_torque - y.clutch_torque) / inertia
     sense(y, y.motor_torque, y.clutch_torque, s, c, e, 0.0)
+
+
+@njit(inline="always")
+def _turn(y, acceleration, pressure, speed_demand, limit, s, c, e, h):
+    """Move clutch, motor and oil of `y` on by a step at friction pressure p* [Pa]; return the acceleration in it [rad/s^2].
+
+    They are taken at mid-step; plates nearly at rest are looked at from the step's beginning. `acceleration`: that before.
+    """
+    before_step = y.slip_speed
+    slip = before_step + 0.5 * h * acceleration
+    resting, sticks = nearly_at_rest(pressure, before_step, slip), False
+    if resting:
+        slip = before_step
+    error = speed_demand - (slip + y.lead)
+    asked = motor.torque_demand(
+        error, y.speed_integral + 0.5 * h * error, c.motor_proportional_gain, c.motor_integral_gain
+    )
+    motor_torque = motor.limited(asked, limit)
+    if asked == motor_torque:
+        y.speed_integral += h * error
+    viscosity = viscosity_ratio(y.temperature, c)
+    if resting:
+        _, drive_torque, inertia = _driven(y, motor_torque, y.clutch_torque, slip, False, s, c, e, 0.0)
+        y.friction_state, slip, sticks = near_standstill(
+            y.friction_state, before_step, drive_torque, inertia, pressure, viscosity, s, c, e, h
+        )
+    y.friction_state, torque = slide(y.friction_state, pressure, slip, viscosity, s, c, e, h)
+    if sticks:
+        torque = drive_torque + inertia * before_step / h
+    still = sticks and before_step == 0.0
+    motor_torque, drive_torque, inertia = _driven(y, motor_torque, torque, slip, still, s, c, e, h)
+    if sticks:
+        torque = drive_torque + inertia * before_step / h  # what brings the plates to rest, and keeps them there
+        if attached(DRIVE, e):  # a blow within the step may be more than they bear
+            ends = capacity(pressure, viscosity, s, c, e)
+            y.friction_state, torque, sticks = held(y.friction_state, torque, ends[0], ends[1])
+    y.temperature += h * oil.heating_rate(
+        y.temperature, abs(torque * slip), c.oil_heat_capacity, c.oil_heat_transfer, c.oil_sump_temperature
+    )
+    acceleration = (drive_torque - torque) / inertia  # rig.md, 8
+    y.slip_speed = 0.0 if sticks else before_step + h * acceleration
+    if resting and y.slip_speed * slip < 0.0:
+        y.slip_speed = 1e-6 * slip  # rounding must not turn plates that creep, nor stop them: they would stick
+    acceleration = 0.0 if sticks else acceleration
+    y.angle += 0.5 * h * (before_step + y.slip_speed)
+    y.time += h
+    if attached(SENSORS, e):
+        sense(y, motor_torque, torque, s, c, e, h)
+    return acceleration
 
 
 @njit(inline="always")

@@ -8,8 +8,7 @@ from plant_sim.discrepancy.models.wet_clutch import WetClutch
 
 PRESSURE_ERROR = 1e-3  # bar, largest, against steps of 0.025 ms: measured 0.93 mbar
 TORQUE_ERROR = 3e-3  # Nm, root mean square: measured 2.9 mNm
-# Nm, the same where the slip reverses under load: measured 26 mNm, as coarse steps land at once (standstill.py)
-REVERSING_ERROR = 0.035
+REVERSING_ERROR = 6e-3  # Nm, the same where the slip reverses under load: measured 3.7 mNm
 N = 8000
 
 
