@@ -105,9 +105,9 @@ def stand(shafts, one, two, d, s1, c1, e1, s2, c2, e2, h):
     of both where both stick. A clutch that does not rest keeps its torque. Moves no state."""
     first, second = (one.m, one.begin, False), (two.m, two.begin, False)
     if not two.rests:
-        first = _given(shafts, one, two.torque, two.ratio, d, s1, c1, e1, h)
+        first, _ = _given(shafts, one, two.torque, two.ratio, d, s1, c1, e1, h)
     elif not one.rests:
-        second = _given(shafts, two, one.torque, one.ratio, d, s2, c2, e2, h)
+        second, _ = _given(shafts, two, one.torque, one.ratio, d, s2, c2, e2, h)
     else:
         low_1, high_1 = capacity(one.pressure, one.viscosity, s1, c1, e1)
         low_2, high_2 = capacity(two.pressure, two.viscosity, s2, c2, e2)
@@ -116,10 +116,14 @@ def stand(shafts, one, two, d, s1, c1, e1, s2, c2, e2, h):
             share_1, share_2 = held(one.m, torque_1, low_1, high_1)[0], held(two.m, torque_2, low_2, high_2)[0]
             return (share_1, 0.0, True), (share_2, 0.0, True), (torque_1, torque_2)
         second, torque_2 = _beside(shafts, two, one.ratio, d, s2, c2, e2, h)
-        first = _given(shafts, one, torque_2, two.ratio, d, s1, c1, e1, h)
+        first, torque_1 = _given(shafts, one, torque_2, two.ratio, d, s1, c1, e1, h)
         if not first[2]:
-            first, torque_1 = _beside(shafts, one, two.ratio, d, s1, c1, e1, h)
-            second = _given(shafts, two, torque_1, one.ratio, d, s2, c2, e2, h)
+            beside, torque = _beside(shafts, one, two.ratio, d, s1, c1, e1, h)
+            second, _ = _given(shafts, two, torque, one.ratio, d, s2, c2, e2, h)
+            if second[2]:
+                first = beside
+            else:  # both slide
+                second, _ = _given(shafts, two, torque_1, one.ratio, d, s2, c2, e2, h)
         if first[2] and second[2]:  # what both cannot bear: one of them is left to slide from where it is
             second = (second[0], 0.0, False)
     return first, second, (0.0, 0.0)
@@ -127,10 +131,11 @@ def stand(shafts, one, two, d, s1, c1, e1, s2, c2, e2, h):
 
 @njit(error_model="numpy")
 def _given(shafts, own, other, other_ratio, d, s, c, e, h):
-    """How a clutch goes through the step, the torque `other` [Nm] of the other one given."""
+    """How a clutch goes through the step, and its torque [Nm], the torque `other` [Nm] of the other one given."""
     _, road = tied(shafts, other, own.ratio, other_ratio, d, h)
     drive, inertia = alone(shafts, other, road, own.ratio, other_ratio, d)
-    return near_standstill(own.m, own.begin, drive, inertia, own.pressure, own.viscosity, s, c, e, h)
+    went = near_standstill(own.m, own.begin, drive, inertia, own.pressure, own.viscosity, s, c, e, h)
+    return went, drive - inertia * (went[1] - own.begin) / h
 
 
 @njit(error_model="numpy")
