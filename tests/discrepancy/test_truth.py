@@ -13,20 +13,22 @@ from plant_sim.rigs import wet_clutch
 from protocols.runs import read_run
 from tests.discrepancy.battery import cases, excitation
 from tests.discrepancy.battery.cases import Case, Truth, floors, gap
-from tests.discrepancy.battery.truth import ANALOG, COLUMNS, OPEN, SUBSTEPS, Hidden, Inputs, simulate
+from tests.discrepancy.battery.truth import ANALOG, COLUMNS, OPEN, PERIOD, SUBSTEPS, Hidden, Inputs, simulate
 from tests.discrepancy.battery.truth_laws import CATALOGUE, LAWS, UNKNOWN
-from tests.discrepancy.battery.truth_rig import ZERO_CELSIUS
+from tests.discrepancy.battery.truth_rig import ZERO_CELSIUS, rig
 
 ADC = {  # one step of the 12 bit converters, rig.md 9, in the column's unit
     "cylinder_pressure_bar": 4.9e-3,  # measured 2.4e-3, at the impact on the plates
     "oil_temperature_degc": 2e-3,  # far below its step of 0.098, so that 1 % of heat capacity shows; measured 8e-5
-    "motor_torque_nm": 0.024,  # measured 0.015
+    "motor_torque_nm": 0.024,  # measured 0.015; where the slip reverses under load 0.005
 }
 TORQUE_RMS = 1.5e-3  # Nm, a step of its 16 bits: measured 0.8e-3 where the slip does not reverse
-# Nm: where the slip reverses under load, plates stick. The rig's then carry what is applied at once, up to their capacity;
-# the truth's are rounded off below 1 mrad/s and build their friction up as eq. 6.9 does, also near the capacity: another law,
-# not an error of one. Measured 0.064 (motor) and 0.071 Nm (clutch)
-STICKING_RMS = 0.1
+REVERSING_RMS = 4e-3  # Nm: where the slip reverses under load and plates turn and stick; measured 2.2e-3
+# Nm, clutch and motor, where friction builds up at rest too: the truth rounds sign(omega) below 1 mrad/s; measured 8.3e-3
+LETTER_RMS = 0.012
+RESTS = (
+    8  # begun by slip that turns slowly four times and rests: measured 4, 8 with a ripple of the pressure (pump_ripple)
+)
 SETTLED = 0.01  # of the gap asked for: strengths are sought to 1 % of the difference
 SAMPLED = 0.02  # of the gap as recorded: 120000 samples of noise, measured below 0.006
 SLOW = (
@@ -39,10 +41,10 @@ SLOW = (
 FOLDER = Path(cases.__file__).parent
 
 
-def ours(inputs, voltage):
+def ours(inputs, voltage, lag=0.0):
     """What plant_sim's rig shows, free of noise: (n, 4) of pressure [bar], temperature [degC], motor and clutch torque [Nm]."""
-    rig = wet_clutch.Rig(wet_clutch.nominal())
-    state = rig.at_rest(inputs.speed[0], inputs.celsius + ZERO_CELSIUS)
+    plant = wet_clutch.Rig(wet_clutch.nominal().with_values({"standstill.lag": lag}))
+    state = plant.at_rest(inputs.speed[0], inputs.celsius + ZERO_CELSIUS)
     rows = np.empty((len(voltage), ANALOG))
     for k, (volts, speed) in enumerate(zip(voltage.tolist(), inputs.speed.tolist(), strict=True)):
         y = state.read()
@@ -52,7 +54,7 @@ def ours(inputs, voltage):
             y.sensed_motor_torque,
             y.sensed_clutch_torque,
         )
-        state = rig.advance(state, volts, speed, 40.0, 1e-3, 10)
+        state = plant.advance(state, volts, speed, 40.0, 1e-3, 10)
     return rows
 
 
@@ -91,11 +93,52 @@ def test_truth_agrees_with_plant_sim_below_an_adc_step(five, kind):
     rms = np.sqrt(np.mean(difference**2, axis=0))
     for name, step in ADC.items():
         column = COLUMNS.index(name)
-        if reversing and name == "motor_torque_nm":
-            assert rms[column] < STICKING_RMS
-        else:
-            assert np.abs(difference[:, column]).max() < step, name
-    assert rms[COLUMNS.index("clutch_torque_nm")] < (STICKING_RMS if reversing else TORQUE_RMS)
+        assert np.abs(difference[:, column]).max() < step, name
+    assert rms[COLUMNS.index("clutch_torque_nm")] < (REVERSING_RMS if reversing else TORQUE_RMS)
+
+
+def test_truth_agrees_with_plant_sim_where_friction_builds_up_at_rest(five):
+    plant = rig()
+    plant["standstill_lag"] = 1.0
+    answer = simulate(five[4], plant=plant)
+    columns = [COLUMNS.index(name) for name in ("motor_torque_nm", "clutch_torque_nm")]
+
+    def off(lag):
+        difference = answer.rows[:, :ANALOG] - ours(five[4], answer.voltage, lag)
+        return np.sqrt(np.mean(difference[:, columns] ** 2, axis=0))
+
+    assert off(1.0).max() < LETTER_RMS
+    assert off(0.0).min() > 5.0 * LETTER_RMS, "plates that hold at once are another law: measured 0.064 Nm"
+
+
+@pytest.fixture(scope="module")
+def sticking():
+    """Slip that turns slowly, and rests, under a pressure that rises and falls."""
+    time = PERIOD * np.arange(8000)
+    speed = 2.0 * np.sin(2.0 * np.pi * 0.25 * time) * (np.abs(time - 4.0) > 1.0)
+    return Inputs("slow", OPEN, 1.3 + 0.2 * np.sin(2.0 * np.pi * 0.4 * time), speed, 70.0, np.zeros(8000))
+
+
+def test_plates_of_the_truth_that_stick_carry_what_the_motor_gives(sticking):
+    answer = simulate(sticking)
+    stuck = answer["slip"] == 0.0
+    assert 0.05 < stuck.mean() < 0.9
+    assert np.array_equal(answer["clutch_torque_nm"][stuck], answer["motor_torque_nm"][stuck])
+    coulomb = 10.8 * (2.35 + answer["normal_force"] / 1.131e-2 / 1e5) - 25.1
+    assert (np.abs(answer["clutch_torque_nm"])[stuck] <= coulomb[stuck]).all()
+    assert np.abs(answer["clutch_torque_nm"])[stuck].max() > 0.9 * coulomb[stuck].max(), "up to their capacity"
+    begins = np.count_nonzero(np.diff(stuck.astype(int)) == 1)
+    assert begins <= RESTS
+
+
+@pytest.mark.parametrize("law", LAWS.values(), ids=lambda law: law.name)
+def test_with_any_law_plates_of_the_truth_rest_without_chatter(sticking, law):
+    for second in range(law.variants):
+        answer = simulate(sticking, Hidden({law.name: law.usual * law.si}, {}, {law.name: second}))
+        assert np.isfinite(answer.rows).all()
+        stuck = answer["slip"] == 0.0
+        assert law.name == "presliding" or stuck.mean() > 0.05
+        assert np.count_nonzero(np.diff(stuck.astype(int)) == 1) <= RESTS
 
 
 def test_truth_agrees_with_plant_sim_in_torque_control():
@@ -128,11 +171,11 @@ def test_a_law_vanishes_with_its_strength_and_reaches_severity_4(five, short, la
         squares = [np.mean((simulate(part, hidden).rows - base)[:, :6] ** 2, axis=0) for part, base in baselines]
         return gap(np.sqrt(np.mean(squares, axis=0)), 0.005)
 
+    least = (
+        1e-3 if law.name == "backlash" else 1e-2
+    )  # of its usual strength: a blow on plates that stick is carried in full
     for second in range(law.variants):
-        least = (
-            1.6 if law.name == "backlash" else 1.3
-        )  # the least severity, at the least noise; splines twist without a gap, too
-        assert reached(0.01 * law.usual, second) < least
+        assert reached(least * law.usual, second) < 1.3  # the least severity, at the least noise
         assert reached(min(5.0 * law.usual, law.most), second) > 4.0
 
 

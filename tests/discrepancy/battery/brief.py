@@ -20,10 +20,14 @@ _HELD_OUT = (3, 1.0, 7.0)  # multisine
 
 
 def brief(
-    strengths: Mapping[str, float], second_laws: tuple[str, ...] = (), seed: int = 1
+    strengths: Mapping[str, float], second_laws: tuple[str, ...] = (), seed: int = 1, lag: float = 0.0
 ) -> tuple[dict[str, Columns], dict[str, Columns]]:
-    """Runs and held-out runs with effects of these strengths, in their laws' units; of `second_laws` the second law."""
+    """Runs and held-out runs with effects of these strengths, in their laws' units; of `second_laws` the second law.
+
+    lag: `standstill.lag` of the rig.
+    """
     five, plant, random = excitation.runs(seed)[0], rig(seed), np.random.default_rng(seed)
+    plant["standstill_lag"] = lag
     hidden = Hidden({n: s * LAWS[n].si for n, s in strengths.items()}, {}, dict.fromkeys(second_laws, 1))
 
     def columns(number: int, begin: float, end: float) -> Columns:
