@@ -18,10 +18,11 @@ from plant_sim.discrepancy.decide import (
     worthwhile,
 )
 from plant_sim.discrepancy.evidence import Evidence, Point
-from plant_sim.discrepancy.fit import Linear, baseline_free, effect_free, linearised, refitted
+from plant_sim.discrepancy.fit import Linear, effect_free, linearised, refitted
 from plant_sim.discrepancy.held_out import left_out
 from plant_sim.discrepancy.intervals import half_widths
-from plant_sim.discrepancy.model import Candidate, Hinting, Model, calibration
+from plant_sim.discrepancy.model import Candidate, Hinting, Model, readings
+from plant_sim.discrepancy.reading import best_reading
 from plant_sim.discrepancy.result import NAMED, NONE_OF_THESE, NOTHING, ONE_OF, Estimate, Rival
 
 Progress = Callable[[str, float], None]  # what is being done, share of the whole
@@ -53,14 +54,13 @@ class Inquiry:
         self._against: dict[str, float] = {}  # how far some of them are contradicted
         self._rivals: dict[str, Rival] = {}
         self.confidence = 0.5
+        self.reading = ""  # of the model's equations, where it is not the first
 
     def run(self) -> None:
         """Fit the baseline, then one, two, three effects."""
-        model, evidence = self.model, self.evidence
-        nominal: Point = ({n: p.value for n, p in model.parameters.items()}, {})
+        evidence = self.evidence
         self.progress("baseline re-fitted", 0.02)
-        self.start = linearised(evidence, nominal, baseline_free(model.parameters, calibration(model)))
-        self.base = refitted(evidence, self.start, 0)
+        self.reading, self.start, self.base = best_reading(self.model, evidence)
         if evidence.excess(self.base.residual) < _TAKEN_UP * evidence.excess(self.start.residual):
             self.base = refitted(evidence, linearised(evidence, self.base.point, self.base.free))
             self.start = self.base  # what is missing, if anything, is small beside what was calibrated
@@ -364,6 +364,10 @@ class Inquiry:
         at, half = self.final, half_widths(self.evidence, self.final)
         declared = dict(self.model.parameters) | {n: p for c in self.named for n, p in c.declared().items()}
         found = []
+        if self.reading and not effects:
+            for name in readings(self.model)[self.reading]:
+                value, p = float(at.point[0][name]), declared[name]
+                found.append(Estimate(name, value, p.unit, (value, value), p.value))
         for f, h in zip(at.free, half, strict=True):
             if (f.centre is None) == effects:
                 value, p, reach = at.value(f), declared[f.name], float(h)

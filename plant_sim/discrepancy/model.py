@@ -134,6 +134,21 @@ def calibration(model: Model) -> float:
 
 
 @runtime_checkable
+class Readable(Protocol):
+    """A model whose equations can be read in several ways, none of which is an effect: the runs tell which holds.
+
+    readings: by name, as it is told to people, the parameters of the baseline that make it. None of them is re-fitted.
+    """
+
+    readings: Mapping[str, Values]
+
+
+def readings(model: Model) -> Mapping[str, Values]:
+    """The ways in which a model's equations can be read; one for any other model."""
+    return model.readings if isinstance(model, Readable) else {"": {}}
+
+
+@runtime_checkable
 class Hinting(Protocol):
     """A model that reads from residuals where to begin the fit of an effect that is not smooth in its parameters."""
 

@@ -49,6 +49,8 @@ def investigate(
         verdict = verdict if verdict == ONE_OF else NAMED
         effects = [*(c.name for c in evident), *effects]
     notes += [f"{c.name} is evident without any fit: {one.why}" for c, one in evident.items()]
+    if inquiry.reading:
+        notes.append(f"the runs are those of a rig in which {inquiry.reading}")
     progress("gap on runs that were not fitted", 0.85)
     evidence, before, after = inquiry.evidence, inquiry.base, inquiry.final
     points = [(before.point, after.point)] * len(runs) if held else left_out(evidence, before, after)

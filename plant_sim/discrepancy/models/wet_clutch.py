@@ -65,6 +65,11 @@ class WetClutch:
     # Half the stated uncertainty: the battery's rigs are off by 0.15 of it (standard deviation). The more is allowed, the
     # more of valve_gain, friction_level, return_spring_change, clearance_change ... counts as calibration.
     calibration = 0.5
+    # Eq. 6.9 says nothing of plates that rest: those that stick, or friction that follows there with the same lag
+    readings: Mapping[str, Values] = {
+        "plates that rest hold at once what is applied": {"standstill.lag": 0.0},
+        "friction of plates that rest builds up by eq. 6.9": {"standstill.lag": 1.0},
+    }
     blocks: Mapping[str, tuple[str, ...]] = {
         "hydraulics": ("cylinder_pressure_bar",),
         "friction": ("clutch_torque_nm", "oil_temperature_degc"),
