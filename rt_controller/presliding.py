@@ -11,7 +11,7 @@ Not modelled    dwell time; the normal motion
 References      Janssens 2010, secs 5.4, 5.5, 6.2.3, appendix E; the limits follow plant_sim's effect of the same name
 """
 
-from math import exp
+from math import copysign, exp
 
 import numpy as np
 from numba import njit
@@ -37,25 +37,22 @@ def bend(state, settings, turned, level, attraction, capacity, step):
     """
     kept = state.capacity / capacity if capacity > 0.0 else 0.0
     state.capacity = capacity
-    direction = float(int(turned > 0.0) - int(turned < 0.0))
+    way = copysign(1.0, turned)
     stiffness = settings.spread ** (ELEMENTS - 1) / settings.angle
     decay = exp(-attraction * step / level)  # sec. 5.5, solved over the step
-    total, slides = 0.0, direction != 0.0
+    total, slides = 0.0, True
     for i in range(ELEMENTS):
-        share = state.share[i]
-        if state.latch[i] == 0.0:
-            share = min(max(share * kept, -1.0), 1.0)  # the load alone changes no spring's torque; sec. 5.5, unloading
-        along = direction * share
-        if direction == 0.0:
-            state.latch[i], along = 0.0, share
-        elif state.latch[i] == direction or along >= level:
-            state.latch[i], along = direction, level + (along - level) * decay
-        else:
+        slips, along = state.latch[i] == way and turned != 0.0, way * state.share[i]
+        if not slips:
+            along = min(max(along * kept, -1.0), 1.0)  # the load alone changes no spring's torque; sec. 5.5, unloading
+        if slips or (along >= level and turned != 0.0):
+            slips, along = True, level + (along - level) * decay
+        elif turned != 0.0:
             along += stiffness * abs(turned)  # sec. 5.4, stick
-            state.latch[i] = direction if along >= level else 0.0
-            along = min(along, level)
-        slides = slides and state.latch[i] != 0.0
-        state.share[i] = along if direction >= 0.0 else -along
+            slips, along = along >= level, min(along, level)
+        slides = slides and slips
+        state.latch[i] = way if slips else 0.0
+        state.share[i] = way * along
         total += state.share[i]
         stiffness /= settings.spread
     state.still = 0.0 if slides else state.still + step
