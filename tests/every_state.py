@@ -1,10 +1,13 @@
 """Random lives of a healthy clutch, slipping, sticking, locking, creeping, reversing: what the controller makes of them.
 
-`python -m tests.every_state --runs 10000` plays many and tells the worst; test_every_state.py plays some.
+`python -m tests.every_state --runs 10000` plays many and tells the worst; test_every_state.py plays some. With `--presliding
+2e-3` the plates bend by 2e-3 rad before they slide, and the controller is calibrated to it.
 """
 
 import argparse
+import tempfile
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -77,14 +80,20 @@ def drawn(seed: int) -> Life:
     return Life(seed, profile, random.uniform(*LEVEL), random.uniform(*OIL), int(random.choice(RATES)))
 
 
-def lived(life: Life) -> Played:
-    """The run of a life."""
-    changes = {"friction_level.level": life.level, "oil.sump_temperature": life.celsius}
+def lived(life: Life, presliding: float = 0.0) -> Played:
+    """The run of a life, of plates that bend by `presliding` [rad] before they slide."""
+    changes = {
+        "friction_level.level": life.level, "oil.sump_temperature": life.celsius, "presliding.angle": presliding
+    }  # fmt: skip
     plant = PlantNode(
         rate=life.rate, parameters=wet_clutch.nominal().with_values(changes), profile=life.profile, seed=life.seed + 1,
         temperature=life.celsius,
     )  # fmt: skip
-    return play(plant, ControllerNode(rate=life.rate))
+    with tempfile.TemporaryDirectory() as directory:
+        calibrated = Path(directory) / "controller.toml"
+        calibrated.write_text(f'[presliding]\nangle = {{ value = {presliding}, unit = "rad" }}\n')
+        controller = ControllerNode(rate=life.rate, parameters_file=calibrated)
+    return play(plant, controller)
 
 
 def judged(life: Life, run: Played) -> Verdict:
@@ -128,11 +137,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=300)
     parser.add_argument("--first", type=int, default=0, help="seed of the first")
+    parser.add_argument("--presliding", type=float, default=0.0, help="angle by which the plates bend [rad]; 0: rigid")
     arguments = parser.parse_args()
     verdicts = {}
     for seed in range(arguments.first, arguments.first + arguments.runs):
         life = drawn(seed)
-        verdicts[seed] = judged(life, lived(life))
+        verdicts[seed] = judged(life, lived(life, arguments.presliding))
         if len(verdicts) % 500 == 0:
             print(f"{len(verdicts)} of {arguments.runs}", flush=True)
     faults = [seed for seed, verdict in verdicts.items() if verdict.fault]

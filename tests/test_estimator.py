@@ -10,7 +10,7 @@ from plant_sim.blocks import clutch, oil
 from plant_sim.rigs import wet_clutch
 from protocols.units import to_si
 from rt_controller.estimator import MODEL as LAYOUT
-from rt_controller.estimator import friction_state, torque_parts, viscosity_ratio
+from rt_controller.estimator import friction_state, plate_pressure, torque_parts, viscosity_ratio
 from rt_controller.feedforward import inverse_model
 from rt_controller.node import controller_parameters
 from rt_controller.record import record
@@ -149,6 +149,38 @@ def test_cold_oil_raises_the_viscous_part_alone_and_the_whole_follows_eq_6_3() -
     mu = {50.0: -0.0145 * 1.30103 + 0.143, 70.0: -0.0145 * 1.60206 + 0.143}  # log10 of 20 and 40
     assert sum(cold) / sum(warm) == pytest.approx(mu[50.0] / mu[70.0], abs=2e-3)
     assert viscosity_ratio(MODEL, 70.0 + KELVIN) == 1.0
+
+
+def test_the_lag_of_the_piston_is_that_of_the_rig() -> None:
+    piston = RIG["piston"]
+    assert MODEL.piston_lag == pytest.approx(piston["damping"] / piston["stack_stiffness"], rel=1e-15)
+
+
+@given(st.floats(1e-5, 0.1), st.floats(-100.0, 100.0), st.floats(2.0, 5.0))
+def test_pressure_on_the_plates_is_behind_a_ramp_by_its_lag(step: float, rise: float, begin: float) -> None:
+    """Ramp of `rise` [bar/s] from rest: present = p - rise lag (1 - exp(-t/lag)), whatever the steps."""
+    lag, present = MODEL.piston_lag, begin
+    for count in range(5):
+        present = plate_pressure(MODEL, present, begin + rise * count * step, begin + rise * (count + 1) * step, step)
+        exact = begin + rise * (count + 1) * step - rise * lag * (1.0 - exp(-(count + 1) * step / lag))
+        assert present == pytest.approx(exact, abs=1e-11)
+
+
+@given(steps.filter(lambda step: step > 1e-9), pressures, pressures, pressures)
+def test_pressure_on_the_plates_takes_any_step(step: float, present: float, before: float, after: float) -> None:
+    once = plate_pressure(MODEL, present, before, after, step)
+    half, middle = step / 2.0, (before + after) / 2.0
+    twice = plate_pressure(MODEL, plate_pressure(MODEL, present, before, middle, half), middle, after, half)
+    assert twice == pytest.approx(once, rel=1e-9, abs=1e-3)
+    assert plate_pressure(MODEL, present, before, after, 0.0) == present
+    assert plate_pressure(MODEL, present, after, after, 1e6) == after
+
+
+@given(steps, pressures, pressures, pressures)
+def test_without_a_lag_the_pressure_on_the_plates_is_that_in_the_cylinder(
+    step: float, present: float, before: float, after: float
+) -> None:
+    assert plate_pressure(record(LAYOUT, VALUES, piston_lag=0.0), present, before, after, step) == after
 
 
 def test_feedforward_of_eq_6_8_by_hand() -> None:

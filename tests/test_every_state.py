@@ -13,13 +13,20 @@ from rt_controller.node import ControllerNode
 from tests.every_state import drawn, judged, lived
 
 LIVES = 300
-# Of the samples of all lives, 2.3e-4 are off by more than 0.5 Nm and 5 %, and 2e-5 above what the plates carry (docs/states.md)
-OFF, ABOVE = 1e-3, 1e-4
-EXCESS = 6.0  # Nm beyond what is allowed, for some samples: 3.2 measured
-VALVE = 0.3  # V between two samples in stick: 0.12 measured while the capacity goes down; noise of the pressure is 3 mV
-SINE = 0.1  # Nm rms about the mean: 0.080 measured, of which 0.08 are the rounded pressure
-TURN = 1.5  # Nm in the crossing: the issue; 1.0 measured at 10 Nm
-LOCKED = 0.5  # Nm: 0.2 measured
+# Asked for is none. Of the samples of lives 0 to 599, 1.9e-5 are off by more than 0.5 Nm and 5 %, and 1e-6 above what the
+# plates carry (docs/states.md); of the first 300 lives 1.6e-5 and 7e-7
+OFF, ABOVE = 2.5e-5, 2e-6
+EXCESS = 4.0  # Nm beyond what is allowed, for a sample: 3.9 measured
+BENT = 30  # lives of plates that bend
+BENT_OFF = 0.02  # of their samples: 0.005 measured at 2e-3 rad, 0.008 at 2e-2 rad
+VALVE = 0.3  # V between two samples in stick: 0.28 measured where the torque turns; noise of the pressure is 3 mV
+SINE = 0.065  # Nm rms about the mean: 0.057 measured; the issue asks for 0.1
+TURN = {
+    1000: 1.0,
+    250: 1.5,
+}  # Nm in the crossing, by rate [Hz]: 0.81 and 1.45 measured at 10 Nm; the issue asks for 1.5
+LOCKED = 0.3  # Nm: 0.23 measured
+PEAK = 0.5  # Nm above what was carried or is asked for: 0.46 measured, of a clutch of level 0.75
 
 
 def ran(*rows: tuple[float, ...], level: float = 1.0, rate: int = 1000, seed: int = 1) -> Played:
@@ -67,12 +74,24 @@ def test_a_clutch_whose_motor_stops_sticks_and_carries_what_is_applied(torque: f
 
 @pytest.mark.parametrize("seconds", [0.2, 0.5, 1.0, 2.0, 4.0])
 @pytest.mark.parametrize("speed", [5.0, 10.0])
-def test_a_reversal_is_no_fault_and_the_estimate_follows_it_with_its_sign(seconds: float, speed: float) -> None:
+@pytest.mark.parametrize("rate", [250, 1000])
+def test_a_reversal_is_no_fault_and_the_estimate_follows_it_with_its_sign(
+    seconds: float, speed: float, rate: int
+) -> None:
     turn, end = 3.0 + seconds, 5.0 + seconds
-    run = ran((0, 0, speed), (0.5, 0, speed), (1, 10, speed), (3, 10, speed), (turn, 10, -speed), (end, 10, -speed))
+    run = ran(
+        (0, 0, speed), (0.5, 0, speed), (1, 10, speed), (3, 10, speed), (turn, 10, -speed), (end, 10, -speed), rate=rate
+    )
     assert run["controller_fault"].max() == 0
-    assert np.abs(error(run, 2.9, end)).max() < TURN
+    assert np.abs(error(run, 2.9, end)).max() < TURN[rate]
     assert run["controller_torque_estimate_nm"][-1] == pytest.approx(-10.0, abs=LOCKED)
+
+
+@pytest.mark.parametrize("angle", [2e-3, 2e-2])
+def test_plates_that_bend_before_they_slide_are_no_fault_to_a_controller_that_is_calibrated_to_it(angle: float) -> None:
+    verdicts = {seed: judged(life := drawn(seed), lived(life, angle)) for seed in range(BENT)}
+    assert [seed for seed, verdict in verdicts.items() if verdict.fault] == []
+    assert sum(v.off for v in verdicts.values()) < BENT_OFF * sum(v.samples for v in verdicts.values())
 
 
 def test_a_ramp_to_24_nm_in_creep_is_no_fault() -> None:
@@ -102,8 +121,57 @@ def test_a_clutch_that_is_to_be_locked_holds_a_running_motor_and_lets_it_go(torq
     assert set(run["controller_clutch_state"][held]) == {ClutchState.LOCKED}
     assert (run["truth_slip_speed_rad_s"][held] == 0.0).all()
     assert np.abs(error(run, 4.0, 62.0)).max() < LOCKED
-    assert (run["controller_capacity_nm"][held] > 1.05 * np.abs(run["truth_clutch_torque_nm"][held])).all()
-    assert np.ptp(run["valve_voltage_v"][held]) < 0.02  # V; 6 mV measured
+    assert (run["controller_capacity_nm"][held] > 1.06 * np.abs(run["truth_clutch_torque_nm"][held])).all()
+    assert np.ptp(run["valve_voltage_v"][held]) < 0.01  # V; 8 mV measured
+
+
+@pytest.mark.parametrize("speed", [3.0, 10.0, 20.0, -10.0])
+@pytest.mark.parametrize("level", [0.75, 1.0, 1.25])
+def test_plates_that_are_released_from_lock_at_a_motor_that_pushes_have_no_torque_peak(
+    speed: float, level: float
+) -> None:
+    """To 0, 5, 10, 15 and 24 Nm, and to idle: two rows without a torque ask for idle."""
+    for after, end in ((0.0, 0.01), (5.0, 5.0), (10.0, 10.0), (15.0, 15.0), (24.0, 24.0), (0.0, 0.0)):
+        run = ran(
+            (0, 0, speed, 0), (0.5, 0, speed, 0), (0.8, 24, speed, 0), (2, 24, speed, 1), (5, after, speed, 0),
+            (7, end, speed, 0), level=level,
+        )  # fmt: skip
+        torque = np.abs(run["truth_clutch_torque_nm"])
+        released = run["time_s"] >= 5.0
+        assert run["controller_fault"].max() == 0
+        assert run["controller_clutch_state"][~released][-1] == ClutchState.LOCKED
+        assert torque[released].max() < max(torque[~released][-1], after) + PEAK, after
+
+
+@pytest.mark.parametrize("speed", [3.0, 10.0, 20.0, -10.0])
+def test_the_motor_is_held_until_the_clutch_has_come_down_to_what_is_asked_for(speed: float) -> None:
+    """A motor that has been held in lock and may push harder while the plates still carry much would tear them apart."""
+    limit = (10.8 * 4.72 - 25.1) / 1.08  # Nm: the capacity at the highest pressure of lock, less the margin
+    for after in (0.0, 5.0, 10.0, 15.0):
+        run = ran(
+            (0, 0, speed, 0), (0.5, 0, speed, 0), (0.8, 24, speed, 0), (2, 24, speed, 1), (5, after, speed, 0),
+            (7, after, speed, 0),
+        )  # fmt: skip
+        motor, clutch = np.abs(run["truth_motor_torque_nm"]), np.abs(run["truth_clutch_torque_nm"])
+        carries = (run["time_s"] >= 4.0) & (clutch > after + 2.0)  # 1.5 Nm above it the pressure is down
+        assert motor[carries & (run["time_s"] < 5.0)].min() > 0.95 * limit, "it pushes with all it may"
+        assert motor[carries].max() < limit + 0.1, after
+
+
+@pytest.mark.parametrize("rate", [250, 1000])
+@pytest.mark.parametrize("speed", [3.0, -3.0])
+@pytest.mark.parametrize("level", [0.75, 0.85, 1.25])
+def test_plates_that_rest_and_break_away_show_their_level(level: float, speed: float, rate: int) -> None:
+    """They are closed at rest, then the motor winds up: a strong clutch shows itself before it gives way, a weak one when."""
+    run = ran(
+        (0, 0, 0), (0.5, 0, 0), (1.5, 10, 0), (3, 10, 0), (3.2, 10, speed), (4, 10, speed), level=level, rate=rate
+    )
+    away = int(np.argmax(run["truth_slip_speed_rad_s"] != 0.0))
+    shown = run["controller_trimmed_level"]
+    assert run["controller_fault"].max() == 0
+    assert run["time_s"][away] > 3.0
+    assert shown[away - 1] == 1.0 if level < 1.0 else shown[away - 1] > 1.07
+    assert shown[away + rate // 50] == pytest.approx(level, abs=0.1)
 
 
 def test_each_loop_has_its_own_limit() -> None:
