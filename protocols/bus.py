@@ -1,7 +1,7 @@
 """Open a bus by name: `vcan0`, `can0` (SocketCAN), `local:NAME` (between processes, no CAN kernel), `auto`.
 
 python-can opens and configures every bus; the loop then reads and writes the raw `struct can_frame` on its socket, at a
-fifth of the cost of a message object (realtime.md). Tools (`candump`, `python -m can.viewer`) see an ordinary bus.
+fifth of the cost of a message object (timing.md). Tools (`candump`, `python -m can.viewer`) see an ordinary bus.
 """
 
 import contextlib

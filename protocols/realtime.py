@@ -22,7 +22,7 @@ _HEAP, _STACK = 16 << 20, 512 << 10  # bytes touched beforehand: a loop in stead
 _POOLS = 4 << 20  # bytes of Python's own pools of small objects: its arenas are 1 MiB, a new one is 256 page faults
 _SMALL = 450  # bytes; up to 512 with the object's head come from the pools
 _KEPT_EVERY = 256  # objects: some stay in each arena, else it would be given back
-PRIORITY = 80  # SCHED_FIFO: above ordinary work, below the kernel's own threads at 99 (realtime.md)
+PRIORITY = 80  # SCHED_FIFO: above ordinary work, below the kernel's own threads at 99 (timing.md)
 
 _LIBC = ctypes.CDLL(None, use_errno=True)
 _pinned: list[bytes] = []  # small objects that keep their arenas

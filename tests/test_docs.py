@@ -33,3 +33,17 @@ def test_links_lead_to_files(page: Path) -> None:
     links = re.findall(r"\]\(([^)#]+?)(?:#[^)]*)?\)", page.read_text(encoding="utf-8"))
     missing = [link for link in links if "://" not in link and not (page.parent / link).exists()]
     assert not missing
+
+
+@pytest.mark.parametrize("folder", ["protocols", "plant_sim", "rt_controller", "tests", "deploy", "docs"])
+def test_sources_name_pages_that_a_clone_has(folder: str) -> None:
+    pages = {page.name for page in PAGES} | {"notes.md"}  # of a battery, by whoever plays it
+    kinds = {".py", ".toml", ".md", ".dbc", ".sh"}
+    missing = {
+        f"{path.relative_to(ROOT)}: {name}"
+        for path in (ROOT / folder).rglob("*.*")
+        if path.suffix in kinds
+        for name in re.findall(r"[\w./-]*\b\w+\.md\b", path.read_text(encoding="utf-8"))
+        if Path(name).name not in pages or Path(name).parent.name == "design"
+    }
+    assert not missing

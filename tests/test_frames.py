@@ -21,7 +21,7 @@ DECLARED = 1e-8  # of the range: the DBC prints its limits with 10 digits
 EXAMPLES = 50  # a frame
 LOAD = 0.8  # of the wire: the highest load a bus is planned for
 
-# Sender of each frame: architecture.md, "Processes and data flow"; the supervisor asks for torque or pressure.
+# Sender of each frame; the supervisor asks for torque, pressure or lock.
 SENDERS = {
     "VALVE_COMMAND": "CONTROLLER",
     "MOTOR_COMMAND": "CONTROLLER",

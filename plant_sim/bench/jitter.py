@@ -17,7 +17,7 @@ What counts     wake      from the slot of the grid to the first look at the clo
                           late ones have
                 footprint of both services of the closed loop: page faults, collections of garbage, threads begun
 Assumptions     stamps of both frames are of one clock (a local bus stamps when a frame is sent, vcan when it is taken)
-References      rt-tests' cyclictest; witness: shared/design/realtime.md
+References      rt-tests' cyclictest; numbers: docs/timing.md
 """
 
 import contextlib

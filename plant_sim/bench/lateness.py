@@ -5,7 +5,7 @@ What counts     a cycle is late that ends after its slot, or before which a slot
                 where that is long (`spike`). A late cycle is explained by a spike, or a stall that a watch has seen, from two
                 periods before its slot to two after its end
 Assumptions     what stops the CPU stops the witness, too; what slows it (caches, a neighbour on its core) is nobody's spike
-References      shared/design/realtime.md
+References      docs/timing.md
 """
 
 import numpy as np

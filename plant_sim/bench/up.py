@@ -177,7 +177,7 @@ class Bench:
         if self.lockstep:
             common.append("--lockstep")
         elif len(cpus) > 1:
-            # plant and controller take turns on one CPU, everything else stays off it (realtime.md)
+            # plant and controller take turns on one CPU, everything else stays off it (timing.md)
             common += ["--cpu", str(cpus[-1])]
             os.sched_setaffinity(0, set(cpus[:-1]))
         common += ([] if self.telemetry else ["--no-telemetry"]) + _option("--router", self.router)

@@ -118,7 +118,7 @@ class Result:
         return max(claimed or self.gap, key=lambda c: self.gap[c].before / (self.gap[c].floor or 1e-300), default=None)
 
     def as_json(self) -> dict[str, Any]:
-        """`report.json` of design/discrepancy.md, and more."""
+        """`report.json` of docs/discrepancy.md."""
         return {
             "verdict": self.verdict,
             "effects": self.effects,

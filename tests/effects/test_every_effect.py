@@ -17,7 +17,7 @@ from plant_sim.rigs import wet_clutch
 from plant_sim.rigs.wet_clutch import Rig, State, Whole
 from protocols.errors import InputError
 
-# /work/shared/design/discrepancy.md: the identifiers are fixed
+# docs/effects.md: run files, model files and reports name them, so the identifiers are fixed
 CANDIDATES = {
     "valve_deadband", "valve_hysteresis", "spool_stiction", "valve_delay",
     "slower_valve", "valve_gain", "supply_sag",

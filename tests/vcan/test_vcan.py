@@ -26,7 +26,7 @@ from protocols.runs import read_run
 from tests import needs
 from tests.bus_log import write_log
 
-RATE = 100  # Hz: a guest pays 15 us a system call and now and then 25 ms; timing is judged on the host (realtime.md)
+RATE = 100  # Hz: a guest pays 15 us a system call and now and then 25 ms; timing is judged on the host (timing.md)
 BUS = "vcan0"
 COMMAND = [sys.executable, "-m", "protocols"]
 

@@ -7,7 +7,7 @@ from plant_sim.discrepancy.result import NAMED, NOTHING, ONE_OF, Estimate, Gap, 
 
 NO_NUMBER = "–"
 SIGNIFICANT = 0.05  # of p-values that hold for all claims together
-AT_FLOOR = 1.1  # error over floor that design/discrepancy.md calls closed
+AT_FLOOR = 1.1  # error over floor that counts as closed: the held-out measure of docs/battery.md
 _SURE = 0.9995  # confidence that would be rounded to 100 %
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _UNITS = {

@@ -1,4 +1,4 @@
-"""Score: the measures of design/discrepancy.md, each with numerator, denominator and 95 % Wilson interval.
+"""Score: the measures of docs/battery.md, each with numerator, denominator and 95 % Wilson interval.
 
 top-1           the first name reported (that of `named`, or the first of `one_of`) is the effect hidden; single effects
 alias           it is that, or one of its alias group by the specification
