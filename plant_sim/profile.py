@@ -12,7 +12,7 @@ import csv
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from math import ceil, isfinite
+from math import ceil
 from pathlib import Path
 from typing import NamedTuple
 
@@ -33,8 +33,11 @@ FILL_PRESSURE = (
 # s from the beginning in which idle is asked for, whatever the profile says: a controller closes no clutch without it
 # (phases.py). At 50 Hz three samples, as one frame may be lost.
 IDLE_FIRST = 0.05
+FOREVER = 1e9  # s, 31 years: the latest time of a row
 _SHORTEST = 0.1  # s, of a run: five samples at the lowest rate
-_LONGEST = 1e6  # s, of a run: 11 days; the repeated profile is held in memory, 0.3 GB for this one
+_LONGEST = 1e6  # s, of a run that repeats a profile: 11 days
+_MOST_ROWS = 2_000_000  # of a profile, repetitions and all: it is held in memory, 0.3 kB a row
+_LARGEST = 100  # MB of a file: so many rows
 _REPEAT_GAP = 1e-3  # s between the last row of a profile and the first of its repetition: times must increase
 SPEED_LIMIT = 26.2  # rad/s either way, 250 rpm, range of the maps (Janssens 2010, fig 6.12)
 
@@ -95,9 +98,9 @@ class Profile:
         if len(self.time) < 2 or len({len(column) for column in self._columns}) > 1:
             raise InputError(f"profile {self.name} has {len(self.time)} rows; at least 2 are needed")
         for row, (time, torque, speed, pressure, lock) in enumerate(self._rows(), 1):
-            if not (isfinite(time) and time >= 0.0) or (row > 1 and time <= self.time[row - 2]):
+            if not 0.0 <= time <= FOREVER or (row > 1 and time <= self.time[row - 2]):
                 raise InputError(
-                    f"profile {self.name}, row {row}: time_s = {time:g}; it must be 0 or more and increase"
+                    f"profile {self.name}, row {row}: time_s = {time:g}; it must increase, from 0 to {FOREVER:g} at most"
                 )
             if not 0.0 <= torque <= TORQUE_LIMIT:
                 raise InputError(
@@ -113,6 +116,8 @@ class Profile:
                 )
             if lock not in (0.0, 1.0):
                 raise InputError(f"profile {self.name}, row {row}: lock is {lock:g}; allowed are 0 and 1")
+        if self.duration < _SHORTEST:
+            raise InputError(f"profile {self.name} ends at {self.duration:g} s; it must last {_SHORTEST:g} s or more")
 
     @property
     def duration(self) -> float:
@@ -136,6 +141,10 @@ class Profile:
         if seconds > _LONGEST:
             raise InputError(f"a run of {seconds:g} s is not possible; it must last {_LONGEST:g} s or less")
         period = self.duration + _REPEAT_GAP
+        if (count := ceil(seconds / period) * len(self.time)) > _MOST_ROWS:
+            raise InputError(
+                f"a run of {seconds:g} s repeats profile {self.name} until it has {count} rows; allowed are {_MOST_ROWS}"
+            )
         rows = [(k * period + time, *row) for k in range(ceil(seconds / period)) for time, *row in self._rows()]
         cut = [row for row in rows if row[0] < seconds]
         end = self.at(seconds % period)
@@ -172,6 +181,8 @@ def read_columns(path: Path, kind: str, needed: Sequence[str], optional: Sequenc
     `kind` of file names it in the InputError that is raised for a file that is not as it should be.
     """
     try:
+        if (size := path.stat().st_size / 1e6) > _LARGEST:
+            raise InputError(f"{kind} {path} has {size:.0f} MB; allowed are {_LARGEST}")
         lines = path.read_text(encoding="utf-8").splitlines()
         rows = csv.reader(line for line in lines if not line.startswith("#"))
         header = tuple(next(rows, ()))
@@ -180,9 +191,23 @@ def read_columns(path: Path, kind: str, needed: Sequence[str], optional: Sequenc
                 f"{kind} {path} has the columns {', '.join(header) or '-'}; needed are {', '.join(needed)}"
                 f" and, if wanted, {', '.join(optional)}"
             )
-        table = [[float(cell) for cell in row] for row in rows if row]
-    except (OSError, ValueError, csv.Error) as error:
+        table = [row for row in rows if row]
+    except OSError as error:
+        raise InputError(f"{kind} {path} cannot be read: {error.strerror}") from None
+    except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{kind} {path} cannot be read: {error}") from None
     if bad := next((i for i, row in enumerate(table, 1) if len(row) != len(header)), None):
         raise InputError(f"{kind} {path}, row {bad} has {len(table[bad - 1])} cells; needed are {len(header)}")
-    return {name: tuple(row[i] for row in table) for i, name in enumerate(header)}
+    values = [
+        [_number(cell, f"{kind} {path}, row {i}: {name}") for cell, name in zip(row, header, strict=True)]
+        for i, row in enumerate(table, 1)
+    ]
+    return {name: tuple(row[i] for row in values) for i, name in enumerate(header)}
+
+
+def _number(cell: str, what: str) -> float:
+    """The number in a cell of a table. Raises InputError that names `what` it is."""
+    try:
+        return float(cell)
+    except ValueError:
+        raise InputError(f"{what} is {cell!r}; a number is needed") from None

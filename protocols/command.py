@@ -6,6 +6,7 @@ Exit codes: 0 fine, 1 the verdict is bad, 2 the input or the command is wrong, 1
 import json
 import signal
 import sys
+from collections.abc import Sequence
 from importlib.metadata import entry_points, version
 from math import isfinite
 from pathlib import Path
@@ -13,6 +14,7 @@ from types import FrameType
 from typing import Any
 
 import typer
+import typer.core
 
 from protocols.errors import InputError, InterruptionError
 from protocols.starting import STARTING, starts
@@ -74,9 +76,30 @@ def write_summary(path: Path | None, document: Any) -> None:
         part.rename(path)
 
 
+class Commands(typer.core.TyperGroup):
+    """The sub-commands. Raises InputError for an empty word: it is no name, no file and no number of anything."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """See `TyperGroup`."""
+        if bad := _empty(args):
+            raise InputError(f"{bad} is empty; a value is needed, or leave it away")
+        return super().resolve_command(ctx, args)
+
+
+def _empty(words: Sequence[str]) -> str | None:
+    """What is given without a value: an option, or a word; None when nothing is."""
+    for before, word in zip(("clutch-hil", *words), words, strict=False):
+        if not word.strip():
+            return before if before.startswith("-") else f"a word after {before!r}"
+        if word.startswith("--") and word.endswith("="):
+            return word.removesuffix("=")
+    return None
+
+
 def application() -> typer.Typer:
     """The command with the sub-commands of every installed part."""
     app = typer.Typer(
+        cls=Commands,
         help="Hardware-in-the-loop bench for wet-clutch torque control over CAN.",
         no_args_is_help=True,
         add_completion=False,

@@ -61,13 +61,21 @@ class Told(NamedTuple):
 class FaultWatch:
     """Faults in the rows of a controller, given piece by piece; `columns` are their names, without the node's.
 
-    `rate` [Hz] makes time of ticks; `parameters` in their units tell limits, where they are known.
+    `rate` [Hz] makes time of ticks; `parameters` in their units tell limits, where they are known; `clutch` says whose they
+    are, where there are two.
     """
 
-    def __init__(self, columns: Sequence[str], rate: float, parameters: Mapping[str, float] | None = None) -> None:
+    def __init__(
+        self,
+        columns: Sequence[str],
+        rate: float,
+        parameters: Mapping[str, float] | None = None,
+        clutch: str | None = None,
+    ) -> None:
         self._place = {name: i for i, name in enumerate(columns)}
         self._names = load_frames()["CONTROLLER_STATUS"].choices("fault")
         self._rate, self._parameters = rate, parameters or {}
+        self._of = f" of clutch {clutch}" if clutch else ""
         self._last: float | None = None  # before the first row
         self.count = 0
         self.first: Told | None = None
@@ -82,11 +90,16 @@ class FaultWatch:
         return told
 
     @property
+    def stands(self) -> bool:
+        """Whether there was one in the newest row."""
+        return bool(self._last)
+
+    @property
     def verdict(self) -> str:
         """What has been seen, for a verdict; empty without a fault."""
         if self.first is None:
             return ""
-        return self.first.line if self.count == 1 else f"{self.count} faults, the first: {self.first.line}"
+        return self.first.line if self.count == 1 else f"{self.count} faults{self._of}, the first: {self.first.line}"
 
     def _changes(self, rows: np.ndarray) -> Iterator[int]:
         faults = np.nan_to_num(rows[:, self._place["fault"]])
@@ -105,14 +118,15 @@ class FaultWatch:
         time = max(tick + (age if isfinite(age) else 0.0), 0.0) / self._rate
         when = "at" if self._last is not None else "before"  # who comes later sees it last
         if name == "none":
-            return Told(name, time, f"cleared at {time:.2f} s")
+            return Told(name, time, f"cleared{self._of} at {time:.2f} s")
         reason = REASONS[name]
         limit = self._parameters.get(reason.limit)
+        why = reason.text.format(**values)
         said = f" (limit {limit:g} {reason.unit})" if limit is not None else ""
         measured = ", ".join(
             f"{what} {values[column]:.2f} {unit}" for what, column, unit in MEASURED if isfinite(values[column])
         )
-        return Told(name, time, f"fault {when} {time:.2f} s: {name}: {reason.text.format(**values)}{said}; {measured}")
+        return Told(name, time, f"fault{self._of} {when} {time:.2f} s: {name}: {why}{said}; {measured}")
 
 
 def waits_for_idle(phase: float, request: float) -> bool:
@@ -123,11 +137,22 @@ def waits_for_idle(phase: float, request: float) -> bool:
     return phase == _PHASE_IDLE and request in (Request.ENGAGE, Request.PRESSURE)
 
 
-def faults_of(columns: Mapping[str, np.ndarray], rate: float, parameters: Mapping[str, float]) -> FaultWatch:
-    """The faults in the columns of a run file, `controller_...`; rate [Hz], `parameters` of the controller."""
-    prefix = "controller_"
+def clutch_of(node: str) -> str | None:
+    """Whose controller a node of the telemetry is, for people: b; None for the one of a single clutch, or of a."""
+    return "b" if node == "controller_b" else None
+
+
+def faults_of(
+    columns: Mapping[str, np.ndarray], rate: float, parameters: Mapping[str, float], clutch: str | None = None
+) -> FaultWatch:
+    """The faults in the columns of a run file; rate [Hz], `parameters` of the controller.
+
+    `clutch`: a or b, where there are two; the columns of b's controller begin with `controller_b_`, all others' with
+    `controller_`.
+    """
+    prefix = "controller_b_" if clutch == "b" else "controller_"
     names = [name for name in columns if name.startswith(prefix)]
-    watch = FaultWatch([name.removeprefix(prefix) for name in names], rate, parameters)
+    watch = FaultWatch([name.removeprefix(prefix) for name in names], rate, parameters, clutch)
     rows = np.column_stack([columns[name] for name in names])
     watch.take(rows[~np.isnan(rows[:, names.index(f"{prefix}fault")])])
     return watch

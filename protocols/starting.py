@@ -1,8 +1,10 @@
-"""Starting: while a command loads its modules and compiles kernels, it says so on stderr."""
+"""Starting: while a command loads its modules, compiles kernels or computes without a word, it says so on stderr."""
 
 import sys
 import threading
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from types import FrameType
 
 from protocols.compiling import COMPILING
@@ -13,7 +15,7 @@ _IMPORT = "<frozen importlib._bootstrap>"  # the file of a frame in which a modu
 
 
 class Starting:
-    """While entered, a thread says every 5 s what is loaded or compiled; what takes less than 2 s is not told.
+    """While entered, a thread says every 5 s what is loaded, compiled or done; what takes less than 2 s is not told.
 
     `end` ends it before: beside a loop in real time there may be no other thread.
     """
@@ -22,8 +24,11 @@ class Starting:
         self._ended = threading.Event()
         self._thread: threading.Thread | None = None
         self._watched = threading.get_ident()
+        self._began = 0.0  # s of CLOCK_MONOTONIC
+        self._describe = self._at_work
 
     def __enter__(self) -> "Starting":
+        self._began = time.monotonic()
         self._ended.clear()
         self._watched = threading.get_ident()
         self._thread = threading.Thread(target=self._tell, daemon=True)
@@ -40,18 +45,38 @@ class Starting:
             self._thread.join()
             self._thread = None
 
+    @contextmanager
+    def told_by(self, describe: Callable[[], str]) -> Iterator[None]:
+        """While entered, `describe` says what is done; an empty text where somebody else does.
+
+        Who is entered within, a `Stop` in a command with a progress bar, changes nothing.
+        """
+        before = self._describe
+        if before == self._at_work:
+            self._describe = describe
+        try:
+            yield
+        finally:
+            self._describe = before
+
+    def _at_work(self) -> str:
+        return f"at work for {time.monotonic() - self._began:.0f} s"
+
     def _tell(self) -> None:
-        pause = _FIRST
+        pause, last = _FIRST, self._began
         while not self._ended.wait(pause):
             pause = 0.5  # s until the next look, where nothing is to be told
             if COMPILING.kernels:
                 told = COMPILING.describe()
             elif _loads(sys._current_frames().get(self._watched)):
                 told = "loading modules"
+            elif time.monotonic() - last >= _EVERY:
+                told = self._describe()
             else:
                 continue
-            print(told, file=sys.stderr, flush=True)
-            pause = _EVERY
+            if told:
+                print(told, file=sys.stderr, flush=True)
+            last, pause = time.monotonic(), _EVERY
 
 
 STARTING = Starting()

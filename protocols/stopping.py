@@ -2,22 +2,28 @@
 
 import os
 import signal
+from contextlib import ExitStack
 from types import FrameType
 from typing import Any
+
+from protocols.starting import STARTING
 
 
 class Stop:
     """While entered, SIGINT, SIGTERM and SIGHUP (a closed terminal) only set `asked`.
 
     The descriptor `wakes` is readable from then on: Python runs no handler while compiled code stays (`exchange.py`).
+    Who goes on until he is stopped tells by himself what he does.
     """
 
     def __init__(self) -> None:
         self.asked = False
         self.wakes = self._told = self._told_before = -1
         self._before: dict[int, Any] = {}
+        self._untold = ExitStack()
 
     def __enter__(self) -> "Stop":
+        self._untold.enter_context(STARTING.told_by(str))  # no text
         self.wakes, self._told = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
         self._told_before = signal.set_wakeup_fd(self._told, warn_on_full_buffer=False)
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
@@ -25,6 +31,7 @@ class Stop:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._untold.close()
         for number, handler in self._before.items():
             signal.signal(number, handler)
         signal.set_wakeup_fd(self._told_before)

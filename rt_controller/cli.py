@@ -53,7 +53,7 @@ def controller(
         telemetry=telemetry,
         router=router,
         cpu=cpu,
-        clutch=clutch and checked_clutch(clutch),
+        clutch=None if clutch is None else checked_clutch(clutch),
         trigger=trigger,
         overrun=overrun,
         spin_us=checked_spin(spin_us),

@@ -8,14 +8,18 @@ import numpy as np
 import pytest
 
 from plant_sim.bench.in_process import play
+from plant_sim.live.collector import Collector
 from plant_sim.live.demand import pressure_profile, torque_profile
+from plant_sim.live.recorder import Recorder
 from plant_sim.node import PlantNode
 from plant_sim.profile import Profile, load_profile
 from protocols.bus import open_bus
-from protocols.faults import REASONS, WAITS_FOR_IDLE, FaultWatch, waits_for_idle
+from protocols.faults import REASONS, WAITS_FOR_IDLE, FaultWatch, faults_of, waits_for_idle
 from protocols.frames import load_frames
 from protocols.node import node_factory
 from protocols.request import Request
+from protocols.telemetry.batch import Batch, published_columns
+from protocols.telemetry.outlet import TIMING
 from rt_controller.node import COLUMNS, ControllerNode, controller_parameters, shipped_parameters
 from rt_controller.phases import Fault, Phase
 from tests.processes import ONE_CPU, PATIENCE, service
@@ -66,6 +70,60 @@ def test_a_controller_keeps_the_first_fault_though_nobody_reads_its_record() -> 
     assert faults.first
     assert faults.first.line.startswith("fault at 1.0")
     assert "stale sensors: no believable sample for 6 cycles (limit 5 cycles)" in faults.first.line
+
+
+def batch_of(node: str, rows: np.ndarray, first: int = 0) -> Batch:
+    columns = published_columns(node, [*COLUMNS, *TIMING])
+    timing = np.zeros((len(rows), len(TIMING)))
+    return Batch(node, 1, first, RATE, 0.0, 0, columns, np.concatenate([rows, timing], axis=1))
+
+
+@pytest.mark.parametrize(("node", "whose"), [("controller", ""), ("controller_b", " of clutch b")])
+def test_a_monitor_and_a_recorder_tell_the_fault_of_either_clutch(node: str, whose: str) -> None:
+    came = row(fault=Fault.OVERPRESSURE.value, phase=Phase.FAULT.value, pressure_bar=5.6)
+    collector = Collector("bench")
+    collector.alive = dict.fromkeys(("controller", "controller_b"), True)
+    for other in ("controller", "controller_b"):
+        collector.take([batch_of(other, row())], 0.0)
+    assert collector.snapshot(0.0).standing_faults == ()
+    collector.take([batch_of(node, came, 1)], 0.1)
+    snapshot = collector.snapshot(0.1)
+    (line,) = snapshot.standing_faults
+    assert line.startswith(f"fault{whose} at 10.00 s: overpressure: ")
+    assert snapshot.last_fault == line
+    assert line in snapshot.troubles()
+    collector.take([batch_of(node, row(), 2)], 0.2)
+    assert collector.snapshot(0.2).last_fault == f"{line}; cleared{whose} at 10.00 s"
+    assert collector.snapshot(0.2).standing_faults == ()
+
+    told: list[str] = []
+    recorder = Recorder(None, ScriptedFeed([[batch_of(node, np.concatenate([row(), came]))]]), None, False, told.append)
+    recorder.step(plant=False)
+    assert told == [line]
+
+
+def test_a_run_of_two_clutches_tells_the_faults_of_both() -> None:
+    came = np.concatenate([row(), row(fault=Fault.OVERPRESSURE.value)])
+    columns = {f"{node}_{name}": came[:, i] for node in ("controller", "controller_b") for i, name in enumerate(NAMES)}
+    for clutch in "ab":
+        told = faults_of(columns, RATE, {}, clutch)
+        assert told.verdict.startswith(f"fault of clutch {clutch} at ")
+        assert told.stands
+
+
+class ScriptedFeed:
+    """What comes, look by look."""
+
+    bench = "bench"
+
+    def __init__(self, script: list[list[Batch]]) -> None:
+        self._script, self.alive, self.lost = script, dict[str, bool](), dict[str, int]()
+
+    def read(self) -> list[Batch]:
+        return self._script.pop(0)
+
+    def events(self) -> list[dict]:
+        return []
 
 
 @pytest.mark.parametrize("telemetry", ["--telemetry", "--no-telemetry"])

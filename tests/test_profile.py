@@ -128,7 +128,13 @@ def test_a_repeated_profile_repeats_its_pressure() -> None:
             " torque_demand_nm, motor_speed_demand_rad_s and, if wanted, pressure_demand_bar, lock",
         ),
         (HEADER + "0,0,10\n1,0,10,3\n", "row 1 has 3 cells; needed are 4"),
-        (HEADER + "0,0,10,high\n1,0,10,3\n", "could not convert string to float: 'high'"),
+        (HEADER + "0,0,10,high\n1,0,10,3\n", "row 1: pressure_demand_bar is 'high'; a number is needed"),
+        (LOCK_HEADER + "0,0,10,0\n1,0,10,yes\n", "row 2: lock is 'yes'; a number is needed"),
+        (LOCK_HEADER + "0,0,10,\n1,0,10,0\n", "row 1: lock is ''; a number is needed"),
+        (HEADER + "0,0,10,0\n1,0,10,0\n0.5,0,10,0\n", "row 3: time_s = 0.5; it must increase, from 0 to 1e+09 at most"),
+        (HEADER + "0,0,10,0\n0,0,10,0\n", "row 2: time_s = 0; it must increase, from 0 to 1e+09 at most"),
+        (HEADER + "0,0,10,0\n1e300,0,10,0\n", "row 2: time_s = 1e+300; it must increase, from 0 to 1e+09 at most"),
+        (HEADER + "0,0,10,0\n1e-9,0,10,0\n", "ends at 1e-09 s; it must last 0.1 s or more"),
         (HEADER, "has 0 rows; at least 2 are needed"),
         (
             "time_s,pressure_demand_bar\n0,0\n1,3\n",
@@ -144,6 +150,19 @@ def test_a_bad_profile_is_told_in_one_sentence(tmp_path: Path, text: str, told: 
         load_profile(str(path))
     assert str(refused.value).startswith("profile ")
     assert str(refused.value).endswith(told)
+
+
+def test_what_memory_cannot_hold_is_refused_before_it_is_made(tmp_path: Path) -> None:
+    with pytest.raises(
+        InputError, match="a run of 1e\\+06 s repeats profile short until it has 19801982 rows; allowed are"
+    ):
+        Profile("short", (0.0, 0.1), (0.0, 0.0), (10.0, 10.0)).lasting(1e6)
+    path = tmp_path / "large.csv"
+    with path.open("w") as file:
+        file.write(HEADER)
+        file.truncate(20_000_000_000)  # a hole: a billion rows take no place
+    with pytest.raises(InputError, match=r"large\.csv has 20000 MB; allowed are 100"):
+        load_profile(str(path))
 
 
 @pytest.mark.parametrize("name", experiments.EXPERIMENTS)

@@ -142,8 +142,11 @@ def judge_shift(path: Path, read: str, limits: Sequence[Limit] = (), timing: dic
         f" shift time {measured['shift_time_s']:.2f} s"
     )
     if fault != "none":
-        told = faults_of(columns, run.metadata["sample_rate_hz"], run.metadata.get("controller_parameters", {}))
-        verdict = told.verdict or f"fault of clutch b: {fault}"
+        told = (
+            faults_of(columns, run.metadata["sample_rate_hz"], run.metadata.get(parameters, {}), clutch)
+            for clutch, parameters in zip(CLUTCHES, ("controller_parameters", "controller_b_parameters"), strict=True)
+        )
+        verdict = "; ".join(watch.verdict for watch in told if watch.count)
     elif shift is None:
         verdict = "no torque was handed over"
     elif shift.shift_end is None:

@@ -45,7 +45,7 @@ def _must_fit(duration: float, rate: int) -> None:
     """Raise InputError when a run of `duration` [s] at `rate` [Hz] has too many samples to be held in memory."""
     if (samples := round(duration * rate)) > _MOST_SAMPLES:
         raise InputError(
-            f"a simulation of {samples} samples does not fit into memory; allowed are {_MOST_SAMPLES};"
+            f"a simulation of {duration:g} s, {samples} samples, does not fit into memory; allowed are {_MOST_SAMPLES};"
             " clutch-hil up --lockstep writes while it runs"
         )
 

@@ -34,7 +34,9 @@ from plant_sim.discrepancy.sources import (
 
 LEVEL = 0.01  # of p-values: share of cases without a disagreement in which anything may be claimed
 WHICH = 0.05  # of p-values of the regimes named, where the disagreement as such is sure at LEVEL
-LEAST = 0.458  # floors: root of 1.1^2 - 1; an error within 1.1 floors is closed (battery.md), and so no disagreement, ...
+LEAST = (
+    0.458  # floors: root of 1.1^2 - 1; an error within 1.1 floors is closed (battery.md), and so no disagreement, ...
+)
 MUCH = 1.0  # ... nor is one of less in a phase of the rig's work
 _BLOCK = 0.25  # s: beyond it products of residuals are independent
 _DRAWS = 2000  # random signs: p-values down to 1/2001

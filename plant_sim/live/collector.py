@@ -9,7 +9,7 @@ import numpy as np
 from plant_sim.direction import direction
 from plant_sim.live import clutch_state
 from plant_sim.live.snapshot import NO_TIMES, QUANTITIES, NodeState, Percentiles, Snapshot
-from protocols.faults import FaultWatch, waits_for_idle
+from protocols.faults import FaultWatch, clutch_of, waits_for_idle
 from protocols.frames import load_frames
 from protocols.telemetry.batch import Batch
 from protocols.telemetry.keys import NODES
@@ -19,14 +19,16 @@ STALLED = 0.5  # s without a row; batches come every 20 ms
 POINTS = 30  # characters of a sparkline: three a second
 _CHANGES = 3  # last changes of parameters that are shown
 _TIMING = ("clock_s", "wake_us", "work_us", "late_cycles")
-_STATES = ("controller_phase", "controller_fault", "controller_request", clutch_state.COLUMN)
+_ASKED = ("phase", "request")
+_STATES = ("controller_fault", clutch_state.COLUMN)
 
 
 class _Trace:
     """Rows of one life of a service, the last WINDOW seconds, in the columns that are shown."""
 
     def __init__(self, batch: Batch) -> None:
-        wanted = {q.column for q in QUANTITIES} | {f"{batch.node}_{name}" for name in _TIMING} | set(_STATES)
+        wanted = {q.column for q in QUANTITIES} | {f"{batch.node}_{name}" for name in (*_TIMING, *_ASKED)}
+        wanted |= set(_STATES)
         names = [column.name for column in batch.columns]
         self.session, self.rate = batch.session, batch.rate
         self._index = [i for i, name in enumerate(names) if name in wanted]
@@ -67,8 +69,8 @@ class Collector:
         self._phases = frames["CONTROLLER_STATUS"].choices("phase")
         self._faults = frames["CONTROLLER_STATUS"].choices("fault")
         self._traces: dict[str, _Trace] = {}
-        self._watch: FaultWatch | None = None
-        self._last_fault: str | None = None
+        self._watches: dict[str, FaultWatch] = {}  # by controller
+        self._fault_lines: dict[str, str] = {}  # the last one of each, the newest last
         self._changes: list[Mapping[str, Any]] = []
 
     def take(self, batches: Iterable[Batch], now: float) -> None:
@@ -78,12 +80,19 @@ class Collector:
             if anew := trace is None or trace.session != batch.session:
                 trace = self._traces[batch.node] = _Trace(batch)
             trace.take(batch, now)
-            if batch.node == "controller" and len(batch.rows):
-                if anew or self._watch is None:
-                    names = [column.name.removeprefix("controller_") for column in batch.columns]
-                    self._watch = FaultWatch(names, batch.rate) if "fault" in names else None
-                for told in self._watch.take(batch.rows) if self._watch else ():
-                    self._last_fault = told.line if told.name != "none" else f"{self._last_fault}; {told.line}"
+            if anew:
+                self._watches.pop(batch.node, None)
+            names = [column.name.removeprefix(f"{batch.node}_") for column in batch.columns]
+            if len(batch.rows) and batch.node.startswith("controller") and "fault" in names:
+                self._take_faults(batch, names)
+
+    def _take_faults(self, batch: Batch, names: list[str]) -> None:
+        """Keep what begins or ends in a batch of a controller, whose columns have these `names` without the node's."""
+        node = batch.node
+        watch = self._watches.setdefault(node, FaultWatch(names, batch.rate, clutch=clutch_of(node)))
+        for told in watch.take(batch.rows):
+            before = self._fault_lines.pop(node, None)
+            self._fault_lines[node] = told.line if told.name != "none" else f"{before}; {told.line}"
 
     def note(self, events: Iterable[Mapping[str, Any]]) -> None:
         """Add changes of parameters; one that is told twice, live and when a feed begins, counts once."""
@@ -115,12 +124,17 @@ class Collector:
             values,
             traces,
             tuple(self._changes),
-            self._last_fault,
-            known and self._waits(rows),
+            next(reversed(self._fault_lines.values()), None),
+            any(self._waits(rows, node) for node in ("controller", "controller_b") if self.alive.get(node)),
+            tuple(
+                self._fault_lines[node]
+                for node, watch in self._watches.items()
+                if watch.stands and self.alive.get(node)
+            ),
         )
 
-    def _waits(self, rows: Mapping[str, np.ndarray]) -> bool:
-        phase, request = (self._column(rows, "controller", f"controller_{name}") for name in ("phase", "request"))
+    def _waits(self, rows: Mapping[str, np.ndarray], node: str) -> bool:
+        phase, request = (self._column(rows, node, f"{node}_{name}") for name in _ASKED)
         return bool(len(phase)) and waits_for_idle(float(phase[-1]), float(request[-1]))
 
     def _column(self, rows: Mapping[str, np.ndarray], node: str, name: str) -> np.ndarray:

@@ -10,13 +10,22 @@ from rich.live import Live
 from rich.text import Text
 
 from plant_sim.live.supervisor import RATE, Answer, Supervisor
-from plant_sim.profile import FILL_PRESSURE, IDLE_FIRST, PRESSURE_LIMIT, SPEED_LIMIT, TORQUE_LIMIT, Profile, Setpoint
+from plant_sim.profile import (
+    FILL_PRESSURE,
+    FOREVER,
+    IDLE_FIRST,
+    PRESSURE_LIMIT,
+    SPEED_LIMIT,
+    TORQUE_LIMIT,
+    Profile,
+    Setpoint,
+)
 from protocols.bus import open_bus
 from protocols.errors import InputError
 from protocols.request import Request
 from protocols.stopping import Stop
 
-_FOREVER = 1e9  # s, 31 years: a torque without an end is held until it is stopped
+_SLOWEST = 1e-3  # Nm/s or bar/s: 8 hours to the highest torque
 _STEADY = 0.5  # s of a constant demand after which it counts as settled: the torque loop rises in 0.25 s
 _TOLERANCE = 0.10  # of the demand of torque
 _TOLERANCE_FLOOR = 0.3  # Nm, three times the regime error of the default controller
@@ -32,7 +41,7 @@ def torque_profile(torque: float, speed: float, seconds: float | None, ramp: flo
     """
     _check("torque", torque, TORQUE_LIMIT, "Nm", speed, ramp)
     rise = max(torque / ramp, 1.0 / RATE)
-    times = 0.0, IDLE_FIRST, IDLE_FIRST + rise, _FOREVER
+    times = 0.0, IDLE_FIRST, IDLE_FIRST + rise, FOREVER
     profile = Profile(f"{torque:g} Nm", times, (0.0, 0.0, torque, torque), (speed,) * 4)
     return profile if seconds is None else profile.lasting(seconds)
 
@@ -42,7 +51,7 @@ def pressure_profile(pressure: float, speed: float, seconds: float | None, ramp:
     _check("pressure", pressure, PRESSURE_LIMIT, "bar", speed, ramp)
     first, least = min(pressure, FILL_PRESSURE), 1.0 / RATE
     begin = IDLE_FIRST + least
-    time = (0.0, IDLE_FIRST, begin, begin + max((pressure - first) / ramp, least), _FOREVER)
+    time = (0.0, IDLE_FIRST, begin, begin + max((pressure - first) / ramp, least), FOREVER)
     profile = Profile(f"{pressure:g} bar", time, (0.0,) * 5, (speed,) * 5, (0.0, 0.0, first, pressure, pressure))
     return profile if seconds is None else profile.lasting(seconds)
 
@@ -50,7 +59,7 @@ def pressure_profile(pressure: float, speed: float, seconds: float | None, ramp:
 def lock_profile(speed: float, seconds: float | None) -> Profile:
     """A clutch that is to be locked, at a motor speed [rad/s], for `seconds`, None for ever. Raises InputError."""
     _check_speed(speed)
-    profile = Profile("lock", (0.0, _FOREVER), (0.0, 0.0), (speed, speed), lock=(1.0, 1.0))
+    profile = Profile("lock", (0.0, FOREVER), (0.0, 0.0), (speed, speed), lock=(1.0, 1.0))
     return profile if seconds is None else profile.lasting(seconds)
 
 
@@ -58,8 +67,8 @@ def _check(name: str, value: float, limit: float, unit: str, speed: float, ramp:
     if not (isfinite(value) and 0.0 <= value <= limit):
         raise InputError(f"{name} {value:g} {unit} is outside 0..{limit:g} {unit}")
     _check_speed(speed)
-    if not (isfinite(ramp) and ramp > 0.0):
-        raise InputError(f"ramp {ramp:g} {unit}/s is not possible; it must be above 0")
+    if not (isfinite(ramp) and ramp >= _SLOWEST):
+        raise InputError(f"ramp {ramp:g} {unit}/s is not possible; it must be {_SLOWEST:g} or more")
 
 
 def _check_speed(speed: float) -> None:
@@ -205,7 +214,7 @@ class Demand:
             verdict = f"{'reached' if good else 'not reached'}, {figures}"
         if interrupted:
             verdict = f"interrupted after {elapsed:.1f} s; {verdict}"
-        length = "until stopped" if profile.duration >= _FOREVER else f"{profile.duration:g} s"
+        length = "until stopped" if profile.duration >= FOREVER else f"{profile.duration:g} s"
         text = "\n".join(
             [
                 f"read:    {profile.name} ({length}), the controller's status on {bus}",
@@ -240,7 +249,7 @@ class _StatusLine:
         self._console = Console(stderr=True)
         self._live = Live(console=self._console, auto_refresh=False, transient=True)
         self._every = _SHOWN_EVERY if self._console.is_terminal else _PLAIN_EVERY
-        self._end = f"/{duration:g}" if duration < _FOREVER else ""
+        self._end = f"/{duration:g}" if duration < FOREVER else ""
         self._next = 0.0
 
     def __enter__(self) -> "_StatusLine":

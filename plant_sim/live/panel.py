@@ -80,7 +80,7 @@ class Panel:
             if self.request.closes or (answer.phase == "idle" and self.request is Request.IDLE):
                 self._ask(wanted, "", now)
             else:
-                self.message = f"not engaged: the controller must be idle first, its phase is {answer.phase or '-'}"
+                self.message = f"not engaged: it must be idle first (key i), its phase is {answer.phase or '-'}"
 
     def heed(self, answer: Answer, objection: str | None, now: float) -> None:
         """Give up an engagement the controller does not carry out; go from release to idle when it is released."""

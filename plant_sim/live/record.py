@@ -41,7 +41,7 @@ def record(
         checked_target(path)
         checked_target(rows_file(path))
     with consumer_session(router) as session:
-        progress("waiting for a bench")
+        progress("waiting for a bench; start one with: clutch-hil up")
         bench = _found(session, bus, stop, float("inf") if seconds is None else _PATIENCE)
         with Feed(session, bench, live=False) as feed, Recorder(session, feed, path, blind, tell) as recorder:
             end = float("inf")

@@ -38,9 +38,8 @@ def record(
     import os
     from contextlib import suppress
 
-    from rich.console import Console
-
     from plant_sim.bench.can_log import WRITERS, CanLog, Logged
+    from plant_sim.bench.progress import Doing
     from plant_sim.live.conversion import FORMATS, new_file
     from plant_sim.live.record import record as record_telemetry
     from plant_sim.live.recorder import Recorded
@@ -52,12 +51,7 @@ def record(
     if path and path.suffix not in (*FORMATS, *WRITERS):
         raise InputError(f"{path} cannot be recorded as {path.suffix!r}; allowed are {listing((*FORMATS, *WRITERS))}")
     result: Logged | Recorded
-    console = Console(stderr=True, quiet=json_output)
-
-    def tell(line: str) -> None:
-        console.print(line, soft_wrap=True, highlight=False, markup=False)
-
-    with Stop() as stop, console.status("starting") as status:
+    with Doing(f"waiting for {bus or 'a bus'}", json_output) as doing, Stop() as stop:
         if path and path.suffix in WRITERS:
             if router:
                 raise InputError(f"frames on a bus do not come from the router {router}; leave --router away")
@@ -66,9 +60,9 @@ def record(
             new_file(path)
             with suppress(OSError):  # only root may
                 os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(_PRIORITY))
-            result = CanLog(bus or "auto", path).record(stop, seconds, status.update)
+            result = CanLog(bus or "auto", path).record(stop, seconds, doing.update)
         else:
-            result = record_telemetry(path, bus, router, seconds, stop, status.update, blind, tell)
+            result = record_telemetry(path, bus, router, seconds, stop, doing.update, blind, doing.note)
     report(result.document, result.text, result.verdict, result.good, json_output)
 
 

@@ -23,7 +23,7 @@ from plant_sim.live.catalogue import counted
 from plant_sim.live.tape import Tape
 from plant_sim.live.tune import parameters
 from protocols.errors import InputError
-from protocols.faults import FaultWatch
+from protocols.faults import FaultWatch, clutch_of
 from protocols.node import Column
 from protocols.telemetry.batch import Batch
 from protocols.telemetry.feed import Feed
@@ -125,7 +125,7 @@ class Recorder:
         self._deadline = float("inf")  # s of CLOCK_MONOTONIC, for both to have said it
         self._recent: deque[Batch] = deque(maxlen=_RECENT)  # of the controller
         self._tell = tell  # a line that stays on the terminal
-        self._faults: FaultWatch | None = None
+        self._faults: dict[str, FaultWatch] = {}  # by controller
         self._changes: list[dict[str, Any]] = []
 
     def __enter__(self) -> "Recorder":
@@ -157,8 +157,8 @@ class Recorder:
         for path in list(self._tapes)[:-1]:
             self._close(path)
         batches = self._feed.read()
-        for node in NODES:
-            if self._feed.alive[node] and node not in self._abouts:
+        for node, alive in self._feed.alive.items():
+            if alive and node not in self._abouts:
                 self._ask(node)
         if plant:
             self._early += [batch for batch in batches if batch.node == "plant"]
@@ -167,8 +167,9 @@ class Recorder:
                 self._add_plant(batch)
             self._early.clear()
         for batch in batches:
-            if batch.node == "controller":
+            if batch.node.startswith("controller"):
                 self._take_faults(batch)
+            if batch.node == "controller":
                 self._recent.append(batch)
                 for tape in self._tapes.values():
                     tape.add_controller(batch)
@@ -180,19 +181,20 @@ class Recorder:
         for path in list(self._tapes):
             self._close(path)
         self.recorded.lost = dict(self._feed.lost)
-        if self._faults:
-            self.recorded.faults, self.recorded.fault_count = self._faults.verdict, self._faults.count
+        self.recorded.faults = "; ".join(watch.verdict for watch in self._faults.values() if watch.count)
+        self.recorded.fault_count = sum(watch.count for watch in self._faults.values())
         self.recorded.parameter_changes = len(self._changes)
         if not self.recorded.files:
             raise InputError(f"bench {self._feed.bench} published no rows; nothing was recorded")
 
     def _take_faults(self, batch: Batch) -> None:
         """Tell what begins or ends in a batch of the controller."""
-        if self._faults is None:
-            about = self._abouts.get("controller")
-            names = [column.name.removeprefix("controller_") for column in batch.columns]
-            self._faults = FaultWatch(names, batch.rate, about.parameters if about else None)
-        for told in self._faults.take(batch.rows):
+        node = batch.node
+        if node not in self._faults:
+            about = self._abouts.get(node)
+            names = [column.name.removeprefix(f"{node}_") for column in batch.columns]
+            self._faults[node] = FaultWatch(names, batch.rate, about.parameters if about else None, clutch_of(node))
+        for told in self._faults[node].take(batch.rows):
             self._tell(told.line)
 
     def _both_known(self) -> bool:

@@ -76,8 +76,9 @@ class Snapshot:
     values: Mapping[str, float]
     traces: Mapping[str, np.ndarray]
     changes: Sequence[Mapping[str, Any]]
-    last_fault: str | None = None  # the line of the last one that came, with time, reason and values
+    last_fault: str | None = None  # the line of the last one that came, of any clutch, with time, reason and values
     waits_for_idle: bool = False
+    standing_faults: Sequence[str] = ()  # the lines of those that are not cleared, of any clutch
 
     def troubles(self) -> list[str]:
         """What a person must look at, one phrase each."""
@@ -87,7 +88,9 @@ class Snapshot:
         controller = self.nodes["controller"].state
         if self.fault is None and controller != "gone":
             found.append(f"controller {controller}: phase and fault unknown")
-        if self.fault not in (None, "none"):
+        if self.standing_faults:
+            found += self.standing_faults
+        elif self.fault not in (None, "none"):
             found.append(self.last_fault or f"fault: {self.fault}")
         if self.waits_for_idle:
             found.append(WAITS_FOR_IDLE)
@@ -109,6 +112,7 @@ def document(snapshot: Snapshot) -> dict[str, Any]:
         "fault": snapshot.fault,
         "clutch": snapshot.clutch,
         "last_fault": snapshot.last_fault,
+        "standing_faults": list(snapshot.standing_faults),
         "waits_for_idle": snapshot.waits_for_idle,
         "values": {q.name: {"value": snapshot.values[q.name], "unit": q.unit} for q in QUANTITIES},
         "changes": list(snapshot.changes),

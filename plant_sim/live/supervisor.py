@@ -174,7 +174,7 @@ class Supervisor:
             return f"fault: {answer.fault}"
         asked_for = time.monotonic() - self._closing_since if self._closing_since is not None else 0.0
         if asked_for > _ANSWER and answer.phase in ("idle", "release"):
-            return "the controller has let the clutch go by itself: set-points came too late"
+            return "clutch let go, as set-points came too late; the controller waits for idle"
         return None
 
     def idle(self, speed: float) -> None:

@@ -221,7 +221,7 @@ def test_without_a_controller_nothing_is_asked(local_bus: str) -> None:
         (("--lock", "--speed", "-27"), "speed -27 rad/s is outside -26.2..26.2 rad/s"),
         (("5", "--speed", "-27"), "speed -27 rad/s is outside -26.2..26.2 rad/s"),
         (("--pressure", "4.6"), "pressure 4.6 bar is outside 0..4.5 bar"),
-        (("--pressure", "3", "--ramp", "0"), "ramp 0 bar/s is not possible; it must be above 0"),
+        (("--pressure", "3", "--ramp", "0"), "ramp 0 bar/s is not possible; it must be 0.001 or more"),
         (("--profile", "multisine", "--ramp", "1"), "--speed or --ramp; they are not for a profile"),
         (("31",), "torque 31 Nm is outside 0..30 Nm"),
         (("-1",), "torque -1 Nm is outside 0..30 Nm"),
