@@ -7,6 +7,7 @@ are.
 import ctypes
 import gc
 import os
+import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -132,7 +133,8 @@ MEASURES = (  # priority last: what comes before takes a quarter of a second, an
 
 def prepare(cpu: int | None = None, priority: int = PRIORITY, measures: Sequence[Measure] = MEASURES) -> list[str]:
     """Take every measure for this process. Returns one line for each that was not possible."""
-    STARTING.end()
+    if threading.current_thread() is threading.main_thread():  # a loop in a thread of its own is not alone
+        STARTING.end()
     missing = []
     for measure in measures:
         try:

@@ -6,6 +6,7 @@ from contextlib import ExitStack
 from types import FrameType
 from typing import Any
 
+from protocols.errors import InterruptionError
 from protocols.starting import STARTING
 
 
@@ -37,6 +38,11 @@ class Stop:
         signal.set_wakeup_fd(self._told_before)
         os.close(self.wakes)
         os.close(self._told)
+
+    def check(self, kept: str) -> None:
+        """Raise InterruptionError when somebody has asked: there is no result, and `kept` says what there is."""
+        if self.asked:
+            raise InterruptionError(kept)
 
     def _ask(self, number: int, frame: FrameType | None) -> None:
         self.asked = True

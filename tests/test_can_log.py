@@ -16,7 +16,7 @@ import pytest
 from plant_sim.bench.can_log import WRITERS, Backlog, CanLog
 from protocols.bus import open_bus
 from protocols.child import clutch_hil
-from protocols.errors import InputError
+from protocols.errors import InputError, InterruptionError
 from protocols.frames import DBC, Frame, load_frames
 from protocols.runs import Run, read_run
 from protocols.stopping import Stop
@@ -232,7 +232,7 @@ def test_a_length_ends_the_log_by_itself(local_bus: str, tmp_path: Path) -> None
 def test_a_silent_bus_leaves_no_file(local_bus: str, tmp_path: Path) -> None:
     with Stop() as stop:
         os.kill(os.getpid(), signal.SIGTERM)
-        with pytest.raises(InputError, match=f"no frame came on bus {local_bus}; nothing was recorded"):
+        with pytest.raises(InterruptionError, match=f"no frame had come on bus {local_bus}; nothing was recorded"):
             CanLog(local_bus, tmp_path / "wire.blf").record(stop, None, lambda text: None)
     assert list(tmp_path.iterdir()) == []
 

@@ -9,15 +9,17 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 
 import pytest
 
+from plant_sim.bench.progress import Doing, progress_bar
 from plant_sim.bench.services import Services
 from protocols.child import clutch_hil
 from protocols.compiling import COMPILING
 from protocols.errors import InputError, InterruptionError
+from protocols.starting import STARTING
 from protocols.stopping import Stop
 
 FIRST, SILENCE = 5.0, 10.0  # s
@@ -176,3 +178,45 @@ def test_progress_is_told_by_a_thread_that_ends(
         starting.end()
         assert threading.active_count() == threads
     assert "compiling kernels: " in capsys.readouterr().err
+
+
+def told(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], doing: AbstractContextManager
+) -> list[str]:
+    """What is said beside `doing`, which says nothing."""
+    monkeypatch.setattr("protocols.starting._FIRST", 0.01)
+    monkeypatch.setattr("protocols.starting._EVERY", 0.05)
+    with STARTING, doing:
+        time.sleep(2.0)
+    return capsys.readouterr().err.splitlines()
+
+
+def test_who_computes_without_a_word_is_told(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lines = told(monkeypatch, capsys, nullcontext())
+    assert len(lines) >= 2
+    assert all(re.fullmatch(r"at work for \d s", line) for line in lines)
+
+
+def test_without_a_terminal_a_progress_bar_is_lines(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with progress_bar("friction models", quiet=False) as progress:
+        progress(3.0, 12)
+        assert set(told(monkeypatch, capsys, Stop())) == {"friction models: 25 % done"}
+
+
+def test_without_a_terminal_a_status_is_lines(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with Doing("waiting for a bus", quiet=False) as doing:
+        doing.update("bench here: 500 samples, lost 0")
+        assert set(told(monkeypatch, capsys, Stop())) == {"bench here: 500 samples, lost 0"}
+
+
+@pytest.mark.parametrize("doing", [Stop(), progress_bar("bar", quiet=True), Doing("doing", quiet=True)])
+def test_who_tells_by_himself_is_not_told(
+    doing: AbstractContextManager, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert told(monkeypatch, capsys, doing) == []

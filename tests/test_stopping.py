@@ -6,6 +6,7 @@ import signal
 
 import pytest
 
+from protocols.errors import InterruptionError
 from protocols.stopping import Stop
 
 
@@ -21,6 +22,14 @@ def test_a_signal_asks(number: signal.Signals) -> None:
         signal.raise_signal(number)
         assert stop.asked
         assert readable(stop.wakes)
+
+
+def test_who_was_asked_has_no_result() -> None:
+    with Stop() as stop:
+        stop.check("nothing is kept")
+        signal.raise_signal(signal.SIGINT)
+        with pytest.raises(InterruptionError, match="nothing is kept"):
+            stop.check("nothing is kept")
 
 
 def test_one_inside_another_is_asked_alone() -> None:

@@ -137,6 +137,7 @@ class CanLog:
                 except can.CanError as error:
                     failure = str(error)
             if not self._counts:
+                stop.check(f"no frame had come on bus {self.bus}; nothing was recorded")
                 raise InputError(f"no frame came on bus {self.bus}; nothing was recorded")
         counts = dict(sorted(self._counts.items()))
         return Logged(self.bus, self.path, counts, last - first, self._missing(), backlog.most, failure)

@@ -40,7 +40,7 @@ from plant_sim.bench.services import Services, say
 from plant_sim.bench.stalls import StallWatch
 from protocols.bus import Port, open_bus
 from protocols.echo import Echo
-from protocols.errors import InputError
+from protocols.errors import InputError, InterruptionError
 from protocols.frames import load_frames
 from protocols.pace import Pace, begun, read
 from protocols.realtime import PRIORITY
@@ -172,9 +172,11 @@ def _in_turn(
                         return found, True
                     try:
                         phase(setting, found[name], stop)
-                    except InputError:
+                    except (InputError, InterruptionError):
                         if not stop.asked:  # else it was broken off
                             raise
+                    if not done:
+                        stop.check("nothing had been measured; nothing was written, compiled kernels are kept")
                     done += 1
                     progress(done, total)
     finally:

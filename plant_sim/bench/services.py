@@ -13,7 +13,7 @@ from typing import Any
 
 from protocols.child import clutch_hil, spawn
 from protocols.command import INTERRUPTED
-from protocols.errors import InputError, InterruptionError
+from protocols.errors import InputError
 from protocols.ring import RingReader
 from protocols.shared_folder import SharedFolder
 from protocols.stopping import Stop
@@ -70,8 +70,7 @@ class Services:
                 if name in missing and not line.startswith(TOLD_ELSEWHERE):
                     tell(f"{name}: {line}")
             self.check()
-            if stop.asked:
-                raise InterruptionError("the services had not started; nothing was written, compiled kernels are kept")
+            stop.check("the services had not started; nothing was written, compiled kernels are kept")
             for name in missing:
                 if now - heard[name] > _START:
                     raise InputError(_late(name, last[name]))

@@ -53,6 +53,8 @@ def record(
                     break
                 progress(recorder.status())
                 time.sleep(_LOOK)
+            if not recorder.began:
+                stop.check(f"bench {bench} had published no row; nothing was recorded")
             recorder.step(plant=False)  # answers to the last samples
             recorder.finish()
     for file in recorder.recorded.files:
@@ -78,6 +80,7 @@ def _found(session: zenoh.Session, bus: str | None, stop: Stop, patience: float)
         try:
             return find_bench(session, bus)
         except NoBenchError:
-            if stop.asked or time.monotonic() > deadline:
+            stop.check("no bench came; nothing was recorded")
+            if time.monotonic() > deadline:
                 raise
         time.sleep(_LOOK)

@@ -20,6 +20,7 @@ from protocols.telemetry.keys import NODES
 from protocols.telemetry.session import consumer_session
 
 _LOOK = 0.1  # s between looks at the viewer and at who asks us to stop
+_SILENCE = 5.0  # s, after which we say again that we wait
 _CONNECT = 2.0  # s for a session to find the publishers of this machine before we say that we wait
 _READ = 0.05  # s to wait for rows before looking whether to end
 _SAVE_PERIOD = 2.0  # s of rows in one piece of a file: what a power cut costs; smaller pieces make it longer and slower
@@ -195,7 +196,8 @@ class LiveView:
 
     def _bench(self, stop: Stop, viewer: Viewer | None, say: Say) -> str:
         """The bench, once there is one. Raises InputError when we are stopped before, or there are several."""
-        began, told = time.monotonic(), False
+        began = time.monotonic()
+        following = began + _CONNECT
         with consumer_session(self.router) as session:
             while True:
                 try:
@@ -203,11 +205,12 @@ class LiveView:
                 except NoBenchError:
                     waited = time.monotonic() - began
                     closed = viewer is not None and viewer.ended() is not None
-                    if closed or stop.asked or (self.seconds is not None and waited > self.seconds):
+                    stop.check("no bench came; nothing was shown or written")
+                    if closed or (self.seconds is not None and waited > self.seconds):
                         raise
-                    if not told and waited > _CONNECT:
+                    if began + waited > following:
+                        following += _SILENCE
                         say("waiting for a bench; start one with: clutch-hil up")
-                        told = True
                 time.sleep(_LOOK)
 
     def _show(self, viewer: Viewer, watch: "Watch", saving: FeedThread | None, result: ViewResult) -> None:
