@@ -116,7 +116,9 @@ def test_the_encoder_of_the_other_wraps_and_skips() -> None:
 
 def test_gears_must_differ() -> None:
     node = ControllerNode(500, clutch="a")
-    with pytest.raises(InputError, match=r"driveline\.ratio_a and driveline\.ratio_b are both 2; two gears must differ"):
+    with pytest.raises(
+        InputError, match=r"driveline\.ratio_a and driveline\.ratio_b are both 2; two gears must differ"
+    ):
         node.tune({"driveline.ratio_a": 2.0})
 
 
