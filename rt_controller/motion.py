@@ -32,10 +32,10 @@ def motion(state, settings, speed, acceleration, step):
     """Move MOTION on by `step` [s] at `speed` [rad/s], the mean over it, with an `acceleration` [rad/s^2]."""
     if step > 0.0:
         still = abs(speed) * step <= settings.standing_angle
-        state.rests = still and state.quiet + step >= settings.rest_time
         state.begin = state.end
         state.end = state.begin + acceleration * step if still else speed + 0.5 * acceleration * step
         state.turns = state.begin * state.end < 0.0
+        state.rests = still and not state.turns and state.quiet + step >= settings.rest_time
         if still and not state.turns:
             state.end = 0.0
         _time_counts(state, settings, speed, step)

@@ -118,6 +118,13 @@ def test_plates_rest_after_the_rest_time_without_a_count(motion: ModuleType) -> 
         ]  # fmt: skip
 
 
+def test_plates_that_turn_without_a_count_do_not_rest_however_long_the_sample(motion: ModuleType) -> None:
+    plates = Plates(motion, rest_time=STEP)
+    plates.at(2.0)
+    assert not plates.at(0.0, acceleration=-32.0).rests, "2 rad/s less 4 are -2"
+    assert plates.at(0.0).rests
+
+
 def test_quiet_is_the_time_since_the_encoder_has_moved(motion: ModuleType) -> None:
     plates = Plates(motion)
     assert [float(plates.at(speed).quiet) for speed in (0.0, 0.5, -0.625, 0.0, 0.25)] == [0.125, 0.25, 0.0, 0.125, 0.25]
