@@ -131,7 +131,8 @@ def control(law, settings, phase, demand, speed_demand, pushes, sample, step, fo
 
     # torque loop: fig 6.16
     slip = abs(sample.slip) if moves else 0.0  # of the observer: the encoder's own steps with every count
-    coming = max(slip, abs(speed_demand)) if settings.torque.alone and speed_demand * torque.estimate >= 0.0 else slip
+    slides = (moves or law.held > 0.0) and settings.torque.alone and speed_demand * torque.estimate >= 0.0
+    coming = max(slip, abs(speed_demand)) if slides else slip
     feedforward = wanted = least = 0.0
     most = settings.pressure_limit
     error = demand - carried
