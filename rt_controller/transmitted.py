@@ -166,12 +166,13 @@ def _rub(torque, settings, sample, pressure, rested, step):
         torque.m = friction_state(model, torque.m, pressure, moved.begin, part * step)
         torque.m = friction_state(model, torque.m, pressure, moved.end, (1.0 - part) * step)
     else:
-        if known and moved.moves and torque.borne != 0.0:  # they have broken away: they carried all that they can
-            torque.m = copysign(1.0, torque.borne)
-            share = max(abs(torque.borne), settings.adaptation.level_low)
-            lower(torque.trim, settings.trim, torque.adaptation.level, share)
+        if known and moved.moves:
+            if torque.borne * sample.speed > 0.0:  # they have broken away: they carried all that they can
+                torque.m = copysign(1.0, torque.borne)
+                share = max(abs(torque.borne), settings.adaptation.level_low)
+                lower(torque.trim, settings.trim, torque.adaptation.level, share)
+                torque.level = _level(torque, settings)
             torque.borne = 0.0
-            torque.level = _level(torque, settings)
         mean = sample.speed if sample.speed != 0.0 else 0.5 * (moved.begin + moved.end)
         torque.m = friction_state(model, torque.m, pressure, mean, step)
     slow = abs(sample.speed) <= settings.motion.coarse_speed
