@@ -253,10 +253,6 @@ def reproduce(
     """Check a result of the thesis by running it."""
     from plant_sim.bench.progress import progress_bar, table_text
     from plant_sim.bench.recording import writable
-    from protocols.compiled import is_compiled
-
-    if not is_compiled(Path(__file__).parent):
-        typer.echo("compiling the kernels, once: about half a minute", err=True)
     from plant_sim.reproduce import entries, entry
     from plant_sim.reproduce.result import checks_text, run, run_all
 

@@ -16,11 +16,11 @@ from typing import Any
 import typer
 import typer.core
 
+from protocols.compiled import kept
 from protocols.errors import InputError, InterruptionError
 from protocols.starting import STARTING, starts
 
 _AGAIN = 0.2  # s between interruptions, until the one who loads or compiles has noticed
-_KEPT = "nothing half-written is left, compiled kernels are kept"
 INTERRUPTED = 130  # 128 and SIGINT, as of every shell
 # Hz; below, a period of the 10 Hz pressure loop has less than five samples; above, a plant step is its integration step
 RATES = (50, 10_000)
@@ -148,13 +148,15 @@ def main() -> None:
     except BaseException:
         if not asked:
             raise
-        _interrupted(_KEPT)  # whatever a compiler or a library has made of the KeyboardInterrupt
+        _interrupted(
+            f"nothing half-written is left, {kept()}"
+        )  # whatever a compiler or a library has made of the KeyboardInterrupt
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
-def _interrupted(kept: str) -> None:
+def _interrupted(left: str) -> None:
     signal.signal(signal.SIGALRM, signal.SIG_IGN)  # it has been noticed
-    print(f"interrupted: {kept}", file=sys.stderr)
+    print(f"interrupted: {left}", file=sys.stderr)
     sys.exit(INTERRUPTED)

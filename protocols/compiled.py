@@ -1,33 +1,80 @@
-"""Compiled kernels on disk: none older than a source it was made from, and a place for them where there is none.
+"""Compiled kernels on disk: none from another state of the sources, and a place for them where there is none.
 
 Numba asks only whether the file of a function itself has changed. A kernel whose blocks, in other files, were edited or
 updated would go on with the old physics, so such kernels are deleted before they are used.
 """
 
 import atexit
+import hashlib
 import os
 import re
 import shutil
 import tempfile
+from collections.abc import Iterable
+from importlib.metadata import entry_points
 from pathlib import Path
 
+from protocols.errors import InputError
+
+VARIABLE = "NUMBA_CACHE_DIR"
 _IMPORT = re.compile(r"^from (\w+(?:\.\w+)*) import (\([^)]*\)|.*)$", re.MULTILINE)
+_OURS = "clutch-hil"  # the folder in a cache, in which each state of the sources has one
+_UNKEPT = "clutch-hil-unkept-"  # the folder of a cache that goes with the command
 
 
 def place_cache(package: Path) -> None:
-    """Keep kernels in a temporary folder where neither `package` nor ~/.cache can be written; children find it too."""
-    variable = "NUMBA_CACHE_DIR"
-    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    existing = next(folder for folder in (home, *home.parents) if folder.exists())
-    if variable in os.environ or os.access(package, os.W_OK) or os.access(existing, os.W_OK):
+    """Keep kernels where they can be written: beside `package`, else in $NUMBA_CACHE_DIR or ~/.cache; children find it, too.
+
+    Away from their sources each state of these has kernels of its own, so that none is stale. Where neither place can be
+    written they are in a temporary folder. Raises InputError where the variable names no place.
+    """
+    given = os.environ.get(VARIABLE)
+    if given and Path(given).parent.name == _OURS:  # placed already
         return
-    os.environ[variable] = tempfile.mkdtemp(prefix="clutch-hil-kernels-")
-    atexit.register(shutil.rmtree, os.environ[variable], ignore_errors=True)
+    if not given and _writable(package / "__pycache__"):
+        return
+    base = Path(given) if given else _home()
+    if base is None or not _writable(base):
+        if given:
+            raise InputError(f"{VARIABLE} is {given}, which cannot be written; set it to a folder that can, or to none")
+        base = Path(tempfile.mkdtemp(prefix=_UNKEPT))
+        atexit.register(shutil.rmtree, base, ignore_errors=True)
+    os.environ[VARIABLE] = str(base / _OURS / _state(_packages(package.parent)))
 
 
-def is_compiled(package: Path) -> bool:
-    """Whether kernels of `package` are on disk, beside it."""
-    return any(package.rglob("__pycache__/*.nbi"))
+def kept() -> str:
+    """What becomes of compiled kernels when the command ends, for people."""
+    if _UNKEPT in os.environ.get(VARIABLE, ""):
+        return f"compiled kernels cannot be kept here: set {VARIABLE} to a folder that can be written"
+    return "compiled kernels are kept"
+
+
+def _home() -> Path | None:
+    """The user's folder for caches, None for a user without a home."""
+    try:
+        return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    except RuntimeError:
+        return None
+
+
+def _writable(folder: Path) -> bool:
+    """Whether a folder can be written, or made."""
+    existing = next(one for one in (folder, *folder.absolute().parents) if one.exists())
+    return existing.is_dir() and os.access(existing, os.W_OK)
+
+
+def _packages(beside: Path) -> list[Path]:
+    """Folders of all that make the command, which lie `beside` each other."""
+    points = entry_points(group="clutch_hil.commands")
+    return [beside / name for name in sorted({point.module.partition(".")[0] for point in points})]
+
+
+def _state(packages: Iterable[Path]) -> str:
+    """A name for where the sources are and when each was written."""
+    known = hashlib.sha256()
+    for path in sorted(path for package in packages for path in package.rglob("*.py")):
+        known.update(f"{path}\0{path.stat().st_mtime_ns}\0".encode())
+    return known.hexdigest()[:16]
 
 
 def drop_stale(package: Path, *used: Path) -> list[Path]:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+from protocols.compiled import kept
 from protocols.compiling import COMPILING
 
 _FIRST = 2.0  # s of silence that nobody minds
@@ -91,11 +92,8 @@ def compile_first(warm: Callable[[], None]) -> None:
     """Compile what a service runs by `warm`, and say when that took time: who waits for the service counts from then on."""
     warm()
     if COMPILING.compiled:
-        print(
-            f"kernels are compiled: {COMPILING.compiled} in {COMPILING.seconds:.0f} s; they are kept",
-            file=sys.stderr,
-            flush=True,
-        )
+        told = f"kernels are compiled: {COMPILING.compiled} in {COMPILING.seconds:.0f} s; {kept()}"
+        print(told, file=sys.stderr, flush=True)
 
 
 def _loads(frame: FrameType | None) -> bool:

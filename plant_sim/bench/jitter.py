@@ -39,6 +39,7 @@ from plant_sim.bench.loads import Load
 from plant_sim.bench.services import Services, say
 from plant_sim.bench.stalls import StallWatch
 from protocols.bus import Port, open_bus
+from protocols.compiled import kept
 from protocols.echo import Echo
 from protocols.errors import InputError, InterruptionError
 from protocols.frames import load_frames
@@ -176,7 +177,7 @@ def _in_turn(
                         if not stop.asked:  # else it was broken off
                             raise
                     if not done:
-                        stop.check("nothing had been measured; nothing was written, compiled kernels are kept")
+                        stop.check(f"nothing had been measured; nothing was written, {kept()}")
                     done += 1
                     progress(done, total)
     finally:

@@ -13,6 +13,7 @@ from typing import Any
 
 from protocols.child import clutch_hil, spawn
 from protocols.command import INTERRUPTED
+from protocols.compiled import kept
 from protocols.errors import InputError
 from protocols.ring import RingReader
 from protocols.shared_folder import SharedFolder
@@ -70,7 +71,7 @@ class Services:
                 if name in missing and not line.startswith(TOLD_ELSEWHERE):
                     tell(f"{name}: {line}")
             self.check()
-            stop.check("the services had not started; nothing was written, compiled kernels are kept")
+            stop.check(f"the services had not started; nothing was written, {kept()}")
             for name in missing:
                 if now - heard[name] > _START:
                     raise InputError(_late(name, last[name]))
