@@ -42,9 +42,14 @@ def place_cache(package: Path) -> None:
     os.environ[VARIABLE] = str(base / _OURS / _state(_packages(package.parent)))
 
 
+def lasting() -> bool:
+    """Whether compiled kernels outlive the command."""
+    return _UNKEPT not in os.environ.get(VARIABLE, "")
+
+
 def kept() -> str:
     """What becomes of compiled kernels when the command ends, for people."""
-    if _UNKEPT in os.environ.get(VARIABLE, ""):
+    if not lasting():
         return f"compiled kernels cannot be kept here: set {VARIABLE} to a folder that can be written"
     return "compiled kernels are kept"
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-from protocols.compiled import kept
+from protocols.compiled import kept, lasting
 from protocols.compiling import COMPILING
 
 _FIRST = 2.0  # s of silence that nobody minds
@@ -68,7 +68,7 @@ class Starting:
         while not self._ended.wait(pause):
             pause = 0.5  # s until the next look, where nothing is to be told
             if COMPILING.kernels:
-                told = COMPILING.describe()
+                told = COMPILING.describe() + ("" if lasting() else f"; {kept()}")
             elif _loads(sys._current_frames().get(self._watched)):
                 told = "loading modules"
             elif time.monotonic() - last >= _EVERY:

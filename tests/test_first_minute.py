@@ -165,19 +165,28 @@ def test_processes_compile_a_kernel_once_and_never_mix_types(tmp_path: Path) -> 
     assert len(list((tmp_path / "kernels").rglob("*.nbc"))) == 2
 
 
+@pytest.mark.parametrize(
+    ("place", "note"),
+    [
+        ("", ""),
+        ("/tmp/clutch-hil-unkept-1/clutch-hil/2", "; compiled kernels cannot be kept here: set NUMBA_CACHE_DIR .*"),
+    ],
+)
 def test_progress_is_told_by_a_thread_that_ends(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    place: str, note: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from protocols.starting import Starting
 
     monkeypatch.setattr("protocols.starting._FIRST", 0.05)
     monkeypatch.setattr(COMPILING, "kernels", ["advance"])
+    monkeypatch.setenv("NUMBA_CACHE_DIR", place)
     threads = threading.active_count()
     with Starting() as starting:
         time.sleep(0.5)
         starting.end()
         assert threading.active_count() == threads
-    assert "compiling kernels: " in capsys.readouterr().err
+    lines = capsys.readouterr().err.splitlines()
+    assert re.fullmatch(rf"compiling kernels: \d+ done, now advance, \d+ s{note}", lines[0])
 
 
 def told(
