@@ -8,6 +8,7 @@ A defaults file declares the parameters, one line each:
 A user's file changes some of them, `coulomb_slope = 11.5` in the declared unit, or an inline table to change more fields.
 """
 
+import reprlib
 import sys
 import tomllib
 from collections.abc import Iterator, Mapping
@@ -151,6 +152,8 @@ def _parameter(path: Path, name: str, entry: Mapping[str, Any]) -> Parameter:
         if not isinstance(bounds, (list, tuple)) or len(bounds) != 2:
             raise InputError(f"parameter {name} has bounds {bounds!r}; allowed is [low, high]")
         low, high = (_number(name, bound) for bound in bounds)
+        if not low <= high:
+            raise InputError(f"parameter {name} has bounds [{low:g}, {high:g}]; allowed is [low, high]")
         allowed = f"a number is needed, in {entry['unit']}, {low:g} <= value <= {high:g}"
         return Parameter(
             name=name,
@@ -166,5 +169,5 @@ def _parameter(path: Path, name: str, entry: Mapping[str, Any]) -> Parameter:
 
 def _number(name: str, value: object, allowed: str = "a number is needed") -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)) or sys.float_info.max < abs(value) < inf:
-        raise InputError(f"parameter {name} is {value!r}; {allowed}")
+        raise InputError(f"parameter {name} is {reprlib.repr(value)}; {allowed}")
     return float(value)

@@ -43,8 +43,10 @@ def inject(
 ) -> None:
     """Change the running plant: effects on and off, parameters, sensors that freeze or are biased; now, later, slowly."""
     from plant_sim.live.inject import injected, shown, wanted
+    from protocols.two_clutches import checked_clutch
 
-    values = {f"{clutch}.{name}" if clutch else name: v for name, v in wanted(words or [], off, freeze, bias).items()}
+    prefix = "" if clutch is None else f"{checked_clutch(clutch)}."
+    values = {prefix + name: v for name, v in wanted(words or [], off, freeze, bias).items()}
     given = {"at": at, "after": after, "ramp": ramp, "until": until, "for": hold}
     when = {name: seconds for name, seconds in given.items() if seconds is not None}
     if not values:
