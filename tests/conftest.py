@@ -28,11 +28,11 @@ GUEST = "test_guest.py"
 QUIET = (
     "effects/test_effect_speed.py",
     "live/test_view.py",
+    "local_bus",
     "telemetry",
     "test_can_log.py",
     "test_clock.py",
     "test_jitter.py",
-    "test_local_bus.py",
     "test_timing_budget.py",
 )
 # These run services, or wait for threads, in real time (`python -m tests` tells what follows from that).
@@ -47,7 +47,7 @@ IN_REAL_TIME = (
     "test_power_shift_bus.py",
     "test_realtime.py",
     "test_replay.py",
-    "test_scenario.py",
+    "test_scenario_run.py",
     "test_services.py",
     "test_triggered_services.py",
     "test_turn.py",

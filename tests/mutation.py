@@ -8,7 +8,7 @@ import copy
 import importlib.util
 import inspect
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import NamedTuple
@@ -135,8 +135,12 @@ def loaded(tree: ast.Module) -> ModuleType:
     return module
 
 
-def checks(file: str, argument: str) -> list[Callable[[ModuleType], None]]:
-    """The tests of a file beside this one that take the module as their one `argument`."""
+def checks(files: Sequence[str], argument: str) -> list[Callable[[ModuleType], None]]:
+    """The tests of files beside this one that take the module as their one `argument`."""
+    return [check for file in files for check in _checks(file, argument)]
+
+
+def _checks(file: str, argument: str) -> list[Callable[[ModuleType], None]]:
     spec = importlib.util.spec_from_file_location(f"{argument}_checks", Path(__file__).with_name(file))
     assert spec
     assert spec.loader
@@ -157,7 +161,7 @@ def killed(tree: ast.Module, by: list[Callable[[ModuleType], None]]) -> bool:
     return False
 
 
-def survivors(module: ModuleType, file: str, argument: str) -> tuple[int, list[str]]:
-    """How many mutants of a module there are, and the labels of those that no check of `file` kills."""
-    population, by = list(mutants(plain_source(module))), checks(file, argument)
+def survivors(module: ModuleType, files: Sequence[str], argument: str) -> tuple[int, list[str]]:
+    """How many mutants of a module there are, and the labels of those that no check of `files` kills."""
+    population, by = list(mutants(plain_source(module))), checks(files, argument)
     return len(population), [mutant.label for mutant in population if not killed(mutant.tree, by)]

@@ -2,133 +2,33 @@
 (test_limits_mutation.py)."""
 
 import ast
-import random
-from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-import cantools.database
-import numpy as np
 import pytest
-from e2e.crc import calculate_crc8
 from hypothesis import given
 from hypothesis import strategies as st
 
 import rt_controller.limits
-from protocols.frames import DBC
-from protocols.parameters import load_defaults
-from protocols.two_clutches import OFFSET
-from rt_controller.node import LIMITS
-from rt_controller.record import record
-
-PERIOD = 1e-3  # s
-STALE, CONFIRM = 5, 3  # cycles, samples: limits.toml
-VALVE_LIMIT, MOTOR_LIMIT = 26214, 40000  # counts: 4 V of 16 bit over 10 V, 40 Nm of 1 mNm
-PRESSURE_LIMIT, TEMPERATURE_LIMIT = 1024, 1536  # counts: 5 bar at 4.88 mbar, 150 degC at 0.0977 K
-TURN_LIMIT = 818  # counts a tick: 31.4 rad/s x 1 ms x 26075.9 counts/rad = 818.8
-NOMINAL = load_defaults(LIMITS).si("guard")
-
-DATABASE: Any = cantools.database.load_file(DBC)
-IDENTIFIERS = {message.name: message.frame_id for message in DATABASE.messages}
-IDLE, ENGAGE, RELEASE = range(3)
+from tests.guard_bench import (
+    CONFIRM,
+    ENGAGE,
+    IDLE,
+    MOTOR_LIMIT,
+    PRESSURE_LIMIT,
+    STALE,
+    TEMPERATURE_LIMIT,
+    TURN_LIMIT,
+    VALVE_LIMIT,
+    Bench,
+    frame,
+)
 
 
 @pytest.fixture(scope="module")
 def limits() -> ModuleType:
     return rt_controller.limits
-
-
-@lru_cache(maxsize=4096)
-def encoded(name: str, counter: int, signals: tuple[tuple[str, int], ...]) -> bytes:
-    """A frame made by cantools from raw values, with the CRC of the e2e library."""
-    message = DATABASE.get_message_by_name(name)
-    values = {signal.name: 0 for signal in message.signals} | dict(signals) | {"COUNTER": counter & 15}
-    body = message.encode(values, scaling=False, strict=False)[1:]
-    return bytes((calculate_crc8(body),)) + body
-
-
-def frame(name: str, counter: int = 0, **signals: int) -> bytes:
-    return encoded(name, counter, tuple(signals.items()))
-
-
-def decoded(name: str, data: bytes) -> Any:
-    message = DATABASE.get_message_by_name(name)
-    assert len(data) == message.length
-    assert calculate_crc8(data[1:]) == data[0], "every command on the bus has a valid CRC"
-    return message.decode(data, decode_choices=False, scaling=False)
-
-
-class Guard:
-    """The guard's functions on their records, frames as bytes."""
-
-    def __init__(self, limits: ModuleType, offset: int = 0, **changed: float) -> None:
-        self._module = limits
-        self._limits = record(limits.LIMITS, limits.guard_limits(NOMINAL | changed, PERIOD, offset))
-        self._guard = record(limits.GUARD)
-
-    def inbound(self, can_id: int, data: bytes) -> None:
-        self._module.inbound(
-            self._guard, self._limits, can_id, np.frombuffer(data.ljust(8, b"\0"), np.uint8), len(data)
-        )
-
-    def cycle(self, slots: int = 1) -> int:
-        return int(self._module.close_cycle(self._guard, self._limits, slots))
-
-    def outbound(self, can_id: int, data: bytes) -> bytes:
-        command = np.frombuffer(data.ljust(8, b"\0"), np.uint8).copy()
-        self._module.outbound(self._guard, self._limits, can_id, command)
-        return command[: len(data)].tobytes()
-
-    def __getattr__(self, name: str) -> int:
-        return int(getattr(self._guard, name))
-
-
-class Bench:
-    """A guard and its bus."""
-
-    def __init__(self, limits: ModuleType, **changed: float) -> None:
-        self.guard = Guard(limits, **changed)
-        self.counters = dict.fromkeys(IDENTIFIERS, 0)
-        self.angle, self.tick = 1000, 100
-
-    def send(self, name: str, **signals: int) -> None:
-        self.counters[name] += 1
-        self.guard.inbound(IDENTIFIERS[name], frame(name, self.counters[name], **signals))
-
-    def analog(self, pressure: int = 700, temperature: int = 717) -> None:
-        self.send("ANALOG_SENSORS", CYLINDER_PRESSURE=pressure, OIL_TEMPERATURE=temperature)
-
-    def encoder(self, turned: int = 500, ticks: int = 1) -> None:
-        self.angle = (self.angle + turned + 0x80000000) % 0x100000000 - 0x80000000
-        self.tick = (self.tick + ticks) % 0x10000
-        self.send("ENCODER", SHAFT_ANGLE=self.angle, SAMPLE_TICK=self.tick)
-
-    def cycle(self, pressure: int = 700, temperature: int = 717, turned: int = 500, ticks: int = 1) -> int:
-        """A cycle with a fresh sample."""
-        self.analog(pressure, temperature)
-        self.encoder(turned, ticks)
-        return self.guard.cycle()
-
-    def silence(self, cycles: int) -> int:
-        for _ in range(cycles):
-            self.guard.cycle()
-        return self.guard.finding
-
-    def ask(self, request: int) -> None:
-        self.send("TORQUE_SETPOINT", REQUEST=request, TORQUE_DEMAND=10000)
-
-    def valve(self, counts: int = 9000, enable: int = 1, counter: int = 5, tick: int = 0x1234) -> Any:
-        command = frame("VALVE_COMMAND", counter, VALVE_ENABLE=enable, VALVE_VOLTAGE=counts, SAMPLE_TICK=tick)
-        return decoded("VALVE_COMMAND", self.guard.outbound(IDENTIFIERS["VALVE_COMMAND"], command))
-
-    def motor(self, speed: int = -20000, torque: int = 30000, enable: int = 1, counter: int = 5) -> Any:
-        command = frame("MOTOR_COMMAND", counter, MOTOR_ENABLE=enable, SPEED_DEMAND=speed, TORQUE_LIMIT=torque)
-        return decoded("MOTOR_COMMAND", self.guard.outbound(IDENTIFIERS["MOTOR_COMMAND"], command))
-
-    @property
-    def open(self) -> bool:
-        return bool(self.valve()["VALVE_ENABLE"])
 
 
 def tripped(limits: ModuleType) -> Bench:
@@ -148,47 +48,6 @@ def test_findings_are_those_of_controller_status(limits: ModuleType) -> None:
     assert found == (0, 1, 2, 3, 4)
 
 
-def test_identifiers_agree_with_the_dbc(limits: ModuleType) -> None:
-    for name in ("VALVE_COMMAND", "MOTOR_COMMAND", "ANALOG_SENSORS", "ENCODER", "TORQUE_SETPOINT"):
-        assert getattr(limits, name) == IDENTIFIERS[name]
-
-
-def test_the_guard_of_a_second_clutch_sees_its_own_frames_and_no_others(limits: ModuleType) -> None:
-    guard = Guard(limits, OFFSET)
-    command = frame("VALVE_COMMAND", 5, VALVE_ENABLE=1, VALVE_VOLTAGE=9000)
-    own = IDENTIFIERS["VALVE_COMMAND"] + OFFSET
-    for offset, passes in ((0, False), (OFFSET, True)):  # the sample of the other clutch, then its own
-        for name in ("ANALOG_SENSORS", "ENCODER"):
-            guard.inbound(IDENTIFIERS[name] + offset, frame(name, 1))
-        guard.cycle()
-        assert bool(decoded("VALVE_COMMAND", guard.outbound(own, command))["VALVE_ENABLE"]) is passes
-
-
-def test_scales_agree_with_the_dbc(limits: ModuleType) -> None:
-    def scale(frame_name: str, signal: str) -> float:
-        return float(DATABASE.get_message_by_name(frame_name).get_signal_by_name(signal).scale)
-
-    assert pytest.approx(1 / (scale("ANALOG_SENSORS", "CYLINDER_PRESSURE") * 1e5), rel=1e-12) == limits._PRESSURE_COUNTS
-    assert pytest.approx(1 / scale("ANALOG_SENSORS", "OIL_TEMPERATURE"), rel=1e-12) == limits._TEMPERATURE_COUNTS
-    assert pytest.approx(1 / scale("ENCODER", "SHAFT_ANGLE"), rel=1e-12) == limits._ANGLE_COUNTS
-    assert pytest.approx(1 / scale("VALVE_COMMAND", "VALVE_VOLTAGE"), rel=1e-12) == limits._VALVE_COUNTS
-    assert pytest.approx(1 / scale("MOTOR_COMMAND", "TORQUE_LIMIT"), rel=1e-12) == limits._MOTOR_COUNTS
-
-
-def test_crc_agrees_with_the_e2e_library(limits: ModuleType) -> None:
-    generator = random.Random(1)
-
-    def crc8(data: bytes) -> int:
-        return int(limits.crc8(np.frombuffer(b"\0" + data, np.uint8), len(data) + 1))  # the first byte is where it goes
-
-    for length in (0, 1, 5, 7, 300):
-        data = generator.randbytes(length)
-        assert crc8(data) == calculate_crc8(data)
-    assert crc8(b"123456789") == 0x4B  # check value of CRC-8 SAE J1850
-    for byte in range(256):
-        assert crc8(bytes((byte,))) == calculate_crc8(bytes((byte,)))
-
-
 # --- healthy: commands pass untouched --------------------------------------------------------------------------------
 
 
@@ -205,134 +64,6 @@ def test_healthy_commands_pass_to_the_bit(limits: ModuleType) -> None:
         assert bench.guard.outbound(0x090, motor) == motor
         assert bench.guard.outbound(0x300, b"\xff" * 8) == b"\xff" * 8
     assert (bench.guard.lowered, bench.guard.replaced) == (0, 0)
-
-
-# --- stale sensors ---------------------------------------------------------------------------------------------------
-
-
-def test_sensors_stale_for_more_than_5_cycles_close_the_valve_and_not_before(limits: ModuleType) -> None:
-    for seen in (1, 2, 40):
-        bench = Bench(limits)
-        for _ in range(seen):
-            bench.cycle()
-        for age in range(1, STALE + 1):
-            assert bench.guard.cycle() == limits.HEALTHY
-            assert bench.guard.age == age
-            assert bench.open
-        assert bench.guard.cycle() == limits.STALE_SENSORS
-        assert not bench.open
-
-
-def test_one_sample_in_time_starts_the_age_again(limits: ModuleType) -> None:
-    bench = Bench(limits)
-    for _ in range(5):
-        bench.cycle(ticks=6)
-        assert bench.silence(STALE) == limits.HEALTHY
-    assert bench.silence(1) == limits.STALE_SENSORS
-
-
-def test_periods_slept_through_age_the_sample_by_one_at_most(limits: ModuleType) -> None:
-    bench = Bench(limits)
-    bench.cycle()
-    assert bench.guard.cycle(30) == limits.HEALTHY, "the machine stood still, sensors and all"
-    assert bench.guard.age == 2
-    assert bench.cycle(ticks=31) == limits.HEALTHY, "their frames were on the way"
-    assert bench.guard.age == 0
-    for age in (2, 4):  # every other slot
-        assert bench.guard.cycle(2) == limits.HEALTHY
-        assert bench.guard.age == age
-    assert bench.guard.cycle(1) == limits.HEALTHY
-    assert bench.guard.age == STALE
-    assert bench.guard.cycle(3) == limits.STALE_SENSORS
-
-
-def test_half_a_sample_is_no_sample(limits: ModuleType) -> None:
-    for half in (Bench.analog, Bench.encoder):
-        bench = Bench(limits)
-        bench.cycle()
-        for _ in range(STALE):
-            half(bench)
-            assert bench.guard.cycle() == limits.HEALTHY
-        half(bench)
-        assert bench.guard.cycle() == limits.STALE_SENSORS
-
-
-def test_before_the_first_sample_nothing_is_called_stale(limits: ModuleType) -> None:
-    bench = Bench(limits)
-    assert bench.guard.age == 0
-    assert bench.silence(50) == limits.HEALTHY
-    assert bench.guard.age == 50
-
-
-def _ages(bench: Bench, spoil: Any) -> None:
-    """Six cycles of samples spoilt by `spoil(name, counter, signals)` are six cycles without one."""
-    bench.cycle()
-    for age in range(1, STALE + 2):
-        for name, signals in (("ANALOG_SENSORS", {"CYLINDER_PRESSURE": 700}), ("ENCODER", {"SHAFT_ANGLE": 1000})):
-            bench.guard.inbound(IDENTIFIERS[name], spoil(name, bench.counters[name] + age, signals))
-        bench.guard.cycle()
-        assert bench.guard.age == age
-
-
-def test_a_sample_with_a_wrong_crc_is_not_fresh(limits: ModuleType) -> None:
-    def spoil(name: str, counter: int, signals: dict[str, int]) -> bytes:
-        good = frame(name, counter, **signals)
-        return bytes((good[0] ^ 0x01,)) + good[1:]
-
-    bench = Bench(limits)
-    _ages(bench, spoil)
-    assert bench.guard.finding == limits.STALE_SENSORS
-
-
-def test_a_sample_with_any_flipped_bit_is_not_fresh(limits: ModuleType) -> None:
-    bench = Bench(limits)
-    bench.cycle()
-    analog, encoder = frame("ANALOG_SENSORS", 9, CYLINDER_PRESSURE=700), frame("ENCODER", 9, SHAFT_ANGLE=1000)
-    for bit in range(64):
-        for identifier, good in ((0x100, analog), (0x101, encoder)):
-            word = int.from_bytes(good, "little") ^ 1 << bit
-            bench.guard.inbound(identifier, word.to_bytes(8, "little"))
-        bench.guard.cycle()
-        assert bench.guard.age == bit + 1
-
-
-def test_a_sample_with_a_repeated_counter_is_not_fresh(limits: ModuleType) -> None:
-    bench = Bench(limits)
-    _ages(bench, lambda name, counter, signals: frame(name, bench.counters[name], **signals))
-    assert bench.guard.finding == limits.STALE_SENSORS
-    for counter in range(32):  # every other counter is fresh, whatever its value
-        bench.counters["ANALOG_SENSORS"] = bench.counters["ENCODER"] = counter + 1
-        bench.analog()
-        bench.encoder()
-        bench.guard.cycle()
-        assert bench.guard.age == 0
-
-
-def test_counters_of_frames_are_kept_apart(limits: ModuleType) -> None:
-    bench = Bench(limits)
-    for k in range(STALE + 2):
-        bench.guard.inbound(0x100, frame("ANALOG_SENSORS", k))
-        bench.guard.inbound(0x101, frame("ENCODER", k))
-        bench.guard.inbound(0x180, frame("TORQUE_SETPOINT", k, REQUEST=ENGAGE))
-        bench.guard.cycle()
-        assert bench.guard.age == 0
-
-
-def _short(length: int, counter: int) -> bytes:
-    """A frame of `length` bytes, right but for that."""
-    body = bytes((counter & 15,)) + bytes(max(length - 2, 0))
-    return (bytes((calculate_crc8(body[: max(length - 1, 0)]),)) + body)[:length]
-
-
-def test_a_frame_too_short_is_no_sample(limits: ModuleType) -> None:
-    for half, other in (("ANALOG_SENSORS", Bench.encoder), ("ENCODER", Bench.analog)):
-        for length in range(6):
-            bench = Bench(limits)
-            bench.cycle()
-            other(bench)
-            bench.guard.inbound(IDENTIFIERS[half], _short(length, 9))
-            bench.guard.cycle()
-            assert bench.guard.age == 1
 
 
 # --- overpressure, overtemperature, overspeed ------------------------------------------------------------------------
@@ -640,16 +371,6 @@ def test_the_guard_imports_nothing_from_the_project() -> None:
     assert not [
         n for n in ast.walk(tree) if isinstance(n, ast.Name) and n.id in ("__import__", "exec", "eval", "globals")
     ]
-
-
-def test_an_encoder_frame_of_6_or_7_bytes_is_no_sample(limits: ModuleType) -> None:
-    for length in (6, 7):
-        bench = Bench(limits)
-        bench.cycle()
-        bench.analog()
-        bench.guard.inbound(IDENTIFIERS["ENCODER"], _short(length, 9))
-        bench.guard.cycle()
-        assert bench.guard.age == 1
 
 
 def test_the_valve_stays_closed_until_a_sample_has_been_seen(limits: ModuleType) -> None:

@@ -1,11 +1,12 @@
 """Mutation testing of the guard: every change of a comparison, an operator or a constant of limits.py is noticed by
-test_limits.py, but for the equivalent ones listed here with their reason."""
+test_limits.py or test_limits_samples.py, but for the equivalent ones listed here with their reason."""
 
 import ast
 
 import rt_controller.limits
 from tests.mutation import checks, killed, plain_source, survivors
 
+FILES = "test_limits.py", "test_limits_samples.py"
 # Mutants no test can kill, by "line of source: column: change", and why.
 EQUIVALENT = {
     "for _byte in range(256):: column 19: 256 to 257": "a 257th entry of the CRC table is never looked up",
@@ -20,13 +21,13 @@ EQUIVALENT = {
 
 
 def test_the_unchanged_guard_passes_every_check() -> None:
-    by = checks("test_limits.py", "limits")
+    by = checks(FILES, "limits")
     assert len(by) >= 25
     assert not killed(ast.parse(plain_source(rt_controller.limits)), by)
 
 
 def test_every_mutant_of_the_guard_is_killed() -> None:
-    population, alive = survivors(rt_controller.limits, "test_limits.py", "limits")
+    population, alive = survivors(rt_controller.limits, FILES, "limits")
     assert population > 200
     unexpected = sorted(set(alive) - set(EQUIVALENT))
     assert not unexpected, f"{len(unexpected)} of {population} mutants survive:\n" + "\n".join(unexpected)

@@ -16,7 +16,7 @@ from plant_sim.node import PlantNode
 from plant_sim.power_shift_node import PowerShiftNode
 from plant_sim.profile import load_profile
 from plant_sim.rigs import wet_clutch
-from plant_sim.service import PlantService, between_ticks
+from plant_sim.service import PlantService
 from protocols.batch import batch, load
 from protocols.beat import Beat
 from protocols.bus import Port, open_bus
@@ -180,16 +180,6 @@ def test_when_it_has_caught_up_it_waits_for_an_answer(line: Exchange, controller
         assert beat.clock.skipped - before >= 2
         assert node.reception_counts()["VALVE_COMMAND"]["received"] == 1
     assert line.count == 0
-
-
-@pytest.mark.parametrize("rate", [250, 500, 1000, 2000, 4000, 8000, 10_000])
-def test_neither_a_sample_nor_its_answer_meets_a_tick_of_the_kernel(rate: int) -> None:
-    """Which comes every 1, 4 or 10 ms; the answer half a period after the sample."""
-    period, now = 1_000_000_000 // rate, time.monotonic_ns()
-    first = between_ticks(now, period)
-    assert period < first - now < 3 * period
-    after = (first + period // 2 * np.arange(200)) % 1_000_000
-    assert np.minimum(after, 1_000_000 - after).min() >= min(period, 1_000_000) // 4
 
 
 def test_in_step_a_sample_is_its_parts_and_waits_for_its_answer(

@@ -1,79 +1,21 @@
 """A scenario file says all that a run needs, and what is wrong in one is told before anything runs, by name."""
 
-import json
-import subprocess
+from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from plant_sim.bench.settings import RunSettings
 from plant_sim.bench.simulate import Simulation, simulation
 from plant_sim.injection import Injection
 from plant_sim.scenario import Scenario, load_scenario
-from protocols.child import clutch_hil
-from protocols.command import application
 from protocols.errors import InputError
-from protocols.runs import read_run
-from tests.processes import PATIENCE
-
-SHORT = "time_s,torque_demand_nm,motor_speed_demand_rad_s\n0,0,10\n0.1,0,10\n0.3,8,10\n1.0,8,10\n"
-FULL = """
-title = "Everything"
-about = "All there is."
-rig = "wet_clutch"
-[run]
-profile = "short.csv"
-seconds = 0.9
-rate = 500
-seed = 3
-temperature = 50
-law = "feedforward"
-adaptation = false
-[plant.valve]
-gain = 2.4
-[controller.pressure]
-proportional_gain = 0.5
-[effects]
-piston_seal_friction = { force = 50 }
-friction_level = {}
-[[inject]]
-at = 0.5
-ramp = 0.1
-until = 0.7
-effect = "internal_leakage"
-values = { conductance = 1e-6 }
-bias = { pressure = 0.1 }
-[[inject]]
-at = 0.6
-effect = "friction_level"
-off = true
-[[inject]]
-at = 0.65
-parameters = { "oil.sump_temperature" = 80 }
-freeze = "temperature"
-[limits]
-rise_time_s = { most = 0.5 }
-peak_torque_nm = { least = 7, most = 12.5 }
-"""
+from tests.scenario_files import FULL, invoked, writer
 
 
 @pytest.fixture
-def written(tmp_path: Path):
-    """Write a scenario beside a short profile; its path."""
-    (tmp_path / "short.csv").write_text(SHORT)
-
-    def write(text: str) -> Path:
-        path = tmp_path / "case.toml"
-        path.write_text(text)
-        return path
-
-    return write
-
-
-def invoked(*arguments: object):
-    return CliRunner().invoke(application(), [str(argument) for argument in arguments])
+def written(tmp_path: Path) -> Callable[[str], Path]:
+    return writer(tmp_path)
 
 
 def test_a_scenario_holds_what_its_file_says(written) -> None:
@@ -152,9 +94,6 @@ def test_injections_act_at_their_time(written) -> None:
     noise = 0.005  # bar, standard deviation (rig.md 9)
     assert abs(wrong[300:700].mean()) < noise
     assert abs(wrong[702:].mean() - 0.2) < noise
-
-
-RUN = '\n[run]\nprofile = "short.csv"\n'
 
 
 @pytest.mark.parametrize(
@@ -311,112 +250,9 @@ def test_nothing_is_written_when_a_file_is_wrong(written, tmp_path: Path) -> Non
     assert not (tmp_path / "x.xml").exists()
 
 
-def test_limits_decide(written, tmp_path: Path) -> None:
-    """The same run passes and fails by its limits alone, with exit codes 0 and 1."""
-    for most, code in ((12.0, 0), (5.0, 1)):
-        path = written(f"title = 'x'{RUN}[limits]\npeak_torque_nm = {{ most = {most} }}")
-        result = invoked("simulate", path, "--out", tmp_path / "runs", "--json")
-        assert result.exit_code == code
-        document = json.loads(result.stdout)
-        assert document["good"] is (code == 0)
-        limit = document["limits"][0]
-        assert (limit["measure"], limit["unit"], limit["most"], limit["holds"]) == (
-            "peak_torque_nm",
-            "Nm",
-            most,
-            not code,
-        )
-        assert 8.0 < limit["value"] < 12.0
-
-
-def test_a_fault_fails_a_scenario_that_does_not_expect_it(written, tmp_path: Path) -> None:
-    run = RUN.replace("short.csv", "engagement") + "seconds = 2.5\n"
-    text = f"title = 'x'{run}[[inject]]\nat = 0.6\nfreeze = 'encoder'\n[limits]\npeak_pressure_bar = {{ most = 9 }}\n"
-    result = invoked("simulate", written(text), "--out", tmp_path)
-    assert result.exit_code == 1
-    assert "BROKEN  fault = none: torque implausible" in result.stdout
-    result = invoked("simulate", written(f"{text}fault = 'torque implausible'"), "--out", tmp_path)
-    assert result.exit_code == 0
-
-
-def test_what_cannot_be_measured_breaks_its_limit(written, tmp_path: Path) -> None:
-    path = written(f"title = 'x'{RUN}[limits]\nfault_time_s = {{ most = 9 }}")
-    assert (
-        "failed: fault_time_s <= 9 s: cannot be measured in this run"
-        in invoked("simulate", path, "--out", tmp_path).stdout
-    )
-
-
-def test_a_blind_run_is_judged_by_what_was_measured(written, tmp_path: Path) -> None:
-    path = written(
-        f"title = 'x'{RUN}[effects]\ntorque_sensor_gain = {{ gain = 1.1 }}\n[limits]\npeak_torque_nm = {{ most = 99 }}"
-    )
-    peaks = []
-    for option in ([], ["--blind"]):
-        document = json.loads(invoked("simulate", path, "--out", tmp_path, "--json", *option).stdout)
-        peaks.append(document["limits"][0]["value"])
-    run = read_run(Path(document["run"]))
-    assert not [name for name in run.columns if name.startswith("truth_")]
-    assert "case" not in document["run"]
-    assert peaks[1] == np.max(run["clutch_torque_nm"])
-    assert peaks[1] > 1.05 * peaks[0]  # the sensor shows 10 % more, less what noise adds to the true peak
-
-
-def test_a_sweep_of_a_scenario_counts_broken_limits(written, tmp_path: Path) -> None:
-    path = written(f"title = 'x'{RUN}[limits]\npeak_torque_nm = {{ most = 9.5 }}")
-    arguments = ("simulate", path, "--vary", "friction_level.level=1:2:2", "--out", tmp_path)
-    result = invoked(*arguments)
-    assert result.exit_code == 1
-    assert "verdict: 2 runs, 1 broke a limit" in result.stdout
-
-
-def test_live_in_lock_step_a_scenario_is_what_it_is_in_one_process(written, local_bus: str, tmp_path: Path) -> None:
-    """Effects, injections and the controller's parameters reach their processes."""
-    path = written(FULL)
-    arguments = ("--bus", local_bus, "--lockstep", "--no-telemetry", "--out", str(tmp_path), "--json")
-    done = subprocess.run(clutch_hil("up", str(path), *arguments), capture_output=True, text=True, timeout=PATIENCE)
-    document = json.loads(done.stdout)
-    run = read_run(Path(document["run"]))
-    scenario = load_scenario(str(path))
-    for name, expected in Simulation(scenario).play(scenario.plant, 3).columns().items():
-        assert np.array_equal(run[name], expected, equal_nan=True), name
-    assert done.returncode == (0 if document["good"] else 1)
-    assert [limit["measure"] for limit in document["limits"]] == ["rise_time_s", "peak_torque_nm", "fault"]
-    assert [change["name"] for change in run.metadata["injections"]][:2] == [
-        "internal_leakage.conductance",
-        "pressure_sensor_offset.offset",
-    ]
-
-
 @pytest.mark.parametrize(
     ("seconds", "said"), [(1e9, "it must last 1e\\+06 s or less"), (2000, "does not fit into memory")]
 )
 def test_a_simulation_that_memory_cannot_hold_is_refused(seconds: float, said: str) -> None:
     with pytest.raises(InputError, match=said):
         simulation(Scenario.of(RunSettings(seconds=seconds)))
-
-
-def test_a_run_says_what_changed_its_rig(written, tmp_path: Path) -> None:
-    changed = tmp_path / "rig.toml"
-    changed.write_text("[friction_level]\nlevel = 0.9\n")
-    path = written(f"title = 'x'{RUN}[[inject]]\nat = 0.5\neffect = 'valve_gain'\n")
-    said = invoked("simulate", path, "--plant-parameters", changed, "--out", tmp_path).stdout
-    assert f"s), changed by {changed}, in one process" in said
-    assert "effects: friction_level\ninjections: 1, the first at 0.500 s\n" in said
-    told = invoked("simulate", path, "--plant-parameters", changed, "--out", tmp_path, "--blind").stdout
-    assert "effects:" not in told
-    assert "injections:" not in told
-
-
-def test_a_picture_tells_the_verdict_of_the_limits_and_when_something_was_injected(
-    written, tmp_path, monkeypatch
-) -> None:
-    drawn = []
-    monkeypatch.setattr("plant_sim.bench.result.draw_run", lambda *arguments: drawn.append(arguments))
-    text = (
-        f"title = 'x'{RUN}[[inject]]\nat = 0.5\neffect = 'valve_gain'\n[limits]\npeak_pressure_bar = {{ most = 0.1 }}\n"
-    )
-    invoked("simulate", written(text), "--out", tmp_path)
-    _, _, title, injected = drawn[0]
-    assert title.splitlines()[1].startswith("failed: peak_pressure_bar <= 0.1 bar")
-    assert injected == [0.5]

@@ -34,9 +34,9 @@ LEAST = 10  # mutants of the smallest of them
 def test_every_mutant_of_the_state_logic_is_killed(module: ModuleType) -> None:
     name = module.__name__.rpartition(".")[2]
     file, equivalent = f"test_{name}.py", EQUIVALENT.get(name, {})
-    assert not killed(ast.parse(plain_source(module)), checks(file, name)), "the unchanged module passes every check"
+    assert not killed(ast.parse(plain_source(module)), checks([file], name)), "the unchanged module passes every check"
     with np.errstate(all="ignore"):  # what a mutant divides by
-        population, alive = survivors(module, file, name)
+        population, alive = survivors(module, [file], name)
     assert population > LEAST
     unexpected = sorted(set(alive) - set(equivalent))
     assert not unexpected, f"{len(unexpected)} of {population} mutants survive:\n" + "\n".join(unexpected)
