@@ -76,6 +76,14 @@ def write_summary(path: Path | None, document: Any) -> None:
         part.rename(path)
 
 
+class _AskedError(KeyboardInterrupt):
+    """Somebody has asked the command to end.
+
+    Not KeyboardInterrupt itself: where that leaves a text that is executed, as dataclasses do, Python kills itself by SIGINT
+    when it ends, whoever has caught it.
+    """
+
+
 class Commands(typer.core.TyperGroup):
     """The sub-commands. Raises InputError for an empty word: it is no name, no file and no number of anything."""
 
@@ -125,12 +133,12 @@ def main() -> None:
         nonlocal asked
         asked = True
         signal.setitimer(signal.ITIMER_REAL, _AGAIN, _AGAIN)
-        raise KeyboardInterrupt
+        raise _AskedError
 
     def insist(number: int, frame: FrameType | None) -> None:
         """A compiler has destructors, in which Python drops an exception."""
         if starts(frame):
-            raise KeyboardInterrupt
+            raise _AskedError
         signal.setitimer(signal.ITIMER_REAL, 0.0)
 
     signal.signal(signal.SIGALRM, insist)
