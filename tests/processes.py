@@ -13,11 +13,17 @@ PATIENCE = 120.0  # s for what takes a second or two on an idle machine
 ONE_CPU = ("--cpu", str(max(os.sched_getaffinity(0))))
 
 
+_PROGRESS = "loading modules", "compiling kernels: ", "kernels are compiled", "waiting for ", "at work for ", " % done"
+
+
 def progress(line: str) -> bool:
-    """Whether a line on stderr only says that a command starts, as it does on a busy machine."""
-    return any(
-        words in line for words in ("loading modules", "compiling kernels: ", "kernels are compiled", "waiting for ")
-    )
+    """Whether a line on stderr only says that a command is on its way, as it does on a busy machine."""
+    return any(words in line for words in _PROGRESS)
+
+
+def said(errors: str) -> list[str]:
+    """The lines on stderr that are no progress."""
+    return [line for line in errors.strip().splitlines() if not progress(line)]
 
 
 @contextmanager

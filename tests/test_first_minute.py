@@ -50,9 +50,12 @@ def heard(process: subprocess.Popen[str]) -> tuple[list[float], list[str]]:
     """When each line on stderr came, after now [s], and the lines."""
     began, times, lines = time.monotonic(), [0.0], []
     assert process.stderr
+    patience = threading.Timer(PATIENCE, process.kill)
+    patience.start()
     for line in process.stderr:
         times.append(time.monotonic() - began)
         lines.append(line.rstrip("\n"))
+    patience.cancel()
     return times, lines
 
 

@@ -23,6 +23,7 @@ from protocols.echo import Echo
 from protocols.errors import InputError
 from protocols.frames import load_frames
 from protocols.pace import Pace, read
+from tests.processes import said
 
 PERIOD = 1_000_000  # ns
 ROOT = Path(__file__).parents[1]
@@ -190,7 +191,7 @@ def test_a_bad_setting_is_one_sentence(tmp_path: Path, local_bus: str, arguments
     command = child.clutch_hil("jitter", "--bus", local_bus, "--out", str(tmp_path / "out"), *arguments)
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 2
-    assert done.stderr.startswith(sentence)
+    assert said(done.stderr)[0].startswith(sentence)
     assert not (tmp_path / "out").exists()
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from protocols import child
 from tests.bus_log import write_log
-from tests.processes import PATIENCE
+from tests.processes import PATIENCE, said
 
 SECONDS = 3.0
 
@@ -94,4 +94,4 @@ def test_what_is_no_log_is_one_sentence(tmp_path: Path, name: str, content: str 
     done = replay(path)
     assert done.returncode == 2
     assert words in done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1
+    assert len(said(done.stderr)) == 1

@@ -21,7 +21,7 @@ from protocols.bus import Port, listen, open_bus
 from protocols.frames import Frame, load_frames
 from protocols.node import node_factory
 from protocols.runs import REQUIRED, read_run
-from tests.processes import ONE_CPU, PATIENCE, progress, service
+from tests.processes import ONE_CPU, PATIENCE, said, service
 
 FRAMES = load_frames()
 RATE = 250  # Hz: five cycles are 20 ms, which a shared machine seldom loses; at 1 kHz a hiccup of 6 ms is a fault
@@ -216,7 +216,7 @@ def test_a_second_controller_is_refused_and_the_first_goes_on(local_bus: str) ->
         hear(port, "CONTROLLER_HEARTBEAT", lambda heartbeat: heartbeat.lifecycle == 2)
         second = clutch_hil("controller", "--bus", local_bus)
         assert second.returncode == 2
-        assert second.stderr.startswith(f"error: a second controller is on {local_bus}")
+        assert said(second.stderr)[0].startswith(f"error: a second controller is on {local_bus}")
         assert first.poll() is None
         hear(port, "CONTROLLER_HEARTBEAT", lambda heartbeat: heartbeat.lifecycle == 2)
 
@@ -226,7 +226,7 @@ def test_a_second_plant_is_refused(local_bus: str) -> None:
         hear(port, "PLANT_HEARTBEAT", lambda heartbeat: True)
         second = clutch_hil("plant", "--bus", local_bus)
         assert second.returncode == 2
-        assert second.stderr.startswith(f"error: a second plant is on {local_bus}")
+        assert said(second.stderr)[0].startswith(f"error: a second plant is on {local_bus}")
         assert first.poll() is None
 
 
@@ -295,7 +295,7 @@ def test_bad_input_is_one_sentence_and_leaves_nothing(
     done = clutch_hil("up", *(() if "--bus" in arguments else ("--bus", local_bus)), *arguments)
     assert done.returncode == 2
     assert words in done.stderr
-    (error,) = [line for line in done.stderr.splitlines() if not progress(line)]
+    (error,) = said(done.stderr)
     assert error.startswith("error: ")
     assert not Path("runs").exists() or not os.listdir("runs")
 
@@ -305,5 +305,5 @@ def test_a_malformed_dbc_is_one_sentence(tmp_path: Path) -> None:
     path.write_text("BO_ junk")
     done = clutch_hil("frames", "--dbc", str(path))
     assert done.returncode == 2
-    assert done.stderr.startswith(f"error: DBC {path} is malformed: ")
-    assert len(done.stderr.strip().splitlines()) == 1
+    assert said(done.stderr)[0].startswith(f"error: DBC {path} is malformed: ")
+    assert len(said(done.stderr)) == 1

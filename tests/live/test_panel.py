@@ -23,7 +23,7 @@ from protocols.frames import Frame
 from protocols.request import Request
 from tests import needs
 from tests.live.running import FRAMES, Running, hear, opened, running_bench
-from tests.processes import PATIENCE, service
+from tests.processes import PATIENCE, said, service
 
 OPEN_PHASE, SLIP_CONTROL, LOCK = 0, 2, 5  # values of PHASE in the DBC
 LONG_AGO, NOW = 0.0, 100.0  # s
@@ -193,9 +193,9 @@ def test_without_a_terminal_one_sentence_is_told(local_bus: str) -> None:
     with service("panel", "--bus", local_bus, stdin=subprocess.DEVNULL) as child:
         _, errors = child.communicate(timeout=PATIENCE)
     assert child.returncode == 2
-    assert errors.strip() == (
+    assert said(errors) == [
         "error: the panel needs a keyboard, and the standard input is no terminal; try clutch-hil demand"
-    )
+    ]
 
 
 def test_demands_stay_within_the_limits() -> None:

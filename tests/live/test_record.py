@@ -23,7 +23,7 @@ from tests.live.scripted_bench import (
     RATE,
     SECONDS,
 )
-from tests.processes import PATIENCE, service
+from tests.processes import PATIENCE, said, service
 
 
 def result(child: subprocess.Popen) -> dict[str, Any]:
@@ -37,7 +37,7 @@ def refusal(*arguments: str) -> str:
         children.clutch_hil(*arguments), capture_output=True, text=True, timeout=PATIENCE, check=False
     )
     assert done.returncode == 2
-    assert len(done.stderr.strip().splitlines()) == 1, done.stderr
+    assert len(said(done.stderr)) == 1, done.stderr
     return done.stderr
 
 
