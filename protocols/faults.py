@@ -75,7 +75,7 @@ class FaultWatch:
         self._place = {name: i for i, name in enumerate(columns)}
         self._names = load_frames()["CONTROLLER_STATUS"].choices("fault")
         self._rate, self._parameters = rate, parameters or {}
-        self._of = f" of clutch {clutch}" if clutch else ""
+        self._of, self._for = (f" of clutch {clutch}", f" for clutch {clutch}") if clutch else ("", "")
         self._last: float | None = None  # before the first row
         self.count = 0
         self.first: Told | None = None
@@ -118,7 +118,7 @@ class FaultWatch:
         time = max(tick + (age if isfinite(age) else 0.0), 0.0) / self._rate
         when = "at" if self._last is not None else "before"  # who comes later sees it last
         if name == "none":
-            return Told(name, time, f"cleared{self._of} at {time:.2f} s")
+            return Told(name, time, f"cleared{self._for} at {time:.2f} s")
         reason = REASONS[name]
         limit = self._parameters.get(reason.limit)
         why = reason.text.format(**values)

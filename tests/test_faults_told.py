@@ -93,7 +93,7 @@ def test_a_monitor_and_a_recorder_tell_the_fault_of_either_clutch(node: str, who
     assert snapshot.last_fault == line
     assert line in snapshot.troubles()
     collector.take([batch_of(node, row(), 2)], 0.2)
-    assert collector.snapshot(0.2).last_fault == f"{line}; cleared{whose} at 10.00 s"
+    assert collector.snapshot(0.2).last_fault == f"{line}; cleared{whose.replace('of', 'for')} at 10.00 s"
     assert collector.snapshot(0.2).standing_faults == ()
 
     told: list[str] = []

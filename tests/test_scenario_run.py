@@ -80,6 +80,18 @@ def test_a_sweep_of_a_scenario_counts_broken_limits(written, tmp_path: Path) -> 
     assert "verdict: 2 runs, 1 broke a limit" in result.stdout
 
 
+def test_a_fault_that_a_scenario_expects_is_a_whole_run_live(local_bus: str, tmp_path: Path) -> None:
+    """A controller ends with exit code 1 after it."""
+    arguments = ("--bus", local_bus, "--lockstep", "--no-telemetry", "--out", str(tmp_path), "--json")
+    done = subprocess.run(
+        clutch_hil("up", "frozen_pressure_sensor", *arguments), capture_output=True, text=True, timeout=PATIENCE
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    document = json.loads(done.stdout)
+    assert document["verdict"].startswith("passed: ")
+    assert Path(document["run"]).exists()
+
+
 def test_live_in_lock_step_a_scenario_is_what_it_is_in_one_process(written, local_bus: str, tmp_path: Path) -> None:
     """Effects, injections and the controller's parameters reach their processes."""
     path = written(FULL)

@@ -23,6 +23,7 @@ _START = 60.0  # s without a word of a service that has not started; while it lo
 _SILENCE = 5.0  # s without a word of any, after which we say that we wait
 _STOP = 10.0  # s for a service to end once asked
 _POLL = 0.05  # s between looks
+_JUDGED = 1  # exit code of a service that ended as it should, and has told a fault
 # with which a service begins and ends: its error is raised, the rest is in the summary
 TOLD_ELSEWHERE = ("error: ", "plant", "controller", " ", "note: ", "verdict: ")
 _PLANT = "plant"  # the service that ends last, so that every safe command still meets a plant
@@ -100,8 +101,8 @@ class Services:
         """Raise InputError with a service's own sentence when it has failed."""
         for name, process in self._processes.items():
             if (code := process.poll()) not in (None, 0):
-                if code in (-signal.SIGTERM, INTERRUPTED) and self._summary(name).exists():
-                    continue  # it had ended already when it was asked to
+                if code in (_JUDGED, -signal.SIGTERM, INTERRUPTED) and self._summary(name).exists():
+                    continue  # its own verdict is bad, or it had ended already when it was asked to
                 if code is not None and code < 0:
                     raise InputError(f"the {name} was killed by {signal.Signals(-code).name}")
                 lines = self._log(name).read_text(errors="replace").strip().splitlines() or ["it said nothing"]
