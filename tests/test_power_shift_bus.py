@@ -1,6 +1,7 @@
 """Two clutches on one bus: frames that cannot be mistaken, two controllers, and a hand-over of torque between them."""
 
 import json
+import re
 import subprocess
 import time
 from dataclasses import replace
@@ -157,6 +158,18 @@ def test_an_injection_reaches_its_clutch_alone(played: dict[str, np.ndarray]) ->
         assert np.array_equal(played[name][before], other[name][before]), name
     torque = "truth_output_torque_nm"
     assert other[torque][after].mean() == pytest.approx(WEAK * played[torque][after].mean(), rel=0.02)
+
+
+@pytest.mark.parametrize("limited", [True, False])
+@pytest.mark.parametrize(("clutch", "at"), [("a", 3.9), ("b", 3.9), ("a", 2.0)])  # at last no torque is handed over
+def test_a_fault_of_either_clutch_is_told_in_the_report(clutch: str, at: float, limited: bool, tmp_path: Path) -> None:
+    high = Injection({f"{clutch}.pressure_sensor_offset.offset": 4.0}, at=at)
+    case = scenario(5.0)
+    case = replace(case, settings=replace(case.settings, out=tmp_path), injections=(high,))
+    result = ShiftSimulation(case if limited else replace(case, limits=())).run(lambda done, total: None)
+    told = rf"fault of clutch {clutch} at {at}\d s: overpressure: "
+    assert not result.good
+    assert re.search(told, result.text if limited else result.verdict), result
 
 
 def test_a_change_of_the_motor_is_told_once() -> None:

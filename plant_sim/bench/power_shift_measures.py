@@ -39,7 +39,7 @@ class Handover(NamedTuple):
 
 
 def handover(columns: Columns) -> Handover | None:
-    """The hand-over of a run; None when there is none."""
+    """The hand-over of a run; None when there is none, or no torque to be handed over."""
     time, demand_a, demand_b = (columns[n] for n in ("time_s", "torque_demand_a_nm", "torque_demand_b_nm"))
     falls = np.flatnonzero((np.diff(demand_a) < 0.0) & (demand_b[:-1] > 0.0))
     if not len(falls):
@@ -49,6 +49,8 @@ def handover(columns: Columns) -> Handover | None:
     torque_end = begin + int(ends[0]) if len(ends) else len(time) - 1
     first = int(np.argmax(demand_b > 0.0))
     past = (time >= time[first] - _BEFORE) & (time < time[first])
+    if not (past.any() and np.mean(columns["truth_output_torque_nm"][past]) > 0.0):
+        return None
     level = float(np.mean(columns["truth_clutch_torque_a_nm"][past]))
     open_a = np.abs(columns["truth_clutch_torque_a_nm"]) < _CARRIES * level
     done = np.flatnonzero((open_a & (np.abs(columns["truth_slip_speed_b_rad_s"]) < SYNCHRONOUS))[torque_end:])
@@ -116,7 +118,10 @@ def _lock_up_peak(columns: Columns) -> float:
         return float("nan")
     begin, end = time[np.argmax(_locking(columns))], time[standing[0]] + _AFTER
     output = columns["truth_output_torque_nm"]
-    before = float(output[(time >= begin - _BEFORE) & (time < begin)].mean())
+    past = (time >= begin - _BEFORE) & (time < begin)
+    before = float(output[past].mean()) if past.any() else 0.0
+    if not before > 0.0:
+        return float("nan")
     return float(output[(time >= begin) & (time <= end)].max()) / before - 1.0
 
 

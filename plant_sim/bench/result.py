@@ -12,7 +12,7 @@ from plant_sim.bench.limits import Judgement, Limit, judged
 from plant_sim.bench.measures import MEASURES, followed
 from plant_sim.bench.picture import draw_run
 from plant_sim.bench.sealed import SEAL
-from protocols.faults import WAITS_FOR_IDLE, faults_of, waits_for_idle
+from protocols.faults import WAITS_FOR_IDLE, FaultWatch, faults_of, waits_for_idle
 from protocols.runs import read_run
 from protocols.service_text import service_lines
 
@@ -54,6 +54,11 @@ class Result:
         """This result of a run that was ended after `seconds` [s]: with limits it cannot have passed."""
         verdict, good = f"interrupted after {seconds:.1f} s; {self.verdict}", self.good and not self.judgements
         return replace(self, document=self.document | {"verdict": verdict, "good": good}, verdict=verdict, good=good)
+
+
+def fault_lines(watches: Sequence[FaultWatch]) -> list[str]:
+    """What the controllers had, a line for each that had a fault."""
+    return [f"faults:  {watch.verdict}" for watch in watches if watch.count]
 
 
 def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[str, Any] | None = None) -> Result:
@@ -107,6 +112,7 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
         lines.append(f"effects: {', '.join(on)}")
     if injected := [change["row"] / run.metadata["sample_rate_hz"] for change in run.metadata.get("injections", ())]:
         lines.append(f"injections: {len(injected)}, the first at {injected[0]:.3f} s")
+    lines += fault_lines([faults]) if limits else []  # without limits the verdict has them
     result = Result(document, "\n".join(lines), verdict, good).limited(judged(limits, columns))
     draw_run(picture, columns, title(path, verdict, result), injected)
     return result.interrupted(columns["time_s"][-1]) if timing and timing["interrupted"] else result

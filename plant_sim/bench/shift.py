@@ -12,7 +12,7 @@ from plant_sim.bench.limits import Limit, judged
 from plant_sim.bench.metadata import run_metadata
 from plant_sim.bench.power_shift_measures import MEASURES, handover
 from plant_sim.bench.recording import Recording, run_path, writable
-from plant_sim.bench.result import Result, timing_lines, title
+from plant_sim.bench.result import Result, fault_lines, timing_lines, title
 from plant_sim.bench.shift_picture import draw_shift
 from plant_sim.bench.status import StatusLine
 from plant_sim.bench.up import Bench
@@ -141,12 +141,12 @@ def judge_shift(path: Path, read: str, limits: Sequence[Limit] = (), timing: dic
         f"torque gap {100 * measured['torque_gap']:.1f} %, peak {100 * measured['torque_peak']:.1f} %,"
         f" shift time {measured['shift_time_s']:.2f} s"
     )
+    faults = [
+        faults_of(columns, run.metadata["sample_rate_hz"], run.metadata.get(parameters, {}), clutch)
+        for clutch, parameters in zip(CLUTCHES, ("controller_parameters", "controller_b_parameters"), strict=True)
+    ]
     if fault != "none":
-        told = (
-            faults_of(columns, run.metadata["sample_rate_hz"], run.metadata.get(parameters, {}), clutch)
-            for clutch, parameters in zip(CLUTCHES, ("controller_parameters", "controller_b_parameters"), strict=True)
-        )
-        verdict = "; ".join(watch.verdict for watch in told if watch.count)
+        verdict = "; ".join(watch.verdict for watch in faults if watch.count)
     elif shift is None:
         verdict = "no torque was handed over"
     elif shift.shift_end is None:
@@ -169,6 +169,7 @@ def judge_shift(path: Path, read: str, limits: Sequence[Limit] = (), timing: dic
         lines.append(f"effects: {', '.join(on)}")
     lines += _load_lines(run.metadata["sample_rate_hz"])
     lines += [f"{'shift:' if not i else '':<9}{text}" for i, text in enumerate(_shift_lines(measured))]
+    lines += fault_lines(faults) if limits else []
     result = Result(document, "\n".join(lines), verdict, good).limited(judged(limits, columns))
     draw_shift(picture, columns, title(path, verdict.partition(", heat")[0], result))
     return result.interrupted(columns["time_s"][-1]) if timing and timing["interrupted"] else result
