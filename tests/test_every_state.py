@@ -158,20 +158,18 @@ def test_the_motor_is_held_until_the_clutch_has_come_down_to_what_is_asked_for(s
         assert motor[carries].max() < limit + 0.1, after
 
 
-@pytest.mark.parametrize("rate", [250, 1000])
 @pytest.mark.parametrize("speed", [3.0, -3.0])
 @pytest.mark.parametrize("level", [0.75, 0.85, 1.25])
-def test_plates_that_rest_and_break_away_show_their_level(level: float, speed: float, rate: int) -> None:
+def test_plates_that_rest_and_break_away_show_their_level(level: float, speed: float) -> None:
     """They are closed at rest, then the motor winds up: a strong clutch shows itself before it gives way, a weak one when."""
-    run = ran(
-        (0, 0, 0), (0.5, 0, 0), (1.5, 10, 0), (3, 10, 0), (3.2, 10, speed), (4, 10, speed), level=level, rate=rate
-    )
+    run = ran((0, 0, 0), (0.5, 0, 0), (1.5, 10, 0), (3, 10, 0), (3.2, 10, speed), (4, 10, speed), level=level)
     away = int(np.argmax(run["truth_slip_speed_rad_s"] != 0.0))
     shown = run["controller_trimmed_level"]
     assert run["controller_fault"].max() == 0
     assert run["time_s"][away] > 3.0
     assert shown[away - 1] == 1.0 if level < 1.0 else shown[away - 1] > 1.07
-    assert shown[away + rate // 50] == pytest.approx(level, abs=0.1)
+    left = (shown[away + 20] - level) / (1.0 - level)
+    assert abs(left) < 0.5, "20 ms after break-away; the torque balance alone would leave 0.6"
 
 
 def test_each_loop_has_its_own_limit() -> None:
