@@ -13,13 +13,15 @@ from rt_controller.node import ControllerNode
 from tests.every_state import drawn, judged, lived
 
 LIVES = 300
-# Asked for is none. Of the samples of lives 0 to 599, 1.9e-5 are off by more than 0.5 Nm and 5 %, and 1e-6 above what the
-# plates carry (docs/states.md); of the first 300 lives 1.6e-5 and 7e-7
+# Asked for is none. Of the samples of lives 0 to 599, 2.2e-5 are off by more than 0.5 Nm and 5 %, and 1.4e-6 above what the
+# plates carry (docs/states.md); of the first 300 lives 1.4e-5 and 7e-7
 OFF, ABOVE = 2.5e-5, 2e-6
-EXCESS = 4.0  # Nm beyond what is allowed, for a sample: 3.9 measured
+EXCESS = 1.1  # Nm beyond what is allowed, for a sample: 1.03 measured
 BENT = 30  # lives of plates that bend
-BENT_OFF = 0.02  # of their samples: 0.005 measured at 2e-3 rad, 0.008 at 2e-2 rad
-VALVE = 0.3  # V between two samples in stick: 0.28 measured where the torque turns; noise of the pressure is 3 mV
+BENT_OFF = 0.02  # of their samples: 0.005 measured at 2e-3 rad, 0.009 at 2e-2 rad
+VALVE = (
+    0.2  # V between two samples in stick: 0.18 measured where the torque turns on the way out of lock; noise is 3 mV
+)
 SINE = 0.065  # Nm rms about the mean: 0.057 measured; the issue asks for 0.1
 TURN = {
     1000: 1.0,
