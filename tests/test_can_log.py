@@ -21,8 +21,8 @@ from protocols.frames import DBC, Frame, load_frames
 from protocols.runs import Run, read_run
 from protocols.stopping import Stop
 from tests import needs
+from tests.processes import PATIENCE
 
-PATIENCE = 60.0  # s: a service starts in 2 s, on a loaded machine in more
 SECONDS = 3.0  # s of the profile: fill, 5 Nm, 10 Nm
 RATE = 1000
 CYCLIC = ("ANALOG_SENSORS", "ENCODER", "TORQUE_SETPOINT", "VALVE_COMMAND", "MOTOR_COMMAND")

@@ -13,7 +13,7 @@ import pytest
 from plant_sim.live import record
 from plant_sim.live.tune import set_parameters
 from protocols import child as children
-from protocols.errors import InputError
+from protocols.errors import InputError, InterruptionError
 from protocols.runs import read_run
 from protocols.stopping import Stop
 from protocols.telemetry.feed import Feed, NoBenchError, find_bench
@@ -64,6 +64,18 @@ def test_a_bench_that_comes_between_two_looks_is_found(monkeypatch: pytest.Monke
     monkeypatch.setattr(record, "find_bench", find_bench)
     session: Any = None
     assert record._found(session, None, Stop(), patience=PATIENCE) == "local:new@here"
+
+
+def test_who_ends_the_waiting_for_a_bench_has_no_recording(monkeypatch: pytest.MonkeyPatch) -> None:
+    def find_bench(session: Any, bus: str | None) -> str:
+        raise NoBenchError("no bench publishes telemetry")
+
+    monkeypatch.setattr(record, "find_bench", find_bench)
+    session: Any = None
+    stop = Stop()
+    stop.asked = True
+    with pytest.raises(InterruptionError, match="no bench came; nothing was recorded"):
+        record._found(session, None, stop, patience=PATIENCE)
 
 
 def test_a_saved_view_that_exists_is_told_before_anything_is_recorded(tmp_path: Path) -> None:
