@@ -29,8 +29,9 @@ class Clutch:
     def feels(self, applied: float, speed: float = 0.0, times: int = 1) -> Any:
         """`applied` [Nm] at the motor and `speed` [rad/s] of the encoder, for so many samples."""
         sample = record(
-            SAMPLE, pressure=PRESSURE, temperature=70.0 + CELSIUS, motor_torque=applied, speed=speed, slip=speed
-        )
+            SAMPLE, pressure=PRESSURE, temperature=70.0 + CELSIUS, motor_torque=applied, applied=applied, known=True,
+            speed=speed, slip=speed,
+        )  # fmt: skip
         for _ in range(times):
             estimate(self.torque, SETTINGS, True, True, 0.0, False, sample, STEP)
         return self.torque
