@@ -33,6 +33,9 @@ from rt_controller.record import record
 from rt_controller.trim import TRIM, TRIM_SETTINGS, forget, lower, raise_to, trim, trimmed
 
 _DOUBT = 0.02  # of the torque at rest: gain error and noise of the motor's
+_ONE_COUNT = 3.0  # half counts: one and no more
+_BUILT = 0.95  # m of plates that slide steadily; below, they have just turned
+_LANDED = 0.8  # of a step: plates that reach 0 before have landed in it, later they may not have
 _LIGHT = 0.5  # of what the motor feels when plates touch: so much less when they have parted
 # Parameters, SI. adapts: whether level, viscous correction and trim are learnt; alone: whether the motor's torque is that of
 # this clutch
@@ -65,7 +68,7 @@ def torque_settings(parameters: ParameterSet, adapts: bool, alone: bool) -> dict
         "model": record(MODEL, parameters.si("model")),
         "adaptation": record(ADAPTATION_SETTINGS, parameters.si("adaptation")),
         "motion": record(MOTION_SETTINGS, {name: slip[name] for name in MOTION_SETTINGS.names or ()}),
-        "presliding": record(PRESLIDING_SETTINGS, parameters.si("presliding")),
+        "presliding": record(PRESLIDING_SETTINGS, parameters.si("bending")),
         "trim": record(TRIM_SETTINGS, parameters.si("trim")),
         "adapts": adapts, "alone": alone, "bandwidth": slip["bandwidth"],
         **{name: phases[name] for name in ("contact_band", "touch_band", "touch_torque", "touch_time")},
@@ -150,19 +153,19 @@ def _rub(torque, settings, sample, pressure, rested, step):
         moved.end = 0.0
         _stand(torque, settings, sample, pressure, applied, step)
         return
-    turns = False
+    turns, part = False, 0.0
     if moved.turns:
         least, most = reachable_states(model, torque.m, step)
         share = applied / torque.level
         turns = (share < least if moved.begin > 0.0 else share > most) if known else True
-        if known and sample.speed == 0.0 and least <= share <= most:  # they have landed
+        part = moved.begin / (moved.begin - moved.end)  # of the step, before it turned
+        if known and least <= share <= most and (sample.speed == 0.0 or part < _LANDED):
             torque.stands, torque.m, moved.end = True, share, 0.0
             return
     lands = not turns and (moved.turns or moved.end * sample.speed < 0.0)
     if lands:
         moved.end = 0.0
     if turns:
-        part = moved.begin / (moved.begin - moved.end)  # of the step, before it turned
         torque.m = friction_state(model, torque.m, pressure, moved.begin, part * step)
         torque.m = friction_state(model, torque.m, pressure, moved.end, (1.0 - part) * step)
     else:
@@ -173,8 +176,13 @@ def _rub(torque, settings, sample, pressure, rested, step):
                 lower(torque.trim, settings.trim, torque.adaptation.level, share)
                 torque.level = _level(torque, settings)
             torque.borne = 0.0
-        mean = sample.speed if sample.speed != 0.0 else 0.5 * (moved.begin + moved.end)
-        torque.m = friction_state(model, torque.m, pressure, mean, step)
+        unsure = abs(sample.speed) * step <= _ONE_COUNT * settings.motion.standing_angle
+        if known and unsure and abs(torque.m) < _BUILT:
+            least, most = reachable_states(model, torque.m, step)  # whichever way they creep
+            torque.m = min(max(applied / torque.level, least), most)
+        else:
+            mean = sample.speed if sample.speed != 0.0 else 0.5 * (moved.begin + moved.end)
+            torque.m = friction_state(model, torque.m, pressure, mean, step)
     slow = abs(sample.speed) <= settings.motion.coarse_speed
     slip = moved.end if turns or not (slow or lands) else moved.slow
     torque.viscous = viscous_torque(model, pressure, slip, sample.temperature)

@@ -91,7 +91,7 @@ def lived(life: Life, presliding: float = 0.0) -> Played:
     )  # fmt: skip
     with tempfile.TemporaryDirectory() as directory:
         calibrated = Path(directory) / "controller.toml"
-        calibrated.write_text(f'[presliding]\nangle = {{ value = {presliding}, unit = "rad" }}\n')
+        calibrated.write_text(f'[bending]\nangle = {{ value = {presliding}, unit = "rad" }}\n')
         controller = ControllerNode(rate=life.rate, parameters_file=calibrated)
     return play(plant, controller)
 

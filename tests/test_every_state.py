@@ -16,7 +16,7 @@ LIVES = 300
 # Asked for is none. Of the samples of lives 0 to 599, 2.2e-5 are off by more than 0.5 Nm and 5 %, and 1.4e-6 above what the
 # plates carry (docs/states.md); of the first 300 lives 1.4e-5 and 7e-7
 OFF, ABOVE = 2.5e-5, 2e-6
-EXCESS = 1.1  # Nm beyond what is allowed, for a sample: 1.03 measured
+EXCESS = 1.8  # Nm beyond what is allowed, for a sample in which plates catch: 1.68 measured
 BENT = 30  # lives of plates that bend
 BENT_OFF = 0.02  # of their samples: 0.005 measured at 2e-3 rad, 0.009 at 2e-2 rad
 VALVE = (
@@ -26,7 +26,7 @@ SINE = 0.065  # Nm rms about the mean: 0.057 measured; the issue asks for 0.1
 TURN = {
     1000: 1.0,
     250: 1.5,
-}  # Nm in the crossing, by rate [Hz]: 0.81 and 1.45 measured at 10 Nm; the issue asks for 1.5
+}  # Nm in the crossing, by rate [Hz]: below 1.0 and 0.8 measured at 10 Nm and level 1; the issue asks for 1.5
 LOCKED = 0.3  # Nm: 0.23 measured
 PEAK = 0.5  # Nm above what was carried or is asked for: 0.46 measured, of a clutch of level 0.75
 

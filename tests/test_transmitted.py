@@ -70,7 +70,7 @@ def test_plates_that_break_away_show_that_they_carry_no_more(sign: float) -> Non
     assert clutch.shows(0.8 * sign, times=100) == 1.0
     counts = int(SETTINGS.motion.stick_angle / (COUNT * STEP))
     assert clutch.shows(0.8 * sign, sign * COUNT, times=counts) > 0.95, "a few counts are no slide"
-    assert clutch.shows(0.8 * sign, sign * COUNT, times=2) == pytest.approx(0.8, abs=0.02)
+    assert clutch.shows(0.8 * sign, sign * COUNT, times=2) == pytest.approx(0.8, abs=DOUBT)
 
 
 def test_plates_that_break_away_from_little_are_no_weaker_than_a_friction_level_can_be() -> None:
