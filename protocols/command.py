@@ -166,5 +166,6 @@ def main() -> None:
 
 def _interrupted(left: str) -> None:
     signal.signal(signal.SIGALRM, signal.SIG_IGN)  # it has been noticed
+    sys.unraisablehook = lambda _: None  # what a library had half made, and cannot take apart, is no news
     print(f"interrupted: {left}", file=sys.stderr)
     sys.exit(INTERRUPTED)

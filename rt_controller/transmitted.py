@@ -129,11 +129,10 @@ def estimate(torque, settings, closing, closed, speed_demand, pushes, sample, st
         torque.adaptation, settings.adaptation, coulomb, viscous, torque.observed, sample.slip, sample.acceleration,
         sample.temperature, step, settings.adapts and closed and torque.contact and not stuck,
     )  # fmt: skip
+    explained = mismatch(torque, settings) == 0.0  # else it is no friction level
     if not torque.pressed or stuck:
         forget(torque.trim)
-    elif (
-        settings.adapts and settings.alone and not torque.stands and mismatch(torque, settings) == 0.0
-    ):  # else it is no friction level
+    elif settings.adapts and settings.alone and not torque.stands and explained:
         trim(torque.trim, settings.trim, coulomb + viscous, torque.observed - correction * viscous, step)
 
 
@@ -186,9 +185,8 @@ def _rub(torque, settings, sample, pressure, rested, step):
     slow = abs(sample.speed) <= settings.motion.coarse_speed
     slip = moved.end if turns or not (slow or lands) else moved.slow
     torque.viscous = viscous_torque(model, pressure, slip, sample.temperature)
-    if (
-        known and settings.alone and (slow or lands)
-    ):  # the encoder tells the speed only roughly, but the balance tells the torque
+    if known and settings.alone and (slow or lands):
+        # the encoder tells the speed only roughly, but the balance tells the torque
         least = 0.0 if lands else torque.viscous * min(abs(slip) / settings.motion.coarse_speed, 1.0)
         balance = (sample.motor_torque - model.motor_inertia * sample.acceleration) / torque.level
         rest = balance - torque.coulomb_torque * torque.m

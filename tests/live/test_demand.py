@@ -28,7 +28,6 @@ IDLE, ENGAGE, RELEASE, PRESSURE, LOCK = range(5)  # values of REQUEST in the DBC
 SLIP_CONTROL = 2  # value of PHASE in the DBC
 PACE_ERROR = 0.1  # of the period of set-points, in the median: a shared machine delays some of them
 RAMP = 20.0  # Nm/s
-RESOLUTION = 0.001  # Nm, of the signal
 PRESSURE_REACHED = 0.03  # bar: three times the noise and the resolution of the sensor, 5 mbar each
 STANDING = 0.05  # rad/s: two counts of the encoder within the 20 ms of a look
 REACHED = 0.8  # Nm, a tenth of the 8 Nm: what the command itself takes for reached
@@ -94,7 +93,8 @@ def test_a_torque_is_reached_and_released(bench: Running) -> None:
     assert median(after - before for before, after in pairwise(times)) == pytest.approx(1.0 / SETPOINTS, rel=PACE_ERROR)
     engaged = [(sent, setpoint.torque_demand) for sent, setpoint in witness.setpoints if setpoint.request == ENGAGE]
     start = max(sent for sent, setpoint in witness.setpoints if setpoint.request == IDLE and sent < engaged[0][0])
-    assert all(torque <= RAMP * (sent - start) + RESOLUTION for sent, torque in engaged)
+    # the last idle may be sent up to a period after the time it is of
+    assert all(torque <= RAMP * (sent - start + 1.0 / SETPOINTS) for sent, torque in engaged)
 
 
 def test_a_pressure_is_reached_and_released(bench: Running) -> None:

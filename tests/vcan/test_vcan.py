@@ -25,6 +25,7 @@ from protocols.reception import Reception
 from protocols.runs import read_run
 from tests import needs
 from tests.bus_log import write_log
+from tests.processes import said
 
 RATE = 100  # Hz: a guest pays 15 us a system call and now and then 25 ms; timing is judged on the host (timing.md)
 BUS = "vcan0"
@@ -224,7 +225,7 @@ def test_an_interface_that_is_down_is_refused_with_the_command_that_helps() -> N
     finally:
         set_link("up")
     assert done.returncode == 2
-    assert done.stderr.strip().startswith("error: bus vcan0 is down")
+    assert said(done.stderr)[0].startswith("error: bus vcan0 is down")
 
 
 def test_a_torn_bus_closes_the_valve_and_faults_the_controller() -> None:
