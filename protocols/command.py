@@ -4,6 +4,7 @@ Exit codes: 0 fine, 1 the verdict is bad, 2 the input or the command is wrong, 1
 """
 
 import json
+import os
 import signal
 import sys
 from collections.abc import Sequence
@@ -11,12 +12,12 @@ from importlib.metadata import entry_points, version
 from math import isfinite
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import Any, NoReturn
 
 import typer
 import typer.core
 
-from protocols.compiled import kept
+from protocols.compiled import discard, kept
 from protocols.errors import InputError, InterruptionError
 from protocols.starting import STARTING, starts
 
@@ -152,20 +153,22 @@ def main() -> None:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
     except InterruptionError as interruption:
-        _interrupted(str(interruption))
-    except BaseException:
+        print(f"interrupted: {interruption}", file=sys.stderr)
+        sys.exit(INTERRUPTED)
+    except BaseException:  # whatever a compiler or a library has made of _AskedError
         if not asked:
             raise
-        _interrupted(
-            f"nothing half-written is left, {kept()}"
-        )  # whatever a compiler or a library has made of the KeyboardInterrupt
+        _break_off()
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
-def _interrupted(left: str) -> None:
+def _break_off() -> NoReturn:
+    """End at once, all `with` blocks having been left: what a library has half made, the interpreter cannot take apart."""
     signal.signal(signal.SIGALRM, signal.SIG_IGN)  # it has been noticed
-    sys.unraisablehook = lambda _: None  # what a library had half made, and cannot take apart, is no news
-    print(f"interrupted: {left}", file=sys.stderr)
-    sys.exit(INTERRUPTED)
+    print(f"interrupted: nothing half-written is left, {kept()}", file=sys.stderr)
+    discard()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(INTERRUPTED)

@@ -20,6 +20,7 @@ VARIABLE = "NUMBA_CACHE_DIR"
 _IMPORT = re.compile(r"^from (\w+(?:\.\w+)*) import (\([^)]*\)|.*)$", re.MULTILINE)
 _OURS = "clutch-hil"  # the folder in a cache, in which each state of the sources has one
 _UNKEPT = "clutch-hil-unkept-"  # the folder of a cache that goes with the command
+_TEMPORARY: list[Path] = []  # such folders of this process
 
 
 def place_cache(package: Path) -> None:
@@ -38,8 +39,15 @@ def place_cache(package: Path) -> None:
         if given:
             raise InputError(f"{VARIABLE} is {given}, which cannot be written; set it to a folder that can, or to none")
         base = Path(tempfile.mkdtemp(prefix=_UNKEPT))
-        atexit.register(shutil.rmtree, base, ignore_errors=True)
+        _TEMPORARY.append(base)
+        atexit.register(discard)
     os.environ[VARIABLE] = str(base / _OURS / _state(_packages(package.parent)))
+
+
+def discard() -> None:
+    """Delete the kernels that cannot be kept, if this process has made a folder for them."""
+    while _TEMPORARY:
+        shutil.rmtree(_TEMPORARY.pop(), ignore_errors=True)
 
 
 def lasting() -> bool:

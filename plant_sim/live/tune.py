@@ -4,6 +4,7 @@ import json
 import shutil
 import sys
 import textwrap
+import time
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -17,16 +18,30 @@ from protocols.telemetry.keys import NODES, Keys, bus_of
 from protocols.telemetry.session import consumer_session
 
 _LIST_TIMEOUT = 2.0  # s for a list of parameters: it takes no loop, and a stopped process counts as gone after 2 s
+_ATTEMPTS = 3  # at a list: a service that waits longer for a busy CPU loses its link, and has it again 0.5 s later
+_AGAIN = 0.5  # s between attempts
 _TIMEOUT = 5.0  # s for a change: it takes a loop one cycle, and its service gives up after 2 s
 _EXPIRED = "Timeout"  # what zenoh itself replies when nobody has in time
+
+
+class SilentError(InputError):
+    """A node does not answer."""
 
 
 def parameters(session: zenoh.Session, bench: str, node: str) -> list[dict[str, Any]]:
     """Parameters of a node: name, value, unit, bounds, default, source, uncertainty, and why it is fixed or None.
 
-    Raises InputError when the node does not answer.
+    Raises SilentError when the node does not answer.
     """
-    return answered(bench, node, session.get(Keys(bench, node).parameters, timeout=_LIST_TIMEOUT))
+    left = _ATTEMPTS
+    while True:
+        left -= 1
+        try:
+            return answered(bench, node, session.get(Keys(bench, node).parameters, timeout=_LIST_TIMEOUT))
+        except SilentError:
+            if not left:
+                raise
+        time.sleep(_AGAIN)
 
 
 def set_parameters(session: zenoh.Session, bench: str, node: str, values: Mapping[str, float]) -> dict[str, Any]:
@@ -39,13 +54,13 @@ def set_parameters(session: zenoh.Session, bench: str, node: str, values: Mappin
 
 
 def answered(bench: str, node: str, replies: Iterable[zenoh.Reply]) -> Any:
-    """The JSON in the reply of a node. Raises InputError with its reason when it refuses, or when it is silent."""
+    """The JSON in the reply of a node. Raises InputError with its reason when it refuses, SilentError when there is none."""
     for reply in replies:
         if reply.ok is not None:
             return json.loads(reply.ok.payload.to_string())
         if reply.err is not None and (reason := reply.err.payload.to_string()) != _EXPIRED:
             raise InputError(reason)
-    raise InputError(f"the {node} on {bus_of(bench)} does not answer; it may still be starting, or be stopped")
+    raise SilentError(f"the {node} on {bus_of(bench)} does not answer; it may still be starting, or be stopped")
 
 
 def listed(session: zenoh.Session, bench: str) -> Catalogue:
