@@ -16,6 +16,7 @@ from pathlib import Path, PurePath
 from typing import Any
 
 import pytest
+from hypothesis import settings
 
 import protocols  # noqa: F401  # sets the number of BLAS threads before numpy is imported
 
@@ -56,6 +57,10 @@ IN_REAL_TIME = (
 ORDER = ("soak", "quiet", "longest", "guest", "shared")
 LOW = 10  # nice value of what computes: beside what runs in real time it has a tenth of a CPU that both want
 _KERNELS = pytest.StashKey[str]()
+
+# An example that a busy machine gave no CPU for a while is no wrong one.
+settings.register_profile("shared machine", deadline=None)
+settings.load_profile("shared machine")
 
 
 @cache

@@ -5,7 +5,7 @@ from math import exp, inf, sin
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from rt_controller.adaptation import ADAPTATION, ADAPTATION_SETTINGS, TEMPERATURE_NODES, UNTAUGHT, adapt
@@ -165,7 +165,6 @@ def test_the_level_is_bounded_and_comes_back_at_once(truth: float, bound: float)
     assert adaptation.level == pytest.approx(1.0, abs=2e-3)
 
 
-@settings(deadline=None)
 @given(
     st.lists(
         st.tuples(

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from protocols.command import INTERRUPTED, application
 from protocols.errors import InputError
-from tests.processes import PATIENCE
+from tests.processes import PATIENCE, said
 
 
 @pytest.mark.parametrize(
@@ -46,4 +46,4 @@ def test_who_ends_it_while_a_text_is_executed_has_its_exit_code(number: signal.S
     command = [sys.executable, "-m", "ended", str(int(number))]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=PATIENCE, check=False)
     assert done.returncode == INTERRUPTED, done.stderr
-    assert done.stderr == "interrupted: nothing half-written is left, compiled kernels are kept\n"
+    assert said(done.stderr) == ["interrupted: nothing half-written is left, compiled kernels are kept"]

@@ -3,7 +3,7 @@
 from math import exp
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from plant_sim.blocks import clutch, oil
@@ -59,21 +59,18 @@ def test_controller_ships_with_the_plants_calibration() -> None:
     assert MODEL.contact_pressure == RIG["piston"]["contact_pressure"]
 
 
-@settings(deadline=None)
 @given(states, pressures, slips, steps)
 def test_friction_state_of_controller_and_plant_agree(state: float, pressure: float, slip: float, step: float) -> None:
     theirs = clutch.relaxed(state, plant_ratio(pressure, slip), slip, RIG["clutch"]["attraction"], step)
     assert friction_state(MODEL, state, pressure, slip, step) == pytest.approx(theirs, rel=PARITY, abs=PARITY)
 
 
-@settings(deadline=None)
 @given(states, pressures, slips, temperatures)
 def test_torque_of_controller_and_plant_agree(state: float, pressure: float, slip: float, temperature: float) -> None:
     theirs = plant_torque(state, pressure, slip, temperature)
     assert sum(torque_parts(MODEL, state, pressure, slip, temperature)) == pytest.approx(theirs, rel=PARITY, abs=PARITY)
 
 
-@settings(deadline=None)
 @given(st.floats(-20.0, 200.0).map(lambda celsius: celsius + KELVIN))
 def test_viscosity_ratio_of_controller_and_plant_agree_even_outside_the_valid_range(temperature: float) -> None:
     assert viscosity_ratio(MODEL, temperature) == pytest.approx(plant_viscosity_ratio(temperature), rel=PARITY)

@@ -88,7 +88,7 @@ def test_the_crc_of_this_test_gives_the_published_check_value() -> None:
 def test_packing_agrees_with_cantools(codec: FrameCodec) -> None:
     names = [signal.name for signal in payload(codec)]
 
-    @settings(max_examples=EXAMPLES, deadline=None)
+    @settings(max_examples=EXAMPLES)
     @given(raw=raw_values(codec), counter=st.integers(0, 1000))
     def agrees(raw: list[int], counter: int) -> None:
         expected = by_cantools(codec, counter, dict(zip(names, raw, strict=True)))
@@ -107,7 +107,7 @@ def test_packing_agrees_with_cantools(codec: FrameCodec) -> None:
 
 @each_frame
 def test_unpacking_agrees_with_cantools(codec: FrameCodec) -> None:
-    @settings(max_examples=EXAMPLES, deadline=None)
+    @settings(max_examples=EXAMPLES)
     @given(data=st.binary(min_size=codec.length, max_size=codec.length))
     def agrees(data: bytes) -> None:
         raw = DATABASE.decode_message(codec.name, data, scaling=False, decode_choices=False)
@@ -123,7 +123,7 @@ def test_unpacking_agrees_with_cantools(codec: FrameCodec) -> None:
 
 @each_frame
 def test_raw_values_survive_packing(codec: FrameCodec) -> None:
-    @settings(max_examples=EXAMPLES, deadline=None)
+    @settings(max_examples=EXAMPLES)
     @given(raw=raw_values(codec))
     def survive(raw: list[int]) -> None:
         assert list(codec.raw(codec.pack_raw(3, *raw))) == raw
@@ -139,7 +139,7 @@ def test_physical_values_come_back_within_half_a_count(codec: FrameCodec) -> Non
         *(st.floats(physical(s, raw_range(s)[0]), physical(s, raw_range(s)[1]), width=64) for s in payload(codec))
     )
 
-    @settings(max_examples=EXAMPLES, deadline=None)
+    @settings(max_examples=EXAMPLES)
     @given(sent=values)
     def come_back(sent: tuple[float, ...]) -> None:
         came = codec.unpack(codec.pack(0, *sent))

@@ -49,7 +49,7 @@ def test_warming_acts_as_a_load_and_fades_like_one() -> None:
     assert np.array_equal(warmed, sensor.measure(idle + 10.0, 0.01)[0])
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(
     force=st.lists(st.floats(-100.0, 100.0), min_size=1, max_size=200),
     step=st.floats(1e-5, 20.0),

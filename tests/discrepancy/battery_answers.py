@@ -2,6 +2,7 @@
 
 from tests.discrepancy.battery.score import ANALOG, Told
 from tests.discrepancy.battery.truth_laws import LAWS
+from tests.discrepancy.battery.validity import content
 
 NONE_SHARED = 2  # a law whose parameters the catalogue has not
 
@@ -11,7 +12,7 @@ def answer(case: str, names: tuple[str, ...] = (), verdict: str = "named", **mor
     _, effects, severity, noise, _ = case.split("/")
     hidden = [] if effects == "none" else effects.split("+")
     told = {
-        "case": case,
+        "case": case, "content": content(case),
         "truth": {
             "severity": float(severity), "noise": float(noise), "split": "development", "celsius": 70.0,
             "effects": [{"name": n, "block": LAWS[n].block, "law": NONE_SHARED, "strength": 1.0} for n in hidden],

@@ -10,8 +10,9 @@ from plant_sim.discrepancy.models.wet_clutch import WetClutch
 from plant_sim.discrepancy.result import NAMED, NONE_OF_THESE, NOTHING
 from plant_sim.discrepancy.search import investigate
 from tests.discrepancy.battery import run as running
-from tests.discrepancy.battery import table
+from tests.discrepancy.battery import table, validity
 from tests.discrepancy.battery.brief import brief
+from tests.discrepancy.battery.judged import judge
 from tests.discrepancy.battery.run import Cache, chosen
 from tests.discrepancy.battery.score import (
     Measure,
@@ -25,6 +26,8 @@ from tests.discrepancy.battery.score import (
     worse,
 )
 from tests.discrepancy.battery.thresholds import Constants, decided, proposed
+from tests.discrepancy.battery.truth_laws import LAWS
+from tests.discrepancy.battery.validity import CHECKED, differences, engine, valid
 from tests.discrepancy.battery_answers import answer
 
 SEAL, WAVES, GAIN = "piston_seal_friction", "plate_waviness", "torque_sensor_gain"
@@ -227,14 +230,46 @@ def test_answers_that_were_kept_count_on_another_machine(tmp_path: Path, monkeyp
     found = Cache(tmp_path / "nothing", running.kept("0123"))
     assert [one["case"] for one in found.all()] == sorted(one["case"] for one in told)
     assert {m.name: m.good for m in scores(found.all())} == {m.name: m.good for m in scores(told)}
-    rival = {key: told[0][key] for key in ("case", "truth", "verdict", "effects")}
+    rival = {key: told[0][key] for key in ("case", "content", "truth", "verdict", "effects")}
     running.keep([rival | {"ranking": [(SEAL, 1.0)]}], "0123", "guess")
-    other = rival | {"case": "null/none/1.0/0.02/s1", "truth": told[1]["truth"]}
+    other = rival | {key: told[1][key] for key in ("case", "content", "truth")}
     assert set(running.kept("0123", "guess")[SINGLE]) == set(rival)
     running.keep([other], "0123", "guess")
     assert list(running.kept("0123", "guess")) == [other["case"]], "answers by the limits of another run are gone"
     assert len(running.kept("0123")) == 2
     assert running.kept("4567") == {}
+    running.keep([told[0] | {"content": "of laws that it had before"}], "0123")
+    assert list(running.kept("0123")) == [told[1]["case"]]
+
+
+@pytest.mark.parametrize("name", CHECKED[:3])
+def test_the_engine_says_what_was_kept_of_it(name: str):
+    """Else ENGINE_VERSION or TRUTH_VERSION is to be raised: what is kept is another's."""
+    assert differences(running.kept(engine())[name], judge(name)) == []
+
+
+def test_every_case_of_the_evaluation_has_a_valid_answer():
+    assert running.kept(engine()).keys() == {case.name for case in chosen("evaluation")}
+
+
+def test_a_kept_answer_that_differs_is_told():
+    estimate = {"name": f"{SEAL}.force", "value": 1.2, "ci95": [0.9, 1.5]}
+    before = answer(SINGLE, (SEAL,), parameters=[estimate])
+    assert differences(before, answer(SINGLE, (SEAL,), parameters=[estimate | {"value": 1.4}])) == []
+    assert len(differences(before, answer(SINGLE, (SEAL,), parameters=[estimate | {"value": 1.6}]))) == 1
+    assert len(differences(before, answer(SINGLE, (WAVES,)))) == 1
+    assert len(differences(before, answer(SINGLE, (SEAL,), "one_of"))) == 3
+    assert differences(before, {"error": "Traceback\nValueError: no"}) == ["the engine broke: ValueError: no"]
+
+
+def test_an_answer_holds_while_its_own_laws_do(monkeypatch: pytest.MonkeyPatch):
+    told, other = answer(SINGLE, (SEAL,)), answer("null/none/1.0/0.02/s1", (), "nothing_missing")
+    assert valid(told)
+    monkeypatch.setitem(LAWS, SEAL, replace(LAWS[SEAL], most=2.0))
+    assert not valid(told)
+    assert valid(other)
+    monkeypatch.setattr(validity, "TRUTH_VERSION", validity.TRUTH_VERSION + 1)
+    assert not valid(other)
 
 
 def test_what_is_left_to_do_is_done_seed_by_seed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -5,7 +5,7 @@ from math import log, pi
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.acquisition import LSB, PERIOD, QUIET, Acquisition
@@ -32,7 +32,6 @@ def odd(also: tuple[str, ...]) -> Acquisition:
 
 
 @pytest.mark.parametrize("name", AT_CONVERTER)
-@settings(deadline=None)  # the first example makes the rig
 @given(st.floats(-12, 12), st.floats(-250, 250), st.floats(-60, 60), st.floats(-60, 60), st.floats(-1e4, 1e4))
 def test_an_effect_that_is_off_changes_no_count(
     name: str, bar: float, degc: float, motor: float, clutch: float, rad: float
@@ -43,7 +42,6 @@ def test_an_effect_that_is_off_changes_no_count(
 # --- saturation -------------------------------------------------------------------------------------------------------
 
 
-@settings(deadline=None)  # the first example makes the rig
 @given(st.floats(-9, 9), st.floats(-40, 40))
 def test_an_amplifier_ends_at_its_limit_in_both_directions(bar: float, torque: float) -> None:
     found = ended().read(bar=bar, clutch=torque)

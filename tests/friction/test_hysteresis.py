@@ -60,7 +60,7 @@ def test_return_point_memory(case: Case) -> None:
     case.declared("return_point", max(_closure(case, depths) for depths in stacks), case.accuracy * F_S, CLEAR)
 
 
-@settings(max_examples=15, deadline=None, derandomize=True)
+@settings(max_examples=15, derandomize=True)
 @given(depths=st.lists(st.floats(0.1, 0.95), min_size=1, max_size=6))
 def test_any_stack_of_loops_closes(depths: list[float]) -> None:
     for case in CASES:

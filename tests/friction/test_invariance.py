@@ -66,7 +66,7 @@ def test_force_is_bounded(case: Case) -> None:
     case.declared("bounded", excess, max(case.accuracy, ROUNDING) * F_S, 1e-3 * F_S)
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=40, derandomize=True)
 @given(st.lists(st.tuples(st.floats(-1e3, 1e3), st.floats(1e-9, 1e6), st.floats(0.0, 1e6)), min_size=1, max_size=12))
 @example([(1.0, 1.0, 1e-310), (1.0, 0.5, 4.0)])  # a load that has decayed to next to nothing, then jumps
 def test_any_steps_are_finite_and_below_the_bound(steps: list[tuple[float, float, float]]) -> None:

@@ -56,7 +56,7 @@ def test_infinitely_stiff_is_the_stribeck_curve() -> None:
         np.testing.assert_allclose(force[moving], rigid[moving], rtol=0.0, atol=1e-7 * F_S)
 
 
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=25, derandomize=True)
 @given(
     parts=st.lists(st.floats(0.05, 1.0), min_size=1, max_size=8),
     attraction=st.sampled_from([10.0, 1e4, np.inf]),

@@ -34,7 +34,7 @@ def test_constant_velocity_ends_on_the_stribeck_curve(case: Case, sign: float) -
     )
 
 
-@settings(max_examples=30, deadline=None, derandomize=True)
+@settings(max_examples=30, derandomize=True)
 @given(parts=st.lists(st.floats(0.05, 1.0), min_size=1, max_size=12), speed=st.floats(0.1, 20.0), sign=st.booleans())
 def test_steady_state_is_the_same_for_any_number_and_split_of_elements(parts, speed, sign) -> None:
     weights = np.array(parts) / np.sum(parts)

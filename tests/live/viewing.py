@@ -4,7 +4,6 @@ import os
 import signal
 import socket
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -15,6 +14,9 @@ from typing import Any
 import matplotlib.image
 import numpy as np
 import psutil
+
+from protocols.child import clutch_hil
+from tests.processes import said
 
 PATIENCE = 60.0  # s for a thing to happen that takes a few on a quiet machine
 _ANSWER = (
@@ -44,9 +46,14 @@ class View:
     """A running `clutch-hil view ARGUMENTS...`. Use as a context manager: no process is left after it."""
 
     def __init__(self, *arguments: object) -> None:
-        command = [sys.executable, "-P", "-m", "protocols", "view", *map(str, arguments)]
         self._said = tempfile.TemporaryFile()  # noqa: SIM115
-        self._process = subprocess.Popen(command, env=NO_DISPLAY, text=True, stdout=subprocess.PIPE, stderr=self._said)
+        self._process = subprocess.Popen(
+            clutch_hil("view", *map(str, arguments)),
+            env=NO_DISPLAY,
+            text=True,
+            stdout=subprocess.PIPE,
+            stderr=self._said,
+        )
         self.output = ""
 
     def __enter__(self) -> "View":
@@ -103,10 +110,10 @@ def refused(*arguments: object) -> str:
     view = View(*arguments)
     with view:
         assert view.end(None) == 2, view.said
-        said = view.said
-    assert said.startswith("error: "), said
-    assert said.count("\n") == 1, said
-    return said.strip()
+        lines = said(view.said)
+    assert len(lines) == 1, view.said
+    assert lines[0].startswith("error: "), view.said
+    return lines[0]
 
 
 def viewer_client(port: int) -> Any:

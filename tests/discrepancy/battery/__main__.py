@@ -1,6 +1,7 @@
 """The battery by one command: python -m tests.discrepancy.battery."""
 
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated
 
 import typer
@@ -9,7 +10,8 @@ from plant_sim.bench.progress import progress_bar
 from protocols.errors import InputError
 from tests.discrepancy.battery.cases import FAMILIES
 from tests.discrepancy.battery.rivals import METHODS
-from tests.discrepancy.battery.run import Cache, chosen, keep, kept, line, run, sources
+from tests.discrepancy.battery.run import Cache, chosen, keep, kept, line, run
+from tests.discrepancy.battery.validity import CHECKED, differences, engine
 
 
 def main(
@@ -25,11 +27,16 @@ def main(
     keeping: Annotated[
         bool, typer.Option("--keep", help="keep the answers beside the battery, for the repository")
     ] = False,
+    check: Annotated[
+        bool, typer.Option("--check", help="play a handful of cases again and compare with what was kept")
+    ] = False,
 ) -> None:
     """Run cases, or what is not done of them, and say how good the engine was."""
     from tests.discrepancy.battery.score import scores
     from tests.discrepancy.battery.table import text, write
 
+    if check:
+        raise typer.Exit(0 if _check(jobs) else 1)
     try:
         names = [case.name for case in chosen(split, families.split(","), quick, only or [])]
     except InputError as error:
@@ -38,7 +45,7 @@ def main(
     if not names:
         typer.echo(f"error: no case of the split {split} is like that", err=True)
         raise typer.Exit(2)
-    folder = out / sources()
+    folder = out / engine()
     cache = Cache(folder / "cases", kept(folder.name))
     if done:
         names = [name for name in names if cache.read(name)]
@@ -70,6 +77,22 @@ def main(
         f"verdict: {len(failed)} goals not reached: {', '.join(failed)}" if failed else "verdict: every goal is reached"
     )
     raise typer.Exit(1 if failed else 0)
+
+
+def _check(jobs: int) -> bool:
+    """Whether today's engine says of a handful of cases what was kept."""
+    before, changed = kept(engine()), 0
+    with TemporaryDirectory() as folder:
+        for told in run(CHECKED, Cache(Path(folder)), jobs):
+            found = differences(before[told["case"]], told)
+            typer.echo("\n  ".join([f"{told['case']}: {'the same' if not found else 'it differs'}", *found]))
+            changed += bool(found)
+    typer.echo(f"read:    {len(CHECKED)} cases, and what was kept of {engine()}\nwrote:   nothing")
+    if changed:
+        typer.echo(f"verdict: {changed} of {len(CHECKED)} differ; raise the version of what was changed on purpose")
+    else:
+        typer.echo(f"verdict: all {len(CHECKED)} are as they were")
+    return not changed
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
 """Run cases of the battery: worker processes, one JSON file a case, nothing done twice.
 
-A case's file is OUT/HASH/cases/CASE.json, HASH of the sources of the engine, the simulator and the truth: with other sources
-all is done again, and what was found before stays. A run that was stopped goes on where it was, on another machine, too, from
-what was kept beside the battery: answers/HASH.jsonl.xz; answers/HASH-METHOD-SPLIT.jsonl.xz is what other methods said.
+A case's file is OUT/ENGINE/cases/CASE.json, ENGINE with its version; an answer to a case that has changed since does not count
+(`validity.py`). A run that was stopped goes on where it was, on another machine, too, from what was kept beside the battery:
+answers/ENGINE.jsonl.xz; answers/ENGINE-METHOD-SPLIT.jsonl.xz is what other methods said.
 
 Cases are taken seed by seed, and of a seed in an order that has nothing to do with them: what a run has done so far is a fair
 sample of what it would do.
@@ -13,7 +13,6 @@ import json
 import lzma
 import os
 import signal
-import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from fnmatch import fnmatch
@@ -23,27 +22,13 @@ from pathlib import Path
 from tests.discrepancy.battery import judged
 from tests.discrepancy.battery.cases import FAMILIES, Case, cases
 from tests.discrepancy.battery.judged import Told
+from tests.discrepancy.battery.validity import content, valid
 
 ROOT = Path(__file__).parents[3]
 _QUICK = {  # of --quick: one severity, noise and seed
     "severity": (2.0, 1.0), "noise": (0.02,)
 }  # fmt: skip
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-
-
-def sources() -> str:
-    """Hash of all sources that a case's answer depends on."""
-    loaded = {Path(m.__file__) for m in list(sys.modules.values()) if getattr(m, "__file__", None)}
-    files = {p for p in loaded if ROOT / "plant_sim" in p.parents} - {ROOT / "plant_sim" / "__init__.py"}
-    for folder, pattern in (("plant_sim", "effects/*.py"), ("plant_sim", "rigs/*.py"), ("plant_sim", "blocks/*.py"),
-                            ("plant_sim", "parameters/*.toml"), ("plant_sim", "discrepancy/surrogate_term.py"),
-                            ("tests/discrepancy/battery", "truth*.py"), ("tests/discrepancy/battery", "cases.py"),
-                            ("tests/discrepancy/battery", "excitation.py")):  # fmt: skip
-        files |= set((ROOT / folder).glob(pattern))
-    digest = hashlib.sha256()
-    for path in sorted(files):
-        digest.update(str(path.relative_to(ROOT)).encode() + b"\0" + path.read_bytes() + b"\0")
-    return digest.hexdigest()[:12]
 
 
 def chosen(split: str, families: Sequence[str] = FAMILIES, quick: bool = False, only: Sequence[str] = ()) -> list[Case]:
@@ -66,21 +51,21 @@ _TRUTH_KEPT, _WEIGHED_KEPT = (
 )
 
 
-def kept(sources: str, method: str = "") -> dict[str, Told]:
-    """Answers that were kept of an engine with these sources, or of another `method` behind its first steps, by case."""
-    with suppress(FileNotFoundError), lzma.open(_kept_in(sources, method), "rt", encoding="utf-8") as lines:
-        return {told["case"]: told for told in map(json.loads, lines)}
+def kept(engine: str, method: str = "") -> dict[str, Told]:
+    """Valid answers that were kept of an engine, or of another `method` behind its first steps, by case."""
+    with suppress(FileNotFoundError), lzma.open(_kept_in(engine, method), "rt", encoding="utf-8") as lines:
+        return {told["case"]: told for told in map(json.loads, lines) if valid(told)}
     return {}
 
 
-def keep(answers: Sequence[Told], sources: str, method: str = "") -> Path:
+def keep(answers: Sequence[Told], engine: str, method: str = "") -> Path:
     """Keep what tables need of answers, with those kept before; return the file.
 
     Of another method what was kept before is replaced: its limits are set anew by each run, and answers by other limits are
     another method's.
     """
-    path = _kept_in(sources, method)
-    before = {} if method else kept(sources)
+    path = _kept_in(engine, method)
+    before = {} if method else kept(engine)
     every = before | {told["case"]: told for told in answers if "error" not in told}
     path.parent.mkdir(exist_ok=True)
     part = path.with_suffix(".part")
@@ -95,8 +80,8 @@ def keep(answers: Sequence[Told], sources: str, method: str = "") -> Path:
     return path
 
 
-def _kept_in(sources: str, method: str) -> Path:
-    return _KEPT / f"{sources}{method and '-' + method}.jsonl.xz"
+def _kept_in(engine: str, method: str) -> Path:
+    return _KEPT / f"{engine}{method and '-' + method}.jsonl.xz"
 
 
 class Cache:
@@ -111,10 +96,10 @@ class Cache:
         return self.folder / f"{name}.json"
 
     def read(self, name: str) -> Told | None:
-        """What was said of a case, None if nothing or only an error."""
+        """What was said of a case; None if nothing, only an error, or of the case as it was before."""
         with suppress(FileNotFoundError, json.JSONDecodeError):
             told: Told = json.loads(self.path(name).read_text(encoding="utf-8"))
-            return told if "error" not in told else None
+            return told if "error" not in told and valid(told) else None
         return self._kept.get(name)
 
     def write(self, told: Told) -> None:
@@ -152,6 +137,7 @@ def run(names: Sequence[str], cache: Cache, jobs: int, judge: Callable[[str], To
             min(jobs, len(missing)), _begun, (threads,)
         ) as pool:  # left by Ctrl-C: workers are terminated
             for told in pool.imap_unordered(judge, missing):
+                told["content"] = content(told["case"])
                 cache.write(told)
                 yield told
     finally:

@@ -4,6 +4,7 @@ import os
 import platform
 import subprocess
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from datetime import date
 from importlib.metadata import version
 from itertools import pairwise
@@ -78,7 +79,7 @@ def text(found: Sequence[Measure]) -> str:
 
 
 def write(
-    answers: Sequence[Told], split: str, folder: Path, sources: str, rivals: Mapping[str, Sequence[Told]] | None = None
+    answers: Sequence[Told], split: str, folder: Path, engine: str, rivals: Mapping[str, Sequence[Told]] | None = None
 ) -> list[Path]:
     """Write battery.md and its pictures to `folder`. `rivals`: answers of other methods to the same cases. Returns paths.
 
@@ -92,12 +93,12 @@ def write(
     calibration(done, paths[2])
     notes = pictures / "notes.md"
     said = notes.read_text(encoding="utf-8") if notes.exists() else ""
-    paths[0].write_text(page(answers, split, sources, rivals or {}, said), encoding="utf-8")
+    paths[0].write_text(page(answers, split, engine, rivals or {}, said), encoding="utf-8")
     return paths
 
 
 def page(
-    answers: Sequence[Told], split: str, sources: str, rivals: Mapping[str, Sequence[Told]], notes: str = ""
+    answers: Sequence[Told], split: str, engine: str, rivals: Mapping[str, Sequence[Told]], notes: str = ""
 ) -> str:
     """The text of battery.md."""
     done = [told for told in answers if "error" not in told]
@@ -106,7 +107,7 @@ def page(
         "How often the workflow finds what is hidden, on cases whose truth comes from other laws and another solver than the",
         "catalogue's. What each measure is: `tests/discrepancy/battery/score.py`. Cases: `tests/discrepancy/battery/cases.py`.",
         "Again: `python -m tests.discrepancy.battery --split " + split + " --docs docs`.", "",
-        *_ran(answers, split, sources), "", *_table(_HEADER, [row(one) for one in scores(answers)]), "",
+        *_ran(answers, split, engine), "", *_table(_HEADER, [row(one) for one in scores(answers)]), "",
         *notes.splitlines(), "",
         "## By noise and severity", "", *_by_noise(answers), "", *_table(("single effects", "top-1", "of", "95 %"),
                                                                      [row(m)[:4] for m in by_severity(answers).values()]), "",
@@ -120,14 +121,16 @@ def page(
     return "\n".join(parts)
 
 
-def _ran(answers: Sequence[Told], split: str, sources: str) -> list[str]:
+def _ran(answers: Sequence[Told], split: str, engine: str) -> list[str]:
     packages = ", ".join(f"{name} {version(name)}" for name in _PACKAGES)
-    commit = subprocess.run(
-        ["git", "describe", "--always", "--dirty"], cwd=ROOT, capture_output=True, text=True, check=False
-    ).stdout.strip()
+    commit = "unknown"  # to who has no git, or no repository
+    with suppress(FileNotFoundError):
+        command = ["git", "describe", "--always", "--dirty"]
+        described = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+        commit = described.stdout.strip() or commit
     whole = cases(split)
     lines = [
-        f"{date.today().isoformat()}; {packages}, Python {platform.python_version()}; commit {commit}, sources {sources};",
+        f"{date.today().isoformat()}; {packages}, Python {platform.python_version()}; commit {commit}, {engine};",
         f"{_processor()}, {os.cpu_count()} cores.", "",
     ]  # fmt: skip
     counts = [

@@ -16,8 +16,9 @@ from scipy.optimize import minimize
 
 from plant_sim.discrepancy import decide
 from plant_sim.discrepancy.result import NAMED, NONE_OF_THESE, NOTHING, ONE_OF
-from tests.discrepancy.battery.run import Cache, sources
+from tests.discrepancy.battery.run import Cache
 from tests.discrepancy.battery.score import Told, aliased, family, hidden, names_something, strong
+from tests.discrepancy.battery.validity import engine
 
 _GRID = {
     "gain": np.geomspace(0.001, 0.05, 18),
@@ -156,7 +157,7 @@ def _names_only(answers: list[Told]) -> str:
 
 def main() -> None:
     """Print the constants in use and those proposed, with what each gives."""
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("runs/battery") / sources() / "cases"
+    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("runs/battery") / engine() / "cases"
     answers = [told for told in Cache(folder).all() if told["truth"]["split"] == "development"]
     if not answers:
         sys.exit(f"error: no answers of the development split below {folder}")

@@ -1,6 +1,6 @@
 """Rivals by one command: python -m tests.discrepancy.battery.rivals --method sindy|classifier|gaussian_process|all.
 
-Their rankings are below OUT/HASH/rivals/METHOD, their limits are set on the development split, and their answers to the split
+Their rankings are below OUT/ENGINE/rivals/METHOD, their limits are set on the development split, and their answers to the split
 asked for are kept beside the battery's own, with --keep, from where its page reads them.
 """
 
@@ -19,9 +19,10 @@ from protocols.errors import InputError, closest
 from tests.discrepancy.battery.rivals import METHODS, classifier
 from tests.discrepancy.battery.rivals.ranking import rank
 from tests.discrepancy.battery.rivals.verdict import answered, tuned
-from tests.discrepancy.battery.run import Cache, chosen, keep, run, sources
+from tests.discrepancy.battery.run import Cache, chosen, keep, run
 from tests.discrepancy.battery.score import Told, family, hidden, naming
 from tests.discrepancy.battery.table import text
+from tests.discrepancy.battery.validity import engine
 
 FAMILIES = ("single", "null", "unknown")
 _PACKAGES = {"sindy": "pysindy", "classifier": "sklearn"}
@@ -67,7 +68,7 @@ def main(
     except InputError as error:
         typer.echo(f"error: {error}", err=True)
         raise typer.Exit(2) from None
-    folder = out / sources()
+    folder = out / engine()
     for one in methods:
         found: dict[str, list[Told]] = {}
         for s, wanted in names.items():
