@@ -6,8 +6,8 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from protocols.can.frames import Frame
 from protocols.errors import InputError, listing
-from protocols.frames import Frame
 
 
 class Column(NamedTuple):

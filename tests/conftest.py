@@ -21,37 +21,37 @@ from hypothesis import settings
 import protocols  # noqa: F401  # sets the number of BLAS threads before numpy is imported
 
 TESTS = Path(__file__).parent
-SOAK = "telemetry/test_soak.py"
+SOAK = "protocols/telemetry/test_soak.py"
 # These two begin first of what computes, so that nobody waits for them at the end.
-LONGEST = "test_reproductions.py"
+LONGEST = "clutch_hil/thesis/test_reproductions.py"
 GUEST = "test_guest.py"
 # These measure time, or hold a bench at 1 kHz to what it is on a machine that is not full.
 QUIET = (
-    "effects/test_effect_speed.py",
-    "live/test_view.py",
-    "local_bus",
-    "telemetry",
-    "test_can_log.py",
-    "test_clock.py",
-    "test_jitter.py",
-    "test_timing_budget.py",
+    "plant_sim/effects/test_effect_speed.py",
+    "clutch_hil/live/test_view.py",
+    "protocols/local_bus",
+    "protocols/telemetry",
+    "clutch_hil/bench/test_can_log.py",
+    "protocols/test_clock.py",
+    "clutch_hil/bench/test_jitter.py",
+    "clutch_hil/bench/test_timing_budget.py",
 )
 # These run services, or wait for threads, in real time (`python -m tests` tells what follows from that).
 IN_REAL_TIME = (
     *QUIET,
-    "discrepancy/test_demonstration.py",
-    "effects/test_plug_in.py",
-    "live",
-    "test_cycle.py",
-    "test_exchange.py",
-    "test_plant_turn.py",
-    "test_power_shift_bus.py",
-    "test_realtime.py",
-    "test_replay.py",
-    "test_scenario_run.py",
-    "test_services.py",
-    "test_triggered_services.py",
-    "test_turn.py",
+    "clutch_hil/discrepancy/test_demonstration.py",
+    "plant_sim/effects/test_plug_in.py",
+    "clutch_hil/live",
+    "rt_controller/test_cycle.py",
+    "protocols/test_exchange.py",
+    "plant_sim/test_plant_turn.py",
+    "clutch_hil/bench/test_power_shift_bus.py",
+    "protocols/test_realtime.py",
+    "rt_controller/test_replay.py",
+    "clutch_hil/bench/test_scenario_run.py",
+    "clutch_hil/bench/test_services.py",
+    "clutch_hil/bench/test_triggered_services.py",
+    "rt_controller/test_turn.py",
     "vcan",
 )
 ORDER = ("soak", "quiet", "longest", "guest", "shared")

@@ -12,12 +12,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from plant_sim.bench.in_process import Played, play
-from plant_sim.node import PlantNode
-from plant_sim.profile import Profile
+from clutch_hil.bench.in_process import Played, play
+from plant_sim.node.plant_node import PlantNode
+from plant_sim.profiles.profile import Profile
 from plant_sim.rigs import wet_clutch
-from rt_controller.clutch_state import ClutchState
-from rt_controller.node import ControllerNode
+from rt_controller.law.clutch_state import ClutchState
+from rt_controller.loop.node import ControllerNode
 
 # Of the torque estimate: the larger of the two is allowed, outside `TRANSIENT` after a crossing of zero slip or a touch
 ERROR, SHARE = 0.5, 0.05  # Nm, 1

@@ -2,8 +2,8 @@
 
 import sys
 
-from plant_sim.service import PlantService
-from rt_controller.service import ControllerService
+from plant_sim.node.plant_service import PlantService
+from rt_controller.loop.service import ControllerService
 
 SIDES = {
     "plant": PlantService("", 1000, rig="power_shift").warm,  # which compiles what the plant of one clutch runs, too

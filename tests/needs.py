@@ -17,12 +17,12 @@ from typing import Any, NamedTuple, NoReturn
 
 import pytest
 
-from plant_sim.bench.friction_oracles import Exudyn, MuJoCo, OpenSees
-from plant_sim.live import graphics
-from plant_sim.reproduce.measured_data import VARIABLE
-from protocols.bus import resolve
-from protocols.realtime import MEASURES, Wanted, possible
-from tests.live import chromium
+from benchmarks.friction_oracles import Exudyn, MuJoCo, OpenSees
+from clutch_hil.live import graphics
+from clutch_hil.thesis.measured_data import VARIABLE
+from protocols.buses.bus import resolve
+from protocols.realtime.rights import MEASURES, Wanted, possible
+from tests.clutch_hil.live import chromium
 
 MUST_HAVE = "CLUTCH_HIL_MUST_HAVE"
 HEADING = "skipped, and what would enable it"

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from protocols.child import clutch_hil
+from protocols.realtime.child import clutch_hil
 
 PATIENCE = 120.0  # s for what takes a second or two on an idle machine
 # plant and controller on one CPU, as `up` has them: a CPU of a shared machine that stands still does so for both

@@ -8,7 +8,7 @@ import pytest
 from protocols.telemetry import keys
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
 
 
 def test_the_code_of_the_friction_page_runs() -> None:
@@ -35,7 +35,9 @@ def test_links_lead_to_files(page: Path) -> None:
     assert not missing
 
 
-@pytest.mark.parametrize("folder", ["protocols", "plant_sim", "rt_controller", "tests", "deploy", "docs"])
+@pytest.mark.parametrize(
+    "folder", ["protocols", "plant_sim", "rt_controller", "clutch_hil", "benchmarks", "tests", "deploy", "docs"]
+)
 def test_sources_name_pages_that_a_clone_has(folder: str) -> None:
     pages = {page.name for page in PAGES} | {"notes.md"}  # of a battery, by whoever plays it
     kinds = {".py", ".toml", ".md", ".dbc", ".sh"}

@@ -14,13 +14,13 @@ from pathlib import Path
 
 import pytest
 
-from plant_sim.bench.progress import Doing, progress_bar
-from plant_sim.bench.services import Services
-from protocols.child import clutch_hil
-from protocols.compiling import COMPILING
+from clutch_hil.bench.progress import Doing, progress_bar
+from clutch_hil.bench.services import Services
 from protocols.errors import InputError, InterruptionError
-from protocols.starting import STARTING
-from protocols.stopping import Stop
+from protocols.kernels.compiling import COMPILING
+from protocols.kernels.starting import STARTING
+from protocols.realtime.child import clutch_hil
+from protocols.realtime.stopping import Stop
 
 FIRST, SILENCE = 5.0, 10.0  # s
 LINE = 1.0  # s that a line takes to come from a busy machine
@@ -108,10 +108,10 @@ def test_it_can_be_ended_while_it_starts(
 
 
 def test_a_service_that_does_not_start_is_named_with_its_last_word(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("plant_sim.bench.services._START", 3.0)
-    monkeypatch.setattr("plant_sim.bench.services._SILENCE", 0.5)
+    monkeypatch.setattr("clutch_hil.bench.services._START", 3.0)
+    monkeypatch.setattr("clutch_hil.bench.services._SILENCE", 0.5)
     monkeypatch.setattr(
-        "plant_sim.bench.services.clutch_hil",
+        "clutch_hil.bench.services.clutch_hil",
         lambda *arguments: ["sh", "-c", "echo kernels are compiled: 3 in 1 s >&2; exec sleep 60"],
     )
     told: list[str] = []
@@ -126,7 +126,7 @@ def test_a_service_that_does_not_start_is_named_with_its_last_word(monkeypatch: 
 
 
 def test_who_stops_services_that_start_is_told_what_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("plant_sim.bench.services.clutch_hil", lambda *arguments: ["sleep", "60"])
+    monkeypatch.setattr("clutch_hil.bench.services.clutch_hil", lambda *arguments: ["sleep", "60"])
     with Stop() as stop, Services({"plant": []}) as services:
         stop.asked = True
         with pytest.raises(InterruptionError, match="nothing was written, compiled kernels are kept"):
@@ -136,7 +136,7 @@ def test_who_stops_services_that_start_is_told_what_is_kept(monkeypatch: pytest.
 KERNEL = """
 import sys
 from numba import njit
-from protocols.compiling import COMPILING
+from protocols.kernels.compiling import COMPILING
 
 @njit(cache=True)
 def kernel(x):
@@ -178,9 +178,9 @@ def test_processes_compile_a_kernel_once_and_never_mix_types(tmp_path: Path) -> 
 def test_progress_is_told_by_a_thread_that_ends(
     place: str, note: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from protocols.starting import Starting
+    from protocols.kernels.starting import Starting
 
-    monkeypatch.setattr("protocols.starting._FIRST", 0.05)
+    monkeypatch.setattr("protocols.kernels.starting._FIRST", 0.05)
     monkeypatch.setattr(COMPILING, "kernels", ["advance"])
     monkeypatch.setenv("NUMBA_CACHE_DIR", place)
     threads = threading.active_count()
@@ -196,8 +196,8 @@ def told(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], doing: AbstractContextManager
 ) -> list[str]:
     """What is said beside `doing`, which says nothing."""
-    monkeypatch.setattr("protocols.starting._FIRST", 0.01)
-    monkeypatch.setattr("protocols.starting._EVERY", 0.05)
+    monkeypatch.setattr("protocols.kernels.starting._FIRST", 0.01)
+    monkeypatch.setattr("protocols.kernels.starting._EVERY", 0.05)
     with STARTING, doing:
         time.sleep(2.0)
     return capsys.readouterr().err.splitlines()

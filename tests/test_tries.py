@@ -26,10 +26,10 @@ def test_it():
 @pytest.mark.parametrize(
     ("file", "text", "tries", "code"),
     [
-        ("live/test_x.py", FAILS_ONCE, 2, 0),
-        ("live/test_x.py", FAILS, TRIES, 1),
+        ("clutch_hil/live/test_x.py", FAILS_ONCE, 2, 0),
+        ("clutch_hil/live/test_x.py", FAILS, TRIES, 1),
         ("test_guest.py", FAILS_ONCE, 2, 0),
-        ("test_wet_clutch.py", FAILS_ONCE, 1, 1),
+        ("plant_sim/test_wet_clutch.py", FAILS_ONCE, 1, 1),
     ],
 )
 def test_a_failure_counts(file: str, text: str, tries: int, code: int, tmp_path: Path) -> None:

@@ -11,10 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
-from plant_sim.discrepancy.model import Candidate, Output
+from clutch_hil.discrepancy.model import Candidate, Output
 from plant_sim.effects.effect import Strength
-from protocols.parameters import Parameter, ParameterSet
-from protocols.runs import Run, write_run
+from protocols.files.parameters import Parameter, ParameterSet
+from protocols.files.run import Run
+from protocols.files.runs import write_run
 
 ROOM = 20.0  # degC
 KELVIN = 273.15  # K at 0 degC

@@ -12,7 +12,7 @@ from math import exp
 
 from numba import njit
 
-from protocols.units import ZERO_CELSIUS
+from protocols.files.units import ZERO_CELSIUS
 
 SLOPE = 765.0  # K, B
 ORIGIN = ZERO_CELSIUS - 103.0  # K, T_V

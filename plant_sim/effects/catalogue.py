@@ -1,4 +1,7 @@
-"""Catalogue: every effect there is. An effect is one file in this folder, or in a folder of CLUTCH_HIL_EFFECTS (as PATH)."""
+"""Catalogue: every effect there is.
+
+An effect is one file, in the folder of its block here, or in a folder of CLUTCH_HIL_EFFECTS (as PATH).
+"""
 
 import importlib.util
 import os
@@ -13,7 +16,6 @@ from protocols.errors import InputError, closest
 
 VARIABLE = "CLUTCH_HIL_EFFECTS"
 _FOLDER = Path(__file__).parent
-_NOT_EFFECTS = ("__init__", "catalogue", "effect", "none", "signals", "table")
 
 
 def effects() -> Mapping[str, Effect]:
@@ -35,12 +37,13 @@ def _effects(folders: str) -> dict[str, Effect]:
     for folder in (_FOLDER, *(Path(part) for part in folders.split(os.pathsep) if part)):
         if not folder.is_dir():
             raise InputError(f"folder {folder} of {VARIABLE} does not exist")
-        for path in sorted(folder.glob("*.py")):
-            if path.stem.startswith("_") or (folder == _FOLDER and path.stem in _NOT_EFFECTS):
+        ours = folder == _FOLDER
+        for path in sorted(folder.glob("*/*.py" if ours else "*.py"), key=lambda path: path.name):
+            if path.stem.startswith("_"):
                 continue
             if path.stem in found:
                 raise InputError(f"effect {path.stem} of {path} exists already, in {found[path.stem].path}")
-            candidate = getattr(_module(path, folder == _FOLDER), "EFFECT", None)
+            candidate = getattr(_module(path, ours), "EFFECT", None)
             if not isinstance(candidate, Effect):
                 raise InputError(f"effect file {path} defines no EFFECT = Effect(...)")
             found[path.stem] = candidate
@@ -53,7 +56,7 @@ def _effects(folders: str) -> dict[str, Effect]:
 
 
 def _module(path: Path, ours: bool) -> ModuleType:
-    name = f"{__package__}.{path.stem}" if ours else f"clutch_hil_effects.{path.stem}"
+    name = f"{__package__}.{path.parent.name}.{path.stem}" if ours else f"clutch_hil_effects.{path.stem}"
     if ours:
         return importlib.import_module(name)
     specification = importlib.util.spec_from_file_location(name, path)

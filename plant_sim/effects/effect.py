@@ -19,7 +19,7 @@ from numba import cfunc, from_dtype, types
 
 from plant_sim.effects.signals import HOOKS, SIGNALS_TYPE
 from protocols.errors import InputError, closest
-from protocols.parameters import Parameter
+from protocols.files.parameters import Parameter
 
 Law = Callable[[Any, Any, Any, Any, float], None]
 SECTIONS = ("Equation", "Assumptions", "Valid range", "Not modelled", "References")  # of an effect's docstring

@@ -11,7 +11,7 @@ from plant_sim.effects.effect import Effect
 from plant_sim.effects.none import NONE, NoEffect
 from plant_sim.effects.signals import HOOKS
 from protocols.errors import InputError
-from protocols.parameters import ParameterSet
+from protocols.files.parameters import ParameterSet
 
 
 class Table(NamedTuple):

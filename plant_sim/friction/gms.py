@@ -7,7 +7,7 @@ Equation        stick dF_i/dt = k_i v;  slip dF_i/dt = sign(v) C (alpha_i - F_i/
 Assumptions     constant velocity over a step: stick, the change to slip and slip are then exact for any step
 Valid range     pre-sliding and gross sliding under a constant load
 Not modelled    normal load (see `xgms`), dwell time. Not passive: in slip an element may gain force without displacement, so
-                a motion that is fast while it loads the springs and slow while it slips takes energy out (tests/friction)
+                a motion that is fast while it loads the springs and slow while it slips takes energy out
 References      Janssens 2010, sec. 5.4; Lampaert, Al-Bender, Swevers 2003; Al-Bender, Lampaert, Swevers 2005 (IEEE TAC 50:1883)
 """
 

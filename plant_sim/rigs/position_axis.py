@@ -5,7 +5,7 @@ Equation        M x'' = F_m - F(x, N),  F the friction law under the normal load
                 F_m = PID(r - y) + F_ff + w, within the limit; y the position in steps of the encoder, w noise of the
                 current loop; PID, backward differences, acts one control period after its sample: the time of computation
 Integration     `friction.coupled`: backward Euler for the mass, friction at the end of the step, steps of at most 50 us; the
-                motor force is held over a control period. First order in the step (tests/test_position_axis.py)
+                motor force is held over a control period. First order in the step (tests/plant_sim/test_position_axis.py)
 Assumptions     stiff drive, current loop infinitely fast; load held over a control period
 Valid range     stick resonances up to 500 Hz
 Not modelled    backlash and compliance of the spindle, cogging, friction that depends on the place
@@ -27,7 +27,7 @@ from plant_sim.friction.load_law import LoadLaw
 from plant_sim.friction.model import Array, FrictionModel, kind, real, require
 from plant_sim.friction.xgms import XGMS
 from protocols.errors import InputError
-from protocols.parameters import ParameterSet, load_defaults
+from protocols.files.parameters import ParameterSet, load_defaults
 
 DEFAULTS = Path(__file__).parents[1] / "parameters" / "position_axis.toml"
 STEP_LIMIT = 5e-5  # s: forty steps in a period of the stick resonance at 500 Hz

@@ -32,9 +32,9 @@ from plant_sim.rigs.clutch_unit import actuate, friction_pressure, slide, stack_
 from plant_sim.rigs.standstill import capacity, nearly_at_rest
 from plant_sim.rigs.tied_shafts import Shafts, Standing, now, road_torque, stand, stuck
 from plant_sim.rigs.wet_clutch import STATE, Whole, sense
+from protocols.can.two_clutches import CLUTCHES
 from protocols.errors import InputError
-from protocols.parameters import ParameterSet, load_defaults, load_overlay
-from protocols.two_clutches import CLUTCHES
+from protocols.files.parameters import ParameterSet, load_defaults, load_overlay
 
 DEFAULTS = Path(__file__).parents[1] / "parameters" / "power_shift.toml"
 GRAVITY = 9.80665  # m/s^2, standard gravity, ISO 80000-3

@@ -8,7 +8,7 @@ Equation        torsion and normal direction: `tribometer_structure`; motor: `tr
 Integration     the structures exactly (matrix exponential), drive gains within; both contact forces held over a step at the
                 value they have at its end, found by root finding from the unchanged state of the contact. Nothing grows and
                 stick does not chatter: to a stiffness k of the contact the method adds a damper k dt/2, no more. First order in
-                dt (tests/test_tribometer.py); runout, lift-up and saturation of the drive act one step late.
+                dt (tests/plant_sim/test_tribometer.py); runout, lift-up and saturation of the drive act one step late.
 Assumptions     one friction force at the mean radius; the load acts at the shaft end; lift-up by speed alone, whatever the load
 Valid range     up to 100 Hz, the usable band of the real one: responses within 4, 2, 1, 0.4 % at dt of 2e-4, 1e-4, 5e-5, 2e-5 s
                 with the contact in stick. Resonances above keep their place, but the damper k dt/2 rules their height: at
@@ -32,7 +32,7 @@ from plant_sim.rigs.tribometer_integration import COLUMNS, advance
 from plant_sim.rigs.tribometer_sensors import RINGS, Sensors
 from plant_sim.rigs.tribometer_structure import Chain
 from protocols.errors import InputError
-from protocols.parameters import ParameterSet, load_defaults
+from protocols.files.parameters import ParameterSet, load_defaults
 
 Array = np.ndarray
 DEFAULTS = Path(__file__).parents[1] / "parameters" / "tribometer.toml"

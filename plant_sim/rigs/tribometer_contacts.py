@@ -21,7 +21,7 @@ from plant_sim.friction.load_law import LoadLaw
 from plant_sim.friction.model import require
 from plant_sim.friction.xgms import XGMS
 from plant_sim.rigs.tribometer import Tribometer, mean_radius, nominal
-from protocols.parameters import ParameterSet, load_defaults
+from protocols.files.parameters import ParameterSet, load_defaults
 
 DEFAULTS = Path(__file__).parents[1] / "parameters" / "tribometer_contacts.toml"
 ELEMENTS = 10  # ours: with more the pre-sliding curve does not look smoother

@@ -13,7 +13,7 @@ from math import pi
 
 import numpy as np
 
-from protocols.parameters import ParameterSet
+from protocols.files.parameters import ParameterSet
 
 Array = np.ndarray
 RINGS = 3

@@ -3,7 +3,7 @@
 Equation        rig.md, 1 to 8, with the laws in `plant_sim.blocks`, the clutch of `clutch_unit` and the effects that are on
 Integration     steps of at most 0.1 ms. Valve, cylinder and piston: classical Runge-Kutta of order 4. Friction state: exact
                 exponential at the pressure of mid-step. Motor, oil, angle: midpoint rule. Against LSODA at rtol 1e-9
-                (tests/test_wet_clutch.py) the pressure differs by less than an ADC step.
+                (tests/plant_sim/test_wet_clutch.py) the pressure differs by less than an ADC step.
 Assumptions     inputs constant over a call; viscosity ratio constant over a step
 Not modelled    what each block lists; effects beside the baseline: `clutch-hil effects`
 References      Janssens 2010, chapter 6
@@ -19,14 +19,14 @@ import numpy as np
 from numba import from_dtype, njit
 
 from plant_sim.blocks import motor, oil
-from plant_sim.blocks.sensors import Scales, Sensors
 from plant_sim.effects.catalogue import effects as catalogue
 from plant_sim.effects.signals import DRIVE, RIG, SENSORS, SIGNALS, attached, bound, call, known
 from plant_sim.effects.table import added_rate, compile_all, table
 from plant_sim.rigs.clutch_unit import actuate, friction_pressure, slide, stack_force, viscosity_ratio
+from plant_sim.rigs.sensors import Scales, Sensors
 from plant_sim.rigs.standstill import PIECE, capacity, held, near_standstill, nearly_at_rest
 from protocols.errors import InputError
-from protocols.parameters import ParameterSet, load_defaults, load_overlay
+from protocols.files.parameters import ParameterSet, load_defaults, load_overlay
 
 DEFAULTS = Path(__file__).parents[1] / "parameters" / "janssens2010.toml"
 STEP_LIMIT = 1e-4  # s, longest integration step: rig.md; the stack on its damping has a time constant of 0.4 ms

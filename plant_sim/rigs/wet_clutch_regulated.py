@@ -6,8 +6,8 @@ Equation        rig.md, pressure regulator: u = p_d + k_p (p_d - p) + k_i integr
                 acquisition shows it; fill at the fill pressure until contact, release to voltage 0
 Assumptions     one sample from measurement to voltage and from set-point to speed demand, as on the bus
 Not modelled    noise, rounding, faults, torque demands
-References      rig.md; rt_controller/law.py and phases.py, whose parameters are taken (tests/discrepancy/test_experiment.py
-                holds both together)
+References      rig.md; rt_controller/law/torque_law.py and phases.py, whose parameters are taken; test_experiment.py holds both
+                together
 """
 
 from typing import NamedTuple
@@ -15,13 +15,13 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from plant_sim.blocks.sensors import voltages
 from plant_sim.effects.signals import ACQUISITION, SIGNALS, attached, bound, call, known
-from plant_sim.profile import Profile
+from plant_sim.profiles.profile import Profile
+from plant_sim.rigs.sensors import voltages
 from plant_sim.rigs.wet_clutch import Rig, advance, nominal
 from plant_sim.rigs.wet_clutch_run import QUIET
+from protocols.files.units import ZERO_CELSIUS
 from protocols.node import node_factory
-from protocols.units import ZERO_CELSIUS
 
 _OPEN, _FILL, _CLOSED = range(3)
 

@@ -11,8 +11,8 @@ The compiled call lets other threads run: several runs are simulated side by sid
 import numpy as np
 from numba import njit
 
-from plant_sim.blocks.sensors import voltages
 from plant_sim.effects.signals import ACQUISITION, RIG, SIGNALS, attached, bound, call, known
+from plant_sim.rigs.sensors import voltages
 from plant_sim.rigs.wet_clutch import move
 
 PRESSURE, SLIP, ANGLE, TEMPERATURE, CLUTCH_TORQUE, MOTOR_TORQUE = range(6)  # columns of what `run` returns

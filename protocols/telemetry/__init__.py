@@ -6,3 +6,5 @@ service <--mailbox-- its telemetry process <--query-- `clutch-hil tune` (`tuning
 Keys and encodings: `keys.py`, `batch.py`. One service has one telemetry process, so that a controller on a real rig is
 as visible as the bench.
 """
+
+READY = "ready"  # file in the folder of a service, which its telemetry process makes when it publishes

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 import pyarrow as pa
 
-from protocols.arrow import from_rows, numbers
 from protocols.errors import InputError
+from protocols.files.arrow import from_rows, numbers
 from protocols.node import Column
 
 ENCODING = "application/vnd.apache.arrow.stream"  # registered with IANA

@@ -5,7 +5,7 @@ from typing import Any
 
 
 class Coming:
-    """Changes as `protocols.tuning.Injectable` tells them: those `planned`, and those under way."""
+    """Changes as `protocols.telemetry.tuning.Injectable` tells them: those `planned`, and those under way."""
 
     def __init__(self, planned: Sequence[dict[str, Any]]) -> None:
         self.planned = list(planned)

@@ -15,18 +15,18 @@ from typing import Any
 
 import numpy as np
 
-from protocols.beat import Beat, warm_book
-from protocols.child import clutch_hil, spawn
-from protocols.clock import Clock
 from protocols.errors import InputError
-from protocols.mailbox import Mailbox
+from protocols.files.parameters import ParameterSet
 from protocols.node import Column
-from protocols.parameters import ParameterSet
-from protocols.ring import RingWriter
-from protocols.shared_folder import SharedFolder
-from protocols.telemetry.cli import READY
+from protocols.realtime.beat import Beat, warm_book
+from protocols.realtime.child import module, spawn
+from protocols.realtime.clock import Clock
+from protocols.realtime.mailbox import Mailbox
+from protocols.realtime.ring import RingWriter
+from protocols.realtime.shared_folder import SharedFolder
+from protocols.telemetry import READY
 from protocols.telemetry.keys import bench_name
-from protocols.tuning import Tunable, Tuning, described
+from protocols.telemetry.tuning import Tunable, Tuning, described
 
 RING_ROWS = 65_536  # a minute at 1 kHz
 TIMING = (
@@ -121,7 +121,7 @@ class Outlet:
     def _published(self, ring: Path, router: str | None) -> "subprocess.Popen[bytes]":
         """The telemetry process, once it publishes. Raises InputError with its reason when it does not."""
         folder = self._folder.path
-        command = clutch_hil("telemetry", str(ring), str(folder), *(["--router", router] if router else []))
+        command = module("protocols.telemetry", str(ring), str(folder), *(["--router", router] if router else []))
         terminal = os.dup(2)  # there it tells faults; its own stderr is for what goes wrong with itself
         command += ["--terminal", str(terminal)]
         with tempfile.TemporaryFile("w+", errors="replace") as log:

@@ -15,14 +15,14 @@ from typing import Any
 import numpy as np
 import zenoh
 
-from protocols.blind import tells_truth
+from protocols.can.fault_text import FaultWatch
 from protocols.errors import InputError
-from protocols.faults import FaultWatch
-from protocols.mailbox import Asker
 from protocols.node import Column
-from protocols.ring import RingReader
-from protocols.stopping import Stop
+from protocols.realtime.mailbox import Asker
+from protocols.realtime.ring import RingReader
+from protocols.realtime.stopping import Stop
 from protocols.telemetry.batch import ENCODING, BatchEncoder, published_columns
+from protocols.telemetry.blind import tells_truth
 from protocols.telemetry.coming import Coming
 from protocols.telemetry.keys import Keys
 from protocols.telemetry.session import publisher_session

@@ -12,24 +12,24 @@ import cantools
 import numpy as np
 import pytest
 
-from plant_sim.bench.in_process import play
-from plant_sim.node import PlantNode
-from plant_sim.profile import load_profile
-from protocols.batch import batch, load, unload
-from protocols.bus import Port, listen, open_bus
+from clutch_hil.bench.in_process import play
+from plant_sim.node.plant_node import PlantNode
+from plant_sim.profiles.profile import load_profile
+from protocols.buses.bus import Port, listen, open_bus
+from protocols.buses.exchange import Exchange
+from protocols.can.frame_batch import batch, load, unload
+from protocols.can.frames import DBC, Frame, load_frames
+from protocols.can.reception import Reception
 from protocols.errors import InputError
-from protocols.exchange import Exchange
-from protocols.frames import DBC, Frame, load_frames
+from protocols.files.runs import read_run
 from protocols.node import node_factory
-from protocols.reception import Reception
-from protocols.runs import read_run
 from tests import needs
-from tests.bus_log import write_log
 from tests.processes import said
+from tests.rt_controller.bus_log import write_log
 
 RATE = 100  # Hz: a guest pays 15 us a system call and now and then 25 ms; timing is judged on the host (timing.md)
 BUS = "vcan0"
-COMMAND = [sys.executable, "-m", "protocols"]
+COMMAND = [sys.executable, "-m", "clutch_hil"]
 
 
 def clutch_hil(*arguments: str, timeout: float = 120.0) -> subprocess.CompletedProcess:
@@ -135,8 +135,8 @@ def test_the_jitter_report_on_a_can_kernel() -> None:
 
 def test_frames_keep_their_order() -> None:
     sender = f"""
-from protocols.bus import open_bus
-from protocols.frames import Frame
+from protocols.buses.bus import open_bus
+from protocols.can.frames import Frame
 import time
 with open_bus("{BUS}") as port:
     for k in range(5000):

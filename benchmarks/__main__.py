@@ -1,0 +1,52 @@
+"""Benchmarks by one command: python -m benchmarks [loop | clutches | friction]; the battery: python -m benchmarks.battery."""
+
+import typer
+
+from clutch_hil.command import main_of, report
+from clutch_hil.commands.options import BUS, JSON
+from protocols.errors import InputError
+
+
+def benchmark(
+    what: str = typer.Argument(
+        "loop", help="loop: kernel, controller and closed loop; clutches: cost of 1 to 8; friction: friction models"
+    ),
+    bus: str = BUS,
+    seconds: float = typer.Option(60.0, help="length of the closed loop in real time, in s"),
+    json_output: bool = JSON,
+) -> None:
+    """Measure the loop, or our friction models beside those of other packages, on this machine."""
+    import platform
+
+    from benchmarks.loop import Target, loop_text
+    from benchmarks.loop import benchmark as measure
+    from clutch_hil.bench.progress import progress_bar, table_text
+
+    if what == "loop":
+        targets, document = measure(bus, seconds, json_output)
+        extra = loop_text(document)
+    elif what == "friction":
+        from benchmarks.friction import friction_benchmark
+
+        with progress_bar("friction models", json_output) as progress:
+            models, targets, document = friction_benchmark(progress)
+        extra = table_text(models)
+    elif what == "clutches":
+        from benchmarks.clutches import clutch_costs, table
+
+        with progress_bar("clutches", json_output) as progress:
+            targets, document = clutch_costs(min(seconds, 24.0), progress)
+        extra = table_text(table(document))
+    else:
+        raise InputError(f"benchmark {what!r} does not exist; known are clutches, friction, loop")
+    rows = [Target.HEAD, *(target.row() for target in targets)]
+    machine = f"machine: {platform.machine()}, Linux {platform.release()}, Python {platform.python_version()}"
+    missed = [target.name for target in targets if not target.met]
+    verdict_text = "all met" if not missed else f"not met: {', '.join(missed)}"
+    if without := document.get("not_installed"):
+        verdict_text += f"; not measured: {', '.join(without)}, not installed"
+    report(document, "\n".join([machine, extra, "", table_text(rows)]), verdict_text, not missed, json_output)
+
+
+if __name__ == "__main__":
+    main_of(lambda: typer.run(benchmark))

@@ -1,0 +1,103 @@
+"""Echo: what the bus alone costs. A source sends the plant's frames, an echo answers each sample with a command, and neither
+computes anything. `python -m clutch_hil.bench.echo JSON`
+
+`raw` is our own path; `python-can` does the same with message objects and cantools, as a first attempt would.
+"""
+
+import json
+import sys
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from subprocess import Popen
+from typing import Any
+
+import can
+import cantools.database
+
+from protocols.buses.bus import open_bus
+from protocols.can.frames import DBC, Frame, load_frames
+from protocols.realtime.child import spawn
+from protocols.realtime.clock import Clock
+from protocols.realtime.rights import prepare
+from protocols.realtime.stopping import Stop
+
+_PATIENCE = 0.2  # s without a sample after which an echo looks whether it is to end
+
+
+@dataclass(frozen=True)
+class Echo:
+    """`role` is source, raw or python-can; at `rate` [Hz] on `bus`, on a CPU with a priority of SCHED_FIFO. A source sends for
+    `seconds` [s]; an echo answers from when the file `ready` is there until SIGTERM."""
+
+    role: str
+    bus: str
+    rate: int
+    seconds: float
+    cpu: int
+    priority: int
+    ready: str = ""
+
+    def spawn(self) -> "Popen[bytes]":
+        """The role as a process of its own."""
+        return spawn([sys.executable, "-P", "-m", "clutch_hil.bench.echo", json.dumps(asdict(self))])
+
+    def run(self) -> None:
+        """Play the role."""
+        {"source": self._source, "raw": self._raw, "python-can": self._python_can}[self.role]()
+
+    def _source(self) -> None:
+        frames = load_frames()
+        analog, encoder = frames["ANALOG_SENSORS"], frames["ENCODER"]
+        clock = Clock(1_000_000_000 // self.rate)
+        with open_bus(self.bus, []) as port:
+            prepare(self.cpu, self.priority)
+            clock.start(time.monotonic_ns() + clock.period_ns)
+            for tick in range(round(self.seconds * self.rate)):
+                clock.wait()
+                port.send(Frame(analog.can_id, analog.pack_raw(tick, 100, 100, 100, 100)))
+                port.send(Frame(encoder.can_id, encoder.pack_raw(tick, tick, tick & 0xFFFF)))
+                clock.done()
+
+    def _raw(self) -> None:
+        frames = load_frames()
+        analog, encoder, valve = (frames[name] for name in ("ANALOG_SENSORS", "ENCODER", "VALVE_COMMAND"))
+        with Stop() as stop, open_bus(self.bus, [analog.can_id, encoder.can_id]) as port:
+            prepare(self.cpu, self.priority)
+            Path(self.ready).touch()
+            while not stop.asked:
+                if port.wait(_PATIENCE):
+                    for can_id, data in port.receive():
+                        if can_id == analog.can_id:
+                            analog.unpack(data)
+                        elif can_id == encoder.can_id:
+                            tick = encoder.raw(data).sample_tick
+                            port.send(Frame(valve.can_id, valve.pack(tick, 1, 1.0, tick)))
+
+    def _python_can(self) -> None:
+        database: Any = cantools.database.load_file(DBC)
+        analog, encoder, valve = (
+            database.get_message_by_name(name) for name in ("ANALOG_SENSORS", "ENCODER", "VALVE_COMMAND")
+        )
+        local = self.bus.startswith("local:")
+        channel, interface = (self.bus.removeprefix("local:"), "local") if local else (self.bus, "socketcan")
+        filters = [{"can_id": m.frame_id, "can_mask": 0x7FF} for m in (analog, encoder)]
+        with Stop() as stop, can.Bus(channel, interface=interface, can_filters=filters) as bus:
+            prepare(self.cpu, self.priority)
+            Path(self.ready).touch()
+            while not stop.asked:
+                message = bus.recv(_PATIENCE)
+                if message is None:
+                    continue
+                if message.arbitration_id == analog.frame_id:
+                    analog.decode(bytes(message.data))
+                elif message.arbitration_id == encoder.frame_id:
+                    values: dict[str, Any] = encoder.decode(bytes(message.data))
+                    tick = values["SAMPLE_TICK"]
+                    signals = {"CRC": 0, "COUNTER": tick & 15, "VALVE_ENABLE": 1, "VALVE_VOLTAGE": 1.0}
+                    data = valve.encode(signals | {"SAMPLE_TICK": tick})
+                    bus.send(can.Message(arbitration_id=valve.frame_id, data=data, is_extended_id=False))
+
+
+if __name__ == "__main__":
+    Echo(**json.loads(sys.argv[1])).run()

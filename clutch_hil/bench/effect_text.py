@@ -1,0 +1,155 @@
+"""Effects as text and for machines: the list of all, and everything about one."""
+
+import re
+import textwrap
+from collections.abc import Iterable, Sequence
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import plant_sim.effects
+from clutch_hil.bench.bars import sparkline
+from clutch_hil.bench.demonstration import Demonstration
+from plant_sim.effects.effect import BLOCKS, Effect, Shape, Strength
+from plant_sim.effects.signals import HOOKS
+
+_POINTS = 40  # characters of a sparkline
+_GAP = "  "
+_SECTION = re.compile(r"([A-Z][\w ]*?) {2,}(.*)")  # its name stands at the margin
+_NAME = 16  # characters before a section's text, in the files and here
+
+
+def in_order(effects: Iterable[Effect]) -> list[Effect]:
+    """Effects by block, as the signal runs, then by name."""
+    return sorted(effects, key=lambda effect: (BLOCKS.index(effect.block), effect.name))
+
+
+def is_ours(effect: Effect) -> bool:
+    """Whether its file is one of this package; else it is a user's."""
+    return Path(plant_sim.effects.__file__).parent in effect.path.parents
+
+
+def sections(effect: Effect) -> dict[str, str]:
+    """The sections of its file's docstring by name; lines as written, without their indentation."""
+    found: dict[str, str] = {}
+    for line in effect.text.splitlines()[1:]:
+        if section := _SECTION.match(line):
+            found[section[1]] = section[2]
+        elif found and line.strip():
+            found[list(found)[-1]] += f"\n{line.strip()}"
+    return found
+
+
+def list_text(effects: Sequence[Effect], width: int) -> str:
+    """Effects in order, by block: a line for each, and for each of their parameters, cut at `width` characters."""
+    parameters = iter(_aligned([_cells(p) for effect in effects for p in effect.parameters]))
+    lines = []
+    for block, members in groupby(effects, lambda effect: effect.block):
+        lines += ["", block.upper()]
+        for effect in members:
+            remarks = [] if effect.candidate else ["no candidate"]
+            remarks += [] if is_ours(effect) else [f"from {effect.path.parent}"]
+            remark = f" ({'; '.join(remarks)})" if remarks else ""
+            lines += [
+                f"  {effect.name}{remark}: {effect.title}",
+                *(f"      {next(parameters)}" for _ in effect.parameters),
+            ]
+    return "\n".join(line if len(line) <= width else f"{line[: width - 1]}…" for line in lines[1:])
+
+
+def list_markdown(effects: Sequence[Effect]) -> str:
+    """Effects in order as a Markdown table; a star marks those that are no candidates."""
+    lines = ["| block | effect | what | parameters |", "|---|---|---|---|"]
+    for effect in effects:
+        named = ", ".join(p.name if p.unit == "1" else f"{p.name} [{p.unit}]" for p in effect.parameters)
+        star = "" if effect.candidate else " *"
+        lines.append(f"| {effect.block} | `{effect.name}`{star} | {effect.title} | {named} |")
+    return "\n".join(lines)
+
+
+def sheet_text(effect: Effect, shown: Demonstration, width: int) -> str:
+    """Everything about an effect, with what it does to the rig as a small plot, in lines of about `width` characters."""
+    told = {
+        **sections(effect),
+        "Block": effect.block,
+        "Hooks": ", ".join(HOOKS[hook] for hook in sorted(effect.laws)),
+        "States": ", ".join(f"{s.name}{f' ({s.size})' if s.size > 1 else ''} [{s.unit}]" for s in effect.states)
+        or "none",
+        "Excludes": ", ".join(effect.excludes) or "nothing",
+        "Candidate": f"{'yes' if effect.candidate else 'no'}, of `clutch-hil discrepancy`",
+    }
+    lines = [_section(name, text, width) for name, text in told.items()]
+    rows = _aligned([_cells(p) for p in effect.parameters])
+    parameters = [textwrap.fill(row, max(width, 40), subsequent_indent=" " * _NAME) for row in rows]
+    return "\n".join([f"{effect.name}: {effect.title}", "", *lines, "", *parameters, "", _plot(shown)])
+
+
+def document(effect: Effect) -> dict[str, Any]:
+    """An effect for machines; values and bounds in the parameter's unit."""
+    return {
+        "name": effect.name,
+        "block": effect.block,
+        "title": effect.title,
+        "candidate": effect.candidate,
+        "path": str(effect.path),
+        "ours": is_ours(effect),
+        "hooks": [HOOKS[hook] for hook in sorted(effect.laws)],
+        "states": [{"name": s.name, "unit": s.unit, "size": s.size} for s in effect.states],
+        "excludes": list(effect.excludes),
+        "sections": sections(effect),
+        "parameters": [
+            {
+                "name": f"{effect.name}.{p.name}",
+                "kind": "strength" if isinstance(p, Strength) else "shape",
+                "unit": p.unit,
+                "off": p.off if isinstance(p, Strength) else None,
+                "typical": p.typical,
+                "bounds": list(p.bounds),
+                "source": p.source,
+            }
+            for p in effect.parameters
+        ],
+    }
+
+
+def _cells(p: Strength | Shape) -> tuple[str, ...]:
+    off = f"off {p.off:g}" if isinstance(p, Strength) else "shape"
+    return (p.name, p.unit, off, f"typical {p.typical:g}", f"{p.bounds[0]:g}..{p.bounds[1]:g}", p.source)
+
+
+def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return [_GAP.join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
+
+
+def _section(name: str, text: str, width: int) -> str:
+    """`name` and its text, wrapped where it is too long, its own lines kept: equations stand as written."""
+    lines = [part for line in text.splitlines() for part in textwrap.wrap(line, max(width - _NAME, 40)) or [""]]
+    return "\n".join(f"{name if i == 0 else '':<{_NAME}}{line}".rstrip() for i, line in enumerate(lines))
+
+
+def _plot(shown: Demonstration) -> str:
+    """The quantity without, with and the difference as sparklines over time."""
+    without, with_it = shown.without[shown.column], shown.with_it[shown.column]
+    low, high = min(without.min(), with_it.min()), max(without.max(), with_it.max())
+    rows = (
+        ("without", without, low, high),
+        ("with", with_it, low, high),
+        ("with - without", shown.difference, *_span(shown.difference)),
+    )
+    lines = [f"{shown.what} [{shown.unit}] over time: {shown.excitation.title}"]
+    lines += [
+        f"{name:<{_NAME}}{sparkline(_means(y), *ends)}  {ends[0]:.4g}..{ends[1]:.4g} {shown.unit}"
+        for name, y, *ends in rows
+    ]
+    return "\n".join(lines)
+
+
+def _span(values: np.ndarray) -> tuple[float, float]:
+    return min(float(values.min()), 0.0), max(float(values.max()), 0.0)
+
+
+def _means(values: np.ndarray) -> np.ndarray:
+    return np.array([part.mean() for part in np.array_split(values, _POINTS)])

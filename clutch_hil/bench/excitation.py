@@ -1,0 +1,143 @@
+"""Excitations of the rig in open loop: what shows an effect, and the rig's measured answer to them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from plant_sim.rigs import wet_clutch
+from plant_sim.rigs.sensors import Sensors
+from protocols.can.frames import load_frames
+from protocols.files.parameters import ParameterSet
+from protocols.files.units import ZERO_CELSIUS
+
+PERIOD = 1e-3  # s, of samples and inputs
+QUANTITIES: Mapping[str, tuple[str, str, float]] = {  # column of rig.md: what, unit, resolution
+    # resolution: standard deviation of noise and quantisation together, rig.md 9; of slip that of the encoder over a period
+    "clutch_torque_nm": ("clutch torque", "Nm", 0.05),
+    "cylinder_pressure_bar": ("cylinder pressure", "bar", 0.0053),
+    "slip_speed_rad_s": ("slip speed", "rad/s", 0.016),
+    "oil_temperature_degc": ("oil temperature", "degC", 0.104),
+    "motor_torque_nm": ("motor torque", "Nm", 0.051),
+    "shaft_angle_rad": ("shaft angle", "rad", 1.1e-5),
+}
+_SUBSTEPS = round(PERIOD / wet_clutch.STEP_LIMIT)
+_QUIET = {f"sensors.{name}_noise": 0.0 for name in ("pressure", "temperature", "torque")}
+_BAR_PER_VOLT = 2.5  # rig.md, 1
+_PRESSED = 3.4 / _BAR_PER_VOLT  # V, at which most figures of chapter 6 are measured
+
+
+@dataclass(frozen=True, eq=False)
+class Excitation:
+    """Valve voltage [V] and speed demand [rad/s], each (n,), one value a PERIOD, from `celsius` [degC] on.
+
+    `filled`: the piston begins at the plates, else at rest. The answer to the first `settling` samples is not looked at.
+    `over`: the column its answer is drawn over.
+    """
+
+    title: str
+    voltage: np.ndarray
+    speed: np.ndarray
+    settling: int = 0
+    celsius: float = 70.0
+    filled: bool = True
+    over: str = "time_s"
+
+
+def answer(
+    parameters: ParameterSet, excitation: Excitation, later: tuple[int, ParameterSet] | None = None
+) -> dict[str, np.ndarray]:
+    """Columns of rig.md (n,) that the data acquisition, free of noise, takes from a rig with `parameters`.
+
+    later: a sample and the parameters from it on.
+    """
+    rig = wet_clutch.Rig(parameters.with_values(_QUIET))
+    begin = rig.filled if excitation.filled else rig.at_rest
+    state = begin(excitation.speed[0], excitation.celsius + ZERO_CELSIUS)
+    sensors, limit = Sensors(1), parameters["motor.torque_limit"].si
+    samples = np.empty((len(excitation.voltage), 5))
+    for k, (voltage, speed) in enumerate(zip(excitation.voltage.tolist(), excitation.speed.tolist(), strict=True)):
+        if later and later[0] == k:
+            before, rig = rig, wet_clutch.Rig(later[1].with_values(_QUIET))
+            state = state._replace(effects=rig.table.carried(state.effects, before.table))
+        counts, state = sensors.sample(rig, state, PERIOD)
+        samples[k] = counts
+        state = rig.advance(state, voltage, speed, limit, PERIOD, _SUBSTEPS)
+    return _columns(samples, excitation)
+
+
+def _columns(samples: np.ndarray, excitation: Excitation) -> dict[str, np.ndarray]:
+    frames = load_frames()
+    scale = frames["ANALOG_SENSORS"].scale | frames["ENCODER"].scale
+    names = ("cylinder_pressure", "oil_temperature", "motor_torque", "clutch_torque", "shaft_angle")
+    pressure, temperature, motor, clutch, angle = (samples[:, i] * scale[name] for i, name in enumerate(names))
+    return {
+        "time_s": PERIOD * np.arange(len(samples)),
+        "valve_voltage_v": excitation.voltage,
+        "motor_speed_demand_rad_s": excitation.speed,
+        "cylinder_pressure_bar": pressure,
+        "slip_speed_rad_s": np.gradient(angle, PERIOD),
+        "shaft_angle_rad": angle,
+        "oil_temperature_degc": temperature,
+        "clutch_torque_nm": clutch,
+        "motor_torque_nm": motor,
+    }
+
+
+def _engagement(celsius: float) -> Excitation:
+    voltage = np.concatenate([np.full(450, _PRESSED), np.zeros(300)])
+    title = f"step to 3.4 bar and release, 20 rad/s, {celsius:g} degC"
+    return Excitation(title, voltage, np.full(len(voltage), 20.0), celsius=celsius, filled=False)
+
+
+def _triangle() -> Excitation:
+    up = np.linspace(2.4, 4.2, 1500)
+    pressure = np.concatenate(
+        [np.full(300, 2.4), up, up[::-1], up, up[::-1]]
+    )  # the first loop begins where no loop ends
+    return Excitation(
+        "triangle of 2.4 to 4.2 bar, 1.5 s each way, 20 rad/s",
+        pressure / _BAR_PER_VOLT, np.full(len(pressure), 20.0), settling=300 + 3000, over="valve_voltage_v",
+    )  # fmt: skip
+
+
+def _slip_sine(amplitude: float, hertz: float) -> Excitation:
+    period = round(1.0 / (hertz * PERIOD))
+    speed = amplitude * np.cos(2.0 * np.pi / period * np.arange(period + 3000 // period * period))
+    return Excitation(
+        f"slip sine of {amplitude:g} rad/s, {hertz:g} Hz, 3.4 bar",
+        np.full(len(speed), _PRESSED), speed, settling=len(speed) - period, over="motor_speed_demand_rad_s",
+    )  # fmt: skip
+
+
+def _slip_steps() -> Excitation:
+    speed = np.concatenate([np.full(600, 5.0), np.full(200, 15.0), np.full(200, 5.0)])
+    return Excitation("slip steps 5, 15, 5 rad/s, 3.4 bar", np.full(len(speed), _PRESSED), speed, settling=550)
+
+
+def _crawl() -> Excitation:
+    return Excitation("slip of 4 rad/s, 3.4 bar", np.full(2200, _PRESSED), np.full(2200, 4.0), settling=600)
+
+
+def _hold() -> Excitation:
+    voltage = np.concatenate([np.full(12000, _PRESSED), np.zeros(1000)])
+    return Excitation(
+        "12 s of 3.4 bar and 20 rad/s from 50 degC on, then released",
+        voltage, np.full(len(voltage), 20.0), settling=400, celsius=50.0,
+    )  # fmt: skip
+
+
+@cache
+def excitations() -> Mapping[str, Excitation]:
+    """Every excitation by name."""
+    return {
+        "engagement": _engagement(70.0),
+        "cold_engagement": _engagement(40.0),
+        "triangle": _triangle(),
+        "slip_sine": _slip_sine(15.0, 0.5),
+        "reversals": _slip_sine(1.9, 1.0),
+        "slip_steps": _slip_steps(),
+        "crawl": _crawl(),
+        "hold": _hold(),
+    }

@@ -1,0 +1,235 @@
+"""What `clutch-hil jitter` tells: a table, ratios to the witness, to cyclictest and to an echo, a picture, a verdict."""
+
+import platform
+from collections.abc import Mapping, Sequence
+from math import inf, nan
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clutch_hil.bench import palette
+from clutch_hil.bench.jitter import SWEPT, Measured, Point, Setting, summary
+from clutch_hil.bench.loads import Load
+from clutch_hil.bench.progress import table_text
+from protocols.errors import InputError
+
+_SERVICES = ("plant", "controller")
+_TAKEN = ("page faults plant", "controller", "collections", "threads")
+_SHOWN = ("p50", "p99", "p99.9", "p99.99", "max")
+# What the p99.9 of the wake-up [us] means for a machine, in the bands of LinuxCNC's latency test, which takes the maximum
+BANDS = ((20.0, "excellent"), (50.0, "good"), (100.0, "fair"), (1000.0, "poor: late now and then at 1 kHz"))
+UNUSABLE = "unusable for a fixed rate"
+KNEE = 0.002  # share of late cycles up to which a rate is kept
+MOST_UNEXPLAINED = 100.0  # late cycles per million that the machine does not explain: more is a bad verdict
+
+
+def checked(setting: Setting, cpus: Sequence[int]) -> Setting:
+    """The setting when it can be measured. Raises InputError."""
+    if setting.cpu not in cpus:
+        raise InputError(f"CPU {setting.cpu} is not ours; allowed are {', '.join(map(str, cpus))}")
+    if not 1.0 <= setting.piece <= 60.0:
+        raise InputError(
+            f"{setting.seconds:g} s in {setting.rounds} rounds is not possible; allowed are 1 to 60 s a round"
+        )
+    return setting
+
+
+def document(
+    setting: Setting, loads: Sequence[Load], measured: Mapping[str, Measured], interrupted: bool
+) -> dict[str, Any]:
+    """Everything that was measured, for machines."""
+    phases: dict[str, Any] = {}
+    for name, one in measured.items():
+        if not one.durations:
+            continue
+        entry: dict[str, Any] = {what: summary(one.all(what)) for what in one.durations}
+        if one.witness:
+            entry["witness"] = summary(np.concatenate(one.witness))
+        entry |= _counts(one)
+        phases[name] = entry
+    return {
+        "machine": f"{platform.machine()}, Linux {platform.release()}, Python {platform.python_version()}",
+        "bus": setting.bus, "rate_hz": setting.rate, "cpu": setting.cpu, "spin_us": setting.spin_us,
+        "seconds": setting.seconds, "rounds": setting.rounds, "telemetry": setting.telemetry,
+        "loads": [load.name for load in loads],
+        "interrupted": interrupted, "phases": phases, "ratios": _ratios(phases),
+    }  # fmt: skip
+
+
+def _counts(one: Measured) -> dict[str, Any]:
+    """Cycles, late ones, and where there were services, what these took from the system."""
+    counts: dict[str, Any] = {"cycles": one.cycles, "near": one.near, "late": one.late, "unexplained": one.unexplained}
+    return counts | ({"footprint": {k: dict(v) for k, v in one.footprint.items()}} if one.footprint else {})
+
+
+def _share(told: Mapping[str, Any]) -> str:
+    """Percentage of all cycles that are near time lost to the machine."""
+    return f"{100.0 * told['near'] / max(told['cycles'], 1):.2f}"
+
+
+def _footprint(told: Mapping[str, Any]) -> tuple[str, ...]:
+    """Page faults of plant and controller, collections and threads of both."""
+    taken = told.get("footprint", {})
+    faults = [str(one["minor_faults"] + one["major_faults"]) for one in (taken.get(k) for k in _SERVICES) if one]
+    both = [str(sum(one[what] for one in taken.values())) for what in ("collections", "threads_begun")]
+    return (*faults, *both) if taken else ("-",) * 4
+
+
+def _ratios(phases: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Of p50, p99 and p99.9, each pair measured in one run."""
+    found = []
+
+    def ratio(name: str, what: str, beside: str, other: Mapping[str, float]) -> None:
+        own = phases[name][what]
+        shares = {p: own[p] / other[p] for p in ("p50", "p99", "p99.9") if p in own and p in other and other[p] > 0.0}
+        found.append({"of": f"{what} of {name}", "to": beside, **shares})
+
+    for name in phases:
+        if "wake" in phases[name] and "witness" in phases[name] and name != "closed loop, bus":
+            ratio(name, "wake", "its witness", phases[name]["witness"])
+        if "wake" in phases[name] and "cyclictest" in phases and name not in ("cyclictest", "closed loop, bus"):
+            ratio(name, "wake", "cyclictest", phases["cyclictest"]["wake"])
+    for echo in ("echo, raw frames", "echo, python-can and cantools"):
+        if echo in phases and "closed loop, bus" in phases:
+            ratio("closed loop, bus", "latency", echo, phases[echo]["latency"])
+    return found
+
+
+def text(told: Mapping[str, Any]) -> str:
+    """The tables, for people."""
+    rows: list[tuple[str, ...]] = [("phase", "us", *_SHOWN)]
+    for name, one in told["phases"].items():
+        shown = [what for what in ("wake", "witness", "step", "latency", "period") if what in one]
+        rows += [
+            (name if what == shown[0] else "", what, *(_number(one[what].get(p, nan)) for p in _SHOWN))
+            for what in shown
+        ]
+    counts = [("phase", "cycles", "near %", "late", "unexplained", "a million", *_TAKEN)]
+    for name, one in told["phases"].items():
+        if "period" in one:
+            million = 1e6 * one["unexplained"] / max(one["cycles"], 1)
+            late = (str(one["cycles"]), _share(one), str(one["late"]), str(one["unexplained"]), f"{million:.0f}")
+            counts.append((name, *late, *_footprint(one)))
+    ratios: list[tuple[str, ...]] = [("ratio of", "to", "p50", "p99", "p99.9")]
+    ratios += [
+        (one["of"], one["to"], *(_number(one.get(p, nan), 2) for p in ("p50", "p99", "p99.9")))
+        for one in told["ratios"]
+    ]
+    load = f"load: {', '.join(told['loads'])}" if told["loads"] else "load: none"
+    return "\n".join(
+        [f"machine: {told['machine']}; {load}", "", table_text(rows), "", table_text(counts), "", table_text(ratios)]
+    )
+
+
+def sweep_document(
+    setting: Setting, loads: Sequence[Load], measured: Mapping[Point, Measured], interrupted: bool
+) -> dict[str, Any]:
+    """What was measured at each rate, and by trigger the knee [Hz]: the highest rate up to which each has at most KNEE late."""
+    rates: list[dict[str, Any]] = []
+    knee: dict[str, int | None] = {}
+    over: set[str] = set()  # triggers
+    for (rate, trigger), one in sorted(measured.items(), key=lambda found: (SWEPT.index(found[0][1]), found[0])):
+        knee.setdefault(trigger, None)
+        late = one.late / one.cycles if one.cycles and not one.failure else inf
+        if late > KNEE:
+            over.add(trigger)
+        elif trigger not in over:
+            knee[trigger] = rate
+        if late == inf:
+            rates.append({"rate_hz": rate, "trigger": trigger, "failure": one.failure})
+            continue
+        durations = {what: summary(one.all(what)) for what in ("wake", "step", "period")}
+        rates.append({"rate_hz": rate, "trigger": trigger, **_counts(one), "late_share": late, **durations})
+    machine = f"{platform.machine()}, Linux {platform.release()}, Python {platform.python_version()}"
+    return {
+        "machine": machine, "bus": setting.bus, "cpu": setting.cpu, "spin_us": setting.spin_us,
+        "seconds": setting.seconds, "rounds": setting.rounds, "telemetry": setting.telemetry,
+        "loads": [load.name for load in loads], "interrupted": interrupted, "rates": rates, "knee_hz": knee,
+    }  # fmt: skip
+
+
+def sweep_text(told: Mapping[str, Any]) -> str:
+    """The table by rate, for people."""
+    rows: list[tuple[str, ...]] = [
+        ("begun by", "rate Hz", "period us", "cycles", "near %", "late %", "unexplained", "wake p50", "p99", "step p50", "p99",
+         *_TAKEN)
+    ]  # fmt: skip
+    for one in told["rates"]:
+        at = (one["trigger"], str(one["rate_hz"]), f"{1e6 / one['rate_hz']:.0f}")
+        if "failure" in one:
+            rows.append((*at, "failed", *["-"] * 11))
+            continue
+        shown = [_number(one[what].get(p, nan)) for what in ("wake", "step") for p in ("p50", "p99")]
+        counts = (str(one["cycles"]), _share(one), f"{100.0 * one['late_share']:.3f}", str(one["unexplained"]))
+        rows.append((*at, *counts, *shown, *_footprint(one)))
+    load = f"load: {', '.join(told['loads'])}" if told["loads"] else "load: none"
+    return "\n".join([f"machine: {told['machine']}; {load}", "", table_text(rows)])
+
+
+def sweep_judged(told: Mapping[str, Any]) -> tuple[str, bool]:
+    """Verdict line, and whether there is a rate that is kept."""
+    knee = {trigger: rate for trigger, rate in told["knee_hz"].items() if rate is not None}
+    if told["interrupted"]:
+        return "interrupted: what was measured so far is told", False
+    if not knee:
+        return f"no rate is kept with at most {100.0 * KNEE:g} % late", False
+    rates = " and ".join(f"{rate} Hz begun by the {trigger}" for trigger, rate in knee.items())
+    return f"up to {rates} at most {100.0 * KNEE:g} % of the cycles are late", True
+
+
+def judged(told: Mapping[str, Any]) -> tuple[str, bool]:
+    """Verdict line, and whether it is good: late cycles that the machine does not explain are ours."""
+    if told["interrupted"]:
+        return "interrupted: what was measured so far is told", False
+    phases = told["phases"]
+    loop = phases["closed loop, clock"]
+    tail = loop["wake"].get("p99.9", loop["wake"]["max"])
+    band = next((name for most, name in BANDS if tail <= most), UNUSABLE)
+    unexplained = (
+        1e6 * sum(p["unexplained"] for p in phases.values()) / max(sum(p["cycles"] for p in phases.values()), 1)
+    )
+    good = unexplained <= MOST_UNEXPLAINED
+    return (
+        f"this machine is {band} (wake-up p99.9 {tail:.0f} us); {unexplained:.0f} late cycles a million are not the machine's",
+        good,
+    )
+
+
+def draw(setting: Setting, measured: Mapping[str, Measured], path: Path) -> None:
+    """Histograms of wake-up and latency, logarithmic both ways, and their tails."""
+    from matplotlib.figure import Figure
+
+    figure = Figure((11.0, 7.5), layout="constrained")
+    colours = {name: palette.CYCLE[i % len(palette.CYCLE)] for i, name in enumerate(measured)}
+    for row, what in enumerate(("wake", "latency")):
+        shown = {name: one.all(what) for name, one in measured.items() if what in one.durations}
+        if not shown:
+            continue
+        left, right = figure.add_subplot(2, 2, 2 * row + 1), figure.add_subplot(2, 2, 2 * row + 2)
+        top = max(float(values.max()) for values in shown.values())
+        edges = np.geomspace(0.1, max(top, 10.0) * 1.1, 90)
+        for name, values in shown.items():
+            clipped = np.clip(values, edges[0], None)
+            style: dict[str, Any] = {"where": "post", "label": name, "color": colours[name]}
+            left.step(edges[:-1], np.histogram(clipped, edges)[0] / len(values), **style)
+            right.step(np.sort(clipped), 1.0 - np.arange(len(values)) / len(values), **style)
+        what_it_is = "wake-up after its slot" if what == "wake" else "sample frame to command frame"
+        left.set(
+            xscale="log",
+            yscale="log",
+            xlabel="us (what is less is shown as 0.1)",
+            ylabel="share of cycles",
+            title=what_it_is,
+        )
+        right.set(xscale="log", yscale="log", xlabel="us", ylabel="share that is later", title=f"{what_it_is}: tail")
+        for axes in (left, right):
+            axes.grid(alpha=0.3)
+        right.legend(fontsize=8, loc="upper right")
+    figure.suptitle(f"Jitter at {setting.rate} Hz on {setting.bus}, CPU {setting.cpu}")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=110)
+
+
+def _number(value: float, digits: int = 1) -> str:
+    return "-" if value != value else f"{value:.{digits}f}"

@@ -1,0 +1,104 @@
+"""JUnit: verdicts of scenarios as the XML that test benches and continuous integration read.
+
+A test suite a scenario, a test case a limit. A scenario without limits has one case: its own verdict. One that could not be
+run has one case with an error. Layout: junit-10.xsd of Jenkins' xUnit plug-in (jenkinsci/xunit-plugin).
+"""
+
+import contextlib
+import platform
+import re
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import NamedTuple
+from xml.etree import ElementTree
+
+from clutch_hil.bench.label import Label
+from clutch_hil.bench.metadata import versions
+from clutch_hil.bench.recording import writable
+from clutch_hil.bench.result import Result
+from protocols.errors import InputError
+from protocols.files.run import whole_file
+
+_NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")  # XML 1.0, sec. 2.2
+
+
+class Case(NamedTuple):
+    """The scenario of a label that was run for `seconds` [s] from `began` on: its result, or why it could not be."""
+
+    label: Label
+    result: Result | None
+    error: str
+    began: datetime
+    seconds: float
+
+
+def junit_path(path: Path | None) -> None:
+    """Raise InputError when nothing can be written to `path`, before a run is made for it."""
+    if path is not None:
+        writable(path.parent)
+        part = path.with_name(path.name + ".part")  # what `whole_file` writes
+        try:
+            if path.is_dir():
+                raise InputError(f"file {path} cannot be written: it is a folder")
+            with contextlib.suppress(FileExistsError):  # another run writes there: so can this one
+                part.touch(exist_ok=False)
+                part.unlink()
+        except OSError as error:
+            raise InputError(f"file {path} cannot be written: {error.strerror}") from None
+
+
+def write_junit(path: Path, cases: Sequence[Case]) -> None:
+    """Write the verdicts of `cases` to `path`. Raises InputError; nothing half-written is left."""
+    suites = [_suite(case) for case in cases]
+    root = ElementTree.Element("testsuites", name="clutch-hil", time=f"{sum(case.seconds for case in cases):.3f}")
+    for count in ("tests", "failures", "errors"):
+        root.set(count, str(sum(int(suite.get(count, "0")) for suite in suites)))
+    root.extend(suites)
+    ElementTree.indent(root)
+    with whole_file(path) as part:
+        ElementTree.ElementTree(root).write(part, encoding="utf-8", xml_declaration=True)
+
+
+def _suite(case: Case) -> ElementTree.Element:
+    label, result = case.label, case.result
+    suite = ElementTree.Element(
+        "testsuite",
+        name=label.name,
+        timestamp=case.began.isoformat(timespec="seconds"),
+        hostname=platform.node(),
+        time=f"{case.seconds:.3f}",
+    )
+    said = {**label.properties, **{f"version {name}": version for name, version in versions().items()}}
+    properties = ElementTree.SubElement(suite, "properties")
+    for name, value in said.items():
+        ElementTree.SubElement(properties, "property", name=name, value=_clean(value))
+    if result is None:
+        _add(suite, "run", "error", case.error)
+    elif result.judgements:
+        for judgement in result.judgements:
+            _add(suite, str(judgement.limit), "" if judgement.holds else "failure", str(judgement))
+    else:
+        _add(suite, "run", "" if result.good else "failure", result.verdict)
+    suite[1].set("time", f"{case.seconds:.3f}")  # the first case: all come from one run
+    ElementTree.SubElement(suite, "system-out").text = _clean(result.text if result else case.error)
+    for count, tag in (
+        ("tests", "testcase"),
+        ("failures", "*/failure"),
+        ("errors", "*/error"),
+        ("skipped", "*/skipped"),
+    ):
+        suite.set(count, str(len(suite.findall(tag))))
+    return suite
+
+
+def _add(suite: ElementTree.Element, name: str, bad: str, text: str) -> None:
+    """Add a test case; `bad` is empty, failure or error."""
+    classname = f"clutch_hil.{suite.get('name')}"
+    element = ElementTree.SubElement(suite, "testcase", name=name, classname=classname, time="0.000")
+    if bad:
+        ElementTree.SubElement(element, bad, message=_clean(text), type=bad).text = _clean(text)
+
+
+def _clean(text: str) -> str:
+    return _NOT_XML.sub("?", text)

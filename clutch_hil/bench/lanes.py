@@ -1,0 +1,48 @@
+"""Lanes: what is so for a while, as words over time: phase, clutch and fault as a controller has them."""
+
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from clutch_hil.bench import clutch_state
+from protocols.can.frames import load_frames
+
+
+class Lane(NamedTuple):
+    """A column of the controller and the word of each of its values; a value that has none is its number."""
+
+    name: str
+    column: str  # without the node's prefix
+    words: Mapping[int, str]
+
+    def word(self, value: float) -> str:
+        """What a value says."""
+        return self.words.get(int(value), f"{value:g}")
+
+
+class Stretch(NamedTuple):
+    """Samples `begin` to `end`, exclusive, with one `value`."""
+
+    begin: int
+    end: int
+    value: float
+
+
+def lanes() -> tuple[Lane, ...]:
+    """Phase, clutch and fault, with the words of the DBC."""
+    status = load_frames()["CONTROLLER_STATUS"]
+    return (
+        Lane("phase", "phase", status.choices("phase")),
+        Lane("clutch", "clutch_state", dict(enumerate(clutch_state.STATES))),
+        Lane("fault", "fault", status.choices("fault")),
+    )
+
+
+def stretches(values: np.ndarray) -> list[Stretch]:
+    """Where the values, shape (samples,), stay the same; without those that are no numbers."""
+    changes = np.flatnonzero(np.diff(values) != 0.0) + 1  # NaN differs from NaN
+    edges = [0, *changes.tolist(), len(values)]
+    found = [Stretch(begin, end, float(values[begin])) for begin, end in pairwise(edges)]
+    return [stretch for stretch in found if np.isfinite(stretch.value)]

@@ -1,0 +1,84 @@
+"""Limit: what a measure of a run may be, and whether it was."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import isfinite
+from typing import Any
+
+from clutch_hil.bench.measures import Columns, measure
+from protocols.errors import InputError
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A measure of a rig that is at least `least` and at most `most`, in its unit, or the word `equal`. Raises InputError."""
+
+    rig: str
+    measure: str
+    least: float | None = None
+    most: float | None = None
+    equal: str | None = None
+
+    def __post_init__(self) -> None:
+        known = measure(self.measure, self.rig)
+        if known.words:
+            if self.equal not in known.words():
+                given = repr(self.equal) if self.equal else "no word"
+                raise InputError(f"limit {self.measure} is {given}; allowed are {', '.join(known.words())}")
+        elif self.least is None and self.most is None:
+            raise InputError(f"limit {self.measure} has neither least nor most; one of them is needed, in {known.unit}")
+        elif self.least is not None and self.most is not None and self.least > self.most:
+            raise InputError(
+                f"limit {self.measure} has least = {self.least:g} above most = {self.most:g}; none would hold"
+            )
+
+    def __str__(self) -> str:
+        """What is asked, for people."""
+        if self.equal is not None:
+            return f"{self.measure} = {self.equal}"
+        unit = measure(self.measure, self.rig).unit
+        low = "" if self.least is None else f"{self.least:g} <= "
+        high = "" if self.most is None else f" <= {self.most:g}"
+        return f"{low}{self.measure}{high}{'' if unit == '1' else f' {unit}'}"
+
+    def judge(self, columns: Columns) -> "Judgement":
+        """Measure the `columns` of a run; what cannot be measured, not-a-number, breaks every limit."""
+        value = measure(self.measure, self.rig).of(columns)
+        if isinstance(value, str):
+            return Judgement(self, value, value == self.equal)
+        low, high = self.least is None or value >= self.least, self.most is None or value <= self.most
+        return Judgement(self, value, low and high)
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """The value of a limit's measure in a run, and whether the limit `holds`."""
+
+    limit: Limit
+    value: float | str
+    holds: bool
+
+    def __str__(self) -> str:
+        if isinstance(self.value, str):
+            said = self.value
+        else:
+            said = f"{self.value:.4g}" if isfinite(self.value) else "cannot be measured in this run"
+        return f"{self.limit}: {said}"
+
+    def document(self) -> dict[str, Any]:
+        """For machines."""
+        limit = self.limit
+        return {
+            "measure": limit.measure,
+            "unit": measure(limit.measure, limit.rig).unit,
+            "least": limit.least,
+            "most": limit.most,
+            "equal": limit.equal,
+            "value": self.value,
+            "holds": self.holds,
+        }
+
+
+def judged(limits: Sequence[Limit], columns: Columns) -> tuple[Judgement, ...]:
+    """Every limit against the `columns` of a run."""
+    return tuple(limit.judge(columns) for limit in limits)

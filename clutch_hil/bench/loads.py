@@ -1,0 +1,145 @@
+"""Loads: what disturbs a loop while its jitter is measured, at ordinary priority."""
+
+import contextlib
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from protocols.errors import InputError, listing
+from protocols.realtime.child import clutch_hil, spawn
+
+_MEMORY = """
+block = bytearray(64 << 20)
+while True:
+    block[:] = block[::-1]
+"""
+_DISK = """
+import os, sys
+block = os.urandom(1 << 20)
+while True:
+    with open(sys.argv[1], "wb") as file:
+        for _ in range(64):
+            file.write(block)
+        file.flush()
+        os.fsync(file.fileno())
+"""
+_BUS = """
+import sys, time
+from protocols.buses.bus import open_bus
+from protocols.can.frames import Frame
+with open_bus(sys.argv[1], []) as port:
+    while True:
+        for _ in range(5):
+            port.send(Frame(0x7F0, bytes(8)))
+        port.receive()
+        time.sleep(0.001)
+"""
+_RESTARTS = """
+import signal, subprocess, sys, time
+for signal_number in (signal.SIGTERM, signal.SIGINT):
+    signal.signal(signal_number, lambda *_: sys.exit())
+while True:
+    viewer = subprocess.Popen(sys.argv[1:], stdin=subprocess.DEVNULL)
+    try:
+        for told in (signal.SIGSTOP, signal.SIGCONT, signal.SIGSTOP):
+            time.sleep(3.0)
+            viewer.send_signal(told)
+        time.sleep(3.0)
+    finally:
+        viewer.kill()
+        viewer.wait()
+"""
+_FULL_DISK = 'mount -t tmpfs -o size=1m tmpfs "$0" && exec "$@"'  # in a mount namespace of its own
+
+
+def _python(code: str, *arguments: str) -> list[str]:
+    return [sys.executable, "-P", "-c", code, *arguments]
+
+
+def _cpu(bus: str, folder: Path) -> list[list[str]]:
+    if shutil.which("hackbench"):
+        return [["hackbench", "-l", "1000000000", "-g", "2"]]
+    return [_python("while True: pass")] * (os.cpu_count() or 1)
+
+
+def _memory(bus: str, folder: Path) -> list[list[str]]:
+    return [_python(_MEMORY)] * (os.cpu_count() or 1)
+
+
+def _disk(bus: str, folder: Path) -> list[list[str]]:
+    return [_python(_DISK, str(folder / "written"))]
+
+
+def _bus(bus: str, folder: Path) -> list[list[str]]:
+    return [_python(_BUS, bus)]
+
+
+def _viewer(bus: str, folder: Path) -> list[list[str]]:
+    return [clutch_hil("view", "--bus", bus, "--save", str(folder / "seen.rrd"))]
+
+
+def _restarts(bus: str, folder: Path) -> list[list[str]]:
+    return [_python(_RESTARTS, *viewer) for viewer in _viewer(bus, folder)]
+
+
+def _full(bus: str, folder: Path) -> list[list[str]]:
+    if os.geteuid() != 0 or not shutil.which("unshare"):
+        raise InputError("load full needs root and unshare: it mounts a small disk of its own")
+    return [["unshare", "--mount", "sh", "-c", _FULL_DISK, str(folder), *viewer] for viewer in _viewer(bus, folder)]
+
+
+@dataclass(frozen=True)
+class Load:
+    """Commands that make a load, of the bus and a folder for what they write. `everywhere`: on the loop's CPU, too."""
+
+    name: str
+    what: str
+    commands: Callable[[str, Path], list[list[str]]]
+    everywhere: bool = True
+
+    @contextlib.contextmanager
+    def running(self, bus: str) -> Iterator[None]:
+        """The load while entered."""
+        before = os.sched_getaffinity(0)
+        with tempfile.TemporaryDirectory() as folder:
+            if self.everywhere:
+                os.sched_setaffinity(0, range(os.cpu_count() or 1))
+            try:
+                running = [spawn(command, subprocess.DEVNULL) for command in self.commands(bus, Path(folder))]
+            finally:
+                os.sched_setaffinity(0, before)
+            try:
+                yield
+            finally:
+                for process in running:
+                    process.terminate()
+                    with contextlib.suppress(subprocess.TimeoutExpired):
+                        process.wait(5.0)
+                    process.kill()
+                    process.wait()
+
+
+LOADS = {
+    load.name: load
+    for load in (
+        Load("cpu", "hackbench, or a busy process on each CPU", _cpu),
+        Load("memory", "64 MiB moved over and over, on each CPU", _memory),
+        Load("disk", "64 MiB written and flushed, over and over", _disk),
+        Load("bus", "5000 frames a second that are nobody's", _bus, everywhere=False),
+        Load("viewer", "a viewer that saves all telemetry", _viewer, everywhere=False),
+        Load("restarts", "a viewer that is stopped, killed and started again, every 12 s", _restarts, everywhere=False),
+        Load("full", "a viewer whose disk is full", _full, everywhere=False),
+    )
+}
+
+
+def chosen(names: Sequence[str]) -> list[Load]:
+    """The loads of these names. Raises InputError."""
+    if unknown := [name for name in names if name not in LOADS]:
+        raise InputError(f"load {unknown[0]!r} is unknown; allowed are {listing(LOADS)}")
+    return [LOADS[name] for name in names]

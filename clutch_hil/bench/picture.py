@@ -1,0 +1,121 @@
+"""Picture of a run: torque, its error, pressure, slip, and phase, clutch and faults over time.
+
+Torque and slip are signed; the demand, a magnitude, is drawn the way round the clutch slips. An error counts along the slip, so
+that more than zero is too much torque either way. Where no torque is asked for, or plates stand and carry what is applied, the
+torque has no error; the estimate has one everywhere.
+"""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clutch_hil.bench import palette
+from clutch_hil.bench.clutch_state import STATES
+from clutch_hil.bench.direction import PUSHES, direction
+from clutch_hil.bench.measures import torque as torque_of
+from clutch_hil.bench.sheet import Sheet, at_least, plot_errors, speeds, zero
+from protocols.can.request import Request
+
+_HEIGHTS = (2.9, 1.5, 2.0, 1.5)  # in: torque, error, pressure, slip
+_TRUE = "truth_clutch_torque_nm"
+# Column, label, width [pt] and style, the last on top; a run has not all of them
+_PRESSURES = (
+    ("truth_cylinder_pressure_bar", "true", 2.4, "-"),
+    ("cylinder_pressure_bar", "measured", 1.0, "-"),
+    ("controller_pressure_demand_bar", "demand", 1.2, "--"),
+)
+_SLIPS = (
+    ("slip_speed_rad_s", "measured", 0.8, "-"),
+    ("truth_slip_speed_rad_s", "true", 1.4, "-"),
+    ("motor_speed_demand_rad_s", "motor demand", 1.2, "--"),
+)
+_OPEN, _SLIDING, _STICKING = map(STATES.index, ("open", "sliding", "sticking"))
+
+
+def draw_run(path: Path, columns: Mapping[str, np.ndarray], title: str, injected: Iterable[float] = ()) -> None:
+    """Draw the columns of a run file into a PNG at `path`, with a line at each time [s] at which something was `injected`."""
+    run_sheet(columns, title, injected).save(path)
+
+
+def run_sheet(columns: Mapping[str, np.ndarray], title: str, injected: Iterable[float] = ()) -> Sheet:
+    """The picture, which can still be looked into."""
+    sheet = Sheet(columns, title, _HEIGHTS, {"": "controller_"})
+    torque, error, pressure, slip = sheet.panels
+    _draw_torque(torque, columns)
+    _draw_errors(error, columns)
+    for column, label, width, style in _PRESSURES:
+        _plot(pressure, columns, column, label, width, style)
+    at_least(pressure, 1.0)
+    pressure.set_ylabel("cylinder pressure [bar]")
+    for column, label, width, style in _SLIPS:
+        _plot(slip, columns, column, label, width, style)
+    speeds(slip, *(columns[column] for column, *_ in _SLIPS if column in columns))
+    slip.set_ylabel("slip [rad/s]")
+    sheet.mark(injected, "injected", palette.INJECTED)
+    return sheet
+
+
+def _draw_torque(axes: Any, columns: Mapping[str, np.ndarray]) -> None:
+    time, asked = columns["time_s"], demand(columns)
+    axes.plot(time, columns["controller_torque_estimate_nm"], color=palette.ESTIMATE, lw=1.0, label="estimate")
+    name, column = _known(columns)
+    _plot(axes, columns, column, name, 1.4)
+    if np.any(np.nan_to_num(asked) != 0.0):
+        axes.plot(time, asked, color=palette.DEMAND, lw=1.2, ls="--", label="demand")
+    low, high = axes.get_ylim()
+    standing = columns["controller_clutch_state"] >= _STICKING
+    if np.any(standing):
+        capacity = np.where(standing, columns["controller_capacity_nm"], np.nan)
+        axes.fill_between(
+            time, -capacity, capacity, color=palette.DEMAND, alpha=0.15, lw=0, label="capacity, plates stand"
+        )
+        high = max(high, 1.05 * float(np.nanmax(capacity)))
+    axes.set_ylim(low, high)
+    at_least(axes, 1.0)
+    axes.set_ylabel("clutch torque [Nm]")
+    if np.any(columns[column] <= -PUSHES):
+        zero(axes)
+
+
+def _draw_errors(axes: Any, columns: Mapping[str, np.ndarray]) -> None:
+    name, column = _known(columns)
+    torque, sign = columns[column], way(columns)
+    of_demand = np.where(_followed(columns), sign * torque - np.nan_to_num(columns["torque_demand_nm"]), np.nan)
+    of_estimate = sign * (columns["controller_torque_estimate_nm"] - torque)
+    errors = {
+        f"estimate - {name}": (of_estimate, palette.ESTIMATE, 0.6),
+        f"{name} - demand": (of_demand, palette.of(column), 1.3),
+    }
+    known = {label: one for label, one in errors.items() if np.isfinite(one[0]).any()}
+    plot_errors(axes, columns["time_s"], known, columns["controller_clutch_state"] > _OPEN)
+    axes.set_ylabel("error [Nm]\n+ is too much")
+
+
+def _known(columns: Mapping[str, np.ndarray]) -> tuple[str, str]:
+    """What the clutch torque is called, and its column: the true one, in a run recorded blind the measured one."""
+    return ("true", _TRUE) if _TRUE in columns else ("measured", "clutch_torque_nm")
+
+
+def way(columns: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Which way round the clutch of a run slips, +1 and -1, by the truth where the run tells it."""
+    return direction(columns.get("truth_slip_speed_rad_s", columns["slip_speed_rad_s"]), torque_of(columns))
+
+
+def demand(columns: Mapping[str, np.ndarray]) -> np.ndarray:
+    """The torque demand [Nm] signed as the slip; not a number where a lock or a pressure is asked for, and no torque."""
+    other = np.isin(columns["controller_request"], (Request.LOCK, Request.PRESSURE))
+    return np.where(other, np.nan, way(columns) * np.nan_to_num(columns["torque_demand_nm"]))
+
+
+def _followed(columns: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Where a torque is followed: it is asked for and the plates slide."""
+    return (columns["controller_request"] == Request.ENGAGE) & (columns["controller_clutch_state"] == _SLIDING)
+
+
+def _plot(
+    axes: Any, columns: Mapping[str, np.ndarray], column: str, label: str, width: float, style: str = "-"
+) -> None:
+    if column in columns:
+        axes.plot(columns["time_s"], columns[column], color=palette.of(column), lw=width, ls=style, label=label)

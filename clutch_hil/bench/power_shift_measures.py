@@ -1,0 +1,157 @@
+"""Measures of a run of the power-shift rig: what a hand-over of torque from clutch a to clutch b costs.
+
+Hand-over       begins where the demand of clutch a first falls while b is asked for torque
+Torque phase    ends where the demand of clutch a is 0
+Shift           ends, after that, where clutch a carries less than 5 % of its torque before and clutch b is synchronous: its
+                slip below 4 rad/s. So it ends with the inertia phase, in which the input follows the new ratio
+Window          from where b is first asked for torque, so with its fill, until 0.2 s after the shift; where that does not end,
+                until 1 s after the torque phase
+Before          mean torque in the 0.2 s before the window
+Lock-up         from where clutch b is first in lock until 0.2 s after its plates stand
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from clutch_hil.bench.measures import Columns, Measure, faults
+from protocols.can.frames import load_frames
+from protocols.can.two_clutches import CLUTCHES
+
+_BEFORE = 0.2  # s, long enough to average the sensor noise's way through the loop
+_AFTER = 0.2  # s after the shift: two time constants of the motor's speed loop
+_LONGEST = 1.0  # s after the torque phase that is looked at where the shift does not end
+_CARRIES = 0.05  # share of the torque before, below which clutch a counts as open
+SYNCHRONOUS = 4.0  # rad/s: twice the slip that the shipped profile drives with in 2nd gear
+_STANDS = 0.01  # rad/s: below, plates stand; where they stick the true slip is 0
+_CONTROLLERS = ("controller_fault", "controller_b_fault")
+
+
+class Handover(NamedTuple):
+    """Sample numbers of the hand-over's parts, None where the run has none, and the torque [Nm] before it."""
+
+    begin: int
+    torque_end: int
+    shift_end: int | None
+    window: slice
+    before: float
+
+
+def handover(columns: Columns) -> Handover | None:
+    """The hand-over of a run; None when there is none, or no torque to be handed over."""
+    time, demand_a, demand_b = (columns[n] for n in ("time_s", "torque_demand_a_nm", "torque_demand_b_nm"))
+    falls = np.flatnonzero((np.diff(demand_a) < 0.0) & (demand_b[:-1] > 0.0))
+    if not len(falls):
+        return None
+    begin = int(falls[0])
+    ends = np.flatnonzero(demand_a[begin:] <= 0.0)
+    torque_end = begin + int(ends[0]) if len(ends) else len(time) - 1
+    first = int(np.argmax(demand_b > 0.0))
+    past = (time >= time[first] - _BEFORE) & (time < time[first])
+    if not (past.any() and np.mean(columns["truth_output_torque_nm"][past]) > 0.0):
+        return None
+    level = float(np.mean(columns["truth_clutch_torque_a_nm"][past]))
+    open_a = np.abs(columns["truth_clutch_torque_a_nm"]) < _CARRIES * level
+    done = np.flatnonzero((open_a & (np.abs(columns["truth_slip_speed_b_rad_s"]) < SYNCHRONOUS))[torque_end:])
+    shift_end = torque_end + int(done[0]) if len(done) else None
+    last = time[shift_end] + _AFTER if shift_end is not None else time[torque_end] + _LONGEST
+    window = slice(first, int(np.searchsorted(time, last, side="right")))
+    return Handover(begin, torque_end, shift_end, window, float(np.mean(columns["truth_output_torque_nm"][past])))
+
+
+def _gap(columns: Columns) -> float:
+    shift = handover(columns)
+    if shift is None:
+        return float("nan")
+    return max(1.0 - float(columns["truth_output_torque_nm"][shift.window].min()) / shift.before, 0.0)
+
+
+def _peak(columns: Columns) -> float:
+    shift = handover(columns)
+    if shift is None:
+        return float("nan")
+    return max(float(columns["truth_output_torque_nm"][shift.window].max()) / shift.before - 1.0, 0.0)
+
+
+def _tie_up(columns: Columns) -> float:
+    shift = handover(columns)
+    if shift is None:
+        return float("nan")
+    lowest = min(float(columns[f"truth_clutch_torque_{clutch}_nm"][shift.window].min()) for clutch in CLUTCHES)
+    return max(0.0, -lowest)
+
+
+def _shift_time(columns: Columns) -> float:
+    shift = handover(columns)
+    if shift is None or shift.shift_end is None:
+        return float("nan")
+    return float(columns["time_s"][shift.shift_end] - columns["time_s"][shift.begin])
+
+
+def _locking(columns: Columns) -> np.ndarray:
+    """Mask of the samples in which clutch b is in lock."""
+    phases = {text: value for value, text in load_frames()["CONTROLLER_STATUS"].choices("phase").items()}
+    return columns["controller_b_phase"] == phases["lock"]
+
+
+def _standing(columns: Columns) -> np.ndarray:
+    """Mask of the samples in which clutch b is locked: in lock, and its plates stand."""
+    return _locking(columns) & (np.abs(columns["truth_slip_speed_b_rad_s"]) < _STANDS)
+
+
+def _locked_time(columns: Columns) -> float:
+    step = float(columns["time_s"][1] - columns["time_s"][0])
+    return step * np.count_nonzero(_standing(columns)) if _locking(columns).any() else float("nan")
+
+
+def _locking_time(columns: Columns) -> float:
+    standing = np.flatnonzero(_standing(columns))
+    if not len(standing):
+        return float("nan")
+    return float(columns["time_s"][standing[0]] - columns["time_s"][np.argmax(_locking(columns))])
+
+
+def _lock_up_peak(columns: Columns) -> float:
+    standing, time = np.flatnonzero(_standing(columns)), columns["time_s"]
+    if not len(standing):
+        return float("nan")
+    begin, end = time[np.argmax(_locking(columns))], time[standing[0]] + _AFTER
+    output = columns["truth_output_torque_nm"]
+    past = (time >= begin - _BEFORE) & (time < begin)
+    before = float(output[past].mean()) if past.any() else 0.0
+    if not before > 0.0:
+        return float("nan")
+    return float(output[(time >= begin) & (time <= end)].max()) / before - 1.0
+
+
+def _heat(columns: Columns, clutch: str) -> float:
+    shift = handover(columns)
+    if shift is None:
+        return float("nan")
+    heat = columns[f"truth_heat_{clutch}_j"][shift.window]
+    return float(heat[-1] - heat[0])
+
+
+def _hottest(columns: Columns, clutch: str) -> float:
+    return float(columns[f"truth_oil_temperature_{clutch}_degc"].max())
+
+
+def _fault(columns: Columns) -> str:
+    return faults()[int(max(np.nan_to_num(columns[name]).max() for name in _CONTROLLERS))]
+
+
+MEASURES: Mapping[str, Measure] = {
+    "torque_gap": Measure("1", "deepest dip of the output torque in the hand-over, share of the torque before", _gap),
+    "torque_peak": Measure("1", "highest rise of the output torque in the hand-over, share of the torque before", _peak),
+    "tie_up_nm": Measure("Nm", "strongest torque of a clutch against its gear in the hand-over: both hold", _tie_up),
+    "shift_time_s": Measure("s", "from the hand-over's begin until a is open and b is synchronous", _shift_time),
+    "heat_a_j": Measure("J", "friction heat of clutch a in the hand-over", lambda c: _heat(c, "a")),
+    "heat_b_j": Measure("J", "friction heat of clutch b in the hand-over", lambda c: _heat(c, "b")),
+    "peak_temperature_a_degc": Measure("degC", "highest oil temperature of clutch a", lambda c: _hottest(c, "a")),
+    "peak_temperature_b_degc": Measure("degC", "highest oil temperature of clutch b", lambda c: _hottest(c, "b")),
+    "locked_s": Measure("s", "time for which clutch b is locked", _locked_time),
+    "locking_time_s": Measure("s", "from the begin of lock until the plates of clutch b stand", _locking_time),
+    "lock_up_peak": Measure("1", "highest rise of the output torque in the lock-up, share of the torque before", _lock_up_peak),
+    "fault": Measure("", "why a controller is in fault", _fault, faults),
+}  # fmt: skip

@@ -1,0 +1,72 @@
+"""What a person sees of long work: a progress bar, and tables."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from protocols.kernels.starting import STARTING
+
+
+@contextmanager
+def progress_bar(title: str, quiet: bool) -> Iterator[Callable[[float, int], None]]:
+    """A bar on stderr, advanced by calling `progress(done, total)`; a line every 5 s where stderr is no terminal.
+
+    Nothing when `quiet`.
+    """
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    console = Console(stderr=True)
+    shown = not quiet and console.is_terminal
+    share = 0.0
+
+    def describe() -> str:
+        return "" if shown or quiet else f"{title}: {100.0 * share:.0f} % done"
+
+    with STARTING.told_by(describe), Progress(*columns, console=console, transient=True, disable=not shown) as bar:
+        task = bar.add_task(title, total=None)
+
+        def progress(done: float, total: int) -> None:
+            nonlocal share
+            share = done / total if total else 0.0
+            bar.update(task, completed=done, total=total)
+
+        yield progress
+
+
+class Doing:
+    """What is going on, on one line of the terminal; a line every 5 s where stderr is none. Nothing when `quiet`."""
+
+    def __init__(self, first: str, quiet: bool) -> None:
+        self._text = first
+        self._console = Console(stderr=True, quiet=quiet)
+        self._shown = self._console.is_terminal
+        self._status = self._console.status(first)
+        self._told = STARTING.told_by(lambda: "" if self._shown or quiet else self._text)
+
+    def __enter__(self) -> "Doing":
+        self._told.__enter__()
+        if self._shown:
+            self._status.start()
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        self._status.stop()
+        self._told.__exit__(*error)
+
+    def update(self, text: str) -> None:
+        """Another text."""
+        self._text = text
+        self._status.update(text)
+
+    def note(self, text: str) -> None:
+        """Tell something that stays on the terminal."""
+        self._console.print(text, soft_wrap=True, highlight=False, markup=False)
+
+
+def table_text(rows: Sequence[Sequence[str]]) -> str:
+    """Rows (header first) as aligned text."""
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+    return "\n".join([lines[0], "  ".join("-" * width for width in widths), *lines[1:]])

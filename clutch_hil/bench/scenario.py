@@ -1,0 +1,200 @@
+"""Scenario: a run with what is done to it and what is expected of it, from a TOML file (docs/scenarios.md)."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from importlib import import_module
+from math import inf
+from pathlib import Path
+from typing import Any
+
+from clutch_hil.bench.limits import Limit
+from clutch_hil.bench.measures import measure
+from clutch_hil.bench.settings import RunSettings
+from clutch_hil.command import checked_rate
+from plant_sim.node.injection import Injection, effect_off, effect_on, sensor_bias, sensor_frozen
+from plant_sim.profiles.profile import Profile, load_profile
+from plant_sim.profiles.shift_profile import ShiftProfile, load_shift_profile
+from protocols.can.bus_load import BITRATES, bus_load
+from protocols.can.frames import bus_frames
+from protocols.errors import InputError, closest
+from protocols.files.parameters import ParameterSet, load_overlay
+from protocols.files.toml_table import TomlTable, read_toml
+
+FOLDER = Path(__file__).with_name("scenarios")
+RIGS = {"wet_clutch": (), "power_shift": ("a", "b")}  # and their clutches, where there are several
+
+_ENTRIES = ("title", "about", "rig", "run", "plant", "controller", "effects", "inject", "limits")
+_RUN = {
+    "profile": str, "seconds": float, "rate": int, "seed": int, "temperature": float, "law": str, "adaptation": bool,
+}  # fmt: skip
+_INJECT = ("at", "ramp", "until", "clutch", "effect", "values", "off", "parameters", "freeze", "bias")
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """What is run on which rig: `plant` holds its parameters with the effects that are on, `injections` change it while it
+    runs, `limits` judge it. `path` is None for a run without a file."""
+
+    name: str
+    title: str
+    about: str
+    rig: str
+    path: Path | None
+    settings: RunSettings
+    plant: ParameterSet
+    injections: tuple[Injection, ...] = ()
+    limits: tuple[Limit, ...] = ()
+
+    @classmethod
+    def of(cls, settings: RunSettings, rig: str = "wet_clutch") -> "Scenario":
+        """A run of a rig with `settings` alone: nothing is injected, no limit is set. Raises InputError."""
+        name = Path(settings.profile).stem
+        return cls(name, "", "", known_rig(rig), None, settings, _nominal(rig, settings.plant_parameters))
+
+    @property
+    def duration(self) -> float:
+        """Length of its profile [s]. Raises InputError."""
+        return self.loaded_profile().duration
+
+    def loaded_profile(self) -> Profile | ShiftProfile:
+        """The profile to play, of its rig's kind. Raises InputError, also for an injection after its end."""
+        load = load_shift_profile if RIGS[self.rig] else load_profile
+        profile = load(self.settings.profile, self.settings.seconds)
+        for number, injection in enumerate(self.injections, 1):
+            if injection.at >= profile.duration:
+                raise InputError(
+                    f"inject {number} begins at {injection.at:g} s, when the run of {profile.duration:g} s is over;"
+                    " allowed are earlier times"
+                )
+        return profile
+
+
+def known_rig(name: str) -> str:
+    """`name` when it is a rig's. Raises InputError."""
+    if name not in RIGS:
+        raise InputError(f"rig is {name!r}; allowed are {', '.join(RIGS)}")
+    return name
+
+
+def shipped() -> dict[str, Path]:
+    """The scenarios that come with the bench: files by name."""
+    return {path.stem: path for path in sorted(FOLDER.glob("*.toml"))}
+
+
+def load_scenario(name: str, given: Mapping[str, Any] | None = None) -> Scenario:
+    """A shipped scenario by name, or one in a TOML file by its path; `given` overrides fields of its RunSettings.
+
+    Raises InputError, one sentence that names file, entry, value and what is allowed.
+    """
+    known = shipped()
+    path = Path(name) if name.endswith(".toml") else known.get(name)
+    if path is None:
+        raise InputError(f"scenario {name!r} is unknown, and the path of one ends with .toml; {closest(name, known)}")
+    with naming(path):
+        table = read_toml(path, _ENTRIES)
+        rig = known_rig(table.get("rig", str, "wet_clutch"))
+        settings = replace(_settings(table, rig), **(given or {}))
+        return Scenario(
+            name=path.stem,
+            title=table.need("title", str),
+            about=table.get("about", str, "").strip(),
+            rig=rig,
+            path=path,
+            settings=settings,
+            plant=_plant(table, rig, settings.plant_parameters),
+            injections=tuple(_injections(table, rig)),
+            limits=_limits(table, rig),
+        )
+
+
+@contextmanager
+def naming(path: Path | None) -> Iterator[None]:
+    """Name the scenario's file in an InputError of what is done within."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"scenario {path}: {error}" if path else str(error)) from None
+
+
+def _settings(table: TomlTable, rig: str) -> RunSettings:
+    run = table.table("run", tuple(_RUN))
+    entries = {key: run.get(key, kind) for key, kind in _RUN.items() if key in run}
+    rate = checked_rate(entries.get("rate", RunSettings.rate))
+    if (load := bus_load(bus_frames(clutches=len(RIGS[rig]) or 1), rate, max(BITRATES))) > 1.0:
+        raise InputError(
+            f"run.rate is {rate} Hz: its frames would fill {100 * load:.0f} % of a bus of {max(BITRATES) // 1000} kbit/s;"
+            " allowed are 100 %"
+        )
+    if (seed := entries.get("seed", 1)) < 0:
+        raise InputError(f"run.seed is {seed}; allowed are 0 and more")
+    if entries.get("profile", "").endswith(".csv"):
+        entries["profile"] = str(table.path.parent / entries["profile"])
+    return RunSettings(**entries, controller=table.table("controller").numbers())
+
+
+def _nominal(rig: str, changed: Path | None = None) -> ParameterSet:
+    return import_module(f"plant_sim.rigs.{rig}").nominal(changed)
+
+
+def _plant(table: TomlTable, rig: str, changed: Path | None) -> ParameterSet:
+    given = table.table("plant").numbers()
+    plant = _nominal(rig).with_values(given)
+    effects = table.table("effects", RIGS[rig] or None)
+    parts = {f"{clutch}.": effects.table(clutch) for clutch in RIGS[rig]} or {"": effects}
+    for prefix, part in parts.items():
+        for name in part:
+            if any(entry.startswith(f"{prefix}{name}.") for entry in given):
+                raise InputError(f"effect {prefix}{name} stands in plant and in effects; allowed is one of them")
+            plant = plant.with_values(_prefixed(prefix, effect_on(name, part.table(name).numbers())))
+    return load_overlay(changed, plant) if changed else plant
+
+
+def _injections(table: TomlTable, rig: str) -> Iterator[Injection]:
+    for entry in table.tables("inject", _INJECT):
+        prefix = ""
+        if RIGS[rig] and set(entry) & {"effect", "freeze", "bias"}:
+            if (clutch := entry.need("clutch", str)) not in RIGS[rig]:
+                raise InputError(f"{entry.name}.clutch is {clutch!r}; allowed are {', '.join(RIGS[rig])}")
+            prefix = f"{clutch}."
+        values = _prefixed(prefix, _changes(entry)) | entry.table("parameters").numbers()
+        times = entry.need("at", float), entry.get("ramp", float, 0.0), entry.get("until", float, inf)
+        try:
+            yield Injection(values, *times)
+        except InputError as error:
+            raise InputError(f"{entry.name}: {error}") from None
+
+
+def _changes(entry: TomlTable) -> dict[str, float]:
+    """What an entry of `inject` does to an effect or a sensor."""
+    values: dict[str, float] = {}
+    if "effect" in entry:
+        name, off = entry.get("effect", str), entry.get("off", bool, False)
+        if off and "values" in entry:
+            raise InputError(f"{entry.name} has off and values of effect {name}; allowed is one of them")
+        values |= effect_off(name) if off else effect_on(name, entry.table("values").numbers())
+    elif lost := [key for key in ("values", "off") if key in entry]:
+        raise InputError(f"{entry.name} has {lost[0]} without effect; name the effect")
+    if "freeze" in entry:
+        values |= sensor_frozen(entry.get("freeze", str))
+    for sensor, bias in entry.table("bias").numbers().items():
+        values |= sensor_bias(sensor, bias)
+    return values
+
+
+def _limits(table: TomlTable, rig: str) -> tuple[Limit, ...]:
+    entries = table.table("limits")
+    limits = []
+    for name in entries:
+        if measure(name, rig).words:
+            limits.append(Limit(rig, name, equal=entries.get(name, str)))
+        else:
+            limit = entries.table(name, ("least", "most"))
+            limits.append(Limit(rig, name, limit.get("least", float), limit.get("most", float)))
+    if limits and "fault" not in entries:
+        limits.append(Limit(rig, "fault", equal="none"))
+    return tuple(limits)
+
+
+def _prefixed(prefix: str, values: Mapping[str, float]) -> dict[str, float]:
+    return {f"{prefix}{name}": value for name, value in values.items()}

@@ -1,0 +1,113 @@
+"""Sealed recording: a run file that does not tell the truth, and beside it a truth file with all that it keeps back.
+
+The truth file is the whole run as it would be without `--blind`. The run file has its columns without the truth and of its
+metadata what tells nothing about it, then the truth file's name and SHA-256. Who has the run alone cannot know what was done
+to the plant; a truth file that was changed has another sum, and a run that was changed is no part of its truth file.
+"""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from clutch_hil.bench.recording import Recording
+from plant_sim.effects.catalogue import effects
+from protocols.errors import InputError
+from protocols.files.runs import RunWriter
+from protocols.node import Column
+from protocols.telemetry.blind import tells_truth
+
+SEAL = "sealed"  # key of a blind run's metadata: the truth file's name and SHA-256
+_SUFFIX = ".truth.parquet"
+# What a blind run tells of itself; anything else, the name of a scenario or a seed, may hint at the truth.
+_OPEN = (
+    "rig", "sample_rate_hz", "recorded_at", "time_zero", "versions", "controller_parameters", "bus", "interrupted",
+    "record_rows_lost",
+)  # fmt: skip
+_OPEN_SETTINGS = ("rate", "seconds", "law", "adaptation", "mode")
+
+
+class SealedRecording(Recording):
+    """As `Recording`; `folder` is where the truth file goes, beside the run file if None. Raises InputError.
+
+    `finish` takes the metadata of a run that is not blind. `truth` is the path of the truth file.
+    """
+
+    def __init__(
+        self, path: Path, plant: Sequence[Column], controller: Sequence[Column], rate: int, folder: Path | None = None
+    ) -> None:
+        self.truth = truth_path(path, folder)
+        super().__init__(path, plant, controller, rate)
+
+    def _new_writer(self, path: Path, columns: Sequence[Column]) -> RunWriter:
+        return SealedWriter(path, columns, self.truth)
+
+
+class SealedWriter(RunWriter):
+    """As `RunWriter`, of the run at `path` and its truth file at `truth`."""
+
+    def __init__(self, path: Path, columns: Sequence[Column], truth: Path) -> None:
+        if truth.exists():
+            raise InputError(f"truth file {truth} exists already; move it away, or give another folder")
+        self._truth_path = truth
+        self._shown = [i for i, column in enumerate(columns) if not tells_truth(column.name)]
+        self._truth = RunWriter(truth, columns)
+        try:
+            super().__init__(path, [columns[i] for i in self._shown])
+        except BaseException:
+            self._truth.__exit__(None, None, None)
+            raise
+
+    def append(self, rows: np.ndarray) -> None:
+        """Add `rows`, shape (samples, columns with the truth)."""
+        self._truth.append(rows)
+        super().append(rows[:, self._shown])
+
+    def finish(self, metadata: Mapping[str, Any]) -> None:
+        """Finish the truth file with all `metadata`, seal it, then finish the run with what may be shown."""
+        self._truth.finish(metadata)
+        seal = {"file": self._truth_path.name, "sha256": checksum(self._truth_path)}
+        super().finish(shown(metadata) | {SEAL: seal})
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        super().__exit__(kind, error, trace)
+        self._truth.__exit__(kind, error, trace)
+        if not self._finished:
+            self._truth_path.unlink(missing_ok=True)
+
+
+def truth_path(path: Path, folder: Path | None = None) -> Path:
+    """The truth file of the blind run at `path`: beside it, or in `folder`."""
+    return (folder or path.parent) / f"{path.stem}{_SUFFIX}"
+
+
+def shown(metadata: Mapping[str, Any]) -> dict[str, Any]:
+    """What a blind run says of the `metadata` of a whole one."""
+    told = _only(metadata, _OPEN)
+    told["settings"] = shown_settings(metadata.get("settings", {}))
+    told["plant_parameters"] = {
+        name: value
+        for name, value in metadata.get("plant_parameters", {}).items()
+        if name.partition(".")[0] not in effects()
+    }
+    return told
+
+
+def shown_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """What a blind run says of its `settings`."""
+    return _only(settings, _OPEN_SETTINGS)
+
+
+def _only(mapping: Mapping[str, Any], names: Sequence[str]) -> dict[str, Any]:
+    return {name: mapping[name] for name in names if name in mapping}
+
+
+def checksum(path: Path) -> str:
+    """SHA-256 of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,0 +1,69 @@
+"""Settings of a run, however it is run."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from plant_sim.profiles.profile import Profile, load_profile
+from protocols.errors import InputError
+from protocols.files.parameters import named_in
+from protocols.node import node_factory
+
+MANUAL = "manual"  # instead of a profile: the demand comes over the bus, from `clutch-hil demand` or `panel`
+
+
+@dataclass(frozen=True)
+class RunSettings:
+    """rate [Hz], seconds [s], temperature [degC]; `out` is the folder for what is written. None means the default.
+
+    `controller` changes parameters of the controller, by dotted name, in their declared units; `controller_parameters`, a
+    file, has the last word.
+    """
+
+    rate: int = 1000
+    profile: str = "engagement"
+    seconds: float | None = None
+    plant_parameters: Path | None = None
+    controller_parameters: Path | None = None
+    seed: int = 1
+    temperature: float | None = None
+    law: str = "both"
+    adaptation: bool = True
+    out: Path = field(default_factory=lambda: Path("runs"))
+    controller: Mapping[str, float] = field(default_factory=dict)
+
+    def loaded_profile(self) -> Profile:
+        """The profile to play. Raises InputError."""
+        return load_profile(self.profile, self.seconds)
+
+    def new_controller(self, clutch: str | None = None) -> Any:
+        """A controller node with these settings, of a clutch where there are two. Raises InputError."""
+        node = node_factory("controller")(
+            rate=self.rate, parameters_file=self.controller_parameters, law=self.law, adaptation=self.adaptation,
+            clutch=clutch,
+        )  # fmt: skip
+        said = named_in(self.controller_parameters) if self.controller_parameters else ()
+        values = {name: value for name, value in self.controller.items() if name not in said}
+        if reasons := [reason for name in values if (reason := node.fixed(name))]:
+            raise InputError(reasons[0])
+        node.tune(values)
+        return node
+
+    def controller_file(self, folder: Path) -> Path | None:
+        """A file of what these settings change of the controller's parameters, for its process; a new one is in `folder`."""
+        if not self.controller:
+            return self.controller_parameters
+        node, path = self.new_controller(), folder / "controller.toml"
+        values = {name: value for name, value in node.parameters.as_values().items() if node.fixed(name) is None}
+        path.write_text("".join(f"{name} = {value!r}\n" for name, value in values.items()), encoding="utf-8")
+        return path
+
+    def changes(self) -> str:
+        """The parameter files that change something, for people: ", changed by rig.toml", or nothing."""
+        files = [str(path) for path in (self.plant_parameters, self.controller_parameters) if path]
+        return f", changed by {' and '.join(files)}" if files else ""
+
+    def as_text(self) -> dict[str, str]:
+        """The settings that were given, for metadata."""
+        return {name: str(value) for name, value in asdict(self).items() if value is not None and value != {}}

@@ -1,0 +1,197 @@
+"""Sheet: panels of a run over one time axis, and below them a strip of lanes: phase, clutch and fault of each controller."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clutch_hil.bench import palette
+from clutch_hil.bench.direction import MOVES, both_ways
+from clutch_hil.bench.lanes import Lane, Stretch, lanes, stretches
+
+_WIDTH, _LEFT = 10.0, 0.8  # in, of the picture, and of what stands left of its panels
+_LANE = 0.24  # in, height of a lane
+_DOTS = 110  # an inch
+_SMALL = 8.5  # pt, of words in lanes and legends
+_LETTER = 0.58 * _SMALL / 72.0  # in, width of a letter of such a word, and some room
+_FACE: dict[str, Any] = {"fontsize": _SMALL, "va": "center", "in_layout": False}
+# Of a legend: above its panel, where it covers no curve
+_ABOVE: dict[str, Any] = {
+    "loc": "lower right", "bbox_to_anchor": (1.0, 0.98), "borderaxespad": 0.0, "fontsize": _SMALL, "frameon": False,
+}  # fmt: skip
+_REACH, _ROOM = 98.0, 1.5  # %, of an error's samples that its axis is made for, and times these
+_LEAST = 0.1  # Nm, half of an error's axis at least: the rounded pressure alone is 0.08
+_EDGE = 0.94  # of half an axis, where a mark of what leaves it is inside it and below the legend
+_MARKS = 100  # places along the time for marks of what leaves an axis: nearer ones lay on each other
+
+
+class Sheet:
+    """A picture of `columns` with panels of these `heights` [in]; `controllers`: the prefix of their columns by name."""
+
+    def __init__(
+        self, columns: Mapping[str, np.ndarray], title: str, heights: Sequence[float], controllers: Mapping[str, str]
+    ) -> None:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+        self.time = columns["time_s"]
+        self._faults: list[float] = []  # s
+        rows = [(f"{who} {lane.name}".strip(), lane, columns[f"{prefix}{lane.column}"])
+                for who, prefix in controllers.items() for lane in lanes()]  # fmt: skip
+        strip = _LANE * len(rows)
+        self._figure = Figure(figsize=(_WIDTH, sum(heights) + strip + 0.6), layout="constrained")
+        FigureCanvasAgg(self._figure)
+        self._figure.suptitle(title, x=0.01, ha="left", fontsize=11)
+        *self.panels, self.strip = self._figure.subplots(
+            len(heights) + 1, 1, sharex=True, height_ratios=(*heights, strip)
+        )
+        self._draw_lanes(rows)
+
+    def mark(self, times: Iterable[float], label: str, colour: str, style: str = ":") -> None:
+        """Draw a line through all panels at each of `times` [s]; the first panel's legend names them."""
+        for axes in self.panels if (at := sorted(set(times))) else ():
+            named = label if axes is self.panels[0] else "_"  # matplotlib leaves _ out of a legend
+            axes.vlines(at, 0.0, 1.0, colour, style, label=named, lw=0.9, transform=axes.get_xaxis_transform())
+
+    def save(self, path: Path) -> None:
+        """Write the PNG."""
+        self.mark(self._faults, "fault", palette.LIMIT, "-")
+        for axes in self.panels:
+            axes.grid(alpha=0.3)
+            axes.spines[["top", "right"]].set_visible(False)
+            axes.margins(x=0.0)
+            if axes.get_legend_handles_labels()[0]:
+                axes.legend(ncols=6, **_ABOVE)
+        self.strip.set_xlim(self.time[0], self.time[-1])
+        self.strip.set_xlabel("time [s]")
+        self._figure.align_ylabels()
+        self._figure.savefig(path, dpi=_DOTS)
+
+    def _draw_lanes(self, rows: Sequence[tuple[str, Lane, np.ndarray]]) -> None:
+        axes, step = self.strip, float(self.time[1] - self.time[0])
+        colours: dict[str, str] = {}
+        written: set[str] = set()
+        for y, (_, lane, values) in enumerate(rows):
+            found = stretches(values)
+            words = {value: lane.word(value) for value in sorted({stretch.value for stretch in found})}
+            for value, word in words.items():
+                colours[word] = palette.of_state(word)
+                bars = [(self.time[s.begin], (s.end - s.begin) * step) for s in found if s.value == value]
+                axes.broken_barh(bars, (y - 0.42, 0.84), color=colours[word], lw=0)
+            faults = [s for s in found if lane.name == "fault" and words[s.value] != "none"]
+            written |= self._name_faults(y, faults, words) if faults else self._name_stretches(y, found, words)
+        axes.set_ylim(len(rows) - 0.5, -0.5)
+        axes.set_yticks(range(len(rows)), [name for name, _, _ in rows], fontsize=_SMALL)
+        axes.tick_params(axis="y", length=0)
+        axes.spines[["top", "right", "left"]].set_visible(False)
+        self._explain({word: colour for word, colour in colours.items() if word not in written and word != "none"})
+
+    def _name_stretches(self, y: int, found: Sequence[Stretch], words: Mapping[float, str]) -> set[str]:
+        """Write the word of each stretch into it where it has room; the words that are written."""
+        written = set()
+        for stretch in found:
+            word = words[stretch.value]
+            begin, end = self.time[stretch.begin], self.time[stretch.end - 1]
+            if self._length(word) < end - begin:
+                self.strip.text(0.5 * (begin + end), y, word, color=palette.PAPER, ha="center", **_FACE)
+                written.add(word)
+        return written
+
+    def _name_faults(self, y: int, faults: Sequence[Stretch], words: Mapping[float, str]) -> set[str]:
+        """Write each fault and its time beside its begin where there is room; the words that are written."""
+        written = set()
+        begins = [float(self.time[fault.begin]) for fault in faults]
+        free = float(self.time[0])
+        for fault, at, ends in zip(faults, begins, [*begins[1:], float(self.time[-1])], strict=True):
+            word = f" {words[fault.value]}, {at:.3f} s "
+            if at + self._length(word) <= ends:
+                side, free = "left", at + self._length(word)
+            elif at - self._length(word) >= free:
+                side, free = "right", at
+            else:
+                continue
+            self.strip.text(at, y, word, color=palette.PAPER, ha=side, **_FACE)
+            written.add(words[fault.value])
+        self._faults += begins
+        return written
+
+    def _length(self, word: str) -> float:
+        """How long a word in a lane is [s]."""
+        return len(word) * _LETTER * float(self.time[-1] - self.time[0]) / (_WIDTH - _LEFT)
+
+    def _explain(self, colours: Mapping[str, str]) -> None:
+        """A legend of words that stand nowhere."""
+        from matplotlib.patches import Patch
+
+        if colours:
+            self.strip.legend(
+                handles=[Patch(color=colour, label=word) for word, colour in colours.items()],
+                ncols=8, handlelength=1.0, **_ABOVE,
+            )  # fmt: skip
+
+
+def speeds(axes: Any, *lines: np.ndarray) -> None:
+    """The axis of these speeds [rad/s]: from 0, or as far down as up where one is negative, with a line at 0."""
+    if reach := both_ways(*lines):
+        axes.set_ylim(-reach, reach)
+        zero(axes)
+    else:
+        axes.set_ylim(0.0, max(axes.get_ylim()[1], MOVES))
+
+
+def at_least(axes: Any, high: float) -> None:
+    """The axis shows 0 to `high`, and more: noise about 0 stays small."""
+    low, top = axes.get_ylim()
+    axes.set_ylim(min(low, -0.05 * high), max(top, high))
+
+
+def zero(axes: Any) -> None:
+    """A line at 0."""
+    axes.axhline(0.0, color=palette.INK, lw=0.7)
+
+
+def plot_errors(
+    axes: Any, time: np.ndarray, errors: Mapping[str, tuple[np.ndarray, str, float]], closed: np.ndarray
+) -> None:
+    """Plot errors [Nm] by label, each with its colour and width [pt].
+
+    The axis is made for most of the samples in which the clutch is `closed`: an open one has no error. What leaves the axis is
+    marked at its edge, and the label tells how far it goes.
+    """
+    reach = error_reach([values[closed] for values, *_ in errors.values()])
+    axes.set_ylim(-reach, reach)
+    zero(axes)
+    for label, (values, colour, width) in errors.items():
+        known = values[np.isfinite(values)]
+        low, high = float(known.min(initial=0.0)), float(known.max(initial=0.0))
+        ends = [f"{end:+.1f}" for end in (low, high) if abs(end) > reach]
+        axes.plot(time, values, color=colour, lw=width, label=f"{label} (to {' and '.join(ends)})" if ends else label)
+        for side, mark in ((1.0, "^"), (-1.0, "v")):
+            at = _places(time, side * values > reach)
+            axes.plot(
+                at,
+                np.full(len(at), side * _EDGE * reach),
+                mark,
+                color=colour,
+                ms=5,
+                ls="none",
+                clip_on=False,
+                in_layout=False,
+            )
+
+
+def error_reach(errors: Iterable[np.ndarray]) -> float:
+    """Half of the axis for errors [Nm]: it has room for all of them, unless few samples go far beyond the others."""
+    sizes = np.abs(np.concatenate([np.empty(0), *(error[np.isfinite(error)] for error in errors)]))
+    if not len(sizes):
+        return _LEAST
+    most, everything = _ROOM * float(np.percentile(sizes, _REACH)), 1.05 * float(sizes.max())
+    return max(everything if everything <= _ROOM * most else most, _LEAST)
+
+
+def _places(time: np.ndarray, beyond: np.ndarray) -> np.ndarray:
+    """Times at which something is `beyond` an axis, not more than _MARKS."""
+    at = time[beyond]
+    places = np.floor((at - time[0]) / (time[-1] - time[0]) * _MARKS)
+    return at[np.unique(places, return_index=True)[1]]

@@ -1,0 +1,79 @@
+"""Status line: what the loop is doing right now, on one line of the terminal."""
+
+import time
+from collections.abc import Sequence
+from math import isfinite
+from types import TracebackType
+
+import numpy as np
+from rich.console import Console
+from rich.live import Live
+from rich.text import Text
+
+from protocols.can.fault_text import WAITS_FOR_IDLE, waits_for_idle
+from protocols.can.frames import load_frames
+from protocols.node import Column
+
+_PLAIN_EVERY = 2.0  # s between lines where the output is no terminal
+
+
+class StatusLine:
+    """Rate, torque demand/estimate/true, pressure, late cycles. Nothing when `quiet`; the measured torque when `blind`."""
+
+    def __init__(
+        self, plant: Sequence[Column], controller: Sequence[Column], duration: float, quiet: bool, blind: bool = False
+    ) -> None:
+        self._plant = {column.name: i for i, column in enumerate(plant)}
+        self._controller = {column.name: i for i, column in enumerate(controller)}
+        self._torque = ("clutch_torque_nm", "measured") if blind else ("truth_clutch_torque_nm", "true")
+        self._of, self._quiet = f"/{duration:g}" if isfinite(duration) else "", quiet
+        self._phases = load_frames()["CONTROLLER_STATUS"].choices("phase")
+        self._console = Console(stderr=True)
+        self._live = Live(console=self._console, refresh_per_second=8, transient=True)
+        self._shown = self._counted_at = time.monotonic()
+        self._cycles = 0
+        self._rate = 0.0
+
+    def __enter__(self) -> "StatusLine":
+        if self._console.is_terminal and not self._quiet:
+            self._live.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._live.stop()
+
+    def note(self, text: str) -> None:
+        """Tell something that stays on the terminal."""
+        self._console.print(text, soft_wrap=True, highlight=False, markup=False)
+
+    def show(self, plant: np.ndarray, controller: np.ndarray) -> None:
+        """Show the newest of the new rows, shape (rows, columns of the node)."""
+        self._cycles += len(controller)
+        now = time.monotonic()
+        if self._quiet or not (len(plant) and len(controller)):
+            return
+        if now - self._counted_at >= 1.0:
+            self._rate = self._cycles / (now - self._counted_at)
+            self._cycles, self._counted_at = 0, now
+        text = self._text(plant[-1], controller[-1])
+        if self._console.is_terminal:
+            self._live.update(Text(text, no_wrap=True, overflow="ellipsis"))
+        elif now - self._shown >= _PLAIN_EVERY:
+            self._shown = now
+            self._console.print(text, soft_wrap=True, highlight=False)
+
+    def _text(self, plant: np.ndarray, controller: np.ndarray) -> str:
+        p = {name: plant[i] for name, i in self._plant.items()}
+        c = {name: controller[i] for name, i in self._controller.items()}
+        return (
+            f"{p['time_s']:6.1f}{self._of} s  {self._rate:5.0f} Hz  {self._phases[int(c['phase'])]:<12}"
+            f"  torque demand {c['torque_demand_nm']:5.2f}  estimate {c['torque_estimate_nm']:6.2f}"
+            f"  {self._torque[1]} {p[self._torque[0]]:6.2f} Nm  pressure {p['cylinder_pressure_bar']:4.2f} bar"
+            f"  late {int(c['late_cycles'])}{self._waits(c)}"
+        )
+
+    def _waits(self, c: dict[str, float]) -> str:
+        """Why an idle controller does not close the clutch."""
+        return f"  {WAITS_FOR_IDLE}" if waits_for_idle(c["phase"], c["request"]) else ""

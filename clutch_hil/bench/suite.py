@@ -1,0 +1,70 @@
+"""Suite: scenarios run, timed and told; several one after the other with one verdict."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+
+from clutch_hil.bench.junit import Case, junit_path, write_junit
+from clutch_hil.bench.label import Label
+from clutch_hil.bench.progress import table_text
+from clutch_hil.bench.recording import writable
+from clutch_hil.bench.result import Result
+from clutch_hil.bench.simulate import Simulated
+from protocols.errors import InputError
+
+
+def run_one(label: Label, run: Callable[[], Result], junit: Path | None) -> Result:
+    """The result of one scenario with this label by `run`, written to the file `junit` too if given. Raises InputError."""
+    junit_path(junit)
+    case = _timed(label, run)
+    assert case.result is not None
+    return _written(case.result, [case], junit)
+
+
+def run_suite(simulated: Sequence[Simulated], progress: Callable[[float, int], None], junit: Path | None) -> Result:
+    """One result of several scenarios, written to `junit` too if given. One that fails to run does not stop the others."""
+    junit_path(junit)
+    for one in simulated:
+        writable(one.scenario.settings.out)
+    cases = []
+    for before, one in enumerate(simulated):
+        cases.append(_attempted(one, before, len(simulated), progress))
+        progress(before + 1, len(simulated))
+    rows = [("scenario", "s", "verdict")]
+    rows += [(c.label.name, f"{c.seconds:.1f}", c.result.verdict if c.result else c.error) for c in cases]
+    failed = [case.label.name for case in cases if not (case.result and case.result.good)]
+    verdict = f"failed: {', '.join(failed)}" if failed else f"passed: {len(cases)} scenarios"
+    lines = [f"read:    {case.label.what}" for case in cases]
+    lines += [f"wrote:   {case.result.document['run']}" for case in cases if case.result]
+    documents = [
+        {"scenario": case.label.name, "error": case.error} | (case.result.document if case.result else {})
+        for case in cases
+    ]
+    document = {"scenarios": documents, "verdict": verdict, "good": not failed}
+    return _written(Result(document, "\n".join([*lines, table_text(rows)]), verdict, not failed), cases, junit)
+
+
+def _attempted(one: Simulated, before: int, total: int, progress: Callable[[float, int], None]) -> Case:
+    began, clock = _now(), time.monotonic()
+    try:
+        return _timed(one.label, lambda: one.run(lambda done, cycles: progress(before + done / cycles, total)))
+    except InputError as error:
+        return Case(one.label, None, str(error), began, time.monotonic() - clock)
+
+
+def _timed(label: Label, run: Callable[[], Result]) -> Case:
+    began, clock = _now(), time.monotonic()
+    return Case(label, run(), "", began, time.monotonic() - clock)
+
+
+def _now() -> datetime:
+    return datetime.now().astimezone()
+
+
+def _written(result: Result, cases: Sequence[Case], junit: Path | None) -> Result:
+    if junit is None:
+        return result
+    write_junit(junit, cases)
+    return replace(result, document=result.document | {"junit": str(junit)}, text=f"{result.text}\nwrote:   {junit}")

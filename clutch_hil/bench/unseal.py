@@ -1,0 +1,94 @@
+"""Unsealing: what a blind run keeps back, told when neither the run nor its truth file has been changed."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clutch_hil.bench.progress import table_text
+from clutch_hil.bench.sealed import SEAL, checksum, shown, truth_path
+from plant_sim.effects.catalogue import effects
+from protocols.errors import InputError
+from protocols.files.run import Run
+from protocols.files.runs import read_run
+from protocols.telemetry.blind import tells_truth
+
+
+def unsealed(path: Path, folder: Path | None = None) -> tuple[Path, Run]:
+    """The truth file of the blind run at `path`, looked for beside it or in `folder`, and the whole run in it.
+
+    Raises InputError when the run is not blind, its truth file is not there, or one of the two has been changed.
+    """
+    run = read_run(path)
+    seal = run.metadata.get(SEAL)
+    if not (isinstance(seal, dict) and {"file", "sha256"} <= seal.keys()):
+        if (truth := truth_path(path, folder)).exists():
+            raise InputError(
+                f"run {path} has been changed since it was recorded: its seal is missing, though its truth file {truth} exists"
+            )
+        raise InputError(f"run {path} is not sealed: it was recorded without --blind")
+    truth = (folder or path.parent) / seal["file"]
+    if not truth.exists():
+        raise InputError(f"truth file {truth} of run {path} does not exist; give its folder with --truth")
+    if checksum(truth) != seal["sha256"]:
+        raise InputError(f"truth file {truth} has been changed since the run was recorded: its SHA-256 is another")
+    whole = read_run(truth)
+    columns = [name for name in whole.columns if not tells_truth(name)]
+    for name in dict.fromkeys((*run.columns, *columns)):
+        mine, sealed = run.columns.get(name), whole.columns.get(name)
+        if mine is None or sealed is None or not np.array_equal(mine, sealed, equal_nan=True):
+            raise _changed(path, f"the column {name}")
+    said = shown(whole.metadata) | {SEAL: seal}
+    for name in dict.fromkeys((*run.metadata, *said)):
+        if json.dumps(run.metadata.get(name)) != json.dumps(said.get(name)):  # where NaN equals NaN
+            raise _changed(path, f"what it says under {name}")
+    return truth, whole
+
+
+def told_by(path: Path, truth: Path, whole: Run) -> tuple[dict[str, Any], str, str, bool]:
+    """What the truth file of the run at `path` tells beyond it: document, text, verdict and True."""
+    metadata = whole.metadata
+    on = _effects_on(metadata["plant_parameters"])
+    injections, settings = metadata["injections"], metadata["settings"]
+    columns = [name for name in whole.columns if tells_truth(name)]
+    values = [(name, short, f"{value:g}") for name, own in on.items() for short, value in own.items()]
+    changes = [
+        (i["name"], i["unit"], f"{i['old']:g}", f"{i['new']:g}", f"{i['at']:.3f}", f"{i['ramp']:g}", str(i["row"]))
+        for i in injections
+    ]
+    lines = _listed(("effect on at the start", "parameter", "value"), values)
+    lines += _listed(("injected", "unit", "from", "to", "at [s]", "along [s]", "row"), changes)
+    lines += [f"settings: {', '.join(f'{name} {value}' for name, value in settings.items())}"]
+    lines += [f"columns:  {', '.join(columns)}", f"read:    {path}", f"         {truth}", "wrote:   nothing"]
+    verdict = (
+        f"run and truth file are as recorded; effects on at the start {len(on)}, changes injected {len(injections)}"
+    )
+    document = {
+        "run": str(path), "truth": str(truth), "effects": on, "injections": injections, "settings": settings,
+        "scenario": metadata.get("scenario"), "columns": columns, "verdict": verdict,
+    }  # fmt: skip
+    return document, "\n".join(lines), verdict, True
+
+
+def _listed(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    return [table_text([head, *rows]) if rows else f"{head[0]}: nothing", ""]
+
+
+def _effects_on(parameters: Mapping[str, float]) -> dict[str, dict[str, float]]:
+    """Parameters of the effects that are on, by effect and short name."""
+    off = {name: effect.off() for name, effect in effects().items()}
+    on = [name for name, values in off.items() if any(parameters.get(p, value) != value for p, value in values.items())]
+    return {
+        name: {
+            p.name: parameters[f"{name}.{p.name}"]
+            for p in effects()[name].parameters
+            if f"{name}.{p.name}" in parameters
+        }
+        for name in on
+    }
+
+
+def _changed(path: Path, what: str) -> InputError:
+    return InputError(f"run {path} has been changed since it was recorded: {what} is not as in its truth file")

@@ -1,0 +1,202 @@
+"""`clutch-hil up`: plant and controller as two processes on a bus, watched, recorded, judged."""
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from math import inf
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from clutch_hil.bench.label import Label
+from clutch_hil.bench.metadata import run_metadata
+from clutch_hil.bench.recording import Recording, run_path, writable
+from clutch_hil.bench.result import Result, judge_run
+from clutch_hil.bench.scenario import Scenario, naming
+from clutch_hil.bench.sealed import SealedRecording
+from clutch_hil.bench.services import TOLD_ELSEWHERE, Services, say
+from clutch_hil.bench.settings import MANUAL
+from clutch_hil.bench.status import StatusLine
+from protocols.buses.bus import open_bus, resolve
+from protocols.errors import InputError
+from protocols.realtime.child import clutch_hil, spawn
+from protocols.realtime.ring import RingReader
+from protocols.realtime.stopping import Stop
+
+_POLL = 0.05  # s between looks at the rings
+_VIEWER_END = 5.0  # s for a viewer to end once asked
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A scenario run by two processes on `bus`, on their clocks or in lock-step, published over zenoh unless not `telemetry`.
+
+    `viewer` holds the arguments of `clutch-hil view` beside it; None shows nothing. `blind` seals the truth away. `pace` holds
+    arguments of `clutch-hil controller` that say what begins its cycles.
+    """
+
+    scenario: Scenario
+    bus: str
+    lockstep: bool = False
+    telemetry: bool = True
+    router: str | None = None
+    viewer: Sequence[str] | None = None
+    blind: bool = False
+    pace: Sequence[str] = ()
+
+    @property
+    def label(self) -> Label:
+        """What the result says of the scenario."""
+        return Label.of(self.scenario, self.blind)
+
+    def run(self, quiet: bool = False) -> Result:
+        """Run to the end of the profile or Ctrl-C. Raises InputError; nothing half-written is left then."""
+        scenario, settings = self.scenario, self.scenario.settings
+        with naming(scenario.path):
+            what, duration = self._demand()
+            settings.new_controller()  # bad settings of the controller are told before anything starts
+        bus = resolve(self.bus)
+        open_bus(bus).close()
+        writable(settings.out)
+        cpus = os.sched_getaffinity(0)
+        try:
+            with (
+                TemporaryDirectory() as folder,
+                Stop() as stop,
+                Services(self._commands(bus, sorted(cpus), Path(folder))) as services,
+                self._viewing(bus),
+            ):
+                rings = services.rings(stop, say)
+                began = time.monotonic()
+                path = run_path(settings.out, self.label.name)
+                with self._recording(path, rings) as recording:
+                    self._watch(services, rings, recording, stop, duration, quiet)
+                    elapsed = time.monotonic() - began
+                    timing = services.end()
+                    plant, *controllers = [ring.read() for ring in rings]
+                    recording.add(_until(duration, plant), *controllers)
+                    timing["interrupted"] = stop.asked
+                    timing["record_rows_lost"] = sum(ring.lost for ring in rings)
+                    if self.lockstep:
+                        timing["speed"] = timing["plant"]["samples"] / settings.rate / elapsed
+                    mode = {"mode": "lock-step" if self.lockstep else "real time"}
+                    metadata = self._metadata(timing)
+                    metadata |= {"settings": settings.as_text() | mode, "bus": bus, "interrupted": stop.asked}
+                    metadata |= {"parameter_changes": _changes(timing)}
+                    metadata |= {"scenario": scenario.name, "timing": timing}
+                    recording.finish(metadata)
+        finally:
+            os.sched_setaffinity(0, cpus)
+        return self._judged(path, f"{what}, bus {bus}, {settings.rate} Hz", timing)
+
+    def _recording(self, path: Path, rings: Sequence[RingReader]) -> Recording:
+        recorder = SealedRecording if self.blind else Recording
+        return recorder(path, rings[0].columns, rings[1].columns, self.scenario.settings.rate)
+
+    def _metadata(self, timing: dict[str, Any]) -> dict[str, Any]:
+        """What the services' summaries tell of the rig; taken out of them."""
+        controller, injections = timing["controller"].pop("parameters"), timing["plant"].pop("injections")
+        timing["controller"].pop("injections")
+        return run_metadata(self.scenario.settings.rate, self.scenario.plant, controller, injections)
+
+    def _judged(self, path: Path, read: str, timing: dict[str, Any]) -> Result:
+        return judge_run(path, read, self.scenario.limits, timing)
+
+    def _status(self, rings: Sequence[RingReader], duration: float, quiet: bool) -> StatusLine:
+        return StatusLine(rings[0].columns, rings[1].columns, duration, quiet, self.blind)
+
+    @contextmanager
+    def _viewing(self, bus: str) -> Iterator[None]:
+        """A viewer beside the run; whatever becomes of it, the run goes on."""
+        if self.viewer is None:
+            yield
+            return
+        view = spawn(clutch_hil("view", "--bus", bus, *_option("--router", self.router), *self.viewer), sys.stderr)
+        try:
+            yield
+        finally:
+            view.terminate()
+            try:
+                view.wait(_VIEWER_END)
+            except subprocess.TimeoutExpired:
+                view.kill()
+                view.wait()
+
+    def _demand(self) -> tuple[str, float]:
+        """What is asked of the clutch, for people, and for how long [s]. Raises InputError."""
+        scenario, settings = self.scenario, self.scenario.settings
+        if settings.profile != MANUAL:
+            duration = scenario.duration
+            return self.label.read(duration), duration
+        if self.lockstep:
+            raise InputError("profile 'manual' cannot be played in lock-step; allowed is real time")
+        return f"demand from the bus{self.label.changes}", settings.seconds or inf
+
+    def _commands(self, bus: str, cpus: list[int], folder: Path) -> dict[str, list[str]]:
+        """Arguments of both services; `folder` takes what they read."""
+        scenario, settings = self.scenario, self.scenario.settings
+        common = ["--bus", bus, "--rate", str(settings.rate)]
+        if self.lockstep:
+            common.append("--lockstep")
+        elif len(cpus) > 1:
+            # plant and controller take turns on one CPU, everything else stays off it (timing.md)
+            common += ["--cpu", str(cpus[-1])]
+            os.sched_setaffinity(0, set(cpus[:-1]))
+        common += ([] if self.telemetry else ["--no-telemetry"]) + _option("--router", self.router)
+        plant = ["--seed", str(settings.seed), *_option("--temperature", settings.temperature)]
+        plant += ["--profile", settings.profile, *_option("--seconds", settings.seconds)]
+        plant += _option("--scenario", scenario.path) + _option("--parameters", settings.plant_parameters)
+        plant += ["--blind"] if self.blind else []
+        controller = ["--law", settings.law, "--adaptation" if settings.adaptation else "--no-adaptation"]
+        controller += [*_option("--parameters", settings.controller_file(folder)), *self.pace]
+        return {"plant": ["plant", *common, *plant], "controller": ["controller", *common, *controller]}
+
+    def _watch(
+        self,
+        services: Services,
+        rings: Sequence[RingReader],
+        recording: Recording,
+        stop: Stop,
+        duration: float,
+        quiet: bool,
+    ) -> None:
+        """Move rows from the rings to the recording and the status line until the run ends or somebody stops it."""
+        with self._status(rings, duration, quiet) as status:
+            while not stop.asked:
+                ended = services.ended()
+                if ended and not self.lockstep:
+                    raise InputError(f"the {ended[0]} ended before the profile did: somebody stopped it")
+                plant, *controllers = [ring.read() for ring in rings]
+                recording.add(_until(duration, plant), *controllers)
+                for name, line in services.said():
+                    if not line.startswith(TOLD_ELSEWHERE):
+                        status.note(f"{name}: {line}")
+                status.show(plant, controllers[0])
+                if len(ended) == len(rings) or (len(plant) and plant[-1, 0] >= duration):
+                    return
+                time.sleep(_POLL)
+
+
+def _changes(timing: dict[str, Any]) -> list[dict[str, Any]]:
+    """Parameters changed in both services; `row` counts the rows of that service, in which the change is first at work."""
+    return [
+        {"node": node} | change
+        for node in ("plant", "controller", "controller_b")
+        if node in timing
+        for change in timing[node].pop("parameter_changes")
+    ]
+
+
+def _until(duration: float, plant: np.ndarray) -> np.ndarray:
+    """Rows of the plant before `duration` [s]; in real time it goes on until it is stopped."""
+    return plant[plant[:, 0] < duration]
+
+
+def _option(name: str, value: object) -> list[str]:
+    return [] if value is None else [name, str(value)]

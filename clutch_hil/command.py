@@ -1,0 +1,179 @@
+"""`clutch-hil`: one command, its parts found by entry point (`clutch_hil.commands`), so that no side imports the other.
+
+Exit codes: 0 fine, 1 the verdict is bad, 2 the input or the command is wrong, 130 interrupted before there was a result.
+"""
+
+import json
+import os
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from importlib.metadata import entry_points, version
+from math import isfinite
+from pathlib import Path
+from types import FrameType
+from typing import Any, NoReturn
+
+import typer
+import typer.core
+
+from protocols.errors import InputError, InterruptionError
+from protocols.kernels.compiled import discard, kept
+from protocols.kernels.starting import STARTING, starts
+
+_AGAIN = 0.2  # s between interruptions, until the one who loads or compiles has noticed
+INTERRUPTED = 130  # 128 and SIGINT, as of every shell
+# Hz; below, a period of the 10 Hz pressure loop has less than five samples; above, a plant step is its integration step
+RATES = (50, 10_000)
+
+
+def verdict(text: str, good: bool = True) -> None:
+    """Print the verdict line; end with exit code 1 when it is bad."""
+    typer.echo(f"verdict: {text}")
+    if not good:
+        raise typer.Exit(1)
+
+
+def emit(document: Any) -> None:
+    """Print a document for machines (`--json`); what is not a number becomes null."""
+    typer.echo(json.dumps(_finite(document), indent=2, allow_nan=False))
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not isfinite(value) else value
+
+
+def report(document: Any, text: str, verdict_text: str, good: bool, as_json: bool) -> None:
+    """End a command: the document for machines, or text and verdict line for people; exit code 1 when not `good`."""
+    if as_json:
+        emit(document)
+        if not good:
+            raise typer.Exit(1)
+    else:
+        typer.echo(text)
+        verdict(verdict_text, good)
+
+
+def checked_rate(rate: int) -> int:
+    """`rate` [Hz] when a loop can run at it. Raises InputError."""
+    low, high = RATES
+    if not low <= rate <= high or 1_000_000_000 % rate:
+        raise InputError(f"rate {rate} Hz is not possible; allowed are {low} to {high} Hz with a whole period in ns")
+    return rate
+
+
+def write_summary(path: Path | None, document: Any) -> None:
+    """Write the JSON summary of a service for the process that started it."""
+    if path:
+        part = path.with_suffix(".part")
+        try:
+            part.write_text(json.dumps(document), encoding="utf-8")
+        except OSError as error:
+            raise InputError(f"summary {path} cannot be written: {error.strerror}") from None
+        part.rename(path)
+
+
+class _AskedError(KeyboardInterrupt):
+    """Somebody has asked the command to end.
+
+    Not KeyboardInterrupt itself: where that leaves a text that is executed, as dataclasses do, Python kills itself by SIGINT
+    when it ends, whoever has caught it.
+    """
+
+
+class Commands(typer.core.TyperGroup):
+    """The sub-commands. Raises InputError for an empty word: it is no name, no file and no number of anything."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """See `TyperGroup`."""
+        if bad := _empty(args):
+            raise InputError(f"{bad} is empty; a value is needed, or leave it away")
+        return super().resolve_command(ctx, args)
+
+
+def _empty(words: Sequence[str]) -> str | None:
+    """What is given without a value: an option, or a word; None when nothing is."""
+    for before, word in zip(("clutch-hil", *words), words, strict=False):
+        if not word.strip():
+            return before if before.startswith("-") else f"a word after {before!r}"
+        if word.startswith("--") and word.endswith("="):
+            return word.removesuffix("=")
+    return None
+
+
+def application() -> typer.Typer:
+    """The command with the sub-commands of every installed part."""
+    app = typer.Typer(
+        cls=Commands,
+        help="Hardware-in-the-loop bench for wet-clutch torque control over CAN.",
+        no_args_is_help=True,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+    )
+
+    @app.callback(invoke_without_command=True)
+    def root(show_version: bool = typer.Option(False, "--version", help="Print the version.")) -> None:
+        if show_version:
+            typer.echo(f"clutch-hil {version('clutch-hil')}")
+            raise typer.Exit
+
+    for point in sorted(entry_points(group="clutch_hil.commands"), key=lambda point: point.name):
+        point.load().register(app)
+    return app
+
+
+def main() -> None:
+    """Run `clutch-hil`."""
+    main_of(application())
+
+
+def main_of(run: Callable[[], object]) -> None:
+    """Run a command; an InputError becomes one sentence and exit code 2, Ctrl-C or SIGTERM one and 130."""
+    asked = False
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        nonlocal asked
+        asked = True
+        signal.setitimer(signal.ITIMER_REAL, _AGAIN, _AGAIN)
+        raise _AskedError
+
+    def insist(number: int, frame: FrameType | None) -> None:
+        """A compiler has destructors, in which Python drops an exception."""
+        if starts(frame):
+            raise _AskedError
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+
+    signal.signal(signal.SIGALRM, insist)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, interrupt)
+    try:
+        with STARTING:
+            run()
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
+    except InterruptionError as interruption:
+        print(f"interrupted: {interruption}", file=sys.stderr)
+        sys.exit(INTERRUPTED)
+    except BaseException:  # whatever a compiler or a library has made of _AskedError
+        if not asked:
+            raise
+        _break_off()
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def _break_off() -> NoReturn:
+    """End at once, all `with` blocks having been left: what a library has half made, the interpreter cannot take apart."""
+    signal.signal(signal.SIGALRM, signal.SIG_IGN)  # it has been noticed
+    print(f"interrupted: nothing half-written is left, {kept()}", file=sys.stderr)
+    discard()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(INTERRUPTED)

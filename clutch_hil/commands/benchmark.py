@@ -1,0 +1,16 @@
+"""`clutch-hil benchmark`: says where the benchmarks are, which are no part of the installed package."""
+
+import typer
+
+from protocols.errors import InputError
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command(hidden=True, context_settings={"ignore_unknown_options": True})(benchmark)
+
+
+def benchmark(arguments: list[str] | None = typer.Argument(None)) -> None:
+    """Say what the command is now."""
+    words = " ".join(["python -m benchmarks", *(arguments or [])])
+    raise InputError(f"benchmarks are played in a checkout of the project, no longer by clutch-hil: {words}")

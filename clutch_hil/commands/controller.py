@@ -1,0 +1,76 @@
+"""Commands of the controller."""
+
+from pathlib import Path
+
+import typer
+
+from clutch_hil.command import checked_rate, emit, verdict, write_summary
+
+
+def register(app: typer.Typer) -> None:
+    """Add the controller's commands."""
+    app.command()(controller)
+
+
+def controller(
+    bus: str = typer.Option("auto", help="vcan0, can0, local:NAME or auto"),
+    rate: int = typer.Option(1000, help="control rate, in Hz"),
+    lockstep: bool = typer.Option(False, help="step when a sample comes instead of by the clock"),
+    parameters: Path | None = typer.Option(None, help="TOML file that changes controller parameters"),
+    law: str = typer.Option("both", help="both, feedforward or feedback"),
+    adaptation: bool = typer.Option(True, help="adapt the friction level on-line"),
+    clutch: str | None = typer.Option(None, help="a or b, where two clutches are on the bus"),
+    ring: Path | None = typer.Option(None, help="shared-memory file for the record of every cycle"),
+    summary: Path | None = typer.Option(None, help="JSON file for the summary"),
+    telemetry: bool = typer.Option(True, help="publish every cycle over zenoh, from a process of its own"),
+    router: str | None = typer.Option(None, help="zenoh router to publish to, such as tcp/192.168.1.5:7447"),
+    cpu: int | None = typer.Option(None, help="CPU to run on"),
+    trigger: str = typer.Option(
+        "clock", help="what begins a cycle: clock, bus (the sample itself), or pll (a clock that follows the samples)"
+    ),
+    overrun: str = typer.Option("skip", help="what becomes of slots that were slept through: skip, catch-up or fault"),
+    spin_us: float = typer.Option(
+        0.0, help="spin at most so long, and a tenth of a period, before a slot, in us; as long as sleeps are late"
+    ),
+    json_output: bool = typer.Option(False, "--json", help="print the summary as JSON"),
+) -> None:
+    """Run the controller on a bus until it is stopped."""
+    from clutch_hil.bench.service_text import service_lines
+    from protocols.can.two_clutches import checked_clutch
+    from protocols.kernels.starting import compile_first
+    from protocols.realtime.stopping import Stop
+    from protocols.realtime.waiting import checked_spin
+    from rt_controller.loop.service import ControllerService
+
+    service = ControllerService(
+        bus=bus,
+        rate=checked_rate(rate),
+        lockstep=lockstep,
+        parameters_file=parameters,
+        law=law,
+        adaptation=adaptation,
+        ring=ring,
+        telemetry=telemetry,
+        router=router,
+        cpu=cpu,
+        clutch=None if clutch is None else checked_clutch(clutch),
+        trigger=trigger,
+        overrun=overrun,
+        spin_us=checked_spin(spin_us),
+    )
+    compile_first(service.warm)
+    with Stop():  # a second signal does not interrupt the ending
+        result = service.run(lambda text: typer.echo(text, err=True))
+        write_summary(summary, result)
+    if json_output:
+        emit(result)
+        if result["overrun"] or result["faults"]:
+            raise typer.Exit(1)
+    else:
+        closed, missed, count = result["valve_closed"], result["overrun"], result["faults"]
+        text = f"controller stopped{f' because {missed}' if missed else ''}"
+        text += f", {'valve closed' if closed else 'the safe command could not be sent'}"
+        if count:
+            text += f"; {'' if count == 1 else f'{count} faults, the first: '}{result['first_fault']}"
+        typer.echo("\n".join(service_lines(service.name, result)))
+        verdict(text, closed and not missed and not count)

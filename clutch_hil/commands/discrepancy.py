@@ -1,0 +1,118 @@
+"""The command `discrepancy`: where runs and model disagree, what is missing, and the model with it added."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+from typer.core import TyperCommand
+
+from clutch_hil.command import report
+from protocols.errors import InputError, listing
+
+if TYPE_CHECKING:
+    from clutch_hil.discrepancy.result import Result
+
+_MANY = "--holdout"  # takes every path up to the next option
+
+
+class _ManyPaths(TyperCommand):
+    """`--holdout A B C` as click has it: `--holdout A --holdout B --holdout C`."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        spread: list[str] = []
+        within = False
+        for arg in args:
+            if arg.startswith("-"):
+                within = arg == _MANY
+                if not within:
+                    spread.append(arg)
+            else:
+                spread += [_MANY, arg] if within else [arg]
+        return super().parse_args(ctx, spread)
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command(cls=_ManyPaths)(discrepancy)
+
+
+def discrepancy(
+    runs: list[Path] = typer.Argument(..., metavar="RUN...", help="recorded runs: .parquet, .mf4, .csv, .mat"),
+    holdout: list[Path] = typer.Option([], "--holdout", metavar="RUN...", help="runs that are not fitted, to judge by"),
+    rig: str = typer.Option(
+        "wet_clutch", help="wet_clutch, position_axis, tribometer, pneumatic_cylinder or PATH.py:CLASS"
+    ),
+    model: Path | None = typer.Option(None, help="model file to begin from, as an earlier search wrote it"),
+    calibration: float | None = typer.Option(
+        None, help="how far the baseline may be re-fitted, in stated uncertainties; the rig's own if not given"
+    ),
+    effects: str = typer.Option("", metavar="A,B,...", help="candidates; all of the rig's if not given"),
+    out: Path = typer.Option(
+        ..., help="folder for report.html, report.json, model.toml, atlas.png, gap.png, evidence.rrd"
+    ),
+    json_output: bool = typer.Option(False, "--json", help="print report.json"),
+) -> None:
+    """Find where runs and simulation disagree, name the missing effect, add it, show the gap on runs that were not fitted."""
+    from clutch_hil.bench.progress import progress_bar
+    from clutch_hil.bench.recording import writable
+    from clutch_hil.discrepancy.models.named import model_named, recalibrated, required
+    from clutch_hil.discrepancy.outcome import concluded
+    from protocols.files.runs import read_run
+
+    known = model_named(rig, model)
+    if calibration is not None:
+        known = recalibrated(known, calibration)
+    names = [name.strip() for name in effects.split(",") if name.strip()]
+    _check_paths(runs, holdout)
+    columns = required(known)
+    fitted = {str(path): read_run(path, columns).columns for path in runs}
+    held = {str(path): read_run(path, columns).columns for path in holdout}
+    writable(out)
+    with progress_bar("discrepancy", json_output) as progress:
+        result, files = concluded(
+            known, rig, model, fitted, held, names or None, out, lambda what, share: progress(round(100 * share), 100)
+        )
+    read, wrote = (", ".join(map(str, paths)) for paths in ((*runs, *holdout), files))
+    text = "\n".join([_told(result), f"read:    {read}", f"wrote:   {wrote}"])
+    report(result.as_json(), text, verdict_line(result), True, json_output)
+
+
+def _check_paths(runs: list[Path], holdout: list[Path]) -> None:
+    seen: set[Path] = set()
+    for path in (*runs, *holdout):
+        if (resolved := path.resolve()) in seen:
+            raise InputError(f"run {path} is given twice; each run is fitted or held out, once")
+        seen.add(resolved)
+
+
+def verdict_line(result: "Result") -> str:
+    """The verdict as one line."""
+    sure = f"confidence {result.confidence:.2f}"
+    if result.verdict == "named":
+        named = f"named: {' + '.join(result.effects)} ({sure})"
+        if (column := result.main_output) is None:
+            return named
+        gap = result.gap[column]
+        return (
+            f"{named}; {column} on runs not fitted: {gap.before:.3g} before, {gap.after:.3g} after,"
+            f" floor {gap.floor:.3g} {result.units[column]}"
+        )
+    if result.verdict == "one_of":
+        return f"one of {' | '.join(listing(group) for group in result.alternatives)} ({sure})"
+    if result.verdict == "none_of_these":
+        what = (result.surrogate or {}).get("sentence", "something is missing that no candidate explains")
+        return f"none of these: {what} ({sure})"
+    return f"nothing missing ({sure})"
+
+
+def _told(result: "Result") -> str:
+    rows = [
+        f"  {c.block:<11} {c.output:<22} {c.regime:<20} {c.size:8.3g} {c.unit:<6}"
+        f" {c.times_floor:5.2f} floors, p {c.p_value:.2g}"
+        for c in result.where
+    ]
+    where = ["where they disagree:", *rows] if rows else ["they disagree nowhere"]
+    found = [
+        f"  {e.name} = {e.value:.5g} {e.unit}  (95 %: {e.ci95[0]:.5g}..{e.ci95[1]:.5g})" for e in result.parameters
+    ]
+    return "\n".join([*where, *(["fitted:", *found] if found else []), f"{result.seconds:.1f} s"])

@@ -1,0 +1,45 @@
+"""`clutch-hil doctor`: what of a punctual loop this machine allows, and the command that turns on what is off."""
+
+import typer
+
+from clutch_hil.command import report
+
+_MARKS = {True: "on", False: "off", None: "-"}
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command()(doctor)
+
+
+def doctor(
+    cpu: int | None = typer.Option(None, help="CPU that the loop shall run on"),
+    json_output: bool = typer.Option(False, "--json", help="print the result as JSON"),
+) -> None:
+    """Tell what makes the loop punctual here, what is off, and the command that turns it on."""
+    import os
+
+    from clutch_hil.bench.machine import facts
+    from protocols.realtime.rights import MEASURES, Wanted, possible
+
+    wanted = Wanted(max(os.sched_getaffinity(0)) if cpu is None else cpu)
+    measures = [(m, possible(m, wanted)) for m in MEASURES]
+    found = facts()
+    lines = ["of the process: what each service takes for itself", ""]
+    lines += [f"  {_MARKS[there]:<4} {m.name:<30} {m.why}" for m, there in measures]
+    lines += ["", "of the machine", ""]
+    lines += [f"  {_MARKS[fact.good]:<4} {fact.name:<30} {fact.state}" for fact in found]
+    remedies = [(m.name, m.remedy) for m, there in measures if not there]
+    remedies += [(fact.name, fact.remedy) for fact in found if fact.good is False]
+    if remedies:
+        lines += ["", "to turn on what is off:", ""]
+        lines += [f"  {name}\n      {remedy}" for name, remedy in remedies]
+    off = [m.name for m, there in measures if not there]
+    text = f"the loop lacks: {', '.join(off)}" if off else "the loop has every right it asks for"
+    count = sum(fact.good is False for fact in found)
+    text += f"; of the machine, {count} of {len(found)} could be better" if count else ""
+    document = {
+        "process": [{"name": m.name, "on": there, "remedy": m.remedy} for m, there in measures],
+        "machine": [fact._asdict() for fact in found],
+    }
+    report(document, "\n".join(lines), text, not off, json_output)

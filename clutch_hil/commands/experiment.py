@@ -1,0 +1,145 @@
+"""The command `experiment`: plays experiments on the live plant and records them; one that a report proposes is decided on."""
+
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from clutch_hil.command import report
+from protocols.errors import InputError
+
+if TYPE_CHECKING:
+    from clutch_hil.discrepancy.experiment import Experiment
+    from clutch_hil.discrepancy.follow_up import Report
+    from clutch_hil.discrepancy.laboratory import Laboratory
+
+NAMES = typer.Argument(
+    None, metavar="[EXPERIMENT]...", help="a profile, or PROFILE-TEMPERATURE, as crawl-45; --list has them"
+)
+HOLDOUT = typer.Option([], metavar="EXPERIMENT", help="a further one, not to be fitted; may be given more than once")
+FOR = typer.Option(None, "--for", help="report.json whose proposed experiment is played, and which is decided again")
+MODEL = typer.Option(None, "--plant-parameters", help="TOML file that changes the plant under test")
+DRAW = typer.Option(
+    None, help="the plant under test has an effect that this seed draws from the catalogue; implies --blind", min=0
+)
+JSON = typer.Option(False, "--json", help="print the result as JSON")
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command()(experiment)
+
+
+def experiment(
+    names: list[str] | None = NAMES,
+    holdout: list[str] = HOLDOUT,
+    for_report: Path | None = FOR,
+    standard: bool = typer.Option(False, "--standard", help="the standard set: five experiments and two to hold out"),
+    list_all: bool = typer.Option(False, "--list", help="list the experiments"),
+    bus: str = typer.Option("auto", help="vcan0, can0, local:NAME or auto"),
+    running: bool = typer.Option(
+        False, "--running", help="on the bench that runs on the bus, started with --profile manual"
+    ),
+    lockstep: bool = typer.Option(False, help="deterministic, as fast as the machine allows"),
+    rate: int | None = typer.Option(None, help="rate of samples and commands, in Hz; the experiment's if not given"),
+    scenario: str | None = typer.Option(None, help="scenario whose plant, effects and injections are under test"),
+    plant_parameters: Path | None = MODEL,
+    draw: int | None = DRAW,
+    seed: int = typer.Option(1, help="seed of the sensor noise of the first run; the next have the next ones", min=0),
+    blind: bool = typer.Option(
+        False, "--blind", help="keep the truth out of the run files, in sealed files beside them"
+    ),
+    out: Path = typer.Option(Path("runs"), help="folder for what is written"),
+    json_output: bool = JSON,
+) -> None:
+    """Play experiments on the live plant over CAN and record them; with --for decide again with what they show."""
+    from clutch_hil.bench.progress import table_text
+    from clutch_hil.command import checked_rate
+    from clutch_hil.discrepancy.laboratory import OwnBench, RunningBench, plant_under_test
+    from clutch_hil.discrepancy.models.wet_clutch_experiments import HELD_OUT, LIBRARY, STANDARD, find
+    from clutch_hil.live.catalogue import counted
+
+    if list_all:
+        rows = [(e.name, f"{e.seconds:.1f} s", e.title) for e in LIBRARY]
+        text = table_text([("experiment", "length", "what"), *rows])
+        report(
+            [vars(e) for e in LIBRARY],
+            text,
+            f"{len(rows)} experiments; any other temperature is possible",
+            True,
+            json_output,
+        )
+        return
+    if sum(map(bool, (names, for_report, standard))) != 1:
+        raise InputError("experiment needs one of EXPERIMENT, --standard and --for; --list names the experiments")
+    if holdout and not names:
+        raise InputError(f"--holdout {holdout[0]} goes with experiments that are named; leave it away")
+    if rate is not None:
+        checked_rate(rate)
+    follow_up: Report | None = None
+    wanted: list[Experiment] = []
+    held_out: list[Experiment] = []
+    first = 0
+    if for_report:
+        from clutch_hil.discrepancy import follow_up as follow
+
+        follow_up = follow.Report.read(for_report)
+        wanted, first = [follow_up.experiment], len(follow_up.runs) + len(follow_up.held_out)
+    elif standard:
+        wanted, held_out = list(STANDARD.values()), list(HELD_OUT.values())
+    else:
+        wanted, held_out = [find(name) for name in names or ()], [find(name) for name in holdout]
+    if running:
+        given = {
+            "--lockstep": lockstep, "--rate": rate, "--scenario": scenario, "--plant-parameters": plant_parameters,
+            "--draw": draw,
+        }  # fmt: skip
+        if odd := [name for name, value in given.items() if value not in (None, False)]:
+            raise InputError(f"--running was given and {odd[0]}; the bench that runs has its own plant and clock")
+        played = _played(RunningBench(bus, out, blind), wanted + held_out, json_output, first)
+    else:
+        with plant_under_test(scenario, plant_parameters, draw, seed, out) as plant:
+            bench = OwnBench(plant, bus, lockstep, blind or draw is not None)
+            played = _played(bench, [e.at_rate(rate) for e in wanted + held_out], json_output, first)
+    if follow_up:
+        _decide(follow_up, played[0], out, json_output)
+        return
+    runs, rest = played[: len(wanted)], played[len(wanted) :]
+    words = ["clutch-hil", "discrepancy", *map(str, runs), *(["--holdout", *map(str, rest)] if rest else [])]
+    command = shlex.join([*words, "--out", str(out / "report")])
+    lines = [f"read:    {counted(len(played), 'experiment')}: {', '.join(e.name for e in wanted + held_out)}"]
+    lines += [f"{'wrote:' if not i else '':<9}{path}" for i, path in enumerate(played)]
+    lines += [f"next:    {command}"]
+    told = f"{counted(len(played), 'experiment')} recorded" + (f", {len(rest)} of them to hold out" if rest else "")
+    document = {"runs": list(map(str, runs)), "holdout": list(map(str, rest)), "next": command, "verdict": told}
+    report(document, "\n".join(lines), told, True, json_output)
+
+
+def _played(laboratory: "Laboratory", experiments: "Sequence[Experiment]", quiet: bool, first: int) -> list[Path]:
+    """Play `experiments`, numbered from `first` on: each number has noise of its own."""
+    paths: list[Path] = []
+    for number, experiment in enumerate(experiments, first):
+        if not quiet:
+            told = f"{len(paths) + 1}/{len(experiments)}  {experiment.name} ({experiment.seconds:.1f} s): {experiment.title}"
+            typer.echo(told, err=True)
+        paths.append(laboratory.play(experiment, number, quiet))
+    return paths
+
+
+def _decide(before: "Report", run: Path, out: Path, json_output: bool) -> None:
+    """Decide again with `run`, and tell."""
+    from clutch_hil.bench.progress import progress_bar
+    from clutch_hil.commands.discrepancy import verdict_line
+    from clutch_hil.discrepancy.follow_up import decided_again
+
+    with progress_bar("decide again", json_output) as progress:
+        result, files = decided_again(before, run, out, progress)
+    told = f"{verdict_line(result)}; before: {before.verdict}"
+    lines = [
+        f"read:    {before.path}, {len(before.runs) + len(before.held_out)} runs, experiment {before.experiment.name}"
+    ]
+    lines += [f"{'wrote:' if not i else '':<9}{path}" for i, path in enumerate((run, *files))]
+    document = result.as_json() | {"run": str(run), "wrote": list(map(str, files)), "before": before.verdict}
+    report(document, "\n".join(lines), told, True, json_output)

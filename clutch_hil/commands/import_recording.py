@@ -1,0 +1,43 @@
+"""The command `import`: a foreign recording as a run file of ours."""
+
+from pathlib import Path
+
+import typer
+
+from clutch_hil.command import report
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command(name="import")(import_run)
+
+
+def import_run(
+    recording: Path = typer.Argument(..., help="MATLAB .mat, MF4, Parquet or text"),
+    map_name: str = typer.Option(
+        ..., "--map", help="TOML file that says which column is which, or emps, microtribometer, pneumatic_seal"
+    ),
+    from_s: float | None = typer.Option(None, "--from", help="first time to keep, in s; the map's if not given"),
+    to_s: float | None = typer.Option(None, "--to", help="last time to keep, in s; the map's if not given"),
+    out: Path = typer.Option(..., help="run file to write: .parquet, .mf4 or .csv"),
+    json_output: bool = typer.Option(False, "--json", help="print the result as JSON"),
+) -> None:
+    """Map names and units of a foreign recording onto ours and write it as a run; what was done to it is told, and kept in the
+    file's metadata."""
+    from clutch_hil.discrepancy.import_map import load_map
+    from protocols.files.runs import write_run
+
+    run = load_map(map_name).part(from_s, to_s).read(recording)
+    write_run(run, out)
+    time = run["time_s"]
+    done = run.metadata["import"]["done"]
+    document = {
+        "read": str(recording),
+        "wrote": str(out),
+        "rows": len(time),
+        "columns": list(run.columns),
+        "done": done,
+    }
+    text = "\n".join([f"read {recording}", *done, f"wrote {out}: {', '.join(run.columns)}"])
+    rate = (len(time) - 1) / (time[-1] - time[0])
+    report(document, text, f"{len(time)} rows at {rate:.6g} Hz", True, json_output)

@@ -1,0 +1,56 @@
+"""`clutch-hil inject`: effects and faults injected into a running plant."""
+
+import typer
+
+from clutch_hil.command import report
+from clutch_hil.commands.options import BENCH, JSON, ROUTER
+from protocols.errors import InputError
+
+WORDS = typer.Argument(
+    None,
+    metavar="[EFFECT [SHORT=VALUE]... | GROUP.NAME=VALUE]...",
+    help="effects to switch on, at typical values or the given ones, and parameters to set; what is on now if not given",
+)
+FREEZE = typer.Option([], help="sensor that keeps what it shows; may be given more than once")
+BIAS = typer.Option([], metavar="SENSOR=VALUE", help="sensor that shows so much more; may be given more than once")
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command()(inject)
+
+
+def inject(
+    words: list[str] | None = WORDS,
+    off: bool = typer.Option(False, "--off", help="switch the effects off, release the sensors"),
+    freeze: list[str] = FREEZE,
+    bias: list[str] = BIAS,
+    list_all: bool = typer.Option(False, "--list", help="show what is on now, and what is to come"),
+    clutch: str | None = typer.Option(None, help="clutch of a power-shift rig: a or b"),
+    at: float | None = typer.Option(None, help="when, in s of the plant's time; now if not given"),
+    after: float | None = typer.Option(None, help="when, in s from now"),
+    ramp: float | None = typer.Option(None, help="go there along a line of so many s"),
+    until: float | None = typer.Option(None, help="go back at this time, in s of the plant's time"),
+    hold: float | None = typer.Option(None, "--for", help="go back so many s after it is there"),
+    bus: str | None = BENCH,
+    router: str | None = ROUTER,
+    json_output: bool = JSON,
+) -> None:
+    """Change the running plant: effects on and off, parameters, sensors that freeze or are biased; now, later, slowly."""
+    from clutch_hil.live.inject import injected, shown, wanted
+    from protocols.can.two_clutches import checked_clutch
+
+    prefix = "" if clutch is None else f"{checked_clutch(clutch)}."
+    values = {prefix + name: v for name, v in wanted(words or [], off, freeze, bias).items()}
+    given = {"at": at, "after": after, "ramp": ramp, "until": until, "for": hold}
+    when = {name: seconds for name, seconds in given.items() if seconds is not None}
+    if not values:
+        if when or off:
+            raise InputError(
+                "inject was told when or how and not what; name an effect, GROUP.NAME=VALUE, --freeze or --bias"
+            )
+        report(*shown(bus, router), json_output)
+        return
+    if list_all:
+        raise InputError("inject was given --list and something to inject; allowed is one of them")
+    report(*injected(values, when, bus, router), json_output)

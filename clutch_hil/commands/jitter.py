@@ -1,0 +1,89 @@
+"""`clutch-hil jitter`: the loop's timing beside cyclictest, a witness and echoes, as a table, a picture and JSON."""
+
+from pathlib import Path
+
+import typer
+
+from clutch_hil.command import checked_rate, report
+from protocols.errors import InputError
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command()(jitter)
+
+
+def jitter(
+    bus: str = typer.Option("auto", help="vcan0, can0, local:NAME or auto"),
+    rate: int = typer.Option(1000, help="rate of samples and commands, in Hz"),
+    seconds: float = typer.Option(30.0, help="length of each phase in all, in s"),
+    rounds: int = typer.Option(3, min=1, help="parts that it is measured in, the phases in turn"),
+    cpu: int | None = typer.Option(None, help="CPU of the loops; the last if not given"),
+    spin_us: float = typer.Option(100.0, help="spin at most so long before a slot, in us"),
+    rates: str | None = typer.Option(
+        None, help="the closed loop alone, by clock and bus, at these rates in Hz, such as 250,4000"
+    ),
+    load: list[str] = typer.Option(
+        [], help="cpu, memory, disk, bus, viewer, restarts or full; may be given more than once"
+    ),
+    telemetry: bool = typer.Option(True, help="publish every cycle meanwhile, as a bench does"),
+    out: Path = typer.Option(Path("runs"), help="folder for jitter.png and jitter.json"),
+    json_output: bool = typer.Option(False, "--json", help="print the result as JSON"),
+) -> None:
+    """Measure the loop's jitter here, side by side with what the machine allows."""
+    import os
+
+    from clutch_hil.bench import jitter_report
+    from clutch_hil.bench.jitter import Setting, measure, sweep
+    from clutch_hil.bench.loads import chosen
+    from clutch_hil.bench.progress import progress_bar
+    from clutch_hil.bench.recording import writable
+    from clutch_hil.command import write_summary
+    from protocols.buses.bus import open_bus, resolve
+    from protocols.realtime.waiting import checked_spin
+
+    cpus = sorted(os.sched_getaffinity(0))
+    setting = jitter_report.checked(
+        Setting(
+            resolve(bus), checked_rate(rate), seconds, rounds, cpus[-1] if cpu is None else cpu,
+            checked_spin(spin_us), telemetry,
+        ),
+        cpus,
+    )  # fmt: skip
+    loads = chosen(load)
+    wanted = _rates(rates) if rates is not None else []
+    open_bus(setting.bus).close()
+    writable(out)
+    summary = out / "jitter.json"
+    if wanted:
+        with progress_bar("jitter by rate", json_output) as progress:
+            told = jitter_report.sweep_document(setting, loads, *sweep(setting, wanted, loads, progress))
+        write_summary(summary, told)
+        verdict, good = jitter_report.sweep_judged(told)
+        lines = [jitter_report.sweep_text(told), "", f"wrote:   {summary}"]
+        report(told, "\n".join(lines), verdict, good, json_output)
+        return
+    with progress_bar("jitter", json_output) as progress:
+        measured, interrupted = measure(setting, loads, progress)
+    told = jitter_report.document(setting, loads, measured, interrupted)
+    picture = out / "jitter.png"
+    jitter_report.draw(setting, measured, picture)
+    write_summary(summary, told)
+    verdict, good = jitter_report.judged(told)
+    where = f"on {setting.bus} at {rate} Hz, CPU {setting.cpu}"
+    read = f"read:    {len(measured)} phases of {seconds:g} s in {rounds} rounds {where}"
+    report(
+        told,
+        "\n".join([jitter_report.text(told), "", read, f"wrote:   {picture}", f"wrote:   {summary}"]),
+        verdict,
+        good,
+        json_output,
+    )
+
+
+def _rates(text: str) -> list[int]:
+    """Rates [Hz] with commas between. Raises InputError."""
+    parts = [part.strip() for part in text.split(",")]
+    if odd := [part for part in parts if not part.isdecimal()]:
+        raise InputError(f"rates {text!r} has {odd[0]!r}; allowed are whole numbers of Hz with commas between")
+    return [checked_rate(int(part)) for part in parts]

@@ -1,0 +1,55 @@
+"""Options that several commands have, and the scenario that they name."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from clutch_hil.command import checked_rate
+from protocols.errors import InputError
+
+if TYPE_CHECKING:
+    from clutch_hil.bench.scenario import Scenario
+
+BUS = typer.Option("auto", help="vcan0, can0, local:NAME or auto")
+# What a scenario sets is None where it is not given: then the scenario's value stands, without one the default of RunSettings.
+RATE = typer.Option(None, help="rate of samples and commands, in Hz; 1000 if not given")
+# a model that `clutch-hil discrepancy` extended is such a file
+PLANT_PARAMETERS = typer.Option(
+    None,
+    "--model",
+    "--plant-parameters",
+    help="TOML file that changes plant parameters: a rig of yours, or a model.toml",
+)
+CONTROLLER_PARAMETERS = typer.Option(
+    None, "--controller-parameters", help="TOML file that changes controller parameters"
+)
+SECONDS = typer.Option(None, help="repeat or cut the profile to this length, in s")
+SEED = typer.Option(None, help="seed of the sensor noise; 1 if not given", min=0)
+TEMPERATURE = typer.Option(None, help="oil temperature at the start, in degC; the reference temperature if not given")
+LAW = typer.Option(None, help="both, feedforward or feedback; both if not given")
+ADAPTATION = typer.Option(None, help="adapt the friction level on-line, which is done if not given")
+BLIND = typer.Option(False, "--blind", help="keep the truth out of the run file, in a sealed file beside it")
+JUNIT = typer.Option(None, help="XML file for the verdicts, as test benches read them")
+OUT = typer.Option(Path("runs"), help="folder for what is written")
+JSON = typer.Option(False, "--json", help="print the result as JSON")
+BENCH = typer.Option(None, "--bus", help="bus of the bench, where several are running")
+ROUTER = typer.Option(None, help="zenoh router of another machine, such as tcp/192.168.1.5:7447")
+
+
+def chosen_scenario(name: str | None, given: Mapping[str, Any], rig: str | None = None) -> "Scenario":
+    """The scenario `name`, or without one a run of `rig`, with the settings that were `given`. Raises InputError."""
+    from clutch_hil.bench.scenario import Scenario, load_scenario
+    from clutch_hil.bench.settings import RunSettings
+
+    said = {key: value for key, value in given.items() if value is not None}
+    checked_rate(said.get("rate", RunSettings.rate))
+    if name is None:
+        return Scenario.of(RunSettings(**said), rig or "wet_clutch")
+    loaded = load_scenario(name, said)
+    if rig not in (None, loaded.rig):
+        raise InputError(
+            f"scenario {name} is of the rig {loaded.rig}, and --rig {rig} was given; allowed is one of them"
+        )
+    return loaded

@@ -1,0 +1,78 @@
+"""`clutch-hil plant`: the plant as a service on a bus."""
+
+from pathlib import Path
+
+import typer
+
+from clutch_hil.command import emit, verdict, write_summary
+from clutch_hil.commands.options import BLIND, BUS, JSON, RATE, SECONDS, SEED, TEMPERATURE, chosen_scenario
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command()(plant)
+
+
+def plant(
+    bus: str = BUS,
+    rate: int | None = RATE,
+    lockstep: bool = typer.Option(False, help="wait for the controller's answer to every sample"),
+    scenario: str | None = typer.Option(
+        None, help="scenario: its rig, profile, effects, injections; options override it"
+    ),
+    rig: str | None = typer.Option(None, help="wet_clutch or power_shift; the scenario's, or wet_clutch, if not given"),
+    parameters: Path | None = typer.Option(
+        None, "--model", "--parameters", help="TOML file that changes plant parameters: a rig of yours, or a model.toml"
+    ),
+    profile: str | None = typer.Option(None, help="profile to play, or manual; of the scenario, or none, if not given"),
+    seconds: float | None = SECONDS,
+    seed: int | None = SEED,
+    temperature: float | None = TEMPERATURE,
+    blind: bool = BLIND,
+    ring: Path | None = typer.Option(None, help="shared-memory file for the record of every sample"),
+    summary: Path | None = typer.Option(None, help="JSON file for the summary"),
+    telemetry: bool = typer.Option(True, help="publish every cycle over zenoh, from a process of its own"),
+    router: str | None = typer.Option(None, help="zenoh router to publish to, such as tcp/192.168.1.5:7447"),
+    cpu: int | None = typer.Option(None, help="CPU to run on"),
+    json_output: bool = JSON,
+) -> None:
+    """Simulate the rig on a bus until it is stopped; in lock-step until its profile ends."""
+    from clutch_hil.bench.scenario import naming
+    from clutch_hil.bench.service_text import service_lines
+    from clutch_hil.bench.settings import MANUAL
+    from plant_sim.node.plant_service import PlantService
+    from protocols.kernels.starting import compile_first
+    from protocols.realtime.stopping import Stop
+
+    given = {
+        "rate": rate, "profile": profile or (None if scenario else MANUAL), "seconds": seconds, "seed": seed,
+        "temperature": temperature, "plant_parameters": parameters,
+    }  # fmt: skip
+    played = chosen_scenario(scenario, given, rig)
+    settings = played.settings
+    with naming(played.path):
+        service = PlantService(
+            bus=bus,
+            rate=settings.rate,
+            lockstep=lockstep,
+            parameters=played.plant,
+            profile=None if settings.profile == MANUAL else played.loaded_profile(),
+            seed=settings.seed,
+            temperature=settings.temperature,
+            injections=played.injections,
+            blind=blind,
+            ring=ring,
+            telemetry=telemetry,
+            router=router,
+            cpu=cpu,
+            rig=played.rig,
+        )
+    compile_first(service.warm)
+    with Stop():  # a second signal does not interrupt the ending
+        result = service.run(lambda text: typer.echo(text, err=True))
+        write_summary(summary, result)
+    if json_output:
+        emit(result)
+    else:
+        typer.echo("\n".join(service_lines("plant", result)))
+        verdict(f"plant stopped after {result['samples']} samples")

@@ -1,0 +1,44 @@
+"""`clutch-hil reproduce`: results of the thesis, checked by running them."""
+
+from pathlib import Path
+
+import typer
+
+from clutch_hil.command import report
+from clutch_hil.commands.options import JSON, OUT
+from protocols.errors import InputError
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command()(reproduce)
+
+
+def reproduce(
+    name: str | None = typer.Argument(None, help="name of a reproduction, or a figure's number"),
+    list_all: bool = typer.Option(False, "--list", help="list what can be reproduced"),
+    every: bool = typer.Option(False, "--all", help="reproduce everything and write one page with all pictures"),
+    out: Path = OUT,
+    json_output: bool = JSON,
+) -> None:
+    """Check a result of the thesis by running it."""
+    from clutch_hil.bench.progress import progress_bar, table_text
+    from clutch_hil.bench.recording import writable
+    from clutch_hil.thesis import entries, entry
+    from clutch_hil.thesis.result import checks_text, run, run_all
+
+    if list_all or not (name or every):
+        rows = [("name", "what"), *((e.name, e.title) for e in entries().values())]
+        report(dict(rows[1:]), table_text(rows), f"{len(rows) - 1} entries", True, json_output)
+        return
+    if every and name:
+        raise InputError(f"reproduce was given {name!r} and --all; allowed is one of them")
+    chosen = entry(name) if name else None
+    writable(out)
+    with progress_bar(name or "reproduce", json_output) as progress:
+        if chosen is None:
+            report(*run_all(out, progress), json_output)
+            return
+        result = run(chosen, out, progress)
+    text = "\n".join([f"{chosen.name}: {chosen.title}", checks_text(result), f"wrote:   {result.picture}"])
+    report(result.document(), text, result.verdict, result.holds, json_output)

@@ -1,0 +1,82 @@
+"""`clutch-hil simulate`: plant and controller in one process: a run, several scenarios, or a sweep."""
+
+from pathlib import Path
+
+import typer
+
+from clutch_hil.command import report
+from clutch_hil.commands.options import (
+    ADAPTATION,
+    BLIND,
+    CONTROLLER_PARAMETERS,
+    JSON,
+    JUNIT,
+    LAW,
+    OUT,
+    PLANT_PARAMETERS,
+    RATE,
+    SECONDS,
+    SEED,
+    TEMPERATURE,
+    chosen_scenario,
+)
+from protocols.errors import InputError
+
+PROFILE = typer.Option(None, help="name of a profile, or a CSV file; engagement if not given")
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command()(simulate)
+
+
+def simulate(
+    names: list[str] | None = typer.Argument(
+        None, metavar="[SCENARIO]...", help="names of scenarios, or their files; options override them"
+    ),
+    every: bool = typer.Option(False, "--all", help="simulate every scenario that comes with the bench"),
+    rate: int | None = RATE,
+    profile: str | None = PROFILE,
+    seconds: float | None = SECONDS,
+    plant_parameters: Path | None = PLANT_PARAMETERS,
+    controller_parameters: Path | None = CONTROLLER_PARAMETERS,
+    seed: int | None = SEED,
+    seeds: int = typer.Option(1, help="number of seeds; more than one is a sweep", min=1),
+    vary: str | None = typer.Option(None, help="plant parameter to sweep, NAME=LOW:HIGH:COUNT"),
+    temperature: float | None = TEMPERATURE,
+    law: str | None = LAW,
+    adaptation: bool | None = ADAPTATION,
+    blind: bool = BLIND,
+    junit: Path | None = JUNIT,
+    out: Path = OUT,
+    json_output: bool = JSON,
+) -> None:
+    """Run plant and controller in one process: a scenario or a profile, several scenarios, or a sweep."""
+    from clutch_hil.bench.progress import progress_bar
+    from clutch_hil.bench.scenario import shipped
+    from clutch_hil.bench.simulate import Simulation, simulation
+    from clutch_hil.bench.suite import run_one, run_suite
+    from clutch_hil.bench.sweep import sweep
+
+    if every and names:
+        raise InputError(f"simulate was given {names[0]!r} and --all; allowed is one of them")
+    given = {
+        "rate": rate, "profile": profile, "seconds": seconds, "plant_parameters": plant_parameters,
+        "controller_parameters": controller_parameters, "seed": seed, "temperature": temperature, "law": law,
+        "adaptation": adaptation, "out": out,
+    }  # fmt: skip
+    wanted = shipped() if every else names or ()
+    chosen = [chosen_scenario(name, given) for name in wanted] or [chosen_scenario(None, given)]
+    swept = seeds > 1 or vary is not None
+    if swept and (len(chosen) > 1 or blind or junit):
+        other = "--blind" if blind else "--junit" if junit else f"{len(chosen)} scenarios"
+        raise InputError(f"a sweep was asked for and {other}; allowed is one of them")
+    with progress_bar("simulate", json_output) as progress:
+        if swept:
+            result = sweep(Simulation(chosen[0]), vary, seeds, progress)
+        elif len(chosen) == 1:
+            single = simulation(chosen[0], blind)
+            result = run_one(single.label, lambda: single.run(progress), junit)
+        else:
+            result = run_suite([simulation(scenario, blind) for scenario in chosen], progress, junit)
+    report(result.document, result.text, result.verdict, result.good, json_output)

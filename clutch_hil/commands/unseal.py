@@ -1,0 +1,24 @@
+"""`clutch-hil unseal`: what a blind run keeps back."""
+
+from pathlib import Path
+
+import typer
+
+from clutch_hil.command import report
+from clutch_hil.commands.options import JSON
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command()(unseal)
+
+
+def unseal(
+    run: Path = typer.Argument(help="run file that was recorded with --blind"),
+    truth: Path | None = typer.Option(None, help="folder of the truth file; that of the run if not given"),
+    json_output: bool = JSON,
+) -> None:
+    """Show what a blind run keeps back, when neither it nor its truth file has been changed."""
+    from clutch_hil.bench.unseal import told_by, unsealed
+
+    report(*told_by(run, *unsealed(run, truth)), json_output)

@@ -1,0 +1,79 @@
+"""`clutch-hil up`: plant and controller as services of a bench, a scenario or a profile played, recorded, judged, drawn."""
+
+from pathlib import Path
+
+import typer
+
+from clutch_hil.command import report
+from clutch_hil.commands.options import (
+    ADAPTATION,
+    BLIND,
+    BUS,
+    CONTROLLER_PARAMETERS,
+    JSON,
+    JUNIT,
+    LAW,
+    OUT,
+    PLANT_PARAMETERS,
+    RATE,
+    SECONDS,
+    SEED,
+    TEMPERATURE,
+    chosen_scenario,
+)
+from protocols.errors import InputError
+
+PROFILE_OR_MANUAL = typer.Option(
+    None,
+    help="name of a profile, a CSV file, or manual: the demand comes from `clutch-hil demand` or `panel`;"
+    " engagement if not given",
+)
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command()(up)
+
+
+def up(
+    scenario: str | None = typer.Argument(None, help="name of a scenario, or its file; options override it"),
+    bus: str = BUS,
+    rate: int | None = RATE,
+    profile: str | None = PROFILE_OR_MANUAL,
+    seconds: float | None = SECONDS,
+    lockstep: bool = typer.Option(False, help="deterministic, as fast as the machine allows"),
+    plant_parameters: Path | None = PLANT_PARAMETERS,
+    controller_parameters: Path | None = CONTROLLER_PARAMETERS,
+    seed: int | None = SEED,
+    temperature: float | None = TEMPERATURE,
+    law: str | None = LAW,
+    adaptation: bool | None = ADAPTATION,
+    view: bool = typer.Option(False, "--view", help="watch it in rerun's viewer; `clutch-hil view` does it any time"),
+    web: bool = typer.Option(False, "--web", help="watch it in a browser"),
+    telemetry: bool = typer.Option(True, help="publish every cycle over zenoh"),
+    router: str | None = typer.Option(None, help="zenoh router to publish to, such as tcp/192.168.1.5:7447"),
+    trigger: str | None = typer.Option(None, help="what begins a control cycle: clock (if not given), bus or pll"),
+    spin_us: float | None = typer.Option(None, help="the controller spins at most so long before a slot, in us"),
+    blind: bool = BLIND,
+    junit: Path | None = JUNIT,
+    out: Path = OUT,
+    json_output: bool = JSON,
+) -> None:
+    """Start plant and controller, play a scenario or a profile, record, judge, draw."""
+    from clutch_hil.bench.benches import bench
+    from clutch_hil.bench.suite import run_one
+
+    given = {
+        "rate": rate, "profile": profile, "seconds": seconds, "plant_parameters": plant_parameters,
+        "controller_parameters": controller_parameters, "seed": seed, "temperature": temperature, "law": law,
+        "adaptation": adaptation, "out": out,
+    }  # fmt: skip
+    chosen = chosen_scenario(scenario, given)
+    if (view or web) and not telemetry:
+        raise InputError("a viewer was asked for and --no-telemetry; allowed is one of them")
+    viewer = ["--web"] if web else [] if view else None
+    pace = ["--trigger", trigger] if trigger else []
+    pace += ["--spin-us", str(spin_us)] if spin_us is not None else []
+    live = bench(chosen, bus, lockstep, telemetry, router, viewer, blind, pace)
+    result = run_one(live.label, lambda: live.run(quiet=json_output), junit)
+    report(result.document, result.text, result.verdict, result.good, json_output)

@@ -1,0 +1,67 @@
+"""Command of the viewer."""
+
+import os
+from pathlib import Path
+
+import typer
+
+from clutch_hil.command import report
+from protocols.errors import InputError
+
+RUNS = typer.Argument(
+    None, metavar="[RUN]...", help="a recorded run, or two side by side; the running bench if not given"
+)
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command()(view)
+
+
+def view(
+    runs: list[Path] | None = RUNS,
+    bus: str | None = typer.Option(None, help="bus of the bench, where several are running"),
+    router: str | None = typer.Option(None, help="zenoh router of another machine, such as tcp/192.168.1.5:7447"),
+    web: bool = typer.Option(False, "--web", help="show it in a browser; works without a network"),
+    save: Path | None = typer.Option(None, help="write what is seen to an .rrd file; alone, nothing is shown"),
+    window: bool = typer.Option(False, "--window", help="show a window although --save is given"),
+    seconds: float | None = typer.Option(None, help="how long; until the window is closed or Ctrl-C if not given"),
+    port: int | None = typer.Option(None, help="port of the viewer's data; 9876 or a free one if not given"),
+    web_port: int | None = typer.Option(None, help="port of the page; 9090 or a free one if not given"),
+    headless: bool = typer.Option(False, "--headless", help="a viewer without a window, for pictures and tests"),
+    memory: str | None = typer.Option(
+        None, help="memory for rows, the oldest go first; 1GB, with --web 256MB, if not given"
+    ),
+    no_open: bool = typer.Option(False, "--no-open", help="do not open a browser"),
+    json_output: bool = typer.Option(False, "--json", help="print the result as JSON"),
+) -> None:
+    """Show a running bench, or recorded runs, in rerun's viewer."""
+    os.environ.setdefault("RUST_LOG", "off")  # what goes wrong in rerun is counted and told by us
+    from clutch_hil.live.rrd_writer import checked_rrd
+    from clutch_hil.live.viewer import Viewer, WebViewer
+
+    if seconds is not None and not seconds > 0.0:
+        raise InputError(f"view cannot last {seconds:g} s; allowed is more than 0 s")
+    if web + headless + window > 1:
+        raise InputError("more than one of --web, --headless and --window was given; allowed is one")
+    if save:
+        checked_rrd(save)
+
+    def say(text: str) -> None:
+        typer.echo(text, err=True)
+
+    viewer: Viewer | None = None
+    if web:
+        viewer = WebViewer(port, web_port, memory, browser=not no_open)
+    elif headless or window or not save:
+        viewer = Viewer(port, memory, headless)
+    if runs:
+        from clutch_hil.live.replay import Replay
+
+        replayed = Replay(runs).run(viewer, save, seconds, say)
+        report(replayed.document, replayed.text, replayed.verdict, replayed.good, json_output)
+    else:
+        from clutch_hil.live.view import LiveView
+
+        seen = LiveView(bus, router, seconds).run(viewer, save, say)
+        report(seen.document, seen.text, seen.verdict, seen.good, json_output)

@@ -1,0 +1,176 @@
+"""Model: what the discrepancy workflow must know of a rig. Any class with these attributes will do (docs/discrepancy.md)."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from plant_sim.effects.effect import Effect, Shape, Strength
+from protocols.files.parameters import Parameter, ParameterSet
+
+Columns = Mapping[str, np.ndarray]  # by name, each (n,), one row a sample at a constant rate, with time_s
+Values = Mapping[str, float]  # parameters by dotted name, each in its declared unit
+
+
+@dataclass(frozen=True)
+class Output:
+    """A measured column that the model predicts, in `unit`.
+
+    block: which part of the rig answers for it first. resolution: standard deviation of noise and rounding by the data sheet,
+    in `unit`; the floor found in the runs is not below it. 0 where nothing is known. beginning: standard deviation, in floors,
+    to which the value at a run's start is known, where the model is told it: a constant offset of a run of that size is no
+    disagreement.
+    """
+
+    column: str
+    unit: str
+    block: str
+    resolution: float = 0.0
+    beginning: float = 0.0
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect that may be missing: its block, its title, equation and parameters, dotted `name.parameter`.
+
+    It is off where every Strength is at its `off`.
+    """
+
+    name: str
+    block: str
+    title: str
+    equation: str
+    parameters: tuple[Strength | Shape, ...]
+    excludes: tuple[str, ...] = ()
+
+    @property
+    def strengths(self) -> tuple[Strength, ...]:
+        """The parameters that switch it on."""
+        return tuple(p for p in self.parameters if isinstance(p, Strength))
+
+    @property
+    def shapes(self) -> tuple[Shape, ...]:
+        """The parameters that only shape it."""
+        return tuple(p for p in self.parameters if isinstance(p, Shape))
+
+    def off(self) -> dict[str, float]:
+        """Values of its parameters while it is off, by dotted name."""
+        return {f"{self.name}.{p.name}": p.off for p in self.parameters}
+
+    def is_off(self, values: Values) -> bool:
+        """Whether `values`, by dotted name, switch it off."""
+        return all(values[f"{self.name}.{s.name}"] == s.off for s in self.strengths)
+
+    def typical(self) -> dict[str, float]:
+        """Typical values by dotted name."""
+        return {f"{self.name}.{p.name}": p.typical for p in self.parameters}
+
+    def declared(self) -> dict[str, Parameter]:
+        """Its parameters, switched off."""
+        return {
+            f"{self.name}.{p.name}": Parameter(f"{self.name}.{p.name}", p.off, p.unit, 0.0, p.bounds, p.source)
+            for p in self.parameters
+        }
+
+    @classmethod
+    def of(cls, effect: Effect) -> "Candidate":
+        """The candidate that is a plug-in of the simulator."""
+        return cls(effect.name, effect.block, effect.title, equation(effect), effect.parameters, effect.excludes)
+
+
+def equation(effect: Effect) -> str:
+    """The section `Equation` of an effect's docstring."""
+    lines = effect.text.split("\nEquation", 1)[1].split("\nAssumptions", 1)[0].splitlines()
+    return "\n".join(line.strip() for line in lines).strip()
+
+
+class Model(Protocol):
+    """A rig that can be simulated for given inputs.
+
+    name: as `--rig` has it. inputs: columns of a run that drive it. outputs: those it predicts. parameters: of the
+    baseline, by dotted name; those with an uncertainty are re-fitted within it. candidates: effects that may be missing.
+    """
+
+    name: str
+    inputs: tuple[str, ...]
+    outputs: tuple[Output, ...]
+    parameters: ParameterSet
+    candidates: tuple[Candidate, ...]
+
+    def simulate(self, run: Columns, parameters: Values, effects: Values) -> Columns:
+        """Predicted outputs (n,) by column, free of noise, for the inputs of `run`; its outputs may only give the beginning.
+
+        parameters: every one of the baseline; effects: parameters of the candidates that are on, {} for none. Must be pure,
+        deterministic, and leave other threads running where it takes long. Raises InputError for what cannot be simulated.
+        """
+        ...
+
+
+@runtime_checkable
+class Blockwise(Protocol):
+    """A model that also simulates one block behind its measured inputs, so that a disagreement can be located."""
+
+    blocks: Mapping[
+        str, tuple[str, ...]
+    ]  # columns that a block, or chain of blocks, answers for, driven by measured ones
+
+    def simulate_block(self, block: str, run: Columns, parameters: Values, effects: Values) -> Columns:
+        """Predicted outputs (n,) of `block` alone, by column, driven by the measured columns of `run`."""
+        ...
+
+
+@runtime_checkable
+class Calibrated(Protocol):
+    """A model whose baseline is known better than its parameters' stated uncertainties say: it may be off by `calibration`
+    times as much; 1 for any other model."""
+
+    calibration: float
+
+
+def calibration(model: Model) -> float:
+    """How far the baseline of a model may be re-fitted, in stated uncertainties."""
+    return model.calibration if isinstance(model, Calibrated) else 1.0
+
+
+@runtime_checkable
+class Readable(Protocol):
+    """A model whose equations can be read in several ways, none of which is an effect: the runs tell which holds.
+
+    readings: by name, as it is told to people, the parameters of the baseline that make it. None of them is re-fitted.
+    """
+
+    readings: Mapping[str, Values]
+
+
+def readings(model: Model) -> Mapping[str, Values]:
+    """The ways in which a model's equations can be read; one for any other model."""
+    return model.readings if isinstance(model, Readable) else {"": {}}
+
+
+@runtime_checkable
+class Hinting(Protocol):
+    """A model that reads from residuals where to begin the fit of an effect that is not smooth in its parameters."""
+
+    def starts(self, candidate: Candidate, run: Columns, residuals: Columns) -> list[dict[str, float]]:
+        """Parameters to begin from, by dotted name; [] for the typical ones. `residuals`: measured less predicted (n,)."""
+        ...
+
+
+@dataclass(frozen=True)
+class Evident:
+    """An effect that recorded values show by themselves: intervals (value, low, high) of its parameters by dotted name, the
+    rounding [root mean square, in the output's unit] that it adds by column, and `why` in one sentence."""
+
+    intervals: Mapping[str, tuple[float, float, float]]
+    rounding: Mapping[str, float]
+    why: str
+
+
+@runtime_checkable
+class Witnessing(Protocol):
+    """A model that sees some effects in the recorded values themselves, without any simulation."""
+
+    def evident(self, runs: Sequence[Columns]) -> Mapping[str, Evident]:
+        """Effects that the values of `runs` show, by name of the candidate."""
+        ...

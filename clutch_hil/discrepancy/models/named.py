@@ -1,0 +1,127 @@
+"""Models by the name that `--rig` has: ours, or a class in a file of the user's."""
+
+import importlib.util
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from clutch_hil.discrepancy.model import Model
+from protocols.errors import InputError, closest
+from protocols.files.parameters import ParameterSet, load_overlay
+from protocols.files.runs import REQUIRED
+
+_MOST = 5.0  # stated uncertainties: five standard deviations
+_NEEDED = ("name", "inputs", "outputs", "parameters", "candidates", "simulate")  # what `Model` has
+
+
+def _wet_clutch() -> type:
+    from clutch_hil.discrepancy.models.wet_clutch import WetClutch
+
+    return WetClutch
+
+
+def _position_axis() -> type:
+    from clutch_hil.discrepancy.models.position_axis import PositionAxis
+
+    return PositionAxis
+
+
+def _tribometer() -> type:
+    from clutch_hil.discrepancy.models.tribometer import Tribometer
+
+    return Tribometer
+
+
+def _pneumatic_cylinder() -> type:
+    from clutch_hil.discrepancy.models.pneumatic_cylinder import PneumaticCylinder
+
+    return PneumaticCylinder
+
+
+RIGS: dict[str, Callable[[], type]] = {
+    "wet_clutch": _wet_clutch,
+    "position_axis": _position_axis,
+    "tribometer": _tribometer,
+    "pneumatic_cylinder": _pneumatic_cylinder,
+}
+
+
+def model_named(rig: str, changed: Path | None = None) -> Model:
+    """The model `rig`, a name or PATH.py:CLASS, with its parameters as the model file `changed` has them. Raises InputError."""
+    made = _of_user(rig) if ".py" in rig else _ours(rig)
+    try:
+        model = made()
+        if changed:
+            model = made(load_overlay(changed, declared(model)))
+    except InputError:
+        raise
+    except Exception as error:  # a user's class may raise anything
+        how = f"with the parameters of {changed}" if changed else "without arguments"
+        raise InputError(f"rig {rig} cannot be made {how}: {type(error).__name__}: {error}") from None
+    if lacking := [name for name in _NEEDED if not hasattr(model, name)]:
+        raise InputError(f"rig {rig} lacks {lacking[0]}; a model has {', '.join(_NEEDED)} (docs/own_model.md)")
+    return model
+
+
+def recalibrated(model: Any, share: float) -> Any:
+    """`model` with another `calibration`. Raises InputError."""
+    if not 0.0 < share <= _MOST:
+        raise InputError(f"calibration {share:g} is not possible; allowed is more than 0 and at most {_MOST:g}")
+    model.calibration = share
+    return model
+
+
+def declared(model: Model) -> ParameterSet:
+    """Parameters of a model as shipped, with every effect off: what a model file may change."""
+    if hasattr(model, "nominal"):
+        return ParameterSet(model.nominal())
+    return ParameterSet({**model.parameters, **{n: p for c in model.candidates for n, p in c.declared().items()}})
+
+
+def required(model: Model) -> tuple[str, ...]:
+    """Columns that a run of the model must have."""
+    if model.name == "wet_clutch":
+        return REQUIRED
+    return ("time_s", *model.inputs, *(output.column for output in model.outputs))
+
+
+def _ours(rig: str) -> Any:
+    if rig not in RIGS:
+        raise InputError(f"rig {rig!r} is neither known nor PATH.py:CLASS; {closest(rig, RIGS)}")
+    return RIGS[rig]()
+
+
+def _of_user(rig: str) -> Any:
+    file, _, name = rig.rpartition(":")
+    path = Path(file)
+    if not file or not name.isidentifier():
+        raise InputError(f"rig {rig!r} is not of the form PATH.py:CLASS")
+    if not path.is_file():
+        raise InputError(f"rig {rig}: the file {path} does not exist")
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None  # of a path that ends in .py
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[path.stem] = module
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:  # a user's file may raise anything
+        raise InputError(
+            f"rig {rig}: {path} cannot be loaded: {type(error).__name__}: {error}{_moved(error)}"
+        ) from None
+    if not hasattr(module, name):
+        classes = [n for n, thing in vars(module).items() if isinstance(thing, type) and thing.__module__ == path.stem]
+        raise InputError(
+            f"rig {rig}: {path} has no class {name!r}; {closest(name, classes) if classes else 'it has none'}"
+        )
+    return getattr(module, name)
+
+
+def _moved(error: Exception) -> str:
+    """Where a module is now that a user's file, written before 2026-11-25, looks for in plant_sim; else nothing."""
+    name = getattr(error, "name", None) or ""
+    for room in ("bench", "discrepancy", "live"):
+        if name.startswith(f"plant_sim.{room}"):
+            return f"; it is now {name.replace('plant_sim', 'clutch_hil', 1)}"
+    return ""

@@ -1,0 +1,71 @@
+"""A position axis judged by its motor's force: the closed loop hides in the position what the axis lacks, not in the force.
+
+Equation        F_m = M x'' + F_c sign(v) + F_v v, x later by the delay of drive and sample
+                                                                     (inverse dynamics; Janot, Gautier and Brunot 2019)
+                F_c in proportion to the load where the run has a column `normal_load_n`
+Inputs          the measured position; speed and acceleration from it without delay (`measured_motion.py`)
+Assumptions     rigid; the column of the force is what the motor delivers, nearly always its current or its demand
+Valid range     motions slower than the window of the differentiator (`motion.window`), noise well below them
+Not modelled    flexible modes
+References      Janot, Gautier and Brunot 2019, Data set and reference models of EMPS, Workshop on Nonlinear System
+                Identification Benchmarks; Gautier 1997
+
+Serves a simulated axis (`plant_sim.rigs.position_axis`) as well: `recorded` makes a run's columns of its `Run`.
+"""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from clutch_hil.discrepancy.model import Columns, Output
+from clutch_hil.discrepancy.models.measured_motion import Motion, smooth
+from clutch_hil.discrepancy.models.slide import Drive, Slide
+from clutch_hil.discrepancy.models.straight import Scale, candidates
+from protocols.files.parameters import ParameterSet
+
+if TYPE_CHECKING:
+    from plant_sim.rigs.position_axis import Run
+
+_LOAD = "normal_load_n"  # column that a run may have
+
+
+class PositionAxis(Slide):
+    """An axis whose position and motor force were measured."""
+
+    name = "position_axis"
+    inputs = ("position_m",)
+    output = Output("motor_force_n", "N", "friction")
+    defaults = "position_axis_model.toml"
+    known = candidates(
+        Scale(force=50.0, speed=0.15, path=0.25, load=150.0),
+        (
+            "direction_asymmetry", "position_ripple", "shaft_angle_ripple", "presliding", "stribeck_change",
+            "friction_lag", "friction_level", "friction_fade", "load_dependent_friction", "motor_torque_ripple",
+            "torque_sensor_offset", "torque_sensor_leakage", "torque_time_offset",
+        ),
+    )  # fmt: skip
+
+    def _moved(self, run: Columns, own: ParameterSet, period: float) -> Motion:
+        time = run["time_s"]
+        at = time + own["motor.delay"].si  # the motion that the recorded force belongs to
+        return Motion(*(np.interp(at, time, one) for one in smooth(run["position_m"], period, own["motion.window"].si)))
+
+    def _drive(self, run: Columns, own: ParameterSet, moved: Motion) -> Drive:
+        n = moved.position.size
+        load = np.ascontiguousarray(run[_LOAD], float) if _LOAD in run else np.full(n, own["friction.load"].si)
+        return Drive(load, np.zeros(n), own["table.mass"].si * moved.acceleration)
+
+    def _contact(self, own: ParameterSet) -> Mapping[str, float]:
+        p = own.si("friction")
+        return {"clutch_coulomb_slope": p["coulomb"] / p["load"], "clutch_viscous_intercept": p["viscous"]}
+
+
+def recorded(run: "Run") -> dict[str, np.ndarray]:
+    """Columns of a run, as files have them, of what a simulated axis recorded."""
+    return {
+        "time_s": run.time_s,
+        "position_m": run.position,
+        "motor_force_n": run.motor_force,
+        _LOAD: run.normal_load,
+    }

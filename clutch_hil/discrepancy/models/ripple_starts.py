@@ -1,0 +1,60 @@
+"""Where to begin the fit of a ripple: periods that stand out in the residual over the path.
+
+Equation        r = c A cos(2 pi x/period + phase),  c what the ripple is a share of (1 N where it is none)
+                line(w) = 2 sum(c r exp(-2 pi i w x))/sum(c^2), over places first, then about its peaks over all samples
+Assumptions     places are visited in both directions, or c keeps its sign
+"""
+
+import numpy as np
+
+from clutch_hil.discrepancy.model import Candidate
+from clutch_hil.discrepancy.models.measured_motion import Motion
+from clutch_hil.discrepancy.models.straight import PERIOD
+
+_MOVING = 0.1  # of the greatest speed: slower samples say more of the reversal than of the place
+_BINS = 8  # along the shortest period
+_STARTS = 3
+_FINE = 4  # lines of the coarse spectrum to a resolvable one
+_FINEST = 40  # the same about a peak: the phase is then right to 1/80 of a turn at the ends of the path
+
+
+def ripple_starts(
+    candidate: Candidate, moved: Motion, residual: np.ndarray, carrier: np.ndarray
+) -> list[dict[str, float]]:
+    """The strongest periods with amplitude and phase, by dotted name; [] where nothing moves.
+
+    residual [N], carrier c [N]: (n,). What is linear in acceleration, speed and direction, as of a baseline that is not fitted
+    yet, is left out of the residual.
+    """
+    limits = {p.name: p.bounds for p in candidate.parameters}
+    shortest, longest = (1e-3 * bound for bound in limits[PERIOD])  # m
+    moving = np.abs(moved.speed) > _MOVING * np.abs(moved.speed).max(initial=0.0)
+    x, c, speed = moved.position[moving], carrier[moving], moved.speed[moving]
+    if x.size < _BINS or np.ptp(x) < shortest or not c.any():
+        return []
+    linear = np.column_stack([np.ones(x.size), np.sign(speed), speed, np.abs(speed), moved.acceleration[moving]])
+    r = residual[moving] - linear @ np.linalg.lstsq(linear, residual[moving], rcond=None)[0]
+    bins = int(np.ptp(x) / shortest * _BINS) + 1
+    edges = np.linspace(x.min(), x.max(), bins + 1)
+    at = np.clip(np.digitize(x, edges) - 1, 0, bins - 1)
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    resolved = 1.0 / np.ptp(x)
+    waves = np.arange(1.0 / longest, 1.0 / shortest, resolved / _FINE)
+    strength = np.abs(_lines(middle, np.bincount(at, c * r, minlength=bins), waves))
+    found: list[dict[str, float]] = []
+    while len(found) < _STARTS and strength.any():
+        k = int(np.argmax(strength))
+        near = waves[k] + resolved * np.arange(-0.5, 0.5, 1.0 / _FINEST)
+        lines = _lines(x, c * r, near) / np.sum(c * c)
+        best = int(np.argmax(np.abs(lines)))
+        values = {
+            PERIOD: 1e3 / near[best], "phase": float(np.angle(lines[best])), "amplitude": float(np.abs(lines[best])),
+        }  # fmt: skip
+        found.append({f"{candidate.name}.{n}": float(np.clip(v, *limits[n])) for n, v in values.items()})
+        strength[max(k - 2 * _FINE, 0) : k + 2 * _FINE + 1] = 0.0
+    return found
+
+
+def _lines(x: np.ndarray, weighted: np.ndarray, waves: np.ndarray) -> np.ndarray:
+    """2 sum(weighted exp(-2 pi i w x)) for each wave number w [1/m] of `waves` (k,)."""
+    return 2.0 * (np.exp(-2j * np.pi * np.outer(waves, x)) @ weighted)

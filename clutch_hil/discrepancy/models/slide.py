@@ -1,0 +1,192 @@
+"""A contact that slides along a measured path: what its friction, and a sensor of its force, show at each sample.
+
+Equation        F = (mu N + F_c) m + F_v v;  m follows sign(v) at the rate C  (the clutch's law, `plant_sim.rigs.clutch_unit`)
+                shown: F + F_o, with F_o what else the sensor feels (inertia, pressure on a rod)
+Effects         the simulator's plug-ins at a lever of 1 m; the force shown is their torque channel, a rod's seal their piston's
+Assumptions     speed held over a sample, about its time; the path is what was measured, so friction moves nothing
+Not modelled    noise
+References      Armstrong-Helouvry, Dupont and Canudas de Wit 1994, Automatica 30(7): Coulomb and viscous friction with sign(v),
+                which m is within one sample
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+from numba import from_dtype, njit
+
+from clutch_hil.discrepancy.model import Candidate, Columns, Output, Values
+from clutch_hil.discrepancy.models.measured_motion import Motion
+from clutch_hil.discrepancy.models.ripple_starts import ripple_starts
+from clutch_hil.discrepancy.models.straight import PERIOD, STRIBECK_DEPTH, law_values
+from plant_sim.effects.catalogue import effect
+from plant_sim.effects.signals import DRIVE, PISTON, SENSORS, SIGNALS, attached, bound, call
+from plant_sim.effects.table import attached_table
+from plant_sim.rigs.clutch_unit import slide
+from protocols.files.parameters import ParameterSet, load_defaults
+from protocols.files.units import ZERO_CELSIUS
+
+_PARAMETERS = Path(__file__).parent
+ROOM = 20.0 + ZERO_CELSIUS  # K: no rig here measures a temperature, and no candidate looks at one
+
+# Fields of the clutch's parameters that its friction law, and the laws of the candidates, read
+_FIELDS = (
+    "clutch_coulomb_slope", "clutch_coulomb_intercept", "clutch_viscous_slope", "clutch_viscous_intercept",
+    "clutch_viscous_exponent", "clutch_beta_inf", "clutch_beta_onset", "clutch_beta_scale", "clutch_stribeck_speed",
+    "clutch_attraction", "piston_contact_pressure",
+)  # fmt: skip
+_RECORD = np.dtype([(name, np.float64) for name in _FIELDS])
+_RECORD_TYPE = from_dtype(_RECORD)
+_CONSTANT = {
+    "clutch_viscous_exponent": 1.0,
+    "clutch_beta_onset": -1e9, "clutch_beta_scale": 1.0,  # beta does not depend on the load
+    "clutch_stribeck_speed": 1.0,  # m/s, of which stribeck_change.speed is a multiple
+    "clutch_attraction": 1e4,  # 1/s: sign(v) within a sample of 1 ms; friction_lag makes less of it
+}  # fmt: skip
+
+
+class Drive(NamedTuple):
+    """What moves and presses a contact, each (n,): load N [N], pressure on a seal [Pa], other forces F_o [N]."""
+
+    load: np.ndarray
+    pressure: np.ndarray
+    other: np.ndarray
+
+
+class Slide(ABC):
+    """A `Model` of a rig whose friction force along a measured path is judged; subclasses say what drives and presses it.
+
+    `parameters` may be another rig's (`--model`): an effect that is on in them is part of the baseline.
+    """
+
+    name: str
+    inputs: tuple[str, ...]
+    output: ClassVar[Output]
+    known: ClassVar[tuple[Candidate, ...]]  # every candidate of the rig
+    defaults: ClassVar[str]  # file of plant_sim/parameters
+
+    def __init__(self, parameters: ParameterSet | None = None) -> None:
+        whole = self.nominal() if parameters is None else parameters
+        on = [c for c in self.known if any(whole[f"{c.name}.{s.name}"].value != s.off for s in c.strengths)]
+        self._always = {f"{c.name}.{p.name}": whole[f"{c.name}.{p.name}"].value for c in on for p in c.parameters}
+        self.parameters = ParameterSet({n: p for n, p in whole.items() if n.partition(".")[0] not in self._names()})
+        self.candidates = tuple(c for c in self.known if c not in on)
+        self.outputs = (replace(self.output, resolution=self.parameters["sensor.repeatability"].si),)
+
+    @classmethod
+    def nominal(cls) -> ParameterSet:
+        """Parameters of the baseline and of every candidate, switched off."""
+        own = load_defaults(_PARAMETERS / cls.defaults)
+        return ParameterSet({**own, **{name: p for c in cls.known for name, p in c.declared().items()}})
+
+    def simulate(self, run: Columns, parameters: Values, effects: Values) -> dict[str, np.ndarray]:
+        """See `Model`."""
+        own = self.parameters.with_values(parameters)
+        values = {**self._always, **effects}
+        on = [c for c in self.known if any(f"{c.name}.{s.name}" in values for s in c.strengths)]
+        period = float(run["time_s"][1] - run["time_s"][0])
+        moved = self._moved(run, own, period)
+        drive = self._drive(run, own, moved)
+        table = attached_table(
+            [effect(c.name) for c in on], [v for c in on for v in law_values(c, values)], _RECORD_TYPE
+        )
+        record = self._record(own, on)
+        column = self.output.column
+        m = 0.0  # share of its level that friction begins with, as measured
+        level = record["clutch_coulomb_slope"] * drive.load[0] + record["clutch_coulomb_intercept"]
+        if column in run and level > 0.0:
+            m = min(max((float(run[column][0]) - drive.other[0]) / level, -1.0), 1.0)
+        states = table.at_rest()
+        if "presliding" in table.spans:  # the contact is bent so far, and would slide at its full level
+            states[slice(*table.spans["presliding"])] = m
+            m = float(np.sign(m))
+        c = np.array([tuple(record[name] for name in _FIELDS)], dtype=_RECORD)
+        force = np.empty(moved.position.size)
+        play(*moved[:2], *drive, m, period, c, table.kernel, states, force)
+        return {column: force}
+
+    def starts(self, candidate: Candidate, run: Columns, residuals: Columns) -> list[dict[str, float]]:
+        """See `Hinting`: periods that stand in the residual over the path; sizes of pre-sliding and of Stribeck speed."""
+        typical = candidate.typical()
+        if f"{candidate.name}.{PERIOD}" in typical:
+            period = float(run["time_s"][1] - run["time_s"][0])
+            moved, left = self._moved(run, self.parameters, period), residuals[self.output.column]
+            carrier = np.ones(left.size)
+            if candidate.name == "shaft_angle_ripple":  # a share of the friction
+                carrier = np.sign(moved.speed) * self._level(run, moved)
+            elif candidate.name == "motor_torque_ripple":  # what the motor lacks must be asked for
+                carrier = left - run[self.output.column]
+            return ripple_starts(candidate, moved, left, carrier)
+        tried: list[dict[str, float]] = [{}]
+        for name, shares in _TRIED.get(candidate.name, {}).items():
+            low, high = next(p.bounds for p in candidate.parameters if p.name == name)
+            values = [low + share * (high - low) for share in shares]
+            tried = [one | {f"{candidate.name}.{name}": value} for one in tried for value in values]
+        return [typical | one for one in tried if one]
+
+    def _level(self, run: Columns, moved: Motion) -> np.ndarray:
+        """Coulomb friction [N] (n,) of the baseline as declared."""
+        contact = self._contact(self.parameters)
+        load = self._drive(run, self.parameters, moved).load
+        return contact.get("clutch_coulomb_slope", 0.0) * load + contact.get("clutch_coulomb_intercept", 0.0)
+
+    @abstractmethod
+    def _moved(self, run: Columns, own: ParameterSet, period: float) -> Motion:
+        """The motion at the samples of a run; `own`: parameters of the baseline, period [s]."""
+
+    @abstractmethod
+    def _drive(self, run: Columns, own: ParameterSet, moved: Motion) -> Drive:
+        """What presses the contact, and what else the sensor feels, at the samples of a run."""
+
+    @abstractmethod
+    def _contact(self, own: ParameterSet) -> Mapping[str, float]:
+        """Friction mu [1] (`clutch_coulomb_slope`), F_c [N] and F_v [Ns/m]: fields of the record that are not 0."""
+
+    def _record(self, own: ParameterSet, on: list[Candidate]) -> dict[str, float]:
+        falls = any(c.name == "stribeck_change" for c in on)
+        beta = 1.0 - STRIBECK_DEPTH if falls else 1.0  # depth 0 and no candidate are the same
+        return dict.fromkeys(_FIELDS, 0.0) | _CONSTANT | {"clutch_beta_inf": beta, **self._contact(own)}
+
+    @classmethod
+    def _names(cls) -> set[str]:
+        return {c.name for c in cls.known}
+
+
+_DECADES = (1e-3, 1e-2, 1e-1)
+_TRIED: Mapping[str, Mapping[str, tuple[float, ...]]] = {  # where fits begin, as shares of the bounds
+    "presliding": {"angle": _DECADES, "spread": (0.0, 1.0 / 3.0)},
+    "stribeck_change": {"speed": _DECADES},
+}
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def play(position, speed, load, pressure, other, m, period, parameters, effects, states, force):
+    """Write the `force` [N] (n,) that is shown along `position` [m] at `speed` [m/s]; `m` [1] and `states` are the beginning's.
+
+    load [N], pressure [Pa], other [N]: (n,), see `Drive`; period [s].
+    """
+    signals = np.zeros(1, SIGNALS)
+    c, s = parameters[0], signals[0]
+    e = bound(effects, states)
+    s.temperature = ROOM
+    for k in range(position.size):
+        moved = period * speed[k]
+        s.time, s.angle = k * period, position[k] - 0.5 * moved  # the step's beginning; its middle is at `position`
+        m, friction = slide(m, load[k], speed[k], 1.0, s, c, e, period)
+        if attached(PISTON, e):
+            s.pressure, s.displacement, s.piston_force = pressure[k], moved, 0.0
+            call(PISTON, e, s, c, period)
+            friction += s.piston_force
+        shown = friction + other[k]
+        if attached(DRIVE, e):
+            s.motor_torque, s.drive_torque = 1.0, 1.0
+            call(DRIVE, e, s, c, period)
+            shown /= s.drive_torque  # what must be asked for, that this is delivered
+        if attached(SENSORS, e):
+            s.sensed_clutch_torque = shown
+            call(SENSORS, e, s, c, period)
+            shown = s.sensed_clutch_torque
+        force[k] = shown

@@ -1,0 +1,44 @@
+"""Provenance: the section with notes, run files and their hashes, versions, command, time taken."""
+
+from importlib.metadata import version
+from platform import python_version
+
+from clutch_hil.discrepancy.report.markup import Html, joined, table, tag, value
+from clutch_hil.discrepancy.report.pictures import Pictures
+from clutch_hil.discrepancy.report.residuals import period, times
+from clutch_hil.discrepancy.report.wording import number
+from clutch_hil.discrepancy.result import Result, Trace
+
+_PACKAGES = ("clutch-hil", "numpy", "scipy", "numba", "matplotlib", "rerun-sdk")
+
+
+def section(pictures: Pictures, files: list[str], command: str) -> tuple[str, list[Html]]:
+    """Heading and contents."""
+    result = pictures.result
+    notes = tag("ul", joined([tag("li", note) for note in result.notes])) if result.notes else Html("")
+    versions = [*(f"{name} {version(name)}" for name in _PACKAGES), f"Python {python_version()}"]
+    made = {
+        "rig": result.rig,
+        "extended from": result.model or "",
+        "command": tag("code", command) if command else "",
+        "time taken": joined([value(result.seconds, number(result.seconds)), " s"], ""),
+        "versions": ", ".join(versions),
+        "beside this page": ", ".join(files),
+    }
+    items = [joined([tag("dt", key), tag("dd", text)], "") for key, text in made.items() if text]
+    header = ("run", "use", "length", "rate", "SHA-256 of the file")
+    return "Notes and provenance", [notes, table(header, _runs(result), "  nnh"), tag("dl", joined(items))]
+
+
+def _runs(result: Result) -> list[tuple[str, ...]]:
+    traces = {trace.name: trace for trace in result.traces}
+    names = dict.fromkeys([*result.hashes, *traces])
+    return [(name, *_size(result, traces.get(name)), result.hashes.get(name, "")) for name in names]
+
+
+def _size(result: Result, trace: Trace | None) -> tuple[str, str, str]:
+    if trace is None:
+        return "", "", ""
+    seconds = times(trace)[-1] - times(trace)[0] + period(trace)
+    use = "left out in turn" if result.held_out == "in turn" else "held out" if trace.held_out else "fitted"
+    return use, f"{number(float(seconds))} s", f"{number(1.0 / period(trace), 4)} Hz"

@@ -1,0 +1,53 @@
+"""Remains: the section on the residual of the model after."""
+
+from clutch_hil.discrepancy.report.markup import Html, figure, table, tag
+from clutch_hil.discrepancy.report.pictures import Pictures
+from clutch_hil.discrepancy.report.wording import AT_FLOOR, listed, number, ratio, spoken, with_unit
+
+_FORGOTTEN = 0.2  # autocorrelation below which a residual has forgotten itself
+
+
+def section(pictures: Pictures) -> tuple[str, list[Html]]:
+    """Heading and contents."""
+    rows = [_row(pictures, column) for column in pictures.residuals.outputs if pictures.residuals.judged_with(column)]
+    if not rows:
+        return "What remains", [tag("p", "No trace of a run was kept.")]
+    result, changed = pictures.result, pictures.residuals.changed
+    left = [
+        f"{spoken(c, result.units.get(c))} ({number(ratio(gap, after=True), 2)} times)"
+        for c, gap in result.gap.items()
+        if ratio(gap, after=True) > AT_FLOOR
+    ]
+    said = f"No output stays above {AT_FLOOR:g} times its floor on runs that were not fitted."
+    if left:
+        said = (
+            f"Above {AT_FLOOR:g} times the floor, on runs that were not fitted, stays {listed(left)}: more is missing."
+        )
+    caption = (
+        "Left: residual, with twice the floor in grey. Middle: autocorrelation, with the 95 % band of white noise. Right:"
+        " amplitude density; dashed: a white residual as large as the floor."
+        f"{' Red: before; blue: after.' if changed else ''}"
+    )
+    header = (
+        "output",
+        "rms, worst run",
+        "floor",
+        "times floor",
+        "correlation at one sample",
+        f"below {_FORGOTTEN:g} after",
+    )
+    picture = figure(pictures.remains(), "residuals that remain", caption)
+    return "What remains", [tag("p", said), picture, table(header, rows, " nnnnn")]
+
+
+def _row(pictures: Pictures, column: str) -> tuple[str, ...]:
+    residuals, unit = pictures.residuals, pictures.result.units.get(column, "")
+    when = "after" if residuals.changed else "before"
+    rms = max(residuals.rms(trace, column, when) for trace in residuals.judged_with(column))
+    floor = pictures.result.floors.get(column, 0.0)
+    lags, correlation, _ = residuals.autocorrelation(column, when)
+    end = next((lag for lag, c in zip(lags, correlation, strict=True) if abs(c) < _FORGOTTEN), None)
+    memory = f"{number(1e3 * end, 2)} ms" if end is not None else f"over {number(1e3 * float(lags[-1]), 2)} ms"
+    times_floor = number(rms / floor) if floor > 0.0 else ""
+    next_one = f"{round(float(correlation[1]), 2) + 0.0:.2f}".replace("-", "−")
+    return spoken(column, unit), with_unit(rms, unit), with_unit(floor, unit), times_floor, next_one, memory

@@ -1,0 +1,49 @@
+"""Visibility: what of an effect a set of experiments shows, once the baseline is re-fitted to it.
+
+Equation        r = (outputs with the effect - without)/floor, less its linear least squares in the baseline's parameters with
+                their prior (fit.py); a gap is the root mean square of r over the samples of an output, in floors
+Assumptions     the inputs are those without the effect
+"""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from clutch_hil.discrepancy.experiment import Bench, Experiment, Predicted
+from clutch_hil.discrepancy.fit import baseline_free, linearised
+from clutch_hil.discrepancy.model import Model, Values, calibration
+from protocols.errors import InputError
+
+
+class Visibility:
+    """What `experiments` on a `bench` show of the effects of `model`, with `floors` by output.
+
+    Raises InputError for an experiment that is not safe.
+    """
+
+    def __init__(self, model: Model, bench: Bench, experiments: Iterable[Experiment], floors: Values) -> None:
+        parameters: Values = {name: p.value for name, p in model.parameters.items()}
+        runs = []
+        for experiment in experiments:
+            if (inputs := bench.planned(experiment, parameters, {})) is None:
+                raise InputError(f"experiment {experiment.name} comes too near a limit of the rig; see its profile")
+            runs.append({**inputs, **model.simulate(inputs, parameters, {})})
+        self._evidence = Predicted(model, runs, floors)
+        self._at = linearised(self._evidence, (parameters, {}), baseline_free(model.parameters, calibration(model)))
+
+    def gaps(self, effects: Values) -> dict[str, float]:
+        """Gap by output, in floors, of effects by dotted name; the largest says how well they are seen."""
+        residual = self._residual(effects)
+        left = residual + self._at.jacobian @ self._at.best(residual)[0]
+        found = {}
+        for column in self._evidence.columns:
+            parts = [left[self._evidence.part(k, column)] / np.sqrt(b) for k, b in enumerate(self._evidence.blocks)]
+            found[column] = float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
+        return found
+
+    def deviations(self, effects: Values) -> float:
+        """How surely they are seen, in standard deviations; above 3 an experiment separates (experiment.py)."""
+        return float(np.sqrt(self._at.best(self._residual(effects))[1] / self._evidence.alike))
+
+    def _residual(self, effects: Values) -> np.ndarray:
+        return self._evidence.residuals([(self._at.point[0], effects)])[0]

@@ -1,0 +1,194 @@
+"""Blueprint: where everything stands on the screen, for one bench or for two runs side by side; made for 1600 x 900."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import rerun.blueprint as rrb
+from rerun.blueprint.archetypes import TimeAxis, VisibleTimeRanges
+
+from clutch_hil.live import curves, scene
+from clutch_hil.live.dashboard import PLOTS, REST
+from clutch_hil.live.screen import EVENTS
+from clutch_hil.live.times import RIG_TIME, TIME
+from clutch_hil.live.torque import ERROR
+
+_TRAIL = 5.0  # s: tail of the x-y plots; an engagement of the clutch takes less
+_AXES = ((-16.0, 200.0), (-104.0, 27.0))  # what an x-y plot shows: its box and room for the tick labels
+_TITLES = {plot.path: plot.title for plot in (*PLOTS, REST)} | {
+    ERROR: "torque error, + is too much [Nm]",
+    "states": "phase, clutch, fault",
+    "flags": "controller's flags",
+}
+
+
+def blueprint(
+    timeline: str = TIME,
+    prefixes: Sequence[str] = ("",),
+    names: Sequence[str] = ("",),
+    window: float | None = 10.0,
+    light: bool = False,
+    slips: Sequence[float | None] = (),
+) -> rrb.Blueprint:
+    """One prefix: the bench; two: the runs side by side under their `names`.
+
+    `window` [s] before the cursor, None: all; `light`: of a light screen; `slips` [rad/s]: how far each bench's axis of the
+    slip reaches both ways, where that is known before.
+    """
+    benches = [
+        _Bench(timeline, prefix.rstrip("/"), name, window, slip)
+        for prefix, name, slip in zip(prefixes, names, slips or [None] * len(prefixes), strict=True)
+    ]
+    first = benches[0]
+    tabs = [first.light()] if light else first.tabs() if len(benches) == 1 else _beside(benches)
+    return rrb.Blueprint(
+        rrb.Tabs(*tabs, active_tab=0),
+        rrb.TopPanel(state="expanded"),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(state="collapsed", timeline=timeline, play_state="following" if timeline == TIME else "paused"),
+        auto_layout=False,
+        auto_views=False,
+    )
+
+
+def _beside(benches: Sequence["_Bench"]) -> list[Any]:
+    """Tabs of several runs: the same plots left and right."""
+    return [
+        rrb.Horizontal(*(bench.main() for bench in benches), name="runs"),
+        rrb.Horizontal(*(bench.motion() for bench in benches), name="curves and scene"),
+        rrb.Horizontal(*(bench.controller() for bench in benches), name="controller"),
+        rrb.Horizontal(*(bench.more() for bench in benches), name="all signals"),
+    ]
+
+
+@dataclass(frozen=True)
+class _Bench:
+    """The views of one bench."""
+
+    timeline: str
+    prefix: str
+    name: str
+    window: float | None
+    slip: float | None
+
+    def tabs(self) -> list[Any]:
+        """Tabs of a single bench."""
+        middle = rrb.Vertical(
+            self._curve(0), self._curve(1), self._plot("voltage"), self._plot("adaptation"),
+            row_shares=[2.0, 2.0, 1.25, 1.25],
+        )  # fmt: skip
+        right = rrb.Vertical(self._scene(), self._plot("temperature"), self._plot("timing"), row_shares=[3.0, 1.5, 2.0])
+        return [
+            rrb.Horizontal(self.main(), middle, right, column_shares=[2.0, 1.0, 1.0], name="bench"),
+            self.controller(),
+            self.more(),
+        ]
+
+    def light(self) -> Any:
+        """What a light screen logs."""
+        left = rrb.Vertical(
+            self._plot("torque"),
+            self._plot("pressure"),
+            self._slip(),
+            self._lanes("states"),
+            row_shares=[2.0, 1.9, 1.9, 1.8],
+        )
+        right = rrb.Vertical(
+            self._curve(0), self._curve(1), self._plot("voltage"), self._plot("timing"), row_shares=[2.0, 2.0, 1.3, 2.0]
+        )
+        return rrb.Horizontal(left, right, column_shares=[1.7, 1.0], name="bench")
+
+    def main(self) -> Any:
+        """Torque, pressure, slip and state over one time axis."""
+        return rrb.Vertical(
+            self._plot("torque"),
+            self._plot(ERROR),
+            self._plot("pressure"),
+            self._slip(),
+            self._lanes("states"),
+            row_shares=[2.0, 1.3, 2.0, 2.0, 2.0],
+        )
+
+    def motion(self) -> Any:
+        """Scene and x-y plots."""
+        return rrb.Vertical(self._scene(), self._curve(0), self._curve(1))
+
+    def controller(self) -> Any:
+        """Every term of the law, what it has learnt, its flags, and parameter changes."""
+        return rrb.Vertical(
+            rrb.Horizontal(self._plot("terms"), self._plot("feedforward")),
+            rrb.Horizontal(self._plot("balance"), self._events()),
+            self._lanes("flags"),
+            name="controller",
+        )
+
+    def more(self) -> Any:
+        """Every signal that stands in no other plot."""
+        paths = [plot.path for plot in (*PLOTS, REST) if plot.path.startswith("more/")]
+        return rrb.Grid(*(self._plot(path) for path in paths), grid_columns=3, name="all other signals")
+
+    def _plot(self, path: str, **options: Any) -> rrb.TimeSeriesView:
+        # over the oldest rows of a window, over the release at the end of a whole run
+        corner = rrb.Corner2D.RightTop if self.window is None else rrb.Corner2D.LeftTop
+        return rrb.TimeSeriesView(
+            origin=f"{self.prefix}/{path}",
+            name=self._title(_TITLES[path]),
+            plot_legend=rrb.PlotLegend(visible=True, corner=corner),
+            axis_x=self._axis(),
+            time_ranges=self._range(self.window),
+            **options,
+        )
+
+    def _slip(self) -> rrb.TimeSeriesView:
+        axis = rrb.ScalarAxis(range=(-self.slip, self.slip)) if self.slip else None
+        return self._plot("slip", axis_y=axis)
+
+    def _lanes(self, path: str) -> rrb.StateTimelineView:
+        return rrb.StateTimelineView(
+            origin=f"{self.prefix}/{path}",
+            name=self._title(_TITLES[path]),
+            time_view=self._axis(),
+            time_ranges=self._range(self.window),
+        )
+
+    def _curve(self, number: int) -> rrb.Spatial2DView:
+        curve = curves.curves()[number]
+        origin = f"{self.prefix}/{curve.path}"
+        tail = self._range(None if self.window is None else _TRAIL)
+        return rrb.Spatial2DView(
+            origin=origin,
+            name=self._title(curve.title),
+            visual_bounds=rrb.VisualBounds2D(x_range=_AXES[0], y_range=_AXES[1]),
+            overrides={f"{origin}/data/{trail.name}": VisibleTimeRanges(tail) for trail in curve.trails},
+        )
+
+    def _scene(self) -> rrb.Spatial3DView:
+        return rrb.Spatial3DView(
+            origin=f"{self.prefix}/{scene.PATH}",
+            name=self._title("clutch (not to scale)"),
+            line_grid=False,
+            eye_controls=rrb.EyeControls3D(position=scene.EYE, look_target=scene.TARGET, eye_up=(0.0, 0.0, 1.0)),
+        )
+
+    def _events(self) -> rrb.TextLogView:
+        columns = rrb.TextLogColumns(timeline_columns=[RIG_TIME], text_log_columns=["Body"])
+        return rrb.TextLogView(origin=f"{self.prefix}/{EVENTS}", name=self._title("events"), columns=columns)
+
+    def _title(self, what: str) -> str:
+        return f"{self.name}: {what}" if self.name else what
+
+    def _axis(self) -> TimeAxis:
+        """Of all time: zoomed together; of a window: as wide as the window."""
+        if self.window is None:
+            return TimeAxis(link="LinkToGlobal")
+        shown = self._range(self.window).range
+        return TimeAxis(view_range=shown)
+
+    def _range(self, window: float | None) -> rrb.VisibleTimeRange:
+        """The last `window` [s] before the cursor; None: all."""
+        start, end = rrb.TimeRangeBoundary.infinite(), rrb.TimeRangeBoundary.infinite()
+        if window is not None:
+            start = rrb.TimeRangeBoundary.cursor_relative(seconds=-window)
+            end = rrb.TimeRangeBoundary.cursor_relative()
+        return rrb.VisibleTimeRange(self.timeline, start=start, end=end)

@@ -1,0 +1,163 @@
+"""Catalogue: the parameters of a running bench by name, for people: found, checked and told."""
+
+import difflib
+import sys
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from typing import Any
+
+from clutch_hil.bench.progress import table_text
+from protocols.errors import InputError, listing
+from protocols.telemetry.keys import NODES, bus_of
+
+WHOLE = sys.maxsize  # width where there is no terminal: nothing is cut
+_SOURCE_LEAST = 12  # characters of a source in a table, with less it is left out; `details` tells all of it
+_GAP = 2  # characters between the columns of table_text
+
+
+@dataclass(frozen=True)
+class Catalogue:
+    """Every parameter of a bench by its full name, NODE.GROUP.NAME, as the nodes that answered describe them."""
+
+    bench: str
+    entries: Mapping[str, Mapping[str, Any]]
+
+    @property
+    def nodes(self) -> list[str]:
+        """Those that answered."""
+        return list(dict.fromkeys(full.partition(".")[0] for full in self.entries))
+
+    @property
+    def silence(self) -> str:
+        """Who did not answer, as a clause; empty when all did."""
+        silent = [node for node in NODES if node not in self.nodes]
+        return f"the {silent[0]} on {bus_of(self.bench)} does not answer" if silent else ""
+
+    def named(self, name: str) -> str:
+        """The full name of a parameter, given with or without its node. Raises InputError."""
+        if name in self.entries:
+            return name
+        found = [full for full in self.entries if full.partition(".")[2] == name]
+        if len(found) > 1:
+            raise InputError(f"parameter {name!r} is ambiguous; there are {listing(found)}")
+        if not found:
+            raise self._unknown(name)
+        return found[0]
+
+    def group(self, prefix: str) -> list[str]:
+        """Full names of a group, with or without its node: `controller`, `torque.`, `plant.clutch.*`."""
+        start = prefix.rstrip("*").rstrip(".") + "."
+        return [full for full in self.entries if full.startswith(start) or full.partition(".")[2].startswith(start)]
+
+    def checked(self, name: str, text: str) -> float:
+        """The value in `text` when the parameter with this full name can take it. Raises InputError."""
+        entry = self.entries[name]
+        low, high = entry["bounds"]
+        try:
+            value = float(text)
+        except ValueError:
+            allowed = with_unit(f"a number is needed, {low:g} to {high:g}", entry["unit"])
+            raise InputError(f"parameter {name} is given as {text!r}; {allowed}") from None
+        if entry["fixed"]:
+            raise InputError(entry["fixed"])
+        if not low <= value <= high:
+            given = with_unit(f"{value:g}", entry["unit"])
+            raise InputError(f"parameter {name} = {given} breaks {low:g} <= value <= {high:g}")
+        return value
+
+    def _unknown(self, name: str) -> InputError:
+        shorts = {full.partition(".")[2]: full for full in self.entries}
+        close = difflib.get_close_matches(name, [*self.entries, *shorts], n=3, cutoff=0.5)
+        node = name.partition(".")[0]
+        if not self.silence or node in self.nodes:
+            groups = {full.rpartition(".")[0] for full in self.entries}
+            hint = f"did you mean {' or '.join(close)}?" if close else f"groups are {listing(groups)}"
+            return InputError(f"parameter {name!r} is unknown; {hint}")
+        if node in NODES:
+            return InputError(f"{self.silence}; it may still be starting, or be stopped")
+        nearest = f"; nearest there is {close[0]}" if close else ""
+        return InputError(f"{self.silence}, and the {self.nodes[0]} has no parameter {name!r}{nearest}")
+
+
+def assignments(catalogue: Catalogue, arguments: Iterable[str]) -> dict[str, dict[str, float]]:
+    """NAME=VALUE arguments as values by node and name, none of which its node would refuse alone. Raises InputError."""
+    values: dict[str, dict[str, float]] = {}
+    for argument in arguments:
+        name, _, text = argument.partition("=")
+        full = catalogue.named(name.strip())
+        node, _, short = full.partition(".")
+        if short in values.setdefault(node, {}):
+            raise InputError(f"parameter {full} is given twice")
+        values[node][short] = catalogue.checked(full, text)
+    return values
+
+
+def tables(entries: Mapping[str, Mapping[str, Any]], width: int) -> str:
+    """Parameters by full name as a table for each node, of lines of at most `width` characters."""
+    grouped = groupby(entries.items(), lambda item: item[0].partition(".")[0])
+    return "\n\n".join(table_text(_fitted(_rows(node, dict(items)), width)) for node, items in grouped)
+
+
+def without_off(entries: Mapping[str, Mapping[str, Any]], names: Collection[str]) -> tuple[dict[str, Any], list[str]]:
+    """`entries` by full name without those of effects (`names`) that are as shipped, off; and which effects these are."""
+    groups: dict[str, list[Mapping[str, Any]]] = {}
+    for full, entry in entries.items():
+        groups.setdefault(full.rpartition(".")[0], []).append(entry)
+    off = [
+        group
+        for group, members in groups.items()
+        if group.rpartition(".")[2] in names and all(entry["value"] == entry["default"] for entry in members)
+    ]
+    kept = {full: entry for full, entry in entries.items() if full.rpartition(".")[0] not in off}
+    return kept, [group.partition(".")[2] for group in off]
+
+
+def _rows(node: str, entries: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, ...]]:
+    rows: list[tuple[str, ...]] = [(f"parameter of the {node}", "value", "bounds", "default", "source")]
+    for name, entry in entries.items():
+        low, high = entry["bounds"]
+        rows.append(
+            (
+                name.partition(".")[2],
+                with_unit(f"{entry['value']:.6g}", entry["unit"]),
+                "fixed" if entry["fixed"] else f"{low:g}..{high:g}",
+                f"{entry['default']:.6g}",
+                entry["source"],
+            )
+        )
+    return rows
+
+
+def _fitted(rows: Sequence[Sequence[str]], width: int) -> list[list[str]]:
+    """The columns that fit into `width`; of the last one, the source, as much as fits."""
+    needed = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    room = [width - sum(_GAP + before for before in needed[:i]) for i in range(len(needed))]
+    needed[-1] = min(needed[-1], _SOURCE_LEAST)
+    kept = [i for i, least in enumerate(needed) if i == 0 or least <= room[i]]
+    return [[row[i] if len(row[i]) <= room[i] else row[i][: room[i] - 1] + "…" for i in kept] for row in rows]
+
+
+def details(name: str, entry: Mapping[str, Any]) -> str:
+    """All about one parameter."""
+    low, high = entry["bounds"]
+    unit = entry["unit"]
+    lines = [
+        with_unit(f"{name} = {entry['value']:.10g}", unit),
+        with_unit(f"  bounds       {low:g} to {high:g}", unit),
+        with_unit(f"  default      {entry['default']:.10g}", unit),
+        with_unit(f"  uncertainty  {entry['uncertainty']:g}", unit),
+        f"  source       {entry['source']}",
+        f"  at run time  {'can be changed' if entry['fixed'] is None else 'fixed: ' + entry['fixed']}",
+    ]
+    return "\n".join(lines)
+
+
+def with_unit(text: str, unit: str) -> str:
+    """`text` and the unit behind it; nothing behind what has no dimension."""
+    return text if unit == "1" else f"{text} {unit}"
+
+
+def counted(count: int, noun: str) -> str:
+    """`1 value`, `2 values`."""
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"

@@ -1,0 +1,180 @@
+"""Collector: batches of a bench become a snapshot of its last ten seconds. It knows no zenoh."""
+
+from collections import deque
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from clutch_hil.bench import clutch_state
+from clutch_hil.bench.direction import direction
+from clutch_hil.live.snapshot import NO_TIMES, QUANTITIES, NodeState, Percentiles, Snapshot
+from protocols.can.fault_text import FaultWatch, clutch_of, waits_for_idle
+from protocols.can.frames import load_frames
+from protocols.telemetry.batch import Batch
+from protocols.telemetry.keys import NODES
+
+WINDOW = 10.0  # s of rows that percentiles and sparklines are made of
+STALLED = 0.5  # s without a row; batches come every 20 ms
+POINTS = 30  # characters of a sparkline: three a second
+_CHANGES = 3  # last changes of parameters that are shown
+_TIMING = ("clock_s", "wake_us", "work_us", "late_cycles")
+_ASKED = ("phase", "request")
+_STATES = ("controller_fault", clutch_state.COLUMN)
+
+
+class _Trace:
+    """Rows of one life of a service, the last WINDOW seconds, in the columns that are shown."""
+
+    def __init__(self, batch: Batch) -> None:
+        wanted = {q.column for q in QUANTITIES} | {f"{batch.node}_{name}" for name in (*_TIMING, *_ASKED)}
+        wanted |= set(_STATES)
+        names = [column.name for column in batch.columns]
+        self.session, self.rate = batch.session, batch.rate
+        self._index = [i for i, name in enumerate(names) if name in wanted]
+        self._place = {names[i]: place for place, i in enumerate(self._index)}
+        self._pieces: deque[np.ndarray] = deque()
+        self._count = 0
+        self.newest = 0.0  # s, when the newest row came
+
+    def take(self, batch: Batch, now: float) -> None:
+        """Add rows that came at `now` [s]."""
+        if not len(batch.rows):
+            return
+        self.newest = now
+        self._pieces.append(batch.rows[:, self._index])
+        self._count += len(batch.rows)
+        while self._count - len(self._pieces[0]) >= WINDOW * self.rate:
+            self._count -= len(self._pieces.popleft())
+
+    def rows(self) -> np.ndarray:
+        """Shape (rows, columns), at most WINDOW seconds."""
+        return np.concatenate(self._pieces)[-round(WINDOW * self.rate) :]
+
+    def column(self, rows: np.ndarray, name: str) -> np.ndarray:
+        """A column of `rows`; NaN when the service does not publish it."""
+        place = self._place.get(name)
+        return rows[:, place] if place is not None else np.full(len(rows), np.nan)
+
+
+class Collector:
+    """Takes what a feed gives, keeps ten seconds of it, and tells how the bench is."""
+
+    def __init__(self, bench: str) -> None:
+        frames = load_frames()
+        self.alive: Mapping[str, bool] = {}
+        self.lost: Mapping[str, int] = {}
+        self.last_rows: dict[str, int] = {}  # newest row of a service of which none came: -1 when it has none yet
+        self._bench = bench
+        self._phases = frames["CONTROLLER_STATUS"].choices("phase")
+        self._faults = frames["CONTROLLER_STATUS"].choices("fault")
+        self._traces: dict[str, _Trace] = {}
+        self._watches: dict[str, FaultWatch] = {}  # by controller
+        self._fault_lines: dict[str, str] = {}  # the last one of each, the newest last
+        self._changes: list[Mapping[str, Any]] = []
+
+    def take(self, batches: Iterable[Batch], now: float) -> None:
+        """Add batches that came at `now` [s, of any steady clock]."""
+        for batch in batches:
+            trace = self._traces.get(batch.node)
+            if anew := trace is None or trace.session != batch.session:
+                trace = self._traces[batch.node] = _Trace(batch)
+            trace.take(batch, now)
+            if anew:
+                self._watches.pop(batch.node, None)
+            names = [column.name.removeprefix(f"{batch.node}_") for column in batch.columns]
+            if len(batch.rows) and batch.node.startswith("controller") and "fault" in names:
+                self._take_faults(batch, names)
+
+    def _take_faults(self, batch: Batch, names: list[str]) -> None:
+        """Keep what begins or ends in a batch of a controller, whose columns have these `names` without the node's."""
+        node = batch.node
+        watch = self._watches.setdefault(node, FaultWatch(names, batch.rate, clutch=clutch_of(node)))
+        for told in watch.take(batch.rows):
+            before = self._fault_lines.pop(node, None)
+            self._fault_lines[node] = told.line if told.name != "none" else f"{before}; {told.line}"
+
+    def note(self, events: Iterable[Mapping[str, Any]]) -> None:
+        """Add changes of parameters; one that is told twice, live and when a feed begins, counts once."""
+        new = [event for event in events if event not in self._changes]
+        self._changes = sorted((*self._changes, *new), key=lambda event: event["time"])[-_CHANGES:]
+
+    def silent(self) -> list[str]:
+        """Nodes that live and of which no row has come."""
+        return [node for node in NODES if self.alive.get(node) and node not in self._traces]
+
+    def snapshot(self, now: float) -> Snapshot:
+        """The bench at `now` [s]."""
+        rows = {node: trace.rows() for node, trace in self._traces.items()}
+        values, traces = {}, {}
+        for quantity in QUANTITIES:
+            column = self._column(rows, quantity.node, quantity.column)
+            values[quantity.name] = float(column[-1]) if len(column) else float("nan")
+            traces[quantity.name] = self._thinned(quantity.node, column)
+        # a magnitude, drawn over the signed torque
+        traces["torque demand"] = traces["torque demand"] * direction(traces["slip"], traces["torque estimate"])
+        states = {node: self._node_state(node, rows.get(node), now) for node in NODES}
+        known = self.alive.get("controller", False)
+        return Snapshot(
+            self._bench,
+            states,
+            self._state_name(rows, "controller_phase", self._phases) if known else None,
+            self._state_name(rows, "controller_fault", self._faults) if known else None,
+            self._state_name(rows, clutch_state.COLUMN, dict(enumerate(clutch_state.STATES))) if known else None,
+            values,
+            traces,
+            tuple(self._changes),
+            next(reversed(self._fault_lines.values()), None),
+            any(self._waits(rows, node) for node in ("controller", "controller_b") if self.alive.get(node)),
+            tuple(
+                self._fault_lines[node]
+                for node, watch in self._watches.items()
+                if watch.stands and self.alive.get(node)
+            ),
+        )
+
+    def _waits(self, rows: Mapping[str, np.ndarray], node: str) -> bool:
+        phase, request = (self._column(rows, node, f"{node}_{name}") for name in _ASKED)
+        return bool(len(phase)) and waits_for_idle(float(phase[-1]), float(request[-1]))
+
+    def _column(self, rows: Mapping[str, np.ndarray], node: str, name: str) -> np.ndarray:
+        return self._traces[node].column(rows[node], name) if node in rows else np.empty(0)
+
+    def _state_name(self, rows: Mapping[str, np.ndarray], column: str, names: Mapping[int, str]) -> str | None:
+        values = self._column(rows, "controller", column)
+        if not len(values) or not np.isfinite(values[-1]):
+            return None
+        return names.get(int(values[-1]), f"{values[-1]:g}")
+
+    def _thinned(self, node: str, column: np.ndarray) -> np.ndarray:
+        """POINTS values of the last WINDOW seconds, the newest last; NaN before the first row."""
+        if not len(column):
+            return np.full(POINTS, np.nan)
+        ago = np.arange(POINTS)[::-1] * WINDOW * self._traces[node].rate / POINTS
+        index = len(column) - 1 - np.round(ago).astype(int)
+        return np.where(index >= 0, column[np.maximum(index, 0)], np.nan)
+
+    def _node_state(self, node: str, rows: np.ndarray | None, now: float) -> NodeState:
+        alive, trace = self.alive.get(node, False), self._traces.get(node)
+        if trace is None or rows is None:
+            stalled = self.last_rows.get(node, -1) >= 0
+            return NodeState(("stalled" if stalled else "waiting") if alive else "absent")
+        age = now - trace.newest
+        clock, wake, work, late = (trace.column(rows, f"{node}_{name}") for name in _TIMING)
+        took = clock[-1] - clock[0]
+        return NodeState(
+            "gone" if not alive else "stalled" if age > STALLED else "running",
+            age,
+            (len(rows) - 1) / took if took > 0.0 else float("nan"),
+            1e6 / trace.rate,
+            len(rows),
+            int(np.nan_to_num(late[-1] - late[0])),
+            self.lost.get(node, 0),
+            _percentiles(wake),
+            _percentiles(work),
+        )
+
+
+def _percentiles(values: np.ndarray) -> Percentiles:
+    known = values[np.isfinite(values)]
+    return Percentiles(*np.percentile(known, (50.0, 99.0, 100.0)).tolist()) if len(known) else NO_TIMES

@@ -1,0 +1,33 @@
+"""Conversion: a run file in another format."""
+
+from pathlib import Path
+
+from protocols.errors import InputError, listing
+from protocols.files.run import new_file
+from protocols.files.runs import SUFFIXES, read_run, write_run
+
+FORMATS = (*SUFFIXES, ".rrd")
+
+
+def convert(source: Path, target: Path) -> int:
+    """Write the run in `source` as the suffix of `target` says; return its samples. Raises InputError."""
+    if source.suffix not in SUFFIXES:
+        raise InputError(
+            f"run {source} has the suffix {source.suffix or '-'}; what can be read ends with {listing(SUFFIXES)}"
+        )
+    checked_target(target)
+    run = read_run(source)
+    if target.suffix == ".rrd":
+        from clutch_hil.live.replay import export_rrd
+
+        export_rrd(source, target)
+    else:
+        write_run(run, target)
+    return len(run["time_s"])
+
+
+def checked_target(path: Path) -> Path:
+    """`path` when a new run can be written there. Raises InputError."""
+    if path.suffix not in FORMATS:
+        raise InputError(f"a run cannot be written as {path.suffix!r} ({path}); allowed are {listing(FORMATS)}")
+    return new_file(path)

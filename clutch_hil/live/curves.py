@@ -1,0 +1,148 @@
+"""Curves: torque over pressure and over slip as x-y plots. rerun has none, so axes are drawn in a 2-D view.
+
+Trails are logged in data units below a transform into the box of the plot: when data leave the axes, transform and axes
+change together and old trails stay right.
+"""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+import rerun as rr
+
+from clutch_hil.bench import palette
+from clutch_hil.live.canvas import Canvas
+from clutch_hil.live.pace import Pace
+from clutch_hil.live.times import Times
+from protocols.telemetry.batch import Batch
+
+BOX = (190.0, 88.0)  # width and height of the axes, in units of the view: landscape like the place it has
+_PACE = 10.0  # Hz: pieces of trail; each piece and its dot cost two calls of rerun
+_POINTS = 200.0  # Hz: points of a trail; the pressure loop has 10 Hz
+_DIVISIONS = 5, 3  # at most, of an axis, and of each half of one that goes both ways
+
+
+class Trail(NamedTuple):
+    """A y column over an x column of the same node."""
+
+    name: str
+    x: str
+    y: str
+
+
+@dataclass
+class Curve:
+    """An x-y plot: its axes (x, y) reach from `low` to `high`, and further where data do; below 0 as far as above."""
+
+    path: str
+    title: str
+    labels: tuple[str, str]
+    high: np.ndarray
+    trails: tuple[Trail, ...]
+    low: np.ndarray = field(default_factory=lambda: np.zeros(2))
+
+
+def curves() -> tuple[Curve, ...]:
+    """The two curves of a clutch. The axes begin with the reach of the engagement profile."""
+    return (
+        Curve("torque_over_pressure", "torque over pressure", ("pressure [bar]", "torque [Nm]"), np.array([4.0, 20.0]), (
+            Trail("estimate", "controller_pressure_bar", "controller_torque_estimate_nm"),
+            Trail("true", "truth_cylinder_pressure_bar", "truth_clutch_torque_nm"),
+        )),
+        Curve("torque_over_slip", "torque over slip", ("slip [rad/s]", "torque [Nm]"), np.array([25.0, 20.0]), (
+            Trail("estimate", "controller_slip_rad_s", "controller_torque_estimate_nm"),
+            Trail("true", "truth_slip_speed_rad_s", "truth_clutch_torque_nm"),
+        )),
+    )  # fmt: skip
+
+
+class Curves:
+    """Logs pieces of the trails and a dot at the present."""
+
+    def __init__(self, canvas: Canvas) -> None:
+        self._canvas = canvas
+        self._curves = curves()
+        self._paces: dict[str, Pace] = {}
+        self._ends: dict[str, np.ndarray] = {}  # points not yet logged, by trail; the first joins it to the last piece
+
+    def open(self) -> None:
+        """Log the axes."""
+        for curve in self._curves:
+            self._draw_axes(curve)
+
+    def log(self, batch: Batch, times: Times) -> None:
+        """Log the pieces of trail that the rows complete."""
+        names = {column.name for column in batch.columns}
+        for curve in self._curves:
+            for trail in curve.trails:
+                if trail.x in names and trail.y in names:
+                    points = np.column_stack([batch[trail.x], batch[trail.y]])
+                    self._log_trail(curve, trail, points, times, batch.rate)
+
+    def _log_trail(self, curve: Curve, trail: Trail, points: np.ndarray, times: Times, rate: float) -> None:
+        path = f"{curve.path}/data/{trail.name}"
+        stride = max(1, round(rate / _POINTS))
+        cuts = self._paces.setdefault(path, Pace(_PACE)).pick(times)
+        begin, rest = 0, self._ends.get(path, np.empty((0, 2)))
+        pieces, rows = [], []
+        for cut in cuts:
+            piece = np.concatenate([rest, points[begin:cut:stride], points[cut : cut + 1]])
+            piece = piece[np.isfinite(piece).all(axis=1)]
+            begin, rest = cut, piece[-1:]
+            if len(piece):
+                pieces.append(piece)
+                rows.append(cut)
+        self._ends[path] = np.concatenate([rest, points[begin::stride]])
+        if not pieces:
+            return
+        self._widen(curve, pieces)
+        where = times[rows]
+        self._canvas.send(path, where, rr.LineStrips2D.columns(strips=pieces))
+        self._canvas.send(f"{path}/now", where, rr.Points2D.columns(positions=[piece[-1] for piece in pieces]))
+
+    def _widen(self, curve: Curve, pieces: list[np.ndarray]) -> None:
+        points = np.concatenate(pieces)
+        low, high = points.min(axis=0), points.max(axis=0)
+        slack = 0.02 * (curve.high - curve.low)  # noise about zero is no reason for a new axis
+        if (low < curve.low - slack).any() or (high > curve.high).any():
+            curve.high = np.where(high > curve.high, 1.2 * high, curve.high)
+            back = low < curve.low - slack
+            curve.high = np.where(back, np.maximum(curve.high, -1.2 * low), curve.high)
+            curve.low = np.where(back | (curve.low < 0.0), -curve.high, curve.low)
+            self._draw_axes(curve)
+
+    def _draw_axes(self, curve: Curve) -> None:
+        parts = np.where(curve.low < 0.0, curve.high / _DIVISIONS[1], curve.high / _DIVISIONS[0])
+        steps = np.array([_nice(part) for part in parts])
+        curve.low = np.floor(curve.low / steps + 1e-9) * steps
+        curve.high = np.ceil(curve.high / steps - 1e-9) * steps
+        width, height = BOX
+        sx, sy = BOX / (curve.high - curve.low)
+        shift = [-curve.low[0] * sx, curve.low[1] * sy, 0.0]
+        self._canvas.static(f"{curve.path}/data", rr.Transform3D(translation=shift, scale=[sx, -sy, 1.0]))
+        xs = np.arange(curve.low[0], curve.high[0] + steps[0] / 2, steps[0])
+        ys = np.arange(curve.low[1], curve.high[1] + steps[1] / 2, steps[1])
+        across = [[(x * sx + shift[0], 0.0), (x * sx + shift[0], -height)] for x in xs]
+        along = [[(0.0, -y * sy + shift[1]), (width, -y * sy + shift[1])] for y in ys]
+        grid = rr.LineStrips2D(
+            across + along, colors=[palette.rgba(palette.GRID)], radii=rr.Radius.ui_points(0.4), draw_order=-1.0
+        )
+        self._canvas.static(f"{curve.path}/grid", grid)
+        marks = [(line[0][0], 2.0) for line in across] + [(-7.0, line[0][1] - 5.0) for line in along]
+        texts = [f"{value:g}" for value in (*np.round(xs, 9), *np.round(ys, 9))]
+        marks += [(width / 2.0, 13.0), (12.0, -height - 16.0)]
+        texts += curve.labels
+        labels = rr.Points2D(marks, labels=texts, colors=[palette.rgba(palette.TEXT)], radii=0.0, show_labels=True)
+        self._canvas.static(f"{curve.path}/labels", labels)
+        for level, trail in enumerate(curve.trails):
+            path = f"{curve.path}/data/{trail.name}"
+            color, order = [palette.rgba(palette.of(trail.y))], level + 1.0  # the later over the earlier
+            line, dot = rr.Radius.ui_points(1.2), rr.Radius.ui_points(4.5)
+            self._canvas.static(path, rr.LineStrips2D.from_fields(colors=color, radii=line, draw_order=order))
+            self._canvas.static(f"{path}/now", rr.Points2D.from_fields(colors=color, radii=dot, draw_order=order))
+
+
+def _nice(step: float) -> float:
+    """The next of 1, 2, 5, 10, ... times a power of ten."""
+    power = 10.0 ** np.floor(np.log10(step))
+    return float(power * next(factor for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= step * (1.0 - 1e-9)))

@@ -1,0 +1,137 @@
+"""Dashboard: which column stands in which plot. Each column of a node has one place, so a recording holds it once."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from clutch_hil.bench import palette
+from protocols.node import Column
+
+
+class Line(NamedTuple):
+    """A column as a line: its label in the legend, and its width [ui points]."""
+
+    column: str
+    label: str
+    width: float = 1.5
+
+
+class Plot(NamedTuple):
+    """A plot over time: entity path under the prefix, title, lines, and the units of columns without a place that it takes."""
+
+    path: str
+    title: str
+    lines: tuple[Line, ...] = ()
+    units: tuple[str, ...] = ()
+
+
+# rerun draws the entities of a plot in alphabetical order: the plant's lines lie on top of the controller's. The demand is
+# drawn over the torque the way round the clutch slips (torque.py); as the controller has it, a magnitude, it is in the balance.
+PLOTS = (
+    Plot("torque", "torque [Nm]", (
+        Line("controller_torque_estimate_nm", "estimate", 1.2),
+        Line("truth_clutch_torque_nm", "true", 2.5),
+    )),
+    Plot("pressure", "pressure [bar]", (
+        Line("controller_pressure_demand_bar", "demand", 2.0),
+        Line("truth_valve_pressure_bar", "valve", 1.5),
+        Line("truth_cylinder_pressure_bar", "true", 2.0),
+        Line("cylinder_pressure_bar", "measured", 1.0),
+    )),
+    Plot("voltage", "valve command [V]", (
+        Line("controller_voltage_v", "asked by the law", 2.5),
+        Line("valve_voltage_v", "at the valve", 1.2),
+    )),
+    Plot("slip", "slip [rad/s]", (
+        Line("controller_slip_rad_s", "observed", 1.5),
+        Line("motor_speed_demand_rad_s", "motor demand", 1.5),
+        Line("slip_speed_rad_s", "measured", 1.0),
+        Line("truth_slip_speed_rad_s", "true", 1.5),
+    )),
+    Plot("temperature", "oil temperature [degC]", (
+        Line("controller_temperature_degc", "as the law takes it", 1.0),
+        Line("oil_temperature_degc", "measured", 1.0),
+        Line("truth_oil_temperature_degc", "true", 2.0),
+    )),
+    Plot("timing", "loop timing [us]", (
+        Line("controller_wake_us", "controller woke late", 1.0),
+        Line("controller_work_us", "controller work", 1.0),
+        Line("plant_wake_us", "plant woke late", 1.0),
+        Line("plant_work_us", "plant work", 1.0),
+    )),
+    Plot("terms", "feedback terms [bar]", (
+        Line("controller_proportional_bar", "torque P", 1.0),
+        Line("controller_integral_bar", "torque I", 2.0),
+        Line("controller_pressure_proportional_bar", "pressure P", 1.0),
+        Line("controller_pressure_integral_bar", "pressure I", 2.0),
+    )),
+    Plot("feedforward", "feedforward and pressure [bar]", (
+        Line("controller_feedforward_bar", "feedforward", 2.0),
+        Line("controller_pressure_bar", "measured, as the law takes it", 1.0),
+    )),
+    Plot("balance", "torque balance [Nm]", (
+        Line("controller_torque_demand_nm", "demand, a magnitude", 1.5),
+        Line("controller_capacity_nm", "capacity", 1.5),
+        Line("controller_observed_torque_nm", "observed at the motor", 1.0),
+        Line("controller_coulomb_part_nm", "Coulomb part", 2.0),
+        Line("controller_viscous_part_nm", "viscous part", 2.0),
+        Line("clutch_torque_nm", "clutch, measured", 1.0),
+        Line("motor_torque_nm", "motor, measured", 1.0),
+        Line("truth_motor_torque_nm", "motor, true", 1.5),
+    )),
+    Plot("adaptation", "adaptation [1]", (
+        Line("controller_friction_level", "friction level", 2.0),
+        Line("controller_trimmed_level", "level of the moment", 1.0),
+        Line("controller_viscous_correction", "viscous correction", 1.5),
+    )),
+    Plot("more/position", "piston position [m]", units=("m",)),
+    Plot("more/force", "forces [N]", units=("N",)),
+    Plot("more/angle", "shaft angle [rad]", units=("rad",)),
+    Plot("more/acceleration", "observed slip acceleration [rad/s^2]", units=("rad/s^2",)),
+    Plot("more/clock", "clocks [s] and sample tick [1]", (
+        Line("controller_sample_tick", "controller sample tick"),
+    ), ("s",)),
+)  # fmt: skip
+LIGHT = ("torque", "pressure", "voltage", "slip", "timing")  # paths of the plots that a light screen has
+(SLIP,) = (plot for plot in PLOTS if plot.path == "slip")
+REST = Plot("more/rest", "states, flags and counts [1], and what stands nowhere else")
+
+
+class Place(NamedTuple):
+    """Where columns of a node go: one wide entity. `numbers` are theirs among the node's columns."""
+
+    path: str
+    numbers: tuple[int, ...]
+    columns: tuple[Column, ...]
+    lines: tuple[Line, ...]
+    colours: tuple[str, ...]
+
+    @property
+    def labels(self) -> list[str]:
+        """Of the lines, with units, for the legend."""
+        return [f"{line.label} [{column.unit}]" for line, column in zip(self.lines, self.columns, strict=True)]
+
+
+def places(node: str, columns: Sequence[Column]) -> list[Place]:
+    """The entities of a node's columns; every column is in exactly one."""
+    free = {column.name: number for number, column in enumerate(columns)}
+    chosen: dict[Plot, list[tuple[int, Line, str]]] = {}
+    for plot in PLOTS:
+        coloured = [(line, palette.of(line.column, place)) for place, line in enumerate(plot.lines)]
+        chosen[plot] = [(free.pop(line.column), line, colour) for line, colour in coloured if line.column in free]
+    by_unit = {unit: plot for plot in PLOTS for unit in plot.units}
+    for name, number in free.items():
+        unit = columns[number].unit
+        own = chosen.setdefault(by_unit.get(unit, REST), [])
+        label = name.removesuffix(f"_{unit.lower().replace('/', '_').replace('^', '')}").replace("_", " ")
+        own.append((number, Line(name, label), palette.of(name, len(own))))
+    return [
+        Place(
+            f"{plot.path}/{node}",
+            tuple(number for number, *_ in own),
+            tuple(columns[number] for number, *_ in own),
+            tuple(line for _, line, _ in own),
+            tuple(colour for *_, colour in own),
+        )
+        for plot, own in chosen.items()
+        if own
+    ]

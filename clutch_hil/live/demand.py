@@ -1,0 +1,281 @@
+"""`clutch-hil demand`: a supervisor that asks for torque, pressure, lock or a profile, and tells whether it was reached."""
+
+import time
+from dataclasses import asdict, dataclass, field
+from math import isfinite
+from typing import Any
+
+from rich.console import Console
+from rich.live import Live
+from rich.text import Text
+
+from clutch_hil.live.supervisor import RATE, Answer, Supervisor
+from plant_sim.profiles.profile import (
+    FILL_PRESSURE,
+    FOREVER,
+    IDLE_FIRST,
+    PRESSURE_LIMIT,
+    SPEED_LIMIT,
+    TORQUE_LIMIT,
+    Profile,
+    Setpoint,
+)
+from protocols.buses.bus import open_bus
+from protocols.can.request import Request
+from protocols.errors import InputError
+from protocols.realtime.stopping import Stop
+
+_SLOWEST = 1e-3  # Nm/s or bar/s: 8 hours to the highest torque
+_STEADY = 0.5  # s of a constant demand after which it counts as settled: the torque loop rises in 0.25 s
+_TOLERANCE = 0.10  # of the demand of torque
+_TOLERANCE_FLOOR = 0.3  # Nm, three times the regime error of the default controller
+_PRESSURE_TOLERANCE = 0.03  # bar: three times the noise and the resolution of the signal, 5 mbar each
+_SHOWN_EVERY = 0.1  # s, on a terminal: as often as the controller's status comes
+_PLAIN_EVERY = 2.0  # s between lines where the output is no terminal
+
+
+def torque_profile(torque: float, speed: float, seconds: float | None, ramp: float) -> Profile:
+    """A torque [Nm] reached with `ramp` [Nm/s] and held, at a motor speed [rad/s], for `seconds`, None for ever.
+
+    Raises InputError.
+    """
+    _check("torque", torque, TORQUE_LIMIT, "Nm", speed, ramp)
+    rise = max(torque / ramp, 1.0 / RATE)
+    times = 0.0, IDLE_FIRST, IDLE_FIRST + rise, FOREVER
+    profile = Profile(f"{torque:g} Nm", times, (0.0, 0.0, torque, torque), (speed,) * 4)
+    return profile if seconds is None else profile.lasting(seconds)
+
+
+def pressure_profile(pressure: float, speed: float, seconds: float | None, ramp: float) -> Profile:
+    """A pressure [bar] reached with `ramp` [bar/s] from where the clutch is filled; the rest as in `torque_profile`."""
+    _check("pressure", pressure, PRESSURE_LIMIT, "bar", speed, ramp)
+    first, least = min(pressure, FILL_PRESSURE), 1.0 / RATE
+    begin = IDLE_FIRST + least
+    time = (0.0, IDLE_FIRST, begin, begin + max((pressure - first) / ramp, least), FOREVER)
+    profile = Profile(f"{pressure:g} bar", time, (0.0,) * 5, (speed,) * 5, (0.0, 0.0, first, pressure, pressure))
+    return profile if seconds is None else profile.lasting(seconds)
+
+
+def lock_profile(speed: float, seconds: float | None) -> Profile:
+    """A clutch that is to be locked, at a motor speed [rad/s], for `seconds`, None for ever. Raises InputError."""
+    _check_speed(speed)
+    profile = Profile("lock", (0.0, FOREVER), (0.0, 0.0), (speed, speed), lock=(1.0, 1.0))
+    return profile if seconds is None else profile.lasting(seconds)
+
+
+def _check(name: str, value: float, limit: float, unit: str, speed: float, ramp: float) -> None:
+    if not (isfinite(value) and 0.0 <= value <= limit):
+        raise InputError(f"{name} {value:g} {unit} is outside 0..{limit:g} {unit}")
+    _check_speed(speed)
+    if not (isfinite(ramp) and ramp >= _SLOWEST):
+        raise InputError(f"ramp {ramp:g} {unit}/s is not possible; it must be {_SLOWEST:g} or more")
+
+
+def _check_speed(speed: float) -> None:
+    if not (isfinite(speed) and abs(speed) <= SPEED_LIMIT):
+        raise InputError(f"speed {speed:g} rad/s is outside {-SPEED_LIMIT:g}..{SPEED_LIMIT:g} rad/s")
+
+
+@dataclass
+class Regime:
+    """Mean absolute error of the answer while the demand is steady, both in `unit`.
+
+    `share` of the mean demand is allowed, and `floor` always.
+    """
+
+    unit: str = "Nm"
+    share: float = _TOLERANCE
+    floor: float = _TOLERANCE_FLOOR
+    steady_for: float = 0.0  # s
+    samples: int = 0
+    error_sum: float = 0.0
+    demand_sum: float = 0.0
+    _demand: float = field(default=0.0, repr=False)
+
+    def add(self, demand: float, answer: float) -> None:
+        """One sample of RATE."""
+        self.steady_for = self.steady_for + 1.0 / RATE if demand == self._demand else 0.0
+        self._demand = demand
+        if demand > 0.0 and self.steady_for > _STEADY:
+            self.samples += 1
+            self.error_sum += abs(answer - demand)
+            self.demand_sum += demand
+
+    @property
+    def error(self) -> float:
+        """Regime error; NaN when the demand never was steady."""
+        return self.error_sum / self.samples if self.samples else float("nan")
+
+    @property
+    def demand(self) -> float:
+        """Mean of the demand in regime; NaN when it never was steady."""
+        return self.demand_sum / self.samples if self.samples else float("nan")
+
+    @property
+    def reached(self) -> bool:
+        """Whether the answer was where it should be."""
+        return self.error <= max(self.share * self.demand, self.floor)
+
+
+@dataclass
+class Lock:
+    """Whether the clutch locked where it was to: within how long [s], and whether it was still locked when last asked to."""
+
+    asked_for: float = 0.0  # s
+    locked_after: float | None = None  # s, since it was first asked to
+    locked: bool = False
+
+    def add(self, asked: bool, clutch: str | None) -> None:
+        """One sample of RATE; `clutch` is its state in a word."""
+        if not asked:
+            return
+        self.asked_for += 1.0 / RATE
+        self.locked = clutch == "locked"
+        if self.locked and self.locked_after is None:
+            self.locked_after = self.asked_for
+
+    def __str__(self) -> str:
+        """What to say of it."""
+        if self.locked_after is None:
+            return f"not locked within {self.asked_for:.2f} s"
+        return f"locked after {self.locked_after:.2f} s{'' if self.locked else ', then no more'}"
+
+
+class Demand:
+    """A profile to be asked for on a bus. Raises InputError when there is another supervisor or no controller."""
+
+    def __init__(self, bus: str, profile: Profile) -> None:
+        self._bus, self._profile = bus, profile
+        self._lock = Lock()
+        self._regimes = {
+            Request.ENGAGE: Regime(),
+            Request.PRESSURE: Regime("bar", share=0.0, floor=_PRESSURE_TOLERANCE),
+        }
+
+    def run(self, quiet: bool) -> tuple[dict[str, Any], str, str, bool]:
+        """Idle, engage, follow the profile to its end or to Ctrl-C, release; return document, text, verdict, good."""
+        profile = self._profile
+        with (
+            Stop() as stop,
+            open_bus(self._bus) as port,
+            Supervisor(port) as supervisor,
+            _StatusLine(profile.duration, quiet) as line,
+        ):
+            supervisor.idle(profile.at(0.0).speed)
+            began = time.monotonic()
+            setpoint, elapsed, objection = profile.at(0.0), 0.0, None
+            while not (stop.asked or objection) and elapsed < profile.duration:
+                setpoint = profile.at(elapsed)
+                supervisor.ask(*setpoint)
+                objection = supervisor.objection()
+                answer = supervisor.heard.answer()
+                self._judge(setpoint, answer)
+                line.show(elapsed, setpoint, answer)
+                elapsed = time.monotonic() - began
+            answer = supervisor.heard.answer()
+            released = supervisor.release(setpoint.speed)
+            return self._outcome(port.name, elapsed, answer, objection, released, stop.asked)
+
+    def _judge(self, setpoint: Setpoint, answer: Answer) -> None:
+        estimate = answer.torque_estimate
+        self._lock.add(setpoint.request is Request.LOCK, answer.clutch)
+        for request, demand, answered in (
+            (Request.ENGAGE, setpoint.torque, None if estimate is None else abs(estimate)),  # the demand has no sign
+            (Request.PRESSURE, setpoint.pressure, answer.pressure),
+        ):
+            if answered is not None:
+                self._regimes[request].add(demand if setpoint.request is request else 0.0, answered)
+
+    def _outcome(
+        self, bus: str, elapsed: float, answer: Answer, objection: str | None, released: bool, interrupted: bool
+    ) -> tuple[dict[str, Any], str, str, bool]:
+        profile = self._profile
+        torque, pressure = self._regimes[Request.ENGAGE], self._regimes[Request.PRESSURE]
+        asked = [
+            regime
+            for regime, demands in ((torque, profile.torque), (pressure, profile.pressure))
+            if any(demand > 0.0 for demand in demands)
+        ]
+        locks = any(profile.lock)
+        good = objection is None and released and all(r.reached for r in asked) and (self._lock.locked or not locks)
+        told = [f"regime error {r.error:.2f} {r.unit} of {r.demand:.2f} {r.unit}" for r in asked if r.samples]
+        figures = ", ".join(told + ([str(self._lock)] if locks else []))
+        if objection:
+            verdict = objection
+        elif not released:
+            verdict = "the clutch was not released within 2 s"
+        elif not (asked or locks):
+            verdict = "neither torque nor pressure nor lock was asked for"
+        elif not asked:
+            verdict = str(self._lock)
+        elif not figures:
+            verdict = f"not reached: no demand was held for {_STEADY:g} s"
+        else:
+            verdict = f"{'reached' if good else 'not reached'}, {figures}"
+        if interrupted:
+            verdict = f"interrupted after {elapsed:.1f} s; {verdict}"
+        length = "until stopped" if profile.duration >= FOREVER else f"{profile.duration:g} s"
+        text = "\n".join(
+            [
+                f"read:    {profile.name} ({length}), the controller's status on {bus}",
+                f"wrote:   set-points on {bus} for {elapsed:.1f} s; the clutch is "
+                f"{'released' if released else 'not known to be released'}",
+            ]
+        )
+        document = {
+            "bus": bus,
+            "demand": profile.name,
+            "seconds": elapsed,
+            "regime_error_nm": torque.error,
+            "regime_demand_nm": torque.demand,
+            "regime_error_bar": pressure.error,
+            "regime_demand_bar": pressure.demand,
+            "locked_after_s": self._lock.locked_after,
+            "locked": self._lock.locked,
+            "last_answer": asdict(answer) | {"clutch": answer.clutch},
+            "released": released,
+            "interrupted": interrupted,
+            "verdict": verdict,
+            "good": good,
+        }
+        return document, text, verdict, good
+
+
+class _StatusLine:
+    """What is asked for and what is answered, on one line of the terminal; nothing when `quiet`."""
+
+    def __init__(self, duration: float, quiet: bool) -> None:
+        self._quiet = quiet
+        self._console = Console(stderr=True)
+        self._live = Live(console=self._console, auto_refresh=False, transient=True)
+        self._every = _SHOWN_EVERY if self._console.is_terminal else _PLAIN_EVERY
+        self._end = f"/{duration:g}" if duration < FOREVER else ""
+        self._next = 0.0
+
+    def __enter__(self) -> "_StatusLine":
+        if self._console.is_terminal and not self._quiet:
+            self._live.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._live.stop()
+
+    def show(self, elapsed: float, setpoint: Setpoint, answer: Answer) -> None:
+        """Show it when it is time."""
+        if self._quiet or elapsed < self._next:
+            return
+        self._next += self._every
+        estimate, pressure = answer.torque_estimate, answer.pressure
+        demand = {
+            Request.PRESSURE: f"{setpoint.pressure:5.2f} bar",
+            Request.LOCK: "    lock",
+        }.get(setpoint.request, f"{setpoint.torque:5.2f} Nm")
+        text = (
+            f"{elapsed:6.1f}{self._end} s  {answer.phase or '-':<12}  {answer.clutch or '-':<8}  demand {demand}"
+            f"  estimate {'-' if estimate is None else f'{estimate:.2f}':>6} Nm"
+            f"  pressure {'-' if pressure is None else f'{pressure:.2f}':>4} bar  speed {setpoint.speed:.2f} rad/s"
+        )
+        if self._console.is_terminal:
+            self._live.update(Text(text, no_wrap=True, overflow="ellipsis"), refresh=True)
+        else:
+            self._console.print(text, soft_wrap=True, highlight=False)

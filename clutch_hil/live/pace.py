@@ -1,0 +1,20 @@
+"""Pace: a few rows a second of many, for what an eye follows."""
+
+import numpy as np
+
+from clutch_hil.live.times import Times
+
+
+class Pace:
+    """Picks the first row of each period; `rate` [Hz]."""
+
+    def __init__(self, rate: float) -> None:
+        self._period = round(1e9 / rate)  # ns
+        self._slot: int | None = None
+
+    def pick(self, times: Times) -> np.ndarray:
+        """Numbers of the rows to show, shape (picked,)."""
+        slots = times.passing // self._period
+        before = np.concatenate([[slots[0] - 1 if self._slot is None else self._slot], slots[:-1]])
+        self._slot = int(slots[-1])
+        return np.flatnonzero(slots != before)

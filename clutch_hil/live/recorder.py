@@ -1,0 +1,285 @@
+"""Recorder: the rows of a bench as run files.
+
+A run file has one row a sample at a constant rate, and no row is made up. So where plant rows never came, or where the
+plant began anew, a file ends and the next one begins: RUN.parquet, RUN-2.parquet, ...
+"""
+
+import contextlib
+import itertools
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import zenoh
+
+from clutch_hil.bench.recording import Recording, run_path, writable
+from clutch_hil.bench.sealed import SealedRecording
+from clutch_hil.live.catalogue import counted
+from clutch_hil.live.tape import Tape
+from clutch_hil.live.tune import parameters
+from protocols.can.fault_text import FaultWatch, clutch_of
+from protocols.errors import InputError
+from protocols.node import Column
+from protocols.telemetry.batch import Batch
+from protocols.telemetry.feed import Feed
+from protocols.telemetry.keys import NODES, bus_of
+
+_INJECTED = ("name", "unit", "old", "new", "at", "ramp", "row")  # of an event, for the file
+_RECENT = 100  # batches: the controller's past may come before the plant's
+_BOTH = 10.0  # s from the first row until both sides must have said what they are
+
+
+@dataclass
+class Recorded:
+    """What was recorded: `files` with their samples, rows `lost` by node, parameters changed; rate [Hz]."""
+
+    bench: str
+    rate: int = 0
+    files: dict[Path, int] = field(default_factory=dict)
+    lost: dict[str, int] = field(default_factory=dict)
+    parameter_changes: int = 0
+    faults: str = ""  # what was in them, for the verdict
+    fault_count: int = 0
+
+    @property
+    def good(self) -> bool:
+        """Whether every row came, and no fault in them."""
+        return not any(self.lost.values()) and not self.fault_count
+
+    @property
+    def verdict(self) -> str:
+        """The verdict line."""
+        seconds = sum(self.files.values()) / self.rate
+        told = f"{seconds:.1f} s recorded"
+        if len(self.files) > 1:
+            told += f" in {len(self.files)} files: the plant began anew or rows were lost"
+        lost = f"; rows that never came: {_counts(self.lost)}" if any(self.lost.values()) else ", no row lost"
+        return f"{told}{lost}{'; ' if self.faults else ''}{self.faults}"
+
+    @property
+    def text(self) -> str:
+        """What was read and written, for people."""
+        changes = f", {counted(self.parameter_changes, 'parameter')} changed" if self.parameter_changes else ""
+        lines = [f"read:    bench {self.bench}, {self.rate} Hz{changes}"]
+        lines += [f"wrote:   {path}  ({samples} samples)" for path, samples in self.files.items()]
+        return "\n".join(lines)
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The same for machines."""
+        return {
+            "bench": self.bench,
+            "rate_hz": self.rate,
+            "runs": {str(path): samples for path, samples in self.files.items()},
+            "rows_lost": self.lost,
+            "parameter_changes": self.parameter_changes,
+            "faults": self.fault_count,
+            "verdict": self.verdict,
+            "good": self.good,
+        }
+
+
+@dataclass(frozen=True)
+class _About:
+    """What a node said about itself when it was `asked` (UNIX time)."""
+
+    node: str
+    described: dict[str, Any]
+    parameters: dict[str, float]
+    asked: float
+
+    def parameters_at(self, time: float, changes: Sequence[dict[str, Any]]) -> dict[str, float]:
+        """Parameters at a UNIX time: as they were when we asked, with the changes in between made or undone."""
+        own = [change for change in changes if change["node"] == self.node]
+        made = {change["name"]: change["new"] for change in own if self.asked < change["time"] < time}
+        undone = {change["name"]: change["old"] for change in reversed(own) if time <= change["time"] <= self.asked}
+        return self.parameters | made | undone
+
+
+class Recorder:
+    """Records the rows of `feed` at `path`, and in further files beside it. Use as a context manager.
+
+    Without a path the file is named by date and time, in `runs`. A `blind` recording seals the truth away.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        feed: Feed,
+        path: Path | None,
+        blind: bool = False,
+        tell: Callable[[str], None] = print,
+    ) -> None:
+        self.recorded = Recorded(feed.bench)
+        self._session, self._feed, self._path = session, feed, path
+        self._recording: type[Recording] = SealedRecording if blind else Recording
+        self._tapes: dict[Path, Tape] = {}  # the last one runs, those before wait for the controller's last rows
+        self._metadata: dict[Path, dict[str, Any]] = {}
+        self._abouts: dict[str, _About] = {}  # by node
+        self._early: list[Batch] = []  # of the plant, while a side has not said what it is
+        self._deadline = float("inf")  # s of CLOCK_MONOTONIC, for both to have said it
+        self._recent: deque[Batch] = deque(maxlen=_RECENT)  # of the controller
+        self._tell = tell  # a line that stays on the terminal
+        self._faults: dict[str, FaultWatch] = {}  # by controller
+        self._changes: list[dict[str, Any]] = []
+
+    def __enter__(self) -> "Recorder":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for tape in self._tapes.values():
+            tape.abandon()
+
+    @property
+    def began(self) -> bool:
+        """Whether rows of the plant have come."""
+        return bool(self._metadata)
+
+    def status(self) -> str:
+        """What has been recorded so far, for people."""
+        if not self.began:
+            return f"bench {self._feed.bench}: waiting for the plant's first row"
+        samples = sum(self.recorded.files.values()) + sum(tape.rows for tape in self._tapes.values())
+        return f"bench {self._feed.bench}: {samples} samples, lost {sum(self._feed.lost.values())}"
+
+    def step(self, plant: bool = True) -> bool:
+        """Take what has come, the plant's rows only when `plant`; whether anything came.
+
+        Raises InputError when a side keeps silent about itself.
+        """
+        for path in list(self._tapes)[:-1]:
+            self._close(path)
+        batches = self._feed.read()
+        for node, alive in self._feed.alive.items():
+            if alive and node not in self._abouts:
+                self._ask(node)
+        if plant:
+            self._early += [batch for batch in batches if batch.node == "plant"]
+        if (batches or self._early) and self._both_known():
+            for batch in self._early:
+                self._add_plant(batch)
+            self._early.clear()
+        for batch in batches:
+            if batch.node.startswith("controller"):
+                self._take_faults(batch)
+            if batch.node == "controller":
+                self._recent.append(batch)
+                for tape in self._tapes.values():
+                    tape.add_controller(batch)
+        self._note_changes()
+        return bool(batches)
+
+    def finish(self) -> None:
+        """End the files. Raises InputError when there is none."""
+        for path in list(self._tapes):
+            self._close(path)
+        self.recorded.lost = dict(self._feed.lost)
+        self.recorded.faults = "; ".join(watch.verdict for watch in self._faults.values() if watch.count)
+        self.recorded.fault_count = sum(watch.count for watch in self._faults.values())
+        self.recorded.parameter_changes = len(self._changes)
+        if not self.recorded.files:
+            raise InputError(f"bench {self._feed.bench} published no rows; nothing was recorded")
+
+    def _take_faults(self, batch: Batch) -> None:
+        """Tell what begins or ends in a batch of the controller."""
+        node = batch.node
+        if node not in self._faults:
+            about = self._abouts.get(node)
+            names = [column.name.removeprefix(f"{node}_") for column in batch.columns]
+            self._faults[node] = FaultWatch(names, batch.rate, about.parameters if about else None, clutch_of(node))
+        for told in self._faults[node].take(batch.rows):
+            self._tell(told.line)
+
+    def _both_known(self) -> bool:
+        """Whether both sides have said what they are; services that start together publish one after the other."""
+        missing = [node for node in NODES if node not in self._abouts]
+        self._deadline = min(self._deadline, time.monotonic() + _BOTH)
+        if missing and time.monotonic() > self._deadline:
+            raise InputError(
+                f"the {missing[0]} of bench {self._feed.bench} publishes no telemetry; a run needs both sides"
+            )
+        return not missing
+
+    def _add_plant(self, batch: Batch) -> None:
+        """Add to the tape that goes on with `batch`, or to a new one with what the controller has just said."""
+        last = list(self._tapes.values())[-1:]
+        if last and last[0].follows(batch):
+            last[0].add_plant(batch)
+            return
+        tape = self._new_tape(batch)
+        tape.add_plant(batch)
+        for recent in self._recent:
+            tape.add_controller(recent)
+
+    def _new_tape(self, batch: Batch) -> Tape:
+        """A tape that begins with `batch` of the plant."""
+        if self._abouts["plant"].described["session"] != batch.session:
+            for node in NODES:
+                self._ask(node)
+        first = self._path = self._path or run_path(writable(Path("runs")), "recorded")
+        further = (first.with_stem(f"{first.stem}-{count}") for count in itertools.count(2))
+        path = next(p for p in further if not (p.exists() or p in self._metadata)) if self._metadata else first
+        plant, controller = ([Column(**column) for column in self._abouts[node].described["columns"]] for node in NODES)
+        tape = self._tapes[path] = Tape(rows_file(path), batch, plant, controller, self._recording)
+        began = batch["plant_clock_s"][0] + batch.epoch
+        self.recorded.rate = round(batch.rate)
+        self._note_changes()
+        self._metadata[path] = {
+            "rig": "wet_clutch" if any(c.name == "cylinder_pressure_bar" for c in plant) else "power_shift",
+            "sample_rate_hz": round(batch.rate),
+            "notes": "",
+            "recorded_at": _iso(began),
+            "time_zero": _iso(began - batch["time_s"][0]),
+            "versions": self._abouts["plant"].described["versions"],
+            **{f"{node}_parameters": self._abouts[node].parameters_at(began, self._changes) for node in NODES},
+            "settings": {"mode": "recorded from telemetry"},
+            "bus": bus_of(self._feed.bench),
+            "blind": self._abouts["plant"].described.get("blind", False),
+        }
+        return tape
+
+    def _note_changes(self) -> None:
+        self._changes += [change for change in self._feed.events() if change not in self._changes]
+
+    def _ask(self, node: str) -> None:
+        """Ask a node about itself, as soon as it is there: it may be gone when its rows have all come."""
+        asked = time.time()
+        if (described := self._feed.describe(node)) is not None:
+            with contextlib.suppress(InputError):  # it has ended in between
+                entries = parameters(self._session, self._feed.bench, node)
+                values = {entry["name"]: entry["value"] for entry in entries}
+                self._abouts[node] = _About(node, described, values, asked)
+
+    def _close(self, path: Path) -> None:
+        told = {
+            "parameter_changes": [change for change in self._changes if "injection" not in change],
+            "injections": [
+                {key: change[key] for key in _INJECTED} for change in self._changes if "injection" in change
+            ],
+            "record_rows_lost": sum(self._feed.lost.values()),
+        }
+        tape = self._tapes[path]
+        tape.close(self._metadata[path] | told)
+        del self._tapes[path]
+        if tape.rows > 1:
+            self.recorded.files[path] = tape.rows
+
+
+def rows_file(path: Path) -> Path:
+    """Where rows for `path` are written while they come: Parquet."""
+    return path if path.suffix == ".parquet" else path.with_name(path.name + ".parquet")
+
+
+def _counts(rows: dict[str, int]) -> str:
+    return ", ".join(f"{count} of the {node}" for node, count in rows.items() if count)
+
+
+def _iso(unix: float) -> str:
+    return datetime.fromtimestamp(unix).astimezone().isoformat(timespec="microseconds")

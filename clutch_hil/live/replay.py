@@ -1,0 +1,172 @@
+"""Replay: one recorded run in the viewer, or two side by side; and run files as .rrd."""
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clutch_hil.bench.direction import both_ways
+from clutch_hil.live.blueprint import blueprint
+from clutch_hil.live.dashboard import SLIP
+from clutch_hil.live.rrd_writer import RrdWriter
+from clutch_hil.live.screen import Screen
+from clutch_hil.live.stream import new_recording
+from clutch_hil.live.view import Watch
+from clutch_hil.live.viewer import Say, Viewer
+from protocols.errors import InputError, listing
+from protocols.files.run import Run
+from protocols.files.runs import SUFFIXES, read_run
+from protocols.realtime.stopping import Stop
+from protocols.telemetry.batch import Batch
+
+TIMELINE = "rig_time"
+MOST_RUNS = 2  # side by side
+_PIECE = 10_000  # rows a send: few large sends cost least
+_SIDES = ("/a", "/b")  # prefixes of two runs
+
+
+def load(path: Path) -> list[Batch]:
+    """Rows of a run file, or of an .rrd file of ours, node by node. Raises InputError."""
+    if path.suffix not in (*SUFFIXES, ".rrd"):
+        raise InputError(f"run {path} has the suffix {path.suffix or '-'}; allowed are {listing((*SUFFIXES, '.rrd'))}")
+    if not path.is_file():
+        raise InputError(f"run {path} does not exist")
+    if path.suffix == ".rrd":
+        from clutch_hil.live.rrd import read_rrd
+
+        tables = read_rrd(path)
+        if any("/" in node for node in tables):
+            raise InputError(f"run {path} holds two runs side by side; give the files they came from")
+        return [batch for table in tables.values() for batch in table.batches()]
+    return list(run_batches(read_run(path)))
+
+
+def run_batches(run: Run) -> Iterator[Batch]:
+    """Rows of a run as a bench would have published them: those of the plant, then the controller's (`controller_...`)."""
+    rate = 1.0 / float(np.median(np.diff(run["time_s"])))
+    described = run.described()
+    of_controller = [column for column in described if column.name.startswith("controller_")]
+    of_plant = [column for column in described if column not in of_controller]
+    for node, columns in (("plant", of_plant), ("controller", of_controller)):
+        if columns:
+            rows = np.column_stack([run[column.name] for column in columns])
+            for first in range(0, len(rows), _PIECE):
+                yield Batch(node, 0, first, round(rate, 6), 0.0, 0, tuple(columns), rows[first : first + _PIECE])
+
+
+def export_rrd(run_path: Path, out_path: Path) -> None:
+    """Write a run file as an .rrd file. Raises InputError."""
+    Replay([run_path]).save(out_path)
+
+
+@dataclass
+class ReplayResult:
+    """What a replay did."""
+
+    read: dict[str, int]  # rows by file
+    saved: dict[str, Any] | None = None  # path and bytes of the file
+    viewer: str | None = None  # why the viewer ended; None when a person or we ended it
+
+    @property
+    def good(self) -> bool:
+        """Nobody killed the viewer."""
+        return not self.viewer
+
+    @property
+    def verdict(self) -> str:
+        """The verdict line."""
+        return self.viewer or ("side by side" if len(self.read) > 1 else "all of it")
+
+    @property
+    def text(self) -> str:
+        """What was read and written, for people."""
+        lines = [f"read:    {path}  ({rows} samples)" for path, rows in self.read.items()]
+        if self.saved:
+            lines.append(f"wrote:   {self.saved['path']}  ({self.saved['bytes'] / 1e6:.1f} MB)")
+        return "\n".join(lines)
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The same for machines."""
+        return {"read": self.read, "saved": self.saved, "viewer_ended": self.viewer, "verdict": self.verdict}
+
+
+class Replay:
+    """One or two recorded runs on the rig's time, each whole. Raises InputError when a file is wrong."""
+
+    def __init__(self, paths: Sequence[Path]) -> None:
+        if len(paths) > MOST_RUNS:
+            raise InputError(f"{len(paths)} runs were given; allowed are one, or two side by side")
+        if len(set(paths)) < len(paths):
+            raise InputError(f"run {paths[0]} was given twice; two runs side by side are two files")
+        self._runs = {path: load(path) for path in paths}
+        self._prefixes = _SIDES if len(paths) > 1 else ("",)
+        stems = [path.stem for path in paths]
+        self._names = stems if len(set(stems)) == len(stems) else list(map(str, paths))
+        titles = self._names if len(paths) > 1 else [""]
+        slips = [_slip_axis(batches) for batches in self._runs.values()]
+        self._blueprint = blueprint(TIMELINE, self._prefixes, titles, window=None, slips=slips)
+
+    @property
+    def name(self) -> str:
+        """Of the recording."""
+        return " and ".join(self._names)
+
+    def run(self, viewer: Viewer | None, save: Path | None, seconds: float | None, say: Say) -> ReplayResult:
+        """Save, then show until the window is closed, `seconds` are over or somebody stops us. Raises InputError."""
+        rows = {str(path): _samples(batches) for path, batches in self._runs.items()}
+        result = ReplayResult(rows, saved=self.save(save) if save else None)
+        if viewer:
+            with Stop() as stop, ThreadPoolExecutor(1) as pool, viewer:
+                viewer.announce(say)
+                watch = Watch(stop, seconds)
+                # rerun's calls may wait for a viewer for ever, but not for one that has ended
+                sending = pool.submit(self._send, viewer.url)
+                while not watch.over and viewer.ended() is None:
+                    watch.look()
+                    _raise(sending)
+                result.viewer = viewer.ended() or None
+        return result
+
+    def save(self, path: Path) -> dict[str, Any]:
+        """Write an .rrd file; return its path and size. Raises InputError."""
+        with RrdWriter(path, self.name, self._blueprint, TIMELINE, self._prefixes) as writer:
+            for number, batches in enumerate(self._runs.values()):
+                writer.put(batches, screen=number)
+            writer.finish()
+        return {"path": str(path), "bytes": path.stat().st_size}
+
+    def _send(self, url: str) -> None:
+        recording = new_recording(self.name)
+        recording.connect_grpc(url)
+        recording.send_recording_name(self.name)
+        recording.send_blueprint(self._blueprint, make_active=True, make_default=True)
+        for prefix, batches in zip(self._prefixes, self._runs.values(), strict=True):
+            screen = Screen(recording, TIMELINE, prefix)
+            screen.open()
+            for batch in batches:
+                screen.log(batch)
+        recording.flush()
+
+
+def _slip_axis(batches: Sequence[Batch]) -> float | None:
+    """How far the axis of a run's slip reaches both ways [rad/s]; None where the clutch slips one way only."""
+    lines = {line.column for line in SLIP.lines}
+    return both_ways(*(batch[c.name] for batch in batches for c in batch.columns if c.name in lines), np.empty(0))
+
+
+def _samples(batches: Sequence[Batch]) -> int:
+    """Rows of the node that has most."""
+    rows: Counter[str] = Counter()
+    for batch in batches:
+        rows[batch.node] += len(batch.rows)
+    return max(rows.values(), default=0)
+
+
+def _raise(sending: "Future[None]") -> None:
+    if sending.done():
+        sending.result()

@@ -1,0 +1,82 @@
+"""RrdWriter: an .rrd file, rerun's own format, that gets its name only when it is complete."""
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import rerun.blueprint as rrb
+
+from clutch_hil.live.screen import Screen
+from clutch_hil.live.stream import joined, new_recording
+from protocols.errors import InputError
+from protocols.files.run import new_file
+from protocols.telemetry.batch import Batch
+
+
+class RrdWriter:
+    """Writes screens into the file at `path`, with the layout that shows them. Use as a context manager.
+
+    There is a screen for each of `prefixes`. Leaving it by an exception, or without `finish`, removes what was written.
+    Raises InputError when the file exists, has another suffix or cannot be written.
+    """
+
+    def __init__(
+        self, path: Path, name: str, blueprint: rrb.Blueprint, timeline: str = "time", prefixes: Sequence[str] = ("",)
+    ) -> None:
+        checked_rrd(path)
+        self.path, self._part = path, path.with_name(path.name + ".part")
+        self.rows: Counter[str] = Counter()
+        self._finished = False
+        self._recording = new_recording(name)
+        try:
+            self._recording.save(self._part, default_blueprint=blueprint)
+            self._recording.send_recording_name(name)
+            self.screens = [Screen(self._recording, timeline, prefix) for prefix in prefixes]
+            for screen in self.screens:
+                screen.open()
+        except RuntimeError as error:
+            self._remove()
+            raise InputError(f"file {path} cannot be written: {error}") from None
+
+    def put(self, batches: Iterable[Batch], events: Iterable[dict[str, Any]] = (), screen: int = 0) -> None:
+        """Add rows and changes of parameters. Raises InputError when the disk is full."""
+        try:
+            for batch in joined(list(batches)):
+                self.screens[screen].log(batch)
+                self.rows[batch.node] += len(batch.rows)
+            for event in events:
+                self.screens[screen].log_event(event)
+        except RuntimeError as error:
+            raise InputError(f"file {self.path} cannot be written: {error}") from None
+
+    def finish(self) -> None:
+        """Write what is left and give the file its name. Raises InputError when the disk is full."""
+        try:
+            self._recording.flush()
+            self._recording.disconnect()
+            self._part.rename(self.path)
+        except (OSError, RuntimeError) as error:
+            raise InputError(f"file {self.path} cannot be written: {error}") from None
+        self._finished = True
+
+    def __enter__(self) -> "RrdWriter":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if not self._finished:
+            self._remove()
+
+    def _remove(self) -> None:
+        self._recording.disconnect()
+        self._part.unlink(missing_ok=True)
+
+
+def checked_rrd(path: Path) -> Path:
+    """`path` when an .rrd file can be made there. Raises InputError."""
+    if path.suffix != ".rrd":
+        raise InputError(f"file {path} has the suffix {path.suffix or '-'}; a saved view ends with .rrd")
+    return new_file(path)

@@ -1,0 +1,121 @@
+"""Screen: everything one bench shows, logged into a rerun recording."""
+
+import numpy as np
+import rerun as rr
+
+from clutch_hil.bench import palette
+from clutch_hil.live.canvas import Canvas, wide
+from clutch_hil.live.curves import Curves
+from clutch_hil.live.dashboard import LIGHT, Place, places
+from clutch_hil.live.pace import Pace
+from clutch_hil.live.scene import Scene
+from clutch_hil.live.states import States
+from clutch_hil.live.times import RIG_TIME, TIME, Times, times
+from clutch_hil.live.torque import TorqueDemand, TorqueError
+from protocols.errors import InputError
+from protocols.node import Column
+from protocols.telemetry.batch import Batch
+
+EVENTS = "events"
+DEADLINE = "timing/deadline"
+TIMELINES = (TIME, RIG_TIME)
+
+
+class Screen:
+    """Logs batches of a bench below `prefix` ("/a"), so that several runs stand in one recording.
+
+    With the timeline "time" rows stand at UNIX time too, else only at the rig's time since the run's start ("rig_time").
+    A `light` screen has the most important plots only, with all their rows: a browser that draws without a graphics card
+    takes some ten messages of rerun a second, one for each entity.
+    """
+
+    def __init__(
+        self, recording: rr.RecordingStream, timeline: str = TIME, prefix: str = "", light: bool = False
+    ) -> None:
+        if timeline not in TIMELINES:
+            raise InputError(f"timeline {timeline!r} is unknown; allowed are {', '.join(TIMELINES)}")
+        self._live = timeline == TIME
+        self._canvas = canvas = Canvas(recording, prefix)
+        self._light = light
+        more = () if light else (TorqueError(canvas), Scene(canvas))
+        self._parts = (States(canvas), Curves(canvas), TorqueDemand(canvas), *more)
+        self._places: dict[str, tuple[tuple[Column, ...], list[Place]]] = {}  # by node, as announced
+        self._last: dict[str, tuple[float, Times]] = {}  # rate and times of the newest batch by node
+        self._sessions: dict[str, int] = {}  # by node
+        self._deadline_of = ""  # node whose rows carry the deadline
+        self._deadlines = Pace(10.0)  # Hz: a straight line
+
+    def open(self) -> None:
+        """Log what has no time: shapes, axes, names, colours. Once more after a reconnect."""
+        self._places.clear()
+        for part in self._parts:
+            part.open()
+        limit = rr.SeriesLines(names=["deadline [us]"], colors=[palette.rgba(palette.LIMIT)], widths=[1.0])
+        self._canvas.static(DEADLINE, limit)
+        self._canvas.static(EVENTS, rr.TextLog.from_fields(color=palette.rgba(palette.TEXT)))
+
+    def log(self, batch: Batch) -> None:
+        """Log the rows of a batch: every column once, and what is drawn from them."""
+        if not len(batch.rows):
+            return
+        when = times(batch, self._live)
+        for place in self._announced(batch):
+            self._canvas.send(place.path, when, wide(batch.rows[:, place.numbers]))
+        self._deadline_of = self._deadline_of or batch.node  # one line for both
+        if batch.node == self._deadline_of and any("_work_us" in column.name for column in batch.columns):
+            ends = when[self._deadlines.pick(when)]
+            self._canvas.send(DEADLINE, ends, wide(np.full((len(ends), 1), 1e6 / batch.rate)))
+        for part in self._parts:
+            part.log(batch, when)
+        if self._sessions.get(batch.node) != batch.session:
+            self._sessions[batch.node] = batch.session
+            signals = f"{batch.rate:g} Hz, {len(batch.columns)} signals"
+            self._note(when[:1], f"{batch.node}: {signals}, from row {batch.first_row} on")
+        self._last[batch.node] = batch.rate, when
+
+    def log_event(self, event: dict) -> None:
+        """Log a parameter change {"node", "name", "old", "new", "unit", "row", "time" [s, UNIX]} as text."""
+        unit = f" {event['unit']}" if event.get("unit") not in (None, "", "1") else ""
+        text = f"{event['node']}: {event['name']} {_text(event['old'])} -> {_text(event['new'])}{unit}"
+        row, rig = int(event["row"]), 0
+        if event["node"] in self._last:
+            rate, last = self._last[event["node"]]
+            rig = int(last.rig[-1]) + round((row - int(last.row[-1])) * 1e9 / rate)
+        unix = np.array([round(event["time"] * 1e9)]) if self._live else None
+        self._note(Times(np.array([row]), np.array([rig]), unix), text)
+
+    def _announced(self, batch: Batch) -> list[Place]:
+        """The places of a batch's columns; names, units and colours are logged when they are new."""
+        known = self._places.get(batch.node)
+        if known is not None and known[0] == batch.columns:
+            return known[1]
+        found = places(batch.node, batch.columns)
+        if self._light:
+            found = [place for place in found if place.path.partition("/")[0] in LIGHT]
+        for place in found:
+            names, units = [c.name for c in place.columns], [c.unit for c in place.columns]
+            self._canvas.static(
+                place.path,
+                rr.SeriesLines(
+                    names=place.labels,
+                    colors=np.array([palette.rgba(colour) for colour in place.colours], dtype=np.uint32),
+                    widths=[line.width for line in place.lines],
+                ),
+                rr.AnyValues(
+                    columns=names,
+                    units=units,
+                    index=place.numbers,
+                    node=batch.node,
+                    rate_hz=float(batch.rate),
+                    path=place.path,
+                ),
+            )
+        self._places[batch.node] = batch.columns, found
+        return found
+
+    def _note(self, when: Times, text: str) -> None:
+        self._canvas.send(EVENTS, when, rr.TextLog.columns(text=[text], level=["INFO"]))
+
+
+def _text(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,64 @@
+"""States: phase, fault and clutch as the controller has them, and its flags, as lanes of text."""
+
+import numpy as np
+import rerun as rr
+
+from clutch_hil.bench import lanes, palette
+from clutch_hil.live.canvas import Canvas
+from clutch_hil.live.times import Times
+from protocols.telemetry.batch import Batch
+
+GROUPS = ("states", "flags")  # paths: the two that matter always, and the rest
+_REPEAT = 5_000_000_000  # ns: a viewer that forgets its oldest data still knows the present state
+_FLAGS = {
+    "in_contact": "in contact",
+    "adaptation_active": "learning",
+    "frozen": "integrator held",
+    "saturated": "saturated",
+}
+
+
+def _lanes() -> dict[str, lanes.Lane]:
+    """The lanes by entity path."""
+    flags = (lanes.Lane(flag, flag, {0: "no", 1: text}) for flag, text in _FLAGS.items())
+    return {f"states/{lane.name}": lane for lane in lanes.lanes()} | {f"flags/{lane.name}": lane for lane in flags}
+
+
+class States:
+    """Logs each change of the lanes' columns."""
+
+    def __init__(self, canvas: Canvas) -> None:
+        self._canvas = canvas
+        self._lanes = _lanes()
+        self._last: dict[str, tuple[float, int]] = {}  # value and time [ns] by path, as logged
+
+    def open(self) -> None:
+        """Log names and colours; the present state follows with the next rows."""
+        self._last.clear()
+        for path, lane in self._lanes.items():
+            words = list(lane.words.values())
+            colours = np.array([palette.rgba(palette.of_state(word)) for word in words], dtype=np.uint32)
+            self._canvas.static(path, rr.StateConfiguration(values=words, colors=colours))
+
+    def log(self, batch: Batch, times: Times) -> None:
+        """Log what changed in the rows."""
+        names = {column.name for column in batch.columns}
+        for path, lane in self._lanes.items():
+            column = f"controller_{lane.column}"
+            if column in names:
+                self._log_lane(path, lane, batch[column], times)
+
+    def _log_lane(self, path: str, lane: lanes.Lane, values: np.ndarray, times: Times) -> None:
+        known = np.flatnonzero(np.isfinite(values))
+        if not len(known):
+            return
+        values, times = values[known], times[known]
+        last, since = self._last.get(path, (np.nan, 0))
+        changed = values != np.concatenate([[last], values[:-1]])
+        if not 0 <= times.passing[0] - since < _REPEAT:
+            changed[0] = True
+        rows = np.flatnonzero(changed)
+        if not len(rows):
+            return
+        self._canvas.send(path, times[rows], rr.StateChange.columns(state=[lane.word(value) for value in values[rows]]))
+        self._last[path] = float(values[-1]), int(times.passing[rows[-1]])

@@ -1,0 +1,146 @@
+"""`clutch-hil tune`: list, show and set the parameters of running services, over zenoh."""
+
+import json
+import shutil
+import sys
+import textwrap
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import zenoh
+
+from clutch_hil.live.catalogue import WHOLE, Catalogue, assignments, counted, details, tables, with_unit, without_off
+from plant_sim.effects.catalogue import effects
+from protocols.errors import InputError, listing
+from protocols.telemetry.feed import find_bench
+from protocols.telemetry.keys import NODES, Keys, bus_of
+from protocols.telemetry.session import consumer_session
+
+_LIST_TIMEOUT = 2.0  # s for a list of parameters: it takes no loop, and a stopped process counts as gone after 2 s
+_ATTEMPTS = 3  # at a list: a service that waits longer for a busy CPU loses its link, and has it again 0.5 s later
+_AGAIN = 0.5  # s between attempts
+_TIMEOUT = 5.0  # s for a change: it takes a loop one cycle, and its service gives up after 2 s
+_EXPIRED = "Timeout"  # what zenoh itself replies when nobody has in time
+
+
+class SilentError(InputError):
+    """A node does not answer."""
+
+
+def parameters(session: zenoh.Session, bench: str, node: str) -> list[dict[str, Any]]:
+    """Parameters of a node: name, value, unit, bounds, default, source, uncertainty, and why it is fixed or None.
+
+    Raises SilentError when the node does not answer.
+    """
+    left = _ATTEMPTS
+    while True:
+        left -= 1
+        try:
+            return answered(bench, node, session.get(Keys(bench, node).parameters, timeout=_LIST_TIMEOUT))
+        except SilentError:
+            if not left:
+                raise
+        time.sleep(_AGAIN)
+
+
+def set_parameters(session: zenoh.Session, bench: str, node: str, values: Mapping[str, float]) -> dict[str, Any]:
+    """Set parameters between two cycles of a node, all or none; return `row`, the first with them, and `changed`.
+
+    Raises InputError with the node's reason when it refuses, or when it does not answer.
+    """
+    replies = session.get(Keys(bench, node).parameters, payload=json.dumps(values), timeout=_TIMEOUT)
+    return answered(bench, node, replies)
+
+
+def answered(bench: str, node: str, replies: Iterable[zenoh.Reply]) -> Any:
+    """The JSON in the reply of a node. Raises InputError with its reason when it refuses, SilentError when there is none."""
+    for reply in replies:
+        if reply.ok is not None:
+            return json.loads(reply.ok.payload.to_string())
+        if reply.err is not None and (reason := reply.err.payload.to_string()) != _EXPIRED:
+            raise InputError(reason)
+    raise SilentError(f"the {node} on {bus_of(bench)} does not answer; it may still be starting, or be stopped")
+
+
+def listed(session: zenoh.Session, bench: str) -> Catalogue:
+    """The parameters of every node that answers. Raises InputError when none does."""
+    entries: dict[str, dict[str, Any]] = {}
+    reasons = []
+    for node in sorted(NODES):
+        try:
+            entries |= {f"{node}.{entry['name']}": entry for entry in parameters(session, bench, node)}
+        except InputError as error:
+            reasons.append(str(error))
+    if not entries:
+        raise InputError("; ".join(reasons))
+    return Catalogue(bench, entries)
+
+
+def tuned(arguments: Sequence[str], bus: str | None, router: str | None) -> tuple[dict[str, Any], str, str, bool]:
+    """List all parameters, show those named, or set those with a value; return document, text, verdict and True.
+
+    Nothing is set when one name or value cannot be. Raises InputError when there is no bench, a name is unknown, a node does
+    not answer, or a service refuses.
+    """
+    setting = ["=" in argument for argument in arguments]
+    if any(setting) and not all(setting):
+        raise InputError(f"tune was given {arguments[setting.index(False)]!r} without a value beside NAME=VALUE")
+    with consumer_session(router) as session:
+        bench = find_bench(session, bus)
+        catalogue = listed(session, bench)
+        if any(setting):
+            return _set(session, bench, assignments(catalogue, arguments))
+    return _shown(catalogue, arguments)
+
+
+def _set(
+    session: zenoh.Session, bench: str, values: Mapping[str, Mapping[str, float]]
+) -> tuple[dict[str, Any], str, str, bool]:
+    changed: list[dict[str, Any]] = []
+    for node, wanted in values.items():
+        try:
+            answer = set_parameters(session, bench, node, wanted)
+        except InputError as error:
+            done = f"; changed already: {listing(c['node'] + '.' + c['name'] for c in changed)}" if changed else ""
+            raise InputError(f"{error}{done}") from None
+        changed += [{"node": node, "row": answer["row"], **change} for change in answer["changed"]]
+    lines = [
+        with_unit(f"{change['node']}.{change['name']}  {change['old']:g} -> {change['new']:g}", change["unit"])
+        + f", from row {change['row']} of the {change['node']} on"
+        for change in changed
+    ]
+    text = f"read:    {counted(len(changed), 'value')}\n" + "\n".join(
+        f"{'wrote:   ' if i == 0 else '         '}{line}" for i, line in enumerate(lines)
+    )
+    return {"bench": bench, "changed": changed}, text, f"{counted(len(changed), 'parameter')} changed", True
+
+
+def _shown(catalogue: Catalogue, arguments: Sequence[str]) -> tuple[dict[str, Any], str, str, bool]:
+    names: dict[str, None] = {} if arguments else dict.fromkeys(catalogue.entries)
+    grouped = not arguments
+    for argument in arguments:
+        group = [] if argument in catalogue.entries else catalogue.group(argument)
+        grouped = grouped or bool(group)
+        names |= dict.fromkeys(group or [catalogue.named(argument)])
+    chosen = {name: catalogue.entries[name] for name in names}
+    if grouped:
+        rows, off = (chosen, []) if arguments else without_off(chosen, effects())
+        width = shutil.get_terminal_size().columns if sys.stdout.isatty() else WHOLE
+        body = tables(rows, width) + _off_text(off, width)
+    else:
+        body = "\n\n".join(details(name, entry) for name, entry in chosen.items())
+    read = f"{counted(len(catalogue.entries), 'parameter')} of {' and '.join(catalogue.nodes)}"
+    silence = f"; {catalogue.silence}" if catalogue.silence else ""
+    text = f"{body}\nread:    {read} on {bus_of(catalogue.bench)}{silence}\nwrote:   nothing"
+    fixed = sum(entry["fixed"] is not None for entry in chosen.values())
+    verdict = f"{counted(len(chosen), 'parameter')}, {fixed} of them fixed while the service runs"
+    return {"parameters": chosen}, text, verdict, True
+
+
+def _off_text(names: Sequence[str], width: int) -> str:
+    """A paragraph about effects that are off, to follow the tables; nothing when there are none."""
+    if not names:
+        return ""
+    told = f"{counted(len(names), 'effect')} of the plant off; `clutch-hil tune NAME.` shows one: {', '.join(names)}"
+    return "\n\n" + textwrap.fill(told, width, break_on_hyphens=False)

@@ -1,0 +1,215 @@
+"""Viewer: rerun's viewer as a process of ours, a window or a server for browsers; it listens on loopback and ends with us.
+
+It gets a home folder of its own, so that no layout of an earlier version and no usage statistics stand in the way.
+"""
+
+import contextlib
+import json
+import os
+import re
+import signal
+import socket
+import subprocess
+import time
+import webbrowser
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from importlib.resources import files
+from pathlib import Path
+from urllib.parse import urlencode
+
+from clutch_hil.live.graphics import MISSING, NO_DRIVER, vulkan
+from clutch_hil.live.page import Page
+from protocols.errors import InputError
+from protocols.realtime.child import spawn
+from protocols.realtime.shared_folder import SharedFolder
+
+DATA_PORT = 9876  # rerun's own; where a stream connects
+PAGE_PORT = 9090  # rerun's own; where a browser connects
+_START = 30.0  # s for the process to listen; a cold start from disk takes some of it
+_POLL = 0.05  # s between looks
+_WINDOW_MEMORY = (
+    "1GB"  # of rows in the window's process, which has some 300 MB more: half an hour at 1 kHz and 60 signals
+)
+_PAGE_MEMORY = "256MB"  # of rows for browsers that join late: some minutes, and as much to load first
+_SERVER_MEMORY = "64MiB"  # of rows that wait for the window's process, which keeps them itself
+_WINDOW_SIZE = "1600x900"  # points
+_PAGE_PERIOD = 0.1  # s between two sends to a browser with a graphics card
+_SLOW_PAGE_PERIOD = 2.0  # s; one without draws once a second
+
+Say = Callable[[str], None]
+
+
+class Viewer:
+    """A viewer process. Use as a context manager: leaving it ends the process, even a stopped one.
+
+    `period` [s] is what it likes between two sends; `light` tells that it can only show a part of the screen in time.
+    """
+
+    light = False
+    _headless = False
+    period = 0.05  # s between two sends: a window shows them 40 ms later (telemetry.md, 2.3)
+
+    def __init__(self, port: int | None, memory: str | None, headless: bool = False) -> None:
+        """`port` None takes the default or a free one; `memory` is rerun's notation. Raises InputError."""
+        if not (headless or _display()):
+            raise InputError(
+                "there is no display for the viewer: use --web, --save FILE.rrd or the command `clutch-hil monitor`"
+            )
+        self._port = _free_port(port, DATA_PORT)
+        self._arguments = ["--port", str(self._port), "--window-size", _WINDOW_SIZE, "--hide-welcome-screen"]
+        self._arguments += [
+            "--memory-limit",
+            _checked(memory or _WINDOW_MEMORY),
+            "--server-memory-limit",
+            _SERVER_MEMORY,
+        ]
+        self._headless = headless
+        self._arguments += ["--headless", "--renderer", "vulkan"] if headless else []
+
+    @property
+    def url(self) -> str:
+        """Where a stream connects."""
+        return f"rerun+http://127.0.0.1:{self._port}/proxy"
+
+    @property
+    def pid(self) -> int:
+        """Of the process."""
+        return self._process.pid
+
+    def __enter__(self) -> "Viewer":
+        if self._headless and not vulkan():
+            raise InputError(MISSING)
+        with ExitStack() as stack:
+            shared = SharedFolder()
+            stack.callback(shared.remove)
+            self._home = shared.path
+            self._start(stack)
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def announce(self, say: Say) -> None:
+        """Tell a person where to look, where that is not plain."""
+
+    def ended(self) -> str | None:
+        """Why the process has ended; None while it runs; empty when a person closed its window."""
+        code = self._process.poll()
+        if code is None or code == 0:
+            return None if code is None else ""
+        if code < 0:
+            return f"the viewer was killed by {signal.Signals(-code).name}"
+        said = (self._home / "log").read_text(errors="replace")
+        if NO_DRIVER in said:
+            return MISSING
+        lines = said.strip().splitlines() or ["it said nothing"]
+        return f"the viewer ended with exit code {code}: {lines[-1]}"
+
+    def _start(self, stack: ExitStack) -> None:
+        """Start what `stack` will end. Raises InputError when the process does not listen."""
+        self._process = self._spawn()
+        stack.callback(self._end)
+        deadline = time.monotonic() + _START
+        while not all(map(_listening, self._ports)):
+            if (reason := self.ended()) is not None or time.monotonic() > deadline:
+                raise InputError(reason or f"the viewer did not listen on port {self._port} within {_START:g} s")
+            time.sleep(_POLL)
+
+    def _end(self) -> None:
+        self._process.kill()  # it holds nothing worth saving, and SIGTERM does not end a stopped process
+        self._process.wait()
+
+    @property
+    def _ports(self) -> tuple[int, ...]:
+        """Where the process listens once it is up."""
+        return (self._port,)
+
+    def _spawn(self) -> "subprocess.Popen[bytes]":
+        config, data = self._home / "config", self._home / "data"
+        (config / "rerun").mkdir(parents=True)
+        statistics = {
+            "analytics_enabled": False,
+            "analytics_id": "",
+            "metadata": {},
+            "config_file_path": str(config / "rerun" / "analytics.json"),
+            "data_dir_path": str(data / "rerun" / "analytics"),
+        }
+        (config / "rerun" / "analytics.json").write_text(json.dumps(statistics), encoding="utf-8")
+        temporary = self._home / "tmp"
+        temporary.mkdir()
+        environment = {"XDG_CONFIG_HOME": str(config), "XDG_DATA_HOME": str(data), "TMPDIR": str(temporary)}
+        environment |= {"RUST_LOG": "warn", "NO_COLOR": "1"}
+        command = [str(files("rerun_cli") / "rerun"), "--bind", "127.0.0.1", *self._arguments]
+        with (self._home / "log").open("w") as log:
+            # Ctrl-C is ours: rows that are on their way still arrive
+            return spawn(command, log, os.environ | environment, signal.SIGKILL)
+
+
+class WebViewer(Viewer):
+    """A server that keeps the newest rows for browsers, and the page that shows them; both work without a network."""
+
+    def __init__(self, port: int | None, page_port: int | None, memory: str | None, browser: bool) -> None:
+        """Ports None take the default or a free one; `memory` is rerun's notation; `browser`: open one. Raises InputError."""
+        self._browser = browser
+        self.light = not list(Path("/dev/dri").glob("renderD*"))  # no graphics card
+        self.period = _SLOW_PAGE_PERIOD if self.light else _PAGE_PERIOD
+        self._port = _free_port(port, DATA_PORT)
+        self._page_port = _free_port(page_port, PAGE_PORT, but=(self._port,))
+        self._inner = _free_port(None, 0, but=(self._port, self._page_port))
+        self._arguments = ["--serve-web", "--port", str(self._port), "--web-viewer-port", str(self._inner)]
+        self._arguments += ["--server-memory-limit", _checked(memory or _PAGE_MEMORY)]
+
+    @property
+    def page(self) -> str:
+        """What a browser opens."""
+        # `persist`: a layout that the browser has kept would stand in for ours; `theme`: that of the pictures
+        query = {"url": self.url, "persist": "false", "theme": "dark", "hide_welcome_screen": ""}
+        return f"http://127.0.0.1:{self._page_port}/?{urlencode(query)}"
+
+    @property
+    def _ports(self) -> tuple[int, ...]:
+        return self._port, self._inner
+
+    def _start(self, stack: ExitStack) -> None:
+        super()._start(stack)
+        stack.enter_context(Page(self._page_port, self._inner, self._port, self.light))
+
+    def announce(self, say: Say) -> None:
+        """Say the page, and open it where there is a screen."""
+        say(f"open {self.page}")
+        if self.light:
+            say(f"no graphics card: the page has the most important plots, every {self.period:g} s")
+        if self._browser and _display() and not webbrowser.open(self.page):
+            say("no browser was found here that would open it")
+
+
+def _display() -> bool:
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+def _checked(memory: str) -> str:
+    """`memory` when rerun understands it. Raises InputError."""
+    if not re.fullmatch(r"[1-9]\d*(MB|GB|MiB|GiB|%)", memory):
+        raise InputError(f"memory {memory!r} is not possible; allowed are for example 500MB, 2GB and 25%")
+    return memory
+
+
+def _free_port(wanted: int | None, default: int, but: Sequence[int] = ()) -> int:
+    """`wanted`; where it is None the default or, when that is taken, any free port. Raises InputError."""
+    for port in [wanted] if wanted is not None else [default, 0]:
+        with socket.socket() as probe, contextlib.suppress(OSError, OverflowError):
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind(("127.0.0.1", port))
+            if (free := probe.getsockname()[1]) not in but:
+                return free
+    raise InputError(
+        f"port {wanted} on 127.0.0.1 is taken or not among 1 to 65535; leave it out and a free one is chosen"
+    )
+
+
+def _listening(port: int) -> bool:
+    with socket.socket() as probe:
+        probe.settimeout(_POLL)
+        return probe.connect_ex(("127.0.0.1", port)) == 0

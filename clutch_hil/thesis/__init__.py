@@ -1,0 +1,106 @@
+"""Reproductions: figures and tables of the thesis, and claims of this project, each checked by running it.
+
+A reproduction is a function that fills a `Sheet`, marked with `@reproduces(name, title, claim)` in one of MODULES.
+Names are `figure-2.12` and `table-6.1`; a bare `2.12` means the figure, else the table.
+"""
+
+import difflib
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+
+from clutch_hil.thesis.contradicted import CONTRADICTED
+from clutch_hil.thesis.sheet import Sheet
+from protocols.errors import InputError
+
+MODULES = (
+    "generic",
+    "rayleigh_step",
+    "rayleigh_pair",
+    "rayleigh_stribeck",
+    "generic_rayleigh",
+    "asperity_stiffness",
+    "tribometer_frf",
+    "tribometer_normal",
+    "tribometer_dry",
+    "tribometer_stribeck",
+    "tribometer_lift",
+    "lubrication_regimes",
+    "stribeck",
+    "stribeck_data",
+    "gms",
+    "gms_elements",
+    "position_axis",
+    "clutch_temperature",
+    "clutch_piston",
+    "clutch_stationary",
+    "clutch_lag",
+    "clutch_response",
+    "clutch_dynamics",
+    "appendix_c",
+    "appendix_d",
+    "appendix_d_asymmetric",
+    "appendix_e",
+    "appendix_e_lag",
+    "cross_level",
+    "microtribometer",
+    "table_6_6",
+    "adaptation",
+)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One reproduction: `claim` is what the thesis states, `run` fills a sheet with the picture and the checks."""
+
+    name: str
+    title: str
+    claim: str
+    run: Callable[[Sheet], None]
+
+    @property
+    def contradicted(self) -> str:
+        """Why the claim is known not to hold; empty if it is not."""
+        return CONTRADICTED.get(self.name, "")
+
+
+_ENTRIES: dict[str, Entry] = {}
+
+
+def reproduces(name: str, title: str, claim: str) -> Callable[[Callable[[Sheet], None]], Callable[[Sheet], None]]:
+    """Register the decorated function as the reproduction `name`."""
+
+    def register(run: Callable[[Sheet], None]) -> Callable[[Sheet], None]:
+        if name in _ENTRIES and _ENTRIES[name].run.__module__ != run.__module__:
+            raise ValueError(f"reproduction {name} is defined twice")
+        _ENTRIES[name] = Entry(name, title, claim, run)
+        return run
+
+    return register
+
+
+def entries() -> dict[str, Entry]:
+    """All reproductions by name: the thesis's order, then ours."""
+    for module in MODULES:
+        import_module(f"clutch_hil.thesis.{module}")
+    return dict(sorted(_ENTRIES.items(), key=lambda item: _order(item[0])))
+
+
+def entry(name: str) -> Entry:
+    """The reproduction called `name`, or the figure or table of that number. Raises InputError."""
+    known = entries()
+    for candidate in (name, f"figure-{name}", f"table-{name}"):
+        for key in known:
+            if key.lower() == candidate.lower():
+                return known[key]
+    close = difflib.get_close_matches(name.lower(), known, n=3, cutoff=0.5)
+    hint = f"did you mean {' or '.join(close)}?" if close else "`clutch-hil reproduce --list` names all"
+    raise InputError(f"reproduction {name!r} does not exist; {hint}")
+
+
+def _order(name: str) -> tuple[int, str, int, str]:
+    kind, _, number = name.partition("-")
+    chapter, _, rest = number.partition(".")
+    if kind not in ("figure", "table") or not rest.isdigit():
+        return (1, "", 0, name)
+    return (0, chapter, int(rest), kind)

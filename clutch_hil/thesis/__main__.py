@@ -1,0 +1,31 @@
+"""`python -m clutch_hil.thesis`: run every reproduction and write docs/reproductions.md and its pictures anew."""
+
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+
+from clutch_hil.bench.progress import progress_bar
+from clutch_hil.thesis.record import PAGE, PICTURED, PICTURES, record_text
+from clutch_hil.thesis.result import every
+from protocols.errors import InputError
+
+
+def main() -> None:
+    """Write the page. Raises InputError where an entry was skipped: the page tells all of them."""
+    with tempfile.TemporaryDirectory() as folder, progress_bar("reproduce", False) as progress:
+        results, skipped = every(Path(folder), progress)
+        if skipped:
+            raise InputError(f"{PAGE} needs every reproduction; skipped were {skipped}")
+        PICTURES.mkdir(exist_ok=True)
+        for name in PICTURED:
+            shutil.copy(Path(folder) / f"{name}.png", PICTURES)
+    PAGE.write_text(record_text(results), encoding="utf-8")
+    print(f"wrote {PAGE} and {len(PICTURED)} pictures")
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except InputError as error:
+        sys.exit(f"error: {error}")

@@ -1,0 +1,89 @@
+"""Adaptive feedforward: the friction level learnt from motor torque and slip acceleration, on plants that are 20 % off.
+
+The thesis names adaptive control with changing parameters as future work (chapter 7); claim and cases are ours.
+"""
+
+import numpy as np
+
+from clutch_hil.bench.in_process import Played, play
+from clutch_hil.thesis import reproduces
+from clutch_hil.thesis.sheet import INK, Sheet
+from plant_sim.node.plant_node import PlantNode
+from plant_sim.profiles.profile import load_profile
+from plant_sim.rigs import wet_clutch
+from protocols.node import node_factory
+
+GAIN = 5.0  # times better, at least
+SEEDS = 5
+FIRST_RISE = 0.5  # s, end of the first rise of the demand in the profile `engagement`
+# change of plant parameters, oil temperature at the start [degC]
+CASES: dict[str, tuple[dict[str, float], float]] = {
+    "20 % low, falling 0.5 %/s": ({"friction_level.level": 0.8, "friction_level.drift": -0.005}, 70.0),
+    "20 % high, rising 0.5 %/s": ({"friction_level.level": 1.2, "friction_level.drift": 0.005}, 70.0),
+    "20 % low, cold oil warming up": ({"friction_level.level": 0.8}, 45.0),
+    "viscous factor 30 % low": ({"clutch.viscous_slope": 1.869, "clutch.viscous_intercept": -4.543}, 70.0),
+}
+
+
+@reproduces(
+    "adaptation",
+    "Adaptive feedforward on a plant whose friction is 20 % off and drifting",
+    claim="the regime error with adaptation is at most a fifth of the one without, in every case",
+)
+def adaptation(sheet: Sheet) -> None:
+    """Run every case with and without adaptation over all seeds."""
+    profile = load_profile("engagement", 24.0)
+    sheet.table = [("plant", "without [Nm]", "with [Nm]", "times better", "level at the end, true / learnt")]
+    sheet.document = {"seeds": SEEDS, "cases": {}}
+    shown: tuple[Played, Played] | None = None
+    for i, (name, (values, temperature)) in enumerate(CASES.items()):
+        parameters = wet_clutch.nominal().with_values(values)
+        errors: dict[bool, list[float]] = {False: [], True: []}
+        learnt = []
+        for seed in range(SEEDS):
+            pair = []
+            for adaptive in (False, True):
+                plant = PlantNode(parameters=parameters, profile=profile, seed=seed, temperature=temperature)
+                pair.append(play(plant, node_factory("controller")(adaptation=adaptive)))
+                errors[adaptive].append(regime_error(pair[-1]))
+            learnt.append(float(pair[1]["controller_friction_level"][-1]))
+            shown = shown or (pair[0], pair[1])
+            sheet.progress(i * SEEDS + seed + 1, len(CASES) * SEEDS)
+        without, with_it, found = (float(np.mean(v)) for v in (errors[False], errors[True], learnt))
+        true = values.get("friction_level.level", 1.0) + values.get("friction_level.drift", 0.0) * profile.duration
+        cells = (f"{without:.3f}", f"{with_it:.3f}", f"{without / with_it:.1f}", f"{true:.2f} / {found:.2f}")
+        sheet.table.append((name, *cells))
+        sheet.document["cases"][name] = {"without_nm": without, "with_nm": with_it, "level": true, "learnt": found}
+        sheet.check(f"times better, {name}", without >= GAIN * with_it, without / with_it, f"at least {GAIN:g} (ours)")
+    sheet.note(
+        f"{profile.duration:g} s of the profile engagement, {SEEDS} seeds; mean absolute error of the true torque"
+    )
+    assert shown
+    _draw(sheet, *shown)
+
+
+def regime_error(played: Played) -> float:
+    """Mean absolute error of the true torque [Nm] while the regime lasts.
+
+    The regime begins with the end of the demand's first rise, not when 90 % is reached: a plant 20 % low never gets there.
+    """
+    time, demand = played["time_s"], played["controller_torque_demand_nm"]
+    regime = (demand > 0.0) & (time >= FIRST_RISE)
+    return float(np.mean(np.abs(played["truth_clutch_torque_nm"] - demand)[regime]))
+
+
+def _draw(sheet: Sheet, without: Played, with_it: Played) -> None:
+    error, level = sheet.axes(2, 1, height=6.0, sharex=True)
+    for played, label in ((without, "without adaptation"), (with_it, "with adaptation")):
+        difference = played["truth_clutch_torque_nm"] - played["controller_torque_demand_nm"]
+        error.plot(played["time_s"], difference, lw=1.0, label=label)
+    error.set_ylim(-6.0, 2.0)
+    error.set_ylabel("true - demand [Nm]")
+    error.legend(loc="lower right", ncols=2, frameon=False)
+    error.set_title(f"friction {next(iter(CASES))}", loc="left", fontsize=10)
+    time = with_it["time_s"]
+    level.plot(time, 0.8 - 0.005 * time, color=INK, lw=1.0, ls="--", label="true level")
+    level.plot(time, with_it["controller_friction_level"], color="#ff7f0e", label="learnt level")
+    level.set_ylabel("friction level [-]")
+    level.set_xlabel("time [s]")
+    level.legend(loc="upper right", frameon=False)

@@ -1,0 +1,46 @@
+"""Fits to the clutch experiments, with 95 % intervals, and their comparison with the plant and with the thesis."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from scipy.optimize import curve_fit
+from scipy.stats import t as student
+
+from clutch_hil.thesis.sheet import Sheet
+
+NEAR = 0.03  # of the thesis's value: our return springs take 1.5 % of the pressure rise, the thesis's none
+
+Fit = tuple[np.ndarray, np.ndarray]  # values, half widths of their 95 % intervals
+
+
+def line(x: np.ndarray, slope: float, intercept: float) -> np.ndarray:
+    """A straight line."""
+    return slope * x + intercept
+
+
+def fit(function: Callable[..., Any], x: Any, y: np.ndarray, start: Any, deviation: np.ndarray | None = None) -> Fit:
+    """Least squares by scipy; `deviation`: standard deviations (n,) or covariance (n, n) of y where they are known."""
+    values, spread = curve_fit(function, x, y, start, sigma=deviation, absolute_sigma=deviation is not None)
+    freedom = np.inf if deviation is not None else y.size - values.size
+    return values, quantile(freedom) * np.sqrt(np.diag(spread))
+
+
+def quantile(freedom: float) -> float:
+    """Half width of a 95 % interval in standard deviations, for so many degrees of freedom."""
+    return float(student.ppf(0.975, freedom))
+
+
+def recovered(sheet: Sheet, name: str, found: float, half: float, plant: float, thesis: float) -> None:
+    """A row of the table, and what `compared` checks."""
+    if not sheet.table:
+        sheet.table.append(("parameter", "identified", "95 %", "plant", "thesis"))
+    sheet.table.append((name, f"{found:.5g}", f"+- {half:.2g}", f"{plant:.5g}", f"{thesis:.5g}"))
+    compared(sheet, name, found, half, plant, thesis)
+
+
+def compared(sheet: Sheet, name: str, found: float, half: float, plant: float, thesis: float) -> None:
+    """Two checks: the interval `found` +- `half` contains the plant's value, and the thesis's is near."""
+    sheet.check(f"the 95 % interval of {name} contains the plant's {plant:.5g}", abs(found - plant) <= half,
+                f"{found:.5g} +- {half:.2g}")  # fmt: skip
+    sheet.check(f"{name} within {NEAR:.0%} of the thesis's", abs(found - thesis) <= NEAR * abs(thesis), found, thesis)

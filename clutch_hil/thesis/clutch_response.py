@@ -1,0 +1,147 @@
+"""Frequency response of the controlled clutch: figure 6.15, over the controller as it runs."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from clutch_hil.thesis import reproduces
+from clutch_hil.thesis.clutch_experiments import cooled, law, measure, nominal
+from clutch_hil.thesis.clutch_fit import NEAR
+from clutch_hil.thesis.sheet import INK, Sheet, label
+from plant_sim.rigs.multisine import FrequencyResponse, Multisine, coherence, measured
+from protocols.files.units import RPM
+
+Array = np.ndarray
+PRESSURE, SLIP = 3.4, 200 * RPM  # bar, rad/s; ours: the thesis says only that the piston presses on the plates
+SOURCE = Multisine(np.arange(1, 61), amplitude=0.012, samples=2000)  # 0.5 to 30 Hz, at most 0.25 bar: it never opens
+REALISATIONS, PERIODS = 4, 10  # as the thesis's of sec. 3.10; one period more of each is left out
+STEP = 1e-3  # s
+HALF_POWER = -10.0 * np.log10(2.0)  # dB: "-3 dB"
+THESIS = 9.8  # Hz, sec. 6.3
+FOLLOWS = 15.0  # Hz, ours: well above both bandwidths
+LINK = "'clearly the link between both systems'"
+TOLD = (0.5, 1.0, 2.0, 5.0, 8.0, 10.0, 15.0, 20.0, 30.0)  # Hz, rows of the table
+
+
+@dataclass(frozen=True)
+class Channel:
+    """Response (n,) from the demanded pressure to one signal, and the coherence (n,) of both."""
+
+    found: FrequencyResponse
+    coherence: Array
+    stationary: float  # the response at rest, [bar/bar] or [Nm/bar]
+
+    @property
+    def decibel(self) -> Array:
+        """Magnitude over the stationary response [dB]."""
+        return 20.0 * np.log10(np.abs(self.found.response) / self.stationary)
+
+    @property
+    def phase(self) -> Array:
+        """Phase [deg], unwrapped."""
+        return np.degrees(np.unwrap(np.angle(self.found.response)))
+
+    @property
+    def bandwidth(self) -> float:
+        """Frequency [Hz] where the magnitude first falls by 3 dB, on the straight line between the two lines about it."""
+        decibel = self.decibel
+        beyond = int(np.argmax(decibel < HALF_POWER))
+        pair = slice(beyond - 1, beyond + 1)
+        return float(np.interp(-HALF_POWER, -decibel[pair], self.found.frequency[pair]))
+
+
+@dataclass(frozen=True)
+class Response:
+    """What the demanded pressure does to the measured cylinder pressure [bar/bar] and to the clutch torque [Nm/bar]."""
+
+    pressure: Channel
+    torque: Channel
+
+
+def pressure_response(tuned: Mapping[str, float] | None = None) -> Response:
+    """Random-phase multisine on the pressure that the controller is asked for; `tuned` changes its parameters."""
+    random = np.random.default_rng(1)
+    waves = [np.tile(SOURCE.period(random), PERIODS + 1) for _ in range(REALISATIONS)]
+    run = measure(PRESSURE + np.concatenate(waves), SLIP, nominal(**cooled()), seed=5, tuned=tuned)
+
+    def periods(signal: Array) -> Array:
+        return signal.reshape(REALISATIONS, PERIODS + 1, SOURCE.samples)[:, 1:]
+
+    demand, pressure, torque = (periods(signal) for signal in (run.demand, run.pressure, run.torque))
+    above, below = (np.add(*law(PRESSURE + d, SLIP, nominal())) for d in (0.01, -0.01))
+    return Response(
+        *(
+            Channel(measured(SOURCE, STEP, demand, one), coherence(SOURCE, demand, one), stationary)
+            for one, stationary in ((pressure, 1.0), (torque, float(above - below) / 0.02))
+        )
+    )
+
+
+@reproduces(
+    "figure-6.15",
+    "Frequency response of pressure loop and clutch torque",
+    claim="over the running controller p_cyl/p_d is 3 dB down within 3 % of the thesis's 9.8 Hz, and M/p_d follows p_cyl/p_d "
+    "within 1 dB and 5 deg up to 15 Hz",
+)
+def figure_6_15(sheet: Sheet) -> None:
+    """p_cyl/p_d and M/p_d by a multisine, in contact."""
+    found = pressure_response()
+    frequency = found.pressure.found.frequency
+    _draw(sheet, found)
+    pressure, torque = found.pressure, found.torque
+    head = ("frequency [Hz]", "p_cyl/p_d [dB]", "phase [deg]", "coherence", "M/p_d [Nm/bar]", "[dB]", "phase [deg]",
+            "coherence")  # fmt: skip
+    sheet.table = [head]
+    for told in TOLD:
+        k = int(np.argmin(np.abs(frequency - told)))
+        sheet.table.append((
+            f"{frequency[k]:g}", f"{pressure.decibel[k]:.2f}", f"{pressure.phase[k]:.1f}", f"{pressure.coherence[k]:.4f}",
+            f"{np.abs(torque.found.response[k]):.2f}", f"{torque.decibel[k]:.2f}", f"{torque.phase[k]:.1f}",
+            f"{torque.coherence[k]:.4f}",
+        ))  # fmt: skip
+    bandwidth = pressure.bandwidth
+    sheet.table.append(("3 dB down at", f"{bandwidth:.2f} Hz", "", "", "", f"{torque.bandwidth:.2f} Hz", "", ""))
+    sheet.check(f"p_cyl/p_d is 3 dB down within {NEAR:.0%} of the thesis's bandwidth [Hz]",
+                abs(bandwidth / THESIS - 1.0) <= NEAR, bandwidth, THESIS)  # fmt: skip
+    sheet.check("M/p_d is 3 dB down within 3 % of where p_cyl/p_d is [Hz]",
+                abs(torque.bandwidth / bandwidth - 1.0) <= 0.03, torque.bandwidth, LINK)  # fmt: skip
+    up_to = frequency <= FOLLOWS
+    ripple, turn = (torque.decibel - pressure.decibel)[up_to], (torque.phase - pressure.phase)[up_to]
+    sheet.check("M/p_d over p_cyl/p_d is constant within 1 dB up to 15 Hz [dB]", np.abs(ripple).max() < 1.0,
+                (ripple.min(), ripple.max()), LINK)  # fmt: skip
+    sheet.check("... and in phase within 5 deg [deg]", np.abs(turn).max() < 5.0, (turn.min(), turn.max()))
+    least = [float(channel.coherence[up_to].min()) for channel in (pressure, torque)]
+    sheet.check("coherence with p_d up to 15 Hz, of p_cyl and of M, is above 0.98", min(least) > 0.98, least, "ours")
+    sheet.note(
+        f"valve, line and gains are design values of ours (janssens2010.toml, controller.toml) for {THESIS:g} Hz; over the "
+        f"controller as it runs, with the bus, they give {bandwidth:.2f} Hz"
+    )
+    sheet.note(
+        f"{REALISATIONS} realisations of {PERIODS} periods of 2 s at {PRESSURE:g} bar and 200 rpm; p_d is the pressure demand "
+        "that the controller records, p_cyl and M are the sensors'. 3 dB: half the power of what the response is at rest, 1 "
+        f"bar/bar and {torque.stationary:.2f} Nm/bar of the plant's law, on the straight line between neighbouring lines"
+    )
+
+
+def _draw(sheet: Sheet, found: Response) -> None:
+    axes: Any = sheet.axes(3, 1, width=8, height=8, sharex=True, height_ratios=(3, 3, 1.5))
+    for channel, name, style in (
+        (found.pressure, r"$p_{cyl}/p_d$", {"color": "C0", "lw": 2.2}),
+        (found.torque, r"$M/p_d$", {"color": "C1", "ls": "--", "lw": 1.4}),
+    ):
+        frequency = channel.found.frequency
+        for panel, values in zip(axes, (channel.decibel, channel.phase, channel.coherence), strict=True):
+            panel.semilogx(frequency, values, label=f"{name}: 3 dB down at {channel.bandwidth:.2f} Hz", **style)
+    axes[0].axhline(HALF_POWER, color=INK, lw=0.8, ls=":")
+    axes[0].axvline(found.pressure.bandwidth, color=INK, lw=0.8, ls=":")
+    ticks = (0.5, 1, 2, 5, 10, 20, 30)
+    axes[0].set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    axes[0].minorticks_off()
+    axes[0].legend(loc="lower left", frameon=False)
+    axes[2].set_ylim(0.8, 1.01)
+    axes[1].set_yticks(range(-270, 1, 45))
+    label(axes[0], "", "magnitude over that at rest [dB]")
+    label(axes[1], "", "phase [deg]")
+    label(axes[2], "frequency [Hz]", "coherence [-]")

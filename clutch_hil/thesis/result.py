@@ -1,0 +1,117 @@
+"""The result of a reproduction: what was checked, and where the picture is; one, or all on a page."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from clutch_hil.bench.progress import table_text
+from clutch_hil.thesis import Entry, entries
+from clutch_hil.thesis.page import page_text
+from clutch_hil.thesis.sheet import Sheet
+from protocols.errors import InputError
+
+Progress = Callable[[int, int], None]  # (done, total)
+HEAD = ("check", "measured", "thesis", "holds")
+
+
+@dataclass(frozen=True)
+class Result:
+    """A filled `sheet` of an `entry`, its `picture` on disk, and the `seconds` it took."""
+
+    entry: Entry
+    sheet: Sheet
+    picture: Path
+    seconds: float
+
+    @property
+    def holds(self) -> bool:
+        """Whether all checks of the claim hold."""
+        return self.sheet.holds
+
+    @property
+    def as_known(self) -> bool:
+        """Whether the claim holds, or does not for a known reason."""
+        return self.holds != bool(self.entry.contradicted)
+
+    @property
+    def verdict(self) -> str:
+        """Holds or not, the claim, and the reason if it is known not to hold."""
+        reason = f" (known: {self.entry.contradicted})" if self.entry.contradicted else ""
+        return f"{'holds' if self.holds else 'does not hold'}: {self.entry.claim}{reason}"
+
+    def document(self) -> dict[str, Any]:
+        """The result for machines."""
+        return self.sheet.document | {
+            "name": self.entry.name,
+            "title": self.entry.title,
+            "claim": self.entry.claim,
+            "holds": self.holds,
+            "contradicted": self.entry.contradicted,
+            "checks": [check.document() for check in self.sheet.checks],
+            "table": self.sheet.table,
+            "notes": self.sheet.notes,
+            "picture": str(self.picture),
+            "seconds": self.seconds,
+        }
+
+
+def run(entry: Entry, out: Path, progress: Progress) -> Result:
+    """Run one reproduction and write its picture into the folder `out`. Raises InputError."""
+    start = time.perf_counter()
+    sheet = Sheet(progress)
+    entry.run(sheet)
+    picture = out / f"{entry.name}.png"
+    sheet.save(picture, f"{entry.name}: {entry.title}")
+    return Result(entry, sheet, picture, time.perf_counter() - start)
+
+
+def checks_text(result: Result) -> str:
+    """The table of a result if it has one, its checks and its notes, as text."""
+    sheet = result.sheet
+    tables = [table_text(sheet.table), ""] if sheet.table else []
+    rows = [HEAD, *(check.row() for check in sheet.checks)]
+    return "\n".join([*tables, table_text(rows), *(f"note:    {note}" for note in sheet.notes)])
+
+
+def every(out: Path, progress: Progress) -> tuple[list[Result], dict[str, str]]:
+    """Run every reproduction and write its picture; results, and by name why an entry was skipped: data missing or bad."""
+    known = entries()
+    results, skipped = [], {}
+    for i, entry in enumerate(known.values()):
+        try:
+            results.append(run(entry, out, lambda done, total: None))
+        except InputError as error:
+            skipped[entry.name] = str(error)
+        progress(i + 1, len(known))
+    return results, skipped
+
+
+def summary(results: Sequence[Result]) -> str:
+    """How many claims hold, how many are known not to, and which do otherwise."""
+    unexpected = [r.entry.name for r in results if not r.as_known]
+    holding = sum(r.holds for r in results)
+    against = sum(not r.holds and r.as_known for r in results)
+    verdict = f"{holding} of {len(results)} claims hold, {against} known not to"
+    return verdict + (f"; unexpected: {', '.join(unexpected)}" if unexpected else "")
+
+
+def run_all(out: Path, progress: Progress) -> tuple[dict[str, Any], str, str, bool]:
+    """Run every reproduction; write pictures and the page `index.html`. Returns document, text, verdict, all as known.
+
+    An entry whose data are missing or bad is skipped with the reason. Raises InputError.
+    """
+    results, skipped = every(out, progress)
+    verdict = summary(results) + (f"; {len(skipped)} skipped" if skipped else "")
+    page = out / "index.html"
+    try:
+        page.write_text(page_text(results, skipped, verdict), encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"page {page} cannot be written: {error.strerror}") from None
+    rows = [("name", "holds", "s", "claim")]
+    rows += [(r.entry.name, "yes" if r.holds else "NO", f"{r.seconds:.1f}", r.entry.claim) for r in results]
+    skips = [f"skipped: {name}: {reason}" for name, reason in skipped.items()]
+    text = "\n".join([table_text(rows), *skips, f"wrote:   {page}"])
+    document = {"verdict": verdict, "results": [r.document() for r in results], "skipped": skipped}
+    return document, text, verdict, all(result.as_known for result in results)

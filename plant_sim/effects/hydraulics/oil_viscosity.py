@@ -1,0 +1,39 @@
+"""Viscosity of the oil in the line: cold oil fills slowly.
+
+What            the line is laminar, its conductance goes with one over the oil's viscosity
+Equation        G -> G (eta(T_ref)/eta(T))^share: Vogel's law (blocks/viscosity.py), 1 at the reference temperature
+Assumptions     the oil in the line is as warm as that between the plates; density constant
+Valid range     T 35..150 degC (oil.py), share 0..1: 0.5 for a line half of which is an orifice
+Not modelled    viscosity's pressure dependence, the valve's and the leak's own (slower_valve, internal_leakage)
+References      Vogel 1921, Physikalische Zeitschrift 22, p. 645; Merritt 1967, Hydraulic Control Systems, chapters 2 and 3
+                (viscosity, laminar flow)
+"""
+
+from plant_sim.blocks.viscosity import relative_viscosity
+from plant_sim.effects.effect import Effect, Strength
+from plant_sim.effects.signals import RIG
+from protocols.files.units import ZERO_CELSIUS
+
+HOTTEST = ZERO_CELSIUS + 150.0  # K, end of fig 6.8 of Janssens 2010; above, the oil is taken as thin as here
+
+
+def thicken(s, c, p, x, h):
+    """Scale the line's conductance."""
+    c.hydraulics_conductance *= relative_viscosity(min(s.temperature, HOTTEST), c.oil_reference) ** -p.share
+
+
+def rate(p, c):
+    """What the thinnest oil adds to the line's rate on the cylinder [1/s]."""
+    most = relative_viscosity(HOTTEST, c["oil_reference"]) ** -p["share"]
+    return (most - 1.0) * c["hydraulics_conductance"] / c["hydraulics_capacity"]
+
+
+EFFECT = Effect(
+    block="hydraulics",
+    laws={RIG: thicken},
+    parameters=(
+        Strength("share", "1", off=0.0, typical=1.0, bounds=(0.0, 1.0), source="laminar line, as rig.md 2 has it"),
+    ),
+    rate=rate,
+    candidate=False,
+)

@@ -1,0 +1,272 @@
+"""The power-shift rig as a node: commands of two controllers in, sensor frames of two clutches out, the truth in its record."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from math import ceil
+from typing import Any
+
+from numba import njit
+
+from plant_sim.effects.catalogue import effects
+from plant_sim.effects.signals import DRIVE
+from plant_sim.node.injection import Injection, requested
+from plant_sim.node.interface import Interface
+from plant_sim.node.plant_node import NO_SETPOINTS, PlantNode, initial_temperature
+from plant_sim.node.schedule import Change, Schedule
+from plant_sim.profiles.shift_profile import ShiftProfile
+from plant_sim.rigs import power_shift
+from plant_sim.rigs.power_shift import DRIVELINE, PowerShift
+from plant_sim.rigs.wet_clutch import STATE, STEP_LIMIT, Whole
+from protocols.can.frame_batch import batch
+from protocols.can.two_clutches import CLUTCHES
+from protocols.errors import InputError
+from protocols.files.parameters import ParameterSet
+from protocols.files.units import BAR, ZERO_CELSIUS
+from protocols.node import Column
+
+_CLUTCH_COLUMNS = (
+    ("valve_voltage_{}_v", "V", "voltage to the V/A converter, acting from this row on"),
+    ("torque_demand_{}_nm", "Nm", "the supervisor's demand to the controller"),
+    ("cylinder_pressure_{}_bar", "bar", "measured oil pressure behind the piston"),
+    ("slip_speed_{}_rad_s", "rad/s", "measured slip speed, from encoder counts"),
+    ("slip_angle_{}_rad", "rad", "encoder angle of the clutch's input against its output"),
+    ("oil_temperature_{}_degc", "degC", "measured oil temperature"),
+    ("clutch_torque_{}_nm", "Nm", "measured clutch torque, for validation"),
+    ("truth_valve_pressure_{}_bar", "bar", "pressure after the valve"),
+    ("truth_cylinder_pressure_{}_bar", "bar", "pressure behind the piston"),
+    ("truth_piston_position_{}_m", "m", "0 at rest"),
+    ("truth_normal_force_{}_n", "N", "on the plates"),
+    ("truth_friction_state_{}", "1", "m of eq. 6.9"),
+    ("truth_clutch_torque_{}_nm", "Nm", "M"),
+    ("truth_slip_speed_{}_rad_s", "rad/s", "input speed less ratio times output speed"),
+    ("truth_oil_temperature_{}_degc", "degC", "T"),
+    ("truth_heat_{}_j", "J", "friction heat since the start"),
+)
+
+_PART = len(_CLUTCH_COLUMNS)
+
+COLUMNS = (
+    Column("time_s", "s", "time since the run's start"),
+    Column("input_speed_demand_rad_s", "rad/s", "speed demand of the motor, acting from this row on"),
+    Column("motor_torque_nm", "Nm", "measured torque of the motor"),
+    *(Column(name.format(clutch), unit, meaning) for clutch in CLUTCHES for name, unit, meaning in _CLUTCH_COLUMNS),
+    Column("truth_motor_torque_nm", "Nm", "M_m"),
+    Column("truth_input_speed_rad_s", "rad/s", "of the motor and both clutches' inputs"),
+    Column("truth_output_speed_rad_s", "rad/s", "of the output shaft"),
+    Column("truth_vehicle_speed_m_s", "m/s", "output speed times the wheel's radius"),
+    Column("truth_output_torque_nm", "Nm", "i_a M_a + i_b M_b"),
+    Column("truth_road_torque_nm", "Nm", "rolling resistance, drag and grade, about the output shaft"),
+    Column("truth_input_work_j", "J", "of the motor since the start"),
+    Column("truth_road_work_j", "J", "into the road since the start"),
+)
+
+
+class PowerShiftNode(Interface):
+    """The power-shift rig behind the data acquisitions of its clutches, with the profile player of the bench.
+
+    Arguments and steps as of `PlantNode`. Each clutch has its own frames (`two_clutches`), sensors and noise; the
+    motor obeys clutch a's controller. Injections name parameters with the prefix of their clutch. It cannot be blind.
+    """
+
+    columns = COLUMNS
+
+    def __init__(
+        self,
+        rate: int = 1000,
+        parameters: ParameterSet | None = None,
+        profile: ShiftProfile | None = None,
+        seed: int = 1,
+        temperature: float | None = None,
+        session: int = 1,
+        injections: Sequence[Injection] = (),
+        blind: bool = False,
+    ) -> None:
+        if blind:
+            raise InputError("the power-shift rig cannot be blind; allowed is the rig wet_clutch")
+        self.blind = blind
+        self._base = parameters = parameters or power_shift.nominal()
+        own = [power_shift.clutch_parameters(parameters, clutch) for clutch in CLUTCHES]
+        seeds = [len(CLUTCHES) * seed + k for k in range(len(CLUTCHES))]
+        super().__init__(rate, own, seeds, session, profile.table if profile else NO_SETPOINTS)
+        self.profile = profile
+        self._substeps = ceil(self._period / STEP_LIMIT - 1e-9)
+        self._rig = power_shift.Rig(parameters)
+        self._radius = parameters["driveline.wheel_radius"].si
+        self._schedules = [Schedule(each) for each in own]
+        self.injected: list[dict[str, Any]] = []
+        self.inject(*injections)
+        kelvin = initial_temperature(parameters["a.oil.reference"].value if temperature is None else temperature)
+        speed = profile.at(0.0)[0].speed if profile else 0.0
+        line, a, b = self._rig.at_rest(speed, 0.0, kelvin)
+        self._state = PowerShift(  # the very types, as in `PlantNode`
+            line.view(DRIVELINE), *(Whole(clutch.y.view(STATE), clutch.effects) for clutch in (a, b))
+        )
+        self._interface.speed_demand, self._interface.torque_limit = speed, self._rig.a.record["motor_torque_limit"][0]
+
+    @staticmethod
+    def warm() -> None:
+        """See `PlantNode`."""
+        PlantNode.warm()
+        node = PowerShiftNode()
+        node.take(batch(1), 0)
+        node.step([])
+
+    def show(self) -> int:
+        """See `Interface`."""
+        sent = self._begin()
+        time = self.tick * self._period
+        self._follow(time)
+        sent = self._show(0, self._rig.a, self._state.a, sent)
+        sent = self._show(1, self._rig.b, self._state.b, sent)
+        line, (a, _), (b, _) = self._state
+        _note(self.record, time, self._interfaces, line, a, b, self._radius)
+        return sent
+
+    def advance(self) -> None:
+        """See `Interface`."""
+        self._advance(self._period, self._substeps)
+
+    @property
+    def parameters(self) -> ParameterSet:
+        """As they act from the next sample on."""
+        values: dict[str, float] = {}
+        for clutch, schedule in zip(CLUTCHES, self._schedules, strict=True):
+            present = schedule.parameters(self._now)
+            values |= {_whole_name(name, clutch): p.value for name, p in present.items()}
+        return self._base.with_values(values)
+
+    @property
+    def planned(self) -> list[dict[str, Any]]:
+        """Changes by injections that have not begun, as those `injected`."""
+        parts = zip(CLUTCHES, self._schedules, strict=True)
+        return [told for clutch, schedule in parts for told in self._told(schedule.planned, clutch)]
+
+    def fixed(self, name: str) -> str | None:
+        """Why a parameter cannot be changed while the plant runs; None when it can."""
+        group, _, rest = name.partition(".")
+        part = rest.partition(".")[0] if group in CLUTCHES else group
+        if part in ("driveline", "sensors"):
+            return f"parameter {name} is fixed while the plant runs: driveline and data acquisition are set up at the start"
+        if group in CLUTCHES and part in effects() and DRIVE in effects()[part].laws:
+            return power_shift.refusal(group, part)
+        return None
+
+    def tune(self, values: Mapping[str, float]) -> None:
+        """Change parameters between two samples, each in its declared unit; states stay. All or none: raises InputError."""
+        self._check_free(values)
+        parts = [power_shift.of_clutch(values, clutch) for clutch in CLUTCHES]
+        self._schedules = [
+            schedule.tuned(part, self._now) if part else schedule
+            for schedule, part in zip(self._schedules, parts, strict=True)
+        ]
+        self._follow(self._now)
+
+    def inject(self, *injections: Injection) -> None:
+        """Take changes of parameters at times to come; states stay. All or none: raises InputError."""
+        for injection in injections:
+            self._check_free(injection.values)
+        schedules = []
+        for clutch, schedule in zip(CLUTCHES, self._schedules, strict=True):
+            parts = [(i, power_shift.of_clutch(i.values, clutch)) for i in injections]
+            own = [replace(injection, values=part) for injection, part in parts if part]
+            schedules.append(schedule.extended(own, self._now) if own else schedule)
+        self._schedules = schedules
+
+    def accept(self, values: Mapping[str, float], when: Mapping[str, float]) -> list[dict[str, Any]]:
+        """Inject `values` when somebody from outside asks (`injection.requested`); return the changes planned for that."""
+        known = self.planned
+        self.inject(requested(values, when, self._now))
+        return [change for change in self.planned if change not in known]
+
+    @property
+    def finished(self) -> bool:
+        """Whether the profile has been played to its end."""
+        return self.profile is not None and self._now >= self.profile.duration
+
+    @property
+    def _now(self) -> float:
+        """Time of the next sample [s]."""
+        return (self.tick + 1) * self._period
+
+    def _check_free(self, values: Mapping[str, float]) -> None:
+        """Raise InputError for values that cannot be, or cannot be changed while the plant runs."""
+        self._base.with_values(values)
+        if reasons := [reason for name in values if (reason := self.fixed(name))]:
+            raise InputError(reasons[0])
+
+    def _advance(self, duration: float, substeps: int) -> None:
+        rig, (line, a, b) = self._rig, self._state
+        _move(
+            self._interfaces, line, *a, *b, rig.record, rig.a.record, rig.b.record,
+            rig.a.table.attachments, rig.b.table.attachments, duration, substeps,
+        )  # fmt: skip
+
+    def _follow(self, time: float) -> None:
+        """Let both clutches be what they are to be at `time` [s]; outputs follow."""
+        driveline, *wholes = self._state
+        rigs = [self._rig.a, self._rig.b]
+        changed = False
+        for k, (clutch, schedule) in enumerate(zip(CLUTCHES, self._schedules, strict=True)):
+            rig, moved = schedule.rig(time)
+            if rig is not rigs[k] or moved:
+                states = rig.table.carried(wholes[k].effects, rigs[k].table)
+                rigs[k], wholes[k] = rig, wholes[k]._replace(effects=states)
+                changed = True
+            if schedule.planned:
+                self.injected += self._told(schedule.begin(time), clutch)
+        if changed:
+            self._rig.a, self._rig.b = rigs
+            self._state = PowerShift(driveline, *wholes)
+            self._advance(0.0, 0)
+
+    def _told(self, changes: Sequence[Change], clutch: str) -> list[dict[str, Any]]:
+        """Changes of a clutch for people and files. Those of the motor, which both clutches have, are told once."""
+        return [
+            change.told(self.rate) | {"name": _whole_name(change.name, clutch)}
+            for change in changes
+            if clutch == CLUTCHES[0] or not power_shift.is_motor(change.name)
+        ]
+
+
+@njit(cache=True, nogil=True)
+def _move(
+    interfaces: Any, line: Any, a: Any, states_a: Any, b: Any, states_b: Any, driveline: Any, parameters_a: Any,
+    parameters_b: Any, effects_a: Any, effects_b: Any, duration: Any, substeps: Any,
+) -> None:  # fmt: skip
+    """As `power_shift.advance` with the inputs that the interface holds, in place."""
+    interface = interfaces[0]
+    line_after, a_after, b_after, states_a_after, states_b_after = power_shift.advance(
+        line, a, states_a, b, states_b, interface.clutches[0].voltage, interface.clutches[1].voltage,
+        interface.speed_demand, interface.torque_limit, driveline, parameters_a, parameters_b, effects_a, effects_b,
+        duration, substeps,
+    )  # fmt: skip
+    line[0], a[0], b[0] = line_after[0], a_after[0], b_after[0]
+    states_a[:], states_b[:] = states_a_after, states_b_after
+
+
+@njit(cache=True, nogil=True)
+def _note(row: Any, time: Any, interfaces: Any, line: Any, a: Any, b: Any, wheel_radius: Any) -> None:
+    """Fill the record of a sample, in the order of COLUMNS; wheel_radius [m]."""
+    interface, d = interfaces[0], line[0]
+    row[0], row[1], row[2] = time, interface.speed_demand, interface.clutches[0].motor_torque
+    _note_clutch(row, 3, interface.clutches[0], a[0], d.heat_a)
+    _note_clutch(row, 3 + _PART, interface.clutches[1], b[0], d.heat_b)
+    at = 3 + 2 * _PART
+    row[at], row[at + 1], row[at + 2] = d.motor_torque, d.input_speed, d.output_speed
+    row[at + 3], row[at + 4], row[at + 5] = d.output_speed * wheel_radius, d.output_torque, d.road_torque
+    row[at + 6], row[at + 7] = d.input_work, d.road_work
+
+
+@njit
+def _note_clutch(row, at, c, y, heat):
+    """Fill a clutch's part of the record from column `at` on, in the order of _CLUTCH_COLUMNS; heat [J]."""
+    row[at], row[at + 1], row[at + 2], row[at + 3] = c.voltage, c.torque_demand, c.pressure, c.slip_speed
+    row[at + 4], row[at + 5], row[at + 6] = c.angle, c.temperature, c.clutch_torque
+    row[at + 7], row[at + 8], row[at + 9] = y.valve_pressure / BAR, y.pressure / BAR, y.position
+    row[at + 10], row[at + 11], row[at + 12] = y.normal_force, y.friction_state, y.clutch_torque
+    row[at + 13], row[at + 14], row[at + 15] = y.slip_speed, y.temperature - ZERO_CELSIUS, heat
+
+
+def _whole_name(name: str, clutch: str) -> str:
+    """Name of a clutch's or the motor's parameter among those of the power-shift rig."""
+    return name if power_shift.is_motor(name) else f"{clutch}.{name}"

@@ -1,0 +1,213 @@
+"""Profile: what the supervisor asks for over time.
+
+A CSV file with the columns `time_s`, `torque_demand_nm`, `motor_speed_demand_rad_s` and, if wanted, `pressure_demand_bar` and
+`lock`, in any order; straight lines between rows. From a row with `lock` 1 to the next with 0 the clutch is to be locked, and
+neither torque nor pressure is asked for. Elsewhere, where the pressure demand is above zero it is followed, whatever the torque
+demand; elsewhere the clutch is engaged between two rows of which one has a torque demand above zero. In the first 50 ms idle
+is asked for, whatever the demands are: a controller closes no clutch before. A pressure demand below 2 bar (`pressure.floor` of
+the controller: no plate touches there) is followed at 2 bar.
+"""
+
+import csv
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import ceil
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from protocols.can.request import Request
+from protocols.errors import InputError, listing
+
+FOLDER = Path(__file__).parent
+COLUMNS = ("time_s", "torque_demand_nm", "motor_speed_demand_rad_s")
+PRESSURE_COLUMN = "pressure_demand_bar"
+OPTIONAL = (PRESSURE_COLUMN, "lock")
+TORQUE_LIMIT = 30.0  # Nm, range of the maps (Janssens 2010, fig 6.12)
+PRESSURE_LIMIT = 4.5  # bar, what the controller asks for at most: the maps end at 4.2 bar (Janssens 2010, fig 6.12)
+FILL_PRESSURE = (
+    2.6  # bar, at which the controller fills: from a lower demand it would open again what it has just closed
+)
+# s from the beginning in which idle is asked for, whatever the profile says: a controller closes no clutch without it
+# (phases.py). At 50 Hz three samples, as one frame may be lost.
+IDLE_FIRST = 0.05
+FOREVER = 1e9  # s, 31 years: the latest time of a row
+_SHORTEST = 0.1  # s, of a run: five samples at the lowest rate
+_LONGEST = 1e6  # s, of a run that repeats a profile: 11 days
+_MOST_ROWS = 2_000_000  # of a profile, repetitions and all: it is held in memory, 0.3 kB a row
+_LARGEST = 100  # MB of a file: so many rows
+_REPEAT_GAP = 1e-3  # s between the last row of a profile and the first of its repetition: times must increase
+SPEED_LIMIT = 26.2  # rad/s either way, 250 rpm, range of the maps (Janssens 2010, fig 6.12)
+
+
+def setpoint(table, time):
+    """Set-point of a `Profile.table`, shape (5, rows), at `time` [s]: request, torque [Nm], speed [rad/s], pressure [bar].
+
+    Straight lines between rows. The plant's loop has it compiled (`cycle.py`).
+    """
+    times, torques, speeds, pressures, locks = table[0], table[1], table[2], table[3], table[4]
+    after = np.searchsorted(times, time, side="right")
+    if after == 0:
+        return Request.IDLE.value, torques[0], speeds[0], 0.0
+    if after == len(times):
+        return Request.IDLE.value, 0.0, speeds[-1], 0.0
+    before = after - 1
+    share = (time - times[before]) / (times[after] - times[before])
+    speed = speeds[before] + share * (speeds[after] - speeds[before])
+    if locks[before] > 0.0:
+        return Request.LOCK.value if time >= IDLE_FIRST else Request.IDLE.value, 0.0, speed, 0.0
+    torque = torques[before] + share * (torques[after] - torques[before])
+    pressure = pressures[before] + share * (pressures[after] - pressures[before])
+    engage = torques[before] > 0.0 or torques[after] > 0.0
+    request = Request.PRESSURE.value if pressure > 0.0 else Request.ENGAGE.value if engage else Request.IDLE.value
+    if time < IDLE_FIRST:
+        request = Request.IDLE.value
+    return request, torque, speed, pressure
+
+
+class Setpoint(NamedTuple):
+    """What is asked for at one instant: the values of TORQUE_SETPOINT, in its order."""
+
+    request: Request
+    torque: float  # Nm
+    speed: float  # rad/s
+    pressure: float  # bar
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Breakpoints: time [s], torque demand [Nm], motor speed demand [rad/s], all of one length, at least 2.
+
+    pressure: pressure demand [bar], lock: 1 from where the clutch is to be locked, 0 from where not; of the same length, zeros
+    when not given.
+    """
+
+    name: str
+    time: Sequence[float]
+    torque: Sequence[float]
+    speed: Sequence[float]
+    pressure: Sequence[float] = ()
+    lock: Sequence[float] = ()
+
+    def __post_init__(self) -> None:
+        """Raise InputError naming the first bad row."""
+        for name in ("pressure", "lock"):
+            object.__setattr__(self, name, getattr(self, name) or (0.0,) * len(self.time))
+        if len(self.time) < 2 or len({len(column) for column in self._columns}) > 1:
+            raise InputError(f"profile {self.name} has {len(self.time)} rows; at least 2 are needed")
+        for row, (time, torque, speed, pressure, lock) in enumerate(self._rows(), 1):
+            if not 0.0 <= time <= FOREVER or (row > 1 and time <= self.time[row - 2]):
+                raise InputError(
+                    f"profile {self.name}, row {row}: time_s = {time:g}; it must increase, from 0 to {FOREVER:g} at most"
+                )
+            if not 0.0 <= torque <= TORQUE_LIMIT:
+                raise InputError(
+                    f"profile {self.name}, row {row}: set-point {torque:g} Nm is outside 0..{TORQUE_LIMIT:g} Nm"
+                )
+            if not -SPEED_LIMIT <= speed <= SPEED_LIMIT:
+                raise InputError(
+                    f"profile {self.name}, row {row}: speed {speed:g} rad/s is outside {-SPEED_LIMIT:g}..{SPEED_LIMIT:g} rad/s"
+                )
+            if not 0.0 <= pressure <= PRESSURE_LIMIT:
+                raise InputError(
+                    f"profile {self.name}, row {row}: set-point {pressure:g} bar is outside 0..{PRESSURE_LIMIT:g} bar"
+                )
+            if lock not in (0.0, 1.0):
+                raise InputError(f"profile {self.name}, row {row}: lock is {lock:g}; allowed are 0 and 1")
+        if self.duration < _SHORTEST:
+            raise InputError(f"profile {self.name} ends at {self.duration:g} s; it must last {_SHORTEST:g} s or more")
+
+    @property
+    def duration(self) -> float:
+        """Time of the last breakpoint [s]."""
+        return self.time[-1]
+
+    def at(self, time: float) -> Setpoint:
+        """Set-point at `time` [s]; the first and last row hold outside."""
+        request, *demands = setpoint(self.table, time)
+        return Setpoint(Request(request), *map(float, demands))
+
+    @cached_property
+    def table(self) -> np.ndarray:
+        """Times, torques, speeds, pressures and locks, shape (5, rows)."""
+        return np.array(self._columns)
+
+    def lasting(self, seconds: float) -> "Profile":
+        """This profile repeated and cut to `seconds`. Raises InputError when that is too short."""
+        if not seconds >= _SHORTEST:
+            raise InputError(f"a run of {seconds:g} s is not possible; it must last {_SHORTEST:g} s or more")
+        if seconds > _LONGEST:
+            raise InputError(f"a run of {seconds:g} s is not possible; it must last {_LONGEST:g} s or less")
+        period = self.duration + _REPEAT_GAP
+        if (count := ceil(seconds / period) * len(self.time)) > _MOST_ROWS:
+            raise InputError(
+                f"a run of {seconds:g} s repeats profile {self.name} until it has {count} rows; allowed are {_MOST_ROWS}"
+            )
+        rows = [(k * period + time, *row) for k in range(ceil(seconds / period)) for time, *row in self._rows()]
+        cut = [row for row in rows if row[0] < seconds]
+        end = self.at(seconds % period)
+        cut.append((seconds, end.torque, end.speed, end.pressure, float(end.request is Request.LOCK)))
+        return Profile(self.name, *zip(*cut, strict=True))
+
+    @property
+    def _columns(self) -> tuple[Sequence[float], ...]:
+        return self.time, self.torque, self.speed, self.pressure, self.lock
+
+    def _rows(self) -> Iterator[tuple[float, ...]]:
+        return zip(*self._columns, strict=True)
+
+
+def load_profile(name: str, seconds: float | None = None) -> Profile:
+    """A profile by file path, or by name from the ones that come with the rig, `lasting` some seconds if given.
+
+    Raises InputError.
+    """
+    path = Path(name) if name.endswith(".csv") else FOLDER / f"{name}.csv"
+    if not path.is_file():
+        if Path(name).is_file():
+            raise InputError(f"profile {name!r} has another suffix; a profile file ends with .csv")
+        known = listing(p.stem for p in FOLDER.glob("*.csv"))
+        raise InputError(f"profile {name!r} does not exist; known are {known}, or the path of a .csv file")
+    columns = read_columns(path, "profile", COLUMNS, OPTIONAL)
+    profile = Profile(path.stem, *(columns.get(name, ()) for name in (*COLUMNS, *OPTIONAL)))
+    return profile if seconds is None else profile.lasting(seconds)
+
+
+def read_columns(path: Path, kind: str, needed: Sequence[str], optional: Sequence[str]) -> dict[str, tuple[float, ...]]:
+    """Columns of a CSV file by name: the `needed` and those `optional` that it has; lines with # are none of them.
+
+    `kind` of file names it in the InputError that is raised for a file that is not as it should be.
+    """
+    try:
+        if (size := path.stat().st_size / 1e6) > _LARGEST:
+            raise InputError(f"{kind} {path} has {size:.0f} MB; allowed are {_LARGEST}")
+        lines = path.read_text(encoding="utf-8").splitlines()
+        rows = csv.reader(line for line in lines if not line.startswith("#"))
+        header = tuple(next(rows, ()))
+        if len(set(header)) < len(header) or not set(needed) <= set(header) <= {*needed, *optional}:
+            raise InputError(
+                f"{kind} {path} has the columns {', '.join(header) or '-'}; needed are {', '.join(needed)}"
+                f" and, if wanted, {', '.join(optional)}"
+            )
+        table = [row for row in rows if row]
+    except OSError as error:
+        raise InputError(f"{kind} {path} cannot be read: {error.strerror}") from None
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{kind} {path} cannot be read: {error}") from None
+    if bad := next((i for i, row in enumerate(table, 1) if len(row) != len(header)), None):
+        raise InputError(f"{kind} {path}, row {bad} has {len(table[bad - 1])} cells; needed are {len(header)}")
+    values = [
+        [_number(cell, f"{kind} {path}, row {i}: {name}") for cell, name in zip(row, header, strict=True)]
+        for i, row in enumerate(table, 1)
+    ]
+    return {name: tuple(row[i] for row in values) for i, name in enumerate(header)}
+
+
+def _number(cell: str, what: str) -> float:
+    """The number in a cell of a table. Raises InputError that names `what` it is."""
+    try:
+        return float(cell)
+    except ValueError:
+        raise InputError(f"{what} is {cell!r}; a number is needed") from None

@@ -1,0 +1,60 @@
+"""Shift profile: what the supervisor asks of two clutches and their common input over time.
+
+A CSV file with the columns `time_s`, `torque_demand_a_nm`, `torque_demand_b_nm`, `input_speed_demand_rad_s` and, if wanted,
+`lock_a` and `lock_b`; straight lines between rows. Each clutch is engaged and locked as in a profile of one clutch
+(profile.py), so it is filled by a small demand.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from plant_sim.profiles.profile import FOLDER, Profile, Setpoint, read_columns
+from protocols.can.two_clutches import CLUTCHES
+
+COLUMNS = ("time_s", "torque_demand_a_nm", "torque_demand_b_nm", "input_speed_demand_rad_s")
+OPTIONAL = ("lock_a", "lock_b")
+
+
+@dataclass(frozen=True)
+class ShiftProfile:
+    """The profiles of clutch a and clutch b, of the same times and speeds."""
+
+    name: str
+    a: Profile
+    b: Profile
+
+    @property
+    def duration(self) -> float:
+        """Time of the last breakpoint [s]."""
+        return self.a.duration
+
+    @property
+    def table(self) -> np.ndarray:
+        """The tables of both, shape (2, 5, rows)."""
+        return np.array([self.a.table, self.b.table])
+
+    def at(self, time: float) -> tuple[Setpoint, Setpoint]:
+        """Set-points of a and b at `time` [s]."""
+        return self.a.at(time), self.b.at(time)
+
+
+def load_shift_profile(name: str, seconds: float | None = None) -> ShiftProfile:
+    """A shift profile by file path, or by name from those that come with the rig, cut to some `seconds` if given.
+
+    Raises InputError.
+    """
+    path = Path(name) if name.endswith(".csv") else FOLDER / f"{name}.csv"
+    columns = read_columns(path, "shift profile", COLUMNS, OPTIONAL)
+    time, speed = columns["time_s"], columns["input_speed_demand_rad_s"]
+    a, b = (
+        Profile(
+            f"{path.stem} of clutch {clutch}", time, columns[f"torque_demand_{clutch}_nm"], speed,
+            lock=columns.get(f"lock_{clutch}", ()),
+        )
+        for clutch in CLUTCHES
+    )  # fmt: skip
+    if seconds is not None:
+        a, b = a.lasting(seconds), b.lasting(seconds)
+    return ShiftProfile(path.stem, a, b)

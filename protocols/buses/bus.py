@@ -1,0 +1,261 @@
+"""Open a bus by name: `vcan0`, `can0` (SocketCAN), `local:NAME` (between processes, no CAN kernel), `auto`.
+
+python-can opens and configures every bus; the loop then reads and writes the raw `struct can_frame` on its socket, at a
+fifth of the cost of a message object (timing.md). Tools (`candump`, `python -m can.viewer`) see an ordinary bus.
+"""
+
+import contextlib
+import errno
+import os
+import select
+import socket
+import struct
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Protocol
+
+import can
+
+from protocols.buses.local_channel import LocalChannel
+from protocols.can.frames import Frame
+from protocols.errors import InputError, listing
+
+AUTO_LOCAL = "local:clutch"  # bus of `auto` where no vcan0 is up
+_CAN_FRAME = struct.Struct("=IB3x8s")  # struct can_frame: identifier and flags, length, data
+_STANDARD_ID = 0x7FF
+_FLAGS = 0xE0000000  # extended, remote, error: never frames of this bench
+# identifier, extended, remote; with the error flag (0x20000000) a filter lets error frames through, and nothing else
+_FILTER_MASK = 0xC0000000 | _STANDARD_ID
+_INTERFACES = Path("/sys/class/net")
+_ARPHRD_CAN = 280  # linux/if_arp.h
+_IFF_UP = 1  # linux/if.h
+_DRAIN_LIMIT = 4096  # frames taken at once, so that a flood cannot hold the loop
+_SO_TIMESTAMPNS = 35  # asm-generic/socket.h: the kernel tells when it took a frame; Python does not name it
+_SO_RCVBUFFORCE = 33
+_RECEIVE_BUFFER = 4 << 20  # bytes: some thousand frames, a second of a full bus
+_FULL = (errno.ENOBUFS, errno.EAGAIN, errno.ENOMEM)
+_TIMESPEC = struct.Struct("=qq")  # s, ns
+_CONTROL = socket.CMSG_SPACE(_TIMESPEC.size)
+
+
+class _RawPort(Protocol):
+    """What carries packed frames. `listener`: where newcomers come, first of the `sockets` to be heard, if they do."""
+
+    @property
+    def listener(self) -> int | None: ...
+
+    @property
+    def changes(self) -> int:
+        """Comings and goings of participants so far."""
+
+    def sockets(self) -> tuple[list[int], list[int]]:
+        """Descriptors to be heard and to be sent to, those who left taken out."""
+
+    def left(self, descriptor: int, refused: int) -> None:
+        """Who is behind a descriptor refused that many frames; 0: has left."""
+
+    def send(self, packed: bytes) -> int:
+        """Send one frame; return 1 when it was refused because a queue is full, else 0."""
+
+    def receive(self) -> list[tuple[int, bytes]]:
+        """Every packed frame that waits, after its time stamp [ns of CLOCK_REALTIME], without blocking."""
+
+    def wait(self, timeout: float) -> bool:
+        """Whether a frame comes within `timeout` [s]."""
+
+    def close(self) -> None:
+        """Leave the bus."""
+
+
+class Port:
+    """A participant's place on a bus, for frames with standard identifiers and up to 8 bytes.
+
+    `sent`, `received`, `refused` (full queues) and `down` (sends while the interface was down) count frames. `stamps`: when
+    the last frame of an identifier came, as the kernel has it (on a local bus: when it was sent) [ns of CLOCK_REALTIME].
+    """
+
+    def __init__(self, name: str, raw: _RawPort) -> None:
+        self.name = name
+        self.sent = self.received = self.refused = self.down = 0
+        self.stamps: dict[int, int] = {}
+        self.raw = raw
+
+    def send(self, frame: Frame) -> None:
+        """Send without waiting; what the bus cannot take is counted, not repeated."""
+        try:
+            self.refused += self.raw.send(_CAN_FRAME.pack(frame.can_id, len(frame.data), frame.data))
+            self.sent += 1
+        except OSError as error:
+            self._unsent(error, 1)
+
+    def lost(self, descriptor: int, error: int, frames: int) -> bool:
+        """Behind a descriptor, the last `frames` of those counted as sent were not taken because of `error` (errno).
+
+        Returns whether nobody is behind it any more. Raises OSError for an error that is no such matter.
+        """
+        if self.raw.listener is None:
+            self.sent -= frames
+            self._unsent(OSError(error, os.strerror(error)), frames)
+        elif error in _FULL:
+            self.refused += frames
+            self.raw.left(descriptor, frames)
+        else:
+            self.raw.left(descriptor, 0)
+            return True
+        return False
+
+    def _unsent(self, error: OSError, frames: int) -> None:
+        if error.errno in _FULL:
+            self.refused += frames
+        elif error.errno in (errno.ENETDOWN, errno.ENXIO, errno.ENODEV):
+            self.down += frames
+        else:
+            raise error
+
+    def receive(self) -> list[Frame]:
+        """Every frame that waits, oldest first, without blocking."""
+        return [frame for _, frame in self.stamped()]
+
+    def stamped(self) -> list[tuple[int, Frame]]:
+        """The same, each after its stamp [ns of CLOCK_REALTIME]."""
+        frames = []
+        for stamp, packed in self.raw.receive():
+            if len(packed) == _CAN_FRAME.size:
+                can_id, length, data = _CAN_FRAME.unpack(packed)
+                if not can_id & _FLAGS:
+                    can_id &= _STANDARD_ID
+                    self.stamps[can_id] = stamp
+                    frames.append((stamp, Frame(can_id, data[:length])))
+        self.received += len(frames)
+        return frames
+
+    def wait(self, timeout: float) -> bool:
+        """Whether a frame comes within `timeout` [s]."""
+        return self.raw.wait(timeout)
+
+    def counts(self) -> dict[str, int]:
+        """The four counters by name."""
+        return {name: getattr(self, name) for name in ("sent", "received", "refused", "down")}
+
+    def close(self) -> None:
+        """Leave the bus."""
+        self.raw.close()
+
+    def __enter__(self) -> "Port":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+class _LocalPort:
+    def __init__(self, channel: LocalChannel) -> None:
+        self._channel = channel
+        self.wait, self.close, self.listener = channel.wait, channel.close, channel.listener
+        self.sockets, self.left = channel.sockets, channel.left
+
+    @property
+    def changes(self) -> int:
+        return self._channel.changes
+
+    def send(self, packed: bytes) -> int:
+        return 1 if self._channel.send(packed) else 0
+
+    def receive(self) -> list[tuple[int, bytes]]:
+        return self._channel.receive()
+
+
+class _SocketCanPort:
+    listener = None
+    changes = 0
+
+    def __init__(self, bus: can.BusABC) -> None:
+        self._bus = bus
+        self._socket = bus.socket  # type: ignore[attr-defined]
+        self._socket.setblocking(False)
+        self._socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+        for option in (socket.SO_RCVBUF, _SO_RCVBUFFORCE):  # the latter beyond net.core.rmem_max, for root
+            with contextlib.suppress(PermissionError):
+                self._socket.setsockopt(socket.SOL_SOCKET, option, _RECEIVE_BUFFER)
+
+    def send(self, packed: bytes) -> int:
+        self._socket.send(packed)
+        return 0
+
+    def receive(self) -> list[tuple[int, bytes]]:
+        frames: list[tuple[int, bytes]] = []
+        while len(frames) < _DRAIN_LIMIT:
+            try:
+                packed, told, _, _ = self._socket.recvmsg(_CAN_FRAME.size, _CONTROL)
+                seconds, nanoseconds = _TIMESPEC.unpack(told[0][2]) if told else (0, time.time_ns())
+                frames.append((seconds * 1_000_000_000 + nanoseconds, packed))
+            except BlockingIOError:
+                break
+            except OSError as error:
+                if error.errno != errno.ENETDOWN:  # told once, before what is queued; the socket lives on
+                    raise
+        return frames
+
+    def wait(self, timeout: float) -> bool:
+        return bool(select.select([self._socket], [], [], timeout)[0])
+
+    def sockets(self) -> tuple[list[int], list[int]]:
+        own = [self._socket.fileno()]
+        return own, own
+
+    def left(self, descriptor: int, refused: int) -> None:
+        """Nobody is behind a CAN socket: what it does not take is the kernel's matter (`Port.lost`)."""
+
+    def close(self) -> None:
+        self._bus.shutdown()
+
+
+def resolve(name: str) -> str:
+    """`auto` becomes vcan0 where it is up, else a local bus; other names stay."""
+    if name != "auto":
+        return name
+    return "vcan0" if "vcan0" in _can_interfaces(only_up=True) else AUTO_LOCAL
+
+
+def open_bus(name: str, only: Sequence[int] | None = None) -> Port:
+    """Open a bus by name. Raises InputError when there is none of that name or it is down.
+
+    `only`: identifiers that are wanted; where there is a kernel filter, other frames do not wake anybody.
+    """
+    name = resolve(name)
+    try:
+        if name.startswith("local:"):
+            return Port(name, _LocalPort(LocalChannel(name.removeprefix("local:"))))
+        if name not in _can_interfaces():
+            known = listing([*_can_interfaces(), "local:NAME", "auto"])
+            raise InputError(f"bus {name!r} does not exist; there are {known}")
+        if name not in _can_interfaces(only_up=True):
+            raise InputError(f"bus {name} is down; bring it up with: ip link set {name} up")
+        filters = [{"can_id": i, "can_mask": _FILTER_MASK} for i in only or ()] or None
+        return Port(name, _SocketCanPort(can.Bus(interface="socketcan", channel=name, can_filters=filters)))
+    except (can.CanError, OSError, ValueError) as error:
+        raise InputError(f"bus {name} cannot be opened: {error}") from None
+
+
+def listen(port: Port, seconds: float) -> list[Frame]:
+    """Every frame that comes within `seconds`."""
+    frames, end = [], time.monotonic() + seconds
+    while (left := end - time.monotonic()) > 0.0:
+        if port.wait(left):
+            frames += port.receive()
+    return frames
+
+
+def _can_interfaces(only_up: bool = False) -> list[str]:
+    """SocketCAN interfaces of this machine."""
+    names = []
+    for folder in _INTERFACES.glob("*"):
+        try:
+            is_can = int((folder / "type").read_text()) == _ARPHRD_CAN
+            up = int((folder / "flags").read_text(), 16) & _IFF_UP
+        except (OSError, ValueError):
+            continue
+        if is_can and (up or not only_up):
+            names.append(folder.name)
+    return sorted(names)

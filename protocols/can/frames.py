@@ -1,0 +1,179 @@
+"""Frames: `clutch_rig.dbc` compiled once into pack and unpack functions that cost about a microsecond.
+
+cantools reads and checks the DBC; the loop runs generated code on one integer a frame. Agreement with cantools on
+random values is a test (tests/protocols/test_frames.py).
+"""
+
+from collections import namedtuple
+from collections.abc import Callable
+from keyword import iskeyword
+from math import floor, isfinite
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import cantools.database
+from cantools.database.can import Database, Message, Signal
+from e2e.crc import calculate_crc8
+
+from protocols.can.two_clutches import CLUTCHES, of_clutch
+from protocols.errors import InputError, listing
+
+DBC = Path(__file__).with_name("clutch_rig.dbc")
+COUNTER_MODULUS = 16  # 4-bit alive counter
+
+# Every frame starts alike: where its protection stands.
+_CRC = ("CRC", 0, 8)
+_COUNTER = ("COUNTER", 8, 4)
+# What the processes use; a DBC without one of these is not this bench's.
+REQUIRED = (
+    "VALVE_COMMAND", "MOTOR_COMMAND", "ANALOG_SENSORS", "ENCODER", "TORQUE_SETPOINT",
+    "CONTROLLER_STATUS", "PLANT_STATUS", "CONTROLLER_HEARTBEAT", "PLANT_HEARTBEAT",
+)  # fmt: skip
+
+
+class Frame(NamedTuple):
+    """A frame as nodes exchange it: CAN identifier and payload bytes."""
+
+    can_id: int
+    data: bytes
+
+
+class FrameCodec:
+    """One frame of the DBC, compiled.
+
+    `pack(counter, *values)` takes physical values in the order of `signals` (or by lower-case name) and returns the
+    payload with CRC and counter, `pack_raw` takes raw integers; both raise InputError for a value outside the raw range.
+    `unpack(data)` returns a namedtuple of physical values, `raw(data)` of raw integers; neither checks: `valid` does.
+    """
+
+    def __init__(self, message: Message) -> None:
+        self.name: str = message.name
+        self.can_id: int = message.frame_id
+        self.length: int = message.length
+        self.sender: str = message.senders[0] if message.senders else "-"
+        self.cycle_time: float = (message.cycle_time or 0) / 1000.0  # s
+        self.comment: str = message.comment or ""
+        self.definitions: list[Signal] = sorted(message.signals, key=lambda signal: signal.start)
+        payload = [signal for signal in self.definitions if signal.name not in ("CRC", "COUNTER")]
+        self.signals: tuple[str, ...] = tuple(signal.name.lower() for signal in payload)
+        self.scale = {signal.name.lower(): float(signal.scale) for signal in payload}  # unit a count, by signal
+        functions = _compile(self.name, self.length, payload)
+        self.pack: Callable[..., bytes] = functions["pack"]
+        self.pack_raw: Callable[..., bytes] = functions["pack_raw"]
+        self.unpack: Callable[[bytes], Any] = functions["unpack"]
+        self.raw: Callable[[bytes], Any] = functions["raw"]
+
+    def choices(self, signal: str) -> dict[int, str]:
+        """Names of the values of a signal, given in lower case; with spaces, for people."""
+        (definition,) = (one for one in self.definitions if one.name.lower() == signal)
+        return {int(value): str(name).replace("_", " ") for value, name in (definition.choices or {}).items()}
+
+    def valid(self, data: bytes) -> bool:
+        """Whether the CRC of `data` is right."""
+        return calculate_crc8(data[1:]) == data[0]
+
+    def counter(self, data: bytes) -> int:
+        """Alive counter, 0..15."""
+        return data[1] & 15
+
+
+def load_frames(path: Path = DBC, clutch: str = "a") -> dict[str, FrameCodec]:
+    """Compile every frame of a DBC as `clutch` has it, by its name in the DBC. Raises InputError naming file, frame, signal.
+
+    Where there is one clutch, it is clutch a.
+    """
+    try:
+        database = cantools.database.load_file(path)
+    except FileNotFoundError:
+        raise InputError(f"DBC {path} does not exist") from None
+    except Exception as error:  # cantools raises many kinds
+        raise InputError(f"DBC {path} is malformed: {' '.join(str(error).split())}") from None
+    if not isinstance(database, Database):
+        raise InputError(f"{path} is not a CAN database")
+    messages = {message.name: message for message in database.messages}
+    if missing := [name for name in REQUIRED if name not in messages]:
+        raise InputError(f"DBC {path} lacks the frame {missing[0]}; it has {listing(messages)}")
+    for message in messages.values():
+        _check(path, message)
+    return {name: FrameCodec(of_clutch(message, clutch)) for name, message in messages.items()}
+
+
+def bus_frames(path: Path = DBC, clutches: int = 1) -> list[FrameCodec]:
+    """Every frame on a bus with one or two `clutches`, highest priority first. Raises InputError as `load_frames`."""
+    frames = {codec.can_id: codec for name in CLUTCHES[:clutches] for codec in load_frames(path, name).values()}
+    return [frames[can_id] for can_id in sorted(frames)]
+
+
+def _check(path: Path, message: Message) -> None:
+    where = f"DBC {path}: frame {message.name}"
+    if not 2 <= message.length <= 8:
+        raise InputError(f"{where} has {message.length} bytes; allowed are 2 to 8")
+    signals = {signal.name: signal for signal in message.signals}
+    for name, start, length in (_CRC, _COUNTER):
+        signal = signals.get(name)
+        if signal is None or (signal.start, signal.length, signal.byte_order) != (start, length, "little_endian"):
+            raise InputError(f"{where} needs the signal {name} : {start}|{length}@1+")
+    for signal in message.signals:
+        if iskeyword(signal.name.lower()) or signal.name.startswith("_"):
+            raise InputError(f"{where}: signal name {signal.name} cannot be used; rename it")
+        if signal.byte_order != "little_endian" or signal.is_float or signal.is_multiplexer or signal.multiplexer_ids:
+            raise InputError(f"{where}: signal {signal.name} must be a plain little-endian integer")
+
+
+def _compile(name: str, length: int, signals: list[Signal]) -> dict[str, Any]:
+    """Generate `pack`, `pack_raw`, `unpack` and `raw` for the payload signals of a frame.
+
+    The scaling stands in one visible line each way: raw = floor((value - offset) / scale + 0.5), value = raw * scale + offset.
+    """
+    names = [signal.name.lower() for signal in signals]
+    pack_raw = [f"def pack_raw(_counter, {', '.join(names)}):", " _word = (_counter & 15) << 8"]
+    scaled, raws, values = [], [], []
+    for index, (signal, value) in enumerate(zip(signals, names, strict=True)):
+        mask, sign = (1 << signal.length) - 1, 1 << signal.length - 1
+        low, high = (-sign, sign - 1) if signal.is_signed else (0, mask)
+        scale, offset = float(signal.scale), float(signal.offset)
+        plain = scale == 1.0 and offset == 0.0
+        scaled.append(f"_floor({value if plain else f'({value} - {offset!r}) / {scale!r}'} + 0.5)")
+        pack_raw += [
+            f" if not {low} <= {value} <= {high}: _refuse({index}, {value} * {scale!r} + {offset!r})",
+            f" _word |= ({value} & {mask}) << {signal.start}",
+        ]
+        bits = f"(_word >> {signal.start} & {mask})"
+        raws.append(f"({bits} ^ {sign}) - {sign}" if signal.is_signed else bits)
+        values.append(raws[-1] if plain else f"({raws[-1]}) * {scale!r} + {offset!r}")
+    source = [
+        *pack_raw,
+        f" _data = _word.to_bytes({length}, 'little')",
+        " return bytes((_crc8(_data[1:]),)) + _data[1:]",
+        f"def pack(_counter, {', '.join(names)}):",
+        " try:",
+        f"  return pack_raw(_counter, {', '.join(scaled)})",
+        " except (ValueError, OverflowError):",  # not a number, infinite
+        *(f"  if not _isfinite({value}): _refuse({index}, {value})" for index, value in enumerate(names)),
+        "  raise",
+        "def unpack(_data):",
+        " _word = _int_from(_data, 'little')",
+        f" return _Signals({', '.join(values)})",
+        "def raw(_data):",
+        " _word = _int_from(_data, 'little')",
+        f" return _Signals({', '.join(raws)})",
+    ]
+
+    def refuse(index: int, value: float) -> None:
+        signal = signals[index]
+        half = 1 << signal.length - 1
+        limits = (-half, half - 1) if signal.is_signed else (0, 2 * half - 1)
+        least, most = (float(raw * signal.scale + signal.offset) for raw in limits)
+        unit = f" {signal.unit}" if signal.unit else ""
+        raise InputError(f"{name}.{signal.name} = {value:.10g}{unit} is outside {least:.10g}..{most:.10g}{unit}")
+
+    scope: dict[str, Any] = {
+        "_floor": floor,
+        "_isfinite": isfinite,
+        "_crc8": calculate_crc8,
+        "_int_from": int.from_bytes,
+        "_refuse": refuse,
+        "_Signals": namedtuple(name, names),
+    }
+    exec(compile("\n".join(source), f"<frame {name}>", "exec"), scope)
+    return scope

@@ -1,0 +1,173 @@
+"""Parameter files: TOML in which every number has a unit, a source, an uncertainty and bounds.
+
+A defaults file declares the parameters, one line each:
+
+    [clutch]
+    coulomb_slope = { value = 10.8, unit = "Nm/bar", uncertainty = 0.3, bounds = [1.0, 100.0], source = "Table 6.4" }
+
+A user's file changes some of them, `coulomb_slope = 11.5` in the declared unit, or an inline table to change more fields.
+"""
+
+import reprlib
+import sys
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import inf, isfinite
+from pathlib import Path
+from typing import Any
+
+from protocols.errors import InputError, closest
+from protocols.files.units import to_si
+
+_FIELDS = ("value", "unit", "uncertainty", "bounds", "source")
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number with its provenance; `uncertainty` (one standard deviation) and `bounds` are in the same `unit`."""
+
+    name: str
+    value: float
+    unit: str
+    uncertainty: float
+    bounds: tuple[float, float]
+    source: str
+
+    def __post_init__(self) -> None:
+        """Raise InputError when the value breaks its bounds or the unit is unknown."""
+        to_si(self.value, self.unit)
+        low, high = self.bounds
+        if not (isfinite(self.value) and low <= self.value <= high):
+            unit = "" if self.unit == "1" else f" {self.unit}"
+            raise InputError(f"parameter {self.name} = {self.value:g}{unit} breaks {low:g} <= value <= {high:g}")
+        if not 0.0 <= self.uncertainty < inf:
+            raise InputError(f"parameter {self.name} has uncertainty {self.uncertainty:g}; allowed is 0 or more")
+        if not self.source.strip():
+            raise InputError(f"parameter {self.name} has no source; say where its value comes from")
+
+    @property
+    def si(self) -> float:
+        """The value in SI units."""
+        return to_si(self.value, self.unit)
+
+
+class ParameterSet(Mapping[str, Parameter]):
+    """Parameters by dotted name (`clutch.coulomb_slope`), immutable; changes give a new set."""
+
+    def __init__(self, parameters: Mapping[str, Parameter]) -> None:
+        self._parameters = dict(parameters)
+
+    def __getitem__(self, name: str) -> Parameter:
+        try:
+            return self._parameters[name]
+        except KeyError:
+            raise InputError(f"parameter {name!r} is unknown; {closest(name, self._parameters)}") from None
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._parameters)
+
+    def __len__(self) -> int:
+        return len(self._parameters)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._parameters
+
+    def with_values(self, values: Mapping[str, float]) -> "ParameterSet":
+        """A copy with new `values` by dotted name, each in its declared unit. Raises InputError."""
+        changed = {name: replace(self[name], value=_number(name, value)) for name, value in values.items()}
+        copy = ParameterSet(self._parameters | changed)
+        copy.__dict__["_groups"] = self._groups  # the names are the same
+        return copy
+
+    def si(self, group: str) -> dict[str, float]:
+        """SI values of one group, by short name."""
+        return {short: self._parameters[name].si for name, short in self._groups.get(group, ())}
+
+    @cached_property
+    def _groups(self) -> dict[str, list[tuple[str, str]]]:
+        """(dotted name, short name) of the parameters of each group."""
+        groups: dict[str, list[tuple[str, str]]] = {}
+        for name in self._parameters:
+            group, _, short = name.partition(".")
+            groups.setdefault(group, []).append((name, short))
+        return groups
+
+    def as_values(self) -> dict[str, float]:
+        """Values by dotted name, each in its declared unit: what a run file keeps."""
+        return {name: parameter.value for name, parameter in self._parameters.items()}
+
+
+def load_defaults(path: Path) -> ParameterSet:
+    """Read a file that declares parameters completely. Raises InputError naming the file and the entry."""
+    parameters = {}
+    for name, entry in _entries(path):
+        if not isinstance(entry, dict) or sorted(entry) != sorted(_FIELDS):
+            raise InputError(f"{path}: {name} must be a table with exactly the fields {', '.join(_FIELDS)}")
+        parameters[name] = _parameter(path, name, entry)
+    return ParameterSet(parameters)
+
+
+def named_in(path: Path) -> tuple[str, ...]:
+    """Dotted names of the parameters that a user's file changes. Raises InputError naming the file."""
+    return tuple(name for name, _ in _entries(path))
+
+
+def load_overlay(path: Path, defaults: ParameterSet) -> ParameterSet:
+    """`defaults` changed by a user's file, which may name any subset. Raises InputError naming the file and the entry."""
+    changed = dict(defaults)
+    for name, entry in _entries(path):
+        try:
+            declared = defaults[name]
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
+        fields = entry if isinstance(entry, dict) else {"value": entry}
+        if unknown := set(fields) - set(_FIELDS):
+            raise InputError(f"{path}: {name} has the unknown field {min(unknown)!r}; allowed are {', '.join(_FIELDS)}")
+        if fields.get("unit", declared.unit) != declared.unit:
+            raise InputError(f"{path}: {name} is given in {fields['unit']!r}; its unit is {declared.unit!r}")
+        changed[name] = _parameter(path, name, {f: getattr(declared, f) for f in _FIELDS} | fields)
+    return ParameterSet(changed)
+
+
+def _entries(path: Path) -> Iterator[tuple[str, Any]]:
+    """(dotted name, entry) of every line of every `[group]`."""
+    try:
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(f"parameter file {path} does not exist") from None
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise InputError(f"parameter file {path} cannot be read: {error}") from None
+    for group, entries in document.items():
+        if not isinstance(entries, dict):
+            raise InputError(f"{path}: {group} stands outside a [group]")
+        for name, entry in entries.items():
+            yield f"{group}.{name}", entry
+
+
+def _parameter(path: Path, name: str, entry: Mapping[str, Any]) -> Parameter:
+    try:
+        bounds = entry["bounds"]
+        if not isinstance(bounds, (list, tuple)) or len(bounds) != 2:
+            raise InputError(f"parameter {name} has bounds {bounds!r}; allowed is [low, high]")
+        low, high = (_number(name, bound) for bound in bounds)
+        if not low <= high:
+            raise InputError(f"parameter {name} has bounds [{low:g}, {high:g}]; allowed is [low, high]")
+        allowed = f"a number is needed, in {entry['unit']}, {low:g} <= value <= {high:g}"
+        return Parameter(
+            name=name,
+            value=_number(name, entry["value"], allowed),
+            unit=str(entry["unit"]),
+            uncertainty=_number(name, entry["uncertainty"]),
+            bounds=(low, high),
+            source=str(entry["source"]),
+        )
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def _number(name: str, value: object, allowed: str = "a number is needed") -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or sys.float_info.max < abs(value) < inf:
+        raise InputError(f"parameter {name} is {reprlib.repr(value)}; {allowed}")
+    return float(value)

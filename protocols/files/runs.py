@@ -1,0 +1,177 @@
+"""Run files: one row a sample at a constant rate, as Parquet, ASAM MF4 (measurement.py) or CSV; MATLAB files (matlab.py) in.
+
+The columns of rig.md come first; controller terms (`controller_...`), plant truth (`truth_...`) and anything else follow
+and are kept. Metadata are JSON values by key. A CSV has neither units nor metadata.
+"""
+
+import contextlib
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet as pq
+
+from protocols.errors import InputError, listing
+from protocols.files import matlab, measurement
+from protocols.files.arrow import from_rows, numbers
+from protocols.files.run import Run, parsed, whole_file
+from protocols.node import Column
+
+REQUIRED = (
+    "time_s", "valve_voltage_v", "motor_speed_demand_rad_s", "cylinder_pressure_bar", "slip_speed_rad_s",
+    "shaft_angle_rad", "oil_temperature_degc", "clutch_torque_nm", "motor_torque_nm",
+)  # fmt: skip
+SUFFIXES = (".parquet", ".mf4", ".csv")
+_TIME_TOLERANCE = 0.01  # of a sample period: times are written as decimal seconds
+
+
+class RunWriter:
+    """Write a run in pieces. The file gets its name only when the run is complete: nothing half-written is left.
+
+    Use as a context manager; leaving it by an exception, or without `finish`, removes what was written.
+    """
+
+    def __init__(self, path: Path, columns: Sequence[Column]) -> None:
+        self._path, self._part = path, path.with_name(path.name + ".part")
+        self._schema = pa.schema(
+            [pa.field(c.name, pa.float64(), metadata={"unit": c.unit, "meaning": c.meaning}) for c in columns]
+        )
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._writer = pq.ParquetWriter(self._part, self._schema, compression="zstd")
+        except OSError as error:
+            raise InputError(f"run file {path} cannot be written: {error}") from None
+        self._finished = False
+
+    def append(self, rows: np.ndarray) -> None:
+        """Add `rows`, shape (samples, columns)."""
+        if len(rows):
+            try:
+                self._writer.write_table(pa.table(from_rows(rows), schema=self._schema))
+            except OSError as error:
+                raise InputError(f"run file {self._path} cannot be written: {error}") from None
+
+    def finish(self, metadata: Mapping[str, Any]) -> None:
+        """Add metadata and give the file its name."""
+        self._writer.add_key_value_metadata({name: json.dumps(value) for name, value in metadata.items()})
+        try:
+            self._writer.close()
+            self._part.rename(self._path)
+        except OSError as error:
+            raise InputError(f"run file {self._path} cannot be written: {error}") from None
+        self._finished = True
+
+    def __enter__(self) -> "RunWriter":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if not self._finished:
+            with contextlib.suppress(OSError):  # a full disk is what brought us here
+                self._writer.close()
+            self._part.unlink(missing_ok=True)
+
+
+def read_run(path: Path, required: Sequence[str] = REQUIRED) -> Run:
+    """Read and check a run with the columns `required`. Raises InputError naming the file, the column and the first bad row."""
+    run = read_columns(path)
+    check_columns(path, run.columns, required)
+    return run
+
+
+def read_columns(path: Path) -> Run:
+    """The numbers in a run file as they stand there, unchecked. Raises InputError for a file that cannot be read."""
+    if path.suffix == ".mf4":
+        return measurement.read_mf4(path)
+    if path.suffix == ".mat":
+        return matlab.read_mat(path)
+    return _read_table(path)
+
+
+def write_run(run: Run, path: Path) -> None:
+    """Write a run as the suffix of `path` says. Raises InputError; nothing half-written is left."""
+    if path.suffix == ".mf4":
+        measurement.write_mf4(run, path)
+    elif path.suffix == ".csv":
+        with whole_file(path) as part:
+            pyarrow.csv.write_csv(pa.table(dict(run.columns)), part)
+    elif path.suffix == ".parquet":
+        with RunWriter(path, run.described()) as writer:
+            writer.append(np.column_stack(list(run.columns.values())))
+            writer.finish(run.metadata)
+    else:
+        raise InputError(f"run {path} cannot be written as {path.suffix!r}; allowed are {listing(SUFFIXES)}")
+
+
+def _read_table(path: Path) -> Run:
+    raw: dict[bytes, bytes] = {}
+    try:
+        if path.suffix == ".csv":
+            table = pyarrow.csv.read_csv(path)
+        else:
+            file = pq.ParquetFile(path)
+            table, raw = file.read(), file.metadata.metadata or {}
+    except FileNotFoundError:
+        raise InputError(f"run {path} does not exist") from None
+    except (OSError, pa.ArrowException) as error:
+        raise InputError(f"run {path} cannot be read: {error}") from None
+    metadata = {_text(k): parsed(_text(v)) for k, v in raw.items() if not k.startswith(b"ARROW")}
+    columns: dict[str, np.ndarray] = {}
+    said: dict[bytes, dict[str, str]] = {b"unit": {}, b"meaning": {}}
+    for column, described in zip(table.columns, table.schema, strict=True):
+        name = described.name
+        if name in columns:
+            raise InputError(f"run {path} has the column {name} twice")
+        if pa.types.is_floating(column.type) or pa.types.is_integer(column.type):
+            columns[name] = numbers(column)
+            for key, texts in said.items():
+                if text := (described.metadata or {}).get(key):
+                    texts[name] = _text(text)
+        elif name in REQUIRED:
+            raise InputError(f"run {path}: {name} is not a number in row {_first_text(column)}")
+    return Run(columns, metadata, said[b"unit"], said[b"meaning"])
+
+
+def check_columns(path: Path, columns: Mapping[str, np.ndarray], required: Sequence[str], steady: bool = True) -> None:
+    """Raise InputError for columns that make no run, naming `path`, column and first bad row.
+
+    They lack one of `required`, have unequal lengths, hold what is no number, or their time does not increase by equal
+    steps; where not `steady`, by steps of any size.
+    """
+    for name in required:
+        if name not in columns:
+            raise InputError(f"run {path} lacks the column {name}")
+    for name, values in columns.items():
+        if len(values) != (rows := len(columns["time_s"])):
+            raise InputError(f"run {path}: {name} has {len(values)} rows, time_s has {rows}")
+    for name in required:
+        if len(bad := np.flatnonzero(~np.isfinite(columns[name]))):
+            raise InputError(f"run {path}: {name} is not a number in row {bad[0]}")
+    time = columns["time_s"]
+    if len(time) < 2:
+        raise InputError(f"run {path} has {len(time)} rows; at least 2 are needed")
+    steps = np.diff(time)
+    if len(bad := np.flatnonzero(steps <= 0.0)):
+        raise InputError(f"run {path}: time_s does not increase in row {bad[0] + 1}")
+    if steady and len(bad := np.flatnonzero(np.abs(steps - steps[0]) > _TIME_TOLERANCE * steps[0])):
+        raise InputError(f"run {path}: the sample rate changes in row {bad[0] + 1}")
+
+
+def _text(raw: bytes) -> str:
+    return raw.decode(errors="replace")  # files of others may hold anything
+
+
+def _first_text(column: pa.ChunkedArray) -> int:
+    """First row of a column whose cell is no number."""
+    for row, cell in enumerate(column.to_pylist()):
+        try:
+            float(cell)
+        except (TypeError, ValueError):
+            return row
+    return 0

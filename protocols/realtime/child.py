@@ -1,0 +1,49 @@
+"""Child: a process of ours that does not outlive the one that started it."""
+
+import ctypes
+import signal
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from typing import IO
+
+_LIBC = ctypes.CDLL(None)  # before a fork, in which another thread may hold the loader's lock
+_PR_SET_PDEATHSIG = 1  # linux/prctl.h
+
+
+def clutch_hil(*arguments: str) -> list[str]:
+    """The command line of `clutch-hil ARGUMENTS...` with this interpreter."""
+    return module("clutch_hil", *arguments)
+
+
+def module(name: str, *arguments: str) -> list[str]:
+    """The command line of the module `name` with this interpreter."""
+    # -P: modules of the folder we are in must not stand in for ours
+    return [sys.executable, "-P", "-m", name, *arguments]
+
+
+def spawn(
+    command: Sequence[str],
+    output: IO[str] | int | None = None,
+    environment: Mapping[str, str] | None = None,
+    when_parent_dies: signal.Signals = signal.SIGTERM,
+    keep: Sequence[int] = (),
+) -> "subprocess.Popen[bytes]":
+    """Start a process in a session of its own, so that Ctrl-C is ours; `output` takes stdout and stderr, as of Popen.
+
+    It keeps the descriptors `keep`. It is sent `when_parent_dies` when the thread that called this ends.
+    """
+
+    def die_with_parent() -> None:
+        _LIBC.prctl(_PR_SET_PDEATHSIG, when_parent_dies)
+
+    return subprocess.Popen(
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=output,
+        stderr=output,
+        env=environment,
+        pass_fds=keep,
+        start_new_session=True,
+        preexec_fn=die_with_parent,
+    )

@@ -1,0 +1,143 @@
+"""Tuning: parameters of a running node, described for people and changed between two cycles, all of a request or none.
+
+A change acts at once, or, on a node that takes injections, at a time and along a ramp.
+"""
+
+import json
+import time
+from collections.abc import Mapping
+from typing import Any, Protocol, runtime_checkable
+
+from protocols.errors import InputError
+from protocols.files.parameters import ParameterSet
+from protocols.realtime.mailbox import Mailbox
+
+
+class Tunable(Protocol):
+    """A node whose parameters can be changed while it runs."""
+
+    @property
+    def parameters(self) -> ParameterSet:
+        """What it says of them."""
+        ...
+
+    def fixed(self, name: str) -> str | None:
+        """Why a parameter cannot be changed while the node runs; None when it can."""
+
+    def tune(self, values: Mapping[str, float]) -> None:
+        """Change parameters, each in its declared unit; all or none. Raises InputError."""
+
+
+@runtime_checkable
+class Injectable(Protocol):
+    """A tunable node that also takes changes for a time to come.
+
+    A change is told as {"name", "unit", "old", "new", "at", "ramp", "row"}: it begins at `at` [s of the node's time], in the
+    row of its record with that number, and is made after `ramp` [s].
+    """
+
+    @property
+    def blind(self) -> bool:
+        """Whether nobody is to know what the node is."""
+        ...
+
+    @property
+    def planned(self) -> list[dict[str, Any]]:
+        """Changes that have not begun."""
+        ...
+
+    @property
+    def injected(self) -> list[dict[str, Any]]:
+        """Those that have."""
+        ...
+
+    def accept(self, values: Mapping[str, float], when: Mapping[str, float]) -> list[dict[str, Any]]:
+        """Plan a change of parameters to `values`; return the changes planned for it. All or none: raises InputError."""
+        ...
+
+
+def described(node: Tunable, shipped: ParameterSet) -> list[dict[str, Any]]:
+    """Every parameter of a node with its default, for the `parameters` key (telemetry/keys.py)."""
+    return [
+        {
+            "name": name,
+            "value": parameter.value,
+            "unit": parameter.unit,
+            "type": "number",
+            "bounds": list(parameter.bounds),
+            "source": parameter.source,
+            "default": shipped[name].value,
+            "uncertainty": parameter.uncertainty,
+            "fixed": node.fixed(name),
+        }
+        for name, parameter in node.parameters.items()
+    ]
+
+
+class Tuning:
+    """Makes the changes that come by a mailbox; `changes` are those made at once, `count` how many parameters have changed.
+
+    A request is JSON: `values` by name, `until`, the time of CLOCK_MONOTONIC [s] from when on it is refused, and, for an
+    injection, `when` (keys.py). The answer tells those `changed` or `accepted`, the next `row`, and all that are `planned`.
+    """
+
+    def __init__(self, node: Tunable, mailbox: Mailbox) -> None:
+        self.changes: list[dict[str, Any]] = []
+        self._node, self._mailbox = node, mailbox
+        self._injectable = node if isinstance(node, Injectable) else None
+        self.waiting = mailbox.waiting
+
+    @property
+    def count(self) -> int:
+        """Parameters changed so far, as far as anybody may know."""
+        return len(self.changes) + (0 if self.blind else len(self.injections))
+
+    @property
+    def injections(self) -> list[dict[str, Any]]:
+        """Changes by injections that have begun."""
+        return self._injectable.injected if self._injectable else []
+
+    @property
+    def blind(self) -> bool:
+        """Whether nobody is to know what the node is."""
+        return self._injectable is not None and self._injectable.blind
+
+    @property
+    def openly_planned(self) -> list[dict[str, Any]]:
+        """Changes by injections that have not begun, as far as anybody may know."""
+        return self._injectable.planned if self._injectable and not self.blind else []
+
+    def act(self, row: int) -> None:
+        """Make the waiting change; `row` is the number of the first row of the record in which it acts."""
+        answer: dict[str, Any]
+        try:
+            request = json.loads(self._mailbox.request())
+            if time.monotonic() > request["until"]:  # who asked has gone, and was told that nothing would change
+                raise InputError("the change came too late")
+            if "when" in request:
+                answer = {"accepted": self._accepted(request["values"], request["when"])}
+            else:
+                answer = {"changed": self._changed(request["values"], row)}
+        except InputError as error:
+            answer = {"refused": str(error)}
+        self._mailbox.answer(json.dumps(answer | {"row": row, "planned": self.openly_planned}))
+
+    def _changed(self, values: Mapping[str, float], row: int) -> list[dict[str, Any]]:
+        before = self._node.parameters
+        if reasons := [reason for name in values if (reason := self._node.fixed(name))]:
+            raise InputError(reasons[0])
+        self._node.tune(values)
+        after = self._node.parameters
+        changed = [
+            {"name": n, "old": before[n].value, "new": after[n].value, "unit": before[n].unit, "row": row}
+            for n in values
+        ]
+        self.changes += changed
+        return changed
+
+    def _accepted(self, values: Mapping[str, float], when: Mapping[str, float]) -> list[dict[str, Any]]:
+        if not self._injectable:
+            raise InputError(
+                "only the plant takes a change for a time to come or along a ramp; allowed here is a change at once"
+            )
+        return self._injectable.accept(values, when)

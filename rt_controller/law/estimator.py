@@ -1,0 +1,95 @@
+"""Torque estimator: the normal-load dependent part of the XGMS model (eq. 6.9) driven by measured pressure, slip, temperature.
+
+Equation        sliding     M_sim = level M_C(p) m + (level + viscous) sign(omega) C_v(p) r_T |omega|^gamma
+                            m' = sign(omega) C (1 - m/s_n), s_n carrying the sign of omega
+                standing    M = what is applied, within -level M_C .. level M_C: plates that do not slide build nothing up (GMS:
+                            stick dF/dt = k omega, slip from |F| = s(0) = M_C on; here k -> infinity); m is the share carried
+                turning     the plates stand once m can go, within a step T, to the share that is applied: at standstill s_n = 1
+                            and sign(omega) is any number in [-1, 1] (Filippov)
+Assumptions     measured pressure is the pressure on the plates; one element (sec. 6.2.3)
+Valid range     p 2.7..4.2 bar, 0..250 rpm either way, oil above 35 degC
+Not modelled    pre-sliding (presliding.py), seal friction, direction of the stroke
+References      Janssens 2010, sec. 5.2, eqs 6.2, 6.3, 6.6, 6.9, Tables 6.1, 6.4, 6.5; `level` and `viscous` are ours
+                (adaptation.py, trim.py)
+"""
+
+from math import exp, log10
+
+from numba import njit
+
+from rt_controller.law.record import floats
+
+# The controller's calibration of the clutch; SI units (Pa, K, Nm, rad/s), names as in `controller.toml`
+MODEL = floats(
+    "coulomb_slope", "coulomb_intercept", "viscous_slope", "viscous_intercept", "beta_inf", "beta_onset", "beta_scale",
+    "stribeck_speed", "viscous_exponent", "attraction", "contact_pressure", "piston_lag", "oil_slope", "oil_offset",
+    "oil_origin", "oil_reference", "oil_viscous_gain", "motor_inertia", "motor_gain",
+)  # fmt: skip
+
+
+@njit
+def viscosity_ratio(model, temperature):
+    """Factor r_T [-] of the viscous torque at `temperature` [K]."""
+    A, B, T_0 = model.oil_slope, model.oil_offset, model.oil_origin
+    mu = A * log10(max(temperature - T_0, 1.0)) + B  # Janssens 2010, eq. 6.3
+    mu_ref = A * log10(model.oil_reference - T_0) + B
+    return 1.0 + model.oil_viscous_gain * (mu / mu_ref - 1.0)  # rig.md, 6
+
+
+@njit
+def plate_pressure(model, present, before, pressure, step):
+    """Pressure [Pa] on the plates, `present` a `step` [s] ago, when that in the cylinder goes from `before` to `pressure`."""
+    lag = model.piston_lag
+    if lag <= 0.0 or step <= 0.0:
+        return pressure if lag <= 0.0 else present
+    behind = lag * (pressure - before) / step
+    return (
+        pressure - behind + (present - before + behind) * exp(-step / lag)
+    )  # rig.md, 3: c_p x' = A p - F, F' = k_stack x'
+
+
+@njit
+def sliding_level(model, pressure, slip):
+    """Level s_n [-] of the Coulomb part in steady sliding at `pressure` [Pa] and `slip` [rad/s], without its sign."""
+    if slip == 0.0:
+        return 1.0
+    beta_inf = model.beta_inf
+    beta = min(1.0, beta_inf + (1.0 - beta_inf) * exp((model.beta_onset - pressure) / model.beta_scale))  # eq. 6.6
+    return 1.0 + (beta - 1.0) * exp(-model.stribeck_speed / abs(slip))  # eq. 6.2
+
+
+@njit
+def friction_state(model, state, pressure, slip, step):
+    """Normalised friction state m [-] after `step` [s] at `pressure` [Pa] and `slip` [rad/s]: exact exponential."""
+    if slip == 0.0:
+        return state
+    s_n = sliding_level(model, pressure, slip)
+    target = s_n if slip > 0.0 else -s_n
+    return target + (state - target) * exp(-model.attraction * step / s_n)  # eq. 6.9, solved over the step
+
+
+@njit
+def reachable_states(model, state, step):
+    """Least and largest state m [-] that eq. 6.9 reaches from `state` within `step` [s] at standstill, where s_n = 1."""
+    q = exp(-model.attraction * step)
+    return -1.0 + (state + 1.0) * q, 1.0 + (state - 1.0) * q
+
+
+@njit
+def coulomb_torque(model, pressure):
+    """Coulomb torque M_C [Nm] at `pressure` [Pa]: what the plates carry before they slide."""
+    return max(0.0, model.coulomb_slope * pressure + model.coulomb_intercept)  # Table 6.4
+
+
+@njit
+def viscous_torque(model, pressure, slip, temperature):
+    """Viscous torque f [Nm] at `pressure` [Pa], `slip` [rad/s] and oil `temperature` [K]; its sign is that of the slip."""
+    factor = max(0.0, model.viscous_slope * pressure + model.viscous_intercept)  # Table 6.4
+    viscous = factor * viscosity_ratio(model, temperature) * abs(slip) ** model.viscous_exponent  # eq. 6.9
+    return viscous if slip >= 0.0 else -viscous
+
+
+@njit
+def torque_parts(model, state, pressure, slip, temperature):
+    """Coulomb part M_C m and viscous part [Nm] of the torque, before level and viscous correction."""
+    return coulomb_torque(model, pressure) * state, viscous_torque(model, pressure, slip, temperature)  # eq. 6.9

@@ -1,0 +1,105 @@
+"""Phases of the clutch: idle, fill, slip control, lock, release, fault.
+
+idle --engage, pressure or lock, once idle has been asked for--> fill
+fill --pressure above contact for the dwell--> lock, where that is asked for, else slip_control
+slip_control --lock--> lock --engage or pressure--> slip_control
+fill, slip_control, lock --none of the three--> release --pressure below the springs--> idle
+fill --time-out--> fault;  slip_control, lock --pressure lost, torque implausible--> fault
+any --guard trips--> fault --guard healthy, request idle--> idle
+
+Each engagement needs a request for idle before it: a controller that restarts, or that finds its supervisor again, in the
+middle of a demand does not close the clutch by itself. A lost supervisor counts as a request for release. A request for a
+pressure closes the clutch as one for a torque does; what is then followed is no matter of phases (law.py).
+
+Under a request for a pressure no torque is implausible: a clutch that nobody has calibrated can be experimented on.
+"""
+
+from enum import IntEnum
+
+import numpy as np
+from numba import njit
+
+from protocols.can.request import Request
+from rt_controller.law.record import floats
+
+
+class Phase(IntEnum):
+    """Values of CONTROLLER_STATUS.PHASE."""
+
+    IDLE = 0
+    FILL = 1
+    SLIP_CONTROL = 2
+    RELEASE = 3
+    FAULT = 4
+    LOCK = 5
+
+
+class Fault(IntEnum):
+    """Values of CONTROLLER_STATUS.FAULT; the first four are the guard's."""
+
+    NONE = 0
+    STALE_SENSORS = 1
+    OVERPRESSURE = 2
+    OVERTEMPERATURE = 3
+    OVERSPEED = 4
+    FILL_TIMEOUT = 5
+    PRESSURE_LOST = 6
+    TORQUE_IMPLAUSIBLE = 7
+
+
+# Pressures [Pa] and times [s], names as in `controller.toml`
+PHASE_SETTINGS = floats("contact_pressure", "released_pressure", "fill_dwell", "fill_timeout")
+# Phase, why it is in fault, and for how long [s] each condition has lasted. permitted: to close the clutch, since idle has
+# been asked for after the last engagement.
+PHASES = np.dtype(
+    [("phase", "i8"), ("fault", "i8"), ("time_in_phase", "f8"), ("time_in_contact", "f8"), ("permitted", "?")]
+)
+
+
+@njit
+def advance(state, settings, request, pressure, lost, implausible, finding, step):
+    """Move PHASES on by `step` [s]; return the next phase.
+
+    `pressure` [Pa] of the cylinder; `lost`: its signal is none; `implausible`: the torque is (`plausibility.py`); `finding` of
+    the guard.
+    """
+    state.time_in_phase += step
+    state.time_in_contact = state.time_in_contact + step if pressure >= settings.contact_pressure else 0.0
+    state.permitted = state.permitted or request == Request.IDLE
+    after, state.fault = _next(state, settings, request, pressure, lost, implausible, finding)
+    if after != state.phase:
+        state.phase, state.time_in_phase = after, 0.0
+    return after
+
+
+@njit
+def _next(state, settings, request, pressure, lost, implausible, finding):
+    """Next phase and fault."""
+    phase = state.phase
+    if finding:
+        return Phase.FAULT.value, finding
+    if phase == Phase.FAULT:
+        return (Phase.IDLE.value, Fault.NONE.value) if request == Request.IDLE else (phase, state.fault)
+    locks = request == Request.LOCK
+    close = request == Request.ENGAGE or request == Request.PRESSURE or locks
+    closed = Phase.LOCK.value if locks else Phase.SLIP_CONTROL.value
+    if phase == Phase.IDLE:
+        if not (close and state.permitted):
+            return phase, Fault.NONE.value
+        state.permitted = False
+        return Phase.FILL.value, Fault.NONE.value
+    if phase == Phase.RELEASE:
+        return (Phase.IDLE.value if pressure < settings.released_pressure else phase), Fault.NONE.value
+    if not close:
+        return Phase.RELEASE.value, Fault.NONE.value
+    if phase == Phase.FILL:
+        if state.time_in_contact >= settings.fill_dwell:
+            return closed, Fault.NONE.value
+        if state.time_in_phase > settings.fill_timeout:
+            return Phase.FAULT.value, Fault.FILL_TIMEOUT.value
+        return phase, Fault.NONE.value
+    if lost:
+        return Phase.FAULT.value, Fault.PRESSURE_LOST.value
+    if implausible:
+        return Phase.FAULT.value, Fault.TORQUE_IMPLAUSIBLE.value
+    return closed, Fault.NONE.value

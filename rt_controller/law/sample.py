@@ -1,0 +1,61 @@
+"""A sample: what the sensors said at one tick, in SI, put together from its two frames.
+
+Time comes from the ticks of the data acquisition, so jitter of the bus does not enter.
+"""
+
+import numpy as np
+from numba import njit
+
+from rt_controller.law.slip import observe
+
+_ANGLE_WRAP = 1 << 32  # counts of the encoder's counter
+_TICK_WRAP = 1 << 16
+
+# The newest complete sample: tick (unwrapped, -1 before the first), pressure [Pa], temperature [K], motor_torque [Nm],
+# unchanged by a count for motor_stuck [s]; slip [rad/s], acceleration [rad/s^2] and angle [rad] of the observer; speed
+# [rad/s]: the encoder's own, mean since the sample before; encoder count (unwrapped). `analog`: half a sample is there, its
+# encoder frame has not come yet; `next_...` is what it said. applied [Nm]: torque on this clutch while its slip is constant,
+# where that is `known`.
+SAMPLE = np.dtype(
+    [("tick", "i8"), ("pressure", "f8"), ("temperature", "f8"), ("motor_torque", "f8"), ("motor_stuck", "f8"), ("slip", "f8"),
+     ("speed", "f8"), ("acceleration", "f8"), ("count", "i8"), ("angle", "f8"), ("analog", "?"), ("next_pressure", "f8"),
+     ("next_temperature", "f8"), ("next_motor_torque", "f8"), ("applied", "f8"), ("known", "?")]
+)  # fmt: skip
+
+
+@njit
+def take_analog(sample, pressure, temperature, motor_torque):
+    """Take the values of ANALOG_SENSORS: pressure [Pa], temperature [K], torque [Nm]."""
+    sample.analog = True
+    sample.next_pressure, sample.next_temperature, sample.next_motor_torque = pressure, temperature, motor_torque
+
+
+@njit
+def take_encoder(sample, shaft_angle, sample_tick, angle_step, period, bandwidth, speed_demand):
+    """Take the raw values of ENCODER; return the ticks since the sample before, 0 while the analog half is missing.
+
+    angle_step [rad/count], period [s], bandwidth of the slip observer [1/s]. The first sample starts the observer at
+    `speed_demand` [rad/s]: the motor holds its speed when a run begins.
+    """
+    if not sample.analog:
+        return 0
+    sample.analog = False
+    turned = (shaft_angle - sample.count + _ANGLE_WRAP // 2) % _ANGLE_WRAP - _ANGLE_WRAP // 2
+    sample.count += turned
+    angle = sample.count * angle_step
+    if sample.tick < 0:
+        ticks, sample.tick = 1, sample_tick
+        sample.angle, sample.slip, sample.speed, sample.acceleration = angle, speed_demand, speed_demand, 0.0
+    else:
+        ticks = (sample_tick - sample.tick) % _TICK_WRAP
+        if ticks:
+            sample.tick += ticks
+            sample.speed = turned * angle_step / (ticks * period)
+            sample.angle, sample.slip, sample.acceleration = observe(
+                (sample.angle, sample.slip, sample.acceleration), angle, ticks * period, bandwidth
+            )
+    sample.pressure, sample.temperature = sample.next_pressure, sample.next_temperature
+    stuck = sample.next_motor_torque == sample.motor_torque
+    sample.motor_stuck = sample.motor_stuck + ticks * period if stuck else 0.0
+    sample.motor_torque = sample.next_motor_torque
+    return ticks

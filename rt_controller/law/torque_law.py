@@ -1,0 +1,210 @@
+"""The control law of section 6.5: estimate, feedforward, torque feedback, pressure regulator, all published.
+
+Where a pressure is asked for, it is the demand of the pressure regulator; the estimate goes on. In the phase `lock` the
+pressure is what holds more than the torque carried (`lock.py`). The torque demand is a magnitude; torque and slip carry a sign.
+
+Anti-windup     conditional integration: an integrator stands still only while its error would drive it further into the
+                active limit. So each loop leaves its limit at once, needs no further gain, and does not stop the other: the
+                pressure settles while the torque loop is at its limit. The torque loop also waits for a valve at its limit.
+"""
+
+from math import nan
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from protocols.errors import InputError
+from protocols.files.parameters import ParameterSet
+from protocols.files.units import BAR, ZERO_CELSIUS
+from protocols.node import Column
+from rt_controller.law.clutch_state import ClutchState, clutch_state
+from rt_controller.law.feedforward import holding_pressure, inverse_model
+from rt_controller.law.lock import LOCK_SETTINGS, hold
+from rt_controller.law.phases import Phase
+from rt_controller.law.record import record
+from rt_controller.law.regulator import PI, follow, proportional_integral
+from rt_controller.law.transmitted import TORQUE, TORQUE_SETTINGS, estimate, torque_at_rest, torque_settings
+
+LAWS = ("both", "feedforward", "feedback")  # the three rows of Table 6.6
+
+TERMS = tuple(
+    Column(*column)
+    for column in (
+        ("torque_demand_nm", "Nm", "M_d; not a number while a pressure is followed"),
+        ("torque_estimate_nm", "Nm", "torque transmitted: M_sim of eq. 6.9, trimmed; signed as the slip"),
+        ("coulomb_part_nm", "Nm", "M_C m before the level, signed"),
+        ("viscous_part_nm", "Nm", "viscous part before level and correction, signed"),
+        ("friction_state", "1", "m of eq. 6.9"),
+        ("feedforward_bar", "bar", "p_ff of eq. 6.8"),
+        ("proportional_bar", "bar", "P of the torque feedback"),
+        ("integral_bar", "bar", "I of the torque feedback"),
+        ("pressure_demand_bar", "bar", "p_d"),
+        ("pressure_bar", "bar", "measured cylinder pressure"),
+        ("pressure_proportional_bar", "bar", "P of the pressure regulator"),
+        ("pressure_integral_bar", "bar", "I of the pressure regulator"),
+        ("voltage_v", "V", "asked of the valve, before the guard"),
+        ("slip_rad_s", "rad/s", "the encoder's own slip speed, mean since the sample before: what drives eq. 6.9"),
+        ("slip_acceleration_rad_s2", "rad/s^2", "observed slip acceleration"),
+        ("temperature_degc", "degC", "measured oil temperature"),
+        ("observed_torque_nm", "Nm", "M_m - J alpha behind the slip observer's lag: what the adaptation learns from"),
+        ("friction_level", "1", "adapted level"),
+        ("viscous_correction", "1", "adapted correction of the viscous part"),
+        ("adaptation_active", "1", "1 while the adaptation learns"),
+        ("in_contact", "1", "1 while the plates are believed to touch"),
+        ("frozen", "1", "1 while the torque integrator is held"),
+        ("saturated", "1", "1 while pressure demand or voltage is at its limit"),
+        ("clutch_state", "1", f"what the plates do: {', '.join(f'{s.value} {s.name.lower()}' for s in ClutchState)}"),
+        (
+            "capacity_nm",
+            "Nm",
+            "what the plates carry before they slide: level M_C, or what they carry, where that is more",
+        ),
+        (
+            "trimmed_level",
+            "1",
+            "level of the moment: the adapted one and what the motor has shown for a tenth of a second",
+        ),
+    )
+)
+
+# as the way into lock is the way out of it: 25 Nm in 0.25 s, which the pressure loop follows; at once, it would open the clutch
+_FASTER = 4.0
+# Parameters, SI. feeds_forward, feeds_back: the row of Table 6.6
+LAW_SETTINGS = np.dtype(
+    [("torque", TORQUE_SETTINGS), ("lock", LOCK_SETTINGS), ("feeds_forward", "?"), ("feeds_back", "?"),
+     ("torque_k_p", "f8"), ("torque_k_i", "f8"), ("pressure_k_p", "f8"), ("pressure_k_i", "f8"), ("pressure_limit", "f8"),
+     ("pressure_floor", "f8"), ("valve_gain", "f8"), ("voltage_limit", "f8"), ("fill_pressure", "f8"),
+     ("slip_hold", "f8")]
+)  # fmt: skip
+# torque: what is transmitted; voltage [V] and pressure_demand [Pa] of the last step; pressure_limited, voltage_limited: 1 at
+# the upper limit, -1 at the lower, else 0; held: capacity asked for in lock and on the way out [Nm], else 0; terms in the order
+# of TERMS
+LAW = np.dtype(
+    [("torque", TORQUE), ("voltage", "f8"), ("pressure_demand", "f8"), ("pressure_limited", "i8"), ("voltage_limited", "i8"),
+     ("held", "f8"), ("torque_loop", PI), ("pressure_loop", PI), ("terms", "f8", len(TERMS))]
+)  # fmt: skip
+
+
+def law_settings(parameters: ParameterSet, law: str, adaptation: bool, alone: bool) -> dict[str, object]:
+    """Fields of LAW_SETTINGS; `law` is one of LAWS, `adaptation` switches the adaptive level on. Raises InputError.
+
+    `alone`: the motor's torque is that of this clutch.
+    """
+    if law not in LAWS:
+        raise InputError(f"control law {law!r} is unknown; allowed are {', '.join(LAWS)}")
+    torque, pressure = parameters.si("torque"), parameters.si("pressure")
+    return {
+        "torque": record(TORQUE_SETTINGS, torque_settings(parameters, adaptation, alone)),
+        "lock": record(LOCK_SETTINGS, parameters.si("lock")),
+        "feeds_forward": law != "feedback", "feeds_back": law != "feedforward",
+        "torque_k_p": torque["proportional_gain"], "torque_k_i": torque["integral_gain"],
+        "pressure_k_p": pressure["proportional_gain"], "pressure_k_i": pressure["integral_gain"],
+        "pressure_limit": torque["pressure_limit"], "pressure_floor": pressure["floor"],
+        "valve_gain": pressure["valve_gain"], "voltage_limit": pressure["voltage_limit"],
+        "fill_pressure": parameters["phases.fill_pressure"].si, "slip_hold": parameters["slip.hold"].si,
+    }  # fmt: skip
+
+
+def law_at_rest() -> Any:
+    """LAW before its first step."""
+    return record(LAW, torque=torque_at_rest())
+
+
+@njit
+def control(law, settings, phase, demand, speed_demand, pushes, sample, step, followed):
+    """Move LAW on by `step` [s], 0 without a fresh sample, towards the torque `demand` [Nm], a magnitude.
+
+    `speed_demand` [rad/s] is what the motor is asked for; it `pushes` with all that it may give, or not.
+    `followed` [Pa] is the pressure to be followed instead of the torque; not a number where there is none.
+    """
+    torque, model, pressure, follows = law.torque, settings.torque.model, sample.pressure, followed == followed
+    closed = phase == Phase.SLIP_CONTROL or phase == Phase.LOCK
+    closing = closed or phase == Phase.FILL
+    may_touch = closing or phase == Phase.RELEASE  # until the piston has gone back
+    estimate(torque, settings.torque, may_touch, closed, speed_demand, pushes, sample, step)
+    contact, moves, carried = torque.contact, torque.motion.moves, abs(torque.estimate)
+    level, correction = torque.level, torque.adaptation.viscous
+    state, capacity = clutch_state(contact, moves, phase == Phase.LOCK), level * torque.coulomb_torque
+    if contact and not moves:
+        capacity = max(capacity, carried)
+
+    # torque loop: fig 6.16
+    slip = abs(sample.slip) if moves else 0.0  # of the observer: the encoder's own steps with every count
+    slides = (moves or law.held > 0.0) and settings.torque.alone and speed_demand * torque.estimate >= 0.0
+    coming = max(slip, abs(speed_demand)) if slides else slip
+    feedforward = wanted = least = 0.0
+    most = settings.pressure_limit
+    error = demand - carried
+    turning = torque.estimate * sample.speed < 0.0  # the friction of the direction before is still there
+    limit = law.pressure_limited if law.pressure_limited else law.voltage_limited
+    waits = not contact or step == 0.0 or turning or slip < settings.slip_hold or limit * error > 0.0
+    lowers = phase == Phase.SLIP_CONTROL and law.held > 0.0  # out of lock, without a step
+    if lowers:
+        law.held = max(law.held - _FASTER * settings.lock.rate * step, 0.0)
+        waits = True
+    elif phase != Phase.LOCK:
+        law.held = 0.0
+    if phase == Phase.SLIP_CONTROL and follows:
+        wanted, least = followed, settings.pressure_floor
+        if step > 0.0 and settings.feeds_back:
+            # so that a request for the torque there is now asks for the pressure there is now
+            known = contact and slip >= settings.slip_hold and not turning
+            there = _feedforward(settings, carried, slip, level, correction)
+            follow(law.torque_loop, pressure - there if known else 0.0)
+    elif phase == Phase.SLIP_CONTROL:
+        feedforward = _feedforward(settings, demand, coming, level, correction)
+        wanted = feedforward
+        if settings.feeds_back:
+            shown = 0.0 if turning else error
+            wanted += proportional_integral(
+                law.torque_loop, shown, step, settings.torque_k_p, settings.torque_k_i, waits
+            )
+    elif phase == Phase.LOCK:
+        waits, most = True, settings.lock.pressure_limit
+        law.held = hold(law.held, settings.lock, model, level, level * torque.coulomb_torque, carried, moves, step)
+        feedforward = wanted = holding_pressure(model, law.held, level)
+        law.torque_loop.proportional = 0.0
+    else:
+        follow(law.torque_loop, 0.0)
+        wanted = settings.fill_pressure if phase == Phase.FILL else 0.0
+    if lowers:
+        kept = holding_pressure(model, law.held, level)
+        law.held = law.held if max(kept, pressure) > wanted + settings.torque.contact_band else 0.0
+        wanted, most = max(wanted, kept), settings.lock.pressure_limit
+    pressure_demand = min(max(wanted, least), most)
+    law.pressure_demand, law.pressure_limited = pressure_demand, _side(wanted, pressure_demand)
+
+    # pressure loop: rig.md
+    if not closing:
+        follow(law.pressure_loop, 0.0)
+    error = pressure_demand - pressure if closing else 0.0
+    frozen = not contact or not closing or step == 0.0 or law.voltage_limited * error > 0.0
+    proportional_integral(law.pressure_loop, error, step, settings.pressure_k_p, settings.pressure_k_i, frozen)
+    wanted = pressure_demand + law.pressure_loop.proportional + law.pressure_loop.integral if closing else 0.0
+    wanted /= settings.valve_gain
+    law.voltage = min(max(wanted, 0.0), settings.voltage_limit)
+    law.voltage_limited = _side(wanted, law.voltage)
+
+    t = law.terms
+    t[0], t[1], t[2], t[3] = nan if follows else demand, torque.estimate, torque.coulomb, torque.viscous
+    t[4], t[5], t[8], t[9] = torque.m, feedforward / BAR, pressure_demand / BAR, pressure / BAR
+    t[6], t[7] = law.torque_loop.proportional / BAR, law.torque_loop.integral / BAR
+    t[10] = law.pressure_loop.proportional / BAR
+    t[11], t[12], t[13], t[14] = law.pressure_loop.integral / BAR, law.voltage, sample.speed, sample.acceleration
+    t[15], t[16] = sample.temperature - ZERO_CELSIUS, torque.observed
+    t[17], t[18], t[19], t[20] = torque.adaptation.level, correction, torque.adaptation.active, contact
+    t[21], t[22] = waits, law.pressure_limited != 0 or law.voltage_limited != 0
+    t[23], t[24], t[25] = state, capacity, level
+
+
+@njit
+def _side(wanted, limited):
+    """Which limit has cut `wanted`: 1 the upper, -1 the lower, 0 none."""
+    return int(wanted > limited) - int(wanted < limited)
+
+
+@njit
+def _feedforward(settings, demand, slip, level, correction):
+    """Of eq. 6.8; with feedback alone the clutch is held filled at the contact pressure."""
+    return inverse_model(settings.torque.model, demand if settings.feeds_forward else 0.0, slip, level, correction)

@@ -1,0 +1,282 @@
+"""Torque transmitted, as the controller believes it: model, adapted level, trim, torque balance of the motor.
+
+Equation        contact, p >= p_contact: M = level (M_C m + f) + viscous f  (estimator.py), level the adapted one, trimmed; m
+                follows the slip where the plates slide, and the torque applied where they stand
+                balance  y = M_m - J alpha behind the observer's lag; compared with the model behind the same lag
+Assumptions     the model is fast, the balance is right: where the balance is this clutch's own, and is learnt from, the
+                model is trimmed by what the balance shows
+Not modelled    two clutches that both transmit: there plates that stand keep the torque they had
+References      rig.md 8; Janssens 2010, eq. 6.9
+"""
+
+from math import copysign, exp
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from protocols.files.parameters import ParameterSet
+from rt_controller.law.adaptation import ADAPTATION, ADAPTATION_SETTINGS, UNTAUGHT, adapt
+from rt_controller.law.estimator import (
+    MODEL,
+    coulomb_torque,
+    friction_state,
+    plate_pressure,
+    reachable_states,
+    sliding_level,
+    viscous_torque,
+)
+from rt_controller.law.lag import LAG, lagged
+from rt_controller.law.motion import MOTION, MOTION_SETTINGS, motion
+from rt_controller.law.presliding import PRESLIDING, PRESLIDING_SETTINGS, bend, straighten
+from rt_controller.law.record import record
+from rt_controller.law.trim import TRIM, TRIM_SETTINGS, forget, lower, raise_to, trim, trimmed
+
+_DOUBT = 0.02  # of the torque at rest: gain error and noise of the motor's
+_ONE_COUNT = 3.0  # half counts: one and no more
+_BUILT = 0.95  # m of plates that slide steadily; below, they have just turned
+_LANDED = 0.8  # of a step: plates that reach 0 before have landed in it, later they may not have
+_LIGHT = 0.5  # of what the motor feels when plates touch: so much less when they have parted
+# Parameters, SI. adapts: whether level, viscous correction and trim are learnt; alone: whether the motor's torque is that of
+# this clutch
+TORQUE_SETTINGS = np.dtype(
+    [("model", MODEL), ("adaptation", ADAPTATION_SETTINGS), ("motion", MOTION_SETTINGS),
+     ("presliding", PRESLIDING_SETTINGS),
+     ("trim", TRIM_SETTINGS),
+     ("adapts", "?"), ("alone", "?"), ("contact_band", "f8"), ("touch_band", "f8"), ("touch_torque", "f8"),
+     ("touch_time", "f8"), ("bandwidth", "f8")]
+)  # fmt: skip
+# estimate [Nm], signed as the slip; level [-] with which it is made, adapted and trimmed; coulomb and viscous part [Nm] before
+# it; m, and the Coulomb torque it stands on [Nm]; contact: by the pressure; pressed: the plates rub, too; stands: and hold
+# what is applied; spin [rad/s], turn [rad]: that the motor would have, were the capacity what the level says; touched: time in
+# contact [s]; observed [Nm]: the torque balance behind the observer's lag; lags and what they are given next; demand_acting,
+# demand_before [rad/s]: speed demands that the motor has begun to follow with this sample and the one before
+TORQUE = np.dtype(
+    [("estimate", "f8"), ("level", "f8"), ("coulomb", "f8"), ("viscous", "f8"), ("m", "f8"), ("coulomb_torque", "f8"),
+     ("cylinder", "f8"), ("pressure", "f8"), ("borne", "f8"),
+     ("contact", "?"), ("pressed", "?"), ("stands", "?"), ("spin", "f8"), ("turn", "f8"), ("touched", "f8"),
+     ("observed", "f8"), ("coulomb_lag", LAG), ("viscous_lag", LAG),
+     ("motor_lag", LAG), ("motor_before", "f8"), ("demand_acting", "f8"), ("demand_before", "f8"),
+     ("adaptation", ADAPTATION), ("trim", TRIM), ("motion", MOTION), ("presliding", PRESLIDING)]
+)  # fmt: skip
+
+
+def torque_settings(parameters: ParameterSet, adapts: bool, alone: bool) -> dict[str, object]:
+    """Fields of TORQUE_SETTINGS."""
+    phases, slip = parameters.si("phases"), parameters.si("slip")
+    return {
+        "model": record(MODEL, parameters.si("model")),
+        "adaptation": record(ADAPTATION_SETTINGS, parameters.si("adaptation")),
+        "motion": record(MOTION_SETTINGS, {name: slip[name] for name in MOTION_SETTINGS.names or ()}),
+        "presliding": record(PRESLIDING_SETTINGS, parameters.si("bending")),
+        "trim": record(TRIM_SETTINGS, parameters.si("trim")),
+        "adapts": adapts, "alone": alone, "bandwidth": slip["bandwidth"],
+        **{name: phases[name] for name in ("contact_band", "touch_band", "touch_torque", "touch_time")},
+    }  # fmt: skip
+
+
+def torque_at_rest() -> Any:
+    """TORQUE before its first step."""
+    return record(TORQUE, level=1.0, adaptation=record(ADAPTATION, UNTAUGHT))
+
+
+@njit
+def mismatch(torque, settings):
+    """Torque observed at the motor minus that of the model, untrimmed, behind the lag of the slip observer [Nm]; 0 where a
+    friction level within the bounds of the adaptation explains it.
+
+    Plates that stand carry what is applied, so there it is what is applied beyond their capacity.
+    """
+    coulomb, viscous = torque.coulomb_lag.out, torque.viscous_lag.out
+    whole, rest = coulomb + viscous, torque.observed - torque.adaptation.viscous * viscous
+    one, other = settings.adaptation.level_low * whole, settings.adaptation.level_high * whole
+    if min(one, other) - settings.touch_torque <= rest <= max(one, other) + settings.touch_torque:
+        return 0.0
+    return rest - torque.adaptation.level * whole
+
+
+@njit
+def estimate(torque, settings, closing, closed, speed_demand, pushes, sample, step):
+    """Move TORQUE on by `step` [s], 0 without a fresh sample, to what `sample` says.
+
+    `closing`: the valve is open; `closed`: it is, and the fill is over. `speed_demand` [rad/s] of the motor, which
+    `pushes` with all that it may give, or not.
+    """
+    model, speed = settings.model, sample.speed
+    pressure = plate_pressure(model, torque.pressure, torque.cylinder, sample.pressure, step)
+    torque.pressure, torque.cylinder = pressure, sample.pressure
+    floor = model.contact_pressure - (settings.contact_band if torque.contact else 0.0)
+    torque.contact = closing and pressure >= floor
+    rested = torque.motion.quiet >= settings.motion.stick_time
+    motion(torque.motion, settings.motion, speed, sample.acceleration, step)
+    correction = torque.adaptation.viscous
+    torque.level = _level(torque, settings)
+    before_coulomb, before_viscous = torque.coulomb, torque.viscous
+    torque.coulomb = torque.viscous = 0.0
+    if _pressed(torque, settings, pressure, step):
+        torque.coulomb_torque = coulomb_torque(model, pressure)
+        _rub(torque, settings, sample, pressure, rested, step)
+        torque.coulomb = torque.coulomb_torque * torque.m  # eq. 6.9
+    else:
+        torque.m = torque.coulomb_torque = torque.borne = 0.0  # out of contact there is no torque
+        torque.stands = False
+        straighten(torque.presliding)
+    torque.estimate = torque.level * (torque.coulomb + torque.viscous) + correction * torque.viscous
+    _balance(torque, settings, before_coulomb, before_viscous, speed_demand, pushes, sample, step)
+    coulomb, viscous = torque.coulomb_lag.out, torque.viscous_lag.out
+    stuck = sample.motor_stuck > settings.adaptation.stuck_time
+    adapt(
+        torque.adaptation, settings.adaptation, coulomb, viscous, torque.observed, sample.slip, sample.acceleration,
+        sample.temperature, step, settings.adapts and closed and torque.contact and not stuck,
+    )  # fmt: skip
+    explained = mismatch(torque, settings) == 0.0  # else it is no friction level
+    if not torque.pressed or stuck:
+        forget(torque.trim)
+    elif settings.adapts and settings.alone and not torque.stands and explained:
+        trim(torque.trim, settings.trim, coulomb + viscous, torque.observed - correction * viscous, step)
+
+
+@njit
+def _rub(torque, settings, sample, pressure, rested, step):
+    """State m and viscous torque of plates that rub, `step` [s] later; `rested`: they have stood for long before it."""
+    model, moved = settings.model, torque.motion
+    known = sample.known and torque.coulomb_torque > 0.0  # what is applied to these plates
+    applied = sample.applied / torque.coulomb_torque if known else 0.0
+    if settings.presliding.angle > 0.0:
+        _bend(torque, settings, sample, pressure, known, step)
+        return
+    if rested and known:
+        torque.borne = applied
+    torque.stands = known and moved.rests
+    if torque.stands:
+        moved.end = 0.0
+        _stand(torque, settings, sample, pressure, applied, step)
+        return
+    turns, part = False, 0.0
+    if moved.turns:
+        least, most = reachable_states(model, torque.m, step)
+        share = applied / torque.level
+        turns = (share < least if moved.begin > 0.0 else share > most) if known else True
+        part = moved.begin / (moved.begin - moved.end)  # of the step, before it turned
+        if known and least <= share <= most and (sample.speed == 0.0 or part < _LANDED):
+            torque.stands, torque.m, moved.end = True, share, 0.0
+            return
+    lands = not turns and (moved.turns or moved.end * sample.speed < 0.0)
+    if lands:
+        moved.end = 0.0
+    if turns:
+        torque.m = friction_state(model, torque.m, pressure, moved.begin, part * step)
+        torque.m = friction_state(model, torque.m, pressure, moved.end, (1.0 - part) * step)
+    else:
+        if known and moved.moves:
+            if torque.borne * sample.speed > 0.0:  # they have broken away: they carried all that they can
+                torque.m = copysign(1.0, torque.borne)
+                share = max(abs(torque.borne), settings.adaptation.level_low)
+                lower(torque.trim, settings.trim, torque.adaptation.level, share)
+                torque.level = _level(torque, settings)
+            torque.borne = 0.0
+        unsure = abs(sample.speed) * step <= _ONE_COUNT * settings.motion.standing_angle
+        if known and unsure and abs(torque.m) < _BUILT:
+            least, most = reachable_states(model, torque.m, step)  # whichever way they creep
+            torque.m = min(max(applied / torque.level, least), most)
+        else:
+            mean = sample.speed if sample.speed != 0.0 else 0.5 * (moved.begin + moved.end)
+            torque.m = friction_state(model, torque.m, pressure, mean, step)
+    slow = abs(sample.speed) <= settings.motion.coarse_speed
+    slip = moved.end if turns or not (slow or lands) else moved.slow
+    torque.viscous = viscous_torque(model, pressure, slip, sample.temperature)
+    if known and settings.alone and (slow or lands):
+        # the encoder tells the speed only roughly, but the balance tells the torque
+        least = 0.0 if lands else torque.viscous * min(abs(slip) / settings.motion.coarse_speed, 1.0)
+        balance = (sample.motor_torque - model.motor_inertia * sample.acceleration) / torque.level
+        rest = balance - torque.coulomb_torque * torque.m
+        torque.viscous = min(max(rest, min(torque.viscous, least)), max(torque.viscous, least))
+
+
+@njit
+def _bend(torque, settings, sample, pressure, known, step):
+    """As `_rub`, of plates that bend before they slide. Until all elements slip they carry what is applied, up to capacity."""
+    model, moved = settings.model, torque.motion
+    turned = sample.speed * step
+    level = sliding_level(model, pressure, sample.speed)
+    torque.m, slides = bend(
+        torque.presliding, settings.presliding, turned, level, model.attraction, torque.coulomb_torque, step
+    )
+    moved.moves = torque.presliding.still < settings.motion.stick_time
+    torque.stands = known and not slides
+    if slides:
+        torque.viscous = viscous_torque(model, pressure, moved.end, sample.temperature)
+    elif known:
+        balance = (sample.applied - model.motor_inertia * sample.acceleration) / torque.coulomb_torque
+        torque.m = min(max(balance / torque.level, -1.0), 1.0)
+
+
+@njit
+def _stand(torque, settings, sample, pressure, applied, step):
+    """Plates at rest carry what is `applied`, a share of M_C, as far as they can at a creep that the encoder does not show."""
+    creep = 2.0 * settings.motion.standing_angle / torque.motion.quiet
+    viscous = viscous_torque(settings.model, pressure, creep, sample.temperature)
+    most = 1.0 + _DOUBT + viscous / torque.coulomb_torque
+    if _exceeded(torque, settings, abs(applied), most, step):
+        share = min(abs(applied) / most, settings.adaptation.level_high)
+        raise_to(torque.trim, settings.trim, torque.adaptation.level, share)
+        torque.level = _level(torque, settings)
+    torque.m = min(max(applied / torque.level, -most), most)
+
+
+@njit
+def _level(torque, settings):
+    """Friction level of the moment [-]: adapted, and trimmed."""
+    s = settings.adaptation
+    learnt = torque.adaptation.level
+    if not (settings.adapts and settings.alone):
+        return learnt
+    return trimmed(torque.trim, settings.trim, learnt, s.level_low, s.level_high)
+
+
+@njit
+def _exceeded(torque, settings, applied, capacity, step):
+    """Whether plates that rest carry more than the level says: with what is `applied` beyond the `capacity`, shares of M_C, the
+    motor would have turned by `coarse_angle` since, and has not by a count."""
+    gain = (applied - torque.level * capacity) * torque.coulomb_torque / settings.model.motor_inertia
+    torque.spin = max(torque.spin + gain * step, 0.0) if torque.motion.rests else 0.0
+    torque.turn = torque.turn + torque.spin * step if torque.spin > 0.0 else 0.0
+    exceeded = torque.turn >= settings.motion.coarse_angle
+    if exceeded:
+        torque.spin = torque.turn = 0.0
+    return exceeded
+
+
+@njit
+def _pressed(torque, settings, pressure, step):
+    """Whether the plates rub. At the end of the fill the pressure tells of contact before the piston has arrived: it moves, and
+    its damping takes a part. It has arrived when the pressure is clearly above contact or the motor feels a torque; it has left
+    again when the pressure is close to contact and plates that move are not felt."""
+    above = pressure - settings.model.contact_pressure
+    felt = abs(torque.observed)
+    lifted = (
+        settings.alone
+        and torque.motion.moves
+        and above < settings.contact_band
+        and felt < _LIGHT * settings.touch_torque
+    )
+    torque.touched = torque.touched + step if torque.contact and not lifted else 0.0
+    arrived = above >= settings.touch_band or felt >= settings.touch_torque or torque.touched >= settings.touch_time
+    torque.pressed = torque.contact and not lifted and (torque.pressed or arrived)
+    return torque.pressed
+
+
+@njit
+def _balance(torque, settings, coulomb, viscous, speed_demand, pushes, sample, step):
+    """Both sides of the torque balance behind the same lag; `coulomb`, `viscous` [Nm] are those of the sample before."""
+    if step > 0.0:
+        # The observer's second difference is centred on the sample before (lag.py).
+        q = exp(-settings.bandwidth * step)
+        lagged(torque.coulomb_lag, coulomb, q)
+        lagged(torque.viscous_lag, viscous, q)
+        motor = lagged(torque.motor_lag, torque.motor_before, q)
+        # The sample was taken just before the demand sent last began to act: half of what it changed is the mean's.
+        jump = 0.0 if pushes else settings.model.motor_gain * (torque.demand_acting - torque.demand_before)
+        torque.motor_before = sample.motor_torque + 0.5 * jump
+        torque.demand_before, torque.demand_acting = torque.demand_acting, speed_demand
+        torque.observed = motor - settings.model.motor_inertia * sample.acceleration  # rig.md, 8

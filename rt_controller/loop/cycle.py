@@ -1,0 +1,285 @@
+"""A cycle: decode, check, estimate, control, encode, in one compiled call without the GIL and without an allocation."""
+
+from enum import IntEnum
+from math import inf, nan
+
+import numpy as np
+from numba import njit
+
+from protocols.can.frame_batch import word_of, write
+from protocols.can.lifecycle import Lifecycle
+from protocols.can.reception import RECEPTION, accepted
+from protocols.can.request import Request
+from protocols.can.words import SIGNAL, put, raw, sealed, value
+from protocols.files.units import BAR, ZERO_CELSIUS
+from rt_controller.guard.limits import GUARD, LIMITS, close_cycle, inbound, outbound
+from rt_controller.law.lock import motor_limit
+from rt_controller.law.other_clutch import (
+    OTHER,
+    PAIR_SETTINGS,
+    applied_alone,
+    heed,
+    pair_mismatch,
+    take_other_encoder,
+    take_other_status,
+)  # fmt: skip
+from rt_controller.law.phases import PHASE_SETTINGS, PHASES, Phase, advance
+from rt_controller.law.plausibility import PLAUSIBILITY, PLAUSIBILITY_SETTINGS, pressure_lost, torque_implausible
+from rt_controller.law.sample import SAMPLE, take_analog, take_encoder
+from rt_controller.law.torque_law import LAW, LAW_SETTINGS, TERMS, control
+from rt_controller.law.transmitted import mismatch
+from rt_controller.loop.faults import faults_kept, note_fault
+
+HEARD = ("ANALOG_SENSORS", "ENCODER", "TORQUE_SETPOINT", "PLANT_HEARTBEAT")  # in the order of NODE's receptions, then
+HEARD_OF_OTHER = ("ENCODER", "CONTROLLER_STATUS")  # those of the other clutch, where there are two
+OUTBOX = 4  # frames a cycle sends at most: heartbeat, status, motor, valve
+_RECEPTIONS = len(HEARD) + len(HEARD_OF_OTHER)
+_ANALOG, _ENCODER, _SETPOINT, _PLANT, _OTHER_ENCODER, _OTHER_STATUS = range(_RECEPTIONS)
+_STEP_LIMIT = 10  # periods: a longer gap between samples is not integrated over (estimator, regulators)
+_COMMAND, _STATUS = 6, 8  # bytes of commands, and of status and heartbeat
+_ESTIMATE, _LATE, _LEVEL = 65.0, 65535, 2.55  # ends of what CONTROLLER_STATUS can say: Nm, cycles, 1
+_PUSHES = 0.9  # of what it may give: the motor pushes with all it has; above the sensor's gain error
+_TERMS_AT = 5  # column of the first term
+
+
+class Refusal(IntEnum):
+    """Why a bus cannot be worked on."""
+
+    SECOND_CONTROLLER = 1
+    LENGTH = 2
+    RATE = 3
+    REQUEST = 4
+    TORQUE = 5
+    PRESSURE = 6
+    SPEED = 7
+
+
+SETTINGS = np.dtype(
+    [("period", "f8"), ("rate", "i8"), ("session", "i8"), ("drives", "?"), ("own", "i8", (4,)),
+     ("valve_id", "i8"), ("motor_id", "i8"), ("status_id", "i8"), ("heartbeat_id", "i8"), ("status_every", "i8"),
+     ("heartbeat_every", "i8"), ("angle_step", "f8"), ("setpoint_timeout", "f8"), ("motor_torque_limit", "f8"),
+     ("demand_limit", "f8"), ("speed_limit", "f8"), ("pressure_limit", "f8"),
+     ("analog_sensors", SIGNAL, (4,)), ("encoder", SIGNAL, (2,)), ("torque_setpoint", SIGNAL, (4,)),
+     ("plant_heartbeat", SIGNAL, (3,)), ("valve_command", SIGNAL, (3,)), ("motor_command", SIGNAL, (3,)),
+     ("controller_status", SIGNAL, (6,)), ("controller_heartbeat", SIGNAL, (3,)),
+     ("phases", PHASE_SETTINGS), ("pair", PAIR_SETTINGS), ("plausibility", PLAUSIBILITY_SETTINGS), ("law", LAW_SETTINGS),
+     ("guard", LIMITS)]
+)  # fmt: skip
+# slot: periods gone by; beat_after, status_after: those after which the next heartbeat and status are due. What is asked
+# for: request, demand [Nm], pressure_demand [Pa], speed_demand [rad/s], setpoint_age [s]. motor_limit [Nm]: torque that the
+# motor may give; locked: the plates still stand from lock. refused_...: why the bus cannot be worked on
+NODE = np.dtype(
+    [("cycle", "i8"), ("slot", "i8"), ("beats", "i8"), ("beat_after", "i8"), ("statuses", "i8"), ("status_after", "i8"),
+     ("late_cycles", "i8"), ("request", "i8"), ("demand", "f8"), ("pressure_demand", "f8"),
+     ("speed_demand", "f8"), ("motor_limit", "f8"), ("locked", "?"), ("setpoint_age", "f8"),
+     ("refused_id", "i8"), ("refused_value", "f8"),
+     ("receptions", RECEPTION, (_RECEPTIONS,)), ("sample", SAMPLE), ("other", OTHER), ("phases", PHASES),
+     ("plausibility", PLAUSIBILITY), ("law", LAW), ("guard", GUARD), ("faults", faults_kept(_TERMS_AT + len(TERMS) + 2))]
+)  # fmt: skip
+
+
+@njit(cache=True, nogil=True)
+def cycle(states, all_settings, inbox, count, slots, outbox, row):
+    """One cycle of the node in `states` (1,), `slots` periods after the last one, on the first `count` frames of `inbox`.
+
+    Fills `outbox` and `row`; returns the number of frames in `outbox`, or minus the Refusal.
+    """
+    node, settings = states[0], all_settings[0]
+    guard, law, sample = node.guard, node.law, node.sample
+    elapsed = slots * settings.period
+    node.setpoint_age += elapsed
+    node.other.age += elapsed
+    node.slot += slots
+    ticks = 0
+    for index in range(count):
+        frame = inbox[index]
+        inbound(guard, settings.guard, np.int64(frame.can_id), frame.data, np.int64(frame.length))
+        moved = _receive(node, settings, frame)
+        if moved < 0:
+            return moved
+        ticks += moved
+    step = min(ticks, _STEP_LIMIT) * settings.period
+    request = node.request if node.setpoint_age <= settings.setpoint_timeout else Request.RELEASE.value
+    finding = close_cycle(guard, settings.guard, slots)
+    _what_is_applied(node, settings)
+    pushes = abs(sample.motor_torque) >= _PUSHES * node.motor_limit
+    lost, implausible = _doubts(node, settings, request, pushes, elapsed)
+    phase = advance(node.phases, settings.phases, request, sample.pressure, lost, implausible, finding, elapsed)
+    followed = node.pressure_demand if request == Request.PRESSURE else nan
+    control(law, settings.law, phase, node.demand, node.speed_demand, pushes, sample, step, followed)
+    row[0], row[1], row[2], row[3], row[4] = sample.tick, guard.age, phase, node.phases.fault, request
+    for index in range(len(TERMS)):
+        row[_TERMS_AT + index] = law.terms[index]
+    row[_TERMS_AT + len(TERMS)], row[_TERMS_AT + len(TERMS) + 1] = guard.lowered, guard.replaced
+    note_fault(node.faults, row)
+    return _commands(node, settings, phase, outbox)
+
+
+@njit
+def _what_is_applied(node, settings):
+    """Torque applied to this clutch, by the motor alone or as far as another leaves it to this one."""
+    sample, torque = node.sample, settings.law.torque
+    if torque.alone:
+        sample.applied, sample.known = sample.motor_torque, True
+        return
+    if node.slot % settings.status_every == settings.status_every // 2:
+        heed(node.other)
+    sample.applied, sample.known = applied_alone(node.other, settings.pair, torque, sample.motor_torque)
+
+
+@njit
+def _doubts(node, settings, request, pushes, elapsed):
+    """Whether the pressure signal is lost, and whether the torque is implausible."""
+    law, sample, doubts, s = node.law, node.sample, node.plausibility, settings.plausibility
+    closed = node.phases.phase == Phase.SLIP_CONTROL or node.phases.phase == Phase.LOCK
+    lost = pressure_lost(doubts, s, sample.pressure, law.pressure_demand, elapsed)
+    alone, torque = settings.law.torque.alone, law.torque
+    compared = closed and request != Request.PRESSURE
+    sticks = torque.contact and not torque.motion.moves
+    off = 0.0
+    if compared and alone:
+        off = mismatch(torque, settings.law.torque)
+    elif compared:
+        capacity = torque.level * torque.coulomb_torque
+        off = pair_mismatch(node.other, settings.pair, settings.law.torque, torque.estimate, capacity, sticks, sample)
+    stands = compared and alone and sticks
+    implausible = torque_implausible(doubts, s, off, node.speed_demand - sample.speed, stands, pushes, elapsed)
+    return lost, implausible
+
+
+@njit(cache=True, nogil=True)
+def hear(states, all_settings, inbox, count):
+    """Take frames before the first cycle, which the guard need not see; return the Refusal, 0 where there is none."""
+    for index in range(count):
+        moved = _receive(states[0], all_settings[0], inbox[index])
+        if moved < 0:
+            return -moved
+    return 0
+
+
+@njit
+def _receive(node, settings, frame):
+    """Take one frame; return how many sample periods it moved the controller's time on, or minus the Refusal."""
+    can_id, length = np.int64(frame.can_id), np.int64(frame.length)
+    for own in settings.own:
+        if can_id == own:
+            return _refuse(node, Refusal.SECOND_CONTROLLER, can_id, 0.0)
+    kind = -1
+    for index in range(_RECEPTIONS):
+        if node.receptions[index].can_id == can_id:
+            kind = index
+    if kind < 0:
+        return 0
+    reception = node.receptions[kind]
+    if length != reception.length:
+        return _refuse(node, Refusal.LENGTH, can_id, length)
+    word = word_of(frame.data)
+    if not accepted(reception, word, length):
+        return 0
+    if kind == _ANALOG:
+        s = settings.analog_sensors
+        take_analog(
+            node.sample, value(word, s[0]) * BAR, value(word, s[1]) + ZERO_CELSIUS, value(word, s[2])
+        )  # CLUTCH_TORQUE, the last, is for comparison only
+    elif kind == _ENCODER:
+        s = settings.encoder
+        return take_encoder(
+            node.sample, raw(word, s[0]), raw(word, s[1]), settings.angle_step, settings.period, settings.law.torque.bandwidth,
+            node.speed_demand,
+        )  # fmt: skip
+    elif kind == _SETPOINT:
+        return _take_setpoint(node, settings, word, can_id)
+    elif kind == _OTHER_ENCODER:
+        s = settings.encoder
+        take_other_encoder(
+            node.other,
+            raw(word, s[0]),
+            raw(word, s[1]),
+            settings.angle_step,
+            settings.period,
+            settings.law.torque.bandwidth,
+        )
+    elif kind == _OTHER_STATUS:
+        s = settings.controller_status
+        take_other_status(node.other, value(word, s[3]), raw(word, s[1]) != 0)
+    elif raw(word, settings.plant_heartbeat[1]) != settings.rate:
+        return _refuse(node, Refusal.RATE, can_id, raw(word, settings.plant_heartbeat[1]))
+    return 0
+
+
+@njit
+def _take_setpoint(node, settings, word, can_id):
+    s = settings.torque_setpoint
+    request = raw(word, s[0])
+    torque, speed, pressure = value(word, s[1]), value(word, s[2]), value(word, s[3])
+    if torque > settings.demand_limit:
+        return _refuse(node, Refusal.TORQUE, can_id, torque)
+    if pressure > settings.pressure_limit:
+        return _refuse(node, Refusal.PRESSURE, can_id, pressure)
+    if request > Request.LOCK:  # the last
+        return _refuse(node, Refusal.REQUEST, can_id, request)
+    if abs(speed) > settings.speed_limit:
+        return _refuse(node, Refusal.SPEED, can_id, speed)
+    node.request, node.demand, node.speed_demand, node.pressure_demand = request, torque, speed, pressure * BAR
+    node.setpoint_age = 0.0
+    return 0
+
+
+@njit
+def _refuse(node, why, can_id, said):
+    node.refused_id, node.refused_value = can_id, said
+    return -why.value
+
+
+@njit
+def _commands(node, settings, phase, outbox):
+    """Fill `outbox`; the valve's command is the last: in lock-step the plant goes on with it. Return the number of frames."""
+    cycle, law, sent = node.cycle, node.law, 0
+    if node.slot > node.beat_after:
+        s = settings.controller_heartbeat
+        node.beats += 1
+        node.beat_after = _next(node.slot, settings.heartbeat_every)
+        word = put(put(put(np.int64(0), s[0], Lifecycle.ACTIVE.value), s[1], settings.rate), s[2], settings.session)
+        write(outbox[sent], settings.heartbeat_id, _STATUS, sealed(word, _STATUS, node.beats))
+        sent += 1
+    if node.slot > node.status_after:
+        s = settings.controller_status
+        sticking = law.torque.contact and not law.torque.motion.moves
+        word = put(put(put(np.int64(0), s[0], phase), s[1], sticking), s[2], node.phases.fault)
+        word = put(word, s[3], min(max(law.torque.estimate, -_ESTIMATE), _ESTIMATE))
+        word = put(put(word, s[4], min(node.late_cycles, _LATE)), s[5], min(law.torque.adaptation.level, _LEVEL))
+        write(outbox[sent], settings.status_id, _STATUS, sealed(word, _STATUS, node.statuses))
+        node.statuses += 1
+        node.status_after = _next(node.slot, settings.status_every)
+        sent += 1
+    if settings.drives:
+        s = settings.motor_command
+        word = np.int64(0)
+        if phase != Phase.FAULT and node.setpoint_age != inf:
+            limit = settings.motor_torque_limit
+            # plates that have been locked stand until they slide or part: a motor that may push harder would tear them apart
+            leaves = not law.torque.motion.moves or law.held > 0.0 or phase == Phase.RELEASE
+            node.locked = phase == Phase.LOCK or (node.locked and law.torque.contact and leaves)
+            if node.locked and settings.law.torque.alone:
+                limit = min(
+                    limit, motor_limit(settings.law.lock, settings.law.torque.model, law.torque.adaptation.level)
+                )
+            node.motor_limit = limit
+            word = put(put(put(word, s[0], 1), s[1], node.speed_demand), s[2], limit)
+        write(outbox[sent], settings.motor_id, _COMMAND, sealed(word, _COMMAND, cycle))
+        outbound(node.guard, settings.guard, settings.motor_id, outbox[sent].data)
+        sent += 1
+    s = settings.valve_command
+    opened = phase == Phase.FILL or phase == Phase.SLIP_CONTROL or phase == Phase.LOCK
+    word = put(put(np.int64(0), s[0], opened), s[1], law.voltage)
+    word = put(word, s[2], max(node.sample.tick, 0) & 0xFFFF)
+    write(outbox[sent], settings.valve_id, _COMMAND, sealed(word, _COMMAND, cycle))
+    outbound(node.guard, settings.guard, settings.valve_id, outbox[sent].data)
+    node.cycle = cycle + 1
+    return sent + 1
+
+
+@njit
+def _next(slot, every):
+    """The end of the present of the stretches of `every` slots: frames keep their rate when slots are left out."""
+    return ((slot - 1) // every + 1) * every

@@ -1,0 +1,283 @@
+"""The controller as a node: frames in, frames out; the guard sees both. A cycle is one compiled call (`cycle.py`)."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from protocols.can.fault_text import FaultWatch
+from protocols.can.frame_batch import batch, load, unload
+from protocols.can.frames import Frame, load_frames
+from protocols.can.lifecycle import Lifecycle
+from protocols.can.reception import counted, receptions
+from protocols.can.request import Request
+from protocols.can.two_clutches import OFFSET, SHARED, other_clutch
+from protocols.can.words import signals
+from protocols.errors import InputError
+from protocols.files.parameters import ParameterSet, load_defaults, load_overlay
+from protocols.node import Column
+from rt_controller.guard.limits import LIMITS as GUARD_LIMITS
+from rt_controller.guard.limits import guard_limits
+from rt_controller.law.other_clutch import PAIR_SETTINGS, unheard
+from rt_controller.law.phases import PHASE_SETTINGS, Fault, Phase
+from rt_controller.law.plausibility import PLAUSIBILITY_SETTINGS
+from rt_controller.law.record import record
+from rt_controller.law.torque_law import LAW_SETTINGS, TERMS, law_at_rest, law_settings
+from rt_controller.loop.cycle import HEARD, HEARD_OF_OTHER, NODE, OUTBOX, SETTINGS, Refusal, cycle, hear
+
+PARAMETERS = Path(__file__).parents[1] / "parameters" / "controller.toml"
+LIMITS = Path(__file__).parents[1] / "parameters" / "limits.toml"
+INBOX = 4096  # frames at once; more are given in parts
+_OWN = ("VALVE_COMMAND", "MOTOR_COMMAND", "CONTROLLER_STATUS", "CONTROLLER_HEARTBEAT")
+_NO_FRAME = -1  # an identifier that no frame has
+
+COLUMNS = (
+    Column("sample_tick", "1", "number of the sample answered, unwrapped; -1 before the first"),
+    Column("sample_age", "cycles", "cycles since the last believable sample"),
+    Column("phase", "1", f"phase of the controller: {', '.join(f'{p.value} {p.name.lower()}' for p in Phase)}"),
+    Column("fault", "1", f"why the phase is fault: {', '.join(f'{f.value} {f.name.lower()}' for f in Fault)}"),
+    Column(
+        "request", "1", f"what the supervisor asks for: {', '.join(f'{r.value} {r.name.lower()}' for r in Request)}"
+    ),
+    *TERMS,
+    Column("commands_lowered", "1", "commands the guard has cut to its limit, total"),
+    Column("commands_replaced", "1", "commands the guard has replaced by the safe one, total"),
+)
+
+
+def controller_parameters(changed: Path | None = None) -> ParameterSet:
+    """The controller's parameters as shipped, or as changed by a user's file. Raises InputError."""
+    shipped = load_defaults(PARAMETERS)
+    return load_overlay(changed, shipped) if changed else shipped
+
+
+def shipped_parameters() -> ParameterSet:
+    """Parameters of controller and guard as shipped: the defaults."""
+    return ParameterSet({**load_defaults(PARAMETERS), **load_defaults(LIMITS)})
+
+
+def _check(parameters: ParameterSet) -> None:
+    asked, allowed = parameters["pressure.voltage_limit"], parameters["guard.voltage"]
+    if asked.value > allowed.value:
+        raise InputError(
+            f"parameter {asked.name} = {asked.value:g} V is above the guard's limit of {allowed.value:g} V"
+        )
+    if parameters["driveline.ratio_a"].value == parameters["driveline.ratio_b"].value:
+        same = parameters["driveline.ratio_a"].value
+        raise InputError(f"parameters driveline.ratio_a and driveline.ratio_b are both {same:g}; two gears must differ")
+
+
+class ControllerNode:
+    """Decode, check, estimate, control, encode.
+
+    rate [Hz]; `parameters_file` changes parameters of `controller.toml`; `law` is one of `law.LAWS`; `adaptation` switches
+    the adaptive level on; `session` tells two controllers apart. `clutch` is a or b of two on one bus, None for a clutch
+    alone.
+
+    `outbox` holds the frames of the last cycle, shape (OUTBOX,) of batch.FRAME; `record` its row, shape (columns,). `states`
+    and `settings`, shape (1,), are what `cycle.cycle` works on.
+
+    One of two clutches does not adapt: the motor's torque is that of both, and is compared with both (`other_clutch`). The
+    motor is commanded by clutch a's controller.
+    """
+
+    columns = COLUMNS
+
+    def __init__(
+        self,
+        rate: int = 1000,
+        parameters_file: Path | None = None,
+        law: str = "both",
+        adaptation: bool = True,
+        session: int = 1,
+        clutch: str | None = None,
+    ) -> None:
+        limits = load_defaults(LIMITS)
+        parameters = ParameterSet({**controller_parameters(parameters_file), **limits})
+        _check(parameters)
+        self.parameters = parameters
+        self.rate = rate
+        self._session = session
+        self._kind = law, adaptation and clutch is None, clutch is None
+        self._drives = clutch != "b"
+        self.frames = frames = load_frames(clutch=clutch or "a")
+        self._valve, self._motor = frames["VALVE_COMMAND"], frames["MOTOR_COMMAND"]
+        self._heartbeat, self._status = frames["CONTROLLER_HEARTBEAT"], frames["CONTROLLER_STATUS"]
+        self.heartbeat_period = self._heartbeat.cycle_time  # s
+        heard = [frames[name] for name in HEARD]
+        self._clutch = clutch
+        if clutch:
+            others = load_frames(clutch=other_clutch(clutch))
+            heard += [others[name] for name in HEARD_OF_OTHER]
+        self._codecs = {codec.can_id: codec for codec in heard}
+        own = [frames[name] for name in _OWN if self._drives or name not in SHARED]
+        self._own = {codec.can_id: codec.name for codec in own}
+        self.heard = [*self._codecs, *self._own]  # identifiers of all frames that matter to it
+        self._early = {frames["PLANT_HEARTBEAT"].can_id} | {self._valve.can_id, self._motor.can_id} & self._own.keys()
+
+        self.states, self.settings = np.zeros(1, NODE), np.zeros(1, SETTINGS)
+        self._state = state = self.states.view(np.recarray)[0]
+        fixed = self.settings.view(np.recarray)[0]
+        state.receptions["can_id"] = _NO_FRAME
+        state.receptions[: len(heard)] = receptions(heard)
+        state.other = unheard()
+        state.setpoint_age = np.inf  # s
+        state.sample.tick = -1
+        state.sample.temperature = parameters["model.oil_reference"].si  # until one is measured
+        state.law = law_at_rest()
+        for name in HEARD + _OWN:
+            setattr(fixed, name.lower(), signals(frames[name]))
+        fixed.own = [*self._own, *[_NO_FRAME] * (len(_OWN) - len(self._own))]
+        fixed.period, fixed.rate, fixed.session = 1.0 / rate, rate, session
+        fixed.drives = self._drives
+        fixed.valve_id, fixed.motor_id = self._valve.can_id, self._motor.can_id
+        fixed.status_id, fixed.heartbeat_id = self._status.can_id, self._heartbeat.can_id
+        fixed.status_every = max(1, round(self._status.cycle_time * rate))
+        fixed.heartbeat_every = max(1, round(self.heartbeat_period * rate))
+        fixed.angle_step = frames["ENCODER"].scale["shaft_angle"]
+        fixed.guard = record(
+            GUARD_LIMITS, guard_limits(limits.si("guard"), fixed.period, OFFSET if clutch == "b" else 0)
+        )
+        self._configure(parameters)
+        self._inbox = batch(INBOX)
+        self.outbox = batch(OUTBOX)
+        self.record = np.zeros(len(COLUMNS))
+        # compiled now, not in the loop
+        cycle(self.states.copy(), self.settings, self._inbox, 0, 1, batch(OUTBOX), self.record.copy())
+        hear(self.states.copy(), self.settings, self._inbox, 0)
+
+    def cycle(self, inbox: np.ndarray, count: int, slots: int = 1) -> int:
+        """One control cycle on the first `count` frames of the batch `inbox`; return how many frames are in `outbox`.
+
+        `slots` periods after the last one: more than 1 when the loop has slept through some. Raises InputError when the bus
+        has a second controller or speaks another protocol.
+        """
+        return self.sent(cycle(self.states, self.settings, inbox, count, slots, self.outbox, self.record))
+
+    def sent(self, count: int) -> int:
+        """What a cycle has returned: number of frames in `outbox`. Raises InputError where it is minus a Refusal."""
+        if count < 0:
+            raise InputError(self._refusal(Refusal(-count)))
+        return count
+
+    def step(self, inbox: Sequence[Frame], slots: int = 1) -> list[Frame]:
+        """The same with frames as objects."""
+        return unload(self.outbox[: self.cycle(self._inbox, load(self._inbox, inbox), slots)])
+
+    def listen(self, frames: Sequence[Frame]) -> list[Frame]:
+        """Heed heartbeats before the first cycle; return the frames left for it.
+
+        Raises InputError when the plant runs at another rate or another controller speaks.
+        """
+        early = [frame for frame in frames if frame.can_id in self._early]
+        if code := hear(self.states, self.settings, self._inbox, load(self._inbox, early)):
+            raise InputError(self._refusal(Refusal(code)))
+        return [frame for frame in frames if frame.can_id not in self._early]
+
+    def fixed(self, name: str) -> str | None:
+        """Why a parameter cannot be changed while the controller runs; None when it can."""
+        if name.partition(".")[0] == "guard":
+            return f"parameter {name} is fixed while the controller runs: the guard's limits are set at the start"
+        return None
+
+    def tune(self, values: Mapping[str, float]) -> None:
+        """Change parameters between two cycles, each in its declared unit; states stay. All or none: raises InputError."""
+        changed = self.parameters.with_values(values)
+        _check(changed)
+        self.parameters = changed
+        self._configure(changed)
+
+    def heartbeat(self, lifecycle: Lifecycle) -> Frame:
+        """The next heartbeat."""
+        self._state.beats += 1
+        return Frame(
+            self._heartbeat.can_id, self._heartbeat.pack(int(self._state.beats), lifecycle, self.rate, self._session)
+        )
+
+    def safe(self) -> list[Frame]:
+        """Valve closed, motor off, heartbeat finalised."""
+        self._state.cycle += 1
+        counter = int(self._state.cycle) - 1
+        valve = self._valve.pack(counter, 0, 0.0, max(self.sample_tick, 0) & 0xFFFF)
+        motor = [Frame(self._motor.can_id, self._motor.pack(counter, 0, 0.0, 0.0))] if self._drives else []
+        return [Frame(self._valve.can_id, valve), *motor, self.heartbeat(Lifecycle.FINALIZED)]
+
+    def faults(self) -> FaultWatch:
+        """The faults so far: how many, and the first."""
+        kept = self.states["faults"][0]
+        values = {parameter.name: parameter.value for parameter in self.parameters.values()}
+        watch = FaultWatch([column.name for column in COLUMNS], self.rate, values)
+        watch.take(np.zeros((1, len(COLUMNS))))  # before it there was none
+        if kept["count"]:
+            watch.take(kept["first"][None])
+            watch.count = int(kept["count"])
+        return watch
+
+    def row(self) -> tuple[float, ...]:
+        """The record of the last cycle, in the order of COLUMNS."""
+        return tuple(self.record.tolist())
+
+    @property
+    def late_cycles(self) -> int:
+        """Set by the service, for CONTROLLER_STATUS."""
+        return int(self.states["late_cycles"][0])
+
+    @late_cycles.setter
+    def late_cycles(self, count: int) -> None:
+        self.states["late_cycles"] = count
+
+    @property
+    def sample_tick(self) -> int:
+        """Unwrapped number of the last sample; -1 before the first."""
+        return int(self._state.sample.tick)
+
+    def reception_counts(self) -> dict[str, dict[str, int]]:
+        """Counts of `protocols.can.reception.Reception` by frame name."""
+        return {
+            codec.name: counted(row)
+            for codec, row in zip(self._codecs.values(), self.states["receptions"][0], strict=False)
+        }
+
+    def _configure(self, parameters: ParameterSet) -> None:
+        settings = self.settings.view(np.recarray)[0]
+        phases = parameters.si("phases")
+        contact = {"contact_pressure": parameters["model.contact_pressure"].si}
+        settings.phases = record(
+            PHASE_SETTINGS, {name: (phases | contact)[name] for name in PHASE_SETTINGS.names or ()}
+        )
+        doubts = {name: phases[name] for name in PLAUSIBILITY_SETTINGS.names or ()}
+        settings.plausibility = record(PLAUSIBILITY_SETTINGS, doubts)
+        if self._clutch:
+            own, other = (
+                parameters[f"driveline.ratio_{name}"].si for name in (self._clutch, other_clutch(self._clutch))
+            )
+            patience = 2.5 * self._status.cycle_time  # s: two may be lost
+            settings.pair = record(PAIR_SETTINGS, ratio=own, other_ratio=other, patience=patience)
+        settings.law = record(LAW_SETTINGS, law_settings(parameters, *self._kind))
+        settings.setpoint_timeout, settings.motor_torque_limit = (
+            phases["setpoint_timeout"],
+            phases["motor_torque_limit"],
+        )
+        settings.demand_limit, settings.speed_limit = parameters["torque.demand_limit"].si, phases["speed_limit"]
+        settings.pressure_limit = parameters["torque.pressure_limit"].value  # bar
+
+    def _refusal(self, why: Refusal) -> str:
+        """What an unusable bus said, in a sentence."""
+        can_id, said = int(self._state.refused_id), float(self._state.refused_value)
+        settings = self.settings[0]
+        if why is Refusal.SECOND_CONTROLLER:
+            return f"a second controller is on the bus: it sends {self._own[can_id]} (0x{can_id:03X})"
+        if why is Refusal.LENGTH:
+            codec = self._codecs[can_id]
+            return f"frame {codec.name} (0x{can_id:03X}) came with {said:g} bytes; its definition has {codec.length}"
+        if why is Refusal.RATE:
+            return f"the plant runs at {said:g} Hz, this controller at {self.rate} Hz: give both one rate"
+        if why is Refusal.REQUEST:
+            known = ", ".join(f"{request.value} {request.name.lower()}" for request in Request)
+            return f"request {said:g} is unknown; allowed are {known}"
+        if why is Refusal.TORQUE:
+            return f"set-point {said:g} Nm is outside 0..{settings['demand_limit']:g} Nm"
+        if why is Refusal.PRESSURE:
+            return f"set-point {said:g} bar is outside 0..{settings['pressure_limit']:g} bar"
+        limit = settings["speed_limit"]
+        return f"set-point {said:g} rad/s is outside {-limit:g}..{limit:g} rad/s"

@@ -1,0 +1,166 @@
+"""Replay: a recorded bus log through the controller again, bit by bit the same wherever it is played.
+
+Method          a cycle for each sample, with the frames that came since the one before: what a controller in lock-step sees, at
+                whatever pace the log was made. The controller's own frames in the log are not heard, but compared with
+What counts     the digest is the SHA-256 of identifiers and payloads of VALVE_COMMAND, MOTOR_COMMAND and CONTROLLER_STATUS, in
+                the order in which they are sent; heartbeats carry the session's number and are left out
+Assumptions     parameters and law are those of the controller that made the log, where answers are to be the same
+"""
+
+import hashlib
+import subprocess
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import can
+
+from protocols.buses.bus import Port, open_bus
+from protocols.can.frames import Frame, load_frames
+from protocols.can.lifecycle import Lifecycle
+from protocols.errors import InputError
+from protocols.realtime.child import clutch_hil, spawn
+from rt_controller.loop.node import ControllerNode
+
+_TOLD = ("VALVE_COMMAND", "MOTOR_COMMAND", "CONTROLLER_STATUS")
+_KEPT = 64  # frames before the first sample that its cycle still sees (service)
+_PATIENCE = 30.0  # s for a controller to come up
+_ANSWER = 5.0  # s for it to answer, and to end
+_ENDED = 7  # counter of a heartbeat that follows none
+
+
+@dataclass
+class Answers:
+    """What a controller said: `cycles`, `equal` of the `logged` valve commands that were the same, the digest."""
+
+    cycles: int = 0
+    logged: int = 0
+    equal: int = 0
+    seconds: float = 0.0
+    _digest: Any = field(default_factory=hashlib.sha256)
+
+    def add(self, frames: list[Frame]) -> None:
+        """The frames that count of one cycle."""
+        self.cycles += 1
+        for can_id, data in frames:
+            self._digest.update(can_id.to_bytes(2, "little") + data)
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of all that was said, in hexadecimal digits."""
+        return str(self._digest.hexdigest())
+
+
+class Log:
+    """Samples of a log and what was answered then. Raises InputError for a file that is no log of this bench."""
+
+    def __init__(self, path: Path) -> None:
+        codecs = load_frames()
+        by_id = {codec.can_id: codec.name for codec in codecs.values()}
+        own = {codecs[name].can_id for name in (*_TOLD, "CONTROLLER_HEARTBEAT")}
+        encoder, valve = codecs["ENCODER"], codecs["VALVE_COMMAND"]
+        heartbeat = codecs["PLANT_HEARTBEAT"]
+        self.rate = 0
+        self.samples: list[list[Frame]] = []
+        self.answers: dict[int, bytes] = {}  # of valve commands, by index of their sample
+        self.seconds = 0.0
+        ticks: dict[int, int] = {}
+        inbox: list[Frame] = []
+        first = last = 0.0
+        for message in _messages(path):
+            can_id, data = message.arbitration_id, bytes(message.data)
+            if can_id not in by_id or message.is_extended_id:
+                continue
+            first, last = first or message.timestamp, message.timestamp
+            if can_id in own:
+                if can_id == valve.can_id and (index := ticks.get(valve.raw(data).sample_tick)) is not None:
+                    self.answers.setdefault(index, data)
+                continue
+            if can_id == heartbeat.can_id:
+                told = heartbeat.unpack(data)
+                self.rate = self.rate or told.rate
+                if told.lifecycle == Lifecycle.FINALIZED:
+                    break
+            inbox.append(Frame(can_id, data))
+            if can_id == encoder.can_id:
+                ticks[encoder.raw(data).sample_tick] = len(self.samples)
+                self.samples.append(inbox)
+                inbox = []
+        if not self.samples or not self.rate:
+            raise InputError(f"log {path} has no {'sample' if not self.samples else 'heartbeat'} of a plant")
+        self.samples[0] = self.samples[0][-_KEPT:]
+        self.seconds = last - first
+
+
+def _messages(path: Path) -> Iterator[can.Message]:
+    try:
+        with can.LogReader(path) as reader:
+            yield from reader
+    except FileNotFoundError:
+        raise InputError(f"log {path} does not exist") from None
+    except Exception as error:  # each reader raises its own
+        raise InputError(f"log {path} cannot be read: {' '.join(str(error).split())}") from None
+
+
+def replayed(log: Log, node: ControllerNode) -> Answers:
+    """The answers of a controller in this process."""
+    told = {load_frames()[name].can_id for name in _TOLD}
+    answers, began = Answers(), time.perf_counter()
+    for index, inbox in enumerate(log.samples):
+        sent = node.step(node.listen(inbox) if index == 0 else inbox)
+        _compared(answers, log, index, [frame for frame in sent if frame.can_id in told])
+    answers.seconds = time.perf_counter() - began
+    return answers
+
+
+def replayed_on(bus: str, log: Log, arguments: list[str]) -> Answers:
+    """The answers of a controller process on a bus, in lock-step. Raises InputError when it ends or stays silent."""
+    frames = load_frames()
+    told, valve_id = {frames[name].can_id for name in _TOLD}, frames["VALVE_COMMAND"].can_id
+    heartbeat = frames["CONTROLLER_HEARTBEAT"]
+    command = clutch_hil(
+        "controller", "--bus", bus, "--lockstep", "--no-telemetry", "--rate", str(log.rate), *arguments
+    )
+    answers = Answers()
+    with open_bus(bus) as port:
+        process = spawn(command, subprocess.DEVNULL)
+        try:
+            _await(port, heartbeat.can_id, process)
+            began = time.perf_counter()
+            for index, inbox in enumerate(log.samples):
+                for frame in inbox:
+                    port.send(frame)
+                said: list[Frame] = []
+                end = time.monotonic() + _ANSWER
+                while not (said and said[-1].can_id == valve_id):
+                    if process.poll() is not None or time.monotonic() > end:
+                        raise InputError(f"the controller on {bus} has not answered sample {index}")
+                    if port.wait(0.1):
+                        said += [frame for frame in port.receive() if frame.can_id in told]
+                _compared(answers, log, index, said)
+            answers.seconds = time.perf_counter() - began
+            plant = frames["PLANT_HEARTBEAT"]
+            port.send(Frame(plant.can_id, plant.pack(_ENDED, Lifecycle.FINALIZED, log.rate, 0)))
+            process.wait(_ANSWER)
+        finally:
+            process.kill()
+            process.wait()
+    return answers
+
+
+def _await(port: Port, heartbeat_id: int, process: Any) -> None:
+    end = time.monotonic() + _PATIENCE
+    while True:
+        if port.wait(0.1) and any(frame.can_id == heartbeat_id for frame in port.receive()):
+            return
+        if process.poll() is not None or time.monotonic() > end:
+            raise InputError(f"no controller came up on {port.name}")
+
+
+def _compared(answers: Answers, log: Log, index: int, frames: list[Frame]) -> None:
+    answers.add(frames)
+    if index in log.answers:
+        answers.logged += 1
+        answers.equal += frames[-1].data == log.answers[index]

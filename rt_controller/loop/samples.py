@@ -1,0 +1,55 @@
+"""Samples: the plant's frames as they come on a port; a sample ends with its ENCODER frame."""
+
+import time
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from protocols.buses.exchange import Exchange
+from protocols.can.frame_batch import unload
+from protocols.can.frames import FrameCodec
+from protocols.can.lifecycle import Lifecycle
+
+
+class Samples:
+    """What a controller waits for: frames in `line.inbox`, where they stay until `line.clear()`."""
+
+    def __init__(self, line: Exchange, frames: Mapping[str, FrameCodec]) -> None:
+        self.line = line
+        self._plant = frames["PLANT_HEARTBEAT"]
+
+    def next(self, timeout: float) -> bool:
+        """Wait for the next complete sample, the plant's end or `timeout` [s]; whether a sample is complete."""
+        line, marks = self.line, self.line.marks
+        end = time.monotonic() + timeout
+        left = timeout
+        while True:
+            before = line.count
+            came = line.receive(max(left, 0.0))
+            if line.marks > marks:
+                return True
+            left = end - time.monotonic()
+            if not came or left <= 0.0 or self.plant_ended(before):
+                return False
+
+    def arrived_ns(self) -> int:
+        """When the last sample was complete [ns of CLOCK_MONOTONIC]: by the frame's stamp."""
+        now = time.monotonic_ns()
+        return now - max(time.time_ns() - self.line.marked_ns, 0)
+
+    def plant_ended(self, since: int = 0) -> bool:
+        """Whether the plant says, among the frames from number `since` on, that it ends."""
+        codec, inbox = self._plant, self.line.inbox
+        said = inbox[since : self.line.count]
+        heartbeats = said[said["can_id"] == codec.can_id]
+        return any(codec.unpack(data).lifecycle == Lifecycle.FINALIZED for _, data in unload(heartbeats))
+
+
+def usual_arrival(arrivals_ns: Sequence[int], period_ns: int) -> int:
+    """When the last of some samples would have come, had it been as late as most are [ns]: a stall of the machine is no grid.
+
+    The circular mean of where in a period they arrive; Mardia and Jupp 2000, Directional Statistics, eq. 2.2.4.
+    """
+    arrivals = np.array(arrivals_ns)
+    turns = (arrivals - arrivals[-1]) % period_ns / period_ns
+    return int(arrivals[-1]) + round(np.angle(np.exp(2j * np.pi * turns).sum()) / (2.0 * np.pi) * period_ns)

@@ -1,0 +1,216 @@
+"""The controller as a process: a bus, a clock, a ring, and the safe command whatever ends it."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from protocols.buses.bus import Port, open_bus
+from protocols.buses.exchange import Exchange
+from protocols.buses.heartbeat import heard_alone, new_session
+from protocols.can.frame_batch import load, unload
+from protocols.can.frames import Frame, load_frames
+from protocols.can.lifecycle import Lifecycle
+from protocols.errors import InputError
+from protocols.realtime import rights as realtime
+from protocols.realtime.beat import Beat, warm_book
+from protocols.realtime.clock import Clock
+from protocols.realtime.footprint import Footprint
+from protocols.realtime.overrun import OverrunError, overrun_policy
+from protocols.realtime.stopping import Stop
+from protocols.realtime.waiting import waiting
+from protocols.telemetry.outlet import Outlet
+from rt_controller.loop.node import COLUMNS, ControllerNode, shipped_parameters
+from rt_controller.loop.samples import Samples, usual_arrival
+from rt_controller.loop.trigger import Trigger, trigger
+from rt_controller.loop.turn import Turn, warm
+
+_SILENCE = 5.0  # s without a sample after which lock-step gives up: the plant has died
+_WARM_UP = 0.05  # s at the plant's pace before the clock is set: caches are warm then, the plant's grid is steady
+_KEPT = 64  # frames before the first sample that its cycle still sees; a supervisor may talk long before the plant
+# Hz, on one CPU: up to here 7 us less between sample and answer are worth 90 us of the plant's time, beyond it is late by them
+_AT_ONCE = 1000
+_SAFE_REPEATS = 3  # the safe command is sent in this many cycles: one frame may be lost
+
+
+@dataclass(frozen=True)
+class ControllerService:
+    """Settings of a controller process. rate [Hz]; `ring`, `telemetry` and `router` as of `Outlet`, `clutch` of the node.
+
+    `trigger` is one of trigger.TRIGGERS, `overrun` of overrun.POLICIES; the last `spin_us` before a slot of a grid may be spun.
+    """
+
+    bus: str
+    rate: int
+    lockstep: bool = False
+    parameters_file: Path | None = None
+    law: str = "both"
+    adaptation: bool = True
+    ring: Path | None = None
+    telemetry: bool = True
+    router: str | None = None
+    cpu: int | None = None
+    clutch: str | None = None
+    trigger: str = "clock"
+    overrun: str = "skip"
+    spin_us: float = 0.0
+
+    @property
+    def name(self) -> str:
+        """In telemetry: a controller alone and clutch a's are `controller`, so that every viewer shows them."""
+        return "controller_b" if self.clutch == "b" else "controller"
+
+    @property
+    def priority(self) -> int:
+        """Of SCHED_FIFO. Begun by its samples, it answers one before the plant, on the same CPU, goes on: at once.
+
+        At a high rate, where each of a sample's frames waking it takes a third of the period, it answers when the plant rests:
+        woken once. On a grid the plant goes first, too: after a stall of the machine, when both are late, its samples are there
+        before the controller looks for them.
+        """
+        at_once = self.trigger == "bus" and self.rate <= _AT_ONCE
+        return realtime.PRIORITY + (1 if at_once else -1)
+
+    @staticmethod
+    def warm() -> None:
+        """Compile, or load from disk, all that a controller runs. Before its signals are those of `Stop`: this can be ended."""
+        warm(ControllerNode())
+        warm_book()
+
+    def run(self, ready: Callable[[str], None]) -> dict[str, Any]:
+        """Serve until SIGTERM, SIGINT or, in lock-step, the plant's end; return the summary.
+
+        Raises InputError for a bad bus, a second controller, another rate or protocol; the actuators are safe then.
+        """
+        session, begun_by = new_session(), trigger(self.trigger)
+        node = ControllerNode(self.rate, self.parameters_file, self.law, self.adaptation, session, self.clutch)
+        parameters = node.parameters.as_values()  # at the start; changes are told apart
+        period = 1_000_000_000 // self.rate
+        clock = Clock(period, waiting(self.spin_us, period), overrun_policy(self.overrun))
+        with Stop() as stop, open_bus(self.bus, node.heard) as port:
+            frames = load_frames(clutch=self.clutch or "a")
+            node.listen(heard_alone(port, self.name, frames["CONTROLLER_HEARTBEAT"]))
+            samples = Samples(Exchange(port, frames["ENCODER"].can_id, stop.wakes), frames)
+            outlet = Outlet(
+                self.name, node, COLUMNS, port.name, self.rate, session,
+                shipped=shipped_parameters(), ring=self.ring, publish=self.telemetry, router=self.router,
+            )  # fmt: skip
+            turn = Turn(samples, node)
+            beat = outlet.beat(clock)
+            begins = begun_by(beat, turn)
+            ready(f"{self.name} on {port.name} at {self.rate} Hz, {'lock-step' if self.lockstep else 'real time'}")
+            missing = [] if self.lockstep else realtime.prepare(self.cpu, self.priority)
+            for text in missing:
+                ready(f"note: {text}")
+            if self.clutch and self.adaptation:
+                ready("note: of two clutches none adapts: the motor's torque is that of both")
+            closed, missed, footprint = False, None, None
+            try:
+                self._await_plant(node, samples, outlet, stop)
+                if self.lockstep:
+                    self._lockstep(turn, outlet, beat, stop)
+                else:
+                    self._warm_up(node, turn, outlet, begins)
+                    footprint = self._real_time(node, outlet, beat, begins, stop)
+            except OverrunError as error:
+                missed = str(error)
+            finally:
+                closed = _made_safe(node, port, 1.0 / self.rate)
+                realtime.relax()
+                port.close()  # nobody reads it while the telemetry ends: its queue would fill up, and refuse the plant's frames
+                published = outlet.close()
+        faults = node.faults()
+        return {
+            "bus": port.name,
+            "rate_hz": self.rate,
+            "lockstep": self.lockstep,
+            "timing": None if self.lockstep else clock.summary(),
+            "footprint": footprint,
+            "trigger": self.trigger,
+            "overrun": missed,
+            "not_available": missing,
+            "valve_closed": closed,
+            "faults": faults.count,
+            "first_fault": faults.first.line if faults.first else None,
+            "port": port.counts(),
+            "frames": node.reception_counts(),
+            "parameters": parameters,
+            **published,
+        }
+
+    def _await_plant(self, node: ControllerNode, samples: Samples, outlet: Outlet, stop: Stop) -> None:
+        """Say "active" every 50 ms until the plant's first sample is complete; leave its frames in the inbox."""
+        line, complete = samples.line, False
+        inbox: list[Frame] = []
+        while not (stop.asked or complete):
+            line.port.send(node.heartbeat(Lifecycle.ACTIVE))
+            outlet.tune()
+            complete = samples.next(node.heartbeat_period)
+            inbox = (inbox + node.listen(unload(line.inbox[: line.count])))[-_KEPT:]
+            line.clear()
+        line.count = load(line.inbox, inbox)
+
+    def _warm_up(self, node: ControllerNode, turn: Turn, outlet: Outlet, begins: Trigger) -> None:
+        """Some cycles at the plant's pace, which are not in the timing; then the trigger's grid is set."""
+        arrivals = []
+        for _ in range(max(1, round(_WARM_UP * self.rate))):
+            self._cycle(node, turn, outlet)
+            turn.samples.next(2.0 / self.rate)
+            arrivals.append(turn.samples.arrived_ns())
+        self._cycle(node, turn, outlet)
+        begins.start(usual_arrival(arrivals, begins.clock.period_ns))
+
+    def _real_time(
+        self, node: ControllerNode, outlet: Outlet, beat: Beat, begins: Trigger, stop: Stop
+    ) -> dict[str, int]:
+        """Cycles as the trigger runs them; return what it took from the system."""
+        clock = beat.clock
+        taken = Footprint()
+        while not stop.asked:
+            begins.run(outlet.changes)
+            if outlet.asked():
+                outlet.write(
+                    node.record, clock.woken_ns / 1e9, clock.lateness_ns / 1e3, clock.work_ns / 1e3, clock.late
+                )
+                outlet.tune()
+                clock.done()
+            else:
+                beat.book(node.record, outlet.changes)
+            node.late_cycles = clock.late
+        return taken.summary()
+
+    def _lockstep(self, turn: Turn, outlet: Outlet, beat: Beat, stop: Stop) -> None:
+        """Answer each complete sample at once; end when the plant says it ends."""
+        samples = turn.samples
+        while not stop.asked:
+            written, complete = turn.answer_in_step(beat, outlet.changes)
+            if not written:
+                outlet.write(turn.node.record, time.monotonic(), 0.0, 0.0, 0)
+            outlet.tune()
+            if complete or (not samples.plant_ended() and samples.next(_SILENCE)):
+                continue
+            if samples.plant_ended():
+                return
+            raise InputError(f"the plant on {samples.line.port.name} has been silent for {_SILENCE:g} s of lock-step")
+
+    def _cycle(self, node: ControllerNode, turn: Turn, outlet: Outlet) -> None:
+        """A cycle that is not timed."""
+        turn.answer(1)
+        outlet.write(node.record, time.monotonic(), 0.0, 0.0, 0)
+        outlet.tune()
+
+
+def _made_safe(node: ControllerNode, port: Port, period: float) -> bool:
+    """Send the safe frames in a few cycles of `period` [s]; whether every one of some cycle has left."""
+    left = False
+    for _ in range(_SAFE_REPEATS):
+        before = port.refused + port.down
+        try:
+            for frame in node.safe():
+                port.send(frame)
+            left = left or port.refused + port.down == before
+        except OSError:  # the bus is gone: nothing can be sent, the rig's own watchdog closes the valve
+            break
+        time.sleep(period)
+    return left

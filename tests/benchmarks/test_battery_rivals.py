@@ -1,0 +1,137 @@
+"""The battery's rivals do what their methods promise, on made-up residuals."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from benchmarks.battery.rivals import gaussian_process
+from benchmarks.battery.rivals.__main__ import main
+from benchmarks.battery.rivals.features import features
+from benchmarks.battery.rivals.prepared import INPUTS, OUTPUTS, PERIOD, Prepared
+from benchmarks.battery.rivals.verdict import answered, tuned
+from clutch_hil.discrepancy.result import NAMED, NONE_OF_THESE, NOTHING
+from tests import needs
+
+TORQUE, PRESSURE = OUTPUTS.index("clutch_torque_nm"), OUTPUTS.index("cylinder_pressure_bar")
+SAMPLES = 3000
+
+
+def made(add) -> Prepared:
+    """Two runs with residuals of unit noise and what `add` makes of the predicted outputs."""
+    t, random = PERIOD * np.arange(SAMPLES), np.random.default_rng(1)
+    one = [
+        3.2 + 0.8 * np.sin(2.1 * t),
+        15 + 5 * np.sin(1.3 * t),
+        15 + 5 * np.sin(1.3 * t),
+        10 + 8 * np.sin(0.9 * t),
+        70 + t,
+    ]
+    predicted = np.array([one, [values[::-1] for values in one]])
+    inputs = np.array([[one[PRESSURE] / 2.5, one[3], np.cumsum(one[3]) * PERIOD]] * 2)
+    assert (len(OUTPUTS), len(INPUTS)) == (5, 3)
+    return Prepared(random.standard_normal(predicted.shape) + add(predicted), predicted, inputs, 1.0)
+
+
+def off_by_gain(predicted: np.ndarray) -> np.ndarray:
+    residuals = np.zeros_like(predicted)
+    residuals[:, TORQUE] = 0.1 * predicted[:, TORQUE]
+    return residuals
+
+
+def test_sparse_regression_finds_a_term():
+    needs.skip_without("pysindy")
+    from benchmarks.battery.rivals import sindy
+
+    ranking = sindy.ranked(made(off_by_gain))
+    assert ranking[0][0] == "torque_sensor_gain"
+    assert ranking[0][1] > 0.2
+
+
+def test_marginal_likelihood_and_its_gradient_are_those_of_scikit_learn():
+    needs.skip_without("sklearn")
+    from sklearn import gaussian_process as process
+    from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
+
+    random = np.random.default_rng(1)
+    x, y = random.standard_normal((40, 3)), random.standard_normal(40)
+    kernel = ConstantKernel(1.0) * RBF(np.ones(3)) + WhiteKernel(1.0)
+    regressor = process.GaussianProcessRegressor(kernel, optimizer=None, alpha=0.0).fit(x, y)
+    apart = (x.T[:, :, None] - x.T[:, None, :]) ** 2
+    for logs in random.uniform(-1.0, 1.0, (5, 5)):
+        value, gradient = regressor.log_marginal_likelihood(logs, eval_gradient=True)
+        ours, by = gaussian_process.loss(logs, apart, y)
+        assert ours == pytest.approx(-value, rel=1e-10)  # the same formula: rounding alone
+        assert by == pytest.approx(-gradient, rel=1e-8)
+
+
+def test_gaussian_process_looks_like_the_effect_that_made_it(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(gaussian_process, "_POINTS", 120)
+    case = made(off_by_gain)
+    other = np.zeros_like(case.predicted)
+    other[:, PRESSURE] = 1.0
+    ranking = gaussian_process.ranked(
+        case, {"pressure_sensor_offset": other, "torque_sensor_gain": off_by_gain(case.predicted)}
+    )
+    assert ranking[0][0] == "torque_sensor_gain"
+    assert ranking[0][1] > 0.8
+    assert ranking[1][1] < 0.3
+
+
+def test_classifier_tells_classes_it_was_not_shown(monkeypatch: pytest.MonkeyPatch):
+    needs.skip_without("sklearn")
+    from sklearn import ensemble
+
+    from benchmarks.battery.rivals import classifier
+
+    monkeypatch.setattr(classifier, "_forests", lambda: [ensemble.RandomForestClassifier(20, random_state=1)])
+    x = np.random.default_rng(1).standard_normal((30, 4))
+    classes = ["a" if row[0] > 0 else "b" for row in x]
+    x[:, 0] += np.where(x[:, 0] > 0, 3.0, -3.0)
+    answers = classifier.left_out(x, classes)
+    assert sum(answer[0][0] == c for answer, c in zip(answers, classes, strict=True)) >= 28
+
+
+def test_features_are_finite_and_tell_cases_apart():
+    plain, off = features(made(lambda predicted: 0.0 * predicted)), features(made(off_by_gain))
+    assert plain.shape == off.shape
+    assert np.isfinite(off).all()
+    assert np.abs(off - plain).max() > 0.1
+
+
+def test_limits_are_learned_from_null_and_unknown_cases():
+    def told(case: str, effects: list[str], excess: float, name: str, score: float) -> dict:
+        truth = {"effects": [{"name": n} for n in effects]}
+        return {"case": case, "truth": truth, "excess": excess, "ranking": [(name, score)]}
+
+    answers = [
+        told("null/1", [], 0.01, "a", 0.9),
+        told("null/2", [], 0.02, "a", 0.9),
+        told("unknown/1", ["x"], 1.0, "a", 0.3),
+        told("single/1", ["a"], 1.0, "a", 0.9),
+        told("single/2", ["b"], 0.9, "b", 0.8),
+    ]
+    limits = tuned(answers)
+    assert [answered(a, limits)["verdict"] for a in answers] == [NOTHING, NOTHING, NONE_OF_THESE, NAMED, NAMED]
+    assert answered(answers[3], limits)["effects"] == ["a"]
+    assert answered(answers[2], limits)["leads"] == "a"  # though it is not named
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--method", "svm"], "method 'svm' is unknown"),
+        (["--split", "test"], "split 'test' is unknown"),
+        (["--only", "*/s1"], "no case of the split evaluation is like */s1"),
+    ],
+)
+def test_wrong_input_is_told_in_a_sentence(arguments: list[str], said: str, tmp_path: Path):
+    app = typer.Typer()
+    app.command()(main)
+    result = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path)])
+    assert result.exit_code == 2
+    assert result.output.startswith("error: ")
+    assert said in result.output
+    assert list(tmp_path.iterdir()) == []

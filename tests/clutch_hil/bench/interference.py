@@ -1,0 +1,62 @@
+"""The closed loop in one process, and what may happen to the plant's frames on their way to the controller."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from clutch_hil.bench.in_process import Played, play
+from plant_sim.node.plant_node import PlantNode
+from plant_sim.profiles.profile import Profile
+from protocols.can.frames import Frame, load_frames
+from protocols.node import node_factory
+
+Interference = Callable[[int, list[Frame]], list[Frame]]  # of a tick and its frames
+
+_ANALOG = load_frames()["ANALOG_SENSORS"]
+controller_node = node_factory("controller")
+
+
+def played(profile: Profile, **controller: object) -> Played:
+    """Plant and controller, undisturbed."""
+    return play(PlantNode(profile=profile), controller_node(**controller))
+
+
+def interfered(change: Interference, profile: Profile) -> tuple[Played, list[list[Frame]]]:
+    """Play with the plant's frames changed by `change(tick, frames)`; also what the controller sent, by tick."""
+    plant, controller = PlantNode(profile=profile), controller_node()
+    sent: list[list[Frame]] = []
+    plant_rows, controller_rows = [], []
+    inbox: list[Frame] = []
+    while not plant.finished:
+        frames = plant.step(inbox)
+        inbox = controller.step(change(plant.tick, frames))
+        sent.append(inbox)
+        plant_rows.append(plant.row())
+        controller_rows.append(controller.row())
+    rows = np.array(plant_rows, float), np.array(controller_rows, float)
+    return Played(*rows, tuple(plant.columns), tuple(controller.columns)), sent
+
+
+def showing(since: int = 0, **counts: int) -> Interference:
+    """From tick `since` on, analog channels that show the given counts, in frames that are valid."""
+
+    def change(tick: int, frames: list[Frame]) -> list[Frame]:
+        if tick < since:
+            return frames
+        return [
+            Frame(i, _ANALOG.pack_raw(tick, *_ANALOG.raw(d)._replace(**counts))) if i == _ANALOG.can_id else Frame(i, d)
+            for i, d in frames
+        ]
+
+    return change
+
+
+def restarted(profile: Profile, at: int) -> list[float]:
+    """The last record of a controller that was started anew at tick `at`."""
+    plant, controller = PlantNode(profile=profile), controller_node()
+    inbox: list[Frame] = []
+    while not plant.finished:
+        if plant.tick == at:
+            controller = controller_node()
+        inbox = controller.step(plant.step(inbox))
+    return list(controller.row())

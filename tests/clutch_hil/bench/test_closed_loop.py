@@ -1,0 +1,253 @@
+"""The closed loop in one process: it follows, it adapts, it stays safe."""
+
+import numpy as np
+import pytest
+
+from clutch_hil.bench.following import following
+from clutch_hil.bench.in_process import play
+from plant_sim.node.plant_node import PlantNode
+from plant_sim.profiles.profile import Profile, load_profile
+from plant_sim.rigs import wet_clutch
+from protocols.can.frames import Frame, load_frames
+from protocols.errors import InputError
+from tests.clutch_hil.bench.interference import controller_node, interfered, played, restarted, showing
+
+CLOSED_BAR = 0.5  # bar: what is left in the cylinder 0.3 s after the valve closed; the springs act from 1.7 bar
+FRAMES = load_frames()
+
+STEADY = Profile("steady", (0.0, 0.2, 0.5, 3.0), (0.0, 0.0, 10.0, 10.0), (10.47,) * 4)
+
+
+def valve(frames: list[Frame]) -> tuple[int, float]:
+    """Enable and voltage of the valve command among frames."""
+    codec = FRAMES["VALVE_COMMAND"]
+    values = next(codec.unpack(data) for can_id, data in frames if can_id == codec.can_id)
+    return values.valve_enable, values.valve_voltage
+
+
+def test_the_torque_follows_the_demand() -> None:
+    result = played(STEADY)
+    assert result.following().regime_error < 0.15  # Nm; 0.1 measured, spring share of 0.14 Nm included
+    assert result.following().rise_time < 0.35  # s, of a ramp of 0.3 s and the fill
+
+
+def test_the_run_goes_through_its_phases_in_order() -> None:
+    phase = played(load_profile("engagement"))["controller_phase"]
+    assert list(phase[np.flatnonzero(np.diff(phase, prepend=-1.0))]) == [0, 1, 2, 3, 0]
+
+
+def test_two_plays_are_the_same_to_the_bit() -> None:
+    one, other = played(STEADY), played(STEADY)
+    assert np.array_equal(one.plant, other.plant)
+    assert np.array_equal(one.controller, other.controller)
+
+
+def test_the_controller_never_uses_the_torque_sensor() -> None:
+    blind, _ = interfered(showing(clutch_torque=12345), STEADY)
+    assert np.array_equal(blind.controller, played(STEADY).controller)
+
+
+@pytest.mark.parametrize("kept", [5, 6])
+def test_sensors_stale_for_more_than_five_cycles_close_the_valve(kept: int) -> None:
+    """`kept` cycles without a sample while the clutch slips."""
+    result, sent = interfered(lambda tick, frames: [] if 2000 <= tick < 2000 + kept else frames, STEADY)
+    enabled, voltage = valve(sent[2000 + kept - 1])
+    assert (enabled, voltage > 0.0) == ((1, True) if kept == 5 else (0, False))
+    assert result["controller_fault"][-1] == (0 if kept == 5 else 1)
+    if kept == 6:
+        assert result["truth_cylinder_pressure_bar"][2300] < CLOSED_BAR
+
+
+def test_a_fault_is_left_only_through_idle() -> None:
+    profile = Profile(
+        "twice", (0.0, 0.3, 1.0, 1.1, 1.5, 1.8, 2.5), (0.0, 10.0, 10.0, 0.0, 0.0, 10.0, 10.0), (10.0,) * 7
+    )
+    off = Profile("off", (0.0, 0.1), (0.0, 0.0), (10.0, 10.0))
+    codec = FRAMES["TORQUE_SETPOINT"]
+
+    def with_gap(tick: int, frames: list[Frame]) -> list[Frame]:
+        if 600 <= tick < 620:
+            return []
+        if 1100 <= tick < 1500:  # the supervisor asks for idle
+            idle = Frame(codec.can_id, codec.pack(tick, 0, *off.at(0.0)[1:]))
+            return [idle if frame.can_id == codec.can_id else frame for frame in frames]
+        return frames
+
+    result, _ = interfered(with_gap, profile)
+    phase = result["controller_phase"]
+    assert (phase[650:1099] == 4).all()
+    assert phase[1400] == 0
+    assert phase[-1] == 2
+
+
+def test_a_lost_supervisor_releases_the_clutch() -> None:
+    setpoint = FRAMES["TORQUE_SETPOINT"].can_id
+    result, _ = interfered(lambda t, frames: [f for f in frames if t < 1500 or f.can_id != setpoint], STEADY)
+    assert result["controller_phase"][1590] == 2  # within the time-out of 0.1 s
+    assert result["controller_phase"][1610] == 3
+    assert result["truth_cylinder_pressure_bar"][2000] < CLOSED_BAR
+    assert result["controller_fault"].max() == 0
+
+
+def test_an_empty_supply_is_a_fill_time_out() -> None:
+    parameters = wet_clutch.nominal().with_values({"valve.gain": 0.5})  # bar/V: a fifth of the pressure asked for
+    result = play(PlantNode(profile=STEADY, parameters=parameters), controller_node())
+    assert result["controller_fault"][-1] == 5
+    assert result["valve_voltage_v"][-1] == 0.0
+
+
+def test_a_lost_pressure_signal_is_a_fault_before_the_torque_runs_away() -> None:
+    """From 2 s on the pressure reads 0 with valid frames: both loops would ask for all there is."""
+    result, _ = interfered(showing(since=2000, cylinder_pressure=0), STEADY)
+    assert result["controller_fault"][-1] == 6
+    assert result["truth_clutch_torque_nm"].max() < 13.0  # Nm, of 10 asked; 33 without the check
+    assert result["truth_cylinder_pressure_bar"][-1] < CLOSED_BAR
+
+
+def test_a_pressure_signal_that_sticks_low_is_a_fault() -> None:
+    """The signal stands at 2.5 bar, while more is asked for."""
+    stuck = round(2.5 / 0.0048828125)
+    result, _ = interfered(showing(since=1000, cylinder_pressure=stuck), STEADY)
+    assert result["controller_fault"][-1] == 6
+    assert result["truth_cylinder_pressure_bar"][-1] < CLOSED_BAR
+
+
+def test_a_controller_that_slept_does_not_throw_the_torque_up() -> None:
+    """0.3 s without commands: the plant closes its valve; then the clutch is open, and the controller knows."""
+    plant, controller = PlantNode(profile=STEADY), controller_node()
+    inbox: list[Frame] = []
+    missed: list[Frame] = []
+    torque = []
+    while not plant.finished:
+        frames = plant.step(inbox)
+        torque.append(plant.row()[[column.name for column in plant.columns].index("truth_clutch_torque_nm")])
+        missed += frames
+        if 1500 <= plant.tick < 1800:
+            inbox = []
+            continue
+        inbox = controller.step(missed, slots=301 if plant.tick == 1800 else 1)
+        missed = []
+    assert max(torque[1800:]) < 11.0  # Nm, of 10 asked
+    assert controller.row()[3] == 6
+
+
+@pytest.mark.parametrize("stall", [10, 30, 80])
+def test_a_machine_that_stands_still_is_no_fault_of_the_rig(stall: int) -> None:
+    """Again and again for `stall` periods: their samples come at once when it goes on, and nobody could answer them."""
+    plant, controller = PlantNode(profile=STEADY), controller_node()
+    inbox: list[Frame] = []
+    torque = []
+    while not plant.finished:
+        slept = stall if plant.tick > 300 and plant.tick % 500 < stall else 0
+        plant.receive(inbox)
+        plant.slept(slept)
+        frames = []
+        for _ in range(1 + slept):
+            frames += plant.sample()
+            plant.advance()
+            torque.append(plant.row()[[column.name for column in plant.columns].index("truth_clutch_torque_nm")])
+        inbox = controller.step(frames, slots=1 + slept)
+        assert controller.row()[3] == 0, plant.tick
+    assert max(torque[1000:]) < 11.0  # Nm, of 10 asked
+    assert min(torque[1000:-stall]) > 9.0
+
+
+def test_a_restarted_controller_does_not_engage_in_the_middle_of_a_demand() -> None:
+    assert restarted(STEADY, at=1500)[2] == 0
+
+
+def test_a_standing_clutch_does_not_wind_up() -> None:
+    still = Profile("still", STEADY.time, STEADY.torque, (0.0,) * 4)
+    result = played(still)
+    assert result["truth_cylinder_pressure_bar"].max() < 3.5  # bar: feedforward and P alone
+    assert result["controller_fault"].max() == 0
+
+
+def test_the_motor_stands_until_a_sample_has_been_believed() -> None:
+    def corrupt(tick: int, frames: list[Frame]) -> list[Frame]:
+        return [Frame(i, bytes((d[0] ^ 1,)) + d[1:]) if i == 0x100 else Frame(i, d) for i, d in frames]
+
+    result, sent = interfered(corrupt, STEADY)
+    assert valve(sent[-1]) == (0, 0.0)
+    assert result["motor_speed_demand_rad_s"][10:].max() == 0.0
+
+
+def test_corrupt_frames_are_refused_and_counted() -> None:
+    def flipped(tick: int, frames: list[Frame]) -> list[Frame]:
+        return [Frame(i, d[:-1] + bytes((d[-1] ^ 1,))) if tick % 10 == 3 else Frame(i, d) for i, d in frames]
+
+    result, _ = interfered(flipped, STEADY)
+    assert result["controller_fault"].max() == 0
+    assert result.following().regime_error < 0.2  # Nm: one sample of ten is missing
+
+
+def test_a_frame_of_wrong_length_stops_the_controller_with_a_sentence() -> None:
+    node = controller_node()
+    with pytest.raises(InputError, match=r"^frame ANALOG_SENSORS \(0x100\) came with 7 bytes; its definition has 8$"):
+        node.step([Frame(0x100, b"\0" * 7)])
+
+
+def test_a_second_controller_stops_the_controller_with_a_sentence() -> None:
+    with pytest.raises(InputError, match="second controller is on the bus: it sends VALVE_COMMAND"):
+        controller_node().step([Frame(0x080, FRAMES["VALVE_COMMAND"].pack(0, 1, 1.0, 0))])
+
+
+def test_a_set_point_outside_limits_stops_the_controller_with_a_sentence() -> None:
+    with pytest.raises(InputError, match=r"^set-point 30.5 Nm is outside 0..30 Nm$"):
+        controller_node().step([Frame(0x180, FRAMES["TORQUE_SETPOINT"].pack(0, 1, 30.5, 10.0, 0.0))])
+
+
+def test_a_speed_outside_limits_stops_the_controller_with_a_sentence() -> None:
+    for speed in (-27.0, 27.0):
+        with pytest.raises(InputError, match=r"rad/s is outside -26.2..26.2 rad/s$"):
+            controller_node().step([Frame(0x180, FRAMES["TORQUE_SETPOINT"].pack(0, 1, 10.0, speed, 0.0))])
+
+
+def test_two_rates_on_one_bus_are_refused() -> None:
+    heartbeat = Frame(0x701, FRAMES["PLANT_HEARTBEAT"].pack(0, 1, 500, 7))
+    with pytest.raises(InputError, match="plant runs at 500 Hz, this controller at 1000 Hz"):
+        controller_node().step([heartbeat])
+
+
+def test_the_valve_closes_when_commands_stop() -> None:
+    plant, controller = PlantNode(profile=STEADY), controller_node()
+    inbox: list[Frame] = []
+    for _ in range(1500):
+        inbox = controller.step(plant.step(inbox))
+    for _ in range(300):
+        plant.step([])
+    assert plant.row()[1] == 0.0  # V
+    assert plant.row()[3] < CLOSED_BAR
+
+
+def test_the_safe_frames_close_the_valve_and_stop_the_motor() -> None:
+    plant, controller = PlantNode(profile=STEADY), controller_node()
+    inbox: list[Frame] = []
+    for _ in range(1500):
+        inbox = controller.step(plant.step(inbox))
+    plant.step(inbox)
+    plant.step(controller.safe())
+    assert plant.row()[1:3] == (0.0, 0.0)
+    assert all(counts["lost"] == counts["repeated"] == 0 for counts in plant.reception_counts().values())
+
+
+@pytest.mark.parametrize("rate", [250, 500, 2000, 4000])
+def test_the_loop_works_at_other_rates(rate: int) -> None:
+    result = play(PlantNode(rate=rate, profile=STEADY), controller_node(rate=rate))
+    assert result.following().regime_error < 0.2  # Nm
+
+
+def test_following_is_judged_as_the_thesis_does() -> None:
+    time = np.arange(0.0, 2.0, 0.001)
+    demand = np.where(time < 0.5, 0.0, 10.0)
+    torque = np.where(time < 0.5, 0.0, 10.0 * (1.0 - np.exp(-(time - 0.5) / 0.1)))
+    rise = 0.1 * np.log(10.0)  # s: a first-order lag reaches 90 % after tau ln 10
+    error = 10.0 * 0.1 * (np.exp(-rise / 0.1) - np.exp(-1.5 / 0.1)) / (1.5 - rise)
+    result = following(time, demand, torque)
+    assert result.rise_time == pytest.approx(rise, abs=0.0011)  # one sample
+    assert result.regime_error == pytest.approx(error, rel=0.01)
+
+
+def test_a_torque_that_never_arrives_has_no_rise_time() -> None:
+    time = np.arange(0.0, 1.0, 0.001)
+    assert np.isnan(following(time, np.full_like(time, 10.0), np.full_like(time, 8.9))).all()

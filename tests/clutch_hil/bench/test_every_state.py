@@ -1,0 +1,199 @@
+"""A controller for every state of a clutch: slipping, sticking, locking, reversing, saturated. Nothing here is a fault."""
+
+import numpy as np
+import pytest
+
+from clutch_hil.bench.in_process import Played, play
+from clutch_hil.discrepancy.models.wet_clutch_experiments import LIBRARY
+from plant_sim.node.plant_node import PlantNode
+from plant_sim.profiles.profile import Profile, load_profile
+from plant_sim.rigs import wet_clutch
+from rt_controller.law.clutch_state import ClutchState
+from rt_controller.loop.node import ControllerNode
+from tests.every_state import drawn, judged, lived
+
+LIVES = 300
+# Asked for is none. Of the samples of lives 0 to 599, 2.2e-5 are off by more than 0.5 Nm and 5 %, and 1.4e-6 above what the
+# plates carry (docs/states.md); of the first 300 lives 1.4e-5 and 7e-7
+OFF, ABOVE = 2.5e-5, 2e-6
+EXCESS = 1.8  # Nm beyond what is allowed, for a sample in which plates catch: 1.68 measured
+BENT = 30  # lives of plates that bend
+BENT_OFF = 0.02  # of their samples: 0.005 measured at 2e-3 rad, 0.009 at 2e-2 rad
+VALVE = (
+    0.2  # V between two samples in stick: 0.18 measured where the torque turns on the way out of lock; noise is 3 mV
+)
+SINE = 0.065  # Nm rms about the mean: 0.057 measured; the issue asks for 0.1
+TURN = {
+    1000: 1.0,
+    250: 1.5,
+}  # Nm in the crossing, by rate [Hz]: below 1.0 and 0.8 measured at 10 Nm and level 1; the issue asks for 1.5
+LOCKED = 0.3  # Nm: 0.23 measured
+PEAK = 0.5  # Nm above what was carried or is asked for: 0.46 measured, of a clutch of level 0.75
+
+
+def ran(*rows: tuple[float, ...], level: float = 1.0, rate: int = 1000, seed: int = 1) -> Played:
+    """A run of rows of time [s], torque [Nm], speed [rad/s] and, where given, lock."""
+    columns = list(zip(*rows, strict=True))
+    profile = Profile("states", *columns[:3], (), columns[3] if len(columns) > 3 else ())
+    parameters = wet_clutch.nominal().with_values({"friction_level.level": level})
+    return play(PlantNode(rate=rate, parameters=parameters, profile=profile, seed=seed), ControllerNode(rate=rate))
+
+
+def error(run: Played, begin: float, end: float) -> np.ndarray:
+    """Estimate less true torque between two times."""
+    part = (run["time_s"] >= begin) & (run["time_s"] < end)
+    return (run["controller_torque_estimate_nm"] - run["truth_clutch_torque_nm"])[part]
+
+
+def test_no_random_life_of_a_healthy_clutch_is_a_fault_and_the_estimate_is_right() -> None:
+    verdicts = {seed: judged(life := drawn(seed), lived(life)) for seed in range(LIVES)}
+    assert [seed for seed, verdict in verdicts.items() if verdict.fault] == []
+    samples = sum(verdict.samples for verdict in verdicts.values())
+    assert sum(verdict.off for verdict in verdicts.values()) < OFF * samples
+    assert sum(verdict.above for verdict in verdicts.values()) < ABOVE * samples
+    assert max(verdict.excess for verdict in verdicts.values()) < EXCESS
+    assert max(verdict.voltage for verdict in verdicts.values()) < VALVE
+
+
+@pytest.mark.parametrize("torque", [10.0, 15.0, 20.0])
+@pytest.mark.parametrize("level", [0.8, 1.0, 1.2])
+def test_a_clutch_whose_motor_stops_sticks_and_carries_what_is_applied(torque: float, level: float) -> None:
+    run = ran(
+        (0, 0, 10),
+        (0.5, 0, 10),
+        (1, torque, 10),
+        (3, torque, 5),
+        (6, torque, 0),
+        (8, torque, 0),
+        (9, 0, 0),
+        level=level,
+    )
+    assert run["controller_fault"].max() == 0
+    part = (run["time_s"] > 7.0) & (run["time_s"] < 7.8)
+    assert ClutchState.STICKING in run["controller_clutch_state"][part]
+    assert np.abs(error(run, 7.0, 7.8)).max() < LOCKED
+
+
+@pytest.mark.parametrize("seconds", [0.2, 0.5, 1.0, 2.0, 4.0])
+@pytest.mark.parametrize("speed", [5.0, 10.0])
+@pytest.mark.parametrize("rate", [250, 1000])
+def test_a_reversal_is_no_fault_and_the_estimate_follows_it_with_its_sign(
+    seconds: float, speed: float, rate: int
+) -> None:
+    turn, end = 3.0 + seconds, 5.0 + seconds
+    run = ran(
+        (0, 0, speed), (0.5, 0, speed), (1, 10, speed), (3, 10, speed), (turn, 10, -speed), (end, 10, -speed), rate=rate
+    )
+    assert run["controller_fault"].max() == 0
+    assert np.abs(error(run, 2.9, end)).max() < TURN[rate]
+    assert run["controller_torque_estimate_nm"][-1] == pytest.approx(-10.0, abs=LOCKED)
+
+
+@pytest.mark.parametrize("angle", [2e-3, 2e-2])
+def test_plates_that_bend_before_they_slide_are_no_fault_to_a_controller_that_is_calibrated_to_it(angle: float) -> None:
+    verdicts = {seed: judged(life := drawn(seed), lived(life, angle)) for seed in range(BENT)}
+    assert [seed for seed, verdict in verdicts.items() if verdict.fault] == []
+    assert sum(v.off for v in verdicts.values()) < BENT_OFF * sum(v.samples for v in verdicts.values())
+
+
+def test_a_ramp_to_24_nm_in_creep_is_no_fault() -> None:
+    run = ran((0, 0, 1), (0.5, 0, 1), (4, 24, 1), (6, 24, 1), (7, 0, 1))
+    assert run["controller_fault"].max() == 0
+    assert np.abs(error(run, 1.0, 6.0)).max() < LOCKED
+
+
+@pytest.mark.parametrize("frequency", [1.0, 2.0, 5.0, 9.0])
+def test_the_lag_of_the_friction_is_in_the_estimate(frequency: float) -> None:
+    """Fig 6.14: slip of 100 rpm with a sine of 60 rpm."""
+    times = np.arange(0.0, 3.0, 0.004)
+    speeds = 10.47 + 6.28 * np.sin(2.0 * np.pi * frequency * times)
+    sine = [(1.0 + float(t), 10.0, float(w)) for t, w in zip(times, speeds, strict=True)]
+    run = ran((0, 0, 10.47), (0.5, 0, 10.47), *sine)
+    assert error(run, 2.0, 4.0).std() < SINE
+
+
+@pytest.mark.parametrize("torque", [10.0, 15.0, 20.0, 24.0])
+def test_a_clutch_that_is_to_be_locked_holds_a_running_motor_and_lets_it_go(torque: float) -> None:
+    run = ran(
+        (0, 0, 10, 0), (0.5, 0, 10, 0), (0.8, torque, 10, 0), (2, torque, 10, 1), (62, torque, 10, 0), (62.3, torque, 10, 0),
+        (63.5, 0, 10, 0), (64, 0, 10, 0),
+    )  # fmt: skip
+    assert run["controller_fault"].max() == 0
+    held = (run["time_s"] > 4.0) & (run["time_s"] < 62.0)
+    assert set(run["controller_clutch_state"][held]) == {ClutchState.LOCKED}
+    assert (run["truth_slip_speed_rad_s"][held] == 0.0).all()
+    assert np.abs(error(run, 4.0, 62.0)).max() < LOCKED
+    assert (run["controller_capacity_nm"][held] > 1.06 * np.abs(run["truth_clutch_torque_nm"][held])).all()
+    assert np.ptp(run["valve_voltage_v"][held]) < 0.01  # V; 8 mV measured
+
+
+@pytest.mark.parametrize("speed", [3.0, 10.0, 20.0, -10.0])
+@pytest.mark.parametrize("level", [0.75, 1.0, 1.25])
+def test_plates_that_are_released_from_lock_at_a_motor_that_pushes_have_no_torque_peak(
+    speed: float, level: float
+) -> None:
+    """To 0, 5, 10, 15 and 24 Nm, and to idle: two rows without a torque ask for idle."""
+    for after, end in ((0.0, 0.01), (5.0, 5.0), (10.0, 10.0), (15.0, 15.0), (24.0, 24.0), (0.0, 0.0)):
+        run = ran(
+            (0, 0, speed, 0), (0.5, 0, speed, 0), (0.8, 24, speed, 0), (2, 24, speed, 1), (5, after, speed, 0),
+            (7, end, speed, 0), level=level,
+        )  # fmt: skip
+        torque = np.abs(run["truth_clutch_torque_nm"])
+        released = run["time_s"] >= 5.0
+        assert run["controller_fault"].max() == 0
+        assert run["controller_clutch_state"][~released][-1] == ClutchState.LOCKED
+        assert torque[released].max() < max(torque[~released][-1], after) + PEAK, after
+
+
+@pytest.mark.parametrize("speed", [3.0, 10.0, 20.0, -10.0])
+def test_the_motor_is_held_until_the_clutch_has_come_down_to_what_is_asked_for(speed: float) -> None:
+    """A motor that has been held in lock and may push harder while the plates still carry much would tear them apart."""
+    limit = (10.8 * 4.72 - 25.1) / 1.08  # Nm: the capacity at the highest pressure of lock, less the margin
+    for after in (0.0, 5.0, 10.0, 15.0):
+        run = ran(
+            (0, 0, speed, 0), (0.5, 0, speed, 0), (0.8, 24, speed, 0), (2, 24, speed, 1), (5, after, speed, 0),
+            (7, after, speed, 0),
+        )  # fmt: skip
+        motor, clutch = np.abs(run["truth_motor_torque_nm"]), np.abs(run["truth_clutch_torque_nm"])
+        carries = (run["time_s"] >= 4.0) & (clutch > after + 2.0)  # 1.5 Nm above it the pressure is down
+        assert motor[carries & (run["time_s"] < 5.0)].min() > 0.95 * limit, "it pushes with all it may"
+        assert motor[carries].max() < limit + 0.1, after
+
+
+@pytest.mark.parametrize("speed", [3.0, -3.0])
+@pytest.mark.parametrize("level", [0.75, 0.85, 1.25])
+def test_plates_that_rest_and_break_away_show_their_level(level: float, speed: float) -> None:
+    """They are closed at rest, then the motor winds up: a strong clutch shows itself before it gives way, a weak one when."""
+    run = ran((0, 0, 0), (0.5, 0, 0), (1.5, 10, 0), (3, 10, 0), (3.2, 10, speed), (4, 10, speed), level=level)
+    away = int(np.argmax(run["truth_slip_speed_rad_s"] != 0.0))
+    shown = run["controller_trimmed_level"]
+    assert run["controller_fault"].max() == 0
+    assert run["time_s"][away] > 3.0
+    assert shown[away - 1] == 1.0 if level < 1.0 else shown[away - 1] > 1.07
+    left = (shown[away + 20] - level) / (1.0 - level)
+    assert abs(left) < 0.5, "20 ms after break-away; the torque balance alone would leave 0.6"
+
+
+def test_each_loop_has_its_own_limit() -> None:
+    """30 Nm of a clutch that has 80 % of its friction are too much: the pressure settles at its limit all the same."""
+    run = ran((0, 0, 10), (0.5, 0, 10), (1.5, 30, 10), (5, 30, 10), level=0.6)
+    part = run["time_s"] > 4.0
+    assert run["controller_fault"].max() == 0
+    assert run["controller_saturated"][part].all()
+    assert run["truth_cylinder_pressure_bar"][part].mean() == pytest.approx(4.5, abs=0.01)
+
+
+FOREIGN = {
+    "clutch.coulomb_slope": 17.0, "clutch.coulomb_intercept": -45.05, "clutch.viscous_exponent": 0.4,
+    "clutch.stribeck_speed": 6.0, "clutch.attraction": 40.0, "piston.contact_pressure": 2.65,
+}  # fmt: skip
+
+
+def test_every_experiment_plays_to_its_end_on_a_clutch_that_nobody_has_calibrated() -> None:
+    parameters = wet_clutch.nominal().with_values(FOREIGN)
+    for experiment in LIBRARY:
+        plant = PlantNode(
+            parameters=parameters, profile=load_profile(experiment.profile), temperature=experiment.temperature
+        )
+        run = play(plant, ControllerNode())
+        assert run["controller_fault"].max() == 0, experiment.name

@@ -1,0 +1,209 @@
+"""Faults are told where they happen: time, name, reason and measured values; and how many, at the end."""
+
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from clutch_hil.bench.in_process import play
+from clutch_hil.live.collector import Collector
+from clutch_hil.live.demand import pressure_profile, torque_profile
+from clutch_hil.live.recorder import Recorder
+from plant_sim.node.plant_node import PlantNode
+from plant_sim.profiles.profile import Profile, load_profile
+from protocols.buses.bus import open_bus
+from protocols.can.fault_text import REASONS, WAITS_FOR_IDLE, FaultWatch, faults_of, waits_for_idle
+from protocols.can.frames import load_frames
+from protocols.can.request import Request
+from protocols.node import node_factory
+from protocols.telemetry.batch import Batch, published_columns
+from protocols.telemetry.outlet import TIMING
+from rt_controller.law.phases import Fault, Phase
+from rt_controller.loop.node import COLUMNS, ControllerNode, controller_parameters, shipped_parameters
+from tests.clutch_hil.bench.test_services import RATE, hear
+from tests.processes import ONE_CPU, PATIENCE, service
+
+NAMES = [column.name for column in COLUMNS]
+
+
+def row(**values: float) -> np.ndarray:
+    return np.array(
+        [[{"sample_tick": 2500.0}.get(name, 0.0) if name not in values else values[name] for name in NAMES]]
+    )
+
+
+def test_every_fault_has_its_reason_and_a_limit_that_exists() -> None:
+    names = {fault.name.lower().replace("_", " ") for fault in Fault if fault is not Fault.NONE}
+    assert set(REASONS) == names
+    assert set(load_frames()["CONTROLLER_STATUS"].choices("fault").values()) == names | {"none"}
+    parameters = shipped_parameters()
+    assert all(parameters[reason.limit].unit == reason.unit for reason in REASONS.values())
+
+
+@pytest.mark.parametrize("fault", [fault for fault in Fault if fault is not Fault.NONE])
+def test_a_fault_is_told_once_with_time_reason_and_values(fault: Fault) -> None:
+    watch = FaultWatch(NAMES, 250.0, {name: p.value for name, p in shipped_parameters().items()})
+    came = row(fault=fault.value, sample_age=6.0, pressure_bar=3.41, slip_rad_s=20.1)
+    (told,) = watch.take(np.concatenate([row(), came, came]))
+    assert told.line.startswith(f"fault at 10.02 s: {fault.name.lower().replace('_', ' ')}: ")
+    assert "(limit " in told.line
+    assert "pressure 3.41 bar" in told.line
+    assert "slip 20.10 rad/s" in told.line
+    assert watch.take(came) == []
+    (cleared,) = watch.take(row(sample_tick=2600.0))
+    assert cleared.line == "cleared at 10.40 s"
+    assert watch.verdict == told.line
+    watch.take(came)
+    assert watch.verdict == f"2 faults, the first: {told.line}"
+
+
+def test_a_controller_keeps_the_first_fault_though_nobody_reads_its_record() -> None:
+    controller = ControllerNode(RATE)
+    play(PlantNode(rate=RATE, profile=load_profile("engagement", 1.0)), controller)
+    assert controller.faults().count == 0
+    for _ in range(8):
+        controller.step([])  # no sample comes
+    faults = controller.faults()
+    assert faults.count == 1
+    assert faults.first
+    assert faults.first.line.startswith("fault at 1.0")
+    assert "stale sensors: no believable sample for 6 cycles (limit 5 cycles)" in faults.first.line
+
+
+def batch_of(node: str, rows: np.ndarray, first: int = 0) -> Batch:
+    columns = published_columns(node, [*COLUMNS, *TIMING])
+    timing = np.zeros((len(rows), len(TIMING)))
+    return Batch(node, 1, first, RATE, 0.0, 0, columns, np.concatenate([rows, timing], axis=1))
+
+
+@pytest.mark.parametrize(("node", "whose"), [("controller", ""), ("controller_b", " of clutch b")])
+def test_a_monitor_and_a_recorder_tell_the_fault_of_either_clutch(node: str, whose: str) -> None:
+    came = row(fault=Fault.OVERPRESSURE.value, phase=Phase.FAULT.value, pressure_bar=5.6)
+    collector = Collector("bench")
+    collector.alive = dict.fromkeys(("controller", "controller_b"), True)
+    for other in ("controller", "controller_b"):
+        collector.take([batch_of(other, row())], 0.0)
+    assert collector.snapshot(0.0).standing_faults == ()
+    collector.take([batch_of(node, came, 1)], 0.1)
+    snapshot = collector.snapshot(0.1)
+    (line,) = snapshot.standing_faults
+    assert line.startswith(f"fault{whose} at 10.00 s: overpressure: ")
+    assert snapshot.last_fault == line
+    assert line in snapshot.troubles()
+    collector.take([batch_of(node, row(), 2)], 0.2)
+    assert collector.snapshot(0.2).last_fault == f"{line}; cleared{whose.replace('of', 'for')} at 10.00 s"
+    assert collector.snapshot(0.2).standing_faults == ()
+
+    told: list[str] = []
+    recorder = Recorder(None, ScriptedFeed([[batch_of(node, np.concatenate([row(), came]))]]), None, False, told.append)
+    recorder.step(plant=False)
+    assert told == [line]
+
+
+def test_a_run_of_two_clutches_tells_the_faults_of_both() -> None:
+    came = np.concatenate([row(), row(fault=Fault.OVERPRESSURE.value)])
+    columns = {f"{node}_{name}": came[:, i] for node in ("controller", "controller_b") for i, name in enumerate(NAMES)}
+    for clutch in "ab":
+        told = faults_of(columns, RATE, {}, clutch)
+        assert told.verdict.startswith(f"fault of clutch {clutch} at ")
+        assert told.stands
+
+
+class ScriptedFeed:
+    """What comes, look by look."""
+
+    bench = "bench"
+
+    def __init__(self, script: list[list[Batch]]) -> None:
+        self._script, self.alive, self.lost = script, dict[str, bool](), dict[str, int]()
+
+    def read(self) -> list[Batch]:
+        return self._script.pop(0)
+
+    def events(self) -> list[dict]:
+        return []
+
+
+@pytest.mark.parametrize("telemetry", ["--telemetry", "--no-telemetry"])
+def test_a_bench_in_two_shells_tells_its_fault(local_bus: str, tmp_path: Path, telemetry: str) -> None:
+    path = tmp_path / "run.parquet"
+    common = ("--bus", local_bus, "--rate", str(RATE), *ONE_CPU, telemetry)
+    with service("controller", *common) as controller, open_bus(local_bus) as port:
+        with service("plant", *common, "--profile", "engagement") as plant:
+            hear(port, "CONTROLLER_STATUS", lambda status: status.phase == 2)
+            if telemetry == "--telemetry":
+                with service("record", str(path), "--bus", local_bus) as record:
+                    time.sleep(3.0)
+                    plant.kill()
+                    hear(port, "CONTROLLER_STATUS", lambda status: status.phase == 4)
+                    time.sleep(1.0)
+                    record.send_signal(signal.SIGINT)
+                    out, told = record.communicate(timeout=PATIENCE)
+                assert record.returncode == 1
+                assert "no row lost; fault at " in out
+                assert "fault at " in told
+            else:
+                plant.kill()
+                hear(port, "CONTROLLER_STATUS", lambda status: status.phase == 4)
+        controller.terminate()
+        out, errors = controller.communicate(timeout=PATIENCE)
+    assert controller.returncode == 1
+    if telemetry == "--telemetry":
+        assert "stale sensors: no believable sample for 6 cycles (limit 5 cycles); pressure " in errors
+    assert "verdict: controller stopped, valve closed; fault at " in out
+    assert " cycles, late " in out  # its timing
+
+
+def test_a_plant_ends_with_its_timing(local_bus: str) -> None:
+    common = ("--bus", local_bus, "--rate", str(RATE), *ONE_CPU, "--no-telemetry")
+    with service("plant", *common) as plant, service("controller", *common), open_bus(local_bus) as port:
+        hear(port, "ANALOG_SENSORS", lambda sensors: True)
+        plant.terminate()
+        out, _ = plant.communicate(timeout=PATIENCE)
+    assert plant.returncode == 0
+    assert " cycles, late " in out
+    assert "verdict: plant stopped after" in out
+
+
+def from_csv(tmp_path: Path) -> Profile:
+    path = tmp_path / "at_once.csv"
+    path.write_text(
+        "time_s,torque_demand_nm,motor_speed_demand_rad_s,pressure_demand_bar\n0,10,10,0\n1,10,10,0\n2,0,10,3\n"
+    )
+    return load_profile(str(path))
+
+
+AT_ONCE = {
+    "a torque": lambda folder: Profile("torque", (0.0, 1.5), (8.0, 8.0), (10.0, 10.0)),
+    "a ramp of torque": lambda folder: torque_profile(8.0, 10.0, 1.5, 50.0),
+    "a pressure": lambda folder: Profile("pressure", (0.0, 1.5), (0.0, 0.0), (10.0, 10.0), (3.0, 3.0)),
+    "a ramp of pressure": lambda folder: pressure_profile(3.0, 10.0, 1.5, 5.0),
+    "a CSV file": from_csv,
+    "a repeated one": lambda folder: Profile("torque", (0.0, 1.0), (8.0, 8.0), (10.0, 10.0)).lasting(2.5),
+}
+
+
+@pytest.mark.parametrize("rate", [50, 250, 1000])
+@pytest.mark.parametrize("kind", AT_ONCE)
+def test_a_profile_whose_demand_is_there_at_once_engages(kind: str, rate: int, tmp_path: Path) -> None:
+    profile = AT_ONCE[kind](tmp_path)
+    played = play(PlantNode(rate=rate, profile=profile), node_factory("controller")(rate=rate))
+    assert played["controller_request"][0] == Request.IDLE
+    assert Phase.FILL in played["controller_phase"]
+    assert not played["controller_fault"].any()
+
+
+def test_who_waits_for_idle_says_so() -> None:
+    assert "request for idle" in WAITS_FOR_IDLE
+    assert waits_for_idle(Phase.IDLE, Request.ENGAGE)
+    assert waits_for_idle(Phase.IDLE, Request.PRESSURE)
+    assert not waits_for_idle(Phase.IDLE, Request.IDLE)
+    assert not waits_for_idle(Phase.FILL, Request.ENGAGE)
+
+
+def test_parameters_of_the_table_are_the_controllers() -> None:
+    assert {reason.limit for reason in REASONS.values() if reason.limit.startswith("phases.")} <= set(
+        controller_parameters()
+    )

@@ -1,0 +1,258 @@
+"""A scenario file says all that a run needs, and what is wrong in one is told before anything runs, by name."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from clutch_hil.bench.scenario import Scenario, load_scenario
+from clutch_hil.bench.settings import RunSettings
+from clutch_hil.bench.simulate import Simulation, simulation
+from plant_sim.node.injection import Injection
+from protocols.errors import InputError
+from tests.clutch_hil.bench.scenario_files import FULL, invoked, writer
+
+
+@pytest.fixture
+def written(tmp_path: Path) -> Callable[[str], Path]:
+    return writer(tmp_path)
+
+
+def test_a_scenario_holds_what_its_file_says(written) -> None:
+    path = written(FULL)
+    scenario = load_scenario(str(path))
+    s = scenario.settings
+    assert (scenario.name, scenario.title, scenario.about, scenario.rig) == (
+        "case",
+        "Everything",
+        "All there is.",
+        "wet_clutch",
+    )
+    assert (s.rate, s.seconds, s.seed, s.temperature, s.law, s.adaptation) == (500, 0.9, 3, 50.0, "feedforward", False)
+    assert s.loaded_profile().duration == 0.9
+    assert s.new_controller().parameters["pressure.proportional_gain"].value == 0.5
+    assert scenario.plant["valve.gain"].value == 2.4
+    assert scenario.plant["piston_seal_friction.force"].value == 50.0
+    assert scenario.plant["friction_level.level"].value == 0.85  # typical
+    assert scenario.injections == (
+        Injection({"internal_leakage.conductance": 1e-6, "pressure_sensor_offset.offset": 0.1}, 0.5, 0.1, 0.7),
+        Injection({"friction_level.level": 1.0, "friction_level.drift": 0.0}, 0.6),
+        Injection({"sensor_freeze.temperature": 1.0, "oil.sump_temperature": 80.0}, 0.65),
+    )
+    assert [str(limit) for limit in scenario.limits] == [
+        "rise_time_s <= 0.5 s",
+        "7 <= peak_torque_nm <= 12.5 Nm",
+        "fault = none",
+    ]
+
+
+def test_a_scenario_without_anything_is_the_bench_as_it_is(written) -> None:
+    scenario, plain = load_scenario(str(written('title = "x"'))), Scenario.of(RunSettings())
+    assert (scenario.settings, scenario.plant, scenario.limits) == (plain.settings, plain.plant, ())
+
+
+def test_options_override_the_file(written) -> None:
+    given = {"rate": 250, "seed": 9, "adaptation": True}
+    settings = load_scenario(str(written(FULL)), given).settings
+    assert (settings.rate, settings.seed, settings.adaptation, settings.law) == (250, 9, True, "feedforward")
+
+
+def test_parameter_files_have_the_last_word(written, tmp_path: Path) -> None:
+    plant, controller = tmp_path / "plant.toml", tmp_path / "controller.toml"
+    plant.write_text("[valve]\ngain = 2.6\n")
+    controller.write_text("[pressure]\nproportional_gain = 0.4\n")
+    given = {"plant_parameters": plant, "controller_parameters": controller}
+    scenario = load_scenario(str(written(FULL)), given)
+    assert scenario.plant["valve.gain"].value == 2.6
+    assert scenario.plant["piston_seal_friction.force"].value == 50.0
+    assert scenario.settings.new_controller().parameters["pressure.proportional_gain"].value == 0.4
+
+
+def test_the_controllers_process_gets_what_the_file_changes(written, tmp_path: Path) -> None:
+    settings = load_scenario(str(written(FULL))).settings
+    alone = RunSettings(rate=500, controller_parameters=settings.controller_file(tmp_path)).new_controller()
+    assert alone.parameters.as_values() == settings.new_controller().parameters.as_values()
+
+
+def test_a_run_without_a_scenario_gives_the_controller_its_own_file(tmp_path: Path) -> None:
+    assert RunSettings().controller_file(tmp_path) is None
+    assert not list(tmp_path.iterdir())
+
+
+def test_injections_act_at_their_time(written) -> None:
+    text = """
+    title = "x"
+    [run]
+    profile = "short.csv"
+    [[inject]]
+    at = 0.7
+    bias = { pressure = 0.2 }
+    """
+    scenario = load_scenario(str(written(text)))
+    columns = Simulation(scenario).play(scenario.plant, 1).columns()
+    wrong = columns["cylinder_pressure_bar"] - columns["truth_cylinder_pressure_bar"]
+    noise = 0.005  # bar, standard deviation (rig.md 9)
+    assert abs(wrong[300:700].mean()) < noise
+    assert abs(wrong[702:].mean() - 0.2) < noise
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),  # the sentence's end is left out where it lists what comes close
+    [
+        ("title = ", "file {path} cannot be read: Invalid value (at end of document)"),
+        ("", "entry title is missing; text is needed"),
+        ("title = 3", "title is 3; allowed is text"),
+        ("title = 'x'\nrigg = 'y'", "entry rigg is unknown; did you mean rig?"),
+        ("title = 'x'\nrig = 'lorry'", "rig is 'lorry'; allowed are wet_clutch, power_shift"),
+        ("title = 'x'\nrun = 3", "run is 3; allowed is a table"),
+        ("title = 'x'\n[run]\nrat = 3", "entry run.rat is unknown; did you mean rate"),
+        ("title = 'x'\n[run]\nrate = 1000.0", "run.rate is 1000.0; allowed is a whole number"),
+        ("title = 'x'\n[run]\nrate = true", "run.rate is True; allowed is a whole number"),
+        ("title = 'x'\n[run]\nseconds = nan", "run.seconds is nan; allowed is a number"),
+        (
+            "title = 'x'\n[plant.friction_level]\nlevel = 0.9\n[effects]\nfriction_level = {}",
+            "effect friction_level stands in plant and in effects; allowed is one of them",
+        ),
+        ("title = 'x'\n[run]\nadaptation = 'no'", "run.adaptation is 'no'; allowed is true or false"),
+        (
+            "title = 'x'\n[run]\nrate = 20000",
+            "rate 20000 Hz is not possible; allowed are 50 to 10000 Hz with a whole period in ns",
+        ),
+        ("title = 'x'\n[run]\nseed = -1", "run.seed is -1; allowed are 0 and more"),
+        ("title = 'x'\n[run]\nseconds = -1", "a run of -1 s is not possible; it must last 0.1 s or more"),
+        ("title = 'x'\n[run]\ntemperature = 20", "oil temperature 20 degC is outside 35..150 degC"),
+        ("title = 'x'\n[run]\nlaw = 'best'", "control law 'best' is unknown; allowed are both, feedforward, feedback"),
+        (
+            "title = 'x'\n[plant.valve]\ngian = 2",
+            "parameter 'valve.gian' is unknown; did you mean valve.gain or",
+        ),
+        (
+            "title = 'x'\n[plant.valve]\ngain = 99",
+            "parameter valve.gain = 99 bar/V breaks 0.1 <= value <= 25",
+        ),
+        ("title = 'x'\n[plant.valve]\ngain = '2'", "plant.valve.gain is '2'; allowed is a number"),
+        (
+            "title = 'x'\n[controller.torque]\nintegral = 1",
+            "parameter 'torque.integral' is unknown; did you mean torque.integral_gain or",
+        ),
+        (
+            "title = 'x'\n[controller.guard]\nvoltage = 1",
+            "parameter guard.voltage is fixed while the controller runs: the guard's limits are set at the start",
+        ),
+        (
+            "title = 'x'\n[effects]\npiston_friction = {}",
+            "effect 'piston_friction' is unknown; did you mean piston_seal_friction or",
+        ),
+        ("title = 'x'\n[effects]\nfriction_level = 0.8", "effects.friction_level is 0.8; allowed is a table"),
+        (
+            "title = 'x'\n[effects]\nfriction_level = { leval = 0.8 }",
+            "effect friction_level has no parameter 'leval'; did you mean level?",
+        ),
+        (
+            "title = 'x'\n[effects]\nfriction_level = { level = 9 }",
+            "parameter friction_level.level = 9 breaks 0.3 <= value <= 3",
+        ),
+        ("title = 'x'\n[[inject]]\neffect = 'friction_level'", "entry inject 1.at is missing; a number is needed"),
+        ("title = 'x'\n[inject]\nat = 1", "inject is {{'at': 1}}; allowed is a list of tables"),
+        ("title = 'x'\n[[inject]]\nat = 1", "inject 1: an injection changes nothing; name a parameter and its value"),
+        (
+            "title = 'x'\n[[inject]]\nat = 1\nwhen = 2",
+            "entry inject 1.when is unknown; known are at, ramp, until, clutch,",
+        ),
+        ("title = 'x'\n[[inject]]\nat = 1\noff = true", "inject 1 has off without effect; name the effect"),
+        (
+            "title = 'x'\n[[inject]]\nat = 1\neffect = 'friction_level'\noff = true\nvalues = { level = 1 }",
+            "inject 1 has off and values of effect friction_level; allowed is one of them",
+        ),
+        ("title = 'x'\n[[inject]]\nat = 1\nfreeze = 'presure'", "sensor 'presure' is unknown; did you mean pressure"),
+        (
+            "title = 'x'\n[[inject]]\nat = 2\nramp = 1\nuntil = 2.5\nfreeze = 'pressure'",
+            "inject 1: injection until 2.5 s is not possible; its ramp ends at 3 s",
+        ),
+        (
+            "title = 'x'\n[[inject]]\nat = 12\nfreeze = 'pressure'",
+            "inject 1 begins at 12 s, when the run of 12 s is over; allowed are earlier times",
+        ),
+        (
+            "title = 'x'\n[[inject]]\nat = 1\nparameters = { 'valve.gain' = 99 }",
+            "parameter valve.gain = 99 bar/V breaks 0.1 <= value <= 25",
+        ),
+        (
+            "title = 'x'\n[limits]\nregime_eror_nm = { most = 1 }",
+            "measure 'regime_eror_nm' is unknown on the rig wet_clutch; did you mean regime_error_nm or",
+        ),
+        ("title = 'x'\n[limits]\nrise_time_s = 1", "limits.rise_time_s is 1; allowed is a table"),
+        (
+            "title = 'x'\n[limits]\nrise_time_s = { max = 1 }",
+            "entry limits.rise_time_s.max is unknown; known are least, most",
+        ),
+        (
+            "title = 'x'\n[limits]\nrise_time_s = {}",
+            "limit rise_time_s has neither least nor most; one of them is needed, in s",
+        ),
+        (
+            "title = 'x'\n[limits]\nrise_time_s = { least = 2, most = 1 }",
+            "limit rise_time_s has least = 2 above most = 1; none would hold",
+        ),
+        (
+            "title = 'x'\n[limits]\nfault = 'bad luck'",
+            "limit fault is 'bad luck'; allowed are none, stale sensors, overpressure, overtemperature, overspeed,"
+            " fill timeout, pressure lost, torque implausible",
+        ),
+    ],
+)
+def test_what_is_wrong_is_told_by_name(text: str, sentence: str, written) -> None:
+    path = written(text)
+    with pytest.raises(InputError) as error:
+        simulation(load_scenario(str(path)))
+    assert str(error.value).startswith(f"scenario {path}: {sentence.format(path=path)}")
+
+
+def test_a_missing_profile_is_told_with_its_path(written, tmp_path: Path) -> None:
+    path = written("title = 'x'\n[run]\nprofile = 'lost.csv'")
+    with pytest.raises(InputError, match=rf"^scenario {path}: profile '{tmp_path}/lost.csv' does not exist; known are"):
+        simulation(load_scenario(str(path)))
+
+
+def test_a_rate_that_the_bus_cannot_carry_is_refused(written) -> None:
+    path = written("title = 'x'\n[run]\nrate = 2000")
+    with pytest.raises(InputError, match=r"run.rate is 2000 Hz: its frames would fill 1\d\d % of a bus of 1000 kbit/s"):
+        load_scenario(str(path))
+
+
+def test_a_rig_too_fast_to_integrate_is_refused(written) -> None:
+    path = written("title = 'x'\n[plant.piston]\ndamping = 5000\narea = 0.05")
+    with pytest.raises(InputError, match=rf"^scenario {path}: the rig is too fast to integrate: .* allowed are"):
+        simulation(load_scenario(str(path)))
+
+
+def test_effects_that_exclude_each_other_are_refused(written) -> None:
+    path = written("title = 'x'\n[effects]\nmotor_torque_ripple = {}\nshaft_compliance = {}\nbacklash = {}")
+    with pytest.raises(InputError, match=rf"^scenario {path}: effects \w+ and \w+ exclude each other"):
+        simulation(load_scenario(str(path)))
+
+
+def test_an_unknown_scenario_is_told_with_what_comes_closest() -> None:
+    with pytest.raises(
+        InputError,
+        match=r"^scenario 'engagment' is unknown, and the path of one ends with .toml; did you mean engagement",
+    ):
+        load_scenario("engagment")
+    with pytest.raises(InputError, match=r"^scenario nowhere.toml: file nowhere.toml does not exist$"):
+        load_scenario("nowhere.toml")
+
+
+def test_nothing_is_written_when_a_file_is_wrong(written, tmp_path: Path) -> None:
+    path = written("title = 'x'\n[run]\nlaw = 'best'")
+    result = invoked("simulate", "engagement", path, "--out", tmp_path / "runs", "--junit", tmp_path / "x.xml")
+    assert isinstance(result.exception, InputError)  # exit code 2
+    assert not (tmp_path / "runs").exists()
+    assert not (tmp_path / "x.xml").exists()
+
+
+@pytest.mark.parametrize(
+    ("seconds", "said"), [(1e9, "it must last 1e\\+06 s or less"), (2000, "does not fit into memory")]
+)
+def test_a_simulation_that_memory_cannot_hold_is_refused(seconds: float, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        simulation(Scenario.of(RunSettings(seconds=seconds)))

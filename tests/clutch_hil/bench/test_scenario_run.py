@@ -1,0 +1,136 @@
+"""A run of a scenario: its limits decide, and it is the same live, blind and swept."""
+
+import json
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from clutch_hil.bench.scenario import load_scenario
+from clutch_hil.bench.simulate import Simulation
+from protocols.files.runs import read_run
+from protocols.realtime.child import clutch_hil
+from tests.clutch_hil.bench.scenario_files import FULL, RUN, invoked, writer
+from tests.processes import PATIENCE
+
+
+@pytest.fixture
+def written(tmp_path: Path) -> Callable[[str], Path]:
+    return writer(tmp_path)
+
+
+def test_limits_decide(written, tmp_path: Path) -> None:
+    """The same run passes and fails by its limits alone, with exit codes 0 and 1."""
+    for most, code in ((12.0, 0), (5.0, 1)):
+        path = written(f"title = 'x'{RUN}[limits]\npeak_torque_nm = {{ most = {most} }}")
+        result = invoked("simulate", path, "--out", tmp_path / "runs", "--json")
+        assert result.exit_code == code
+        document = json.loads(result.stdout)
+        assert document["good"] is (code == 0)
+        limit = document["limits"][0]
+        assert (limit["measure"], limit["unit"], limit["most"], limit["holds"]) == (
+            "peak_torque_nm",
+            "Nm",
+            most,
+            not code,
+        )
+        assert 8.0 < limit["value"] < 12.0
+
+
+def test_a_fault_fails_a_scenario_that_does_not_expect_it(written, tmp_path: Path) -> None:
+    run = RUN.replace("short.csv", "engagement") + "seconds = 2.5\n"
+    text = f"title = 'x'{run}[[inject]]\nat = 0.6\nfreeze = 'encoder'\n[limits]\npeak_pressure_bar = {{ most = 9 }}\n"
+    result = invoked("simulate", written(text), "--out", tmp_path)
+    assert result.exit_code == 1
+    assert "BROKEN  fault = none: torque implausible" in result.stdout
+    result = invoked("simulate", written(f"{text}fault = 'torque implausible'"), "--out", tmp_path)
+    assert result.exit_code == 0
+
+
+def test_what_cannot_be_measured_breaks_its_limit(written, tmp_path: Path) -> None:
+    path = written(f"title = 'x'{RUN}[limits]\nfault_time_s = {{ most = 9 }}")
+    assert (
+        "failed: fault_time_s <= 9 s: cannot be measured in this run"
+        in invoked("simulate", path, "--out", tmp_path).stdout
+    )
+
+
+def test_a_blind_run_is_judged_by_what_was_measured(written, tmp_path: Path) -> None:
+    path = written(
+        f"title = 'x'{RUN}[effects]\ntorque_sensor_gain = {{ gain = 1.1 }}\n[limits]\npeak_torque_nm = {{ most = 99 }}"
+    )
+    peaks = []
+    for option in ([], ["--blind"]):
+        document = json.loads(invoked("simulate", path, "--out", tmp_path, "--json", *option).stdout)
+        peaks.append(document["limits"][0]["value"])
+    run = read_run(Path(document["run"]))
+    assert not [name for name in run.columns if name.startswith("truth_")]
+    assert "case" not in document["run"]
+    assert peaks[1] == np.max(run["clutch_torque_nm"])
+    assert peaks[1] > 1.05 * peaks[0]  # the sensor shows 10 % more, less what noise adds to the true peak
+
+
+def test_a_sweep_of_a_scenario_counts_broken_limits(written, tmp_path: Path) -> None:
+    path = written(f"title = 'x'{RUN}[limits]\npeak_torque_nm = {{ most = 9.5 }}")
+    arguments = ("simulate", path, "--vary", "friction_level.level=1:2:2", "--out", tmp_path)
+    result = invoked(*arguments)
+    assert result.exit_code == 1
+    assert "verdict: 2 runs, 1 broke a limit" in result.stdout
+
+
+def test_a_fault_that_a_scenario_expects_is_a_whole_run_live(local_bus: str, tmp_path: Path) -> None:
+    """A controller ends with exit code 1 after it."""
+    arguments = ("--bus", local_bus, "--lockstep", "--no-telemetry", "--out", str(tmp_path), "--json")
+    done = subprocess.run(
+        clutch_hil("up", "frozen_pressure_sensor", *arguments), capture_output=True, text=True, timeout=PATIENCE
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    document = json.loads(done.stdout)
+    assert document["verdict"].startswith("passed: ")
+    assert Path(document["run"]).exists()
+
+
+def test_live_in_lock_step_a_scenario_is_what_it_is_in_one_process(written, local_bus: str, tmp_path: Path) -> None:
+    """Effects, injections and the controller's parameters reach their processes."""
+    path = written(FULL)
+    arguments = ("--bus", local_bus, "--lockstep", "--no-telemetry", "--out", str(tmp_path), "--json")
+    done = subprocess.run(clutch_hil("up", str(path), *arguments), capture_output=True, text=True, timeout=PATIENCE)
+    document = json.loads(done.stdout)
+    run = read_run(Path(document["run"]))
+    scenario = load_scenario(str(path))
+    for name, expected in Simulation(scenario).play(scenario.plant, 3).columns().items():
+        assert np.array_equal(run[name], expected, equal_nan=True), name
+    assert done.returncode == (0 if document["good"] else 1)
+    assert [limit["measure"] for limit in document["limits"]] == ["rise_time_s", "peak_torque_nm", "fault"]
+    assert [change["name"] for change in run.metadata["injections"]][:2] == [
+        "internal_leakage.conductance",
+        "pressure_sensor_offset.offset",
+    ]
+
+
+def test_a_run_says_what_changed_its_rig(written, tmp_path: Path) -> None:
+    changed = tmp_path / "rig.toml"
+    changed.write_text("[friction_level]\nlevel = 0.9\n")
+    path = written(f"title = 'x'{RUN}[[inject]]\nat = 0.5\neffect = 'valve_gain'\n")
+    said = invoked("simulate", path, "--plant-parameters", changed, "--out", tmp_path).stdout
+    assert f"s), changed by {changed}, in one process" in said
+    assert "effects: friction_level\ninjections: 1, the first at 0.500 s\n" in said
+    told = invoked("simulate", path, "--plant-parameters", changed, "--out", tmp_path, "--blind").stdout
+    assert "effects:" not in told
+    assert "injections:" not in told
+
+
+def test_a_picture_tells_the_verdict_of_the_limits_and_when_something_was_injected(
+    written, tmp_path, monkeypatch
+) -> None:
+    drawn = []
+    monkeypatch.setattr("clutch_hil.bench.result.draw_run", lambda *arguments: drawn.append(arguments))
+    text = (
+        f"title = 'x'{RUN}[[inject]]\nat = 0.5\neffect = 'valve_gain'\n[limits]\npeak_pressure_bar = {{ most = 0.1 }}\n"
+    )
+    invoked("simulate", written(text), "--out", tmp_path)
+    _, _, title, injected = drawn[0]
+    assert title.splitlines()[1].startswith("failed: peak_pressure_bar <= 0.1 bar")
+    assert injected == [0.5]

@@ -1,0 +1,84 @@
+"""`clutch-hil discrepancy`: what it takes, what it refuses in one sentence, what it writes."""
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from clutch_hil.command import application
+from protocols.errors import InputError
+from protocols.files.run import Run
+from protocols.files.runs import write_run
+from tests.clutch_hil.discrepancy.test_fit import recorded
+
+MODEL = "tests/clutch_hil/discrepancy/test_fit.py:Amplifier"
+HIDDEN = {"cubic.share": 0.3}
+
+
+def command(*arguments: object) -> Result:
+    return CliRunner().invoke(application(), ["discrepancy", *map(str, arguments)], catch_exceptions=False)
+
+
+@pytest.fixture
+def paths(tmp_path: Path) -> list[Path]:
+    """Five runs with a hidden cubic."""
+    found = [tmp_path / f"run-{seed}.parquet" for seed in range(1, 6)]
+    for seed, path in enumerate(found, 1):
+        write_run(Run(recorded(seed, HIDDEN), {}), path)
+    return found
+
+
+def test_all_files_are_written_and_the_last_line_is_the_verdict(paths: list[Path], tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    done = command(*paths[:3], "--holdout", *paths[3:], "--rig", MODEL, "--out", out)
+    assert done.exit_code == 0, done.output
+    assert done.output.splitlines()[-1].startswith("verdict: named: cubic (confidence ")
+    names = {"report.json", "report.html", "model.toml", "atlas.png", "gap.png", "evidence.rrd"}
+    assert {path.name for path in out.iterdir()} == names
+    report = json.loads((out / "report.json").read_text())
+    # every path behind --holdout is held out
+    assert report["holdout"] == [str(path) for path in paths[3:]]
+    assert set(report["runs"]) == set(map(str, paths))
+    (parameter,) = report["parameters"]
+    assert parameter["name"] == "cubic.share"
+    assert parameter["ci95"][0] <= 0.3 <= parameter["ci95"][1]
+    gap = report["gap"]["holdout"]["output_v"]
+    assert gap["before"] > 2.0 * gap["floor"]
+    assert gap["after"] < 1.1 * gap["floor"]
+
+
+def test_the_same_document_goes_to_machines(paths: list[Path], tmp_path: Path) -> None:
+    done = command(*paths[:2], "--rig", MODEL, "--effects", "cubic,offset", "--out", tmp_path / "out", "--json")
+    assert done.exit_code == 0, done.output
+    printed = json.loads(done.stdout)
+    assert printed["verdict"] == "named"
+    assert {rival["name"] for rival in printed["rivals"]} == {"cubic", "offset"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--rig", "wet_cluch"], "rig 'wet_cluch' is neither known nor PATH.py:CLASS; did you mean wet_clutch?"),
+        (["--rig", "nowhere.py:Rig"], "rig nowhere.py:Rig: the file nowhere.py does not exist"),
+        (["--rig", "tests/clutch_hil/discrepancy/test_fit.py"], "is not of the form PATH.py:CLASS"),
+        (["--rig", "tests/clutch_hil/discrepancy/test_fit.py:Amplifyer"], "has no class 'Amplifyer'"),
+        (["--rig", "tests/clutch_hil/discrepancy/test_fit.py:Search"], "cannot be made without arguments"),
+        (["--rig", MODEL, "--effects", "cubik"], "effect 'cubik' is no candidate of the rig amplifier"),
+        (["--rig", MODEL, "--calibration", "0"], "calibration 0 is not possible"),
+        (["--rig", MODEL, "--model", "nowhere.toml"], "parameter file nowhere.toml does not exist"),
+        ([], "lacks the column"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_is_refused_before_anything_is_written(
+    arguments: list[str], said: str, paths: list[Path], tmp_path: Path
+) -> None:
+    with pytest.raises(InputError) as refused:  # which `clutch-hil` turns into exit code 2
+        command(paths[0], *arguments, "--out", tmp_path / "out")
+    assert said in str(refused.value)
+    assert not (tmp_path / "out" / "report.json").exists()
+
+
+def test_a_run_is_fitted_or_held_out_once(paths: list[Path], tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="is given twice; each run is fitted or held out, once"):
+        command(*paths[:2], "--holdout", paths[0], "--rig", MODEL, "--out", tmp_path / "out")

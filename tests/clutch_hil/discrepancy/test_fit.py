@@ -1,0 +1,339 @@
+"""Fits: bounded least squares with priors, every effect beside the baseline, and when two are told apart."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from clutch_hil.discrepancy.candidates import Search
+from clutch_hil.discrepancy.decide import DISTINCT, HALF, MENDED, NEEDED, Weighed
+from clutch_hil.discrepancy.evidence import Evidence
+from clutch_hil.discrepancy.fit import LIKELY, Free, Linear, baseline_free, effect_free, linearised, refitted
+from clutch_hil.discrepancy.model import Candidate, Columns, Evident, Output, Values
+from clutch_hil.discrepancy.models.wet_clutch import WetClutch
+from clutch_hil.discrepancy.noise import floor_of, floors
+from clutch_hil.discrepancy.search import investigate
+from plant_sim.effects.effect import Shape, Strength
+from protocols.errors import InputError
+from protocols.files.parameters import Parameter, ParameterSet
+
+NOISE = 0.05  # V
+TRUE_GAIN = 2.03  # declared 2.0 +- 0.1
+PARAMETERS = ParameterSet(
+    {"gain.value": Parameter("gain.value", 2.0, "1", 0.1, (0.0, 10.0), "a test's"),
+     "lag.time": Parameter("lag.time", 0.05, "s", 0.0, (0.001, 1.0), "a test's")}
+)  # fmt: skip
+SOURCE = "a test's"
+
+
+class Amplifier:
+    """y = gain u, perhaps with an offset, a cubic, a saturation."""
+
+    name = "amplifier"
+    inputs = ("input_v",)
+    outputs = (Output("output_v", "V", "amplifier"),)
+    parameters = PARAMETERS
+    candidates = (
+        Candidate("offset", "amplifier", "Offset", "y + o", (Strength("volts", "V", 0.0, 0.3, (-2.0, 2.0), SOURCE),)),
+        Candidate("cubic", "amplifier", "Cubic", "y + c u^3", (Strength("share", "1", 0.0, 0.2, (0.0, 5.0), SOURCE),)),
+        Candidate(
+            "saturation", "amplifier", "Saturation", "limit tanh(y/limit)",
+            (Strength("inverse", "1", 0.0, 0.2, (0.0, 2.0), SOURCE),),
+        ),
+        Candidate(
+            "ripple", "amplifier", "Ripple", "y + a sin(w t)",
+            (Strength("amplitude", "V", 0.0, 0.2, (0.0, 2.0), SOURCE), Shape("rate", "rad/s", 3.0, (0.5, 50.0), SOURCE)),
+        ),
+    )  # fmt: skip
+
+    def simulate(self, run: Columns, parameters: Values, effects: Values) -> dict[str, np.ndarray]:
+        u = run["input_v"]
+        y = parameters["gain.value"] * u + effects.get("cubic.share", 0.0) * u**3 + effects.get("offset.volts", 0.0)
+        y = y + effects.get("ripple.amplitude", 0.0) * np.sin(effects.get("ripple.rate", 3.0) * run["time_s"])
+        if inverse := effects.get("saturation.inverse", 0.0):
+            y = np.tanh(inverse * y) / inverse
+        return {"output_v": y}
+
+
+def recorded(seed: int, effects: Values, n: int = 4000, noise: float = NOISE) -> dict[str, np.ndarray]:
+    random = np.random.default_rng(seed)
+    time = 1e-3 * np.arange(n)
+    run = {"time_s": time, "input_v": np.sin(2.0 * time + seed) + 0.3 * np.sin(7.3 * time)}
+    y = Amplifier().simulate(run, {"gain.value": TRUE_GAIN}, effects)["output_v"]
+    return run | {"output_v": y + noise * random.standard_normal(n)}
+
+
+def runs(effects: Values) -> dict[str, Columns]:
+    return {f"run-{seed}": recorded(seed, effects) for seed in range(1, 4)}
+
+
+def linear(effects: Values, point: Values | None = None) -> tuple[Evidence, Linear]:
+    model, measured = Amplifier(), list(runs(effects).values())
+    evidence = Evidence(model, measured, floors(measured, model.outputs))
+    nominal = {n: p.value for n, p in model.parameters.items()} | dict(point or {})
+    return evidence, linearised(evidence, (nominal, {}), baseline_free(model.parameters, 1.0))
+
+
+def test_the_floor_of_white_noise_is_its_standard_deviation_whatever_the_signal() -> None:
+    for effects in ({}, {"cubic.share": 0.5}):
+        assert floor_of(recorded(1, effects)["output_v"]) == pytest.approx(NOISE, rel=0.03)
+
+
+def test_the_floor_of_a_rounded_signal_is_not_below_its_rounding() -> None:
+    time = np.arange(2000) * 1e-3
+    assert floor_of(0.1 * np.round(10.0 * np.sin(time))) == pytest.approx(0.1 / np.sqrt(12.0))
+
+
+def test_residuals_of_the_true_model_have_unit_variance() -> None:
+    evidence, _ = linear({})
+    (residual,) = evidence.residuals([({"gain.value": TRUE_GAIN, "lag.time": 0.05}, {})])
+    assert np.mean(residual**2) == pytest.approx(1.0, abs=0.08)
+    assert evidence.excess(residual) < 0.08
+
+
+def test_what_is_sampled_slowly_tells_by_itself() -> None:
+    """Within 0.4 s residuals tell as much as one: a hundred blocks of 4 ms, forty samples of 10 ms, one of a second."""
+    run = recorded(1, {})
+    for period, alike in ((1e-3, 100.0), (1e-2, 40.0), (1.0, 1.0)):
+        slower = run | {"time_s": run["time_s"] * period / 1e-3}
+        assert Evidence(Amplifier(), [slower], {"output_v": NOISE}).alike == pytest.approx(alike)
+
+
+def test_a_calibration_error_is_fitted_and_leaves_no_excess() -> None:
+    evidence, at = linear({})
+    found = refitted(evidence, at)
+    assert found.point[0]["gain.value"] == pytest.approx(TRUE_GAIN, abs=0.003)
+    assert evidence.excess(found.residual) < 0.08 < evidence.excess(at.residual)
+
+
+def test_a_parameter_without_uncertainty_stays() -> None:
+    evidence, at = linear({})
+    assert [f.name for f in at.free] == ["gain.value"]
+    assert refitted(evidence, at).point[0]["lag.time"] == 0.05
+
+
+def test_a_refit_stays_within_the_stated_uncertainty() -> None:
+    evidence, at = linear({"saturation.inverse": 0.4})  # which asks for a much lower gain
+    found = refitted(evidence, at)
+    assert found.point[0]["gain.value"] == pytest.approx(1.9)  # 2.0 - 0.1
+
+
+@pytest.mark.parametrize("alike", [1.0, 100.0])
+def test_a_bounded_minimum_is_the_least_in_the_box(alike: float) -> None:
+    random = np.random.default_rng(4)
+    jacobian, residual = random.standard_normal((300, 3)), random.standard_normal(300)
+    residual -= jacobian @ np.array([2.0, -0.2, 0.4])
+    free = tuple(Free(name, 0.1, 1.0, -1.0, 1.0, 0.0) for name in "abc")
+    at = Linear(({"a": 0.0, "b": 0.0, "c": 0.0}, {}), free, residual, jacobian, alike)
+    left = at.eliminated(residual)
+    assert left.move[0] == pytest.approx(1.0)
+    assert list(left.inner) == [1, 2]
+    for trial in random.uniform(-1.0, 1.0, (2000, 3)):
+        cost = np.sum((residual + jacobian @ trial) ** 2) + alike * trial @ trial
+        assert cost >= left.cost - 1e-9
+
+
+@pytest.mark.parametrize("size", [1.0, 2.5])
+def test_parameters_may_each_be_off_but_not_all_at_once(size: float) -> None:
+    count, limit = 30, chi2.ppf(LIKELY, 30)
+    random = np.random.default_rng(5)
+    jacobian = 100.0 * random.standard_normal((300, count))
+    wanted = size * np.sign(random.standard_normal(count))
+    names = [f"p{i}" for i in range(count)]
+    free = tuple(Free(name, 0.1, 1.0, -3.0, 3.0, 0.0) for name in names)
+    at = Linear((dict.fromkeys(names, 0.0), {}), free, -jacobian @ wanted, jacobian, 1.0)
+    left = at.eliminated(at.residual)
+    if count * size**2 <= limit:  # 30: likely
+        assert left.move == pytest.approx(wanted, rel=1e-3)
+        assert left.weight == 1.0
+    else:  # 187: each within 3, but not all
+        assert 0.85 * limit < left.move @ left.move <= limit
+        assert np.corrcoef(left.move, wanted)[0, 1] > 0.95
+    assert left.cost == pytest.approx(np.sum((at.residual + jacobian @ left.move) ** 2) + left.move @ left.move)
+
+
+def test_one_parameter_may_be_off_as_far_as_it_may() -> None:
+    jacobian = 100.0 * np.ones((300, 1))
+    free = (Free("p", 0.1, 1.0, -3.0, 3.0, 0.0),)
+    at = Linear(({"p": 0.0}, {}), free, -3.0 * jacobian[:, 0], jacobian, 1.0)
+    assert at.eliminated(at.residual).move == pytest.approx([3.0], rel=1e-3)
+
+
+def test_each_hidden_effect_is_the_best_of_the_screened() -> None:
+    model = Amplifier()
+    for name, hidden in (
+        ("offset", {"offset.volts": 0.4}),
+        ("cubic", {"cubic.share": 0.3}),
+        ("saturation", {"saturation.inverse": 0.3}),
+    ):
+        evidence, at = linear(hidden)
+        search = Search(evidence, at)
+        best, *_ = search.improved(search.screened(model.candidates, {}), 2)
+        assert best.name == name
+        assert best.values[next(iter(hidden))] == pytest.approx(next(iter(hidden.values())), rel=0.05)
+
+
+class Stiff(Amplifier):
+    """An amplifier whose disturbance grows less than its strength does: where it is off it seems to need little."""
+
+    candidates = (
+        Candidate("hum", "amplifier", "Hum", "y + root(s) sin 60 t", (Strength("size", "V^2", 0.0, 0.01, (0.0, 4.0), SOURCE),)),
+    )  # fmt: skip
+
+    def simulate(self, run: Columns, parameters: Values, effects: Values) -> dict[str, np.ndarray]:
+        y = super().simulate(run, parameters, effects)["output_v"]
+        return {"output_v": y + np.sqrt(effects.get("hum.size", 0.0)) * np.sin(60.0 * run["time_s"])}
+
+
+def test_a_step_is_made_longer_while_that_pays() -> None:
+    model, hidden = Stiff(), 0.64  # predicted from 0.01: root(0.64 0.01) = 0.08
+    run = recorded(1, {})
+    run = run | {"output_v": run["output_v"] + np.sqrt(hidden) * np.sin(60.0 * run["time_s"])}
+    evidence = Evidence(model, [run], floors([run], model.outputs))
+    nominal = {n: p.value for n, p in model.parameters.items()}
+    search = Search(evidence, linearised(evidence, (nominal, {}), baseline_free(model.parameters, 1.0)))
+    (fit,) = search.screened(model.candidates, {})
+    assert fit.values["hum.size"] == pytest.approx(hidden, rel=0.3)
+
+
+def test_a_further_effect_mends_most_or_much_of_what_is_left() -> None:
+    """Half of it and no small part of the excess, or such a part while no other does nearly as well."""
+    weighed = Weighed(base=9000.0, best=1000.0, size=1000, count=1, excess=8.0, rest=0.2)
+    assert weighed.mended(1.01 * MENDED * 0.2, 0.0)
+    assert not weighed.mended(0.99 * MENDED * 0.2, 0.0)  # less than the part of 8
+    small = replace(weighed, excess=0.5)
+    much = 1.01 * NEEDED * 0.5  # a tenth of what is left
+    assert small.mended(1.01 * HALF * 0.2, 0.2)
+    assert not small.mended(0.99 * HALF * 0.2, 0.2)
+    assert small.mended(much, 0.99 * DISTINCT * much)
+    assert not small.mended(much, 1.01 * DISTINCT * much)
+    assert not small.mended(0.99 * NEEDED * 0.5, 0.0)
+
+
+def test_the_step_of_a_ripples_rate_is_shortened_until_it_is_small_after_many_turns() -> None:
+    hidden = {"ripple.amplitude": 0.5, "ripple.rate": 30.0}
+    model, measured = Amplifier(), [recorded(1, hidden, n=20_000)]
+    evidence = Evidence(model, measured, floors(measured, model.outputs))
+    point = {n: p.value for n, p in model.parameters.items()}, hidden
+    amplitude, rate = linearised(evidence, point, effect_free(model.candidates[3], hidden)).free
+    assert amplitude.step == pytest.approx(0.05 * 0.5)
+    assert rate.step < 0.1 < 0.05 * 30.0  # 0.1 rad/s are 2 rad after 20 s
+
+
+def test_a_hidden_effect_is_named_and_the_gap_closes_on_a_run_that_was_not_fitted() -> None:
+    hidden = {"cubic.share": 0.3}
+    result = investigate(Amplifier(), runs(hidden), {"other": recorded(9, hidden)})
+    assert (result.verdict, result.effects) == ("named", ["cubic"])
+    gap = result.gap["output_v"]
+    assert gap.before > 2.0 * NOISE
+    assert gap.after == pytest.approx(NOISE, rel=0.05)
+    (estimate,) = result.parameters
+    assert estimate.ci95[0] <= 0.3 <= estimate.ci95[1]
+
+
+def test_nothing_is_named_where_nothing_is_hidden() -> None:
+    result = investigate(Amplifier(), runs({}))
+    assert (result.verdict, result.effects, result.parameters, result.where) == ("nothing_missing", [], [], [])
+    assert result.gap["output_v"].after == result.gap["output_v"].before
+
+
+def test_two_hidden_effects_are_both_named() -> None:
+    result = investigate(Amplifier(), runs({"cubic.share": 0.3, "offset.volts": 0.3}))
+    assert result.verdict == "named"
+    assert sorted(result.effects) == ["cubic", "offset"]
+
+
+def test_an_effect_that_no_candidate_explains_is_not_named() -> None:
+    measured = {
+        name: run | {"output_v": run["output_v"] + 0.4 * np.sign(np.sin(61.0 * run["time_s"]))}
+        for name, run in runs({}).items()
+    }
+    result = investigate(Amplifier(), measured, names=["offset", "cubic", "saturation"])
+    assert (result.verdict, result.effects) == ("none_of_these", [])
+
+
+class Witnessed(Amplifier):
+    """An amplifier whose recordings show a ripple by themselves; zero and offset are one thing by two names."""
+
+    candidates = (
+        *Amplifier.candidates,
+        Candidate("zero", "amplifier", "Zero", "y + o", (Strength("volts", "V", 0.0, 0.3, (-2.0, 2.0), SOURCE),)),
+    )  # fmt: skip
+
+    def evident(self, runs: Sequence[Columns]) -> dict[str, Evident]:
+        return {"ripple": Evident({"ripple.amplitude": (0.0, 0.0, 0.0)}, {}, "so it was made")}
+
+    def simulate(self, run: Columns, parameters: Values, effects: Values) -> dict[str, np.ndarray]:
+        y = super().simulate(run, parameters, effects)["output_v"]
+        return {"output_v": y + effects.get("zero.volts", 0.0)}
+
+
+def test_beside_what_is_evident_a_disagreement_is_named_and_nothing_slight() -> None:
+    small = {"offset.volts": 0.008}  # less than a tenth of the floor's power in means over 4 ms
+    assert investigate(Amplifier(), runs(small)).verdict == "one_of", "where nothing is evident it is told"
+    alone = investigate(Witnessed(), runs(small))
+    assert (alone.verdict, alone.effects, alone.alternatives) == ("named", ["ripple"], [])
+    assert investigate(Witnessed(), runs({"cubic.share": 0.3})).effects == ["ripple", "cubic"]
+    either = investigate(Witnessed(), runs({"offset.volts": 0.3}))
+    assert (either.verdict, either.effects) == ("one_of", ["ripple"])
+    assert set(either.alternatives[0]) == {"offset", "zero"}
+
+
+def test_only_candidates_of_the_rig_can_be_asked_for() -> None:
+    with pytest.raises(InputError, match=r"effect 'cubik' is no candidate of the rig amplifier; .*cubic"):
+        investigate(Amplifier(), runs({}), names=["cubik"])
+
+
+def test_what_no_candidate_explains_is_described_in_the_models_own_inputs() -> None:
+    """Also where it is a simple function of one of them."""
+    measured = {name: run | {"output_v": run["output_v"] + 0.5 * run["input_v"] ** 2} for name, run in runs({}).items()}
+    result = investigate(Amplifier(), measured, names=["ripple"])
+    assert result.verdict == "none_of_these"
+    assert result.surrogate is not None
+    assert "input_v" in result.surrogate["variables"]
+    assert "quadratic in input_v" in result.surrogate["sentence"]
+
+
+def test_what_makes_an_output_worse_is_contradicted_whatever_it_mends() -> None:
+    """Each output counts above its floor: what is below makes up for nothing."""
+    model, n = WetClutch(), 8000
+    rows = {output.column: np.random.default_rng(1).standard_normal(n) for output in model.outputs}
+    evidence = Evidence(model, [{"time_s": 1e-3 * np.arange(n)} | rows], dict.fromkeys(rows, 1.0))
+    before, after = np.ones(evidence.size), np.full(evidence.size, 0.5)
+    torque, pressure = evidence.part(0, "clutch_torque_nm"), evidence.part(0, "cylinder_pressure_bar")
+    before[torque], after[pressure] = 3.0, 2.0  # mends 8 floors^2 of torque, spoils pressure by 3
+    assert evidence.contradicted(after, before) == pytest.approx(3.0 / 5)
+    assert evidence.contradicted(before, before) == 0.0
+
+
+def test_no_output_outweighs_the_others() -> None:
+    """Of one that is off by 100 floors a tenth may be the law's: sigma^2 = 1 + 10^2. What is at its floor weighs as before."""
+    model, n = WetClutch(), 8000
+    rows = {output.column: np.random.default_rng(1).standard_normal(n) for output in model.outputs}
+    evidence = Evidence(model, [{"time_s": 1e-3 * np.arange(n)} | rows], dict.fromkeys(rows, 1.0))
+    slip, torque = evidence.part(0, "slip_speed_rad_s"), evidence.part(0, "clutch_torque_nm")
+    before = np.ones(evidence.size)
+    before[slip] = np.sqrt(1.0 + 100.0**2)
+    tolerant = evidence.tolerant(before)
+    share = tolerant.weights / evidence.weights
+    assert share[slip] == pytest.approx(1.0 / np.sqrt(1.0 + 10.0**2))
+    assert share[torque] == pytest.approx(1.0)
+    assert tolerant.excess(share * 1.0) == pytest.approx(0.0, abs=1e-12)  # noise alone, in its new measure
+    assert tolerant.excess_by_run(share * before) == pytest.approx([100.0**2 / (1.0 + 10.0**2) / 5])
+
+
+class Fragile(Amplifier):
+    """An amplifier that cannot be simulated with two effects at once."""
+
+    def simulate(self, run: Columns, parameters: Values, effects: Values) -> dict[str, np.ndarray]:
+        if effects.get("offset.volts", 0.0) and effects.get("cubic.share", 0.0):
+            raise InputError("an offset and a cubic at once cannot be simulated")
+        return super().simulate(run, parameters, effects)
+
+
+def test_a_pair_that_cannot_be_simulated_is_not_taken() -> None:
+    """And breaks nothing."""
+    result = investigate(Fragile(), runs({"offset.volts": 0.4, "cubic.share": 0.2}))
+    assert set(result.effects) != {"offset", "cubic"}

@@ -1,0 +1,98 @@
+"""A follow-up begins with a report whose runs are what they were, and with a plant under test that is one thing."""
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from clutch_hil.bench.sealed import checksum
+from clutch_hil.command import application
+from clutch_hil.discrepancy.blind import GAP, drawn, standard
+from clutch_hil.discrepancy.experiment import Experiment
+from clutch_hil.discrepancy.follow_up import Report
+from clutch_hil.discrepancy.models.wet_clutch import WetClutch
+from plant_sim.effects.table import switched_on
+from protocols.errors import InputError
+
+PROPOSED = {"profile": "crawl", "settings": {"temperature": 45.0, "rate": 500}, "why": "they differ"}
+
+
+@pytest.fixture
+def runs(tmp_path: Path) -> list[Path]:
+    paths = [tmp_path / name for name in ("a.parquet", "b.parquet", "c.parquet")]
+    for path in paths:
+        path.write_text(path.stem)
+    return paths
+
+
+def report(folder: Path, files: list[Path], **changes: object) -> Path:
+    document = {
+        "verdict": "one_of", "rig": "wet_clutch", "experiment": PROPOSED, "runs": {str(p): checksum(p) for p in files},
+        "holdout": [str(files[-1])],
+    }  # fmt: skip
+    path = folder / "report.json"
+    path.write_text(json.dumps(document | changes))
+    return path
+
+
+def test_a_report_tells_what_to_play_beside_which_runs(tmp_path: Path, runs: list[Path]) -> None:
+    read = Report.read(report(tmp_path, runs))
+    assert read.experiment == Experiment("crawl", 45.0, 500)
+    assert (read.runs, read.held_out) == (tuple(runs[:2]), tuple(runs[2:]))
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"experiment": None}, "proposes no experiment: its verdict waits for none"),
+        (
+            {"experiment": {"profile": None, "why": "none separates them"}},
+            "proposes no experiment: none separates them",
+        ),
+        ({"experiment": {"profile": "crawl", "settings": {}}}, "needed are temperature and rate"),
+        ({"rig": "position_axis"}, "is of the rig 'position_axis'; experiments can be played on wet_clutch"),
+        ({"runs": {}}, "names no runs"),
+        ({"runs": {"gone.parquet": "00"}}, "run gone.parquet of report .* does not exist"),
+    ],
+)
+def test_a_report_that_cannot_be_followed_is_told(tmp_path: Path, runs: list[Path], changes: dict, told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        Report.read(report(tmp_path, runs, **changes))
+
+
+def test_a_run_that_was_changed_since_is_no_evidence(tmp_path: Path, runs: list[Path]) -> None:
+    path = report(tmp_path, runs)
+    runs[0].write_text("another")
+    with pytest.raises(InputError, match=r"a.parquet has been changed since report"):
+        Report.read(path)
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ([], "experiment needs one of EXPERIMENT, --standard and --for"),
+        (["crawl", "--standard"], "experiment needs one of EXPERIMENT, --standard and --for"),
+        (["--standard", "--holdout", "crawl"], "--holdout crawl goes with experiments that are named"),
+        (["crawl", "--running", "--draw", "3"], "--running was given and --draw"),
+        (["crawl", "--draw", "3", "--scenario", "drift"], "--draw was given and --scenario"),
+        (["crawl", "--rate", "3"], "rate 3 Hz is not possible"),
+        (["crawl", "--plant-parameters", "gone.toml"], "parameter file gone.toml does not exist"),
+        (["--for", "gone.json"], "report gone.json does not exist"),
+    ],
+)
+def test_a_command_that_means_nothing_is_refused_before_anything_is_written(
+    tmp_path: Path, words: list[str], told: str
+) -> None:
+    done = CliRunner().invoke(application(), ["experiment", *words, "--out", str(tmp_path / "out")])
+    assert isinstance(done.exception, InputError)
+    assert told in str(done.exception)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_seed_draws_one_effect_that_the_standard_experiments_show() -> None:
+    plant = drawn(4)
+    assert plant.as_values() == drawn(4).as_values() != drawn(5).as_values()
+    (name,) = switched_on(plant)
+    assert max(standard().gaps({n: p.value for n, p in plant.items() if n.startswith(f"{name}.")}).values()) >= GAP
+    assert any(plant[n].value != p.value for n, p in WetClutch().parameters.items())

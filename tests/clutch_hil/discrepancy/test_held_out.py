@@ -1,0 +1,39 @@
+"""Held out: a run is predicted by what the other runs say, within what is known of the baseline."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from clutch_hil.discrepancy.fit import LIKELY, Free, Linear
+from clutch_hil.discrepancy.held_out import left_out
+
+COUNT, LENGTH, RUNS = 30, 200, 3
+FREE = tuple(Free(f"p{i}", 0.1, 1.0, -3.0, 3.0, 0.0) for i in range(COUNT))
+
+
+def linear(wanted: np.ndarray) -> tuple[SimpleNamespace, Linear]:
+    """A model at its known parameters, and runs that ask for others: `wanted` (RUNS, COUNT)."""
+    jacobian = 100.0 * np.random.default_rng(5).standard_normal((RUNS * LENGTH, COUNT))
+    pieces = [slice(k * LENGTH, (k + 1) * LENGTH) for k in range(RUNS)]
+    residual = np.concatenate([-jacobian[p] @ w for p, w in zip(pieces, wanted, strict=True)])
+    at = Linear(({f.name: 0.0 for f in FREE}, {}), FREE, residual, jacobian, 1.0)
+    return SimpleNamespace(runs=[None] * RUNS, pieces=pieces, size=RUNS * LENGTH), at
+
+
+def test_the_run_that_is_left_out_has_no_say() -> None:
+    wanted = np.zeros((RUNS, COUNT))
+    wanted[2, 0] = 2.0  # of the third run alone
+    evidence, at = linear(wanted)
+    firsts = [first[0]["p0"] for first, _ in left_out(evidence, at, at)]
+    assert firsts[2] == pytest.approx(0.0, abs=1e-6)
+    assert min(firsts[:2]) > 0.5
+
+
+def test_without_it_the_baseline_is_still_a_likely_one() -> None:
+    """Runs that ask for the impossible do not get it where one of them is left out."""
+    evidence, at = linear(np.full((RUNS, COUNT), 2.5))
+    for first, _ in left_out(evidence, at, at):
+        strain = sum(value**2 for value in first[0].values())
+        assert strain == pytest.approx(chi2.ppf(LIKELY, COUNT), rel=0.11)

@@ -1,0 +1,203 @@
+"""Foreign recordings become runs: names, units and what is done to them are said, what is wrong is told by column and row."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+from typer.testing import CliRunner
+
+from clutch_hil.commands.import_recording import register
+from clutch_hil.discrepancy.import_map import MAPS, load_map
+from protocols.errors import InputError
+from protocols.files.runs import REQUIRED, read_run
+
+SAMPLES = 400
+PERIOD = 1e-3  # s
+LOW = 1e-3  # relative: what a low pass at 100 Hz leaves of 300 Hz and takes of 5 Hz
+
+TIME = PERIOD * np.arange(SAMPLES)
+FOREIGN: dict[str, Any] = {"t": TIME, "qm": np.sin(2 * np.pi * 5.0 * TIME), "vir": np.cos(TIME), "gtau": 35.0}
+COLUMNS = """
+[columns]
+time_s = { from = "t", unit = "s" }
+position_m = { from = "qm", unit = "mm" }
+motor_force_n = { from = "vir", unit = "N", scale_by = "gtau", scale = -2.0 }
+"""
+
+
+def mapped(tmp_path: Path, text: str = COLUMNS, **changed: Any) -> Any:
+    """A .mat recording, `changed`, read by the map `text`."""
+    recording, toml = tmp_path / "recording.mat", tmp_path / "map.toml"
+    savemat(recording, {name: value for name, value in (FOREIGN | changed).items() if value is not None})
+    toml.write_text(text, encoding="utf-8")
+    return load_map(str(toml)).read(recording)
+
+
+def refusal(tmp_path: Path, text: str = COLUMNS, **changed: Any) -> str:
+    with pytest.raises(InputError) as refused:
+        mapped(tmp_path, text, **changed)
+    assert "\n" not in str(refused.value)
+    return str(refused.value)
+
+
+# --- MATLAB -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_mat_file_with_our_names_is_a_run(tmp_path: Path) -> None:
+    recording = tmp_path / "run.mat"
+    wanted = {name: np.random.default_rng(1).normal(size=SAMPLES) for name in REQUIRED} | {"time_s": TIME}
+    savemat(recording, wanted | {"gain": 3.5, "remark": "text", "table": np.ones((3, 4)), "row": TIME[None]})
+    run = read_run(recording)
+    for name, values in wanted.items():
+        np.testing.assert_array_equal(run[name], values)
+    assert set(run.columns) == {*REQUIRED, "row"}
+    assert run.metadata == {"gain": 3.5}
+
+
+def test_vectors_of_unequal_lengths_are_refused_by_name(tmp_path: Path) -> None:
+    recording = tmp_path / "run.mat"
+    savemat(recording, {name: TIME[: SAMPLES - (name == "shaft_angle_rad")] for name in REQUIRED})
+    with pytest.raises(InputError, match="shaft_angle_rad has 399 rows, time_s has 400"):
+        read_run(recording)
+
+
+def test_files_of_matlab_7_3_are_refused_with_what_to_do(tmp_path: Path) -> None:
+    recording = tmp_path / "run.mat"
+    recording.write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512))
+    with pytest.raises(InputError, match=r"is a MATLAB 7.3 file \(HDF5\); save it again with `save\(\.\.\., '-v7'\)`"):
+        read_run(recording)
+
+
+@pytest.mark.parametrize("content", [b"", b"no MATLAB file at all", bytes(600)])
+def test_what_is_no_mat_file_is_refused(tmp_path: Path, content: bytes) -> None:
+    recording = tmp_path / "run.mat"
+    recording.write_bytes(content)
+    with pytest.raises(InputError, match=f"run {recording} (cannot be read|has no vectors)"):
+        read_run(recording)
+
+
+# --- maps -------------------------------------------------------------------------------------------------------------
+
+
+def test_names_units_and_scales_are_mapped(tmp_path: Path) -> None:
+    run = mapped(tmp_path)
+    np.testing.assert_array_equal(run["time_s"], TIME)
+    np.testing.assert_allclose(run["position_m"], 1e-3 * FOREIGN["qm"], rtol=1e-12)
+    np.testing.assert_allclose(run["motor_force_n"], -70.0 * FOREIGN["vir"], rtol=1e-12)
+    assert run.units == {"time_s": "s", "position_m": "m", "motor_force_n": "N"}
+    assert run.metadata["import"]["done"] == []
+
+
+def test_celsius_comes_of_kelvin(tmp_path: Path) -> None:
+    text = '[columns]\ntime_s = { from = "t", unit = "s" }\noil_temperature_degc = { from = "qm", unit = "K" }\n'
+    np.testing.assert_allclose(mapped(tmp_path, text)["oil_temperature_degc"], FOREIGN["qm"] - 273.15)
+
+
+def test_a_text_file_without_a_header_is_read_by_column(tmp_path: Path) -> None:
+    recording, toml = tmp_path / "recording.csv", tmp_path / "map.toml"
+    np.savetxt(recording, np.column_stack([1e3 * TIME, TIME, FOREIGN["qm"]]), delimiter="\t")
+    toml.write_text(
+        '[file]\ndelimiter = "\\t"\nheader = false\nskip_rows = 3\n[columns]\n'
+        'time_s = { number = 1, unit = "ms" }\nposition_m = { number = 3, unit = "um" }\n'
+    )
+    run = load_map(str(toml)).read(recording)
+    np.testing.assert_allclose(run["time_s"], TIME[3:])
+    np.testing.assert_allclose(run["position_m"], 1e-6 * FOREIGN["qm"][3:])
+    assert run.metadata["import"]["done"] == ["left out the first 3 rows"]
+
+
+def test_a_word_in_a_text_file_is_told_by_column_and_row(tmp_path: Path) -> None:
+    recording, toml = tmp_path / "recording.txt", tmp_path / "map.toml"
+    recording.write_text("t\tx\n0\t1\n0.1\tbroken\n0.2\t3\n")
+    toml.write_text('[columns]\ntime_s = { from = "t", unit = "s" }\nposition_m = { from = "x", unit = "m" }\n')
+    with pytest.raises(InputError, match="position_m is not a number in row 1"):
+        load_map(str(toml)).read(recording)
+
+
+def test_uneven_samples_are_refused_unless_resampling_is_asked_for(tmp_path: Path) -> None:
+    uneven = TIME + np.where(np.arange(SAMPLES) >= 100, 0.05, 0.0)
+    assert "the sample rate changes in row 100" in refusal(tmp_path, t=uneven)
+    run = mapped(tmp_path, "[file]\nresample_hz = 500.0\n" + COLUMNS, t=uneven, qm=uneven)
+    np.testing.assert_allclose(np.diff(run["time_s"]), 2e-3)
+    np.testing.assert_allclose(run["position_m"], 1e-3 * run["time_s"], atol=1e-12)
+    (told,) = run.metadata["import"]["done"]
+    assert told == "resampled at 500 Hz from 1000 Hz: 1 of 399 steps differed from 1 ms, the longest was 51 ms"
+
+
+def test_time_that_runs_back_is_refused_also_where_it_is_resampled(tmp_path: Path) -> None:
+    back = TIME.copy()
+    back[70] = back[68]
+    assert "time_s does not increase in row 70" in refusal(tmp_path, "[file]\nresample_hz = 500.0\n" + COLUMNS, t=back)
+
+
+def test_a_low_pass_takes_the_fast_and_does_not_delay_the_slow(tmp_path: Path) -> None:
+    slow, fast = FOREIGN["qm"], np.sin(2 * np.pi * 300.0 * TIME)
+    run = mapped(tmp_path, "[file]\nlow_pass_hz = 100.0\nfrom_s = 0.1\nto_s = 0.3\n" + COLUMNS, qm=slow + fast)
+    kept = (TIME >= 0.1) & (TIME <= 0.3)
+    np.testing.assert_allclose(1e3 * run["position_m"], slow[kept], atol=5 * LOW)
+    assert run.metadata["import"]["done"] == [
+        "low-passed all columns at 100 Hz, forwards and backwards", "kept 0.1 to 0.3 s",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("text", "changed", "told"),
+    [
+        (COLUMNS, {"qm": None}, "has no column 'qm' for position_m; known are t, vir"),
+        (COLUMNS, {"gtau": None}, "has no number 'gtau' to scale motor_force_n by"),
+        (COLUMNS, {"qm": TIME[:-1]}, "position_m has 399 rows, time_s has 400"),
+        (COLUMNS, {"qm": np.where(np.arange(SAMPLES) == 9, np.nan, 1.0)}, "position_m is not a number in row 9"),
+        (COLUMNS.replace('"mm"', '"cubit"'), {}, "unit 'cubit' is unknown"),
+        (COLUMNS.replace("position_m", "position"), {}, "column 'position' tells no unit"),
+        (COLUMNS.replace("time_s", "clock_s"), {}, "has no column time_s"),
+        (COLUMNS.replace('from = "qm"', 'form = "qm"'), {}, "entry columns.position_m.form is unknown; did you mean from?"),
+        (COLUMNS.replace('from = "qm", ', ""), {}, "position_m needs either `from`, a name, or `number`"),
+        (COLUMNS.replace('from = "qm"', "number = 9"), {}, "has 3 columns; position_m is asked for as number 9"),
+        ("[file]\nresample_hz = -5.0\n" + COLUMNS, {}, "resample_hz is -5; allowed is 0 or more"),
+        ("[file]\nlow_pass_hz = 600.0\n" + COLUMNS, {}, "low_pass_hz is 600; allowed is below 500"),
+        ("[file]\nfrom_s = 9.0\n" + COLUMNS, {}, "has 0 rows; at least 2 are needed"),
+        (
+            "[file]\nlow_pass_hz = 100.0\nresample_hz = 500.0\n" + COLUMNS,
+            {"t": TIME + 0.05 * (TIME[99] < TIME)},
+            "the sample rate changes in row 100",
+        ),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_told_in_a_sentence(tmp_path: Path, text: str, changed: dict[str, Any], told: str) -> None:
+    assert told in refusal(tmp_path, text, **changed)
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in MAPS.glob("*.toml")))
+def test_our_maps_are_found_by_name(name: str) -> None:
+    assert load_map(name).name == name
+
+
+def test_an_unknown_map_is_told_what_comes_closest() -> None:
+    with pytest.raises(InputError, match=r"import map 'empz' is unknown; did you mean emps\?, or give a TOML file"):
+        load_map("empz")
+
+
+# --- the command ------------------------------------------------------------------------------------------------------
+
+
+def test_the_command_writes_a_run_that_can_be_read(tmp_path: Path) -> None:
+    import typer
+
+    app = typer.Typer()
+    app.callback()(lambda: None)
+    register(app)
+    mapped(tmp_path)
+    out = tmp_path / "run.parquet"
+    recording, toml = tmp_path / "recording.mat", tmp_path / "map.toml"
+    arguments = ["import", str(recording), "--map", str(toml), "--from", "0.1", "--out", str(out), "--json"]
+    answer = CliRunner().invoke(app, arguments)
+    assert answer.exit_code == 0, answer.output
+    document = json.loads(answer.stdout)
+    assert document["rows"] == 300
+    run = read_run(out, ("time_s", "position_m"))
+    assert run["time_s"][0] == pytest.approx(0.1)
+    assert run.metadata["import"]["done"] == document["done"] == ["kept 0.1 to 0.399 s"]
+    assert run.units["motor_force_n"] == "N"

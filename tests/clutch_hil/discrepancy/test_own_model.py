@@ -1,0 +1,109 @@
+"""The model in docs/examples does what docs/own_model.md says."""
+
+import importlib.util
+import re
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from clutch_hil.discrepancy.model import Candidate
+from clutch_hil.discrepancy.model_file import write_model
+from clutch_hil.discrepancy.models.named import declared, model_named
+from clutch_hil.discrepancy.result import NAMED
+from clutch_hil.discrepancy.search import investigate
+from plant_sim.effects.catalogue import effect
+from protocols.errors import InputError
+from protocols.files.parameters import ParameterSet
+from protocols.files.runs import read_run
+from tests.clutch_hil.discrepancy.least_squares import error, fitted
+
+DOCS = Path(__file__).parents[3] / "docs"
+NOISE = 0.05  # degC, of the example
+SURE = 3e-3  # relative: area found; measured 7e-4
+
+
+@pytest.fixture(scope="module")
+def heater() -> ModuleType:
+    specification = importlib.util.spec_from_file_location("heater", DOCS / "examples" / "heater.py")
+    assert specification is not None
+    assert specification.loader is not None
+    module = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(module)
+    return module
+
+
+def test_each_candidate_changes_nothing_while_it_is_off(heater: ModuleType) -> None:
+    model, run = heater.Heater(), heater.measured(1, (50, 10))
+    base = {name: p.value for name, p in model.parameters.items()}
+    plain = model.simulate(run, base, {})["temperature_degc"]
+    for candidate in model.candidates:
+        off = model.simulate(run, base, candidate.off())["temperature_degc"]
+        np.testing.assert_array_equal(off, plain, candidate.name)
+
+
+def test_radiation_explains_the_runs_and_its_rivals_do_not(heater: ModuleType) -> None:
+    model, runs = heater.Heater(), [heater.measured(1, (50, 10, 90)), heater.measured(2, (20, 80, 0))]
+    held_out = [heater.measured(3, (70, 30, 110, 0))]
+    found = {c.name: fitted(model, runs, c.typical()) for c in model.candidates}
+    errors = {name: error(model, held_out, *values) for name, values in found.items()}
+    assert min(errors, key=lambda name: errors[name]) == "radiation"
+    assert errors["radiation"] == pytest.approx(NOISE, rel=0.05)
+    assert sorted(errors.values())[1] > 10.0 * NOISE
+    assert found["radiation"][1]["radiation.area"] == pytest.approx(0.03, rel=SURE)
+
+
+def test_a_model_file_switches_effects_on(heater: ModuleType) -> None:
+    model, run = heater.Heater(), heater.measured(1, (50, 10))
+    base = {name: p.value for name, p in model.parameters.items()}
+    whole = ParameterSet({**model.parameters, **{n: p for c in model.candidates for n, p in c.declared().items()}})
+    extended = heater.Heater(whole.with_values({"radiation.area": 0.02}))
+    assert "radiation" not in {c.name for c in extended.candidates}
+    np.testing.assert_array_equal(
+        extended.simulate(run, base, {})["temperature_degc"],
+        model.simulate(run, base, {"radiation.area": 0.02})["temperature_degc"],
+    )
+
+
+def test_the_script_writes_runs_with_the_model_s_columns(
+    heater: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import runpy
+    import sys
+
+    monkeypatch.setattr(sys, "argv", ["heater.py", str(tmp_path)])
+    runpy.run_path(str(DOCS / "examples" / "heater.py"), run_name="__main__")
+    model = heater.Heater
+    for name in ("one", "two", "held_out"):
+        run = read_run(tmp_path / f"{name}.parquet", ("time_s", *model.inputs, *(o.column for o in model.outputs)))
+        assert len(run["time_s"]) == 600
+
+
+def test_the_workflow_names_radiation_and_the_model_file_has_it(heater: ModuleType, tmp_path: Path) -> None:
+    """By PATH.py:CLASS and on the runs of docs/own_model.md: convection, which leads alone, is not left beside it."""
+    rig = f"{DOCS / 'examples' / 'heater.py'}:Heater"
+    model = model_named(rig)
+    runs = {"one": heater.measured(1, (50, 10, 90)), "two": heater.measured(2, (20, 80, 0))}
+    result = investigate(model, runs, {"held out": heater.measured(3, (70, 30, 110, 0))})
+    assert (result.verdict, result.effects) == (NAMED, ["radiation"])
+    assert result.gap["temperature_degc"].after < 1.1 * NOISE
+    write_model(result, declared(model), tmp_path / "model.toml")
+    extended = model_named(rig, tmp_path / "model.toml")
+    assert "radiation" not in {c.name for c in extended.candidates}
+
+
+def test_the_page_shows_the_example_as_it_is(heater: ModuleType) -> None:
+    page = (DOCS / "own_model.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    assert eval(block, vars(heater)) == heater.Heater.candidates[0]
+
+
+def test_a_model_from_before_the_move_is_told_where_things_are_now(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text("from plant_sim.discrepancy.model import Candidate\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"it is now clutch_hil\.discrepancy"):
+        model_named(f"{tmp_path / 'mine.py'}:Mine")
+
+
+def test_an_effect_of_the_catalogue_is_a_candidate() -> None:
+    assert Candidate.of(effect("torque_sensor_offset")).off() == {"torque_sensor_offset.offset": 0.0}

@@ -1,0 +1,56 @@
+"""Run files in other formats: there and back, and what cannot be."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from clutch_hil.bench.in_process import Played
+from clutch_hil.live.conversion import convert
+from protocols.errors import InputError
+from protocols.files.runs import read_run
+from tests.clutch_hil.live.scripted_bench import recorded, steps
+
+
+def test_a_run_is_converted_there_and_back(played: Played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    first, middle, last = (tmp_path / name for name in ("a.parquet", "b.mf4", "c.parquet"))
+    recorded(played, steps(played), first, monkeypatch)
+    assert convert(first, middle) == convert(middle, last) == len(played.plant)
+    wanted, run = read_run(first), read_run(last)
+    assert (run.metadata, run.described()) == (wanted.metadata, wanted.described())
+    for name in wanted.columns:
+        np.testing.assert_array_equal(run[name], wanted[name])
+
+
+def test_a_run_is_converted_to_rrd(played: Played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    recorded(played, steps(played), tmp_path / "a.parquet", monkeypatch)
+    convert(tmp_path / "a.parquet", tmp_path / "a.rrd")
+    assert (tmp_path / "a.rrd").read_bytes()[:3] == b"RRF"
+
+
+@pytest.mark.parametrize(
+    ("target", "sentence"),
+    [
+        ("run.xlsx", "allowed are .csv, .mf4, .parquet, .rrd"),
+        ("run.parquet", "run.parquet exists already; give another name or remove it"),
+        ("other.mf4", "other.mf4 exists already; give another name or remove it"),
+        ("none/run.mf4", "none of run.mf4 does not exist"),
+    ],
+)
+def test_a_conversion_that_cannot_be_is_refused(tmp_path: Path, target: str, sentence: str) -> None:
+    for name in ("run.parquet", "other.mf4"):
+        (tmp_path / name).write_text("before")
+    with pytest.raises(InputError, match=sentence.replace(".", r"\.")):
+        convert(tmp_path / "run.parquet", tmp_path / target)
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {
+        "run.parquet": "before",
+        "other.mf4": "before",
+    }
+
+
+@pytest.mark.parametrize("name", ["view.rrd", "frames.log", "bare"])
+def test_what_is_no_run_file_is_told_by_its_suffix(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_text("no Parquet")
+    told = rf"{name} has the suffix {Path(name).suffix or '-'}; what can be read ends with \.csv, \.mf4, \.parquet"
+    with pytest.raises(InputError, match=told):
+        convert(tmp_path / name, tmp_path / "run.parquet")

@@ -1,0 +1,339 @@
+"""`clutch-hil tune`: names and values, a node that answers by the documented keys, and a real bench."""
+
+import json
+import os
+import pty
+import subprocess
+import termios
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+import zenoh
+
+from clutch_hil.live.catalogue import WHOLE, Catalogue, assignments, details, tables
+from clutch_hil.live.tune import listed, parameters, set_parameters, tuned
+from protocols.errors import InputError
+from protocols.realtime import child as children
+from protocols.telemetry.feed import nodes_alive
+from protocols.telemetry.keys import Keys
+from protocols.telemetry.session import consumer_session, publisher_session
+from tests.clutch_hil.live.running import Running, clutch_hil, running_bench
+
+BENCH = "local:tuned@here"
+
+
+def entry(name: str, value: float, unit: str = "1", fixed: str | None = None) -> dict:
+    return {
+        "name": name, "value": value, "unit": unit, "type": "number", "bounds": [0.0, 100.0], "source": "a test",
+        "default": value, "uncertainty": 0.1, "fixed": fixed,
+    }  # fmt: skip
+
+
+CATALOGUE = Catalogue(
+    BENCH,
+    {
+        "controller.torque.proportional_gain": entry("torque.proportional_gain", 0.012, "bar/Nm"),
+        "controller.torque.integral_gain": entry("torque.integral_gain", 0.3),
+        "controller.model.coulomb_slope": entry("model.coulomb_slope", 10.8),
+        "controller.shared.name": entry("shared.name", 1.0),
+        "plant.shared.name": entry("shared.name", 1.0),
+        "plant.clutch.coulomb_slope": entry("clutch.coulomb_slope", 10.8),
+        "plant.motor.integral_gain": entry("motor.integral_gain", 4.0, fixed="the motor's gain is fixed"),
+    },
+)
+
+
+def test_a_name_needs_no_node_where_it_is_clear() -> None:
+    assert CATALOGUE.named("torque.integral_gain") == "controller.torque.integral_gain"
+    assert CATALOGUE.named("plant.shared.name") == "plant.shared.name"
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("shared.name", "parameter 'shared.name' is ambiguous; there are controller.shared.name, plant.shared.name"),
+        ("torque.proportional_gian", "did you mean torque.proportional_gain"),
+        ("plant.clutch.coulomb_slop", "did you mean plant.clutch.coulomb_slope"),
+        (
+            "zzz",
+            "groups are controller.model, controller.shared, controller.torque, plant.clutch, plant.motor, plant.shared",
+        ),
+    ],
+)
+def test_what_is_not_one_parameter_is_told(name: str, told: str) -> None:
+    with pytest.raises(InputError) as error:
+        CATALOGUE.named(name)
+    assert told in str(error.value)
+
+
+@pytest.mark.parametrize("prefix", ["torque.", "torque", "torque.*", "controller.torque", "controller.torque."])
+def test_a_group_is_found_with_or_without_its_node(prefix: str) -> None:
+    assert CATALOGUE.group(prefix) == ["controller.torque.proportional_gain", "controller.torque.integral_gain"]
+
+
+def test_a_group_does_not_begin_in_the_middle_of_a_word() -> None:
+    assert not CATALOGUE.group("tor")
+
+
+def test_values_are_sorted_by_node() -> None:
+    assert assignments(CATALOGUE, ["torque.integral_gain=0.5", "clutch.coulomb_slope=1e1"]) == {
+        "controller": {"torque.integral_gain": 0.5},
+        "plant": {"clutch.coulomb_slope": 10.0},
+    }
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["torque.proportional_gain=abc"], "is given as 'abc'; a number is needed, 0 to 100 bar/Nm"),
+        (["torque.proportional_gain="], "is given as ''"),
+        (["torque.integral_gain=1", "controller.torque.integral_gain=2"], "is given twice"),
+        (["torque.integral_gain=101"], "parameter controller.torque.integral_gain = 101 breaks 0 <= value <= 100"),
+        (["torque.proportional_gain=-1"], "torque.proportional_gain = -1 bar/Nm breaks 0 <= value <= 100"),
+        (["torque.integral_gain=nan"], "= nan breaks"),
+        (["torque.integral_gain=abc"], "a number is needed, 0 to 100$"),
+        (["motor.integral_gain=5"], "^the motor's gain is fixed$"),
+    ],
+)
+def test_values_that_cannot_be_taken_are_told(arguments: list[str], told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        assignments(CATALOGUE, arguments)
+
+
+PLANT = Catalogue(BENCH, {name: entry for name, entry in CATALOGUE.entries.items() if name.startswith("plant.")})
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        (
+            "controller.torque.integral_gain",
+            "the controller on local:tuned does not answer; it may still be starting, or be stopped",
+        ),
+        ("controller.", "the controller on local:tuned does not answer; it may still be starting, or be stopped"),
+        (
+            "torque.integral_gain",
+            "the controller on local:tuned does not answer, and the plant has no parameter 'torque.integral_gain'; "
+            "nearest there is motor.integral_gain",
+        ),
+        ("plant.clutch.slope", "parameter 'plant.clutch.slope' is unknown; did you mean plant.clutch.coulomb_slope"),
+    ],
+)
+def test_who_does_not_answer_is_named_where_a_name_may_be_its(name: str, told: str) -> None:
+    with pytest.raises(InputError) as error:
+        PLANT.named(name)
+    assert str(error.value).startswith(told)
+
+
+def test_who_answers_is_tuned_without_the_other() -> None:
+    assert assignments(PLANT, ["clutch.coulomb_slope=11"]) == {"plant": {"clutch.coulomb_slope": 11.0}}
+
+
+def test_no_line_of_a_table_is_wider_than_the_terminal() -> None:
+    entries = CATALOGUE.entries | {
+        "plant.clutch.exponent": entry("clutch.exponent", 1.0, "Nm/(bar (rad/s)^gamma)")
+        | {"source": "a long tale " * 9}
+    }
+    for width in (60, 80, 90, 120):
+        assert max(map(len, tables(entries, width).splitlines())) <= width
+    assert any(
+        "a long tale" in line and line.endswith("…") and len(line) == 100 for line in tables(entries, 100).splitlines()
+    )
+    assert "a long tale " * 9 in tables(entries, WHOLE) + " "
+    for told in ("value", "bounds", "0..100", "fixed"):
+        assert told in tables(entries, 80)
+
+
+def test_what_has_no_dimension_has_no_unit() -> None:
+    name = "controller.torque.integral_gain"
+    lines = details(name, CATALOGUE.entries[name]).splitlines()
+    assert [line.split("  ")[-1].strip() for line in lines[:4]] == [f"{name} = 0.3", "0 to 100", "0.3", "0.1"]
+
+
+@contextmanager
+def answering(node: str, answer: object, refusal: str = "") -> Iterator[list[str | None]]:
+    """A node of BENCH that lives and answers every query with `answer` or `refusal`; yields the payloads it was sent."""
+    asked: list[str | None] = []
+    with publisher_session() as session:
+        queryable = session.declare_queryable(Keys(BENCH, node).parameters, zenoh.handlers.FifoChannel(8))
+        token = session.liveliness().declare_token(Keys(BENCH, node).alive)
+
+        def serve() -> None:
+            while True:
+                try:
+                    query = queryable.recv()
+                except zenoh.ZError:  # the session is closed
+                    return
+                with query:
+                    asked.append(None if query.payload is None else query.payload.to_string())
+                    if answer is None:
+                        query.reply_err(refusal)
+                    else:
+                        query.reply(query.key_expr, json.dumps(answer))
+
+        server = threading.Thread(target=serve)
+        server.start()
+        yield asked
+        token.undeclare()
+    server.join()
+
+
+def test_the_wire_is_as_documented() -> None:
+    answer = {"row": 7, "changed": []}
+    with answering("plant", answer) as asked, consumer_session() as session:
+        assert nodes_alive(session, BENCH) == ["plant"]
+        assert parameters(session, BENCH, "plant") == answer
+        assert set_parameters(session, BENCH, "plant", {"clutch.coulomb_slope": 11.0}) == answer
+    assert asked[0] is None
+    assert json.loads(str(asked[1])) == {"clutch.coulomb_slope": 11.0}
+
+
+def test_a_refusal_is_told_in_the_words_of_the_node() -> None:
+    with (
+        answering("plant", None, "the slope is fixed"),
+        consumer_session() as session,
+        pytest.raises(InputError, match=r"^the slope is fixed$"),
+    ):
+        set_parameters(session, BENCH, "plant", {"clutch.coulomb_slope": 11.0})
+
+
+@contextmanager
+def silent(node: str) -> Iterator[None]:
+    """A node of BENCH that lives and answers nothing."""
+    with publisher_session() as session:
+        handler = zenoh.handlers.FifoChannel(8)
+        queryable = session.declare_queryable(Keys(BENCH, node).parameters, handler)  # noqa: F841  # ends with its name
+        token = session.liveliness().declare_token(Keys(BENCH, node).alive)
+        yield
+        token.undeclare()
+
+
+def test_a_plant_is_not_changed_when_a_value_of_the_controller_is_refused() -> None:
+    with (
+        answering("plant", [entry("friction.level", 1.0)]) as plant,
+        answering("controller", [entry("torque.integral_gain", 0.3)]) as controller,
+        pytest.raises(InputError, match=r"controller\.torque\.integral_gain = 101 breaks"),
+    ):
+        tuned(["plant.friction.level=0.95", "controller.torque.integral_gain=101"], "local:tuned", None)
+    assert (plant, controller) == ([None], [None])  # both were asked for their lists, and for nothing else
+
+
+def test_a_controller_that_lives_and_keeps_silent_is_named() -> None:
+    with (
+        silent("controller"),
+        answering("plant", [entry("motor.integral_gain", 4.0)]) as asked,
+        pytest.raises(InputError, match=r"^the controller on local:tuned does not answer"),
+    ):
+        tuned(["torque.integral_gain=0.31"], "local:tuned", None)
+    assert asked == [None]
+
+
+def test_an_absent_controller_is_named_under_the_list_of_the_plant() -> None:
+    with answering("plant", [entry("motor.integral_gain", 4.0)]):
+        _, text, verdict, good = tuned([], "local:tuned", None)
+    assert "read:    1 parameter of plant on local:tuned; the controller on local:tuned does not answer\n" in text
+    assert (verdict, good) == ("1 parameter, 0 of them fixed while the service runs", True)
+
+
+def test_effects_that_are_off_take_one_line_and_can_be_asked_for() -> None:
+    off = [entry("friction_level.level", 1.0), entry("friction_level.drift", 0.0)]
+    on = [entry("valve_delay.delay", 3.0) | {"default": 0.0}, entry("motor.integral_gain", 4.0)]
+    with answering("plant", off + on):
+        document, text, _, _ = tuned([], "local:tuned", None)
+        _, asked, _, _ = tuned(["friction_level."], "local:tuned", None)
+    assert "\n1 effect of the plant off; `clutch-hil tune NAME.` shows one: friction_level\n" in text
+    assert "friction_level.level" not in text
+    assert "valve_delay.delay" in text
+    assert "motor.integral_gain" in text
+    assert "friction_level.drift" in asked
+    assert len(document["parameters"]) == 4, "a machine is told everything"
+
+
+def test_a_bench_where_nobody_answers_is_told() -> None:
+    with silent("plant"), consumer_session() as session, pytest.raises(InputError, match=r"the plant on .* not answer"):
+        listed(session, BENCH)
+
+
+def test_a_node_that_does_not_answer_is_told() -> None:
+    with (
+        consumer_session() as session,
+        pytest.raises(InputError, match="does not answer; it may still be starting, or be stopped"),
+    ):
+        parameters(session, BENCH, "plant")
+
+
+@pytest.fixture(scope="module")
+def bench() -> Iterator[Running]:
+    with running_bench(telemetry=True) as running:
+        yield running
+
+
+def tune(bench: Running, *arguments: str) -> dict:
+    done = clutch_hil("tune", *arguments, "--bus", bench.bus, "--json")
+    assert done.exit_code == 0, done.exception
+    return json.loads(done.stdout)
+
+
+def refused(bench: Running, *arguments: str) -> str:
+    done = clutch_hil("tune", *arguments, "--bus", bench.bus)
+    assert isinstance(done.exception, InputError)
+    assert not done.stdout
+    return str(done.exception)
+
+
+def test_all_parameters_of_both_services_are_listed(bench: Running) -> None:
+    told = tune(bench)["parameters"]
+    assert told["controller.torque.proportional_gain"]["unit"] == "bar/Nm"
+    assert told["plant.clutch.coulomb_slope"]["default"] == 10.8
+    assert told["controller.guard.pressure"]["fixed"]
+
+
+def test_no_short_name_is_ambiguous(bench: Running) -> None:
+    names = [name.partition(".")[2] for name in tune(bench)["parameters"]]
+    assert len(set(names)) == len(names)
+
+
+def test_both_services_are_tuned_at_once(bench: Running) -> None:
+    told = tune(bench, "torque.proportional_gain=0.02", "plant.clutch.coulomb_slope=11.5")["changed"]
+    assert [(change["node"], change["old"], change["new"]) for change in told] == [
+        ("controller", 0.012, 0.02), ("plant", 10.8, 11.5),
+    ]  # fmt: skip
+    assert all(change["row"] > 0 for change in told)
+    now = tune(bench, "torque.proportional_gain", "clutch.coulomb_slope")["parameters"]
+    assert [entry["value"] for entry in now.values()] == [0.02, 11.5]
+
+
+def test_a_refused_change_changes_nothing(bench: Running) -> None:
+    before = tune(bench, "torque.")["parameters"]
+    message = refused(bench, "torque.integral_gain=0.4", "torque.demand_limit=1000")
+    assert "torque.demand_limit = 1000 Nm breaks 0 <= value <= 60" in message
+    assert tune(bench, "torque.")["parameters"] == before
+
+
+@pytest.mark.needs("terminal")
+def test_the_list_fits_the_terminal(bench: Running) -> None:
+    master, slave = pty.openpty()
+    termios.tcsetwinsize(slave, (24, 80))
+    environment = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES")}
+    child = subprocess.Popen(children.clutch_hil("tune", "--bus", bench.bus), stdout=slave, env=environment)
+    os.close(slave)
+    shown = b""
+    try:
+        while piece := os.read(master, 4096):
+            shown += piece
+    except OSError:  # the child has closed its end
+        pass
+    os.close(master)
+    assert child.wait() == 0
+    table = shown.decode().replace("\r", "").partition("read:")[0].splitlines()
+    assert max(map(len, table)) <= 80
+    assert ["hydraulics.capacity", "1e-06", "m^3/bar", "2e-07..0.0001"] in [line.split()[:4] for line in table]
+    assert "friction_level," in " ".join(table).split(), "off, it is named"
+
+
+def test_bad_names_and_values_are_told(bench: Running) -> None:
+    assert "guard.pressure" in refused(bench, "guard.pressure=9")
+    assert "did you mean" in refused(bench, "torque.proportional_gian=1")
+    assert "without a value" in refused(bench, "torque.integral_gain", "torque.proportional_gain=1")

@@ -1,0 +1,117 @@
+"""Chapter 6 is measured over the controller that the product has, and the documents tell what was measured."""
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from clutch_hil.thesis import clutch_lag, table_6_6
+from clutch_hil.thesis.clutch_experiments import SLOW, cooled, measure, nominal
+from clutch_hil.thesis.clutch_fit import NEAR
+from clutch_hil.thesis.clutch_lag import ATTRACTION, MOST, on_line
+from clutch_hil.thesis.clutch_response import THESIS, Response, pressure_response
+from protocols.errors import InputError
+
+ROOT = Path(__file__).parents[3]
+TELLING = (
+    "README.md",
+    "docs/rig.md",
+    "docs/telemetry.md",
+    "plant_sim/parameters/janssens2010.toml",
+    "rt_controller/parameters/controller.toml",
+)
+
+
+@cache
+def as_shipped() -> Response:
+    return pressure_response()
+
+
+# --- figure 6.15 -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("page", TELLING)
+def test_the_bandwidth_is_told_as_it_is_measured(page: str) -> None:
+    assert f"{as_shipped().pressure.bandwidth:.2f} Hz" in (ROOT / page).read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(("gain", "faster"), [(0.2, False), (0.9, True)])
+def test_another_gain_of_the_controllers_regulator_gives_another_response(gain: float, faster: bool) -> None:
+    found = pressure_response({"pressure.proportional_gain": gain})
+    for changed, before in ((found.pressure, as_shipped().pressure), (found.torque, as_shipped().torque)):
+        assert (changed.bandwidth > before.bandwidth + 1.0) if faster else (changed.bandwidth < before.bandwidth - 1.0)
+    assert abs(found.pressure.bandwidth / THESIS - 1.0) > NEAR  # the claim would not hold
+
+
+def test_without_its_integral_the_regulator_does_not_overshoot() -> None:
+    found = pressure_response({"pressure.integral_gain": 0.0})
+    assert as_shipped().pressure.decibel.max() > 1.0  # dB; 1.1 measured
+    assert found.pressure.decibel.max() < 0.3
+
+
+def test_the_torque_is_slower_than_the_pressure_that_makes_it() -> None:
+    assert as_shipped().torque.bandwidth < as_shipped().pressure.bandwidth
+    assert as_shipped().torque.phase[-1] < as_shipped().pressure.phase[-1]
+
+
+# --- figure 6.14 -----------------------------------------------------------------------------------------------------
+
+
+def test_a_controller_that_believes_in_another_lag_errs_by_more() -> None:
+    assert on_line(5.0).error < MOST
+    assert on_line(5.0, ATTRACTION / 2.0).error > MOST
+    assert on_line(5.0, clutch_lag.NO_LAG).error > MOST
+
+
+def test_the_width_of_the_loop_is_signed() -> None:
+    loop = on_line(5.0)
+    assert loop.width(loop.true) > 0.3  # Nm; 0.53 measured
+    assert loop.width(-loop.true) == pytest.approx(-loop.width(loop.true))
+    assert abs(loop.width(loop.slip)) < 0.02  # rad/s: branches are compared at equal slip
+
+
+# --- the rig under its controller ------------------------------------------------------------------------------------
+
+
+def test_no_reproduction_regulates_the_clutch_itself() -> None:
+    folder = ROOT / "plant_sim" / "reproduce"
+    assert not [path.name for path in folder.glob("*.py") if ".advance(" in path.read_text(encoding="utf-8")]
+
+
+def test_a_record_begins_settled_and_has_the_demand_sample_by_sample() -> None:
+    demand = 3.0 + 0.1 * np.sin(np.arange(500) / 50.0)
+    run = measure(demand, 20.0, nominal(**cooled()))
+    assert run.time.size == 500
+    assert np.abs(run.demand - demand).max() <= 0.5e-3 + 1e-9  # bar: the bus carries whole mbar
+    assert abs(run.pressure[:50].mean() - 3.0) < 0.02
+    assert abs(run.slip[:50].mean() - 20.0) < 0.2
+
+
+def test_an_experiment_that_the_controller_ends_is_no_record() -> None:
+    with pytest.raises(InputError, match="ended an experiment with fault 3"):
+        measure(np.full(2 * SLOW, 3.6), 20.0, nominal(), temperature=149.5, rate=SLOW)
+
+
+# --- Table 6.6 -------------------------------------------------------------------------------------------------------
+
+
+def stepping(torque: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> tuple[float, float]:
+    played = {"time_s": np.arange(4000) * 1e-3, "truth_clutch_torque_nm": torque}
+    monkeypatch.setattr(table_6_6, "follow", lambda *_: played)
+    return table_6_6.step("both", False, 0)
+
+
+def test_a_step_is_timed_to_90_percent_and_its_overshoot_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    torque = np.full(4000, 0.5)
+    torque[1100:] = 9.0
+    torque[1200:1300] = 11.5
+    rise, overshoot = stepping(torque, monkeypatch)
+    assert rise == pytest.approx(0.1)
+    assert overshoot == pytest.approx(1.5)
+
+
+def test_a_step_that_is_never_reached_has_no_rise_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    rise, overshoot = stepping(np.full(4000, 8.9), monkeypatch)
+    assert np.isnan(rise)
+    assert overshoot == pytest.approx(-1.1)

@@ -1,0 +1,187 @@
+"""Every reproduction runs and draws; the claims hold, except those that are known not to, with the reason.
+
+What docs/reproductions.md, README and docs/friction.md tell of each is what it says now.
+"""
+
+import json
+import re
+from itertools import takewhile
+from pathlib import Path
+
+import pytest
+
+from clutch_hil.thesis import Entry, entries, entry
+from clutch_hil.thesis.contradicted import CONTRADICTED
+from clutch_hil.thesis.measured_data import MissingDataError
+from clutch_hil.thesis.record import PAGE, PICTURED, PICTURES, against_rows, claim_row, line
+from clutch_hil.thesis.result import Result, checks_text, run, run_all
+from clutch_hil.thesis.sheet import Sheet
+from protocols.errors import InputError
+from tests import needs
+
+# the figures and tables that make a physical claim
+FIGURES = (
+    *("1.7", "1.9", "2.3", "2.5", "2.6", "2.7", "2.8", *(f"2.{n}" for n in range(12, 21)), "2.25", "2.26"),
+    *(f"3.{n}" for n in range(7, 13)),
+    *("4.1", *(f"4.{n}" for n in range(3, 8)), *(f"4.{n}" for n in range(12, 19))),
+    *(*(f"5.{n}" for n in range(2, 10)), "6.8", "6.9", *(f"6.{n}" for n in range(11, 16))),
+    *(*(f"C.{n}" for n in range(3, 9)), *(f"D.{n}" for n in range(1, 7)), *(f"E.{n}" for n in range(1, 8))),
+)
+TABLES = tuple(f"6.{n}" for n in range(1, 7))
+ENTRIES = entries()
+RECORD = PAGE.read_text(encoding="utf-8").splitlines()
+# entries whose tables stand elsewhere too
+TOLD_AGAIN = {"table-6.6": "README.md", "adaptation": "README.md", "microtribometer": "docs/friction.md"}
+NUMBER = re.compile(r"(\d+(?:\.(\d+))?(?:e([-+]\d+))?)")
+SHARE = 0.003  # of a number: libraries and processors round otherwise; 9.57 for 9.66 is three times that
+# Iterative fits to noisy records end elsewhere where a processor rounds otherwise: without AVX2 and FMA by 4 %, by 13 %,
+# and by 33 % of what XGMS misses while the load is taken off; all other entries agree there within SHARE.
+SHARES = {"figure-5.10": 0.1, "compensation": 0.25, "microtribometer": 0.5}
+
+
+def alike(told: str, now: str, share: float = SHARE) -> bool:
+    """Whether two lines have the same words, and numbers that differ by two units of the last digit or by `share` at most."""
+    if NUMBER.sub("#", told) != NUMBER.sub("#", now):
+        return False
+    for one, other in zip(NUMBER.finditer(told), NUMBER.finditer(now), strict=True):
+        unit = 10.0 ** (int(one[3] or 0) - len(one[2] or ""))
+        if abs(float(one[1]) - float(other[1])) > max(2.01 * unit * bool(one[2]), share * float(one[1])):
+            return False
+    return True
+
+
+def recorded(name: str) -> list[str]:
+    """The lines of the page on an entry: its rows in the two tables, and those of its own table."""
+    rows = [row for row in RECORD if row.startswith(f"| {name} |")]
+    headings = [i for i, row in enumerate(RECORD) if row.startswith(f"### {name}: ")]
+    own = [row for i in headings for row in takewhile(lambda row: not row.startswith("#"), RECORD[i + 1 :])]
+    return rows + [row for row in own if row.startswith("| ")]
+
+
+@pytest.mark.parametrize("name", ENTRIES)
+def test_the_claim_holds(name: str, tmp_path: Path) -> None:
+    try:
+        result = run(ENTRIES[name], tmp_path, lambda done, total: None)
+    except MissingDataError:
+        needs.skip("data")
+    assert result.as_known, checks_text(result)
+    assert result.picture.stat().st_size > 10_000  # bytes: not an empty canvas
+    json.dumps(result.document(), default=float)
+    table = [line(row) for row in result.sheet.table]
+    now = [*map(line, (claim_row(result), *against_rows(result))), *table]
+    told, share = recorded(name), SHARES.get(name, SHARE)
+    hint = "`python -m clutch_hil.thesis` writes the page anew"
+    assert len(told) == len(now), f"{PAGE.name}: {told} is now {now}; {hint}"
+    for one, other in zip(told, now, strict=True):
+        assert alike(one, other, share), f"{PAGE.name}: {one} is now {other}; {hint}"
+    if page := TOLD_AGAIN.get(name):
+        rows = (PAGE.parents[1] / page).read_text(encoding="utf-8").replace("±", "+-").splitlines()
+        for row in table:
+            assert any(alike(one, row, share) for one in rows), f"not in {page}: {row}"
+
+
+def test_the_page_tells_every_entry_and_no_other() -> None:
+    begun = RECORD.index("## What does not hold, and why")
+    assert [row.split(" | ")[0][2:] for row in RECORD[:begun] if row.startswith("| ")] == ["name", *ENTRIES]
+    holding = sum(" | yes | " in row for row in RECORD[:begun])
+    assert f"{holding} of {len(ENTRIES)} claims hold, {len(CONTRADICTED)} known not to." in RECORD[2]
+    told = {
+        row.split(" | ")[0][2:]
+        for row in RECORD[begun : RECORD.index("## What was measured, for entries with a table")]
+    }
+    assert {name for name in told if name in ENTRIES} == CONTRADICTED.keys()
+    assert all((PICTURES / f"{name}.png").stat().st_size > 10_000 for name in PICTURED)
+
+
+@pytest.mark.parametrize(
+    ("told", "now", "same"),
+    [
+        ("| 9.57 Hz |", "| 9.66 Hz |", False),
+        ("| 9.8 |", "| 9.57 |", False),
+        ("| 0.080 | 0.4 |", "| 0.081 | 0.4 |", True),
+        ("| 129.8 |", "| 129.5 |", True),
+        ("| 2.9e-06 |", "| 3.0e-06 |", True),
+        ("| 2.9e-06 |", "| 3.9e-06 |", False),
+        ("| 20 seeds |", "| 19 seeds |", False),
+        ("| holds |", "| holds not |", False),
+        ("| -0.25 |", "| 0.25 |", False),
+    ],
+)
+def test_lines_are_alike_in_words_and_in_numbers_but_for_rounding(told: str, now: str, same: bool) -> None:
+    assert alike(told, now) is same
+
+
+@pytest.mark.parametrize("name", [*(f"figure-{n}" for n in FIGURES), *(f"table-{n}" for n in TABLES)])
+def test_what_was_asked_for_is_there(name: str) -> None:
+    assert name in ENTRIES
+    assert ENTRIES[name].claim
+    assert ENTRIES[name].title
+
+
+def test_a_number_means_the_figure_or_the_table() -> None:
+    assert entry("2.12") is entry("figure-2.12")
+    assert entry("6.4") is entry("table-6.4")
+    assert entry("d.4") is entry("figure-D.4")
+
+
+def test_every_known_contradiction_has_its_entry() -> None:
+    assert CONTRADICTED.keys() <= ENTRIES.keys()
+
+
+def test_all_goes_on_after_an_entry_without_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing(sheet: Sheet) -> None:
+        raise MissingDataError("measured data are not here")
+
+    def fine(sheet: Sheet) -> None:
+        sheet.axes().plot([0.0, 1.0])
+        sheet.check("one [N]", True, measured=1.23456789)
+
+    def wrong(sheet: Sheet) -> None:
+        fine(sheet)
+        sheet.check("two", False)
+
+    made = [
+        Entry("gone", "no data", "claim", missing),
+        Entry("fine", "title", "claim", fine),
+        Entry("wrong", "t", "c", wrong),
+    ]
+    monkeypatch.setattr("clutch_hil.thesis.result.entries", lambda: {e.name: e for e in made})
+    document, text, verdict, good = run_all(tmp_path, lambda done, total: None)
+    assert not good
+    assert verdict == "1 of 2 claims hold, 0 known not to; unexpected: wrong; 1 skipped"
+    assert "skipped: gone: measured data are not here" in text
+    assert document["results"][0]["checks"][0]["measured"] == 1.23456789
+    assert document["skipped"] == {"gone": "measured data are not here"}
+    page = (tmp_path / "index.html").read_text()
+    assert 'href="#wrong"' in page
+    assert "measured data are not here" in page
+
+
+def test_a_picture_that_cannot_be_written_is_an_input_error(tmp_path: Path) -> None:
+    (tmp_path / "fine.png").mkdir()
+    with pytest.raises(InputError, match=r"picture .*fine\.png cannot be written"):
+        run(
+            Entry("fine", "title", "claim", lambda sheet: sheet.axes().plot([0.0, 1.0])),
+            tmp_path,
+            lambda done, total: None,
+        )
+
+
+def test_an_unknown_name_is_refused_with_what_exists() -> None:
+    with pytest.raises(
+        InputError, match="reproduction 'nothing' does not exist; `clutch-hil reproduce --list` names all"
+    ):
+        entry("nothing")
+    with pytest.raises(InputError, match=r"'figure-2\.122' does not exist; did you mean figure-2\.12 or"):
+        entry("figure-2.122")
+
+
+def test_a_claim_without_a_check_does_not_hold() -> None:
+    sheet = Sheet()
+    assert not sheet.holds
+    sheet.check("one", True)
+    assert sheet.holds
+    sheet.check("another", False, measured=[1.0, 2.0])
+    assert not sheet.holds
+    result = Result(Entry("x", "title", "claim", lambda sheet: None), sheet, Path("x.png"), 0.0)
+    assert "another  1, 2              NO" in checks_text(result)

@@ -1,0 +1,184 @@
+"""An effect is one file: the one of docs/effects.md, and files that cannot be effects."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from clutch_hil.bench.effect_text import in_order, list_markdown, sections
+from plant_sim.effects import signals
+from plant_sim.effects.catalogue import VARIABLE, effects
+from plant_sim.effects.effect import SECTIONS
+from plant_sim.rigs import wet_clutch
+from protocols.errors import InputError
+from protocols.files.runs import read_run
+from protocols.realtime import child
+from tests.clutch_hil.live.running import clutch_hil
+
+PAGE = (Path(__file__).parents[3] / "docs" / "effects.md").read_text(encoding="utf-8")
+EXAMPLE = next(block for block in re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL) if "EFFECT = " in block)
+ENABLING = 10.0  # ms of CPU, from switching on to the end of the next step; measured 0.4 ms, compiling one law takes 35
+DITHER = 40.0  # Hz, of the example
+LINE = 10.0  # times what lies beside it in the spectrum of the pressure; measured 146, and 1.1 without the effect
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A user's folder of effects with the page's example in it, for this process and those it starts."""
+    made = tmp_path / "effects"
+    made.mkdir()
+    (made / "valve_dither.py").write_text(EXAMPLE, encoding="utf-8")
+    monkeypatch.setenv(VARIABLE, str(made))
+    return made
+
+
+def told(*arguments: str) -> Any:
+    """The document of a command in a process of its own."""
+    done = subprocess.run(child.clutch_hil(*arguments, "--json"), capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def test_an_effect_is_one_new_file(folder: Path, tmp_path: Path) -> None:
+    sheet = told("effects", "valve_dither", "--out", str(tmp_path))
+    assert (sheet["ours"], sheet["hooks"], sheet["block"]) == (False, ["COMMAND"], "valve")
+    assert sheet["shown"]["times_resolution"] > 1.0
+    assert Path(sheet["picture"]).stat().st_size > 10_000
+    rig = tmp_path / "rig.toml"
+    rig.write_text("[valve_dither]\namplitude = 2.0  # bar\n", encoding="utf-8")
+    result = told("simulate", "--seconds", "3", "--plant-parameters", str(rig), "--out", str(tmp_path))
+    run = read_run(Path(result["run"]))
+    assert run.metadata["plant_parameters"]["valve_dither.amplitude"] == 2.0
+    pressure = run["cylinder_pressure_bar"][1000:]
+    size = np.abs(np.fft.rfft((pressure - pressure.mean()) * np.hanning(pressure.size)))
+    line = round(DITHER * pressure.size * 1e-3)
+    assert size[line] > LINE * np.median(size[line + 10 : line + 60])
+
+
+def test_the_list_marks_whose_an_effect_is(folder: Path) -> None:
+    text = clutch_hil("effects").stdout
+    assert f"  valve_dither (no candidate; from {folder}): Dither of the valve: " in text
+    assert f"  friction_level: {effects()['friction_level'].title}\n" in text
+    assert re.search(r"amplitude +bar +off 0 +typical 1 +0\.\.5 +\[D\] 4 % of 25 bar", text)
+    assert text.rstrip().endswith("of them candidates of `clutch-hil discrepancy`")
+    listed = json.loads(clutch_hil("effects", "--json").stdout)
+    assert [one["name"] for one in listed if not one["ours"]] == ["valve_dither"]
+    assert {one["name"] for one in listed} == set(effects())
+
+
+def test_the_sheet_of_an_effect_tells_all_of_it(tmp_path: Path) -> None:
+    effect = effects()["piston_seal_friction"]
+    done = clutch_hil("effects", effect.name, "--out", str(tmp_path))
+    assert done.exit_code == 0
+    for name in ("What", *SECTIONS, "Hooks", "States", "Excludes", "Candidate"):
+        assert re.search(rf"^{name} +\S", done.stdout, re.MULTILINE), name
+    for p in effect.parameters:
+        assert p.source in done.stdout
+    assert f"wrote:   {tmp_path / 'effect-piston_seal_friction.png'}\n" in done.stdout
+    assert re.search(r"^with - without +[▁▂▃▄▅▆▇]{40} ", done.stdout, re.MULTILINE)
+    assert re.search(r"verdict: at typical values the clutch torque changes by up to [\d.]+ Nm", done.stdout)
+
+
+BROKEN = {
+    "empty": ("", r"defines no EFFECT = Effect\(\.\.\.\)"),
+    "syntax": ("def", "cannot be loaded: SyntaxError"),
+    "name": ("import nowhere_to_be_found", "cannot be loaded: ModuleNotFoundError: No module named 'nowhere_to_be_found'"),
+    "section": (EXAMPLE.replace("Assumptions", "Assumed    "), "effect section: its file's docstring lacks 'Assumptions'"),
+    "unit": (EXAMPLE.replace('"bar"', '"barn"'), "effect unit, parameter amplitude: unit 'barn' is unknown"),
+    "Pump-Puls": (EXAMPLE, r"effect file \S+: 'Pump-Puls' is no name for an effect"),
+    "rival": (EXAMPLE.replace("candidate=False", "excludes=('backlsh',)"), "excludes 'backlsh', .* did you mean backlash"),
+    "bounds": (EXAMPLE.replace("typical=1.0", "typical=9.0"), r"bounds\.amplitude = 9 bar breaks 0 <= value <= 5"),
+    "off": (EXAMPLE.replace("typical=1.0", "typical=0.0"), "effect off: amplitude is off at its typical value 0 bar"),
+    "block": (EXAMPLE.replace('block="valve"', 'block="spool"'), "block 'spool' is unknown; allowed are valve, hydraulics"),
+    "hook": (EXAMPLE.replace("{COMMAND: shake}", "{99: shake}"), "laws must be a table of one or more hooks"),
+    "friction_level": (EXAMPLE, r"effect friction_level of \S+ exists already, in \S+friction_level\.py"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_file_that_is_no_effect_is_told_in_one_sentence(name: str, folder: Path) -> None:
+    text, reason = BROKEN[name]
+    (folder / f"{name}.py").write_text(text, encoding="utf-8")
+    error = clutch_hil("effects").exception
+    assert isinstance(error, InputError)
+    assert re.search(reason, str(error)), error
+    assert "\n" not in str(error)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "reason"),
+    [
+        ("s.demand +=", "s.demnad +=", "s.demnad is unknown; did you mean demand"),
+        ("p.amplitude", "p.amplitud", "p.amplitud is unknown; did you mean amplitude"),
+        ("+= p.amplitude * sin(x.phase)", "= open(x.phase)", "open"),
+    ],
+)
+def test_a_law_that_cannot_be_compiled_is_told(before: str, after: str, reason: str, folder: Path) -> None:
+    (folder / "wrong.py").write_text(EXAMPLE.replace(before, after), encoding="utf-8")
+    error = clutch_hil("effects", "wrong").exception
+    assert isinstance(error, InputError)
+    assert re.fullmatch(rf"effect wrong \(\S+wrong\.py\) cannot be compiled: .*{reason}.*", str(error)), error
+
+
+def test_an_effect_cannot_hide_parameters_of_the_rig(folder: Path) -> None:
+    (folder / "valve.py").write_text(EXAMPLE, encoding="utf-8")
+    with pytest.raises(InputError, match="effect valve has the name of a group of the rig's own parameters;"):
+        wet_clutch.nominal()
+
+
+def test_what_is_wrong_ends_with_exit_code_2(folder: Path) -> None:
+    done = subprocess.run(child.clutch_hil("effects", "valve_ditter"), capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert re.fullmatch("error: effect 'valve_ditter' is unknown; did you mean valve_dither.*\n", done.stderr)
+
+
+def test_a_folder_that_does_not_exist_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(VARIABLE, "/no/such/folder")
+    error = clutch_hil("effects").exception
+    assert str(error) == f"folder /no/such/folder of {VARIABLE} does not exist"
+
+
+ENABLE = """
+import json, time
+from plant_sim.effects.catalogue import effects
+from plant_sim.node.plant_node import PlantNode
+PlantNode.warm()
+node = PlantNode()
+node.sample(); node.advance()
+took = {}
+for effect in effects().values():
+    began = time.process_time()
+    node.tune(effect.typical())
+    node.sample(); node.advance()
+    took[effect.name] = 1e3 * (time.process_time() - began)
+    assert node.row()
+    node.tune(effect.off())
+print(json.dumps(took))
+"""
+
+
+def test_switching_on_compiles_nothing(folder: Path) -> None:
+    done = subprocess.run([sys.executable, "-c", ENABLE], capture_output=True, text=True, check=True)
+    took = json.loads(done.stdout)
+    assert "valve_dither" in took, "a user's effect as well"
+    slowest = max(took, key=lambda name: took[name])
+    median = np.median(list(took.values()))
+    print(f"\nCPU from switching on to the next sample: {slowest} {took[slowest]:.2f} ms, median {median:.2f} ms")
+    assert took[slowest] < ENABLING
+
+
+def test_the_page_has_the_hooks_and_the_list() -> None:
+    hooks = [line[4:] for line in str(signals.__doc__).splitlines() if line.startswith("    ")]
+    assert len(hooks) >= len(signals.HOOKS) + 1
+    assert "\n".join(hooks) in PAGE
+    assert list_markdown(in_order(effects().values())) in PAGE, "clutch_hil.bench.effect_text.list_markdown"
+
+
+def test_the_example_has_every_section(folder: Path) -> None:
+    assert list(sections(effects()["valve_dither"])) == ["What", *SECTIONS]
+    assert "valve_dither.amplitude" in wet_clutch.nominal()

@@ -1,0 +1,307 @@
+"""Injections: the plant changes at a time, along a ramp, and goes back; nothing else changes, and what cannot be is refused."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+
+from clutch_hil.bench.in_process import Played, play
+from plant_sim.effects.catalogue import effect
+from plant_sim.node.injection import BIAS, Injection, effect_off, effect_on, requested, sensor_bias, sensor_frozen
+from plant_sim.node.plant_node import PlantNode
+from plant_sim.node.schedule import Schedule
+from plant_sim.profiles.profile import load_profile
+from plant_sim.rigs import wet_clutch
+from protocols.errors import InputError
+from protocols.node import node_factory
+
+RATE = 1000
+LEVEL = "friction_level.level"
+WEAKER = 0.6
+SUMP = "oil.sump_temperature"
+ENGAGED = 2.0  # s into the profile: the plates slip at 10 Nm, and go on
+
+
+def plant(*injections: Injection, seconds: float = 3.0) -> PlantNode:
+    return PlantNode(RATE, profile=load_profile("engagement", seconds), injections=injections)
+
+
+def played(*injections: Injection, seconds: float = 3.0) -> Played:
+    return play(plant(*injections, seconds=seconds), node_factory("controller")(adaptation=False))
+
+
+def stepped(node: PlantNode, cycles: int) -> None:
+    for _ in range(cycles):
+        node.step([])
+
+
+def level(node: PlantNode) -> float:
+    return node.parameters[LEVEL].value
+
+
+# ---- what is made ----
+
+
+def test_an_effect_is_switched_on_at_typical_values_or_given_ones() -> None:
+    longer = {"piston_seal_friction.travel": 1e-5}
+    typical = {f"piston_seal_friction.{s.name}": s.typical for s in effect("piston_seal_friction").strengths}
+    assert effect_on("piston_seal_friction") == typical
+    assert effect_on("piston_seal_friction", {"force": 50.0}) == {"piston_seal_friction.force": 50.0}
+    assert (
+        effect_on("piston_seal_friction", {"travel": 1e-5}) == typical | longer
+    )  # a shape alone shapes the typical effect
+    assert effect_off("friction_level") == {"friction_level.level": 1.0, "friction_level.drift": 0.0}
+
+
+@pytest.mark.parametrize("sensor", BIAS)
+def test_every_sensor_can_be_frozen_and_biased(sensor: str) -> None:
+    nominal = wet_clutch.nominal()
+    assert set(sensor_frozen(sensor)) | set(sensor_bias(sensor, 0.01)) <= set(nominal)
+    Schedule(nominal, [Injection(sensor_frozen(sensor) | sensor_bias(sensor, 0.01))])
+
+
+@pytest.mark.parametrize(
+    ("values", "told"),
+    [
+        (lambda: effect_on("friction_levle"), "effect 'friction_levle' is unknown; did you mean friction_level"),
+        (lambda: effect_on("friction_level", {"lvel": 1.0}), "friction_level has no parameter 'lvel'; did you mean level"),
+        (lambda: sensor_frozen("presure"), "sensor 'presure' is unknown; did you mean pressure"),
+        (lambda: sensor_bias("presure", 0.1), "sensor 'presure' is unknown; did you mean pressure"),
+        (lambda: Injection({}), "changes nothing"),
+        (lambda: Injection({LEVEL: 0.5}, at=-1.0), "time -1 s of an injection is not possible"),
+        (lambda: Injection({LEVEL: 0.5}, ramp=float("nan")), "ramp nan s"),
+        (lambda: Injection({LEVEL: 0.5}, at=1.0, ramp=2.0, until=2.5), "its ramp ends at 3 s"),
+        (lambda: Injection({LEVEL: 0.5}, at=0.3, until=0.1 + 0.2), "from 0.3 s until 0.3 s is not possible: it would last 0 s"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_meant_is_told(values, told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        values()
+
+
+def test_a_ramp_may_turn_back_where_it_ends() -> None:
+    assert requested({LEVEL: 0.5}, {"ramp": 1.0, "for": 0.0}, now=10.0).until == 11.0
+
+
+def test_decimal_times_that_add_up_are_taken() -> None:
+    Injection({LEVEL: 0.5}, at=0.1, ramp=0.2, until=0.3)  # 0.1 + 0.2 > 0.3 as floats
+
+
+# ---- when it acts ----
+
+
+def test_a_change_acts_from_its_row_on_and_is_noted() -> None:
+    node = plant(Injection({LEVEL: WEAKER}, at=0.0125))
+    stepped(node, 13)  # rows 0 to 12
+    assert level(node) == WEAKER  # from the next row on
+    assert node.injected == []
+    stepped(node, 1)
+    assert node.injected == [
+        {"name": LEVEL, "unit": "1", "old": 1.0, "new": WEAKER, "at": 0.0125, "ramp": 0.0, "row": 13}
+    ]
+
+
+def test_the_torque_steps_in_the_row_of_the_change() -> None:
+    run, quiet = played(Injection({LEVEL: WEAKER}, at=ENGAGED)), played()
+    row = round(ENGAGED * RATE)
+    ratio = run["truth_clutch_torque_nm"][row] / quiet["truth_clutch_torque_nm"][row]
+    assert ratio == pytest.approx(WEAKER, rel=1e-12)
+    np.testing.assert_array_equal(run.plant[:row], quiet.plant[:row])
+
+
+def test_a_ramp_goes_along_a_line_and_back() -> None:
+    node = plant(Injection({LEVEL: 0.5}, at=0.010, ramp=0.020, until=0.050))
+    seen = []
+    for _ in range(80):
+        node.step([])
+        seen.append(node._rig.table.values[0] if node._rig.table.names else 1.0)
+    time = np.arange(80) / RATE
+    np.testing.assert_allclose(seen, np.interp(time, [0.010, 0.030, 0.050, 0.070], [1.0, 0.5, 0.5, 1.0]), atol=1e-12)
+    assert node._rig.table.names == ()  # at the end the effect is off, and its law is not called
+
+
+def test_a_parameter_of_the_rig_moves_along_a_ramp() -> None:
+    node = plant(Injection({SUMP: 90.0}, at=0.0, ramp=0.1))
+    stepped(node, 51)
+    assert node._rig.record["oil_sump_temperature"][0] - 273.15 == pytest.approx(80.0)
+    assert node.parameters[SUMP].value == pytest.approx(80.2)  # of the next row
+
+
+def test_ramps_of_two_parameters_overlap_and_do_not_mind_each_other() -> None:
+    schedule = Schedule(
+        wet_clutch.nominal(), [Injection({LEVEL: 0.5}, at=1.0, ramp=2.0), Injection({SUMP: 90.0}, at=2.0, ramp=2.0)]
+    )
+    for time, expected in ((2.5, (0.625, 75.0)), (3.5, (0.5, 85.0)), (9.0, (0.5, 90.0))):
+        rig, _ = schedule.rig(time)
+        assert rig.table.values[0] == pytest.approx(expected[0])
+        assert rig.record["oil_sump_temperature"][0] - 273.15 == pytest.approx(expected[1])
+
+
+def test_a_later_injection_takes_a_parameter_over_where_it_is() -> None:
+    node = plant(Injection({LEVEL: 0.5, SUMP: 90.0}, at=0.0, ramp=0.1))
+    stepped(node, 50)
+    node.inject(Injection({LEVEL: 1.0}, at=0.05, ramp=0.05))
+    stepped(node, 26)
+    assert node._rig.table.values[0] == pytest.approx(0.875)  # from 0.75
+    assert node.parameters[SUMP].value == pytest.approx(85.2)  # goes its own way
+    assert [(change["name"], change["old"]) for change in node.injected] == [(LEVEL, 1.0), (SUMP, 70.0), (LEVEL, 0.75)]
+
+
+def test_a_change_made_at_once_ends_a_ramp_and_leaves_what_is_planned() -> None:
+    node = plant(Injection({LEVEL: 0.5}, at=0.0, ramp=0.1), Injection({SUMP: 90.0}, at=0.05))
+    stepped(node, 20)
+    node.tune({LEVEL: 0.9})
+    stepped(node, 40)
+    assert (level(node), node.parameters[SUMP].value) == (0.9, 90.0)
+    assert [change["name"] for change in node.injected] == [LEVEL, SUMP]
+
+
+# ---- what stays the same ----
+
+
+def test_injections_give_the_same_run_however_they_are_given() -> None:
+    """At the start, while it runs, and twice."""
+    injections = (
+        Injection(effect_on("piston_seal_friction"), at=1.0, ramp=0.3, until=2.0),
+        Injection(effect_on("internal_leakage") | {SUMP: 80.0}, at=1.5),
+    )
+    first, again = played(*injections), played(*injections)
+    np.testing.assert_array_equal(first.plant, again.plant)
+    node = plant()
+
+    def inject(cycle: int) -> None:
+        if cycle == 500:
+            node.inject(*injections)
+
+    live = play(node, node_factory("controller")(adaptation=False), inject)
+    np.testing.assert_array_equal(live.plant, first.plant)
+
+
+def test_injected_at_the_start_is_as_if_it_had_been_in_the_rig_file() -> None:
+    values = effect_on("piston_seal_friction") | {SUMP: 80.0}
+    file = PlantNode(RATE, wet_clutch.nominal().with_values(values), load_profile("engagement", 1.0))
+    controllers = [node_factory("controller")() for _ in range(2)]
+    a = play(file, controllers[0])
+    b = play(plant(Injection(values), seconds=1.0), controllers[1])
+    np.testing.assert_array_equal(a.plant, b.plant)
+
+
+def test_a_ramp_to_where_it_is_changes_nothing_to_the_bit() -> None:
+    """Effects attached and off, tables swapped, states carried: the run is the nominal one."""
+    still = played(Injection(effect_off("friction_level") | {SUMP: 70.0}, at=1.0, ramp=1.0))
+    np.testing.assert_array_equal(still.plant, played().plant)
+
+
+def test_states_of_an_effect_are_carried_over_other_changes_and_dropped_with_it() -> None:
+    force = "piston_seal_friction.force"
+    node = plant(
+        Injection({force: 60.0}),
+        Injection({LEVEL: 0.9}, at=2.0),  # another table: the seals' state moves to another place
+        Injection({force: 0.0}, at=2.2),
+        Injection({force: 60.0}, at=2.5),
+    )
+    controller = node_factory("controller")()
+    inbox: list = []
+    states = {}
+    while node.tick < 2499:
+        inbox = controller.step(node.step(inbox))
+        table = node._rig.table
+        if "piston_seal_friction" in table.names:
+            states[node.tick] = node._state.effects[table.spans["piston_seal_friction"][0]]
+    assert abs(states[1999]) > 1.0  # N
+    assert states[2000] == pytest.approx(states[1999], abs=1.0)
+    assert set(range(2200, 2499)) & set(states) == set()
+    node._follow(2.5)
+    assert node._state.effects[node._rig.table.spans["piston_seal_friction"][0]] == 0.0
+
+
+def test_a_frozen_sensor_shows_what_it_showed() -> None:
+    run = played(Injection(sensor_frozen("clutch_torque"), at=ENGAGED, until=ENGAGED + 0.5))
+    row = round(ENGAGED * RATE)
+    torque = run["clutch_torque_nm"]
+    assert len(set(torque[row + 1 : row + 500])) == 1
+    assert len(set(torque[row + 501 : row + 600])) > 10
+
+
+def test_a_biased_sensor_shows_so_much_more_from_its_row_on() -> None:
+    row = round(ENGAGED * RATE)
+    run, quiet = played(Injection(sensor_bias("clutch_torque", 2.0), at=ENGAGED)), played()
+    difference = run["clutch_torque_nm"] - quiet["clutch_torque_nm"]
+    assert not difference[:row].any()
+    np.testing.assert_allclose(difference[row:], 2.0, atol=0.01)  # Nm; the 16-bit converter has steps of 1.5 mNm
+    np.testing.assert_array_equal(run["truth_clutch_torque_nm"], quiet["truth_clutch_torque_nm"])
+
+
+def test_a_row_shows_what_a_ramp_has_reached_at_its_time() -> None:
+    run, quiet = played(Injection(sensor_bias("clutch_torque", 2.0), at=ENGAGED, ramp=0.1)), played()
+    row = round(ENGAGED * RATE)
+    difference = run["clutch_torque_nm"] - quiet["clutch_torque_nm"]
+    np.testing.assert_allclose(difference[row : row + 100], 0.02 * np.arange(100), atol=0.004)  # Nm; 20 mNm a row
+
+
+# ---- what is refused ----
+
+
+@pytest.mark.parametrize(
+    ("values", "told"),
+    [
+        ({"friction_level.levle": 0.5}, "parameter 'friction_level.levle' is unknown; did you mean friction_level.level"),
+        ({LEVEL: 9.0}, r"friction_level.level = 9 breaks 0\.3 <= value <= 3"),
+        ({LEVEL: 0.5, "piston.damping": 100.0}, "piston.damping = 100 N|too fast to integrate"),
+        ({"sensors.pressure_bits": 16.0}, "sensors.pressure_bits is fixed while the plant runs"),
+    ],
+)  # fmt: skip
+def test_a_refused_injection_leaves_everything_as_it_was(values: Mapping[str, float], told: str) -> None:
+    node, other = (plant(Injection({LEVEL: 0.5}, at=0.01, ramp=0.05)) for _ in range(2))
+    stepped(node, 20)
+    stepped(other, 20)
+    with pytest.raises(InputError, match=told):
+        node.inject(Injection({SUMP: 80.0}, at=0.03), Injection(values, at=0.04))
+    assert node.planned == []
+    stepped(node, 60)
+    stepped(other, 60)
+    assert node.row() == other.row()
+    assert node.injected == other.injected
+
+
+def test_an_injection_at_a_time_that_is_past_is_refused() -> None:
+    node = plant()
+    stepped(node, 20)
+    with pytest.raises(InputError, match=r"injection at 0\.01 s is too late: the rig is at 0\.02 s"):
+        node.inject(Injection({LEVEL: 0.5}, at=0.01))
+
+
+def test_effects_that_exclude_each_other_are_refused_where_they_meet(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("plant_sim.effects.table._check_exclusions", _exclusive)
+    first, second = Injection(effect_on("internal_leakage")), Injection(effect_on("friction_level"), at=1.0)
+    with pytest.raises(InputError, match="exclude each other"):
+        Schedule(wet_clutch.nominal(), [first, second])
+    Schedule(wet_clutch.nominal(), [Injection(first.values, until=1.0), second])  # one goes when the other comes
+
+
+def _exclusive(chosen: list) -> None:
+    if {"internal_leakage", "friction_level"} <= {effect.name for effect in chosen}:
+        raise InputError("effects internal_leakage and friction_level exclude each other")
+
+
+@pytest.mark.parametrize(
+    ("when", "told"),
+    [
+        ({"at": 1.0, "after": 1.0}, "given 'at' and 'after'; allowed is one"),
+        ({"until": 1.0, "for": 1.0}, "given 'until' and 'for'; allowed is one"),
+        ({"ramps": 1.0}, "has no 'ramps'; did you mean ramp"),
+        ({"ramp": "long"}, "ramp of an injection is 'long'; seconds are needed"),
+        ({"for": 0.0}, "it would last 0 s"),
+        ({"after": -1.0}, "time -1 s|too late"),
+    ],
+)
+def test_a_request_that_cannot_be_is_told(when: dict, told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        PlantNode().accept({LEVEL: 0.5}, when)
+
+
+def test_a_request_counts_from_now() -> None:
+    assert requested({LEVEL: 0.5}, {"after": 2.0, "ramp": 1.0, "for": 3.0}, now=10.0) == Injection(
+        {LEVEL: 0.5}, at=12.0, ramp=1.0, until=16.0
+    )
+    assert requested({LEVEL: 0.5}, {}, now=10.0) == Injection({LEVEL: 0.5}, at=10.0)

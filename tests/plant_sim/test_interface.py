@@ -1,0 +1,139 @@
+"""The plant's compiled interface against the codecs and the sensors of which it is made; what it costs memory."""
+
+import gc
+import subprocess
+import sys
+import tracemalloc
+
+import pytest
+
+from plant_sim.node.injection import effect_on
+from plant_sim.node.plant_node import PlantNode
+from plant_sim.node.power_shift_node import PowerShiftNode
+from plant_sim.profiles.profile import load_profile
+from plant_sim.profiles.shift_profile import load_shift_profile
+from plant_sim.rigs import wet_clutch
+from plant_sim.rigs.sensors import Sensors
+from protocols.can.frames import Frame, load_frames
+from protocols.errors import InputError
+from protocols.node import node_factory
+
+FRAMES = load_frames()
+ANALOG, ENCODER, SETPOINT = (FRAMES[name] for name in ("ANALOG_SENSORS", "ENCODER", "TORQUE_SETPOINT"))
+VALVE, MOTOR, BEAT = (FRAMES[name] for name in ("VALVE_COMMAND", "MOTOR_COMMAND", "CONTROLLER_HEARTBEAT"))
+
+
+def said(frames: list[Frame], codec) -> bytes:
+    (data,) = (data for can_id, data in frames if can_id == codec.can_id)
+    return data
+
+
+@pytest.mark.parametrize("effect", [None, "pressure_sensor_gain", "channel_skew"])
+def test_frames_are_what_sensors_and_codecs_make_of_the_rig(effect: str | None) -> None:
+    parameters = wet_clutch.nominal().with_values(effect_on(effect) if effect else {})
+    profile = load_profile("engagement", 3.0)
+    plant, controller = PlantNode(parameters=parameters, profile=profile, seed=5), node_factory("controller")()
+    rig, sensors = wet_clutch.Rig(parameters), Sensors(seed=5)
+    state = rig.at_rest(profile.at(0.0).speed, parameters["oil.reference"].si)
+    inbox: list[Frame] = []
+    voltage, speed, limit = 0.0, profile.at(0.0).speed, rig.record["motor_torque_limit"][0]
+    for tick in range(3000):
+        for can_id, data in inbox:
+            if can_id == VALVE.can_id:
+                command = VALVE.unpack(data)
+                voltage = (
+                    command.valve_voltage if command.valve_enable else 0.0
+                )  # the converter's steps are the frame's
+            if can_id == MOTOR.can_id:
+                asked = MOTOR.unpack(data)
+                speed, limit = (asked.speed_demand, asked.torque_limit) if asked.motor_enable else (0.0, 0.0)
+        frames = plant.step(inbox)
+        counts, state = sensors.sample(rig, state, 1e-3)
+        assert said(frames, ANALOG) == ANALOG.pack_raw(tick, *counts[:4])
+        assert said(frames, ENCODER) == ENCODER.pack_raw(tick, counts.encoder, tick)
+        assert said(frames, SETPOINT) == SETPOINT.pack(tick, *profile.at(tick * 1e-3))
+        state = rig.advance(state, voltage, speed, limit, 1e-3, 10)
+        inbox = controller.step(frames)
+    assert voltage > 0.5  # the clutch is engaged
+
+
+@pytest.mark.parametrize(
+    ("frame", "sentence"),
+    [
+        (Frame(ENCODER.can_id, ENCODER.pack_raw(0, 0, 0)), "a second plant is on the bus: it sends ENCODER (0x101)"),
+        (Frame(VALVE.can_id, bytes(5)), "frame VALVE_COMMAND (0x080) came with 5 bytes; its definition has 6"),
+        (Frame(MOTOR.can_id, bytes(8)), "frame MOTOR_COMMAND (0x090) came with 8 bytes; its definition has 6"),
+        (
+            Frame(BEAT.can_id, BEAT.pack(0, 2, 500, 1)),
+            "the controller runs at 500 Hz, this plant at 1000 Hz: give both one rate",
+        ),
+        (
+            Frame(BEAT.can_id, BEAT.pack(0, 5, 1000, 1)),
+            "lifecycle 5 of the controller is unknown; allowed are 0 to 3",
+        ),
+    ],
+)
+def test_a_bus_that_cannot_be_worked_on_is_told(frame: Frame, sentence: str) -> None:
+    with pytest.raises(InputError) as told:
+        PlantNode().receive([frame])
+    assert str(told.value) == sentence
+
+
+def test_a_flood_is_taken_in_parts() -> None:
+    plant = PlantNode()
+    plant.receive([Frame(VALVE.can_id, VALVE.pack(n, 1, 1.0, n & 0xFFFF)) for n in range(10_000)])
+    assert plant.reception_counts()["VALVE_COMMAND"]["received"] == 10_000
+    assert plant.answered_tick == 9_999
+
+
+@pytest.mark.parametrize("rig", ["wet_clutch", "power_shift"])
+def test_a_sample_keeps_no_memory(rig: str) -> None:
+    if rig == "power_shift":
+        plant = PowerShiftNode(profile=load_shift_profile("shift", 3.0))
+    else:
+        plant = PlantNode(profile=load_profile("engagement", 3.0))
+    controller = node_factory("controller")()
+
+    def play(count: int) -> None:
+        commands = 0
+        for _ in range(count):
+            plant.take(controller.outbox, commands)
+            frames = plant.show()
+            plant.advance()
+            commands = controller.cycle(plant.outbox, frames)
+
+    play(500)
+    gc.collect()
+    tracemalloc.start()
+    play(100)
+    before = tracemalloc.get_traced_memory()[0]
+    play(1400)
+    grown = tracemalloc.get_traced_memory()[0] - before
+    tracemalloc.stop()
+    assert grown < 1000  # bytes in 1400 samples: an object that a sample kept would be 28 each
+
+
+@pytest.mark.parametrize("name", ["PlantNode", "PowerShiftNode"])
+def test_once_warm_a_plant_loads_nothing(name: str) -> None:
+    """Not even with its first frame: it has real-time priority then, and others on its CPU would wait for the disk."""
+    code = f"""
+import sys
+from plant_sim.node.plant_node import PlantNode
+from plant_sim.node.power_shift_node import PowerShiftNode
+from protocols.can.frame_batch import batch, load
+from protocols.can.frames import Frame, load_frames
+{name}.warm()
+plant, line, valve = {name}(), batch(64), load_frames()["VALVE_COMMAND"]
+def told(event, arguments):
+    if event == "open" and str(arguments[0]).endswith((".nbi", ".nbc")):
+        print(arguments[0])
+sys.addaudithook(told)
+for tick in range(3):
+    plant.take(line, load(line, [Frame(valve.can_id, valve.pack(tick, 1, 1.0, tick))]))
+    plant.slept(0)
+    plant.show()
+    plant.advance()
+plant.heartbeat(1)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == ""

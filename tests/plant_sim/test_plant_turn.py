@@ -1,0 +1,396 @@
+"""The plant's turn, one compiled call, on a bus: the frames and records of its parts, which are left what it does not do."""
+
+import gc
+import threading
+import time
+import tracemalloc
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from plant_sim.node.injection import Injection, effect_on
+from plant_sim.node.plant_node import PlantNode
+from plant_sim.node.plant_service import PlantService
+from plant_sim.node.power_shift_node import PowerShiftNode
+from plant_sim.profiles.profile import load_profile
+from plant_sim.rigs import wet_clutch
+from protocols.buses.bus import Port, open_bus
+from protocols.buses.exchange import Exchange
+from protocols.can.frame_batch import batch, load
+from protocols.can.frames import Frame, load_frames
+from protocols.can.lifecycle import Lifecycle
+from protocols.errors import InputError
+from protocols.node import node_factory
+from protocols.realtime.beat import Beat
+from protocols.realtime.clock import Clock
+from protocols.realtime.ring import RingReader, RingWriter
+from protocols.telemetry.outlet import TIMING
+
+FRAMES = load_frames()
+SECONDS = 3.0
+PERIOD = 3_600_000_000_000  # ns: slots begin when the test says so, and none is over before
+LEVEL = "friction_level.level"
+
+
+@pytest.fixture
+def controller(local_bus: str) -> Iterator[Port]:
+    with open_bus(local_bus) as port:
+        yield port
+
+
+@pytest.fixture
+def line(local_bus: str, controller: Port) -> Iterator[Exchange]:
+    with open_bus(local_bus) as port:
+        yield Exchange(port, FRAMES["VALVE_COMMAND"].can_id)
+
+
+def plant(effect: str | None = None, **more: object) -> PlantNode:
+    parameters = wet_clutch.nominal().with_values(effect_on(effect) if effect else {})
+    return PlantNode(parameters=parameters, profile=load_profile("engagement", SECONDS), seed=5, **more)  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def beat() -> Beat:
+    return Beat(Clock(PERIOD))
+
+
+def turned(node: PlantNode, line: Exchange, beat: Beat) -> None:
+    """A turn in a slot that has just begun."""
+    assert node.steady
+    beat.clock.deadline_ns = time.monotonic_ns() - PERIOD
+    assert node.turns(line, beat, 0, 0) == 0
+
+
+def by_parts(node: PlantNode, commands: list[Frame]) -> list[Frame]:
+    """Frames of the next sample, made by the parts of a turn."""
+    node.advance()
+    node.receive(commands)
+    return node.sample()
+
+
+@pytest.mark.parametrize("effect", [None, "pressure_sensor_gain", "channel_skew"])
+def test_a_turn_is_its_parts(line: Exchange, controller: Port, beat: Beat, effect: str | None) -> None:
+    whole, other, answering = plant(effect), plant(effect), node_factory("controller")()
+    assert not whole.steady  # there is no period before the first sample
+    frames = whole.sample()
+    assert frames == other.sample()
+    for _ in range(round(1000 * SECONDS)):
+        commands = answering.step(frames)
+        for frame in commands:
+            controller.send(frame)
+        turned(whole, line, beat)
+        frames = controller.receive()
+        assert frames == by_parts(other, commands)
+        assert whole.row() == other.row()
+    assert whole.row()[1] > 0.5  # V: the clutch is engaged
+    assert whole.reception_counts() == other.reception_counts()
+    assert (line.port.received, line.port.sent) == (controller.sent, controller.received)
+
+
+def caught_up(node: PlantNode, commands: list[Frame], missed: int) -> tuple[list[Frame], list[tuple[float, ...]]]:
+    """Frames and rows of `missed` samples and one, made by the parts of a turn."""
+    node.advance()
+    node.receive(commands)
+    node.slept(missed)
+    frames, rows = node.sample(), [node.row()]
+    for _ in range(missed):
+        node.advance()
+        frames += node.sample()
+        rows.append(node.row())
+    return frames, rows
+
+
+def valve(count: int, volts: float) -> Frame:
+    codec = FRAMES["VALVE_COMMAND"]
+    return Frame(codec.can_id, codec.pack(count, 1, volts, count))
+
+
+def test_samples_of_slots_slept_through_come_first(line: Exchange, controller: Port, beat: Beat) -> None:
+    """One a call: the commands are taken before the first of them, and age by one at most."""
+    whole, other = plant(), plant()
+    whole.sample()
+    other.sample()
+    for number in range(1, 30):
+        controller.send(valve(number, 2.0))
+        missed = number % 8  # up to 7, after 5 cycles without a command a valve closes
+        beat.clock.deadline_ns = time.monotonic_ns() - (1 + missed) * PERIOD
+        frames, rows = caught_up(other, [valve(number, 2.0)], missed)
+        for left in range(missed, -1, -1):
+            assert whole.turns(line, beat, 0, 0 if left == missed else left + 1) == left
+            assert whole.row() == rows[missed - left]
+        assert controller.receive() == frames
+        assert whole.row()[1] == pytest.approx(2.0, abs=0.01)
+    assert (beat.clock.run, beat.clock.skipped) == (29, sum(number % 8 for number in range(1, 30)))
+    assert whole.reception_counts() == other.reception_counts()
+
+
+def test_samples_of_slots_slept_through_are_rows_of_one_cycle(line: Exchange, controller: Port, tmp_path: Path) -> None:
+    whole, other = plant(), plant()
+    ring = RingWriter(tmp_path / "ring", [*whole.columns, *TIMING], 64)
+    reader, beat = RingReader(tmp_path / "ring"), Beat(Clock(PERIOD), ring)
+    whole.sample()
+    other.sample()
+    controller.send(valve(1, 2.0))
+    beat.clock.deadline_ns, beat.most = time.monotonic_ns() - 5 * PERIOD, 5
+    assert whole.turns(line, beat, 3, 0) == 0
+    frames, rows = caught_up(other, [valve(1, 2.0)], 4)
+    assert controller.receive() == frames
+    found = reader.read()
+    np.testing.assert_array_equal(found[:, : len(whole.columns)], rows[:-1])
+    assert len({tuple(row) for row in found[:, len(whole.columns) :].tolist()}) == 1
+    assert whole.row() == rows[-1]
+    assert (beat.clock.run, beat.clock.skipped, beat.clock.work.total) == (1, 4, 0)
+    assert (line.port.received, line.port.sent) == (1, len(frames))
+
+
+def test_who_does_not_read_ends_no_call(line: Exchange, controller: Port, local_bus: str, tmp_path: Path) -> None:
+    """A viewer that is stopped: what its queue has no room for is counted, and costs the loop nothing."""
+    node = plant()
+    ring = RingWriter(tmp_path / "ring", [*node.columns, *TIMING], 64)
+    beat = Beat(Clock(PERIOD), ring)
+    frames = len(node.sample())
+    with open_bus(local_bus):
+        while not line.port.refused:
+            line.send(node.outbox, frames)
+            controller.receive()
+        refused, sent = line.port.refused, line.port.sent
+        beat.clock.deadline_ns, beat.most = time.monotonic_ns() - 5 * PERIOD, 5
+        assert node.turns(line, beat, 0, 0) == 0
+        assert ring.written == 4  # all but the last in compiled code
+        heard = controller.receive()
+        assert line.port.sent - sent == line.port.refused - refused == len(heard) > 5 * 2
+
+
+def test_when_it_has_caught_up_it_waits_for_an_answer(line: Exchange, controller: Port, tmp_path: Path) -> None:
+    """Which may need this CPU; and is taken with the next sample. None is waited for beyond half a period."""
+    node, period = plant(), 100_000_000
+    ring = RingWriter(tmp_path / "ring", [*node.columns, *TIMING], 64)
+    beat = Beat(Clock(period), ring)
+    node.sample()
+    for number in 1, 2:
+        answer = threading.Timer(0.02, controller.send, [valve(number, 2.0)])
+        beat.clock.deadline_ns, beat.most = time.monotonic_ns() - 3 * period - period // 10, 4
+        before = beat.clock.skipped
+        if number == 1:
+            answer.start()
+        assert node.turns(line, beat, 0, 0) == 0
+        assert beat.clock.skipped - before >= 2
+        assert node.reception_counts()["VALVE_COMMAND"]["received"] == 1
+    assert line.count == 0
+
+
+def test_in_step_a_sample_is_its_parts_and_waits_for_its_answer(
+    line: Exchange, controller: Port, tmp_path: Path
+) -> None:
+    """The first one's is there, the second one's does not come: its row is written before it is waited for."""
+    whole, other = plant(), plant()
+    ring = RingWriter(tmp_path / "ring", [*whole.columns, *TIMING], 64)
+    reader, beat = RingReader(tmp_path / "ring"), Beat(Clock(PERIOD), ring)
+    beat.most = 10
+    for node in whole, other:
+        node.sample()
+        node.advance()
+    controller.send(valve(1, 2.0))
+    frames, rows = [], []
+    for number in 1, 2:
+        frames += other.sample()
+        rows.append(other.row())
+        other.advance()
+        if number == 1:
+            other.receive([valve(1, 2.0)])
+    assert whole.in_step(line, beat, 3)
+    assert (whole.tick, whole.answered_tick, line.count) == (2, 1, 0)
+    assert controller.receive() == frames
+    np.testing.assert_array_equal(reader.read()[:, : len(whole.columns)], rows)
+    assert (line.port.received, line.port.sent) == (1, len(frames))
+    beat.most = 1
+    assert not whole.in_step(line, beat, 3)
+    assert controller.receive() == other.sample()
+    assert whole.row() == other.row()
+    assert reader.read().size == 0
+    assert whole.reception_counts() == other.reception_counts()
+
+
+def test_in_step_heartbeats_are_no_answer(line: Exchange, controller: Port, tmp_path: Path) -> None:
+    """Of a controller that was started anew: a call that waits on for as long as they come would never see a signal."""
+    node, codec, told, beats = plant(), FRAMES["CONTROLLER_HEARTBEAT"], threading.Event(), []
+    beat = Beat(Clock(PERIOD), RingWriter(tmp_path / "ring", [*node.columns, *TIMING], 64))
+    beat.most = 10
+    node.sample()
+
+    def go_on() -> None:
+        while len(beats) < 200 and not told.wait(0.02):
+            beats.append(len(beats))
+            controller.send(Frame(codec.can_id, codec.pack(len(beats), Lifecycle.ACTIVE, 1000, 7)))
+
+    talker = threading.Thread(target=go_on)
+    talker.start()
+    written = node.in_step(line, beat, 0)
+    told.set()
+    talker.join()
+    assert written
+    assert len(beats) < 200
+
+
+def test_in_step_a_second_plant_ends_it(line: Exchange, controller: Port, tmp_path: Path) -> None:
+    node = plant()
+    beat = Beat(Clock(PERIOD), RingWriter(tmp_path / "ring", [*node.columns, *TIMING], 64))
+    beat.most = 2
+    node.sample()
+    controller.send(Frame(FRAMES["ENCODER"].can_id, bytes(8)))
+    with pytest.raises(InputError, match=r"a second plant is on the bus: it sends ENCODER \(0x101\)"):
+        node.in_step(line, beat, 0)
+
+
+def test_where_parameters_change_a_plant_is_not_steady(line: Exchange, beat: Beat) -> None:
+    """A step at 10 ms, a ramp from 20 to 25 ms, a change made between two samples."""
+    begun = [Injection({LEVEL: 0.9}, at=0.010), Injection({LEVEL: 0.8}, at=0.020, ramp=0.005)]
+    whole, other = plant(injections=begun), plant(injections=begun)
+    whole.sample()
+    other.sample()
+    not_turned = []
+    for tick in range(1, 50):
+        if tick == 30:
+            whole.inject(Injection({LEVEL: 1.1}, at=0.040))
+            other.inject(Injection({LEVEL: 1.1}, at=0.040))
+        if whole.steady:
+            turned(whole, line, beat)
+        else:
+            not_turned.append(tick)
+            by_parts(whole, [])
+        by_parts(other, [])
+        assert (whole.tick, whole.row()) == (tick, other.row())
+    assert not_turned == [10, *range(20, 26), 30, 40]
+    assert whole.injected == other.injected
+    assert [change["new"] for change in whole.injected] == [0.9, 0.8, 1.1]
+
+
+def test_a_rig_of_two_clutches_is_left_to_its_parts() -> None:
+    node = PowerShiftNode()
+    node.sample()
+    assert not node.steady
+
+
+def test_a_bus_that_cannot_be_worked_on_ends_it(line: Exchange, controller: Port, beat: Beat) -> None:
+    node = plant()
+    node.sample()
+    controller.send(Frame(FRAMES["ENCODER"].can_id, bytes(8)))
+    with pytest.raises(InputError, match=r"a second plant is on the bus: it sends ENCODER \(0x101\)"):
+        turned(node, line, beat)
+    assert controller.receive() == []
+
+
+def test_who_comes_is_let_in_and_told(line: Exchange, beat: Beat, local_bus: str) -> None:
+    node = plant()
+    node.sample()
+    turned(node, line, beat)
+    with open_bus(local_bus) as newcomer:
+        for _ in range(10):  # at most one more turn: it stands at the door when the second begins
+            turned(node, line, beat)
+        assert len([frame for frame in newcomer.receive() if frame.can_id == FRAMES["ENCODER"].can_id]) >= 9
+
+
+def test_who_leaves_takes_nobody_along(local_bus: str, beat: Beat) -> None:
+    """Seen to have left, by the turn that also fails to send to him: whoever is in his place by then stays."""
+    leaver = open_bus(local_bus)  # he came first
+    with open_bus(local_bus) as controller, open_bus(local_bus) as port:
+        node, line = plant(), Exchange(port, FRAMES["VALVE_COMMAND"].can_id)
+        node.sample()
+        for number in range(6):
+            if number == 3:
+                leaver.close()
+            turned(node, line, beat)
+            heard = [frame.can_id for frame in controller.receive()]
+            assert FRAMES["ENCODER"].can_id in heard, number
+
+
+def test_a_turn_keeps_no_memory(line: Exchange, controller: Port, beat: Beat) -> None:
+    node, answers, commands = plant(), Exchange(controller, 0), batch(1)
+    valve = FRAMES["VALVE_COMMAND"]
+    load(commands, [Frame(valve.can_id, valve.pack(1, 1, 1.0, 1))])
+    node.sample()
+
+    def play(count: int) -> None:
+        for _ in range(count):
+            answers.send(commands, 1)
+            turned(node, line, beat)
+            answers.receive()
+            answers.clear()
+
+    play(300)
+    gc.collect()
+    tracemalloc.start()
+    play(100)
+    before = tracemalloc.get_traced_memory()[0]
+    play(1400)
+    grown = tracemalloc.get_traced_memory()[0] - before
+    tracemalloc.stop()
+    assert grown < 1000  # bytes in 1400 turns: an object that a turn kept would be 28 each
+
+
+class Until:
+    """A stop at the tick `last`; `ends` are the ticks after each call, `heard` what has come on `port` by then."""
+
+    def __init__(self, node: PlantNode, port: Port, last: int) -> None:
+        self.node, self.port, self.last = node, port, last
+        self.ends, self.heard = list[int](), list[Frame]()
+
+    @property
+    def asked(self) -> bool:
+        self.ends.append(self.node.tick)
+        self.heard += self.port.receive()
+        return self.node.tick >= self.last
+
+
+class Book:
+    """An outlet that nobody asks anything."""
+
+    changes = 7
+
+    def __init__(self, node: PlantNode, folder: Path) -> None:
+        self.ring = RingWriter(folder / "ring", [*node.columns, *TIMING], 4096)
+
+    def beat(self, clock: Clock) -> Beat:
+        beat = Beat(clock, self.ring)
+        beat.most = 8
+        return beat
+
+    def write(self, row: np.ndarray, *timing: float) -> None:
+        self.ring.write(row, [*timing, self.changes])
+
+    def asked(self) -> bool:
+        return False
+
+    def tune(self) -> None:
+        """Nothing changes."""
+
+
+def test_turns_of_one_call_are_those_of_many(line: Exchange, controller: Port, tmp_path: Path) -> None:
+    """A command before the first, a step at 40 ms, an end at 1.1 s: frames, rows and account."""
+    motor = FRAMES["MOTOR_COMMAND"]
+    command = Frame(motor.can_id, motor.pack(1, 1, 30.0, 20.0))
+    begun = [Injection({LEVEL: 0.9}, at=0.040)]
+    PlantNode.warm()
+    whole, other = (PlantNode(profile=load_profile("engagement", 1.1), seed=5, injections=begun) for _ in range(2))
+    clock, until, outlet = Clock(2_000_000), Until(whole, controller, 1110), Book(whole, tmp_path)
+    rows = RingReader(tmp_path / "ring")
+    whole.sample()
+    other.sample()
+    controller.send(command)
+    service: Any = PlantService("", 1000)
+    timing = service._real_time(whole, line, outlet, clock, until)
+    frames = [frame for tick in range(whole.tick) for frame in by_parts(other, [command] * (tick == 0))]
+    heard, counts = until.heard, FRAMES["PLANT_STATUS"].can_id  # of late cycles, too: the host's matter
+    assert [frame for frame in heard if frame.can_id != counts] == [frame for frame in frames if frame.can_id != counts]
+    assert whole.row() == other.row()
+    found = rows.read()
+    assert len(found) == clock.slots == clock.run + clock.skipped == whole.tick
+    np.testing.assert_array_equal(found[:, 0], np.arange(1, len(found) + 1) * 1e-3)
+    assert set(found[:, -1]) == {7.0}
+    assert {39, 1099} <= set(until.ends)  # where somebody has to look
+    assert np.median(np.diff(until.ends)) == 8
+    assert timing["slots"] == 1099
+    assert (line.port.received, line.port.sent) == (1, len(frames))

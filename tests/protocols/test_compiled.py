@@ -1,0 +1,128 @@
+"""Cached kernels are dropped when a module they are made from is newer, and only then; and they have a place."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from protocols.errors import InputError
+from protocols.kernels.compiled import VARIABLE, drop_stale, kept, place_cache
+
+MODULES = {
+    "block.py": "",
+    "law.py": "from package import block\n",
+    "rig.py": "from package.folder.deep import (\n    one,\n    two,\n)\n",
+    "folder/deep.py": "from package.law import thing\nfrom package.rig import loop\n",
+    "alone.py": "import math\n",
+}
+
+
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    root = tmp_path / "package"
+    for name, text in MODULES.items():
+        path = root / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+        os.utime(path, (100, 100))
+        cache = path.parent / "__pycache__" / f"{path.stem}.kernel-1.py311.nbi"
+        cache.parent.mkdir(exist_ok=True)
+        cache.write_text("")
+        os.utime(cache, (200, 200))
+    return root
+
+
+@pytest.mark.parametrize(
+    ("edited", "stale"),
+    [
+        ("block.py", {"block", "law", "deep", "rig"}),
+        ("law.py", {"law", "deep", "rig"}),
+        ("rig.py", {"deep", "rig"}),
+        ("alone.py", {"alone"}),
+    ],
+)
+def test_kernels_follow_what_they_are_made_from(package: Path, edited: str, stale: set[str]) -> None:
+    os.utime(package / edited, (300, 300))
+    dropped = drop_stale(package)
+    assert {path.name.partition(".")[0] for path in dropped} == stale
+    assert not any(path.exists() for path in dropped)
+    assert drop_stale(package) == []
+
+
+def test_nothing_is_dropped_when_nothing_changed(package: Path) -> None:
+    assert drop_stale(package) == []
+    assert len(list(package.rglob("*.nbi"))) == len(MODULES)
+
+
+def test_a_cache_without_its_source_is_left_alone(package: Path) -> None:
+    (package / "alone.py").unlink()
+    os.utime(package / "block.py", (300, 300))
+    assert all("alone" not in path.name for path in drop_stale(package))
+
+
+@pytest.fixture
+def closed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[Path], None]:
+    """Close a folder to us, who may be root."""
+    monkeypatch.delenv(VARIABLE, raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "home" / ".cache"))
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    access, shut = os.access, set[Path]()
+    monkeypatch.setattr(os, "access", lambda path, mode: access(path, mode) and not shut & {path, *path.parents})
+    return shut.add
+
+
+def test_kernels_are_beside_their_sources(package: Path, closed: Callable[[Path], None]) -> None:
+    place_cache(package)
+    assert VARIABLE not in os.environ
+    assert kept() == "compiled kernels are kept"
+
+
+def test_kernels_of_sources_that_cannot_be_written_are_at_home(
+    package: Path, closed: Callable[[Path], None], tmp_path: Path
+) -> None:
+    closed(package / "__pycache__")
+    place_cache(package)
+    placed = Path(os.environ[VARIABLE])
+    assert placed.parent == tmp_path / "home" / ".cache" / "clutch-hil"
+    assert kept() == "compiled kernels are kept"
+    place_cache(package)  # of the other side, or in a child
+    assert os.environ[VARIABLE] == str(placed)
+
+
+def test_each_state_of_the_sources_has_kernels_of_its_own(
+    package: Path, closed: Callable[[Path], None], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("protocols.kernels.compiled._packages", lambda beside: [package])
+    places = set()
+    for edited in (None, "block.py", "folder/deep.py"):
+        if edited:
+            os.utime(package / edited, (300, 300))
+        for _ in range(2):
+            monkeypatch.setenv(VARIABLE, str(tmp_path / "given"))
+            place_cache(package)
+            places.add(Path(os.environ[VARIABLE]))
+    assert len(places) == 3
+    assert {place.parent for place in places} == {tmp_path / "given" / "clutch-hil"}
+
+
+def test_where_nothing_can_be_written_kernels_last_as_long_as_the_command(
+    package: Path, closed: Callable[[Path], None], tmp_path: Path
+) -> None:
+    closed(package / "__pycache__")
+    closed(tmp_path / "home")
+    (tmp_path / "home").mkdir()
+    place_cache(package)
+    assert Path(os.environ[VARIABLE]).is_relative_to(tmp_path)
+    assert kept() == "compiled kernels cannot be kept here: set NUMBA_CACHE_DIR to a folder that can be written"
+
+
+def test_a_place_that_was_given_and_is_none_is_told(
+    package: Path, closed: Callable[[Path], None], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setenv(VARIABLE, str(tmp_path / "file" / "kernels"))
+    with pytest.raises(
+        InputError, match="file/kernels, which cannot be written; set it to a folder that can, or to none"
+    ):
+        place_cache(package)

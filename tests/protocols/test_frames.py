@@ -1,0 +1,311 @@
+"""Every frame of the DBC against cantools and a bitwise CRC; bad values and bad DBCs; what the frames take of the wire."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import cantools.database
+import pytest
+from cantools.database.can import Signal
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from protocols.can.bus_load import bus_load, highest_rate, worst_bits
+from protocols.can.frames import DBC, FrameCodec, load_frames
+from protocols.errors import InputError
+
+ROUNDING = 1e-12  # relative: one multiplication in doubles, whose order differs between cantools and ours
+HALF_LSB = 0.5 + 1e-6  # of a raw count: rounding to the nearest, and dividing by the scale in doubles
+PRINTED = 1e-9  # relative: messages print 10 digits
+DECLARED = 1e-8  # of the range: the DBC prints its limits with 10 digits
+EXAMPLES = 50  # a frame
+LOAD = 0.8  # of the wire: the highest load a bus is planned for
+
+# Sender of each frame; the supervisor asks for torque, pressure or lock.
+SENDERS = {
+    "VALVE_COMMAND": "CONTROLLER",
+    "MOTOR_COMMAND": "CONTROLLER",
+    "ANALOG_SENSORS": "PLANT",
+    "ENCODER": "PLANT",
+    "TORQUE_SETPOINT": "SUPERVISOR",
+    "CONTROLLER_STATUS": "CONTROLLER",
+    "PLANT_STATUS": "PLANT",
+    "CONTROLLER_HEARTBEAT": "CONTROLLER",
+    "PLANT_HEARTBEAT": "PLANT",
+}
+
+CODECS = load_frames()
+DATABASE: Any = cantools.database.load_file(DBC)
+TEXT = DBC.read_text(encoding="utf-8")
+REFUSAL = re.compile(r"^(\w+)\.(\w+) = (\S+?)( \S+)? is outside ([^ ]+?)\.\.([^ ]+)(?: (?:\S+))?$")
+
+each_frame = pytest.mark.parametrize("codec", CODECS.values(), ids=CODECS)
+
+
+def payload(codec: FrameCodec) -> list[Signal]:
+    return [signal for signal in codec.definitions if signal.name not in ("CRC", "COUNTER")]
+
+
+def raw_range(signal: Signal) -> tuple[int, int]:
+    half = 1 << signal.length - 1
+    return (-half, half - 1) if signal.is_signed else (0, 2 * half - 1)
+
+
+def physical(signal: Signal, raw: float) -> float:
+    return raw * float(signal.scale) + float(signal.offset)
+
+
+def raw_values(codec: FrameCodec) -> st.SearchStrategy[list[int]]:
+    return st.tuples(*(st.integers(*raw_range(signal)) for signal in payload(codec))).map(list)
+
+
+def crc8_j1850(data: bytes) -> int:
+    """CRC-8 SAE J1850, bit by bit: polynomial x^8 + x^4 + x^3 + x^2 + 1, start and final xor 0xFF."""
+    crc = 0xFF
+    for byte in data:
+        for bit in range(7, -1, -1):
+            out = (crc >> 7) ^ (byte >> bit & 1)
+            crc = (crc << 1 & 0xFF) ^ (0x1D if out else 0)
+    return crc ^ 0xFF
+
+
+def by_cantools(codec: FrameCodec, counter: int, values: dict[str, int]) -> bytes:
+    data = DATABASE.encode_message(
+        codec.name, {"CRC": 0, "COUNTER": counter % 16, **values}, scaling=False, strict=False
+    )
+    return bytes([crc8_j1850(data[1:])]) + data[1:]
+
+
+def edges(codec: FrameCodec) -> list[list[int]]:
+    return [[raw_range(signal)[side] for signal in payload(codec)] for side in (0, 1)]
+
+
+def test_the_crc_of_this_test_gives_the_published_check_value() -> None:
+    assert crc8_j1850(b"123456789") == 0x4B
+
+
+@each_frame
+def test_packing_agrees_with_cantools(codec: FrameCodec) -> None:
+    names = [signal.name for signal in payload(codec)]
+
+    @settings(max_examples=EXAMPLES)
+    @given(raw=raw_values(codec), counter=st.integers(0, 1000))
+    def agrees(raw: list[int], counter: int) -> None:
+        expected = by_cantools(codec, counter, dict(zip(names, raw, strict=True)))
+        assert codec.pack_raw(counter, *raw) == expected
+        assert (
+            codec.pack(counter, *(physical(signal, value) for signal, value in zip(payload(codec), raw, strict=True)))
+            == expected
+        )
+        assert codec.valid(expected)
+        assert codec.counter(expected) == counter % 16
+
+    agrees()
+    for raw in edges(codec):
+        assert codec.pack_raw(0, *raw) == by_cantools(codec, 0, dict(zip(names, raw, strict=True)))
+
+
+@each_frame
+def test_unpacking_agrees_with_cantools(codec: FrameCodec) -> None:
+    @settings(max_examples=EXAMPLES)
+    @given(data=st.binary(min_size=codec.length, max_size=codec.length))
+    def agrees(data: bytes) -> None:
+        raw = DATABASE.decode_message(codec.name, data, scaling=False, decode_choices=False)
+        values = DATABASE.decode_message(codec.name, data, decode_choices=False)
+        assert codec.counter(data) == raw["COUNTER"]
+        for signal in payload(codec):
+            name = signal.name.lower()
+            assert getattr(codec.raw(data), name) == raw[signal.name]
+            assert getattr(codec.unpack(data), name) == pytest.approx(values[signal.name], rel=ROUNDING, abs=0.0)
+
+    agrees()
+
+
+@each_frame
+def test_raw_values_survive_packing(codec: FrameCodec) -> None:
+    @settings(max_examples=EXAMPLES)
+    @given(raw=raw_values(codec))
+    def survive(raw: list[int]) -> None:
+        assert list(codec.raw(codec.pack_raw(3, *raw))) == raw
+
+    survive()
+    for raw in edges(codec):
+        assert list(codec.raw(codec.pack_raw(3, *raw))) == raw
+
+
+@each_frame
+def test_physical_values_come_back_within_half_a_count(codec: FrameCodec) -> None:
+    values = st.tuples(
+        *(st.floats(physical(s, raw_range(s)[0]), physical(s, raw_range(s)[1]), width=64) for s in payload(codec))
+    )
+
+    @settings(max_examples=EXAMPLES)
+    @given(sent=values)
+    def come_back(sent: tuple[float, ...]) -> None:
+        came = codec.unpack(codec.pack(0, *sent))
+        for signal, before, after in zip(payload(codec), sent, came, strict=True):
+            assert abs(after - before) <= HALF_LSB * float(signal.scale), signal.name
+
+    come_back()
+
+
+@each_frame
+@pytest.mark.parametrize("beyond", ["below", "above"])
+@pytest.mark.parametrize("packer", ["pack", "pack_raw"])
+def test_a_value_outside_the_range_is_refused_by_name_value_and_range(
+    codec: FrameCodec, beyond: str, packer: str
+) -> None:
+    for index, signal in enumerate(payload(codec)):
+        low, high = raw_range(signal)
+        raw = low - 1 if beyond == "below" else high + 1
+        values: list[Any] = [0] * len(codec.signals)
+        values[index] = raw if packer == "pack_raw" else physical(signal, raw)
+        with pytest.raises(InputError) as refused:
+            getattr(codec, packer)(0, *values)
+        told = REFUSAL.match(str(refused.value))
+        assert told, str(refused.value)
+        assert told.group(1, 2) == (codec.name, signal.name)
+        assert (told.group(4) or "").strip() == (signal.unit or "")
+        for text, expected in zip(told.group(3, 5, 6), (raw, low, high), strict=True):
+            assert float(text) == pytest.approx(physical(signal, expected), rel=PRINTED)
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), float("-inf")])
+def test_a_value_that_is_no_number_is_refused(value: float) -> None:
+    with pytest.raises(InputError, match=r"VALVE_COMMAND\.VALVE_VOLTAGE"):
+        CODECS["VALVE_COMMAND"].pack(0, 1, value, 0)
+
+
+@each_frame
+def test_the_counter_wraps_at_16(codec: FrameCodec) -> None:
+    zeros = [0] * len(codec.signals)
+    assert [codec.counter(codec.pack_raw(n, *zeros)) for n in range(34)] == [n % 16 for n in range(34)]
+    assert codec.pack_raw(16, *zeros) == codec.pack_raw(0, *zeros)
+
+
+@each_frame
+def test_signals_can_be_packed_by_lower_case_name(codec: FrameCodec) -> None:
+    by_name = {signal.name.lower(): physical(signal, 1) for signal in reversed(payload(codec))}
+    assert set(by_name) == set(codec.signals)
+    assert codec.pack(5, **by_name) == codec.pack(5, *(by_name[name] for name in codec.signals))
+
+
+@each_frame
+def test_declared_limits_are_the_raw_range_or_the_named_values(codec: FrameCodec) -> None:
+    for signal in payload(codec):
+        low, high = (physical(signal, raw) for raw in raw_range(signal))
+        if signal.choices:
+            low, high = min(signal.choices), max(signal.choices)
+        tolerance = DECLARED * (high - low)
+        assert (signal.minimum, signal.maximum) == pytest.approx((low, high), abs=tolerance), signal.name
+
+
+def test_no_two_frames_share_an_identifier() -> None:
+    identifiers = [codec.can_id for codec in CODECS.values()]
+    assert len(set(identifiers)) == len(identifiers)
+    assert all(0 < identifier < 0x800 for identifier in identifiers)
+
+
+@each_frame
+def test_no_two_signals_share_a_bit(codec: FrameCodec) -> None:
+    bits = [bit for signal in codec.definitions for bit in range(signal.start, signal.start + signal.length)]
+    assert len(set(bits)) == len(bits)
+    assert max(bits) < 8 * codec.length
+
+
+def test_every_frame_of_the_architecture_has_its_sender() -> None:
+    assert {name: codec.sender for name, codec in CODECS.items()} == SENDERS
+
+
+def test_every_frame_says_what_it_is_for_and_how_often_it_comes() -> None:
+    assert all(codec.comment and codec.cycle_time > 0.0 for codec in CODECS.values())
+
+
+def without_frame(name: str) -> str:
+    return re.sub(rf"(BO_ \d+ {name}:.*\n( SG_ .*\n)+)|(.* (128) .*;\n)", "", TEXT)
+
+
+MALFORMED = {
+    "garbage": ("this is no DBC ((", "is malformed"),
+    "empty": ("", "is malformed"),
+    "missing frame": (without_frame("VALVE_COMMAND"), "lacks the frame VALVE_COMMAND"),
+    "missing crc": (
+        TEXT.replace(' SG_ CRC : 0|8@1+ (1,0) [0|255] ""  PLANT\n', "", 1),
+        "frame VALVE_COMMAND needs the signal CRC : 0|8@1+",
+    ),
+    "missing counter": (
+        TEXT.replace(' SG_ COUNTER : 8|4@1+ (1,0) [0|15] ""  PLANT\n', "", 1),
+        "frame VALVE_COMMAND needs the signal COUNTER : 8|4@1+",
+    ),
+    "displaced counter": (
+        TEXT.replace("COUNTER : 8|4@1+", "COUNTER : 8|3@1+", 1),
+        "frame VALVE_COMMAND needs the signal COUNTER : 8|4@1+",
+    ),
+    "big-endian signal": (
+        TEXT.replace("VALVE_VOLTAGE : 16|16@1+", "VALVE_VOLTAGE : 23|16@0+"),
+        "frame VALVE_COMMAND: signal VALVE_VOLTAGE must be a plain little-endian integer",
+    ),
+    "9 bytes": (TEXT.replace("VALVE_COMMAND: 6", "VALVE_COMMAND: 9"), "frame VALVE_COMMAND has 9 bytes"),
+    "1 byte": (
+        TEXT + '\nBO_ 999 SHORT: 1 PLANT\n SG_ CRC : 0|8@1+ (1,0) [0|255] ""  CONTROLLER\n',
+        "frame SHORT has 1 bytes; allowed are 2 to 8",
+    ),
+    "signal beyond the frame": (TEXT.replace("VALVE_COMMAND: 6", "VALVE_COMMAND: 4"), "VALVE_COMMAND"),
+    "overlapping signals": (TEXT.replace("VALVE_VOLTAGE : 16|16", "VALVE_VOLTAGE : 20|16"), "VALVE_VOLTAGE"),
+}
+
+
+def test_the_dbc_before_it_is_spoilt_is_accepted(tmp_path: Path) -> None:
+    path = tmp_path / "whole.dbc"
+    path.write_text(TEXT, encoding="utf-8")
+    assert load_frames(path).keys() == CODECS.keys()
+
+
+@pytest.mark.parametrize(("text", "told"), MALFORMED.values(), ids=MALFORMED)
+def test_a_malformed_dbc_is_refused_in_one_sentence(tmp_path: Path, text: str, told: str) -> None:
+    path = tmp_path / "spoilt.dbc"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError) as refused:
+        load_frames(path)
+    assert str(path) in str(refused.value)
+    assert told in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_missing_dbc_is_refused_in_one_sentence(tmp_path: Path) -> None:
+    with pytest.raises(InputError) as refused:
+        load_frames(tmp_path / "none.dbc")
+    assert str(refused.value) == f"DBC {tmp_path / 'none.dbc'} does not exist"
+
+
+def test_worst_case_frames_have_the_bits_counted_by_hand() -> None:
+    # Standard data frame: start 1, identifier 11, RTR 1, IDE 1, r0 1, length 4, data 8 n, CRC 15: 34 + 8 n bits are
+    # stuffed. CRC delimiter 1, acknowledge 2, end of frame 7 and 3 bits of pause are not: 13.
+    # Stuffing: after five equal bits one of the other kind, which itself counts for the next five: at worst the first
+    # stuff bit comes after 5 bits, each further after 4, floor((34 + 8 n - 1) / 4) in all.
+    #   n = 8: 98 stuffed bits, floor(97 / 4) = 24, 98 + 24 + 13 = 135
+    #   n = 6: 82 stuffed bits, floor(81 / 4) = 20, 82 + 20 + 13 = 115
+    assert worst_bits(8) == 135
+    assert worst_bits(6) == 115
+
+
+def test_frames_at_1_khz_fit_a_bus_of_1_mbit_and_not_of_500_kbit() -> None:
+    # 1 kHz: two frames of 6 and three of 8 bytes; 10 Hz: one of each; 20 Hz: two of 8 bytes.
+    bits = 1000 * (2 * 115 + 3 * 135) + 10 * (135 + 115) + 20 * 2 * 135
+    assert bus_load(CODECS.values(), 1000, 1_000_000) == pytest.approx(bits / 1e6, rel=ROUNDING)
+    assert bus_load(CODECS.values(), 1000, 1_000_000) < LOAD
+    assert bus_load(CODECS.values(), 1000, 500_000) > 1.0
+
+
+@pytest.mark.parametrize("bitrate", [250_000, 500_000, 1_000_000])
+def test_the_highest_rate_is_the_last_one_that_fits(bitrate: int) -> None:
+    rate = highest_rate(CODECS.values(), bitrate, LOAD)
+    assert rate > 0
+    assert bus_load(CODECS.values(), rate, bitrate) < LOAD
+    assert bus_load(CODECS.values(), rate + 10, bitrate) >= LOAD
+
+
+def test_slow_frames_keep_their_time_at_any_rate() -> None:
+    slow = [codec for codec in CODECS.values() if codec.cycle_time > 0.001]
+    assert len(slow) == 4
+    assert bus_load(slow, 100, 500_000) == bus_load(slow, 4000, 500_000) > 0.0

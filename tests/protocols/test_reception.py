@@ -1,0 +1,138 @@
+"""Which payloads are believed: length, CRC and alive counter."""
+
+import numpy as np
+import pytest
+
+from protocols.can.frame_batch import batch, load, word_of
+from protocols.can.frames import Frame, FrameCodec, load_frames
+from protocols.can.reception import Reception, accepted, counted, receptions
+from protocols.errors import InputError
+
+CODECS = load_frames()
+each_frame = pytest.mark.parametrize("codec", CODECS.values(), ids=CODECS)
+
+
+def data(codec: FrameCodec, counter: int, value: int = 0) -> bytes:
+    return codec.pack_raw(counter, *(value for _ in codec.signals))
+
+
+def patterned(codec: FrameCodec, counter: int) -> bytes:
+    """A frame whose payload is neither all zeros nor symmetric."""
+    return codec.pack_raw(counter, *((n + 1) % 2 for n in range(len(codec.signals))))
+
+
+@pytest.fixture
+def reception() -> Reception:
+    return Reception(CODECS["ENCODER"])
+
+
+@each_frame
+def test_frames_in_order_are_accepted_through_the_wrap(codec: FrameCodec) -> None:
+    reception = Reception(codec)
+    assert all(reception.accept(data(codec, n)) for n in range(40))
+    assert reception.counts() == {"received": 40, "lost": 0, "repeated": 0, "corrupt": 0}
+
+
+def test_a_first_frame_of_any_counter_is_accepted() -> None:
+    for counter in range(16):
+        reception = Reception(CODECS["ENCODER"])
+        assert reception.accept(data(reception.codec, counter))
+        assert reception.lost == 0
+
+
+@pytest.mark.parametrize("first", [0, 7, 15])
+@pytest.mark.parametrize("gap", range(15))
+def test_a_gap_in_the_counter_is_counted(reception: Reception, first: int, gap: int) -> None:
+    assert reception.accept(data(reception.codec, first))
+    assert reception.accept(data(reception.codec, first + 1 + gap))
+    assert reception.counts() == {"received": 2, "lost": gap, "repeated": 0, "corrupt": 0}
+
+
+def test_gaps_add_up(reception: Reception) -> None:
+    sent = [n for n in range(100) if n % 7]  # every seventh is lost, the first before anybody listens
+    assert all(reception.accept(data(reception.codec, n)) for n in sent)
+    assert reception.received == len(sent)
+    assert reception.lost == 99 - len(sent)
+
+
+def test_a_repeated_counter_is_refused_whatever_it_carries(reception: Reception) -> None:
+    assert reception.accept(data(reception.codec, 4))
+    assert not reception.accept(data(reception.codec, 4))
+    assert not reception.accept(data(reception.codec, 4, value=1))
+    assert reception.counts() == {"received": 1, "lost": 0, "repeated": 2, "corrupt": 0}
+
+
+def test_a_stuck_sender_is_believed_again_when_its_counter_moves(reception: Reception) -> None:
+    for counter in (4, 4, 4):
+        reception.accept(data(reception.codec, counter))
+    assert reception.accept(data(reception.codec, 5))
+    assert reception.counts() == {"received": 2, "lost": 0, "repeated": 2, "corrupt": 0}
+
+
+def test_a_wrong_crc_is_refused(reception: Reception) -> None:
+    good = data(reception.codec, 1)
+    assert not reception.accept(bytes([good[0] ^ 0xFF]) + good[1:])
+    assert reception.counts() == {"received": 0, "lost": 0, "repeated": 0, "corrupt": 1}
+
+
+def test_a_corrupt_frame_leaves_a_gap_and_no_other_trace(reception: Reception) -> None:
+    codec = reception.codec
+    broken = bytearray(data(codec, 1))
+    broken[1] ^= 0x05  # its counter would read 4
+    accepted = [reception.accept(bytes(frame)) for frame in (data(codec, 0), broken, data(codec, 2))]
+    assert accepted == [True, False, True]
+    assert reception.counts() == {"received": 2, "lost": 1, "repeated": 0, "corrupt": 1}
+
+
+@each_frame
+def test_a_flipped_bit_is_refused(codec: FrameCodec) -> None:
+    reception = Reception(codec)
+    good = patterned(codec, 6)
+    for bit in range(8 * codec.length):
+        flipped = (int.from_bytes(good, "little") ^ 1 << bit).to_bytes(codec.length, "little")
+        assert not reception.accept(flipped), f"bit {bit}"
+    assert reception.counts() == {"received": 0, "lost": 0, "repeated": 0, "corrupt": 8 * codec.length}
+    assert reception.accept(good)
+
+
+@each_frame
+def test_two_flipped_bits_are_refused(codec: FrameCodec) -> None:
+    # J1850's polynomial detects every double error in up to 119 bits.
+    good = int.from_bytes(patterned(codec, 6), "little")
+    bits = range(8 * codec.length)
+    for first in bits:
+        for second in bits[first + 1 :]:
+            assert not codec.valid((good ^ 1 << first ^ 1 << second).to_bytes(codec.length, "little"))
+
+
+@each_frame
+def test_a_frame_of_zeros_or_ones_is_refused(codec: FrameCodec) -> None:
+    reception = Reception(codec)
+    assert not reception.accept(bytes(codec.length))
+    assert not reception.accept(b"\xff" * codec.length)
+
+
+@each_frame
+def test_a_wrong_length_stops_the_receiver_by_name(codec: FrameCodec) -> None:
+    for length in {*range(9)} - {codec.length}:
+        with pytest.raises(InputError) as refused:
+            Reception(codec).accept(bytes(length))
+        assert str(refused.value) == (
+            f"frame {codec.name} (0x{codec.can_id:03X}) came with {length} bytes; its definition has {codec.length}"
+        )
+
+
+@each_frame
+def test_compiled_loops_believe_the_same(codec: FrameCodec) -> None:
+    generator = np.random.default_rng(codec.can_id)
+    reception, record = Reception(codec), receptions([codec])
+    for number in range(500):
+        good = bytearray(patterned(codec, number if generator.random() < 0.7 else int(generator.integers(16))))
+        if generator.random() < 0.2:
+            good[generator.integers(len(good))] ^= 1 << generator.integers(8)
+        into = batch(1)
+        load(into, [Frame(codec.can_id, bytes(good))])
+        word = word_of.py_func(into["data"][0])
+        assert accepted(record[0], np.int64(word), codec.length) == reception.accept(bytes(good))
+    assert counted(record[0]) == reception.counts()
+    assert all(reception.counts().values())  # every kind has come

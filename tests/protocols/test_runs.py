@@ -1,0 +1,367 @@
+"""Run files: what is written comes back, nothing half-written stays, bad runs are refused by name and row."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from protocols.errors import InputError
+from protocols.files.runs import REQUIRED, RunWriter, read_run, write_run
+from protocols.node import Column
+
+RATE_HZ = 1000.0
+SAMPLES = 200
+JITTER = 0.005  # of a period: half of what read_run forgives, decimal seconds rounded to 1e-5 s
+
+# rig.md, "Signals of a recorded run": all but the optional torque_demand_nm
+RIG = (
+    "time_s",
+    "valve_voltage_v",
+    "motor_speed_demand_rad_s",
+    "cylinder_pressure_bar",
+    "slip_speed_rad_s",
+    "shaft_angle_rad",
+    "oil_temperature_degc",
+    "clutch_torque_nm",
+    "motor_torque_nm",
+)
+COLUMNS = (*(Column(name, "unit of " + name, "meaning of " + name) for name in RIG), Column("truth_x_m", "m", "more"))
+
+Table = dict[str, np.ndarray]
+
+
+def table() -> Table:
+    values = np.random.default_rng(3).normal(size=(len(COLUMNS), SAMPLES))
+    values[0] = np.arange(SAMPLES) / RATE_HZ
+    return dict(zip((column.name for column in COLUMNS), values, strict=True))
+
+
+def write(path: Path, metadata: dict[str, Any]) -> Table:
+    wanted = table()
+    with RunWriter(path, COLUMNS) as writer:
+        writer.append(np.column_stack(list(wanted.values())))
+        writer.finish(metadata)
+    return wanted
+
+
+def write_csv(path: Path, columns: dict[str, Any]) -> None:
+    lines = [",".join(columns), *(",".join(map(str, row)) for row in zip(*columns.values(), strict=True))]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def write_parquet(path: Path, columns: dict[str, Any]) -> None:
+    pq.write_table(pa.table({name: list(values) for name, values in columns.items()}), path)
+
+
+def refusal(path: Path) -> str:
+    with pytest.raises(InputError) as refused:
+        read_run(path)
+    message = str(refused.value)
+    assert str(path) in message
+    assert "\n" not in message
+    return message
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "run.parquet"
+
+
+def test_the_required_columns_are_those_of_the_rig_description() -> None:
+    assert REQUIRED == RIG
+
+
+def test_values_come_back_to_the_bit_and_in_order(path: Path) -> None:
+    wanted = write(path, {})
+    run = read_run(path)
+    assert list(run.columns) == list(wanted)
+    for name, values in wanted.items():
+        np.testing.assert_array_equal(run[name], values)
+
+
+def test_rows_written_in_pieces_are_one_run(path: Path) -> None:
+    wanted = table()
+    rows = np.column_stack(list(wanted.values()))
+    with RunWriter(path, COLUMNS) as writer:
+        for piece in (rows[:1], rows[1:1], rows[1:150], rows[150:]):
+            writer.append(piece)
+        writer.finish({})
+    np.testing.assert_array_equal(np.column_stack(list(read_run(path).columns.values())), rows)
+
+
+def test_units_and_meanings_stand_in_the_file(path: Path) -> None:
+    write(path, {})
+    for column in COLUMNS:
+        field = pq.read_schema(path).field(column.name)
+        assert field.metadata == {b"unit": column.unit.encode(), b"meaning": column.meaning.encode()}
+
+
+def test_units_and_meanings_come_back(path: Path) -> None:
+    write(path, {})
+    run = read_run(path)
+    assert run.described() == list(COLUMNS)
+    assert run.units["time_s"] == "unit of time_s"
+    assert run.meanings["truth_x_m"] == "more"
+
+
+def test_a_run_written_again_is_the_same_run(path: Path) -> None:
+    write(path, {"notes": "twice"})
+    run, again = read_run(path), path.with_name("again.parquet")
+    write_run(run, again)
+    written = read_run(again)
+    assert (written.metadata, written.described()) == (run.metadata, run.described())
+    for name, values in run.columns.items():
+        np.testing.assert_array_equal(written[name], values)
+
+
+def test_csv_keeps_values_only(path: Path) -> None:
+    wanted = write(path, {"notes": "lost"})
+    write_run(read_run(path), path.with_suffix(".csv"))
+    run = read_run(path.with_suffix(".csv"))
+    for name, values in wanted.items():
+        np.testing.assert_array_equal(run[name], values)
+    assert (run.metadata, run.units) == ({}, {})
+
+
+def test_an_unknown_suffix_is_refused_with_those_allowed(path: Path) -> None:
+    write(path, {})
+    with pytest.raises(InputError, match=r"cannot be written as '\.xlsx'; allowed are \.csv, \.mf4, \.parquet"):
+        write_run(read_run(path), path.with_suffix(".xlsx"))
+    assert [entry.name for entry in path.parent.iterdir()] == [path.name]
+
+
+def test_metadata_come_back(path: Path) -> None:
+    metadata = {"rig": "wet_clutch", "sample_rate_hz": 1000.0, "notes": "ünïcode", "nested": {"a": [1, 2.5, None]}}
+    write(path, metadata)
+    assert read_run(path).metadata == metadata
+
+
+@pytest.mark.parametrize("text", ["12", "12e5", "true", "null", '{"a": 1}', "NaN"])
+def test_metadata_text_stays_text(path: Path, text: str) -> None:
+    write(path, {"notes": text})
+    assert read_run(path).metadata["notes"] == text
+
+
+def test_an_unknown_column_is_refused_with_those_there_are(path: Path) -> None:
+    write(path, {})
+    with pytest.raises(InputError, match=r"no column 'torque'; it has time_s, .*truth_x_m"):
+        read_run(path)["torque"]
+
+
+def test_leaving_by_an_exception_leaves_no_file(path: Path) -> None:
+    def fail() -> None:
+        with RunWriter(path, COLUMNS) as writer:
+            writer.append(np.ones((5, len(COLUMNS))))
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fail()
+    assert list(path.parent.iterdir()) == []
+
+
+def test_leaving_without_finish_leaves_no_file(path: Path) -> None:
+    with RunWriter(path, COLUMNS) as writer:
+        writer.append(np.ones((5, len(COLUMNS))))
+    assert list(path.parent.iterdir()) == []
+
+
+def test_the_file_has_its_name_only_when_it_is_complete(path: Path) -> None:
+    with RunWriter(path, COLUMNS) as writer:
+        writer.append(np.column_stack(list(table().values())))
+        assert not path.exists()
+        writer.finish({})
+        assert [entry.name for entry in path.parent.iterdir()] == [path.name]
+    assert len(read_run(path)["time_s"]) == SAMPLES
+
+
+def test_a_failed_recording_leaves_the_older_run_alone(path: Path) -> None:
+    wanted = write(path, {"notes": "older"})
+    with RunWriter(path, COLUMNS) as writer:
+        writer.append(np.ones((5, len(COLUMNS))))
+    run = read_run(path)
+    assert run.metadata["notes"] == "older"
+    np.testing.assert_array_equal(run["truth_x_m"], wanted["truth_x_m"])
+    assert [entry.name for entry in path.parent.iterdir()] == [path.name]
+
+
+def test_missing_folders_are_made(tmp_path: Path) -> None:
+    path = tmp_path / "runs" / "today" / "run.parquet"
+    write(path, {})
+    assert len(read_run(path)["time_s"]) == SAMPLES
+
+
+def test_a_place_that_cannot_be_written_is_refused_by_name(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("in the way")
+    path = tmp_path / "file" / "run.parquet"
+    with pytest.raises(InputError, match=str(path)):
+        RunWriter(path, COLUMNS)
+
+
+def test_csv_reads_as_parquet_does(tmp_path: Path) -> None:
+    wanted = table()
+    write_csv(tmp_path / "run.csv", wanted)
+    run = read_run(tmp_path / "run.csv")
+    assert list(run.columns) == list(wanted)
+    for name, values in wanted.items():
+        np.testing.assert_array_equal(run[name], values)
+
+
+def test_whole_numbers_in_csv_are_read_as_numbers(tmp_path: Path) -> None:
+    columns: dict[str, Any] = {name: [0] * 3 for name in RIG} | {"time_s": [0, 1, 2]}
+    write_csv(tmp_path / "run.csv", columns)
+    assert read_run(tmp_path / "run.csv")["time_s"].dtype == float
+
+
+def test_further_columns_may_have_gaps_and_text_ones_are_ignored(tmp_path: Path) -> None:
+    demand: Any = ["", *table()["time_s"][1:]]
+    write_csv(tmp_path / "run.csv", table() | {"torque_demand_nm": demand, "remark": np.array(["x"] * SAMPLES)})
+    run = read_run(tmp_path / "run.csv")
+    assert np.isnan(run["torque_demand_nm"][0])
+    assert "remark" not in run.columns
+
+
+def test_times_rounded_to_decimals_are_accepted(tmp_path: Path) -> None:
+    jitter = np.random.default_rng(5).uniform(-0.5, 0.5, SAMPLES) * JITTER / RATE_HZ
+    write_csv(tmp_path / "run.csv", table() | {"time_s": table()["time_s"] + jitter})
+    assert len(read_run(tmp_path / "run.csv")["time_s"]) == SAMPLES
+
+
+def test_a_run_may_start_at_any_time(tmp_path: Path) -> None:
+    write_csv(tmp_path / "run.csv", table() | {"time_s": table()["time_s"] - 7.0})
+    assert read_run(tmp_path / "run.csv")["time_s"][0] == -7.0
+
+
+FORMATS = {"csv": write_csv, "parquet": write_parquet}
+each_format = pytest.mark.parametrize("kind", FORMATS)
+
+
+@each_format
+@pytest.mark.parametrize("name", RIG)
+def test_a_missing_column_is_refused_by_name(tmp_path: Path, kind: str, name: str) -> None:
+    path = tmp_path / f"run.{kind}"
+    FORMATS[kind](path, {key: values for key, values in table().items() if key != name})
+    assert refusal(path) == f"run {path} lacks the column {name}"
+
+
+@each_format
+@pytest.mark.parametrize("name", RIG)
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, None])
+def test_a_value_that_is_no_number_is_refused_by_column_and_first_row(
+    tmp_path: Path, kind: str, name: str, bad: float | None
+) -> None:
+    path = tmp_path / f"run.{kind}"
+    columns: dict[str, Any] = {key: list(values) for key, values in table().items()}
+    absent: Any = "" if kind == "csv" and bad is None else bad
+    columns[name][17] = columns[name][90] = absent
+    FORMATS[kind](path, columns)
+    assert refusal(path) == f"run {path}: {name} is not a number in row 17"
+
+
+def test_a_word_among_numbers_is_refused_by_column_and_row(tmp_path: Path) -> None:
+    columns: dict[str, Any] = {key: list(values) for key, values in table().items()}
+    columns["clutch_torque_nm"][17] = "broken"
+    write_csv(tmp_path / "run.csv", columns)
+    assert "clutch_torque_nm is not a number in row 17" in refusal(tmp_path / "run.csv")
+
+
+@each_format
+@pytest.mark.parametrize("back", [0.0, 0.5, 3.0])
+def test_time_that_does_not_increase_is_refused_by_first_row(tmp_path: Path, kind: str, back: float) -> None:
+    path = tmp_path / f"run.{kind}"
+    time = table()["time_s"]
+    for row in (40, 70):
+        time[row] = time[row - 1] - back / RATE_HZ
+    FORMATS[kind](path, table() | {"time_s": time})
+    assert refusal(path) == f"run {path}: time_s does not increase in row 40"
+
+
+@each_format
+def test_time_that_stands_still_throughout_is_refused(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / f"run.{kind}"
+    FORMATS[kind](path, table() | {"time_s": np.zeros(SAMPLES)})
+    assert refusal(path) == f"run {path}: time_s does not increase in row 1"
+
+
+@each_format
+@pytest.mark.parametrize("change", [1.0, 0.02, -0.02, -0.5])
+def test_a_changing_sample_rate_is_refused_by_first_row(tmp_path: Path, kind: str, change: float) -> None:
+    path = tmp_path / f"run.{kind}"
+    steps = np.full(SAMPLES, 1.0 / RATE_HZ)
+    steps[130:] *= 1.0 + change
+    FORMATS[kind](path, table() | {"time_s": np.cumsum(steps)})
+    assert refusal(path) == f"run {path}: the sample rate changes in row 130"
+
+
+def test_a_sample_rate_that_changes_early_is_refused_where_it_changes(tmp_path: Path) -> None:
+    steps = np.full(SAMPLES, 1.0 / RATE_HZ)
+    steps[30:] *= 2.0
+    write_csv(tmp_path / "run.csv", table() | {"time_s": np.cumsum(steps)})
+    assert "the sample rate changes in row 30" in refusal(tmp_path / "run.csv")
+
+
+@each_format
+def test_a_lost_row_is_refused(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / f"run.{kind}"
+    FORMATS[kind](path, {name: np.delete(values, 60) for name, values in table().items()})
+    assert refusal(path) == f"run {path}: the sample rate changes in row 60"
+
+
+def test_a_run_of_one_row_is_refused(tmp_path: Path) -> None:
+    write_csv(tmp_path / "run.csv", {name: values[:1] for name, values in table().items()})
+    assert "has 1 rows; at least 2 are needed" in refusal(tmp_path / "run.csv")
+
+
+def test_unequal_lengths_are_refused_by_row(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    write_csv(path, table())
+    lines = path.read_text().splitlines()
+    lines[5] = "1,2,3"
+    path.write_text("\n".join(lines))
+    assert "Expected 10 columns, got 3: 1,2,3" in refusal(path)
+
+
+def test_a_column_that_stands_twice_is_refused_by_name(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    write_csv(path, table())
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join(line + "," + line.split(",")[-1] for line in lines))
+    assert "truth_x_m" in refusal(path)
+
+
+UNREADABLE: dict[str, Callable[[Path], object]] = {
+    "missing.parquet": lambda path: None,
+    "missing.csv": lambda path: None,
+    "folder.parquet": lambda path: path.mkdir(),
+    "folder.csv": lambda path: path.mkdir(),
+    "empty.parquet": lambda path: path.touch(),
+    "empty.csv": lambda path: path.touch(),
+    "garbage.parquet": lambda path: path.write_bytes(bytes(range(256)) * 8),
+    "garbage.csv": lambda path: path.write_bytes(bytes(range(256)) * 8),
+    "csv.parquet": lambda path: write_csv(path, table()),
+}
+
+
+@pytest.mark.parametrize("name", UNREADABLE)
+def test_an_unreadable_file_is_refused_by_name(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    UNREADABLE[name](path)
+    refusal(path)
+
+
+def test_metadata_in_another_encoding_spoil_no_run(path: Path) -> None:
+    latin = "°C".encode("latin-1")
+    fields = [pa.field(name, pa.float64(), metadata={b"unit": latin}) for name in table()]
+    schema = pa.schema(fields, metadata={b"note": latin})
+    pq.write_table(pa.table(list(table().values()), schema=schema), path)
+    run = read_run(path)
+    assert run.units["oil_temperature_degc"] == run.metadata["note"] == "\N{REPLACEMENT CHARACTER}C"
+
+
+def test_a_file_cut_off_is_refused_by_name(path: Path) -> None:
+    write(path, {})
+    path.write_bytes(path.read_bytes()[:-100])
+    refusal(path)

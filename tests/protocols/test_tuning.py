@@ -1,0 +1,178 @@
+"""Parameters of a running node: asked for by a mailbox, changed between two cycles, all of a request or none."""
+
+import json
+import threading
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from plant_sim.node.plant_node import PlantNode
+from plant_sim.profiles.profile import load_profile
+from plant_sim.rigs import wet_clutch
+from protocols.errors import InputError
+from protocols.node import node_factory
+from protocols.realtime.mailbox import Asker, Mailbox
+from protocols.telemetry.tuning import Tunable, Tuning, described
+
+PATIENCE = 2.0  # s for an answer that is on its way
+
+
+@pytest.fixture
+def mailbox(tmp_path: Path) -> Iterator[Mailbox]:
+    box = Mailbox(tmp_path / "mailbox")
+    yield box
+    box.close()
+
+
+@pytest.fixture
+def asker(mailbox: Mailbox, tmp_path: Path) -> Iterator[Asker]:
+    asker = Asker(tmp_path / "mailbox")
+    yield asker
+    asker.close()
+
+
+def controller() -> Tunable:
+    return node_factory("controller")()
+
+
+def asked(asker: Asker, tuning: Tuning, values: dict, row: int = 7) -> dict:
+    """Ask for a change while a loop turns."""
+    request = {"values": values, "until": time.monotonic() + PATIENCE}
+    answers: list[str] = []
+    thread = threading.Thread(target=lambda: answers.append(asker.ask(json.dumps(request), PATIENCE)))
+    thread.start()
+    while thread.is_alive():
+        if tuning.waiting():
+            tuning.act(row)
+    return json.loads(answers[0])
+
+
+def test_nothing_waits_in_a_new_mailbox(mailbox: Mailbox) -> None:
+    assert not mailbox.waiting()
+
+
+def test_a_loop_that_does_not_turn_is_told_and_the_next_request_is_refused(mailbox: Mailbox, asker: Asker) -> None:
+    with pytest.raises(InputError, match=r"has not answered within 0\.01 s; it may still be starting, or be stopped"):
+        asker.ask("{}", 0.01)
+    assert mailbox.waiting()
+    with pytest.raises(InputError, match="an earlier change still waits"):
+        asker.ask("{}", 0.01)
+    mailbox.answer("late")
+    assert not mailbox.waiting()
+
+
+def test_a_request_waits_for_the_answer_to_an_earlier_one(mailbox: Mailbox, asker: Asker) -> None:
+    with pytest.raises(InputError, match="has not answered"):
+        asker.ask("first", 0.01)
+    with ThreadPoolExecutor(1) as pool:
+        second = pool.submit(asker.ask, "second", PATIENCE)
+        seen = []
+        while not second.done():
+            if mailbox.waiting():
+                seen.append(mailbox.request())
+                mailbox.answer(f"to {seen[-1]}")
+        assert second.result() == "to second"
+    assert seen == ["first", "second"]
+
+
+def test_a_request_that_is_too_long_is_refused(asker: Asker, mailbox: Mailbox) -> None:
+    with pytest.raises(InputError, match=r"70000 bytes is too long; allowed are 65536"):
+        asker.ask("x" * 70_000, 0.01)
+    assert not mailbox.waiting()
+
+
+def test_a_change_says_what_it_changed_and_from_which_row(mailbox: Mailbox, asker: Asker) -> None:
+    node = controller()
+    tuning = Tuning(node, mailbox)
+    answer = asked(asker, tuning, {"torque.proportional_gain": 0.02, "slip.bandwidth": 60})
+    change = {"name": "torque.proportional_gain", "old": 0.012, "new": 0.02, "unit": "bar/Nm", "row": 7}
+    assert answer["row"] == 7
+    assert answer["changed"][0] == change
+    assert tuning.count == 2
+    assert node.parameters["slip.bandwidth"].value == 60.0
+
+
+@pytest.mark.parametrize(
+    ("values", "sentence"),
+    [
+        ({"torque.integral_gain": 0.1, "torque.proportional_gain": 0.3}, "breaks 0 <= value <= 0.2"),
+        ({"torque.integral_gain": 0.1, "torque.gain": 0.3}, "parameter 'torque.gain' is unknown; did you mean"),
+        ({"torque.integral_gain": 0.1, "torque.demand_limit": "high"}, "is 'high'; a number is needed"),
+        (
+            {"torque.integral_gain": 0.1, "guard.voltage": 5.0},
+            "parameter guard.voltage is fixed while the controller runs",
+        ),
+        ({"torque.integral_gain": 0.1, "pressure.voltage_limit": 5.0}, "is above the guard's limit of 4 V"),
+    ],
+)
+def test_a_refused_change_gives_its_reason_and_changes_nothing(
+    mailbox: Mailbox, asker: Asker, values: dict, sentence: str
+) -> None:
+    node = controller()
+    before = node.parameters.as_values()
+    tuning = Tuning(node, mailbox)
+    assert sentence in asked(asker, tuning, values)["refused"]
+    assert node.parameters.as_values() == before
+    assert tuning.changes == []
+
+
+def test_a_change_that_comes_too_late_is_not_made(mailbox: Mailbox, asker: Asker) -> None:
+    node = controller()
+    tuning = Tuning(node, mailbox)
+    request = json.dumps({"values": {"slip.bandwidth": 60.0}, "until": time.monotonic() + 0.05})
+    with pytest.raises(InputError, match="has not answered"):
+        asker.ask(request, 0.1)
+    tuning.act(7)  # the loop wakes
+    assert node.parameters["slip.bandwidth"].value != 60.0
+    assert tuning.changes == []
+    assert asked(asker, tuning, {"slip.bandwidth": 70.0})["row"] == 7
+
+
+@pytest.mark.parametrize(("node", "shipped"), [(controller(), None), (PlantNode(), wet_clutch.nominal())])
+def test_every_parameter_is_described(node: Tunable, shipped) -> None:
+    entries = described(node, shipped or node.parameters)
+    assert len(entries) == len(node.parameters)
+    for entry in entries:
+        assert entry["bounds"][0] <= entry["default"] <= entry["bounds"][1]
+        assert entry["unit"]
+        assert entry["source"]
+        assert (entry["fixed"] is None) == (entry["name"].split(".")[0] not in ("guard", "sensors"))
+
+
+def test_a_controller_that_is_tuned_while_it_runs_is_one_that_was_started_so(tmp_path: Path) -> None:
+    """Before the first cycle there is no state yet: both must agree to the bit."""
+    from clutch_hil.bench.in_process import play
+
+    changed = {
+        "torque.integral_gain": 0.1,
+        "model.coulomb_slope": 10.0,
+        "phases.fill_pressure": 2.7,
+        "slip.bandwidth": 60.0,
+    }
+    changed |= {"adaptation.time_constant": 1.0}
+    file = tmp_path / "changed.toml"
+    file.write_text("".join(f"{name} = {value}\n" for name, value in changed.items()))
+    tuned, started = controller(), node_factory("controller")(parameters_file=file)
+    tuned.tune(changed)
+    profile = load_profile("engagement", 2.0)
+    a, b = (play(PlantNode(profile=profile), node) for node in (tuned, started))
+    assert (a.controller == b.controller).all()
+
+
+def test_a_plant_whose_friction_is_changed_in_mid_run_slips_with_the_new_torque() -> None:
+    from clutch_hil.bench.in_process import play
+
+    profile = load_profile("engagement", 3.0)
+    plant, node = PlantNode(profile=profile), node_factory("controller")(adaptation=False)
+
+    def weaken(cycle: int) -> None:
+        if cycle == 2000:
+            plant.tune({"friction_level.level": 0.5})
+
+    played = play(plant, node, weaken)
+    torque, estimate = played["truth_clutch_torque_nm"], played["controller_torque_estimate_nm"]
+    assert torque[1999] == pytest.approx(estimate[1999], rel=0.05)  # the estimator believes the old friction
+    assert torque[2600] == pytest.approx(0.5 * estimate[2600], rel=0.05)

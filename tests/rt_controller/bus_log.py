@@ -1,0 +1,29 @@
+"""A log of plant and controller in lock-step, made in one process: the same frames on every machine."""
+
+from pathlib import Path
+
+import can
+
+from plant_sim.node.plant_node import PlantNode
+from plant_sim.profiles.profile import load_profile
+from protocols.can.frames import Frame
+from protocols.can.lifecycle import Lifecycle
+from protocols.node import node_factory
+
+
+def write_log(path: Path, seconds: float) -> None:
+    """Write what is on the bus while `engagement` is played for some seconds."""
+    plant, controller = PlantNode(profile=load_profile("engagement", seconds)), node_factory("controller")()
+    inbox: list[Frame] = []
+    with can.Logger(path) as log:
+
+        def put(frames: list[Frame]) -> None:
+            for can_id, data in frames:
+                log(can.Message(plant.tick * 1e-3 + 1.0, can_id, is_extended_id=False, data=data, channel=0))
+
+        put([plant.heartbeat(Lifecycle.INACTIVE)])
+        while not plant.finished:
+            sensors = plant.step(inbox)
+            put(sensors)
+            inbox = controller.step(sensors)
+            put(inbox)

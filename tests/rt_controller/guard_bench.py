@@ -1,0 +1,117 @@
+"""A guard and its bus, frames made by cantools and the CRC of the e2e library."""
+
+from functools import lru_cache
+from types import ModuleType
+from typing import Any
+
+import cantools.database
+import numpy as np
+from e2e.crc import calculate_crc8
+
+from protocols.can.frames import DBC
+from protocols.files.parameters import load_defaults
+from rt_controller.law.record import record
+from rt_controller.loop.node import LIMITS
+
+PERIOD = 1e-3  # s
+STALE, CONFIRM = 5, 3  # cycles, samples: limits.toml
+VALVE_LIMIT, MOTOR_LIMIT = 26214, 40000  # counts: 4 V of 16 bit over 10 V, 40 Nm of 1 mNm
+PRESSURE_LIMIT, TEMPERATURE_LIMIT = 1024, 1536  # counts: 5 bar at 4.88 mbar, 150 degC at 0.0977 K
+TURN_LIMIT = 818  # counts a tick: 31.4 rad/s x 1 ms x 26075.9 counts/rad = 818.8
+NOMINAL = load_defaults(LIMITS).si("guard")
+
+DATABASE: Any = cantools.database.load_file(DBC)
+IDENTIFIERS = {message.name: message.frame_id for message in DATABASE.messages}
+IDLE, ENGAGE, RELEASE = range(3)
+
+
+@lru_cache(maxsize=4096)
+def encoded(name: str, counter: int, signals: tuple[tuple[str, int], ...]) -> bytes:
+    """A frame made by cantools from raw values, with the CRC of the e2e library."""
+    message = DATABASE.get_message_by_name(name)
+    values = {signal.name: 0 for signal in message.signals} | dict(signals) | {"COUNTER": counter & 15}
+    body = message.encode(values, scaling=False, strict=False)[1:]
+    return bytes((calculate_crc8(body),)) + body
+
+
+def frame(name: str, counter: int = 0, **signals: int) -> bytes:
+    return encoded(name, counter, tuple(signals.items()))
+
+
+def decoded(name: str, data: bytes) -> Any:
+    message = DATABASE.get_message_by_name(name)
+    assert len(data) == message.length
+    assert calculate_crc8(data[1:]) == data[0], "every command on the bus has a valid CRC"
+    return message.decode(data, decode_choices=False, scaling=False)
+
+
+class Guard:
+    """The guard's functions on their records, frames as bytes."""
+
+    def __init__(self, limits: ModuleType, offset: int = 0, **changed: float) -> None:
+        self._module = limits
+        self._limits = record(limits.LIMITS, limits.guard_limits(NOMINAL | changed, PERIOD, offset))
+        self._guard = record(limits.GUARD)
+
+    def inbound(self, can_id: int, data: bytes) -> None:
+        self._module.inbound(
+            self._guard, self._limits, can_id, np.frombuffer(data.ljust(8, b"\0"), np.uint8), len(data)
+        )
+
+    def cycle(self, slots: int = 1) -> int:
+        return int(self._module.close_cycle(self._guard, self._limits, slots))
+
+    def outbound(self, can_id: int, data: bytes) -> bytes:
+        command = np.frombuffer(data.ljust(8, b"\0"), np.uint8).copy()
+        self._module.outbound(self._guard, self._limits, can_id, command)
+        return command[: len(data)].tobytes()
+
+    def __getattr__(self, name: str) -> int:
+        return int(getattr(self._guard, name))
+
+
+class Bench:
+    """A guard and its bus."""
+
+    def __init__(self, limits: ModuleType, **changed: float) -> None:
+        self.guard = Guard(limits, **changed)
+        self.counters = dict.fromkeys(IDENTIFIERS, 0)
+        self.angle, self.tick = 1000, 100
+
+    def send(self, name: str, **signals: int) -> None:
+        self.counters[name] += 1
+        self.guard.inbound(IDENTIFIERS[name], frame(name, self.counters[name], **signals))
+
+    def analog(self, pressure: int = 700, temperature: int = 717) -> None:
+        self.send("ANALOG_SENSORS", CYLINDER_PRESSURE=pressure, OIL_TEMPERATURE=temperature)
+
+    def encoder(self, turned: int = 500, ticks: int = 1) -> None:
+        self.angle = (self.angle + turned + 0x80000000) % 0x100000000 - 0x80000000
+        self.tick = (self.tick + ticks) % 0x10000
+        self.send("ENCODER", SHAFT_ANGLE=self.angle, SAMPLE_TICK=self.tick)
+
+    def cycle(self, pressure: int = 700, temperature: int = 717, turned: int = 500, ticks: int = 1) -> int:
+        """A cycle with a fresh sample."""
+        self.analog(pressure, temperature)
+        self.encoder(turned, ticks)
+        return self.guard.cycle()
+
+    def silence(self, cycles: int) -> int:
+        for _ in range(cycles):
+            self.guard.cycle()
+        return self.guard.finding
+
+    def ask(self, request: int) -> None:
+        self.send("TORQUE_SETPOINT", REQUEST=request, TORQUE_DEMAND=10000)
+
+    def valve(self, counts: int = 9000, enable: int = 1, counter: int = 5, tick: int = 0x1234) -> Any:
+        command = frame("VALVE_COMMAND", counter, VALVE_ENABLE=enable, VALVE_VOLTAGE=counts, SAMPLE_TICK=tick)
+        return decoded("VALVE_COMMAND", self.guard.outbound(IDENTIFIERS["VALVE_COMMAND"], command))
+
+    def motor(self, speed: int = -20000, torque: int = 30000, enable: int = 1, counter: int = 5) -> Any:
+        command = frame("MOTOR_COMMAND", counter, MOTOR_ENABLE=enable, SPEED_DEMAND=speed, TORQUE_LIMIT=torque)
+        return decoded("MOTOR_COMMAND", self.guard.outbound(IDENTIFIERS["MOTOR_COMMAND"], command))
+
+    @property
+    def open(self) -> bool:
+        return bool(self.valve()["VALVE_ENABLE"])

@@ -1,0 +1,34 @@
+"""Mutation testing of the guard: every change of a comparison, an operator or a constant of limits.py is noticed by
+test_limits.py or test_limits_samples.py, but for the equivalent ones listed here with their reason."""
+
+import ast
+
+import rt_controller.guard.limits
+from tests.rt_controller.mutation import checks, killed, plain_source, survivors
+
+FILES = "test_limits.py", "test_limits_samples.py"
+# Mutants no test can kill, by "line of source: column: change", and why.
+EQUIVALENT = {
+    "for _byte in range(256):: column 19: 256 to 257": "a 257th entry of the CRC table is never looked up",
+    '_COUNTERS, _BROKEN = ("counters", "i8", (3,)), ("broken", "i8", (5,)): column 41: 3 to 4': "more room",
+    '_COUNTERS, _BROKEN = ("counters", "i8", (3,)), ("broken", "i8", (5,)): column 65: 5 to 6': "more room",
+    "counter = 1 + (int(data[1]) & 15): column 14: 1 to 2": "any that is not 0",
+    "return 2 if can_id == TORQUE_SETPOINT else -1: column 48: 1 to 2": "any negative number says: none",
+    "turned = (angle - guard.angle + 0x80000000 & 0xFFFFFFFF) - 0x80000000: column 22: Add to Sub": (
+        "plus and minus 2^31 are the same modulo 2^32"
+    ),
+}
+
+
+def test_the_unchanged_guard_passes_every_check() -> None:
+    by = checks(FILES, "limits")
+    assert len(by) >= 25
+    assert not killed(ast.parse(plain_source(rt_controller.guard.limits)), by)
+
+
+def test_every_mutant_of_the_guard_is_killed() -> None:
+    population, alive = survivors(rt_controller.guard.limits, FILES, "limits")
+    assert population > 200
+    unexpected = sorted(set(alive) - set(EQUIVALENT))
+    assert not unexpected, f"{len(unexpected)} of {population} mutants survive:\n" + "\n".join(unexpected)
+    assert not set(EQUIVALENT) - set(alive), "an equivalent mutant is killed or gone: take it off the list"

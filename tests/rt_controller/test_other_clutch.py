@@ -1,0 +1,177 @@
+"""Two clutches on one motor: whether its torque is that of both, and what a locked one carries when the other is open."""
+
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from clutch_hil.bench.scenario import load_scenario
+from clutch_hil.bench.shift import ShiftSimulation
+from plant_sim.node.injection import Injection
+from plant_sim.node.power_shift_node import COLUMNS as PLANT
+from protocols.errors import InputError
+from rt_controller.law.other_clutch import (
+    PAIR_SETTINGS,
+    applied_alone,
+    heed,
+    pair_mismatch,
+    take_other_encoder,
+    take_other_status,
+    unheard,
+)
+from rt_controller.law.phases import Fault
+from rt_controller.law.record import record
+from rt_controller.law.sample import SAMPLE
+from rt_controller.loop.node import COLUMNS, ControllerNode
+
+STEP, PERIOD = 2.0**-14, 2.0**-9  # rad, s: exact
+WEIGHT = 0.05  # kg m^2
+PAIR = record(PAIR_SETTINGS, ratio=3.0, other_ratio=2.0, patience=0.25)
+IN_TIME = 0.12  # s: the dwell of 0.1 s and ten cycles of 500 Hz
+
+
+@cache
+def torque_settings() -> Any:
+    """TORQUE_SETTINGS of clutch a's controller."""
+    return ControllerNode(500, clutch="a").settings.view(np.recarray)[0].law.torque
+
+
+def other(estimate: float = 0.0, sticks: bool = False, acceleration: float = 0.0) -> Any:
+    """The other clutch, heard now."""
+    heard = unheard()
+    take_other_encoder(heard, 0, 0, STEP, PERIOD, 100.0)
+    take_other_status(heard, estimate, sticks)
+    heed(heard)
+    heard.acceleration = acceleration
+    return heard
+
+
+def off(
+    motor: float, own: float, its: Any, own_sticks: bool = False, capacity: float = 0.0, slip_rate: float = 0.0
+) -> float:
+    """Mismatch [Nm] at a motor torque, an estimate and the other clutch."""
+    sample = record(SAMPLE, motor_torque=motor, acceleration=slip_rate)
+    return float(pair_mismatch(its, PAIR, torque_settings(), own, capacity, own_sticks, sample))
+
+
+def test_both_torques_are_the_motors() -> None:
+    assert off(15.0, 10.0, other(5.0)) == 0.0
+    assert off(40.0, 10.0, other(5.0)) == pytest.approx(25.0)
+    assert off(-40.0, -10.0, other(-5.0)) == pytest.approx(-25.0)
+
+
+def test_friction_levels_within_the_bounds_of_the_adaptation_explain_a_torque() -> None:
+    """0.6 to 1.5, and 0.3 Nm that the motor feels."""
+    for motor, explained in ((22.79, True), (22.81, False), (8.71, True), (8.69, False)):
+        assert (off(motor, 10.0, other(5.0)) == 0.0) is explained, motor
+
+
+def test_plates_that_stick_carry_anything_up_to_their_capacity_either_way() -> None:
+    for motor in (-15.0, 0.0, 25.0):  # -1.5 12 + 0.6 5 to 1.5 (12 + 5), and 0.3
+        assert off(motor, 0.0, other(5.0), own_sticks=True, capacity=12.0) == 0.0
+        assert off(motor, 5.0, other(12.0, sticks=True)) == 0.0
+        assert off(motor, 5.0, other(-12.0, sticks=True)) == 0.0
+    assert off(40.0, 0.0, other(5.0), own_sticks=True, capacity=12.0) == pytest.approx(40.0 - 17.0)
+    assert off(-40.0, 0.0, other(5.0), own_sticks=True, capacity=12.0) == pytest.approx(-40.0 + 12.0 - 5.0)
+
+
+def test_the_inertia_of_the_input_is_told_from_both_slips() -> None:
+    """s_a' = 1 and s_b' = 2 rad/s^2 are w_in' = 3*2 - 2*1 = 4 and w_out' = 1."""
+    unknown = 100.0 + WEIGHT * 4.0
+    assert off(unknown, 10.0, other(5.0, acceleration=2.0), slip_rate=1.0) == pytest.approx(85.0)
+    applied, known = applied_alone(other(0.0, acceleration=2.0), PAIR, torque_settings(), 10.0)
+    assert known
+    assert applied == pytest.approx(10.0 - WEIGHT * 3.0 * 2.0), "own slip constant: w_in' = 3 s_b'"
+
+
+def test_a_silent_other_is_not_compared_with() -> None:
+    for silent in (unheard(), other(5.0)):
+        silent.age = 0.26
+        assert off(40.0, 10.0, silent) == 0.0
+        assert not applied_alone(silent, PAIR, torque_settings(), 10.0)[1]
+    assert not applied_alone(other(0.1), PAIR, torque_settings(), 10.0)[1], "it transmits"
+
+
+def test_a_status_counts_from_when_it_is_heeded() -> None:
+    heard = other(5.0)
+    heard.age = 0.2
+    take_other_status(heard, 7.0, True)
+    assert (heard.estimate, heard.sticks, heard.age) == (5.0, False, 0.2)
+    heed(heard)
+    assert (heard.estimate, heard.sticks, heard.age) == (7.0, True, 0.0)
+    heard.age = 0.2
+    heed(heard)
+    assert heard.age == 0.2, "nothing new"
+
+
+def test_the_encoder_of_the_other_wraps_and_skips() -> None:
+    heard = unheard()
+    for k in range(400):
+        take_other_encoder(heard, (2**32 - 300 + 3 * k) % 2**32, (65500 + 2 * k) % 2**16, STEP, PERIOD, 100.0)
+    assert heard.slip == pytest.approx(1.5 * STEP / PERIOD)
+    assert heard.acceleration == pytest.approx(0.0, abs=1e-9)
+
+
+def test_gears_must_differ() -> None:
+    node = ControllerNode(500, clutch="a")
+    with pytest.raises(
+        InputError, match=r"driveline\.ratio_a and driveline\.ratio_b are both 2; two gears must differ"
+    ):
+        node.tune({"driveline.ratio_a": 2.0})
+
+
+@cache
+def played(scenario: str, changed: str = "", value: float = 0.0, at: float = 0.0) -> dict[str, np.ndarray]:
+    """Columns of a shift; of the controllers with the clutch's name at the end."""
+    case = load_scenario(scenario)
+    if changed:
+        case = replace(case, injections=(Injection({changed: value}, at=at),))
+    plant, a, b = ShiftSimulation(case).play()
+    told = {column.name: plant[:, k] for k, column in enumerate(PLANT)}
+    for name, rows in (("a", a), ("b", b)):
+        told |= {f"{column.name}_{name}": rows[:, k] for k, column in enumerate(COLUMNS)}
+    return told
+
+
+def fault_time(run: dict[str, np.ndarray], clutch: str) -> float:
+    """When a clutch's controller finds the torque implausible [s]; not a number where it does not."""
+    found = run["time_s"][run[f"fault_{clutch}"] == Fault.TORQUE_IMPLAUSIBLE]
+    return float(found[0]) if len(found) else np.nan
+
+
+@pytest.mark.parametrize("scenario", ["shift", "lock_up_shift"])
+def test_a_healthy_shift_is_plausible(scenario: str) -> None:
+    run = played(scenario)
+    assert run["fault_a"].max() == run["fault_b"].max() == 0
+
+
+@pytest.mark.parametrize(
+    ("changed", "value"),
+    [
+        ("a.motor_torque_sensor_offset.offset", 20.0),
+        ("a.motor_torque_sensor_offset.offset", -20.0),
+        ("a.friction_level.level", 2.0),
+    ],
+)
+def test_a_wrong_torque_of_the_clutch_that_carries_is_found(changed: str, value: float) -> None:
+    assert 2.0 < fault_time(played("shift", changed, value, 2.0), "a") < 2.0 + IN_TIME
+
+
+@pytest.mark.parametrize("level", [0.3, 2.0])
+def test_wrong_friction_of_the_clutch_that_comes_is_found_in_the_hand_over(level: float) -> None:
+    run = played("shift", "b.friction_level.level", level, 0.8)
+    told = run["truth_clutch_torque_b_nm"] / level  # what it should be
+    begins = run["time_s"][np.abs(run["truth_clutch_torque_b_nm"] - told) > 8.0]
+    found = min(t for t in (fault_time(run, "a"), fault_time(run, "b")) if t == t)
+    assert found < begins[0] + IN_TIME + 0.1  # s: the status of the other is as old
+
+
+def test_a_locked_clutch_carries_what_the_open_one_leaves_to_it() -> None:
+    run = played("lock_up_shift")
+    held = (run["clutch_state_b"] == 3) & (run["time_s"] > 5.8)
+    error = run["torque_estimate_nm_b"] - run["truth_clutch_torque_b_nm"]
+    assert held.sum() > 500
+    assert np.abs(error[held]).max() < 0.5
+    assert (run["capacity_nm_b"][held] > run["truth_clutch_torque_b_nm"][held]).all()
