@@ -107,6 +107,7 @@ NEEDS = {
     ),
     "pysindy": Need("pysindy", _module("pysindy"), "pip install -e '.[battery]'"),
     "sklearn": Need("scikit-learn", _module("sklearn"), "pip install -e '.[battery]'"),
+    "distributed": Need("Dask", _module("distributed"), "pip install -e '.[dask]'"),
     "quiet": Need("a machine that lets processes run", _found_by_the_test, "stop what else it computes"),
     **{
         oracle.package: Need(oracle.package, oracle.installed, oracle.install())

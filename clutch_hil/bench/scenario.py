@@ -108,6 +108,23 @@ def load_scenario(name: str, given: Mapping[str, Any] | None = None) -> Scenario
         )
 
 
+def chosen_scenario(name: str | None, given: Mapping[str, Any], rig: str | None = None) -> Scenario:
+    """The scenario `name`, or without one a run of `rig`, with the fields of RunSettings that are `given` and not None.
+
+    Raises InputError.
+    """
+    settings = {key: value for key, value in given.items() if value is not None}
+    checked_rate(settings.get("rate", RunSettings.rate))
+    if name is None:
+        return Scenario.of(RunSettings(**settings), rig or "wet_clutch")
+    loaded = load_scenario(name, settings)
+    if rig not in (None, loaded.rig):
+        raise InputError(
+            f"scenario {name} is of the rig {loaded.rig}, and --rig {rig} was given; allowed is one of them"
+        )
+    return loaded
+
+
 @contextmanager
 def naming(path: Path | None) -> Iterator[None]:
     """Name the scenario's file in an InputError of what is done within."""

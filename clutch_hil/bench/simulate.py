@@ -68,17 +68,23 @@ class Simulation:
         """Simulate; write the run file and its picture."""
         scenario, settings = self.scenario, self.scenario.settings
         writable(settings.out)
-        plant, controller = self._new_nodes(scenario.plant, settings.seed)
-        cycles = round(self.profile.duration * settings.rate)
-        played = play(plant, controller, lambda cycle: progress(cycle, cycles))
+        played, metadata = self.play_described(progress)
         path = run_path(settings.out, f"{self.label.name}-simulated")
         recorder = SealedRecording if self._blind else Recording
         with recorder(path, played.plant_columns, played.controller_columns, settings.rate) as recording:
             recording.add(played.plant, played.controller)
-            told = run_metadata(settings.rate, scenario.plant, controller.parameters.as_values(), plant.injected)
-            told |= {"settings": settings.as_text() | {"mode": "in process"}, "scenario": scenario.name}
-            recording.finish(told)
+            recording.finish(metadata)
         return judge_run(path, f"{self}, in one process, {settings.rate} Hz", scenario.limits)
+
+    def play_described(self, progress: Callable[[int, int], None] | None = None) -> tuple[Played, dict[str, Any]]:
+        """Simulate; return the records and the metadata of their run file. Nothing is written."""
+        scenario, settings = self.scenario, self.scenario.settings
+        plant, controller = self._new_nodes(scenario.plant, settings.seed)
+        cycles = round(self.profile.duration * settings.rate)
+        played = play(plant, controller, (lambda cycle: progress(cycle, cycles)) if progress else None)
+        metadata = run_metadata(settings.rate, scenario.plant, controller.parameters.as_values(), plant.injected)
+        metadata |= {"settings": settings.as_text() | {"mode": "in process"}, "scenario": scenario.name}
+        return played, metadata
 
     def play(self, plant: ParameterSet, seed: int) -> Played:
         """Simulate with other parameters of the plant and another seed; write nothing. Raises InputError."""

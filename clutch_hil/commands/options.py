@@ -1,16 +1,8 @@
-"""Options that several commands have, and the scenario that they name."""
+"""Options that several commands have."""
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import typer
-
-from clutch_hil.command import checked_rate
-from protocols.errors import InputError
-
-if TYPE_CHECKING:
-    from clutch_hil.bench.scenario import Scenario
 
 BUS = typer.Option("auto", help="vcan0, can0, local:NAME or auto")
 # What a scenario sets is None where it is not given: then the scenario's value stands, without one the default of RunSettings.
@@ -36,20 +28,3 @@ OUT = typer.Option(Path("runs"), help="folder for what is written")
 JSON = typer.Option(False, "--json", help="print the result as JSON")
 BENCH = typer.Option(None, "--bus", help="bus of the bench, where several are running")
 ROUTER = typer.Option(None, help="zenoh router of another machine, such as tcp/192.168.1.5:7447")
-
-
-def chosen_scenario(name: str | None, given: Mapping[str, Any], rig: str | None = None) -> "Scenario":
-    """The scenario `name`, or without one a run of `rig`, with the settings that were `given`. Raises InputError."""
-    from clutch_hil.bench.scenario import Scenario, load_scenario
-    from clutch_hil.bench.settings import RunSettings
-
-    said = {key: value for key, value in given.items() if value is not None}
-    checked_rate(said.get("rate", RunSettings.rate))
-    if name is None:
-        return Scenario.of(RunSettings(**said), rig or "wet_clutch")
-    loaded = load_scenario(name, said)
-    if rig not in (None, loaded.rig):
-        raise InputError(
-            f"scenario {name} is of the rig {loaded.rig}, and --rig {rig} was given; allowed is one of them"
-        )
-    return loaded

@@ -5,7 +5,7 @@ from pathlib import Path
 import typer
 
 from clutch_hil.command import emit, verdict, write_summary
-from clutch_hil.commands.options import BLIND, BUS, JSON, RATE, SECONDS, SEED, TEMPERATURE, chosen_scenario
+from clutch_hil.commands.options import BLIND, BUS, JSON, RATE, SECONDS, SEED, TEMPERATURE
 
 
 def register(app: typer.Typer) -> None:
@@ -37,7 +37,7 @@ def plant(
     json_output: bool = JSON,
 ) -> None:
     """Simulate the rig on a bus until it is stopped; in lock-step until its profile ends."""
-    from clutch_hil.bench.scenario import naming
+    from clutch_hil.bench.scenario import chosen_scenario, naming
     from clutch_hil.bench.service_text import service_lines
     from clutch_hil.bench.settings import MANUAL
     from plant_sim.node.plant_service import PlantService

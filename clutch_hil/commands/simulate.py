@@ -18,7 +18,6 @@ from clutch_hil.commands.options import (
     SECONDS,
     SEED,
     TEMPERATURE,
-    chosen_scenario,
 )
 from protocols.errors import InputError
 
@@ -53,7 +52,7 @@ def simulate(
 ) -> None:
     """Run plant and controller in one process: a scenario or a profile, several scenarios, or a sweep."""
     from clutch_hil.bench.progress import progress_bar
-    from clutch_hil.bench.scenario import shipped
+    from clutch_hil.bench.scenario import chosen_scenario, shipped
     from clutch_hil.bench.simulate import Simulation, simulation
     from clutch_hil.bench.suite import run_one, run_suite
     from clutch_hil.bench.sweep import sweep

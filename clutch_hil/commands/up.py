@@ -19,7 +19,6 @@ from clutch_hil.commands.options import (
     SECONDS,
     SEED,
     TEMPERATURE,
-    chosen_scenario,
 )
 from protocols.errors import InputError
 
@@ -61,6 +60,7 @@ def up(
 ) -> None:
     """Start plant and controller, play a scenario or a profile, record, judge, draw."""
     from clutch_hil.bench.benches import bench
+    from clutch_hil.bench.scenario import chosen_scenario
     from clutch_hil.bench.suite import run_one
 
     given = {

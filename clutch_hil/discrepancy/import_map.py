@@ -34,7 +34,7 @@ from protocols.errors import InputError, closest
 from protocols.files.run import Run
 from protocols.files.runs import check_columns, read_columns
 from protocols.files.toml_table import TomlTable, read_toml
-from protocols.files.units import from_si, to_si
+from protocols.files.units import from_si, same_quantity, to_si
 
 MAPS = Path(__file__).parent / "maps"
 TEXT = (".csv", ".txt", ".tsv", ".dat")
@@ -185,7 +185,8 @@ def _source(column: str, entry: TomlTable) -> Source:
     if ("from" in entry) == ("number" in entry):
         raise InputError(f"import map: {column} needs either `from`, a name, or `number`, counted from 1")
     unit = entry.need("unit", str)
-    to_si(0.0, unit)
+    if not same_quantity(unit, _unit(column)):
+        raise InputError(f"import map: {column} is given in {unit!r}, which cannot be converted into {_unit(column)!r}")
     return Source(
         entry.get("from", str) if "from" in entry else entry.get("number", int),
         unit,

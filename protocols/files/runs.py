@@ -78,8 +78,9 @@ class RunWriter:
             self._part.unlink(missing_ok=True)
 
 
-def read_run(path: Path, required: Sequence[str] = REQUIRED) -> Run:
+def read_run(path: Path | str, required: Sequence[str] = REQUIRED) -> Run:
     """Read and check a run with the columns `required`. Raises InputError naming the file, the column and the first bad row."""
+    path = Path(path)
     run = read_columns(path)
     check_columns(path, run.columns, required)
     return run
@@ -94,8 +95,9 @@ def read_columns(path: Path) -> Run:
     return _read_table(path)
 
 
-def write_run(run: Run, path: Path) -> None:
+def write_run(run: Run, path: Path | str) -> None:
     """Write a run as the suffix of `path` says. Raises InputError; nothing half-written is left."""
+    path = Path(path)
     if path.suffix == ".mf4":
         measurement.write_mf4(run, path)
     elif path.suffix == ".csv":

@@ -1,85 +1,82 @@
 """Units people write and the SI values the code computes with.
 
-Bar and degC stand in TOML, frames, run files and on screens; inside, everything is SI (Pa, K, N, m, s, rad).
+Bar and degC stand in TOML, frames, run files and on screens; inside, everything is SI (Pa, K, N, m, s, rad). What a unit is, is
+known by pint. A unit is looked at where a file is loaded, once a unit and process; no loop converts.
 """
 
-from protocols.errors import InputError, listing
+import re
+from decimal import Decimal
+from functools import cache
+
+import pint
+
+from protocols.errors import InputError, closest
 
 BAR = 1e5  # Pa, by definition
 ZERO_CELSIUS = 273.15  # K, by definition
 RPM = 0.10471975511965977  # rad/s, 2 pi / 60
 
-# unit -> (factor, offset): SI value = factor * value + offset
-_SI = (
-    *("1", "bit", "cycles", "counts/rev", "s", "1/s", "Hz", "m", "m^2", "rad", "rad/s", "rad/s^2", "V", "V/s", "V/K"),
-    *("V/Nm", "K", "J/K", "W/K", "N", "N/m", "Ns/m", "Nm", "Nm/s", "Nm/rad", "Nm s/rad", "Nm/(rad/s)^gamma", "kg m^2"),
-    *(
-        "A",
-        "N/A",
-        "Nm/V",
-        "kg",
-        "m/s",
-        "s/m",
-        "m^3",
-        "1/m",
-        "1/K",
-        "1/rad",
-        "1/Nm",
-        "N/K",
-        "Nm/K",
-        "J",
-        "W",
-        "K/W",
-        "K/J",
-    ),
-    *("Pa s", "kg/m^3", "Nm/(rad/s)", "rad/Nm", "1/J", "1/W", "m/N"),
-)
-_TO_SI: dict[str, tuple[float, float]] = dict.fromkeys(_SI, (1.0, 0.0)) | {
-    "bar": (BAR, 0.0),
-    "bar/V": (BAR, 0.0),
-    "bar/Nm": (BAR, 0.0),
-    "bar/(Nm s)": (BAR, 0.0),
-    "bar/s": (BAR, 0.0),
-    "Nm/bar": (1 / BAR, 0.0),
-    "Nm/(bar (rad/s)^gamma)": (1 / BAR, 0.0),
-    "V/bar": (1 / BAR, 0.0),
-    "m^3/bar": (1 / BAR, 0.0),
-    "m^3/(s bar)": (1 / BAR, 0.0),
-    "N/bar": (1 / BAR, 0.0),
-    "1/bar": (1 / BAR, 0.0),
-    "bar s": (BAR, 0.0),
-    "bar s/m^3": (BAR, 0.0),
-    "bar/(rad/s)^2": (BAR, 0.0),
-    "bar/K": (BAR, 0.0),
-    "ms": (1e-3, 0.0),
-    "us": (1e-6, 0.0),
-    "mm": (1e-3, 0.0),
-    "um": (1e-6, 0.0),
-    "uN": (1e-6, 0.0),
-    "kN": (1e3, 0.0),
-    "mV": (1e-3, 0.0),
-    "Pa": (1.0, 0.0),
-    "kPa": (1e3, 0.0),
-    "MPa": (1e6, 0.0),
-    "deg": (0.017453292519943295, 0.0),  # rad, pi / 180
-    "degC": (1.0, ZERO_CELSIUS),
-    "rpm": (RPM, 0.0),
-}  # fmt: skip
+_LONGEST = 80  # characters of a unit; what is longer is none
+# Things are counted: one cycle of a loop or one line of an encoder is no angle, as pint has it.
+_COUNTED = ("counts/rev", "cycles")
+# Units by which a wrong one is explained
+_COMMON = (
+    "1", "%", "bar", "mbar", "Pa", "kPa", "MPa", "psi", "degC", "degF", "K", "Nm", "N", "kN", "V", "mV", "A", "mA", "s", "ms",
+    "us", "min", "Hz", "rad", "deg", "rad/s", "rpm", "m", "mm", "um", "m/s", "l/min", "kg", "W", "kW", "J", "kg m^2", "Pa s",
+)  # fmt: skip
+_TEXT = re.compile(r"[\w%°/*^().-][\w %°/*^().-]*")
+_PRODUCT = re.compile(
+    r"\b([kMmun]?N)(mm|m|(?=s))(s?)\b"
+)  # Nm is a product; in pint it would be a number of textile metres
+_CELSIUS = re.compile(r"degC|°C")  # in a product or quotient it is a difference, of 1 K
+_GAMMA = "(rad/s)^gamma"  # SI whatever gamma is; a unit of friction maps
 
 
 def to_si(value: float, unit: str) -> float:
-    """Return `value` given in `unit` as an SI value.
-
-    Raises InputError for a unit that is not in the table.
-    """
-    try:
-        factor, offset = _TO_SI[unit]
-    except KeyError:
-        raise InputError(f"unit {unit!r} is unknown; known are {listing(_TO_SI)}") from None
+    """Return `value` given in `unit` as an SI value. Raises InputError for what is no unit."""
+    factor, offset, _ = _meaning(unit)
     return factor * value + offset
 
 
 def from_si(value: float, unit: str) -> float:
     """Return the SI `value` in `unit`; the inverse of `to_si`. Raises InputError."""
-    offset = to_si(0.0, unit)
-    return (value - offset) / (to_si(1.0, unit) - offset)
+    factor, offset, _ = _meaning(unit)
+    return (value - offset) / factor
+
+
+def same_quantity(unit: str, other: str) -> bool:
+    """Whether values in the two units can be converted into each other. Raises InputError.
+
+    An angle counts: 1 Hz is no 1 rad/s.
+    """
+    return _meaning(unit)[2] == _meaning(other)[2]
+
+
+@cache
+def _meaning(unit: str) -> tuple[float, float, str]:
+    """Factor and offset, with SI value = factor * value + offset, and the SI base units."""
+    if unit in _COUNTED:
+        return 1.0, 0.0, unit
+    text = unit.replace(_GAMMA, "rad")
+    text = _PRODUCT.sub(lambda found: "*".join(filter(None, found.groups())), text)
+    if not _CELSIUS.fullmatch(text):
+        text = _CELSIUS.sub("delta_degC", text)
+    try:
+        if len(unit) > _LONGEST or not _TEXT.fullmatch(text):
+            raise ValueError
+        one, zero = (_registry().Quantity(Decimal(number), text).to_base_units() for number in (1, 0))
+        factor, offset = float(one.magnitude - zero.magnitude), float(zero.magnitude)
+        known = 0.0 < factor < float("inf")
+    except Exception:  # pint raises many kinds, those of Python's tokenizer among them
+        known = False
+    if not known:
+        shown = unit if len(unit) <= _LONGEST else unit[:_LONGEST] + "..."
+        hint = f"{closest(unit, _COMMON)}; products and quotients such as kg m^2/s are allowed"
+        raise InputError(f"unit {shown!r} is unknown; {hint}")
+    return factor, offset, str(one.units)
+
+
+@cache
+def _registry() -> pint.UnitRegistry:
+    """Decimal numbers: a factor is the float next to it, as if it were written down."""
+    return pint.UnitRegistry(non_int_type=Decimal, autoconvert_offset_to_baseunit=True)

@@ -10,7 +10,7 @@ import pytest
 
 from protocols.errors import InputError
 from protocols.files.parameters import Parameter, ParameterSet, load_defaults, load_overlay
-from protocols.files.units import to_si
+from protocols.files.units import from_si, same_quantity, to_si
 
 ROUNDING = 1e-12  # relative: a factor and an offset in doubles
 
@@ -152,8 +152,58 @@ def test_values_for_a_run_file_are_in_the_declared_unit(defaults: ParameterSet) 
     assert defaults.as_values() == {"clutch.coulomb_slope": 10.8, "clutch.beta_onset": 2.71, "oil.reference": 70.0}
 
 
-def test_an_unknown_unit_is_refused_with_those_there_are() -> None:
-    refusal(lambda: to_si(1.0, "psi"), "unit 'psi' is unknown", "bar", "degC")
+@pytest.mark.parametrize(
+    ("unit", "factor", "offset"),
+    [
+        ("%", 0.01, 0.0),
+        ("kg m^2/s", 1.0, 0.0),
+        ("mbar", 100.0, 0.0),
+        ("psi", 6894.757293168362, 0.0),  # lbf/in^2
+        ("l/min", 1e-3 / 60.0, 0.0),
+        ("kNm", 1e3, 0.0),
+        ("Nms", 1.0, 0.0),
+        ("Nm/deg", 180.0 / math.pi, 0.0),
+        ("degF", 5.0 / 9.0, 273.15 - 32.0 * 5.0 / 9.0),
+        ("°C", 1.0, 273.15),
+        ("bar/degC", 1e5, 0.0),  # of a difference
+        ("counts/rev", 1.0, 0.0),  # a number of lines, no angle
+        ("cycles", 1.0, 0.0),
+    ],
+)
+def test_what_people_write_is_a_unit(unit: str, factor: float, offset: float) -> None:
+    assert to_si(0.0, unit) == pytest.approx(offset, rel=ROUNDING)
+    assert to_si(1.0, unit) - to_si(0.0, unit) == pytest.approx(factor, rel=1e-12)
+    assert from_si(to_si(3.0, unit), unit) == pytest.approx(3.0, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    "unit",
+    ["blub", "", " ", "m" * 1000, "10 bar", "km^999999999", "m^m", "Nm)", "bar;", "__import__('os')", "0", "-", "Bar"],
+)
+def test_what_is_no_unit_is_refused_in_one_sentence(unit: str) -> None:
+    refusal(lambda: to_si(1.0, unit), "is unknown", "products and quotients such as kg m^2/s")
+
+
+def test_a_unit_that_is_nearly_one_is_hinted_at() -> None:
+    refusal(lambda: to_si(1.0, "Bar"), "unit 'Bar' is unknown; did you mean bar or mbar")
+
+
+@pytest.mark.parametrize(
+    ("unit", "other", "same"),
+    [
+        ("rpm", "rad/s", True),
+        ("mbar", "bar", True),
+        ("Nm", "J", True),
+        ("Hz", "1/s", True),
+        ("degF", "degC", True),
+        ("Hz", "rad/s", False),
+        ("Nm", "bar", False),
+        ("1", "%", True),
+        ("cycles", "rad", False),
+    ],
+)
+def test_units_of_one_quantity(unit: str, other: str, same: bool) -> None:
+    assert same_quantity(unit, other) is same
 
 
 # A user's file
@@ -243,7 +293,7 @@ def test_an_absurdly_large_integer_is_refused(user: Path, defaults: ParameterSet
     ("entry", "told"),
     [
         (WHOLE.replace("1.0", "3.0"), ["clutch.x = 3 bar", "0 <= value <= 2"]),
-        (WHOLE.replace('"bar"', '"psi"'), ["'psi' is unknown", "bar"]),
+        (WHOLE.replace('"bar"', '"barr"'), ["'barr' is unknown", "bar"]),
         (WHOLE.replace("1.0", '"one"'), ["clutch.x is 'one'", "a number is needed"]),
         (WHOLE.replace("0.1", "-0.1"), ["clutch.x has uncertainty -0.1"]),
         (WHOLE.replace("[0.0, 2.0]", "[0.0]"), ["clutch.x has bounds [0.0]"]),

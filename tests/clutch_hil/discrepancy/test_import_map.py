@@ -151,6 +151,7 @@ def test_a_low_pass_takes_the_fast_and_does_not_delay_the_slow(tmp_path: Path) -
         (COLUMNS, {"qm": TIME[:-1]}, "position_m has 399 rows, time_s has 400"),
         (COLUMNS, {"qm": np.where(np.arange(SAMPLES) == 9, np.nan, 1.0)}, "position_m is not a number in row 9"),
         (COLUMNS.replace('"mm"', '"cubit"'), {}, "unit 'cubit' is unknown"),
+        (COLUMNS.replace('"mm"', '"bar"'), {}, "position_m is given in 'bar', which cannot be converted into 'm'"),
         (COLUMNS.replace("position_m", "position"), {}, "column 'position' tells no unit"),
         (COLUMNS.replace("time_s", "clock_s"), {}, "has no column time_s"),
         (COLUMNS.replace('from = "qm"', 'form = "qm"'), {}, "entry columns.position_m.form is unknown; did you mean from?"),

@@ -1,0 +1,86 @@
+"""Runs in memory: a scenario or a profile simulated from Python, its columns as arrays; nothing is written."""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from clutch_hil.bench.measures import measures
+from clutch_hil.bench.scenario import Scenario, chosen_scenario
+from clutch_hil.bench.simulate import Simulation
+from plant_sim.node.injection import effect_on
+from protocols.files.run import Run
+from protocols.node import Column
+
+Values = Mapping[str, float]
+
+
+def simulate(
+    scenario: str | Path | None = None,
+    *,
+    profile: str | Path | None = None,
+    seconds: float | None = None,
+    rate: int | None = None,
+    seed: int | None = None,
+    temperature: float | None = None,
+    law: str | None = None,
+    adaptation: bool | None = None,
+    plant: Values | None = None,
+    controller: Values | None = None,
+    effects: Iterable[str] | Mapping[str, Values] = (),
+    progress: Callable[[int, int], None] | None = None,
+) -> Run:
+    """Simulate plant and controller of the wet-clutch rig in this process, as `clutch-hil simulate` does.
+
+    `scenario` is the name of one that is shipped or the path of a TOML file. Without one `profile` is played, a shipped name or
+    the path of a CSV file, `engagement` if none is given. seconds [s] repeats or cuts the profile; rate [Hz]; temperature
+    [degC] of the oil at the start; `law` is both, feedforward or feedback. `plant` and `controller` change parameters by dotted
+    name, each in its declared unit. `effects` are switched on, with typical values or with those given by short name. None is
+    what the scenario has. `progress(cycle, cycles)` is called now and then.
+
+    Returns the columns that a run file of it would have, each of shape (samples,), with units, meanings and metadata.
+    Raises InputError.
+    """
+    settings = {
+        "profile": profile, "seconds": seconds, "rate": rate, "seed": seed, "temperature": temperature, "law": law,
+        "adaptation": adaptation,
+    }  # fmt: skip
+    chosen = composed_scenario(scenario, settings, plant, controller, effects)
+    played, metadata = Simulation(chosen).play_described(progress)
+    described = [
+        *played.plant_columns,
+        Column("torque_demand_nm", "Nm", "the controller's M_d"),
+        *(Column(f"controller_{c.name}", c.unit, c.meaning) for c in played.controller_columns),
+    ]
+    return Run(
+        played.columns(),
+        metadata,
+        {column.name: column.unit for column in described},
+        {column.name: column.meaning for column in described},
+    )
+
+
+def composed_scenario(
+    scenario: str | Path | None,
+    settings: Mapping[str, Any],
+    plant: Values | None = None,
+    controller: Values | None = None,
+    effects: Iterable[str] | Mapping[str, Values] = (),
+) -> Scenario:
+    """The scenario that `simulate` plays when given the same. Raises InputError."""
+    texts = {key: str(value) if isinstance(value, Path) else value for key, value in settings.items()}
+    chosen = chosen_scenario(None if scenario is None else str(scenario), texts)
+    named = effects if isinstance(effects, Mapping) else {name: {} for name in effects}
+    for name, values in named.items():
+        chosen = replace(chosen, plant=chosen.plant.with_values(effect_on(name, values)))
+    if plant:
+        chosen = replace(chosen, plant=chosen.plant.with_values(plant))
+    if controller:
+        changed = replace(chosen.settings, controller={**chosen.settings.controller, **controller})
+        chosen = replace(chosen, settings=changed)
+    return chosen
+
+
+def measure_run(run: Run) -> dict[str, float | str]:
+    """Every measure of a run by name: a number in its unit, not-a-number where it cannot be measured, or a word."""
+    return {name: measure.of(run.columns) for name, measure in measures(run.metadata["rig"]).items()}

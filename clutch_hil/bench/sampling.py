@@ -1,0 +1,53 @@
+"""Samples of parameters for a sweep: a grid, random points, a Latin hypercube. A sample is a value by dotted name."""
+
+from collections.abc import Callable, Mapping, Sequence
+from itertools import product
+from math import isfinite
+
+import numpy as np
+from scipy.stats import qmc
+
+from protocols.errors import InputError
+
+Sample = dict[str, float]
+Ranges = Mapping[str, tuple[float, float]]
+MOST = 1_000_000  # samples of a sweep
+
+
+def grid(values: Mapping[str, Sequence[float]]) -> list[Sample]:
+    """Every combination of `values`, the last name varying fastest. Raises InputError."""
+    for name, several in values.items():
+        if not len(several):
+            raise InputError(f"{name} has no values; one or more are needed")
+    _check_count(int(np.prod([len(several) for several in values.values()], dtype=float)))
+    return [dict(zip(values, map(float, point), strict=True)) for point in product(*values.values())]
+
+
+def random(ranges: Ranges, count: int, seed: int = 1) -> list[Sample]:
+    """`count` points, each value uniform in its (low, high) and independent of the others. Raises InputError."""
+    return _scaled(ranges, count, lambda size: np.random.default_rng(seed).random((count, size)))
+
+
+def latin_hypercube(ranges: Ranges, count: int, seed: int = 1) -> list[Sample]:
+    """`count` points of which each value alone is spread evenly over its (low, high). Raises InputError.
+
+    References: McKay, Beckman, Conover 1979, Technometrics 21(2), by scipy.stats.qmc.
+    """
+    return _scaled(ranges, count, lambda size: qmc.LatinHypercube(size, rng=seed).random(count))
+
+
+def _scaled(ranges: Ranges, count: int, points: Callable[[int], np.ndarray]) -> list[Sample]:
+    """Samples in `ranges` from `points(names)`, shape (count, names), in 0 to 1."""
+    _check_count(count)
+    if not ranges:
+        raise InputError("no ranges are given; one or more are needed, such as {'friction_level.level': (0.8, 1.2)}")
+    for name, span in ranges.items():
+        if len(span) != 2 or not all(map(isfinite, span)) or span[0] > span[1]:
+            raise InputError(f"range of {name} is {span}; a pair (low, high) of numbers is needed, low at most high")
+    low, high = np.array(list(ranges.values())).T
+    return [dict(zip(ranges, map(float, point), strict=True)) for point in low + (high - low) * points(len(ranges))]
+
+
+def _check_count(count: int) -> None:
+    if not 1 <= count <= MOST:
+        raise InputError(f"{count} samples are not possible; allowed are 1 to {MOST}")

@@ -1,0 +1,100 @@
+"""Study: a scenario simulated for many samples of parameters, each by itself; a table with a row a run."""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+
+from clutch_hil.bench.executors import computed
+from clutch_hil.bench.in_memory import composed_scenario, measure_run, simulate
+from clutch_hil.bench.measures import measure
+from protocols.errors import InputError
+
+MEASURES = ("regime_error_nm", "rise_time_s", "fault")
+_CONTROLLER = "controller."
+
+
+@dataclass(frozen=True)
+class Case:
+    """One run: arguments of `simulate`, and the measures that are kept of it."""
+
+    arguments: Mapping[str, Any]
+    measures: tuple[str, ...]
+
+
+def sweep(
+    samples: Sequence[Mapping[str, float]],
+    scenario: str | Path | None = None,
+    *,
+    seeds: Iterable[int] = (1,),
+    measures: Sequence[str] = MEASURES,
+    workers: int | None = None,
+    address: str | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    **settings: Any,
+) -> pa.Table:
+    """Simulate `scenario`, or a profile, for every sample and every seed; return a table with a row a run, in that order.
+
+    A sample holds values of plant parameters by dotted name, those of the controller behind `controller.`. `clutch_hil.grid`,
+    `random` and `latin_hypercube` make samples. `settings` are those of `simulate`. Columns: the names in the samples, `seed`
+    and `measures`, of which `clutch_hil.measure_run` has all.
+
+    Runs are shared out to `workers` processes, one for each CPU if None, or to the Dask cluster at `address`. The table is the
+    same to the bit wherever they are computed. `progress(done, of)` is called as runs end. In a script, call this below
+    `if __name__ == "__main__":`, as worker processes load the script.
+
+    Raises InputError before anything is computed for what cannot be.
+    """
+    rows = list(samples)
+    if not rows:
+        raise InputError("a sweep was given no samples; one or more are needed")
+    names = list(rows[0])
+    if odd := next((row for row in rows if list(row) != names), None):
+        raise InputError(
+            f"a sample has {', '.join(odd) or 'no values'}, the first has {', '.join(names)}; all need the same"
+        )
+    numbers = list(seeds)
+    cases = list(prepared_cases(rows, numbers, scenario, tuple(measures), settings))
+    results: list[dict[str, Any]] = [{} for _ in cases]
+    for done, (index, result) in enumerate(computed(measure_case, cases, workers, address), 1):
+        results[index] = result
+        if progress:
+            progress(done, len(cases))
+    repeated = [(row, seed) for row in rows for seed in numbers]
+    columns: dict[str, list[Any]] = {name: [row[name] for row, _ in repeated] for name in names}
+    columns |= {"seed": [seed for _, seed in repeated]}
+    columns |= {name: [result[name] for result in results] for name in measures}
+    return pa.table(columns)
+
+
+def measure_case(case: Case) -> dict[str, float | str]:
+    """Simulate a case and measure it: what a worker does."""
+    values = measure_run(simulate(**case.arguments))
+    return {name: values[name] for name in case.measures}
+
+
+def prepared_cases(
+    samples: Sequence[Mapping[str, float]],
+    seeds: Sequence[int],
+    scenario: str | Path | None,
+    measures: tuple[str, ...],
+    settings: Mapping[str, Any],
+) -> Iterator[Case]:
+    """The cases of a sweep, see there. Raises InputError for one that cannot be."""
+    own = {key: dict(settings.get(key) or {}) for key in ("plant", "controller")}
+    others = {key: value for key, value in settings.items() if key not in own}
+    run = {key: value for key, value in others.items() if key != "effects"}
+    for sample in samples:
+        ours = {name.removeprefix(_CONTROLLER): v for name, v in sample.items() if name.startswith(_CONTROLLER)}
+        plant = own["plant"] | {name: v for name, v in sample.items() if not name.startswith(_CONTROLLER)}
+        controller = own["controller"] | ours
+        chosen = composed_scenario(scenario, run, plant, controller, others.get("effects", ()))
+        chosen.settings.new_controller()
+        for name in measures:
+            measure(name, chosen.rig)
+        for seed in seeds:
+            yield Case(
+                {**others, "scenario": scenario, "seed": seed, "plant": plant, "controller": controller}, measures
+            )

@@ -1,0 +1,248 @@
+"""The bench from Python: runs in memory are those of the command, sweeps the same wherever they are computed."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from typer.testing import CliRunner
+
+import clutch_hil as ch
+from clutch_hil.bench import executors
+from clutch_hil.bench.executors import computed
+from clutch_hil.command import application
+
+SHORT = {"profile": "engagement", "seconds": 1.5}  # s: long enough to engage
+
+
+def test_every_public_name_is_there() -> None:
+    assert all(getattr(ch, name) is not None for name in ch.__all__)
+    assert set(ch.__all__) <= set(dir(ch))
+    with pytest.raises(AttributeError, match="no attribute 'simulat'"):
+        _ = ch.simulat
+
+
+def test_importing_it_loads_nothing_heavy() -> None:
+    code = "import sys, clutch_hil; print([n for n in ('scipy.stats', 'matplotlib', 'pyarrow', 'rerun') if n in sys.modules])"
+    assert (
+        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip() == "[]"
+    )
+
+
+def test_a_run_in_memory_is_that_of_the_command(tmp_path: Path) -> None:
+    run = ch.simulate(**SHORT, seed=3, plant={"friction_level.level": 0.9}, effects=["internal_leakage"])
+    leak = run.metadata["plant_parameters"]["internal_leakage.conductance"]
+    (tmp_path / "rig.toml").write_text(f"[friction_level]\nlevel = 0.9\n[internal_leakage]\nconductance = {leak}\n")
+    done = CliRunner().invoke(
+        application(),
+        ["simulate", "--profile", "engagement", "--seconds", "1.5", "--seed", "3", "--out", str(tmp_path / "runs"),
+         "--plant-parameters", str(tmp_path / "rig.toml")],
+    )  # fmt: skip
+    assert done.exit_code in (0, 1), done.output
+    (file,) = (tmp_path / "runs").glob("*.parquet")
+    written = ch.read_run(file)
+    assert list(written.columns) == list(run.columns)
+    for name, column in run.columns.items():
+        np.testing.assert_array_equal(written[name], column, err_msg=name)
+    assert (written.units, written.meanings) == (run.units, run.meanings)
+    assert written.metadata["plant_parameters"] == run.metadata["plant_parameters"]
+    assert written.metadata["effects"] == run.metadata["effects"] == ["friction_level", "internal_leakage"]
+
+
+def test_nothing_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    ch.simulate(**SHORT)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_run_is_written_and_read_again(tmp_path: Path) -> None:
+    run = ch.simulate(**SHORT)
+    ch.write_run(run, tmp_path / "run.parquet")
+    again = ch.read_run(tmp_path / "run.parquet")
+    np.testing.assert_array_equal(again["clutch_torque_nm"], run["clutch_torque_nm"])
+    assert ch.measure_run(again).keys() == ch.measure_run(run).keys()
+
+
+def test_parameters_of_the_controller_are_changed() -> None:
+    runs = [ch.simulate(**SHORT, controller={"torque.integral_gain": gain}) for gain in (0.05, 0.4)]
+    assert [run.metadata["controller_parameters"]["torque.integral_gain"] for run in runs] == [0.05, 0.4]
+    assert not np.array_equal(runs[0]["valve_voltage_v"], runs[1]["valve_voltage_v"])
+
+
+def test_a_scenario_is_simulated_with_its_own_settings() -> None:
+    run = ch.simulate("creep", seconds=1.0)
+    assert run.metadata["scenario"] == "creep"
+    assert len(run["time_s"]) == run.metadata["sample_rate_hz"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ({"profile": "engagment"}, "profile 'engagment' does not exist"),
+        ({"scenario": "no_such"}, "scenario 'no_such' is unknown"),
+        ({"plant": {"clutch.colour": 1.0}}, "clutch.colour"),
+        ({"plant": {"friction_level.level": 99.0}}, "friction_level.level"),
+        ({"plant": {"friction_level.level": float("nan")}}, "friction_level.level"),
+        ({"controller": {"torque.no_such": 1.0}}, "torque.no_such"),
+        ({"effects": ["warp_drive"]}, "effect 'warp_drive' is unknown"),
+        ({"effects": {"internal_leakage": {"size": 1.0}}}, "effect internal_leakage has no parameter 'size'"),
+        ({"rate": 0}, "rate"),
+        ({"seconds": -1.0}, "-1"),
+        ({"scenario": "shift"}, "rig power_shift has no sweeps"),
+    ],
+)
+def test_what_cannot_be_simulated_is_said_in_one_sentence(arguments: dict, sentence: str) -> None:
+    with pytest.raises(ch.InputError) as error:
+        ch.simulate(**arguments)
+    assert sentence in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_a_grid_has_every_combination() -> None:
+    assert ch.grid({"a": [1, 2], "b": [3.0, 4.0]}) == [
+        {"a": 1.0, "b": 3.0}, {"a": 1.0, "b": 4.0}, {"a": 2.0, "b": 3.0}, {"a": 2.0, "b": 4.0},
+    ]  # fmt: skip
+
+
+def test_random_points_are_in_their_ranges_and_a_hypercube_is_even() -> None:
+    ranges = {"a": (0.0, 1.0), "b": (-5.0, 5.0)}
+    for points in (ch.random(ranges, 50, seed=2), ch.latin_hypercube(ranges, 50, seed=2)):
+        assert all(low <= point[name] <= high for point in points for name, (low, high) in ranges.items())
+    strata = sorted(int((point["b"] + 5.0) / 10.0 * 50) for point in ch.latin_hypercube(ranges, 50, seed=2))
+    assert strata == list(range(50))
+    assert ch.random(ranges, 5, seed=2) == ch.random(ranges, 5, seed=2) != ch.random(ranges, 5, seed=3)
+
+
+@pytest.mark.parametrize(
+    "samples",
+    [
+        lambda: ch.grid({"a": []}),
+        lambda: ch.grid({str(i): range(100) for i in range(20)}),
+        lambda: ch.random({}, 3),
+        lambda: ch.random({"a": (0.0, 1.0)}, 0),
+        lambda: ch.random({"a": (2.0, 1.0)}, 3),
+        lambda: ch.latin_hypercube({"a": (0.0, float("inf"))}, 3),
+        lambda: ch.latin_hypercube({"a": (0.0, 1.0)}, 10**12),
+    ],
+)
+def test_samples_that_cannot_be_are_refused(samples) -> None:
+    with pytest.raises(ch.InputError):
+        samples()
+
+
+SAMPLES = ch.grid({"friction_level.level": [0.8, 1.2], "controller.torque.integral_gain": [0.05, 0.4]})
+KEPT = ("regime_error_nm", "rise_time_s", "fault", "peak_torque_nm")
+
+
+@pytest.fixture(scope="module")
+def table() -> pa.Table:
+    return ch.sweep(SAMPLES, **SHORT, seeds=(1, 2), measures=KEPT[:3], workers=1)
+
+
+def test_a_sweep_has_a_row_a_run_in_order(table: pa.Table) -> None:
+    assert table.column_names == ["friction_level.level", "controller.torque.integral_gain", "seed", *KEPT[:3]]
+    rows = table.to_pylist()
+    expected = [
+        (s["friction_level.level"], s["controller.torque.integral_gain"], seed) for s in SAMPLES for seed in (1, 2)
+    ]
+    assert [tuple(row.values())[:3] for row in rows] == expected
+    one = ch.measure_run(
+        ch.simulate(**SHORT, seed=2, plant={"friction_level.level": 1.2}, controller={"torque.integral_gain": 0.4})
+    )
+    np.testing.assert_equal({name: rows[-1][name] for name in KEPT[:3]}, {name: one[name] for name in KEPT[:3]})
+
+
+def test_two_processes_compute_the_same_table(table: pa.Table) -> None:
+    told: list[tuple[int, int]] = []
+    again = ch.sweep(
+        SAMPLES, **SHORT, seeds=(1, 2), measures=KEPT[:3], workers=2, progress=lambda done, of: told.append((done, of))
+    )
+    assert again.equals(table) or again.to_pandas().equals(table.to_pandas())  # not-a-number equals itself there
+    assert told == [(k, 8) for k in range(1, 9)]
+
+
+@pytest.mark.needs("distributed")
+@pytest.mark.parametrize("workers", [1, 2, 4])
+def test_a_dask_cluster_computes_the_same_table(table: pa.Table, workers: int) -> None:
+    from distributed import LocalCluster
+
+    with LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as cluster:
+        again = ch.sweep(SAMPLES, **SHORT, seeds=(1, 2), measures=KEPT[:3], address=cluster.scheduler_address)
+    assert again.to_pandas().equals(table.to_pandas())
+
+
+@pytest.mark.needs("distributed")
+def test_cases_of_a_killed_dask_worker_are_done_again(table: pa.Table) -> None:
+    from distributed import LocalCluster
+
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        killed: list[int] = []
+
+        def kill(done: int, of: int) -> None:
+            if not killed:
+                killed.append(next(iter(cluster.workers.values())).process.pid)
+                os.kill(killed[0], signal.SIGKILL)
+
+        again = ch.sweep(
+            SAMPLES, **SHORT, seeds=(1, 2), measures=KEPT[:3], address=cluster.scheduler_address, progress=kill
+        )
+    assert killed
+    assert again.to_pandas().equals(table.to_pandas())
+
+
+def _slow_square(value: float) -> float:
+    time.sleep(0.3)
+    return value * value
+
+
+def test_cases_of_a_killed_process_are_done_again() -> None:
+    results = computed(_slow_square, range(8), workers=2)
+    found = dict([next(results)])
+    children = Path(f"/proc/self/task/{threading.get_native_id()}/children").read_text().split()
+    workers = [pid for pid in map(int, children) if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+    os.kill(workers[0], signal.SIGKILL)
+    found |= dict(results)
+    assert found == {k: k * k for k in range(8)}
+
+
+def _die(value: float) -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_cases_that_kill_every_worker_are_given_up() -> None:
+    with pytest.raises(ch.InputError, match="workers died 3 times; 2 of 2 cases are not computed"):
+        list(computed(_die, range(2), workers=1))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ({"samples": []}, "no samples"),
+        ({"samples": [{"a": 1.0}, {"b": 1.0}]}, "all need the same"),
+        ({"samples": [{"friction_level.level": 99.0}]}, "friction_level.level"),
+        ({"samples": [{"controller.no.such": 1.0}]}, "no.such"),
+        ({"samples": SAMPLES, "measures": ["beauty"]}, "measure 'beauty' is unknown"),
+        ({"samples": SAMPLES, "workers": 0}, "0 workers are not possible"),
+        (
+            {"samples": SAMPLES, "workers": 2, "address": "tcp://127.0.0.1:1"},
+            "workers = 2 was given beside the cluster",
+        ),
+    ],
+)
+def test_a_sweep_that_cannot_be_is_refused_before_anything_is_computed(
+    arguments: dict, sentence: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(executors, "ProcessPoolExecutor", lambda *_, **__: pytest.fail("something is computed"))
+    with pytest.raises(ch.InputError, match=sentence):
+        ch.sweep(**arguments)
+
+
+def test_a_broken_pool_is_what_the_library_says_of_a_dead_worker() -> None:
+    assert issubclass(BrokenProcessPool, executors.BrokenExecutor)
