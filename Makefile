@@ -4,13 +4,16 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: run test lint clean
+.PHONY: run test quick lint clean
 
 run: $(READY)  ## plant + controller on a bus, a torque profile, a summary, a recorded run
 	$(BIN)/clutch-hil up
 
 test: $(READY) lint  ## lint, types, every test this machine can run, real vcan included
 	$(BIN)/python -m tests --numprocesses 3 --durations 20  # tests/conftest.py tells what plays when
+
+quick: $(READY) lint  ## for the edit loop: lint, and the tests that neither compute for long nor run in real time
+	$(BIN)/python -m pytest -q --numprocesses 2 -m "not slow and not real_time"
 
 lint: $(READY)
 	$(BIN)/ruff check .

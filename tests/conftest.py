@@ -54,6 +54,19 @@ IN_REAL_TIME = (
     "rt_controller/test_turn.py",
     "vcan",
 )
+# These compute for long; `make quick` leaves them out, and what runs in real time.
+SLOW = (
+    "benchmarks",
+    "clutch_hil/bench/test_every_state.py",
+    "clutch_hil/discrepancy",
+    "clutch_hil/thesis",
+    "plant_sim/effects",
+    "plant_sim/friction",
+    "rt_controller/test_limits_mutation.py",
+    "rt_controller/test_state_mutation.py",
+    "test_first_minute.py",
+    "test_guest.py",
+)
 ORDER = ("soak", "quiet", "longest", "guest", "shared")
 LOW = 10  # nice value of what computes: beside what runs in real time it has a tenth of a CPU that both want
 _KERNELS = pytest.StashKey[str]()
@@ -80,6 +93,12 @@ def _in(file: str, places: tuple[str, ...]) -> bool:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        file = item.path.relative_to(TESTS).as_posix()
+        if in_real_time(file):
+            item.add_marker("real_time")
+        if _in(file, SLOW):
+            item.add_marker("slow")
     items.sort(key=lambda item: ORDER.index(turn(item.path.relative_to(TESTS).as_posix())))
 
 

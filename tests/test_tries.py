@@ -9,7 +9,7 @@ import pytest
 
 from tests import __main__ as tests
 from tests.__main__ import TRIES
-from tests.conftest import GUEST, IN_REAL_TIME, LONGEST, SOAK, TESTS
+from tests.conftest import GUEST, IN_REAL_TIME, LONGEST, SLOW, SOAK, TESTS
 
 ROOT = Path(__file__).parents[1]
 FAILS = "def test_it(): assert False"
@@ -69,4 +69,4 @@ def test_a_try_waits_until_the_machine_runs(
 
 
 def test_every_place_that_has_a_turn_of_its_own_is_there() -> None:
-    assert [place for place in (*IN_REAL_TIME, SOAK, LONGEST, GUEST) if not (TESTS / place).exists()] == []
+    assert [place for place in (*IN_REAL_TIME, *SLOW, SOAK, LONGEST, GUEST) if not (TESTS / place).exists()] == []

@@ -15,7 +15,7 @@ from protocols.errors import InputError
 
 ROOT = Path(__file__).parents[3]
 TELLING = (
-    "README.md",
+    "docs/results.md",
     "docs/rig.md",
     "docs/telemetry.md",
     "plant_sim/parameters/janssens2010.toml",

@@ -1,6 +1,6 @@
 """Every reproduction runs and draws; the claims hold, except those that are known not to, with the reason.
 
-What docs/reproductions.md, README and docs/friction.md tell of each is what it says now.
+What docs/reproductions.md, docs/results.md and docs/friction.md tell of each is what it says now.
 """
 
 import json
@@ -31,7 +31,7 @@ TABLES = tuple(f"6.{n}" for n in range(1, 7))
 ENTRIES = entries()
 RECORD = PAGE.read_text(encoding="utf-8").splitlines()
 # entries whose tables stand elsewhere too
-TOLD_AGAIN = {"table-6.6": "README.md", "adaptation": "README.md", "microtribometer": "docs/friction.md"}
+TOLD_AGAIN = {"table-6.6": "docs/results.md", "adaptation": "docs/results.md", "microtribometer": "docs/friction.md"}
 NUMBER = re.compile(r"(\d+(?:\.(\d+))?(?:e([-+]\d+))?)")
 SHARE = 0.003  # of a number: libraries and processors round otherwise; 9.57 for 9.66 is three times that
 # Iterative fits to noisy records end elsewhere where a processor rounds otherwise: without AVX2 and FMA by 4 %, by 13 %,

@@ -89,7 +89,7 @@ BROKEN = {
     "syntax": ("def", "cannot be loaded: SyntaxError"),
     "name": ("import nowhere_to_be_found", "cannot be loaded: ModuleNotFoundError: No module named 'nowhere_to_be_found'"),
     "section": (EXAMPLE.replace("Assumptions", "Assumed    "), "effect section: its file's docstring lacks 'Assumptions'"),
-    "unit": (EXAMPLE.replace('"bar"', '"barn"'), "effect unit, parameter amplitude: unit 'barn' is unknown"),
+    "unit": (EXAMPLE.replace('"bar"', '"barr"'), "effect unit, parameter amplitude: unit 'barr' is unknown"),
     "Pump-Puls": (EXAMPLE, r"effect file \S+: 'Pump-Puls' is no name for an effect"),
     "rival": (EXAMPLE.replace("candidate=False", "excludes=('backlsh',)"), "excludes 'backlsh', .* did you mean backlash"),
     "bounds": (EXAMPLE.replace("typical=1.0", "typical=9.0"), r"bounds\.amplitude = 9 bar breaks 0 <= value <= 5"),

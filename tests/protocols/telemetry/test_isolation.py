@@ -18,6 +18,7 @@ from protocols.files.runs import read_run
 from protocols.realtime.child import clutch_hil
 from protocols.telemetry.feed import find_bench
 from protocols.telemetry.session import consumer_session
+from tests.processes import service
 from tests.protocols.telemetry.benches import found, until
 
 CONDITIONS = ("none", "viewer", "stopped", "killed")
@@ -124,8 +125,8 @@ def side_by_side(table: dict[str, dict[str, np.ndarray]]) -> str:
 def test_no_viewer_live_stopped_or_killed_changes_the_loops_timing(
     local_bus: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    command = clutch_hil("up", "--bus", local_bus, "--seconds", str(SECONDS), "--out", str(tmp_path), "--json")
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as bench:
+    command = ["up", "--bus", local_bus, "--seconds", str(SECONDS), "--out", str(tmp_path), "--json"]
+    with service(*command) as bench:  # killed where the test fails
         with consumer_session() as session:
             found(session, local_bus)
         with full_machine():
