@@ -146,7 +146,8 @@ def pytest_configure(config: pytest.Config) -> None:
     What services run is compiled before the workers begin: who waits for a service does not wait for a compiler, thrice at once
     on two CPUs. What the rest needs, one worker compiles and all have. Likewise pytest's own form of the tests is made once.
     """
-    if not hasattr(config, "workerinput") and config.getoption("numprocesses", None):
+    whole = not config.option.markexpr  # a part, as of `make quick`, has the kernels beside the sources, from before
+    if not hasattr(config, "workerinput") and config.getoption("numprocesses", None) and whole:
         config.stash[_KERNELS] = os.environ["NUMBA_CACHE_DIR"] = tempfile.mkdtemp(prefix="clutch-hil-kernels-")
         compilers = [
             subprocess.Popen([sys.executable, "-m", "tests.kernels", side], cwd=TESTS.parent)
