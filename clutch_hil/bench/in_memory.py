@@ -70,6 +70,8 @@ def composed_scenario(
     """The scenario that `simulate` plays when given the same. Raises InputError."""
     texts = {key: str(value) if isinstance(value, Path) else value for key, value in settings.items()}
     chosen = chosen_scenario(None if scenario is None else str(scenario), texts)
+    if isinstance(effects, str):
+        effects = [effects]
     named = effects if isinstance(effects, Mapping) else {name: {} for name in effects}
     for name, values in named.items():
         chosen = replace(chosen, plant=chosen.plant.with_values(effect_on(name, values)))

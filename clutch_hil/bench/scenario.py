@@ -108,6 +108,13 @@ def load_scenario(name: str, given: Mapping[str, Any] | None = None) -> Scenario
         )
 
 
+def checked_seed(seed: Any, name: str = "seed") -> int:
+    """`seed` when random numbers can begin with it. Raises InputError."""
+    if not isinstance(seed, int) or seed < 0:
+        raise InputError(f"{name} is {seed!r}; allowed are 0 and more, whole numbers")
+    return seed
+
+
 def chosen_scenario(name: str | None, given: Mapping[str, Any], rig: str | None = None) -> Scenario:
     """The scenario `name`, or without one a run of `rig`, with the fields of RunSettings that are `given` and not None.
 
@@ -115,6 +122,7 @@ def chosen_scenario(name: str | None, given: Mapping[str, Any], rig: str | None 
     """
     settings = {key: value for key, value in given.items() if value is not None}
     checked_rate(settings.get("rate", RunSettings.rate))
+    checked_seed(settings.get("seed", RunSettings.seed))
     if name is None:
         return Scenario.of(RunSettings(**settings), rig or "wet_clutch")
     loaded = load_scenario(name, settings)
@@ -143,8 +151,7 @@ def _settings(table: TomlTable, rig: str) -> RunSettings:
             f"run.rate is {rate} Hz: its frames would fill {100 * load:.0f} % of a bus of {max(BITRATES) // 1000} kbit/s;"
             " allowed are 100 %"
         )
-    if (seed := entries.get("seed", 1)) < 0:
-        raise InputError(f"run.seed is {seed}; allowed are 0 and more")
+    checked_seed(entries.get("seed", RunSettings.seed), "run.seed")
     if entries.get("profile", "").endswith(".csv"):
         entries["profile"] = str(table.path.parent / entries["profile"])
     return RunSettings(**entries, controller=table.table("controller").numbers())

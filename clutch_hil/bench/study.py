@@ -10,6 +10,8 @@ import pyarrow as pa
 from clutch_hil.bench.executors import computed
 from clutch_hil.bench.in_memory import composed_scenario, measure_run, simulate
 from clutch_hil.bench.measures import measure
+from clutch_hil.bench.scenario import checked_seed
+from clutch_hil.bench.simulate import Simulation
 from protocols.errors import InputError
 
 MEASURES = ("regime_error_nm", "rise_time_s", "fault")
@@ -48,14 +50,14 @@ def sweep(
     Raises InputError before anything is computed for what cannot be.
     """
     rows = list(samples)
-    if not rows:
-        raise InputError("a sweep was given no samples; one or more are needed")
+    numbers = list(map(checked_seed, seeds))
+    if not rows or not numbers:
+        raise InputError(f"a sweep was given no {'seeds' if rows else 'samples'}; one or more are needed")
     names = list(rows[0])
     if odd := next((row for row in rows if list(row) != names), None):
         raise InputError(
             f"a sample has {', '.join(odd) or 'no values'}, the first has {', '.join(names)}; all need the same"
         )
-    numbers = list(seeds)
     cases = list(prepared_cases(rows, numbers, scenario, tuple(measures), settings))
     results: list[dict[str, Any]] = [{} for _ in cases]
     for done, (index, result) in enumerate(computed(measure_case, cases, workers, address), 1):
@@ -86,14 +88,19 @@ def prepared_cases(
     own = {key: dict(settings.get(key) or {}) for key in ("plant", "controller")}
     others = {key: value for key, value in settings.items() if key not in own}
     run = {key: value for key, value in others.items() if key != "effects"}
-    for sample in samples:
+    effects = others.get("effects", ())
+    others["effects"] = effects if isinstance(effects, (str, Mapping)) else tuple(effects)  # more than once
+    for number, sample in enumerate(samples):
         ours = {name.removeprefix(_CONTROLLER): v for name, v in sample.items() if name.startswith(_CONTROLLER)}
         plant = own["plant"] | {name: v for name, v in sample.items() if not name.startswith(_CONTROLLER)}
         controller = own["controller"] | ours
-        chosen = composed_scenario(scenario, run, plant, controller, others.get("effects", ()))
-        chosen.settings.new_controller()
-        for name in measures:
-            measure(name, chosen.rig)
+        chosen = composed_scenario(scenario, run, plant, controller, others["effects"])
+        if number == 0:
+            Simulation(chosen)  # what holds for one holds for all: rig, profile, rate
+            for name in measures:
+                measure(name, chosen.rig)
+        elif ours:
+            chosen.settings.new_controller()
         for seed in seeds:
             yield Case(
                 {**others, "scenario": scenario, "seed": seed, "plant": plant, "controller": controller}, measures

@@ -93,7 +93,12 @@ def test_a_scenario_is_simulated_with_its_own_settings() -> None:
         ({"controller": {"torque.no_such": 1.0}}, "torque.no_such"),
         ({"effects": ["warp_drive"]}, "effect 'warp_drive' is unknown"),
         ({"effects": {"internal_leakage": {"size": 1.0}}}, "effect internal_leakage has no parameter 'size'"),
+        ({"effects": ""}, "effect '' is unknown"),
         ({"rate": 0}, "rate"),
+        ({"seed": -1}, "seed is -1; allowed are 0 and more, whole numbers"),
+        ({"seed": 1.5}, "seed is 1.5"),
+        ({"law": "both of them"}, "control law 'both of them' is unknown"),
+        ({"temperature": float("nan")}, "oil temperature nan degC"),
         ({"seconds": -1.0}, "-1"),
         ({"scenario": "shift"}, "rig power_shift has no sweeps"),
     ],
@@ -168,6 +173,14 @@ def test_two_processes_compute_the_same_table(table: pa.Table) -> None:
     assert told == [(k, 8) for k in range(1, 9)]
 
 
+def test_effects_of_a_sweep_are_on_in_every_run() -> None:
+    """Also where they come from a generator, and one is named alone."""
+    samples = ch.grid({"friction_level.level": [0.8, 1.2]})
+    several = ch.sweep(samples, **SHORT, effects=(name for name in ["internal_leakage"]), workers=1)
+    assert several.equals(ch.sweep(samples, **SHORT, effects="internal_leakage", workers=1))
+    assert not several.equals(ch.sweep(samples, **SHORT, workers=1))
+
+
 @pytest.mark.needs("distributed")
 @pytest.mark.parametrize("workers", [1, 2, 4])
 def test_a_dask_cluster_computes_the_same_table(table: pa.Table, workers: int) -> None:
@@ -225,6 +238,11 @@ def test_cases_that_kill_every_worker_are_given_up() -> None:
     ("arguments", "sentence"),
     [
         ({"samples": []}, "no samples"),
+        ({"samples": SAMPLES, "seeds": []}, "no seeds"),
+        ({"samples": SAMPLES, "seeds": [1, -1]}, "seed is -1"),
+        ({"samples": [{"a.friction_level.level": 0.9}], "scenario": "shift"}, "rig power_shift has no sweeps"),
+        ({"samples": SAMPLES, "profile": "no_such"}, "profile 'no_such' does not exist"),
+        ({"samples": SAMPLES, "seconds": float("nan")}, "a run of nan s is not possible"),
         ({"samples": [{"a": 1.0}, {"b": 1.0}]}, "all need the same"),
         ({"samples": [{"friction_level.level": 99.0}]}, "friction_level.level"),
         ({"samples": [{"controller.no.such": 1.0}]}, "no.such"),
