@@ -5,7 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from clutch_hil.bench.effect_page import written_page
+from clutch_hil.bench.effect_text import in_order
 from clutch_hil.bench.study import prepared_cases
+from plant_sim.effects.catalogue import effects
 from protocols.telemetry import keys
 
 ROOT = Path(__file__).parents[1]
@@ -40,6 +43,11 @@ def test_the_telemetry_page_has_the_keys() -> None:
     table = [line for line in str(keys.__doc__).splitlines() if line.startswith("|")]
     assert len(table) == len(keys.LEAVES) + 2
     assert "\n".join(table) in (ROOT / "docs" / "telemetry.md").read_text(encoding="utf-8")
+
+
+def test_the_effects_page_is_what_the_command_writes() -> None:
+    page = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
+    assert written_page(page, in_order(effects().values())) == page, "clutch-hil effects --write docs/effects.md"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

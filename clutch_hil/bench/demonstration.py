@@ -1,65 +1,29 @@
-"""Demonstration of an effect: the rig with it, at typical values, beside the rig without it."""
+"""Demonstration of an effect: the rig with it, at typical values, compared with the rig without it."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
 
-from clutch_hil.bench.excitation import QUANTITIES, Excitation, answer, excitations
-from plant_sim.effects.catalogue import effect as named
+from clutch_hil.bench.excitation import INPUTS, QUANTITIES, Excitation, answer, excitations
+from plant_sim.effects import catalogue
 from plant_sim.effects.effect import Effect
 from plant_sim.rigs import wet_clutch
+from protocols.errors import InputError, closest
 from protocols.files.parameters import ParameterSet
 
-
-@dataclass(frozen=True)
-class Choice:
-    """How an effect is shown: by an excitation; in a quantity, None for the one that changes most; over a column, None for
-    the excitation's; beside an effect without which it has nothing to do."""
-
-    excitation: str
-    column: str | None = None
-    over: str | None = None
-    beside: str | None = None
-
-
-_OTHERWISE = ("engagement", "triangle", "slip_sine", "slip_steps")
-# Where the quantity and excitation changed most do not show what an effect is, and where it takes a long hold
-CHOICES: Mapping[str, Choice] = {
-    "backlash": Choice("slip_steps"),
-    "coarse_quantisation": Choice("triangle", "clutch_torque_nm"),
-    "coulomb_temperature": Choice("hold", "clutch_torque_nm"),
-    "dc_restoration": Choice("hold", "clutch_torque_nm", beside="torque_sensor_leakage"),
-    "direction_asymmetry": Choice("slip_sine", "clutch_torque_nm"),
-    "drag_torque": Choice("engagement", "clutch_torque_nm"),
-    "encoder_offset": Choice("engagement", "shaft_angle_rad"),
-    "friction_fade": Choice("hold", "clutch_torque_nm"),
-    "load_dependent_friction": Choice("triangle", "clutch_torque_nm"),
-    "motor_torque_ripple": Choice("crawl", "motor_torque_nm", over="shaft_angle_rad"),
-    "oil_viscosity": Choice("cold_engagement", "clutch_torque_nm"),
-    "piston_seal_friction": Choice("triangle", "clutch_torque_nm", over="cylinder_pressure_bar"),
-    "plate_waviness": Choice("engagement", "clutch_torque_nm"),
-    "position_ripple": Choice("crawl", "clutch_torque_nm", over="shaft_angle_rad"),
-    "presliding": Choice("reversals", "shaft_angle_rad", over="clutch_torque_nm"),
-    "sensor_freeze": Choice("engagement", "clutch_torque_nm"),
-    "shaft_angle_ripple": Choice("crawl", "clutch_torque_nm", over="shaft_angle_rad"),
-    "spool_stiction": Choice("triangle", "cylinder_pressure_bar"),
-    "stribeck_change": Choice("slip_sine", "clutch_torque_nm"),
-    "temperature_sensor_lag": Choice("hold"),
-    "torque_sensor_leakage": Choice("hold"),
-    "valve_deadband": Choice("triangle", "cylinder_pressure_bar"),
-    "valve_gain": Choice("triangle", "cylinder_pressure_bar"),
-    "valve_hysteresis": Choice("triangle", "cylinder_pressure_bar"),
-}
-_CHANGED_MOST = [column for column in QUANTITIES if column != "shaft_angle_rad"]  # any slip adds up in the angle
+_SHORT = ("engagement", "triangle", "slip_sine", "slip_steps")  # tried for an effect that names no excitation
+_FAULT = _SHORT[:1]  # for a fault, which comes in the middle of it
+_COMPARED = [column for column in QUANTITIES if column != "shaft_angle_rad"]  # any change of slip adds up in the angle
 
 
 @dataclass(frozen=True, eq=False)
 class Demonstration:
-    """Answers (n,) of a rig without and with an effect to one excitation, free of noise, by column of rig.md.
+    """Answers of the rig to one excitation without and with an effect, free of noise.
 
-    `column` is the measured quantity that shows the effect; `over` the abscissa, each rig's own.
+    column: the measured quantity that shows the effect. over: the column it is drawn over, each curve over its own.
+    without, with_it: columns of docs/rig.md by name, each (n,), in the unit of its name.
     """
 
     excitation: Excitation
@@ -70,7 +34,7 @@ class Demonstration:
 
     @property
     def what(self) -> str:
-        """Name of the quantity."""
+        """Name of the quantity, as "clutch torque"."""
         return QUANTITIES[self.column][0]
 
     @property
@@ -80,7 +44,7 @@ class Demonstration:
 
     @property
     def difference(self) -> np.ndarray:
-        """(n,) in `unit`: with less without."""
+        """With the effect less without it (n,), in `unit`."""
         return self.with_it[self.column] - self.without[self.column]
 
     @property
@@ -90,50 +54,63 @@ class Demonstration:
 
     @property
     def times_resolution(self) -> float:
-        """The largest difference over what the measurement resolves, its noise and quantisation."""
+        """The largest difference as a multiple of what the measurement resolves: its noise and quantisation."""
         return self.largest / QUANTITIES[self.column][2]
 
 
 def demonstrate(effect: Effect) -> Demonstration:
-    """The demonstration of `effect`: the one chosen for it, or the excitation and quantity that it changes most.
+    """The demonstration that the effect's `display` asks for; what it leaves open is what the effect changes most.
 
-    A fault comes in the middle of an engagement.
+    A fault comes in the middle of the experiment. Raises InputError for an experiment or a column that does not exist.
     """
-    if effect.name in CHOICES:
-        chosen = [CHOICES[effect.name]]
+    display = effect.display
+    known = {"excitation": excitations(), "column": QUANTITIES, "over": ("time_s", *INPUTS, *QUANTITIES)}
+    for field, names in known.items():
+        name = getattr(display, field)
+        if name is not None and name not in names:
+            raise InputError(
+                f"effect {effect.name}: {field} {name!r} of its display is unknown; {closest(name, names)}"
+            )
+    if display.excitation is not None:
+        tried: Sequence[str] = (display.excitation,)
     else:
-        chosen = [Choice(name) for name in (_OTHERWISE[:1] if effect.block == "fault" else _OTHERWISE)]
-    return max((_shown(effect, choice) for choice in chosen), key=lambda shown: shown.times_resolution)
+        tried = _FAULT if effect.block == "fault" else _SHORT
+    columns = _COMPARED if display.column is None else [display.column]
+    shown = [one for name in tried for one in _demonstrations(effect, name, columns)]
+    return max(shown, key=lambda one: one.times_resolution)
 
 
-def _shown(effect: Effect, choice: Choice) -> Demonstration:
-    excitation = excitations()[choice.excitation]
-    if choice.beside:
-        excitation = replace(excitation, title=f"{excitation.title}, beside {choice.beside}")
-    without = _without(choice)
-    parameters = wet_clutch.nominal().with_values(_beside(choice))
+def _demonstrations(effect: Effect, name: str, columns: Sequence[str]) -> list[Demonstration]:
+    """The answers to the excitation `name`, without and with the effect, a demonstration for each of `columns`."""
+    beside = effect.display.beside
+    excitation = excitations()[name]
+    if beside:
+        excitation = replace(excitation, title=f"{excitation.title}, beside {beside}")
+    without = _without(name, beside)
+    parameters = _parameters(beside)
     changed = parameters.with_values(effect.typical())
     if effect.block == "fault":
         with_it = _settled(parameters, excitation, (len(excitation.voltage) // 2, changed))
     else:
         with_it = _settled(changed, excitation)
-    over = choice.over or excitation.over
-    columns = [choice.column] if choice.column else _CHANGED_MOST
-    found = [Demonstration(excitation, column, over, without, with_it) for column in columns]
-    return max(found, key=lambda shown: shown.times_resolution)
+    over = effect.display.over or excitation.over
+    return [Demonstration(excitation, column, over, without, with_it) for column in columns]
 
 
 @cache
-def _without(choice: Choice) -> Mapping[str, np.ndarray]:
-    return _settled(wet_clutch.nominal().with_values(_beside(choice)), excitations()[choice.excitation])
+def _without(name: str, beside: str | None) -> Mapping[str, np.ndarray]:
+    """Columns of the answer to the excitation `name` without the effect."""
+    return _settled(_parameters(beside), excitations()[name])
 
 
-def _beside(choice: Choice) -> Mapping[str, float]:
-    return named(choice.beside).typical() if choice.beside else {}
+def _parameters(beside: str | None) -> ParameterSet:
+    """Parameters of the nominal rig, with the effect `beside` at its typical values."""
+    return wet_clutch.nominal().with_values(catalogue.effect(beside).typical() if beside else {})
 
 
 def _settled(
     parameters: ParameterSet, excitation: Excitation, later: tuple[int, ParameterSet] | None = None
 ) -> Mapping[str, np.ndarray]:
+    """Columns of the answer after the excitation's settling; `later`: see `answer`."""
     columns = answer(parameters, excitation, later=later)
     return {name: column[excitation.settling :] for name, column in columns.items()}

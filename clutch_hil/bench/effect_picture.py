@@ -1,40 +1,37 @@
-"""Pictures of effects: a measured quantity of the rig with and without one, and the difference."""
+"""Pictures of effects: a measured quantity of the rig with and without the effect, and the difference."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from textwrap import wrap
 from typing import Any
 
 from clutch_hil.bench import palette
 from clutch_hil.bench.demonstration import Demonstration
+from clutch_hil.bench.excitation import INPUTS, QUANTITIES
+from plant_sim.effects.effect import Effect
 
 _WITHOUT, _WITH, _DIFFERENCE = palette.INK, *palette.CYCLE[:2]
-_LETTERS = 14  # of a title, an inch
-_OVER = {
-    "cylinder_pressure_bar": "cylinder pressure [bar]",  # label of an abscissa
-    "time_s": "time [s]",
-    "valve_voltage_v": "valve voltage [V]",
-    "motor_speed_demand_rad_s": "speed demand [rad/s]",
-    "clutch_torque_nm": "clutch torque [Nm]",
-    "shaft_angle_rad": "shaft angle [rad]",
-}
+_LETTERS = 14  # characters of a title in an inch, at 9 points
+_LABELS = {"time_s": "time [s]"} | {c: f"{what} [{unit}]" for c, (what, unit, *_) in {**INPUTS, **QUANTITIES}.items()}
 
 
-def draw_effects(path: Path, shown: Sequence[tuple[str, Demonstration]], columns: int = 1) -> None:
-    """Draw (title, demonstration) pairs, `columns` of them side by side, into a PNG at `path`."""
+def draw_effects(path: Path, shown: Mapping[Effect, Demonstration], columns: int = 1) -> None:
+    """Draw demonstrations of effects, `columns` of them side by side, into a PNG at `path`."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     rows = -(-len(shown) // columns)
-    size = (7.5, 5.5) if columns == 1 else (4.6 * columns, 3.9 * rows)
+    size = (7.5, 5.5) if columns == 1 else (4.6 * columns, 3.9 * rows)  # inches
     figure = Figure(figsize=size, layout="constrained")
     FigureCanvasAgg(figure)
-    for part, (title, demonstration) in zip(figure.subfigures(rows, columns, squeeze=False).flat, shown, strict=False):
-        _draw(part, title, demonstration, round(_LETTERS * size[0] / columns))
+    parts = figure.subfigures(rows, columns, squeeze=False).flat
+    for part, (effect, demonstration) in zip(parts, shown.items(), strict=False):
+        _draw(part, f"{effect.name}: {effect.title}", demonstration, round(_LETTERS * size[0] / columns))
     figure.savefig(path, dpi=110)
 
 
 def _draw(figure: Any, title: str, shown: Demonstration, letters: int) -> None:
+    """Draw a demonstration: the quantity above, the difference below, under a title with lines of `letters` characters."""
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2.2, 1))
     lines = [*wrap(title, letters), *wrap(shown.excitation.title, letters)]
     figure.suptitle("\n".join(lines), x=0.02, ha="left", fontsize=9)
@@ -45,7 +42,7 @@ def _draw(figure: Any, title: str, shown: Demonstration, letters: int) -> None:
     below.plot(shown.without[shown.over], shown.difference, color=_DIFFERENCE, lw=1.0)
     below.axhline(0.0, color=_WITHOUT, lw=0.7, ls="--")
     below.set_ylabel(f"difference [{shown.unit}]", fontsize=9)
-    below.set_xlabel(_OVER[shown.over], fontsize=9)
+    below.set_xlabel(_LABELS[shown.over], fontsize=9)
     for axes in (above, below):
         axes.grid(alpha=0.3)
         axes.spines[["top", "right"]].set_visible(False)

@@ -1,4 +1,4 @@
-"""Effects as text and for machines: the list of all, and everything about one."""
+"""Effects as text, and as documents for JSON: the list of all, and everything about one."""
 
 import re
 import textwrap
@@ -16,30 +16,30 @@ from plant_sim.effects.effect import BLOCKS, Effect, Shape, Strength
 from plant_sim.effects.signals import HOOKS
 
 _POINTS = 40  # characters of a sparkline
-_GAP = "  "
-_SECTION = re.compile(r"([A-Z][\w ]*?) {2,}(.*)")  # its name stands at the margin
+_GAP = "  "  # between the columns of a table
+_SECTION = re.compile(r"([A-Z][\w ]*?) {2,}(.*)")  # first line of a section: its name at the margin, then its text
 _NAME = 16  # characters before a section's text, in the files and here
 
 
 def in_order(effects: Iterable[Effect]) -> list[Effect]:
-    """Effects by block, as the signal runs, then by name."""
+    """Effects by block, from the valve to the sensors as the signal passes them, then by name."""
     return sorted(effects, key=lambda effect: (BLOCKS.index(effect.block), effect.name))
 
 
 def is_ours(effect: Effect) -> bool:
-    """Whether its file is one of this package; else it is a user's."""
+    """Whether the effect's file belongs to this package; else it is a user's."""
     return Path(plant_sim.effects.__file__).parent in effect.path.parents
 
 
 def sections(effect: Effect) -> dict[str, str]:
     """The sections of its file's docstring by name; lines as written, without their indentation."""
-    found: dict[str, str] = {}
+    texts: dict[str, str] = {}
     for line in effect.text.splitlines()[1:]:
         if section := _SECTION.match(line):
-            found[section[1]] = section[2]
-        elif found and line.strip():
-            found[list(found)[-1]] += f"\n{line.strip()}"
-    return found
+            texts[section[1]] = section[2]
+        elif texts and line.strip():
+            texts[list(texts)[-1]] += f"\n{line.strip()}"
+    return texts
 
 
 def list_text(effects: Sequence[Effect], width: int) -> str:
@@ -59,19 +59,9 @@ def list_text(effects: Sequence[Effect], width: int) -> str:
     return "\n".join(line if len(line) <= width else f"{line[: width - 1]}…" for line in lines[1:])
 
 
-def list_markdown(effects: Sequence[Effect]) -> str:
-    """Effects in order as a Markdown table; a star marks those that are no candidates."""
-    lines = ["| block | effect | what | parameters |", "|---|---|---|---|"]
-    for effect in effects:
-        named = ", ".join(p.name if p.unit == "1" else f"{p.name} [{p.unit}]" for p in effect.parameters)
-        star = "" if effect.candidate else " *"
-        lines.append(f"| {effect.block} | `{effect.name}`{star} | {effect.title} | {named} |")
-    return "\n".join(lines)
-
-
 def sheet_text(effect: Effect, shown: Demonstration, width: int) -> str:
     """Everything about an effect, with what it does to the rig as a small plot, in lines of about `width` characters."""
-    told = {
+    texts = {
         **sections(effect),
         "Block": effect.block,
         "Hooks": ", ".join(HOOKS[hook] for hook in sorted(effect.laws)),
@@ -80,14 +70,14 @@ def sheet_text(effect: Effect, shown: Demonstration, width: int) -> str:
         "Excludes": ", ".join(effect.excludes) or "nothing",
         "Candidate": f"{'yes' if effect.candidate else 'no'}, of `clutch-hil discrepancy`",
     }
-    lines = [_section(name, text, width) for name, text in told.items()]
+    lines = [_section(name, text, width) for name, text in texts.items()]
     rows = _aligned([_cells(p) for p in effect.parameters])
     parameters = [textwrap.fill(row, max(width, 40), subsequent_indent=" " * _NAME) for row in rows]
     return "\n".join([f"{effect.name}: {effect.title}", "", *lines, "", *parameters, "", _plot(shown)])
 
 
 def document(effect: Effect) -> dict[str, Any]:
-    """An effect for machines; values and bounds in the parameter's unit."""
+    """An effect as a document for JSON; values and bounds in the parameter's unit."""
     return {
         "name": effect.name,
         "block": effect.block,
@@ -115,17 +105,19 @@ def document(effect: Effect) -> dict[str, Any]:
 
 
 def _cells(p: Strength | Shape) -> tuple[str, ...]:
+    """A row of the table of parameters."""
     off = f"off {p.off:g}" if isinstance(p, Strength) else "shape"
     return (p.name, p.unit, off, f"typical {p.typical:g}", f"{p.bounds[0]:g}..{p.bounds[1]:g}", p.source)
 
 
 def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Rows as lines whose columns begin below each other."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return [_GAP.join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
 
 
 def _section(name: str, text: str, width: int) -> str:
-    """`name` and its text, wrapped where it is too long, its own lines kept: equations stand as written."""
+    """A section with its name; lines that are too long are wrapped, the others stay, as those of equations."""
     lines = [part for line in text.splitlines() for part in textwrap.wrap(line, max(width - _NAME, 40)) or [""]]
     return "\n".join(f"{name if i == 0 else '':<{_NAME}}{line}".rstrip() for i, line in enumerate(lines))
 
@@ -148,8 +140,10 @@ def _plot(shown: Demonstration) -> str:
 
 
 def _span(values: np.ndarray) -> tuple[float, float]:
+    """Smallest and largest of the values and 0."""
     return min(float(values.min()), 0.0), max(float(values.max()), 0.0)
 
 
 def _means(values: np.ndarray) -> np.ndarray:
+    """Means (_POINTS,) of neighbouring values (n,)."""
     return np.array([part.mean() for part in np.array_split(values, _POINTS)])

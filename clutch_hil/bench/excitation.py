@@ -22,6 +22,10 @@ QUANTITIES: Mapping[str, tuple[str, str, float]] = {  # column of rig.md: what, 
     "motor_torque_nm": ("motor torque", "Nm", 0.051),
     "shaft_angle_rad": ("shaft angle", "rad", 1.1e-5),
 }
+INPUTS: Mapping[str, tuple[str, str]] = {  # column of rig.md: what, unit
+    "valve_voltage_v": ("valve voltage", "V"),
+    "motor_speed_demand_rad_s": ("speed demand", "rad/s"),
+}
 _SUBSTEPS = round(PERIOD / wet_clutch.STEP_LIMIT)
 _QUIET = {f"sensors.{name}_noise": 0.0 for name in ("pressure", "temperature", "torque")}
 _BAR_PER_VOLT = 2.5  # rig.md, 1

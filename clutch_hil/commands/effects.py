@@ -1,47 +1,73 @@
-"""Commands about effects."""
+"""`clutch-hil effects`: the physical effects that the rig can be given."""
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 
 from clutch_hil.command import report
+from clutch_hil.commands.options import JSON
+from protocols.errors import InputError
 
-_WHOLE = 1_000_000  # characters a line may have where there is no terminal: nothing is cut
+if TYPE_CHECKING:
+    from plant_sim.effects.effect import Effect
+
+_UNLIMITED = 1_000_000  # characters of a line where there is no terminal: nothing is cut
 
 
 def register(app: typer.Typer) -> None:
-    """Add the commands of this file."""
+    """Add the command."""
     app.command()(effects)
 
 
 def effects(
     name: str | None = typer.Argument(None, help="an effect; all of them are listed if not given"),
     out: Path = typer.Option(Path("runs"), help="folder for the picture of NAME"),
-    json_output: bool = typer.Option(False, "--json", help="print the result as JSON"),
+    write: Path | None = typer.Option(
+        None, help="Markdown page whose tables of effects, and picture, are written anew"
+    ),
+    json_output: bool = JSON,
 ) -> None:
-    """List the physical effects that the rig can be given, or tell and draw what one does to it."""
+    """List the physical effects that the rig can be given, or describe and draw what one does to it."""
     import shutil
     import sys
 
-    from clutch_hil.bench.demonstration import demonstrate
-    from clutch_hil.bench.effect_picture import draw_effects
-    from clutch_hil.bench.effect_text import document, in_order, list_text, sheet_text
-    from clutch_hil.bench.recording import writable
+    from clutch_hil.bench.effect_text import in_order
     from plant_sim.effects import catalogue
 
-    columns = shutil.get_terminal_size().columns if sys.stdout.isatty() else _WHOLE
-    if name is None:
-        found = in_order(catalogue.effects().values())
-        folders = dict.fromkeys(str(effect.path.parent) for effect in found)
-        candidates = sum(effect.candidate for effect in found)
-        text = f"{list_text(found, columns)}\n\nread:    {', '.join(folders)}\nwrote:   nothing"
-        verdict = f"{len(found)} effects, {candidates} of them candidates of `clutch-hil discrepancy`"
-        report([document(effect) for effect in found], text, verdict, True, json_output)
-        return
-    effect = catalogue.effect(name)
+    columns = shutil.get_terminal_size().columns if sys.stdout.isatty() else _UNLIMITED
+    if name and write:
+        raise InputError(f"effect {name} and --write {write} were given; allowed is one of them")
+    if name:
+        _describe(catalogue.effect(name), out, columns, json_output)
+    elif write:
+        _write_page(write, in_order(catalogue.effects().values()), json_output)
+    else:
+        _list(in_order(catalogue.effects().values()), columns, json_output)
+
+
+def _list(effects: Sequence["Effect"], columns: int, json_output: bool) -> None:
+    """List all effects, in lines of `columns` characters."""
+    from clutch_hil.bench.effect_text import document, list_text
+
+    folders = dict.fromkeys(str(effect.path.parent) for effect in effects)
+    candidates = sum(effect.candidate for effect in effects)
+    text = f"{list_text(effects, columns)}\n\nread:    {', '.join(folders)}\nwrote:   nothing"
+    verdict = f"{len(effects)} effects, {candidates} of them candidates of `clutch-hil discrepancy`"
+    report([document(effect) for effect in effects], text, verdict, True, json_output)
+
+
+def _describe(effect: "Effect", out: Path, columns: int, json_output: bool) -> None:
+    """Describe an effect in lines of `columns` characters, and draw it into the folder `out`."""
+    from clutch_hil.bench.demonstration import demonstrate
+    from clutch_hil.bench.effect_picture import draw_effects
+    from clutch_hil.bench.effect_text import document, sheet_text
+    from clutch_hil.bench.recording import writable
+
     picture = writable(out) / f"effect-{effect.name}.png"
     shown = demonstrate(effect)
-    draw_effects(picture, [(f"{effect.name}: {effect.title}", shown)])
+    draw_effects(picture, {effect: shown})
     seen = shown.times_resolution >= 1.0
     verdict = (
         f"at typical values the {shown.what} changes by up to {shown.largest:.3g} {shown.unit},"
@@ -62,3 +88,30 @@ def effects(
     }
     text = f"{sheet_text(effect, shown, columns)}\n\nread:    {effect.path}\nwrote:   {picture}"
     report(described, text, verdict, seen, json_output)
+
+
+def _write_page(page: Path, effects: Sequence["Effect"], json_output: bool) -> None:
+    """Write the parts of a page that come from the effects of this package; draw its picture beside it, as a PNG."""
+    from clutch_hil.bench.demonstration import demonstrate
+    from clutch_hil.bench.effect_page import pictured_names, written_page
+    from clutch_hil.bench.effect_picture import draw_effects
+    from clutch_hil.bench.effect_text import is_ours
+    from plant_sim.effects import catalogue
+
+    ours = [effect for effect in effects if is_ours(effect)]
+    try:
+        text = written_page(page.read_text(encoding="utf-8"), ours)
+        drawn = [catalogue.effect(name) for name in pictured_names(text)]
+        page.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"page {page} cannot be read and written: {error.strerror}") from None
+    except InputError as error:
+        raise InputError(f"page {page}: {error}") from None
+    wrote = [page]
+    if drawn:
+        wrote.append(page.with_suffix(".png"))
+        draw_effects(wrote[-1], {effect: demonstrate(effect) for effect in drawn}, columns=2)
+    paths = [str(path) for path in wrote]
+    verdict = f"{len(ours)} effects written, {len(drawn)} of them drawn"
+    document = {"read": str(page), "wrote": paths, "effects": [effect.name for effect in ours], "verdict": verdict}
+    report(document, f"read:    {page}\nwrote:   {', '.join(paths)}", verdict, True, json_output)

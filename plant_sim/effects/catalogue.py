@@ -1,6 +1,7 @@
 """Catalogue: every effect there is.
 
-An effect is one file, in the folder of its block here, or in a folder of CLUTCH_HIL_EFFECTS (as PATH).
+An effect is one file: in the folder of its block here, or in one of the user's folders. The environment variable
+CLUTCH_HIL_EFFECTS lists those, separated by colons as in PATH.
 """
 
 import importlib.util
@@ -24,7 +25,7 @@ def effects() -> Mapping[str, Effect]:
 
 
 def effect(name: str) -> Effect:
-    """An effect by name. Raises InputError that tells what comes closest."""
+    """An effect by name. Raises InputError that names the closest effects."""
     known = effects()
     if name not in known:
         raise InputError(f"effect {name!r} is unknown; {closest(name, known)}")
@@ -33,7 +34,7 @@ def effect(name: str) -> Effect:
 
 @cache
 def _effects(folders: str) -> dict[str, Effect]:
-    found: dict[str, Effect] = {}
+    catalogue: dict[str, Effect] = {}
     for folder in (_FOLDER, *(Path(part) for part in folders.split(os.pathsep) if part)):
         if not folder.is_dir():
             raise InputError(f"folder {folder} of {VARIABLE} does not exist")
@@ -41,21 +42,29 @@ def _effects(folders: str) -> dict[str, Effect]:
         for path in sorted(folder.glob("*/*.py" if ours else "*.py"), key=lambda path: path.name):
             if path.stem.startswith("_"):
                 continue
-            if path.stem in found:
-                raise InputError(f"effect {path.stem} of {path} exists already, in {found[path.stem].path}")
-            candidate = getattr(_module(path, ours), "EFFECT", None)
-            if not isinstance(candidate, Effect):
+            if path.stem in catalogue:
+                raise InputError(f"effect {path.stem} of {path} exists already, in {catalogue[path.stem].path}")
+            one = getattr(_module(path, ours), "EFFECT", None)
+            if not isinstance(one, Effect):
                 raise InputError(f"effect file {path} defines no EFFECT = Effect(...)")
-            found[path.stem] = candidate
-    for one in found.values():
-        if unknown := [name for name in one.excludes if name not in found]:
-            raise InputError(
-                f"effect {one.name} excludes {unknown[0]!r}, which is unknown; {closest(unknown[0], found)}"
-            )
-    return found
+            catalogue[path.stem] = one
+    for one in catalogue.values():
+        _check_names(one, catalogue)
+    return catalogue
+
+
+def _check_names(one: Effect, known: Mapping[str, Effect]) -> None:
+    """Raise InputError if an effect names another one that does not exist."""
+    for name in one.excludes:
+        if name not in known:
+            raise InputError(f"effect {one.name} excludes {name!r}, which is unknown; {closest(name, known)}")
+    beside = one.display.beside
+    if beside is not None and beside not in known:
+        raise InputError(f"effect {one.name} is shown beside {beside!r}, which is unknown; {closest(beside, known)}")
 
 
 def _module(path: Path, ours: bool) -> ModuleType:
+    """The module of an effect file. Raises InputError for a user's file that cannot be loaded."""
     name = f"{__package__}.{path.parent.name}.{path.stem}" if ours else f"clutch_hil_effects.{path.stem}"
     if ours:
         return importlib.import_module(name)

@@ -17,7 +17,9 @@ from typing import Any
 import numpy as np
 from numba import cfunc, from_dtype, types
 
+from plant_sim.effects.display import Display
 from plant_sim.effects.signals import HOOKS, SIGNALS_TYPE
+from plant_sim.effects.start import Start, TypicalValues
 from protocols.errors import InputError, closest
 from protocols.files.parameters import Parameter
 
@@ -65,12 +67,15 @@ class State:
 
 @dataclass(frozen=True, eq=False)
 class Effect:
-    """An effect: its block, its laws by hook, parameters, states.
+    """An effect: its block, its laws by hook, its parameters and states.
 
-    `rank` orders effects at a hook, low first: 0 unless it must see what others did. `excludes` names effects that model the
-    same part otherwise. `rate` gives from the SI values of its own parameters and of the rig's (by field of `c`) what it adds
-    to the fastest rate of piston and cylinder [1/s]; None adds nothing. `candidate`: whether the discrepancy workflow may
-    name it.
+    rank: effects at a hook are called in this order, low first; 0 unless it must see what others did.
+    excludes: names of effects that model the same part in another way.
+    rate: what it adds to the fastest rate of piston and cylinder [1/s], from the SI values of its own parameters and of the
+    rig's (by field of `c`); None adds nothing.
+    candidate: whether the discrepancy workflow may name it.
+    display: how it is shown.
+    start: where a fit of its parameters begins.
     """
 
     block: str
@@ -81,6 +86,8 @@ class Effect:
     excludes: tuple[str, ...] = ()
     rate: Callable[[Mapping[str, float], Mapping[str, float]], float] | None = None
     candidate: bool = True
+    display: Display = field(default_factory=Display)
+    start: Start = field(default_factory=TypicalValues)
     _laws: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)  # compiled
 
     def __post_init__(self) -> None:
@@ -108,6 +115,18 @@ class Effect:
         for section in SECTIONS:
             if f"\n{section} " not in self.text:
                 raise InputError(f"effect {self.name}: its file's docstring lacks {section!r}")
+        if not isinstance(self.display, Display):
+            raise InputError(f"effect {self.name}: display is {self.display!r}; a Display(...) is needed")
+        if not isinstance(self.start, Start):
+            raise InputError(
+                f"effect {self.name}: start is {self.start!r}; a Start (plant_sim/effects/start.py) is needed"
+            )
+        names = [p.name for p in self.parameters]
+        for name in self.start.parameters:
+            if name not in names:
+                raise InputError(
+                    f"effect {self.name}: start sets {name!r}, which is no parameter; {closest(name, names)}"
+                )
 
     @cached_property
     def name(self) -> str:

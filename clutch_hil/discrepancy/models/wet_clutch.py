@@ -17,7 +17,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from clutch_hil.discrepancy.model import Candidate, Columns, Evident, Output, Values
 from clutch_hil.discrepancy.models.wet_clutch_experiments import WetClutchBench
-from clutch_hil.discrepancy.models.wet_clutch_starts import STARTS
+from clutch_hil.discrepancy.models.wet_clutch_starts import check_start, starting_values
 from clutch_hil.discrepancy.noise import lattice
 from plant_sim.effects.catalogue import effects as catalogue
 from plant_sim.effects.signals import DRIVE
@@ -84,7 +84,10 @@ class WetClutch:
         self._scales = tuple(1.0 / read[f"sensors.{name}_sensitivity"].si for name in _CHANNELS)
         self.parameters = ParameterSet({n: p for n, p in whole.items() if n.partition(".")[0] not in plug_ins})
         on = {name for name in plug_ins if any(whole[n].value != off for n, off in plug_ins[name].switches)}
-        self.candidates = tuple(Candidate.of(e) for n, e in plug_ins.items() if e.candidate and n not in on)
+        offered = [e for n, e in plug_ins.items() if e.candidate and n not in on]
+        for each in offered:
+            check_start(each, [output.column for output in self.outputs])
+        self.candidates = tuple(Candidate.of(each) for each in offered)
         # of one point all runs are simulated, one after the other; to make its rig takes a quarter as long as to simulate one
         self._rig = lru_cache(_RIGS)(self._made)
 
@@ -108,8 +111,8 @@ class WetClutch:
 
     def starts(self, candidate: Candidate, run: Columns, residuals: Columns) -> list[dict[str, float]]:
         """See `Hinting`."""
-        found = STARTS.get(candidate.name)
-        return found(candidate, run, residuals, self.parameters) if found else []
+        start = catalogue()[candidate.name].start
+        return starting_values(start, candidate, run, residuals, self.parameters)
 
     def evident(self, runs: Sequence[Columns]) -> dict[str, Evident]:
         """See `Witnessing`: a converter that has lost bits takes few values."""

@@ -1,77 +1,92 @@
-"""Where to begin the fit of effects that are not smooth in their parameters, read from a run and its residuals."""
+"""Where the fit of an effect begins on the wet-clutch rig, read from a run and its residuals as the effect's `start` asks."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Collection
 
 import numpy as np
 
 from clutch_hil.discrepancy.model import Candidate, Columns
+from plant_sim.effects.effect import Effect
+from plant_sim.effects.start import ChannelEnds, Start, StrongestOrder
+from protocols.errors import InputError, closest
 from protocols.files.parameters import ParameterSet
 
-_ORDERS = np.arange(0.5, 60.01, 0.05)  # periods a turn that are looked for
+_ORDERS = np.arange(0.5, 60.01, 0.05)  # periods a turn that are tried
 _TURNING = 1.0  # rad/s: a slower shaft shows no order
-_FREQUENT = 400.0  # Hz: what a run at 1 kHz can show
-_BEST = 1  # orders to begin from
-_SATURATED = 0.999  # quantile of a channel that stands for its end
+_LOADED = 0.1  # share of the greatest load: below it a ripple in proportion to the load does not show
+_ENOUGH = 1000  # samples at which the shaft turns under load
+_HIGHEST = 400.0  # Hz: the fastest ripple that a run at 1 kHz can show
+_SATURATED = 0.999  # quantile of a channel's magnitude that stands for its end: single samples may lie beyond it
+_SENSITIVITIES = {  # V a unit of the column, by the column of a converted channel
+    "cylinder_pressure_bar": "sensors.pressure_sensitivity",
+    "motor_torque_nm": "sensors.motor_torque_sensitivity",
+    "clutch_torque_nm": "sensors.clutch_torque_sensitivity",
+}
 
-Start = dict[str, float]
-Starts = Callable[[Candidate, Columns, Columns, ParameterSet], list[Start]]
+Values = dict[str, float]  # of a candidate's parameters, by dotted name, each in its declared unit
 
 
-def _ripple(column: str, relative: str | None) -> Starts:
-    """Orders of the residual of `column` over the shaft's angle, in shares of the column `relative` where it is given."""
-
-    def starts(candidate: Candidate, run: Columns, residuals: Columns, parameters: ParameterSet) -> list[Start]:
-        angle, speed, residual = run["shaft_angle_rad"], run["slip_speed_rad_s"], residuals[column]
-        turning = np.abs(speed) > _TURNING
-        base = run[relative] if relative else np.ones_like(residual)
-        turning &= np.abs(base) > 0.1 * np.max(np.abs(base))
-        if np.count_nonzero(turning) < 1000:
-            return []
-        angle, residual, base, speed = (v[turning][::2] for v in (angle, residual, base, speed))
-        fastest = float(np.quantile(np.abs(speed), 0.9))
-        # the slow part of a residual has all low orders: take it away
-        residual = residual - np.convolve(residual, np.ones(201) / 201, mode="same")
-        orders = _ORDERS[_ORDERS * fastest / (2.0 * np.pi) < _FREQUENT]
-        # one complex product a sample and order in place of an exponential
-        wave, step = residual * base * np.exp(-1j * orders[0] * angle), np.exp(-1j * (orders[1] - orders[0]) * angle)
-        amplitudes = np.empty(len(orders), complex)
-        for i in range(len(orders)):
-            amplitudes[i] = wave.sum()
-            wave *= step
-        amplitudes *= 2.0 / np.sum(base * base)
-        found = []
-        power = np.abs(amplitudes)
-        for _ in range(_BEST):
-            best = int(np.argmax(power))
-            found.append(
-                {
-                    f"{candidate.name}.amplitude": float(np.abs(amplitudes[best])),
-                    f"{candidate.name}.order": float(orders[best]),
-                    f"{candidate.name}.phase": float(np.angle(amplitudes[best])),
-                }
+def check_start(effect: Effect, outputs: Collection[str]) -> None:
+    """Raise InputError if the start of `effect` reads a column that this rig does not have; `outputs`: those it measures."""
+    columns = _SENSITIVITIES if isinstance(effect.start, ChannelEnds) else outputs
+    for column in effect.start.columns:
+        if column not in columns:
+            raise InputError(
+                f"effect {effect.name}: its start reads the column {column!r}, which is unknown; {closest(column, columns)}"
             )
-            power[np.abs(orders - orders[best]) < 1.0] = 0.0
-        bounds = {f"{candidate.name}.{p.name}": p.bounds for p in candidate.parameters}
-        return [{n: float(np.clip(v, *bounds[n])) for n, v in start.items()} for start in found]
-
-    return starts
 
 
-def _saturation(candidate: Candidate, run: Columns, residuals: Columns, parameters: ParameterSet) -> list[Start]:
-    """The ends of both channels, one at a time."""
-    volts = {
-        "pressure_limit": run["cylinder_pressure_bar"] * parameters["sensors.pressure_sensitivity"].value,
-        "torque_limit": run["clutch_torque_nm"] * parameters["sensors.clutch_torque_sensitivity"].value,
+def starting_values(
+    start: Start, candidate: Candidate, run: Columns, residuals: Columns, parameters: ParameterSet
+) -> list[Values]:
+    """Values to begin the fit of `candidate` from; [] for the typical ones.
+
+    run: measured columns (n,); residuals: measured less predicted (n,), by column, in its unit; parameters: of the baseline.
+    """
+    match start:
+        case StrongestOrder():
+            return _strongest_order(start, candidate, run, residuals)
+        case ChannelEnds():
+            return _channel_ends(start, candidate, run, parameters)
+        case _:
+            return []
+
+
+def _strongest_order(start: StrongestOrder, candidate: Candidate, run: Columns, residuals: Columns) -> list[Values]:
+    """The order with the largest amplitude in the residual over the shaft's angle; [] for a shaft that hardly turns.
+
+    Equation        line(k) = 2 sum(b r exp(-i k theta))/sum(b^2),  r the residual, b what the ripple is a share of, else 1
+    """
+    angle, speed, residual = run["shaft_angle_rad"], run["slip_speed_rad_s"], residuals[start.column]
+    base = run[start.share_of] if start.share_of else np.ones_like(residual)
+    used = (np.abs(speed) > _TURNING) & (np.abs(base) > _LOADED * np.max(np.abs(base)))
+    if np.count_nonzero(used) < _ENOUGH:
+        return []
+    angle, residual, base, speed = (values[used][::2] for values in (angle, residual, base, speed))
+    fastest = float(np.quantile(np.abs(speed), 0.9))
+    # the slow part of a residual has all low orders: take it away
+    residual = residual - np.convolve(residual, np.ones(201) / 201, mode="same")
+    orders = _ORDERS[_ORDERS * fastest / (2.0 * np.pi) < _HIGHEST]
+    # one complex product a sample and order in place of an exponential
+    wave, step = residual * base * np.exp(-1j * orders[0] * angle), np.exp(-1j * (orders[1] - orders[0]) * angle)
+    lines = np.empty(len(orders), complex)
+    for i in range(len(orders)):
+        lines[i] = wave.sum()
+        wave *= step
+    lines *= 2.0 / np.sum(base * base)
+    best = int(np.argmax(np.abs(lines)))
+    values = {
+        "amplitude": float(np.abs(lines[best])),
+        "order": float(orders[best]),
+        "phase": float(np.angle(lines[best])),
     }
+    bounds = {p.name: p.bounds for p in candidate.parameters}
+    return [{f"{candidate.name}.{name}": float(np.clip(value, *bounds[name])) for name, value in values.items()}]
+
+
+def _channel_ends(start: ChannelEnds, candidate: Candidate, run: Columns, parameters: ParameterSet) -> list[Values]:
+    """A start for each limit: at the highest voltage of its channel, the other limits off."""
     off = candidate.off()
+    volts = {name: run[column] * parameters[_SENSITIVITIES[column]].value for name, column in start.limits.items()}
     return [
         off | {f"{candidate.name}.{name}": float(np.quantile(np.abs(volt), _SATURATED))} for name, volt in volts.items()
     ]
-
-
-STARTS: Mapping[str, Starts] = {
-    "shaft_angle_ripple": _ripple("clutch_torque_nm", "clutch_torque_nm"),
-    "position_ripple": _ripple("clutch_torque_nm", None),
-    "motor_torque_ripple": _ripple("motor_torque_nm", "motor_torque_nm"),
-    "sensor_saturation": _saturation,
-}

@@ -16,6 +16,7 @@ from math import copysign, sqrt
 
 from numba import njit
 
+from plant_sim.effects.display import Display
 from plant_sim.effects.effect import Effect, Shape, State, Strength
 from plant_sim.effects.signals import DRIVE
 
@@ -76,4 +77,5 @@ EFFECT = Effect(
     states=(State("twist", "rad"), State("lead", "rad/s"), State("wound", "1")),
     rank=10,  # drives with what the motor gives
     excludes=("shaft_compliance",),
+    display=Display("slip_steps"),
 )  # fmt: skip

@@ -11,8 +11,10 @@ References      Hanselman 2003, Brushless permanent magnet motor design, ch. on 
 
 from math import cos
 
+from plant_sim.effects.display import Display
 from plant_sim.effects.effect import Effect, Shape, Strength
 from plant_sim.effects.signals import DRIVE
+from plant_sim.effects.start import StrongestOrder
 
 
 def ripple(s, c, p, x, h):
@@ -33,4 +35,6 @@ EFFECT = Effect(
         Shape("order", "1", typical=24.0, bounds=(0.5, 200.0), source="[D] sixth harmonic of four pole pairs"),
         Shape("phase", "rad", typical=0.5, bounds=(-3.2, 3.2), source="[D] where the encoder's zero happens to be"),
     ),
+    display=Display("crawl", column="motor_torque_nm", over="shaft_angle_rad"),
+    start=StrongestOrder("motor_torque_nm", share_of="motor_torque_nm"),
 )  # fmt: skip

@@ -11,6 +11,7 @@ References      ISO 26262-5:2018, Table D.1: failure modes of sensors, among the
 
 from numba import njit
 
+from plant_sim.effects.display import Display
 from plant_sim.effects.effect import Effect, State, Strength
 from plant_sim.effects.signals import ACQUISITION
 
@@ -57,4 +58,5 @@ EFFECT = Effect(
         State("clutch_torque", "V"),
         State("encoder", "rad"),
     ),
+    display=Display("engagement", column="clutch_torque_nm"),
 )  # fmt: skip

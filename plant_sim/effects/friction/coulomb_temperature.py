@@ -9,6 +9,7 @@ References      Janssens 2010, fig 6.8 (-0.1 %/K of the whole torque at 200 rpm)
                 part; Maki 2005, Wet clutch tribology, Lulea, on temperature as a variable of its own
 """
 
+from plant_sim.effects.display import Display
 from plant_sim.effects.effect import Effect, Strength
 from plant_sim.effects.signals import FRICTION
 
@@ -27,4 +28,5 @@ EFFECT = Effect(
             source="[D] a few times the 0.1 %/K of the whole torque in Janssens 2010, fig 6.8: 10 K change 10 Nm by 0.4 Nm",
         ),
     ),
+    display=Display("hold", column="clutch_torque_nm"),
 )  # fmt: skip

@@ -11,6 +11,7 @@ References      Janot, Gautier and Brunot 2019, data set of the EMPS axis: frict
                 of its force than one that does not (docs/measured_data.md)
 """
 
+from plant_sim.effects.display import Display
 from plant_sim.effects.effect import Effect, Shape, Strength
 from plant_sim.effects.signals import TORQUE
 
@@ -35,4 +36,5 @@ EFFECT = Effect(
         ),
     ),
     rank=15,  # after presliding, of which it is a fixed function
+    display=Display("slip_sine", column="clutch_torque_nm"),
 )  # fmt: skip

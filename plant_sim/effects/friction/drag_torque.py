@@ -12,6 +12,7 @@ References      Iqbal, Al-Bender, Pluymers and Desmet 2013, ISRN Tribology 20653
 """
 
 from plant_sim.blocks.viscosity import relative_viscosity
+from plant_sim.effects.display import Display
 from plant_sim.effects.effect import Effect, Shape, Strength
 from plant_sim.effects.signals import TORQUE
 
@@ -41,4 +42,5 @@ EFFECT = Effect(
         Shape("gap", "mm", typical=0.2, bounds=(0.02, 2.0), source="[D] waviness of plates, and oil between them"),
     ),
     rank=30,  # beside the friction, not part of it
+    display=Display("engagement", column="clutch_torque_nm"),
 )  # fmt: skip

@@ -14,6 +14,7 @@ References      Maki 2005, Wet clutch tribology, Lulea (temperature of the inter
 
 from math import expm1
 
+from plant_sim.effects.display import Display
 from plant_sim.effects.effect import Effect, Shape, State, Strength
 from plant_sim.effects.signals import TORQUE
 
@@ -40,4 +41,5 @@ EFFECT = Effect(
     ),
     states=(State("heat", "J"),),
     rank=20,  # the heat is that of all sliding friction
+    display=Display("hold", column="clutch_torque_nm"),
 )  # fmt: skip

@@ -10,6 +10,7 @@ References      Janssens 2010, eq. 4.2, figs 4.14 and 4.16 (the law is plant_sim
 
 from math import exp
 
+from plant_sim.effects.display import Display
 from plant_sim.effects.effect import Effect, Shape, Strength
 from plant_sim.effects.signals import FRICTION
 
@@ -34,4 +35,5 @@ EFFECT = Effect(
             source="[D] in the middle of the pressures of Janssens 2010, Table 6.4, less contact pressure; L of eq. 4.2",
         ),
     ),
+    display=Display("triangle", column="clutch_torque_nm"),
 )  # fmt: skip

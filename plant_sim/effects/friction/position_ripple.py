@@ -11,8 +11,10 @@ References      Janot, Gautier and Brunot 2019, data set of the EMPS axis: a rip
 
 from math import cos
 
+from plant_sim.effects.display import Display
 from plant_sim.effects.effect import Effect, Shape, Strength
 from plant_sim.effects.signals import TORQUE
+from plant_sim.effects.start import StrongestOrder
 
 
 def ripple(s, c, p, x, h):
@@ -32,4 +34,6 @@ EFFECT = Effect(
         Shape("phase", "rad", typical=0.5, bounds=(-3.2, 3.2), source="[D] where the encoder's zero happens to be"),
     ),
     rank=30,  # beside the friction, not part of it
+    display=Display("crawl", column="clutch_torque_nm", over="shaft_angle_rad"),
+    start=StrongestOrder("clutch_torque_nm"),
 )  # fmt: skip

@@ -12,6 +12,7 @@ Not modelled    lag of each element by itself (GMS): the level lags as a whole; 
 References      Janssens 2010, secs 5.2 and 5.5, appendix D; Lampaert 2003; Iwan 1966; plant_sim/friction/maxwell_slip.py
 """
 
+from plant_sim.effects.display import Display
 from plant_sim.effects.effect import Effect, Shape, State, Strength
 from plant_sim.effects.signals import FRICTION, TORQUE
 from plant_sim.friction.maxwell_slip import element
@@ -57,4 +58,5 @@ EFFECT = Effect(
     ),
     states=(State("bent", "1", _ELEMENTS),),
     rank=10,  # its limits are the sliding torque with all else in it
+    display=Display("reversals", column="shaft_angle_rad", over="clutch_torque_nm"),
 )  # fmt: skip

@@ -10,8 +10,10 @@ References      [D] runout of plates; Janssens 2010, sec. 3.9.1: encoder on the 
 
 from math import cos
 
+from plant_sim.effects.display import Display
 from plant_sim.effects.effect import Effect, Shape, Strength
 from plant_sim.effects.signals import TORQUE
+from plant_sim.effects.start import StrongestOrder
 
 
 def ripple(s, c, p, x, h):
@@ -30,4 +32,6 @@ EFFECT = Effect(
         Shape("order", "1", typical=2.0, bounds=(0.5, 200.0), source="[D] periods a turn; a buckled plate has two"),
         Shape("phase", "rad", typical=0.5, bounds=(-3.2, 3.2), source="[D] where the encoder's zero happens to be"),
     ),
+    display=Display("crawl", column="clutch_torque_nm", over="shaft_angle_rad"),
+    start=StrongestOrder("clutch_torque_nm", share_of="clutch_torque_nm"),
 )  # fmt: skip

@@ -8,6 +8,7 @@ Not modelled    change of the viscous part
 References      Stribeck 1902, Die wesentlichen Eigenschaften der Gleit- und Rollenlager; Janssens 2010, eqs 6.2 and 6.5
 """
 
+from plant_sim.effects.display import Display
 from plant_sim.effects.effect import Effect, Strength
 from plant_sim.effects.signals import FRICTION
 
@@ -33,4 +34,5 @@ EFFECT = Effect(
             source="[D] two standard deviations of V_S: Janssens 2010, eq. 6.5",
         ),
     ),
+    display=Display("slip_sine", column="clutch_torque_nm"),
 )  # fmt: skip

@@ -10,6 +10,7 @@ References      Vogel 1921, Physikalische Zeitschrift 22, p. 645; Merritt 1967, 
 """
 
 from plant_sim.blocks.viscosity import relative_viscosity
+from plant_sim.effects.display import Display
 from plant_sim.effects.effect import Effect, Strength
 from plant_sim.effects.signals import RIG
 from protocols.files.units import ZERO_CELSIUS
@@ -36,4 +37,5 @@ EFFECT = Effect(
     ),
     rate=rate,
     candidate=False,
+    display=Display("cold_engagement", column="clutch_torque_nm"),
 )

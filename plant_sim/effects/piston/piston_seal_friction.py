@@ -10,6 +10,7 @@ References      Janssens 2010, fig 6.11: offered as the first cause of the direc
                 Flitney 2014, Seals and Sealing Handbook (lip seals: friction grows with pressure)
 """
 
+from plant_sim.effects.display import Display
 from plant_sim.effects.effect import Effect, Shape, State, Strength
 from plant_sim.effects.signals import PISTON
 from plant_sim.friction.maxwell_slip import element
@@ -50,4 +51,5 @@ EFFECT = Effect(
     ),
     states=(State("force", "N"),),
     rate=rate,
+    display=Display("triangle", column="clutch_torque_nm", over="cylinder_pressure_bar"),
 )  # fmt: skip

@@ -9,6 +9,7 @@ Not modelled    bending stiffness, its own hysteresis, ripple as the plates turn
 References      Johnson 1985, Contact Mechanics, chapter 4 (elastic foundation); Janssens 2010, fig 6.10 (piston and stack)
 """
 
+from plant_sim.effects.display import Display
 from plant_sim.effects.effect import Effect, Strength
 from plant_sim.effects.signals import STACK
 
@@ -30,4 +31,5 @@ EFFECT = Effect(
             source="[D] 0.06 mm from crest to valley on plates meant to be flat; wavy plates are made with some tenths",
         ),
     ),
+    display=Display("engagement", column="clutch_torque_nm"),
 )  # fmt: skip

@@ -13,6 +13,7 @@ from math import floor
 
 from numba import njit
 
+from plant_sim.effects.display import Display
 from plant_sim.effects.effect import Effect, Shape, Strength
 from plant_sim.effects.signals import ACQUISITION
 
@@ -49,4 +50,5 @@ EFFECT = Effect(
             source="[D] rounding, as the converters of rig.md 9",
         ),
     ),
+    display=Display("triangle", column="clutch_torque_nm"),
 )  # fmt: skip

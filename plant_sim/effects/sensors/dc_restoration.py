@@ -12,6 +12,7 @@ References      Janssens 2010, appendix C; law: plant_sim/blocks/dc_restoration.
 from math import expm1
 
 from plant_sim.blocks.dc_restoration import integrated, restored
+from plant_sim.effects.display import Display
 from plant_sim.effects.effect import Effect, State, Strength
 from plant_sim.effects.signals import ACQUISITION
 
@@ -35,4 +36,5 @@ EFFECT = Effect(
         ),
     ),
     states=(State("integral", "V"),),
+    display=Display("hold", column="clutch_torque_nm", beside="torque_sensor_leakage"),
 )  # fmt: skip

@@ -8,6 +8,7 @@ Not modelled    single lost counts, eccentricity
 References      -
 """
 
+from plant_sim.effects.display import Display
 from plant_sim.effects.effect import Effect, Strength
 from plant_sim.effects.signals import ACQUISITION
 
@@ -28,4 +29,5 @@ EFFECT = Effect(
             source="[D] 0.6 deg: a coupling that has slipped",
         ),
     ),
+    display=Display("engagement", column="shaft_angle_rad"),
 )  # fmt: skip

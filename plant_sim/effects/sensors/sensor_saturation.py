@@ -10,6 +10,7 @@ References      Janssens 2010, sec. 3.9.4: +-10 V at the converter
 
 from plant_sim.effects.effect import Effect, Strength
 from plant_sim.effects.signals import ACQUISITION
+from plant_sim.effects.start import ChannelEnds
 
 
 def saturate(s, c, p, x, h):
@@ -32,4 +33,5 @@ EFFECT = Effect(
             source="[D] the same amplifier: 16.5 Nm at 0.2 V/Nm, within the rig's 0..30 Nm",
         ),
     ),
+    start=ChannelEnds({"pressure_limit": "cylinder_pressure_bar", "torque_limit": "clutch_torque_nm"}),
 )  # fmt: skip

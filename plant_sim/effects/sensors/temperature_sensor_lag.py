@@ -10,6 +10,7 @@ References      Incropera, DeWitt, Bergman, Lavine 2007: Fundamentals of heat an
 
 from math import exp
 
+from plant_sim.effects.display import Display
 from plant_sim.effects.effect import Effect, State, Strength
 from plant_sim.effects.signals import SENSORS
 
@@ -35,4 +36,5 @@ EFFECT = Effect(
         ),
     ),
     states=(State("probe", "K"),),
+    display=Display("hold"),
 )  # fmt: skip

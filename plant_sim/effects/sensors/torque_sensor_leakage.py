@@ -12,6 +12,7 @@ References      Janssens 2010, appendix C; law: plant_sim/blocks/icp_sensor.py
 from math import expm1
 
 from plant_sim.blocks.icp_sensor import leak
+from plant_sim.effects.display import Display
 from plant_sim.effects.effect import Effect, State, Strength
 from plant_sim.effects.signals import SENSORS
 
@@ -43,4 +44,5 @@ EFFECT = Effect(
         ),
     ),
     states=(State("leaked", "Nm"), State("origin", "K")),
+    display=Display("hold"),
 )  # fmt: skip

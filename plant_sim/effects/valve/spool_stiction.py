@@ -16,6 +16,7 @@ References      Karnopp 1985, J. Dyn. Sys. Meas. Control 107 (rest as a band of 
 
 from math import exp, log
 
+from plant_sim.effects.display import Display
 from plant_sim.effects.effect import Effect, Shape, State, Strength
 from plant_sim.effects.signals import COMMAND
 
@@ -65,4 +66,5 @@ EFFECT = Effect(
     ),
     states=(State("spool", "Pa"), State("sliding", "1")),
     rank=3,  # behind the solenoid
+    display=Display("triangle", column="cylinder_pressure_bar"),
 )  # fmt: skip

@@ -9,6 +9,7 @@ References      Merritt 1967, Hydraulic Control Systems, chapter 5 (closed-centr
                 Servo-systems (valve nonlinearities)
 """
 
+from plant_sim.effects.display import Display
 from plant_sim.effects.effect import Effect, Strength
 from plant_sim.effects.signals import COMMAND
 
@@ -28,4 +29,5 @@ EFFECT = Effect(
             source="[D] 0.1 % of 10 V: what the amplifier's compensation leaves of an overlap of some percent; 25 mbar",
         ),
     ),
+    display=Display("triangle", column="cylinder_pressure_bar"),
 )  # fmt: skip

@@ -8,6 +8,7 @@ Not modelled    curvature of the characteristic, coil temperature
 References      Merritt 1967, Hydraulic Control Systems, chapter 5 (valve coefficients and their tolerance)
 """
 
+from plant_sim.effects.display import Display
 from plant_sim.effects.effect import Effect, Strength
 from plant_sim.effects.signals import COMMAND
 
@@ -27,4 +28,5 @@ EFFECT = Effect(
         ),
     ),
     rank=1,  # behind the dead band, which is in volts at the amplifier
+    display=Display("triangle", column="cylinder_pressure_bar"),
 )  # fmt: skip

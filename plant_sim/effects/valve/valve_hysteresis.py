@@ -12,6 +12,7 @@ References      Krasnosel'skii & Pokrovskii 1989, Systems with Hysteresis; Broka
                 Transitions (play, Prandtl-Ishlinskii, return-point memory); Jelali & Kroll 2003 (proportional valves)
 """
 
+from plant_sim.effects.display import Display
 from plant_sim.effects.effect import Effect, Shape, State, Strength
 from plant_sim.effects.signals import COMMAND
 
@@ -43,4 +44,5 @@ EFFECT = Effect(
     ),
     states=(State("plays", "Pa", PLAYS),),
     rank=2,  # behind dead band and gain: the solenoid sees what the amplifier makes of the voltage
+    display=Display("triangle", column="cylinder_pressure_bar"),
 )  # fmt: skip

@@ -1,0 +1,97 @@
+"""Page of the effects, docs/effects.md: the parts that are written from the effects, by `clutch-hil effects --write`.
+
+A part stands between `<!-- begin PART -->` and `<!-- end -->`; whatever stands outside them is written by people.
+"""
+
+import re
+from collections.abc import Iterable, Sequence
+
+from clutch_hil.bench.excitation import INPUTS, QUANTITIES, excitations
+from plant_sim.effects import signals
+from plant_sim.effects.effect import Effect
+from protocols.errors import InputError, closest, listing
+
+_PART = re.compile(r"(?<=<!-- begin )(\w+)( -->\n)(.*?)(?=<!-- end -->)", re.DOTALL)
+_PICTURE = re.compile(r"<!-- picture of (.*?) -->")
+_ROW = re.compile(r"^\| \w+ \| `(\w+)`[ *]* \| .* \| (.*) \|$", re.MULTILINE)  # of the table of all effects
+_UNIT = re.compile(r" \[.*?\]")
+
+
+def written_page(text: str, effects: Sequence[Effect]) -> str:
+    """The `text` of the page with its parts written anew from `effects`, in this order.
+
+    Raises InputError for a part that is unknown, a page without any, and where an effect or a parameter in the table of `text`
+    is none of `effects`: run files and models name them, so a name that was published once must stay.
+    """
+    parts = {
+        "experiments": _experiments(),
+        "columns": _columns(),
+        "hooks": _hooks(),
+        "effects": _effects(effects),
+    }
+    if lost := published_names(text) - names(effects):
+        raise InputError(
+            f"published names are gone: {listing(lost)}; run files and models contain them: keep them, or edit the page first"
+        )
+
+    def written(part: re.Match[str]) -> str:
+        name, end, _ = part.groups()
+        if name not in parts:
+            raise InputError(f"part {name!r} is unknown; {closest(name, parts)}")
+        return f"{name}{end}{parts[name]}\n"
+
+    text, count = _PART.subn(written, text)
+    if not count:
+        raise InputError("no part was found; a part stands between <!-- begin PART --> and <!-- end -->")
+    return text
+
+
+def pictured_names(text: str) -> list[str]:
+    """Names of the effects in the page's picture, in its order; [] where it has none."""
+    mark = _PICTURE.search(text)
+    return mark[1].split(", ") if mark else []
+
+
+def published_names(text: str) -> set[str]:
+    """Names of the effects in the page's table, and of their parameters as `effect.parameter`."""
+    rows = _ROW.findall(text)
+    parameters = {f"{effect}.{name}" for effect, cell in rows for name in _UNIT.sub("", cell).split(", ")}
+    return {effect for effect, _ in rows} | parameters
+
+
+def names(effects: Iterable[Effect]) -> set[str]:
+    """Names of effects, and of their parameters as `effect.parameter`."""
+    return {name for effect in effects for name in (effect.name, *effect.typical())}
+
+
+def _effects(effects: Sequence[Effect]) -> str:
+    """A table of the effects; a star marks those that are no candidates."""
+    rows = []
+    for effect in effects:
+        parameters = ", ".join(p.name if p.unit == "1" else f"{p.name} [{p.unit}]" for p in effect.parameters)
+        star = "" if effect.candidate else " *"
+        rows.append((effect.block, f"`{effect.name}`{star}", effect.title, parameters))
+    return _table(("block", "effect", "what", "parameters"), rows)
+
+
+def _experiments() -> str:
+    rows = [(f"`{name}`", excitation.title, f"`{excitation.over}`") for name, excitation in excitations().items()]
+    return _table(("excitation", "what", "drawn over"), rows)
+
+
+def _columns() -> str:
+    rows = [(f"`{column}`", what, unit, f"{resolution:g}") for column, (what, unit, resolution) in QUANTITIES.items()]
+    rows += [(f"`{column}`", what, unit, "") for column, (what, unit) in INPUTS.items()]
+    return _table(("column", "what", "unit", "resolution"), rows)
+
+
+def _hooks() -> str:
+    """The table of hooks from the docstring of signals.py."""
+    lines = [line[4:] for line in str(signals.__doc__).splitlines() if line.startswith("    ")]
+    return "\n".join(["```", *lines, "```"])
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A Markdown table."""
+    lines = [f"| {' | '.join(cells)} |" for cells in (head, *rows)]
+    return "\n".join([lines[0], "|" + "---|" * len(head), *lines[1:]])
