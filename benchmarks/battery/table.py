@@ -3,7 +3,7 @@
 import os
 import platform
 import subprocess
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from datetime import date
 from importlib.metadata import version
@@ -34,6 +34,9 @@ from benchmarks.battery.score import (
 from benchmarks.battery.truth_laws import CATALOGUE, UNKNOWN
 from clutch_hil.bench.progress import table_text
 from clutch_hil.discrepancy.result import NONE_OF_THESE, NOTHING
+from plant_sim.effects.catalogue import effects
+from plant_sim.effects.effect import Effect
+from protocols.errors import listing
 
 _WORST = 40  # cases listed
 _TOP = "top-1 name"
@@ -106,7 +109,7 @@ def page(
         "# The battery", "",
         "How often the workflow finds what is hidden, on cases whose truth comes from other laws and another solver than the",
         "catalogue's. What each measure is: `benchmarks/battery/score.py`. Cases: `benchmarks/battery/cases.py`.",
-        "Again: `python -m benchmarks.battery --split " + split + " --docs docs`.", "",
+        "Again: `python -m benchmarks.battery --split " + split + " --docs docs`.", "", *_without_law(effects().values()),
         *_ran(answers, split, engine), "", *_table(_HEADER, [row(one) for one in scores(answers)]), "",
         *notes.splitlines(), "",
         "## By noise and severity", "", *_by_noise(answers), "", *_table(("single effects", "top-1", "of", "95 %"),
@@ -119,6 +122,17 @@ def page(
         *_table(("case", "verdict", "said", "confidence", "share explained"), _worst(done)), "",
     ]  # fmt: skip
     return "\n".join(parts)
+
+
+def _without_law(known: Iterable[Effect]) -> list[str]:
+    """A paragraph that names the candidates which no case can hide; no line where there is none."""
+    laws = {law.name for law in CATALOGUE}
+    lacking = listing(effect.name for effect in known if effect.candidate and effect.name not in laws)
+    return (
+        [f"No case hides these candidates, since the truth has no law for them: {lacking}.", ""]
+        if lacking != "-"
+        else []
+    )
 
 
 def _ran(answers: Sequence[Told], split: str, engine: str) -> list[str]:
@@ -227,7 +241,8 @@ def confusion(done: Sequence[Told], path: Path) -> None:
     unknown ones and null cases as rows of their own."""
     known = [law.name for law in CATALOGUE]
     rows = [*known, "(unknown)", "(nothing)"]
-    columns = [*known, NONE_OF_THESE, NOTHING]
+    lawless = sorted({first(told) for told in done} - {*known, NONE_OF_THESE, NOTHING})  # candidates that no case hides
+    columns = [*known, *lawless, NONE_OF_THESE, NOTHING]
     strangers = {law.name for law in UNKNOWN}
     counts = np.zeros((len(rows), len(columns)))
     for told in done:

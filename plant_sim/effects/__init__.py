@@ -1,1 +1,1 @@
-"""Physical effects beside the baseline: one file each. With all of them off the rig is bit-identical to the baseline."""
+"""Physical effects that the baseline lacks: one file each. With all of them off, the rig equals the baseline to the bit."""

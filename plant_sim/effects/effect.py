@@ -1,8 +1,8 @@
-"""Effect: one physical effect as a plug-in of the rig. One file defines one, called EFFECT; its name is the file's.
+"""Effect: one physical effect as a plug-in of the rig. A file defines one effect, EFFECT, and gives it its name.
 
-A law is a plain function `law(s, c, p, x, h)` that Numba can compile. It reads and changes the signals `s` (signals.py), reads
-the rig's parameters `c`, its own parameters `p` and its own states `x` by name, all in SI, and moves its states on by the step
-`h` [s]. Where h is 0 no state may move.
+A law is a plain function `law(s, c, p, x, h)` that Numba can compile. It reads and changes the signals `s` (signals.py). It
+reads the rig's parameters `c` and the effect's own parameters `p`. It integrates the effect's states `x` over the step `h` [s];
+with h = 0 it must leave them as they are. All values are in SI and have names.
 """
 
 import ast
@@ -30,7 +30,10 @@ BLOCKS = ("valve", "hydraulics", "piston", "friction", "drive", "sensors", "faul
 
 @dataclass(frozen=True)
 class Strength:
-    """A parameter that is the effect: at `off` there is none. `typical` is a value often met; bounds and both in `unit`."""
+    """A parameter that switches the effect on: there is no effect at its value `off`.
+
+    typical: a value often met in practice. off, typical and bounds are in `unit`.
+    """
 
     name: str
     unit: str
@@ -42,7 +45,7 @@ class Strength:
 
 @dataclass(frozen=True)
 class Shape:
-    """A parameter that only shapes the effect; bounds and `typical` in `unit`."""
+    """A parameter that shapes the effect but does not switch it on. typical and bounds are in `unit`."""
 
     name: str
     unit: str
@@ -52,13 +55,13 @@ class Shape:
 
     @property
     def off(self) -> float:
-        """A shape is what it is, also while the effect is off."""
+        """Its value while the effect is off: the typical one."""
         return self.typical
 
 
 @dataclass(frozen=True)
 class State:
-    """A state of an effect: `size` numbers in `unit`, 0 when the effect is switched on. Of size 1 it is a scalar."""
+    """A state of an effect in `unit`: a scalar, or an array where `size` is above 1. It is 0 when the effect is switched on."""
 
     name: str
     unit: str
@@ -88,10 +91,10 @@ class Effect:
     candidate: bool = True
     display: Display = field(default_factory=Display)
     start: Start = field(default_factory=TypicalValues)
-    _laws: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)  # compiled
+    _laws: dict[Any, Any] = field(default_factory=dict, init=False, repr=False)  # compiled ones, by hook and rig
 
     def __post_init__(self) -> None:
-        """Raise InputError for an effect that cannot be."""
+        """Check the effect. Raises InputError."""
         if not self.laws or not all(hook in range(len(HOOKS)) for hook in self.laws):
             raise InputError(
                 f"effect {self.block}: laws must be a table of one or more hooks (plant_sim/effects/signals.py)"
@@ -130,63 +133,64 @@ class Effect:
 
     @cached_property
     def name(self) -> str:
-        """Identifier: the name of its file."""
+        """Name of the effect: that of its file, without `.py`."""
         return self.path.stem
 
     @cached_property
     def path(self) -> Path:
-        """Its file."""
+        """File that defines the effect."""
         return Path(inspect.getfile(next(iter(self.laws.values()))))
 
     @cached_property
     def text(self) -> str:
-        """Docstring of its file: what, equation, assumptions, valid range, not modelled, references."""
+        """Docstring of the file, with the sections of SECTIONS."""
         module = inspect.getmodule(next(iter(self.laws.values())))
         return inspect.getdoc(module) or ""
 
     @property
     def title(self) -> str:
-        """First line of the docstring."""
+        """First line of the docstring, without its full stop."""
         return self.text.partition("\n")[0].rstrip(".")
 
     @cached_property
     def strengths(self) -> tuple[Strength, ...]:
-        """The parameters that switch it on."""
+        """The parameters that switch the effect on."""
         return tuple(p for p in self.parameters if isinstance(p, Strength))
 
     @cached_property
     def switches(self) -> tuple[tuple[str, float], ...]:
-        """Dotted name of each strength, and the value at which it is off."""
+        """Dotted name of each strength, and its value at which the effect is off, in its unit."""
         return tuple((f"{self.name}.{s.name}", s.off) for s in self.strengths)
 
     @cached_property
     def parameter_type(self) -> np.dtype:
-        """Record of its parameters."""
+        """Record type of the parameters, a double each."""
         return np.dtype([(p.name, np.float64) for p in self.parameters])
 
     @cached_property
     def state_type(self) -> np.dtype:
-        """Record of its states; one unused number where it has none."""
+        """Record type of the states; one unused double where there is none, since Numba has no empty records."""
         fields = [(s.name, np.float64, (s.size,)) if s.size > 1 else (s.name, np.float64) for s in self.states]
         return np.dtype(fields or [("none", np.float64)])
 
     def declared(self) -> dict[str, Parameter]:
-        """Its parameters by dotted name, switched off."""
-        named = ((f"{self.name}.{p.name}", p) for p in self.parameters)
-        return {name: Parameter(name, p.off, p.unit, 0.0, p.bounds, p.source) for name, p in named}
+        """Parameters by dotted name, at the values at which the effect is off."""
+        by_name = {f"{self.name}.{p.name}": p for p in self.parameters}
+        return {name: Parameter(name, p.off, p.unit, 0.0, p.bounds, p.source) for name, p in by_name.items()}
 
     def typical(self) -> dict[str, float]:
         """Typical values by dotted name, each in its unit."""
         return {f"{self.name}.{p.name}": p.typical for p in self.parameters}
 
     def off(self) -> dict[str, float]:
-        """Values of its strengths that switch it off, by dotted name, each in its unit."""
+        """Values of the strengths at which the effect is off, by dotted name, each in its unit."""
         return dict(self.switches)
 
     def address(self, hook: int, rig: Any) -> int:
         """Address of the compiled law of `hook` for a rig whose parameter record has the Numba type `rig`.
 
-        Laws of this package are kept on disk; a user's are compiled anew in each process. Raises InputError.
+        Compiled laws of this package are kept on disk; those of a user's effect are compiled in each process. Raises InputError
+        for a law that Numba cannot compile.
         """
         if (hook, rig) not in self._laws:
             records = SIGNALS_TYPE, rig, from_dtype(self.parameter_type), from_dtype(self.state_type)
@@ -195,16 +199,16 @@ class Effect:
                 law = cfunc(types.void(*records, types.float64), cache=ours, error_model="numpy")(self.laws[hook])
             except Exception as error:  # Numba raises many kinds
                 lines = [line for line in str(error).splitlines() if line.strip() and "pipeline (step:" not in line]
-                reason = self._unknown(hook, records) or (lines[0] if lines else type(error).__name__)
+                reason = self._unknown_field(hook, records) or (lines[0] if lines else type(error).__name__)
                 raise InputError(f"effect {self.name} ({self.path}) cannot be compiled: {reason}") from None
             self._laws[hook, rig] = law
-        return int(self._laws[hook, rig].address)  # good as long as the law lives
+        return int(self._laws[hook, rig].address)  # valid as long as the compiled law is kept
 
-    def _unknown(self, hook: int, records: tuple[Any, ...]) -> str | None:
-        """The first field that a law names and its records do not have; None where there is none."""
+    def _unknown_field(self, hook: int, records: tuple[Any, ...]) -> str | None:
+        """A sentence about the first field that the law reads and its records lack; None where there is no such field."""
         tree = ast.parse(textwrap.dedent(inspect.getsource(self.laws[hook])))
-        named = zip(inspect.signature(self.laws[hook]).parameters, records, strict=False)
-        fields = {argument: list(record.fields) for argument, record in named}
+        arguments = zip(inspect.signature(self.laws[hook]).parameters, records, strict=False)
+        fields = {argument: list(record.fields) for argument, record in arguments}
         for node in ast.walk(tree):
             if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in fields:
                 record, name = node.value.id, node.attr

@@ -1,11 +1,11 @@
-"""The null effect: what stands in for an effect that is off. It attaches to nothing and has neither parameters nor states."""
+"""The null effect: it replaces an effect that is off. It has no laws, parameters or states."""
 
 from collections.abc import Mapping
 from typing import Any
 
 
 class NoEffect:
-    """Nothing happens, at no cost."""
+    """An effect that changes nothing and costs nothing."""
 
     name = "none"
     laws: Mapping[int, Any] = {}

@@ -1,12 +1,13 @@
 """Signals and hooks: where an effect attaches to a rig, what it sees there and what it may change.
 
-A hook is a place in the rig's integration step. The rig writes what is known there into a record of SIGNALS, calls the laws
-that are attached, and goes on with what they left in it. With nothing attached a hook costs two loads.
+A hook is a place in the rig's integration step. There the rig writes what it knows into a record of SIGNALS, calls the laws
+of the effects, and continues with the values that they leave in the record. A hook without a law costs two loads.
 
-A law may read what its hook may change, and everywhere time, valve_pressure, pressure, position, temperature, slip and angle:
-those of the step's beginning, or later where the rig knows better. Further signals are known from a hook on until the step
-ends: voltage and cylinder_speed from COMMAND, displacement at PISTON, friction_pressure from FRICTION, contact and
-viscous_share at TORQUE, torque from TORQUE to DRIVE, still at DRIVE. Before that they are 0, or those of the step before.
+At every hook a law may read time, valve_pressure, pressure, position, temperature, slip and angle: those of the step's
+beginning, or later ones where the rig has them already. A law may also read what its hook may change. Further signals are set
+at a hook and stay until the step ends: voltage and cylinder_speed from COMMAND, displacement at PISTON, friction_pressure from
+FRICTION, contact and viscous_share at TORQUE, torque from TORQUE to DRIVE, still at DRIVE. At earlier hooks they are 0, or
+those of the step before.
 
     hook         called                               an effect may change
     RIG          once a call, h its length            fields of `c`, the rig's own parameters, but for sensors_...
@@ -21,8 +22,8 @@ viscous_share at TORQUE, torque from TORQUE to DRIVE, still at DRIVE. Before tha
     SENSORS      every step; at a sample with h = 0   sensed_...
     ACQUISITION  every sample, after the noise        ..._voltage, encoder_angle; h is the time since the sample before
 
-A law is called with h = 0 where the rig only asks what the effect is now: no state may move on then. In a step (h > 0) SENSORS
-sees torques of mid-step, but pressure and temperature of the step's end.
+A law is called with h = 0 where the rig only needs the present value of the effect: no state may change then. In a step (h > 0)
+SENSORS has the torques of mid-step, but pressure and temperature of the step's end.
 """
 
 from typing import NamedTuple
@@ -34,7 +35,7 @@ from numba.extending import intrinsic, overload
 
 
 class Signal(NamedTuple):
-    """A field of SIGNALS."""
+    """A field of SIGNALS: its name, unit and meaning."""
 
     name: str
     unit: str
@@ -51,8 +52,8 @@ FIELDS = tuple(
     for signal in (
         ("time", "s", "since the run's start, at mid-step; at SENSORS at its end"),
         ("voltage", "V", "at the valve's amplifier"),
-        ("demand", "Pa", "pressure the valve is asked for, before it is limited to 0..supply"),
-        ("supply_pressure", "Pa", "that the valve is fed with"),
+        ("demand", "Pa", "pressure that the valve is asked for, before it is limited to 0..supply"),
+        ("supply_pressure", "Pa", "of the valve's supply"),
         ("valve_pressure", "Pa", "behind the valve"),
         ("pressure", "Pa", "in the cylinder"),
         ("thrust_pressure", "Pa", "that drives the piston"),
@@ -61,9 +62,9 @@ FIELDS = tuple(
         ("position", "m", "of the piston, 0 at rest"),
         ("displacement", "m", "of the piston in the step"),
         ("stack_force", "N", "on the plates, F_n"),
-        ("piston_force", "N", "against the piston's motion, held in the next step"),
+        ("piston_force", "N", "against the piston's motion, held over the next step"),
         ("temperature", "K", "of the oil"),
-        ("cylinder_speed", "rad/s", "the cylinder turns with"),
+        ("cylinder_speed", "rad/s", "speed of the turning cylinder"),
         ("slip", "rad/s", "slip speed, at mid-step"),
         ("angle", "rad", "of the turning plate"),
         ("contact", "1", "1 when the plates are pressed, else 0"),
@@ -80,7 +81,7 @@ FIELDS = tuple(
         ("drive_torque", "Nm", "on the turning plate; the motor's where the shaft is rigid"),
         ("inertia", "kg m^2", "that drive and clutch torque accelerate"),
         ("still", "1", "1 where the plate stays at rest in the step, whatever the torques; else 0"),
-        ("lead", "rad/s", "speed of the motor less that of the plate; 0 where the shaft is rigid"),
+        ("lead", "rad/s", "speed of the motor minus that of the plate; 0 where the shaft is rigid"),
         ("sensed_pressure", "Pa", "of the pressure sensor"),
         ("sensed_temperature", "K", "of the temperature sensor"),
         ("sensed_motor_torque", "Nm", "of the motor's drive"),
@@ -127,26 +128,27 @@ def _word(typing_context, address, index):
 
 
 def bound(effects, states):
-    """What `attached` and `call` need of a table's `kernel` and the effects' states (k,): `e`. Compiled code only.
+    """Addresses that `attached` and `call` take as `e`, from a table's `kernel` and the effects' states (k,).
 
-    Addresses, not arrays: to count references to an array takes longer than a law does. So the caller keeps `effects` and
-    `states` as long as `e` is in use. Raises ValueError for states that are not of this table: laws would write beyond them.
+    They are addresses, since counting the references to an array takes longer than a law. So the caller must keep `effects` and
+    `states` as long as `e` is in use. Raises ValueError for states of another size: laws would write beyond them. For compiled
+    code only.
     """
 
 
 def attached(hook, e):
-    """Whether any law is attached to `hook`; false where `e` is None: no effect is on. Compiled code only."""
+    """Whether any law is attached to `hook`. `e` is None where no effect is on. For compiled code only."""
 
 
 def call(hook, e, s, c, h):
-    """Call the laws of `hook` with signals `s`, the rig's parameters `c` and the step `h` [s]. Compiled code only."""
+    """Call the laws of `hook` with signals `s`, the rig's parameters `c` and the step `h` [s]. For compiled code only."""
 
 
 def known(e, s, y):
-    """Set the signals that every law may read to those of a clutch's state `y`. Compiled code only."""
+    """Set the signals that every law may read from the state `y` of a clutch. For compiled code only."""
 
 
-# Where no effect is on `e` is None, known when the kernel is compiled: such a kernel has no hooks in it.
+# Where no effect is on, `e` is None. That is known when the kernel is compiled, so that kernel has no hooks in it.
 
 
 @overload(bound, inline="always")

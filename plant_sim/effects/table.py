@@ -1,4 +1,4 @@
-"""Table: the effects that are on, as the kernel of a rig takes them."""
+"""Table of the effects that are on, as the kernel of a rig reads it."""
 
 from collections.abc import Mapping, Sequence
 from itertools import accumulate
@@ -15,11 +15,14 @@ from protocols.files.parameters import ParameterSet
 
 
 class Table(NamedTuple):
-    """Effects that are on: names; laws to call, by hook; parameters; where each one's states begin.
+    """The effects that are on: their names, the laws to call at each hook, their parameters and states.
 
-    calls (n, 3) int64: address of a law, its first parameter, its first state; begins (hooks + 1,) int64: first call of each
-    hook; values (m,) float64 in SI; spans: (first, after last) state of each effect, by name; size: number of states, 1
-    where there are none.
+    names: of the effects.
+    calls: (n, 3) int64, a row for each law: its address, the index of its effect's first parameter, of its first state.
+    begins: (hooks + 1,) int64, the first row of `calls` of each hook; the last one is n.
+    values: (m,) float64, parameters in SI.
+    spans: indices of the first state of each effect and of the one after its last, by name.
+    size: number of states, at least 1.
     """
 
     names: tuple[str, ...]
@@ -31,45 +34,48 @@ class Table(NamedTuple):
 
     @property
     def kernel(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, int] | None:
-        """What a rig's kernel takes; None when no effect is on."""
+        """Argument of a rig's kernel: `attachments`, or None when no effect is on."""
         return self.attachments if len(self.calls) else None
 
     @property
     def attachments(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
-        """Calls, begins, values and the number of states, also when no effect is on."""
+        """Calls, begins, values and the number of states."""
         return self.calls, self.begins, self.values, self.size
 
     def at_rest(self) -> np.ndarray:
-        """States of effects just switched on: zeros (k,)."""
+        """States (k,) of effects that were just switched on: zeros."""
         return np.zeros(self.size)
 
     def carried(self, states: np.ndarray, before: "Table") -> np.ndarray:
-        """States (k,) for this table from those of the table `before`: kept where an effect stays on."""
-        mine = self.at_rest()
+        """States (k,) for this table: those of the table `before` for an effect that stays on, else 0."""
+        moved = self.at_rest()
         for name, (begin, end) in self.spans.items():
             if name in before.spans:
-                first, last = before.spans[name]
-                mine[begin:end] = states[first:last]
-        return mine
+                moved[begin:end] = states[slice(*before.spans[name])]
+        return moved
 
 
 def switched_on(parameters: ParameterSet) -> tuple[str, ...]:
-    """Names of the effects of which a strength is not off."""
+    """Names of the effects that `parameters` switch on: a strength of each is not at its `off`."""
     return tuple(e.name for e in effects().values() if _active(e, parameters) is not NONE)
 
 
 def table(parameters: ParameterSet, rig: Any, c: Mapping[str, float], also: tuple[str, ...] = ()) -> Table:
     """The table of the effects that are on, and of those named in `also`, which may be off.
 
-    rig: Numba type of the rig's parameter record; c: its values in SI by field. Raises InputError for effects that exclude
-    each other.
+    rig: Numba type of the rig's parameter record. c: the record's values in SI by field. Raises InputError for effects that
+    exclude each other.
     """
     chosen = [e for e in effects().values() if e.name in also or _active(e, parameters) is not NONE]
-    return attached_table(chosen, [parameters[f"{e.name}.{p.name}"].si for e in chosen for p in e.parameters], rig)
+    return table_of(chosen, [parameters[f"{e.name}.{p.name}"].si for e in chosen for p in e.parameters], rig)
 
 
-def attached_table(chosen: Sequence[Effect], values: Sequence[float], rig: Any) -> Table:
-    """The table of the effects `chosen`, with the SI `values` of their parameters one after the other. Raises InputError."""
+def table_of(chosen: Sequence[Effect], values: Sequence[float], rig: Any) -> Table:
+    """The table of the effects `chosen`.
+
+    values: SI values of their parameters, in the order of the effects and of each one's parameters. rig: see `table`. Raises
+    InputError for effects that exclude each other.
+    """
     _check_exclusions(chosen)
     offsets = [0, *accumulate(len(e.parameters) for e in chosen)]
     starts = [0, *accumulate(e.state_type.itemsize // 8 for e in chosen)]
@@ -88,7 +94,7 @@ def attached_table(chosen: Sequence[Effect], values: Sequence[float], rig: Any) 
 
 
 def added_rate(parameters: ParameterSet, c: Mapping[str, float]) -> float:
-    """What the effects that are on add to the fastest rate of piston and cylinder [1/s]."""
+    """The sum of what the effects that are on add to the fastest rate of piston and cylinder [1/s]; `c`: see `table`."""
     rates = (
         e.rate(parameters.si(e.name), c) for e in effects().values() if _active(e, parameters) is not NONE and e.rate
     )
@@ -96,7 +102,7 @@ def added_rate(parameters: ParameterSet, c: Mapping[str, float]) -> float:
 
 
 def compile_all(rig: Any) -> None:
-    """Compile or load every law for a rig, so that switching one on costs nothing later."""
+    """Compile every law for a rig, or load it from disk, so that switching an effect on later compiles nothing."""
     for one in effects().values():
         for hook in one.laws:
             one.address(hook, rig)
@@ -104,13 +110,14 @@ def compile_all(rig: Any) -> None:
 
 def _active(one: Effect, parameters: ParameterSet) -> Effect | NoEffect:
     """The effect, or the null effect where all its strengths are off."""
-    for name, off in one.switches:  # of each effect, for each rig that is made: in the loop of the running plant too
+    for name, off in one.switches:  # must be fast: the running plant asks for every effect each time it makes a rig
         if parameters[name].value != off:
             return one
     return NONE
 
 
 def _check_exclusions(chosen: Sequence[Effect]) -> None:
+    """Raise InputError if two of the effects model the same part."""
     names = [e.name for e in chosen]
     for one in chosen:
         if others := [name for name in one.excludes if name in names]:

@@ -196,6 +196,15 @@ def test_the_page_says_which_part_was_run(tmp_path: Path):
     assert min(confusion.stat().st_size, calibration.stat().st_size) > 5000
 
 
+def test_the_page_names_candidates_that_no_case_hides(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """A new candidate, without a law in the truth yet, is named in an answer: the page and its picture are still made."""
+    monkeypatch.setattr(table, "CATALOGUE", [law for law in table.CATALOGUE if law.name != SEAL])
+    answers = [answer("single/friction_level/2.0/0.02/s1", (SEAL,))]
+    page, confusion, _ = table.write(answers, "development", tmp_path, "0123")
+    assert f"the truth has no law for them: {SEAL}.\n" in page.read_text(encoding="utf-8")
+    assert confusion.stat().st_size > 5000
+
+
 QUICK = {  # hidden strengths, effects with the second law; what must be said
     "nothing": ({}, (), NOTHING),
     "ripple": ({"shaft_angle_ripple": 0.08}, (), NAMED),

@@ -21,10 +21,11 @@ from numba import from_dtype, njit
 from clutch_hil.discrepancy.model import Candidate, Columns, Output, Values
 from clutch_hil.discrepancy.models.measured_motion import Motion
 from clutch_hil.discrepancy.models.ripple_starts import ripple_starts
-from clutch_hil.discrepancy.models.straight import PERIOD, STRIBECK_DEPTH, law_values
+from clutch_hil.discrepancy.models.straight import STRIBECK_DEPTH, law_values
 from plant_sim.effects.catalogue import effect
 from plant_sim.effects.signals import DRIVE, PISTON, SENSORS, SIGNALS, attached, bound, call
-from plant_sim.effects.table import attached_table
+from plant_sim.effects.start import StrongestOrder
+from plant_sim.effects.table import table_of
 from plant_sim.rigs.clutch_unit import slide
 from protocols.files.parameters import ParameterSet, load_defaults
 from protocols.files.units import ZERO_CELSIUS
@@ -90,9 +91,7 @@ class Slide(ABC):
         period = float(run["time_s"][1] - run["time_s"][0])
         moved = self._moved(run, own, period)
         drive = self._drive(run, own, moved)
-        table = attached_table(
-            [effect(c.name) for c in on], [v for c in on for v in law_values(c, values)], _RECORD_TYPE
-        )
+        table = table_of([effect(c.name) for c in on], [v for c in on for v in law_values(c, values)], _RECORD_TYPE)
         record = self._record(own, on)
         column = self.output.column
         m = 0.0  # share of its level that friction begins with, as measured
@@ -110,14 +109,14 @@ class Slide(ABC):
 
     def starts(self, candidate: Candidate, run: Columns, residuals: Columns) -> list[dict[str, float]]:
         """See `Hinting`: periods that stand in the residual over the path; sizes of pre-sliding and of Stribeck speed."""
-        typical = candidate.typical()
-        if f"{candidate.name}.{PERIOD}" in typical:
+        typical, start = candidate.typical(), effect(candidate.name).start
+        if isinstance(start, StrongestOrder):
             period = float(run["time_s"][1] - run["time_s"][0])
             moved, left = self._moved(run, self.parameters, period), residuals[self.output.column]
             carrier = np.ones(left.size)
-            if candidate.name == "shaft_angle_ripple":  # a share of the friction
+            if start.share_of == "clutch_torque_nm":  # a share of the friction
                 carrier = np.sign(moved.speed) * self._level(run, moved)
-            elif candidate.name == "motor_torque_ripple":  # what the motor lacks must be asked for
+            elif start.share_of == "motor_torque_nm":  # what the motor lacks must be asked for
                 carrier = left - run[self.output.column]
             return ripple_starts(candidate, moved, left, carrier)
         tried: list[dict[str, float]] = [{}]
