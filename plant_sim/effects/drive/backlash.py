@@ -4,11 +4,12 @@ What            splines or gears with clearance: no torque passes until a flank 
 Equation        J_m dw_m/dt = M_m - T,  J_p dw_p/dt = T - M,  dphi/dt = lambda = w_m - w_p
                 T = max(k (phi - b/2) + d lambda, 0) for phi > b/2, its mirror image below -b/2, 0 between;  d = 0.2 sqrt(k J_r)
                 J_p = share J,  J_m = (1 - share) J,  J_r = J_p J_m/J;  while the plate sticks w_p = 0
-Assumptions     flanks linear, not sticky, with a damping ratio of 0.1; switched on, the flank that carries is touched
-Integration     leapfrog with 8 sub-steps at constant M_m and M; the plate gets the step's mean torque, so that
-                momentum is kept
+Assumptions     flanks linear, without adhesion, with a damping ratio of 0.1; when the effect is switched on, the flank that
+                carries the torque is in contact
+Integration     leapfrog with 8 sub-steps at constant M_m and M; the plate gets the mean torque of the step, which keeps
+                the momentum
 Valid range     k 100..1e5 Nm/rad
-Not modelled    oil between the flanks, friction of the flanks, shaft (shaft_compliance: exclude each other)
+Not modelled    oil between the flanks, friction of the flanks, the shaft (shaft_compliance; the two exclude each other)
 References      Nordin and Gutman 2002, Automatica 38(10), Controlling mechanical systems with backlash - a survey
 """
 
@@ -36,7 +37,7 @@ def _flank(twist, lead, half, stiffness, damping):
 
 
 def rattle(s, c, p, x, h):
-    """Drive the plate across the gap."""
+    """Drive the plate through the clearance."""
     if p.gap == 0.0:
         return
     plate = p.share * c.motor_inertia
@@ -75,7 +76,7 @@ EFFECT = Effect(
         Shape("share", "1", typical=0.2, bounds=(0.05, 0.95), source="[D] a light plate behind a motor's rotor"),
     ),
     states=(State("twist", "rad"), State("lead", "rad/s"), State("wound", "1")),
-    rank=10,  # drives with what the motor gives
+    rank=10,  # after the effects that change the motor's torque
     excludes=("shaft_compliance",),
     display=Display("slip_steps"),
 )  # fmt: skip

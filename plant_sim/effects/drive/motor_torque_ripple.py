@@ -1,9 +1,9 @@
 """Motor torque ripples with its angle.
 
-What            slots, and harmonics of flux and current, make the motor's torque uneven round the turn
+What            slots, and harmonics of flux and current, make the motor's torque uneven over a turn
 Equation        M_m = M_m0 [1 + a cos(n theta + phi)]
-Assumptions     one order n, proportional to the torque asked; the drive's torque signal shows it; theta that of the plate, at
-                mid-step: the shaft's twist is small against a period
+Assumptions     one order n, in proportion to the torque that is asked for; the drive's torque signal shows the ripple; theta is
+                the angle of the plate at mid-step: the twist of the shaft is small against a period
 Valid range     a 0..0.5, n 0.5..200 a turn
 Not modelled    cogging without current (position_ripple), the drive's own compensation, change with field weakening
 References      Hanselman 2003, Brushless permanent magnet motor design, ch. on torque ripple
@@ -18,7 +18,7 @@ from plant_sim.effects.start import StrongestOrder
 
 
 def ripple(s, c, p, x, h):
-    """Scale the motor's torque round the turn."""
+    """Scale the motor's torque by a cosine of the angle."""
     factor = 1.0 + p.amplitude * cos(p.order * (s.angle + 0.5 * h * s.slip) + p.phase)
     s.motor_torque *= factor
     s.drive_torque *= factor

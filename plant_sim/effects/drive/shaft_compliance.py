@@ -4,9 +4,10 @@ What            motor and turning plate are two inertias on a shaft that twists,
 Equation        J_m dw_m/dt = M_m - T,  J_p dw_p/dt = T - M,  lambda = dphi/dt = w_m - w_p
                 T = phi/e + 2 zeta sqrt(J_r/e) lambda;  eigenfrequency 1/sqrt(e J_r), damping ratio zeta
                 J_p = share J,  J_m = (1 - share) J,  J_r = J_p J_m/J;  while the plate sticks w_p = 0, J_m in place of J_r
-Assumptions     massless linear shaft; damping as a ratio of the free shaft's; switched on, it is wound up as its torques ask
+Assumptions     massless linear shaft; damping as a ratio, of the shaft with both ends free; when the effect is switched on, the
+                shaft is twisted as its torques require
 Integration     exact at constant M_m and M; the plate gets the mean torque over the step, so that momentum is kept
-Valid range     e 0..0.1 rad/Nm: any below 0.1 is stable; the sampled motor speed sees oscillations up to some 1 kHz
+Valid range     e 0..0.1 rad/Nm: stable over all of it; samples of the motor's speed show oscillations up to about 1 kHz
 Not modelled    inertia of the shaft, torsional modes beyond the first, clearance (backlash)
 References      Inman 2014, Engineering vibration, ch. 4 (two-degree-of-freedom systems)
 """
@@ -57,6 +58,6 @@ EFFECT = Effect(
         Shape("damping", "1", typical=0.03, bounds=(0.001, 0.9), source="[D] steel shaft with couplings"),
     ),
     states=(State("spring", "Nm"), State("lead", "rad/s"), State("wound", "1")),
-    rank=10,  # drives with what the motor gives
+    rank=10,  # after the effects that change the motor's torque
     excludes=("backlash",),
 )  # fmt: skip

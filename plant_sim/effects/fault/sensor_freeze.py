@@ -1,11 +1,11 @@
 """Frozen sensor.
 
-What            a channel keeps its last value, without noise: a converter that hangs, a buffer that is not filled any more
-Equation        V_shown = the V of the last sample before its strength was 0.5 or more
+What            a channel keeps its last value, without noise: a converter that hangs, or a buffer that is no longer filled
+Equation        V_shown = V of the last sample before the channel's strength became 0.5 or more
 Assumptions     frozen at the converter, after everything else; a channel that is frozen when the effect is switched on
                 keeps the sample of that instant
 Valid range     each strength 0 (works) or 1 (frozen)
-Not modelled    the frame itself goes on: its alive counter counts
+Not modelled    a frame that stops: its alive counter goes on counting
 References      ISO 26262-5:2018, Table D.1: failure modes of sensors, among them stuck in range
 """
 

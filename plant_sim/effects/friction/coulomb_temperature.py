@@ -2,7 +2,7 @@
 
 What            the boundary film on the lining weakens as the oil warms, so that the speed-independent part falls as well
 Equation        M_C = M_C0 max(1 + a (T - T_ref), 0),  T_ref of the rig's oil, at which the maps were identified
-Assumptions     linear over the range; at once with the temperature of the bulk of the oil
+Assumptions     linear over the range; the friction follows the mean temperature of the oil without delay
 Valid range     oil 50..150 degC, a -0.01..0.01 1/K
 Not modelled    temperature of the interface (friction_fade), ageing of the oil's additives
 References      Janssens 2010, fig 6.8 (-0.1 %/K of the whole torque at 200 rpm) and 6.9, which gives it to the viscous

@@ -1,10 +1,10 @@
 """Friction differs with the direction of slip.
 
-What            cut of the grooves, grain of the lining or a tilted guide make one direction rub more than the other
+What            the cut of the grooves, the grain of the lining or a tilted guide give one direction more friction
 Equation        M = M_0 + a |2 (1 - w) M_C + 2 w M_v|,  M_0 = M_C + M_v, Coulomb and viscous part
                 so that w = 1/2 is M_0 (1 + a) for M_0 > 0, M_0 (1 - a) for M_0 < 0; w = 1: only the viscous part differs
-Assumptions     the direction is that of the friction, which is that of slip but for its lag: so there is no jump at a reversal,
-                and friction in pre-sliding stays passive
+Assumptions     the direction is that of the friction torque, which follows that of slip with its lag: so there is no jump at a
+                reversal, and friction in pre-sliding stays passive
 Valid range     |a| <= 0.5
 Not modelled    another Stribeck curve in the other direction
 References      Janot, Gautier and Brunot 2019, data set of the EMPS axis: friction that depends on the direction explains more
@@ -17,7 +17,7 @@ from plant_sim.effects.signals import TORQUE
 
 
 def lean(s, c, p, x, h):
-    """Raise one direction, lower the other."""
+    """Raise the torque in one direction and lower it in the other."""
     weight = 1.0 + (2.0 * p.viscous_part - 1.0) * (2.0 * s.viscous_share - 1.0)
     s.torque += p.asymmetry * weight * abs(s.torque)
 
@@ -35,6 +35,6 @@ EFFECT = Effect(
             source="[D] w: both parts alike; of the EMPS axis it is 1, its Coulomb friction is the same in both directions",
         ),
     ),
-    rank=15,  # after presliding, of which it is a fixed function
+    rank=15,  # after presliding: it scales the torque of pre-sliding
     display=Display("slip_sine", column="clutch_torque_nm"),
 )  # fmt: skip

@@ -3,8 +3,9 @@
 What            the oil in the gap is sheared while the plates do not touch
 Equation        M = M_0 + d omega eta(T)/eta_ref (x_c + g)/(x_c - x + g) w,  w = 1 open, w = max(1 - p_n/0.35 bar, 0) pressed
                 d = 2 N pi eta_ref r_m^3 B/gap at rest, laminar Couette flow in N gaps of width B at radius r_m
-Assumptions     gaps full of oil and equal; g is the effective gap at touch, which waviness keeps open. Continuous at touch; the
-                pressed film's shear is part of the maps of Table 6.4, which begin at 2.7 bar: there drag has gone
+Assumptions     all gaps are equal and full of oil; g is the effective gap at touch, which waviness keeps open; the drag is
+                continuous at touch. It is 0 from 2.7 bar on: there the maps of Table 6.4 begin, which contain the shear of
+                the pressed film
 Valid range     low speed, before air enters the gap
 Not modelled    the peak and fall of drag at high speed as air enters, flow of oil, tilting
 References      Iqbal, Al-Bender, Pluymers and Desmet 2013, ISRN Tribology 206539; Kitabayashi, Li and Hiraki 2003,
@@ -41,6 +42,6 @@ EFFECT = Effect(
         ),
         Shape("gap", "mm", typical=0.2, bounds=(0.02, 2.0), source="[D] waviness of plates, and oil between them"),
     ),
-    rank=30,  # beside the friction, not part of it
+    rank=30,  # after the effects that scale the friction: drag is no part of it
     display=Display("engagement", column="clutch_torque_nm"),
 )  # fmt: skip

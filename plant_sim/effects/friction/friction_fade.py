@@ -1,15 +1,15 @@
 """Friction fades with the heat at the interface and recovers.
 
-What            lining and plate surface grow hotter than the bulk of the oil while they slip; the torque falls, then comes back
+What            while the plates slip, lining and plate surface become hotter than the oil: the torque falls; later it recovers
 Equation        dQ/dt = |M omega| - Q/tau;  M = M_0 (1 - k Q);  k = a/C_i, tau = C_i/G: with the fall of friction a [1/K], the
-                surface's heat capacity C_i [J/K] and its conductance to the oil G [W/K], of which torque shows only k and tau
-Assumptions     one thermal node between friction and oil, at Q/C_i above the oil; Coulomb and viscous part fade alike
+                surface's heat capacity C_i [J/K] and its conductance to the oil G [W/K]; torque shows only k and tau
+Assumptions     one thermal node between friction and oil, Q/C_i warmer than the oil; Coulomb and viscous part fade alike
 Integration     exact at constant power: the rate is k |M_0 omega| + 1/tau
 Valid range     k Q < 1, which the law keeps
 Not modelled    the delay that the node gives to the heating of the oil, distribution over the plates, burnt lining
-References      Maki 2005, Wet clutch tribology, Lulea (temperature of the interface rules its friction);
-                [D] values: 2 mm of steel plate on 62 cm^2 hold 50 J/K; with 0.3 %/K of friction, of the order of
-                coulomb_temperature's, k is 6e-5 1/J
+References      Maki 2005, Wet clutch tribology, Lulea (the temperature of the interface determines its friction);
+                [D] values: 2 mm of steel plate on 62 cm^2 store 50 J/K; where friction falls by 0.3 %/K, as in
+                coulomb_temperature, k is 6e-5 1/J
 """
 
 from math import expm1
@@ -40,6 +40,6 @@ EFFECT = Effect(
         ),
     ),
     states=(State("heat", "J"),),
-    rank=20,  # the heat is that of all sliding friction
+    rank=20,  # after the effects that change sliding friction: the heat is that of all of it
     display=Display("hold", column="clutch_torque_nm"),
 )  # fmt: skip

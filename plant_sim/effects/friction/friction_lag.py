@@ -1,13 +1,13 @@
 """Friction lags more, or less, than identified.
 
-What            friction needs time to follow a change of slip, through C, and of load, through the asperities' own settling
+What            friction needs time to follow a change of slip (by C), and a change of load (until the asperities have settled)
 Equation        C = a C_0;  dM_C/dt = (M_C0 - M_C)/tau_n                           (6.9; normal state of 6.2, C_n = 1/tau_n)
-Assumptions     both lags in time, as the thesis reads its attraction parameter in gross sliding; plates that just touch
-                feel their load at once
+Assumptions     both are lags in time, as the thesis has its attraction parameter in gross sliding; plates that have just
+                touched have the friction of their load without delay
 Integration     exact at constant load over a step
 Valid range     a 0.05..20, tau_n 0..0.2 s
 Not modelled    lag over a distance of slip
-References      Janssens 2010, eq. 6.7 and fig 6.14 (C of 3.4 bar alone), eq. 6.2: the normal state is there left unidentified
+References      Janssens 2010, eq. 6.7 and fig 6.14 (C at 3.4 bar alone), eq. 6.2, whose normal state is not identified there
 """
 
 from math import expm1
@@ -49,5 +49,5 @@ EFFECT = Effect(
         ),
     ),
     states=(State("coulomb", "Nm"),),
-    rank=10,  # lags what all else makes of the Coulomb torque
+    rank=10,  # after the effects that change the Coulomb torque, which it lets lag
 )  # fmt: skip

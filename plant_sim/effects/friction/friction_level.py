@@ -1,6 +1,6 @@
 """Level of the friction torque, drifting in time.
 
-What            friction material, oil and wear scale the whole torque of one clutch against that of another
+What            friction material, oil and wear differ from clutch to clutch, and with them the whole torque by one factor
 Equation        M = max(level + drift t, 0) (M_C m + f), t since the effect was switched on
 Assumptions     Coulomb and viscous part change alike
 Valid range     level 0.3..3

@@ -1,10 +1,10 @@
 """Coefficient of friction falls with the load.
 
-What            asperities grow together under load, so that Coulomb torque rises less than in proportion to the force
+What            contact spots merge under load, so that the Coulomb torque rises less than in proportion to the force
 Equation        M_C = M_C0 [1 - f exp(-L/p_n)],  p_n = F_n/A_cyl = p* - p_contact,  f = 1/a_2                        (4.2)
-Assumptions     at once with the load; viscous part unchanged
+Assumptions     no delay behind the load; viscous part unchanged
 Valid range     p_n 0..3 bar; f 0..0.9
-Not modelled    what the maps of Table 6.4 already hold of it: they are straight lines over 0.35..1.85 bar
+Not modelled    the part of this that the maps of Table 6.4 contain already: they are straight lines over 0.35..1.85 bar
 References      Janssens 2010, eq. 4.2, figs 4.14 and 4.16 (the law is plant_sim/friction/load_law.py's)
 """
 

@@ -1,6 +1,6 @@
 """Torque periodic in position that does not depend on load.
 
-What            cogging, a ball screw's pitch or a bent shaft add a torque that comes back every turn, pressed or not
+What            cogging, a ball screw's pitch or a bent shaft add a torque that returns every turn, pressed or not
 Equation        M = M_0 + A cos(n theta + phi)
 Assumptions     one order n; a potential torque: no work over a period; theta at mid-step
 Valid range     A 0..10 Nm, n 0.5..200 a turn
@@ -33,7 +33,7 @@ EFFECT = Effect(
         Shape("order", "1", typical=6.0, bounds=(0.5, 200.0), source="[D] periods a turn"),
         Shape("phase", "rad", typical=0.5, bounds=(-3.2, 3.2), source="[D] where the encoder's zero happens to be"),
     ),
-    rank=30,  # beside the friction, not part of it
+    rank=30,  # after the effects that scale the friction: this torque is no part of it
     display=Display("crawl", column="clutch_torque_nm", over="shaft_angle_rad"),
     start=StrongestOrder("clutch_torque_nm"),
 )  # fmt: skip

@@ -3,12 +3,12 @@
 What            asperities bend before they break, with a memory of every reversal
 Equation        M = W (f_1 + ... + f_4)/4 + f(omega);  df_i = dtheta/b_i while |f_i| < 1, else |f_i| = 1
                 b_i = b/r^3, b/r^2, b/r, b  (Maxwell-slip elements of equal limits; W and f: Coulomb and viscous
-                part of gross sliding; thesis sec. 5.2); r = 1: one spring, as where the frame bends more than asperities
-Assumptions     limits follow the level of sliding at once, as in sec. 5.5; that level is kept over a reversal
-Integration     elements exact at constant slip; their torque is that at the end of the step, which damps a plate that swings
-                on them with frequency w by some h w/4 of critical, and is stable for h w < 1.4. The plates never stick rigidly
-Valid range     b 1e-4..0.1 rad with the plate's inertia at 0.1 ms; below that sticking chatters
-Not modelled    lag of each element by itself (GMS): the level lags as a whole; creep
+                part of gross sliding; thesis sec. 5.2); r = 1: one spring, as where the frame bends more than the asperities
+Assumptions     limits follow the level of sliding without delay, as in sec. 5.5; the level stays the same over a reversal
+Integration     elements exact at constant slip. Their torque is that at the end of the step: it is stable for h w < 1.4, and
+                damps a plate that swings on them at the frequency w with a ratio of about h w/4. The plates never stick rigidly
+Valid range     b 1e-4..0.1 rad, for the plate's inertia and steps of 0.1 ms; below it, plates that stick chatter
+Not modelled    a lag of each element (GMS): the level lags as a whole; creep
 References      Janssens 2010, secs 5.2 and 5.5, appendix D; Lampaert 2003; Iwan 1966; plant_sim/friction/maxwell_slip.py
 """
 
@@ -21,13 +21,13 @@ _ELEMENTS = 4  # as good as ten on a measured contact (reproduce microtribometer
 
 
 def keep_level(s, c, p, x, h):
-    """Turn the sliding level over with the slip, instead of letting it pass through 0."""
+    """Give the sliding level the sign of the slip at once: at a reversal it does not pass through 0."""
     if p.angle > 0.0 and s.friction_state * s.slip < 0.0:
         s.friction_state = -s.friction_state
 
 
 def bend(s, c, p, x, h):
-    """Replace the sliding torque by that of the elements it is the limit of."""
+    """Replace the sliding torque by that of the elements, whose limit it is."""
     if p.angle == 0.0:
         return
     if s.contact == 0.0:
@@ -57,6 +57,6 @@ EFFECT = Effect(
         ),
     ),
     states=(State("bent", "1", _ELEMENTS),),
-    rank=10,  # its limits are the sliding torque with all else in it
+    rank=10,  # after the effects that change the sliding torque, which is its limit
     display=Display("reversals", column="shaft_angle_rad", over="clutch_torque_nm"),
 )  # fmt: skip

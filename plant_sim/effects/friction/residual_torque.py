@@ -1,6 +1,6 @@
 """Friction torque that no effect of the catalogue explains, as a polynomial.
 
-What            carries what the discrepancy workflow found missing and could not name, so that a model can be used meanwhile
+What            stands for what the discrepancy workflow finds missing but cannot name, so that the model can be used meanwhile
 Equation        M += sigma (a_0 + a_1 P + a_2 P^2 + a_3 W + a_4 W^2 + a_5 P W + a_6 T + a_7 P T + a_8 D + a_9 P D + a_10 t
                        + a_11 E) + a_12 V + b cos(n theta) + b' sin(n theta)    in contact
                 M += sigma a_13 W                                               out of contact
@@ -10,7 +10,7 @@ Equation        M += sigma (a_0 + a_1 P + a_2 P^2 + a_3 W + a_4 W^2 + a_5 P W + 
                 dD = dp/0.1 bar, |D| <= 1: direction of the pressure, kept while it stands (Maxwell-slip element)
 Assumptions     none: coefficients are fitted (clutch_hil/discrepancy/surrogate_term.py), not understood
 Valid range     that of the runs it was fitted to; |P|, W, |T|, |E| are held beyond 2
-Not modelled    the physics; memory beyond 20 ms
+Not modelled    the physical cause; memory beyond 20 ms
 References      Kennedy and O'Hagan 2001, J. R. Statist. Soc. B 63 (a model and its discrepancy term)
 """
 
@@ -76,6 +76,6 @@ EFFECT = Effect(
         Shape("order", "1", typical=1.0, bounds=(0.1, 100.0), source="[D] as shaft_angle_ripple"),
     ),
     states=(State("last", "Pa"), State("direction", "1"), State("pressure", "Pa"), State("slip", "rad/s")),
-    rank=90,  # on top of all effects that are understood
+    rank=90,  # after all effects that are understood
     candidate=False,
 )  # fmt: skip

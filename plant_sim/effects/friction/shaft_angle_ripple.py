@@ -1,6 +1,6 @@
 """Torque ripples with the shaft's angle, in proportion to itself.
 
-What            a plate out of flat or out of square presses, or rubs, unevenly round the turn
+What            a plate that is not flat, or not square to the shaft, presses or rubs unevenly over a turn
 Equation        M = M_0 [1 + a cos(n theta + phi)]
 Assumptions     one order n; theta at mid-step
 Valid range     a 0..0.5, n 0.5..200 a turn
@@ -17,7 +17,7 @@ from plant_sim.effects.start import StrongestOrder
 
 
 def ripple(s, c, p, x, h):
-    """Scale the torque round the turn."""
+    """Scale the torque by a cosine of the angle."""
     s.torque *= 1.0 + p.amplitude * cos(p.order * (s.angle + 0.5 * h * s.slip) + p.phase)
 
 

@@ -1,15 +1,15 @@
 """Oil film between the plates is squeezed out after they touch.
 
-What            the film carries the load at first; as it thins, summits of the lining meet the plate and torque builds up
+What            the film carries the load at first; as it thins, summits of the lining touch the plate and the torque rises
 Equation        -dh/dt = F h^3/(kappa eta)  (Reynolds, parallel faces), so with lambda = h/sigma, sigma the roughness:
                 1/lambda^2 = 1/lambda_0^2 + J,  dJ/dt = p_n eta_ref/(I eta(T)),  I = kappa eta_ref/(2 sigma^2 A_cyl)
                 M = M_0 exp(-lambda^2/2),  p_n = F_n/A_cyl = p* - p_contact
-Assumptions     density of Gaussian summits at the height of the film gives their share of the load; the film is full again once
-                the plates part; its viscosity is that at the oil's temperature
+Assumptions     the density of Gaussian summits at the height of the film gives their share of the load; once the plates part,
+                the film is full again; its viscosity is that at the oil's temperature
 Integration     exact at constant force over a step
 Valid range     lambda_0 0..20, I 0.001..1 bar s
-Not modelled    shear of the film itself, flow factors (Patir and Cheng), the summits' share of the load taken off the film's,
-                porous lining, grooves but in I, the film's spring and damping on the piston
+Not modelled    shear of the film itself, flow factors (Patir and Cheng), relief of the film by the load on the summits, porous
+                lining, grooves (but for their part in I), stiffness and damping of the film on the piston
 References      Reynolds 1886; Patir and Cheng 1978, J. Lubrication Technology 100; Berger, Sadeghi and Krousgrill 1996,
                 J. Tribology 118 (engagement of rough and grooved wet clutches)
 """
@@ -22,7 +22,7 @@ from plant_sim.effects.signals import TORQUE
 
 
 def squeeze(s, c, p, x, h):
-    """Let the summits carry their share."""
+    """Scale the torque by the share of the load that the summits carry."""
     if s.contact == 0.0:
         if h > 0.0:
             x.squeezed = 0.0

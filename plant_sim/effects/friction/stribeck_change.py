@@ -1,9 +1,9 @@
 """Another Stribeck curve.
 
-What            oil, its friction modifier or a worn lining change how far and how soon friction falls with speed
+What            the oil, its friction modifier or a worn lining change how far, and at what speed, friction falls
 Equation        s_n = 1 - d (1 - beta) exp(-v V_S/|omega|)                                             (6.2, d = v = 1)
 Assumptions     same shape of the curve; friction at standstill unchanged
-Valid range     0 <= d <= 3: without any fall to three times as much, at most to 5 % of the Coulomb level; v 0.1..10
+Valid range     d 0..3: from no fall to three times the fall, at most to 5 % of the Coulomb level; v 0.1..10
 Not modelled    change of the viscous part
 References      Stribeck 1902, Die wesentlichen Eigenschaften der Gleit- und Rollenlager; Janssens 2010, eqs 6.2 and 6.5
 """

@@ -1,11 +1,11 @@
 """Centrifugal pressure of the oil that turns with the cylinder.
 
-What            the cylinder turns with the motor's side; its oil presses harder on the piston than at the feed, where the
-                sensor is
+What            the cylinder turns with the motor's side; its oil has a higher pressure at the piston than at the feed, where
+                the sensor is
 Equation        p_thrust = p + k omega^2;  k = rho (r_o^2 + r_i^2 - 2 r_f^2)/4, the mean over the ring r_i..r_o, fed at r_f
 Assumptions     the oil turns as a solid body and fills the cylinder; no balance chamber
 Valid range     k 0..1e-3 bar/(rad/s)^2
-Not modelled    slip of the oil against the cylinder, partial fill, what the turning oil adds to the line's pressure drop
+Not modelled    slip of the oil against the cylinder, partial fill, the turning oil's part in the pressure drop of the line
 References      White, Fluid Mechanics, chapter 2 (liquid in rigid-body rotation), averaged over the ring here
 """
 
@@ -14,7 +14,7 @@ from plant_sim.effects.signals import HYDRAULICS
 
 
 def press(s, c, p, x, h):
-    """Add the mean centrifugal pressure to what drives the piston."""
+    """Add the mean centrifugal pressure to the one that drives the piston."""
     s.thrust_pressure += p.coefficient * s.cylinder_speed * s.cylinder_speed
 
 

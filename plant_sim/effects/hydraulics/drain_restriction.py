@@ -1,6 +1,6 @@
 """Drain through the valve's tank port: the cylinder empties with another conductance than it fills.
 
-What            filling goes past the supply edge, emptying past the tank edge and its own line
+What            oil enters past the supply edge of the valve, and leaves past its tank edge and another line
 Equation        q = r G (p_v - p) where p_v < p
 Assumptions     laminar both ways; tank at ambient pressure
 Valid range     r 0.05..3
@@ -19,7 +19,7 @@ def drain(s, c, p, x, h):
 
 
 def rate(p, c):
-    """What a wider drain adds to the line's rate on the cylinder [1/s]."""
+    """What a wider drain adds to the rate [1/s] at which the line fills the cylinder."""
     return max(p["ratio"] - 1.0, 0.0) * c["hydraulics_conductance"] / c["hydraulics_capacity"]
 
 
@@ -32,7 +32,7 @@ EFFECT = Effect(
             source="[D] a tank port a little narrower than the supply's",
         ),
     ),
-    rank=-1,  # the line's flow alone, before leakage
+    rank=-1,  # before leakage: it scales the flow of the line alone
     rate=rate,
     candidate=False,
 )  # fmt: skip

@@ -1,6 +1,6 @@
 """Air entrapped in the cylinder: soft at low pressure, so that the fill draws more oil and its pressure rises later.
 
-What            free air left from draining has to be compressed before the pressure rises
+What            free air, left from draining, must be compressed before the pressure rises
 Equation        V(p) = V_0 p_0 / (p_0 + p), isothermal;  C = C_h + V_0 p_0 / (p_0 + p)^2,  p_0 = 1.01325 bar
 Assumptions     small bubbles: isothermal; the amount of air stays; none dissolves
 Valid range     V_0 0..5e-5 m^3 at atmospheric pressure, p >= 0
@@ -17,7 +17,7 @@ ATMOSPHERE = 101325.0  # Pa, standard
 
 def soften(s, c, p, x, h):
     """Add the compressibility of the air to that of oil and line."""
-    share = 1.0 / (ATMOSPHERE + max(s.pressure, 0.0))  # a stage may reach below 0
+    share = 1.0 / (ATMOSPHERE + max(s.pressure, 0.0))  # within a step the pressure may fall below 0
     s.capacity += p.volume * ATMOSPHERE * share * share
 
 

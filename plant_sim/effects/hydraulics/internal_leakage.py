@@ -1,6 +1,6 @@
 """Internal leakage of the cylinder through its seal rings and the rotary feed.
 
-What            oil leaves behind the line, so that the cylinder stays below the valve's pressure
+What            oil leaves the cylinder, so that its pressure stays below that of the valve
 Equation        q = G (p_v - p) - G_l p;  steady p = p_v G/(G + G_l)
 Assumptions     laminar gap, constant viscosity, into a casing at ambient pressure
 Valid range     G_l 0..1e-4 m^3/(s bar)
@@ -13,12 +13,12 @@ from plant_sim.effects.signals import HYDRAULICS
 
 
 def leak(s, c, p, x, h):
-    """Take the leaking flow off."""
+    """Subtract the leakage from the flow into the cylinder."""
     s.flow -= p.conductance * s.pressure
 
 
 def rate(p, c):
-    """The leak empties the cylinder's capacity [1/s]."""
+    """Rate [1/s] at which the leakage empties the cylinder."""
     return p["conductance"] / c["hydraulics_capacity"]
 
 

@@ -1,10 +1,10 @@
 """Viscosity of the oil in the line: cold oil fills slowly.
 
-What            the line is laminar, its conductance goes with one over the oil's viscosity
+What            the flow in the line is laminar, so that its conductance is inversely proportional to the oil's viscosity
 Equation        G -> G (eta(T_ref)/eta(T))^share: Vogel's law (blocks/viscosity.py), 1 at the reference temperature
-Assumptions     the oil in the line is as warm as that between the plates; density constant
+Assumptions     the oil in the line has the temperature of that between the plates; constant density
 Valid range     T 35..150 degC (oil.py), share 0..1: 0.5 for a line half of which is an orifice
-Not modelled    viscosity's pressure dependence, the valve's and the leak's own (slower_valve, internal_leakage)
+Not modelled    viscosity that depends on pressure; the same in the valve and the leakage (slower_valve, internal_leakage)
 References      Vogel 1921, Physikalische Zeitschrift 22, p. 645; Merritt 1967, Hydraulic Control Systems, chapters 2 and 3
                 (viscosity, laminar flow)
 """
@@ -15,7 +15,7 @@ from plant_sim.effects.effect import Effect, Strength
 from plant_sim.effects.signals import RIG
 from protocols.files.units import ZERO_CELSIUS
 
-HOTTEST = ZERO_CELSIUS + 150.0  # K, end of fig 6.8 of Janssens 2010; above, the oil is taken as thin as here
+HOTTEST = ZERO_CELSIUS + 150.0  # K, end of fig 6.8 of Janssens 2010; above it, the viscosity is taken as constant
 
 
 def thicken(s, c, p, x, h):
@@ -24,7 +24,7 @@ def thicken(s, c, p, x, h):
 
 
 def rate(p, c):
-    """What the thinnest oil adds to the line's rate on the cylinder [1/s]."""
+    """What the thinnest oil adds to the rate [1/s] at which the line fills the cylinder."""
     most = relative_viscosity(HOTTEST, c["oil_reference"]) ** -p["share"]
     return (most - 1.0) * c["hydraulics_conductance"] / c["hydraulics_capacity"]
 

@@ -1,8 +1,8 @@
 """Clearance of the plates off its nominal value.
 
-What            wear widens the way the piston has to go before the plates touch; swelling or a thicker plate narrows it
-Equation        x_c -> max(x_c + change, 0); the springs stay, so that they push with k_s change more at the touch
-Assumptions     the same all around; constant in a run
+What            with wear the piston moves further before the plates touch; with swelling or a thicker plate less far
+Equation        x_c -> max(x_c + change, 0); the springs stay, so that their force at touch is greater by k_s change
+Assumptions     the same all around the plates; constant in a run
 Valid range     change -0.5..2 mm at 1 mm of clearance
 Not modelled    wear with the work done, thermal expansion
 References      Janssens 2010, sec. 6.2.2 (wear of the friction material) and eq. 6.1 (springs)
@@ -13,7 +13,7 @@ from plant_sim.effects.signals import RIG
 
 
 def move(s, c, p, x, h):
-    """Move the plates away from the piston at rest."""
+    """Change the clearance between the plates and the piston at rest."""
     c.piston_clearance = max(c.piston_clearance + p.change, 0.0)
 
 

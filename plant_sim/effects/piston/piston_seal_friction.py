@@ -1,9 +1,9 @@
 """Friction of the seal rings on the piston, with pre-sliding.
 
-What            the seals resist the piston before they slide, so that torque over pressure opens a loop
+What            the seals resist the piston, like a spring before they slide: torque over pressure becomes a loop
 Equation        dF = k dx while |F| < W, else |F| = W;  W = W_0 + W_p p,  k = W / x_s
                 (one Maxwell-slip element, thesis sec. 5.2)
-Assumptions     break-away force independent of speed; lip seals are pressed on by the oil itself, hence W_p
+Assumptions     break-away force independent of speed; it grows with W_p, since the oil presses a lip seal on
 Valid range     W 0..1000 N
 Not modelled    Stribeck effect of the lip, stick time, memory of the pressure within the lip
 References      Janssens 2010, fig 6.11: offered as the first cause of the direction-dependent torque over pressure;
@@ -23,11 +23,11 @@ def resist(s, c, p, x, h):
     s.piston_force += x.force
 
 
-_HELD = 2.5 / 2.0  # the force is held over a step, which is stable to a rate of 2/step where the rig allows 2.5/step
+_HELD = 2.5 / 2.0  # the force is held over a step: stable up to a rate of 2/step, where the rig allows 2.5/step
 
 
 def rate(p, c):
-    """The seals' stiffness at full supply pressure, on the piston's damping [1/s]."""
+    """Stiffness of the seals at full supply pressure over the damping of the piston [1/s]."""
     stiffness = (p["force"] + p["pressure_slope"] * c["valve_supply_pressure"]) / p["travel"]
     return _HELD * stiffness / c["piston_damping"]
 

@@ -3,7 +3,7 @@
 What            the stack begins soft and reaches its stiffness once the crests are pressed flat
 Equation        F = k (g + a)^2 / (4 a) for |g| < a, k g beyond, g = x - x_c: the linear stack, averaged over gaps g - z with z
                 spread evenly over -a..a
-Assumptions     straight crests (saw-tooth wave), each spot a spring of its own (Winkler); the mean plane stays
+Assumptions     straight crests (saw-tooth wave); each spot is a spring of its own (Winkler); the mean plane stays where it is
 Valid range     a 0..0.5 mm, less than the clearance
 Not modelled    bending stiffness, its own hysteresis, ripple as the plates turn (shaft_angle_ripple)
 References      Johnson 1985, Contact Mechanics, chapter 4 (elastic foundation); Janssens 2010, fig 6.10 (piston and stack)
@@ -15,7 +15,7 @@ from plant_sim.effects.signals import STACK
 
 
 def cushion(s, c, p, x, h):
-    """Replace the stack's force near the touch by the mean over the wave."""
+    """Replace the stack's force near touch by its mean over the wave."""
     gap = s.position - c.piston_clearance
     if abs(gap) < p.height:
         pressed = gap + p.height

@@ -1,8 +1,8 @@
 """Return springs stronger or weaker than nominal.
 
-What            springs relax, break, or are of another batch; the plates touch at another pressure
+What            springs relax, break, or come from another batch, so that the plates touch at another pressure
 Equation        F_spring = r (F_0 + k_s x)
-Assumptions     preload and stiffness change alike: so many springs of the ring are missing
+Assumptions     preload and stiffness change by the same factor, as where some springs of the ring are missing
 Valid range     r 0.5..1.5
 Not modelled    tilting of the piston by a missing spring, springs that are not linear
 References      Janssens 2010, eq. 6.1 and Table 6.3 (contact pressure, which the springs make)
@@ -19,7 +19,7 @@ def relax(s, c, p, x, h):
 
 
 def rate(p, c):
-    """What stiffer springs add on the piston's damping [1/s]."""
+    """The stiffness that stronger springs add, over the damping of the piston [1/s]."""
     return max(p["ratio"] - 1.0, 0.0) * c["piston_spring_stiffness"] / c["piston_damping"]
 
 

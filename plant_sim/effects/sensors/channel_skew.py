@@ -2,7 +2,7 @@
 
 What            one converter takes the channels one after the other: pressure, temperature, motor torque, clutch torque
 Equation        channel i of 0..3 shows u_i(t - (3 - i) interval), linear between integration steps
-Assumptions     the frame leaves when the last channel is taken, so that one is true and the first is three intervals old;
+Assumptions     the frame leaves when the last channel is converted: that one is up to date, the first is three intervals old;
                 encoder counts are latched with the frame
 Valid range     interval 0..300 us
 Not modelled    charge carried from one channel to the next by the multiplexer
@@ -16,7 +16,7 @@ from plant_sim.effects.signals import SENSORS
 
 
 def stagger(s, c, p, x, h):
-    """Show each channel as it was when its turn came."""
+    """Show each channel as it was when it was converted."""
     count(x, h)
     s.sensed_pressure = delayed(x.pressure, x, s.sensed_pressure, 3.0 * p.interval, AT_END, h)
     s.sensed_temperature = delayed(x.temperature, x, s.sensed_temperature, 2.0 * p.interval, AT_END, h)

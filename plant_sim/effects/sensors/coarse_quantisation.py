@@ -1,11 +1,11 @@
 """Coarse quantisation of the pressure and the clutch-torque channel.
 
-What            a converter has fewer effective bits than it is sold with: its lowest ones are not connected or say nothing
+What            a converter has fewer effective bits than its data sheet says: the lowest are not connected, or only noise
 Equation        V_shown = step (round(V / step - o) + o), step = 2 V_range 2^lost / 2^bits, after the noise
                 o = 0: a level at 0 V (mid-tread); o = 0.5: none (mid-rise, as of a converter that truncates)
 Assumptions     the error is that of a coarser ideal converter
 Valid range     bits lost 0..8 of 12 and 0..12 of 16; fractions are allowed, as for any effective number of bits
-Not modelled    the noise that takes effective bits away in a real converter: raise sensors...._noise for that
+Not modelled    the noise to which a real converter loses bits: raise the parameters sensors.*_noise for that
 References      Bennett 1948: Spectra of quantized signals, Bell System Technical Journal 27 (error uniform, step^2/12)
 """
 
@@ -20,7 +20,7 @@ from plant_sim.effects.signals import ACQUISITION
 
 @njit(inline="always")
 def rounded(voltage, input_range, bits, offset):
-    """`voltage` [V] to the nearest level of a converter of +-`input_range` [V] and `bits`, one of them `offset` steps off 0."""
+    """The level nearest to `voltage` [V] of a converter with `bits` over +-`input_range` [V]; one lies `offset` steps off 0."""
     step = 2.0 * input_range / 2.0**bits
     return step * (floor(voltage / step - offset + 0.5) + offset)
 

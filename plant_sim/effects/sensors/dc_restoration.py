@@ -1,11 +1,11 @@
 """DC restoration of the clutch torque by the data acquisition.
 
-What            the acquisition puts back what a leaking piezo sensor lost; where nothing leaks, it lets offsets run away
+What            the acquisition restores what a leaking piezo sensor has lost; where nothing leaks, it makes offsets grow
 Equation        V_shown = V + z,  z' = decay_rate V, that is (s + a)/s;  V within the converter's range     (thesis, sec. C.2)
 Assumptions     the sensor fades with the assumed decay_rate; a zero error V_0 becomes a ramp of slope decay_rate V_0.
                 A decay rate that is wrong by the factor k turns a constant load F into F (k - (k - 1) exp(-t/tau))
-Valid range     decay_rate 0..10 1/s; needs torque_sensor_leakage to make sense; what the converter cuts is never restored
-Not modelled    zeroing before a measurement: set torque_sensor_offset to what it leaves
+Valid range     decay_rate 0..10 1/s; useful only with torque_sensor_leakage; what the converter cuts off is not restored
+Not modelled    zeroing before a measurement: set torque_sensor_offset to the offset that remains
 References      Janssens 2010, appendix C; law: plant_sim/blocks/dc_restoration.py
 """
 
@@ -18,7 +18,7 @@ from plant_sim.effects.signals import ACQUISITION
 
 
 def restore(s, c, p, x, h):
-    """Put back what has leaked."""
+    """Add what has leaked."""
     taken = min(max(s.clutch_torque_voltage, -c.sensors_input_range), c.sensors_input_range)
     s.clutch_torque_voltage = restored(taken, x.integral)
     x.integral = integrated(x.integral, taken, -expm1(-p.decay_rate * h))

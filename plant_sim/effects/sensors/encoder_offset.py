@@ -1,8 +1,8 @@
 """Offset of the encoder.
 
-What            the encoder's zero is turned against the shaft's; ramped up, it fakes a slip speed of the ramp's slope
+What            the encoder is turned against the shaft by a constant angle; an offset along a ramp looks like a slip speed
 Equation        theta_shown = theta + offset
-Assumptions     constant; counts are taken from the turned angle
+Assumptions     constant; counts are those of the shown angle
 Valid range     offset -2 pi..2 pi
 Not modelled    single lost counts, eccentricity
 References      -
@@ -14,7 +14,7 @@ from plant_sim.effects.signals import ACQUISITION
 
 
 def add(s, c, p, x, h):
-    """Turn the encoder."""
+    """Add the offset."""
     s.encoder_angle += p.offset
 
 

@@ -2,7 +2,7 @@
 
 What            the drive shows a torque when its motor delivers none
 Equation        M_m,shown = M_m + offset
-Assumptions     constant; what the motor delivers is not changed
+Assumptions     constant; the motor's own torque is unchanged
 Valid range     offset -50..50 Nm
 Not modelled    its drift with temperature and age
 References      -

@@ -1,6 +1,6 @@
 """Zero error of the pressure sensor.
 
-What            the sensor shows a pressure when there is none, and this much more at every other
+What            the sensor shows a pressure when there is none, and shows as much too much at any other
 Equation        p_shown = p + offset
 Assumptions     constant
 Valid range     offset -5..5 bar

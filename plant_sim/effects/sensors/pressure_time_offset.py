@@ -1,10 +1,10 @@
 """Pressure arrives late.
 
-What            the pressure channel shows what was a fixed time ago: its filter, converter or link is slower than the others'
+What            the pressure channel shows the pressure of a fixed time ago: its filter, converter or link is slower than others
 Equation        p_shown(t) = p(t - delay), linear between integration steps
-Assumptions     pure delay; before the effect was switched on the pressure is taken to have been as it was then
+Assumptions     pure delay; the pressure before the effect was switched on is taken as that at this moment
 Valid range     delay 0..50 ms
-Not modelled    a pressure that is early: on a rig nothing is seen before it happens; delay the other channels instead
+Not modelled    a pressure that is early, which no rig has: delay the other channels instead
 References      law: plant_sim/blocks/delay_line.py
 """
 
@@ -14,7 +14,7 @@ from plant_sim.effects.signals import SENSORS
 
 
 def show_past(s, c, p, x, h):
-    """Show what was."""
+    """Show the pressure of `delay` ago."""
     count(x, h)
     s.sensed_pressure = delayed(x.past, x, s.sensed_pressure, p.delay, AT_END, h)
 

@@ -1,6 +1,6 @@
 """Sampling instant of the converter.
 
-What            the converter starts a fixed time before the frame leaves, so the frame shows what was then
+What            the converter starts a fixed time before the frame leaves, so that the frame shows the values of that time
 Equation        u_shown(t) = u(t - lead) on all four analog channels, linear between integration steps
 Assumptions     all channels at one instant; encoder counts are latched with the frame
 Valid range     lead 0..1.5 ms

@@ -1,10 +1,10 @@
 """Saturation of a sensor's amplifier.
 
-What            the amplifier of the pressure or the clutch-torque channel ends below the converter's range
+What            the amplifier of the pressure or the clutch-torque channel saturates within the converter's range
 Equation        V_shown = min(max(V, -limit), limit), after the noise
-Assumptions     hard ends, symmetric; no time to recover
-Valid range     limit 0.1..20 V; 20 V is the widest converter there is, so it never binds
-Not modelled    the bend before the end; which end an amplifier with one supply has at 0 V
+Assumptions     sharp limits, symmetric; it recovers without delay
+Valid range     limit 0.1..20 V; at 20 V, beyond the range of any converter here, it cuts nothing
+Not modelled    the bend before the limit; the limit at 0 V of an amplifier with one supply
 References      Janssens 2010, sec. 3.9.4: +-10 V at the converter
 """
 
@@ -14,7 +14,7 @@ from plant_sim.effects.start import ChannelEnds
 
 
 def saturate(s, c, p, x, h):
-    """Cut both channels."""
+    """Limit both channels."""
     s.pressure_voltage = min(max(s.pressure_voltage, -p.pressure_limit), p.pressure_limit)
     s.clutch_torque_voltage = min(max(s.clutch_torque_voltage, -p.torque_limit), p.torque_limit)
 

@@ -4,7 +4,7 @@ What            the sensor shows a temperature that is off by a constant
 Equation        T_shown = T + offset
 Assumptions     constant
 Valid range     offset -100..100 K
-Not modelled    its change with temperature: error of the sensitivity, self-heating
+Not modelled    an offset that changes with temperature: error of the sensitivity, self-heating
 References      IEC 60751: a Pt100 of class B is right within 0.30 K + 0.005 |T|, 0.65 K at 70 degC
 """
 

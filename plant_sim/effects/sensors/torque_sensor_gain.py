@@ -1,6 +1,6 @@
 """Gain of the clutch-torque sensor.
 
-What            the sensor's sensitivity, or the length of the arm that presses on it, is not the one assumed
+What            the sensor's sensitivity, or the length of the arm that presses on it, is not as assumed
 Equation        M_shown = gain M
 Assumptions     linear, no offset
 Valid range     gain 0.5..2

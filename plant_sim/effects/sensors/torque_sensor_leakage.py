@@ -3,9 +3,10 @@
 What            the sensor's charge leaks away, so a constant torque fades; warming of the sensor acts as a load
 Equation        q' = decay_rate (L - q);  M_shown = L - q;  L = M + warming_load (T - T_0)               (thesis, sec. C.2)
                 that is tau s/(tau s + 1) with tau = 1/decay_rate; exact for a load held over the integration step
-Assumptions     sensor and power unit have one time constant; the sensor is as warm as the oil, T_0 when switched on
+Assumptions     sensor and power unit have one time constant; the sensor has the oil's temperature; T_0 is the one when the
+                effect is switched on
 Valid range     decay_rate 0..10 1/s; steps of any length
-Not modelled    resonance, change of the sensitivity with temperature, time in which the sensor warms up
+Not modelled    resonance, sensitivity that changes with temperature, the time in which the sensor warms up
 References      Janssens 2010, appendix C; law: plant_sim/blocks/icp_sensor.py
 """
 
@@ -18,14 +19,14 @@ from plant_sim.effects.signals import SENSORS
 
 
 def fade(s, c, p, x, h):
-    """Show what has not leaked away."""
-    if h > 0.0 and x.origin == 0.0:  # K: nothing is that cold, the effect was switched on in this step
+    """Show the load without what has leaked."""
+    if h > 0.0 and x.origin == 0.0:  # 0 K, at which no sensor is: the effect was switched on in this step
         x.origin = s.temperature
     load = s.sensed_clutch_torque
     if x.origin > 0.0:
         load += p.warming_load * (s.temperature - x.origin)
     share = -expm1(-0.5 * p.decay_rate * h)
-    leaked = leak(x.leaked, load, share)  # half a step: the load is the one of mid-step
+    leaked = leak(x.leaked, load, share)  # over half a step: the load is that of mid-step
     s.sensed_clutch_torque = load - leaked
     x.leaked = leak(leaked, load, share)
 

@@ -1,10 +1,10 @@
 """Clutch torque arrives late.
 
-What            the torque channel shows what was a fixed time ago: its filter, converter or link is slower than the others'
+What            the torque channel shows the torque of a fixed time ago: its filter, converter or link is slower than others
 Equation        M_shown(t) = M(t - delay), linear between integration steps
-Assumptions     pure delay; before the effect was switched on the torque is taken to have been as it was then
+Assumptions     pure delay; the torque before the effect was switched on is taken as that at this moment
 Valid range     delay 0..50 ms
-Not modelled    a torque that is early: on a rig nothing is seen before it happens; delay the other channels instead
+Not modelled    a torque that is early, which no rig has: delay the other channels instead
 References      law: plant_sim/blocks/delay_line.py
 """
 
@@ -14,7 +14,7 @@ from plant_sim.effects.signals import SENSORS
 
 
 def show_past(s, c, p, x, h):
-    """Show what was."""
+    """Show the torque of `delay` ago."""
     count(x, h)
     s.sensed_clutch_torque = delayed(x.past, x, s.sensed_clutch_torque, p.delay, AT_MID_STEP, h)
 

@@ -1,13 +1,13 @@
 """Pressure that no effect of the catalogue explains, as a polynomial at the valve's demand.
 
-What            carries what the discrepancy workflow found missing and could not name, so that a model can be used meanwhile
+What            stands for what the discrepancy workflow finds missing but cannot name, so that the model can be used meanwhile
 Equation        u += a_0 + a_1 P + a_2 P^2 + a_3 W + a_4 W^2 + a_5 T + a_6 D + a_7 P D + a_8 t + a_9 E        where u > 0
                 P = (u - 3.4 bar)/0.8 bar, W = |omega|/20 rad/s, T = (T - 70 degC)/10 K, t = time/24 s,
                 E: u/0.8 bar less the same behind a lag of 50 ms,
                 dD = du/0.1 bar, |D| <= 1: direction of the demand, kept while it stands (Maxwell-slip element)
 Assumptions     none: coefficients are fitted (clutch_hil/discrepancy/surrogate_term.py), not understood
 Valid range     that of the runs it was fitted to; |P|, W, |T| are held beyond 2, |E| beyond 6
-Not modelled    the physics; memory beyond 50 ms
+Not modelled    the physical cause; memory beyond 50 ms
 References      Kennedy and O'Hagan 2001, J. R. Statist. Soc. B 63 (a model and its discrepancy term)
 """
 
@@ -63,6 +63,6 @@ EFFECT = Effect(
         "level", "pressure", "pressure2", "slip", "slip2", "temperature", "direction", "pressure_direction", "time", "lag",
     )),
     states=(State("last", "Pa"), State("direction", "1"), State("before", "Pa")),
-    rank=90,  # on top of all effects that are understood
+    rank=90,  # after all effects that are understood
     candidate=False,
 )  # fmt: skip

@@ -4,7 +4,7 @@ What            cold or thick oil, a weak amplifier or a worn solenoid make the 
 Equation        p_v'' + 2 zeta (r w) p_v' + (r w)^2 p_v = (r w)^2 i,  tau i' = u - i
 Assumptions     damping ratio unchanged; the same for large and small steps
 Valid range     r 0.1..3, tau 0..50 ms
-Not modelled    limited slew rate; dependence on temperature (oil_viscosity does the line)
+Not modelled    limited slew rate; dependence on temperature (oil_viscosity has that of the line)
 References      Merritt 1967, Hydraulic Control Systems; Watton 2009, Fundamentals of Fluid Power Control (valves as
                 second-order systems; the amplifier's current loop as a lag before them)
 """
@@ -21,7 +21,7 @@ def slow(s, c, p, x, h):
 
 
 def follow(s, c, p, x, h):
-    """Let the solenoid's current, as demand, follow the command; what the valve sees is its mean over the step."""
+    """Let the demand follow the command as the current of the solenoid does; the valve gets its mean over the step."""
     behind = x.current - s.demand
     kept = exp(-h / p.lag) if p.lag > 0.0 else 0.0
     x.current = s.demand + kept * behind
@@ -42,5 +42,5 @@ EFFECT = Effect(
         ),
     ),
     states=(State("current", "Pa"),),
-    rank=1,  # behind the dead band, which is in volts at the amplifier
+    rank=1,  # after the dead band, which is one of the amplifier's voltage
 )  # fmt: skip

@@ -1,13 +1,13 @@
 """Stiction of the valve's spool: it stays until the force on it exceeds the break-away force, then jumps.
 
-What            dirt, silting and side load hold the spool; a slow command gives a staircase, an integrating regulator hunts
+What            dirt, silting and side load hold the spool; a slow command gives a staircase; a loop with an integrator hunts
 Equation        stuck: w stays until |u - w| > S;  sliding: dw/dt = a (|u - w|/S - kappa) sign(u - w)
                 stuck again when |dw/dt| < b a;  u_out = w
-                S break-away, kappa S what sliding takes, both as pressure; a speed under a surplus of S: what makes the spool
-                stick makes it viscous, too; S/a is the time constant of its slide
+                S: break-away, kappa S: sliding friction, both as pressure; a: speed under a surplus of S, since the cause of
+                stiction is viscous as well; S/a: time constant of the slide
 Assumptions     massless spool; the same friction both ways; a band of speed about 0 counts as rest (Karnopp)
-Valid range     S 0..2 bar, kappa 0..0.8, a 5..1000 bar/s, b 0..0.2; a ramp slower than b a gives a staircase, a faster one a
-                lag of kappa S; with kappa = 1 nothing jumps: a play operator, which is valve_hysteresis
+Valid range     S 0..2 bar, kappa 0..0.8, a 5..1000 bar/s, b 0..0.2. A ramp slower than b a gives a staircase, a faster one a
+                lag of kappa S. With kappa = 1 nothing would jump: that is a play operator, as in valve_hysteresis
 Not modelled    silting that grows with the time at rest, dither
 References      Karnopp 1985, J. Dyn. Sys. Meas. Control 107 (rest as a band of speed); Choudhury, Thornhill & Shah 2005,
                 Control Engineering Practice 13 (stiction of valves); He, Wang, Pottmann & Qin 2007, Ind. Eng. Chem. Res. 46
@@ -22,7 +22,7 @@ from plant_sim.effects.signals import COMMAND
 
 
 def stick(s, c, p, x, h):
-    """Hold the demand until it has gone further than the break-away force; then follow it until that gets slow."""
+    """Hold the demand until it has moved by the break-away force; then follow it until the spool is slow."""
     ahead = s.demand - x.spool
     s.demand = x.spool
     if h == 0.0:
@@ -65,6 +65,6 @@ EFFECT = Effect(
         Shape("rest_band", "1", typical=0.01, bounds=(0.0, 0.2), source="[D] ramps below 1 bar/s stick and slip"),
     ),
     states=(State("spool", "Pa"), State("sliding", "1")),
-    rank=3,  # behind the solenoid
+    rank=3,  # after the solenoid
     display=Display("triangle", column="cylinder_pressure_bar"),
 )  # fmt: skip

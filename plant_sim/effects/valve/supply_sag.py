@@ -1,10 +1,10 @@
 """Supply that sags while oil is drawn.
 
-What            the fill takes more oil than pump and accumulator deliver at constant pressure; the valve, a divider between
-                supply and tank, passes the sag on
+What            the fill takes more oil than pump and accumulator deliver at constant pressure; the valve divides the pressure
+                between supply and tank, so that its own sags too
 Equation        tau d(sag)/dt = R q - sag,  q = max(G (p_v - p), 0);  p_s = p_s0 - sag;  u_out = u p_s / p_s0,  u_out <= p_s
-Assumptions     one lag for accumulator and pump; the valve opens in proportion to its voltage, so that its pressure goes
-                with the supply's; q by the line's law alone
+Assumptions     one lag for accumulator and pump; the valve opens in proportion to its voltage, so that its pressure is
+                proportional to the supply's; q by the law of the line alone
 Valid range     R 0..5e4 bar s/m^3, tau 1..200 ms
 Not modelled    pump ripple, other consumers, a valve that regulates its own pressure (it would hide the sag)
 References      Merritt 1967, Hydraulic Control Systems (supplies and accumulators); Jelali & Kroll 2003 (supply pressure as a
@@ -16,7 +16,7 @@ from plant_sim.effects.signals import COMMAND
 
 
 def sag(s, c, p, x, h):
-    """Lower supply and demand by what the drawn flow takes."""
+    """Lower the supply by the sag of the drawn flow, and the demand in proportion."""
     flow = max(c.hydraulics_conductance * (s.valve_pressure - s.pressure), 0.0)
     x.sag += h / (p.recovery + 0.5 * h) * (p.droop * flow - x.sag)  # trapezoidal rule: stable at any step
     low = min(x.sag, s.supply_pressure)
@@ -38,5 +38,5 @@ EFFECT = Effect(
         ),
     ),
     states=(State("sag", "Pa"),),
-    rank=4,  # behind the spool
+    rank=4,  # after the spool
 )  # fmt: skip

@@ -1,10 +1,10 @@
 """Dead band of the valve: the first part of its voltage gives no pressure.
 
-What            an overlapped spool, or an amplifier that does not make up for the overlap, loses the first V_0 of its input
+What            a spool with overlap, for which the amplifier does not compensate, loses the first V_0 of the voltage
 Equation        u = k_v (V - V_0) for V > V_0, 0 for |V| <= V_0, k_v (V + V_0) for V < -V_0              (dead zone)
 Assumptions     the same overlap both ways; the slope beyond it is unchanged
 Valid range     V_0 0..1 V
-Not modelled    leakage through the overlap, which rounds the corner; a jump that over-compensates
+Not modelled    leakage through the overlap, which rounds the corner; an amplifier that compensates too much
 References      Merritt 1967, Hydraulic Control Systems, chapter 5 (closed-centre valves); Jelali & Kroll 2003, Hydraulic
                 Servo-systems (valve nonlinearities)
 """
@@ -15,7 +15,7 @@ from plant_sim.effects.signals import COMMAND
 
 
 def swallow(s, c, p, x, h):
-    """Take the dead zone out of the demand."""
+    """Subtract the dead zone from the demand."""
     band = c.valve_gain * p.width
     s.demand -= min(max(s.demand, -band), band)
 

@@ -1,8 +1,9 @@
 """Dead time of the valve: the command arrives late.
 
-What            amplifier, current build-up and spool overlap pass before the pressure begins to answer
-Equation        u_out(t) = u(t - delay); the demand is held over a step, so that the delayed one has its mean over the step
-Assumptions     pure transport delay; before a run's start the demand was 0; switched on later, before that it was as it is then
+What            amplifier, rise of the current and overlap of the spool take time before the pressure begins to answer
+Equation        u_out(t) = u(t - delay); the demand is held over a step, the delayed one is the mean over the step
+Assumptions     pure transport delay; the demand before the start of a run was 0; where the effect is switched on later, the
+                demand before is taken as that at this moment
 Valid range     delay 0..50 ms
 Not modelled    a delay that depends on the size of the step or on the oil's temperature
 References      Jelali & Kroll 2003, Hydraulic Servo-systems; Watton 2009, Fundamentals of Fluid Power Control; law:
@@ -15,7 +16,7 @@ from plant_sim.effects.signals import COMMAND
 
 
 def delay(s, c, p, x, h):
-    """Replace the demand by the one of `delay` ago."""
+    """Replace the demand by that of `delay` ago."""
     if x.taken == 0.0 and s.time <= h:  # a run begins: the first value of the line stays 0
         count(x, h)
     count(x, h)

@@ -27,6 +27,6 @@ EFFECT = Effect(
             source="[D] 1 %, 34 mbar at 3.4 bar; valve.gain itself is known to 2 % (rig.md 1)",
         ),
     ),
-    rank=1,  # behind the dead band, which is in volts at the amplifier
+    rank=1,  # after the dead band, which is one of the amplifier's voltage
     display=Display("triangle", column="cylinder_pressure_bar"),
 )  # fmt: skip

@@ -3,9 +3,9 @@
 What            magnetic hysteresis and dry friction of the armature make the pressure lag the command by up to half a loop
 Equation        w_i = min(max(w_i, u - r_i), u + r_i);  u_out = u - (1/s) mean of (u - w_1)..(u - w_4);
                 r_i = s (2 i - 1)/8 width
-                (Prandtl-Ishlinskii: play operators of evenly spread radii; the saturated loop is `width` wide, from one side
-                of it to the other the command goes s times that)
-Assumptions     rate independent, loops congruent, alike at all pressures; the history begins at zero demand
+                (Prandtl-Ishlinskii: play operators of evenly spread radii; the saturated loop is `width` wide; from one of
+                its sides to the other the command moves by s times the width)
+Assumptions     independent of the rate; loops are congruent at all pressures; the history begins at zero demand
 Valid range     width 0..2 bar, s 0.25..4
 Not modelled    saturation of the iron, dither, dependence on rate; a spool that jumps is spool_stiction
 References      Krasnosel'skii & Pokrovskii 1989, Systems with Hysteresis; Brokate & Sprekels 1996, Hysteresis and Phase
@@ -43,6 +43,6 @@ EFFECT = Effect(
         ),
     ),
     states=(State("plays", "Pa", PLAYS),),
-    rank=2,  # behind dead band and gain: the solenoid sees what the amplifier makes of the voltage
+    rank=2,  # after dead band and gain: the solenoid is fed by the amplifier
     display=Display("triangle", column="cylinder_pressure_bar"),
 )  # fmt: skip
