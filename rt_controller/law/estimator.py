@@ -87,9 +87,3 @@ def viscous_torque(model, pressure, slip, temperature):
     factor = max(0.0, model.viscous_slope * pressure + model.viscous_intercept)  # Table 6.4
     viscous = factor * viscosity_ratio(model, temperature) * abs(slip) ** model.viscous_exponent  # eq. 6.9
     return viscous if slip >= 0.0 else -viscous
-
-
-@njit
-def torque_parts(model, state, pressure, slip, temperature):
-    """Coulomb part M_C m and viscous part [Nm] of the torque, before level and viscous correction."""
-    return coulomb_torque(model, pressure) * state, viscous_torque(model, pressure, slip, temperature)  # eq. 6.9
