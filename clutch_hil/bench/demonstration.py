@@ -57,7 +57,7 @@ _CHANGED_MOST = [column for column in QUANTITIES if column != "shaft_angle_rad"]
 
 @dataclass(frozen=True, eq=False)
 class Demonstration:
-    """Answers (n,) of a rig without and with an effect to one excitation, free of noise, by column of rig.md.
+    """Answers (n,) of a rig without and with an effect to one excitation, free of noise, by column of docs/rig.md.
 
     `column` is the measured quantity that shows the effect; `over` the abscissa, each rig's own.
     """

@@ -98,7 +98,7 @@ def test_friction_state_decays_with_s_n_over_c() -> None:
     s_n = 1 + (0.704 + 0.296 * exp(-(3.4 - 2.71) / 0.158) - 1) * exp(-11.52 / 20.0)
     after = friction_state(MODEL, s_n + 0.1, 3.4 * BAR, 20.0, s_n / 69.0)
     assert after == pytest.approx(s_n + 0.1 * exp(-1), abs=1e-12)
-    assert s_n / 69.0 == pytest.approx(0.0121, abs=5e-5)  # rig.md prints 12.1 ms
+    assert s_n / 69.0 == pytest.approx(0.0121, abs=5e-5)  # docs/rig.md prints 12.1 ms
 
 
 @given(states, pressures, slips, temperatures, steps)
