@@ -40,7 +40,7 @@ $(READY): pyproject.toml requirements.lock
 	$(BIN)/python -m pip install --progress-bar off --disable-pip-version-check --no-compile --require-hashes --requirement requirements.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --no-deps --no-build-isolation --editable .
 	@echo "set-up 3 of 3: byte code of the packages, once" >&2
-	-$(BIN)/python -m compileall -q -j 0 $(VENV)/lib >/dev/null  # pip would on one CPU; a file for another Python is no error
+	-$(BIN)/python -m compileall -q -j 0 -x '/tests/' $(VENV)/lib >/dev/null  # pip would on one CPU; a file for another Python is no error
 	touch $(READY)
 
 clean:
