@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: run test quick lint clean
+.PHONY: run test quick coverage lint lock clean
 
 run: $(READY)  ## plant + controller on a bus, a torque profile, a summary, a recorded run
 	$(BIN)/clutch-hil up
@@ -15,21 +15,33 @@ test: $(READY) lint  ## lint, types, every test this machine can run, real vcan 
 quick: $(READY) lint  ## for the edit loop: lint, and the tests that neither compute for long nor run in real time
 	$(BIN)/python -m pytest -q --numprocesses 2 -m "not slow and not real_time"
 
+coverage: $(READY)  ## the share of lines and branches that the tests of `make quick` run; what Numba compiles is not seen
+	$(BIN)/python -m pytest -q --numprocesses 2 -m "not slow and not real_time" --cov --cov-report term
+
 lint: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-$(READY): pyproject.toml
+lock:  ## renew requirements.lock: every package that set-up installs, its version, and the hashes of its files on PyPI
+	$(PYTHON) -m venv build/lock
+	build/lock/bin/python -m pip install --quiet --disable-pip-version-check uv
+	build/lock/bin/python -c 'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["build-system"]["requires"])' | \
+	build/lock/bin/uv --no-config pip compile --quiet --upgrade --universal --python-version 3.11 --generate-hashes \
+		--default-index https://pypi.org/simple --custom-compile-command "make lock" \
+		--extra test pyproject.toml - --output-file requirements.lock
+
+$(READY): pyproject.toml requirements.lock
 	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if (3, 11) <= v <= (3, 13) else f"Python {v[0]}.{v[1]} is not supported; needed is 3.11 to 3.13: make PYTHON=python3.12")'
 	@echo "set-up 1 of 3: a virtual environment in $(VENV)" >&2
 	$(PYTHON) -m venv $(VENV)
 	@echo "set-up 2 of 3: packages from the network; pip names each" >&2
-	$(BIN)/python -m pip install --progress-bar off --disable-pip-version-check --no-compile --editable '.[test]'
+	$(BIN)/python -m pip install --progress-bar off --disable-pip-version-check --no-compile --require-hashes --requirement requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --no-deps --no-build-isolation --editable .
 	@echo "set-up 3 of 3: byte code of the packages, once" >&2
-	-$(BIN)/python -m compileall -q -j 0 $(VENV)/lib >/dev/null  # pip would on one CPU; a file for another Python is no error
+	-$(BIN)/python -m compileall -q -j 0 -x '/tests/' $(VENV)/lib >/dev/null  # pip would on one CPU; a file for another Python is no error
 	touch $(READY)
 
 clean:
-	rm -rf $(VENV) build *.egg-info runs .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) build *.egg-info runs .coverage .pytest_cache .mypy_cache .ruff_cache

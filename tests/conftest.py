@@ -88,6 +88,7 @@ def in_real_time(file: str) -> bool:
     return _in(file, IN_REAL_TIME)
 
 
+@cache  # asked for every test: without it a fifth of what collecting takes
 def _in(file: str, places: tuple[str, ...]) -> bool:
     return any(PurePath(file).is_relative_to(place) for place in places)
 
@@ -144,7 +145,8 @@ def pytest_configure(config: pytest.Config) -> None:
     """All workers and their processes share kernels in a place of their own, before Numba is imported.
 
     What services run is compiled before the workers begin: who waits for a service does not wait for a compiler, thrice at once
-    on two CPUs. What the rest needs, one worker compiles and all have. Likewise pytest's own form of the tests is made once.
+    on two CPUs. What the rest needs, one worker compiles and all have. Likewise pytest's own form of the tests is made once
+    and kept even where the environment wants no byte code: else each worker would make it again.
     """
     whole = not config.option.markexpr  # a part, as of `make quick`, has the kernels beside the sources, from before
     if not hasattr(config, "workerinput") and config.getoption("numprocesses", None) and whole:
@@ -155,7 +157,8 @@ def pytest_configure(config: pytest.Config) -> None:
         ]
         subprocess.run(  # what it finds wrong, workers find, too
             [sys.executable, "-m", "pytest", "--collect-only", "-qq"],
-            cwd=TESTS.parent, env=os.environ | {"PYTEST_ADDOPTS": ""}, stdout=subprocess.DEVNULL, check=False,
+            cwd=TESTS.parent, env=os.environ | {"PYTEST_ADDOPTS": "", "PYTHONDONTWRITEBYTECODE": ""},
+            stdout=subprocess.DEVNULL, check=False,
         )  # fmt: skip
         for compiler in compilers:
             if compiler.wait():

@@ -128,7 +128,7 @@ def _capacity(life: Life, run: Played) -> np.ndarray:
     """Torque [Nm] that the plates carry at most at their pressure: what they do carry, or level M_C of Table 6.4."""
     true = np.abs(run["truth_clutch_torque_nm"])
     force = run["truth_normal_force_n"]
-    pressure = 2.35 + force / (1.131e-2 * 1e5)  # bar: rig.md, 4
+    pressure = 2.35 + force / (1.131e-2 * 1e5)  # bar: docs/rig.md, 4
     return np.maximum(true, np.where(force > 0.0, life.level * np.maximum(10.8 * pressure - 25.1, 0.0), 0.0))
 
 

@@ -1,6 +1,10 @@
-"""The documentation's Python runs as printed, and its links lead somewhere."""
+"""The documentation's Python runs as printed, its links lead somewhere, and every file that prose names exists."""
 
+import ast
 import re
+import tokenize
+from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -12,7 +16,16 @@ from plant_sim.effects.catalogue import effects
 from protocols.telemetry import keys
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+NOTES = ROOT / "docs" / "battery" / "notes.md"  # a part of docs/battery.md, from where its links lead
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "CONTRIBUTING.md",
+    ROOT / "CHANGELOG.md",
+    *sorted(page for page in (ROOT / "docs").rglob("*.md") if page != NOTES),
+]
+FOLDERS = ("protocols", "plant_sim", "rt_controller", "clutch_hil", "benchmarks", "tests", "deploy", "docs")
+PATH = re.compile(r"(?<![\w./~<>*-])(?:[\w.][\w.-]*/)*\w[\w.-]*\.(?:py|md|toml|dbc|csv|png)(?![\w/])")
+MADE_BY_THE_READER = {"valve_dither.py"}  # of docs/effects.md
 
 
 def test_the_code_of_the_friction_page_runs() -> None:
@@ -50,24 +63,102 @@ def test_the_effects_page_is_what_the_command_writes() -> None:
     assert written_page(page, in_order(effects().values())) == page, "clutch-hil effects --write docs/effects.md"
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_links_lead_to_files(page: Path) -> None:
-    links = re.findall(r"\]\(([^)#]+?)(?:#[^)]*)?\)", page.read_text(encoding="utf-8"))
-    missing = [link for link in links if "://" not in link and not (page.parent / link).exists()]
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_links_lead_to_files_and_headings(page: Path) -> None:
+    missing = []
+    for link, heading in re.findall(r"\]\(([^)#]*)(?:#([^)]*))?\)", page.read_text(encoding="utf-8")):
+        target = page.parent / link if link else page
+        if "://" not in link and (not target.exists() or (heading and heading not in headings(target))):
+            missing.append(f"{link}#{heading}")
     assert not missing
 
 
-@pytest.mark.parametrize(
-    "folder", ["protocols", "plant_sim", "rt_controller", "clutch_hil", "benchmarks", "tests", "deploy", "docs"]
-)
+@cache
+def headings(page: Path) -> set[str]:
+    """The headings of a page as links name them."""
+    lines = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", line.lower()).replace(" ", "-") for line in lines}
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
 def test_sources_name_pages_that_a_clone_has(folder: str) -> None:
-    pages = {page.name for page in PAGES} | {"notes.md"}  # of a battery, by whoever plays it
-    kinds = {".py", ".toml", ".md", ".dbc", ".sh"}
+    """Also in strings of the code, such as the source of a parameter."""
+    pages = {page.name for page in PAGES} | {NOTES.name}
     missing = {
         f"{path.relative_to(ROOT)}: {name}"
-        for path in (ROOT / folder).rglob("*.*")
-        if path.suffix in kinds
+        for path in sources(folder)
         for name in re.findall(r"[\w./-]*\b\w+\.md\b", path.read_text(encoding="utf-8"))
         if Path(name).name not in pages or Path(name).parent.name == "design"
     }
     assert not missing
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_every_file_that_prose_names_exists(folder: str) -> None:
+    assert list(sources(folder))
+    missing = {
+        f"{path.relative_to(ROOT)}: {name}"
+        for path in sources(folder)
+        for name in PATH.findall(prose(path))
+        if not exists(name, path)
+    }
+    assert not missing
+
+
+def test_a_file_that_is_missing_is_seen() -> None:
+    page = ROOT / "docs" / "rig.md"
+    names = PATH.findall("`plant_sim/blocks/nothing.py`, (nowhere.py), blocks/nothing.toml; plant_sim/blocks/oil.py.")
+    assert [exists(name, page) for name in names] == [False, False, False, True]
+
+
+def sources(folder: str) -> Iterator[Path]:
+    """The files below a folder of the repository that have prose."""
+    for path in (ROOT / folder).rglob("*.*"):
+        if path.suffix in (".py", ".toml", ".md", ".dbc", ".sh") and "__pycache__" not in path.parts:
+            yield path
+
+
+def prose(path: Path) -> str:
+    """The docstrings and comments of a Python file; the whole text of any other."""
+    text = path.read_text(encoding="utf-8")
+    if path.suffix != ".py":
+        return text
+    with tokenize.open(path) as file:
+        comments = [token.string for token in tokenize.generate_tokens(file.readline) if token.type == tokenize.COMMENT]
+    kinds = ast.Module, ast.ClassDef, ast.FunctionDef
+    docstrings = [ast.get_docstring(node) or "" for node in ast.walk(ast.parse(text)) if isinstance(node, kinds)]
+    return "\n".join(comments + docstrings)
+
+
+def exists(name: str, path: Path) -> bool:
+    """Whether the file that prose of `path` calls `name` is there, by its path from the root or from the folder of `path`, or
+    by the end of its path.
+
+    A path that begins with no folder of the repository, a capital placeholder, and what has another suffix than .py or .md
+    and no folder, such as `model.toml`, is the reader's own.
+    """
+    first, last = name.partition("/")[0], Path(name)
+    if last.stem.isupper() or name in MADE_BY_THE_READER:
+        return True
+    if "/" not in name and last.suffix not in (".py", ".md"):
+        return True
+    if "/" in name and first not in folders():
+        return True
+    return (
+        (ROOT / name).exists()
+        or (path.parent / name).exists()
+        or any(f"/{one}".endswith(f"/{name}") for one in files())
+    )
+
+
+@cache
+def files() -> tuple[str, ...]:
+    """Paths of the files in the folders of the repository, from its root."""
+    found = [path for folder in FOLDERS for path in (ROOT / folder).rglob("*") if "__pycache__" not in path.parts]
+    return tuple(path.relative_to(ROOT).as_posix() for path in found if path.is_file())
+
+
+@cache
+def folders() -> set[str]:
+    """Names of the folders of the repository."""
+    return {part for file in files() for part in Path(file).parts[:-1]}

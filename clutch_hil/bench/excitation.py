@@ -13,8 +13,8 @@ from protocols.files.parameters import ParameterSet
 from protocols.files.units import ZERO_CELSIUS
 
 PERIOD = 1e-3  # s, of samples and inputs
-QUANTITIES: Mapping[str, tuple[str, str, float]] = {  # column of rig.md: what, unit, resolution
-    # resolution: standard deviation of noise and quantisation together, rig.md 9; of slip that of the encoder over a period
+QUANTITIES: Mapping[str, tuple[str, str, float]] = {  # column of docs/rig.md: what, unit, resolution
+    # resolution: standard deviation of noise and quantisation, docs/rig.md, 9; of slip that of the encoder over a period
     "clutch_torque_nm": ("clutch torque", "Nm", 0.05),
     "cylinder_pressure_bar": ("cylinder pressure", "bar", 0.0053),
     "slip_speed_rad_s": ("slip speed", "rad/s", 0.016),
@@ -28,7 +28,7 @@ INPUTS: Mapping[str, tuple[str, str]] = {  # column of rig.md: what, unit
 }
 _SUBSTEPS = round(PERIOD / wet_clutch.STEP_LIMIT)
 _QUIET = {f"sensors.{name}_noise": 0.0 for name in ("pressure", "temperature", "torque")}
-_BAR_PER_VOLT = 2.5  # rig.md, 1
+_BAR_PER_VOLT = 2.5  # docs/rig.md, 1
 _PRESSED = 3.4 / _BAR_PER_VOLT  # V, at which most figures of chapter 6 are measured
 
 
@@ -52,7 +52,7 @@ class Excitation:
 def answer(
     parameters: ParameterSet, excitation: Excitation, later: tuple[int, ParameterSet] | None = None
 ) -> dict[str, np.ndarray]:
-    """Columns of rig.md (n,) that the data acquisition, free of noise, takes from a rig with `parameters`.
+    """Columns of docs/rig.md (n,) that the data acquisition, free of noise, takes from a rig with `parameters`.
 
     later: a sample and the parameters from it on.
     """

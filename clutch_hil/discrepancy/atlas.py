@@ -198,35 +198,6 @@ def gathered(found: Sequence[Source], runs: Sequence[Columns], regimes: Regimes)
     return [Seen(one, np.concatenate(one.power), np.concatenate(one.tested), block, whole) for one in found]
 
 
-def attributed(found: Sequence[Claim], candidates: Sequence[Candidate]) -> tuple[list[Claim], list[str]]:
-    """Claims with their blocks narrowed to those of the effects named, first those that they explain; and a sentence on each
-    of the others.
-
-    A claim stands for a chain of blocks: pressure for valve, hydraulics and piston, torque for piston, friction and the
-    pressure that turns with the cylinder, temperature for friction and its own sensor.
-    """
-    explained, others, notes = [], [], []
-    for claim in found:
-        chain = _CHAINS.get((claim.block, claim.output)) or _CHAINS.get((claim.block, ""), (claim.block,))
-        by = next((c for c in candidates if c.block in chain), None)
-        if by:
-            explained.append(replace(claim, block=by.block))
-        else:
-            others.append(claim)
-            names = ", ".join(f"{c.name} ({c.block})" for c in candidates) or "no effect"
-            notes.append(f"{claim.output} in {claim.regime} points to {' or '.join(chain)}: {names} is elsewhere")
-    return list(dict.fromkeys(explained)) + others, notes
-
-
-_CHAINS: Mapping[
-    tuple[str, str], tuple[str, ...]
-] = {  # (block of a claim, output or any) -> blocks that it may stand for
-    ("hydraulics", ""): ("valve", "hydraulics", "piston"),
-    ("friction", "clutch_torque_nm"): ("piston", "friction", "hydraulics"),
-    ("friction", "oil_temperature_degc"): ("friction", "sensors"),
-}
-
-
 def acting(
     model: Model, runs: Sequence[Columns], floors: Values, parameters: Values, effects: Values, candidate: Candidate
 ) -> list[Claim]:

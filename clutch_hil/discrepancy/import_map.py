@@ -41,7 +41,7 @@ TEXT = (".csv", ".txt", ".tsv", ".dat")
 _FILE = ("delimiter", "header", "skip_rows", "low_pass_hz", "resample_hz", "from_s", "to_s")
 _ORDER = 4  # of the low pass, as usual before inverse dynamics: Gautier 1997
 _IRREGULAR = 0.01  # of the median step: as runs.py has it
-# End of a column's name -> its unit (rig.md, "Signals of a recorded run")
+# End of a column's name -> its unit (docs/rig.md, "Signals of a recorded run")
 _UNITS = {
     "s": "s", "v": "V", "rad": "rad", "rad_s": "rad/s", "bar": "bar", "degc": "degC", "nm": "Nm", "n": "N", "m": "m",
     "m_s": "m/s", "a": "A", "w": "W", "hz": "Hz", "1": "1",

@@ -3,15 +3,15 @@
 Wet clutch      r: measured less simulated, in means over 4 ms. The torque that is missing is seen three times:
                 x_1 = friction block behind the measured pressure, less behind the simulated one    (pressure sensor)
                 x_2 = r of the clutch torque                                                        (torque sensor)
-                x_3 = r of the motor torque - J d/dt r of the slip                                  (drive: rig.md 8)
+                x_3 = r of the motor torque - J d/dt r of the slip                                  (drive: docs/rig.md, 8)
                 a fault of valve, hydraulics stands in all three; of piston, friction in x_2, x_3; of a sensor in its own alone
                   hydraulics H = (<x_1 x_2> + <x_1 x_3>)/2     friction F = <x_2 x_3> - H
                   torque sensor S = <x_2 x_2'> - <x_2 x_3>
                   pressure sensor P = <x_1 x_1'> - H           drive D = <x_3 x_3'> - <x_2 x_3>, or
-                  <d d'>, d = r of M_m + k_p r of omega + k_i integral of it: the motor's own law (rig.md 8)
+                  <d d'>, d = r of M_m + k_p r of omega + k_i integral of it: the motor's own law (docs/rig.md, 8)
                 <x_2 x_2'>, <d d'>: less the noise's own; <x_1 x_1'>, <x_3 x_3'>: 12 ms later, of x_1 less that of noise alone
                 x_2, x_3 differ by no gain that the sensors' data sheets allow
-                temperature: r less what x_2 times slip heats (rig.md 7)
+                temperature: r less what x_2 times slip heats (docs/rig.md, 7)
 Other models    every output is its own source: <r r>, less the noise's own
 Assumptions     noises of two sensors independent; friction block nearly linear in what the pressure is off by
 Not modelled    a fault that is in one channel of a shared converter is a fault of that sensor here
@@ -148,7 +148,7 @@ def _friction(
 
 
 def _heated(power: np.ndarray, parameters: Values, period: float) -> np.ndarray:
-    """What friction power [W] that is missing warms the oil by [K]: rig.md 7, exact for a power held over a sample."""
+    """What friction power [W] that is missing warms the oil by [K]: docs/rig.md, 7, exact for a power held over a sample."""
     capacity, transfer = parameters["oil.heat_capacity"], parameters["oil.heat_transfer"]
     decay = np.exp(-transfer / capacity * period)
     return np.asarray(lfilter([0.0, (1.0 - decay) / transfer], [1.0, -decay], power))

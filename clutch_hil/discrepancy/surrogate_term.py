@@ -3,7 +3,7 @@
 Method          the block whose source (sources.py) is largest; its residual as a sum of terms of the effects residual_torque,
                 residual_pressure, taken one after the other while they explain more of runs that were left out
 Equation        R^2 = 1 - (SSE - N)/(SST - N) over left-out runs, each predicted by a fit to the others; N: noise of known floor
-Assumptions     additive; the pressure term reaches the cylinder through the valve as rig.md 1 has it
+Assumptions     additive; the pressure term reaches the cylinder through the valve as docs/rig.md, 1 has it
 Not modelled    products of more than two variables, memory beyond 50 ms
 References      Efron and Hastie 2016, Computer age statistical inference, ch. 12 (cross-validation)
 """

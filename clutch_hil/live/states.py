@@ -8,7 +8,6 @@ from clutch_hil.live.canvas import Canvas
 from clutch_hil.live.times import Times
 from protocols.telemetry.batch import Batch
 
-GROUPS = ("states", "flags")  # paths: the two that matter always, and the rest
 _REPEAT = 5_000_000_000  # ns: a viewer that forgets its oldest data still knows the present state
 _FLAGS = {
     "in_contact": "in contact",

@@ -1,6 +1,6 @@
 """ViewerStream: rows on their way to a viewer that may be slow, stopped, killed or started again.
 
-Every call of rerun may wait for its viewer for ever (telemetry.md, 2.4), so they all stand in a thread of their own behind
+Every call of rerun may wait for its viewer for ever, so they all stand in a thread of their own behind
 a queue of bounded size that drops its oldest rows and counts them.
 """
 

@@ -48,7 +48,7 @@ class Viewer:
 
     light = False
     _headless = False
-    period = 0.05  # s between two sends: a window shows them 40 ms later (telemetry.md, 2.3)
+    period = 0.05  # s between two sends: a window shows them 40 ms later
 
     def __init__(self, port: int | None, memory: str | None, headless: bool = False) -> None:
         """`port` None takes the default or a free one; `memory` is rerun's notation. Raises InputError."""

@@ -68,7 +68,7 @@ FIELDS = tuple(
         ("slip", "rad/s", "slip speed, at mid-step"),
         ("angle", "rad", "of the turning plate"),
         ("contact", "1", "1 when the plates are pressed, else 0"),
-        ("friction_pressure", "Pa", "p* of rig.md 4; 0 out of contact"),
+        ("friction_pressure", "Pa", "p* of docs/rig.md, 4; 0 out of contact"),
         ("coulomb", "Nm", "M_C"),
         ("viscous", "Nm/(rad/s)^gamma", "C_v r_T"),
         ("beta", "1", "eq. 6.6"),

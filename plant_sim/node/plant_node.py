@@ -28,7 +28,7 @@ from protocols.realtime.clock import Clock
 _TEMPERATURES = 35.0, 150.0  # degC: valid range of eq. 6.3 (blocks/oil.py) and of fig 6.8
 NO_SETPOINTS = np.zeros((0, 5, 0))  # tables of no profile, see `Interface`
 
-# Columns of a recorded run (rig.md), then the truth.
+# Columns of a recorded run (docs/rig.md), then the truth.
 COLUMNS = tuple(
     Column(*column)
     for column in (

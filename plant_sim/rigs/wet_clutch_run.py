@@ -1,6 +1,6 @@
 """A whole run of the wet-clutch rig in one compiled call: inputs in, what the data acquisition shows out, free of noise.
 
-Equation        `wet_clutch.advance`, sample by sample; voltages by `blocks/sensors.py`, converted back and not rounded
+Equation        `wet_clutch.advance`, sample by sample; voltages by `plant_sim/rigs/sensors.py`, converted back and not rounded
 Assumptions     inputs held from sample to sample
 Not modelled    noise, and the converters' rounding, which a mean over samples does not see
 References      rig.md

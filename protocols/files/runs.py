@@ -1,6 +1,6 @@
 """Run files: one row a sample at a constant rate, as Parquet, ASAM MF4 (measurement.py) or CSV; MATLAB files (matlab.py) in.
 
-The columns of rig.md come first; controller terms (`controller_...`), plant truth (`truth_...`) and anything else follow
+The columns of docs/rig.md come first; controller terms (`controller_...`), plant truth (`truth_...`) and anything else follow
 and are kept. Metadata are JSON values by key. A CSV has neither units nor metadata.
 """
 

@@ -21,8 +21,8 @@ _COMMON = {
     "transport/shared_memory/enabled": False,  # no gain at these sizes, and a killed process would leave its segment
     "transport/link/tx/lease": _LEASE,
     "transport/unicast/open_timeout": _LEASE,  # ms; a stopped process accepts a link and never opens it, and close waits for it
-    # A put waits for a slow consumer once, then what its queue cannot take is dropped until it drains (telemetry.md, 1.2
-    # and 1.3). The wait is of the telemetry process alone; it lets a late joiner take its history without a gap.
+    # A put waits for a slow consumer once, then what its queue cannot take is dropped until it drains. The
+    # wait is of the telemetry process alone; it lets a late joiner take its history without a gap.
     "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 50_000,  # us
     # Replies wait so long, then the link is closed: a history is some MB, and the machine may be busy.
     "transport/link/tx/queue/congestion_control/block/wait_before_close": 2_000_000,  # us

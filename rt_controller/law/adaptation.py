@@ -10,7 +10,7 @@ Assumptions     motor torque signal is right while it moves, one that is stuck t
                 changes slower than the window
 Valid range     |slip| and torque above their floors, |alpha| below its limit; outside, everything is held
 Not modelled    errors that are not proportional to torque (contact pressure, seal) appear as level
-References      ours; torque balance from rig.md 8. Integral adaptation announced as future work in Janssens 2010, chapter 7
+References      ours; torque balance: docs/rig.md, 8. Integral adaptation: announced as future work in Janssens 2010, chapter 7
 """
 
 import numpy as np

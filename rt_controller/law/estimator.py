@@ -33,7 +33,7 @@ def viscosity_ratio(model, temperature):
     A, B, T_0 = model.oil_slope, model.oil_offset, model.oil_origin
     mu = A * log10(max(temperature - T_0, 1.0)) + B  # Janssens 2010, eq. 6.3
     mu_ref = A * log10(model.oil_reference - T_0) + B
-    return 1.0 + model.oil_viscous_gain * (mu / mu_ref - 1.0)  # rig.md, 6
+    return 1.0 + model.oil_viscous_gain * (mu / mu_ref - 1.0)  # docs/rig.md, 6
 
 
 @njit
@@ -45,7 +45,7 @@ def plate_pressure(model, present, before, pressure, step):
     behind = lag * (pressure - before) / step
     return (
         pressure - behind + (present - before + behind) * exp(-step / lag)
-    )  # rig.md, 3: c_p x' = A p - F, F' = k_stack x'
+    )  # docs/rig.md, 3: c_p x' = A p - F, F' = k_stack x'
 
 
 @njit
@@ -87,9 +87,3 @@ def viscous_torque(model, pressure, slip, temperature):
     factor = max(0.0, model.viscous_slope * pressure + model.viscous_intercept)  # Table 6.4
     viscous = factor * viscosity_ratio(model, temperature) * abs(slip) ** model.viscous_exponent  # eq. 6.9
     return viscous if slip >= 0.0 else -viscous
-
-
-@njit
-def torque_parts(model, state, pressure, slip, temperature):
-    """Coulomb part M_C m and viscous part [Nm] of the torque, before level and viscous correction."""
-    return coulomb_torque(model, pressure) * state, viscous_torque(model, pressure, slip, temperature)  # eq. 6.9

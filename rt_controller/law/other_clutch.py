@@ -5,7 +5,7 @@ Equation        slip of each s = w_in - i w_out, i its ratio: so w_in' = (i s_o'
                 the adaptation; one that sticks anything up to its capacity either way
 Assumptions     the other's estimate is as old as its last CONTROLLER_STATUS, 0.1 s: torques are handed over slower than that
 Not modelled    which of the two is wrong: both controllers find it
-References      rig.md 8 for one clutch; Janssens 2010, fig 6.1
+References      docs/rig.md, 8 for one clutch; Janssens 2010, fig 6.1
 """
 
 from typing import Any

@@ -9,7 +9,7 @@ any --guard trips--> fault --guard healthy, request idle--> idle
 
 Each engagement needs a request for idle before it: a controller that restarts, or that finds its supervisor again, in the
 middle of a demand does not close the clutch by itself. A lost supervisor counts as a request for release. A request for a
-pressure closes the clutch as one for a torque does; what is then followed is no matter of phases (law.py).
+pressure closes the clutch as one for a torque does; what is then followed is no matter of phases (torque_law.py).
 
 Under a request for a pressure no torque is implausible: a clutch that nobody has calibrated can be experimented on.
 """

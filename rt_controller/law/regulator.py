@@ -1,9 +1,9 @@
 """Feedback: PI on the estimated torque, PI on the measured pressure, both with a frozen integrator.
 
 Equation        p_fb = k_p e + I,  I' = k_i e,  e = M_d - M_sim                                        (fig 6.16)
-                u = p_d + k_p (p_d - p) + I,  I' = k_i (p_d - p),  V = u / k_v                          (rig.md)
+                u = p_d + k_p (p_d - p) + I,  I' = k_i (p_d - p),  V = u / k_v                          (docs/rig.md)
 Assumptions     `frozen` is true in saturation, out of contact and when the sample is not fresh
-References      Janssens 2010, sec. 6.5, fig 6.16; gains of the pressure loop from rig.md
+References      Janssens 2010, sec. 6.5, fig 6.16; gains of the pressure loop from docs/rig.md
 """
 
 import numpy as np

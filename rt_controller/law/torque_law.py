@@ -175,7 +175,7 @@ def control(law, settings, phase, demand, speed_demand, pushes, sample, step, fo
     pressure_demand = min(max(wanted, least), most)
     law.pressure_demand, law.pressure_limited = pressure_demand, _side(wanted, pressure_demand)
 
-    # pressure loop: rig.md
+    # pressure loop: docs/rig.md
     if not closing:
         follow(law.pressure_loop, 0.0)
     error = pressure_demand - pressure if closing else 0.0

@@ -6,7 +6,7 @@ Equation        contact, p >= p_contact: M = level (M_C m + f) + viscous f  (est
 Assumptions     the model is fast, the balance is right: where the balance is this clutch's own, and is learnt from, the
                 model is trimmed by what the balance shows
 Not modelled    two clutches that both transmit: there plates that stand keep the torque they had
-References      rig.md 8; Janssens 2010, eq. 6.9
+References      docs/rig.md, 8; Janssens 2010, eq. 6.9
 """
 
 from math import copysign, exp
@@ -279,4 +279,4 @@ def _balance(torque, settings, coulomb, viscous, speed_demand, pushes, sample, s
         jump = 0.0 if pushes else settings.model.motor_gain * (torque.demand_acting - torque.demand_before)
         torque.motor_before = sample.motor_torque + 0.5 * jump
         torque.demand_before, torque.demand_acting = torque.demand_acting, speed_demand
-        torque.observed = motor - settings.model.motor_inertia * sample.acceleration  # rig.md, 8
+        torque.observed = motor - settings.model.motor_inertia * sample.acceleration  # docs/rig.md, 8

@@ -17,7 +17,7 @@ RATE_HZ = 1000.0
 SAMPLES = 200
 JITTER = 0.005  # of a period: half of what read_run forgives, decimal seconds rounded to 1e-5 s
 
-# rig.md, "Signals of a recorded run": all but the optional torque_demand_nm
+# docs/rig.md, "Signals of a recorded run": all but the optional torque_demand_nm
 RIG = (
     "time_s",
     "valve_voltage_v",

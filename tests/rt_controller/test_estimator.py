@@ -10,7 +10,7 @@ from plant_sim.blocks import clutch, oil
 from plant_sim.rigs import wet_clutch
 from protocols.files.units import to_si
 from rt_controller.law.estimator import MODEL as LAYOUT
-from rt_controller.law.estimator import friction_state, plate_pressure, torque_parts, viscosity_ratio
+from rt_controller.law.estimator import coulomb_torque, friction_state, plate_pressure, viscosity_ratio, viscous_torque
 from rt_controller.law.feedforward import inverse_model
 from rt_controller.law.record import record
 from rt_controller.loop.node import controller_parameters
@@ -29,6 +29,11 @@ slips = st.one_of(st.just(0.0), st.floats(1e-3, 30.0), st.floats(-30.0, -1e-3))
 temperatures = st.floats(36.0, 150.0).map(lambda celsius: celsius + KELVIN)
 states = st.floats(-1.2, 1.2)
 steps = st.floats(0.0, 0.1)
+
+
+def torque_parts(model, state: float, pressure: float, slip: float, temperature: float) -> tuple[float, float]:
+    """Coulomb part M_C m and viscous part [Nm] of the controller's torque: eq. 6.9, before level and viscous correction."""
+    return coulomb_torque(model, pressure) * state, viscous_torque(model, pressure, slip, temperature)
 
 
 def plant_ratio(pressure: float, slip: float) -> float:
@@ -93,7 +98,7 @@ def test_friction_state_decays_with_s_n_over_c() -> None:
     s_n = 1 + (0.704 + 0.296 * exp(-(3.4 - 2.71) / 0.158) - 1) * exp(-11.52 / 20.0)
     after = friction_state(MODEL, s_n + 0.1, 3.4 * BAR, 20.0, s_n / 69.0)
     assert after == pytest.approx(s_n + 0.1 * exp(-1), abs=1e-12)
-    assert s_n / 69.0 == pytest.approx(0.0121, abs=5e-5)  # rig.md prints 12.1 ms
+    assert s_n / 69.0 == pytest.approx(0.0121, abs=5e-5)  # docs/rig.md prints 12.1 ms
 
 
 @given(states, pressures, slips, temperatures, steps)
@@ -116,7 +121,7 @@ def test_steady_torque_is_the_stribeck_curve_plus_the_viscous_part(bar: float, s
     assert sum(torque_parts(MODEL, m, bar * BAR, slip, 70.0 + KELVIN)) == pytest.approx(s + f, rel=1e-9)
 
 
-def test_values_of_the_digest() -> None:
+def test_values_that_the_rigs_page_prints() -> None:
     p, omega, temperature = 3.4 * BAR, 20.0, 70.0 + KELVIN
     m = friction_state(MODEL, 0.0, p, omega, 10.0)
     coulomb, viscous = torque_parts(MODEL, m, p, omega, temperature)

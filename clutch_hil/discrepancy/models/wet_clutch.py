@@ -1,11 +1,11 @@
 """The wet-clutch rig for the discrepancy workflow: the plant simulator's own kernel, parameters and effects.
 
 Equation        `plant_sim.rigs.wet_clutch`, from valve voltage and speed demand; blocks behind measured pressure and slip
-Assumptions     a run begins at rest (rig.md) or, where its pressure is not 0, with the piston where that pressure holds it
+Assumptions     a run begins at rest (docs/rig.md) or, where its pressure is not 0, with the piston where that pressure holds it
 Integration     steps of 0.5 ms: against 0.025 ms the pressure differs by 0.9 mbar at most, the torque by 3 mNm root
                 mean square (tests/clutch_hil/discrepancy/test_wet_clutch_model.py); shorter where an effect is fast
 Not modelled    converters' rounding: fits see means over samples
-References      rig.md
+References      docs/rig.md
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -51,11 +51,11 @@ _SHOWN: Mapping[str, tuple[int, Callable[[np.ndarray], np.ndarray]]] = {
 
 
 class WetClutch:
-    """The rig of rig.md with the simulator's plug-ins as candidates. `parameters` may be another rig's (`--model`)."""
+    """The rig of docs/rig.md with the simulator's plug-ins as candidates. `parameters` may be another rig's (`--model`)."""
 
     name = "wet_clutch"
     inputs: tuple[str, ...] = ("valve_voltage_v", "motor_speed_demand_rad_s")
-    outputs: tuple[Output, ...] = (  # resolutions: rounding of rig.md 9, slip of the encoder over 1 ms
+    outputs: tuple[Output, ...] = (  # resolutions: rounding of docs/rig.md, 9, slip of the encoder over 1 ms
         Output("cylinder_pressure_bar", "bar", "hydraulics", 0.0014),
         Output("clutch_torque_nm", "Nm", "friction", 0.0004),
         Output("motor_torque_nm", "Nm", "drive", 0.007),
@@ -93,7 +93,7 @@ class WetClutch:
 
     @staticmethod
     def nominal() -> ParameterSet:
-        """Parameters of rig.md with every effect off."""
+        """Parameters of docs/rig.md with every effect off."""
         return wet_clutch.nominal()
 
     def simulate(self, run: Columns, parameters: Values, effects: Values) -> dict[str, np.ndarray]:
@@ -188,7 +188,7 @@ def _substeps(rig: wet_clutch.Rig, rate: float, period: float) -> int:
 
 
 def _held(rig: wet_clutch.Rig, pressure: float) -> float:
-    """Position [m] at which springs and stack hold the piston under `pressure` [Pa]: rig.md 3 at rest."""
+    """Position [m] at which springs and stack hold the piston under `pressure` [Pa]: docs/rig.md, 3 at rest."""
     c = rig.record[0]
     push = pressure * c["piston_area"] - c["piston_preload"]
     free = push / c["piston_spring_stiffness"]

@@ -13,7 +13,7 @@ _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _UNITS = {
     "_rad_s": "rad/s", "_m_s": "m/s", "_degc": "degC", "_bar": "bar", "_rpm": "rpm", "_rad": "rad", "_nm": "Nm",
     "_mm": "mm", "_um": "um", "_hz": "Hz", "_pa": "Pa", "_v": "V", "_a": "A", "_n": "N", "_m": "m", "_k": "K", "_s": "s",
-}  # fmt: skip  # by the end of a column's name (rig.md), the longest first
+}  # fmt: skip  # by the end of a column's name (docs/rig.md), the longest first
 
 
 def number(value: float, digits: int = 3) -> str:

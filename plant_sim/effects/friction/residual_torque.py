@@ -20,7 +20,7 @@ from plant_sim.effects.effect import Effect, Shape, State, Strength
 from plant_sim.effects.signals import TORQUE
 
 BAR = 1e5
-PRESSURE, PRESSURE_SPAN = 3.4 * BAR, 0.8 * BAR  # Pa, middle and half of the rig's range in contact: rig.md
+PRESSURE, PRESSURE_SPAN = 3.4 * BAR, 0.8 * BAR  # Pa, middle and half of the rig's range in contact: docs/rig.md
 SLIP_SPAN = 20.0  # rad/s
 CELSIUS_70, KELVIN_SPAN = 343.15, 10.0  # K: reference and warming of a run
 TIME_SPAN = 24.0  # s, a run

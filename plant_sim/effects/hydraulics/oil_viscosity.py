@@ -33,7 +33,7 @@ EFFECT = Effect(
     block="hydraulics",
     laws={RIG: thicken},
     parameters=(
-        Strength("share", "1", off=0.0, typical=1.0, bounds=(0.0, 1.0), source="laminar line, as rig.md 2 has it"),
+        Strength("share", "1", off=0.0, typical=1.0, bounds=(0.0, 1.0), source="laminar line: docs/rig.md, 2"),
     ),
     rate=rate,
     candidate=False,

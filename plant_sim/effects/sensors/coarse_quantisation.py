@@ -47,7 +47,7 @@ EFFECT = Effect(
         ),
         Shape(
             "offset", "1", typical=0.0, bounds=(0.0, 1.0),
-            source="[D] rounding, as the converters of rig.md 9",
+            source="[D] rounding, as the converters of docs/rig.md, 9",
         ),
     ),
     display=Display("triangle", column="clutch_torque_nm"),

@@ -5,7 +5,7 @@ Equation        M_shown = gain M
 Assumptions     linear, no offset
 Valid range     gain 0.5..2
 Not modelled    non-linearity, hysteresis and temperature dependence of the gain
-References      rig.md 9 gives the sensitivity an uncertainty of 1 %
+References      docs/rig.md, 9 gives the sensitivity an uncertainty of 1 %
 """
 
 from plant_sim.effects.effect import Effect, Strength

@@ -24,7 +24,7 @@ EFFECT = Effect(
     parameters=(
         Strength(
             "ratio", "1", off=1.0, typical=0.99, bounds=(0.5, 1.5),
-            source="[D] 1 %, 34 mbar at 3.4 bar; valve.gain itself is known to 2 % (rig.md 1)",
+            source="[D] 1 %, 34 mbar at 3.4 bar; valve.gain itself is known to 2 % (docs/rig.md, 1)",
         ),
     ),
     rank=1,  # after the dead band, which is one of the amplifier's voltage

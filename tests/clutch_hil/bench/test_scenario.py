@@ -91,7 +91,7 @@ def test_injections_act_at_their_time(written) -> None:
     scenario = load_scenario(str(written(text)))
     columns = Simulation(scenario).play(scenario.plant, 1).columns()
     wrong = columns["cylinder_pressure_bar"] - columns["truth_cylinder_pressure_bar"]
-    noise = 0.005  # bar, standard deviation (rig.md 9)
+    noise = 0.005  # bar, standard deviation (docs/rig.md, 9)
     assert abs(wrong[300:700].mean()) < noise
     assert abs(wrong[702:].mean() - 0.2) < noise
 

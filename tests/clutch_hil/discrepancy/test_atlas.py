@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from clutch_hil.discrepancy.atlas import Seen, acting, attributed, claims, concentrated, significance
+from clutch_hil.discrepancy.atlas import Seen, acting, claims, concentrated, significance
 from clutch_hil.discrepancy.atlas_numbers import atlas_numbers
 from clutch_hil.discrepancy.models.position_axis import PositionAxis
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
@@ -72,17 +72,6 @@ def test_air_in_the_line_is_claimed_while_the_clutch_fills(model):
     ours = claims(model, engaged({"entrapped_air.volume": 4e-6}), NOISE, baseline(), {})
     assert ours
     assert {c.regime for c in ours} <= {"phase=fill", "phase=engage", "phase=release"}
-
-
-def test_claims_name_the_block_of_the_effect_that_explains_them(model):
-    known = {c.name: c for c in model.candidates}
-    ours = found(model, {"piston_seal_friction.force": 60.0, "piston_seal_friction.pressure_slope": 8.0})
-    narrowed, notes = attributed(ours, [known["piston_seal_friction"]])
-    assert narrowed[0].block == "piston"
-    assert notes == []
-    kept, notes = attributed(ours, [known["torque_sensor_offset"]])
-    assert kept == ours
-    assert "torque_sensor_offset (sensors) is elsewhere" in notes[0]
 
 
 def test_an_effect_acts_where_it_makes_a_difference(model):

@@ -41,7 +41,7 @@ def test_a_clutch_fills_engages_slips_releases_and_is_open_in_this_order(runs, r
 
 
 def test_fill_takes_as_long_as_the_rig_needs_to_touch(runs, regimes):
-    """rig.md, pressure regulator: about 85 ms; without the regulator the valve alone is slower."""
+    """docs/rig.md, pressure regulator: about 85 ms; without the regulator the valve alone is slower."""
     masks = regimes(runs[0])
     fill = np.sum(masks["phase=fill"]) * PERIOD / 4.0  # four engagements
     assert 0.05 < fill < 0.15

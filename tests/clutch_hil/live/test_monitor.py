@@ -20,10 +20,9 @@ from clutch_hil.live.snapshot import Snapshot, document
 from protocols.errors import InputError
 from protocols.node import Column
 from protocols.telemetry.batch import Batch
-from protocols.telemetry.feed import nodes_alive
 from protocols.telemetry.keys import bench_name
 from protocols.telemetry.session import consumer_session
-from tests.clutch_hil.live.running import RATE, Running, clutch_hil, running_bench
+from tests.clutch_hil.live.running import RATE, Running, clutch_hil, nodes_alive, running_bench
 from tests.processes import PATIENCE, service
 
 HZ = 1000.0

@@ -16,10 +16,9 @@ from clutch_hil.live.catalogue import WHOLE, Catalogue, assignments, details, ta
 from clutch_hil.live.tune import listed, parameters, set_parameters, tuned
 from protocols.errors import InputError
 from protocols.realtime import child as children
-from protocols.telemetry.feed import nodes_alive
 from protocols.telemetry.keys import Keys
 from protocols.telemetry.session import consumer_session, publisher_session
-from tests.clutch_hil.live.running import Running, clutch_hil, running_bench
+from tests.clutch_hil.live.running import Running, clutch_hil, nodes_alive, running_bench
 
 BENCH = "local:tuned@here"
 
