@@ -2,9 +2,10 @@
 
 from pathlib import Path
 
+from clutch_hil.bench.run_file import read_rig_run
 from protocols.errors import InputError, listing
 from protocols.files.run import new_file
-from protocols.files.runs import SUFFIXES, read_run, write_run
+from protocols.files.runs import SUFFIXES, write_run
 
 FORMATS = (*SUFFIXES, ".rrd")
 
@@ -16,7 +17,7 @@ def convert(source: Path, target: Path) -> int:
             f"run {source} has the suffix {source.suffix or '-'}; what can be read ends with {listing(SUFFIXES)}"
         )
     checked_target(target)
-    run = read_run(source)
+    run = read_rig_run(source)
     if target.suffix == ".rrd":
         from clutch_hil.live.replay import export_rrd
 
