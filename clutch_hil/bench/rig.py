@@ -25,8 +25,8 @@ class Rig:
 
     plant               its plant: name, node, parameters, profiles, clutches
     measures_at         "module:name" of its measures by name; one of them is `fault`
-    judge_at            of the function that judges and draws a run file, called as `result.judge_run`
-    status_at           of the class of its status line, made as `status.StatusLine`
+    judge_at            of the function that judges and draws a run file, see `judge`
+    status_at           of the class of its status line, see `status`
     figures             measures that sum up a run in a sweep; the first is not a number where the run missed its aim
     missed              what is said of such a run
     model_at            of its model for the discrepancy engine; empty where there is none
@@ -52,12 +52,16 @@ class Rig:
 
     @property
     def judge(self) -> Callable[..., Any]:
-        """The function that judges and draws a run file."""
+        """The function that judges the run file `path` and draws its picture beside it: judge(path, read, limits, timing).
+
+        `read` is what was read, for people; `limits` are those of the scenario; `timing` holds the summaries of services, None
+        for a simulation. It returns a `result.Result`.
+        """
         return self._part(self.judge_at)
 
     @property
     def status(self) -> Callable[..., Any]:
-        """The class of its status line."""
+        """The class of its status line, made as `status.StatusLine`, whose `_text` it replaces."""
         return self._part(self.status_at)
 
     @property
@@ -88,6 +92,11 @@ class Rig:
 def rig_names() -> tuple[str, ...]:
     """Names of the rigs that are installed."""
     return entry_names(GROUP)
+
+
+def rigs_with_model() -> tuple[str, ...]:
+    """Names of the rigs that have a discrepancy model, whose experiments their benches can play."""
+    return tuple(name for name in rig_names() if rig_named(name).model_at)
 
 
 @cache

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from clutch_hil.bench.rig import rig_names
+from clutch_hil.bench.rig import rigs_with_model
 from clutch_hil.bench.sealed import checksum
 from clutch_hil.discrepancy.experiment import Experiment
 from protocols.errors import InputError
@@ -32,10 +32,8 @@ class Report:
     def read(cls, path: Path) -> "Report":
         """The report at `path`. Raises InputError when it is none, proposes no experiment, or its runs have been changed."""
         document = _document(path)
-        if (rig := document.get("rig")) not in rig_names():
-            raise InputError(
-                f"report {path} is of the rig {rig!r}; experiments can be played on {', '.join(rig_names())}"
-            )
+        if (rig := document.get("rig")) not in (playable := rigs_with_model()):
+            raise InputError(f"report {path} is of the rig {rig!r}; experiments can be played on {', '.join(playable)}")
         experiment = _experiment(path, document.get("experiment"))
         hashes = document.get("runs")
         if not isinstance(hashes, Mapping) or not hashes:

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 from clutch_hil.bench.recording import run_path, writable
 from clutch_hil.bench.rig import rig_named
-from clutch_hil.bench.run_file import read_rig_run
+from clutch_hil.bench.run_file import read_run
 from clutch_hil.bench.scenario import Scenario, load_scenario
 from clutch_hil.bench.settings import RunSettings
 from clutch_hil.bench.up import Bench
@@ -107,7 +107,7 @@ def _sound(experiment: Experiment, path: Path, interrupted: bool) -> Path:
     """`path` of a run that is evidence: whole, and without a fault, in which the controller stops the motor."""
     if interrupted:
         raise InputError(f"experiment {experiment.name} was interrupted; {path} holds a part of it")
-    run = read_rig_run(path)
+    run = read_run(path)
     if (fault := rig_named(run.metadata["rig"]).measure("fault").of(run.columns)) != "none":
         raise InputError(f"experiment {experiment.name} ended in a fault ({fault}); {path} is no evidence")
     return path

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from clutch_hil.bench.run_file import read_rig_run
+from clutch_hil.bench.run_file import read_run
 from protocols.errors import InputError, listing
 from protocols.files.run import new_file
 from protocols.files.runs import SUFFIXES, write_run
@@ -17,7 +17,7 @@ def convert(source: Path, target: Path) -> int:
             f"run {source} has the suffix {source.suffix or '-'}; what can be read ends with {listing(SUFFIXES)}"
         )
     checked_target(target)
-    run = read_rig_run(source)
+    run = read_run(source)
     if target.suffix == ".rrd":
         from clutch_hil.live.replay import export_rrd
 

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from clutch_hil.bench.rig import rig_names
+from clutch_hil.bench.rig import rigs_with_model
 from clutch_hil.discrepancy.report.markup import Html, described, figure, is_numbers, joined, tag
 from clutch_hil.discrepancy.report.pictures import Pictures
 from clutch_hil.discrepancy.report.wording import proposed
@@ -35,7 +35,7 @@ def section(pictures: Pictures) -> tuple[str, list[Html]]:
             rest = {k: v for k, v in rest.items() if k not in drawn}
     if rest:
         parts.append(described(rest))
-    if pictures.result.rig in rig_names() and proposed(pictures.result):
+    if pictures.result.rig in rigs_with_model() and proposed(pictures.result):
         command = tag("code", "clutch-hil experiment --for report.json")
         parts.append(tag("p", joined(["To run it on the live plant and decide again: ", command], "")))
     return heading, parts

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 import clutch_hil as ch
 from clutch_hil.bench.in_process import Played
-from clutch_hil.bench.run_file import read_rig_run
+from clutch_hil.bench.run_file import read_run
 from clutch_hil.bench.scenario import load_scenario
 from clutch_hil.bench.simulate import Simulation
 from clutch_hil.command import application
@@ -47,7 +47,7 @@ def run_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def run(run_file: Path) -> Run:
-    return read_rig_run(run_file)
+    return read_run(run_file)
 
 
 def command(*words: object) -> Any:
@@ -71,6 +71,10 @@ def test_simulated_from_python_it_is_the_run_file(run: Run) -> None:
         assert np.array_equal(simulated[name], values, equal_nan=True), name
     assert (simulated.units, simulated.meanings) == (run.units, run.meanings)
     assert simulated.metadata["controller_b_parameters"] == run.metadata["controller_b_parameters"]
+
+
+def test_read_from_python_it_is_the_run_file(run: Run, run_file: Path) -> None:
+    assert list(ch.read_run(run_file).columns) == list(run.columns)
 
 
 def test_an_effect_is_of_one_clutch() -> None:
@@ -109,7 +113,7 @@ def test_a_sweep_from_python_has_them_too() -> None:
 
 def test_it_is_converted_there_and_back(run: Run, run_file: Path, tmp_path: Path) -> None:
     assert convert(run_file, tmp_path / "run.mf4") == convert(tmp_path / "run.mf4", tmp_path / "run.parquet")
-    again = read_rig_run(tmp_path / "run.parquet")
+    again = read_run(tmp_path / "run.parquet")
     assert again.metadata == run.metadata
     for name, values in run.columns.items():
         assert np.array_equal(again[name], values, equal_nan=True), name
@@ -183,7 +187,7 @@ def test_a_recording_has_both_controllers_and_the_rig_that_the_plant_names(
         for _ in range(len(feed.steps)):
             made.step()
         made.finish()
-    again = read_rig_run(tmp_path / "run.parquet")
+    again = read_run(tmp_path / "run.parquet")
     assert again.metadata["rig"] == "power_shift"
     for node in NODES:
         assert again.metadata[f"{node}_parameters"] == {f"{node}.x": 1.0}
