@@ -16,11 +16,12 @@ from protocols.kernels.compiled import drop_stale, place_cache
 if TYPE_CHECKING:
     from clutch_hil.bench.in_memory import measure_run, simulate
     from clutch_hil.bench.picture import draw_run
+    from clutch_hil.bench.run_file import read_run
     from clutch_hil.bench.sampling import grid, latin_hypercube, random
     from clutch_hil.bench.study import sweep
     from protocols.errors import InputError
     from protocols.files.run import Run
-    from protocols.files.runs import read_run, write_run
+    from protocols.files.runs import write_run
 
 place_cache(Path(__file__).parent)
 drop_stale(Path(__file__).parent, *map(Path(__file__).parent.with_name, ("protocols", "plant_sim")))
@@ -32,9 +33,10 @@ __all__ = [
 _PLACES = {
     "protocols.errors": ("InputError",),
     "protocols.files.run": ("Run",),
-    "protocols.files.runs": ("read_run", "write_run"),
+    "protocols.files.runs": ("write_run",),
     "clutch_hil.bench.in_memory": ("measure_run", "simulate"),
     "clutch_hil.bench.picture": ("draw_run",),
+    "clutch_hil.bench.run_file": ("read_run",),
     "clutch_hil.bench.sampling": ("grid", "latin_hypercube", "random"),
     "clutch_hil.bench.study": ("sweep",),
 }

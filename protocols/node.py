@@ -1,13 +1,12 @@
 """Node: what runs on a bus. The same object runs on its own clock, in lock-step, or in one process with the other."""
 
 from collections.abc import Callable, Sequence
-from importlib.metadata import entry_points
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from protocols.can.frames import Frame
-from protocols.errors import InputError, listing
+from protocols.entry_points import load_entry
 
 
 class Column(NamedTuple):
@@ -45,7 +44,5 @@ class Node(Protocol):
 
 def node_factory(name: str) -> Callable[..., Any]:
     """The class of a node by entry point (`plant`, `controller`), so that no side imports the other."""
-    points = {point.name: point for point in entry_points(group="clutch_hil.nodes")}
-    if name not in points:
-        raise InputError(f"node {name!r} is not installed; installed are {listing(points)}")
-    return points[name].load()
+    factory: Callable[..., Any] = load_entry("clutch_hil.nodes", "node", name)
+    return factory

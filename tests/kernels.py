@@ -3,10 +3,11 @@
 import sys
 
 from plant_sim.node.plant_service import PlantService
+from plant_sim.node.power_shift_node import RIG
 from rt_controller.loop.service import ControllerService
 
 SIDES = {
-    "plant": PlantService("", 1000, rig="power_shift").warm,  # which compiles what the plant of one clutch runs, too
+    "plant": PlantService("", 1000, RIG).warm,  # which compiles what the plant of one clutch runs, too
     "controller": ControllerService.warm,
 }
 

@@ -5,12 +5,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from clutch_hil.bench.measures import measures
+from clutch_hil.bench.rig import rig_named
 from clutch_hil.bench.scenario import Scenario, chosen_scenario
 from clutch_hil.bench.simulate import Simulation
 from plant_sim.node.injection import effect_on
 from protocols.files.run import Run
-from protocols.node import Column
 
 Values = Mapping[str, float]
 
@@ -30,13 +29,14 @@ def simulate(
     effects: Iterable[str] | Mapping[str, Values] = (),
     progress: Callable[[int, int], None] | None = None,
 ) -> Run:
-    """Simulate plant and controller of the wet-clutch rig in this process, as `clutch-hil simulate` does.
+    """Simulate plant and controllers of a rig in this process, as `clutch-hil simulate` does.
 
     `scenario` is the name of one that is shipped or the path of a TOML file. Without one `profile` is played, a shipped name or
     the path of a CSV file, `engagement` if none is given. seconds [s] repeats or cuts the profile; rate [Hz]; temperature
     [degC] of the oil at the start; `law` is both, feedforward or feedback. `plant` and `controller` change parameters by dotted
-    name, each in its declared unit. `effects` are switched on, with typical values or with those given by short name. None is
-    what the scenario has. `progress(cycle, cycles)` is called now and then.
+    name, each in its declared unit. `effects` are switched on, with typical values or with those given by short name; where
+    there are two clutches as `a.friction_level`. None is what the scenario has. `progress(cycle, cycles)` is called now
+    and then.
 
     Returns the columns that a run file of it would have, each of shape (samples,), with units, meanings and metadata.
     Raises InputError.
@@ -47,11 +47,7 @@ def simulate(
     }  # fmt: skip
     chosen = composed_scenario(scenario, settings, plant, controller, effects)
     played, metadata = Simulation(chosen).play_described(progress)
-    described = [
-        *played.plant_columns,
-        Column("torque_demand_nm", "Nm", "the controller's M_d"),
-        *(Column(f"controller_{c.name}", c.unit, c.meaning) for c in played.controller_columns),
-    ]
+    described = played.described()
     return Run(
         played.columns(),
         metadata,
@@ -74,7 +70,9 @@ def composed_scenario(
         effects = [effects]
     named = effects if isinstance(effects, Mapping) else {name: {} for name in effects}
     for name, values in named.items():
-        chosen = replace(chosen, plant=chosen.plant.with_values(effect_on(name, values)))
+        clutch, dot, effect = name.rpartition(".")
+        on = {f"{clutch}{dot}{parameter}": value for parameter, value in effect_on(effect, values).items()}
+        chosen = replace(chosen, plant=chosen.plant.with_values(on))
     if plant:
         chosen = replace(chosen, plant=chosen.plant.with_values(plant))
     if controller:
@@ -85,4 +83,4 @@ def composed_scenario(
 
 def measure_run(run: Run) -> dict[str, float | str]:
     """Every measure of a run by name: a number in its unit, not-a-number where it cannot be measured, or a word."""
-    return {name: measure.of(run.columns) for name, measure in measures(run.metadata["rig"]).items()}
+    return {name: measure.of(run.columns) for name, measure in rig_named(run.metadata["rig"]).measures.items()}

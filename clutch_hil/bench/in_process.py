@@ -1,13 +1,15 @@
-"""Plant and controller in one process, frame by frame as on a bus: deterministic, for sweeps and tests."""
+"""Plant and controllers in one process, frame by frame as on a bus: deterministic, for sweeps and tests."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from clutch_hil.bench.following import Following
 from clutch_hil.bench.measures import followed
-from plant_sim.node.plant_node import PlantNode
+from clutch_hil.bench.recording import TORQUE_DEMAND, run_columns
+from protocols.can.two_clutches import CONTROLLERS
 from protocols.node import Column, Node
 
 _TOLD_EVERY = 500  # cycles between two calls of `progress`
@@ -15,50 +17,68 @@ _TOLD_EVERY = 500  # cycles between two calls of `progress`
 
 @dataclass(frozen=True)
 class Played:
-    """Records of both nodes, shape (cycles, columns of the node), and the names of those columns."""
+    """Records of the plant and of each controller, shape (cycles, columns of the node), and the names of those columns."""
 
     plant: np.ndarray
-    controller: np.ndarray
+    controllers: tuple[np.ndarray, ...]
     plant_columns: tuple[Column, ...]
-    controller_columns: tuple[Column, ...]
+    controller_columns: tuple[tuple[Column, ...], ...]
 
     def __getitem__(self, name: str) -> np.ndarray:
         """A column, shape (cycles,), by its name in a run file."""
-        names = [column.name for column in self.plant_columns]
-        if name in names:
-            return self.plant[:, names.index(name)]
-        terms = [f"controller_{column.name}" for column in self.controller_columns]
-        return self.controller[:, terms.index(name)]
+        return self.columns()[name]
 
     def columns(self) -> dict[str, np.ndarray]:
         """The columns that a run file of this would have, by name."""
-        terms = {f"controller_{column.name}": self.controller[:, i] for i, column in enumerate(self.controller_columns)}
-        plant = {column.name: self.plant[:, i] for i, column in enumerate(self.plant_columns)}
-        return plant | {"torque_demand_nm": terms["controller_torque_demand_nm"]} | terms
+        names = [column.name for column in self.described()]
+        plant = len(self.plant_columns)
+        values = [*self.plant.T, *(column for controller in self.controllers for column in controller.T)]
+        found = dict(zip(names[:plant] + names[plant + 1 :], values, strict=True))
+        demand = found[f"{CONTROLLERS[0]}_{TORQUE_DEMAND.name}"]
+        return {name: demand if name == TORQUE_DEMAND.name else found[name] for name in names}
+
+    def described(self) -> list[Column]:
+        """Name, unit and meaning of those columns."""
+        return run_columns(self.plant_columns, self.controller_columns)
 
     def following(self, begin: float = 0.0, end: float = float("inf")) -> Following:
         """How well the true torque followed the demand between two times [s]."""
-        time = self["time_s"]
-        part = (time >= begin) & (time < end)
-        return followed({name: column[part] for name, column in self.columns().items()})
+        columns = self.columns()
+        part = (columns["time_s"] >= begin) & (columns["time_s"] < end)
+        return followed({name: column[part] for name, column in columns.items()})
 
 
-def play(plant: PlantNode, controller: Node, progress: Callable[[int], None] | None = None) -> Played:
-    """Play the plant's profile to its end. `progress(cycle)` is called now and then."""
-    plant_rows, controller_rows = [], []
-    commands = 0
+def play(plant: Any, *controllers: Node, progress: Callable[[int], None] | None = None) -> Played:
+    """Play the plant's profile to its end with a controller for each clutch. `progress(cycle)` is called now and then."""
+    rows: list[list[np.ndarray]] = [[] for _ in (plant, *controllers)]
+    commands = [0] * len(controllers)
     while not plant.finished:
-        plant.take(controller.outbox, commands)
+        for controller, count in zip(controllers, commands, strict=True):
+            plant.take(controller.outbox, count)
         sensors = plant.show()
-        plant_rows.append(plant.record.copy())
+        rows[0].append(plant.record.copy())
         plant.advance()
-        commands = controller.cycle(plant.outbox, sensors)
-        controller_rows.append(controller.record.copy())
+        inboxes = _inboxes(plant.outbox, sensors, [c.outbox[:n] for c, n in zip(controllers, commands, strict=True)])
+        commands = [controller.cycle(*inbox) for controller, inbox in zip(controllers, inboxes, strict=True)]
+        for record, controller in zip(rows[1:], controllers, strict=True):
+            record.append(controller.record.copy())
         if progress and plant.tick % _TOLD_EVERY == 0:
             progress(plant.tick)
+    records, *terms = map(np.array, rows)
     return Played(
-        np.array(plant_rows),
-        np.array(controller_rows),
+        records,
+        tuple(terms),
         tuple(plant.columns),
-        tuple(controller.columns),
+        tuple(tuple(controller.columns) for controller in controllers),
     )
+
+
+def _inboxes(shown: np.ndarray, count: int, said: Sequence[np.ndarray]) -> list[tuple[np.ndarray, int]]:
+    """What each controller hears, a batch and its frames: what the others have `said` since the sample before comes first, as
+    on a bus, then the `count` frames that the plant has `shown`."""
+    if len(said) == 1:
+        return [(shown, count)]
+    heard = [
+        np.concatenate([*(frames for j, frames in enumerate(said) if j != k), shown[:count]]) for k in range(len(said))
+    ]
+    return [(batch, len(batch)) for batch in heard]

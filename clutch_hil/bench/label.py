@@ -21,9 +21,9 @@ class Label:
         """The label of a scenario; a blind one has neither name, title nor file, and of its settings what a blind run has."""
         settings = scenario.settings.as_text()
         if blind:
-            return cls("blind", "a scenario, blind", "", {"rig": scenario.rig} | shown_settings(settings))
+            return cls("blind", "a scenario, blind", "", {"rig": scenario.rig.name} | shown_settings(settings))
         what = f"scenario {scenario.path}" if scenario.path else f"profile {scenario.name}"
-        said = {"title": scenario.title, "rig": scenario.rig, "file": str(scenario.path or "-")}
+        said = {"title": scenario.title, "rig": scenario.rig.name, "file": str(scenario.path or "-")}
         return cls(scenario.name, what, scenario.settings.changes(), said | settings)
 
     def read(self, seconds: float) -> str:

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Any
 
-from clutch_hil.bench.measures import Columns, measure
+from clutch_hil.bench.measures import Columns
+from clutch_hil.bench.rig import Rig
 from protocols.errors import InputError
 
 
@@ -13,14 +14,14 @@ from protocols.errors import InputError
 class Limit:
     """A measure of a rig that is at least `least` and at most `most`, in its unit, or the word `equal`. Raises InputError."""
 
-    rig: str
+    rig: Rig
     measure: str
     least: float | None = None
     most: float | None = None
     equal: str | None = None
 
     def __post_init__(self) -> None:
-        known = measure(self.measure, self.rig)
+        known = self.rig.measure(self.measure)
         if known.words:
             if self.equal not in known.words():
                 given = repr(self.equal) if self.equal else "no word"
@@ -36,14 +37,14 @@ class Limit:
         """What is asked, for people."""
         if self.equal is not None:
             return f"{self.measure} = {self.equal}"
-        unit = measure(self.measure, self.rig).unit
+        unit = self.rig.measure(self.measure).unit
         low = "" if self.least is None else f"{self.least:g} <= "
         high = "" if self.most is None else f" <= {self.most:g}"
         return f"{low}{self.measure}{high}{'' if unit == '1' else f' {unit}'}"
 
     def judge(self, columns: Columns) -> "Judgement":
         """Measure the `columns` of a run; what cannot be measured, not-a-number, breaks every limit."""
-        value = measure(self.measure, self.rig).of(columns)
+        value = self.rig.measure(self.measure).of(columns)
         if isinstance(value, str):
             return Judgement(self, value, value == self.equal)
         low, high = self.least is None or value >= self.least, self.most is None or value <= self.most
@@ -70,7 +71,7 @@ class Judgement:
         limit = self.limit
         return {
             "measure": limit.measure,
-            "unit": measure(limit.measure, limit.rig).unit,
+            "unit": limit.rig.measure(limit.measure).unit,
             "least": limit.least,
             "most": limit.most,
             "equal": limit.equal,

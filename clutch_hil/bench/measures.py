@@ -7,14 +7,12 @@ sign.
 """
 
 from collections.abc import Callable, Mapping
-from importlib import import_module
 from typing import NamedTuple
 
 import numpy as np
 
 from clutch_hil.bench.following import Following, following, regime
 from protocols.can.frames import load_frames
-from protocols.errors import InputError, closest
 
 Columns = Mapping[str, np.ndarray]
 _EQUAL_PRESSURE = 0.05  # bar, width of a bin in a loop: ten quantisation steps of the ADC
@@ -35,21 +33,6 @@ class Measure(NamedTuple):
     what: str
     of: Callable[[Columns], float | str]
     words: Callable[[], tuple[str, ...]] | None = None
-
-
-def measures(rig: str) -> Mapping[str, Measure]:
-    """The measures of a rig by name."""
-    if rig == "wet_clutch":
-        return MEASURES
-    return import_module(f"clutch_hil.bench.{rig}_measures").MEASURES
-
-
-def measure(name: str, rig: str) -> Measure:
-    """A measure by name. Raises InputError that tells what comes closest."""
-    known = measures(rig)
-    if name not in known:
-        raise InputError(f"measure {name!r} is unknown on the rig {rig}; {closest(name, known)}")
-    return known[name]
 
 
 def torque(columns: Columns) -> np.ndarray:

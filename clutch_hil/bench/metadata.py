@@ -6,8 +6,7 @@ from datetime import datetime
 from importlib.metadata import version
 from typing import Any
 
-from plant_sim.effects.table import switched_on
-from plant_sim.rigs import power_shift
+from clutch_hil.bench.rig import Rig
 from protocols.files.parameters import ParameterSet
 
 _PACKAGES = ("clutch-hil", "numpy", "numba", "python-can", "cantools", "pyarrow")
@@ -19,24 +18,25 @@ def versions() -> dict[str, str]:
 
 
 def run_metadata(
+    rig: Rig,
     rate: int,
     plant: ParameterSet,
-    controller: Mapping[str, float],
+    controllers: Mapping[str, Mapping[str, float]],
     injections: Sequence[Mapping[str, Any]] = (),
-    rig: str = "wet_clutch",
 ) -> dict[str, Any]:
-    """Rig, rate [Hz], versions, parameters of both sides and effects that are on at the start, and what was injected later.
+    """Rig, rate [Hz], versions, parameters of all sides and effects that are on at the start, and what was injected later.
 
-    Parameters are in the unit their TOML file declares; `injections` as `PlantNode.injected`.
+    Parameters are in the unit their TOML file declares, those of the controllers by name of the controller; `injections` as
+    `PlantNode.injected`.
     """
     return {
-        "rig": rig,
+        "rig": rig.name,
         "sample_rate_hz": rate,
         "notes": "",
         "recorded_at": datetime.now().astimezone().isoformat(timespec="seconds"),
         "versions": versions(),
         "plant_parameters": plant.as_values(),
-        "effects": list(power_shift.switched_on(plant) if rig == "power_shift" else switched_on(plant)),
+        "effects": list(rig.plant.switched_on(plant)),
         "injections": [dict(injection) for injection in injections],
-        "controller_parameters": dict(controller),
+        **{f"{name}_parameters": dict(values) for name, values in controllers.items()},
     }

@@ -1,8 +1,8 @@
 """Recording: the rows of both nodes joined into a run file, while they come.
 
 The plant's rows are the run: one a sample at a constant rate. To row k come the controller's terms of the cycle that
-answered sample k (`controller_...`); where none did, those of the cycle before still act and stand there
-(`controller_sample_tick` tells); before the first cycle they are not-a-number.
+answered sample k (`controller_...`, of clutch b's `controller_b_...`); where none did, those of the cycle before still act and
+stand there (`controller_sample_tick` tells); before the first cycle they are not-a-number.
 """
 
 import contextlib
@@ -15,10 +15,12 @@ from typing import Any
 
 import numpy as np
 
+from protocols.can.two_clutches import CONTROLLERS
 from protocols.errors import InputError
 from protocols.files.runs import RunWriter
 from protocols.node import Column
 
+TORQUE_DEMAND = Column("torque_demand_nm", "Nm", "the controller's M_d")  # of clutch a's where there are two
 _CHUNK = 20_000  # rows a row group: 20 s at 1 kHz, some MB of memory
 _WAIT = 60_000  # rows a plant row waits for the controller's answer before it is written without one: its past may come late
 
@@ -47,6 +49,16 @@ def run_path(folder: Path, name: str, suffix: str = ".parquet") -> Path:
                 return path
             part.unlink()
     raise AssertionError  # count() never ends
+
+
+def run_columns(plant: Sequence[Column], controllers: Sequence[Sequence[Column]]) -> list[Column]:
+    """The columns of a run file, of those of the plant and of each controller, in the order of CONTROLLERS."""
+    terms = [
+        Column(f"{name}_{column.name}", column.unit, column.meaning)
+        for name, columns in zip(CONTROLLERS, controllers, strict=False)
+        for column in columns
+    ]
+    return [*plant, TORQUE_DEMAND, *terms]
 
 
 class Answers:
@@ -85,25 +97,22 @@ class Answers:
 class Recording:
     """Collects rows and writes the run file at `path`. Use as a context manager.
 
-    `second` are the columns of clutch b's controller where there are two: its terms follow as `controller_b_...`.
+    `plant` are the plant's columns, `controllers` those of each controller, clutch a's first where there are two; rate [Hz].
     """
 
     def __init__(
         self,
         path: Path,
         plant: Sequence[Column],
-        controller: Sequence[Column],
+        controllers: Sequence[Sequence[Column]],
         rate: int,
-        second: Sequence[Column] = (),
     ) -> None:
         self.path = path
         self.rows = 0
         self._rate = rate
-        self._demand = [column.name for column in controller].index("torque_demand_nm")
-        self._answers = [Answers(columns) for columns in (controller, second) if columns]
-        terms = [Column(f"controller_{name}", unit, meaning) for name, unit, meaning in controller]
-        terms += [Column(f"controller_b_{name}", unit, meaning) for name, unit, meaning in second]
-        self._columns = [*plant, Column("torque_demand_nm", "Nm", "the controller's M_d"), *terms]
+        self._demand = [column.name for column in controllers[0]].index(TORQUE_DEMAND.name)
+        self._answers = [Answers(columns) for columns in controllers]
+        self._columns = run_columns(plant, controllers)
         self._writer = self._new_writer(path, self._columns)
         self._plant: list[np.ndarray] = []
 

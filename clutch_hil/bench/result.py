@@ -14,6 +14,7 @@ from clutch_hil.bench.picture import draw_run
 from clutch_hil.bench.sealed import SEAL
 from clutch_hil.bench.service_text import service_lines
 from protocols.can.fault_text import WAITS_FOR_IDLE, FaultWatch, faults_of, waits_for_idle
+from protocols.can.two_clutches import CONTROLLERS
 from protocols.files.runs import read_run
 
 _TITLE_WIDTH = 130  # characters that fit over the picture
@@ -134,7 +135,7 @@ def title(path: Path, verdict: str, result: Result) -> str:
 def timing_lines(timing: dict[str, Any]) -> list[str]:
     """What the services' clocks and ports say, for people."""
     lines = []
-    for name in ("plant", "controller", "controller_b"):
+    for name in ("plant", *CONTROLLERS):
         if timing.get(name):
             lines += service_lines(name, timing[name])
     if "speed" in timing:

@@ -3,18 +3,16 @@
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from importlib import import_module
 from math import inf
 from pathlib import Path
 from typing import Any
 
 from clutch_hil.bench.limits import Limit
-from clutch_hil.bench.measures import measure
+from clutch_hil.bench.rig import DEFAULT_RIG, Rig, rig_named
 from clutch_hil.bench.settings import RunSettings
 from clutch_hil.command import checked_rate
 from plant_sim.node.injection import Injection, effect_off, effect_on, sensor_bias, sensor_frozen
-from plant_sim.profiles.profile import Profile, load_profile
-from plant_sim.profiles.shift_profile import ShiftProfile, load_shift_profile
+from plant_sim.node.plant_rig import RigProfile
 from protocols.can.bus_load import BITRATES, bus_load
 from protocols.can.frames import bus_frames
 from protocols.errors import InputError, closest
@@ -22,7 +20,6 @@ from protocols.files.parameters import ParameterSet, load_overlay
 from protocols.files.toml_table import TomlTable, read_toml
 
 FOLDER = Path(__file__).with_name("scenarios")
-RIGS = {"wet_clutch": (), "power_shift": ("a", "b")}  # and their clutches, where there are several
 
 _ENTRIES = ("title", "about", "rig", "run", "plant", "controller", "effects", "inject", "limits")
 _RUN = {
@@ -39,7 +36,7 @@ class Scenario:
     name: str
     title: str
     about: str
-    rig: str
+    rig: Rig
     path: Path | None
     settings: RunSettings
     plant: ParameterSet
@@ -47,20 +44,19 @@ class Scenario:
     limits: tuple[Limit, ...] = ()
 
     @classmethod
-    def of(cls, settings: RunSettings, rig: str = "wet_clutch") -> "Scenario":
+    def of(cls, settings: RunSettings, rig: str = DEFAULT_RIG) -> "Scenario":
         """A run of a rig with `settings` alone: nothing is injected, no limit is set. Raises InputError."""
-        name = Path(settings.profile).stem
-        return cls(name, "", "", known_rig(rig), None, settings, _nominal(rig, settings.plant_parameters))
+        name, known = Path(settings.profile).stem, rig_named(rig)
+        return cls(name, "", "", known, None, settings, known.plant.nominal(settings.plant_parameters))
 
     @property
     def duration(self) -> float:
         """Length of its profile [s]. Raises InputError."""
         return self.loaded_profile().duration
 
-    def loaded_profile(self) -> Profile | ShiftProfile:
+    def loaded_profile(self) -> RigProfile:
         """The profile to play, of its rig's kind. Raises InputError, also for an injection after its end."""
-        load = load_shift_profile if RIGS[self.rig] else load_profile
-        profile = load(self.settings.profile, self.settings.seconds)
+        profile = self.rig.plant.load_profile(self.settings.profile, self.settings.seconds)
         for number, injection in enumerate(self.injections, 1):
             if injection.at >= profile.duration:
                 raise InputError(
@@ -68,13 +64,6 @@ class Scenario:
                     " allowed are earlier times"
                 )
         return profile
-
-
-def known_rig(name: str) -> str:
-    """`name` when it is a rig's. Raises InputError."""
-    if name not in RIGS:
-        raise InputError(f"rig is {name!r}; allowed are {', '.join(RIGS)}")
-    return name
 
 
 def shipped() -> dict[str, Path]:
@@ -93,7 +82,7 @@ def load_scenario(name: str, given: Mapping[str, Any] | None = None) -> Scenario
         raise InputError(f"scenario {name!r} is unknown, and the path of one ends with .toml; {closest(name, known)}")
     with naming(path):
         table = read_toml(path, _ENTRIES)
-        rig = known_rig(table.get("rig", str, "wet_clutch"))
+        rig = rig_named(table.get("rig", str, DEFAULT_RIG))
         settings = replace(_settings(table, rig), **(given or {}))
         return Scenario(
             name=path.stem,
@@ -124,11 +113,11 @@ def chosen_scenario(name: str | None, given: Mapping[str, Any], rig: str | None 
     checked_rate(settings.get("rate", RunSettings.rate))
     checked_seed(settings.get("seed", RunSettings.seed))
     if name is None:
-        return Scenario.of(RunSettings(**settings), rig or "wet_clutch")
+        return Scenario.of(RunSettings(**settings), rig or DEFAULT_RIG)
     loaded = load_scenario(name, settings)
-    if rig not in (None, loaded.rig):
+    if rig not in (None, loaded.rig.name):
         raise InputError(
-            f"scenario {name} is of the rig {loaded.rig}, and --rig {rig} was given; allowed is one of them"
+            f"scenario {name} is of the rig {loaded.rig.name}, and --rig {rig} was given; allowed is one of them"
         )
     return loaded
 
@@ -142,11 +131,11 @@ def naming(path: Path | None) -> Iterator[None]:
         raise InputError(f"scenario {path}: {error}" if path else str(error)) from None
 
 
-def _settings(table: TomlTable, rig: str) -> RunSettings:
+def _settings(table: TomlTable, rig: Rig) -> RunSettings:
     run = table.table("run", tuple(_RUN))
     entries = {key: run.get(key, kind) for key, kind in _RUN.items() if key in run}
     rate = checked_rate(entries.get("rate", RunSettings.rate))
-    if (load := bus_load(bus_frames(clutches=len(RIGS[rig]) or 1), rate, max(BITRATES))) > 1.0:
+    if (load := bus_load(bus_frames(clutches=len(rig.plant.controllers)), rate, max(BITRATES))) > 1.0:
         raise InputError(
             f"run.rate is {rate} Hz: its frames would fill {100 * load:.0f} % of a bus of {max(BITRATES) // 1000} kbit/s;"
             " allowed are 100 %"
@@ -157,15 +146,12 @@ def _settings(table: TomlTable, rig: str) -> RunSettings:
     return RunSettings(**entries, controller=table.table("controller").numbers())
 
 
-def _nominal(rig: str, changed: Path | None = None) -> ParameterSet:
-    return import_module(f"plant_sim.rigs.{rig}").nominal(changed)
-
-
-def _plant(table: TomlTable, rig: str, changed: Path | None) -> ParameterSet:
+def _plant(table: TomlTable, rig: Rig, changed: Path | None) -> ParameterSet:
     given = table.table("plant").numbers()
-    plant = _nominal(rig).with_values(given)
-    effects = table.table("effects", RIGS[rig] or None)
-    parts = {f"{clutch}.": effects.table(clutch) for clutch in RIGS[rig]} or {"": effects}
+    plant = rig.plant.nominal(None).with_values(given)
+    clutches = rig.plant.clutches
+    effects = table.table("effects", clutches or None)
+    parts = {f"{clutch}.": effects.table(clutch) for clutch in clutches} or {"": effects}
     for prefix, part in parts.items():
         for name in part:
             if any(entry.startswith(f"{prefix}{name}.") for entry in given):
@@ -174,12 +160,12 @@ def _plant(table: TomlTable, rig: str, changed: Path | None) -> ParameterSet:
     return load_overlay(changed, plant) if changed else plant
 
 
-def _injections(table: TomlTable, rig: str) -> Iterator[Injection]:
+def _injections(table: TomlTable, rig: Rig) -> Iterator[Injection]:
     for entry in table.tables("inject", _INJECT):
         prefix = ""
-        if RIGS[rig] and set(entry) & {"effect", "freeze", "bias"}:
-            if (clutch := entry.need("clutch", str)) not in RIGS[rig]:
-                raise InputError(f"{entry.name}.clutch is {clutch!r}; allowed are {', '.join(RIGS[rig])}")
+        if rig.plant.clutches and set(entry) & {"effect", "freeze", "bias"}:
+            if (clutch := entry.need("clutch", str)) not in rig.plant.clutches:
+                raise InputError(f"{entry.name}.clutch is {clutch!r}; allowed are {', '.join(rig.plant.clutches)}")
             prefix = f"{clutch}."
         values = _prefixed(prefix, _changes(entry)) | entry.table("parameters").numbers()
         times = entry.need("at", float), entry.get("ramp", float, 0.0), entry.get("until", float, inf)
@@ -206,11 +192,11 @@ def _changes(entry: TomlTable) -> dict[str, float]:
     return values
 
 
-def _limits(table: TomlTable, rig: str) -> tuple[Limit, ...]:
+def _limits(table: TomlTable, rig: Rig) -> tuple[Limit, ...]:
     entries = table.table("limits")
     limits = []
     for name in entries:
-        if measure(name, rig).words:
+        if rig.measure(name).words:
             limits.append(Limit(rig, name, equal=entries.get(name, str)))
         else:
             limit = entries.table(name, ("least", "most"))

@@ -37,10 +37,15 @@ class SealedRecording(Recording):
     """
 
     def __init__(
-        self, path: Path, plant: Sequence[Column], controller: Sequence[Column], rate: int, folder: Path | None = None
+        self,
+        path: Path,
+        plant: Sequence[Column],
+        controllers: Sequence[Sequence[Column]],
+        rate: int,
+        folder: Path | None = None,
     ) -> None:
         self.truth = truth_path(path, folder)
-        super().__init__(path, plant, controller, rate)
+        super().__init__(path, plant, controllers, rate)
 
     def _new_writer(self, path: Path, columns: Sequence[Column]) -> RunWriter:
         return SealedWriter(path, columns, self.truth)

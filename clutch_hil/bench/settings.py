@@ -5,7 +5,6 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from plant_sim.profiles.profile import Profile, load_profile
 from protocols.errors import InputError
 from protocols.files.parameters import named_in
 from protocols.node import node_factory
@@ -32,10 +31,6 @@ class RunSettings:
     adaptation: bool = True
     out: Path = field(default_factory=lambda: Path("runs"))
     controller: Mapping[str, float] = field(default_factory=dict)
-
-    def loaded_profile(self) -> Profile:
-        """The profile to play. Raises InputError."""
-        return load_profile(self.profile, self.seconds)
 
     def new_controller(self, clutch: str | None = None) -> Any:
         """A controller node with these settings, of a clutch where there are two. Raises InputError."""

@@ -9,12 +9,10 @@ import pyarrow as pa
 
 from clutch_hil.bench.executors import computed
 from clutch_hil.bench.in_memory import composed_scenario, measure_run, simulate
-from clutch_hil.bench.measures import measure
-from clutch_hil.bench.scenario import checked_seed
+from clutch_hil.bench.scenario import checked_seed, chosen_scenario
 from clutch_hil.bench.simulate import Simulation
 from protocols.errors import InputError
 
-MEASURES = ("regime_error_nm", "rise_time_s", "fault")
 _CONTROLLER = "controller."
 
 
@@ -31,7 +29,7 @@ def sweep(
     scenario: str | Path | None = None,
     *,
     seeds: Iterable[int] = (1,),
-    measures: Sequence[str] = MEASURES,
+    measures: Sequence[str] | None = None,
     workers: int | None = None,
     address: str | None = None,
     progress: Callable[[int, int], None] | None = None,
@@ -41,7 +39,7 @@ def sweep(
 
     A sample holds values of plant parameters by dotted name, those of the controller behind `controller.`. `clutch_hil.grid`,
     `random` and `latin_hypercube` make samples. `settings` are those of `simulate`. Columns: the names in the samples, `seed`
-    and `measures`, of which `clutch_hil.measure_run` has all.
+    and `measures`, of which `clutch_hil.measure_run` has all; None keeps those that sum up a run of its rig, and the fault.
 
     Runs are shared out to `workers` processes, one for each CPU if None, or to the Dask cluster at `address`. The table is the
     same to the bit wherever they are computed. `progress(done, of)` is called as runs end. In a script, call this below
@@ -58,6 +56,8 @@ def sweep(
         raise InputError(
             f"a sample has {', '.join(odd) or 'no values'}, the first has {', '.join(names)}; all need the same"
         )
+    if measures is None:
+        measures = (*chosen_scenario(None if scenario is None else str(scenario), {}).rig.figures, "fault")
     cases = list(prepared_cases(rows, numbers, scenario, tuple(measures), settings))
     results: list[dict[str, Any]] = [{} for _ in cases]
     for done, (index, result) in enumerate(computed(measure_case, cases, workers, address), 1):
@@ -98,7 +98,7 @@ def prepared_cases(
         if number == 0:
             Simulation(chosen)  # what holds for one holds for all: rig, profile, rate
             for name in measures:
-                measure(name, chosen.rig)
+                chosen.rig.measure(name)
         elif ours:
             chosen.settings.new_controller()
         for seed in seeds:

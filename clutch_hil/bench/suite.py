@@ -11,7 +11,7 @@ from clutch_hil.bench.label import Label
 from clutch_hil.bench.progress import table_text
 from clutch_hil.bench.recording import writable
 from clutch_hil.bench.result import Result
-from clutch_hil.bench.simulate import Simulated
+from clutch_hil.bench.simulate import Simulation
 from protocols.errors import InputError
 
 
@@ -23,7 +23,7 @@ def run_one(label: Label, run: Callable[[], Result], junit: Path | None) -> Resu
     return _written(case.result, [case], junit)
 
 
-def run_suite(simulated: Sequence[Simulated], progress: Callable[[float, int], None], junit: Path | None) -> Result:
+def run_suite(simulated: Sequence[Simulation], progress: Callable[[float, int], None], junit: Path | None) -> Result:
     """One result of several scenarios, written to `junit` too if given. One that fails to run does not stop the others."""
     junit_path(junit)
     for one in simulated:
@@ -46,7 +46,7 @@ def run_suite(simulated: Sequence[Simulated], progress: Callable[[float, int], N
     return _written(Result(document, "\n".join([*lines, table_text(rows)]), verdict, not failed), cases, junit)
 
 
-def _attempted(one: Simulated, before: int, total: int, progress: Callable[[float, int], None]) -> Case:
+def _attempted(one: Simulation, before: int, total: int, progress: Callable[[float, int], None]) -> Case:
     began, clock = _now(), time.monotonic()
     try:
         return _timed(one.label, lambda: one.run(lambda done, cycles: progress(before + done / cycles, total)))

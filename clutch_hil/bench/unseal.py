@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from clutch_hil.bench.progress import table_text
+from clutch_hil.bench.run_file import read_run
 from clutch_hil.bench.sealed import SEAL, checksum, shown, truth_path
 from plant_sim.effects.catalogue import effects
 from protocols.errors import InputError
 from protocols.files.run import Run
-from protocols.files.runs import read_run
 from protocols.telemetry.blind import tells_truth
 
 

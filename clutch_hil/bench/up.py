@@ -1,4 +1,4 @@
-"""`clutch-hil up`: plant and controller as two processes on a bus, watched, recorded, judged."""
+"""`clutch-hil up`: plant and controllers as processes on a bus, watched, recorded, judged."""
 
 import os
 import subprocess
@@ -17,13 +17,14 @@ import numpy as np
 from clutch_hil.bench.label import Label
 from clutch_hil.bench.metadata import run_metadata
 from clutch_hil.bench.recording import Recording, run_path, writable
-from clutch_hil.bench.result import Result, judge_run
+from clutch_hil.bench.result import Result
 from clutch_hil.bench.scenario import Scenario, naming
 from clutch_hil.bench.sealed import SealedRecording
 from clutch_hil.bench.services import TOLD_ELSEWHERE, Services, say
 from clutch_hil.bench.settings import MANUAL
 from clutch_hil.bench.status import StatusLine
 from protocols.buses.bus import open_bus, resolve
+from protocols.can.two_clutches import CONTROLLERS
 from protocols.errors import InputError
 from protocols.realtime.child import clutch_hil, spawn
 from protocols.realtime.ring import RingReader
@@ -35,10 +36,11 @@ _VIEWER_END = 5.0  # s for a viewer to end once asked
 
 @dataclass(frozen=True)
 class Bench:
-    """A scenario run by two processes on `bus`, on their clocks or in lock-step, published over zenoh unless not `telemetry`.
+    """A scenario run on `bus` by a plant and a controller for each clutch, each a process, on their clocks or in lock-step,
+    published over zenoh unless not `telemetry`.
 
     `viewer` holds the arguments of `clutch-hil view` beside it; None shows nothing. `blind` seals the truth away. `pace` holds
-    arguments of `clutch-hil controller` that say what begins its cycles.
+    arguments of `clutch-hil controller` that say what begins its cycles. Raises InputError for what cannot be run.
     """
 
     scenario: Scenario
@@ -49,6 +51,12 @@ class Bench:
     viewer: Sequence[str] | None = None
     blind: bool = False
     pace: Sequence[str] = ()
+
+    def __post_init__(self) -> None:
+        """Raise InputError for what cannot be run."""
+        self.scenario.rig.plant.check_blind(self.blind)
+        if self.lockstep and self.pace:
+            raise InputError(f"{self.pace[0]} was given and --lockstep, which has no clock; allowed is one of them")
 
     @property
     def label(self) -> Label:
@@ -93,23 +101,27 @@ class Bench:
                     recording.finish(metadata)
         finally:
             os.sched_setaffinity(0, cpus)
-        return self._judged(path, f"{what}, bus {bus}, {settings.rate} Hz", timing)
+        read = f"{what}, bus {bus}, {settings.rate} Hz"
+        result: Result = scenario.rig.judge(path, read, scenario.limits, timing)
+        return result
 
     def _recording(self, path: Path, rings: Sequence[RingReader]) -> Recording:
+        plant, *controllers = (ring.columns for ring in rings)
         recorder = SealedRecording if self.blind else Recording
-        return recorder(path, rings[0].columns, rings[1].columns, self.scenario.settings.rate)
+        return recorder(path, plant, controllers, self.scenario.settings.rate)
 
     def _metadata(self, timing: dict[str, Any]) -> dict[str, Any]:
         """What the services' summaries tell of the rig; taken out of them."""
-        controller, injections = timing["controller"].pop("parameters"), timing["plant"].pop("injections")
-        timing["controller"].pop("injections")
-        return run_metadata(self.scenario.settings.rate, self.scenario.plant, controller, injections)
-
-    def _judged(self, path: Path, read: str, timing: dict[str, Any]) -> Result:
-        return judge_run(path, read, self.scenario.limits, timing)
+        scenario, parameters = self.scenario, {}
+        for name in scenario.rig.plant.controllers:
+            timing[name].pop("injections")
+            parameters[name] = timing[name].pop("parameters")
+        injections = timing["plant"].pop("injections")
+        return run_metadata(scenario.rig, scenario.settings.rate, scenario.plant, parameters, injections)
 
     def _status(self, rings: Sequence[RingReader], duration: float, quiet: bool) -> StatusLine:
-        return StatusLine(rings[0].columns, rings[1].columns, duration, quiet, self.blind)
+        status: StatusLine = self.scenario.rig.status(rings[0].columns, rings[1].columns, duration, quiet, self.blind)
+        return status
 
     @contextmanager
     def _viewing(self, bus: str) -> Iterator[None]:
@@ -129,7 +141,7 @@ class Bench:
                 view.wait()
 
     def _demand(self) -> tuple[str, float]:
-        """What is asked of the clutch, for people, and for how long [s]. Raises InputError."""
+        """What is asked of the rig, for people, and for how long [s]. Raises InputError."""
         scenario, settings = self.scenario, self.scenario.settings
         if settings.profile != MANUAL:
             duration = scenario.duration
@@ -139,8 +151,8 @@ class Bench:
         return f"demand from the bus{self.label.changes}", settings.seconds or inf
 
     def _commands(self, bus: str, cpus: list[int], folder: Path) -> dict[str, list[str]]:
-        """Arguments of both services; `folder` takes what they read."""
-        scenario, settings = self.scenario, self.scenario.settings
+        """Arguments of the services by name; `folder` takes what they read."""
+        scenario, settings, rig = self.scenario, self.scenario.settings, self.scenario.rig.plant
         common = ["--bus", bus, "--rate", str(settings.rate)]
         if self.lockstep:
             common.append("--lockstep")
@@ -149,13 +161,17 @@ class Bench:
             common += ["--cpu", str(cpus[-1])]
             os.sched_setaffinity(0, set(cpus[:-1]))
         common += ([] if self.telemetry else ["--no-telemetry"]) + _option("--router", self.router)
-        plant = ["--seed", str(settings.seed), *_option("--temperature", settings.temperature)]
+        plant = ["--rig", rig.name, "--seed", str(settings.seed), *_option("--temperature", settings.temperature)]
         plant += ["--profile", settings.profile, *_option("--seconds", settings.seconds)]
         plant += _option("--scenario", scenario.path) + _option("--parameters", settings.plant_parameters)
         plant += ["--blind"] if self.blind else []
         controller = ["--law", settings.law, "--adaptation" if settings.adaptation else "--no-adaptation"]
         controller += [*_option("--parameters", settings.controller_file(folder)), *self.pace]
-        return {"plant": ["plant", *common, *plant], "controller": ["controller", *common, *controller]}
+        controllers = {
+            name: ["controller", *common, *controller, *_option("--clutch", clutch)]
+            for name, clutch in rig.controllers.items()
+        }
+        return {"plant": ["plant", *common, *plant], **controllers}
 
     def _watch(
         self,
@@ -184,10 +200,10 @@ class Bench:
 
 
 def _changes(timing: dict[str, Any]) -> list[dict[str, Any]]:
-    """Parameters changed in both services; `row` counts the rows of that service, in which the change is first at work."""
+    """Parameters changed in the services; `row` counts the rows of that service, in which the change is first at work."""
     return [
         {"node": node} | change
-        for node in ("plant", "controller", "controller_b")
+        for node in ("plant", *CONTROLLERS)
         if node in timing
         for change in timing[node].pop("parameter_changes")
     ]

@@ -40,7 +40,7 @@ def discrepancy(
     runs: list[Path] = typer.Argument(..., metavar="RUN...", help="recorded runs: .parquet, .mf4, .csv, .mat"),
     holdout: list[Path] = typer.Option([], "--holdout", metavar="RUN...", help="runs that are not fitted, to judge by"),
     rig: str = typer.Option(
-        "wet_clutch", help="wet_clutch, position_axis, tribometer, pneumatic_cylinder or PATH.py:CLASS"
+        "wet_clutch", help="wet_clutch, position_axis, tribometer, pneumatic_cylinder, one of yours, or PATH.py:CLASS"
     ),
     model: Path | None = typer.Option(None, help="model file to begin from, as an earlier search wrote it"),
     calibration: float | None = typer.Option(
@@ -55,18 +55,16 @@ def discrepancy(
     """Find where runs and simulation disagree, name the missing effect, add it, show the gap on runs that were not fitted."""
     from clutch_hil.bench.progress import progress_bar
     from clutch_hil.bench.recording import writable
-    from clutch_hil.discrepancy.models.named import model_named, recalibrated, required
+    from clutch_hil.discrepancy.models.named import model_named, read_evidence, recalibrated
     from clutch_hil.discrepancy.outcome import concluded
-    from protocols.files.runs import read_run
 
     known = model_named(rig, model)
     if calibration is not None:
         known = recalibrated(known, calibration)
     names = [name.strip() for name in effects.split(",") if name.strip()]
     _check_paths(runs, holdout)
-    columns = required(known)
-    fitted = {str(path): read_run(path, columns).columns for path in runs}
-    held = {str(path): read_run(path, columns).columns for path in holdout}
+    fitted = {str(path): read_evidence(path, known) for path in runs}
+    held = {str(path): read_evidence(path, known) for path in holdout}
     writable(out)
     with progress_bar("discrepancy", json_output) as progress:
         result, files = concluded(

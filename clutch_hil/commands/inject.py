@@ -26,7 +26,7 @@ def inject(
     freeze: list[str] = FREEZE,
     bias: list[str] = BIAS,
     list_all: bool = typer.Option(False, "--list", help="show what is on now, and what is to come"),
-    clutch: str | None = typer.Option(None, help="clutch of a power-shift rig: a or b"),
+    clutch: str | None = typer.Option(None, help="clutch, of a rig with two: a or b"),
     at: float | None = typer.Option(None, help="when, in s of the plant's time; now if not given"),
     after: float | None = typer.Option(None, help="when, in s from now"),
     ramp: float | None = typer.Option(None, help="go there along a line of so many s"),

@@ -20,7 +20,7 @@ def plant(
     scenario: str | None = typer.Option(
         None, help="scenario: its rig, profile, effects, injections; options override it"
     ),
-    rig: str | None = typer.Option(None, help="wet_clutch or power_shift; the scenario's, or wet_clutch, if not given"),
+    rig: str | None = typer.Option(None, help="name of a rig; the scenario's, or wet_clutch, if not given"),
     parameters: Path | None = typer.Option(
         None, "--model", "--parameters", help="TOML file that changes plant parameters: a rig of yours, or a model.toml"
     ),
@@ -49,11 +49,13 @@ def plant(
         "temperature": temperature, "plant_parameters": parameters,
     }  # fmt: skip
     played = chosen_scenario(scenario, given, rig)
+    played.rig.plant.check_blind(blind)
     settings = played.settings
     with naming(played.path):
         service = PlantService(
             bus=bus,
             rate=settings.rate,
+            rig=played.rig.plant,
             lockstep=lockstep,
             parameters=played.plant,
             profile=None if settings.profile == MANUAL else played.loaded_profile(),
@@ -65,7 +67,6 @@ def plant(
             telemetry=telemetry,
             router=router,
             cpu=cpu,
-            rig=played.rig,
         )
     compile_first(service.warm)
     with Stop():  # a second signal does not interrupt the ending

@@ -19,10 +19,10 @@ def scenarios(json_output: bool = JSON) -> None:
     for found in map(load_scenario, shipped()):
         limits = list(map(str, found.limits))
         lines += [
-            f"{found.name} ({found.rig}, {found.duration:.1f} s): {found.title}",
+            f"{found.name} ({found.rig.name}, {found.duration:.1f} s): {found.title}",
             f"    {', '.join(limits) or '-'}",
         ]
-        said = {"name": found.name, "title": found.title, "about": found.about, "rig": found.rig}
+        said = {"name": found.name, "title": found.title, "about": found.about, "rig": found.rig.name}
         document.append(said | {"seconds": found.duration, "limits": limits, "file": str(found.path)})
     told = f"{len(document)} scenarios; run them with clutch-hil simulate NAME or clutch-hil up NAME"
     report(document, "\n".join(lines), told, True, json_output)

@@ -53,7 +53,7 @@ def simulate(
     """Run plant and controller in one process: a scenario or a profile, several scenarios, or a sweep."""
     from clutch_hil.bench.progress import progress_bar
     from clutch_hil.bench.scenario import chosen_scenario, shipped
-    from clutch_hil.bench.simulate import Simulation, simulation
+    from clutch_hil.bench.simulate import Simulation
     from clutch_hil.bench.suite import run_one, run_suite
     from clutch_hil.bench.sweep import sweep
 
@@ -74,8 +74,8 @@ def simulate(
         if swept:
             result = sweep(Simulation(chosen[0]), vary, seeds, progress)
         elif len(chosen) == 1:
-            single = simulation(chosen[0], blind)
+            single = Simulation(chosen[0], blind)
             result = run_one(single.label, lambda: single.run(progress), junit)
         else:
-            result = run_suite([simulation(scenario, blind) for scenario in chosen], progress, junit)
+            result = run_suite([Simulation(scenario, blind) for scenario in chosen], progress, junit)
     report(result.document, result.text, result.verdict, result.good, json_output)

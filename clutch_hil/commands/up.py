@@ -59,9 +59,9 @@ def up(
     json_output: bool = JSON,
 ) -> None:
     """Start plant and controller, play a scenario or a profile, record, judge, draw."""
-    from clutch_hil.bench.benches import bench
     from clutch_hil.bench.scenario import chosen_scenario
     from clutch_hil.bench.suite import run_one
+    from clutch_hil.bench.up import Bench
 
     given = {
         "rate": rate, "profile": profile, "seconds": seconds, "plant_parameters": plant_parameters,
@@ -74,6 +74,6 @@ def up(
     viewer = ["--web"] if web else [] if view else None
     pace = ["--trigger", trigger] if trigger else []
     pace += ["--spin-us", str(spin_us)] if spin_us is not None else []
-    live = bench(chosen, bus, lockstep, telemetry, router, viewer, blind, pace)
+    live = Bench(chosen, bus, lockstep, telemetry, router, viewer, blind, pace)
     result = run_one(live.label, lambda: live.run(quiet=json_output), junit)
     report(result.document, result.text, result.verdict, result.good, json_output)

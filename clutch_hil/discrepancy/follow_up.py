@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from clutch_hil.bench.rig import rigs_with_model
 from clutch_hil.bench.sealed import checksum
 from clutch_hil.discrepancy.experiment import Experiment
 from protocols.errors import InputError
@@ -13,15 +14,14 @@ from protocols.errors import InputError
 if TYPE_CHECKING:
     from clutch_hil.discrepancy.result import Result
 
-RIG = "wet_clutch"  # whose bench we have
-
 
 @dataclass(frozen=True)
 class Report:
-    """What a `report.json` says for a follow-up: its verdict, the runs that were fitted and those `held_out`, unchanged since,
-    the `experiment` that it proposes, and the model file that its search began with, if any."""
+    """What a `report.json` says for a follow-up: its rig and verdict, the runs that were fitted and those `held_out`, unchanged
+    since, the `experiment` that it proposes, and the model file that its search began with, if any."""
 
     path: Path
+    rig: str
     verdict: str
     runs: tuple[Path, ...]
     held_out: tuple[Path, ...]
@@ -32,8 +32,8 @@ class Report:
     def read(cls, path: Path) -> "Report":
         """The report at `path`. Raises InputError when it is none, proposes no experiment, or its runs have been changed."""
         document = _document(path)
-        if (rig := document.get("rig")) != RIG:
-            raise InputError(f"report {path} is of the rig {rig!r}; experiments can be played on {RIG}")
+        if (rig := document.get("rig")) not in (playable := rigs_with_model()):
+            raise InputError(f"report {path} is of the rig {rig!r}; experiments can be played on {', '.join(playable)}")
         experiment = _experiment(path, document.get("experiment"))
         hashes = document.get("runs")
         if not isinstance(hashes, Mapping) or not hashes:
@@ -50,6 +50,7 @@ class Report:
         fitted = tuple(Path(name) for name in hashes if name not in held_out)
         return cls(
             path,
+            str(rig),
             str(document["verdict"]),
             fitted,
             tuple(map(Path, held_out)),
@@ -90,11 +91,10 @@ def decided_again(
     report: Report, new: Path, out: Path, progress: Callable[[float, int], None]
 ) -> tuple["Result", list[Path]]:
     """The result with the run `new` among the evidence of `report`, and the files that were written into `out`."""
-    from clutch_hil.discrepancy.models.named import model_named
+    from clutch_hil.discrepancy.models.named import model_named, read_evidence
     from clutch_hil.discrepancy.outcome import concluded
-    from protocols.files.runs import read_run
 
-    runs = {str(path): read_run(path).columns for path in (*report.runs, new)}
-    held_out = {str(path): read_run(path).columns for path in report.held_out}
-    known = model_named(RIG, report.model)
-    return concluded(known, RIG, report.model, runs, held_out, None, out, lambda what, share: progress(share, 1))
+    known = model_named(report.rig, report.model)
+    runs = {str(path): read_evidence(path, known) for path in (*report.runs, new)}
+    held_out = {str(path): read_evidence(path, known) for path in report.held_out}
+    return concluded(known, report.rig, report.model, runs, held_out, None, out, lambda what, share: progress(share, 1))

@@ -7,17 +7,17 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Protocol
 
-from clutch_hil.bench.measures import MEASURES
 from clutch_hil.bench.recording import run_path, writable
+from clutch_hil.bench.rig import rig_named
+from clutch_hil.bench.run_file import read_run
 from clutch_hil.bench.scenario import Scenario, load_scenario
 from clutch_hil.bench.settings import RunSettings
 from clutch_hil.bench.up import Bench
 from clutch_hil.discrepancy.blind import drawn
-from clutch_hil.discrepancy.experiment import Experiment
+from clutch_hil.discrepancy.experiment import Experiment, Experimenting
 from plant_sim.profiles.profile import load_profile
 from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError
-from protocols.files.runs import read_run
 from protocols.realtime.stopping import Stop
 
 
@@ -86,14 +86,17 @@ def plant_under_test(
     """
     if draw is None:
         given: dict[str, Any] = {"plant_parameters": changed, "seed": seed, "out": out}
-        yield load_scenario(scenario, given) if scenario else Scenario.of(RunSettings(**given))
+        plant = load_scenario(scenario, given) if scenario else Scenario.of(RunSettings(**given))
+        if not isinstance(plant.rig.model(), Experimenting):
+            raise InputError(f"rig {plant.rig.name} has no bench that could play an experiment")
+        yield plant
         return
     if scenario or changed:
         raise InputError(
             f"--draw was given and {'--scenario' if scenario else '--plant-parameters'}; allowed is one of them"
         )
-    plant, shipped = drawn(draw), wet_clutch.nominal()
-    values = {name: p.value for name, p in plant.items() if p.value != shipped[name].value}
+    drawn_plant, shipped = drawn(draw), wet_clutch.nominal()
+    values = {name: p.value for name, p in drawn_plant.items() if p.value != shipped[name].value}
     with TemporaryDirectory() as folder:  # gone when the services have read it: only the sealed files tell
         path = Path(folder) / f"drawn-{draw}.toml"
         path.write_text("".join(f"{name} = {value!r}\n" for name, value in values.items()), encoding="utf-8")
@@ -104,6 +107,7 @@ def _sound(experiment: Experiment, path: Path, interrupted: bool) -> Path:
     """`path` of a run that is evidence: whole, and without a fault, in which the controller stops the motor."""
     if interrupted:
         raise InputError(f"experiment {experiment.name} was interrupted; {path} holds a part of it")
-    if (fault := MEASURES["fault"].of(read_run(path).columns)) != "none":
+    run = read_run(path)
+    if (fault := rig_named(run.metadata["rig"]).measure("fault").of(run.columns)) != "none":
         raise InputError(f"experiment {experiment.name} ended in a fault ({fault}); {path} is no evidence")
     return path

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -118,6 +118,49 @@ class Blockwise(Protocol):
     def simulate_block(self, block: str, run: Columns, parameters: Values, effects: Values) -> Columns:
         """Predicted outputs (n,) of `block` alone, by column, driven by the measured columns of `run`."""
         ...
+
+
+class RunSource(NamedTuple):
+    """What a block may be blamed for in an output `column` in one run, in means over `sources.MEAN`.
+
+    `power` (n,), in the output's unit squared: its mean is the mean square. `tested` (n, k): the same, later, of mean 0 where
+    the block is right. `residual` (n,), in the output's unit, in which it shows.
+    """
+
+    block: str
+    column: str
+    power: np.ndarray
+    tested: np.ndarray
+    residual: np.ndarray
+
+
+@runtime_checkable
+class Locating(Protocol):
+    """A model that tells which block an error is of by what several channels have in common."""
+
+    def locate(
+        self,
+        number: int,
+        run: Columns,
+        shown: Columns,
+        residuals: Columns,
+        floors: Values,
+        parameters: Values,
+        effects: Values,
+    ) -> list[RunSource]:
+        """The sources in the run of this `number`, the same ones in each run: `shown` are the outputs simulated with
+        `parameters` and `effects`, `residuals` measured less simulated, `floors` the noise of the outputs, all by column."""
+        ...
+
+
+@runtime_checkable
+class Demanding(Protocol):
+    """A model that needs more of a run than its inputs and outputs.
+
+    run_columns: the columns that a run must have, all of them, with time_s.
+    """
+
+    run_columns: tuple[str, ...]
 
 
 @runtime_checkable

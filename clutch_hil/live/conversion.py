@@ -2,9 +2,10 @@
 
 from pathlib import Path
 
+from clutch_hil.bench.run_file import read_run
 from protocols.errors import InputError, listing
 from protocols.files.run import new_file
-from protocols.files.runs import SUFFIXES, read_run, write_run
+from protocols.files.runs import SUFFIXES, write_run
 
 FORMATS = (*SUFFIXES, ".rrd")
 

@@ -1,9 +1,10 @@
 """Dashboard: which column stands in which plot. Each column of a node has one place, so a recording holds it once."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from clutch_hil.bench import palette
+from protocols.can.two_clutches import CLUTCHES, CONTROLLERS
 from protocols.node import Column
 
 
@@ -112,17 +113,28 @@ class Place(NamedTuple):
 
 
 def places(node: str, columns: Sequence[Column]) -> list[Place]:
-    """The entities of a node's columns; every column is in exactly one."""
+    """The entities of a node's columns; every column is in exactly one.
+
+    Where there are two clutches, columns of both stand in the plot that a single clutch's column has, with the clutch's name.
+    """
     free = {column.name: number for number, column in enumerate(columns)}
+    of_clutches: dict[
+        str, list[tuple[str, str]]
+    ] = {}  # by the column of a single clutch: the name here, and the clutch
+    for column in columns:
+        single, clutch = of_single_clutch(column)
+        if clutch:
+            of_clutches.setdefault(single, []).append((column.name, clutch))
     chosen: dict[Plot, list[tuple[int, Line, str]]] = {}
     for plot in PLOTS:
-        coloured = [(line, palette.of(line.column, place)) for place, line in enumerate(plot.lines)]
+        lines = [line for single in plot.lines for line in (single, *_of_clutches(single, of_clutches))]
+        coloured = [(line, palette.of(line.column, place)) for place, line in enumerate(lines)]
         chosen[plot] = [(free.pop(line.column), line, colour) for line, colour in coloured if line.column in free]
     by_unit = {unit: plot for plot in PLOTS for unit in plot.units}
     for name, number in free.items():
         unit = columns[number].unit
         own = chosen.setdefault(by_unit.get(unit, REST), [])
-        label = name.removesuffix(f"_{unit.lower().replace('/', '_').replace('^', '')}").replace("_", " ")
+        label = name.removesuffix(_suffix(unit)).replace("_", " ")
         own.append((number, Line(name, label), palette.of(name, len(own))))
     return [
         Place(
@@ -135,3 +147,28 @@ def places(node: str, columns: Sequence[Column]) -> list[Place]:
         for plot, own in chosen.items()
         if own
     ]
+
+
+def of_single_clutch(column: Column) -> tuple[str, str]:
+    """Name of a column as it is with a single clutch, and which of two clutches it is of: "" where there is but one.
+
+    `cylinder_pressure_b_bar` is `cylinder_pressure_bar` of b, `controller_b_voltage_v` is `controller_voltage_v` of b.
+    """
+    first, second = (f"{node}_" for node in CONTROLLERS)
+    if column.name.startswith(second):
+        return first + column.name.removeprefix(second), CLUTCHES[1]
+    suffix = _suffix(column.unit)
+    for clutch in CLUTCHES:
+        if column.name.endswith(end := f"_{clutch}{suffix}"):
+            return column.name.removesuffix(end) + suffix, clutch
+    return column.name, ""
+
+
+def _of_clutches(line: Line, of_clutches: Mapping[str, Sequence[tuple[str, str]]]) -> list[Line]:
+    """A single clutch's line as the lines of two."""
+    return [Line(name, f"{line.label} {clutch}", line.width) for name, clutch in of_clutches.get(line.column, ())]
+
+
+def _suffix(unit: str) -> str:
+    """How the name of a column of this unit ends."""
+    return "" if unit == "1" else f"_{unit.lower().replace('/', '_').replace('^', '')}"

@@ -7,7 +7,7 @@ plant began anew, a file ends and the next one begins: RUN.parquet, RUN-2.parque
 import contextlib
 import itertools
 import time
-from collections import deque
+from collections import defaultdict, deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -18,11 +18,13 @@ from typing import Any
 import zenoh
 
 from clutch_hil.bench.recording import Recording, run_path, writable
+from clutch_hil.bench.rig import DEFAULT_RIG, Rig, rig_named
 from clutch_hil.bench.sealed import SealedRecording
 from clutch_hil.live.catalogue import counted
 from clutch_hil.live.tape import Tape
 from clutch_hil.live.tune import parameters
 from protocols.can.fault_text import FaultWatch, clutch_of
+from protocols.can.two_clutches import CONTROLLERS
 from protocols.errors import InputError
 from protocols.node import Column
 from protocols.telemetry.batch import Batch
@@ -30,7 +32,7 @@ from protocols.telemetry.feed import Feed
 from protocols.telemetry.keys import NODES, bus_of
 
 _INJECTED = ("name", "unit", "old", "new", "at", "ramp", "row")  # of an event, for the file
-_RECENT = 100  # batches: the controller's past may come before the plant's
+_RECENT = 100  # batches of each controller: its past may come before the plant's
 _BOTH = 10.0  # s from the first row until both sides must have said what they are
 
 
@@ -117,13 +119,13 @@ class Recorder:
     ) -> None:
         self.recorded = Recorded(feed.bench)
         self._session, self._feed, self._path = session, feed, path
-        self._recording: type[Recording] = SealedRecording if blind else Recording
-        self._tapes: dict[Path, Tape] = {}  # the last one runs, those before wait for the controller's last rows
+        self._blind = blind
+        self._tapes: dict[Path, Tape] = {}  # the last one runs, those before wait for the controllers' last rows
         self._metadata: dict[Path, dict[str, Any]] = {}
         self._abouts: dict[str, _About] = {}  # by node
-        self._early: list[Batch] = []  # of the plant, while a side has not said what it is
-        self._deadline = float("inf")  # s of CLOCK_MONOTONIC, for both to have said it
-        self._recent: deque[Batch] = deque(maxlen=_RECENT)  # of the controller
+        self._early: list[Batch] = []  # of the plant, while a node has not said what it is
+        self._deadline = float("inf")  # s of CLOCK_MONOTONIC, for all to have said it
+        self._recent: dict[str, deque[Batch]] = defaultdict(lambda: deque(maxlen=_RECENT))  # by controller
         self._tell = tell  # a line that stays on the terminal
         self._faults: dict[str, FaultWatch] = {}  # by controller
         self._changes: list[dict[str, Any]] = []
@@ -162,15 +164,14 @@ class Recorder:
                 self._ask(node)
         if plant:
             self._early += [batch for batch in batches if batch.node == "plant"]
-        if (batches or self._early) and self._both_known():
+        if (batches or self._early) and self._all_known():
             for batch in self._early:
                 self._add_plant(batch)
             self._early.clear()
         for batch in batches:
-            if batch.node.startswith("controller"):
+            if batch.node in CONTROLLERS:
                 self._take_faults(batch)
-            if batch.node == "controller":
-                self._recent.append(batch)
+                self._recent[batch.node].append(batch)
                 for tape in self._tapes.values():
                     tape.add_controller(batch)
         self._note_changes()
@@ -197,9 +198,17 @@ class Recorder:
         for told in self._faults[node].take(batch.rows):
             self._tell(told.line)
 
-    def _both_known(self) -> bool:
-        """Whether both sides have said what they are; services that start together publish one after the other."""
-        missing = [node for node in NODES if node not in self._abouts]
+    def _nodes(self) -> tuple[str, ...]:
+        """The nodes of a run: the plant and, once it has said what it is, the controllers of its rig."""
+        return ("plant", *self._rig().plant.controllers) if "plant" in self._abouts else NODES
+
+    def _rig(self) -> Rig:
+        """The rig, as the plant calls it. Raises InputError when it is not installed here."""
+        return rig_named(self._abouts["plant"].described.get("rig", DEFAULT_RIG))
+
+    def _all_known(self) -> bool:
+        """Whether all nodes have said what they are; services that start together publish one after the other."""
+        missing = [node for node in self._nodes() if node not in self._abouts]
         self._deadline = min(self._deadline, time.monotonic() + _BOTH)
         if missing and time.monotonic() > self._deadline:
             raise InputError(
@@ -208,42 +217,51 @@ class Recorder:
         return not missing
 
     def _add_plant(self, batch: Batch) -> None:
-        """Add to the tape that goes on with `batch`, or to a new one with what the controller has just said."""
+        """Add to the tape that goes on with `batch`, or to a new one with what the controllers have just said."""
         last = list(self._tapes.values())[-1:]
         if last and last[0].follows(batch):
             last[0].add_plant(batch)
             return
         tape = self._new_tape(batch)
         tape.add_plant(batch)
-        for recent in self._recent:
-            tape.add_controller(recent)
+        for recent in self._recent.values():
+            for said in recent:
+                tape.add_controller(said)
 
     def _new_tape(self, batch: Batch) -> Tape:
         """A tape that begins with `batch` of the plant."""
         if self._abouts["plant"].described["session"] != batch.session:
-            for node in NODES:
+            for node in self._nodes():
                 self._ask(node)
         first = self._path = self._path or run_path(writable(Path("runs")), "recorded")
         further = (first.with_stem(f"{first.stem}-{count}") for count in itertools.count(2))
         path = next(p for p in further if not (p.exists() or p in self._metadata)) if self._metadata else first
-        plant, controller = ([Column(**column) for column in self._abouts[node].described["columns"]] for node in NODES)
-        tape = self._tapes[path] = Tape(rows_file(path), batch, plant, controller, self._recording)
+        rig = self._rig()
+        rig.plant.check_blind(self._blind)
+        plant, *controllers = (self._columns(node) for node in self._nodes())
+        recording = SealedRecording if self._blind else Recording
+        terms = dict(zip(rig.plant.controllers, controllers, strict=True))
+        tape = self._tapes[path] = Tape(rows_file(path), batch, plant, terms, recording)
         began = batch["plant_clock_s"][0] + batch.epoch
         self.recorded.rate = round(batch.rate)
         self._note_changes()
         self._metadata[path] = {
-            "rig": "wet_clutch" if any(c.name == "cylinder_pressure_bar" for c in plant) else "power_shift",
+            "rig": rig.name,
             "sample_rate_hz": round(batch.rate),
             "notes": "",
             "recorded_at": _iso(began),
             "time_zero": _iso(began - batch["time_s"][0]),
             "versions": self._abouts["plant"].described["versions"],
-            **{f"{node}_parameters": self._abouts[node].parameters_at(began, self._changes) for node in NODES},
+            **{f"{node}_parameters": self._abouts[node].parameters_at(began, self._changes) for node in self._nodes()},
             "settings": {"mode": "recorded from telemetry"},
             "bus": bus_of(self._feed.bench),
             "blind": self._abouts["plant"].described.get("blind", False),
         }
         return tape
+
+    def _columns(self, node: str) -> list[Column]:
+        """Columns of a node, as it describes them."""
+        return [Column(**column) for column in self._abouts[node].described["columns"]]
 
     def _note_changes(self) -> None:
         self._changes += [change for change in self._feed.events() if change not in self._changes]

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from clutch_hil.bench.direction import both_ways
+from clutch_hil.bench.run_file import read_run
 from clutch_hil.live.blueprint import blueprint
 from clutch_hil.live.dashboard import SLIP
 from clutch_hil.live.rrd_writer import RrdWriter
@@ -17,9 +18,11 @@ from clutch_hil.live.screen import Screen
 from clutch_hil.live.stream import new_recording
 from clutch_hil.live.view import Watch
 from clutch_hil.live.viewer import Say, Viewer
+from protocols.can.two_clutches import CONTROLLERS
 from protocols.errors import InputError, listing
 from protocols.files.run import Run
-from protocols.files.runs import SUFFIXES, read_run
+from protocols.files.runs import SUFFIXES
+from protocols.node import Column
 from protocols.realtime.stopping import Stop
 from protocols.telemetry.batch import Batch
 
@@ -46,12 +49,14 @@ def load(path: Path) -> list[Batch]:
 
 
 def run_batches(run: Run) -> Iterator[Batch]:
-    """Rows of a run as a bench would have published them: those of the plant, then the controller's (`controller_...`)."""
+    """Rows of a run as a bench would have published them: those of the plant, then those of each controller."""
     rate = 1.0 / float(np.median(np.diff(run["time_s"])))
     described = run.described()
-    of_controller = [column for column in described if column.name.startswith("controller_")]
-    of_plant = [column for column in described if column not in of_controller]
-    for node, columns in (("plant", of_plant), ("controller", of_controller)):
+    by_node: dict[str, list[Column]] = {node: [] for node in ("plant", *CONTROLLERS)}
+    for column in described:
+        own = [node for node in CONTROLLERS if column.name.startswith(f"{node}_")]
+        by_node[max(own, key=len, default="plant")].append(column)  # the name of a's controller begins that of b's
+    for node, columns in by_node.items():
         if columns:
             rows = np.column_stack([run[column.name] for column in columns])
             for first in range(0, len(rows), _PIECE):

@@ -1,7 +1,7 @@
-"""Tape: one run file of a recording, without a gap. Plant and controller are joined as `clutch-hil up` joins them."""
+"""Tape: one run file of a recording, without a gap. Plant and controllers are joined as `clutch-hil up` joins them."""
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +11,14 @@ from clutch_hil.bench.recording import Recording
 from protocols.node import Column
 from protocols.telemetry.batch import Batch
 
-_PREFIX = "controller_"
 _PACE = 400  # ends of batches: the 30 s of the past come in 30 of them, then 50 a second
 _TICK_WRAP = 1 << 16  # a controller knows the low 16 bits of the plant's tick and counts on from its first sample
 
 
 class Tape:
-    """A run file being written: plant rows without a gap from `first` on, and the controller's rows of that time.
+    """A run file being written: plant rows without a gap from `first` on, and the controllers' rows of that time.
 
+    `plant` are the plant's columns, `controllers` those of each controller by its name, clutch a's first where there are two.
     `recording` says how it is written.
     """
 
@@ -27,17 +27,21 @@ class Tape:
         path: Path,
         first: Batch,
         plant: Sequence[Column],
-        controller: Sequence[Column],
+        controllers: Mapping[str, Sequence[Column]],
         recording: type[Recording] = Recording,
     ) -> None:
-        bare = [Column(name.removeprefix(_PREFIX), unit, meaning) for name, unit, meaning in controller]
+        bare = [
+            [Column(name.removeprefix(f"{node}_"), unit, meaning) for name, unit, meaning in columns]
+            for node, columns in controllers.items()
+        ]
         self.rows = 0
         self._recording = recording(path, plant, bare, round(first.rate))
         self._session, self._end = first.session, first.first_row
-        self._nothing = {"plant": np.empty((0, len(plant))), "controller": np.empty((0, len(controller)))}
+        self._no_rows = np.empty((0, len(plant)))
+        self._no_terms = {node: np.empty((0, len(columns))) for node, columns in controllers.items()}
         self._pace: deque[tuple[float, float]] = deque(maxlen=_PACE)  # clock [s] and tick of the plant
         self._clock = first["plant_clock_s"][0]
-        self._tick = -1.0  # newest sample the controller has answered
+        self._ticks = dict.fromkeys(controllers, -1.0)  # newest sample that each controller has answered
 
     def follows(self, batch: Batch) -> bool:
         """Whether a batch of the plant goes on where the last one ended."""
@@ -46,21 +50,21 @@ class Tape:
     def add_plant(self, batch: Batch) -> None:
         """Take the plant's next rows."""
         self._pace.extend((batch["plant_clock_s"][k], batch["time_s"][k] * batch.rate) for k in (0, -1))
-        self._recording.add(batch.rows, self._nothing["controller"])
+        self._recording.add(batch.rows, *self._no_terms.values())
         self._end = batch.end
         self.rows += len(batch.rows)
 
     def add_controller(self, batch: Batch) -> None:
-        """Take rows of the controller; their ticks become the plant's, and never go back when a controller restarts."""
-        rows = batch.rows.copy()
-        ticks = rows[:, [column.name for column in batch.columns].index("controller_sample_tick")]  # a view
-        clock = batch["controller_clock_s"]
+        """Take rows of a controller; their ticks become the plant's, and never go back when a controller restarts."""
+        node, rows = batch.node, batch.rows.copy()
+        ticks = rows[:, [column.name for column in batch.columns].index(f"{node}_sample_tick")]  # a view
+        clock = batch[f"{node}_clock_s"]
         near = np.interp(clock, *np.array(self._pace).T)
         ticks += np.where(ticks < 0.0, 0.0, _TICK_WRAP * np.rint((near - ticks) / _TICK_WRAP))
         ticks[clock < self._clock] = -1.0  # before this run's first sample
-        ticks[:] = np.maximum.accumulate(np.maximum(ticks, self._tick))
-        self._tick = ticks[-1]
-        self._recording.add(self._nothing["plant"], rows)
+        ticks[:] = np.maximum.accumulate(np.maximum(ticks, self._ticks[node]))
+        self._ticks[node] = ticks[-1]
+        self._recording.add(self._no_rows, *(self._no_terms | {node: rows}).values())
 
     def close(self, metadata: dict[str, Any]) -> None:
         """End the file; one of a single row is no run and disappears."""

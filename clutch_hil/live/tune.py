@@ -13,7 +13,7 @@ import zenoh
 from clutch_hil.live.catalogue import WHOLE, Catalogue, assignments, counted, details, tables, with_unit, without_off
 from plant_sim.effects.catalogue import effects
 from protocols.errors import InputError, listing
-from protocols.telemetry.feed import find_bench
+from protocols.telemetry.feed import find_bench, nodes_alive
 from protocols.telemetry.keys import NODES, Keys, bus_of
 from protocols.telemetry.session import consumer_session
 
@@ -67,7 +67,7 @@ def listed(session: zenoh.Session, bench: str) -> Catalogue:
     """The parameters of every node that answers. Raises InputError when none does."""
     entries: dict[str, dict[str, Any]] = {}
     reasons = []
-    for node in sorted(NODES):
+    for node in sorted({*NODES, *nodes_alive(session, bench)}):
         try:
             entries |= {f"{node}.{entry['name']}": entry for entry in parameters(session, bench, node)}
         except InputError as error:

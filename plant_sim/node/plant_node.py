@@ -7,12 +7,14 @@ from typing import Any
 import numpy as np
 
 from plant_sim.effects.catalogue import effects
+from plant_sim.effects.table import switched_on
 from plant_sim.node.injection import Injection, effect_on, requested
 from plant_sim.node.interface import Interface
 from plant_sim.node.plant_cycle import Refusal
+from plant_sim.node.plant_rig import PlantRig
 from plant_sim.node.plant_turn import in_step, in_time, move, note
 from plant_sim.node.schedule import Schedule
-from plant_sim.profiles.profile import Profile
+from plant_sim.profiles.profile import Profile, load_profile
 from plant_sim.rigs import wet_clutch
 from plant_sim.rigs.clutch_phase import Phase
 from plant_sim.rigs.wet_clutch import STATE, Whole
@@ -288,3 +290,12 @@ def initial_temperature(celsius: float) -> float:
 
 def _without_effects(parameters: ParameterSet) -> ParameterSet:
     return ParameterSet({name: p for name, p in parameters.items() if name.partition(".")[0] not in effects()})
+
+
+RIG = PlantRig(
+    name="wet_clutch",
+    node=PlantNode,
+    nominal=wet_clutch.nominal,
+    load_profile=load_profile,
+    switched_on=switched_on,
+)

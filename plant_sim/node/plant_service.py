@@ -7,11 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from plant_sim.node.injection import Injection
-from plant_sim.node.plant_node import PlantNode
-from plant_sim.node.power_shift_node import PowerShiftNode
-from plant_sim.profiles.profile import Profile
-from plant_sim.profiles.shift_profile import ShiftProfile
-from plant_sim.rigs import power_shift, wet_clutch
+from plant_sim.node.plant_rig import PlantRig, RigProfile
 from protocols.buses.bus import Port, listen, open_bus
 from protocols.buses.exchange import Exchange
 from protocols.buses.heartbeat import heard_alone, new_session
@@ -35,15 +31,16 @@ _LOOK = 0.2  # s between looks whether it is to end
 class PlantService:
     """Settings of a plant process. rate [Hz]; temperature [degC]; `profile` None plays none and runs until stopped.
 
-    `rig` is wet_clutch or power_shift, `profile` one of its kind. `injections` and `blind` as of `PlantNode`; `ring`,
+    `rig` is the plant that runs, `profile` one that it loads. `injections` and `blind` as of `PlantNode`; `ring`,
     `telemetry` and `router` as of `Outlet`.
     """
 
     bus: str
     rate: int
+    rig: PlantRig
     lockstep: bool = False
     parameters: ParameterSet | None = None
-    profile: Profile | ShiftProfile | None = None
+    profile: RigProfile | None = None
     seed: int = 1
     temperature: float | None = None
     injections: Sequence[Injection] = ()
@@ -52,19 +49,14 @@ class PlantService:
     telemetry: bool = True
     router: str | None = None
     cpu: int | None = None
-    rig: str = "wet_clutch"
 
     def warm(self) -> None:
         """Compile, or load from disk, all that this plant runs: nothing compiles later, whatever is injected.
 
         Before its signals are those of `Stop`: this can be ended.
         """
-        self._kind.warm()
+        self.rig.node.warm()
         warm_book()
-
-    @property
-    def _kind(self) -> Any:
-        return PowerShiftNode if self.rig == "power_shift" else PlantNode
 
     def run(self, ready: Callable[[str], None]) -> dict[str, Any]:
         """Serve until SIGTERM or SIGINT, in lock-step to the end of the profile; return the summary.
@@ -78,9 +70,8 @@ class PlantService:
             frames = load_frames()
             heard_alone(port, "plant", frames["PLANT_HEARTBEAT"])
             line = Exchange(port, frames["VALVE_COMMAND"].can_id, stop.wakes)
-            shipped = power_shift.nominal() if self.rig == "power_shift" else wet_clutch.nominal()
             outlet = Outlet(
-                "plant", node, node.columns, port.name, self.rate, session, shipped=shipped,
+                "plant", node, node.columns, port.name, self.rate, session, rig=self.rig.name, shipped=self.rig.nominal(None),
                 ring=self.ring, publish=self.telemetry, router=self.router, prefix="plant_",
             )  # fmt: skip
             ready(f"plant on {port.name} at {self.rate} Hz, {'lock-step' if self.lockstep else 'real time'}")
@@ -115,7 +106,7 @@ class PlantService:
         }
 
     def _new_node(self, session: int) -> Any:
-        return self._kind(
+        return self.rig.node(
             self.rate, self.parameters, self.profile, self.seed, self.temperature,
             session=session, injections=self.injections, blind=self.blind,
         )  # fmt: skip

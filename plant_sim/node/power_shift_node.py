@@ -12,8 +12,9 @@ from plant_sim.effects.signals import DRIVE
 from plant_sim.node.injection import Injection, requested
 from plant_sim.node.interface import Interface
 from plant_sim.node.plant_node import NO_SETPOINTS, PlantNode, initial_temperature
+from plant_sim.node.plant_rig import PlantRig
 from plant_sim.node.schedule import Change, Schedule
-from plant_sim.profiles.shift_profile import ShiftProfile
+from plant_sim.profiles.shift_profile import ShiftProfile, load_shift_profile
 from plant_sim.rigs import power_shift
 from plant_sim.rigs.power_shift import DRIVELINE, PowerShift
 from plant_sim.rigs.wet_clutch import STATE, STEP_LIMIT, Whole
@@ -81,8 +82,7 @@ class PowerShiftNode(Interface):
         injections: Sequence[Injection] = (),
         blind: bool = False,
     ) -> None:
-        if blind:
-            raise InputError("the power-shift rig cannot be blind; allowed is the rig wet_clutch")
+        RIG.check_blind(blind)
         self.blind = blind
         self._base = parameters = parameters or power_shift.nominal()
         own = [power_shift.clutch_parameters(parameters, clutch) for clutch in CLUTCHES]
@@ -270,3 +270,14 @@ def _note_clutch(row, at, c, y, heat):
 def _whole_name(name: str, clutch: str) -> str:
     """Name of a clutch's or the motor's parameter among those of the power-shift rig."""
     return name if power_shift.is_motor(name) else f"{clutch}.{name}"
+
+
+RIG = PlantRig(
+    name="power_shift",
+    node=PowerShiftNode,
+    nominal=power_shift.nominal,
+    load_profile=load_shift_profile,
+    switched_on=power_shift.switched_on,
+    clutches=CLUTCHES,
+    not_blind="a run of two clutches cannot be blind: it is judged by the true output torque, which no sensor shows",
+)

@@ -14,6 +14,10 @@ from cantools.database.can import Database, Message, Node
 from protocols.errors import InputError, listing
 
 CLUTCHES = ("a", "b")
+CONTROLLERS = (
+    "controller",
+    "controller_b",
+)  # names of their controllers as services, in telemetry and in columns of runs
 OFFSET = 0x008
 SHARED = ("MOTOR_COMMAND", "PLANT_STATUS", "PLANT_HEARTBEAT")
 _CONTROLLER = "CONTROLLER"  # node of the DBC; clutch b's is CONTROLLER_B

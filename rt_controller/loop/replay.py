@@ -60,6 +60,7 @@ class Log:
         codecs = load_frames()
         by_id = {codec.can_id: codec.name for codec in codecs.values()}
         own = {codecs[name].can_id for name in (*_TOLD, "CONTROLLER_HEARTBEAT")}
+        second = load_frames(clutch="b")["ENCODER"].can_id
         encoder, valve = codecs["ENCODER"], codecs["VALVE_COMMAND"]
         heartbeat = codecs["PLANT_HEARTBEAT"]
         self.rate = 0
@@ -71,6 +72,11 @@ class Log:
         first = last = 0.0
         for message in _messages(path):
             can_id, data = message.arbitration_id, bytes(message.data)
+            if can_id == second and not message.is_extended_id:
+                raise InputError(
+                    f"log {path} is of a run of two clutches, whose controllers hear each other; what can be replayed is a"
+                    " log of one clutch"
+                )
             if can_id not in by_id or message.is_extended_id:
                 continue
             first, last = first or message.timestamp, message.timestamp

@@ -100,7 +100,7 @@ def test_a_scenario_is_simulated_with_its_own_settings() -> None:
         ({"law": "both of them"}, "control law 'both of them' is unknown"),
         ({"temperature": float("nan")}, "oil temperature nan degC"),
         ({"seconds": -1.0}, "-1"),
-        ({"scenario": "shift"}, "rig power_shift has no sweeps"),
+        ({"scenario": "shift", "effects": ["friction_level"]}, "friction_level.level"),  # of which clutch?
     ],
 )
 def test_what_cannot_be_simulated_is_said_in_one_sentence(arguments: dict, sentence: str) -> None:
@@ -240,7 +240,7 @@ def test_cases_that_kill_every_worker_are_given_up() -> None:
         ({"samples": []}, "no samples"),
         ({"samples": SAMPLES, "seeds": []}, "no seeds"),
         ({"samples": SAMPLES, "seeds": [1, -1]}, "seed is -1"),
-        ({"samples": [{"a.friction_level.level": 0.9}], "scenario": "shift"}, "rig power_shift has no sweeps"),
+        ({"samples": [{"friction_level.level": 0.9}], "scenario": "shift"}, "friction_level.level"),  # of which clutch?
         ({"samples": SAMPLES, "profile": "no_such"}, "profile 'no_such' does not exist"),
         ({"samples": SAMPLES, "seconds": float("nan")}, "a run of nan s is not possible"),
         ({"samples": [{"a": 1.0}, {"b": 1.0}]}, "all need the same"),

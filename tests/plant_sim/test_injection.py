@@ -173,7 +173,7 @@ def test_injections_give_the_same_run_however_they_are_given() -> None:
         if cycle == 500:
             node.inject(*injections)
 
-    live = play(node, node_factory("controller")(adaptation=False), inject)
+    live = play(node, node_factory("controller")(adaptation=False), progress=inject)
     np.testing.assert_array_equal(live.plant, first.plant)
 
 

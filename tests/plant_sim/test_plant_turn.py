@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from plant_sim.node.injection import Injection, effect_on
-from plant_sim.node.plant_node import PlantNode
+from plant_sim.node.plant_node import RIG, PlantNode
 from plant_sim.node.plant_service import PlantService
 from plant_sim.node.power_shift_node import PowerShiftNode
 from plant_sim.profiles.profile import load_profile
@@ -380,7 +380,7 @@ def test_turns_of_one_call_are_those_of_many(line: Exchange, controller: Port, t
     whole.sample()
     other.sample()
     controller.send(command)
-    service: Any = PlantService("", 1000)
+    service: Any = PlantService("", 1000, RIG)
     timing = service._real_time(whole, line, outlet, clock, until)
     frames = [frame for tick in range(whole.tick) for frame in by_parts(other, [command] * (tick == 0))]
     heard, counts = until.heard, FRAMES["PLANT_STATUS"].can_id  # of late cycles, too: the host's matter

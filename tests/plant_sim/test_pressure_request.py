@@ -112,7 +112,7 @@ def test_there_is_no_torque_demand_to_report_and_the_estimate_goes_on() -> None:
 
 def test_the_controller_never_uses_the_torque_sensor() -> None:
     blind, _ = interfered(showing(clutch_torque=12345), HELD)
-    assert np.array_equal(blind.controller, holding().controller, equal_nan=True)
+    assert np.array_equal(blind.controllers[0], holding().controllers[0], equal_nan=True)
 
 
 def test_less_than_the_floor_is_followed_at_the_floor() -> None:

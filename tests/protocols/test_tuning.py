@@ -159,7 +159,7 @@ def test_a_controller_that_is_tuned_while_it_runs_is_one_that_was_started_so(tmp
     tuned.tune(changed)
     profile = load_profile("engagement", 2.0)
     a, b = (play(PlantNode(profile=profile), node) for node in (tuned, started))
-    assert (a.controller == b.controller).all()
+    assert (a.controllers[0] == b.controllers[0]).all()
 
 
 def test_a_plant_whose_friction_is_changed_in_mid_run_slips_with_the_new_torque() -> None:
@@ -172,7 +172,7 @@ def test_a_plant_whose_friction_is_changed_in_mid_run_slips_with_the_new_torque(
         if cycle == 2000:
             plant.tune({"friction_level.level": 0.5})
 
-    played = play(plant, node, weaken)
+    played = play(plant, node, progress=weaken)
     torque, estimate = played["truth_clutch_torque_nm"], played["controller_torque_estimate_nm"]
     assert torque[1999] == pytest.approx(estimate[1999], rel=0.05)  # the estimator believes the old friction
     assert torque[2600] == pytest.approx(0.5 * estimate[2600], rel=0.05)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from clutch_hil.bench.scenario import load_scenario
-from clutch_hil.bench.shift import ShiftSimulation
+from clutch_hil.bench.simulate import Simulation
 from plant_sim.node.injection import Injection
 from plant_sim.node.power_shift_node import COLUMNS as PLANT
 from protocols.errors import InputError
@@ -128,9 +128,9 @@ def played(scenario: str, changed: str = "", value: float = 0.0, at: float = 0.0
     case = load_scenario(scenario)
     if changed:
         case = replace(case, injections=(Injection({changed: value}, at=at),))
-    plant, a, b = ShiftSimulation(case).play()
-    told = {column.name: plant[:, k] for k, column in enumerate(PLANT)}
-    for name, rows in (("a", a), ("b", b)):
+    run, _ = Simulation(case).play_described()
+    told = {column.name: run.plant[:, k] for k, column in enumerate(PLANT)}
+    for name, rows in zip("ab", run.controllers, strict=True):
         told |= {f"{column.name}_{name}": rows[:, k] for k, column in enumerate(COLUMNS)}
     return told
 

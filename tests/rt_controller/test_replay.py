@@ -7,11 +7,13 @@ from pathlib import Path
 
 import pytest
 
+from protocols.can.frames import load_frames
 from protocols.realtime import child
 from tests.processes import PATIENCE, said
 from tests.rt_controller.bus_log import write_log
 
 SECONDS = 3.0
+ENCODER_B = load_frames(clutch="b")["ENCODER"].can_id
 
 
 def replay(*arguments: object) -> subprocess.CompletedProcess:
@@ -85,6 +87,11 @@ def test_it_is_faster_than_real_time(tmp_path: Path) -> None:
         ("bus.txt", "x", "cannot be read: No read support for unknown log format"),
         ("empty.log", "", "has no sample of a plant"),
         ("bad.blf", "this is no log", "cannot be read: "),
+        (
+            "two.log",
+            f"(1.0) can0 {ENCODER_B:03X}#0000000000000000",
+            "is of a run of two clutches, whose controllers hear",
+        ),
     ],
 )
 def test_what_is_no_log_is_one_sentence(tmp_path: Path, name: str, content: str | None, words: str) -> None:

@@ -1,55 +1,30 @@
-"""Models by the name that `--rig` has: ours, or a class in a file of the user's."""
+"""Models by the name that `--rig` has: a rig's, one of the entry points `clutch_hil.models`, or a class in a user's file."""
 
 import importlib.util
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from clutch_hil.discrepancy.model import Model
+from clutch_hil.bench.rig import rig_named, rig_names
+from clutch_hil.discrepancy.model import Columns, Demanding, Model
+from protocols.entry_points import entry_names, load_entry
 from protocols.errors import InputError, closest
 from protocols.files.parameters import ParameterSet, load_overlay
-from protocols.files.runs import REQUIRED
+from protocols.files.runs import check_columns, read_columns
 
+GROUP = "clutch_hil.models"
 _MOST = 5.0  # stated uncertainties: five standard deviations
 _NEEDED = ("name", "inputs", "outputs", "parameters", "candidates", "simulate")  # what `Model` has
 
 
-def _wet_clutch() -> type:
-    from clutch_hil.discrepancy.models.wet_clutch import WetClutch
-
-    return WetClutch
-
-
-def _position_axis() -> type:
-    from clutch_hil.discrepancy.models.position_axis import PositionAxis
-
-    return PositionAxis
-
-
-def _tribometer() -> type:
-    from clutch_hil.discrepancy.models.tribometer import Tribometer
-
-    return Tribometer
-
-
-def _pneumatic_cylinder() -> type:
-    from clutch_hil.discrepancy.models.pneumatic_cylinder import PneumaticCylinder
-
-    return PneumaticCylinder
-
-
-RIGS: dict[str, Callable[[], type]] = {
-    "wet_clutch": _wet_clutch,
-    "position_axis": _position_axis,
-    "tribometer": _tribometer,
-    "pneumatic_cylinder": _pneumatic_cylinder,
-}
+def model_names() -> tuple[str, ...]:
+    """Names that `--rig` can have: of the rigs that are installed, and of models without a rig."""
+    return tuple(sorted({*rig_names(), *entry_names(GROUP)}))
 
 
 def model_named(rig: str, changed: Path | None = None) -> Model:
     """The model `rig`, a name or PATH.py:CLASS, with its parameters as the model file `changed` has them. Raises InputError."""
-    made = _of_user(rig) if ".py" in rig else _ours(rig)
+    made = _of_user(rig) if ".py" in rig else _installed(rig)
     try:
         model = made()
         if changed:
@@ -81,15 +56,28 @@ def declared(model: Model) -> ParameterSet:
 
 def required(model: Model) -> tuple[str, ...]:
     """Columns that a run of the model must have."""
-    if model.name == "wet_clutch":
-        return REQUIRED
+    if isinstance(model, Demanding):
+        return model.run_columns
     return ("time_s", *model.inputs, *(output.column for output in model.outputs))
 
 
-def _ours(rig: str) -> Any:
-    if rig not in RIGS:
-        raise InputError(f"rig {rig!r} is neither known nor PATH.py:CLASS; {closest(rig, RIGS)}")
-    return RIGS[rig]()
+def read_evidence(path: Path, model: Model) -> Columns:
+    """Columns of a run that the model can be compared with. Raises InputError naming the file and what is wrong."""
+    run, columns = read_columns(path), required(model)
+    rig = run.metadata.get("rig")
+    if rig in rig_names() and rig_named(rig).plant.clutches and not set(columns) <= set(run.columns):
+        raise InputError(
+            f"run {path} is a run of two clutches, of the rig {rig}, which the model {model.name} does not describe;"
+            " allowed are runs of one clutch"
+        )
+    check_columns(path, run.columns, columns)
+    return run.columns
+
+
+def _installed(name: str) -> Any:
+    if name not in (known := model_names()):
+        raise InputError(f"rig {name!r} is neither known nor PATH.py:CLASS; {closest(name, known)}")
+    return rig_named(name).model if name in rig_names() else load_entry(GROUP, "model", name)
 
 
 def _of_user(rig: str) -> Any:

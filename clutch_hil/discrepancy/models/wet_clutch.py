@@ -15,9 +15,10 @@ from math import ceil
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from clutch_hil.discrepancy.model import Candidate, Columns, Evident, Output, Values
+from clutch_hil.discrepancy.model import Candidate, Columns, Evident, Output, RunSource, Values
 from clutch_hil.discrepancy.models.wet_clutch_experiments import WetClutchBench
 from clutch_hil.discrepancy.models.wet_clutch_starts import check_start, starting_values
+from clutch_hil.discrepancy.models.wet_clutch_sources import locate
 from clutch_hil.discrepancy.noise import lattice
 from plant_sim.effects.catalogue import effects as catalogue
 from plant_sim.effects.signals import DRIVE
@@ -25,6 +26,7 @@ from plant_sim.effects.table import added_rate
 from plant_sim.rigs import wet_clutch
 from plant_sim.rigs.wet_clutch_run import ANGLE, CLUTCH_TORQUE, MOTOR_TORQUE, PRESSURE, SLIP, TEMPERATURE, run
 from protocols.files.parameters import ParameterSet
+from protocols.files.runs import REQUIRED
 from protocols.files.units import BAR, ZERO_CELSIUS
 
 _STEP = 5e-4  # s, see Integration
@@ -54,6 +56,7 @@ class WetClutch:
     """The rig of docs/rig.md with the simulator's plug-ins as candidates. `parameters` may be another rig's (`--model`)."""
 
     name = "wet_clutch"
+    run_columns = REQUIRED
     inputs: tuple[str, ...] = ("valve_voltage_v", "motor_speed_demand_rad_s")
     outputs: tuple[Output, ...] = (  # resolutions: rounding of docs/rig.md, 9, slip of the encoder over 1 ms
         Output("cylinder_pressure_bar", "bar", "hydraulics", 0.0014),
@@ -104,6 +107,17 @@ class WetClutch:
         """See `Blockwise`: hydraulics from the voltage, friction from pressure and slip, drive from speed demand and torque."""
         predicted = self._simulated(run, parameters, effects, () if block == "hydraulics" else ("pressure", "slip"))
         return {column: predicted[column] for column in self.blocks[block]}
+
+    def locate(
+        self, number: int, run: Columns, shown: Columns, residuals: Columns, floors: Values, parameters: Values,
+        effects: Values,
+    ) -> list[RunSource]:  # fmt: skip
+        """See `Locating`."""
+
+        def friction(behind: Columns) -> Columns:
+            return self.simulate_block("friction", behind, parameters, effects)
+
+        return locate(friction, number, run, shown, residuals, floors, self.parameters, parameters)
 
     def bench(self) -> WetClutchBench:
         """See `experiment.Experimenting`."""

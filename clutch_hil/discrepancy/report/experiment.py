@@ -3,13 +3,13 @@
 from collections.abc import Mapping
 from typing import Any
 
+from clutch_hil.bench.rig import rigs_with_model
 from clutch_hil.discrepancy.report.markup import Html, described, figure, is_numbers, joined, tag
 from clutch_hil.discrepancy.report.pictures import Pictures
 from clutch_hil.discrepancy.report.wording import proposed
 from clutch_hil.discrepancy.result import NAMED, NOTHING
 
 _LEAD = ("title", "sentence", "what", "why", "reason")  # keys of an experiment that are told as text, in this order
-_LIVE = "wet_clutch"  # the rig that `clutch-hil experiment` runs
 
 
 def section(pictures: Pictures) -> tuple[str, list[Html]]:
@@ -35,7 +35,7 @@ def section(pictures: Pictures) -> tuple[str, list[Html]]:
             rest = {k: v for k, v in rest.items() if k not in drawn}
     if rest:
         parts.append(described(rest))
-    if pictures.result.rig == _LIVE and proposed(pictures.result):
+    if pictures.result.rig in rigs_with_model() and proposed(pictures.result):
         command = tag("code", "clutch-hil experiment --for report.json")
         parts.append(tag("p", joined(["To run it on the live plant and decide again: ", command], "")))
     return heading, parts

@@ -16,6 +16,7 @@ from clutch_hil.bench.metadata import run_metadata
 from clutch_hil.bench.recording import Recording
 from clutch_hil.bench.sealed import SEAL, SealedRecording
 from clutch_hil.bench.unseal import told_by, unsealed
+from clutch_hil.bench.wet_clutch_rig import RIG
 from clutch_hil.command import application
 from plant_sim.effects.catalogue import effects
 from plant_sim.node.injection import Injection, effect_on
@@ -45,14 +46,14 @@ def played() -> tuple[Played, dict]:
     plant = PlantNode(1000, parameters, load_profile("engagement", 1.0), SEED, injections=injections, blind=True)
     controller = node_factory("controller")()
     run = play(plant, controller)
-    metadata = run_metadata(1000, parameters, controller.parameters.as_values(), plant.injected)
+    metadata = run_metadata(RIG, 1000, parameters, {"controller": controller.parameters.as_values()}, plant.injected)
     return run, metadata | METADATA
 
 
 def record(path: Path, played: tuple[Played, dict], kind: type[Recording] = SealedRecording) -> Path:
     run, metadata = played
     with kind(path, run.plant_columns, run.controller_columns, 1000) as recording:
-        recording.add(run.plant, run.controller)
+        recording.add(run.plant, *run.controllers)
         recording.finish(metadata)
     return path
 
@@ -137,7 +138,7 @@ def test_a_truth_file_goes_to_a_folder_of_choice(tmp_path: Path, played: tuple[P
     safe = tmp_path / "safe"
     path = tmp_path / "run.parquet"
     with SealedRecording(path, data.plant_columns, data.controller_columns, 1000, safe) as recording:
-        recording.add(data.plant, data.controller)
+        recording.add(data.plant, *data.controllers)
         recording.finish(metadata)
     assert [file.name for file in tmp_path.iterdir() if file.is_file()] == ["run.parquet"]
     with pytest.raises(InputError, match=r"truth file .* does not exist; give its folder with --truth"):
@@ -205,7 +206,7 @@ def test_an_open_run_is_not_unsealed(tmp_path: Path, played: tuple[Played, dict]
 
 def test_a_recording_that_fails_leaves_neither_file(tmp_path: Path, played: tuple[Played, dict]) -> None:
     data, _ = played
-    short = replace(data, plant=data.plant[:1], controller=data.controller[:1])
+    short = replace(data, plant=data.plant[:1], controllers=(data.controllers[0][:1],))
     with pytest.raises(InputError, match="ended after 1 samples"):
         record(tmp_path / "run.parquet", (short, {}))
     assert not list(tmp_path.iterdir())

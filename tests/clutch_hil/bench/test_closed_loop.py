@@ -39,12 +39,12 @@ def test_the_run_goes_through_its_phases_in_order() -> None:
 def test_two_plays_are_the_same_to_the_bit() -> None:
     one, other = played(STEADY), played(STEADY)
     assert np.array_equal(one.plant, other.plant)
-    assert np.array_equal(one.controller, other.controller)
+    assert np.array_equal(one.controllers[0], other.controllers[0])
 
 
 def test_the_controller_never_uses_the_torque_sensor() -> None:
     blind, _ = interfered(showing(clutch_torque=12345), STEADY)
-    assert np.array_equal(blind.controller, played(STEADY).controller)
+    assert np.array_equal(blind.controllers[0], played(STEADY).controllers[0])
 
 
 @pytest.mark.parametrize("kept", [5, 6])

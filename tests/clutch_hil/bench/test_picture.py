@@ -34,9 +34,9 @@ def simulated(*rows: tuple[float, float, float]) -> dict[str, np.ndarray]:
         PlantNode(RATE, profile=Profile("a test", tuple(time), tuple(torque), tuple(speed))),
         ControllerNode(RATE),
     )
-    played = play(plant, controller, None)
+    played = play(plant, controller)
     columns = {column.name: played.plant[:, k] for k, column in enumerate(played.plant_columns)}
-    columns |= {f"controller_{c.name}": played.controller[:, k] for k, c in enumerate(played.controller_columns)}
+    columns |= {f"controller_{c.name}": played.controllers[0][:, k] for k, c in enumerate(played.controller_columns[0])}
     return columns | {"torque_demand_nm": columns["controller_torque_demand_nm"]}
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from clutch_hil.bench.power_shift_measures import MEASURES, handover
 from clutch_hil.bench.scenario import Scenario, load_scenario
-from clutch_hil.bench.shift import ShiftSimulation
+from clutch_hil.bench.simulate import Simulation
 from clutch_hil.live.collector import Collector
 from plant_sim.node.injection import Injection
 from plant_sim.node.power_shift_node import COLUMNS, PowerShiftNode
@@ -54,10 +54,15 @@ def columns(rows: list[np.ndarray]) -> dict[str, np.ndarray]:
     )
 
 
+def play(case: Scenario) -> dict[str, np.ndarray]:
+    """Columns of a scenario played in one process."""
+    return Simulation(case).play_described()[0].columns()
+
+
 @pytest.fixture(scope="module")
 def played() -> dict[str, np.ndarray]:
     """The shipped hand-over in one process."""
-    return columns(ShiftSimulation(scenario()).play())
+    return play(scenario())
 
 
 def nodes() -> tuple[PowerShiftNode, object, object]:
@@ -141,7 +146,7 @@ def test_each_clutch_has_its_own_sensors_and_noise(played: dict[str, np.ndarray]
 def test_a_weak_clutch_shows_as_a_torque_gap_and_in_the_report(tmp_path: Path) -> None:
     case = scenario(5.2, b__friction_level__level=WEAK)
     case = replace(case, settings=replace(case.settings, out=tmp_path))
-    result = ShiftSimulation(case).run(lambda done, total: None)
+    result = Simulation(case).run(lambda done, total: None)
     assert result.document["torque_gap"] == pytest.approx(1.0 - WEAK, abs=GAP)
     assert result.document["effects"] == ["b.friction_level"]
     assert "effects: b.friction_level" in result.text
@@ -152,7 +157,7 @@ def test_a_weak_clutch_shows_as_a_torque_gap_and_in_the_report(tmp_path: Path) -
 
 def test_an_injection_reaches_its_clutch_alone(played: dict[str, np.ndarray]) -> None:
     weaker = Injection({"b.friction_level.level": WEAK}, at=5.5)
-    other = columns(ShiftSimulation(replace(scenario(), injections=(weaker,))).play())
+    other = play(replace(scenario(), injections=(weaker,)))
     before, after = played["time_s"] < 5.5, (played["time_s"] > 5.6) & (played["time_s"] < 6.0)
     for name in played:
         assert np.array_equal(played[name][before], other[name][before]), name
@@ -166,7 +171,7 @@ def test_a_fault_of_either_clutch_is_told_in_the_report(clutch: str, at: float, 
     high = Injection({f"{clutch}.pressure_sensor_offset.offset": 4.0}, at=at)
     case = scenario(5.0)
     case = replace(case, settings=replace(case.settings, out=tmp_path), injections=(high,))
-    result = ShiftSimulation(case if limited else replace(case, limits=())).run(lambda done, total: None)
+    result = Simulation(case if limited else replace(case, limits=())).run(lambda done, total: None)
     told = rf"fault of clutch {clutch} at {at}\d s: overpressure: "
     assert not result.good
     assert re.search(told, result.text if limited else result.verdict), result
@@ -240,7 +245,7 @@ def test_three_processes_in_lock_step_are_one_process_to_the_bit(local_bus: str,
     done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
     told = json.loads(done.stdout)
     run = read_run(Path(told["run"]), [column.name for column in COLUMNS])
-    expected = columns(ShiftSimulation(scenario(seconds)).play())
+    expected = play(scenario(seconds))
     assert expected["truth_clutch_torque_a_nm"][-1] > 1.0
     assert expected["truth_clutch_torque_b_nm"][-1] > 5.0
     for name, values in expected.items():

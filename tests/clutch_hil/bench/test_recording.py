@@ -31,7 +31,7 @@ def controller_rows() -> np.ndarray:
 
 
 def recorded(path: Path, pieces: Iterable[tuple[np.ndarray, np.ndarray]]) -> Run:
-    with Recording(path, PLANT, CONTROLLER, RATE) as recording:
+    with Recording(path, PLANT, [CONTROLLER], RATE) as recording:
         for plant, controller in pieces:
             recording.add(plant, controller)
         recording.finish({})
@@ -58,7 +58,7 @@ def test_every_row_has_the_terms_of_the_cycle_that_answered_it(tmp_path: Path, s
 
 
 def test_rows_do_not_wait_for_a_controller_for_ever(tmp_path: Path) -> None:
-    with Recording(tmp_path / "run.parquet", PLANT, CONTROLLER, RATE) as recording:
+    with Recording(tmp_path / "run.parquet", PLANT, [CONTROLLER], RATE) as recording:
         for k in range(0, ROWS, 1000):
             recording.add(plant_rows()[k : k + 1000], NOTHING[1])
         assert recording.rows == 0

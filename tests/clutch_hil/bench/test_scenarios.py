@@ -9,30 +9,28 @@ import pytest
 
 from clutch_hil.bench.limits import Judgement, judged
 from clutch_hil.bench.measures import MEASURES
-from clutch_hil.bench.scenario import RIGS, Scenario, load_scenario, shipped
-from clutch_hil.bench.simulate import Simulation, simulation
+from clutch_hil.bench.rig import rig_named, rig_names
+from clutch_hil.bench.scenario import Scenario, load_scenario, shipped
+from clutch_hil.bench.simulate import Simulation
 from protocols.files.runs import read_run
 
 DOCS = Path(__file__).parents[3] / "docs" / "scenarios.md"
 PAST_LIMIT = 0.02  # of the limit: at least so far is each value from it; noise moves the values by less than 1 %
 
 
-def judgements(scenario: Scenario, folder: Path) -> list[Judgement]:
-    """Limits of a scenario, judged without a picture where its rig can."""
-    if scenario.rig == "wet_clutch":
-        columns: Mapping[str, Any] = Simulation(scenario).play(scenario.plant, scenario.settings.seed).columns()
-        return list(judged(scenario.limits, columns))
-    scenario = replace(scenario, settings=replace(scenario.settings, out=folder))
-    return list(simulation(scenario).run(lambda done, total: None).judgements)
+def judgements(scenario: Scenario) -> list[Judgement]:
+    """Limits of a scenario, judged without a picture."""
+    columns: Mapping[str, Any] = Simulation(scenario).play(scenario.plant, scenario.settings.seed).columns()
+    return list(judged(scenario.limits, columns))
 
 
 @pytest.mark.parametrize("name", shipped())
-def test_a_scenario_passes_with_margin(name: str, tmp_path: Path) -> None:
+def test_a_scenario_passes_with_margin(name: str) -> None:
     scenario = load_scenario(name)
     assert scenario.title
     assert scenario.about
     assert len(scenario.limits) >= 2
-    for judgement in judgements(scenario, tmp_path):
+    for judgement in judgements(scenario):
         assert judgement.holds, str(judgement)
         for limit in (judgement.limit.least, judgement.limit.most):
             if limit is not None:
@@ -73,11 +71,9 @@ def test_a_frozen_sensor_that_is_not_frozen_is_no_fault() -> None:
 
 
 def test_every_measure_is_in_the_documentation_and_none_else() -> None:
-    from clutch_hil.bench.measures import measures
-
     text = DOCS.read_text(encoding="utf-8")
-    for rig in RIGS:
-        for name, measure in measures(rig).items():
+    for rig in rig_names():
+        for name, measure in rig_named(rig).measures.items():
             assert f"| `{name}` | {measure.unit or 'word'} | {measure.what} |" in text
 
 
@@ -89,7 +85,7 @@ def test_every_scenario_is_in_the_documentation() -> None:
 
 def test_the_run_file_names_its_scenario(tmp_path: Path) -> None:
     scenario = load_scenario("frozen_pressure_sensor", {"out": tmp_path, "seconds": 3.4})
-    result = simulation(scenario).run(lambda done, total: None)
+    result = Simulation(scenario).run(lambda done, total: None)
     metadata = read_run(Path(result.document["run"])).metadata
     assert metadata["scenario"] == "frozen_pressure_sensor"
     assert [(i["name"], i["at"], i["row"]) for i in metadata["injections"]] == [("sensor_freeze.pressure", 3.3, 3300)]

@@ -68,7 +68,7 @@ def test_lock_step_of_two_processes_is_one_process_to_the_bit(local_bus: str, tm
     run, expected = read_run(Path(result["run"])), played()
     for column in expected.plant_columns:
         assert np.array_equal(run[column.name], expected[column.name]), column.name
-    for column in expected.controller_columns:
+    for column in expected.controller_columns[0]:
         name = f"controller_{column.name}"
         assert np.array_equal(run[name], expected[name]), name
 

@@ -47,11 +47,11 @@ def plant_columns(played: Played) -> tuple[Column, ...]:
 
 
 def controller_columns(played: Played) -> tuple[Column, ...]:
-    return published_columns("controller", (*played.controller_columns, Column("clock_s", "s", "clock")))
+    return published_columns("controller", (*played.controller_columns[0], Column("clock_s", "s", "clock")))
 
 
 def batches(played: Played, node: str, clock: float = 1000.0) -> list[Batch]:
-    rows = played.plant if node == "plant" else played.controller
+    rows = played.plant if node == "plant" else played.controllers[0]
     columns = plant_columns(played) if node == "plant" else controller_columns(played)
     times = clock + np.arange(len(rows)) / RATE
     rows = np.column_stack([rows, times])

@@ -21,7 +21,7 @@ def test_a_recording_is_the_run(played: Played, tmp_path: Path, monkeypatch: pyt
     run = read_run(path)
     for column in played.plant_columns:
         np.testing.assert_array_equal(run[column.name], played[column.name])
-    for column in played.controller_columns:
+    for column in played.controller_columns[0]:
         np.testing.assert_array_equal(run[f"controller_{column.name}"], played[f"controller_{column.name}"])
         assert run.units[f"controller_{column.name}"] == column.unit
     assert told.files == {path: len(played.plant)}

@@ -40,12 +40,12 @@ def nodes() -> dict[str, Batch]:
     """The rows of both nodes of a simulated engagement, as a service publishes them."""
     profile = load_profile("engagement", SECONDS)
     controller = ControllerNode(RATE)
-    played = play(PlantNode(RATE, profile=profile), controller, None)
+    played = play(PlantNode(RATE, profile=profile), controller)
     plant = _with_clock("plant", tuple(played.plant_columns), played.plant)
     return {
         "plant": plant,
         "controller": _with_clock(
-            "controller", published_columns("controller", played.controller_columns), played.controller
+            "controller", published_columns("controller", played.controller_columns[0]), played.controllers[0]
         ),
     }
 

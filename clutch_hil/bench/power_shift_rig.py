@@ -1,0 +1,13 @@
+"""The power-shift rig: a motor, two clutches in two gears, one vehicle (docs/power_shift.md)."""
+
+from clutch_hil.bench.rig import Rig
+from plant_sim.node.power_shift_node import RIG as PLANT
+
+RIG = Rig(
+    plant=PLANT,
+    measures_at="clutch_hil.bench.power_shift_measures:MEASURES",
+    judge_at="clutch_hil.bench.shift:judge_shift",
+    status_at="clutch_hil.bench.shift:ShiftStatus",
+    figures=("torque_gap", "shift_time_s"),
+    missed="handed no torque over",
+)

@@ -1,0 +1,106 @@
+"""Rig: what bench, live views and discrepancy engine must know of a rig, in one object (docs/add_a_rig.md).
+
+Rigs are found by entry point, in the group `clutch_hil.rigs`. A part that is given as "module:name" is loaded when it is first
+used: a plant service needs neither pictures nor a discrepancy model.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from pkgutil import resolve_name
+from typing import Any
+
+from clutch_hil.bench.measures import Measure
+from plant_sim.node.plant_rig import PlantRig
+from protocols.entry_points import entry_names, load_entry
+from protocols.errors import InputError, closest
+
+GROUP = "clutch_hil.rigs"
+DEFAULT_RIG = "wet_clutch"  # the rig of scenarios, runs and commands that name none
+
+
+@dataclass(frozen=True)
+class Rig:
+    """A rig.
+
+    plant               its plant: name, node, parameters, profiles, clutches
+    measures_at         "module:name" of its measures by name; one of them is `fault`
+    judge_at            of the function that judges and draws a run file, see `judge`
+    status_at           of the class of its status line, see `status`
+    figures             measures that sum up a run in a sweep; the first is not a number where the run missed its aim
+    missed              what is said of such a run
+    model_at            of its model for the discrepancy engine; empty where there is none
+    """
+
+    plant: PlantRig
+    measures_at: str
+    judge_at: str
+    status_at: str
+    figures: tuple[str, ...]
+    missed: str
+    model_at: str = ""
+
+    @property
+    def name(self) -> str:
+        """As in scenarios, metadata of runs and options of commands."""
+        return self.plant.name
+
+    @property
+    def measures(self) -> Mapping[str, Measure]:
+        """Its measures by name."""
+        return self._part(self.measures_at)
+
+    @property
+    def judge(self) -> Callable[..., Any]:
+        """The function that judges the run file `path` and draws its picture beside it: judge(path, read, limits, timing).
+
+        `read` is what was read, for people; `limits` are those of the scenario; `timing` holds the summaries of services, None
+        for a simulation. It returns a `result.Result`.
+        """
+        return self._part(self.judge_at)
+
+    @property
+    def status(self) -> Callable[..., Any]:
+        """The class of its status line, made as `status.StatusLine`, whose `_text` it replaces."""
+        return self._part(self.status_at)
+
+    @property
+    def model(self) -> Callable[..., Any]:
+        """The class of its discrepancy model. Raises InputError where there is none."""
+        if not self.model_at:
+            raise InputError(f"rig {self.name}{self.of_two} has no discrepancy model")
+        return self._part(self.model_at)
+
+    @property
+    def of_two(self) -> str:
+        """What an error message says behind the name of a rig of two clutches."""
+        return ", whose run is a run of two clutches," if self.plant.clutches else ""
+
+    def measure(self, name: str) -> Measure:
+        """A measure by name. Raises InputError that tells what comes closest."""
+        if name not in (known := self.measures):
+            raise InputError(f"measure {name!r} is unknown on the rig {self.name}; {closest(name, known)}")
+        return known[name]
+
+    def _part(self, place: str) -> Any:
+        try:
+            return resolve_name(place)
+        except (ImportError, AttributeError, ValueError) as error:
+            raise InputError(f"rig {self.name}: {place} cannot be loaded: {error}") from None
+
+
+def rig_names() -> tuple[str, ...]:
+    """Names of the rigs that are installed."""
+    return entry_names(GROUP)
+
+
+def rigs_with_model() -> tuple[str, ...]:
+    """Names of the rigs that have a discrepancy model, whose experiments their benches can play."""
+    return tuple(name for name in rig_names() if rig_named(name).model_at)
+
+
+@cache
+def rig_named(name: str) -> Rig:
+    """A rig by name. Raises InputError."""
+    rig: Rig = load_entry(GROUP, "rig", name)
+    return rig

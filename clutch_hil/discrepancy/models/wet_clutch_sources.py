@@ -1,0 +1,149 @@
+"""Sources of the wet clutch: which block an error is of, by what channels have in common (sources.py).
+
+Equation        r: measured less simulated, in means over 4 ms. The torque that is missing is seen three times:
+                x_1 = friction block behind the measured pressure, less behind the simulated one    (pressure sensor)
+                x_2 = r of the clutch torque                                                        (torque sensor)
+                x_3 = r of the motor torque - J d/dt r of the slip                                  (drive: docs/rig.md, 8)
+                a fault of valve, hydraulics stands in all three; of piston, friction in x_2, x_3; of a sensor in its own alone
+                  hydraulics H = (<x_1 x_2> + <x_1 x_3>)/2     friction F = <x_2 x_3> - H
+                  torque sensor S = <x_2 x_2'> - <x_2 x_3>
+                  pressure sensor P = <x_1 x_1'> - H           drive D = <x_3 x_3'> - <x_2 x_3>, or
+                  <d d'>, d = r of M_m + k_p r of omega + k_i integral of it: the motor's own law (docs/rig.md, 8)
+                <x_2 x_2'>, <d d'>: less the noise's own; <x_1 x_1'>, <x_3 x_3'>: 12 ms later, of x_1 less that of noise alone
+                x_2, x_3 differ by no gain that the sensors' data sheets allow
+                temperature: r less what x_2 times slip heats (docs/rig.md, 7)
+Assumptions     noises of two sensors independent; friction block nearly linear in what the pressure is off by
+Not modelled    a fault that is in one channel of a shared converter is a fault of that sensor here
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.ndimage import minimum_filter1d
+from scipy.signal import lfilter
+
+from clutch_hil.discrepancy.model import Columns, RunSource, Values
+from clutch_hil.discrepancy.sources import (
+    ANGLE,
+    CELSIUS,
+    DRIVE,
+    FRICTION,
+    HYDRAULICS,
+    LATER,
+    MEAN,
+    MOTOR,
+    PRESSURE,
+    SENSORS,
+    SLIP,
+    TORQUE,
+    auto,
+    free,
+    means,
+    period_of,
+)  # fmt: skip
+from protocols.files.parameters import ParameterSet
+
+LAG = 3  # means: of the auto product of x_1, x_3, whose noise is coloured: a central difference reaches 2 means far
+_WASHOUT = 1.0  # rad/s: what is slower in d is the motor's integrator that was held at its limit
+# bar, s: about touch and parting the friction block is not linear, and no sensor is accused
+_PRESSED, _AROUND = 0.1, 0.4
+_SEED = 6
+
+Friction = Callable[[Columns], Columns]  # the friction block behind given pressure and slip: outputs (n,) by column
+
+
+def locate(
+    friction: Friction, number: int, run: Columns, shown: Columns, r: Columns, floors: Values, parameters: ParameterSet,
+    values: Values,
+) -> list[RunSource]:  # fmt: skip
+    """Sources in the run of this `number`: `shown` is simulated, `r` measured less simulated, both (n,) by column.
+
+    `friction` simulates the friction block alone, `parameters` are the baseline's with their uncertainties, `values` those
+    that were simulated.
+    """
+    torque_of = _friction(friction, run, shown)
+    noise = floors[PRESSURE] * np.random.default_rng([_SEED, number]).standard_normal(len(r[PRESSURE]))
+    x1, alone = means(torque_of(r[PRESSURE]), run), means(torque_of(noise), run)
+    period = period_of(run)
+    slip = _timed(r[SLIP], np.gradient(shown[SLIP], period), period)
+    inertia, gain, rate = (values[f"motor.{n}"] for n in ("inertia", "proportional_gain", "integral_gain"))
+    # the encoder's angle has no noise to be integrated; half a sample: predictions are of the sample's instant
+    turned = run[ANGLE] - run[ANGLE][0] - period * (np.cumsum(shown[SLIP]) - 0.5 * (shown[SLIP] + shown[SLIP][0]))
+    law = r[MOTOR] + gain * slip + rate * turned
+    law = _washed(law, period)
+    x2, p, d = means(r[TORQUE], run), means(r[PRESSURE], run), means(law, run)
+    turning = inertia * np.gradient(means(slip, run), MEAN)
+    x3 = means(r[MOTOR], run) - turning
+    x3 = _alike(x2, x3, means(shown[TORQUE], run), _gains(parameters))
+    heat = _heated(r[TORQUE] * np.abs(run[SLIP]), values, period)
+    celsius = means(r[CELSIUS] - heat, run)
+    celsius = celsius - celsius.mean()
+    common = x2 * x3
+    h = 0.5 * (x1 * x2 + x1 * x3)
+    found: list[RunSource] = []
+
+    def add(
+        block: str, column: str, residual: np.ndarray, product: Callable[[int], np.ndarray], rest: np.ndarray,
+        square: np.ndarray | None = None,
+    ) -> None:  # fmt: skip
+        tested = np.column_stack([product(lag) + rest for lag in LATER])
+        found.append(RunSource(block, column, (product(LAG) if square is None else square) + rest, tested, residual))
+
+    nothing = np.zeros_like(x2)
+    add(HYDRAULICS, TORQUE, x1, lambda lag: nothing, h)
+    # in bar^2, by the block's own gain for noise
+    slope = float(np.mean(alone**2)) / max(float(np.mean(means(noise, run) ** 2)), 1e-300)
+    well = minimum_filter1d(shown[PRESSURE] > values["piston.contact_pressure"] + _PRESSED, round(_AROUND / period))
+    well = means(well.astype(float), run) / slope
+    add(SENSORS, PRESSURE, p, lambda lag: (auto(x1, lag) - auto(alone, lag)) * well, -h * well)
+    add(HYDRAULICS, PRESSURE, p, lambda lag: auto(p, lag), nothing, free(p, r[PRESSURE], run))
+    add(FRICTION, TORQUE, x2, lambda lag: nothing, common - h)
+    add(SENSORS, TORQUE, x2, lambda lag: auto(x2, lag), -common, free(x2, r[TORQUE], run))
+    add(DRIVE, MOTOR, x3, lambda lag: auto(x3, lag), -common)
+    add(DRIVE, MOTOR, d, lambda lag: auto(d, lag), nothing, free(d, law, run))
+    add(FRICTION, CELSIUS, celsius, lambda lag: auto(celsius, lag), nothing, free(celsius, r[CELSIUS], run))
+    return found
+
+
+def _friction(friction: Friction, run: Columns, shown: Columns) -> Callable[[np.ndarray], np.ndarray]:
+    """What the friction block makes of a pressure that is off [bar] (n,): torque [Nm] (n,)."""
+
+    def torque(off: np.ndarray) -> np.ndarray:
+        behind = {**run, **shown, PRESSURE: shown[PRESSURE] + off}
+        return np.asarray(friction(behind)[TORQUE])
+
+    still = torque(np.zeros_like(shown[PRESSURE]))
+    return lambda off: torque(off) - still
+
+
+def _heated(power: np.ndarray, values: Values, period: float) -> np.ndarray:
+    """What friction power [W] that is missing warms the oil by [K]: docs/rig.md, 7, exact for a power held over a sample."""
+    capacity, transfer = values["oil.heat_capacity"], values["oil.heat_transfer"]
+    decay = np.exp(-transfer / capacity * period)
+    return np.asarray(lfilter([0.0, (1.0 - decay) / transfer], [1.0, -decay], power))
+
+
+def _washed(values: np.ndarray, period: float) -> np.ndarray:
+    """Without what is slower than _WASHOUT."""
+    pole = np.exp(-_WASHOUT * period)
+    return np.asarray(lfilter([1.0, -1.0], [1.0, -pole], values - values[0]))
+
+
+def _gains(parameters: ParameterSet) -> float:
+    """How far the gains of the two torque sensors may differ by their data sheets (1 sigma)."""
+    sheets = [parameters[f"sensors.{name}_sensitivity"] for name in ("clutch_torque", "motor_torque")]
+    return float(np.sqrt(sum((p.uncertainty / p.value) ** 2 for p in sheets)))
+
+
+def _alike(x2: np.ndarray, x3: np.ndarray, torque: np.ndarray, most: float) -> np.ndarray:
+    """`x3` as if its sensor's gain differed from that of `x2` by no more than is left beyond `most`."""
+    swing = torque - torque.mean()  # an offset is no gain
+    differ = np.clip((x2 - x3) @ swing / max(float(swing @ swing), 1e-12), -most, most)
+    return x3 + differ * torque
+
+
+def _timed(residual: np.ndarray, slope: np.ndarray, most: float) -> np.ndarray:
+    """`residual` of the slip as if it had been simulated 0 to `most` [s] late, `slope` [1/s] simulated: an encoder's speed is
+    half a sample old."""
+    late = np.clip(-(residual @ slope) / max(float(slope @ slope), 1e-12), 0.0, most)
+    return residual + late * slope

@@ -1,0 +1,230 @@
+"""A run of two clutches goes wherever a run of one goes, or one sentence says why not."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import clutch_hil as ch
+from clutch_hil.bench.in_process import Played
+from clutch_hil.bench.run_file import read_run
+from clutch_hil.bench.scenario import load_scenario
+from clutch_hil.bench.simulate import Simulation
+from clutch_hil.command import application
+from clutch_hil.discrepancy.models.named import model_named
+from clutch_hil.live import recorder, tune
+from clutch_hil.live.conversion import convert
+from clutch_hil.live.dashboard import places
+from clutch_hil.live.recorder import Recorder
+from clutch_hil.live.replay import run_batches
+from clutch_hil.live.rrd import read_rrd
+from protocols.can.two_clutches import CONTROLLERS
+from protocols.errors import InputError
+from protocols.files.run import Run
+from protocols.node import Column
+from protocols.telemetry.batch import Batch, published_columns
+
+SECONDS = 1.0  # of a run: clutch a closes, nothing is handed over yet
+HANDED_OVER = 5.2  # s by which the shipped scenario has handed its torque over
+RATE = 500  # Hz, of the shipped scenario
+NODES = ("plant", *CONTROLLERS)
+PIECE = 100  # rows of a batch
+BLIND = "a run of two clutches cannot be blind: it is judged by the true output torque, which no sensor shows"
+
+
+@pytest.fixture(scope="module")
+def run_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A simulated run of the shipped hand-over, cut."""
+    out = tmp_path_factory.mktemp("run")
+    scenario = load_scenario("shift", {"seconds": SECONDS, "out": out})
+    Simulation(replace(scenario, limits=())).run(lambda done, total: None)
+    (path,) = out.glob("*.parquet")
+    return path
+
+
+@pytest.fixture(scope="module")
+def run(run_file: Path) -> Run:
+    return read_run(run_file)
+
+
+def command(*words: object) -> Any:
+    return CliRunner().invoke(application(), list(map(str, words)))
+
+
+def refusal(*words: object) -> str:
+    error = command(*words).exception
+    assert isinstance(error, InputError), error
+    assert "\n" not in str(error)
+    return str(error)
+
+
+# from Python, and sweeps
+
+
+def test_simulated_from_python_it_is_the_run_file(run: Run) -> None:
+    simulated = ch.simulate("shift", seconds=SECONDS)
+    assert list(simulated.columns) == list(run.columns)
+    for name, values in run.columns.items():
+        assert np.array_equal(simulated[name], values, equal_nan=True), name
+    assert (simulated.units, simulated.meanings) == (run.units, run.meanings)
+    assert simulated.metadata["controller_b_parameters"] == run.metadata["controller_b_parameters"]
+
+
+def test_read_from_python_it_is_the_run_file(run: Run, run_file: Path) -> None:
+    assert list(ch.read_run(run_file).columns) == list(run.columns)
+
+
+def test_an_effect_is_of_one_clutch() -> None:
+    weak = ch.simulate("shift", seconds=0.2, effects={"b.friction_level": {"level": 0.8}})
+    assert weak.metadata["effects"] == ["b.friction_level"]
+
+
+def test_a_sweep_has_the_measures_of_the_hand_over(tmp_path: Path) -> None:
+    words = (
+        "simulate",
+        "shift",
+        "--vary",
+        "b.friction_level.level=0.8:1:2",
+        "--seconds",
+        HANDED_OVER,
+        "--out",
+        tmp_path,
+    )
+    done = command(*words)
+    assert done.exit_code == 1, done.output  # with 0.8 the gap breaks its limit
+    (path,) = tmp_path.glob("*.csv")
+    head, weak, whole = path.read_text().splitlines()
+    assert head == "b.friction_level.level,seed,torque_gap,shift_time_s"
+    assert float(weak.split(",")[2]) > 0.15 > 0.08 > float(whole.split(",")[2])
+    assert "verdict: 2 runs, 1 broke a limit" in done.output
+
+
+def test_a_sweep_from_python_has_them_too() -> None:
+    table = ch.sweep([{"a.friction_level.level": 0.9}], "shift", seconds=0.2, workers=1)
+    assert table.column_names == ["a.friction_level.level", "seed", "torque_gap", "shift_time_s", "fault"]
+    assert table["fault"].to_pylist() == ["none"]
+
+
+# files and pictures
+
+
+def test_it_is_converted_there_and_back(run: Run, run_file: Path, tmp_path: Path) -> None:
+    assert convert(run_file, tmp_path / "run.mf4") == convert(tmp_path / "run.mf4", tmp_path / "run.parquet")
+    again = read_run(tmp_path / "run.parquet")
+    assert again.metadata == run.metadata
+    for name, values in run.columns.items():
+        assert np.array_equal(again[name], values, equal_nan=True), name
+
+
+def test_the_view_has_every_value_of_all_three_nodes(run: Run, run_file: Path, tmp_path: Path) -> None:
+    assert [batch.node for batch in run_batches(run)] == list(NODES)
+    convert(run_file, tmp_path / "run.rrd")
+    tables = read_rrd(tmp_path / "run.rrd")
+    assert sorted(tables) == sorted(NODES)
+    found = {name: table[name] for table in tables.values() for name in table}
+    assert set(found) == set(run.columns)
+    for name, values in run.columns.items():
+        assert np.array_equal(found[name], values, equal_nan=True), name
+
+
+def test_both_clutches_stand_in_the_plots_of_one(run: Run) -> None:
+    shown = {place.path: place.labels for batch in run_batches(run) for place in places(batch.node, batch.columns)}
+    assert shown["torque/plant"] == ["true a [Nm]", "true b [Nm]"]
+    assert shown["torque/controller_b"] == ["estimate b [Nm]"]
+    assert shown["pressure/controller"] == ["demand [bar]"]
+    assert {"measured a [bar]", "true b [bar]"} <= set(shown["pressure/plant"])
+
+
+# live
+
+
+def played() -> Played:
+    scenario = load_scenario("shift", {"seconds": SECONDS})
+    return Simulation(scenario).play(scenario.plant, 1)
+
+
+class ScriptedFeed:
+    """What a feed gives of a bench of two clutches, whose services describe themselves."""
+
+    bench = "local:script@here"
+
+    def __init__(self, run: Played) -> None:
+        clock = Column("clock_s", "s", "clock")
+        controllers = (
+            published_columns(n, (*c, clock)) for n, c in zip(CONTROLLERS, run.controller_columns, strict=True)
+        )
+        plant = (*run.plant_columns, Column("plant_clock_s", "s", "clock"))
+        self.columns = dict(zip(NODES, (plant, *controllers), strict=True))
+        self.lost, self.alive = dict.fromkeys(NODES, 0), dict.fromkeys(NODES, True)
+        times = 1000.0 + np.arange(len(run.plant)) / RATE
+        rows = {n: np.column_stack([r, times]) for n, r in zip(NODES, (run.plant, *run.controllers), strict=True)}
+        self.steps = [
+            [Batch(n, 1, k, float(RATE), 1.7e9, 0, self.columns[n], rows[n][k : k + PIECE]) for n in NODES]
+            for k in range(0, len(times), PIECE)
+        ]
+
+    def read(self, timeout: float = 0.0) -> list[Batch]:
+        return self.steps.pop(0) if self.steps else []
+
+    def events(self) -> list[dict[str, Any]]:
+        return []
+
+    def describe(self, node: str) -> dict[str, Any]:
+        rig = {"rig": "power_shift"} if node == "plant" else {}
+        return {"columns": [c._asdict() for c in self.columns[node]], "session": 1, "versions": {}} | rig
+
+
+def test_a_recording_has_both_controllers_and_the_rig_that_the_plant_names(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recorder, "parameters", lambda session, bench, node: [{"name": f"{node}.x", "value": 1.0}])
+    feed: Any = ScriptedFeed(played())
+    session: Any = None
+    with Recorder(session, feed, tmp_path / "run.parquet") as made:
+        for _ in range(len(feed.steps)):
+            made.step()
+        made.finish()
+    again = read_run(tmp_path / "run.parquet")
+    assert again.metadata["rig"] == "power_shift"
+    for node in NODES:
+        assert again.metadata[f"{node}_parameters"] == {f"{node}.x": 1.0}
+    for name, values in run.columns.items():
+        assert np.array_equal(again[name], values, equal_nan=True), name
+    with (
+        pytest.raises(InputError, match=BLIND),
+        Recorder(session, ScriptedFeed(played()), tmp_path / "blind.parquet", blind=True) as blind,  # type: ignore[arg-type]
+    ):
+        blind.step()
+
+
+def test_parameters_of_both_controllers_are_listed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tune, "nodes_alive", lambda session, bench: list(NODES))
+    monkeypatch.setattr(tune, "parameters", lambda session, bench, node: [{"name": "torque.gain", "value": 1.0}])
+    session: Any = None
+    assert sorted(tune.listed(session, "local:script@here").entries) == sorted(f"{n}.torque.gain" for n in NODES)
+
+
+# what cannot be
+
+
+@pytest.mark.parametrize("words", [("simulate", "shift"), ("up", "shift"), ("plant", "--scenario", "shift")])
+def test_it_cannot_be_blind(words: tuple[str, ...]) -> None:
+    assert BLIND in refusal(*words, "--blind")
+
+
+def test_the_model_of_one_clutch_is_not_compared_with_it(run_file: Path, tmp_path: Path) -> None:
+    told = refusal("discrepancy", run_file, "--out", tmp_path)
+    assert told == (
+        f"run {run_file} is a run of two clutches, of the rig power_shift, which the model wet_clutch does not describe;"
+        " allowed are runs of one clutch"
+    )
+
+
+def test_it_has_no_model_and_no_experiments(tmp_path: Path) -> None:
+    told = "rig power_shift, whose run is a run of two clutches, has no discrepancy model"
+    with pytest.raises(InputError, match=told):
+        model_named("power_shift")
+    assert refusal("experiment", "crawl", "--scenario", "shift", "--out", tmp_path) == told
