@@ -124,6 +124,12 @@ def benches(session: zenoh.Session) -> list[str]:
     return sorted({parsed(str(reply.ok.key_expr)).bench for reply in replies if reply.ok is not None})
 
 
+def nodes_alive(session: zenoh.Session, bench: str) -> list[str]:
+    """Nodes of a bench that live."""
+    replies = session.liveliness().get(Keys(bench, "*").alive, timeout=_QUERY)
+    return sorted({parsed(str(reply.ok.key_expr)).node for reply in replies if reply.ok is not None})
+
+
 def find_bench(session: zenoh.Session, bus: str | None = None) -> str:
     """The bench on `bus`, or the only one there is. Raises InputError when there is more than one, NoBenchError for none."""
     there = benches(session)
