@@ -7,7 +7,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from clutch_hil.bench.executors import computed
+from clutch_hil.bench.executors import compute
 from clutch_hil.bench.in_memory import composed_scenario, measure_run, simulate
 from clutch_hil.bench.measures import measure
 from clutch_hil.bench.scenario import checked_seed
@@ -60,7 +60,7 @@ def sweep(
         )
     cases = list(prepared_cases(rows, numbers, scenario, tuple(measures), settings))
     results: list[dict[str, Any]] = [{} for _ in cases]
-    for done, (index, result) in enumerate(computed(measure_case, cases, workers, address), 1):
+    for done, (index, result) in enumerate(compute(measure_case, cases, workers, address), 1):
         results[index] = result
         if progress:
             progress(done, len(cases))
