@@ -27,7 +27,8 @@ SHORT = {"profile": "engagement", "seconds": 1.5}  # s: long enough to engage
 
 def test_every_public_name_is_there() -> None:
     assert all(getattr(ch, name) is not None for name in ch.__all__)
-    assert set(ch.__all__) <= set(dir(ch))
+    assert dir(ch) == sorted(ch.__all__)
+    assert len(dir(ch)) <= 25
     with pytest.raises(AttributeError, match="no attribute 'simulat'"):
         _ = ch.simulat
 
@@ -143,6 +144,38 @@ def test_random_points_are_in_their_ranges_and_a_hypercube_is_even() -> None:
 def test_samples_that_cannot_be_are_refused(samples) -> None:
     with pytest.raises(ch.InputError):
         samples()
+
+
+def test_a_result_of_the_thesis_is_checked_without_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    result = ch.reproduce("fig 2.13")
+    assert result.entry.name == "figure-2.13"
+    assert result.holds
+    assert result.picture is None
+    assert str(result).endswith(result.verdict)
+    assert result.sheet.figure.axes
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_every_friction_model_is_played_by_one_function() -> None:
+    curve = ch.friction.Stribeck(static_force=10.0)  # N, at every speed
+    springs = {"stiffness": [2e5, 1e5], "weights": [0.5, 0.5]}  # N/m
+    models = [
+        ch.friction.Coulomb(curve),
+        ch.friction.Dahl(coulomb_force=10.0, stiffness=1e6),
+        ch.friction.LuGre(curve, stiffness=1e6),
+        ch.friction.ElastoPlastic(curve, stiffness=1e6),
+        ch.friction.Leuven(curve, stiffness=[2e5, 1e5], limits=[5.0, 5.0]),
+        ch.friction.MaxwellSlip(stiffness=[2e5, 1e5], limits=[5.0, 5.0]),
+        ch.friction.GMS(curve, **springs),
+        ch.friction.XGMS(ch.friction.Amontons(0.1), **springs, attraction=100.0),
+    ]
+    position = np.linspace(0.0, 1e-2, 2001)  # m: far beyond the springs' 50 um
+    for model in models:
+        trace = ch.friction.simulate(model, position, dt=1e-3, load=100.0)
+        assert trace.force.shape == position.shape
+        assert trace.force[-1] == pytest.approx(10.0, rel=1e-3), model
+        np.testing.assert_array_equal(trace.force, model.trace(position, 1e-3, 100.0).force)
 
 
 SAMPLES = ch.grid({"friction_level.level": [0.8, 1.2], "controller.torque.integral_gain": [0.05, 0.4]})
