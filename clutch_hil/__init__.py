@@ -2,9 +2,15 @@
 
     run = ch.simulate("engagement", effects=["internal_leakage"], plant={"friction_level.level": 0.9})
     run["clutch_torque_nm"], run.units["clutch_torque_nm"], ch.measure_run(run)
-    table = ch.sweep(ch.latin_hypercube({"friction_level.level": (0.8, 1.2)}, 100))
 
-A public name is loaded when it is first used: the services of a bench load this package, too, and need none of them.
+simulate, sweep (grid, random, latin_hypercube), measure_run, draw_run, draw_sweep: runs in memory
+start_bench: plant and controller as processes on a bus, driven by a program
+read_run, write_run: run files
+find_discrepancy, play_experiment: what a model lacks that recordings have
+reproduce, friction: results and friction models of the thesis
+
+docs/python.md has an example of each. A public name is loaded when it is first used: the services of a bench load this package,
+too, and need none of them.
 """
 
 from importlib import import_module
@@ -14,11 +20,16 @@ from typing import TYPE_CHECKING, Any
 from protocols.kernels.compiled import drop_stale, place_cache
 
 if TYPE_CHECKING:
+    from clutch_hil import friction
+    from clutch_hil.bench.figures import draw_run, draw_sweep
     from clutch_hil.bench.in_memory import measure_run, simulate
-    from clutch_hil.bench.picture import draw_run
     from clutch_hil.bench.run_file import read_run
     from clutch_hil.bench.sampling import grid, latin_hypercube, random
     from clutch_hil.bench.study import sweep
+    from clutch_hil.discrepancy.laboratory import play_experiment
+    from clutch_hil.discrepancy.outcome import Discrepancy, find_discrepancy
+    from clutch_hil.live.live_bench import LiveBench, start_bench
+    from clutch_hil.thesis.result import reproduce
     from protocols.errors import InputError
     from protocols.files.run import Run
     from protocols.files.runs import write_run
@@ -27,22 +38,29 @@ place_cache(Path(__file__).parent)
 drop_stale(Path(__file__).parent, *map(Path(__file__).parent.with_name, ("protocols", "plant_sim")))
 
 __all__ = [
-    "InputError", "Run", "draw_run", "grid", "latin_hypercube", "measure_run", "random", "read_run", "simulate", "sweep",
+    "Discrepancy", "InputError", "LiveBench", "Run", "draw_run", "draw_sweep", "find_discrepancy", "friction", "grid",
+    "latin_hypercube", "measure_run", "play_experiment", "random", "read_run", "reproduce", "simulate", "start_bench", "sweep",
     "write_run",
 ]  # fmt: skip
 _PLACES = {
     "protocols.errors": ("InputError",),
     "protocols.files.run": ("Run",),
     "protocols.files.runs": ("write_run",),
+    "clutch_hil.bench.figures": ("draw_run", "draw_sweep"),
     "clutch_hil.bench.in_memory": ("measure_run", "simulate"),
-    "clutch_hil.bench.picture": ("draw_run",),
     "clutch_hil.bench.run_file": ("read_run",),
     "clutch_hil.bench.sampling": ("grid", "latin_hypercube", "random"),
     "clutch_hil.bench.study": ("sweep",),
+    "clutch_hil.discrepancy.laboratory": ("play_experiment",),
+    "clutch_hil.discrepancy.outcome": ("Discrepancy", "find_discrepancy"),
+    "clutch_hil.live.live_bench": ("LiveBench", "start_bench"),
+    "clutch_hil.thesis.result": ("reproduce",),
 }
 
 
 def __getattr__(name: str) -> Any:
+    if name == "friction":
+        return import_module("clutch_hil.friction")
     for place, names in _PLACES.items():
         if name in names:
             return getattr(import_module(place), name)
@@ -50,4 +68,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return [*globals(), *__all__]
+    return sorted(__all__)

@@ -11,7 +11,6 @@ import pytest
 
 from clutch_hil.bench.effect_page import written_page
 from clutch_hil.bench.effect_text import in_order
-from clutch_hil.bench.study import prepared_cases
 from plant_sim.effects.catalogue import effects
 from protocols.telemetry import keys
 
@@ -37,19 +36,6 @@ def test_the_code_of_the_friction_page_runs() -> None:
         exec(compile(block, "docs/friction.md", "exec"), names)
     assert names["trace"].force.max() > 0.0  # type: ignore[attr-defined]
     assert names["motion"].friction.min() >= 0.0  # type: ignore[attr-defined]
-
-
-def test_the_code_of_the_python_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """But the sweep itself, of which the samples are made."""
-    page = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
-    names: dict[str, object] = {"__name__": "page"}
-    monkeypatch.chdir(tmp_path)
-    for block in re.findall(r"```python\n(.*?)```", page, re.DOTALL):
-        exec(compile(block, "docs/python.md", "exec"), names)
-    assert (tmp_path / "run.parquet").exists()
-    samples: list[dict[str, float]] = names["samples"]  # type: ignore[assignment]
-    assert len(samples) == 200
-    assert list(prepared_cases(samples[:1], [1], None, ("fault",), {}))  # every name in them is known
 
 
 def test_the_telemetry_page_has_the_keys() -> None:

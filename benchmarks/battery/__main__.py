@@ -19,7 +19,10 @@ def main(
     families: Annotated[str, typer.Option(help="of cases, with commas")] = ",".join(FAMILIES),
     only: Annotated[list[str] | None, typer.Option(help="pattern of case names; several: in this order")] = None,
     quick: Annotated[bool, typer.Option(help="severity 2, noise 2 %, one seed")] = False,
-    jobs: Annotated[int, typer.Option(min=1, help="worker processes")] = 2,
+    jobs: Annotated[int | None, typer.Option(min=1, help="worker processes; one for each CPU if not given")] = None,
+    dask: Annotated[
+        str | None, typer.Option(help="Dask scheduler whose workers judge, such as tcp://host:8786")
+    ] = None,
     out: Annotated[Path, typer.Option(help="folder of the answers")] = Path("runs/battery"),
     log: Annotated[Path | None, typer.Option(help="a line a case is added to it")] = None,
     docs: Annotated[Path | None, typer.Option(help="folder to write battery.md and its pictures to")] = None,
@@ -35,9 +38,9 @@ def main(
     from benchmarks.battery.score import scores
     from benchmarks.battery.table import text, write
 
-    if check:
-        raise typer.Exit(0 if _check(jobs) else 1)
     try:
+        if check:
+            raise typer.Exit(0 if _check(jobs, dask) else 1)
         names = [case.name for case in chosen(split, families.split(","), quick, only or [])]
     except InputError as error:
         typer.echo(f"error: {error}", err=True)
@@ -53,12 +56,15 @@ def main(
     try:
         with progress_bar(f"battery, {split}", False) as progress:
             progress(0, len(names))
-            for told in run(names, cache, jobs):
+            for told in run(names, cache, jobs, address=dask):
                 answers.append(told)
                 progress(len(answers), len(names))
                 if log:
                     with log.open("a", encoding="utf-8") as file:
                         file.write(line(told) + "\n")
+    except InputError as error:
+        typer.echo(f"error: {error}; the same command goes on from there", err=True)
+        raise typer.Exit(2) from None
     except KeyboardInterrupt:
         typer.echo(f"stopped after {len(answers)} of {len(names)} cases; the same command goes on from there", err=True)
         raise typer.Exit(130) from None
@@ -79,11 +85,11 @@ def main(
     raise typer.Exit(1 if failed else 0)
 
 
-def _check(jobs: int) -> bool:
+def _check(jobs: int | None, address: str | None) -> bool:
     """Whether today's engine says of a handful of cases what was kept."""
     before, changed = kept(engine()), 0
     with TemporaryDirectory() as folder:
-        for told in run(CHECKED, Cache(Path(folder)), jobs):
+        for told in run(CHECKED, Cache(Path(folder)), jobs, address=address):
             found = differences(before[told["case"]], told)
             typer.echo("\n  ".join([f"{told['case']}: {'the same' if not found else 'it differs'}", *found]))
             changed += bool(found)

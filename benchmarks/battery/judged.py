@@ -9,6 +9,7 @@ import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -30,8 +31,9 @@ _Joint = tuple[Linear, tuple[Candidate, ...]]  # a fit of several candidates tog
 RIVALS = 5  # kept of each case
 
 
+@cache
 def use_threads(count: int) -> None:
-    """Threads of this process that simulate at a time."""
+    """Have `count` threads of this process simulate at a time."""
     evidence._POOL = ThreadPoolExecutor(count)
 
 

@@ -12,17 +12,17 @@ import hashlib
 import json
 import lzma
 import os
-import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from fnmatch import fnmatch
-from multiprocessing import get_context
 from pathlib import Path
 
 from benchmarks.battery import judged
 from benchmarks.battery.cases import FAMILIES, Case, cases
 from benchmarks.battery.judged import Told
 from benchmarks.battery.validity import content, valid
+from clutch_hil.bench.executors import compute
 
 ROOT = Path(__file__).parents[2]
 _QUICK = {  # of --quick: one severity, noise and seed
@@ -116,8 +116,31 @@ class Cache:
         return [told for told in map(self.read, sorted(names)) if told]
 
 
-def run(names: Sequence[str], cache: Cache, jobs: int, judge: Callable[[str], Told] = judged.judge) -> Iterator[Told]:
-    """Answers of all cases as they come, first those of the cache; the others by `jobs` processes, cores shared out evenly."""
+@dataclass(frozen=True)
+class Judging:
+    """`judge` with as many `threads` as its worker has cores: what a worker is given."""
+
+    judge: Callable[[str], Told]
+    threads: int
+
+    def __call__(self, name: str) -> Told:
+        """What the engine says of the case of this name."""
+        judged.use_threads(self.threads)
+        return self.judge(name)
+
+
+def run(
+    names: Sequence[str],
+    cache: Cache,
+    jobs: int | None = None,
+    judge: Callable[[str], Told] = judged.judge,
+    address: str | None = None,
+) -> Iterator[Told]:
+    """Answers of all cases as they come, first those of the cache; the others by `jobs` processes, or by the Dask cluster at
+    `address`, whose workers have this package and as many threads as they were given. Cores are shared out evenly.
+
+    Raises InputError.
+    """
     missing = []
     for name in names:
         told = cache.read(name)
@@ -128,26 +151,26 @@ def run(names: Sequence[str], cache: Cache, jobs: int, judge: Callable[[str], To
     if not missing:
         return
     missing.sort(key=lambda name: (name.rpartition("/s")[2], hashlib.sha256(name.encode()).digest()))
-    threads = max(1, (os.cpu_count() or 1) // jobs)
+    cores = os.cpu_count() or 1
+    threads = 1 if address else max(1, cores // (jobs or cores))
+    with _threads_of_workers(threads):
+        workers = None if address else min(jobs or cores, len(missing))
+        for _, told in compute(Judging(judge, threads), missing, workers, address):
+            told["content"] = content(told["case"])
+            cache.write(told)
+            yield told
+
+
+@contextmanager
+def _threads_of_workers(threads: int) -> Iterator[None]:
+    """Numerical libraries of processes that are started meanwhile use so many threads: they read it when they are imported."""
     before = {name: os.environ.get(name) for name in _THREADS}
-    os.environ.update(dict.fromkeys(_THREADS, str(threads)))  # read when a worker imports its libraries
+    os.environ.update(dict.fromkeys(_THREADS, str(threads)))
     try:
-        context = get_context("spawn")
-        with context.Pool(
-            min(jobs, len(missing)), _begun, (threads,)
-        ) as pool:  # left by Ctrl-C: workers are terminated
-            for told in pool.imap_unordered(judge, missing):
-                told["content"] = content(told["case"])
-                cache.write(told)
-                yield told
+        yield
     finally:
         for name, value in before.items():
             os.environ.pop(name, None) if value is None else os.environ.update({name: value})
-
-
-def _begun(threads: int) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent stops its workers
-    judged.use_threads(threads)
 
 
 def line(told: Told) -> str:

@@ -6,29 +6,33 @@ so the place changes no result.
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, as_completed
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
-from multiprocessing import get_context
-from typing import Any
+from importlib import import_module
+from multiprocessing import active_children, get_context
+from typing import Any, TypeVar
 
 from protocols.errors import InputError
 
 _TRIES = 3  # of cases whose worker died
 _MOST_WORKERS = 256
+_NAME_LENGTH = 200  # characters of a case in an error message
+
+C = TypeVar("C")
+R = TypeVar("R")
 
 
 @contextmanager
 def executor(workers: int | None = None, address: str | None = None) -> Iterator[Executor]:
-    """`workers` processes, one for each CPU if None, or the Dask cluster at `address`. Raises InputError."""
+    """`workers` processes, one for each CPU if None, or the Dask cluster at `address`.
+
+    Processes are ended at once where the block is left by an exception: a case may take minutes. Raises InputError.
+    """
     if address is not None:
         if workers is not None:
             raise InputError(f"workers = {workers} was given beside the cluster at {address}, which has its own")
         try:
-            from distributed import Client
-        except ImportError:
-            raise InputError(f"the cluster at {address} needs Dask: pip install 'clutch-hil[dask]'") from None
-        try:
-            client = Client(address, timeout=10)
+            client = _dask(address).Client(address, timeout=10)
         except (OSError, ValueError) as error:
             raise InputError(f"no Dask scheduler answers at {address}: {error}") from None
         with client, client.get_executor(pure=False) as cluster:
@@ -37,31 +41,53 @@ def executor(workers: int | None = None, address: str | None = None) -> Iterator
     count = workers if workers is not None else len(os.sched_getaffinity(0))
     if not 1 <= count <= _MOST_WORKERS:
         raise InputError(f"{count} workers are not possible; allowed are 1 to {_MOST_WORKERS}")
+    others = set(active_children())
     pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"))
     try:
         yield pool
+    except BaseException:
+        for process in set(active_children()) - others:
+            process.terminate()
+        raise
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-def computed(
-    function: Callable[[Any], Any], cases: Sequence[Any], workers: int | None = None, address: str | None = None
-) -> Iterator[tuple[int, Any]]:
-    """(index, result) of every case as it comes. Cases of a worker that died are computed again, twice at most.
+def compute(
+    function: Callable[[C], R], cases: Sequence[C], workers: int | None = None, address: str | None = None
+) -> Iterator[tuple[int, R]]:
+    """Yield (index, result) of every case as it comes. Cases of a worker that died are computed again, twice at most.
 
-    Raises InputError, also where the workers keep dying, and what `function` raises.
+    Raises InputError, also where the workers keep dying or the cluster is lost, and what `function` raises.
     """
     left = dict(enumerate(cases))
+    killed: Any = _dask(address).KilledWorker if address is not None else ()
     for _ in range(_TRIES):
         try:
             with executor(workers, address) as pool:
                 futures = {pool.submit(function, case): index for index, case in left.items()}
                 for future in as_completed(futures):
                     index = futures[future]
-                    result = future.result()
+                    try:
+                        result = future.result()
+                    except killed:
+                        name = f"{left[index]!s:.{_NAME_LENGTH}}"
+                        raise InputError(f"case {name} killed every worker that computed it at {address}") from None
+                    except CancelledError:
+                        raise InputError(
+                            f"the cluster at {address} is gone; {len(left)} of {len(cases)} cases are not computed"
+                        ) from None
                     del left[index]
                     yield index, result
         except BrokenExecutor:
             continue
         return
     raise InputError(f"workers died {_TRIES} times; {len(left)} of {len(cases)} cases are not computed")
+
+
+def _dask(address: str) -> Any:
+    """The module `distributed`, loaded where an address is given. Raises InputError where it is not installed."""
+    try:
+        return import_module("distributed")
+    except ImportError:
+        raise InputError(f"the cluster at {address} needs Dask: pip install 'clutch-hil[dask]'") from None

@@ -24,6 +24,8 @@ def simulate(
     temperature: float | None = None,
     law: str | None = None,
     adaptation: bool | None = None,
+    plant_parameters: str | Path | None = None,
+    controller_parameters: str | Path | None = None,
     plant: Values | None = None,
     controller: Values | None = None,
     effects: Iterable[str] | Mapping[str, Values] = (),
@@ -33,9 +35,10 @@ def simulate(
 
     `scenario` is the name of one that is shipped or the path of a TOML file. Without one `profile` is played, a shipped name or
     the path of a CSV file, `engagement` if none is given. seconds [s] repeats or cuts the profile; rate [Hz]; temperature
-    [degC] of the oil at the start; `law` is both, feedforward or feedback. `plant` and `controller` change parameters by dotted
-    name, each in its declared unit. `effects` are switched on, with typical values or with those given by short name; where
-    there are two clutches as `a.friction_level`. None is what the scenario has. `progress(cycle, cycles)` is called now
+    [degC] of the oil at the start; `law` is both, feedforward or feedback. `plant_parameters` and `controller_parameters` are
+    TOML files that change parameters, such as a model file of `find_discrepancy`; `plant` and `controller` change them by
+    dotted name, each in its declared unit. `effects` are switched on, with typical values or with those given by short name;
+    where there are two clutches as `a.friction_level`. None is what the scenario has. `progress(cycle, cycles)` is called now
     and then.
 
     Returns the columns that a run file of it would have, each of shape (samples,), with units, meanings and metadata.
@@ -43,7 +46,7 @@ def simulate(
     """
     settings = {
         "profile": profile, "seconds": seconds, "rate": rate, "seed": seed, "temperature": temperature, "law": law,
-        "adaptation": adaptation,
+        "adaptation": adaptation, "plant_parameters": plant_parameters, "controller_parameters": controller_parameters,
     }  # fmt: skip
     chosen = composed_scenario(scenario, settings, plant, controller, effects)
     played, metadata = Simulation(chosen).play_described(progress)
@@ -64,8 +67,11 @@ def composed_scenario(
     effects: Iterable[str] | Mapping[str, Values] = (),
 ) -> Scenario:
     """The scenario that `simulate` plays when given the same. Raises InputError."""
-    texts = {key: str(value) if isinstance(value, Path) else value for key, value in settings.items()}
-    chosen = chosen_scenario(None if scenario is None else str(scenario), texts)
+    given = dict(settings)
+    for name, kind in (("profile", str), ("plant_parameters", Path), ("controller_parameters", Path)):
+        if given.get(name) is not None:
+            given[name] = kind(given[name])
+    chosen = chosen_scenario(None if scenario is None else str(scenario), given)
     if isinstance(effects, str):
         effects = [effects]
     named = effects if isinstance(effects, Mapping) else {name: {} for name in effects}

@@ -44,7 +44,10 @@ class Limit:
 
     def judge(self, columns: Columns) -> "Judgement":
         """Measure the `columns` of a run; what cannot be measured, not-a-number, breaks every limit."""
-        value = self.rig.measure(self.measure).of(columns)
+        return self.judge_value(self.rig.measure(self.measure).of(columns))
+
+    def judge_value(self, value: float | str) -> "Judgement":
+        """Judge a `value` that was measured, in the measure's unit."""
         if isinstance(value, str):
             return Judgement(self, value, value == self.equal)
         low, high = self.least is None or value >= self.least, self.most is None or value <= self.most

@@ -25,6 +25,7 @@ class Rig:
 
     plant               its plant: name, node, parameters, profiles, clutches
     measures_at         "module:name" of its measures by name; one of them is `fault`
+    sheet_at            of the function that draws the columns of a run, see `sheet`
     judge_at            of the function that judges and draws a run file, see `judge`
     status_at           of the class of its status line, see `status`
     figures             measures that sum up a run in a sweep; the first is not a number where the run missed its aim
@@ -34,6 +35,7 @@ class Rig:
 
     plant: PlantRig
     measures_at: str
+    sheet_at: str
     judge_at: str
     status_at: str
     figures: tuple[str, ...]
@@ -49,6 +51,14 @@ class Rig:
     def measures(self) -> Mapping[str, Measure]:
         """Its measures by name."""
         return self._part(self.measures_at)
+
+    @property
+    def sheet(self) -> Callable[..., Any]:
+        """The function that draws columns (n,) of a run by name: sheet(columns, title, injected).
+
+        `injected` are times [s] at which something was injected. It returns a `sheet.Sheet`.
+        """
+        return self._part(self.sheet_at)
 
     @property
     def judge(self) -> Callable[..., Any]:

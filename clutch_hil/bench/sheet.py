@@ -2,13 +2,16 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from clutch_hil.bench import palette
 from clutch_hil.bench.direction import MOVES, both_ways
 from clutch_hil.bench.lanes import Lane, Stretch, lanes, stretches
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _WIDTH, _LEFT = 10.0, 0.8  # in, of the picture, and of what stands left of its panels
 _LANE = 0.24  # in, height of a lane
@@ -56,6 +59,10 @@ class Sheet:
 
     def save(self, path: Path) -> None:
         """Write the PNG."""
+        self.finish().savefig(path, dpi=_DOTS)
+
+    def finish(self) -> "Figure":
+        """The figure with its legends and faults; to be called once."""
         self.mark(self._faults, "fault", palette.LIMIT, "-")
         for axes in self.panels:
             axes.grid(alpha=0.3)
@@ -66,7 +73,7 @@ class Sheet:
         self.strip.set_xlim(self.time[0], self.time[-1])
         self.strip.set_xlabel("time [s]")
         self._figure.align_ylabels()
-        self._figure.savefig(path, dpi=_DOTS)
+        return self._figure
 
     def _draw_lanes(self, rows: Sequence[tuple[str, Lane, np.ndarray]]) -> None:
         axes, step = self.strip, float(self.time[1] - self.time[0])

@@ -3,7 +3,7 @@
 A colour is a clutch, or the driveline; a line is true, thin where it is estimated or measured, dashed where it is asked for.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -23,8 +23,8 @@ def draw_shift(path: Path, columns: Mapping[str, np.ndarray], title: str) -> Non
     shift_sheet(columns, title).save(path)
 
 
-def shift_sheet(columns: Mapping[str, np.ndarray], title: str) -> Sheet:
-    """The picture, which can still be looked into."""
+def shift_sheet(columns: Mapping[str, np.ndarray], title: str, injected: Iterable[float] = ()) -> Sheet:
+    """The picture, which can still be looked into, with a line at each time [s] at which something was `injected`."""
     sheet = Sheet(columns, title, _HEIGHTS, {name: prefix for name, prefix, *_ in _CLUTCHES})
     time = sheet.time
     speed, torque, output, pressure = sheet.panels
@@ -63,6 +63,7 @@ def shift_sheet(columns: Mapping[str, np.ndarray], title: str) -> Sheet:
         torque.annotate(
             "torque phase", (time[shift.begin], 0.98), xycoords=("data", "axes fraction"), fontsize=8, va="top"
         )
+    sheet.mark(injected, "injected", palette.INJECTED)
     return sheet
 
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import pyarrow as pa
 
-from clutch_hil.bench.executors import computed
+from clutch_hil.bench.executors import compute
 from clutch_hil.bench.in_memory import composed_scenario, measure_run, simulate
-from clutch_hil.bench.scenario import checked_seed, chosen_scenario
+from clutch_hil.bench.scenario import Scenario, checked_seed, chosen_scenario
 from clutch_hil.bench.simulate import Simulation
 from protocols.errors import InputError
 
@@ -43,7 +43,8 @@ def sweep(
 
     Runs are shared out to `workers` processes, one for each CPU if None, or to the Dask cluster at `address`. The table is the
     same to the bit wherever they are computed. `progress(done, of)` is called as runs end. In a script, call this below
-    `if __name__ == "__main__":`, as worker processes load the script.
+    `if __name__ == "__main__":`, as worker processes load the script. The fields of the table's schema have their unit as
+    metadata.
 
     Raises InputError before anything is computed for what cannot be.
     """
@@ -60,7 +61,7 @@ def sweep(
         measures = (*chosen_scenario(None if scenario is None else str(scenario), {}).rig.figures, "fault")
     cases = list(prepared_cases(rows, numbers, scenario, tuple(measures), settings))
     results: list[dict[str, Any]] = [{} for _ in cases]
-    for done, (index, result) in enumerate(computed(measure_case, cases, workers, address), 1):
+    for done, (index, result) in enumerate(compute(measure_case, cases, workers, address), 1):
         results[index] = result
         if progress:
             progress(done, len(cases))
@@ -68,7 +69,20 @@ def sweep(
     columns: dict[str, list[Any]] = {name: [row[name] for row, _ in repeated] for name in names}
     columns |= {"seed": [seed for _, seed in repeated]}
     columns |= {name: [result[name] for result in results] for name in measures}
-    return pa.table(columns)
+    units = _units(names, measures, composed_scenario(scenario, {"profile": settings.get("profile")}))
+    table = pa.table(columns)
+    fields = [field.with_metadata({"unit": units.get(field.name, "1")}) for field in table.schema]
+    return table.cast(pa.schema(fields))
+
+
+def _units(names: Sequence[str], measures: Sequence[str], scenario: Scenario) -> dict[str, str]:
+    """Units of parameters in a sample, and of measures, by name."""
+    controller = scenario.settings.new_controller().parameters
+    units = {name: scenario.rig.measure(name).unit or "1" for name in measures}
+    for name in names:
+        short = name.removeprefix(_CONTROLLER)
+        units[name] = (controller[short] if name.startswith(_CONTROLLER) else scenario.plant[name]).unit
+    return units
 
 
 def measure_case(case: Case) -> dict[str, float | str]:

@@ -1,51 +1,69 @@
-"""Sweep: a scenario simulated again and again, with other seeds and along one parameter of the plant."""
+"""Sweep of the command: a scenario simulated again and again, with other seeds and along one parameter of the plant."""
 
 import csv
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
-from clutch_hil.bench.limits import judged
+from clutch_hil.bench.label import Label
 from clutch_hil.bench.recording import run_path, writable
 from clutch_hil.bench.result import Result
-from clutch_hil.bench.simulate import Simulation
+from clutch_hil.bench.scenario import Scenario
+from clutch_hil.bench.study import sweep
 from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
 from protocols.files.run import whole_file
 
+_FOLLOWING = ("regime_error_nm", "rise_time_s")
 
-def sweep(simulation: Simulation, vary: str | None, seeds: int, progress: Callable[[int, int], None]) -> Result:
+
+def sweep_to_csv(
+    scenario: Scenario,
+    settings: Mapping[str, Any],
+    vary: str | None,
+    seeds: int,
+    progress: Callable[[int, int], None] | None = None,
+    workers: int | None = None,
+    address: str | None = None,
+) -> Result:
     """Simulate for every value of `vary` (`NAME=LOW:HIGH:COUNT`, a plant parameter) and `seeds` seeds; write a CSV.
 
-    The file has the rig's `figures` of every run. Good when the first of them is a number in every run, or, of a scenario with
-    limits, when all of them hold in every run.
+    The file has the rig's `figures` of every run. `scenario` was made with `settings`, fields of RunSettings. `workers`,
+    `address` and `progress` are those of `clutch_hil.sweep`. Good when the first figure is a number in every run, or, of a scenario
+    with limits, when all of them hold in every run. Raises InputError.
     """
-    scenario, settings = simulation.scenario, simulation.scenario.settings
-    writable(settings.out)
-    figures = {figure: scenario.rig.measure(figure) for figure in scenario.rig.figures}
-    name, values = parsed_range(vary, scenario.plant) if vary else ("seed", [float("nan")])
-    rows, good = [], []
-    for i, value in enumerate(values):
-        changed = scenario.plant.with_values({name: value}) if vary else scenario.plant
-        for k in range(seeds):
-            columns = simulation.play(changed, settings.seed + k).columns()
-            measured = [figure.of(columns) for figure in figures.values()]
-            rows.append((value, settings.seed + k, *measured))
-            held = [judgement.holds for judgement in judged(scenario.limits, columns)]
-            good.append(all(held) if held else not np.isnan(measured[0]))
-            progress(i * seeds + k + 1, len(values) * seeds)
-    path = run_path(settings.out, f"{scenario.name}-sweep", ".csv")
+    writable(scenario.settings.out)
+    figures = scenario.rig.figures
+    name, values = parsed_range(vary, scenario.plant) if vary else ("-", [float("nan")])
+    table = sweep(
+        [{name: value} for value in values] if vary else [{}],
+        scenario.path,
+        seeds=range(scenario.settings.seed, scenario.settings.seed + seeds),
+        measures=tuple(dict.fromkeys((*figures, *(limit.measure for limit in scenario.limits)))),
+        workers=workers,
+        address=address,
+        progress=progress,
+        **{key: value for key, value in settings.items() if key not in ("seed", "out")},
+    )
+    runs = table.to_pylist()
+    rows = [(run.get(name, float("nan")), run["seed"], *(run[figure] for figure in figures)) for run in runs]
+    path = run_path(scenario.settings.out, f"{scenario.name}-sweep", ".csv")
     with whole_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
-        csv.writer(file).writerows([(name if vary else "-", "seed", *figures), *rows])
-    lines = [f"read:  {simulation}, {len(rows)} runs in one process", f"wrote: {path}"]
-    table = np.array(rows)
-    for value in values:
-        of_value = table[np.isnan(table[:, 0]) if np.isnan(value) else table[:, 0] == value]
+        csv.writer(file).writerows([(name, "seed", *figures), *rows])
+    lines = [f"read:  {Label.of(scenario).read(scenario.duration)}, {len(rows)} runs", f"wrote: {path}"]
+    for value, of_value in zip(values, np.array(rows).reshape(len(values), seeds, -1), strict=True):
         label = f"{name} = {value:<10.5g}" if vary else "all seeds"
         spreads = (
-            _spread(figure, measure.unit, of_value[:, k]) for k, (figure, measure) in enumerate(figures.items(), 2)
+            _spread(figure, scenario.rig.measure(figure).unit, of_value[:, k]) for k, figure in enumerate(figures, 2)
         )
         lines.append(f"{label}  {', '.join(spreads)}")
+    good = [
+        all(limit.judge_value(run[limit.measure]).holds for limit in scenario.limits)
+        if scenario.limits
+        else not np.isnan(run[figures[0]])
+        for run in runs
+    ]
     missed = f"{good.count(False)} {'broke a limit' if scenario.limits else scenario.rig.missed}"
     verdict = f"{len(rows)} runs, {missed}"
     document = {"sweep": str(path), "runs": [list(map(float, row)) for row in rows], "verdict": verdict}

@@ -4,7 +4,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from math import inf
@@ -18,10 +18,10 @@ from clutch_hil.bench.label import Label
 from clutch_hil.bench.metadata import run_metadata
 from clutch_hil.bench.recording import Recording, run_path, writable
 from clutch_hil.bench.result import Result
-from clutch_hil.bench.scenario import Scenario, naming
+from clutch_hil.bench.scenario import Scenario, load_scenario, naming
 from clutch_hil.bench.sealed import SealedRecording
 from clutch_hil.bench.services import TOLD_ELSEWHERE, Services, say
-from clutch_hil.bench.settings import MANUAL
+from clutch_hil.bench.settings import MANUAL, RunSettings
 from clutch_hil.bench.status import StatusLine
 from protocols.buses.bus import open_bus, resolve
 from protocols.can.two_clutches import CONTROLLERS
@@ -30,7 +30,7 @@ from protocols.realtime.child import clutch_hil, spawn
 from protocols.realtime.ring import RingReader
 from protocols.realtime.stopping import Stop
 
-_POLL = 0.05  # s between looks at the rings
+POLL = 0.05  # s between looks at the rings, which keep seconds
 _VIEWER_END = 5.0  # s for a viewer to end once asked
 
 
@@ -65,8 +65,20 @@ class Bench:
 
     def run(self, quiet: bool = False) -> Result:
         """Run to the end of the profile or Ctrl-C. Raises InputError; nothing half-written is left then."""
-        scenario, settings = self.scenario, self.scenario.settings
-        with naming(scenario.path):
+        with Stop() as stop, self.start(stop, say) as session:
+            self._watch(session, stop, quiet)
+            timing = session.finish(interrupted=stop.asked)
+        result: Result = self.scenario.rig.judge(session.path, session.read, self.scenario.limits, timing)
+        return result
+
+    @contextmanager
+    def start(self, stop: Stop, tell: Callable[[str], None]) -> Iterator["Session"]:
+        """Start the services and a run file; leaving the block ends what still runs, and removes a file that is not finished.
+
+        `tell` takes what the services say until they have started. Raises InputError, InterruptionError when `stop` is asked.
+        """
+        settings = self.scenario.settings
+        with naming(self.scenario.path):
             what, duration = self._demand()
             settings.new_controller()  # bad settings of the controller are told before anything starts
         bus = resolve(self.bus)
@@ -76,34 +88,16 @@ class Bench:
         try:
             with (
                 TemporaryDirectory() as folder,
-                Stop() as stop,
                 Services(self._commands(bus, sorted(cpus), Path(folder))) as services,
                 self._viewing(bus),
             ):
-                rings = services.rings(stop, say)
-                began = time.monotonic()
+                rings = services.rings(stop, tell)
                 path = run_path(settings.out, self.label.name)
+                read = f"{what}, bus {bus}, {settings.rate} Hz"
                 with self._recording(path, rings) as recording:
-                    self._watch(services, rings, recording, stop, duration, quiet)
-                    elapsed = time.monotonic() - began
-                    timing = services.end()
-                    plant, *controllers = [ring.read() for ring in rings]
-                    recording.add(_until(duration, plant), *controllers)
-                    timing["interrupted"] = stop.asked
-                    timing["record_rows_lost"] = sum(ring.lost for ring in rings)
-                    if self.lockstep:
-                        timing["speed"] = timing["plant"]["samples"] / settings.rate / elapsed
-                    mode = {"mode": "lock-step" if self.lockstep else "real time"}
-                    metadata = self._metadata(timing)
-                    metadata |= {"settings": settings.as_text() | mode, "bus": bus, "interrupted": stop.asked}
-                    metadata |= {"parameter_changes": _changes(timing)}
-                    metadata |= {"scenario": scenario.name, "timing": timing}
-                    recording.finish(metadata)
+                    yield Session(self, bus, read, duration, services, rings, recording)
         finally:
             os.sched_setaffinity(0, cpus)
-        read = f"{what}, bus {bus}, {settings.rate} Hz"
-        result: Result = scenario.rig.judge(path, read, scenario.limits, timing)
-        return result
 
     def _recording(self, path: Path, rings: Sequence[RingReader]) -> Recording:
         plant, *controllers = (ring.columns for ring in rings)
@@ -163,7 +157,7 @@ class Bench:
         common += ([] if self.telemetry else ["--no-telemetry"]) + _option("--router", self.router)
         plant = ["--rig", rig.name, "--seed", str(settings.seed), *_option("--temperature", settings.temperature)]
         plant += ["--profile", settings.profile, *_option("--seconds", settings.seconds)]
-        plant += _option("--scenario", scenario.path) + _option("--parameters", settings.plant_parameters)
+        plant += _option("--scenario", scenario.path) + _option("--parameters", self._plant_file(folder))
         plant += ["--blind"] if self.blind else []
         controller = ["--law", settings.law, "--adaptation" if settings.adaptation else "--no-adaptation"]
         controller += [*_option("--parameters", settings.controller_file(folder)), *self.pace]
@@ -173,30 +167,91 @@ class Bench:
         }
         return {"plant": ["plant", *common, *plant], **controllers}
 
-    def _watch(
+    def _plant_file(self, folder: Path) -> Path | None:
+        """A file of what changes the plant beside the scenario's file, for its process; a new one is in `folder`."""
+        scenario, settings = self.scenario, self.scenario.settings
+        if scenario.plant.as_values() == self._plant_read(settings.plant_parameters):
+            return settings.plant_parameters
+        shipped, path = self._plant_read(None), folder / "plant.toml"
+        changed = {name: value for name, value in scenario.plant.as_values().items() if value != shipped[name]}
+        path.write_text("".join(f"{name} = {value!r}\n" for name, value in changed.items()), encoding="utf-8")
+        return path
+
+    def _plant_read(self, changed: Path | None) -> Mapping[str, float]:
+        """The plant's parameters as its process reads them from the scenario's file and the file `changed`."""
+        scenario = self.scenario
+        if scenario.path:
+            return load_scenario(str(scenario.path), {"plant_parameters": changed}).plant.as_values()
+        return Scenario.of(RunSettings(plant_parameters=changed), scenario.rig.name).plant.as_values()
+
+    def _watch(self, session: "Session", stop: Stop, quiet: bool) -> None:
+        """Step a session and show how it goes until the run ends or somebody stops it."""
+        with self._status(session.rings, session.duration, quiet) as status:
+            while not (stop.asked or session.over):
+                plant, controller, *_ = session.step()
+                for line in session.news():
+                    status.note(line)
+                status.show(plant, controller)
+                if not session.over:
+                    time.sleep(POLL)
+
+
+class Session:
+    """A bench that runs: the services, and their rows on the way into the run file at `path`.
+
+    `read` says what is run, for people; `duration` [s] of the profile, infinite where the demand comes from the bus.
+    """
+
+    def __init__(
         self,
+        bench: Bench,
+        bus: str,
+        read: str,
+        duration: float,
         services: Services,
         rings: Sequence[RingReader],
         recording: Recording,
-        stop: Stop,
-        duration: float,
-        quiet: bool,
     ) -> None:
-        """Move rows from the rings to the recording and the status line until the run ends or somebody stops it."""
-        with self._status(rings, duration, quiet) as status:
-            while not stop.asked:
-                ended = services.ended()
-                if ended and not self.lockstep:
-                    raise InputError(f"the {ended[0]} ended before the profile did: somebody stopped it")
-                plant, *controllers = [ring.read() for ring in rings]
-                recording.add(_until(duration, plant), *controllers)
-                for name, line in services.said():
-                    if not line.startswith(TOLD_ELSEWHERE):
-                        status.note(f"{name}: {line}")
-                status.show(plant, controllers[0])
-                if len(ended) == len(rings) or (len(plant) and plant[-1, 0] >= duration):
-                    return
-                time.sleep(_POLL)
+        self.bus, self.read, self.duration, self.rings, self.path = bus, read, duration, rings, recording.path
+        self.over = False  # whether the profile has come to its end
+        self._bench, self._services, self._recording = bench, services, recording
+        self._began = time.monotonic()
+
+    def step(self) -> list[np.ndarray]:
+        """Move new rows into the run file; return them, shape (rows, columns) of the plant, then of each controller.
+
+        To be called every POLL. Raises InputError when a service has failed or was stopped.
+        """
+        ended = self._services.ended()
+        if ended and not self._bench.lockstep:
+            raise InputError(f"the {ended[0]} ended before the profile did: somebody stopped it")
+        plant, *controllers = [ring.read() for ring in self.rings]
+        self._recording.add(_until(self.duration, plant), *controllers)
+        self.over = len(ended) == len(self.rings) or bool(len(plant) and plant[-1, 0] >= self.duration)
+        return [plant, *controllers]
+
+    def news(self) -> list[str]:
+        """What the services have said since the last call, for people."""
+        return [f"{name}: {line}" for name, line in self._services.said() if not line.startswith(TOLD_ELSEWHERE)]
+
+    def finish(self, interrupted: bool) -> dict[str, Any]:
+        """Stop the services, finish the run file; return what the services' clocks and ports say. Raises InputError."""
+        bench, scenario, settings = self._bench, self._bench.scenario, self._bench.scenario.settings
+        elapsed = time.monotonic() - self._began
+        timing = self._services.end()
+        plant, *controllers = [ring.read() for ring in self.rings]
+        self._recording.add(_until(self.duration, plant), *controllers)
+        timing["interrupted"] = interrupted
+        timing["record_rows_lost"] = sum(ring.lost for ring in self.rings)
+        if bench.lockstep:
+            timing["speed"] = timing["plant"]["samples"] / settings.rate / elapsed
+        mode = {"mode": "lock-step" if bench.lockstep else "real time"}
+        metadata = bench._metadata(timing)
+        metadata |= {"settings": settings.as_text() | mode, "bus": self.bus, "interrupted": interrupted}
+        metadata |= {"parameter_changes": _changes(timing)}
+        metadata |= {"scenario": scenario.name, "timing": timing}
+        self._recording.finish(metadata)
+        return timing
 
 
 def _changes(timing: dict[str, Any]) -> list[dict[str, Any]]:

@@ -4,11 +4,8 @@ import typer
 
 from clutch_hil.command import report
 from clutch_hil.commands.options import BUS, JSON
+from clutch_hil.live.course import PRESSURE_RAMP, SPEED, TORQUE_RAMP
 from protocols.errors import InputError
-
-_SPEED = 10.47  # rad/s, 100 rpm: where the profile `engagement` begins
-_RAMP = 40.0  # Nm/s: as the profile `engagement` rises
-_PRESSURE_RAMP = 4.0  # bar/s: as the experiments rise (clutch_hil/bench/experiments.py)
 
 
 def register(app: typer.Typer) -> None:
@@ -18,12 +15,12 @@ def register(app: typer.Typer) -> None:
 
 def demand(
     torque: float | None = typer.Argument(None, help="torque to hold [Nm]"),
-    speed: float | None = typer.Option(None, help=f"speed of the motor, either way, in rad/s; {_SPEED:g} if not given"),
+    speed: float | None = typer.Option(None, help=f"speed of the motor, either way, in rad/s; {SPEED:g} if not given"),
     seconds: float | None = typer.Option(None, help="how long; until Ctrl-C, or to the profile's end, if not given"),
     pressure: float | None = typer.Option(None, help="cylinder pressure to hold instead of a torque, in bar"),
     lock: bool = typer.Option(False, "--lock", help="close the clutch totally instead: carry what is applied"),
     ramp: float | None = typer.Option(
-        None, help=f"rise of the demand; {_RAMP:g} Nm/s or {_PRESSURE_RAMP:g} bar/s if not given"
+        None, help=f"rise of the demand; {TORQUE_RAMP:g} Nm/s or {PRESSURE_RAMP:g} bar/s if not given"
     ),
     profile: str | None = typer.Option(None, help="name of a profile, or a CSV file, instead of TORQUE"),
     bus: str = BUS,
@@ -37,11 +34,11 @@ def demand(
     if len(given) != 1:
         told = " and ".join(given) or "none of them"
         raise InputError(f"demand needs one of TORQUE, --pressure, --lock and --profile; given are {told}")
-    at_speed = _SPEED if speed is None else speed
+    at_speed = SPEED if speed is None else speed
     if torque is not None:
-        asked = torque_profile(torque, at_speed, seconds, _RAMP if ramp is None else ramp)
+        asked = torque_profile(torque, at_speed, seconds, TORQUE_RAMP if ramp is None else ramp)
     elif pressure is not None:
-        asked = pressure_profile(pressure, at_speed, seconds, _PRESSURE_RAMP if ramp is None else ramp)
+        asked = pressure_profile(pressure, at_speed, seconds, PRESSURE_RAMP if ramp is None else ramp)
     elif lock:
         if ramp is not None:
             raise InputError(f"demand was given --lock and --ramp {ramp:g}; a ramp is for a TORQUE or a --pressure")

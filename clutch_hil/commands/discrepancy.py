@@ -1,5 +1,7 @@
 """The command `discrepancy`: where runs and model disagree, what is missing, and the model with it added."""
 
+import shlex
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -7,7 +9,6 @@ import typer
 from typer.core import TyperCommand
 
 from clutch_hil.command import report
-from protocols.errors import InputError, listing
 
 if TYPE_CHECKING:
     from clutch_hil.discrepancy.result import Result
@@ -55,52 +56,19 @@ def discrepancy(
     """Find where runs and simulation disagree, name the missing effect, add it, show the gap on runs that were not fitted."""
     from clutch_hil.bench.progress import progress_bar
     from clutch_hil.bench.recording import writable
-    from clutch_hil.discrepancy.models.named import model_named, read_evidence, recalibrated
-    from clutch_hil.discrepancy.outcome import concluded
+    from clutch_hil.discrepancy.outcome import find_discrepancy
 
-    known = model_named(rig, model)
-    if calibration is not None:
-        known = recalibrated(known, calibration)
     names = [name.strip() for name in effects.split(",") if name.strip()]
-    _check_paths(runs, holdout)
-    fitted = {str(path): read_evidence(path, known) for path in runs}
-    held = {str(path): read_evidence(path, known) for path in holdout}
     writable(out)
     with progress_bar("discrepancy", json_output) as progress:
-        result, files = concluded(
-            known, rig, model, fitted, held, names or None, out, lambda what, share: progress(round(100 * share), 100)
-        )
+        found = find_discrepancy(
+            runs, holdout, rig=rig, model=model, calibration=calibration, effects=names or None,
+            progress=lambda what, share: progress(round(100 * share), 100),
+        )  # fmt: skip
+        files = found.write(out, shlex.join(["clutch-hil", *sys.argv[1:]]))
     read, wrote = (", ".join(map(str, paths)) for paths in ((*runs, *holdout), files))
-    text = "\n".join([_told(result), f"read:    {read}", f"wrote:   {wrote}"])
-    report(result.as_json(), text, verdict_line(result), True, json_output)
-
-
-def _check_paths(runs: list[Path], holdout: list[Path]) -> None:
-    seen: set[Path] = set()
-    for path in (*runs, *holdout):
-        if (resolved := path.resolve()) in seen:
-            raise InputError(f"run {path} is given twice; each run is fitted or held out, once")
-        seen.add(resolved)
-
-
-def verdict_line(result: "Result") -> str:
-    """The verdict as one line."""
-    sure = f"confidence {result.confidence:.2f}"
-    if result.verdict == "named":
-        named = f"named: {' + '.join(result.effects)} ({sure})"
-        if (column := result.main_output) is None:
-            return named
-        gap = result.gap[column]
-        return (
-            f"{named}; {column} on runs not fitted: {gap.before:.3g} before, {gap.after:.3g} after,"
-            f" floor {gap.floor:.3g} {result.units[column]}"
-        )
-    if result.verdict == "one_of":
-        return f"one of {' | '.join(listing(group) for group in result.alternatives)} ({sure})"
-    if result.verdict == "none_of_these":
-        what = (result.surrogate or {}).get("sentence", "something is missing that no candidate explains")
-        return f"none of these: {what} ({sure})"
-    return f"nothing missing ({sure})"
+    text = "\n".join([_told(found.result), f"read:    {read}", f"wrote:   {wrote}"])
+    report(found.result.as_json(), text, str(found), True, json_output)
 
 
 def _told(result: "Result") -> str:

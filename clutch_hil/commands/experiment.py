@@ -1,6 +1,7 @@
 """The command `experiment`: plays experiments on the live plant and records them; one that a report proposes is decided on."""
 
 import shlex
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -131,15 +132,14 @@ def _played(laboratory: "Laboratory", experiments: "Sequence[Experiment]", quiet
 def _decide(before: "Report", run: Path, out: Path, json_output: bool) -> None:
     """Decide again with `run`, and tell."""
     from clutch_hil.bench.progress import progress_bar
-    from clutch_hil.commands.discrepancy import verdict_line
-    from clutch_hil.discrepancy.follow_up import decided_again
+    from clutch_hil.discrepancy.follow_up import decide_again
 
     with progress_bar("decide again", json_output) as progress:
-        result, files = decided_again(before, run, out, progress)
-    told = f"{verdict_line(result)}; before: {before.verdict}"
+        found, files = decide_again(before, run, out, progress, shlex.join(["clutch-hil", *sys.argv[1:]]))
+    told = f"{found}; before: {before.verdict}"
     lines = [
         f"read:    {before.path}, {len(before.runs) + len(before.held_out)} runs, experiment {before.experiment.name}"
     ]
     lines += [f"{'wrote:' if not i else '':<9}{path}" for i, path in enumerate((run, *files))]
-    document = result.as_json() | {"run": str(run), "wrote": list(map(str, files)), "before": before.verdict}
+    document = found.result.as_json() | {"run": str(run), "wrote": list(map(str, files)), "before": before.verdict}
     report(document, "\n".join(lines), told, True, json_output)

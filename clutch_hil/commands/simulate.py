@@ -42,6 +42,8 @@ def simulate(
     seed: int | None = SEED,
     seeds: int = typer.Option(1, help="number of seeds; more than one is a sweep", min=1),
     vary: str | None = typer.Option(None, help="plant parameter to sweep, NAME=LOW:HIGH:COUNT"),
+    workers: int | None = typer.Option(None, help="processes of a sweep; one for each CPU if not given", min=1),
+    dask: str | None = typer.Option(None, help="Dask scheduler that computes a sweep, such as tcp://host:8786"),
     temperature: float | None = TEMPERATURE,
     law: str | None = LAW,
     adaptation: bool | None = ADAPTATION,
@@ -55,7 +57,7 @@ def simulate(
     from clutch_hil.bench.scenario import chosen_scenario, shipped
     from clutch_hil.bench.simulate import Simulation
     from clutch_hil.bench.suite import run_one, run_suite
-    from clutch_hil.bench.sweep import sweep
+    from clutch_hil.bench.sweep import sweep_to_csv
 
     if every and names:
         raise InputError(f"simulate was given {names[0]!r} and --all; allowed is one of them")
@@ -70,9 +72,11 @@ def simulate(
     if swept and (len(chosen) > 1 or blind or junit):
         other = "--blind" if blind else "--junit" if junit else f"{len(chosen)} scenarios"
         raise InputError(f"a sweep was asked for and {other}; allowed is one of them")
+    if not swept and (workers or dask):
+        raise InputError(f"{'--workers' if workers else '--dask'} is for a sweep; --seeds or --vary asks for one")
     with progress_bar("simulate", json_output) as progress:
         if swept:
-            result = sweep(Simulation(chosen[0]), vary, seeds, progress)
+            result = sweep_to_csv(chosen[0], given, vary, seeds, progress, workers, dask)
         elif len(chosen) == 1:
             single = Simulation(chosen[0], blind)
             result = run_one(single.label, lambda: single.run(progress), junit)

@@ -12,7 +12,7 @@ from clutch_hil.discrepancy.experiment import Experiment
 from protocols.errors import InputError
 
 if TYPE_CHECKING:
-    from clutch_hil.discrepancy.result import Result
+    from clutch_hil.discrepancy.outcome import Discrepancy
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Report:
         document = _document(path)
         if (rig := document.get("rig")) not in (playable := rigs_with_model()):
             raise InputError(f"report {path} is of the rig {rig!r}; experiments can be played on {', '.join(playable)}")
-        experiment = _experiment(path, document.get("experiment"))
+        experiment = proposed_experiment(f"report {path}", document.get("experiment"))
         hashes = document.get("runs")
         if not isinstance(hashes, Mapping) or not hashes:
             raise InputError(f"report {path} names no runs; write it anew with clutch-hil discrepancy")
@@ -71,30 +71,32 @@ def _document(path: Path) -> Mapping[str, Any]:
     return document
 
 
-def _experiment(path: Path, proposed: Any) -> Experiment:
+def proposed_experiment(source: str, proposed: Any) -> Experiment:
+    """The experiment that the entry `experiment` of a result proposes; `source` names the result. Raises InputError."""
     if not isinstance(proposed, Mapping):
-        raise InputError(f"report {path} proposes no experiment: its verdict waits for none")
+        raise InputError(f"{source} proposes no experiment: its verdict waits for none")
     if not proposed.get("profile"):
-        raise InputError(
-            f"report {path} proposes no experiment: {proposed.get('why', 'none separates the alternatives')}"
-        )
+        raise InputError(f"{source} proposes no experiment: {proposed.get('why', 'none separates the alternatives')}")
     settings = proposed.get("settings", {})
     try:
         return Experiment(str(proposed["profile"]), float(settings["temperature"]), int(settings["rate"]))
     except (KeyError, TypeError, ValueError):
         raise InputError(
-            f"report {path}: settings of the experiment are {settings!r}; needed are temperature and rate"
+            f"{source}: settings of the experiment are {settings!r}; needed are temperature and rate"
         ) from None
 
 
-def decided_again(
-    report: Report, new: Path, out: Path, progress: Callable[[float, int], None]
-) -> tuple["Result", list[Path]]:
-    """The result with the run `new` among the evidence of `report`, and the files that were written into `out`."""
-    from clutch_hil.discrepancy.models.named import model_named, read_evidence
-    from clutch_hil.discrepancy.outcome import concluded
+def decide_again(
+    report: Report, new: Path, out: Path, progress: Callable[[float, int], None], command: str
+) -> tuple["Discrepancy", list[Path]]:
+    """What is found with the run `new` among the evidence of `report`, and the files that were written into `out`.
 
-    known = model_named(report.rig, report.model)
-    runs = {str(path): read_evidence(path, known) for path in (*report.runs, new)}
-    held_out = {str(path): read_evidence(path, known) for path in report.held_out}
-    return concluded(known, report.rig, report.model, runs, held_out, None, out, lambda what, share: progress(share, 1))
+    `command` is what was typed. Raises InputError.
+    """
+    from clutch_hil.discrepancy.outcome import find_discrepancy
+
+    found = find_discrepancy(
+        [*report.runs, new], report.held_out, rig=report.rig, model=report.model,
+        progress=lambda what, share: progress(share, 1),
+    )  # fmt: skip
+    return found, found.write(out, command)

@@ -1,23 +1,29 @@
 """Laboratory: plays experiments on a live plant over CAN and records them, on a bench of its own or on one that runs."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Protocol
 
+from clutch_hil.bench.in_memory import Values, composed_scenario
 from clutch_hil.bench.recording import run_path, writable
 from clutch_hil.bench.rig import rig_named
 from clutch_hil.bench.run_file import read_run
 from clutch_hil.bench.scenario import Scenario, load_scenario
 from clutch_hil.bench.settings import RunSettings
 from clutch_hil.bench.up import Bench
+from clutch_hil.command import checked_rate
 from clutch_hil.discrepancy.blind import drawn
 from clutch_hil.discrepancy.experiment import Experiment, Experimenting
+from clutch_hil.discrepancy.follow_up import proposed_experiment
+from clutch_hil.discrepancy.models.wet_clutch_experiments import find
+from clutch_hil.live.live_bench import LiveBench
 from plant_sim.profiles.profile import load_profile
 from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError
+from protocols.files.run import Run
 from protocols.realtime.stopping import Stop
 
 
@@ -41,12 +47,7 @@ class OwnBench:
 
     def play(self, experiment: Experiment, number: int, quiet: bool) -> Path:
         """See `Laboratory`; each number has noise of its own."""
-        given = self.scenario.settings
-        settings = replace(
-            given, seed=given.seed + number, profile=experiment.profile, seconds=None, rate=experiment.rate,
-            temperature=experiment.temperature,
-        )  # fmt: skip
-        played = replace(self.scenario, name=experiment.name, settings=settings, limits=())
+        played = _scenario(self.scenario, experiment, number)
         document = Bench(played, self.bus, self.lockstep, telemetry=False, blind=self.blind).run(quiet).document
         return _sound(experiment, Path(document["run"]), document["interrupted"])
 
@@ -74,6 +75,48 @@ class RunningBench:
         with Stop() as stop:
             recorded = record(path, self.bus, None, 0.0, stop, lambda text: None, self.blind)
         return _sound(experiment, next(iter(recorded.files)), document["interrupted"])
+
+
+def play_experiment(
+    experiment: str | Mapping[str, Any] | None,
+    scenario: str | Path | None = None,
+    *,
+    bus: str = "auto",
+    lockstep: bool = True,
+    rate: int | None = None,
+    seed: int | None = None,
+    plant_parameters: str | Path | None = None,
+    plant: Values | None = None,
+    effects: Iterable[str] | Mapping[str, Values] = (),
+) -> Run:
+    """Play an experiment on the wet-clutch bench over CAN, as `clutch-hil experiment` does, and return its run.
+
+    `experiment` is a name, such as crawl-45 (`clutch-hil experiment --list` has them), or what a result proposes,
+    `find_discrepancy(...).result.experiment`. The plant under test is that of a `scenario`, changed as `simulate` does it.
+    `rate` [Hz] replaces the experiment's own; `lockstep` plays it as fast as the machine allows, else in real time.
+
+    Columns have shape (samples,); nothing is written. Raises InputError, also for a run that ended in a fault: no evidence.
+    """
+    named = find(experiment) if isinstance(experiment, str) else proposed_experiment("the result", experiment)
+    settings = {"plant_parameters": plant_parameters, "seed": seed}
+    under_test = composed_scenario(scenario, settings, plant, effects=effects)
+    played = named.at_rate(None if rate is None else checked_rate(rate))
+    with LiveBench(_scenario(under_test, played, 0), bus, lockstep) as bench:
+        bench.wait()
+        run = bench.stop()
+    if (fault := under_test.rig.measure("fault").of(run.columns)) != "none":
+        raise InputError(f"experiment {played.name} ended in a fault ({fault}); its run is no evidence")
+    return run
+
+
+def _scenario(under_test: Scenario, experiment: Experiment, number: int) -> Scenario:
+    """An experiment of this `number`, which has noise of its own, with the plant of a scenario."""
+    given = under_test.settings
+    settings = replace(
+        given, seed=given.seed + number, profile=experiment.profile, seconds=None, rate=experiment.rate,
+        temperature=experiment.temperature,
+    )  # fmt: skip
+    return replace(under_test, name=experiment.name, settings=settings, limits=())
 
 
 @contextmanager

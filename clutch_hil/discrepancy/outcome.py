@@ -1,40 +1,126 @@
-"""Outcome: a search over recorded runs, and everything that is written of it."""
+"""Outcome: what a model lacks to explain recorded runs, as it is found from Python and by the command; written on request."""
 
-import shlex
-import sys
+import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from clutch_hil.bench.recording import writable
 from clutch_hil.bench.sealed import checksum
 from clutch_hil.discrepancy.inquiry import Progress
 from clutch_hil.discrepancy.model import Columns, Model
 from clutch_hil.discrepancy.model_file import read_model, write_model
-from clutch_hil.discrepancy.models.named import declared, model_named
+from clutch_hil.discrepancy.models.named import declared, evidence, model_named, read_evidence, recalibrated, required
 from clutch_hil.discrepancy.regimes import Regimes
 from clutch_hil.discrepancy.report import write_report
-from clutch_hil.discrepancy.result import Result
+from clutch_hil.discrepancy.result import NAMED, NONE_OF_THESE, ONE_OF, Result
 from clutch_hil.discrepancy.search import investigate
+from protocols.errors import InputError, listing
+from protocols.files.run import Run
+
+_MODEL_FILE = "model.toml"
 
 
-def concluded(
-    known: Model,
-    rig: str,
-    model: Path | None,
-    runs: Mapping[str, Columns],
-    held_out: Mapping[str, Columns],
-    names: Sequence[str] | None,
-    out: Path,
-    progress: Progress,
-) -> tuple[Result, list[Path]]:
-    """What is missing in `known`, the model of `rig` as changed by the file `model`, to explain `runs`, by path; and the files
-    below `out` that say so. `names` restricts the candidates. Raises InputError."""
-    result = investigate(known, runs, held_out, names, progress)
-    hashes = {name: checksum(Path(name)) for name in (*runs, *held_out)}
-    result = replace(result, hashes=hashes, holdout=list(held_out), model=str(model) if model else None)
-    shipped = declared(model_named(rig))
-    write_model(result, shipped, out / "model.toml", read_model(model, shipped) if model else None)
-    start = {name: p.value for name, p in known.parameters.items()}
-    regimes = Regimes(known, [*runs.values(), *held_out.values()], start)
-    files = write_report(result, out, regimes, shlex.join(["clutch-hil", *sys.argv[1:]]))
-    return result, [*files, out / "model.toml"]
+@dataclass(frozen=True)
+class Discrepancy:
+    """What a search found. `result` has all of it: verdict, effects, confidence, where they disagree, parameters with
+    intervals, gaps, and `experiment`, the one that is proposed, or None. `str` gives the verdict in a line.
+
+    `known`: the model that was searched, of this `rig`, as changed by the file `model`.
+    """
+
+    result: Result
+    known: Model
+    rig: str
+    model: Path | None
+
+    def __str__(self) -> str:
+        """The verdict, one line."""
+        result = self.result
+        sure = f"confidence {result.confidence:.2f}"
+        if result.verdict == NAMED:
+            named = f"named: {' + '.join(result.effects)} ({sure})"
+            if (column := result.main_output) is None:
+                return named
+            gap = result.gap[column]
+            return (
+                f"{named}; {column} on runs not fitted: {gap.before:.3g} before, {gap.after:.3g} after,"
+                f" floor {gap.floor:.3g} {result.units[column]}"
+            )
+        if result.verdict == ONE_OF:
+            return f"one of {' | '.join(listing(group) for group in result.alternatives)} ({sure})"
+        if result.verdict == NONE_OF_THESE:
+            what = (result.surrogate or {}).get("sentence", "something is missing that no candidate explains")
+            return f"none of these: {what} ({sure})"
+        return f"nothing missing ({sure})"
+
+    def write(self, folder: str | Path, command: str = "") -> list[Path]:
+        """Write report.html, report.json, model.toml, atlas.png, gap.png and evidence.rrd into `folder`; return their paths.
+
+        `command` is what the report says was typed. Raises InputError naming a file that cannot be written.
+        """
+        folder = writable(Path(folder))
+        shipped = declared(model_named(self.rig))
+        started = read_model(self.model, shipped) if self.model else None
+        write_model(self.result, shipped, folder / _MODEL_FILE, started)
+        start = {name: p.value for name, p in self.known.parameters.items()}
+        regimes = Regimes(self.known, [trace.columns for trace in self.result.traces], start)
+        return [*write_report(self.result, folder, regimes, command), folder / _MODEL_FILE]
+
+
+def find_discrepancy(
+    runs: Sequence[Run | str | Path],
+    held_out: Sequence[Run | str | Path] = (),
+    *,
+    rig: str = "wet_clutch",
+    model: str | Path | None = None,
+    calibration: float | None = None,
+    effects: Sequence[str] | None = None,
+    progress: Progress = lambda what, share: None,
+) -> Discrepancy:
+    """Find where runs and simulation disagree, and which effects the model lacks, as `clutch-hil discrepancy` does.
+
+    `runs` are fitted, the `held_out` ones judge; without any, whole runs are left out in turn. A run is one in memory or the
+    path of its file. `rig` is the name of a model or PATH.py:CLASS; `model` a model file to begin from; `calibration` how far
+    the baseline may be re-fitted, in stated uncertainties; `effects` the candidates, all of the rig's if None.
+    `progress(what, share)` is called now and then, share from 0 to 1.
+
+    It takes seconds to minutes; nothing is written until `Discrepancy.write`. Raises InputError.
+    """
+    if not runs:
+        raise InputError("a discrepancy was asked for without runs; one or more are needed")
+    changed = Path(model) if model is not None else None
+    known = model_named(rig, changed)
+    if calibration is not None:
+        known = recalibrated(known, calibration)
+    _check_paths([*runs, *held_out])
+    hashes: dict[str, str] = {}
+    fitted = _columns(runs, known, hashes)
+    held = _columns(held_out, known, hashes)
+    result = investigate(known, fitted, held, effects, progress)
+    result = replace(result, hashes=hashes, holdout=list(held), model=str(changed) if changed else None)
+    return Discrepancy(result, known, rig, changed)
+
+
+def _check_paths(runs: Sequence[Run | str | Path]) -> None:
+    """Raise InputError for a file that is given twice."""
+    seen: set[Path] = set()
+    for path in (Path(run) for run in runs if not isinstance(run, Run)):
+        if (resolved := path.resolve()) in seen:
+            raise InputError(f"run {path} is given twice; each run is fitted or held out, once")
+        seen.add(resolved)
+
+
+def _columns(runs: Sequence[Run | str | Path], model: Model, hashes: dict[str, str]) -> Mapping[str, Columns]:
+    """Columns of runs by path, or by number where they have none; their SHA-256 are added to `hashes`. Raises InputError."""
+    read: dict[str, Columns] = {}
+    for run in runs:
+        if isinstance(run, Run):
+            name = f"number {len(hashes) + 1}"
+            read[name] = evidence(Path(name), run, model)
+            content = b"".join(column.encode() + run.columns[column].tobytes() for column in required(model))
+            hashes[name] = hashlib.sha256(content).hexdigest()
+        else:
+            read[str(run)] = read_evidence(Path(run), model)
+            hashes[str(run)] = checksum(Path(run))
+    return read

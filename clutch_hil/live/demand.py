@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
+from clutch_hil.live.course import PRESSURE_RAMP, TORQUE_RAMP
 from clutch_hil.live.supervisor import RATE, Answer, Supervisor
 from plant_sim.profiles.profile import (
     FILL_PRESSURE,
@@ -34,25 +35,31 @@ _SHOWN_EVERY = 0.1  # s, on a terminal: as often as the controller's status come
 _PLAIN_EVERY = 2.0  # s between lines where the output is no terminal
 
 
-def torque_profile(torque: float, speed: float, seconds: float | None, ramp: float) -> Profile:
-    """A torque [Nm] reached with `ramp` [Nm/s] and held, at a motor speed [rad/s], for `seconds`, None for ever.
-
-    Raises InputError.
+def torque_profile(
+    torque: float, speed: float, seconds: float | None, ramp: float = TORQUE_RAMP, begin: float = 0.0
+) -> Profile:
+    """A torque [Nm] reached from `begin` [Nm] with `ramp` [Nm/s] and held, at a motor speed [rad/s], for `seconds`, None for
+    ever. Raises InputError.
     """
     _check("torque", torque, TORQUE_LIMIT, "Nm", speed, ramp)
-    rise = max(torque / ramp, 1.0 / RATE)
+    rise = max(abs(torque - begin) / ramp, 1.0 / RATE)
     times = 0.0, IDLE_FIRST, IDLE_FIRST + rise, FOREVER
-    profile = Profile(f"{torque:g} Nm", times, (0.0, 0.0, torque, torque), (speed,) * 4)
+    profile = Profile(f"{torque:g} Nm", times, (begin, begin, torque, torque), (speed,) * 4)
     return profile if seconds is None else profile.lasting(seconds)
 
 
-def pressure_profile(pressure: float, speed: float, seconds: float | None, ramp: float) -> Profile:
-    """A pressure [bar] reached with `ramp` [bar/s] from where the clutch is filled; the rest as in `torque_profile`."""
+def pressure_profile(
+    pressure: float, speed: float, seconds: float | None, ramp: float = PRESSURE_RAMP, begin: float = 0.0
+) -> Profile:
+    """A pressure [bar] reached with `ramp` [bar/s] and held, at a motor speed [rad/s], for `seconds`, None for ever.
+
+    It rises from `begin` [bar], and where that is 0 from the pressure at which the clutch is filled. Raises InputError.
+    """
     _check("pressure", pressure, PRESSURE_LIMIT, "bar", speed, ramp)
-    first, least = min(pressure, FILL_PRESSURE), 1.0 / RATE
-    begin = IDLE_FIRST + least
-    time = (0.0, IDLE_FIRST, begin, begin + max((pressure - first) / ramp, least), FOREVER)
-    profile = Profile(f"{pressure:g} bar", time, (0.0,) * 5, (speed,) * 5, (0.0, 0.0, first, pressure, pressure))
+    first, least = begin or min(pressure, FILL_PRESSURE), 1.0 / RATE
+    filled = IDLE_FIRST + least
+    time = (0.0, IDLE_FIRST, filled, filled + max(abs(pressure - first) / ramp, least), FOREVER)
+    profile = Profile(f"{pressure:g} bar", time, (0.0,) * 5, (speed,) * 5, (begin, begin, first, pressure, pressure))
     return profile if seconds is None else profile.lasting(seconds)
 
 

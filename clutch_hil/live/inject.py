@@ -27,6 +27,7 @@ def wanted(words: Sequence[str], off: bool, freeze: Sequence[str], bias: Sequenc
     """
     given: dict[str, dict[str, float]] = {}  # by effect
     values: dict[str, float] = {}
+    biases: dict[str, float] = {}
     for word in words:
         name, equals, text = word.removeprefix(_PLANT).partition("=")
         if not equals:
@@ -42,13 +43,31 @@ def wanted(words: Sequence[str], off: bool, freeze: Sequence[str], bias: Sequenc
             raise InputError(f"{word!r} stands before any effect; write EFFECT {word}, or GROUP.{word}")
         else:
             _put(list(given.values())[-1], name, _number(word, text))
-    parts = [effect_off(name) if off else effect_on(name, own) for name, own in given.items()]
-    parts += [sensor_frozen(sensor, not off) for sensor in freeze]
     for word in bias:
         sensor, equals, text = word.partition("=")
         if bool(equals) == off:
             raise InputError(f"--bias {word} is not possible; write --bias SENSOR=VALUE, or --bias SENSOR --off")
-        parts.append(sensor_bias(sensor, 0.0 if off else _number(word, text)))
+        _put(biases, sensor, 0.0 if off else _number(word, text))
+    return injection_values(given, values, freeze, biases, off)
+
+
+def injection_values(
+    effects: Mapping[str, Mapping[str, float]],
+    plant: Mapping[str, float],
+    freeze: Sequence[str],
+    bias: Mapping[str, float],
+    off: bool,
+) -> dict[str, float]:
+    """Values by dotted name that an injection sets. Raises InputError for a name that is unknown or given twice.
+
+    `effects`: their parameters by short name, typical strengths where none is given; `plant`: parameters by dotted name;
+    `freeze`: sensors that keep what they show; `bias`: what sensors show too much, in the unit of the effect. `off` switches
+    the effects off and releases the sensors.
+    """
+    values = dict(plant)
+    parts = [effect_off(name) if off else effect_on(name, own) for name, own in effects.items()]
+    parts += [sensor_frozen(sensor, not off) for sensor in freeze]
+    parts += [sensor_bias(sensor, value) for sensor, value in bias.items()]
     for part in parts:
         for name, value in part.items():
             _put(values, name, value)

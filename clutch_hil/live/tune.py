@@ -94,9 +94,13 @@ def tuned(arguments: Sequence[str], bus: str | None, router: str | None) -> tupl
     return _shown(catalogue, arguments)
 
 
-def _set(
+def change_parameters(
     session: zenoh.Session, bench: str, values: Mapping[str, Mapping[str, float]]
-) -> tuple[dict[str, Any], str, str, bool]:
+) -> list[dict[str, Any]]:
+    """Set parameters by node and name; return the changes: node, name, `old`, `new`, unit and `row`, the first with them.
+
+    Raises InputError with the reason of the node that refuses, and what was changed before.
+    """
     changed: list[dict[str, Any]] = []
     for node, wanted in values.items():
         try:
@@ -105,6 +109,13 @@ def _set(
             done = f"; changed already: {listing(c['node'] + '.' + c['name'] for c in changed)}" if changed else ""
             raise InputError(f"{error}{done}") from None
         changed += [{"node": node, "row": answer["row"], **change} for change in answer["changed"]]
+    return changed
+
+
+def _set(
+    session: zenoh.Session, bench: str, values: Mapping[str, Mapping[str, float]]
+) -> tuple[dict[str, Any], str, str, bool]:
+    changed = change_parameters(session, bench, values)
     lines = [
         with_unit(f"{change['node']}.{change['name']}  {change['old']:g} -> {change['new']:g}", change["unit"])
         + f", from row {change['row']} of the {change['node']} on"

@@ -1,7 +1,7 @@
 """Reproductions: figures and tables of the thesis, and claims of this project, each checked by running it.
 
 A reproduction is a function that fills a `Sheet`, marked with `@reproduces(name, title, claim)` in one of MODULES.
-Names are `figure-2.12` and `table-6.1`; a bare `2.12` means the figure, else the table.
+Names are `figure-2.12` and `table-6.1`, or `fig 2.12`; a bare `2.12` means the figure, else the table.
 """
 
 import difflib
@@ -48,6 +48,8 @@ MODULES = (
     "adaptation",
 )
 
+_KINDS = {"fig": "figure", "fig.": "figure", "figure": "figure", "table": "table"}  # by how people write them
+
 
 @dataclass(frozen=True)
 class Entry:
@@ -89,7 +91,9 @@ def entries() -> dict[str, Entry]:
 def entry(name: str) -> Entry:
     """The reproduction called `name`, or the figure or table of that number. Raises InputError."""
     known = entries()
-    for candidate in (name, f"figure-{name}", f"table-{name}"):
+    kind, space, number = name.partition(" ")
+    spelled = f"{_KINDS[kind.lower()]}-{number}" if space and kind.lower() in _KINDS else name
+    for candidate in (spelled, f"figure-{name}", f"table-{name}"):
         for key in known:
             if key.lower() == candidate.lower():
                 return known[key]

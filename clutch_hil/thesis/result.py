@@ -2,12 +2,12 @@
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from clutch_hil.bench.progress import table_text
-from clutch_hil.thesis import Entry, entries
+from clutch_hil.thesis import Entry, entries, entry
 from clutch_hil.thesis.page import page_text
 from clutch_hil.thesis.sheet import Sheet
 from protocols.errors import InputError
@@ -18,12 +18,16 @@ HEAD = ("check", "measured", "thesis", "holds")
 
 @dataclass(frozen=True)
 class Result:
-    """A filled `sheet` of an `entry`, its `picture` on disk, and the `seconds` it took."""
+    """A filled `sheet` of an `entry`, its `picture` on disk if it was written, and the `seconds` [s] it took."""
 
     entry: Entry
     sheet: Sheet
-    picture: Path
+    picture: Path | None
     seconds: float
+
+    def __str__(self) -> str:
+        """The checks as a table, and the verdict."""
+        return f"{self.entry.name}: {self.entry.title}\n{checks_text(self)}\n{self.verdict}"
 
     @property
     def holds(self) -> bool:
@@ -52,19 +56,32 @@ class Result:
             "checks": [check.document() for check in self.sheet.checks],
             "table": self.sheet.table,
             "notes": self.sheet.notes,
-            "picture": str(self.picture),
+            "picture": str(self.picture) if self.picture else None,
             "seconds": self.seconds,
         }
 
 
+def reproduce(name: str, progress: Progress = lambda done, total: None) -> Result:
+    """Check a result of the thesis by running it; `name` as of `clutch-hil reproduce`: figure-6.12, fig 6.12, table-6.1, 6.12.
+
+    The result's `holds` and `verdict` tell whether the claim holds, `sheet.checks` what was measured, `sheet.figure` is the
+    picture, a matplotlib Figure; nothing is written. `progress(done, total)` is called by long work. Raises InputError.
+    """
+    return _fill(entry(name), progress)
+
+
 def run(entry: Entry, out: Path, progress: Progress) -> Result:
     """Run one reproduction and write its picture into the folder `out`. Raises InputError."""
+    result, picture = _fill(entry, progress), out / f"{entry.name}.png"
+    result.sheet.save(picture, f"{entry.name}: {entry.title}")
+    return replace(result, picture=picture)
+
+
+def _fill(entry: Entry, progress: Progress) -> Result:
     start = time.perf_counter()
     sheet = Sheet(progress)
     entry.run(sheet)
-    picture = out / f"{entry.name}.png"
-    sheet.save(picture, f"{entry.name}: {entry.title}")
-    return Result(entry, sheet, picture, time.perf_counter() - start)
+    return Result(entry, sheet, None, time.perf_counter() - start)
 
 
 def checks_text(result: Result) -> str:
@@ -79,11 +96,11 @@ def every(out: Path, progress: Progress) -> tuple[list[Result], dict[str, str]]:
     """Run every reproduction and write its picture; results, and by name why an entry was skipped: data missing or bad."""
     known = entries()
     results, skipped = [], {}
-    for i, entry in enumerate(known.values()):
+    for i, one in enumerate(known.values()):
         try:
-            results.append(run(entry, out, lambda done, total: None))
+            results.append(run(one, out, lambda done, total: None))
         except InputError as error:
-            skipped[entry.name] = str(error)
+            skipped[one.name] = str(error)
         progress(i + 1, len(known))
     return results, skipped
 

@@ -284,18 +284,7 @@ def test_an_answer_holds_while_its_own_laws_do(monkeypatch: pytest.MonkeyPatch):
 def test_what_is_left_to_do_is_done_seed_by_seed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     names = [f"single/{SEAL}/2.0/0.02/s{seed}" for seed in (2, 1)] + ["null/none/1.0/0.02/s1"]
 
-    class Pool:
-        def __init__(self, *_: object) -> None: ...
-
-        def __enter__(self) -> "Pool":
-            return self
-
-        def __exit__(self, *_: object) -> None: ...
-
-        def imap_unordered(self, judge, wanted):
-            return map(judge, wanted)
-
-    monkeypatch.setattr(running, "get_context", lambda _: type("Context", (), {"Pool": Pool}))
+    monkeypatch.setattr(running, "compute", lambda judge, missing, *_: enumerate(map(judge, missing)))
     done = [told["case"] for told in running.run(names, Cache(tmp_path), 1, lambda name: answer(name, (SEAL,)))]
     assert sorted(done[:2]) == sorted(names[1:])
     assert done[2] == names[0]

@@ -1,5 +1,8 @@
 """The bench from Python: runs in memory are those of the command, sweeps the same wherever they are computed."""
 
+import csv
+import json
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -16,7 +19,7 @@ from typer.testing import CliRunner
 
 import clutch_hil as ch
 from clutch_hil.bench import executors
-from clutch_hil.bench.executors import computed
+from clutch_hil.bench.executors import compute
 from clutch_hil.command import application
 
 SHORT = {"profile": "engagement", "seconds": 1.5}  # s: long enough to engage
@@ -24,7 +27,8 @@ SHORT = {"profile": "engagement", "seconds": 1.5}  # s: long enough to engage
 
 def test_every_public_name_is_there() -> None:
     assert all(getattr(ch, name) is not None for name in ch.__all__)
-    assert set(ch.__all__) <= set(dir(ch))
+    assert dir(ch) == sorted(ch.__all__)
+    assert len(dir(ch)) <= 25
     with pytest.raises(AttributeError, match="no attribute 'simulat'"):
         _ = ch.simulat
 
@@ -142,6 +146,38 @@ def test_samples_that_cannot_be_are_refused(samples) -> None:
         samples()
 
 
+def test_a_result_of_the_thesis_is_checked_without_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    result = ch.reproduce("fig 2.13")
+    assert result.entry.name == "figure-2.13"
+    assert result.holds
+    assert result.picture is None
+    assert str(result).endswith(result.verdict)
+    assert result.sheet.figure.axes
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_every_friction_model_is_played_by_one_function() -> None:
+    curve = ch.friction.Stribeck(static_force=10.0)  # N, at every speed
+    springs = {"stiffness": [2e5, 1e5], "weights": [0.5, 0.5]}  # N/m
+    models = [
+        ch.friction.Coulomb(curve),
+        ch.friction.Dahl(coulomb_force=10.0, stiffness=1e6),
+        ch.friction.LuGre(curve, stiffness=1e6),
+        ch.friction.ElastoPlastic(curve, stiffness=1e6),
+        ch.friction.Leuven(curve, stiffness=[2e5, 1e5], limits=[5.0, 5.0]),
+        ch.friction.MaxwellSlip(stiffness=[2e5, 1e5], limits=[5.0, 5.0]),
+        ch.friction.GMS(curve, **springs),
+        ch.friction.XGMS(ch.friction.Amontons(0.1), **springs, attraction=100.0),
+    ]
+    position = np.linspace(0.0, 1e-2, 2001)  # m: far beyond the springs' 50 um
+    for model in models:
+        trace = ch.friction.simulate(model, position, dt=1e-3, load=100.0)
+        assert trace.force.shape == position.shape
+        assert trace.force[-1] == pytest.approx(10.0, rel=1e-3), model
+        np.testing.assert_array_equal(trace.force, model.trace(position, 1e-3, 100.0).force)
+
+
 SAMPLES = ch.grid({"friction_level.level": [0.8, 1.2], "controller.torque.integral_gain": [0.05, 0.4]})
 KEPT = ("regime_error_nm", "rise_time_s", "fault", "peak_torque_nm")
 
@@ -210,13 +246,67 @@ def test_cases_of_a_killed_dask_worker_are_done_again(table: pa.Table) -> None:
     assert again.to_pandas().equals(table.to_pandas())
 
 
+@pytest.mark.needs("distributed")
+def test_a_case_that_kills_every_dask_worker_is_named() -> None:
+    from distributed import LocalCluster
+
+    with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster:
+        address = cluster.scheduler_address
+        with pytest.raises(ch.InputError, match=f"case 7 killed every worker that computed it at {address}"):
+            list(compute(os._exit, [7], address=address))
+
+
+@pytest.mark.needs("distributed")
+def test_a_cluster_that_ends_meanwhile_is_told() -> None:
+    from distributed import LocalCluster
+
+    cluster = LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None)
+    results = compute(time.sleep, [0.1, 60.0], address=cluster.scheduler_address)
+    next(results)
+    cluster.close()
+    with pytest.raises(ch.InputError, match="is gone; 1 of 2 cases are not computed"):
+        next(results)
+
+
+def test_processes_end_at_once_when_a_sweep_is_broken_off() -> None:
+    results = compute(time.sleep, [0.1, 600.0, 600.0], workers=2)
+    next(results)
+    results.close()
+    assert not multiprocessing.active_children()
+
+
+def test_the_command_sweeps_as_python_does(tmp_path: Path) -> None:
+    arguments = [
+        "--profile",
+        "engagement",
+        "--seconds",
+        "1.5",
+        "--vary",
+        "friction_level.level=0.8:1.2:2",
+        "--seeds",
+        "2",
+    ]
+    done = CliRunner().invoke(
+        application(), ["simulate", *arguments, "--workers", "2", "--out", str(tmp_path), "--json"]
+    )
+    assert done.exit_code == 0, done.output
+    samples = ch.grid({"friction_level.level": [0.8, 1.2]})
+    table = ch.sweep(samples, **SHORT, seeds=(1, 2), measures=KEPT[:2], workers=1)
+    runs = [list(row.values()) for row in table.to_pylist()]
+    assert json.loads(done.stdout)["runs"] == runs
+    (file,) = tmp_path.glob("*-sweep.csv")
+    header, *rows = csv.reader(file.read_text().splitlines())
+    assert header == table.column_names
+    assert [list(map(float, row)) for row in rows] == runs
+
+
 def _slow_square(value: float) -> float:
     time.sleep(0.3)
     return value * value
 
 
 def test_cases_of_a_killed_process_are_done_again() -> None:
-    results = computed(_slow_square, range(8), workers=2)
+    results = compute(_slow_square, range(8), workers=2)
     found = dict([next(results)])
     children = Path(f"/proc/self/task/{threading.get_native_id()}/children").read_text().split()
     workers = [pid for pid in map(int, children) if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
@@ -231,7 +321,7 @@ def _die(value: float) -> None:
 
 def test_cases_that_kill_every_worker_are_given_up() -> None:
     with pytest.raises(ch.InputError, match="workers died 3 times; 2 of 2 cases are not computed"):
-        list(computed(_die, range(2), workers=1))
+        list(compute(_die, range(2), workers=1))
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from clutch_hil.discrepancy.model import Columns, Demanding, Model
 from protocols.entry_points import entry_names, load_entry
 from protocols.errors import InputError, closest
 from protocols.files.parameters import ParameterSet, load_overlay
+from protocols.files.run import Run
 from protocols.files.runs import check_columns, read_columns
 
 GROUP = "clutch_hil.models"
@@ -63,8 +64,12 @@ def required(model: Model) -> tuple[str, ...]:
 
 def read_evidence(path: Path, model: Model) -> Columns:
     """Columns of a run that the model can be compared with. Raises InputError naming the file and what is wrong."""
-    run, columns = read_columns(path), required(model)
-    rig = run.metadata.get("rig")
+    return evidence(path, read_columns(path), model)
+
+
+def evidence(path: Path, run: Run, model: Model) -> Columns:
+    """Columns of `run`, told as `path`, that the model can be compared with. Raises InputError."""
+    columns, rig = required(model), run.metadata.get("rig")
     if rig in rig_names() and rig_named(rig).plant.clutches and not set(columns) <= set(run.columns):
         raise InputError(
             f"run {path} is a run of two clutches, of the rig {rig}, which the model {model.name} does not describe;"

@@ -46,6 +46,7 @@ PLANT = PlantRig(
 RIG = Rig(
     plant=PLANT,
     measures_at="small_clutch:MEASURES",
+    sheet_at="clutch_hil.bench.picture:run_sheet",
     judge_at="clutch_hil.bench.result:judge_run",
     status_at="clutch_hil.bench.status:StatusLine",
     figures=("regime_error_nm", "peak_power_w"),

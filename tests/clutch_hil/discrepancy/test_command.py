@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
+import clutch_hil as ch
 from clutch_hil.command import application
 from protocols.errors import InputError
 from protocols.files.run import Run
@@ -82,3 +83,46 @@ def test_what_cannot_be_is_refused_before_anything_is_written(
 def test_a_run_is_fitted_or_held_out_once(paths: list[Path], tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is given twice; each run is fitted or held out, once"):
         command(*paths[:2], "--holdout", paths[0], "--rig", MODEL, "--out", tmp_path / "out")
+
+
+def test_from_python_runs_in_memory_are_as_good_as_files(paths: list[Path], tmp_path: Path) -> None:
+    """And nothing is written until that is asked for."""
+    runs = [ch.Run(recorded(seed, HIDDEN), {}) for seed in range(1, 6)]
+    found = ch.find_discrepancy(runs[:3], runs[3:], rig=MODEL)
+    by_file = ch.find_discrepancy(paths[:3], paths[3:], rig=MODEL)
+    assert str(found) == str(by_file)
+    assert str(found).startswith("named: cubic (confidence ")
+    assert found.result.parameters == by_file.result.parameters
+    assert not (tmp_path / "out").exists()
+    written = found.write(tmp_path / "out")
+    assert {path.name for path in written} >= {"report.json", "report.html", "model.toml"}
+    assert all(path.exists() for path in written)
+    assert json.loads((tmp_path / "out" / "report.json").read_text())["holdout"] == ["number 4", "number 5"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({"runs": []}, "without runs"),
+        ({"runs": ["nowhere.parquet"]}, "run nowhere.parquet does not exist"),
+        ({"runs": [ch.Run({}, {})]}, "run number 1 lacks the column"),
+        ({"runs": [ch.Run(recorded(1, HIDDEN), {})], "effects": ["cubik"]}, "effect 'cubik' is no candidate"),
+        ({"runs": [ch.Run(recorded(1, HIDDEN), {})], "calibration": 0.0}, "calibration 0 is not possible"),
+    ],
+)
+def test_from_python_what_cannot_be_is_refused_in_one_sentence(arguments: dict, said: str) -> None:
+    with pytest.raises(ch.InputError, match=said):
+        ch.find_discrepancy(**arguments, rig=MODEL)
+
+
+@pytest.mark.parametrize(
+    ("experiment", "said"),
+    [
+        ("no_such", "experiment 'no_such' is unknown"),
+        (None, "the result proposes no experiment: its verdict waits for none"),
+        ({"profile": "crawl", "settings": {}}, "needed are temperature and rate"),
+    ],
+)
+def test_an_experiment_that_cannot_be_played_is_told(experiment: object, said: str) -> None:
+    with pytest.raises(ch.InputError, match=said):
+        ch.play_experiment(experiment)  # type: ignore[arg-type]

@@ -1,0 +1,118 @@
+"""Figures of a run and of a sweep, as matplotlib has them: to be shown in a notebook, changed, or saved by `savefig`."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pyarrow as pa
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.figure import Figure
+
+from clutch_hil.bench import palette
+from clutch_hil.bench.rig import DEFAULT_RIG, rig_named
+from protocols.errors import InputError, closest
+from protocols.files.run import Run
+
+_SIZE = 7.0, 4.5  # inch
+_COLOURS = "viridis"  # of a measure over two parameters: even steps to the eye, also without colour vision
+_TICKS = 8  # at an axis of a map
+_DOT = 30.0  # pt^2, of a run among others
+
+
+def draw_run(run: Run, title: str = "") -> Figure:
+    """Draw a run over time as its rig is drawn: torques, pressures, speeds, phases, faults, and when something was injected.
+
+    Raises InputError for a run that lacks a column that is drawn.
+    """
+    injected = [change["row"] / run.metadata["sample_rate_hz"] for change in run.metadata.get("injections", ())]
+    rig = rig_named(run.metadata.get("rig", DEFAULT_RIG))
+    try:
+        figure: Figure = rig.sheet(run.columns, title, injected).finish()
+    except KeyError as error:
+        raise InputError(f"the run lacks the column {error}, which is drawn of a run of the rig {rig.name}") from None
+    return figure
+
+
+def draw_sweep(table: pa.Table, x: str | Sequence[str], y: str) -> Figure:
+    """Draw a measure over one parameter of a sweep, or over two.
+
+    `table` is what `sweep` returns; `x` a parameter in it, or a pair of them; `y` a measure. Over one parameter every run is a
+    point, and where nothing else was varied a line goes through the means over the seeds. Over two the colour is the mean
+    over all runs at a point: a map where the points are a grid, else dots. Runs whose measure is not a number are not drawn;
+    the title counts them. Raises InputError.
+    """
+    names = (x,) if isinstance(x, str) else tuple(x)
+    parameters = table.column_names[: table.column_names.index("seed")] if "seed" in table.column_names else []
+    for name in names:
+        if name not in parameters:
+            raise InputError(f"the sweep has no parameter {name!r}; {closest(name, parameters)}")
+    if not 1 <= len(names) <= 2 or len(set(names)) < len(names):
+        raise InputError(
+            f"a sweep cannot be drawn over {', '.join(names) or 'nothing'}; allowed are one or two parameters"
+        )
+    numbers = [name for name in table.column_names if pa.types.is_floating(table.schema.field(name).type)]
+    measures = [name for name in numbers if name not in parameters]
+    if y not in measures:
+        raise InputError(f"the sweep has no measure {y!r} that is a number; {closest(y, measures)}")
+    values = np.array(table[y], dtype=float)
+    known = np.isfinite(values)
+    points = np.array([np.array(table[name], dtype=float) for name in names])[:, known]
+    figure = Figure(figsize=_SIZE, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.set_xlabel(_label(table, names[0]))
+    if len(names) == 1:
+        _draw_line(axes, points[0], values[known], alone=len(parameters) == 1)
+        axes.set_ylabel(_label(table, y))
+        axes.grid(alpha=0.3)
+    else:
+        _draw_map(figure, axes, points, values[known], _label(table, y))
+        axes.set_ylabel(_label(table, names[1]))
+    missing = len(values) - int(known.sum())
+    left_out = f", of which {missing} cannot be measured" if missing else ""
+    figure.suptitle(f"{len(values)} runs{left_out}", x=0.01, ha="left", fontsize=11)
+    return figure
+
+
+def _draw_line(axes: Axes, x: np.ndarray, y: np.ndarray, alone: bool) -> None:
+    """Runs as points (n,), and their means where x `alone` was varied."""
+    axes.scatter(x, y, s=_DOT, color=palette.CYCLE[1], label="run", alpha=0.6, lw=0)
+    if alone and len(x):
+        places, means = _means(x[np.newaxis], y)
+        axes.plot(places[0], means, color=palette.CYCLE[0], lw=1.4, label="mean over the seeds")
+        axes.legend(frameon=False)
+
+
+def _draw_map(figure: Figure, axes: Axes, points: np.ndarray, y: np.ndarray, label: str) -> None:
+    """Means of y (n,) at `points` (2, n) by colour."""
+    places, means = _means(points, y)
+    across, up = (np.unique(one) for one in places)
+    if len(means) == len(across) * len(up) and min(len(across), len(up)) > 1:
+        grid = means.reshape(len(across), len(up)).T  # places are sorted, the second parameter varying fastest
+        colours: ScalarMappable = axes.pcolormesh(across, up, grid, shading="nearest", cmap=_COLOURS)
+        axes.set_xticks(_ticks(across))
+        axes.set_yticks(_ticks(up))
+    else:
+        colours = axes.scatter(places[0], places[1], s=2.0 * _DOT, c=means, cmap=_COLOURS)
+        axes.grid(alpha=0.3)
+    figure.colorbar(colours, ax=axes, label=label)
+
+
+def _ticks(values: np.ndarray) -> np.ndarray:
+    """Those of `values` that are written at an axis, _TICKS at most."""
+    return values[:: -(-len(values) // _TICKS)]
+
+
+def _means(points: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The different `points` (k, n), sorted, shape (k, m), and the mean of y (n,) at each, (m,)."""
+    places, which = np.unique(points, axis=1, return_inverse=True)
+    which = np.ravel(which)
+    return places, np.bincount(which, y) / np.bincount(which)
+
+
+def _label(table: pa.Table, name: str) -> str:
+    """A column's name and unit, for an axis."""
+    unit = (table.schema.field(name).metadata or {}).get(b"unit", b"1").decode()
+    return name if unit == "1" else f"{name} [{unit}]"

@@ -1,0 +1,51 @@
+"""The friction library: models from asperities to control, and `simulate` to play a motion through any of them.
+
+    import clutch_hil as ch
+
+    model = ch.friction.Dahl(coulomb_force=10.0, stiffness=1e6)
+    trace = ch.friction.simulate(model, position, dt=1e-4)
+    trace.force, trace.state
+
+SI units; in a rotational contact read rad, Nm and Nm/rad for m, N and N/m. docs/friction.md compares the models.
+"""
+
+from numpy.typing import ArrayLike
+
+from plant_sim.friction.asperities import Asperities, StickTimeFriction
+from plant_sim.friction.coulomb import Coulomb
+from plant_sim.friction.counter_surface import CounterSurface, FlatSurface
+from plant_sim.friction.dahl import Dahl
+from plant_sim.friction.elasto_plastic import ElastoPlastic
+from plant_sim.friction.generic import DynamicGenericModel, FixedSeparationModel, GenericModel
+from plant_sim.friction.generic_rayleigh import GenericRayleighModel
+from plant_sim.friction.gms import GMS
+from plant_sim.friction.leuven import Leuven
+from plant_sim.friction.lift_up import LiftingXGMS, LiftUp
+from plant_sim.friction.load_law import Amontons, LoadLaw
+from plant_sim.friction.lugre import LuGre
+from plant_sim.friction.maxwell_slip import MaxwellSlip
+from plant_sim.friction.model import Array, FrictionModel, Trace
+from plant_sim.friction.passive_xgms import PassiveXGMS
+from plant_sim.friction.stribeck import Stribeck
+from plant_sim.friction.tip_film import GapThreshold, SlidingThreshold, TipFilm
+from plant_sim.friction.xgms import XGMS
+
+__all__ = [
+    "GMS", "XGMS", "Amontons", "Asperities", "Coulomb", "CounterSurface", "Dahl", "DynamicGenericModel", "ElastoPlastic",
+    "FixedSeparationModel", "FlatSurface", "FrictionModel", "GapThreshold", "GenericModel", "GenericRayleighModel", "Leuven",
+    "LiftUp", "LiftingXGMS", "LoadLaw", "LuGre", "MaxwellSlip", "PassiveXGMS", "SlidingThreshold", "StickTimeFriction",
+    "Stribeck", "TipFilm", "Trace", "simulate",
+]  # fmt: skip
+
+
+def simulate(
+    model: FrictionModel, position: ArrayLike, dt: float, load: ArrayLike = 1.0, state: Array | None = None
+) -> Trace:
+    """Play a motion through a friction model.
+
+    `position` [m] (n,), its samples `dt` [s] apart, under the normal load `load` [N], one value or (n,); models without load
+    dependence ignore it. The contact begins at rest without force, or in `state` (m,), as an earlier trace left it.
+
+    Returns `force` [N] (n,) and `state` (n, m) at every sample. Raises InputError.
+    """
+    return model.trace(position, dt, load, state)  # type: ignore[arg-type]  # it checks what it is given

@@ -1,0 +1,5 @@
+"""Course: what a demand has where nobody says otherwise, for the command and for Python; it loads nothing."""
+
+SPEED = 10.47  # rad/s of the motor, 100 rpm: where the profile `engagement` begins
+TORQUE_RAMP = 40.0  # Nm/s: as the profile `engagement` rises
+PRESSURE_RAMP = 4.0  # bar/s: as the experiments rise (clutch_hil/bench/experiments.py)

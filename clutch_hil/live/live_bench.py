@@ -1,0 +1,254 @@
+"""Live bench from Python: plant and controller as processes on a bus, driven, tuned, disturbed and recorded by a program."""
+
+import threading
+import time
+from collections.abc import Iterable, Mapping
+from contextlib import ExitStack
+from dataclasses import replace
+from math import isfinite
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import zenoh
+
+from clutch_hil.bench.in_memory import Values, composed_scenario
+from clutch_hil.bench.run_file import read_run
+from clutch_hil.bench.scenario import Scenario
+from clutch_hil.bench.settings import MANUAL
+from clutch_hil.bench.up import POLL, Bench
+from clutch_hil.live.catalogue import assignments
+from clutch_hil.live.course import PRESSURE_RAMP, SPEED, TORQUE_RAMP
+from clutch_hil.live.demand import lock_profile, pressure_profile, torque_profile
+from clutch_hil.live.driver import Driver
+from clutch_hil.live.inject import inject, injection_values
+from clutch_hil.live.tune import change_parameters, listed
+from plant_sim.profiles.profile import load_profile
+from protocols.errors import InputError
+from protocols.files.run import Run
+from protocols.realtime.stopping import Stop
+from protocols.telemetry.feed import nodes_alive
+from protocols.telemetry.keys import NODES, bench_name
+from protocols.telemetry.session import consumer_session
+
+_TELEMETRY = 10.0  # s for both services to publish; they begin before they run
+
+
+def start_bench(
+    scenario: str | Path | None = None,
+    *,
+    profile: str | Path | None = None,
+    bus: str = "auto",
+    lockstep: bool = False,
+    seconds: float | None = None,
+    rate: int | None = None,
+    seed: int | None = None,
+    temperature: float | None = None,
+    law: str | None = None,
+    adaptation: bool | None = None,
+    plant_parameters: str | Path | None = None,
+    controller_parameters: str | Path | None = None,
+    plant: Values | None = None,
+    controller: Values | None = None,
+    effects: Iterable[str] | Mapping[str, Values] = (),
+) -> "LiveBench":
+    """Start plant and controller as processes on `bus`, as `clutch-hil up` does, and return when they run.
+
+    Without `scenario` and `profile` the bench waits for `demand_torque` and the like; else the plant asks for what the profile
+    has. `bus` is vcan0, can0, local:NAME, or auto: vcan0 where it is up. `lockstep` has no clock: the profile is played as fast
+    as the machine allows, the same to the bit each time. The others are those of `simulate`.
+
+    Use it as a context manager, from the main thread: the processes end however the block is left. Nothing is written.
+    Raises InputError.
+    """
+    settings = {
+        "profile": profile or (None if scenario else MANUAL), "seconds": seconds, "rate": rate, "seed": seed,
+        "temperature": temperature, "law": law, "adaptation": adaptation, "plant_parameters": plant_parameters,
+        "controller_parameters": controller_parameters,
+    }  # fmt: skip
+    return LiveBench(composed_scenario(scenario, settings, plant, controller, effects), bus, lockstep)
+
+
+class LiveBench:
+    """A bench that runs. `start_bench` makes one; leaving it as a context manager, or `stop`, ends its processes."""
+
+    def __init__(self, scenario: Scenario, bus: str, lockstep: bool) -> None:
+        self._ending = threading.Event()
+        self._error: Exception | None = None
+        self._values: dict[str, float] = {}
+        self._telemetry: tuple[zenoh.Session, str] | None = None
+        self._driver: Driver | None = None
+        with ExitStack() as stack:
+            folder = Path(stack.enter_context(TemporaryDirectory()))
+            scenario = replace(scenario, settings=replace(scenario.settings, out=folder))
+            bench = Bench(scenario, bus, lockstep, telemetry=True)
+            self._session = stack.enter_context(bench.start(Stop(), lambda text: None))
+            self._recorder = threading.Thread(target=self._record, name="clutch-hil recorder", daemon=True)
+            self._recorder.start()
+            stack.callback(self._end_recorder)
+            if scenario.settings.profile == MANUAL:
+                self._driver = stack.enter_context(Driver(self._session.bus))
+            self._stack = stack.pop_all()
+
+    def __enter__(self) -> "LiveBench":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    @property
+    def bus(self) -> str:
+        """Name of the bus, for `clutch-hil view --bus` and other commands beside it."""
+        return self._session.bus
+
+    def demand_torque(self, torque: float, speed: float = SPEED, ramp: float = TORQUE_RAMP) -> None:
+        """Ask for a torque [Nm] at a motor speed [rad/s], reached with `ramp` [Nm/s] from what is asked for now; go on at once.
+
+        Raises InputError for what cannot be, and when the controller did not do what it was asked for before.
+        """
+        self._supervisor().follow(lambda now: torque_profile(torque, speed, None, ramp, now.torque))
+
+    def demand_pressure(self, pressure: float, speed: float = SPEED, ramp: float = PRESSURE_RAMP) -> None:
+        """Ask for a cylinder pressure [bar] at a motor speed [rad/s], reached with `ramp` [bar/s]; see `demand_torque`."""
+        self._supervisor().follow(lambda now: pressure_profile(pressure, speed, None, ramp, now.pressure))
+
+    def demand_lock(self, speed: float = SPEED) -> None:
+        """Ask for a clutch that carries what is applied, at a motor speed [rad/s]; see `demand_torque`."""
+        self._supervisor().follow(lambda now: lock_profile(speed, None))
+
+    def demand_profile(self, profile: str | Path) -> None:
+        """Ask for what a profile has from now on, a shipped name or the path of a CSV file; see `demand_torque`."""
+        self._supervisor().follow(lambda now: load_profile(str(profile)))
+
+    def release(self) -> None:
+        """Release the clutch, acknowledge a fault, and return when the controller is idle. Raises InputError."""
+        self._supervisor().release()
+
+    def wait(self, seconds: float | None = None) -> None:
+        """Let the bench run for `seconds` [s], or to the end of its profile where that is None.
+
+        Raises InputError when a service has ended, or the controller does not do what it was asked for.
+        """
+        if seconds is None and not isfinite(self._session.duration):
+            raise InputError("the bench has no profile whose end can be waited for; give seconds")
+        end = time.monotonic() + (float("inf") if seconds is None else seconds)
+        while (left := end - time.monotonic()) > 0.0 and not (seconds is None and self._session.over):
+            self._check()
+            time.sleep(min(POLL, left))
+        self._check()
+
+    def values(self) -> dict[str, float]:
+        """The newest value of every column of the plant and the controller, by its name in a run, in its unit there."""
+        self._check()
+        return dict(self._values)
+
+    def parameters(self) -> dict[str, float]:
+        """Every parameter of plant and controller by full name, as `controller.torque.integral_gain`, in its declared unit.
+
+        Raises InputError.
+        """
+        return {name: float(entry["value"]) for name, entry in listed(*self._published()).entries.items()}
+
+    def tune(self, values: Values) -> list[dict[str, Any]]:
+        """Set parameters by name, with or without `plant.` or `controller.` before it, in declared units, between two cycles.
+
+        Returns the changes: node, name, old, new, unit, and `row`, the first sample of that node with it. All names and values
+        are checked before anything is set. Raises InputError.
+        """
+        published = self._published()
+        wanted = assignments(listed(*published), [f"{name}={value!r}" for name, value in values.items()])
+        return change_parameters(*published, wanted)
+
+    def inject(
+        self,
+        effects: str | Iterable[str] | Mapping[str, Values] = (),
+        *,
+        plant: Values | None = None,
+        freeze: Iterable[str] = (),
+        bias: Values | None = None,
+        off: bool = False,
+        at: float | None = None,
+        after: float | None = None,
+        ramp: float | None = None,
+        until: float | None = None,
+        lasting: float | None = None,
+    ) -> list[dict[str, Any]]:
+        """Switch effects of the plant on, with typical values or those given by short name, or `off`; change the plant.
+
+        `plant`: parameters by dotted name, in declared units; `freeze`: sensors that keep what they show; `bias`: what sensors
+        show too much. It begins `at` [s of the plant's time] or `after` [s from now], else now, takes `ramp` [s], and goes back
+        at `until` [s of the plant's time] or when it has been there for `lasting` [s].
+
+        Returns the changes that the plant has planned: name, old, new, unit, `at` [s] and `row`. Raises InputError.
+        """
+        named = [effects] if isinstance(effects, str) else effects
+        given = named if isinstance(named, Mapping) else {name: {} for name in named}
+        values = injection_values(given, plant or {}, tuple(freeze), bias or {}, off)
+        times = {"at": at, "after": after, "ramp": ramp, "until": until, "for": lasting}
+        when = {name: float(seconds) for name, seconds in times.items() if seconds is not None}
+        return inject(*self._published(), values, when)
+
+    def stop(self) -> Run:
+        """Release the clutch, end the processes; return the run since the start: columns of shape (samples,), as of a run file.
+
+        A fault of the controller is in the run, and raises nothing. Raises InputError when a service had failed, or there are
+        less than two samples.
+        """
+        if self._driver:
+            self._driver.__exit__()
+        self._end_recorder()
+        if self._error:
+            raise self._error
+        self._session.finish(interrupted=isfinite(self._session.duration) and not self._session.over)
+        run = read_run(self._session.path)
+        self._stack.close()
+        return run
+
+    def _record(self) -> None:
+        """What the recorder's thread does."""
+        names = [
+            [f"{prefix}{column.name}" for column in ring.columns]
+            for ring, prefix in zip(self._session.rings, ("", "controller_", "controller_b_"), strict=False)
+        ]
+        try:
+            while not (self._ending.is_set() or self._session.over):
+                for columns, rows in zip(names, self._session.step(), strict=True):
+                    if len(rows):
+                        self._values = self._values | dict(zip(columns, rows[-1].tolist(), strict=True))
+                self._ending.wait(POLL)
+        except Exception as error:  # told to whoever calls next
+            self._error = error
+
+    def _end_recorder(self) -> None:
+        self._ending.set()
+        self._recorder.join()
+
+    def _check(self) -> None:
+        """Raise InputError for what went wrong meanwhile."""
+        if self._error:
+            raise self._error
+        if self._driver:
+            self._driver.check()
+
+    def _supervisor(self) -> Driver:
+        """Who asks the controller. Raises InputError where the plant does so, or for what went wrong meanwhile."""
+        if self._driver is None:
+            raise InputError(
+                "this bench plays its profile; one that is started without scenario and profile takes demands"
+            )
+        if self._error:
+            raise self._error
+        return self._driver
+
+    def _published(self) -> tuple[zenoh.Session, str]:
+        """The telemetry of the bench: a session and the bench's name. Raises InputError where it does not come."""
+        if self._telemetry is None:
+            session, name = self._stack.enter_context(consumer_session()), bench_name(self._session.bus)
+            deadline = time.monotonic() + _TELEMETRY
+            while not set(NODES) <= set(nodes_alive(session, name)):
+                self._check()
+                if time.monotonic() > deadline:
+                    raise InputError(f"the services on {self._session.bus} did not publish within {_TELEMETRY:g} s")
+                time.sleep(POLL)
+            self._telemetry = session, name
+        return self._telemetry
