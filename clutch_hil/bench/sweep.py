@@ -30,8 +30,8 @@ def sweep_to_csv(
     """Simulate for every value of `vary` (`NAME=LOW:HIGH:COUNT`, a plant parameter) and `seeds` seeds; write a CSV.
 
     The file has the rig's `figures` of every run. `scenario` was made with `settings`, fields of RunSettings. `workers`,
-    `address` and `progress` are those of `clutch_hil.sweep`. Good when the first figure is a number in every run, or, of a scenario
-    with limits, when all of them hold in every run. Raises InputError.
+    `address` and `progress` are those of `clutch_hil.sweep`. Good when the first figure is a number in every run, or, of a
+    scenario with limits, when all of them hold in every run. Raises InputError.
     """
     writable(scenario.settings.out)
     figures = scenario.rig.figures
