@@ -18,7 +18,7 @@ from typing import Any
 import zenoh
 
 from clutch_hil.bench.recording import Recording, run_path, writable
-from clutch_hil.bench.rig import DEFAULT_RIG, Rig, rig_named
+from clutch_hil.bench.rig import DEFAULT_RIG, rig_named
 from clutch_hil.bench.sealed import SealedRecording
 from clutch_hil.live.catalogue import counted
 from clutch_hil.live.tape import Tape
@@ -172,7 +172,7 @@ class Recorder:
             if batch.node in CONTROLLERS:
                 self._take_faults(batch)
                 self._recent[batch.node].append(batch)
-                for tape in self._tapes.values():
+                for tape in self._tapes.values() if batch.node in self._nodes() else ():
                     tape.add_controller(batch)
         self._note_changes()
         return bool(batches)
@@ -199,12 +199,10 @@ class Recorder:
             self._tell(told.line)
 
     def _nodes(self) -> tuple[str, ...]:
-        """The nodes of a run: the plant and, once it has said what it is, the controllers of its rig."""
-        return ("plant", *self._rig().plant.controllers) if "plant" in self._abouts else NODES
-
-    def _rig(self) -> Rig:
-        """The rig, as the plant calls it. Raises InputError when it is not installed here."""
-        return rig_named(self._abouts["plant"].described.get("rig", DEFAULT_RIG))
+        """The nodes of a run: the plant and the controllers that it says it has."""
+        if "plant" not in self._abouts:
+            return NODES
+        return ("plant", *self._abouts["plant"].described.get("controllers", NODES[1:]))
 
     def _all_known(self) -> bool:
         """Whether all nodes have said what they are; services that start together publish one after the other."""
@@ -224,9 +222,9 @@ class Recorder:
             return
         tape = self._new_tape(batch)
         tape.add_plant(batch)
-        for recent in self._recent.values():
-            for said in recent:
-                tape.add_controller(said)
+        _, *controllers = self._nodes()
+        for recent in (recent for node in controllers for recent in self._recent[node]):
+            tape.add_controller(recent)
 
     def _new_tape(self, batch: Batch) -> Tape:
         """A tape that begins with `batch` of the plant."""
@@ -236,17 +234,18 @@ class Recorder:
         first = self._path = self._path or run_path(writable(Path("runs")), "recorded")
         further = (first.with_stem(f"{first.stem}-{count}") for count in itertools.count(2))
         path = next(p for p in further if not (p.exists() or p in self._metadata)) if self._metadata else first
-        rig = self._rig()
-        rig.plant.check_blind(self._blind)
-        plant, *controllers = (self._columns(node) for node in self._nodes())
+        rig = self._abouts["plant"].described.get("rig", DEFAULT_RIG)
+        if self._blind:
+            rig_named(rig).plant.check_blind(True)
+        columns = {node: self._columns(node) for node in self._nodes()}
+        plant = columns.pop("plant")
         recording = SealedRecording if self._blind else Recording
-        terms = dict(zip(rig.plant.controllers, controllers, strict=True))
-        tape = self._tapes[path] = Tape(rows_file(path), batch, plant, terms, recording)
+        tape = self._tapes[path] = Tape(rows_file(path), batch, plant, columns, recording)
         began = batch["plant_clock_s"][0] + batch.epoch
         self.recorded.rate = round(batch.rate)
         self._note_changes()
         self._metadata[path] = {
-            "rig": rig.name,
+            "rig": rig,
             "sample_rate_hz": round(batch.rate),
             "notes": "",
             "recorded_at": _iso(began),

@@ -71,8 +71,9 @@ class PlantService:
             heard_alone(port, "plant", frames["PLANT_HEARTBEAT"])
             line = Exchange(port, frames["VALVE_COMMAND"].can_id, stop.wakes)
             outlet = Outlet(
-                "plant", node, node.columns, port.name, self.rate, session, rig=self.rig.name, shipped=self.rig.nominal(None),
+                "plant", node, node.columns, port.name, self.rate, session, shipped=self.rig.nominal(None),
                 ring=self.ring, publish=self.telemetry, router=self.router, prefix="plant_",
+                about={"rig": self.rig.name, "controllers": list(self.rig.controllers)},
             )  # fmt: skip
             ready(f"plant on {port.name} at {self.rate} Hz, {'lock-step' if self.lockstep else 'real time'}")
             missing = [] if self.lockstep else realtime.prepare(self.cpu)

@@ -6,7 +6,7 @@
 | `record` | put | Arrow IPC stream (batch.py): every row, in order; DROP, REAL_TIME |
 | `history` | queryable | such batches of the last 30 s, oldest first; `?from=ROW;to=ROW` for a part |
 | `last` | queryable | JSON, the newest row: {"row": n, "values": {column: {"value": x, "unit": u}}} |
-| `describe` | queryable | JSON: columns with unit and meaning, rate, session, versions; of the plant its rig |
+| `describe` | queryable | JSON: columns with unit and meaning, rate, session, versions; of the plant its rig and controllers |
 | `parameters` | queryable | JSON: all of them; with a JSON payload {name: value}: set, all or none; with WHEN: inject |
 | `event` | put | JSON: a parameter was changed; of an injection, that it is accepted, has started, has ended |
 | `events` | queryable | JSON: the events so far |

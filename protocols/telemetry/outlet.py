@@ -8,7 +8,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -45,14 +45,15 @@ class Outlet:
     """Ring, mailbox and telemetry process of the service of `node`, called `name`, on `bus`; rate [Hz].
 
     `columns` are the node's; those of TIMING follow in the ring, under `prefix`. `ring` is where the ring goes, None for a
-    folder of its own; `publish` starts the telemetry process; `router` is a zenoh endpoint, None for peer to peer. `rig` is the
-    plant's name of what it simulates, which it describes itself by.
+    folder of its own; `publish` starts the telemetry process; `router` is a zenoh endpoint, None for peer to peer.
+    `about` is what the node says of itself beside that, of JSON values.
     Raises InputError when the telemetry process cannot publish.
     """
 
     def __init__(
         self, name: str, node: Tunable, columns: Sequence[Column], bus: str, rate: int, session: int, *,
-        shipped: ParameterSet, ring: Path | None, publish: bool, router: str | None, prefix: str = "", rig: str | None = None,
+        shipped: ParameterSet, ring: Path | None, publish: bool, router: str | None, prefix: str = "",
+        about: Mapping[str, Any] | None = None,
     ) -> None:  # fmt: skip
         self._folder = SharedFolder()
         self._process: subprocess.Popen[bytes] | None = None
@@ -63,9 +64,8 @@ class Outlet:
                 "node": name, "bench": bench_name(bus), "rate": rate, "session": session, "pid": os.getpid(),
                 "versions": {"clutch-hil": version("clutch-hil"), "python": sys.version.split()[0]},
                 "parameters": described(node, shipped), "planned": self._tuning.openly_planned, "blind": self._tuning.blind,
+                **(about or {}),
             }  # fmt: skip
-            if rig is not None:
-                description["rig"] = rig
             timing = [Column(prefix + column, unit, meaning) for column, unit, meaning in TIMING]
             path = ring or self._folder.path / "ring"
             self._ring = RingWriter(path, [*columns, *timing], RING_ROWS, description)

@@ -33,8 +33,8 @@ def interfered(change: Interference, profile: Profile) -> tuple[Played, list[lis
         sent.append(inbox)
         plant_rows.append(plant.row())
         controller_rows.append(controller.row())
-    rows = np.array(plant_rows, float), np.array(controller_rows, float)
-    return Played(*rows, tuple(plant.columns), tuple(controller.columns)), sent
+    plant_record, record = np.array(plant_rows, float), np.array(controller_rows, float)
+    return Played(plant_record, (record,), tuple(plant.columns), (tuple(controller.columns),)), sent
 
 
 def showing(since: int = 0, **counts: int) -> Interference:

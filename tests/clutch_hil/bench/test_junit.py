@@ -105,7 +105,7 @@ def test_text_that_xml_cannot_hold_is_replaced(tmp_path: Path) -> None:
 
 
 def test_a_run_that_fails_stands_as_an_error_and_the_others_go_on(tmp_path: Path, monkeypatch) -> None:
-    from clutch_hil.bench import simulate as module
+    from clutch_hil.bench import result as module
 
     judge = module.judge_run
 
@@ -154,7 +154,7 @@ def test_a_run_that_is_refused_leaves_no_verdict(tmp_path: Path, monkeypatch) ->
         assert not list(tmp_path.glob("out.xml*"))  # what was tried is gone
         raise InputError("the disk is full")
 
-    monkeypatch.setattr("clutch_hil.bench.simulate.judge_run", full)
+    monkeypatch.setattr("clutch_hil.bench.result.judge_run", full)
     assert isinstance(simulate(tmp_path, scenario(tmp_path, "x", GOOD)).exception, InputError)
     assert not list(tmp_path.glob("out.xml*"))
 

@@ -173,7 +173,7 @@ class ScriptedFeed:
         return []
 
     def describe(self, node: str) -> dict[str, Any]:
-        rig = {"rig": "power_shift"} if node == "plant" else {}
+        rig = {"rig": "power_shift", "controllers": list(CONTROLLERS)} if node == "plant" else {}
         return {"columns": [c._asdict() for c in self.columns[node]], "session": 1, "versions": {}} | rig
 
 
