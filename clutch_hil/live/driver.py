@@ -104,11 +104,12 @@ class Driver:
         """One set-point, or a release."""
         goal = self._goal
         if goal.release:
+            supervisor.release(self._setpoint.speed)
             self._refused = None
-            if not supervisor.release(self._setpoint.speed):
-                self._refused = "the clutch was not released within 2 s"
-            else:
-                supervisor.idle(self._setpoint.speed)
+            try:
+                supervisor.idle(self._setpoint.speed)  # which acknowledges a fault
+            except InputError as error:
+                self._refused = str(error)
             self._goal = _Goal(_IDLE, time.monotonic())
             return
         setpoint = goal.profile.at(time.monotonic() - goal.began)

@@ -58,8 +58,8 @@ def start_bench(
     has. `bus` is vcan0, can0, local:NAME, or auto: vcan0 where it is up. `lockstep` has no clock: the profile is played as fast
     as the machine allows, the same to the bit each time. The others are those of `simulate`.
 
-    Use it as a context manager, from the main thread: the processes end however the block is left. Nothing is written.
-    Raises InputError.
+    Use it as a context manager, from the main thread: the processes end however the block is left. In real time the program
+    keeps off the CPU that they have. Nothing is written. Raises InputError.
     """
     settings = {
         "profile": profile or (None if scenario else MANUAL), "seconds": seconds, "rate": rate, "seed": seed,

@@ -70,18 +70,18 @@ def test_a_clutch_that_is_driven_on_is_not_let_go_between_demands(bench: ch.Live
 def test_a_fault_is_raised_until_it_is_acknowledged(bench: ch.LiveBench) -> None:
     bench.demand_torque(5.0)
     bench.wait(1.0)
-    bench.inject(
-        bias={"pressure": 4.0}
-    )  # bar: with the 2.7 bar that press the plates, beyond the guard's limit of 5 bar
+    bench.inject(bias={"temperature": 100.0})  # K: with the oil at 70 degC beyond the guard's limit of 150 degC
     with pytest.raises(ch.InputError, match=r"fault: .*; release\(\) acknowledges it"):
         bench.wait(2.0)
     with pytest.raises(ch.InputError, match="fault"):
         bench.demand_torque(5.0)
-    bench.inject(bias={"pressure": 0.0})
+    with pytest.raises(ch.InputError, match="does not become idle: fault: overtemperature"):
+        bench.release()
+    bench.inject(bias={"temperature": 0.0})
     bench.release()
     bench.demand_torque(5.0)
     bench.wait(1.0)
-    assert ch.measure_run(bench.stop())["fault"] == "overpressure"
+    assert ch.measure_run(bench.stop())["fault"] == "overtemperature"
 
 
 REFUSED = [
