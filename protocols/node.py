@@ -17,6 +17,11 @@ class Column(NamedTuple):
     meaning: str
 
 
+def record_type(columns: Sequence[Column]) -> np.dtype:
+    """The type of a record that has a double by the name of each column; a row of plain numbers views as one."""
+    return np.dtype([(column.name, "f8") for column in columns])
+
+
 class Node(Protocol):
     """A participant that is stepped once a cycle. It has no clock, opens nothing and sends nothing itself."""
 

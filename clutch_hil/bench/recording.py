@@ -110,6 +110,7 @@ class Recording:
         self.path = path
         self.rows = 0
         self._rate = rate
+        self._time = [column.name for column in plant].index("time_s")
         self._demand = [column.name for column in controllers[0]].index(TORQUE_DEMAND.name)
         self._answers = [Answers(columns) for columns in controllers]
         self._columns = run_columns(plant, controllers)
@@ -126,7 +127,7 @@ class Recording:
         newest = float(np.min([answers.newest for answers in self._answers]))
         answered = 0
         if waiting and newest == newest:
-            answered = int(newest - np.rint(self._plant[0][0, 0] * self._rate))
+            answered = int(newest - np.rint(self._plant[0][0, self._time] * self._rate))
         ready = max(min(answered, waiting), waiting - _WAIT)
         if ready >= _CHUNK:
             self._write(ready)
@@ -153,7 +154,7 @@ class Recording:
             return
         rows = np.concatenate(self._plant)
         ready, rest = rows[:count], rows[count:]
-        terms = [answers.to(np.rint(ready[:, 0] * self._rate)) for answers in self._answers]
+        terms = [answers.to(np.rint(ready[:, self._time] * self._rate)) for answers in self._answers]
         self._writer.append(np.column_stack([ready, terms[0][:, self._demand], *terms]))
         self.rows += len(ready)
         self._plant = [rest] if len(rest) else []

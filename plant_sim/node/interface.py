@@ -9,24 +9,31 @@ from collections.abc import Sequence
 import numpy as np
 
 from plant_sim.node.noise import address
-from plant_sim.node.plant_cycle import INTERFACE, OUTBOX, SETTINGS, Refusal, begin, show, slept, take
+from plant_sim.node.plant_cycle import (
+    CLUTCH_FRAMES,
+    INTERFACE,
+    OUTBOX,
+    SETTINGS,
+    SHARED_FRAMES,
+    Refusal,
+    begin,
+    show,
+    slept,
+    take,
+)
 from plant_sim.rigs.wet_clutch import Rig, Whole
 from protocols.can.frame_batch import batch, load, unload
 from protocols.can.frames import Frame, FrameCodec, load_frames
 from protocols.can.lifecycle import Lifecycle
 from protocols.can.reception import counted, receptions
 from protocols.can.two_clutches import CLUTCHES
-from protocols.can.words import signals
+from protocols.can.words import frame_definition
 from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
 from protocols.node import Column
 
 INBOX = 4096  # frames that `receive` takes at once: more than a bus of 1 Mbit/s carries in 0.2 s
 _NO_FRAME = -1  # an identifier that no frame has
-_CODECS = (
-    "VALVE_COMMAND", "MOTOR_COMMAND", "ANALOG_SENSORS", "ENCODER", "TORQUE_SETPOINT",
-    "CONTROLLER_HEARTBEAT", "PLANT_STATUS", "PLANT_HEARTBEAT",
-)  # fmt: skip
 
 
 class Interface(ABC):
@@ -60,8 +67,8 @@ class Interface(ABC):
         """Fill records and settings for the frames of each clutch."""
         frames, interface = by_clutch[0], self._interface
         fixed = self._settings.view(np.recarray)[0]
-        for name in _CODECS:
-            setattr(fixed, name.lower(), signals(frames[name]))
+        for name in SHARED_FRAMES:
+            setattr(fixed, name.lower(), frame_definition(frames[name]))
         self._heartbeat, status = frames["PLANT_HEARTBEAT"], frames["PLANT_STATUS"]
         self.heartbeat_period = self._heartbeat.cycle_time  # s
         own = [self._heartbeat, status]
@@ -73,19 +80,16 @@ class Interface(ABC):
             clutch.answered_tick = -1
             its.noise_source = address(self._generators[k])
             its.dac_range, its.dac_bits = of_clutch["sensors.dac_range"].value, int(of_clutch["sensors.dac_bits"].value)
-            sensors = codecs["ANALOG_SENSORS"], codecs["ENCODER"]
-            its.analog_id, its.encoder_id = (codec.can_id for codec in sensors)
-            its.setpoint_id = codecs["TORQUE_SETPOINT"].can_id
-            own += sensors
+            for name in CLUTCH_FRAMES:
+                its[name.lower()] = frame_definition(codecs[name])
+            own += [codecs["ANALOG_SENSORS"], codecs["ENCODER"]]
             self._heard += heard
         interface.motor = receptions(self._heard[:1])[0]
         self._own = {codec.can_id: codec.name for codec in own}
         fixed.own = [*self._own, *[_NO_FRAME] * (OUTBOX - len(self._own))]
         fixed.rate, fixed.period, fixed.session, fixed.count = self.rate, self._period, self._session, len(self._names)
-        fixed.status_id, fixed.heartbeat_id = status.can_id, self._heartbeat.can_id
         fixed.status_every = max(1, round(status.cycle_time * self.rate))
         fixed.heartbeat_every = max(1, round(self.heartbeat_period * self.rate))
-        fixed.angle_step = frames["ENCODER"].scale["shaft_angle"]  # rad
 
     @abstractmethod
     def show(self) -> int:

@@ -1,5 +1,6 @@
 """A sample of the plant, in compiled calls on records: `take` commands, `begin` the sample, `show` what its sensors see."""
 
+from collections.abc import Sequence
 from enum import IntEnum
 from typing import Any
 
@@ -10,19 +11,26 @@ from plant_sim.blocks import dac
 from plant_sim.node.noise import draw
 from plant_sim.profiles.profile import setpoint
 from plant_sim.rigs.sensors import acquire
-from protocols.can.frame_batch import word_of, write
+from protocols.can.frame_batch import word_of
+from protocols.can.frames import load_frames
 from protocols.can.lifecycle import Lifecycle
 from protocols.can.reception import RECEPTION, accepted
 from protocols.can.two_clutches import CLUTCHES
-from protocols.can.words import SIGNAL, put, put_raw, raw, sealed, value
+from protocols.can.words import count_turn, frame_layout, put, put_raw, raw, value, write_frame
 
 # cycles without a valve command that close the valve's amplifier: as long as the controller's guard waits
 STALE_CYCLES = 5
 OUTBOX = 8  # frames of a sample at most: heartbeat, status, and of each of two clutches set-point, sensors, encoder
-_SHORT, _LONG = 6, 8  # bytes of PLANT_STATUS, and of all else that a plant sends
-_WRAP = 1 << 32  # counts of the encoder's counter
-_TICK = 0xFFFF  # mask of the sample's number in a frame
-_COUNT_MAX = 65535  # end of what PLANT_STATUS can count
+SHARED_FRAMES = ("MOTOR_COMMAND", "PLANT_STATUS", "PLANT_HEARTBEAT")  # of the rig; then those of each clutch
+CLUTCH_FRAMES = ("VALVE_COMMAND", "CONTROLLER_HEARTBEAT", "TORQUE_SETPOINT", "ANALOG_SENSORS", "ENCODER")
+
+
+class Actuators(IntEnum):
+    """Values of PLANT_STATUS.ACTUATORS."""
+
+    SAFE = 0
+    COMMANDED = 1
+    STALE = 2
 
 
 class Refusal(IntEnum):
@@ -44,21 +52,25 @@ CLUTCH = np.dtype(
      ("temperature", "f8"), ("clutch_torque", "f8"), ("motor_torque", "f8"), ("noise", "f8", (4,)), ("valve", RECEPTION),
      ("heartbeat", RECEPTION)]
 )  # fmt: skip
-CLUTCH_SETTINGS = np.dtype(
-    [("dac_range", "f8"), ("dac_bits", "i8"), ("noise_source", "i8"), ("analog_id", "i8"), ("encoder_id", "i8"),
-     ("setpoint_id", "i8")]
-)  # fmt: skip
+
+
+def _layouts(names: Sequence[str]) -> list[tuple[str, np.dtype]]:
+    """A field for the definition of each frame, by its name in the DBC in lower case."""
+    return [(name.lower(), frame_layout(load_frames()[name])) for name in names]
+
+
+# Converter of the valve, source of the noise, and the clutch's frames as the DBC defines them
+CLUTCH_SETTINGS = np.dtype([("dac_range", "f8"), ("dac_bits", "i8"), ("noise_source", "i8"), *_layouts(CLUTCH_FRAMES)])
 # refused_...: why the bus cannot be worked on, which of its clutches says so
 INTERFACE = np.dtype(
     [("speed_demand", "f8"), ("torque_limit", "f8"), ("beats", "i8"), ("refused_id", "i8"), ("refused_value", "i8"),
      ("refused_clutch", "i8"), ("motor", RECEPTION), ("clutches", CLUTCH, (len(CLUTCHES),))]
 )  # fmt: skip
+# count: of the clutches; own: identifiers of the frames it sends; then the rig's frames as the DBC defines them
 SETTINGS = np.dtype(
     [("rate", "i8"), ("period", "f8"), ("session", "i8"), ("count", "i8"), ("own", "i8", (OUTBOX,)),
-     ("status_id", "i8"), ("heartbeat_id", "i8"), ("status_every", "i8"), ("heartbeat_every", "i8"), ("angle_step", "f8"),
-     ("valve_command", SIGNAL, (3,)), ("motor_command", SIGNAL, (3,)), ("analog_sensors", SIGNAL, (4,)),
-     ("encoder", SIGNAL, (2,)), ("torque_setpoint", SIGNAL, (4,)), ("controller_heartbeat", SIGNAL, (3,)),
-     ("plant_status", SIGNAL, (3,)), ("plant_heartbeat", SIGNAL, (3,)), ("clutches", CLUTCH_SETTINGS, (len(CLUTCHES),))]
+     ("status_every", "i8"), ("heartbeat_every", "i8"), *_layouts(SHARED_FRAMES),
+     ("clutches", CLUTCH_SETTINGS, (len(CLUTCHES),))]
 )  # fmt: skip
 _dac, _setpoint = njit(dac.voltage), njit(setpoint)
 
@@ -86,9 +98,9 @@ def _receive(interface, settings, frame):
             return _refuse(interface, Refusal.LENGTH, can_id, length, 0)
         if accepted(interface.motor, word, length):
             s = settings.motor_command
-            on = raw(word, s[0]) != 0
-            interface.speed_demand = value(word, s[1]) if on else 0.0
-            interface.torque_limit = value(word, s[2]) if on else 0.0
+            on = raw(word, s.motor_enable) != 0
+            interface.speed_demand = value(word, s.speed_demand) if on else 0.0
+            interface.torque_limit = value(word, s.torque_limit) if on else 0.0
         return 0
     for k in range(settings.count):
         clutch = interface.clutches[k]
@@ -96,16 +108,17 @@ def _receive(interface, settings, frame):
             if length != clutch.valve.length:
                 return _refuse(interface, Refusal.LENGTH, can_id, length, k)
             if accepted(clutch.valve, word, length):
-                s, its = settings.valve_command, settings.clutches[k]
-                on = raw(word, s[0]) != 0
-                clutch.voltage = _dac(value(word, s[1]), its.dac_range, its.dac_bits) if on else 0.0
-                clutch.answered_tick, clutch.age, clutch.commanded = raw(word, s[2]), 0, True
+                its = settings.clutches[k]
+                s = its.valve_command
+                on = raw(word, s.valve_enable) != 0
+                clutch.voltage = _dac(value(word, s.valve_voltage), its.dac_range, its.dac_bits) if on else 0.0
+                clutch.answered_tick, clutch.age, clutch.commanded = raw(word, s.sample_tick), 0, True
         elif can_id == clutch.heartbeat.can_id:
             if length != clutch.heartbeat.length:
                 return _refuse(interface, Refusal.LENGTH, can_id, length, k)
             if accepted(clutch.heartbeat, word, length):
-                s = settings.controller_heartbeat
-                lifecycle, rate = raw(word, s[0]), raw(word, s[1])
+                s = settings.clutches[k].controller_heartbeat
+                lifecycle, rate = raw(word, s.lifecycle), raw(word, s.rate)
                 if rate != settings.rate:
                     return _refuse(interface, Refusal.RATE, can_id, rate, k)
                 if lifecycle > Lifecycle.FINALIZED.value:
@@ -137,28 +150,35 @@ def begin(interfaces: Any, all_settings: Any, tick: Any, late_cycles: Any, setpo
     if tick % settings.heartbeat_every == 0:
         s = settings.plant_heartbeat
         interface.beats += 1
-        word = put(put(put(np.int64(0), s[0], Lifecycle.ACTIVE.value), s[1], settings.rate), s[2], settings.session)
-        write(outbox[sent], settings.heartbeat_id, _LONG, sealed(word, _LONG, interface.beats))
+        word = put(np.int64(0), s.lifecycle, Lifecycle.ACTIVE.value)
+        word = put(word, s.rate, settings.rate)
+        word = put(word, s.session, settings.session)
+        write_frame(outbox[sent], s, word, interface.beats)
         sent += 1
     if tick % settings.status_every == 0:
         s = settings.plant_status
-        actuators, rejected = 0, interface.motor.corrupt + interface.motor.repeated
+        actuators, rejected = Actuators.SAFE.value, interface.motor.corrupt + interface.motor.repeated
         for k in range(settings.count):
             clutch = interface.clutches[k]
             if clutch.commanded:
-                actuators = max(actuators, 2 if _stale(clutch) else 1)
+                actuators = max(actuators, Actuators.STALE.value if _stale(clutch) else Actuators.COMMANDED.value)
             rejected += clutch.valve.corrupt + clutch.valve.repeated
             rejected += clutch.heartbeat.corrupt + clutch.heartbeat.repeated
-        word = put(put(np.int64(0), s[0], actuators), s[1], min(late_cycles, _COUNT_MAX))
-        word = put(word, s[2], min(rejected, _COUNT_MAX))
-        write(outbox[sent], settings.status_id, _SHORT, sealed(word, _SHORT, tick // settings.status_every))
+        word = put(np.int64(0), s.actuators, actuators)
+        word = put(word, s.late_cycles, late_cycles)
+        word = put(word, s.rejected_frames, rejected)
+        write_frame(outbox[sent], s, word, tick // settings.status_every)
         sent += 1
-    s, time = settings.torque_setpoint, tick * settings.period
+    time = tick * settings.period
     for k in range(len(setpoints)):
+        s = settings.clutches[k].torque_setpoint
         request, torque, speed, pressure = _setpoint(setpoints[k], time)
         interface.clutches[k].torque_demand = torque
-        word = put(put(put(put(np.int64(0), s[0], request), s[1], torque), s[2], speed), s[3], pressure)
-        write(outbox[sent], settings.clutches[k].setpoint_id, _LONG, sealed(word, _LONG, tick))
+        word = put(np.int64(0), s.request, request)
+        word = put(word, s.torque_demand, torque)
+        word = put(word, s.speed_demand, speed)
+        word = put(word, s.pressure_demand, pressure)
+        write_frame(outbox[sent], s, word, tick)
         sent += 1
     return sent
 
@@ -182,21 +202,24 @@ def show(
         y, states, clutch.noise, parameters, effects, settings.period
     )
     states[:] = after
-    s = settings.analog_sensors
-    word = put_raw(put_raw(np.int64(0), s[0], pressure), s[1], temperature)
-    word = put_raw(put_raw(word, s[2], motor_torque), s[3], clutch_torque)
-    write(outbox[sent], its.analog_id, _LONG, sealed(word, _LONG, tick))
-    clutch.pressure, clutch.temperature = value(word, s[0]), value(word, s[1])
-    clutch.motor_torque, clutch.clutch_torque = value(word, s[2]), value(word, s[3])
-    turned, clutch.slip_speed = 0.0, y[0].slip_speed  # in the first sample the true one
+    s = its.analog_sensors
+    word = put_raw(np.int64(0), s.cylinder_pressure, pressure)
+    word = put_raw(word, s.oil_temperature, temperature)
+    word = put_raw(word, s.motor_torque, motor_torque)
+    word = put_raw(word, s.clutch_torque, clutch_torque)
+    write_frame(outbox[sent], s, word, tick)
+    clutch.pressure, clutch.temperature = value(word, s.cylinder_pressure), value(word, s.oil_temperature)
+    clutch.motor_torque, clutch.clutch_torque = value(word, s.motor_torque), value(word, s.clutch_torque)
+    s = its.encoder
+    angle, clutch.slip_speed = 0.0, y[0].slip_speed  # in the first sample the true one
     if clutch.begun:
-        turned = ((count - clutch.count + _WRAP // 2) % _WRAP - _WRAP // 2) * settings.angle_step
-        clutch.slip_speed = turned * settings.rate
+        angle = count_turn(count, clutch.count, s.shaft_angle) * s.shaft_angle.scale
+        clutch.slip_speed = angle * settings.rate
     clutch.begun, clutch.count = True, count
-    clutch.angle += turned
-    s = settings.encoder
-    word = put_raw(put_raw(np.int64(0), s[0], count), s[1], tick & _TICK)
-    write(outbox[sent + 1], its.encoder_id, _LONG, sealed(word, _LONG, tick))
+    clutch.angle += angle
+    word = put_raw(np.int64(0), s.shaft_angle, count)
+    word = put_raw(word, s.sample_tick, tick)  # it wraps
+    write_frame(outbox[sent + 1], s, word, tick)
     return sent + 2
 
 

@@ -11,51 +11,23 @@ from plant_sim.effects.table import switched_on
 from plant_sim.node.injection import Injection, effect_on, requested
 from plant_sim.node.interface import Interface
 from plant_sim.node.plant_cycle import Refusal
+from plant_sim.node.plant_record import COLUMNS, note_sample
 from plant_sim.node.plant_rig import PlantRig
-from plant_sim.node.plant_turn import in_step, in_time, move, note
+from plant_sim.node.plant_turn import PlantMemory, in_step, in_time, move
 from plant_sim.node.schedule import Schedule
 from plant_sim.profiles.profile import Profile, load_profile
 from plant_sim.rigs import wet_clutch
-from plant_sim.rigs.clutch_phase import Phase
 from plant_sim.rigs.wet_clutch import STATE, Whole
 from protocols.buses.exchange import Exchange, silence
 from protocols.can.frame_batch import batch
 from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
 from protocols.files.units import ZERO_CELSIUS
-from protocols.node import Column
 from protocols.realtime.beat import Beat
 from protocols.realtime.clock import Clock
 
 _TEMPERATURES = 35.0, 150.0  # degC: valid range of eq. 6.3 (blocks/oil.py) and of fig 6.8
 NO_SETPOINTS = np.zeros((0, 5, 0))  # tables of no profile, see `Interface`
-
-# Columns of a recorded run (docs/rig.md), then the truth.
-COLUMNS = tuple(
-    Column(*column)
-    for column in (
-        ("time_s", "s", "time since the run's start"),
-        ("valve_voltage_v", "V", "voltage to the V/A converter, acting from this row on"),
-        ("motor_speed_demand_rad_s", "rad/s", "speed demand of the motor, acting from this row on"),
-        ("cylinder_pressure_bar", "bar", "measured oil pressure behind the piston"),
-        ("slip_speed_rad_s", "rad/s", "measured slip speed, from encoder counts"),
-        ("shaft_angle_rad", "rad", "encoder angle of the turning plate"),
-        ("oil_temperature_degc", "degC", "measured oil temperature"),
-        ("clutch_torque_nm", "Nm", "measured clutch torque, for validation"),
-        ("motor_torque_nm", "Nm", "measured torque of the motor"),
-        ("truth_valve_pressure_bar", "bar", "pressure after the valve"),
-        ("truth_cylinder_pressure_bar", "bar", "pressure behind the piston"),
-        ("truth_piston_position_m", "m", "0 at rest"),
-        ("truth_normal_force_n", "N", "on the plates"),
-        ("truth_seal_force_n", "N", "friction of the piston's seals"),
-        ("truth_friction_state", "1", "m of eq. 6.9"),
-        ("truth_clutch_torque_nm", "Nm", "M"),
-        ("truth_motor_torque_nm", "Nm", "M_m"),
-        ("truth_slip_speed_rad_s", "rad/s", "omega"),
-        ("truth_oil_temperature_degc", "degC", "T"),
-        ("truth_phase", "1", ", ".join(f"{p.value} {p.name.lower()}" for p in Phase)),
-    )
-)
 
 
 class PlantNode(Interface):
@@ -115,7 +87,7 @@ class PlantNode(Interface):
         time = self.tick * self._period
         self._follow(time)
         sent = self._show(0, self._rig, self._state, sent)
-        note(self.record, time, self._interfaces, self._state.y, *self._rig.phase_pressures)
+        note_sample(self.record, time, self._interfaces, self._state.y, *self._rig.phase_pressures)
         return sent
 
     def advance(self) -> None:
@@ -249,23 +221,26 @@ class PlantNode(Interface):
         self, beat: Beat, lines: np.ndarray, inbox: np.ndarray, count: int, changes: int, owed: int
     ) -> tuple[int, int, int, int, int]:
         """The samples of the next ticks by the kernel `in_time`, whose result this is."""
-        tick, rig = self.tick + 1, self._rig
         done: tuple[int, int, int, int, int] = in_time(
-            beat.words, beat.spins, lines, inbox, count, self._interfaces, self._settings, tick, self._setpoints,
-            *self._state, rig.record, rig.table.kernel, *rig.phase_pressures, self._period, self._substeps,
-            self.outbox, self.record, self._most(beat), *beat.outlet, changes, owed,
-        )  # fmt: skip
+            beat.memory, lines, inbox, count, self._memory, self.tick + 1, self._most(beat), changes, owed
+        )
         return done
 
     def _in_step(self, beat: Beat, lines: np.ndarray, inbox: np.ndarray, changes: int) -> tuple[int, int, int, int]:
         """The same by the kernel `in_step`."""
-        rig = self._rig
         done: tuple[int, int, int, int] = in_step(
-            beat.words, lines, inbox, self._interfaces, self._settings, self.tick + 1, self._setpoints,
-            *self._state, rig.record, rig.table.kernel, *rig.phase_pressures, self._period, self._substeps,
-            self.outbox, self.record, self._most(beat), *beat.outlet, changes,
-        )  # fmt: skip
+            beat.memory, lines, inbox, self._memory, self.tick + 1, self._most(beat), changes
+        )
         return done
+
+    @property
+    def _memory(self) -> PlantMemory:
+        """What compiled turns work on now; the rig's part is another after a change."""
+        rig = self._rig
+        return PlantMemory(
+            self._interfaces, self._settings, self._setpoints, *self._state, rig.record, rig.table.kernel,
+            *rig.phase_pressures, self._period, self._substeps, self.outbox, self.record,
+        )  # fmt: skip
 
     def _most(self, beat: Beat) -> int:
         """Samples that one call may make: up to the next change of the rig and the profile's end."""

@@ -13,6 +13,7 @@ from plant_sim.node.injection import Injection, requested
 from plant_sim.node.interface import Interface
 from plant_sim.node.plant_node import NO_SETPOINTS, PlantNode, initial_temperature
 from plant_sim.node.plant_rig import PlantRig
+from plant_sim.node.power_shift_record import COLUMNS, note_sample
 from plant_sim.node.schedule import Change, Schedule
 from plant_sim.profiles.shift_profile import ShiftProfile, load_shift_profile
 from plant_sim.rigs import power_shift
@@ -22,44 +23,6 @@ from protocols.can.frame_batch import batch
 from protocols.can.two_clutches import CLUTCHES
 from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
-from protocols.files.units import BAR, ZERO_CELSIUS
-from protocols.node import Column
-
-_CLUTCH_COLUMNS = (
-    ("valve_voltage_{}_v", "V", "voltage to the V/A converter, acting from this row on"),
-    ("torque_demand_{}_nm", "Nm", "the supervisor's demand to the controller"),
-    ("cylinder_pressure_{}_bar", "bar", "measured oil pressure behind the piston"),
-    ("slip_speed_{}_rad_s", "rad/s", "measured slip speed, from encoder counts"),
-    ("slip_angle_{}_rad", "rad", "encoder angle of the clutch's input against its output"),
-    ("oil_temperature_{}_degc", "degC", "measured oil temperature"),
-    ("clutch_torque_{}_nm", "Nm", "measured clutch torque, for validation"),
-    ("truth_valve_pressure_{}_bar", "bar", "pressure after the valve"),
-    ("truth_cylinder_pressure_{}_bar", "bar", "pressure behind the piston"),
-    ("truth_piston_position_{}_m", "m", "0 at rest"),
-    ("truth_normal_force_{}_n", "N", "on the plates"),
-    ("truth_friction_state_{}", "1", "m of eq. 6.9"),
-    ("truth_clutch_torque_{}_nm", "Nm", "M"),
-    ("truth_slip_speed_{}_rad_s", "rad/s", "input speed less ratio times output speed"),
-    ("truth_oil_temperature_{}_degc", "degC", "T"),
-    ("truth_heat_{}_j", "J", "friction heat since the start"),
-)
-
-_PART = len(_CLUTCH_COLUMNS)
-
-COLUMNS = (
-    Column("time_s", "s", "time since the run's start"),
-    Column("input_speed_demand_rad_s", "rad/s", "speed demand of the motor, acting from this row on"),
-    Column("motor_torque_nm", "Nm", "measured torque of the motor"),
-    *(Column(name.format(clutch), unit, meaning) for clutch in CLUTCHES for name, unit, meaning in _CLUTCH_COLUMNS),
-    Column("truth_motor_torque_nm", "Nm", "M_m"),
-    Column("truth_input_speed_rad_s", "rad/s", "of the motor and both clutches' inputs"),
-    Column("truth_output_speed_rad_s", "rad/s", "of the output shaft"),
-    Column("truth_vehicle_speed_m_s", "m/s", "output speed times the wheel's radius"),
-    Column("truth_output_torque_nm", "Nm", "i_a M_a + i_b M_b"),
-    Column("truth_road_torque_nm", "Nm", "rolling resistance, drag and grade, about the output shaft"),
-    Column("truth_input_work_j", "J", "of the motor since the start"),
-    Column("truth_road_work_j", "J", "into the road since the start"),
-)
 
 
 class PowerShiftNode(Interface):
@@ -119,7 +82,7 @@ class PowerShiftNode(Interface):
         sent = self._show(0, self._rig.a, self._state.a, sent)
         sent = self._show(1, self._rig.b, self._state.b, sent)
         line, (a, _), (b, _) = self._state
-        _note(self.record, time, self._interfaces, line, a, b, self._radius)
+        note_sample(self.record, time, self._interfaces, line, a, b, self._radius)
         return sent
 
     def advance(self) -> None:
@@ -196,10 +159,9 @@ class PowerShiftNode(Interface):
 
     def _advance(self, duration: float, substeps: int) -> None:
         rig, (line, a, b) = self._rig, self._state
-        _move(
-            self._interfaces, line, *a, *b, rig.record, rig.a.record, rig.b.record,
-            rig.a.table.attachments, rig.b.table.attachments, duration, substeps,
-        )  # fmt: skip
+        parameters = rig.record, rig.a.record, rig.b.record
+        effects = rig.a.table.attachments, rig.b.table.attachments
+        _move(self._interfaces, (line, *a, *b), parameters, effects, duration, substeps)
 
     def _follow(self, time: float) -> None:
         """Let both clutches be what they are to be at `time` [s]; outputs follow."""
@@ -229,12 +191,14 @@ class PowerShiftNode(Interface):
 
 
 @njit(cache=True, nogil=True)
-def _move(
-    interfaces: Any, line: Any, a: Any, states_a: Any, b: Any, states_b: Any, driveline: Any, parameters_a: Any,
-    parameters_b: Any, effects_a: Any, effects_b: Any, duration: Any, substeps: Any,
-) -> None:  # fmt: skip
-    """As `power_shift.advance` with the inputs that the interface holds, in place."""
-    interface = interfaces[0]
+def _move(interfaces: Any, state: Any, parameters: Any, effects: Any, duration: Any, substeps: Any) -> None:
+    """As `power_shift.advance` with the inputs that the interface holds, in place.
+
+    `state` is the driveline's, then rig and effects of a and of b; `parameters` are those of the driveline, of a and of b,
+    `effects` those of a and of b. All are plain tuples: a named one costs 1 us more a call.
+    """
+    interface, (line, a, states_a, b, states_b) = interfaces[0], state
+    (driveline, parameters_a, parameters_b), (effects_a, effects_b) = parameters, effects
     line_after, a_after, b_after, states_a_after, states_b_after = power_shift.advance(
         line, a, states_a, b, states_b, interface.clutches[0].voltage, interface.clutches[1].voltage,
         interface.speed_demand, interface.torque_limit, driveline, parameters_a, parameters_b, effects_a, effects_b,
@@ -242,29 +206,6 @@ def _move(
     )  # fmt: skip
     line[0], a[0], b[0] = line_after[0], a_after[0], b_after[0]
     states_a[:], states_b[:] = states_a_after, states_b_after
-
-
-@njit(cache=True, nogil=True)
-def _note(row: Any, time: Any, interfaces: Any, line: Any, a: Any, b: Any, wheel_radius: Any) -> None:
-    """Fill the record of a sample, in the order of COLUMNS; wheel_radius [m]."""
-    interface, d = interfaces[0], line[0]
-    row[0], row[1], row[2] = time, interface.speed_demand, interface.clutches[0].motor_torque
-    _note_clutch(row, 3, interface.clutches[0], a[0], d.heat_a)
-    _note_clutch(row, 3 + _PART, interface.clutches[1], b[0], d.heat_b)
-    at = 3 + 2 * _PART
-    row[at], row[at + 1], row[at + 2] = d.motor_torque, d.input_speed, d.output_speed
-    row[at + 3], row[at + 4], row[at + 5] = d.output_speed * wheel_radius, d.output_torque, d.road_torque
-    row[at + 6], row[at + 7] = d.input_work, d.road_work
-
-
-@njit
-def _note_clutch(row, at, c, y, heat):
-    """Fill a clutch's part of the record from column `at` on, in the order of _CLUTCH_COLUMNS; heat [J]."""
-    row[at], row[at + 1], row[at + 2], row[at + 3] = c.voltage, c.torque_demand, c.pressure, c.slip_speed
-    row[at + 4], row[at + 5], row[at + 6] = c.angle, c.temperature, c.clutch_torque
-    row[at + 7], row[at + 8], row[at + 9] = y.valve_pressure / BAR, y.pressure / BAR, y.position
-    row[at + 10], row[at + 11], row[at + 12] = y.normal_force, y.friction_state, y.clutch_torque
-    row[at + 13], row[at + 14], row[at + 15] = y.slip_speed, y.temperature - ZERO_CELSIUS, heat
 
 
 def _whole_name(name: str, clutch: str) -> str:

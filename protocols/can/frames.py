@@ -6,6 +6,7 @@ random values is a test (tests/protocols/test_frames.py).
 
 from collections import namedtuple
 from collections.abc import Callable
+from functools import cache
 from keyword import iskeyword
 from math import floor, isfinite
 from pathlib import Path
@@ -77,10 +78,11 @@ class FrameCodec:
         return data[1] & 15
 
 
+@cache
 def load_frames(path: Path = DBC, clutch: str = "a") -> dict[str, FrameCodec]:
     """Compile every frame of a DBC as `clutch` has it, by its name in the DBC. Raises InputError naming file, frame, signal.
 
-    Where there is one clutch, it is clutch a.
+    Where there is one clutch, it is clutch a. The dictionary is shared by all who ask: do not change it.
     """
     try:
         database = cantools.database.load_file(path)

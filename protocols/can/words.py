@@ -1,4 +1,4 @@
-"""Words: payloads of the bus for compiled loops, each an integer of 64 bits, its signals by a table made from the DBC.
+"""Words: payloads of the bus for compiled loops, each an integer of 64 bits, its signals by name as the DBC defines them.
 
 Equation        value = raw scale + offset;  raw = floor((value - offset) / scale + 0.5)                    (as frames.py)
 Assumptions     up to 8 bytes, little-endian integers (frames.py checks that); CRC in byte 0, alive counter in bits 8 to 11
@@ -11,8 +11,10 @@ import numpy as np
 from e2e.crc import calculate_crc8
 from numba import njit
 
+from protocols.can.frame_batch import write
 from protocols.can.frames import FrameCodec
 
+# How a signal lies in the word and what a count of it is worth; low, high: the ends of its raw integer
 SIGNAL = np.dtype(
     [("start", "i8"), ("mask", "i8"), ("sign", "i8"), ("low", "i8"), ("high", "i8"), ("scale", "f8"), ("offset", "f8")]
 )
@@ -21,18 +23,21 @@ _TABLE = np.array([calculate_crc8(bytes((index ^ 0xFF,))) ^ 0xFF for index in ra
 _COUNTER = 15  # mask of the alive counter
 
 
-def signals(codec: FrameCodec) -> np.ndarray:
-    """The signals of a frame, shape (signals,) of SIGNAL, in the order of `codec.signals`."""
-    table = np.zeros(len(codec.signals), SIGNAL)
-    by_name = {definition.name.lower(): definition for definition in codec.definitions}
-    for row, name in zip(table, codec.signals, strict=True):
-        signal = by_name[name]
-        half = 1 << signal.length - 1
-        row["start"], row["mask"] = signal.start, 2 * half - 1
-        row["sign"] = half if signal.is_signed else 0
-        row["low"], row["high"] = (-half, half - 1) if signal.is_signed else (0, 2 * half - 1)
-        row["scale"], row["offset"] = float(signal.scale), float(signal.offset)
-    return table
+def frame_layout(codec: FrameCodec) -> np.dtype:
+    """The type of a frame's definition: can_id, length [bytes], and a SIGNAL for each of `codec.signals`, by its name."""
+    return np.dtype([("can_id", "i8"), ("length", "i8"), *((name, SIGNAL) for name in codec.signals)])
+
+
+def frame_definition(codec: FrameCodec) -> np.void:
+    """A frame as the DBC defines it, a record of `frame_layout(codec)`."""
+    definition: np.void = np.zeros(1, frame_layout(codec))[0]
+    definition["can_id"], definition["length"] = codec.can_id, codec.length
+    for signal in codec.definitions:
+        if (name := signal.name.lower()) in codec.signals:
+            half = 1 << signal.length - 1
+            sign, low, high = (half, -half, half - 1) if signal.is_signed else (0, 0, 2 * half - 1)
+            definition[name] = signal.start, 2 * half - 1, sign, low, high, float(signal.scale), float(signal.offset)
+    return definition
 
 
 @njit(inline="always")
@@ -48,6 +53,19 @@ def value(word, signal):
 
 
 @njit(inline="always")
+def count_turn(counts, before, signal):
+    """Counts from `before`, a total, to the raw integer `counts` of a signal that wraps: less than half a turn, either way."""
+    wrap = signal.mask + 1
+    return (counts - before + wrap // 2) % wrap - wrap // 2
+
+
+@njit(inline="always")
+def count_rise(counts, before, signal):
+    """Counts from `before`, a total, to the raw integer `counts` of a signal that wraps and only rises."""
+    return counts - before & signal.mask
+
+
+@njit(inline="always")
 def put(word, signal, physical):
     """`word` with the signal at `physical`, or at the nearest value that it has."""
     counts = min(max(floor((physical - signal.offset) / signal.scale + 0.5), signal.low), signal.high)
@@ -56,7 +74,7 @@ def put(word, signal, physical):
 
 @njit(inline="always")
 def put_raw(word, signal, counts):
-    """`word` with the signal at the raw integer `counts`, which is in its range."""
+    """`word` with the signal at the raw integer `counts`, which wraps where it is beyond the range."""
     return word | (counts & signal.mask) << signal.start
 
 
@@ -80,6 +98,12 @@ def sealed(word, length, count):
     """The payload `word`, CRC and counter of which are zero, with both."""
     word |= (count & _COUNTER) << 8
     return word | crc(word, length)
+
+
+@njit(inline="always")
+def write_frame(frame, definition, word, count):
+    """Make `frame` the one that `definition` defines, with the payload `word`, its CRC and the counter of `count`."""
+    write(frame, definition.can_id, definition.length, sealed(word, definition.length, count))
 
 
 @njit(inline="always")

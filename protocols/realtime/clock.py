@@ -8,28 +8,32 @@ cycle, so that elapsed slots = cycles run + cycles skipped, always: the grid's p
 import time
 from array import array
 from collections.abc import Callable
-from enum import IntEnum
 from typing import Any
+
+import numpy as np
 
 from protocols.realtime.overrun import skip
 from protocols.realtime.waiting import Sleep, Waiting
 
+_BINS = 20_000  # of a histogram: 1 us each
+# bins: counts of durations, the last of those beyond; total: their sum; maximum [ns]
+HISTOGRAM = np.dtype([("bins", "i8", (_BINS + 1,)), ("total", "i8"), ("maximum", "i8")])
+# A clock's memory, which compiled code shares (`beat.py`); times in ns, counts of slots. first: slot of the grid; spare: of
+# compiled code; skips: whether slots slept through are just left out, and nobody is to be asked
+CLOCK = np.dtype(
+    [("period", "i8"), ("first", "i8"), ("deadline", "i8"), ("woken", "i8"), ("lateness", "i8"), ("worked", "i8"),
+     ("run", "i8"), ("skipped", "i8"), ("late", "i8"), ("spare", "i8", (2,)), ("skips", "i8"), ("wake", HISTOGRAM),
+     ("work", HISTOGRAM)]
+)  # fmt: skip
 
-class Word(IntEnum):
-    """What stands where in a clock's memory, which compiled code shares (`beat.py`); times in ns."""
 
-    PERIOD = 0
-    FIRST = 1  # slot of the grid
-    DEADLINE = 2
-    WOKEN = 3
-    LATENESS = 4
-    WORKED = 5
-    RUN = 6
-    SKIPPED = 7
-    LATE = 8
-    SPARE = 9  # two words of compiled code
-    SKIPS = 11  # whether slots slept through are just left out: nobody is to be asked
-    WAKE = 12  # from here on a histogram
+def _place(layout: np.dtype, name: str) -> int:
+    """The number of a field's first word, of 8 bytes, in a record of `layout`."""
+    assert layout.fields
+    return int(layout.fields[name][1]) // 8
+
+
+_TOTAL, _MAXIMUM = _place(HISTOGRAM, "total"), _place(HISTOGRAM, "maximum")
 
 
 class Histogram:
@@ -38,33 +42,30 @@ class Histogram:
     Longer ones share the last bin: a percentile that falls there reads 20 ms, the maximum is exact.
     """
 
-    BINS = 20_000
-    WORDS = BINS + 3
-
     def __init__(self, words: memoryview | None = None) -> None:
-        self._words = memoryview(array("q", bytes(8 * self.WORDS))) if words is None else words
+        self._words = memoryview(array("q", bytes(HISTOGRAM.itemsize))) if words is None else words
 
     @property
     def total(self) -> int:
         """Durations counted."""
-        return self._words[-2]
+        return self._words[_TOTAL]
 
     @property
     def maximum_ns(self) -> int:
         """The longest one [ns]; 0 when there are none."""
-        return self._words[-1]
+        return self._words[_MAXIMUM]
 
     def add(self, duration_ns: int) -> None:
         """Count a duration [ns]."""
-        self._words[min(max(duration_ns, 0) // 1000, self.BINS)] += 1
-        self._words[-2] += 1
-        if duration_ns > self._words[-1]:
-            self._words[-1] = duration_ns
+        self._words[min(max(duration_ns, 0) // 1000, _BINS)] += 1
+        self._words[_TOTAL] += 1
+        if duration_ns > self._words[_MAXIMUM]:
+            self._words[_MAXIMUM] = duration_ns
 
     def percentile(self, percent: float) -> float:
         """Upper edge of the bin in which `percent` of the durations are reached [us]; 0 when there are none."""
         wanted, reached = self.total * percent / 100.0, 0
-        for microseconds, count in enumerate(self._words[:-2]):
+        for microseconds, count in enumerate(self._words[:_TOTAL]):
             reached += count
             if count and reached >= wanted:
                 return min(microseconds + 1.0, self.maximum_ns / 1000.0)
@@ -77,10 +78,10 @@ class Histogram:
 
 
 class _Kept:
-    """A number of a clock that lies in its memory."""
+    """A number of a clock that lies in its memory: the field `name` of CLOCK."""
 
-    def __init__(self, word: Word) -> None:
-        self._word = int(word)
+    def __init__(self, name: str) -> None:
+        self._word = _place(CLOCK, name)
 
     def __get__(self, clock: "Clock", kind: type) -> int:
         return clock.words[self._word]
@@ -97,20 +98,21 @@ class Clock:
     `run` cycles begun, `skipped` slots slept through, `slots` both, counted with the grid,
     `late` cycles that ended, or began, after the slot they waited for,
     `wake` lateness of wake-ups and `work` durations of cycles; `woken_ns` (of CLOCK_MONOTONIC), `lateness_ns` and
-    `work_ns` are the last ones. All that lies in `words`.
+    `work_ns` are the last ones. All that lies in `words`, the memory of a CLOCK.
     """
 
-    period_ns, _first_ns, deadline_ns = _Kept(Word.PERIOD), _Kept(Word.FIRST), _Kept(Word.DEADLINE)
-    woken_ns, lateness_ns, work_ns = _Kept(Word.WOKEN), _Kept(Word.LATENESS), _Kept(Word.WORKED)
-    run, skipped, late = _Kept(Word.RUN), _Kept(Word.SKIPPED), _Kept(Word.LATE)
+    period_ns, _first_ns, deadline_ns = _Kept("period"), _Kept("first"), _Kept("deadline")
+    woken_ns, lateness_ns, work_ns = _Kept("woken"), _Kept("lateness"), _Kept("worked")
+    run, skipped, late, _skips = _Kept("run"), _Kept("skipped"), _Kept("late"), _Kept("skips")
 
     def __init__(self, period_ns: int, waiting: Waiting | None = None, overrun: Callable[[int], int] = skip) -> None:
-        self.words = array("q", bytes(8 * (Word.WAKE + 2 * Histogram.WORDS)))
-        view = memoryview(self.words)
-        self.wake = Histogram(view[Word.WAKE : Word.WAKE + Histogram.WORDS])
-        self.work = Histogram(view[Word.WAKE + Histogram.WORDS :])
+        self.words = array(
+            "q", bytes(CLOCK.itemsize)
+        )  # an element of it is read ten times as fast as a field of a record
+        view, wake, work = memoryview(self.words), _place(CLOCK, "wake"), _place(CLOCK, "work")
+        self.wake, self.work = Histogram(view[wake:work]), Histogram(view[work:])
         self.waiting, self._overrun = waiting or Sleep(), overrun
-        self.words[Word.SKIPS] = overrun is skip
+        self._skips = overrun is skip
         self.period_ns = self._first_ns = period_ns  # no slot has come
 
     def start(self, first_deadline_ns: int) -> None:

@@ -18,7 +18,7 @@ import numpy as np
 from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
 from protocols.node import Column
-from protocols.realtime.beat import Beat, warm_book
+from protocols.realtime.beat import TIMING, Beat, warm_book
 from protocols.realtime.child import module, spawn
 from protocols.realtime.clock import Clock
 from protocols.realtime.mailbox import Mailbox
@@ -29,13 +29,6 @@ from protocols.telemetry.keys import bench_name
 from protocols.telemetry.tuning import Tunable, Tuning, described
 
 RING_ROWS = 65_536  # a minute at 1 kHz
-TIMING = (
-    Column("clock_s", "s", "CLOCK_MONOTONIC when the cycle began"),
-    Column("wake_us", "us", "lateness of the cycle's wake-up"),
-    Column("work_us", "us", "duration of the cycle before"),
-    Column("late_cycles", "1", "cycles that ended after their slot, total"),
-    Column("parameter_changes", "1", "parameters changed while running, total"),
-)
 _START = 60.0  # s for it to start; one takes half a second
 _POLL = 0.02  # s between looks
 _END = 3.0  # s for the telemetry process to publish its last rows and end

@@ -13,11 +13,9 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from protocols.can.words import count_rise, count_turn, raw
 from rt_controller.law.record import floats, record
 from rt_controller.law.slip import observe
-
-_ANGLE_WRAP = 1 << 32  # counts of the encoder's counter
-_TICK_WRAP = 1 << 16
 
 # Ratios [-] of this clutch and of the other; for how long [s] a status is believed
 PAIR_SETTINGS = floats("ratio", "other_ratio", "patience")
@@ -35,12 +33,12 @@ def unheard() -> Any:
 
 
 @njit
-def take_other_encoder(other, shaft_angle, tick, angle_step, period, bandwidth):
-    """Take the raw values of the other's ENCODER; units as in `sample.take_encoder`."""
-    turned = (shaft_angle - other.count + _ANGLE_WRAP // 2) % _ANGLE_WRAP - _ANGLE_WRAP // 2
-    other.count += turned
-    angle = other.count * angle_step
-    ticks = (tick - other.tick) % _TICK_WRAP
+def take_other_encoder(other, word, encoder, period, bandwidth):
+    """Take the payload `word` of the other's ENCODER; arguments as of `sample.take_encoder`."""
+    tick = raw(word, encoder.sample_tick)
+    other.count += count_turn(raw(word, encoder.shaft_angle), other.count, encoder.shaft_angle)
+    angle = other.count * encoder.shaft_angle.scale
+    ticks = count_rise(tick, other.tick, encoder.sample_tick)
     if other.tick < 0:
         other.angle, other.slip, other.acceleration = angle, 0.0, 0.0
     elif ticks:

@@ -6,10 +6,8 @@ Time comes from the ticks of the data acquisition, so jitter of the bus does not
 import numpy as np
 from numba import njit
 
+from protocols.can.words import count_rise, count_turn, raw
 from rt_controller.law.slip import observe
-
-_ANGLE_WRAP = 1 << 32  # counts of the encoder's counter
-_TICK_WRAP = 1 << 16
 
 # The newest complete sample: tick (unwrapped, -1 before the first), pressure [Pa], temperature [K], motor_torque [Nm],
 # unchanged by a count for motor_stuck [s]; slip [rad/s], acceleration [rad/s^2] and angle [rad] of the observer; speed
@@ -31,26 +29,27 @@ def take_analog(sample, pressure, temperature, motor_torque):
 
 
 @njit
-def take_encoder(sample, shaft_angle, sample_tick, angle_step, period, bandwidth, speed_demand):
-    """Take the raw values of ENCODER; return the ticks since the sample before, 0 while the analog half is missing.
+def take_encoder(sample, word, encoder, period, bandwidth, speed_demand):
+    """Take the payload `word` of ENCODER; return the ticks since the sample before, 0 while the analog half is missing.
 
-    angle_step [rad/count], period [s], bandwidth of the slip observer [1/s]. The first sample starts the observer at
-    `speed_demand` [rad/s]: the motor holds its speed when a run begins.
+    `encoder`: that frame's definition (`words.frame_layout`); period [s], bandwidth of the slip observer [1/s]. The first
+    sample starts the observer at `speed_demand` [rad/s]: the motor holds its speed when a run begins.
     """
     if not sample.analog:
         return 0
     sample.analog = False
-    turned = (shaft_angle - sample.count + _ANGLE_WRAP // 2) % _ANGLE_WRAP - _ANGLE_WRAP // 2
-    sample.count += turned
+    angle_step, sample_tick = encoder.shaft_angle.scale, raw(word, encoder.sample_tick)
+    counts = count_turn(raw(word, encoder.shaft_angle), sample.count, encoder.shaft_angle)
+    sample.count += counts
     angle = sample.count * angle_step
     if sample.tick < 0:
         ticks, sample.tick = 1, sample_tick
         sample.angle, sample.slip, sample.speed, sample.acceleration = angle, speed_demand, speed_demand, 0.0
     else:
-        ticks = (sample_tick - sample.tick) % _TICK_WRAP
+        ticks = count_rise(sample_tick, sample.tick, encoder.sample_tick)
         if ticks:
             sample.tick += ticks
-            sample.speed = turned * angle_step / (ticks * period)
+            sample.speed = counts * angle_step / (ticks * period)
             sample.angle, sample.slip, sample.acceleration = observe(
                 (sample.angle, sample.slip, sample.acceleration), angle, ticks * period, bandwidth
             )

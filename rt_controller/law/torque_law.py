@@ -17,7 +17,7 @@ from numba import njit
 from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
 from protocols.files.units import BAR, ZERO_CELSIUS
-from protocols.node import Column
+from protocols.node import Column, record_type
 from rt_controller.law.clutch_state import ClutchState, clutch_state
 from rt_controller.law.feedforward import holding_pressure, inverse_model
 from rt_controller.law.lock import LOCK_SETTINGS, hold
@@ -28,6 +28,7 @@ from rt_controller.law.transmitted import TORQUE, TORQUE_SETTINGS, estimate, tor
 
 LAWS = ("both", "feedforward", "feedback")  # the three rows of Table 6.6
 
+# What the law publishes of each step, in the order of the run file: a term is declared here and filled in `control`
 TERMS = tuple(
     Column(*column)
     for column in (
@@ -67,6 +68,7 @@ TERMS = tuple(
         ),
     )
 )
+TERM_VALUES = record_type(TERMS)
 
 # as the way into lock is the way out of it: 25 Nm in 0.25 s, which the pressure loop follows; at once, it would open the clutch
 _FASTER = 4.0
@@ -78,11 +80,10 @@ LAW_SETTINGS = np.dtype(
      ("slip_hold", "f8")]
 )  # fmt: skip
 # torque: what is transmitted; voltage [V] and pressure_demand [Pa] of the last step; pressure_limited, voltage_limited: 1 at
-# the upper limit, -1 at the lower, else 0; held: capacity asked for in lock and on the way out [Nm], else 0; terms in the order
-# of TERMS
+# the upper limit, -1 at the lower, else 0; held: capacity asked for in lock and on the way out [Nm], else 0
 LAW = np.dtype(
     [("torque", TORQUE), ("voltage", "f8"), ("pressure_demand", "f8"), ("pressure_limited", "i8"), ("voltage_limited", "i8"),
-     ("held", "f8"), ("torque_loop", PI), ("pressure_loop", PI), ("terms", "f8", len(TERMS))]
+     ("held", "f8"), ("torque_loop", PI), ("pressure_loop", PI)]
 )  # fmt: skip
 
 
@@ -112,11 +113,12 @@ def law_at_rest() -> Any:
 
 
 @njit
-def control(law, settings, phase, demand, speed_demand, pushes, sample, step, followed):
+def control(law, settings, phase, demand, speed_demand, pushes, sample, step, followed, terms):
     """Move LAW on by `step` [s], 0 without a fresh sample, towards the torque `demand` [Nm], a magnitude.
 
     `speed_demand` [rad/s] is what the motor is asked for; it `pushes` with all that it may give, or not.
-    `followed` [Pa] is the pressure to be followed instead of the torque; not a number where there is none.
+    `followed` [Pa] is the pressure to be followed instead of the torque; not a number where there is none. `terms` is a record
+    with the fields of TERMS, which are filled.
     """
     torque, model, pressure, follows = law.torque, settings.torque.model, sample.pressure, followed == followed
     closed = phase == Phase.SLIP_CONTROL or phase == Phase.LOCK
@@ -186,16 +188,32 @@ def control(law, settings, phase, demand, speed_demand, pushes, sample, step, fo
     law.voltage = min(max(wanted, 0.0), settings.voltage_limit)
     law.voltage_limited = _side(wanted, law.voltage)
 
-    t = law.terms
-    t[0], t[1], t[2], t[3] = nan if follows else demand, torque.estimate, torque.coulomb, torque.viscous
-    t[4], t[5], t[8], t[9] = torque.m, feedforward / BAR, pressure_demand / BAR, pressure / BAR
-    t[6], t[7] = law.torque_loop.proportional / BAR, law.torque_loop.integral / BAR
-    t[10] = law.pressure_loop.proportional / BAR
-    t[11], t[12], t[13], t[14] = law.pressure_loop.integral / BAR, law.voltage, sample.speed, sample.acceleration
-    t[15], t[16] = sample.temperature - ZERO_CELSIUS, torque.observed
-    t[17], t[18], t[19], t[20] = torque.adaptation.level, correction, torque.adaptation.active, contact
-    t[21], t[22] = waits, law.pressure_limited != 0 or law.voltage_limited != 0
-    t[23], t[24], t[25] = state, capacity, level
+    terms.torque_demand_nm = nan if follows else demand
+    terms.torque_estimate_nm = torque.estimate
+    terms.coulomb_part_nm = torque.coulomb
+    terms.viscous_part_nm = torque.viscous
+    terms.friction_state = torque.m
+    terms.feedforward_bar = feedforward / BAR
+    terms.proportional_bar = law.torque_loop.proportional / BAR
+    terms.integral_bar = law.torque_loop.integral / BAR
+    terms.pressure_demand_bar = pressure_demand / BAR
+    terms.pressure_bar = pressure / BAR
+    terms.pressure_proportional_bar = law.pressure_loop.proportional / BAR
+    terms.pressure_integral_bar = law.pressure_loop.integral / BAR
+    terms.voltage_v = law.voltage
+    terms.slip_rad_s = sample.speed
+    terms.slip_acceleration_rad_s2 = sample.acceleration
+    terms.temperature_degc = sample.temperature - ZERO_CELSIUS
+    terms.observed_torque_nm = torque.observed
+    terms.friction_level = torque.adaptation.level
+    terms.viscous_correction = correction
+    terms.adaptation_active = torque.adaptation.active
+    terms.in_contact = contact
+    terms.frozen = waits
+    terms.saturated = law.pressure_limited != 0 or law.voltage_limited != 0
+    terms.clutch_state = state
+    terms.capacity_nm = capacity
+    terms.trimmed_level = level
 
 
 @njit

@@ -2,15 +2,17 @@
 
 from enum import IntEnum
 from math import inf, nan
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from protocols.can.frame_batch import word_of, write
+from protocols.can.frame_batch import word_of
+from protocols.can.frames import load_frames
 from protocols.can.lifecycle import Lifecycle
 from protocols.can.reception import RECEPTION, accepted
 from protocols.can.request import Request
-from protocols.can.words import SIGNAL, put, raw, sealed, value
+from protocols.can.words import frame_layout, put, put_raw, raw, value, write_frame
 from protocols.files.units import BAR, ZERO_CELSIUS
 from rt_controller.guard.limits import GUARD, LIMITS, close_cycle, inbound, outbound
 from rt_controller.law.lock import motor_limit
@@ -26,20 +28,19 @@ from rt_controller.law.other_clutch import (
 from rt_controller.law.phases import PHASE_SETTINGS, PHASES, Phase, advance
 from rt_controller.law.plausibility import PLAUSIBILITY, PLAUSIBILITY_SETTINGS, pressure_lost, torque_implausible
 from rt_controller.law.sample import SAMPLE, take_analog, take_encoder
-from rt_controller.law.torque_law import LAW, LAW_SETTINGS, TERMS, control
+from rt_controller.law.torque_law import LAW, LAW_SETTINGS, control
 from rt_controller.law.transmitted import mismatch
-from rt_controller.loop.faults import faults_kept, note_fault
+from rt_controller.loop.cycle_record import RECORD, note_cycle
+from rt_controller.loop.faults import FAULTS, note_fault
 
 HEARD = ("ANALOG_SENSORS", "ENCODER", "TORQUE_SETPOINT", "PLANT_HEARTBEAT")  # in the order of NODE's receptions, then
 HEARD_OF_OTHER = ("ENCODER", "CONTROLLER_STATUS")  # those of the other clutch, where there are two
-OUTBOX = 4  # frames a cycle sends at most: heartbeat, status, motor, valve
+SENT = ("VALVE_COMMAND", "MOTOR_COMMAND", "CONTROLLER_STATUS", "CONTROLLER_HEARTBEAT")
+OUTBOX = len(SENT)  # frames a cycle sends at most
 _RECEPTIONS = len(HEARD) + len(HEARD_OF_OTHER)
 _ANALOG, _ENCODER, _SETPOINT, _PLANT, _OTHER_ENCODER, _OTHER_STATUS = range(_RECEPTIONS)
 _STEP_LIMIT = 10  # periods: a longer gap between samples is not integrated over (estimator, regulators)
-_COMMAND, _STATUS = 6, 8  # bytes of commands, and of status and heartbeat
-_ESTIMATE, _LATE, _LEVEL = 65.0, 65535, 2.55  # ends of what CONTROLLER_STATUS can say: Nm, cycles, 1
 _PUSHES = 0.9  # of what it may give: the motor pushes with all it has; above the sensor's gain error
-_TERMS_AT = 5  # column of the first term
 
 
 class Refusal(IntEnum):
@@ -54,38 +55,51 @@ class Refusal(IntEnum):
     SPEED = 7
 
 
+# own: identifiers of the frames it sends; then each frame that it hears or sends, as the DBC defines it
 SETTINGS = np.dtype(
-    [("period", "f8"), ("rate", "i8"), ("session", "i8"), ("drives", "?"), ("own", "i8", (4,)),
-     ("valve_id", "i8"), ("motor_id", "i8"), ("status_id", "i8"), ("heartbeat_id", "i8"), ("status_every", "i8"),
-     ("heartbeat_every", "i8"), ("angle_step", "f8"), ("setpoint_timeout", "f8"), ("motor_torque_limit", "f8"),
+    [("period", "f8"), ("rate", "i8"), ("session", "i8"), ("drives", "?"), ("own", "i8", (len(SENT),)),
+     ("status_every", "i8"), ("heartbeat_every", "i8"), ("setpoint_timeout", "f8"), ("motor_torque_limit", "f8"),
      ("demand_limit", "f8"), ("speed_limit", "f8"), ("pressure_limit", "f8"),
-     ("analog_sensors", SIGNAL, (4,)), ("encoder", SIGNAL, (2,)), ("torque_setpoint", SIGNAL, (4,)),
-     ("plant_heartbeat", SIGNAL, (3,)), ("valve_command", SIGNAL, (3,)), ("motor_command", SIGNAL, (3,)),
-     ("controller_status", SIGNAL, (6,)), ("controller_heartbeat", SIGNAL, (3,)),
+     *((name.lower(), frame_layout(load_frames()[name])) for name in HEARD + SENT),
      ("phases", PHASE_SETTINGS), ("pair", PAIR_SETTINGS), ("plausibility", PLAUSIBILITY_SETTINGS), ("law", LAW_SETTINGS),
      ("guard", LIMITS)]
 )  # fmt: skip
-# slot: periods gone by; beat_after, status_after: those after which the next heartbeat and status are due. What is asked
-# for: request, demand [Nm], pressure_demand [Pa], speed_demand [rad/s], setpoint_age [s]. motor_limit [Nm]: torque that the
-# motor may give; locked: the plates still stand from lock. refused_...: why the bus cannot be worked on
+# record: of the last cycle; it comes first, so that it is aligned as a row of doubles must be. slot: periods gone by;
+# beat_after, status_after: those after which the next heartbeat and status are due. What is asked for: request, demand [Nm],
+# pressure_demand [Pa], speed_demand [rad/s], setpoint_age [s]. motor_limit [Nm]: torque that the motor may give; locked: the
+# plates still stand from lock. refused_...: why the bus cannot be worked on
 NODE = np.dtype(
-    [("cycle", "i8"), ("slot", "i8"), ("beats", "i8"), ("beat_after", "i8"), ("statuses", "i8"), ("status_after", "i8"),
-     ("late_cycles", "i8"), ("request", "i8"), ("demand", "f8"), ("pressure_demand", "f8"),
+    [("record", RECORD), ("cycle", "i8"), ("slot", "i8"), ("beats", "i8"), ("beat_after", "i8"), ("statuses", "i8"),
+     ("status_after", "i8"), ("late_cycles", "i8"), ("request", "i8"), ("demand", "f8"), ("pressure_demand", "f8"),
      ("speed_demand", "f8"), ("motor_limit", "f8"), ("locked", "?"), ("setpoint_age", "f8"),
      ("refused_id", "i8"), ("refused_value", "f8"),
      ("receptions", RECEPTION, (_RECEPTIONS,)), ("sample", SAMPLE), ("other", OTHER), ("phases", PHASES),
-     ("plausibility", PLAUSIBILITY), ("law", LAW), ("guard", GUARD), ("faults", faults_kept(_TERMS_AT + len(TERMS) + 2))]
+     ("plausibility", PLAUSIBILITY), ("law", LAW), ("guard", GUARD), ("faults", FAULTS)]
 )  # fmt: skip
 
 
+class ControllerMemory(NamedTuple):
+    """What compiled turns work on of a node, for kernels that make many cycles: `cycle` takes arrays one by one, as a call from
+    Python with a named tuple costs 2 us more.
+
+    states (1,) of NODE; settings (1,) of SETTINGS; outbox (OUTBOX,) of frame_batch.FRAME; row (columns,): the record in
+    `states` as plain numbers.
+    """
+
+    states: np.ndarray
+    settings: np.ndarray
+    outbox: np.ndarray
+    row: np.ndarray
+
+
 @njit(cache=True, nogil=True)
-def cycle(states, all_settings, inbox, count, slots, outbox, row):
+def cycle(states, all_settings, inbox, count, slots, outbox):
     """One cycle of the node in `states` (1,), `slots` periods after the last one, on the first `count` frames of `inbox`.
 
-    Fills `outbox` and `row`; returns the number of frames in `outbox`, or minus the Refusal.
+    Fills `outbox` and the node's record; returns the number of frames in `outbox`, or minus the Refusal.
     """
     node, settings = states[0], all_settings[0]
-    guard, law, sample = node.guard, node.law, node.sample
+    guard, law, sample, record = node.guard, node.law, node.sample, node.record
     elapsed = slots * settings.period
     node.setpoint_age += elapsed
     node.other.age += elapsed
@@ -106,12 +120,9 @@ def cycle(states, all_settings, inbox, count, slots, outbox, row):
     lost, implausible = _doubts(node, settings, request, pushes, elapsed)
     phase = advance(node.phases, settings.phases, request, sample.pressure, lost, implausible, finding, elapsed)
     followed = node.pressure_demand if request == Request.PRESSURE else nan
-    control(law, settings.law, phase, node.demand, node.speed_demand, pushes, sample, step, followed)
-    row[0], row[1], row[2], row[3], row[4] = sample.tick, guard.age, phase, node.phases.fault, request
-    for index in range(len(TERMS)):
-        row[_TERMS_AT + index] = law.terms[index]
-    row[_TERMS_AT + len(TERMS)], row[_TERMS_AT + len(TERMS) + 1] = guard.lowered, guard.replaced
-    note_fault(node.faults, row)
+    control(law, settings.law, phase, node.demand, node.speed_demand, pushes, sample, step, followed, record)
+    note_cycle(record, node, phase, request)
+    note_fault(node.faults, record)
     return _commands(node, settings, phase, outbox)
 
 
@@ -177,41 +188,29 @@ def _receive(node, settings, frame):
     if not accepted(reception, word, length):
         return 0
     if kind == _ANALOG:
-        s = settings.analog_sensors
-        take_analog(
-            node.sample, value(word, s[0]) * BAR, value(word, s[1]) + ZERO_CELSIUS, value(word, s[2])
-        )  # CLUTCH_TORQUE, the last, is for comparison only
+        s = settings.analog_sensors  # its CLUTCH_TORQUE is for comparison only
+        pressure, temperature = value(word, s.cylinder_pressure) * BAR, value(word, s.oil_temperature) + ZERO_CELSIUS
+        take_analog(node.sample, pressure, temperature, value(word, s.motor_torque))
     elif kind == _ENCODER:
-        s = settings.encoder
-        return take_encoder(
-            node.sample, raw(word, s[0]), raw(word, s[1]), settings.angle_step, settings.period, settings.law.torque.bandwidth,
-            node.speed_demand,
-        )  # fmt: skip
+        bandwidth = settings.law.torque.bandwidth
+        return take_encoder(node.sample, word, settings.encoder, settings.period, bandwidth, node.speed_demand)
     elif kind == _SETPOINT:
         return _take_setpoint(node, settings, word, can_id)
     elif kind == _OTHER_ENCODER:
-        s = settings.encoder
-        take_other_encoder(
-            node.other,
-            raw(word, s[0]),
-            raw(word, s[1]),
-            settings.angle_step,
-            settings.period,
-            settings.law.torque.bandwidth,
-        )
+        take_other_encoder(node.other, word, settings.encoder, settings.period, settings.law.torque.bandwidth)
     elif kind == _OTHER_STATUS:
         s = settings.controller_status
-        take_other_status(node.other, value(word, s[3]), raw(word, s[1]) != 0)
-    elif raw(word, settings.plant_heartbeat[1]) != settings.rate:
-        return _refuse(node, Refusal.RATE, can_id, raw(word, settings.plant_heartbeat[1]))
+        take_other_status(node.other, value(word, s.torque_estimate), raw(word, s.sticking) != 0)
+    elif raw(word, settings.plant_heartbeat.rate) != settings.rate:
+        return _refuse(node, Refusal.RATE, can_id, raw(word, settings.plant_heartbeat.rate))
     return 0
 
 
 @njit
 def _take_setpoint(node, settings, word, can_id):
     s = settings.torque_setpoint
-    request = raw(word, s[0])
-    torque, speed, pressure = value(word, s[1]), value(word, s[2]), value(word, s[3])
+    request, torque = raw(word, s.request), value(word, s.torque_demand)
+    speed, pressure = value(word, s.speed_demand), value(word, s.pressure_demand)
     if torque > settings.demand_limit:
         return _refuse(node, Refusal.TORQUE, can_id, torque)
     if pressure > settings.pressure_limit:
@@ -239,16 +238,20 @@ def _commands(node, settings, phase, outbox):
         s = settings.controller_heartbeat
         node.beats += 1
         node.beat_after = _next(node.slot, settings.heartbeat_every)
-        word = put(put(put(np.int64(0), s[0], Lifecycle.ACTIVE.value), s[1], settings.rate), s[2], settings.session)
-        write(outbox[sent], settings.heartbeat_id, _STATUS, sealed(word, _STATUS, node.beats))
+        word = put(np.int64(0), s.lifecycle, Lifecycle.ACTIVE.value)
+        word = put(word, s.rate, settings.rate)
+        word = put(word, s.session, settings.session)
+        write_frame(outbox[sent], s, word, node.beats)
         sent += 1
     if node.slot > node.status_after:
         s = settings.controller_status
-        sticking = law.torque.contact and not law.torque.motion.moves
-        word = put(put(put(np.int64(0), s[0], phase), s[1], sticking), s[2], node.phases.fault)
-        word = put(word, s[3], min(max(law.torque.estimate, -_ESTIMATE), _ESTIMATE))
-        word = put(put(word, s[4], min(node.late_cycles, _LATE)), s[5], min(law.torque.adaptation.level, _LEVEL))
-        write(outbox[sent], settings.status_id, _STATUS, sealed(word, _STATUS, node.statuses))
+        word = put(np.int64(0), s.phase, phase)
+        word = put(word, s.sticking, law.torque.contact and not law.torque.motion.moves)
+        word = put(word, s.fault, node.phases.fault)
+        word = put(word, s.torque_estimate, law.torque.estimate)
+        word = put(word, s.late_cycles, node.late_cycles)
+        word = put(word, s.friction_level, law.torque.adaptation.level)
+        write_frame(outbox[sent], s, word, node.statuses)
         node.statuses += 1
         node.status_after = _next(node.slot, settings.status_every)
         sent += 1
@@ -265,16 +268,19 @@ def _commands(node, settings, phase, outbox):
                     limit, motor_limit(settings.law.lock, settings.law.torque.model, law.torque.adaptation.level)
                 )
             node.motor_limit = limit
-            word = put(put(put(word, s[0], 1), s[1], node.speed_demand), s[2], limit)
-        write(outbox[sent], settings.motor_id, _COMMAND, sealed(word, _COMMAND, cycle))
-        outbound(node.guard, settings.guard, settings.motor_id, outbox[sent].data)
+            word = put(word, s.motor_enable, True)
+            word = put(word, s.speed_demand, node.speed_demand)
+            word = put(word, s.torque_limit, limit)
+        write_frame(outbox[sent], s, word, cycle)
+        outbound(node.guard, settings.guard, s.can_id, outbox[sent].data)
         sent += 1
     s = settings.valve_command
     opened = phase == Phase.FILL or phase == Phase.SLIP_CONTROL or phase == Phase.LOCK
-    word = put(put(np.int64(0), s[0], opened), s[1], law.voltage)
-    word = put(word, s[2], max(node.sample.tick, 0) & 0xFFFF)
-    write(outbox[sent], settings.valve_id, _COMMAND, sealed(word, _COMMAND, cycle))
-    outbound(node.guard, settings.guard, settings.valve_id, outbox[sent].data)
+    word = put(np.int64(0), s.valve_enable, opened)
+    word = put(word, s.valve_voltage, law.voltage)
+    word = put_raw(word, s.sample_tick, max(node.sample.tick, 0))  # it wraps
+    write_frame(outbox[sent], s, word, cycle)
+    outbound(node.guard, settings.guard, s.can_id, outbox[sent].data)
     node.cycle = cycle + 1
     return sent + 1
 

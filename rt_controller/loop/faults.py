@@ -7,20 +7,17 @@ For the end of the service, whether somebody reads its record or not; while it r
 import numpy as np
 from numba import njit
 
-_FAULT = 3  # column of the record
+from rt_controller.loop.cycle_record import RECORD
 
-
-def faults_kept(columns: int) -> np.dtype:
-    """The type of what is kept of a record with so many columns."""
-    return np.dtype([("count", "i8"), ("last", "i8"), ("first", "f8", (columns,))])
+FAULTS = np.dtype([("count", "i8"), ("last", "i8"), ("first", RECORD)])
 
 
 @njit
-def note_fault(faults, row):
+def note_fault(faults, record):
     """Take the record of a cycle."""
-    fault = np.int64(row[_FAULT])
+    fault = np.int64(record.fault)
     if fault != 0 and fault != faults.last:
         faults.count += 1
         if faults.count == 1:
-            faults.first[:] = row
+            faults.first = record
     faults.last = fault

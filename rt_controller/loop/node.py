@@ -12,37 +12,34 @@ from protocols.can.lifecycle import Lifecycle
 from protocols.can.reception import counted, receptions
 from protocols.can.request import Request
 from protocols.can.two_clutches import OFFSET, SHARED, other_clutch
-from protocols.can.words import signals
+from protocols.can.words import frame_definition
 from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet, load_defaults, load_overlay
-from protocols.node import Column
 from rt_controller.guard.limits import LIMITS as GUARD_LIMITS
 from rt_controller.guard.limits import guard_limits
 from rt_controller.law.other_clutch import PAIR_SETTINGS, unheard
-from rt_controller.law.phases import PHASE_SETTINGS, Fault, Phase
+from rt_controller.law.phases import PHASE_SETTINGS
 from rt_controller.law.plausibility import PLAUSIBILITY_SETTINGS
 from rt_controller.law.record import record
-from rt_controller.law.torque_law import LAW_SETTINGS, TERMS, law_at_rest, law_settings
-from rt_controller.loop.cycle import HEARD, HEARD_OF_OTHER, NODE, OUTBOX, SETTINGS, Refusal, cycle, hear
+from rt_controller.law.torque_law import LAW_SETTINGS, law_at_rest, law_settings
+from rt_controller.loop.cycle import (
+    HEARD,
+    HEARD_OF_OTHER,
+    NODE,
+    OUTBOX,
+    SENT,
+    SETTINGS,
+    ControllerMemory,
+    Refusal,
+    cycle,
+    hear,
+)
+from rt_controller.loop.cycle_record import COLUMNS
 
 PARAMETERS = Path(__file__).parents[1] / "parameters" / "controller.toml"
 LIMITS = Path(__file__).parents[1] / "parameters" / "limits.toml"
 INBOX = 4096  # frames at once; more are given in parts
-_OWN = ("VALVE_COMMAND", "MOTOR_COMMAND", "CONTROLLER_STATUS", "CONTROLLER_HEARTBEAT")
 _NO_FRAME = -1  # an identifier that no frame has
-
-COLUMNS = (
-    Column("sample_tick", "1", "number of the sample answered, unwrapped; -1 before the first"),
-    Column("sample_age", "cycles", "cycles since the last believable sample"),
-    Column("phase", "1", f"phase of the controller: {', '.join(f'{p.value} {p.name.lower()}' for p in Phase)}"),
-    Column("fault", "1", f"why the phase is fault: {', '.join(f'{f.value} {f.name.lower()}' for f in Fault)}"),
-    Column(
-        "request", "1", f"what the supervisor asks for: {', '.join(f'{r.value} {r.name.lower()}' for r in Request)}"
-    ),
-    *TERMS,
-    Column("commands_lowered", "1", "commands the guard has cut to its limit, total"),
-    Column("commands_replaced", "1", "commands the guard has replaced by the safe one, total"),
-)
 
 
 def controller_parameters(changed: Path | None = None) -> ParameterSet:
@@ -74,8 +71,8 @@ class ControllerNode:
     the adaptive level on; `session` tells two controllers apart. `clutch` is a or b of two on one bus, None for a clutch
     alone.
 
-    `outbox` holds the frames of the last cycle, shape (OUTBOX,) of batch.FRAME; `record` its row, shape (columns,). `states`
-    and `settings`, shape (1,), are what `cycle.cycle` works on.
+    `outbox` holds the frames of the last cycle, shape (OUTBOX,) of batch.FRAME; `record` its row, shape (columns,), a view of
+    the RECORD in `states`. `states` and `settings`, shape (1,), are what `cycle.cycle` works on. All are in `memory`.
 
     One of two clutches does not adapt: the motor's torque is that of both, and is compared with both (`other_clutch`). The
     motor is commanded by clutch a's controller.
@@ -110,7 +107,7 @@ class ControllerNode:
             others = load_frames(clutch=other_clutch(clutch))
             heard += [others[name] for name in HEARD_OF_OTHER]
         self._codecs = {codec.can_id: codec for codec in heard}
-        own = [frames[name] for name in _OWN if self._drives or name not in SHARED]
+        own = [frames[name] for name in SENT if self._drives or name not in SHARED]
         self._own = {codec.can_id: codec.name for codec in own}
         self.heard = [*self._codecs, *self._own]  # identifiers of all frames that matter to it
         self._early = {frames["PLANT_HEARTBEAT"].can_id} | {self._valve.can_id, self._motor.can_id} & self._own.keys()
@@ -125,25 +122,23 @@ class ControllerNode:
         state.sample.tick = -1
         state.sample.temperature = parameters["model.oil_reference"].si  # until one is measured
         state.law = law_at_rest()
-        for name in HEARD + _OWN:
-            setattr(fixed, name.lower(), signals(frames[name]))
-        fixed.own = [*self._own, *[_NO_FRAME] * (len(_OWN) - len(self._own))]
+        for name in HEARD + SENT:
+            setattr(fixed, name.lower(), frame_definition(frames[name]))
+        fixed.own = [*self._own, *[_NO_FRAME] * (len(SENT) - len(self._own))]
         fixed.period, fixed.rate, fixed.session = 1.0 / rate, rate, session
         fixed.drives = self._drives
-        fixed.valve_id, fixed.motor_id = self._valve.can_id, self._motor.can_id
-        fixed.status_id, fixed.heartbeat_id = self._status.can_id, self._heartbeat.can_id
         fixed.status_every = max(1, round(self._status.cycle_time * rate))
         fixed.heartbeat_every = max(1, round(self.heartbeat_period * rate))
-        fixed.angle_step = frames["ENCODER"].scale["shaft_angle"]
         fixed.guard = record(
             GUARD_LIMITS, guard_limits(limits.si("guard"), fixed.period, OFFSET if clutch == "b" else 0)
         )
         self._configure(parameters)
         self._inbox = batch(INBOX)
         self.outbox = batch(OUTBOX)
-        self.record = np.zeros(len(COLUMNS))
+        self.record = self.states["record"].view(np.float64)
+        self.memory = ControllerMemory(self.states, self.settings, self.outbox, self.record)
         # compiled now, not in the loop
-        cycle(self.states.copy(), self.settings, self._inbox, 0, 1, batch(OUTBOX), self.record.copy())
+        cycle(self.states.copy(), self.settings, self._inbox, 0, 1, batch(OUTBOX))
         hear(self.states.copy(), self.settings, self._inbox, 0)
 
     def cycle(self, inbox: np.ndarray, count: int, slots: int = 1) -> int:
@@ -152,7 +147,7 @@ class ControllerNode:
         `slots` periods after the last one: more than 1 when the loop has slept through some. Raises InputError when the bus
         has a second controller or speaks another protocol.
         """
-        return self.sent(cycle(self.states, self.settings, inbox, count, slots, self.outbox, self.record))
+        return self.sent(cycle(self.states, self.settings, inbox, count, slots, self.outbox))
 
     def sent(self, count: int) -> int:
         """What a cycle has returned: number of frames in `outbox`. Raises InputError where it is minus a Refusal."""
@@ -209,7 +204,7 @@ class ControllerNode:
         watch = FaultWatch([column.name for column in COLUMNS], self.rate, values)
         watch.take(np.zeros((1, len(COLUMNS))))  # before it there was none
         if kept["count"]:
-            watch.take(kept["first"][None])
+            watch.take(np.array([kept["first"].item()]))
             watch.count = int(kept["count"])
         return watch
 

@@ -10,24 +10,22 @@ from typing import Any
 
 from numba import njit
 
-from protocols.realtime.clock import Word
-
 _K_P, _K_I = 0.02, 0.0002  # bandwidth of some 3 Hz at 1 kHz: far below the jitter, far above the drift of crystals
 _FURTHEST = 50  # part of a period that the grid moves at most in a cycle
-_PERIOD, _FIRST, _DEADLINE = int(Word.PERIOD), int(Word.FIRST), int(Word.DEADLINE)
 
 
 @njit(cache=True, nogil=True)
-def follow(words: Any, drifts: Any, complete: Any, arrived_ns: Any) -> None:
-    """Move the grid of the clock that has `words` after a cycle, in which a sample that `arrived_ns` was `complete`, or none.
+def follow(clocks: Any, drifts: Any, complete: Any, arrived_ns: Any) -> None:
+    """Move the grid of `clocks` (1,) of CLOCK after a cycle, in which a sample that `arrived_ns` was `complete`, or none.
 
     `drifts`, shape (1,), is I [ns a period].
     """
-    period, error = words[_PERIOD], 0
+    clock, error = clocks[0], 0
+    period = clock.period
     if complete:
-        error = (arrived_ns + period // 4 - words[_DEADLINE] + period // 2) % period - period // 2
+        error = (arrived_ns + period // 4 - clock.deadline + period // 2) % period - period // 2
     most = period / _FURTHEST
     drifts[0] = min(max(drifts[0] + _K_I * error, -most), most)
     by = round(min(max(_K_P * error + drifts[0], -most), most))
-    words[_DEADLINE] += by
-    words[_FIRST] += by
+    clock.deadline += by
+    clock.first += by

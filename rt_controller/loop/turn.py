@@ -21,13 +21,12 @@ from protocols.buses.exchange import (
 )
 from protocols.can.frame_batch import batch
 from protocols.realtime.beat import Beat, arrive, book, called, wait, write
-from protocols.realtime.clock import Clock, Word
-from rt_controller.loop.cycle import cycle
+from protocols.realtime.clock import Clock
+from rt_controller.loop.cycle import ControllerMemory, cycle
 from rt_controller.loop.node import ControllerNode
 from rt_controller.loop.phase_lock import follow
 from rt_controller.loop.samples import Samples
 
-_LATE, _DEADLINE, _PERIOD, _WOKEN = (int(word) for word in (Word.LATE, Word.DEADLINE, Word.PERIOD, Word.WOKEN))
 _PATIENCE = 200_000_000  # ns that compiled code waits for a sample in lock-step; then Python looks
 # Of the last turn: frames in the inbox, slots since the one before, when it woke, when its sample was there, and until when it
 # would have been waited for [ns of CLOCK_MONOTONIC], frames sent, or minus the Refusal, where sending them ended
@@ -54,7 +53,7 @@ class Turn:
         line, node = self.samples.line, self.node
         marks, first = line.marks, line.count
         line.ready()
-        answer(line.lines, line.inbox, first, slots, node.states, node.settings, node.outbox, node.record, self._turns)
+        answer(line.lines, line.inbox, first, slots, node.memory, self._turns)
         complete = line.marks > marks
         self._finish()
         return complete
@@ -68,9 +67,8 @@ class Turn:
         line, node = self.samples.line, self.node
         line.ready()
         missed, made = answer_slots(
-            beat.words, beat.spins, line.lines, line.inbox, line.count, node.states, node.settings, node.outbox,
-            node.record, self._turns, beat.most, *beat.outlet, changes, drifts,
-        )  # fmt: skip
+            beat.memory, line.lines, line.inbox, line.count, node.memory, self._turns, beat.most, changes, drifts
+        )
         if made > (missed >= 0):
             line.passed()
         if missed >= 0:
@@ -79,7 +77,7 @@ class Turn:
         missed = beat.woke(missed)
         complete = self.answer(1 + missed)
         if drifts.size:
-            follow(beat.words, drifts, complete, self.samples.arrived_ns())
+            follow(beat.memory.clocks, drifts, complete, self.samples.arrived_ns())
         return missed
 
     def answer_samples(self, beat: Beat, changes: int) -> int:
@@ -92,9 +90,8 @@ class Turn:
             first = line.count
             line.ready()
             made = answer_samples(
-                beat.words, line.lines, line.inbox, first, node.states, node.settings, node.outbox, node.record, self._turns,
-                beat.most, *beat.outlet, changes, patience,
-            )  # fmt: skip
+                beat.memory, line.lines, line.inbox, first, node.memory, self._turns, beat.most, changes, patience
+            )
             slots = self._slots[0]
             if made > (slots > 0):
                 line.passed()
@@ -113,9 +110,8 @@ class Turn:
         line, node = self.samples.line, self.node
         line.ready()
         made, waited, marks = answer_in_step(
-            beat.words, line.lines, line.inbox, line.count, node.states, node.settings, node.outbox, node.record, self._turns,
-            beat.most, *beat.outlet, changes,
-        )  # fmt: skip
+            beat.memory, line.lines, line.inbox, line.count, node.memory, self._turns, beat.most, changes
+        )
         if made > (not waited):
             line.passed()
         if waited:
@@ -133,14 +129,13 @@ class Turn:
 
 def warm(node: ControllerNode) -> None:
     """Compile, or load from disk, the turns of a node: now, not in the loop; nothing is taken or sent."""
-    states, inbox = node.states.copy(), batch(1)
-    rest = node.settings, batch(len(node.outbox)), node.record.copy(), np.zeros(1, _TURN)
-    lines, beat = silence(), Beat(Clock(1000))
-    answer(lines, inbox, 0, 1, states, *rest)
-    answer_slots(beat.words, beat.spins, lines, inbox, 0, states, *rest, 1, *beat.outlet, 0, GRID)
-    answer_samples(beat.words, lines, inbox, 0, states, *rest, 1, *beat.outlet, 0, 0)
-    answer_in_step(beat.words, lines, inbox, 0, states, *rest, 1, *beat.outlet, 0)
-    follow(beat.words, np.zeros(1), False, 0)
+    copy, inbox, turns = ControllerMemory(*(part.copy() for part in node.memory)), batch(1), np.zeros(1, _TURN)
+    lines, beat = silence(), Beat(Clock(1000)).memory
+    answer(lines, inbox, 0, 1, copy, turns)
+    answer_slots(beat, lines, inbox, 0, copy, turns, 1, 0, GRID)
+    answer_samples(beat, lines, inbox, 0, copy, turns, 1, 0, 0)
+    answer_in_step(beat, lines, inbox, 0, copy, turns, 1, 0)
+    follow(beat.clocks, np.zeros(1), False, 0)
 
 
 @njit
@@ -173,86 +168,81 @@ def slots_since(before_ns: Any, arrived_ns: Any, now_ns: Any, period_ns: Any) ->
 
 
 @njit(cache=True, nogil=True)
-def answer(
-    lines: Any, inbox: Any, count: Any, slots: Any, states: Any, settings: Any, outbox: Any, row: Any, turns: Any
-) -> None:
-    """See `Turn.answer`; `count` frames are in the inbox."""
+def answer(lines: Any, inbox: Any, count: Any, slots: Any, node: Any, turns: Any) -> None:
+    """See `Turn.answer`; `count` frames are in the inbox, `node` is a ControllerMemory, `turns` (1,) of _TURN is filled."""
     turn = turns[0]
     turn.count, turn.slots = gather(lines, 0, inbox, count, count), slots
-    turn.sent = cycle(states, settings, inbox, turn.count, slots, outbox, row)
-    turn.position = spread(lines, 0, outbox, max(turn.sent, 0))
+    turn.sent = cycle(node.states, node.settings, inbox, turn.count, slots, node.outbox)
+    turn.position = spread(lines, 0, node.outbox, max(turn.sent, 0))
 
 
 @njit(cache=True, nogil=True)
 def answer_slots(
-    words: Any, spins: Any, lines: Any, inbox: Any, count: Any, states: Any, settings: Any, outbox: Any, row: Any, turns: Any,
-    most: Any, rows: Any, counts: Any, numbers: Any, changes: Any, drifts: Any,
-) -> tuple[int, int]:  # fmt: skip
-    """See `Turn.answer_slots`; returns what the last `beat.wait` did, and the turns made.
+    beat: Any, lines: Any, inbox: Any, count: Any, node: Any, turns: Any, most: Any, changes: Any, drifts: Any
+) -> tuple[int, int]:
+    """See `Turn.answer_slots`; returns what the last `beat.wait` did, and the turns made. `beat` is a BeatMemory.
 
     Up to one after which something is left to Python: a refusal, somebody who has come, gone or asked.
     """
-    turn, line, made = turns[0], lines[0], 0
+    turn, line, clock, made = turns[0], lines[0], beat.clocks[0], 0
     while True:
-        missed = wait(words, spins)
+        missed = wait(beat)
         if missed < 0:
             return missed, made
         made += 1
-        states[0].late_cycles, marks = words[_LATE], line.marks
-        answer(lines, inbox, count, 1 + missed, states, settings, outbox, row, turns)
+        node.states[0].late_cycles, marks = clock.late, line.marks
+        answer(lines, inbox, count, 1 + missed, node, turns)
         if drifts.size > 0:
-            follow(words, drifts, line.marks > marks, _arrived(line, now(CLOCK_MONOTONIC, line.time)))
-        if made == most or called(line, numbers) or not settled(line, count, turn.count, turn.sent, turn.position):
+            follow(beat.clocks, drifts, line.marks > marks, _arrived(line, now(CLOCK_MONOTONIC, line.time)))
+        if made == most or called(line, beat) or not settled(line, count, turn.count, turn.sent, turn.position):
             return missed, made
-        book(words, rows, counts, row, changes)
+        book(beat, node.row, changes)
         count = 0
 
 
 @njit(cache=True, nogil=True)
 def answer_samples(
-    words: Any, lines: Any, inbox: Any, count: Any, states: Any, settings: Any, outbox: Any, row: Any, turns: Any,
-    most: Any, rows: Any, counts: Any, numbers: Any, changes: Any, patience: Any,
-) -> int:  # fmt: skip
+    beat: Any, lines: Any, inbox: Any, count: Any, node: Any, turns: Any, most: Any, changes: Any, patience: Any
+) -> int:
     """See `Turn.answer_samples`; returns the turns made. `patience` [ns of CLOCK_MONOTONIC] is that of the first; 0: the usual.
 
     Up to one after which something is left to Python, as of `answer_slots`; in a last one that has not been made, as somebody
     has come or gone, `slots` is 0.
     """
-    turn, line, made = turns[0], lines[0], 0
+    turn, line, clock, made = turns[0], lines[0], beat.clocks[0], 0
     while True:
-        before, period, at = words[_DEADLINE], words[_PERIOD], now(CLOCK_MONOTONIC, line.time)
+        before, period, at = clock.deadline, clock.period, now(CLOCK_MONOTONIC, line.time)
         turn.patience = patience if patience > 0 else max(before + period, at) + period // 2
-        states[0].late_cycles = words[_LATE]
+        node.states[0].late_cycles = clock.late
         _await(lines, inbox, count, turn, before, period)
         if turn.slots == 0:
             return made
         made += 1
-        turn.sent = cycle(states, settings, inbox, turn.count, turn.slots, outbox, row)
-        turn.position = spread(lines, 0, outbox, max(turn.sent, 0))
-        arrive(words, turn.woken, turn.arrived, turn.slots)
-        if made == most or called(line, numbers) or not settled(line, count, turn.count, turn.sent, turn.position):
+        turn.sent = cycle(node.states, node.settings, inbox, turn.count, turn.slots, node.outbox)
+        turn.position = spread(lines, 0, node.outbox, max(turn.sent, 0))
+        arrive(beat.clocks, turn.woken, turn.arrived, turn.slots)
+        if made == most or called(line, beat) or not settled(line, count, turn.count, turn.sent, turn.position):
             return made
-        book(words, rows, counts, row, changes)
+        book(beat, node.row, changes)
         count = patience = 0
 
 
 @njit(cache=True, nogil=True)
 def answer_in_step(
-    words: Any, lines: Any, inbox: Any, count: Any, states: Any, settings: Any, outbox: Any, row: Any, turns: Any,
-    most: Any, rows: Any, counts: Any, numbers: Any, changes: Any,
-) -> tuple[int, bool, int]:  # fmt: skip
+    beat: Any, lines: Any, inbox: Any, count: Any, node: Any, turns: Any, most: Any, changes: Any
+) -> tuple[int, bool, int]:
     """See `Turn.answer_in_step`; returns the turns made, whether it ended waiting, and marked frames up to the last answer.
 
     Up to one after which something is left to Python, as of `answer_slots`.
     """
     turn, line, known, made = turns[0], lines[0], count, 0
     while True:
-        answer(lines, inbox, count, 1, states, settings, outbox, row, turns)
+        answer(lines, inbox, count, 1, node, turns)
         made, marks = made + 1, line.marks
-        if made == most or called(line, numbers) or not settled(line, known, turn.count, turn.sent, turn.position):
+        if made == most or called(line, beat) or not settled(line, known, turn.count, turn.sent, turn.position):
             return made, False, marks
-        words[_WOKEN] = now(CLOCK_MONOTONIC, line.time)
-        write(words, rows, counts, row, changes)
+        beat.clocks[0].woken = now(CLOCK_MONOTONIC, line.time)
+        write(beat, node.row, changes)
         turn.count = gather_marked(lines, _PATIENCE, inbox, 0, 0)
         if line.marks == marks or line.changed:
             return made, True, marks

@@ -5,16 +5,21 @@ import subprocess
 import sys
 import tracemalloc
 
+import numpy as np
 import pytest
 
 from plant_sim.node.injection import effect_on
+from plant_sim.node.interface import Interface
+from plant_sim.node.plant_cycle import Actuators
 from plant_sim.node.plant_node import PlantNode
 from plant_sim.node.power_shift_node import PowerShiftNode
+from plant_sim.node.power_shift_record import RECORD
 from plant_sim.profiles.profile import load_profile
 from plant_sim.profiles.shift_profile import load_shift_profile
 from plant_sim.rigs import wet_clutch
 from plant_sim.rigs.sensors import Sensors
 from protocols.can.frames import Frame, load_frames
+from protocols.can.two_clutches import CLUTCHES
 from protocols.errors import InputError
 from protocols.node import node_factory
 
@@ -26,6 +31,34 @@ VALVE, MOTOR, BEAT = (FRAMES[name] for name in ("VALVE_COMMAND", "MOTOR_COMMAND"
 def said(frames: list[Frame], codec) -> bytes:
     (data,) = (data for can_id, data in frames if can_id == codec.can_id)
     return data
+
+
+@pytest.mark.parametrize("kind", [PlantNode, PowerShiftNode])
+def test_a_sample_fills_every_column(kind: type[Interface]) -> None:
+    node = kind()
+    for _ in range(3):
+        node.record[:] = np.nan
+        node.step([])
+    empty = [column.name for column, value in zip(node.columns, node.row(), strict=True) if np.isnan(value)]
+    assert not empty
+
+
+def test_a_record_of_two_clutches_is_the_row_by_name() -> None:
+    """Each clutch has a part of its own, where the columns have its name."""
+    node = PowerShiftNode()
+    node.step([])
+    row = dict(zip((column.name for column in node.columns), node.row(), strict=True))
+    for clutch in CLUTCHES:
+        part = node.record.view(RECORD)[clutch]
+        for name in ("truth_oil_temperature_degc", "valve_voltage_v"):
+            quantity, unit = name.rsplit("_", 1)
+            assert part[name][0] == row[f"{quantity}_{clutch}_{unit}"]
+    assert list(row)[-1] == RECORD.names[-1]
+
+
+def test_actuators_are_numbered_as_in_the_dbc() -> None:
+    choices = FRAMES["PLANT_STATUS"].choices("actuators")
+    assert {value: name.upper() for value, name in choices.items()} == {a.value: a.name for a in Actuators}
 
 
 @pytest.mark.parametrize("effect", [None, "pressure_sensor_gain", "channel_skew"])
@@ -120,6 +153,7 @@ def test_once_warm_a_plant_loads_nothing(name: str) -> None:
 import sys
 from plant_sim.node.plant_node import PlantNode
 from plant_sim.node.power_shift_node import PowerShiftNode
+from plant_sim.node.power_shift_record import RECORD
 from protocols.can.frame_batch import batch, load
 from protocols.can.frames import Frame, load_frames
 {name}.warm()

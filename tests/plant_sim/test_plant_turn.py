@@ -24,10 +24,9 @@ from protocols.can.frames import Frame, load_frames
 from protocols.can.lifecycle import Lifecycle
 from protocols.errors import InputError
 from protocols.node import node_factory
-from protocols.realtime.beat import Beat
+from protocols.realtime.beat import TIMING, Beat
 from protocols.realtime.clock import Clock
 from protocols.realtime.ring import RingReader, RingWriter
-from protocols.telemetry.outlet import TIMING
 
 FRAMES = load_frames()
 SECONDS = 3.0

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from protocols.node import Column
-from protocols.realtime.beat import OVERRUN, OVERSLEPT, Beat, book, wait
-from protocols.realtime.clock import Clock, Histogram, Word
+from protocols.realtime.beat import OVERRUN, OVERSLEPT, TIMING, Beat, book, wait
+from protocols.realtime.clock import CLOCK, Clock, Histogram
 from protocols.realtime.overrun import OverrunError, overrun_policy
 from protocols.realtime.ring import RingReader, RingWriter
 from protocols.realtime.waiting import SleepThenSpin
@@ -21,14 +21,14 @@ LONG = 3_600_000_000_000  # ns: a period in which nothing is late
 def started(period: int = PERIOD, **settings: object) -> Beat:
     beat = Beat(Clock(period, **settings))  # type: ignore[arg-type]
     # compiled, on a clock that was never started: it is late since the machine was, at any period shorter than that
-    wait(Beat(Clock(PERIOD)).words, beat.spins)
+    wait(Beat(Clock(PERIOD)).memory)
     beat.clock.start(time.monotonic_ns() + period)
     return beat
 
 
 def waited(beat: Beat) -> int:
     """As a turn waits: slots left out."""
-    missed: int = wait(beat.words, beat.spins)
+    missed: int = wait(beat.memory)
     return beat.woke(missed) if missed < 0 else missed
 
 
@@ -51,21 +51,21 @@ def test_what_a_wait_finds_is_told_apart() -> None:
     beat = started(LONG, overrun=overrun_policy("catch-up"))
     clock, begin = beat.clock, time.monotonic_ns()
     clock.deadline_ns = begin - LONG - 5  # the slot began 5 ns before
-    assert wait(beat.words, beat.spins) == 0
+    assert wait(beat.memory) == 0
     assert clock.run == 1
     assert clock.lateness_ns == clock.woken_ns - begin + 5
     clock.deadline_ns = begin - 2 * LONG
-    assert wait(beat.words, beat.spins) == OVERRUN
+    assert wait(beat.memory) == OVERRUN
     assert clock.run == 1  # that is left to the clock
     clock.period_ns, clock.deadline_ns = 100, time.monotonic_ns() + 20_000_000  # nobody wakes within 100 ns
-    assert wait(beat.words, beat.spins) == OVERSLEPT
+    assert wait(beat.memory) == OVERSLEPT
 
 
 @pytest.mark.parametrize("slept", [False, True])
 def test_slots_that_are_left_out_are_accounted_for_as_by_the_clock(slept: bool) -> None:
     """Where the cycle before took so long it is late for the present slot, where the machine slept for the one waited for."""
     beat, clock = started(PERIOD), Clock(PERIOD)
-    waits, left_out = (lambda: wait(beat.words, beat.spins), clock.wait), []
+    waits, left_out = (lambda: wait(beat.memory), clock.wait), []
     for of, waits_for in zip((beat.clock, clock), waits, strict=True):
         of.period_ns = 2_000 if slept else PERIOD  # nobody wakes within 2 us
         of.start(time.monotonic_ns() + (3_000_000 if slept else -round(3.4 * PERIOD)))
@@ -101,7 +101,7 @@ def test_a_spin_is_that_of_the_waiting() -> None:
         waited(beat)
         assert beat.clock.woken_ns >= beat.clock.deadline_ns
         assert 0 < spin.spin_ns <= 500_000
-    assert beat.spins[0] == spin.spin_ns
+    assert beat.memory.spins[0] == spin.spin_ns
     before = spin.spin_ns
     now = time.monotonic_ns()
     spin(now, now + PERIOD)  # the waiting itself goes on with it
@@ -124,12 +124,12 @@ def test_a_signal_does_not_end_the_wait() -> None:
 def test_the_account_of_a_cycle_is_the_clocks() -> None:
     beat, wake, work = Beat(Clock(PERIOD)), Histogram(), Histogram()
     clock, generator, late = beat.clock, np.random.default_rng(1), 0
-    rows, counts = np.zeros((1, 5)), np.zeros(1, np.int64)
+    memory = beat.memory._replace(rows=np.zeros((1, len(TIMING))))
     for _ in range(500):
         clock.woken_ns = time.monotonic_ns() - int(generator.exponential(PERIOD / 2))
         clock.lateness_ns = int(generator.exponential(PERIOD / 3))
         clock.deadline_ns = clock.woken_ns - clock.lateness_ns
-        book(beat.words, rows, counts, np.zeros(0), 0)
+        book(memory, np.zeros(0), 0)
         wake.add(clock.lateness_ns)
         work.add(clock.work_ns)
         ended = clock.woken_ns + clock.work_ns
@@ -142,9 +142,8 @@ def test_the_account_of_a_cycle_is_the_clocks() -> None:
 
 def test_a_row_is_that_of_the_ring(tmp_path: Path) -> None:
     """One that is overwritten, too; with what the cycle before took, and what had been late by then."""
-    names = "a", "b", "clock_s", "wake_us", "work_us", "late", "changes"
-    ring = RingWriter(tmp_path / "ring", [Column(name, "", "") for name in names], 3)
-    reader, beat = RingReader(tmp_path / "ring"), Beat(Clock(LONG))
+    ring = RingWriter(tmp_path / "ring", [Column("a", "", ""), Column("b", "", ""), *TIMING], 3)
+    reader, beat = RingReader(tmp_path / "ring"), Beat(Clock(LONG), ring)
     expected = []
     for number in range(5):
         clock = beat.clock
@@ -152,7 +151,7 @@ def test_a_row_is_that_of_the_ring(tmp_path: Path) -> None:
         expected.append(
             (number, 0.5, (10**15 + number) / 1e9, (1500 + number) / 1e3, clock.work_ns / 1e3, clock.late, 7)
         )
-        book(beat.words, ring.rows, ring.counts, np.array([number, 0.5]), 7)
+        book(beat.memory, np.array([number, 0.5]), 7)
     assert ring.written == 5
     np.testing.assert_array_equal(reader.read(), expected[2:])
     assert reader.lost == 2
@@ -162,7 +161,7 @@ def test_a_row_is_that_of_the_ring(tmp_path: Path) -> None:
 
 
 def test_a_clocks_memory_is_its_own() -> None:
-    assert len(Clock(1).words) == Word.WAKE + 2 * Histogram.WORDS
+    assert 8 * len(Clock(1).words) == CLOCK.itemsize
     first, second = Beat(Clock(1)), Beat(Clock(1))
-    first.words[:] = 1
-    assert (second.words == Beat(Clock(1)).words).all()
+    first.memory.clocks["late"] = 1
+    assert (first.clock.late, second.clock.late) == (1, 0)

@@ -4,15 +4,18 @@ import gc
 import threading
 import time
 import tracemalloc
+from typing import Any
 
+import numpy as np
 import pytest
 
 from protocols.can.frame_batch import batch, load, unload
 from protocols.can.frames import Frame, load_frames
-from protocols.can.words import counter, put, raw, sealed, signals, valid, value
+from protocols.can.words import counter, frame_definition, put, raw, sealed, valid, value
 from protocols.errors import InputError
 from rt_controller.law.record import record
 from rt_controller.loop.cycle import HEARD, OUTBOX, cycle
+from rt_controller.loop.cycle_record import RECORD
 from rt_controller.loop.node import ControllerNode
 
 FRAMES = load_frames()
@@ -27,9 +30,16 @@ def sample(tick: int) -> list[Frame]:
     ]
 
 
+def _attributes(signal: np.void) -> Any:
+    """A SIGNAL whose fields are attributes, as compiled code sees it."""
+    return record(signal.dtype, dict(zip(signal.dtype.names or (), signal.item(), strict=True)))
+
+
 def test_words_are_what_the_codecs_make_of_every_frame() -> None:
     for codec in FRAMES.values():
-        table = [record(row.dtype, dict(zip(row.dtype.names, row.tolist(), strict=True))) for row in signals(codec)]
+        definition = frame_definition(codec)
+        assert (definition["can_id"], definition["length"]) == (codec.can_id, codec.length)
+        table = [_attributes(definition[name]) for name in codec.signals]
         for end in ("low", "high"):
             raws = [int(getattr(signal, end)) for signal in table]
             data = codec.pack_raw(11, *raws)
@@ -54,6 +64,25 @@ def test_a_batch_is_answered_as_objects_are() -> None:
         sent = one.cycle(inbox, load(inbox, frames), 1)
         assert unload(one.outbox[:sent]) == other.step(frames)
         assert one.row() == other.row()
+
+
+def test_a_cycle_fills_every_column() -> None:
+    node = ControllerNode()
+    for tick in range(20):
+        node.record[:] = np.nan
+        node.step(sample(tick))
+    empty = [column.name for column, value in zip(node.columns, node.row(), strict=True) if np.isnan(value)]
+    assert not empty
+
+
+def test_a_record_is_the_row_by_name() -> None:
+    node = ControllerNode()
+    for tick in range(20):
+        node.step(sample(tick))
+    record = node.record.view(RECORD)[0]
+    assert RECORD.names == tuple(column.name for column in node.columns)
+    assert record.item() == node.row()
+    assert record["sample_tick"] == 19
 
 
 def test_a_cycle_allocates_nothing() -> None:
@@ -94,7 +123,7 @@ def test_other_threads_run_during_a_cycle() -> None:
         found = 0
         for _ in range(200):
             before = counted[0]
-            cycle(node.states, node.settings, inbox, count, 1, node.outbox, node.record)
+            cycle(node.states, node.settings, inbox, count, 1, node.outbox)
             found += counted[0] > before
     finally:
         ended.set()

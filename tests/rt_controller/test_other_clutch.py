@@ -11,6 +11,8 @@ from clutch_hil.bench.scenario import load_scenario
 from clutch_hil.bench.simulate import Simulation
 from plant_sim.node.injection import Injection
 from plant_sim.node.power_shift_node import COLUMNS as PLANT
+from protocols.can.frames import load_frames
+from protocols.can.words import frame_definition
 from protocols.errors import InputError
 from rt_controller.law.other_clutch import (
     PAIR_SETTINGS,
@@ -27,9 +29,18 @@ from rt_controller.law.sample import SAMPLE
 from rt_controller.loop.node import COLUMNS, ControllerNode
 
 STEP, PERIOD = 2.0**-14, 2.0**-9  # rad, s: exact
+ENCODER = load_frames()["ENCODER"]
+DEFINITION = frame_definition(ENCODER)
+DEFINITION["shaft_angle"]["scale"] = STEP
 WEIGHT = 0.05  # kg m^2
 PAIR = record(PAIR_SETTINGS, ratio=3.0, other_ratio=2.0, patience=0.25)
 IN_TIME = 0.12  # s: the dwell of 0.1 s and ten cycles of 500 Hz
+
+
+def encoder(counts: int, tick: int) -> int:
+    """The payload of ENCODER with the low bits of both."""
+    data = ENCODER.pack_raw(0, (counts + 2**31) % 2**32 - 2**31, tick % 2**16)
+    return int.from_bytes(data, "little", signed=True)
 
 
 @cache
@@ -41,7 +52,7 @@ def torque_settings() -> Any:
 def other(estimate: float = 0.0, sticks: bool = False, acceleration: float = 0.0) -> Any:
     """The other clutch, heard now."""
     heard = unheard()
-    take_other_encoder(heard, 0, 0, STEP, PERIOD, 100.0)
+    take_other_encoder(heard, encoder(0, 0), DEFINITION, PERIOD, 100.0)
     take_other_status(heard, estimate, sticks)
     heed(heard)
     heard.acceleration = acceleration
@@ -109,7 +120,7 @@ def test_a_status_counts_from_when_it_is_heeded() -> None:
 def test_the_encoder_of_the_other_wraps_and_skips() -> None:
     heard = unheard()
     for k in range(400):
-        take_other_encoder(heard, (2**32 - 300 + 3 * k) % 2**32, (65500 + 2 * k) % 2**16, STEP, PERIOD, 100.0)
+        take_other_encoder(heard, encoder(2**32 - 300 + 3 * k, 65500 + 2 * k), DEFINITION, PERIOD, 100.0)
     assert heard.slip == pytest.approx(1.5 * STEP / PERIOD)
     assert heard.acceleration == pytest.approx(0.0, abs=1e-9)
 

@@ -68,7 +68,7 @@ class Rig:
         missed: int = beat.clock.wait()
         complete = self.answer(1 + missed)
         if drifts.size:
-            follow(beat.words, drifts, complete, self.samples.arrived_ns())
+            follow(beat.memory.clocks, drifts, complete, self.samples.arrived_ns())
         return missed
 
     def answer_samples(self, beat: Any, changes: int) -> int:
@@ -79,7 +79,7 @@ class Rig:
             arrived = self.marked_ns - SINCE_1970 if came else 0
             slots, arrived, patience = begun(before, period, arrived, self.now, patience, patience > usual)
         self.answer(slots)
-        arrive(beat.words, self.now, arrived, slots)
+        arrive(beat.memory.clocks, self.now, arrived, slots)
         return slots - 1
 
     @property

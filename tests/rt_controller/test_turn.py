@@ -15,12 +15,11 @@ from protocols.buses.bus import Port, open_bus
 from protocols.buses.exchange import Exchange
 from protocols.can.frames import Frame, load_frames
 from protocols.errors import InputError
-from protocols.realtime.beat import Beat
+from protocols.realtime.beat import TIMING, Beat
 from protocols.realtime.clock import Clock
 from protocols.realtime.mailbox import Asker, Mailbox
 from protocols.realtime.ring import RingReader, RingWriter
 from protocols.realtime.stopping import Stop
-from protocols.telemetry.outlet import TIMING
 from rt_controller.loop.node import COLUMNS, ControllerNode
 from rt_controller.loop.samples import Samples
 from rt_controller.loop.turn import Turn, begun

@@ -18,8 +18,8 @@ from protocols.can.fault_text import REASONS, WAITS_FOR_IDLE, FaultWatch, faults
 from protocols.can.frames import load_frames
 from protocols.can.request import Request
 from protocols.node import node_factory
+from protocols.realtime.beat import TIMING
 from protocols.telemetry.batch import Batch, published_columns
-from protocols.telemetry.outlet import TIMING
 from rt_controller.law.phases import Fault, Phase
 from rt_controller.loop.node import COLUMNS, ControllerNode, controller_parameters, shipped_parameters
 from tests.clutch_hil.bench.test_services import RATE, hear

@@ -1,0 +1,70 @@
+"""Record of a sample of the wet-clutch rig: what its sensors show, then the truth. Here its columns are declared, and filled.
+
+A column is declared once; run files, telemetry, live views and docs/columns.md follow. The name of a truth begins with
+`truth_`: a blind recording seals it away.
+"""
+
+from typing import Any
+
+from numba import njit
+
+from plant_sim.rigs.clutch_phase import Phase, phase
+from protocols.files.units import BAR, ZERO_CELSIUS
+from protocols.node import Column, record_type
+
+COLUMNS = (
+    Column("time_s", "s", "time since the run's start"),
+    Column("valve_voltage_v", "V", "voltage to the V/A converter, acting from this row on"),
+    Column("motor_speed_demand_rad_s", "rad/s", "speed demand of the motor, acting from this row on"),
+    Column("cylinder_pressure_bar", "bar", "measured oil pressure behind the piston"),
+    Column("slip_speed_rad_s", "rad/s", "measured slip speed, from encoder counts"),
+    Column("shaft_angle_rad", "rad", "encoder angle of the turning plate"),
+    Column("oil_temperature_degc", "degC", "measured oil temperature"),
+    Column("clutch_torque_nm", "Nm", "measured clutch torque, for validation"),
+    Column("motor_torque_nm", "Nm", "measured torque of the motor"),
+    Column("truth_valve_pressure_bar", "bar", "pressure after the valve"),
+    Column("truth_cylinder_pressure_bar", "bar", "pressure behind the piston"),
+    Column("truth_piston_position_m", "m", "position of the piston, 0 at rest"),
+    Column("truth_normal_force_n", "N", "force on the plates"),
+    Column("truth_seal_force_n", "N", "friction of the piston's seals"),
+    Column("truth_friction_state", "1", "m of eq. 6.9"),
+    Column("truth_clutch_torque_nm", "Nm", "torque that the clutch transmits, M"),
+    Column("truth_motor_torque_nm", "Nm", "torque of the motor, M_m"),
+    Column("truth_slip_speed_rad_s", "rad/s", "slip speed, omega"),
+    Column("truth_oil_temperature_degc", "degC", "oil temperature, T"),
+    Column("truth_phase", "1", f"phase of the piston: {', '.join(f'{p.value} {p.name.lower()}' for p in Phase)}"),
+)
+RECORD = record_type(COLUMNS)
+_phase = njit(phase)
+
+
+@njit(cache=True, nogil=True)
+def note_sample(
+    row: Any, time: Any, interfaces: Any, rig_state: Any, preload_pressure: Any, contact_pressure: Any
+) -> None:
+    """Fill `row` (columns,), which is a RECORD, from `interfaces` (1,) of INTERFACE and `rig_state` (1,) of STATE.
+
+    time [s] of the run; preload_pressure [Pa] and contact_pressure [Pa] are those of the piston, for its phase.
+    """
+    record, interface, y = row.view(RECORD)[0], interfaces[0], rig_state[0]
+    shown = interface.clutches[0]
+    record.time_s = time
+    record.valve_voltage_v = shown.voltage
+    record.motor_speed_demand_rad_s = interface.speed_demand
+    record.cylinder_pressure_bar = shown.pressure
+    record.slip_speed_rad_s = shown.slip_speed
+    record.shaft_angle_rad = shown.angle
+    record.oil_temperature_degc = shown.temperature
+    record.clutch_torque_nm = shown.clutch_torque
+    record.motor_torque_nm = shown.motor_torque
+    record.truth_valve_pressure_bar = y.valve_pressure / BAR
+    record.truth_cylinder_pressure_bar = y.pressure / BAR
+    record.truth_piston_position_m = y.position
+    record.truth_normal_force_n = y.normal_force
+    record.truth_seal_force_n = y.seal_force
+    record.truth_friction_state = y.friction_state
+    record.truth_clutch_torque_nm = y.clutch_torque
+    record.truth_motor_torque_nm = y.motor_torque
+    record.truth_slip_speed_rad_s = y.slip_speed
+    record.truth_oil_temperature_degc = y.temperature - ZERO_CELSIUS
+    record.truth_phase = _phase(y, preload_pressure, contact_pressure).value

@@ -1,0 +1,38 @@
+"""Record of a cycle: what the controller saw, decided and counted. Here its columns are declared, and filled.
+
+A column is declared once; run files, telemetry, live views and docs/columns.md follow. The terms of the law are declared and
+filled in `law/torque_law.py`.
+"""
+
+from numba import njit
+
+from protocols.can.request import Request
+from protocols.node import Column, record_type
+from rt_controller.law.phases import Fault, Phase
+from rt_controller.law.torque_law import TERMS
+
+
+def _names(states: type[Phase] | type[Fault] | type[Request]) -> str:
+    """The values of an enumeration with their names, for people."""
+    return ", ".join(f"{state.value} {state.name.lower()}" for state in states)
+
+
+COLUMNS = (
+    Column("sample_tick", "1", "number of the sample answered, unwrapped; -1 before the first"),
+    Column("sample_age", "cycles", "cycles since the last believable sample"),
+    Column("phase", "1", f"phase of the controller: {_names(Phase)}"),
+    Column("fault", "1", f"why the phase is fault: {_names(Fault)}"),
+    Column("request", "1", f"what the supervisor asks for: {_names(Request)}"),
+    *TERMS,
+    Column("commands_lowered", "1", "commands the guard has cut to its limit, total"),
+    Column("commands_replaced", "1", "commands the guard has replaced by the safe one, total"),
+)
+RECORD = record_type(COLUMNS)
+
+
+@njit
+def note_cycle(record, node, phase, request):
+    """Fill all of RECORD but the law's terms from NODE (cycle.py), the Phase and the Request followed in this cycle."""
+    record.sample_tick, record.sample_age = node.sample.tick, node.guard.age
+    record.phase, record.fault, record.request = phase, node.phases.fault, request
+    record.commands_lowered, record.commands_replaced = node.guard.lowered, node.guard.replaced
