@@ -12,8 +12,8 @@ from rich.text import Text
 from clutch_hil.live.supervisor import RATE, Answer, Supervisor
 from plant_sim.profiles.profile import (
     FILL_PRESSURE,
-    FOREVER,
     IDLE_FIRST,
+    LATEST_TIME,
     PRESSURE_LIMIT,
     SPEED_LIMIT,
     TORQUE_LIMIT,
@@ -41,7 +41,7 @@ def torque_profile(torque: float, speed: float, seconds: float | None, ramp: flo
     """
     _check("torque", torque, TORQUE_LIMIT, "Nm", speed, ramp)
     rise = max(torque / ramp, 1.0 / RATE)
-    times = 0.0, IDLE_FIRST, IDLE_FIRST + rise, FOREVER
+    times = 0.0, IDLE_FIRST, IDLE_FIRST + rise, LATEST_TIME
     profile = Profile(f"{torque:g} Nm", times, (0.0, 0.0, torque, torque), (speed,) * 4)
     return profile if seconds is None else profile.lasting(seconds)
 
@@ -51,7 +51,7 @@ def pressure_profile(pressure: float, speed: float, seconds: float | None, ramp:
     _check("pressure", pressure, PRESSURE_LIMIT, "bar", speed, ramp)
     first, least = min(pressure, FILL_PRESSURE), 1.0 / RATE
     begin = IDLE_FIRST + least
-    time = (0.0, IDLE_FIRST, begin, begin + max((pressure - first) / ramp, least), FOREVER)
+    time = (0.0, IDLE_FIRST, begin, begin + max((pressure - first) / ramp, least), LATEST_TIME)
     profile = Profile(f"{pressure:g} bar", time, (0.0,) * 5, (speed,) * 5, (0.0, 0.0, first, pressure, pressure))
     return profile if seconds is None else profile.lasting(seconds)
 
@@ -59,7 +59,7 @@ def pressure_profile(pressure: float, speed: float, seconds: float | None, ramp:
 def lock_profile(speed: float, seconds: float | None) -> Profile:
     """A clutch that is to be locked, at a motor speed [rad/s], for `seconds`, None for ever. Raises InputError."""
     _check_speed(speed)
-    profile = Profile("lock", (0.0, FOREVER), (0.0, 0.0), (speed, speed), lock=(1.0, 1.0))
+    profile = Profile("lock", (0.0, LATEST_TIME), (0.0, 0.0), (speed, speed), lock=(1.0, 1.0))
     return profile if seconds is None else profile.lasting(seconds)
 
 
@@ -214,7 +214,7 @@ class Demand:
             verdict = f"{'reached' if good else 'not reached'}, {figures}"
         if interrupted:
             verdict = f"interrupted after {elapsed:.1f} s; {verdict}"
-        length = "until stopped" if profile.duration >= FOREVER else f"{profile.duration:g} s"
+        length = "until stopped" if profile.duration >= LATEST_TIME else f"{profile.duration:g} s"
         text = "\n".join(
             [
                 f"read:    {profile.name} ({length}), the controller's status on {bus}",
@@ -249,7 +249,7 @@ class _StatusLine:
         self._console = Console(stderr=True)
         self._live = Live(console=self._console, auto_refresh=False, transient=True)
         self._every = _SHOWN_EVERY if self._console.is_terminal else _PLAIN_EVERY
-        self._end = f"/{duration:g}" if duration < FOREVER else ""
+        self._end = f"/{duration:g}" if duration < LATEST_TIME else ""
         self._next = 0.0
 
     def __enter__(self) -> "_StatusLine":
