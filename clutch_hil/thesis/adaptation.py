@@ -13,7 +13,7 @@ from plant_sim.profiles.profile import load_profile
 from plant_sim.rigs import wet_clutch
 from protocols.node import node_factory
 
-LEAST_GAIN = 5.0  # times better, at least
+LEAST_GAIN = 5.0  # least factor by which adaptation reduces the error: ours
 SEEDS = 5
 FIRST_RISE_END = 0.5  # s, end of the first rise of the demand in the profile `engagement`
 # change of plant parameters, oil temperature at the start [degC]

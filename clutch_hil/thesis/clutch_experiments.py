@@ -27,7 +27,7 @@ REFERENCE = 70.0  # degC, components during the identification, sec. 6.4.3
 _SETTLING = (
     1.5  # s before a record begins: 0.2 s of idle and fill, then 15 time constants of the motor's 85 ms ([motor])
 )
-SLOW_RATE = 250  # Hz, of experiments in which all is slow: the controller's loops are the same there as at 1 kHz
+SLOW_RATE = 250  # Hz, sampling rate of slow experiments, in which the controller behaves as at 1 kHz
 _COLUMNS = {
     "demand": "controller_pressure_demand_bar",
     "pressure": "cylinder_pressure_bar",
@@ -90,7 +90,7 @@ def run_experiment(
     rate: int = 1000,
     tuned: Mapping[str, float] | None = None,
 ) -> Run:
-    """The rig under its controller, which is asked for pressures, from a clutch filled and settled at the first of them.
+    """Run the rig under its controller on pressure demands, from a clutch that is filled and settled at the first of them.
 
     demand (n,) [bar], 2 bar or more (the controller's floor), speed of the motor, scalar or (n,) [rad/s], oil temperature at
     the start [degC], rate [Hz]; `tuned` changes parameters of the controller. Raises InputError where it ends in a fault.
@@ -116,7 +116,7 @@ def run_experiment(
 def stationary_law(
     pressure: np.ndarray | float, slip: np.ndarray | float, p: ParameterSet, temperature: np.ndarray | float = REFERENCE
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What the plant must show at rest, M_C s_n and C_v r_T |omega|^gamma [Nm]: its `clutch` and `oil` written anew.
+    """Stationary torques of the plant, M_C s_n and C_v r_T |omega|^gamma [Nm]: its `clutch` and `oil` written a second time.
 
     pressure of the cylinder [bar], slip [rad/s], oil temperature [degC].
     """

@@ -9,7 +9,8 @@ from scipy.stats import t as student
 
 from clutch_hil.thesis.check_sheet import Sheet
 
-TOLERANCE = 0.03  # of the thesis's value: our return springs take 1.5 % of the pressure rise, the thesis's none
+# relative to the value of the thesis: our return springs take 1.5 % of the pressure rise, those of the thesis none
+TOLERANCE = 0.03
 
 Fit = tuple[np.ndarray, np.ndarray]  # values, half widths of their 95 % intervals
 
@@ -27,7 +28,7 @@ def fit(function: Callable[..., Any], x: Any, y: np.ndarray, start: Any, deviati
 
 
 def interval_factor(freedom: float) -> float:
-    """Half width of a 95 % interval in standard deviations, for so many degrees of freedom."""
+    """Half width of a 95 % interval in standard deviations, for `freedom` degrees of freedom (Student's t)."""
     return float(student.ppf(0.975, freedom))
 
 
@@ -40,7 +41,7 @@ def make_row(sheet: Sheet, name: str, found: float, half: float, plant: float, t
 
 
 def check_estimate(sheet: Sheet, name: str, found: float, half: float, plant: float, thesis: float) -> None:
-    """Two checks: the interval `found` +- `half` contains the plant's value, and the thesis's is near."""
+    """Check that the interval `found` +- `half` contains the value of the plant, and that the thesis's value is near."""
     sheet.check(f"the 95 % interval of {name} contains the plant's {plant:.5g}", abs(found - plant) <= half,
                 f"{found:.5g} +- {half:.2g}")  # fmt: skip
     sheet.check(

@@ -18,9 +18,9 @@ MEAN, SWING = 100 * RPM, 60 * RPM  # rad/s, fig 6.14
 PRESSURE, FREQUENCY = 3.4, 5.0  # bar, Hz, fig 6.14
 FREQUENCIES = (1.0, 2.0, FREQUENCY, 9.0)  # Hz; 5 Hz is the thesis's, the others are ours
 ATTRACTION = 69.0  # 1/s, eq. 6.7
-FASTEST_ATTRACTION = 1000.0  # 1/s, the largest C that the controller takes: a lag of 1 ms
-LARGEST_ERROR = 0.1  # Nm rms, ours: little more than the 0.08 that 5 mbar of noise of the pressure are
-BINS = 40  # of a period
+FASTEST_ATTRACTION = 1000.0  # 1/s, the largest C that the controller accepts: a lag of 1 ms
+LARGEST_ERROR = 0.1  # Nm rms, ours: slightly above the 0.08 Nm that come from 5 mbar of pressure noise
+BINS = 40  # into which a period is divided
 
 
 @njit(cache=True)

@@ -16,9 +16,9 @@ from plant_sim.rigs.position_feedforward import Feedforward, Frictionless, multi
 from plant_sim.rigs.position_identification import IdentifiedFeedforward
 
 MICROMETRES = 1e6  # um in a m
-SETTLING_TIME = 2.0  # s, from here errors count: the trajectories have grown to their amplitude
-LOAD_FACTOR = 1.75  # of the nominal load, after the load step
-MASS_GUESS = 0.9  # of the true mass: where the search for it begins
+SETTLING_TIME = 2.0  # s, errors count from here on, when the trajectories have reached their amplitude
+LOAD_FACTOR = 1.75  # load after the load step over the nominal load
+MASS_GUESS = 0.9  # start of the search for the mass, over the true mass
 LOAD_STEP_TIME = 4.1  # s, of the load, in the middle of a stroke
 
 # trajectory and its time [s]: in the range of falling friction; below the displacement that slides; transport; anything

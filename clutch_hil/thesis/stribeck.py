@@ -8,7 +8,7 @@ from plant_sim.friction.stribeck import Stribeck
 
 LEGEND = {"fontsize": 8, "frameon": False}
 SPEED = np.linspace(1e-4, 1.0, 4001)  # as the axis of figure 1.7
-NO_SPEED = 1e-9  # just not at rest
+NO_SPEED = 1e-9  # far below any Stribeck velocity, but not at rest
 FAST = 1e9  # far above any Stribeck velocity
 
 

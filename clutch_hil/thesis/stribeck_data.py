@@ -18,8 +18,8 @@ from plant_sim.friction.stribeck import Stribeck
 
 DRAWS = 200
 POINTS = 40
-TOLERANCE = 0.05  # of the range of a curve: hardly seen in a picture
-WIDE_TOLERANCE = 0.1  # with ten points, where the thesis calls the fit less good
+TOLERANCE = 0.05  # relative to the range of a curve: hardly visible in a picture
+WIDE_TOLERANCE = 0.1  # with ten points, for which the thesis calls the fit less good
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from plant_sim.rigs.multisine import FrequencyResponse
 
 Array = np.ndarray
 AMPLITUDES = (0.01, 0.02, 0.03, 0.04, 0.05, 0.06)  # V, figs 3.11 and 3.12
-HIGH_AMPLITUDE = 0.12  # V, ours: where the mass line should be near
+HIGH_AMPLITUDE = 0.12  # V, ours: an amplitude so high that the response should be near the mass line
 TORQUES = ("motor torque", "dynamometer torque")
 GAIN_NOTE = (
     "the thesis gives no torque for a volt and does not say whose amplitude A is; ours: 2 Nm/V, A for each of the 500 lines,"

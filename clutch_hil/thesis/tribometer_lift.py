@@ -12,7 +12,11 @@ Array = np.ndarray
 CONTACTS = Contacts(seed=7)
 OWN_WEIGHT = 58.0  # N
 SINE, FREQUENCIES = 0.06, (1.0, 2.0, 3.0)  # rad, Hz, sec. 4.1.3
-OFFSET, SWING, FAST = 0.35, 0.30, 9.0  # rad/s, rad/s, Hz: 0.05 to 0.65 rad/s as on the axis of fig 4.5; 9 Hz [T]
+OFFSET, SWING, FAST = (
+    0.35,
+    0.30,
+    9.0,
+)  # rad/s, rad/s, Hz: 0.05 to 0.65 rad/s as on the axis of fig 4.5; 9 Hz of the thesis
 BINS = np.linspace(0.08, 0.62, 13)  # rad/s
 NOISE = 1.5e-3  # Nm; ours: a difference of two branches in a bin has a deviation of about 0.6e-3 by the sensors
 STAIR_SPEEDS, STAIR_TIME = (
