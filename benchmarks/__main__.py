@@ -15,33 +15,32 @@ def benchmark(
     seconds: float = typer.Option(60.0, help="length of the closed loop in real time, in s"),
     json_output: bool = JSON,
 ) -> None:
-    """Measure the loop, or our friction models beside those of other packages, on this machine."""
+    """Measure the loop, the cost of several clutches, or friction models beside those of other packages."""
     import platform
 
-    from benchmarks.loop import Target, loop_text
-    from benchmarks.loop import benchmark as measure
+    from benchmarks.loop import Target, format_loop, measure_loop
     from clutch_hil.bench.progress import progress_bar, table_text
 
     if what == "loop":
-        targets, document = measure(bus, seconds, json_output)
-        extra = loop_text(document)
+        targets, document = measure_loop(bus, seconds, json_output)
+        extra = format_loop(document)
     elif what == "friction":
-        from benchmarks.friction import friction_benchmark
+        from benchmarks.friction import measure_friction_models
 
         with progress_bar("friction models", json_output) as progress:
-            models, targets, document = friction_benchmark(progress)
+            models, targets, document = measure_friction_models(progress)
         extra = table_text(models)
     elif what == "clutches":
-        from benchmarks.clutches import clutch_costs, table
+        from benchmarks.clutches import measure_clutch_costs, tabulate_costs
 
         with progress_bar("clutches", json_output) as progress:
-            targets, document = clutch_costs(min(seconds, 24.0), progress)
-        extra = table_text(table(document))
+            targets, document = measure_clutch_costs(min(seconds, 24.0), progress)
+        extra = table_text(tabulate_costs(document))
     else:
         raise InputError(f"benchmark {what!r} does not exist; known are clutches, friction, loop")
     rows = [Target.HEAD, *(target.row() for target in targets)]
     machine = f"machine: {platform.machine()}, Linux {platform.release()}, Python {platform.python_version()}"
-    missed = [target.name for target in targets if not target.met]
+    missed = [target.name for target in targets if not target.is_met]
     verdict_text = "all met" if not missed else f"not met: {', '.join(missed)}"
     if without := document.get("not_installed"):
         verdict_text += f"; not measured: {', '.join(without)}, not installed"

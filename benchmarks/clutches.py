@@ -1,8 +1,8 @@
-"""`python -m benchmarks clutches`: what each further controlled clutch costs a cycle.
+"""`python -m benchmarks clutches`: what each further controlled clutch costs in a cycle.
 
-Method          one plant; its frames are answered by groups of one to MOST controllers, each group timed as a whole, one after
-                the other, so that all are measured in one run
-Assumptions     controllers do not share anything; one thread steps them one after the other
+Method          one plant; groups of one to MOST_CLUTCHES controllers take its frames, one group after the other. Each
+                group is timed as a whole, and all in the same run
+Assumptions     controllers share nothing; one thread steps them one after the other
 """
 
 import time
@@ -16,46 +16,55 @@ from plant_sim.node.plant_node import PlantNode
 from plant_sim.profiles.profile import load_profile
 from protocols.node import node_factory
 
-MOST = 8
-RATE = 1000  # Hz
-_LINEAR = 1.25  # times a clutch's share of what MOST cost: beyond that they would disturb each other
+MOST_CLUTCHES = 8  # controlled at a time
+RATE = 1000  # Hz, of the controllers
+_LINEAR_LIMIT = 1.25  # cost of a clutch of eight over that of one alone: with more they would disturb each other
 
 
-def clutch_costs(seconds: float, progress: Callable[[float, int], None]) -> tuple[list[Target], dict[str, Any]]:
-    """Durations of the steps of 1 to MOST controllers, decode to encode [us]; `seconds` [s] are simulated."""
+def measure_clutch_costs(seconds: float, progress: Callable[[float, int], None]) -> tuple[list[Target], dict[str, Any]]:
+    """Measure the duration [us] of a step, decode to encode, with 1 to MOST_CLUTCHES controllers over `seconds` [s] simulated.
+
+    Returns targets, and a document with a row per number of clutches. `progress(done, total)` is called every 100 cycles.
+    """
     new_controller = node_factory("controller")
-    groups = [[new_controller(rate=RATE) for _ in range(count)] for count in range(1, MOST + 1)]
+    groups = [[new_controller(rate=RATE) for _ in range(count)] for count in range(1, MOST_CLUTCHES + 1)]
     plant = PlantNode(rate=RATE, profile=load_profile("engagement", seconds))
     cycles = round(seconds * RATE)
-    durations = np.zeros((MOST, cycles))
+    durations = np.zeros((MOST_CLUTCHES, cycles))
     commands = 0
     for cycle in range(cycles):
         plant.take(groups[0][0].outbox, commands)
         frames = plant.show()
         plant.advance()
         for k, group in enumerate(groups):
-            began = time.perf_counter_ns()
+            start = time.perf_counter_ns()
             for controller in group:
                 commands = controller.cycle(plant.outbox, frames)
-            durations[k, cycle] = time.perf_counter_ns() - began
+            durations[k, cycle] = time.perf_counter_ns() - start
         if cycle % 100 == 0:
             progress(cycle, cycles)
     durations /= 1e3
     rows = [
-        {"clutches": k + 1, "p50_us": float(np.median(own)), "p99_us": float(np.percentile(own, 99.0))}
-        for k, own in enumerate(durations)
+        {
+            "clutches": k + 1,
+            "p50_us": float(np.median(durations_us)),
+            "p99_us": float(np.percentile(durations_us, 99.0)),
+        }
+        for k, durations_us in enumerate(durations)
     ]
-    each = rows[-1]["p50_us"] / MOST
+    median_per_clutch = rows[-1]["p50_us"] / MOST_CLUTCHES
     targets = [
-        Target("a clutch of eight, beside one alone", each / rows[0]["p50_us"], "", "at most", _LINEAR),
+        Target(
+            "a clutch of eight, beside one alone", median_per_clutch / rows[0]["p50_us"], "", "at most", _LINEAR_LIMIT
+        ),
         Target("eight clutches, median step at 1 kHz", rows[-1]["p50_us"], "us", "at most", 1e6 / RATE),
     ]
-    document = {"clutches": rows, "targets": [vars(target) | {"met": target.met} for target in targets]}
+    document = {"clutches": rows, "targets": [vars(target) | {"met": target.is_met} for target in targets]}
     return targets, document
 
 
-def table(document: dict[str, Any]) -> list[tuple[str, ...]]:
-    """The rows, header first."""
+def tabulate_costs(document: dict[str, Any]) -> list[tuple[str, ...]]:
+    """Tabulate the rows of a document, header first."""
     head = ("clutches", "step p50 us", "p99 us", "a clutch us", "of a period at 1 kHz")
     rows = [
         (

@@ -1,13 +1,13 @@
 """`python -m benchmarks friction`: our friction models and those of other packages side by side, in one run.
 
-What            cost of a step; drift of a mass under a bias and a small oscillation; closure of an inner hysteresis loop
-Method          cost: the best of many short windows, the contestants in turn, because the machine is shared; twice, in steady
-                sliding and at worst: random motion in which most elements switch, under a load that changes at every step.
-                Ours are compiled into the loop that plays the path; through the pointer that a rig holds (`kernel.LAW`), about
-                20 ns are to be added. OpenSees gets a list and fills an array, by Python calls for each step. MuJoCo and
-                Exudyn make all steps of a sliding mass of 1 kg in one call
-Assumptions     all models have the stiffness K, the static friction F_S and, where they can, the same fall with speed
-References      docs/friction.md has what was measured
+What            time of a step; drift of a mass under a bias and a small oscillation; closure error of an inner hysteresis loop
+Method          time of a step: the best of many short windows, models in turn, because other programs use the machine
+                too. Measured twice: in steady sliding, and at worst, which is random motion in which most elements
+                switch while the load changes at every step. Our models are compiled into the loop that plays the path.
+                A rig calls them through a pointer (`kernel.LAW`), which adds about 20 ns. OpenSees is called from
+                Python at each step. MuJoCo and Exudyn make all steps of a sliding mass of 1 kg in one call
+Assumptions     all models have the stiffness K, the static friction F_S and, where they can, the same decrease with speed
+References      docs/friction.md has the results
 """
 
 import time
@@ -34,34 +34,35 @@ from plant_sim.friction.model import Array, FrictionModel
 from plant_sim.friction.stribeck import Stribeck
 from plant_sim.friction.xgms import XGMS
 
-# The contact is ours: round numbers, a break-away displacement F_S/K of 10 um as on a ball-screw axis.
+# The contact: round numbers of ours, with a break-away displacement F_S/K of 10 um as on a ball-screw axis.
 STIFFNESS = 1e5  # N/m
-STATIC = 1.0  # N
-BETA, STRIBECK_VELOCITY, VISCOUS, EXPONENT = 0.85, 1e-3, 0.2, 1 / 3  # -, m/s, (s/m)^gamma, -: all of eq 1.4 is at work
+STATIC_FORCE = 1.0  # N
+BETA, STRIBECK_VELOCITY, VISCOUS, EXPONENT = 0.85, 1e-3, 0.2, 1 / 3  # -, m/s, (s/m)^gamma, -: every term of eq 1.4 acts
 ATTRACTION = 69.0  # 1/s, Janssens 2010, eq 6.7
 ELEMENTS = 10
-LIMITS = np.full(ELEMENTS, STATIC / ELEMENTS)
+LIMITS = np.full(ELEMENTS, STATIC_FORCE / ELEMENTS)
 STIFFNESSES = STIFFNESS * np.linspace(1.9, 0.1, ELEMENTS) / ELEMENTS  # N/m, break-away from 5 um to 100 um
 
-WINDOW = 5000  # steps: 0.3 ms of XGMS, shorter than a turn of the scheduler; the call itself is 1 ns of a step
-ROUNDS = 40
+WINDOW_STEPS = 5000  # 0.3 ms of XGMS, shorter than a time slice of the scheduler; the call itself costs 1 ns per step
+WINDOW_COUNT = 40  # windows measured, of which the best counts
 DT = 1e-4  # s
-SLIDING = (np.full(WINDOW, 1e-6), np.ones(WINDOW))  # displacements [m], loads [N]
-SWITCHING = (
-    np.random.default_rng(1).normal(0.0, 3.0 * STATIC / STIFFNESS, WINDOW),
-    np.random.default_rng(2).uniform(0.2, 2.0, WINDOW),
+SLIDING_MOTION = (np.full(WINDOW_STEPS, 1e-6), np.ones(WINDOW_STEPS))  # displacements [m], loads [N]
+SWITCHING_MOTION = (
+    np.random.default_rng(1).normal(0.0, 3.0 * STATIC_FORCE / STIFFNESS, WINDOW_STEPS),
+    np.random.default_rng(2).uniform(0.2, 2.0, WINDOW_STEPS),
 )
-MOTIONS = (SLIDING, SWITCHING)
+MOTIONS = (SLIDING_MOTION, SWITCHING_MOTION)
 
-BIAS, SWING, FREQUENCY, DURATION, SETTLING = 0.5, 0.3, 10.0, 4.0, 0.2  # F_S, F_S, Hz, s, s: ours, below break-away
-TURNS = np.array([0.0, 1.0, -0.5, 0.3, -0.5])  # of the amplitude
-AMPLITUDE = 1.5 * STATIC / STIFFNESS  # m
-REQUIRED_COST, REQUIRED_RATIO = 60.0, 10.0  # ns, -
+# of the drift: bias and amplitude [F_S], frequency [Hz], duration [s], time of the bias to rise [s]. Ours, below break-away.
+BIAS, SWING_AMPLITUDE, FREQUENCY, DURATION, SETTLING = 0.5, 0.3, 10.0, 4.0, 0.2
+TURNING_POINTS = np.array([0.0, 1.0, -0.5, 0.3, -0.5])  # of the inner loop, over LOOP_AMPLITUDE
+LOOP_AMPLITUDE = 1.5 * STATIC_FORCE / STIFFNESS  # m
+REQUIRED_COST, REQUIRED_RATIO = 60.0, 10.0  # ns, -: goals of ours for XGMS
 
 
 @njit
-def _walk(law, parameters, state, displacement, dt, load):
-    """Sum of the forces [N] over all steps, so that none is left out."""
+def _sum_forces(law, parameters, state, displacement, dt, load):
+    """Sum of the forces [N] over all steps; without it the compiler would skip the calls."""
     total = 0.0
     for i in range(displacement.size):
         total += law(parameters, state, displacement[i], dt, load[i], state)
@@ -69,8 +70,8 @@ def _walk(law, parameters, state, displacement, dt, load):
 
 
 @dataclass(frozen=True, eq=False)
-class Ours:
-    """One of our models, measured as the oracles are."""
+class OwnModel:
+    """One of our models, with the methods of an `Oracle`."""
 
     name: str
     model: FrictionModel
@@ -78,9 +79,9 @@ class Ours:
     def cost(self, displacement: Array, load: Array) -> float:
         """Time of a step [s]."""
         model, state = self.model, self.model.rest()
-        began = time.perf_counter()
-        _walk(model.law, model.parameters, state, displacement, DT, load)
-        return (time.perf_counter() - began) / displacement.size
+        start = time.perf_counter()
+        _sum_forces(model.law, model.parameters, state, displacement, DT, load)
+        return (time.perf_counter() - start) / displacement.size
 
     def force(self, position: Array, dt: float) -> Array:
         """Force [N] (n,) along `position` [m] (n,)."""
@@ -97,70 +98,75 @@ class Ours:
         return motion[:, 0]
 
 
-def ours() -> tuple[Ours, ...]:
-    """All our models of the one contact."""
-    curve = Stribeck(STATIC, BETA, STRIBECK_VELOCITY, STATIC * VISCOUS, EXPONENT)
-    rising = LoadLaw(STATIC / (1.0 - 0.5 * np.exp(-1.0)), 2.0, 1.0)  # eq 4.2, F_S under a load of 1 N
-    weights = LIMITS / STATIC
+def make_own_models() -> tuple[OwnModel, ...]:
+    """All our models, of the contact above."""
+    curve = Stribeck(STATIC_FORCE, BETA, STRIBECK_VELOCITY, STATIC_FORCE * VISCOUS, EXPONENT)
+    rising = LoadLaw(STATIC_FORCE / (1.0 - 0.5 * np.exp(-1.0)), 2.0, 1.0)  # eq 4.2, F_S under a load of 1 N
+    weights = LIMITS / STATIC_FORCE
     shape = (BETA, STRIBECK_VELOCITY, VISCOUS, EXPONENT, ATTRACTION)
     return (
-        Ours("Coulomb", Coulomb(curve)),
-        Ours("Dahl", Dahl(STATIC, STIFFNESS)),
-        Ours("LuGre", LuGre(curve, STIFFNESS)),
-        Ours("elasto-plastic", ElastoPlastic(curve, STIFFNESS)),
-        Ours(f"Leuven, {ELEMENTS} elements", Leuven(curve, STIFFNESSES, 1.5 * LIMITS)),
-        Ours(f"Maxwell-slip, {ELEMENTS} elements", MaxwellSlip(STIFFNESSES, LIMITS)),
-        Ours(f"GMS, {ELEMENTS} elements", GMS(curve, STIFFNESSES, weights, ATTRACTION * STATIC)),
-        Ours(f"XGMS as Maxwell-slip, {ELEMENTS} elements", XGMS(Amontons(STATIC), STIFFNESSES, weights)),
-        Ours(f"XGMS, {ELEMENTS} elements", XGMS(rising, STIFFNESSES, weights, *shape)),
+        OwnModel("Coulomb", Coulomb(curve)),
+        OwnModel("Dahl", Dahl(STATIC_FORCE, STIFFNESS)),
+        OwnModel("LuGre", LuGre(curve, STIFFNESS)),
+        OwnModel("elasto-plastic", ElastoPlastic(curve, STIFFNESS)),
+        OwnModel(f"Leuven, {ELEMENTS} elements", Leuven(curve, STIFFNESSES, 1.5 * LIMITS)),
+        OwnModel(f"Maxwell-slip, {ELEMENTS} elements", MaxwellSlip(STIFFNESSES, LIMITS)),
+        OwnModel(f"GMS, {ELEMENTS} elements", GMS(curve, STIFFNESSES, weights, ATTRACTION * STATIC_FORCE)),
+        OwnModel(f"XGMS as Maxwell-slip, {ELEMENTS} elements", XGMS(Amontons(STATIC_FORCE), STIFFNESSES, weights)),
+        OwnModel(f"XGMS, {ELEMENTS} elements", XGMS(rising, STIFFNESSES, weights, *shape)),
     )
 
 
-def oracles() -> tuple[Oracle, ...]:
-    """The models of other packages, of the same contact."""
+def make_oracles() -> tuple[Oracle, ...]:
+    """The models of other packages, of the contact above."""
     return (
         OpenSees(STIFFNESSES, LIMITS),
-        MuJoCo(STIFFNESS, BETA * STATIC, STATIC, STRIBECK_VELOCITY),
-        Exudyn(STIFFNESS, BETA * STATIC, (1.0 - BETA) * STATIC, STRIBECK_VELOCITY),
+        MuJoCo(STIFFNESS, BETA * STATIC_FORCE, STATIC_FORCE, STRIBECK_VELOCITY),
+        Exudyn(STIFFNESS, BETA * STATIC_FORCE, (1.0 - BETA) * STATIC_FORCE, STRIBECK_VELOCITY),
     )
 
 
-def drift(contestant: Any) -> float:
-    """How far the mean position moves [m] in 4 s under 0.5 F_S and a sine of 0.3 F_S at 10 Hz, after the first 0.3 s."""
+def measure_drift(contestant: Any) -> float:
+    """Drift [m] of the mean position in 4 s under 0.5 F_S and a sine of 0.3 F_S at 10 Hz, from 0.3 s on."""
     dt = 2e-4  # s, 500 steps a period
     t = np.arange(1, round(DURATION / dt) + 1) * dt
-    force = BIAS * STATIC * np.minimum(t / SETTLING, 1.0) + SWING * STATIC * np.sin(2.0 * np.pi * FREQUENCY * t)
+    force = BIAS * STATIC_FORCE * np.minimum(t / SETTLING, 1.0) + SWING_AMPLITUDE * STATIC_FORCE * np.sin(
+        2.0 * np.pi * FREQUENCY * t
+    )
     position = contestant.slide(force, dt)
     period = round(1.0 / FREQUENCY / dt)
     first = round(SETTLING / dt) + period
     return float(abs(position[-period:].mean() - position[first : first + period].mean()))
 
 
-def closure(contestant: Any) -> float:
-    """Force [F_S] by which the inner loop 0, A, -A/2, 0.3 A, -A/2 fails to close; constant speed of 0.1 um a ms."""
+def measure_closure(contestant: Any) -> float:
+    """Closure error [F_S] of the inner loop 0, A, -A/2, 0.3 A, -A/2 at a constant speed of 0.1 um/ms.
+
+    It is the difference of the force between the two visits of -A/2.
+    """
     dt, step = 1e-3, 1e-7
     parts = [np.zeros(1)]
-    for start, end in pairwise(TURNS):
-        count = round(abs(end - start) * AMPLITUDE / step)
-        parts.append(AMPLITUDE * np.linspace(start, end, count + 1)[1:])
+    for start, end in pairwise(TURNING_POINTS):
+        count = round(abs(end - start) * LOOP_AMPLITUDE / step)
+        parts.append(LOOP_AMPLITUDE * np.linspace(start, end, count + 1)[1:])
     force = contestant.force(np.concatenate(parts), dt)
-    return float(abs(force[-1] - force[sum(map(len, parts[:3])) - 1]) / STATIC)
+    return float(abs(force[-1] - force[sum(map(len, parts[:3])) - 1]) / STATIC_FORCE)
 
 
-def friction_benchmark(
+def measure_friction_models(
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> tuple[list[tuple[str, ...]], list[Target], dict[str, Any]]:
-    """Rows of the table, the head first; what is asked of XGMS; and the numbers.
+    """Measure all models that are installed; return rows of the table, header first, targets of XGMS, and a document.
 
-    `progress(done, total)` is called after each round and each model.
+    `progress(done, total)` is called after each window and each model.
     """
-    known = oracles()
-    contestants: list[Any] = [*ours(), *(oracle for oracle in known if oracle.installed())]
-    total = ROUNDS + len(contestants)
+    all_oracles = make_oracles()
+    contestants: list[Any] = [*make_own_models(), *(oracle for oracle in all_oracles if oracle.is_installed())]
+    total = WINDOW_COUNT + len(contestants)
     windows = []
-    for i in range(-1, ROUNDS):  # the first round loads what it needs and does not count
-        turn = [[contestant.cost(path, load) for contestant in contestants] for path, load in MOTIONS]
-        windows += [turn] * (i >= 0)
+    for i in range(-1, WINDOW_COUNT):  # the first window loads code and does not count
+        costs = [[contestant.cost(path, load) for contestant in contestants] for path, load in MOTIONS]
+        windows += [costs] * (i >= 0)
         progress(i + 1, total)
     best = 1e9 * np.min(windows, axis=0)  # ns (motions, contestants)
     measured: dict[str, dict[str, float]] = {}
@@ -168,28 +174,28 @@ def friction_benchmark(
         measured[contestant.name] = {
             "sliding_ns": float(best[0, i]),
             "switching_ns": float(best[1, i]),
-            "drift_m": drift(contestant),
-            "closure": closure(contestant),
+            "drift_m": measure_drift(contestant),
+            "closure": measure_closure(contestant),
         }
-        progress(ROUNDS + i + 1, total)
+        progress(WINDOW_COUNT + i + 1, total)
     rows: list[tuple[str, ...]] = [
         ("model", "sliding [ns/step]", "at worst [ns/step]", "drift [m]", "closure error [F_S]")
     ]
     rows += [(name, *(f"{value:.3g}" for value in values.values())) for name, values in measured.items()]
-    missing = {oracle.name: oracle.install() for oracle in known if not oracle.installed()}
+    missing = {oracle.name: oracle.install_command() for oracle in all_oracles if not oracle.is_installed()}
     rows += [(name, f"not installed: {command}", "", "", "") for name, command in missing.items()]
     document = {
         "models": measured,
         "not_installed": missing,
-        "note": f"best of {ROUNDS} windows of {WINDOW} steps, contestants in turn",
+        "note": f"best of {WINDOW_COUNT} windows of {WINDOW_STEPS} steps, contestants in turn",
     }
-    targets = _targets(measured)
-    document["targets"] = [vars(target) | {"met": target.met} for target in targets]
+    targets = _make_targets(measured)
+    document["targets"] = [vars(target) | {"met": target.is_met} for target in targets]
     return rows, targets, document
 
 
-def _targets(measured: dict[str, dict[str, float]]) -> list[Target]:
-    """What is asked of XGMS: 60 ns a step, ten times the speed of the fastest other model with memory, loops that close."""
+def _make_targets(measured: dict[str, dict[str, float]]) -> list[Target]:
+    """Targets of XGMS: 60 ns per step, ten times as fast as the fastest other model with memory, loops that close."""
     full, plain = measured[f"XGMS, {ELEMENTS} elements"], measured[f"XGMS as Maxwell-slip, {ELEMENTS} elements"]
     targets = [
         Target("XGMS, cost of a step, sliding", full["sliding_ns"], "ns", "at most", REQUIRED_COST),

@@ -1,11 +1,11 @@
-"""Other people's friction models, driven with the same paths and forces as ours: for tests and for the benchmark.
+"""Friction models of other packages, driven by the same paths and forces as ours: for tests and for the benchmark.
 
 What            OpenSeesPy `Parallel` of `ElasticPP`: Maxwell-slip. MuJoCo `dcmotor lugre`: LuGre. Exudyn
                 `CoordinateSpringDamperExt` with bristle: one elastic element with Coulomb friction and a Stribeck curve
-Assumptions     each package at its own default accuracy; a path is prescribed, or a mass of 1 kg is driven by a force
-Not modelled    their Stribeck curves: exp(-(v/v_s)^2) in MuJoCo, exp(-|v|/v_s) in Exudyn, exp(-V_S/|v|) in ours; compare at a
+Assumptions     each package at its default accuracy; the path of the mass of 1 kg is given, or a force drives it
+Not modelled    equal Stribeck curves: exp(-(v/v_s)^2) in MuJoCo, exp(-|v|/v_s) in Exudyn, exp(-V_S/|v|) in ours. Compare at a
                 constant level, or at one speed
-References      the packages' own documentation; docs/friction.md has what was measured
+References      documentation of the packages; docs/friction.md has the results
 """
 
 import time
@@ -18,9 +18,9 @@ import numpy as np
 
 from plant_sim.friction.model import Array
 
-MASS = 1.0  # kg, ours: of the driven mass
-COST_STEP = 1e-4  # s, where a step is timed
-DAMPING = 50.0  # Ns/m, ours: to ground, so that the mass does not ring on the contact stiffness
+MASS = 1.0  # kg, driven mass: ours
+COST_STEP = 1e-4  # s, step where its cost is measured
+DAMPING = 50.0  # Ns/m to ground, so that the mass does not oscillate on the contact stiffness: ours
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Oracle:
     package: ClassVar[str]
 
     @classmethod
-    def installed(cls) -> bool:
+    def is_installed(cls) -> bool:
         """Whether the package can be used here."""
         try:
             import_module(cls.module)
@@ -41,7 +41,7 @@ class Oracle:
         return True
 
     @classmethod
-    def install(cls) -> str:
+    def install_command(cls) -> str:
         """The command that installs the package."""
         return f"pip install {cls.package}"
 
@@ -117,11 +117,11 @@ class OpenSees(Oracle):
         ops.testUniaxialMaterial(self.PARALLEL)
         strains, force = np.cumsum(displacement).tolist(), np.empty(displacement.size)
         set_strain, get_stress = ops.setStrain, ops.getStress
-        began = time.perf_counter()
+        start = time.perf_counter()
         for i, strain in enumerate(strains):
             set_strain(strain)
             force[i] = get_stress()
-        return (time.perf_counter() - began) / displacement.size
+        return (time.perf_counter() - start) / displacement.size
 
 
 @dataclass(frozen=True)
@@ -198,9 +198,9 @@ class MuJoCo(Oracle):
         model, data = self._model(COST_STEP, DAMPING)
         data.qfrc_applied[0] = 2.0 * self.static_force  # slides
         step = self.library.mj_step
-        began = time.perf_counter()
+        start = time.perf_counter()
         step(model, data, nstep=displacement.size)
-        return (time.perf_counter() - began) / displacement.size
+        return (time.perf_counter() - start) / displacement.size
 
 
 @dataclass(frozen=True)
@@ -271,9 +271,9 @@ class Exudyn(Oracle):
         settings.timeIntegration.generalizedAlpha.spectralRadius = 0.5
         settings.solution.file.write = False
         settings.solution.sensors.writePeriod = dt
-        began = time.perf_counter()
+        start = time.perf_counter()
         system.SolveDynamic(settings)
-        elapsed = time.perf_counter() - began
+        elapsed = time.perf_counter() - start
         return np.stack([system.GetSensorStoredData(s)[:, 1] for s in sensors], axis=1), elapsed / count
 
     def force(self, position: Array, dt: float) -> Array:

@@ -1,6 +1,6 @@
-"""`python -m benchmarks`: what this machine makes of the bench, measured in one run.
+"""`python -m benchmarks loop`: speed of the plant kernel, the controller and the closed loop on this machine, in one run.
 
-Ratios to real time and medians mean something; single maxima are the machine's as often as ours.
+Ratios to real time and medians are comparable. Single maxima may come from other programs on the machine.
 """
 
 import time
@@ -21,17 +21,18 @@ from plant_sim.rigs import wet_clutch
 from protocols.buses.bus import open_bus
 from protocols.node import node_factory
 
-TEN = (  # effects of all blocks and, but for RIG, at all hooks of the kernel
+TEN_EFFECTS = (  # of all blocks, and at all hooks of the kernel except RIG
     "valve_hysteresis", "supply_sag", "entrapped_air", "piston_seal_friction", "plate_waviness", "coulomb_temperature",
     "squeeze_film", "shaft_compliance", "pressure_time_offset", "torque_sensor_leakage",
 )  # fmt: skip
-_KERNEL_SECONDS = 1.0  # s of simulated time a call
-_REPEATS = 200  # the best of these counts: the machine is shared, and a call of 1 to 3 ms often has it alone
+_KERNEL_SECONDS = 1.0  # s, simulated time per call
+# calls, of which the fastest counts: other programs use the machine, but seldom during all calls of 1 to 3 ms
+_REPEATS = 200
 
 
 @dataclass(frozen=True)
 class Target:
-    """A measured value, its unit, and the bound asked for: `at least` or `at most`."""
+    """A measured value, its unit, and its bound; `relation` is `at least` or `at most`."""
 
     name: str
     value: float
@@ -41,21 +42,21 @@ class Target:
     HEAD: ClassVar = ("what", "measured", "asked for", "met")
 
     @property
-    def met(self) -> bool:
+    def is_met(self) -> bool:
         """Whether the bound is kept."""
         return self.value >= self.bound if self.relation == "at least" else self.value <= self.bound
 
     def row(self) -> tuple[str, ...]:
-        """Cells of the table."""
+        """Cells of the table, under HEAD."""
         shown = f"{self.value:.4g} {self.unit}", f"{self.relation} {self.bound:g} {self.unit}"
-        return (self.name, *shown, "yes" if self.met else "no")
+        return (self.name, *shown, "yes" if self.is_met else "no")
 
 
-def kernel_speeds(repeats: int = _REPEATS) -> tuple[float, float]:
-    """Simulated over elapsed time of the plant kernel at 10 kHz sub-steps, in slip control: effects off, and TEN of them on."""
+def measure_kernel_speeds(repeats: int = _REPEATS) -> tuple[float, float]:
+    """Simulated over elapsed time [-] of the plant kernel in slip control at 10 kHz: effects off, and TEN_EFFECTS on."""
     wet_clutch.warm()
     nominal = wet_clutch.nominal()
-    typical = {name: value for one in TEN for name, value in effect(one).typical().items()}
+    typical = {name: value for one in TEN_EFFECTS for name, value in effect(one).typical().items()}
     voltage = 1.36  # V: 3.4 bar
     steps = round(_KERNEL_SECONDS / wet_clutch.STEP_LIMIT)
     best = [float("inf")] * 2
@@ -63,14 +64,14 @@ def kernel_speeds(repeats: int = _REPEATS) -> tuple[float, float]:
     states = [rig.filled(20.0, 343.15) for rig in rigs]
     for _ in range(repeats):
         for i, (rig, state) in enumerate(zip(rigs, states, strict=True)):
-            began = time.perf_counter()
+            start = time.perf_counter()
             rig.advance(state, voltage, 20.0, 40.0, _KERNEL_SECONDS, steps)
-            best[i] = min(best[i], time.perf_counter() - began)
+            best[i] = min(best[i], time.perf_counter() - start)
     return _KERNEL_SECONDS / best[0], _KERNEL_SECONDS / best[1]
 
 
-def step_times(rate: int) -> np.ndarray:
-    """Durations of controller steps, decode to encode [us], while it runs against the plant."""
+def measure_step_times(rate: int) -> np.ndarray:
+    """Durations (n,) [us] of the controller's steps, decode to encode, against the plant at `rate` [Hz]."""
     plant = PlantNode(rate=rate, profile=load_profile("engagement"))
     controller = node_factory("controller")(rate=rate)
     durations: list[int] = []
@@ -79,21 +80,24 @@ def step_times(rate: int) -> np.ndarray:
         plant.take(controller.outbox, commands)
         frames = plant.show()
         plant.advance()
-        began = time.perf_counter_ns()
+        start = time.perf_counter_ns()
         commands = controller.cycle(plant.outbox, frames)
-        durations.append(time.perf_counter_ns() - began)
+        durations.append(time.perf_counter_ns() - start)
     return np.array(durations) / 1e3
 
 
-def benchmark(bus: str, seconds: float, quiet: bool) -> tuple[list[Target], dict[str, Any]]:
-    """Measure everything; `seconds` [s] is the length of the closed loop in real time on `bus`. Raises InputError."""
-    open_bus(bus).close()  # a bad bus or length is told before anything is measured
-    RunSettings(seconds=seconds).loaded_profile()
-    off, ten_on = kernel_speeds()
-    steps = step_times(1000)
+def measure_loop(bus: str, seconds: float, quiet: bool) -> tuple[list[Target], dict[str, Any]]:
+    """Measure kernel, controller and closed loop; return targets and a document. Raises InputError.
+
+    seconds: length of the closed loop in real time on `bus` [s].
+    """
+    open_bus(bus).close()  # a wrong bus or length is refused before the measurement
+    Scenario.of(RunSettings(seconds=seconds)).loaded_profile()
+    off, ten_on = measure_kernel_speeds()
+    steps = measure_step_times(1000)
     with TemporaryDirectory() as folder:
-        loop = _loop(bus, seconds, False, Path(folder), quiet)
-        lockstep = _loop(bus, min(seconds, 24.0), True, Path(folder), quiet)
+        loop = _run_closed_loop(bus, seconds, False, Path(folder), quiet)
+        lockstep = _run_closed_loop(bus, min(seconds, 24.0), True, Path(folder), quiet)
     late = max(loop[name]["timing"]["late"] / loop[name]["timing"]["cycles"] for name in ("plant", "controller"))
     targets = [
         Target("plant kernel, 10 kHz sub-steps, all effects off", off, "x real time", "at least", 1000.0),
@@ -104,20 +108,20 @@ def benchmark(bus: str, seconds: float, quiet: bool) -> tuple[list[Target], dict
     ]
     percentiles = {f"p{p:g}_us": float(np.percentile(steps, p)) for p in (50, 99, 99.9)}
     document = {
-        "effects_on": TEN,
-        "targets": [vars(target) | {"met": target.met} for target in targets],
+        "effects_on": TEN_EFFECTS,
+        "targets": [vars(target) | {"met": target.is_met} for target in targets],
         "step": percentiles,
         "loop": {name: loop[name]["timing"] for name in ("plant", "controller")},
     }
     return targets, document
 
 
-def _loop(bus: str, seconds: float, lockstep: bool, out: Path, quiet: bool) -> dict[str, Any]:
+def _run_closed_loop(bus: str, seconds: float, lockstep: bool, out: Path, quiet: bool) -> dict[str, Any]:
     return Bench(Scenario.of(RunSettings(seconds=seconds, out=out)), bus, lockstep).run(quiet).document
 
 
-def loop_text(document: dict[str, Any]) -> str:
-    """Step time and wake-up of the controller in the measured loop."""
+def format_loop(document: dict[str, Any]) -> str:
+    """Format step time and wake-up time of the controller in the measured loop."""
     step, wake = document["step"], document["loop"]["controller"]["wake"]
     return (
         f"controller step: p50 {step['p50_us']:.0f}, p99 {step['p99_us']:.0f}, p99.9 {step['p99.9_us']:.0f} us\n"

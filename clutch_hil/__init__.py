@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from clutch_hil.discrepancy.laboratory import play_experiment
     from clutch_hil.discrepancy.outcome import Discrepancy, find_discrepancy
     from clutch_hil.live.live_bench import LiveBench, start_bench
-    from clutch_hil.thesis.result import reproduce
+    from clutch_hil.thesis.reproduction import reproduce
     from protocols.errors import InputError
     from protocols.files.run import Run
     from protocols.files.runs import write_run
@@ -54,7 +54,7 @@ _PLACES = {
     "clutch_hil.discrepancy.laboratory": ("play_experiment",),
     "clutch_hil.discrepancy.outcome": ("Discrepancy", "find_discrepancy"),
     "clutch_hil.live.live_bench": ("LiveBench", "start_bench"),
-    "clutch_hil.thesis.result": ("reproduce",),
+    "clutch_hil.thesis.reproduction": ("reproduce",),
 }
 
 

@@ -110,7 +110,7 @@ NEEDS = {
     "distributed": Need("Dask", _module("distributed"), "pip install -e '.[dask]'"),
     "quiet": Need("a machine that lets processes run", _found_by_the_test, "stop what else it computes"),
     **{
-        oracle.package: Need(oracle.package, oracle.installed, oracle.install())
+        oracle.package: Need(oracle.package, oracle.is_installed, oracle.install_command())
         for oracle in (Exudyn, MuJoCo, OpenSees)
     },
 }

@@ -8,8 +8,8 @@ import typer
 
 from benchmarks.battery.cases import FAMILIES
 from benchmarks.battery.rivals import METHODS
-from benchmarks.battery.run import Cache, chosen, keep, kept, line, run
-from benchmarks.battery.validity import CHECKED, differences, engine
+from benchmarks.battery.run import Cache, format_answer, keep_answers, read_kept_answers, run_cases, select_cases
+from benchmarks.battery.validity import CHECKED_CASES, engine_name, list_differences
 from clutch_hil.bench.progress import progress_bar
 from protocols.errors import InputError
 
@@ -34,34 +34,34 @@ def main(
         bool, typer.Option("--check", help="play a handful of cases again and compare with what was kept")
     ] = False,
 ) -> None:
-    """Run cases, or what is not done of them, and say how good the engine was."""
-    from benchmarks.battery.score import scores
-    from benchmarks.battery.table import text, write
+    """Run the cases that have no answer yet, and print the measures of the engine over all of them."""
+    from benchmarks.battery.score import score_answers
+    from benchmarks.battery.table import format_measures, write_page
 
     try:
         if check:
             raise typer.Exit(0 if _check(jobs, dask) else 1)
-        names = [case.name for case in chosen(split, families.split(","), quick, only or [])]
+        names = [case.name for case in select_cases(split, families.split(","), quick, only or [])]
     except InputError as error:
         typer.echo(f"error: {error}", err=True)
         raise typer.Exit(2) from None
     if not names:
         typer.echo(f"error: no case of the split {split} is like that", err=True)
         raise typer.Exit(2)
-    folder = out / engine()
-    cache = Cache(folder / "cases", kept(folder.name))
+    folder = out / engine_name()
+    cache = Cache(folder / "cases", read_kept_answers(folder.name))
     if done:
         names = [name for name in names if cache.read(name)]
     answers = []
     try:
         with progress_bar(f"battery, {split}", False) as progress:
             progress(0, len(names))
-            for told in run(names, cache, jobs, address=dask):
-                answers.append(told)
+            for answer in run_cases(names, cache, jobs, address=dask):
+                answers.append(answer)
                 progress(len(answers), len(names))
                 if log:
                     with log.open("a", encoding="utf-8") as file:
-                        file.write(line(told) + "\n")
+                        file.write(format_answer(answer) + "\n")
     except InputError as error:
         typer.echo(f"error: {error}; the same command goes on from there", err=True)
         raise typer.Exit(2) from None
@@ -71,14 +71,18 @@ def main(
     typer.echo(f"read:    {len(names)} cases of the split {split}")
     typer.echo(f"wrote:   {cache.folder}")
     if keeping:
-        typer.echo(f"wrote:   {keep(answers, folder.name)}")
-    found = scores(answers)
-    typer.echo(text(found))
+        typer.echo(f"wrote:   {keep_answers(answers, folder.name)}")
+    measures = score_answers(answers)
+    typer.echo(format_measures(measures))
     if docs:
-        rivals = {name: list(said.values()) for name in METHODS if (said := kept(folder.name, f"{name}-{split}"))}
-        for path in write(answers, split, docs, folder.name, rivals):
+        rivals = {
+            name: list(rival_answers.values())
+            for name in METHODS
+            if (rival_answers := read_kept_answers(folder.name, f"{name}-{split}"))
+        }
+        for path in write_page(answers, split, docs, folder.name, rivals):
             typer.echo(f"wrote:   {path}")
-    failed = [one.name for one in found if one.reached is False]
+    failed = [one.name for one in measures if one.reached is False]
     typer.echo(
         f"verdict: {len(failed)} goals not reached: {', '.join(failed)}" if failed else "verdict: every goal is reached"
     )
@@ -86,18 +90,22 @@ def main(
 
 
 def _check(jobs: int | None, address: str | None) -> bool:
-    """Whether today's engine says of a handful of cases what was kept."""
-    before, changed = kept(engine()), 0
+    """Whether the engine gives the kept answers to CHECKED_CASES; prints each difference."""
+    before, changed = read_kept_answers(engine_name()), 0
     with TemporaryDirectory() as folder:
-        for told in run(CHECKED, Cache(Path(folder)), jobs, address=address):
-            found = differences(before[told["case"]], told)
-            typer.echo("\n  ".join([f"{told['case']}: {'the same' if not found else 'it differs'}", *found]))
-            changed += bool(found)
-    typer.echo(f"read:    {len(CHECKED)} cases, and what was kept of {engine()}\nwrote:   nothing")
+        for answer in run_cases(CHECKED_CASES, Cache(Path(folder)), jobs, address=address):
+            differences = list_differences(before[answer["case"]], answer)
+            typer.echo(
+                "\n  ".join([f"{answer['case']}: {'the same' if not differences else 'it differs'}", *differences])
+            )
+            changed += bool(differences)
+    typer.echo(f"read:    {len(CHECKED_CASES)} cases, and what was kept of {engine_name()}\nwrote:   nothing")
     if changed:
-        typer.echo(f"verdict: {changed} of {len(CHECKED)} differ; raise the version of what was changed on purpose")
+        typer.echo(
+            f"verdict: {changed} of {len(CHECKED_CASES)} differ; raise the version of what was changed on purpose"
+        )
     else:
-        typer.echo(f"verdict: all {len(CHECKED)} are as they were")
+        typer.echo(f"verdict: all {len(CHECKED_CASES)} are as they were")
     return not changed
 
 

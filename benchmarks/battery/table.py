@@ -15,39 +15,44 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from benchmarks.battery.cases import FAMILIES, NOISES, cases
+from benchmarks.battery.cases import FAMILIES, NOISES, list_cases
 from benchmarks.battery.score import (
+    Answer,
     Measure,
-    Told,
-    aliased,
-    by_noise,
-    by_severity,
+    are_aliases,
     family,
-    first,
-    hidden,
-    naming,
-    reported,
-    scores,
-    strong,
+    first_name,
+    hidden_names,
+    is_strong,
+    reported_names,
+    score_answers,
+    score_by_noise,
+    score_by_severity,
+    score_names,
     wilson,
 )
-from benchmarks.battery.truth_laws import CATALOGUE, UNKNOWN
+from benchmarks.battery.truth_laws import CATALOGUE_LAWS, UNKNOWN_LAWS
 from clutch_hil.bench.progress import table_text
 from clutch_hil.discrepancy.result import NONE_OF_THESE, NOTHING
 from plant_sim.effects.catalogue import effects
 from plant_sim.effects.effect import Effect
 from protocols.errors import listing
 
-_WORST = 40  # cases listed
-_TOP = "top-1 name"
-_COMPARED = (_TOP, "a name where nothing is hidden", "unknown effect: none_of_these", "unknown effect: a name")
-_BINS = np.linspace(0.0, 1.0, 11)  # of confidence
-_PACKAGES = ("clutch-hil", "numpy", "scipy", "numba")
+_MOST_WORST = 40  # wrong answers listed on the page, at most
+_TOP_NAME = "top-1 name"  # measure of score.py
+_COMPARED_MEASURES = (
+    _TOP_NAME,
+    "a name where nothing is hidden",
+    "unknown effect: none_of_these",
+    "unknown effect: a name",
+)
+_BINS = np.linspace(0.0, 1.0, 11)  # edges of the bins of confidence
+_PACKAGES = ("clutch-hil", "numpy", "scipy", "numba")  # their versions stand on the page
 ROOT = Path(__file__).parents[2]
 
 
-def number(measure: Measure, value: float) -> str:
-    """A value as the measure shows it."""
+def format_value(measure: Measure, value: float) -> str:
+    """Format a value in the unit of the measure."""
     if isnan(value):
         return "-"
     if measure.unit == "%":
@@ -55,78 +60,86 @@ def number(measure: Measure, value: float) -> str:
     return f"{value:.2f}" if measure.unit == "" else f"{value:.0f} {measure.unit}"
 
 
-def goal(measure: Measure) -> str:
-    """A goal in words."""
+def format_goal(measure: Measure) -> str:
+    """Describe the goal of a measure; empty where it has none."""
     if measure.goal is None:
         return ""
     if measure.upper is not None:
-        return f"{number(measure, measure.goal)} to {number(measure, measure.upper)}"
-    return ("at most " if measure.below else "") + number(measure, measure.goal)
+        return f"{format_value(measure, measure.goal)} to {format_value(measure, measure.upper)}"
+    return ("at most " if measure.below else "") + format_value(measure, measure.goal)
 
 
-def row(measure: Measure) -> tuple[str, ...]:
-    """Name, value, of how many, interval, goal, whether reached."""
+def format_row(measure: Measure) -> tuple[str, ...]:
+    """Cells of a measure: name, value, count, 95 % interval, goal, whether the goal is reached."""
     low, high = measure.interval
     count = str(measure.count) if measure.good is None else f"{measure.good}/{measure.count}"
     interval = "" if isnan(low) else f"{100.0 * low:.1f} to {100.0 * high:.1f} %"
     reached = {True: "yes", False: "no", None: ""}[measure.reached]
-    return measure.name, number(measure, measure.value), count, interval, goal(measure), reached
+    return measure.name, format_value(measure, measure.value), count, interval, format_goal(measure), reached
 
 
 _HEADER = ("measure", "reached", "of", "95 %", "goal", "holds")
 
 
-def text(found: Sequence[Measure]) -> str:
-    """The measures as a table for a terminal."""
-    return table_text([_HEADER, *(row(one) for one in found)])
+def format_measures(measures: Sequence[Measure]) -> str:
+    """Format measures as a table for a terminal."""
+    return table_text([_HEADER, *(format_row(one) for one in measures)])
 
 
-def write(
-    answers: Sequence[Told], split: str, folder: Path, engine: str, rivals: Mapping[str, Sequence[Told]] | None = None
+def write_page(
+    answers: Sequence[Answer],
+    split: str,
+    folder: Path,
+    engine: str,
+    rivals: Mapping[str, Sequence[Answer]] | None = None,
 ) -> list[Path]:
-    """Write battery.md and its pictures to `folder`. `rivals`: answers of other methods to the same cases. Returns paths.
+    """Write battery.md and its pictures to `folder`; return their paths.
 
-    What a person has to say of the numbers is taken from battery/notes.md there, if there is any.
+    rivals: answers of other methods to the same cases, by method. Comments on the numbers come from `folder`/battery/notes.md,
+    where there is one.
     """
     pictures = folder / "battery"
     pictures.mkdir(parents=True, exist_ok=True)
-    done = [told for told in answers if "error" not in told]
+    done = [answer for answer in answers if "error" not in answer]
     paths = [folder / "battery.md", pictures / "confusion.png", pictures / "calibration.png"]
-    confusion(done, paths[1])
-    calibration(done, paths[2])
+    draw_confusion(done, paths[1])
+    draw_calibration(done, paths[2])
     notes = pictures / "notes.md"
-    said = notes.read_text(encoding="utf-8") if notes.exists() else ""
-    paths[0].write_text(page(answers, split, engine, rivals or {}, said), encoding="utf-8")
+    notes_text = notes.read_text(encoding="utf-8") if notes.exists() else ""
+    paths[0].write_text(compose_page(answers, split, engine, rivals or {}, notes_text), encoding="utf-8")
     return paths
 
 
-def page(
-    answers: Sequence[Told], split: str, engine: str, rivals: Mapping[str, Sequence[Told]], notes: str = ""
+def compose_page(
+    answers: Sequence[Answer], split: str, engine: str, rivals: Mapping[str, Sequence[Answer]], notes: str = ""
 ) -> str:
-    """The text of battery.md."""
-    done = [told for told in answers if "error" not in told]
+    """Compose the text of battery.md."""
+    done = [answer for answer in answers if "error" not in answer]
     parts = [
         "# The battery", "",
         "How often the workflow finds what is hidden, on cases whose truth comes from other laws and another solver than the",
         "catalogue's. What each measure is: `benchmarks/battery/score.py`. Cases: `benchmarks/battery/cases.py`.",
-        "Again: `python -m benchmarks.battery --split " + split + " --docs docs`.", "", *_without_law(effects().values()),
-        *_ran(answers, split, engine), "", *_table(_HEADER, [row(one) for one in scores(answers)]), "",
+        "Again: `python -m benchmarks.battery --split " + split + " --docs docs`.", "",
+        *_list_candidates_without_law(effects().values()), *_describe_run(answers, split, engine), "",
+        *_format_table(_HEADER, [format_row(measure) for measure in score_answers(answers)]), "",
         *notes.splitlines(), "",
-        "## By noise and severity", "", *_by_noise(answers), "", *_table(("single effects", "top-1", "of", "95 %"),
-                                                                     [row(m)[:4] for m in by_severity(answers).values()]), "",
-        *_rivals(done, rivals),
+        "## By noise and severity", "", *_tabulate_noise(answers), "",
+        *_format_table(("single effects", "top-1", "of", "95 %"),
+                       [format_row(measure)[:4] for measure in score_by_severity(answers).values()]), "",
+        *_compare_rivals(done, rivals),
         "## Who is taken for whom", "",
-        "![confusion matrix](battery/confusion.png)", "", *_table(("hidden", "said", "times"), _mixed_up(done)), "",
+        "![confusion matrix](battery/confusion.png)", "",
+        *_format_table(("hidden", "said", "times"), _count_confusions(done)), "",
         "## Whether confidence is what it says", "", "![calibration](battery/calibration.png)", "",
-        f"## Worst cases (at most {_WORST})", "",
-        *_table(("case", "verdict", "said", "confidence", "share explained"), _worst(done)), "",
+        f"## Worst cases (at most {_MOST_WORST})", "",
+        *_format_table(("case", "verdict", "said", "confidence", "share explained"), _list_worst(done)), "",
     ]  # fmt: skip
     return "\n".join(parts)
 
 
-def _without_law(known: Iterable[Effect]) -> list[str]:
+def _list_candidates_without_law(known: Iterable[Effect]) -> list[str]:
     """A paragraph that names the candidates which no case can hide; no line where there is none."""
-    laws = {law.name for law in CATALOGUE}
+    laws = {law.name for law in CATALOGUE_LAWS}
     lacking = listing(effect.name for effect in known if effect.candidate and effect.name not in laws)
     return (
         [f"No case hides these candidates, since the truth has no law for them: {lacking}.", ""]
@@ -135,125 +148,142 @@ def _without_law(known: Iterable[Effect]) -> list[str]:
     )
 
 
-def _ran(answers: Sequence[Told], split: str, engine: str) -> list[str]:
+def _describe_run(answers: Sequence[Answer], split: str, engine: str) -> list[str]:
     packages = ", ".join(f"{name} {version(name)}" for name in _PACKAGES)
-    commit = "unknown"  # to who has no git, or no repository
+    commit = "unknown"  # without git, or outside a repository
     with suppress(FileNotFoundError):
         command = ["git", "describe", "--always", "--dirty"]
         described = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
         commit = described.stdout.strip() or commit
-    whole = cases(split)
+    whole = list_cases(split)
     lines = [
         f"{date.today().isoformat()}; {packages}, Python {platform.python_version()}; commit {commit}, {engine};",
-        f"{_processor()}, {os.cpu_count()} cores.", "",
+        f"{_read_processor()}, {os.cpu_count()} cores.", "",
     ]  # fmt: skip
     counts = [
         (name, str(sum(family(t) == name for t in answers)), str(sum(c.family == name for c in whole)))
         for name in FAMILIES
     ]
     if len(answers) < len(whole):
-        ones = "; ".join(f"{ran} of {there} {name}" for name, ran, there in counts)
-        lines += [f"**Not the whole split {split}: {len(answers)} of {len(whole)} cases were run** ({ones})."]
+        counts_text = "; ".join(f"{ran} of {there} {name}" for name, ran, there in counts)
+        lines += [f"**Not the whole split {split}: {len(answers)} of {len(whole)} cases were run** ({counts_text})."]
     else:
         lines += [f"The whole split {split}: {len(answers)} cases."]
-    return [*lines, "", *_table(("family", "run", "in the split"), counts)]
+    return [*lines, "", *_format_table(("family", "run", "in the split"), counts)]
 
 
-def _processor() -> str:
+def _read_processor() -> str:
     for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
         if line.startswith("model name"):
             return line.partition(":")[2].strip()
     return platform.processor()
 
 
-def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+def _format_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     return [f"| {' | '.join(line)} |" for line in (header, ["---"] * len(header), *rows)]
 
 
-def _by_noise(answers: Sequence[Told]) -> list[str]:
-    columns = by_noise(answers)
-    names = [one.name for one in scores(answers)]
+def _tabulate_noise(answers: Sequence[Answer]) -> list[str]:
+    columns = score_by_noise(answers)
+    names = [one.name for one in score_answers(answers)]
     rows = []
     for i, name in enumerate(names):
-        ones = [columns[noise][i] for noise in NOISES]
-        cells = [f"{row(one)[1]} ({row(one)[2]})" if one.count else "-" for one in ones]
-        rows.append((name, *cells, goal(ones[0])))
-    return _table(("measure", *(f"noise {100.0 * noise:g} %" for noise in NOISES), "goal"), rows)
+        measures = [columns[noise][i] for noise in NOISES]
+        cells = [f"{format_row(one)[1]} ({format_row(one)[2]})" if one.count else "-" for one in measures]
+        rows.append((name, *cells, format_goal(measures[0])))
+    return _format_table(("measure", *(f"noise {100.0 * noise:g} %" for noise in NOISES), "goal"), rows)
 
 
-def _rivals(done: Sequence[Told], rivals: Mapping[str, Sequence[Told]]) -> list[str]:
-    """Each method beside the workflow on the cases that both answered."""
-    ours = {told["case"]: told for told in done}
+def _compare_rivals(done: Sequence[Answer], rivals: Mapping[str, Sequence[Answer]]) -> list[str]:
+    """Lines that compare each other method with the workflow, on the cases that both answered."""
+    ours = {answer["case"]: answer for answer in done}
     rows = []
     for method, answers in rivals.items():
-        both = [told for told in answers if told["case"] in ours]
-        theirs = {m.name: m for m in naming(both)}
-        mine = {m.name: m for m in naming([ours[told["case"]] for told in both])}
-        cells = [f"{row(theirs[m])[1]}, {row(mine[m])[1]} (of {theirs[m].count})" for m in _COMPARED]
-        above = 100.0 * (mine[_TOP].value - theirs[_TOP].value)
-        leads = [told["leads"] == hidden(told)[0] for told in both if family(told) == "single" and strong(told)]
+        both = [answer for answer in answers if answer["case"] in ours]
+        theirs = {m.name: m for m in score_names(both)}
+        mine = {m.name: m for m in score_names([ours[answer["case"]] for answer in both])}
+        cells = [
+            f"{format_row(theirs[m])[1]}, {format_row(mine[m])[1]} (of {theirs[m].count})" for m in _COMPARED_MEASURES
+        ]
+        above = 100.0 * (mine[_TOP_NAME].value - theirs[_TOP_NAME].value)
+        leads = [
+            answer["leads"] == hidden_names(answer)[0]
+            for answer in both
+            if family(answer) == "single" and is_strong(answer)
+        ]
         rows.append((method, *cells, f"{above:+.1f}", f"{100.0 * float(np.mean(leads)):.1f} %" if leads else "-"))
-    header = ("method, then the workflow", *_COMPARED, "points above in top-1 (goal 20)", "its top-1 without limits")
-    return ["## Other methods on the same cases", "", *_table(header, rows), ""] if rows else []
+    header = (
+        "method, then the workflow",
+        *_COMPARED_MEASURES,
+        "points above in top-1 (goal 20)",
+        "its top-1 without limits",
+    )
+    return ["## Other methods on the same cases", "", *_format_table(header, rows), ""] if rows else []
 
 
-def _mixed_up(done: Sequence[Told]) -> list[tuple[str, ...]]:
+def _count_confusions(done: Sequence[Answer]) -> list[tuple[str, ...]]:
     counts: dict[tuple[str, str], int] = {}
-    for told in done:
-        if family(told) == "single" and strong(told) and first(told) != hidden(told)[0]:
-            key = hidden(told)[0], first(told)
+    for answer in done:
+        if family(answer) == "single" and is_strong(answer) and first_name(answer) != hidden_names(answer)[0]:
+            key = hidden_names(answer)[0], first_name(answer)
             counts[key] = counts.get(key, 0) + 1
     return [(*key, str(count)) for key, count in sorted(counts.items(), key=lambda one: -one[1])]
 
 
-def _right(told: Told) -> bool:
-    """Whether the verdict is right, which confidence is about: the effects, or a set with the effect, or none of these."""
-    names = hidden(told)
+def _is_right(answer: Answer) -> bool:
+    """Whether the verdict is right. The confidence of an answer is the probability of this.
+
+    Right is: all hidden effects and no other; for a single effect also a set that contains it; `nothing_missing` where
+    nothing is hidden; `none_of_these` where the effect is unknown.
+    """
+    names = hidden_names(answer)
     if not names:
-        return bool(told["verdict"] == NOTHING)
-    if family(told) == "unknown":
-        return bool(told["verdict"] == NONE_OF_THESE)
-    return set(names) == set(told["effects"]) or (len(names) == 1 and names[0] in reported(told))
+        return bool(answer["verdict"] == NOTHING)
+    if family(answer) == "unknown":
+        return bool(answer["verdict"] == NONE_OF_THESE)
+    return set(names) == set(answer["effects"]) or (len(names) == 1 and names[0] in reported_names(answer))
 
 
-def _worst(done: Sequence[Told]) -> list[tuple[str, ...]]:
-    wrong = [t for t in done if not _right(t)]
+def _list_worst(done: Sequence[Answer]) -> list[tuple[str, ...]]:
+    wrong = [t for t in done if not _is_right(t)]
 
-    def badness(told: Told) -> tuple[bool, bool, float]:
-        far = not (hidden(told) and any(aliased(first(told), n) for n in hidden(told)))
-        return (bool(reported(told)), far, told["confidence"])
+    def badness(answer: Answer) -> tuple[bool, bool, float]:
+        far = not (hidden_names(answer) and any(are_aliases(first_name(answer), n) for n in hidden_names(answer)))
+        return (bool(reported_names(answer)), far, answer["confidence"])
 
     wrong.sort(key=badness, reverse=True)
     return [
         (
             t["case"],
             t["verdict"],
-            ", ".join(reported(t)) or "-",
+            ", ".join(reported_names(t)) or "-",
             f"{t['confidence']:.2f}",
             f"{t['weighed']['closed']:.3f}",
         )
-        for t in wrong[:_WORST]
+        for t in wrong[:_MOST_WORST]
     ]
 
 
-def confusion(done: Sequence[Told], path: Path) -> None:
-    """Picture: what was hidden against what was said first, shares of a row; single effects with a gap of 2 at least,
-    unknown ones and null cases as rows of their own."""
-    known = [law.name for law in CATALOGUE]
+def draw_confusion(done: Sequence[Answer], path: Path) -> None:
+    """Draw the confusion matrix into `path`: hidden effect (row) against the first name of the answer (column), in % of a row.
+
+    Counted are single effects with a gap of at least 2. Unknown effects and null cases have one row each.
+    """
+    known = [law.name for law in CATALOGUE_LAWS]
     rows = [*known, "(unknown)", "(nothing)"]
-    lawless = sorted({first(told) for told in done} - {*known, NONE_OF_THESE, NOTHING})  # candidates that no case hides
+    lawless = sorted({first_name(answer) for answer in done} - {*known, NONE_OF_THESE, NOTHING})  # no case hides these
     columns = [*known, *lawless, NONE_OF_THESE, NOTHING]
-    strangers = {law.name for law in UNKNOWN}
+    strangers = {law.name for law in UNKNOWN_LAWS}
     counts = np.zeros((len(rows), len(columns)))
-    for told in done:
-        names = hidden(told)
-        if family(told) == "null":
+    for answer in done:
+        names = hidden_names(answer)
+        if family(answer) == "null":
             hidden_as = "(nothing)"
-        elif len(names) == 1 and family(told) in ("single", "unknown") and strong(told):
+        elif len(names) == 1 and family(answer) in ("single", "unknown") and is_strong(answer):
             hidden_as = "(unknown)" if names[0] in strangers else names[0]
         else:
             continue
-        counts[rows.index(hidden_as), columns.index(first(told))] += 1
+        counts[rows.index(hidden_as), columns.index(first_name(answer))] += 1
     total = counts.sum(axis=1, keepdims=True)
     share = np.divide(counts, total, out=np.zeros_like(counts), where=total > 0)
     with mpl.rc_context({"font.size": 7}):
@@ -277,10 +307,10 @@ def confusion(done: Sequence[Told], path: Path) -> None:
         figure.savefig(path, dpi=130)
 
 
-def calibration(done: Sequence[Told], path: Path) -> None:
-    """Picture: confidence of the verdict against how often it was right, in ten bins, with 95 % intervals."""
-    confidence = np.array([told["confidence"] for told in done])
-    right = np.array([_right(told) for told in done], bool)
+def draw_calibration(done: Sequence[Answer], path: Path) -> None:
+    """Draw the calibration into `path`: confidence against the share of right verdicts, in ten bins, with 95 % intervals."""
+    confidence = np.array([answer["confidence"] for answer in done])
+    right = np.array([_is_right(answer) for answer in done], bool)
     figure = Figure(figsize=(5.5, 5.0), layout="constrained")
     axes = figure.add_subplot()
     axes.plot([0, 1], [0, 1], color="0.7", linewidth=1, label="as it says")

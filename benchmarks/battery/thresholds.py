@@ -1,9 +1,9 @@
-"""Thresholds: constants of clutch_hil/discrepancy/decide.py that suit the development split best, from its cached answers.
+"""Thresholds: find constants of clutch_hil/discrepancy/decide.py that suit the development split best, from its answers.
 
-Nothing is simulated again: a decision is taken once more from the costs that the search kept. What a search did not fit,
-because a threshold said so, stays not fitted; how many effects it took stays as it was.
+Nothing is simulated. Each decision is taken again from the costs that the search kept. What the search did not fit because of a
+threshold stays out, and the number of effects that it took stays as it was.
 
-    python -m benchmarks.battery.thresholds [OUT/HASH/cases]
+    python -m benchmarks.battery.thresholds [OUT/ENGINE/cases]
 """
 
 import sys
@@ -15,8 +15,8 @@ import numpy as np
 from scipy.optimize import minimize
 
 from benchmarks.battery.run import Cache
-from benchmarks.battery.score import Told, aliased, family, hidden, names_something, strong
-from benchmarks.battery.validity import engine
+from benchmarks.battery.score import Answer, are_aliases, family, hidden_names, is_strong, names_an_effect
+from benchmarks.battery.validity import engine_name
 from clutch_hil.discrepancy import decide
 from clutch_hil.discrepancy.result import NAMED, NONE_OF_THESE, NOTHING, ONE_OF
 
@@ -29,19 +29,19 @@ _GRID = {
     "tie": (0.0, 1.0, 2.0, 3.0, 5.0, 8.0, 12.0),
     "relief": (4.0, 6.0, 8.0, 10.0, 15.0, 20.0, 30.0),
 }
-_SWEEPS = 4  # of the grid, one constant after the other
-# goals of the specification and what a point missing costs; a name where nothing is hidden is what a user forgives least
+_GRID_SWEEPS = 4  # times that every constant is varied
+# goal of each measure (score.py), and weight of a point below it: ours; a name where nothing is hidden is the worst error
 _WEIGHTS = {"top1": 3.0, "alias": 1.0, "set": 1.5, "null": 8.0, "unknown": 2.0, "unknown_named": 3.0, "pairs": 1.0}
 _GOALS = {"top1": 0.90, "alias": 0.97, "set": 0.95, "null": 0.0, "unknown": 0.85, "unknown_named": 0.05, "pairs": 0.75}
-_BELOW = ("null", "unknown_named")
-_OVER = 0.2  # what exceeding a goal by a point is worth, beside missing it by one
-_LOST = 0.10  # excess without a gain: search.py
-_ONE_OF_COSTS = 0.3  # of a hit: one of several is right, but less than its name
+_UPPER_LIMITS = ("null", "unknown_named")  # goals that are to be stayed below
+_SURPLUS_WORTH = 0.2  # weight of a point beyond a goal, relative to one missing: ours
+_EXCESS_WITHOUT_GAIN = 0.10  # excess above which an answer without gain is `none_of_these`: search.py
+_ONE_OF_PENALTY = 0.3  # what `one_of` costs of a right name: ours
 
 
 @dataclass(frozen=True)
 class Constants:
-    """Those of decide.py; closed: of one effect, closed_two: of two, three as decide has it."""
+    """Constants of decide.py. `closed` is that of one effect, `closed_two` that of two effects."""
 
     gain: float = decide.GAIN
     excess: float = decide.EXCESS
@@ -52,86 +52,86 @@ class Constants:
     relief: float = decide.RELIEF
 
 
-def decided(told: Told, c: Constants) -> tuple[str, list[str]]:
-    """Verdict and names, the best first, with these constants: what search.py does with what it fitted."""
-    w = told["weighed"]
+def decide_again(answer: Answer, c: Constants) -> tuple[str, list[str]]:
+    """Verdict and names, the best first, as search.py decides with these constants."""
+    w = answer["weighed"]
     gain, rest, named = w["gain"], w["rest"], w["named"]
-    if not named or not _gained(w, c):
-        return (NONE_OF_THESE if w["excess"] > _LOST else NOTHING), []
+    if not named or not _has_gained(w, c):
+        return (NONE_OF_THESE if w["excess"] > _EXCESS_WITHOUT_GAIN else NOTHING), []
     least = (c.closed, c.closed_two, decide.CLOSED[2])[len(named) - 1]
     if gain / max(gain + rest, 1e-12) < least and rest >= c.excess:
         return NONE_OF_THESE, []
-    near = _near(w, rest, c) if len(named) == 1 else []
+    near = _near_names(w, rest, c) if len(named) == 1 else []
     return (ONE_OF, near) if len(near) > 1 else (NAMED, list(named))
 
 
-def _gained(w: Told, c: Constants) -> bool:
+def _has_gained(w: Answer, c: Constants) -> bool:
     better = w["gain"] - w["alike"] * w["relief"] / w["size"]
     return bool(min(w["gain"], better) > c.gain or w["gain"] > max(c.gain, w["alike"] * c.relief / w["size"]))
 
 
-def _near(w: Told, rest: float, c: Constants) -> list[str]:
+def _near_names(w: Answer, rest: float, c: Constants) -> list[str]:
     lowest = min(w["costs"].values(), default=0.0)
     near = [n for n, cost in w["costs"].items() if cost - lowest <= c.alias * rest * w["size"] + c.tie * w["alike"]]
     return sorted(near, key=w["costs"].__getitem__)
 
 
-def measured(answers: list[Told], c: Constants) -> dict[str, float]:
-    """The goals' measures with these constants; those without cases are left out."""
+def measure_goals(answers: list[Answer], c: Constants) -> dict[str, float]:
+    """Measures of the goals with these constants; those without cases are left out."""
     hits: dict[str, list[float]] = {name: [] for name in _GOALS}
-    for told in answers:
-        verdict, names = decided(told, c)
-        said = bool(names)
-        truth, kind = hidden(told), family(told)
+    for answer in answers:
+        verdict, names = decide_again(answer, c)
+        named = bool(names)
+        truth, kind = hidden_names(answer), family(answer)
         if not truth:
-            hits["null"].append(said)
+            hits["null"].append(named)
         elif kind == "unknown":
             hits["unknown"].append(verdict == NONE_OF_THESE)
-            hits["unknown_named"].append(said)
+            hits["unknown_named"].append(named)
         elif kind == "pair":
             hits["pairs"].append(set(truth) <= set(names) and verdict == NAMED)
-        elif kind == "single" and strong(told):
+        elif kind == "single" and is_strong(answer):
             first = names[0] if names else ""
-            hits["top1"].append((first == truth[0]) * (1.0 - _ONE_OF_COSTS * (verdict == ONE_OF)))
-            hits["alias"].append(aliased(first, truth[0]))
+            hits["top1"].append((first == truth[0]) * (1.0 - _ONE_OF_PENALTY * (verdict == ONE_OF)))
+            hits["alias"].append(are_aliases(first, truth[0]))
             hits["set"].append(truth[0] in names)
     return {name: float(np.mean(ones)) for name, ones in hits.items() if ones}
 
 
-def worth(found: dict[str, float]) -> float:
-    """How well goals are met: weighted points missing, less a little for points beyond."""
+def rate_goals(measures: dict[str, float]) -> float:
+    """Rate measures against the goals: minus the weighted missing points, plus a little for points beyond a goal."""
     total = 0.0
-    for name, value in found.items():
-        missing = value - _GOALS[name] if name in _BELOW else _GOALS[name] - value
-        total -= _WEIGHTS[name] * (missing if missing > 0.0 else _OVER * missing)
+    for name, value in measures.items():
+        missing = value - _GOALS[name] if name in _UPPER_LIMITS else _GOALS[name] - value
+        total -= _WEIGHTS[name] * (missing if missing > 0.0 else _SURPLUS_WORTH * missing)
     return total
 
 
-def proposed(answers: list[Told]) -> Constants:
-    """Constants by sweeps over the grid, one after the other; of equally good ones the middle."""
+def propose_constants(answers: list[Answer]) -> Constants:
+    """Find constants by coordinate search over the grid; of equally good values the middle one is taken."""
     c = Constants()
-    for _, (name, values) in product(range(_SWEEPS), _GRID.items()):
-        tried = [(worth(measured(answers, replace(c, **{name: float(v)}))), float(v)) for v in values]
+    for _, (name, values) in product(range(_GRID_SWEEPS), _GRID.items()):
+        tried = [(rate_goals(measure_goals(answers, replace(c, **{name: float(v)}))), float(v)) for v in values]
         top = max(value for value, _ in tried)
         good = [v for value, v in tried if value >= top - 1e-9]
-        if worth(measured(answers, c)) < top - 1e-9:
+        if rate_goals(measure_goals(answers, c)) < top - 1e-9:
             c = replace(c, **{name: good[len(good) // 2]})
     return c
 
 
-def logistic(answers: list[Told], c: Constants) -> tuple[float, float, float]:
-    """Coefficients (constant, of log(margin/0.1), of closed - 0.8) by which confidence of a name is most likely.
+def fit_confidence(answers: list[Answer], c: Constants) -> tuple[float, float, float]:
+    """Fit the confidence of a name by logistic regression; return coefficients: constant, of log(margin/0.1), of closed - 0.8.
 
-    A normal prior of width 3 holds them where few cases tell.
+    A normal prior of standard deviation 3 holds them where there are few cases.
     """
     rows, right = [], []
-    for told in answers:
-        verdict, names = decided(told, c)
+    for answer in answers:
+        verdict, names = decide_again(answer, c)
         if names and verdict in (NAMED, ONE_OF):
-            w = told["weighed"]
-            margin = _margin(w, c) if len(w["named"]) == 1 else 0.1
+            w = answer["weighed"]
+            margin = _compute_margin(w, c) if len(w["named"]) == 1 else 0.1
             rows.append((1.0, np.log(max(margin, 1e-4) / 0.1), w["closed"] - 0.8))
-            truth = hidden(told)
+            truth = hidden_names(answer)
             right.append(set(truth) == set(names) if verdict == NAMED else bool(set(truth) & set(names)))
     if not rows:
         return 2.0, 0.9, 4.0
@@ -144,34 +144,34 @@ def logistic(answers: list[Told], c: Constants) -> tuple[float, float, float]:
     return tuple(minimize(loss, np.array([2.0, 0.9, 4.0])).x.round(3).tolist())
 
 
-def _margin(w: Told, c: Constants) -> float:
-    near = _near(w, w["rest"], c)
+def _compute_margin(w: Answer, c: Constants) -> float:
+    near = _near_names(w, w["rest"], c)
     others = [cost for n, cost in w["costs"].items() if n not in near]
     return (min(others, default=w["base"]) - w["best"]) / max(w["base"] - w["best"], 1e-9)
 
 
-def _names_only(answers: list[Told]) -> str:
-    said = [told["case"] for told in answers if not hidden(told) and names_something(told)]
-    return ", ".join(said) or "none"
+def _list_false_names(answers: list[Answer]) -> str:
+    named = [answer["case"] for answer in answers if not hidden_names(answer) and names_an_effect(answer)]
+    return ", ".join(named) or "none"
 
 
 def main() -> None:
-    """Print the constants in use and those proposed, with what each gives."""
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("runs/battery") / engine() / "cases"
-    answers = [told for told in Cache(folder).all() if told["truth"]["split"] == "development"]
+    """Print the constants in use and those proposed, with their measures."""
+    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("runs/battery") / engine_name() / "cases"
+    answers = [answer for answer in Cache(folder).all() if answer["truth"]["split"] == "development"]
     if not answers:
         sys.exit(f"error: no answers of the development split below {folder}")
-    nulls = [told["weighed"]["gain"] for told in answers if not hidden(told)]
+    nulls = [answer["weighed"]["gain"] for answer in answers if not hidden_names(answer)]
     print(f"read:    {len(answers)} answers of the development split below {folder}")
-    now, then = Constants(), proposed(answers)
-    for title, c in (("in use", now), ("proposed", then)):
-        found = measured(answers, c)
-        print(f"{title + ':':10}", {k: round(v, 4) for k, v in asdict(c).items()}, f"worth {worth(found):.4f}")
-        print(" " * 10, {k: round(v, 3) for k, v in found.items()})
-    print("confidence, constant, log margin, closed:", logistic(answers, then))
+    current, proposed = Constants(), propose_constants(answers)
+    for title, c in (("in use", current), ("proposed", proposed)):
+        measures = measure_goals(answers, c)
+        print(f"{title + ':':10}", {k: round(v, 4) for k, v in asdict(c).items()}, f"worth {rate_goals(measures):.4f}")
+        print(" " * 10, {k: round(v, 3) for k, v in measures.items()})
+    print("confidence, constant, log margin, closed:", fit_confidence(answers, proposed))
     if nulls:
         print(
-            f"gain where nothing is hidden: largest {max(nulls):.5f} of {len(nulls)}; named there: {_names_only(answers)}"
+            f"gain where nothing is hidden: largest {max(nulls):.5f} of {len(nulls)}; named there: {_list_false_names(answers)}"
         )
     print("verdict: put them into clutch_hil/discrepancy/decide.py by hand; report on the evaluation split")
 

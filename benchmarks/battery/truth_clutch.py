@@ -1,7 +1,7 @@
-"""What may be wrong with cylinder, piston and friction: laws of the truth, called in every stage of a step.
+"""Effects in cylinder, piston and friction: laws of the truth, called at every stage of an integration step.
 
-Each law names its source and how it differs from the catalogue's. `e` holds strengths (0 is off), `f` a form in -1..1
-that shapes the law, `v` which of two laws it is; all by identifier.
+Each law names its source and how it differs from that of the catalogue. `c`: parameters; `e`, `f`, `v`: strength (0 is off),
+form (-1..1) and law (0 or 1) of each effect, by its name.
 """
 
 from math import acos, cos, exp, log10, pi, sqrt, tanh
@@ -10,24 +10,25 @@ from numba import njit
 
 BAR = 1e5  # Pa
 ATMOSPHERE = 101325.0  # Pa
-SUMP = 343.15  # K, at which viscosities are taken relative
+VISCOSITY_REFERENCE = 343.15  # K, 70 degC: the sump, docs/rig.md, eq. 7
 
 
 @njit(error_model="numpy")
-def thinned(kelvin):
-    """Viscosity over that at 70 degC: Andrade's law, exp(B (1/T - 1/T_0)) with B = 2600 K of a transmission oil.
+def relative_viscosity(kelvin):
+    """Viscosity over that at 70 degC [-] by Andrade's law, exp(B (1/T - 1/T_0)), B = 2600 K of a transmission oil.
 
-    The catalogue's drag and film use Vogel's.
+    The catalogue uses Vogel's law for drag and squeeze film.
     """
-    return exp(2600.0 * (1.0 / kelvin - 1.0 / SUMP))
+    return exp(2600.0 * (1.0 / kelvin - 1.0 / VISCOSITY_REFERENCE))
 
 
 @njit(error_model="numpy")
-def capacity(p, c, e, v):
-    """Entrapped air. First law: polytropic with 1.3 (Merritt 1967, ch. 2: fast changes); second: air dissolves as
-    pressure rises, its share falling as exp(-p/1.5 bar) (Henry's law and time to dissolve, lumped).
+def cylinder_capacity(p, c, e, v):
+    """Hydraulic capacity of the cylinder [m^3/Pa] with entrapped air.
 
-    The catalogue has isothermal air that stays. Strength: volume [m^3] at atmospheric pressure.
+    First law: polytropic air, exponent 1.3 (Merritt 1967, ch. 2: fast changes). Second law: air dissolves as the pressure
+    rises, its share falls as exp(-p/1.5 bar) (Henry's law and the time to dissolve, lumped). The catalogue has isothermal air
+    that does not dissolve. Strength: volume [m^3] at atmospheric pressure.
     """
     air = e.entrapped_air
     if air == 0.0:
@@ -41,52 +42,55 @@ def capacity(p, c, e, v):
 
 
 @njit(error_model="numpy")
-def leaked(p, kelvin, e, v):
-    """Internal leakage [m^3/s]. First law: orifice, square root of the pressure, rounded below 0.2 bar; second: laminar
-    gap whose oil thins as it warms (Merritt 1967, ch. 3).
+def leakage_flow(p, kelvin, e, v):
+    """Internal leakage flow [m^3/s].
 
-    The catalogue has a constant laminar gap. Strength: flow at 3.4 bar and 70 degC over pressure [m^3/(s Pa)].
+    First law: orifice, square root of the pressure, rounded below 0.2 bar. Second law: laminar gap, flow over viscosity, which
+    falls with temperature (Merritt 1967, ch. 3). The catalogue has a laminar gap of constant viscosity. Strength: flow over
+    pressure at 3.4 bar and 70 degC [m^3/(s Pa)].
     """
     if e.internal_leakage == 0.0:
         return 0.0
     if v.internal_leakage == 0.0:
         return e.internal_leakage * p * sqrt(3.4 * BAR) / sqrt(abs(p) + 0.2 * BAR)
-    return e.internal_leakage * p / thinned(kelvin)
+    return e.internal_leakage * p / relative_viscosity(kelvin)
 
 
 @njit(error_model="numpy")
-def turned(slip, spun, x, c, e, v):
-    """Centrifugal pressure [Pa]. First law: of oil that follows the cylinder within 0.3 s (`spun` is its speed, spin-up
-    of a cavity: Greenspan 1968); second: of the part of the cylinder that is filled.
+def centrifugal_pressure(slip, oil_speed, x, c, e, v):
+    """Centrifugal pressure [Pa].
 
-    The catalogue has oil that turns with the cylinder and fills it. Strength: coefficient [Pa/(rad/s)^2].
+    First law: the oil follows the speed of the cylinder with a lag of 0.3 s; `oil_speed` [rad/s] is a state (spin-up of
+    a cavity: Greenspan 1968). Second law: the cylinder is filled in part. The catalogue has a full cylinder whose oil
+    turns with it. Strength: coefficient [Pa/(rad/s)^2].
     """
     if v.centrifugal_pressure == 0.0:
-        return e.centrifugal_pressure * spun * spun
+        return e.centrifugal_pressure * oil_speed * oil_speed
     return e.centrifugal_pressure * slip * slip * max(x, 0.0) / (max(x, 0.0) + 0.3 * c.piston_clearance)
 
 
 @njit(error_model="numpy")
-def spring(x, c, e, v):
-    """Force of the return springs [N]. First law: preload lost by setting, stiffness unchanged; second: a set that also
-    bends the characteristic, as of conical springs (Almen & Laszlo 1936).
+def spring_force(x, c, e, v):
+    """Force of the return springs [N] at the piston position `x` [m].
 
-    The catalogue scales preload and stiffness alike. Strength: share of the force that is lost.
+    First law: the springs have set, so that preload is lost; the stiffness is unchanged. Second law: preload is lost and the
+    characteristic is bent, as of conical springs (Almen & Laszlo 1936). The catalogue scales preload and stiffness by one
+    factor. Strength: lost share of the force [-].
     """
-    lost = e.return_spring_change
+    loss = e.return_spring_change
     if v.return_spring_change == 0.0:
-        return c.piston_preload * (1.0 - lost) + c.piston_spring_stiffness * x
-    bent = 1.0 - 1.5 * lost * x / c.piston_clearance
-    return c.piston_preload * (1.0 - 0.8 * lost) + c.piston_spring_stiffness * x * bent
+        return c.piston_preload * (1.0 - loss) + c.piston_spring_stiffness * x
+    bent = 1.0 - 1.5 * loss * x / c.piston_clearance
+    return c.piston_preload * (1.0 - 0.8 * loss) + c.piston_spring_stiffness * x * bent
 
 
 @njit(error_model="numpy")
-def touch(work, c, e, v):
-    """Position [m] at which the plates touch. First law: worn evenly, all of it before the run; second: 80 % of it, the
-    rest worn away by the run's own work, 50 kJ (Archard 1953).
+def touch_position(work, c, e, v):
+    """Piston position [m] at which the plates touch.
 
-    The catalogue has a constant change; with it the plates come at once, here (`stack`) over a fifth of the change.
-    Strength: more clearance [m].
+    First law: all wear happened before the run. Second law: 80 % of the wear happened before; the rest grows with the friction
+    work of the run, scale 50 kJ (Archard 1953). The catalogue has a constant change and abrupt contact; here contact begins
+    gradually over a fifth of the change (`stack_force`). Strength: added clearance [m].
     """
     change = e.clearance_change
     if v.clearance_change == 0.0:
@@ -95,12 +99,12 @@ def touch(work, c, e, v):
 
 
 @njit(error_model="numpy")
-def stack(gap, c, e, v):
-    """Force on the plates [N] `gap` [m] beyond the touch of their mean planes, and the gap at which they part.
+def stack_force(gap, c, e, v):
+    """Normal force on the plates [N], and the position [m] at which they part.
 
-    Waviness, first law: sine waves, crests of arcsine density; second: crests of exponential density (Greenwood &
-    Williamson 1966). The catalogue has saw-tooth waves. Strength: height [m]. Worn plates (clearance_change) touch over
-    a fifth of the wear.
+    gap: piston position beyond the contact of the mean planes [m]. Waviness, first law: sine waves, heights of arcsine density.
+    Second law: heights of exponential density (Greenwood & Williamson 1966). The catalogue has saw-tooth waves. Strength:
+    height [m]. Contact of worn plates (clearance_change) begins gradually over a fifth of the wear.
     """
     k = c.piston_stack_stiffness
     wave = e.plate_waviness
@@ -117,17 +121,18 @@ def stack(gap, c, e, v):
     if rough > 0.0:
         if gap >= rough:
             return k * gap, -rough
-        pressed = max(gap + rough, 0.0)
-        return k * pressed * pressed / (4.0 * rough), -rough
+        overlap = max(gap + rough, 0.0)
+        return k * overlap * overlap / (4.0 * rough), -rough
     return k * max(gap, 0.0), 0.0
 
 
 @njit(error_model="numpy")
-def seal(z, p, speed, e, f, v):
-    """Force of the seals [N] and rate of their state `z`. First law: Bouc-Wen with n = 1.5 (Wen 1976), pressed on by 10
-    % a bar; second: LuGre with a lip that lifts, 30 % less at 5 mm/s (Canudas de Wit et al. 1995).
+def seal_friction(z, p, speed, e, f, v):
+    """Friction force of the seals [N] and time derivative of their state `z` [-].
 
-    The catalogue has one Maxwell-slip element. Strength: sliding force at no pressure [N]; 8 um times 2^form to slide.
+    First law: Bouc-Wen, exponent 1.5 (Wen 1976). Second law: LuGre, the force falls by 30 % with a Stribeck speed of 5 mm/s
+    (Canudas de Wit et al. 1995). In both the force grows by 10 % per bar. The catalogue has one Maxwell-slip element. Strength:
+    sliding force without pressure [N]. The break-away displacement is 8 um times 2^form.
     """
     force = e.piston_seal_friction
     if force == 0.0:
@@ -141,13 +146,14 @@ def seal(z, p, speed, e, f, v):
 
 
 @njit(error_model="numpy")
-def coulomb(torque, pressed, kelvin, c, e, v):
-    """M_C with what temperature and load do to it.
+def coulomb_torque(torque, pressure, kelvin, c, e, v):
+    """Coulomb torque M_C [Nm] as changed by temperature and load.
 
-    coulomb_temperature, first law: exponential; second: Arrhenius (boundary film, Blok 1940). The catalogue: linear.
-    Strength: fall [1/K] at the reference temperature.
-    load_dependent_friction, first law: power law of the load (Hertzian asperities, Archard 1957); second: rational
-    saturation. The catalogue: 1 - f exp(-L/p). Strength: exponent, and share lost under high load.
+    torque: M_C without effects [Nm]. pressure: normal force over piston area [Pa]. coulomb_temperature, first law:
+    exponential. Second law: Arrhenius (boundary film, Blok 1940). The catalogue: linear. Strength: relative decrease at
+    the reference temperature [1/K]. load_dependent_friction, first law: power of the load (Hertzian asperities, Archard
+    1957); strength: exponent [-]. Second law: rational saturation; strength: share lost under high load [-]. The
+    catalogue: 1 - f exp(-L/p).
     """
     if e.coulomb_temperature != 0.0:
         above = kelvin - c.oil_reference
@@ -156,7 +162,7 @@ def coulomb(torque, pressed, kelvin, c, e, v):
         else:
             torque *= exp(-e.coulomb_temperature * above * c.oil_reference / kelvin)
     if e.load_dependent_friction != 0.0:
-        load = max(pressed, 0.0) / BAR
+        load = max(pressure, 0.0) / BAR
         if v.load_dependent_friction == 0.0:
             torque *= (1.0 + load / 0.3) ** -e.load_dependent_friction
         else:
@@ -165,11 +171,11 @@ def coulomb(torque, pressed, kelvin, c, e, v):
 
 
 @njit(error_model="numpy")
-def fallen(ratio, depth, slip, c, e, v):
-    """Stribeck curve s_n. First law: another fall of Gaussian shape, at 8 rad/s (Bo & Pavelescu 1982); second: of
-    exponential shape (Tustin 1947).
+def stribeck_ratio(ratio, depth, slip, c, e, v):
+    """Stribeck curve s_n [-]: `ratio` of docs/rig.md, eq. 5, with a second decrease at 8 rad/s.
 
-    The catalogue changes depth and speed of the thesis's own shape, exp(-V_S/v). Strength: further depth over 1 - beta.
+    First law: Gaussian shape (Bo & Pavelescu 1982). Second law: exponential shape (Tustin 1947). The catalogue changes depth
+    and speed of the thesis's shape, exp(-V_S/v). Strength: depth of the second decrease over 1 - beta [-].
     """
     more = e.stribeck_change
     if more == 0.0:
@@ -180,12 +186,12 @@ def fallen(ratio, depth, slip, c, e, v):
 
 
 @njit(error_model="numpy")
-def faded(friction, heat_fast, heat_middle, heat_slow, e, v):
-    """Factors on Coulomb and viscous part by the heat at the interface. First law: heat that diffuses into the plates,
-    three nodes of 0.3, 2 and 12 s in place of the square-root-of-time kernel (Carslaw & Jaeger 1959), 1/(1 + k Q);
-    second: one node, exponential, Coulomb part alone.
+def fade_factors(friction, heat_fast, heat_middle, heat_slow, e, v):
+    """Factors [-] on the Coulomb and the viscous part by the heat Q [J] at the interface.
 
-    The catalogue has one node, linear, both parts. Strength: fade [1/J].
+    First law: both parts, 1/(1 + k Q), heat diffuses into the plates; three nodes of 0.3, 2 and 12 s approximate the
+    square-root-of-time kernel (Carslaw & Jaeger 1959). Second law: Coulomb part only, exponential, one node. The catalogue:
+    both parts, linear, one node. Strength: k [1/J].
     """
     fade = e.friction_fade
     if fade == 0.0:
@@ -197,28 +203,28 @@ def faded(friction, heat_fast, heat_middle, heat_slow, e, v):
 
 
 @njit(error_model="numpy")
-def carried(film, e, v):
-    """Share of the load that summits carry through a film; `film` is what has been squeezed out, 1/lambda^2 beyond the
-    first.
+def asperity_load_share(squeezed, e, v):
+    """Share [-] of the load that asperities carry through an oil film of thickness ratio lambda.
 
-    First law: logistic share (fit to Greenwood & Tripp 1971: half at lambda = 1.5); second: exponential growth with the
-    impulse of the pressure. The catalogue: exp(-lambda^2/2). Strength: lambda at touch.
+    squeezed: increase of 1/lambda^2 since contact, a state. First law: logistic function of lambda, half at 1.5 (fit to
+    Greenwood & Tripp 1971). Second law: exponential growth with the time integral of pressure. The catalogue: exp(-lambda^2/2).
+    Strength: lambda at first contact [-].
     """
-    first = e.squeeze_film
-    if first == 0.0:
+    first_thickness = e.squeeze_film
+    if first_thickness == 0.0:
         return 1.0
     if v.squeeze_film == 0.0:
-        thickness = first / sqrt(1.0 + first * first * film)
+        thickness = first_thickness / sqrt(1.0 + first_thickness * first_thickness * squeezed)
         return 1.0 / (1.0 + (thickness / 1.5) ** 4)
-    return 1.0 - first / (first + 1.0) * exp(-film / (0.2 * first))
+    return 1.0 - first_thickness / (first_thickness + 1.0) * exp(-squeezed / (0.2 * first_thickness))
 
 
 @njit(error_model="numpy")
-def level(time, work, e, v):
-    """Factor on all friction. First law: with 10 % of the change run in by 100 kJ; second: settling by a fifth within
-    10 s.
+def friction_level_factor(time, work, e, v):
+    """Factor [-] on all friction.
 
-    The catalogue has a constant and a drift linear in time. Strength: relative change.
+    First law: 10 % of the change come by running in, over 100 kJ of friction work. Second law: a fifth of the change
+    decays with 10 s. The catalogue has a constant and a linear drift. Strength: relative change [-].
     """
     if v.friction_level == 0.0:
         return 1.0 + e.friction_level * (0.95 + 0.1 * min(work / 100e3, 1.0))
@@ -226,12 +232,11 @@ def level(time, work, e, v):
 
 
 @njit(error_model="numpy")
-def leaning(friction, sliding, e, v):
-    """Friction that differs with the direction. First law: Coulomb part alone; second: all of it, over a tanh of the
-    slip.
+def asymmetric_friction(friction, sliding, e, v):
+    """Friction torque [Nm] that differs with the direction.
 
-    `sliding`: -1..1, the friction state, or the slip [rad/s]. The catalogue: M + a |M|. Strength: half the relative
-    difference.
+    First law: Coulomb part only, M + a |M|. Second law: whole torque, M (1 + a tanh of the slip); `sliding` is then the slip
+    [rad/s]. The catalogue: whole torque, M + a |M|. Strength: a [-], half the relative difference.
     """
     if v.direction_asymmetry == 0.0:
         return friction + e.direction_asymmetry * abs(friction)
@@ -239,9 +244,10 @@ def leaning(friction, sliding, e, v):
 
 
 @njit(error_model="numpy")
-def wobble(angle, order, second):
-    """A ripple over the turn of amplitude near 1: first law, a quarter of second harmonic in it; second law, a
-    triangle.
+def ripple_wave(angle, order, second):
+    """Periodic function [-] of the angle [rad], amplitude near 1, `order` periods per turn.
+
+    First law (`second` is 0): sine with a quarter of the second harmonic. Second law: triangle wave.
     """
     if second == 0.0:
         return cos(order * angle + 0.9) + 0.25 * cos(2.0 * order * angle + 2.1)
@@ -250,33 +256,33 @@ def wobble(angle, order, second):
 
 
 @njit(error_model="numpy")
-def order(form, low, high):
-    """Whole periods a turn between `low` and `high` for a form in -1..1."""
+def ripple_order(form, low, high):
+    """Number of periods per turn, between `low` and `high`, for a form in -1..1."""
     return float(int(low + 0.5 * (form + 1.0) * (high - low) + 0.5))
 
 
 @njit(error_model="numpy")
-def drag(slip, x, pressed, kelvin, c, e, v):
-    """Drag of the open clutch [Nm]. First law: Couette with the peak where air enters, at 30 rad/s (Kitabayashi et al.
-    2003); second: shear-thinning oil, power 0.8, gap held open by 0.3 mm.
+def drag_torque(slip, x, pressure, kelvin, c, e, v):
+    """Drag torque of the open clutch [Nm].
 
-    The catalogue: Couette with Vogel's viscosity, growing as the gap closes. Strength: torque over slip at rest [Nm
-    s/rad].
+    First law: Couette flow, peak at 30 rad/s where air enters the gap (Kitabayashi et al. 2003). Second law: shear-thinning
+    oil, exponent 0.8, gap of at least 0.3 mm. The catalogue: Couette flow with Vogel's viscosity, growing as the gap closes.
+    Strength: torque over slip with the piston at rest [Nm s/rad].
     """
-    drag = e.drag_torque
-    if drag == 0.0:
+    coefficient = e.drag_torque
+    if coefficient == 0.0:
         return 0.0
-    share = max(1.0 - pressed / (0.3 * BAR), 0.0)
+    share = max(1.0 - pressure / (0.3 * BAR), 0.0)
     gap = max(c.piston_clearance - x, 0.0)
     if v.drag_torque == 0.0:
         close = c.piston_clearance / (gap + 0.25 * c.piston_clearance) * 1.25
-        return drag * share * thinned(kelvin) * close * slip / (1.0 + (slip / 30.0) ** 2)
+        return coefficient * share * relative_viscosity(kelvin) * close * slip / (1.0 + (slip / 30.0) ** 2)
     close = (c.piston_clearance + 0.3e-3) / (gap + 0.3e-3)
-    return drag * share * thinned(kelvin) * close * slip * (1.0 + (slip / 10.0) ** 2) ** -0.1
+    return coefficient * share * relative_viscosity(kelvin) * close * slip * (1.0 + (slip / 10.0) ** 2) ** -0.1
 
 
 @njit(error_model="numpy")
 def viscosity_ratio(kelvin, c):
-    """r_T of rig.md 6."""
+    """Ratio r_T [-] of the viscous friction to that at the reference temperature: docs/rig.md, eq. 6."""
     mu = c.oil_slope * log10(max(kelvin - c.oil_origin, 1.0)) + c.oil_offset
     return 1.0 + c.oil_viscous_gain * (mu / c.oil_reference_coefficient - 1.0)

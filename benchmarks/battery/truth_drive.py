@@ -1,4 +1,7 @@
-"""What may be wrong with the drive: laws of the truth. Names as in `truth_clutch`."""
+"""Effects in the drive: laws of the truth.
+
+`c`: parameters; `e`, `f`, `v`: strength (0 is off), form (-1..1) and law (0 or 1) of each effect, by its name.
+"""
 
 from math import cos, sqrt, tanh
 
@@ -6,11 +9,11 @@ from numba import njit
 
 
 @njit(error_model="numpy")
-def rippling(angle, order, e, v):
-    """Factor on the motor's torque. First law: with a second harmonic; second: with a subharmonic of a third (rotor
-    eccentricity).
+def motor_ripple_factor(angle, order, e, v):
+    """Factor [-] on the motor's torque.
 
-    The catalogue has one order. Strength: amplitude.
+    First law: one order and its second harmonic. Second law: one order and a third of it (rotor eccentricity). The catalogue
+    has one order. Strength: amplitude [-].
     """
     if e.motor_torque_ripple == 0.0:
         return 1.0
@@ -20,14 +23,16 @@ def rippling(angle, order, e, v):
 
 
 @njit(error_model="numpy")
-def plate_share(v):
-    """Share of the plate in the inertia, behind shaft or splines."""
+def plate_inertia_share(v):
+    """Share [-] of the plate in the whole inertia, where a shaft or splines separate it from the motor."""
     return 0.3 if v.shaft_compliance != 0.0 or v.backlash != 0.0 else 0.2
 
 
 @njit(error_model="numpy")
-def shaft(twist, lead, inertia, e, f, v):
-    """Torque of shaft or splines [Nm] for a twist [rad] and lead [rad/s] of the motor; `inertia` is the reduced one.
+def shaft_torque(twist, lead, inertia, e, f, v):
+    """Torque [Nm] of shaft or splines for `twist` [rad] and speed difference `lead` [rad/s], both motor minus plate.
+
+    inertia: reduced inertia of motor and plate [kg m^2].
 
     shaft_compliance, first law: a coupling that hardens (Duffing: cubic, twice as stiff at 30 Nm), damping ratio 0.06
     times 2^form; second: linear, heavier plate, strongly damped (rubber coupling). The catalogue: linear, 0.03.

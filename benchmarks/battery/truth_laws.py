@@ -1,7 +1,7 @@
-"""The effects that the truth knows: every one of the catalogue by laws of its own, and others that are in no catalogue.
+"""Effects of the truth: each of the catalogue by laws of its own, and others that are in no catalogue.
 
-What the laws are, from where, and how they differ from the catalogue's, is said at each in truth_valve, truth_clutch,
-truth_drive and truth_sensors, and at the unknown ones in truth.py.
+The laws, their sources, and how they differ from those of the catalogue are in truth_valve, truth_clutch, truth_drive and
+truth_sensors. Unknown effects are in truth_motion, truth_plates and truth_simulation.
 """
 
 from dataclasses import dataclass
@@ -11,11 +11,12 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Law:
-    """An effect: its block, the unit its strength is given in over SI, a usual strength and the most that is physically
-    possible.
+    """An effect of the truth.
 
-    `signed`: either sign is possible. `variants`: the number of laws. `reach`: the gap at 2 % noise that the most
-    gives, with some margin for seeds; where it is not given, far above 4 at any noise.
+    `unit`, `si`: unit of its strength and factor to SI. `usual`: strength that gives a gap of about 2 at 2 % noise.
+    `most`: largest strength that is physically possible. `signed`: both signs are possible. `variants`: number of laws.
+    `reach`: gap at 2 % noise with the largest strength, with a margin for seeds; infinite stands for far above 4 at any
+    noise.
     """
 
     name: str
@@ -30,7 +31,7 @@ class Law:
 
 
 _BAR = 1e5
-CATALOGUE = (
+CATALOGUE_LAWS = (
     Law("valve_deadband", "valve", "V", 1.0, 0.0174, 1.0),
     Law("valve_hysteresis", "valve", "bar", _BAR, 0.11, 2.0),
     Law("spool_stiction", "valve", "bar", _BAR, 0.1, 2.0),
@@ -71,7 +72,7 @@ CATALOGUE = (
     Law("sensor_saturation", "sensors", "1/V", 1.0, 0.2, 1.0),
     Law("coarse_quantisation", "sensors", "V", 1.0, 0.33, 1.25, reach=6.5),
 )
-UNKNOWN = (
+UNKNOWN_LAWS = (
     Law("line_resonance", "hydraulics", "bar s^2/m^3", _BAR, 70.0, 2000.0, variants=1),
     Law("valve_asymmetry", "valve", "1", 1.0, 0.3, 0.9, variants=1, reach=4.1),
     Law("demand_filter", "drive", "ms", 1e-3, 19.0, 1000.0, variants=1),
@@ -84,6 +85,6 @@ UNKNOWN = (
     Law("ground_loop", "sensors", "bar/Nm", _BAR, 0.0076, 0.2, variants=1),
     Law("drive_lag", "drive", "ms", 1e-3, 12.0, 60.0, variants=1, reach=7.3),
 )
-LAWS = {law.name: law for law in (*CATALOGUE, *UNKNOWN)}
-# a number each, as the kernel takes strengths, forms and laws
-BY_NAME = np.dtype([(name, np.float64) for name in LAWS])
+LAWS = {law.name: law for law in (*CATALOGUE_LAWS, *UNKNOWN_LAWS)}
+# one number for each effect: strengths, forms or laws as the kernel takes them
+LAW_RECORD = np.dtype([(name, np.float64) for name in LAWS])

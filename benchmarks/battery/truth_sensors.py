@@ -1,49 +1,50 @@
-"""What may be wrong with sensors and data acquisition: laws of the truth, called once a step, static ones once a
-sample.
+"""Effects in sensors and data acquisition: laws of the truth.
 
-Names as in `truth_valve`. Quantities in SI but torque shown in Nm and voltages in V.
+Laws with a memory are called once an integration step, the others once a sample. `e`, `v`: strength (0 is off) and law (0 or 1)
+of each effect, by its name; `w`: memory; `h`: step [s]. Quantities are in SI units, voltages in V.
 """
 
 from math import copysign, exp, floor
 
 from numba import njit
 
-from benchmarks.battery.truth_valve import lags, pade
+from benchmarks.battery.truth_valve import lag_chain, pade_delay
 
 BAR = 1e5  # Pa
-STAGES = 4  # of the channels' filters
+FILTER_STAGES = 4  # lags in series that stand for the filter of a channel: ours
 
 
 @njit(error_model="numpy")
-def pressure_behind(p, h, e, v, w):
-    """Late pressure. First law: four equal lags, a filter of that group delay; second: all-pass (Pade). Catalogue: pure
-    delay.
+def delay_pressure(p, h, e, v, w):
+    """Pressure [Pa] behind a delay.
 
-    Strength: delay [s].
+    First law: four equal lags, a filter of that group delay. Second law: all-pass (Pade). The catalogue: pure delay. Strength:
+    delay [s].
     """
     if e.pressure_time_offset == 0.0:
         return p
     if v.pressure_time_offset == 0.0:
-        return lags(p, e.pressure_time_offset, STAGES, h, w.pressure_past)
-    return pade(p, e.pressure_time_offset, h, w.pressure_past)
+        return lag_chain(p, e.pressure_time_offset, FILTER_STAGES, h, w.pressure_past)
+    return pade_delay(p, e.pressure_time_offset, h, w.pressure_past)
 
 
 @njit(error_model="numpy")
-def torque_behind(torque, h, e, v, w):
-    """Late torque; laws as of the late pressure."""
+def delay_torque(torque, h, e, v, w):
+    """Torque [Nm] behind a delay; laws and strength as in `delay_pressure`."""
     if e.torque_time_offset == 0.0:
         return torque
     if v.torque_time_offset == 0.0:
-        return lags(torque, e.torque_time_offset, STAGES, h, w.torque_past)
-    return pade(torque, e.torque_time_offset, h, w.torque_past)
+        return lag_chain(torque, e.torque_time_offset, FILTER_STAGES, h, w.torque_past)
+    return pade_delay(torque, e.torque_time_offset, h, w.torque_past)
 
 
 @njit(error_model="numpy")
-def torque_left(torque, h, e, v, w):
-    """Leaking torque sensor. First law: two relaxations, 70 % at the rate and 30 % at a fifth of it (dielectric
-    absorption, Curie-von Schweidler); second: two equal leaks in series, sensor and amplifier.
+def leak_torque(torque, h, e, v, w):
+    """Torque [Nm] that a piezoelectric sensor with leakage shows.
 
-    The catalogue has one pole and a load by warming. Strength: rate [1/s].
+    First law: two relaxations, 70 % at the rate and 30 % at a fifth of it (dielectric absorption, Curie-von
+    Schweidler). Second law: two equal leaks in series, sensor and amplifier. The catalogue has one pole and a load by
+    warming. Strength: rate [1/s].
     """
     rate = e.torque_sensor_leakage
     if rate == 0.0:
@@ -59,11 +60,12 @@ def torque_left(torque, h, e, v, w):
 
 
 @njit(error_model="numpy")
-def probe(kelvin, slip, h, e, v, w):
-    """Temperature sensor. First law: sheath and element, two lags of 0.75 and 0.25 of the time (IEC 60751 step
-    response); second: one lag, twice as long at rest as at 20 rad/s of slip (King 1914: heat transfer and flow).
+def lag_temperature(kelvin, slip, h, e, v, w):
+    """Oil temperature [K] behind the lag of its sensor.
 
-    The catalogue has one lag. Strength: time [s].
+    First law: sheath and element, two lags of 0.75 and 0.25 of the time (step response of IEC 60751). Second law: one
+    lag, twice as long at rest as at 20 rad/s of slip (King 1914: heat transfer and flow). The catalogue has one lag.
+    Strength: time [s].
     """
     time = e.temperature_sensor_lag
     if time == 0.0:
@@ -77,10 +79,12 @@ def probe(kelvin, slip, h, e, v, w):
 
 
 @njit(error_model="numpy")
-def pressure_shown(p, kelvin, time, e, v):
-    """Gain and zero error of the pressure sensor. Gain, first law: 10 % of it curvature; second: a tenth more each 10
-    K. Zero, first law: 10 % of it drift over 24 s; second: a tenth more each 10 K. The catalogue: constants. Strengths:
-    relative gain error; Pa.
+def distort_pressure(p, kelvin, time, e, v):
+    """Pressure [Pa] with gain and zero error of its sensor.
+
+    Gain, first law: a tenth of the error is curvature. Second law: the error grows by a tenth each 10 K. Zero, first
+    law: a tenth of the error drifts over 24 s. Second law: the error grows by a tenth each 10 K. The catalogue has
+    constants. Strengths: relative gain error [-], zero error [Pa].
     """
     warm = 0.01 * (kelvin - 343.15)
     gain = e.pressure_sensor_gain
@@ -91,8 +95,8 @@ def pressure_shown(p, kelvin, time, e, v):
 
 
 @njit(error_model="numpy")
-def torque_shown(torque, kelvin, time, e, v):
-    """Gain and zero error of the torque sensor; laws as of the pressure sensor, about 15 Nm."""
+def distort_torque(torque, kelvin, time, e, v):
+    """Torque [Nm] with gain and zero error of its sensor; laws as in `distort_pressure`, curvature about 15 Nm."""
     warm = 0.01 * (kelvin - 343.15)
     gain = e.torque_sensor_gain
     gain *= 1.0 + 0.1 * (abs(torque) / 15.0 - 1.0) if v.torque_sensor_gain == 0.0 else 1.0 + warm
@@ -102,9 +106,10 @@ def torque_shown(torque, kelvin, time, e, v):
 
 
 @njit(error_model="numpy")
-def bent(voltage, limit_inverse):
-    """A voltage that saturates softly: V (1 + |V/L|^12)^(-1/12), 6 % below L at L. `limit_inverse` is 1/L [1/V], 0 is
-    off.
+def saturate(voltage, limit_inverse):
+    """Voltage [V] that saturates softly: V (1 + |V/L|^12)^(-1/12), which is 6 % below L at V = L.
+
+    limit_inverse: 1/L [1/V]; 0 is off.
     """
     if limit_inverse == 0.0:
         return voltage
@@ -115,9 +120,11 @@ def bent(voltage, limit_inverse):
 
 
 @njit(error_model="numpy")
-def coarse(voltage, step, second):
-    """A voltage on levels `step` [V] apart, 0 is off. First law: mid-rise, no level at zero; second: mid-tread with
-    every second level 0.2 steps high (differential non-linearity). The catalogue: ideal mid-tread.
+def quantise_coarsely(voltage, step, second):
+    """Voltage [V] on levels `step` [V] apart; 0 is off.
+
+    First law (`second` is 0): mid-rise, no level at zero. Second law: mid-tread, every second level 0.2 steps too high
+    (differential non-linearity). The catalogue: ideal mid-tread.
     """
     if step == 0.0:
         return voltage
@@ -128,7 +135,7 @@ def coarse(voltage, step, second):
 
 
 @njit(error_model="numpy")
-def converted(voltage, bits, full):
-    """What the converter of `bits` and +-`full` [V] makes of a voltage: rig.md 9."""
+def convert_to_levels(voltage, bits, full):
+    """Voltage [V] on the levels of a converter of `bits` with a range of +-`full` [V]: docs/rig.md, eq. 9."""
     step = 2.0 * full / 2.0**bits
     return min(max(step * floor(voltage / step + 0.5), -full), full - step)

@@ -1,7 +1,8 @@
-"""What may be wrong with valve and supply: laws of the truth, called once a step with the voltage held.
+"""Effects in valve and supply: laws of the truth, called once an integration step at constant voltage.
 
-Each law names its source and how it differs from the catalogue's. `e` holds strengths (0 is off), `f` a form in -1..1
-that shapes the law, `v` which of two laws it is, `w` what a law remembers; all by identifier.
+Each law names its source and how it differs from that of the catalogue. `c`: parameters; `e`, `f`, `v`: strength (0 is
+off), form (-1..1) and law (0 or 1) of each effect, by its name; `w`: memory; `h`: step [s]. `demand`: pressure that the
+valve aims at [Pa].
 """
 
 from math import copysign, exp, sqrt, tanh
@@ -9,14 +10,15 @@ from math import copysign, exp, sqrt, tanh
 from numba import njit
 
 BAR = 1e5  # Pa
-STAGES = 6  # of the distributed delay
+DELAY_STAGES = 6  # lags in series of the distributed delay: ours
 
 
 @njit(error_model="numpy")
-def opened(voltage, e, v):
-    """Dead band. First law: hyperbola, an overlap that leaks (Merritt 1967, ch. 5: rounded null); second: tanh.
+def apply_dead_band(voltage, e, v):
+    """Voltage [V] behind a dead band.
 
-    The catalogue has the hard dead zone. Strength: width [V].
+    First law: hyperbola, an overlap that leaks (Merritt 1967, ch. 5: rounded null). Second law: tanh. The catalogue has
+    the hard dead zone. Strength: width [V].
     """
     width = e.valve_deadband
     if width == 0.0:
@@ -27,11 +29,11 @@ def opened(voltage, e, v):
 
 
 @njit(error_model="numpy")
-def amplified(demand, time, c, e, v):
-    """Gain. First law: error with 10 % of curvature about 3.4 bar; second: it grows as the coil warms, 10 s (Jelali &
-    Kroll 2003).
+def apply_gain_error(demand, time, c, e, v):
+    """Demand [Pa] with a gain error of the valve.
 
-    The catalogue has a constant factor. Strength: relative error of the gain.
+    First law: a tenth of the error is curvature about 3.4 bar. Second law: the error grows as the coil warms, 10 s
+    (Jelali & Kroll 2003). The catalogue has a constant factor. Strength: relative error of the gain [-].
     """
     error = e.valve_gain
     if v.valve_gain == 0.0:
@@ -40,12 +42,12 @@ def amplified(demand, time, c, e, v):
 
 
 @njit(error_model="numpy")
-def hysteretic(demand, e, f, v, w):
-    """Hysteresis of the solenoid. First law: Bouc-Wen with n = 2, beta = gamma (Wen 1976); second: Duhem in
-    Coleman-Hodgdon's form.
+def apply_hysteresis(demand, e, f, v, w):
+    """Demand [Pa] behind the hysteresis of the solenoid.
 
-    Both exact or nearly so for a monotone step. The catalogue has four plays (Prandtl-Ishlinskii). Strength: width [Pa]
-    of the saturated loop; it takes half of it, times 2^form, to cross.
+    First law: Bouc-Wen, exponent 2, beta = gamma (Wen 1976). Second law: Duhem in the form of Coleman and Hodgdon. Both
+    are exact or nearly so for a monotone step. The catalogue has four plays (Prandtl-Ishlinskii). Strength: width of
+    the saturated loop [Pa]. A reversal crosses the loop over half the width times 2^form.
     """
     width = e.valve_hysteresis
     if width == 0.0:
@@ -57,8 +59,8 @@ def hysteretic(demand, e, f, v, w):
         pieces = 1 + int(abs(rise) * 10.0) if abs(rise) < 10.0 else 100  # 0.1 each: Bouc-Wen is an ODE in the demand
         for _ in range(pieces):
             piece = rise / pieces
-            middle = z + 0.5 * piece * _bouc_wen(z, piece)
-            z = min(max(z + piece * _bouc_wen(middle, piece), -1.0), 1.0)
+            middle = z + 0.5 * piece * _bouc_wen_slope(z, piece)
+            z = min(max(z + piece * _bouc_wen_slope(middle, piece), -1.0), 1.0)
     else:
         end = copysign(1.0, rise)
         z = end + (z - end) * exp(-abs(rise))
@@ -67,17 +69,17 @@ def hysteretic(demand, e, f, v, w):
 
 
 @njit(error_model="numpy")
-def _bouc_wen(z, piece):
+def _bouc_wen_slope(z, piece):
     return 1.0 - z * z if z * piece > 0.0 else 1.0
 
 
 @njit(error_model="numpy")
-def stuck(demand, h, e, f, v, w):
-    """Stiction of the spool. First law: Karnopp's stick with a spool that slides on viscously, 2 ms at most (Karnopp 1985);
-    second: Kano's (Kano et al. 2004): slides along with the command, a constant behind, until the command stops or
-    turns.
+def apply_stiction(demand, h, e, f, v, w):
+    """Demand [Pa] behind the stiction of the spool.
 
-    The catalogue has He's two-parameter jump. Strength: break-away [Pa]; sliding takes 0.4 of it, times 1.5^form.
+    First law: Karnopp's stick; the spool then slides on viscously, 2 ms at most (Karnopp 1985). Second law: Kano's; the
+    spool slides with the command, a constant behind it, until the command stops or turns (Kano et al. 2004). The
+    catalogue has He's two-parameter jump. Strength: break-away [Pa]; sliding takes 0.4 of it times 1.5^form.
     """
     breakaway = e.spool_stiction
     if breakaway == 0.0:
@@ -106,23 +108,23 @@ def stuck(demand, h, e, f, v, w):
 
 
 @njit(error_model="numpy")
-def late(demand, h, e, v, w):
-    """Dead time. First law: all-pass, Pade of order 2 (Padé 1892); second: six equal lags, a distributed delay
-    (Erlang).
+def delay_demand(demand, h, e, v, w):
+    """Demand [Pa] behind a dead time.
 
-    The catalogue has a pure delay. Strength: delay [s].
+    First law: all-pass, Pade of order 2 (Pade 1892). Second law: six equal lags, a distributed delay (Erlang). The
+    catalogue has a pure delay. Strength: delay [s].
     """
     delay = e.valve_delay
     if delay == 0.0:
         return demand
     if v.valve_delay == 0.0:
-        return pade(demand, delay, h, w.delay)
-    return lags(demand, delay, STAGES, h, w.delay)
+        return pade_delay(demand, delay, h, w.delay)
+    return lag_chain(demand, delay, DELAY_STAGES, h, w.delay)
 
 
 @njit(error_model="numpy")
-def pade(value, delay, h, past):
-    """Output of the Pade all-pass of order 2 for `value` held over `h` [s]; midpoint rule. past: (2,) at least."""
+def pade_delay(value, delay, h, past):
+    """Output of the Pade all-pass of order 2 for `value` held over `h` [s]; midpoint rule. past: its states, (2,) at least."""
     k = 6.0 * h / (delay * delay)
     rate = (past[1] + k * (value - past[0])) / (1.0 + 0.5 * k * (h + delay))  # at the middle
     past[0] += h * rate
@@ -131,8 +133,8 @@ def pade(value, delay, h, past):
 
 
 @njit(error_model="numpy")
-def lags(value, delay, stages, h, past):
-    """Output of `stages` equal lags of mean `delay` [s] in all. past: (stages,) at least."""
+def lag_chain(value, delay, stages, h, past):
+    """Output of `stages` equal lags with a whole mean delay of `delay` [s]. past: their states, (stages,) at least."""
     share = 1.0 - exp(-h * stages / delay)
     for i in range(stages):
         past[i] += share * (value - past[i])
@@ -141,10 +143,10 @@ def lags(value, delay, stages, h, past):
 
 
 @njit(error_model="numpy")
-def slowed(demand, h, e, v, w):
-    """Slower valve, first law: a lag of amplifier and coil before it (Watton 2009). The second is `damped`.
+def lag_amplifier(demand, h, e, v, w):
+    """Demand [Pa] behind a slower valve, first law: a lag of amplifier and coil (Watton 2009). Second law: `spool_damping`.
 
-    The catalogue lowers the natural frequency. Strength: lag [s] (second law: 20 ms a unit of relative damping).
+    The catalogue lowers the natural frequency. Strength: lag [s]; for the second law 20 ms per unit of relative damping.
     """
     if e.slower_valve == 0.0 or v.slower_valve != 0.0:
         return demand
@@ -153,20 +155,22 @@ def slowed(demand, h, e, v, w):
 
 
 @njit(error_model="numpy")
-def damped(damping, e, v):
-    """Slower valve, second law: more viscous friction on the spool (Merritt 1967, ch. 5), natural frequency
-    unchanged.
+def spool_damping(damping, e, v):
+    """Damping ratio [-] of a slower valve, second law: more viscous friction on the spool (Merritt 1967, ch. 5).
+
+    The natural frequency is unchanged.
     """
     return damping * (1.0 + e.slower_valve / 20e-3) if v.slower_valve != 0.0 else damping
 
 
 @njit(error_model="numpy")
-def supplied(demand, flow, h, c, e, f, v, w):
-    """Demand that is left of a sagging supply, and the supply pressure.
+def sag_supply(demand, flow, h, c, e, f, v, w):
+    """Demand and supply pressure [Pa] when the supply sags.
 
-    First law: a gas accumulator, polytropic with 1.2, refilled within 30 ms times 2^form (Watton 2009); second: loss in
-    the feed line that grows with the flow squared, behind 10 ms. The catalogue has a droop in proportion to the flow,
-    behind a lag. Strength: share of the supply that a flow of 1.3e-4 m^3/s takes for as long as it takes to recover.
+    First law: a gas accumulator, polytropic exponent 1.2, refilled within 30 ms times 2^form (Watton 2009). Second law:
+    a loss in the feed line that grows with the square of the flow, behind a lag of 10 ms. The catalogue has a droop in
+    proportion to the flow, behind a lag. Strength: share of the supply pressure that a lasting flow of 1.3e-4 m^3/s
+    takes away [-].
     """
     supply = c.valve_supply_pressure
     sag = e.supply_sag

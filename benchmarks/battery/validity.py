@@ -1,9 +1,9 @@
-"""Whether an answer that was kept is still the engine's: by versions and content, and by playing a handful of cases again.
+"""Whether a kept answer is still valid: by version and content hash, and by running a few cases again.
 
-An answer belongs to a version of the engine (`clutch_hil/discrepancy/version.py`) and to the content of its own case: its name,
-which all random numbers come from, the laws of its effects, and the version of what every case shares. Where files lie, how
-they are formatted and what else the folder holds changes nothing. That a version was raised when it had to be is not believed
-but checked: `differences` compares answers of today with those that were kept.
+An answer belongs to a version of the engine (`clutch_hil/discrepancy/version.py`) and to the content of its own case. The
+content is the name of the case, from which all its random numbers come, the laws of its effects, and TRUTH_VERSION. Where
+files lie and how they are formatted does not matter. Somebody may forget to raise a version: `list_differences`
+compares new answers with the kept ones to find that out.
 """
 
 import hashlib
@@ -16,9 +16,9 @@ from benchmarks.battery.cases import Case
 from benchmarks.battery.truth_laws import LAWS
 from clutch_hil.discrepancy.version import ENGINE_VERSION
 
-# Of the rig, the solver, the inputs and the noise of the truth, and of the equations of its laws: raised as the engine's is.
+# Version of the truth: its rig, solver, inputs, noise and the equations of its laws. Raise it when any of them changes.
 TRUTH_VERSION = 1
-CHECKED = (  # of each family but triples a quick one; between them every verdict that the engine has
+CHECKED_CASES = (  # a quick case of each family except triples; together they have every verdict of the engine
     "null/none/1.0/0.005/s134",
     "pair/coarse_quantisation+shaft_angle_ripple/2.0/0.02/s101",
     "unknown/torque_bursts/4.0/0.05/s101",
@@ -29,40 +29,42 @@ CHECKED = (  # of each family but triples a quick one; between them every verdic
 )
 
 
-def engine() -> str:
-    """The name that answers of this engine are kept under."""
+def engine_name() -> str:
+    """Name under which answers of this version of the engine are kept."""
     return f"engine-{ENGINE_VERSION}"
 
 
-def content(name: str) -> str:
-    """Hash of what the case of this name depends on. Raises InputError."""
+def hash_content(name: str) -> str:
+    """Hash of everything that the case of this name depends on, 12 hex digits. Raises InputError for a wrong name."""
     laws = [asdict(LAWS[effect]) for effect in Case.of(name).effects]
     text = json.dumps([TRUTH_VERSION, name, laws], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
-def valid(answer: Mapping[str, Any]) -> bool:
-    """Whether an answer is one to the case as it is now."""
-    return bool(answer.get("content") == content(answer["case"]))
+def is_valid(answer: Mapping[str, Any]) -> bool:
+    """Whether an answer belongs to the case as it is now."""
+    return bool(answer.get("content") == hash_content(answer["case"]))
 
 
-def differences(kept: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """How an answer differs from the one that was kept, a sentence each: verdict, names, a strength beyond its interval."""
-    if "error" in now:
-        return [f"the engine broke: {now['error'].strip().splitlines()[-1]}"]
-    found = [
-        f"{part}: {kept[part]} was kept, now it is {now[part]}"
+def list_differences(kept: Mapping[str, Any], answer: Mapping[str, Any]) -> list[str]:
+    """List how `answer` differs from the `kept` one, one sentence each.
+
+    Compared are verdict, names, and each parameter, which must lie in its kept 95 % interval.
+    """
+    if "error" in answer:
+        return [f"the engine broke: {answer['error'].strip().splitlines()[-1]}"]
+    differences = [
+        f"{part}: {kept[part]} was kept, now it is {answer[part]}"
         for part in ("verdict", "effects", "alternatives")
-        if kept[part] != now[part]
+        if kept[part] != answer[part]
     ]
     before = {parameter["name"]: parameter for parameter in kept["parameters"]}
-    for parameter in now["parameters"]:
-        one = before.get(parameter["name"])
-        if one is None:
+    for parameter in answer["parameters"]:
+        kept_parameter = before.get(parameter["name"])
+        if kept_parameter is None:
             continue
-        low, high = one["ci95"]
+        low, high = kept_parameter["ci95"]
         if not low <= parameter["value"] <= high:
-            found.append(
-                f"{one['name']}: now {parameter['value']:.6g}, kept {one['value']:.6g} in [{low:.6g}, {high:.6g}]"
-            )
-    return found
+            interval = f"{kept_parameter['value']:.6g} in [{low:.6g}, {high:.6g}]"
+            differences.append(f"{parameter['name']}: now {parameter['value']:.6g}, kept {interval}")
+    return differences

@@ -25,7 +25,7 @@ def reproduce(
     from clutch_hil.bench.progress import progress_bar, table_text
     from clutch_hil.bench.recording import writable
     from clutch_hil.thesis import entries, entry
-    from clutch_hil.thesis.result import checks_text, run, run_all
+    from clutch_hil.thesis.reproduction import format_checks, run, run_all
 
     if list_all or not (name or every):
         rows = [("name", "what"), *((e.name, e.title) for e in entries().values())]
@@ -40,5 +40,5 @@ def reproduce(
             report(*run_all(out, progress), json_output)
             return
         result = run(chosen, out, progress)
-    text = "\n".join([f"{chosen.name}: {chosen.title}", checks_text(result), f"wrote:   {result.picture}"])
+    text = "\n".join([f"{chosen.name}: {chosen.title}", format_checks(result), f"wrote:   {result.picture}"])
     report(result.document(), text, result.verdict, result.holds, json_output)

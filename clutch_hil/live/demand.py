@@ -13,8 +13,8 @@ from clutch_hil.live.course import PRESSURE_RAMP, TORQUE_RAMP
 from clutch_hil.live.supervisor import RATE, Answer, Supervisor
 from plant_sim.profiles.profile import (
     FILL_PRESSURE,
-    FOREVER,
     IDLE_FIRST,
+    LATEST_TIME,
     PRESSURE_LIMIT,
     SPEED_LIMIT,
     TORQUE_LIMIT,
@@ -43,7 +43,7 @@ def torque_profile(
     """
     _check("torque", torque, TORQUE_LIMIT, "Nm", speed, ramp)
     rise = max(abs(torque - begin) / ramp, 1.0 / RATE)
-    times = 0.0, IDLE_FIRST, IDLE_FIRST + rise, FOREVER
+    times = 0.0, IDLE_FIRST, IDLE_FIRST + rise, LATEST_TIME
     profile = Profile(f"{torque:g} Nm", times, (begin, begin, torque, torque), (speed,) * 4)
     return profile if seconds is None else profile.lasting(seconds)
 
@@ -58,7 +58,7 @@ def pressure_profile(
     _check("pressure", pressure, PRESSURE_LIMIT, "bar", speed, ramp)
     first, least = begin or min(pressure, FILL_PRESSURE), 1.0 / RATE
     filled = IDLE_FIRST + least
-    time = (0.0, IDLE_FIRST, filled, filled + max(abs(pressure - first) / ramp, least), FOREVER)
+    time = (0.0, IDLE_FIRST, filled, filled + max(abs(pressure - first) / ramp, least), LATEST_TIME)
     profile = Profile(f"{pressure:g} bar", time, (0.0,) * 5, (speed,) * 5, (begin, begin, first, pressure, pressure))
     return profile if seconds is None else profile.lasting(seconds)
 
@@ -66,7 +66,7 @@ def pressure_profile(
 def lock_profile(speed: float, seconds: float | None) -> Profile:
     """A clutch that is to be locked, at a motor speed [rad/s], for `seconds`, None for ever. Raises InputError."""
     _check_speed(speed)
-    profile = Profile("lock", (0.0, FOREVER), (0.0, 0.0), (speed, speed), lock=(1.0, 1.0))
+    profile = Profile("lock", (0.0, LATEST_TIME), (0.0, 0.0), (speed, speed), lock=(1.0, 1.0))
     return profile if seconds is None else profile.lasting(seconds)
 
 
@@ -221,7 +221,7 @@ class Demand:
             verdict = f"{'reached' if good else 'not reached'}, {figures}"
         if interrupted:
             verdict = f"interrupted after {elapsed:.1f} s; {verdict}"
-        length = "until stopped" if profile.duration >= FOREVER else f"{profile.duration:g} s"
+        length = "until stopped" if profile.duration >= LATEST_TIME else f"{profile.duration:g} s"
         text = "\n".join(
             [
                 f"read:    {profile.name} ({length}), the controller's status on {bus}",
@@ -256,7 +256,7 @@ class _StatusLine:
         self._console = Console(stderr=True)
         self._live = Live(console=self._console, auto_refresh=False, transient=True)
         self._every = _SHOWN_EVERY if self._console.is_terminal else _PLAIN_EVERY
-        self._end = f"/{duration:g}" if duration < FOREVER else ""
+        self._end = f"/{duration:g}" if duration < LATEST_TIME else ""
         self._next = 0.0
 
     def __enter__(self) -> "_StatusLine":

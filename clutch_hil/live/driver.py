@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from clutch_hil.live.course import SPEED
 from clutch_hil.live.supervisor import Heard, Supervisor
-from plant_sim.profiles.profile import FOREVER, IDLE_FIRST, Profile, Setpoint
+from plant_sim.profiles.profile import LATEST_TIME, IDLE_FIRST, Profile, Setpoint
 from protocols.buses.bus import Port, listen, open_bus
 from protocols.can.request import Request
 from protocols.errors import InputError
@@ -18,7 +18,7 @@ from protocols.errors import InputError
 _READY = 60.0  # s for the controller to tell its phase and to become idle: on a busy machine it loads for so long
 _LISTEN = 0.1  # s, as often as the controller's heartbeat comes
 _LOOK = 0.01  # s between looks whether the clutch is released
-_IDLE = Profile("idle", (0.0, FOREVER), (0.0, 0.0), (SPEED, SPEED))
+_IDLE = Profile("idle", (0.0, LATEST_TIME), (0.0, 0.0), (SPEED, SPEED))
 
 
 @dataclass(frozen=True)

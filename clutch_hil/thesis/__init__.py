@@ -9,8 +9,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 
-from clutch_hil.thesis.contradicted import CONTRADICTED
-from clutch_hil.thesis.sheet import Sheet
+from clutch_hil.thesis.check_sheet import Sheet
+from clutch_hil.thesis.contradictions import CONTRADICTED
 from protocols.errors import InputError
 
 MODULES = (
@@ -82,10 +82,10 @@ def reproduces(name: str, title: str, claim: str) -> Callable[[Callable[[Sheet],
 
 
 def entries() -> dict[str, Entry]:
-    """All reproductions by name: the thesis's order, then ours."""
+    """All reproductions by name: those of the thesis in its order, then ours."""
     for module in MODULES:
         import_module(f"clutch_hil.thesis.{module}")
-    return dict(sorted(_ENTRIES.items(), key=lambda item: _order(item[0])))
+    return dict(sorted(_ENTRIES.items(), key=lambda item: _sort_key(item[0])))
 
 
 def entry(name: str) -> Entry:
@@ -102,7 +102,7 @@ def entry(name: str) -> Entry:
     raise InputError(f"reproduction {name!r} does not exist; {hint}")
 
 
-def _order(name: str) -> tuple[int, str, int, str]:
+def _sort_key(name: str) -> tuple[int, str, int, str]:
     kind, _, number = name.partition("-")
     chapter, _, rest = number.partition(".")
     if kind not in ("figure", "table") or not rest.isdigit():

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import curve_fit
 
 from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.sheet import INK, Sheet, label
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
 from plant_sim.blocks.adc import counts
 from plant_sim.blocks.dc_restoration import DcRestoration
 from plant_sim.blocks.icp_sensor import IcpSensor
@@ -19,7 +19,7 @@ GRAVITY = 9.81  # m/s^2
 T_98 = 10.0  # s, ours: in fig C.3 the output is near 0 well before the end of the axis at 20 s
 NOISE = 0.3e-3  # V before the converter, ours: one step of 16 bit
 _RANGE, _BITS = 10.0, 16  # V, sec. 3.9.4: dSPACE 1103
-_SHOWN = 0.1  # dSPACE shows +-10 V as +-1: "the unity is [V/10]", sec. C.3
+_DISPLAY_SCALE = 0.1  # dSPACE shows +-10 V as +-1: "the unity is [V/10]", sec. C.3
 
 SENSOR = IcpSensor(time_constant=1.0 / DcRestoration.from_decay_time(T_98).decay_rate)
 NOTES = (
@@ -28,7 +28,7 @@ NOTES = (
 )
 
 
-def taken(sensor: IcpSensor, force: np.ndarray, warming: np.ndarray | float = 0.0, seed: int = 1) -> np.ndarray:
+def sample_output(sensor: IcpSensor, force: np.ndarray, warming: np.ndarray | float = 0.0, seed: int = 1) -> np.ndarray:
     """Output (n,) [V] as the converter takes it, with noise, under force (n,) [N] and warming [K]."""
     voltage = sensor.measure(force, STEP, warming)[0]
     noisy = voltage + NOISE * np.random.default_rng(seed).standard_normal(voltage.size)
@@ -36,7 +36,7 @@ def taken(sensor: IcpSensor, force: np.ndarray, warming: np.ndarray | float = 0.
     return np.array(codes) * (_RANGE / 2 ** (_BITS - 1))
 
 
-def loads(seconds: float, *changes: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
+def make_loads(seconds: float, *changes: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
     """Time (n,) [s] and force (n,) [N]; each change is (time [s], mass from then on [kg])."""
     time = np.arange(round(seconds / STEP)) * STEP
     mass = np.zeros(time.size)
@@ -45,17 +45,17 @@ def loads(seconds: float, *changes: tuple[float, float]) -> tuple[np.ndarray, np
     return time, mass * GRAVITY
 
 
-def zeroed(sensor: IcpSensor, voltage: np.ndarray, idle: float = 1.0) -> DcRestoration:
+def make_restoration(sensor: IcpSensor, voltage: np.ndarray, idle: float = 1.0) -> DcRestoration:
     """Restoration for `sensor`, its zero the mean of the first `idle` [s]."""
-    return DcRestoration(sensor.decay_rate).zeroed(voltage[: round(idle / STEP)])
+    return DcRestoration(sensor.decay_rate).with_zero_from(voltage[: round(idle / STEP)])
 
 
-def mean_at(time: np.ndarray, signal: np.ndarray, at: float, width: float = 0.2) -> float:
+def mean_after(time: np.ndarray, signal: np.ndarray, at: float, width: float = 0.2) -> float:
     """Mean of the `width` [s] after `at` [s]."""
     return float(signal[(time >= at) & (time < at + width)].mean())
 
 
-def ours(sheet: Sheet) -> None:
+def note_own_values(sheet: Sheet) -> None:
     """Name the values that the thesis does not give."""
     for text in NOTES:
         sheet.note(text)
@@ -68,27 +68,34 @@ def ours(sheet: Sheet) -> None:
 )
 def figure_c_3(sheet: Sheet) -> None:
     """2 kg put on, and the decay rate from the fit and from t_98."""
-    time, force = loads(20.0, (1.0, 2.0))
-    shown = taken(SENSOR, force) * _SHOWN
+    time, force = make_loads(20.0, (1.0, 2.0))
+    shown = sample_output(SENSOR, force) * _DISPLAY_SCALE
     on = time >= 1.0
     (height, rate), _ = curve_fit(lambda t, o, a: o * np.exp(-a * t), time[on] - 1.0, shown[on], (0.5, 0.3))  # sec. C.2
     window = np.convolve(shown[on], np.full(100, 0.01), mode="valid")  # means over 0.1 s
     t_98 = float(time[np.argmax(window < 0.02 * window[0])])
     axes = sheet.axes(1, 1, width=8, height=4.5)
     axes.plot(time, shown, lw=1.0, label="output")
-    axes.plot(time[on], height * np.exp(-rate * (time[on] - 1.0)), color=INK, lw=1.0, ls="--", label="O_0 exp(-a t)")
+    axes.plot(
+        time[on],
+        height * np.exp(-rate * (time[on] - 1.0)),
+        color=REFERENCE_COLOUR,
+        lw=1.0,
+        ls="--",
+        label="O_0 exp(-a t)",
+    )
     axes.legend(frameon=False)
     label(axes, "time [s]", "output [V/10]")
     a = SENSOR.decay_rate
     sheet.check("decays exponentially: a from the fit within 1 % of 1/tau [1/s]", abs(rate / a - 1) < 0.01, (rate, a))
     by_eye = DcRestoration.from_decay_time(t_98).decay_rate
     sheet.check("a = -ln(0.02)/t_98, read off the curve, within 5 % [1/s]", abs(by_eye / a - 1) < 0.05, by_eye)
-    end = mean_at(time, shown, 19.5)
+    end = mean_after(time, shown, 19.5)
     sheet.check("it ends near the initial value, within 1 % of the step [V/10]", abs(end) < 0.01 * height, end, "0")
     sheet.check(
         "2 kg start within the axis of the figure, 0.4 to 0.45 [V/10]", 0.4 < height < 0.45, height, "0.4 to 0.45"
     )
-    ours(sheet)
+    note_own_values(sheet)
 
 
 @reproduces(
@@ -101,13 +108,13 @@ def figure_c_4(sheet: Sheet) -> None:
     sensor = replace(
         SENSOR, offset=0.05
     )  # V, ours: with it 20 s drift by 0.04 V/10, the height of the figure's lower axis
-    time, force = loads(20.0)
-    voltage = taken(sensor, force)
+    time, force = make_loads(20.0)
+    voltage = sample_output(sensor, force)
     plain, _ = DcRestoration(sensor.decay_rate).restore(voltage, STEP)
-    clean, _ = zeroed(sensor, voltage).restore(voltage, STEP)
+    clean, _ = make_restoration(sensor, voltage).restore(voltage, STEP)
     axes = sheet.axes(1, 1, width=8, height=4.5)
     for signal, name in ((voltage, "output of the power unit"), (plain, "restored"), (clean, "restored after zeroing")):
-        axes.plot(time, signal * _SHOWN, lw=1.0, label=name)
+        axes.plot(time, signal * _DISPLAY_SCALE, lw=1.0, label=name)
     axes.legend(loc="upper left", frameon=False)
     label(axes, "time [s]", "[V/10]")
     slopes = [float(np.polyfit(time, signal, 1)[0]) for signal in (plain, clean)]
@@ -122,7 +129,7 @@ def figure_c_4(sheet: Sheet) -> None:
     sheet.note(
         "the offset of 50 mV is ours; the drift over 20 s then is the height of the figure's lower axis, 0.08 to 0.12 V/10"
     )
-    ours(sheet)
+    note_own_values(sheet)
 
 
 @reproduces(
@@ -138,18 +145,18 @@ def figure_c_5(sheet: Sheet) -> None:
     axes = sheet.axes(1, 2, width=11, height=4.5, sharey=True)
     levels, steps = [], []
     for k, (putting, name) in enumerate(((one_by_one, "put on one by one"), ([(1.0, 2.0)], "put on at once"))):
-        time, force = loads(20.0, *putting, *taken_off)
-        voltage = taken(SENSOR, force, seed=k + 1)
-        back, _ = zeroed(SENSOR, voltage).restore(voltage, STEP)
-        axes[k].plot(time, back * _SHOWN, lw=1.0, label="restored")
-        axes[k].plot(time, voltage * _SHOWN, lw=1.0, label="output")
+        time, force = make_loads(20.0, *putting, *taken_off)
+        voltage = sample_output(SENSOR, force, seed=k + 1)
+        back, _ = make_restoration(SENSOR, voltage).restore(voltage, STEP)
+        axes[k].plot(time, back * _DISPLAY_SCALE, lw=1.0, label="restored")
+        axes[k].plot(time, voltage * _DISPLAY_SCALE, lw=1.0, label="output")
         label(axes[k], "time [s]", "[V/10]" if k == 0 else "", name)
         kilograms = back / (SENSOR.scale * GRAVITY)  # the data sheet's sensitivity
-        levels.append([mean_at(time, kilograms, at + 0.1) for at in (7.0, 8.0, 10.0, 12.0, 14.0)])
+        levels.append([mean_after(time, kilograms, at + 0.1) for at in (7.0, 8.0, 10.0, 12.0, 14.0)])
         for at, _ in (*(putting if k == 0 else ()), *taken_off):  # of 500 g each
-            steps.append(abs(mean_at(time, kilograms, at + 0.01) - mean_at(time, kilograms, at - 0.21)))
+            steps.append(abs(mean_after(time, kilograms, at + 0.01) - mean_after(time, kilograms, at - 0.21)))
         if k == 1:
-            unrestored = mean_at(time, voltage, 19.0) * _SHOWN
+            unrestored = mean_after(time, voltage, 19.0) * _DISPLAY_SCALE
     axes[0].legend(loc="upper right", frameon=False)
     expected = np.array([2.0, 1.5, 1.0, 0.5, 0.0])
     apart = 1e3 * float(np.abs(np.subtract(levels[0], levels[1])).max())
@@ -165,7 +172,7 @@ def figure_c_5(sheet: Sheet) -> None:
         "the 6 g (1.2 %) are what the thesis's sensor is off its data sheet. Ours has that sensitivity exactly: its error is"
         " noise, quantisation and rest of the zero"
     )
-    ours(sheet)
+    note_own_values(sheet)
 
 
 @reproduces(
@@ -175,14 +182,14 @@ def figure_c_5(sheet: Sheet) -> None:
 )
 def figure_c_6(sheet: Sheet) -> None:
     """2 kg with 1.5 kg at 1 Hz."""
-    time, force = loads(20.0, (1.0, 2.0))
+    time, force = make_loads(20.0, (1.0, 2.0))
     frequency = 1.0  # Hz, ours
     force += 1.5 * GRAVITY * np.sin(2 * np.pi * frequency * (time - 1.0)) * (time >= 1.0)
-    voltage = taken(SENSOR, force)
-    back, _ = zeroed(SENSOR, voltage).restore(voltage, STEP)
+    voltage = sample_output(SENSOR, force)
+    back, _ = make_restoration(SENSOR, voltage).restore(voltage, STEP)
     axes = sheet.axes(1, 1, width=8, height=4.5)
-    axes.plot(time, back * _SHOWN, lw=1.0, label="restored")
-    axes.plot(time, voltage * _SHOWN, lw=1.0, label="output")
+    axes.plot(time, back * _DISPLAY_SCALE, lw=1.0, label="restored")
+    axes.plot(time, voltage * _DISPLAY_SCALE, lw=1.0, label="output")
     axes.set_ylim(-0.45, 1.1)
     axes.legend(loc="upper right", ncols=2, frameon=False)
     label(axes, "time [s]", "[V/10]")
@@ -199,7 +206,7 @@ def figure_c_6(sheet: Sheet) -> None:
     sheet.check("their phases within 5 deg [deg]", abs(turned) < 5.0, turned, "the same")
     lead = np.degrees(np.arctan(SENSOR.decay_rate / (2 * np.pi * frequency)))
     sheet.note(f"1 Hz and 1.5 kg are ours; the high-pass leads by atan(a/w) = {lead:.1f} deg there")
-    ours(sheet)
+    note_own_values(sheet)
 
 
 @reproduces(
@@ -210,25 +217,25 @@ def figure_c_6(sheet: Sheet) -> None:
 def figure_c_7(sheet: Sheet) -> None:
     """4 kg, blowing twice, holding: warming of the sensor acts as a load."""
     sensor = replace(SENSOR, warming_load=-1.0 * GRAVITY / 5.0)  # N/K, ours: 5 K of warming are 1 kg, unloading
-    time, force = loads(200.0, (20.0, 4.0))
+    time, force = make_loads(200.0, (20.0, 4.0))
     warming = np.zeros(time.size)
     for begin, end, kelvin, lag in ((60.0, 65.0, 3.0, 3.0), (90.0, 95.0, 3.0, 3.0), (130.0, 160.0, 5.0, 5.0)):
         during, after = (time >= begin) & (time < end), time >= end
         reached = 1.0 - np.exp(-(end - begin) / lag)
         warming[during] += kelvin * (1.0 - np.exp(-(time[during] - begin) / lag))
         warming[after] += kelvin * reached * np.exp(-(time[after] - end) / 15.0)  # cools slower, in air
-    voltage = taken(sensor, force, warming)
-    back, _ = zeroed(sensor, voltage, 10.0).restore(voltage, STEP)
+    voltage = sample_output(sensor, force, warming)
+    back, _ = make_restoration(sensor, voltage, 10.0).restore(voltage, STEP)
     axes = sheet.axes(1, 1, width=8, height=4.5)
-    axes.plot(time, -back * _SHOWN, lw=1.0, label="restored")
-    axes.plot(time, -voltage * _SHOWN, lw=1.0, label="output")
+    axes.plot(time, -back * _DISPLAY_SCALE, lw=1.0, label="restored")
+    axes.plot(time, -voltage * _DISPLAY_SCALE, lw=1.0, label="output")
     axes.set_ylim(-1.2, 1.15)
     axes.legend(loc="upper right", ncols=2, frameon=False)
     for at, height, text in ((21.0, 0.1, "4 kg"), (58.0, -0.55, "blow"), (88.0, -0.55, "blow"), (135.0, -0.45, "hold")):
         axes.text(at, height, text, fontsize=9)
     label(axes, "time [s]", "[V/10], compression negative")
-    before, held = mean_at(time, back, 125.0), mean_at(time, back, 158.0)
-    load = mean_at(time, back, 50.0)
+    before, held = mean_after(time, back, 125.0), mean_after(time, back, 158.0)
+    load = mean_after(time, back, 50.0)
     share = (before - held) / load
     sheet.check("holding changes the restored signal by a quarter of the 4 kg, 0.25 +- 0.05 [-]", abs(share - 0.25) < 0.05,
                 share, "about one fourth")  # fmt: skip
@@ -238,7 +245,7 @@ def figure_c_7(sheet: Sheet) -> None:
     sheet.note(
         "warming of 5 K by the hand and 2 N/K are ours, chosen together for the thesis's 1 kg: the quarter is no prediction"
     )
-    ours(sheet)
+    note_own_values(sheet)
 
 
 @reproduces(
@@ -256,13 +263,13 @@ def figure_c_8(sheet: Sheet) -> None:
     errors = {}
     for gain in (10.0, 100.0):
         sensor = replace(SENSOR, gain=gain, offset=left)
-        time, force = loads(100.0, (put_on, 2.0))
-        back, _ = DcRestoration(rate).restore(taken(sensor, force), STEP)
+        time, force = make_loads(100.0, (put_on, 2.0))
+        back, _ = DcRestoration(rate).restore(sample_output(sensor, force), STEP)
         off = 100.0 * (back / (sensor.scale * load) - 1.0)  # %
         shown = (time >= put_on).nonzero()[0].reshape(-1, 100)  # in tenths of a second
         axes.plot(time[shown].mean(axis=1), off[shown].mean(axis=1), lw=1.2, label=f"x{gain:g}, means over 0.1 s")
-        errors[gain] = [mean_at(time, off, at) for at in (put_on, 0.5 * (put_on + read), read)]
-    axes.plot([put_on, read], [0.55, 3.5], "o", color=INK, label="thesis, x10")
+        errors[gain] = [mean_after(time, off, at) for at in (put_on, 0.5 * (put_on + read), read)]
+    axes.plot([put_on, read], [0.55, 3.5], "o", color=REFERENCE_COLOUR, label="thesis, x10")
     axes.legend(loc="upper left", frameon=False)
     label(axes, "time [s]", "error of the restored load [%]")
     at_once, middle, late = errors[10.0]
@@ -280,4 +287,4 @@ def figure_c_8(sheet: Sheet) -> None:
     )
     sheet.note(f"the zero error of {1e3 * left:.2f} mV at the output is chosen for the 3.5 %; the thesis gives none")
     sheet.note("'after about 65 seconds' is read as 65 s on the load")
-    ours(sheet)
+    note_own_values(sheet)

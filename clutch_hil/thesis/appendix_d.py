@@ -6,19 +6,19 @@ from itertools import pairwise
 import numpy as np
 
 from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.sheet import INK, Sheet, label
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
 from plant_sim.friction.identification.break_points import CurvatureSpacing, EqualSpacing, Spacing
 from plant_sim.friction.identification.maxwell_slip import error, solve, virgin_force
-from plant_sim.friction.identification.virgin_curve import VirginCurve, from_half_loop, from_loops, reversals
+from plant_sim.friction.identification.virgin_curve import VirginCurve, find_reversals, from_half_loop, from_loops
 from plant_sim.friction.maxwell_slip import MaxwellSlip
 from plant_sim.friction.model import Array
 
-REACH = 10.0  # um, amplitude of the position; ours, pre-sliding of steel; figures D.1 to D.6 have no numbers
+AMPLITUDE = 10.0  # um, amplitude of the position; ours, pre-sliding of steel; figures D.1 to D.6 have no numbers
 HEIGHT = 10.0  # N, virgin curve at REACH; ours
 KNEE = 0.15  # of REACH: the virgin curve is 1 - exp(-x/knee), most of it bends there; ours
 NOISE = 0.1  # N, of the measured force: 1 % of the height; ours
 CYCLES = 4
-STROKE = 400  # samples a stroke
+STROKE_SAMPLES = 400  # samples a stroke
 RULES: dict[str, Spacing] = {
     "equal": EqualSpacing(),
     "inverse to f'' (thesis)": CurvatureSpacing(),
@@ -28,30 +28,32 @@ LEGEND = {"fontsize": 8, "frameon": False}
 
 
 @cache
-def smooth(knee: float = KNEE) -> VirginCurve:
+def make_virgin_curve(knee: float = KNEE) -> VirginCurve:
     """Virgin curve that bends within `knee` of REACH [um, N]."""
-    x = np.linspace(0.0, REACH, 4001)
-    rise = 1.0 - np.exp(-x / (knee * REACH))
+    x = np.linspace(0.0, AMPLITUDE, 4001)
+    rise = 1.0 - np.exp(-x / (knee * AMPLITUDE))
     return VirginCurve(x, HEIGHT * rise / rise[-1])
 
 
-def along(turns: list[float] | Array, samples: int = STROKE) -> Array:
+def make_path(turns: list[float] | Array, samples: int = STROKE_SAMPLES) -> Array:
     """Positions through `turns`, `samples` a stroke."""
     return np.append(np.concatenate([np.linspace(a, b, samples + 1)[:-1] for a, b in pairwise(turns)]), turns[-1])
 
 
 @cache
-def contact() -> MaxwellSlip:
+def make_contact() -> MaxwellSlip:
     """The contact that is measured: 200 elements, so that its loops look smooth."""
-    return solve(smooth(), CurvatureSpacing(0.5).place(smooth(), 200))
+    return solve(make_virgin_curve(), CurvatureSpacing(0.5).place(make_virgin_curve(), 200))
 
 
 @cache
-def measured() -> tuple[Array, Array]:
+def simulate_record() -> tuple[Array, Array]:
     """Record of CYCLES times a full loop and one with an inner loop, and noise [um, N]."""
-    position = along([0.0, REACH, *[-REACH, REACH, -REACH, 0.3 * REACH, -0.4 * REACH, REACH] * CYCLES])
+    position = make_path(
+        [0.0, AMPLITUDE, *[-AMPLITUDE, AMPLITUDE, -AMPLITUDE, 0.3 * AMPLITUDE, -0.4 * AMPLITUDE, AMPLITUDE] * CYCLES]
+    )
     noise = np.random.default_rng(0).normal(0.0, NOISE, position.size)
-    return position, contact().trace(position, 1.0).force + noise
+    return position, make_contact().trace(position, 1.0).force + noise
 
 
 @reproduces(
@@ -61,26 +63,28 @@ def measured() -> tuple[Array, Array]:
 )
 def figure_d_1(sheet: Sheet) -> None:
     """Cut a noisy record and reduce its two halves to virgin curves."""
-    position, force = measured()
-    turns = reversals(position)
+    position, force = simulate_record()
+    turns = find_reversals(position)
     up, down = (from_loops(position, force, side=side) for side in (1, -1))
     left, right = sheet.axes(1, 2, width=10, height=4.5)
     left.plot(position, force, lw=0.5, color="tab:gray", label="measured")
     for (a, b), colour in zip(pairwise(turns[:3]), ("tab:blue", "tab:orange"), strict=True):
         left.plot(position[a : b + 1], force[a : b + 1], lw=1, color=colour)
-    left.plot(position[turns], force[turns], "o", ms=4, color=INK, label="reversals")
+    left.plot(position[turns], force[turns], "o", ms=4, color=REFERENCE_COLOUR, label="reversals")
     label(left, "x [µm]", "h [N]", "noisy record with inner loops; one stroke each way coloured")
     left.legend(loc="lower right", **LEGEND)
     right.plot(up.position, up.force, color="tab:orange", label="upper left half")
     right.plot(down.position, down.force, "--", color="tab:blue", label="lower right half")
-    right.plot(smooth().position, smooth().force, ":", color=INK, label="of the contact")
+    right.plot(
+        make_virgin_curve().position, make_virgin_curve().force, ":", color=REFERENCE_COLOUR, label="of the contact"
+    )
     label(right, "x [µm]", "h [N]", "virgin curve from either half")
     right.legend(loc="lower right", **LEGEND)
     apart = float(np.abs(up.force - down(np.minimum(up.position, down.stroke))).max())
     sheet.check("the record is cut at each of its reversals", turns.size == 6 * CYCLES, turns.size, 6 * CYCLES)
     sheet.check("both halves give the same curve, apart at most [N]", apart < NOISE, apart, "the same")
     sheet.note(
-        f"the thesis's figure has no numbers: amplitude {REACH:g} µm, height {HEIGHT:g} N, noise {NOISE:g} N are ours"
+        f"the thesis's figure has no numbers: amplitude {AMPLITUDE:g} µm, height {HEIGHT:g} N, noise {NOISE:g} N are ours"
     )
 
 
@@ -91,36 +95,47 @@ def figure_d_1(sheet: Sheet) -> None:
 )
 def figure_d_2(sheet: Sheet) -> None:
     """Halve a branch, and rebuild loops that were not used from the virgin curve."""
-    position = along([0.0, REACH, -REACH, REACH, -0.4 * REACH, 0.3 * REACH])
-    force = contact().trace(position, 1.0).force
-    half = slice(2 * STROKE, 3 * STROKE + 1)
+    position = make_path([0.0, AMPLITUDE, -AMPLITUDE, AMPLITUDE, -0.4 * AMPLITUDE, 0.3 * AMPLITUDE])
+    force = make_contact().trace(position, 1.0).force
+    half = slice(2 * STROKE_SAMPLES, 3 * STROKE_SAMPLES + 1)
     virgin = from_half_loop(position[half], force[half])
-    noisy = from_loops(*measured())
+    noisy = from_loops(*simulate_record())
     left, right = sheet.axes(1, 2, width=10, height=4.5)
     left.plot(position[half], force[half], color="tab:orange", label="upper left half of the loop")
-    left.plot(virgin.position, virgin.force, color=INK, label="halved: virgin curve")
-    left.plot(-REACH, force[2 * STROKE], "o", color=INK, ms=4)
-    left.annotate("(x_m, h_m)", (-REACH, force[2 * STROKE]), (10, 2), textcoords="offset points", fontsize=8)
+    left.plot(virgin.position, virgin.force, color=REFERENCE_COLOUR, label="halved: virgin curve")
+    left.plot(-AMPLITUDE, force[2 * STROKE_SAMPLES], "o", color=REFERENCE_COLOUR, ms=4)
+    left.annotate(
+        "(x_m, h_m)", (-AMPLITUDE, force[2 * STROKE_SAMPLES]), (10, 2), textcoords="offset points", fontsize=8
+    )
     label(left, "x [µm]", "h [N]", "A by B halved")
     left.legend(loc="lower right", **LEGEND)
     right.plot(position, force, color="tab:gray", lw=3, alpha=0.5, label="loop with an inner branch")
     wrong = []
     for i in range(1, 5):
-        a, b = i * STROKE, (i + 1) * STROKE
+        a, b = i * STROKE_SAMPLES, (i + 1) * STROKE_SAMPLES
         branch = virgin.branch(position[a : b + 1], position[a], force[a])
         wrong.append(np.abs(branch - force[a : b + 1]).max())
-        right.plot(position[a : b + 1], branch, "--", lw=1, color=INK, label="rebuilt by eq D.1" if i == 1 else None)
+        right.plot(
+            position[a : b + 1],
+            branch,
+            "--",
+            lw=1,
+            color=REFERENCE_COLOUR,
+            label="rebuilt by eq D.1" if i == 1 else None,
+        )
     label(right, "x [µm]", "h [N]", "rebuilt from the virgin curve")
     right.set_ylim(-14.0, 11.0)
     right.legend(loc="lower right", **LEGEND)
-    off = float(np.abs(noisy.force - smooth()(np.minimum(noisy.position, REACH))).max())
+    off = float(np.abs(noisy.force - make_virgin_curve()(np.minimum(noisy.position, AMPLITUDE))).max())
     # linear between points: 400 of them leave f'' d^2/8 of this curve
-    coarse = HEIGHT / (KNEE * REACH) ** 2 * (REACH / STROKE) ** 2 / 8.0
+    coarse = HEIGHT / (KNEE * AMPLITUDE) ** 2 * (AMPLITUDE / STROKE_SAMPLES) ** 2 / 8.0
     sheet.check(
         "largest error of four rebuilt branches, two of the inner loop [N]", max(wrong) < 4.0 * coarse, max(wrong), "0"
     )
     sheet.check("the same from the noisy record [N], below its noise", off < NOISE, off, f"noise {NOISE:g}")
-    sheet.note(f"the clean loop is sampled {STROKE} times a stroke, which alone makes an error of {coarse:.1g} N")
+    sheet.note(
+        f"the clean loop is sampled {STROKE_SAMPLES} times a stroke, which alone makes an error of {coarse:.1g} N"
+    )
 
 
 @reproduces(
@@ -133,20 +148,20 @@ def figure_d_3(sheet: Sheet) -> None:
     stiffness, limit = 2.0, 5.0  # N/um, N; ours
     element = MaxwellSlip(np.array([stiffness]), np.array([limit]))
     axes = sheet.axes(1, 1, width=6.5, height=4.5)
-    position = along([0.0, REACH, -REACH, REACH], 2000)
+    position = make_path([0.0, AMPLITUDE, -AMPLITUDE, AMPLITUDE], 2000)
     force = element.trace(position, 1.0).force
-    small = along([0.0, 2.0, -2.0, 2.0])
-    axes.plot(position, force, color="tab:blue", label=f"amplitude {REACH:g} µm")
+    small = make_path([0.0, 2.0, -2.0, 2.0])
+    axes.plot(position, force, color="tab:blue", label=f"amplitude {AMPLITUDE:g} µm")
     axes.plot(small, element.trace(small, 1.0).force, color="tab:orange", label="amplitude 2 µm: no slip")
     for level, name in ((limit, "$W_i$"), (-limit, "$-W_i$")):
-        axes.axhline(level, color=INK, lw=0.7, ls=":")
+        axes.axhline(level, color=REFERENCE_COLOUR, lw=0.7, ls=":")
         axes.annotate(name, (0.0, level), (0, 4 if level > 0 else -13), textcoords="offset points", fontsize=10)
     axes.annotate("$k_i$", (-6.4, 1.2), fontsize=11)
     label(axes, "x [µm]", "F [N]")
     axes.set_ylim(-8.5, 6.5)
     axes.legend(loc="lower center", ncols=2, **LEGEND)
     loop = float(np.trapezoid(force[2000:], position[2000:]))
-    wanted = 4.0 * limit * (REACH - limit / stiffness)
+    wanted = 4.0 * limit * (AMPLITUDE - limit / stiffness)
     slope = np.gradient(force[:2000], position[:2000])
     sheet.check("stiffness at the start, and once beyond W/k [N/µm]", slope[0] == stiffness and slope[-1] == 0.0,
                 [slope[0], slope[-1]], [stiffness, 0.0])  # fmt: skip
@@ -162,9 +177,9 @@ def figure_d_3(sheet: Sheet) -> None:
 )
 def figure_d_4(sheet: Sheet) -> None:
     """Elements by A k = b for three rules of placing break points, and the error with their number."""
-    curve, numbers = smooth(), (2, 3, 4, 6, 8, 10, 16, 24, 32)
+    curve, numbers = make_virgin_curve(), (2, 3, 4, 6, 8, 10, 16, 24, 32)
     left, right = sheet.axes(1, 2, width=11, height=4.8)
-    left.plot(curve.position, curve.force, color=INK, label="virgin curve")
+    left.plot(curve.position, curve.force, color=REFERENCE_COLOUR, label="virgin curve")
     for colour, (name, rule) in zip(("tab:blue", "tab:orange", "tab:green"), RULES.items(), strict=True):
         points = rule.place(curve, 4)
         corners = np.append(0.0, points)
@@ -186,7 +201,7 @@ def figure_d_4(sheet: Sheet) -> None:
     against_equal, against_both = [], []
     for number in (4, 10):  # the numbers that section 5.5 compares
         for knee in (0.05, 0.15, 0.3):
-            bent = smooth(knee)
+            bent = make_virgin_curve(knee)
             equal, thesis, root = (error(solve(bent, rule.place(bent, number)), bent) for rule in RULES.values())
             against_equal.append(thesis / equal)
             against_both.append(root / min(thesis, equal))

@@ -3,9 +3,9 @@
 import numpy as np
 
 from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.appendix_d import LEGEND, REACH, along
-from clutch_hil.thesis.sheet import INK, Sheet, label
-from plant_sim.friction.identification.asymmetric import Shaped, TwoSided, fit_two_sided
+from clutch_hil.thesis.appendix_d import AMPLITUDE, LEGEND, make_path
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
+from plant_sim.friction.identification.asymmetric import ShapedElements, TwoSidedElements, fit_two_sided
 from plant_sim.friction.identification.maxwell_slip import virgin_force
 from plant_sim.friction.identification.virgin_curve import VirginCurve
 from plant_sim.friction.maxwell_slip import MaxwellSlip
@@ -25,10 +25,13 @@ def figure_d_5(sheet: Sheet) -> None:
     """Small strokes of a pair of sets, in which no element slips."""
     stroke, cycles = 0.5, 12  # um, below the first break point
     left, right = sheet.axes(1, 2, width=10, height=4.5)
-    pairs = {"k_up < k_down": TwoSided(UP, DOWN, REACH), "k_up = k_down": TwoSided(UP, LEVEL, REACH)}
-    pairs["k_up > k_down"] = TwoSided(DOWN, UP, REACH)
+    pairs = {
+        "k_up < k_down": TwoSidedElements(UP, DOWN, AMPLITUDE),
+        "k_up = k_down": TwoSidedElements(UP, LEVEL, AMPLITUDE),
+    }
+    pairs["k_up > k_down"] = TwoSidedElements(DOWN, UP, AMPLITUDE)
     drifts, sums = [], []
-    for colour, (name, pair) in zip(("tab:blue", INK, "tab:orange"), pairs.items(), strict=True):
+    for colour, (name, pair) in zip(("tab:blue", REFERENCE_COLOUR, "tab:orange"), pairs.items(), strict=True):
         position, force = pair.play(np.tile([0.0, stroke], cycles + 1)[:-1], 20)
         drifts.append(force[-1] / cycles)
         sums.append(pair.equal_stiffness().violation * stroke)
@@ -46,7 +49,7 @@ def figure_d_5(sheet: Sheet) -> None:
                 drifts, "down for k_sum1 < k_sum2")  # fmt: skip
     sheet.check("and is their difference by the stroke [N]", bool(np.allclose(drifts, sums)), drifts, sums)
     sheet.check("none with equal sums, though the elements differ [N]", abs(drifts[1]) < 1e-12, drifts[1], "0")
-    early, late = (_of_elements(pairs["k_up = k_down"], stroke, n) for n in (6, 200))
+    early, late = (_play_elements(pairs["k_up = k_down"], stroke, n) for n in (6, 200))
     sheet.note(
         "branches follow the virgin curve of their side (eq D.1). Elements that keep their own force, with equal sums, give "
         f"{early:.2g} N after 6 cycles and {late:.2g} N after 200: each drifts to its limit unless its own two stiffnesses are "
@@ -54,7 +57,7 @@ def figure_d_5(sheet: Sheet) -> None:
     )
 
 
-def _of_elements(pair: TwoSided, stroke: float, cycles: int) -> float:
+def _play_elements(pair: TwoSidedElements, stroke: float, cycles: int) -> float:
     """Output [N] of elements with a stiffness and a limit for each direction that keep their own force."""
     force = np.zeros(2)
     for _ in range(cycles):
@@ -70,14 +73,17 @@ def _of_elements(pair: TwoSided, stroke: float, cycles: int) -> float:
 )
 def figure_d_6(sheet: Sheet) -> None:
     """Return from a reversal (2) towards the maximum (1), for pairs of sets and for a shaped one."""
-    pair = TwoSided(UP, DOWN, REACH)
+    pair = TwoSidedElements(UP, DOWN, AMPLITUDE)
     left, right = sheet.axes(1, 2, width=11, height=4.8)
-    position, force = pair.play(np.array([-REACH, REACH, -REACH]), 400, -6.0)
+    position, force = pair.play(np.array([-AMPLITUDE, AMPLITUDE, -AMPLITUDE]), 400, -6.0)
     left.plot(position, force, color="tab:gray", label="outer loop")
-    inner_x, inner = pair.play(np.array([REACH, REACH - 4.0, REACH]), 200, force[400])
+    inner_x, inner = pair.play(np.array([AMPLITUDE, AMPLITUDE - 4.0, AMPLITUDE]), 200, force[400])
     left.plot(inner_x, inner, color="tab:blue", label="to (2) and back")
-    for place, name, shift in (((REACH, force[400]), "(1)", (5, -3)), ((inner_x[200], inner[200]), "(2)", (-18, -6))):
-        left.plot(*place, "o", color=INK, ms=4)
+    for place, name, shift in (
+        ((AMPLITUDE, force[400]), "(1)", (5, -3)),
+        ((inner_x[200], inner[200]), "(2)", (-18, -6)),
+    ):
+        left.plot(*place, "o", color=REFERENCE_COLOUR, ms=4)
         left.annotate(name, place, shift, textcoords="offset points", fontsize=9)
     gap = force[400] - inner[-1]
     label(
@@ -87,12 +93,12 @@ def figure_d_6(sheet: Sheet) -> None:
         f"two sets, two elements: passes {abs(gap):.2g} N {'below' if gap > 0 else 'above'} (1)",
     )
     left.legend(loc="upper left", **LEGEND)
-    strokes = np.linspace(0.0, 2.0 * REACH, 401)
-    x = np.linspace(0.0, REACH, 801)
+    strokes = np.linspace(0.0, 2.0 * AMPLITUDE, 401)
+    x = np.linspace(0.0, AMPLITUDE, 801)
     curves = VirginCurve(x, virgin_force(UP, x)), VirginCurve(x, virgin_force(DOWN, x))
     points = np.array([1.0, 2.0, 3.0, 4.0, 6.0, 10.0])
     tied = fit_two_sided(*curves, points)
-    shaped = Shaped(UP, np.array([0.3]), REACH)
+    shaped = ShapedElements(UP, np.array([0.3]), AMPLITUDE)
     shaped_gap = [_shaped_gap(shaped, stroke) for stroke in strokes[1::20]]
     right.plot(strokes, pair.gap(strokes), color="tab:blue", label="two sets")
     right.plot(strokes, tied.gap(strokes), color="tab:orange", label="two sets, sums and heights tied")
@@ -107,7 +113,7 @@ def figure_d_6(sheet: Sheet) -> None:
     sheet.check("two sets do not return through (1), largest gap [N]", not free.holds, free.violation, "must return")
     slope, sums = float(pair.gap(1e-6)) / 1e-6, pair.equal_stiffness().violation
     sheet.check("condition 1 is the slope of the gap at no stroke [N/µm]", abs(slope + sums) < 1e-6, slope, -sums)
-    last = float(tied.gap(2.0 * REACH))
+    last = float(tied.gap(2.0 * AMPLITUDE))
     sheet.check("tied: equal sums, and the full loop closes, gap [N]",
                 tied.equal_stiffness().holds and abs(last) < 1e-6, last, "0")  # fmt: skip
     sheet.check("tied: between, a gap stays [N]", not bound.holds, bound.violation, "difficult or impossible")
@@ -119,6 +125,6 @@ def figure_d_6(sheet: Sheet) -> None:
     )
 
 
-def _shaped_gap(shaped: Shaped, stroke: float) -> float:
-    force = shaped.force(along([0.0, REACH, -REACH, REACH, REACH - stroke, REACH], 50))
+def _shaped_gap(shaped: ShapedElements, stroke: float) -> float:
+    force = shaped.force(make_path([0.0, AMPLITUDE, -AMPLITUDE, AMPLITUDE, AMPLITUDE - stroke, AMPLITUDE], 50))
     return float(force[150] - force[-1])

@@ -5,7 +5,7 @@ from math import pi, sqrt
 import numpy as np
 
 from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.sheet import INK, Sheet, label
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
 from plant_sim.friction.lift_up import LiftingXGMS, LiftUp
 from plant_sim.friction.load_law import Amontons
 from plant_sim.friction.model import Array
@@ -19,7 +19,7 @@ STIFFNESS = MASS * (2.0 * pi * RESONANCE) ** 2  # N/m, of the contact under LOAD
 POWER = 1.5  # Hertz, sec. 4.2.2
 APPROACH = POWER * LOAD / STIFFNESS  # m, 11 um
 LIFT = 1e-6  # m, over speed, sec. 4.2.2
-HIGHEST = LOAD * (1.0 - (1.0 - LIFT / APPROACH) ** POWER)  # N, raises LOAD by LIFT: 7.9 N
+HIGHEST_LIFT_FORCE = LOAD * (1.0 - (1.0 - LIFT / APPROACH) ** POWER)  # N, raises LOAD by LIFT: 7.9 N
 SPEED = 0.1  # m/s, ours: saturates within the speeds of fig 4.18
 LAG = 3e-3  # s, ours, of the lift-up force at high speed
 DAMPING = 0.5  # of critical, ours: paper and oil; with little damping the film rings after each start
@@ -29,11 +29,14 @@ DT = 1e-5  # s
 
 MODEL = LiftingXGMS(
     XGMS(Amontons(0.25), np.full(10, 1e5), np.full(10, 0.1), beta=0.6, stribeck_velocity=0.02, viscous=0.2, attraction=60.0),
-    LiftUp(HIGHEST, SPEED, HIGHEST / LAG, MASS, LOAD / APPROACH**POWER, POWER, 2.0 * DAMPING * sqrt(STIFFNESS * MASS)),
+    LiftUp(
+        HIGHEST_LIFT_FORCE, SPEED, HIGHEST_LIFT_FORCE / LAG, MASS, LOAD / APPROACH**POWER, POWER,
+        2.0 * DAMPING * sqrt(STIFFNESS * MASS),
+    ),
 )  # fmt: skip
 SIZES = (
     f"load {LOAD:g} N, resonance {RESONANCE:g} Hz, lift {LIFT * 1e6:g} um over speed as measured (chapters 3, 4); lift-up "
-    f"force {HIGHEST:.1f} N from these; speed scale {SPEED:g} m/s, lag {LAG * 1e3:g} ms, damping {DAMPING:g} of "
+    f"force {HIGHEST_LIFT_FORCE:.1f} N from these; speed scale {SPEED:g} m/s, lag {LAG * 1e3:g} ms, damping {DAMPING:g} of "
     "critical are ours"
 )
 
@@ -66,7 +69,7 @@ class Cycle:
         return float(middle[right].sum() / box), float(middle[~right].sum() / box)
 
 
-def butterfly(sheet: Sheet, cycle: Cycle, values: Array, name: str) -> None:
+def check_butterfly(sheet: Sheet, cycle: Cycle, values: Array, name: str) -> None:
     """Check that the curve over position is a butterfly."""
     asymmetry = cycle.asymmetry(values)
     sheet.check(f"{name}: the curve is even in x, the same in both directions, relative difference", asymmetry < 0.01,
@@ -84,33 +87,33 @@ def butterfly(sheet: Sheet, cycle: Cycle, values: Array, name: str) -> None:
 def figure_e_1(sheet: Sheet) -> None:
     axes = sheet.axes(1, 1, 8, 5)
     speeds = np.concatenate([-np.geomspace(1e-3, 0.8, 25)[::-1], [0.0], np.geomspace(1e-3, 0.8, 25)])
-    force = np.array([steady(v)[0] for v in speeds])
+    force = np.array([simulate_steady(v)[0] for v in speeds])
     grid = np.linspace(-0.8, 0.8, 801)
-    axes.plot(grid, MODEL.steady_lift_force(grid), color=INK, lw=1.0, label=r"$F_N(v)$")
+    axes.plot(grid, MODEL.steady_lift_force(grid), color=REFERENCE_COLOUR, lw=1.0, label=r"$F_N(v)$")
     axes.plot(speeds, force, "o", ms=4, color="C0", label="played at constant velocity")
     axes.legend(loc="lower right")
     label(axes, "v [m/s]", r"$F_N$ [N]")
     difference = float(np.abs(force - force[::-1]).max())
     sheet.check("steady force at v and -v differ by rounding [N]", difference < 1e-9, difference, "line symmetric")
     sheet.check("no force at rest [N]", force[25] == 0.0, force[25], "0")
-    sheet.check("the last doubling of the speed adds less than 2 % of the force", force[-1] < 1.02 * steady(0.4)[0],
-                force[-1] / steady(0.4)[0], "saturates")  # fmt: skip
+    sheet.check("the last doubling of the speed adds less than 2 % of the force", force[-1] < 1.02 * simulate_steady(0.4)[0],
+                force[-1] / simulate_steady(0.4)[0], "saturates")  # fmt: skip
     error = float(np.abs(force - MODEL.steady_lift_force(speeds)).max())
     sheet.check("the played steady force is F_N(v), both directions [N]", error < 1e-9, error, "static curve")
-    printed = _printed(-0.3)
+    printed = _printed_lift_force(-0.3)
     sheet.check("as printed, with sign(v) C_N and F_N even, it runs away for v < 0: force after 0.1 s of -0.3 m/s [N]",
-                printed < -100.0 * HIGHEST, printed, "printed equation")  # fmt: skip
+                printed < -100.0 * HIGHEST_LIFT_FORCE, printed, "printed equation")  # fmt: skip
     sheet.note("so sign(v) is left out before C_N; with it the force has a steady state for v > 0 only. " + SIZES)
 
 
-def steady(velocity: float) -> tuple[float, float]:
+def simulate_steady(velocity: float) -> tuple[float, float]:
     """Lift-up force [N] and lift [m] after 0.5 s at constant velocity [m/s]."""
     position = velocity * np.arange(5001) * 1e-4
     state = MODEL.trace(position, 1e-4, LOAD).state[-1]
     return float(MODEL.lift_force(state)), float(MODEL.lift(state))
 
 
-def _printed(velocity: float) -> float:
+def _printed_lift_force(velocity: float) -> float:
     """Lift-up force [N] of the printed slip equation, one element, after 0.1 s at `velocity` [m/s]: its exact solution."""
     end = float(MODEL.steady_lift_force(velocity))
     rate = np.sign(velocity) * MODEL.normal.attraction / end
@@ -127,7 +130,7 @@ def figure_e_2(sheet: Sheet) -> None:
     cycle = Cycle()
     axes.plot(cycle.position * 1e3, cycle.lift_force, color="C0")
     label(axes, r"$x_T$ [mm]", r"$F_N$ [N]")
-    butterfly(sheet, cycle, cycle.lift_force, "lift-up force")
+    check_butterfly(sheet, cycle, cycle.lift_force, "lift-up force")
     change = np.abs(np.gradient(cycle.lift_force, DT))
     first = int(np.argmax(cycle.position)) + 1
     after = float(change[first : first + round(1e-3 / DT)].max() / change.max())
@@ -150,7 +153,7 @@ def figure_e_3(sheet: Sheet) -> None:
     cycle = Cycle()
     axes.plot(cycle.position * 1e3, cycle.lift * 1e6, color="C0")
     label(axes, r"$x_T$ [mm]", r"$h_N$ [um]")
-    butterfly(sheet, cycle, cycle.lift, "lift-up")
+    check_butterfly(sheet, cycle, cycle.lift, "lift-up")
     closing = float(np.abs(cycle.lift - cycle.before).max() / np.ptp(cycle.lift))
     sheet.check("the curve closes: difference to the cycle before, of its range", closing < 1e-3, closing, "closed")
     sheet.note(f"9 Hz, 0.06 rad as fig 4.18, where about 1 um was measured. {SIZES}")
@@ -168,7 +171,7 @@ def figure_e_4(sheet: Sheet) -> None:
     axes.plot(slow.lift * 1e6, slow.lift_force, color="C1", lw=3.0, alpha=0.5, label="0.5 Hz")
     heights = np.linspace(cycle.lift.min(), cycle.lift.max(), 100)
     static = LOAD * (1.0 - (1.0 - heights / APPROACH) ** POWER)
-    axes.plot(heights * 1e6, static, color=INK, lw=1.0, ls="--", label="static: the contact spring")
+    axes.plot(heights * 1e6, static, color=REFERENCE_COLOUR, lw=1.0, ls="--", label="static: the contact spring")
     axes.legend(loc="lower right")
     label(axes, r"$h_N$ [um]", r"$F_N$ [N]")
     work = float(
@@ -182,13 +185,13 @@ def figure_e_4(sheet: Sheet) -> None:
         work / lost,
         "stiffness with damping",
     )
-    apart = [_from_static(c) for c in (cycle, slow)]
+    apart = [_start_from_rest(c) for c in (cycle, slow)]
     sheet.check("rms distance from the static contact spring [of the 1 um] falls by more than 10 times from 9 to 0.5 Hz",
                 apart[1] < 0.1 * apart[0], apart, "stiffness with damping")  # fmt: skip
     sheet.note(SIZES)
 
 
-def _from_static(cycle: Cycle) -> float:
+def _start_from_rest(cycle: Cycle) -> float:
     static = APPROACH * (1.0 - (1.0 - cycle.lift_force / LOAD) ** (1.0 / POWER))
     return float(np.sqrt(np.mean((cycle.lift - static) ** 2)) / LIFT)
 
@@ -201,9 +204,9 @@ def _from_static(cycle: Cycle) -> float:
 def figure_e_5(sheet: Sheet) -> None:
     axes = sheet.axes(1, 1, 8, 5)
     speeds = np.linspace(0.0, 1.0, 51)
-    lifts = np.array([steady(v)[1] for v in speeds])
+    lifts = np.array([simulate_steady(v)[1] for v in speeds])
     balance = APPROACH * (1.0 - (1.0 - MODEL.steady_lift_force(speeds) / LOAD) ** (1.0 / POWER))
-    axes.plot(speeds, balance * 1e6, color=INK, lw=1.0, label="balance of forces")
+    axes.plot(speeds, balance * 1e6, color=REFERENCE_COLOUR, lw=1.0, label="balance of forces")
     axes.plot(speeds, lifts * 1e6, "o", ms=4, color="C0", label="played at constant velocity")
     axes.legend(loc="lower right")
     label(axes, r"$v_T$ [m/s]", r"$h_N$ [um]")

@@ -3,8 +3,8 @@
 import numpy as np
 
 from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.appendix_e import DT, LAG, LOAD, MODEL, SIZES, Cycle, butterfly, steady
-from clutch_hil.thesis.sheet import INK, Sheet, label
+from clutch_hil.thesis.appendix_e import DT, LAG, LOAD, MODEL, SIZES, Cycle, check_butterfly, simulate_steady
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
 from plant_sim.friction.lift_up import LiftingXGMS
 from plant_sim.friction.load_law import Amontons
 from plant_sim.friction.xgms import XGMS
@@ -18,12 +18,14 @@ from plant_sim.friction.xgms import XGMS
 def figure_e_6(sheet: Sheet) -> None:
     axes = sheet.axes(1, 1, 8, 5)
     velocities, accelerations = np.linspace(0.02, 0.8, 40), np.linspace(-5.0, 5.0, 41)
-    rates = np.array([[_rate(v, a) for v in velocities] for a in accelerations])
+    rates = np.array([[_mean_rate(v, a) for v in velocities] for a in accelerations])
     limit = float(np.abs(rates).max())
     mesh = axes.pcolormesh(
         velocities, accelerations, rates, cmap="RdBu_r", vmin=-limit, vmax=limit, shading="nearest", rasterized=True
     )
-    axes.contour(velocities, accelerations, rates, levels=np.linspace(-limit, limit, 15), colors=INK, linewidths=0.5)
+    axes.contour(
+        velocities, accelerations, rates, levels=np.linspace(-limit, limit, 15), colors=REFERENCE_COLOUR, linewidths=0.5
+    )
     axes.figure.colorbar(mesh, ax=axes, label=r"$dF_N/dt$ [N/s]")
     label(axes, r"$v_T$ [m/s]", r"$a_T$ [m/s$^2$]")
     middle = len(accelerations) // 2
@@ -44,14 +46,16 @@ def figure_e_6(sheet: Sheet) -> None:
     moving = np.abs(accelerations) > 1e-9
     signs = bool(np.all((rates * accelerations[:, None])[moving][:, velocities < 0.5] > 0.0))
     sheet.check("below 0.5 m/s the rate has the sign of the acceleration", signs, "all points" if signs else "not all")
-    mirrored = max(abs(_rate(-v, -a) - _rate(v, a)) / limit for v, a in ((0.05, 5.0), (0.2, -5.0), (0.5, 2.0)))
+    mirrored = max(
+        abs(_mean_rate(-v, -a) - _mean_rate(v, a)) / limit for v, a in ((0.05, 5.0), (0.2, -5.0), (0.5, 2.0))
+    )
     sheet.check("mirrored motion gives the same rate, of the largest", mirrored < 1e-9, mirrored, "line symmetric")
     sheet.note(
         f"from steady sliding at v, mean rate over the first {LAG * 1e3:g} ms of the acceleration, which is the lag. {SIZES}"
     )
 
 
-def _rate(velocity: float, acceleration: float) -> float:
+def _mean_rate(velocity: float, acceleration: float) -> float:
     """Mean dF_N/dt [N/s] over the first LAG of `acceleration` [m/s^2] from steady sliding at `velocity` [m/s]."""
     dt = 1e-4
     before, after = round(0.15 / dt), round(LAG / dt)
@@ -88,14 +92,14 @@ def figure_e_7(sheet: Sheet) -> None:
         "highest amplitude highest",
     )
     for amplitude, cycle in zip(amplitudes, cycles, strict=True):
-        butterfly(sheet, cycle, cycle.lift, f"{amplitude * 1e3:g} mm")
+        check_butterfly(sheet, cycle, cycle.lift, f"{amplitude * 1e3:g} mm")
     cycle = cycles[-1]
     quarter = len(cycle.position) // 4
     slowing, faster = slice(0, quarter), slice(3 * quarter, 4 * quarter)  # forward, from the middle and to the middle
     speeds = np.linspace(0.2, 0.9, 15) * cycle.velocity.max()
     thin = np.interp(speeds, cycle.velocity[faster], cycle.lift[faster])
     thick = np.interp(speeds, cycle.velocity[slowing][::-1], cycle.lift[slowing][::-1])
-    even = np.array([steady(v)[1] for v in speeds])
+    even = np.array([simulate_steady(v)[1] for v in speeds])
     sheet.check("the film is thinner accelerating than steady, and thicker decelerating, at 15 equal speeds",
                 bool(np.all(thin < even) and np.all(even < thick)),
                 f"thinner by up to {(even - thin).max() * 1e6:.2f} um, thicker by up to {(thick - even).max() * 1e6:.2f} um",

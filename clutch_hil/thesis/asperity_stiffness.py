@@ -5,7 +5,7 @@ from scipy.integrate import cumulative_simpson
 from scipy.optimize import brentq
 
 from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.sheet import INK, Sheet, label
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
 from plant_sim.friction.asperities import Asperities, StickTimeFriction
 from plant_sim.friction.counter_surface import FlatSurface
 from plant_sim.friction.generic import FixedSeparationModel, GenericModel
@@ -17,8 +17,11 @@ from plant_sim.friction.model import Array
 FRICTION = StickTimeFriction(mu_0=0.5, mu_inf=1.5, tau=0.6)
 VELOCITY, DEPTH, DT = 1.0, 1.0, 1e-3  # of the body; zeta
 POISSON = 0.3
-REACH = stiffness_ratio(POISSON) * DEPTH  # c z of appendix A
-OURS = f"ours: mu {FRICTION.mu_0} to {FRICTION.mu_inf}, tau {FRICTION.tau}, zeta {DEPTH:g}, velocity {VELOCITY:g}, nu {POISSON}"
+REACH_DEPTH = stiffness_ratio(POISSON) * DEPTH  # c z of appendix A
+OWN_VALUES_NOTE = (
+    f"ours: mu {FRICTION.mu_0} to {FRICTION.mu_inf}, tau {FRICTION.tau}, zeta {DEPTH:g}, velocity {VELOCITY:g}, "
+    f"nu {POISSON}"
+)
 
 
 def one_asperity(stiffness: float) -> Asperities:
@@ -26,21 +29,21 @@ def one_asperity(stiffness: float) -> Asperities:
     return Asperities(np.zeros(1), np.zeros(1), np.array([stiffness]), poisson=POISSON)
 
 
-def at_depth(stiffness: float) -> FixedSeparationModel:
+def press_asperity(stiffness: float) -> FixedSeparationModel:
     """A single asperity pressed in by DEPTH on a flat surface."""
     return FixedSeparationModel(one_asperity(stiffness), FlatSurface(), FRICTION, 1.0 - DEPTH)
 
 
-def end_of_stick(model: GenericModel, load: float = 1.0) -> float:
+def find_end_of_stick(model: GenericModel, load: float = 1.0) -> float:
     """Position of the first slip of a body drawn at VELOCITY from rest."""
     x = np.arange(0.0, 4.0, VELOCITY * DT)
     sticking = model.observe(x, DT, load).sticking
     return float(x[np.argmax(sticking < 1.0)])
 
 
-def crossing(secant: float = 1.0) -> float:
+def find_crossing(secant: float = 1.0) -> float:
     """Position at which `secant` x = `secant` c z mu(x/v), found on the two forces (appendix A)."""
-    return float(brentq(lambda x: secant * (x - REACH * FRICTION(x / VELOCITY)), 1e-9, 4.0))
+    return float(brentq(lambda x: secant * (x - REACH_DEPTH * FRICTION(x / VELOCITY)), 1e-9, 4.0))
 
 
 @reproduces(
@@ -51,11 +54,11 @@ def crossing(secant: float = 1.0) -> float:
 def figure_2_3(sheet: Sheet) -> None:
     axes = sheet.axes(1, 1, width=8, height=4.5)
     x = np.arange(0.0, 3.5, VELOCITY * DT)
-    force = at_depth(1.0).observe(x, DT).force
-    ends, expected = x[1:][np.diff(force) < 0.0], crossing()
+    force = press_asperity(1.0).observe(x, DT).force
+    ends, expected = x[1:][np.diff(force) < 0.0], find_crossing()
     axes.plot(x, x, color="C0", lw=1.0, label="spring $k_t x$")
-    axes.plot(x, REACH * FRICTION(x / VELOCITY), color="C1", lw=1.2, label=r"limit $\mu(t)\,k_n\zeta$")
-    axes.plot(x, force, color=INK, lw=1.8, label="asperity")
+    axes.plot(x, REACH_DEPTH * FRICTION(x / VELOCITY), color="C1", lw=1.2, label=r"limit $\mu(t)\,k_n\zeta$")
+    axes.plot(x, force, color=REFERENCE_COLOUR, lw=1.8, label="asperity")
     axes.set_ylim(0.0, 2.2)
     axes.legend(loc="center right", frameon=False)
     label(axes, "position x [step heights]", "tangential force F [-]")
@@ -65,14 +68,14 @@ def figure_2_3(sheet: Sheet) -> None:
         ends,
         f"at the crossing, {expected:.4f}",
     )
-    slip = REACH * FRICTION.mu_0
+    slip = REACH_DEPTH * FRICTION.mu_0
     sheet.check(
         "force in slip",
         bool(np.all(np.abs(force[x > expected + DT] - slip) < 1e-12)),
         force[-1],
         f"the limit at stick time 0, {slip:.4f}",
     )
-    sheet.note(OURS)
+    sheet.note(OWN_VALUES_NOTE)
 
 
 @reproduces(
@@ -84,16 +87,16 @@ def figure_a_1(sheet: Sheet) -> None:
     left, right = sheet.axes(1, 2, width=11, height=4.5)
     x = np.arange(0.0, 3.5, VELOCITY * DT)
     for stiffness, colour in ((0.5, "C0"), (1.0, "C1"), (1.5, "C2")):
-        left.plot(x, stiffness * REACH * FRICTION(x / VELOCITY), color=colour, lw=0.9, ls="--")
-        left.plot(x, at_depth(stiffness).observe(x, DT).force, color=colour, label=f"$k_t$ = {stiffness}")
-    left.axvline(crossing(), color=INK, lw=0.8, ls=":")
+        left.plot(x, stiffness * REACH_DEPTH * FRICTION(x / VELOCITY), color=colour, lw=0.9, ls="--")
+        left.plot(x, press_asperity(stiffness).observe(x, DT).force, color=colour, label=f"$k_t$ = {stiffness}")
+    left.axvline(find_crossing(), color=REFERENCE_COLOUR, lw=0.8, ls=":")
     left.legend(loc="upper left", frameon=False)
     label(left, "position x [step heights]", "force F [-] (dashed: limit)", "constant normal displacement")
     stiffnesses = np.logspace(-1.0, 1.0, 9)
-    displaced = np.array([end_of_stick(at_depth(k)) for k in stiffnesses])
-    load = REACH  # the load of the asperity of stiffness 1
+    displaced = np.array([find_end_of_stick(press_asperity(k)) for k in stiffnesses])
+    load = REACH_DEPTH  # the load of the asperity of stiffness 1
     loaded = np.array(
-        [end_of_stick(GenericModel(one_asperity(k), FlatSurface(), FRICTION), load) for k in stiffnesses[3:]]
+        [find_end_of_stick(GenericModel(one_asperity(k), FlatSurface(), FRICTION), load) for k in stiffnesses[3:]]
     )
     right.loglog(stiffnesses, displaced, "o-", label="constant normal displacement")
     right.loglog(stiffnesses[3:], loaded, "s--", color="C3", label="constant normal load")
@@ -102,9 +105,9 @@ def figure_a_1(sheet: Sheet) -> None:
     sheet.check("end of stick, k_t 0.1 to 10, spread", bool(np.ptp(displaced) == 0.0), np.ptp(displaced), "the same")
     sheet.check(
         "end of stick, within one sample",
-        abs(displaced[0] - crossing()) <= DT * VELOCITY,
+        abs(displaced[0] - find_crossing()) <= DT * VELOCITY,
         displaced[0],
-        f"c z mu(t_x) = {crossing():.4f}",
+        f"c z mu(t_x) = {find_crossing():.4f}",
     )
     sheet.check(
         "under constant normal load instead: falls with the stiffness",
@@ -112,7 +115,7 @@ def figure_a_1(sheet: Sheet) -> None:
         loaded,
         '"constant normal displacement z" is the condition',
     )
-    sheet.note(OURS)
+    sheet.note(OWN_VALUES_NOTE)
 
 
 @reproduces(
@@ -136,15 +139,15 @@ def figure_a_2(sheet: Sheet) -> None:
 
     secant = spring(x) / x
     integral = spring(x[0]) + cumulative_simpson(tangent(x), x=x, initial=0.0)
-    left.plot(x, integral, color=INK, label="force F(x)")
+    left.plot(x, integral, color=REFERENCE_COLOUR, label="force F(x)")
     left.plot(x, secant, label="secant stiffness $k_1$")
     left.plot(x, tangent(x), label="tangent stiffness $k_2$")
     left.legend(loc="upper right", frameon=False)
     label(left, "position x", "F, $k_1$, $k_2$ [-]", "stiffness and force")
-    limit = REACH * secant * FRICTION(x / VELOCITY)
-    right.plot(x, spring(x), color=INK, label="softening spring F(x)")
+    limit = REACH_DEPTH * secant * FRICTION(x / VELOCITY)
+    right.plot(x, spring(x), color=REFERENCE_COLOUR, label="softening spring F(x)")
     right.plot(x, limit, color="C1", label=r"limit $\mu(t)\,c\,k_1 z$")
-    right.axvline(crossing(), color=INK, lw=0.8, ls=":", label="end of stick, linear spring")
+    right.axvline(find_crossing(), color=REFERENCE_COLOUR, lw=0.8, ls=":", label="end of stick, linear spring")
     right.legend(loc="upper right", frameon=False)
     label(right, "position x", "F [-]", "crossing")
     sheet.check(
@@ -153,15 +156,15 @@ def figure_a_2(sheet: Sheet) -> None:
         np.abs(integral - secant * x).max(),
         "the same force",
     )
-    ends = brentq(lambda p: spring(p) - REACH * spring(p) / p * FRICTION(p / VELOCITY), 1e-6, 3.5)
+    ends = brentq(lambda p: spring(p) - REACH_DEPTH * spring(p) / p * FRICTION(p / VELOCITY), 1e-6, 3.5)
     sheet.check(
         "end of stick of the softening spring, within 1e-9",
-        abs(ends - crossing()) < 1e-9,
+        abs(ends - find_crossing()) < 1e-9,
         ends,
-        f"that of the linear spring, {crossing():.6f}",
+        f"that of the linear spring, {find_crossing():.6f}",
     )
     sheet.note("the Generic model has linear springs; the softening one is drawn from the formulas of appendix A")
-    sheet.note(OURS)
+    sheet.note(OWN_VALUES_NOTE)
 
 
 def mindlin_body(contact: SphereOnFlat, load: float, mu: float, springs: int) -> FixedSeparationModel:
@@ -195,7 +198,7 @@ def appendix_b(sheet: Sheet) -> None:
         k_t = nudge * load / contact.tangential_deflection(load, 1.0, nudge * load)
         measured.append(float(k_n / k_t))
     fine = np.linspace(0.0, 0.5, 100)
-    left.plot(fine, [stiffness_ratio(nu) for nu in fine], color=INK, label="eq 2.1")
+    left.plot(fine, [stiffness_ratio(nu) for nu in fine], color=REFERENCE_COLOUR, label="eq 2.1")
     left.plot(poissons, measured, "o", label="from deflections of appendix B")
     left.legend(loc="upper left", frameon=False)
     label(left, "Poisson coefficient [-]", "$k_n/k_t$ [-]", "stiffness ratio")
@@ -212,7 +215,7 @@ def appendix_b(sheet: Sheet) -> None:
     closed = contact.tangential_deflection(load, mu, used * mu * load)
     model = mindlin_body(contact, load, mu, 2000)
     force = model.observe(np.append(closed, 1.2 * closed[-1]), 1.0).force
-    right.plot(1e9 * closed, used * mu * load, color=INK, lw=3.0, alpha=0.4, label="Mindlin, appendix B")
+    right.plot(1e9 * closed, used * mu * load, color=REFERENCE_COLOUR, lw=3.0, alpha=0.4, label="Mindlin, appendix B")
     right.plot(1e9 * np.append(closed, 1.2 * closed[-1]), force, color="C1", label="Generic model, 2000 asperities")
     right.legend(loc="lower right", frameon=False)
     label(right, "tangential displacement [nm]", "tangential force Q [N]", "steel sphere R = 10 mm, W = 10 N, mu = 0.3")

@@ -5,11 +5,11 @@ from math import pi
 import numpy as np
 
 from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.clutch_experiments import PRESSURES, law, nominal
-from clutch_hil.thesis.clutch_lag import friction_lag
-from clutch_hil.thesis.clutch_response import pressure_response
-from clutch_hil.thesis.clutch_stationary import stationary, stationary_torque
-from clutch_hil.thesis.sheet import INK, Sheet, label
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
+from clutch_hil.thesis.clutch_experiments import PRESSURES, nominal, stationary_law
+from clutch_hil.thesis.clutch_lag import identify_lag
+from clutch_hil.thesis.clutch_response import measure_response
+from clutch_hil.thesis.clutch_stationary import fit_stationary, stationary_torque
 from protocols.files.units import RPM
 
 
@@ -21,7 +21,7 @@ from protocols.files.units import RPM
 )
 def figure_6_3(sheet: Sheet) -> None:
     """Normalised curves, torque under a pressure sine at constant speed, and C at three pressures."""
-    found = stationary()
+    found = fit_stationary()
     axes = sheet.axes(1, 3, width=13, height=4.2)
     slip = np.linspace(0.2, 250.0, 400) * RPM
     for i in (2, 5, 9):
@@ -32,11 +32,11 @@ def figure_6_3(sheet: Sheet) -> None:
     axes[0].legend(loc="lower left", frameon=False)
     label(axes[0], "slip speed [rpm]", "normalised torque s/M_C [-]", "identified, normalised")
 
-    response = pressure_response()
+    response = measure_response()
     frequency, phase = response.torque.found.frequency, response.torque.phase - response.pressure.phase
     nested = -np.degrees(np.arctan(2.0 * pi * frequency / _rate_without_normalising(3.4, 200 * RPM)))
     axes[1].plot(frequency, phase, label="measured")
-    axes[1].plot(frequency, nested, color=INK, ls="--", lw=1.0, label="curve not normalised")
+    axes[1].plot(frequency, nested, color=REFERENCE_COLOUR, ls="--", lw=1.0, label="curve not normalised")
     axes[1].legend(loc="center right", frameon=False)
     label(axes[1], "frequency [Hz]", "phase of M over p_m [deg]", "normal dynamics, 3.4 bar, 200 rpm")
     at_10 = float(phase[frequency == 10.0][0])
@@ -45,7 +45,7 @@ def figure_6_3(sheet: Sheet) -> None:
                 f"independent dynamics; {lagging_by:.0f} were the curve not normalised")  # fmt: skip
 
     pressures = (2.9, 3.4, 4.0)
-    lags = [friction_lag(pressure) for pressure in pressures]
+    lags = [identify_lag(pressure) for pressure in pressures]
     values, half = np.array([lag.attraction for lag in lags]), np.array([lag.half for lag in lags])
     axes[2].errorbar(pressures, values, half, fmt="o", ms=4, capsize=3)
     axes[2].set_ylim(60, 80)
@@ -62,4 +62,4 @@ def figure_6_3(sheet: Sheet) -> None:
 
 def _rate_without_normalising(pressure: float, slip: float) -> float:
     """Rate C/s [1/s] of eq. 6.9 read with s in Nm and C = 69 Nm/s, as it is printed: what normalising avoids."""
-    return 69.0 / float(law(pressure, slip, nominal())[0])
+    return 69.0 / float(stationary_law(pressure, slip, nominal())[0])

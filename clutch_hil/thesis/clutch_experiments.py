@@ -27,7 +27,7 @@ REFERENCE = 70.0  # degC, components during the identification, sec. 6.4.3
 _SETTLING = (
     1.5  # s before a record begins: 0.2 s of idle and fill, then 15 time constants of the motor's 85 ms ([motor])
 )
-SLOW = 250  # Hz, of experiments in which all is slow: the controller's loops are the same there as at 1 kHz
+SLOW_RATE = 250  # Hz, sampling rate of slow experiments, in which the controller behaves as at 1 kHz
 _COLUMNS = {
     "demand": "controller_pressure_demand_bar",
     "pressure": "cylinder_pressure_bar",
@@ -43,7 +43,7 @@ _COLUMNS = {
 
 @dataclass(frozen=True)
 class Run:
-    """One record, each (n,): as measured and as the controller tells it, and of the truth what no sensor of the rig shows."""
+    """Record of an experiment, (n,) each: measured signals, signals of the controller, and true values without a sensor."""
 
     time: np.ndarray  # s
     demand: np.ndarray  # bar, what the controller's pressure loop is to follow
@@ -73,7 +73,7 @@ def nominal(**changes: float) -> ParameterSet:
     return wet_clutch.nominal().with_values({name.replace("__", "."): value for name, value in changes.items()})
 
 
-def cooled() -> dict[str, float]:
+def cooling_changes() -> dict[str, float]:
     """Changes that hold the oil at "about 70 degC" (sec. 6.4.3) while friction heats it: more oil, and much of it flowing.
 
     With the flow alone it is 0.7 K hotter at 4.2 bar, which takes gamma out of its 95 % interval in a quarter of all runs.
@@ -81,7 +81,7 @@ def cooled() -> dict[str, float]:
     return {"oil__heat_transfer": 1000.0, "oil__heat_capacity": 1e5}  # W/K, J/K, ours: the largest that are allowed
 
 
-def measure(
+def run_experiment(
     demand: np.ndarray,
     speed: np.ndarray | float,
     parameters: ParameterSet,
@@ -90,7 +90,7 @@ def measure(
     rate: int = 1000,
     tuned: Mapping[str, float] | None = None,
 ) -> Run:
-    """The rig under its controller, which is asked for pressures, from a clutch filled and settled at the first of them.
+    """Run the rig under its controller on pressure demands, from a clutch that is filled and settled at the first of them.
 
     demand (n,) [bar], 2 bar or more (the controller's floor), speed of the motor, scalar or (n,) [rad/s], oil temperature at
     the start [degC], rate [Hz]; `tuned` changes parameters of the controller. Raises InputError where it ends in a fault.
@@ -113,14 +113,14 @@ def measure(
     return Run(np.arange(demand.size) / rate, *(played[name][kept].copy() for name in _COLUMNS.values()))
 
 
-def law(
+def stationary_law(
     pressure: np.ndarray | float, slip: np.ndarray | float, p: ParameterSet, temperature: np.ndarray | float = REFERENCE
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What the plant must show at rest, M_C s_n and C_v r_T |omega|^gamma [Nm]: its `clutch` and `oil` written anew.
+    """Stationary torques of the plant, M_C s_n and C_v r_T |omega|^gamma [Nm]: its `clutch` and `oil` written a second time.
 
     pressure of the cylinder [bar], slip [rad/s], oil temperature [degC].
     """
-    star = seen_by_plates(pressure, p)
+    star = effective_pressure(pressure, p)
     coulomb = np.maximum(p["clutch.coulomb_slope"].value * star + p["clutch.coulomb_intercept"].value, 0.0)
     viscous = np.maximum(p["clutch.viscous_slope"].value * star + p["clutch.viscous_intercept"].value, 0.0)
     beta = stribeck_depth(star, *(p[f"clutch.beta_{name}"].value for name in ("inf", "onset", "scale")))
@@ -147,13 +147,13 @@ def stribeck_depth(pressure: np.ndarray | float, lowest: float, onset: float, sc
     return np.minimum(1.0, lowest + (1.0 - lowest) * np.exp(-(pressure - onset) / scale))  # eq. 6.6
 
 
-def seen_by_plates(pressure: np.ndarray | float, p: ParameterSet) -> np.ndarray:
+def effective_pressure(pressure: np.ndarray | float, p: ParameterSet) -> np.ndarray:
     """Effective friction pressure p* [bar] at cylinder `pressure` [bar]: the return springs keep their share of the rise."""
     contact = p["piston.contact_pressure"].value
-    return contact + plate_share(p) * (np.asarray(pressure) - contact)  # p* of `plant_sim.blocks.clutch`
+    return contact + stack_share(p) * (np.asarray(pressure) - contact)  # p* of `plant_sim.blocks.clutch`
 
 
-def plate_share(p: ParameterSet) -> float:
+def stack_share(p: ParameterSet) -> float:
     """Share of a pressure rise that the stack carries, k_stack/(k_stack + k_s); 1 in the thesis (fig 6.10)."""
     rise = (p["piston.contact_pressure"].value - p["piston.preload_pressure"].value) * BAR
     spring = p["piston.area"].value * rise / p["piston.clearance"].value
@@ -172,34 +172,34 @@ SPEEDS = np.array([5, 10, 20, 30, 45, 60, 80, 100, 125, 150, 175, 200, 225, 250]
 
 
 @cache
-def stationary_curves() -> tuple[Run, ...]:
+def run_stationary_curves() -> tuple[Run, ...]:
     """Fig 6.12: at each of PRESSURES a staircase of SPEEDS, 0.8 s a step; means over its second half."""
     runs = []
     for seed, pressure in enumerate(PRESSURES):
         speed = np.repeat(SPEEDS * RPM, 800)
-        run = measure(np.full(speed.size, pressure), speed, nominal(**cooled()), seed=seed)
+        run = run_experiment(np.full(speed.size, pressure), speed, nominal(**cooling_changes()), seed=seed)
         runs.append(run.plateaus(SPEEDS.size, 0.5))
     return tuple(runs)
 
 
 # Fig 6.8, pressure [bar]: seconds until the oil has 148 degC, at most 320; the controller's guard ends a run at 150
-HEATED = {3.2: 320.0, 3.4: 276.0, 3.6: 204.0}
+HEATING_TIMES = {3.2: 320.0, 3.4: 276.0, 3.6: 204.0}
 
 
 @cache
-def heating(pressure: float) -> Run:
+def run_heating(pressure: float) -> Run:
     """Fig 6.8: one of the pressures of HEATED [bar] and 200 rpm from 50 degC, friction heats the oil; means over 2 s."""
-    seconds = HEATED[pressure]
-    run = measure(np.full(round(seconds * SLOW), pressure), 200 * RPM, nominal(), 50.0, 3, SLOW)
+    seconds = HEATING_TIMES[pressure]
+    run = run_experiment(np.full(round(seconds * SLOW_RATE), pressure), 200 * RPM, nominal(), 50.0, 3, SLOW_RATE)
     return run.plateaus(int(seconds / 2.0), 1.0)
 
 
-def ramp(parameters: ParameterSet, seed: int, seconds: float = 100.0, low: float = 2.0, high: float = 4.4) -> Run:
+def run_ramp(parameters: ParameterSet, seed: int, seconds: float = 100.0, low: float = 2.0, high: float = 4.4) -> Run:
     """Fig 6.11: pressure up and down [bar] at 200 rpm."""
-    half = np.linspace(low, high, round(seconds * SLOW / 2))
-    return measure(np.concatenate([half, half[::-1]]), 200 * RPM, parameters, seed=seed, rate=SLOW)
+    half = np.linspace(low, high, round(seconds * SLOW_RATE / 2))
+    return run_experiment(np.concatenate([half, half[::-1]]), 200 * RPM, parameters, seed=seed, rate=SLOW_RATE)
 
 
-def sine(amount: float, rate: float, seconds: float) -> np.ndarray:
+def make_sine(amount: float, rate: float, seconds: float) -> np.ndarray:
     """A sine [of `amount`] of `rate` [Hz], 1 kHz."""
     return amount * np.sin(2.0 * pi * rate * np.arange(round(seconds * 1000)) / 1000.0)

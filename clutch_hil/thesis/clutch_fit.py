@@ -7,14 +7,15 @@ import numpy as np
 from scipy.optimize import curve_fit
 from scipy.stats import t as student
 
-from clutch_hil.thesis.sheet import Sheet
+from clutch_hil.thesis.check_sheet import Sheet
 
-NEAR = 0.03  # of the thesis's value: our return springs take 1.5 % of the pressure rise, the thesis's none
+# relative to the value of the thesis: our return springs take 1.5 % of the pressure rise, those of the thesis none
+TOLERANCE = 0.03
 
 Fit = tuple[np.ndarray, np.ndarray]  # values, half widths of their 95 % intervals
 
 
-def line(x: np.ndarray, slope: float, intercept: float) -> np.ndarray:
+def straight_line(x: np.ndarray, slope: float, intercept: float) -> np.ndarray:
     """A straight line."""
     return slope * x + intercept
 
@@ -23,24 +24,26 @@ def fit(function: Callable[..., Any], x: Any, y: np.ndarray, start: Any, deviati
     """Least squares by scipy; `deviation`: standard deviations (n,) or covariance (n, n) of y where they are known."""
     values, spread = curve_fit(function, x, y, start, sigma=deviation, absolute_sigma=deviation is not None)
     freedom = np.inf if deviation is not None else y.size - values.size
-    return values, quantile(freedom) * np.sqrt(np.diag(spread))
+    return values, interval_factor(freedom) * np.sqrt(np.diag(spread))
 
 
-def quantile(freedom: float) -> float:
-    """Half width of a 95 % interval in standard deviations, for so many degrees of freedom."""
+def interval_factor(freedom: float) -> float:
+    """Half width of a 95 % interval in standard deviations, for `freedom` degrees of freedom (Student's t)."""
     return float(student.ppf(0.975, freedom))
 
 
-def recovered(sheet: Sheet, name: str, found: float, half: float, plant: float, thesis: float) -> None:
-    """A row of the table, and what `compared` checks."""
+def make_row(sheet: Sheet, name: str, found: float, half: float, plant: float, thesis: float) -> None:
+    """Add a row to the table of the sheet, and make the checks of `check_estimate`."""
     if not sheet.table:
         sheet.table.append(("parameter", "identified", "95 %", "plant", "thesis"))
     sheet.table.append((name, f"{found:.5g}", f"+- {half:.2g}", f"{plant:.5g}", f"{thesis:.5g}"))
-    compared(sheet, name, found, half, plant, thesis)
+    check_estimate(sheet, name, found, half, plant, thesis)
 
 
-def compared(sheet: Sheet, name: str, found: float, half: float, plant: float, thesis: float) -> None:
-    """Two checks: the interval `found` +- `half` contains the plant's value, and the thesis's is near."""
+def check_estimate(sheet: Sheet, name: str, found: float, half: float, plant: float, thesis: float) -> None:
+    """Check that the interval `found` +- `half` contains the value of the plant, and that the thesis's value is near."""
     sheet.check(f"the 95 % interval of {name} contains the plant's {plant:.5g}", abs(found - plant) <= half,
                 f"{found:.5g} +- {half:.2g}")  # fmt: skip
-    sheet.check(f"{name} within {NEAR:.0%} of the thesis's", abs(found - thesis) <= NEAR * abs(thesis), found, thesis)
+    sheet.check(
+        f"{name} within {TOLERANCE:.0%} of the thesis's", abs(found - thesis) <= TOLERANCE * abs(thesis), found, thesis
+    )

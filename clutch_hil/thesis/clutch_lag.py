@@ -8,23 +8,23 @@ import numpy as np
 from numba import njit
 
 from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.clutch_experiments import PRESSURES, Run, cooled, measure, nominal, sine
-from clutch_hil.thesis.clutch_fit import compared, fit
-from clutch_hil.thesis.clutch_stationary import stationary
-from clutch_hil.thesis.sheet import INK, Sheet, label
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
+from clutch_hil.thesis.clutch_experiments import PRESSURES, Run, cooling_changes, make_sine, nominal, run_experiment
+from clutch_hil.thesis.clutch_fit import check_estimate, fit
+from clutch_hil.thesis.clutch_stationary import fit_stationary
 from protocols.files.units import RPM
 
 MEAN, SWING = 100 * RPM, 60 * RPM  # rad/s, fig 6.14
 PRESSURE, FREQUENCY = 3.4, 5.0  # bar, Hz, fig 6.14
 FREQUENCIES = (1.0, 2.0, FREQUENCY, 9.0)  # Hz; 5 Hz is the thesis's, the others are ours
 ATTRACTION = 69.0  # 1/s, eq. 6.7
-NO_LAG = 1000.0  # 1/s, the largest C that the controller takes: a lag of 1 ms
-MOST = 0.1  # Nm rms, ours: little more than the 0.08 that 5 mbar of noise of the pressure are
-BINS = 40  # of a period
+FASTEST_ATTRACTION = 1000.0  # 1/s, the largest C that the controller accepts: a lag of 1 ms
+LARGEST_ERROR = 0.1  # Nm rms, ours: slightly above the 0.08 Nm that come from 5 mbar of pressure noise
+BINS = 40  # into which a period is divided
 
 
 @njit(cache=True)
-def lagging(ratio: np.ndarray, attraction: float, step: float) -> np.ndarray:
+def simulate_lag(ratio: np.ndarray, attraction: float, step: float) -> np.ndarray:
     """Normalised torque m (n,) of eq. 6.9 for positive slip; ratio s_n (n,) over each step [s], attraction C [1/s]."""
     state = np.empty(ratio.size)
     m = ratio[0]
@@ -47,25 +47,25 @@ class Lag:
 
 
 @cache
-def friction_lag(pressure: float) -> Lag:
+def identify_lag(pressure: float) -> Lag:
     """C as the thesis identifies it, from the measured torque: the sine of fig 6.14 at one of PRESSURES [bar].
 
     C is fitted together with the curve of fig 6.12, which weighs with the covariance it was found with: the loop alone
     hardly tells lag from curve, and an error of the curve is part of the error of C.
     """
-    speed = MEAN + sine(SWING, FREQUENCY, 4.0)
-    parameters = nominal(**cooled())
-    run = measure(np.full(speed.size, pressure), speed, parameters, seed=4)
+    speed = MEAN + make_sine(SWING, FREQUENCY, 4.0)
+    parameters = nominal(**cooling_changes())
+    run = run_experiment(np.full(speed.size, pressure), speed, parameters, seed=4)
     # An encoder difference is the mean slip of the period before its sample: of the step from sample k to k + 1.
     within, slip = run.slip[1:], 0.5 * (run.slip[:-1] + run.slip[1:])
     begun = 400  # samples, two periods of the sine: forgets where m started
-    known, covariance = stationary().at(int(np.flatnonzero(pressure == PRESSURES)[0]))
+    known, covariance = fit_stationary().at(int(np.flatnonzero(pressure == PRESSURES)[0]))
     whiten = np.linalg.inv(np.linalg.cholesky(covariance))
 
     def torque(attraction: float, curve: np.ndarray) -> np.ndarray:
         stribeck_speed, exponent, coulomb, viscous, beta = curve
         ratio = 1.0 + (beta - 1.0) * np.exp(-stribeck_speed / within)  # eq. 6.2
-        return (coulomb * lagging(ratio, attraction, 1e-3) + viscous * slip**exponent)[begun:]  # eq. 6.9
+        return (coulomb * simulate_lag(ratio, attraction, 1e-3) + viscous * slip**exponent)[begun:]  # eq. 6.9
 
     def model(_: None, attraction: float, *curve: float) -> np.ndarray:
         return np.concatenate([torque(attraction, np.array(curve)), whiten @ curve])
@@ -78,7 +78,7 @@ def friction_lag(pressure: float) -> Lag:
 
 
 @dataclass(frozen=True)
-class OnLine:
+class OnlineEstimate:
     """A slip sine and the torque that the controller estimates while it runs, against the true one.
 
     slip [rad/s], measured, true and estimated torque [Nm], each (BINS,): means over the periods, at equal parts of one.
@@ -92,7 +92,7 @@ class OnLine:
     offset: float  # Nm, mean error
 
     @property
-    def repeated(self) -> float:
+    def repeated_error(self) -> float:
         """Error that comes back in every period [Nm rms, mean removed]: without the noise of the sensors."""
         return float(np.std(self.estimate - self.true))
 
@@ -101,7 +101,7 @@ class OnLine:
         """Where the slip accelerates, (BINS,)."""
         return np.roll(self.slip, -1) > np.roll(self.slip, 1)
 
-    def width(self, torque: np.ndarray) -> float:
+    def loop_width(self, torque: np.ndarray) -> float:
         """Mean `torque` (BINS,) accelerating less decelerating [Nm], from 80 to 120 rpm."""
         middle = np.linspace(80.0, 120.0, 9) * RPM
         up, down = (
@@ -112,11 +112,11 @@ class OnLine:
 
 
 @cache
-def on_line(frequency: float, attraction: float = ATTRACTION) -> OnLine:
+def run_online_estimate(frequency: float, attraction: float = ATTRACTION) -> OnlineEstimate:
     """Fig 6.14 at `frequency` [Hz] for 20 s; the controller believes in `attraction` [1/s], the plant has 69."""
-    speed = MEAN + sine(SWING, frequency, 20.0)
+    speed = MEAN + make_sine(SWING, frequency, 20.0)
     tuned = {"model.attraction": attraction}
-    run = measure(np.full(speed.size, PRESSURE), speed, nominal(**cooled()), seed=4, tuned=tuned)
+    run = run_experiment(np.full(speed.size, PRESSURE), speed, nominal(**cooling_changes()), seed=4, tuned=tuned)
     begun = run.time >= 1.0  # whole periods from here on, as the frequencies are whole numbers
     error = (run.estimate - run.true_torque)[begun]
     bins = np.floor((frequency * run.time[begun] + 1e-9) % 1.0 * BINS).astype(int)
@@ -125,7 +125,7 @@ def on_line(frequency: float, attraction: float = ATTRACTION) -> OnLine:
         np.bincount(bins, signal[begun], BINS) / counts
         for signal in (run.slip, run.torque, run.true_torque, run.estimate)
     )
-    return OnLine(slip, measured, true, estimate, float(error.std()), float(error.mean()))
+    return OnlineEstimate(slip, measured, true, estimate, float(error.std()), float(error.mean()))
 
 
 @reproduces(
@@ -136,15 +136,15 @@ def on_line(frequency: float, attraction: float = ATTRACTION) -> OnLine:
 )
 def figure_6_14(sheet: Sheet) -> None:
     """Friction lag under a sine of speed, the fit of C, and the estimate that the controller publishes meanwhile."""
-    lag = friction_lag(PRESSURE)
+    lag = identify_lag(PRESSURE)
     (speed, pressure), (loop, errors) = sheet.axes(2, 2, width=12, height=8)
     _draw_run(speed, pressure, lag.run)
-    found = {frequency: on_line(frequency) for frequency in FREQUENCIES}
-    without = {frequency: on_line(frequency, NO_LAG) for frequency in FREQUENCIES}
+    found = {frequency: run_online_estimate(frequency) for frequency in FREQUENCIES}
+    without = {frequency: run_online_estimate(frequency, FASTEST_ATTRACTION) for frequency in FREQUENCIES}
     _draw_loop(loop, found[FREQUENCY], without[FREQUENCY])
-    values = (ATTRACTION / 2.0, ATTRACTION, 2.0 * ATTRACTION, NO_LAG)
+    values = (ATTRACTION / 2.0, ATTRACTION, 2.0 * ATTRACTION, FASTEST_ATTRACTION)
     for k, attraction in enumerate(values):
-        rms = [on_line(frequency, attraction).error for frequency in FREQUENCIES]
+        rms = [run_online_estimate(frequency, attraction).error for frequency in FREQUENCIES]
         errors.plot(
             FREQUENCIES,
             rms,
@@ -153,7 +153,7 @@ def figure_6_14(sheet: Sheet) -> None:
             color=("C1", "C0", "C2", "C7")[k],
             label=f"controller with C = {attraction:g} 1/s",
         )
-    errors.axhline(MOST, color=INK, lw=0.8, ls="--")
+    errors.axhline(LARGEST_ERROR, color=REFERENCE_COLOUR, lw=0.8, ls="--")
     errors.set_ylim(0.0, 0.35)
     errors.legend(loc="upper left", frameon=False)
     label(errors, "frequency of the slip [Hz]", "rms error of the estimate [Nm]", "while the controller runs")
@@ -161,26 +161,27 @@ def figure_6_14(sheet: Sheet) -> None:
     sheet.table = [("slip [Hz]", "rms error [Nm]", "of it in every period [Nm]", "mean [Nm]", "rms with C = 1000 1/s [Nm]",
                     "lag, true [Nm]", "lag, estimated [Nm]")]  # fmt: skip
     for frequency, one in found.items():
-        cells = (one.error, one.repeated, one.offset, without[frequency].error, one.width(one.true),
-                 one.width(one.estimate))  # fmt: skip
+        cells = (one.error, one.repeated_error, one.offset, without[frequency].error, one.loop_width(one.true),
+                 one.loop_width(one.estimate))  # fmt: skip
         sheet.table.append((f"{frequency:g}", *(f"{round(cell, 3) + 0.0:.3f}" for cell in cells)))  # no -0.000
 
-    up = [one.width(one.measured) for one in found.values()]
+    up = [one.loop_width(one.measured) for one in found.values()]
     sheet.check("1, 2, 5, 9 Hz: lag, measured torque accelerating less decelerating at 80 to 120 rpm, above 0.05 Nm [Nm]",
                 min(up) > 0.05, up, "accelerate above decelerate")  # fmt: skip
-    compared(sheet, "C [1/s]", lag.attraction, lag.half, nominal()["clutch.attraction"].value, ATTRACTION)
+    check_estimate(sheet, "C [1/s]", lag.attraction, lag.half, nominal()["clutch.attraction"].value, ATTRACTION)
     left = float(np.sqrt(np.mean((lag.torque - lag.fitted) ** 2)))
     sheet.check("the fit leaves no more than the torque sensor's noise of 50 mNm [mNm]", left < 0.055, 1e3 * left)
     rms = [one.error for one in found.values()]
-    sheet.check(f"running controller, 1, 2, 5, 9 Hz: estimate less true torque, mean removed, at most {MOST:g} Nm rms [Nm]",
-                max(rms) <= MOST, rms, "ours")  # fmt: skip
-    repeated = [one.repeated for one in found.values()]
+    sheet.check(f"running controller, 1, 2, 5, 9 Hz: estimate less true torque, mean removed, at most {LARGEST_ERROR:g} Nm "
+                "rms [Nm]",
+                max(rms) <= LARGEST_ERROR, rms, "ours")  # fmt: skip
+    repeated = [one.repeated_error for one in found.values()]
     sheet.check("... and what of it comes back in every period at most 0.03 Nm rms [Nm]", max(repeated) <= 0.03, repeated,
                 "ours")  # fmt: skip
-    ratios = [one.width(one.estimate) / one.width(one.true) for one in found.values()]
+    ratios = [one.loop_width(one.estimate) / one.loop_width(one.true) for one in found.values()]
     sheet.check("it shows the lag: that of the estimate over that of the true torque is 0.9 to 1.1 [-]",
                 max(abs(ratio - 1.0) for ratio in ratios) < 0.1, ratios, "ours")  # fmt: skip
-    by_value = [on_line(FREQUENCY, attraction).error for attraction in values]
+    by_value = [run_online_estimate(FREQUENCY, attraction).error for attraction in values]
     sheet.check("at 5 Hz a controller with C = 69 errs least of C = 34.5, 69, 138, 1000 1/s [Nm]",
                 int(np.argmin(by_value)) == values.index(ATTRACTION), by_value, "C = 69.0")  # fmt: skip
     sheet.note("C is fitted together with the curve of figure-6.12, held by the covariance it was found with")
@@ -197,17 +198,19 @@ def _draw_run(speed, pressure, run: Run) -> None:
     pressure.set_ylim(3.2, 3.6)
     label(pressure, "time [s]", "pressure [bar]", "measured pressure")
     speed.plot(run.time[shown], run.slip[shown] / RPM, lw=1.0, label="measured")
-    speed.plot(run.time[shown], 100 + sine(60.0, FREQUENCY, 2.0), color=INK, lw=0.8, ls="--", label="desired")
+    speed.plot(
+        run.time[shown], 100 + make_sine(60.0, FREQUENCY, 2.0), color=REFERENCE_COLOUR, lw=0.8, ls="--", label="desired"
+    )
     speed.set_ylim(0, 230)
     speed.legend(loc="upper right", ncols=2, frameon=False)
     label(speed, "time [s]", "velocity [rpm]", "speed of the motor")
 
 
-def _draw_loop(loop, found: OnLine, without: OnLine) -> None:
+def _draw_loop(loop, found: OnlineEstimate, without: OnlineEstimate) -> None:
     for part, name in ((found.rising, "accelerate"), (~found.rising, "decelerate")):
         loop.plot(found.slip[part] / RPM, found.measured[part], ".", ms=7, label=f"measured, {name}")
     for one, style, name in ((found, "-", "estimate, C = 69 1/s"), (without, ":", "estimate, C = 1000 1/s")):
         closed = np.append(np.arange(BINS), 0)
-        loop.plot(one.slip[closed] / RPM, one.estimate[closed], color=INK, lw=1.2, ls=style, label=name)
+        loop.plot(one.slip[closed] / RPM, one.estimate[closed], color=REFERENCE_COLOUR, lw=1.2, ls=style, label=name)
     loop.legend(loc="lower right", frameon=False)
     label(loop, "velocity [rpm]", "torque [Nm]", "5 Hz, mean of 95 periods; estimate of the running controller")

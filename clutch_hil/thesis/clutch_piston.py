@@ -5,25 +5,27 @@ from math import pi
 import numpy as np
 
 from clutch_hil.thesis import reproduces
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
 from clutch_hil.thesis.clutch_experiments import (
     CONTACTS,
     PRESSURES,
     RADIUS,
     REFERENCE,
-    SLOW,
+    SLOW_RATE,
     Run,
-    cooled,
-    law,
-    measure,
+    cooling_changes,
     nominal,
-    plate_share,
-    ramp,
+    run_experiment,
+    run_ramp,
+    stack_share,
+    stationary_law,
 )
-from clutch_hil.thesis.clutch_fit import fit, line, quantile, recovered
-from clutch_hil.thesis.sheet import INK, Sheet, label
+from clutch_hil.thesis.clutch_fit import fit, interval_factor, make_row, straight_line
 from protocols.files.units import BAR, RPM
 
-FLOOR = 2.0  # bar, the least pressure that the controller follows on request (`pressure.floor` of its parameters)
+LEAST_PRESSURE = (
+    2.0  # bar, the least pressure that the controller follows on request (`pressure.floor` of its parameters)
+)
 
 
 @reproduces(
@@ -34,7 +36,7 @@ FLOOR = 2.0  # bar, the least pressure that the controller follows on request (`
 )
 def figure_6_10(sheet: Sheet) -> None:
     """A slow ramp that moves the piston to the plates and loads them."""
-    run = _closing()
+    run = _run_closing()
     free = (run.true_position > 1e-4) & (run.true_position < 9e-4)
     pressed = run.pressure > 2.6
     lines = [np.polyfit(run.true_position[part], run.pressure[part], 1) for part in (free, pressed)]
@@ -42,7 +44,7 @@ def figure_6_10(sheet: Sheet) -> None:
     kink = float(np.polyval(lines[0], touch))
     axes = sheet.axes(1, 1, width=7.5, height=4.5)
     axes.plot(run.true_position * 1e3, run.pressure, lw=1.6)
-    axes.axhline(kink, color=INK, lw=0.8, ls="--")
+    axes.axhline(kink, color=REFERENCE_COLOUR, lw=0.8, ls="--")
     axes.text(0.4, kink + 0.05, f"p_contact = {kink:.3f} bar", fontsize=9)
     label(axes, "piston position [mm]", "cylinder pressure [bar]")
     sheet.check("kink at the contact pressure, 2.35 +- 0.02 bar [bar]", abs(kink - 2.35) < 0.02, kink, 2.35)
@@ -64,11 +66,11 @@ def figure_6_10(sheet: Sheet) -> None:
 )
 def table_6_2(sheet: Sheet) -> None:
     """Piston area from the force it makes; the mean radius and area of the disk from its diameters."""
-    run = _closing()
+    run = _run_closing()
     pressed = run.pressure > 2.6
-    values, half = fit(line, run.pressure[pressed] * BAR, run.true_normal_force[pressed], (0.01, -2000.0))
-    share = plate_share(nominal())
-    recovered(sheet, "A_cyl [m^2]", values[0] / share, half[0] / share, nominal()["piston.area"].value, 1.131e-2)
+    values, half = fit(straight_line, run.pressure[pressed] * BAR, run.true_normal_force[pressed], (0.01, -2000.0))
+    share = stack_share(nominal())
+    make_row(sheet, "A_cyl [m^2]", values[0] / share, half[0] / share, nominal()["piston.area"].value, 1.131e-2)
     outer, inner = 0.133, 0.099  # m
     mean = (outer + inner) / 4.0
     sheet.check("mean of the disk's radii is r_fric [m]", abs(mean - RADIUS) < 5e-4, mean, RADIUS)
@@ -81,17 +83,17 @@ def table_6_2(sheet: Sheet) -> None:
     axes = sheet.axes(1, 1, width=7.5, height=4.5)
     axes.plot(run.pressure, run.true_normal_force, ".", ms=3, label="simulated")
     seen = np.array([2.35, 4.2])
-    axes.plot(seen, line(seen * BAR, *values), color=INK, lw=1.2, label="straight-line fit")
+    axes.plot(seen, straight_line(seen * BAR, *values), color=REFERENCE_COLOUR, lw=1.2, label="straight-line fit")
     axes.legend(loc="upper left", frameon=False)
     label(axes, "cylinder pressure [bar]", "normal force on the plates [N]")
     sheet.note(f"the slope is A_cyl times {share:.4f}, what the return springs leave")
     sheet.note("the force is the simulator's truth: the rig has no sensor for it")
 
 
-def _closing() -> Run:
+def _run_closing() -> Run:
     """The piston moved to the plates and pressed to 4.2 bar in 40 s, at 200 rpm, means over 0.1 s."""
-    demand = np.linspace(FLOOR, 4.2, 40 * SLOW)
-    return measure(demand, 200 * RPM, nominal(**cooled()), seed=7, rate=SLOW).plateaus(400, 1.0)
+    demand = np.linspace(LEAST_PRESSURE, 4.2, 40 * SLOW_RATE)
+    return run_experiment(demand, 200 * RPM, nominal(**cooling_changes()), seed=7, rate=SLOW_RATE).plateaus(400, 1.0)
 
 
 @reproduces(
@@ -101,8 +103,8 @@ def _closing() -> Run:
 )
 def figure_6_11(sheet: Sheet) -> None:
     """Slow ramp of pressure up and down with 60 N of seal friction on the piston."""
-    p = nominal(**cooled(), piston_seal_friction__force=60.0)
-    run = ramp(p, 1).plateaus(1000, 1.0)
+    p = nominal(**cooling_changes(), piston_seal_friction__force=60.0)
+    run = run_ramp(p, 1).plateaus(1000, 1.0)
     closing, opening = slice(0, 500), slice(500, 1000)
     axes = sheet.axes(1, 2, width=11, height=4.5)
     axes[0].plot(run.time, run.pressure, label="pressure [bar]")
@@ -114,21 +116,23 @@ def figure_6_11(sheet: Sheet) -> None:
     for branch, name in ((closing, "closing"), (opening, "opening")):
         axes[1].plot(run.pressure[branch], run.torque[branch], label=name)
     fine = np.array([-intercept / slope, 4.4])
-    axes[1].plot(fine, line(fine, slope, intercept), color=INK, lw=1.0, ls="--", label="straight line")
+    axes[1].plot(
+        fine, straight_line(fine, slope, intercept), color=REFERENCE_COLOUR, lw=1.0, ls="--", label="straight line"
+    )
     axes[1].annotate("p_contact", (fine[0], 0.0), (2.12, 6.0), arrowprops={"arrowstyle": "->"}, fontsize=9)
     axes[1].legend(loc="upper left", frameon=False)
     label(axes[1], "pressure [bar]", "torque [Nm]")
-    gap = _opening_above_closing(run)
+    gap = _opening_minus_closing(run)
     sheet.check("opening above closing from 2.6 to 4.2 bar [Nm]", bool(np.all(gap > 0.0)), gap, "opening above closing")
-    left = run.torque[part] - line(run.pressure[part], slope, intercept)
+    left = run.torque[part] - straight_line(run.pressure[part], slope, intercept)
     explained = 1.0 - float(np.var(left) / np.var(run.torque[part]))
     sheet.check("a straight line explains over 98 % of the torque [%]", explained > 0.98, 100 * explained, "linear")
     sheet.check("it is zero at 2.35 +- 0.05 bar [bar]", abs(fine[0] - 2.35) < 0.05, float(fine[0]), 2.35)
-    without = _opening_above_closing(ramp(nominal(**cooled()), 1).plateaus(1000, 1.0))
+    without = _opening_minus_closing(run_ramp(nominal(**cooling_changes()), 1).plateaus(1000, 1.0))
     sheet.check("without seal friction no gap above the torque noise of 50 mNm [Nm]", bool(np.abs(without).max() < 0.05),
                 without, "first of three causes offered")  # fmt: skip
-    heated = ramp(nominal(piston_seal_friction__force=60.0), 1).plateaus(1000, 1.0)
-    hot = _opening_above_closing(heated)
+    heated = run_ramp(nominal(piston_seal_friction__force=60.0), 1).plateaus(1000, 1.0)
+    hot = _opening_minus_closing(heated)
     sheet.note(
         f"60 N (0.106 bar of loop) and 5 um of travel are ours: the text gives no size. With the nominal cooling the oil "
         f"heats by {heated.temperature[-1] - heated.temperature[0]:.0f} K on the way; the gap then "
@@ -137,10 +141,12 @@ def figure_6_11(sheet: Sheet) -> None:
     sheet.note("oil between the plates and hydrodynamics, the other two causes offered, are not modelled")
 
 
-def _opening_above_closing(run: Run) -> np.ndarray:
+def _opening_minus_closing(run: Run) -> np.ndarray:
     """Torque opening less torque closing [Nm] at 2.6 to 4.2 bar, of a run up and down."""
     part = run.pressure > 2.5
-    above = run.torque - line(run.pressure, *np.polyfit(run.pressure[part], run.torque[part], 1))  # Nm, above one line
+    above = run.torque - straight_line(
+        run.pressure, *np.polyfit(run.pressure[part], run.torque[part], 1)
+    )  # Nm, above one line
     opening = np.arange(run.time.size) >= run.time.size // 2
     at = [np.abs(run.pressure - pressure) < 0.1 for pressure in np.linspace(2.6, 4.2, 5)]  # averages noise away
     return np.array([above[near & opening].mean() - above[near & ~opening].mean() for near in at])
@@ -153,45 +159,51 @@ def _opening_above_closing(run: Run) -> np.ndarray:
 )
 def table_6_3(sheet: Sheet) -> None:
     """Mean of 25 ramps, as in the thesis, seal friction off."""
-    p = nominal(**cooled())
+    p = nominal(**cooling_changes())
     fits: list[tuple[float, ...]] = []
     expected: list[tuple[float, ...]] = []
     for seed in range(25):
-        run = ramp(p, seed, seconds=50.0).plateaus(500, 1.0)
+        run = run_ramp(p, seed, seconds=50.0).plateaus(500, 1.0)
         part = (run.pressure > PRESSURES[0]) & (run.pressure < PRESSURES[-1])
-        pressure, truth = run.pressure[part], np.add(*law(run.pressure, run.slip, p, run.temperature))[part]
+        pressure, truth = run.pressure[part], np.add(*stationary_law(run.pressure, run.slip, p, run.temperature))[part]
         for list_, torque in ((fits, run.torque[part]), (expected, truth)):
             slope, intercept = np.polyfit(pressure, torque, 1)
             mean_mu = slope / (RADIUS * p["piston.area"].value * BAR * CONTACTS)  # eq. 6.4
             list_.append((slope, intercept, -intercept / slope, mean_mu))
     values = np.array(fits)
-    half = quantile(24) * values.std(axis=0, ddof=1) / 5.0
+    half = interval_factor(24) * values.std(axis=0, ddof=1) / 5.0
     names = ("a_M [Nm/bar]", "b_M [Nm]", "p_contact [bar]", "mu [-]")
     for i, thesis in enumerate((14.8, -34.7, 2.35, 0.1128)):
-        recovered(sheet, names[i], values[:, i].mean(), half[i], float(np.mean(expected, axis=0)[i]), thesis)
+        make_row(sheet, names[i], values[:, i].mean(), half[i], float(np.mean(expected, axis=0)[i]), thesis)
     axes = sheet.axes(1, 1, width=7.5, height=5)
     axes.plot(run.pressure, run.torque, ".", ms=3, label="one of 25 runs, means over 0.1 s")
     fine = np.array([2.0, 4.4])
-    axes.plot(fine, line(fine, *values[:, :2].mean(axis=0)), color=INK, lw=1.2, label="mean of the straight lines")
-    axes.plot(fine, line(fine, 14.8, -34.7), color="C1", lw=1.2, ls="--", label="Table 6.3")
+    axes.plot(
+        fine,
+        straight_line(fine, *values[:, :2].mean(axis=0)),
+        color=REFERENCE_COLOUR,
+        lw=1.2,
+        label="mean of the straight lines",
+    )
+    axes.plot(fine, straight_line(fine, 14.8, -34.7), color="C1", lw=1.2, ls="--", label="Table 6.3")
     axes.set_ylim(-2, 34)
     axes.legend(loc="upper left", frameon=False)
     label(axes, "pressure [bar]", "torque [Nm]")
     sheet.note(
         "'plant' is the same line through the plant's own equations at the measured pressure, slip and temperature"
     )
-    at = 2.35 + (PRESSURES - 2.35) / plate_share(p)  # cylinder pressures at which the plates see PRESSURES
-    slope, intercept = np.polyfit(PRESSURES, np.add(*law(at, 200 * RPM, p)), 1)
+    at = 2.35 + (PRESSURES - 2.35) / stack_share(p)  # cylinder pressures at which the plates see PRESSURES
+    slope, intercept = np.polyfit(PRESSURES, np.add(*stationary_law(at, 200 * RPM, p)), 1)
     hotter = np.linspace(REFERENCE, 250.0, 181)
-    slopes = [np.polyfit(PRESSURES, np.add(*law(at, 200 * RPM, p, degrees)), 1)[0] for degrees in hotter]
+    slopes = [np.polyfit(PRESSURES, np.add(*stationary_law(at, 200 * RPM, p, degrees)), 1)[0] for degrees in hotter]
     needed = np.interp(-14.8, -np.array(slopes), hotter)
     sheet.note(
         f"the thesis's tables disagree: Tables 6.4, 6.5 and eq. 6.5 at 200 rpm and 70 degC give a line of "
         f"{slope:.2f} Nm/bar and {intercept:.1f} Nm over 2.7..4.2 bar, {slope / 14.8 - 1:.1%} steeper than Table 6.3; "
         f"-b_M/a_M = {-intercept / slope:.3f} bar agrees. By eq. 6.3 the oil would have to be at {needed:.0f} degC to give 14.8"
     )
-    loop = nominal(**cooled(), piston_seal_friction__force=60.0)
-    run = ramp(loop, 1, seconds=50.0).plateaus(500, 1.0)
+    loop = nominal(**cooling_changes(), piston_seal_friction__force=60.0)
+    run = run_ramp(loop, 1, seconds=50.0).plateaus(500, 1.0)
     part = (run.pressure > PRESSURES[0]) & (run.pressure < PRESSURES[-1])
     slope = np.polyfit(run.pressure[part], run.torque[part], 1)[0]
     sheet.note(

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.clutch_experiments import cooled, law, measure, nominal
-from clutch_hil.thesis.clutch_fit import NEAR
-from clutch_hil.thesis.sheet import INK, Sheet, label
-from plant_sim.rigs.multisine import FrequencyResponse, Multisine, coherence, measured
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
+from clutch_hil.thesis.clutch_experiments import cooling_changes, nominal, run_experiment, stationary_law
+from clutch_hil.thesis.clutch_fit import TOLERANCE
+from plant_sim.rigs.multisine import FrequencyResponse, Multisine, coherence, estimate_response
 from protocols.files.units import RPM
 
 Array = np.ndarray
@@ -18,11 +18,11 @@ PRESSURE, SLIP = 3.4, 200 * RPM  # bar, rad/s; ours: the thesis says only that t
 SOURCE = Multisine(np.arange(1, 61), amplitude=0.012, samples=2000)  # 0.5 to 30 Hz, at most 0.25 bar: it never opens
 REALISATIONS, PERIODS = 4, 10  # as the thesis's of sec. 3.10; one period more of each is left out
 STEP = 1e-3  # s
-HALF_POWER = -10.0 * np.log10(2.0)  # dB: "-3 dB"
-THESIS = 9.8  # Hz, sec. 6.3
-FOLLOWS = 15.0  # Hz, ours: well above both bandwidths
-LINK = "'clearly the link between both systems'"
-TOLD = (0.5, 1.0, 2.0, 5.0, 8.0, 10.0, 15.0, 20.0, 30.0)  # Hz, rows of the table
+HALF_POWER_DECIBEL = -10.0 * np.log10(2.0)  # dB: "-3 dB"
+THESIS_BANDWIDTH = 9.8  # Hz, sec. 6.3
+COMPARED_UP_TO = 15.0  # Hz, ours: well above both bandwidths
+LINK_QUOTE = "'clearly the link between both systems'"
+TABLE_FREQUENCIES = (0.5, 1.0, 2.0, 5.0, 8.0, 10.0, 15.0, 20.0, 30.0)  # Hz, rows of the table
 
 
 @dataclass(frozen=True)
@@ -47,9 +47,9 @@ class Channel:
     def bandwidth(self) -> float:
         """Frequency [Hz] where the magnitude first falls by 3 dB, on the straight line between the two lines about it."""
         decibel = self.decibel
-        beyond = int(np.argmax(decibel < HALF_POWER))
+        beyond = int(np.argmax(decibel < HALF_POWER_DECIBEL))
         pair = slice(beyond - 1, beyond + 1)
-        return float(np.interp(-HALF_POWER, -decibel[pair], self.found.frequency[pair]))
+        return float(np.interp(-HALF_POWER_DECIBEL, -decibel[pair], self.found.frequency[pair]))
 
 
 @dataclass(frozen=True)
@@ -60,20 +60,20 @@ class Response:
     torque: Channel
 
 
-def pressure_response(tuned: Mapping[str, float] | None = None) -> Response:
+def measure_response(tuned: Mapping[str, float] | None = None) -> Response:
     """Random-phase multisine on the pressure that the controller is asked for; `tuned` changes its parameters."""
     random = np.random.default_rng(1)
     waves = [np.tile(SOURCE.period(random), PERIODS + 1) for _ in range(REALISATIONS)]
-    run = measure(PRESSURE + np.concatenate(waves), SLIP, nominal(**cooled()), seed=5, tuned=tuned)
+    run = run_experiment(PRESSURE + np.concatenate(waves), SLIP, nominal(**cooling_changes()), seed=5, tuned=tuned)
 
     def periods(signal: Array) -> Array:
         return signal.reshape(REALISATIONS, PERIODS + 1, SOURCE.samples)[:, 1:]
 
     demand, pressure, torque = (periods(signal) for signal in (run.demand, run.pressure, run.torque))
-    above, below = (np.add(*law(PRESSURE + d, SLIP, nominal())) for d in (0.01, -0.01))
+    above, below = (np.add(*stationary_law(PRESSURE + d, SLIP, nominal())) for d in (0.01, -0.01))
     return Response(
         *(
-            Channel(measured(SOURCE, STEP, demand, one), coherence(SOURCE, demand, one), stationary)
+            Channel(estimate_response(SOURCE, STEP, demand, one), coherence(SOURCE, demand, one), stationary)
             for one, stationary in ((pressure, 1.0), (torque, float(above - below) / 0.02))
         )
     )
@@ -87,15 +87,15 @@ def pressure_response(tuned: Mapping[str, float] | None = None) -> Response:
 )
 def figure_6_15(sheet: Sheet) -> None:
     """p_cyl/p_d and M/p_d by a multisine, in contact."""
-    found = pressure_response()
+    found = measure_response()
     frequency = found.pressure.found.frequency
     _draw(sheet, found)
     pressure, torque = found.pressure, found.torque
     head = ("frequency [Hz]", "p_cyl/p_d [dB]", "phase [deg]", "coherence", "M/p_d [Nm/bar]", "[dB]", "phase [deg]",
             "coherence")  # fmt: skip
     sheet.table = [head]
-    for told in TOLD:
-        k = int(np.argmin(np.abs(frequency - told)))
+    for shown in TABLE_FREQUENCIES:
+        k = int(np.argmin(np.abs(frequency - shown)))
         sheet.table.append((
             f"{frequency[k]:g}", f"{pressure.decibel[k]:.2f}", f"{pressure.phase[k]:.1f}", f"{pressure.coherence[k]:.4f}",
             f"{np.abs(torque.found.response[k]):.2f}", f"{torque.decibel[k]:.2f}", f"{torque.phase[k]:.1f}",
@@ -103,19 +103,20 @@ def figure_6_15(sheet: Sheet) -> None:
         ))  # fmt: skip
     bandwidth = pressure.bandwidth
     sheet.table.append(("3 dB down at", f"{bandwidth:.2f} Hz", "", "", "", f"{torque.bandwidth:.2f} Hz", "", ""))
-    sheet.check(f"p_cyl/p_d is 3 dB down within {NEAR:.0%} of the thesis's bandwidth [Hz]",
-                abs(bandwidth / THESIS - 1.0) <= NEAR, bandwidth, THESIS)  # fmt: skip
+    sheet.check(f"p_cyl/p_d is 3 dB down within {TOLERANCE:.0%} of the thesis's bandwidth [Hz]",
+                abs(bandwidth / THESIS_BANDWIDTH - 1.0) <= TOLERANCE, bandwidth, THESIS_BANDWIDTH)  # fmt: skip
     sheet.check("M/p_d is 3 dB down within 3 % of where p_cyl/p_d is [Hz]",
-                abs(torque.bandwidth / bandwidth - 1.0) <= 0.03, torque.bandwidth, LINK)  # fmt: skip
-    up_to = frequency <= FOLLOWS
+                abs(torque.bandwidth / bandwidth - 1.0) <= 0.03, torque.bandwidth, LINK_QUOTE)  # fmt: skip
+    up_to = frequency <= COMPARED_UP_TO
     ripple, turn = (torque.decibel - pressure.decibel)[up_to], (torque.phase - pressure.phase)[up_to]
     sheet.check("M/p_d over p_cyl/p_d is constant within 1 dB up to 15 Hz [dB]", np.abs(ripple).max() < 1.0,
-                (ripple.min(), ripple.max()), LINK)  # fmt: skip
+                (ripple.min(), ripple.max()), LINK_QUOTE)  # fmt: skip
     sheet.check("... and in phase within 5 deg [deg]", np.abs(turn).max() < 5.0, (turn.min(), turn.max()))
     least = [float(channel.coherence[up_to].min()) for channel in (pressure, torque)]
     sheet.check("coherence with p_d up to 15 Hz, of p_cyl and of M, is above 0.98", min(least) > 0.98, least, "ours")
     sheet.note(
-        f"valve, line and gains are design values of ours (janssens2010.toml, controller.toml) for {THESIS:g} Hz; over the "
+        f"valve, line and gains are design values of ours (janssens2010.toml, controller.toml) for {THESIS_BANDWIDTH:g} Hz; "
+        "over the "
         f"controller as it runs, with the bus, they give {bandwidth:.2f} Hz"
     )
     sheet.note(
@@ -134,8 +135,8 @@ def _draw(sheet: Sheet, found: Response) -> None:
         frequency = channel.found.frequency
         for panel, values in zip(axes, (channel.decibel, channel.phase, channel.coherence), strict=True):
             panel.semilogx(frequency, values, label=f"{name}: 3 dB down at {channel.bandwidth:.2f} Hz", **style)
-    axes[0].axhline(HALF_POWER, color=INK, lw=0.8, ls=":")
-    axes[0].axvline(found.pressure.bandwidth, color=INK, lw=0.8, ls=":")
+    axes[0].axhline(HALF_POWER_DECIBEL, color=REFERENCE_COLOUR, lw=0.8, ls=":")
+    axes[0].axvline(found.pressure.bandwidth, color=REFERENCE_COLOUR, lw=0.8, ls=":")
     ticks = (0.5, 1, 2, 5, 10, 20, 30)
     axes[0].set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     axes[0].minorticks_off()

@@ -11,14 +11,14 @@ import numpy as np
 from scipy.optimize import curve_fit
 
 from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.clutch_experiments import PRESSURES, nominal, plate_share, stationary_curves, stribeck_depth
-from clutch_hil.thesis.clutch_fit import fit, line, quantile, recovered
-from clutch_hil.thesis.sheet import INK, Sheet, label
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
+from clutch_hil.thesis.clutch_experiments import PRESSURES, nominal, run_stationary_curves, stack_share, stribeck_depth
+from clutch_hil.thesis.clutch_fit import fit, interval_factor, make_row, straight_line
 from protocols.files.units import RPM
 
 
 @dataclass(frozen=True)
-class Stationary:
+class StationaryFit:
     """Fit to fig 6.12, n pressures: V_S [rad/s], gamma [-], then M_C [Nm], C_v and beta [-], n of each."""
 
     values: np.ndarray  # (2 + 3 n,)
@@ -60,9 +60,9 @@ def stationary_torque(slip: np.ndarray, common: np.ndarray, parts: np.ndarray) -
 
 
 @cache
-def stationary() -> Stationary:
+def fit_stationary() -> StationaryFit:
     """All five parameters at once, M_C, C_v and beta free at each pressure: nothing assumed of their course."""
-    runs, n = stationary_curves(), PRESSURES.size
+    runs, n = run_stationary_curves(), PRESSURES.size
     slip, torque = (np.array([getattr(run, name) for run in runs]) for name in ("slip", "torque"))
 
     def model(_: None, *values: float) -> np.ndarray:
@@ -70,15 +70,15 @@ def stationary() -> Stationary:
 
     start = [10.0, 0.4, *np.full(n, 10.0), *np.full(n, 2.0), *np.full(n, 0.8)]
     values, spread = curve_fit(model, None, torque.ravel(), start)
-    half = quantile(torque.size - values.size) * np.sqrt(np.diag(spread))
+    half = interval_factor(torque.size - values.size) * np.sqrt(np.diag(spread))
     residual = float(np.sqrt(np.mean((torque.ravel() - model(None, *values)) ** 2)))
-    return Stationary(values, half, spread, residual)
+    return StationaryFit(values, half, spread, residual)
 
 
-def seen_line(name: str) -> tuple[float, float]:
+def effective_line(name: str) -> tuple[float, float]:
     """Slope [1/bar] and intercept of the plant's `coulomb` or `viscous` line over the pressure of the cylinder."""
     p = nominal()
-    share, contact = plate_share(p), p["piston.contact_pressure"].value
+    share, contact = stack_share(p), p["piston.contact_pressure"].value
     slope, intercept = p[f"clutch.{name}_slope"].value, p[f"clutch.{name}_intercept"].value
     return slope * share, intercept + slope * contact * (1.0 - share)  # p* of `plant_sim.blocks.clutch`
 
@@ -87,7 +87,7 @@ def note_springs(sheet: Sheet) -> None:
     """Say why the plant's values over cylinder pressure are not the tables'."""
     sheet.note(
         f"the tables' pressure acts on the plates in our plant; over the pressure of the cylinder, which is measured, the "
-        f"return springs take {1.0 - plate_share(nominal()):.2%} of the rise (plant_sim/blocks/piston.py): the "
+        f"return springs take {1.0 - stack_share(nominal()):.2%} of the rise (plant_sim/blocks/piston.py): the "
         "plant's values differ by it"
     )
     sheet.note(
@@ -102,12 +102,12 @@ def note_springs(sheet: Sheet) -> None:
 )
 def figure_6_12(sheet: Sheet) -> None:
     """Staircase of speeds at ten pressures, and the fit of eq. 6.2."""
-    runs, found = stationary_curves(), stationary()
+    runs, found = run_stationary_curves(), fit_stationary()
     axes = sheet.axes(1, 1, width=8, height=5.5)
     fine = np.linspace(1.0, 250.0, 300)
     for i, run in enumerate(runs):
         torque = stationary_torque(fine * RPM, found.common, found.parts[:, i])
-        (drawn,) = axes.plot(fine, torque, lw=1.0, color=INK, label="fit" if i == 0 else None)
+        (drawn,) = axes.plot(fine, torque, lw=1.0, color=REFERENCE_COLOUR, label="fit" if i == 0 else None)
         axes.plot(run.slip / RPM, run.torque, "o", ms=3.5, color=f"C{i}")
         axes.text(254, torque[-1], f"{PRESSURES[i]:.1f} bar", va="center", fontsize=8, color=f"C{i}")
     axes.set_xlim(0, 275)
@@ -117,7 +117,7 @@ def figure_6_12(sheet: Sheet) -> None:
     torque = np.array([run.torque for run in runs])
     sheet.check("torque rises with pressure at every speed", bool(np.all(np.diff(torque, axis=0) > 0)))
     for name, k, plant, thesis in (("V_S [rad/s]", 0, 11.52, 11.52), ("gamma [-]", 1, 1 / 3, 1 / 3)):
-        recovered(sheet, name, found.common[k], found.half[k], plant, thesis)
+        make_row(sheet, name, found.common[k], found.half[k], plant, thesis)
     sheet.check("the fit leaves less than the torque sensor's noise of 50 mNm [mNm]", found.residual < 0.05,
                 1e3 * found.residual)  # fmt: skip
     rise = torque[:, -1] / torque[:, 1] - 1.0
@@ -133,22 +133,22 @@ def figure_6_12(sheet: Sheet) -> None:
 )
 def figure_6_13(sheet: Sheet) -> None:
     """Parameters of each curve of fig 6.12, fitted freely at each pressure."""
-    found = stationary()
+    found = fit_stationary()
     axes = sheet.axes(1, 3, width=12, height=4)
     fine = np.linspace(2.4, 4.3, 200)
-    laws = [fit(line, PRESSURES, found.parts[i], (1.0, 0.0), found.covariances[i])[0] for i in (0, 1)]
+    laws = [fit(straight_line, PRESSURES, found.parts[i], (1.0, 0.0), found.covariances[i])[0] for i in (0, 1)]
     depth = fit(stribeck_depth, PRESSURES, found.parts[2], (0.7, 2.7, 0.2), found.covariances[2])[0]
-    curves = [line(fine, *laws[0]), line(fine, *laws[1]), stribeck_depth(fine, *depth)]
+    curves = [straight_line(fine, *laws[0]), straight_line(fine, *laws[1]), stribeck_depth(fine, *depth)]
     names = ("M_C [Nm]", "C_v [Nm/(rad/s)^(1/3)]", "beta [-]")
     for i, name in enumerate(names):
-        axes[i].plot(fine, curves[i], lw=1.0, color=INK, label="fit")
+        axes[i].plot(fine, curves[i], lw=1.0, color=REFERENCE_COLOUR, label="fit")
         axes[i].errorbar(
             PRESSURES, found.parts[i], found.parts_half[i], fmt="o", ms=4, capsize=2, label="identified, 95 %"
         )
         label(axes[i], "pressure [bar]", name)
         axes[i].legend(loc="upper right" if i == 2 else "upper left", frameon=False)
     for i, name in enumerate(names[:2]):
-        left = np.abs(found.parts[i] - line(PRESSURES, *laws[i])) / found.parts_half[i]
+        left = np.abs(found.parts[i] - straight_line(PRESSURES, *laws[i])) / found.parts_half[i]
         sheet.check(f"{name} lies on a straight line: farthest point, in 95 % intervals", left.max() <= 1.0, left.max(),
                     "linear")  # fmt: skip
     left = np.abs(found.parts[2] - stribeck_depth(PRESSURES, *depth)) / found.parts_half[2]
@@ -167,18 +167,24 @@ def figure_6_13(sheet: Sheet) -> None:
 )
 def table_6_4(sheet: Sheet) -> None:
     """First-order fits to the points of fig 6.13, with the covariance those were found with."""
-    found = stationary()
+    found = fit_stationary()
     axes = sheet.axes(1, 2, width=10, height=4)
     for i, (name, group, thesis) in enumerate((("M_C", "coulomb", (10.8, -25.1)), ("C_v", "viscous", (2.67, -6.49)))):
-        values, half = fit(line, PRESSURES, found.parts[i], (1.0, 0.0), found.covariances[i])
-        plant = seen_line(group)
+        values, half = fit(straight_line, PRESSURES, found.parts[i], (1.0, 0.0), found.covariances[i])
+        plant = effective_line(group)
         for k, term in enumerate(("a", "b")):
-            recovered(sheet, f"{term} of {name}", values[k], half[k], plant[k], thesis[k])
-        truth = line(PRESSURES, *plant)
+            make_row(sheet, f"{term} of {name}", values[k], half[k], plant[k], thesis[k])
+        truth = straight_line(PRESSURES, *plant)
         axes[i].errorbar(PRESSURES, found.parts[i] - truth, found.parts_half[i], fmt="o", ms=4, capsize=2,
                          label="identified, 95 %")  # fmt: skip
-        axes[i].plot(PRESSURES, line(PRESSURES, *values) - truth, color=INK, lw=1.2, label="straight-line fit")
-        axes[i].plot(PRESSURES, line(PRESSURES, *thesis) - truth, color="C1", ls="--", label="Table 6.4")
+        axes[i].plot(
+            PRESSURES,
+            straight_line(PRESSURES, *values) - truth,
+            color=REFERENCE_COLOUR,
+            lw=1.2,
+            label="straight-line fit",
+        )
+        axes[i].plot(PRESSURES, straight_line(PRESSURES, *thesis) - truth, color="C1", ls="--", label="Table 6.4")
         unit = "Nm" if i == 0 else "Nm/(rad/s)^(1/3)"
         label(axes[i], "pressure [bar]", f"{name} - plant [{unit}]")
         axes[i].legend(loc="upper left", frameon=False)
@@ -192,16 +198,16 @@ def table_6_4(sheet: Sheet) -> None:
 )
 def table_6_5(sheet: Sheet) -> None:
     """Fit of eq. 6.6 to the points of fig 6.13, with the covariance those were found with."""
-    found, p = stationary(), nominal()
+    found, p = fit_stationary(), nominal()
     values, half = fit(stribeck_depth, PRESSURES, found.parts[2], (0.7, 2.7, 0.2), found.covariances[2])
-    share, contact = plate_share(p), p["piston.contact_pressure"].value
+    share, contact = stack_share(p), p["piston.contact_pressure"].value
     plant = (p["clutch.beta_inf"].value, contact + (p["clutch.beta_onset"].value - contact) / share,
              p["clutch.beta_scale"].value / share)  # fmt: skip
     for i, (name, thesis) in enumerate((("beta_inf [-]", 0.704), ("p_1 [bar]", 2.71), ("p_0 [bar]", 0.158))):
-        recovered(sheet, name, values[i], half[i], plant[i], thesis)
+        make_row(sheet, name, values[i], half[i], plant[i], thesis)
     axes = sheet.axes(1, 1, width=7.5, height=4.5)
     fine = np.linspace(2.6, 4.3, 200)
-    axes.plot(fine, stribeck_depth(fine, *values), color=INK, lw=1.2, label="fit of eq. 6.6")
+    axes.plot(fine, stribeck_depth(fine, *values), color=REFERENCE_COLOUR, lw=1.2, label="fit of eq. 6.6")
     axes.plot(fine, stribeck_depth(fine, 0.704, 2.71, 0.158), color="C1", ls="--", label="Table 6.5")
     axes.errorbar(PRESSURES, found.parts[2], found.parts_half[2], fmt="o", ms=4, capsize=2, label="identified, 95 %")
     axes.legend(frameon=False)

@@ -4,21 +4,21 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from clutch_hil.thesis import reproduces
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
 from clutch_hil.thesis.clutch_experiments import (
-    HEATED,
-    SLOW,
+    HEATING_TIMES,
+    SLOW_RATE,
     Run,
-    cooled,
+    cooling_changes,
     friction_coefficient,
-    heating,
-    law,
-    measure,
     nominal,
+    run_experiment,
+    run_heating,
+    stationary_law,
     temperature_law,
     temperature_parameters,
 )
-from clutch_hil.thesis.clutch_fit import fit, line, recovered
-from clutch_hil.thesis.sheet import INK, Sheet, label
+from clutch_hil.thesis.clutch_fit import fit, make_row, straight_line
 from protocols.files.units import RPM
 
 SENSOR_ACCURACY = 0.012  # of the load, appendix C: what the thesis could see of a change of torque
@@ -35,8 +35,8 @@ def figure_6_8(sheet: Sheet) -> None:
     axes = sheet.axes(1, 2, width=11, height=4.5)
     at = np.array([60.0, 80.0, 100.0, 120.0, 135.0])  # degC, reached at all three pressures
     falls, seen = [], []
-    for pressure in HEATED:
-        run = heating(pressure)
+    for pressure in HEATING_TIMES:
+        run = run_heating(pressure)
         mu = friction_coefficient(run.torque, run.pressure, p)
         axes[0].plot(run.temperature, run.torque, ".", ms=3, label=f"{pressure} bar")
         axes[1].plot(run.temperature, mu, ".", ms=3, label=f"{pressure} bar")
@@ -45,7 +45,9 @@ def figure_6_8(sheet: Sheet) -> None:
         seen.append(np.interp(at, run.temperature, mu))
     slope, offset, origin = -0.0145, 0.143, 30.0  # Table 6.1
     fine = np.linspace(50.0, 160.0, 100)
-    axes[1].plot(fine, temperature_law(fine, slope, offset, origin), color=INK, lw=1.2, label="eq. 6.3, Table 6.1")
+    axes[1].plot(
+        fine, temperature_law(fine, slope, offset, origin), color=REFERENCE_COLOUR, lw=1.2, label="eq. 6.3, Table 6.1"
+    )
     axes[0].legend(loc="center right", bbox_to_anchor=(1.0, 0.62), frameon=False)
     axes[1].legend(loc="upper right", frameon=False)
     label(axes[0], "oil temperature [degC]", "torque [Nm]")
@@ -53,10 +55,10 @@ def figure_6_8(sheet: Sheet) -> None:
     sheet.check("torque falls all the time at all three pressures", all(falls), thesis="decreases")
     spread = float(np.ptp(seen, axis=0).max() / np.mean(seen))
     sheet.check("the three pressures give one mu(T): spread at most 1 % [%]", spread < 0.01, 100 * spread, "one band")
-    run = heating(3.4)
+    run = run_heating(3.4)
     mu = friction_coefficient(run.torque, run.pressure, p)
     rest = [np.std(mu - temperature_law(run.temperature, *fit(temperature_law, run.temperature, mu, (-0.01, 0.14, 20.0))[0])),
-            np.std(mu - line(run.temperature, *np.polyfit(run.temperature, mu, 1)))]  # fmt: skip
+            np.std(mu - straight_line(run.temperature, *np.polyfit(run.temperature, mu, 1)))]  # fmt: skip
     sheet.check("eq. 6.3 leaves less than a third of what a straight line leaves [1e-4]", rest[0] < rest[1] / 3.0,
                 1e4 * np.array(rest), "logarithmic")  # fmt: skip
     ends = np.array([52.0, 147.0])  # degC
@@ -90,8 +92,10 @@ def figure_6_9(sheet: Sheet) -> None:
     temperatures = (50.0, 100.0, 145.0)  # ours; the guard ends a run at 150
     curves, parts = [], []
     for temperature in temperatures:
-        held = nominal(**cooled(), oil__sump_temperature=temperature)
-        run = measure(np.full(staircase.size, 3.4), staircase, held, temperature, seed=6).plateaus(speeds.size, 0.5)
+        held = nominal(**cooling_changes(), oil__sump_temperature=temperature)
+        run = run_experiment(np.full(staircase.size, 3.4), staircase, held, temperature, seed=6).plateaus(
+            speeds.size, 0.5
+        )
         curves.append(run.torque)
         columns = np.array([np.ones(run.slip.size), np.exp(-11.52 / run.slip), run.slip ** (1 / 3)]).T  # eqs 6.2, 6.5
         parts.append(np.linalg.lstsq(columns, run.torque, rcond=None)[0])
@@ -107,26 +111,26 @@ def figure_6_9(sheet: Sheet) -> None:
     relative = change[[0, -1]] / curves[1][[0, -1]]
     sheet.check(f"the change at 10 rpm is below what the sensor shows, {SENSOR_ACCURACY:.1%} [%]",
                 bool(relative[0] < SENSOR_ACCURACY), 100 * relative[0], "about the same")  # fmt: skip
-    _, slow = law(3.4, 10 * RPM, nominal())
-    total = float(np.add(*law(3.4, 10 * RPM, nominal())))
+    _, slow = stationary_law(3.4, 10 * RPM, nominal())
+    total = float(np.add(*stationary_law(3.4, 10 * RPM, nominal())))
     sheet.note(
         f"at 10 rpm the viscous term of eqs 6.2, 6.5 and Table 6.4 is not small: |omega|^(1/3) leaves "
         f"{float(slow) / total:.0%} of the torque, so 95 K give {relative[0]:.1%} there and {relative[1]:.1%} at 200 rpm. "
         f"'About the same' within 1.2 % would hold for {95 * SENSOR_ACCURACY / relative[0]:.0f} K; "
         "the thesis's own temperatures are not in the text"
     )
-    _up_and_down(sheet, axes[1])
+    _run_up_and_down(sheet, axes[1])
     sheet.note(
         "the plant puts the temperature on the viscous term alone (plant_sim/blocks/oil.py): that M_C keeps its "
         "value is the plant's own law"
     )
 
 
-def _up_and_down(sheet: Sheet, axes: Axes) -> None:
+def _run_up_and_down(sheet: Sheet, axes: Axes) -> None:
     """Speed up and down in 2 min: oil heats, torque is lower on the way back."""
-    half = np.linspace(10.0, 200.0, 60 * SLOW)
+    half = np.linspace(10.0, 200.0, 60 * SLOW_RATE)
     speed = np.concatenate([half, half[::-1]]) * RPM
-    run = measure(np.full(speed.size, 3.4), speed, nominal(), 50.0, seed=6, rate=SLOW).plateaus(120, 1.0)
+    run = run_experiment(np.full(speed.size, 3.4), speed, nominal(), 50.0, seed=6, rate=SLOW_RATE).plateaus(120, 1.0)
     up, down = slice(0, 60), slice(60, 120)
     for part, name in ((up, "accelerate"), (down, "decelerate")):
         first, last = run.temperature[part][[0, -1]]
@@ -148,17 +152,23 @@ def _up_and_down(sheet: Sheet, axes: Axes) -> None:
 )
 def table_6_1(sheet: Sheet) -> None:
     """Fit of eq. 6.3 to friction that heats its own oil at 3.4 bar, 200 rpm."""
-    p, run = nominal(), heating(3.4)
+    p, run = nominal(), run_heating(3.4)
     mu = friction_coefficient(run.torque, run.pressure, p)
     found, half = fit(temperature_law, run.temperature, mu, (-0.01, 0.14, 20.0))
     plant = expected_temperature_law(run)
     axes = sheet.axes(1, 1, width=7.5, height=4.5)
     axes.plot(run.temperature, mu, ".", ms=4, label="measured, means over 2 s")
-    axes.plot(run.temperature, temperature_law(run.temperature, *found), color=INK, lw=1.2, label="fit of eq. 6.3")
+    axes.plot(
+        run.temperature,
+        temperature_law(run.temperature, *found),
+        color=REFERENCE_COLOUR,
+        lw=1.2,
+        label="fit of eq. 6.3",
+    )
     axes.legend(frameon=False)
     label(axes, "oil temperature [degC]", "friction coefficient [-]")
     for i, (name, thesis) in enumerate((("A [-]", -0.0145), ("B [-]", 0.143), ("T_0 [degC]", 30.0))):
-        recovered(sheet, name, found[i], half[i], plant[i], thesis)
+        make_row(sheet, name, found[i], half[i], plant[i], thesis)
     sheet.note("log is read to base 10: base e would give 2.3 times the slope of fig 6.8")
     sheet.note(
         "our plant lets the temperature act on the viscous torque alone; at 3.4 bar and 200 rpm the whole torque then follows "
@@ -171,7 +181,7 @@ def expected_temperature_law(run: Run) -> tuple[float, float, float]:
     p = nominal()
     pressure, slip = float(run.pressure.mean()), float(run.slip.mean())
     slope, offset, origin = temperature_parameters(p)
-    stribeck, viscous = law(pressure, slip, p)
+    stribeck, viscous = stationary_law(pressure, slip, p)
     gain = p["oil.viscous_gain"].value
     to_mu = friction_coefficient(1.0, pressure, p)
     scale = viscous * gain / temperature_law(70.0, slope, offset, origin)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.sheet import INK, Sheet, label
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
 from plant_sim.friction.asperities import Asperities, StickTimeFriction
 from plant_sim.friction.coulomb import Coulomb
 from plant_sim.friction.counter_surface import CounterSurface
@@ -34,7 +34,7 @@ from plant_sim.friction.xgms import XGMS
 
 FRICTION = StickTimeFriction(0.15, 0.2, 0.05)  # this, the film and the surface as in figs 2.25 and 2.26
 COUNT, STEPS, FILL = 500, 100, 0.5
-LOAD, SECOND, THIRD = 0.03, 0.06, 0.045  # the two of the training, and the one to be predicted
+LOAD, SECOND_LOAD, PREDICTED_LOAD = 0.03, 0.06, 0.045  # the two of the training, and the one to be predicted
 SPEEDS = np.geomspace(0.03, 30.0, 10)  # of the staircase: from dry slip to a full film
 STRIDE, SAMPLES, RUN_IN = (
     1.0,
@@ -62,7 +62,7 @@ class Motion:
 
     def predicted(self, model: FrictionModel) -> Array:
         """Friction of `model` (n,)."""
-        return _under(self.load, model, model.trace(self.position, self.dt, self.load).force)
+        return _force_under_load(self.load, model, model.trace(self.position, self.dt, self.load).force)
 
 
 @dataclass(frozen=True)
@@ -79,15 +79,15 @@ class Staircase:
 
     def predicted(self, model: FrictionModel) -> Array:
         """Steady friction of `model` (10,)."""
-        return _under(self.load, model, model.steady_state(SPEEDS, self.load))
+        return _force_under_load(self.load, model, model.steady_state(SPEEDS, self.load))
 
 
-def _under(load: Array | float, model: FrictionModel, force: Array) -> Array:
+def _force_under_load(load: Array | float, model: FrictionModel, force: Array) -> Array:
     """`force` of `model` under `load`: of one that ignores the load, in proportion to it, as Coulomb's law has it."""
     return force if isinstance(model, XGMS) else force * load / LOAD
 
 
-def contact(surface: int) -> GenericRayleighModel:
+def make_contact(surface: int) -> GenericRayleighModel:
     """One body, on the part of the counter surface that the seed `surface` draws."""
     asperities = Asperities.draw(COUNT, np.random.default_rng(0))
     dry = GenericModel(asperities, CounterSurface.draw(STEPS, np.random.default_rng(surface), FILL), FRICTION)
@@ -97,13 +97,13 @@ def contact(surface: int) -> GenericRayleighModel:
     return GenericRayleighModel(dry, film, SlidingThreshold.at_friction(film, FRICTION.mu_0))
 
 
-def _sine(name: str, amplitude: float, peak: float, cycles: float, samples: int) -> Motion:
+def _make_sine(name: str, amplitude: float, peak: float, cycles: float, samples: int) -> Motion:
     """A sine whose velocity reaches `peak`; `samples` a cycle."""
     phase = 2 * np.pi * np.arange(round(cycles * samples) + 1) / samples
     return Motion(name, amplitude * np.sin(phase), phase[1] * amplitude / peak)
 
 
-def _multisine(name: str, lines: Sequence[int], reach: float, speed: float) -> Motion:
+def _make_multisine(name: str, lines: Sequence[int], reach: float, speed: float) -> Motion:
     """Random phases, equal velocities on all `lines`; farthest position `reach`, rms velocity `speed`."""
     phases = np.random.default_rng(5).uniform(0.0, 2 * np.pi, len(lines))
     angle = 2 * np.pi * np.outer(np.arange(1201) / 1200, lines)
@@ -112,21 +112,21 @@ def _multisine(name: str, lines: Sequence[int], reach: float, speed: float) -> M
     return Motion(name, position, float(np.sqrt(np.mean(np.diff(position) ** 2))) / speed)
 
 
-def training() -> tuple[tuple[Motion, ...], tuple[Staircase, ...]]:
+def make_training() -> tuple[tuple[Motion, ...], tuple[Staircase, ...]]:
     """Slow loops, a sine through all regimes, and the steady friction at two loads."""
-    motions = _sine("slow loops", 0.03, 0.03, 2.25, 400), _sine("sine", 0.5, 10.0, 1.5, 1000)
-    return motions, (Staircase(LOAD), Staircase(SECOND))
+    motions = _make_sine("slow loops", 0.03, 0.03, 2.25, 400), _make_sine("sine", 0.5, 10.0, 1.5, 1000)
+    return motions, (Staircase(LOAD), Staircase(SECOND_LOAD))
 
 
-def held_out() -> tuple[tuple[Motion, ...], tuple[Motion, ...]]:
+def make_held_out() -> tuple[tuple[Motion, ...], tuple[Motion, ...]]:
     """Other amplitudes, frequencies and paths at the training load; other loads."""
-    inner = _multisine("inner loops", (1, 2, 5, 7), 0.04, 0.03)
-    wide = _multisine("multisine", (1, 2, 3, 5, 7), 0.5, 3.0)
-    swing = THIRD * (1.0 + np.sin(2 * np.pi * 4.3 * np.linspace(0.0, 1.0, wide.position.size)) / 3.0)
-    small, slow = _sine("small slow loops", 0.01, 0.03, 2.25, 400), _sine("slow sine", 0.25, 1.0, 1.25, 800)
-    return (small, inner, slow, _sine("fast sine", 0.5, 25.0, 1.5, 1000), wide), (
-        replace(inner, load=THIRD, name="inner loops, load 1.5"),
-        replace(wide, load=THIRD, name="multisine, load 1.5"),
+    inner = _make_multisine("inner loops", (1, 2, 5, 7), 0.04, 0.03)
+    wide = _make_multisine("multisine", (1, 2, 3, 5, 7), 0.5, 3.0)
+    swing = PREDICTED_LOAD * (1.0 + np.sin(2 * np.pi * 4.3 * np.linspace(0.0, 1.0, wide.position.size)) / 3.0)
+    small, slow = _make_sine("small slow loops", 0.01, 0.03, 2.25, 400), _make_sine("slow sine", 0.25, 1.0, 1.25, 800)
+    return (small, inner, slow, _make_sine("fast sine", 0.5, 25.0, 1.5, 1000), wide), (
+        replace(inner, load=PREDICTED_LOAD, name="inner loops, load 1.5"),
+        replace(wide, load=PREDICTED_LOAD, name="multisine, load 1.5"),
         replace(wide, load=swing, name="multisine, load 1 to 2"),
     )
 
@@ -135,7 +135,7 @@ Build = Callable[[Values], FrictionModel]
 Record = tuple[Motion | Staircase, Array]  # what was done, and the friction
 
 
-def _builds(elements: MaxwellSlip) -> dict[str, tuple[Build, tuple[str, ...]]]:
+def _make_builders(elements: MaxwellSlip) -> dict[str, tuple[Build, tuple[str, ...]]]:
     """How each model is made of named values, and the names of those beside the Stribeck curve."""
     stiffness, weights = elements.stiffness, elements.limits / elements.limits.sum()
 
@@ -158,7 +158,7 @@ def _builds(elements: MaxwellSlip) -> dict[str, tuple[Build, tuple[str, ...]]]:
     }
 
 
-def identified(
+def identify_models(
     motions: Sequence[Motion], stairs: Sequence[Staircase], forces: Sequence[Array]
 ) -> dict[str, FrictionModel]:
     """Every model by name, nearest to the `forces` of all `motions`, then `stairs`. Each record is divided by its rms."""
@@ -172,11 +172,11 @@ def identified(
         "attraction": (100.0, 0.1, 1e5),
     }
     records: list[Record] = list(zip((*motions, *stairs), forces, strict=True))
-    builds = _builds(elements).items()
-    return {name: _nearest(build, common | {x: extra[x] for x in own}, records) for name, (build, own) in builds}
+    builds = _make_builders(elements).items()
+    return {name: _fit_records(build, common | {x: extra[x] for x in own}, records) for name, (build, own) in builds}
 
 
-def _nearest(build: Build, free: Mapping[str, tuple[float, ...]], records: list[Record]) -> FrictionModel:
+def _fit_records(build: Build, free: Mapping[str, tuple[float, ...]], records: list[Record]) -> FrictionModel:
     """Least squares over `records`; `free` gives start, lowest and highest value of each parameter by name."""
 
     def made(theta: Array) -> FrictionModel:
@@ -195,7 +195,7 @@ def nrmse(predicted: Array, force: Array) -> float:
     return float(np.sqrt(np.mean((predicted - force) ** 2) / np.mean(force**2)))
 
 
-def _pooled(errors: Array) -> float:
+def _pool_errors(errors: Array) -> float:
     return float(np.sqrt(np.mean(np.square(errors))))
 
 
@@ -207,13 +207,13 @@ def _pooled(errors: Array) -> float:
 )
 def cross_level(sheet: Sheet) -> None:
     """Identify on one part of the surface, predict on another."""
-    here, elsewhere = contact(1), contact(2)
-    motions, stairs = training()
+    here, elsewhere = make_contact(1), make_contact(2)
+    motions, stairs = make_training()
     trained = [*(motion.measured(here) for motion in motions), *(staircase.measured(here) for staircase in stairs)]
     sheet.progress(1, 3)
-    models = identified(motions, stairs, trained)
+    models = identify_models(motions, stairs, trained)
     sheet.progress(2, 3)
-    known, others = held_out()
+    known, others = make_held_out()
     pairs = [(motion, motion.measured(elsewhere)) for motion in (*known, *others)]
     errors = {name: np.array([nrmse(m.predicted(model), f) for m, f in pairs]) for name, model in models.items()}
     floor = np.array([nrmse(m.measured(here), f) for m, f in pairs])
@@ -222,10 +222,10 @@ def cross_level(sheet: Sheet) -> None:
     for i, (motion, _) in enumerate(pairs):
         sheet.table.append((motion.name, *(f"{e[i]:.3f}" for e in (*errors.values(), floor))))
 
-    at_load = {name: _pooled(e[: len(known)]) for name, e in errors.items()}
-    other = {name: _pooled(e[len(known) :]) for name, e in errors.items()}
+    at_load = {name: _pool_errors(e[: len(known)]) for name, e in errors.items()}
+    other = {name: _pool_errors(e[len(known) :]) for name, e in errors.items()}
     coulomb, lugre, gms, xgms = at_load.values()
-    repeat = _pooled(floor[: len(known)])
+    repeat = _pool_errors(floor[: len(known)])
     sheet.check("training load, rms of the NRMSE of five motions: XGMS below LuGre below Coulomb, and at most 0.1",
                 xgms < lugre < coulomb and xgms <= 0.1, [xgms, lugre, coulomb])  # fmt: skip
     inner = [motion.name for motion in known].index("inner loops")
@@ -242,7 +242,7 @@ def cross_level(sheet: Sheet) -> None:
                 [other["XGMS"], other["LuGre"], other["Coulomb"]])  # fmt: skip
     sheet.check("XGMS at the training load over the asperities' own repeat on another part of the surface: at most 3",
                 xgms <= 3.0 * repeat, xgms / repeat)  # fmt: skip
-    stiffness = _stiffness(here, THIRD) / _stiffness(here, LOAD)
+    stiffness = _stiffness(here, PREDICTED_LOAD) / _stiffness(here, LOAD)
     sheet.note(
         f"under load 1.5 the asperities are {stiffness:.2f} times as stiff (more of them touch), XGMS 1, GMS times the load "
         "1.5 times: which is nearer in inner loops depends on the part of the surface"
@@ -273,7 +273,9 @@ def _draw(
     velocity = np.geomspace(SPEEDS[0], SPEEDS[-1], 200)
     for marker, (staircase, force) in zip("os", stairs, strict=True):
         load = staircase.load
-        steady.semilogx(SPEEDS, force / load, marker, color=INK, ms=5, label=f"asperities, load {load / LOAD:g}")
+        steady.semilogx(
+            SPEEDS, force / load, marker, color=REFERENCE_COLOUR, ms=5, label=f"asperities, load {load / LOAD:g}"
+        )
     steady.semilogx(velocity, models["XGMS"].steady_state(velocity, LOAD) / LOAD, "C0", label="XGMS, any load")
     steady.set_ylim(0.0, 0.2)
     steady.legend(fontsize=8, loc="lower left")
@@ -281,7 +283,7 @@ def _draw(
     for axes, index in ((loop, 1), (swing, 7)):
         motion, force = pairs[index]
         across = motion.position if axes is loop else motion.dt * np.arange(force.size)
-        axes.plot(across, force, color=INK, lw=3.0, alpha=0.35, label="asperities")
+        axes.plot(across, force, color=REFERENCE_COLOUR, lw=3.0, alpha=0.35, label="asperities")
         for name in ("LuGre", "XGMS"):
             axes.plot(across, motion.predicted(models[name]), color=COLOURS[name], lw=1.2, label=name)
         axes.set_ylim(top=1.7 * float(force.max()))  # room for the legend
@@ -291,7 +293,7 @@ def _draw(
     rows = np.arange(len(pairs))[::-1]
     for name, values in errors.items():
         dots.semilogx(values, rows, "D" if name == "GMS" else "o", color=COLOURS[name], ms=7, label=name, alpha=0.8)
-    dots.semilogx(floor, rows, "|", color=INK, ms=14, mew=2, label="repeat")
+    dots.semilogx(floor, rows, "|", color=REFERENCE_COLOUR, ms=14, mew=2, label="repeat")
     dots.set_yticks(rows, [motion.name for motion, _ in pairs])
     dots.set_xlim(0.01, 2.0)
     dots.set_ylim(-0.6, len(pairs) + 0.3)

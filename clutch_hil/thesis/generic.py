@@ -4,7 +4,7 @@ import numpy as np
 from scipy.optimize import curve_fit
 
 from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.sheet import INK, Sheet, label
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
 from plant_sim.friction.asperities import Asperities, StickTimeFriction
 from plant_sim.friction.asperity_contact import FREE, STICK
 from plant_sim.friction.counter_surface import CounterSurface, FlatSurface
@@ -18,7 +18,7 @@ LOAD = 0.05  # W: normal deflections of about the roughness, 0.05
 FRICTION = StickTimeFriction(mu_0=0.2, mu_inf=0.4, tau=0.5)  # tau near the time a reversal of fig 2.4 holds the contact
 MASS = 0.008  # of all asperities: at full speed impacts take as much as a third of the friction
 PITCH = 0.2  # step and recess: the stroke passes five, and a break-away deflection (0.02) is short against a step
-OURS = (
+OWN_VALUES_NOTE = (
     f"the thesis gives N, N_w, fill degree, amplitude and duration; ours: load {LOAD}, mu {FRICTION.mu_0} to {FRICTION.mu_inf} "
     f"with tau {FRICTION.tau}, mean pitch {PITCH}, mass of all asperities {MASS}, roughness 0.05, nu 0.3, total k_t 1"
 )
@@ -26,23 +26,23 @@ DT = 1e-3
 AMPLITUDE, PERIODS = 0.5, 1.25  # fig 2.4
 TIME = np.arange(0.0, PERIODS * 2.0 * np.pi, DT)  # the axis of fig 2.4 ends at 8: 1 rad/s
 POSITION, VELOCITY = AMPLITUDE * np.sin(TIME), AMPLITUDE * np.cos(TIME)
-GROSS = 0.1  # travel since the last reversal after which all asperities have slipped
+GROSS_STROKE = 0.1  # travel since the last reversal after which all asperities have slipped
 CYCLE = np.pi / 2.0 <= TIME  # one full period after the first quarter: from the upper reversal to the next
 
 
-def population(mass: float, seed: int = 1) -> Asperities:
-    """The N = 250 asperities of figs 2.5 to 2.8."""
+def draw_asperities(mass: float, seed: int = 1) -> Asperities:
+    """Draw the N = 250 asperities of figs 2.5 to 2.8; `mass` of all together."""
     return Asperities.draw(250, np.random.default_rng(seed), length=100 * PITCH, mass=mass)
 
 
-def model(mass: float = MASS) -> GenericModel:
-    """The model of fig 2.5: N = 250, N_w = 100, fill degree 50 %."""
-    return GenericModel(population(mass), CounterSurface.draw(100, np.random.default_rng(2), 0.5, PITCH), FRICTION)
+def make_model(mass: float = MASS) -> GenericModel:
+    """Make the model of fig 2.5: N = 250, N_w = 100, fill degree 50 %."""
+    return GenericModel(draw_asperities(mass), CounterSurface.draw(100, np.random.default_rng(2), 0.5, PITCH), FRICTION)
 
 
-def flat_model(friction: StickTimeFriction = FRICTION) -> GenericModel:
-    """The same asperities on a flat counter surface (fig 2.8)."""
-    return GenericModel(population(0.0), FlatSurface(), friction)
+def make_flat_model(friction: StickTimeFriction = FRICTION) -> GenericModel:
+    """Make the model of fig 2.8: the asperities of fig 2.5, without mass, on a flat counter surface."""
+    return GenericModel(draw_asperities(0.0), FlatSurface(), friction)
 
 
 @reproduces(
@@ -53,11 +53,11 @@ def flat_model(friction: StickTimeFriction = FRICTION) -> GenericModel:
 )
 def figure_2_5(sheet: Sheet) -> None:
     left, right = sheet.axes(1, 2, width=11, height=4.8)
-    heavy, light = model(), model(mass=0.0)
+    heavy, light = make_model(), make_model(mass=0.0)
     force = heavy.observe(POSITION, DT, LOAD).force
     quarter = TIME / (np.pi / 2.0)
     reversal = np.select([quarter < 1.0, quarter < 3.0], [0.0, AMPLITUDE], -AMPLITUDE)  # where the motion began
-    sliding = (np.abs(POSITION - reversal) > GROSS) & (np.abs(VELOCITY) > 0.0)
+    sliding = (np.abs(POSITION - reversal) > GROSS_STROKE) & (np.abs(VELOCITY) > 0.0)
     speed = np.abs(VELOCITY[sliding])
     level = force[sliding] * np.sign(VELOCITY[sliding])
 
@@ -73,7 +73,9 @@ def figure_2_5(sheet: Sheet) -> None:
     label(left, "position x [step heights]", "friction force F [-]", "hysteresis")
     right.plot(VELOCITY, force, lw=0.7, label="model")
     for side in (-1.0, 1.0):
-        right.plot(side * v, side * fitted, color=INK, lw=1.6, label="fitted Stribeck curve" if side > 0 else None)
+        right.plot(
+            side * v, side * fitted, color=REFERENCE_COLOUR, lw=1.6, label="fitted Stribeck curve" if side > 0 else None
+        )
     right.legend(loc="upper left", frameon=False)
     label(right, "velocity v", "friction force F [-]", "friction against velocity")
 
@@ -107,22 +109,22 @@ def figure_2_5(sheet: Sheet) -> None:
         dip,
         "no clearly visible Stribeck effect",
     )
-    lag = _lag(force) / noise
+    lag = _measure_lag(force) / noise
     sheet.check(
         "friction accelerating less decelerating at equal speed, over the noise (rms), below 1",
         abs(lag) < 1.0,
         lag,
         "friction lag not very clear due to the noise",
     )
-    sheet.note(OURS)
+    sheet.note(OWN_VALUES_NOTE)
 
 
 def _coulomb_work() -> float:
     return 4.0 * AMPLITUDE * FRICTION.mu_0 * LOAD
 
 
-def _lag(force: Array) -> float:
-    """Mean friction while accelerating less that while decelerating, |v| 0.2 to 0.45, over the last whole period."""
+def _measure_lag(force: Array) -> float:
+    """Mean friction while accelerating minus that while decelerating, |v| 0.2 to 0.45, over the last whole period."""
     part = CYCLE & (np.abs(VELOCITY) > 0.2) & (np.abs(VELOCITY) < 0.45)
     level, accelerating = force * np.sign(VELOCITY), -POSITION * VELOCITY > 0.0  # acceleration is -x at 1 rad/s
     return float(level[part & accelerating].mean() - level[part & ~accelerating].mean())
@@ -139,7 +141,7 @@ def figure_2_6(sheet: Sheet) -> None:
     travel = np.linspace(0.0, 0.12, 2401)
 
     def ramps(friction: StickTimeFriction) -> list[Array]:
-        return [flat_model(friction).observe(travel, (travel[1] - travel[0]) / rate, LOAD).force for rate in rates]
+        return [make_flat_model(friction).observe(travel, (travel[1] - travel[0]) / rate, LOAD).force for rate in rates]
 
     forces, constant = ramps(FRICTION), ramps(StickTimeFriction(FRICTION.mu_0, FRICTION.mu_0, FRICTION.tau))
     peaks, flat_peaks = (np.array([f.max() for f in found]) / LOAD for found in (forces, constant))
@@ -169,7 +171,7 @@ def figure_2_6(sheet: Sheet) -> None:
     sheet.note(
         "the body is moved at constant velocity; the rate is that velocity times the stiffness of the contact at rest"
     )
-    sheet.note(OURS)
+    sheet.note(OWN_VALUES_NOTE)
 
 
 @reproduces(
@@ -180,7 +182,7 @@ def figure_2_6(sheet: Sheet) -> None:
 def figure_2_7(sheet: Sheet) -> None:
     above, below = sheet.axes(2, 1, width=10, height=7, sharex=True, height_ratios=(3, 1))
     every = 10
-    generic = model()
+    generic = make_model()
     states = generic.trace(POSITION, DT, LOAD).state
     _, stick_time, mode, _ = generic.split(states)
     sticks = ((mode == STICK).sum(axis=1)) / np.maximum((mode != FREE).sum(axis=1), 1)
@@ -200,7 +202,7 @@ def figure_2_7(sheet: Sheet) -> None:
     label(below, "time", "part in stick [-]")
     reversals = np.pi * np.array([0.5, 1.5])  # the third is the end
     for time in reversals:
-        below.axvline(time, color=INK, lw=0.8, ls="--")
+        below.axvline(time, color=REFERENCE_COLOUR, lw=0.8, ls="--")
     near = np.min(np.abs(TIME[:, None] - reversals), axis=1) < 0.15
     far = np.abs(VELOCITY) > 0.4
     at = [round((time + 0.15) / DT) for time in reversals]
@@ -229,7 +231,7 @@ def figure_2_7(sheet: Sheet) -> None:
         (mode[at] == FREE).mean(axis=1),
         "some do not touch and appear not to stick",
     )
-    sheet.note(OURS)
+    sheet.note(OWN_VALUES_NOTE)
 
 
 @reproduces(
@@ -239,14 +241,14 @@ def figure_2_7(sheet: Sheet) -> None:
 )
 def figure_2_8(sheet: Sheet) -> None:
     axes = sheet.axes(1, 1, width=8, height=4.8)
-    generic = flat_model()
+    generic = make_flat_model()
     force = generic.observe(POSITION, DT, LOAD).force / LOAD
     plain = (
-        flat_model(StickTimeFriction(FRICTION.mu_0, FRICTION.mu_0, FRICTION.tau)).observe(POSITION, DT, LOAD).force
+        make_flat_model(StickTimeFriction(FRICTION.mu_0, FRICTION.mu_0, FRICTION.tau)).observe(POSITION, DT, LOAD).force
         / LOAD
     )
     axes.plot(POSITION, force, lw=1.2, label=r"$\mu(t)$, N = 250")
-    axes.plot(POSITION, plain, lw=1.0, ls="--", color=INK, label=r"$\mu_\infty = \mu_0$")
+    axes.plot(POSITION, plain, lw=1.0, ls="--", color=REFERENCE_COLOUR, label=r"$\mu_\infty = \mu_0$")
     axes.legend(loc="center", bbox_to_anchor=(0.7, 0.5), frameon=False)
     label(axes, "position x [step heights]", "friction force F/W [-]")
     overshoot = (force[CYCLE].max() / FRICTION.mu_0 - 1.0, -force[CYCLE].min() / FRICTION.mu_0 - 1.0)
@@ -274,4 +276,4 @@ def figure_2_8(sheet: Sheet) -> None:
         force[TIME > 6.0][0] / FRICTION.mu_0,
         "slip force",
     )
-    sheet.note(OURS)
+    sheet.note(OWN_VALUES_NOTE)

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.sheet import INK, Sheet, label
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
 from plant_sim.friction import asperity_contact as contact
 from plant_sim.friction.asperities import Asperities, StickTimeFriction
 from plant_sim.friction.counter_surface import CounterSurface, FlatSurface
@@ -26,15 +26,15 @@ STROKE = 0.5  # amplitude of the motion, as in fig 2.5
 Array = np.ndarray
 
 
-def _film(tip_load: float) -> TipFilm:
+def _make_film(tip_load: float) -> TipFilm:
     """The film on which a tip under `tip_load` begins to ride at velocity 1."""
     film = TipFilm(alpha=1.5, length=2e-4, step=4e-6, area=1e-6, viscosity=1.0)
     needed = film.ratio(film.gap_at(FRICTION.mu_0)) * tip_load / film.area
     return replace(film, viscosity=needed / film.sliding_per_velocity)
 
 
-def _wet(dry: GenericModel, tip_load: float) -> GenericRayleighModel:
-    film = _film(tip_load)
+def _make_wet_model(dry: GenericModel, tip_load: float) -> GenericRayleighModel:
+    film = _make_film(tip_load)
     return GenericRayleighModel(dry, film, SlidingThreshold.at_friction(film, FRICTION.mu_0))
 
 
@@ -45,7 +45,9 @@ def _wet(dry: GenericModel, tip_load: float) -> GenericRayleighModel:
     "continuous from dry to wet",
 )
 def figure_2_25(sheet: Sheet) -> None:
-    model = _wet(GenericModel(Asperities(np.zeros(1), np.zeros(1), np.ones(1)), FlatSurface(), FRICTION), LOAD)
+    model = _make_wet_model(
+        GenericModel(Asperities(np.zeros(1), np.zeros(1), np.ones(1)), FlatSurface(), FRICTION), LOAD
+    )
     time = np.linspace(0.0, 1.0, 40001)
     speed, position = 6.0 * time**2, 2.0 * time**3  # to velocity 6, gently at first
     played = model.trace(position, time[1], LOAD)
@@ -64,7 +66,9 @@ def figure_2_25(sheet: Sheet) -> None:
         left.plot(position[zone], mu[zone] / peak, colour, lw=2.5, label=name)
         right.plot(speed[zone], mu[zone], colour, lw=2.5, label=name)
     velocities = np.linspace(0.9, 6.0, 400)
-    right.plot(velocities, static(velocities), color=INK, ls="--", lw=1.0, label="Stribeck curve of the film")
+    right.plot(
+        velocities, static(velocities), color=REFERENCE_COLOUR, ls="--", lw=1.0, label="Stribeck curve of the film"
+    )
     left.set_xscale("log")
     left.set_xlim(1e-4, 2.0)
     right.set_ylim(0.0, 0.25)
@@ -104,7 +108,7 @@ def figure_2_26(sheet: Sheet) -> None:
     rng = np.random.default_rng(2)
     asperities = Asperities.draw(ASPERITIES, rng)
     dry = GenericModel(asperities, CounterSurface.draw(STEPS, rng, FILL), FRICTION)
-    model = _wet(dry, LOAD / (FILL * ASPERITIES))
+    model = _make_wet_model(dry, LOAD / (FILL * ASPERITIES))
     cycles = np.linspace(0.0, 1.25, 5001)
     position, phase = STROKE * np.sin(2 * np.pi * cycles), 2 * np.pi * STROKE * np.cos(2 * np.pi * cycles)
     shown = slice(1000, None)  # the last full cycle

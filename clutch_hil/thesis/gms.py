@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.sheet import INK, Sheet, label
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
 from plant_sim.friction.gms import GMS
 from plant_sim.friction.load_law import Amontons
 from plant_sim.friction.maxwell_slip import MaxwellSlip
@@ -16,12 +16,14 @@ from plant_sim.friction.stribeck import Stribeck
 from plant_sim.friction.xgms import XGMS
 
 
-def area(x: Array, y: Array) -> float:
+def loop_area(x: Array, y: Array) -> float:
     """Area within a closed loop, positive when it runs clockwise."""
     return float(np.sum(0.5 * (y + np.roll(y, -1)) * (np.roll(x, -1) - x)))
 
 
-def _loop(model: GMS | XGMS, middle: float, swing: float, frequency: float, samples: int = 4000) -> tuple[Array, Array]:
+def _play_loop(
+    model: GMS | XGMS, middle: float, swing: float, frequency: float, samples: int = 4000
+) -> tuple[Array, Array]:
     """Velocity and force over the third cycle of velocity `middle` + `swing` sin."""
     time = np.arange(3 * samples + 1) / (samples * frequency)
     phase = 2.0 * np.pi * frequency * time
@@ -42,9 +44,9 @@ def figure_1_9(sheet: Sheet) -> None:
     model = GMS(curve, stiffness=np.array([1e4]), weights=np.ones(1), attraction=10.0)
     areas, lags, above = [], [], []
     for times, style in ((1, "--"), (16, "-"), (100, ":")):
-        velocity, force = _loop(model, 0.55, 0.45, 0.02 * times)
+        velocity, force = _play_loop(model, 0.55, 0.45, 0.02 * times)
         axes.plot(velocity, force, style, color="C0", label="reference" if times == 1 else f"acceleration x{times}")
-        areas.append(abs(area(velocity, force)))
+        areas.append(abs(loop_area(velocity, force)))
         lags.append(float(np.sqrt(np.mean((force - curve(velocity)) ** 2))))
         rising = np.gradient(velocity) > 0.0
         grid = np.linspace(0.15, 0.95, 50)
@@ -56,7 +58,7 @@ def figure_1_9(sheet: Sheet) -> None:
         )
         above.append(float((up - down).min()))
     grid = np.linspace(0.05, 1.05, 300)
-    axes.plot(grid, curve(grid), color=INK, lw=1.0, label="static curve s(v)")
+    axes.plot(grid, curve(grid), color=REFERENCE_COLOUR, lw=1.0, label="static curve s(v)")
     axes.legend()
     label(axes, "velocity [m/s]", "friction [N]")
     sheet.check(
@@ -86,8 +88,8 @@ def figure_5_1(sheet: Sheet) -> None:
     force = MaxwellSlip(np.array([stiffness]), np.array([limit])).trace(position, 1e-3).force
     left.plot(position, force, color="C0")
     for level in (-limit, limit):
-        left.axhline(level, color=INK, lw=0.8, ls="--")
-    left.text(-1.15, 0.88, r"$W_i$", color=INK)
+        left.axhline(level, color=REFERENCE_COLOUR, lw=0.8, ls="--")
+    left.text(-1.15, 0.88, r"$W_i$", color=REFERENCE_COLOUR)
     left.text(-0.6, -0.3, r"slope $k_i$", color="C0")
     label(left, "z [m]", r"$F_i$ [N]", "One element")
     four = MaxwellSlip(np.array([4.0, 1.0, 0.5, 0.25]), np.array([0.4, 0.3, 0.2, 0.2])).trace(position, 1e-3).force
@@ -129,7 +131,7 @@ def figure_5_4(sheet: Sheet) -> None:
     velocity = (2.0 * np.pi * frequency * amplitude * np.sin(2.0 * np.pi * frequency * time))[-samples:]
     axes.plot(velocity, force, color="C0", label="N = 10")
     grid = np.concatenate([-np.geomspace(0.7, 1e-3, 300), np.geomspace(1e-3, 0.7, 300)])
-    axes.plot(grid, model.steady_state(grid, load), color=INK, ls="--", lw=1.0, label="Stribeck curve")
+    axes.plot(grid, model.steady_state(grid, load), color=REFERENCE_COLOUR, ls="--", lw=1.0, label="Stribeck curve")
     axes.set_xlim(-0.8, 0.8)
     axes.legend(loc="upper left")
     label(axes, r"$v$", r"$F_f$")
@@ -157,7 +159,7 @@ MIDDLE, SWING = 2.6, 2.4  # of the velocity on the right: 0.2 to 5, the axis of 
 def _lag_loops(axes: Axes, loops: list[tuple[Array, Array]], x: Array, static: Array) -> None:
     for frequency, (velocity, force) in zip(FREQUENCIES[::-1], loops[::-1], strict=True):
         axes.plot(velocity, force, label=f"{frequency:g} Hz", lw=1.2)
-    axes.plot(x, static, color=INK, lw=1.2, ls="--", label="Stribeck")
+    axes.plot(x, static, color=REFERENCE_COLOUR, lw=1.2, ls="--", label="Stribeck")
 
 
 @reproduces(
@@ -188,7 +190,7 @@ def figure_5_9(sheet: Sheet) -> None:
         viscous=0.12,
         attraction=15.0,
     )
-    loops = [_loop(model, MIDDLE, SWING, frequency) for frequency in FREQUENCIES]
+    loops = [_play_loop(model, MIDDLE, SWING, frequency) for frequency in FREQUENCIES]
     speed = np.linspace(0.05, 5.0, 400)
     _lag_loops(right, loops, speed, model.steady_state(speed, 1.0))
     right.set_ylim(0.0, 1.2)

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.optimize import least_squares, nnls
 
 from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.sheet import INK, Sheet, label
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
 from plant_sim.friction.gms import GMS
 from plant_sim.friction.model import Array
 from plant_sim.friction.stribeck import Stribeck
@@ -22,7 +22,7 @@ def elements(sheet: Sheet) -> None:
     time = np.arange(round(seconds / dt)) * dt
     pre_sliding = 2e-5 * (np.sin(2 * np.pi * 0.5 * time) + 0.6 * np.sin(2 * np.pi * 1.7 * time)) * np.minimum(time, 1.0)
     sliding = 5e-3 * (1.0 - np.cos(2 * np.pi * 1.0 * time))
-    truth, models = _smooth(), {n: _with_elements(n) for n in counts}
+    truth, models = _make_smooth_model(), {n: _fit_elements(n) for n in counts}
     rows = {}
     for name, position in (("pre-sliding", pre_sliding), ("gross sliding", sliding)):
         true = truth.trace(position, dt).force
@@ -38,7 +38,12 @@ def elements(sheet: Sheet) -> None:
     label(left, "number of elements", "rms error over rms friction [-]", "Error")
     shown = time >= 6.0
     right.plot(
-        pre_sliding[shown] * 1e6, truth.trace(pre_sliding, dt).force[shown], color=INK, lw=2.5, alpha=0.4, label="truth"
+        pre_sliding[shown] * 1e6,
+        truth.trace(pre_sliding, dt).force[shown],
+        color=REFERENCE_COLOUR,
+        lw=2.5,
+        alpha=0.4,
+        label="truth",
     )
     for n, colour in ((1, "C1"), (4, "C0"), (10, "C2")):
         right.plot(
@@ -91,7 +96,7 @@ def elements(sheet: Sheet) -> None:
 X_0, END, STATIC = 8e-6, 6e-5, 30.0  # m, m, N: virgin curve x/(x + X_0), all slide at END
 
 
-def _smooth() -> GMS:
+def _make_smooth_model() -> GMS:
     """The GMS model of 200 elements on the virgin curve itself (eq D.3 by differences)."""
     points = np.geomspace(2e-7, END, 200)
     height = points / (points + X_0) * (END + X_0) / END
@@ -100,7 +105,7 @@ def _smooth() -> GMS:
     return GMS(Stribeck(STATIC, 0.7, 5e-3, 50.0), STATIC * limits / points, limits / limits.sum(), 2000.0)
 
 
-def _with_elements(count: int) -> GMS:
+def _fit_elements(count: int) -> GMS:
     """GMS of `count` elements whose break points and limits are fitted to the virgin curve by least squares."""
     position = np.linspace(0.0, END, 401)[1:]
     curve = position / (position + X_0) * (END + X_0) / END

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.sheet import INK, Sheet, label
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
 from plant_sim.friction.asperities import Asperities, StickTimeFriction
 from plant_sim.friction.counter_surface import FlatSurface
 from plant_sim.friction.generic import GenericModel
@@ -19,7 +19,7 @@ SPEEDS = np.geomspace(0.03, 300.0, 41)  # over the speed at which a tip with the
 TRAVEL, SAMPLES = 10.0, 100  # step heights; ours: four times both change the friction by less than 1e-10
 
 
-def _model() -> GenericRayleighModel:
+def _make_model() -> GenericRayleighModel:
     friction = StickTimeFriction(MU, MU, 1.0)
     dry = GenericModel(Asperities.draw(TIPS, np.random.default_rng(2)), FlatSurface(), friction)
     film = TipFilm(alpha=1.5, length=2e-4, step=4e-6, area=1e-6, viscosity=1.0)
@@ -28,7 +28,7 @@ def _model() -> GenericRayleighModel:
     return GenericRayleighModel(dry, film, SlidingThreshold.at_friction(film, MU))
 
 
-def _at(model: GenericRayleighModel, speed: float) -> tuple[float, float, float, float]:
+def _measure_at(model: GenericRayleighModel, speed: float) -> tuple[float, float, float, float]:
     """Friction coefficient, share of the load on films, mean film h of the riding tips, tips that touch dry."""
     position = np.linspace(0.0, TRAVEL, SAMPLES)
     run = model.observe(position, position[1] / speed, LOAD)
@@ -48,13 +48,13 @@ def _at(model: GenericRayleighModel, speed: float) -> tuple[float, float, float,
 )  # fmt: skip
 def figure_4_17(sheet: Sheet) -> None:
     """Steady sliding over four decades of speed."""
-    model = _model()
-    mu, borne, thick, dry = np.array([_at(model, speed) for speed in SPEEDS]).T
+    model = _make_model()
+    mu, borne, thick, dry = np.array([_measure_at(model, speed) for speed in SPEEDS]).T
     boundary, film = borne < 0.02, borne > 0.98
     above, below = sheet.axes(2, 1, width=9, height=6.5, sharex=True, height_ratios=(2, 1))
     above.semilogx(SPEEDS, mu, lw=1.6)
     above.set_ylim(0.0, None)
-    above.axhline(MU, color=INK, ls="--", lw=0.8)
+    above.axhline(MU, color=REFERENCE_COLOUR, ls="--", lw=0.8)
     below.semilogx(SPEEDS, borne, lw=1.6)
     for panel in (above, below):
         for edge in (SPEEDS[boundary][-1], SPEEDS[film][0]):

@@ -11,7 +11,7 @@ SOURCES = {  # by folder
     "microtribometer": "github.com/jchristopherson/FrictionModels.jl, examples/test_data_2.txt",
     "pneumatic_seal_friction": "github.com/EvaZillen/3D-printed-pneumatic-actuator, results_pneumatic-actuator/data/friction",
 }
-BESIDE = Path(__file__).resolve().parents[3] / "shared" / "data"  # ../shared/data, seen from the project
+NEIGHBOUR_FOLDER = Path(__file__).resolve().parents[3] / "shared" / "data"  # ../shared/data, seen from the project
 
 
 class MissingDataError(InputError):
@@ -20,7 +20,7 @@ class MissingDataError(InputError):
 
 def measured_file(name: str) -> Path:
     """Path of the data file `name`, such as `microtribometer/test_data_2.txt`. Raises MissingDataError."""
-    folder = Path(os.environ.get(VARIABLE) or BESIDE)
+    folder = Path(os.environ.get(VARIABLE) or NEIGHBOUR_FOLDER)
     path = folder / name
     if not path.is_file():
         source = SOURCES[name.partition("/")[0]]

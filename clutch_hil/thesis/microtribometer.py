@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from clutch_hil.thesis import reproduces
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
 from clutch_hil.thesis.measured_data import measured_file
-from clutch_hil.thesis.sheet import INK, Sheet, label
 from plant_sim.friction.coulomb import Coulomb
 from plant_sim.friction.dahl import Dahl
 from plant_sim.friction.elasto_plastic import ElastoPlastic
@@ -37,7 +37,7 @@ STEP = 0.01  # s: 179 steps of the record are 9 to 10 ms, the others 5 ms; on th
 RESOLUTION = 1e-7  # m, the last digit of the recorded position
 BEGIN, PERIOD, CYCLES = 8.8, 4.0, 25  # s, s, -: the first stroke begins, a cycle with both dwells, cycles in each half
 LOAD = 5.0  # N, nominal
-REQUIRED = 0.12  # N, held out: what Dahl's model reaches, with an offset
+REQUIRED_ERROR = 0.12  # N, held out: what Dahl's model reaches, with an offset
 FOUR, TEN = "Maxwell-slip, 4 elements", "Maxwell-slip, 10 elements"  # sec. 5.5 of Janssens 2010, after Tjahjowidodo [9]
 
 Values = Mapping[str, float]
@@ -77,11 +77,11 @@ def read_record() -> Record:
     grid = np.arange(0.0, time[-1], STEP)
     metres = 1e-3 * np.interp(grid, time, position - position[0])
     newtons = np.interp(grid, time, np.maximum(load, 0.0)) * 1e-6
-    return Record(still(metres), newtons, -1e-6 * np.interp(grid, time, force))
+    return Record(remove_flicker(metres), newtons, -1e-6 * np.interp(grid, time, force))
 
 
-def still(position: Array) -> Array:
-    """`position` without the flicker of its last digit, which reverses the motion in a dwell: a play of RESOLUTION [m]."""
+def remove_flicker(position: Array) -> Array:
+    """Remove the flicker of the last digit of `position` [m], which reverses the motion in a dwell, by a play of RESOLUTION."""
     played = position.copy()
     for i in range(1, played.size):
         played[i] = min(max(played[i - 1], position[i] - RESOLUTION), position[i] + RESOLUTION)
@@ -89,14 +89,14 @@ def still(position: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Shifted:
+class ShiftedModel:
     """A model with an `offset` [N] of its force."""
 
     model: FrictionModel
     offset: float
 
     def trace(self, position: Array, dt: float, load: Array | float = 1.0) -> Any:
-        """As the model's, force and state, with the offset."""
+        """Force, with the offset added, and state of the model (see `FrictionModel.trace`)."""
         trace = self.model.trace(position, dt, load)
         return type(trace)(trace.force + self.offset, trace.state)
 
@@ -164,7 +164,7 @@ def _leuven(p: Values) -> Leuven:
     return Leuven(Stribeck(p["F/W"] * limits.sum()), _stiffness(p), limits, p["n"])
 
 
-def candidates() -> tuple[Candidate, ...]:
+def make_candidates() -> tuple[Candidate, ...]:
     """All models, the simplest first. Starts are read off the loop; bounds are wide."""
     level, level_bounds = {"F": 2.4}, {"F": (0.1, 10.0)}
     spring, spring_bounds = level | {"k": 4e4}, level_bounds | {"k": (1e3, 1e6)}
@@ -206,15 +206,15 @@ def evaluate(record: Record, candidate: Candidate, start: Values) -> Score:
     """Fit `candidate` from `start` on the first half; errors on all parts of the record."""
     names = list(start)
     bounds = {**candidate.bounds, "offset": (-1.0, 1.0)}
-    found = fit(lambda p: Shifted(candidate.build(p), p["offset"]), names, start, bounds, record.fitted)
+    found = fit(lambda p: ShiftedModel(candidate.build(p), p["offset"]), names, start, bounds, record.fitted)
     values = {name: found[name] for name in names}
-    model = Shifted(candidate.build(values), values["offset"])
+    model = ShiftedModel(candidate.build(values), values["offset"])
     prediction = model.trace(record.position, STEP, record.load).force
     errors = [float(np.sqrt(np.mean((prediction - record.force)[part] ** 2))) for part in record.parts]
     return Score(candidate, values, prediction, *errors)
 
 
-def compare(
+def compare_candidates(
     record: Record, chosen: tuple[Candidate, ...], progress: Callable[[int, int], None] = lambda done, total: None
 ) -> dict[str, Score]:
     """Score of each candidate by name."""
@@ -237,7 +237,7 @@ def compare(
 def microtribometer(sheet: Sheet) -> None:
     """Fit on 25 measured cycles, predict 25 others and the unloading."""
     record = read_record()
-    scores = compare(record, candidates(), sheet.progress)
+    scores = compare_candidates(record, make_candidates(), sheet.progress)
     _draw(sheet, record, scores)
     sheet.table = [("model", "free parameters", "fitted [N]", "held out [N]", "unloading [N]")]
     for name, score in scores.items():
@@ -247,7 +247,9 @@ def microtribometer(sheet: Sheet) -> None:
     best = min(ours, key=lambda name: ours[name])
     others = [score.unloading for name, score in scores.items() if not name.startswith("XGMS")]
     xgms = scores["XGMS, 2 elements"]
-    sheet.check("largest held-out error of ours [N], at most 0.12", max(ours.values()) <= REQUIRED, max(ours.values()))
+    sheet.check(
+        "largest held-out error of ours [N], at most 0.12", max(ours.values()) <= REQUIRED_ERROR, max(ours.values())
+    )
     few = ours[FOUR] / ours[TEN]
     sheet.check("held-out error with 4 elements over that with 10: at most 1.02", few <= 1.02, few, "not significant")
     sheet.check(
@@ -262,7 +264,7 @@ def microtribometer(sheet: Sheet) -> None:
     )
     sheet.check(
         "error while the load is taken off [N]: XGMS at most 0.12 too, the least of the others",
-        xgms.unloading <= REQUIRED < min(others),
+        xgms.unloading <= REQUIRED_ERROR < min(others),
         [xgms.unloading, min(others)],
     )
     grip = float(np.median(np.abs(record.force[record.parts[1]]) / record.load[record.parts[1]]))
@@ -279,7 +281,7 @@ def _draw(sheet: Sheet, record: Record, scores: dict[str, Score]) -> None:
     loops, errors, unloading = sheet.axes(1, 3, width=15, height=5)
     part = slice(record.parts[1].stop - round(PERIOD / STEP), record.parts[1].stop)
     after = slice(record.parts[2].start, None)
-    lines = (("measured", record.force, INK), *((n, scores[n].prediction, None) for n in _SHOWN))
+    lines = (("measured", record.force, REFERENCE_COLOUR), *((n, scores[n].prediction, None) for n in _DRAWN_MODELS))
     for name, force, colour in lines:
         style = {"color": colour, "lw": 3.0, "alpha": 0.35} if colour else {"lw": 1.2}
         loops.plot(1e6 * record.position[part], force[part], label=name, **style)
@@ -293,10 +295,10 @@ def _draw(sheet: Sheet, record: Record, scores: dict[str, Score]) -> None:
     errors.barh(names, held, color=["C0" if scores[name].candidate.ours else "C7" for name in names])
     for i, value in enumerate(held):
         errors.text(0.053, i, f"{value:.3f}", va="center", fontsize=9, color="white")
-    errors.axvline(REQUIRED, color=INK, ls="--", lw=1.0)
+    errors.axvline(REQUIRED_ERROR, color=REFERENCE_COLOUR, ls="--", lw=1.0)
     errors.set_xscale("log")
     errors.set_xlim(0.05, 3.0)
     label(errors, "held-out RMS error [N], 0.12 N dashed", "", "cycles 26 to 50 (blue: ours)")
 
 
-_SHOWN = ("Coulomb", "Dahl", "Maxwell-slip, 2 elements", "XGMS, 2 elements")
+_DRAWN_MODELS = ("Coulomb", "Dahl", "Maxwell-slip, 2 elements", "XGMS, 2 elements")

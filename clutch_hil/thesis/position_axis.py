@@ -5,64 +5,66 @@ from collections.abc import Mapping
 import numpy as np
 
 from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.sheet import Sheet, label
+from clutch_hil.thesis.check_sheet import Sheet, label
 from plant_sim.friction.elasto_plastic import ElastoPlastic
 from plant_sim.friction.lugre import LuGre
 from plant_sim.friction.model import Array, FrictionModel
 from plant_sim.friction.stribeck import Stribeck
 from plant_sim.rigs import position_identification as identification
 from plant_sim.rigs.position_axis import PositionAxis, Run, Trajectory, nominal, nominal_friction
-from plant_sim.rigs.position_feedforward import Feedforward, Frictionless, multisine, sine, there_and_back
-from plant_sim.rigs.position_identification import Identified
+from plant_sim.rigs.position_feedforward import Feedforward, Frictionless, multisine, sine, trapezoidal_strokes
+from plant_sim.rigs.position_identification import IdentifiedFeedforward
 
-MICRO = 1e6  # um in a m
-SETTLED = 2.0  # s, from here errors count: the trajectories have grown to their amplitude
-HEAVIER = 1.75  # of the nominal load, after the load step
-GUESS = 0.9  # of the true mass: where the search for it begins
-STEP = 4.1  # s, of the load, in the middle of a stroke
+MICROMETRES = 1e6  # um in a m
+SETTLING_TIME = 2.0  # s, errors count from here on, when the trajectories have reached their amplitude
+LOAD_FACTOR = 1.75  # load after the load step over the nominal load
+MASS_GUESS = 0.9  # start of the search for the mass, over the true mass
+LOAD_STEP_TIME = 4.1  # s, of the load, in the middle of a stroke
 
 # trajectory and its time [s]: in the range of falling friction; below the displacement that slides; transport; anything
 TASKS: dict[str, tuple[Trajectory, float]] = {
     "slow sine": (sine(2e-3, 0.5), 7.0),
     "pre-sliding": (sine(1e-5, 1.0), 5.0),
-    "point to point": (there_and_back(20e-3, 50e-3, 1.0, 0.3, 6), 6.2),
+    "point to point": (trapezoidal_strokes(20e-3, 50e-3, 1.0, 0.3, 6), 6.2),
     "multisine": (multisine(1e-3, 0.5, 5.0, 2.0, seed=2), 6.0),
 }
 COLOURS = {"none": "0.6", "Coulomb": "C1", "LuGre": "C2", "GMS": "C0", "XGMS": "C3"}
 
 
-def _identified(run: Run, gms: Identified) -> dict[str, Feedforward]:
+def _identify_feedforwards(run: Run, gms: IdentifiedFeedforward) -> dict[str, Feedforward]:
     """The feedforwards from the same `run` of an axis; all with the mass that the best fit, `gms`, found."""
     mass = gms.feedforward.mass
     return {
         "none": Feedforward(mass, Frictionless()),
-        "Coulomb": identification.coulomb(run, mass).feedforward,
-        "LuGre": identification.lugre(run, mass).feedforward,
+        "Coulomb": identification.identify_coulomb(run, mass).feedforward,
+        "LuGre": identification.identify_lugre(run, mass).feedforward,
         "GMS": gms.feedforward,
     }
 
 
-def _run(axis: PositionAxis, feedforward: Feedforward, task: tuple[Trajectory, float], load: Array | float) -> Run:
+def _run_task(axis: PositionAxis, feedforward: Feedforward, task: tuple[Trajectory, float], load: Array | float) -> Run:
     trajectory, seconds = task
     return axis.simulate(trajectory, seconds, feedforward.force(trajectory, axis.times(seconds), load), load)
 
 
 def _rms(run: Run) -> float:
     """Rms tracking error [um]."""
-    return float(np.sqrt(np.mean(run.error[run.time_s >= SETTLED] ** 2))) * MICRO
+    return float(np.sqrt(np.mean(run.error[run.time_s >= SETTLING_TIME] ** 2))) * MICROMETRES
 
 
-def _errors(axis: PositionAxis, feedforwards: Mapping[str, Feedforward]) -> dict[str, dict[str, Run]]:
-    return {task: {name: _run(axis, ff, TASKS[task], axis.load) for name, ff in feedforwards.items()} for task in TASKS}
+def _measure_errors(axis: PositionAxis, feedforwards: Mapping[str, Feedforward]) -> dict[str, dict[str, Run]]:
+    return {
+        task: {name: _run_task(axis, ff, TASKS[task], axis.load) for name, ff in feedforwards.items()} for task in TASKS
+    }
 
 
-def _table(sheet: Sheet, rows: Mapping[str, Mapping[str, float]]) -> None:
+def _fill_table(sheet: Sheet, rows: Mapping[str, Mapping[str, float]]) -> None:
     names = list(next(iter(rows.values())))
     sheet.table = [["rms error [um]", *names]]
     sheet.table += [[task, *(f"{row[name]:.3f}" for name in names)] for task, row in rows.items()]
 
 
-def _bars(axes, rows: Mapping[str, Mapping[str, float]]) -> None:
+def _draw_bars(axes, rows: Mapping[str, Mapping[str, float]]) -> None:
     names = list(next(iter(rows.values())))
     width = 0.8 / len(names)
     for i, name in enumerate(names):
@@ -80,17 +82,17 @@ def _bars(axes, rows: Mapping[str, Mapping[str, float]]) -> None:
 )
 def figure_5_10(sheet: Sheet) -> None:
     axis = PositionAxis()
-    identified = identification.experiment(axis)
-    gms = identification.gms(identified, GUESS * axis.mass)
-    feedforwards = _identified(identified, gms)
-    feedforwards["XGMS"] = identification.xgms(identified, gms, axis.load).feedforward
-    runs = _errors(axis, feedforwards)
+    identified = identification.run_experiment(axis)
+    gms = identification.identify_gms(identified, MASS_GUESS * axis.mass)
+    feedforwards = _identify_feedforwards(identified, gms)
+    feedforwards["XGMS"] = identification.identify_xgms(identified, gms, axis.load).feedforward
+    runs = _measure_errors(axis, feedforwards)
     rows = {task: {name: _rms(run) for name, run in each.items()} for task, each in runs.items()}
     task = TASKS["slow sine"]
-    load = axis.load * np.where(axis.times(task[1]) < STEP, 1.0, HEAVIER)
-    stepped = {name: _run(axis, ff, task, load) for name, ff in feedforwards.items()}
+    load = axis.load * np.where(axis.times(task[1]) < LOAD_STEP_TIME, 1.0, LOAD_FACTOR)
+    stepped = {name: _run_task(axis, ff, task, load) for name, ff in feedforwards.items()}
     rows["sine, load step"] = {name: _rms(run) for name, run in stepped.items()}
-    _table(sheet, rows)
+    _fill_table(sheet, rows)
 
     (top, bottom), (left, right) = sheet.axes(2, 2, width=12, height=8, gridspec_kw={"width_ratios": [1.6, 1]})
     for axes, name, runs_shown in (
@@ -99,17 +101,19 @@ def figure_5_10(sheet: Sheet) -> None:
     ):
         for model, run in runs_shown.items():
             shown = (run.time_s >= 3.5) & (run.time_s <= 6.5)
-            axes.plot(run.time_s[shown], run.error[shown] * MICRO, color=COLOURS[model], lw=1.0)
+            axes.plot(run.time_s[shown], run.error[shown] * MICROMETRES, color=COLOURS[model], lw=1.0)
         label(axes, "time [s]", "tracking error [um]", name)
-    _bars(right, rows)
+    _draw_bars(right, rows)
     right.tick_params(axis="x", rotation=20)
     right.figure.legend(*right.get_legend_handles_labels(), loc="outside lower center", ncols=5, frameon=False)
     position = np.sort(runs["pre-sliding"]["GMS"].true_position)
     for model in ("none", "Coulomb", "LuGre", "GMS"):
         run = runs["pre-sliding"][model]
         shown = (run.time_s >= 4.0) & (run.time_s <= 5.0)
-        bottom.plot(run.reference[shown] * MICRO, run.true_position[shown] * MICRO, color=COLOURS[model], lw=1.2)
-    bottom.set_ylim(MICRO * position[0] - 6.0, MICRO * position[-1] + 6.0)
+        bottom.plot(
+            run.reference[shown] * MICROMETRES, run.true_position[shown] * MICROMETRES, color=COLOURS[model], lw=1.2
+        )
+    bottom.set_ylim(MICROMETRES * position[0] - 6.0, MICROMETRES * position[-1] + 6.0)
     label(bottom, "reference [um]", "position [um]", "Pre-sliding")
 
     for task_name in TASKS:
@@ -141,7 +145,7 @@ def figure_5_10(sheet: Sheet) -> None:
     )
 
 
-def _others() -> dict[str, FrictionModel]:
+def _other_frictions() -> dict[str, FrictionModel]:
     """True frictions of other families: with the static friction and curve of the axis's own."""
     static = float(nominal_friction(nominal()).friction(nominal()["table.load"].si))
     curve = Stribeck(static, 0.7, 4e-3, 2.0 * static)
@@ -160,14 +164,16 @@ def _others() -> dict[str, FrictionModel]:
 def compensation(sheet: Sheet) -> None:
     axes = sheet.axes(1, 2, width=12, height=4.5, sharey=True)
     everything: dict[str, dict[str, float]] = {}
-    for panel, (truth, friction) in zip(axes, _others().items(), strict=True):
+    for panel, (truth, friction) in zip(axes, _other_frictions().items(), strict=True):
         axis = PositionAxis(friction)
-        identified = identification.experiment(axis)
-        feedforwards = _identified(identified, identification.gms(identified, GUESS * axis.mass))
-        runs = _errors(axis, feedforwards)
+        identified = identification.run_experiment(axis)
+        feedforwards = _identify_feedforwards(
+            identified, identification.identify_gms(identified, MASS_GUESS * axis.mass)
+        )
+        runs = _measure_errors(axis, feedforwards)
         rows = {task: {name: _rms(run) for name, run in each.items()} for task, each in runs.items()}
         everything |= {f"{truth}: {task}": row for task, row in rows.items()}
-        _bars(panel, rows)
+        _draw_bars(panel, rows)
         panel.set_title(f"True friction: {truth}", loc="left", fontsize=10)
         means = {name: float(np.exp(np.mean([np.log(row[name]) for row in rows.values()]))) for name in feedforwards}
         wanted = "LuGre" if truth == "LuGre" else "GMS"
@@ -188,7 +194,7 @@ def compensation(sheet: Sheet) -> None:
     ]
     sheet.note(f"single tasks in which another than the winner of the mean is ahead: {', '.join(against) or 'none'}")
     axes[0].figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False)
-    _table(sheet, everything)
+    _fill_table(sheet, everything)
     sheet.note(
         "same axis, controller, identification run and tasks as figure-5.10; these true frictions know no load. Mean error: "
         "geometric mean of the rms errors of the tasks"

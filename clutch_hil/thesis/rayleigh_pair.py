@@ -6,19 +6,28 @@ Parameters as in `rayleigh_step`, of which they are ours.
 import numpy as np
 
 from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.rayleigh_step import ALPHA, ASYMPTOTE, FRICTION, NUMBER, SAMPLES, SLOPE, Loop, periodic
-from clutch_hil.thesis.sheet import INK, Sheet, label
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
+from clutch_hil.thesis.rayleigh_step import (
+    ALPHA,
+    ASYMPTOTE,
+    FRICTION_LABEL,
+    NUMBER_LABEL,
+    SAMPLES,
+    SLOPE,
+    Loop,
+    simulate_periodic,
+)
 from plant_sim.friction.step_bearing import StepBearing
 
 PAIR = (1, -1)
-BOTH_WAYS = (0.5, 1.0, 2.0, 5.0, 10.0)  # f of fig 2.19
-BOTH_SIGMA = 3e-3  # Pa; ours: the largest friction of fig 2.19 is then that of its axis, 8e-3 Pa
+FREQUENCIES = (0.5, 1.0, 2.0, 5.0, 10.0)  # f of fig 2.19
+SQUEEZE_NUMBER = 3e-3  # Pa; ours: the largest friction of fig 2.19 is then that of its axis, 8e-3 Pa
 
 
-def _both_ways() -> list[Loop]:
+def _simulate_pair() -> list[Loop]:
     """Two steps back to back, Lambda/W a cosine of amplitude 5."""
-    bearing = StepBearing(ALPHA, SLOPE, BOTH_SIGMA, 0.0, PAIR)
-    return [periodic(bearing, 1.0, -10.0, f, start=5.0) for f in BOTH_WAYS]
+    bearing = StepBearing(ALPHA, SLOPE, SQUEEZE_NUMBER, 0.0, PAIR)
+    return [simulate_periodic(bearing, 1.0, -10.0, f, start=5.0) for f in FREQUENCIES]
 
 
 @reproduces(
@@ -29,15 +38,15 @@ def _both_ways() -> list[Loop]:
 def figure_2_19(sheet: Sheet) -> None:
     axes = sheet.axes(1, 1, 8, 5)
     numbers = np.linspace(ASYMPTOTE + 1e-3, 5.0, 600)
-    static = StepBearing(ALPHA, SLOPE, BOTH_SIGMA, 0.0, PAIR).stribeck(numbers, 1.0)
-    axes.plot(numbers, static, color=INK, ls="--", lw=1.0, label="Stribeck")
-    axes.plot(-numbers, -static, color=INK, ls="--", lw=1.0)
-    loops = _both_ways()
-    for f, loop in zip(BOTH_WAYS, loops, strict=True):
+    static = StepBearing(ALPHA, SLOPE, SQUEEZE_NUMBER, 0.0, PAIR).stribeck(numbers, 1.0)
+    axes.plot(numbers, static, color=REFERENCE_COLOUR, ls="--", lw=1.0, label="Stribeck")
+    axes.plot(-numbers, -static, color=REFERENCE_COLOUR, ls="--", lw=1.0)
+    loops = _simulate_pair()
+    for f, loop in zip(FREQUENCIES, loops, strict=True):
         axes.plot(loop.number, loop.friction, label=f"f = {f:g}")
     axes.set_ylim(-0.01, 0.01)
     axes.legend()
-    label(axes, NUMBER, FRICTION)
+    label(axes, NUMBER_LABEL, FRICTION_LABEL)
     half = SAMPLES // 2
     odd = max(
         float(np.abs(loop.friction[half:-1] + loop.friction[:half]).max() / loop.friction.max()) for loop in loops
@@ -49,7 +58,9 @@ def figure_2_19(sheet: Sheet) -> None:
     peak = max(float(loop.friction.max()) for loop in loops)
     sheet.check("friction stays finite below Lambda_0, where the Stribeck curve has none", bool(np.isfinite(peak)),
                 f"{peak:.2g} Pa", "axis to 8e-3")  # fmt: skip
-    sheet.note(f"W = 1 Pa, sigma = {BOTH_SIGMA:g} Pa; the pressure of the cavitated step is cut in the friction too")
+    sheet.note(
+        f"W = 1 Pa, sigma = {SQUEEZE_NUMBER:g} Pa; the pressure of the cavitated step is cut in the friction too"
+    )
 
 
 @reproduces(
@@ -60,8 +71,8 @@ def figure_2_19(sheet: Sheet) -> None:
 def figure_2_20(sheet: Sheet) -> None:
     axes = sheet.axes(1, 1, 8, 5)
     half, quarter = SAMPLES // 2, SAMPLES // 4
-    loops, mirrored, lower = _both_ways(), [], []
-    for f, loop in zip(BOTH_WAYS, loops, strict=True):
+    loops, mirrored, lower = _simulate_pair(), [], []
+    for f, loop in zip(FREQUENCIES, loops, strict=True):
         displacement = 5.0 / (2 * np.pi * f) * np.sin(2 * np.pi * np.arange(SAMPLES + 1) / SAMPLES)  # of Lambda/W
         axes.plot(displacement, loop.gap, label=f"f = {f:g}")
         mirrored.append(float(np.abs(loop.gap[half:-1] / loop.gap[:half] - 1.0).max()))

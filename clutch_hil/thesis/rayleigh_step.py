@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.sheet import INK, Sheet, label
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
 from plant_sim.friction.rayleigh_step import threshold_sliding
 from plant_sim.friction.step_bearing import StepBearing
 
@@ -19,8 +19,8 @@ ASYMPTOTE = threshold_sliding(ALPHA, 1.0)  # Lambda/W, 0.8
 SAMPLES = 1000  # a cycle
 CYCLES = 60  # until the motion repeats to 1e-6
 START = ASYMPTOTE + 2e-3  # Lambda/W where the loops begin; ours
-NUMBER = r"$\Lambda/W$ [-]"
-FRICTION = r"$F_f$ [Pa]"
+NUMBER_LABEL = r"$\Lambda/W$ [-]"
+FRICTION_LABEL = r"$F_f$ [Pa]"
 Array = np.ndarray
 
 
@@ -49,7 +49,7 @@ class Loop(NamedTuple):
         return float(self.friction[1:half].mean() / self.friction[half + 1 : -1].mean())
 
 
-def periodic(bearing: StepBearing, load: float, stroke: float, frequency: float, start: float = START) -> Loop:
+def simulate_periodic(bearing: StepBearing, load: float, stroke: float, frequency: float, start: float = START) -> Loop:
     """The periodic motion with Lambda/W between `start` and `start` + `stroke`."""
     time = np.arange(CYCLES * SAMPLES + 1) / SAMPLES
     number = start + 0.5 * stroke * (1.0 - np.cos(2 * np.pi * time))
@@ -63,10 +63,10 @@ def draw_stribeck(axes: Any, upper: float, loads: tuple[float, ...] = (1.0,)) ->
     numbers = np.linspace(ASYMPTOTE + 1e-4, upper, 600)
     for i, load in enumerate(loads):
         curve = StepBearing(ALPHA, SLOPE, 1.0).stribeck(numbers * load, load)
-        axes.plot(numbers, curve, color=INK, lw=1.0, ls="--", label="" if i else "Stribeck")
+        axes.plot(numbers, curve, color=REFERENCE_COLOUR, lw=1.0, ls="--", label="" if i else "Stribeck")
 
 
-def grows(values: Any) -> bool:
+def is_rising(values: Any) -> bool:
     """Whether every value is above the one before."""
     return bool(np.all(np.diff(values) > 0.0))
 
@@ -80,14 +80,16 @@ def figure_2_12(sheet: Sheet) -> None:
     axes, load, sigma = sheet.axes(1, 1, 8, 5), 2.0, 1e-8
     draw_stribeck(axes, 0.853, (load,))
     amplitudes = (0.001, 0.01, 0.1)
-    loops = [periodic(StepBearing(ALPHA, SLOPE, sigma), load, amplitude / load, 1.0) for amplitude in amplitudes]
+    loops = [
+        simulate_periodic(StepBearing(ALPHA, SLOPE, sigma), load, amplitude / load, 1.0) for amplitude in amplitudes
+    ]
     for amplitude, loop in zip(amplitudes, loops, strict=True):
         axes.plot(loop.number, loop.friction, label=f"A = {amplitude:g}")
     axes.set_ylim(0.0, 0.6)
     axes.legend()
-    label(axes, NUMBER, FRICTION)
+    label(axes, NUMBER_LABEL, FRICTION_LABEL)
     areas = [loop.area for loop in loops]
-    sheet.check("area of the loop grows with A", grows(areas), areas, "grows")
+    sheet.check("area of the loop grows with A", is_rising(areas), areas, "grows")
     ratios = [loop.ratio for loop in loops]
     sheet.check("friction accelerating over decelerating is above 1", min(ratios) > 1.0, ratios, "higher accelerating")
     sheet.note(
@@ -104,19 +106,21 @@ def figure_2_13(sheet: Sheet) -> None:
     axes, sigma = sheet.axes(1, 1, 8, 5), 5e-9
     draw_stribeck(axes, 0.82)
     frequencies = (0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
-    loops = [periodic(StepBearing(ALPHA, SLOPE, sigma), 1.0, 0.016, f) for f in frequencies]
+    loops = [simulate_periodic(StepBearing(ALPHA, SLOPE, sigma), 1.0, 0.016, f) for f in frequencies]
     for f, loop in zip(frequencies, loops, strict=True):
         axes.plot(loop.number, loop.friction, label=f"f = {f:g}")
     axes.set_ylim(0.0, 0.5)
     axes.legend()
-    label(axes, NUMBER, FRICTION)
+    label(axes, NUMBER_LABEL, FRICTION_LABEL)
     heights = [float(np.ptp(loop.friction)) for loop in loops]
-    sheet.check("height of the loop [Pa] falls with f", grows(np.negative(heights)), heights, "vertical to horizontal")
+    sheet.check(
+        "height of the loop [Pa] falls with f", is_rising(np.negative(heights)), heights, "vertical to horizontal"
+    )
     lags = [loop.lag for loop in loops]
-    sheet.check("lag angle [deg] grows with f", grows(lags), lags, "more expressed")
+    sheet.check("lag angle [deg] grows with f", is_rising(lags), lags, "more expressed")
     areas = [loop.area for loop in loops]
-    sheet.check("area of the loop grows with f", grows(areas), areas, "more expressed")
-    faster = periodic(StepBearing(ALPHA, SLOPE, 10.0 * sigma), 1.0, 0.016, frequencies[-1])
+    sheet.check("area of the loop grows with f", is_rising(areas), areas, "more expressed")
+    faster = simulate_periodic(StepBearing(ALPHA, SLOPE, 10.0 * sigma), 1.0, 0.016, frequencies[-1])
     sheet.note(f"W = 1 Pa, sigma = {sigma:g} Pa, chosen as the largest of those tried at which the area grows over all f: only "
                "sigma f matters to the quasi-static film, and above 5e-8 Pa it hardly follows; the area then falls again "
                f"({faster.area:.2g} at ten times that) while the lag angle still grows ({faster.lag:.0f} deg)")  # fmt: skip
@@ -132,17 +136,17 @@ def figure_2_14(sheet: Sheet) -> None:
     axes, sigma, frequency = sheet.axes(1, 1, 8, 5), 5e-9, 0.08
     draw_stribeck(axes, 0.82)
     masses = (1e-2, 1e-1, 1.0, 2.0, 5.0, 6.5)
-    loops = [periodic(StepBearing(ALPHA, SLOPE, sigma, mass), 1.0, 0.017, frequency) for mass in masses]
+    loops = [simulate_periodic(StepBearing(ALPHA, SLOPE, sigma, mass), 1.0, 0.017, frequency) for mass in masses]
     for mass, loop in zip(masses, loops, strict=True):
         axes.plot(loop.number, loop.friction, label=f"M = {mass:g}")
     axes.set_ylim(0.0, 1.8)
     axes.legend()
-    label(axes, NUMBER, FRICTION)
+    label(axes, NUMBER_LABEL, FRICTION_LABEL)
     static = StepBearing(ALPHA, SLOPE, sigma).stribeck(loops[0].number, 1.0)
     distances = [float(np.sqrt(np.mean((loop.friction - static) ** 2))) for loop in loops]
-    sheet.check("rms distance from the Stribeck curve [Pa] grows with M", grows(distances), distances, "grows")
+    sheet.check("rms distance from the Stribeck curve [Pa] grows with M", is_rising(distances), distances, "grows")
     ratios = [loop.ratio for loop in loops]
-    sheet.check("friction accelerating over decelerating grows with M", grows(ratios), ratios, "grows")
+    sheet.check("friction accelerating over decelerating grows with M", is_rising(ratios), ratios, "grows")
     peak = float(loops[-1].friction.max())
     sheet.check("largest friction at M = 6.5 [Pa] exceeds three times the one at M = 0.01",
                 peak > 3.0 * loops[0].friction.max(), peak, "axis to 1.6")  # fmt: skip
@@ -161,8 +165,8 @@ LOADS = (0.05, 0.25, 0.5, 0.75, 1.0, 2.0)  # W [Pa], of figs 2.15 to 2.17
 PRELOAD_SIGMA = 5e-9  # Pa
 
 
-def _at_preloads() -> list[Loop]:
-    return [periodic(StepBearing(ALPHA, SLOPE, PRELOAD_SIGMA), load, 0.03, 1.0) for load in LOADS]
+def _simulate_preloads() -> list[Loop]:
+    return [simulate_periodic(StepBearing(ALPHA, SLOPE, PRELOAD_SIGMA), load, 0.03, 1.0) for load in LOADS]
 
 
 @reproduces(
@@ -173,14 +177,14 @@ def _at_preloads() -> list[Loop]:
 def figure_2_15(sheet: Sheet) -> None:
     axes = sheet.axes(1, 1, 8, 5)
     draw_stribeck(axes, 0.836, LOADS)
-    loops = _at_preloads()
+    loops = _simulate_preloads()
     for load, loop in zip(LOADS, loops, strict=True):
         axes.plot(loop.number, loop.friction, label=f"W = {load:g}")
     axes.set_ylim(0.0, 0.8)
     axes.legend()
-    label(axes, NUMBER, FRICTION)
+    label(axes, NUMBER_LABEL, FRICTION_LABEL)
     means = [float(loop.friction.mean()) for loop in loops]
-    sheet.check("mean friction of the cycle [Pa] grows with W", grows(means), means, "grows")
+    sheet.check("mean friction of the cycle [Pa] grows with W", is_rising(means), means, "grows")
     lowest = np.min([np.diff([loop.friction[i] for loop in loops]).min() for i in range(SAMPLES)])
     sheet.check(
         "friction grows with W at every instant of the cycle", lowest > 0.0, f"least step {lowest:.2g} Pa", "grows"
@@ -198,12 +202,12 @@ def figure_2_16(sheet: Sheet) -> None:
     numbers = np.linspace(ASYMPTOTE + 1e-4, 0.85, 600)
     bearing = StepBearing(ALPHA, SLOPE, PRELOAD_SIGMA)
     curves = np.array([bearing.stribeck(numbers * load, load) / load for load in LOADS])
-    axes.plot(numbers, curves.T, color=INK, lw=1.0, ls="--", label=["Stribeck"] + [""] * 5)
-    for load, loop in zip(LOADS, _at_preloads(), strict=True):
+    axes.plot(numbers, curves.T, color=REFERENCE_COLOUR, lw=1.0, ls="--", label=["Stribeck"] + [""] * 5)
+    for load, loop in zip(LOADS, _simulate_preloads(), strict=True):
         axes.plot(loop.number, loop.friction / load, label=f"W = {load:g}")
     axes.set_ylim(0.0, 0.6)
     axes.legend()
-    label(axes, NUMBER, r"$\mu = F_f/W$ [-]")
+    label(axes, NUMBER_LABEL, r"$\mu = F_f/W$ [-]")
     spread = float((np.ptp(curves, axis=0) / curves.mean(axis=0)).max())
     sheet.check(
         "relative spread of mu between the Stribeck curves is rounding", spread < 1e-9, spread, "one common curve"
@@ -221,16 +225,23 @@ def figure_2_17(sheet: Sheet) -> None:
     bearing, least = StepBearing(ALPHA, SLOPE, PRELOAD_SIGMA), list[float]()
     grid = 2e-4  # Pa
     above = np.geomspace(1e-4, 2.0, 400)  # of the asymptote
-    for load, loop in zip(LOADS, _at_preloads(), strict=True):
+    for load, loop in zip(LOADS, _simulate_preloads(), strict=True):
         static = ASYMPTOTE * load + above
-        axes.plot(static, bearing.stribeck(static, load), color=INK, lw=1.0, ls="--", label="" if least else "Stribeck")
+        axes.plot(
+            static,
+            bearing.stribeck(static, load),
+            color=REFERENCE_COLOUR,
+            lw=1.0,
+            ls="--",
+            label="" if least else "Stribeck",
+        )
         axes.plot(loop.number * load, loop.friction, lw=2.0, label=f"W = {load:g}")
         sliding = np.arange(0.0, 1.8, grid)
         least.append(float(sliding[np.isfinite(bearing.stribeck(sliding, load))][0]))
     axes.set_xlim(-0.05, 1.8)
     axes.set_ylim(0.0, 0.8)
     axes.legend()
-    label(axes, r"$\Lambda$ [Pa]", FRICTION)
+    label(axes, r"$\Lambda$ [Pa]", FRICTION_LABEL)
     error = float(np.abs(np.array(least) - [threshold_sliding(ALPHA, load) for load in LOADS]).max())
     sheet.check(
         "least Lambda that carries W is 0.8 W, to the grid of 2e-4 Pa", error < 1.01 * grid, least, "2 W/(1 + alpha)"
@@ -246,15 +257,15 @@ def figure_2_18(sheet: Sheet) -> None:
     axes = sheet.axes(1, 1, 8, 5)
     draw_stribeck(axes, 0.82)
     omegas = 10.0 ** np.arange(-6, -12, -1)
-    loops = [periodic(StepBearing(ALPHA, SLOPE, 12.0 * 0.1 * omega), 1.0, 0.016, 1.0) for omega in omegas]
+    loops = [simulate_periodic(StepBearing(ALPHA, SLOPE, 12.0 * 0.1 * omega), 1.0, 0.016, 1.0) for omega in omegas]
     static = StepBearing(ALPHA, SLOPE, 1.0).stribeck(loops[0].number, 1.0)
     for omega, loop in zip(omegas, loops, strict=True):
         axes.plot(loop.number, loop.friction, label=rf"$\omega$ = {omega:.0e} Hz")
     axes.set_ylim(0.0, 0.5)
     axes.legend()
-    label(axes, NUMBER, FRICTION)
+    label(axes, NUMBER_LABEL, FRICTION_LABEL)
     distances = [float(np.sqrt(np.mean((loop.friction / static - 1.0) ** 2))) for loop in loops]
-    sheet.check("rms relative distance from the Stribeck curve falls with omega", grows(np.negative(distances)),
+    sheet.check("rms relative distance from the Stribeck curve falls with omega", is_rising(np.negative(distances)),
                 distances, "closer")  # fmt: skip
     sheet.check("at 1e-11 Hz it is below 1 %", distances[-1] < 0.01, distances[-1], "steady state solution")
     sheet.note("W = 1 Pa, f = 1, sigma = 12 eta (L/dh)^2 omega with eta (L/dh)^2 = 0.1 Pa s (ours; at 1 Pa s the distance "

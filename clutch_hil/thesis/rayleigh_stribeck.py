@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import curve_fit, minimize
 
 from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.sheet import INK, Sheet, label
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
 from plant_sim.friction import rayleigh_step
 from plant_sim.friction.stribeck import Stribeck
 
@@ -18,7 +18,7 @@ LIMIT_POWER = 2.0 / 3.0  # of the viscous tail: Lambda/h, with h proportional to
 Array = np.ndarray
 
 
-def _terms(sliding: Array, slope: float) -> tuple[Array, Array, Array]:
+def _friction_terms(sliding: Array, slope: float) -> tuple[Array, Array, Array]:
     """The three terms of eq 2.34 [Pa] at `sliding` [Pa] (n,): shear of the wide zone, of the narrow zone, pressure."""
     gap = np.array([rayleigh_step.steady_gap(ALPHA, float(value), LOAD) for value in sliding])
     ridge = np.array(
@@ -27,7 +27,7 @@ def _terms(sliding: Array, slope: float) -> tuple[Array, Array, Array]:
     return slope * sliding / 6.0 / (gap + 1.0), slope * sliding / 6.0 * ALPHA / gap, slope * ridge / 2.0  # 2.34
 
 
-def _printed(sliding: Array, slope: float) -> Array:
+def _printed_friction(sliding: Array, slope: float) -> Array:
     """F_s [Pa] as sec. 5.6 prints it: h^3 dropped from the gap, the third term negative."""
     wide = ((1.0 + ALPHA) * sliding / (2.0 * LOAD)) ** (1.0 / 3.0)
     return 0.5 * slope * (sliding / 3.0 * (1.0 / wide + ALPHA / (wide - 1.0)) - 2.0 * LOAD / (1.0 + ALPHA))
@@ -50,7 +50,7 @@ def _fit_stribeck(velocity: Array, force: Array) -> tuple[Stribeck, float]:
     return curve(found), rmse(found)
 
 
-def _tail_power(sliding: Array, force: Array) -> float:
+def _fit_tail_power(sliding: Array, force: Array) -> float:
     """gamma of sigma_v (Lambda - Lambda_0)^gamma, least squares."""
     (_, power), _ = curve_fit(lambda x, s, g: s * (x - ASYMPTOTE) ** g, sliding, force, p0=(force[-1] / 10.0, 0.6))
     return float(power)
@@ -65,9 +65,9 @@ def figure_5_7(sheet: Sheet) -> None:
     powers: list[float] = []
     for axes, upper, top in zip(sheet.axes(1, 2, 11, 4.5), (4.5, 30.0), (0.6, 1.1), strict=True):
         velocity = np.linspace(0.2, upper, 200)
-        force = np.sum(_terms(ASYMPTOTE + velocity, 0.2), axis=0)
+        force = np.sum(_friction_terms(ASYMPTOTE + velocity, 0.2), axis=0)
         fitted, rmse = _fit_stribeck(velocity, force)
-        axes.plot(velocity, force, color=INK, lw=3.0, alpha=0.4, label="Rayleigh step")
+        axes.plot(velocity, force, color=REFERENCE_COLOUR, lw=3.0, alpha=0.4, label="Rayleigh step")
         axes.plot(velocity, fitted(velocity), "C1--", label=rf"fit, $\gamma$ = {fitted.exponent:.2f}")
         axes.set_ylim(0.2, top)
         axes.legend(loc="lower right")
@@ -93,10 +93,10 @@ def figure_5_7(sheet: Sheet) -> None:
 def figure_5_8(sheet: Sheet) -> None:
     left, right = sheet.axes(1, 2, 12, 4.8)
     sliding = np.linspace(ASYMPTOTE + 0.01, 50.0, 800)
-    wide, narrow, constant = _terms(sliding, 0.1)
-    force, printed = wide + narrow + constant, _printed(sliding, 0.1)
-    left.plot(sliding, force, color=INK, lw=2.0, label=r"$F_f$")
-    left.plot(sliding, printed, color=INK, lw=1.0, ls="--", label=r"$F_s$ as printed in sec. 5.6")
+    wide, narrow, constant = _friction_terms(sliding, 0.1)
+    force, printed = wide + narrow + constant, _printed_friction(sliding, 0.1)
+    left.plot(sliding, force, color=REFERENCE_COLOUR, lw=2.0, label=r"$F_f$")
+    left.plot(sliding, printed, color=REFERENCE_COLOUR, lw=1.0, ls="--", label=r"$F_s$ as printed in sec. 5.6")
     for values, name in (
         (wide, "1st term, wide zone"),
         (narrow, "2nd term, narrow zone"),
@@ -104,7 +104,7 @@ def figure_5_8(sheet: Sheet) -> None:
     ):
         left.plot(sliding, values, lw=1.2, label=name)
     tail = sliding > 5.0
-    power, printed_power = _tail_power(sliding[tail], force[tail]), _tail_power(sliding[tail], printed[tail])
+    power, printed_power = _fit_tail_power(sliding[tail], force[tail]), _fit_tail_power(sliding[tail], printed[tail])
     left.set_ylim(-0.1, 1.1)
     left.legend(loc="upper left", fontsize=8)
     label(left, r"$\Lambda$ [Pa]", "F [Pa]")
@@ -119,10 +119,10 @@ def figure_5_8(sheet: Sheet) -> None:
     for upper in 10.0 ** np.arange(2, 10):
         far = np.geomspace(0.1 * upper, upper, 60)
         ranges.append(upper)
-        powers.append(_tail_power(far, np.sum(_terms(far, 0.1), axis=0)))
-        printed_powers.append(_tail_power(far, _printed(far, 0.1)))
-    right.semilogx(ranges, powers, "o-", color=INK, label=r"$F_f$")
-    right.semilogx(ranges, printed_powers, "o--", color=INK, mfc="white", label=r"$F_s$ as printed")
+        powers.append(_fit_tail_power(far, np.sum(_friction_terms(far, 0.1), axis=0)))
+        printed_powers.append(_fit_tail_power(far, _printed_friction(far, 0.1)))
+    right.semilogx(ranges, powers, "o-", color=REFERENCE_COLOUR, label=r"$F_f$")
+    right.semilogx(ranges, printed_powers, "o--", color=REFERENCE_COLOUR, mfc="white", label=r"$F_s$ as printed")
     right.axhline(LIMIT_POWER, color="C0", lw=1.0, label="2/3")
     right.axhline(1 / 1.7, color="C1", lw=1.0, label="1/1.7")
     right.legend(loc="lower right")

@@ -3,12 +3,12 @@
 import numpy as np
 
 from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.sheet import INK, Sheet, label
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
 from plant_sim.friction.stribeck import Stribeck
 
 LEGEND = {"fontsize": 8, "frameon": False}
 SPEED = np.linspace(1e-4, 1.0, 4001)  # as the axis of figure 1.7
-NO_SPEED = 1e-9  # just not at rest
+NO_SPEED = 1e-9  # far below any Stribeck velocity, but not at rest
 FAST = 1e9  # far above any Stribeck velocity
 
 
@@ -28,7 +28,7 @@ def figure_1_7(sheet: Sheet) -> None:
     axes.plot(both, curve.f(both), ":", lw=1.2, color="tab:green", label="viscous part")
     axes.plot([0, 0], [-static, static], color="tab:blue")
     for level, name in ((static, "$F_S$"), (beta * static, "$F_C$"), (-beta * static, "$-F_C$"), (-static, "$-F_S$")):
-        axes.axhline(level, lw=0.6, ls=":", color=INK)
+        axes.axhline(level, lw=0.6, ls=":", color=REFERENCE_COLOUR)
         axes.annotate(name, (1.02, level), xycoords=("axes fraction", "data"), va="center")
     label(axes, "sliding speed", "friction force")
     axes.set_ylim(-2.2, 2.2)
@@ -85,7 +85,7 @@ def figure_5_2(sheet: Sheet) -> None:
         right.plot(SPEED, curve(SPEED), label=f"$\\sigma_v$ = {s:.3g}")
     coulomb = Stribeck.from_depth(static, a_1, np.inf, 0.0, gamma)
     for axes in (left, right):
-        axes.plot(SPEED, coulomb(SPEED), color=INK, lw=1, ls=":", label="$v_s$ = ∞, $\\sigma_v$ = 0")
+        axes.plot(SPEED, coulomb(SPEED), color=REFERENCE_COLOUR, lw=1, ls=":", label="$v_s$ = ∞, $\\sigma_v$ = 0")
         axes.legend(loc="upper right", ncols=2, **LEGEND)
         axes.set_ylim(0.4, 1.95)
     label(left, "speed v [m/s]", "S [N]", f"$\\sigma_v$ = {middle[1]:.3g}, $v_s$ from 0.25 to 0.01")

@@ -11,15 +11,15 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.sheet import INK, Sheet, label
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
 from plant_sim.friction.identification.stribeck_fit import DEPTH, least_squares, nelder_mead
 from plant_sim.friction.model import Array
 from plant_sim.friction.stribeck import Stribeck
 
 DRAWS = 200
 POINTS = 40
-NEAR = 0.05  # of the range of a curve: hardly seen in a picture
-LESS_NEAR = 0.1  # with ten points, where the thesis calls the fit less good
+TOLERANCE = 0.05  # relative to the range of a curve: hardly visible in a picture
+WIDE_TOLERANCE = 0.1  # with ten points, for which the thesis calls the fit less good
 
 
 @dataclass(frozen=True)
@@ -61,14 +61,14 @@ def hess_soom(v: Array, static: float, low: float, velocity: float, viscous: flo
     return low + (static - low) / (1.0 + (v / velocity) ** 2) + viscous * v
 
 
-def _fitted(sheet: Sheet, axes: Axes, data: Data, colour: str, near: float = NEAR) -> None:
+def _fit_and_check(sheet: Sheet, axes: Axes, data: Data, colour: str, near: float = TOLERANCE) -> None:
     """Draw points and both fits; check how near eq 4.1 comes to the shape, and that both fits agree."""
     v, y = data.v, data.points()
     simplex, bounded = nelder_mead(DEPTH, v, y), least_squares(DEPTH, v, y)
     fine = np.linspace(v.min(), v.max(), 500)
     axes.plot(v, y, "o", ms=3.5, color=colour, label=data.name)
     axes.plot(fine, DEPTH.evaluate(fine, *simplex.values.values()), color=colour, lw=1.5)
-    axes.plot(fine, DEPTH.evaluate(fine, *bounded.values), ":", color=INK, lw=1)
+    axes.plot(fine, DEPTH.evaluate(fine, *bounded.values), ":", color=REFERENCE_COLOUR, lw=1)
     off = data.off(bounded.values)
     sheet.check(f"{data.name}: fitted curve off the shape, RMS by its range", off < near, off, f"(ours) below {near:g}")
     apart = abs(simplex.rmse / bounded.rmse - 1.0)
@@ -80,9 +80,9 @@ def _fitted(sheet: Sheet, axes: Axes, data: Data, colour: str, near: float = NEA
         sheet.note(f"{data.name}: the curve is fitted, but these points do not tell {names} one by one")
 
 
-def _legend(axes: Axes, colour: str) -> None:
+def _format_legend(axes: Axes, colour: str) -> None:
     axes.plot([], [], color=colour, label="fit, Nelder-Mead")
-    axes.plot([], [], ":", color=INK, label="fit, least squares")
+    axes.plot([], [], ":", color=REFERENCE_COLOUR, label="fit, least squares")
     axes.legend(loc="upper right", fontsize=8, frameon=False)
 
 
@@ -95,17 +95,21 @@ def figure_5_5(sheet: Sheet) -> None:
     """Four curves within the axes of the figure."""
     left, right = sheet.axes(1, 2, width=11, height=4.6)
     many, few = np.linspace(0.5, 50.0, 60), np.linspace(0.5, 25.0, 10)
-    _fitted(sheet, left, Data("exp. 1, left", many, hess_soom, (0.72, 0.42, 6.0, 0.002), 0.008, 1), "tab:blue")
-    _fitted(sheet, left, Data("exp. 2, left", many, tustin, (0.55, 0.25, 8.0, 0.0015), 0.008, 2), "tab:orange")
+    _fit_and_check(sheet, left, Data("exp. 1, left", many, hess_soom, (0.72, 0.42, 6.0, 0.002), 0.008, 1), "tab:blue")
+    _fit_and_check(sheet, left, Data("exp. 2, left", many, tustin, (0.55, 0.25, 8.0, 0.0015), 0.008, 2), "tab:orange")
     last = Data("exp. 2, right", few, tustin, (0.13, 0.085, 4.0, 0.0006), 0.002, 4)
-    _fitted(
-        sheet, right, Data("exp. 1, right", few, gaussian, (0.165, 0.13, 5.0, 0.0004), 0.002, 3), "tab:blue", LESS_NEAR
+    _fit_and_check(
+        sheet,
+        right,
+        Data("exp. 1, right", few, gaussian, (0.165, 0.13, 5.0, 0.0004), 0.002, 3),
+        "tab:blue",
+        WIDE_TOLERANCE,
     )
-    _fitted(sheet, right, last, "tab:orange", LESS_NEAR)
+    _fit_and_check(sheet, right, last, "tab:orange", WIDE_TOLERANCE)
     label(left, "v [mm/s]", "µ [-]", "60 points a curve")
     label(right, "v [mm/s]", "µ [-]", "10 points a curve")
-    _legend(left, "tab:gray")
-    _legend(right, "tab:gray")
+    _format_legend(left, "tab:gray")
+    _format_legend(right, "tab:gray")
     dense = replace(last, v=np.linspace(0.5, 25.0, 60))
     offs = [
         float(np.mean([d.off(least_squares(DEPTH, d.v, replace(d, seed=seed).points()).values) for seed in range(20)]))
@@ -125,9 +129,9 @@ def figure_5_6(sheet: Sheet) -> None:
     """One curve within the axes of the figure: 80 to 180 N."""
     axes = sheet.axes(1, 1, width=7.5, height=4.6)
     v = np.concatenate([np.geomspace(0.1, 5.0, 12), np.linspace(6.0, 45.0, 18)])
-    _fitted(sheet, axes, Data("X table", v, hess_soom, (172.0, 75.0, 5.0, 0.7), 2.0, 5), "tab:blue")
+    _fit_and_check(sheet, axes, Data("X table", v, hess_soom, (172.0, 75.0, 5.0, 0.7), 2.0, 5), "tab:blue")
     label(axes, "v [mm/s]", "F_f [N]")
-    _legend(axes, "tab:blue")
+    _format_legend(axes, "tab:blue")
     sheet.note("30 points are ours, from Hess and Soom's shape with scatter 2 N, within the axes of the figure")
 
 
@@ -164,12 +168,12 @@ def stribeck_fit(sheet: Sheet) -> None:
         color="tab:blue",
         label="one draw",
     )
-    left.plot(v, clean, color=INK, lw=1, label="truth")
+    left.plot(v, clean, color=REFERENCE_COLOUR, lw=1, label="truth")
     label(left, "v [mm/s]", "µ [-]", f"{POINTS} points, scatter {scatter:g}")
     left.legend(loc="upper right", fontsize=8, frameon=False)
     spread = np.array(found) / np.array(list(truth.values()))
     right.plot(spread[:, 3], spread[:, 4], ".", ms=4, color="tab:blue")
-    right.plot(1.0, 1.0, "+", ms=12, color=INK)
+    right.plot(1.0, 1.0, "+", ms=12, color=REFERENCE_COLOUR)
     label(
         right, "σ_v by its true value [-]", "γ by its true value [-]", f"{DRAWS} fits: σ_v and γ are hardly told apart"
     )

@@ -9,30 +9,30 @@ import numpy as np
 from clutch_hil.bench.following import REACHED
 from clutch_hil.bench.in_process import Played, play
 from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.sheet import INK, Sheet
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet
 from plant_sim.node.plant_node import PlantNode
 from plant_sim.profiles.profile import Profile, load_profile
 from plant_sim.rigs import wet_clutch
 from protocols.files.parameters import ParameterSet
 from protocols.node import node_factory
 
-THESIS = {"feedforward": (1.00, 0.30), "feedback": (0.50, 0.76), "both": (0.30, 0.25)}  # Nm, s: Table 6.6
+THESIS_VALUES = {"feedforward": (1.00, 0.30), "feedback": (0.50, 0.76), "both": (0.30, 0.25)}  # Nm, s: Table 6.6
 SEEDS = 20
 BEGIN, END = 1.0, 7.0  # s, the trajectory to 10 Nm in the profile `table-6.6`; before, the clutch is being filled
 LEVEL = 10.0  # Nm
-STEP = Profile(  # the same with a rise in one sample: a ramp of 0.24 s hides how fast a controller is
+STEP_PROFILE = Profile(  # the same with a rise in one sample: a ramp of 0.24 s hides how fast a controller is
     "step", (0.0, 0.05, 0.051, BEGIN, BEGIN + 1e-3, 4.0, 4.1), (0.0, 0.0, 0.5, 0.5, LEVEL, LEVEL, 0.0), (10.47,) * 7
 )
 DIFFERENCES = (
     "friction level 1 % and viscous factor 3 % (standard deviations), contact pressure 6 mbar, beta_inf 0.01, C 10 1/s",
     "oil and sump between 60 and 80 degC, heated by friction; the controller reads a quantised, noisy thermometer",
     "seal friction of the piston between 2 and 10 N, with 5 um of pre-sliding: hysteresis of torque over pressure",
-    "converters of 12 and 16 bit, noise of rig.md, gain error of the motor torque 1 %",
+    "converters of 12 and 16 bit, noise of docs/rig.md, gain error of the motor torque 1 %",
 )
 
 
-def perturbed(seed: int) -> tuple[ParameterSet, float]:
-    """Plant parameters and oil temperature [degC] of one seed, drawn as DIFFERENCES says."""
+def perturb_plant(seed: int) -> tuple[ParameterSet, float]:
+    """Draw plant parameters and oil temperature [degC] of a seed; DIFFERENCES lists what differs from the model."""
     draw = np.random.default_rng(seed)
     nominal = wet_clutch.nominal()
     temperature = float(draw.uniform(60.0, 80.0))
@@ -51,16 +51,16 @@ def perturbed(seed: int) -> tuple[ParameterSet, float]:
     return nominal.with_values({name: float(value) for name, value in values.items()}), temperature
 
 
-def follow(profile: Profile, law: str, adaptation: bool, seed: int) -> Played:
+def run_trajectory(profile: Profile, law: str, adaptation: bool, seed: int) -> Played:
     """One run of one controller against the plant of `seed`."""
-    parameters, temperature = perturbed(seed)
+    parameters, temperature = perturb_plant(seed)
     plant = PlantNode(parameters=parameters, profile=profile, seed=seed, temperature=temperature)
     return play(plant, node_factory("controller")(law=law, adaptation=adaptation))
 
 
-def step(law: str, adaptation: bool, seed: int) -> tuple[float, float]:
+def run_step(law: str, adaptation: bool, seed: int) -> tuple[float, float]:
     """A step of the demand to LEVEL: time [s] until the true torque has 90 % of it, NaN where never; overshoot [Nm]."""
-    played = follow(STEP, law, adaptation, seed)
+    played = run_trajectory(STEP_PROFILE, law, adaptation, seed)
     after = (played["time_s"] > BEGIN) & (played["time_s"] < 4.0)
     time, torque = played["time_s"][after] - BEGIN, played["truth_clutch_torque_nm"][after]
     reached = torque >= REACHED * LEVEL
@@ -83,9 +83,9 @@ def table_6_6(sheet: Sheet) -> None:
     for i, (name, (law, adaptation)) in enumerate(cases.items()):
         results = []
         for seed in range(SEEDS):
-            played = follow(profile, law, adaptation, seed)
+            played = run_trajectory(profile, law, adaptation, seed)
             shown.setdefault(name, played)
-            results.append((*played.following(BEGIN, END), *step(law, adaptation, seed)))
+            results.append((*played.following(BEGIN, END), *run_step(law, adaptation, seed)))
             sheet.progress(i * SEEDS + seed + 1, len(cases) * SEEDS)
         measured[name] = np.array(results)
     sheet.table = [
@@ -101,19 +101,19 @@ def table_6_6(sheet: Sheet) -> None:
     ]
     sheet.document = {"seeds": SEEDS, "differences": DIFFERENCES, "controllers": {}}
     for name, values in measured.items():
-        _record(sheet, name, values)
+        _record_results(sheet, name, values)
     error, rise, stepped, _ = ({name: float(np.nanmean(v[:, k])) for name, v in measured.items()} for k in range(4))
-    _falls(sheet, "regime error falls: feedforward, feedback, both [Nm]", error, ("feedforward", "feedback", "both"),
+    _check_falls(sheet, "regime error falls: feedforward, feedback, both [Nm]", error, ("feedforward", "feedback", "both"),
            "1.00, 0.50, 0.30")  # fmt: skip
     slowest_first = ("feedback", "feedforward", "both")
-    _falls(sheet, "rise time falls: feedback, feedforward, both [s]", rise, slowest_first, "0.76, 0.30, 0.25")
-    _falls(
+    _check_falls(sheet, "rise time falls: feedback, feedforward, both [s]", rise, slowest_first, "0.76, 0.30, 0.25")
+    _check_falls(
         sheet, "rise time on a step falls: feedback, feedforward, both [s]", stepped, slowest_first, "0.76, 0.30, 0.25"
     )
     for what, means, limit in (
-        ("regime error of both at most the thesis's [Nm]", error, THESIS["both"][0]),
-        ("rise time of both at most the thesis's [s]", rise, THESIS["both"][1]),
-        ("rise time of both on a step at most the thesis's [s]", stepped, THESIS["both"][1]),
+        ("regime error of both at most the thesis's [Nm]", error, THESIS_VALUES["both"][0]),
+        ("rise time of both at most the thesis's [s]", rise, THESIS_VALUES["both"][1]),
+        ("rise time of both on a step at most the thesis's [s]", stepped, THESIS_VALUES["both"][1]),
     ):
         sheet.check(what, means["both"] <= limit, means["both"], limit)
     missed = sum(int(np.isnan(values).any(axis=1).sum()) for values in measured.values())
@@ -124,18 +124,18 @@ def table_6_6(sheet: Sheet) -> None:
     )
     for text in DIFFERENCES:
         sheet.note(f"plant differs: {text}")
-    _draw(sheet, shown, {name: follow(STEP, *case, seed=0) for name, case in cases.items()})
+    _draw(sheet, shown, {name: run_trajectory(STEP_PROFILE, *case, seed=0) for name, case in cases.items()})
 
 
-def _falls(sheet: Sheet, statement: str, means: dict[str, float], names: tuple[str, ...], thesis: str) -> None:
+def _check_falls(sheet: Sheet, statement: str, means: dict[str, float], names: tuple[str, ...], thesis: str) -> None:
     values = [means[name] for name in names]
     sheet.check(statement, bool(np.all(np.diff(values) < 0.0)), values, thesis)
 
 
-def _record(sheet: Sheet, name: str, values: np.ndarray) -> None:
+def _record_results(sheet: Sheet, name: str, values: np.ndarray) -> None:
     means, spreads = np.nanmean(values, axis=0), np.nanstd(values, axis=0)
     error, rise, *stepped = (f"{mean:.3f} +- {spread:.3f}" for mean, spread in zip(means, spreads, strict=True))
-    thesis = [f"{value:.2f}" for value in THESIS[name]] if name in THESIS else ["-", "-"]
+    thesis = [f"{value:.2f}" for value in THESIS_VALUES[name]] if name in THESIS_VALUES else ["-", "-"]
     sheet.table.append((name, error, thesis[0], rise, thesis[1], *stepped))
     quantities = ("regime_error_nm", "rise_time_s", "step_rise_time_s", "step_overshoot_nm")
     sheet.document["controllers"][name] = {
@@ -153,8 +153,8 @@ def _draw(sheet: Sheet, shown: dict[str, Played], steps: dict[str, Played]) -> N
             time, demand, true = time[part] - BEGIN, demand[part], played["truth_clutch_torque_nm"][part]
             (line,) = torque.plot(time, true, lw=1.4, label=name)
             error.plot(time, true - demand, lw=1.0, color=line.get_color())
-        torque.plot(time, demand, color=INK, lw=1.0, ls="--", label="demand")
-        error.axhline(0.0, color=INK, lw=0.8, ls="--")
+        torque.plot(time, demand, color=REFERENCE_COLOUR, lw=1.0, ls="--", label="demand")
+        error.axhline(0.0, color=REFERENCE_COLOUR, lw=0.8, ls="--")
     (ramp, stepped), (error, later) = grid
     ramp.set_ylabel("true clutch torque [Nm]")
     ramp.legend(loc="lower right", frameon=False)

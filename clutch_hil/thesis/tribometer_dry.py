@@ -3,23 +3,23 @@
 import numpy as np
 
 from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.sheet import INK, Sheet, label
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
 from plant_sim.friction.dahl import Dahl
 from plant_sim.rigs.tribometer import Tribometer
 from plant_sim.rigs.tribometer_contacts import Contacts
 from plant_sim.rigs.tribometer_experiments import (
     Coupling,
     Motion,
-    branches,
     break_away,
     corner_times,
     critical_speed,
+    has_stick_slip,
+    measure_branches,
     pre_sliding,
     reciprocation,
     saw_tooth,
     stick_slip,
     stick_slip_map,
-    sticks,
     stribeck,
 )
 
@@ -35,10 +35,10 @@ ACCELERATIONS = (
     2.0,
 )  # rad/s^2; ours: break-away after 3.7 s to 0.09 s, around the creep time
 SAW_TOOTH = 4e-4 * np.array([0.0, 1.0, -0.5, 0.5, -1.0, 0.5, -0.5, 1.0])  # rad, fig 4.2; levels of the inner ones ours
-PLAIN = 4e-4 * np.array([0.0, 1.0, -1.0, 1.0])  # rad, the same without the inner reversals
+PLAIN_SAW_TOOTH = 4e-4 * np.array([0.0, 1.0, -1.0, 1.0])  # rad, the same without the inner reversals
 SAW_SPEED = float(np.abs(np.diff(SAW_TOOTH)).sum()) / 4.0  # rad/s: the 4 s of fig 4.2
-IN_OIL = 0.4  # of the same command; ours: keeps the weaker contact in oil from sliding
-INNER = (2, 3, 5, 6)  # corners of the inner loops: begin and end of the first, of the second
+OIL_FACTOR = 0.4  # of the same command; ours: keeps the weaker contact in oil from sliding
+INNER_CORNERS = (2, 3, 5, 6)  # corners of the inner loops: begin and end of the first, of the second
 PRESLIDING_LOAD = 80.0  # N; ours: the weak loop commands 1.6 Nm at most, just less than it takes to slide
 SINE, FREQUENCIES = 0.06, (1.0, 2.0, 3.0)  # rad, Hz, sec. 4.1.3
 SLIP_SPEEDS = np.array([4.0, 5.98, 9.44, 13.74, 20.0]) * 1e-3  # rad/s, fig 4.7
@@ -59,7 +59,7 @@ def figure_4_1(sheet: Sheet) -> None:
     left, right = sheet.axes(1, 2, width=11, height=4.6)
     load = 280.0
     torque: dict[str, list[float]] = {"creeping asperities": [], "without creep": [], "XGMS": []}
-    rigs = (CONTACTS.creeping(load), _without_creep(load), CONTACTS.dry(load))
+    rigs = (CONTACTS.creeping(load), _make_without_creep(load), CONTACTS.dry(load))
     for rig, (name, peaks) in zip(rigs, torque.items(), strict=True):
         for shade, acceleration in zip(np.linspace(0.0, 0.85, len(ACCELERATIONS)), ACCELERATIONS, strict=True):
             peak, motion = break_away(rig, load, acceleration)
@@ -103,8 +103,8 @@ def figure_4_1(sheet: Sheet) -> None:
     )
 
 
-def _without_creep(load: float) -> Tribometer:
-    """The rig of `creeping` whose coefficient does not grow: beta 1 makes mu_0 = mu_inf."""
+def _make_without_creep(load: float) -> Tribometer:
+    """Make the rig of `Contacts.creeping` with a constant coefficient: beta = 1 makes mu_0 = mu_inf."""
     return Contacts(CONTACTS.parameters.with_values({"dry.beta": 1.0})).creeping(load)
 
 
@@ -120,18 +120,18 @@ def figure_4_3(sheet: Sheet) -> None:
     axes[0].plot(time, 1e4 * saw_tooth(SAW_TOOTH, SAW_SPEED, time), lw=1.2)
     label(axes[0], "time [s]", r"commanded $\theta$ [1e-4 rad]", "command (fig 4.2)")
     load = PRESLIDING_LOAD
-    cases = (("dry", CONTACTS.dry(load), 1.0), ("lubricated", CONTACTS.lubricated(load), IN_OIL))
+    cases = (("dry", CONTACTS.dry(load), 1.0), ("lubricated", CONTACTS.lubricated(load), OIL_FACTOR))
     for panel, (name, rig, scale) in zip(axes[1:], cases, strict=True):
         motion = pre_sliding(rig, load, scale * SAW_TOOTH, scale * SAW_SPEED)
         panel.plot(1e4 * motion.record.angle_rad, motion.torque, lw=1.0)
         panel.locator_params(axis="x", nbins=6)
         label(panel, r"$\theta$ [1e-4 rad]", "torque [Nm]", name)
-        apart = _apart(motion, pre_sliding(rig, load, scale * PLAIN, scale * SAW_SPEED))
+        apart = _branch_difference(motion, pre_sliding(rig, load, scale * PLAIN_SAW_TOOTH, scale * SAW_SPEED))
         sheet.check(
             f"{name}: both outer branches after their inner loop, and without one: rms difference below 6 mNm; the"
             " sensors' noise alone gives 4 [mNm]", float(apart.max()) < 0.006, 1e3 * apart, "past extremes are remembered",
         )  # fmt: skip
-        closure, missed = _closure(motion), _closure(_with_local_memory(name, load, scale))
+        closure, missed = _measure_closure(motion), _measure_closure(_make_with_local_memory(name, load, scale))
         if name == "dry":
             sheet.check(
                 "dry: torque at both inner loops on the return to where they began less that when they began: within 12"
@@ -161,17 +161,17 @@ def figure_4_3(sheet: Sheet) -> None:
     sheet.note(CONTACT_NOTE)
 
 
-def _with_local_memory(condition: str, load: float, scale: float) -> Motion:
-    """The same command on a contact of Dahl's, with the limit and the first stiffness of the elements' parabola."""
+def _make_with_local_memory(condition: str, load: float, scale: float) -> Motion:
+    """Make a rig whose contact is Dahl's model, with the limit and the initial stiffness of the elements' parabola."""
     limit = CONTACTS.static_coefficient(condition, load) * load  # N
     stiffness = 2.0 * limit / (CONTACTS.parameters[f"{condition}.travel"].si * CONTACTS.dry(load).radius)  # N/m
     return pre_sliding(Tribometer(Dahl(limit, stiffness)), load, scale * SAW_TOOTH, scale * SAW_SPEED)
 
 
-def _closure(motion: Motion) -> Array:
+def _measure_closure(motion: Motion) -> Array:
     """Torque [Nm] (2,) on the return to the begin of each inner loop less that when it began."""
     times, angle, found = corner_times(SAW_TOOTH, SAW_SPEED), motion.record.angle_rad, []
-    for first, second in (INNER[:2], INNER[2:]):
+    for first, second in (INNER_CORNERS[:2], INNER_CORNERS[2:]):
         side = np.sign(SAW_TOOTH[first] - SAW_TOOTH[second])
         near = np.flatnonzero(np.abs(motion.time - times[first]) < 0.02)
         begin = near[np.argmax(side * angle[near])]
@@ -180,10 +180,10 @@ def _closure(motion: Motion) -> Array:
     return np.array(found)
 
 
-def _apart(motion: Motion, plain: Motion) -> Array:
+def _branch_difference(motion: Motion, plain: Motion) -> Array:
     """Rms difference [Nm] (2,) of the falling and the rising branch, beyond the inner loop, from that without one."""
-    times, others, found = corner_times(SAW_TOOTH, SAW_SPEED), corner_times(PLAIN, SAW_SPEED), []
-    for (first, second), outer in ((INNER[:2], 1), (INNER[2:], 2)):
+    times, others, found = corner_times(SAW_TOOTH, SAW_SPEED), corner_times(PLAIN_SAW_TOOTH, SAW_SPEED), []
+    for (first, second), outer in ((INNER_CORNERS[:2], 1), (INNER_CORNERS[2:], 2)):
         side = np.sign(SAW_TOOTH[first] - SAW_TOOTH[second])
         part = (motion.time > times[second]) & (motion.time < times[second + 1])
         whole = (plain.time > others[outer]) & (plain.time < others[outer + 1])
@@ -213,11 +213,11 @@ def figure_4_4(sheet: Sheet) -> None:
         motion = reciprocation(rig, OWN_WEIGHT, SINE, frequency, periods=4)
         for panel, x in zip(axes, (motion.angle, motion.velocity, motion.velocity), strict=True):
             panel.plot(x, motion.torque, color=colour, lw=0.8, label=f"{frequency:g} Hz")
-        up, down = branches(motion, speeds)
+        up, down = measure_branches(motion, speeds)
         lags.append(float((up - down).mean()))
         between.append(float(np.mean((curve.torque > down - 0.003) & (curve.torque < up + 0.003))))
         harmonic.append(_third_harmonic(motion, frequency))
-    axes[2].plot(curve.speed, curve.torque, "o", color=INK, ms=3, label="steady")
+    axes[2].plot(curve.speed, curve.torque, "o", color=REFERENCE_COLOUR, ms=3, label="steady")
     axes[2].set_xlim(0.05, 1.2)
     axes[2].set_ylim(0.8, 1.0)
     axes[2].legend(fontsize=8, frameon=False, loc="upper right")
@@ -270,7 +270,7 @@ def figure_4_7(sheet: Sheet) -> None:
         found[load] = []
         for row, speed in enumerate(SLIP_SPEEDS):
             motion = stick_slip(rig, load, speed, coupling, 10.0)
-            found[load].append(sticks(motion, speed))
+            found[load].append(has_stick_slip(motion, speed))
             axes[row, column].plot(motion.time, motion.torque, lw=0.7)
             axes[row, column].set_ylim((0.9, 1.6) if load == 75.0 else (1.0, 1.8))
             axes[row, column].set_ylabel(rf"$\omega_{row + 1}$ = {1e3 * speed:g}", fontsize=9)
@@ -285,7 +285,7 @@ def figure_4_7(sheet: Sheet) -> None:
     right.plot(loads, 1e3 * np.array(critical), "o-", label="critical speed")
     for load, sticking in found.items():
         for speed, stuck in zip(SLIP_SPEEDS, sticking, strict=True):
-            right.plot(load, 1e3 * speed, "s" if stuck else "x", color=INK, ms=5, mfc="none")
+            right.plot(load, 1e3 * speed, "s" if stuck else "x", color=REFERENCE_COLOUR, ms=5, mfc="none")
     right.grid(alpha=0.3)
     right.spines[["top", "right"]].set_visible(False)
     label(right, "normal load [N]", "driven speed [mrad/s]", "squares: stick-slip, crosses: none")

@@ -5,25 +5,25 @@ from typing import Any
 import numpy as np
 
 from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.sheet import INK, Sheet, label
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
 from clutch_hil.thesis.tribometer_identification import (
     LOADS,
     OWN_WEIGHT,
-    band,
     decibel,
-    identified,
+    identify_response,
+    is_in_band,
     level,
     mass_line,
     mass_spring,
+    measure_sines,
     resonance,
-    sines,
     slope,
 )
 from plant_sim.rigs.multisine import FrequencyResponse
 
 Array = np.ndarray
 AMPLITUDES = (0.01, 0.02, 0.03, 0.04, 0.05, 0.06)  # V, figs 3.11 and 3.12
-BEYOND = 0.12  # V, ours: where the mass line should be near
+HIGH_AMPLITUDE = 0.12  # V, ours: an amplitude so high that the response should be near the mass line
 TORQUES = ("motor torque", "dynamometer torque")
 GAIN_NOTE = (
     "the thesis gives no torque for a volt and does not say whose amplitude A is; ours: 2 Nm/V, A for each of the 500 lines,"
@@ -45,7 +45,7 @@ def _draw(pair: Any, frequency: Array, values: Array, name: str, shade: float, s
     )
 
 
-def _finish(sheet: Sheet, pair: Any, title: str) -> None:
+def _finish_panel(sheet: Sheet, pair: Any, title: str) -> None:
     label(pair[0], "", r"$|\theta/T|$ [dB rel. 1 rad/Nm]", title)
     label(pair[1], "frequency [Hz]", "phase [deg]")
     pair[1].set_yticks([-270, -180, -90, 0, 90])
@@ -53,15 +53,15 @@ def _finish(sheet: Sheet, pair: Any, title: str) -> None:
         sheet.figure.legend(*pair[0].get_legend_handles_labels(), loc="outside right upper", fontsize=8)
 
 
-def _preloads(sheet: Sheet, amplitude: float) -> None:
+def _draw_preloads(sheet: Sheet, amplitude: float) -> None:
     """Draw the responses of all preloads at `amplitude` [V]; check what sec. 3.10 says of the high preloads."""
     axes = sheet.axes(2, 2, width=12, height=7, sharex=True, height_ratios=(2, 1))
-    both = [identified(load, amplitude) for load in LOADS]
+    both = [identify_response(load, amplitude) for load in LOADS]
     for column, torque in enumerate(TORQUES):
         for shade, load, pair in zip(np.linspace(0.0, 0.9, len(LOADS)), LOADS, both, strict=True):
             _draw(axes[:, column], pair[column].frequency, pair[column].response, f"{load:g} N", shade)
-        axes[0, column].axvline(170.0, color=INK, ls="--", lw=0.8)
-        _finish(sheet, axes[:, column], f"{torque} as input, A = {amplitude:g} V; dashed: 170 Hz")
+        axes[0, column].axvline(170.0, color=REFERENCE_COLOUR, ls="--", lw=0.8)
+        _finish_panel(sheet, axes[:, column], f"{torque} as input, A = {amplitude:g} V; dashed: 170 Hz")
     found = [one[0] for one in both]
     peaks = [resonance(one.frequency, one.response) for one in found]
     sheet.check(
@@ -82,7 +82,7 @@ def _preloads(sheet: Sheet, amplitude: float) -> None:
         bool(np.all(np.diff(softer) < 0.0)) and softer[-1] < 3.0, measured=softer,
         thesis="relatively linear at high normal loads, non-linear at the own weight",
     )  # fmt: skip
-    ratios = [_distortion(one) for one in found]
+    ratios = [_median_distortion(one) for one in found]
     sheet.note(
         "non-linear distortion over response, median 5 to 60 Hz, 58 to 1400 N: "
         + ", ".join(f"{ratio:.0f}" for ratio in ratios)
@@ -95,15 +95,16 @@ def _preloads(sheet: Sheet, amplitude: float) -> None:
     )
 
 
-def _distortion(found: FrequencyResponse) -> float:
+def _median_distortion(found: FrequencyResponse) -> float:
     """Non-linear distortion of one realisation over the response [dB], median of 5 to 60 Hz."""
-    inside = band(found.frequency)
+    inside = is_in_band(found.frequency)
     return float(decibel(np.array([np.median(found.distortion[inside] / np.abs(found.response[inside])), 1e-15]).max()))
 
 
-def _steeper(sheet: Sheet, smaller: float, amplitude: float) -> None:
+def _check_steeper(sheet: Sheet, smaller: float, amplitude: float) -> None:
     slopes = [
-        slope(one.frequency, one.response) for one in (identified(OWN_WEIGHT, a)[0] for a in (smaller, amplitude))
+        slope(one.frequency, one.response)
+        for one in (identify_response(OWN_WEIGHT, a)[0] for a in (smaller, amplitude))
     ]
     sheet.check(
         f"under the own weight the slope is steeper than at {smaller:g} V by 5 dB/decade or more [dB/decade]",
@@ -117,7 +118,7 @@ def _steeper(sheet: Sheet, smaller: float, amplitude: float) -> None:
 )  # fmt: skip
 def figure_3_7(sheet: Sheet) -> None:
     """Smallest amplitude."""
-    _preloads(sheet, 0.015)
+    _draw_preloads(sheet, 0.015)
 
 
 @reproduces(
@@ -126,8 +127,8 @@ def figure_3_7(sheet: Sheet) -> None:
 )  # fmt: skip
 def figure_3_8(sheet: Sheet) -> None:
     """Middle amplitude."""
-    _preloads(sheet, 0.03)
-    _steeper(sheet, 0.015, 0.03)
+    _draw_preloads(sheet, 0.03)
+    _check_steeper(sheet, 0.015, 0.03)
 
 
 @reproduces(
@@ -136,16 +137,16 @@ def figure_3_8(sheet: Sheet) -> None:
 )  # fmt: skip
 def figure_3_9(sheet: Sheet) -> None:
     """Largest amplitude."""
-    _preloads(sheet, 0.06)
-    _steeper(sheet, 0.03, 0.06)
+    _draw_preloads(sheet, 0.06)
+    _check_steeper(sheet, 0.03, 0.06)
 
 
-def _bounds(sheet: Sheet, axes: Any, responses: list[Array], frequency: Array) -> None:
+def _draw_bounds(sheet: Sheet, axes: Any, responses: list[Array], frequency: Array) -> None:
     """Draw mass line and mass-spring curve; check growth between them."""
     bounds = mass_line(frequency), mass_spring(frequency, OWN_WEIGHT)
     for values, style, name in zip(bounds, ("--", ":"), ("mass line", "mass-spring"), strict=True):
-        axes.semilogx(frequency, decibel(values), color=INK, ls=style, lw=1.0, label=name)
-    inside = band(frequency)
+        axes.semilogx(frequency, decibel(values), color=REFERENCE_COLOUR, ls=style, lw=1.0, label=name)
+    inside = is_in_band(frequency)
     high, low = (decibel(values[inside]) for values in bounds)
     share = float(np.mean([(decibel(r[inside]) > low - 3.0) & (decibel(r[inside]) < high + 3.0) for r in responses]))
     levels = [level(frequency, one) for one in responses]
@@ -166,21 +167,21 @@ def _bounds(sheet: Sheet, axes: Any, responses: list[Array], frequency: Array) -
 def figure_3_11(sheet: Sheet) -> None:
     """Own weight, six amplitudes, multisine."""
     axes = sheet.axes(2, 2, width=12, height=7, sharex=True, height_ratios=(2, 1))
-    amplitudes = (*AMPLITUDES, BEYOND)
-    both = [identified(OWN_WEIGHT, amplitude) for amplitude in amplitudes]
+    amplitudes = (*AMPLITUDES, HIGH_AMPLITUDE)
+    both = [identify_response(OWN_WEIGHT, amplitude) for amplitude in amplitudes]
     frequency = both[0][0].frequency
     for column in (0, 1):
         for shade, amplitude, found in zip(np.linspace(0.0, 1.0, 7), amplitudes, both, strict=True):
             _draw(axes[:, column], frequency, found[column].response, f"A = {amplitude:g} V", shade)
-    _bounds(sheet, axes[0, 0], [one[0].response for one in both], frequency)
+    _draw_bounds(sheet, axes[0, 0], [one[0].response for one in both], frequency)
     for column, torque in enumerate(TORQUES):
-        _finish(sheet, axes[:, column], f"{torque} as input, own weight (58 N)")
+        _finish_panel(sheet, axes[:, column], f"{torque} as input, own weight (58 N)")
     for column, statement in enumerate(
         ("motor torque as input", "dynamometer torque as input, as sec. 3.10 defines it")
     ):
         slopes = [slope(frequency, one[column].response) for one in both]
         sheet.check(
-            f"{statement}: slope above -10 at 0.01 V, falls with A, below -30 dB/decade at {BEYOND:g} V [dB/decade]",
+            f"{statement}: slope above -10 at 0.01 V, falls with A, below -30 dB/decade at {HIGH_AMPLITUDE:g} V [dB/decade]",
             slopes[0] > -10.0 and slopes[-1] < -30.0 and bool(np.all(np.diff(slopes) < 0.0)), measured=slopes,
             thesis="from 0 towards -40",
         )  # fmt: skip
@@ -189,7 +190,7 @@ def figure_3_11(sheet: Sheet) -> None:
         " approximation is a damper, and theta/T tends to -20 dB/decade. A mass line needs the motor's torque as input; indeed"
         " the corners of the axes of figs 3.9 and 3.11 (0 dB at 1 Hz, -120 dB at 1 kHz) lie on a mass line of 0.025 kg m^2"
     )
-    sheet.note(f"{BEYOND:g} V is ours, to see the limit")
+    sheet.note(f"{HIGH_AMPLITUDE:g} V is ours, to see the limit")
     sheet.note(GAIN_NOTE)
     sheet.note(CONTACT_NOTE)
 
@@ -201,12 +202,12 @@ def figure_3_11(sheet: Sheet) -> None:
 def figure_3_12(sheet: Sheet) -> None:
     """Own weight, six amplitudes, one frequency after the other."""
     axes = sheet.axes(2, 1, width=9, height=7, sharex=True, height_ratios=(2, 1))
-    frequency = sines(AMPLITUDES[0])[0]
-    found = [sines(amplitude)[1] for amplitude in AMPLITUDES]
+    frequency = measure_sines(AMPLITUDES[0])[0]
+    found = [measure_sines(amplitude)[1] for amplitude in AMPLITUDES]
     for shade, amplitude, values in zip(np.linspace(0.0, 0.9, 6), AMPLITUDES, found, strict=True):
         _draw(axes, frequency, values, f"A = {amplitude:g} V", shade, ".-")
-    _bounds(sheet, axes[0], found, frequency)
-    _finish(sheet, axes, "motor torque as input, own weight (58 N)")
+    _draw_bounds(sheet, axes[0], found, frequency)
+    _finish_panel(sheet, axes, "motor torque as input, own weight (58 N)")
     slopes = [slope(frequency, values) for values in found]
     sheet.check(
         "slope at the smallest amplitude above -10, at the largest below -35 dB/decade [dB/decade]",

@@ -24,48 +24,48 @@ DRY = LoadLaw(0.2743, 1.524, 100.0)  # 0.25 at 50 N and 0.11 at 1100 N (fig 4.14
 TRAVEL = 1e-4  # rad, to gross sliding; ours: below the 4e-4 rad that fig 4.2 commands, as the loop is weak
 ELEMENTS = 12
 
-_BARE = Tribometer(MaxwellSlip(np.ones(1), np.ones(1)), sensors=False)  # for its structure, not to be run
+_STRUCTURE = Tribometer(MaxwellSlip(np.ones(1), np.ones(1)), sensors=False)  # for its structure, not to be run
 
 
 def stiffness(load: float) -> float:
     """Tangential stiffness k_kf [Nm/rad] of the contact at first touch under `load` [N]."""
-    return float(contact(load).stiffness.sum()) * _BARE.radius**2
+    return float(make_contact(load).stiffness.sum()) * _STRUCTURE.radius**2
 
 
 @cache
-def contact(load: float) -> MaxwellSlip:
+def make_contact(load: float) -> MaxwellSlip:
     """Dry contact at `load` [N]: equal springs that slip one after another, evenly up to TRAVEL: a parabola as virgin curve."""
-    reach = TRAVEL * _BARE.radius * np.arange(1, ELEMENTS + 1) / ELEMENTS
+    reach = TRAVEL * _STRUCTURE.radius * np.arange(1, ELEMENTS + 1) / ELEMENTS
     each = float(DRY(load)) / reach.sum()
     return MaxwellSlip(np.full(ELEMENTS, each), each * reach)
 
 
 @cache
-def identified(load: float, amplitude: float) -> Tangential:
+def identify_response(load: float, amplitude: float) -> Tangential:
     """theta/T [rad/Nm] at `load` [N] and `amplitude` [V] a line."""
-    rig = Tribometer(contact(load))
+    rig = Tribometer(make_contact(load))
     source = Multisine(LINES, rig.parameters["motor.gain"].si * amplitude, SAMPLES)
     return tangential_response(rig, load, source, DT)
 
 
 @cache
-def sines(level: float) -> tuple[Array, Array]:
+def measure_sines(level: float) -> tuple[Array, Array]:
     """Frequencies [Hz] and theta/T [rad/Nm] under the own weight: sines as strong as the multisine of `level` [V]."""
-    rig = Tribometer(contact(OWN_WEIGHT), sensors=False)
+    rig = Tribometer(make_contact(OWN_WEIGHT), sensors=False)
     amplitude = rig.parameters["motor.gain"].si * level * np.sqrt(LINES.size)
     return stepped_sine(rig, OWN_WEIGHT, amplitude, np.geomspace(2.0, 450.0, 50), DT)
 
 
 def mass_line(frequency: Array) -> Array:
     """theta/T of the motor [rad/Nm] at `frequency` [Hz] without friction: the inertia above the contact."""
-    _, disk, motor = _BARE.tangential.inertia
+    _, disk, motor = _STRUCTURE.tangential.inertia
     return -1.0 / ((disk + motor) * (2.0 * pi * frequency) ** 2)
 
 
 def mass_spring(frequency: Array, load: float) -> Array:
     """theta/T of the motor [rad/Nm] at `frequency` [Hz] with the contact as a spring of its first stiffness."""
     spring = stiffness(load)
-    a, b = _BARE.tangential.state_space(spring, 0.5 * DT * spring, DRIFT_STIFFNESS)
+    a, b = _STRUCTURE.tangential.state_space(spring, 0.5 * DT * spring, DRIFT_STIFFNESS)
     return response(a, b[:, 1], np.eye(6)[2], frequency)
 
 
@@ -74,19 +74,19 @@ def decibel(values: Array) -> Array:
     return 20.0 * np.log10(np.abs(values))
 
 
-def band(frequency: Array) -> Array:
+def is_in_band(frequency: Array) -> Array:
     """Which of `frequency` [Hz] are in BAND."""
     return (frequency >= BAND[0]) & (frequency <= BAND[1])
 
 
 def level(frequency: Array, values: Array) -> float:
     """Median amplitude in BAND [dB]."""
-    return float(np.median(decibel(values[band(frequency)])))
+    return float(np.median(decibel(values[is_in_band(frequency)])))
 
 
 def slope(frequency: Array, values: Array) -> float:
     """Slope of the amplitude in BAND [dB/decade]."""
-    inside = band(frequency)
+    inside = is_in_band(frequency)
     return float(np.polyfit(np.log10(frequency[inside]), decibel(values[inside]), 1)[0])
 
 

@@ -3,32 +3,39 @@
 import numpy as np
 
 from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.sheet import INK, Sheet, label
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
 from plant_sim.rigs.tribometer import Tribometer
 from plant_sim.rigs.tribometer_contacts import Contacts
-from plant_sim.rigs.tribometer_experiments import Motion, branches, measured, oscillation, reciprocation
+from plant_sim.rigs.tribometer_experiments import Motion, measure_branches, oscillation, reciprocation, run_and_filter
 
 Array = np.ndarray
 CONTACTS = Contacts(seed=7)
 OWN_WEIGHT = 58.0  # N
 SINE, FREQUENCIES = 0.06, (1.0, 2.0, 3.0)  # rad, Hz, sec. 4.1.3
-OFFSET, SWING, FAST = 0.35, 0.30, 9.0  # rad/s, rad/s, Hz: 0.05 to 0.65 rad/s as on the axis of fig 4.5; 9 Hz [T]
+OFFSET, SWING, FAST = (
+    0.35,
+    0.30,
+    9.0,
+)  # rad/s, rad/s, Hz: 0.05 to 0.65 rad/s as on the axis of fig 4.5; 9 Hz of the thesis
 BINS = np.linspace(0.08, 0.62, 13)  # rad/s
 NOISE = 1.5e-3  # Nm; ours: a difference of two branches in a bin has a deviation of about 0.6e-3 by the sensors
-STAIRS, STAIR = (0.05, 0.8, 1.6, 3.2, 4.8, 6.4), 5.0  # rad/s (fig 4.10, and a slow one of ours), s each (sec. 4.2.2)
-HIGHEST = 1120.0  # N, fig 4.11: the highest load
-SIX = (52.0, 280.0, 560.0, 840.0, 1120.0, 1400.0)  # N, fig 4.18
-MICRO = 1e6
+STAIR_SPEEDS, STAIR_TIME = (
+    (0.05, 0.8, 1.6, 3.2, 4.8, 6.4),
+    5.0,
+)  # rad/s (fig 4.10, and a slow one of ours), s each (sec. 4.2.2)
+HIGHEST_LOAD = 1120.0  # N, fig 4.11: the highest load
+BUTTERFLY_LOADS = (52.0, 280.0, 560.0, 840.0, 1120.0, 1400.0)  # N, fig 4.18
+MICROMETRES = 1e6
 
 
-def _cross(rig: Tribometer, load: float, frequency: float) -> tuple[Motion, Array]:
+def _run_cross(rig: Tribometer, load: float, frequency: float) -> tuple[Motion, Array]:
     """An oscillation about the offset, and accelerating less decelerating torque [Nm] in each of BINS."""
     motion = oscillation(rig, load, OFFSET, SWING, frequency, periods=40)
-    up, down = branches(motion, BINS)
+    up, down = measure_branches(motion, BINS)
     return motion, up - down
 
 
-def _crosses(difference: Array) -> bool:
+def _crosses_zero(difference: Array) -> bool:
     return bool(difference.min() < -NOISE and difference.max() > NOISE)
 
 
@@ -48,14 +55,14 @@ def figure_4_5(sheet: Sheet) -> None:
         motion = reciprocation(rig, OWN_WEIGHT, SINE, frequency, periods=3)
         for panel, x in zip(axes[:2], (motion.angle, motion.velocity), strict=True):
             panel.plot(x, motion.torque, color=colour, lw=0.8, label=f"{frequency:g} Hz")
-        up, down = branches(motion, speeds)
+        up, down = measure_branches(motion, speeds)
         lags.append(float((up - down).mean() / (up + down).mean() * 2.0))
         rises.append(float((up + down)[-1] / (up + down)[0] - 1.0))
     axes[0].legend(fontsize=8, frameon=False, loc="center")
     label(axes[0], r"$\theta$ [rad]", r"$T_{lf}$ [Nm]", "hysteresis, lubricated")
     label(axes[1], r"$\omega$ [rad/s]", r"$T_{lf}$ [Nm]", "friction lag")
-    motion, both = _cross(rig, OWN_WEIGHT, FAST)
-    up, down = branches(motion, BINS)
+    motion, both = _run_cross(rig, OWN_WEIGHT, FAST)
+    up, down = measure_branches(motion, BINS)
     middle = 0.5 * (BINS[1:] + BINS[:-1])
     axes[2].plot(motion.velocity, motion.torque, color="0.85", lw=0.3)
     axes[2].plot(middle, down, "v-", ms=4, lw=1.0, label="decelerating")
@@ -71,21 +78,22 @@ def figure_4_5(sheet: Sheet) -> None:
     )
     sheet.check(
         "9 Hz: accelerating less decelerating goes from below -1.5 to above 1.5 mNm as the speed rises [mNm]",
-        _crosses(both) and bool(both.argmin() < both.argmax()), 1e3 * both, "cross each other",
+        _crosses_zero(both) and bool(both.argmin() < both.argmax()), 1e3 * both, "cross each other",
     )  # fmt: skip
     others = [
-        _cross(CONTACTS.lubricated(load), load, frequency)[1] for load, frequency in ((OWN_WEIGHT, 6.0), (280.0, FAST))
+        _run_cross(CONTACTS.lubricated(load), load, frequency)[1]
+        for load, frequency in ((OWN_WEIGHT, 6.0), (280.0, FAST))
     ]
     sheet.check(
-        "it does so at 6 Hz, and under 280 N [mNm: lowest and highest of each]", all(map(_crosses, others)),
+        "it does so at 6 Hz, and under 280 N [mNm: lowest and highest of each]", all(map(_crosses_zero, others)),
         [1e3 * value for one in others for value in (one.min(), one.max())],
         "similar for different preloads and frequencies",
     )  # fmt: skip
     values = CONTACTS.parameters
-    lifting = _cross(
+    lifting = _run_cross(
         Contacts(values.with_values({"lubricated.beta": 1.0}), 7).lubricated(OWN_WEIGHT), OWN_WEIGHT, FAST
     )[1]
-    layer = _cross(Contacts(values.with_values({"film.share": 0.0}), 7).lubricated(OWN_WEIGHT), OWN_WEIGHT, FAST)[1]
+    layer = _run_cross(Contacts(values.with_values({"film.share": 0.0}), 7).lubricated(OWN_WEIGHT), OWN_WEIGHT, FAST)[1]
     sheet.check(
         "with the lift-up lagging alone (beta = 1) they do not cross: accelerating is higher [mNm]",
         bool(lifting.min() > -NOISE), 1e3 * lifting, "ours: which mechanism?",
@@ -114,21 +122,21 @@ def figure_4_5(sheet: Sheet) -> None:
 def figure_4_11(sheet: Sheet) -> None:
     """Staircase of speeds, forth and back."""
     axes = sheet.axes(1, 2, width=11, height=4.6)
-    rig = CONTACTS.lubricated(HIGHEST)
-    levels = np.array([*STAIRS, *(-np.array(STAIRS))])
+    rig = CONTACTS.lubricated(HIGHEST_LOAD)
+    levels = np.array([*STAIR_SPEEDS, *(-np.array(STAIR_SPEEDS))])
 
     def staircase(time: Array) -> Array:
-        return levels[np.minimum((time / STAIR).astype(int), levels.size - 1)]
+        return levels[np.minimum((time / STAIR_TIME).astype(int), levels.size - 1)]
 
-    droop = np.array([rig.friction.steady_state(np.array(v * rig.radius), HIGHEST) for v in levels]) * rig.radius
+    droop = np.array([rig.friction.steady_state(np.array(v * rig.radius), HIGHEST_LOAD) for v in levels]) * rig.radius
     extra = droop / rig.parameters["motor.velocity_gain"].si
     drive = rig.velocity_drive(
-        lambda time: staircase(time) + extra[np.minimum((time / STAIR).astype(int), levels.size - 1)]
+        lambda time: staircase(time) + extra[np.minimum((time / STAIR_TIME).astype(int), levels.size - 1)]
     )
-    motion = measured(rig, drive, HIGHEST, STAIR * levels.size)
-    step = np.minimum((motion.time / STAIR).astype(int), levels.size - 1)
-    settled = motion.time - step * STAIR > 0.5
-    theta, gap = motion.angle, MICRO * (motion.gap - motion.gap[0])
+    motion = run_and_filter(rig, drive, HIGHEST_LOAD, STAIR_TIME * levels.size)
+    step = np.minimum((motion.time / STAIR_TIME).astype(int), levels.size - 1)
+    settled = motion.time - step * STAIR_TIME > 0.5
+    theta, gap = motion.angle, MICROMETRES * (motion.gap - motion.gap[0])
     columns = np.stack(
         [step[settled] == k for k in range(levels.size)] + [np.sin(theta[settled]), np.cos(theta[settled])], axis=1
     )
@@ -136,9 +144,9 @@ def figure_4_11(sheet: Sheet) -> None:
     lift, shape = found[: levels.size], 2.0 * float(np.hypot(*found[-2:]))
     axes[0].plot(theta[::10], gap[::10], lw=0.6)
     label(axes[0], r"$\theta$ [rad]", "normal rel. displacement [um]", "from rest; up is lift-up")
-    half = len(STAIRS)
-    axes[1].plot(STAIRS, lift[:half] - lift[0], "o-", label="forwards")
-    axes[1].plot(STAIRS, lift[half:] - lift[half], "s--", mfc="none", label="backwards")
+    half = len(STAIR_SPEEDS)
+    axes[1].plot(STAIR_SPEEDS, lift[:half] - lift[0], "o-", label="forwards")
+    axes[1].plot(STAIR_SPEEDS, lift[half:] - lift[half], "s--", mfc="none", label="backwards")
     axes[1].legend(frameon=False, loc="lower right")
     label(axes[1], r"$|\omega|$ [rad/s]", "lift-up [um]", "mean over a revolution, from 0.05 rad/s")
     risen = lift[half - 1] - lift[0]
@@ -166,28 +174,28 @@ def figure_4_18(sheet: Sheet) -> None:
     left, *right = sheet.axes(1, 3, width=14, height=4.8)
     levels, slopes, wings, tops, sides = [], [], [], [], []
     reference = 0.0
-    for load in SIX:
+    for load in BUTTERFLY_LOADS:
         rig = CONTACTS.lubricated(load)
         motion = reciprocation(rig, load, SINE, 9.0, periods=12)
-        gap = MICRO * motion.gap
-        if load == SIX[0]:
+        gap = MICROMETRES * motion.gap
+        if load == BUTTERFLY_LOADS[0]:
             reference = float(gap.mean())
         levels.append(float(gap.mean()) - reference)
         left.plot(motion.angle, gap - reference, lw=0.6)
         left.text(0.065, levels[-1], f"{load:g} N", va="center", fontsize=8)
-        grid, forth, back = _butterfly(motion.angle, motion.velocity, gap - reference)
+        grid, forth, back = _measure_butterfly(motion.angle, motion.velocity, gap - reference)
         slope = float(np.polyfit(grid, 0.5 * (forth + back), 1)[0])
         slopes.append(slope)
         upright = 0.5 * (forth + back) - slope * grid
         tops.append(float(upright[np.abs(grid) < 0.01].mean() - upright[np.abs(grid) > 0.04].mean()))
         wings.append(float((forth - back)[grid > 0.01].mean()))
         sides.append(float((forth - back)[grid < -0.01].mean()))
-        if load in SIX[:2]:
-            panel = right[SIX.index(load)]
+        if load in BUTTERFLY_LOADS[:2]:
+            panel = right[BUTTERFLY_LOADS.index(load)]
             panel.plot(motion.angle, gap - reference, color="0.85", lw=0.4)
             panel.plot(grid, forth, label="positive velocity")
             panel.plot(grid, back, label="negative velocity")
-            panel.plot(grid, 0.5 * (forth + back), color=INK, ls="--", lw=0.8, label="average")
+            panel.plot(grid, 0.5 * (forth + back), color=REFERENCE_COLOUR, ls="--", lw=0.8, label="average")
             panel.legend(fontsize=8, frameon=False, loc="lower right")
             label(panel, r"$\theta$ [rad]", "lift-up [um]", f"{load:g} N")
     left.set_xlim(-0.07, 0.1)
@@ -212,7 +220,7 @@ def figure_4_18(sheet: Sheet) -> None:
         "symmetric but for the inclination: the two wings of a load are equal within 15 % (ratio)",
         all(abs(ratio - 1.0) < 0.15 for ratio in uneven), uneven, "for a flat surface a symmetric butterfly",
     )  # fmt: skip
-    profile = 0.5 * MICRO * CONTACTS.lubricated(SIX[0]).parameters["disks.runout"].si
+    profile = 0.5 * MICROMETRES * CONTACTS.lubricated(BUTTERFLY_LOADS[0]).parameters["disks.runout"].si
     sheet.check(
         "clearest at the lowest load: at 52 N the gap is wider at mid-stroke by more than at any other load [um]",
         tops[0] > max(tops[1:]), tops, "clearly observed especially at the lowest load",
@@ -226,7 +234,7 @@ def figure_4_18(sheet: Sheet) -> None:
     sheet.note("at 1400 N the normal dynamometers are beyond their range (1293 N); the gap sensors are not")
 
 
-def _butterfly(angle: Array, velocity: Array, gap: Array) -> tuple[Array, Array, Array]:
+def _measure_butterfly(angle: Array, velocity: Array, gap: Array) -> tuple[Array, Array, Array]:
     """Angles [rad] (k,), mean gap at positive and at negative velocity there (k,)."""
     edges = np.linspace(-0.055, 0.055, 34)
     bins = np.digitize(angle, edges)

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.signal import find_peaks
 
 from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.sheet import INK, Sheet, label
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
 from plant_sim.friction.maxwell_slip import MaxwellSlip
 from plant_sim.rigs.multisine import Multisine
 from plant_sim.rigs.tribometer import Tribometer, nominal
@@ -64,7 +64,7 @@ def figure_3_6(sheet: Sheet) -> None:
     shown = [
         (
             r"$|T/\theta_3|$ [dB rel. 1 Nm/rad]", "tangential", torque,
-            bare[0].transmitted(s, stiffness[0], damping[0]), printed_transmitted(bare[0], s, stiffness[0], damping[0]),
+            bare[0].transmitted_torque(s, stiffness[0], damping[0]), printed_transmitted(bare[0], s, stiffness[0], damping[0]),
         ),
         (
             r"$|X_1/F|$ [dB rel. 1 m/N]", "normal", response(a, b[:, 1], np.eye(6)[0], frequency),
@@ -72,7 +72,9 @@ def figure_3_6(sheet: Sheet) -> None:
         ),
     ]  # fmt: skip
     for axes, (axis, name, exact, formula, printed) in zip(sheet.axes(1, 2, width=11), shown, strict=True):
-        axes.semilogx(frequency, 20 * np.log10(np.abs(exact)), color=INK, lw=3, alpha=0.35, label="system equations")
+        axes.semilogx(
+            frequency, 20 * np.log10(np.abs(exact)), color=REFERENCE_COLOUR, lw=3, alpha=0.35, label="system equations"
+        )
         axes.semilogx(frequency, 20 * np.log10(np.abs(formula)), lw=1.2, label="transfer function")
         axes.semilogx(frequency, 20 * np.log10(np.abs(printed)), "--", lw=1.2, label="transfer function as printed")
         label(axes, "frequency [Hz]", axis, name)
@@ -112,7 +114,7 @@ def figure_3_10(sheet: Sheet) -> None:
     axes[0, 1].set_xlim(160.0, 320.0)
     axes[0, 1].set_ylim(-20.0, 10.0)
     for upper, lower in axes.T:
-        upper.axvline(186.0, color=INK, ls="--", lw=0.8)
+        upper.axvline(186.0, color=REFERENCE_COLOUR, ls="--", lw=0.8)
         label(
             upper, "", r"$|x_1/F|$ [dB rel. 1 um/N]", "dashed: 186 Hz" if upper is axes[0, 0] else "the two resonances"
         )
@@ -141,7 +143,7 @@ def figure_3_10(sheet: Sheet) -> None:
     sheet.note(CONTACT_NOTE)
 
 
-def steady(load: float, speed: float) -> tuple[Array, Array, Array]:
+def run_steady(load: float, speed: float) -> tuple[Array, Array, Array]:
     """Angle [rad], mean gap [m] and measured load [N] over the last of three revolutions at `speed` [rad/s], lubricated."""
     rig = Tribometer(FRICTION, nominal().with_values({"lift.height": LIFT}))
     seconds = 3.0 * 2.0 * np.pi / speed
@@ -157,13 +159,13 @@ def steady(load: float, speed: float) -> tuple[Array, Array, Array]:
 def figure_4_12(sheet: Sheet) -> None:
     """Mean displacement and load of steady sliding at four speeds and five loads."""
     axes = sheet.axes(1, 1, width=8)
-    runs = [[steady(load, speed) for speed in SPEEDS] for load in STEADY_LOADS]
+    runs = [[run_steady(load, speed) for speed in SPEEDS] for load in STEADY_LOADS]
     displacement = -np.array([[gap.mean() for _, gap, _ in row] for row in runs])
     force = np.array([[measured.mean() for _, _, measured in row] for row in runs])
     axes.plot(1e6 * displacement.ravel(), force.ravel(), "o", ms=4, color="tab:blue", label="four speeds at five loads")
     rig = Tribometer(FRICTION, sensors=False)
     loads = np.linspace(1.0, 1150.0, 200)
-    axes.plot(1e6 * rig.approach(loads), loads, color=INK, lw=1.0, label="Hertz, at rest")
+    axes.plot(1e6 * rig.approach(loads), loads, color=REFERENCE_COLOUR, lw=1.0, label="Hertz, at rest")
     label(axes, "normal relative displacement [um]", "normal force [N]")
     axes.legend(fontsize=8, loc="upper left")
     secant = np.diff(force.mean(axis=1)) / np.diff(displacement.mean(axis=1))
@@ -191,11 +193,11 @@ def figure_4_13(sheet: Sheet) -> None:
     means, swings = np.empty((4, len(SPEEDS))), np.empty(4)
     for row, load in enumerate(STEADY_LOADS[1:]):
         for column, speed in enumerate(SPEEDS):
-            angle, gap, force = steady(load, speed)
+            angle, gap, force = run_steady(load, speed)
             stiffness = 1e-6 * force / -gap  # N/um
             means[row, column] = stiffness.mean()
             if column in (0, 3):
-                _position(axes[1], angle, stiffness, row, column)
+                _draw_over_position(axes[1], angle, stiffness, row, column)
         swings[row] = np.ptp(np.convolve(stiffness, np.full(15, 1 / 15), "valid")) / stiffness.mean()
         axes[0].plot(SPEEDS, means[row], "o-", color=f"C{row}", label=f"{load:g} N")
     label(axes[0], "speed [rad/s]", "mean of load over displacement [N/um]", "stiffening with load and speed")
@@ -229,7 +231,7 @@ def figure_4_13(sheet: Sheet) -> None:
     )
 
 
-def _position(axes: Any, angle: Array, stiffness: Array, row: int, column: int) -> None:
+def _draw_over_position(axes: Any, angle: Array, stiffness: Array, row: int, column: int) -> None:
     turned = np.mod(angle, 2.0 * np.pi)
     order = np.argsort(turned)
     axes.plot(turned[order], stiffness[order], lw=1.2, alpha=0.4 if column == 0 else 1.0, color=f"C{row}")

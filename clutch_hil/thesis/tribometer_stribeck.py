@@ -5,8 +5,8 @@ from functools import cache
 import numpy as np
 
 from clutch_hil.thesis import reproduces
-from clutch_hil.thesis.clutch_experiments import CONTACTS, PRESSURES, RADIUS, nominal, stationary_curves
-from clutch_hil.thesis.sheet import INK, Sheet, label
+from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
+from clutch_hil.thesis.clutch_experiments import CONTACTS, PRESSURES, RADIUS, nominal, run_stationary_curves
 from plant_sim.friction.identification.stribeck_fit import DEPTH, LOAD, least_squares
 from plant_sim.friction.load_law import LoadLaw
 from plant_sim.friction.stribeck import Stribeck
@@ -17,13 +17,13 @@ from protocols.files.units import RPM
 Array = np.ndarray
 RIGS = Contacts(seed=4)
 MEAN_RADIUS = 0.075  # m, of the tribometer's disks: sec. 3.4
-THREE = (58.0, 280.0, 560.0)  # N, fig 4.6
-FIVE = (50.0, 280.0, 560.0, 840.0, 1120.0)  # N, sec. 4.2.4
+THREE_LOADS = (58.0, 280.0, 560.0)  # N, fig 4.6
+FIVE_LOADS = (50.0, 280.0, 560.0, 840.0, 1120.0)  # N, sec. 4.2.4
 LOADS = (50.0, 90.0, 160.0, 280.0, 420.0, 560.0, 700.0, 840.0, 970.0, 1100.0)  # N; ours, over the range of fig 4.14
 SPEED_OF_TABLE = 200.0 * RPM  # Table 6.3
-FASTEST = 6.4  # rad/s, fig 4.10
-SLOW_PULL = 0.05  # rad/s^2; ours: for the torque at zero velocity
-FROZEN = {"gamma": 1.0 / 3.0, "v_s": 11.52}  # -, rad/s: kept constant in the fits of fig 4.16, sec. 4.2.4
+FASTEST_SPEED = 6.4  # rad/s, fig 4.10
+PULL_ACCELERATION = 0.05  # rad/s^2; ours: for the torque at zero velocity
+FROZEN_VALUES = {"gamma": 1.0 / 3.0, "v_s": 11.52}  # -, rad/s: kept constant in the fits of fig 4.16, sec. 4.2.4
 SCALE_NOTE = (
     "parameters and their sources: plant_sim/parameters/tribometer_contacts.toml. One contact in oil cannot have the"
     " torques of all figures: with 0.25 at 50 N and 0.11 at 1100 N taken at 6.4 rad/s, it has 1.1 to 1.3 times those of"
@@ -32,7 +32,7 @@ SCALE_NOTE = (
 
 
 @cache
-def _curve(condition: str, load: float, lowest: float, highest: float, count: int) -> Steady:
+def _measure_curve(condition: str, load: float, lowest: float, highest: float, count: int) -> Steady:
     rig = RIGS.dry(load) if condition == "dry" else RIGS.lubricated(load)
     return stribeck(rig, load, np.geomspace(lowest, highest, count))
 
@@ -46,17 +46,17 @@ def figure_4_6(sheet: Sheet) -> None:
     """Steady points of the rig; dry also the torque at which it breaks away."""
     left, right = sheet.axes(1, 2, width=11, height=4.8)
     drops, rises, minima, falls, ratios = [], [], [], [], []
-    for load, colour in zip(THREE, ("C0", "C1", "C2"), strict=True):
+    for load, colour in zip(THREE_LOADS, ("C0", "C1", "C2"), strict=True):
         rig = RIGS.dry(load)
-        peak, _ = break_away(rig, load, SLOW_PULL)
-        dry, wet = _curve("dry", load, 0.06, 0.65, 14), _curve("lubricated", load, 0.05, 6.0, 14)
+        peak, _ = break_away(rig, load, PULL_ACCELERATION)
+        dry, wet = _measure_curve("dry", load, 0.06, 0.65, 14), _measure_curve("lubricated", load, 0.05, 6.0, 14)
         left.plot(np.append(0.0, dry.speed), np.append(peak, dry.torque), "o-", color=colour, ms=3, lw=1.0)
         right.plot(wet.speed, wet.torque, "o-", color=colour, ms=3, lw=1.0)
         left.text(0.66, dry.torque[-1], f"{load:g} N", color=colour, va="center")
         right.text(6.1, wet.torque[-1], f"{load:g} N", color=colour, va="center")
         drops.append(1.0 - dry.torque.min() / peak)
         rises.append((dry.torque[-1] - dry.torque.min()) / dry.torque.min())
-        minima.append(_minimum(dry))
+        minima.append(_find_minimum(dry))
         falls.append(float(np.diff(wet.torque).min() / wet.torque.mean()))
         ratios.append(float(np.interp(0.5, wet.speed, wet.torque) / np.interp(0.5, dry.speed, dry.torque)))
     left.set_xlim(0.0, 0.75)
@@ -91,7 +91,7 @@ def figure_4_6(sheet: Sheet) -> None:
     sheet.note(SCALE_NOTE)
 
 
-def _minimum(curve: Steady) -> float:
+def _find_minimum(curve: Steady) -> float:
     """Speed [rad/s] of the minimum of a smooth curve through the points: c + a/omega + b omega, the tail of eq 1.4."""
     columns = np.stack([np.ones(curve.speed.size), 1.0 / curve.speed, curve.speed], axis=1)
     _, fall, rise = np.linalg.lstsq(columns, curve.torque, rcond=None)[0]
@@ -106,20 +106,20 @@ def _minimum(curve: Steady) -> float:
 def figure_4_14(sheet: Sheet) -> None:
     """Steady runs at the highest speed, eq 4.2 fitted to every second of them."""
     left, right = sheet.axes(1, 2, width=11, height=4.8)
-    runs = [stribeck(RIGS.lubricated(load), load, (FASTEST,)) for load in LOADS]
+    runs = [stribeck(RIGS.lubricated(load), load, (FASTEST_SPEED,)) for load in LOADS]
     load = np.array([float(run.load[0]) for run in runs])
     mu = np.array([float(run.coefficient(MEAN_RADIUS)[0]) for run in runs])
     found = least_squares(LOAD, load[::2], (mu * load)[::2])
     law = LoadLaw(*(found[name] for name in LOAD.names))
     fine = np.linspace(45.0, 1150.0, 300)
-    left.plot(fine, law(fine) / fine, color=INK, lw=1.0, label="fit of eq 4.2")
+    left.plot(fine, law(fine) / fine, color=REFERENCE_COLOUR, lw=1.0, label="fit of eq 4.2")
     left.plot(load[::2], mu[::2], "o", label="fitted")
     left.plot(load[1::2], mu[1::2], "s", mfc="none", label="held out")
     left.legend(frameon=False)
-    label(left, "normal load [N]", "friction coefficient [-]", f"at {FASTEST:g} rad/s")
+    label(left, "normal load [N]", "friction coefficient [-]", f"at {FASTEST_SPEED:g} rad/s")
     slopes = []
     for one, colour in zip((58.0, 560.0, 1120.0), ("C0", "C1", "C2"), strict=True):
-        curve = _curve("lubricated", one, 0.05, FASTEST, 12)
+        curve = _measure_curve("lubricated", one, 0.05, FASTEST_SPEED, 12)
         coefficient = curve.coefficient(MEAN_RADIUS)
         right.plot(curve.speed, coefficient, "o-", ms=3, lw=1.0, color=colour)
         right.text(6.5, coefficient[-1], f"{one:g} N", va="center", color=colour)
@@ -161,16 +161,16 @@ def figure_4_15(sheet: Sheet) -> None:
     left, right = sheet.axes(1, 2, width=11, height=4.8)
     fine = np.geomspace(0.04, 6.6, 200)
     explained, apart, depths = [], [], []
-    for load, colour in zip(FIVE, ("C0", "C1", "C2", "C3", "C4"), strict=True):
-        curve = _curve("lubricated", load, 0.05, FASTEST, 16)
-        joined = _fit(curve)
+    for load, colour in zip(FIVE_LOADS, ("C0", "C1", "C2", "C3", "C4"), strict=True):
+        curve = _measure_curve("lubricated", load, 0.05, FASTEST_SPEED, 16)
+        joined = _fit_loads(curve)
         below = curve.speed < 3.3
-        part = _fit(Steady(*(getattr(curve, name)[below] for name in ("speed", "torque", "spread", "load"))))
+        part = _fit_loads(Steady(*(getattr(curve, name)[below] for name in ("speed", "torque", "spread", "load"))))
         for panel in (left, right):
             panel.plot(curve.speed, curve.torque, "o", ms=3, color=colour)
         left.text(6.6, curve.torque[-1], f"{load:g} N", va="center", color=colour)
         left.plot(fine[fine < 3.3], part(fine[fine < 3.3]), color=colour, lw=1.0)
-        right.plot(fine, joined(fine), color=INK, lw=1.0)
+        right.plot(fine, joined(fine), color=REFERENCE_COLOUR, lw=1.0)
         explained.append(1.0 - float(np.var(joined(curve.speed) - curve.torque) / np.var(curve.torque)))
         apart.append(float(np.abs(part(curve.speed) / joined(curve.speed) - 1.0)[below].max()))
         depths.append(1.0 - joined.beta)
@@ -206,8 +206,8 @@ def figure_4_15(sheet: Sheet) -> None:
     sheet.note(SCALE_NOTE)
 
 
-def _fit(curve: Steady) -> Stribeck:
-    found = least_squares(DEPTH, curve.speed, curve.torque, frozen=FROZEN)
+def _fit_loads(curve: Steady) -> Stribeck:
+    found = least_squares(DEPTH, curve.speed, curve.torque, frozen=FROZEN_VALUES)
     return Stribeck.from_depth(*(found[name] for name in DEPTH.names))
 
 
@@ -219,7 +219,7 @@ def _fit(curve: Steady) -> Stribeck:
 def figure_4_16(sheet: Sheet) -> None:
     """Stationary runs of the clutch rig of chapter 6."""
     left, right = sheet.axes(1, 2, width=11, height=4.8)
-    runs = stationary_curves()
+    runs = run_stationary_curves()
     p = nominal()
     area, contact = p["piston.area"].si, p["piston.contact_pressure"].value
     load = np.array([area * 1e5 * (pressure - contact) for pressure in PRESSURES])
@@ -228,17 +228,17 @@ def figure_4_16(sheet: Sheet) -> None:
     static, errors = [], []
     fine = np.linspace(0.5, 26.0, 200)
     for i, run in enumerate(runs):
-        found = least_squares(DEPTH, run.slip, run.torque, frozen=FROZEN)
+        found = least_squares(DEPTH, run.slip, run.torque, frozen=FROZEN_VALUES)
         curve = Stribeck.from_depth(*(found[name] for name in DEPTH.names))
         static.append(curve.static_force)
         errors.append(found.rmse / float(run.torque.mean()))
-        right.plot(fine, curve(fine), color=INK, lw=0.8)
+        right.plot(fine, curve(fine), color=REFERENCE_COLOUR, lw=0.8)
         right.plot(run.slip, run.torque, "o", ms=3, color=f"C{i}")
     label(right, r"$\omega$ [rad/s]", "torque [Nm]", "points and fits with gamma = 1/3, v_s = 11.52 rad/s")
     mu, at_speed = (np.array(torque) / (load * RADIUS * CONTACTS) for torque in (static, driven))  # 4.3
     left.plot(load, mu, "o-", lw=1.0, label="static torque of the fit")
     left.plot(load, at_speed, "s--", lw=1.0, ms=4, label="torque at 200 rpm")
-    left.axhspan(0.113, 0.1148, color=INK, alpha=0.15, lw=0.0, label="fig 4.16")
+    left.axhspan(0.113, 0.1148, color=REFERENCE_COLOUR, alpha=0.15, lw=0.0, label="fig 4.16")
     left.set_ylim(0.07, 0.14)
     left.legend(frameon=False, fontsize=8)
     label(left, "normal load [N]", "friction coefficient [-]", "two friction contacts (eq 4.3)")

@@ -1,13 +1,13 @@
-"""Friction torque of the wet multi-disk clutch: XGMS with one element, that sticks rigidly.
+"""Friction torque of the wet multi-disk clutch: XGMS with one element that sticks rigidly.
 
 Equation        M_C = max(0, a_MC p* + b_MC);  C_v = max(0, a_Cv p* + b_Cv)                        (Table 6.4)
                 beta = min(1, beta_inf + (1 - beta_inf) exp(-(p* - p_1)/p_0))                       (6.6)
                 s_n = 1 + (beta - 1) exp(-V_S/|omega|)                                              (6.2)
                 m' = sign(omega) C (1 - m/s_n), s_n carrying the sign of omega                      (6.9)
                 M = M_C m + sign(omega) C_v r_T |omega|^gamma                                       (6.9)
-                p* = p_contact + F_n / A_cyl, only in contact                                       (rig.md, 4)
-                at omega = 0 the plates carry what is applied, |M| <= M_C: they stick; beyond it they break away with m = +-1.
-                This is the stick branch of the element, dF/dt = k omega, on a stiff spring, k -> infinity; s_n(0) = 1
+                p* = p_contact + F_n / A_cyl, only in contact                            (docs/rig.md, eq. 4)
+                at omega = 0 the plates stick: they carry the applied torque while |M| <= M_C, and break away beyond it with
+                m = +-1. This is the stick branch of the element, dF/dt = k omega, for k -> infinity; s_n(0) = 1
 Integration     sticking and slow sliding: `plant_sim/rigs/standstill.py`
 Assumptions     normal and tangential dynamics decoupled (sec. 6.2.3); temperature acts on the viscous term alone (fig 6.9)
 Valid range     p* 2.7..4.2 bar, 0..250 rpm, 0..30 Nm, oil 50..150 degC
@@ -46,7 +46,7 @@ def stribeck_ratio(beta, slip, stribeck_speed):
 
 
 @njit(inline="always")
-def relaxed(state, ratio, slip, attraction, step):
+def relax_state(state, ratio, slip, attraction, step):
     """Normalised friction state m [-] after `step` [s] of constant slip: exact solution of eq. 6.9.
 
     `ratio` is s_n [-], `attraction` is C [1/s]. At standstill the state stays.

@@ -3,8 +3,8 @@
 Equation        u = y + x,  x' = a y,  that is (s + a)/s;  a = -ln(0.02)/t_98                        (sec. C.2)
 Integration     x <- x + (1 - exp(-a h)) y: exact for a load held over the step, where y fades as exp(-a t) within it.
                 With the sensor's own a, sensor and restoration together are the identity.
-Assumptions     y is zero when nothing is loaded (`zeroed`): any zero error V_0 becomes a ramp of slope a V_0
-Valid range     as long as the converter before it does not saturate: what is cut is never restored
+Assumptions     y is zero without load (`with_zero_from`): a zero error V_0 becomes a ramp of slope a V_0
+Valid range     as long as the converter before it does not saturate: what it cuts off is lost
 Not modelled    -
 References      Janssens 2010, appendix C
 """
@@ -17,28 +17,28 @@ from numba import njit
 
 from protocols.errors import InputError
 
-_LEFT = 0.02  # share of the first value that is left after t_98: Janssens 2010, fig C.2
+_SHARE_AFTER_T_98 = 0.02  # share of the first value that remains after t_98: Janssens 2010, fig C.2
 
 
 @njit(inline="always")
-def restored(voltage, integral):
-    """Voltage [V] with the leaked part `integral` [V] put back."""
+def restore_voltage(voltage, integral):
+    """Restored voltage [V]: `voltage` plus the leaked part `integral` [V]."""
     return voltage + integral  # Janssens 2010, sec. C.2: 1 + a/s
 
 
 @njit(inline="always")
-def integrated(integral, voltage, share):
+def integrate_leak(integral, voltage, share):
     """Leaked part [V] after a step that began at `voltage` [V]; `share` = 1 - exp(-a step)."""
     return integral + share * voltage  # Janssens 2010, sec. C.2: a/s of a voltage that fades as exp(-a t)
 
 
 @njit(cache=True)
-def _restore(voltage, integral, share, zero):
+def _restore_samples(voltage, integral, share, zero):
     output = np.empty_like(voltage)
     for k in range(voltage.size):
         y = voltage[k] - zero
-        output[k] = restored(y, integral)
-        integral = integrated(integral, y, share)
+        output[k] = restore_voltage(y, integral)
+        integral = integrate_leak(integral, y, share)
     return output, integral
 
 
@@ -61,13 +61,16 @@ class DcRestoration:
 
     @classmethod
     def from_decay_time(cls, t_98: float) -> "DcRestoration":
-        """The filter for a sensor that has lost 98 % of a constant load after `t_98` [s]. Raises InputError."""
+        """Make the filter of a sensor that loses 98 % of a constant load within `t_98` [s]. Raises InputError."""
         if not 0.0 < t_98 < float("inf"):
             raise InputError(f"DC restoration: t_98 is {t_98:g} s; it must be above 0 and finite")
-        return cls(-log(_LEFT) / t_98)  # Janssens 2010, sec. C.2: -a = ln(0.02)/t_98
+        return cls(-log(_SHARE_AFTER_T_98) / t_98)  # Janssens 2010, sec. C.2: -a = ln(0.02)/t_98
 
-    def zeroed(self, idle: np.ndarray) -> "DcRestoration":
-        """The same filter with the mean of the `idle` voltages [V] (unloaded, n >= 1) as its zero. Raises InputError."""
+    def with_zero_from(self, idle: np.ndarray) -> "DcRestoration":
+        """Make a filter of equal rate whose zero is the mean of the `idle` voltages (n,) [V], taken without load.
+
+        Raises InputError for no voltages.
+        """
         voltages = np.asarray(idle, dtype=float)
         if voltages.size == 0:
             raise InputError("DC restoration: zeroing needs at least one voltage of the unloaded sensor")
@@ -83,4 +86,4 @@ class DcRestoration:
         samples = np.asarray(voltage, dtype=float)
         if samples.ndim != 1 or not np.isfinite(samples).all():
             raise InputError("DC restoration: the voltage must be a vector of finite numbers")
-        return _restore(samples, integral, -expm1(-self.decay_rate * step), self.zero)
+        return _restore_samples(samples, integral, -expm1(-self.decay_rate * step), self.zero)

@@ -1,10 +1,10 @@
 """Line from valve to cylinder and the cylinder's volume.
 
-Equation        q = G (p_v - p);  dp/dt = (q - A_cyl dx/dt) / C_h,  p >= 0                          (rig.md, 2)
+Equation        q = G (p_v - p);  dp/dt = (q - A_cyl dx/dt) / C_h,  p >= 0                          (docs/rig.md, eq. 2)
 Assumptions     laminar line, constant oil and line compliance C_h
 Valid range     0..25 bar
 Not modelled    line inertia; air, leakage, centrifugal pressure, cold oil are effects (plant_sim/effects)
-References      design values of rig.md, chosen to come near the 9.8 Hz of fig 6.15 of Janssens 2010
+References      design values, chosen to come near the 9.8 Hz of fig 6.15 of Janssens 2010
 """
 
 from numba import njit
@@ -13,11 +13,11 @@ from numba import njit
 @njit(inline="always")
 def line_flow(valve_pressure, pressure, conductance):
     """Flow from the valve into the cylinder q [m^3/s]; conductance [m^3/(s Pa)]."""
-    return conductance * (valve_pressure - pressure)  # rig.md, 2
+    return conductance * (valve_pressure - pressure)  # docs/rig.md, eq. 2
 
 
 @njit(inline="always")
 def pressure_rate(flow, pressure, piston_speed, capacity, area):
     """Rate of the cylinder pressure [Pa/s] at `flow` [m^3/s]; capacity [m^3/Pa], area [m^2]."""
-    rate = (flow - area * piston_speed) * (1.0 / capacity)  # rig.md, 2; not divided: see `piston.speed`
+    rate = (flow - area * piston_speed) * (1.0 / capacity)  # docs/rig.md, eq. 2; no division, see `piston.speed`
     return max(rate, 0.0) if pressure <= 0.0 else rate

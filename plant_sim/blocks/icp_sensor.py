@@ -1,4 +1,4 @@
-"""Piezo force sensor with built-in electronics (ICP) and its power unit: it leaks, so a constant load fades away.
+"""Piezo force sensor with built-in electronics (ICP) and its power unit. It leaks, so that a constant load fades away.
 
 Equation        q' = (F + k_T dT - q) / tau;  V = clip(G S (F + k_T dT - q) + V_0, -V_max, V_max)
                 that is tau s/(tau s + 1) on force and warming, then gain and zero error of the power unit   (sec. C.2)
@@ -22,7 +22,7 @@ GAINS = (1.0, 10.0, 100.0)  # of the power unit; x10 and x100 are used in sec. C
 
 @njit(inline="always")
 def voltage(load, leaked, sensitivity, offset, limit):
-    """Output of the power unit [V] under `load` [N] of which `leaked` [N] has gone; sensitivity with gain [V/N]."""
+    """Output of the power unit [V] under `load` [N], of which `leaked` [N] is lost; sensitivity includes the gain [V/N]."""
     return min(max(sensitivity * (load - leaked) + offset, -limit), limit)  # Janssens 2010, sec. C.2
 
 
@@ -33,7 +33,7 @@ def leak(leaked, load, share):
 
 
 @njit(cache=True)
-def _voltages(load, leaked, share, sensitivity, offset, limit):
+def _measure_samples(load, leaked, share, sensitivity, offset, limit):
     output = np.empty_like(load)
     for k in range(load.size):
         output[k] = voltage(load[k], leaked, sensitivity, offset, limit)
@@ -69,7 +69,7 @@ class IcpSensor:
 
     @property
     def decay_rate(self) -> float:
-        """a = 1/tau [1/s], of the fading exp(-a t)."""
+        """Rate a = 1/tau [1/s] of the decay exp(-a t)."""
         return 1.0 / self.time_constant  # Janssens 2010, sec. C.2
 
     @property
@@ -97,8 +97,8 @@ class IcpSensor:
         if not np.isfinite(load).all():
             raise InputError("ICP sensor: force and warming must be finite")
         share = -expm1(-step / self.time_constant)
-        return _voltages(load, leaked, share, self.scale, self.offset, self.limit)
+        return _measure_samples(load, leaked, share, self.scale, self.offset, self.limit)
 
-    def faded(self, time: float) -> float:
-        """Share of a constant load that is still shown `time` [s] after it was applied."""
+    def remaining_share(self, time: float) -> float:
+        """Share [-] of a constant load that the output still shows `time` [s] after it was applied."""
         return exp(-time / self.time_constant)  # Janssens 2010, sec. C.2: O_0 exp(-a t)

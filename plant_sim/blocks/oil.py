@@ -1,7 +1,7 @@
 """Oil between the plates: heating by friction, and what its temperature does to viscous friction.
 
-Equation        C_th dT/dt = |M omega| - h_th (T - T_sump)                                          (rig.md, 7)
-                r_T = 1 + g (mu(T)/mu(T_ref) - 1),  mu(T) = A log10(T - T_0) + B                    (6.3; rig.md, 6)
+Equation        C_th dT/dt = |M omega| - h_th (T - T_sump)                                (docs/rig.md, eq. 7)
+                r_T = 1 + g (mu(T)/mu(T_ref) - 1),  mu(T) = A log10(T - T_0) + B          (6.3; docs/rig.md, eq. 6)
 Assumptions     one thermal mass; logarithm to base 10 (the only reading that gives the slope of fig 6.8)
 Valid range     T > 35 degC
 Not modelled    distribution over the plates, oil flow, viscosity law of the oil (only its effect on friction)
@@ -22,10 +22,10 @@ def friction_coefficient(temperature, slope, offset, origin):
 @njit(inline="always")
 def viscosity_ratio(coefficient, reference, gain):
     """Factor r_T [-] on the viscous torque from mu(T) and mu(T_ref); 1 at the reference temperature."""
-    return 1.0 + gain * (coefficient / reference - 1.0)  # rig.md, 6
+    return 1.0 + gain * (coefficient / reference - 1.0)  # docs/rig.md, eq. 6
 
 
 @njit(inline="always")
 def heating_rate(temperature, friction_power, heat_capacity, heat_transfer, sump_temperature):
     """Rate of the oil temperature [K/s] at `friction_power` [W]."""
-    return (friction_power - heat_transfer * (temperature - sump_temperature)) / heat_capacity  # rig.md, 7
+    return (friction_power - heat_transfer * (temperature - sump_temperature)) / heat_capacity  # docs/rig.md, eq. 7

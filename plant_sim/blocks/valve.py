@@ -1,6 +1,6 @@
 """Proportional pressure valve with its voltage-to-current converter.
 
-Equation        u = clip(k_v V, 0, p_supply);  p_v'' + 2 zeta w p_v' + w^2 p_v = w^2 u          (rig.md, 1)
+Equation        u = clip(k_v V, 0, p_supply);  p_v'' + 2 zeta w p_v' + w^2 p_v = w^2 u          (docs/rig.md, eq. 1)
 Assumptions     the supply pressure is constant; the voltage is held constant over a step (zero-order hold)
 Valid range     V 0..10 V
 Not modelled    flow limits; dead band, stiction, hysteresis, delay, sagging supply are effects (plant_sim/effects)
@@ -11,12 +11,12 @@ from numba import njit
 
 
 @njit(inline="always")
-def limited(demand, supply_pressure):
+def limit_demand(demand, supply_pressure):
     """Pressure the valve can be asked for [Pa]: within 0..`supply_pressure` [Pa]."""
-    return min(max(demand, 0.0), supply_pressure)  # rig.md, 1
+    return min(max(demand, 0.0), supply_pressure)  # docs/rig.md, eq. 1
 
 
 @njit(inline="always")
 def acceleration(pressure, rate, demand, frequency, damping):
     """Second derivative of the valve pressure [Pa/s^2] from pressure [Pa], its rate [Pa/s] and `frequency` [rad/s]."""
-    return frequency * (frequency * (demand - pressure) - 2.0 * damping * rate)  # rig.md, 1
+    return frequency * (frequency * (demand - pressure) - 2.0 * damping * rate)  # docs/rig.md, eq. 1

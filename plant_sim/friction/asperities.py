@@ -11,7 +11,7 @@ import numpy as np
 
 from plant_sim.friction.mindlin import stiffness_ratio
 from plant_sim.friction.model import Array, elements, require
-from plant_sim.friction.whole_number import whole
+from plant_sim.friction.whole_number import require_whole
 from protocols.errors import InputError
 
 
@@ -83,7 +83,7 @@ class Asperities:
         with standard deviation `spread` of its logarithm (the thesis names no distributions; these are ours, log-normal
         because a stiffness is positive). Raises InputError.
         """
-        whole("number of asperities", count)
+        require_whole("number of asperities", count)
         require("length", length, least=0.0)
         require("roughness", roughness, least=0.0)
         require("spread of the stiffness", spread, least=0.0, most=10.0)

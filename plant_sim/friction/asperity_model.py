@@ -11,7 +11,7 @@ from plant_sim.friction.model import Array, FrictionModel, Trace, motion, real, 
 
 _V, _SUMS = kernel.VECTOR, types.Array(types.float64, 2, "C")
 # law, parameters, state, position, dt, load, sums
-OBSERVE = types.void(kernel.LAW, _V, _V, _V, types.float64, _V, _SUMS)
+OBSERVE_SIGNATURE = types.void(kernel.LAW, _V, _V, _V, types.float64, _V, _SUMS)
 
 
 class AsperityModel(FrictionModel):
@@ -23,12 +23,15 @@ class AsperityModel(FrictionModel):
         """The longest displacement of one sample."""
 
     def step(self, state: Array, displacement: float, dt: float, load: float = 1.0) -> tuple[float, Array]:
-        """As `FrictionModel.step`, for `displacement` up to `longest`. Raises InputError."""
+        """Force and new state after `displacement`, at most `longest`, in `dt` under `load`. Raises InputError."""
         require("displacement", displacement, least=-self.longest, most=self.longest)
         return super().step(state, displacement, dt, load)
 
     def trace(self, position: Array, dt: float, load: Array | float = 1.0, state: Array | None = None) -> Trace:
-        """As `FrictionModel.trace`, for positions up to `longest` apart. Raises InputError."""
+        """Force and state at every sample of `position` (n,), at most `longest` apart; see `FrictionModel.trace`.
+
+        Raises InputError.
+        """
         self._refuse_jumps(real("position", position))
         return super().trace(position, dt, load, state)
 

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from plant_sim.friction.kernel import law
-from plant_sim.friction.model import Array, FrictionModel, kind
+from plant_sim.friction.model import Array, FrictionModel, require_type
 from plant_sim.friction.stribeck import Stribeck, relative_level, viscous_force
 
 
@@ -43,7 +43,7 @@ class Coulomb(FrictionModel):
     law = staticmethod(coulomb)
 
     def __post_init__(self) -> None:
-        kind("stribeck", self.stribeck, Stribeck)
+        require_type("stribeck", self.stribeck, Stribeck)
 
     @cached_property
     def parameters(self) -> Array:

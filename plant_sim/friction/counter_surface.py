@@ -17,10 +17,10 @@ import numpy as np
 from numba import njit
 
 from plant_sim.friction.model import Array, elements, require
-from plant_sim.friction.whole_number import whole
+from plant_sim.friction.whole_number import require_whole
 from protocols.errors import InputError
 
-NARROWEST = 0.2  # of the mean width; ours: a drawn width below it is set to it, so that no width is 0 or negative
+LEAST_WIDTH = 0.2  # of the mean width; ours: a drawn width below it is set to it, so that no width is 0 or negative
 
 
 @njit(inline="always")
@@ -68,11 +68,11 @@ class CounterSurface:
         Widths are normal with the standard deviation `spread` [-] of their mean, then scaled to the fill degree exactly.
         Raises InputError.
         """
-        whole("number of steps", steps)
+        require_whole("number of steps", steps)
         require("fill degree", fill, above=0.0, most=1.0 - 1e-6)
         require("pitch", pitch, above=0.0)
         require("spread of the widths", spread, least=0.0, most=10.0)
-        drawn = np.maximum(1.0 + spread * rng.standard_normal((2, steps)), NARROWEST)
+        drawn = np.maximum(1.0 + spread * rng.standard_normal((2, steps)), LEAST_WIDTH)
         width, gap = drawn / drawn.mean(axis=1, keepdims=True)
         return cls(width * pitch * fill, gap * pitch * (1.0 - fill))
 

@@ -17,12 +17,12 @@ from numba import njit, types
 from numba.core.types import float64, int64
 
 from plant_sim.friction.kernel import LAW, VECTOR
-from plant_sim.friction.model import Array, FrictionModel, kind, real, require, signal
-from plant_sim.friction.whole_number import whole
+from plant_sim.friction.model import Array, FrictionModel, real, require, require_type, signal
+from plant_sim.friction.whole_number import require_whole
 from protocols.errors import InputError
 
-STANDSTILL = 1e-200  # m, a displacement that only asks which force opposes motion in its direction
-MOST_ROUNDS = 100  # of the bracketed search; stick needs 2, sliding about 6
+PROBE_DISPLACEMENT = 1e-200  # m, a displacement so small that it only shows the force against motion in its direction
+MOST_ITERATIONS = 100  # of the bracketed search; sticking needs 2, sliding about 6
 PRECISION = 4e-15  # relative to the forces of the balance: a few units in the last place
 
 
@@ -37,8 +37,8 @@ def balance(law, parameters, state, stiffness, drive, dt, load, new_state):
     `stiffness` A [N/m] above 0, `drive` B [N]. A contact that can hold the drive at rest stays there and takes it, whatever
     force is in its state: a law that jumps at velocity 0 (Coulomb; GMS in a step in which slip ends) may hold more or less.
     """
-    forward = law(parameters, state, STANDSTILL, dt, load, new_state)
-    backward = law(parameters, state, -STANDSTILL, dt, load, new_state)
+    forward = law(parameters, state, PROBE_DISPLACEMENT, dt, load, new_state)
+    backward = law(parameters, state, -PROBE_DISPLACEMENT, dt, load, new_state)
     if backward <= drive <= forward:
         law(parameters, state, 0.0, dt, load, new_state)
         return 0.0, drive
@@ -50,7 +50,7 @@ def balance(law, parameters, state, stiffness, drive, dt, load, new_state):
         near, near_rest = far, far_rest
         far *= 2.0
         far_rest = stiffness * far + law(parameters, state, far, dt, load, new_state) - drive
-    for _ in range(MOST_ROUNDS):  # regula falsi with the Illinois weight
+    for _ in range(MOST_ITERATIONS):  # regula falsi with the Illinois weight
         u = far - far_rest * (far - near) / (far_rest - near_rest)
         if not min(near, far) <= u <= max(near, far):  # the last digits of tiny forces
             u = 0.5 * (near + far)
@@ -66,15 +66,15 @@ def balance(law, parameters, state, stiffness, drive, dt, load, new_state):
     return u, force
 
 
-_RUN = types.void(
+_SLIDE_SIGNATURE = types.void(
     LAW, VECTOR, VECTOR, float64, float64, float64, types.UniTuple(float64, 2), VECTOR, VECTOR, float64,
     VECTOR, types.Array(types.float64, 2, "C"), int64,
 )  # fmt: skip
 
 
-@njit(_RUN, cache=True)
+@njit(_SLIDE_SIGNATURE, cache=True)
 def slide_mass(law, parameters, state, mass, damping, stiffness, start, force, load, dt, anchor, motion, every):
-    """The loop of `slide`, without its checks: arrays of other lengths than told corrupt memory.
+    """The loop of `slide`, without its checks: arrays of wrong lengths corrupt memory.
 
     `mass` [kg], `damping` [Ns/m] to ground, `stiffness` [N/m], `start` position [m] and velocity [m/s], applied `force` [N]
     (n,), `load` [N] (n,). Writes position [m], velocity [m/s] and friction [N] into `motion` (n // every, 3) at every
@@ -122,7 +122,7 @@ def slide(
     A `spring` [N/m] holds it to `anchor` [m], a `damping` [Ns/m] to ground; `load` [N] on the contact; these may be one value
     or (n,). `start` is position [m] and velocity [m/s]. Every `every`-th step is kept, n // every in all. Raises InputError.
     """
-    kind("model", model, FrictionModel)
+    require_type("model", model, FrictionModel)
     require("mass", mass, above=0.0, unit="kg")
     require("time step", dt, above=0.0, unit="s")
     require("spring stiffness", spring, least=0.0, unit="N/m")
@@ -130,7 +130,7 @@ def slide(
     force = real("force [N]", force)
     if force.ndim != 1 or force.size == 0:
         raise InputError(f"force has shape {force.shape}; needed is one value or more in one dimension")
-    if whole("every", every) > force.size:
+    if require_whole("every", every) > force.size:
         raise InputError(f"every is {every}; allowed is at most the {force.size} steps")
     loads, anchors = signal("load", load, force.size), signal("anchor", anchor, force.size)
     require("least load", float(loads.min()), least=0.0, unit="N")

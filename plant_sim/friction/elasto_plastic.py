@@ -18,15 +18,16 @@ import numpy as np
 from numba import njit
 
 from plant_sim.friction.kernel import law
-from plant_sim.friction.model import Array, FrictionModel, kind, require
+from plant_sim.friction.model import Array, FrictionModel, require, require_type
 from plant_sim.friction.stribeck import Stribeck, relative_level, viscous_force
 
-SLID = 30.0  # z_ss; after this distance the deflection differs from z_ss by less than 1e-12 z_ss
-STEP = 0.12  # z_ss, longest step of the fourth-order integration in the yielding range; its error is below 1e-7 z_ss
+SATURATION_DISTANCE = 30.0  # z_ss; after this distance the deflection differs from z_ss by less than 1e-12 z_ss
+# z_ss, longest step of the fourth-order integration in the yielding range; its error is below 1e-7 z_ss
+LONGEST_STEP = 0.12
 
 
 @njit(inline="always")
-def _yielding(deflection, break_away):
+def _yield_share(deflection, break_away):
     """alpha [-] for a deflection in the direction of motion, both in units of z_ss."""
     if deflection <= break_away:
         return 0.0
@@ -45,7 +46,7 @@ def _steepness(deflection, break_away):
 
 @njit(inline="always")
 def _slope(deflection, break_away):
-    return 1.0 - _yielding(deflection, break_away) * deflection
+    return 1.0 - _yield_share(deflection, break_away) * deflection
 
 
 @law
@@ -62,11 +63,11 @@ def elasto_plastic(parameters, state, displacement, dt, load, new_state):
     elastic = min(max(ratio - z, 0.0), left)
     z += elastic  # alpha = 0: a spring
     left -= elastic
-    if left > SLID:
+    if left > SATURATION_DISTANCE:
         z = 1.0
     elif left > 0.0:
         while left > 0.0:
-            h = min(left, STEP / (1.0 + _steepness(z, ratio)))
+            h = min(left, LONGEST_STEP / (1.0 + _steepness(z, ratio)))
             a = _slope(z, ratio)
             b = _slope(z + 0.5 * h * a, ratio)
             c = _slope(z + 0.5 * h * b, ratio)
@@ -92,7 +93,7 @@ class ElastoPlastic(FrictionModel):
     law = staticmethod(elasto_plastic)
 
     def __post_init__(self) -> None:
-        kind("stribeck", self.stribeck, Stribeck)
+        require_type("stribeck", self.stribeck, Stribeck)
         require("bristle stiffness", self.stiffness, above=0.0, unit="N/m")
         require("bristle damping", self.damping, least=0.0, unit="Ns/m")
         require("break-away ratio", self.break_away, least=0.0, most=0.999)

@@ -30,29 +30,31 @@ from numba import njit
 from plant_sim.friction import asperity_contact as contact
 from plant_sim.friction import kernel
 from plant_sim.friction.asperities import Asperities, StickTimeFriction
-from plant_sim.friction.asperity_model import OBSERVE, AsperityModel
+from plant_sim.friction.asperity_model import OBSERVE_SIGNATURE, AsperityModel
 from plant_sim.friction.counter_surface import CounterSurface, FlatSurface, segment_at
-from plant_sim.friction.model import Array, kind, real, require
+from plant_sim.friction.model import Array, real, require, require_type
 
-HEADER = 9  # numbers before the arrays: N, 2 N_w, mu_0, mu_inf, tau, period, longest travel, two of the normal motion
-SAMPLES = 50  # a pitch, in `steady_state`; ours: 200 change the mean force of figure 2.5's model by less than 0.02 %
+# numbers before the arrays: N, 2 N_w, mu_0, mu_inf, tau, period, longest travel, two of the normal motion
+HEADER_SIZE = 9
+# in `steady_state`; ours: 200 change the mean force of the model of figure 2.5 by less than 0.02 %
+SAMPLES_PER_PITCH = 50
 MOST_PARTS = 1e5  # into which a sample is divided; ours: 1 s for 250 asperities
-MOST_FLAT = 1e9  # travel in one sample on a flat surface; ours: its square, in m v^2/2, stays a number
+LONGEST_FLAT_TRAVEL = 1e9  # travel in one sample on a flat surface; ours: its square, in m v^2/2, stays a number
 
 
 @njit(inline="always")
-def fields(parameters):
+def split_parameters(parameters):
     """Position, height, k_t, k_n, mass (N,), edges (2 N_w,), inverse pitch up and down (2 N_w,)."""
     n, e = int(parameters[0]), int(parameters[1])
-    a = parameters[HEADER : HEADER + 5 * n].reshape(5, n)
-    b = parameters[HEADER + 5 * n :].reshape(3, e)
+    a = parameters[HEADER_SIZE : HEADER_SIZE + 5 * n].reshape(5, n)
+    b = parameters[HEADER_SIZE + 5 * n :].reshape(3, e)
     return a[0], a[1], a[2], a[3], a[4], b[0], b[1], b[2]
 
 
 @njit(cache=True)
 def _advance(parameters, state, displacement, dt, load, free, new_state):
     """Move by `displacement`; z_b is found from `load` if `free`, else stays. Returns the friction force."""
-    position, height, tangential, normal, mass, edges, up, down = fields(parameters)
+    position, height, tangential, normal, mass, edges, up, down = split_parameters(parameters)
     mu_0, mu_inf, tau, period, longest = parameters[2:7]
     n = position.size
     new_state[:] = state
@@ -94,10 +96,10 @@ def fixed_law(parameters, state, displacement, dt, load, new_state):
     return _advance(parameters, state, displacement, dt, load, False, new_state)
 
 
-@njit(OBSERVE, cache=True)
+@njit(OBSERVE_SIGNATURE, cache=True)
 def _observe(law, parameters, state, position, dt, load, sums):
-    """Play `position` from `state`, which becomes the last; write the sums of `Observed` to `sums` (5, n)."""
-    arrays, n = fields(parameters), int(parameters[0])
+    """Play `position` from `state`, which becomes the last; write the sums of `AsperitySums` to `sums` (5, n)."""
+    arrays, n = split_parameters(parameters), int(parameters[0])
     height, normal, mode = arrays[1], arrays[3], state[2 * n : 3 * n]
     for k in range(position.size):
         sums[0, k] = law(parameters, state, position[k] - position[k - 1], dt, load[k], state) if k > 0 else 0.0
@@ -111,7 +113,7 @@ def _observe(law, parameters, state, position, dt, load, sums):
 
 
 @dataclass(frozen=True)
-class Observed:
+class AsperitySums:
     """Sums over the asperities at every sample (n,), and the last `state`.
 
     Friction `force`, `separation` z_b, `normal_force`, number in contact (`touching`), number of these in stick (`sticking`).
@@ -139,16 +141,16 @@ class GenericModel(AsperityModel):
     friction: StickTimeFriction
 
     def __post_init__(self) -> None:
-        kind("asperities", self.asperities, Asperities)
-        kind("counter surface", self.surface, CounterSurface, FlatSurface)
-        kind("friction coefficient", self.friction, StickTimeFriction)
+        require_type("asperities", self.asperities, Asperities)
+        require_type("counter surface", self.surface, CounterSurface, FlatSurface)
+        require_type("friction coefficient", self.friction, StickTimeFriction)
         require("farthest asperity", float(np.abs(self.asperities.position).max()), most=self.longest)
 
     @property
     def longest(self) -> float:
         """The longest displacement of one sample: 1e5 of the narrowest step or recess, 1e9 on a flat surface."""
         narrowest = self.surface.narrowest
-        return MOST_PARTS * narrowest if isfinite(narrowest) else MOST_FLAT
+        return MOST_PARTS * narrowest if isfinite(narrowest) else LONGEST_FLAT_TRAVEL
 
     @property
     def _normal_motion(self) -> tuple[float, float]:
@@ -181,13 +183,15 @@ class GenericModel(AsperityModel):
         force, stick_time, mode, place = np.split(state[..., :-3], 4, axis=-1)
         return force, stick_time, mode, place
 
-    def observe(self, position: Array, dt: float, load: Array | float = 1.0, state: Array | None = None) -> Observed:
+    def observe(
+        self, position: Array, dt: float, load: Array | float = 1.0, state: Array | None = None
+    ) -> AsperitySums:
         """Sums over the asperities at every sample of `position` (n,), `dt` apart, under `load` (scalar or (n,)).
 
         Begins as `trace` does. Raises InputError.
         """
         (force, separation, normal_force, touching, sticking), last = self.play(_observe, position, dt, load, state)
-        return Observed(force, separation, normal_force, touching, sticking, last)
+        return AsperitySums(force, separation, normal_force, touching, sticking, last)
 
     def steady_state(self, velocity: Array | float, load: float = 1.0) -> Array:
         """Mean force of long sliding at constant `velocity`, same shape; 0 at velocity 0. Found by sliding.
@@ -206,9 +210,9 @@ class GenericModel(AsperityModel):
         settling = 2.0 * self.friction.mu_inf * deepest * float((a.normal_stiffness / a.stiffness).max())
         if isinstance(self.surface, CounterSurface):
             pitch = self.surface.period / self.surface.width.size
-            settling, stroke, travel = settling + 2.0 * pitch, self.surface.period, pitch / SAMPLES
+            settling, stroke, travel = settling + 2.0 * pitch, self.surface.period, pitch / SAMPLES_PER_PITCH
         else:
-            settling, stroke, travel = settling + 1e-12, 0.0, (settling + 1e-12) / SAMPLES
+            settling, stroke, travel = settling + 1e-12, 0.0, (settling + 1e-12) / SAMPLES_PER_PITCH
         before, during = int(np.ceil(settling / travel)), int(np.ceil(stroke / travel))
         position = np.copysign(travel, velocity) * np.arange(before + during + 1)
         return float(self.observe(position, travel / abs(velocity), load, start).force[before:].mean())

@@ -28,20 +28,20 @@ from numba import njit
 
 from plant_sim.friction import asperity_contact as contact
 from plant_sim.friction import kernel
-from plant_sim.friction.asperity_model import OBSERVE, AsperityModel
-from plant_sim.friction.generic import FixedSeparationModel, GenericModel, fields
-from plant_sim.friction.model import Array, kind, real
+from plant_sim.friction.asperity_model import OBSERVE_SIGNATURE, AsperityModel
+from plant_sim.friction.generic import FixedSeparationModel, GenericModel, split_parameters
+from plant_sim.friction.model import Array, real, require_type
 from plant_sim.friction.step_bearing import faces_friction, lift_speed, squeeze_at_load
-from plant_sim.friction.tip_film import SlidingThreshold, TipFilm, validated
+from plant_sim.friction.tip_film import SlidingThreshold, TipFilm, check_threshold
 from protocols.errors import InputError
 
-FILM = 9  # numbers before those of the Generic model
+FILM_SIZE = 9  # numbers before those of the Generic model
 FACES = np.array([1.0, -1.0])  # back to back
 BISECTIONS = 60
-THICKER = 1e6  # largest first gap over that of the threshold; a film that thick has no shear
-SAMPLES = 50  # a pitch, in `steady_state`; as in `generic`
-STROKES = 40  # at most, in `steady_state`, until the mean of one changes by less than SETTLED
-SETTLED = 1e-4
+FIRST_GAP_RANGE = 1e6  # largest first gap over that of the threshold; a film that thick has no shear
+SAMPLES_PER_PITCH = 50  # a pitch, in `steady_state`; as in `generic`
+MOST_STROKES = 40  # at most, in `steady_state`, until the mean of one changes by less than SETTLED
+STEADY_TOLERANCE = 1e-4
 
 
 @njit(cache=True)
@@ -53,7 +53,7 @@ def film_force(gap, sliding, pressure, alpha, slope):
 @njit(cache=True)
 def first_gap(shear, sliding, pressure, alpha, slope, threshold):
     """Gap h [-], at least `threshold`, at which the film's shear over A is `shear`: both positive."""
-    thin, thick = threshold, threshold * THICKER
+    thin, thick = threshold, threshold * FIRST_GAP_RANGE
     if film_force(thin, sliding, pressure, alpha, slope) <= shear:
         return thin
     for _ in range(BISECTIONS):
@@ -98,9 +98,9 @@ def tip_contact(
 @kernel.law
 def wet_law(parameters, state, displacement, dt, load, new_state):
     """Law of the Generic-Rayleigh model: `parameters` are those of the film, then those of the Generic model."""
-    film, dry = parameters[:FILM], parameters[FILM:]
+    film, dry = parameters[:FILM_SIZE], parameters[FILM_SIZE:]
     block = (film[0], film[1], film[2], film[3], film[4], film[5], film[6], film[7], film[8])
-    position, height, tangential, normal, mass, edges, up, down = fields(dry)
+    position, height, tangential, normal, mass, edges, up, down = split_parameters(dry)
     mu_0, mu_inf, tau, period, longest = dry[2:7]
     n = position.size
     new_state[:] = state
@@ -143,10 +143,10 @@ def wet_law(parameters, state, displacement, dt, load, new_state):
     return total
 
 
-@njit(OBSERVE, cache=True)
+@njit(OBSERVE_SIGNATURE, cache=True)
 def _observe(law, parameters, state, position, dt, load, sums):
-    """Play `position` from `state`, which becomes the last; write the sums of `Regimes` to `sums` (5, n)."""
-    n = int(parameters[FILM])
+    """Play `position` from `state`, which becomes the last; write the sums of `RegimeCounts` to `sums` (5, n)."""
+    n = int(parameters[FILM_SIZE])
     mode, gap = state[2 * n : 3 * n], state[4 * n + 3 :]
     for k in range(position.size):
         sums[0, k] = law(parameters, state, position[k] - position[k - 1], dt, load[k], state) if k > 0 else 0.0
@@ -159,7 +159,7 @@ def _observe(law, parameters, state, position, dt, load, sums):
 
 
 @dataclass(frozen=True)
-class Regimes:
+class RegimeCounts:
     """At every sample (n,): friction `force`, `separation` z_b, and the numbers of tips in `stick`, `dry` and `wet` slip.
 
     `state` is the last.
@@ -184,14 +184,14 @@ class GenericRayleighModel(AsperityModel):
     threshold: SlidingThreshold
 
     def __post_init__(self) -> None:
-        kind("dry model", self.dry, GenericModel)
-        kind("film", self.film, TipFilm)
-        kind("threshold", self.threshold, SlidingThreshold)
+        require_type("dry model", self.dry, GenericModel)
+        require_type("film", self.film, TipFilm)
+        require_type("threshold", self.threshold, SlidingThreshold)
         if isinstance(self.dry, FixedSeparationModel):
             raise InputError(
                 "the dry model has a fixed separation; allowed is one with a load balance, so that a film can lift it"
             )
-        validated(self.film, self.threshold, self.dry.friction.mu_0, self.dry.friction.mu_inf)
+        check_threshold(self.film, self.threshold, self.dry.friction.mu_0, self.dry.friction.mu_inf)
 
     @cached_property
     def parameters(self) -> Array:
@@ -217,13 +217,15 @@ class GenericRayleighModel(AsperityModel):
         """Gap h [-] of each film, (..., N); 0 without film."""
         return state[..., -self.dry.asperities.position.size :]
 
-    def observe(self, position: Array, dt: float, load: Array | float = 1.0, state: Array | None = None) -> Regimes:
+    def observe(
+        self, position: Array, dt: float, load: Array | float = 1.0, state: Array | None = None
+    ) -> RegimeCounts:
         """Sums over the asperities at every sample of `position` (n,), `dt` apart, under `load` (scalar or (n,)).
 
         Begins as `trace` does. Raises InputError.
         """
         (force, separation, stick, dry, wet), last = self.play(_observe, position, dt, load, state)
-        return Regimes(force, separation, stick, dry, wet, last)
+        return RegimeCounts(force, separation, stick, dry, wet, last)
 
     def steady_state(self, velocity: Array | float, load: float = 1.0) -> Array:
         """Mean force of long sliding at constant `velocity`, same shape; 0 at velocity 0. Found by sliding.
@@ -237,13 +239,13 @@ class GenericRayleighModel(AsperityModel):
             return 0.0
         surface = self.dry.surface
         pitches = max(1, surface.edges.size // 2)
-        travel = surface.period / (pitches * SAMPLES)
-        stroke = np.copysign(travel, velocity) * np.arange(pitches * SAMPLES + 1)
+        travel = surface.period / (pitches * SAMPLES_PER_PITCH)
+        stroke = np.copysign(travel, velocity) * np.arange(pitches * SAMPLES_PER_PITCH + 1)
         state, before, mean = self.rest(load), np.inf, 0.0
-        for _ in range(STROKES):
+        for _ in range(MOST_STROKES):
             run = self.observe(stroke, travel / abs(velocity), load, state)
             state, mean = run.state, float(run.force[1:].mean())
-            if abs(mean - before) <= SETTLED * abs(mean):
+            if abs(mean - before) <= STEADY_TOLERANCE * abs(mean):
                 break
             before = mean
         return mean

@@ -18,11 +18,11 @@ from math import exp
 import numpy as np
 
 from plant_sim.friction.kernel import law
-from plant_sim.friction.model import Array, ElementModel, elements, kind, require
+from plant_sim.friction.model import Array, ElementModel, elements, require, require_type
 from plant_sim.friction.stribeck import Stribeck, relative_level, viscous_force
 from protocols.errors import InputError
 
-HEAD = 6  # parameters before those of the elements
+HEADER_SIZE = 6  # parameters before those of the elements
 
 
 @law
@@ -46,12 +46,12 @@ def gms(parameters, state, displacement, dt, load, new_state):
     decay = exp(-parameters[5] / level * dt)  # solution of the slip law over the step, 5.4
     for i in range(n):
         along = direction * state[i]
-        limit = parameters[HEAD + n + i] * level  # W_i = alpha_i s(v), 5.4
+        limit = parameters[HEADER_SIZE + n + i] * level  # W_i = alpha_i s(v), 5.4
         latch = direction
         if state[n + i] == direction or along >= limit:
             along = limit + (along - limit) * decay  # 5.4, slip
         else:
-            along += parameters[HEAD + i] * distance  # 5.4, stick
+            along += parameters[HEADER_SIZE + i] * distance  # 5.4, stick
             if along >= limit:
                 along = limit  # slips from here on, at the force of steady sliding
             else:
@@ -77,8 +77,8 @@ class GMS(ElementModel):
     law = staticmethod(gms)
 
     def __post_init__(self) -> None:
-        kind("stribeck", self.stribeck, Stribeck)
-        stiffness, weights = checked_elements(self.stiffness, self.weights)
+        require_type("stribeck", self.stribeck, Stribeck)
+        stiffness, weights = check_elements(self.stiffness, self.weights)
         object.__setattr__(self, "stiffness", stiffness)
         object.__setattr__(self, "weights", weights)
         require("attraction", self.attraction, above=0.0, most=np.inf, unit="N/s")
@@ -97,7 +97,7 @@ class GMS(ElementModel):
         return self.stribeck(velocity)
 
 
-def checked_elements(stiffness: object, weights: object) -> tuple[Array, Array]:
+def check_elements(stiffness: object, weights: object) -> tuple[Array, Array]:
     """Stiffnesses [N/m] and weights [-] of the elements, as many of both, the weights with sum 1. Raises InputError."""
     k, alpha = elements("stiffness [N/m]", stiffness), elements("weight", weights)
     if k.size != alpha.size:

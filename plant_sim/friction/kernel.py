@@ -30,10 +30,10 @@ def law(function: Any) -> Any:
     return njit(SIGNATURE, cache=ours, error_model="numpy")(function)
 
 
-_TRACE = types.void(LAW, VECTOR, VECTOR, VECTOR, float64, VECTOR, VECTOR, types.Array(types.float64, 2, "C"))
+_TRACE_SIGNATURE = types.void(LAW, VECTOR, VECTOR, VECTOR, float64, VECTOR, VECTOR, types.Array(types.float64, 2, "C"))
 
 
-@njit(_TRACE, cache=True)
+@njit(_TRACE_SIGNATURE, cache=True)
 def trace(law, parameters, state, position, dt, load, force, states):
     """Play `position` [m] (n,) through a law from `state`; write `force` [N] (n,) and `states` (n, m).
 

@@ -17,11 +17,11 @@ import numpy as np
 from numba import njit
 
 from plant_sim.friction.kernel import law
-from plant_sim.friction.model import Array, FrictionModel, elements, kind, require
+from plant_sim.friction.model import Array, FrictionModel, elements, require, require_type
 from plant_sim.friction.stribeck import Stribeck, relative_level, viscous_force
 from protocols.errors import InputError
 
-HEAD = 7  # parameters before those of the elements
+HEADER_SIZE = 7  # parameters before those of the elements
 STEP = 0.05  # of s/(n sum k): longest step of z while the number of steps is not yet MOST_STEPS
 MOST_STEPS = 200  # the implicit step is stable at any length; a longer one comes from gross sliding, where z is at rest
 
@@ -31,10 +31,10 @@ def _hysteresis(parameters, state, n, displacement):
     """F_h [N] and dF_h/dz [N/m] after `displacement` [m] of z."""
     force = slope = 0.0
     for i in range(n):
-        limit = parameters[HEAD + n + i]
-        trial = state[i] + parameters[HEAD + i] * displacement
+        limit = parameters[HEADER_SIZE + n + i]
+        trial = state[i] + parameters[HEADER_SIZE + i] * displacement
         if abs(trial) < limit:
-            slope += parameters[HEAD + i]
+            slope += parameters[HEADER_SIZE + i]
         force += min(max(trial, -limit), limit)
     return force, slope
 
@@ -85,7 +85,7 @@ def leuven(parameters, state, displacement, dt, load, new_state):
     total_stiffness = 0.0
     for i in range(n):
         new_state[i] = state[i]
-        total_stiffness += parameters[HEAD + i]
+        total_stiffness += parameters[HEADER_SIZE + i]
     if displacement == 0.0:
         return _hysteresis(parameters, new_state, n, 0.0)[0]
     speed, direction = abs(displacement) / dt, np.sign(displacement)
@@ -96,8 +96,8 @@ def leuven(parameters, state, displacement, dt, load, new_state):
     for _ in range(count):
         y = _implicit_step(parameters, new_state, n, direction, h, level, power, scale)
         for i in range(n):
-            limit = parameters[HEAD + n + i]
-            new_state[i] = min(max(new_state[i] + parameters[HEAD + i] * direction * y, -limit), limit)
+            limit = parameters[HEADER_SIZE + n + i]
+            new_state[i] = min(max(new_state[i] + parameters[HEADER_SIZE + i] * direction * y, -limit), limit)
     force = _hysteresis(parameters, new_state, n, 0.0)[0]
     rate = displacement / dt * (1.0 - _creep(direction * force, level, power))
     return force + damping * rate + direction * viscous_force(speed, parameters[3], parameters[4])
@@ -119,7 +119,7 @@ class Leuven(FrictionModel):
     law = staticmethod(leuven)
 
     def __post_init__(self) -> None:
-        kind("stribeck", self.stribeck, Stribeck)
+        require_type("stribeck", self.stribeck, Stribeck)
         object.__setattr__(self, "stiffness", elements("stiffness [N/m]", self.stiffness))
         object.__setattr__(self, "limits", elements("limit [N]", self.limits, infinite=True))
         require("power n", self.power, least=1.0, most=50.0)

@@ -23,13 +23,13 @@ import numpy as np
 from numba import njit
 
 from plant_sim.friction.kernel import law
-from plant_sim.friction.model import Array, FrictionModel, kind, require
-from plant_sim.friction.xgms import HEAD as TANGENTIAL_HEAD
+from plant_sim.friction.model import Array, FrictionModel, require, require_type
+from plant_sim.friction.xgms import HEADER_SIZE as TANGENTIAL_HEAD
 from plant_sim.friction.xgms import XGMS, xgms
 from protocols.errors import InputError
 
-HEAD = 7  # parameters before those of the tangential model
-MOST_ROUNDS = 50  # of Newton's method; the contact force is convex where it acts, so it needs about 4
+HEADER_SIZE = 7  # parameters before those of the tangential model
+MOST_ITERATIONS = 50  # of Newton's method; the contact force is convex where it acts, so it needs about 4
 
 
 @njit(inline="always")
@@ -66,7 +66,7 @@ def lifting_xgms(parameters, state, displacement, dt, load, new_state):
     for i in range(n):
         at = tangential + i
         if direction * state[n + i] > 0.0:
-            end = parameters[HEAD + TANGENTIAL_HEAD + n + i] * now  # alpha_i F_N(v)
+            end = parameters[HEADER_SIZE + TANGENTIAL_HEAD + n + i] * now  # alpha_i F_N(v)
             new_state[at] = end + (state[at] - end) * slide  # E.2, slip
         else:
             new_state[at] = state[at] * rest  # stick: the film squeezes out
@@ -78,7 +78,9 @@ def lifting_xgms(parameters, state, displacement, dt, load, new_state):
     push = lift - load
     reach = 0.5 * dt + time
     new_rate = rate
-    for _ in range(MOST_ROUNDS):  # trapezoidal rule: M (r1 - r) = dt (push + (F_c + F_c1)/2), h1 = h + dt (r + r1)/2
+    for _ in range(
+        MOST_ITERATIONS
+    ):  # trapezoidal rule: M (r1 - r) = dt (push + (F_c + F_c1)/2), h1 = h + dt (r + r1)/2
         force, slope = contact_force(approach - h - 0.5 * dt * rate - reach * new_rate, stiffness, power)
         residual = mass * (new_rate - rate) - dt * (push + 0.5 * (before + force))
         change = residual / (mass + 0.5 * dt * reach * slope)
@@ -90,7 +92,7 @@ def lifting_xgms(parameters, state, displacement, dt, load, new_state):
     new_state[tangential + n] = new_h
     new_state[tangential + n + 1] = new_rate
     new_state[tangential + n + 2] = contact
-    return xgms(parameters[HEAD:], state[:tangential], displacement, dt, contact, new_state[:tangential])
+    return xgms(parameters[HEADER_SIZE:], state[:tangential], displacement, dt, contact, new_state[:tangential])
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,12 +130,12 @@ class LiftingXGMS(FrictionModel):
     law = staticmethod(lifting_xgms)
 
     def __post_init__(self) -> None:
-        kind("tangential", self.tangential, XGMS)
+        require_type("tangential", self.tangential, XGMS)
         if self.tangential.law is not xgms:
             raise InputError(
                 f"tangential is a {type(self.tangential).__name__}; allowed is XGMS itself, whose law is used"
             )
-        kind("normal", self.normal, LiftUp)
+        require_type("normal", self.normal, LiftUp)
 
     @cached_property
     def parameters(self) -> Array:

@@ -17,7 +17,7 @@ from math import exp
 import numpy as np
 
 from plant_sim.friction.kernel import law
-from plant_sim.friction.model import Array, FrictionModel, kind, require
+from plant_sim.friction.model import Array, FrictionModel, require, require_type
 from plant_sim.friction.stribeck import Stribeck, relative_level, viscous_force
 
 
@@ -47,7 +47,7 @@ class LuGre(FrictionModel):
     law = staticmethod(lugre)
 
     def __post_init__(self) -> None:
-        kind("stribeck", self.stribeck, Stribeck)
+        require_type("stribeck", self.stribeck, Stribeck)
         require("bristle stiffness", self.stiffness, above=0.0, unit="N/m")
         require("bristle damping", self.damping, least=0.0, unit="Ns/m")
 

@@ -13,7 +13,7 @@ from plant_sim.friction import kernel
 from protocols.errors import InputError
 
 Array = np.ndarray
-MOST = float(np.finfo(float).max)
+LARGEST = float(np.finfo(float).max)
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class FrictionModel(ABC):
 
     def step(self, state: Array, displacement: float, dt: float, load: float = 1.0) -> tuple[float, Array]:
         """Force [N] and new state after `displacement` [m] in `dt` [s] under `load` [N]. Raises InputError."""
-        require("displacement", displacement, least=-MOST, unit="m")
+        require("displacement", displacement, least=-LARGEST, unit="m")
         require("time step", dt, above=0.0, unit="s")
         require("load", load, least=0.0, unit="N")
         new_state = self.start(state, load)
@@ -96,7 +96,7 @@ class ElementModel(FrictionModel):
 
 
 def require(
-    name: str, value: float, above: float = -inf, least: float = -inf, most: float = MOST, unit: str = "-"
+    name: str, value: float, above: float = -inf, least: float = -inf, most: float = LARGEST, unit: str = "-"
 ) -> None:
     """Raise InputError unless above < value, least <= value <= most; infinity passes only where `most` is infinity."""
     try:
@@ -107,15 +107,15 @@ def require(
         raise InputError(f"{name} is {value!r:.60}; allowed is a number") from None
     if number > above and least <= number <= most:
         return
-    bounds = {"above": (above, above > -inf), "at least": (least, least > -MOST), "at most": (most, most < MOST)}
-    allowed = [f"{word} {bound:g}" for word, (bound, told) in bounds.items() if told]
+    bounds = {"above": (above, above > -inf), "at least": (least, least > -LARGEST), "at most": (most, most < LARGEST)}
+    allowed = [f"{word} {bound:g}" for word, (bound, is_given) in bounds.items() if is_given]
     shown = f"{number:g}" if unit == "-" else f"{number:g} {unit}"
     raise InputError(
         f"{name} is {shown}; allowed is a {'finite ' * (not allowed)}number {' and '.join(allowed)}".rstrip()
     )
 
 
-def kind(name: str, value: object, *kinds: type) -> None:
+def require_type(name: str, value: object, *kinds: type) -> None:
     """Raise InputError unless `value` is an instance of one of `kinds`."""
     if not isinstance(value, kinds):
         names = " or ".join(k.__name__ for k in kinds)

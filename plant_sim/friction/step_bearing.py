@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from plant_sim.friction.model import Array, kind, real, require
+from plant_sim.friction.model import Array, real, require, require_type
 from plant_sim.friction.rayleigh_step import friction, load_and_rate, steady_gap
 from protocols.errors import InputError
 
@@ -174,7 +174,7 @@ class StepBearing:
         require("step slope dh/L", self.slope, above=0.0, most=1e6)
         require("squeeze number sigma", self.squeeze_number, above=0.0, unit="Pa")
         require("bearing mass", self.mass, least=0.0, unit="Pa")
-        kind("faces of the bearing", self.faces, tuple)
+        require_type("faces of the bearing", self.faces, tuple)
         if not self.faces or not set(self.faces) <= {1, -1}:
             raise InputError(f"faces of the bearing are {self.faces}; allowed are one or more of 1 and -1")
 

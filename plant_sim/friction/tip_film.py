@@ -114,7 +114,7 @@ class GapThreshold(SlidingThreshold):
         return self.gap
 
 
-def validated(film: TipFilm, threshold: SlidingThreshold, mu_0: float, mu_inf: float) -> None:
+def check_threshold(film: TipFilm, threshold: SlidingThreshold, mu_0: float, mu_inf: float) -> None:
     """Raise InputError unless the film's coefficient falls at the threshold and lies within mu_0..mu_inf (sec. 2.4.2)."""
     require("gap of the threshold", threshold.gap, most=film.least[0])
     mu = film.coefficient(threshold.gap)

@@ -19,13 +19,13 @@ from math import exp
 import numpy as np
 from numba import njit
 
-from plant_sim.friction.gms import checked_elements
+from plant_sim.friction.gms import check_elements
 from plant_sim.friction.kernel import law
 from plant_sim.friction.load_law import Amontons, LoadLaw, static_force
-from plant_sim.friction.model import Array, ElementModel, kind, require
+from plant_sim.friction.model import Array, ElementModel, require, require_type
 from plant_sim.friction.stribeck import relative_level, viscous_force
 
-HEAD = 8  # parameters before those of the elements
+HEADER_SIZE = 8  # parameters before those of the elements
 
 
 @njit(inline="always")
@@ -41,7 +41,7 @@ def advance(parameters, state, displacement, dt, load, new_state, passive):
     highest = max(1.0, parameters[3])
     force = static * viscous_force(speed, parameters[5], parameters[6])  # along the motion, 5.5
     for i in range(n):
-        weight, reach = parameters[HEAD + n + i], parameters[HEAD + i] * distance
+        weight, reach = parameters[HEADER_SIZE + n + i], parameters[HEADER_SIZE + i] * distance
         end, most = weight * relative, weight * highest * static
         along = direction * state[i]
         share = direction * state[n + i]  # m_i of an element that slips this way
@@ -93,8 +93,8 @@ class XGMS(ElementModel):
     law = staticmethod(xgms)
 
     def __post_init__(self) -> None:
-        kind("friction", self.friction, LoadLaw, Amontons)
-        stiffness, weights = checked_elements(self.stiffness, self.weights)
+        require_type("friction", self.friction, LoadLaw, Amontons)
+        stiffness, weights = check_elements(self.stiffness, self.weights)
         object.__setattr__(self, "stiffness", stiffness)
         object.__setattr__(self, "weights", weights)
         require("beta", self.beta, above=0.0, most=10.0)

@@ -1,11 +1,11 @@
-"""Profile: what the supervisor asks for over time.
+"""Profile: set-points of the supervisor over time.
 
 A CSV file with the columns `time_s`, `torque_demand_nm`, `motor_speed_demand_rad_s` and, if wanted, `pressure_demand_bar` and
 `lock`, in any order; straight lines between rows. From a row with `lock` 1 to the next with 0 the clutch is to be locked, and
-neither torque nor pressure is asked for. Elsewhere, where the pressure demand is above zero it is followed, whatever the torque
-demand; elsewhere the clutch is engaged between two rows of which one has a torque demand above zero. In the first 50 ms idle
-is asked for, whatever the demands are: a controller closes no clutch before. A pressure demand below 2 bar (`pressure.floor` of
-the controller: no plate touches there) is followed at 2 bar.
+torque and pressure demands have no effect. Elsewhere a pressure demand above zero is followed, whatever the torque demand.
+Elsewhere the clutch is engaged between two rows of which one has a torque demand above zero. The first 50 ms are idle, whatever
+the demands: a controller closes no clutch without that. A pressure demand below 2 bar (`pressure.floor` of the controller: no
+plate touches there) is followed at 2 bar.
 """
 
 import csv
@@ -24,20 +24,19 @@ from protocols.errors import InputError, listing
 FOLDER = Path(__file__).parent
 COLUMNS = ("time_s", "torque_demand_nm", "motor_speed_demand_rad_s")
 PRESSURE_COLUMN = "pressure_demand_bar"
-OPTIONAL = (PRESSURE_COLUMN, "lock")
+OPTIONAL_COLUMNS = (PRESSURE_COLUMN, "lock")
 TORQUE_LIMIT = 30.0  # Nm, range of the maps (Janssens 2010, fig 6.12)
 PRESSURE_LIMIT = 4.5  # bar, what the controller asks for at most: the maps end at 4.2 bar (Janssens 2010, fig 6.12)
-FILL_PRESSURE = (
-    2.6  # bar, at which the controller fills: from a lower demand it would open again what it has just closed
-)
-# s from the beginning in which idle is asked for, whatever the profile says: a controller closes no clutch without it
-# (phases.py). At 50 Hz three samples, as one frame may be lost.
+# bar, at which the controller fills: with a lower demand it would open again the clutch that it has just closed
+FILL_PRESSURE = 2.6
+# s at the beginning in which the request is idle, whatever the profile says: a controller closes no clutch without it
+# (phases.py). Three samples at 50 Hz, as one frame may be lost.
 IDLE_FIRST = 0.05
-FOREVER = 1e9  # s, 31 years: the latest time of a row
-_SHORTEST = 0.1  # s, of a run: five samples at the lowest rate
-_LONGEST = 1e6  # s, of a run that repeats a profile: 11 days
+LATEST_TIME = 1e9  # s, 31 years: the latest time of a row
+_SHORTEST_RUN = 0.1  # s, of a run: five samples at the lowest rate
+_LONGEST_RUN = 1e6  # s, of a run that repeats a profile: 11 days
 _MOST_ROWS = 2_000_000  # of a profile, repetitions and all: it is held in memory, 0.3 kB a row
-_LARGEST = 100  # MB of a file: so many rows
+_LARGEST_FILE = 100  # MB of a file: so many rows
 _REPEAT_GAP = 1e-3  # s between the last row of a profile and the first of its repetition: times must increase
 SPEED_LIMIT = 26.2  # rad/s either way, 250 rpm, range of the maps (Janssens 2010, fig 6.12)
 
@@ -68,7 +67,7 @@ def setpoint(table, time):
 
 
 class Setpoint(NamedTuple):
-    """What is asked for at one instant: the values of TORQUE_SETPOINT, in its order."""
+    """Set-point at one instant: the values of the frame TORQUE_SETPOINT, in its order."""
 
     request: Request
     torque: float  # Nm
@@ -98,9 +97,9 @@ class Profile:
         if len(self.time) < 2 or len({len(column) for column in self._columns}) > 1:
             raise InputError(f"profile {self.name} has {len(self.time)} rows; at least 2 are needed")
         for row, (time, torque, speed, pressure, lock) in enumerate(self._rows(), 1):
-            if not 0.0 <= time <= FOREVER or (row > 1 and time <= self.time[row - 2]):
+            if not 0.0 <= time <= LATEST_TIME or (row > 1 and time <= self.time[row - 2]):
                 raise InputError(
-                    f"profile {self.name}, row {row}: time_s = {time:g}; it must increase, from 0 to {FOREVER:g} at most"
+                    f"profile {self.name}, row {row}: time_s = {time:g}; it must increase, from 0 to {LATEST_TIME:g} at most"
                 )
             if not 0.0 <= torque <= TORQUE_LIMIT:
                 raise InputError(
@@ -116,8 +115,10 @@ class Profile:
                 )
             if lock not in (0.0, 1.0):
                 raise InputError(f"profile {self.name}, row {row}: lock is {lock:g}; allowed are 0 and 1")
-        if self.duration < _SHORTEST:
-            raise InputError(f"profile {self.name} ends at {self.duration:g} s; it must last {_SHORTEST:g} s or more")
+        if self.duration < _SHORTEST_RUN:
+            raise InputError(
+                f"profile {self.name} ends at {self.duration:g} s; it must last {_SHORTEST_RUN:g} s or more"
+            )
 
     @property
     def duration(self) -> float:
@@ -135,11 +136,11 @@ class Profile:
         return np.array(self._columns)
 
     def lasting(self, seconds: float) -> "Profile":
-        """This profile repeated and cut to `seconds`. Raises InputError when that is too short."""
-        if not seconds >= _SHORTEST:
-            raise InputError(f"a run of {seconds:g} s is not possible; it must last {_SHORTEST:g} s or more")
-        if seconds > _LONGEST:
-            raise InputError(f"a run of {seconds:g} s is not possible; it must last {_LONGEST:g} s or less")
+        """Repeat this profile and cut it to `seconds`. Raises InputError for a time that is too short or too long."""
+        if not seconds >= _SHORTEST_RUN:
+            raise InputError(f"a run of {seconds:g} s is not possible; it must last {_SHORTEST_RUN:g} s or more")
+        if seconds > _LONGEST_RUN:
+            raise InputError(f"a run of {seconds:g} s is not possible; it must last {_LONGEST_RUN:g} s or less")
         period = self.duration + _REPEAT_GAP
         if (count := ceil(seconds / period) * len(self.time)) > _MOST_ROWS:
             raise InputError(
@@ -160,7 +161,7 @@ class Profile:
 
 
 def load_profile(name: str, seconds: float | None = None) -> Profile:
-    """A profile by file path, or by name from the ones that come with the rig, `lasting` some seconds if given.
+    """Load a profile by file path, or by name from those that come with the rig; repeated or cut to `seconds` if given.
 
     Raises InputError.
     """
@@ -170,19 +171,19 @@ def load_profile(name: str, seconds: float | None = None) -> Profile:
             raise InputError(f"profile {name!r} has another suffix; a profile file ends with .csv")
         known = listing(p.stem for p in FOLDER.glob("*.csv"))
         raise InputError(f"profile {name!r} does not exist; known are {known}, or the path of a .csv file")
-    columns = read_columns(path, "profile", COLUMNS, OPTIONAL)
-    profile = Profile(path.stem, *(columns.get(name, ()) for name in (*COLUMNS, *OPTIONAL)))
+    columns = read_columns(path, "profile", COLUMNS, OPTIONAL_COLUMNS)
+    profile = Profile(path.stem, *(columns.get(name, ()) for name in (*COLUMNS, *OPTIONAL_COLUMNS)))
     return profile if seconds is None else profile.lasting(seconds)
 
 
 def read_columns(path: Path, kind: str, needed: Sequence[str], optional: Sequence[str]) -> dict[str, tuple[float, ...]]:
-    """Columns of a CSV file by name: the `needed` and those `optional` that it has; lines with # are none of them.
+    """Read columns of a CSV file by name: the `needed` ones and those `optional` ones that it has. Lines with # are comments.
 
-    `kind` of file names it in the InputError that is raised for a file that is not as it should be.
+    `kind` of file names it in the InputError that is raised for a file of another form.
     """
     try:
-        if (size := path.stat().st_size / 1e6) > _LARGEST:
-            raise InputError(f"{kind} {path} has {size:.0f} MB; allowed are {_LARGEST}")
+        if (size := path.stat().st_size / 1e6) > _LARGEST_FILE:
+            raise InputError(f"{kind} {path} has {size:.0f} MB; allowed are {_LARGEST_FILE}")
         lines = path.read_text(encoding="utf-8").splitlines()
         rows = csv.reader(line for line in lines if not line.startswith("#"))
         header = tuple(next(rows, ()))
@@ -199,14 +200,14 @@ def read_columns(path: Path, kind: str, needed: Sequence[str], optional: Sequenc
     if bad := next((i for i, row in enumerate(table, 1) if len(row) != len(header)), None):
         raise InputError(f"{kind} {path}, row {bad} has {len(table[bad - 1])} cells; needed are {len(header)}")
     values = [
-        [_number(cell, f"{kind} {path}, row {i}: {name}") for cell, name in zip(row, header, strict=True)]
+        [_parse_number(cell, f"{kind} {path}, row {i}: {name}") for cell, name in zip(row, header, strict=True)]
         for i, row in enumerate(table, 1)
     ]
     return {name: tuple(row[i] for row in values) for i, name in enumerate(header)}
 
 
-def _number(cell: str, what: str) -> float:
-    """The number in a cell of a table. Raises InputError that names `what` it is."""
+def _parse_number(cell: str, what: str) -> float:
+    """Parse the number in a cell. Raises InputError that names `what` it is."""
     try:
         return float(cell)
     except ValueError:

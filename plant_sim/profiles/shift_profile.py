@@ -1,4 +1,4 @@
-"""Shift profile: what the supervisor asks of two clutches and their common input over time.
+"""Shift profile: set-points of the supervisor for two clutches and their common input over time.
 
 A CSV file with the columns `time_s`, `torque_demand_a_nm`, `torque_demand_b_nm`, `input_speed_demand_rad_s` and, if wanted,
 `lock_a` and `lock_b`; straight lines between rows. Each clutch is engaged and locked as in a profile of one clutch
@@ -14,7 +14,7 @@ from plant_sim.profiles.profile import FOLDER, Profile, Setpoint, read_columns
 from protocols.can.two_clutches import CLUTCHES
 
 COLUMNS = ("time_s", "torque_demand_a_nm", "torque_demand_b_nm", "input_speed_demand_rad_s")
-OPTIONAL = ("lock_a", "lock_b")
+OPTIONAL_COLUMNS = ("lock_a", "lock_b")
 
 
 @dataclass(frozen=True)
@@ -41,12 +41,12 @@ class ShiftProfile:
 
 
 def load_shift_profile(name: str, seconds: float | None = None) -> ShiftProfile:
-    """A shift profile by file path, or by name from those that come with the rig, cut to some `seconds` if given.
+    """Load a shift profile by file path, or by name from those that come with the rig; cut to `seconds` if given.
 
     Raises InputError.
     """
     path = Path(name) if name.endswith(".csv") else FOLDER / f"{name}.csv"
-    columns = read_columns(path, "shift profile", COLUMNS, OPTIONAL)
+    columns = read_columns(path, "shift profile", COLUMNS, OPTIONAL_COLUMNS)
     time, speed = columns["time_s"], columns["input_speed_demand_rad_s"]
     a, b = (
         Profile(

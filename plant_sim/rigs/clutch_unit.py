@@ -1,14 +1,14 @@
 """One clutch with its valve: from the valve's voltage to pressure, piston and friction torque, with the hooks of the effects.
 
-Equation        rig.md, 1 to 6, with the laws in `plant_sim.blocks`
+Equation        docs/rig.md, eq. 1 to 6, with the laws in `plant_sim.blocks`
 Integration     valve, cylinder and piston: classical Runge-Kutta of order 4. Friction state: exact exponential at the pressure
                 of mid-step
 Assumptions     inputs, and the force against the piston, constant over a step
-Not modelled    what each block lists
+Not modelled    see each block
 References      Janssens 2010, chapter 6; hooks: plant_sim/effects/signals.py
 
-`y` is a record with the states of a clutch, changed in place; `s` the signals, of which the `known` ones are set, `c` the
-parameters, `h` [s] the step, `e` what `bound` gives of the effects.
+`y`: record with the states of a clutch, changed in place. `s`: signals, those of `signals.known` set. `c`: parameters.
+`h`: step [s]. `e`: effects as `signals.bound` gives them.
 """
 
 from numba import njit
@@ -51,11 +51,11 @@ def _rates(pv, rate, p, x, resistance, s, c, e):
 
 @njit(inline="always")
 def actuate(y, voltage, s, c, e, h):
-    """Move valve, cylinder and piston of `y` on by a step; return the friction pressure p* [Pa] at mid-step."""
+    """Advance valve, cylinder and piston of `y` by a step; return the friction pressure p* [Pa] at mid-step."""
     s.voltage, s.demand, s.supply_pressure = voltage, c.valve_gain * voltage, c.valve_supply_pressure
     if attached(COMMAND, e):
         call(COMMAND, e, s, c, h)
-    s.demand = valve.limited(s.demand, s.supply_pressure)
+    s.demand = valve.limit_demand(s.demand, s.supply_pressure)
     pv, rate, p, x, held = y.valve_pressure, y.valve_rate, y.pressure, y.position, y.seal_force
     a0, a1, a2, a3 = _rates(pv, rate, p, x, held, s, c, e)
     k = 0.5 * h
@@ -67,7 +67,7 @@ def actuate(y, voltage, s, c, e, h):
     y.valve_rate = rate + k * (a1 + 2.0 * (b1 + c1) + d1)
     after = max(p + k * (a2 + 2.0 * (b2 + c2) + d2), 0.0)
     moved = x + k * (a3 + 2.0 * (b3 + c3) + d3)
-    if moved < 0.0:  # the piston meets its rest within the step: the oil it did not displace stays in the cylinder
+    if moved < 0.0:  # the piston reaches its stop within the step: oil that it did not displace stays in the cylinder
         capacity = c.hydraulics_capacity
         if attached(HYDRAULICS, e):
             capacity = s.capacity
@@ -86,14 +86,14 @@ def friction_pressure(position, s, c, e):
     """Effective friction pressure p* [Pa] at piston `position` [m]; 0 out of contact."""
     force = stack_force(position, s, c, e)
     s.position = position  # for FRICTION and TORQUE
-    return c.piston_contact_pressure + force / c.piston_area if force > 0.0 else 0.0  # rig.md, 4
+    return c.piston_contact_pressure + force / c.piston_area if force > 0.0 else 0.0  # docs/rig.md, eq. 4
 
 
 @njit(inline="always")
 def slide(m, pressure, slip, viscosity_ratio, s, c, e, h):
-    """Friction state m and torque M [Nm] after, and at the middle of, a step at friction pressure p* [Pa] and slip [rad/s].
+    """Advance the friction by a step of constant slip; return the state m after it and the torque M [Nm] at its middle.
 
-    With h = 0 the state stays and the torque is the present one.
+    pressure: friction pressure p* [Pa]; slip [rad/s]. With h = 0 the state stays and the torque is the present one.
     """
     torque = 0.0
     before = m
@@ -109,12 +109,12 @@ def slide(m, pressure, slip, viscosity_ratio, s, c, e, h):
             call(FRICTION, e, s, c, h)
             coulomb, viscous, beta = s.coulomb, s.viscous, s.beta
             stribeck_speed, attraction, before = s.stribeck_speed, s.attraction, s.friction_state
-        m = clutch.relaxed(before, clutch.stribeck_ratio(beta, slip, stribeck_speed), slip, attraction, h)
+        m = clutch.relax_state(before, clutch.stribeck_ratio(beta, slip, stribeck_speed), slip, attraction, h)
         torque = clutch.torque(coulomb, 0.5 * (before + m), viscous, slip, c.clutch_viscous_exponent)
         if attached(TORQUE, e):
             s.viscous_share = 1.0 - coulomb * 0.5 * (before + m) / torque if torque != 0.0 else 0.0
     else:
-        m = 0.0  # rig.md, 4
+        m = 0.0  # docs/rig.md, eq. 4
     if attached(TORQUE, e):
         s.friction_pressure, s.slip, s.torque = pressure, slip, torque
         s.contact = 1.0 if pressure > 0.0 else 0.0

@@ -1,7 +1,7 @@
-"""Random-phase multisine and the frequency response it measures: best linear approximation, noise and distortion apart.
+"""Random-phase multisine and the frequency response that it measures: best linear approximation, noise and distortion.
 
-What            a periodic signal of chosen lines with random phases; P periods of M realisations of it tell apart what changes
-                from period to period (noise) and what changes with the phases (non-linear distortion)
+What            a periodic signal of chosen lines with random phases. P periods of M realisations separate what changes from
+                period to period (noise) from what changes with the phases (non-linear distortion)
 Equation        u(t) = sum_k A cos(2 pi k t/T + phi_k), phi_k uniform
                 G_m = (mean_p Y)/(mean_p U);  G = mean_m G_m, the best linear approximation
                 var_n(G_m) = sum_p |(Y - mean_p Y) - G (U - mean_p U)|^2/(P (P - 1) |mean_p U|^2)
@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from plant_sim.friction.model import real, require
-from plant_sim.friction.whole_number import whole
+from plant_sim.friction.whole_number import require_whole
 from protocols.errors import InputError
 
 Array = np.ndarray
@@ -36,7 +36,7 @@ class Multisine:
     samples: int
 
     def __post_init__(self) -> None:
-        whole("samples of a period", self.samples)
+        require_whole("samples of a period", self.samples)
         lines = np.asarray(self.lines)
         if lines.ndim != 1 or lines.size == 0 or not np.issubdtype(lines.dtype, np.integer):
             raise InputError("lines of a multisine must be a list of one or more whole numbers")
@@ -70,7 +70,7 @@ class FrequencyResponse:
     distortion: Array  # of one realisation, non-linear distortion alone; 0 where noise hides it
 
 
-def measured(
+def estimate_response(
     source: Multisine, dt: float, inputs: Array, outputs: Array, reference: Array | None = None
 ) -> FrequencyResponse:
     """The response from `inputs` to `outputs`, (M, P, samples): M realisations of P periods each.
@@ -116,7 +116,7 @@ def measured(
 
 
 def coherence(source: Multisine, inputs: Array, outputs: Array) -> Array:
-    """Coherence (n,) [-] of inputs and outputs as for `measured`: 1 where all of the output follows from the input."""
+    """Coherence (n,) [-] of inputs and outputs as for `estimate_response`: 1 where all of the output follows from the input."""
     u, y = (np.fft.rfft(signal)[..., source.lines] for signal in (inputs, outputs))
     cross = np.sum(y * u.conj(), axis=(0, 1))
     powers = np.sum(np.abs(u) ** 2, axis=(0, 1)) * np.sum(np.abs(y) ** 2, axis=(0, 1))

@@ -24,7 +24,7 @@ from numba.core.types import float64, int64
 from plant_sim.friction.coupled import balance
 from plant_sim.friction.kernel import LAW, VECTOR
 from plant_sim.friction.load_law import LoadLaw
-from plant_sim.friction.model import Array, FrictionModel, kind, real, require
+from plant_sim.friction.model import Array, FrictionModel, real, require, require_type
 from plant_sim.friction.xgms import XGMS
 from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet, load_defaults
@@ -36,9 +36,9 @@ LEAST_SAMPLES = 2  # of a run: a velocity needs two
 COLUMNS = 4  # of a run: position, velocity, motor force, friction
 
 # Of the PID controller, as multiples of the crossover frequency w: usual loop shaping for a mass, the most phase at w
-DERIVATIVE = 3.0  # derivative time times w
-INTEGRAL = 10.0  # integral time times w
-ROLL_OFF = 10.0  # corner of the derivative's filter over w
+DERIVATIVE_FACTOR = 3.0  # derivative time times w
+INTEGRAL_FACTOR = 10.0  # integral time times w
+ROLL_OFF_FACTOR = 10.0  # corner of the derivative's filter over w
 
 Trajectory = Callable[[Array], Array]  # time [s] (n,) -> wanted position [m] (n,); smooth
 
@@ -69,18 +69,18 @@ class Run:
 
 
 @njit(inline="always")
-def quantised(position, resolution):
-    """The position [m] that an encoder of `resolution` [m] tells."""
+def quantise(position, resolution):
+    """Position [m] in whole steps of an encoder of `resolution` [m]."""
     return np.floor(position / resolution + 0.5) * resolution
 
 
-_ADVANCE = types.void(
+_ADVANCE_SIGNATURE = types.void(
     LAW, VECTOR, VECTOR, float64, types.UniTuple(float64, 4), float64, float64,
     VECTOR, VECTOR, VECTOR, VECTOR, float64, int64, types.Array(types.float64, 2, "C"),
 )  # fmt: skip
 
 
-@njit(_ADVANCE, cache=True)
+@njit(_ADVANCE_SIGNATURE, cache=True)
 def advance(
     law, parameters, friction, mass, gains, limit, resolution, reference, extra, noise, load, period, substeps, kept
 ):
@@ -97,7 +97,7 @@ def advance(
     summed = rate = last = waiting = 0.0  # N, N, m, N: of the controller
     for k in range(reference.size):
         kept[k, 0], kept[k, 1], kept[k, 3] = position, velocity, force
-        error = reference[k] - quantised(position, resolution)
+        error = reference[k] - quantise(position, resolution)
         rate = (filter_time * rate + derivative * (error - last)) / (filter_time + period)
         last = error
         asked = waiting + extra[k]
@@ -124,7 +124,7 @@ class PositionAxis:
     def __init__(self, friction: FrictionModel | None = None, parameters: ParameterSet | None = None) -> None:
         self.parameters = p = nominal() if parameters is None else parameters
         self.friction = nominal_friction(p) if friction is None else friction
-        kind("friction of the axis", self.friction, FrictionModel)
+        require_type("friction of the axis", self.friction, FrictionModel)
         self.mass = p["table.mass"].si
         self.load = p["table.load"].si  # N, of a run that names none
         self.period = 1.0 / p["controller.rate"].si  # s
@@ -134,9 +134,14 @@ class PositionAxis:
     def gains(self) -> tuple[float, float, float, float]:
         """Proportional [N/m], integral [N/(m s)], derivative [Ns/m] gain and its filter's time [s]."""
         w = 2.0 * pi * self.parameters["controller.bandwidth"].si
-        unit = abs(1.0 + 1.0 / (INTEGRAL * 1j) + DERIVATIVE * 1j / (1.0 + 1j / ROLL_OFF))
+        unit = abs(1.0 + 1.0 / (INTEGRAL_FACTOR * 1j) + DERIVATIVE_FACTOR * 1j / (1.0 + 1j / ROLL_OFF_FACTOR))
         proportional = self.mass * w**2 / unit  # the loop with the mass alone has gain 1 at w
-        return proportional, proportional * w / INTEGRAL, proportional * DERIVATIVE / w, 1.0 / (ROLL_OFF * w)
+        return (
+            proportional,
+            proportional * w / INTEGRAL_FACTOR,
+            proportional * DERIVATIVE_FACTOR / w,
+            1.0 / (ROLL_OFF_FACTOR * w),
+        )
 
     def simulate(
         self,
@@ -186,9 +191,9 @@ class PositionAxis:
         current_loop: float = 1.0,
     ) -> Run:
         p, n = self.parameters, time.size
-        reference = _samples("reference position [m]", reference, n)
-        extra = _samples("feedforward force [N]", feedforward, n)
-        loads = _samples("normal load [N]", self.load if load is None else load, n)
+        reference = _count_samples("reference position [m]", reference, n)
+        extra = _count_samples("feedforward force [N]", feedforward, n)
+        loads = _count_samples("normal load [N]", self.load if load is None else load, n)
         require("least normal load", float(loads.min()), least=0.0, unit="N")
         require("start of the reference", abs(float(reference[0])), most=p["sensors.resolution"].si, unit="m")
         w, u, v = np.zeros((3, n)) if random is None else random.standard_normal((3, n))
@@ -198,7 +203,7 @@ class PositionAxis:
             p["sensors.resolution"].si, reference, extra, current_loop * p["motor.force_noise"].si * w, loads, self.period,
             self._substeps, kept,
         )  # fmt: skip
-        position = quantised(kept[:, 0], p["sensors.resolution"].si) if random is not None else kept[:, 0].copy()
+        position = quantise(kept[:, 0], p["sensors.resolution"].si) if random is not None else kept[:, 0].copy()
         return Run(
             time,
             position,
@@ -233,7 +238,7 @@ def nominal_friction(parameters: ParameterSet) -> XGMS:
     )
 
 
-def _samples(name: str, values: Array | float, n: int) -> Array:
+def _count_samples(name: str, values: Array | float, n: int) -> Array:
     values = real(name, values)
     if values.shape not in ((), (n,)):
         raise InputError(f"{name} has shape {values.shape}; needed is one finite number or one for each of {n} samples")

@@ -15,13 +15,13 @@ import numpy as np
 from scipy.interpolate import PPoly
 
 from plant_sim.friction.kernel import law
-from plant_sim.friction.model import Array, FrictionModel, kind, real, require
-from plant_sim.friction.whole_number import whole
+from plant_sim.friction.model import Array, FrictionModel, real, require, require_type
+from plant_sim.friction.whole_number import require_whole
 from plant_sim.rigs.position_axis import LEAST_SAMPLES, Trajectory
 from protocols.errors import InputError
 
 MOST_LINES = 1e5  # of a multisine; ours: each is summed at each sample
-FADE = 0.5  # s, the end of a trajectory that is followed by another
+FADE_TIME = 0.5  # s over which a trajectory fades to 0 before the next one; ours
 
 
 @law
@@ -59,7 +59,7 @@ class Feedforward:
 
     def __post_init__(self) -> None:
         require("mass of the feedforward", self.mass, least=0.0, unit="kg")
-        kind("friction of the feedforward", self.friction, FrictionModel)
+        require_type("friction of the feedforward", self.friction, FrictionModel)
 
     def force(self, trajectory: Trajectory, time: Array, load: Array | float = 1.0) -> Array:
         """Force [N] (n,) for each control period that begins at `time` [s] (n,); `load` [N] as measured, scalar or (n,).
@@ -85,7 +85,7 @@ def sine(amplitude: float, frequency: float) -> Trajectory:
     """Sine of `amplitude` [m] and `frequency` [Hz] that grows from rest over its first period. Raises InputError."""
     require("amplitude", amplitude, unit="m")
     require("frequency", frequency, above=0.0, unit="Hz")
-    return lambda time: amplitude * _growing(time * frequency) * np.sin(2.0 * np.pi * frequency * time)
+    return lambda time: amplitude * _smooth_step(time * frequency) * np.sin(2.0 * np.pi * frequency * time)
 
 
 def multisine(rms: float, lowest: float, highest: float, period: float, seed: int) -> Trajectory:
@@ -109,16 +109,16 @@ def multisine(rms: float, lowest: float, highest: float, period: float, seed: in
 
     def position(time: Array) -> Array:
         angle = 2.0 * np.pi * np.multiply.outer(np.asarray(time, float), lines) + phases
-        return _growing(time / period) * (np.sin(angle) @ amplitudes)
+        return _smooth_step(time / period) * (np.sin(angle) @ amplitudes)
 
     return position
 
 
-def there_and_back(distance: float, speed: float, acceleration: float, dwell: float, strokes: int) -> Trajectory:
+def trapezoidal_strokes(distance: float, speed: float, acceleration: float, dwell: float, strokes: int) -> Trajectory:
     """Trapezoids of the velocity: `strokes` moves of `distance` [m] to and fro, each after `dwell` [s]. Raises InputError."""
     for name, value in (("distance", distance), ("speed", speed), ("acceleration", acceleration), ("dwell", dwell)):
         require(name, value, above=0.0)
-    whole("number of strokes", strokes)
+    require_whole("number of strokes", strokes)
     ramp = speed / acceleration
     cruise = distance / speed - ramp
     require("time at full speed", cruise, above=0.0, unit="s")
@@ -129,13 +129,10 @@ def there_and_back(distance: float, speed: float, acceleration: float, dwell: fl
     return PPoly([np.concatenate([accelerations, [0.0]])], breaks).antiderivative(2)
 
 
-def in_turn(*parts: tuple[Trajectory, float]) -> Trajectory:
-    """Each trajectory for its time [s], which is more than `FADE`; in the last of it each fades to rest at 0.
-
-    Raises InputError.
-    """
+def join_trajectories(*parts: tuple[Trajectory, float]) -> Trajectory:
+    """Join trajectories: each lasts its time [s], more than FADE_TIME, and fades to rest at 0 at its end."""
     for _, seconds in parts:
-        require("time of a trajectory", seconds, above=FADE, unit="s")
+        require("time of a trajectory", seconds, above=FADE_TIME, unit="s")
     ends = np.cumsum([0.0, *(seconds for _, seconds in parts)])
 
     def position(time: Array) -> Array:
@@ -143,13 +140,13 @@ def in_turn(*parts: tuple[Trajectory, float]) -> Trajectory:
         whole = np.zeros(time.shape)
         for (trajectory, seconds), start in zip(parts, ends[:-1], strict=True):
             own = np.clip(time - start, 0.0, seconds)
-            whole += trajectory(own) * _growing((seconds - own) / FADE)
+            whole += trajectory(own) * _smooth_step((seconds - own) / FADE_TIME)
         return whole
 
     return position
 
 
-def _growing(turns: Array) -> Array:
-    """0 before the first turn, 1 after it, smooth to the second derivative."""
+def _smooth_step(turns: Array) -> Array:
+    """Polynomial from 0 at `turns` 0 to 1 at `turns` 1, constant outside, smooth to the second derivative."""
     x = np.clip(turns, 0.0, 1.0)
     return x**3 * (10.0 - 15.0 * x + 6.0 * x**2)

@@ -29,8 +29,8 @@ from plant_sim.effects.signals import DRIVE, RIG, SENSORS, SIGNALS, attached, bo
 from plant_sim.effects.table import switched_on as effects_on
 from plant_sim.rigs import wet_clutch
 from plant_sim.rigs.clutch_unit import actuate, friction_pressure, slide, stack_force, viscosity_ratio
-from plant_sim.rigs.standstill import capacity, nearly_at_rest
-from plant_sim.rigs.tied_shafts import Shafts, Standing, now, road_torque, stand, stuck
+from plant_sim.rigs.standstill import nearly_at_rest, torque_capacity
+from plant_sim.rigs.tied_shafts import Shafts, Standing, present_torques, road_torque, step_at_standstill, stuck_torques
 from plant_sim.rigs.wet_clutch import STATE, Whole, sense
 from protocols.can.two_clutches import CLUTCHES
 from protocols.errors import InputError
@@ -221,7 +221,7 @@ def advance(
         asked = motor.torque_demand(
             error, y.speed_integral + k * error, ca.motor_proportional_gain, ca.motor_integral_gain
         )
-        motor_torque = motor.limited(asked, limit)
+        motor_torque = motor.limit_torque(asked, limit)
         if asked == motor_torque:
             y.speed_integral += h * error
 
@@ -265,19 +265,23 @@ def advance(
     torque_a, pressure_a = _present(a, sa, ca, ea)
     torque_b, pressure_b = _present(b, sb, cb, eb)
     error = speed_demand - y.input_speed
-    y.motor_torque = motor.limited(
+    y.motor_torque = motor.limit_torque(
         motor.torque_demand(error, y.speed_integral, ca.motor_proportional_gain, ca.motor_integral_gain), limit
     )
     rests_a, rests_b = pressure_a > 0.0 and a.slip_speed == 0.0, pressure_b > 0.0 and b.slip_speed == 0.0
     if rests_a or rests_b:
         ends_a = (
-            capacity(pressure_a, viscosity_ratio(a.temperature, ca), sa, ca, ea) if rests_a else (torque_a, torque_a)
+            torque_capacity(pressure_a, viscosity_ratio(a.temperature, ca), sa, ca, ea)
+            if rests_a
+            else (torque_a, torque_a)
         )
         ends_b = (
-            capacity(pressure_b, viscosity_ratio(b.temperature, cb), sb, cb, eb) if rests_b else (torque_b, torque_b)
+            torque_capacity(pressure_b, viscosity_ratio(b.temperature, cb), sb, cb, eb)
+            if rests_b
+            else (torque_b, torque_b)
         )
         shafts = Shafts(y.motor_torque, y.input_speed, y.output_speed, inertia)
-        torque_a, torque_b = now(shafts, rests_a, rests_b, ends_a, ends_b, d)
+        torque_a, torque_b = present_torques(shafts, rests_a, rests_b, ends_a, ends_b, d)
         a.clutch_torque, b.clutch_torque = torque_a, torque_b
     y.output_torque = d.ratio_a * torque_a + d.ratio_b * torque_b
     y.road_torque = road_torque(y.output_speed, y.output_torque, d, 0.0)
@@ -295,14 +299,16 @@ def advance(
 def _nearly_at_rest(shafts, one, two, a, b, d, sa, ca, ea, sb, cb, eb, h):
     """Move friction of plates nearly at rest on by a step; the torque of each clutch [Nm], and whether it sticks."""
     torque_a, torque_b = one.torque, two.torque
-    (m_a, slip_a, sticks_a), (m_b, slip_b, sticks_b), torques = stand(shafts, one, two, d, sa, ca, ea, sb, cb, eb, h)
+    (m_a, slip_a, sticks_a), (m_b, slip_b, sticks_b), torques = step_at_standstill(
+        shafts, one, two, d, sa, ca, ea, sb, cb, eb, h
+    )
     if one.rests:
         a.friction_state = m_a
         torque_a = _slides(a, one.pressure, slip_a, sa, ca, ea, h)
     if two.rests:
         b.friction_state = m_b
         torque_b = _slides(b, two.pressure, slip_b, sb, cb, eb, h)
-    torque_a, torque_b = stuck(shafts, torque_a, torque_b, sticks_a, sticks_b, torques, d, h)
+    torque_a, torque_b = stuck_torques(shafts, torque_a, torque_b, sticks_a, sticks_b, torques, d, h)
     return torque_a, torque_b, sticks_a, sticks_b
 
 

@@ -1,11 +1,11 @@
 """Sensors of the rig behind its data acquisition: state to raw counts, with noise before quantisation.
 
-Equation        V = sensitivity (value + sigma n), n standard normal;  counts by `adc`                    (rig.md, 9)
+Equation        V = sensitivity (value + sigma n), n standard normal;  counts by `adc`          (docs/rig.md, eq. 9)
                 encoder counts by `encoder`
 Assumptions     white noise, one draw a channel and sample, reproducible by seed; all channels at one instant
 Valid range     +-10 V
 Not modelled    sensor dynamics, offset, drift, leakage, filters, skew: they are effects (plant_sim/effects)
-References      Janssens 2010, sec. 3.9.4; sensitivities and noise of rig.md
+References      Janssens 2010, sec. 3.9.4; sensitivities and noise: docs/rig.md, eq. 9
 """
 
 from collections.abc import Iterator
@@ -19,7 +19,7 @@ from plant_sim.blocks import adc, encoder
 from plant_sim.effects.signals import ACQUISITION, SIGNALS, attached, bound, call, known
 from protocols.files.units import ZERO_CELSIUS
 
-_BLOCK = 64  # samples drawn at once: cheaper than one by one, and short enough for a cycle (20 us)
+_NOISE_BLOCK = 64  # samples of noise drawn at once: faster than one by one, and short enough for a cycle (20 us)
 
 
 class Counts(NamedTuple):
@@ -33,7 +33,7 @@ class Counts(NamedTuple):
 
 
 class Scales(NamedTuple):
-    """The parameters of the acquisition by their names in the rig's record, SI."""
+    """Parameters of the data acquisition, SI units, under their names in the rig's record."""
 
     sensors_input_range: float
     sensors_pressure_sensitivity: float
@@ -54,18 +54,18 @@ class Sensors:
     """Noise source of one rig; `seed` makes the noise reproducible."""
 
     def __init__(self, seed: int) -> None:
-        self._noise = _normals(seed)
+        self._noise = _draw_noise(seed)
 
     def sample(self, rig: Any, state: Any, interval: float, y: Any = None) -> tuple[Counts, Any]:
-        """Counts of a rig's `state`, and the state with those of its effects moved on; `interval` [s] since the last sample.
+        """Sample a rig's `state`: return the counts, and the state with its effects advanced.
 
-        `y` is what `state` reads, where it is at hand.
+        interval: time since the last sample [s]. y: `state.read()`, where the caller already has it.
         """
         effects, noise = rig.table.kernel, next(self._noise)
         if effects is None:
             y = y or state.read()
             sensed = y.sensed_pressure, y.sensed_temperature, y.sensed_motor_torque, y.sensed_clutch_torque
-            # plain Python: with cold caches, as in a cycle of 1 ms, 15.5 us against 18 us of the compiled call
+            # plain Python takes 15.5 us, a compiled call 18 us with the cold CPU caches of a cycle of 1 ms
             channels = voltages(*sensed, noise, rig.scales)
             return Counts._make(_counts(*channels, y.angle, rig.scales)), state  # type: ignore[call-arg]
         counts, states = acquire(state.y, state.effects, noise, rig.record, effects, interval)
@@ -74,7 +74,7 @@ class Sensors:
 
 @register_jitable(inline="always")
 def voltages(pressure, kelvin, motor, clutch, noise, c):
-    """Voltages at the converters for what the sensors show [Pa, K, Nm, Nm] and four standard normal numbers."""
+    """Voltages at the converters for sensor values [Pa, K, Nm, Nm] and four standard normal numbers."""
     return (
         c.sensors_pressure_sensitivity * (pressure + c.sensors_pressure_noise * noise[0]),
         c.sensors_temperature_sensitivity * (kelvin - ZERO_CELSIUS + c.sensors_temperature_noise * noise[1]),
@@ -118,7 +118,7 @@ def acquire(rig_state, states_before, noise, parameters, effects, interval):
     return _counts(pressure, temperature, motor, clutch, angle, c), states
 
 
-def _normals(seed: int) -> Iterator[tuple[float, float, float, float]]:
+def _draw_noise(seed: int) -> Iterator[tuple[float, float, float, float]]:
     generator = np.random.default_rng(seed)
     while True:
-        yield from map(tuple, generator.standard_normal((_BLOCK, 4)).tolist())
+        yield from map(tuple, generator.standard_normal((_NOISE_BLOCK, 4)).tolist())

@@ -1,26 +1,25 @@
-"""Plates at standstill or nearly so: they stick, break away, creep, or pass through zero slip.
+"""Plates at or near standstill: they stick, break away, creep, or pass through zero slip.
 
-Equation        J dw/dt = D - M(m, w) of one clutch, D what drives its slip, M the torque of `clutch_unit.slide`
-    stick       w = 0 and M = D while M(-1, 0) <= D <= M(1, 0): the plates carry exactly what is applied, up to their capacity.
-                The state is the share they carry, m = D/M_C. It has no lag here: plates that do not slide build nothing up
-                (GMS: stick dF/dt = k w, slip from |F| = s(0) = M_C on; here k -> infinity). So a change of M_C breaks no hold
-                that it can still bear
-    break-away  D beyond an end: the plates slide from m = +-1 there
-    turn        w passes 0 within the step: m goes on as eq. 6.9 has it, without a jump, and the plates stay there once the m
-                that holds D is one that eq. 6.9 can reach within the step h: at standstill s_n = 1, and sign(w) any number
-                in [-1, 1] (Filippov), so that m may go anywhere in [-1 + (m + 1) q, 1 + (m - 1) q], q = exp(-C h)
-    lag L > 0   (`standstill.lag`) the m of plates that stick follows D as where they turn, with C/L for C: with L = 1 all is
-                eq. 6.9 to the letter. Plates creep where it cannot give what is asked for, or not as soon
-Integration     steps of at most `PIECE`. Below `SLOW`: backward Euler in w, as |w|^gamma has an infinite slope at 0, with m
-                half a step on. Its equation w = w_0 + h/J (D - M(m, w)) has one root where M does not fall steeply with w.
-                No step makes it chatter
+Equation        J dw/dt = D - M(m, w) of one clutch; D drives its slip, M is the torque of `clutch_unit.slide`
+    stick       w = 0 and M = D while M(-1, 0) <= D <= M(1, 0): the plates carry the applied torque, up to their capacity.
+                The state is the share of the capacity, m = D/M_C. It has no lag here, because friction builds up only in
+                sliding (GMS: stick dF/dt = k w, slip from |F| = s(0) = M_C on; here k -> infinity). So plates keep sticking
+                when M_C changes, as long as they can carry D
+    break-away  D beyond one of the limits: the plates slide, with m = +-1 there
+    turn        w passes 0 within the step: m follows eq. 6.9 without a jump. The plates stick if eq. 6.9 can bring m within the
+                step h to the value that holds D. At standstill s_n = 1 and sign(w) is any number in [-1, 1] (Filippov), so
+                that m can reach all of [-1 + (m + 1) q, 1 + (m - 1) q], q = exp(-C h)
+    lag L > 0   (`standstill.lag`) the m of sticking plates follows D as in a turn, with C/L for C. With L = 1 eq. 6.9 holds
+                at standstill too. Plates creep where m cannot follow, or not fast enough
+Integration     steps of at most LONGEST_STEP. Below SLOW_SLIP: backward Euler in w, as |w|^gamma has an infinite slope at 0,
+                with m at mid-step. Its equation w = w_0 + h/J (D - M(m, w)) has one root unless M falls steeply with w. No
+                step makes the slip chatter
 Assumptions     D is constant over the step
-Not modelled    spring of the plates before they slide: effect `presliding`, with which M(-1, 0) = M(1, 0), so that nothing but
-                its spring holds
+Not modelled    elastic plates: effect `presliding`, with which M(-1, 0) = M(1, 0), so that only its spring holds
 References      Janssens 2010, sec. 5.2 and eq. 6.9; Filippov 1988, Differential Equations with Discontinuous Righthand Sides,
                 ch. 2; Moreau 1988 (set-valued friction in time stepping)
 
-Arguments as in `clutch_unit`.
+Arguments are those of `clutch_unit`.
 """
 
 from math import copysign, exp
@@ -30,53 +29,54 @@ from numba import njit
 from plant_sim.rigs.clutch_unit import slide
 
 # rad/s: above it the slope of |w|^gamma times a step of 0.1 ms is below 1 (at 0.05 kg m^2, 15 Nm (s/rad)^gamma: 5e-3)
-SLOW = 0.1
-PIECE = 1e-4  # s, longest step of plates nearly at rest, which turn within some ms: with 0.5 ms 0.3 Nm off (10 rad/s, 2.5 Hz)
-_TURNING = 1e-9  # rad/s: slip of plates that stop at the end of a step without sticking yet
-_ENOUGH = 1e-10  # of the surplus of torque: where the search for a root ends
-_TRIALS = 60  # of that search; measured: 9
+SLOW_SLIP = 0.1
+# s, longest step of plates nearly at rest, which reverse within some ms. 0.5 ms gives errors of 0.3 Nm (10 rad/s, 2.5 Hz).
+LONGEST_STEP = 1e-4
+_TURNING_SLIP = 1e-9  # rad/s: slip in a step at whose end the plates stop without sticking yet
+_ROOT_TOLERANCE = 1e-10  # of the surplus of torque: where the search for a root ends
+_MOST_TRIALS = 60  # of that search; measured: 9
 
 
 @njit(inline="always")
 def nearly_at_rest(pressure, begin, middle):
-    """Whether pressed plates may stick in a step that begins at slip `begin` and is expected at `middle` half way [rad/s]."""
-    return pressure > 0.0 and (abs(middle) < SLOW or begin * (2.0 * middle - begin) <= 0.0)
+    """Whether pressed plates may stick in a step with slip `begin` at its start and `middle` expected at its middle [rad/s]."""
+    return pressure > 0.0 and (abs(middle) < SLOW_SLIP or begin * (2.0 * middle - begin) <= 0.0)
 
 
 @njit(error_model="numpy")
-def capacity(pressure, viscosity, s, c, e):
-    """Least and largest torque [Nm] of plates that stick. Moves no state."""
+def torque_capacity(pressure, viscosity, s, c, e):
+    """Smallest and largest torque [Nm] that sticking plates can carry. Changes no state."""
     _, low = slide(-1.0, pressure, 0.0, viscosity, s, c, e, 0.0)
     _, high = slide(1.0, pressure, 0.0, viscosity, s, c, e, 0.0)
     return low, high
 
 
 @njit(error_model="numpy")
-def held(m, drive, low, high):
-    """State m, torque [Nm] at zero slip, and whether plates with the capacity `low` to `high` hold `drive` [Nm]."""
+def hold(m, drive, low, high):
+    """State m, torque [Nm] at zero slip, and whether plates with the capacity `low` to `high` [Nm] hold `drive` [Nm]."""
     if low <= drive <= high:
         return ((2.0 * drive - (low + high)) / (high - low) if high > low else m), drive, True
     return (1.0, high, False) if drive > high else (-1.0, low, False)
 
 
 @njit(error_model="numpy")
-def near_standstill(m, begin, drive, inertia, pressure, viscosity, s, c, e, h):
-    """State m with which to slide, slip [rad/s] to slide at, and whether the plates stick, in a step from slip `begin` [rad/s].
+def step_near_standstill(m, begin, drive, inertia, pressure, viscosity, s, c, e, h):
+    """State m and slip [rad/s] for the step, and whether the plates stick in it; the step starts at slip `begin` [rad/s].
 
-    drive [Nm] acts on `inertia` [kg m^2] over the step `h` [s]. Moves no state.
+    drive [Nm] acts on `inertia` [kg m^2] over the step `h` [s]. Changes no state.
     """
-    low, high = capacity(pressure, viscosity, s, c, e)
-    share, _, sticks = held(m, drive, low, high)
+    low, high = torque_capacity(pressure, viscosity, s, c, e)
+    share, _, sticks = hold(m, drive, low, high)
     if begin == 0.0:
         lag = c.standstill_lag
-        sticks = sticks and (lag == 0.0 or _reached(m, share, c.clutch_attraction / lag, h))
+        sticks = sticks and (lag == 0.0 or _is_reachable(m, share, c.clutch_attraction / lag, h))
         if sticks:
             return share, 0.0, True
         way = copysign(1.0, share - m) if share != m else share
         m = way if lag == 0.0 else way + (m - way) * exp((1.0 - 1.0 / lag) * c.clutch_attraction * h)
     _, present = slide(m, pressure, 0.0, viscosity, s, c, e, 0.0)
-    end = begin + h / inertia * (drive - present)  # were the torque that at zero slip
-    if begin * end < 0.0 and sticks and _reached(m, share, c.clutch_attraction, h):
+    end = begin + h / inertia * (drive - present)  # if the torque stayed at its value at zero slip
+    if begin * end < 0.0 and sticks and _is_reachable(m, share, c.clutch_attraction, h):
         return share, 0.0, True
     if end == 0.0:
         return m, 0.0, False
@@ -84,12 +84,12 @@ def near_standstill(m, begin, drive, inertia, pressure, viscosity, s, c, e, h):
     grown = 0.25 * (high - low) * (way - m) * (1.0 - exp(-c.clutch_attraction * h))  # Nm, by mid-step, where s_n = 1
     end -= h / inertia * grown
     if end * way <= 0.0:
-        return m, way * _TURNING, False
+        return m, way * _TURNING_SLIP, False
     return m, _creep(m, end, present, inertia, pressure, viscosity, s, c, e, h), False
 
 
 @njit(inline="always")
-def _reached(m, share, rate, h):
+def _is_reachable(m, share, rate, h):
     """Whether `m` can become `share` within a step `h` [s] at standstill, at a rate C [1/s]."""
     q = exp(-rate * h)
     return -1.0 + (m + 1.0) * q <= share <= 1.0 + (m - 1.0) * q  # eq. 6.9 with s_n = 1
@@ -102,12 +102,12 @@ def _creep(m, end, present, inertia, pressure, viscosity, s, c, e, h):
     low, high = 0.0, abs(end) ** exponent
     below, above, side = -abs(end), 0.0, 0
     slip = end
-    for k in range(_TRIALS):
+    for k in range(_MOST_TRIALS):
         trial = high if k == 0 else (low * above - high * below) / (above - below)
         slip = copysign(trial ** (1.0 / exponent), end)
         _, torque = slide(m, pressure, slip, viscosity, s, c, e, 0.0)
         off = copysign(1.0, end) * (slip - end + h / inertia * (torque - present))
-        if abs(off) <= _ENOUGH * abs(end) or (k == 0 and off <= 0.0):
+        if abs(off) <= _ROOT_TOLERANCE * abs(end) or (k == 0 and off <= 0.0):
             break  # where the torque falls with slip: as good as the explicit step
         if off > 0.0:
             high, above = trial, off

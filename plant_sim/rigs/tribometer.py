@@ -25,10 +25,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from plant_sim.friction.model import FrictionModel, kind, require
-from plant_sim.friction.whole_number import whole
-from plant_sim.rigs.tribometer_drive import Drive, Signal, sampled
-from plant_sim.rigs.tribometer_integration import COLUMNS, advance
+from plant_sim.friction.model import FrictionModel, require, require_type
+from plant_sim.friction.whole_number import require_whole
+from plant_sim.rigs.tribometer_drive import Drive, Signal, sample_signal
+from plant_sim.rigs.tribometer_integration import COLUMN_COUNT, advance
 from plant_sim.rigs.tribometer_sensors import RINGS, Sensors
 from plant_sim.rigs.tribometer_structure import Chain
 from protocols.errors import InputError
@@ -40,7 +40,7 @@ STEP_LIMIT = 2e-4  # s: five steps in a period at 1 kHz, above all modes with th
 
 
 class State(NamedTuple):
-    """Everything the rig remembers between runs."""
+    """State of the rig at the end of a run."""
 
     tangential: Array  # (7,) angles [rad], velocities [rad/s] of table, disk, motor; friction [N]
     normal: Array  # (9,) displacements [m], velocities [m/s] of table, disk, shaft, downwards; runout, lift-up [m]; load [N]
@@ -50,7 +50,7 @@ class State(NamedTuple):
 
 @dataclass(frozen=True)
 class Record:
-    """What a run gave, (n,) arrays; `measured` ones carry noise and resolution of the sensors."""
+    """Result of a run, (n,) arrays; those named `measured` have the noise and resolution of the sensors."""
 
     time_s: Array
     angle_rad: Array  # of the motor
@@ -79,7 +79,7 @@ class Tribometer:
     def __init__(
         self, friction: FrictionModel, parameters: ParameterSet | None = None, sensors: bool = True, seed: int = 0
     ) -> None:
-        kind("friction between the disks", friction, FrictionModel)
+        require_type("friction between the disks", friction, FrictionModel)
         self.friction = friction
         self.parameters = p = nominal() if parameters is None else parameters
         self.tangential, self.normal = chains(p)
@@ -126,16 +126,16 @@ class Tribometer:
         Signals are constants, functions of time, or have a value for each of the round(seconds/dt) + 1 samples.
         Raises InputError.
         """
-        kind("drive", drive, Drive)
+        require_type("drive", drive, Drive)
         require("time step", dt, above=0.0, most=STEP_LIMIT, unit="s")
         require("duration", seconds, least=dt, most=1e6, unit="s")
-        every = whole("samples between two kept ones", every)
+        every = require_whole("samples between two kept ones", every)
         steps = round(seconds / dt)
         time = dt * np.arange(steps + 1)
-        self._check_speed(sampled("drive velocity", drive.velocity, time))
-        loads = self._checked_load(sampled("load", load, time))
+        self._check_speed(sample_signal("drive velocity", drive.velocity, time))
+        loads = self._checked_load(sample_signal("load", load, time))
         begin = self._rest(float(loads[0])) if start is None else start
-        kind("start of the run", begin, State)
+        require_type("start of the run", begin, State)
         if begin.friction.shape != self.friction.rest().shape:
             raise InputError(
                 f"the start has {begin.friction.size} friction states; this model has {self.friction.rest().size}"
@@ -148,10 +148,10 @@ class Tribometer:
         ])  # fmt: skip
         motor = np.array([drive.stiffness, drive.damping, self.parameters["motor.torque_limit"].si])
         gains = ((drive.stiffness, drive.damping), (0.0, 0.0))  # within the torque limit, and at it
-        torsion = np.array([self.tangential.discretised(dt, *pair).T for pair in gains])
-        normal = np.array([self.normal.discretised(dt).T])
+        torsion = np.array([self.tangential.discretise(dt, *pair).T for pair in gains])
+        normal = np.array([self.normal.discretise(dt).T])
         q, x, friction = (np.array(part, float) for part in begin[:3])
-        kept = np.empty((steps // every + 1, COLUMNS))
+        kept = np.empty((steps // every + 1, COLUMN_COUNT))
         advance(
             self.friction.law, self.friction.parameters, friction, torsion, q, normal, x,
             motor, drive.command(time), contact, loads, dt, every, kept,
@@ -164,7 +164,7 @@ class Tribometer:
     def _record(self, time: Array, kept: Array, preload: float, end: State) -> Record:
         table, disk, motor, _, velocity, slip_velocity, sunk, lower, force, load, torque = kept.T.copy()
         slip = disk - table
-        measured_torque = self.tangential.table_stiffness * table  # what the strain of the rings tells
+        measured_torque = self.tangential.table_stiffness * table  # from the strain of the rings
         measured_load = preload + self.normal.table_stiffness * sunk
         gap = np.tile(sunk - lower - self.approach(preload), (RINGS, 1))
         angle = motor

@@ -24,17 +24,17 @@ from plant_sim.rigs.tribometer import Tribometer, mean_radius, nominal
 from protocols.files.parameters import ParameterSet, load_defaults
 
 DEFAULTS = Path(__file__).parents[1] / "parameters" / "tribometer_contacts.toml"
-ELEMENTS = 10  # ours: with more the pre-sliding curve does not look smoother
+ELEMENTS = 10  # ours: with more, the pre-sliding curve is not visibly smoother
 
 
 class Contacts:
-    """Tribometers with the contacts of chapter 4; `parameters` are `contacts()`, or as changed by a user.
+    """Tribometers with the contacts of chapter 4; `parameters` are those of `load_contacts()`, or as changed by a user.
 
-    `seed` is that of the sensors' noise, which differs from load to load.
+    `seed`: of the sensors' noise, which differs from load to load.
     """
 
     def __init__(self, parameters: ParameterSet | None = None, seed: int = 0) -> None:
-        self.parameters = contacts() if parameters is None else parameters
+        self.parameters = load_contacts() if parameters is None else parameters
         self._seed = seed
         self._rig = nominal()
         self._radius = mean_radius(self._rig)  # m
@@ -100,6 +100,6 @@ class Contacts:
         )
 
 
-def contacts() -> ParameterSet:
-    """The parameters of `parameters/tribometer_contacts.toml`."""
+def load_contacts() -> ParameterSet:
+    """Load the parameters of `parameters/tribometer_contacts.toml`."""
     return load_defaults(DEFAULTS)

@@ -38,13 +38,13 @@ class Drive:
     def command(self, time: Array) -> Array:
         """The part of the motor torque [Nm] (n,) that does not depend on the motion. Raises InputError."""
         return (
-            sampled("drive torque", self.torque, time)
-            + self.stiffness * sampled("drive angle", self.angle, time)
-            + self.damping * sampled("drive velocity", self.velocity, time)
+            sample_signal("drive torque", self.torque, time)
+            + self.stiffness * sample_signal("drive angle", self.angle, time)
+            + self.damping * sample_signal("drive velocity", self.velocity, time)
         )
 
 
-def sampled(name: str, signal: Signal, time: Array) -> Array:
+def sample_signal(name: str, signal: Signal, time: Array) -> Array:
     """`signal` at every sample of `time` [s] (n,). Raises InputError."""
     values = real(name, signal(time) if callable(signal) else signal)
     if values.shape not in ((), time.shape):

@@ -1,4 +1,4 @@
-"""The experiments of chapter 4 on the virtual tribometer: a rig in, what its sensors told out.
+"""The experiments of chapter 4 on the virtual tribometer: each takes a rig and returns measured signals.
 
 What            break-away, pre-sliding, friction lag, Stribeck curve, stick-slip, lift-up
 Equation        torque, load and angle are those measured, through one zero-phase low-pass of 100 Hz: the bandwidth of the rig
@@ -17,7 +17,7 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from plant_sim.friction.model import elements, real, require
-from plant_sim.friction.whole_number import whole
+from plant_sim.friction.whole_number import require_whole
 from plant_sim.rigs.tribometer import Record, Tribometer
 from plant_sim.rigs.tribometer_drive import Drive
 from plant_sim.rigs.tribometer_sensors import RINGS
@@ -25,22 +25,22 @@ from protocols.errors import InputError
 
 Array = np.ndarray
 BANDWIDTH = 100.0  # Hz, sec. 3.11
-DT = 1e-4  # s
-EVERY = 5  # steps between kept samples: 2 kHz, so that the sensors' noise is filtered, not aliased
-TURNS_TO_SETTLE = 0.1  # rad, before a steady state is read: a thousand times the travel before sliding
-KICK = 0.05  # s, of a velocity high enough to begin to slide
-READ = 0.5  # s, over which a steady state is averaged
-JUST_SLIDING = 1e-6  # rad/s
-LONGEST_HOLD = 1.6  # over the friction just sliding: no contact here breaks away above it
+DT = 1e-4  # s, integration step; ours
+KEPT_EVERY = 5  # steps between kept samples: 2 kHz, so that the sensors' noise is filtered and not aliased
+SETTLING_ANGLE = 0.1  # rad before a steady state is read: a thousand times the travel before sliding
+KICK_TIME = 0.05  # s of a velocity that is high enough to start sliding; ours
+READING_TIME = 0.5  # s over which a steady state is averaged; ours
+SLOWEST_SLIDING = 1e-6  # rad/s; ours
+BREAK_AWAY_RATIO = 1.6  # upper bound of break-away friction over that of slowest sliding, for the contacts here
 HIGHEST_COEFFICIENT = 0.3  # -, above the 0.25 measured at 50 N (fig 4.14)
-STUCK, BURST = 0.1, 1.5  # of the driven speed: stick-slip falls below the one and exceeds the other
+STICK_SPEED, BURST_SPEED = 0.1, 1.5  # of the driven speed: stick-slip falls below the one and exceeds the other
 
 
 @dataclass(frozen=True)
 class Motion:
     """Measured (n,): `time` [s], `angle` [rad], `velocity` [rad/s], `torque` [Nm], `load` [N], mean `gap` [m].
 
-    `record` is the run as the rig told it, the whole of it, with what no sensor shows.
+    `record`: the whole run, unfiltered, with quantities that no sensor shows.
     """
 
     time: Array
@@ -87,10 +87,10 @@ class Coupling:
         require("damping of the coupling", self.damping, least=0.0, unit="Nm s/rad")
 
 
-def measured(rig: Tribometer, drive: Drive, load: float, seconds: float) -> Motion:
-    """Run the rig and filter what its sensors tell. Raises InputError."""
-    record = rig.run(drive, load, seconds, DT, every=EVERY)
-    rate = 1.0 / (EVERY * DT)
+def run_and_filter(rig: Tribometer, drive: Drive, load: float, seconds: float) -> Motion:
+    """Run the rig for `seconds` [s] under `load` [N] and filter its measured signals. Raises InputError."""
+    record = rig.run(drive, load, seconds, DT, every=KEPT_EVERY)
+    rate = 1.0 / (KEPT_EVERY * DT)
     low_pass = butter(2, BANDWIDTH, fs=rate, output="sos")
     wanted = (record.angle_measured, record.torque_measured, record.normal_measured, record.gap.mean(axis=0))
     angle, torque, normal, gap = (sosfiltfilt(low_pass, values) for values in wanted)
@@ -103,9 +103,11 @@ def break_away(rig: Tribometer, load: float, acceleration: float) -> tuple[float
     The velocity demanded rises at `acceleration` [rad/s^2], to well beyond break-away. Raises InputError.
     """
     require("acceleration", acceleration, above=0.0, unit="rad/s^2")
-    held = LONGEST_HOLD * _torque(rig, JUST_SLIDING, load) / rig.parameters["motor.velocity_gain"].si  # rad/s
-    seconds = (held + (2.0 * TURNS_TO_SETTLE * acceleration) ** 0.5) / acceleration
-    motion = measured(rig, rig.velocity_drive(lambda time: acceleration * time), load, seconds)
+    held = (
+        BREAK_AWAY_RATIO * _expected_torque(rig, SLOWEST_SLIDING, load) / rig.parameters["motor.velocity_gain"].si
+    )  # rad/s
+    seconds = (held + (2.0 * SETTLING_ANGLE * acceleration) ** 0.5) / acceleration
+    motion = run_and_filter(rig, rig.velocity_drive(lambda time: acceleration * time), load, seconds)
     return float(motion.torque.max()), motion
 
 
@@ -115,7 +117,7 @@ def saw_tooth(corners: Sequence[float] | Array, speed: float, time: Array) -> Ar
 
 
 def corner_times(corners: Sequence[float] | Array, speed: float) -> Array:
-    """When a saw-tooth of `speed` [rad/s] is at each of its `corners` [rad]: [s], same shape."""
+    """Times [s] at which a saw-tooth of `speed` [rad/s] reaches each of its `corners` [rad], same shape."""
     return np.append(0.0, np.cumsum(np.abs(np.diff(corners)))) / speed
 
 
@@ -127,7 +129,7 @@ def pre_sliding(rig: Tribometer, load: float, corners: Sequence[float] | Array, 
     corners = real("corners [rad]", corners)
     require("speed", speed, above=0.0, unit="rad/s")
     seconds = float(corner_times(corners, speed)[-1])
-    return measured(rig, rig.position_drive(lambda time: saw_tooth(corners, speed, time)), load, seconds)
+    return run_and_filter(rig, rig.position_drive(lambda time: saw_tooth(corners, speed, time)), load, seconds)
 
 
 def reciprocation(rig: Tribometer, load: float, amplitude: float, frequency: float, periods: int) -> Motion:
@@ -135,11 +137,11 @@ def reciprocation(rig: Tribometer, load: float, amplitude: float, frequency: flo
 
     Raises InputError.
     """
-    whole("number of periods", periods)
+    require_whole("number of periods", periods)
     require("amplitude", amplitude, unit="rad")
     require("frequency", frequency, above=0.0, most=BANDWIDTH, unit="Hz")
     drive = rig.position_drive(lambda time: amplitude * np.sin(2.0 * pi * frequency * time))
-    motion = measured(rig, drive, load, (periods + 1.25) / frequency)
+    motion = run_and_filter(rig, drive, load, (periods + 1.25) / frequency)
     return motion.part(1.0 / frequency, (periods + 1.0) / frequency)
 
 
@@ -148,16 +150,18 @@ def oscillation(rig: Tribometer, load: float, offset: float, swing: float, frequ
 
     Sec. 4.1.3. Raises InputError when the velocity would not stay above 0.
     """
-    whole("number of periods", periods)
+    require_whole("number of periods", periods)
     require("frequency", frequency, above=0.0, most=BANDWIDTH, unit="Hz")
     if not 0.0 < swing < offset:
         raise InputError(f"swing is {swing:g} rad/s about {offset:g} rad/s; allowed is above 0 to below the offset")
-    mean = offset + _torque(rig, offset, load) / rig.parameters["motor.velocity_gain"].si  # as in `stribeck`
+    mean = offset + _expected_torque(rig, offset, load) / rig.parameters["motor.velocity_gain"].si  # as in `stribeck`
     drive = rig.velocity_drive(lambda time: mean - swing * np.cos(2.0 * pi * frequency * time))
-    return measured(rig, drive, load, (periods + 3.5) / frequency).part(3.0 / frequency, (periods + 3.0) / frequency)
+    return run_and_filter(rig, drive, load, (periods + 3.5) / frequency).part(
+        3.0 / frequency, (periods + 3.0) / frequency
+    )
 
 
-def branches(motion: Motion, speeds: Array) -> tuple[Array, Array]:
+def measure_branches(motion: Motion, speeds: Array) -> tuple[Array, Array]:
     """Mean torque [Nm] (k,) accelerating, and decelerating, between neighbours of `speeds` (k + 1,) above 0 [rad/s].
 
     The acceleration is the sign of the change of the velocity through a period, read from the filtered angle.
@@ -181,19 +185,19 @@ def stribeck(rig: Tribometer, load: float, speeds: Sequence[float] | Array) -> S
     rows = []
     gain = rig.parameters["motor.velocity_gain"].si
     for speed in elements("speed [rad/s]", speeds):
-        settle = KICK + min(TURNS_TO_SETTLE / speed, 1.0)
-        droop = _torque(rig, speed, load) / gain  # rad/s, of the proportional loop: set off by hand
-        kick = 2.0 * _torque(rig, JUST_SLIDING, load) / gain  # rad/s, to begin to slide
-        command = np.full(round((settle + READ) / DT) + 1, speed + droop)
-        command[: round(KICK / DT)] += kick
+        settle = KICK_TIME + min(SETTLING_ANGLE / speed, 1.0)
+        droop = _expected_torque(rig, speed, load) / gain  # rad/s, of the proportional loop: set off by hand
+        kick = 2.0 * _expected_torque(rig, SLOWEST_SLIDING, load) / gain  # rad/s, to begin to slide
+        command = np.full(round((settle + READING_TIME) / DT) + 1, speed + droop)
+        command[: round(KICK_TIME / DT)] += kick
         drive = rig.velocity_drive(command)
-        motion = measured(rig, drive, load, settle + READ).part(settle, settle + READ)
+        motion = run_and_filter(rig, drive, load, settle + READING_TIME).part(settle, settle + READING_TIME)
         rows.append((motion.velocity.mean(), motion.torque.mean(), motion.torque.std(), motion.load.mean()))
     return Steady(*np.array(rows).T)
 
 
-def _torque(rig: Tribometer, speed: float, load: float) -> float:
-    """Steady friction torque [Nm] that is to be expected at `speed` [rad/s]."""
+def _expected_torque(rig: Tribometer, speed: float, load: float) -> float:
+    """Expected steady friction torque [Nm] at `speed` [rad/s]."""
     return float(rig.friction.steady_state(speed * rig.radius, load)) * rig.radius
 
 
@@ -201,13 +205,13 @@ def stick_slip(rig: Tribometer, load: float, speed: float, coupling: Coupling, s
     """Drive the motor at `speed` [rad/s] through a soft `coupling` (sec. 4.1.5). Raises InputError."""
     require("speed", speed, above=0.0, unit="rad/s")
     drive = rig.spring_drive(lambda time: speed * time, coupling.stiffness, coupling.damping)
-    return measured(rig, drive, load, seconds)
+    return run_and_filter(rig, drive, load, seconds)
 
 
-def sticks(motion: Motion, speed: float) -> bool:
+def has_stick_slip(motion: Motion, speed: float) -> bool:
     """Whether in the last half of `motion` the slip falls below a tenth of the driven `speed`, and exceeds it by half."""
     slip = motion.record.slip_velocity_rad_s[motion.record.time_s > 0.5 * motion.record.time_s[-1]]
-    return bool(slip.min() < STUCK * speed and slip.max() > BURST * speed)
+    return bool(slip.min() < STICK_SPEED * speed and slip.max() > BURST_SPEED * speed)
 
 
 def stick_slip_map(
@@ -220,14 +224,14 @@ def stick_slip_map(
 
     `rig_at` gives the rig of a load, such as `Contacts().dry`. Raises InputError.
     """
-    pairs = [[_sticks_at(rig_at(load), load, speed, coupling) for speed in speeds] for load in loads]
+    pairs = [[_stick_slip_at(rig_at(load), load, speed, coupling) for speed in speeds] for load in loads]
     return np.array(pairs, bool)
 
 
-def _sticks_at(rig: Tribometer, load: float, speed: float, coupling: Coupling) -> bool:
-    """Stick-slip after as long as it takes for any contact to slip three times."""
+def _stick_slip_at(rig: Tribometer, load: float, speed: float, coupling: Coupling) -> bool:
+    """Whether there is stick-slip, after a time in which any contact slips three times."""
     wind_up = HIGHEST_COEFFICIENT * load * rig.radius / (coupling.stiffness * speed)  # s
-    return sticks(stick_slip(rig, load, speed, coupling, max(4.0, 3.0 * wind_up)), speed)
+    return has_stick_slip(stick_slip(rig, load, speed, coupling, max(4.0, 3.0 * wind_up)), speed)
 
 
 def critical_speed(rig: Tribometer, load: float, coupling: Coupling, bounds: tuple[float, float], steps: int) -> float:
@@ -236,10 +240,10 @@ def critical_speed(rig: Tribometer, load: float, coupling: Coupling, bounds: tup
     Raises InputError unless there is stick-slip at the lower bound and none at the upper. Where the Stribeck curve is flat at
     rest (eq 1.4) there is none far below either: stick-slip is a band of speeds.
     """
-    whole("number of halvings", steps, least=0)
+    require_whole("number of halvings", steps, least=0)
 
     def at(speed: float) -> bool:
-        return _sticks_at(rig, load, speed, coupling)
+        return _stick_slip_at(rig, load, speed, coupling)
 
     low, high = bounds
     if not at(low) or at(high):

@@ -18,9 +18,9 @@ from plant_sim.friction.coupled import balance
 from plant_sim.friction.kernel import LAW, VECTOR
 
 # theta 1..3 [rad], velocity of table, motor, slip [rad/s], x 1..2 [m], friction and normal force [N], motor torque [Nm]
-COLUMNS = 11
+COLUMN_COUNT = 11
 
-_MOST = 100  # evaluations of the normal contact in one step; 3 to 5 are usual
+_MOST_EVALUATIONS = 100  # evaluations of the normal contact in one step; 3 to 5 are usual
 _MATRIX = types.Array(float64, 2, "C")
 _MATRICES = types.Array(float64, 3, "C")
 
@@ -36,7 +36,7 @@ def normal_force(approach, free, compliance, preload, dt, contact):
     gain = (1.0 + time / dt) / approach_1
     change = free + compliance * preload
     force = 0.0
-    for _ in range(_MOST):
+    for _ in range(_MOST_EVALUATIONS):
         pressed = approach / approach_1 + gain * change
         if pressed <= 0.0:
             return 0.0
@@ -49,13 +49,13 @@ def normal_force(approach, free, compliance, preload, dt, contact):
     return force
 
 
-_ADVANCE = types.void(
+_ADVANCE_SIGNATURE = types.void(
     LAW, VECTOR, VECTOR, _MATRICES, VECTOR, _MATRICES, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, float64, int64, _MATRIX
 )
 
 
 @njit(inline="always")
-def _propagated(matrices, mode, before, drive, after):
+def _propagate(matrices, mode, before, drive, after):
     """after = Phi before + Gamma_u drive for the structure matrices[mode] (8, 6), rows Phi's columns, Gamma_f, Gamma_u."""
     for j in range(6):
         after[j] = matrices[mode, 7, j] * drive
@@ -64,7 +64,7 @@ def _propagated(matrices, mode, before, drive, after):
             after[j] += matrices[mode, k, j] * before[k]
 
 
-@njit(_ADVANCE, cache=True, error_model="numpy", fastmath={"contract"})
+@njit(_ADVANCE_SIGNATURE, cache=True, error_model="numpy", fastmath={"contract"})
 def advance(law, parameters, friction, torsion, q, normal, x, motor, command, contact, loads, dt, every, kept):
     """Run the rig over the samples of `command` and `loads`; `q` (7,), `x` (9,), `friction` are the state, overwritten.
 
@@ -91,7 +91,7 @@ def advance(law, parameters, friction, torsion, q, normal, x, motor, command, co
             x[7] = lift + (x[7] - lift) * follow
             for j in range(6):
                 old[j] = x[j]
-            _propagated(normal, 0, old, loads[i] - preload, x)
+            _propagate(normal, 0, old, loads[i] - preload, x)
             free = x[1] - x[0] - (old[1] - old[0]) + moved
             load = normal_force(approach, free, sink, preload, dt, (load_1, approach_1, exponent, time))
             for j in range(6):
@@ -104,7 +104,7 @@ def advance(law, parameters, friction, torsion, q, normal, x, motor, command, co
             torque = min(max(torque, -limit), limit)
             for j in range(6):
                 old[j] = q[j]
-            _propagated(torsion, mode, old, torque if mode == 1 else asked, q)
+            _propagate(torsion, mode, old, torque if mode == 1 else asked, q)
             free = radius * (q[1] - q[0] - (old[1] - old[0]))
             force = balance(law, parameters, friction, 1.0 / compliance, free / compliance, dt, load, new_friction)[1]
             for j in range(6):

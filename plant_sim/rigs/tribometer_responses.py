@@ -3,7 +3,7 @@
 What            the identification experiments of section 3.10, on a rig with any friction model
 Method          best linear approximation with its deviation, noise and distortion (`multisine`): four realisations of some
                 periods each, the first period of each run left out
-Assumptions     angles are those of the rig, not of the encoder, one count of which is as much as the motion at high preload
+Assumptions     angles are true ones: a count of the encoder is as large as the motion at high preload
 Valid range     that of `tribometer`: resonances are damped by the method, the more the longer dt
 References      Janssens 2010, sec. 3.10; Pintelon and Schoukens 2012
 """
@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from plant_sim.friction.model import require
-from plant_sim.rigs.multisine import FrequencyResponse, Multisine, measured
+from plant_sim.rigs.multisine import FrequencyResponse, Multisine, estimate_response
 from plant_sim.rigs.tribometer import Tribometer
 
 Array = np.ndarray
@@ -41,7 +41,9 @@ def tangential_response(
         record = rig.run(rig.torque_drive(torque, DRIFT_STIFFNESS), load, (torque.size - 1) * dt, dt)
         for kept, signal in ((angle, record.angle_rad), (motor, record.motor_torque), (table, record.torque_measured)):
             kept[m] = signal[source.samples : -1].reshape(periods, source.samples)
-    return Tangential(measured(source, dt, motor, angle, torques), measured(source, dt, table, angle, torques))
+    return Tangential(
+        estimate_response(source, dt, motor, angle, torques), estimate_response(source, dt, table, angle, torques)
+    )
 
 
 def stepped_sine(rig: Tribometer, load: float, amplitude: float, frequencies: Array, dt: float) -> tuple[Array, Array]:
@@ -76,4 +78,4 @@ def normal_response(
         record = rig.run(rig.torque_drive(0.0), load + forces, (forces.size - 1) * dt, dt)
         shown = record.normal_measured[source.samples : -1] / rig.normal.table_stiffness
         force[m], deflection[m] = (signal.reshape(periods, -1) for signal in (forces[source.samples : -1], shown))
-    return measured(source, dt, force, deflection)
+    return estimate_response(source, dt, force, deflection)

@@ -1,6 +1,6 @@
 """Sensors of the tribometer: three ring dynamometers, three capacitive gap sensors, encoder.
 
-Equation        a ring reads its share of torque and load plus noise, in steps of its resolution; the sum of three is told
+Equation        a ring measures its share of torque and load plus noise, in steps of its resolution; outputs are sums of three
                 gap sensor i sees the gap plus (tilt/2) sin(phi + 2 pi i/3), phi the angle between the disks
                 encoder: whole counts, 2 pi/163840 rad
 Assumptions     the resolution is the standard deviation of white noise before rounding to it (which makes the rounding

@@ -65,21 +65,21 @@ class Chain:
         f is a further contact force on top of the linear contact, u a force at the drive end on top of the drive's own
         stiffness and damping to the frame.
         """
-        stiffness = _chain(self.table_stiffness, contact_stiffness, self.coupling_stiffness, drive_stiffness)
-        damping = _chain(self.table_damping, contact_damping, self.coupling_damping, drive_damping)
+        stiffness = _chain_matrix(self.table_stiffness, contact_stiffness, self.coupling_stiffness, drive_stiffness)
+        damping = _chain_matrix(self.table_damping, contact_damping, self.coupling_damping, drive_damping)
         inverse = np.diag(1.0 / np.array(self.inertia))
         a = np.block([[np.zeros((3, 3)), np.eye(3)], [-inverse @ stiffness, -inverse @ damping]])  # sec. 3.10
         b = np.vstack([np.zeros((3, 2)), inverse @ np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0]])])
         return a, b
 
-    def discretised(self, dt: float, drive_stiffness: float = 0.0, drive_damping: float = 0.0) -> Array:
+    def discretise(self, dt: float, drive_stiffness: float = 0.0, drive_damping: float = 0.0) -> Array:
         """Exact step of `dt` [s] with f and u held: (6, 8), x_after = result @ (x, f, u). Read-only."""
-        return _discretised(self, dt, drive_stiffness, drive_damping)
+        return _discretise(self, dt, drive_stiffness, drive_damping)
 
     def eigenfrequencies(self, contact_stiffness: float, drive_held: bool = False) -> Array:
         """Undamped eigenfrequencies [Hz], rising: (3,) with a free drive end, (2,) with the drive end held."""
         n = 2 if drive_held else 3
-        stiffness = _chain(self.table_stiffness, contact_stiffness, self.coupling_stiffness, 0.0)[:n, :n]
+        stiffness = _chain_matrix(self.table_stiffness, contact_stiffness, self.coupling_stiffness, 0.0)[:n, :n]
         squares = eigh(stiffness, np.diag(self.inertia[:n]), eigvals_only=True)
         return np.sqrt(np.clip(squares, 0.0, None)) / (2.0 * pi)
 
@@ -88,7 +88,7 @@ class Chain:
         """Eigenfrequency of the table alone [Hz], as the hammer test of sec. 3.10 finds it."""
         return float(np.sqrt(self.table_stiffness / self.inertia[0])) / (2.0 * pi)
 
-    def transmitted(self, s: Array, contact_stiffness: float, contact_damping: float = 0.0) -> Array:
+    def transmitted_torque(self, s: Array, contact_stiffness: float, contact_damping: float = 0.0) -> Array:
         """T/theta_3 of the two-mass model at complex frequencies `s` [rad/s], T = -k_d theta_1; c_d and c_eff left out.
 
         By the system equations of sec. 3.10. The transfer function printed there has k_eff + k_d in the factor of I_2, where
@@ -118,7 +118,7 @@ class Chain:
 
 
 @lru_cache(maxsize=64)
-def _discretised(chain: Chain, dt: float, drive_stiffness: float, drive_damping: float) -> Array:
+def _discretise(chain: Chain, dt: float, drive_stiffness: float, drive_damping: float) -> Array:
     a, b = chain.state_space(0.0, 0.0, drive_stiffness, drive_damping)
     held = np.zeros((8, 8))
     held[:6, :6], held[:6, 6:] = a * dt, b * dt
@@ -134,7 +134,7 @@ def response(a: Array, b: Array, c: Array, frequency: Array) -> Array:
     return (c @ solved)[:, 0]
 
 
-def _chain(table: float, contact: float, coupling: float, drive: float) -> Array:
+def _chain_matrix(table: float, contact: float, coupling: float, drive: float) -> Array:
     """Matrix (3, 3) of springs, or of dampers, in a chain from the frame through the contact to the drive."""
     return np.array(
         [

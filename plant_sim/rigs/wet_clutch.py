@@ -1,11 +1,11 @@
-"""The wet-clutch rig of chapter 6: valve, cylinder, piston, clutch, oil, motor, on one screen.
+"""The wet-clutch rig of chapter 6: valve, cylinder, piston, clutch, oil, motor.
 
-Equation        rig.md, 1 to 8, with the laws in `plant_sim.blocks`, the clutch of `clutch_unit` and the effects that are on
+Equation        docs/rig.md, eq. 1 to 8: laws in `plant_sim.blocks`, clutch in `clutch_unit`, and the effects that are on
 Integration     steps of at most 0.1 ms. Valve, cylinder and piston: classical Runge-Kutta of order 4. Friction state: exact
                 exponential at the pressure of mid-step. Motor, oil, angle: midpoint rule. Against LSODA at rtol 1e-9
                 (tests/plant_sim/test_wet_clutch.py) the pressure differs by less than an ADC step.
 Assumptions     inputs constant over a call; viscosity ratio constant over a step
-Not modelled    what each block lists; effects beside the baseline: `clutch-hil effects`
+Not modelled    see each block; effects beside the baseline: `clutch-hil effects`
 References      Janssens 2010, chapter 6
 """
 
@@ -24,14 +24,14 @@ from plant_sim.effects.signals import DRIVE, RIG, SENSORS, SIGNALS, attached, bo
 from plant_sim.effects.table import added_rate, compile_all, table
 from plant_sim.rigs.clutch_unit import actuate, friction_pressure, slide, stack_force, viscosity_ratio
 from plant_sim.rigs.sensors import Scales, Sensors
-from plant_sim.rigs.standstill import PIECE, capacity, held, near_standstill, nearly_at_rest
+from plant_sim.rigs.standstill import LONGEST_STEP, hold, nearly_at_rest, step_near_standstill, torque_capacity
 from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet, load_defaults, load_overlay
 
 DEFAULTS = Path(__file__).parents[1] / "parameters" / "janssens2010.toml"
-STEP_LIMIT = 1e-4  # s, longest integration step: rig.md; the stack on its damping has a time constant of 0.4 ms
+STEP_LIMIT = 1e-4  # s, longest integration step: ours; the stack on its damping has a time constant of 0.4 ms
 
-_STABLE = 2.5  # rate times step that Runge-Kutta 4 bears on the real axis, 2.78, less a margin
+_STABILITY_LIMIT = 2.5  # rate times step: Runge-Kutta 4 is stable up to 2.78 on the real axis, less a margin
 _GROUPS = ("valve", "hydraulics", "piston", "clutch", "oil", "motor", "sensors", "standstill")
 
 
@@ -75,7 +75,7 @@ class Whole(NamedTuple):
 
 
 def nominal(changed: Path | None = None) -> ParameterSet:
-    """The parameters of rig.md with every effect off, or as changed by a user's file. Raises InputError."""
+    """Load the nominal parameters (docs/rig.md, effects off), or these as a user's file changes them. Raises InputError."""
     own = load_defaults(DEFAULTS)
     if taken := {name.partition(".")[0] for name in own} & set(catalogue()):
         raise InputError(f"effect {min(taken)} has the name of a group of the rig's own parameters; give it another")
@@ -85,10 +85,10 @@ def nominal(changed: Path | None = None) -> ParameterSet:
 
 
 def parameter_values(parameters: ParameterSet) -> dict[str, float]:
-    """The rig's own parameters in SI, by `group_name`, and what follows from them: the kernel's record. Raises InputError."""
+    """Values of the kernel's record, SI, by `group_name`: the rig's own parameters and derived ones. Raises InputError."""
     values = {f"{group}_{name}": v for group in _GROUPS for name, v in parameters.si(group).items()}
     area = values["piston_area"]
-    # rig.md, 3: F_0 = A p_preload, and k_s such that F_spring(x_c) = A p_contact
+    # docs/rig.md, eq. 3: F_0 = A p_preload, and k_s such that F_spring(x_c) = A p_contact
     values["piston_preload"] = area * values["piston_preload_pressure"]
     rise = values["piston_contact_pressure"] - values["piston_preload_pressure"]
     values["piston_spring_stiffness"] = area * rise / values["piston_clearance"]
@@ -100,7 +100,7 @@ def parameter_values(parameters: ParameterSet) -> dict[str, float]:
 
 
 def fastest_rate(values: Mapping[str, float], added: float) -> float:
-    """Bound on the fastest eigenvalue [1/s] of rig.md 2 and 3, with what effects add to it."""
+    """Upper bound of the fastest eigenvalue [1/s] of docs/rig.md, eq. 2 and 3; `added` [1/s] comes from effects."""
     damping, capacity = values["piston_damping"], values["hydraulics_capacity"]
     piston_rate = (values["piston_spring_stiffness"] + values["piston_stack_stiffness"]) / damping
     return (
@@ -114,17 +114,17 @@ def fastest_rate(values: Mapping[str, float], added: float) -> float:
 def _check_step(values: Mapping[str, float], added: float) -> None:
     """Raise InputError when fluid, piston and what effects add [1/s] are too fast for the integration step."""
     rate = fastest_rate(values, added)
-    if not rate * STEP_LIMIT <= _STABLE:
+    if not rate * STEP_LIMIT <= _STABILITY_LIMIT:
         effects = f", {added:.3g} of them by effects" if added else ""
         raise InputError(
             f"the rig is too fast to integrate: piston and cylinder together reach {rate:.3g} 1/s{effects}; allowed are"
-            f" {_STABLE / STEP_LIMIT:.3g} 1/s (raise piston.damping or hydraulics.capacity, or lower piston.area)"
+            f" {_STABILITY_LIMIT / STEP_LIMIT:.3g} 1/s (raise piston.damping or hydraulics.capacity, or lower piston.area)"
         )
 
 
 @cache
 def _record_types(fields: tuple[str, ...]) -> tuple[np.dtype, Any]:
-    """NumPy's and Numba's type of a parameter record; to make them anew takes longer than all else in a Rig."""
+    """NumPy and Numba type of a parameter record. Cached, because they take longer to make than the rest of a Rig."""
     numpy_type = np.dtype([(name, np.float64) for name in fields])
     return numpy_type, from_dtype(numpy_type)
 
@@ -141,18 +141,18 @@ class Rig:
         numpy_type, numba_type = _record_types(tuple(values))
         self.record = np.array([tuple(values.values())], dtype=numpy_type)
         self.table = table(parameters, numba_type, values, also)
-        # plain numbers for every cycle; along a ramp of theirs, those of its beginning
+        # plain numbers, read every cycle; during a ramp of these parameters they keep its first values
         self.scales = Scales(*(values[name] for name in Scales._fields))
         self.phase_pressures = values["piston_preload_pressure"], values["piston_contact_pressure"]
 
     def at_rest(self, slip_speed: float, temperature: float) -> Whole:
-        """Piston back, pressures 0, motor at `slip_speed` [rad/s], oil at `temperature` [K] (rig.md)."""
+        """Initial state: piston at rest, pressures 0, motor at `slip_speed` [rad/s], oil at `temperature` [K]."""
         y = np.zeros(1, dtype=STATE)
         y["slip_speed"], y["temperature"] = slip_speed, temperature
         return self.advance(Whole(y, self.table.at_rest()), 0.0, slip_speed, 0.0, 0.0, 0)
 
     def filled(self, slip_speed: float, temperature: float) -> Whole:
-        """A filled clutch: piston at the plates, contact pressure in valve and cylinder; arguments as `at_rest`."""
+        """State of a filled clutch: piston at the plates, contact pressure in valve and cylinder; arguments as in `at_rest`."""
         y = self.at_rest(slip_speed, temperature).y
         y["position"] = self.record["piston_clearance"]
         for name in ("valve_pressure", "pressure"):
@@ -162,14 +162,16 @@ class Rig:
     def advance(
         self, before: Whole, voltage: float, speed_demand: float, torque_limit: float, duration: float, substeps: int
     ) -> Whole:
-        """State after `duration` [s] in `substeps` steps with the inputs held: voltage [V], speed_demand [rad/s],
-        torque_limit [Nm]. With 0 steps nothing moves, outputs are evaluated. Pure: changes none of its arguments."""
+        """State after `duration` [s] in `substeps` steps with constant inputs. Pure: it changes none of its arguments.
+
+        voltage [V], speed_demand [rad/s], torque_limit [Nm]. With 0 steps nothing moves and outputs are evaluated.
+        """
         effects = self.table.kernel
         return Whole(*advance(*before, voltage, speed_demand, torque_limit, self.record, effects, duration, substeps))
 
 
 def warm() -> None:
-    """Compile, or load from disk, every law and every kernel of the rig, with effects and without: later nothing compiles."""
+    """Compile, or load from disk, every law and kernel of the rig, with and without effects, so that nothing compiles later."""
     parameters = nominal()
     values = parameter_values(parameters)
     compile_all(_record_types(tuple(values))[1])
@@ -193,8 +195,11 @@ def advance(before, states_before, voltage, speed_demand, torque_limit, paramete
 
 @njit(error_model="numpy")
 def move(state, own, signals, e, voltage, speed_demand, torque_limit, duration, substeps):
-    """As `Rig.advance`, in place: `state` (1,) of STATE and the effects' states in `e`; `own` (1,) are the rig's parameters,
-    which effects at RIG change, `signals` (1,) of SIGNALS is overwritten. Compiled code only."""
+    """Advance the rig in place; inputs as in `Rig.advance`. For compiled code only.
+
+    state: (1,) of STATE. own: the rig's parameters (1,), which effects at the hook RIG change. signals: (1,) of
+    SIGNALS, overwritten. e: effects with their states, as `signals.bound` gives them.
+    """
     y, c, s = state[0], own[0], signals[0]
     h = duration / substeps if substeps > 0 else 0.0
     if attached(RIG, e):
@@ -205,13 +210,13 @@ def move(state, own, signals, e, voltage, speed_demand, torque_limit, duration, 
     for _ in range(substeps):
         known(e, s, y)
         s.time = y.time + 0.5 * h
-        s.cylinder_speed = y.slip_speed  # the output stands, the cylinder turns with the motor
+        s.cylinder_speed = y.slip_speed  # the output shaft is fixed, the cylinder turns with the motor
         pressure = actuate(y, voltage, s, c, e, h)
 
         middle = y.slip_speed + 0.5 * h * acceleration
-        pieces = ceil(h / PIECE) if nearly_at_rest(pressure, y.slip_speed, middle) else 1
+        pieces = ceil(h / LONGEST_STEP) if nearly_at_rest(pressure, y.slip_speed, middle) else 1
         for _ in range(pieces):
-            acceleration = _turn(y, acceleration, pressure, speed_demand, limit, s, c, e, h / pieces)
+            acceleration = _step_slip(y, acceleration, pressure, speed_demand, limit, s, c, e, h / pieces)
 
     # outputs at the end: nothing moves
     known(e, s, y)
@@ -221,19 +226,22 @@ def move(state, own, signals, e, voltage, speed_demand, torque_limit, duration, 
     _, y.clutch_torque = slide(y.friction_state, pressure, y.slip_speed, viscosity, s, c, e, 0.0)
     error = speed_demand - (y.slip_speed + y.lead)
     asked = motor.torque_demand(error, y.speed_integral, c.motor_proportional_gain, c.motor_integral_gain)
-    motor_torque = motor.limited(asked, limit)
-    y.motor_torque, drive_torque, inertia = _driven(y, motor_torque, y.clutch_torque, y.slip_speed, False, s, c, e, 0.0)
+    motor_torque = motor.limit_torque(asked, limit)
+    y.motor_torque, drive_torque, inertia = _drive_torque(
+        y, motor_torque, y.clutch_torque, y.slip_speed, False, s, c, e, 0.0
+    )
     if pressure > 0.0 and y.slip_speed == 0.0:
-        _, y.clutch_torque, _ = held(y.friction_state, drive_torque, *capacity(pressure, viscosity, s, c, e))
+        _, y.clutch_torque, _ = hold(y.friction_state, drive_torque, *torque_capacity(pressure, viscosity, s, c, e))
     y.acceleration = (drive_torque - y.clutch_torque) / inertia
     sense(y, y.motor_torque, y.clutch_torque, s, c, e, 0.0)
 
 
 @njit(inline="always")
-def _turn(y, acceleration, pressure, speed_demand, limit, s, c, e, h):
-    """Move clutch, motor and oil of `y` on by a step at friction pressure p* [Pa]; return the acceleration in it [rad/s^2].
+def _step_slip(y, acceleration, pressure, speed_demand, limit, s, c, e, h):
+    """Advance clutch, motor and oil of `y` by a step at friction pressure p* [Pa]; return its acceleration [rad/s^2].
 
-    They are taken at mid-step; plates nearly at rest are looked at from the step's beginning. `acceleration`: that before.
+    acceleration: that of the step before. Torques are taken at mid-step; those of plates nearly at rest at the start of
+    the step.
     """
     before_step = y.slip_speed
     slip = before_step + 0.5 * h * acceleration
@@ -244,32 +252,32 @@ def _turn(y, acceleration, pressure, speed_demand, limit, s, c, e, h):
     asked = motor.torque_demand(
         error, y.speed_integral + 0.5 * h * error, c.motor_proportional_gain, c.motor_integral_gain
     )
-    motor_torque = motor.limited(asked, limit)
+    motor_torque = motor.limit_torque(asked, limit)
     if asked == motor_torque:
         y.speed_integral += h * error
     viscosity = viscosity_ratio(y.temperature, c)
     if resting:
-        _, drive_torque, inertia = _driven(y, motor_torque, y.clutch_torque, slip, False, s, c, e, 0.0)
-        y.friction_state, slip, sticks = near_standstill(
+        _, drive_torque, inertia = _drive_torque(y, motor_torque, y.clutch_torque, slip, False, s, c, e, 0.0)
+        y.friction_state, slip, sticks = step_near_standstill(
             y.friction_state, before_step, drive_torque, inertia, pressure, viscosity, s, c, e, h
         )
     y.friction_state, torque = slide(y.friction_state, pressure, slip, viscosity, s, c, e, h)
     if sticks:
         torque = drive_torque + inertia * before_step / h
     still = sticks and before_step == 0.0
-    motor_torque, drive_torque, inertia = _driven(y, motor_torque, torque, slip, still, s, c, e, h)
+    motor_torque, drive_torque, inertia = _drive_torque(y, motor_torque, torque, slip, still, s, c, e, h)
     if sticks:
-        torque = drive_torque + inertia * before_step / h  # what brings the plates to rest, and keeps them there
-        if attached(DRIVE, e):  # a blow within the step may be more than they bear
-            ends = capacity(pressure, viscosity, s, c, e)
-            y.friction_state, torque, sticks = held(y.friction_state, torque, ends[0], ends[1])
+        torque = drive_torque + inertia * before_step / h  # brings the plates to rest and keeps them there
+        if attached(DRIVE, e):  # an impact within the step may exceed their capacity
+            ends = torque_capacity(pressure, viscosity, s, c, e)
+            y.friction_state, torque, sticks = hold(y.friction_state, torque, ends[0], ends[1])
     y.temperature += h * oil.heating_rate(
         y.temperature, abs(torque * slip), c.oil_heat_capacity, c.oil_heat_transfer, c.oil_sump_temperature
     )
-    acceleration = (drive_torque - torque) / inertia  # rig.md, 8
+    acceleration = (drive_torque - torque) / inertia  # docs/rig.md, eq. 8
     y.slip_speed = 0.0 if sticks else before_step + h * acceleration
     if resting and y.slip_speed * slip < 0.0:
-        y.slip_speed = 1e-6 * slip  # rounding must not turn plates that creep, nor stop them: they would stick
+        y.slip_speed = 1e-6 * slip  # rounding must neither reverse nor stop plates that creep: they would stick
     acceleration = 0.0 if sticks else acceleration
     y.angle += 0.5 * h * (before_step + y.slip_speed)
     y.time += h
@@ -279,10 +287,10 @@ def _turn(y, acceleration, pressure, speed_demand, limit, s, c, e, h):
 
 
 @njit(inline="always")
-def _driven(y, motor_torque, torque, slip, still, s, c, e, h):
-    """Motor torque [Nm], torque on the turning plate [Nm] and the inertia it accelerates [kg m^2]; sets `y.lead`.
+def _drive_torque(y, motor_torque, torque, slip, still, s, c, e, h):
+    """Motor torque [Nm], torque that drives the turning plate [Nm], and its inertia [kg m^2]; sets `y.lead`.
 
-    `still`: the plate stays at rest, whatever the torques.
+    still: the plate stays at rest, whatever the torques.
     """
     drive_torque, inertia, lead = motor_torque, c.motor_inertia, 0.0
     if attached(DRIVE, e):
@@ -296,7 +304,7 @@ def _driven(y, motor_torque, torque, slip, still, s, c, e, h):
 
 @njit(inline="always")
 def sense(y, motor_torque, torque, s, c, e, h):
-    """What the analog sensors show: sets `y.sensed_...`."""
+    """Set the values that the analog sensors show, `y.sensed_...`; torques [Nm] as in the rig."""
     s.sensed_pressure, s.sensed_temperature = y.pressure, y.temperature
     s.sensed_motor_torque, s.sensed_clutch_torque = motor_torque, torque
     if attached(SENSORS, e):

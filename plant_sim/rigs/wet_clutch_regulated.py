@@ -1,13 +1,13 @@
-"""The wet-clutch rig under its pressure regulator, a whole profile in one compiled call: the inputs that a run would have.
+"""The wet-clutch rig under its pressure regulator: a whole profile in one compiled call, to obtain the inputs of a run.
 
-What            which valve voltage and speed demand the rig would get from the controller for a profile in pressure, with any
+What            valve voltage and speed demand that the controller would give the rig for a profile in pressure, with any
                 parameters and effects, some 500 times faster than the controller itself
-Equation        rig.md, pressure regulator: u = p_d + k_p (p_d - p) + k_i integral(p_d - p), V = u/k_v; p as the data
+Equation        pressure regulator of docs/rig.md: u = p_d + k_p (p_d - p) + k_i integral(p_d - p), V = u/k_v; p as the data
                 acquisition shows it; fill at the fill pressure until contact, release to voltage 0
 Assumptions     one sample from measurement to voltage and from set-point to speed demand, as on the bus
 Not modelled    noise, rounding, faults, torque demands
-References      rig.md; rt_controller/law/torque_law.py and phases.py, whose parameters are taken; test_experiment.py holds both
-                together
+References      docs/rig.md; rt_controller/law/torque_law.py and phases.py, whose parameters are used; test_experiment.py holds
+                that both agree
 """
 
 from typing import NamedTuple
@@ -27,7 +27,7 @@ _OPEN, _FILL, _CLOSED = range(3)
 
 
 class Regulator(NamedTuple):
-    """What the controller knows of pressures, in SI: gains, pressures [Pa], dwell [s], highest voltage [V]."""
+    """Parameters of the controller's pressure regulator, SI units: gains, pressures [Pa], dwell [s], highest voltage [V]."""
 
     valve_gain: float
     proportional: float
@@ -43,7 +43,7 @@ class Regulator(NamedTuple):
 
     @classmethod
     def of_controller(cls) -> "Regulator":
-        """The controller's own."""
+        """Read the parameters of the controller."""
         p = node_factory("controller")().parameters
         names = (
             "pressure.valve_gain", "pressure.proportional_gain", "pressure.integral_gain", "pressure.floor",
@@ -53,9 +53,11 @@ class Regulator(NamedTuple):
         return cls._make((*(p[name].si for name in names), nominal()["sensors.pressure_sensitivity"].si))
 
 
-class Regulated(NamedTuple):
-    """Inputs of a run: valve voltage [V] and speed demand [rad/s], each (n,); highest true pressure [Pa], torque of either
-    sign [Nm], temperature [K] and slip [rad/s] met on the way."""
+class RegulatedInputs(NamedTuple):
+    """Inputs of a run, valve voltage [V] and speed demand [rad/s], (n,) each, and the extremes of the run.
+
+    Extremes are the highest true pressure [Pa], torque of either sign [Nm], temperature [K] and slip of either sign [rad/s].
+    """
 
     voltage: np.ndarray
     speed: np.ndarray
@@ -65,9 +67,13 @@ class Regulated(NamedTuple):
     slip: float
 
 
-def regulated(rig: Rig, profile: Profile, regulator: Regulator, celsius: float, rate: int, substeps: int) -> Regulated:
-    """The inputs that `profile`, in pressure and speed, gives `rig` at rest with oil of `celsius` [degC], at `rate` [Hz] in
-    `substeps` steps a sample."""
+def regulate_profile(
+    rig: Rig, profile: Profile, regulator: Regulator, celsius: float, rate: int, substeps: int
+) -> RegulatedInputs:
+    """Inputs that `profile`, in pressure and speed, gives the `rig`, which starts at rest with oil of `celsius` [degC].
+
+    rate: sampling rate [Hz]; substeps: integration steps per sample.
+    """
     period = 1.0 / rate
     setpoints = [profile.at(k * period) for k in range(round(profile.duration * rate))]
     demand = np.array([s.pressure for s in setpoints]) * 1e5
@@ -79,7 +85,7 @@ def regulated(rig: Rig, profile: Profile, regulator: Regulator, celsius: float, 
         state.y.copy(), state.effects.copy(), demand, speed, regulator, rig.record[0]["motor_torque_limit"], rig.record,
         rig.table.kernel, period, substeps, voltage,
     )  # fmt: skip
-    return Regulated(voltage, speed, *peaks)
+    return RegulatedInputs(voltage, speed, *peaks)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -1,11 +1,11 @@
-"""A whole run of the wet-clutch rig in one compiled call: inputs in, what the data acquisition shows out, free of noise.
+"""A whole run of the wet-clutch rig in one compiled call: inputs in, outputs of the data acquisition out, without noise.
 
 Equation        `wet_clutch.advance`, sample by sample; voltages by `plant_sim/rigs/sensors.py`, converted back and not rounded
-Assumptions     inputs held from sample to sample
-Not modelled    noise, and the converters' rounding, which a mean over samples does not see
-References      rig.md
+Assumptions     inputs are constant from sample to sample
+Not modelled    noise, and rounding by the converters, which averages out over samples
+References      docs/rig.md
 
-The compiled call lets other threads run: several runs are simulated side by side.
+The compiled call releases the interpreter lock, so that several runs can be simulated side by side in threads.
 """
 
 import numpy as np
@@ -16,19 +16,19 @@ from plant_sim.rigs.sensors import voltages
 from plant_sim.rigs.wet_clutch import move
 
 PRESSURE, SLIP, ANGLE, TEMPERATURE, CLUTCH_TORQUE, MOTOR_TORQUE = range(6)  # columns of what `run` returns
-QUIET = (0.0, 0.0, 0.0, 0.0)  # standard normal numbers of a sample
+QUIET = (0.0, 0.0, 0.0, 0.0)  # in place of the standard normal numbers of a sample: no noise
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def run(
     state, states, voltage, speed, limit, parameters, effects, period, substeps, driven, pressure, slip, scales, shown
 ):
-    """Write what is shown, (n, 6) in Pa, rad/s, rad, degC, Nm, Nm, of a run; moves `state`, `states` (a `Whole`) on with it.
+    """Simulate a run; write the outputs to `shown` (n, 6) in Pa, rad/s, rad, degC, Nm, Nm, and advance `state`, `states`.
 
-    voltage [V], speed [rad/s]: inputs (n,); limit [Nm], period [s]. With `driven`, cylinder pressure [Pa] and slip [rad/s]
-    are set to the given ones (n,) at each sample: the clutch alone, behind its measured inputs. scales: what a volt stands for
-    to whoever reads the channels of pressure, temperature, motor and clutch torque [Pa/V, K/V, Nm/V, Nm/V]. substeps: of a
-    sample.
+    state, states: fields of a `Whole`. voltage [V], speed [rad/s]: inputs (n,). limit: of the motor torque [Nm]. period
+    [s], divided into `substeps`. driven: cylinder pressure [Pa] and slip [rad/s] are set to `pressure` and `slip` (n,)
+    at each sample; this simulates the clutch alone, behind its measured inputs. scales: physical value of a volt, for
+    the channels of pressure, temperature, motor torque and clutch torque [Pa/V, K/V, Nm/V, Nm/V].
     """
     own, signals = parameters.copy(), np.zeros(1, SIGNALS)
     e = bound(effects, states)
@@ -56,5 +56,5 @@ def run(
         shown[k, CLUTCH_TORQUE] = clutch * scales[3]
         shown[k, MOTOR_TORQUE] = motor * scales[2]
         if attached(RIG, e):
-            own = parameters.copy()  # what such effects change, they change anew
+            own = parameters.copy()  # such effects change the parameters anew at each sample
         move(state, own, signals, e, voltage[k], speed[k], limit, period, substeps)

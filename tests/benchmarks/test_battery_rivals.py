@@ -9,9 +9,9 @@ from typer.testing import CliRunner
 
 from benchmarks.battery.rivals import gaussian_process
 from benchmarks.battery.rivals.__main__ import main
-from benchmarks.battery.rivals.features import features
-from benchmarks.battery.rivals.prepared import INPUTS, OUTPUTS, PERIOD, Prepared
-from benchmarks.battery.rivals.verdict import answered, tuned
+from benchmarks.battery.rivals.features import compute_features
+from benchmarks.battery.rivals.limits import answer_by_limits, tune_limits
+from benchmarks.battery.rivals.residuals import INPUTS, OUTPUTS, PERIOD, ResidualData
 from clutch_hil.discrepancy.result import NAMED, NONE_OF_THESE, NOTHING
 from tests import needs
 
@@ -19,7 +19,7 @@ TORQUE, PRESSURE = OUTPUTS.index("clutch_torque_nm"), OUTPUTS.index("cylinder_pr
 SAMPLES = 3000
 
 
-def made(add) -> Prepared:
+def made(add) -> ResidualData:
     """Two runs with residuals of unit noise and what `add` makes of the predicted outputs."""
     t, random = PERIOD * np.arange(SAMPLES), np.random.default_rng(1)
     one = [
@@ -32,7 +32,7 @@ def made(add) -> Prepared:
     predicted = np.array([one, [values[::-1] for values in one]])
     inputs = np.array([[one[PRESSURE] / 2.5, one[3], np.cumsum(one[3]) * PERIOD]] * 2)
     assert (len(OUTPUTS), len(INPUTS)) == (5, 3)
-    return Prepared(random.standard_normal(predicted.shape) + add(predicted), predicted, inputs, 1.0)
+    return ResidualData(random.standard_normal(predicted.shape) + add(predicted), predicted, inputs, 1.0)
 
 
 def off_by_gain(predicted: np.ndarray) -> np.ndarray:
@@ -45,7 +45,7 @@ def test_sparse_regression_finds_a_term():
     needs.skip_without("pysindy")
     from benchmarks.battery.rivals import sindy
 
-    ranking = sindy.ranked(made(off_by_gain))
+    ranking = sindy.rank_effects(made(off_by_gain))
     assert ranking[0][0] == "torque_sensor_gain"
     assert ranking[0][1] > 0.2
 
@@ -68,11 +68,11 @@ def test_marginal_likelihood_and_its_gradient_are_those_of_scikit_learn():
 
 
 def test_gaussian_process_looks_like_the_effect_that_made_it(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(gaussian_process, "_POINTS", 120)
+    monkeypatch.setattr(gaussian_process, "_SUBSET_SIZE", 120)
     case = made(off_by_gain)
     other = np.zeros_like(case.predicted)
     other[:, PRESSURE] = 1.0
-    ranking = gaussian_process.ranked(
+    ranking = gaussian_process.rank_effects(
         case, {"pressure_sensor_offset": other, "torque_sensor_gain": off_by_gain(case.predicted)}
     )
     assert ranking[0][0] == "torque_sensor_gain"
@@ -86,52 +86,52 @@ def test_classifier_tells_classes_it_was_not_shown(monkeypatch: pytest.MonkeyPat
 
     from benchmarks.battery.rivals import classifier
 
-    monkeypatch.setattr(classifier, "_forests", lambda: [ensemble.RandomForestClassifier(20, random_state=1)])
+    monkeypatch.setattr(classifier, "_make_forests", lambda: [ensemble.RandomForestClassifier(20, random_state=1)])
     x = np.random.default_rng(1).standard_normal((30, 4))
     classes = ["a" if row[0] > 0 else "b" for row in x]
     x[:, 0] += np.where(x[:, 0] > 0, 3.0, -3.0)
-    answers = classifier.left_out(x, classes)
+    answers = classifier.cross_validate(x, classes)
     assert sum(answer[0][0] == c for answer, c in zip(answers, classes, strict=True)) >= 28
 
 
 def test_features_are_finite_and_tell_cases_apart():
-    plain, off = features(made(lambda predicted: 0.0 * predicted)), features(made(off_by_gain))
+    plain, off = compute_features(made(lambda predicted: 0.0 * predicted)), compute_features(made(off_by_gain))
     assert plain.shape == off.shape
     assert np.isfinite(off).all()
     assert np.abs(off - plain).max() > 0.1
 
 
 def test_limits_are_learned_from_null_and_unknown_cases():
-    def told(case: str, effects: list[str], excess: float, name: str, score: float) -> dict:
+    def answer(case: str, effects: list[str], excess: float, name: str, score: float) -> dict:
         truth = {"effects": [{"name": n} for n in effects]}
         return {"case": case, "truth": truth, "excess": excess, "ranking": [(name, score)]}
 
     answers = [
-        told("null/1", [], 0.01, "a", 0.9),
-        told("null/2", [], 0.02, "a", 0.9),
-        told("unknown/1", ["x"], 1.0, "a", 0.3),
-        told("single/1", ["a"], 1.0, "a", 0.9),
-        told("single/2", ["b"], 0.9, "b", 0.8),
+        answer("null/1", [], 0.01, "a", 0.9),
+        answer("null/2", [], 0.02, "a", 0.9),
+        answer("unknown/1", ["x"], 1.0, "a", 0.3),
+        answer("single/1", ["a"], 1.0, "a", 0.9),
+        answer("single/2", ["b"], 0.9, "b", 0.8),
     ]
-    limits = tuned(answers)
-    assert [answered(a, limits)["verdict"] for a in answers] == [NOTHING, NOTHING, NONE_OF_THESE, NAMED, NAMED]
-    assert answered(answers[3], limits)["effects"] == ["a"]
-    assert answered(answers[2], limits)["leads"] == "a"  # though it is not named
+    limits = tune_limits(answers)
+    assert [answer_by_limits(a, limits)["verdict"] for a in answers] == [NOTHING, NOTHING, NONE_OF_THESE, NAMED, NAMED]
+    assert answer_by_limits(answers[3], limits)["effects"] == ["a"]
+    assert answer_by_limits(answers[2], limits)["leads"] == "a"  # though it is not named
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (["--method", "svm"], "method 'svm' is unknown"),
         (["--split", "test"], "split 'test' is unknown"),
         (["--only", "*/s1"], "no case of the split evaluation is like */s1"),
     ],
 )
-def test_wrong_input_is_told_in_a_sentence(arguments: list[str], said: str, tmp_path: Path):
+def test_wrong_input_is_told_in_a_sentence(arguments: list[str], message: str, tmp_path: Path):
     app = typer.Typer()
     app.command()(main)
     result = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path)])
     assert result.exit_code == 2
     assert result.output.startswith("error: ")
-    assert said in result.output
+    assert message in result.output
     assert list(tmp_path.iterdir()) == []

@@ -9,15 +9,24 @@ import numpy as np
 import pytest
 
 from benchmarks.battery import cases, excitation
-from benchmarks.battery.cases import Case, Truth, floors, gap
-from benchmarks.battery.truth import ANALOG, COLUMNS, OPEN, PERIOD, SUBSTEPS, Hidden, Inputs, simulate
-from benchmarks.battery.truth_laws import CATALOGUE, LAWS, UNKNOWN
-from benchmarks.battery.truth_rig import ZERO_CELSIUS, rig
+from benchmarks.battery.cases import Case, Truth, gap_in_floors, noise_floors
+from benchmarks.battery.truth_laws import CATALOGUE_LAWS, LAWS, UNKNOWN_LAWS
+from benchmarks.battery.truth_rig import ZERO_CELSIUS, draw_rig
+from benchmarks.battery.truth_simulation import (
+    ANALOG_COUNT,
+    COLUMNS,
+    OPEN,
+    PERIOD,
+    SUBSTEPS,
+    HiddenEffects,
+    Inputs,
+    simulate,
+)
 from plant_sim.effects.catalogue import effects
 from plant_sim.rigs import wet_clutch
 from protocols.files.runs import read_run
 
-ADC = {  # one step of the 12 bit converters, rig.md 9, in the column's unit
+ADC = {  # one step of the 12 bit converters, docs/rig.md, eq. 9, in the column's unit
     "cylinder_pressure_bar": 4.9e-3,  # measured 2.4e-3, at the impact on the plates
     "oil_temperature_degc": 2e-3,  # far below its step of 0.098, so that 1 % of heat capacity shows; measured 8e-5
     "motor_torque_nm": 0.024,  # measured 0.015; where the slip reverses under load 0.005
@@ -26,9 +35,8 @@ TORQUE_RMS = 1.5e-3  # Nm, a step of its 16 bits: measured 0.8e-3 where the slip
 REVERSING_RMS = 4e-3  # Nm: where the slip reverses under load and plates turn and stick; measured 2.2e-3
 # Nm, clutch and motor, where friction builds up at rest too: the truth rounds sign(omega) below 1 mrad/s; measured 8.3e-3
 LETTER_RMS = 0.012
-RESTS = (
-    8  # begun by slip that turns slowly four times and rests: measured 4, 8 with a ripple of the pressure (pump_ripple)
-)
+# times that plates stick in a slip that reverses slowly four times and rests: 4 measured, 8 with pump_ripple
+RESTS = 8
 SETTLED = 0.01  # of the gap asked for: strengths are sought to 1 % of the difference
 SAMPLED = 0.02  # of the gap as recorded: 120000 samples of noise, measured below 0.006
 SLOW = (
@@ -45,7 +53,7 @@ def ours(inputs, voltage, lag=0.0):
     """What plant_sim's rig shows, free of noise: (n, 4) of pressure [bar], temperature [degC], motor and clutch torque [Nm]."""
     plant = wet_clutch.Rig(wet_clutch.nominal().with_values({"standstill.lag": lag}))
     state = plant.at_rest(inputs.speed[0], inputs.celsius + ZERO_CELSIUS)
-    rows = np.empty((len(voltage), ANALOG))
+    rows = np.empty((len(voltage), ANALOG_COUNT))
     for k, (volts, speed) in enumerate(zip(voltage.tolist(), inputs.speed.tolist(), strict=True)):
         y = state.read()
         rows[k] = (
@@ -68,7 +76,7 @@ def cut(inputs, begin, end):
 
 @pytest.fixture(scope="module")
 def five():
-    return excitation.runs(7)[0]
+    return excitation.draw_runs(7)[0]
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +96,7 @@ def test_the_truth_knows_nothing_of_plant_sim():
 @pytest.mark.parametrize("kind", range(5))
 def test_truth_agrees_with_plant_sim_below_an_adc_step(five, kind):
     answer = simulate(five[kind])
-    difference = answer.rows[:, :ANALOG] - ours(five[kind], answer.voltage)
+    difference = answer.rows[:, :ANALOG_COUNT] - ours(five[kind], answer.voltage)
     reversing = five[kind].speed.min() < 0.0
     rms = np.sqrt(np.mean(difference**2, axis=0))
     for name, step in ADC.items():
@@ -98,13 +106,13 @@ def test_truth_agrees_with_plant_sim_below_an_adc_step(five, kind):
 
 
 def test_truth_agrees_with_plant_sim_where_friction_builds_up_at_rest(five):
-    plant = rig()
+    plant = draw_rig()
     plant["standstill_lag"] = 1.0
     answer = simulate(five[4], plant=plant)
     columns = [COLUMNS.index(name) for name in ("motor_torque_nm", "clutch_torque_nm")]
 
     def off(lag):
-        difference = answer.rows[:, :ANALOG] - ours(five[4], answer.voltage, lag)
+        difference = answer.rows[:, :ANALOG_COUNT] - ours(five[4], answer.voltage, lag)
         return np.sqrt(np.mean(difference[:, columns] ** 2, axis=0))
 
     assert off(1.0).max() < LETTER_RMS
@@ -134,7 +142,7 @@ def test_plates_of_the_truth_that_stick_carry_what_the_motor_gives(sticking):
 @pytest.mark.parametrize("law", LAWS.values(), ids=lambda law: law.name)
 def test_with_any_law_plates_of_the_truth_rest_without_chatter(sticking, law):
     for second in range(law.variants):
-        answer = simulate(sticking, Hidden({law.name: law.usual * law.si}, {}, {law.name: second}))
+        answer = simulate(sticking, HiddenEffects({law.name: law.usual * law.si}, {}, {law.name: second}))
         assert np.isfinite(answer.rows).all()
         stuck = answer["slip"] == 0.0
         assert law.name == "presliding" or stuck.mean() > 0.05
@@ -142,22 +150,24 @@ def test_with_any_law_plates_of_the_truth_rest_without_chatter(sticking, law):
 
 
 def test_truth_agrees_with_plant_sim_in_torque_control():
-    inputs = excitation.runs(7, closed_loop=True)[0][2]
+    inputs = excitation.draw_runs(7, closed_loop=True)[0][2]
     answer = simulate(inputs)
     assert answer.voltage.max() > 1.0
-    assert np.sqrt(np.mean((answer.rows[:, :ANALOG] - ours(inputs, answer.voltage)) ** 2, axis=0)).max() < TORQUE_RMS
+    assert (
+        np.sqrt(np.mean((answer.rows[:, :ANALOG_COUNT] - ours(inputs, answer.voltage)) ** 2, axis=0)).max() < TORQUE_RMS
+    )
 
 
 def test_what_is_hidden_under_the_name_of_an_effect_is_a_candidate_and_no_unknown_effect_is_one():
     """A candidate needs no law here; docs/battery.md then says that no case hides it."""
     candidates = {name for name, effect in effects().items() if effect.candidate}
-    assert {law.name for law in CATALOGUE} <= candidates
-    assert not {law.name for law in UNKNOWN} & set(effects())
+    assert {law.name for law in CATALOGUE_LAWS} <= candidates
+    assert not {law.name for law in UNKNOWN_LAWS} & set(effects())
 
 
 @pytest.mark.parametrize("law", [0, 1])
 def test_laws_that_are_off_change_nothing(short, law):
-    off = Hidden(dict.fromkeys(LAWS, 0.0), dict.fromkeys(LAWS, 0.5), dict.fromkeys(LAWS, law))
+    off = HiddenEffects(dict.fromkeys(LAWS, 0.0), dict.fromkeys(LAWS, 0.5), dict.fromkeys(LAWS, law))
     for inputs in short:
         assert np.array_equal(simulate(inputs, off).rows, simulate(inputs).rows)
 
@@ -168,9 +178,9 @@ def test_a_law_vanishes_with_its_strength_and_reaches_severity_4(five, short, la
     baselines = [(inputs, simulate(inputs).rows) for inputs in runs]
 
     def reached(strength, second):
-        hidden = Hidden({law.name: strength * law.si}, {}, {law.name: second})
+        hidden = HiddenEffects({law.name: strength * law.si}, {}, {law.name: second})
         squares = [np.mean((simulate(part, hidden).rows - base)[:, :6] ** 2, axis=0) for part, base in baselines]
-        return gap(np.sqrt(np.mean(squares, axis=0)), 0.005)
+        return gap_in_floors(np.sqrt(np.mean(squares, axis=0)), 0.005)
 
     least = (
         1e-3 if law.name == "backlash" else 1e-2
@@ -184,18 +194,18 @@ def test_a_law_vanishes_with_its_strength_and_reaches_severity_4(five, short, la
 def written(tmp_path_factory):
     """A case on disk: its name, folder and paths."""
     case, folder = Case.of("single/piston_seal_friction/2.0/0.02/s101"), tmp_path_factory.mktemp("battery")
-    return case, folder, *cases.write(case, folder)
+    return case, folder, *cases.write_case(case, folder)
 
 
 def test_the_gap_is_what_was_asked(written):
     case, _, runs, _ = written
-    truth, total = Truth(case), np.zeros(ANALOG)
+    truth, total = Truth(case), np.zeros(ANALOG_COUNT)
     for path, inputs in zip(runs, truth.inputs, strict=True):
         run = read_run(path)
-        without = simulate(inputs.held(run["valve_voltage_v"]), plant=truth.plant)
-        measured = np.column_stack([run[column] for column in COLUMNS[:ANALOG]])
-        total += np.mean((measured - without.rows[:, :ANALOG]) ** 2, axis=0) / len(runs)
-    assert np.max(np.sqrt(total) / floors(case.noise)[:ANALOG]) == pytest.approx(case.severity, rel=SAMPLED)
+        without = simulate(inputs.with_voltage(run["valve_voltage_v"]), plant=truth.plant)
+        measured = np.column_stack([run[column] for column in COLUMNS[:ANALOG_COUNT]])
+        total += np.mean((measured - without.rows[:, :ANALOG_COUNT]) ** 2, axis=0) / len(runs)
+    assert np.max(np.sqrt(total) / noise_floors(case.noise)[:ANALOG_COUNT]) == pytest.approx(case.severity, rel=SAMPLED)
 
 
 def test_in_closed_loop_the_gap_is_that_of_the_recorded_voltage():
@@ -203,9 +213,9 @@ def test_in_closed_loop_the_gap_is_that_of_the_recorded_voltage():
     truth.inputs = truth.inputs[:1]
     hidden = truth.hidden
     shown = simulate(truth.inputs[0], hidden, truth.plant)
-    without = simulate(truth.inputs[0].held(shown.voltage), plant=truth.plant)
+    without = simulate(truth.inputs[0].with_voltage(shown.voltage), plant=truth.plant)
     rms = np.sqrt(np.mean((shown.rows - without.rows)[:, : len(COLUMNS)] ** 2, axis=0))
-    assert gap(rms, 0.005) == pytest.approx(4.0, rel=SETTLED)
+    assert gap_in_floors(rms, 0.005) == pytest.approx(4.0, rel=SETTLED)
 
 
 def test_truth_is_kept_apart_from_the_runs(written):
@@ -226,17 +236,17 @@ def test_truth_is_kept_apart_from_the_runs(written):
 def test_a_null_case_is_noise_and_nothing_else():
     case = Case.of("null/none/1.0/0.02/s1")
     truth = Truth(case)
-    columns = cases.recorded(truth.inputs[0], truth.hidden, truth.plant, case.noise, case.random(4)).columns
+    columns = cases.record_run(truth.inputs[0], truth.hidden, truth.plant, case.noise, case.random(4)).columns
     without = simulate(truth.inputs[0], plant=truth.plant)
     measured = np.column_stack([columns[column] for column in COLUMNS])
     deviation = np.std(measured - without.rows[:, : len(COLUMNS)], axis=0)
-    assert deviation == pytest.approx(floors(0.02), rel=SAMPLED)
+    assert deviation == pytest.approx(noise_floors(0.02), rel=SAMPLED)
 
 
 def test_cases_are_the_same_each_time():
     def first(name):
         case, truth = Case.of(name), Truth(Case.of(name))
-        return cases.recorded(truth.inputs[0], truth.hidden, truth.plant, case.noise, case.random(4)).columns
+        return cases.record_run(truth.inputs[0], truth.hidden, truth.plant, case.noise, case.random(4)).columns
 
     one, same, other = (first(f"closed/none/1.0/0.05/s{seed}") for seed in (3, 3, 4))
     assert all(np.array_equal(one[column], same[column]) for column in one)
@@ -244,25 +254,26 @@ def test_cases_are_the_same_each_time():
 
 
 def test_splits_share_no_case_and_no_law():
-    development, evaluation = cases.cases("development"), cases.cases("evaluation")
+    development, evaluation = cases.list_cases("development"), cases.list_cases("evaluation")
     names = [case.name for case in (*development, *evaluation)]
     assert len(names) == len(set(names))
     assert {case.seed for case in development}.isdisjoint({case.seed for case in evaluation})
-    assert {case.effects[0] for case in cases.cases("evaluation", ["single"])} == {law.name for law in CATALOGUE}
+    assert {case.effects[0] for case in cases.list_cases("evaluation", ["single"])} == {
+        law.name for law in CATALOGUE_LAWS
+    }
     assert all(Case.of(case.name) == case for case in development[::50])
 
 
 def test_25_effects_come_with_each_severity_behind_each_noise_with_each_of_three_seeds():
-    """What the specification asks a battery for at least."""
-    found = Counter(case.effects for case in cases.cases("evaluation", ["single"]))
+    found = Counter(case.effects for case in cases.list_cases("evaluation", ["single"]))
     assert sum(count == len(cases.SEVERITIES) * len(cases.NOISES) * 3 for count in found.values()) >= 25
 
 
 def test_a_regulator_hides_a_valve_that_is_off():
-    inputs = excitation.runs(7)[0][1]
-    hidden = Hidden({"valve_gain": 0.05})
+    inputs = excitation.draw_runs(7)[0][1]
+    hidden = HiddenEffects({"valve_gain": 0.05})
     closed, closed_without = simulate(inputs, hidden), simulate(inputs)
-    held = inputs.held(closed_without.voltage)
+    held = inputs.with_voltage(closed_without.voltage)
     seen, shown = (np.std(a["pressure"] - closed_without["pressure"]) for a in (closed, simulate(held, hidden)))
     assert held.mode == OPEN
     assert seen < 0.6 * shown
@@ -270,4 +281,4 @@ def test_a_regulator_hides_a_valve_that_is_off():
 
 def test_the_step_divides_a_sample():
     assert 1e-3 / SUBSTEPS == 1.25e-4
-    assert gap(np.zeros(6), 0.02) == 1.0
+    assert gap_in_floors(np.zeros(6), 0.02) == 1.0

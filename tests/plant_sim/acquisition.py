@@ -1,4 +1,4 @@
-"""The data acquisition of a rig whose sensors show what a test says."""
+"""The data acquisition of a rig whose sensors show given values."""
 
 from typing import Any
 
@@ -39,6 +39,6 @@ class Acquisition:
         return counts
 
     def read(self, **values: float) -> dict[str, float]:
-        """Physical values of a sample, by rig.md's steps: bar, degC, Nm, Nm."""
+        """Physical values of a sample, by the steps: bar, degC, Nm, Nm."""
         found: dict[str, Any] = self.sample(**values)._asdict()
         return {name: found[name] * LSB[name] for name in LSB}

@@ -1,4 +1,4 @@
-"""Phases of the clutch, told from the rig's state."""
+"""Phases of the clutch, determined from the rig's state."""
 
 import numpy as np
 import pytest

@@ -38,8 +38,8 @@ def test_a_constant_load_fades_exponentially_from_its_whole_value() -> None:
     time = np.arange(10_000) * STEP
     voltage, leaked = sensor.measure(np.full(time.size, 10.0), STEP)
     assert np.abs(voltage - sensor.scale * 10.0 * np.exp(-time / 3.0)).max() < ROUNDING
-    assert leaked == pytest.approx(10.0 * (1.0 - sensor.faded(10.0)), rel=ROUNDING)
-    assert sensor.faded(3.0) == pytest.approx(exp(-1.0))
+    assert leaked == pytest.approx(10.0 * (1.0 - sensor.remaining_share(10.0)), rel=ROUNDING)
+    assert sensor.remaining_share(3.0) == pytest.approx(exp(-1.0))
 
 
 def test_warming_acts_as_a_load_and_fades_like_one() -> None:
@@ -104,7 +104,7 @@ def test_an_offset_becomes_a_ramp_of_slope_offset_times_a(offset: float) -> None
 def test_zeroing_removes_the_ramp() -> None:
     sensor = IcpSensor(offset=0.02)
     idle, _ = sensor.measure(np.zeros(1000), STEP)
-    filter_ = DcRestoration(sensor.decay_rate).zeroed(idle)
+    filter_ = DcRestoration(sensor.decay_rate).with_zero_from(idle)
     load = np.concatenate([np.zeros(1000), np.full(19_000, 5.0)])
     back, _ = filter_.restore(sensor.measure(load, STEP)[0], STEP)
     assert np.abs(back / sensor.scale - load).max() < 1e-10  # 0.02 V of offset cancels to rounding
@@ -121,7 +121,7 @@ def test_a_wrong_decay_rate_ends_at_its_ratio_to_the_right_one() -> None:
 def test_decay_rate_from_the_98_percent_time() -> None:
     filter_ = DcRestoration.from_decay_time(10.0)
     assert filter_.decay_rate == pytest.approx(-log(0.02) / 10.0)
-    assert IcpSensor(time_constant=1.0 / filter_.decay_rate).faded(10.0) == pytest.approx(0.02)
+    assert IcpSensor(time_constant=1.0 / filter_.decay_rate).remaining_share(10.0) == pytest.approx(0.02)
 
 
 @pytest.mark.parametrize("gain", [10.0, 100.0])
@@ -153,7 +153,7 @@ def test_the_converter_turns_a_zero_error_into_whole_steps_and_zeroing_takes_the
     assert raw[-1] == pytest.approx(
         step_16 * (1.0 + 60.0 * sensor.decay_rate), rel=1e-3
     )  # 0.4 mV are taken as one step
-    assert np.abs(filter_.zeroed(taken[:1000]).restore(taken, STEP)[0]).max() == 0.0
+    assert np.abs(filter_.with_zero_from(taken[:1000]).restore(taken, STEP)[0]).max() == 0.0
 
 
 @pytest.mark.parametrize(
@@ -180,7 +180,7 @@ def test_impossible_restorations_and_signals_are_refused() -> None:
     with pytest.raises(InputError, match="t_98 is -1 s"):
         DcRestoration.from_decay_time(-1.0)
     with pytest.raises(InputError, match="at least one voltage"):
-        DcRestoration(1.0).zeroed(np.empty(0))
+        DcRestoration(1.0).with_zero_from(np.empty(0))
     for step in (0.0, float("nan")):
         with pytest.raises(InputError, match="step is"):
             DcRestoration(1.0).restore(np.zeros(3), step)

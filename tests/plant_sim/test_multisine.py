@@ -1,10 +1,10 @@
-"""The multisine excites what it says; its estimate finds a known system, and tells noise from non-linear distortion."""
+"""The multisine excites what it says; its estimate finds a known system, and separates noise from non-linear distortion."""
 
 import numpy as np
 import pytest
 from scipy.signal import freqz, lfilter
 
-from plant_sim.rigs.multisine import Multisine, coherence, measured
+from plant_sim.rigs.multisine import Multisine, coherence, estimate_response
 from protocols.errors import InputError
 
 DT = 1e-3  # s
@@ -49,7 +49,7 @@ def test_realisations_differ_in_phase_only_and_the_seed_repeats_them() -> None:
 
 def test_a_linear_system_without_noise_is_found_exactly() -> None:
     u = excitations()
-    found = measured(SOURCE, DT, repeated(u), np.array([filtered(one) for one in u]))
+    found = estimate_response(SOURCE, DT, repeated(u), np.array([filtered(one) for one in u]))
     np.testing.assert_allclose(found.response, truth(), rtol=1e-9)
     assert (found.deviation / np.abs(found.response)).max() < 1e-9
 
@@ -58,7 +58,7 @@ def test_noise_is_told_as_noise_and_its_size_is_right() -> None:
     u = excitations(realisations=20)
     sigma = 0.05
     noise = sigma * np.random.default_rng(2).standard_normal((20, P, SOURCE.samples))
-    found = measured(SOURCE, DT, repeated(u), np.array([filtered(one) for one in u]) + noise)
+    found = estimate_response(SOURCE, DT, repeated(u), np.array([filtered(one) for one in u]) + noise)
     # a line of white noise has variance sigma^2/N, the input's line is A/2
     expected = sigma / np.sqrt(SOURCE.samples) / (0.5 * SOURCE.amplitude) / np.sqrt(20 * P)
     assert np.sqrt(np.mean(found.noise**2)) == pytest.approx(expected, rel=0.03)
@@ -83,7 +83,7 @@ def test_the_coherence_is_one_of_a_linear_system_and_falls_with_noise_as_it_shou
 def test_a_cubic_is_told_as_distortion_and_its_gain_is_that_of_a_gaussian_input() -> None:
     lines = np.arange(1, 200)
     u = excitations(realisations=40)
-    found = measured(SOURCE, DT, repeated(u), repeated(u + 0.5 * u**3))
+    found = estimate_response(SOURCE, DT, repeated(u), repeated(u + 0.5 * u**3))
     power = 0.5 * SOURCE.amplitude**2 * lines.size  # variance of the multisine
     # Bussgang: 1 + 3 c sigma^2 for a Gaussian input; a multisine of 199 lines is one within 1/lines
     assert np.mean(found.response.real) == pytest.approx(1.0 + 3.0 * 0.5 * power, rel=0.01)
@@ -97,20 +97,23 @@ def test_feedback_from_a_noisy_output_biases_the_plain_estimate_and_not_the_one_
     gain = 3.0  # system y = gain u + noise under feedback u = r - y
     y = (gain * u[:, None, :] + noise) / (1.0 + gain)
     inputs = u[:, None, :] - y
-    plain, with_reference = measured(SOURCE, DT, inputs, y), measured(SOURCE, DT, inputs, y, reference=u)
+    plain, with_reference = (
+        estimate_response(SOURCE, DT, inputs, y),
+        estimate_response(SOURCE, DT, inputs, y, reference=u),
+    )
     assert abs(np.mean(with_reference.response) - gain) < 0.35 * abs(np.mean(plain.response) - gain)
 
 
 @pytest.mark.parametrize(
-    ("lines", "samples", "told"),
+    ("lines", "samples", "message"),
     [
         (np.arange(0, 10), 100, "run from 0 to 9"),
         (np.arange(1, 51), 100, "run from 1 to 50"),
         (np.array([1.5]), 100, "whole numbers"),
     ],
 )
-def test_lines_that_a_period_does_not_have_are_refused(lines: np.ndarray, samples: int, told: str) -> None:
-    with pytest.raises(InputError, match=told):
+def test_lines_that_a_period_does_not_have_are_refused(lines: np.ndarray, samples: int, message: str) -> None:
+    with pytest.raises(InputError, match=message):
         Multisine(lines, 1.0, samples)
 
 
@@ -123,6 +126,6 @@ def test_samples_that_are_no_count_are_refused(samples: object) -> None:
 def test_one_realisation_or_a_wrong_shape_is_refused() -> None:
     u = excitations()
     with pytest.raises(InputError, match="1 realisations"):
-        measured(SOURCE, DT, repeated(u[:1]), repeated(u[:1]))
+        estimate_response(SOURCE, DT, repeated(u[:1]), repeated(u[:1]))
     with pytest.raises(InputError, match="realisations, periods"):
-        measured(SOURCE, DT, u, u)
+        estimate_response(SOURCE, DT, u, u)

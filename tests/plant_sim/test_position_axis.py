@@ -18,8 +18,15 @@ from plant_sim.friction.model import FrictionModel
 from plant_sim.friction.stribeck import Stribeck
 from plant_sim.rigs import position_identification as identification
 from plant_sim.rigs.position_axis import PositionAxis, Run, nominal, nominal_friction
-from plant_sim.rigs.position_feedforward import Feedforward, Frictionless, in_turn, multisine, sine, there_and_back
-from plant_sim.rigs.position_identification import Identified
+from plant_sim.rigs.position_feedforward import (
+    Feedforward,
+    Frictionless,
+    join_trajectories,
+    multisine,
+    sine,
+    trapezoidal_strokes,
+)
+from plant_sim.rigs.position_identification import IdentifiedFeedforward
 from protocols.errors import InputError
 
 MASS = 15.0  # kg, of the table
@@ -33,12 +40,12 @@ QUIET = {"motor.force_noise": 0.0, "sensors.force_noise": 0.0, "sensors.load_noi
 
 @cache
 def experiment() -> Run:
-    return identification.experiment(PositionAxis())
+    return identification.run_experiment(PositionAxis())
 
 
 @cache
-def gms() -> Identified:
-    return identification.gms(experiment(), 13.0)
+def gms() -> IdentifiedFeedforward:
+    return identification.identify_gms(experiment(), 13.0)
 
 
 def quiet(friction: FrictionModel | None = None, **changes: float) -> PositionAxis:
@@ -144,7 +151,7 @@ class TestControl:
 
     def test_the_integral_does_not_wind_up_at_the_force_limit(self) -> None:
         axis = quiet(Frictionless(), motor__force_limit=5.0)
-        run = axis.simulate(there_and_back(20e-3, 50e-3, 1.0, 0.1, 1), 5.0)
+        run = axis.simulate(trapezoidal_strokes(20e-3, 50e-3, 1.0, 0.1, 1), 5.0)
         assert np.abs(run.motor_force).max() == 5.0
         assert run.true_position.max() < 1.25 * 20e-3
         assert abs(run.error[-1]) < 1e-6
@@ -187,11 +194,11 @@ class TestFeedforward:
 
     def test_trajectories_begin_and_part_at_rest(self) -> None:
         time = np.linspace(0.0, 8.0, 80001)
-        parts = in_turn((sine(1e-3, 0.5), 4.0), (multisine(1e-3, 0.5, 5.0, 2.0, seed=0), 4.0))
+        parts = join_trajectories((sine(1e-3, 0.5), 4.0), (multisine(1e-3, 0.5, 5.0, 2.0, seed=0), 4.0))
         for trajectory in (
             sine(1e-3, 2.0),
             multisine(1e-3, 0.5, 5.0, 2.0, seed=0),
-            there_and_back(0.02, 0.05, 1.0, 0.3, 4),
+            trapezoidal_strokes(0.02, 0.05, 1.0, 0.3, 4),
             parts,
         ):
             position = trajectory(time)
@@ -202,7 +209,7 @@ class TestFeedforward:
         assert np.abs(velocity[39999:40002]).max() < 1e-7
 
     def test_moves_there_and_back_end_where_they_began(self) -> None:
-        trajectory = there_and_back(0.02, 0.05, 1.0, 0.3, 4)
+        trajectory = trapezoidal_strokes(0.02, 0.05, 1.0, 0.3, 4)
         np.testing.assert_allclose(
             trajectory(np.array([0.0, 0.3, 0.75, 0.9, 10.0])), [0.0, 0.0, 0.02, 0.02, 0.0], atol=1e-12
         )
@@ -222,14 +229,14 @@ class TestIdentification:
             assert float(curve(velocity)) == pytest.approx(true, rel=0.04)
 
     def test_finds_the_static_friction_at_every_load(self) -> None:
-        found = identification.xgms(experiment(), gms(), LOAD).feedforward.friction
+        found = identification.identify_xgms(experiment(), gms(), LOAD).feedforward.friction
         loads = LOAD * np.array([0.5, 0.75, 1.0, 1.4, 1.75])
         np.testing.assert_allclose(found.friction(loads), nominal_friction(nominal()).friction(loads), rtol=0.02)
 
     def test_the_better_the_model_the_smaller_the_error(self) -> None:
         mass = gms().feedforward.mass
-        coulomb = identification.coulomb(experiment(), mass).feedforward
-        lugre = identification.lugre(experiment(), mass).feedforward
+        coulomb = identification.identify_coulomb(experiment(), mass).feedforward
+        lugre = identification.identify_lugre(experiment(), mass).feedforward
         errors = [
             tracked(PositionAxis(), ff) for ff in (Feedforward(mass, Frictionless()), coulomb, lugre, gms().feedforward)
         ]
@@ -253,7 +260,7 @@ class TestInput:
             PositionAxis(parameters=nominal().with_values({"friction.first_break": 1e-3}))
 
     @pytest.mark.parametrize(
-        ("ask", "told"),
+        ("ask", "message"),
         [
             (lambda: PositionAxis("x"), "friction of the axis is 'x'"),  # type: ignore[arg-type]
             (
@@ -275,11 +282,14 @@ class TestInput:
             (lambda: multisine(1e-3, 0.5, 5.0, np.nan, 0), "period of the multisine is nan s"),
             (lambda: multisine(1e-3, 0.5, 1e300, 2.0, 0), "number of its lines is 2e+300; allowed is"),
             (lambda: multisine(1e-3, 0.0, 5.0, 2.0, 0), "needed are frequencies that rise from above 0"),
-            (lambda: in_turn((sine(1e-3, 1.0), 0.4)), "time of a trajectory is 0.4 s; allowed is a number above 0.5"),
-            (lambda: there_and_back(0.02, 0.05, 1.0, 0.3, 1.5), "number of strokes is 1.5"),  # type: ignore[arg-type]
+            (
+                lambda: join_trajectories((sine(1e-3, 1.0), 0.4)),
+                "time of a trajectory is 0.4 s; allowed is a number above 0.5",
+            ),
+            (lambda: trapezoidal_strokes(0.02, 0.05, 1.0, 0.3, 1.5), "number of strokes is 1.5"),  # type: ignore[arg-type]
         ],
     )
-    def test_what_is_no_motion_is_told_in_one_sentence(self, ask: Callable[[], object], told: str) -> None:
+    def test_what_is_no_motion_is_told_in_one_sentence(self, ask: Callable[[], object], message: str) -> None:
         with pytest.raises(InputError) as refused:
             ask()
-        assert told in str(refused.value)
+        assert message in str(refused.value)

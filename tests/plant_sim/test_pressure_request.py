@@ -10,13 +10,16 @@ from clutch_hil.bench.in_process import Played, play
 from plant_sim.node.plant_node import PlantNode
 from plant_sim.profiles.profile import Profile, load_profile
 from plant_sim.rigs import wet_clutch
-from plant_sim.rigs.multisine import Multisine, measured
+from plant_sim.rigs.multisine import Multisine, estimate_response
 from protocols.can.frames import Frame, load_frames
 from protocols.can.request import Request
 from protocols.errors import InputError
 from tests.clutch_hil.bench.interference import controller_node, interfered, played, restarted, showing
 
-BANDWIDTH, BANDWIDTH_ERROR = 9.8, 0.3  # Hz, rig.md: 9.65 Hz measured here, with the bus and straight lines between rows
+BANDWIDTH, BANDWIDTH_ERROR = (
+    9.8,
+    0.3,
+)  # Hz, docs/rig.md: 9.65 Hz measured here, with the bus and straight lines between rows
 OFFSET = 0.003  # bar: mean of 0.5 s, 1.2 mbar measured; noise and resolution of the sensor are 5 mbar each
 OVERSHOOT = 0.1  # bar: 0.083 measured for the rise of the experiments
 # What a change of request does to the pressure demand [bar] and the torque [Nm] where both demands agree, by control law.
@@ -68,7 +71,9 @@ def test_the_pressure_follows_with_the_bandwidth_of_the_thesis() -> None:
         """Two realisations of four periods; the first period of each is left out."""
         return result[name][begun : begun + 10_000].reshape(2, 5, 1000)[:, 1:]
 
-    found = measured(source, 1e-3, periods("controller_pressure_demand_bar"), periods("truth_cylinder_pressure_bar"))
+    found = estimate_response(
+        source, 1e-3, periods("controller_pressure_demand_bar"), periods("truth_cylinder_pressure_bar")
+    )
     decibel = 20.0 * np.log10(np.abs(found.response))
     assert np.interp(3.01, -decibel[5:], found.frequency[5:]) == pytest.approx(BANDWIDTH, abs=BANDWIDTH_ERROR)
     assert (found.deviation < 0.05 * np.abs(found.response)).all()  # the clutch never opened in between
@@ -236,9 +241,9 @@ def test_a_pressure_outside_limits_stops_the_controller_with_a_sentence() -> Non
 
 def test_an_unknown_request_stops_the_controller_with_a_sentence() -> None:
     for request in range(5, 16):
-        with pytest.raises(InputError) as told:
+        with pytest.raises(InputError) as message:
             controller_node().step([Frame(SETPOINT.can_id, SETPOINT.pack(0, request, 0.0, SPEED, 3.0))])
         assert (
-            str(told.value)
+            str(message.value)
             == f"request {request} is unknown; allowed are 0 idle, 1 engage, 2 release, 3 pressure, 4 lock"
         )

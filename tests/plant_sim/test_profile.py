@@ -1,4 +1,4 @@
-"""Profiles: what is asked for between rows, bad files told in one sentence, and the experiments that come with the rig."""
+"""Profiles: what is asked for between rows, one sentence for each bad file, and the experiments that come with the rig."""
 
 from pathlib import Path
 
@@ -113,7 +113,7 @@ def test_a_repeated_profile_repeats_its_pressure() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         (HEADER + "0,0,10,0\n1,0,10,4.6\n", "row 2: set-point 4.6 bar is outside 0..4.5 bar"),
         (HEADER + "0,0,10,-0.1\n1,0,10,3\n", "row 1: set-point -0.1 bar is outside 0..4.5 bar"),
@@ -143,13 +143,13 @@ def test_a_repeated_profile_repeats_its_pressure() -> None:
         ),
     ],
 )
-def test_a_bad_profile_is_told_in_one_sentence(tmp_path: Path, text: str, told: str) -> None:
+def test_a_bad_profile_is_told_in_one_sentence(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "bad.csv"
     path.write_text(text)
     with pytest.raises(InputError) as refused:
         load_profile(str(path))
     assert str(refused.value).startswith("profile ")
-    assert str(refused.value).endswith(told)
+    assert str(refused.value).endswith(message)
 
 
 def test_what_memory_cannot_hold_is_refused_before_it_is_made(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Data acquisition (rig.md 9): steps of the converters, clipping, noise, encoder, the valve's converter."""
+"""Data acquisition (docs/rig.md, eq. 9): steps of the converters, clipping, noise, encoder, the valve's converter."""
 
 from math import floor, pi
 
@@ -18,7 +18,12 @@ SAMPLES = 20_000
 # standard deviation of a standard deviation from 20000 samples is 0.5 %; four of them
 NOISE_TOLERANCE = 0.02
 MEAN_TOLERANCE = 4 / SAMPLES**0.5  # of the noise: four standard deviations of the mean
-NOISE = {"pressure": 5e-3, "temperature": 0.1, "motor_torque": 0.05, "clutch_torque": 0.05}  # rig.md: bar, degC, Nm, Nm
+NOISE = {
+    "pressure": 5e-3,
+    "temperature": 0.1,
+    "motor_torque": 0.05,
+    "clutch_torque": 0.05,
+}  # docs/rig.md: bar, degC, Nm, Nm
 COUNTS_PER_REVOLUTION = 163840
 DAC_STEP = 10.0 / 65536  # V, of the frame
 COUNT = 2 * pi / COUNTS_PER_REVOLUTION  # rad

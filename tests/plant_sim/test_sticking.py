@@ -11,7 +11,7 @@ from plant_sim.effects.effect import Effect
 from plant_sim.effects.signals import SIGNALS
 from plant_sim.rigs import wet_clutch
 from plant_sim.rigs.clutch_phase import Phase, phase
-from plant_sim.rigs.standstill import near_standstill
+from plant_sim.rigs.standstill import step_near_standstill
 from plant_sim.rigs.wet_clutch import Rig, Whole
 from protocols.files.units import BAR
 
@@ -48,7 +48,7 @@ def at_rest(rig: Rig = RIG, voltage: float = 1.36) -> Whole:
 
 
 def capacity(states: np.ndarray) -> np.ndarray:
-    """M_C [Nm] by rig.md 4 and 5."""
+    """M_C [Nm] by docs/rig.md, eq. 4 and 5."""
     return np.maximum(0.0, 10.8 * (2.35 + states["normal_force"] / AREA / BAR) - 25.1)
 
 
@@ -258,7 +258,7 @@ def test_a_step_of_any_length_holds_the_same_torque(step: float) -> None:
         applied_nm, m = random.uniform(-1.3, 1.3) * most, random.uniform(-1.0, 1.0)
         signals = np.zeros(1, SIGNALS)[0]
         arguments = (applied_nm, INERTIA, star, drag, signals, RIG.record[0], None, step)
-        share, slip, sticks = near_standstill(m, 0.0, *arguments)
+        share, slip, sticks = step_near_standstill(m, 0.0, *arguments)
         assert sticks == (abs(applied_nm) <= most)
         held += sticks
         if sticks:

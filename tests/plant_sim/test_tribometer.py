@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.signal import lsim
 
-from clutch_hil.thesis.tribometer_identification import contact as dry_contact
+from clutch_hil.thesis.tribometer_identification import make_contact as dry_contact
 from clutch_hil.thesis.tribometer_identification import stiffness as dry_stiffness
 from plant_sim.friction.asperities import Asperities, StickTimeFriction
 from plant_sim.friction.coulomb import Coulomb
@@ -21,7 +21,7 @@ from plant_sim.friction.maxwell_slip import MaxwellSlip
 from plant_sim.friction.model import FrictionModel
 from plant_sim.friction.stribeck import Stribeck
 from plant_sim.friction.xgms import XGMS
-from plant_sim.rigs.multisine import Multisine, measured
+from plant_sim.rigs.multisine import Multisine, estimate_response
 from plant_sim.rigs.tribometer import Record, Tribometer, chains, nominal
 from plant_sim.rigs.tribometer_integration import advance
 from plant_sim.rigs.tribometer_structure import Chain, response
@@ -61,7 +61,7 @@ class TestStructure:
     def test_the_transfer_function_of_torsion_is_that_of_the_state_space(self) -> None:
         a, b = held_motor(BARE_TANGENTIAL)
         torque = response(a, b, np.array([-BARE_TANGENTIAL.table_stiffness, 0.0, 0.0, 0.0]), FREQUENCY)
-        np.testing.assert_allclose(BARE_TANGENTIAL.transmitted(S, STIFFNESS, DAMPING), torque, rtol=1e-9)
+        np.testing.assert_allclose(BARE_TANGENTIAL.transmitted_torque(S, STIFFNESS, DAMPING), torque, rtol=1e-9)
 
     def test_the_transfer_function_of_the_normal_direction_is_that_of_the_state_space(self) -> None:
         a, b = BARE_NORMAL.state_space(4e7, 4e3)
@@ -71,7 +71,7 @@ class TestStructure:
     def test_at_rest_the_springs_are_in_series(self) -> None:
         k_d, k_eff = TANGENTIAL.table_stiffness, TANGENTIAL.coupling_stiffness
         series = 1.0 / (1.0 / k_d + 1.0 / STIFFNESS + 1.0 / k_eff)
-        assert TANGENTIAL.transmitted(np.array([0j]), STIFFNESS)[0] == pytest.approx(-series, rel=1e-12)
+        assert TANGENTIAL.transmitted_torque(np.array([0j]), STIFFNESS)[0] == pytest.approx(-series, rel=1e-12)
         assert NORMAL.deflection(np.array([0j]), 4e7)[0] == pytest.approx(1.0 / NORMAL.table_stiffness, rel=1e-12)
 
     @pytest.mark.parametrize("chain", [BARE_TANGENTIAL, BARE_NORMAL])
@@ -93,7 +93,7 @@ class TestStructure:
         assert free[0] < held[0] < free[1] < held[1] < free[2]
 
     def test_two_steps_are_one_of_twice_the_length(self) -> None:
-        once, twice = TANGENTIAL.discretised(2e-4), TANGENTIAL.discretised(1e-4)
+        once, twice = TANGENTIAL.discretise(2e-4), TANGENTIAL.discretise(1e-4)
         again = twice[:, :6] @ twice + np.hstack([np.zeros((6, 6)), twice[:, 6:]])
         np.testing.assert_allclose(again, once, rtol=1e-9, atol=1e-9)
 
@@ -168,7 +168,7 @@ class TestContacts:
             record = r.run(r.torque_drive(np.append(np.tile(period, 4), period[0])), 58.0, 2.0, DT)
             torque.append(np.tile(period, (2, 1)))
             angle.append(record.angle_rad[10_000:-1].reshape(2, -1))
-        found = measured(source, DT, np.array(torque), np.array(angle))
+        found = estimate_response(source, DT, np.array(torque), np.array(angle))
         return found.frequency, found.response, float(np.median(found.distortion / np.abs(found.response)))
 
     def test_the_multisine_finds_the_linear_structure_when_the_contact_is_elastic(self) -> None:
@@ -353,7 +353,7 @@ class TestDrivesAndSensors:
         assert np.any(one != other)
 
     @pytest.mark.parametrize(
-        ("load", "told"),
+        ("load", "message"),
         [
             (1500.0, "1400 N"),
             (0.0, "above 0"),
@@ -361,9 +361,9 @@ class TestDrivesAndSensors:
             (np.ones(7), "shape"),
         ],
     )
-    def test_loads_that_the_rig_does_not_give_are_refused(self, load: object, told: str) -> None:
+    def test_loads_that_the_rig_does_not_give_are_refused(self, load: object, message: str) -> None:
         r = rig()
-        with pytest.raises(InputError, match=told):
+        with pytest.raises(InputError, match=message):
             r.run(r.torque_drive(0.0), load, 1.0, DT)  # type: ignore[arg-type]
 
     def test_speeds_steps_and_parameters_that_are_no_rig_are_refused(self) -> None:
@@ -381,7 +381,7 @@ class TestDrivesAndSensors:
             other.run(other.torque_drive(0.0), 58.0, 0.1, DT, start=r.run(r.torque_drive(0.0), 58.0, 0.1, DT).end)
 
     @pytest.mark.parametrize(
-        ("ask", "told"),
+        ("ask", "message"),
         [
             (lambda: Tribometer(None), "friction between the disks is None"),  # type: ignore[arg-type]
             (
@@ -393,6 +393,6 @@ class TestDrivesAndSensors:
             (lambda: rig().run(rig().torque_drive(0.0), 58.0, 0.1, DT, start="x"), "start of the run is 'x'"),
         ],
     )
-    def test_what_is_no_rig_and_no_run_is_told_in_one_sentence(self, ask: Callable[[], object], told: str) -> None:
-        with pytest.raises(InputError, match=told):
+    def test_what_is_no_rig_and_no_run_is_told_in_one_sentence(self, ask: Callable[[], object], message: str) -> None:
+        with pytest.raises(InputError, match=message):
             ask()

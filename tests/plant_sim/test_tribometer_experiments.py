@@ -5,20 +5,20 @@ import pytest
 
 from plant_sim.friction.dahl import Dahl
 from plant_sim.rigs.tribometer import Tribometer
-from plant_sim.rigs.tribometer_contacts import Contacts, contacts
+from plant_sim.rigs.tribometer_contacts import Contacts, load_contacts
 from plant_sim.rigs.tribometer_experiments import (
     Coupling,
-    branches,
     break_away,
     corner_times,
     critical_speed,
+    has_stick_slip,
+    measure_branches,
     oscillation,
     pre_sliding,
     reciprocation,
     saw_tooth,
     stick_slip,
     stick_slip_map,
-    sticks,
     stribeck,
 )
 from protocols.errors import InputError
@@ -30,7 +30,9 @@ LOOP = 2e-4 * np.array([0.0, 1.0, -1.0, 1.0])  # rad
 
 
 def changed(**values: float) -> Contacts:
-    return Contacts(contacts().with_values({name.replace("__", "."): value for name, value in values.items()}), seed=11)
+    return Contacts(
+        load_contacts().with_values({name.replace("__", "."): value for name, value in values.items()}), seed=11
+    )
 
 
 class TestContacts:
@@ -44,7 +46,7 @@ class TestContacts:
     def test_gross_sliding_begins_after_the_travel_under_any_load(self, load: float) -> None:
         rig = CONTACTS.dry(load)
         static = float(CONTACTS.load_law("dry")(load))
-        travel = contacts()["dry.travel"].si * rig.radius
+        travel = load_contacts()["dry.travel"].si * rig.radius
         force = rig.friction.trace(np.array([0.0, 0.5, 0.99, 1.0, 1.5]) * travel, 10.0, load).force
         assert force[2] < static * (1.0 - 1e-6)
         np.testing.assert_allclose(force[3:], static, rtol=1e-4)  # viscous friction of 1e-6 rad/s
@@ -60,7 +62,9 @@ class TestContacts:
     def test_the_creeping_asperities_slide_at_beta_of_the_static_friction(self) -> None:
         rig = CONTACTS.creeping(280.0)
         static = CONTACTS.static_coefficient("dry", 280.0) * 280.0
-        assert rig.friction.steady_state(1e-3, 280.0) == pytest.approx(contacts()["dry.beta"].si * static, rel=1e-9)
+        assert rig.friction.steady_state(1e-3, 280.0) == pytest.approx(
+            load_contacts()["dry.beta"].si * static, rel=1e-9
+        )
 
     def test_a_load_beyond_the_rig_is_refused(self) -> None:
         with pytest.raises(InputError, match="load is 2000 N"):
@@ -114,7 +118,7 @@ class TestFrictionLag:
     SPEEDS = np.linspace(0.13, 0.34, 6)
 
     def lag(self, rig: Tribometer, frequency: float) -> float:
-        up, down = branches(reciprocation(rig, 58.0, 0.06, frequency, periods=3), self.SPEEDS)
+        up, down = measure_branches(reciprocation(rig, 58.0, 0.06, frequency, periods=3), self.SPEEDS)
         return float((up - down).mean())
 
     def test_dry_friction_is_higher_accelerating_and_more_so_the_faster(self) -> None:
@@ -132,10 +136,11 @@ class TestFrictionLag:
 
 class TestStribeck:
     @pytest.mark.parametrize(
-        ("speeds", "told"), [([], "speed .* has shape"), ([0.1, 0.0], "element 2 is 0"), (["a"], "allowed are numbers")]
+        ("speeds", "message"),
+        [([], "speed .* has shape"), ([0.1, 0.0], "element 2 is 0"), (["a"], "allowed are numbers")],
     )
-    def test_what_are_no_speeds_is_refused(self, speeds: list, told: str) -> None:
-        with pytest.raises(InputError, match=told):
+    def test_what_are_no_speeds_is_refused(self, speeds: list, message: str) -> None:
+        with pytest.raises(InputError, match=message):
             stribeck(CONTACTS.dry(280.0), 280.0, speeds)
 
     @pytest.mark.parametrize("name", ["dry", "lubricated"])
@@ -152,16 +157,16 @@ class TestStribeck:
 class TestStickSlip:
     def test_it_ceases_at_high_speed(self) -> None:
         rig = CONTACTS.dry(75.0)
-        assert sticks(stick_slip(rig, 75.0, 4e-3, SOFT, 4.0), 4e-3)
-        assert not sticks(stick_slip(rig, 75.0, 40e-3, SOFT, 2.0), 40e-3)
+        assert has_stick_slip(stick_slip(rig, 75.0, 4e-3, SOFT, 4.0), 4e-3)
+        assert not has_stick_slip(stick_slip(rig, 75.0, 40e-3, SOFT, 2.0), 40e-3)
 
     def test_it_needs_friction_that_falls_with_speed(self) -> None:
         rig = changed(dry__beta=1.0).dry(75.0)
-        assert not sticks(stick_slip(rig, 75.0, 4e-3, SOFT, 4.0), 4e-3)
+        assert not has_stick_slip(stick_slip(rig, 75.0, 4e-3, SOFT, 4.0), 4e-3)
 
     def test_damping_ends_it(self) -> None:
         rig = CONTACTS.dry(75.0)
-        assert not sticks(stick_slip(rig, 75.0, 9.44e-3, Coupling(100.0, 50.0), 4.0), 9.44e-3)
+        assert not has_stick_slip(stick_slip(rig, 75.0, 9.44e-3, Coupling(100.0, 50.0), 4.0), 9.44e-3)
 
     def test_the_critical_speed_grows_with_the_load(self) -> None:
         low, high = (critical_speed(CONTACTS.dry(w), w, SOFT, (6e-3, 60e-3), steps=4) for w in (65.0, 140.0))

@@ -1,4 +1,4 @@
-"""The plant kernel against rig.md: an independent integration, its printed numbers, symmetry, energy, effects."""
+"""The plant kernel against docs/rig.md: an independent integration, its printed numbers, symmetry, energy, effects."""
 
 import ast
 from collections.abc import Iterable, Sequence
@@ -30,7 +30,7 @@ class Deviation(NamedTuple):
     angle: float  # rad
 
 
-# --- rig.md, equations 1 to 8, written anew in bar, degC; integrated between kinks -----------------------------------
+# --- docs/rig.md, equations 1 to 8, written anew in bar, degC; integrated between kinks -----------------------------------
 
 A_CYL, P_CONTACT, P_PRELOAD, X_C = 1.131e-2, 2.35, 1.7, 1.0e-3
 W_V, ZETA = 2 * np.pi * 8.0, 0.9
@@ -196,7 +196,7 @@ def at_rest(speed: float, celsius: float = 70.0, rig: wet_clutch.Rig = NOMINAL) 
 
 
 def pressing(p_star: float) -> float:
-    """Valve voltage at which the plates feel `p_star` [bar] in steady state: rig.md 3 and 4 solved by hand."""
+    """Valve voltage at which the plates feel `p_star` [bar] in steady state: docs/rig.md, eq. 3 and 4 solved by hand."""
     deflection = (p_star - P_CONTACT) * A_CYL * BAR / K_STACK
     return (p_star + K_S * deflection / (A_CYL * BAR)) / 2.5
 
@@ -230,8 +230,8 @@ RELEASE = TOUCH._replace(pressure=0.4 * ADC_STEP)
 SMOOTH = Deviation(pressure=1e-5, position=1e-9, torque=0.004, slip=6e-4, temperature=5e-6, angle=2e-5)
 REVERSAL = TOUCH._replace(torque=0.05, slip=0.015, angle=8e-4)
 
-TORQUE_PRINTED = 0.006  # Nm: rig.md prints 16.74
-LAG_PRINTED = 5e-5  # s: rig.md prints 12.1 ms
+TORQUE_PRINTED = 0.006  # Nm: docs/rig.md prints 16.74
+LAG_PRINTED = 5e-5  # s: docs/rig.md prints 12.1 ms
 TOUCH_TIME = 0.075, 0.095  # s: "about 85 ms"; measured 86 ms
 BANDWIDTH, BANDWIDTH_BAND = 9.8, 0.3  # Hz; measured 9.60 Hz, without bus, noise and rounding
 ENERGY = (
@@ -340,7 +340,7 @@ def test_rig_at_rest_stays_at_rest() -> None:
 
 
 def regulated(demand: Sequence[float], state: np.ndarray, cycles: int) -> np.ndarray:
-    """States under rig.md's pressure regulator, sampled at 1 kHz; `demand` [bar] repeats."""
+    """States under the pressure regulator, sampled at 1 kHz; `demand` [bar] repeats."""
     integral, states = 0.0, [wet_clutch.Whole(state, NOMINAL.table.at_rest())]
     for k in range(cycles):
         y = states[-1].read()

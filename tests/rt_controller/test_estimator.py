@@ -66,7 +66,7 @@ def test_controller_ships_with_the_plants_calibration() -> None:
 
 @given(states, pressures, slips, steps)
 def test_friction_state_of_controller_and_plant_agree(state: float, pressure: float, slip: float, step: float) -> None:
-    theirs = clutch.relaxed(state, plant_ratio(pressure, slip), slip, RIG["clutch"]["attraction"], step)
+    theirs = clutch.relax_state(state, plant_ratio(pressure, slip), slip, RIG["clutch"]["attraction"], step)
     assert friction_state(MODEL, state, pressure, slip, step) == pytest.approx(theirs, rel=PARITY, abs=PARITY)
 
 
@@ -83,7 +83,7 @@ def test_viscosity_ratio_of_controller_and_plant_agree_even_outside_the_valid_ra
 
 def test_parity_would_see_a_part_in_a_billion() -> None:
     other = record(LAYOUT, VALUES, stribeck_speed=MODEL.stribeck_speed * (1 + 1e-9))
-    theirs = clutch.relaxed(0.1, plant_ratio(3.4 * BAR, 20.0), 20.0, RIG["clutch"]["attraction"], 0.01)
+    theirs = clutch.relax_state(0.1, plant_ratio(3.4 * BAR, 20.0), 20.0, RIG["clutch"]["attraction"], 0.01)
     assert friction_state(other, 0.1, 3.4 * BAR, 20.0, 0.01) != pytest.approx(theirs, rel=PARITY, abs=PARITY)
 
 

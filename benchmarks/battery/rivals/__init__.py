@@ -1,6 +1,6 @@
-"""Other methods on the same cases: same runs, noise floors and re-fitted baseline, and the catalogue's names to answer with.
+"""Other methods on the same cases: same runs, noise floors, re-fitted baseline and names of effects.
 
 Two need `pip install -e '.[battery]'`: pysindy and scikit-learn.
 """
 
-METHODS = ("gaussian_process", "sindy", "classifier")  # the first one needs most, and leaves the others what they need
+METHODS = ("gaussian_process", "sindy", "classifier")  # the first one prepares data that the others use

@@ -1,7 +1,7 @@
-"""Rivals by one command: python -m benchmarks.battery.rivals --method sindy|classifier|gaussian_process|all.
+"""Other methods by one command: python -m benchmarks.battery.rivals --method sindy|classifier|gaussian_process|all.
 
-Their rankings are below OUT/ENGINE/rivals/METHOD, their limits are set on the development split, and their answers to the split
-asked for are kept beside the battery's own, with --keep, from where its page reads them.
+Rankings are written below OUT/ENGINE/rivals/METHOD. Limits of a method are set on the development split. With --keep,
+answers to the split are kept beside those of the battery, from where its page reads them.
 """
 
 from collections.abc import Sequence
@@ -14,12 +14,12 @@ import numpy as np
 import typer
 
 from benchmarks.battery.rivals import METHODS, classifier
-from benchmarks.battery.rivals.ranking import rank
-from benchmarks.battery.rivals.verdict import answered, tuned
-from benchmarks.battery.run import Cache, chosen, keep, run
-from benchmarks.battery.score import Told, family, hidden, naming
-from benchmarks.battery.table import text
-from benchmarks.battery.validity import engine
+from benchmarks.battery.rivals.limits import answer_by_limits, tune_limits
+from benchmarks.battery.rivals.ranking import rank_case
+from benchmarks.battery.run import Cache, keep_answers, run_cases, select_cases
+from benchmarks.battery.score import Answer, family, hidden_names, score_names
+from benchmarks.battery.table import format_measures
+from benchmarks.battery.validity import engine_name
 from clutch_hil.bench.progress import progress_bar
 from clutch_hil.discrepancy.result import NONE_OF_THESE, NOTHING
 from protocols.errors import InputError, closest
@@ -28,19 +28,19 @@ FAMILIES = ("single", "null", "unknown")
 _PACKAGES = {"sindy": "pysindy", "classifier": "sklearn"}
 
 
-def _class(told: Told) -> str:
-    if family(told) == "unknown":
+def _true_class(answer: Answer) -> str:
+    if family(answer) == "unknown":
         return NONE_OF_THESE
-    return hidden(told)[0] if hidden(told) else NOTHING
+    return hidden_names(answer)[0] if hidden_names(answer) else NOTHING
 
 
-def classified(training: Sequence[Told], asked: Sequence[Told]) -> tuple[list[Told], list[Told]]:
-    """Both with rankings, the training cases by classifiers that were not shown them."""
-    x, classes = np.array([t["features"] for t in training]), [_class(t) for t in training]
-    own = [t | {"ranking": r} for t, r in zip(training, classifier.left_out(x, classes), strict=True)]
+def rank_by_classifier(training: Sequence[Answer], asked: Sequence[Answer]) -> tuple[list[Answer], list[Answer]]:
+    """Add rankings to both; those of training cases come from classifiers trained without them."""
+    x, classes = np.array([t["features"] for t in training]), [_true_class(t) for t in training]
+    own = [t | {"ranking": r} for t, r in zip(training, classifier.cross_validate(x, classes), strict=True)]
     if not asked:
         return own, []
-    answers = classifier.Classifier(x, classes).ranked(np.array([t["features"] for t in asked]))
+    answers = classifier.Classifier(x, classes).rank_classes(np.array([t["features"] for t in asked]))
     return own, [t | {"ranking": r} for t, r in zip(asked, answers, strict=True)]
 
 
@@ -58,37 +58,43 @@ def main(
         if method not in (*METHODS, "all"):
             raise InputError(f"method {method!r} is unknown; {closest(method, (*METHODS, 'all'))}")
         names = {
-            s: [c.name for c in chosen(s, FAMILIES, quick, only or [])] for s in dict.fromkeys(("development", split))
+            split_name: [c.name for c in select_cases(split_name, FAMILIES, quick, only or [])]
+            for split_name in dict.fromkeys(("development", split))
         }
-        if empty := [s for s, ones in names.items() if not ones]:
+        if empty := [split_name for split_name, ones in names.items() if not ones]:
             raise InputError(f"no case of the split {empty[0]} is like {', '.join(only or [])}; both splits need some")
         methods = METHODS if method == "all" else (method,)
-        if lacking := [name for one, name in _PACKAGES.items() if one in methods and find_spec(name) is None]:
+        if lacking := [name for rival, name in _PACKAGES.items() if rival in methods and find_spec(name) is None]:
             raise InputError(f"package {lacking[0]} is not installed; pip install -e '.[battery]' brings it")
     except InputError as error:
         typer.echo(f"error: {error}", err=True)
         raise typer.Exit(2) from None
-    folder = out / engine()
-    for one in methods:
-        found: dict[str, list[Told]] = {}
-        for s, wanted in names.items():
-            with progress_bar(f"{one}, {s}", False) as progress:
-                found[s] = []
-                for told in run(
-                    wanted, Cache(folder / "rivals" / one), jobs, partial(rank, one, folder / "rivals" / "prepared")
+    folder = out / engine_name()
+    for rival in methods:
+        answers_by_split: dict[str, list[Answer]] = {}
+        for split_name, case_names in names.items():
+            with progress_bar(f"{rival}, {split_name}", False) as progress:
+                answers_by_split[split_name] = []
+                for answer in run_cases(
+                    case_names,
+                    Cache(folder / "rivals" / rival),
+                    jobs,
+                    partial(rank_case, rival, folder / "rivals" / "prepared"),
                 ):
-                    found[s].append(told)
-                    progress(len(found[s]), len(wanted))
-            found[s].sort(key=lambda told: str(told["case"]))  # they come as they are done; a classifier sees an order
-        if one == "classifier":
-            asked = [] if split == "development" else found[split]
-            found["development"], answers = classified(found["development"], asked)
-            found[split] = answers or found["development"]
-        limits = tuned(found["development"])
-        answers = [answered(told, limits) for told in found[split]]
-        typer.echo(f"{one}: {limits}\n{text(naming(answers))}")
+                    answers_by_split[split_name].append(answer)
+                    progress(len(answers_by_split[split_name]), len(case_names))
+            answers_by_split[split_name].sort(
+                key=lambda answer: str(answer["case"])
+            )  # workers finish in any order; a classifier depends on the order
+        if rival == "classifier":
+            asked = [] if split == "development" else answers_by_split[split]
+            answers_by_split["development"], answers = rank_by_classifier(answers_by_split["development"], asked)
+            answers_by_split[split] = answers or answers_by_split["development"]
+        limits = tune_limits(answers_by_split["development"])
+        answers = [answer_by_limits(answer, limits) for answer in answers_by_split[split]]
+        typer.echo(f"{rival}: {limits}\n{format_measures(score_names(answers))}")
         if keeping:
-            typer.echo(f"wrote:   {keep(answers, folder.name, f'{one}-{split}')}")
+            typer.echo(f"wrote:   {keep_answers(answers, folder.name, f'{rival}-{split}')}")
     typer.echo("verdict: done")
 
 

@@ -1,7 +1,7 @@
-"""Residual classifier: random forest, extremely randomised trees and boosted trees, averaged; trained on the development split.
+"""Classifier of residuals: mean of random forest, extremely randomised trees and boosted trees.
 
-Trained on single effects, null cases and unknown effects of that split (their names are the classes `nothing_missing` and
-`none_of_these`). On the development split itself it answers for what was left out of its training, five folds.
+It is trained on single effects, null cases and unknown effects of the development split; the last two are the classes
+`nothing_missing` and `none_of_these`. Its answers on the development split come from five-fold cross-validation.
 References      Breiman 2001, Machine Learning 45; Ke et al. 2017, NeurIPS 30 (histogram boosting)
 """
 
@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-_TREES = 600
+_TREES = 600  # of each forest: ours
 _FOLDS = 5
 _SEED = 6
 
 
-def _forests() -> list[Any]:
+def _make_forests() -> list[Any]:
     from sklearn.ensemble import ExtraTreesClassifier, HistGradientBoostingClassifier, RandomForestClassifier
 
     return [
@@ -26,28 +26,28 @@ def _forests() -> list[Any]:
 
 
 class Classifier:
-    """Probabilities of classes by features (cases, k)."""
+    """Classifier trained on features `x` (cases, k) and `classes` (cases,)."""
 
     def __init__(self, x: np.ndarray, classes: Sequence[str]) -> None:
         self.classes = sorted(set(classes))
         index = np.array([self.classes.index(c) for c in classes])
-        self._forests = [forest.fit(x, index) for forest in _forests()]
+        self._forests = [forest.fit(x, index) for forest in _make_forests()]
 
-    def ranked(self, x: np.ndarray) -> list[list[tuple[str, float]]]:
-        """Classes with probabilities, the most probable first, of each case."""
+    def rank_classes(self, x: np.ndarray) -> list[list[tuple[str, float]]]:
+        """Rank the classes of each case of `x` (cases, k): pairs of class and probability, the most probable first."""
         p = np.mean([forest.predict_proba(x) for forest in self._forests], axis=0)
         return [sorted(zip(self.classes, row.tolist(), strict=True), key=lambda one: -one[1]) for row in p]
 
 
-def left_out(x: np.ndarray, classes: Sequence[str]) -> list[list[tuple[str, float]]]:
-    """Answers to the training cases, each by a classifier that was not shown it."""
+def cross_validate(x: np.ndarray, classes: Sequence[str]) -> list[list[tuple[str, float]]]:
+    """Rank the classes of each training case by a classifier that was trained without it."""
     fold = np.random.default_rng(_SEED).permutation(len(classes)) % _FOLDS
-    found: list[list[tuple[str, float]]] = [[] for _ in classes]
+    rankings: list[list[tuple[str, float]]] = [[] for _ in classes]
     for k in range(_FOLDS):
         inside = fold != k
         if not inside.any() or inside.all():
             continue
         trained = Classifier(x[inside], [c for c, ok in zip(classes, inside, strict=True) if ok])
-        for i, answer in zip(np.flatnonzero(~inside), trained.ranked(x[~inside]), strict=True):
-            found[i] = answer
-    return found
+        for i, answer in zip(np.flatnonzero(~inside), trained.rank_classes(x[~inside]), strict=True):
+            rankings[i] = answer
+    return rankings

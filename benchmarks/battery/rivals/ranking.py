@@ -1,27 +1,27 @@
-"""Ranking: what a rival says of one case, as a worker process gives it."""
+"""Ranking of effects that another method gives for one case, computed in a worker process."""
 
 from pathlib import Path
 
 from benchmarks.battery.cases import Case
 from benchmarks.battery.rivals import gaussian_process, sindy
-from benchmarks.battery.rivals.features import features
-from benchmarks.battery.rivals.prepared import prepared, simulated
-from benchmarks.battery.score import Told
+from benchmarks.battery.rivals.features import compute_features
+from benchmarks.battery.rivals.residuals import load_residuals, simulate_effects
+from benchmarks.battery.score import Answer
 
 
-def rank(method: str, folder: Path, name: str) -> Told:
-    """A method's ranking of a case; of the classifier its features."""
-    made = prepared(name, folder)
-    told: Told = {"case": name, "truth": _truth(name), "excess": made.excess, "ranking": []}
+def rank_case(method: str, folder: Path, name: str) -> Answer:
+    """Rank the effects of a case by a method; for the classifier only its features are computed."""
+    data = load_residuals(name, folder)
+    answer: Answer = {"case": name, "truth": _describe_truth(name), "excess": data.excess, "ranking": []}
     if method == "sindy":
-        return told | {"ranking": sindy.ranked(made)}
+        return answer | {"ranking": sindy.rank_effects(data)}
     if method == "gaussian_process":
-        return told | {"ranking": gaussian_process.ranked(made, simulated(name))}
-    return told | {"features": features(made).tolist()}
+        return answer | {"ranking": gaussian_process.rank_effects(data, simulate_effects(name))}
+    return answer | {"features": compute_features(data).tolist()}
 
 
-def _truth(name: str) -> Told:
-    """What score.py needs of the truth; for the method's answer is not looked at."""
+def _describe_truth(name: str) -> Answer:
+    """Fields of the truth that score.py needs. The methods do not see them."""
     case = Case.of(name)
     return {
         "effects": [{"name": n} for n in case.effects], "severity": case.severity, "noise": case.noise, "split": case.split,

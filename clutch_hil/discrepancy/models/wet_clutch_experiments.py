@@ -13,7 +13,7 @@ from clutch_hil.discrepancy.experiment import Experiment
 from clutch_hil.discrepancy.model import Columns, Values
 from plant_sim.profiles.profile import load_profile
 from plant_sim.rigs import wet_clutch
-from plant_sim.rigs.wet_clutch_regulated import Regulator, regulated
+from plant_sim.rigs.wet_clutch_regulated import Regulator, regulate_profile
 from protocols.errors import InputError, closest
 from protocols.files.parameters import ParameterSet
 from protocols.files.units import ZERO_CELSIUS
@@ -85,7 +85,9 @@ class WetClutchBench:
         profile = load_profile(experiment.profile)
         rate = experiment.rate
         substeps = int(np.ceil(1.0 / (rate * wet_clutch.STEP_LIMIT) - 1e-9))
-        inputs = regulated(wet_clutch.Rig(whole), profile, self._regulator, experiment.temperature, rate, substeps)
+        inputs = regulate_profile(
+            wet_clutch.Rig(whole), profile, self._regulator, experiment.temperature, rate, substeps
+        )
         safe = (
             inputs.pressure <= self._pressure
             and inputs.temperature <= self._kelvin

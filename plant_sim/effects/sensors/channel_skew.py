@@ -10,17 +10,17 @@ References      Measurement Computing, PCI-DAS1602/12 user's guide: 3 us between
                 without; law: plant_sim/blocks/delay_line.py
 """
 
-from plant_sim.blocks.delay_line import AT_END, AT_MID_STEP, count, delayed
+from plant_sim.blocks.delay_line import AT_END, AT_MID_STEP, begin_step, read_delayed
 from plant_sim.effects.effect import Effect, State, Strength
 from plant_sim.effects.signals import SENSORS
 
 
 def stagger(s, c, p, x, h):
     """Show each channel as it was when it was converted."""
-    count(x, h)
-    s.sensed_pressure = delayed(x.pressure, x, s.sensed_pressure, 3.0 * p.interval, AT_END, h)
-    s.sensed_temperature = delayed(x.temperature, x, s.sensed_temperature, 2.0 * p.interval, AT_END, h)
-    s.sensed_motor_torque = delayed(x.motor_torque, x, s.sensed_motor_torque, p.interval, AT_MID_STEP, h)
+    begin_step(x, h)
+    s.sensed_pressure = read_delayed(x.pressure, x, s.sensed_pressure, 3.0 * p.interval, AT_END, h)
+    s.sensed_temperature = read_delayed(x.temperature, x, s.sensed_temperature, 2.0 * p.interval, AT_END, h)
+    s.sensed_motor_torque = read_delayed(x.motor_torque, x, s.sensed_motor_torque, p.interval, AT_MID_STEP, h)
 
 
 EFFECT = Effect(

@@ -11,7 +11,7 @@ References      Janssens 2010, appendix C; law: plant_sim/blocks/dc_restoration.
 
 from math import expm1
 
-from plant_sim.blocks.dc_restoration import integrated, restored
+from plant_sim.blocks.dc_restoration import integrate_leak, restore_voltage
 from plant_sim.effects.display import Display
 from plant_sim.effects.effect import Effect, State, Strength
 from plant_sim.effects.signals import ACQUISITION
@@ -20,8 +20,8 @@ from plant_sim.effects.signals import ACQUISITION
 def restore(s, c, p, x, h):
     """Add what has leaked."""
     taken = min(max(s.clutch_torque_voltage, -c.sensors_input_range), c.sensors_input_range)
-    s.clutch_torque_voltage = restored(taken, x.integral)
-    x.integral = integrated(x.integral, taken, -expm1(-p.decay_rate * h))
+    s.clutch_torque_voltage = restore_voltage(taken, x.integral)
+    x.integral = integrate_leak(x.integral, taken, -expm1(-p.decay_rate * h))
 
 
 EFFECT = Effect(

@@ -8,15 +8,15 @@ Not modelled    a pressure that is early, which no rig has: delay the other chan
 References      law: plant_sim/blocks/delay_line.py
 """
 
-from plant_sim.blocks.delay_line import AT_END, count, delayed
+from plant_sim.blocks.delay_line import AT_END, begin_step, read_delayed
 from plant_sim.effects.effect import Effect, State, Strength
 from plant_sim.effects.signals import SENSORS
 
 
 def show_past(s, c, p, x, h):
     """Show the pressure of `delay` ago."""
-    count(x, h)
-    s.sensed_pressure = delayed(x.past, x, s.sensed_pressure, p.delay, AT_END, h)
+    begin_step(x, h)
+    s.sensed_pressure = read_delayed(x.past, x, s.sensed_pressure, p.delay, AT_END, h)
 
 
 EFFECT = Effect(

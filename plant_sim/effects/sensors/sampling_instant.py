@@ -8,18 +8,18 @@ Not modelled    jitter of the instant
 References      law: plant_sim/blocks/delay_line.py
 """
 
-from plant_sim.blocks.delay_line import AT_END, AT_MID_STEP, count, delayed
+from plant_sim.blocks.delay_line import AT_END, AT_MID_STEP, begin_step, read_delayed
 from plant_sim.effects.effect import Effect, State, Strength
 from plant_sim.effects.signals import SENSORS
 
 
 def sample_early(s, c, p, x, h):
     """Show every channel as it was when the converter started."""
-    count(x, h)
-    s.sensed_pressure = delayed(x.pressure, x, s.sensed_pressure, p.lead, AT_END, h)
-    s.sensed_temperature = delayed(x.temperature, x, s.sensed_temperature, p.lead, AT_END, h)
-    s.sensed_motor_torque = delayed(x.motor_torque, x, s.sensed_motor_torque, p.lead, AT_MID_STEP, h)
-    s.sensed_clutch_torque = delayed(x.clutch_torque, x, s.sensed_clutch_torque, p.lead, AT_MID_STEP, h)
+    begin_step(x, h)
+    s.sensed_pressure = read_delayed(x.pressure, x, s.sensed_pressure, p.lead, AT_END, h)
+    s.sensed_temperature = read_delayed(x.temperature, x, s.sensed_temperature, p.lead, AT_END, h)
+    s.sensed_motor_torque = read_delayed(x.motor_torque, x, s.sensed_motor_torque, p.lead, AT_MID_STEP, h)
+    s.sensed_clutch_torque = read_delayed(x.clutch_torque, x, s.sensed_clutch_torque, p.lead, AT_MID_STEP, h)
 
 
 EFFECT = Effect(

@@ -8,15 +8,15 @@ Not modelled    a torque that is early, which no rig has: delay the other channe
 References      law: plant_sim/blocks/delay_line.py
 """
 
-from plant_sim.blocks.delay_line import AT_MID_STEP, count, delayed
+from plant_sim.blocks.delay_line import AT_MID_STEP, begin_step, read_delayed
 from plant_sim.effects.effect import Effect, State, Strength
 from plant_sim.effects.signals import SENSORS
 
 
 def show_past(s, c, p, x, h):
     """Show the torque of `delay` ago."""
-    count(x, h)
-    s.sensed_clutch_torque = delayed(x.past, x, s.sensed_clutch_torque, p.delay, AT_MID_STEP, h)
+    begin_step(x, h)
+    s.sensed_clutch_torque = read_delayed(x.past, x, s.sensed_clutch_torque, p.delay, AT_MID_STEP, h)
 
 
 EFFECT = Effect(

@@ -10,7 +10,7 @@ References      Jelali & Kroll 2003, Hydraulic Servo-systems; Watton 2009, Funda
                 plant_sim/blocks/delay_line.py
 """
 
-from plant_sim.blocks.delay_line import AT_END, count, delayed
+from plant_sim.blocks.delay_line import AT_END, begin_step, read_delayed
 from plant_sim.effects.effect import Effect, State, Strength
 from plant_sim.effects.signals import COMMAND
 
@@ -18,9 +18,9 @@ from plant_sim.effects.signals import COMMAND
 def delay(s, c, p, x, h):
     """Replace the demand by that of `delay` ago."""
     if x.taken == 0.0 and s.time <= h:  # a run begins: the first value of the line stays 0
-        count(x, h)
-    count(x, h)
-    s.demand = delayed(x.past, x, s.demand, p.delay, AT_END, h)
+        begin_step(x, h)
+    begin_step(x, h)
+    s.demand = read_delayed(x.past, x, s.demand, p.delay, AT_END, h)
 
 
 EFFECT = Effect(

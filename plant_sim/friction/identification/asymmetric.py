@@ -18,17 +18,17 @@ from itertools import pairwise
 import numpy as np
 from scipy.optimize import nnls
 
-from plant_sim.friction.identification.break_points import checked
+from plant_sim.friction.identification.break_points import check_break_points
 from plant_sim.friction.identification.maxwell_slip import matrix, virgin_force
-from plant_sim.friction.identification.virgin_curve import VirginCurve, paired
+from plant_sim.friction.identification.virgin_curve import VirginCurve, check_pair
 from plant_sim.friction.maxwell_slip import MaxwellSlip
 from plant_sim.friction.model import Array
 from protocols.errors import InputError
 
-ALLOWED = 1e-6  # relative, of stiffness and height: more is a violation; ours, far below what can be measured
-TIED = 1e6  # weight of the constraints against the data: met to about 1e-9 of the height
-STROKES = 400  # strokes at which the gap is looked at
-ROUNDS = 200  # of the alternating fit; it converges in about 20
+TOLERANCE = 1e-6  # relative, of stiffness and height: more is a violation; ours, far below what can be measured
+CONSTRAINT_WEIGHT = 1e6  # weight of the constraints against the data: met to about 1e-9 of the height
+STROKE_COUNT = 400  # strokes at which the gap is looked at
+MOST_ITERATIONS = 200  # of the alternating fit; it converges in about 20
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Condition:
 
 
 @dataclass(frozen=True)
-class TwoSided:
+class TwoSidedElements:
     """A set of elements for the `up`ward branches and one for the `down`ward, for strokes of at most 2 `reach` [m]."""
 
     up: MaxwellSlip
@@ -56,7 +56,7 @@ class TwoSided:
     def equal_stiffness(self) -> Condition:
         """Condition 1; violation: drift of the output in a small cycle, by its stroke [N/m], positive upwards."""
         up, down = self.up.stiffness.sum(), self.down.stiffness.sum()
-        holds = bool(abs(up - down) <= ALLOWED * max(up, down))
+        holds = bool(abs(up - down) <= TOLERANCE * max(up, down))
         text = f"sum of stiffness {up:g} N/m upwards, {down:g} N/m downwards: "
         way = "up" if up > down else "down"
         text += (
@@ -66,10 +66,10 @@ class TwoSided:
 
     def return_through_extreme(self) -> Condition:
         """Condition 2; violation: the gap of largest size over all strokes [N]."""
-        strokes = 2.0 * self.reach * np.arange(1, STROKES + 1) / STROKES
+        strokes = 2.0 * self.reach * np.arange(1, STROKE_COUNT + 1) / STROKE_COUNT
         gaps = self.gap(strokes)
         worst = int(np.argmax(np.abs(gaps)))
-        holds = bool(abs(gaps[worst]) <= ALLOWED * 2.0 * virgin_force(self.up, self.reach))
+        holds = bool(abs(gaps[worst]) <= TOLERANCE * 2.0 * virgin_force(self.up, self.reach))
         text = (
             "output returns through the extreme it left"
             if holds
@@ -93,13 +93,15 @@ class TwoSided:
         return np.concatenate(position), np.concatenate(forces)
 
 
-def fit_two_sided(up: VirginCurve, down: VirginCurve, break_points: Array, constrained: bool = True) -> TwoSided:
+def fit_two_sided(
+    up: VirginCurve, down: VirginCurve, break_points: Array, constrained: bool = True
+) -> TwoSidedElements:
     """A set of elements with `break_points` [m] (N,) for each side, stiffnesses of 0 or more, by least squares.
 
     `constrained`: equal sums of stiffness, and equal heights at the last break point, so that the whole loop closes; what then
     remains of condition 2 at strokes between is for `return_through_extreme` to tell. Raises InputError.
     """
-    points = checked(break_points, min(up.stroke, down.stroke))
+    points = check_break_points(break_points, min(up.stroke, down.stroke))
     number = points.size
     scale = max(up.force[-1], down.force[-1])
     weight_up, weight_down = np.sqrt(np.gradient(up.position)), np.sqrt(np.gradient(down.position))
@@ -110,17 +112,17 @@ def fit_two_sided(up: VirginCurve, down: VirginCurve, break_points: Array, const
     ]
     wanted = np.concatenate([weight_up * up.force, weight_down * down.force])
     if constrained:
-        size = TIED * np.linalg.norm(wanted) / scale
+        size = CONSTRAINT_WEIGHT * np.linalg.norm(wanted) / scale
         tied = np.vstack([np.full(number, points[0]), points])  # first break point, last break point
         rows.append(size * np.hstack([tied, -tied]))
         wanted = np.append(wanted, [0.0, 0.0])
     stiffness, _ = nnls(np.vstack(rows), wanted)
     both = [MaxwellSlip(k[k > 0.0], (k * points)[k > 0.0]) for k in (stiffness[:number], stiffness[number:])]
-    return TwoSided(both[0], both[1], float(points[-1]))
+    return TwoSidedElements(both[0], both[1], float(points[-1]))
 
 
 @dataclass(frozen=True)
-class Shaped:
+class ShapedElements:
     """One set of `elements`, its force multiplied by g = 1 + c_1 (x/reach) + c_2 (x/reach)^2 + ...; `shape` c_1, c_2, ...
 
     As g depends on position alone, what the elements remember stays true: no drift, and every loop closes (app. D.3, last
@@ -132,7 +134,7 @@ class Shaped:
     reach: float
 
     def __post_init__(self) -> None:
-        lowest = self.factor(np.linspace(-self.reach, self.reach, STROKES)).min()
+        lowest = self.factor(np.linspace(-self.reach, self.reach, STROKE_COUNT)).min()
         if not lowest > 0.0:
             raise InputError(
                 f"shape function falls to {lowest:g} between {-self.reach:g} and {self.reach:g} m; it must be above 0"
@@ -147,25 +149,25 @@ class Shaped:
         return self.factor(position) * self.elements.trace(position, 1.0).force
 
 
-def fit_shaped(position: Array, force: Array, break_points: Array, degree: int = 2) -> Shaped:
+def fit_shaped(position: Array, force: Array, break_points: Array, degree: int = 2) -> ShapedElements:
     """Elements with `break_points` [m] (N,) and a shape of `degree` for a record `position` [m], `force` [N] (n,).
 
     The record begins at rest. Least squares, elements and shape in turn: the problem is linear in each. Raises InputError.
     """
-    position, force = paired(position, force, "record")
-    points = checked(break_points, float(np.ptp(position)))
+    position, force = check_pair(position, force, "record")
+    points = check_break_points(break_points, float(np.ptp(position)))
     reach = float(np.abs(position).max())
     unit = MaxwellSlip(np.ones(points.size), points).trace(position, 1.0).state  # of stiffness 1
     powers = _powers(position, reach, degree)
     shape = np.zeros(degree)
-    for _ in range(ROUNDS):
+    for _ in range(MOST_ITERATIONS):
         stiffness, _ = nnls((1.0 + powers @ shape)[:, None] * unit, force)
         inner = unit @ stiffness
         before, shape = shape, np.linalg.lstsq(inner[:, None] * powers, force - inner, rcond=None)[0]
-        if np.abs(shape - before).max() < ALLOWED * 1e-3:
+        if np.abs(shape - before).max() < TOLERANCE * 1e-3:
             break
     kept = stiffness > 0.0
-    return Shaped(MaxwellSlip(stiffness[kept], (stiffness * points)[kept]), shape, reach)
+    return ShapedElements(MaxwellSlip(stiffness[kept], (stiffness * points)[kept]), shape, reach)
 
 
 def _powers(position: Array, reach: float, degree: int) -> Array:

@@ -14,7 +14,7 @@ import numpy as np
 
 from plant_sim.friction.identification.virgin_curve import VirginCurve
 from plant_sim.friction.model import Array, real, require
-from plant_sim.friction.whole_number import whole
+from plant_sim.friction.whole_number import require_whole
 from protocols.errors import InputError
 
 
@@ -30,7 +30,7 @@ class EqualSpacing:
 
     def place(self, curve: VirginCurve, number: int) -> Array:
         """Break points (number,) [m]. Raises InputError."""
-        whole("number of break points", number)
+        require_whole("number of break points", number)
         return curve.saturation * np.arange(1, number + 1) / number
 
 
@@ -49,7 +49,7 @@ class CurvatureSpacing:
 
     def place(self, curve: VirginCurve, number: int) -> Array:
         """Break points (number,) [m]. Raises InputError."""
-        whole("number of break points", number)
+        require_whole("number of break points", number)
         end = curve.saturation
         middle = (curve.position[:-1] + curve.position[1:]) / 2.0
         inside = middle < end
@@ -66,7 +66,7 @@ class CurvatureSpacing:
         return np.append(np.interp(wanted, share[rising], edges[rising]), end)
 
 
-def checked(break_points: Array, stroke: float) -> Array:
+def check_break_points(break_points: Array, stroke: float) -> Array:
     """`break_points` [m] (N,) as a float64 vector, rising, inside 0 to `stroke` [m]. Raises InputError."""
     points = np.atleast_1d(real("break points", break_points))
     if points.ndim != 1 or points.size == 0:

@@ -16,12 +16,12 @@ import numpy as np
 from scipy.stats import qmc
 
 from plant_sim.friction.identification.least_squares import Estimate, minimise
-from plant_sim.friction.identification.virgin_curve import paired
-from plant_sim.friction.model import Array, kind, real, require
-from plant_sim.friction.whole_number import whole
+from plant_sim.friction.identification.virgin_curve import check_pair
+from plant_sim.friction.model import Array, real, require, require_type
+from plant_sim.friction.whole_number import require_whole
 from protocols.errors import InputError
 
-DECADE = 10.0  # bounds further apart than this are searched by their logarithm
+LOGARITHMIC_RATIO = 10.0  # bounds further apart than this are searched by their logarithm
 
 
 class Model(Protocol):
@@ -40,7 +40,7 @@ class Measured:
     load: Array | float = field(default=1.0)
 
     def __post_init__(self) -> None:
-        position, force = paired(self.position, self.force, "measured trace")
+        position, force = check_pair(self.position, self.force, "measured trace")
         require("time step", self.dt, above=0.0, unit="s")
         load = real("load of the measured trace [N]", self.load)
         if load.shape not in ((), position.shape):
@@ -69,8 +69,8 @@ def fit(
     Searches from `start` and from `starts` - 1 further points spread within `bounds`, which are needed for `names`; points
     differ by `seed`. `progress(done, total)` is called after each start. Raises InputError.
     """
-    kind("measured trace", trace, Measured)
-    whole("number of starts", starts)
+    require_type("measured trace", trace, Measured)
+    require_whole("number of starts", starts)
     for name in names:
         if name not in start or name not in bounds:
             raise InputError(f"parameter {name!r} has no {'start' if name not in start else 'bounds'}; needed are both")
@@ -106,7 +106,7 @@ def _spread(bounds: Array, number: int, seed: int) -> Array:
         raise InputError("several starts need finite bounds; give them, or use one start")
     unit = qmc.LatinHypercube(len(bounds), rng=np.random.default_rng(seed)).random(number)
     low, high = bounds.T
-    wide = (low > 0.0) & (high > DECADE * np.abs(low))
+    wide = (low > 0.0) & (high > LOGARITHMIC_RATIO * np.abs(low))
     with np.errstate(divide="ignore", invalid="ignore"):
         logarithmic = np.exp(np.log(low) + unit * (np.log(high) - np.log(low)))
     return np.clip(np.where(wide, logarithmic, low + unit * (high - low)), low, high)

@@ -5,7 +5,7 @@ Equation        covariance = s^2 (J^T J)^-1,  s^2 = sum r^2 / (n - m),  interval
 Assumptions     residuals independent, of one size, the model nearly linear over an interval. A residual that lasts over many
                 samples (the model is not the plant) makes the intervals too narrow
 Valid range     more samples than parameters
-Not modelled    bounds in the intervals: a parameter at a bound is told instead
+Not modelled    bounds in the intervals: a parameter at a bound is reported instead
 References      scipy.optimize.least_squares (trust region reflective: Branch, Coleman, Li 1999); Seber and Wild 2003, ch. 5
 """
 
@@ -19,13 +19,13 @@ from plant_sim.friction.model import Array
 from protocols.errors import InputError
 
 CONFIDENCE = 0.95
-STEP = 1e-6  # of a parameter, for Jacobians: well above rounding, well below any curvature of these models
-MOST_ROUNDS = 200  # of the search; those that settle took 7 to 93 on smooth and on measured traces
-JUMP = 0.1  # of a slope: sides that differ by more have a jump or a kink between them, curvature is about STEP
+DIFFERENCE_STEP = 1e-6  # of a parameter, for Jacobians: well above rounding, well below any curvature of these models
+MOST_ITERATIONS = 200  # of the search; those that settle took 7 to 93 on smooth and on measured traces
+JUMP_RATIO = 0.1  # of a slope: sides that differ by more have a jump or a kink between them, curvature is about STEP
 SINGULAR = 1e-7  # of the largest singular value: below it finite differences show nothing but rounding
-TAKES_PART = 0.1  # of a unit direction: a parameter with less of it is not named
-AT_BOUND = 1e-6  # of the width between the bounds
-WIDE = 1.0  # half an interval, of the value: the data do not say even the sign
+LEAST_COMPONENT = 0.1  # of a unit direction: a parameter with less of it is not named
+BOUND_DISTANCE = 1e-6  # of the width between the bounds
+WIDE_INTERVAL = 1.0  # half an interval, of the value: the data do not say even the sign
 
 
 @dataclass(frozen=True)
@@ -93,20 +93,20 @@ def minimise(
     estimate = _estimate(tuple(names), values, bounds, rows, scaled(values / scale), count, dict(frozen or {}))
     if best.settled:
         return estimate
-    return replace(estimate, doubts=(f"the search has not settled after {MOST_ROUNDS} rounds", *estimate.doubts))
+    return replace(estimate, doubts=(f"the search has not settled after {MOST_ITERATIONS} rounds", *estimate.doubts))
 
 
 @dataclass(frozen=True)
-class _Found:
+class _Minimum:
     theta: Array
     cost: float
     settled: bool
 
 
-def _search(residual: Callable[[Array], Array], start: Array, bounds: Array) -> _Found:
+def _search(residual: Callable[[Array], Array], start: Array, bounds: Array) -> _Minimum:
     """The minimum from `start`. Parameters that change nothing where it begins join once they do: they make it crawl."""
     theta, joined = start.copy(), np.zeros(start.size, bool)
-    found = _Found(start, np.inf, True)
+    found = _Minimum(start, np.inf, True)
     while True:
         alive = joined | (np.linalg.norm(jacobian(residual, theta, bounds), axis=0) > 0.0)
         if (alive == joined).all():
@@ -119,11 +119,16 @@ def _search(residual: Callable[[Array], Array], start: Array, bounds: Array) -> 
             return residual(whole)
 
         result = optimize.least_squares(
-            part, theta[alive], bounds=bounds[alive].T, x_scale="jac", diff_step=STEP, max_nfev=MOST_ROUNDS
+            part,
+            theta[alive],
+            bounds=bounds[alive].T,
+            x_scale="jac",
+            diff_step=DIFFERENCE_STEP,
+            max_nfev=MOST_ITERATIONS,
         )
         theta = theta.copy()
         theta[alive] = result.x
-        found = _Found(theta, result.cost, result.status > 0)
+        found = _Minimum(theta, result.cost, result.status > 0)
         if alive.all():
             return found
 
@@ -137,7 +142,7 @@ def jacobian(residual: Callable[[Array], Array], values: Array, bounds: Array) -
     here, columns = residual(values), []
     for j, value in enumerate(values):
         width = bounds[j, 1] - bounds[j, 0]
-        size = min(STEP * max(abs(value), 0.01 * min(1.0, width)), 0.5 * width)  # also for a value near 0
+        size = min(DIFFERENCE_STEP * max(abs(value), 0.01 * min(1.0, width)), 0.5 * width)  # also for a value near 0
         sides = []
         for step in (size, -size):
             beside = values.copy()
@@ -145,7 +150,7 @@ def jacobian(residual: Callable[[Array], Array], values: Array, bounds: Array) -
             if bounds[j, 0] <= beside[j] <= bounds[j, 1]:
                 sides.append((residual(beside) - here) / (beside[j] - value))
         smallest, largest = min(sides, key=np.linalg.norm), max(sides, key=np.linalg.norm)
-        jumps = np.linalg.norm(largest - smallest) > JUMP * np.linalg.norm(largest)
+        jumps = np.linalg.norm(largest - smallest) > JUMP_RATIO * np.linalg.norm(largest)
         columns.append(smallest if jumps else np.mean(sides, axis=0))
     return np.stack(columns, axis=1)
 
@@ -169,7 +174,7 @@ def _estimate(
     covariance = (
         variance * (directions.T * inverse**2) @ directions / np.outer(*(2 * [np.where(size > 0.0, size, 1.0)]))
     )
-    lost = (np.abs(directions[dead]) > TAKES_PART).any(axis=0) | (size == 0.0)
+    lost = (np.abs(directions[dead]) > LEAST_COMPONENT).any(axis=0) | (size == 0.0)
     covariance[lost, lost] = np.inf
     sigma = np.sqrt(np.diag(covariance))
     half = stats.t.ppf(0.5 + CONFIDENCE / 2.0, freedom) * sigma
@@ -193,19 +198,19 @@ def _doubts(
     names: tuple[str, ...], values: Array, bounds: Array, half: Array, size: Array, lost: Array
 ) -> tuple[str, ...]:
     """One sentence for each parameter, or each group of them, that the data do not tell."""
-    told = [f"{names[j]} is not identifiable: it changes nothing in these data" for j in np.flatnonzero(size == 0.0)]
+    doubts = [f"{names[j]} is not identifiable: it changes nothing in these data" for j in np.flatnonzero(size == 0.0)]
     for direction in lost:
-        group = [names[j] for j in np.flatnonzero(np.abs(direction) > TAKES_PART) if size[j] > 0.0]
+        group = [names[j] for j in np.flatnonzero(np.abs(direction) > LEAST_COMPONENT) if size[j] > 0.0]
         if len(group) > 1:
-            told.append(f"{' and '.join(group)} are not identifiable apart: these data fix a combination of them")
+            doubts.append(f"{' and '.join(group)} are not identifiable apart: these data fix a combination of them")
     for j, name in enumerate(names):
         width = bounds[j, 1] - bounds[j, 0]
         gap = min(values[j] - bounds[j, 0], bounds[j, 1] - values[j])
-        if gap <= AT_BOUND * (width if np.isfinite(width) else abs(values[j])):
-            told.append(f"{name} rests at its bound {values[j]:g}; its interval does not hold")
-        elif np.isfinite(half[j]) and half[j] > WIDE * abs(values[j]):
-            told.append(f"{name} is poorly identifiable: its interval is {values[j]:g} -+ {half[j]:.2g}")
-    return tuple(told)
+        if gap <= BOUND_DISTANCE * (width if np.isfinite(width) else abs(values[j])):
+            doubts.append(f"{name} rests at its bound {values[j]:g}; its interval does not hold")
+        elif np.isfinite(half[j]) and half[j] > WIDE_INTERVAL * abs(values[j]):
+            doubts.append(f"{name} is poorly identifiable: its interval is {values[j]:g} -+ {half[j]:.2g}")
+    return tuple(doubts)
 
 
 def _check(names: Sequence[str], starts: Array, bounds: Array) -> None:

@@ -11,13 +11,13 @@ References      Janssens 2010, app. D.2, figs D.3 and D.4; non-negative least sq
 import numpy as np
 from scipy.optimize import nnls
 
-from plant_sim.friction.identification.break_points import checked
+from plant_sim.friction.identification.break_points import check_break_points
 from plant_sim.friction.identification.virgin_curve import VirginCurve
 from plant_sim.friction.maxwell_slip import MaxwellSlip
 from plant_sim.friction.model import Array
 from protocols.errors import InputError
 
-NOTHING = 1e-9  # of the whole stiffness: an element with less is rounding, and is left out
+LEAST_STIFFNESS = 1e-9  # of the whole stiffness: an element with less is rounding, and is left out
 
 
 def matrix(position: Array, break_points: Array) -> Array:
@@ -37,10 +37,10 @@ def solve(curve: VirginCurve, break_points: Array, saturating: bool = True) -> M
     Not `saturating`: the last element never slips, its limit is infinite. Elements without stiffness are left out.
     Raises InputError, also where the curve bends upwards, which no element does.
     """
-    points = checked(break_points, curve.stroke)
+    points = check_break_points(break_points, curve.stroke)
     stiffness = np.linalg.solve(matrix(points, points), curve(points))  # D.3 to D.5
     worst = int(np.argmin(stiffness))
-    if stiffness[worst] < -NOTHING * np.abs(stiffness).sum():
+    if stiffness[worst] < -LEAST_STIFFNESS * np.abs(stiffness).sum():
         raise InputError(
             f"element {worst + 1} would have a stiffness of {stiffness[worst]:g} N/m, as the virgin curve bends upwards at "
             f"its break point {points[worst]:g} m; allowed are stiffnesses above 0: use the least-squares fit"
@@ -54,7 +54,7 @@ def fit(curve: VirginCurve, break_points: Array, saturating: bool = True) -> Max
     `break_points` [m] (N,) as given; not `saturating` makes the last element one that never slips. Elements without stiffness
     are left out. Raises InputError.
     """
-    points = checked(break_points, curve.stroke)
+    points = check_break_points(break_points, curve.stroke)
     weight = np.sqrt(np.gradient(curve.position))[:, None]  # a dense part of the curve counts no more than its length
     columns = matrix(curve.position, points if saturating else np.append(points[:-1], curve.stroke))
     stiffness, _ = nnls(weight * columns, weight[:, 0] * curve.force)
@@ -70,5 +70,5 @@ def _model(stiffness: Array, points: Array, saturating: bool) -> MaxwellSlip:
     limits = stiffness * points  # D.6
     if not saturating:
         limits[-1] = np.inf
-    kept = stiffness > NOTHING * stiffness.sum()
+    kept = stiffness > LEAST_STIFFNESS * stiffness.sum()
     return MaxwellSlip(stiffness[kept], limits[kept])

@@ -16,7 +16,7 @@ from scipy import optimize
 from scipy.optimize import nnls
 
 from plant_sim.friction.identification.least_squares import Estimate, minimise
-from plant_sim.friction.identification.virgin_curve import paired
+from plant_sim.friction.identification.virgin_curve import check_pair
 from plant_sim.friction.load_law import LoadLaw
 from plant_sim.friction.model import Array, require
 from plant_sim.friction.stribeck import Stribeck
@@ -113,7 +113,7 @@ def nelder_mead(
 
     `start` replaces guesses by name, `frozen` keeps parameters. Raises InputError.
     """
-    free, begin, bounds, held, x, y = _prepared(law, x, y, start, frozen)
+    free, begin, bounds, held, x, y = _check_inputs(law, x, y, start, frozen)
     residual = _residual(law, free, held, x, y)
 
     scale = np.where(begin != 0.0, np.abs(begin), 1.0)
@@ -137,7 +137,7 @@ def least_squares(
     frozen: Mapping[str, float] | None = None,
 ) -> Estimate:
     """Fit `law` to `x` (n,), `y` (n,) by bounded least squares, with 95 % intervals; arguments as `nelder_mead`."""
-    free, begin, bounds, held, x, y = _prepared(law, x, y, start, frozen)
+    free, begin, bounds, held, x, y = _check_inputs(law, x, y, start, frozen)
     return minimise(_residual(law, free, held, x, y), free, begin[None, :], bounds, held)
 
 
@@ -151,7 +151,7 @@ def _residual(
     return residual
 
 
-def _prepared(
+def _check_inputs(
     law: SteadyLaw, x: Array, y: Array, start: Mapping[str, float] | None, frozen: Mapping[str, float] | None
 ) -> tuple[tuple[str, ...], Array, Array, dict[str, float], Array, Array]:
     """Names, start and bounds of the free parameters, the frozen ones, and the checked data."""
@@ -162,7 +162,7 @@ def _prepared(
     free = tuple(name for name in law.names if name not in held)
     if not free:
         raise InputError(f"no parameter of eq {law.equation} is to be fitted; all are frozen")
-    x, y = paired(x, y, "measured curve", least=len(free) + 1)
+    x, y = check_pair(x, y, "measured curve", least=len(free) + 1)
     if (x <= 0.0).any():
         raise InputError(f"measured curve has a point at {x.min():g}; allowed are points above 0")
     if y.mean() <= 0.0:

@@ -16,14 +16,14 @@ from numba import njit
 from scipy.optimize import nnls
 
 from plant_sim.friction.model import Array, real, require
-from plant_sim.friction.whole_number import whole
+from plant_sim.friction.whole_number import require_whole
 from protocols.errors import InputError
 
 DEAD_BAND = 0.05  # of the position's range: a smaller turn is noise; ours, ten times the noise of a good encoder
 FULL_STROKE = 0.95  # of the widest stroke: shorter ones are inner loops or cut off by the record; ours
 LEAST_POINTS = 2  # of the curve that is cut out of a record: one alone says nothing of its bend
 BINS = 10  # in which the stroke is averaged to see whether the force falls
-MISFIT = 0.05  # of the height of the curve: a larger fall of it is no noise; ours
+LARGEST_FALL = 0.05  # of the height of the curve: a larger fall of it is no noise; ours
 
 
 @dataclass(frozen=True)
@@ -37,12 +37,12 @@ class VirginCurve:
     force: Array
 
     def __post_init__(self) -> None:
-        position, force = paired(self.position, self.force, "virgin curve")
+        position, force = check_pair(self.position, self.force, "virgin curve")
         if position[0] != 0.0 or force[0] != 0.0:
             raise InputError(f"virgin curve begins at ({position[0]:g}, {force[0]:g}); it must begin at (0, 0)")
-        if (i := _first(np.diff(position) <= 0.0)) is not None:
+        if (i := _first_index(np.diff(position) <= 0.0)) is not None:
             raise InputError(f"position of the virgin curve does not rise after {position[i]:g} m; each must be larger")
-        if (i := _first(np.diff(force) < 0.0)) is not None:
+        if (i := _first_index(np.diff(force) < 0.0)) is not None:
             raise InputError(
                 f"virgin curve falls from {force[i]:g} to {force[i + 1]:g} N after {position[i]:g} m; it must never fall"
             )
@@ -84,7 +84,7 @@ def from_half_loop(position: Array, force: Array) -> VirginCurve:
 
     The first sample is the reversal. For a clean branch; noise belongs to `from_loops`. Raises InputError.
     """
-    position, force = paired(position, force, "half loop")
+    position, force = check_pair(position, force, "half loop")
     side = np.sign(position[-1] - position[0])
     if side == 0.0 or not (np.diff(position) * side > 0.0).all():
         raise InputError("position of the half loop turns or rests; needed is one branch between two reversals")
@@ -99,8 +99,8 @@ def from_loops(position: Array, force: Array, points: int = 60, side: int = 0) -
     `side` 1 takes the upward strokes only (upper left half of the loop), -1 the downward ones, 0 both.
     Raises InputError.
     """
-    position, force = paired(position, force, "record")
-    whole("number of points", points, least=LEAST_POINTS)
+    position, force = check_pair(position, force, "record")
+    require_whole("number of points", points, least=LEAST_POINTS)
     if side not in (-1, 0, 1):
         raise InputError(f"side is {side!r:.60}; allowed is 1 (upward strokes), -1 (downward) or 0 (both)")
     strokes = _full_strokes(position, side)
@@ -128,7 +128,7 @@ def from_loops(position: Array, force: Array, points: int = 60, side: int = 0) -
     return VirginCurve(np.append(0.0, grid), np.maximum.accumulate(curve))
 
 
-def paired(position: Array, force: Array, name: str, least: int = 3) -> tuple[Array, Array]:
+def check_pair(position: Array, force: Array, name: str, least: int = 3) -> tuple[Array, Array]:
     """`position` and `force` as float64 vectors of one length, `least` or more, finite. Raises InputError."""
     position, force = real(f"position of the {name}", position), real(f"force of the {name}", force)
     if position.ndim != 1 or position.shape != force.shape:
@@ -140,7 +140,7 @@ def paired(position: Array, force: Array, name: str, least: int = 3) -> tuple[Ar
     return position, force
 
 
-def reversals(position: Array, dead_band: float = DEAD_BAND) -> Array:
+def find_reversals(position: Array, dead_band: float = DEAD_BAND) -> Array:
     """Samples at which `position` [m] (n,) turns, int (k,); turns smaller than `dead_band` of its range are noise.
 
     Raises InputError.
@@ -149,11 +149,11 @@ def reversals(position: Array, dead_band: float = DEAD_BAND) -> Array:
     if position.ndim != 1 or position.size < 1:
         raise InputError(f"position has shape {position.shape}; needed is one value or more in one dimension")
     require("dead band", dead_band, least=0.0, most=1.0)
-    return _turns(position, dead_band * float(np.ptp(position)))
+    return _find_reversals(position, dead_band * float(np.ptp(position)))
 
 
 @njit(cache=True)
-def _turns(position, dead_band):
+def _find_reversals(position, dead_band):
     found = np.empty(position.size, np.int64)
     count = 0
     low = high = extreme = 0
@@ -178,7 +178,7 @@ def _turns(position, dead_band):
 
 def _full_strokes(position: Array, side: int) -> list[tuple[int, int]]:
     """First and last sample of every stroke of full width."""
-    turns = reversals(position)
+    turns = find_reversals(position)
     if turns.size == 0:
         raise InputError("record has no reversal of the position; needed is one loop or more")
     ends = np.concatenate(([0], turns, [position.size - 1]))
@@ -197,12 +197,12 @@ def _refuse_falling(path: Array, force: Array) -> None:
     member = np.searchsorted(edges, path)
     mean = np.bincount(member, force, BINS) / np.maximum(np.bincount(member, minlength=BINS), 1)
     fall = np.maximum.accumulate(mean) - mean
-    if fall.max() > MISFIT * abs(mean).max():
+    if fall.max() > LARGEST_FALL * abs(mean).max():
         raise InputError(
             f"measured virgin curve falls by {fall.max():g} N towards {path.max():g} m, which no Maxwell-slip elements do; "
-            f"allowed is {MISFIT:.0%} of its height {abs(mean).max():g} N"
+            f"allowed is {LARGEST_FALL:.0%} of its height {abs(mean).max():g} N"
         )
 
 
-def _first(wrong: Array) -> int | None:
+def _first_index(wrong: Array) -> int | None:
     return int(np.argmax(wrong)) if wrong.any() else None

@@ -15,7 +15,7 @@ from plant_sim.effects.effect import Strength
 from plant_sim.node.plant_node import PlantNode
 from plant_sim.profiles.profile import load_profile
 from plant_sim.rigs import wet_clutch
-from plant_sim.rigs.wet_clutch_regulated import Regulator, regulated
+from plant_sim.rigs.wet_clutch_regulated import Regulator, regulate_profile
 from protocols.errors import InputError
 from protocols.files.parameters import Parameter, ParameterSet
 from protocols.node import node_factory
@@ -106,7 +106,7 @@ def test_the_regulated_rig_gets_the_voltage_that_the_controller_gives(name: str)
     parameters = wet_clutch.nominal().with_values(QUIET | {"sensors.pressure_sensitivity": 1.03})  # reads 3 % high
     profile = load_profile(name, SHORT)
     played = play(PlantNode(1000, parameters, profile, temperature=70.0), node_factory("controller")(rate=1000))
-    inputs = regulated(wet_clutch.Rig(parameters), profile, Regulator.of_controller(), 70.0, 1000, 10)
+    inputs = regulate_profile(wet_clutch.Rig(parameters), profile, Regulator.of_controller(), 70.0, 1000, 10)
     assert np.abs(inputs.voltage - played["valve_voltage_v"]).max() < VOLTAGE
     assert np.abs(inputs.speed - played["motor_speed_demand_rad_s"]).max() < 1e-3
     assert played["valve_voltage_v"].max() > 1.0

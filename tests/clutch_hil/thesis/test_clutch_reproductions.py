@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from clutch_hil.thesis import clutch_lag, table_6_6
-from clutch_hil.thesis.clutch_experiments import SLOW, cooled, measure, nominal
-from clutch_hil.thesis.clutch_fit import NEAR
-from clutch_hil.thesis.clutch_lag import ATTRACTION, MOST, on_line
-from clutch_hil.thesis.clutch_response import THESIS, Response, pressure_response
+from clutch_hil.thesis.clutch_experiments import SLOW_RATE, cooling_changes, nominal, run_experiment
+from clutch_hil.thesis.clutch_fit import TOLERANCE
+from clutch_hil.thesis.clutch_lag import ATTRACTION, LARGEST_ERROR, run_online_estimate
+from clutch_hil.thesis.clutch_response import THESIS_BANDWIDTH, Response, measure_response
 from protocols.errors import InputError
 
 ROOT = Path(__file__).parents[3]
@@ -25,7 +25,7 @@ TELLING = (
 
 @cache
 def as_shipped() -> Response:
-    return pressure_response()
+    return measure_response()
 
 
 # --- figure 6.15 -----------------------------------------------------------------------------------------------------
@@ -38,14 +38,14 @@ def test_the_bandwidth_is_told_as_it_is_measured(page: str) -> None:
 
 @pytest.mark.parametrize(("gain", "faster"), [(0.2, False), (0.9, True)])
 def test_another_gain_of_the_controllers_regulator_gives_another_response(gain: float, faster: bool) -> None:
-    found = pressure_response({"pressure.proportional_gain": gain})
+    found = measure_response({"pressure.proportional_gain": gain})
     for changed, before in ((found.pressure, as_shipped().pressure), (found.torque, as_shipped().torque)):
         assert (changed.bandwidth > before.bandwidth + 1.0) if faster else (changed.bandwidth < before.bandwidth - 1.0)
-    assert abs(found.pressure.bandwidth / THESIS - 1.0) > NEAR  # the claim would not hold
+    assert abs(found.pressure.bandwidth / THESIS_BANDWIDTH - 1.0) > TOLERANCE  # the claim would not hold
 
 
 def test_without_its_integral_the_regulator_does_not_overshoot() -> None:
-    found = pressure_response({"pressure.integral_gain": 0.0})
+    found = measure_response({"pressure.integral_gain": 0.0})
     assert as_shipped().pressure.decibel.max() > 1.0  # dB; 1.1 measured
     assert found.pressure.decibel.max() < 0.3
 
@@ -59,16 +59,16 @@ def test_the_torque_is_slower_than_the_pressure_that_makes_it() -> None:
 
 
 def test_a_controller_that_believes_in_another_lag_errs_by_more() -> None:
-    assert on_line(5.0).error < MOST
-    assert on_line(5.0, ATTRACTION / 2.0).error > MOST
-    assert on_line(5.0, clutch_lag.NO_LAG).error > MOST
+    assert run_online_estimate(5.0).error < LARGEST_ERROR
+    assert run_online_estimate(5.0, ATTRACTION / 2.0).error > LARGEST_ERROR
+    assert run_online_estimate(5.0, clutch_lag.FASTEST_ATTRACTION).error > LARGEST_ERROR
 
 
 def test_the_width_of_the_loop_is_signed() -> None:
-    loop = on_line(5.0)
-    assert loop.width(loop.true) > 0.3  # Nm; 0.53 measured
-    assert loop.width(-loop.true) == pytest.approx(-loop.width(loop.true))
-    assert abs(loop.width(loop.slip)) < 0.02  # rad/s: branches are compared at equal slip
+    loop = run_online_estimate(5.0)
+    assert loop.loop_width(loop.true) > 0.3  # Nm; 0.53 measured
+    assert loop.loop_width(-loop.true) == pytest.approx(-loop.loop_width(loop.true))
+    assert abs(loop.loop_width(loop.slip)) < 0.02  # rad/s: branches are compared at equal slip
 
 
 # --- the rig under its controller ------------------------------------------------------------------------------------
@@ -81,7 +81,7 @@ def test_no_reproduction_regulates_the_clutch_itself() -> None:
 
 def test_a_record_begins_settled_and_has_the_demand_sample_by_sample() -> None:
     demand = 3.0 + 0.1 * np.sin(np.arange(500) / 50.0)
-    run = measure(demand, 20.0, nominal(**cooled()))
+    run = run_experiment(demand, 20.0, nominal(**cooling_changes()))
     assert run.time.size == 500
     assert np.abs(run.demand - demand).max() <= 0.5e-3 + 1e-9  # bar: the bus carries whole mbar
     assert abs(run.pressure[:50].mean() - 3.0) < 0.02
@@ -90,7 +90,7 @@ def test_a_record_begins_settled_and_has_the_demand_sample_by_sample() -> None:
 
 def test_an_experiment_that_the_controller_ends_is_no_record() -> None:
     with pytest.raises(InputError, match="ended an experiment with fault 3"):
-        measure(np.full(2 * SLOW, 3.6), 20.0, nominal(), temperature=149.5, rate=SLOW)
+        run_experiment(np.full(2 * SLOW_RATE, 3.6), 20.0, nominal(), temperature=149.5, rate=SLOW_RATE)
 
 
 # --- Table 6.6 -------------------------------------------------------------------------------------------------------
@@ -98,8 +98,8 @@ def test_an_experiment_that_the_controller_ends_is_no_record() -> None:
 
 def stepping(torque: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> tuple[float, float]:
     played = {"time_s": np.arange(4000) * 1e-3, "truth_clutch_torque_nm": torque}
-    monkeypatch.setattr(table_6_6, "follow", lambda *_: played)
-    return table_6_6.step("both", False, 0)
+    monkeypatch.setattr(table_6_6, "run_trajectory", lambda *_: played)
+    return table_6_6.run_step("both", False, 0)
 
 
 def test_a_step_is_timed_to_90_percent_and_its_overshoot_told(monkeypatch: pytest.MonkeyPatch) -> None:

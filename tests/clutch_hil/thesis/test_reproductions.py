@@ -11,11 +11,18 @@ from pathlib import Path
 import pytest
 
 from clutch_hil.thesis import Entry, entries, entry
-from clutch_hil.thesis.contradicted import CONTRADICTED
+from clutch_hil.thesis.check_sheet import Sheet
+from clutch_hil.thesis.contradictions import CONTRADICTED
+from clutch_hil.thesis.markdown_page import (
+    PAGE,
+    PICTURED_ENTRIES,
+    PICTURES,
+    format_claim_row,
+    format_failed_checks,
+    format_line,
+)
 from clutch_hil.thesis.measured_data import MissingDataError
-from clutch_hil.thesis.record import PAGE, PICTURED, PICTURES, against_rows, claim_row, line
-from clutch_hil.thesis.result import Result, checks_text, run, run_all
-from clutch_hil.thesis.sheet import Sheet
+from clutch_hil.thesis.reproduction import Result, format_checks, run, run_all
 from protocols.errors import InputError
 from tests import needs
 
@@ -31,7 +38,7 @@ TABLES = tuple(f"6.{n}" for n in range(1, 7))
 ENTRIES = entries()
 RECORD = PAGE.read_text(encoding="utf-8").splitlines()
 # entries whose tables stand elsewhere too
-TOLD_AGAIN = {"table-6.6": "docs/results.md", "adaptation": "docs/results.md", "microtribometer": "docs/friction.md"}
+REPEATED_ON = {"table-6.6": "docs/results.md", "adaptation": "docs/results.md", "microtribometer": "docs/friction.md"}
 NUMBER = re.compile(r"(\d+(?:\.(\d+))?(?:e([-+]\d+))?)")
 SHARE = 0.003  # of a number: libraries and processors round otherwise; 9.57 for 9.66 is three times that
 # Iterative fits to noisy records end elsewhere where a processor rounds otherwise: without AVX2 and FMA by 4 %, by 13 %,
@@ -39,18 +46,18 @@ SHARE = 0.003  # of a number: libraries and processors round otherwise; 9.57 for
 SHARES = {"figure-5.10": 0.1, "compensation": 0.25, "microtribometer": 0.5}
 
 
-def alike(told: str, now: str, share: float = SHARE) -> bool:
+def are_alike(kept: str, now: str, share: float = SHARE) -> bool:
     """Whether two lines have the same words, and numbers that differ by two units of the last digit or by `share` at most."""
-    if NUMBER.sub("#", told) != NUMBER.sub("#", now):
+    if NUMBER.sub("#", kept) != NUMBER.sub("#", now):
         return False
-    for one, other in zip(NUMBER.finditer(told), NUMBER.finditer(now), strict=True):
+    for one, other in zip(NUMBER.finditer(kept), NUMBER.finditer(now), strict=True):
         unit = 10.0 ** (int(one[3] or 0) - len(one[2] or ""))
         if abs(float(one[1]) - float(other[1])) > max(2.01 * unit * bool(one[2]), share * float(one[1])):
             return False
     return True
 
 
-def recorded(name: str) -> list[str]:
+def read_recorded_lines(name: str) -> list[str]:
     """The lines of the page on an entry: its rows in the two tables, and those of its own table."""
     rows = [row for row in RECORD if row.startswith(f"| {name} |")]
     headings = [i for i, row in enumerate(RECORD) if row.startswith(f"### {name}: ")]
@@ -64,20 +71,20 @@ def test_the_claim_holds(name: str, tmp_path: Path) -> None:
         result = run(ENTRIES[name], tmp_path, lambda done, total: None)
     except MissingDataError:
         needs.skip("data")
-    assert result.as_known, checks_text(result)
+    assert result.is_as_known, format_checks(result)
     assert result.picture.stat().st_size > 10_000  # bytes: not an empty canvas
     json.dumps(result.document(), default=float)
-    table = [line(row) for row in result.sheet.table]
-    now = [*map(line, (claim_row(result), *against_rows(result))), *table]
-    told, share = recorded(name), SHARES.get(name, SHARE)
+    table = [format_line(row) for row in result.sheet.table]
+    now = [*map(format_line, (format_claim_row(result), *format_failed_checks(result))), *table]
+    kept, share = read_recorded_lines(name), SHARES.get(name, SHARE)
     hint = "`python -m clutch_hil.thesis` writes the page anew"
-    assert len(told) == len(now), f"{PAGE.name}: {told} is now {now}; {hint}"
-    for one, other in zip(told, now, strict=True):
-        assert alike(one, other, share), f"{PAGE.name}: {one} is now {other}; {hint}"
-    if page := TOLD_AGAIN.get(name):
+    assert len(kept) == len(now), f"{PAGE.name}: {kept} is now {now}; {hint}"
+    for one, other in zip(kept, now, strict=True):
+        assert are_alike(one, other, share), f"{PAGE.name}: {one} is now {other}; {hint}"
+    if page := REPEATED_ON.get(name):
         rows = (PAGE.parents[1] / page).read_text(encoding="utf-8").replace("±", "+-").splitlines()
         for row in table:
-            assert any(alike(one, row, share) for one in rows), f"not in {page}: {row}"
+            assert any(are_alike(one, row, share) for one in rows), f"not in {page}: {row}"
 
 
 def test_the_page_tells_every_entry_and_no_other() -> None:
@@ -85,16 +92,16 @@ def test_the_page_tells_every_entry_and_no_other() -> None:
     assert [row.split(" | ")[0][2:] for row in RECORD[:begun] if row.startswith("| ")] == ["name", *ENTRIES]
     holding = sum(" | yes | " in row for row in RECORD[:begun])
     assert f"{holding} of {len(ENTRIES)} claims hold, {len(CONTRADICTED)} known not to." in RECORD[2]
-    told = {
+    failed = {
         row.split(" | ")[0][2:]
         for row in RECORD[begun : RECORD.index("## What was measured, for entries with a table")]
     }
-    assert {name for name in told if name in ENTRIES} == CONTRADICTED.keys()
-    assert all((PICTURES / f"{name}.png").stat().st_size > 10_000 for name in PICTURED)
+    assert {name for name in failed if name in ENTRIES} == CONTRADICTED.keys()
+    assert all((PICTURES / f"{name}.png").stat().st_size > 10_000 for name in PICTURED_ENTRIES)
 
 
 @pytest.mark.parametrize(
-    ("told", "now", "same"),
+    ("kept", "now", "same"),
     [
         ("| 9.57 Hz |", "| 9.66 Hz |", False),
         ("| 9.8 |", "| 9.57 |", False),
@@ -107,8 +114,8 @@ def test_the_page_tells_every_entry_and_no_other() -> None:
         ("| -0.25 |", "| 0.25 |", False),
     ],
 )
-def test_lines_are_alike_in_words_and_in_numbers_but_for_rounding(told: str, now: str, same: bool) -> None:
-    assert alike(told, now) is same
+def test_lines_are_alike_in_words_and_in_numbers_but_for_rounding(kept: str, now: str, same: bool) -> None:
+    assert are_alike(kept, now) is same
 
 
 @pytest.mark.parametrize("name", [*(f"figure-{n}" for n in FIGURES), *(f"table-{n}" for n in TABLES)])
@@ -145,7 +152,7 @@ def test_all_goes_on_after_an_entry_without_data(tmp_path: Path, monkeypatch: py
         Entry("fine", "title", "claim", fine),
         Entry("wrong", "t", "c", wrong),
     ]
-    monkeypatch.setattr("clutch_hil.thesis.result.entries", lambda: {e.name: e for e in made})
+    monkeypatch.setattr("clutch_hil.thesis.reproduction.entries", lambda: {e.name: e for e in made})
     document, text, verdict, good = run_all(tmp_path, lambda done, total: None)
     assert not good
     assert verdict == "1 of 2 claims hold, 0 known not to; unexpected: wrong; 1 skipped"
@@ -184,4 +191,4 @@ def test_a_claim_without_a_check_does_not_hold() -> None:
     sheet.check("another", False, measured=[1.0, 2.0])
     assert not sheet.holds
     result = Result(Entry("x", "title", "claim", lambda sheet: None), sheet, Path("x.png"), 0.0)
-    assert "another  1, 2              NO" in checks_text(result)
+    assert "another  1, 2              NO" in format_checks(result)

@@ -1,6 +1,6 @@
 """The rig with effects is fast enough; `python -m benchmarks` measures the same beside its targets."""
 
-from benchmarks.loop import TEN, kernel_speeds
+from benchmarks.loop import TEN_EFFECTS, measure_kernel_speeds
 from plant_sim.effects.catalogue import effects
 from plant_sim.effects.effect import BLOCKS
 
@@ -9,7 +9,7 @@ ALL_OFF, TEN_ON = 250.0, 100.0
 
 
 def test_the_rig_is_fast_with_all_effects_off_and_with_ten_on() -> None:
-    off, ten_on = kernel_speeds(repeats=40)
+    off, ten_on = measure_kernel_speeds(repeats=40)
     print(f"\nkernel: all effects off {off:.0f} x real time, ten on {ten_on:.0f} x")
     assert off > ALL_OFF
     assert ten_on > TEN_ON
@@ -17,6 +17,6 @@ def test_the_rig_is_fast_with_all_effects_off_and_with_ten_on() -> None:
 
 def test_the_ten_come_from_all_blocks_and_hooks() -> None:
     known = effects()
-    assert len(set(TEN)) == 10
-    assert {known[name].block for name in TEN} == set(BLOCKS) - {"fault"}
-    assert {hook for name in TEN for hook in known[name].laws} >= set(range(1, 9)), "all that a step calls"
+    assert len(set(TEN_EFFECTS)) == 10
+    assert {known[name].block for name in TEN_EFFECTS} == set(BLOCKS) - {"fault"}
+    assert {hook for name in TEN_EFFECTS for hook in known[name].laws} >= set(range(1, 9)), "all that a step calls"

@@ -9,25 +9,25 @@ from clutch_hil.thesis.cross_level import LOAD, SPEEDS, nrmse
 
 @pytest.fixture(scope="module")
 def here():
-    return entry.contact(1)
+    return entry.make_contact(1)
 
 
 @pytest.fixture(scope="module")
 def records(here):
-    motions, stairs = entry.training()
+    motions, stairs = entry.make_training()
     return motions, stairs, [record.measured(here) for record in (*motions, *stairs)]
 
 
 @pytest.fixture(scope="module")
 def models(records):
-    return entry.identified(*records)
+    return entry.identify_models(*records)
 
 
 @pytest.fixture(scope="module")
 def measured():
     """Held-out motions and their friction on another part of the surface, by name."""
-    elsewhere = entry.contact(2)
-    known, others = entry.held_out()
+    elsewhere = entry.make_contact(2)
+    known, others = entry.make_held_out()
     return {motion.name: (motion, motion.measured(elsewhere)) for motion in (*known, *others)}
 
 
@@ -74,7 +74,7 @@ def test_inner_loops_need_non_local_memory(models, measured):
 
 @pytest.mark.parametrize("name", ["inner loops, load 1.5", "multisine, load 1.5", "multisine, load 1 to 2"])
 def test_predicts_under_loads_it_has_not_seen(models, measured, name):
-    """Even against models that are told to grow with the load."""
+    """Even against models that are made to grow with the load."""
     found = errors(models, measured, name)
     assert found["XGMS"] < 0.2
     assert found["XGMS"] < 0.8 * min(found["LuGre"], found["Coulomb"])

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from plant_sim.friction.dahl import Dahl
-from plant_sim.friction.identification.asymmetric import Shaped, TwoSided, fit_shaped, fit_two_sided
+from plant_sim.friction.identification.asymmetric import ShapedElements, TwoSidedElements, fit_shaped, fit_two_sided
 from plant_sim.friction.identification.break_points import CurvatureSpacing, EqualSpacing
 from plant_sim.friction.identification.maxwell_slip import error, matrix, solve, virgin_force
 from plant_sim.friction.identification.maxwell_slip import fit as fit_elements
-from plant_sim.friction.identification.virgin_curve import VirginCurve, from_half_loop, from_loops, reversals
+from plant_sim.friction.identification.virgin_curve import VirginCurve, find_reversals, from_half_loop, from_loops
 from plant_sim.friction.maxwell_slip import MaxwellSlip
 from protocols.errors import InputError
 
@@ -95,7 +95,7 @@ def test_inner_loops_of_a_record_are_left_out() -> None:
 
 def test_reversals_ignore_noise() -> None:
     position = triangle(1.0, 500, 3) + np.random.default_rng(2).normal(0.0, 0.002, 500 * 7 + 1)
-    found = reversals(position)
+    found = find_reversals(position)
     np.testing.assert_allclose(found, np.arange(1, 7) * 500, atol=3)
 
 
@@ -231,7 +231,7 @@ LEVEL = MaxwellSlip([2.5e6, 0.5e6], [2.0, 4.0])  # same sum and height as UP
 
 
 def test_unequal_sums_of_stiffness_drift_with_every_cycle() -> None:
-    pair = TwoSided(UP, DOWN, 8e-6)
+    pair = TwoSidedElements(UP, DOWN, 8e-6)
     stroke, cycles = 0.5e-6, 40
     _, force = pair.play(np.tile([0.0, stroke], cycles + 1)[:-1])
     assert force[-1] == pytest.approx(-cycles * 1e6 * stroke)
@@ -242,7 +242,7 @@ def test_unequal_sums_of_stiffness_drift_with_every_cycle() -> None:
 
 
 def test_equal_sums_of_stiffness_do_not_drift_in_small_strokes() -> None:
-    pair = TwoSided(UP, LEVEL, 8e-6)
+    pair = TwoSidedElements(UP, LEVEL, 8e-6)
     _, force = pair.play(np.tile([0.0, 0.5e-6], 1001)[:-1])
     assert abs(force[-1]) < 1e-12
     assert pair.equal_stiffness().holds
@@ -250,7 +250,7 @@ def test_equal_sums_of_stiffness_do_not_drift_in_small_strokes() -> None:
 
 def test_equal_sums_alone_do_not_close_the_loops() -> None:
     """Condition 2 is one of its own, and its statement gives the gap that playing the loop shows."""
-    pair = TwoSided(UP, LEVEL, 8e-6)
+    pair = TwoSidedElements(UP, LEVEL, 8e-6)
     condition = pair.return_through_extreme()
     assert not condition.holds
     stroke = float(condition.statement.split()[-2])
@@ -260,12 +260,12 @@ def test_equal_sums_alone_do_not_close_the_loops() -> None:
 
 
 def test_first_condition_is_the_slope_of_the_second() -> None:
-    pair = TwoSided(UP, DOWN, 8e-6)
+    pair = TwoSidedElements(UP, DOWN, 8e-6)
     assert pair.gap(1e-9) / 1e-9 == pytest.approx(-pair.equal_stiffness().violation)
 
 
 def test_same_elements_on_both_sides_meet_both_conditions() -> None:
-    pair = TwoSided(UP, UP, 8e-6)
+    pair = TwoSidedElements(UP, UP, 8e-6)
     assert pair.equal_stiffness().holds
     assert pair.return_through_extreme().holds
 
@@ -285,7 +285,7 @@ def test_constrained_fit_meets_what_the_free_fit_violates() -> None:
 
 
 def test_shaped_elements_are_asymmetric_and_still_close_every_loop() -> None:
-    shaped = Shaped(MODEL, [0.4, 0.1], REACH)
+    shaped = ShapedElements(MODEL, [0.4, 0.1], REACH)
     turns = np.array([0.0, 1.0, -1.0, 1.0, 0.1, 0.6, 0.1, 1.0]) * REACH
     position = along(turns, 300)
     force = shaped.force(position)
@@ -302,7 +302,7 @@ def test_shaped_elements_are_asymmetric_and_still_close_every_loop() -> None:
 
 def test_shaped_fit_returns_elements_and_shape() -> None:
     position = triangle(REACH, 400, 2)
-    truth = Shaped(MODEL, np.array([0.4, -0.1]), REACH)
+    truth = ShapedElements(MODEL, np.array([0.4, -0.1]), REACH)
     found = fit_shaped(position, truth.force(position), BREAKS)
     np.testing.assert_allclose(found.shape, truth.shape, atol=1e-6)
     np.testing.assert_allclose(found.elements.stiffness, MODEL.stiffness, rtol=1e-5)
@@ -331,8 +331,8 @@ def test_shaped_fit_returns_elements_and_shape() -> None:
         (lambda: from_loops(triangle(1.0, 300), triangle(1.0, 300), points=9.5), "number of points is 9.5"),
         (lambda: from_loops(triangle(1.0, 300), triangle(1.0, 300), side=5), "side is 5; allowed is 1 (upward"),
         (lambda: from_loops(["a", "b", "c"], [0.0, 1.0, 2.0]), "position of the record is ['a', 'b', 'c']"),
-        (lambda: reversals([]), "position has shape (0,)"),
-        (lambda: reversals([0.0, 1.0], np.nan), "dead band is nan"),
+        (lambda: find_reversals([]), "position has shape (0,)"),
+        (lambda: find_reversals([0.0, 1.0], np.nan), "dead band is nan"),
         (lambda: from_loops(triangle(1.0, 300), -triangle(1.0, 300)), "which no Maxwell-slip elements do"),
         (lambda: EqualSpacing().place(SMOOTH, 0), "number of break points is 0"),
         (lambda: CurvatureSpacing(0.0), "exponent of the curvature is 0"),
@@ -342,7 +342,7 @@ def test_shaped_fit_returns_elements_and_shape() -> None:
         (lambda: solve(SMOOTH, [2e-6, 1e-6]), "break points do not rise"),
         (lambda: solve(SMOOTH, []), "break points have shape (0,)"),
         (lambda: solve(VirginCurve([0, 1, 2], [0, 1, 3]), [1.0, 2.0]), "element 1 would have a stiffness of -1 N/m"),
-        (lambda: Shaped(MODEL, [2.0], 1.0), "must be above 0"),
+        (lambda: ShapedElements(MODEL, [2.0], 1.0), "must be above 0"),
     ],
 )
 def test_bad_input_is_told_in_one_sentence(make: object, sentence: str) -> None:

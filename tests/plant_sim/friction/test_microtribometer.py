@@ -23,7 +23,7 @@ def record() -> entry.Record:
 def scores(record: entry.Record) -> dict[str, entry.Score]:
     """The models that are quick to fit."""
     quick = ("Coulomb", "Dahl", "Maxwell-slip, 2 elements")
-    return entry.compare(record, tuple(c for c in entry.candidates() if c.name in quick))
+    return entry.compare_candidates(record, tuple(c for c in entry.make_candidates() if c.name in quick))
 
 
 def test_units_are_those_of_the_stated_load(record):
@@ -37,8 +37,8 @@ def test_units_are_those_of_the_stated_load(record):
 def test_maxwell_slip_predicts_cycles_it_has_not_seen(scores):
     """At most 0.12 N; Dahl's model just reaches that, Coulomb friction is ten times worse."""
     held_out = {name: score.held_out for name, score in scores.items()}
-    assert held_out["Maxwell-slip, 2 elements"] <= entry.REQUIRED
-    assert held_out["Maxwell-slip, 2 elements"] < held_out["Dahl"] <= entry.REQUIRED
+    assert held_out["Maxwell-slip, 2 elements"] <= entry.REQUIRED_ERROR
+    assert held_out["Maxwell-slip, 2 elements"] < held_out["Dahl"] <= entry.REQUIRED_ERROR
     assert held_out["Coulomb"] > 8.0 * held_out["Maxwell-slip, 2 elements"]
 
 
@@ -49,7 +49,7 @@ def test_load_dependence_predicts_the_unloading(record, scores):
     model = XGMS(Amontons(limits.sum() / entry.LOAD), [values["k_0"], values["k_1"]], limits / limits.sum())
     force = model.trace(record.position, entry.STEP, record.load).force + values["offset"]
     errors = [np.sqrt(np.mean((force - record.force)[part] ** 2)) for part in record.parts]
-    assert errors[1] <= entry.REQUIRED
+    assert errors[1] <= entry.REQUIRED_ERROR
     assert errors[2] < 0.1
     assert scores["Maxwell-slip, 2 elements"].unloading > 1.0
 
@@ -65,6 +65,6 @@ def test_the_last_digit_of_a_dwell_makes_no_motion():
     """Flicker of one digit is held, a stroke passes through but for the digit."""
     digit = entry.RESOLUTION
     dwell = digit * np.array([0, 1, 0, 1, 1, 0], float)
-    assert np.ptp(entry.still(dwell)) == 0.0
+    assert np.ptp(entry.remove_flicker(dwell)) == 0.0
     stroke = np.linspace(0.0, 100.0 * digit, 50)
-    assert np.abs(entry.still(stroke) - stroke).max() == pytest.approx(digit)
+    assert np.abs(entry.remove_flicker(stroke) - stroke).max() == pytest.approx(digit)

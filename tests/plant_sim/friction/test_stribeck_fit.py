@@ -78,8 +78,8 @@ def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
 def test_covariance_is_the_scatter_of_repeated_fits() -> None:
     fits = [least_squares(DEPTH, SPEED, noisy(seed)) for seed in range(80)]
     scatter = np.std([fit.values for fit in fits], axis=0)
-    told = np.sqrt(np.mean([np.diag(fit.covariance) for fit in fits], axis=0))
-    np.testing.assert_allclose(told, scatter, rtol=0.25)  # 80 draws tell a scatter within 8 %
+    estimated = np.sqrt(np.mean([np.diag(fit.covariance) for fit in fits], axis=0))
+    np.testing.assert_allclose(estimated, scatter, rtol=0.25)  # 80 draws tell a scatter within 8 %
 
 
 def test_viscous_factor_and_exponent_are_hardly_told_apart() -> None:

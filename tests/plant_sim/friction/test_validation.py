@@ -74,12 +74,12 @@ BAD: list[tuple[Callable[[], object], str, str]] = [
 def test_bad_parameters_are_refused(build: Callable[[], object], thing: str, value: str) -> None:
     with pytest.raises(InputError) as refused:
         build()
-    said = str(refused.value)
-    assert thing in said
-    assert value in said
-    assert "allowed" in said or "needed" in said
-    assert "\n" not in said
-    assert ". " not in said.strip(".")  # one sentence
+    message = str(refused.value)
+    assert thing in message
+    assert value in message
+    assert "allowed" in message or "needed" in message
+    assert "\n" not in message
+    assert ". " not in message.strip(".")  # one sentence
 
 
 @every_model

@@ -14,12 +14,12 @@ from protocols.errors import InputError
 
 DPI = 110
 _NUMBERS = (bool, int, float, np.generic, np.ndarray, list, tuple)
-INK = "#222222"  # reference lines: what was asked for, or the static curve
+REFERENCE_COLOUR = "#222222"  # reference lines: what was asked for, or the static curve
 
 
 @dataclass(frozen=True)
 class Check:
-    """One statement about what was measured; `thesis` is what the thesis says of it."""
+    """A statement about measured numbers, whether it holds, and the corresponding value or words of the thesis."""
 
     statement: str
     measured: Any
@@ -28,12 +28,22 @@ class Check:
 
     def row(self) -> tuple[str, ...]:
         """Cells of a table."""
-        return (self.statement, _text(self.measured), _text(self.thesis), "yes" if self.holds else "NO")
+        return (
+            self.statement,
+            _format_measured(self.measured),
+            _format_measured(self.thesis),
+            "yes" if self.holds else "NO",
+        )
 
     def document(self) -> dict[str, Any]:
         """The check for machines, with the numbers as measured."""
         measured = np.asarray(self.measured).tolist() if isinstance(self.measured, _NUMBERS) else str(self.measured)
-        return {"statement": self.statement, "measured": measured, "thesis": _text(self.thesis), "holds": self.holds}
+        return {
+            "statement": self.statement,
+            "measured": measured,
+            "thesis": _format_measured(self.thesis),
+            "holds": self.holds,
+        }
 
 
 class Sheet:
@@ -90,9 +100,9 @@ def label(axes: Axes, x: str, y: str, title: str = "") -> None:
         axes.set_title(title, loc="left", fontsize=10)
 
 
-def _text(value: object) -> str:
+def _format_measured(value: object) -> str:
     if isinstance(value, float | np.floating):
         return f"{value:.4g}"
     if isinstance(value, list | tuple | np.ndarray):
-        return ", ".join(_text(item) for item in value)
+        return ", ".join(_format_measured(item) for item in value)
     return str(value)

@@ -1,4 +1,4 @@
-"""The result of a reproduction: what was checked, and where the picture is; one, or all on a page."""
+"""Run one reproduction, or all of them and write a page: results with their checks and pictures."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -8,17 +8,17 @@ from typing import Any
 
 from clutch_hil.bench.progress import table_text
 from clutch_hil.thesis import Entry, entries, entry
-from clutch_hil.thesis.page import page_text
-from clutch_hil.thesis.sheet import Sheet
+from clutch_hil.thesis.check_sheet import Sheet
+from clutch_hil.thesis.html_page import format_html_page
 from protocols.errors import InputError
 
 Progress = Callable[[int, int], None]  # (done, total)
-HEAD = ("check", "measured", "thesis", "holds")
+CHECK_HEADER = ("check", "measured", "thesis", "holds")
 
 
 @dataclass(frozen=True)
 class Result:
-    """A filled `sheet` of an `entry`, its `picture` on disk if it was written, and the `seconds` [s] it took."""
+    """Result of a reproduction: `entry`, its filled `sheet`, path of its `picture` if it was written, `seconds` it took."""
 
     entry: Entry
     sheet: Sheet
@@ -27,7 +27,7 @@ class Result:
 
     def __str__(self) -> str:
         """The checks as a table, and the verdict."""
-        return f"{self.entry.name}: {self.entry.title}\n{checks_text(self)}\n{self.verdict}"
+        return f"{self.entry.name}: {self.entry.title}\n{format_checks(self)}\n{self.verdict}"
 
     @property
     def holds(self) -> bool:
@@ -35,8 +35,8 @@ class Result:
         return self.sheet.holds
 
     @property
-    def as_known(self) -> bool:
-        """Whether the claim holds, or does not for a known reason."""
+    def is_as_known(self) -> bool:
+        """Whether the claim holds, or is known not to hold."""
         return self.holds != bool(self.entry.contradicted)
 
     @property
@@ -46,7 +46,7 @@ class Result:
         return f"{'holds' if self.holds else 'does not hold'}: {self.entry.claim}{reason}"
 
     def document(self) -> dict[str, Any]:
-        """The result for machines."""
+        """The result as a JSON object."""
         return self.sheet.document | {
             "name": self.entry.name,
             "title": self.entry.title,
@@ -84,15 +84,15 @@ def _fill(entry: Entry, progress: Progress) -> Result:
     return Result(entry, sheet, None, time.perf_counter() - start)
 
 
-def checks_text(result: Result) -> str:
-    """The table of a result if it has one, its checks and its notes, as text."""
+def format_checks(result: Result) -> str:
+    """Format a result as text: its table if it has one, its checks and its notes."""
     sheet = result.sheet
     tables = [table_text(sheet.table), ""] if sheet.table else []
-    rows = [HEAD, *(check.row() for check in sheet.checks)]
+    rows = [CHECK_HEADER, *(check.row() for check in sheet.checks)]
     return "\n".join([*tables, table_text(rows), *(f"note:    {note}" for note in sheet.notes)])
 
 
-def every(out: Path, progress: Progress) -> tuple[list[Result], dict[str, str]]:
+def run_every(out: Path, progress: Progress) -> tuple[list[Result], dict[str, str]]:
     """Run every reproduction and write its picture; results, and by name why an entry was skipped: data missing or bad."""
     known = entries()
     results, skipped = [], {}
@@ -105,11 +105,11 @@ def every(out: Path, progress: Progress) -> tuple[list[Result], dict[str, str]]:
     return results, skipped
 
 
-def summary(results: Sequence[Result]) -> str:
-    """How many claims hold, how many are known not to, and which do otherwise."""
-    unexpected = [r.entry.name for r in results if not r.as_known]
+def summarise(results: Sequence[Result]) -> str:
+    """Summarise results: number of claims that hold, of those known not to hold, and names of unexpected ones."""
+    unexpected = [r.entry.name for r in results if not r.is_as_known]
     holding = sum(r.holds for r in results)
-    against = sum(not r.holds and r.as_known for r in results)
+    against = sum(not r.holds and r.is_as_known for r in results)
     verdict = f"{holding} of {len(results)} claims hold, {against} known not to"
     return verdict + (f"; unexpected: {', '.join(unexpected)}" if unexpected else "")
 
@@ -119,11 +119,11 @@ def run_all(out: Path, progress: Progress) -> tuple[dict[str, Any], str, str, bo
 
     An entry whose data are missing or bad is skipped with the reason. Raises InputError.
     """
-    results, skipped = every(out, progress)
-    verdict = summary(results) + (f"; {len(skipped)} skipped" if skipped else "")
+    results, skipped = run_every(out, progress)
+    verdict = summarise(results) + (f"; {len(skipped)} skipped" if skipped else "")
     page = out / "index.html"
     try:
-        page.write_text(page_text(results, skipped, verdict), encoding="utf-8")
+        page.write_text(format_html_page(results, skipped, verdict), encoding="utf-8")
     except OSError as error:
         raise InputError(f"page {page} cannot be written: {error.strerror}") from None
     rows = [("name", "holds", "s", "claim")]
@@ -131,4 +131,4 @@ def run_all(out: Path, progress: Progress) -> tuple[dict[str, Any], str, str, bo
     skips = [f"skipped: {name}: {reason}" for name, reason in skipped.items()]
     text = "\n".join([table_text(rows), *skips, f"wrote:   {page}"])
     document = {"verdict": verdict, "results": [r.document() for r in results], "skipped": skipped}
-    return document, text, verdict, all(result.as_known for result in results)
+    return document, text, verdict, all(result.is_as_known for result in results)

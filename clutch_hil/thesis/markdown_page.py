@@ -1,4 +1,4 @@
-"""docs/reproductions.md: what all reproductions said, kept in the repository; a test holds it against what they say now."""
+"""The page docs/reproductions.md: results of all reproductions, kept in the repository. A test compares it with new results."""
 
 import platform
 from collections.abc import Sequence
@@ -6,11 +6,11 @@ from datetime import date
 from importlib.metadata import version
 from pathlib import Path
 
-from clutch_hil.thesis.result import HEAD, Result, summary
+from clutch_hil.thesis.reproduction import CHECK_HEADER, Result, summarise
 
 PAGE = Path(__file__).parents[2] / "docs" / "reproductions.md"
 PICTURES = PAGE.with_suffix("")  # folder of the pictures that the page shows
-PICTURED = ("figure-6.14", "figure-6.15", "table-6.6")
+PICTURED_ENTRIES = ("figure-6.14", "figure-6.15", "table-6.6")
 
 _INTRODUCTION = """
 A claim is what the thesis says about a figure or table, checked by running it; 'ours' are claims of this project. Each entry
@@ -21,40 +21,40 @@ their numbers differ by up to 13 %, and XGMS misses the unloading by 0.073 N.
 """
 
 
-def record_text(results: Sequence[Result]) -> str:
-    """The page for the `results` of all entries."""
+def format_markdown_page(results: Sequence[Result]) -> str:
+    """Format the page for the `results` of all entries."""
     head = (
         f"What `clutch-hil reproduce --all` said on {date.today().isoformat()} (clutch-hil {version('clutch-hil')}, Python"
-        f" {platform.python_version()}): {summary(results)}.\nWritten by `python -m clutch_hil.thesis`."
+        f" {platform.python_version()}): {summarise(results)}.\nWritten by `python -m clutch_hil.thesis`."
     )
-    claims = [("name", "holds", "claim"), *(claim_row(result) for result in results)]
-    against = [("name", *HEAD[:3], "why"), *(row for result in results for row in against_rows(result))]
+    claims = [("name", "holds", "claim"), *(format_claim_row(result) for result in results)]
+    against = [("name", *CHECK_HEADER[:3], "why"), *(row for result in results for row in format_failed_checks(result))]
     parts = ["# Reproductions", head + _INTRODUCTION, _table(claims), "## What does not hold, and why", _table(against)]
     parts += ["## What was measured, for entries with a table"]
     for result in results:
         if result.sheet.table:
             parts += [f"### {result.entry.name}: {result.entry.title}"]
-            if result.entry.name in PICTURED:
+            if result.entry.name in PICTURED_ENTRIES:
                 parts += [f"![{result.entry.title}]({PICTURES.name}/{result.entry.name}.png)"]
             parts += [_table(result.sheet.table)]
     return "\n\n".join(part.strip() for part in parts) + "\n"
 
 
-def claim_row(result: Result) -> tuple[str, str, str]:
-    """The entry, whether it holds, and its claim."""
+def format_claim_row(result: Result) -> tuple[str, str, str]:
+    """Row of an entry: its name, whether it holds, its claim."""
     return (result.entry.name, "yes" if result.holds else "**no**", result.entry.claim)
 
 
-def against_rows(result: Result) -> list[tuple[str, ...]]:
-    """The checks of a result that do not hold, with the reason that is known."""
+def format_failed_checks(result: Result) -> list[tuple[str, ...]]:
+    """Rows of the checks of a result that do not hold, with the known reason."""
     failing = [check.row() for check in result.sheet.checks if not check.holds]
     return [(result.entry.name, *row[:3], result.entry.contradicted) for row in failing]
 
 
-def line(cells: Sequence[str]) -> str:
+def format_line(cells: Sequence[str]) -> str:
     """A row of a table of the page."""
     return "| " + " | ".join(str(cell).replace("|", r"\|") for cell in cells) + " |"
 
 
 def _table(rows: Sequence[Sequence[str]]) -> str:
-    return "\n".join([line(rows[0]), "|" + "---|" * len(rows[0]), *(line(row) for row in rows[1:])])
+    return "\n".join([format_line(rows[0]), "|" + "---|" * len(rows[0]), *(format_line(row) for row in rows[1:])])

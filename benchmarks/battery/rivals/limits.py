@@ -1,34 +1,37 @@
-"""From a ranking to a verdict, with two limits per method, set on the development split."""
+"""Limits of another method: they turn its ranking into a verdict, and are set on the development split."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.battery.score import Told, family, hidden
+from benchmarks.battery.score import Answer, family, hidden_names
 from clutch_hil.discrepancy.result import NAMED, NONE_OF_THESE, NOTHING
 
-_GRID = 30  # values of each limit that are tried
+_GRID = 30  # values of each limit to try
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Least excess over the floor that is a disagreement, least score of a name."""
+    """Smallest excess over the floor that counts as a disagreement, and smallest score of a name."""
 
     excess: float = 0.02
     score: float = 0.0
 
-    def said(self, told: Told) -> str:
-        """Verdict of an answer with `excess` and `ranking`."""
-        ranking = told["ranking"]
+    def decide(self, answer: Answer) -> str:
+        """Decide the verdict of an answer with `excess` and `ranking`."""
+        ranking = answer["ranking"]
         best = ranking[0][0] if ranking else NONE_OF_THESE
-        if told["excess"] < self.excess or best == NOTHING:
+        if answer["excess"] < self.excess or best == NOTHING:
             return NOTHING
         return NONE_OF_THESE if not ranking or best == NONE_OF_THESE or ranking[0][1] < self.score else NAMED
 
 
-def tuned(answers: Sequence[Told]) -> Limits:
-    """Limits with the best mean of: names of single effects right, null cases silent, unknown effects `none_of_these`."""
+def tune_limits(answers: Sequence[Answer]) -> Limits:
+    """Find the limits with the best mean of three shares.
+
+    They are: right names of single effects, `nothing_missing` of null cases, `none_of_these` of unknown effects.
+    """
     excesses = np.unique(np.quantile([a["excess"] for a in answers], np.linspace(0.0, 0.6, _GRID)))
     scores = np.unique(
         np.quantile([a["ranking"][0][1] for a in answers if a["ranking"]], np.linspace(0.0, 0.95, _GRID))
@@ -37,7 +40,7 @@ def tuned(answers: Sequence[Told]) -> Limits:
     def worth(limits: Limits) -> float:
         parts: dict[str, list[bool]] = {}
         for a in answers:
-            kind, verdict, truth = family(a), limits.said(a), hidden(a)
+            kind, verdict, truth = family(a), limits.decide(a), hidden_names(a)
             if kind in ("null", "unknown"):
                 right = verdict == (NOTHING if kind == "null" else NONE_OF_THESE)
             elif kind == "single":
@@ -51,9 +54,12 @@ def tuned(answers: Sequence[Told]) -> Limits:
     return max(tried, key=worth)
 
 
-def answered(told: Told, limits: Limits) -> Told:
-    """An answer in the form that score.py counts, and the name that leads its ranking, whatever the limits say."""
-    verdict = limits.said(told)
-    names = [told["ranking"][0][0]] if verdict == NAMED else []
-    leads = told["ranking"][0][0] if told["ranking"] else NONE_OF_THESE
-    return told | {"verdict": verdict, "effects": names, "alternatives": [], "leads": leads}
+def answer_by_limits(answer: Answer, limits: Limits) -> Answer:
+    """Complete an answer by its verdict, in the form that score.py takes.
+
+    `leads` is the first name of the ranking, whatever the verdict.
+    """
+    verdict = limits.decide(answer)
+    names = [answer["ranking"][0][0]] if verdict == NAMED else []
+    leads = answer["ranking"][0][0] if answer["ranking"] else NONE_OF_THESE
+    return answer | {"verdict": verdict, "effects": names, "alternatives": [], "leads": leads}

@@ -1,21 +1,22 @@
-"""Judge one case: generate it, let the engine investigate its runs, keep what is needed to score it and to set thresholds.
+"""Judge one case: generate it, let the engine investigate its runs, and keep what scores and thresholds need.
 
-The engine is given columns as rig.md has them under plain names, nothing else; what the case hides is looked at afterwards.
+The engine gets only the measured columns of docs/rig.md, under names that reveal nothing. The truth is used afterwards.
 """
 
 import gc
 import os
 import time
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from typing import Any
 
 import numpy as np
 
-from benchmarks.battery.cases import Case, Generated, Record, floors, further, generate
-from benchmarks.battery.truth import COLUMNS, PERIOD
+from benchmarks.battery.cases import Case, GeneratedCase, RecordedRun, generate_case, noise_floors, record_further_run
+from benchmarks.battery.score import Answer
+from benchmarks.battery.truth_simulation import COLUMNS, PERIOD
 from clutch_hil.discrepancy import evidence, search
 from clutch_hil.discrepancy.atlas import concentrated
 from clutch_hil.discrepancy.decide import Weighed
@@ -26,62 +27,80 @@ from clutch_hil.discrepancy.regimes import ALL, Regimes
 from clutch_hil.discrepancy.result import ONE_OF, Claim, Result
 from plant_sim.profiles.profile import load_profile
 
-Told = dict[str, Any]
 _Joint = tuple[Linear, tuple[Candidate, ...]]  # a fit of several candidates together
-RIVALS = 5  # kept of each case
+RIVALS = 5  # candidates kept for each case, the best ones
 
 
 @cache
 def use_threads(count: int) -> None:
-    """Have `count` threads of this process simulate at a time."""
+    """Set the number of threads with which this process simulates."""
     evidence._POOL = ThreadPoolExecutor(count)
 
 
-def judge(name: str) -> Told:
-    """What the engine said of the case of this name, and the truth, as JSON takes it. An exception is told, not raised."""
+def judge(name: str) -> Answer:
+    """Investigate the case of this name; return the engine's answer and the truth as a JSON object.
+
+    An exception of the engine is part of the answer (`error`), and is not raised. Raises InputError for a wrong name.
+    """
     case = Case.of(name)
-    began = time.perf_counter()
-    made = generate(case)
-    told = _timed(made, columns(made.runs, "run"), columns(made.held_out, "held"), began)
-    gc.collect()  # a fit's cycles hold few objects but a gigabyte: the collector counts objects
-    return told
+    start = time.perf_counter()
+    generated = generate_case(case)
+    answer = _investigate(
+        generated, name_columns(generated.runs, "run"), name_columns(generated.held_out, "held"), start
+    )
+    gc.collect()  # circular references of a fit hold a gigabyte in few objects; the collector waits for many objects
+    return answer
 
 
-def columns(records: Sequence[Record], kind: str) -> dict[str, Columns]:
-    """Runs as the engine and its rivals are given them, by a name that tells nothing."""
+def name_columns(records: Sequence[RecordedRun], kind: str) -> dict[str, Columns]:
+    """Columns of each run, under a name that reveals nothing: what the engine and other methods get."""
     return {f"{kind}-{k}": record.columns for k, record in enumerate(records)}
 
 
-def _timed(made: Generated, runs: dict[str, Columns], held_out: dict[str, Columns], began: float) -> Told:
+def _investigate(
+    generated_case: GeneratedCase, runs: dict[str, Columns], held_out: dict[str, Columns], start: float
+) -> Answer:
     generated = time.perf_counter()
-    told: Told = {"case": made.truth["name"], "truth": made.truth, "generating_seconds": generated - began}
+    answer: Answer = {
+        "case": generated_case.truth["name"],
+        "truth": generated_case.truth,
+        "generating_seconds": generated - start,
+    }
     cpu = time.process_time()
     try:
-        with _Watch() as watch:
+        with _SearchLog() as watch:
             result = search.investigate(WetClutch(), runs, held_out)
-    except Exception:  # a case that breaks the engine is a wrong answer, and the others go on
-        return told | {"error": traceback.format_exc()}
+    except Exception:  # counted as a wrong answer; the other cases go on
+        return answer | {"error": traceback.format_exc()}
     spent = {
         "seconds": time.perf_counter() - generated,
         "cpu_seconds": time.process_time() - cpu,
         "load": os.getloadavg()[0],
     }
-    told |= spent | _said(result) | {"weighed": watch.features(result), "claims": _claims(result, made)}
+    answer |= (
+        spent
+        | _summarise_result(result)
+        | {"weighed": watch.features(result), "claims": _check_claims(result, generated_case)}
+    )
     names = [n for group in result.alternatives for n in group]
-    if result.verdict == ONE_OF and {e["name"] for e in made.truth["effects"]} & set(names):
-        told["resolved"] = _resolved(made, result, runs, held_out)
-    return told
+    if result.verdict == ONE_OF and {e["name"] for e in generated_case.truth["effects"]} & set(names):
+        answer["resolved"] = _resolve_tie(generated_case, result, runs, held_out)
+    return answer
 
 
-def _resolved(made: Generated, result: Result, runs: dict[str, Columns], held_out: dict[str, Columns]) -> Told | None:
-    """What is said once the proposed experiment has been played and joined the runs; None where none was proposed."""
+def _resolve_tie(
+    generated: GeneratedCase, result: Result, runs: dict[str, Columns], held_out: dict[str, Columns]
+) -> Answer | None:
+    """Investigate again with the run of the proposed experiment; None where no experiment was proposed."""
     proposed = result.experiment
     if not proposed or not proposed["profile"]:
         return None
     profile = load_profile(proposed["profile"])
     demands = [profile.at(k * PERIOD) for k in range(round(profile.duration / PERIOD))]
     pressure, speed = (np.array([getattr(d, name) for d in demands]) for name in ("pressure", "speed"))
-    record = further(made.truth, proposed["profile"], pressure, speed, proposed["settings"]["temperature"])
+    record = record_further_run(
+        generated.truth, proposed["profile"], pressure, speed, proposed["settings"]["temperature"]
+    )
     again = search.investigate(WetClutch(), {**runs, "experiment": record.columns}, held_out)
     return {
         "profile": record.title,
@@ -91,56 +110,56 @@ def _resolved(made: Generated, result: Result, runs: dict[str, Columns], held_ou
     }
 
 
-def _said(result: Result) -> Told:
+def _summarise_result(result: Result) -> Answer:
     whole = result.as_json()
     keys = ("verdict", "effects", "alternatives", "confidence", "where", "parameters", "floors", "notes", "experiment")
-    told = {key: whole[key] for key in keys} | {"gap": whole["gap"]["holdout"]}
+    answer = {key: whole[key] for key in keys} | {"gap": whole["gap"]["holdout"]}
     size = max(sum(len(t.columns["time_s"]) for t in result.traces if not t.held_out), 1)
     first = [r for r in result.rivals if r.round == 1]
     best: dict[str, Any] = {}
     for r in sorted(first, key=lambda r: -r.gain):
         best.setdefault(r.name, {"name": r.name, "gain_a_sample": r.gain / size, "closed": r.closed})
-    return told | {"rivals": list(best.values())[:RIVALS]}
+    return answer | {"rivals": list(best.values())[:RIVALS]}
 
 
-def _claims(result: Result, made: Generated) -> list[Told]:
-    """What the truth says of each claim: whether its difference is in that output and regime.
+def _check_claims(result: Result, generated: GeneratedCase) -> list[Answer]:
+    """Compare each claim with the truth: is the difference that the effects make in that output and regime?
 
-    `times_floor`: root mean square of the difference there. `density`: its power there a sample over that of all samples.
-    `concentrated`: whether atlas.concentrated, given the difference itself, names the regime ("all" where it names none).
+    `times_floor`: root mean square of the difference there, in floors. `density`: its power per sample there, over that of all
+    samples. `concentrated`: whether `atlas.concentrated`, applied to the true difference, names the regime.
     """
     if not result.where:
         return []
     model = WetClutch()
-    regimes = Regimes(model, [r.columns for r in made.runs], {n: p.value for n, p in model.parameters.items()})
-    masks = [regimes(r.columns) for r in made.runs]
+    regimes = Regimes(model, [r.columns for r in generated.runs], {n: p.value for n, p in model.parameters.items()})
+    masks = [regimes(r.columns) for r in generated.runs]
     whole = {name: np.concatenate([m[name] for m in masks]) for name in masks[0] if all(name in m for m in masks)}
-    return [_against(claim, made, whole) for claim in result.where]
+    return [_check_claim(claim, generated, whole) for claim in result.where]
 
 
-def _against(claim: Claim, made: Generated, masks: Mapping[str, np.ndarray]) -> Told:
+def _check_claim(claim: Claim, generated: GeneratedCase, masks: Mapping[str, np.ndarray]) -> Answer:
     i = COLUMNS.index(claim.output)
-    power = np.concatenate([record.difference[:, i] ** 2 for record in made.runs])
-    total, floor = float(power.sum()), floors(made.truth["noise"])[i]
-    told: Told = {"block": claim.block, "output": claim.output, "regime": claim.regime, "p_value": claim.p_value}
+    power = np.concatenate([record.difference[:, i] ** 2 for record in generated.runs])
+    total, floor = float(power.sum()), noise_floors(generated.truth["noise"])[i]
+    answer: Answer = {"block": claim.block, "output": claim.output, "regime": claim.regime, "p_value": claim.p_value}
     mask = masks.get(claim.regime)
     if total <= 0.0 or mask is None or not mask.any():
-        return told | {"times_floor": 0.0, "density": 0.0, "concentrated": False}
+        return answer | {"times_floor": 0.0, "density": 0.0, "concentrated": False}
     shares = {n: (float(power[m].sum()) / total, float(np.mean(m))) for n, m in masks.items() if m.any()}
     part, time_share = shares[claim.regime]
-    return told | {
+    return answer | {
         "times_floor": float(np.sqrt(np.mean(power[mask]))) / floor,
         "density": part / time_share,
         "concentrated": claim.regime in (concentrated(shares) or [ALL]),
     }
 
 
-class _Watch:
-    """Keeps what a search weighed, which its result does not hold: costs, and each set of effects taken or rejected."""
+class _SearchLog:
+    """Context that logs a search: costs, and each set of effects that was taken or rejected. The result does not hold them."""
 
-    def __enter__(self) -> "_Watch":
+    def __enter__(self) -> "_SearchLog":
         self.seen: Any = None
-        self.steps: list[Told] = []
+        self.steps: list[Answer] = []
         self._original = search.Inquiry
         watch = self
 
@@ -167,13 +186,13 @@ class _Watch:
         search.Inquiry = self._original  # type: ignore[misc]
 
     def step(self, names: list[str], w: Weighed, taken: bool) -> None:
-        """Keep what a set of effects would leave."""
+        """Log a set of effects, what it leaves unexplained, and whether it was taken."""
         self.steps.append(
             {"effects": names, "cost": w.best, "excess": w.excess, "rest": w.rest, "base": w.base, "taken": taken}
         )
 
-    def features(self, result: Result) -> Told:
-        """Base, best, size, count, and what comes from them; costs of the rivals, steps of the search."""
+    def features(self, result: Result) -> Answer:
+        """What the decision was taken from (`decide.Weighed`), costs of the best candidates, and steps of the search."""
         inquiry, w = self.seen, self.seen.weighed
         costs = dict(sorted(inquiry.costs.items(), key=lambda one: one[1])[: 2 * RIVALS])
         ordered = sorted(costs.values())
@@ -184,6 +203,3 @@ class _Watch:
             "named": [c.name for c in inquiry.named],
             "costs": costs, "steps": self.steps,
         }  # fmt: skip
-
-
-Judge = Callable[[str], Told]
