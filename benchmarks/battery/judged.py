@@ -16,9 +16,9 @@ import numpy as np
 from benchmarks.battery.cases import Case, Generated, Record, floors, further, generate
 from benchmarks.battery.truth import COLUMNS, PERIOD
 from clutch_hil.discrepancy import evidence, search
-from clutch_hil.discrepancy.atlas import concentrated
-from clutch_hil.discrepancy.decide import Weighed
-from clutch_hil.discrepancy.fit import Linear
+from clutch_hil.discrepancy.atlas import find_concentration
+from clutch_hil.discrepancy.decision import Explanation
+from clutch_hil.discrepancy.fit import LinearModel
 from clutch_hil.discrepancy.model import Candidate, Columns
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
 from clutch_hil.discrepancy.regimes import ALL, Regimes
@@ -26,7 +26,7 @@ from clutch_hil.discrepancy.result import ONE_OF, Claim, Result
 from plant_sim.profiles.profile import load_profile
 
 Told = dict[str, Any]
-_Joint = tuple[Linear, tuple[Candidate, ...]]  # a fit of several candidates together
+_JointFit = tuple[LinearModel, tuple[Candidate, ...]]  # a fit of several candidates together
 RIVALS = 5  # kept of each case
 
 
@@ -105,7 +105,7 @@ def _claims(result: Result, made: Generated) -> list[Told]:
     """What the truth says of each claim: whether its difference is in that output and regime.
 
     `times_floor`: root mean square of the difference there. `density`: its power there a sample over that of all samples.
-    `concentrated`: whether atlas.concentrated, given the difference itself, names the regime ("all" where it names none).
+    `concentrated`: whether atlas.find_concentration, given the difference itself, names the regime ("all" where it names none).
     """
     if not result.where:
         return []
@@ -129,7 +129,7 @@ def _against(claim: Claim, made: Generated, masks: Mapping[str, np.ndarray]) -> 
     return told | {
         "times_floor": float(np.sqrt(np.mean(power[mask]))) / floor,
         "density": part / time_share,
-        "concentrated": claim.regime in (concentrated(shares) or [ALL]),
+        "concentrated": claim.regime in (find_concentration(shares) or [ALL]),
     }
 
 
@@ -139,32 +139,32 @@ class _Watch:
     def __enter__(self) -> "_Watch":
         self.seen: Any = None
         self.steps: list[Told] = []
-        self._original = search.Inquiry
+        self._original = search.EffectSelection
         watch = self
 
-        class Watched(search.Inquiry):
-            def _take(self, at: Linear, candidates: tuple[Candidate, ...], costs: dict[str, float]) -> None:
-                super()._take(at, candidates, costs)
-                watch.step([c.name for c in candidates], self.weighed, True)
+        class Watched(search.EffectSelection):
+            def _accept(self, at: LinearModel, candidates: tuple[Candidate, ...], costs: dict[str, float]) -> None:
+                super()._accept(at, candidates, costs)
+                watch.step([c.name for c in candidates], self.explanation, True)
 
-            def _jointly(self, sets: Any) -> Any:
-                fits = super()._jointly(sets)
+            def _fit_jointly(self, sets: Any) -> Any:
+                fits = super()._fit_jointly(sets)
                 at, candidates = fits[0]
                 if len(candidates) > 1:
-                    watch.step([c.name for c in candidates], self._weighed(at, len(candidates)), False)
+                    watch.step([c.name for c in candidates], self._explain(at, len(candidates)), False)
                 return fits
 
-            def verdict(self) -> Any:
+            def decide(self) -> Any:
                 watch.seen = self
-                return super().verdict()
+                return super().decide()
 
-        search.Inquiry = Watched  # type: ignore[misc]
+        search.EffectSelection = Watched  # type: ignore[misc]
         return self
 
     def __exit__(self, *_: object) -> None:
-        search.Inquiry = self._original  # type: ignore[misc]
+        search.EffectSelection = self._original  # type: ignore[misc]
 
-    def step(self, names: list[str], w: Weighed, taken: bool) -> None:
+    def step(self, names: list[str], w: Explanation, taken: bool) -> None:
         """Keep what a set of effects would leave."""
         self.steps.append(
             {"effects": names, "cost": w.best, "excess": w.excess, "rest": w.rest, "base": w.base, "taken": taken}
@@ -172,13 +172,14 @@ class _Watch:
 
     def features(self, result: Result) -> Told:
         """Base, best, size, count, and what comes from them; costs of the rivals, steps of the search."""
-        inquiry, w = self.seen, self.seen.weighed
+        inquiry, w = self.seen, self.seen.explanation
         costs = dict(sorted(inquiry.costs.items(), key=lambda one: one[1])[: 2 * RIVALS])
         ordered = sorted(costs.values())
         margin = (ordered[1] - ordered[0]) / max(w.base - ordered[0], 1e-9) if len(ordered) > 1 else 1.0
         return {
             "base": w.base, "best": w.best, "size": w.size, "count": w.count, "gain": w.gain, "excess": w.excess,
-            "rest": w.rest, "relief": w.relief, "strain": w.strain, "alike": w.alike, "closed": w.closed, "margin": margin,
+            "rest": w.rest, "relief": w.prior_gain, "strain": w.prior_chi2, "alike": w.redundancy,
+            "closed": w.closed, "margin": margin,
             "named": [c.name for c in inquiry.named],
             "costs": costs, "steps": self.steps,
         }  # fmt: skip

@@ -33,11 +33,11 @@ from benchmarks.battery.shared import SHARED
 from clutch_hil.discrepancy.result import NAMED, NONE_OF_THESE, NOTHING, ONE_OF
 
 Told = dict[str, Any]
-TOLD = 0.3  # floors: less is of no practical interest (atlas.LEAST)
+TOLD = 0.3  # floors: less is of no practical interest (atlas.LEAST_DISAGREEMENT)
 DENSE = 1.6  # atlas._DENSER
 AT_FLOOR = 1.1
 CHANCE = 1e-3  # of the sum of squares
-LEFT = 0.03  # of the number of residuals: with less the re-fitted baseline has taken the effect up (decide.EXCESS)
+LEFT = 0.03  # of the number of residuals: with less the re-fitted baseline has taken the effect up (decision.CLOSED_EXCESS)
 ANALOG = ("cylinder_pressure_bar", "clutch_torque_nm", "motor_torque_nm", "oil_temperature_degc")
 ALIASES = (  # of the specification
     {"torque_sensor_gain", "friction_level"},

@@ -1,4 +1,4 @@
-"""Thresholds: constants of clutch_hil/discrepancy/decide.py that suit the development split best, from its cached answers.
+"""Thresholds: constants of clutch_hil/discrepancy/decision.py that suit the development split best, from its cached answers.
 
 Nothing is simulated again: a decision is taken once more from the costs that the search kept. What a search did not fit,
 because a threshold said so, stays not fitted; how many effects it took stays as it was.
@@ -17,7 +17,7 @@ from scipy.optimize import minimize
 from benchmarks.battery.run import Cache
 from benchmarks.battery.score import Told, aliased, family, hidden, names_something, strong
 from benchmarks.battery.validity import engine
-from clutch_hil.discrepancy import decide
+from clutch_hil.discrepancy import decision
 from clutch_hil.discrepancy.result import NAMED, NONE_OF_THESE, NOTHING, ONE_OF
 
 _GRID = {
@@ -41,15 +41,15 @@ _ONE_OF_COSTS = 0.3  # of a hit: one of several is right, but less than its name
 
 @dataclass(frozen=True)
 class Constants:
-    """Those of decide.py; closed: of one effect, closed_two: of two, three as decide has it."""
+    """Those of decision.py; closed: of one effect, closed_two: of two, three as decision.py has it."""
 
-    gain: float = decide.GAIN
-    excess: float = decide.EXCESS
-    closed: float = decide.CLOSED[0]
-    closed_two: float = decide.CLOSED[1]
-    alias: float = decide.ALIAS
-    tie: float = decide.TIE
-    relief: float = decide.RELIEF
+    gain: float = decision.LEAST_GAIN
+    excess: float = decision.CLOSED_EXCESS
+    closed: float = decision.LEAST_CLOSED[0]
+    closed_two: float = decision.LEAST_CLOSED[1]
+    alias: float = decision.ALIAS_SHARE
+    tie: float = decision.TIE_COST
+    relief: float = decision.PRIOR_GAIN
 
 
 def decided(told: Told, c: Constants) -> tuple[str, list[str]]:
@@ -58,7 +58,7 @@ def decided(told: Told, c: Constants) -> tuple[str, list[str]]:
     gain, rest, named = w["gain"], w["rest"], w["named"]
     if not named or not _gained(w, c):
         return (NONE_OF_THESE if w["excess"] > _LOST else NOTHING), []
-    least = (c.closed, c.closed_two, decide.CLOSED[2])[len(named) - 1]
+    least = (c.closed, c.closed_two, decision.LEAST_CLOSED[2])[len(named) - 1]
     if gain / max(gain + rest, 1e-12) < least and rest >= c.excess:
         return NONE_OF_THESE, []
     near = _near(w, rest, c) if len(named) == 1 else []
@@ -173,7 +173,7 @@ def main() -> None:
         print(
             f"gain where nothing is hidden: largest {max(nulls):.5f} of {len(nulls)}; named there: {_names_only(answers)}"
         )
-    print("verdict: put them into clutch_hil/discrepancy/decide.py by hand; report on the evaluation split")
+    print("verdict: put them into clutch_hil/discrepancy/decision.py by hand; report on the evaluation split")
 
 
 if __name__ == "__main__":

@@ -55,13 +55,13 @@ def discrepancy(
     """Find where runs and simulation disagree, name the missing effect, add it, show the gap on runs that were not fitted."""
     from clutch_hil.bench.progress import progress_bar
     from clutch_hil.bench.recording import writable
-    from clutch_hil.discrepancy.models.named import model_named, recalibrated, required
-    from clutch_hil.discrepancy.outcome import concluded
+    from clutch_hil.discrepancy.models.named import model_named, required, set_calibration
+    from clutch_hil.discrepancy.outcome import run_and_write
     from protocols.files.runs import read_run
 
     known = model_named(rig, model)
     if calibration is not None:
-        known = recalibrated(known, calibration)
+        known = set_calibration(known, calibration)
     names = [name.strip() for name in effects.split(",") if name.strip()]
     _check_paths(runs, holdout)
     columns = required(known)
@@ -69,7 +69,7 @@ def discrepancy(
     held = {str(path): read_run(path, columns).columns for path in holdout}
     writable(out)
     with progress_bar("discrepancy", json_output) as progress:
-        result, files = concluded(
+        result, files = run_and_write(
             known, rig, model, fitted, held, names or None, out, lambda what, share: progress(round(100 * share), 100)
         )
     read, wrote = (", ".join(map(str, paths)) for paths in ((*runs, *holdout), files))

@@ -11,7 +11,7 @@ from clutch_hil.command import report
 from protocols.errors import InputError
 
 if TYPE_CHECKING:
-    from clutch_hil.discrepancy.experiment import Experiment
+    from clutch_hil.discrepancy.experiment_design import Experiment
     from clutch_hil.discrepancy.follow_up import Report
     from clutch_hil.discrepancy.laboratory import Laboratory
 
@@ -132,10 +132,10 @@ def _decide(before: "Report", run: Path, out: Path, json_output: bool) -> None:
     """Decide again with `run`, and tell."""
     from clutch_hil.bench.progress import progress_bar
     from clutch_hil.commands.discrepancy import verdict_line
-    from clutch_hil.discrepancy.follow_up import decided_again
+    from clutch_hil.discrepancy.follow_up import decide_again
 
     with progress_bar("decide again", json_output) as progress:
-        result, files = decided_again(before, run, out, progress)
+        result, files = decide_again(before, run, out, progress)
     told = f"{verdict_line(result)}; before: {before.verdict}"
     lines = [
         f"read:    {before.path}, {len(before.runs) + len(before.held_out)} runs, experiment {before.experiment.name}"

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from clutch_hil.bench.sealed import checksum
-from clutch_hil.discrepancy.experiment import Experiment
+from clutch_hil.discrepancy.experiment_design import Experiment
 from protocols.errors import InputError
 
 if TYPE_CHECKING:
@@ -86,15 +86,15 @@ def _experiment(path: Path, proposed: Any) -> Experiment:
         ) from None
 
 
-def decided_again(
+def decide_again(
     report: Report, new: Path, out: Path, progress: Callable[[float, int], None]
 ) -> tuple["Result", list[Path]]:
     """The result with the run `new` among the evidence of `report`, and the files that were written into `out`."""
     from clutch_hil.discrepancy.models.named import model_named
-    from clutch_hil.discrepancy.outcome import concluded
+    from clutch_hil.discrepancy.outcome import run_and_write
     from protocols.files.runs import read_run
 
     runs = {str(path): read_run(path).columns for path in (*report.runs, new)}
     held_out = {str(path): read_run(path).columns for path in report.held_out}
     known = model_named(RIG, report.model)
-    return concluded(known, RIG, report.model, runs, held_out, None, out, lambda what, share: progress(share, 1))
+    return run_and_write(known, RIG, report.model, runs, held_out, None, out, lambda what, share: progress(share, 1))

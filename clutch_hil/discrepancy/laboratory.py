@@ -1,4 +1,4 @@
-"""Laboratory: plays experiments on a live plant over CAN and records them, on a bench of its own or on one that runs."""
+"""Laboratory: plays experiments on a live plant over CAN and records them, on a bench that it starts or on one that runs."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,8 +12,8 @@ from clutch_hil.bench.recording import run_path, writable
 from clutch_hil.bench.scenario import Scenario, load_scenario
 from clutch_hil.bench.settings import RunSettings
 from clutch_hil.bench.up import Bench
-from clutch_hil.discrepancy.blind import drawn
-from clutch_hil.discrepancy.experiment import Experiment
+from clutch_hil.discrepancy.blind import draw_plant
+from clutch_hil.discrepancy.experiment_design import Experiment
 from plant_sim.profiles.profile import load_profile
 from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError
@@ -22,17 +22,22 @@ from protocols.realtime.stopping import Stop
 
 
 class Laboratory(Protocol):
-    """Where experiments are played."""
+    """A place where experiments are played."""
 
     def play(self, experiment: Experiment, number: int, quiet: bool) -> Path:
-        """The run file of an experiment, of this `number`. Raises InputError when it was not played, or ended in a fault."""
+        """Play an experiment as number `number`, and return its run file.
+
+        quiet: without a progress bar. Raises InputError when it was not played, or ended in a fault.
+        """
         ...
 
 
 @dataclass(frozen=True)
 class OwnBench:
-    """Starts plant and controller on `bus` for each experiment. `scenario` is the plant under test; its own profile, length and
-    limits do not matter. `blind` seals the truth away."""
+    """Starts plant and controller on `bus` for each experiment.
+
+    scenario: the plant under test; its profile, length and limits are not used. blind: the truth is sealed.
+    """
 
     scenario: Scenario
     bus: str
@@ -40,7 +45,7 @@ class OwnBench:
     blind: bool = False
 
     def play(self, experiment: Experiment, number: int, quiet: bool) -> Path:
-        """See `Laboratory`; each number has noise of its own."""
+        """See `Laboratory`. The noise depends on the number."""
         given = self.scenario.settings
         settings = replace(
             given, seed=given.seed + number, profile=experiment.profile, seconds=None, rate=experiment.rate,
@@ -48,14 +53,14 @@ class OwnBench:
         )  # fmt: skip
         played = replace(self.scenario, name=experiment.name, settings=settings, limits=())
         document = Bench(played, self.bus, self.lockstep, telemetry=False, blind=self.blind).run(quiet).document
-        return _sound(experiment, Path(document["run"]), document["interrupted"])
+        return _require_sound(experiment, Path(document["run"]), document["interrupted"])
 
 
 @dataclass(frozen=True)
 class RunningBench:
-    """A bench that runs by itself, started with `--profile manual`, on `bus`: asked for the profile, recorded into `out`.
+    """A bench that runs already, started with `--profile manual`, on `bus`; runs are recorded into the folder `out`.
 
-    Oil temperature and rate are those it has. A run begins up to 30 s before the profile: telemetry keeps as much.
+    Oil temperature and rate are those of the bench. A run begins up to 30 s before the profile, as telemetry keeps 30 s.
     """
 
     bus: str
@@ -69,20 +74,20 @@ class RunningBench:
 
         profile = load_profile(experiment.profile)
         path = run_path(writable(self.out), "blind" if self.blind else experiment.name)
-        path.with_name(path.name + ".part").unlink(missing_ok=True)  # the recorder makes its own
+        path.with_name(path.name + ".part").unlink(missing_ok=True)  # the recorder creates it anew
         document, *_ = Demand(self.bus, profile).run(quiet)
         with Stop() as stop:
             recorded = record(path, self.bus, None, 0.0, stop, lambda text: None, self.blind)
-        return _sound(experiment, next(iter(recorded.files)), document["interrupted"])
+        return _require_sound(experiment, next(iter(recorded.files)), document["interrupted"])
 
 
 @contextmanager
 def plant_under_test(
     scenario: str | None, changed: Path | None, draw: int | None, seed: int, out: Path
 ) -> Iterator[Scenario]:
-    """The plant under test: of a `scenario`, changed by a parameter file, or with an effect that the seed `draw` hides in it.
+    """The plant under test: of a `scenario`, changed by a parameter file, or with a hidden effect drawn by the seed `draw`.
 
-    `seed` is of the noise of the first run, `out` the folder for what is written. Raises InputError.
+    seed: of the noise of the first run. out: folder of the run files. Raises InputError where `draw` and another are given.
     """
     if draw is None:
         given: dict[str, Any] = {"plant_parameters": changed, "seed": seed, "out": out}
@@ -92,16 +97,18 @@ def plant_under_test(
         raise InputError(
             f"--draw was given and {'--scenario' if scenario else '--plant-parameters'}; allowed is one of them"
         )
-    plant, shipped = drawn(draw), wet_clutch.nominal()
+    plant, shipped = draw_plant(draw), wet_clutch.nominal()
     values = {name: p.value for name, p in plant.items() if p.value != shipped[name].value}
-    with TemporaryDirectory() as folder:  # gone when the services have read it: only the sealed files tell
+    with (
+        TemporaryDirectory() as folder
+    ):  # removed once the services have read it: the truth is in the sealed files only
         path = Path(folder) / f"drawn-{draw}.toml"
         path.write_text("".join(f"{name} = {value!r}\n" for name, value in values.items()), encoding="utf-8")
         yield Scenario.of(RunSettings(plant_parameters=path, seed=seed, out=out))
 
 
-def _sound(experiment: Experiment, path: Path, interrupted: bool) -> Path:
-    """`path` of a run that is evidence: whole, and without a fault, in which the controller stops the motor."""
+def _require_sound(experiment: Experiment, path: Path, interrupted: bool) -> Path:
+    """`path` of a run that may be fitted: complete, and without a fault, as the controller stops the motor in a fault."""
     if interrupted:
         raise InputError(f"experiment {experiment.name} was interrupted; {path} holds a part of it")
     if (fault := MEASURES["fault"].of(read_run(path).columns)) != "none":

@@ -1,4 +1,4 @@
-"""Outcome: a search over recorded runs, and everything that is written of it."""
+"""Outcome: run a search over recorded runs, and write its report and its model file."""
 
 import shlex
 import sys
@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from clutch_hil.bench.sealed import checksum
-from clutch_hil.discrepancy.inquiry import Progress
 from clutch_hil.discrepancy.model import Columns, Model
 from clutch_hil.discrepancy.model_file import read_model, write_model
 from clutch_hil.discrepancy.models.named import declared, model_named
@@ -15,9 +14,10 @@ from clutch_hil.discrepancy.regimes import Regimes
 from clutch_hil.discrepancy.report import write_report
 from clutch_hil.discrepancy.result import Result
 from clutch_hil.discrepancy.search import investigate
+from clutch_hil.discrepancy.selection import Progress
 
 
-def concluded(
+def run_and_write(
     known: Model,
     rig: str,
     model: Path | None,
@@ -27,8 +27,11 @@ def concluded(
     out: Path,
     progress: Progress,
 ) -> tuple[Result, list[Path]]:
-    """What is missing in `known`, the model of `rig` as changed by the file `model`, to explain `runs`, by path; and the files
-    below `out` that say so. `names` restricts the candidates. Raises InputError."""
+    """Find what is missing in the model `known` to explain `runs`, and write the report and the model file into `out`.
+
+    rig, model: name of the rig, and model file, that `known` was made of. runs, held_out: columns by path. names: restricts the
+    candidates. Returns the result and the files written. Raises InputError.
+    """
     result = investigate(known, runs, held_out, names, progress)
     hashes = {name: checksum(Path(name)) for name in (*runs, *held_out)}
     result = replace(result, hashes=hashes, holdout=list(held_out), model=str(model) if model else None)

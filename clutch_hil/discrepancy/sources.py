@@ -27,7 +27,7 @@ from scipy.signal import lfilter
 
 from clutch_hil.discrepancy.model import Columns, Model, Values
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
-from clutch_hil.discrepancy.noise import floor_of
+from clutch_hil.discrepancy.noise import estimate_noise
 
 MEAN = 4e-3  # s: samples are looked at in means over this time, as the fit does (evidence.py)
 LAG = 3  # means: of the auto product of x_1, x_3, whose noise is coloured: a central difference reaches 2 means far
@@ -94,17 +94,17 @@ def _clutch(
     noise = floors[PRESSURE] * np.random.default_rng([_SEED, k]).standard_normal(len(r[PRESSURE]))
     x1, alone = means(torque_of(r[PRESSURE]), run), means(torque_of(noise), run)
     period = _period(run)
-    slip = _timed(r[SLIP], np.gradient(shown[SLIP], period), period)
+    slip = _shift_in_time(r[SLIP], np.gradient(shown[SLIP], period), period)
     inertia, gain, rate = (parameters[f"motor.{n}"] for n in ("inertia", "proportional_gain", "integral_gain"))
     # the encoder's angle has no noise to be integrated; half a sample: predictions are of the sample's instant
     turned = run[ANGLE] - run[ANGLE][0] - period * (np.cumsum(shown[SLIP]) - 0.5 * (shown[SLIP] + shown[SLIP][0]))
     law = r[MOTOR] + gain * slip + rate * turned
-    law = _washed(law, period)
+    law = _remove_slow(law, period)
     x2, p, d = means(r[TORQUE], run), means(r[PRESSURE], run), means(law, run)
     turning = inertia * np.gradient(means(slip, run), MEAN)
     x3 = means(r[MOTOR], run) - turning
-    x3 = _alike(x2, x3, means(shown[TORQUE], run), _gains(model))
-    heat = _heated(r[TORQUE] * np.abs(run[SLIP]), parameters, period)
+    x3 = _match_gain(x2, x3, means(shown[TORQUE], run), _gains(model))
+    heat = _warm_oil(r[TORQUE] * np.abs(run[SLIP]), parameters, period)
     celsius = means(r[CELSIUS] - heat, run)
     celsius = celsius - celsius.mean()
     common = x2 * x3
@@ -147,14 +147,14 @@ def _friction(
     return lambda off: torque(off) - still
 
 
-def _heated(power: np.ndarray, parameters: Values, period: float) -> np.ndarray:
+def _warm_oil(power: np.ndarray, parameters: Values, period: float) -> np.ndarray:
     """What friction power [W] that is missing warms the oil by [K]: rig.md 7, exact for a power held over a sample."""
     capacity, transfer = parameters["oil.heat_capacity"], parameters["oil.heat_transfer"]
     decay = np.exp(-transfer / capacity * period)
     return np.asarray(lfilter([0.0, (1.0 - decay) / transfer], [1.0, -decay], power))
 
 
-def _washed(values: np.ndarray, period: float) -> np.ndarray:
+def _remove_slow(values: np.ndarray, period: float) -> np.ndarray:
     """Without what is slower than _WASHOUT."""
     pole = np.exp(-_WASHOUT * period)
     return np.asarray(lfilter([1.0, -1.0], [1.0, -pole], values - values[0]))
@@ -166,14 +166,14 @@ def _gains(model: WetClutch) -> float:
     return float(np.sqrt(sum((p.uncertainty / p.value) ** 2 for p in sheets)))
 
 
-def _alike(x2: np.ndarray, x3: np.ndarray, torque: np.ndarray, most: float) -> np.ndarray:
+def _match_gain(x2: np.ndarray, x3: np.ndarray, torque: np.ndarray, most: float) -> np.ndarray:
     """`x3` as if its sensor's gain differed from that of `x2` by no more than is left beyond `most`."""
     swing = torque - torque.mean()  # an offset is no gain
     differ = np.clip((x2 - x3) @ swing / max(float(swing @ swing), 1e-12), -most, most)
     return x3 + differ * torque
 
 
-def _timed(residual: np.ndarray, slope: np.ndarray, most: float) -> np.ndarray:
+def _shift_in_time(residual: np.ndarray, slope: np.ndarray, most: float) -> np.ndarray:
     """`residual` of the slip as if it had been simulated 0 to `most` [s] late, `slope` [1/s] simulated: an encoder's speed is
     half a sample old."""
     late = np.clip(-(residual @ slope) / max(float(slope @ slope), 1e-12), 0.0, most)
@@ -182,7 +182,7 @@ def _timed(residual: np.ndarray, slope: np.ndarray, most: float) -> np.ndarray:
 
 def _free(x: np.ndarray, raw: np.ndarray, run: Columns) -> np.ndarray:
     """x^2 less what white noise, as large as in `raw`, has in it."""
-    return x**2 - floor_of(raw) ** 2 / max(1, round(MEAN / _period(run)))
+    return x**2 - estimate_noise(raw) ** 2 / max(1, round(MEAN / _period(run)))
 
 
 def _auto(x: np.ndarray, lag: int) -> np.ndarray:

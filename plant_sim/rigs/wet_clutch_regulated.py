@@ -6,7 +6,8 @@ Equation        rig.md, pressure regulator: u = p_d + k_p (p_d - p) + k_i integr
                 acquisition shows it; fill at the fill pressure until contact, release to voltage 0
 Assumptions     one sample from measurement to voltage and from set-point to speed demand, as on the bus
 Not modelled    noise, rounding, faults, torque demands
-References      rig.md; rt_controller/law/torque_law.py and phases.py, whose parameters are taken; test_experiment.py holds both
+References      rig.md; rt_controller/law/torque_law.py and phases.py, whose parameters are taken;
+                test_experiment_design.py holds both
                 together
 """
 

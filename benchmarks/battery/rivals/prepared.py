@@ -12,9 +12,9 @@ import numpy as np
 from benchmarks.battery.cases import Case, generate
 from benchmarks.battery.judged import columns
 from clutch_hil.discrepancy.evidence import Evidence, Point
-from clutch_hil.discrepancy.fit import Linear, baseline_free, linearised, refitted
+from clutch_hil.discrepancy.fit import LinearModel, free_baseline, linearise, refit
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
-from clutch_hil.discrepancy.noise import floors
+from clutch_hil.discrepancy.noise import estimate_floors
 
 OUTPUTS = tuple(output.column for output in WetClutch.outputs)
 INPUTS = ("valve_voltage_v", "motor_speed_demand_rad_s", "shaft_angle_rad")
@@ -60,7 +60,7 @@ def prepared(name: str, folder: Path) -> Prepared:
 
 def _prepared(name: str) -> Prepared:
     evidence, nominal = _begun(name)
-    at = refitted(evidence, nominal)
+    at = refit(evidence, nominal)
     shown = [evidence.model.simulate(run, *at.point) for run in evidence.runs]
     return Prepared(
         at.residual.reshape(len(shown), len(OUTPUTS), -1),
@@ -71,13 +71,13 @@ def _prepared(name: str) -> Prepared:
 
 
 @lru_cache(1)  # one method asks for both, residuals and effects
-def _begun(name: str) -> tuple[Evidence, Linear]:
+def _begun(name: str) -> tuple[Evidence, LinearModel]:
     """The runs of a case, and the baseline linearised where it is nominal."""
     runs = list(columns(generate(Case.of(name)).runs, "run").values())
     model = WetClutch()
-    evidence = Evidence(model, runs, floors(runs, model.outputs))
+    evidence = Evidence(model, runs, estimate_floors(runs, model.outputs))
     nominal: Point = ({n: p.value for n, p in model.parameters.items()}, {})
-    return evidence, linearised(evidence, nominal, baseline_free(model.parameters, model.calibration))
+    return evidence, linearise(evidence, nominal, free_baseline(model.parameters, model.calibration))
 
 
 def simulated(name: str) -> dict[str, np.ndarray]:

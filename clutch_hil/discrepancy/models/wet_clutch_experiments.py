@@ -9,7 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from clutch_hil.bench.excitation import QUANTITIES
-from clutch_hil.discrepancy.experiment import Experiment
+from clutch_hil.discrepancy.experiment_design import Experiment
 from clutch_hil.discrepancy.model import Columns, Values
 from plant_sim.profiles.profile import load_profile
 from plant_sim.rigs import wet_clutch

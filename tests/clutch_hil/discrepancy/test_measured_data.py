@@ -116,7 +116,7 @@ def test_emps_position_zero_differs_between_its_two_runs(axis_runs):
 def test_microtribometer_lacks_presliding():
     """Coulomb 1.2 N, Dahl and an offset 0.12 N in the README."""
     data, of = path("microtribometer/test_data_2.txt"), load_map("microtribometer")
-    fit_on, held_out = (of.part(begin, begin + 100.0).read(data).columns for begin in (8.8, 108.8))
+    fit_on, held_out = (of.cut(begin, begin + 100.0).read(data).columns for begin in (8.8, 108.8))
     model = Tribometer()
     before = error(model, [held_out], *fitted(model, [fit_on]))
     presliding = {"presliding.angle": 1e-5, "presliding.spread": 1.0}
@@ -148,7 +148,7 @@ def test_o_ring_friction_grows_with_pressure():
 def test_the_workflow_names_what_each_rig_lacks(axis_runs):
     """And closes the gap, in runs it has not fitted, to what the fits above reach."""
     record, of = path("microtribometer/test_data_2.txt"), load_map("microtribometer")
-    cycles = [of.part(begin, begin + 100.0).read(record).columns for begin in (8.8, 108.8)]
+    cycles = [of.cut(begin, begin + 100.0).read(record).columns for begin in (8.8, 108.8)]
     seal = load_map("pneumatic_seal")
     strokes = [seal.read(path(f"pneumatic_seal_friction/O-ring_{bar}bar.csv")).columns for bar in (1, 3, 5, 7)]
     cases = (

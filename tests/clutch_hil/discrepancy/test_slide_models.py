@@ -10,7 +10,7 @@ from clutch_hil.discrepancy.models import position_axis, tribometer
 from clutch_hil.discrepancy.models.measured_motion import path, smooth
 from clutch_hil.discrepancy.models.pneumatic_cylinder import PneumaticCylinder
 from clutch_hil.discrepancy.models.position_axis import PositionAxis
-from clutch_hil.discrepancy.models.slide import Slide
+from clutch_hil.discrepancy.models.sliding_contact import SlidingContact
 from clutch_hil.discrepancy.models.tribometer import Tribometer
 from plant_sim.friction.coulomb import Coulomb
 from plant_sim.friction.maxwell_slip import MaxwellSlip
@@ -25,10 +25,10 @@ SINE = 2e-4  # relative: fourth-order differences at 40 samples a period; measur
 PLAY = 2.0 * 2 * np.pi * 1e-7 / 2e-4 * 1.1  # N: the position is held by a play of 0.1 um; a tenth for its second order
 SEEN = 5e-3  # N: what a typical candidate changes at least; the least, a drift over 4 s, changes 0.01
 RATE = 200.0  # Hz
-RIGS: tuple[type[Slide], ...] = (PositionAxis, Tribometer, PneumaticCylinder)
+RIGS: tuple[type[SlidingContact], ...] = (PositionAxis, Tribometer, PneumaticCylinder)
 
 
-def run(rig: type[Slide], seconds: float = 4.0) -> Columns:
+def run(rig: type[SlidingContact], seconds: float = 4.0) -> Columns:
     """Strokes to and fro, without a measured output."""
     time = np.arange(0.0, seconds, 1.0 / RATE)
     stroke = 0.5 * rig_path(rig) * (1.0 - np.cos(np.pi * time))
@@ -36,12 +36,12 @@ def run(rig: type[Slide], seconds: float = 4.0) -> Columns:
     return {"time_s": time, rig.inputs[0]: stroke} | {n: further[n] for n in rig.inputs[1:]}
 
 
-def rig_path(rig: type[Slide]) -> float:
+def rig_path(rig: type[SlidingContact]) -> float:
     """Its stroke [m], from the bounds of pre-sliding, which are half of it."""
     return 2.0 * next(c for c in rig.known if c.name == "presliding").parameters[0].bounds[1]
 
 
-def simulated(rig: type[Slide], **effects: float) -> np.ndarray:
+def simulated(rig: type[SlidingContact], **effects: float) -> np.ndarray:
     model = rig()
     base = {name: p.value for name, p in model.parameters.items()}
     values = {name.replace("__", "."): value for name, value in effects.items()}
@@ -49,7 +49,7 @@ def simulated(rig: type[Slide], **effects: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("rig", RIGS, ids=lambda rig: rig.name)
-def test_a_candidate_that_is_off_changes_nothing(rig: type[Slide]) -> None:
+def test_a_candidate_that_is_off_changes_nothing(rig: type[SlidingContact]) -> None:
     model, plain = rig(), simulated(rig)
     base = {name: p.value for name, p in model.parameters.items()}
     for candidate in model.candidates:
@@ -58,7 +58,7 @@ def test_a_candidate_that_is_off_changes_nothing(rig: type[Slide]) -> None:
 
 
 @pytest.mark.parametrize("rig", RIGS, ids=lambda rig: rig.name)
-def test_a_typical_candidate_changes_the_force(rig: type[Slide]) -> None:
+def test_a_typical_candidate_changes_the_force(rig: type[SlidingContact]) -> None:
     model, plain = rig(), simulated(rig)
     base = {name: p.value for name, p in model.parameters.items()}
     for candidate in model.candidates:
@@ -68,7 +68,7 @@ def test_a_typical_candidate_changes_the_force(rig: type[Slide]) -> None:
 
 
 @pytest.mark.parametrize("rig", RIGS, ids=lambda rig: rig.name)
-def test_every_start_lies_within_the_bounds(rig: type[Slide]) -> None:
+def test_every_start_lies_within_the_bounds(rig: type[SlidingContact]) -> None:
     model = rig()
     assert isinstance(model, Hinting)
     left = {model.output.column: np.sin(1e3 * run(rig)[rig.inputs[0]])}
@@ -101,7 +101,7 @@ def test_direction_asymmetry_is_of_the_part_it_is_given_to(viscous_part: float, 
         PositionAxis, direction_asymmetry__asymmetry=0.1, direction_asymmetry__viscous_part=viscous_part
     )
     added, model = leaning - simulated(PositionAxis), PositionAxis()
-    speed = model._moved(run(PositionAxis), model.parameters, 1.0 / RATE).speed
+    speed = model._track_motion(run(PositionAxis), model.parameters, 1.0 / RATE).speed
     away = slice(5, 195)  # from the reversals
     wanted = 0.1 * (20.0 * coulomb + 150.0 * viscous * np.abs(speed))
     np.testing.assert_allclose(added[away], wanted[away], rtol=1e-9)
@@ -173,7 +173,7 @@ Motion = Callable[[np.ndarray], np.ndarray]
 def recorded_axis(friction: object | None, amplitude: float, hertz: float, seed: int) -> Columns:
     axis = simulated_axis.PositionAxis(friction)  # type: ignore[arg-type]
     trajectory: Motion = lambda t: amplitude * (1.0 - np.cos(2 * np.pi * hertz * t))  # noqa: E731
-    return position_axis.recorded(axis.simulate(trajectory, 6.0, seed=seed))
+    return position_axis.to_columns(axis.simulate(trajectory, 6.0, seed=seed))
 
 
 def test_a_simulated_axis_shows_its_mass_and_friction() -> None:
@@ -199,7 +199,7 @@ def test_a_simulated_tribometer_lacks_presliding() -> None:
         rig = simulated_tribometer.Tribometer(MaxwellSlip(np.full(8, 1e5), np.linspace(0.5, 2.5, 8)), seed=seed)
         drive = rig.position_drive(lambda t, hertz=hertz: 0.02 * np.sin(2 * np.pi * hertz * t))
         record = rig.run(drive, 60.0, 20.0, 1e-4, every=50)
-        records.append(tribometer.recorded(record, simulated_tribometer.mean_radius(rig.parameters)))
+        records.append(tribometer.to_columns(record, simulated_tribometer.mean_radius(rig.parameters)))
     model = Tribometer()
     before = error(model, records[1:], *fitted(model, records[:1]))
     presliding = fitted(model, records[:1], {"presliding.angle": 1e-4, "presliding.spread": 2.0})
