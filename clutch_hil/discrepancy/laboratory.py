@@ -69,8 +69,8 @@ class RunningBench:
 
     def play(self, experiment: Experiment, number: int, quiet: bool) -> Path:
         """See `Laboratory`."""
+        from clutch_hil.live.bench_recording import record
         from clutch_hil.live.demand import Demand
-        from clutch_hil.live.record import record
 
         profile = load_profile(experiment.profile)
         path = run_path(writable(self.out), "blind" if self.blind else experiment.name)

@@ -14,13 +14,13 @@ from plant_sim.profiles.shift_profile import ShiftProfile
 from plant_sim.rigs import power_shift, wet_clutch
 from protocols.buses.bus import Port, listen, open_bus
 from protocols.buses.exchange import Exchange
-from protocols.buses.heartbeat import heard_alone, new_session
+from protocols.buses.heartbeat import check_alone, new_session
 from protocols.can.frames import load_frames
 from protocols.can.lifecycle import Lifecycle
 from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
 from protocols.realtime import rights as realtime
-from protocols.realtime.beat import Beat, warm_book
+from protocols.realtime.beat import Beat, compile_record_cycle
 from protocols.realtime.clock import Clock
 from protocols.realtime.footprint import Footprint
 from protocols.realtime.stopping import Stop
@@ -60,7 +60,7 @@ class PlantService:
         Before its signals are those of `Stop`: this can be ended.
         """
         self._kind.warm()
-        warm_book()
+        compile_record_cycle()
 
     @property
     def _kind(self) -> Any:
@@ -76,7 +76,7 @@ class PlantService:
         clock = Clock(1_000_000_000 // self.rate)
         with Stop() as stop, open_bus(self.bus) as port:
             frames = load_frames()
-            heard_alone(port, "plant", frames["PLANT_HEARTBEAT"])
+            check_alone(port, "plant", frames["PLANT_HEARTBEAT"])
             line = Exchange(port, frames["VALVE_COMMAND"].can_id, stop.wakes)
             shipped = power_shift.nominal() if self.rig == "power_shift" else wet_clutch.nominal()
             outlet = Outlet(
@@ -143,7 +143,7 @@ class PlantService:
                     node.record, clock.woken_ns / 1e9, clock.lateness_ns / 1e3, clock.work_ns / 1e3, clock.late
                 )
                 continue
-            beat.book(node.record, outlet.changes)
+            beat.record_cycle(node.record, outlet.changes)
             node.late_cycles = clock.late
             if timing is None and node.finished:
                 timing = clock.summary()  # of the run, not of the controller's end after it

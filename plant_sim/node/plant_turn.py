@@ -10,9 +10,9 @@ from numba import njit
 from plant_sim.node.plant_cycle import begin, show, slept, take
 from plant_sim.rigs import wet_clutch
 from plant_sim.rigs.clutch_phase import phase
-from protocols.buses.exchange import CLOCK_MONOTONIC, gather, gather_marked, now, settled, spread
+from protocols.buses.exchange import CLOCK_MONOTONIC, gather, gather_marked, is_settled, now, spread
 from protocols.files.units import BAR, ZERO_CELSIUS
-from protocols.realtime.beat import book, called, wait, write
+from protocols.realtime.beat import is_called, record_cycle, wait, write
 from protocols.realtime.clock import Word
 
 _LATE, _PERIOD, _WOKEN = int(Word.LATE), int(Word.PERIOD), int(Word.WOKEN)
@@ -76,13 +76,13 @@ def in_time(
         sent = show(interfaces, settings, 0, tick, rig_state, states, parameters, effects, outbox, sent)
         note(row, tick * period, interfaces, rig_state, preload_pressure, contact_pressure)
         position = spread(lines, 0, outbox, sent)
-        if made == most or called(lines[0], numbers) or not settled(lines[0], known, count, sent, position):
+        if made == most or is_called(lines[0], numbers) or not is_settled(lines[0], known, count, sent, position):
             return made, owed, count, sent, position
         tick, known, count = tick + 1, 0, 0
         if owed > 0:
             write(words, rows, counts, row, changes)
             continue
-        book(words, rows, counts, row, changes)
+        record_cycle(words, rows, counts, row, changes)
         if behind:  # before it goes on: the controller can answer, which may wait for this CPU
             count = gather(lines, words[_PERIOD] // 2, inbox, 0, 0)
 
@@ -107,7 +107,7 @@ def in_step(
         position = spread(lines, 0, outbox, sent)
         made += 1
         move(interfaces, rig_state, states, parameters, effects, period, substeps)  # while the controller answers
-        if made == most or called(line, numbers) or not settled(line, 0, 0, sent, position):
+        if made == most or is_called(line, numbers) or not is_settled(line, 0, 0, sent, position):
             return made, 0, sent, position
         words[_WOKEN] = now(CLOCK_MONOTONIC, line.time)
         write(words, rows, counts, row, changes)

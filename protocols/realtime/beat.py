@@ -1,8 +1,10 @@
-"""Beat: the clock of a loop in compiled code, on the clock's own memory: a slot waited for, a cycle's row and account.
+"""Beat: the clock of a loop for compiled code. It waits for a slot, and records the row and the timing of a cycle.
 
-Same as         Clock.wait where slots slept through are left out, SleepThenSpin, Clock.done, RingWriter.write
-Method          clock_nanosleep(2) to the absolute time; nothing of Python, which is cold after a sleep, runs before the turn
-                that follows in the same call, nor between turns, of which a call makes several
+It works on the memory of a `Clock` and does what these do: `Clock.wait` with the policy "skip", `SleepThenSpin`,
+`Clock.end_cycle`, `RingWriter.write`.
+
+Method          clock_nanosleep(2) to the absolute time. The cycle follows in the same call, and one call makes several cycles.
+                So no Python code, whose memory is out of the caches after a sleep, runs before a cycle
 """
 
 from typing import Any
@@ -12,18 +14,18 @@ from numba import njit, types
 
 from protocols.buses.exchange import CLOCK_MONOTONIC, now, system
 from protocols.realtime.clock import Clock, Histogram, Word
-from protocols.realtime.mailbox import ANSWERED, ASKED, WORDS, Mailbox
+from protocols.realtime.mailbox import ANSWER_NUMBER, REQUEST_NUMBER, WORDS, Mailbox
 from protocols.realtime.ring import RingWriter
-from protocols.realtime.waiting import MARGIN, MEMORY
+from protocols.realtime.waiting import SPIN_DECAY_SLEEPS, WAKE_MARGIN_NS
 
-OVERRUN, OVERSLEPT = -1, -2  # what `wait` returns where the clock's policy for overruns is to be asked
+OVERRUN, OVERSLEPT = -1, -2  # returned by `wait` where the clock's policy for overruns must decide
 _ABSOLUTE = 1  # TIMER_ABSTIME of linux/time.h
 _SECOND = 1_000_000_000  # ns
-# ns that compiled code stays at most, though nobody asks for anything: who waits for a service to end does so for ten seconds.
-# What Python does in between costs 0.15 ms, as all of it is cold, which at 4 kHz and above makes the next cycle late
-_STAY = 2_000_000_000
+# ns, longest call of compiled code without a request: others wait ten seconds for the end of a service. Each return to Python
+# costs 0.15 ms, as its memory is out of the caches. At 4 kHz and above that makes the next cycle late.
+_LONGEST_CALL = 2_000_000_000
 _BINS = Histogram.BINS
-# as numbers, in the order in which they stand there
+# places of a clock's words, as compiled code takes them
 _PERIOD, _FIRST, _DEADLINE, _WOKEN, _LATENESS, _WORKED, _RUN, _SKIPPED, _LATE, _SPARE, _SKIPS, _WAKE = (
     int(word) for word in Word
 )
@@ -33,50 +35,50 @@ _clock_nanosleep = system("clock_nanosleep", types.int32, types.int32, types.int
 
 
 class Beat:
-    """`clock` for compiled code: `words` of it, and `spins` of its waiting, are the same memory.
+    """`clock` for compiled code. Its `words`, and the `spins` of its waiting, are the same memory as the clock's.
 
-    One call of compiled code may make `most` turns, whose rows but the last one's it writes to `ring`, and ends early where
-    `mailbox` has a request (`called`); without them it makes one.
+    One call of compiled code makes up to `most` cycles. It writes all rows but the last to `ring`, and ends early where
+    `mailbox` has a request (`is_called`). Without a ring it makes one cycle.
     """
 
     def __init__(self, clock: Clock, ring: RingWriter | None = None, mailbox: Mailbox | None = None) -> None:
         self.clock, self._ring, self._mailbox = clock, ring, mailbox
         self.words, self.spins = (np.frombuffer(kept, np.int64) for kept in (clock.words, clock.waiting.words))
-        self.most = max(1, _STAY // clock.period_ns) if ring else 1
+        self.most = max(1, _LONGEST_CALL // clock.period_ns) if ring else 1
 
     @property
     def outlet(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Rows and counts of the ring and numbers of the mailbox, shapes (capacity + 1, columns), (1,) and (4,)."""
+        """Rows (capacity + 1, columns) and counts (1,) of the ring, and numbers (4,) of the mailbox."""
         rows, counts = (self._ring.rows, self._ring.counts) if self._ring else (np.zeros((1, 0)), np.zeros(1, np.int64))
         return rows, counts, self._mailbox.numbers if self._mailbox else np.zeros(WORDS, np.int64)
 
-    def book(self, row: np.ndarray, changes: int) -> None:
-        """The cycle has ended: write its row, with `changes` of parameters so far, and let the clock know, in one call."""
+    def record_cycle(self, row: np.ndarray, changes: int) -> None:
+        """End a cycle: write its row (columns,), with the number of parameter `changes` so far, and record its timing."""
         rows, counts, _ = self.outlet
-        book(self.words, rows, counts, row, changes)
+        record_cycle(self.words, rows, counts, row, changes)
 
-    def woke(self, how: int) -> int:
-        """What is left to do after a `wait` that began no cycle: see `Clock.woke`."""
-        return self.clock.woke(self.clock.woken_ns, how == OVERSLEPT)
+    def wake_up(self, how: int) -> int:
+        """Begin the cycle after a `wait` that returned `how`, OVERRUN or OVERSLEPT; see `Clock.wake_up`."""
+        return self.clock.wake_up(self.clock.woken_ns, how == OVERSLEPT)
 
 
-def warm_book() -> None:
-    """Compile, or load from disk, what writes a row: now, not in the loop."""
-    book(Beat(Clock(1)).words, np.zeros((1, 8)), np.zeros(1, np.int64), np.zeros(1), 0)
+def compile_record_cycle() -> None:
+    """Compile `record_cycle`, or load it from disk, before the loop begins."""
+    record_cycle(Beat(Clock(1)).words, np.zeros((1, 8)), np.zeros(1, np.int64), np.zeros(1), 0)
 
 
 @njit(cache=True, nogil=True)
 def wait(words: Any, spins: Any) -> Any:
-    """Wait for the next slot. Returns how many were left out since the last one.
+    """Wait for the next slot, and return how many were left out since the last one.
 
-    Where slots are over, and the policy for overruns is not to leave them out: OVERRUN or OVERSLEPT, with no cycle begun.
+    Where slots are over and the clock's policy is not "skip", return OVERRUN or OVERSLEPT, without a cycle begun.
     """
     words[_DEADLINE] += words[_PERIOD]
     due, times = words[_DEADLINE], words[_SPARE : _SPARE + 2]
     at = now(CLOCK_MONOTONIC, times)
     asleep = at < due
     if asleep:
-        at = _until(due, at, words, spins, times)
+        at = _wait_until(due, at, words, spins, times)
     words[_WOKEN], missed = at, 0
     if at >= due + words[_PERIOD]:
         if words[_SKIPS] == 0:
@@ -90,8 +92,8 @@ def wait(words: Any, spins: Any) -> Any:
 
 
 @njit
-def _until(due, at, words, spins, times):
-    """Return once `due` has come; what the clock says then [ns]."""
+def _wait_until(due, at, words, spins, times):
+    """Wait until `due` [ns of CLOCK_MONOTONIC]; return the time then [ns]."""
     spin, most = spins[0], spins[1]
     begin = due - spin
     if at < begin:
@@ -99,8 +101,8 @@ def _until(due, at, words, spins, times):
             sleep_until(begin, times)
             at = now(CLOCK_MONOTONIC, times)
         if most > 0:
-            needed = min(at - begin + MARGIN, most)
-            spins[0] = needed if needed > spin else spin - (spin - needed) // MEMORY
+            needed = min(at - begin + WAKE_MARGIN_NS, most)
+            spins[0] = needed if needed > spin else spin - (spin - needed) // SPIN_DECAY_SLEEPS
     while at < due:
         at = now(CLOCK_MONOTONIC, times)
     return at
@@ -115,7 +117,7 @@ def sleep_until(due, times):
 
 @njit(cache=True, nogil=True)
 def arrive(words: Any, woken: Any, arrived: Any, slots: Any) -> None:
-    """A cycle has begun, `woken` by a sample that `arrived` [ns], `slots` after the one before: the grid goes with it."""
+    """Begin a cycle at `woken` [ns] for a sample that `arrived` [ns], `slots` after the one before; move the grid with it."""
     words[_FIRST] += arrived - words[_DEADLINE] - slots * words[_PERIOD]
     words[_DEADLINE], words[_WOKEN], words[_LATENESS] = arrived, woken, woken - arrived
     words[_RUN] += 1
@@ -123,25 +125,25 @@ def arrive(words: Any, woken: Any, arrived: Any, slots: Any) -> None:
 
 
 @njit
-def called(line, numbers):
-    """Whether Python is to look: a signal has been seen, or there is a request to the mailbox of `numbers`."""
-    return line.signalled or numbers[ASKED] != numbers[ANSWERED]
+def is_called(line, numbers):
+    """Whether Python has something to do: a signal has come, or the mailbox of `numbers` (4,) has a request."""
+    return line.signalled or numbers[REQUEST_NUMBER] != numbers[ANSWER_NUMBER]
 
 
 @njit(cache=True, nogil=True)
-def book(words: Any, rows: Any, counts: Any, row: Any, changes: Any) -> None:
-    """The cycle has ended: write its row, then the account of `Clock.done`."""
+def record_cycle(words: Any, rows: Any, counts: Any, row: Any, changes: Any) -> None:
+    """End a cycle: write its row, then record its timing as `Clock.end_cycle` does."""
     at = write(words, rows, counts, row, changes)
     words[_WORKED] = at - words[_WOKEN]
-    _add(words, _WAKE, words[_LATENESS])
-    _add(words, _WORK, words[_WORKED])
+    _add_duration(words, _WAKE, words[_LATENESS])
+    _add_duration(words, _WORK, words[_WORKED])
     if at > words[_DEADLINE] + words[_PERIOD] or words[_LATENESS] >= words[_PERIOD]:
         words[_LATE] += 1
 
 
 @njit(cache=True, nogil=True)
 def write(words: Any, rows: Any, counts: Any, row: Any, changes: Any) -> Any:
-    """A row, which is `row` and TIMING of `outlet.py`, to a ring; returns what the clock says then [ns]."""
+    """Write a row, `row` and the columns TIMING of `outlet.py`, to a ring; return the time then [ns]."""
     place, width = rows[counts[0] % rows.shape[0]], row.size
     for column in range(width):
         place[column] = row[column]
@@ -153,8 +155,8 @@ def write(words: Any, rows: Any, counts: Any, row: Any, changes: Any) -> Any:
 
 
 @njit
-def _add(words, histogram, duration):
-    """As `Histogram.add`."""
+def _add_duration(words, histogram, duration):
+    """Count a `duration` [ns] in the histogram that begins at word `histogram`; see `Histogram.add`."""
     words[histogram + min(max(duration, 0) // 1000, _BINS)] += 1
     words[histogram + _BINS + 1] += 1
     words[histogram + _BINS + 2] = max(words[histogram + _BINS + 2], duration)

@@ -12,15 +12,15 @@ from numba import njit
 from protocols.buses.exchange import (
     CLOCK_MONOTONIC,
     CLOCK_REALTIME,
+    empty_lines,
     gather,
     gather_marked,
+    is_settled,
     now,
-    settled,
-    silence,
     spread,
 )
 from protocols.can.frame_batch import batch
-from protocols.realtime.beat import Beat, arrive, book, called, wait, write
+from protocols.realtime.beat import Beat, arrive, is_called, record_cycle, wait, write
 from protocols.realtime.clock import Clock, Word
 from rt_controller.loop.cycle import cycle
 from rt_controller.loop.node import ControllerNode
@@ -53,7 +53,7 @@ class Turn:
         """
         line, node = self.samples.line, self.node
         marks, first = line.marks, line.count
-        line.ready()
+        line.refresh()
         answer(line.lines, line.inbox, first, slots, node.states, node.settings, node.outbox, node.record, self._turns)
         complete = line.marks > marks
         self._finish()
@@ -66,17 +66,17 @@ class Turn:
         last.
         """
         line, node = self.samples.line, self.node
-        line.ready()
+        line.refresh()
         missed, made = answer_slots(
             beat.words, beat.spins, line.lines, line.inbox, line.count, node.states, node.settings, node.outbox,
             node.record, self._turns, beat.most, *beat.outlet, changes, drifts,
         )  # fmt: skip
         if made > (missed >= 0):
-            line.passed()
+            line.count_settled()
         if missed >= 0:
             self._finish()
             return int(missed)
-        missed = beat.woke(missed)
+        missed = beat.wake_up(missed)
         complete = self.answer(1 + missed)
         if drifts.size:
             follow(beat.words, drifts, complete, self.samples.arrived_ns())
@@ -90,19 +90,19 @@ class Turn:
         line, node, patience = self.samples.line, self.node, 0
         while True:
             first = line.count
-            line.ready()
+            line.refresh()
             made = answer_samples(
                 beat.words, line.lines, line.inbox, first, node.states, node.settings, node.outbox, node.record, self._turns,
                 beat.most, *beat.outlet, changes, patience,
             )  # fmt: skip
             slots = self._slots[0]
             if made > (slots > 0):
-                line.passed()
+                line.count_settled()
                 first = 0
             if slots:
                 self._finish()
                 return slots - 1
-            line.took(self._count[0], first)  # somebody has come, or gone
+            line.accept(self._count[0], first)  # somebody has come, or gone
             patience = self._patience[0]
 
     def answer_in_step(self, beat: Beat, changes: int) -> tuple[bool, bool]:
@@ -111,15 +111,15 @@ class Turn:
         Rows but the last are in the ring; returns whether the last is, and whether the sample after it is complete.
         """
         line, node = self.samples.line, self.node
-        line.ready()
+        line.refresh()
         made, waited, marks = answer_in_step(
             beat.words, line.lines, line.inbox, line.count, node.states, node.settings, node.outbox, node.record, self._turns,
             beat.most, *beat.outlet, changes,
         )  # fmt: skip
         if made > (not waited):
-            line.passed()
+            line.count_settled()
         if waited:
-            line.took(self._count[0], 0)
+            line.accept(self._count[0], 0)
         else:
             self._finish()
         return bool(waited), line.marks > marks
@@ -127,15 +127,15 @@ class Turn:
     def _finish(self) -> None:
         """What the compiled call leaves to do: of the frames it has sent, then of those used."""
         line, node = self.samples.line, self.node
-        line.sent(node.outbox, node.sent(self._sent[0]), self._position[0])
-        line.used(self._count[0])
+        line.finish_send(node.outbox, node.sent(self._sent[0]), self._position[0])
+        line.discard_used(self._count[0])
 
 
 def warm(node: ControllerNode) -> None:
     """Compile, or load from disk, the turns of a node: now, not in the loop; nothing is taken or sent."""
     states, inbox = node.states.copy(), batch(1)
     rest = node.settings, batch(len(node.outbox)), node.record.copy(), np.zeros(1, _TURN)
-    lines, beat = silence(), Beat(Clock(1000))
+    lines, beat = empty_lines(), Beat(Clock(1000))
     answer(lines, inbox, 0, 1, states, *rest)
     answer_slots(beat.words, beat.spins, lines, inbox, 0, states, *rest, 1, *beat.outlet, 0, GRID)
     answer_samples(beat.words, lines, inbox, 0, states, *rest, 1, *beat.outlet, 0, 0)
@@ -202,9 +202,13 @@ def answer_slots(
         answer(lines, inbox, count, 1 + missed, states, settings, outbox, row, turns)
         if drifts.size > 0:
             follow(words, drifts, line.marks > marks, _arrived(line, now(CLOCK_MONOTONIC, line.time)))
-        if made == most or called(line, numbers) or not settled(line, count, turn.count, turn.sent, turn.position):
+        if (
+            made == most
+            or is_called(line, numbers)
+            or not is_settled(line, count, turn.count, turn.sent, turn.position)
+        ):
             return missed, made
-        book(words, rows, counts, row, changes)
+        record_cycle(words, rows, counts, row, changes)
         count = 0
 
 
@@ -230,9 +234,13 @@ def answer_samples(
         turn.sent = cycle(states, settings, inbox, turn.count, turn.slots, outbox, row)
         turn.position = spread(lines, 0, outbox, max(turn.sent, 0))
         arrive(words, turn.woken, turn.arrived, turn.slots)
-        if made == most or called(line, numbers) or not settled(line, count, turn.count, turn.sent, turn.position):
+        if (
+            made == most
+            or is_called(line, numbers)
+            or not is_settled(line, count, turn.count, turn.sent, turn.position)
+        ):
             return made
-        book(words, rows, counts, row, changes)
+        record_cycle(words, rows, counts, row, changes)
         count = patience = 0
 
 
@@ -249,7 +257,11 @@ def answer_in_step(
     while True:
         answer(lines, inbox, count, 1, states, settings, outbox, row, turns)
         made, marks = made + 1, line.marks
-        if made == most or called(line, numbers) or not settled(line, known, turn.count, turn.sent, turn.position):
+        if (
+            made == most
+            or is_called(line, numbers)
+            or not is_settled(line, known, turn.count, turn.sent, turn.position)
+        ):
             return made, False, marks
         words[_WOKEN] = now(CLOCK_MONOTONIC, line.time)
         write(words, rows, counts, row, changes)

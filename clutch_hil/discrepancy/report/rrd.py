@@ -19,7 +19,7 @@ from clutch_hil.discrepancy.report.wording import (
     verdict_sentence,
 )
 from clutch_hil.discrepancy.result import Trace
-from clutch_hil.live.canvas import wide
+from clutch_hil.live.canvas import scalar_columns
 from clutch_hil.live.stream import new_recording
 from protocols.errors import InputError
 from protocols.files.run import whole_file
@@ -82,7 +82,7 @@ def _log_lines(
 ) -> None:
     lines = rr.SeriesLines(names=list(names), colors=np.array(colours, np.uint32), widths=_WIDTHS[: len(names)])
     recording.log(path, lines, static=True)
-    recording.send_columns(path, indexes=indexes, columns=wide(np.column_stack(values)))
+    recording.send_columns(path, indexes=indexes, columns=scalar_columns(np.column_stack(values)))
 
 
 def _blueprint(residuals: Residuals) -> rrb.Blueprint:

@@ -10,7 +10,7 @@ from clutch_hil.command import application
 from protocols.errors import InputError
 from protocols.files.run import Run
 from protocols.files.runs import write_run
-from tests.clutch_hil.discrepancy.test_fit import recorded
+from tests.clutch_hil.discrepancy.test_fit import record_run
 
 MODEL = "tests/clutch_hil/discrepancy/test_fit.py:Amplifier"
 HIDDEN = {"cubic.share": 0.3}
@@ -25,7 +25,7 @@ def paths(tmp_path: Path) -> list[Path]:
     """Five runs with a hidden cubic."""
     found = [tmp_path / f"run-{seed}.parquet" for seed in range(1, 6)]
     for seed, path in enumerate(found, 1):
-        write_run(Run(recorded(seed, HIDDEN), {}), path)
+        write_run(Run(record_run(seed, HIDDEN), {}), path)
     return found
 
 

@@ -71,7 +71,7 @@ class Amplifier:
         return {"output_v": y}
 
 
-def recorded(seed: int, effects: Values, n: int = 4000, noise: float = NOISE) -> dict[str, np.ndarray]:
+def record_run(seed: int, effects: Values, n: int = 4000, noise: float = NOISE) -> dict[str, np.ndarray]:
     random = np.random.default_rng(seed)
     time = 1e-3 * np.arange(n)
     run = {"time_s": time, "input_v": np.sin(2.0 * time + seed) + 0.3 * np.sin(7.3 * time)}
@@ -80,7 +80,7 @@ def recorded(seed: int, effects: Values, n: int = 4000, noise: float = NOISE) ->
 
 
 def runs(effects: Values) -> dict[str, Columns]:
-    return {f"run-{seed}": recorded(seed, effects) for seed in range(1, 4)}
+    return {f"run-{seed}": record_run(seed, effects) for seed in range(1, 4)}
 
 
 def linear(effects: Values, point: Values | None = None) -> tuple[Evidence, LinearModel]:
@@ -92,7 +92,7 @@ def linear(effects: Values, point: Values | None = None) -> tuple[Evidence, Line
 
 def test_the_floor_of_white_noise_is_its_standard_deviation_whatever_the_signal() -> None:
     for effects in ({}, {"cubic.share": 0.5}):
-        assert estimate_noise(recorded(1, effects)["output_v"]) == pytest.approx(NOISE, rel=0.03)
+        assert estimate_noise(record_run(1, effects)["output_v"]) == pytest.approx(NOISE, rel=0.03)
 
 
 def test_the_floor_of_a_rounded_signal_is_not_below_its_rounding() -> None:
@@ -109,7 +109,7 @@ def test_residuals_of_the_true_model_have_unit_variance() -> None:
 
 def test_what_is_sampled_slowly_tells_by_itself() -> None:
     """Within 0.4 s residuals tell as much as one: a hundred blocks of 4 ms, forty samples of 10 ms, one of a second."""
-    run = recorded(1, {})
+    run = record_run(1, {})
     for period, redundancy in ((1e-3, 100.0), (1e-2, 40.0), (1.0, 1.0)):
         slower = run | {"time_s": run["time_s"] * period / 1e-3}
         assert Evidence(Amplifier(), [slower], {"output_v": NOISE}).redundancy == pytest.approx(redundancy)
@@ -203,7 +203,7 @@ class Stiff(Amplifier):
 
 def test_a_step_is_made_longer_while_that_pays() -> None:
     model, hidden = Stiff(), 0.64  # predicted from 0.01: root(0.64 0.01) = 0.08
-    run = recorded(1, {})
+    run = record_run(1, {})
     run = run | {"output_v": run["output_v"] + np.sqrt(hidden) * np.sin(60.0 * run["time_s"])}
     evidence = Evidence(model, [run], estimate_floors([run], model.outputs))
     nominal = {n: p.value for n, p in model.parameters.items()}
@@ -228,7 +228,7 @@ def test_a_further_effect_mends_most_or_much_of_what_is_left() -> None:
 
 def test_the_step_of_a_ripples_rate_is_shortened_until_it_is_small_after_many_turns() -> None:
     hidden = {"ripple.amplitude": 0.5, "ripple.rate": 30.0}
-    model, measured = Amplifier(), [recorded(1, hidden, n=20_000)]
+    model, measured = Amplifier(), [record_run(1, hidden, n=20_000)]
     evidence = Evidence(model, measured, estimate_floors(measured, model.outputs))
     point = {n: p.value for n, p in model.parameters.items()}, hidden
     amplitude, rate = linearise(evidence, point, free_effect(model.candidates[3], hidden)).free
@@ -238,7 +238,7 @@ def test_the_step_of_a_ripples_rate_is_shortened_until_it_is_small_after_many_tu
 
 def test_a_hidden_effect_is_named_and_the_gap_closes_on_a_run_that_was_not_fitted() -> None:
     hidden = {"cubic.share": 0.3}
-    result = investigate(Amplifier(), runs(hidden), {"other": recorded(9, hidden)})
+    result = investigate(Amplifier(), runs(hidden), {"other": record_run(9, hidden)})
     assert (result.verdict, result.effects) == ("named", ["cubic"])
     gap = result.gap["output_v"]
     assert gap.before > 2.0 * NOISE

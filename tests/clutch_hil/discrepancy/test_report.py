@@ -31,7 +31,7 @@ from clutch_hil.discrepancy.result import (
 )  # fmt: skip
 from protocols.errors import InputError
 from tests.clutch_hil.discrepancy import results
-from tests.clutch_hil.discrepancy.page_content import Content, told_number
+from tests.clutch_hil.discrepancy.page_content import Content, parse_number
 
 COLOURS = 40  # of a picture with a line in it; an empty figure has 1, empty axes with labels about 20
 ROUNDING = 6e-3  # of a number that is told with three digits: 0.5 %; of one with two digits ten times as much
@@ -64,7 +64,7 @@ _TEXTS = {
 }  # fmt: skip
 
 
-def made(kind):
+def make_report(kind):
     """A result; small but for the verdict that all files are written of."""
     return results.result(kind) if kind == NAMED else results.result(kind, runs=2, seconds=4.0, outputs=2)
 
@@ -94,7 +94,7 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def pages(folder):
     """The page of each verdict."""
-    others = {kind: page(made(kind)) for kind in (NOTHING, ONE_OF, NONE_OF_THESE)}
+    others = {kind: page(make_report(kind)) for kind in (NOTHING, ONE_OF, NONE_OF_THESE)}
     return {NAMED: (folder / PAGE).read_text(encoding="utf-8")} | others
 
 
@@ -106,7 +106,7 @@ def test_page_says_what_was_found(kind, pages):
     content = Content(text)
     assert content.open == []
     assert content.tags.count("h2") == HEADINGS
-    assert content.text.count(verdict_sentence(made(kind))) == 1
+    assert content.text.count(verdict_sentence(make_report(kind))) == 1
     for name in ("run-0.parquet", "run-2 begins with the clutch filled.", "31.0", "SHA-256", f"{1:064x}", "held out"):
         assert name in content.text
 
@@ -160,7 +160,7 @@ def test_page_and_report_json_tell_the_same_numbers(folder, pages):
 def test_numbers_are_rounded_and_not_wrong(kind, pages):
     for exact, text in Content(pages[kind]).numbers:
         digits = len(re.sub(r"[^\d]", "", text.partition("·")[0]).lstrip("0"))
-        assert told_number(text) == pytest.approx(
+        assert parse_number(text) == pytest.approx(
             exact, rel=ROUNDING * 10 ** max(0, 3 - digits), abs=6e-4 if "%" in text else 0.0
         )
 

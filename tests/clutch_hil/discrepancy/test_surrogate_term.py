@@ -6,7 +6,7 @@ import pytest
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
 from clutch_hil.discrepancy.search import investigate
 from clutch_hil.discrepancy.surrogate_term import describe_residual
-from tests.clutch_hil.discrepancy.clutch_runs import NOISE, baseline, recorded
+from tests.clutch_hil.discrepancy.clutch_runs import NOISE, baseline, record_runs
 
 R2 = 0.9  # of a term that is in the library; measured 0.97 and more
 LEAST_CLOSED = 0.3  # of the error that may be left once the term is simulated
@@ -27,7 +27,7 @@ def error(model, runs, effects, column):
 
 def test_a_torque_that_depends_on_slip_and_temperature_is_described_and_carried(model):
     hidden = {"residual_torque.slip": 1.0, "residual_torque.temperature": -0.8}
-    runs = recorded(hidden)
+    runs = record_runs(hidden)
     told = describe_residual(model, runs, NOISE, baseline(), {})
     assert told["block"] == "friction"
     assert {"slip", "temperature"} <= set(told["variables"])
@@ -40,7 +40,7 @@ def test_a_torque_that_depends_on_slip_and_temperature_is_described_and_carried(
 
 
 def test_a_pressure_that_keeps_its_direction_is_described_and_carried(model):
-    runs = recorded({"residual_pressure.direction": -0.08})
+    runs = record_runs({"residual_pressure.direction": -0.08})
     told = describe_residual(model, runs, NOISE, baseline(), {})
     assert told["block"] == "hydraulics"
     assert "direction" in told["variables"]
@@ -50,14 +50,14 @@ def test_a_pressure_that_keeps_its_direction_is_described_and_carried(model):
 
 def test_a_ripple_is_told_by_its_order(model):
     told = describe_residual(
-        model, recorded({"position_ripple.amplitude": 0.5, "position_ripple.order": 7.0}), NOISE, baseline(), {}
+        model, record_runs({"position_ripple.amplitude": 0.5, "position_ripple.order": 7.0}), NOISE, baseline(), {}
     )
     assert told["variables"] == ["angle"]
     assert "7 a turn" in told["sentence"]
 
 
 def test_what_depends_on_nothing_is_said_to(model):
-    runs = recorded({})
+    runs = record_runs({})
     t = runs[0]["time_s"]
     for run in runs:  # a hum at 31 Hz, that starts as it likes
         hum = 0.4 * np.sin(2.0 * np.pi * 31.0 * t + run["oil_temperature_degc"][0])
@@ -73,7 +73,7 @@ def test_what_depends_on_nothing_is_said_to(model):
 @pytest.mark.parametrize(("apart", "left"), [(True, 0.35), (False, 0.95)])
 def test_the_gap_that_is_shown_is_that_of_the_model_that_carries_it(model, apart, left):
     """On a run that was not fitted; or on each of three in turn, that the two others, of another kind, say little of."""
-    measured = {f"run-{k}": run for k, run in enumerate(recorded({"residual_torque.slip": 2.0}))}
+    measured = {f"run-{k}": run for k, run in enumerate(record_runs({"residual_torque.slip": 2.0}))}
     held = {"held": measured.pop("run-0")} if apart else {}
     result = investigate(model, measured, held, ["valve_delay"])
     assert result.verdict == "none_of_these"

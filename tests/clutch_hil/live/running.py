@@ -15,7 +15,7 @@ from clutch_hil.command import application
 from protocols.buses.bus import Port, listen, open_bus
 from protocols.can.frames import Frame, load_frames
 from protocols.can.request import Request
-from protocols.telemetry.feed import nodes_alive
+from protocols.telemetry.feed import list_live_nodes
 from protocols.telemetry.keys import NODES, bench_name
 from protocols.telemetry.session import consumer_session
 from tests.processes import ONE_CPU, PATIENCE, service
@@ -75,7 +75,7 @@ def _await_telemetry() -> None:
     """Until both services publish."""
     deadline = time.monotonic() + PATIENCE
     with consumer_session() as session:
-        while nodes_alive(session, bench_name("local:bench")) != sorted(NODES):
+        while list_live_nodes(session, bench_name("local:bench")) != sorted(NODES):
             assert time.monotonic() < deadline, "the services do not publish"
             time.sleep(0.05)
 
