@@ -1,6 +1,6 @@
 """Experiments of the wet-clutch rig: profiles that its bench can play, what their inputs would be, and whether they are safe.
 
-The standard set excites every candidate within two minutes of rig time (test_experiment.py holds that);
+The standard set excites every candidate within two minutes of rig time (test_experiment_design.py holds that);
 from the library the one is chosen that separates what the standard set cannot.
 """
 
