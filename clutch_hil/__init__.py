@@ -17,7 +17,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from protocols.kernels.compiled import drop_stale, place_cache
+from protocols.kernels.kernel_cache import drop_stale, place_cache
 
 if TYPE_CHECKING:
     from clutch_hil import friction

@@ -18,8 +18,8 @@ import typer
 import typer.core
 
 from protocols.errors import InputError, InterruptionError
-from protocols.kernels.compiled import discard, kept
-from protocols.kernels.starting import STARTING, starts
+from protocols.kernels.kernel_cache import describe_keeping, discard_temporary
+from protocols.kernels.progress_notice import PROGRESS_NOTICE, is_starting
 
 _AGAIN = 0.2  # s between interruptions, until the one who loads or compiles has noticed
 INTERRUPTED = 130  # 128 and SIGINT, as of every shell
@@ -143,7 +143,7 @@ def main_of(run: Callable[[], object]) -> None:
 
     def insist(number: int, frame: FrameType | None) -> None:
         """A compiler has destructors, in which Python drops an exception."""
-        if starts(frame):
+        if is_starting(frame):
             raise _AskedError
         signal.setitimer(signal.ITIMER_REAL, 0.0)
 
@@ -152,7 +152,7 @@ def main_of(run: Callable[[], object]) -> None:
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, interrupt)
     try:
-        with STARTING:
+        with PROGRESS_NOTICE:
             run()
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
@@ -172,8 +172,8 @@ def main_of(run: Callable[[], object]) -> None:
 def _break_off() -> NoReturn:
     """End at once, all `with` blocks having been left: what a library has half made, the interpreter cannot take apart."""
     signal.signal(signal.SIGALRM, signal.SIG_IGN)  # it has been noticed
-    print(f"interrupted: nothing half-written is left, {kept()}", file=sys.stderr)
-    discard()
+    print(f"interrupted: nothing half-written is left, {describe_keeping()}", file=sys.stderr)
+    discard_temporary()
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(INTERRUPTED)

@@ -1,4 +1,4 @@
-"""The exceptions a person causes, told in one sentence: wrong input, exit code 2, and an interruption, 130."""
+"""Errors that a person causes, each with a message of one sentence: wrong input, exit code 2, and an interruption, 130."""
 
 import difflib
 from collections.abc import Iterable
@@ -9,7 +9,7 @@ class InputError(Exception):
 
 
 class InterruptionError(Exception):
-    """Somebody has ended a command before there was a result. The message says what is kept; exit code 130."""
+    """A person ended a command before there was a result. The message says which files are kept; exit code 130."""
 
 
 def listing(names: object) -> str:
@@ -18,7 +18,7 @@ def listing(names: object) -> str:
 
 
 def closest(name: str, known: Iterable[str]) -> str:
-    """Hint for an unknown name: what comes closest, or all that is known."""
+    """Hint for an unknown name: the most similar of the `known` ones, or all of them."""
     names = list(known)
     close = difflib.get_close_matches(name, names, n=3, cutoff=0.4)
     return f"did you mean {' or '.join(close)}?" if close else f"known are {', '.join(names)}"

@@ -1,4 +1,4 @@
-"""Node: what runs on a bus. The same object runs on its own clock, in lock-step, or in one process with the other."""
+"""Node: a participant of a bus. The same object runs on its own clock, in lock-step, or in one process with the other node."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Protocol
@@ -30,16 +30,18 @@ class Node(Protocol):
     record: np.ndarray  # its row, in the order of `columns`, (columns,)
 
     def cycle(self, inbox: np.ndarray, count: int, slots: int = 1) -> int:
-        """Take the first `count` frames of a batch, which came since the last cycle, `slots` periods ago; return how many are
-        in `outbox`. Raises InputError to be stopped."""
+        """Run one cycle, and return the number of frames in `outbox`. Raises InputError to stop the run.
+
+        inbox: batch whose first `count` frames came since the last cycle. slots: periods since the last cycle.
+        """
         ...
 
     def step(self, inbox: Sequence[Frame], slots: int = 1) -> list[Frame]:
-        """The same with frames as objects."""
+        """Run one cycle with frames as objects: take `inbox`, and return the frames to send; see `cycle`."""
         ...
 
     def safe(self) -> list[Frame]:
-        """Frames that leave the actuators safe; the last thing sent."""
+        """Frames that leave the actuators safe; they are sent last."""
         ...
 
     def row(self) -> tuple[float, ...]:

@@ -21,7 +21,7 @@ from benchmarks.friction_oracles import Exudyn, MuJoCo, OpenSees
 from clutch_hil.live import graphics
 from clutch_hil.thesis.measured_data import VARIABLE
 from protocols.buses.bus import resolve
-from protocols.realtime.rights import MEASURES, Wanted, possible
+from protocols.realtime.rights import MEASURES, LoopRequest, is_possible
 from tests.clutch_hil.live import chromium
 
 MUST_HAVE = "CLUTCH_HIL_MUST_HAVE"
@@ -65,7 +65,7 @@ def _terminal() -> bool:
 
 def _right(what: str, name: str) -> Need:
     (measure,) = (one for one in MEASURES if one.name == name)
-    there = partial(possible, measure, Wanted(max(os.sched_getaffinity(0))))
+    there = partial(is_possible, measure, LoopRequest(max(os.sched_getaffinity(0))))
     return Need(f"the right to {what}", there, f"run it as root, or: {measure.remedy}")
 
 
@@ -74,7 +74,7 @@ def _found_by_the_test() -> bool:
 
 
 NEEDS = {
-    "vulkan": Need("a Vulkan driver", graphics.vulkan, graphics.INSTALL),
+    "vulkan": Need("a Vulkan driver", graphics.has_vulkan, graphics.INSTALL),
     "chromium": Need("Chromium", lambda: bool(chromium.PROGRAM), "apt-get install chromium"),
     "vcan0": Need(
         "the CAN interface vcan0, or the guest of tests/test_guest.py, which plays these where it can",

@@ -18,7 +18,7 @@ from clutch_hil.bench.progress import Doing, progress_bar
 from clutch_hil.bench.services import Services
 from protocols.errors import InputError, InterruptionError
 from protocols.kernels.compiling import COMPILING
-from protocols.kernels.starting import STARTING
+from protocols.kernels.progress_notice import PROGRESS_NOTICE
 from protocols.realtime.child import clutch_hil
 from protocols.realtime.stopping import Stop
 
@@ -178,13 +178,13 @@ def test_processes_compile_a_kernel_once_and_never_mix_types(tmp_path: Path) -> 
 def test_progress_is_told_by_a_thread_that_ends(
     place: str, note: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from protocols.kernels.starting import Starting
+    from protocols.kernels.progress_notice import ProgressNotice
 
-    monkeypatch.setattr("protocols.kernels.starting._FIRST", 0.05)
+    monkeypatch.setattr("protocols.kernels.progress_notice._QUIET_SECONDS", 0.05)
     monkeypatch.setattr(COMPILING, "kernels", ["advance"])
     monkeypatch.setenv("NUMBA_CACHE_DIR", place)
     threads = threading.active_count()
-    with Starting() as starting:
+    with ProgressNotice() as starting:
         time.sleep(0.5)
         starting.end()
         assert threading.active_count() == threads
@@ -196,9 +196,9 @@ def told(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], doing: AbstractContextManager
 ) -> list[str]:
     """What is said beside `doing`, which says nothing."""
-    monkeypatch.setattr("protocols.kernels.starting._FIRST", 0.01)
-    monkeypatch.setattr("protocols.kernels.starting._EVERY", 0.05)
-    with STARTING, doing:
+    monkeypatch.setattr("protocols.kernels.progress_notice._QUIET_SECONDS", 0.01)
+    monkeypatch.setattr("protocols.kernels.progress_notice._REPORT_PERIOD", 0.05)
+    with PROGRESS_NOTICE, doing:
         time.sleep(2.0)
     return capsys.readouterr().err.splitlines()
 

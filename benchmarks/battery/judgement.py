@@ -18,16 +18,16 @@ from benchmarks.battery.cases import Case, GeneratedCase, RecordedRun, generate_
 from benchmarks.battery.score import Answer
 from benchmarks.battery.truth_simulation import COLUMNS, PERIOD
 from clutch_hil.discrepancy import evidence, search
-from clutch_hil.discrepancy.atlas import concentrated
-from clutch_hil.discrepancy.decide import Weighed
-from clutch_hil.discrepancy.fit import Linear
+from clutch_hil.discrepancy.atlas import find_concentration
+from clutch_hil.discrepancy.decision import Explanation
+from clutch_hil.discrepancy.fit import LinearModel
 from clutch_hil.discrepancy.model import Candidate, Columns
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
 from clutch_hil.discrepancy.regimes import ALL, Regimes
 from clutch_hil.discrepancy.result import ONE_OF, Claim, Result
 from plant_sim.profiles.profile import load_profile
 
-_Joint = tuple[Linear, tuple[Candidate, ...]]  # a fit of several candidates together
+_JointFit = tuple[LinearModel, tuple[Candidate, ...]]  # a fit of several candidates together
 RIVALS = 5  # candidates kept for each case, the best ones
 
 
@@ -126,7 +126,7 @@ def _check_claims(result: Result, generated: GeneratedCase) -> list[Answer]:
     """Compare each claim with the truth: is the difference that the effects make in that output and regime?
 
     `times_floor`: root mean square of the difference there, in floors. `density`: its power per sample there, over that of all
-    samples. `concentrated`: whether `atlas.concentrated`, applied to the true difference, names the regime.
+    samples. `find_concentration`: whether `atlas.find_concentration`, applied to the true difference, names the regime.
     """
     if not result.where:
         return []
@@ -150,7 +150,7 @@ def _check_claim(claim: Claim, generated: GeneratedCase, masks: Mapping[str, np.
     return answer | {
         "times_floor": float(np.sqrt(np.mean(power[mask]))) / floor,
         "density": part / time_share,
-        "concentrated": claim.regime in (concentrated(shares) or [ALL]),
+        "concentrated": claim.regime in (find_concentration(shares) or [ALL]),
     }
 
 
@@ -160,46 +160,47 @@ class _SearchLog:
     def __enter__(self) -> "_SearchLog":
         self.seen: Any = None
         self.steps: list[Answer] = []
-        self._original = search.Inquiry
+        self._original = search.EffectSelection
         watch = self
 
-        class Watched(search.Inquiry):
-            def _take(self, at: Linear, candidates: tuple[Candidate, ...], costs: dict[str, float]) -> None:
-                super()._take(at, candidates, costs)
-                watch.step([c.name for c in candidates], self.weighed, True)
+        class Watched(search.EffectSelection):
+            def _accept(self, at: LinearModel, candidates: tuple[Candidate, ...], costs: dict[str, float]) -> None:
+                super()._accept(at, candidates, costs)
+                watch.step([c.name for c in candidates], self.explanation, True)
 
-            def _jointly(self, sets: Any) -> Any:
-                fits = super()._jointly(sets)
+            def _fit_jointly(self, sets: Any) -> Any:
+                fits = super()._fit_jointly(sets)
                 at, candidates = fits[0]
                 if len(candidates) > 1:
-                    watch.step([c.name for c in candidates], self._weighed(at, len(candidates)), False)
+                    watch.step([c.name for c in candidates], self._explain(at, len(candidates)), False)
                 return fits
 
-            def verdict(self) -> Any:
+            def decide(self) -> Any:
                 watch.seen = self
-                return super().verdict()
+                return super().decide()
 
-        search.Inquiry = Watched  # type: ignore[misc]
+        search.EffectSelection = Watched  # type: ignore[misc]
         return self
 
     def __exit__(self, *_: object) -> None:
-        search.Inquiry = self._original  # type: ignore[misc]
+        search.EffectSelection = self._original  # type: ignore[misc]
 
-    def step(self, names: list[str], w: Weighed, taken: bool) -> None:
+    def step(self, names: list[str], w: Explanation, taken: bool) -> None:
         """Log a set of effects, what it leaves unexplained, and whether it was taken."""
         self.steps.append(
             {"effects": names, "cost": w.best, "excess": w.excess, "rest": w.rest, "base": w.base, "taken": taken}
         )
 
     def features(self, result: Result) -> Answer:
-        """What the decision was taken from (`decide.Weighed`), costs of the best candidates, and steps of the search."""
+        """What the decision was taken from (`decide.Explanation`), costs of the best candidates, and steps of the search."""
         inquiry, w = self.seen, self.seen.weighed
         costs = dict(sorted(inquiry.costs.items(), key=lambda one: one[1])[: 2 * RIVALS])
         ordered = sorted(costs.values())
         margin = (ordered[1] - ordered[0]) / max(w.base - ordered[0], 1e-9) if len(ordered) > 1 else 1.0
         return {
             "base": w.base, "best": w.best, "size": w.size, "count": w.count, "gain": w.gain, "excess": w.excess,
-            "rest": w.rest, "relief": w.relief, "strain": w.strain, "alike": w.alike, "closed": w.closed, "margin": margin,
+            "rest": w.rest, "relief": w.prior_gain, "strain": w.prior_chi2, "alike": w.redundancy,
+            "closed": w.closed, "margin": margin,
             "named": [c.name for c in inquiry.named],
             "costs": costs, "steps": self.steps,
         }  # fmt: skip

@@ -34,11 +34,11 @@ from benchmarks.battery.shared_parameters import SHARED_PARAMETERS
 from clutch_hil.discrepancy.result import NAMED, NONE_OF_THESE, NOTHING, ONE_OF
 
 Answer = dict[str, Any]  # a case, its truth and what the engine answered: a JSON object
-LEAST_CLAIM = 0.3  # floors: a smaller difference is of no practical interest (atlas.LEAST)
-LEAST_DENSITY = 1.6  # times the power of all samples (atlas._DENSER)
+LEAST_CLAIM = 0.3  # floors: a smaller difference is of no practical interest (atlas.LEAST_DISAGREEMENT)
+LEAST_DENSITY = 1.6  # times the power of all samples (atlas._LEAST_DENSITY)
 FLOOR_LIMIT = 1.1  # times the floor: ours
 WORSE_TOLERANCE = 1e-3  # share of the sum of squares that counts as chance: ours
-LEAST_EXCESS = 0.03  # over the number of residuals: below, the re-fit has absorbed the effect (decide.EXCESS)
+LEAST_EXCESS = 0.03  # over the number of residuals: below, the re-fit has absorbed the effect (decision.CLOSED_EXCESS)
 ANALOG_COLUMNS = ("cylinder_pressure_bar", "clutch_torque_nm", "motor_torque_nm", "oil_temperature_degc")
 ALIAS_GROUPS = (  # effects that are hard to tell apart by their physics: ours
     {"torque_sensor_gain", "friction_level"},

@@ -1,4 +1,4 @@
-"""Thresholds: find constants of clutch_hil/discrepancy/decide.py that suit the development split best, from its answers.
+"""Thresholds: find constants of clutch_hil/discrepancy/decision.py that suit the development split best, from its answers.
 
 Nothing is simulated. Each decision is taken again from the costs that the search kept. What the search did not fit because of a
 threshold stays out, and the number of effects that it took stays as it was.
@@ -17,7 +17,7 @@ from scipy.optimize import minimize
 from benchmarks.battery.run import Cache
 from benchmarks.battery.score import Answer, are_aliases, family, hidden_names, is_strong, names_an_effect
 from benchmarks.battery.validity import engine_name
-from clutch_hil.discrepancy import decide
+from clutch_hil.discrepancy import decision
 from clutch_hil.discrepancy.result import NAMED, NONE_OF_THESE, NOTHING, ONE_OF
 
 _GRID = {
@@ -41,15 +41,15 @@ _ONE_OF_PENALTY = 0.3  # what `one_of` costs of a right name: ours
 
 @dataclass(frozen=True)
 class Constants:
-    """Constants of decide.py. `closed` is that of one effect, `closed_two` that of two effects."""
+    """Constants of decision.py. `closed` is that of one effect, `closed_two` that of two effects."""
 
-    gain: float = decide.GAIN
-    excess: float = decide.EXCESS
-    closed: float = decide.CLOSED[0]
-    closed_two: float = decide.CLOSED[1]
-    alias: float = decide.ALIAS
-    tie: float = decide.TIE
-    relief: float = decide.RELIEF
+    gain: float = decision.LEAST_GAIN
+    excess: float = decision.CLOSED_EXCESS
+    closed: float = decision.LEAST_CLOSED[0]
+    closed_two: float = decision.LEAST_CLOSED[1]
+    alias: float = decision.ALIAS_SHARE
+    tie: float = decision.TIE_COST
+    relief: float = decision.PRIOR_GAIN
 
 
 def decide_again(answer: Answer, c: Constants) -> tuple[str, list[str]]:
@@ -58,7 +58,7 @@ def decide_again(answer: Answer, c: Constants) -> tuple[str, list[str]]:
     gain, rest, named = w["gain"], w["rest"], w["named"]
     if not named or not _has_gained(w, c):
         return (NONE_OF_THESE if w["excess"] > _EXCESS_WITHOUT_GAIN else NOTHING), []
-    least = (c.closed, c.closed_two, decide.CLOSED[2])[len(named) - 1]
+    least = (c.closed, c.closed_two, decision.LEAST_CLOSED[2])[len(named) - 1]
     if gain / max(gain + rest, 1e-12) < least and rest >= c.excess:
         return NONE_OF_THESE, []
     near = _near_names(w, rest, c) if len(named) == 1 else []
@@ -173,7 +173,7 @@ def main() -> None:
         print(
             f"gain where nothing is hidden: largest {max(nulls):.5f} of {len(nulls)}; named there: {_list_false_names(answers)}"
         )
-    print("verdict: put them into clutch_hil/discrepancy/decide.py by hand; report on the evaluation split")
+    print("verdict: put them into clutch_hil/discrepancy/decision.py by hand; report on the evaluation split")
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ from plant_sim.node.power_shift_node import PowerShiftNode
 from protocols.can.frames import FrameCodec, load_frames
 from protocols.node import Column
 from protocols.realtime.beat import TIMING
-from protocols.telemetry.batch import published_columns
+from protocols.telemetry.batch import run_file_columns
 from rt_controller.loop.node import ControllerNode
 
 PAGE = Path(__file__).parents[2] / "docs" / "columns.md"
@@ -88,7 +88,7 @@ def page() -> str:
     return _TEXT.format(
         plant=columns_table(PlantNode.columns),
         power_shift=columns_table(PowerShiftNode.columns),
-        controller=columns_table(published_columns("controller", controller)),
+        controller=columns_table(run_file_columns("controller", controller)),
         timing=columns_table(TIMING),
         frames="\n\n".join(frame_section(codec) for codec in load_frames().values()),
     )

@@ -57,7 +57,7 @@ class Echo:
                 clock.wait()
                 port.send(Frame(analog.can_id, analog.pack_raw(tick, 100, 100, 100, 100)))
                 port.send(Frame(encoder.can_id, encoder.pack_raw(tick, tick, tick & 0xFFFF)))
-                clock.done()
+                clock.end_cycle()
 
     def _raw(self) -> None:
         frames = load_frames()

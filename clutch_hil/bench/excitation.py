@@ -22,7 +22,7 @@ QUANTITIES: Mapping[str, tuple[str, str, float]] = {  # column of docs/rig.md: w
     "motor_torque_nm": ("motor torque", "Nm", 0.051),
     "shaft_angle_rad": ("shaft angle", "rad", 1.1e-5),
 }
-INPUTS: Mapping[str, tuple[str, str]] = {  # column of rig.md: what, unit
+INPUTS: Mapping[str, tuple[str, str]] = {  # column of docs/rig.md: what, unit
     "valve_voltage_v": ("valve voltage", "V"),
     "motor_speed_demand_rad_s": ("speed demand", "rad/s"),
 }

@@ -43,7 +43,7 @@ from clutch_hil.bench.witness_loop import Pace, begun, read
 from protocols.buses.bus import Port, open_bus
 from protocols.can.frames import load_frames
 from protocols.errors import InputError, InterruptionError
-from protocols.kernels.compiled import kept
+from protocols.kernels.kernel_cache import describe_keeping
 from protocols.realtime.rights import PRIORITY
 from protocols.realtime.ring import RingReader
 from protocols.realtime.shared_folder import SharedFolder
@@ -177,7 +177,7 @@ def _in_turn(
                         if not stop.asked:  # else it was broken off
                             raise
                     if not done:
-                        stop.check(f"nothing had been measured; nothing was written, {kept()}")
+                        stop.check(f"nothing had been measured; nothing was written, {describe_keeping()}")
                     done += 1
                     progress(done, total)
     finally:
@@ -371,7 +371,7 @@ def _heard(bus: str) -> Iterator[list[tuple[int, int, int]]]:
     def listen(port: Port) -> None:
         while not ends.is_set():
             if port.wait(_POLL):
-                for stamp, (can_id, data) in port.stamped():
+                for stamp, (can_id, data) in port.receive_stamped():
                     if can_id in codecs:
                         heard.append((stamp, can_id, codecs[can_id].raw(data).sample_tick))
 

@@ -7,7 +7,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from protocols.kernels.starting import STARTING
+from protocols.kernels.progress_notice import PROGRESS_NOTICE
 
 
 @contextmanager
@@ -24,7 +24,10 @@ def progress_bar(title: str, quiet: bool) -> Iterator[Callable[[float, int], Non
     def describe() -> str:
         return "" if shown or quiet else f"{title}: {100.0 * share:.0f} % done"
 
-    with STARTING.told_by(describe), Progress(*columns, console=console, transient=True, disable=not shown) as bar:
+    with (
+        PROGRESS_NOTICE.describe_by(describe),
+        Progress(*columns, console=console, transient=True, disable=not shown) as bar,
+    ):
         task = bar.add_task(title, total=None)
 
         def progress(done: float, total: int) -> None:
@@ -43,7 +46,7 @@ class Doing:
         self._console = Console(stderr=True, quiet=quiet)
         self._shown = self._console.is_terminal
         self._status = self._console.status(first)
-        self._told = STARTING.told_by(lambda: "" if self._shown or quiet else self._text)
+        self._told = PROGRESS_NOTICE.describe_by(lambda: "" if self._shown or quiet else self._text)
 
     def __enter__(self) -> "Doing":
         self._told.__enter__()

@@ -18,7 +18,7 @@ from plant_sim.effects.catalogue import effects
 from protocols.errors import InputError
 from protocols.files.runs import RunWriter
 from protocols.node import Column
-from protocols.telemetry.blind import tells_truth
+from protocols.telemetry.truth import reveals_truth
 
 SEAL = "sealed"  # key of a blind run's metadata: the truth file's name and SHA-256
 _SUFFIX = ".truth.parquet"
@@ -58,7 +58,7 @@ class SealedWriter(RunWriter):
         if truth.exists():
             raise InputError(f"truth file {truth} exists already; move it away, or give another folder")
         self._truth_path = truth
-        self._shown = [i for i, column in enumerate(columns) if not tells_truth(column.name)]
+        self._shown = [i for i, column in enumerate(columns) if not reveals_truth(column.name)]
         self._truth = RunWriter(truth, columns)
         try:
             super().__init__(path, [columns[i] for i in self._shown])

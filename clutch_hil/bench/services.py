@@ -13,7 +13,7 @@ from typing import Any
 
 from clutch_hil.command import INTERRUPTED
 from protocols.errors import InputError
-from protocols.kernels.compiled import kept
+from protocols.kernels.kernel_cache import describe_keeping
 from protocols.realtime.child import clutch_hil, spawn
 from protocols.realtime.ring import RingReader
 from protocols.realtime.shared_folder import SharedFolder
@@ -72,7 +72,7 @@ class Services:
                 if name in missing and not line.startswith(TOLD_ELSEWHERE):
                     tell(f"{name}: {line}")
             self.check()
-            stop.check(f"the services had not started; nothing was written, {kept()}")
+            stop.check(f"the services had not started; nothing was written, {describe_keeping()}")
             for name in missing:
                 if now - heard[name] > _START:
                     raise InputError(_late(name, last[name]))

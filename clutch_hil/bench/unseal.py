@@ -13,7 +13,7 @@ from clutch_hil.bench.sealed import SEAL, checksum, shown, truth_path
 from plant_sim.effects.catalogue import effects
 from protocols.errors import InputError
 from protocols.files.run import Run
-from protocols.telemetry.blind import tells_truth
+from protocols.telemetry.truth import reveals_truth
 
 
 def unsealed(path: Path, folder: Path | None = None) -> tuple[Path, Run]:
@@ -35,7 +35,7 @@ def unsealed(path: Path, folder: Path | None = None) -> tuple[Path, Run]:
     if checksum(truth) != seal["sha256"]:
         raise InputError(f"truth file {truth} has been changed since the run was recorded: its SHA-256 is another")
     whole = read_run(truth)
-    columns = [name for name in whole.columns if not tells_truth(name)]
+    columns = [name for name in whole.columns if not reveals_truth(name)]
     for name in dict.fromkeys((*run.columns, *columns)):
         mine, sealed = run.columns.get(name), whole.columns.get(name)
         if mine is None or sealed is None or not np.array_equal(mine, sealed, equal_nan=True):
@@ -52,7 +52,7 @@ def told_by(path: Path, truth: Path, whole: Run) -> tuple[dict[str, Any], str, s
     metadata = whole.metadata
     on = _effects_on(metadata["plant_parameters"])
     injections, settings = metadata["injections"], metadata["settings"]
-    columns = [name for name in whole.columns if tells_truth(name)]
+    columns = [name for name in whole.columns if reveals_truth(name)]
     values = [(name, short, f"{value:g}") for name, own in on.items() for short, value in own.items()]
     changes = [
         (i["name"], i["unit"], f"{i['old']:g}", f"{i['new']:g}", f"{i['at']:.3f}", f"{i['ramp']:g}", str(i["row"]))

@@ -17,7 +17,7 @@ from protocols.realtime.child import spawn
 from protocols.realtime.clock import Clock
 from protocols.realtime.rights import prepare, relax
 from protocols.realtime.stopping import Stop
-from protocols.realtime.waiting import waiting
+from protocols.realtime.waiting import choose_waiting
 
 if TYPE_CHECKING:
     import numpy as np
@@ -48,7 +48,7 @@ class Pace:
     def run(self) -> None:
         """Keep time; write slots, wake-ups and when it slept again when it is over."""
         period = 1_000_000_000 // self.rate
-        clock = Clock(period, waiting(self.spin_us, period))
+        clock = Clock(period, choose_waiting(self.spin_us, period))
         count = round(self.seconds * self.rate)
         waited_for, woken, ended = (array("q", bytes(8 * count)) for _ in range(3))
         prepare(self.cpu, self.priority)
@@ -58,7 +58,7 @@ class Pace:
             while clock.run < count and not stop.asked:
                 clock.wait()
                 waited_for[clock.run - 1], woken[clock.run - 1] = clock.woken_ns - clock.lateness_ns, clock.woken_ns
-                clock.done()
+                clock.end_cycle()
                 ended[clock.run - 1] = time.monotonic_ns()
         relax()
         part = Path(self.out).with_suffix(".part")

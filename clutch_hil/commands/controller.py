@@ -37,9 +37,9 @@ def controller(
     """Run the controller on a bus until it is stopped."""
     from clutch_hil.bench.service_text import service_lines
     from protocols.can.two_clutches import checked_clutch
-    from protocols.kernels.starting import compile_first
+    from protocols.kernels.progress_notice import compile_first
     from protocols.realtime.stopping import Stop
-    from protocols.realtime.waiting import checked_spin
+    from protocols.realtime.waiting import check_spin
     from rt_controller.loop.service import ControllerService
 
     service = ControllerService(
@@ -56,7 +56,7 @@ def controller(
         clutch=None if clutch is None else checked_clutch(clutch),
         trigger=trigger,
         overrun=overrun,
-        spin_us=checked_spin(spin_us),
+        spin_us=check_spin(spin_us),
     )
     compile_first(service.warm)
     with Stop():  # a second signal does not interrupt the ending

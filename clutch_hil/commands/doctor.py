@@ -20,10 +20,10 @@ def doctor(
     import os
 
     from clutch_hil.bench.machine import facts
-    from protocols.realtime.rights import MEASURES, Wanted, possible
+    from protocols.realtime.rights import MEASURES, LoopRequest, is_possible
 
-    wanted = Wanted(max(os.sched_getaffinity(0)) if cpu is None else cpu)
-    measures = [(m, possible(m, wanted)) for m in MEASURES]
+    wanted = LoopRequest(max(os.sched_getaffinity(0)) if cpu is None else cpu)
+    measures = [(m, is_possible(m, wanted)) for m in MEASURES]
     found = facts()
     lines = ["of the process: what each service takes for itself", ""]
     lines += [f"  {_MARKS[there]:<4} {m.name:<30} {m.why}" for m, there in measures]

@@ -12,7 +12,7 @@ from clutch_hil.command import report
 from protocols.errors import InputError
 
 if TYPE_CHECKING:
-    from clutch_hil.discrepancy.experiment import Experiment
+    from clutch_hil.discrepancy.experiment_design import Experiment
     from clutch_hil.discrepancy.follow_up import Report
     from clutch_hil.discrepancy.laboratory import Laboratory
 

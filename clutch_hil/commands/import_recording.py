@@ -27,7 +27,7 @@ def import_run(
     from clutch_hil.discrepancy.import_map import load_map
     from protocols.files.runs import write_run
 
-    run = load_map(map_name).part(from_s, to_s).read(recording)
+    run = load_map(map_name).cut(from_s, to_s).read(recording)
     write_run(run, out)
     time = run["time_s"]
     done = run.metadata["import"]["done"]

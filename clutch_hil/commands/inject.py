@@ -37,11 +37,11 @@ def inject(
     json_output: bool = JSON,
 ) -> None:
     """Change the running plant: effects on and off, parameters, sensors that freeze or are biased; now, later, slowly."""
-    from clutch_hil.live.inject import injected, shown, wanted
+    from clutch_hil.live.inject import parse_values, run_injection, show_state
     from protocols.can.two_clutches import checked_clutch
 
     prefix = "" if clutch is None else f"{checked_clutch(clutch)}."
-    values = {prefix + name: v for name, v in wanted(words or [], off, freeze, bias).items()}
+    values = {prefix + name: v for name, v in parse_values(words or [], off, freeze, bias).items()}
     given = {"at": at, "after": after, "ramp": ramp, "until": until, "for": hold}
     when = {name: seconds for name, seconds in given.items() if seconds is not None}
     if not values:
@@ -49,8 +49,8 @@ def inject(
             raise InputError(
                 "inject was told when or how and not what; name an effect, GROUP.NAME=VALUE, --freeze or --bias"
             )
-        report(*shown(bus, router), json_output)
+        report(*show_state(bus, router), json_output)
         return
     if list_all:
         raise InputError("inject was given --list and something to inject; allowed is one of them")
-    report(*injected(values, when, bus, router), json_output)
+    report(*run_injection(values, when, bus, router), json_output)

@@ -40,13 +40,13 @@ def jitter(
     from clutch_hil.bench.recording import writable
     from clutch_hil.command import write_summary
     from protocols.buses.bus import open_bus, resolve
-    from protocols.realtime.waiting import checked_spin
+    from protocols.realtime.waiting import check_spin
 
     cpus = sorted(os.sched_getaffinity(0))
     setting = jitter_report.checked(
         Setting(
             resolve(bus), checked_rate(rate), seconds, rounds, cpus[-1] if cpu is None else cpu,
-            checked_spin(spin_us), telemetry,
+            check_spin(spin_us), telemetry,
         ),
         cpus,
     )  # fmt: skip

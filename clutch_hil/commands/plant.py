@@ -41,7 +41,7 @@ def plant(
     from clutch_hil.bench.service_text import service_lines
     from clutch_hil.bench.settings import MANUAL
     from plant_sim.node.plant_service import PlantService
-    from protocols.kernels.starting import compile_first
+    from protocols.kernels.progress_notice import compile_first
     from protocols.realtime.stopping import Stop
 
     given = {

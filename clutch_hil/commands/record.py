@@ -37,8 +37,8 @@ def record(
 
     from clutch_hil.bench.can_log import WRITERS, CanLog, Logged
     from clutch_hil.bench.progress import Doing
+    from clutch_hil.live.bench_recording import record as record_telemetry
     from clutch_hil.live.conversion import FORMATS
-    from clutch_hil.live.record import record as record_telemetry
     from clutch_hil.live.recorder import Recorded
     from protocols.files.run import new_file
     from protocols.realtime.stopping import Stop

@@ -22,6 +22,6 @@ def tune(
     json_output: bool = JSON,
 ) -> None:
     """List, show and set the parameters of the running services."""
-    from clutch_hil.live.tune import tuned
+    from clutch_hil.live.tune import run_tune
 
-    report(*tuned(names or [], bus, router), json_output)
+    report(*run_tune(names or [], bus, router), json_output)

@@ -37,7 +37,7 @@ def view(
 ) -> None:
     """Show a running bench, or recorded runs, in rerun's viewer."""
     os.environ.setdefault("RUST_LOG", "off")  # what goes wrong in rerun is counted and told by us
-    from clutch_hil.live.rrd_writer import checked_rrd
+    from clutch_hil.live.rrd_writer import check_rrd
     from clutch_hil.live.viewer import Viewer, WebViewer
 
     if seconds is not None and not seconds > 0.0:
@@ -45,7 +45,7 @@ def view(
     if web + headless + window > 1:
         raise InputError("more than one of --web, --headless and --window was given; allowed is one")
     if save:
-        checked_rrd(save)
+        check_rrd(save)
 
     def say(text: str) -> None:
         typer.echo(text, err=True)
@@ -56,7 +56,7 @@ def view(
     elif headless or window or not save:
         viewer = Viewer(port, memory, headless)
     if runs:
-        from clutch_hil.live.replay import Replay
+        from clutch_hil.live.run_replay import Replay
 
         replayed = Replay(runs).run(viewer, save, seconds, say)
         report(replayed.document, replayed.text, replayed.verdict, replayed.good, json_output)

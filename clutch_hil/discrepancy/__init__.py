@@ -2,5 +2,5 @@
 
 runs --runs.py--> floor (noise.py) --evidence.py--> whitened residuals of a model (model.py)
 baseline re-fitted (fit.py) --> where: atlas.py; what: every candidate fitted (candidates.py)
-decision (decide.py) --> added, and again (search.py) --> Result (result.py) --> report, model file, pictures
+decision (decision.py) --> added, and again (search.py) --> Result (result.py) --> report, model file, pictures
 """

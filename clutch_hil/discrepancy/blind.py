@@ -24,13 +24,13 @@ _MOST = 12  # raises: by a factor of 130; what is not seen then is no plant to p
 _KEPT = "friction_level.drift"  # a drift is another effect to a tester than a level: both at once are not drawn
 
 
-def drawn(seed: int) -> ParameterSet:
+def draw_plant(seed: int) -> ParameterSet:
     """The plant's parameters that `seed` draws. Raises InputError when there is no effect that can be seen."""
     model = WetClutch()
     random = np.random.default_rng(seed)
     for i in random.permutation(len(model.candidates)):
         candidate = model.candidates[i]
-        if (values := _seen(candidate, random)) is not None:
+        if (values := _draw_visible(candidate, random)) is not None:
             baseline = {
                 name: float(np.clip(p.value + _JITTER * p.uncertainty * random.standard_normal(), *p.bounds))
                 for name, p in model.parameters.items()
@@ -46,7 +46,7 @@ def standard() -> Visibility:
     return Visibility(WetClutch(), WetClutchBench(), STANDARD.values(), FLOORS)
 
 
-def _seen(candidate: Candidate, random: np.random.Generator) -> dict[str, float] | None:
+def _draw_visible(candidate: Candidate, random: np.random.Generator) -> dict[str, float] | None:
     """Values of a candidate by dotted name that show a GAP; None where none within its bounds do."""
     typical, bounds = candidate.typical(), {f"{candidate.name}.{p.name}": p.bounds for p in candidate.parameters}
     strengths = {name: off for name, off in candidate.off().items() if typical[name] != off and name != _KEPT}

@@ -1,10 +1,12 @@
-"""Fit: parameters by simulation error, damped Gauss-Newton, with what is known of the baseline as prior.
+"""Fit: parameters by simulation error, damped Gauss-Newton, with the uncertainty of the baseline as prior.
 
-Equation        minimise |r(x)|^2 + n chi^2,  chi^2 = sum over the baseline's p parameters of ((x - x_0)/s)^2,  s = PRIOR times
-                how far x may move,  n residuals that tell as much as one (Evidence.alike),  with chi^2 <= its 99.9 % point for
-                p degrees of freedom: each parameter may be off as far as is stated, but not all of them at once
-                near a point r(x + S d) = r + J d, so d = -(J'J + L)^-1 (J'r + L a),  L = n where a prior is, a = (x - x_0)/S
-Assumptions     white noise of unit variance, and beside it what the laws of a rig do otherwise than ours (evidence.py)
+Equation        minimise |r(x)|^2 + n chi^2,  chi^2 = sum over the p parameters of the baseline of ((x - x_0)/s)^2
+                s: a third of how far x may move.  n: `Evidence.redundancy`
+                chi^2 <= its 99.9 % quantile for p degrees of freedom: each parameter may be off as far as stated, but not all
+                  of them at once
+                linear near a point: r(x + S d) = r + J d,  d = -(J'J + L)^-1 (J'r + L a)
+                  S: unit of moves, L: n where there is a prior, a = (x - x_0)/S
+Assumptions     white noise of unit variance, and errors of the laws (evidence.py)
 References      Ljung 1999, System identification, ch. 10; Stark and Parker 1995, Comput. Stat. 10 (bounded least squares);
                 Kennedy and O'Hagan 2001, J. R. Statist. Soc. B 63 (a discrepancy is judged beside the uncertainty of the
                 model's own parameters)
@@ -24,28 +26,29 @@ from clutch_hil.discrepancy.model import Candidate, Values
 from plant_sim.effects.effect import Strength
 from protocols.files.parameters import ParameterSet
 
-PRIOR = 1.0 / 3.0  # standard deviation of a baseline parameter as a share of how far it may move
-LIKELY = 0.999  # of rigs have a chi^2 below the limit
-LIMIT = 2.0  # stated uncertainties that a parameter may move
+PRIOR_DEVIATION = 1.0 / 3.0  # standard deviation of a baseline parameter over how far it may move: 3 sigma
+CHI2_QUANTILE = 0.999  # share of rigs whose chi^2 is below the limit
 _STEP = 0.2  # stated uncertainties: step of the baseline's finite differences
 _EFFECT_STEP = 0.05  # of an effect's parameter, or of a fifth of its typical size, whichever is more
 _PHASE_STEP = 0.05  # rad
-_LINEAR, _SHORTER = 0.3, 3  # share of an effect's contribution that a step of its shape may change, and tries
-_ROUNDS = 4
+_LINEAR_SHARE = 0.3  # share of an effect's contribution that a finite-difference step of its shape may change, ...
+_MOST_SHORTENINGS = 3  # ... which the step is shortened for at most so often
+_MOST_STEPS = 4  # Gauss-Newton steps with the same sensitivities
 _CONVERGED = 1e-4  # of the number of residuals: a smaller gain ends the iteration
-_WORTHWHILE = 2e-3  # of the cost: a fit that gained less needs no other sensitivities
-_SHARES = (1.0, 0.4, 0.1)  # of a Gauss-Newton step that are tried
-_TRUSTED = 0.1  # of the gain that sensitivities promise: with less they are given up
-_WEIGHTS = 1e8  # most that the prior is raised by to keep chi^2 within its limit
-_NEAR = 0.9  # share of the limit that is near enough to it
-_LOOSE = 1e-9  # prior weight of an effect's parameter, beside 1 of the baseline's: none, but the matrix stays regular
+_LEAST_GAIN = 2e-3  # of the cost: a fit that gained less needs no other sensitivities
+_STEP_SHARES = (1.0, 0.4, 0.1)  # of a Gauss-Newton step that are tried
+_TRUSTED_SHARE = 0.1  # of the predicted gain: if a step gains less, its sensitivities are used no more
+_MOST_PRIOR_WEIGHT = 1e8  # factor that the prior is raised by at most to keep chi^2 within its limit
+_NEAR_LIMIT = 0.9  # share of the limit from which chi^2 is near enough to it
+_EFFECT_PRIOR = 1e-9  # prior weight of an effect's parameter: none, but the matrix stays regular
 
 
 @dataclass(frozen=True)
-class Free:
-    """A parameter that is fitted: its finite-difference `step`, unit of moves `scale`, bounds, known `centre` or None.
+class FreeParameter:
+    """A parameter that is fitted.
 
-    off: of an effect's strength, where it is off; None of what only shapes.
+    step: of its finite difference. scale: unit of its moves. low, high: bounds. centre: its prior mean, None without a prior.
+    off: value of an effect's strength while the effect is off, None for any other parameter.
     """
 
     name: str
@@ -57,11 +60,11 @@ class Free:
     off: float | None = None
 
 
-def baseline_free(declared: ParameterSet, calibration: float) -> list[Free]:
+def free_baseline(declared: ParameterSet, calibration: float) -> list[FreeParameter]:
     """The uncertain parameters of a baseline, each within `calibration` times its stated uncertainty."""
     return [
-        Free(
-            n, _STEP * p.uncertainty, PRIOR * calibration * p.uncertainty,
+        FreeParameter(
+            n, _STEP * p.uncertainty, PRIOR_DEVIATION * calibration * p.uncertainty,
             max(p.bounds[0], p.value - calibration * p.uncertainty),
             min(p.bounds[1], p.value + calibration * p.uncertainty), p.value,
         )
@@ -70,8 +73,8 @@ def baseline_free(declared: ParameterSet, calibration: float) -> list[Free]:
     ]  # fmt: skip
 
 
-def effect_free(candidate: Candidate, values: Values, shapes: bool = True) -> list[Free]:
-    """Parameters of a candidate with `values`: strengths and, if asked, shapes. A second strength at `off` is free too."""
+def free_effect(candidate: Candidate, values: Values, shapes: bool = True) -> list[FreeParameter]:
+    """Strengths of a candidate with `values`, those that are off too; with `shapes` its shape parameters as well."""
     found = []
     for p in candidate.parameters:
         if isinstance(p, Strength) or shapes:
@@ -80,31 +83,33 @@ def effect_free(candidate: Candidate, values: Values, shapes: bool = True) -> li
             step = _EFFECT_STEP * max(size, 0.2 * abs((p.typical - p.off) or p.typical or 1.0))
             if p.unit == "rad" and not isinstance(p, Strength):
                 step = _PHASE_STEP
-            found.append(Free(name, step, step, *p.bounds, off=p.off if isinstance(p, Strength) else None))
+            found.append(FreeParameter(name, step, step, *p.bounds, off=p.off if isinstance(p, Strength) else None))
     return found
 
 
 @dataclass(frozen=True)
-class Linear:
-    """A model linearised at `point`: residuals r (size,), `alike` of which tell as much as one, J (size, p) per `scale` of each
-    of `free`."""
+class LinearModel:
+    """A model linearised at `point` in the parameters `free`: residual r (size,), jacobian J (size, p) per `scale` of each.
+
+    redundancy: how many neighbouring residuals carry the information of one (evidence.py).
+    """
 
     point: Point
-    free: tuple[Free, ...]
+    free: tuple[FreeParameter, ...]
     residual: np.ndarray
     jacobian: np.ndarray
-    alike: float
+    redundancy: float
 
     @cached_property
     def offset(self) -> np.ndarray:
-        """a: distance (p,) from what was known, in scales; 0 where nothing was."""
+        """a: distance (p,) from the prior mean in scales; 0 without a prior."""
         known = [(self.value(f) - f.centre) / f.scale if f.centre is not None else 0.0 for f in self.free]
         return np.array(known)
 
     @cached_property
     def prior(self) -> np.ndarray:
         """Diagonal of L, (p,)."""
-        return np.array([_LOOSE if f.centre is None else self.alike for f in self.free])
+        return np.array([_EFFECT_PRIOR if f.centre is None else self.redundancy for f in self.free])
 
     @cached_property
     def gram(self) -> np.ndarray:
@@ -112,22 +117,22 @@ class Linear:
         return self.jacobian.T @ self.jacobian
 
     @property
-    def strain(self) -> float:
-        """chi^2, here."""
-        return self._strain(np.zeros(len(self.free)))
+    def prior_chi2(self) -> float:
+        """chi^2 of the baseline's parameters at `point`."""
+        return self._prior_chi2(np.zeros(len(self.free)))
 
     @property
     def cost(self) -> float:
-        """What is minimised, here."""
+        """What is minimised, at `point`; infinite where it cannot be simulated."""
         cost = float(self.residual @ self.residual + self.prior @ self.offset**2)
         return cost if np.isfinite(cost) else np.inf
 
-    def value(self, free: Free) -> float:
-        """A parameter, here."""
+    def value(self, free: FreeParameter) -> float:
+        """Value of a parameter at `point`."""
         return float(self.point[0][free.name] if free.name in self.point[0] else self.point[1][free.name])
 
     @cached_property
-    def _box(self) -> tuple[np.ndarray, np.ndarray]:
+    def _move_bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Least and most move (p,) in scales, within bounds."""
         values = np.array([self.value(f) for f in self.free])
         scales = np.array([f.scale for f in self.free])
@@ -135,43 +140,45 @@ class Linear:
         return np.minimum((low - values) / scales, 0.0), np.maximum((high - values) / scales, 0.0)
 
     def best(self, residual: np.ndarray) -> tuple[np.ndarray, float]:
-        """Move (p,) in scales within bounds that suits `residual` best, and the cost that is left."""
-        left = self.eliminated(residual)
+        """Move (p,) in scales within bounds that minimises the cost of `residual` (size,), and this cost."""
+        left = self.eliminate(residual)
         return left.move, left.cost
 
-    def eliminated(self, residual: np.ndarray) -> "Eliminated":
-        """The free parameters at their best for `residual` within bounds and the limit of chi^2.
+    def eliminate(self, residual: np.ndarray) -> "Elimination":
+        """Minimise the cost of `residual` (size,) over the free parameters, within bounds and the limit of chi^2.
 
-        Bounded least squares (Stark and Parker 1995), with the prior raised until the limit is kept.
+        Bounded least squares (Stark and Parker 1995). The prior is raised until chi^2 is within its limit.
         """
         gradient = self.jacobian.T @ residual
-        move, inner, weight = *self._bounded(gradient, 1.0), 1.0
-        low, high, tried = 1.0, _WEIGHTS, 10.0
-        while self._strain(move) > self._limit or (weight > 1.0 and self._strain(move) < _NEAR * self._limit):
+        move, inner, weight = *self._solve_bounded(gradient, 1.0), 1.0
+        low, high, tried = 1.0, _MOST_PRIOR_WEIGHT, 10.0
+        while self._prior_chi2(move) > self._chi2_limit or (
+            weight > 1.0 and self._prior_chi2(move) < _NEAR_LIMIT * self._chi2_limit
+        ):
             if high / low < 1.02:
                 break
-            move, inner, weight = *self._bounded(gradient, tried), tried
-            low, high = (tried, high) if self._strain(move) > self._limit else (low, tried)
-            tried = min(10.0 * tried, np.sqrt(low * high)) if high == _WEIGHTS else np.sqrt(low * high)
+            move, inner, weight = *self._solve_bounded(gradient, tried), tried
+            low, high = (tried, high) if self._prior_chi2(move) > self._chi2_limit else (low, tried)
+            tried = min(10.0 * tried, np.sqrt(low * high)) if high == _MOST_PRIOR_WEIGHT else np.sqrt(low * high)
         change = self.jacobian @ move + residual
         cost = float(change @ change + self.prior @ (self.offset + move) ** 2)
-        return Eliminated(self, residual, move, cost, inner, weight)
+        return Elimination(self, residual, move, cost, inner, weight)
 
     @cached_property
-    def _limit(self) -> float:
-        """Of chi^2."""
-        return float(chi2.ppf(LIKELY, sum(f.centre is not None for f in self.free) or 1))
+    def _chi2_limit(self) -> float:
+        """Limit of chi^2: its quantile for as many degrees of freedom as there are priors."""
+        return float(chi2.ppf(CHI2_QUANTILE, sum(f.centre is not None for f in self.free) or 1))
 
-    def _strain(self, move: np.ndarray) -> float:
+    def _prior_chi2(self, move: np.ndarray) -> float:
         """chi^2 after a move."""
         known = [f.centre is not None for f in self.free]
         return float(np.sum((self.offset + move)[known] ** 2))
 
-    def _bounded(self, gradient: np.ndarray, weight: float) -> tuple[np.ndarray, np.ndarray]:
-        """Best move (p,) within bounds where J'r is `gradient` and the prior raised by `weight`; what is not at a bound."""
+    def _solve_bounded(self, gradient: np.ndarray, weight: float) -> tuple[np.ndarray, np.ndarray]:
+        """Best move (p,) within bounds for J'r `gradient` and the prior times `weight`; indices (q,) that are at no bound."""
         prior = weight * self.prior
         hessian = self.gram + np.diag(prior + 1e-10 * np.diag(self.gram))
-        low, high = self._box
+        low, high = self._move_bounds
         inner = np.flatnonzero(low < high)
         move = np.zeros(len(self.free))
         if len(inner):
@@ -182,8 +189,8 @@ class Linear:
             inner = inner[found.active_mask == 0]
         return move, inner
 
-    def moved(self, move: np.ndarray, share: float = 1.0) -> Point:
-        """Parameters after a move, within bounds."""
+    def move_by(self, move: np.ndarray, share: float = 1.0) -> Point:
+        """Point after `share` of a move (p,) in scales, within bounds."""
         parameters, effects = dict(self.point[0]), dict(self.point[1])
         for f, by in zip(self.free, move, strict=True):
             new = float(np.clip(self.value(f) + share * by * f.scale, f.low, f.high))
@@ -191,8 +198,11 @@ class Linear:
         return parameters, effects
 
     def covariance(self, clusters: Iterable[np.ndarray]) -> np.ndarray:
-        """Covariance (p, p) of the parameters in scales, robust to what the model lacks: sandwich with `clusters` of residuals
-        that are independent of each other (White 1980, Econometrica 48; Liang and Zeger 1986, Biometrika 73)."""
+        """Covariance (p, p) of the parameters in scales, robust to model error.
+
+        clusters: indices of residuals, each cluster independent of the others. Sandwich estimator: White 1980, Econometrica 48;
+        Liang and Zeger 1986, Biometrika 73.
+        """
         inverse = np.linalg.inv(self.gram + np.diag(self.prior + 1e-10 * np.diag(self.gram)))
         scores = np.array([self.jacobian[c].T @ self.residual[c] for c in clusters])
         middle = scores.T @ scores + np.diag(self.prior**2)
@@ -200,15 +210,15 @@ class Linear:
 
 
 @dataclass(frozen=True)
-class Eliminated:
-    """Free parameters of `at` at their best `move` for `residual`, `cost` there.
+class Elimination:
+    """Free parameters of `at` eliminated: the best `move` (p,) for `residual` (size,), and the `cost` there.
 
-    inner: those (q,) that are not at a bound. weight: what the prior was raised by.
+    inner: indices (q,) of those that are not at a bound. weight: factor that the prior was raised by.
 
-    What else is fitted sees residuals that the inner ones cannot explain: variable projection (Golub and Pereyra 1973).
+    Other parameters then see only what the inner ones cannot explain: variable projection (Golub and Pereyra 1973).
     """
 
-    at: Linear
+    at: LinearModel
     residual: np.ndarray
     move: np.ndarray
     cost: float
@@ -227,14 +237,14 @@ class Eliminated:
         return columns.T @ columns - b.T @ solved, -columns.T @ left
 
 
-def linearised(evidence: Evidence, point: Point, free: Sequence[Free]) -> Linear:
-    """The model of `evidence` linearised at `point` in the parameters `free`.
+def linearise(evidence: Evidence, point: Point, free: Sequence[FreeParameter]) -> LinearModel:
+    """Linearise the model of `evidence` at `point` in the parameters `free`, by finite differences.
 
-    The step of a shape is shortened until it changes less than a share of what its effect contributes: a small change of a
-    ripple's order is a large one after many turns.
+    The step of a shape is shortened until it changes less than a share of what its effect contributes. A ripple needs this: a
+    small change of its order is a large change of its phase after many turns.
     """
     first = evidence.residuals([point])[0]
-    columns, free = _differences(evidence, point, list(free), first)
+    columns, free = _finite_differences(evidence, point, list(free), first)
     contributed: dict[str, float] = {}
     for f, column in zip(free, columns, strict=True):
         if f.off is not None:
@@ -242,27 +252,27 @@ def linearised(evidence: Evidence, point: Point, free: Sequence[Free]) -> Linear
             size = np.linalg.norm(column) * abs(value - f.off) / f.scale
             name = f.name.partition(".")[0]
             contributed[name] = max(contributed.get(name, 0.0), float(size))
-    for _ in range(_SHORTER):
+    for _ in range(_MOST_SHORTENINGS):
         long = []
         for i, f in enumerate(free):
-            allowed = _LINEAR * contributed.get(f.name.partition(".")[0], np.inf)
+            allowed = _LINEAR_SHARE * contributed.get(f.name.partition(".")[0], np.inf)
             size = float(np.linalg.norm(columns[i]))
             if f.centre is None and f.off is None and size > allowed > 0.0:
                 free[i] = replace(f, step=f.step * 0.7 * allowed / size, scale=f.scale * 0.7 * allowed / size)
                 long.append(i)
         if not long:
             break
-        again, _ = _differences(evidence, point, [free[i] for i in long], first)
+        again, _ = _finite_differences(evidence, point, [free[i] for i in long], first)
         for i, column in zip(long, again, strict=True):
             columns[i] = column
     jacobian = np.column_stack(columns) if columns else np.empty((evidence.size, 0))
-    return Linear(point, tuple(free), first, jacobian, evidence.alike)
+    return LinearModel(point, tuple(free), first, jacobian, evidence.redundancy)
 
 
-def _differences(
-    evidence: Evidence, point: Point, free: list[Free], first: np.ndarray
-) -> tuple[list[np.ndarray], list[Free]]:
-    """Change of the residuals (size,) per scale of each parameter; 0 where it cannot be simulated."""
+def _finite_differences(
+    evidence: Evidence, point: Point, free: list[FreeParameter], first: np.ndarray
+) -> tuple[list[np.ndarray], list[FreeParameter]]:
+    """Change (size,) of the residuals per scale of each parameter, 0 where it cannot be simulated; and the parameters."""
     parameters, effects = point
     steps, points = [], []
     for f in free:
@@ -279,36 +289,36 @@ def _differences(
     return found, free
 
 
-def refitted(evidence: Evidence, start: Linear, renewals: int = 1) -> Linear:
-    """The model re-fitted from `start` in its free parameters, linearised where the fit ends.
+def refit(evidence: Evidence, start: LinearModel, renewals: int = 1) -> LinearModel:
+    """Re-fit the model from `start` in its free parameters; it is linearised anew at most `renewals` times.
 
-    Sensitivities are kept while steps with them pay (chord method), then renewed, at most `renewals` times.
+    Sensitivities are kept while steps with them gain enough (chord method).
     """
     at = start
     for renewal in range(renewals + 1):
         first = at.cost
-        at = _along(evidence, at)
-        if renewal == renewals or first - at.cost < _WORTHWHILE * max(at.cost, evidence.size):
+        at = _follow(evidence, at)
+        if renewal == renewals or first - at.cost < _LEAST_GAIN * max(at.cost, evidence.size):
             break
-        at = linearised(evidence, at.point, at.free)
+        at = linearise(evidence, at.point, at.free)
     return at
 
 
-def _along(evidence: Evidence, at: Linear) -> Linear:
-    """The fit with the sensitivities of `at` kept."""
-    for _ in range(_ROUNDS):
+def _follow(evidence: Evidence, at: LinearModel) -> LinearModel:
+    """Gauss-Newton steps from `at` with its sensitivities kept."""
+    for _ in range(_MOST_STEPS):
         move, expected = at.best(at.residual)
         if at.cost - expected < _CONVERGED * evidence.size:
             break
-        for share in _SHARES:
-            point = at.moved(move, share)
+        for share in _STEP_SHARES:
+            point = at.move_by(move, share)
             tried = replace(at, point=point, residual=evidence.residuals([point])[0])
             if tried.cost < at.cost:
                 break
         else:
             break
-        gained = at.cost - tried.cost
+        gain = at.cost - tried.cost
         at = tried
-        if gained < _TRUSTED * (at.cost + gained - expected):  # these sensitivities no longer say where to go
+        if gain < _TRUSTED_SHARE * (at.cost + gain - expected):  # these sensitivities no longer say where to go
             break
     return at

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from clutch_hil.bench.rig import rigs_with_model
 from clutch_hil.bench.sealed import checksum
-from clutch_hil.discrepancy.experiment import Experiment
+from clutch_hil.discrepancy.experiment_design import Experiment
 from protocols.errors import InputError
 
 if TYPE_CHECKING:

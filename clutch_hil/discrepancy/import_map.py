@@ -16,7 +16,7 @@
     motor_force_n = { from = "vir", unit = "N", scale_by = "gtau" }  # times a number that the file has
     friction_force_n = { number = 4, unit = "uN", scale = -1.0 }     # the fourth column, times a number
 
-A column's own unit is the end of its name. What was done to the data is told in the run's metadata, `import`.
+The unit of our column is the end of its name. The metadata `import` of the run say what was done to the data.
 """
 
 import contextlib
@@ -37,10 +37,10 @@ from protocols.files.toml_table import TomlTable, read_toml
 from protocols.files.units import from_si, same_quantity, to_si
 
 MAPS = Path(__file__).parent / "maps"
-TEXT = (".csv", ".txt", ".tsv", ".dat")
-_FILE = ("delimiter", "header", "skip_rows", "low_pass_hz", "resample_hz", "from_s", "to_s")
-_ORDER = 4  # of the low pass, as usual before inverse dynamics: Gautier 1997
-_IRREGULAR = 0.01  # of the median step: as runs.py has it
+TEXT_SUFFIXES = (".csv", ".txt", ".tsv", ".dat")
+_FILE_KEYS = ("delimiter", "header", "skip_rows", "low_pass_hz", "resample_hz", "from_s", "to_s")
+_FILTER_ORDER = 4  # of the low pass, as is usual before inverse dynamics: Gautier 1997
+_PERIOD_TOLERANCE = 0.01  # of the median step: as protocols/files/runs.py
 # End of a column's name -> its unit (docs/rig.md, "Signals of a recorded run")
 _UNITS = {
     "s": "s", "v": "V", "rad": "rad", "rad_s": "rad/s", "bar": "bar", "degc": "degC", "nm": "Nm", "n": "N", "m": "m",
@@ -49,8 +49,11 @@ _UNITS = {
 
 
 @dataclass(frozen=True)
-class Source:
-    """A foreign column: its name, or its number from 1; its unit; a factor, and the name of one in the file, "" for none."""
+class ForeignColumn:
+    """A foreign column: its name, or its number from 1.
+
+    scale: factor. scale_by: name of a further factor in the file, "" for none.
+    """
 
     column: str | int
     unit: str
@@ -60,11 +63,14 @@ class Source:
 
 @dataclass(frozen=True)
 class ImportMap:
-    """See the module. `low_pass_hz` and `resample_hz` are 0 where nothing is to be done."""
+    """How the columns of a foreign file become those of a run; fields as in the TOML file, see above.
+
+    low_pass_hz, resample_hz [Hz]: 0 leaves the data as they are.
+    """
 
     name: str
     notes: str
-    columns: Mapping[str, Source]
+    columns: Mapping[str, ForeignColumn]
     delimiter: str
     header: bool
     skip_rows: int
@@ -73,25 +79,28 @@ class ImportMap:
     from_s: float
     to_s: float
 
-    def part(self, from_s: float | None, to_s: float | None) -> "ImportMap":
-        """The same map for another part of the record."""
+    def cut(self, from_s: float | None, to_s: float | None) -> "ImportMap":
+        """This map for the part of the record from `from_s` to `to_s` [s]; None keeps an end."""
         return replace(self, from_s=self.from_s if from_s is None else from_s, to_s=self.to_s if to_s is None else to_s)
 
     def read(self, path: Path, required: Sequence[str] = ()) -> Run:
-        """The run in the foreign file `path`, checked for `required` too. Raises InputError naming column and first bad row."""
-        raw = self._raw(path)
+        """The run in the foreign file `path`; it must have the columns `required`.
+
+        Raises InputError naming the column and its first bad row.
+        """
+        raw = self._read_raw(path)
         rows = slice(self.skip_rows, None)
-        columns = {name: self._values(path, raw, name, source)[rows] for name, source in self.columns.items()}
+        columns = {name: self._convert(path, raw, name, source)[rows] for name, source in self.columns.items()}
         wanted = tuple(dict.fromkeys((*columns, *required)))
         check_columns(path, columns, wanted, steady=self.low_pass_hz > 0.0 or self.resample_hz == 0.0)
-        columns, done = self._conditioned(path, columns)
+        columns, done = self._condition(path, columns)
         check_columns(path, columns, wanted)
-        units = {name: _unit(name) for name in columns}
-        told = {"from": path.name, "map": self.name, "notes": self.notes, "done": done}
-        return Run(columns, {**raw.metadata, "import": told}, units)
+        units = {name: _unit_of(name) for name in columns}
+        origin = {"from": path.name, "map": self.name, "notes": self.notes, "done": done}
+        return Run(columns, {**raw.metadata, "import": origin}, units)
 
-    def _raw(self, path: Path) -> Run:
-        if path.suffix not in TEXT:
+    def _read_raw(self, path: Path) -> Run:
+        if path.suffix not in TEXT_SUFFIXES:
             return read_columns(path)
         delimiter = self.delimiter or ("," if path.suffix == ".csv" else "\t")
         try:
@@ -104,9 +113,11 @@ class ImportMap:
             raise InputError(f"run {path} does not exist") from None
         except (OSError, pa.ArrowException) as error:
             raise InputError(f"run {path} cannot be read: {error}") from None
-        return Run({name: _numbers(column) for name, column in zip(table.column_names, table.columns, strict=True)}, {})
+        return Run(
+            {name: _parse_numbers(column) for name, column in zip(table.column_names, table.columns, strict=True)}, {}
+        )
 
-    def _values(self, path: Path, raw: Run, name: str, source: Source) -> np.ndarray:
+    def _convert(self, path: Path, raw: Run, name: str, source: ForeignColumn) -> np.ndarray:
         known, column = list(raw.columns), source.column
         if isinstance(column, int):
             if not 1 <= column <= len(known):
@@ -120,10 +131,10 @@ class ImportMap:
             if not isinstance(factor, (int, float)):
                 raise InputError(f"run {path} has no number {source.scale_by!r} to scale {name} by")
             scale *= factor
-        return np.asarray(from_si(to_si(scale * raw.columns[column], source.unit), _unit(name)))  # type: ignore[arg-type]
+        return np.asarray(from_si(to_si(scale * raw.columns[column], source.unit), _unit_of(name)))  # type: ignore[arg-type]
 
-    def _conditioned(self, path: Path, columns: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], list[str]]:
-        """Filtered, resampled and cut columns, and what was done."""
+    def _condition(self, path: Path, columns: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], list[str]]:
+        """Columns after filter, resampling and cut, and a list of what was done."""
         done = []
         time = columns["time_s"]
         if self.skip_rows:
@@ -134,13 +145,13 @@ class ImportMap:
                 raise InputError(
                     f"{self.name}: low_pass_hz is {self.low_pass_hz:g}; allowed is below {nyquist:g} for {path}"
                 )
-            low = butter(_ORDER, self.low_pass_hz / nyquist, output="sos")
+            low = butter(_FILTER_ORDER, self.low_pass_hz / nyquist, output="sos")
             columns = {n: c if n == "time_s" else sosfiltfilt(low, c) for n, c in columns.items()}
             done.append(f"low-passed all columns at {self.low_pass_hz:g} Hz, forwards and backwards")
         if self.resample_hz:
             steps = np.diff(time)
             median = float(np.median(steps))
-            odd = int(np.sum(np.abs(steps - median) > _IRREGULAR * median))
+            odd = int(np.sum(np.abs(steps - median) > _PERIOD_TOLERANCE * median))
             grid = time[0] + np.arange(int((time[-1] - time[0]) * self.resample_hz + 1e-6) + 1) / self.resample_hz
             columns = {n: grid if n == "time_s" else np.interp(grid, time, c) for n, c in columns.items()}
             done.append(
@@ -154,7 +165,7 @@ class ImportMap:
 
 
 def load_map(name: str) -> ImportMap:
-    """The map in the TOML file `name`, or one of ours by name (`emps`). Raises InputError."""
+    """The map in the TOML file `name`, or one of this package by name (`emps`). Raises InputError."""
     path = Path(name)
     if not path.suffix:
         known = sorted(p.stem for p in MAPS.glob("*.toml"))
@@ -162,11 +173,11 @@ def load_map(name: str) -> ImportMap:
             raise InputError(f"import map {name!r} is unknown; {closest(name, known)}, or give a TOML file")
         path = MAPS / f"{name}.toml"
     document = read_toml(path, ("notes", "file", "columns"))
-    file, columns = document.table("file", _FILE), document.table("columns")
+    file, columns = document.table("file", _FILE_KEYS), document.table("columns")
     keys = ("from", "number", "unit", "scale", "scale_by")
-    sources = {column: _source(column, columns.table(column, keys)) for column in columns}
+    sources = {column: _read_column(column, columns.table(column, keys)) for column in columns}
     for column in sources:
-        _unit(column)
+        _unit_of(column)
     if "time_s" not in sources:
         raise InputError(f"import map {path} has no column time_s")
     low_pass, resample = (file.get(key, float, 0.0) for key in ("low_pass_hz", "resample_hz"))
@@ -181,13 +192,15 @@ def load_map(name: str) -> ImportMap:
     )  # fmt: skip
 
 
-def _source(column: str, entry: TomlTable) -> Source:
+def _read_column(column: str, entry: TomlTable) -> ForeignColumn:
     if ("from" in entry) == ("number" in entry):
         raise InputError(f"import map: {column} needs either `from`, a name, or `number`, counted from 1")
     unit = entry.need("unit", str)
-    if not same_quantity(unit, _unit(column)):
-        raise InputError(f"import map: {column} is given in {unit!r}, which cannot be converted into {_unit(column)!r}")
-    return Source(
+    if not same_quantity(unit, _unit_of(column)):
+        raise InputError(
+            f"import map: {column} is given in {unit!r}, which cannot be converted into {_unit_of(column)!r}"
+        )
+    return ForeignColumn(
         entry.get("from", str) if "from" in entry else entry.get("number", int),
         unit,
         entry.get("scale", float, 1.0),
@@ -195,8 +208,8 @@ def _source(column: str, entry: TomlTable) -> Source:
     )
 
 
-def _numbers(column: pa.ChunkedArray) -> np.ndarray:
-    """A column of text as numbers, where there are any; else not-a-number, which the checks tell with its row."""
+def _parse_numbers(column: pa.ChunkedArray) -> np.ndarray:
+    """A column as numbers (n,); a cell that is none becomes not-a-number, which the checks of a run refuse by its row."""
     if pa.types.is_floating(column.type) or pa.types.is_integer(column.type):
         return column.to_numpy().astype(float)
     numbers = np.full(len(column), np.nan)
@@ -206,7 +219,7 @@ def _numbers(column: pa.ChunkedArray) -> np.ndarray:
     return numbers
 
 
-def _unit(column: str) -> str:
+def _unit_of(column: str) -> str:
     """Unit of one of our columns, by the end of its name."""
     words = column.split("_")
     for end in ("_".join(words[-2:]), words[-1]):

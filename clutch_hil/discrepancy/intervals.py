@@ -1,7 +1,7 @@
-"""Intervals: how far a fitted parameter may be from what is true, robust to what the model lacks.
+"""Intervals: 95 % confidence intervals of fitted parameters, robust to model error.
 
-Equation        h = max(1.96 sd of clusters of 1 s, t(0.975, k - 1) sqrt(k/(k - 1)) sd of k runs);  of an effect's strength x
-                sqrt(h^2 + (0.12 (x - off))^2): how far the law of a rig leads that of the catalogue astray
+Equation        h = max(1.96 sd of clusters of 1 s, t(0.975, k - 1) sqrt(k/(k - 1)) sd of k runs)
+                of an effect's strength x: sqrt(h^2 + (0.12 (x - off))^2), as the law of a rig differs from the catalogue's
 Assumptions     clusters are independent of each other
 References      Liang and Zeger 1986, Biometrika 73 (sandwich of clusters); Cameron and Miller 2015, J. Hum. Resour. 50 (few
                 clusters: t distribution, k/(k - 1))
@@ -13,30 +13,30 @@ import numpy as np
 from scipy.stats import t
 
 from clutch_hil.discrepancy.evidence import Evidence
-from clutch_hil.discrepancy.fit import Linear
+from clutch_hil.discrepancy.fit import LinearModel
 
 _CLUSTER = 1.0  # s: residuals further apart are taken as independent
-_ASTRAY = 0.12  # of an effect: with it nine in ten intervals of the development split held the truth of other laws
-_NORMAL = 1.96  # 95 % of a normal distribution
+_LAW_ERROR = 0.12  # of an effect. Development: nine in ten intervals then contain the truth of a rig with other laws
+_NORMAL_95 = 1.96  # 95 % of a normal distribution
 
 
-def half_widths(evidence: Evidence, at: Linear) -> np.ndarray:
+def half_widths(evidence: Evidence, at: LinearModel) -> np.ndarray:
     """Half of the 95 % interval (p,) of each free parameter of a fit, in the parameter's unit."""
-    half = _NORMAL * _deviations(at, _clusters(evidence))
-    if (count := len(evidence.pieces)) > 2:  # what the model lacks pulls whole runs apart
+    half = _NORMAL_95 * _standard_deviations(at, _split_clusters(evidence))
+    if (count := len(evidence.pieces)) > 2:  # a model error may be the same throughout a run
         runs = [np.arange(piece.start, piece.stop) for piece in evidence.pieces]
-        half = np.maximum(half, t.ppf(0.975, count - 1) * np.sqrt(count / (count - 1)) * _deviations(at, runs))
-    astray = [_ASTRAY * (at.value(f) - f.off) if f.off is not None else 0.0 for f in at.free]
+        half = np.maximum(half, t.ppf(0.975, count - 1) * np.sqrt(count / (count - 1)) * _standard_deviations(at, runs))
+    astray = [_LAW_ERROR * (at.value(f) - f.off) if f.off is not None else 0.0 for f in at.free]
     return np.hypot(half * np.array([f.scale for f in at.free]), astray)
 
 
-def _deviations(at: Linear, clusters: Sequence[np.ndarray]) -> np.ndarray:
-    """Standard deviations (p,) of the parameters in scales."""
+def _standard_deviations(at: LinearModel, clusters: Sequence[np.ndarray]) -> np.ndarray:
+    """Standard deviations (p,) of the parameters in scales, from clusters of residuals."""
     return np.sqrt(np.maximum(np.diag(at.covariance(clusters)), 0.0))
 
 
-def _clusters(evidence: Evidence) -> list[np.ndarray]:
-    """Indices of residuals that belong to one second of one run."""
+def _split_clusters(evidence: Evidence) -> list[np.ndarray]:
+    """Indices of the residuals of each second of each run."""
     found = []
     for k in range(len(evidence.runs)):
         length = max(1, round(_CLUSTER / evidence.lengths[k]))

@@ -1,4 +1,4 @@
-"""Laboratory: plays experiments on a live plant over CAN and records them, on a bench of its own or on one that runs."""
+"""Laboratory: plays experiments on a live plant over CAN and records them, on a bench that it starts or on one that runs."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -15,8 +15,8 @@ from clutch_hil.bench.scenario import Scenario, load_scenario
 from clutch_hil.bench.settings import RunSettings
 from clutch_hil.bench.up import Bench
 from clutch_hil.command import checked_rate
-from clutch_hil.discrepancy.blind import drawn
-from clutch_hil.discrepancy.experiment import Experiment, Experimenting
+from clutch_hil.discrepancy.blind import draw_plant
+from clutch_hil.discrepancy.experiment_design import Experiment, Experimenting
 from clutch_hil.discrepancy.follow_up import proposed_experiment
 from clutch_hil.discrepancy.models.wet_clutch_experiments import find
 from clutch_hil.live.live_bench import LiveBench
@@ -28,17 +28,22 @@ from protocols.realtime.stopping import Stop
 
 
 class Laboratory(Protocol):
-    """Where experiments are played."""
+    """A place where experiments are played."""
 
     def play(self, experiment: Experiment, number: int, quiet: bool) -> Path:
-        """The run file of an experiment, of this `number`. Raises InputError when it was not played, or ended in a fault."""
+        """Play an experiment as number `number`, and return its run file.
+
+        quiet: without a progress bar. Raises InputError when it was not played, or ended in a fault.
+        """
         ...
 
 
 @dataclass(frozen=True)
 class OwnBench:
-    """Starts plant and controller on `bus` for each experiment. `scenario` is the plant under test; its own profile, length and
-    limits do not matter. `blind` seals the truth away."""
+    """Starts plant and controller on `bus` for each experiment.
+
+    scenario: the plant under test; its profile, length and limits are not used. blind: the truth is sealed.
+    """
 
     scenario: Scenario
     bus: str
@@ -49,14 +54,14 @@ class OwnBench:
         """See `Laboratory`; each number has noise of its own."""
         played = _scenario(self.scenario, experiment, number)
         document = Bench(played, self.bus, self.lockstep, telemetry=False, blind=self.blind).run(quiet).document
-        return _sound(experiment, Path(document["run"]), document["interrupted"])
+        return _require_sound(experiment, Path(document["run"]), document["interrupted"])
 
 
 @dataclass(frozen=True)
 class RunningBench:
-    """A bench that runs by itself, started with `--profile manual`, on `bus`: asked for the profile, recorded into `out`.
+    """A bench that runs already, started with `--profile manual`, on `bus`; runs are recorded into the folder `out`.
 
-    Oil temperature and rate are those it has. A run begins up to 30 s before the profile: telemetry keeps as much.
+    Oil temperature and rate are those of the bench. A run begins up to 30 s before the profile, as telemetry keeps 30 s.
     """
 
     bus: str
@@ -65,16 +70,16 @@ class RunningBench:
 
     def play(self, experiment: Experiment, number: int, quiet: bool) -> Path:
         """See `Laboratory`."""
+        from clutch_hil.live.bench_recording import record
         from clutch_hil.live.demand import Demand
-        from clutch_hil.live.record import record
 
         profile = load_profile(experiment.profile)
         path = run_path(writable(self.out), "blind" if self.blind else experiment.name)
-        path.with_name(path.name + ".part").unlink(missing_ok=True)  # the recorder makes its own
+        path.with_name(path.name + ".part").unlink(missing_ok=True)  # the recorder creates it anew
         document, *_ = Demand(self.bus, profile).run(quiet)
         with Stop() as stop:
             recorded = record(path, self.bus, None, 0.0, stop, lambda text: None, self.blind)
-        return _sound(experiment, next(iter(recorded.files)), document["interrupted"])
+        return _require_sound(experiment, next(iter(recorded.files)), document["interrupted"])
 
 
 def play_experiment(
@@ -123,9 +128,9 @@ def _scenario(under_test: Scenario, experiment: Experiment, number: int) -> Scen
 def plant_under_test(
     scenario: str | None, changed: Path | None, draw: int | None, seed: int, out: Path
 ) -> Iterator[Scenario]:
-    """The plant under test: of a `scenario`, changed by a parameter file, or with an effect that the seed `draw` hides in it.
+    """The plant under test: of a `scenario`, changed by a parameter file, or with a hidden effect drawn by the seed `draw`.
 
-    `seed` is of the noise of the first run, `out` the folder for what is written. Raises InputError.
+    seed: of the noise of the first run. out: folder of the run files. Raises InputError where `draw` and another are given.
     """
     if draw is None:
         given: dict[str, Any] = {"plant_parameters": changed, "seed": seed, "out": out}
@@ -138,7 +143,7 @@ def plant_under_test(
         raise InputError(
             f"--draw was given and {'--scenario' if scenario else '--plant-parameters'}; allowed is one of them"
         )
-    drawn_plant, shipped = drawn(draw), wet_clutch.nominal()
+    drawn_plant, shipped = draw_plant(draw), wet_clutch.nominal()
     values = {name: p.value for name, p in drawn_plant.items() if p.value != shipped[name].value}
     with TemporaryDirectory() as folder:  # gone when the services have read it: only the sealed files tell
         path = Path(folder) / f"drawn-{draw}.toml"
@@ -146,8 +151,8 @@ def plant_under_test(
         yield Scenario.of(RunSettings(plant_parameters=path, seed=seed, out=out))
 
 
-def _sound(experiment: Experiment, path: Path, interrupted: bool) -> Path:
-    """`path` of a run that is evidence: whole, and without a fault, in which the controller stops the motor."""
+def _require_sound(experiment: Experiment, path: Path, interrupted: bool) -> Path:
+    """`path` of a run that may be fitted: complete, and without a fault, as the controller stops the motor in a fault."""
     if interrupted:
         raise InputError(f"experiment {experiment.name} was interrupted; {path} holds a part of it")
     run = read_run(path)

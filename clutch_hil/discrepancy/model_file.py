@@ -1,11 +1,11 @@
-"""Model file: a model with the effects that were found, as an overlay that `--model` reads (protocols/files/parameters.py).
+"""Model file: a model with the effects of a result added, as an overlay that `--model` reads (protocols/files/parameters.py).
 
     # Written by clutch-hil 0.1.0, 2026-11-21T16:40:00+00:00
     # verdict: named: piston_seal_friction (confidence 0.97)
     [piston_seal_friction]
     force = { value = 61.8, uncertainty = 0.9, source = "fitted by clutch-hil discrepancy, 95 % interval 60.0..63.6 N, ..." }
 
-What was re-fitted of the baseline and the parameters of the effects that are on stand in it; all else is as declared.
+It holds the re-fitted parameters of the baseline and those of the effects that are on. All others are as declared.
 """
 
 import hashlib
@@ -22,33 +22,35 @@ from protocols.errors import InputError
 from protocols.files.parameters import Parameter, ParameterSet, load_overlay
 from protocols.files.run import whole_file
 
-_MOVED = 1e-6  # uncertainties: a parameter of the baseline that moved less was not touched by the data, and stays as declared
+_MOVED = 1e-6  # uncertainties: a parameter of the baseline that moved less stays as declared
 _NORMAL_95 = 1.959964  # half a 95 % interval in standard deviations
 
 
 def write_model(result: Result, parameters: ParameterSet, path: Path, started: ParameterSet | None = None) -> None:
-    """Write what `result` found as changes of `parameters`, which declare baseline and candidates of the model as shipped.
+    """Write the fitted parameters of `result` to `path`, as changes of `parameters`, which declare the model as shipped.
 
-    `started`: those that the search began with, where a model file had changed them; what it had said stays in the new one.
+    started: parameters that the search began with, where a model file had changed them; its changes stay in the new file.
     Raises InputError for a name that `parameters` lacks, a value outside its bounds, another unit, or a folder that cannot
-    be written; nothing half-written is left.
+    be written. The file appears only when it is complete.
     """
-    data = combined(result.hashes)
+    data = combine_hashes(result.hashes)
     before = {name: p for name, p in (started or {}).items() if p != parameters[name]}
     moved = [e for e in result.baseline if not abs(e.value - parameters[e.name].value) <= _MOVED * e.uncertainty]
     found = [(e, "re-fitted") for e in moved] + [(e, "fitted") for e in result.parameters]
     after = {
-        e.name: _changed(
-            parameters[e.name], e, f"{how} by clutch-hil discrepancy, {_interval(e)}, data SHA-256 {data[:16]}..."
+        e.name: _change(
+            parameters[e.name], e, f"{how} by clutch-hil discrepancy, {_interval_text(e)}, data SHA-256 {data[:16]}..."
         )
         for e, how in found
     }
-    carried = (result.surrogate or {}).get("values", {})  # of none_of_these: what the rest looks like, not what it is
+    carried = (result.surrogate or {}).get(
+        "values", {}
+    )  # of none_of_these: it reproduces the rest without explaining it
     after |= {
         name: replace(parameters[name], value=float(value), source=f"surrogate of what is missing, data SHA-256 {data}")
         for name, value in carried.items()
     }
-    text = "\n".join([*_head(result, data), *_body((before | after).values()), ""])
+    text = "\n".join([*_header_lines(result, data), *_parameter_lines((before | after).values()), ""])
     with whole_file(path) as part:
         part.write_text(text, encoding="utf-8")
 
@@ -58,12 +60,12 @@ def read_model(path: Path, parameters: ParameterSet) -> ParameterSet:
     return load_overlay(path, parameters)
 
 
-def combined(hashes: Mapping[str, str]) -> str:
-    """One SHA-256 of the runs' SHA-256, whatever their order and paths."""
+def combine_hashes(hashes: Mapping[str, str]) -> str:
+    """SHA-256 of the SHA-256 of all runs; it does not depend on their order and paths."""
     return hashlib.sha256("\n".join(sorted(hashes.values())).encode()).hexdigest()
 
 
-def _changed(declared: Parameter, estimate: Estimate, source: str) -> Parameter:
+def _change(declared: Parameter, estimate: Estimate, source: str) -> Parameter:
     if estimate.unit != declared.unit:
         raise InputError(f"parameter {estimate.name} was fitted in {estimate.unit!r}; its unit is {declared.unit!r}")
     low, high = estimate.ci95
@@ -71,12 +73,12 @@ def _changed(declared: Parameter, estimate: Estimate, source: str) -> Parameter:
     return replace(declared, value=float(estimate.value), uncertainty=uncertainty, source=source)
 
 
-def _interval(estimate: Estimate) -> str:
+def _interval_text(estimate: Estimate) -> str:
     low, high = estimate.ci95
     return f"95 % interval {low:.5g}..{high:.5g}" + ("" if estimate.unit == "1" else f" {estimate.unit}")
 
 
-def _head(result: Result, data: str) -> list[str]:
+def _header_lines(result: Result, data: str) -> list[str]:
     found = ", ".join(result.effects) or "-"
     if result.alternatives:
         found += f"; alternatives {'; '.join(', '.join(group) for group in result.alternatives)}"
@@ -90,7 +92,7 @@ def _head(result: Result, data: str) -> list[str]:
     return [f"# {line}".replace("\n", " ") for line in lines]
 
 
-def _body(parameters: Iterable[Parameter]) -> list[str]:
+def _parameter_lines(parameters: Iterable[Parameter]) -> list[str]:
     lines = []
     for group, members in groupby(sorted(parameters, key=_group), key=_group):
         lines += ["", f"[{group}]"]

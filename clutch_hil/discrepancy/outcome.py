@@ -7,14 +7,21 @@ from pathlib import Path
 
 from clutch_hil.bench.recording import writable
 from clutch_hil.bench.sealed import checksum
-from clutch_hil.discrepancy.inquiry import Progress
 from clutch_hil.discrepancy.model import Columns, Model
 from clutch_hil.discrepancy.model_file import read_model, write_model
-from clutch_hil.discrepancy.models.named import declared, evidence, model_named, read_evidence, recalibrated, required
+from clutch_hil.discrepancy.models.named import (
+    declared,
+    evidence,
+    model_named,
+    read_evidence,
+    required,
+    set_calibration,
+)
 from clutch_hil.discrepancy.regimes import Regimes
 from clutch_hil.discrepancy.report import write_report
 from clutch_hil.discrepancy.result import NAMED, NONE_OF_THESE, ONE_OF, Result
 from clutch_hil.discrepancy.search import investigate
+from clutch_hil.discrepancy.selection import Progress
 from protocols.errors import InputError, listing
 from protocols.files.run import Run
 
@@ -61,8 +68,8 @@ class Discrepancy:
         """
         folder = writable(Path(folder))
         shipped = declared(model_named(self.rig))
-        started = read_model(self.model, shipped) if self.model else None
-        write_model(self.result, shipped, folder / _MODEL_FILE, started)
+        begun_from = read_model(self.model, shipped) if self.model else None
+        write_model(self.result, shipped, folder / _MODEL_FILE, begun_from)
         start = {name: p.value for name, p in self.known.parameters.items()}
         regimes = Regimes(self.known, [trace.columns for trace in self.result.traces], start)
         return [*write_report(self.result, folder, regimes, command), folder / _MODEL_FILE]
@@ -92,7 +99,7 @@ def find_discrepancy(
     changed = Path(model) if model is not None else None
     known = model_named(rig, changed)
     if calibration is not None:
-        known = recalibrated(known, calibration)
+        known = set_calibration(known, calibration)
     _check_paths([*runs, *held_out])
     hashes: dict[str, str] = {}
     fitted = _columns(runs, known, hashes)

@@ -1,19 +1,20 @@
-"""Regimes: which samples of a run belong to "phase=fill", "direction=release", "slip=low" and the like.
+"""Regimes: samples of a run that belong to "phase=fill", "direction=release", "slip=low" and so on.
 
-Wet clutch      u: pressure the valve is asked for; p: measured cylinder pressure, smoothed; contact, preload: of the parameters
-                phase=fill       u asks for contact, p has not reached it
+Wet clutch      u: pressure demand to the valve; p: measured cylinder pressure, smoothed; contact and preload pressure: of the
+                parameters
+                phase=fill       u is above the contact pressure, p below
                 phase=engage     the first 0.3 s in contact
                 phase=slip       in contact after that
-                phase=release    u asks for no contact, p is still above a tenth of the preload pressure
-                phase=open       the rest: plates apart, piston at rest or on its way there without pressure
+                phase=release    u is below the contact pressure, p still above a tenth of the preload pressure
+                phase=open       the rest: plates apart, piston at rest or returning without pressure
                 direction=apply, direction=release: p rises, falls by more than 0.2 bar/s while the plates are in contact
                 pressure=low, mid, high, slip=low, mid, high: terciles of all runs in contact, slip without its sign
                 temperature=cold, warm, hot: terciles of all runs
                 slip=forward, slip=backward: its sign; slip=reversal: in contact within 0.1 s of a change of it
 Other models    direction=forward, backward, reversal of an input that is a position; of each other input terciles, and
                 NAME=rising, falling for the sign of its slope, NAME the column without its unit
-Assumptions     a slope is told from noise by the width of its window, which grows with the noise
-Not modelled    terciles know nothing of physics: between two rigs they lie elsewhere
+Assumptions     the window of a slope is so wide that noise alone rarely gives it a sign
+Not modelled    terciles depend on the runs, not on physics: another rig has others
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -22,20 +23,22 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
 from clutch_hil.discrepancy.model import Columns, Model, Values
-from clutch_hil.discrepancy.noise import floor_of
+from clutch_hil.discrepancy.noise import estimate_noise
 
 ALL = "all"
 Masks = dict[str, np.ndarray]
 
 _ENGAGING = 0.3  # s after touch: slip and the motor's speed control have settled then
 _EMPTY = 0.1  # of the preload pressure: the piston is back on its rest and the line nearly empty
-_STILL = 0.2  # bar/s: a pressure that changes less has no direction; steps and sines of an experiment are faster
-_SURE = 0.35  # of it: noise of the slope, so that noise alone moves in 0.5 % of samples
-_BRIEF = 1e-2  # s, narrowest window (standard deviation): what is shorter is the end of a stroke, not a direction
-_WIDEST = 0.1  # s: wider and a reversal is lost
+_LEAST_SLOPE = 0.2  # bar/s: a pressure that changes less has no direction; steps and sines of an experiment are faster
+_SLOPE_NOISE = 0.35  # of it: standard deviation of the slope, so that noise alone exceeds it in 0.5 % of the samples
+_NARROWEST = (
+    1e-2  # s, standard deviation of the narrowest window: shorter movements are the end of a stroke, no direction
+)
+_WIDEST = 0.1  # s: a wider window would miss a reversal
 _REVERSAL = 0.1  # s to either side of a change of sign
-_BARELY = 0.05  # rad/s: 4 times the encoder's noise in a window of _BRIEF; a shaft that stands has no direction
-_DEAD = 0.05  # of the 95 % quantile of a column's slope: slower than this stands still
+_LEAST_SLIP = 0.05  # rad/s: 4 times the encoder's noise in the narrowest window; a shaft at rest has no direction
+_LEAST_SLOPE_SHARE = 0.05  # of the 95 % quantile of a column's slope: slower than this stands still
 _TERCILES = (1.0 / 3.0, 2.0 / 3.0)
 _CLUTCH = {"valve_voltage_v", "cylinder_pressure_bar", "slip_speed_rad_s", "oil_temperature_degc"}
 _POSITION = ("position_m", "displacement_m")
@@ -50,22 +53,26 @@ class Regimes:
     def __init__(self, model: Model, runs: Sequence[Columns], parameters: Values) -> None:
         # by its columns and parameters, not by its name: a user's own wet clutch has phases as well
         clutch = set(runs[0]) >= _CLUTCH and {"valve.gain", "piston.contact_pressure"} <= set(parameters)
-        self._find: Callable[[Columns], Masks] = _Clutch(runs, parameters) if clutch else _Generic(runs, model.inputs)
+        self._find: Callable[[Columns], Masks] = (
+            _ClutchRegimes(runs, parameters) if clutch else _InputRegimes(runs, model.inputs)
+        )
 
     def __call__(self, run: Columns) -> Masks:
         """Samples (n,) of each regime, "all" first."""
         return {ALL: np.ones(len(run["time_s"]), bool), **self._find(run)}
 
 
-class _Clutch:
+class _ClutchRegimes:
     """Regimes of the wet clutch."""
 
     def __init__(self, runs: Sequence[Columns], parameters: Values) -> None:
         self._gain = parameters["valve.gain"]
         self._contact = parameters["piston.contact_pressure"]
         self._preload = parameters.get("piston.preload_pressure", self._contact)
-        noise = max(float(np.median([floor_of(run["cylinder_pressure_bar"]) for run in runs])), 1e-6)
-        self._window = float(np.clip(_slope_window(noise, _SURE * _STILL, _period(runs[0])), _BRIEF, _WIDEST))
+        noise = max(float(np.median([estimate_noise(run["cylinder_pressure_bar"]) for run in runs])), 1e-6)
+        self._window = float(
+            np.clip(_slope_window(noise, _SLOPE_NOISE * _LEAST_SLOPE, _period(runs[0])), _NARROWEST, _WIDEST)
+        )
         touching = [self._phases(run)[1] for run in runs]
         self._thirds = {
             "pressure": _terciles([r["cylinder_pressure_bar"][on] for r, on in zip(runs, touching, strict=True)]),
@@ -77,21 +84,24 @@ class _Clutch:
         phases, contact = self._phases(run)
         slope = np.gradient(_smooth(run["cylinder_pressure_bar"], self._window, run), _period(run))
         found = {f"phase={name}": inside for name, inside in phases.items()}
-        found["direction=apply"], found["direction=release"] = contact & (slope > _STILL), contact & (slope < -_STILL)
-        slip = _smooth(run["slip_speed_rad_s"], _BRIEF, run)
+        found["direction=apply"], found["direction=release"] = (
+            contact & (slope > _LEAST_SLOPE),
+            contact & (slope < -_LEAST_SLOPE),
+        )
+        slip = _smooth(run["slip_speed_rad_s"], _NARROWEST, run)
         warm = _smooth(run["oil_temperature_degc"], 0.1, run)
         found |= _thirds("pressure", run["cylinder_pressure_bar"], self._thirds["pressure"], contact)
         found |= _thirds("slip", np.abs(slip), self._thirds["slip"], contact)
         found |= _thirds("temperature", warm, self._thirds["temperature"], np.ones(len(warm), bool), "cold warm hot")
         turning = np.zeros(len(slip), bool)
         turning[1:] = slip[1:] * slip[:-1] < 0.0
-        found["slip=forward"], found["slip=backward"] = slip > _BARELY, slip < -_BARELY
+        found["slip=forward"], found["slip=backward"] = slip > _LEAST_SLIP, slip < -_LEAST_SLIP
         found["slip=reversal"] = contact & maximum_filter1d(turning, 2 * round(_REVERSAL / _period(run)) + 1)
         return found
 
     def _phases(self, run: Columns) -> tuple[Masks, np.ndarray]:
         period = _period(run)
-        pressure = _smooth(run["cylinder_pressure_bar"], _BRIEF, run)
+        pressure = _smooth(run["cylinder_pressure_bar"], _NARROWEST, run)
         asked = self._gain * run["valve_voltage_v"] >= self._contact
         touching = pressure >= self._contact
         last = np.maximum.accumulate(np.where(touching, -1, np.arange(len(pressure))))  # the last sample out of contact
@@ -108,14 +118,15 @@ class _Clutch:
         return phases, touching
 
 
-class _Generic:
+class _InputRegimes:
     """Regimes of any other model, from its inputs."""
 
     def __init__(self, runs: Sequence[Columns], inputs: Sequence[str]) -> None:
         self._inputs = [name for name in inputs if any(float(np.ptp(run[name])) > 0.0 for run in runs)]
         self._thirds = {name: _terciles([run[name] for run in runs]) for name in self._inputs}
         self._still = {
-            name: _DEAD * _quantile([np.abs(_slope(run, name)) for run in runs], 0.95) for name in self._inputs
+            name: _LEAST_SLOPE_SHARE * _quantile([np.abs(_slope(run, name)) for run in runs], 0.95)
+            for name in self._inputs
         }
 
     def __call__(self, run: Columns) -> Masks:
@@ -130,18 +141,18 @@ class _Generic:
                 found |= {"direction=forward": rising, "direction=backward": falling}
                 found["reversal"] = maximum_filter1d(turning, reach) & (np.abs(slope) < 4.0 * still)
             else:
-                found |= {f"{_bare(name)}=rising": rising, f"{_bare(name)}=falling": falling}
-            found |= _thirds(_bare(name), run[name], self._thirds[name], np.ones(len(slope), bool))
+                found |= {f"{_strip_unit(name)}=rising": rising, f"{_strip_unit(name)}=falling": falling}
+            found |= _thirds(_strip_unit(name), run[name], self._thirds[name], np.ones(len(slope), bool))
         return found
 
 
 def family(name: str) -> str:
-    """What regimes that exclude each other have in common: "phase", "direction", "slip" (its size), "slip sign"."""
+    """Family of a regime; regimes of one family exclude each other: "phase", "direction", "slip" (its size), "slip sign"."""
     head, _, word = name.partition("=")
-    return head if head == "direction" else head + _KINDS.get(word, "")
+    return head if head == "direction" else head + _FAMILY_SUFFIX.get(word, "")
 
 
-_KINDS = {
+_FAMILY_SUFFIX = {
     "forward": " sign", "backward": " sign", "rising": " slope", "falling": " slope", "reversal": " turn",
 }  # fmt: skip
 
@@ -156,7 +167,7 @@ def _smooth(values: np.ndarray, window: float, run: Columns) -> np.ndarray:
 
 
 def _slope_window(noise: float, wanted: float, period: float) -> float:
-    """Window [s] behind which white noise of size `noise` moves the slope by `wanted` a second (1 sigma).
+    """Window [s] that gives the slope of white noise `noise` a standard deviation of `wanted` per second.
 
     Variance of a Gaussian window's derivative: noise^2 T/(4 sqrt(pi) window^3), T the sample period.
     """
@@ -164,7 +175,7 @@ def _slope_window(noise: float, wanted: float, period: float) -> float:
 
 
 def _slope(run: Columns, name: str) -> np.ndarray:
-    return np.gradient(_smooth(run[name], _BRIEF, run), _period(run))
+    return np.gradient(_smooth(run[name], _NARROWEST, run), _period(run))
 
 
 def _terciles(parts: Sequence[np.ndarray]) -> tuple[float, float]:
@@ -181,13 +192,13 @@ def _thirds(
     name: str, values: np.ndarray, bounds: tuple[float, float], within: np.ndarray, words: str = "low mid high"
 ) -> Mapping[str, np.ndarray]:
     low, high = bounds
-    if not high > low:  # one value, or two: there is no low and high
+    if not high > low:  # too few different values
         return {}
     thirds = values < low, (values >= low) & (values <= high), values > high
     return {f"{name}={word}": within & third for word, third in zip(words.split(), thirds, strict=True)}
 
 
-def _bare(name: str) -> str:
-    """A column's name without its unit: valve_voltage_v is valve_voltage."""
+def _strip_unit(name: str) -> str:
+    """A column's name without its unit: valve_voltage of valve_voltage_v."""
     head, _, unit = name.rpartition("_")
     return head if head and len(unit) <= 4 else name

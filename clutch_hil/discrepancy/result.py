@@ -1,4 +1,4 @@
-"""Result: what the workflow found. `report.json` is `Result.as_json()`; report and pictures are made from nothing else."""
+"""Result of the workflow. `report.json` is `Result.as_json()`; report and pictures use nothing else."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -10,8 +10,10 @@ NOTHING, NAMED, ONE_OF, NONE_OF_THESE = "nothing_missing", "named", "one_of", "n
 
 @dataclass(frozen=True)
 class Claim:
-    """They disagree here: in `regime` ("direction=release", "phase=slip", "all") `output` of `block` is off by `size` [unit]
-    root mean square, `times_floor` multiples of its floor; `p_value` is valid for autocorrelated data and all claims together.
+    """A disagreement: `output`, assigned to `block`, is off in `regime` ("direction=release", "phase=slip", "all").
+
+    size: root mean square in `unit`. times_floor: size in noise floors. p_value: for autocorrelated data, and for all claims
+    together.
     """
 
     block: str
@@ -25,7 +27,7 @@ class Claim:
 
 @dataclass(frozen=True)
 class Estimate:
-    """A fitted parameter with its 95 % interval, in `unit`. `nominal`: its value before, known to +-`uncertainty` (1 sigma)."""
+    """A fitted parameter with its 95 % interval, in `unit`. nominal: value before the fit. uncertainty: of nominal, 1 sigma."""
 
     name: str
     value: float
@@ -37,7 +39,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Gap:
-    """Root mean square error of an output on runs that were not fitted, before and after, and the floor, in its unit."""
+    """Root mean square error of an output on held-out runs, before and after, and its noise floor, in the output's unit."""
 
     before: float
     after: float
@@ -52,9 +54,11 @@ class Gap:
 
 @dataclass(frozen=True)
 class Rival:
-    """A candidate as it was judged: `closed`: share of the excess over the floor of the fitted runs that it takes away alone;
-    `gain`: what it takes off twice the negative log-likelihood; `reason`: why it is not the one, one sentence; "" when it is.
-    `round`: in which search it was judged, from 1.
+    """A candidate and why it was not named.
+
+    closed: share of the excess over the floor of the fitted runs that it closes alone. gain: reduction of twice the negative
+    log-likelihood. values: fitted parameters by dotted name. reason: one sentence, "" when it is named. round: number of the
+    search, from 1.
     """
 
     name: str
@@ -67,7 +71,7 @@ class Rival:
 
 @dataclass(frozen=True)
 class Trace:
-    """One run: `measured`, `before` and `after` by output column, each (n,); `columns`: the whole run as it was read."""
+    """One run: `measured`, predicted `before` and `after` by output column, each (n,); columns: the whole run as read."""
 
     name: str
     held_out: bool
@@ -79,8 +83,10 @@ class Trace:
 
 @dataclass(frozen=True)
 class Result:
-    """Everything that was found; traces and data hashes included. `surrogate` describes the residual of `none_of_these`:
-    block, variables, shape and the terms fitted. `experiment`: the proposed one, None where none is needed.
+    """Everything that the workflow found, with traces and hashes of the data.
+
+    surrogate: description of the residual where the verdict is `none_of_these`: block, variables, shape, fitted terms.
+    experiment: the proposed one, None where none is needed.
     """
 
     rig: str
@@ -107,18 +113,17 @@ class Result:
     notes: list[str] = field(default_factory=list)
     atlas: dict[str, Any] = field(
         default_factory=dict
-    )  # coherence, orders, correlations of the residual: atlas_numbers.py
+    )  # coherence, orders, correlations of the residual: residual_statistics.py
     traces: list[Trace] = field(default_factory=list)
 
     @property
     def main_output(self) -> str | None:
-        """The output that a headline tells of: of those claimed, else of all, the one with the largest gap in multiples of its
-        floor; None where no gap is told."""
+        """The output with the largest gap in floors, for headlines: of those claimed, else of all; None without a gap."""
         claimed = [c for c in self.gap if c in {claim.output for claim in self.where}]
         return max(claimed or self.gap, key=lambda c: self.gap[c].before / (self.gap[c].floor or 1e-300), default=None)
 
     def as_json(self) -> dict[str, Any]:
-        """`report.json` of docs/discrepancy.md."""
+        """The content of `report.json`, see docs/discrepancy.md."""
         return {
             "verdict": self.verdict,
             "effects": self.effects,

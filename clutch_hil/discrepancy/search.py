@@ -1,20 +1,24 @@
-"""Search: the workflow from runs to a result - floor, re-fit, where, what, decision, again, held-out gap."""
+"""Search: the whole workflow, from runs to a `Result`.
+
+It estimates the noise floor, selects the missing effects, measures the gap on held-out runs, locates the disagreement, and
+proposes an experiment where effects cannot be told apart.
+"""
 
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from clutch_hil.discrepancy.atlas import acting, claims
-from clutch_hil.discrepancy.atlas_numbers import atlas_numbers
+from clutch_hil.discrepancy.atlas import find_claims, locate_effect
 from clutch_hil.discrepancy.evidence import Evidence, Point
-from clutch_hil.discrepancy.experiment import propose
-from clutch_hil.discrepancy.fit import Linear
-from clutch_hil.discrepancy.held_out import gaps, left_out
-from clutch_hil.discrepancy.inquiry import Inquiry, Progress
+from clutch_hil.discrepancy.experiment_design import propose
+from clutch_hil.discrepancy.fit import LinearModel
+from clutch_hil.discrepancy.held_out import fit_without_each, measure_gaps
 from clutch_hil.discrepancy.model import Candidate, Columns, Evident, Model, Values, Witnessing
-from clutch_hil.discrepancy.noise import floors
+from clutch_hil.discrepancy.noise import estimate_floors
+from clutch_hil.discrepancy.residual_statistics import compute_statistics
 from clutch_hil.discrepancy.result import NAMED, NONE_OF_THESE, NOTHING, ONE_OF, Estimate, Result, Rival, Trace
-from clutch_hil.discrepancy.surrogate_term import described
+from clutch_hil.discrepancy.selection import EffectSelection, Progress
+from clutch_hil.discrepancy.surrogate_term import describe_residual
 from protocols.errors import InputError, closest
 
 
@@ -30,84 +34,91 @@ def investigate(
     Without `held_out` runs, whole runs are left out in turn. Raises InputError.
     """
     started = time.perf_counter()
-    candidates = _chosen(model, names)
+    candidates = _choose_candidates(model, names)
     progress("noise floor", 0.0)
     held = dict(held_out or {})
-    found = floors([*runs.values(), *held.values()], model.outputs)
+    floors = estimate_floors([*runs.values(), *held.values()], model.outputs)
     seen = model.evident(list(runs.values())) if isinstance(model, Witnessing) else {}
     evident = {c: seen[c.name] for c in candidates if c.name in seen}
     rounding = {column: rms for one in evident.values() for column, rms in one.rounding.items()}
-    evidence = Evidence(model, list(runs.values()), found, rounding)
-    inquiry = Inquiry(model, evidence, [c for c in candidates if c not in evident], progress)
-    inquiry.run()
-    verdict, effects, alternatives, notes = inquiry.verdict()
-    if evident and inquiry.weighed.slight:
-        verdict, effects, alternatives = NOTHING, [], []  # a poor converter's own law leaves as much
+    evidence = Evidence(model, list(runs.values()), floors, rounding)
+    selection = EffectSelection(model, evidence, [c for c in candidates if c not in evident], progress)
+    selection.run()
+    verdict, effects, alternatives = selection.decide()
+    if evident and selection.explanation.is_negligible:
+        verdict, effects, alternatives = NOTHING, [], []  # a coarse converter leaves as much by itself
     if verdict not in (NAMED, ONE_OF):
-        inquiry.drop()  # what does not explain enough is not in the model
+        selection.drop_effects()  # they do not explain enough
     if evident and verdict != NONE_OF_THESE:
         verdict = verdict if verdict == ONE_OF else NAMED
         effects = [*(c.name for c in evident), *effects]
-    notes += [f"{c.name} is evident without any fit: {one.why}" for c, one in evident.items()]
-    if inquiry.reading:
-        notes.append(f"the runs are those of a rig in which {inquiry.reading}")
+    notes = [f"{c.name} is evident without any fit: {one.why}" for c, one in evident.items()]
+    if selection.reading:
+        notes.append(f"the runs are those of a rig in which {selection.reading}")
     progress("gap on runs that were not fitted", 0.85)
-    evidence, before, after = inquiry.evidence, inquiry.base, inquiry.final
-    points = [(before.point, after.point)] * len(runs) if held else left_out(evidence, before, after)
+    evidence, before, after = selection.evidence, selection.base, selection.final
+    points = [(before.point, after.point)] * len(runs) if held else fit_without_each(evidence, before, after)
     surrogate = proposed = None
     if verdict == NONE_OF_THESE:
-        progress("what shape the rest has", 0.9)
-        surrogate = described(model, evidence.runs, found, *before.point)
-        after = _carrying(evidence, before, surrogate["values"])
+        progress("shape of the rest", 0.9)
+        surrogate = describe_residual(model, evidence.runs, floors, *before.point)
+        after = _add_surrogate(evidence, before, surrogate["values"])
         if after is before:
-            surrogate["values"] = {}  # what does not help is not in the model
+            surrogate["values"] = {}  # it does not fit better
         elif held:
             points = [(before.point, after.point)] * len(runs)
         else:
-            points = [(own, _carrying_others(evidence, own, k, found)) for k, (own, _) in enumerate(points)]
-    traces = _traces(model, runs, held, [*points, *([(before.point, after.point)] * len(held))])
+            points = [(own, _add_surrogate_of_others(evidence, own, k, floors)) for k, (own, _) in enumerate(points)]
+    traces = _make_traces(model, runs, held, [*points, *([(before.point, after.point)] * len(held))])
     judged = [t for t in traces if t.held_out or not held]
-    gap, by_regime = gaps(model, judged, found)
+    gap, by_regime = measure_gaps(model, judged, floors)
     progress("where they disagree", 0.9)
-    where = claims(model, list(runs.values()), found, *before.point)
+    where = find_claims(model, list(runs.values()), floors, *before.point)
     if verdict in (NAMED, ONE_OF):
         shown = {n: values[0] for one in evident.values() for n, values in one.intervals.items()}
         point = after.point[0], {**after.point[1], **shown}
-        acts = [claim for c in (*inquiry.named, *evident) for claim in acting(model, evidence.runs, found, *point, c)]
+        acts = [
+            claim
+            for c in (*selection.named, *evident)
+            for claim in locate_effect(model, evidence.runs, floors, *point, c)
+        ]
         largest = {(c.block, c.output, c.regime): c for c in sorted(acts, key=lambda claim: claim.size)}
         where = sorted(largest.values(), key=lambda claim: -claim.times_floor) or where
     if verdict == ONE_OF:
         progress("experiment that separates them", 0.95)
-        options = [inquiry.values[name] for name in alternatives[0]]
-        proposed = propose(model, after.point[0], options, found)
+        options = [selection.values[name] for name in alternatives[0]]
+        proposed = propose(model, after.point[0], options, floors)
     progress("done", 1.0)
     return Result(
         rig=model.name,
         verdict=verdict,
         effects=effects,
         alternatives=alternatives,
-        confidence=inquiry.confidence,
+        confidence=selection.confidence,
         where=where,
-        parameters=[*inquiry.estimates(effects=True), *_read(evident)] if verdict in (NAMED, ONE_OF) else [],
-        baseline=inquiry.estimates(effects=False),
+        parameters=[*selection.estimate_parameters(effects=True), *_evident_estimates(evident)]
+        if verdict in (NAMED, ONE_OF)
+        else [],
+        baseline=selection.estimate_parameters(effects=False),
         gap=gap,
         gap_by_regime=by_regime,
-        rivals=[*(Rival(c.name, 1.0, 0.0, {}, "", 1) for c in evident), *inquiry.rivals()],
+        rivals=[*(Rival(c.name, 1.0, 0.0, {}, "", 1) for c in evident), *selection.judge_rivals()],
         surrogate=surrogate,
         experiment=proposed,
-        floors=found,
+        floors=floors,
         units={o.column: o.unit for o in model.outputs},
-        equations={c.name: c.equation for c in (*inquiry.named, *evident)} | inquiry.equations(alternatives),
+        equations={c.name: c.equation for c in (*selection.named, *evident)}
+        | selection.collect_equations(alternatives),
         hashes={},
         seconds=time.perf_counter() - started,
         held_out="given" if held else "in turn",
         notes=notes,
-        atlas=atlas_numbers(model, list(runs.values()), found, *before.point),
+        atlas=compute_statistics(model, list(runs.values()), floors, *before.point),
         traces=traces,
     )
 
 
-def _chosen(model: Model, names: Sequence[str] | None) -> list[Candidate]:
+def _choose_candidates(model: Model, names: Sequence[str] | None) -> list[Candidate]:
     known = {c.name: c for c in model.candidates}
     for name in names or []:
         if name not in known:
@@ -115,8 +126,8 @@ def _chosen(model: Model, names: Sequence[str] | None) -> list[Candidate]:
     return [known[n] for n in names] if names else list(model.candidates)
 
 
-def _read(evident: Mapping[Candidate, Evident]) -> list[Estimate]:
-    """Parameters of effects that recorded values show by themselves."""
+def _evident_estimates(evident: Mapping[Candidate, Evident]) -> list[Estimate]:
+    """Parameters of effects that the recorded values show without any fit."""
     declared = {n: p for c in evident for n, p in c.declared().items()}
     return [
         Estimate(n, value, declared[n].unit, (low, high), declared[n].value, 0.0)
@@ -125,8 +136,8 @@ def _read(evident: Mapping[Candidate, Evident]) -> list[Estimate]:
     ]
 
 
-def _carrying(evidence: Evidence, before: Linear, values: Values) -> Linear:
-    """The model that carries a surrogate of these values; `before` itself where there are none, or it fits no better."""
+def _add_surrogate(evidence: Evidence, before: LinearModel, values: Values) -> LinearModel:
+    """`before` with a surrogate of these values; `before` itself where there are none or they do not fit better."""
     if not values:
         return before
     point: Point = before.point[0], {**before.point[1], **values}
@@ -134,14 +145,14 @@ def _carrying(evidence: Evidence, before: Linear, values: Values) -> Linear:
     return after if after.cost < before.cost else before
 
 
-def _carrying_others(evidence: Evidence, own: Point, left: int, found: Values) -> Point:
-    """`own` parameters of a run that is left out, with a surrogate of what the other runs lack."""
+def _add_surrogate_of_others(evidence: Evidence, own: Point, left: int, floors: Values) -> Point:
+    """Point of the run `left`, which is left out: its parameters `own` and a surrogate fitted to the other runs."""
     others = [run for k, run in enumerate(evidence.runs) if k != left]
-    told = described(evidence.model, others, found, *own) if others else {"values": {}}
-    return own[0], {**own[1], **told["values"]}
+    surrogate = describe_residual(evidence.model, others, floors, *own) if others else {"values": {}}
+    return own[0], {**own[1], **surrogate["values"]}
 
 
-def _traces(
+def _make_traces(
     model: Model, runs: Mapping[str, Columns], held: Mapping[str, Columns], points: Sequence[tuple[Point, Point]]
 ) -> list[Trace]:
     traces = []

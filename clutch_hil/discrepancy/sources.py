@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from clutch_hil.discrepancy.model import Columns, Locating, Model, Values
-from clutch_hil.discrepancy.noise import floor_of
+from clutch_hil.discrepancy.noise import estimate_noise
 
 MEAN = 4e-3  # s: samples are looked at in means over this time, as the fit does (evidence.py)
 LATER = 4, 5, 6  # means: of an auto product that is tested; 16 to 24 ms, so that coloured noise of 10 ms is not in it
@@ -67,7 +67,7 @@ def sources(model: Model, runs: Sequence[Columns], floors: Values, parameters: V
 
 def free(x: np.ndarray, raw: np.ndarray, run: Columns) -> np.ndarray:
     """x^2 less what white noise, as large as in `raw`, has in it."""
-    return x**2 - floor_of(raw) ** 2 / max(1, round(MEAN / period_of(run)))
+    return x**2 - estimate_noise(raw) ** 2 / max(1, round(MEAN / period_of(run)))
 
 
 def auto(x: np.ndarray, lag: int) -> np.ndarray:

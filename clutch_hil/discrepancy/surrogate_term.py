@@ -1,9 +1,9 @@
-"""Surrogate term: what is missing where nothing in the catalogue fits: which block, which variables, which shape.
+"""Surrogate term: describes a disagreement that no candidate explains by its block, its variables and its shape.
 
-Method          the block whose source (sources.py) is largest; its residual as a sum of terms of the effects residual_torque,
-                residual_pressure, taken one after the other while they explain more of runs that were left out
-Equation        R^2 = 1 - (SSE - N)/(SST - N) over left-out runs, each predicted by a fit to the others; N: noise of known floor
-Assumptions     additive; the pressure term reaches the cylinder through the valve as docs/rig.md, 1 has it
+Method          the block with the largest source (sources.py) is taken. Its residual is a sum of terms of the effects
+                residual_torque and residual_pressure. Terms are added one by one while they explain more of left-out runs
+Equation        R^2 = 1 - (SSE - N)/(SST - N) over left-out runs, each predicted by a fit to the others; N: power of the noise
+Assumptions     additive; the pressure term reaches the cylinder through the valve (docs/rig.md, eq. 1)
 Not modelled    products of more than two variables, memory beyond 50 ms
 References      Efron and Hastie 2016, Computer age statistical inference, ch. 12 (cross-validation)
 """
@@ -33,12 +33,12 @@ from plant_sim.effects.valve import residual_pressure as by_demand
 from protocols.errors import listing
 from protocols.files.units import BAR
 
-_GAIN = 0.02  # of R^2 that a further term must add
-_MOST = 6  # terms: more are no description
-_RIDGE = 1e-6  # of a term's mean square: terms that are alike share
-_POOR = 0.3  # R^2 below which the terms are no description
-_ORDERS = range(1, 61)  # whole periods a turn that are looked for
-_WORDS = {  # term -> what it depends on, and how
+_LEAST_R2_GAIN = 0.02  # of a further term
+_MOST_TERMS = 6  # a description with more terms helps nobody
+_RIDGE = 1e-6  # of a term's mean square: similar terms then share their coefficient
+_LEAST_R2 = 0.3  # with less the terms describe nothing
+_ORDERS = range(1, 61)  # periods a turn that are searched
+_TERM_TEXTS = {  # term -> what it depends on, and how
     "offset": ((), "a constant offset"), "level": ((), "a constant level"),
     "pressure": (("pressure",), "proportional to pressure"), "pressure2": (("pressure",), "quadratic in pressure"),
     "slip": (("slip",), "proportional to slip speed"), "slip2": (("slip",), "quadratic in slip speed"),
@@ -53,13 +53,16 @@ _WORDS = {  # term -> what it depends on, and how
     "pressure_lag": (("pressure rate",), "following changes of pressure"),
     "slip_lag": (("slip rate",), "following changes of slip speed"),
 }  # fmt: skip
-_TOGETHER = {"cosine": "sine", "sine": "cosine"}
+_PARTNER = {"cosine": "sine", "sine": "cosine"}
 Terms = Mapping[str, np.ndarray]  # (n,) by name
 
 
 @dataclass(frozen=True)
 class Target:
-    """What is described: `residual` (n,) and `terms` of each run, the `effect` that can carry them, "" for none."""
+    """What is described: `residual` (n,) and `terms` of each run.
+
+    effect: name of the effect that can carry the terms, "" for none. column: the output. order: periods a turn, None for none.
+    """
 
     residual: list[np.ndarray]
     terms: list[Terms]
@@ -68,63 +71,66 @@ class Target:
     order: int | None = None
 
 
-def described(
+def describe_residual(
     model: Model, runs: Sequence[Columns], floors: Values, parameters: Values, effects: Values
 ) -> dict[str, Any]:
-    """Block, variables, shape, R^2 on left-out runs, a sentence, and `values` of an effect that carries it ({} where none can).
+    """Describe the residual of `model` at `parameters` with `effects`, as report.json has it under "surrogate".
 
-    r2 is not-a-number for a single run: nothing is left out.
+    Keys: block, output, variables, shape, r2 on left-out runs, sentence, and `values`: parameters of the effect that
+    carries the terms, {} where none can. r2 is not-a-number for a single run, as no run can be left out.
     """
     found = sources(model, runs, floors, parameters, effects)
     one = max(found, key=lambda s: float(np.mean(np.concatenate(s.power))) / floors[s.column] ** 2)
     shown = [model.simulate(run, parameters, effects) for run in runs]
-    target = _target(model, one, runs, shown, parameters)
+    target = _choose_target(model, one, runs, shown, parameters)
     noise = floors[target.column] ** 2 / max(1, round(MEAN / _period(runs[0])))
-    names, r2 = _chosen(target, noise)
-    if not names or not (r2 >= _POOR or len(runs) == 1):
-        return _told(one, [], r2, {}, _unexplained(one, target, r2))
-    coefficients = _fitted(target, names)
+    names, r2 = _choose_terms(target, noise)
+    if not names or not (r2 >= _LEAST_R2 or len(runs) == 1):
+        return _make_description(one, [], r2, {}, _describe_unexplained(one, target, r2))
+    coefficients = _fit_terms(target, names)
     values = {}
     if target.effect:
         values = {f"{target.effect}.{name}": float(v) for name, v in zip(names, coefficients, strict=True)}
         if target.order and "cosine" in names:
             values[f"{target.effect}.order"] = float(target.order)
-    ranked = [names[i] for i in np.argsort(-_weights(target, names, coefficients))]
-    shape = ", ".join(dict.fromkeys(_words(name)[1] for name in ranked))
+    ranked = [names[i] for i in np.argsort(-_term_sizes(target, names, coefficients))]
+    shape = ", ".join(dict.fromkeys(_describe_term(name)[1] for name in ranked))
     if target.order and "cosine" in names:
         shape = shape.replace("the shaft's angle", f"the shaft's angle, {target.order} a turn")
     share = f"this explains {100.0 * r2:.0f} % of the excess over the floor in left-out runs"
     if not np.isfinite(r2):
         share = "no second run was there to check it"
-    return _told(one, ranked, r2, values, f"{_place(one)}: what is missing is {shape}; {share}.", shape)
+    return _make_description(
+        one, ranked, r2, values, f"{_name_place(one)}: what is missing is {shape}; {share}.", shape
+    )
 
 
-def _told(
+def _make_description(
     one: Source, names: Sequence[str], r2: float, values: Mapping[str, float], sentence: str, shape: str = "none found"
 ) -> dict[str, Any]:
-    variables = list(dict.fromkeys(v for name in names for v in _words(name)[0]))
+    variables = list(dict.fromkeys(v for name in names for v in _describe_term(name)[0]))
     return {
         "block": one.block, "output": one.column, "variables": variables, "shape": shape,
         "r2": round(float(r2), 4), "sentence": sentence, "values": dict(values),
     }  # fmt: skip
 
 
-def _words(term: str) -> tuple[tuple[str, ...], str]:
-    """What a term depends on, and how: of the clutch's terms as they are, of another model's by its input."""
-    if term in _WORDS:
-        return _WORDS[term]
+def _describe_term(term: str) -> tuple[tuple[str, ...], str]:
+    """Variables that a term depends on, and how, in words."""
+    if term in _TERM_TEXTS:
+        return _TERM_TEXTS[term]
     if column := term.removeprefix("direction of ") if term.startswith("direction of ") else "":
         return (column, "direction"), f"changing sign with the direction of {column}"
     column = term.removesuffix("^2")
     return (column,), f"{'proportional to' if column == term else 'quadratic in'} {column}"
 
 
-def _place(one: Source) -> str:
+def _name_place(one: Source) -> str:
     return f"{one.block.capitalize()}, {one.column}"
 
 
-def _unexplained(one: Source, target: Target, r2: float) -> str:
-    """The sentence where no term explains it: how fast it is, whether it has a frequency of its own."""
+def _describe_unexplained(one: Source, target: Target, r2: float) -> str:
+    """The sentence for a residual that no term explains: whether it has a dominant frequency."""
     segment = min(512, *(len(r) for r in target.residual))
     power = np.mean([welch(r, 1.0 / MEAN, nperseg=segment)[1] for r in target.residual], axis=0)
     hertz = np.arange(len(power)) / (segment * MEAN)
@@ -133,25 +139,27 @@ def _unexplained(one: Source, target: Target, r2: float) -> str:
     own = f"it swings at {hertz[peak]:.1f} Hz" if sharp else "it has no frequency of its own"
     known = f"at most {max(100.0 * r2, 0.0):.0f} %" if np.isfinite(r2) else "little"
     return (
-        f"{_place(one)}: what is missing is no simple function of {_known(target)}"
+        f"{_name_place(one)}: what is missing is no simple function of {_list_variables(target)}"
         f" ({known} of the excess explained in left-out runs); {own}."
     )
 
 
-def _known(target: Target) -> str:
-    """What the terms are functions of, in words."""
-    return listing(list(dict.fromkeys(v for name in target.terms[0] for v in _words(name)[0])))
+def _list_variables(target: Target) -> str:
+    """Variables of the terms, in words."""
+    return listing(list(dict.fromkeys(v for name in target.terms[0] for v in _describe_term(name)[0])))
 
 
-def _target(model: Model, one: Source, runs: Sequence[Columns], shown: Sequence[Columns], parameters: Values) -> Target:
+def _choose_target(
+    model: Model, one: Source, runs: Sequence[Columns], shown: Sequence[Columns], parameters: Values
+) -> Target:
     clutch = "piston.contact_pressure" in parameters and PRESSURE in shown[0]
     if not clutch:
-        return Target(list(one.residual), [_inputs(model, run) for run in runs], "", one.column)
+        return Target(list(one.residual), [_input_terms(model, run) for run in runs], "", one.column)
     if one.block == HYDRAULICS:
         residual = [means(run[PRESSURE] - s[PRESSURE], run) for run, s in zip(runs, shown, strict=True)]
         terms = [_demand_terms(run, parameters) for run in runs]
         return Target(residual, terms, "residual_pressure", PRESSURE)
-    order = _order(one, runs)
+    order = _find_order(one, runs)
     terms = [_torque_terms(run, s, parameters, order) for run, s in zip(runs, shown, strict=True)]
     residual = list(one.residual)
     if one.block in (FRICTION, SENSORS) and one.column == TORQUE:
@@ -161,7 +169,7 @@ def _target(model: Model, one: Source, runs: Sequence[Columns], shown: Sequence[
 
 
 def _torque_terms(run: Columns, shown: Columns, parameters: Values, order: int) -> Terms:
-    """Terms of `residual_torque` in means."""
+    """Terms of `residual_torque` by name, as means over 4 ms."""
     period = _period(run)
     bar = shown[PRESSURE]
     slip, angle = run["slip_speed_rad_s"], run["shaft_angle_rad"]
@@ -171,12 +179,12 @@ def _torque_terms(run: Columns, shown: Columns, parameters: Values, order: int) 
     w = np.minimum(np.abs(slip) / by_friction.SLIP_SPAN, by_friction.MOST)
     t = np.clip((shown["oil_temperature_degc"] - 70.0) / by_friction.KELVIN_SPAN, -by_friction.MOST, by_friction.MOST)
     e = np.clip(
-        (bar - _lagged(bar, by_friction.LAG, period)) / (by_friction.PRESSURE_SPAN / BAR),
+        (bar - _low_pass(bar, by_friction.LAG, period)) / (by_friction.PRESSURE_SPAN / BAR),
         -by_friction.MOST,
         by_friction.MOST,
     )
-    v = (slip - _lagged(slip, by_friction.LAG, period)) / by_friction.SLIP_SPAN
-    d = _direction(np.ascontiguousarray(bar), by_friction.TURN / BAR)
+    v = (slip - _low_pass(slip, by_friction.LAG, period)) / by_friction.SLIP_SPAN
+    d = _track_direction(np.ascontiguousarray(bar), by_friction.TURN / BAR)
     contact = (bar >= parameters["piston.contact_pressure"]).astype(float)
     sign = slip / (np.abs(slip) + by_friction.CREEP)
     on = contact * sign
@@ -191,18 +199,18 @@ def _torque_terms(run: Columns, shown: Columns, parameters: Values, order: int) 
 
 
 def _demand_terms(run: Columns, parameters: Values) -> Terms:
-    """Terms of `residual_pressure` behind the valve, in means."""
+    """Terms of `residual_pressure` by name, filtered by the valve, as means over 4 ms."""
     period = _period(run)
     u = parameters["valve.gain"] * run["valve_voltage_v"]
     q = np.clip((u - by_demand.PRESSURE / BAR) / (by_demand.PRESSURE_SPAN / BAR), -by_demand.MOST, by_demand.MOST)
     w = np.minimum(np.abs(run["slip_speed_rad_s"]) / by_demand.SLIP_SPAN, by_demand.MOST)
     t = np.clip((run["oil_temperature_degc"] - 70.0) / by_demand.KELVIN_SPAN, -by_demand.MOST, by_demand.MOST)
     e = np.clip(
-        (u - _lagged(u, by_demand.LAG, period)) / (by_demand.PRESSURE_SPAN / BAR),
+        (u - _low_pass(u, by_demand.LAG, period)) / (by_demand.PRESSURE_SPAN / BAR),
         -by_demand.FOLLOWED,
         by_demand.FOLLOWED,
     )
-    d = _direction(u, by_demand.TURN / BAR)
+    d = _track_direction(u, by_demand.TURN / BAR)
     terms = {
         "level": np.ones_like(u), "pressure": q, "pressure2": q**2, "slip": w, "slip2": w**2, "temperature": t, "direction": d,
         "pressure_direction": q * d, "time": run["time_s"] / by_demand.TIME_SPAN, "lag": e,
@@ -213,8 +221,8 @@ def _demand_terms(run: Columns, parameters: Values) -> Terms:
     return {name: means(lfilter(np.ravel(b), a, values * asked), run) for name, values in terms.items()}
 
 
-def _inputs(model: Model, run: Columns) -> Terms:
-    """Terms of a model that is not a clutch: its inputs, their squares, slopes' signs, and time, each over its spread."""
+def _input_terms(model: Model, run: Columns) -> Terms:
+    """Terms of any other model: its inputs, their squares, the signs of their slopes, and time, each over its spread."""
     terms = {"level": np.ones(len(run["time_s"])), "time": run["time_s"] / max(float(run["time_s"][-1]), 1e-9)}
     for name in model.inputs:
         x = (run[name] - run[name].mean()) / max(float(run[name].std()), 1e-12)
@@ -227,8 +235,8 @@ def _inputs(model: Model, run: Columns) -> Terms:
     return {name: means(values, run) for name, values in terms.items()}
 
 
-def _order(one: Source, runs: Sequence[Columns]) -> int:
-    """The whole number of periods a turn at which the residual is largest."""
+def _find_order(one: Source, runs: Sequence[Columns]) -> int:
+    """The whole number of periods a turn at which the residual has its largest amplitude."""
     angles = [means(run["shaft_angle_rad"], run) for run in runs]
     sizes = [
         abs(sum(np.sum(r * np.exp(-1j * order * a)) for r, a in zip(one.residual, angles, strict=True)))
@@ -237,66 +245,68 @@ def _order(one: Source, runs: Sequence[Columns]) -> int:
     return _ORDERS[int(np.argmax(sizes))]
 
 
-def _chosen(target: Target, noise: float) -> tuple[list[str], float]:
-    """Terms taken one after the other, and their R^2 on left-out runs (not-a-number where there is one run only)."""
+def _choose_terms(target: Target, noise: float) -> tuple[list[str], float]:
+    """Names of the terms chosen, and their R^2 on left-out runs; not-a-number for a single run."""
     every = list(target.terms[0])
-    grams = [_normal(terms, r, every) for terms, r in zip(target.terms, target.residual, strict=True)]
+    grams = [_normal_equations(terms, r, every) for terms, r in zip(target.terms, target.residual, strict=True)]
     total = sum(float(r @ r) for r in target.residual)
     count = sum(len(r) for r in target.residual)
     excess = max(total - noise * count, 1e-12 * total, 1e-300)
     alone = len(grams) == 1
     chosen: list[str] = []
     best = 0.0
-    while len(chosen) < _MOST:
+    while len(chosen) < _MOST_TERMS:
         trials: dict[tuple[str, ...], float] = {}
         for name in every:
             if name not in chosen:
-                names = [*chosen, name, *([_TOGETHER[name]] if name in _TOGETHER else [])]
-                missed = _missed(grams, [every.index(n) for n in names], alone)
+                names = [*chosen, name, *([_PARTNER[name]] if name in _PARTNER else [])]
+                missed = _left_out_error(grams, [every.index(n) for n in names], alone)
                 trials[tuple(names)] = 1.0 - (missed - noise * count) / excess
         if not trials:
             break
         taken = max(trials, key=lambda n: trials[n])
-        if trials[taken] < best + _GAIN:
+        if trials[taken] < best + _LEAST_R2_GAIN:
             break
         chosen, best = list(taken), trials[taken]
     return chosen, float("nan") if alone else min(best, 1.0)
 
 
-def _normal(terms: Terms, residual: np.ndarray, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray, float]:
+def _normal_equations(terms: Terms, residual: np.ndarray, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray, float]:
     x = np.column_stack([terms[name] for name in names])
     return x.T @ x, x.T @ residual, float(residual @ residual)
 
 
-def _missed(grams: Sequence[tuple[np.ndarray, np.ndarray, float]], picked: Sequence[int], alone: bool) -> float:
-    """Sum of squares that is left in each run by a fit to the others; to itself, where it is alone."""
+def _left_out_error(grams: Sequence[tuple[np.ndarray, np.ndarray, float]], picked: Sequence[int], alone: bool) -> float:
+    """Sum of squares left in each run by a fit to the others, or to itself where it is alone."""
     missed = 0.0
     at = np.ix_(picked, picked)
     for i, (gram, right, square) in enumerate(grams):
         others = grams if alone else [g for j, g in enumerate(grams) if j != i]
-        b = _solved(np.sum([g[0][at] for g in others], axis=0), np.sum([g[1][list(picked)] for g in others], axis=0))
+        b = _solve_ridge(
+            np.sum([g[0][at] for g in others], axis=0), np.sum([g[1][list(picked)] for g in others], axis=0)
+        )
         missed += square - 2.0 * float(b @ right[list(picked)]) + float(b @ gram[at] @ b)
     return missed
 
 
-def _fitted(target: Target, names: Sequence[str]) -> np.ndarray:
-    normals = [_normal(terms, r, names) for terms, r in zip(target.terms, target.residual, strict=True)]
-    return _solved(np.sum([n[0] for n in normals], axis=0), np.sum([n[1] for n in normals], axis=0))
+def _fit_terms(target: Target, names: Sequence[str]) -> np.ndarray:
+    normals = [_normal_equations(terms, r, names) for terms, r in zip(target.terms, target.residual, strict=True)]
+    return _solve_ridge(np.sum([n[0] for n in normals], axis=0), np.sum([n[1] for n in normals], axis=0))
 
 
-def _solved(gram: np.ndarray, right: np.ndarray) -> np.ndarray:
+def _solve_ridge(gram: np.ndarray, right: np.ndarray) -> np.ndarray:
     return np.linalg.lstsq(gram + np.diag(_RIDGE * np.diag(gram) + 1e-12), right, rcond=1e-12)[0]
 
 
-def _weights(target: Target, names: Sequence[str], coefficients: np.ndarray) -> np.ndarray:
+def _term_sizes(target: Target, names: Sequence[str], coefficients: np.ndarray) -> np.ndarray:
     """Root mean square of each term."""
     spread = [np.std(np.concatenate([terms[name] for terms in target.terms])) for name in names]
     return np.abs(coefficients) * np.array(spread)
 
 
 @njit(cache=True)
-def _direction(values, turn):
-    """A Maxwell-slip element driven by `values` (n,): +-1 once they have moved by `turn`."""
+def _track_direction(values, turn):
+    """State (n,) of a Maxwell-slip element driven by `values` (n,): +-1 once they have moved by `turn`."""
     found = np.empty_like(values)
     now, last = 0.0, 0.0
     for i in range(values.size):
@@ -306,7 +316,7 @@ def _direction(values, turn):
     return found
 
 
-def _lagged(values: np.ndarray, lag: float, period: float) -> np.ndarray:
+def _low_pass(values: np.ndarray, lag: float, period: float) -> np.ndarray:
     decay = np.exp(-period / lag)
     return np.asarray(lfilter([1.0 - decay], [1.0, -decay], values))
 

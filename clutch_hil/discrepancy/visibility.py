@@ -1,7 +1,7 @@
-"""Visibility: what of an effect a set of experiments shows, once the baseline is re-fitted to it.
+"""Visibility: how much of an effect a set of experiments shows after a re-fit of the baseline.
 
-Equation        r = (outputs with the effect - without)/floor, less its linear least squares in the baseline's parameters with
-                their prior (fit.py); a gap is the root mean square of r over the samples of an output, in floors
+Equation        r = (outputs with the effect - without)/floor, less its linear least squares in the parameters of the baseline
+                with their prior (fit.py). A gap is the root mean square of r over the samples of an output, in floors
 Assumptions     the inputs are those without the effect
 """
 
@@ -9,14 +9,14 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from clutch_hil.discrepancy.experiment import Bench, Experiment, Predicted
-from clutch_hil.discrepancy.fit import baseline_free, linearised
+from clutch_hil.discrepancy.experiment_design import Bench, Experiment, PredictedRuns
+from clutch_hil.discrepancy.fit import free_baseline, linearise
 from clutch_hil.discrepancy.model import Model, Values, calibration
 from protocols.errors import InputError
 
 
 class Visibility:
-    """What `experiments` on a `bench` show of the effects of `model`, with `floors` by output.
+    """How much `experiments` on a `bench` show of the effects of `model`; `floors` by output.
 
     Raises InputError for an experiment that is not safe.
     """
@@ -28,11 +28,11 @@ class Visibility:
             if (inputs := bench.planned(experiment, parameters, {})) is None:
                 raise InputError(f"experiment {experiment.name} comes too near a limit of the rig; see its profile")
             runs.append({**inputs, **model.simulate(inputs, parameters, {})})
-        self._evidence = Predicted(model, runs, floors)
-        self._at = linearised(self._evidence, (parameters, {}), baseline_free(model.parameters, calibration(model)))
+        self._evidence = PredictedRuns(model, runs, floors)
+        self._at = linearise(self._evidence, (parameters, {}), free_baseline(model.parameters, calibration(model)))
 
     def gaps(self, effects: Values) -> dict[str, float]:
-        """Gap by output, in floors, of effects by dotted name; the largest says how well they are seen."""
+        """Gap in floors by output; effects: parameters by dotted name. The largest gap says how visible the effects are."""
         residual = self._residual(effects)
         left = residual + self._at.jacobian @ self._at.best(residual)[0]
         found = {}
@@ -42,8 +42,8 @@ class Visibility:
         return found
 
     def deviations(self, effects: Values) -> float:
-        """How surely they are seen, in standard deviations; above 3 an experiment separates (experiment.py)."""
-        return float(np.sqrt(self._at.best(self._residual(effects))[1] / self._evidence.alike))
+        """Visibility of the effects in standard deviations; above 3 an experiment separates (experiment_design.py)."""
+        return float(np.sqrt(self._at.best(self._residual(effects))[1] / self._evidence.redundancy))
 
     def _residual(self, effects: Values) -> np.ndarray:
         return self._evidence.residuals([(self._at.point[0], effects)])[0]

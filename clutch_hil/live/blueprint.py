@@ -1,4 +1,4 @@
-"""Blueprint: where everything stands on the screen, for one bench or for two runs side by side; made for 1600 x 900."""
+"""Blueprint: layout of the viewer's window, for one bench or for two runs side by side; designed for 1600 x 900."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,8 +13,8 @@ from clutch_hil.live.screen import EVENTS
 from clutch_hil.live.times import RIG_TIME, TIME
 from clutch_hil.live.torque import ERROR
 
-_TRAIL = 5.0  # s: tail of the x-y plots; an engagement of the clutch takes less
-_AXES = ((-16.0, 200.0), (-104.0, 27.0))  # what an x-y plot shows: its box and room for the tick labels
+_TRAIL_SECONDS = 5.0  # s of the x-y plots; an engagement of the clutch takes less
+_AXES = ((-16.0, 200.0), (-104.0, 27.0))  # range of an x-y plot: its box and room for the tick labels
 _TITLES = {plot.path: plot.title for plot in (*PLOTS, REST)} | {
     ERROR: "torque error, + is too much [Nm]",
     "states": "phase, clutch, fault",
@@ -22,7 +22,7 @@ _TITLES = {plot.path: plot.title for plot in (*PLOTS, REST)} | {
 }
 
 
-def blueprint(
+def build_blueprint(
     timeline: str = TIME,
     prefixes: Sequence[str] = ("",),
     names: Sequence[str] = ("",),
@@ -30,17 +30,17 @@ def blueprint(
     light: bool = False,
     slips: Sequence[float | None] = (),
 ) -> rrb.Blueprint:
-    """One prefix: the bench; two: the runs side by side under their `names`.
+    """Layout for one bench, or with two `prefixes` for two runs side by side under their `names`.
 
-    `window` [s] before the cursor, None: all; `light`: of a light screen; `slips` [rad/s]: how far each bench's axis of the
-    slip reaches both ways, where that is known before.
+    window: shown time before the cursor [s], None for all. light: for a light screen. slips: reach of each bench's slip axis to
+    both sides [rad/s], where it is known.
     """
     benches = [
-        _Bench(timeline, prefix.rstrip("/"), name, window, slip)
+        _BenchViews(timeline, prefix.rstrip("/"), name, window, slip)
         for prefix, name, slip in zip(prefixes, names, slips or [None] * len(prefixes), strict=True)
     ]
     first = benches[0]
-    tabs = [first.light()] if light else first.tabs() if len(benches) == 1 else _beside(benches)
+    tabs = [first.light()] if light else first.tabs() if len(benches) == 1 else _side_by_side_tabs(benches)
     return rrb.Blueprint(
         rrb.Tabs(*tabs, active_tab=0),
         rrb.TopPanel(state="expanded"),
@@ -52,7 +52,7 @@ def blueprint(
     )
 
 
-def _beside(benches: Sequence["_Bench"]) -> list[Any]:
+def _side_by_side_tabs(benches: Sequence["_BenchViews"]) -> list[Any]:
     """Tabs of several runs: the same plots left and right."""
     return [
         rrb.Horizontal(*(bench.main() for bench in benches), name="runs"),
@@ -63,7 +63,7 @@ def _beside(benches: Sequence["_Bench"]) -> list[Any]:
 
 
 @dataclass(frozen=True)
-class _Bench:
+class _BenchViews:
     """The views of one bench."""
 
     timeline: str
@@ -86,7 +86,7 @@ class _Bench:
         ]
 
     def light(self) -> Any:
-        """What a light screen logs."""
+        """The views of a light screen."""
         left = rrb.Vertical(
             self._plot("torque"),
             self._plot("pressure"),
@@ -115,7 +115,7 @@ class _Bench:
         return rrb.Vertical(self._scene(), self._curve(0), self._curve(1))
 
     def controller(self) -> Any:
-        """Every term of the law, what it has learnt, its flags, and parameter changes."""
+        """Every term of the control law, its adaptation and flags, and parameter changes."""
         return rrb.Vertical(
             rrb.Horizontal(self._plot("terms"), self._plot("feedforward")),
             rrb.Horizontal(self._plot("balance"), self._events()),
@@ -124,12 +124,12 @@ class _Bench:
         )
 
     def more(self) -> Any:
-        """Every signal that stands in no other plot."""
+        """Every signal that is in no other plot."""
         paths = [plot.path for plot in (*PLOTS, REST) if plot.path.startswith("more/")]
         return rrb.Grid(*(self._plot(path) for path in paths), grid_columns=3, name="all other signals")
 
     def _plot(self, path: str, **options: Any) -> rrb.TimeSeriesView:
-        # over the oldest rows of a window, over the release at the end of a whole run
+        # the legend covers the oldest rows of a window, or the release at the end of a whole run
         corner = rrb.Corner2D.RightTop if self.window is None else rrb.Corner2D.LeftTop
         return rrb.TimeSeriesView(
             origin=f"{self.prefix}/{path}",
@@ -155,7 +155,7 @@ class _Bench:
     def _curve(self, number: int) -> rrb.Spatial2DView:
         curve = curves.curves()[number]
         origin = f"{self.prefix}/{curve.path}"
-        tail = self._range(None if self.window is None else _TRAIL)
+        tail = self._range(None if self.window is None else _TRAIL_SECONDS)
         return rrb.Spatial2DView(
             origin=origin,
             name=self._title(curve.title),
@@ -179,14 +179,14 @@ class _Bench:
         return f"{self.name}: {what}" if self.name else what
 
     def _axis(self) -> TimeAxis:
-        """Of all time: zoomed together; of a window: as wide as the window."""
+        """Time axis: shared by all plots of a whole run, else as wide as the window."""
         if self.window is None:
             return TimeAxis(link="LinkToGlobal")
         shown = self._range(self.window).range
         return TimeAxis(view_range=shown)
 
     def _range(self, window: float | None) -> rrb.VisibleTimeRange:
-        """The last `window` [s] before the cursor; None: all."""
+        """Time range of the last `window` [s] before the cursor, None for all."""
         start, end = rrb.TimeRangeBoundary.infinite(), rrb.TimeRangeBoundary.infinite()
         if window is not None:
             start = rrb.TimeRangeBoundary.cursor_relative(seconds=-window)

@@ -1,4 +1,4 @@
-"""Canvas: a rerun recording under an entity prefix; what the parts of a screen draw on."""
+"""Canvas: a rerun recording below an entity prefix, on which the parts of a screen draw."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -17,17 +17,17 @@ class Canvas:
         self._recording = recording
         self._prefix = prefix.rstrip("/")
 
-    def static(self, path: str, *archetypes: Any) -> None:
-        """Log what has no time."""
+    def log_static(self, path: str, *archetypes: Any) -> None:
+        """Log archetypes that do not depend on time."""
         self._recording.log(f"{self._prefix}/{path}", *archetypes, static=True)
 
     def send(self, path: str, times: Times, columns: Iterable[Any]) -> None:
-        """Log component columns, one cell a time. Of no time nothing: an empty chunk kills the viewer (rerun 0.41)."""
+        """Log component columns, one cell for each time. Without times it logs nothing: an empty chunk kills rerun 0.41."""
         if len(times):
             self._recording.send_columns(f"{self._prefix}/{path}", times.indexes, columns)
 
 
-def wide(values: np.ndarray) -> list[rr.ComponentColumn]:
-    """Scalars of several lines at once; `values`, shape (rows, lines). `rr.Scalars.columns` does the same in twice the time."""
+def scalar_columns(values: np.ndarray) -> list[rr.ComponentColumn]:
+    """Component column of `values`, shape (rows, lines), one scalar for each line. `rr.Scalars.columns` takes twice as long."""
     lengths = np.full(len(values), values.shape[1])
     return [rr.ComponentColumn(rr.Scalars.descriptor_scalars(), ScalarBatch(values.ravel()), lengths=lengths)]

@@ -1,4 +1,4 @@
-"""Collector: batches of a bench become a snapshot of its last ten seconds. It knows no zenoh."""
+"""Collector: makes a snapshot of a bench's last ten seconds from its batches. It does not depend on zenoh."""
 
 from collections import deque
 from collections.abc import Iterable, Mapping
@@ -14,20 +14,20 @@ from protocols.can.frames import load_frames
 from protocols.telemetry.batch import Batch
 from protocols.telemetry.keys import NODES
 
-WINDOW = 10.0  # s of rows that percentiles and sparklines are made of
-STALLED = 0.5  # s without a row; batches come every 20 ms
+WINDOW = 10.0  # s of rows for percentiles and sparklines
+STALL_SECONDS = 0.5  # s without a row after which a service counts as stalled; batches come every 20 ms
 POINTS = 30  # characters of a sparkline: three a second
-_CHANGES = 3  # last changes of parameters that are shown
+_CHANGES = 3  # changes of parameters that are shown
 _TIMING = ("clock_s", "wake_us", "work_us", "late_cycles")
-_ASKED = ("phase", "request")
+_REQUEST_TERMS = ("phase", "request")
 _STATES = ("controller_fault", clutch_state.COLUMN)
 
 
-class _Trace:
-    """Rows of one life of a service, the last WINDOW seconds, in the columns that are shown."""
+class _RecentRows:
+    """Rows of one start of a service, of the last WINDOW seconds, in the columns that are shown."""
 
     def __init__(self, batch: Batch) -> None:
-        wanted = {q.column for q in QUANTITIES} | {f"{batch.node}_{name}" for name in (*_TIMING, *_ASKED)}
+        wanted = {q.column for q in QUANTITIES} | {f"{batch.node}_{name}" for name in (*_TIMING, *_REQUEST_TERMS)}
         wanted |= set(_STATES)
         names = [column.name for column in batch.columns]
         self.session, self.rate = batch.session, batch.rate
@@ -58,17 +58,17 @@ class _Trace:
 
 
 class Collector:
-    """Takes what a feed gives, keeps ten seconds of it, and tells how the bench is."""
+    """Takes the batches of a feed, keeps those of ten seconds, and makes snapshots."""
 
     def __init__(self, bench: str) -> None:
         frames = load_frames()
         self.alive: Mapping[str, bool] = {}
         self.lost: Mapping[str, int] = {}
-        self.last_rows: dict[str, int] = {}  # newest row of a service of which none came: -1 when it has none yet
+        self.last_rows: dict[str, int] = {}  # newest row of a service that sends none: -1 when it has none yet
         self._bench = bench
         self._phases = frames["CONTROLLER_STATUS"].choices("phase")
         self._faults = frames["CONTROLLER_STATUS"].choices("fault")
-        self._traces: dict[str, _Trace] = {}
+        self._traces: dict[str, _RecentRows] = {}
         self._watches: dict[str, FaultWatch] = {}  # by controller
         self._fault_lines: dict[str, str] = {}  # the last one of each, the newest last
         self._changes: list[Mapping[str, Any]] = []
@@ -78,7 +78,7 @@ class Collector:
         for batch in batches:
             trace = self._traces.get(batch.node)
             if anew := trace is None or trace.session != batch.session:
-                trace = self._traces[batch.node] = _Trace(batch)
+                trace = self._traces[batch.node] = _RecentRows(batch)
             trace.take(batch, now)
             if anew:
                 self._watches.pop(batch.node, None)
@@ -87,20 +87,20 @@ class Collector:
                 self._take_faults(batch, names)
 
     def _take_faults(self, batch: Batch, names: list[str]) -> None:
-        """Keep what begins or ends in a batch of a controller, whose columns have these `names` without the node's."""
+        """Keep the faults that begin or end in a controller's batch; names: its columns without the node's prefix."""
         node = batch.node
         watch = self._watches.setdefault(node, FaultWatch(names, batch.rate, clutch=clutch_of(node)))
-        for told in watch.take(batch.rows):
+        for fault in watch.take(batch.rows):
             before = self._fault_lines.pop(node, None)
-            self._fault_lines[node] = told.line if told.name != "none" else f"{before}; {told.line}"
+            self._fault_lines[node] = fault.line if fault.name != "none" else f"{before}; {fault.line}"
 
-    def note(self, events: Iterable[Mapping[str, Any]]) -> None:
-        """Add changes of parameters; one that is told twice, live and when a feed begins, counts once."""
+    def add_changes(self, events: Iterable[Mapping[str, Any]]) -> None:
+        """Add changes of parameters; one that comes twice, live and with the history, counts once."""
         new = [event for event in events if event not in self._changes]
         self._changes = sorted((*self._changes, *new), key=lambda event: event["time"])[-_CHANGES:]
 
-    def silent(self) -> list[str]:
-        """Nodes that live and of which no row has come."""
+    def list_silent(self) -> list[str]:
+        """Nodes that run and have sent no row."""
         return [node for node in NODES if self.alive.get(node) and node not in self._traces]
 
     def snapshot(self, now: float) -> Snapshot:
@@ -110,8 +110,8 @@ class Collector:
         for quantity in QUANTITIES:
             column = self._column(rows, quantity.node, quantity.column)
             values[quantity.name] = float(column[-1]) if len(column) else float("nan")
-            traces[quantity.name] = self._thinned(quantity.node, column)
-        # a magnitude, drawn over the signed torque
+            traces[quantity.name] = self._decimate(quantity.node, column)
+        # the demand is a magnitude; it is drawn over the signed torque
         traces["torque demand"] = traces["torque demand"] * direction(traces["slip"], traces["torque estimate"])
         states = {node: self._node_state(node, rows.get(node), now) for node in NODES}
         known = self.alive.get("controller", False)
@@ -125,7 +125,7 @@ class Collector:
             traces,
             tuple(self._changes),
             next(reversed(self._fault_lines.values()), None),
-            any(self._waits(rows, node) for node in ("controller", "controller_b") if self.alive.get(node)),
+            any(self._waits_for_idle(rows, node) for node in ("controller", "controller_b") if self.alive.get(node)),
             tuple(
                 self._fault_lines[node]
                 for node, watch in self._watches.items()
@@ -133,8 +133,8 @@ class Collector:
             ),
         )
 
-    def _waits(self, rows: Mapping[str, np.ndarray], node: str) -> bool:
-        phase, request = (self._column(rows, node, f"{node}_{name}") for name in _ASKED)
+    def _waits_for_idle(self, rows: Mapping[str, np.ndarray], node: str) -> bool:
+        phase, request = (self._column(rows, node, f"{node}_{name}") for name in _REQUEST_TERMS)
         return bool(len(phase)) and waits_for_idle(float(phase[-1]), float(request[-1]))
 
     def _column(self, rows: Mapping[str, np.ndarray], node: str, name: str) -> np.ndarray:
@@ -146,7 +146,7 @@ class Collector:
             return None
         return names.get(int(values[-1]), f"{values[-1]:g}")
 
-    def _thinned(self, node: str, column: np.ndarray) -> np.ndarray:
+    def _decimate(self, node: str, column: np.ndarray) -> np.ndarray:
         """POINTS values of the last WINDOW seconds, the newest last; NaN before the first row."""
         if not len(column):
             return np.full(POINTS, np.nan)
@@ -163,7 +163,7 @@ class Collector:
         clock, wake, work, late = (trace.column(rows, f"{node}_{name}") for name in _TIMING)
         took = clock[-1] - clock[0]
         return NodeState(
-            "gone" if not alive else "stalled" if age > STALLED else "running",
+            "gone" if not alive else "stalled" if age > STALL_SECONDS else "running",
             age,
             (len(rows) - 1) / took if took > 0.0 else float("nan"),
             1e6 / trace.rate,

@@ -1,4 +1,4 @@
-"""Conversion: a run file in another format."""
+"""Conversion of a run file into another format."""
 
 from pathlib import Path
 
@@ -11,15 +11,15 @@ FORMATS = (*SUFFIXES, ".rrd")
 
 
 def convert(source: Path, target: Path) -> int:
-    """Write the run in `source` as the suffix of `target` says; return its samples. Raises InputError."""
+    """Write the run in `source` in the format that the suffix of `target` names; return its samples. Raises InputError."""
     if source.suffix not in SUFFIXES:
         raise InputError(
             f"run {source} has the suffix {source.suffix or '-'}; what can be read ends with {listing(SUFFIXES)}"
         )
-    checked_target(target)
+    check_target(target)
     run = read_run(source)
     if target.suffix == ".rrd":
-        from clutch_hil.live.replay import export_rrd
+        from clutch_hil.live.run_replay import export_rrd
 
         export_rrd(source, target)
     else:
@@ -27,8 +27,8 @@ def convert(source: Path, target: Path) -> int:
     return len(run["time_s"])
 
 
-def checked_target(path: Path) -> Path:
-    """`path` when a new run can be written there. Raises InputError."""
+def check_target(path: Path) -> Path:
+    """`path`, if a new run can be written there. Raises InputError."""
     if path.suffix not in FORMATS:
         raise InputError(f"a run cannot be written as {path.suffix!r} ({path}); allowed are {listing(FORMATS)}")
     return new_file(path)

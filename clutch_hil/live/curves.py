@@ -1,7 +1,7 @@
-"""Curves: torque over pressure and over slip as x-y plots. rerun has none, so axes are drawn in a 2-D view.
+"""Curves: torque over pressure and over slip as x-y plots. rerun has none, so their axes are drawn in a 2-D view.
 
-Trails are logged in data units below a transform into the box of the plot: when data leave the axes, transform and axes
-change together and old trails stay right.
+Trails are logged in data units below a transform into the box of the plot. When data leave the axes, transform and axes change
+together, and old trails stay correct.
 """
 
 from dataclasses import dataclass, field
@@ -12,14 +12,14 @@ import rerun as rr
 
 from clutch_hil.bench import palette
 from clutch_hil.live.canvas import Canvas
-from clutch_hil.live.pace import Pace
+from clutch_hil.live.decimator import Decimator
 from clutch_hil.live.times import Times
 from protocols.telemetry.batch import Batch
 
-BOX = (190.0, 88.0)  # width and height of the axes, in units of the view: landscape like the place it has
-_PACE = 10.0  # Hz: pieces of trail; each piece and its dot cost two calls of rerun
-_POINTS = 200.0  # Hz: points of a trail; the pressure loop has 10 Hz
-_DIVISIONS = 5, 3  # at most, of an axis, and of each half of one that goes both ways
+BOX = (190.0, 88.0)  # width and height of the axes in units of the view: the shape of its place in the layout
+_PIECE_RATE = 10.0  # Hz, of pieces of a trail; each piece and its dot cost two calls of rerun
+_POINT_RATE = 200.0  # Hz, of points of a trail; the pressure loop has a bandwidth of 10 Hz
+_DIVISIONS = 5, 3  # of an axis, and of each half of a symmetric one, at most
 
 
 class Trail(NamedTuple):
@@ -32,7 +32,7 @@ class Trail(NamedTuple):
 
 @dataclass
 class Curve:
-    """An x-y plot: its axes (x, y) reach from `low` to `high`, and further where data do; below 0 as far as above."""
+    """An x-y plot. Its axes (x, y) reach from `low` to `high` and grow with the data; with data below 0 they are symmetric."""
 
     path: str
     title: str
@@ -62,8 +62,10 @@ class Curves:
     def __init__(self, canvas: Canvas) -> None:
         self._canvas = canvas
         self._curves = curves()
-        self._paces: dict[str, Pace] = {}
-        self._ends: dict[str, np.ndarray] = {}  # points not yet logged, by trail; the first joins it to the last piece
+        self._paces: dict[str, Decimator] = {}
+        self._ends: dict[
+            str, np.ndarray
+        ] = {}  # by trail: points not yet logged, the first is the end of the last piece
 
     def open(self) -> None:
         """Log the axes."""
@@ -81,8 +83,8 @@ class Curves:
 
     def _log_trail(self, curve: Curve, trail: Trail, points: np.ndarray, times: Times, rate: float) -> None:
         path = f"{curve.path}/data/{trail.name}"
-        stride = max(1, round(rate / _POINTS))
-        cuts = self._paces.setdefault(path, Pace(_PACE)).pick(times)
+        stride = max(1, round(rate / _POINT_RATE))
+        cuts = self._paces.setdefault(path, Decimator(_PIECE_RATE)).pick(times)
         begin, rest = 0, self._ends.get(path, np.empty((0, 2)))
         pieces, rows = [], []
         for cut in cuts:
@@ -103,7 +105,7 @@ class Curves:
     def _widen(self, curve: Curve, pieces: list[np.ndarray]) -> None:
         points = np.concatenate(pieces)
         low, high = points.min(axis=0), points.max(axis=0)
-        slack = 0.02 * (curve.high - curve.low)  # noise about zero is no reason for a new axis
+        slack = 0.02 * (curve.high - curve.low)  # noise about zero must not change the axes
         if (low < curve.low - slack).any() or (high > curve.high).any():
             curve.high = np.where(high > curve.high, 1.2 * high, curve.high)
             back = low < curve.low - slack
@@ -113,13 +115,13 @@ class Curves:
 
     def _draw_axes(self, curve: Curve) -> None:
         parts = np.where(curve.low < 0.0, curve.high / _DIVISIONS[1], curve.high / _DIVISIONS[0])
-        steps = np.array([_nice(part) for part in parts])
+        steps = np.array([_round_step(part) for part in parts])
         curve.low = np.floor(curve.low / steps + 1e-9) * steps
         curve.high = np.ceil(curve.high / steps - 1e-9) * steps
         width, height = BOX
         sx, sy = BOX / (curve.high - curve.low)
         shift = [-curve.low[0] * sx, curve.low[1] * sy, 0.0]
-        self._canvas.static(f"{curve.path}/data", rr.Transform3D(translation=shift, scale=[sx, -sy, 1.0]))
+        self._canvas.log_static(f"{curve.path}/data", rr.Transform3D(translation=shift, scale=[sx, -sy, 1.0]))
         xs = np.arange(curve.low[0], curve.high[0] + steps[0] / 2, steps[0])
         ys = np.arange(curve.low[1], curve.high[1] + steps[1] / 2, steps[1])
         across = [[(x * sx + shift[0], 0.0), (x * sx + shift[0], -height)] for x in xs]
@@ -127,22 +129,22 @@ class Curves:
         grid = rr.LineStrips2D(
             across + along, colors=[palette.rgba(palette.GRID)], radii=rr.Radius.ui_points(0.4), draw_order=-1.0
         )
-        self._canvas.static(f"{curve.path}/grid", grid)
+        self._canvas.log_static(f"{curve.path}/grid", grid)
         marks = [(line[0][0], 2.0) for line in across] + [(-7.0, line[0][1] - 5.0) for line in along]
         texts = [f"{value:g}" for value in (*np.round(xs, 9), *np.round(ys, 9))]
         marks += [(width / 2.0, 13.0), (12.0, -height - 16.0)]
         texts += curve.labels
         labels = rr.Points2D(marks, labels=texts, colors=[palette.rgba(palette.TEXT)], radii=0.0, show_labels=True)
-        self._canvas.static(f"{curve.path}/labels", labels)
+        self._canvas.log_static(f"{curve.path}/labels", labels)
         for level, trail in enumerate(curve.trails):
             path = f"{curve.path}/data/{trail.name}"
             color, order = [palette.rgba(palette.of(trail.y))], level + 1.0  # the later over the earlier
             line, dot = rr.Radius.ui_points(1.2), rr.Radius.ui_points(4.5)
-            self._canvas.static(path, rr.LineStrips2D.from_fields(colors=color, radii=line, draw_order=order))
-            self._canvas.static(f"{path}/now", rr.Points2D.from_fields(colors=color, radii=dot, draw_order=order))
+            self._canvas.log_static(path, rr.LineStrips2D.from_fields(colors=color, radii=line, draw_order=order))
+            self._canvas.log_static(f"{path}/now", rr.Points2D.from_fields(colors=color, radii=dot, draw_order=order))
 
 
-def _nice(step: float) -> float:
+def _round_step(step: float) -> float:
     """The next of 1, 2, 5, 10, ... times a power of ten."""
     power = 10.0 ** np.floor(np.log10(step))
     return float(power * next(factor for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= step * (1.0 - 1e-9)))

@@ -1,4 +1,4 @@
-"""`clutch-hil demand`: a supervisor that asks for torque, pressure, lock or a profile, and tells whether it was reached."""
+"""`clutch-hil demand`: a supervisor that demands torque, pressure, lock or a profile, and reports whether it was reached."""
 
 import time
 from dataclasses import asdict, dataclass, field
@@ -26,20 +26,21 @@ from protocols.can.request import Request
 from protocols.errors import InputError
 from protocols.realtime.stopping import Stop
 
-_SLOWEST = 1e-3  # Nm/s or bar/s: 8 hours to the highest torque
-_STEADY = 0.5  # s of a constant demand after which it counts as settled: the torque loop rises in 0.25 s
-_TOLERANCE = 0.10  # of the demand of torque
-_TOLERANCE_FLOOR = 0.3  # Nm, three times the regime error of the default controller
+_LEAST_RAMP = 1e-3  # Nm/s or bar/s: it takes 8 hours to the highest torque
+_SETTLING_TIME = 0.5  # s of a constant demand after which the torque counts as settled: the loop rises in 0.25 s
+_TOLERANCE = 0.10  # regime error over torque demand
+_TOLERANCE_FLOOR = 0.3  # Nm: three times the regime error of the default controller
 _PRESSURE_TOLERANCE = 0.03  # bar: three times the noise and the resolution of the signal, 5 mbar each
-_SHOWN_EVERY = 0.1  # s, on a terminal: as often as the controller's status comes
-_PLAIN_EVERY = 2.0  # s between lines where the output is no terminal
+_DRAW_PERIOD = 0.1  # s, on a terminal: as often as the controller's status comes
+_LINE_PERIOD = 2.0  # s between lines where the output is no terminal
 
 
 def torque_profile(
     torque: float, speed: float, seconds: float | None, ramp: float = TORQUE_RAMP, begin: float = 0.0
 ) -> Profile:
-    """A torque [Nm] reached from `begin` [Nm] with `ramp` [Nm/s] and held, at a motor speed [rad/s], for `seconds`, None for
-    ever. Raises InputError.
+    """Profile of a torque [Nm] reached from `begin` [Nm] with `ramp` [Nm/s] and held, at a motor speed [rad/s].
+
+    seconds: its length, None for ever. Raises InputError.
     """
     _check("torque", torque, TORQUE_LIMIT, "Nm", speed, ramp)
     rise = max(abs(torque - begin) / ramp, 1.0 / RATE)
@@ -51,9 +52,9 @@ def torque_profile(
 def pressure_profile(
     pressure: float, speed: float, seconds: float | None, ramp: float = PRESSURE_RAMP, begin: float = 0.0
 ) -> Profile:
-    """A pressure [bar] reached with `ramp` [bar/s] and held, at a motor speed [rad/s], for `seconds`, None for ever.
+    """Profile of a pressure [bar] reached with `ramp` [bar/s] and held, at a motor speed [rad/s].
 
-    It rises from `begin` [bar], and where that is 0 from the pressure at which the clutch is filled. Raises InputError.
+    seconds: its length, None for ever. It rises from `begin` [bar], and where that is 0 from the pressure at which the clutch is filled. Raises InputError.
     """
     _check("pressure", pressure, PRESSURE_LIMIT, "bar", speed, ramp)
     first, least = begin or min(pressure, FILL_PRESSURE), 1.0 / RATE
@@ -64,7 +65,7 @@ def pressure_profile(
 
 
 def lock_profile(speed: float, seconds: float | None) -> Profile:
-    """A clutch that is to be locked, at a motor speed [rad/s], for `seconds`, None for ever. Raises InputError."""
+    """Profile of a locked clutch, at a motor speed [rad/s], for `seconds`, None for ever. Raises InputError."""
     _check_speed(speed)
     profile = Profile("lock", (0.0, LATEST_TIME), (0.0, 0.0), (speed, speed), lock=(1.0, 1.0))
     return profile if seconds is None else profile.lasting(seconds)
@@ -74,8 +75,8 @@ def _check(name: str, value: float, limit: float, unit: str, speed: float, ramp:
     if not (isfinite(value) and 0.0 <= value <= limit):
         raise InputError(f"{name} {value:g} {unit} is outside 0..{limit:g} {unit}")
     _check_speed(speed)
-    if not (isfinite(ramp) and ramp >= _SLOWEST):
-        raise InputError(f"ramp {ramp:g} {unit}/s is not possible; it must be {_SLOWEST:g} or more")
+    if not (isfinite(ramp) and ramp >= _LEAST_RAMP):
+        raise InputError(f"ramp {ramp:g} {unit}/s is not possible; it must be {_LEAST_RAMP:g} or more")
 
 
 def _check_speed(speed: float) -> None:
@@ -85,9 +86,9 @@ def _check_speed(speed: float) -> None:
 
 @dataclass
 class Regime:
-    """Mean absolute error of the answer while the demand is steady, both in `unit`.
+    """Regime error: mean absolute error of the controlled quantity while its demand is constant, in `unit`.
 
-    `share` of the mean demand is allowed, and `floor` always.
+    Allowed is `share` of the mean demand, and at least `floor`.
     """
 
     unit: str = "Nm"
@@ -100,40 +101,40 @@ class Regime:
     _demand: float = field(default=0.0, repr=False)
 
     def add(self, demand: float, answer: float) -> None:
-        """One sample of RATE."""
+        """Add a sample; call it at RATE."""
         self.steady_for = self.steady_for + 1.0 / RATE if demand == self._demand else 0.0
         self._demand = demand
-        if demand > 0.0 and self.steady_for > _STEADY:
+        if demand > 0.0 and self.steady_for > _SETTLING_TIME:
             self.samples += 1
             self.error_sum += abs(answer - demand)
             self.demand_sum += demand
 
     @property
     def error(self) -> float:
-        """Regime error; NaN when the demand never was steady."""
+        """Regime error; NaN when the demand was never constant for long enough."""
         return self.error_sum / self.samples if self.samples else float("nan")
 
     @property
     def demand(self) -> float:
-        """Mean of the demand in regime; NaN when it never was steady."""
+        """Mean demand in regime; NaN when it was never constant for long enough."""
         return self.demand_sum / self.samples if self.samples else float("nan")
 
     @property
-    def reached(self) -> bool:
-        """Whether the answer was where it should be."""
+    def is_reached(self) -> bool:
+        """Whether the regime error is within its tolerance."""
         return self.error <= max(self.share * self.demand, self.floor)
 
 
 @dataclass
 class Lock:
-    """Whether the clutch locked where it was to: within how long [s], and whether it was still locked when last asked to."""
+    """Whether the clutch locked on demand, after how long [s], and whether it was still locked at the last demand."""
 
     asked_for: float = 0.0  # s
     locked_after: float | None = None  # s, since it was first asked to
     locked: bool = False
 
     def add(self, asked: bool, clutch: str | None) -> None:
-        """One sample of RATE; `clutch` is its state in a word."""
+        """Add a sample; call it at RATE. asked: whether lock is demanded. clutch: state of the clutch."""
         if not asked:
             return
         self.asked_for += 1.0 / RATE
@@ -142,14 +143,14 @@ class Lock:
             self.locked_after = self.asked_for
 
     def __str__(self) -> str:
-        """What to say of it."""
+        """Result in words."""
         if self.locked_after is None:
             return f"not locked within {self.asked_for:.2f} s"
         return f"locked after {self.locked_after:.2f} s{'' if self.locked else ', then no more'}"
 
 
 class Demand:
-    """A profile to be asked for on a bus. Raises InputError when there is another supervisor or no controller."""
+    """Demands a profile on a bus. Raises InputError when there is another supervisor or no controller."""
 
     def __init__(self, bus: str, profile: Profile) -> None:
         self._bus, self._profile = bus, profile
@@ -160,7 +161,7 @@ class Demand:
         }
 
     def run(self, quiet: bool) -> tuple[dict[str, Any], str, str, bool]:
-        """Idle, engage, follow the profile to its end or to Ctrl-C, release; return document, text, verdict, good."""
+        """Idle, follow the profile to its end or to Ctrl-C, release; return document, text, verdict, good."""
         profile = self._profile
         with (
             Stop() as stop,
@@ -175,11 +176,11 @@ class Demand:
                 setpoint = profile.at(elapsed)
                 supervisor.ask(*setpoint)
                 objection = supervisor.objection()
-                answer = supervisor.heard.answer()
+                answer = supervisor.received.answer()
                 self._judge(setpoint, answer)
                 line.show(elapsed, setpoint, answer)
                 elapsed = time.monotonic() - began
-            answer = supervisor.heard.answer()
+            answer = supervisor.received.answer()
             released = supervisor.release(setpoint.speed)
             return self._outcome(port.name, elapsed, answer, objection, released, stop.asked)
 
@@ -204,9 +205,9 @@ class Demand:
             if any(demand > 0.0 for demand in demands)
         ]
         locks = any(profile.lock)
-        good = objection is None and released and all(r.reached for r in asked) and (self._lock.locked or not locks)
-        told = [f"regime error {r.error:.2f} {r.unit} of {r.demand:.2f} {r.unit}" for r in asked if r.samples]
-        figures = ", ".join(told + ([str(self._lock)] if locks else []))
+        good = objection is None and released and all(r.is_reached for r in asked) and (self._lock.locked or not locks)
+        errors = [f"regime error {r.error:.2f} {r.unit} of {r.demand:.2f} {r.unit}" for r in asked if r.samples]
+        figures = ", ".join(errors + ([str(self._lock)] if locks else []))
         if objection:
             verdict = objection
         elif not released:
@@ -216,7 +217,7 @@ class Demand:
         elif not asked:
             verdict = str(self._lock)
         elif not figures:
-            verdict = f"not reached: no demand was held for {_STEADY:g} s"
+            verdict = f"not reached: no demand was held for {_SETTLING_TIME:g} s"
         else:
             verdict = f"{'reached' if good else 'not reached'}, {figures}"
         if interrupted:
@@ -249,13 +250,13 @@ class Demand:
 
 
 class _StatusLine:
-    """What is asked for and what is answered, on one line of the terminal; nothing when `quiet`."""
+    """Demand and response on one line of the terminal; nothing when `quiet`."""
 
     def __init__(self, duration: float, quiet: bool) -> None:
         self._quiet = quiet
         self._console = Console(stderr=True)
         self._live = Live(console=self._console, auto_refresh=False, transient=True)
-        self._every = _SHOWN_EVERY if self._console.is_terminal else _PLAIN_EVERY
+        self._every = _DRAW_PERIOD if self._console.is_terminal else _LINE_PERIOD
         self._end = f"/{duration:g}" if duration < LATEST_TIME else ""
         self._next = 0.0
 
@@ -268,7 +269,7 @@ class _StatusLine:
         self._live.stop()
 
     def show(self, elapsed: float, setpoint: Setpoint, answer: Answer) -> None:
-        """Show it when it is time."""
+        """Show the line when the next one is due."""
         if self._quiet or elapsed < self._next:
             return
         self._next += self._every

@@ -9,8 +9,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from clutch_hil.live.course import SPEED
-from clutch_hil.live.supervisor import Heard, Supervisor
-from plant_sim.profiles.profile import LATEST_TIME, IDLE_FIRST, Profile, Setpoint
+from clutch_hil.live.supervisor import ReceivedFrames, Supervisor
+from plant_sim.profiles.profile import IDLE_FIRST, LATEST_TIME, Profile, Setpoint
 from protocols.buses.bus import Port, listen, open_bus
 from protocols.can.request import Request
 from protocols.errors import InputError
@@ -96,7 +96,7 @@ class Driver:
 
     def _await_controller(self, port: Port) -> None:
         """Until the controller tells its phase, which it does once it hears the plant, or nobody waits for it."""
-        heard = Heard()
+        heard = ReceivedFrames()
         while heard.answer().phase is None and not self._ending.is_set():
             heard.take(listen(port, _LISTEN))
 

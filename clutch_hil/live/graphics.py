@@ -1,4 +1,4 @@
-"""Whether something on this machine can draw: a Vulkan driver, of a graphics card or Mesa's, which computes."""
+"""Graphics: detects a Vulkan driver, of a graphics card or Mesa's software renderer, which the viewer needs to draw."""
 
 import ctypes
 import subprocess
@@ -6,16 +6,16 @@ import sys
 
 INSTALL = "apt-get install mesa-vulkan-drivers libvulkan1"
 MISSING = f"the viewer needs a Vulkan driver to draw; {INSTALL} brings one, and --web, --save FILE.rrd need none"
-NO_DRIVER = "No graphics adapter was found"  # what rerun's viewer says then, whatever it draws by
+NO_DRIVER = "No graphics adapter was found"  # message of rerun's viewer without a driver
 _INSTANCE = 1  # VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO
-_PATIENCE = 60.0  # s; 0.1 on a quiet machine
+_PROBE_TIMEOUT = 60.0  # s; on a quiet machine it takes 0.1 s
 
 
-def vulkan() -> bool:
-    """Whether there is a Vulkan device. Another process looks: a driver brings a compiler, which is not to meet Numba's."""
+def has_vulkan() -> bool:
+    """Whether there is a Vulkan device. Another process checks: the driver's compiler would conflict with Numba's."""
     command = [sys.executable, "-P", "-m", __name__]
     try:
-        return subprocess.run(command, capture_output=True, timeout=_PATIENCE, check=False).returncode == 0
+        return subprocess.run(command, capture_output=True, timeout=_PROBE_TIMEOUT, check=False).returncode == 0
     except subprocess.TimeoutExpired:
         return False
 
@@ -30,8 +30,8 @@ class _InstanceInfo(ctypes.Structure):
     )  # fmt: skip
 
 
-def _devices() -> int:
-    """Number of Vulkan devices. Raises OSError without the library that finds drivers."""
+def _count_devices() -> int:
+    """Number of Vulkan devices. Raises OSError where the Vulkan library is missing."""
     library, instance, count = ctypes.CDLL("libvulkan.so.1"), ctypes.c_void_p(), ctypes.c_uint32()
     if library.vkCreateInstance(ctypes.byref(_InstanceInfo(_INSTANCE)), None, ctypes.byref(instance)):
         return 0  # there is no driver
@@ -41,6 +41,6 @@ def _devices() -> int:
 
 if __name__ == "__main__":
     try:
-        sys.exit(0 if _devices() else 1)
+        sys.exit(0 if _count_devices() else 1)
     except OSError:
         sys.exit(1)

@@ -1,4 +1,4 @@
-"""`clutch-hil inject`: effects, parameters and sensors of a running plant, changed over zenoh now or at a time to come."""
+"""`clutch-hil inject`: changes effects, parameters and sensors of a running plant over zenoh, now or at a later time."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -8,46 +8,46 @@ import zenoh
 
 from clutch_hil.bench.progress import table_text
 from clutch_hil.live.catalogue import counted, with_unit
-from clutch_hil.live.tune import answered, parameters
+from clutch_hil.live.tune import parameters, read_reply
 from plant_sim.node.injection import effect_off, effect_on, sensor_bias, sensor_frozen
 from protocols.errors import InputError
 from protocols.telemetry.feed import ask, find_bench
 from protocols.telemetry.keys import Keys, bus_of
 from protocols.telemetry.session import consumer_session
 
-_TIMEOUT = 5.0  # s for an injection: it takes the plant one cycle, and the plant gives up after 2 s
-_PLANT = "plant."  # may stand before a name, as `clutch-hil tune` shows it
+_TIMEOUT = 5.0  # s for an injection: it takes the plant one cycle, and its publisher gives up after 2 s
+_PLANT_PREFIX = "plant."  # allowed before a name, as `clutch-hil tune` shows it
 
 
-def wanted(words: Sequence[str], off: bool, freeze: Sequence[str], bias: Sequence[str]) -> dict[str, float]:
-    """Values by dotted name that the words of the command ask for. Raises InputError.
+def parse_values(words: Sequence[str], off: bool, freeze: Sequence[str], bias: Sequence[str]) -> dict[str, float]:
+    """Values by dotted name from the words of the command. Raises InputError.
 
-    A word is the name of an effect, SHORT=VALUE of the effect before it, or GROUP.NAME=VALUE; `freeze` has names of sensors,
-    `bias` SENSOR=VALUE. `off` switches effects off, releases sensors and takes away biases.
+    words: names of effects, SHORT=VALUE of the effect before it, or GROUP.NAME=VALUE. freeze: names of sensors. bias:
+    SENSOR=VALUE. off: switches effects off, releases frozen sensors and removes biases.
     """
     given: dict[str, dict[str, float]] = {}  # by effect
     values: dict[str, float] = {}
     biases: dict[str, float] = {}
     for word in words:
-        name, equals, text = word.removeprefix(_PLANT).partition("=")
+        name, equals, text = word.removeprefix(_PLANT_PREFIX).partition("=")
         if not equals:
             if "." in name:
                 raise InputError(f"parameter {name} has no value; write {name}=VALUE")
             effect_off(name)
-            _put(given, name, {})
+            _add_once(given, name, {})
         elif off:
             raise InputError(f"inject was given {word!r} and --off; what is switched off needs no value")
         elif "." in name:
-            _put(values, name, _number(word, text))
+            _add_once(values, name, _parse_number(word, text))
         elif not given:
             raise InputError(f"{word!r} stands before any effect; write EFFECT {word}, or GROUP.{word}")
         else:
-            _put(list(given.values())[-1], name, _number(word, text))
+            _add_once(list(given.values())[-1], name, _parse_number(word, text))
     for word in bias:
         sensor, equals, text = word.partition("=")
         if bool(equals) == off:
             raise InputError(f"--bias {word} is not possible; write --bias SENSOR=VALUE, or --bias SENSOR --off")
-        _put(biases, sensor, 0.0 if off else _number(word, text))
+        _add_once(biases, sensor, 0.0 if off else _parse_number(word, text))
     return injection_values(given, values, freeze, biases, off)
 
 
@@ -70,23 +70,24 @@ def injection_values(
     parts += [sensor_bias(sensor, value) for sensor, value in bias.items()]
     for part in parts:
         for name, value in part.items():
-            _put(values, name, value)
+            _add_once(values, name, value)
     return values
 
 
 def inject(
     session: zenoh.Session, bench: str, values: Mapping[str, float], when: Mapping[str, float]
 ) -> list[dict[str, Any]]:
-    """Have the plant take an injection, all or none; return the changes planned for it, each with `at` [s] and `row`.
+    """Inject `values` into the plant, all or none; return the changes planned for it, each with `at` [s] and `row`.
 
-    `when` as of `plant_sim.node.injection.requested`. Raises InputError with the plant's reason when it refuses, or is silent.
+    when: see `plant_sim.node.injection.requested`. Raises InputError with the plant's reason when it refuses, SilentError
+    (tune.py) when it does not answer.
     """
     payload = json.dumps({"values": dict(values), **when})
     replies = session.get(Keys(bench, "plant").parameters, payload=payload, timeout=_TIMEOUT)
-    return answered(bench, "plant", replies)["accepted"]
+    return read_reply(bench, "plant", replies)["accepted"]
 
 
-def injected(
+def run_injection(
     values: Mapping[str, float], when: Mapping[str, float], bus: str | None, router: str | None
 ) -> tuple[dict[str, Any], str, str, bool]:
     """Inject `values`; return document, text, verdict and True. Raises InputError."""
@@ -94,14 +95,14 @@ def injected(
         bench = find_bench(session, bus)
         accepted = inject(session, bench, values, when)
     lines = [f"read:    {counted(len(values), 'value')}"]
-    lines += [f"{'wrote:   ' if not i else '         '}{told(change)}" for i, change in enumerate(accepted)]
+    lines += [f"{'wrote:   ' if not i else '         '}{describe_change(change)}" for i, change in enumerate(accepted)]
     first = min(change["at"] for change in accepted)
     verdict = f"{counted(len(accepted), 'change')} accepted, the first at {first:.3f} s of the plant"
     return {"bench": bench, "accepted": accepted, "verdict": verdict}, "\n".join(lines), verdict, True
 
 
-def told(change: Mapping[str, Any]) -> str:
-    """A change for people; a blind plant does not say what was before."""
+def describe_change(change: Mapping[str, Any]) -> str:
+    """A change as text for people; of a blind plant without the value before."""
     way = f"-> {change['new']:g}" if change["old"] is None else f"{change['old']:g} -> {change['new']:g}"
     along = f", along {change['ramp']:g} s" if change["ramp"] else ""
     return (
@@ -110,8 +111,8 @@ def told(change: Mapping[str, Any]) -> str:
     )
 
 
-def standing(session: zenoh.Session, bench: str) -> dict[str, Any]:
-    """What the running plant says: whether it is `blind`, parameters `changed` from what is shipped, changes `to_come`.
+def read_state(session: zenoh.Session, bench: str) -> dict[str, Any]:
+    """State of the running plant: whether it is `blind`, parameters `changed` from their default, planned changes `to_come`.
 
     Raises InputError when it does not answer.
     """
@@ -123,19 +124,22 @@ def standing(session: zenoh.Session, bench: str) -> dict[str, Any]:
         "bench": bench,
         "blind": bool((about or {}).get("blind")),
         "changed": [entry for entry in entries if entry["value"] != entry["default"]],
-        "to_come": to_come(events or []),
+        "to_come": list_planned(events or []),
     }
 
 
-def shown(bus: str | None, router: str | None) -> tuple[dict[str, Any], str, str, bool]:
-    """What is on in the running plant, and what is to come; document, text, verdict and True. Raises InputError."""
+def show_state(bus: str | None, router: str | None) -> tuple[dict[str, Any], str, str, bool]:
+    """Show what is changed in the running plant, and what is planned; return document, text, verdict and True.
+
+    Raises InputError.
+    """
     with consumer_session(router) as session:
-        now = standing(session, find_bench(session, bus))
+        now = read_state(session, find_bench(session, bus))
     changed, planned = now["changed"], now["to_come"]
     rows = [("parameter", "now", "as shipped")]
     rows += [(e["name"], with_unit(f"{e['value']:.6g}", e["unit"]), f"{e['default']:.6g}") for e in changed]
     lines = [table_text(rows)] if changed else []
-    lines += [f"to come: {told(change)}" for change in planned]
+    lines += [f"to come: {describe_change(change)}" for change in planned]
     lines += [f"read:    the plant on {bus_of(now['bench'])}", "wrote:   nothing"]
     verdict = f"{counted(len(changed), 'parameter')} not as shipped, {counted(len(planned), 'change')} to come"
     if now["blind"]:
@@ -143,21 +147,21 @@ def shown(bus: str | None, router: str | None) -> tuple[dict[str, Any], str, str
     return now | {"verdict": verdict}, "\n".join(lines), verdict, True
 
 
-def to_come(events: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    """Changes by injections that are accepted and have not started, among the events of a node; the next one first."""
+def list_planned(events: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """Changes by injections among the `events` of a node that are accepted and have not started; the next one first."""
     started = [(event["name"], event["row"]) for event in events if event.get("injection") == "started"]
     accepted = [event for event in events if event.get("injection") == "accepted"]
     waiting = [event for event in accepted if (event["name"], event["row"]) not in started]
     return sorted(waiting, key=lambda event: event["row"])
 
 
-def _put(values: dict[str, Any], name: str, value: Any) -> None:
+def _add_once(values: dict[str, Any], name: str, value: Any) -> None:
     if name in values:
         raise InputError(f"{name} is given twice")
     values[name] = value
 
 
-def _number(word: str, text: str) -> float:
+def _parse_number(word: str, text: str) -> float:
     try:
         return float(text)
     except ValueError:

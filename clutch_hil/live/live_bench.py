@@ -22,12 +22,12 @@ from clutch_hil.live.course import PRESSURE_RAMP, SPEED, TORQUE_RAMP
 from clutch_hil.live.demand import lock_profile, pressure_profile, torque_profile
 from clutch_hil.live.driver import Driver
 from clutch_hil.live.inject import inject, injection_values
-from clutch_hil.live.tune import change_parameters, listed
+from clutch_hil.live.tune import change_parameters, list_parameters
 from plant_sim.profiles.profile import load_profile
 from protocols.errors import InputError
 from protocols.files.run import Run
 from protocols.realtime.stopping import Stop
-from protocols.telemetry.feed import nodes_alive
+from protocols.telemetry.feed import list_live_nodes
 from protocols.telemetry.keys import NODES, bench_name
 from protocols.telemetry.session import consumer_session
 
@@ -147,7 +147,7 @@ class LiveBench:
 
         Raises InputError.
         """
-        return {name: float(entry["value"]) for name, entry in listed(*self._published()).entries.items()}
+        return {name: float(entry["value"]) for name, entry in list_parameters(*self._published()).entries.items()}
 
     def tune(self, values: Values) -> list[dict[str, Any]]:
         """Set parameters by name, with or without `plant.` or `controller.` before it, in declared units, between two cycles.
@@ -156,7 +156,7 @@ class LiveBench:
         are checked before anything is set. Raises InputError.
         """
         published = self._published()
-        wanted = assignments(listed(*published), [f"{name}={value!r}" for name, value in values.items()])
+        wanted = assignments(list_parameters(*published), [f"{name}={value!r}" for name, value in values.items()])
         return change_parameters(*published, wanted)
 
     def inject(
@@ -245,7 +245,7 @@ class LiveBench:
         if self._telemetry is None:
             session, name = self._stack.enter_context(consumer_session()), bench_name(self._session.bus)
             deadline = time.monotonic() + _TELEMETRY
-            while not set(NODES) <= set(nodes_alive(session, name)):
+            while not set(NODES) <= set(list_live_nodes(session, name)):
                 self._check()
                 if time.monotonic() > deadline:
                     raise InputError(f"the services on {self._session.bus} did not publish within {_TELEMETRY:g} s")

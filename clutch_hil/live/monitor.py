@@ -1,4 +1,4 @@
-"""`clutch-hil monitor`: a running bench on one screen of 80 x 24, from its telemetry."""
+"""`clutch-hil monitor`: shows a running bench on one screen of 80 x 24 characters, from its telemetry."""
 
 import time
 from typing import Any
@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.live import Live
 
 from clutch_hil.live.collector import Collector
-from clutch_hil.live.monitor_screen import drawn, line
+from clutch_hil.live.monitor_screen import draw_snapshot, snapshot_line
 from clutch_hil.live.snapshot import Snapshot, document
 from protocols.errors import InputError
 from protocols.realtime.stopping import Stop
@@ -15,18 +15,18 @@ from protocols.telemetry.feed import Feed, ask, find_bench
 from protocols.telemetry.keys import Keys, bus_of
 from protocols.telemetry.session import consumer_session
 
-_FIRST_LOOK = 1.0  # s to hear who lives before the first judgement: twice STALLED
-_DRAW_EVERY = 0.25  # s
-_PLAIN_EVERY = 2.0  # s between lines where the output is no terminal
-_READ = 0.1  # s to wait for a batch, so that silence is noticed and drawn too
+_SETTLING_TIME = 1.0  # s before the first judgement: twice STALL_SECONDS
+_DRAW_PERIOD = 0.25  # s
+_LINE_PERIOD = 2.0  # s between lines where the output is no terminal
+_READ_TIMEOUT = 0.1  # s to wait for a batch, so that a stalled service is noticed and drawn too
 
 
 def watch(
     bus: str | None, router: str | None, once: bool, seconds: float | None, quiet: bool
 ) -> tuple[dict[str, Any], str, str, bool]:
-    """Watch the bench on `bus`, None for the only one, for `seconds`, None until Ctrl-C; `once`: only long enough to see.
+    """Watch the bench on `bus`, None for the only one, for `seconds`, None until Ctrl-C; once: for one snapshot only.
 
-    Returns document, text, verdict and whether all is well. Raises InputError when there is no such bench.
+    Returns document, text, verdict, and whether there is no trouble. Raises InputError when there is no such bench.
     """
     if seconds is not None and not seconds > 0.0:
         raise InputError(f"monitor cannot watch for {seconds:g} s; allowed is more than 0")
@@ -38,49 +38,49 @@ def watch(
     ):
         collector = Collector(bench)
         began = time.monotonic()
-        end = _FIRST_LOOK if once else seconds
+        end = _SETTLING_TIME if once else seconds
         looked = False
         while True:
-            collector.take(feed.read(_READ), now := time.monotonic())
-            collector.note(feed.events())
+            collector.take(feed.read(_READ_TIMEOUT), now := time.monotonic())
+            collector.add_changes(feed.events())
             collector.alive, collector.lost = feed.alive, feed.lost
             elapsed = now - began
-            if not looked and elapsed >= _FIRST_LOOK:  # who stalled before we came has sent no row
+            if not looked and elapsed >= _SETTLING_TIME:  # a service that stalled earlier has sent no row
                 looked = True
-                for node in collector.silent():
+                for node in collector.list_silent():
                     collector.last_rows[node] = (ask(session, Keys(bench, node).last) or {"row": -1})["row"]
             if stop.asked or (end is not None and elapsed >= end and looked):
                 break
             screen.show(collector, now)
         snapshot = collector.snapshot(time.monotonic())
     troubles = snapshot.troubles()
-    verdict = "; ".join(troubles) or f"{_listed(snapshot)}, phase {snapshot.phase}, no fault"
+    verdict = "; ".join(troubles) or f"{_list_states(snapshot)}, phase {snapshot.phase}, no fault"
     text = f"read:    telemetry of {bus_of(bench)} for {elapsed:.1f} s\nwrote:   nothing"
     if once:
-        text = f"{_plain(snapshot)}\n{text}"
+        text = f"{_render_text(snapshot)}\n{text}"
     return document(snapshot), text, verdict, not troubles
 
 
-def _listed(snapshot: Snapshot) -> str:
+def _list_states(snapshot: Snapshot) -> str:
     return ", ".join(f"{name} {state.state}" for name, state in snapshot.nodes.items() if state.state != "absent")
 
 
-def _plain(snapshot: Snapshot) -> str:
+def _render_text(snapshot: Snapshot) -> str:
     """The screen as text, in the colours the terminal has."""
     console = Console(width=80)
     with console.capture() as capture:
-        console.print(drawn(snapshot))
+        console.print(draw_snapshot(snapshot))
     return capture.get().rstrip("\n")
 
 
 class _Screen:
-    """Snapshots on the whole terminal, or a line every 2 s where there is none; nothing when `quiet`."""
+    """Shows snapshots on the whole terminal, or a line every 2 s where there is no terminal; nothing when `quiet`."""
 
     def __init__(self, quiet: bool) -> None:
         self._quiet = quiet
         self._console = Console()
         self._live = Live(console=self._console, screen=True, auto_refresh=False)
-        self._every = _DRAW_EVERY if self._console.is_terminal else _PLAIN_EVERY
+        self._every = _DRAW_PERIOD if self._console.is_terminal else _LINE_PERIOD
         self._next = 0.0
 
     def __enter__(self) -> "_Screen":
@@ -92,12 +92,12 @@ class _Screen:
         self._live.stop()
 
     def show(self, collector: Collector, now: float) -> None:
-        """Show a snapshot when it is time."""
+        """Show a snapshot when the next one is due."""
         if self._quiet or now < self._next:
             return
         self._next = now + self._every
         snapshot = collector.snapshot(now)
         if self._console.is_terminal:
-            self._live.update(drawn(snapshot), refresh=True)
+            self._live.update(draw_snapshot(snapshot), refresh=True)
         else:
-            print(line(snapshot), flush=True)
+            print(snapshot_line(snapshot), flush=True)

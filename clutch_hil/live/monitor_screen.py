@@ -16,10 +16,10 @@ from clutch_hil.live.snapshot import QUANTITIES, Snapshot
 from protocols.can.fault_text import WAITS_FOR_IDLE
 from protocols.telemetry.keys import bus_of
 
-_LEAST_RANGE = 0.05  # of the full scale, between bottom and top of a sparkline: noise stays small
+_LEAST_RANGE = 0.05  # of the full scale, from bottom to top of a sparkline, so that noise looks small
 
 
-def drawn(snapshot: Snapshot) -> Group:
+def draw_snapshot(snapshot: Snapshot) -> Group:
     """A snapshot as a screen of 80 x 24."""
     phase = Text.assemble(
         ("phase ", palette.DIM),
@@ -28,7 +28,7 @@ def drawn(snapshot: Snapshot) -> Group:
         (snapshot.clutch or "-", palette.badge(snapshot.clutch)),
         ("   fault ", palette.DIM),
         (snapshot.fault or "-", palette.badge(snapshot.fault)),
-        (f"   {_told(snapshot)}", palette.NOTICE),
+        (f"   {_notice(snapshot)}", palette.NOTICE),
         no_wrap=True,
         overflow="ellipsis",
     )
@@ -45,7 +45,7 @@ def drawn(snapshot: Snapshot) -> Group:
     )
 
 
-def _told(snapshot: Snapshot) -> str:
+def _notice(snapshot: Snapshot) -> str:
     return WAITS_FOR_IDLE if snapshot.waits_for_idle else snapshot.last_fault or ""
 
 
@@ -129,7 +129,7 @@ def _number(value: float, form: str) -> str:
     return "-" if np.isnan(value) else form.format(value)
 
 
-def line(snapshot: Snapshot) -> str:
+def snapshot_line(snapshot: Snapshot) -> str:
     """A snapshot on one line."""
     states = "  ".join(f"{name} {state.state}" for name, state in snapshot.nodes.items())
     value = snapshot.values

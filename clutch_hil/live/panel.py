@@ -1,6 +1,6 @@
-"""`clutch-hil panel`: drive the clutch from the keyboard, on the bus alone.
+"""`clutch-hil panel`: drives the clutch from the keyboard, over the bus alone.
 
-A terminal that hangs also stops the set-points, and the controller releases the clutch: nobody sees it any more.
+A terminal that hangs stops the set-points, and the controller releases the clutch, as nobody watches it any more.
 """
 
 import contextlib
@@ -29,16 +29,16 @@ from protocols.can.request import Request
 from protocols.errors import InputError
 from protocols.realtime.stopping import Stop
 
-_DRAW_EVERY = RATE // 10  # cycles: 10 Hz, as often as the controller's status comes
-_ANSWERED = 0.3  # s, three status frames: the status heard before belongs to the request before
+_DRAW_CYCLES = RATE // 10  # cycles: 10 Hz, as often as the controller's status comes
+_STATUS_DELAY = 0.3  # s, three status frames: an earlier status may belong to the request before
 _BAR_WIDTH = 28  # characters
 _PRESSURE_FULL = 5.0  # bar, limit of the guard
-_STEPS = {  # key: torque [Nm], speed [rad/s], pressure [bar]
+_KEY_STEPS = {  # key: torque [Nm], speed [rad/s], pressure [bar]
     "up": (0.5, 0.0, 0.0), "down": (-0.5, 0.0, 0.0), "page up": (5.0, 0.0, 0.0), "page down": (-5.0, 0.0, 0.0),
     "right": (0.0, 0.5, 0.0), "left": (0.0, -0.5, 0.0), "shift right": (0.0, 5.0, 0.0), "shift left": (0.0, -5.0, 0.0),
     "+": (0.0, 0.0, 0.05), "-": (0.0, 0.0, -0.05),
 }  # fmt: skip
-_CLOSING = {"e": Request.ENGAGE, "p": Request.PRESSURE, "l": Request.LOCK}
+_CLOSING_KEYS = {"e": Request.ENGAGE, "p": Request.PRESSURE, "l": Request.LOCK}
 _SEQUENCES = {  # what a terminal sends for a key without a letter
     "\x1b[A": "up", "\x1b[B": "down", "\x1b[C": "right", "\x1b[D": "left",
     "\x1bOA": "up", "\x1bOB": "down", "\x1bOC": "right", "\x1bOD": "left",
@@ -55,7 +55,7 @@ _HELP = (
 
 @dataclass
 class Panel:
-    """What the operator asks for; keys change it. Torque [Nm], motor speed [rad/s], either way, pressure [bar]."""
+    """The operator's demand, which keys change: torque [Nm], signed motor speed [rad/s], pressure [bar]."""
 
     torque: float = 5.0
     speed: float = 10.47  # 100 rpm, the speed of the profiles
@@ -66,8 +66,8 @@ class Panel:
     _since: float = 0.0  # s, when the request came
 
     def press(self, key: str, answer: Answer, now: float) -> None:
-        """Take a key at `now` [s]; `answer` is what the bus says."""
-        torque, speed, pressure = _STEPS.get(key, (0.0, 0.0, 0.0))
+        """Change the demand by a key pressed at `now` [s]; answer: the present state on the bus."""
+        torque, speed, pressure = _KEY_STEPS.get(key, (0.0, 0.0, 0.0))
         self.torque = min(max(self.torque + torque, 0.0), TORQUE_LIMIT)
         self.speed = min(max(self.speed + speed, -SPEED_LIMIT), SPEED_LIMIT)
         self.pressure = min(max(self.pressure + pressure, 0.0), PRESSURE_LIMIT)
@@ -76,17 +76,17 @@ class Panel:
             self.quit = self.quit or key in ("q", "end")
         elif key == "i":
             self._ask(Request.IDLE, "", now)
-        elif (wanted := _CLOSING.get(key)) and self.request is not wanted:
+        elif (wanted := _CLOSING_KEYS.get(key)) and self.request is not wanted:
             if self.request.closes or (answer.phase == "idle" and self.request is Request.IDLE):
                 self._ask(wanted, "", now)
             else:
                 self.message = f"not engaged: it must be idle first (key i), its phase is {answer.phase or '-'}"
 
-    def heed(self, answer: Answer, objection: str | None, now: float) -> None:
-        """Give up an engagement the controller does not carry out; go from release to idle when it is released."""
+    def react(self, answer: Answer, objection: str | None, now: float) -> None:
+        """Release a clutch that the controller refuses to close; demand idle once it is released."""
         if self.request.closes and objection:
             self._ask(Request.RELEASE, f"{objection}{'; i acknowledges it' if answer.phase == 'fault' else ''}", now)
-        elif self.request is Request.RELEASE and answer.phase == "idle" and now - self._since > _ANSWERED:
+        elif self.request is Request.RELEASE and answer.phase == "idle" and now - self._since > _STATUS_DELAY:
             self._ask(Request.IDLE, self.message, now)
 
     def _ask(self, request: Request, message: str, now: float) -> None:
@@ -94,7 +94,7 @@ class Panel:
 
 
 class Keyboard:
-    """Keys of a terminal one by one, without echo; leaving it restores the terminal. Raises InputError for no terminal."""
+    """Reads single keys of a terminal, without echo; leaving it restores the terminal. Raises InputError without a terminal."""
 
     def __init__(self, stream: TextIO) -> None:
         if not stream.isatty():
@@ -111,8 +111,8 @@ class Keyboard:
         with contextlib.suppress(termios.error):  # a terminal that has been closed needs no restoring
             termios.tcsetattr(self._terminal, termios.TCSANOW, self._before)
 
-    def pressed(self) -> list[str]:
-        """Names of the keys pressed since the last call, letters in lower case; `end` when the terminal is gone."""
+    def read_keys(self) -> list[str]:
+        """Names of the keys pressed since the last call, letters in lower case; `end` when the terminal is closed."""
         while select.select([self._terminal], [], [], 0.0)[0]:
             try:
                 read = os.read(self._terminal, 1024)
@@ -128,7 +128,7 @@ class Keyboard:
 
 
 def drive(bus: str) -> tuple[str, str, bool]:
-    """Serve the panel until q, Ctrl-C or SIGTERM; return text, verdict and whether the clutch was released.
+    """Run the panel until q, Ctrl-C or SIGTERM; return text, verdict, and whether the clutch was released.
 
     Raises InputError when there is no terminal, no controller, or another supervisor.
     """
@@ -143,12 +143,12 @@ def drive(bus: str) -> tuple[str, str, bool]:
         with Live(console=Console(), screen=True, auto_refresh=False) as live:
             while not (stop.asked or panel.quit):
                 supervisor.ask(panel.request, panel.torque, panel.speed, panel.pressure)
-                answer, now = supervisor.heard.answer(), time.monotonic()
-                for key in keyboard.pressed():
+                answer, now = supervisor.received.answer(), time.monotonic()
+                for key in keyboard.read_keys():
                     panel.press(key, answer, now)
-                panel.heed(answer, supervisor.objection(), now)
-                if cycle % _DRAW_EVERY == 0:
-                    live.update(drawn(panel, answer, port.name), refresh=True)
+                panel.react(answer, supervisor.objection(), now)
+                if cycle % _DRAW_CYCLES == 0:
+                    live.update(draw_panel(panel, answer, port.name), refresh=True)
                 cycle += 1
             released = supervisor.release(panel.speed)
         seconds = time.monotonic() - began
@@ -157,8 +157,8 @@ def drive(bus: str) -> tuple[str, str, bool]:
     return text, verdict, released
 
 
-def drawn(panel: Panel, answer: Answer, bus: str) -> Box:
-    """The panel as a picture of 80 columns."""
+def draw_panel(panel: Panel, answer: Answer, bus: str) -> Box:
+    """The panel as a box of 80 columns."""
     table = Table.grid(padding=(0, 2))
     for style in (palette.DIM, "bold", "", ""):
         table.add_column(style=style)
@@ -183,19 +183,19 @@ def drawn(panel: Panel, answer: Answer, bus: str) -> Box:
         state.add_column(min_width=12)
     state.add_row(
         "request",
-        _coloured(panel.request.name.lower()),
+        _badge(panel.request.name.lower()),
         "phase",
-        _coloured(answer.phase),
+        _badge(answer.phase),
         "fault",
-        _coloured(answer.fault),
+        _badge(answer.fault),
     )
     state.add_row(
         "controller",
-        _coloured(answer.controller),
+        _badge(answer.controller),
         "plant",
-        _coloured(answer.plant),
+        _badge(answer.plant),
         "clutch",
-        _coloured(answer.clutch),
+        _badge(answer.clutch),
     )
     message = Text(panel.message or " ", style=palette.NOTICE, no_wrap=True, overflow="ellipsis")
     keys = Text("\n".join(_HELP), style=palette.DIM)
@@ -205,5 +205,5 @@ def drawn(panel: Panel, answer: Answer, bus: str) -> Box:
     )  # fmt: skip
 
 
-def _coloured(name: str | None) -> Text:
+def _badge(name: str | None) -> Text:
     return Text.assemble((name or "-", palette.badge(name)))

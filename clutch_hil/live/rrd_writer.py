@@ -1,4 +1,4 @@
-"""RrdWriter: an .rrd file, rerun's own format, that gets its name only when it is complete."""
+"""RRD writer: writes an .rrd file, rerun's format, that gets its name only when it is complete."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -9,23 +9,23 @@ from typing import Any
 import rerun.blueprint as rrb
 
 from clutch_hil.live.screen import Screen
-from clutch_hil.live.stream import joined, new_recording
+from clutch_hil.live.stream import join_batches, new_recording
 from protocols.errors import InputError
 from protocols.files.run import new_file
 from protocols.telemetry.batch import Batch
 
 
 class RrdWriter:
-    """Writes screens into the file at `path`, with the layout that shows them. Use as a context manager.
+    """Writes screens, one for each of `prefixes`, into the file at `path`, with their layout. Use as a context manager.
 
-    There is a screen for each of `prefixes`. Leaving it by an exception, or without `finish`, removes what was written.
-    Raises InputError when the file exists, has another suffix or cannot be written.
+    Leaving it by an exception, or without `finish`, removes the file. Raises InputError when the file exists, has another
+    suffix or cannot be written.
     """
 
     def __init__(
         self, path: Path, name: str, blueprint: rrb.Blueprint, timeline: str = "time", prefixes: Sequence[str] = ("",)
     ) -> None:
-        checked_rrd(path)
+        check_rrd(path)
         self.path, self._part = path, path.with_name(path.name + ".part")
         self.rows: Counter[str] = Counter()
         self._finished = False
@@ -43,7 +43,7 @@ class RrdWriter:
     def put(self, batches: Iterable[Batch], events: Iterable[dict[str, Any]] = (), screen: int = 0) -> None:
         """Add rows and changes of parameters. Raises InputError when the disk is full."""
         try:
-            for batch in joined(list(batches)):
+            for batch in join_batches(list(batches)):
                 self.screens[screen].log(batch)
                 self.rows[batch.node] += len(batch.rows)
             for event in events:
@@ -52,7 +52,7 @@ class RrdWriter:
             raise InputError(f"file {self.path} cannot be written: {error}") from None
 
     def finish(self) -> None:
-        """Write what is left and give the file its name. Raises InputError when the disk is full."""
+        """Write the rest and give the file its name. Raises InputError when the disk is full."""
         try:
             self._recording.flush()
             self._recording.disconnect()
@@ -75,8 +75,8 @@ class RrdWriter:
         self._part.unlink(missing_ok=True)
 
 
-def checked_rrd(path: Path) -> Path:
-    """`path` when an .rrd file can be made there. Raises InputError."""
+def check_rrd(path: Path) -> Path:
+    """`path`, if a new .rrd file can be created there. Raises InputError."""
     if path.suffix != ".rrd":
         raise InputError(f"file {path} has the suffix {path.suffix or '-'}; a saved view ends with .rrd")
     return new_file(path)

@@ -1,7 +1,7 @@
-"""Scene: the clutch as a half-cut, animated drawing: oil, piston, return spring, plates, shaft. Not to scale.
+"""Scene: the clutch as an animated drawing, cut in half: oil, piston, return spring, plates, shaft. Not to scale.
 
-The piston's millimetre is drawn as wide as the oil chamber is long; the gaps between the plates close with it. The oil is
-brighter with pressure, the friction plates glow with torque, the shaft turns with the encoder.
+The piston's stroke of a millimetre is enlarged, and the gaps between the plates close with it. The oil becomes brighter with
+pressure, the friction plates glow with torque, and the shaft turns with the encoder.
 """
 
 from functools import partial
@@ -15,8 +15,8 @@ import plant_sim
 from clutch_hil.bench import palette
 from clutch_hil.bench.palette import rgb, rgba
 from clutch_hil.live.canvas import Canvas
-from clutch_hil.live.lathe import disc, turned
-from clutch_hil.live.pace import Pace
+from clutch_hil.live.decimator import Decimator
+from clutch_hil.live.solids import revolve, ring_profile
 from clutch_hil.live.times import Times
 from protocols.files.parameters import load_defaults
 from protocols.telemetry.batch import Batch
@@ -24,64 +24,66 @@ from protocols.telemetry.batch import Batch
 PATH = "scene"
 EYE, TARGET = (5.5, -5.0, 2.1), (2.75, 0.0, -0.1)  # seen from the shaft's side, a little from above
 RATE = 25.0  # Hz: smooth for the eye
-_NEEDED = ("truth_piston_position_m", "truth_cylinder_pressure_bar", "truth_clutch_torque_nm", "shaft_angle_rad")
-_PRESSURE, _TORQUE = 4.0, 20.0  # bar, Nm: full colour, as far as the axes of the curves reach
+_COLUMNS = ("truth_piston_position_m", "truth_cylinder_pressure_bar", "truth_clutch_torque_nm", "shaft_angle_rad")
+_PRESSURE, _TORQUE = 4.0, 20.0  # bar, Nm, at full colour: the reach of the curves' axes
 
 # Drawing units along the axis; radii likewise.
-_STROKE = 0.55  # what the piston's clearance is drawn as
-_CHAMBER = 0.25  # oil behind the piston at rest
-_PISTON, _ROD = 0.35, 1.2  # thickness and length
-_STACK = 2.65  # where the rod's end is at rest, and the first plate begins after the first gap
+_STROKE = 0.55  # drawn length of the piston's clearance
+_CHAMBER = 0.25  # length of the oil behind the piston at rest
+_PISTON = 0.35  # thickness
+_STACK = 2.65  # end of the rod at rest, where the first gap begins
 _PLATES, _THICKNESS = 3, 0.16  # friction plates, each between two steel plates
 _BORE = 1.5  # radius of the cylinder
 
 
 class Scene:
-    """Logs the moving parts a few times a second."""
+    """Logs the moving parts at RATE."""
 
     def __init__(self, canvas: Canvas) -> None:
         self._canvas = canvas
-        self._pace = Pace(RATE)
+        self._pace = Decimator(RATE)
         file = Path(plant_sim.__file__).with_name("parameters") / "janssens2010.toml"
         self._clearance = load_defaults(file)["piston.clearance"].si
 
     def open(self) -> None:
         """Log the shapes."""
-        send = self._canvas.static
-        half = partial(turned, begin=-pi / 2.0, end=pi / 2.0)  # behind the cut
+        send = self._canvas.log_static
+        half = partial(revolve, begin=-pi / 2.0, end=pi / 2.0)  # behind the cut
         housing, steel, dark = map(rgba, (palette.HOUSING, palette.STEEL, palette.DRUM))
         white = rgba(palette.PAPER)
         end = _STACK + _STROKE + (2 * _PLATES + 1) * _THICKNESS
-        send(f"{PATH}/housing/bottom", half(disc(-0.25, 0.25, 0.0, _BORE + 0.2), housing))
-        send(f"{PATH}/housing/cylinder", half(disc(0.0, 2.0, _BORE, _BORE + 0.2), housing))
-        send(f"{PATH}/housing/wall", half(disc(1.8, 0.2, 0.85, _BORE), housing))
-        send(f"{PATH}/housing/drum", half(disc(2.0, end - 2.0 + 0.25, _BORE, _BORE + 0.2), dark))
-        send(f"{PATH}/housing/end", half(disc(end, 0.25, 0.55, _BORE), housing))
-        send(f"{PATH}/oil", turned(disc(0.0, 1.0, 0.0, _BORE - 0.02), white))
-        send(f"{PATH}/piston/head", turned(disc(_CHAMBER, _PISTON, 0.0, _BORE - 0.02), steel))
+        send(f"{PATH}/housing/bottom", half(ring_profile(-0.25, 0.25, 0.0, _BORE + 0.2), housing))
+        send(f"{PATH}/housing/cylinder", half(ring_profile(0.0, 2.0, _BORE, _BORE + 0.2), housing))
+        send(f"{PATH}/housing/wall", half(ring_profile(1.8, 0.2, 0.85, _BORE), housing))
+        send(f"{PATH}/housing/drum", half(ring_profile(2.0, end - 2.0 + 0.25, _BORE, _BORE + 0.2), dark))
+        send(f"{PATH}/housing/end", half(ring_profile(end, 0.25, 0.55, _BORE), housing))
+        send(f"{PATH}/oil", revolve(ring_profile(0.0, 1.0, 0.0, _BORE - 0.02), white))
+        send(f"{PATH}/piston/head", revolve(ring_profile(_CHAMBER, _PISTON, 0.0, _BORE - 0.02), steel))
         send(
-            f"{PATH}/piston/rod", turned(disc(_CHAMBER + _PISTON, _STACK - _CHAMBER - _PISTON - 0.2, 0.45, 0.62), steel)
+            f"{PATH}/piston/rod",
+            revolve(ring_profile(_CHAMBER + _PISTON, _STACK - _CHAMBER - _PISTON - 0.2, 0.45, 0.62), steel),
         )
-        send(f"{PATH}/piston/plate", turned(disc(_STACK - 0.2, 0.2, 0.45, 1.4), steel))
+        send(f"{PATH}/piston/plate", revolve(ring_profile(_STACK - 0.2, 0.2, 0.45, 1.4), steel))
         turns = np.linspace(0.0, 2 * pi * 5, 161)
         coil = np.stack([turns / turns[-1], 1.05 * np.cos(turns), 1.05 * np.sin(turns)], axis=1)
         send(f"{PATH}/spring", rr.LineStrips3D([coil], colors=[rgba(palette.SPRING)], radii=0.045))
-        send(f"{PATH}/steel", turned(disc(0.0, _THICKNESS, 0.75, _BORE - 0.03), steel))
+        send(f"{PATH}/steel", revolve(ring_profile(0.0, _THICKNESS, 0.75, _BORE - 0.03), steel))
         send(
-            f"{PATH}/rotor/friction", turned(disc(0.0, _THICKNESS, 0.4, 1.3), white, stripe=rgba(palette.PLATE_STRIPE))
+            f"{PATH}/rotor/friction",
+            revolve(ring_profile(0.0, _THICKNESS, 0.4, 1.3), white, stripe=rgba(palette.PLATE_STRIPE)),
         )
         send(
             f"{PATH}/rotor/shaft",
-            turned(disc(0.9, end + 1.0 - 0.9, 0.0, 0.32), dark, stripe=rgba(palette.SHAFT_STRIPE)),
+            revolve(ring_profile(0.9, end + 1.0 - 0.9, 0.0, 0.32), dark, stripe=rgba(palette.SHAFT_STRIPE)),
         )
-        send(f"{PATH}/rotor/flange", turned(disc(end + 0.75, 0.25, 0.32, 1.0), dark, stripe=steel))
+        send(f"{PATH}/rotor/flange", revolve(ring_profile(end + 0.75, 0.25, 0.32, 1.0), dark, stripe=steel))
 
     def log(self, batch: Batch, times: Times) -> None:
         """Log the frames among the rows."""
-        if not set(_NEEDED) <= {column.name for column in batch.columns}:
+        if not set(_COLUMNS) <= {column.name for column in batch.columns}:
             return
         rows = self._pace.pick(times)
-        position, pressure, torque, angle = (batch[name][rows] for name in _NEEDED)
+        position, pressure, torque, angle = (batch[name][rows] for name in _COLUMNS)
         known = np.isfinite(position + pressure + torque + angle)
         if not known.any():
             return
@@ -93,7 +95,7 @@ class Scene:
         stroke = _STROKE * np.clip(position / self._clearance, 0.0, 1.1)
         zero, one = np.zeros(len(stroke)), np.ones(len(stroke))
         send = self._canvas.send
-        oil = _mixed(palette.COLD_OIL, palette.PRESSED_OIL, pressure / _PRESSURE)
+        oil = _blend(palette.COLD_OIL, palette.PRESSED_OIL, pressure / _PRESSURE)
         scale = np.stack([_CHAMBER + stroke, one, one], axis=1)
         send(f"{PATH}/oil", times, [*rr.Transform3D.columns(scale=scale), *rr.Mesh3D.columns(albedo_factor=oil)])
         along = np.stack([stroke, zero, zero], axis=1)
@@ -104,7 +106,7 @@ class Scene:
         )
         send(f"{PATH}/spring", times, spring)
 
-        # the gaps left share the stroke that is left
+        # the remaining stroke is shared equally by all gaps
         count = 2 * _PLATES + 1
         gap = (_STROKE - np.minimum(stroke, _STROKE)) / (count + 1)
         number = np.arange(count)
@@ -112,7 +114,7 @@ class Scene:
         shift = np.zeros((len(stroke), count, 3))
         shift[..., 0] = x
         send(f"{PATH}/steel", times, _poses(shift[:, 0::2]))
-        glow = _mixed(palette.COLD_PLATE, palette.LOADED_PLATE, np.abs(torque) / _TORQUE)
+        glow = _blend(palette.COLD_PLATE, palette.LOADED_PLATE, np.abs(torque) / _TORQUE)
         tint = rr.Mesh3D.columns(albedo_factor=glow)
         send(f"{PATH}/rotor/friction", times, [*_poses(shift[:, 1::2]), *tint])
         half = angle / 2.0
@@ -126,8 +128,8 @@ def _poses(shift: np.ndarray) -> rr.ComponentColumnList:
     return columns.partition(np.full(shift.shape[0], shift.shape[1]))
 
 
-def _mixed(low_colour: str, high_colour: str, part: np.ndarray) -> np.ndarray:
-    """Colours between two, shape (n,), 0xRRGGBBAA."""
+def _blend(low_colour: str, high_colour: str, part: np.ndarray) -> np.ndarray:
+    """Colours (n,), 0xRRGGBBAA, between two; part (n,): 0 is the low colour, 1 the high one."""
     low, high = np.array(rgb(low_colour)), np.array(rgb(high_colour))
     mixed = (low + np.clip(part, 0.0, 1.0)[:, None] * (high - low)).astype(np.uint32)
     return (mixed[:, 0] << 24) | (mixed[:, 1] << 16) | (mixed[:, 2] << 8) | 0xFF

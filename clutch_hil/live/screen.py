@@ -1,13 +1,13 @@
-"""Screen: everything one bench shows, logged into a rerun recording."""
+"""Screen: logs everything that is shown of one bench into a rerun recording."""
 
 import numpy as np
 import rerun as rr
 
 from clutch_hil.bench import palette
-from clutch_hil.live.canvas import Canvas, wide
+from clutch_hil.live.canvas import Canvas, scalar_columns
 from clutch_hil.live.curves import Curves
 from clutch_hil.live.dashboard import LIGHT, Place, places
-from clutch_hil.live.pace import Pace
+from clutch_hil.live.decimator import Decimator
 from clutch_hil.live.scene import Scene
 from clutch_hil.live.states import States
 from clutch_hil.live.times import RIG_TIME, TIME, Times, times
@@ -22,11 +22,11 @@ TIMELINES = (TIME, RIG_TIME)
 
 
 class Screen:
-    """Logs batches of a bench below `prefix` ("/a"), so that several runs stand in one recording.
+    """Logs batches of a bench below `prefix` ("/a"), so that one recording can contain several runs. Raises InputError.
 
-    With the timeline "time" rows stand at UNIX time too, else only at the rig's time since the run's start ("rig_time").
-    A `light` screen has the most important plots only, with all their rows: a browser that draws without a graphics card
-    takes some ten messages of rerun a second, one for each entity.
+    timeline: with "time" rows are logged at UNIX time too, else only at the rig's time since the run's start ("rig_time").
+    light: only the most important plots, with all their rows; a browser without a graphics card takes some ten messages of
+    rerun a second, one for each entity.
     """
 
     def __init__(
@@ -43,7 +43,7 @@ class Screen:
         self._last: dict[str, tuple[float, Times]] = {}  # rate and times of the newest batch by node
         self._sessions: dict[str, int] = {}  # by node
         self._deadline_of = ""  # node whose rows carry the deadline
-        self._deadlines = Pace(10.0)  # Hz: a straight line
+        self._deadlines = Decimator(10.0)  # Hz: a straight line
 
     def open(self) -> None:
         """Log what has no time: shapes, axes, names, colours. Once more after a reconnect."""
@@ -51,20 +51,20 @@ class Screen:
         for part in self._parts:
             part.open()
         limit = rr.SeriesLines(names=["deadline [us]"], colors=[palette.rgba(palette.LIMIT)], widths=[1.0])
-        self._canvas.static(DEADLINE, limit)
-        self._canvas.static(EVENTS, rr.TextLog.from_fields(color=palette.rgba(palette.TEXT)))
+        self._canvas.log_static(DEADLINE, limit)
+        self._canvas.log_static(EVENTS, rr.TextLog.from_fields(color=palette.rgba(palette.TEXT)))
 
     def log(self, batch: Batch) -> None:
         """Log the rows of a batch: every column once, and what is drawn from them."""
         if not len(batch.rows):
             return
         when = times(batch, self._live)
-        for place in self._announced(batch):
-            self._canvas.send(place.path, when, wide(batch.rows[:, place.numbers]))
+        for place in self._announce(batch):
+            self._canvas.send(place.path, when, scalar_columns(batch.rows[:, place.numbers]))
         self._deadline_of = self._deadline_of or batch.node  # one line for both
         if batch.node == self._deadline_of and any("_work_us" in column.name for column in batch.columns):
             ends = when[self._deadlines.pick(when)]
-            self._canvas.send(DEADLINE, ends, wide(np.full((len(ends), 1), 1e6 / batch.rate)))
+            self._canvas.send(DEADLINE, ends, scalar_columns(np.full((len(ends), 1), 1e6 / batch.rate)))
         for part in self._parts:
             part.log(batch, when)
         if self._sessions.get(batch.node) != batch.session:
@@ -84,8 +84,8 @@ class Screen:
         unix = np.array([round(event["time"] * 1e9)]) if self._live else None
         self._note(Times(np.array([row]), np.array([rig]), unix), text)
 
-    def _announced(self, batch: Batch) -> list[Place]:
-        """The places of a batch's columns; names, units and colours are logged when they are new."""
+    def _announce(self, batch: Batch) -> list[Place]:
+        """Places of a batch's columns; log their names, units and colours if they are new."""
         known = self._places.get(batch.node)
         if known is not None and known[0] == batch.columns:
             return known[1]
@@ -94,7 +94,7 @@ class Screen:
             found = [place for place in found if place.path.partition("/")[0] in LIGHT]
         for place in found:
             names, units = [c.name for c in place.columns], [c.unit for c in place.columns]
-            self._canvas.static(
+            self._canvas.log_static(
                 place.path,
                 rr.SeriesLines(
                     names=place.labels,

@@ -1,4 +1,4 @@
-"""Snapshot: how a bench is at one instant, for the monitor's screen, for a line of text and for machines."""
+"""Snapshot: state of a bench at one instant, for the monitor's screen, for a line of text and for JSON."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -10,7 +10,7 @@ from protocols.can.fault_text import WAITS_FOR_IDLE
 
 
 class Quantity(NamedTuple):
-    """A number on the screen: the column it comes from, the full scale of its bar, whose sparkline scale it shares."""
+    """A number on the screen. full: full scale of its bar. group: quantities that share the scale of their sparklines."""
 
     name: str
     node: str
@@ -33,7 +33,7 @@ QUANTITIES = (
 
 
 class Percentiles(NamedTuple):
-    """Of the last 10 s [us]; NaN when there are none."""
+    """Percentiles of a duration in the last 10 s [us]; NaN without rows."""
 
     p50: float
     p99: float
@@ -45,7 +45,7 @@ NO_TIMES = Percentiles(float("nan"), float("nan"), float("nan"))
 
 @dataclass(frozen=True)
 class NodeState:
-    """A service: `state` is running, stalled, waiting (no row yet), gone or absent; `age` of its newest row [s]."""
+    """State of a service: running, stalled, waiting (no row yet), gone or absent; age: of its newest row [s]."""
 
     state: str
     age: float | None = None
@@ -60,12 +60,11 @@ class NodeState:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """A bench at one instant: `values` and `traces` (shape (points,), the last 10 s) by name of QUANTITIES.
+    """A bench at one instant.
 
-    The demand of a torque, a magnitude, has the sign of the slip in its trace.
-
-    `phase`, `fault` and `clutch` (open, sliding, sticking, locked) are None when they are not known: a controller that is not
-    there, or is gone, may be in any.
+    values, traces: by name of QUANTITIES; a trace has shape (points,) and covers the last 10 s. A torque demand is a magnitude;
+    in its trace it has the sign of the slip. phase, fault, clutch (open, sliding, sticking, locked): None when they are not
+    known, because no controller runs.
     """
 
     bench: str
@@ -81,26 +80,26 @@ class Snapshot:
     standing_faults: Sequence[str] = ()  # the lines of those that are not cleared, of any clutch
 
     def troubles(self) -> list[str]:
-        """What a person must look at, one phrase each."""
-        found = [
+        """What needs attention, one phrase each."""
+        troubles = [
             f"the {name} is {state.state}" for name, state in self.nodes.items() if state.state in ("stalled", "gone")
         ]
         controller = self.nodes["controller"].state
         if self.fault is None and controller != "gone":
-            found.append(f"controller {controller}: phase and fault unknown")
+            troubles.append(f"controller {controller}: phase and fault unknown")
         if self.standing_faults:
-            found += self.standing_faults
+            troubles += self.standing_faults
         elif self.fault not in (None, "none"):
-            found.append(self.last_fault or f"fault: {self.fault}")
+            troubles.append(self.last_fault or f"fault: {self.fault}")
         if self.waits_for_idle:
-            found.append(WAITS_FOR_IDLE)
+            troubles.append(WAITS_FOR_IDLE)
         if all(state.state in ("absent", "gone") for state in self.nodes.values()):
-            found.append("no service runs")
-        return found
+            troubles.append("no service runs")
+        return troubles
 
 
 def document(snapshot: Snapshot) -> dict[str, Any]:
-    """A snapshot for machines."""
+    """A snapshot for JSON."""
     nodes = {
         name: asdict(state) | {part: getattr(state, part)._asdict() for part in ("wake", "work")}
         for name, state in snapshot.nodes.items()

@@ -1,4 +1,4 @@
-"""States: phase, fault and clutch as the controller has them, and its flags, as lanes of text."""
+"""States: phase, fault, clutch state and flags of the controller, as lanes of text over time."""
 
 import numpy as np
 import rerun as rr
@@ -8,7 +8,7 @@ from clutch_hil.live.canvas import Canvas
 from clutch_hil.live.times import Times
 from protocols.telemetry.batch import Batch
 
-_REPEAT = 5_000_000_000  # ns: a viewer that forgets its oldest data still knows the present state
+_REPEAT = 5_000_000_000  # ns after which a state is logged again: a viewer drops its oldest data
 _FLAGS = {
     "in_contact": "in contact",
     "adaptation_active": "learning",
@@ -37,7 +37,7 @@ class States:
         for path, lane in self._lanes.items():
             words = list(lane.words.values())
             colours = np.array([palette.rgba(palette.of_state(word)) for word in words], dtype=np.uint32)
-            self._canvas.static(path, rr.StateConfiguration(values=words, colors=colours))
+            self._canvas.log_static(path, rr.StateConfiguration(values=words, colors=colours))
 
     def log(self, batch: Batch, times: Times) -> None:
         """Log what changed in the rows."""

@@ -1,7 +1,7 @@
-"""ViewerStream: rows on their way to a viewer that may be slow, stopped, killed or started again.
+"""ViewerStream: sends rows to a viewer that may be slow, stopped, killed or restarted.
 
-Every call of rerun may wait for its viewer for ever, so they all stand in a thread of their own behind
-a queue of bounded size that drops its oldest rows and counts them.
+Every call of rerun may block for ever while its viewer is stopped. So all of them run in a thread of their own, behind a queue
+of limited size that drops its oldest rows and counts them.
 """
 
 import contextlib
@@ -21,14 +21,14 @@ from protocols.telemetry.batch import Batch
 
 APPLICATION = "clutch-hil"
 QUEUE_BYTES = 32_000_000  # of rows: a minute of both nodes at 1 kHz and 60 signals
-_ANSWER = 0.5  # s for the viewer to take what was sent, before we look whether we are asked to end
-_HEARTBEAT = 1.0  # s without rows after which we look whether the viewer is still there
-_RETRY = 1.0  # s between attempts to reach a viewer that is gone
-_END = 2.0  # s for the last rows to reach the viewer
+_FLUSH_TIMEOUT = 0.5  # s for the viewer to take rows, before the next check whether to end
+_CHECK_PERIOD = 1.0  # s without rows after which the viewer is checked
+_RETRY_PERIOD = 1.0  # s between attempts to reconnect to a viewer
+_END_TIMEOUT = 2.0  # s for the last rows to reach the viewer
 
 
 def new_recording(name: str, recording_id: str | None = None) -> rr.RecordingStream:
-    """A recording of this application with our own timelines only."""
+    """A recording of this application, without rerun's own timelines."""
     recording = rr.RecordingStream(APPLICATION, recording_id=recording_id)
     recording.set_log_time_enabled(False)
     recording.set_log_tick_enabled(False)
@@ -38,8 +38,8 @@ def new_recording(name: str, recording_id: str | None = None) -> rr.RecordingStr
 class ViewerStream:
     """Sends rows to the viewer at `url` [rerun+http://...]. Use as a context manager.
 
-    `sent` and `dropped` count rows by node; what a viewer that died had not taken counts as dropped.
-    `light` sends what a light screen shows.
+    limit: bytes of waiting rows. light: send only what a light screen shows. sent, dropped: rows by node; rows that a viewer
+    had not taken when it ended count as dropped.
     """
 
     def __init__(
@@ -67,12 +67,12 @@ class ViewerStream:
     ) -> None:
         self._end.set()
         self._news.set()
-        self._thread.join(_END)
+        self._thread.join(_END_TIMEOUT)
         with self._lock:
             self._drop(len(self._batches))
 
     def put(self, batches: Iterable[Batch], events: Iterable[dict[str, Any]] = ()) -> None:
-        """Take rows and changes of parameters; never waits."""
+        """Add rows and changes of parameters to the queue, without waiting."""
         with self._lock:
             self._events += events
             for batch in batches:
@@ -96,14 +96,14 @@ class ViewerStream:
         return batches, events
 
     def _run(self) -> None:
-        """Connect and send until the end; connect again when the viewer is gone."""
+        """Connect and send until the end; reconnect when the viewer has ended."""
         while not self._end.is_set():
             with contextlib.suppress(RuntimeError):
-                self._connection()
-            self._end.wait(_RETRY)
+                self._send_until_end()
+            self._end.wait(_RETRY_PERIOD)
 
-    def _connection(self) -> None:
-        """Send until the end. Raises RuntimeError when the viewer is gone."""
+    def _send_until_end(self) -> None:
+        """Send until the end. Raises RuntimeError when the viewer has ended."""
         recording = new_recording(self._name, self._id)
         recording.connect_grpc(self._url)
         recording.send_recording_name(self._name)
@@ -111,7 +111,7 @@ class ViewerStream:
         screen = Screen(recording, light=self._light)
         screen.open()
         while not self._end.is_set():
-            self._news.wait(_HEARTBEAT)
+            self._news.wait(_CHECK_PERIOD)
             self._news.clear()
             self._send(recording, screen, *self._take())
         self._send(recording, screen, *self._take())
@@ -119,25 +119,25 @@ class ViewerStream:
     def _send(
         self, recording: rr.RecordingStream, screen: Screen, batches: list[Batch], events: list[dict[str, Any]]
     ) -> None:
-        """Send rows and wait until the viewer has taken them: what it does not take stays in our queue, where it is counted."""
+        """Send rows and wait until the viewer has taken them, so that others wait in our queue, where they are counted."""
         rows: Counter[str] = Counter()
         for batch in batches:
             rows[batch.node] += len(batch.rows)
         arrived = False
         try:
-            for batch in joined(batches):
+            for batch in join_batches(batches):
                 screen.log(batch)
             for event in events:
                 screen.log_event(event)
-            arrived = self._taken(recording)
+            arrived = self._wait_until_taken(recording)
         finally:
             (self.sent if arrived else self.dropped).update(rows)
 
-    def _taken(self, recording: rr.RecordingStream) -> bool:
-        """Whether the viewer has taken everything; False when the end comes first. Raises RuntimeError when it is gone."""
+    def _wait_until_taken(self, recording: rr.RecordingStream) -> bool:
+        """Wait until the viewer has taken all rows; False when the end comes first. Raises RuntimeError when it has ended."""
         while True:
             try:
-                recording.flush(timeout_sec=_ANSWER)
+                recording.flush(timeout_sec=_FLUSH_TIMEOUT)
             except RuntimeError as error:
                 if "timed out" not in str(error):
                     raise
@@ -147,8 +147,8 @@ class ViewerStream:
                 return True
 
 
-def joined(batches: Sequence[Batch]) -> list[Batch]:
-    """Batches of a node that follow each other as one, in the order of their first ones: few large sends cost least."""
+def join_batches(batches: Sequence[Batch]) -> list[Batch]:
+    """Join consecutive batches of each node, in the order of their first ones: few large batches cost least."""
     runs: dict[str, list[list[Batch]]] = {}
     for batch in batches:
         own = runs.setdefault(batch.node, [])
@@ -156,10 +156,10 @@ def joined(batches: Sequence[Batch]) -> list[Batch]:
             own[-1].append(batch)
         else:
             own.append([batch])
-    return [_joined(parts) for own in runs.values() for parts in own]
+    return [_concatenate(parts) for own in runs.values() for parts in own]
 
 
-def _joined(parts: list[Batch]) -> Batch:
+def _concatenate(parts: list[Batch]) -> Batch:
     first, last = parts[0], parts[-1]
     if len(parts) == 1:
         return first

@@ -1,7 +1,7 @@
-"""Supervisor: asks the controller for torque, pressure or lock over the bus (TORQUE_SETPOINT), hears what the services answer.
+"""Supervisor: demands torque, pressure or lock over the bus (TORQUE_SETPOINT), and reads the status of the services.
 
-It lives on the bus alone, without telemetry, so that it works beside a real rig too. A supervisor that stops, dies or
-hangs is missed by the controller after 0.1 s, and the clutch is released.
+It uses the bus alone, without telemetry, so that it works with a real rig too. If it stops, dies or hangs, the controller
+notices after 0.1 s and releases the clutch.
 """
 
 import contextlib
@@ -13,24 +13,24 @@ from typing import Any
 
 from clutch_hil.bench.clutch_state import clutch_state
 from protocols.buses.bus import Port, listen
-from protocols.buses.heartbeat import LISTEN
+from protocols.buses.heartbeat import LISTEN_SECONDS
 from protocols.can.frames import Frame, load_frames
 from protocols.can.request import Request
 from protocols.errors import InputError
 from protocols.realtime.clock import Clock
 
-RATE = 200  # Hz: twenty set-points within the 0.1 s after which the controller misses its supervisor
+RATE = 200  # Hz: twenty set-points within the 0.1 s after which the controller notices a missing supervisor
 _PRIORITY = 40  # SCHED_FIFO: above ordinary work, below the loops of the services at 80
-_SILENCE = 0.5  # s: ten heartbeats or five status frames that did not come
-_ANSWER = 0.3  # s, three status frames: what was asked for shows in the status by then
-_RELEASE = 2.0  # s to wait for a clutch to be released; it takes 0.2 s
+_FRAME_TIMEOUT = 0.5  # s: ten heartbeats or five status frames that did not come
+_STATUS_DELAY = 0.3  # s, three status frames: by then the status shows the effect of a demand
+_RELEASE_TIMEOUT = 2.0  # s for a clutch to be released; it takes 0.2 s
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What the bus says now; None is what has not been heard lately.
+    """Present state on the bus; None for values whose frame did not come within half a second.
 
-    `controller` and `plant` are lifecycle states, or `silent`; slip [rad/s] is measured between two looks.
+    controller, plant: lifecycle states, or `silent`. slip [rad/s]: measured between two calls.
     """
 
     controller: str
@@ -47,27 +47,27 @@ class Answer:
 
     @property
     def clutch(self) -> str | None:
-        """State of the clutch in a word."""
+        """State of the clutch: open, sliding, sticking or locked; None when it is not known."""
         if self.phase is None or self.sticking is None:
             return None
         return clutch_state(self.phase, self.sticking)
 
 
-class Heard:
-    """The newest frame of each kind and when it came."""
+class ReceivedFrames:
+    """The newest frame of each kind, with the time when it came."""
 
     def __init__(self) -> None:
         frames = load_frames()
         self._codecs = {codec.can_id: codec for codec in frames.values()}
         self._newest: dict[str, tuple[float, Any]] = {}
-        self._angle: tuple[int, float] | None = None  # sample tick and shaft angle of the look before
+        self._angle: tuple[int, float] | None = None  # sample tick and shaft angle of the call before
         self._slip: float | None = None
         self._phases = frames["CONTROLLER_STATUS"].choices("phase")
         self._faults = frames["CONTROLLER_STATUS"].choices("fault")
         self._lifecycles = frames["CONTROLLER_HEARTBEAT"].choices("lifecycle")
 
     def take(self, frames: Sequence[Frame]) -> None:
-        """Keep the newest believable frame of each kind."""
+        """Keep the newest valid frame of each kind."""
         now = time.monotonic()
         for can_id, data in dict(frames).items():
             codec = self._codecs.get(can_id)
@@ -75,14 +75,14 @@ class Heard:
                 self._newest[codec.name] = now, codec.unpack(data)
 
     def values(self, name: str) -> Any | None:
-        """Values of the newest frame of that name, None when it did not come lately."""
+        """Values of the newest frame of that name; None when it is older than half a second."""
         came, values = self._newest.get(name, (0.0, None))
-        return values if time.monotonic() - came <= _SILENCE else None
+        return values if time.monotonic() - came <= _FRAME_TIMEOUT else None
 
     def answer(self) -> Answer:
-        """Everything at once, for people."""
+        """The present state of the bus."""
         status, analog = self.values("CONTROLLER_STATUS"), self.values("ANALOG_SENSORS")
-        answer: dict[str, Any] = {"slip": self._measured_slip()}
+        answer: dict[str, Any] = {"slip": self._measure_slip()}
         if status:
             answer |= {
                 "phase": self._phases.get(status.phase, str(status.phase)),
@@ -103,8 +103,8 @@ class Heard:
         heartbeat = self.values(name)
         return self._lifecycles.get(heartbeat.lifecycle, "unknown") if heartbeat else "silent"
 
-    def _measured_slip(self) -> float | None:
-        """Slip from the turn since the look before; a new look needs 20 ms, or the last digit of the encoder shows."""
+    def _measure_slip(self) -> float | None:
+        """Slip [rad/s] from the angle since the call before, 20 ms ago or more, as the encoder has a finite resolution."""
         encoder, heartbeat = self.values("ENCODER"), self.values("PLANT_HEARTBEAT")
         if encoder is None or heartbeat is None:
             self._angle = self._slip = None
@@ -120,26 +120,26 @@ class Heard:
 
 
 class Supervisor:
-    """The one supervisor of a bus. `ask` must be called in every cycle of RATE; nothing is sent before.
+    """The one supervisor of a bus. `ask` must be called at RATE; before its first call nothing is sent.
 
-    Use as a context manager: entering it listens whether the bus is free for it, and makes the process punctual.
+    Use as a context manager: entering it checks that there is no other supervisor, and raises the priority of the process.
     """
 
     def __init__(self, port: Port) -> None:
         frames = load_frames()
-        self.heard = Heard()
+        self.received = ReceivedFrames()
         self._port, self._setpoint = port, frames["TORQUE_SETPOINT"]
         self._clock = Clock(1_000_000_000 // RATE)
         self._closing_since: float | None = None
         self._sent = 0
 
     def __enter__(self) -> "Supervisor":
-        """Listen before speaking. Raises InputError when another supervisor speaks or no controller lives."""
-        self._take(listen(self._port, LISTEN))
-        if (state := self.heard.answer().controller) in ("silent", "finalized"):
+        """Listen before sending. Raises InputError when there is another supervisor or no controller."""
+        self._take(listen(self._port, LISTEN_SECONDS))
+        if (state := self.received.answer().controller) in ("silent", "finalized"):
             raise InputError(f"no controller is on {self._port.name} ({state}); start one: clutch-hil controller")
         self._policy = os.sched_getscheduler(0), os.sched_getparam(0)
-        with contextlib.suppress(PermissionError):  # then a busy machine may delay us by more than the 0.1 s
+        with contextlib.suppress(PermissionError):  # then a busy machine may delay set-points by more than 0.1 s
             os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(_PRIORITY))
         self._clock.start(time.monotonic_ns())
         return self
@@ -149,9 +149,9 @@ class Supervisor:
             os.sched_setscheduler(0, *self._policy)
 
     def ask(self, request: Request, torque: float = 0.0, speed: float = 0.0, pressure: float = 0.0) -> None:
-        """Wait for the next slot of the grid, hear the bus, send one set-point.
+        """Wait for the next slot of the clock, receive frames, and send one set-point.
 
-        torque [Nm], motor speed [rad/s], pressure [bar]. Raises InputError when another supervisor begins to speak.
+        torque [Nm], motor speed [rad/s], pressure [bar]. Raises InputError when another supervisor begins to send.
         """
         self._clock.wait()
         self._take(self._port.receive())
@@ -164,8 +164,8 @@ class Supervisor:
         self._sent += 1
 
     def objection(self) -> str | None:
-        """Why the controller does not do what it was asked for; None while it does."""
-        answer = self.heard.answer()
+        """Why the controller does not follow the demand; None while it does."""
+        answer = self.received.answer()
         if answer.controller in ("silent", "finalized"):
             return f"the controller has gone ({answer.controller})"
         if answer.phase is None:
@@ -173,35 +173,35 @@ class Supervisor:
         if answer.phase == "fault":
             return f"fault: {answer.fault}"
         asked_for = time.monotonic() - self._closing_since if self._closing_since is not None else 0.0
-        if asked_for > _ANSWER and answer.phase in ("idle", "release"):
+        if asked_for > _STATUS_DELAY and answer.phase in ("idle", "release"):
             return "clutch let go, as set-points came too late; the controller waits for idle"
         return None
 
     def idle(self, speed: float) -> None:
-        """Ask for idle, which each engagement needs before it, until the controller is. Raises InputError."""
-        for cycle in range(round(_RELEASE * RATE)):
+        """Demand idle, which must precede each engagement, until the controller is idle. Raises InputError."""
+        for cycle in range(round(_RELEASE_TIMEOUT * RATE)):
             self.ask(Request.IDLE, speed=speed)
-            if cycle > _ANSWER * RATE and self.heard.answer().phase == "idle":
+            if cycle > _STATUS_DELAY * RATE and self.received.answer().phase == "idle":
                 return
         raise InputError(f"the controller on {self._port.name} does not become idle: {self._reason()}")
 
     def release(self, speed: float) -> bool:
-        """Ask for release until the clutch is, 2 s at most, then for idle; return whether it is.
+        """Demand release until the clutch is released, for 2 s at most, then idle; return whether it is released.
 
-        A fault, which closes the valve too, is left as it is, so that people see it.
+        A fault closes the valve as well. It is not acknowledged here, so that people see it.
         """
-        for cycle in range(round(_RELEASE * RATE)):
+        for cycle in range(round(_RELEASE_TIMEOUT * RATE)):
             self.ask(Request.RELEASE, speed=speed)
-            phase = self.heard.answer().phase
-            if cycle > _ANSWER * RATE and phase in ("idle", "fault"):
+            phase = self.received.answer().phase
+            if cycle > _STATUS_DELAY * RATE and phase in ("idle", "fault"):
                 break
         if phase == "idle":
-            for _ in range(round(_ANSWER * RATE)):
+            for _ in range(round(_STATUS_DELAY * RATE)):
                 self.ask(Request.IDLE, speed=speed)
         return phase in ("idle", "fault")
 
     def _reason(self) -> str:
-        return self.objection() or f"it is in phase {self.heard.answer().phase}"
+        return self.objection() or f"it is in phase {self.received.answer().phase}"
 
     def _take(self, frames: Sequence[Frame]) -> None:
         if any(frame.can_id == self._setpoint.can_id for frame in frames):
@@ -209,4 +209,4 @@ class Supervisor:
                 f"another supervisor sends TORQUE_SETPOINT on {self._port.name}, as a plant that plays a profile does; "
                 "use clutch-hil up --profile manual, or clutch-hil plant without --profile"
             )
-        self.heard.take(frames)
+        self.received.take(frames)

@@ -1,4 +1,4 @@
-"""Tape: one run file of a recording, without a gap. Plant and controllers are joined as `clutch-hil up` joins them."""
+"""Tape: one run file of a recording, without a gap. Rows of plant and controllers are joined as `clutch-hil up` does."""
 
 from collections import deque
 from collections.abc import Mapping, Sequence
@@ -11,12 +11,12 @@ from clutch_hil.bench.recording import Recording
 from protocols.node import Column
 from protocols.telemetry.batch import Batch
 
-_PACE = 400  # ends of batches: the 30 s of the past come in 30 of them, then 50 a second
+_TIE_POINTS = 400  # ends of batches: the history of 30 s comes in 30 batches, later ones at 50 a second
 _TICK_WRAP = 1 << 16  # a controller knows the low 16 bits of the plant's tick and counts on from its first sample
 
 
 class Tape:
-    """A run file being written: plant rows without a gap from `first` on, and the controllers' rows of that time.
+    """Writes a run file: plant rows without a gap from batch `first` on, and the controllers' rows of that time.
 
     `plant` are the plant's columns, `controllers` those of each controller by its name, clutch a's first where there are two.
     `recording` says how it is written.
@@ -39,27 +39,27 @@ class Tape:
         self._session, self._end = first.session, first.first_row
         self._no_rows = np.empty((0, len(plant)))
         self._no_terms = {node: np.empty((0, len(columns))) for node, columns in controllers.items()}
-        self._pace: deque[tuple[float, float]] = deque(maxlen=_PACE)  # clock [s] and tick of the plant
+        self._tie_points: deque[tuple[float, float]] = deque(maxlen=_TIE_POINTS)  # clock [s] and tick of the plant
         self._clock = first["plant_clock_s"][0]
         self._ticks = dict.fromkeys(controllers, -1.0)  # newest sample that each controller has answered
 
     def follows(self, batch: Batch) -> bool:
-        """Whether a batch of the plant goes on where the last one ended."""
+        """Whether a batch of the plant continues where the last one ended."""
         return (batch.session, batch.first_row) == (self._session, self._end)
 
     def add_plant(self, batch: Batch) -> None:
-        """Take the plant's next rows."""
-        self._pace.extend((batch["plant_clock_s"][k], batch["time_s"][k] * batch.rate) for k in (0, -1))
+        """Add the plant's next rows."""
+        self._tie_points.extend((batch["plant_clock_s"][k], batch["time_s"][k] * batch.rate) for k in (0, -1))
         self._recording.add(batch.rows, *self._no_terms.values())
         self._end = batch.end
         self.rows += len(batch.rows)
 
     def add_controller(self, batch: Batch) -> None:
-        """Take rows of a controller; their ticks become the plant's, and never go back when a controller restarts."""
+        """Add rows of a controller. Their ticks are converted to the plant's, and do not decrease after a restart."""
         node, rows = batch.node, batch.rows.copy()
         ticks = rows[:, [column.name for column in batch.columns].index(f"{node}_sample_tick")]  # a view
         clock = batch[f"{node}_clock_s"]
-        near = np.interp(clock, *np.array(self._pace).T)
+        near = np.interp(clock, *np.array(self._tie_points).T)
         ticks += np.where(ticks < 0.0, 0.0, _TICK_WRAP * np.rint((near - ticks) / _TICK_WRAP))
         ticks[clock < self._clock] = -1.0  # before this run's first sample
         ticks[:] = np.maximum.accumulate(np.maximum(ticks, self._ticks[node]))
@@ -67,11 +67,11 @@ class Tape:
         self._recording.add(self._no_rows, *(self._no_terms | {node: rows}).values())
 
     def close(self, metadata: dict[str, Any]) -> None:
-        """End the file; one of a single row is no run and disappears."""
+        """Complete the file; a file with a single row is no run and is removed."""
         if self.rows > 1:
             self._recording.finish(metadata)
         self.abandon()
 
     def abandon(self) -> None:
-        """Remove a file that is not finished."""
+        """Remove a file that is not complete."""
         self._recording.__exit__(None, None, None)

@@ -15,7 +15,7 @@ _CLOCKS = ("plant_clock_s", "controller_clock_s")
 
 @dataclass(frozen=True)
 class Times:
-    """Of some rows: `row` numbers, `rig` time [ns since the run's start], `unix` time [ns], None in a replay; int64."""
+    """Times of rows, int64 (n,): `row` numbers, `rig` time [ns since the run's start], `unix` time [ns], None in a replay."""
 
     row: np.ndarray
     rig: np.ndarray
@@ -25,17 +25,17 @@ class Times:
         return len(self.row)
 
     def __getitem__(self, rows: Any) -> "Times":
-        """Those of some of the rows, by slice or index array."""
+        """Times of some of the rows, by slice or index array."""
         return Times(self.row[rows], self.rig[rows], None if self.unix is None else self.unix[rows])
 
     @property
     def passing(self) -> np.ndarray:
-        """The time [ns] that passes even without samples, shape (rows,)."""
+        """Time [ns] (n,) that increases even without samples: UNIX time, in a replay the rig's time."""
         return self.rig if self.unix is None else self.unix
 
     @cached_property
     def indexes(self) -> list[rr.TimeColumn]:
-        """As rerun takes them; made once for all that is logged at these times."""
+        """Time columns for rerun; made once for all that is logged at these times."""
         indexes = [
             rr.TimeColumn(ROW, sequence=self.row),
             rr.TimeColumn(RIG_TIME, duration=self.rig.astype("timedelta64[ns]")),
@@ -46,7 +46,7 @@ class Times:
 
 
 def times(batch: Batch, live: bool) -> Times:
-    """Times of a batch's rows. A row whose clock is unknown stands at the epoch plus its rig time."""
+    """Times of a batch's rows; live: with UNIX time. A row whose clock is unknown gets the epoch plus its rig time."""
     row = np.arange(batch.first_row, batch.end)
     names = {column.name for column in batch.columns}
     if "time_s" in names:

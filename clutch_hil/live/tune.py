@@ -1,4 +1,4 @@
-"""`clutch-hil tune`: list, show and set the parameters of running services, over zenoh."""
+"""`clutch-hil tune`: lists, shows and sets the parameters of running services over zenoh."""
 
 import json
 import shutil
@@ -13,15 +13,15 @@ import zenoh
 from clutch_hil.live.catalogue import WHOLE, Catalogue, assignments, counted, details, tables, with_unit, without_off
 from plant_sim.effects.catalogue import effects
 from protocols.errors import InputError, listing
-from protocols.telemetry.feed import find_bench, nodes_alive
+from protocols.telemetry.feed import find_bench, list_live_nodes
 from protocols.telemetry.keys import NODES, Keys, bus_of
 from protocols.telemetry.session import consumer_session
 
-_LIST_TIMEOUT = 2.0  # s for a list of parameters: it takes no loop, and a stopped process counts as gone after 2 s
-_ATTEMPTS = 3  # at a list: a service that waits longer for a busy CPU loses its link, and has it again 0.5 s later
-_AGAIN = 0.5  # s between attempts
-_TIMEOUT = 5.0  # s for a change: it takes a loop one cycle, and its service gives up after 2 s
-_EXPIRED = "Timeout"  # what zenoh itself replies when nobody has in time
+_LIST_TIMEOUT = 2.0  # s for a list of parameters: it needs no loop, and a stopped process counts as gone after 2 s
+_ATTEMPTS = 3  # at a list: a service that waits longer for a busy CPU loses its link, and gets it back 0.5 s later
+_RETRY_PERIOD = 0.5  # s between attempts
+_CHANGE_TIMEOUT = 5.0  # s for a change: it takes a loop one cycle, and its publisher gives up after 2 s
+_TIMEOUT_REPLY = "Timeout"  # zenoh's own reply when none came in time
 
 
 class SilentError(InputError):
@@ -37,11 +37,11 @@ def parameters(session: zenoh.Session, bench: str, node: str) -> list[dict[str, 
     while True:
         left -= 1
         try:
-            return answered(bench, node, session.get(Keys(bench, node).parameters, timeout=_LIST_TIMEOUT))
+            return read_reply(bench, node, session.get(Keys(bench, node).parameters, timeout=_LIST_TIMEOUT))
         except SilentError:
             if not left:
                 raise
-        time.sleep(_AGAIN)
+        time.sleep(_RETRY_PERIOD)
 
 
 def set_parameters(session: zenoh.Session, bench: str, node: str, values: Mapping[str, float]) -> dict[str, Any]:
@@ -49,25 +49,25 @@ def set_parameters(session: zenoh.Session, bench: str, node: str, values: Mappin
 
     Raises InputError with the node's reason when it refuses, or when it does not answer.
     """
-    replies = session.get(Keys(bench, node).parameters, payload=json.dumps(values), timeout=_TIMEOUT)
-    return answered(bench, node, replies)
+    replies = session.get(Keys(bench, node).parameters, payload=json.dumps(values), timeout=_CHANGE_TIMEOUT)
+    return read_reply(bench, node, replies)
 
 
-def answered(bench: str, node: str, replies: Iterable[zenoh.Reply]) -> Any:
+def read_reply(bench: str, node: str, replies: Iterable[zenoh.Reply]) -> Any:
     """The JSON in the reply of a node. Raises InputError with its reason when it refuses, SilentError when there is none."""
     for reply in replies:
         if reply.ok is not None:
             return json.loads(reply.ok.payload.to_string())
-        if reply.err is not None and (reason := reply.err.payload.to_string()) != _EXPIRED:
+        if reply.err is not None and (reason := reply.err.payload.to_string()) != _TIMEOUT_REPLY:
             raise InputError(reason)
     raise SilentError(f"the {node} on {bus_of(bench)} does not answer; it may still be starting, or be stopped")
 
 
-def listed(session: zenoh.Session, bench: str) -> Catalogue:
+def list_parameters(session: zenoh.Session, bench: str) -> Catalogue:
     """The parameters of every node that answers. Raises InputError when none does."""
     entries: dict[str, dict[str, Any]] = {}
     reasons = []
-    for node in sorted({*NODES, *nodes_alive(session, bench)}):
+    for node in sorted({*NODES, *list_live_nodes(session, bench)}):
         try:
             entries |= {f"{node}.{entry['name']}": entry for entry in parameters(session, bench, node)}
         except InputError as error:
@@ -77,21 +77,21 @@ def listed(session: zenoh.Session, bench: str) -> Catalogue:
     return Catalogue(bench, entries)
 
 
-def tuned(arguments: Sequence[str], bus: str | None, router: str | None) -> tuple[dict[str, Any], str, str, bool]:
+def run_tune(arguments: Sequence[str], bus: str | None, router: str | None) -> tuple[dict[str, Any], str, str, bool]:
     """List all parameters, show those named, or set those with a value; return document, text, verdict and True.
 
-    Nothing is set when one name or value cannot be. Raises InputError when there is no bench, a name is unknown, a node does
-    not answer, or a service refuses.
+    If one name or value is wrong, nothing is set. Raises InputError when there is no bench, a name is unknown, a node does not
+    answer, or a service refuses.
     """
     setting = ["=" in argument for argument in arguments]
     if any(setting) and not all(setting):
         raise InputError(f"tune was given {arguments[setting.index(False)]!r} without a value beside NAME=VALUE")
     with consumer_session(router) as session:
         bench = find_bench(session, bus)
-        catalogue = listed(session, bench)
+        catalogue = list_parameters(session, bench)
         if any(setting):
-            return _set(session, bench, assignments(catalogue, arguments))
-    return _shown(catalogue, arguments)
+            return _set_and_describe(session, bench, assignments(catalogue, arguments))
+    return _show_values(catalogue, arguments)
 
 
 def change_parameters(
@@ -112,7 +112,7 @@ def change_parameters(
     return changed
 
 
-def _set(
+def _set_and_describe(
     session: zenoh.Session, bench: str, values: Mapping[str, Mapping[str, float]]
 ) -> tuple[dict[str, Any], str, str, bool]:
     changed = change_parameters(session, bench, values)
@@ -127,7 +127,7 @@ def _set(
     return {"bench": bench, "changed": changed}, text, f"{counted(len(changed), 'parameter')} changed", True
 
 
-def _shown(catalogue: Catalogue, arguments: Sequence[str]) -> tuple[dict[str, Any], str, str, bool]:
+def _show_values(catalogue: Catalogue, arguments: Sequence[str]) -> tuple[dict[str, Any], str, str, bool]:
     names: dict[str, None] = {} if arguments else dict.fromkeys(catalogue.entries)
     grouped = not arguments
     for argument in arguments:

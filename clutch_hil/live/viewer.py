@@ -1,6 +1,6 @@
-"""Viewer: rerun's viewer as a process of ours, a window or a server for browsers; it listens on loopback and ends with us.
+"""Viewer: rerun's viewer as a child process, a window or a server for browsers. It listens on loopback.
 
-It gets a home folder of its own, so that no layout of an earlier version and no usage statistics stand in the way.
+It gets a home folder of its own, so that it uses no layout of an earlier version and sends no usage statistics.
 """
 
 import contextlib
@@ -18,19 +18,17 @@ from importlib.resources import files
 from pathlib import Path
 from urllib.parse import urlencode
 
-from clutch_hil.live.graphics import MISSING, NO_DRIVER, vulkan
-from clutch_hil.live.page import Page
+from clutch_hil.live.graphics import MISSING, NO_DRIVER, has_vulkan
+from clutch_hil.live.viewer_page import ViewerPage
 from protocols.errors import InputError
 from protocols.realtime.child import spawn
 from protocols.realtime.shared_folder import SharedFolder
 
-DATA_PORT = 9876  # rerun's own; where a stream connects
-PAGE_PORT = 9090  # rerun's own; where a browser connects
-_START = 30.0  # s for the process to listen; a cold start from disk takes some of it
-_POLL = 0.05  # s between looks
-_WINDOW_MEMORY = (
-    "1GB"  # of rows in the window's process, which has some 300 MB more: half an hour at 1 kHz and 60 signals
-)
+DATA_PORT = 9876  # rerun's default, for a stream
+PAGE_PORT = 9090  # rerun's default, for a browser
+_START_TIMEOUT = 30.0  # s for the process to listen, after a cold start from disk
+_POLL_PERIOD = 0.05  # s between checks
+_WINDOW_MEMORY = "1GB"  # of rows in the window's process: half an hour at 1 kHz and 60 signals; it needs 300 MB more
 _PAGE_MEMORY = "256MB"  # of rows for browsers that join late: some minutes, and as much to load first
 _SERVER_MEMORY = "64MiB"  # of rows that wait for the window's process, which keeps them itself
 _WINDOW_SIZE = "1600x900"  # points
@@ -43,16 +41,16 @@ Say = Callable[[str], None]
 class Viewer:
     """A viewer process. Use as a context manager: leaving it ends the process, even a stopped one.
 
-    `period` [s] is what it likes between two sends; `light` tells that it can only show a part of the screen in time.
+    period [s]: between two sends. light: whether it is too slow for more than a light screen.
     """
 
     light = False
     _headless = False
-    period = 0.05  # s between two sends: a window shows them 40 ms later
+    period = 0.05  # s between two sends: a window shows rows 40 ms later
 
     def __init__(self, port: int | None, memory: str | None, headless: bool = False) -> None:
         """`port` None takes the default or a free one; `memory` is rerun's notation. Raises InputError."""
-        if not (headless or _display()):
+        if not (headless or _has_display()):
             raise InputError(
                 "there is no display for the viewer: use --web, --save FILE.rrd or the command `clutch-hil monitor`"
             )
@@ -60,7 +58,7 @@ class Viewer:
         self._arguments = ["--port", str(self._port), "--window-size", _WINDOW_SIZE, "--hide-welcome-screen"]
         self._arguments += [
             "--memory-limit",
-            _checked(memory or _WINDOW_MEMORY),
+            _check_memory(memory or _WINDOW_MEMORY),
             "--server-memory-limit",
             _SERVER_MEMORY,
         ]
@@ -69,16 +67,16 @@ class Viewer:
 
     @property
     def url(self) -> str:
-        """Where a stream connects."""
+        """Address for a stream."""
         return f"rerun+http://127.0.0.1:{self._port}/proxy"
 
     @property
     def pid(self) -> int:
-        """Of the process."""
+        """Process number."""
         return self._process.pid
 
     def __enter__(self) -> "Viewer":
-        if self._headless and not vulkan():
+        if self._headless and not has_vulkan():
             raise InputError(MISSING)
         with ExitStack() as stack:
             shared = SharedFolder()
@@ -92,30 +90,32 @@ class Viewer:
         self._stack.close()
 
     def announce(self, say: Say) -> None:
-        """Tell a person where to look, where that is not plain."""
+        """Say the address of the viewer by `say`, where a person must open it."""
 
-    def ended(self) -> str | None:
+    def exit_reason(self) -> str | None:
         """Why the process has ended; None while it runs; empty when a person closed its window."""
         code = self._process.poll()
         if code is None or code == 0:
             return None if code is None else ""
         if code < 0:
             return f"the viewer was killed by {signal.Signals(-code).name}"
-        said = (self._home / "log").read_text(errors="replace")
-        if NO_DRIVER in said:
+        output = (self._home / "log").read_text(errors="replace")
+        if NO_DRIVER in output:
             return MISSING
-        lines = said.strip().splitlines() or ["it said nothing"]
+        lines = output.strip().splitlines() or ["it said nothing"]
         return f"the viewer ended with exit code {code}: {lines[-1]}"
 
     def _start(self, stack: ExitStack) -> None:
-        """Start what `stack` will end. Raises InputError when the process does not listen."""
+        """Start the process, which `stack` ends. Raises InputError when it does not listen."""
         self._process = self._spawn()
         stack.callback(self._end)
-        deadline = time.monotonic() + _START
-        while not all(map(_listening, self._ports)):
-            if (reason := self.ended()) is not None or time.monotonic() > deadline:
-                raise InputError(reason or f"the viewer did not listen on port {self._port} within {_START:g} s")
-            time.sleep(_POLL)
+        deadline = time.monotonic() + _START_TIMEOUT
+        while not all(map(_is_listening, self._ports)):
+            if (reason := self.exit_reason()) is not None or time.monotonic() > deadline:
+                raise InputError(
+                    reason or f"the viewer did not listen on port {self._port} within {_START_TIMEOUT:g} s"
+                )
+            time.sleep(_POLL_PERIOD)
 
     def _end(self) -> None:
         self._process.kill()  # it holds nothing worth saving, and SIGTERM does not end a stopped process
@@ -123,7 +123,7 @@ class Viewer:
 
     @property
     def _ports(self) -> tuple[int, ...]:
-        """Where the process listens once it is up."""
+        """Ports that the process listens on."""
         return (self._port,)
 
     def _spawn(self) -> "subprocess.Popen[bytes]":
@@ -143,7 +143,7 @@ class Viewer:
         environment |= {"RUST_LOG": "warn", "NO_COLOR": "1"}
         command = [str(files("rerun_cli") / "rerun"), "--bind", "127.0.0.1", *self._arguments]
         with (self._home / "log").open("w") as log:
-            # Ctrl-C is ours: rows that are on their way still arrive
+            # not ended by Ctrl-C: rows that are on their way still arrive
             return spawn(command, log, os.environ | environment, signal.SIGKILL)
 
 
@@ -159,12 +159,12 @@ class WebViewer(Viewer):
         self._page_port = _free_port(page_port, PAGE_PORT, but=(self._port,))
         self._inner = _free_port(None, 0, but=(self._port, self._page_port))
         self._arguments = ["--serve-web", "--port", str(self._port), "--web-viewer-port", str(self._inner)]
-        self._arguments += ["--server-memory-limit", _checked(memory or _PAGE_MEMORY)]
+        self._arguments += ["--server-memory-limit", _check_memory(memory or _PAGE_MEMORY)]
 
     @property
     def page(self) -> str:
-        """What a browser opens."""
-        # `persist`: a layout that the browser has kept would stand in for ours; `theme`: that of the pictures
+        """Address for a browser."""
+        # `persist`: not the layout that the browser has stored; `theme`: that of the pictures
         query = {"url": self.url, "persist": "false", "theme": "dark", "hide_welcome_screen": ""}
         return f"http://127.0.0.1:{self._page_port}/?{urlencode(query)}"
 
@@ -174,30 +174,30 @@ class WebViewer(Viewer):
 
     def _start(self, stack: ExitStack) -> None:
         super()._start(stack)
-        stack.enter_context(Page(self._page_port, self._inner, self._port, self.light))
+        stack.enter_context(ViewerPage(self._page_port, self._inner, self._port, self.light))
 
     def announce(self, say: Say) -> None:
-        """Say the page, and open it where there is a screen."""
+        """Say the address of the page, and open it where there is a display."""
         say(f"open {self.page}")
         if self.light:
             say(f"no graphics card: the page has the most important plots, every {self.period:g} s")
-        if self._browser and _display() and not webbrowser.open(self.page):
+        if self._browser and _has_display() and not webbrowser.open(self.page):
             say("no browser was found here that would open it")
 
 
-def _display() -> bool:
+def _has_display() -> bool:
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
-def _checked(memory: str) -> str:
-    """`memory` when rerun understands it. Raises InputError."""
+def _check_memory(memory: str) -> str:
+    """`memory`, if it has rerun's notation. Raises InputError."""
     if not re.fullmatch(r"[1-9]\d*(MB|GB|MiB|GiB|%)", memory):
         raise InputError(f"memory {memory!r} is not possible; allowed are for example 500MB, 2GB and 25%")
     return memory
 
 
 def _free_port(wanted: int | None, default: int, but: Sequence[int] = ()) -> int:
-    """`wanted`; where it is None the default or, when that is taken, any free port. Raises InputError."""
+    """The port `wanted`; for None the `default`, or any free one when that is in use; none of `but`. Raises InputError."""
     for port in [wanted] if wanted is not None else [default, 0]:
         with socket.socket() as probe, contextlib.suppress(OSError, OverflowError):
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -209,7 +209,7 @@ def _free_port(wanted: int | None, default: int, but: Sequence[int] = ()) -> int
     )
 
 
-def _listening(port: int) -> bool:
+def _is_listening(port: int) -> bool:
     with socket.socket() as probe:
-        probe.settimeout(_POLL)
+        probe.settimeout(_POLL_PERIOD)
         return probe.connect_ex(("127.0.0.1", port)) == 0

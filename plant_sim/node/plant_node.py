@@ -18,7 +18,7 @@ from plant_sim.node.schedule import Schedule
 from plant_sim.profiles.profile import Profile, load_profile
 from plant_sim.rigs import wet_clutch
 from plant_sim.rigs.wet_clutch import STATE, Whole
-from protocols.buses.exchange import Exchange, silence
+from protocols.buses.exchange import Exchange, empty_lines
 from protocols.can.frame_batch import batch
 from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
@@ -78,8 +78,8 @@ class PlantNode(Interface):
             node.take(batch(1), 0)
             node.step([])
             node.slept(0)
-            node._turns(Beat(Clock(1)), silence(), batch(1), 0, 0, 0)
-            node._in_step(Beat(Clock(1)), silence(), batch(1), 0)
+            node._turns(Beat(Clock(1)), empty_lines(), batch(1), 0, 0, 0)
+            node._in_step(Beat(Clock(1)), empty_lines(), batch(1), 0)
 
     def show(self) -> int:
         """See `Interface`."""
@@ -106,15 +106,15 @@ class PlantNode(Interface):
         beat's clock leaves out, their samples come first, without waiting: `owed` are to come before the next wait, and it
         returns how many are after the last one. Raises InputError as `take`.
         """
-        line.ready()
+        line.refresh()
         made, owed, count, sent, position = self._turns(beat, line.lines, line.inbox, line.count, changes, owed)
         self.tick += made
         if made > 1:
-            line.passed()
+            line.count_settled()
         if sent < 0:
             raise InputError(self._refusal(Refusal(-sent)))
-        line.sent(self.outbox, sent, position)
-        line.used(count)
+        line.finish_send(self.outbox, sent, position)
+        line.discard_used(count)
         return owed
 
     def in_step(self, line: Exchange, beat: Beat, changes: int) -> bool:
@@ -123,14 +123,14 @@ class PlantNode(Interface):
         `beat.most` samples at most. Rows but the last are in the ring; it returns whether the last is, which may be unanswered
         either way. Raises InputError as `take`.
         """
-        line.ready()
+        line.refresh()
         made, count, sent, position = self._in_step(beat, line.lines, line.inbox, changes)
         self.tick += made
-        line.passed()
+        line.count_settled()
         if sent < 0:
             raise InputError(self._refusal(Refusal(-sent)))
-        line.sent(self.outbox, sent, position)
-        line.used(count)
+        line.finish_send(self.outbox, sent, position)
+        line.discard_used(count)
         return sent == 0
 
     def fixed(self, name: str) -> str | None:

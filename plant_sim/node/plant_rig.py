@@ -9,7 +9,7 @@ from protocols.can.two_clutches import CONTROLLERS
 from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
 from protocols.node import Column
-from protocols.telemetry.blind import tells_truth
+from protocols.telemetry.truth import reveals_truth
 
 
 class RigProfile(Protocol):
@@ -48,7 +48,7 @@ class PlantRig:
     def measured(self) -> tuple[str, ...]:
         """Columns that every run of it has: time, inputs and what its sensors show, without the truth."""
         columns: Sequence[Column] = self.node.columns
-        return tuple(column.name for column in columns if not tells_truth(column.name))
+        return tuple(column.name for column in columns if not reveals_truth(column.name))
 
     def check_blind(self, blind: bool) -> None:
         """Raise InputError where a `blind` run is asked for and cannot be."""

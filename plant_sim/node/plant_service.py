@@ -10,13 +10,13 @@ from plant_sim.node.injection import Injection
 from plant_sim.node.plant_rig import PlantRig, RigProfile
 from protocols.buses.bus import Port, listen, open_bus
 from protocols.buses.exchange import Exchange
-from protocols.buses.heartbeat import heard_alone, new_session
+from protocols.buses.heartbeat import check_alone, new_session
 from protocols.can.frames import load_frames
 from protocols.can.lifecycle import Lifecycle
 from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
 from protocols.realtime import rights as realtime
-from protocols.realtime.beat import Beat, warm_book
+from protocols.realtime.beat import Beat, compile_record_cycle
 from protocols.realtime.clock import Clock
 from protocols.realtime.footprint import Footprint
 from protocols.realtime.stopping import Stop
@@ -56,7 +56,7 @@ class PlantService:
         Before its signals are those of `Stop`: this can be ended.
         """
         self.rig.node.warm()
-        warm_book()
+        compile_record_cycle()
 
     def run(self, ready: Callable[[str], None]) -> dict[str, Any]:
         """Serve until SIGTERM or SIGINT, in lock-step to the end of the profile; return the summary.
@@ -68,7 +68,7 @@ class PlantService:
         clock = Clock(1_000_000_000 // self.rate)
         with Stop() as stop, open_bus(self.bus) as port:
             frames = load_frames()
-            heard_alone(port, "plant", frames["PLANT_HEARTBEAT"])
+            check_alone(port, "plant", frames["PLANT_HEARTBEAT"])
             line = Exchange(port, frames["VALVE_COMMAND"].can_id, stop.wakes)
             outlet = Outlet(
                 "plant", node, node.columns, port.name, self.rate, session, shipped=self.rig.nominal(None),
@@ -135,7 +135,7 @@ class PlantService:
                     node.record, clock.woken_ns / 1e9, clock.lateness_ns / 1e3, clock.work_ns / 1e3, clock.late
                 )
                 continue
-            beat.book(node.record, outlet.changes)
+            beat.record_cycle(node.record, outlet.changes)
             node.late_cycles = clock.late
             if timing is None and node.finished:
                 timing = clock.summary()  # of the run, not of the controller's end after it

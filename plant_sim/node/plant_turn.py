@@ -11,8 +11,8 @@ from numba import njit
 from plant_sim.node.plant_cycle import begin, show, slept, take
 from plant_sim.node.plant_record import note_sample
 from plant_sim.rigs import wet_clutch
-from protocols.buses.exchange import CLOCK_MONOTONIC, gather, gather_marked, now, settled, spread
-from protocols.realtime.beat import book, called, wait, write
+from protocols.buses.exchange import CLOCK_MONOTONIC, gather, gather_marked, is_settled, now, spread
+from protocols.realtime.beat import is_called, record_cycle, wait, write
 
 _PATIENCE = 200_000_000  # ns that compiled code waits for an answer; then Python looks
 
@@ -100,13 +100,13 @@ def in_time(
             slept(plant.interfaces, plant.settings, owed)
         sent = _sample(plant, tick, clock.late)
         position = spread(lines, 0, plant.outbox, sent)
-        if made == most or called(lines[0], beat) or not settled(lines[0], known, count, sent, position):
+        if made == most or is_called(lines[0], beat) or not is_settled(lines[0], known, count, sent, position):
             return made, owed, count, sent, position
         tick, known, count = tick + 1, 0, 0
         if owed > 0:
             write(beat, plant.row, changes)
             continue
-        book(beat, plant.row, changes)
+        record_cycle(beat, plant.row, changes)
         if behind:  # before it goes on: the controller can answer, which may wait for this CPU
             count = gather(lines, clock.period // 2, inbox, 0, 0)
 
@@ -128,7 +128,7 @@ def in_step(
         position = spread(lines, 0, plant.outbox, sent)
         made += 1
         _advance(plant)  # while the controller answers
-        if made == most or called(line, beat) or not settled(line, 0, 0, sent, position):
+        if made == most or is_called(line, beat) or not is_settled(line, 0, 0, sent, position):
             return made, 0, sent, position
         clock.woken = now(CLOCK_MONOTONIC, line.time)
         write(beat, plant.row, changes)

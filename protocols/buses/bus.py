@@ -1,7 +1,7 @@
-"""Open a bus by name: `vcan0`, `can0` (SocketCAN), `local:NAME` (between processes, no CAN kernel), `auto`.
+"""Bus: opened by name, `vcan0`, `can0` (SocketCAN), `local:NAME` (between processes, without a CAN kernel), or `auto`.
 
-python-can opens and configures every bus; the loop then reads and writes the raw `struct can_frame` on its socket, at a
-fifth of the cost of a message object (timing.md). Tools (`candump`, `python -m can.viewer`) see an ordinary bus.
+python-can opens and configures a SocketCAN bus. The loop then reads and writes the raw `struct can_frame` on its socket, at a
+fifth of the cost of a message object (docs/timing.md). Tools (`candump`, `python -m can.viewer`) see an ordinary bus.
 """
 
 import contextlib
@@ -24,14 +24,14 @@ from protocols.errors import InputError, listing
 AUTO_LOCAL = "local:clutch"  # bus of `auto` where no vcan0 is up
 _CAN_FRAME = struct.Struct("=IB3x8s")  # struct can_frame: identifier and flags, length, data
 _STANDARD_ID = 0x7FF
-_FLAGS = 0xE0000000  # extended, remote, error: never frames of this bench
-# identifier, extended, remote; with the error flag (0x20000000) a filter lets error frames through, and nothing else
+_FLAGS = 0xE0000000  # extended, remote, error: no frame of this bench has one
+# identifier, extended, remote; a filter with the error flag (0x20000000) would let error frames through, and nothing else
 _FILTER_MASK = 0xC0000000 | _STANDARD_ID
 _INTERFACES = Path("/sys/class/net")
 _ARPHRD_CAN = 280  # linux/if_arp.h
 _IFF_UP = 1  # linux/if.h
-_DRAIN_LIMIT = 4096  # frames taken at once, so that a flood cannot hold the loop
-_SO_TIMESTAMPNS = 35  # asm-generic/socket.h: the kernel tells when it took a frame; Python does not name it
+_DRAIN_LIMIT = 4096  # frames received at once, so that a flood cannot stop the loop
+_SO_TIMESTAMPNS = 35  # asm-generic/socket.h: the kernel gives the time of each frame; Python has no name for it
 _SO_RCVBUFFORCE = 33
 _RECEIVE_BUFFER = 4 << 20  # bytes: some thousand frames, a second of a full bus
 _FULL = (errno.ENOBUFS, errno.EAGAIN, errno.ENOMEM)
@@ -40,26 +40,26 @@ _CONTROL = socket.CMSG_SPACE(_TIMESPEC.size)
 
 
 class _RawPort(Protocol):
-    """What carries packed frames. `listener`: where newcomers come, first of the `sockets` to be heard, if they do."""
+    """Carries packed frames. listener: descriptor on which new participants connect, None where they need not."""
 
     @property
     def listener(self) -> int | None: ...
 
     @property
     def changes(self) -> int:
-        """Comings and goings of participants so far."""
+        """How often participants have joined or left so far."""
 
     def sockets(self) -> tuple[list[int], list[int]]:
-        """Descriptors to be heard and to be sent to, those who left taken out."""
+        """Descriptors to receive from, the listener first, and to send to; without participants that have left."""
 
-    def left(self, descriptor: int, refused: int) -> None:
-        """Who is behind a descriptor refused that many frames; 0: has left."""
+    def note_refusals(self, descriptor: int, refused: int) -> None:
+        """Count frames that the participant behind a descriptor has `refused`; 0: it has left."""
 
     def send(self, packed: bytes) -> int:
         """Send one frame; return 1 when it was refused because a queue is full, else 0."""
 
     def receive(self) -> list[tuple[int, bytes]]:
-        """Every packed frame that waits, after its time stamp [ns of CLOCK_REALTIME], without blocking."""
+        """Every waiting frame: time stamp [ns of CLOCK_REALTIME] and packed frame, without blocking."""
 
     def wait(self, timeout: float) -> bool:
         """Whether a frame comes within `timeout` [s]."""
@@ -87,25 +87,25 @@ class Port:
             self.refused += self.raw.send(_CAN_FRAME.pack(frame.can_id, len(frame.data), frame.data))
             self.sent += 1
         except OSError as error:
-            self._unsent(error, 1)
+            self._count_unsent(error, 1)
 
-    def lost(self, descriptor: int, error: int, frames: int) -> bool:
-        """Behind a descriptor, the last `frames` of those counted as sent were not taken because of `error` (errno).
+    def count_lost(self, descriptor: int, error: int, frames: int) -> bool:
+        """Count the last `frames` of those sent to a descriptor as not taken, because of `error` (errno).
 
-        Returns whether nobody is behind it any more. Raises OSError for an error that is no such matter.
+        Returns whether the participant behind it has left. Raises OSError for any other error.
         """
         if self.raw.listener is None:
             self.sent -= frames
-            self._unsent(OSError(error, os.strerror(error)), frames)
+            self._count_unsent(OSError(error, os.strerror(error)), frames)
         elif error in _FULL:
             self.refused += frames
-            self.raw.left(descriptor, frames)
+            self.raw.note_refusals(descriptor, frames)
         else:
-            self.raw.left(descriptor, 0)
+            self.raw.note_refusals(descriptor, 0)
             return True
         return False
 
-    def _unsent(self, error: OSError, frames: int) -> None:
+    def _count_unsent(self, error: OSError, frames: int) -> None:
         if error.errno in _FULL:
             self.refused += frames
         elif error.errno in (errno.ENETDOWN, errno.ENXIO, errno.ENODEV):
@@ -114,11 +114,11 @@ class Port:
             raise error
 
     def receive(self) -> list[Frame]:
-        """Every frame that waits, oldest first, without blocking."""
-        return [frame for _, frame in self.stamped()]
+        """Every waiting frame, oldest first, without blocking."""
+        return [frame for _, frame in self.receive_stamped()]
 
-    def stamped(self) -> list[tuple[int, Frame]]:
-        """The same, each after its stamp [ns of CLOCK_REALTIME]."""
+    def receive_stamped(self) -> list[tuple[int, Frame]]:
+        """Every waiting frame with its time stamp [ns of CLOCK_REALTIME], oldest first, without blocking."""
         frames = []
         for stamp, packed in self.raw.receive():
             if len(packed) == _CAN_FRAME.size:
@@ -153,7 +153,7 @@ class _LocalPort:
     def __init__(self, channel: LocalChannel) -> None:
         self._channel = channel
         self.wait, self.close, self.listener = channel.wait, channel.close, channel.listener
-        self.sockets, self.left = channel.sockets, channel.left
+        self.sockets, self.note_refusals = channel.sockets, channel.note_refusals
 
     @property
     def changes(self) -> int:
@@ -193,7 +193,7 @@ class _SocketCanPort:
             except BlockingIOError:
                 break
             except OSError as error:
-                if error.errno != errno.ENETDOWN:  # told once, before what is queued; the socket lives on
+                if error.errno != errno.ENETDOWN:  # reported once, before the queued frames; the socket stays usable
                     raise
         return frames
 
@@ -204,15 +204,15 @@ class _SocketCanPort:
         own = [self._socket.fileno()]
         return own, own
 
-    def left(self, descriptor: int, refused: int) -> None:
-        """Nobody is behind a CAN socket: what it does not take is the kernel's matter (`Port.lost`)."""
+    def note_refusals(self, descriptor: int, refused: int) -> None:
+        """Nothing to count: no participant is behind a CAN socket (`Port.count_lost`)."""
 
     def close(self) -> None:
         self._bus.shutdown()
 
 
 def resolve(name: str) -> str:
-    """`auto` becomes vcan0 where it is up, else a local bus; other names stay."""
+    """The bus that `auto` means: vcan0 where it is up, else a local bus. Other names are returned as they are."""
     if name != "auto":
         return name
     return "vcan0" if "vcan0" in _can_interfaces(only_up=True) else AUTO_LOCAL
@@ -221,7 +221,7 @@ def resolve(name: str) -> str:
 def open_bus(name: str, only: Sequence[int] | None = None) -> Port:
     """Open a bus by name. Raises InputError when there is none of that name or it is down.
 
-    `only`: identifiers that are wanted; where there is a kernel filter, other frames do not wake anybody.
+    only: identifiers to receive, None for all. On SocketCAN the kernel filters them, so that others wake nobody up.
     """
     name = resolve(name)
     try:
@@ -239,7 +239,7 @@ def open_bus(name: str, only: Sequence[int] | None = None) -> Port:
 
 
 def listen(port: Port, seconds: float) -> list[Frame]:
-    """Every frame that comes within `seconds`."""
+    """Receive every frame that comes within `seconds`."""
     frames, end = [], time.monotonic() + seconds
     while (left := end - time.monotonic()) > 0.0:
         if port.wait(left):

@@ -1,9 +1,9 @@
-"""Exchange: frames of a port in and out of memory that is there from the start, by system calls from compiled code.
+"""Exchange: receives and sends the frames of a port in preallocated memory, by system calls from compiled code.
 
-Method          one ppoll(2) waits for all sockets of the bus; recvmmsg(2) puts what waits on each into `inbox`, send(2) takes
-                what is to be sent from a batch: no object a frame, no allocation, no GIL
+Method          one ppoll(2) waits for all sockets of the bus; recvmmsg(2) receives into `inbox`, send(2) sends from a batch.
+                There is no object per frame, no allocation and no interpreter lock
 Assumptions     Linux on a machine of 64 bits, whose layouts of pollfd, iovec, mmsghdr and cmsghdr these are
-Same as         protocols.buses.bus.Port: who is heard, what is refused, order of frames, time stamps, counters
+Behaviour       that of `protocols.buses.bus.Port`: frames received and refused, order of frames, time stamps, counters
 """
 
 import errno
@@ -19,13 +19,13 @@ from protocols.buses.bus import Port
 from protocols.can.frame_batch import batch
 from protocols.errors import InputError
 
-CAPACITY = 4096  # frames between two looks of the loop; what comes beyond waits in the sockets
-_A_CALL = 32  # frames that one system call takes
-_LOOKS = 8  # at who is there, in one call: those who come and go for ever must not hold the loop
-_SOCKETS = 256  # participants of a local bus
+CAPACITY = 4096  # frames between two cycles; further ones wait in the sockets
+_FRAMES_A_CALL = 32  # frames that one system call receives
+_MOST_UPDATES = 8  # updates of the participants in one call: participants that join and leave must not stop the loop
+_MOST_SOCKETS = 256  # participants of a local bus
 _CONTROL_BYTES = 32  # of a cmsghdr with a struct timespec
 _CLASSIC, _STAMPED = 16, 24  # bytes of struct can_frame, and with its stamp, as a local bus carries it
-_FLAGS, _STANDARD_ID, _DATA = 0xE0000000, 0x7FF, 8  # extended, remote, error: never frames of this bench
+_FLAGS, _STANDARD_ID, _DATA = 0xE0000000, 0x7FF, 8  # extended, remote, error: no frame of this bench has one
 _DONTWAIT, _NOSIGNAL, _TRUNC = 0x40, 0x4000, 0x20  # MSG_... of linux/socket.h
 _POLLIN = 1  # asm-generic/poll.h
 _EAGAIN, _ENOMEM, _ENOBUFS = errno.EAGAIN, errno.ENOMEM, errno.ENOBUFS  # a queue is full
@@ -39,19 +39,19 @@ _MMSGHDR = np.dtype(
 _IOVEC = np.dtype([("base", "i8"), ("length", "i8")])
 _CONTROL = np.dtype([("length", "i8"), ("level", "i4"), ("type", "i4"), ("seconds", "i8"), ("nanoseconds", "i8")])
 _POLLFD = np.dtype([("fd", "i4"), ("events", "i2"), ("revents", "i2")])
-# What kernels work on: one record, as each array that is handed over costs a tenth of a microsecond
+# State that compiled functions share: one record, as each array argument costs a tenth of a microsecond
 _LINE = np.dtype(
-    [("local", "?"), ("mark", "i8"), ("heard", "i8"), ("polls", _POLLFD, (_SOCKETS + 1,)), ("reached", "i8"),
-     ("targets", "i4", (_SOCKETS,)), ("incoming", _MMSGHDR, (_A_CALL,)), ("in_parts", _IOVEC, (_A_CALL,)),
-     ("controls", _CONTROL, (_A_CALL,)), ("length", "i8"), ("time", "i8", (2,)),
+    [("local", "?"), ("mark", "i8"), ("heard", "i8"), ("polls", _POLLFD, (_MOST_SOCKETS + 1,)), ("reached", "i8"),
+     ("targets", "i4", (_MOST_SOCKETS,)), ("incoming", _MMSGHDR, (_FRAMES_A_CALL,)), ("in_parts", _IOVEC, (_FRAMES_A_CALL,)),
+     ("controls", _CONTROL, (_FRAMES_A_CALL,)), ("length", "i8"), ("time", "i8", (2,)),
      ("marks", "i8"), ("marked_ns", "i8"), ("changed", "?"), ("signalled", "?"), ("error", "i8"), ("taken", "i8"),
-     ("given", "i8"), ("refused", "i8", (_SOCKETS,)), ("unsent", "i8")],
+     ("given", "i8"), ("refused", "i8", (_MOST_SOCKETS,)), ("unsent", "i8")],
     align=True,
 )  # fmt: skip
 
 
 def system(name: str, result: Any, *arguments: Any) -> Any:
-    """A function of the C library, called from compiled code."""
+    """A function of the C library that compiled code can call."""
     return types.ExternalFunction(name, result(*arguments))
 
 
@@ -64,19 +64,19 @@ _errno_location = system("__errno_location", types.CPointer(_INT))
 
 
 class Exchange:
-    """What comes on `port` goes to `inbox`, shape (CAPACITY,) of batch.FRAME, the first `count` of it.
+    """Receives frames of `port` into `inbox`, shape (CAPACITY,) of batch.FRAME, of which the first `count` are used.
 
-    Compiled code sees a signal by the descriptor `wakes` (`stopping.py`), -1 for none: in a sleep or out of it.
+    mark: identifier whose frames are counted. wakes: descriptor that shows a signal (`stopping.py`), -1 for none.
     Raises InputError where more than 256 participants are on a local bus.
     """
 
     def __init__(self, port: Port, mark: int, wakes: int = -1) -> None:
         self.port, self._wakes = port, wakes
-        self.inbox = batch(CAPACITY + 1)  # one to move frames by
+        self.inbox = batch(CAPACITY + 1)  # the last place serves to move frames
         self.count = 0
         self.lines = np.zeros(1, _LINE)
         self._view = line = self.lines[0]
-        # what is looked at in every cycle: a field of a record costs a microsecond, an element of a memory view a tenth
+        # read in every cycle: a field of a record costs a microsecond, an element of a memory view a tenth
         seen = (self.lines[name].data for name in ("marks", "marked_ns", "changed", "signalled", "unsent"))
         self._marks, self._marked_ns, self._changed, self._signalled, self._unsent = seen
         line["mark"], line["local"] = mark, port.raw.listener is not None
@@ -85,14 +85,14 @@ class Exchange:
         line["incoming"]["iov"], line["incoming"]["iov_length"] = _addresses(line["in_parts"]), 1
         if not line["local"]:
             line["incoming"]["control"] = _addresses(line["controls"])
-        self._look()
-        # compiled now, not in the loop; no frame is taken that a service waits for by the port
-        gather(silence(), 0, self.inbox, 0, 0)
-        spread(silence(), 0, batch(1), 0)
+        self._update_participants()
+        # compiled now, not in the loop, and without receiving a frame
+        gather(empty_lines(), 0, self.inbox, 0, 0)
+        spread(empty_lines(), 0, batch(1), 0)
 
     @property
     def marks(self) -> int:
-        """Frames with the identifier `mark` that have come."""
+        """Number of frames received with the identifier `mark`."""
         return self._marks[0]
 
     @property
@@ -101,50 +101,50 @@ class Exchange:
         return self._marked_ns[0]
 
     def clear(self) -> None:
-        """The frames in `inbox` have been used."""
+        """Empty the inbox."""
         self.count = 0
 
     def receive(self, timeout: float = 0.0) -> bool:
-        """Add to `inbox` the frames that wait, or that come within `timeout` [s] until one has; whether any came."""
+        """Receive the waiting frames into `inbox`, or wait up to `timeout` [s] for one; return whether any came."""
         left = round(timeout * 1e9)
         end = time.monotonic_ns() + left
         first = self.count
-        self.ready()
+        self.refresh()
         while True:
-            self.took(gather(self.lines, left, self.inbox, first, self.count), first)
+            self.accept(gather(self.lines, left, self.inbox, first, self.count), first)
             if left <= 0 or self.count > first:
                 return self.count > first
             left = max(end - time.monotonic_ns(), 0)
 
     def send(self, frames: np.ndarray, count: int) -> None:
-        """Send the first `count` frames of a batch, never waiting; what the bus cannot take is counted, not repeated."""
-        self.ready()
-        self.sent(frames, count, spread(self.lines, 0, frames, count))
+        """Send the first `count` frames of a batch without waiting; what the bus cannot take is counted, not repeated."""
+        self.refresh()
+        self.finish_send(frames, count, spread(self.lines, 0, frames, count))
 
-    def ready(self) -> None:
-        """See who is there, if others have read the bus through the port, or written to it: before a kernel."""
+    def refresh(self) -> None:
+        """Update the participants if the port was used otherwise in between; call it before a compiled function."""
         if self._signalled[0]:
             with suppress(BlockingIOError):
-                os.read(self._wakes, _A_CALL)
+                os.read(self._wakes, _FRAMES_A_CALL)
             self._signalled[0] = False
-            self._look()
+            self._update_participants()
         if self._changes != self.port.raw.changes:
-            self._look()
+            self._update_participants()
 
-    def took(self, count: int, first: int) -> None:
-        """A kernel has filled `inbox` up to `count`, since `first` of them were there; let those in whom it found."""
+    def accept(self, count: int, first: int) -> None:
+        """Take over frames that compiled code has received into `inbox` up to `count`, from `first` on; admit newcomers."""
         self.port.received += count - self.count
-        for _ in range(_LOOKS):
+        for _ in range(_MOST_UPDATES):
             if not self._changed[0]:
                 break
-            self._look()  # who came in may have sent already
+            self._update_participants()  # a newcomer may have sent already
             more = gather(self.lines, 0, self.inbox, first, count)
             self.port.received += more - count
             count = more
         self.count = count
 
-    def passed(self) -> None:
-        """Turns have passed of which nothing is left to do (`settled`): their frames are counted, and gone."""
+    def count_settled(self) -> None:
+        """Count the frames of cycles that are complete (`is_settled`), and empty the inbox."""
         line = self._view
         self.port.received += int(line["taken"])
         self.port.sent += int(line["given"])
@@ -152,23 +152,25 @@ class Exchange:
         self._count_unsent()
         self.clear()
 
-    def used(self, count: int) -> None:
-        """A kernel has filled `inbox` up to `count` and has used it: what comes of those it found is kept for the next.
+    def discard_used(self, count: int) -> None:
+        """Count and discard frames that compiled code has received up to `count` and used; then admit newcomers.
 
-        After `sent`, whose position is a place among those who were there for the kernel: here they come and go.
+        Call it after `finish_send`, whose position refers to the participants before.
         """
         self.port.received += count - self.count
         self.clear()
-        self.took(0, 0)
+        self.accept(0, 0)
 
-    def sent(self, frames: np.ndarray, count: int, position: int) -> None:
-        """`spread` has come to `position` with the first `count` frames of a batch: finish what it could not."""
-        while position != count * _SOCKETS:
-            if position < 0:  # newcomers are to get them, too
-                self._look()
+    def finish_send(self, frames: np.ndarray, count: int, position: int) -> None:
+        """Finish sending the first `count` frames of a batch, where `spread` has stopped at `position`."""
+        while position != count * _MOST_SOCKETS:
+            if position < 0:  # newcomers get them as well
+                self._update_participants()
                 position = 0
-            elif self.port.lost(int(self._view["targets"][position % _SOCKETS]), int(self._view["error"]), 1):
-                self._look()  # the next one is in the place of who has left, whose descriptor may soon be somebody else's
+            elif self.port.count_lost(
+                int(self._view["targets"][position % _MOST_SOCKETS]), int(self._view["error"]), 1
+            ):
+                self._update_participants()  # the next target takes the place of the one that has left
             else:
                 position += 1
             position = spread(self.lines, position, frames, count)
@@ -176,19 +178,19 @@ class Exchange:
         self._count_unsent()
 
     def _count_unsent(self) -> None:
-        """Frames for which queues had no room are theirs who have not read: who is slow costs no cycle."""
+        """Count frames that were refused because a participant's queue was full: a slow reader delays no cycle."""
         if self._unsent[0]:
             line = self._view
             for place in np.flatnonzero(line["refused"]):
-                self.port.lost(int(line["targets"][place]), _EAGAIN, int(line["refused"][place]))
+                self.port.count_lost(int(line["targets"][place]), _EAGAIN, int(line["refused"][place]))
             line["refused"] = line["unsent"] = 0
 
-    def _look(self) -> None:
-        """Let newcomers in, and those go who have left; see who is there."""
-        self._count_unsent()  # before anybody is in another's place
+    def _update_participants(self) -> None:
+        """Admit newcomers, remove participants that have left, and note the sockets of all."""
+        self._count_unsent()  # before participants change their places
         heard, reached = self.port.raw.sockets()
-        if len(heard) > _SOCKETS:
-            raise InputError(f"{len(heard)} participants are on {self.port.name}; allowed are {_SOCKETS}")
+        if len(heard) > _MOST_SOCKETS:
+            raise InputError(f"{len(heard)} participants are on {self.port.name}; allowed are {_MOST_SOCKETS}")
         line = self._view
         line["heard"], line["reached"] = len(heard), len(reached)
         line["polls"]["fd"][: len(heard) + 1] = [*heard, self._wakes]
@@ -196,8 +198,8 @@ class Exchange:
         self._changes = self.port.raw.changes
 
 
-def silence() -> np.ndarray:
-    """`lines` of an Exchange on a bus with nobody there, to compile kernels with; shape (1,)."""
+def empty_lines() -> np.ndarray:
+    """`lines` (1,) of an Exchange on an empty bus, to compile functions with."""
     lines = np.zeros(1, _LINE)
     lines["polls"]["fd"] = -1
     return lines
@@ -209,9 +211,9 @@ def _addresses(rows: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def gather(lines, timeout_ns, inbox, first, count):
-    """Take what waits, or comes first within `timeout_ns` [ns], into `inbox` from number `count` on; return how many there are.
+    """Receive waiting frames, or those that come first within `timeout_ns`, into `inbox` from `count` on; return the new count.
 
-    From number `first` on they are in the order of their stamps.
+    From number `first` on they are in the order of their time stamps.
     """
     line = lines[0]
     polls, messages = line.polls, line.incoming
@@ -220,27 +222,27 @@ def gather(lines, timeout_ns, inbox, first, count):
     if _ppoll(polls.ctypes.data, line.heard + 1, line.time.ctypes.data, 0) <= 0:
         return count
     if polls[line.heard].revents:
-        line.signalled, polls[line.heard].fd = True, -1  # seen: who waits for frames goes on with that
+        line.signalled, polls[line.heard].fd = True, -1  # seen once; waiting for frames goes on
     end = count
     for place in range(line.heard):
         events = polls[place].revents
-        if line.local and place == 0 and events:  # who listens: there is a newcomer
+        if line.local and place == 0 and events:  # the listener: a newcomer waits
             line.changed = True
             continue
         begin = end
-        more = events != 0  # an error is told once, by reading, and is no longer there then
-        while more and end + _A_CALL <= CAPACITY:
-            for index in range(_A_CALL):
+        more = events != 0  # an error is reported once, by reading
+        while more and end + _FRAMES_A_CALL <= CAPACITY:
+            for index in range(_FRAMES_A_CALL):
                 line.in_parts[index].base = inbox.ctypes.data + (end + index) * inbox.itemsize
                 messages[index].control_length = 0 if line.local else _CONTROL_BYTES
-            got = _recvmmsg(polls[place].fd, messages.ctypes.data, _A_CALL, _DONTWAIT, 0)
+            got = _recvmmsg(polls[place].fd, messages.ctypes.data, _FRAMES_A_CALL, _DONTWAIT, 0)
             if got < 0 and _errno_location()[0] != _EAGAIN:
                 line.changed = True
-            more = got == _A_CALL
+            more = got == _FRAMES_A_CALL
             kept = end
             for index in range(got):
                 if messages[index].length == 0:
-                    line.changed, more = True, False  # who sent has left
+                    line.changed, more = True, False  # the sender has left
                     continue
                 frame = inbox[end + index]
                 if (
@@ -249,12 +251,12 @@ def gather(lines, timeout_ns, inbox, first, count):
                     or np.int64(frame.can_id) & _FLAGS
                     or frame.length > _DATA
                 ):
-                    continue  # CAN FD, and what else is none of ours
+                    continue  # CAN FD, or another frame that this bench does not use
                 if not line.local:
                     frame.stamp = _stamp(line.controls[index], messages[index].control_length, line.time)
                 if kept < end + index:
                     inbox[kept] = inbox[end + index]
-                _tidy(inbox[kept], line)
+                _clean_frame(inbox[kept], line)
                 kept += 1
             end = kept
         if events & ~_POLLIN:
@@ -265,12 +267,12 @@ def gather(lines, timeout_ns, inbox, first, count):
 
 @njit(cache=True, nogil=True)
 def gather_marked(lines, timeout_ns, inbox, first, count):
-    """The same until a marked frame has come: who waits for it does not wake up for others."""
+    """Receive like `gather`, but wait until a marked frame has come: other frames do not end the waiting."""
     line = lines[0]
     marks, end, left = line.marks, now(CLOCK_MONOTONIC, line.time) + timeout_ns, timeout_ns
     while True:
         count = gather(lines, left, inbox, first, count)
-        if line.marks > marks or line.changed or count + _A_CALL > CAPACITY:
+        if line.marks > marks or line.changed or count + _FRAMES_A_CALL > CAPACITY:
             return count
         left = end - now(CLOCK_MONOTONIC, line.time)
         if left <= 0:
@@ -285,8 +287,8 @@ def now(clock, times):
 
 
 @njit
-def _tidy(frame, line):
-    """Without flags, and zero beyond its data; counted if it is one that is marked."""
+def _clean_frame(frame, line):
+    """Clear the flags of a frame and the bytes beyond its data, and count it if it is marked."""
     frame.can_id = np.int64(frame.can_id) & _STANDARD_ID
     for byte in range(np.int64(frame.length), _DATA):
         frame.data[byte] = 0
@@ -305,7 +307,7 @@ def _stamp(control, length, times):
 
 @njit
 def _merge(inbox, first, begin, end):
-    """Put the frames from `begin` on, of one sender, in between those from `first` on by their stamps; each order stays."""
+    """Merge frames of one sender, from `begin` to `end`, into those from `first` on by time stamp; the sender's order stays."""
     at = first
     for index in range(begin, end):
         while at < index and inbox[at].stamp <= inbox[index].stamp:
@@ -319,12 +321,12 @@ def _merge(inbox, first, begin, end):
 
 
 @njit
-def settled(line, first, count, sent, position):
-    """Whether nothing is left to do of a turn but to forget its frames: from `first` to `count` they came, `sent` have left.
+def is_settled(line, first, count, sent, position):
+    """Whether a cycle is complete: it received frames `first` to `count` and sent `sent`, up to `position` of `spread`.
 
-    `sent` is negative where the turn was refused, `position` that of `spread`. Its frames are noted for `Exchange.passed`.
+    sent: negative where the cycle was refused. The frames are noted for `Exchange.count_settled`.
     """
-    if sent < 0 or position != sent * _SOCKETS or line.changed:
+    if sent < 0 or position != sent * _MOST_SOCKETS or line.changed:
         return False
     line.taken += count - first
     line.given += sent
@@ -333,10 +335,10 @@ def settled(line, first, count, sent, position):
 
 @njit(cache=True, nogil=True)
 def spread(lines, position, frames, count):
-    """Send `count` frames from `position` on, frame by frame to every target; return where it ended.
+    """Send `count` frames from `position` on, frame by frame to every target; return the position where it ended.
 
-    A position is the number of a frame times _SOCKETS and that of a target; at the end it is that of frame `count`, and -1
-    where somebody has to be let in first. Each frame is stamped when it leaves: who waits for it may run at once.
+    A position is the number of a frame times _MOST_SOCKETS plus the number of a target. At the end it is that of frame `count`;
+    it is -1 where a newcomer must be admitted first. Each frame is stamped when it is sent: its receiver may run at once.
     """
     line = lines[0]
     times = line.time
@@ -344,8 +346,8 @@ def spread(lines, position, frames, count):
         times[0] = times[1] = 0
         if _ppoll(line.polls.ctypes.data, 1, times.ctypes.data, 0) > 0:
             return -1
-    first = position % _SOCKETS
-    for index in range(position // _SOCKETS, count):
+    first = position % _MOST_SOCKETS
+    for index in range(position // _MOST_SOCKETS, count):
         if line.local and first == 0:
             frames[index].stamp = now(CLOCK_REALTIME, times)
         frame = frames.ctypes.data + index * frames.itemsize
@@ -354,8 +356,8 @@ def spread(lines, position, frames, count):
                 error = _errno_location()[0]
                 if error != _EAGAIN and error != _ENOBUFS and error != _ENOMEM:
                     line.error = error
-                    return index * _SOCKETS + place
+                    return index * _MOST_SOCKETS + place
                 line.refused[place] += 1
                 line.unsent += 1
         first = 0
-    return count * _SOCKETS
+    return count * _MOST_SOCKETS

@@ -1,4 +1,4 @@
-"""Heartbeat: tells a service from a second one of its kind."""
+"""Heartbeat: detects a second service of the same kind on the bus."""
 
 import os
 import time
@@ -8,17 +8,17 @@ from protocols.can.frames import Frame, FrameCodec
 from protocols.can.lifecycle import Lifecycle
 from protocols.errors import InputError
 
-LISTEN = 0.2  # s, four heartbeats: long enough to hear another service of one's kind
+LISTEN_SECONDS = 0.2  # s, four heartbeats: long enough to receive one of another service
 
 
 def new_session() -> int:
-    """A number that tells two services apart: process and start time."""
+    """Session number of this service, from process and start time."""
     return os.getpid() << 8 & 0xFFFFFF00 | time.monotonic_ns() & 0xFF
 
 
-def heard_alone(port: Port, kind: str, codec: FrameCodec) -> list[Frame]:
-    """Listen before speaking; return what was heard. Raises InputError when another service of this `kind` lives."""
-    heard = listen(port, LISTEN)
+def check_alone(port: Port, kind: str, codec: FrameCodec) -> list[Frame]:
+    """Listen before sending, and return the frames received. Raises InputError when another service of this `kind` runs."""
+    heard = listen(port, LISTEN_SECONDS)
     for can_id, data in heard:
         if can_id == codec.can_id and codec.valid(data):
             values = codec.unpack(data)

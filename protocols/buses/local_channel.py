@@ -1,8 +1,8 @@
 """`local:NAME`: a CAN bus between the processes of one machine without a CAN kernel.
 
-There is no hub. Every participant listens on an AF_UNIX SEQPACKET socket `PID-k` in the folder of the bus, a newcomer
+There is no hub. Every participant listens on an AF_UNIX SEQPACKET socket `PID-k` in the folder of the bus. A newcomer
 connects to every participant it finds, and each pair shares that one connection. The folder NAME lies in
-`$CLUTCH_HIL_BUS_DIR`, else `$XDG_RUNTIME_DIR/clutch-hil`, else `/tmp/clutch-hil-UID`: who should meet needs the same.
+`$CLUTCH_HIL_BUS_DIR`, else `$XDG_RUNTIME_DIR/clutch-hil`, else `/tmp/clutch-hil-UID`. All participants need the same one.
 
 As on vcan: every other participant gets a frame, the sender only on request; the frames of one sender arrive in order,
 exactly once; a frame sent after a participant finished opening reaches it, whoever sends; a sender may close at once
@@ -13,7 +13,7 @@ Unlike vcan:
   of two senders in a different order. There is no arbitration and no wire time.
 - Each pair of participants has its own queue, of 2731 frames where the kernel permits 1 MiB buffers (otherwise less).
   A full one refuses the newest frame, and the sender counts that in `refused`; the other participants get the frame.
-- Who only sends but never reads fills its own queues, and others count refusals for it.
+- A participant that never reads lets its queues fill, and the others count refusals for it.
 - Kernel filters do not exist; python-can's filters act when frames are taken from the queue (`local_bus`).
 """
 
@@ -33,7 +33,7 @@ from pathlib import Path
 
 import can
 
-from protocols.buses.local_folder import bus_folder, locked
+from protocols.buses.local_folder import bus_folder, hold_lock
 
 StampedFrame = tuple[int, bytes]  # send time in ns since 1970, struct can_frame or struct canfd_frame
 
@@ -47,9 +47,11 @@ _DATA_BYTES = {CLASSIC.size: 8, FD.size: 64}
 _PATH_BYTES = 107  # sun_path holds 108 with the closing zero
 _SEND_BUFFER = 1 << 20  # bytes; the kernel doubles it and charges 768 for a small frame: 2731 frames
 _SO_SNDBUFFORCE = 32  # goes beyond net.core.wmem_max, for root; Python does not name it
-_BACKLOG = 4096  # newcomers waiting for a participant that does nothing
-_FRAMES_A_CALL = 4096
-_DEPARTED_KEPT = 64  # departed participants with unread frames; who never reads must not run out of descriptors
+_BACKLOG = 4096  # newcomers that may wait for a participant that does not admit them
+_FRAMES_A_CALL = 4096  # that `receive` returns at most, so that a flood cannot stop the caller
+_DEPARTED_KEPT = (
+    64  # departed participants with unread frames; a participant that never reads must not run out of descriptors
+)
 _SELECTABLE = 1024  # select() takes descriptors below this
 _FULL = {errno.EAGAIN, errno.ENOBUFS, errno.ENOMEM}
 
@@ -77,7 +79,7 @@ class LocalChannel:
         self.name = name
         self.participant = ""
         self.refused: dict[str, int] = {}
-        self.changes = 0  # of who is there: comings and goings
+        self.changes = 0  # how often participants have joined or left
         self._connections: dict[int, tuple[str, socket.socket]] = {}  # by file descriptor, until read to the end
         # Replaced, never changed: send() goes through it while another thread may let a newcomer in.
         self._targets: tuple[tuple[str, Callable[[bytes, int], int], int], ...] = ()
@@ -90,7 +92,7 @@ class LocalChannel:
         self._path: Path | None = None
         self._closed = False
         try:
-            with locked(folder):
+            with hold_lock(folder):
                 self._bind(folder)
                 self._connect_to_all(folder)
                 self._listener.listen(_BACKLOG)
@@ -155,7 +157,7 @@ class LocalChannel:
                 try:
                     packet = os.read(descriptor, _STAMPED_FD.size)
                 except OSError:
-                    continue  # ECONNRESET is told once and hides frames queued behind it
+                    continue  # ECONNRESET is reported once, before the frames queued behind it
                 if len(packet) == _STAMPED_CLASSIC.size:
                     frame, stamp = _STAMPED_CLASSIC.unpack(packet)
                 elif len(packet) == _STAMPED_FD.size:
@@ -175,7 +177,7 @@ class LocalChannel:
         return queues.popitem()[1] if queues else []
 
     def wait(self, timeout_s: float | None) -> bool:
-        """Wait up to `timeout_s` seconds (None: for ever) for a frame; participants coming and going do not count."""
+        """Wait up to `timeout_s` seconds (None: for ever) for a frame; participants that join or leave do not count."""
         deadline = None if timeout_s is None else time.monotonic() + timeout_s
         while True:
             events = self._ready.poll(0, 64)
@@ -185,7 +187,7 @@ class LocalChannel:
                 elif event == select.EPOLLIN or self._depart(descriptor):
                     return True
             if events:
-                continue  # who came in may have sent already
+                continue  # a newcomer may have sent already
             left = None if deadline is None else deadline - time.monotonic()
             if left is not None and left <= 0.0:
                 return False
@@ -195,18 +197,18 @@ class LocalChannel:
                 self._ready.poll(left)
 
     def fileno(self) -> int:
-        """A descriptor that is readable when frames (or participants coming and going) want a receive() or wait()."""
+        """A descriptor that is readable when there is something for receive() or wait(): a frame, a newcomer, a departure."""
         return self._ready.fileno()
 
     @property
     def listener(self) -> int:
-        """A descriptor that is readable when a newcomer wants to be let in by `sockets`."""
+        """A descriptor that is readable when a newcomer waits to be admitted by `sockets`."""
         return self._listener.fileno()
 
     def sockets(self) -> tuple[list[int], list[int]]:
-        """Descriptors to be heard, the listener first, and of those to be sent to: for who reads and writes them himself.
+        """Descriptors to receive from, the listener first, and to send to: for a caller that reads and writes them itself.
 
-        Newcomers are let in, those who left and have nothing unread are let go.
+        Newcomers are admitted. Participants that have left are removed, once their frames are read.
         """
         for descriptor, event in self._ready.poll(0, 64):
             if descriptor == self._listener.fileno():
@@ -215,8 +217,8 @@ class LocalChannel:
                 self._depart(descriptor)
         return [self._listener.fileno(), *self._connections], [target[2] for target in self._targets]
 
-    def left(self, descriptor: int, refused: int) -> None:
-        """Who is behind a descriptor refused that many frames sent by ourselves; 0: has left."""
+    def note_refusals(self, descriptor: int, refused: int) -> None:
+        """Count frames that the participant behind a descriptor has `refused`, sent by the caller itself; 0: it has left."""
         if not refused:
             self._depart(descriptor)
         elif descriptor in self._connections:
@@ -281,7 +283,7 @@ class LocalChannel:
                 self._join(path.name, connection)
 
     def _admit(self) -> None:
-        """Let in all newcomers that have connected."""
+        """Admit all newcomers that have connected."""
         with self._membership:
             while True:
                 try:
@@ -349,7 +351,7 @@ def _enlarge_send_buffer(connection: socket.socket) -> None:
 
 
 def _has_unread(connection: socket.socket) -> bool:
-    for _ in range(2):  # ECONNRESET is told once and hides frames queued behind it
+    for _ in range(2):  # ECONNRESET is reported once, before the frames queued behind it
         try:
             return bool(connection.recv(1, socket.MSG_PEEK))
         except ConnectionResetError:
@@ -360,7 +362,7 @@ def _has_unread(connection: socket.socket) -> bool:
 
 
 def _close_copies_after_fork() -> None:
-    """Without this a killed parent would seem alive as long as a child of it lives."""
+    """Close the copies of a forked child; otherwise a killed parent would seem alive while a child of it lives."""
     for channel in list(_open_channels):
         channel._close_descriptors()
     _open_channels.clear()

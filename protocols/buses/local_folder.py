@@ -1,4 +1,4 @@
-"""The folder of a `local:NAME` bus, where its participants find each other, and the lock under which they join."""
+"""Folder of a `local:NAME` bus, where its participants find each other, and the lock that they hold while they join."""
 
 import contextlib
 import fcntl
@@ -12,7 +12,7 @@ from pathlib import Path
 import can
 
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,32}")
-_LOCK_PATIENCE_S = 5.0  # a participant joins in milliseconds: who holds the lock longer was stopped
+_LOCK_PATIENCE_S = 5.0  # a participant joins in milliseconds: one that holds the lock longer was stopped
 
 
 def bus_root() -> Path:
@@ -25,7 +25,7 @@ def bus_root() -> Path:
 
 
 def bus_folder(name: str) -> Path:
-    """The existing folder of a bus; raises can.CanInitializationError."""
+    """The folder of a bus, created where it is missing. Raises can.CanInitializationError."""
     if not _NAME.fullmatch(name):
         raise can.CanInitializationError(f"bus name {name!r}; allowed are 1 to 32 of A-Z a-z 0-9 _ -")
     root = bus_root()
@@ -44,8 +44,8 @@ def bus_folder(name: str) -> Path:
 
 
 @contextlib.contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """Hold the lock of the folder, under which participants join one after another."""
+def hold_lock(folder: Path) -> Iterator[None]:
+    """Hold the lock of the folder, so that participants join one after another. Raises can.CanInitializationError."""
     descriptor = os.open(folder / "lock", os.O_RDWR | os.O_CREAT, 0o600)
     deadline = time.monotonic() + _LOCK_PATIENCE_S
     try:

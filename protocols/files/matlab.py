@@ -1,4 +1,4 @@
-"""MATLAB files as dSPACE ControlDesk exports them: one vector a name. Single numbers become metadata."""
+"""MATLAB files as dSPACE ControlDesk exports them, one vector for each name. Single numbers become metadata."""
 
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ _HDF5 = b"MATLAB 7.3 MAT-file"
 
 
 def read_mat(path: Path) -> Run:
-    """Every vector of numbers in a file of level 4 or 5 (MATLAB's `-v7` and before), whatever their lengths. Raises InputError.
+    """Read every vector of numbers in a file of level 4 or 5 (MATLAB's `-v7` and before), of any length. Raises InputError.
 
     Text, structures, matrices and complex numbers are left out.
     """

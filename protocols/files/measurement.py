@@ -17,7 +17,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from protocols.errors import InputError
-from protocols.files.run import Run, parsed, whole_file
+from protocols.files.run import Run, parse_json, whole_file
 
 if TYPE_CHECKING:
     from asammdf import Signal
@@ -26,19 +26,19 @@ _TIME = "time_s"
 _VERSION = "4.10"  # every reader of MDF 4 knows it
 _MASTER = 2  # MDF: type of a master channel
 _SECONDS = 1  # MDF: synchronisation type of a master channel that is time in seconds
-_COMPRESSION: Final = 2  # MDF: transposed, then deflated; a third smaller than deflated only
+_COMPRESSION: Final = 2  # MDF: transposed, then deflated; files are a third smaller than with deflation alone
 _MAGIC = b"MDF "  # first bytes of a file
-_START = ("time_zero", "recorded_at")  # metadata with the time of day, ISO 8601; the first is that of time_s = 0
+_START = ("time_zero", "recorded_at")  # metadata with the time of day, ISO 8601; time_zero is that of time_s = 0
 
 
 def write_mf4(run: Run, path: Path) -> None:
-    """Write a run. Raises InputError; nothing half-written is left."""
+    """Write a run to `path`; the file appears only when it is complete. Raises InputError."""
     from asammdf import MDF, Signal
 
     time = run[_TIME]
     signals = [
         Signal(run[name], time, unit=unit, name=name, comment=meaning, master_metadata=(_TIME, _SECONDS))
-        for name, unit, meaning in run.described()
+        for name, unit, meaning in run.describe_columns()
         if name != _TIME
     ]
     with whole_file(path) as part, part.open("wb+") as file, MDF(version=_VERSION) as mdf:
@@ -51,9 +51,9 @@ def write_mf4(run: Run, path: Path) -> None:
 
 
 def read_mf4(path: Path) -> Run:
-    """Read the channels of a file, which must share one raster; channels that are no numbers are left out.
+    """Read the numeric channels of a file, which must share one raster. Raises InputError.
 
-    Values are physical; samples that the file marks as invalid are not-a-number. Raises InputError.
+    Values are physical. Samples that the file marks as invalid become not-a-number.
     """
     header, master, signals = _read(path)
     if not signals:
@@ -70,7 +70,7 @@ def read_mf4(path: Path) -> Run:
         columns[signal.name] = _values(signal)
         units[signal.name], meanings[signal.name] = signal.unit, signal.comment
     properties = ElementTree.fromstring(header).iterfind("common_properties/e")
-    metadata = {entry.attrib["name"]: parsed(entry.text or "") for entry in properties}
+    metadata = {entry.attrib["name"]: parse_json(entry.text or "") for entry in properties}
     return Run(columns, metadata, units, meanings)
 
 
@@ -78,7 +78,7 @@ def _read(path: Path) -> tuple[str, str, list["Signal"]]:
     """Header as XML, comment of the first master channel, channels with numbers."""
     from asammdf import MDF
 
-    # asammdf complains about a damaged file, and stumbles when it is collected
+    # asammdf prints errors about a damaged file, also when its objects are collected
     with contextlib.redirect_stderr(io.StringIO()):
         try:
             with path.open("rb") as file:
@@ -109,7 +109,7 @@ def _values(signal: "Signal") -> np.ndarray:
 
 
 def _time_of_day(key: str, text: Any) -> datetime:
-    """Raises InputError when it is none."""
+    """The time of day in the metadata `key`. Raises InputError when `text` is none."""
     try:
         return datetime.fromisoformat(text)
     except (TypeError, ValueError):

@@ -26,7 +26,7 @@ _FIELDS = ("value", "unit", "uncertainty", "bounds", "source")
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number with its provenance; `uncertainty` (one standard deviation) and `bounds` are in the same `unit`."""
+    """A number with its source; value, `uncertainty` (one standard deviation) and `bounds` are in `unit`."""
 
     name: str
     value: float
@@ -36,7 +36,7 @@ class Parameter:
     source: str
 
     def __post_init__(self) -> None:
-        """Raise InputError when the value breaks its bounds or the unit is unknown."""
+        """Check the fields. Raises InputError for a value outside its bounds, an unknown unit, or no source."""
         to_si(self.value, self.unit)
         low, high = self.bounds
         if not (isfinite(self.value) and low <= self.value <= high):
@@ -54,7 +54,7 @@ class Parameter:
 
 
 class ParameterSet(Mapping[str, Parameter]):
-    """Parameters by dotted name (`clutch.coulomb_slope`), immutable; changes give a new set."""
+    """Immutable parameters by dotted name (`clutch.coulomb_slope`); a change gives a new set. Raises InputError for a name."""
 
     def __init__(self, parameters: Mapping[str, Parameter]) -> None:
         self._parameters = dict(parameters)
@@ -82,7 +82,7 @@ class ParameterSet(Mapping[str, Parameter]):
         return copy
 
     def si(self, group: str) -> dict[str, float]:
-        """SI values of one group, by short name."""
+        """SI values of the parameters of one group, by short name."""
         return {short: self._parameters[name].si for name, short in self._groups.get(group, ())}
 
     @cached_property
@@ -95,12 +95,12 @@ class ParameterSet(Mapping[str, Parameter]):
         return groups
 
     def as_values(self) -> dict[str, float]:
-        """Values by dotted name, each in its declared unit: what a run file keeps."""
+        """Values by dotted name, each in its declared unit, as a run file stores them."""
         return {name: parameter.value for name, parameter in self._parameters.items()}
 
 
 def load_defaults(path: Path) -> ParameterSet:
-    """Read a file that declares parameters completely. Raises InputError naming the file and the entry."""
+    """Read a file that declares parameters with all fields. Raises InputError naming the file and the entry."""
     parameters = {}
     for name, entry in _entries(path):
         if not isinstance(entry, dict) or sorted(entry) != sorted(_FIELDS):
@@ -109,7 +109,7 @@ def load_defaults(path: Path) -> ParameterSet:
     return ParameterSet(parameters)
 
 
-def named_in(path: Path) -> tuple[str, ...]:
+def list_changed(path: Path) -> tuple[str, ...]:
     """Dotted names of the parameters that a user's file changes. Raises InputError naming the file."""
     return tuple(name for name, _ in _entries(path))
 

@@ -1,4 +1,4 @@
-"""Run: columns of numbers over time with units, meanings and metadata; and files that are written whole or not at all."""
+"""Run: columns of numbers over time with units, meanings and metadata; and files that appear only when they are complete."""
 
 import contextlib
 import json
@@ -15,7 +15,7 @@ from protocols.node import Column
 
 @dataclass(frozen=True)
 class Run:
-    """A recorded run: `columns` by name, each of shape (samples,), `metadata`, and what the file says of the columns."""
+    """A recorded run: `columns` by name, each (samples,), with `units` and `meanings` by name, and `metadata` of the run."""
 
     columns: Mapping[str, np.ndarray]
     metadata: Mapping[str, Any]
@@ -27,14 +27,14 @@ class Run:
             raise InputError(f"the run has no column {name!r}; it has {', '.join(self.columns)}")
         return self.columns[name]
 
-    def described(self) -> list[Column]:
-        """Name, unit and meaning of every column; empty where the file says nothing."""
+    def describe_columns(self) -> list[Column]:
+        """Name, unit and meaning of every column; unit and meaning are empty where the file has none."""
         return [Column(name, self.units.get(name, ""), self.meanings.get(name, "")) for name in self.columns]
 
 
 @contextlib.contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """A place to write a file that gets its name when all is written, and disappears otherwise. Raises InputError."""
+    """Path to write a file to. It gets the name `path` at the end, and is removed after an exception. Raises InputError."""
     part = path.with_name(path.name + ".part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -43,16 +43,16 @@ def whole_file(path: Path) -> Iterator[Path]:
     except OSError as error:
         raise InputError(f"file {path} cannot be written: {error.strerror or error}") from None
     finally:
-        with contextlib.suppress(OSError):  # its folder may be what is wrong
+        with contextlib.suppress(OSError):  # the folder itself may be missing
             part.unlink(missing_ok=True)
 
 
 def new_file(path: Path) -> Path:
-    """`path` when a file can be made there and none is. Raises InputError."""
+    """`path`, if a new file can be created there. Raises InputError."""
     if not path.parent.is_dir():
         raise InputError(f"folder {path.parent} of {path.name} does not exist")
     try:
-        path.touch(exist_ok=False)  # root passes every look at rights, but does not write everywhere
+        path.touch(exist_ok=False)  # tried, as root has every right but cannot write everywhere
         path.unlink()
     except FileExistsError:
         raise InputError(f"file {path} exists already; give another name or remove it") from None
@@ -61,8 +61,8 @@ def new_file(path: Path) -> Path:
     return path
 
 
-def parsed(text: str) -> Any:
-    """A metadata value from its JSON; what is none, from files of others, stays text."""
+def parse_json(text: str) -> Any:
+    """A metadata value from its JSON `text`; text that is no JSON, in files of other programs, is returned as it is."""
     try:
         return json.loads(text)
     except json.JSONDecodeError:

@@ -1,7 +1,7 @@
-"""Run files: one row a sample at a constant rate, as Parquet, ASAM MF4 (measurement.py) or CSV; MATLAB files (matlab.py) in.
+"""Run files: one row for each sample at a constant rate, as Parquet, ASAM MF4 (measurement.py) or CSV.
 
-The columns of docs/rig.md come first; controller terms (`controller_...`), plant truth (`truth_...`) and anything else follow
-and are kept. Metadata are JSON values by key. A CSV has neither units nor metadata.
+MATLAB files (matlab.py) can be read. The columns of docs/rig.md come first, then controller terms (`controller_...`), plant
+truth (`truth_...`) and any others. Metadata are JSON values by key. A CSV file has neither units nor metadata.
 """
 
 import contextlib
@@ -19,7 +19,7 @@ import pyarrow.parquet as pq
 from protocols.errors import InputError, listing
 from protocols.files import matlab, measurement
 from protocols.files.arrow import from_rows, numbers
-from protocols.files.run import Run, parsed, whole_file
+from protocols.files.run import Run, parse_json, whole_file
 from protocols.node import Column
 
 REQUIRED = (
@@ -31,9 +31,9 @@ _TIME_TOLERANCE = 0.01  # of a sample period: times are written as decimal secon
 
 
 class RunWriter:
-    """Write a run in pieces. The file gets its name only when the run is complete: nothing half-written is left.
+    """Writes a run of `columns` to `path` in pieces; the file gets its name only when the run is complete. Raises InputError.
 
-    Use as a context manager; leaving it by an exception, or without `finish`, removes what was written.
+    Use as a context manager: leaving it by an exception, or without `finish`, removes the file.
     """
 
     def __init__(self, path: Path, columns: Sequence[Column]) -> None:
@@ -73,13 +73,13 @@ class RunWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if not self._finished:
-            with contextlib.suppress(OSError):  # a full disk is what brought us here
+            with contextlib.suppress(OSError):  # the disk may be full
                 self._writer.close()
             self._part.unlink(missing_ok=True)
 
 
 def read_run(path: Path | str, required: Sequence[str] = REQUIRED) -> Run:
-    """Read and check a run with the columns `required`. Raises InputError naming the file, the column and the first bad row."""
+    """Read a run, and check that it has the columns `required`. Raises InputError naming file, column and first bad row."""
     path = Path(path)
     run = read_columns(path)
     check_columns(path, run.columns, required)
@@ -87,7 +87,7 @@ def read_run(path: Path | str, required: Sequence[str] = REQUIRED) -> Run:
 
 
 def read_columns(path: Path) -> Run:
-    """The numbers in a run file as they stand there, unchecked. Raises InputError for a file that cannot be read."""
+    """Read the numeric columns of a run file, unchecked. Raises InputError for a file that cannot be read."""
     if path.suffix == ".mf4":
         return measurement.read_mf4(path)
     if path.suffix == ".mat":
@@ -96,7 +96,7 @@ def read_columns(path: Path) -> Run:
 
 
 def write_run(run: Run, path: Path | str) -> None:
-    """Write a run as the suffix of `path` says. Raises InputError; nothing half-written is left."""
+    """Write a run in the format that the suffix of `path` names; the file appears only when complete. Raises InputError."""
     path = Path(path)
     if path.suffix == ".mf4":
         measurement.write_mf4(run, path)
@@ -104,7 +104,7 @@ def write_run(run: Run, path: Path | str) -> None:
         with whole_file(path) as part:
             pyarrow.csv.write_csv(pa.table(dict(run.columns)), part)
     elif path.suffix == ".parquet":
-        with RunWriter(path, run.described()) as writer:
+        with RunWriter(path, run.describe_columns()) as writer:
             writer.append(np.column_stack(list(run.columns.values())))
             writer.finish(run.metadata)
     else:
@@ -123,28 +123,27 @@ def _read_table(path: Path) -> Run:
         raise InputError(f"run {path} does not exist") from None
     except (OSError, pa.ArrowException) as error:
         raise InputError(f"run {path} cannot be read: {error}") from None
-    metadata = {_text(k): parsed(_text(v)) for k, v in raw.items() if not k.startswith(b"ARROW")}
+    metadata = {_text(k): parse_json(_text(v)) for k, v in raw.items() if not k.startswith(b"ARROW")}
     columns: dict[str, np.ndarray] = {}
-    said: dict[bytes, dict[str, str]] = {b"unit": {}, b"meaning": {}}
+    texts_by_key: dict[bytes, dict[str, str]] = {b"unit": {}, b"meaning": {}}
     for column, described in zip(table.columns, table.schema, strict=True):
         name = described.name
         if name in columns:
             raise InputError(f"run {path} has the column {name} twice")
         if pa.types.is_floating(column.type) or pa.types.is_integer(column.type):
             columns[name] = numbers(column)
-            for key, texts in said.items():
+            for key, texts in texts_by_key.items():
                 if text := (described.metadata or {}).get(key):
                     texts[name] = _text(text)
         elif name in REQUIRED:
             raise InputError(f"run {path}: {name} is not a number in row {_first_text(column)}")
-    return Run(columns, metadata, said[b"unit"], said[b"meaning"])
+    return Run(columns, metadata, texts_by_key[b"unit"], texts_by_key[b"meaning"])
 
 
 def check_columns(path: Path, columns: Mapping[str, np.ndarray], required: Sequence[str], steady: bool = True) -> None:
-    """Raise InputError for columns that make no run, naming `path`, column and first bad row.
+    """Check the columns of a run. Raises InputError naming `path`, column and first bad row.
 
-    They lack one of `required`, have unequal lengths, hold what is no number, or their time does not increase by equal
-    steps; where not `steady`, by steps of any size.
+    All must have one length. Those `required` must be there, and be finite. Time must increase, where `steady` by equal steps.
     """
     for name in required:
         if name not in columns:

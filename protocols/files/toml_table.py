@@ -1,4 +1,4 @@
-"""TomlTable: a table of a TOML file that a person wrote, asked for its entries by type. What is wrong is told by name."""
+"""TomlTable: a table of a TOML file that a person wrote. Entries are read by type, and errors name the entry."""
 
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,7 +16,7 @@ _KINDS: Mapping[type, str] = {
 class TomlTable:
     """The `entries` of the table `name` in the file at `path`. Raises InputError for an entry that is not in `known`.
 
-    Without `known` every entry is allowed: its keys are names of other things.
+    known: allowed keys, None for any.
     """
 
     def __init__(self, path: Path, name: str, entries: Mapping[str, Any], known: Sequence[str] | None = None) -> None:
@@ -31,7 +31,7 @@ class TomlTable:
         return key in self._entries
 
     def get(self, key: str, kind: type, otherwise: Any = None) -> Any:
-        """The entry `key`, a `kind` (a float may be written as a whole number); `otherwise` where there is none."""
+        """The entry `key` of type `kind` (a float may be written as an integer), `otherwise` without one. Raises InputError."""
         if key not in self._entries:
             return otherwise
         value = self._entries[key]
@@ -41,13 +41,13 @@ class TomlTable:
         return float(value) if kind is float else value
 
     def need(self, key: str, kind: type) -> Any:
-        """As `get`, of an entry that must be there."""
+        """The entry `key` of type `kind`, which must be there. Raises InputError."""
         if key not in self._entries:
             raise InputError(f"entry {self._dotted(key)} is missing; {_KINDS[kind]} is needed")
         return self.get(key, kind)
 
     def table(self, key: str, known: Sequence[str] | None = None) -> "TomlTable":
-        """The table `key` within; an empty one where there is none."""
+        """The table `key` within this one; an empty one where it is missing."""
         return TomlTable(self.path, self._dotted(key), self.get(key, dict, {}), known)
 
     def tables(self, key: str, known: Sequence[str]) -> Iterator["TomlTable"]:
@@ -58,7 +58,7 @@ class TomlTable:
             yield TomlTable(self.path, f"{self._dotted(key)} {number}", entries, known)
 
     def numbers(self) -> dict[str, float]:
-        """The numbers in this table and in the tables within, by dotted name. Raises InputError for anything else."""
+        """All numbers in this table and in the tables within, by dotted name. Raises InputError for any other entry."""
         values: dict[str, float] = {}
         for key, value in self._entries.items():
             if isinstance(value, dict):
@@ -72,7 +72,7 @@ class TomlTable:
 
 
 def read_toml(path: Path, known: Sequence[str]) -> TomlTable:
-    """The outermost table of a TOML file. Raises InputError."""
+    """Read a TOML file, and return its outermost table, with the allowed keys `known`. Raises InputError."""
     try:
         return TomlTable(path, "", tomllib.loads(path.read_text(encoding="utf-8")), known)
     except FileNotFoundError:

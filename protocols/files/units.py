@@ -1,7 +1,7 @@
-"""Units people write and the SI values the code computes with.
+"""Units: conversion between the units that people write and the SI values that the code computes with.
 
-Bar and degC stand in TOML, frames, run files and on screens; inside, everything is SI (Pa, K, N, m, s, rad). What a unit is, is
-known by pint. A unit is looked at where a file is loaded, once a unit and process; no loop converts.
+Bar and degC are used in TOML files, frames, run files and on screens; inside, everything is SI (Pa, K, N, m, s, rad). Units are
+parsed by pint, once for each unit and process, when a file is loaded. No loop converts.
 """
 
 import re
@@ -16,53 +16,53 @@ BAR = 1e5  # Pa, by definition
 ZERO_CELSIUS = 273.15  # K, by definition
 RPM = 0.10471975511965977  # rad/s, 2 pi / 60
 
-_LONGEST = 80  # characters of a unit; what is longer is none
-# Things are counted: one cycle of a loop or one line of an encoder is no angle, as pint has it.
-_COUNTED = ("counts/rev", "cycles")
-# Units by which a wrong one is explained
-_COMMON = (
+_LONGEST_UNIT = 80  # characters: a longer text is refused
+# Numbers of things. For pint they would be angles.
+_COUNTED_UNITS = ("counts/rev", "cycles")
+# Units that are suggested for an unknown one
+_COMMON_UNITS = (
     "1", "%", "bar", "mbar", "Pa", "kPa", "MPa", "psi", "degC", "degF", "K", "Nm", "N", "kN", "V", "mV", "A", "mA", "s", "ms",
     "us", "min", "Hz", "rad", "deg", "rad/s", "rpm", "m", "mm", "um", "m/s", "l/min", "kg", "W", "kW", "J", "kg m^2", "Pa s",
 )  # fmt: skip
-_TEXT = re.compile(r"[\w%°/*^().-][\w %°/*^().-]*")
-_PRODUCT = re.compile(
+_UNIT_TEXT = re.compile(r"[\w%°/*^().-][\w %°/*^().-]*")
+_FORCE_PRODUCT = re.compile(
     r"\b([kMmun]?N)(mm|m|(?=s))(s?)\b"
 )  # Nm is a product; in pint it would be a number of textile metres
 _CELSIUS = re.compile(r"degC|°C")  # in a product or quotient it is a difference, of 1 K
-_GAMMA = "(rad/s)^gamma"  # SI whatever gamma is; a unit of friction maps
+_GAMMA = "(rad/s)^gamma"  # SI for any gamma; a unit of friction maps
 
 
 def to_si(value: float, unit: str) -> float:
-    """Return `value` given in `unit` as an SI value. Raises InputError for what is no unit."""
-    factor, offset, _ = _meaning(unit)
+    """The SI value of `value` in `unit`. Raises InputError for an unknown unit."""
+    factor, offset, _ = _conversion(unit)
     return factor * value + offset
 
 
 def from_si(value: float, unit: str) -> float:
-    """Return the SI `value` in `unit`; the inverse of `to_si`. Raises InputError."""
-    factor, offset, _ = _meaning(unit)
+    """The SI value `value` in `unit`: the inverse of `to_si`. Raises InputError for an unknown unit."""
+    factor, offset, _ = _conversion(unit)
     return (value - offset) / factor
 
 
 def same_quantity(unit: str, other: str) -> bool:
-    """Whether values in the two units can be converted into each other. Raises InputError.
+    """Whether two units are of one quantity, so that values can be converted. Raises InputError for an unknown unit.
 
-    An angle counts: 1 Hz is no 1 rad/s.
+    An angle is a quantity of its own: Hz and rad/s differ.
     """
-    return _meaning(unit)[2] == _meaning(other)[2]
+    return _conversion(unit)[2] == _conversion(other)[2]
 
 
 @cache
-def _meaning(unit: str) -> tuple[float, float, str]:
-    """Factor and offset, with SI value = factor * value + offset, and the SI base units."""
-    if unit in _COUNTED:
+def _conversion(unit: str) -> tuple[float, float, str]:
+    """Factor, offset and SI base units of a unit: SI value = factor * value + offset. Raises InputError."""
+    if unit in _COUNTED_UNITS:
         return 1.0, 0.0, unit
     text = unit.replace(_GAMMA, "rad")
-    text = _PRODUCT.sub(lambda found: "*".join(filter(None, found.groups())), text)
+    text = _FORCE_PRODUCT.sub(lambda found: "*".join(filter(None, found.groups())), text)
     if not _CELSIUS.fullmatch(text):
         text = _CELSIUS.sub("delta_degC", text)
     try:
-        if len(unit) > _LONGEST or not _TEXT.fullmatch(text):
+        if len(unit) > _LONGEST_UNIT or not _UNIT_TEXT.fullmatch(text):
             raise ValueError
         one, zero = (_registry().Quantity(Decimal(number), text).to_base_units() for number in (1, 0))
         factor, offset = float(one.magnitude - zero.magnitude), float(zero.magnitude)
@@ -70,13 +70,13 @@ def _meaning(unit: str) -> tuple[float, float, str]:
     except Exception:  # pint raises many kinds, those of Python's tokenizer among them
         known = False
     if not known:
-        shown = unit if len(unit) <= _LONGEST else unit[:_LONGEST] + "..."
-        hint = f"{closest(unit, _COMMON)}; products and quotients such as kg m^2/s are allowed"
+        shown = unit if len(unit) <= _LONGEST_UNIT else unit[:_LONGEST_UNIT] + "..."
+        hint = f"{closest(unit, _COMMON_UNITS)}; products and quotients such as kg m^2/s are allowed"
         raise InputError(f"unit {shown!r} is unknown; {hint}")
     return factor, offset, str(one.units)
 
 
 @cache
 def _registry() -> pint.UnitRegistry:
-    """Decimal numbers: a factor is the float next to it, as if it were written down."""
+    """Registry with decimal numbers, so that a factor is the float nearest to its decimal value."""
     return pint.UnitRegistry(non_int_type=Decimal, autoconvert_offset_to_baseunit=True)

@@ -1,9 +1,9 @@
-"""Compiling: each kernel is compiled by one process, the others wait and load it; and what is going on can be asked.
+"""Compiling: each kernel is compiled by one process, and the others wait and load it. The progress can be asked for.
 
-Numba's cache has no lock. Two processes that compile one function for different types at once can give both the same file, and
-the next to load it would run the code of the other type; two that compile it for the same types do the work twice. So whoever
-does not find a kernel on disk locks it, looks again, and compiles it. Kernels call each other without a circle, so no two
-processes wait for each other. Numba calls `install` before it compiles or loads anything (entry point `numba_extensions`).
+Numba's cache has no lock. Two processes that compile one function for different types at the same time can give both the same
+file name; the next process to load it would run the code for the wrong type. Two that compile it for the same types do the work
+twice. So a process that does not find a kernel on disk locks it, looks again, and then compiles it. Kernels do not call each
+other in a circle, so no two processes wait for each other. Numba calls `install` first (entry point `numba_extensions`).
 """
 
 import fcntl
@@ -16,9 +16,10 @@ _UNLOCKED = -1  # where there can be no lock
 
 
 class Compiling:
-    """What this process compiles: `kernels` begun and not ended, the innermost last, and how many have been `compiled`.
+    """Progress of compilation in this process.
 
-    `waits` while another process compiles the innermost; `seconds` have gone into kernels that have ended.
+    kernels: names of those being compiled, the innermost last. compiled: number of those done. waits: whether another process
+    compiles the innermost one. seconds: spent on those done.
     """
 
     def __init__(self) -> None:
@@ -31,7 +32,7 @@ class Compiling:
         self._locks: dict[str, int | None] = {}
 
     def describe(self) -> str:
-        """What is going on, for people."""
+        """Progress as a sentence for people."""
         kernels = list(self.kernels)
         now = self.seconds + (time.monotonic() - self._began if kernels else 0.0)
         what = f"compiling kernels: {self.compiled} done"
@@ -40,19 +41,19 @@ class Compiling:
         return f"{what}, {now:.0f} s"
 
     def begin(self, path: str) -> bool:
-        """A kernel is asked for whose index is at `path`; False where it is being compiled already, by this process."""
+        """Begin to load or compile the kernel with the index file `path`; False where this process compiles it already."""
         if path in self._locks:
             return False
         self._locks[path] = None
         return True
 
-    def missed(self, path: str, name: str) -> None:
-        """It is not on disk: wait until nobody else compiles it."""
+    def lock_missing(self, path: str, name: str) -> None:
+        """Lock a kernel that is not on disk: wait until no other process compiles it."""
         if self._locks.get(path, 0) is not None:
             return
         if not self.kernels:
             self._began = time.monotonic()
-        self._locks[path] = _UNLOCKED  # first: whoever is interrupted from here on ends it
+        self._locks[path] = _UNLOCKED  # first, so that `end` works after an interruption from here on
         self.kernels.append(name)
         try:
             os.makedirs(os.path.dirname(path), exist_ok=True)
@@ -64,7 +65,7 @@ class Compiling:
         self.waits = False
 
     def end(self, path: str) -> None:
-        """The kernel is on disk, or cannot be compiled."""
+        """End: the kernel is on disk, or cannot be compiled. Release its lock."""
         lock = self._locks.pop(path)
         if lock is None:  # it was on disk
             return
@@ -90,17 +91,17 @@ def install() -> None:
     def load_or_lock(cache: Any, sig: Any, context: Any) -> Any:
         found = load(cache, sig, context)
         if found is None and cache._enabled:
-            COMPILING.missed(cache._cache_file._index_path, cache._py_func.__name__)
+            COMPILING.lock_missing(cache._cache_file._index_path, cache._py_func.__name__)
             found = load(cache, sig, context)
         return found
 
     Cache.load_overload = load_or_lock  # type: ignore[method-assign]
     for kind in (Dispatcher, CFunc):  # whatever compiles has a cache
-        kind.compile = _alone(kind.compile)  # type: ignore[method-assign]
+        kind.compile = _compile_alone(kind.compile)  # type: ignore[method-assign]
 
 
-def _alone(compile_one: Callable[..., Any]) -> Callable[..., Any]:
-    """`compile_one` of Numba, which ends what its cache's miss has begun."""
+def _compile_alone(compile_one: Callable[..., Any]) -> Callable[..., Any]:
+    """Wrap `compile_one` of Numba, so that the lock of a kernel is released after it."""
 
     def compiled(function: Any, *signature: Any) -> Any:
         file = getattr(function._cache, "_cache_file", None)

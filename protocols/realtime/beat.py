@@ -1,8 +1,10 @@
-"""Beat: the clock of a loop in compiled code, on the clock's own memory: a slot waited for, a cycle's row and account.
+"""Beat: the clock of a loop for compiled code. It waits for a slot, and records the row and the timing of a cycle.
 
-Same as         Clock.wait where slots slept through are left out, SleepThenSpin, Clock.done, RingWriter.write
-Method          clock_nanosleep(2) to the absolute time; nothing of Python, which is cold after a sleep, runs before the turn
-                that follows in the same call, nor between turns, of which a call makes several
+It works on the memory of a `Clock` and does what these do: `Clock.wait` with the policy "skip", `SleepThenSpin`,
+`Clock.end_cycle`, `RingWriter.write`.
+
+Method          clock_nanosleep(2) to the absolute time. The cycle follows in the same call, and one call makes several cycles.
+                So no Python code, whose memory is out of the caches after a sleep, runs before a cycle
 """
 
 from typing import Any, NamedTuple
@@ -13,16 +15,16 @@ from numba import njit, types
 from protocols.buses.exchange import CLOCK_MONOTONIC, now, system
 from protocols.node import Column, record_type
 from protocols.realtime.clock import CLOCK, Clock
-from protocols.realtime.mailbox import ANSWERED, ASKED, WORDS, Mailbox
+from protocols.realtime.mailbox import ANSWER_NUMBER, REQUEST_NUMBER, WORDS, Mailbox
 from protocols.realtime.ring import RingWriter
-from protocols.realtime.waiting import MARGIN, MEMORY
+from protocols.realtime.waiting import SPIN_DECAY_SLEEPS, WAKE_MARGIN_NS
 
-OVERRUN, OVERSLEPT = -1, -2  # what `wait` returns where the clock's policy for overruns is to be asked
+OVERRUN, OVERSLEPT = -1, -2  # returned by `wait` where the clock's policy for overruns must decide
 _ABSOLUTE = 1  # TIMER_ABSTIME of linux/time.h
 _SECOND = 1_000_000_000  # ns
-# ns that compiled code stays at most, though nobody asks for anything: who waits for a service to end does so for ten seconds.
-# What Python does in between costs 0.15 ms, as all of it is cold, which at 4 kHz and above makes the next cycle late
-_STAY = 2_000_000_000
+# ns, longest call of compiled code without a request: others wait ten seconds for the end of a service. Each return to Python
+# costs 0.15 ms, as its memory is out of the caches. At 4 kHz and above that makes the next cycle late.
+_LONGEST_CALL = 2_000_000_000
 # What a row has of its cycle beside the node's record
 TIMING = (
     Column("clock_s", "s", "CLOCK_MONOTONIC when the cycle began"),
@@ -53,13 +55,13 @@ class BeatMemory(NamedTuple):
 class Beat:
     """`clock` for compiled code, which works on the same `memory`.
 
-    One call of compiled code may make `most` turns, whose rows but the last one's it writes to `ring`, and ends early where
-    `mailbox` has a request (`called`); without them it makes one.
+    One call of compiled code makes up to `most` cycles. It writes all rows but the last to `ring`, and ends early where
+    `mailbox` has a request (`is_called`). Without a ring it makes one cycle.
     """
 
     def __init__(self, clock: Clock, ring: RingWriter | None = None, mailbox: Mailbox | None = None) -> None:
         self.clock, self._ring, self._mailbox = clock, ring, mailbox
-        self.most = max(1, _STAY // clock.period_ns) if ring else 1
+        self.most = max(1, _LONGEST_CALL // clock.period_ns) if ring else 1
 
     @property
     def memory(self) -> BeatMemory:
@@ -70,25 +72,25 @@ class Beat:
             clock, waits, rows, counts, self._mailbox.numbers if self._mailbox else np.zeros(WORDS, np.int64)
         )
 
-    def book(self, row: np.ndarray, changes: int) -> None:
-        """The cycle has ended: write its row, with `changes` of parameters so far, and let the clock know, in one call."""
-        book(self.memory, row, changes)
+    def record_cycle(self, row: np.ndarray, changes: int) -> None:
+        """End a cycle: write its row (columns,), with the number of parameter `changes` so far, and record its timing."""
+        record_cycle(self.memory, row, changes)
 
-    def woke(self, how: int) -> int:
-        """What is left to do after a `wait` that began no cycle: see `Clock.woke`."""
-        return self.clock.woke(self.clock.woken_ns, how == OVERSLEPT)
+    def wake_up(self, how: int) -> int:
+        """Begin the cycle after a `wait` that returned `how`, OVERRUN or OVERSLEPT; see `Clock.wake_up`."""
+        return self.clock.wake_up(self.clock.woken_ns, how == OVERSLEPT)
 
 
-def warm_book() -> None:
-    """Compile, or load from disk, what writes a row: now, not in the loop."""
-    book(Beat(Clock(1)).memory._replace(rows=np.zeros((1, 1 + _TIMES))), np.zeros(1), 0)
+def compile_record_cycle() -> None:
+    """Compile `record_cycle`, or load it from disk, before the loop begins."""
+    record_cycle(Beat(Clock(1)).memory._replace(rows=np.zeros((1, 1 + _TIMES))), np.zeros(1), 0)
 
 
 @njit(cache=True, nogil=True)
 def wait(beat: Any) -> Any:
-    """Wait for the next slot of a BeatMemory. Returns how many were left out since the last one.
+    """Wait for the next slot of a BeatMemory, and return how many were left out since the last one.
 
-    Where slots are over, and the policy for overruns is not to leave them out: OVERRUN or OVERSLEPT, with no cycle begun.
+    Where slots are over and the clock's policy is not "skip", return OVERRUN or OVERSLEPT, without a cycle begun.
     """
     clock = beat.clocks[0]
     clock.deadline += clock.period
@@ -96,7 +98,7 @@ def wait(beat: Any) -> Any:
     at = now(CLOCK_MONOTONIC, clock.spare)
     asleep = at < due
     if asleep:
-        at = _until(due, at, clock, beat.spins)
+        at = _wait_until(due, at, clock, beat.spins)
     clock.woken, missed = at, 0
     if at >= due + clock.period:
         if clock.skips == 0:
@@ -110,8 +112,8 @@ def wait(beat: Any) -> Any:
 
 
 @njit
-def _until(due, at, clock, spins):
-    """Return once `due` has come; what the clock says then [ns]."""
+def _wait_until(due, at, clock, spins):
+    """Wait until `due` [ns of CLOCK_MONOTONIC]; return the time then [ns]."""
     spin, most = spins[0], spins[1]
     begin = due - spin
     if at < begin:
@@ -119,8 +121,8 @@ def _until(due, at, clock, spins):
             sleep_until(begin, clock.spare)
             at = now(CLOCK_MONOTONIC, clock.spare)
         if most > 0:
-            needed = min(at - begin + MARGIN, most)
-            spins[0] = needed if needed > spin else spin - (spin - needed) // MEMORY
+            needed = min(at - begin + WAKE_MARGIN_NS, most)
+            spins[0] = needed if needed > spin else spin - (spin - needed) // SPIN_DECAY_SLEEPS
     while at < due:
         at = now(CLOCK_MONOTONIC, clock.spare)
     return at
@@ -135,7 +137,7 @@ def sleep_until(due, times):
 
 @njit(cache=True, nogil=True)
 def arrive(clocks: Any, woken: Any, arrived: Any, slots: Any) -> None:
-    """A cycle has begun, `woken` by a sample that `arrived` [ns], `slots` after the one before: the grid goes with it."""
+    """Begin a cycle at `woken` [ns] for a sample that `arrived` [ns], `slots` after the one before; move the grid with it."""
     clock = clocks[0]
     clock.first += arrived - clock.deadline - slots * clock.period
     clock.deadline, clock.woken, clock.lateness = arrived, woken, woken - arrived
@@ -144,25 +146,25 @@ def arrive(clocks: Any, woken: Any, arrived: Any, slots: Any) -> None:
 
 
 @njit
-def called(line, beat):
-    """Whether Python is to look: a signal has been seen, or there is a request to the mailbox of a BeatMemory."""
-    return line.signalled or beat.numbers[ASKED] != beat.numbers[ANSWERED]
+def is_called(line, beat):
+    """Whether Python has something to do: a signal has come, or the mailbox of a BeatMemory has a request."""
+    return line.signalled or beat.numbers[REQUEST_NUMBER] != beat.numbers[ANSWER_NUMBER]
 
 
 @njit(cache=True, nogil=True)
-def book(beat: Any, row: Any, changes: Any) -> None:
-    """The cycle has ended: write its row, then the account of `Clock.done`."""
+def record_cycle(beat: Any, row: Any, changes: Any) -> None:
+    """End a cycle: write its row, then record its timing as `Clock.end_cycle` does."""
     at, clock = write(beat, row, changes), beat.clocks[0]
     clock.worked = at - clock.woken
-    _add(clock.wake, clock.lateness)
-    _add(clock.work, clock.worked)
+    _add_duration(clock.wake, clock.lateness)
+    _add_duration(clock.work, clock.worked)
     if at > clock.deadline + clock.period or clock.lateness >= clock.period:
         clock.late += 1
 
 
 @njit(cache=True, nogil=True)
 def write(beat: Any, row: Any, changes: Any) -> Any:
-    """Write a row, which is `row` and TIMING, to the ring of a BeatMemory; returns what the clock says then [ns]."""
+    """Write a row, `row` and the columns TIMING, to the ring of a BeatMemory; return the time then [ns]."""
     clock, place, width = beat.clocks[0], beat.rows[beat.counts[0] % beat.rows.shape[0]], row.size
     for column in range(width):
         place[column] = row[column]
@@ -175,8 +177,8 @@ def write(beat: Any, row: Any, changes: Any) -> Any:
 
 
 @njit
-def _add(histogram, duration):
-    """As `Histogram.add`."""
+def _add_duration(histogram, duration):
+    """Count a `duration` [ns] in a record of HISTOGRAM; see `Histogram.add`."""
     histogram.bins[min(max(duration, 0) // 1000, histogram.bins.size - 1)] += 1
     histogram.total += 1
     histogram.maximum = max(histogram.maximum, duration)

@@ -1,4 +1,4 @@
-"""Child: a process of ours that does not outlive the one that started it."""
+"""Child: a process that does not outlive the one that started it."""
 
 import ctypes
 import signal
@@ -18,7 +18,7 @@ def clutch_hil(*arguments: str) -> list[str]:
 
 def module(name: str, *arguments: str) -> list[str]:
     """The command line of the module `name` with this interpreter."""
-    # -P: modules of the folder we are in must not stand in for ours
+    # -P: modules in the current folder must not replace ours
     return [sys.executable, "-P", "-m", name, *arguments]
 
 
@@ -29,9 +29,9 @@ def spawn(
     when_parent_dies: signal.Signals = signal.SIGTERM,
     keep: Sequence[int] = (),
 ) -> "subprocess.Popen[bytes]":
-    """Start a process in a session of its own, so that Ctrl-C is ours; `output` takes stdout and stderr, as of Popen.
+    """Start a process in a session of its own, so that it does not get Ctrl-C; `output`: for stdout and stderr, as of Popen.
 
-    It keeps the descriptors `keep`. It is sent `when_parent_dies` when the thread that called this ends.
+    keep: descriptors that it inherits. when_parent_dies: signal that it gets when the thread that called this ends.
     """
 
     def die_with_parent() -> None:

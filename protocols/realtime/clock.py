@@ -1,8 +1,8 @@
-"""The clock of a service: an absolute grid of deadlines, what was late, and the distribution of how late.
+"""The clock of a service: an absolute grid of deadlines, counts of late cycles, and distributions of their lateness.
 
-Slot k begins at start + k period. A cycle that ends after its slot, or begins after the one it waited for, is late; slots that
-are over before a cycle begins, as the one before took too long or the machine stood still, are skipped and counted with that
-cycle, so that elapsed slots = cycles run + cycles skipped, always: the grid's phase is never lost.
+Slot k begins at start + k period. A cycle is late if it ends after its slot, or begins after the slot that it waited for.
+Slots that are over before a cycle begins are skipped, and counted with that cycle: the cycle before took too long, or the
+machine stood still. So slots = cycles run + slots skipped at any time, and the phase of the grid is never lost.
 """
 
 import time
@@ -37,9 +37,9 @@ _TOTAL, _MAXIMUM = _place(HISTOGRAM, "total"), _place(HISTOGRAM, "maximum")
 
 
 class Histogram:
-    """Counts of durations in bins of 1 us up to 20 ms, for percentiles; constant memory: bins, those beyond, total, maximum.
+    """Counts of durations in bins of 1 us up to 20 ms, for percentiles. Its memory is constant: bins, total and maximum.
 
-    Longer ones share the last bin: a percentile that falls there reads 20 ms, the maximum is exact.
+    Longer durations share the last bin: a percentile that falls there is given as 20 ms. The maximum is exact.
     """
 
     def __init__(self, words: memoryview | None = None) -> None:
@@ -52,7 +52,7 @@ class Histogram:
 
     @property
     def maximum_ns(self) -> int:
-        """The longest one [ns]; 0 when there are none."""
+        """The longest duration [ns]; 0 when there is none."""
         return self._words[_MAXIMUM]
 
     def add(self, duration_ns: int) -> None:
@@ -77,8 +77,8 @@ class Histogram:
         return values | {"max_us": self.maximum_ns / 1000.0}
 
 
-class _Kept:
-    """A number of a clock that lies in its memory: the field `name` of CLOCK."""
+class _StoredWord:
+    """Attribute of a clock that is stored in its memory: the field `name` of CLOCK."""
 
     def __init__(self, name: str) -> None:
         self._word = _place(CLOCK, name)
@@ -93,17 +93,16 @@ class _Kept:
 class Clock:
     """Absolute deadlines every `period_ns` on CLOCK_MONOTONIC.
 
-    `waiting` spends the time to a deadline, `overrun` says how many of the slots slept through are left out.
+    waiting: spends the time to a deadline. overrun: returns how many of the missed slots are left out.
 
-    `run` cycles begun, `skipped` slots slept through, `slots` both, counted with the grid,
-    `late` cycles that ended, or began, after the slot they waited for,
-    `wake` lateness of wake-ups and `work` durations of cycles; `woken_ns` (of CLOCK_MONOTONIC), `lateness_ns` and
-    `work_ns` are the last ones. All that lies in `words`, the memory of a CLOCK.
+    run: cycles begun. skipped: slots left out. slots: both, counted by the grid. late: cycles that ended, or began, after the
+    slot they waited for. wake, work: histograms of the lateness of wake-ups and of the duration of cycles. woken_ns (of
+    CLOCK_MONOTONIC), lateness_ns, work_ns: of the last cycle. All of it is stored in `words`, the memory of a CLOCK.
     """
 
-    period_ns, _first_ns, deadline_ns = _Kept("period"), _Kept("first"), _Kept("deadline")
-    woken_ns, lateness_ns, work_ns = _Kept("woken"), _Kept("lateness"), _Kept("worked")
-    run, skipped, late, _skips = _Kept("run"), _Kept("skipped"), _Kept("late"), _Kept("skips")
+    period_ns, _first_ns, deadline_ns = _StoredWord("period"), _StoredWord("first"), _StoredWord("deadline")
+    woken_ns, lateness_ns, work_ns = _StoredWord("woken"), _StoredWord("lateness"), _StoredWord("worked")
+    run, skipped, late, _skips = _StoredWord("run"), _StoredWord("skipped"), _StoredWord("late"), _StoredWord("skips")
 
     def __init__(self, period_ns: int, waiting: Waiting | None = None, overrun: Callable[[int], int] = skip) -> None:
         self.words = array(
@@ -113,7 +112,7 @@ class Clock:
         self.wake, self.work = Histogram(view[wake:work]), Histogram(view[work:])
         self.waiting, self._overrun = waiting or Sleep(), overrun
         self._skips = overrun is skip
-        self.period_ns = self._first_ns = period_ns  # no slot has come
+        self.period_ns = self._first_ns = period_ns  # as if no slot had come
 
     def start(self, first_deadline_ns: int) -> None:
         """Set the grid: the first slot begins at `first_deadline_ns` of CLOCK_MONOTONIC."""
@@ -122,7 +121,7 @@ class Clock:
 
     @property
     def slots(self) -> int:
-        """Periods from the first slot to the present one, and one: what run and skipped must add up to."""
+        """Slots from the first to the present one, both included: run and skipped together."""
         return round((self.deadline_ns - self._first_ns) / self.period_ns) + 1
 
     def wait(self) -> int:
@@ -130,28 +129,31 @@ class Clock:
         self.deadline_ns += self.period_ns
         due, now = self.deadline_ns, time.monotonic_ns()
         asleep = now < due
-        return self.woke(self.waiting(now, due) if asleep else now, asleep)
+        return self.wake_up(self.waiting(now, due) if asleep else now, asleep)
 
-    def woke(self, now_ns: int, asleep: bool) -> int:
-        """The cycle of the slot waited for, `asleep` or in vain, or of a later one, begins `now_ns`; the rest of `wait`."""
+    def wake_up(self, now_ns: int, asleep: bool) -> int:
+        """Begin the cycle of the present slot, or of a later one after missed slots, at `now_ns`; return slots left out.
+
+        asleep: whether the loop had waited for the slot, rather than come too late for it. This is the second half of `wait`.
+        """
         due, missed = self.deadline_ns, 0
         if now_ns >= due + self.period_ns:
             missed = self._overrun((now_ns - due) // self.period_ns)
             self.deadline_ns += missed * self.period_ns
-        self.begin(now_ns, missed, now_ns - (due if asleep else self.deadline_ns))
+        self.begin_cycle(now_ns, missed, now_ns - (due if asleep else self.deadline_ns))
         return missed
 
-    def begin(self, now_ns: int, missed: int, lateness_ns: int) -> None:
-        """The cycle of the slot at `deadline_ns` begins `now_ns`; `missed` slots before it were left out.
+    def begin_cycle(self, now_ns: int, missed: int, lateness_ns: int) -> None:
+        """Begin the cycle of the slot at `deadline_ns`, at `now_ns`, after `missed` slots that were left out.
 
-        It begins `lateness_ns` after the slot that it waited for, be it one of those left out.
+        lateness_ns: after the slot that it waited for, which may be one of those left out.
         """
         self.run += 1
         self.skipped += missed
         self.woken_ns, self.lateness_ns = now_ns, lateness_ns
 
-    def done(self) -> None:
-        """The work of the cycle has ended."""
+    def end_cycle(self) -> None:
+        """End the cycle: record its timing."""
         now = time.monotonic_ns()
         self.work_ns = now - self.woken_ns
         self.wake.add(self.lateness_ns)
@@ -160,7 +162,7 @@ class Clock:
             self.late += 1
 
     def summary(self) -> dict[str, Any]:
-        """Counts and distributions, for the end of a run."""
+        """Counts and distributions of the run, for JSON."""
         return {
             "period_us": self.period_ns / 1000.0,
             "slots": self.slots,

@@ -1,7 +1,6 @@
-"""Footprint: what a loop took from the system while it ran; in steady state nothing.
+"""Footprint: page faults, garbage collections, threads and preemptions of a loop while it ran; in steady state all are 0.
 
-What            page faults, collections of garbage, threads, and switches that the loop did not ask for
-Assumptions     it is asked by the loop's own thread
+Assumptions     it is called by the thread of the loop
 References      getrusage(2), RUSAGE_THREAD
 """
 
@@ -11,7 +10,7 @@ import resource
 
 
 class Footprint:
-    """Counts since it was made."""
+    """Counts since the object was created."""
 
     def __init__(self) -> None:
         self._threads = _threads()

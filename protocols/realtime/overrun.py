@@ -1,4 +1,4 @@
-"""Overrun: what a loop does about slots that it has slept through."""
+"""Overrun: policies of a loop for slots that it has missed. Each returns how many of them are left out."""
 
 from collections.abc import Callable
 
@@ -6,21 +6,21 @@ from protocols.errors import InputError, listing
 
 
 class OverrunError(Exception):
-    """A slot was missed where none may be."""
+    """A slot was missed, and the policy does not allow it."""
 
 
 def skip(slots: int) -> int:
-    """Leave the missed `slots` out and go on with the grid: a controller has nothing to say about the past."""
+    """Leave the missed `slots` out and go on with the grid: right for a controller, which cannot act in the past."""
     return slots
 
 
 def catch_up(slots: int) -> int:
-    """Run every slot, without waiting, until the grid is reached again: a model that must not lose time."""
+    """Run every missed slot, without waiting, until the grid is reached again: right for a model that must not lose time."""
     return 0
 
 
 def fault(slots: int) -> int:
-    """End: where a missed slot is a fault. Raises OverrunError."""
+    """Raise OverrunError: a missed slot ends the run."""
     raise OverrunError(f"{slots} slots were missed, and the policy for overruns is fault")
 
 
@@ -28,7 +28,7 @@ POLICIES: dict[str, Callable[[int], int]] = {"skip": skip, "catch-up": catch_up,
 
 
 def overrun_policy(name: str) -> Callable[[int], int]:
-    """The policy of that name: of a number of missed slots those that are left out. Raises InputError."""
+    """The policy of that name. Raises InputError."""
     if name not in POLICIES:
         raise InputError(f"overrun policy {name!r} is unknown; allowed are {listing(POLICIES)}")
     return POLICIES[name]

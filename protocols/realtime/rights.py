@@ -1,7 +1,6 @@
-"""Make the calling process as punctual as this machine allows; what it does not allow is said, not hidden.
+"""Rights for real time: makes the calling process as punctual as this machine allows, and lists what it does not allow.
 
-Each measure degrades alone: a process without one of the rights runs with the others. `clutch-hil doctor` tells which there
-are.
+The measures are independent: a process without one of the rights runs with the others. `clutch-hil doctor` lists them.
 """
 
 import ctypes
@@ -13,91 +12,91 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from protocols.kernels.starting import STARTING
+from protocols.kernels.progress_notice import PROGRESS_NOTICE
 
 _MCL_CURRENT, _MCL_FUTURE = 1, 2  # sys/mman.h
 _M_TRIM_THRESHOLD, _M_MMAP_MAX = -1, -4  # malloc.h
 _PR_SET_TIMERSLACK = 29  # linux/prctl.h
 _DMA_LATENCY = Path("/dev/cpu_dma_latency")
-_HEAP, _STACK = 16 << 20, 512 << 10  # bytes touched beforehand: a loop in steady state holds less
+_HEAP, _STACK = 16 << 20, 512 << 10  # bytes touched beforehand: a loop in steady state needs less
 _POOLS = 4 << 20  # bytes of Python's own pools of small objects: its arenas are 1 MiB, a new one is 256 page faults
-_SMALL = 450  # bytes; up to 512 with the object's head come from the pools
-_KEPT_EVERY = 256  # objects: some stay in each arena, else it would be given back
-PRIORITY = 80  # SCHED_FIFO: above ordinary work, below the kernel's own threads at 99 (timing.md)
+_SMALL_OBJECT = 450  # bytes; up to 512 with the object's head come from the pools
+_PINNED_EVERY = 256  # objects: some stay in each arena, else it would be given back
+PRIORITY = 80  # SCHED_FIFO: above ordinary work, below the kernel's own threads at 99 (docs/timing.md)
 
 _LIBC = ctypes.CDLL(None, use_errno=True)
-_pinned: list[bytes] = []  # small objects that keep their arenas
-_held: list[int] = []  # descriptors that keep a request to the kernel alive as long as the process
+_pinned_objects: list[bytes] = []  # small objects that keep their arenas
+_held_descriptors: list[int] = []  # open descriptors that keep a request to the kernel valid
 
 
-class Wanted(NamedTuple):
-    """What a loop asks for: `cpu` binds it to one CPU, None leaves it free; `priority` of SCHED_FIFO, 1..99."""
+class LoopRequest(NamedTuple):
+    """What a loop asks for. cpu: number of the CPU that it is bound to, None for any. priority: of SCHED_FIFO, 1..99."""
 
     cpu: int | None = None
     priority: int = PRIORITY
 
 
 class Measure(NamedTuple):
-    """One thing that makes a process punctual, by `take`, which raises OSError where the right is missing.
+    """One measure that makes a process punctual. `take` raises OSError where the right is missing.
 
-    why: what it is good for; missing: what is said without it; remedy: command that gives the right.
+    why: its benefit. missing: message where it is not possible. remedy: command that gives the right.
     """
 
     name: str
     why: str
-    take: Callable[[Wanted], None]
+    take: Callable[[LoopRequest], None]
     missing: str
     remedy: str
 
 
-def _priority(wanted: Wanted) -> None:
+def _set_priority(wanted: LoopRequest) -> None:
     os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(wanted.priority))
 
 
-def _bind(wanted: Wanted) -> None:
+def _bind(wanted: LoopRequest) -> None:
     if wanted.cpu is not None:
         os.sched_setaffinity(0, {wanted.cpu})
 
 
-def _lock_memory(wanted: Wanted) -> None:
-    _checked(_LIBC.mlockall(_MCL_CURRENT | _MCL_FUTURE))
+def _lock_memory(wanted: LoopRequest) -> None:
+    _raise_if_failed(_LIBC.mlockall(_MCL_CURRENT | _MCL_FUTURE))
 
 
-def _fault_in(wanted: Wanted) -> None:
-    """Heap that malloc keeps, and stack, touched now; locked pages stay."""
+def _fault_in(wanted: LoopRequest) -> None:
+    """Touch heap, which malloc then keeps, and stack now; locked pages stay in memory."""
     for option, value in ((_M_TRIM_THRESHOLD, -1), (_M_MMAP_MAX, 0)):
         if not _LIBC.mallopt(option, value):
             raise OSError
     touched = bytearray(_HEAP)
     del touched
-    small = [bytes(_SMALL) for _ in range(_POOLS // _SMALL)]
-    _pinned.extend(small[::_KEPT_EVERY])
+    small = [bytes(_SMALL_OBJECT) for _ in range(_POOLS // _SMALL_OBJECT)]
+    _pinned_objects.extend(small[::_PINNED_EVERY])
     del small
     ctypes.memset(ctypes.create_string_buffer(_STACK), 1, _STACK)
 
 
-def _timer_slack(wanted: Wanted) -> None:
-    _checked(_LIBC.prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0))
+def _set_timer_slack(wanted: LoopRequest) -> None:
+    _raise_if_failed(_LIBC.prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0))
 
 
-def _stay_awake(wanted: Wanted) -> None:
+def _stay_awake(wanted: LoopRequest) -> None:
     descriptor = os.open(_DMA_LATENCY, os.O_WRONLY | os.O_CLOEXEC)
     os.write(descriptor, (0).to_bytes(4, "little"))
-    _held.append(descriptor)
+    _held_descriptors.append(descriptor)
 
 
-def _no_collector(wanted: Wanted) -> None:
+def _disable_collector(wanted: LoopRequest) -> None:
     gc.collect()
     gc.freeze()
     gc.disable()
 
 
-def _checked(result: int) -> None:
+def _raise_if_failed(result: int) -> None:
     if result:
         raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
 
 
-MEASURES = (  # priority last: what comes before takes a quarter of a second, and with priority nobody else on the CPU had it
+MEASURES = (  # priority last: the others take a quarter of a second, in which nobody else would get the CPU
     Measure(
         "memory locked", "no page is fetched from disk in the loop", _lock_memory,
         "memory is not locked: the right to mlockall is missing (root, or LimitMEMLOCK=infinity)",
@@ -108,7 +107,7 @@ MEASURES = (  # priority last: what comes before takes a quarter of a second, an
         "memory is not touched beforehand: this C library has no mallopt", "use glibc",
     ),
     Measure(
-        "timer slack 1 ns", "the kernel does not gather wake-ups; with real-time priority it does not anyway", _timer_slack,
+        "timer slack 1 ns", "the kernel does not gather wake-ups; with real-time priority it does not anyway", _set_timer_slack,
         "timer slack is left at 50 us: this kernel refuses PR_SET_TIMERSLACK", "real-time priority has none anyway",
     ),
     Measure(
@@ -116,7 +115,8 @@ MEASURES = (  # priority last: what comes before takes a quarter of a second, an
         f"the CPU may sleep deeply: {_DMA_LATENCY} is missing or not writable", f"sudo chmod o+w {_DMA_LATENCY}",
     ),
     Measure(
-        "garbage collector off", "what is there is never looked through: the loop makes no cycles of references", _no_collector,
+        "garbage collector off", "what is there is never looked through: the loop makes no cycles of references",
+        _disable_collector,
         "the garbage collector is on", "use CPython",
     ),
     Measure(
@@ -124,7 +124,7 @@ MEASURES = (  # priority last: what comes before takes a quarter of a second, an
         "not bound to a CPU: there is none of that number or the right is missing", "choose --cpu from those of `nproc --all`",
     ),
     Measure(
-        "real-time priority", "the loop goes before all ordinary work", _priority,
+        "real-time priority", "the loop goes before all ordinary work", _set_priority,
         "no real-time priority: the right to SCHED_FIFO is missing (root, or LimitRTPRIO)",
         "echo '* - rtprio 95' | sudo tee /etc/security/limits.d/rt.conf, and log in again",
     ),
@@ -132,26 +132,26 @@ MEASURES = (  # priority last: what comes before takes a quarter of a second, an
 
 
 def prepare(cpu: int | None = None, priority: int = PRIORITY, measures: Sequence[Measure] = MEASURES) -> list[str]:
-    """Take every measure for this process. Returns one line for each that was not possible."""
+    """Take every measure for this process; return one line for each that was not possible."""
     if threading.current_thread() is threading.main_thread():  # a loop in a thread of its own is not alone
-        STARTING.end()
+        PROGRESS_NOTICE.end()
     missing = []
     for measure in measures:
         try:
-            measure.take(Wanted(cpu, priority))
+            measure.take(LoopRequest(cpu, priority))
         except OSError:
             missing.append(measure.missing)
     return missing
 
 
 def relax() -> None:
-    """Go back to ordinary priority when the loop is over: ending takes a tenth of a second, of which others shall not wait."""
+    """Return to ordinary priority after the loop: ending takes a tenth of a second, in which others must not wait."""
     with suppress(OSError):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
-def possible(measure: Measure, wanted: Wanted) -> bool:
-    """Whether this process may take a measure; tried in a child, so that nothing changes here."""
+def is_possible(measure: Measure, wanted: LoopRequest) -> bool:
+    """Whether this process may take a measure. It is tried in a child process, so that nothing changes here."""
     child = os.fork()
     if child == 0:
         try:

@@ -1,12 +1,12 @@
-"""Ring: the newest rows of a node's record in shared memory, written by the loop, read by anybody.
+"""Ring: the newest rows of a node's record in shared memory, written by the loop, read by any process.
 
-One writer never waits and never asks; readers copy rows out and count what was overwritten before they came. A file
-mapped into memory (in /dev/shm where there is one), so that it needs no server and ends with its folder.
+The one writer never waits. Readers copy rows, and count those that were overwritten before they read them. The ring is a file
+mapped into memory (in /dev/shm where there is one), so it needs no server and disappears with its folder.
 
 Layout: 16 bytes (magic, length of the header), header JSON (columns, capacity, description), rows written (u64), rows of
 doubles.
-x86 and ARMv8.1+ keep the order "row, then count" as long as the interpreter stores in that order; a reader that was
-overtaken while copying notices by the count.
+x86 and ARMv8.1+ keep the order "row, then count", as the interpreter stores in that order. A reader that is overtaken while it
+copies sees that by the count.
 """
 
 import json
@@ -29,9 +29,9 @@ _DOUBLE = 8  # bytes
 
 
 class RingWriter:
-    """Create a ring at `path` for rows of `columns`, keeping the newest `capacity` rows.
+    """Create a ring at `path` for rows of `columns`; it keeps the newest `capacity` rows. Raises InputError.
 
-    `description` is kept as JSON for readers. Compiled code (`beat.py`) writes to `rows`, shape (capacity + 1, columns), and
+    description: for readers, stored as JSON. Compiled code (`beat.py`) writes to `rows`, shape (capacity + 1, columns), and
     counts them in `counts`, shape (1,).
     """
 
@@ -47,7 +47,7 @@ class RingWriter:
         part = path.with_suffix(".part")
         try:
             with part.open("w+b") as file:
-                os.posix_fallocate(file.fileno(), 0, size)  # a full memory is told now, not by SIGBUS in the loop
+                os.posix_fallocate(file.fileno(), 0, size)  # full memory is an error now, not SIGBUS in the loop
                 self._map = mmap.mmap(file.fileno(), size)
         except OSError as error:
             part.unlink(missing_ok=True)
@@ -67,7 +67,7 @@ class RingWriter:
         return self._count[0]
 
     def write(self, row: Sequence[float] | np.ndarray, more: Sequence[float] = ()) -> None:
-        """Append a row, which is `row` and `more`; the oldest is overwritten when the ring is full."""
+        """Append a row, `row` followed by `more`; the oldest is overwritten when the ring is full."""
         written = self._count[0]
         place = self.rows[written % self._slots]
         place[: len(row)] = row
@@ -82,7 +82,7 @@ class RingWriter:
 
 
 class RingReader:
-    """Read a ring; `columns` and `description` tell what it holds, `lost` counts rows overwritten before they were read."""
+    """Reads a ring with `columns` and `description`; lost: rows overwritten before they were read. Raises InputError."""
 
     def __init__(self, path: Path) -> None:
         try:
@@ -107,13 +107,13 @@ class RingReader:
 
     def read(self) -> np.ndarray:
         """Rows written since the last call, shape (rows, columns), oldest first."""
-        written = self._written()
+        written = self._count_written()
         first = max(self._read, written - self._slots + 1)
         rows = self._rows[np.arange(first, written) % self._slots]
-        overtaken = min(max(self._written() - self._slots + 1 - first, 0), len(rows))  # while they were copied
+        overtaken = min(max(self._count_written() - self._slots + 1 - first, 0), len(rows))  # while they were copied
         self.lost += first - self._read + overtaken
         self._read = written
         return rows[overtaken:]
 
-    def _written(self) -> int:
+    def _count_written(self) -> int:
         return _COUNT.unpack_from(self._map, self._count_at)[0]

@@ -1,4 +1,4 @@
-"""SharedFolder: a folder in memory for what processes of a bench share. It goes with its owner, even a killed one."""
+"""SharedFolder: a folder in memory that processes of a bench share. It is removed after its owner, even a killed one."""
 
 import fcntl
 import os
@@ -7,7 +7,7 @@ import tempfile
 from pathlib import Path
 
 _PREFIX = "clutch-hil-"
-_LOCK = "owner"  # file that its owner holds locked as long as it lives
+_LOCK = "owner"  # file that its owner keeps locked while it lives
 
 
 class SharedFolder:
@@ -23,7 +23,7 @@ class SharedFolder:
         fcntl.flock(self._lock, fcntl.LOCK_EX)
 
     def remove(self) -> None:
-        """Remove it with all that is in it."""
+        """Remove the folder with its content."""
         shutil.rmtree(self.path, ignore_errors=True)
         self._lock.close()
 
@@ -34,4 +34,4 @@ def _remove_if_dead(folder: Path) -> None:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             shutil.rmtree(folder, ignore_errors=True)
     except OSError:
-        pass  # it lives, is being made, or is somebody else's
+        pass  # its owner lives, or it is of another user

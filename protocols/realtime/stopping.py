@@ -7,42 +7,42 @@ from types import FrameType
 from typing import Any
 
 from protocols.errors import InterruptionError
-from protocols.kernels.starting import STARTING
+from protocols.kernels.progress_notice import PROGRESS_NOTICE
 
 
 class Stop:
     """While entered, SIGINT, SIGTERM and SIGHUP (a closed terminal) only set `asked`.
 
-    The descriptor `wakes` is readable from then on: Python runs no handler while compiled code stays (`exchange.py`).
-    Who goes on until he is stopped tells by himself what he does.
+    The descriptor `wakes` is then readable: Python runs no signal handler during a call of compiled code (`exchange.py`).
+    Progress notices (`progress_notice.py`) are off: a command that runs until it is stopped reports by itself.
     """
 
     def __init__(self) -> None:
         self.asked = False
-        self.wakes = self._told = self._told_before = -1
-        self._before: dict[int, Any] = {}
-        self._untold = ExitStack()
+        self.wakes = self._wake_writer = self._former_wake_writer = -1
+        self._former_handlers: dict[int, Any] = {}
+        self._quiet = ExitStack()
 
     def __enter__(self) -> "Stop":
-        self._untold.enter_context(STARTING.told_by(str))  # no text
-        self.wakes, self._told = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
-        self._told_before = signal.set_wakeup_fd(self._told, warn_on_full_buffer=False)
+        self._quiet.enter_context(PROGRESS_NOTICE.describe_by(str))  # no text
+        self.wakes, self._wake_writer = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
+        self._former_wake_writer = signal.set_wakeup_fd(self._wake_writer, warn_on_full_buffer=False)
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            self._before[number] = signal.signal(number, self._ask)
+            self._former_handlers[number] = signal.signal(number, self._on_signal)
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._untold.close()
-        for number, handler in self._before.items():
+        self._quiet.close()
+        for number, handler in self._former_handlers.items():
             signal.signal(number, handler)
-        signal.set_wakeup_fd(self._told_before)
+        signal.set_wakeup_fd(self._former_wake_writer)
         os.close(self.wakes)
-        os.close(self._told)
+        os.close(self._wake_writer)
 
     def check(self, kept: str) -> None:
-        """Raise InterruptionError when somebody has asked: there is no result, and `kept` says what there is."""
+        """Raise InterruptionError after a signal: there is no result, and `kept` says what is kept."""
         if self.asked:
             raise InterruptionError(kept)
 
-    def _ask(self, number: int, frame: FrameType | None) -> None:
+    def _on_signal(self, number: int, frame: FrameType | None) -> None:
         self.asked = True

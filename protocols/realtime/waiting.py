@@ -1,6 +1,6 @@
-"""Waiting: how a loop spends the time to its next deadline, which decides on how late it wakes.
+"""Waiting: how a loop spends the time to its next deadline, which determines how late it wakes up.
 
-After ros2_control's sleeping policies; what each is worth here: docs/timing.md.
+After the sleeping policies of ros2_control; docs/timing.md compares them here.
 """
 
 import time
@@ -9,23 +9,23 @@ from typing import Protocol
 
 from protocols.errors import InputError
 
-MOST_SPIN_US = 200.0  # a FIFO loop that is busy for longer than 95 % of a second is taken off the CPU by the kernel
-MARGIN = 2_000  # ns between the latest sleep that is expected and the deadline
-MEMORY = 256  # sleeps over which a late one is forgotten
+LONGEST_SPIN_US = 200.0  # a FIFO loop that is busy for longer than 95 % of a second is taken off the CPU by the kernel
+WAKE_MARGIN_NS = 2_000  # ns between the latest expected end of a sleep and the deadline
+SPIN_DECAY_SLEEPS = 256  # sleeps over which the spin becomes shorter again after a late one
 
 
 class Waiting(Protocol):
-    """Wait until a deadline. In `words`, shared with compiled code (`beat.py`): how long it spins now, and at most [ns]."""
+    """Waits until a deadline. words: present and longest spin [ns], shared with compiled code (`beat.py`)."""
 
     words: "array[int]"
 
     def __call__(self, now_ns: int, deadline_ns: int) -> int:
-        """Return once `deadline_ns` of CLOCK_MONOTONIC, after `now_ns`, has come; what the clock says then [ns]."""
+        """Wait until `deadline_ns` of CLOCK_MONOTONIC, which is after `now_ns`; return the time then [ns]."""
         ...
 
 
 class Sleep:
-    """Sleep to the deadline: the CPU is free, the wake-up is as late as the kernel's."""
+    """Sleeps to the deadline: the CPU is free, and the wake-up is as late as the kernel makes it."""
 
     def __init__(self) -> None:
         self.words = array("q", (0, 0))
@@ -37,10 +37,10 @@ class Sleep:
 
 
 class SleepThenSpin:
-    """Sleep until shortly before the deadline, then look at the clock until it has come.
+    """Sleeps until shortly before the deadline, then reads the clock until it has come.
 
-    The spin begins as early as sleeps have been late of late: at once longer after a late one, shorter again over some hundred
-    good ones, at most `most_ns`.
+    The spin is as long as recent sleeps were late, at most `most_ns`. It becomes longer at once after a late sleep, and shorter
+    again over some hundred punctual ones.
     """
 
     def __init__(self, most_ns: int) -> None:
@@ -48,7 +48,7 @@ class SleepThenSpin:
 
     @property
     def spin_ns(self) -> int:
-        """How long it spins at present [ns]."""
+        """Length of the spin at present [ns]."""
         return self.words[0]
 
     def __call__(self, now_ns: int, deadline_ns: int) -> int:
@@ -58,20 +58,20 @@ class SleepThenSpin:
         if now < begin:
             time.sleep((begin - now) / 1e9)
             now = time.monotonic_ns()
-            needed = min(now - begin + MARGIN, most)
-            self.words[0] = needed if needed > spin else spin - (spin - needed) // MEMORY
+            needed = min(now - begin + WAKE_MARGIN_NS, most)
+            self.words[0] = needed if needed > spin else spin - (spin - needed) // SPIN_DECAY_SLEEPS
         while now < deadline_ns:
             now = time.monotonic_ns()
         return now
 
 
-def waiting(spin_us: float, period_ns: int) -> Waiting:
-    """Sleep, and for the last at most `spin_us` and tenth of a period spin: the CPU is others', too."""
+def choose_waiting(spin_us: float, period_ns: int) -> Waiting:
+    """The waiting with a spin of at most `spin_us` and a tenth of `period_ns`, so that others get the CPU; 0 only sleeps."""
     return SleepThenSpin(min(round(spin_us * 1000.0), period_ns // 10)) if spin_us > 0.0 else Sleep()
 
 
-def checked_spin(spin_us: float) -> float:
+def check_spin(spin_us: float) -> float:
     """`spin_us` when a loop may spin for so long. Raises InputError."""
-    if not 0.0 <= spin_us <= MOST_SPIN_US:
-        raise InputError(f"spin of {spin_us:g} us is not possible; allowed are 0 to {MOST_SPIN_US:g} us")
+    if not 0.0 <= spin_us <= LONGEST_SPIN_US:
+        raise InputError(f"spin of {spin_us:g} us is not possible; allowed are 0 to {LONGEST_SPIN_US:g} us")
     return spin_us

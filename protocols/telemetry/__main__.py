@@ -1,4 +1,4 @@
-"""The telemetry process of a service, which starts it: python -m protocols.telemetry RING FOLDER."""
+"""The telemetry process of a service; the service starts it by python -m protocols.telemetry RING FOLDER."""
 
 import argparse
 import shutil
@@ -15,7 +15,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=main.__doc__)
     parser.add_argument("ring", type=Path, help="ring of the service")
     parser.add_argument("folder", type=Path, help="folder of the service with its mailbox; removed at the end")
-    parser.add_argument("--terminal", type=int, help="descriptor on which faults are told")
+    parser.add_argument("--terminal", type=int, help="descriptor that faults are written to")
     parser.add_argument("--router", help="zenoh router, for example tcp/192.168.1.5:7447")
     asked = parser.parse_args()
     try:

@@ -1,4 +1,4 @@
-"""Batch: consecutive rows of one node on the wire, as an Arrow IPC stream that any Arrow reader understands by itself.
+"""Batch: consecutive rows of one node, sent as an Arrow IPC stream that any Arrow reader understands.
 
 Columns are named as in a run file, 64-bit floats, each with its unit in the field's metadata; the schema's metadata hold
 `node`, `session`, `first_row`, `rate_hz`, `epoch_s` (to add to a CLOCK_MONOTONIC time for UNIX time) and `rows_lost`.
@@ -14,15 +14,15 @@ from protocols.errors import InputError
 from protocols.files.arrow import from_rows, numbers
 from protocols.node import Column
 
-ENCODING = "application/vnd.apache.arrow.stream"  # registered with IANA
+ENCODING = "application/vnd.apache.arrow.stream"  # media type registered with IANA
 
 
 @dataclass(frozen=True)
 class Batch:
-    """Rows of a node: `rows`, shape (rows, columns); the first is number `first_row` since the service's start.
+    """Rows of a node: `rows`, shape (rows, columns); the first has the number `first_row` since the start of the service.
 
-    `session` tells two lives of a service apart; `rate` [Hz]; `epoch` [s]: CLOCK_MONOTONIC + epoch = UNIX time;
-    `rows_lost` counts rows that were overwritten in the ring before they could be published, since the start.
+    session: number of this start of the service. rate [Hz]. epoch [s]: CLOCK_MONOTONIC + epoch = UNIX time. rows_lost: rows
+    since the start that were overwritten in the ring before they could be published.
     """
 
     node: str
@@ -52,15 +52,15 @@ class Batch:
         )  # fmt: skip
 
 
-def published_columns(node: str, columns: Sequence[Column]) -> tuple[Column, ...]:
-    """Columns of a node under their names in a run file: a controller's terms begin with its name, `controller_`."""
+def run_file_columns(node: str, columns: Sequence[Column]) -> tuple[Column, ...]:
+    """Columns of a node with their names in a run file: terms of a controller begin with its name, `controller_`."""
     if not node.startswith("controller"):
         return tuple(columns)
     return tuple(Column(f"{node}_{name}", unit, meaning) for name, unit, meaning in columns)
 
 
 class BatchEncoder:
-    """Encodes the batches of one node; the schema is made once."""
+    """Encodes the batches of one node; its fields are made once."""
 
     def __init__(self, node: str, session: int, rate: float, epoch: float, columns: Sequence[Column]) -> None:
         self._fixed = {"node": node, "session": str(session), "rate_hz": repr(rate), "epoch_s": repr(epoch)}
@@ -78,7 +78,7 @@ class BatchEncoder:
 
 
 def decode(payload: bytes) -> Batch:
-    """The batch in an Arrow IPC stream. Raises InputError when it is none of ours."""
+    """The batch in an Arrow IPC stream. Raises InputError for a stream of another kind or version."""
     try:
         with pa.ipc.open_stream(payload) as reader:
             schema, table = reader.schema, reader.read_all()

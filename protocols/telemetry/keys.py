@@ -1,4 +1,4 @@
-"""Keys: where in zenoh a bench's telemetry stands. A bench is named BUS@HOST, its nodes are `plant` and `controller`.
+"""Keys of a bench's telemetry in zenoh. A bench is named BUS@HOST, its nodes are `plant` and `controller`.
 
 | key after `clutch-hil/BENCH/NODE/` | kind | payload |
 |---|---|---|
@@ -26,7 +26,7 @@ NODES = ("plant", "controller")
 
 
 class Keys(NamedTuple):
-    """Keys of one node of one bench; `*` as a name means any."""
+    """Keys of one node of one bench, as attributes (LEAVES); `*` as a name means any."""
 
     bench: str
     node: str
@@ -40,14 +40,14 @@ class Keys(NamedTuple):
 LEAVES = ("alive", "record", "history", "last", "describe", "parameters", "event", "events")
 
 
-def parsed(key: str) -> Keys:
+def parse_key(key: str) -> Keys:
     """Bench and node of a key."""
     _, bench, node, _ = key.split("/")
     return Keys(bench, node)
 
 
 def bench_name(bus: str) -> str:
-    """Name of the bench on `bus` of this machine; a local bus in a folder of its own (CLUTCH_HIL_BUS_DIR) is another bench."""
+    """Name of the bench on `bus` of this machine. A local bus in another folder (CLUTCH_HIL_BUS_DIR) is another bench."""
     folder = os.environ.get("CLUTCH_HIL_BUS_DIR")
     elsewhere = f"~{zlib.crc32(folder.encode()):08x}" if folder and bus.startswith("local:") else ""
     return f"{bus}{elsewhere}@{socket.gethostname()}"

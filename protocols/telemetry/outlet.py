@@ -1,6 +1,6 @@
-"""Outlet: what leaves a service besides frames, and what comes in: record ring, mailbox, telemetry process.
+"""Outlet of a service to telemetry: the ring of its rows, the mailbox for changes, and the telemetry process.
 
-Everything that costs time is done before the loop begins; in the loop a row is copied and one number is looked at.
+Everything that takes time is done before the loop begins. In the loop a row is copied and one number is read.
 """
 
 import os
@@ -18,7 +18,7 @@ import numpy as np
 from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
 from protocols.node import Column
-from protocols.realtime.beat import TIMING, Beat, warm_book
+from protocols.realtime.beat import TIMING, Beat, compile_record_cycle
 from protocols.realtime.child import module, spawn
 from protocols.realtime.clock import Clock
 from protocols.realtime.mailbox import Mailbox
@@ -26,21 +26,20 @@ from protocols.realtime.ring import RingWriter
 from protocols.realtime.shared_folder import SharedFolder
 from protocols.telemetry import READY
 from protocols.telemetry.keys import bench_name
-from protocols.telemetry.tuning import Tunable, Tuning, described
+from protocols.telemetry.tuning import Tunable, Tuning, describe_parameters
 
 RING_ROWS = 65_536  # a minute at 1 kHz
-_START = 60.0  # s for it to start; one takes half a second
-_POLL = 0.02  # s between looks
-_END = 3.0  # s for the telemetry process to publish its last rows and end
+_START_TIMEOUT = 60.0  # s for the telemetry process to start; on a quiet machine it takes half a second
+_POLL_PERIOD = 0.02  # s between checks
+_END_TIMEOUT = 3.0  # s for the telemetry process to publish its last rows and end
 
 
 class Outlet:
     """Ring, mailbox and telemetry process of the service of `node`, called `name`, on `bus`; rate [Hz].
 
-    `columns` are the node's; those of TIMING follow in the ring, under `prefix`. `ring` is where the ring goes, None for a
-    folder of its own; `publish` starts the telemetry process; `router` is a zenoh endpoint, None for peer to peer.
-    `about` is what the node says of itself beside that, of JSON values.
-    Raises InputError when the telemetry process cannot publish.
+    columns: of the node; those of TIMING follow in the ring, with `prefix`. ring: its path, None for a temporary folder.
+    publish: start the telemetry process. router: zenoh endpoint, None for peer to peer. about: more that the node publishes of
+    itself, JSON values. Raises InputError when the telemetry process cannot publish.
     """
 
     def __init__(
@@ -56,15 +55,16 @@ class Outlet:
             description = {
                 "node": name, "bench": bench_name(bus), "rate": rate, "session": session, "pid": os.getpid(),
                 "versions": {"clutch-hil": version("clutch-hil"), "python": sys.version.split()[0]},
-                "parameters": described(node, shipped), "planned": self._tuning.openly_planned, "blind": self._tuning.blind,
+                "parameters": describe_parameters(node, shipped), "planned": self._tuning.public_plan,
+                "blind": self._tuning.blind,
                 **(about or {}),
             }  # fmt: skip
             timing = [Column(prefix + column, unit, meaning) for column, unit, meaning in TIMING]
             path = ring or self._folder.path / "ring"
             self._ring = RingWriter(path, [*columns, *timing], RING_ROWS, description)
-            warm_book()
+            compile_record_cycle()
             if publish:
-                self._process = self._published(path, router)
+                self._process = self._start_publisher(path, router)
         except BaseException:
             self._folder.remove()
             raise
@@ -74,30 +74,30 @@ class Outlet:
         self._ring.write(row, (clock, wake_us, work_us, late, self._tuning.count))
 
     def beat(self, clock: Clock) -> Beat:
-        """`clock` for compiled code, which writes rows here, and ends where a change waits."""
+        """`clock` for compiled code, which writes its rows here, and returns where a change waits."""
         return Beat(clock, self._ring, self._mailbox)
 
     @property
     def changes(self) -> int:
-        """Parameters changed so far."""
+        """Number of parameters changed so far."""
         return self._tuning.count
 
     def asked(self) -> bool:
         """Whether a change of parameters waits."""
-        return self._tuning.waiting()
+        return self._tuning.has_request()
 
     def tune(self) -> None:
-        """Between two cycles: make it."""
+        """Make the waiting change, if there is one; call it between two cycles."""
         if self.asked():
             self._tuning.act(self._ring.written)
 
     def close(self) -> dict[str, Any]:
-        """End the telemetry process; return what a summary keeps."""
+        """End the telemetry process; return what the summary of the run contains."""
         ended = "off"
         if self._process:
             self._process.terminate()
             try:
-                code = self._process.wait(_END)
+                code = self._process.wait(_END_TIMEOUT)
                 ended = "ended" if code == 0 else f"failed with exit code {code}"
             except subprocess.TimeoutExpired:
                 self._process.kill()
@@ -114,21 +114,21 @@ class Outlet:
             "injections": self._tuning.injections,
         }
 
-    def _published(self, ring: Path, router: str | None) -> "subprocess.Popen[bytes]":
-        """The telemetry process, once it publishes. Raises InputError with its reason when it does not."""
+    def _start_publisher(self, ring: Path, router: str | None) -> "subprocess.Popen[bytes]":
+        """Start the telemetry process and wait until it publishes. Raises InputError with its reason when it does not."""
         folder = self._folder.path
         command = module("protocols.telemetry", str(ring), str(folder), *(["--router", router] if router else []))
-        terminal = os.dup(2)  # there it tells faults; its own stderr is for what goes wrong with itself
+        terminal = os.dup(2)  # for faults of the service; its own stderr is for its own errors
         command += ["--terminal", str(terminal)]
         with tempfile.TemporaryFile("w+", errors="replace") as log:
             process = spawn(command, log, keep=[terminal])
             os.close(terminal)
-            deadline = time.monotonic() + _START
+            deadline = time.monotonic() + _START_TIMEOUT
             while not (folder / READY).exists():
                 if process.poll() is not None or time.monotonic() > deadline:
                     process.kill()
                     log.seek(0)
-                    lines = log.read().strip().splitlines() or [f"it did not start within {_START:g} s"]
+                    lines = log.read().strip().splitlines() or [f"it did not start within {_START_TIMEOUT:g} s"]
                     raise InputError(f"telemetry: {lines[-1].removeprefix('error: ')}; --no-telemetry goes without")
-                time.sleep(_POLL)
+                time.sleep(_POLL_PERIOD)
         return process

@@ -1,6 +1,6 @@
-"""Publisher: the telemetry process of one service. It reads the ring, puts batches on zenoh and answers queries.
+"""Publisher: the telemetry process of one service. It reads the ring, publishes batches over zenoh and answers queries.
 
-It may be late or die without the loop noticing: the ring holds a minute, what it overwrites is counted.
+It may be late or die without any effect on the loop: the ring holds a minute, and overwritten rows are counted.
 """
 
 import json
@@ -21,25 +21,25 @@ from protocols.node import Column
 from protocols.realtime.mailbox import Asker
 from protocols.realtime.ring import RingReader
 from protocols.realtime.stopping import Stop
-from protocols.telemetry.batch import ENCODING, BatchEncoder, published_columns
-from protocols.telemetry.blind import tells_truth
-from protocols.telemetry.coming import Coming
+from protocols.telemetry.batch import ENCODING, BatchEncoder, run_file_columns
 from protocols.telemetry.keys import Keys
+from protocols.telemetry.pending_changes import PendingChanges
 from protocols.telemetry.session import publisher_session
+from protocols.telemetry.truth import reveals_truth
 
 PERIOD = 0.02  # s between batches: 20 rows at 1 kHz; a fifth of the 100 ms from cycle to screen
 HISTORY = 30.0  # s of rows for those who join late
-_PIECE = 1.0  # s of rows in one reply of the history: some hundred kB
-_ANSWER = 2.0  # s for a loop to make a change of parameters, then it refuses; a cycle takes milliseconds
-_LATE = 0.2  # s more for its answer to be there
-_LINGER = 0.1  # s for the last batch to leave before the session is closed
+_REPLY_SECONDS = 1.0  # s of rows in one reply of the history: some hundred kB
+_ANSWER_TIMEOUT = 2.0  # s for a loop to make a change of parameters; later it refuses. A cycle takes milliseconds
+_ANSWER_MARGIN = 0.2  # s more for its answer to arrive
+_LINGER_SECONDS = 0.1  # s for the last batch to leave before the session is closed
 _QUERIES = ("history", "last", "describe", "parameters", "events")
 
 
 class Publisher:
-    """Publishes one ring; `description` of the ring names node, bench, rate, session and parameters (outlet.py).
+    """Publishes one ring, whose description names node, bench, rate, session and parameters (outlet.py).
 
-    Of a `blind` node it keeps back what tells the truth.
+    Columns that reveal the truth of a blind node (truth.py) are not published. terminal: descriptor that faults are written to.
     """
 
     def __init__(self, ring: RingReader, mailbox: Asker, session: zenoh.Session, terminal: int | None = None) -> None:
@@ -48,8 +48,8 @@ class Publisher:
         self._rate = float(about["rate"])
         self._node = str(about["node"])
         self._blind = bool(about["blind"])
-        self._shown = [i for i, c in enumerate(ring.columns) if not (self._blind and tells_truth(c.name))]
-        columns = published_columns(self._node, [ring.columns[i] for i in self._shown])
+        self._shown = [i for i, c in enumerate(ring.columns) if not (self._blind and reveals_truth(c.name))]
+        columns = run_file_columns(self._node, [ring.columns[i] for i in self._shown])
         epoch = time.time() - time.monotonic()
         self._encoder = BatchEncoder(self._node, about["session"], self._rate, epoch, columns)
         self._columns = columns
@@ -57,13 +57,13 @@ class Publisher:
         self._terminal = terminal
         self._faults = self._fault_watch([column.name for column in ring.columns])
         self._events: list[dict[str, Any]] = []
-        self._coming = Coming(about["planned"])
+        self._pending = PendingChanges(about["planned"])
         self._history: deque[tuple[int, np.ndarray]] = deque()
         self._next = 0  # number of the next row
         keys = Keys(about["bench"], self._node)
         described = about | {"columns": [Column(*c)._asdict() for c in columns], "epoch_s": epoch}
         del described["parameters"], described["planned"]
-        self._described = json.dumps(described)
+        self._description = json.dumps(described)
         self._record = session.declare_publisher(
             keys.record,
             encoding=ENCODING,
@@ -79,13 +79,13 @@ class Publisher:
             for name, answer in answers.items()
         ]
         self._token = session.liveliness().declare_token(keys.alive)
-        self._tell("accepted", about["planned"])
+        self._publish_stage("accepted", about["planned"])
 
     def step(self) -> None:
-        """Publish what is new and answer who has asked."""
+        """Publish new rows, and answer waiting queries."""
         lost = self._ring.lost
         rows = self._ring.read()
-        self._tell_faults(rows)
+        self._print_faults(rows)
         if self._blind:
             rows = rows[:, self._shown]
         self._next += self._ring.lost - lost
@@ -95,8 +95,8 @@ class Publisher:
             self._next += len(rows)
             while self._next - self._history[0][0] - len(self._history[0][1]) >= HISTORY * self._rate:
                 self._history.popleft()
-        self._tell("started", started := self._coming.started(self._next))
-        self._tell("ended", self._coming.ended(self._next / self._rate))
+        self._publish_stage("started", started := self._pending.take_started(self._next))
+        self._publish_stage("ended", self._pending.take_ended(self._next / self._rate))
         for change in started:
             self._parameters[change["name"]]["value"] = change["new"]
         for queryable, answer in self._queries:
@@ -106,17 +106,17 @@ class Publisher:
                         answer(query)
                     except InputError as error:
                         query.reply_err(str(error))
-                    except Exception as error:  # whatever somebody asks, the telemetry goes on
+                    except Exception as error:  # a wrong query must not stop the telemetry
                         query.reply_err(f"the question is malformed: {error}")
 
     def _fault_watch(self, columns: list[str]) -> FaultWatch | None:
-        """Of a controller."""
+        """Watch for faults of a controller; None for another node."""
         if "fault" not in columns:
             return None
         return FaultWatch(columns, self._rate, {name: entry["value"] for name, entry in self._parameters.items()})
 
-    def _tell_faults(self, rows: np.ndarray) -> None:
-        """Where the service runs, as it must not do so itself."""
+    def _print_faults(self, rows: np.ndarray) -> None:
+        """Print faults on the terminal of the service, as its loop must not print."""
         if self._faults is None or self._terminal is None:
             return
         for told in self._faults.take(rows):
@@ -131,7 +131,7 @@ class Publisher:
         for number, rows in self._history:
             rows = rows[max(begin - number, 0) : max(end - number, 0)]
             number = max(number, begin)
-            if piece and (number != after or after - first >= _PIECE * self._rate):
+            if piece and (number != after or after - first >= _REPLY_SECONDS * self._rate):
                 query.reply(query.key_expr, self._encoder.encode(first, np.concatenate(piece), self._ring.lost))
                 piece = []
             if len(rows):
@@ -150,14 +150,14 @@ class Publisher:
         query.reply(query.key_expr, json.dumps({"row": self._next - 1, "values": values}))
 
     def _answer_describe(self, query: zenoh.Query) -> None:
-        query.reply(query.key_expr, self._described)
+        query.reply(query.key_expr, self._description)
 
     def _answer_events(self, query: zenoh.Query) -> None:
         query.reply(query.key_expr, json.dumps(self._events))
 
     def _answer_parameters(self, query: zenoh.Query) -> None:
         if query.payload is None:
-            now = self._coming.values(self._next / self._rate)
+            now = self._pending.values(self._next / self._rate)
             entries = [entry | {"value": now.get(name, entry["value"])} for name, entry in self._parameters.items()]
             query.reply(query.key_expr, json.dumps(entries))
             return
@@ -167,28 +167,28 @@ class Publisher:
         if not isinstance(values, dict) or not values:
             raise InputError("a change must be a JSON object of names and numbers")
         when = {"when": {key: told for key, told in asked.items() if key != "values"}} if timed else {}
-        query.reply(query.key_expr, json.dumps(self._answered({"values": values} | when)))
+        query.reply(query.key_expr, json.dumps(self._forward_request({"values": values} | when)))
 
-    def _answered(self, request: dict[str, Any]) -> dict[str, Any]:
-        """Have the loop make or plan a change. Raises InputError when it is refused."""
-        request |= {"until": time.monotonic() + _ANSWER}
+    def _forward_request(self, request: dict[str, Any]) -> dict[str, Any]:
+        """Ask the loop to make or plan a change, and return its answer. Raises InputError when it refuses."""
+        request |= {"until": time.monotonic() + _ANSWER_TIMEOUT}
         try:
-            answer = json.loads(self._mailbox.ask(json.dumps(request), _ANSWER + _LATE))
+            answer = json.loads(self._mailbox.ask(json.dumps(request), _ANSWER_TIMEOUT + _ANSWER_MARGIN))
         except InputError as error:
             raise InputError(f"{self._node}: {error} Nothing is changed, now or later") from None
         if "refused" in answer:
             raise InputError(answer["refused"])
-        self._coming.plan(answer.pop("planned"), answer["row"])
+        self._pending.plan(answer.pop("planned"), answer["row"])
         for change in answer.get("changed", ()):
             self._parameters[change["name"]]["value"] = change["new"]
-            self._coming.forget(change["name"])
+            self._pending.forget(change["name"])
             self._put(change)
         if not self._blind:
-            self._tell("accepted", answer.get("accepted", ()))
+            self._publish_stage("accepted", answer.get("accepted", ()))
         return answer
 
-    def _tell(self, stage: str, changes: Iterable[dict[str, Any]]) -> None:
-        """Publish that changes by injections are `accepted`, have `started` or have `ended`."""
+    def _publish_stage(self, stage: str, changes: Iterable[dict[str, Any]]) -> None:
+        """Publish that changes by injections are `accepted`, have `take_started` or have `take_ended`."""
         for change in changes:
             self._put({"injection": stage} | change)
 
@@ -201,9 +201,9 @@ class Publisher:
 def publish(
     ring_path: Path, mailbox_path: Path, router: str | None, ready: Callable[[], None], terminal: int | None = None
 ) -> None:
-    """Publish a ring until SIGTERM, and then what came last; call `ready` when it begins. Raises InputError.
+    """Publish a ring until SIGTERM, its last rows included; call `ready` when publishing begins. Raises InputError.
 
-    Faults are told on the descriptor `terminal`.
+    terminal: descriptor that faults are written to.
     """
     ring, mailbox = RingReader(ring_path), Asker(mailbox_path)
     with Stop() as stop, publisher_session(router) as session:
@@ -213,4 +213,4 @@ def publish(
             publisher.step()
             time.sleep(PERIOD)
         publisher.step()
-        time.sleep(_LINGER)
+        time.sleep(_LINGER_SECONDS)

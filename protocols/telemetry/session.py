@@ -1,7 +1,7 @@
-"""Sessions: how publishers and consumers of this bench meet in zenoh.
+"""Sessions of publishers and consumers in zenoh.
 
-Peer to peer on loopback: a publisher listens on the first free port of a short range, a consumer connects to all of them;
-keys tell benches apart, so several benches need no configuration. With a router both sides are its clients.
+Peer to peer on loopback: a publisher listens on the first free port of a short range, and a consumer connects to all of them.
+Benches differ by their keys, so several benches need no configuration. With a router both sides are its clients.
 """
 
 import json
@@ -10,19 +10,19 @@ import zenoh
 
 from protocols.errors import InputError
 
-PORTS = range(7447, 7463)  # 7447 is zenoh's own; two a bench: eight benches on one machine
+PORTS = range(7447, 7463)  # from zenoh's own port on; two for each bench: eight benches on one machine
 _LOOPBACK = "tcp/127.0.0.1:{}"
 _LEASE = 2000  # ms without a sign of life after which a peer counts as gone
-_REACH = 2000  # ms to reach a router
-_RETRY = 500  # ms between attempts to reach a publisher that is not there yet
+_ROUTER_TIMEOUT = 2000  # ms to reach a router
+_RETRY_PERIOD = 500  # ms between attempts to reach a publisher that is not there yet
 _COMMON = {
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": False,
     "transport/shared_memory/enabled": False,  # no gain at these sizes, and a killed process would leave its segment
     "transport/link/tx/lease": _LEASE,
     "transport/unicast/open_timeout": _LEASE,  # ms; a stopped process accepts a link and never opens it, and close waits for it
-    # A put waits for a slow consumer once, then what its queue cannot take is dropped until it drains. The
-    # wait is of the telemetry process alone; it lets a late joiner take its history without a gap.
+    # A put waits for a slow consumer once. Then what its queue cannot take is dropped until it drains. Only the telemetry
+    # process waits; so a consumer that joins late gets its history without a gap.
     "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 50_000,  # us
     # Replies wait so long, then the link is closed: a history is some MB, and the machine may be busy.
     "transport/link/tx/queue/congestion_control/block/wait_before_close": 2_000_000,  # us
@@ -31,7 +31,7 @@ _COMMON = {
 
 
 def publisher_session(router: str | None = None) -> zenoh.Session:
-    """A session that consumers find; `router` is an endpoint such as tcp/192.168.1.5:7447. Raises InputError."""
+    """A session that consumers can reach; router: endpoint such as tcp/192.168.1.5:7447. Raises InputError."""
     if router:
         return _client(router)
     for port in PORTS:
@@ -43,7 +43,7 @@ def publisher_session(router: str | None = None) -> zenoh.Session:
 
 
 def consumer_session(router: str | None = None) -> zenoh.Session:
-    """A session that sees every publisher of this machine, or of `router`. Raises InputError."""
+    """A session that reaches every publisher of this machine, or of `router`. Raises InputError."""
     if router:
         return _client(router)
     return zenoh.open(
@@ -52,7 +52,11 @@ def consumer_session(router: str | None = None) -> zenoh.Session:
                 "mode": "peer",
                 "listen/endpoints": [],
                 "connect/endpoints": [_LOOPBACK.format(port) for port in PORTS],
-                "connect/retry": {"period_init_ms": _RETRY, "period_max_ms": _RETRY, "period_increase_factor": 1.0},
+                "connect/retry": {
+                    "period_init_ms": _RETRY_PERIOD,
+                    "period_max_ms": _RETRY_PERIOD,
+                    "period_increase_factor": 1.0,
+                },
             }
         )
     )
@@ -60,7 +64,7 @@ def consumer_session(router: str | None = None) -> zenoh.Session:
 
 def _client(router: str) -> zenoh.Session:
     try:
-        config = {"mode": "client", "connect/endpoints": [router], "connect/timeout_ms": _REACH}
+        config = {"mode": "client", "connect/endpoints": [router], "connect/timeout_ms": _ROUTER_TIMEOUT}
         return zenoh.open(_config(config))
     except zenoh.ZError:
         raise InputError(

@@ -1,6 +1,6 @@
-"""Tuning: parameters of a running node, described for people and changed between two cycles, all of a request or none.
+"""Tuning: describes the parameters of a running node, and changes them between two cycles, all of a request or none.
 
-A change acts at once, or, on a node that takes injections, at a time and along a ramp.
+A change acts at once; on a node that takes injections also at a given time and along a ramp.
 """
 
 import json
@@ -18,7 +18,7 @@ class Tunable(Protocol):
 
     @property
     def parameters(self) -> ParameterSet:
-        """What it says of them."""
+        """The present parameters."""
         ...
 
     def fixed(self, name: str) -> str | None:
@@ -30,15 +30,15 @@ class Tunable(Protocol):
 
 @runtime_checkable
 class Injectable(Protocol):
-    """A tunable node that also takes changes for a time to come.
+    """A tunable node that also takes changes for a later time.
 
-    A change is told as {"name", "unit", "old", "new", "at", "ramp", "row"}: it begins at `at` [s of the node's time], in the
-    row of its record with that number, and is made after `ramp` [s].
+    A change is {"name", "unit", "old", "new", "at", "ramp", "row"}: it begins at `at` [s of the node's time], in the row of its
+    record with the number `row`, and is complete after `ramp` [s].
     """
 
     @property
     def blind(self) -> bool:
-        """Whether nobody is to know what the node is."""
+        """Whether the node's parameters must stay secret."""
         ...
 
     @property
@@ -48,7 +48,7 @@ class Injectable(Protocol):
 
     @property
     def injected(self) -> list[dict[str, Any]]:
-        """Those that have."""
+        """Changes that have begun."""
         ...
 
     def accept(self, values: Mapping[str, float], when: Mapping[str, float]) -> list[dict[str, Any]]:
@@ -56,8 +56,8 @@ class Injectable(Protocol):
         ...
 
 
-def described(node: Tunable, shipped: ParameterSet) -> list[dict[str, Any]]:
-    """Every parameter of a node with its default, for the `parameters` key (telemetry/keys.py)."""
+def describe_parameters(node: Tunable, shipped: ParameterSet) -> list[dict[str, Any]]:
+    """Every parameter of a node with its default from `shipped`, for the key `parameters` (keys.py)."""
     return [
         {
             "name": name,
@@ -75,21 +75,21 @@ def described(node: Tunable, shipped: ParameterSet) -> list[dict[str, Any]]:
 
 
 class Tuning:
-    """Makes the changes that come by a mailbox; `changes` are those made at once, `count` how many parameters have changed.
+    """Makes the changes that a mailbox brings. changes: those made at once. count: number of parameters changed.
 
-    A request is JSON: `values` by name, `until`, the time of CLOCK_MONOTONIC [s] from when on it is refused, and, for an
-    injection, `when` (keys.py). The answer tells those `changed` or `accepted`, the next `row`, and all that are `planned`.
+    A request is JSON: `values` by name; `until` [s of CLOCK_MONOTONIC], after which it is refused; for an injection also `when`
+    (keys.py). The answer lists the changes `changed` or `accepted`, the next `row`, and all changes `planned`.
     """
 
     def __init__(self, node: Tunable, mailbox: Mailbox) -> None:
         self.changes: list[dict[str, Any]] = []
         self._node, self._mailbox = node, mailbox
         self._injectable = node if isinstance(node, Injectable) else None
-        self.waiting = mailbox.waiting
+        self.has_request = mailbox.has_request
 
     @property
     def count(self) -> int:
-        """Parameters changed so far, as far as anybody may know."""
+        """Number of parameters changed so far; of a blind node without injections."""
         return len(self.changes) + (0 if self.blind else len(self.injections))
 
     @property
@@ -99,12 +99,12 @@ class Tuning:
 
     @property
     def blind(self) -> bool:
-        """Whether nobody is to know what the node is."""
+        """Whether the node's parameters must stay secret."""
         return self._injectable is not None and self._injectable.blind
 
     @property
-    def openly_planned(self) -> list[dict[str, Any]]:
-        """Changes by injections that have not begun, as far as anybody may know."""
+    def public_plan(self) -> list[dict[str, Any]]:
+        """Changes by injections that have not begun; none of a blind node."""
         return self._injectable.planned if self._injectable and not self.blind else []
 
     def act(self, row: int) -> None:
@@ -112,17 +112,17 @@ class Tuning:
         answer: dict[str, Any]
         try:
             request = json.loads(self._mailbox.request())
-            if time.monotonic() > request["until"]:  # who asked has gone, and was told that nothing would change
+            if time.monotonic() > request["until"]:  # the caller has given up, and was told that nothing would change
                 raise InputError("the change came too late")
             if "when" in request:
-                answer = {"accepted": self._accepted(request["values"], request["when"])}
+                answer = {"accepted": self._plan_change(request["values"], request["when"])}
             else:
-                answer = {"changed": self._changed(request["values"], row)}
+                answer = {"changed": self._change_now(request["values"], row)}
         except InputError as error:
             answer = {"refused": str(error)}
-        self._mailbox.answer(json.dumps(answer | {"row": row, "planned": self.openly_planned}))
+        self._mailbox.answer(json.dumps(answer | {"row": row, "planned": self.public_plan}))
 
-    def _changed(self, values: Mapping[str, float], row: int) -> list[dict[str, Any]]:
+    def _change_now(self, values: Mapping[str, float], row: int) -> list[dict[str, Any]]:
         before = self._node.parameters
         if reasons := [reason for name in values if (reason := self._node.fixed(name))]:
             raise InputError(reasons[0])
@@ -135,7 +135,7 @@ class Tuning:
         self.changes += changed
         return changed
 
-    def _accepted(self, values: Mapping[str, float], when: Mapping[str, float]) -> list[dict[str, Any]]:
+    def _plan_change(self, values: Mapping[str, float], when: Mapping[str, float]) -> list[dict[str, Any]]:
         if not self._injectable:
             raise InputError(
                 "only the plant takes a change for a time to come or along a ramp; allowed here is a change at once"

@@ -8,18 +8,18 @@ from typing import Any
 
 from protocols.buses.bus import Port, open_bus
 from protocols.buses.exchange import Exchange
-from protocols.buses.heartbeat import heard_alone, new_session
+from protocols.buses.heartbeat import check_alone, new_session
 from protocols.can.frame_batch import load, unload
 from protocols.can.frames import Frame, load_frames
 from protocols.can.lifecycle import Lifecycle
 from protocols.errors import InputError
 from protocols.realtime import rights as realtime
-from protocols.realtime.beat import Beat, warm_book
+from protocols.realtime.beat import Beat, compile_record_cycle
 from protocols.realtime.clock import Clock
 from protocols.realtime.footprint import Footprint
 from protocols.realtime.overrun import OverrunError, overrun_policy
 from protocols.realtime.stopping import Stop
-from protocols.realtime.waiting import waiting
+from protocols.realtime.waiting import choose_waiting
 from protocols.telemetry.outlet import Outlet
 from rt_controller.loop.node import COLUMNS, ControllerNode, shipped_parameters
 from rt_controller.loop.samples import Samples, usual_arrival
@@ -76,7 +76,7 @@ class ControllerService:
     def warm() -> None:
         """Compile, or load from disk, all that a controller runs. Before its signals are those of `Stop`: this can be ended."""
         warm(ControllerNode())
-        warm_book()
+        compile_record_cycle()
 
     def run(self, ready: Callable[[str], None]) -> dict[str, Any]:
         """Serve until SIGTERM, SIGINT or, in lock-step, the plant's end; return the summary.
@@ -87,10 +87,10 @@ class ControllerService:
         node = ControllerNode(self.rate, self.parameters_file, self.law, self.adaptation, session, self.clutch)
         parameters = node.parameters.as_values()  # at the start; changes are told apart
         period = 1_000_000_000 // self.rate
-        clock = Clock(period, waiting(self.spin_us, period), overrun_policy(self.overrun))
+        clock = Clock(period, choose_waiting(self.spin_us, period), overrun_policy(self.overrun))
         with Stop() as stop, open_bus(self.bus, node.heard) as port:
             frames = load_frames(clutch=self.clutch or "a")
-            node.listen(heard_alone(port, self.name, frames["CONTROLLER_HEARTBEAT"]))
+            node.listen(check_alone(port, self.name, frames["CONTROLLER_HEARTBEAT"]))
             samples = Samples(Exchange(port, frames["ENCODER"].can_id, stop.wakes), frames)
             outlet = Outlet(
                 self.name, node, COLUMNS, port.name, self.rate, session,
@@ -174,9 +174,9 @@ class ControllerService:
                     node.record, clock.woken_ns / 1e9, clock.lateness_ns / 1e3, clock.work_ns / 1e3, clock.late
                 )
                 outlet.tune()
-                clock.done()
+                clock.end_cycle()
             else:
-                beat.book(node.record, outlet.changes)
+                beat.record_cycle(node.record, outlet.changes)
             node.late_cycles = clock.late
         return taken.summary()
 

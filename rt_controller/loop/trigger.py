@@ -29,7 +29,7 @@ class Trigger(Protocol):
         """The last sample was complete at `arrived_ns` of CLOCK_MONOTONIC; its cycle has been run."""
 
     def run(self, changes: int) -> int:
-        """Wait for the next cycle and run it, and so on for some; rows but the last are booked (`Beat.book`, with `changes`).
+        """Wait for the next cycle and run it, and so on for some; all rows but the last are recorded (`Beat.record_cycle`).
 
         Returns how many slots were left out before the last.
         """

@@ -12,15 +12,15 @@ from numba import njit
 from protocols.buses.exchange import (
     CLOCK_MONOTONIC,
     CLOCK_REALTIME,
+    empty_lines,
     gather,
     gather_marked,
+    is_settled,
     now,
-    settled,
-    silence,
     spread,
 )
 from protocols.can.frame_batch import batch
-from protocols.realtime.beat import Beat, arrive, book, called, wait, write
+from protocols.realtime.beat import Beat, arrive, is_called, record_cycle, wait, write
 from protocols.realtime.clock import Clock
 from rt_controller.loop.cycle import ControllerMemory, cycle
 from rt_controller.loop.node import ControllerNode
@@ -52,7 +52,7 @@ class Turn:
         """
         line, node = self.samples.line, self.node
         marks, first = line.marks, line.count
-        line.ready()
+        line.refresh()
         answer(line.lines, line.inbox, first, slots, node.memory, self._turns)
         complete = line.marks > marks
         self._finish()
@@ -65,16 +65,16 @@ class Turn:
         last.
         """
         line, node = self.samples.line, self.node
-        line.ready()
+        line.refresh()
         missed, made = answer_slots(
             beat.memory, line.lines, line.inbox, line.count, node.memory, self._turns, beat.most, changes, drifts
         )
         if made > (missed >= 0):
-            line.passed()
+            line.count_settled()
         if missed >= 0:
             self._finish()
             return int(missed)
-        missed = beat.woke(missed)
+        missed = beat.wake_up(missed)
         complete = self.answer(1 + missed)
         if drifts.size:
             follow(beat.memory.clocks, drifts, complete, self.samples.arrived_ns())
@@ -88,18 +88,18 @@ class Turn:
         line, node, patience = self.samples.line, self.node, 0
         while True:
             first = line.count
-            line.ready()
+            line.refresh()
             made = answer_samples(
                 beat.memory, line.lines, line.inbox, first, node.memory, self._turns, beat.most, changes, patience
             )
             slots = self._slots[0]
             if made > (slots > 0):
-                line.passed()
+                line.count_settled()
                 first = 0
             if slots:
                 self._finish()
                 return slots - 1
-            line.took(self._count[0], first)  # somebody has come, or gone
+            line.accept(self._count[0], first)  # somebody has come, or gone
             patience = self._patience[0]
 
     def answer_in_step(self, beat: Beat, changes: int) -> tuple[bool, bool]:
@@ -108,14 +108,14 @@ class Turn:
         Rows but the last are in the ring; returns whether the last is, and whether the sample after it is complete.
         """
         line, node = self.samples.line, self.node
-        line.ready()
+        line.refresh()
         made, waited, marks = answer_in_step(
             beat.memory, line.lines, line.inbox, line.count, node.memory, self._turns, beat.most, changes
         )
         if made > (not waited):
-            line.passed()
+            line.count_settled()
         if waited:
-            line.took(self._count[0], 0)
+            line.accept(self._count[0], 0)
         else:
             self._finish()
         return bool(waited), line.marks > marks
@@ -123,14 +123,14 @@ class Turn:
     def _finish(self) -> None:
         """What the compiled call leaves to do: of the frames it has sent, then of those used."""
         line, node = self.samples.line, self.node
-        line.sent(node.outbox, node.sent(self._sent[0]), self._position[0])
-        line.used(self._count[0])
+        line.finish_send(node.outbox, node.sent(self._sent[0]), self._position[0])
+        line.discard_used(self._count[0])
 
 
 def warm(node: ControllerNode) -> None:
     """Compile, or load from disk, the turns of a node: now, not in the loop; nothing is taken or sent."""
     copy, inbox, turns = ControllerMemory(*(part.copy() for part in node.memory)), batch(1), np.zeros(1, _TURN)
-    lines, beat = silence(), Beat(Clock(1000)).memory
+    lines, beat = empty_lines(), Beat(Clock(1000)).memory
     answer(lines, inbox, 0, 1, copy, turns)
     answer_slots(beat, lines, inbox, 0, copy, turns, 1, 0, GRID)
     answer_samples(beat, lines, inbox, 0, copy, turns, 1, 0, 0)
@@ -194,9 +194,9 @@ def answer_slots(
         answer(lines, inbox, count, 1 + missed, node, turns)
         if drifts.size > 0:
             follow(beat.clocks, drifts, line.marks > marks, _arrived(line, now(CLOCK_MONOTONIC, line.time)))
-        if made == most or called(line, beat) or not settled(line, count, turn.count, turn.sent, turn.position):
+        if made == most or is_called(line, beat) or not is_settled(line, count, turn.count, turn.sent, turn.position):
             return missed, made
-        book(beat, node.row, changes)
+        record_cycle(beat, node.row, changes)
         count = 0
 
 
@@ -221,9 +221,9 @@ def answer_samples(
         turn.sent = cycle(node.states, node.settings, inbox, turn.count, turn.slots, node.outbox)
         turn.position = spread(lines, 0, node.outbox, max(turn.sent, 0))
         arrive(beat.clocks, turn.woken, turn.arrived, turn.slots)
-        if made == most or called(line, beat) or not settled(line, count, turn.count, turn.sent, turn.position):
+        if made == most or is_called(line, beat) or not is_settled(line, count, turn.count, turn.sent, turn.position):
             return made
-        book(beat, node.row, changes)
+        record_cycle(beat, node.row, changes)
         count = patience = 0
 
 
@@ -239,7 +239,7 @@ def answer_in_step(
     while True:
         answer(lines, inbox, count, 1, node, turns)
         made, marks = made + 1, line.marks
-        if made == most or called(line, beat) or not settled(line, known, turn.count, turn.sent, turn.position):
+        if made == most or is_called(line, beat) or not is_settled(line, known, turn.count, turn.sent, turn.position):
             return made, False, marks
         beat.clocks[0].woken = now(CLOCK_MONOTONIC, line.time)
         write(beat, node.row, changes)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from protocols.node import Column
-from protocols.realtime.beat import OVERRUN, OVERSLEPT, TIMING, Beat, book, wait
+from protocols.realtime.beat import OVERRUN, OVERSLEPT, TIMING, Beat, record_cycle, wait
 from protocols.realtime.clock import CLOCK, Clock, Histogram
 from protocols.realtime.overrun import OverrunError, overrun_policy
 from protocols.realtime.ring import RingReader, RingWriter
@@ -18,7 +18,7 @@ PERIOD = 2_000_000  # ns
 LONG = 3_600_000_000_000  # ns: a period in which nothing is late
 
 
-def started(period: int = PERIOD, **settings: object) -> Beat:
+def start_beat(period: int = PERIOD, **settings: object) -> Beat:
     beat = Beat(Clock(period, **settings))  # type: ignore[arg-type]
     # compiled, on a clock that was never started: it is late since the machine was, at any period shorter than that
     wait(Beat(Clock(PERIOD)).memory)
@@ -26,18 +26,18 @@ def started(period: int = PERIOD, **settings: object) -> Beat:
     return beat
 
 
-def waited(beat: Beat) -> int:
+def wait_for_slot(beat: Beat) -> int:
     """As a turn waits: slots left out."""
     missed: int = wait(beat.memory)
-    return beat.woke(missed) if missed < 0 else missed
+    return beat.wake_up(missed) if missed < 0 else missed
 
 
 def test_every_slot_is_run_or_skipped_and_none_begins_early() -> None:
-    beat = started()
+    beat = start_beat()
     clock, start = beat.clock, beat.clock.deadline_ns + PERIOD
     left_out = 0
     for cycle in range(60):
-        missed = waited(beat)
+        missed = wait_for_slot(beat)
         left_out += missed
         assert clock.woken_ns >= clock.deadline_ns
         assert (clock.deadline_ns - start) % PERIOD == 0
@@ -48,7 +48,7 @@ def test_every_slot_is_run_or_skipped_and_none_begins_early() -> None:
 
 
 def test_what_a_wait_finds_is_told_apart() -> None:
-    beat = started(LONG, overrun=overrun_policy("catch-up"))
+    beat = start_beat(LONG, overrun=overrun_policy("catch-up"))
     clock, begin = beat.clock, time.monotonic_ns()
     clock.deadline_ns = begin - LONG - 5  # the slot began 5 ns before
     assert wait(beat.memory) == 0
@@ -64,7 +64,7 @@ def test_what_a_wait_finds_is_told_apart() -> None:
 @pytest.mark.parametrize("slept", [False, True])
 def test_slots_that_are_left_out_are_accounted_for_as_by_the_clock(slept: bool) -> None:
     """Where the cycle before took so long it is late for the present slot, where the machine slept for the one waited for."""
-    beat, clock = started(PERIOD), Clock(PERIOD)
+    beat, clock = start_beat(PERIOD), Clock(PERIOD)
     waits, left_out = (lambda: wait(beat.memory), clock.wait), []
     for of, waits_for in zip((beat.clock, clock), waits, strict=True):
         of.period_ns = 2_000 if slept else PERIOD  # nobody wakes within 2 us
@@ -80,25 +80,25 @@ def test_slots_that_are_left_out_are_accounted_for_as_by_the_clock(slept: bool) 
 
 @pytest.mark.parametrize(("policy", "skipped"), [("skip", 4), ("catch-up", 0)])
 def test_the_policy_is_the_clocks(policy: str, skipped: int) -> None:
-    beat = started(LONG // 10, overrun=overrun_policy(policy))
+    beat = start_beat(LONG // 10, overrun=overrun_policy(policy))
     beat.clock.start(time.monotonic_ns() - 4 * (LONG // 10))
-    assert waited(beat) == skipped
+    assert wait_for_slot(beat) == skipped
     assert (beat.clock.run, beat.clock.skipped, beat.clock.slots) == (1, skipped, 1 + skipped)
 
 
 def test_a_fault_is_raised() -> None:
-    beat = started(LONG, overrun=overrun_policy("fault"))
+    beat = start_beat(LONG, overrun=overrun_policy("fault"))
     beat.clock.start(time.monotonic_ns() - 2 * LONG)
     with pytest.raises(OverrunError, match="2 slots were missed"):
-        waited(beat)
+        wait_for_slot(beat)
 
 
 def test_a_spin_is_that_of_the_waiting() -> None:
     """It begins as long as it may be, gets shorter over good sleeps, and the slot is never missed by a sleep's lateness."""
     spin = SleepThenSpin(500_000)
-    beat = started(waiting=spin)
+    beat = start_beat(waiting=spin)
     for _ in range(50):
-        waited(beat)
+        wait_for_slot(beat)
         assert beat.clock.woken_ns >= beat.clock.deadline_ns
         assert 0 < spin.spin_ns <= 500_000
     assert beat.memory.spins[0] == spin.spin_ns
@@ -109,11 +109,11 @@ def test_a_spin_is_that_of_the_waiting() -> None:
 
 
 def test_a_signal_does_not_end_the_wait() -> None:
-    beat, asked = started(100_000_000), []
+    beat, asked = start_beat(100_000_000), []
     signal.signal(signal.SIGALRM, lambda *_: asked.append(time.monotonic_ns()))
     signal.setitimer(signal.ITIMER_REAL, 0.03)
     try:
-        assert waited(beat) == 0
+        assert wait_for_slot(beat) == 0
     finally:
         signal.signal(signal.SIGALRM, signal.SIG_DFL)
     assert beat.clock.woken_ns >= beat.clock.deadline_ns
@@ -129,7 +129,7 @@ def test_the_account_of_a_cycle_is_the_clocks() -> None:
         clock.woken_ns = time.monotonic_ns() - int(generator.exponential(PERIOD / 2))
         clock.lateness_ns = int(generator.exponential(PERIOD / 3))
         clock.deadline_ns = clock.woken_ns - clock.lateness_ns
-        book(memory, np.zeros(0), 0)
+        record_cycle(memory, np.zeros(0), 0)
         wake.add(clock.lateness_ns)
         work.add(clock.work_ns)
         ended = clock.woken_ns + clock.work_ns
@@ -151,7 +151,7 @@ def test_a_row_is_that_of_the_ring(tmp_path: Path) -> None:
         expected.append(
             (number, 0.5, (10**15 + number) / 1e9, (1500 + number) / 1e3, clock.work_ns / 1e3, clock.late, 7)
         )
-        book(beat.memory, np.array([number, 0.5]), 7)
+        record_cycle(beat.memory, np.array([number, 0.5]), 7)
     assert ring.written == 5
     np.testing.assert_array_equal(reader.read(), expected[2:])
     assert reader.lost == 2

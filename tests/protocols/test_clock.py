@@ -9,7 +9,7 @@ import pytest
 from protocols.errors import InputError
 from protocols.realtime.clock import Clock, Histogram
 from protocols.realtime.overrun import OverrunError, overrun_policy
-from protocols.realtime.waiting import Sleep, SleepThenSpin, waiting
+from protocols.realtime.waiting import Sleep, SleepThenSpin, choose_waiting
 
 PERIOD_NS = 1_000_000
 BIN_US = 1.0  # width of the histogram's bins
@@ -17,7 +17,7 @@ OVERRUN = 5.5  # periods: far enough from a whole number that a sleep's own late
 SCHEDULER_US = 50_000.0  # a shared machine may wake a sleeper this late; what is exact is not measured against it
 
 
-def started(period_ns: int = PERIOD_NS) -> tuple[Clock, int]:
+def start_clock(period_ns: int = PERIOD_NS) -> tuple[Clock, int]:
     clock = Clock(period_ns)
     start = time.monotonic_ns() + period_ns
     clock.start(start)
@@ -47,7 +47,7 @@ def hands(monkeypatch: pytest.MonkeyPatch) -> Hands:
 
 
 def test_every_slot_is_run_or_skipped_when_work_overruns() -> None:
-    clock, start = started()
+    clock, start = start_clock()
     for cycle in range(30):
         missed = clock.wait()
         slot = (clock.deadline_ns - start) // PERIOD_NS
@@ -56,30 +56,30 @@ def test_every_slot_is_run_or_skipped_when_work_overruns() -> None:
             assert missed >= int(OVERRUN) - 1
         if cycle % 10 == 0:
             time.sleep(OVERRUN * PERIOD_NS / 1e9)
-        clock.done()
+        clock.end_cycle()
     assert clock.run == 30
     assert clock.skipped >= 3 * (int(OVERRUN) - 1)
     assert clock.late >= 3
 
 
 def test_deadlines_stay_on_the_grid_exactly() -> None:
-    clock, start = started(333_333)
+    clock, start = start_clock(333_333)
     for cycle in range(100):
         clock.wait()
         assert (clock.deadline_ns - start) % 333_333 == 0
         assert clock.deadline_ns <= clock.woken_ns
         if cycle % 25 == 0:
             time.sleep(0.001)
-        clock.done()
+        clock.end_cycle()
     assert clock.deadline_ns == start + (clock.run + clock.skipped - 1) * 333_333
 
 
 def test_a_wake_up_is_never_early_and_not_absurdly_late() -> None:
-    clock, _ = started()
+    clock, _ = start_clock()
     for _ in range(20):
         clock.wait()
         assert time.monotonic_ns() >= clock.deadline_ns
-        clock.done()
+        clock.end_cycle()
     assert clock.summary()["wake"]["p50_us"] < SCHEDULER_US
 
 
@@ -91,7 +91,7 @@ def test_the_slots_of_a_perfect_machine_are_all_run(hands: Hands) -> None:
         assert clock.wait() == 0
         assert clock.deadline_ns == start + k * PERIOD_NS == hands.now
         hands.now += 400_000
-        clock.done()
+        clock.end_cycle()
     assert (clock.run, clock.skipped, clock.late) == (1000, 0, 0)
     assert clock.summary()["work"]["max_us"] == 400.0
 
@@ -108,7 +108,7 @@ def test_an_overrun_is_late_and_skips_the_slots_it_has_slept_through(
     clock.start(start)
     clock.wait()
     hands.now += work
-    clock.done()
+    clock.end_cycle()
     assert clock.wait() == skipped
     assert (clock.run, clock.skipped, clock.late) == (2, skipped, late)
     assert clock.deadline_ns == start + (1 + skipped) * PERIOD_NS
@@ -127,7 +127,7 @@ def test_the_account_holds_for_any_work(hands: Hands) -> None:
         assert clock.deadline_ns == start + (clock.run + clock.skipped - 1) * PERIOD_NS
         assert 0 <= hands.now - clock.deadline_ns < PERIOD_NS
         hands.now += int(work)
-        clock.done()
+        clock.end_cycle()
         late += hands.now > clock.deadline_ns + PERIOD_NS or clock.lateness_ns >= PERIOD_NS
     assert clock.skipped > 0
     assert clock.late == late > 0
@@ -145,7 +145,7 @@ def test_slots_that_a_sleep_went_past_are_left_out_before_its_cycle(hands: Hands
     hands.oversleep = 0
     assert clock.deadline_ns == start + 5 * PERIOD_NS
     assert clock.lateness_ns == hands.now - (start + PERIOD_NS)  # what it waited for was the first of them
-    clock.done()
+    clock.end_cycle()
     assert clock.late == 1
     assert clock.wait() == 0
     assert hands.now == start + 6 * PERIOD_NS
@@ -176,7 +176,7 @@ def test_catching_up_runs_every_slot_and_leaves_the_grid_as_it_was(hands: Hands)
         assert clock.wait() == 0
         assert clock.deadline_ns == start + cycle * PERIOD_NS
         hands.now += 4_200_000 if cycle == 2 else 100_000
-        clock.done()
+        clock.end_cycle()
     assert (clock.run, clock.skipped, clock.slots) == (10, 0, 10)
     assert clock.lateness_ns == 0  # it has caught up
 
@@ -212,7 +212,7 @@ def test_a_spin_begins_as_early_as_sleeps_are_late(hands: Hands) -> None:
         clock.wait()
         lengths.append(spin.spin_ns)
         assert 0 <= clock.lateness_ns <= (60_000 if cycle == 2000 else 2 * hands.look)
-        clock.done()
+        clock.end_cycle()
     assert lengths[0] == pytest.approx(100_000, rel=0.01)
     assert lengths[1999] == pytest.approx(10_300, abs=500)  # lateness, margin, and what the division leaves
     assert lengths[2000] > 60_000
@@ -229,11 +229,11 @@ def test_a_spin_is_never_longer_than_allowed(hands: Hands) -> None:
 
 
 def test_at_most_a_tenth_of_a_period_is_spun() -> None:
-    fast, slow = waiting(100.0, 100_000), waiting(100.0, 4_000_000)
+    fast, slow = choose_waiting(100.0, 100_000), choose_waiting(100.0, 4_000_000)
     assert isinstance(fast, SleepThenSpin)
     assert isinstance(slow, SleepThenSpin)
     assert (fast.spin_ns, slow.spin_ns) == (10_000, 100_000)
-    assert isinstance(waiting(0.0, 1_000_000), Sleep)
+    assert isinstance(choose_waiting(0.0, 1_000_000), Sleep)
 
 
 @pytest.mark.parametrize("size", [1, 3, 11, 1003, 20_011])  # percent of it is never whole: numpy rounds such ties

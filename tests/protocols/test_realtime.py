@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from clutch_hil.bench.machine import facts
-from protocols.realtime.rights import MEASURES, Measure, Wanted, possible, prepare, relax
+from protocols.realtime.rights import MEASURES, LoopRequest, Measure, is_possible, prepare, relax
 
 _PR_GET_TIMERSLACK = 30  # linux/prctl.h
 CPU = max(os.sched_getaffinity(0))
@@ -27,7 +27,7 @@ def in_child(told: str) -> Any:
     return json.loads(done.stdout)
 
 
-def prepared() -> dict[str, object]:
+def run_prepared() -> dict[str, object]:
     missing = prepare(CPU, 70)
     status = dict(line.split(":\t", 1) for line in Path("/proc/self/status").read_text().splitlines() if ":\t" in line)
     return {
@@ -43,7 +43,7 @@ def prepared() -> dict[str, object]:
 
 @pytest.mark.needs("real-time priority", "memory locked")
 def test_who_has_the_rights_gets_every_measure() -> None:
-    found = in_child("prepared")
+    found = in_child("run_prepared")
     absent = [
         m.missing for m in MEASURES if m.name == "CPU kept awake" and not os.access("/dev/cpu_dma_latency", os.W_OK)
     ]
@@ -59,10 +59,10 @@ def policies() -> list[int]:
     """Of scheduling: while each measure but the last is taken, once all are, and after."""
     seen: list[int] = []
 
-    def watched(measure: Measure) -> Measure:
+    def watch_faults(measure: Measure) -> Measure:
         return measure._replace(take=lambda wanted: (measure.take(wanted), seen.append(os.sched_getscheduler(0))))
 
-    prepare(CPU, 70, [watched(measure) for measure in MEASURES])
+    prepare(CPU, 70, [watch_faults(measure) for measure in MEASURES])
     relax()
     return [*seen, os.sched_getscheduler(0)]
 
@@ -90,20 +90,20 @@ def test_what_is_touched_beforehand_faults_no_more() -> None:
 
 
 def test_a_measure_that_is_refused_is_told_and_the_others_are_taken() -> None:
-    def refused(wanted: Wanted) -> None:
+    def refuse(wanted: LoopRequest) -> None:
         raise PermissionError
 
-    taken: list[Wanted] = []
-    measures = [MEASURES[0]._replace(take=refused, missing="no priority"), MEASURES[1]._replace(take=taken.append)]
+    taken: list[LoopRequest] = []
+    measures = [MEASURES[0]._replace(take=refuse, missing="no priority"), MEASURES[1]._replace(take=taken.append)]
     assert prepare(3, 50, measures) == ["no priority"]
-    assert taken == [Wanted(3, 50)]
+    assert taken == [LoopRequest(3, 50)]
 
 
 def test_a_cpu_that_is_not_there_is_refused_without_any_harm() -> None:
     bind = next(m for m in MEASURES if m.name == "bound to a CPU")
     before = os.sched_getaffinity(0)
-    assert not possible(bind, Wanted(4095))
-    assert possible(bind, Wanted(CPU))
+    assert not is_possible(bind, LoopRequest(4095))
+    assert is_possible(bind, LoopRequest(CPU))
     assert os.sched_getaffinity(0) == before
 
 

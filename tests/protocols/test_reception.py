@@ -16,7 +16,7 @@ def data(codec: FrameCodec, counter: int, value: int = 0) -> bytes:
     return codec.pack_raw(counter, *(value for _ in codec.signals))
 
 
-def patterned(codec: FrameCodec, counter: int) -> bytes:
+def make_pattern(codec: FrameCodec, counter: int) -> bytes:
     """A frame whose payload is neither all zeros nor symmetric."""
     return codec.pack_raw(counter, *((n + 1) % 2 for n in range(len(codec.signals))))
 
@@ -87,7 +87,7 @@ def test_a_corrupt_frame_leaves_a_gap_and_no_other_trace(reception: Reception) -
 @each_frame
 def test_a_flipped_bit_is_refused(codec: FrameCodec) -> None:
     reception = Reception(codec)
-    good = patterned(codec, 6)
+    good = make_pattern(codec, 6)
     for bit in range(8 * codec.length):
         flipped = (int.from_bytes(good, "little") ^ 1 << bit).to_bytes(codec.length, "little")
         assert not reception.accept(flipped), f"bit {bit}"
@@ -98,7 +98,7 @@ def test_a_flipped_bit_is_refused(codec: FrameCodec) -> None:
 @each_frame
 def test_two_flipped_bits_are_refused(codec: FrameCodec) -> None:
     # J1850's polynomial detects every double error in up to 119 bits.
-    good = int.from_bytes(patterned(codec, 6), "little")
+    good = int.from_bytes(make_pattern(codec, 6), "little")
     bits = range(8 * codec.length)
     for first in bits:
         for second in bits[first + 1 :]:
@@ -127,7 +127,7 @@ def test_compiled_loops_believe_the_same(codec: FrameCodec) -> None:
     generator = np.random.default_rng(codec.can_id)
     reception, record = Reception(codec), receptions([codec])
     for number in range(500):
-        good = bytearray(patterned(codec, number if generator.random() < 0.7 else int(generator.integers(16))))
+        good = bytearray(make_pattern(codec, number if generator.random() < 0.7 else int(generator.integers(16))))
         if generator.random() < 0.2:
             good[generator.integers(len(good))] ^= 1 << generator.integers(8)
         into = batch(1)

@@ -130,7 +130,7 @@ def test_a_reader_overtaken_while_it_copies_drops_the_rows_that_may_be_torn(
 ) -> None:
     reader = RingReader(path)
     write(writer, range(6))
-    count = reader._written
+    count = reader._count_written
 
     def overtaken() -> int:
         """The writer goes on between the two looks at its count."""
@@ -138,7 +138,7 @@ def test_a_reader_overtaken_while_it_copies_drops_the_rows_that_may_be_torn(
         write(writer, range(before, before + 5))
         return before
 
-    monkeypatch.setattr(reader, "_written", overtaken)
+    monkeypatch.setattr(reader, "_count_written", overtaken)
     got = reader.read()
     monkeypatch.undo()
     # 11 rows were written at the second look (16 after it): rows 0 and 1 are gone, row 2 may be half overwritten by row 11.
@@ -212,7 +212,7 @@ def watch_elsewhere(path: Path, total: int, channel: Connection) -> None:
     channel.send("ready")
     last = back = 0
     while last < total:
-        now = reader._written()
+        now = reader._count_written()
         back += now < last
         last = now
     channel.send(back)
@@ -243,7 +243,7 @@ UNGUARDED: dict[str, Callable[[bytes], bytes]] = {
 }
 
 
-def refused(tmp_path: Path, spoil: Callable[[bytes], bytes]) -> None:
+def expect_refusal(tmp_path: Path, spoil: Callable[[bytes], bytes]) -> None:
     path = tmp_path / "spoilt.ring"
     path.write_bytes(spoil(good_bytes(tmp_path)))
     with pytest.raises(InputError) as told:
@@ -254,12 +254,12 @@ def refused(tmp_path: Path, spoil: Callable[[bytes], bytes]) -> None:
 
 @pytest.mark.parametrize("spoil", SPOILT.values(), ids=SPOILT)
 def test_a_bad_file_is_refused_by_name(tmp_path: Path, spoil: Callable[[bytes], bytes]) -> None:
-    refused(tmp_path, spoil)
+    expect_refusal(tmp_path, spoil)
 
 
 @pytest.mark.parametrize("spoil", UNGUARDED.values(), ids=UNGUARDED)
 def test_a_damaged_ring_is_refused_by_name(tmp_path: Path, spoil: Callable[[bytes], bytes]) -> None:
-    refused(tmp_path, spoil)
+    expect_refusal(tmp_path, spoil)
 
 
 def test_a_missing_ring_is_refused_by_name(path: Path) -> None:

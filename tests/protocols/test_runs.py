@@ -103,7 +103,7 @@ def test_units_and_meanings_stand_in_the_file(path: Path) -> None:
 def test_units_and_meanings_come_back(path: Path) -> None:
     write(path, {})
     run = read_run(path)
-    assert run.described() == list(COLUMNS)
+    assert run.describe_columns() == list(COLUMNS)
     assert run.units["time_s"] == "unit of time_s"
     assert run.meanings["truth_x_m"] == "more"
 
@@ -113,7 +113,7 @@ def test_a_run_written_again_is_the_same_run(path: Path) -> None:
     run, again = read_run(path), path.with_name("again.parquet")
     write_run(run, again)
     written = read_run(again)
-    assert (written.metadata, written.described()) == (run.metadata, run.described())
+    assert (written.metadata, written.describe_columns()) == (run.metadata, run.describe_columns())
     for name, values in run.columns.items():
         np.testing.assert_array_equal(written[name], values)
 

@@ -15,7 +15,7 @@ from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError
 from protocols.node import node_factory
 from protocols.realtime.mailbox import Asker, Mailbox
-from protocols.telemetry.tuning import Tunable, Tuning, described
+from protocols.telemetry.tuning import Tunable, Tuning, describe_parameters
 
 PATIENCE = 2.0  # s for an answer that is on its way
 
@@ -38,30 +38,30 @@ def controller() -> Tunable:
     return node_factory("controller")()
 
 
-def asked(asker: Asker, tuning: Tuning, values: dict, row: int = 7) -> dict:
+def ask_in_thread(asker: Asker, tuning: Tuning, values: dict, row: int = 7) -> dict:
     """Ask for a change while a loop turns."""
     request = {"values": values, "until": time.monotonic() + PATIENCE}
     answers: list[str] = []
     thread = threading.Thread(target=lambda: answers.append(asker.ask(json.dumps(request), PATIENCE)))
     thread.start()
     while thread.is_alive():
-        if tuning.waiting():
+        if tuning.has_request():
             tuning.act(row)
     return json.loads(answers[0])
 
 
 def test_nothing_waits_in_a_new_mailbox(mailbox: Mailbox) -> None:
-    assert not mailbox.waiting()
+    assert not mailbox.has_request()
 
 
 def test_a_loop_that_does_not_turn_is_told_and_the_next_request_is_refused(mailbox: Mailbox, asker: Asker) -> None:
     with pytest.raises(InputError, match=r"has not answered within 0\.01 s; it may still be starting, or be stopped"):
         asker.ask("{}", 0.01)
-    assert mailbox.waiting()
+    assert mailbox.has_request()
     with pytest.raises(InputError, match="an earlier change still waits"):
         asker.ask("{}", 0.01)
     mailbox.answer("late")
-    assert not mailbox.waiting()
+    assert not mailbox.has_request()
 
 
 def test_a_request_waits_for_the_answer_to_an_earlier_one(mailbox: Mailbox, asker: Asker) -> None:
@@ -71,7 +71,7 @@ def test_a_request_waits_for_the_answer_to_an_earlier_one(mailbox: Mailbox, aske
         second = pool.submit(asker.ask, "second", PATIENCE)
         seen = []
         while not second.done():
-            if mailbox.waiting():
+            if mailbox.has_request():
                 seen.append(mailbox.request())
                 mailbox.answer(f"to {seen[-1]}")
         assert second.result() == "to second"
@@ -81,13 +81,13 @@ def test_a_request_waits_for_the_answer_to_an_earlier_one(mailbox: Mailbox, aske
 def test_a_request_that_is_too_long_is_refused(asker: Asker, mailbox: Mailbox) -> None:
     with pytest.raises(InputError, match=r"70000 bytes is too long; allowed are 65536"):
         asker.ask("x" * 70_000, 0.01)
-    assert not mailbox.waiting()
+    assert not mailbox.has_request()
 
 
 def test_a_change_says_what_it_changed_and_from_which_row(mailbox: Mailbox, asker: Asker) -> None:
     node = controller()
     tuning = Tuning(node, mailbox)
-    answer = asked(asker, tuning, {"torque.proportional_gain": 0.02, "slip.bandwidth": 60})
+    answer = ask_in_thread(asker, tuning, {"torque.proportional_gain": 0.02, "slip.bandwidth": 60})
     change = {"name": "torque.proportional_gain", "old": 0.012, "new": 0.02, "unit": "bar/Nm", "row": 7}
     assert answer["row"] == 7
     assert answer["changed"][0] == change
@@ -114,7 +114,7 @@ def test_a_refused_change_gives_its_reason_and_changes_nothing(
     node = controller()
     before = node.parameters.as_values()
     tuning = Tuning(node, mailbox)
-    assert sentence in asked(asker, tuning, values)["refused"]
+    assert sentence in ask_in_thread(asker, tuning, values)["refused"]
     assert node.parameters.as_values() == before
     assert tuning.changes == []
 
@@ -128,12 +128,12 @@ def test_a_change_that_comes_too_late_is_not_made(mailbox: Mailbox, asker: Asker
     tuning.act(7)  # the loop wakes
     assert node.parameters["slip.bandwidth"].value != 60.0
     assert tuning.changes == []
-    assert asked(asker, tuning, {"slip.bandwidth": 70.0})["row"] == 7
+    assert ask_in_thread(asker, tuning, {"slip.bandwidth": 70.0})["row"] == 7
 
 
 @pytest.mark.parametrize(("node", "shipped"), [(controller(), None), (PlantNode(), wet_clutch.nominal())])
 def test_every_parameter_is_described(node: Tunable, shipped) -> None:
-    entries = described(node, shipped or node.parameters)
+    entries = describe_parameters(node, shipped or node.parameters)
     assert len(entries) == len(node.parameters)
     for entry in entries:
         assert entry["bounds"][0] <= entry["default"] <= entry["bounds"][1]

@@ -14,7 +14,7 @@ from protocols.can.two_clutches import SHARED, two_clutch_database, write_dbc
 from protocols.errors import InputError
 from protocols.node import Column
 from protocols.realtime import child
-from protocols.telemetry.batch import published_columns
+from protocols.telemetry.batch import run_file_columns
 from tests.processes import PATIENCE
 
 A, B = load_frames(clutch="a"), load_frames(clutch="b")
@@ -86,8 +86,8 @@ def test_the_command_tells_the_load_and_writes_the_dbc(tmp_path: Path) -> None:
 
 def test_terms_of_clutch_b_keep_their_own_names_in_telemetry() -> None:
     phase = [Column("phase", "1", "")]
-    assert published_columns("controller", phase)[0].name == "controller_phase"
-    assert published_columns("controller_b", phase)[0].name == "controller_b_phase"
+    assert run_file_columns("controller", phase)[0].name == "controller_phase"
+    assert run_file_columns("controller_b", phase)[0].name == "controller_b_phase"
 
 
 def test_clutch_c_does_not_exist() -> None:

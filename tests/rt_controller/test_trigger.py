@@ -106,7 +106,7 @@ def cycles(rig: Rig, begins: Any, count: int, work: int = 100_000) -> list[tuple
         assert slots == missed + 1
         found.append((at, samples, missed))
         rig.now += work
-        begins.clock.done()
+        begins.clock.end_cycle()
         assert begins.clock.slots == begins.clock.run + begins.clock.skipped
     return found
 

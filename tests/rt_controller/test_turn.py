@@ -146,7 +146,7 @@ def test_a_request_ends_a_call(turn: Turn, plant: Port, tmp_path: Path, begun_by
     asking = threading.Timer(3.6 * several.SLOT / 1e9, ask)
     asking.start()
     BEGUN_BY[begun_by](turn, several.beat)
-    assert several.mailbox.waiting()
+    assert several.mailbox.has_request()
     assert several.beat.clock.run < 8
     asking.join()
     thread.join()

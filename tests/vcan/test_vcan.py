@@ -102,7 +102,7 @@ def test_frames_carry_the_time_at_which_the_kernel_took_them() -> None:
         one.send(Frame(0x123, b"x"))
         after = time.time_ns()
         time.sleep(0.05)
-        ((stamp, frame),) = [told for told in other.stamped() if told[1].can_id == 0x123]
+        ((stamp, frame),) = [told for told in other.receive_stamped() if told[1].can_id == 0x123]
         assert before <= stamp == other.stamps[0x123] <= after
         assert frame == Frame(0x123, b"x")
 

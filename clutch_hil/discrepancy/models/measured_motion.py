@@ -1,9 +1,9 @@
-"""Motion of a measured position: exact where its sign matters, smooth where its acceleration does; no delay in either.
+"""Motion of a measured position, without delay: `path` where the sign of the speed matters, `smooth` for the acceleration.
 
 Equation        path: v = dx/dt from sample to sample, x at the middle between them
-                smooth: least squares of a quartic over a sliding window (Savitzky and Golay 1964): zero phase, and no transient
-                at the ends of a run, which the usual Butterworth filter forwards and backwards leaves there
-Play            holds a path while it flickers by no more than the sensor's last digit: no reversals are made of noise
+                smooth: least squares of a quartic over a sliding window (Savitzky and Golay 1964). It has zero phase, and no
+                transient at the ends of a run, as a Butterworth filter forwards and backwards has
+Play            holds the position while it flickers by no more than the sensor's last digit, so that noise is no reversal
 References      Savitzky and Golay 1964, Anal. Chem. 36(8), 1627-1639; zero-phase central differences for inverse dynamics:
                 Gautier 1997, Dynamic identification of robots with power model, ICRA, 1922-1927
 """
@@ -16,8 +16,8 @@ from scipy.signal import savgol_filter
 
 from protocols.errors import InputError
 
-_DEGREE = 4  # of the polynomial
-_LEAST = 5  # samples: through so many it is the usual central difference of order 4, which smooths nothing
+_POLYNOMIAL_DEGREE = 4  # of the polynomial
+_LEAST_SAMPLES = 5  # of the window: a quartic through 5 samples is the central difference of order 4, without smoothing
 
 
 class Motion(NamedTuple):
@@ -30,21 +30,23 @@ class Motion(NamedTuple):
 
 def path(position: np.ndarray, period: float, flicker: float) -> Motion:
     """Steps between samples of `position` [m] (n,), one every `period` [s], without its `flicker` [m]; no acceleration."""
-    played = _played(np.ascontiguousarray(position, float), flicker)
+    played = _hold_flicker(np.ascontiguousarray(position, float), flicker)
     step = np.diff(played, prepend=played[0])
     return Motion(played - 0.5 * step, step / period, np.zeros(played.size))
 
 
 def smooth(position: np.ndarray, period: float, window: float) -> Motion:
     """Motion about samples of `position` [m] (n,), one every `period` [s], smoothed over a `window` [s]. Raises InputError."""
-    length = max(2 * round(0.5 * window / period) + 1, _LEAST)
+    length = max(2 * round(0.5 * window / period) + 1, _LEAST_SAMPLES)
     if position.size < length:
         raise InputError(f"position has {position.size} samples; the window of its derivative needs {length}")
-    return Motion(*(savgol_filter(position, length, _DEGREE, deriv=order, delta=period) for order in range(3)))
+    return Motion(
+        *(savgol_filter(position, length, _POLYNOMIAL_DEGREE, deriv=order, delta=period) for order in range(3))
+    )
 
 
 @njit(cache=True, nogil=True)
-def _played(position, flicker):
+def _hold_flicker(position, flicker):
     """The position with a play of +-`flicker`."""
     played = position.copy()
     for i in range(1, played.size):

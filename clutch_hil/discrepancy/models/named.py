@@ -40,7 +40,7 @@ def model_named(rig: str, changed: Path | None = None) -> Model:
     return model
 
 
-def recalibrated(model: Any, share: float) -> Any:
+def set_calibration(model: Any, share: float) -> Any:
     """`model` with another `calibration`. Raises InputError."""
     if not 0.0 < share <= _MOST:
         raise InputError(f"calibration {share:g} is not possible; allowed is more than 0 and at most {_MOST:g}")

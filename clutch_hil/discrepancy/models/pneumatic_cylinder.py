@@ -1,7 +1,7 @@
-"""A pneumatic cylinder moved against its own pressure: the rod's force is judged, in which its seals' friction is.
+"""A pneumatic cylinder moved against its own pressure. The output is the rod's force, which contains the friction of its seals.
 
 Equation        F = p A + F_c sign(v),  v and F positive as the rod is pushed in
-Assumptions     slow: no inertia, the pressure in the cylinder is that at the sensor
+Assumptions     slow motion: no inertia, and the pressure in the cylinder is that at the sensor
 Not modelled    leakage, weight of the rod
 References      Zillen 2021, TU Delft (clutch_hil/discrepancy/maps/pneumatic_seal.toml)
 """
@@ -12,14 +12,14 @@ from math import pi
 import numpy as np
 
 from clutch_hil.discrepancy.model import Columns, Output
+from clutch_hil.discrepancy.models.linear_motion import Scale, candidates
 from clutch_hil.discrepancy.models.measured_motion import Motion, smooth
-from clutch_hil.discrepancy.models.slide import Drive, Slide
-from clutch_hil.discrepancy.models.straight import Scale, candidates
+from clutch_hil.discrepancy.models.sliding_contact import Drive, SlidingContact
 from protocols.files.parameters import ParameterSet
 from protocols.files.units import BAR
 
 
-class PneumaticCylinder(Slide):
+class PneumaticCylinder(SlidingContact):
     """A cylinder whose position, pressure and rod force were measured."""
 
     name = "pneumatic_cylinder"
@@ -35,7 +35,7 @@ class PneumaticCylinder(Slide):
         ),
     )  # fmt: skip
 
-    def _moved(self, run: Columns, own: ParameterSet, period: float) -> Motion:
+    def _track_motion(self, run: Columns, own: ParameterSet, period: float) -> Motion:
         return smooth(run["position_m"], period, own["motion.window"].si)
 
     def _drive(self, run: Columns, own: ParameterSet, moved: Motion) -> Drive:

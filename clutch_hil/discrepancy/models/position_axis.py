@@ -1,16 +1,16 @@
-"""A position axis judged by its motor's force: the closed loop hides in the position what the axis lacks, not in the force.
+"""A position axis. The output is the motor's force: in the position the closed loop compensates what is missing.
 
 Equation        F_m = M x'' + F_c sign(v) + F_v v, x later by the delay of drive and sample
                                                                      (inverse dynamics; Janot, Gautier and Brunot 2019)
                 F_c in proportion to the load where the run has a column `normal_load_n`
-Inputs          the measured position; speed and acceleration from it without delay (`measured_motion.py`)
-Assumptions     rigid; the column of the force is what the motor delivers, nearly always its current or its demand
+Inputs          the measured position; speed and acceleration are derived from it without delay (`measured_motion.py`)
+Assumptions     rigid; the column of the force is what the motor delivers, in most rigs its current or its demand
 Valid range     motions slower than the window of the differentiator (`motion.window`), noise well below them
 Not modelled    flexible modes
 References      Janot, Gautier and Brunot 2019, Data set and reference models of EMPS, Workshop on Nonlinear System
                 Identification Benchmarks; Gautier 1997
 
-Serves a simulated axis (`plant_sim.rigs.position_axis`) as well: `recorded` makes a run's columns of its `Run`.
+A simulated axis (`plant_sim.rigs.position_axis`) can be judged as well: `to_columns` converts its `Run`.
 """
 
 from collections.abc import Mapping
@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from clutch_hil.discrepancy.model import Columns, Output
+from clutch_hil.discrepancy.models.linear_motion import Scale, candidates
 from clutch_hil.discrepancy.models.measured_motion import Motion, smooth
-from clutch_hil.discrepancy.models.slide import Drive, Slide
-from clutch_hil.discrepancy.models.straight import Scale, candidates
+from clutch_hil.discrepancy.models.sliding_contact import Drive, SlidingContact
 from protocols.files.parameters import ParameterSet
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 _LOAD = "normal_load_n"  # column that a run may have
 
 
-class PositionAxis(Slide):
+class PositionAxis(SlidingContact):
     """An axis whose position and motor force were measured."""
 
     name = "position_axis"
@@ -46,7 +46,7 @@ class PositionAxis(Slide):
         ),
     )  # fmt: skip
 
-    def _moved(self, run: Columns, own: ParameterSet, period: float) -> Motion:
+    def _track_motion(self, run: Columns, own: ParameterSet, period: float) -> Motion:
         time = run["time_s"]
         at = time + own["motor.delay"].si  # the motion that the recorded force belongs to
         return Motion(*(np.interp(at, time, one) for one in smooth(run["position_m"], period, own["motion.window"].si)))
@@ -61,8 +61,8 @@ class PositionAxis(Slide):
         return {"clutch_coulomb_slope": p["coulomb"] / p["load"], "clutch_viscous_intercept": p["viscous"]}
 
 
-def recorded(run: "Run") -> dict[str, np.ndarray]:
-    """Columns of a run, as files have them, of what a simulated axis recorded."""
+def to_columns(run: "Run") -> dict[str, np.ndarray]:
+    """Columns of a run file from the record of a simulated axis."""
     return {
         "time_s": run.time_s,
         "position_m": run.position,

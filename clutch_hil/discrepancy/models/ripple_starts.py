@@ -1,4 +1,4 @@
-"""Where to begin the fit of a ripple: periods that stand out in the residual over the path.
+"""Starts of the fit of a ripple: the strongest periods of the residual over the path.
 
 Equation        r = c A cos(2 pi x/period + phase),  c what the ripple is a share of (1 N where it is none)
                 line(w) = 2 sum(c r exp(-2 pi i w x))/sum(c^2), over places first, then about its peaks over all samples
@@ -8,27 +8,27 @@ Assumptions     places are visited in both directions, or c keeps its sign
 import numpy as np
 
 from clutch_hil.discrepancy.model import Candidate
+from clutch_hil.discrepancy.models.linear_motion import PERIOD
 from clutch_hil.discrepancy.models.measured_motion import Motion
-from clutch_hil.discrepancy.models.straight import PERIOD
 
-_MOVING = 0.1  # of the greatest speed: slower samples say more of the reversal than of the place
+_LEAST_SPEED = 0.1  # of the greatest speed: slower samples show the reversal, not the position
 _BINS = 8  # along the shortest period
-_STARTS = 3
-_FINE = 4  # lines of the coarse spectrum to a resolvable one
-_FINEST = 40  # the same about a peak: the phase is then right to 1/80 of a turn at the ends of the path
+_STARTS = 3  # periods that are returned
+_COARSE_LINES = 4  # lines of the coarse spectrum for each line that the path can resolve
+_FINE_LINES = 40  # lines near a peak: the phase is then right to 1/80 of a period at the ends of the path
 
 
 def ripple_starts(
     candidate: Candidate, moved: Motion, residual: np.ndarray, carrier: np.ndarray
 ) -> list[dict[str, float]]:
-    """The strongest periods with amplitude and phase, by dotted name; [] where nothing moves.
+    """Period, amplitude and phase by dotted name of the strongest ripples; [] where nothing moves.
 
-    residual [N], carrier c [N]: (n,). What is linear in acceleration, speed and direction, as of a baseline that is not fitted
-    yet, is left out of the residual.
+    residual [N], carrier c [N]: (n,). The part of the residual that is linear in acceleration, speed and direction is removed
+    first, as the baseline may not be fitted yet.
     """
     limits = {p.name: p.bounds for p in candidate.parameters}
     shortest, longest = (1e-3 * bound for bound in limits[PERIOD])  # m
-    moving = np.abs(moved.speed) > _MOVING * np.abs(moved.speed).max(initial=0.0)
+    moving = np.abs(moved.speed) > _LEAST_SPEED * np.abs(moved.speed).max(initial=0.0)
     x, c, speed = moved.position[moving], carrier[moving], moved.speed[moving]
     if x.size < _BINS or np.ptp(x) < shortest or not c.any():
         return []
@@ -39,19 +39,19 @@ def ripple_starts(
     at = np.clip(np.digitize(x, edges) - 1, 0, bins - 1)
     middle = 0.5 * (edges[1:] + edges[:-1])
     resolved = 1.0 / np.ptp(x)
-    waves = np.arange(1.0 / longest, 1.0 / shortest, resolved / _FINE)
+    waves = np.arange(1.0 / longest, 1.0 / shortest, resolved / _COARSE_LINES)
     strength = np.abs(_lines(middle, np.bincount(at, c * r, minlength=bins), waves))
     found: list[dict[str, float]] = []
     while len(found) < _STARTS and strength.any():
         k = int(np.argmax(strength))
-        near = waves[k] + resolved * np.arange(-0.5, 0.5, 1.0 / _FINEST)
+        near = waves[k] + resolved * np.arange(-0.5, 0.5, 1.0 / _FINE_LINES)
         lines = _lines(x, c * r, near) / np.sum(c * c)
         best = int(np.argmax(np.abs(lines)))
         values = {
             PERIOD: 1e3 / near[best], "phase": float(np.angle(lines[best])), "amplitude": float(np.abs(lines[best])),
         }  # fmt: skip
         found.append({f"{candidate.name}.{n}": float(np.clip(v, *limits[n])) for n, v in values.items()})
-        strength[max(k - 2 * _FINE, 0) : k + 2 * _FINE + 1] = 0.0
+        strength[max(k - 2 * _COARSE_LINES, 0) : k + 2 * _COARSE_LINES + 1] = 0.0
     return found
 
 

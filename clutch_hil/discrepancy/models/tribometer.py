@@ -1,11 +1,11 @@
-"""A tribometer judged by its friction force along the measured displacement, under the measured load.
+"""A tribometer. The output is its friction force, along the measured displacement and under the measured load.
 
 Equation        F = mu N sign(v)
-Assumptions     the friction force is measured behind what little moves with the contact: inertia is left out
-Not modelled    the tangential compliance of the instrument, which pre-sliding then includes
+Assumptions     the mass between contact and force sensor is small: no inertia
+Not modelled    the tangential compliance of the instrument; a fitted pre-sliding stiffness includes it
 References      Coulomb 1785; data: clutch_hil/discrepancy/maps/microtribometer.toml
 
-Serves a simulated tribometer (`plant_sim.rigs.tribometer`) as well: `recorded` makes a run's columns of its `Record`.
+A simulated tribometer (`plant_sim.rigs.tribometer`) can be judged as well: `to_columns` converts its `Record`.
 """
 
 from collections.abc import Mapping
@@ -14,16 +14,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from clutch_hil.discrepancy.model import Columns, Output
+from clutch_hil.discrepancy.models.linear_motion import Scale, candidates
 from clutch_hil.discrepancy.models.measured_motion import Motion, path
-from clutch_hil.discrepancy.models.slide import Drive, Slide
-from clutch_hil.discrepancy.models.straight import Scale, candidates
+from clutch_hil.discrepancy.models.sliding_contact import Drive, SlidingContact
 from protocols.files.parameters import ParameterSet
 
 if TYPE_CHECKING:
     from plant_sim.rigs.tribometer import Record
 
 
-class Tribometer(Slide):
+class Tribometer(SlidingContact):
     """A contact whose displacement, load and friction force were measured."""
 
     name = "tribometer"
@@ -39,7 +39,7 @@ class Tribometer(Slide):
         ),
     )  # fmt: skip
 
-    def _moved(self, run: Columns, own: ParameterSet, period: float) -> Motion:
+    def _track_motion(self, run: Columns, own: ParameterSet, period: float) -> Motion:
         return path(run["displacement_m"], period, own["motion.flicker"].si)
 
     def _drive(self, run: Columns, own: ParameterSet, moved: Motion) -> Drive:
@@ -50,8 +50,8 @@ class Tribometer(Slide):
         return {"clutch_coulomb_slope": own["friction.coefficient"].si}
 
 
-def recorded(record: "Record", radius: float) -> dict[str, np.ndarray]:
-    """Columns of a run, as files have them, of what a simulated tribometer measured; `radius` [m]: mean of the disks."""
+def to_columns(record: "Record", radius: float) -> dict[str, np.ndarray]:
+    """Columns of a run file from the record of a simulated tribometer; `radius` [m]: mean of the disks."""
     return {
         "time_s": record.time_s,
         "displacement_m": radius * record.angle_measured,

@@ -19,7 +19,7 @@ from clutch_hil.discrepancy.model import Candidate, Columns, Evident, Output, Ru
 from clutch_hil.discrepancy.models.wet_clutch_experiments import WetClutchBench
 from clutch_hil.discrepancy.models.wet_clutch_sources import locate
 from clutch_hil.discrepancy.models.wet_clutch_starts import check_start, starting_values
-from clutch_hil.discrepancy.noise import lattice
+from clutch_hil.discrepancy.noise import find_lattice
 from plant_sim.effects.catalogue import effects as catalogue
 from plant_sim.effects.signals import DRIVE
 from plant_sim.effects.table import added_rate
@@ -92,7 +92,7 @@ class WetClutch:
             check_start(each, [output.column for output in self.outputs])
         self.candidates = tuple(Candidate.of(each) for each in offered)
         # of one point all runs are simulated, one after the other; to make its rig takes a quarter as long as to simulate one
-        self._rig = lru_cache(_RIGS)(self._made)
+        self._rig = lru_cache(_RIGS)(self._make_rig)
 
     @staticmethod
     def nominal() -> ParameterSet:
@@ -101,11 +101,11 @@ class WetClutch:
 
     def simulate(self, run: Columns, parameters: Values, effects: Values) -> dict[str, np.ndarray]:
         """See `Model`."""
-        return self._simulated(run, parameters, effects, ())
+        return self._simulate(run, parameters, effects, ())
 
     def simulate_block(self, block: str, run: Columns, parameters: Values, effects: Values) -> dict[str, np.ndarray]:
         """See `Blockwise`: hydraulics from the voltage, friction from pressure and slip, drive from speed demand and torque."""
-        predicted = self._simulated(run, parameters, effects, () if block == "hydraulics" else ("pressure", "slip"))
+        predicted = self._simulate(run, parameters, effects, () if block == "hydraulics" else ("pressure", "slip"))
         return {column: predicted[column] for column in self.blocks[block]}
 
     def locate(
@@ -137,7 +137,7 @@ class WetClutch:
         rounding, said = {}, []
         for column, group, parameter in _CONVERTED:
             volt = self._whole[f"sensors.{group}_sensitivity"].value  # a unit of the column
-            seen = np.array([lattice(run[column] * volt) for run in runs])
+            seen = np.array([find_lattice(run[column] * volt) for run in runs])
             levels = 2.0 ** self._whole[f"sensors.{group}_bits"].value
             lost = np.log2(np.maximum(seen[:, 0], 1e-12) * levels / full)
             if lost.min() < _LOST:
@@ -151,7 +151,7 @@ class WetClutch:
             said.append(f"{column} takes only values {step:.3g} apart")
         return {name: Evident(intervals, rounding, ", ".join(said))} if said else {}
 
-    def _simulated(
+    def _simulate(
         self, columns: Columns, parameters: Values, effects: Values, driven: Sequence[str]
     ) -> dict[str, np.ndarray]:
         rig, rate = self._rig(tuple({**parameters, **effects}.items()))
@@ -164,7 +164,7 @@ class WetClutch:
             pressure = np.maximum(gaussian_filter1d(columns["cylinder_pressure_bar"], width), 0.0) * BAR
             slip = gaussian_filter1d(columns["slip_speed_rad_s"], width)
         shown = np.empty((n, 6))
-        start = self._beginning(rig, columns, period)
+        start = self._initial_state(rig, columns, period)
         limit = rig.record["motor_torque_limit"][0]
         run(
             start.y, start.effects, voltage, speed, limit, rig.record, rig.table.kernel, period, _substeps(rig, rate, period),
@@ -173,7 +173,7 @@ class WetClutch:
         shown[1:, SLIP] = np.diff(shown[:, ANGLE]) / period  # as an encoder gives it
         return {column: convert(shown[:, i]) for column, (i, convert) in _SHOWN.items()}
 
-    def _beginning(self, rig: wet_clutch.Rig, columns: Columns, period: float) -> wet_clutch.Whole:
+    def _initial_state(self, rig: wet_clutch.Rig, columns: Columns, period: float) -> wet_clutch.Whole:
         """The state that a run begins in."""
         first = max(2, round(_BEGINNING / period))
         kelvin = float(columns["oil_temperature_degc"][:first].mean()) + ZERO_CELSIUS
@@ -182,12 +182,12 @@ class WetClutch:
         pressure = float(np.median(columns["cylinder_pressure_bar"][: max(1, first // 10)]))
         if pressure > _EMPTY:
             state.y["valve_pressure"] = state.y["pressure"] = pressure * BAR
-            state.y["position"] = _held(rig, pressure * BAR)
+            state.y["position"] = _held_position(rig, pressure * BAR)
             speed = float(state.y["slip_speed"][0])
             state = rig.advance(state, 0.0, speed, rig.record["motor_torque_limit"][0], 0.0, 0)  # outputs follow
         return state
 
-    def _made(self, values: tuple[tuple[str, float], ...]) -> tuple[wet_clutch.Rig, float]:
+    def _make_rig(self, values: tuple[tuple[str, float], ...]) -> tuple[wet_clutch.Rig, float]:
         """The rig of a point, and its fastest rate [1/s]."""
         whole = self._whole.with_values(dict(values))
         own = wet_clutch.parameter_values(whole)
@@ -201,7 +201,7 @@ def _substeps(rig: wet_clutch.Rig, rate: float, period: float) -> int:
     return ceil(max(period / step, period * rate / _RATE) - 1e-9)
 
 
-def _held(rig: wet_clutch.Rig, pressure: float) -> float:
+def _held_position(rig: wet_clutch.Rig, pressure: float) -> float:
     """Position [m] at which springs and stack hold the piston under `pressure` [Pa]: docs/rig.md, 3 at rest."""
     c = rig.record[0]
     push = pressure * c["piston_area"] - c["piston_preload"]

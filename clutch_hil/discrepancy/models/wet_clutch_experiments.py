@@ -1,6 +1,6 @@
 """Experiments of the wet-clutch rig: profiles that its bench can play, what their inputs would be, and whether they are safe.
 
-The standard set excites every candidate within two minutes of rig time (test_experiment.py holds that);
+The standard set excites every candidate within two minutes of rig time (test_experiment_design.py holds that);
 from the library the one is chosen that separates what the standard set cannot.
 """
 
@@ -9,7 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from clutch_hil.bench.excitation import QUANTITIES
-from clutch_hil.discrepancy.experiment import Experiment
+from clutch_hil.discrepancy.experiment_design import Experiment
 from clutch_hil.discrepancy.model import Columns, Values
 from plant_sim.profiles.profile import load_profile
 from plant_sim.rigs import wet_clutch

@@ -1,4 +1,4 @@
-"""Report: everything that shows a `Result`, made from nothing else.
+"""Report: the files that present a `Result`.
 
 report.json     the result for machines
 report.html     the page that is read from top to bottom
@@ -12,7 +12,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from clutch_hil.discrepancy.report.page import page_text
+from clutch_hil.discrepancy.report.html_page import compose_page
 from clutch_hil.discrepancy.report.pictures import Pictures
 from clutch_hil.discrepancy.report.residuals import Regimes, Residuals
 from clutch_hil.discrepancy.report.rrd import write_evidence
@@ -25,20 +25,20 @@ JSON, PAGE, ATLAS, GAP, EVIDENCE, MODEL = (
 
 
 def write_report(result: Result, folder: Path, regimes: Regimes | None = None, command: str = "") -> list[Path]:
-    """Write the files of this package into `folder`, in place of older ones; return their paths.
+    """Write the report into `folder`, in place of an older one; return the paths of its files.
 
-    `regimes` gives from the columns of a run the samples of each regime, by the names that claims have, to mark them in
-    pictures; `command` is what was typed. Raises InputError naming a file that cannot be written.
+    regimes: gives samples (n,) by regime from the columns of a run, to mark them in pictures. command: the command line that
+    made the result. Raises InputError naming a file that cannot be written.
     """
     residuals = Residuals(result, regimes)
     pictures = Pictures(residuals)
-    document = json.dumps(_finite(result.as_json()), indent=1, ensure_ascii=False, default=str, allow_nan=False)
-    files = {JSON: document.encode(errors="replace"), ATLAS: pictures.atlas()}
-    gap = pictures.gap()
+    document = json.dumps(_plain_values(result.as_json()), indent=1, ensure_ascii=False, default=str, allow_nan=False)
+    files = {JSON: document.encode(errors="replace"), ATLAS: pictures.draw_atlas()}
+    gap = pictures.draw_gap()
     if gap is not None:
         files[GAP] = gap
     model = [MODEL] if (folder / MODEL).exists() else []
-    page = page_text(pictures, [*files, EVIDENCE, *model], command)
+    page = compose_page(pictures, [*files, EVIDENCE, *model], command)
     files[PAGE] = page.encode(errors="replace")
     for name, content in files.items():
         with whole_file(folder / name) as part:
@@ -47,14 +47,14 @@ def write_report(result: Result, folder: Path, regimes: Regimes | None = None, c
     return [folder / name for name in (*files, EVIDENCE)]
 
 
-def _finite(thing: Any) -> Any:
-    """The same with null for what JSON has no number for, and plain numbers for numpy's."""
+def _plain_values(thing: Any) -> Any:
+    """`thing` as JSON takes it: numbers of numpy as plain ones, null for infinities and not-a-number."""
     if isinstance(thing, dict):
-        return {str(key): _finite(value) for key, value in thing.items()}
+        return {str(key): _plain_values(value) for key, value in thing.items()}
     if isinstance(thing, list | tuple):
-        return [_finite(value) for value in thing]
+        return [_plain_values(value) for value in thing]
     if hasattr(thing, "tolist"):
-        return _finite(thing.tolist())
+        return _plain_values(thing.tolist())
     if isinstance(thing, float) and not math.isfinite(thing):
         return None
     return thing

@@ -1,19 +1,19 @@
-"""Markup: the few pieces of HTML that the discrepancy report is made of. What goes in is text and is escaped here."""
+"""Markup: the HTML elements of the discrepancy report. Text is escaped here."""
 
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any, TypeGuard
 
-from clutch_hil.discrepancy.report.wording import NO_NUMBER, interval, number, trimmed
+from clutch_hil.discrepancy.report.wording import NO_NUMBER, interval, number, trim_zeros
 from clutch_hil.discrepancy.result import Estimate
 
-_MANY = 8  # numbers that are told one by one
+_MOST_NUMBERS = 8  # that are listed one by one
 _PNG_SIZE = slice(16, 24)  # of a PNG: width and height, four bytes each
 
 
 class Html(str):
-    """Text that is HTML already."""
+    """Text that is HTML already, and is not escaped again."""
 
     __slots__ = ()
 
@@ -29,13 +29,13 @@ def tag(name: str, content: object, **attributes: str) -> Html:
     return Html(f"<{name}{own}>{html(content)}</{name}>")
 
 
-def joined(parts: Sequence[object], between: str = "\n") -> Html:
-    """Parts one after the other."""
+def join(parts: Sequence[object], between: str = "\n") -> Html:
+    """Parts one after the other; empty ones are left out."""
     return Html(between.join(html(part) for part in parts if part != ""))
 
 
 def value(exact: float, text: str) -> Html:
-    """A number as it is read, with the number as it is in report.json."""
+    """A number as text, with its exact value as in report.json in the attribute `value`."""
     return Html(f'<data value="{float(exact)!r}">{escape(text)}</data>')
 
 
@@ -49,67 +49,67 @@ def table(
 
     def line(cells: Sequence[object], cell: str, mark: str) -> Html:
         inside = [tag(cell, c, class_={"n": "n", "h": "hash"}.get(k, "")) for c, k in zip(cells, kinds, strict=True)]
-        return tag("tr", joined(inside, ""), class_=mark)
+        return tag("tr", join(inside, ""), class_=mark)
 
     classes = marks or [""] * len(rows)
-    body = joined([line(row, "td", mark) for row, mark in zip(rows, classes, strict=True)])
-    inside = joined([tag("thead", line(header, "th", "")), tag("tbody", body)])
+    body = join([line(row, "td", mark) for row, mark in zip(rows, classes, strict=True)])
+    inside = join([tag("thead", line(header, "th", "")), tag("tbody", body)])
     return tag("div", tag("table", inside), class_="wide")
 
 
 def figure(png: bytes | None, alternative: str, caption: object) -> Html:
-    """A picture inside the page, with a caption; nothing where there is none."""
+    """A PNG inside the page, with a caption; nothing for None."""
     if png is None:
         return Html("")
     width, height = (int.from_bytes(png[_PNG_SIZE][k : k + 4], "big") for k in (0, 4))
     source = f"data:image/png;base64,{b64encode(png).decode()}"
     image = Html(f'<img src="{source}" width="{width}" height="{height}" alt="{escape(alternative)}">')
-    return tag("figure", joined([image, tag("figcaption", caption)]))
+    return tag("figure", join([image, tag("figcaption", caption)]))
 
 
-def more(summary: str, content: Html) -> Html:
-    """What a reader may open, on paper always open; nothing where there is nothing."""
-    return tag("details", joined([tag("summary", summary), content])) if content else Html("")
+def fold(summary: str, content: Html) -> Html:
+    """Content that a reader may unfold; on paper it is always open. Nothing where there is no content."""
+    return tag("details", join([tag("summary", summary), content])) if content else Html("")
 
 
 def interval_cells(estimate: Estimate) -> tuple[Html, Html]:
     """Value and 95 % interval of an estimate."""
     fitted, low, high = interval(estimate)
-    ends = joined([value(estimate.ci95[0], low), value(estimate.ci95[1], high)], " … ")
+    ends = join([value(estimate.ci95[0], low), value(estimate.ci95[1], high)], " … ")
     return value(estimate.value, fitted), ends
 
 
-def described(thing: Any) -> Html:
-    """Any value of a JSON document, for people; a long list of numbers is only summed up."""
+def describe(thing: Any) -> Html:
+    """Any value of a JSON document as HTML; of a long list of numbers only count and range."""
     if hasattr(thing, "tolist"):  # of numpy
-        return described(thing.tolist())
+        return describe(thing.tolist())
     if isinstance(thing, Mapping):
-        pairs = ((str(key).replace("_", " "), described(v)) for key, v in thing.items())
-        return tag("dl", joined([joined([tag("dt", key), tag("dd", text)], "") for key, text in pairs]))
+        pairs = ((str(key).replace("_", " "), describe(v)) for key, v in thing.items())
+        return tag("dl", join([join([tag("dt", key), tag("dd", text)], "") for key, text in pairs]))
     if isinstance(thing, bool):
         return Html("yes" if thing else "no")
     if isinstance(thing, int):
         return value(thing, str(thing))
     if isinstance(thing, float):
-        return value(thing, trimmed(thing, 4))
+        return value(thing, trim_zeros(thing, 4))
     if thing is None or thing in ("", [], ()):
         return Html(NO_NUMBER)
     if isinstance(thing, Sequence) and not isinstance(thing, str):
-        return _listed(thing)
+        return _describe_sequence(thing)
     return Html(escape(str(thing)))
 
 
 def is_numbers(thing: Any) -> TypeGuard[list[float]]:
-    """Whether it is a list of numbers."""
+    """Whether `thing` is a list of numbers that is not empty."""
     return isinstance(thing, list | tuple) and bool(thing) and all(type(v) in (int, float) for v in thing)
 
 
-def _listed(things: Sequence[Any]) -> Html:
-    if is_numbers(things) and len(things) > _MANY:
+def _describe_sequence(things: Sequence[Any]) -> Html:
+    if is_numbers(things) and len(things) > _MOST_NUMBERS:
         return Html(f"{len(things)} numbers from {html(number(min(things)))} to {html(number(max(things)))}")
     if all(isinstance(thing, Mapping) and thing.keys() == things[0].keys() for thing in things):
         names = [str(key).replace("_", " ") for key in things[0]]
-        return table(names, [[described(v) for v in thing.values()] for thing in things])
+        return table(names, [[describe(v) for v in thing.values()] for thing in things])
     if all(isinstance(thing, str | int | float) for thing in things):
-        return joined([described(thing) for thing in things], ", ")
-    return tag("ul", joined([tag("li", described(thing)) for thing in things]))
+        return join([describe(thing) for thing in things], ", ")
+    return tag("ul", join([tag("li", describe(thing)) for thing in things]))

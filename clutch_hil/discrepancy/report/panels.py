@@ -1,4 +1,4 @@
-"""Panels: one axes each of what a `Result` holds. Measured is black, the model before is red, after is blue, the floor grey."""
+"""Panels: each draws one part of a `Result` into one axes. Measured is black, before red, after blue, the noise floor grey."""
 
 from collections.abc import Sequence
 from textwrap import shorten
@@ -13,49 +13,49 @@ from clutch_hil.discrepancy.report.residuals import ANGLE, Residuals, Stretch, t
 from clutch_hil.discrepancy.report.wording import (
     SIGNIFICANT,
     axis_label,
+    column_text,
     effect_text,
     excess,
     number,
     percent,
     regime_text,
-    spoken,
     unit_text,
 )
 from clutch_hil.discrepancy.result import Estimate, Gap, Result, Rival
 
 MEASURED, BEFORE, AFTER, FLOOR = "#1c1c1c", "#c8402f", "#1f6fb4", "#b9bec6"
 _REGIME, _WINDOW, _OTHER, _ALIKE = "#fbe9b7", "#dfe8f2", "#c4c8ce", "#8fb8de"
-_POINTS = 900  # of a line that is wider than the picture has pixels, twice: its envelope is drawn
+_POINTS = 900  # of a line's envelope: about one for each pixel
 _BAND = 2.0  # multiples of the floor that 95 % of a white residual stay within
 _LABEL = 30  # letters of a name beside an axis
 _TICKS = (0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000)
-_FAINT = 0.3  # floors: what is less has no colour in the heat map
+_FAINTEST = 0.3  # floors: smaller values have the same colour in the heat map
 REGIMES = 10  # of an output in a picture: those with the largest error before
-_WORST = -0.5  # share of gap below which a bar is cut
+_CUT_SHARE = -0.5  # share of gap below which a bar is cut
 
 
-def overview(axes: Axes, residuals: Residuals, stretch: Stretch) -> None:
+def draw_overview(axes: Axes, residuals: Residuals, stretch: Stretch) -> None:
     """The whole run, measured and before, with the stretch that is shown enlarged."""
     trace, column = stretch.trace, stretch.column
     time = times(trace)
     axes.axvspan(time[stretch.begin], time[stretch.end - 1], color=_WINDOW, lw=0)
     for values, colour, width in ((trace.before[column], BEFORE, 1.0), (trace.measured[column], MEASURED, 0.6)):
-        axes.plot(*_thinned(time, values), color=colour, lw=width)
+        axes.plot(*_envelope(time, values), color=colour, lw=width)
     axes.set_ylabel(_unit(residuals.result, column))
     axes.margins(x=0.0, y=0.1)
 
 
-def residual_overview(axes: Axes, residuals: Residuals, stretch: Stretch, after: bool = False) -> None:
+def draw_residual_overview(axes: Axes, residuals: Residuals, stretch: Stretch, after: bool = False) -> None:
     """The residual of the whole run with the band of the floor."""
     trace, column = stretch.trace, stretch.column
-    _band(axes, residuals.result, column)
+    _draw_band(axes, residuals.result, column)
     for when, colour in _versions(after):
-        axes.plot(*_thinned(times(trace), residuals.error(trace, column, when)), color=colour, lw=0.6)
+        axes.plot(*_envelope(times(trace), residuals.error(trace, column, when)), color=colour, lw=0.6)
     axes.set_ylabel(_unit(residuals.result, column))
     axes.margins(x=0.0, y=0.1)
 
 
-def signals(axes: Axes, residuals: Residuals, stretch: Stretch, after: bool) -> None:
+def draw_signals(axes: Axes, residuals: Residuals, stretch: Stretch, after: bool) -> None:
     """Measured and modelled in the stretch."""
     trace, column = stretch.trace, stretch.column
     part = slice(stretch.begin, stretch.end)
@@ -70,12 +70,12 @@ def signals(axes: Axes, residuals: Residuals, stretch: Stretch, after: bool) -> 
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.99), ncols=4, borderaxespad=0.0)
 
 
-def residual(axes: Axes, residuals: Residuals, stretch: Stretch, after: bool) -> None:
+def draw_residual(axes: Axes, residuals: Residuals, stretch: Stretch, after: bool) -> None:
     """Measured less modelled in the stretch, with the band of the floor."""
     trace, column = stretch.trace, stretch.column
     part = slice(stretch.begin, stretch.end)
     _mark_regime(axes, stretch, stretch.begin, stretch.end)
-    _band(axes, residuals.result, column)
+    _draw_band(axes, residuals.result, column)
     for when, colour in _versions(after):
         axes.plot(times(trace)[part], residuals.error(trace, column, when)[part], color=colour, lw=0.9)
     axes.set_ylabel(f"residual [{_unit(residuals.result, column)}]")
@@ -83,35 +83,37 @@ def residual(axes: Axes, residuals: Residuals, stretch: Stretch, after: bool) ->
     axes.margins(x=0.0, y=0.1)
 
 
-def heat_map(axes: Axes, result: Result) -> None:
+def draw_heat_map(axes: Axes, result: Result) -> None:
     """Size of the disagreement beyond noise by output and regime, in multiples of the floor; a dot marks a claim."""
     claims = {(claim.output, claim.regime): claim for claim in result.where}
     outputs = list(dict.fromkeys([*result.floors, *result.gap_by_regime, *(claim.output for claim in result.where)]))
-    told = [regime for gaps in result.gap_by_regime.values() for regime in gaps]
-    regimes = list(dict.fromkeys([*(["all"] if result.gap else []), *told, *(claim.regime for claim in result.where)]))
+    of_gaps = [regime for gaps in result.gap_by_regime.values() for regime in gaps]
+    regimes = list(
+        dict.fromkeys([*(["all"] if result.gap else []), *of_gaps, *(claim.regime for claim in result.where)])
+    )
     regimes.sort(key=lambda regime: (regime != "all", regime.partition("=")[0]))
     cells = np.full((len(outputs), len(regimes)), np.nan)
     for i, output in enumerate(outputs):
         for k, regime in enumerate(regimes):
             cells[i, k] = _cell(result, claims, output, regime)
     if not cells.size or not np.any(np.isfinite(cells)):
-        _empty(axes, "no regimes were told apart")
+        _write_instead(axes, "no regimes are known")
         return
     most = max(4.0, float(np.nanmax(cells[np.isfinite(cells)])))
-    shown = np.clip(cells, _FAINT, most)
-    axes.imshow(shown, cmap="YlOrRd", norm=LogNorm(_FAINT, 1.6 * most), aspect="auto")
+    shown = np.clip(cells, _FAINTEST, most)
+    axes.imshow(shown, cmap="YlOrRd", norm=LogNorm(_FAINTEST, 1.6 * most), aspect="auto")
     size = 8.0 if len(regimes) <= 12 else 6.5
     for (i, k), value in np.ndenumerate(cells):
         if np.isfinite(value):
             claim = claims.get((outputs[i], regimes[k]))
             marked = claim is not None and claim.p_value < SIGNIFICANT
-            dark = np.log(max(value, _FAINT) / _FAINT) > 0.75 * np.log(1.6 * most / _FAINT)
+            dark = np.log(max(value, _FAINTEST) / _FAINTEST) > 0.75 * np.log(1.6 * most / _FAINTEST)
             axes.text(
                 k, i, f"{_tenths(value)}{' ●' if marked else ''}", ha="center", va="center", fontsize=size,
                 color="white" if dark else MEASURED, fontweight="bold" if marked else "normal",
             )  # fmt: skip
     axes.set_xticks(range(len(regimes)), [_short(regime_text(r), 22) for r in regimes], rotation=30, ha="right")
-    axes.set_yticks(range(len(outputs)), [_short(spoken(o, result.units.get(o))) for o in outputs])
+    axes.set_yticks(range(len(outputs)), [_short(column_text(o, result.units.get(o))) for o in outputs])
     axes.set_xticks(np.arange(len(regimes) + 1) - 0.5, minor=True)
     axes.set_yticks(np.arange(len(outputs) + 1) - 0.5, minor=True)
     axes.grid(False)
@@ -120,7 +122,7 @@ def heat_map(axes: Axes, result: Result) -> None:
     axes.spines[:].set_visible(False)
 
 
-def loop(axes: Axes, residuals: Residuals, stretch: Stretch, over: str, after: bool) -> None:
+def draw_loop(axes: Axes, residuals: Residuals, stretch: Stretch, over: str, after: bool) -> None:
     """The output over `over` in the stretch."""
     trace, column = stretch.trace, stretch.column
     part = slice(stretch.begin, stretch.end)
@@ -135,9 +137,9 @@ def loop(axes: Axes, residuals: Residuals, stretch: Stretch, over: str, after: b
     legend_above(axes)
 
 
-def residual_map(axes: Axes, residuals: Residuals, column: str, over: str, after: bool = False) -> None:
+def draw_residual_map(axes: Axes, residuals: Residuals, column: str, over: str, after: bool = False) -> None:
     """Mean residual over a variable while it rises and while it falls, all runs together."""
-    _band(axes, residuals.result, column, 1.0)
+    _draw_band(axes, residuals.result, column, 1.0)
     for when, colour in _versions(after):
         found = residuals.map(column, over, when)
         name = f"{when}, " if after else ""
@@ -149,7 +151,7 @@ def residual_map(axes: Axes, residuals: Residuals, column: str, over: str, after
     axes.margins(y=0.12)
 
 
-def order_spectrum(axes: Axes, residuals: Residuals, column: str, after: bool) -> bool:
+def draw_order_spectrum(axes: Axes, residuals: Residuals, column: str, after: bool) -> bool:
     """Amplitude of the residual by periods a turn of the shaft; False where no run turns enough."""
     drawn = False
     for when, colour in _versions(after):
@@ -158,7 +160,7 @@ def order_spectrum(axes: Axes, residuals: Residuals, column: str, after: bool) -
             axes.plot(*found, color=colour, lw=1.0, label=when)
             drawn = True
     if not drawn:
-        _empty(axes, "no run turns the shaft often enough")
+        _write_instead(axes, "no run turns the shaft often enough")
         return False
     axes.set_xlabel("order [periods a turn]")
     axes.set_ylabel(f"residual's amplitude [{_unit(residuals.result, column)}]")
@@ -171,29 +173,31 @@ def order_spectrum(axes: Axes, residuals: Residuals, column: str, after: bool) -
     return True
 
 
-def gap_bars(axes: Axes, result: Result, changed: bool) -> None:
+def draw_gap_bars(axes: Axes, result: Result, changed: bool) -> None:
     """Error on runs that were not fitted by output, before and after, in multiples of the floor."""
-    rows = [(_short(spoken(c, result.units.get(c))), gap, result.units.get(c, "")) for c, gap in result.gap.items()]
-    _dumbbells(axes, rows, changed)
+    rows = [
+        (_short(column_text(c, result.units.get(c))), gap, result.units.get(c, "")) for c, gap in result.gap.items()
+    ]
+    _draw_dumbbells(axes, rows, changed)
 
 
-def gap_by_regime(axes: Axes, result: Result, column: str, changed: bool) -> None:
-    """The same of one output by regime."""
+def draw_gap_by_regime(axes: Axes, result: Result, column: str, changed: bool) -> None:
+    """Error on held-out runs of one output by regime, before and after, in multiples of the floor."""
     unit = result.units.get(column, "")
     found = sorted(result.gap_by_regime.get(column, {}).items(), key=lambda item: -item[1].before)[:REGIMES]
     rows = [(_short(regime_text(regime)), gap, unit) for regime, gap in found]
-    _dumbbells(axes, rows, changed)
-    axes.set_title(spoken(column, unit), loc="left")
+    _draw_dumbbells(axes, rows, changed)
+    axes.set_title(column_text(column, unit), loc="left")
 
 
-def rival_bars(axes: Axes, rivals: Sequence[Rival], alike: Sequence[str]) -> None:
+def draw_rival_bars(axes: Axes, rivals: Sequence[Rival], alike: Sequence[str]) -> None:
     """Share of the gap that each candidate closes; the chosen one is blue, those it cannot be told from are light blue."""
     place = np.arange(len(rivals))
     for y, rival in zip(place, rivals, strict=True):
         closed = rival.closed if np.isfinite(rival.closed) else 0.0
         colour = _ALIKE if rival.name in alike else _OTHER if rival.reason else AFTER
-        axes.barh(y, max(closed, _WORST), color=colour, height=0.7)
-        text = percent(rival.closed, 1) + ("" if closed >= _WORST else " (worse than without)")
+        axes.barh(y, max(closed, _CUT_SHARE), color=colour, height=0.7)
+        text = percent(rival.closed, 1) + ("" if closed >= _CUT_SHARE else " (worse than without)")
         axes.annotate(text, (max(closed, 0.0), y), (4, 0), textcoords="offset points", va="center", fontsize=8)
     axes.axvline(0.0, color=MEASURED, lw=0.8)
     axes.axvline(1.0, color=FLOOR, lw=1.0, ls="--")
@@ -205,7 +209,7 @@ def rival_bars(axes: Axes, rivals: Sequence[Rival], alike: Sequence[str]) -> Non
     axes.grid(axis="y", visible=False)
 
 
-def baseline_shifts(axes: Axes, baseline: Sequence[Estimate]) -> None:
+def draw_baseline_shifts(axes: Axes, baseline: Sequence[Estimate]) -> None:
     """Re-fitted parameters in multiples of the uncertainty they are known to, with their 95 % intervals."""
     place = np.arange(len(baseline))
     axes.axvspan(-2.0, 2.0, color="#eef1f5", lw=0)
@@ -225,7 +229,7 @@ def baseline_shifts(axes: Axes, baseline: Sequence[Estimate]) -> None:
     axes.set_xlabel("shift from the nominal value in multiples of its uncertainty (1 sigma)")
 
 
-def autocorrelation(axes: Axes, residuals: Residuals, column: str, after: bool) -> None:
+def draw_autocorrelation(axes: Axes, residuals: Residuals, column: str, after: bool) -> None:
     """Autocorrelation of the residual, with the band of white noise."""
     for when, colour in _versions(after):
         lags, values, band = residuals.autocorrelation(column, when)
@@ -236,7 +240,7 @@ def autocorrelation(axes: Axes, residuals: Residuals, column: str, after: bool) 
     axes.set_xlabel("lag [s]")
 
 
-def spectrum(axes: Axes, residuals: Residuals, column: str, after: bool) -> None:
+def draw_spectrum(axes: Axes, residuals: Residuals, column: str, after: bool) -> None:
     """Amplitude density of the residual, and of a white one as large as the floor."""
     for when, colour in _versions(after):
         frequency, density = residuals.spectrum(column, when)
@@ -257,7 +261,7 @@ def spectrum(axes: Axes, residuals: Residuals, column: str, after: bool) -> None
     axes.set_xlabel("frequency [Hz]")
 
 
-def course(axes: Axes, time: Sequence[float], values: Sequence[float], name: str) -> None:
+def draw_course(axes: Axes, time: Sequence[float], values: Sequence[float], name: str) -> None:
     """A column of the proposed experiment over time."""
     axes.plot(time, values, color=AFTER, lw=1.3)
     axes.set_ylabel(axis_label(name))
@@ -265,8 +269,8 @@ def course(axes: Axes, time: Sequence[float], values: Sequence[float], name: str
 
 
 def _model(residuals: Residuals, when: str) -> str:
-    """Name of a modelled line: where nothing was added to the model there is one only."""
-    return f"model {when}" if residuals.changed else "model"
+    """Name of a line of the model; where nothing was added there is only one model."""
+    return f"model {when}" if residuals.has_changed else "model"
 
 
 def _versions(after: bool) -> list[tuple[str, str]]:
@@ -280,25 +284,25 @@ def _cell(result: Result, claims: dict[tuple[str, str], Any], output: str, regim
     return excess(gap) if gap else float("nan")
 
 
-def _dumbbells(axes: Axes, rows: Sequence[tuple[str, Gap, str]], changed: bool) -> None:
-    """From before to after, row by row; the error alone where nothing was added to the model."""
+def _draw_dumbbells(axes: Axes, rows: Sequence[tuple[str, Gap, str]], changed: bool) -> None:
+    """Draw a line from before to after for each row; only one point where nothing was added to the model."""
     rows = [row for row in rows if row[1].floor > 0.0]
     if not rows:
-        _empty(axes, "no gap was told")
+        _write_instead(axes, "no gap is known")
         return
     for y, (_, gap, unit) in enumerate(rows):
         before, after = (max(value / gap.floor, 0.1) for value in (gap.before, gap.after))
         axes.plot(
             before, y, "o", color=BEFORE, ms=8, label=("before" if changed else "error") if y == 0 else "_", zorder=3
         )
-        told = number(gap.before)
+        label = number(gap.before)
         if changed:
             axes.plot([before, after], [y, y], color=_OTHER, lw=3.0, solid_capstyle="butt", zorder=1)
             axes.plot(after, y, "o", color=AFTER, ms=8, label="after" if y == 0 else "_", zorder=4)
-            told += f" → {number(gap.after)}"
-        told += f" {unit_text(unit)} (floor {number(gap.floor)})"
+            label += f" → {number(gap.after)}"
+        label += f" {unit_text(unit)} (floor {number(gap.floor)})"
         beside = ("axes fraction", "data")
-        axes.annotate(told, (1.02, y), xycoords=beside, va="center", fontsize=8, annotation_clip=False)
+        axes.annotate(label, (1.02, y), xycoords=beside, va="center", fontsize=8, annotation_clip=False)
     axes.axvline(1.0, color="#7d838c", lw=1.2, ls="--", label="floor", zorder=2)
     axes.set_xscale("log")
     values = [value / gap.floor for _, gap, _ in rows for value in (gap.before, gap.after)]
@@ -318,7 +322,7 @@ def _plain_ticks(axis: Any, ticks: Sequence[float], low: float, high: float) -> 
     axis.set_minor_locator(NullLocator())
 
 
-def _band(axes: Axes, result: Result, column: str, times_floor: float = _BAND) -> None:
+def _draw_band(axes: Axes, result: Result, column: str, times_floor: float = _BAND) -> None:
     floor = result.floors.get(column, 0.0)
     axes.axhspan(-times_floor * floor, times_floor * floor, color=FLOOR, alpha=0.45, lw=0)
     axes.axhline(0.0, color=MEASURED, lw=0.6)
@@ -333,8 +337,8 @@ def _mark_regime(axes: Axes, stretch: Stretch, begin: int, end: int) -> None:
     axes.fill_between(time, 0.0, 1.0, where=inside, color=_REGIME, lw=0, zorder=0, transform=whole)
 
 
-def _thinned(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A line's envelope of few points that looks the same."""
+def _envelope(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Time and values of the envelope of a line; a short line is returned as it is."""
     step = len(values) // _POINTS
     if step < 4:
         return time, values
@@ -345,7 +349,7 @@ def _thinned(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def _tenths(value: float) -> str:
-    """A multiple of the floor: tenths where they tell something."""
+    """A multiple of the floor as text: with tenths below 10."""
     return f"{value:.1f}" if value < 9.95 else f"{value:.0f}"
 
 
@@ -358,12 +362,12 @@ def _short(text: str, width: int = _LABEL) -> str:
 
 
 def legend_above(axes: Axes) -> None:
-    """A legend that covers no curve; looking for a free place takes long."""
+    """Draw the legend above the axes: there it covers no curve, and matplotlib need not search for a place."""
     axes.legend(
         loc="lower left", bbox_to_anchor=(-0.05, 0.98), ncols=2, borderaxespad=0.0, handlelength=1.6, columnspacing=1.0
     )
 
 
-def _empty(axes: Axes, text: str) -> None:
+def _write_instead(axes: Axes, text: str) -> None:
     axes.axis("off")
     axes.text(0.5, 0.5, text, ha="center", va="center", color="#777777", transform=axes.transAxes)

@@ -13,14 +13,14 @@ from matplotlib.ticker import AutoLocator, MaxNLocator
 from clutch_hil.discrepancy.model import Columns
 from clutch_hil.discrepancy.report import panels
 from clutch_hil.discrepancy.report.residuals import ANGLE, Residuals
-from clutch_hil.discrepancy.report.wording import regime_text, spoken, verdict
+from clutch_hil.discrepancy.report.wording import column_text, regime_text, verdict_sentence
 from clutch_hil.discrepancy.result import Estimate, Rival
 
-_DPI = 130  # 1235 pixels for a page's width of 9.5 inch
-_WIDTH = 9.5  # inch
-_MOST = 2  # outputs that are drawn one by one
-_TICKS = 6  # intervals of an axis, at most
-_MAPS = 3  # variables beside the loop
+_DPI = 130  # 1235 pixels at the page's width
+_WIDTH = 9.5  # inch, of the page
+_MOST_OUTPUTS = 2  # that are drawn one by one
+_TICKS = 6  # intervals of an axis, at most: ticks take most of the time of drawing
+_MOST_MAPS = 3  # residual maps beside a loop
 _STYLE: Any = {
     "text.parse_math": False,  # a name may have a $
     "font.size": 9.0,
@@ -37,11 +37,11 @@ _STYLE: Any = {
     "grid.alpha": 0.3,
     "path.simplify_threshold": 0.3,
 }
-_LOOPS = {  # by output: what an engineer draws it over
+_LOOPS = {  # output -> column that it is usually drawn over
     "clutch_torque_nm": "cylinder_pressure_bar",
     "cylinder_pressure_bar": "valve_voltage_v",
 }
-_POSITIONS = ("position", "displacement")  # beginning of a column that a force is drawn over
+_POSITIONS = ("position", "displacement")  # prefixes of a column that a force is drawn over
 
 
 class Pictures:
@@ -54,18 +54,18 @@ class Pictures:
     @property
     def shown(self) -> list[str]:
         """Outputs that are drawn one by one."""
-        return self.residuals.examined[:_MOST]
+        return self.residuals.outputs_to_examine[:_MOST_OUTPUTS]
 
-    def stretch(self, column: str, held_out: bool = False) -> bytes | None:
-        """The run in which an output is off by most, and enlarged where; with the model after if `held_out`."""
-        stretch = self.residuals.worst(column, held_out)
+    def draw_stretch(self, column: str, held_out: bool = False) -> bytes | None:
+        """The run in which an output is off by most, and its worst stretch; with the model after if `held_out`."""
+        stretch = self.residuals.find_worst(column, held_out)
         if stretch is None:
             return None
         with _figure(5.6) as figure:
             whole, signals, residual = figure.subplots(3, 1, height_ratios=(1.0, 2.4, 1.5))
-            panels.overview(whole, self.residuals, stretch)
-            panels.signals(signals, self.residuals, stretch, held_out)
-            panels.residual(residual, self.residuals, stretch, held_out)
+            panels.draw_overview(whole, self.residuals, stretch)
+            panels.draw_signals(signals, self.residuals, stretch, held_out)
+            panels.draw_residual(residual, self.residuals, stretch, held_out)
             whole.set_title(f"{stretch.trace.name}: the whole run, and its shaded part enlarged", loc="left")
             if stretch.inside is not None:
                 signals.set_title(f"shaded: {regime_text(stretch.regime)}", loc="left")
@@ -73,8 +73,8 @@ class Pictures:
             signals.tick_params(labelbottom=False)
             return _png(figure)
 
-    def shapes(self) -> bytes | None:
-        """For each output that is drawn: it over what it is usually drawn over, and its residual over other variables."""
+    def draw_shapes(self) -> bytes | None:
+        """Loop and residual maps of each output that is drawn."""
         columns = [column for column in self.shown if self.residuals.variables(column)]
         if not columns:
             return None
@@ -83,41 +83,41 @@ class Pictures:
                 self._shapes(row, column, after=False)
             return _png(figure)
 
-    def size(self) -> bytes | None:
+    def draw_size_map(self) -> bytes | None:
         """The heat map by output and regime."""
         outputs = len(self.result.floors)
         with _figure(1.5 + 0.36 * max(outputs, 2)) as figure:
-            panels.heat_map(figure.subplots(), self.result)
+            panels.draw_heat_map(figure.subplots(), self.result)
             return _png(figure)
 
-    def orders(self) -> bytes | None:
+    def draw_orders(self) -> bytes | None:
         """Order spectrum of the output that is off by most; None where no order stands out."""
-        column = self._ordered()
+        column = self._ordered_output()
         if column is None or not self.residuals.has_order(column):
             return None
         with _figure(2.5) as figure:
-            panels.order_spectrum(figure.subplots(), self.residuals, column, after=False)
+            panels.draw_order_spectrum(figure.subplots(), self.residuals, column, after=False)
             return _png(figure)
 
-    def rivals(self, rivals: Sequence[Rival], alike: Sequence[str]) -> bytes | None:
+    def draw_rivals(self, rivals: Sequence[Rival], alike: Sequence[str]) -> bytes | None:
         """Share of the gap that each candidate closes."""
         if not rivals:
             return None
         with _figure(0.9 + 0.27 * len(rivals)) as figure:
-            panels.rival_bars(figure.subplots(), rivals, alike)
+            panels.draw_rival_bars(figure.subplots(), rivals, alike)
             return _png(figure)
 
-    def gap(self) -> bytes | None:
+    def draw_gap(self) -> bytes | None:
         """Before and after by output: `gap.png`."""
         if not self.result.gap:
             return None
         with _figure(1.3 + 0.42 * len(self.result.gap)) as figure:
             axes = figure.subplots()
-            panels.gap_bars(axes, self.result, self.residuals.changed)
+            panels.draw_gap_bars(axes, self.result, self.residuals.has_changed)
             _legend(axes)
             return _png(figure)
 
-    def gap_by_regime(self) -> bytes | None:
+    def draw_gap_by_regime(self) -> bytes | None:
         """Before and after by regime, of the outputs that are drawn."""
         columns = [column for column in self.shown if self.result.gap_by_regime.get(column)]
         if not columns:
@@ -126,37 +126,37 @@ class Pictures:
         with _figure(sum(0.9 + 0.3 * count for count in rows) + 0.3) as figure:
             plots = figure.subplots(len(columns), 1, height_ratios=[1.5 + count for count in rows], squeeze=False)[:, 0]
             for axes, column in zip(plots, columns, strict=True):
-                panels.gap_by_regime(axes, self.result, column, self.residuals.changed)
+                panels.draw_gap_by_regime(axes, self.result, column, self.residuals.has_changed)
                 if axes is not plots[-1]:
                     axes.set_xlabel("")
             _legend(plots[0])
             return _png(figure)
 
-    def baseline(self, known: Sequence[Estimate]) -> bytes | None:
+    def draw_baseline(self, known: Sequence[Estimate]) -> bytes | None:
         """Shifts of re-fitted parameters whose uncertainty is known."""
         if not known:
             return None
         with _figure(0.9 + 0.25 * len(known)) as figure:
-            panels.baseline_shifts(figure.subplots(), known)
+            panels.draw_baseline_shifts(figure.subplots(), known)
             return _png(figure)
 
-    def remains(self) -> bytes | None:
+    def draw_remaining_residuals(self) -> bytes | None:
         """Residual over time, autocorrelation and spectrum of every output."""
         columns = self.residuals.outputs
         if not columns:
             return None
-        after = self.residuals.changed
+        after = self.residuals.has_changed
         with _figure(0.5 + 1.45 * len(columns)) as figure:
             rows = figure.subplots(len(columns), 3, width_ratios=(2.0, 1.0, 1.0), squeeze=False)
             for i, (column, (time, correlation, spectrum)) in enumerate(zip(columns, rows, strict=True)):
-                stretch = self.residuals.worst(column, held_out=True)
+                stretch = self.residuals.find_worst(column, held_out=True)
                 if stretch is None:
                     continue
-                panels.residual_overview(time, self.residuals, stretch, after)
-                panels.autocorrelation(correlation, self.residuals, column, after)
-                panels.spectrum(spectrum, self.residuals, column, after)
+                panels.draw_residual_overview(time, self.residuals, stretch, after)
+                panels.draw_autocorrelation(correlation, self.residuals, column, after)
+                panels.draw_spectrum(spectrum, self.residuals, column, after)
                 unit = self.result.units.get(column)
-                time.set_title(f"{spoken(column, unit)}, {stretch.trace.name}", loc="left")
+                time.set_title(f"{column_text(column, unit)}, {stretch.trace.name}", loc="left")
                 if i == 0:
                     correlation.set_title("autocorrelation", loc="left")
                     spectrum.set_title("amplitude density [unit/√Hz]", loc="left")
@@ -167,21 +167,21 @@ class Pictures:
                     spectrum.set_xlabel("")
             return _png(figure)
 
-    def course(self, time: Sequence[float], columns: Mapping[str, Sequence[float]]) -> bytes:
+    def draw_course(self, time: Sequence[float], columns: Mapping[str, Sequence[float]]) -> bytes:
         """The proposed experiment."""
         with _figure(0.6 + 1.3 * len(columns)) as figure:
             plots = figure.subplots(len(columns), 1, sharex=True, squeeze=False)[:, 0]
             for axes, (name, values) in zip(plots, columns.items(), strict=True):
-                panels.course(axes, time, values, name)
+                panels.draw_course(axes, time, values, name)
             plots[-1].set_xlabel("time [s]")
             return _png(figure)
 
-    def atlas(self) -> bytes:
+    def draw_atlas(self) -> bytes:
         """Where they disagree, on one sheet: `atlas.png`."""
         residuals = self.residuals
         outputs = residuals.outputs
         columns = [column for column in self.shown[:2] if residuals.variables(column)]
-        ordered = self._ordered()
+        ordered = self._ordered_output()
         heights = [
             0.35 + 1.0 * max(len(outputs), 1),
             1.6 + 0.32 * len(self.result.floors),
@@ -189,52 +189,54 @@ class Pictures:
             *([2.3] if ordered else []),
         ]
         with _figure(sum(heights) + 0.7) as figure:
-            figure.suptitle(_wrapped(verdict(self.result)), x=0.01, ha="left", fontsize=10, fontweight="bold")
+            figure.suptitle(_wrap(verdict_sentence(self.result)), x=0.01, ha="left", fontsize=10, fontweight="bold")
             parts = iter(_rows(figure, len(heights), heights))
             self._over_time(next(parts), outputs)
             heat = next(parts)
-            _head(heat, "size beyond noise in multiples of the floor; ● claimed: p < 0.05 for all claims together")
-            panels.heat_map(heat.subplots(), self.result)
+            _write_heading(
+                heat, "size beyond noise in multiples of the floor; ● claimed: p < 0.05 for all claims together"
+            )
+            panels.draw_heat_map(heat.subplots(), self.result)
             for column in columns:
                 self._shapes(next(parts), column, after=False)
             if ordered:
                 part = next(parts)
                 unit = self.result.units.get(ordered)
-                _head(part, f"{spoken(ordered, unit)}: residual by order of the shaft's angle")
-                panels.order_spectrum(part.subplots(), residuals, ordered, after=False)
+                _write_heading(part, f"{column_text(ordered, unit)}: residual by order of the shaft's angle")
+                panels.draw_order_spectrum(part.subplots(), residuals, ordered, after=False)
             return _png(figure)
 
     def _over_time(self, figure: Any, outputs: Sequence[str]) -> None:
-        _head(figure, "residual of the model before in the run where it is largest; grey: twice the floor")
+        _write_heading(figure, "residual of the model before in the run where it is largest; grey: twice the floor")
         if not outputs:
             return
         for axes, column in zip(figure.subplots(len(outputs), 1, squeeze=False)[:, 0], outputs, strict=True):
-            stretch = self.residuals.worst(column)
+            stretch = self.residuals.find_worst(column)
             if stretch is not None:
-                panels.residual_overview(axes, self.residuals, stretch)
+                panels.draw_residual_overview(axes, self.residuals, stretch)
                 unit = self.result.units.get(column)
-                axes.set_title(f"{spoken(column, unit)}, {stretch.trace.name}", loc="left", fontsize=8, pad=2)
+                axes.set_title(f"{column_text(column, unit)}, {stretch.trace.name}", loc="left", fontsize=8, pad=2)
             if column == outputs[-1]:
                 axes.set_xlabel("time [s]")
 
     def _shapes(self, figure: Any, column: str, after: bool) -> None:
         """Loop and maps of an output in a row."""
         variables = self.residuals.variables(column)
-        stretch = self.residuals.worst(column)
+        stretch = self.residuals.find_worst(column)
         unit = self.result.units.get(column)
-        _head(figure, f"{spoken(column, unit)}: loop in the worst stretch, and mean residual of all runs")
-        first, *others = figure.subplots(1, 1 + min(_MAPS, len(variables)), squeeze=False)[0]
+        _write_heading(figure, f"{column_text(column, unit)}: loop in the worst stretch, and mean residual of all runs")
+        first, *others = figure.subplots(1, 1 + min(_MOST_MAPS, len(variables)), squeeze=False)[0]
         if stretch is not None:
             over = _loop_variable(column, variables, stretch.trace.columns)
-            panels.loop(first, self.residuals, self.residuals.around(stretch), over, after)
+            panels.draw_loop(first, self.residuals, self.residuals.widen(stretch), over, after)
         for axes, variable in zip(others, variables, strict=False):
-            panels.residual_map(axes, self.residuals, column, variable, after)
+            panels.draw_residual_map(axes, self.residuals, column, variable, after)
             if axes is others[0]:
                 panels.legend_above(axes)
             else:
                 axes.set_ylabel("")
 
-    def _ordered(self) -> str | None:
+    def _ordered_output(self) -> str | None:
         """The output of an order spectrum: the one that is off by most, where a shaft turns."""
         columns = self.shown[:1]
         if not columns or not any(ANGLE in trace.columns for trace in self.result.traces):
@@ -243,7 +245,7 @@ class Pictures:
 
 
 def _loop_variable(column: str, variables: Sequence[str], columns: Columns) -> str:
-    """What an output is drawn over: what is usual, a position under a force, or what explains most of its residual."""
+    """Column that an output is drawn over: the usual one, a position, or the one that explains most of its residual."""
     if _LOOPS.get(column) in columns:
         return _LOOPS[column]
     positions = [name for name in columns if name != column and name.startswith(_POSITIONS)]
@@ -263,7 +265,7 @@ def _rows(figure: Figure, count: int, heights: Sequence[float] | None = None) ->
     return list(figure.subfigures(count, 1, squeeze=False, height_ratios=heights)[:, 0])
 
 
-def _head(figure: Any, text: str) -> None:
+def _write_heading(figure: Any, text: str) -> None:
     figure.suptitle(text, x=0.01, ha="left", fontsize=9)
 
 
@@ -272,7 +274,7 @@ def _legend(axes: Any) -> None:
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.2)
 
 
-def _wrapped(text: str) -> str:
+def _wrap(text: str) -> str:
     from textwrap import fill
 
     return fill(text, 105)

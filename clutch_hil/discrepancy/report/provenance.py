@@ -1,9 +1,9 @@
-"""Provenance: the section with notes, run files and their hashes, versions, command, time taken."""
+"""Provenance: the section with notes, run files and their hashes, versions, command and computing time."""
 
 from importlib.metadata import version
 from platform import python_version
 
-from clutch_hil.discrepancy.report.markup import Html, joined, table, tag, value
+from clutch_hil.discrepancy.report.markup import Html, join, table, tag, value
 from clutch_hil.discrepancy.report.pictures import Pictures
 from clutch_hil.discrepancy.report.residuals import period, times
 from clutch_hil.discrepancy.report.wording import number
@@ -13,21 +13,21 @@ _PACKAGES = ("clutch-hil", "numpy", "scipy", "numba", "matplotlib", "rerun-sdk")
 
 
 def section(pictures: Pictures, files: list[str], command: str) -> tuple[str, list[Html]]:
-    """Heading and contents."""
+    """Heading and contents of the section; files: names of those beside the page. command: the command line."""
     result = pictures.result
-    notes = tag("ul", joined([tag("li", note) for note in result.notes])) if result.notes else Html("")
+    notes = tag("ul", join([tag("li", note) for note in result.notes])) if result.notes else Html("")
     versions = [*(f"{name} {version(name)}" for name in _PACKAGES), f"Python {python_version()}"]
     made = {
         "rig": result.rig,
         "extended from": result.model or "",
         "command": tag("code", command) if command else "",
-        "time taken": joined([value(result.seconds, number(result.seconds)), " s"], ""),
+        "time taken": join([value(result.seconds, number(result.seconds)), " s"], ""),
         "versions": ", ".join(versions),
         "beside this page": ", ".join(files),
     }
-    items = [joined([tag("dt", key), tag("dd", text)], "") for key, text in made.items() if text]
+    items = [join([tag("dt", key), tag("dd", text)], "") for key, text in made.items() if text]
     header = ("run", "use", "length", "rate", "SHA-256 of the file")
-    return "Notes and provenance", [notes, table(header, _runs(result), "  nnh"), tag("dl", joined(items))]
+    return "Notes and provenance", [notes, table(header, _runs(result), "  nnh"), tag("dl", join(items))]
 
 
 def _runs(result: Result) -> list[tuple[str, ...]]:

@@ -1,4 +1,4 @@
-"""Residuals: what is drawn of the traces of a `Result`: worst stretch, maps, orders, autocorrelation, spectrum."""
+"""Residuals of the traces of a `Result`, for pictures: worst stretch, maps, orders, autocorrelation, spectrum."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -15,27 +15,27 @@ from clutch_hil.discrepancy.result import NOTHING, Claim, Result, Trace
 
 Regimes = Callable[[Columns], Mapping[str, np.ndarray]]  # columns of a run -> samples (n,) of each regime, by its name
 ANGLE = "shaft_angle_rad"
-_STRETCH = 0.1  # of a run: what is shown of it where it is worst
-_LEAST = 50  # samples of a stretch, and of a run's part that a mean is taken of
+_STRETCH = 0.1  # share of a run in the picture of its worst stretch
+_LEAST_SAMPLES = 50  # samples of a stretch, and of a run's part that a mean is taken of
 _BINS = 24  # of a map
-_IN_BIN = 20  # samples that a mean of a bin needs
-_OUTLYING = 0.005  # share of samples at either end of an abscissa that a map leaves out
-_FAR = 2.0  # times the floor: without a claim of its own an output is shown too
-_ALIKE = 0.9  # correlation of columns above which one map does for both
-_PEAK = 5.0  # times the level around it: an order that stands out
+_LEAST_IN_BIN = 20  # samples that a mean of a bin needs
+_TAIL_SHARE = 0.005  # share of samples at either end of an abscissa that a map leaves out
+_FAR_FROM_FLOOR = 2.0  # floors: an output that is off by more is examined without a claim
+_SAME_COLUMN = 0.9  # correlation of columns above which one map does for both
+_PEAK_RATIO = 5.0  # times the level around it: an order that stands out
 _AROUND, _BROAD = 12, 3  # steps of 1/8 of an order: how far the level around one reaches, and how broad a peak is
-_THINNED = 4  # every such sample is enough for a map
-_SMOOTH = 2e-3  # of a run, standard deviation of the window before a direction is told
-_LAGS = 1 / 40  # of a run: longest lag of an autocorrelation
+_MAP_STRIDE = 4  # samples: for a map every fourth is enough
+_SMOOTH = 2e-3  # of a run: standard deviation of the window before the sign of a slope is taken
+_LONGEST_LAG = 1 / 40  # of a run: longest lag of an autocorrelation
 _SEGMENT = 2048  # samples of a spectrum
-_TURNS = 8  # of a segment of an order spectrum
-_A_TURN = 128  # samples a turn, at most
-_NOT_OF_RIG = ("truth_", "controller_", "plant_")  # columns of the bench, not of a rig
+_SEGMENT_TURNS = 8  # of a segment of an order spectrum
+_SAMPLES_A_TURN = 128  # samples a turn, at most
+_BENCH_PREFIXES = ("truth_", "controller_", "plant_")  # columns of the bench, not of a rig
 
 
 @dataclass(frozen=True)
 class Stretch:
-    """Samples `begin` to `end` of a run; `regime` is the one the claim is about and `inside` its samples (n,), if known."""
+    """Samples `begin` to `end` of a run; regime: that of the claim; inside: samples (n,) of this regime, None if unknown."""
 
     trace: Trace
     column: str
@@ -47,7 +47,7 @@ class Stretch:
 
 @dataclass(frozen=True)
 class Map:
-    """Mean residual over bins of a variable, for a rising and a falling one; `explained`: share of the residual's square."""
+    """Mean residual over bins of a variable while it rises and while it falls; explained: share of the residual's power."""
 
     over: str
     centres: np.ndarray  # (bins,)
@@ -67,7 +67,7 @@ def period(trace: Trace) -> float:
 
 
 class Residuals:
-    """Residuals of the traces of a `Result`, and what is looked at of them. `regimes` tells the samples of each regime."""
+    """Residuals of the traces of a `Result`; regimes: gives samples (n,) by regime from the columns of a run."""
 
     def __init__(self, result: Result, regimes: Regimes | None = None) -> None:
         self.result = result
@@ -77,25 +77,25 @@ class Residuals:
 
     @cached_property
     def outputs(self) -> list[str]:
-        """Outputs that a trace has, the one that is off by most multiples of its floor first."""
+        """Outputs of the traces, the one with the largest error in floors first."""
         found = dict.fromkeys(column for trace in self.result.traces for column in trace.measured)
         return sorted(found, key=lambda column: -self.times_floor(column))
 
     @cached_property
-    def disagreeing(self) -> list[str]:
+    def disagreeing_outputs(self) -> list[str]:
         """Outputs with a significant claim, in the order of `outputs`."""
         claimed = {claim.output for claim in self.result.where if claim.p_value < SIGNIFICANT}
         return [column for column in self.outputs if column in claimed]
 
     @cached_property
-    def examined(self) -> list[str]:
-        """Outputs worth a look one by one: those that disagree, and others far from their floor, first; at least one."""
-        far = [c for c in self.outputs if c not in self.disagreeing and self.times_floor(c) > _FAR]
-        return [*self.disagreeing, *far] or self.outputs[:1]
+    def outputs_to_examine(self) -> list[str]:
+        """Outputs to look at one by one: those that disagree, then others far above their floor; at least one."""
+        far = [c for c in self.outputs if c not in self.disagreeing_outputs and self.times_floor(c) > _FAR_FROM_FLOOR]
+        return [*self.disagreeing_outputs, *far] or self.outputs[:1]
 
     @cached_property
-    def changed(self) -> bool:
-        """Whether something was added, so that the model after differs from the one before."""
+    def has_changed(self) -> bool:
+        """Whether something was added to the model, so that after differs from before."""
         if self.result.verdict == NOTHING:
             return False
         return any(
@@ -103,25 +103,29 @@ class Residuals:
         )
 
     @property
-    def judged(self) -> list[Trace]:
-        """Runs that were held out; all, where each was left out in turn."""
+    def held_out_traces(self) -> list[Trace]:
+        """Traces of held-out runs; all of them where each was left out in turn."""
         return [trace for trace in self.result.traces if trace.held_out] or self.result.traces
 
-    def judged_with(self, column: str) -> list[Trace]:
-        """Those with an output."""
-        return [trace for trace in self.judged if column in trace.measured]
+    def held_out_traces_with(self, column: str) -> list[Trace]:
+        """Held-out traces with an output."""
+        return [trace for trace in self.held_out_traces if column in trace.measured]
 
     def times_floor(self, column: str) -> float:
-        """How far an output is off before, in multiples of its floor: of claims, else of the gap, else of all traces."""
+        """Error before in floors: the largest of its claims, else of the gap, else of all traces."""
         claims = [c.times_floor for c in self.result.where if c.output == column and c.p_value < SIGNIFICANT]
         if claims:
             return max(claims)
         if column in self.result.gap:
             return ratio(self.result.gap[column])
         floor = self.result.floors.get(column, 0.0)
-        return max((self.rms(t, column, "before") / floor for t in self.having(column)), default=0.0) if floor else 0.0
+        return (
+            max((self.rms(t, column, "before") / floor for t in self.traces_with(column)), default=0.0)
+            if floor
+            else 0.0
+        )
 
-    def having(self, column: str) -> list[Trace]:
+    def traces_with(self, column: str) -> list[Trace]:
         """Traces with an output."""
         return [trace for trace in self.result.traces if column in trace.measured and column in trace.before]
 
@@ -134,12 +138,12 @@ class Residuals:
         return float(np.sqrt(np.mean(self.error(trace, column, when) ** 2)))
 
     def claim(self, column: str) -> Claim | None:
-        """The largest significant claim about an output in a regime; about all samples where there is none."""
+        """The largest significant claim about an output in a regime, else about all samples, else None."""
         claims = [c for c in self.result.where if c.output == column and c.p_value < SIGNIFICANT]
         return max(claims, key=lambda c: (c.regime != "all", c.times_floor), default=None)
 
-    def inside(self, trace: Trace, regime: str) -> np.ndarray | None:
-        """Samples (n,) of a run in a regime; None where nothing tells."""
+    def regime_samples(self, trace: Trace, regime: str) -> np.ndarray | None:
+        """Samples (n,) of a run in a regime; None where they are unknown."""
         if self._regimes is None:
             return None
         if trace.name not in self._masks:
@@ -147,23 +151,23 @@ class Residuals:
         mask = self._masks[trace.name].get(regime)
         return None if mask is None else np.asarray(mask, dtype=bool)
 
-    def worst_run(self, column: str) -> Trace | None:
+    def find_worst_run(self, column: str) -> Trace | None:
         """The run in which an output is off by most before."""
-        return max(self.having(column), key=lambda trace: self.rms(trace, column, "before"), default=None)
+        return max(self.traces_with(column), key=lambda trace: self.rms(trace, column, "before"), default=None)
 
-    def worst(self, column: str, held_out: bool = False) -> Stretch | None:
+    def find_worst(self, column: str, held_out: bool = False) -> Stretch | None:
         """The stretch of a run in which the residual before is largest, in the regime of the claim if it is known."""
         claim = self.claim(column)
         regime = claim.regime if claim and claim.regime != "all" else ""
         best: tuple[float, Stretch] | None = None
-        for trace in self.judged if held_out else self.result.traces:
+        for trace in self.held_out_traces if held_out else self.result.traces:
             if column not in trace.measured:
                 continue
             power = self.error(trace, column, "before") ** 2
-            inside = self.inside(trace, regime) if regime else None
+            inside = self.regime_samples(trace, regime) if regime else None
             if inside is not None and inside.any():
                 power = power * inside
-            width = min(len(power), max(_LEAST, round(_STRETCH * len(power))))
+            width = min(len(power), max(_LEAST_SAMPLES, round(_STRETCH * len(power))))
             sums = np.concatenate([[0.0], np.cumsum(power)])
             sums = sums[width:] - sums[:-width]
             begin = int(np.argmax(sums))
@@ -171,8 +175,8 @@ class Residuals:
                 best = float(sums[begin]), Stretch(trace, column, begin, begin + width, regime, inside)
         return best[1] if best else None
 
-    def around(self, stretch: Stretch) -> Stretch:
-        """Twice as much of the run: what goes up in a stretch comes down beside it."""
+    def widen(self, stretch: Stretch) -> Stretch:
+        """A stretch twice as long about the same middle, so that a loop contains both directions."""
         more = (stretch.end - stretch.begin) // 2
         return replace(
             stretch, begin=max(0, stretch.begin - more), end=min(len(times(stretch.trace)), stretch.end + more)
@@ -182,23 +186,23 @@ class Residuals:
         """Columns over which a map of an output is drawn, the one that explains most of the residual first; of columns that
         are alike, such as two torques, the first only.
         """
-        traces = self.having(column)
-        names = [name for name in (traces[0].columns if traces else ()) if not name.startswith(_NOT_OF_RIG)]
+        traces = self.traces_with(column)
+        names = [name for name in (traces[0].columns if traces else ()) if not name.startswith(_BENCH_PREFIXES)]
         usable = []
         for name in names:
             values = [trace.columns.get(name) for trace in traces]
-            if name != "time_s" and all(v is not None and _varies(v) for v in values):
+            if name != "time_s" and all(v is not None and _is_varying(v) for v in values):
                 usable.append(name)
         usable.sort(key=lambda name: -self.map(column, name, "before").explained)
         kept: list[str] = []
         for name in usable:
-            if all(abs(self._likeness(traces, name, other)) < _ALIKE for other in kept):
+            if all(abs(self._correlate(traces, name, other)) < _SAME_COLUMN for other in kept):
                 kept.append(name)
         return kept
 
-    def _likeness(self, traces: list[Trace], name: str, other: str) -> float:
+    def _correlate(self, traces: list[Trace], name: str, other: str) -> float:
         """Correlation of two columns over all runs."""
-        x, y = (np.concatenate([trace.columns[n][::_THINNED] for trace in traces]) for n in (name, other))
+        x, y = (np.concatenate([trace.columns[n][::_MAP_STRIDE] for trace in traces]) for n in (name, other))
         return float(np.corrcoef(x, y)[0, 1])
 
     def map(self, column: str, over: str, when: str) -> Map:
@@ -210,14 +214,14 @@ class Residuals:
 
     def _map(self, column: str, over: str, when: str) -> Map:
         abscissas, residuals, rises = [], [], []
-        for trace in self.having(column):
+        for trace in self.traces_with(column):
             values = trace.columns[over]
             rate = np.gradient(gaussian_filter1d(values, max(1.0, _SMOOTH * len(values))))
-            abscissas.append((np.mod(values, 2.0 * np.pi) if over == ANGLE else values)[::_THINNED])
-            residuals.append(self.error(trace, column, when)[::_THINNED])
-            rises.append((rate >= 0.0)[::_THINNED])
+            abscissas.append((np.mod(values, 2.0 * np.pi) if over == ANGLE else values)[::_MAP_STRIDE])
+            residuals.append(self.error(trace, column, when)[::_MAP_STRIDE])
+            rises.append((rate >= 0.0)[::_MAP_STRIDE])
         x, r, up = (np.concatenate(parts) for parts in (abscissas, residuals, rises))
-        low, high = np.quantile(x, [_OUTLYING, 1.0 - _OUTLYING])
+        low, high = np.quantile(x, [_TAIL_SHARE, 1.0 - _TAIL_SHARE])
         if not high > low:
             low, high = float(x.min()), float(x.max())
         edges = np.linspace(low, high, _BINS + 1)
@@ -228,7 +232,7 @@ class Residuals:
         for side in (up, ~up):
             count = np.bincount(number[side], minlength=_BINS)
             total = np.bincount(number[side], r[side], minlength=_BINS)
-            mean = np.where(count >= _IN_BIN, total / np.maximum(count, 1), np.nan)
+            mean = np.where(count >= _LEAST_IN_BIN, total / np.maximum(count, 1), np.nan)
             means.append(mean)
             explained += float(np.nansum(mean**2 * count))
         power = float(np.sum(r**2))
@@ -237,19 +241,21 @@ class Residuals:
 
     def orders(self, column: str, when: str) -> tuple[np.ndarray, np.ndarray] | None:
         """Orders [periods a turn] and amplitudes of the residual over the shaft's angle in the worst run that turns enough."""
-        trace = self.worst_run(column)
+        trace = self.find_worst_run(column)
         if trace is None or ANGLE not in trace.columns:
             return None
         angle = np.maximum.accumulate(np.abs(trace.columns[ANGLE] - trace.columns[ANGLE][0]))
         turns = angle[-1] / (2.0 * np.pi)
-        if not turns > 2.0 * _TURNS:
+        if not turns > 2.0 * _SEGMENT_TURNS:
             return None
-        a_turn = min(_A_TURN, int(2.0 * np.pi / max(float(np.quantile(np.diff(angle), 0.99)), 1e-9)))
+        a_turn = min(_SAMPLES_A_TURN, int(2.0 * np.pi / max(float(np.quantile(np.diff(angle), 0.99)), 1e-9)))
         if a_turn < 8:
             return None
         steps = np.arange(0.0, angle[-1], 2.0 * np.pi / a_turn)
         residual = np.interp(steps, angle, self.error(trace, column, when))
-        orders, power = welch(residual, fs=a_turn, nperseg=_TURNS * a_turn, scaling="spectrum", detrend="linear")
+        orders, power = welch(
+            residual, fs=a_turn, nperseg=_SEGMENT_TURNS * a_turn, scaling="spectrum", detrend="linear"
+        )
         return orders[2:], np.sqrt(2.0 * power[2:])  # the slow part is no order
 
     def has_order(self, column: str) -> bool:
@@ -260,15 +266,15 @@ class Residuals:
         amplitudes = found[1]
         for i in range(_AROUND, len(amplitudes) - _AROUND):
             sides = amplitudes[i - _AROUND : i - _BROAD], amplitudes[i + _BROAD + 1 : i + _AROUND + 1]
-            if amplitudes[i] > _PEAK * max(np.median(side) for side in sides):
+            if amplitudes[i] > _PEAK_RATIO * max(np.median(side) for side in sides):
                 return True
         return False
 
     def autocorrelation(self, column: str, when: str) -> tuple[np.ndarray, np.ndarray, float]:
         """Lags [s], autocorrelation of the residual in the judged runs, and the half-width of white noise's 95 % band."""
-        traces = self.judged_with(column)
+        traces = self.held_out_traces_with(column)
         shortest = min(len(times(trace)) for trace in traces)
-        lags = max(10, round(_LAGS * shortest))
+        lags = max(10, round(_LONGEST_LAG * shortest))
         total, samples = np.zeros(lags), 0
         for trace in traces:
             residual = self.error(trace, column, when)
@@ -282,7 +288,7 @@ class Residuals:
     def spectrum(self, column: str, when: str) -> tuple[np.ndarray, np.ndarray]:
         """Frequencies [Hz] and amplitude density [unit/sqrt(Hz)] of the residual in the judged runs."""
         found = []
-        traces = self.judged_with(column)
+        traces = self.held_out_traces_with(column)
         length = min(_SEGMENT, *(len(times(trace)) // 2 for trace in traces))
         for trace in traces:
             residual = self.error(trace, column, when)
@@ -291,5 +297,5 @@ class Residuals:
         return frequency[1:], np.sqrt(np.mean(found, axis=0))[1:]
 
 
-def _varies(values: Any) -> bool:
+def _is_varying(values: Any) -> bool:
     return bool(np.all(np.isfinite(values)) and np.ptp(values) > 0.0)

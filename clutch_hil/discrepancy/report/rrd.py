@@ -1,4 +1,4 @@
-"""Evidence for the viewer: measured, before and after of every output and run as `evidence.rrd` (rerun 0.41)."""
+"""Recording for the rerun viewer: every output and run, measured, before and after, as `evidence.rrd` (rerun 0.41)."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,9 +10,16 @@ import rerun.blueprint as rrb
 
 from clutch_hil.bench import palette
 from clutch_hil.discrepancy.report.residuals import Residuals, times
-from clutch_hil.discrepancy.report.wording import axis_label, number, regime_text, spoken, unit_text, verdict
+from clutch_hil.discrepancy.report.wording import (
+    axis_label,
+    column_text,
+    number,
+    regime_text,
+    unit_text,
+    verdict_sentence,
+)
 from clutch_hil.discrepancy.result import Trace
-from clutch_hil.live.canvas import wide
+from clutch_hil.live.canvas import scalar_columns
 from clutch_hil.live.stream import new_recording
 from protocols.errors import InputError
 from protocols.files.run import whole_file
@@ -28,7 +35,10 @@ _ROWS = 4  # outputs on a screen
 
 
 def write_evidence(residuals: Residuals, path: Path) -> None:
-    """Write the recording. Entities: /RUN/OUTPUT with NAMES; /RUN/OUTPUT/residual of those examined. Raises InputError."""
+    """Write the recording to `path`. Raises InputError where it cannot be written.
+
+    Entities: /RUN/OUTPUT with the lines NAMES, and /RUN/OUTPUT/residual of the outputs to examine.
+    """
     with whole_file(path) as part:
         name = f"discrepancy: {residuals.result.rig}"
         recording = new_recording(name)
@@ -38,7 +48,7 @@ def write_evidence(residuals: Residuals, path: Path) -> None:
             document = rr.TextDocument(_verdict(residuals), media_type=rr.MediaType.MARKDOWN)
             recording.log(_VERDICT, document, static=True)
             for trace in residuals.result.traces:
-                _log(recording, residuals, trace)
+                _log_run(recording, residuals, trace)
             recording.flush()
         except RuntimeError as error:
             raise InputError(f"file {path} cannot be written: {error}") from None
@@ -46,23 +56,23 @@ def write_evidence(residuals: Residuals, path: Path) -> None:
             recording.disconnect()
 
 
-def _log(recording: rr.RecordingStream, residuals: Residuals, trace: Trace) -> None:
+def _log_run(recording: rr.RecordingStream, residuals: Residuals, trace: Trace) -> None:
     nanoseconds = np.rint(times(trace) * 1e9).astype("timedelta64[ns]")
     indexes = [rr.TimeColumn(TIMELINE, duration=nanoseconds)]
     for column in trace.measured:
         floor = residuals.result.floors.get(column, 0.0)
         values = [trace.before[column], trace.after[column], trace.measured[column]]
-        _lines(recording, _path(trace, column), NAMES, _COLOURS, indexes, values)
-        if column in residuals.examined:
+        _log_lines(recording, _path(trace, column), NAMES, _COLOURS, indexes, values)
+        if column in residuals.outputs_to_examine:
             errors = [residuals.error(trace, column, when) for when in NAMES[:2]]
-            _lines(recording, _path(trace, column, "residual"), NAMES[:2], _COLOURS[:2], indexes, errors)
+            _log_lines(recording, _path(trace, column, "residual"), NAMES[:2], _COLOURS[:2], indexes, errors)
             ends = [rr.TimeColumn(TIMELINE, duration=nanoseconds[[0, -1]])]
             band = [np.full(2, 2.0 * floor), np.full(2, -2.0 * floor)]
             path = _path(trace, column, "residual", "floor")
-            _lines(recording, path, ("2 x floor", "-2 x floor"), (palette.rgba(palette.GRID),) * 2, ends, band)
+            _log_lines(recording, path, ("2 x floor", "-2 x floor"), (palette.rgba(palette.GRID),) * 2, ends, band)
 
 
-def _lines(
+def _log_lines(
     recording: rr.RecordingStream,
     path: str,
     names: Sequence[str],
@@ -72,21 +82,21 @@ def _lines(
 ) -> None:
     lines = rr.SeriesLines(names=list(names), colors=np.array(colours, np.uint32), widths=_WIDTHS[: len(names)])
     recording.log(path, lines, static=True)
-    recording.send_columns(path, indexes=indexes, columns=wide(np.column_stack(values)))
+    recording.send_columns(path, indexes=indexes, columns=scalar_columns(np.column_stack(values)))
 
 
 def _blueprint(residuals: Residuals) -> rrb.Blueprint:
-    """A tab for each run, the one where they disagree most first; outputs from the largest disagreement down."""
-    first = residuals.worst_run(residuals.outputs[0]) if residuals.outputs else None
+    """Layout of the viewer: a tab for each run, the one with the largest disagreement first, and so its outputs."""
+    first = residuals.find_worst_run(residuals.outputs[0]) if residuals.outputs else None
     traces = sorted(residuals.result.traces, key=lambda trace: trace is not first)
-    tabs = [_run(residuals, trace, _shown(residuals, trace)[:_ROWS], trace.name) for trace in traces]
-    rest = [_run(residuals, t, _shown(residuals, t)[_ROWS:], f"{t.name}: more") for t in traces]
+    tabs = [_run_view(residuals, trace, _ordered_columns(residuals, trace)[:_ROWS], trace.name) for trace in traces]
+    rest = [_run_view(residuals, t, _ordered_columns(residuals, t)[_ROWS:], f"{t.name}: more") for t in traces]
     views = [tab for tab in (*tabs, *rest) if tab is not None]
-    told = rrb.TextDocumentView(origin=f"/{_VERDICT}", name="verdict")
+    verdict_view = rrb.TextDocumentView(origin=f"/{_VERDICT}", name="verdict")
     if views:
-        views[0] = rrb.Horizontal(views[0], told, column_shares=[4.0, 1.0], name=views[0].name)
+        views[0] = rrb.Horizontal(views[0], verdict_view, column_shares=[4.0, 1.0], name=views[0].name)
     return rrb.Blueprint(
-        rrb.Tabs(*views, *([] if views else [told]), active_tab=0),
+        rrb.Tabs(*views, *([] if views else [verdict_view]), active_tab=0),
         rrb.TopPanel(state="expanded"),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
@@ -96,28 +106,28 @@ def _blueprint(residuals: Residuals) -> rrb.Blueprint:
     )
 
 
-def _shown(residuals: Residuals, trace: Trace) -> list[str]:
+def _ordered_columns(residuals: Residuals, trace: Trace) -> list[str]:
     return [column for column in residuals.outputs if column in trace.measured]
 
 
-def _run(residuals: Residuals, trace: Trace, columns: Sequence[str], name: str) -> Any:
+def _run_view(residuals: Residuals, trace: Trace, columns: Sequence[str], name: str) -> Any:
     if not columns:
         return None
     rows: list[Any] = []
     for column in columns:
         unit = residuals.result.units.get(column, "")
         path = _path(trace, column)
-        value = _plot(path, f"{trace.name}: {axis_label(column, unit)}", [f"+ {path}"])
-        if column not in residuals.examined:
+        value = _plot_view(path, f"{trace.name}: {axis_label(column, unit)}", [f"+ {path}"])
+        if column not in residuals.outputs_to_examine:
             rows.append(value)
             continue
         inside = f"{path}/residual"
-        residual = _plot(inside, f"measured less model [{unit_text(unit)}]", [f"+ {inside}/**"])
+        residual = _plot_view(inside, f"measured less model [{unit_text(unit)}]", [f"+ {inside}/**"])
         rows.append(rrb.Horizontal(value, residual, column_shares=[1.3, 1.0]))
     return rrb.Vertical(*rows, name=name)
 
 
-def _plot(origin: str, name: str, contents: Sequence[str]) -> rrb.TimeSeriesView:
+def _plot_view(origin: str, name: str, contents: Sequence[str]) -> rrb.TimeSeriesView:
     whole = rrb.VisibleTimeRange(TIMELINE, start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.infinite())
     return rrb.TimeSeriesView(
         origin=origin,
@@ -136,18 +146,18 @@ def _path(trace: Trace, *parts: str) -> str:
 def _verdict(residuals: Residuals) -> str:
     """The verdict, the largest disagreements and the gap, in Markdown."""
     result = residuals.result
-    lines = [f"## {_plain(verdict(result))}", ""]
+    lines = [f"## {_plain(verdict_sentence(result))}", ""]
     for claim in sorted(result.where, key=lambda claim: -claim.times_floor)[:5]:
-        where = f"{spoken(claim.output, claim.unit)}, {regime_text(claim.regime)}"
+        where = f"{column_text(claim.output, claim.unit)}, {regime_text(claim.regime)}"
         lines.append(f"- {_plain(where)}: {number(claim.times_floor, 2)} x floor")
     lines += ["", "Error on runs that were not fitted:", ""]
     for column, gap in result.gap.items():
         unit = unit_text(result.units.get(column, ""))
-        told = f"{number(gap.before)} to {number(gap.after)} {unit} (floor {number(gap.floor)})"
-        lines.append(f"- {_plain(spoken(column, unit))}: {told}")
+        gap_text = f"{number(gap.before)} to {number(gap.after)} {unit} (floor {number(gap.floor)})"
+        lines.append(f"- {_plain(column_text(column, unit))}: {gap_text}")
     return "\n".join(lines)
 
 
 def _plain(text: str) -> str:
-    """Text that Markdown leaves as it is."""
+    """`text` with the characters escaped that have a meaning in Markdown."""
     return "".join(f"\\{letter}" if letter in "\\`*_{}[]<>#|!" else letter for letter in text)

@@ -19,7 +19,7 @@ from protocols.can.frames import load_frames
 from protocols.can.request import Request
 from protocols.node import node_factory
 from protocols.realtime.beat import TIMING
-from protocols.telemetry.batch import Batch, published_columns
+from protocols.telemetry.batch import Batch, run_file_columns
 from rt_controller.law.phases import Fault, Phase
 from rt_controller.loop.node import COLUMNS, ControllerNode, controller_parameters, shipped_parameters
 from tests.clutch_hil.bench.test_services import RATE, hear
@@ -73,7 +73,7 @@ def test_a_controller_keeps_the_first_fault_though_nobody_reads_its_record() -> 
 
 
 def batch_of(node: str, rows: np.ndarray, first: int = 0) -> Batch:
-    columns = published_columns(node, [*COLUMNS, *TIMING])
+    columns = run_file_columns(node, [*COLUMNS, *TIMING])
     timing = np.zeros((len(rows), len(TIMING)))
     return Batch(node, 1, first, RATE, 0.0, 0, columns, np.concatenate([rows, timing], axis=1))
 

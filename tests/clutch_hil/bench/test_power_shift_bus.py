@@ -24,7 +24,7 @@ from protocols.errors import InputError
 from protocols.files.runs import read_run
 from protocols.node import node_factory
 from protocols.realtime import child
-from protocols.telemetry.batch import Batch, published_columns
+from protocols.telemetry.batch import Batch, run_file_columns
 from tests.processes import ONE_CPU, PATIENCE, service
 
 RATE = 500  # Hz: two clutches fill 59 % of a bus of 1 Mbit/s
@@ -347,7 +347,7 @@ def test_a_monitor_of_the_single_rig_shows_clutch_a_and_bears_the_rest() -> None
     collector = Collector("bench")
     collector.alive = {"plant": True, "controller": True, "controller_b": True}
     for name, node in zip(("plant", "controller", "controller_b"), nodes(), strict=True):
-        told = published_columns(name, node.columns)
+        told = run_file_columns(name, node.columns)
         collector.take([Batch(name, 1, 0, RATE, 0.0, 0, told, np.full((10, len(told)), 2.0))], now=1.0)
     snapshot = collector.snapshot(now=1.1)
     assert snapshot.phase == "slip control"

@@ -99,7 +99,7 @@ def _frames(port: Port, seconds: float) -> Iterator[tuple[int, int]]:
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         if port.wait(0.02):
-            yield from ((stamp, can_id) for stamp, (can_id, _) in port.stamped())
+            yield from ((stamp, can_id) for stamp, (can_id, _) in port.receive_stamped())
 
 
 def _run(stamps: np.ndarray, stalls: np.ndarray) -> np.ndarray:

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from clutch_hil.live.replay import run_batches
+from clutch_hil.live.rrd import read_rrd
 from typer.testing import CliRunner
 
 import clutch_hil as ch
@@ -19,8 +21,6 @@ from clutch_hil.live import recorder, tune
 from clutch_hil.live.conversion import convert
 from clutch_hil.live.dashboard import places
 from clutch_hil.live.recorder import Recorder
-from clutch_hil.live.replay import run_batches
-from clutch_hil.live.rrd import read_rrd
 from protocols.can.two_clutches import CONTROLLERS
 from protocols.errors import InputError
 from protocols.files.run import Run
@@ -201,7 +201,7 @@ def test_a_recording_has_both_controllers_and_the_rig_that_the_plant_names(
 
 
 def test_parameters_of_both_controllers_are_listed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tune, "nodes_alive", lambda session, bench: list(NODES))
+    monkeypatch.setattr(tune, "list_live_nodes", lambda session, bench: list(NODES))
     monkeypatch.setattr(tune, "parameters", lambda session, bench, node: [{"name": "torque.gain", "value": 1.0}])
     session: Any = None
     assert sorted(tune.listed(session, "local:script@here").entries) == sorted(f"{n}.torque.gain" for n in NODES)

@@ -15,7 +15,7 @@ NOISE = {  # 0.5 % of 3.4 bar, 17 Nm, 10 K; slip: encoder over a sample
 }  # fmt: skip
 
 
-def recorded(
+def record_runs(
     hidden: Mapping[str, float], seed: int = 1, noise: Mapping[str, float] = NOISE
 ) -> list[dict[str, np.ndarray]]:
     """Three runs: engagements, pressure triangles, a pressure multisine, all at changing slip, with effects `hidden`."""

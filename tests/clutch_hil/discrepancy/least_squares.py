@@ -10,7 +10,7 @@ from clutch_hil.discrepancy.model import Columns, Model
 STEP = 1e-4  # relative, of finite differences: far above rounding, far below any curvature here
 
 
-def fitted(
+def fit_least_squares(
     model: Model, runs: Sequence[Columns], effects: Mapping[str, float] | None = None
 ) -> tuple[dict[str, float], dict[str, float]]:
     """Baseline, with its uncertain parameters fitted to `runs`, and parameters of `effects` fitted from the values given."""

@@ -41,7 +41,7 @@ class Content(HTMLParser):
         return [base64.b64decode(address.partition(",")[2]) for address in self.addresses]
 
 
-def told_number(text):
+def parse_number(text):
     """The number that a text tells."""
     plain = text.replace("−", "-").replace(",", "")
     power = 0

@@ -48,7 +48,7 @@ OIL = 70.0  # degC, at the start
 def result(verdict: str, runs: int = 3, seconds: float = 8.0, outputs: int = 3) -> Result:
     """A result with that verdict and so many `outputs`; the last run (of five or more, the last two) was held out."""
     columns = list(UNITS)[:outputs]
-    traces = [_kept(_trace(k, runs, seconds, verdict), columns) for k in range(runs)]
+    traces = [_keep_outputs(_trace(k, runs, seconds, verdict), columns) for k in range(runs)]
     seen = {c for t in traces for c in columns if _rms(t, c, "before") > 1.15 * FLOORS[c]}
     gaps = {column: _gap(traces, column, "all") for column in columns}
     by_regime = {c: {r: _gap(traces, c, r) for r in regimes(traces[0].columns)} for c in columns}
@@ -66,7 +66,7 @@ def result(verdict: str, runs: int = 3, seconds: float = 8.0, outputs: int = 3) 
         hashes={t.name: f"{k:064x}" for k, t in enumerate(traces)},
         seconds=31.04, held_out="given", notes=["run-2 begins with the clutch filled."], traces=traces,
     )  # fmt: skip
-    return _DECIDED[verdict](base)
+    return _MAKERS[verdict](base)
 
 
 def regimes(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -82,24 +82,24 @@ def regimes(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     }
 
 
-def _named(base: Result) -> Result:
-    rivals = [Rival(EFFECT, 0.987, 41230.0, FITTED, "", 1), *_refused(0.99)]
+def _make_named(base: Result) -> Result:
+    rivals = [Rival(EFFECT, 0.987, 41230.0, FITTED, "", 1), *_make_rejected_rivals(0.99)]
     return replace(
         base, effects=[EFFECT], alternatives=[["valve_hysteresis"]], parameters=_PARAMETERS,
         equations={EFFECT: _equation(EFFECT)}, rivals=rivals,
     )  # fmt: skip
 
 
-def _nothing(base: Result) -> Result:
-    return replace(base, confidence=0.9998, rivals=_refused(0.04))
+def _make_nothing(base: Result) -> Result:
+    return replace(base, confidence=0.9998, rivals=_make_rejected_rivals(0.04))
 
 
-def _one_of(base: Result) -> Result:
+def _make_one_of(base: Result) -> Result:
     other = "valve_hysteresis"
     rivals = [
         Rival(EFFECT, 0.93, 10230.0, FITTED, "cannot be told from valve hysteresis by these runs", 1),
         Rival(other, 0.91, 10110.0, {f"{other}.width": 0.071}, "cannot be told from piston seal friction", 1),
-        *_refused(0.8)[1:],
+        *_make_rejected_rivals(0.8)[1:],
     ]
     experiment = {
         "title": "Hold the pressure and let the slip run through a sine.",
@@ -120,7 +120,7 @@ def _one_of(base: Result) -> Result:
     )  # fmt: skip
 
 
-def _none(base: Result) -> Result:
+def _make_none(base: Result) -> Result:
     surrogate = {
         "block": "friction",
         "variables": ["cylinder_pressure_bar", "direction of cylinder_pressure_bar"],
@@ -131,10 +131,10 @@ def _none(base: Result) -> Result:
         ],
         "closed": 0.71,
     }
-    return replace(base, confidence=0.93, surrogate=surrogate, rivals=_refused(0.38))
+    return replace(base, confidence=0.93, surrogate=surrogate, rivals=_make_rejected_rivals(0.38))
 
 
-_DECIDED = {NAMED: _named, NOTHING: _nothing, ONE_OF: _one_of, NONE_OF_THESE: _none}
+_MAKERS = {NAMED: _make_named, NOTHING: _make_nothing, ONE_OF: _make_one_of, NONE_OF_THESE: _make_none}
 _PARAMETERS = [
     Estimate(f"{EFFECT}.force", 58.02, "N", (54.31, 61.73), 0.0),
     Estimate(f"{EFFECT}.pressure_slope", 6.41, "N/bar", (5.88, 6.94), 0.0),
@@ -149,7 +149,7 @@ _BASELINE = [
 ]
 
 
-def _refused(most: float) -> list[Rival]:
+def _make_rejected_rivals(most: float) -> list[Rival]:
     """Candidates that are not the one, the first of which closes `most` of the gap."""
     names = (
         "valve_hysteresis", "friction_lag", "torque_sensor_gain", "friction_level", "load_dependent_friction",
@@ -198,7 +198,7 @@ def _trace(number: int, runs: int, seconds: float, verdict: str) -> Trace:
     return Trace(f"run-{number}.parquet", held, columns, measured, before, after)
 
 
-def _kept(trace: Trace, columns: list[str]) -> Trace:
+def _keep_outputs(trace: Trace, columns: list[str]) -> Trace:
     """The same with some outputs only."""
     measured, before, after = ({c: v[c] for c in columns} for v in (trace.measured, trace.before, trace.after))
     return replace(trace, measured=measured, before=before, after=after)

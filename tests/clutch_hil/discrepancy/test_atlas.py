@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from clutch_hil.discrepancy.atlas import Seen, acting, claims, concentrated, significance
-from clutch_hil.discrepancy.atlas_numbers import atlas_numbers
+from clutch_hil.discrepancy.atlas import PooledSource, compute_p_values, find_claims, find_concentration, locate_effect
 from clutch_hil.discrepancy.models.position_axis import PositionAxis
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
+from clutch_hil.discrepancy.residual_statistics import compute_statistics
 from clutch_hil.discrepancy.sources import LATER, Source
-from tests.clutch_hil.discrepancy.clutch_runs import NOISE, baseline, recorded
+from tests.clutch_hil.discrepancy.clutch_runs import NOISE, baseline, record_runs
 
 CASES = 100  # of noise alone
 UNIFORM = 0.12  # what a share of them may miss its level by: 2.4 standard errors of a share of one half
@@ -24,14 +24,14 @@ def model():
     return WetClutch()
 
 
-def found(model, hidden, seed=1, noise=NOISE):
+def find(model, hidden, seed=1, noise=NOISE):
     """Claims of runs with `hidden` effects, at the parameters they were made with."""
-    return claims(model, recorded(hidden, seed, noise), noise, baseline(), {})
+    return find_claims(model, record_runs(hidden, seed, noise), noise, baseline(), {})
 
 
 @pytest.mark.parametrize("times", [1.0, 10.0])
 def test_noise_alone_is_no_disagreement(model, times):
-    assert found(model, {}, noise={column: times * sigma for column, sigma in NOISE.items()}) == []
+    assert find(model, {}, noise={column: times * sigma for column, sigma in NOISE.items()}) == []
 
 
 @pytest.mark.parametrize(
@@ -50,26 +50,26 @@ def test_noise_alone_is_no_disagreement(model, times):
     ],
 )
 def test_the_block_that_is_at_fault_is_claimed_first(model, hidden, block, output):
-    first = found(model, hidden)[0]
+    first = find(model, hidden)[0]
     assert first.block == block
     assert output in (None, first.output)
     assert first.p_value <= 0.01
 
 
 def test_an_offset_is_claimed_everywhere_and_with_its_size(model):
-    [claim] = found(model, {"torque_sensor_offset.offset": 0.5})
+    [claim] = find(model, {"torque_sensor_offset.offset": 0.5})
     assert claim.regime == "all"
     assert claim.size == pytest.approx(0.5, rel=SIZE)
     assert claim.times_floor == pytest.approx(0.5 / NOISE["clutch_torque_nm"], rel=SIZE)
 
 
-def engaged(hidden):
+def record_engagements(hidden):
     """Four runs of engagements."""
-    return [recorded(hidden, seed)[0] for seed in range(4)]
+    return [record_runs(hidden, seed)[0] for seed in range(4)]
 
 
 def test_air_in_the_line_is_claimed_while_the_clutch_fills(model):
-    ours = claims(model, engaged({"entrapped_air.volume": 4e-6}), NOISE, baseline(), {})
+    ours = find_claims(model, record_engagements({"entrapped_air.volume": 4e-6}), NOISE, baseline(), {})
     assert ours
     assert {c.regime for c in ours} <= {"phase=fill", "phase=engage", "phase=release"}
 
@@ -77,7 +77,7 @@ def test_air_in_the_line_is_claimed_while_the_clutch_fills(model):
 def test_an_effect_acts_where_it_makes_a_difference(model):
     known = {c.name: c for c in model.candidates}
     hidden = {"entrapped_air.volume": 4e-6}
-    places = acting(model, engaged(hidden), NOISE, baseline(), hidden, known["entrapped_air"])
+    places = locate_effect(model, record_engagements(hidden), NOISE, baseline(), hidden, known["entrapped_air"])
     assert {c.block for c in places} == {"hydraulics"}
     assert {c.regime for c in places} <= {"phase=fill", "phase=engage", "phase=release"}
     assert all(c.p_value <= 0.05 for c in places)
@@ -96,22 +96,22 @@ def test_p_values_are_uniform_under_coloured_noise(memory):
         seen = []
         for one, other in ((0, 1), (1, 2), (2, 0)):  # two channels, whose noise is independent
             tested = np.column_stack([np.roll(x[one], lag) * x[other] for lag in LATER])
-            seen.append(Seen(Source("b", "c", [], [], []), tested[:, 0], tested, block, masks))
-        smallest.append(min(significance(seen).values()))
+            seen.append(PooledSource(Source("b", "c", [], [], []), tested[:, 0], tested, block, masks))
+        smallest.append(min(compute_p_values(seen).values()))
     for level in (0.05, 0.2, 0.5):
         assert np.mean(np.array(smallest) <= level) == pytest.approx(level, abs=UNIFORM)
 
 
 def test_power_is_placed_where_it_is_dense_and_nowhere_where_it_is_spread():
     even = {"all": (1.0, 1.0), "phase=fill": (0.1, 0.1), "phase=slip": (0.9, 0.9), "direction=apply": (0.5, 0.5)}
-    assert concentrated(even) == []
+    assert find_concentration(even) == []
     dense = dict(even, **{"phase=fill": (0.8, 0.1), "phase=slip": (0.2, 0.9)})
-    assert concentrated(dense) == ["phase=fill"]
+    assert find_concentration(dense) == ["phase=fill"]
 
 
 def test_the_order_of_a_ripple_and_the_correlation_of_channels_are_told(model):
     hidden = {"position_ripple.amplitude": 0.5, "position_ripple.order": 6.0}
-    told = json.loads(json.dumps(atlas_numbers(model, recorded(hidden), NOISE, baseline(), {})))
+    told = json.loads(json.dumps(compute_statistics(model, record_runs(hidden), NOISE, baseline(), {})))
     order = told["outputs"]["clutch_torque_nm"]["order"]
     assert order["a_turn"] == 6.0
     assert order["amplitude"] == pytest.approx(0.5, rel=SIZE)
@@ -130,6 +130,6 @@ def test_another_rig_has_claims_by_its_own_inputs():
         shown = axis.simulate({**run, "motor_force_n": np.zeros_like(t)}, nominal, {})["motor_force_n"]
         forward = np.cos(2.0 * np.pi * hertz * t) > 0.0
         runs.append({**run, "motor_force_n": shown + random.standard_normal(len(t)) + 2.0 * forward})
-    ours = claims(axis, runs, {"motor_force_n": 1.0}, nominal, {})
+    ours = find_claims(axis, runs, {"motor_force_n": 1.0}, nominal, {})
     assert [(c.block, c.output, c.regime) for c in ours] == [("friction", "motor_force_n", "direction=forward")]
     assert ours[0].size == pytest.approx(2.0, rel=SIZE)

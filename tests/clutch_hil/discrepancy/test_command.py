@@ -11,7 +11,7 @@ from clutch_hil.command import application
 from protocols.errors import InputError
 from protocols.files.run import Run
 from protocols.files.runs import write_run
-from tests.clutch_hil.discrepancy.test_fit import recorded
+from tests.clutch_hil.discrepancy.test_fit import record_run
 
 MODEL = "tests/clutch_hil/discrepancy/test_fit.py:Amplifier"
 HIDDEN = {"cubic.share": 0.3}
@@ -26,7 +26,7 @@ def paths(tmp_path: Path) -> list[Path]:
     """Five runs with a hidden cubic."""
     found = [tmp_path / f"run-{seed}.parquet" for seed in range(1, 6)]
     for seed, path in enumerate(found, 1):
-        write_run(Run(recorded(seed, HIDDEN), {}), path)
+        write_run(Run(record_run(seed, HIDDEN), {}), path)
     return found
 
 
@@ -64,7 +64,7 @@ def test_the_same_document_goes_to_machines(paths: list[Path], tmp_path: Path) -
         (["--rig", "nowhere.py:Rig"], "rig nowhere.py:Rig: the file nowhere.py does not exist"),
         (["--rig", "tests/clutch_hil/discrepancy/test_fit.py"], "is not of the form PATH.py:CLASS"),
         (["--rig", "tests/clutch_hil/discrepancy/test_fit.py:Amplifyer"], "has no class 'Amplifyer'"),
-        (["--rig", "tests/clutch_hil/discrepancy/test_fit.py:Search"], "cannot be made without arguments"),
+        (["--rig", "tests/clutch_hil/discrepancy/test_fit.py:CandidateSearch"], "cannot be made without arguments"),
         (["--rig", MODEL, "--effects", "cubik"], "effect 'cubik' is no candidate of the rig amplifier"),
         (["--rig", MODEL, "--calibration", "0"], "calibration 0 is not possible"),
         (["--rig", MODEL, "--model", "nowhere.toml"], "parameter file nowhere.toml does not exist"),
@@ -87,7 +87,7 @@ def test_a_run_is_fitted_or_held_out_once(paths: list[Path], tmp_path: Path) -> 
 
 def test_from_python_runs_in_memory_are_as_good_as_files(paths: list[Path], tmp_path: Path) -> None:
     """And nothing is written until that is asked for."""
-    runs = [ch.Run(recorded(seed, HIDDEN), {}) for seed in range(1, 6)]
+    runs = [ch.Run(record_run(seed, HIDDEN), {}) for seed in range(1, 6)]
     found = ch.find_discrepancy(runs[:3], runs[3:], rig=MODEL)
     by_file = ch.find_discrepancy(paths[:3], paths[3:], rig=MODEL)
     assert str(found) == str(by_file)
@@ -106,8 +106,8 @@ def test_from_python_runs_in_memory_are_as_good_as_files(paths: list[Path], tmp_
         ({"runs": []}, "without runs"),
         ({"runs": ["nowhere.parquet"]}, "run nowhere.parquet does not exist"),
         ({"runs": [ch.Run({}, {})]}, "run number 1 lacks the column"),
-        ({"runs": [ch.Run(recorded(1, HIDDEN), {})], "effects": ["cubik"]}, "effect 'cubik' is no candidate"),
-        ({"runs": [ch.Run(recorded(1, HIDDEN), {})], "calibration": 0.0}, "calibration 0 is not possible"),
+        ({"runs": [ch.Run(record_run(1, HIDDEN), {})], "effects": ["cubik"]}, "effect 'cubik' is no candidate"),
+        ({"runs": [ch.Run(record_run(1, HIDDEN), {})], "calibration": 0.0}, "calibration 0 is not possible"),
     ],
 )
 def test_from_python_what_cannot_be_is_refused_in_one_sentence(arguments: dict, said: str) -> None:

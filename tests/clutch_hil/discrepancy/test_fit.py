@@ -7,13 +7,27 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from clutch_hil.discrepancy.candidates import Search
-from clutch_hil.discrepancy.decide import DISTINCT, HALF, MENDED, NEEDED, Weighed
+from clutch_hil.discrepancy.candidates import CandidateSearch
+from clutch_hil.discrepancy.decision import (
+    CLOSED_BY_FURTHER,
+    CLOSED_BY_LARGE,
+    LARGE_SHARE,
+    RUNNER_UP_SHARE,
+    Explanation,
+)
 from clutch_hil.discrepancy.evidence import Evidence
-from clutch_hil.discrepancy.fit import LIKELY, Free, Linear, baseline_free, effect_free, linearised, refitted
+from clutch_hil.discrepancy.fit import (
+    CHI2_QUANTILE,
+    FreeParameter,
+    LinearModel,
+    free_baseline,
+    free_effect,
+    linearise,
+    refit,
+)
 from clutch_hil.discrepancy.model import Candidate, Columns, Evident, Output, Values
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
-from clutch_hil.discrepancy.noise import floor_of, floors
+from clutch_hil.discrepancy.noise import estimate_floors, estimate_noise
 from clutch_hil.discrepancy.search import investigate
 from plant_sim.effects.effect import Shape, Strength
 from protocols.errors import InputError
@@ -57,7 +71,7 @@ class Amplifier:
         return {"output_v": y}
 
 
-def recorded(seed: int, effects: Values, n: int = 4000, noise: float = NOISE) -> dict[str, np.ndarray]:
+def record_run(seed: int, effects: Values, n: int = 4000, noise: float = NOISE) -> dict[str, np.ndarray]:
     random = np.random.default_rng(seed)
     time = 1e-3 * np.arange(n)
     run = {"time_s": time, "input_v": np.sin(2.0 * time + seed) + 0.3 * np.sin(7.3 * time)}
@@ -66,24 +80,24 @@ def recorded(seed: int, effects: Values, n: int = 4000, noise: float = NOISE) ->
 
 
 def runs(effects: Values) -> dict[str, Columns]:
-    return {f"run-{seed}": recorded(seed, effects) for seed in range(1, 4)}
+    return {f"run-{seed}": record_run(seed, effects) for seed in range(1, 4)}
 
 
-def linear(effects: Values, point: Values | None = None) -> tuple[Evidence, Linear]:
+def linear(effects: Values, point: Values | None = None) -> tuple[Evidence, LinearModel]:
     model, measured = Amplifier(), list(runs(effects).values())
-    evidence = Evidence(model, measured, floors(measured, model.outputs))
+    evidence = Evidence(model, measured, estimate_floors(measured, model.outputs))
     nominal = {n: p.value for n, p in model.parameters.items()} | dict(point or {})
-    return evidence, linearised(evidence, (nominal, {}), baseline_free(model.parameters, 1.0))
+    return evidence, linearise(evidence, (nominal, {}), free_baseline(model.parameters, 1.0))
 
 
 def test_the_floor_of_white_noise_is_its_standard_deviation_whatever_the_signal() -> None:
     for effects in ({}, {"cubic.share": 0.5}):
-        assert floor_of(recorded(1, effects)["output_v"]) == pytest.approx(NOISE, rel=0.03)
+        assert estimate_noise(record_run(1, effects)["output_v"]) == pytest.approx(NOISE, rel=0.03)
 
 
 def test_the_floor_of_a_rounded_signal_is_not_below_its_rounding() -> None:
     time = np.arange(2000) * 1e-3
-    assert floor_of(0.1 * np.round(10.0 * np.sin(time))) == pytest.approx(0.1 / np.sqrt(12.0))
+    assert estimate_noise(0.1 * np.round(10.0 * np.sin(time))) == pytest.approx(0.1 / np.sqrt(12.0))
 
 
 def test_residuals_of_the_true_model_have_unit_variance() -> None:
@@ -95,15 +109,15 @@ def test_residuals_of_the_true_model_have_unit_variance() -> None:
 
 def test_what_is_sampled_slowly_tells_by_itself() -> None:
     """Within 0.4 s residuals tell as much as one: a hundred blocks of 4 ms, forty samples of 10 ms, one of a second."""
-    run = recorded(1, {})
-    for period, alike in ((1e-3, 100.0), (1e-2, 40.0), (1.0, 1.0)):
+    run = record_run(1, {})
+    for period, redundancy in ((1e-3, 100.0), (1e-2, 40.0), (1.0, 1.0)):
         slower = run | {"time_s": run["time_s"] * period / 1e-3}
-        assert Evidence(Amplifier(), [slower], {"output_v": NOISE}).alike == pytest.approx(alike)
+        assert Evidence(Amplifier(), [slower], {"output_v": NOISE}).redundancy == pytest.approx(redundancy)
 
 
 def test_a_calibration_error_is_fitted_and_leaves_no_excess() -> None:
     evidence, at = linear({})
-    found = refitted(evidence, at)
+    found = refit(evidence, at)
     assert found.point[0]["gain.value"] == pytest.approx(TRUE_GAIN, abs=0.003)
     assert evidence.excess(found.residual) < 0.08 < evidence.excess(at.residual)
 
@@ -111,40 +125,40 @@ def test_a_calibration_error_is_fitted_and_leaves_no_excess() -> None:
 def test_a_parameter_without_uncertainty_stays() -> None:
     evidence, at = linear({})
     assert [f.name for f in at.free] == ["gain.value"]
-    assert refitted(evidence, at).point[0]["lag.time"] == 0.05
+    assert refit(evidence, at).point[0]["lag.time"] == 0.05
 
 
 def test_a_refit_stays_within_the_stated_uncertainty() -> None:
     evidence, at = linear({"saturation.inverse": 0.4})  # which asks for a much lower gain
-    found = refitted(evidence, at)
+    found = refit(evidence, at)
     assert found.point[0]["gain.value"] == pytest.approx(1.9)  # 2.0 - 0.1
 
 
-@pytest.mark.parametrize("alike", [1.0, 100.0])
-def test_a_bounded_minimum_is_the_least_in_the_box(alike: float) -> None:
+@pytest.mark.parametrize("redundancy", [1.0, 100.0])
+def test_a_bounded_minimum_is_the_least_in_the_box(redundancy: float) -> None:
     random = np.random.default_rng(4)
     jacobian, residual = random.standard_normal((300, 3)), random.standard_normal(300)
     residual -= jacobian @ np.array([2.0, -0.2, 0.4])
-    free = tuple(Free(name, 0.1, 1.0, -1.0, 1.0, 0.0) for name in "abc")
-    at = Linear(({"a": 0.0, "b": 0.0, "c": 0.0}, {}), free, residual, jacobian, alike)
-    left = at.eliminated(residual)
+    free = tuple(FreeParameter(name, 0.1, 1.0, -1.0, 1.0, 0.0) for name in "abc")
+    at = LinearModel(({"a": 0.0, "b": 0.0, "c": 0.0}, {}), free, residual, jacobian, redundancy)
+    left = at.eliminate(residual)
     assert left.move[0] == pytest.approx(1.0)
     assert list(left.inner) == [1, 2]
     for trial in random.uniform(-1.0, 1.0, (2000, 3)):
-        cost = np.sum((residual + jacobian @ trial) ** 2) + alike * trial @ trial
+        cost = np.sum((residual + jacobian @ trial) ** 2) + redundancy * trial @ trial
         assert cost >= left.cost - 1e-9
 
 
 @pytest.mark.parametrize("size", [1.0, 2.5])
 def test_parameters_may_each_be_off_but_not_all_at_once(size: float) -> None:
-    count, limit = 30, chi2.ppf(LIKELY, 30)
+    count, limit = 30, chi2.ppf(CHI2_QUANTILE, 30)
     random = np.random.default_rng(5)
     jacobian = 100.0 * random.standard_normal((300, count))
     wanted = size * np.sign(random.standard_normal(count))
     names = [f"p{i}" for i in range(count)]
-    free = tuple(Free(name, 0.1, 1.0, -3.0, 3.0, 0.0) for name in names)
-    at = Linear((dict.fromkeys(names, 0.0), {}), free, -jacobian @ wanted, jacobian, 1.0)
-    left = at.eliminated(at.residual)
+    free = tuple(FreeParameter(name, 0.1, 1.0, -3.0, 3.0, 0.0) for name in names)
+    at = LinearModel((dict.fromkeys(names, 0.0), {}), free, -jacobian @ wanted, jacobian, 1.0)
+    left = at.eliminate(at.residual)
     if count * size**2 <= limit:  # 30: likely
         assert left.move == pytest.approx(wanted, rel=1e-3)
         assert left.weight == 1.0
@@ -156,9 +170,9 @@ def test_parameters_may_each_be_off_but_not_all_at_once(size: float) -> None:
 
 def test_one_parameter_may_be_off_as_far_as_it_may() -> None:
     jacobian = 100.0 * np.ones((300, 1))
-    free = (Free("p", 0.1, 1.0, -3.0, 3.0, 0.0),)
-    at = Linear(({"p": 0.0}, {}), free, -3.0 * jacobian[:, 0], jacobian, 1.0)
-    assert at.eliminated(at.residual).move == pytest.approx([3.0], rel=1e-3)
+    free = (FreeParameter("p", 0.1, 1.0, -3.0, 3.0, 0.0),)
+    at = LinearModel(({"p": 0.0}, {}), free, -3.0 * jacobian[:, 0], jacobian, 1.0)
+    assert at.eliminate(at.residual).move == pytest.approx([3.0], rel=1e-3)
 
 
 def test_each_hidden_effect_is_the_best_of_the_screened() -> None:
@@ -169,8 +183,8 @@ def test_each_hidden_effect_is_the_best_of_the_screened() -> None:
         ("saturation", {"saturation.inverse": 0.3}),
     ):
         evidence, at = linear(hidden)
-        search = Search(evidence, at)
-        best, *_ = search.improved(search.screened(model.candidates, {}), 2)
+        search = CandidateSearch(evidence, at)
+        best, *_ = search.improve(search.screen(model.candidates, {}), 2)
         assert best.name == name
         assert best.values[next(iter(hidden))] == pytest.approx(next(iter(hidden.values())), rel=0.05)
 
@@ -189,42 +203,42 @@ class Stiff(Amplifier):
 
 def test_a_step_is_made_longer_while_that_pays() -> None:
     model, hidden = Stiff(), 0.64  # predicted from 0.01: root(0.64 0.01) = 0.08
-    run = recorded(1, {})
+    run = record_run(1, {})
     run = run | {"output_v": run["output_v"] + np.sqrt(hidden) * np.sin(60.0 * run["time_s"])}
-    evidence = Evidence(model, [run], floors([run], model.outputs))
+    evidence = Evidence(model, [run], estimate_floors([run], model.outputs))
     nominal = {n: p.value for n, p in model.parameters.items()}
-    search = Search(evidence, linearised(evidence, (nominal, {}), baseline_free(model.parameters, 1.0)))
-    (fit,) = search.screened(model.candidates, {})
+    search = CandidateSearch(evidence, linearise(evidence, (nominal, {}), free_baseline(model.parameters, 1.0)))
+    (fit,) = search.screen(model.candidates, {})
     assert fit.values["hum.size"] == pytest.approx(hidden, rel=0.3)
 
 
 def test_a_further_effect_mends_most_or_much_of_what_is_left() -> None:
     """Half of it and no small part of the excess, or such a part while no other does nearly as well."""
-    weighed = Weighed(base=9000.0, best=1000.0, size=1000, count=1, excess=8.0, rest=0.2)
-    assert weighed.mended(1.01 * MENDED * 0.2, 0.0)
-    assert not weighed.mended(0.99 * MENDED * 0.2, 0.0)  # less than the part of 8
-    small = replace(weighed, excess=0.5)
-    much = 1.01 * NEEDED * 0.5  # a tenth of what is left
-    assert small.mended(1.01 * HALF * 0.2, 0.2)
-    assert not small.mended(0.99 * HALF * 0.2, 0.2)
-    assert small.mended(much, 0.99 * DISTINCT * much)
-    assert not small.mended(much, 1.01 * DISTINCT * much)
-    assert not small.mended(0.99 * NEEDED * 0.5, 0.0)
+    explanation = Explanation(base=9000.0, best=1000.0, size=1000, count=1, excess=8.0, rest=0.2)
+    assert explanation.justifies_further(1.01 * CLOSED_BY_FURTHER * 0.2, 0.0)
+    assert not explanation.justifies_further(0.99 * CLOSED_BY_FURTHER * 0.2, 0.0)  # less than the part of 8
+    small = replace(explanation, excess=0.5)
+    much = 1.01 * LARGE_SHARE * 0.5  # a tenth of what is left
+    assert small.justifies_further(1.01 * CLOSED_BY_LARGE * 0.2, 0.2)
+    assert not small.justifies_further(0.99 * CLOSED_BY_LARGE * 0.2, 0.2)
+    assert small.justifies_further(much, 0.99 * RUNNER_UP_SHARE * much)
+    assert not small.justifies_further(much, 1.01 * RUNNER_UP_SHARE * much)
+    assert not small.justifies_further(0.99 * LARGE_SHARE * 0.5, 0.0)
 
 
 def test_the_step_of_a_ripples_rate_is_shortened_until_it_is_small_after_many_turns() -> None:
     hidden = {"ripple.amplitude": 0.5, "ripple.rate": 30.0}
-    model, measured = Amplifier(), [recorded(1, hidden, n=20_000)]
-    evidence = Evidence(model, measured, floors(measured, model.outputs))
+    model, measured = Amplifier(), [record_run(1, hidden, n=20_000)]
+    evidence = Evidence(model, measured, estimate_floors(measured, model.outputs))
     point = {n: p.value for n, p in model.parameters.items()}, hidden
-    amplitude, rate = linearised(evidence, point, effect_free(model.candidates[3], hidden)).free
+    amplitude, rate = linearise(evidence, point, free_effect(model.candidates[3], hidden)).free
     assert amplitude.step == pytest.approx(0.05 * 0.5)
     assert rate.step < 0.1 < 0.05 * 30.0  # 0.1 rad/s are 2 rad after 20 s
 
 
 def test_a_hidden_effect_is_named_and_the_gap_closes_on_a_run_that_was_not_fitted() -> None:
     hidden = {"cubic.share": 0.3}
-    result = investigate(Amplifier(), runs(hidden), {"other": recorded(9, hidden)})
+    result = investigate(Amplifier(), runs(hidden), {"other": record_run(9, hidden)})
     assert (result.verdict, result.effects) == ("named", ["cubic"])
     gap = result.gap["output_v"]
     assert gap.before > 2.0 * NOISE
@@ -304,8 +318,8 @@ def test_what_makes_an_output_worse_is_contradicted_whatever_it_mends() -> None:
     before, after = np.ones(evidence.size), np.full(evidence.size, 0.5)
     torque, pressure = evidence.part(0, "clutch_torque_nm"), evidence.part(0, "cylinder_pressure_bar")
     before[torque], after[pressure] = 3.0, 2.0  # mends 8 floors^2 of torque, spoils pressure by 3
-    assert evidence.contradicted(after, before) == pytest.approx(3.0 / 5)
-    assert evidence.contradicted(before, before) == 0.0
+    assert evidence.contradiction(after, before) == pytest.approx(3.0 / 5)
+    assert evidence.contradiction(before, before) == 0.0
 
 
 def test_no_output_outweighs_the_others() -> None:
@@ -316,12 +330,12 @@ def test_no_output_outweighs_the_others() -> None:
     slip, torque = evidence.part(0, "slip_speed_rad_s"), evidence.part(0, "clutch_torque_nm")
     before = np.ones(evidence.size)
     before[slip] = np.sqrt(1.0 + 100.0**2)
-    tolerant = evidence.tolerant(before)
-    share = tolerant.weights / evidence.weights
+    with_tolerance = evidence.with_tolerance(before)
+    share = with_tolerance.weights / evidence.weights
     assert share[slip] == pytest.approx(1.0 / np.sqrt(1.0 + 10.0**2))
     assert share[torque] == pytest.approx(1.0)
-    assert tolerant.excess(share * 1.0) == pytest.approx(0.0, abs=1e-12)  # noise alone, in its new measure
-    assert tolerant.excess_by_run(share * before) == pytest.approx([100.0**2 / (1.0 + 10.0**2) / 5])
+    assert with_tolerance.excess(share * 1.0) == pytest.approx(0.0, abs=1e-12)  # noise alone, in its new measure
+    assert with_tolerance.excess_by_run(share * before) == pytest.approx([100.0**2 / (1.0 + 10.0**2) / 5])
 
 
 class Fragile(Amplifier):

@@ -8,8 +8,8 @@ from typer.testing import CliRunner
 
 from clutch_hil.bench.sealed import checksum
 from clutch_hil.command import application
-from clutch_hil.discrepancy.blind import GAP, drawn, standard
-from clutch_hil.discrepancy.experiment import Experiment
+from clutch_hil.discrepancy.blind import GAP, draw_plant, standard
+from clutch_hil.discrepancy.experiment_design import Experiment
 from clutch_hil.discrepancy.follow_up import Report
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
 from plant_sim.effects.table import switched_on
@@ -91,8 +91,8 @@ def test_a_command_that_means_nothing_is_refused_before_anything_is_written(
 
 
 def test_a_seed_draws_one_effect_that_the_standard_experiments_show() -> None:
-    plant = drawn(4)
-    assert plant.as_values() == drawn(4).as_values() != drawn(5).as_values()
+    plant = draw_plant(4)
+    assert plant.as_values() == draw_plant(4).as_values() != draw_plant(5).as_values()
     (name,) = switched_on(plant)
     assert max(standard().gaps({n: p.value for n, p in plant.items() if n.startswith(f"{name}.")}).values()) >= GAP
     assert any(plant[n].value != p.value for n, p in WetClutch().parameters.items())

@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from clutch_hil.discrepancy.fit import LIKELY, Free, Linear
-from clutch_hil.discrepancy.held_out import left_out
+from clutch_hil.discrepancy.fit import CHI2_QUANTILE, FreeParameter, LinearModel
+from clutch_hil.discrepancy.held_out import fit_without_each
 
 COUNT, LENGTH, RUNS = 30, 200, 3
-FREE = tuple(Free(f"p{i}", 0.1, 1.0, -3.0, 3.0, 0.0) for i in range(COUNT))
+FREE = tuple(FreeParameter(f"p{i}", 0.1, 1.0, -3.0, 3.0, 0.0) for i in range(COUNT))
 
 
-def linear(wanted: np.ndarray) -> tuple[SimpleNamespace, Linear]:
+def linear(wanted: np.ndarray) -> tuple[SimpleNamespace, LinearModel]:
     """A model at its known parameters, and runs that ask for others: `wanted` (RUNS, COUNT)."""
     jacobian = 100.0 * np.random.default_rng(5).standard_normal((RUNS * LENGTH, COUNT))
     pieces = [slice(k * LENGTH, (k + 1) * LENGTH) for k in range(RUNS)]
     residual = np.concatenate([-jacobian[p] @ w for p, w in zip(pieces, wanted, strict=True)])
-    at = Linear(({f.name: 0.0 for f in FREE}, {}), FREE, residual, jacobian, 1.0)
+    at = LinearModel(({f.name: 0.0 for f in FREE}, {}), FREE, residual, jacobian, 1.0)
     return SimpleNamespace(runs=[None] * RUNS, pieces=pieces, size=RUNS * LENGTH), at
 
 
@@ -26,7 +26,7 @@ def test_the_run_that_is_left_out_has_no_say() -> None:
     wanted = np.zeros((RUNS, COUNT))
     wanted[2, 0] = 2.0  # of the third run alone
     evidence, at = linear(wanted)
-    firsts = [first[0]["p0"] for first, _ in left_out(evidence, at, at)]
+    firsts = [first[0]["p0"] for first, _ in fit_without_each(evidence, at, at)]
     assert firsts[2] == pytest.approx(0.0, abs=1e-6)
     assert min(firsts[:2]) > 0.5
 
@@ -34,6 +34,6 @@ def test_the_run_that_is_left_out_has_no_say() -> None:
 def test_without_it_the_baseline_is_still_a_likely_one() -> None:
     """Runs that ask for the impossible do not get it where one of them is left out."""
     evidence, at = linear(np.full((RUNS, COUNT), 2.5))
-    for first, _ in left_out(evidence, at, at):
-        strain = sum(value**2 for value in first[0].values())
-        assert strain == pytest.approx(chi2.ppf(LIKELY, COUNT), rel=0.11)
+    for first, _ in fit_without_each(evidence, at, at):
+        prior_chi2 = sum(value**2 for value in first[0].values())
+        assert prior_chi2 == pytest.approx(chi2.ppf(CHI2_QUANTILE, COUNT), rel=0.11)

@@ -28,7 +28,7 @@ motor_force_n = { from = "vir", unit = "N", scale_by = "gtau", scale = -2.0 }
 """
 
 
-def mapped(tmp_path: Path, text: str = COLUMNS, **changed: Any) -> Any:
+def read_mapped(tmp_path: Path, text: str = COLUMNS, **changed: Any) -> Any:
     """A .mat recording, `changed`, read by the map `text`."""
     recording, toml = tmp_path / "recording.mat", tmp_path / "map.toml"
     savemat(recording, {name: value for name, value in (FOREIGN | changed).items() if value is not None})
@@ -38,7 +38,7 @@ def mapped(tmp_path: Path, text: str = COLUMNS, **changed: Any) -> Any:
 
 def refusal(tmp_path: Path, text: str = COLUMNS, **changed: Any) -> str:
     with pytest.raises(InputError) as refused:
-        mapped(tmp_path, text, **changed)
+        read_mapped(tmp_path, text, **changed)
     assert "\n" not in str(refused.value)
     return str(refused.value)
 
@@ -83,7 +83,7 @@ def test_what_is_no_mat_file_is_refused(tmp_path: Path, content: bytes) -> None:
 
 
 def test_names_units_and_scales_are_mapped(tmp_path: Path) -> None:
-    run = mapped(tmp_path)
+    run = read_mapped(tmp_path)
     np.testing.assert_array_equal(run["time_s"], TIME)
     np.testing.assert_allclose(run["position_m"], 1e-3 * FOREIGN["qm"], rtol=1e-12)
     np.testing.assert_allclose(run["motor_force_n"], -70.0 * FOREIGN["vir"], rtol=1e-12)
@@ -93,7 +93,7 @@ def test_names_units_and_scales_are_mapped(tmp_path: Path) -> None:
 
 def test_celsius_comes_of_kelvin(tmp_path: Path) -> None:
     text = '[columns]\ntime_s = { from = "t", unit = "s" }\noil_temperature_degc = { from = "qm", unit = "K" }\n'
-    np.testing.assert_allclose(mapped(tmp_path, text)["oil_temperature_degc"], FOREIGN["qm"] - 273.15)
+    np.testing.assert_allclose(read_mapped(tmp_path, text)["oil_temperature_degc"], FOREIGN["qm"] - 273.15)
 
 
 def test_a_text_file_without_a_header_is_read_by_column(tmp_path: Path) -> None:
@@ -120,7 +120,7 @@ def test_a_word_in_a_text_file_is_told_by_column_and_row(tmp_path: Path) -> None
 def test_uneven_samples_are_refused_unless_resampling_is_asked_for(tmp_path: Path) -> None:
     uneven = TIME + np.where(np.arange(SAMPLES) >= 100, 0.05, 0.0)
     assert "the sample rate changes in row 100" in refusal(tmp_path, t=uneven)
-    run = mapped(tmp_path, "[file]\nresample_hz = 500.0\n" + COLUMNS, t=uneven, qm=uneven)
+    run = read_mapped(tmp_path, "[file]\nresample_hz = 500.0\n" + COLUMNS, t=uneven, qm=uneven)
     np.testing.assert_allclose(np.diff(run["time_s"]), 2e-3)
     np.testing.assert_allclose(run["position_m"], 1e-3 * run["time_s"], atol=1e-12)
     (told,) = run.metadata["import"]["done"]
@@ -135,7 +135,7 @@ def test_time_that_runs_back_is_refused_also_where_it_is_resampled(tmp_path: Pat
 
 def test_a_low_pass_takes_the_fast_and_does_not_delay_the_slow(tmp_path: Path) -> None:
     slow, fast = FOREIGN["qm"], np.sin(2 * np.pi * 300.0 * TIME)
-    run = mapped(tmp_path, "[file]\nlow_pass_hz = 100.0\nfrom_s = 0.1\nto_s = 0.3\n" + COLUMNS, qm=slow + fast)
+    run = read_mapped(tmp_path, "[file]\nlow_pass_hz = 100.0\nfrom_s = 0.1\nto_s = 0.3\n" + COLUMNS, qm=slow + fast)
     kept = (TIME >= 0.1) & (TIME <= 0.3)
     np.testing.assert_allclose(1e3 * run["position_m"], slow[kept], atol=5 * LOW)
     assert run.metadata["import"]["done"] == [
@@ -190,7 +190,7 @@ def test_the_command_writes_a_run_that_can_be_read(tmp_path: Path) -> None:
     app = typer.Typer()
     app.callback()(lambda: None)
     register(app)
-    mapped(tmp_path)
+    read_mapped(tmp_path)
     out = tmp_path / "run.parquet"
     recording, toml = tmp_path / "recording.mat", tmp_path / "map.toml"
     arguments = ["import", str(recording), "--map", str(toml), "--from", "0.1", "--out", str(out), "--json"]

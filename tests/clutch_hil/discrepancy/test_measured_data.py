@@ -19,7 +19,7 @@ from clutch_hil.discrepancy.search import investigate
 from clutch_hil.thesis.measured_data import MissingDataError, measured_file
 from protocols.files.parameters import ParameterSet
 from tests import needs
-from tests.clutch_hil.discrepancy.least_squares import error, fitted, residual
+from tests.clutch_hil.discrepancy.least_squares import error, fit_least_squares, residual
 
 CLOSE = 0.05  # of an error: least squares end where they end; measured within 0.01 of the numbers below
 ASYMMETRY = {"direction_asymmetry.asymmetry": -0.09, "direction_asymmetry.viscous_part": 0.9}
@@ -49,7 +49,7 @@ def axis_runs() -> tuple[Columns, Columns]:
 
 def test_emps_has_the_published_inertia_and_friction(axis_runs):
     """Janot, Gautier and Brunot 2019: 95.1 kg, 203.5 Ns/m, 20.4 N, there with an offset."""
-    parameters, _ = fitted(PositionAxis(), axis_runs[:1])
+    parameters, _ = fit_least_squares(PositionAxis(), axis_runs[:1])
     assert parameters["table.mass"] == pytest.approx(95.11, rel=0.01)
     assert parameters["friction.viscous"] == pytest.approx(203.5, rel=0.02)
     assert parameters["friction.coulomb"] == pytest.approx(20.39, rel=0.02)
@@ -71,7 +71,7 @@ def test_emps_errors_are_those_of_the_readme(effects, estimation, held_out):
     nominal = PositionAxis.nominal()
     at_once = replace(nominal["motor.delay"], value=0.0, uncertainty=0.0)
     model = PositionAxis(ParameterSet({**nominal, "motor.delay": at_once}))
-    found = fitted(model, [one], effects)
+    found = fit_least_squares(model, [one], effects)
     assert error(model, [one], *found) == pytest.approx(estimation, rel=CLOSE)
     assert error(model, [pulses], *found) == pytest.approx(held_out, rel=CLOSE)
 
@@ -79,20 +79,20 @@ def test_emps_errors_are_those_of_the_readme(effects, estimation, held_out):
 def test_viscous_friction_of_emps_depends_on_the_direction(axis_runs):
     """Its Coulomb friction does not; 2.9 N are left in the run that was not fitted, of 4.6 N."""
     model = PositionAxis()
-    assert error(model, axis_runs[1:], *fitted(model, axis_runs[:1])) == pytest.approx(4.62, rel=CLOSE)
-    found = fitted(model, axis_runs[:1], ASYMMETRY)
+    assert error(model, axis_runs[1:], *fit_least_squares(model, axis_runs[:1])) == pytest.approx(4.62, rel=CLOSE)
+    found = fit_least_squares(model, axis_runs[:1], ASYMMETRY)
     assert found[1]["direction_asymmetry.viscous_part"] > 0.9
     assert error(model, axis_runs[1:], *found) == pytest.approx(2.94, rel=CLOSE)
 
 
 def test_emps_ripples_over_2_5_mm_of_its_screw(axis_runs):
     model = PositionAxis()
-    parameters, effects = fitted(model, axis_runs[:1], ASYMMETRY)
+    parameters, effects = fit_least_squares(model, axis_runs[:1], ASYMMETRY)
     left = {"motor_force_n": residual(model, axis_runs[0], parameters, effects)}
     ripple = next(c for c in model.candidates if c.name == "position_ripple")
     start = model.starts(ripple, axis_runs[0], left)[0]
     assert start["position_ripple.period"] == pytest.approx(2.50, abs=0.01)
-    _, effects = fitted(model, axis_runs[:1], ASYMMETRY | start)
+    _, effects = fit_least_squares(model, axis_runs[:1], ASYMMETRY | start)
     assert effects["position_ripple.period"] == pytest.approx(2.50, abs=0.01)
     assert effects["position_ripple.amplitude"] == pytest.approx(1.0, rel=CLOSE)  # N; ahead 1.0, back 1.4
 
@@ -103,7 +103,7 @@ def test_emps_position_zero_differs_between_its_two_runs(axis_runs):
     start = ASYMMETRY | {"position_ripple.period": 2.502, "position_ripple.amplitude": 0.9}
     phases = []
     for run in axis_runs:
-        found = [fitted(model, [run], start | {"position_ripple.phase": phase}) for phase in (-1.7, 2.5)]
+        found = [fit_least_squares(model, [run], start | {"position_ripple.phase": phase}) for phase in (-1.7, 2.5)]
         best = min(found, key=lambda one: error(model, [run], *one))[1]
         assert best["position_ripple.period"] == pytest.approx(2.50, abs=0.01)
         phases.append(best["position_ripple.phase"])
@@ -116,12 +116,14 @@ def test_emps_position_zero_differs_between_its_two_runs(axis_runs):
 def test_microtribometer_lacks_presliding():
     """Coulomb 1.2 N, Dahl and an offset 0.12 N in the README."""
     data, of = path("microtribometer/test_data_2.txt"), load_map("microtribometer")
-    fit_on, held_out = (of.part(begin, begin + 100.0).read(data).columns for begin in (8.8, 108.8))
+    fit_on, held_out = (of.cut(begin, begin + 100.0).read(data).columns for begin in (8.8, 108.8))
     model = Tribometer()
-    before = error(model, [held_out], *fitted(model, [fit_on]))
+    before = error(model, [held_out], *fit_least_squares(model, [fit_on]))
     presliding = {"presliding.angle": 1e-5, "presliding.spread": 1.0}
-    after = error(model, [held_out], *fitted(model, [fit_on], presliding))
-    with_offset = error(model, [held_out], *fitted(model, [fit_on], presliding | {"torque_sensor_offset.offset": 0.1}))
+    after = error(model, [held_out], *fit_least_squares(model, [fit_on], presliding))
+    with_offset = error(
+        model, [held_out], *fit_least_squares(model, [fit_on], presliding | {"torque_sensor_offset.offset": 0.1})
+    )
     assert before == pytest.approx(1.265, rel=CLOSE)
     assert after == pytest.approx(0.153, rel=CLOSE)
     assert with_offset == pytest.approx(0.115, rel=CLOSE)
@@ -135,8 +137,10 @@ def test_o_ring_friction_grows_with_pressure():
     of = load_map("pneumatic_seal")
     runs = [of.read(path(f"pneumatic_seal_friction/O-ring_{bar}bar.csv")).columns for bar in (1, 3, 5, 7)]
     model = PneumaticCylinder()
-    before = error(model, runs[2:], *fitted(model, runs[:2]))
-    seal = fitted(model, runs[:2], {"piston_seal_friction.pressure_slope": 0.5, "piston_seal_friction.travel": 4e-4})
+    before = error(model, runs[2:], *fit_least_squares(model, runs[:2]))
+    seal = fit_least_squares(
+        model, runs[:2], {"piston_seal_friction.pressure_slope": 0.5, "piston_seal_friction.travel": 4e-4}
+    )
     assert before == pytest.approx(2.967, rel=CLOSE)
     assert error(model, runs[2:], *seal) == pytest.approx(2.20, rel=CLOSE)
     assert seal[1]["piston_seal_friction.pressure_slope"] == pytest.approx(0.84, rel=CLOSE)
@@ -148,7 +152,7 @@ def test_o_ring_friction_grows_with_pressure():
 def test_the_workflow_names_what_each_rig_lacks(axis_runs):
     """And closes the gap, in runs it has not fitted, to what the fits above reach."""
     record, of = path("microtribometer/test_data_2.txt"), load_map("microtribometer")
-    cycles = [of.part(begin, begin + 100.0).read(record).columns for begin in (8.8, 108.8)]
+    cycles = [of.cut(begin, begin + 100.0).read(record).columns for begin in (8.8, 108.8)]
     seal = load_map("pneumatic_seal")
     strokes = [seal.read(path(f"pneumatic_seal_friction/O-ring_{bar}bar.csv")).columns for bar in (1, 3, 5, 7)]
     cases = (

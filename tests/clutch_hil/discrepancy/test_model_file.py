@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from clutch_hil.command import application
-from clutch_hil.discrepancy.model_file import combined, read_model, write_model
+from clutch_hil.discrepancy.model_file import combine_hashes, read_model, write_model
 from clutch_hil.discrepancy.models.position_axis import PositionAxis
 from clutch_hil.discrepancy.result import NAMED, Estimate, Result
 from plant_sim.rigs import wet_clutch
@@ -42,7 +42,7 @@ def test_the_rig_reads_what_was_found(tmp_path: Path) -> None:
         assert parameter.value == estimate.value
         assert parameter.uncertainty == pytest.approx(half / 1.96, rel=1e-3)
         assert f"fitted by clutch-hil discrepancy, 95 % interval {estimate.ci95[0]:g}.." in parameter.source
-        assert combined(HASHES)[:16] in parameter.source
+        assert combine_hashes(HASHES)[:16] in parameter.source
     changed = {name for name in model if model[name] != SHIPPED[name]}
     assert changed == {FORCE.name, SLOPE.name}
 
@@ -51,13 +51,17 @@ def test_the_head_says_what_it_was_made_of(tmp_path: Path) -> None:
     write_model(result([FORCE], [SLOPE]), SHIPPED, path := tmp_path / "model.toml")
     head = [line for line in path.read_text().splitlines() if line.startswith("#")]
     assert "named: piston_seal_friction (confidence 0.97)" in "\n".join(head)
-    for sha in (*HASHES.values(), combined(HASHES)):
+    for sha in (*HASHES.values(), combine_hashes(HASHES)):
         assert any(sha in line for line in head)
     assert set(tomllib.loads(path.read_text())) == {"clutch", "piston_seal_friction"}
 
 
 def test_the_data_hash_does_not_depend_on_paths_or_their_order() -> None:
-    assert combined({"x": "1", "y": "2"}) == combined({"b": "2", "a": "1"}) != combined({"x": "1", "y": "3"})
+    assert (
+        combine_hashes({"x": "1", "y": "2"})
+        == combine_hashes({"b": "2", "a": "1"})
+        != combine_hashes({"x": "1", "y": "3"})
+    )
 
 
 def test_what_the_search_began_with_stays_in_the_model(tmp_path: Path) -> None:

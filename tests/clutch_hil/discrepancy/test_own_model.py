@@ -17,7 +17,7 @@ from plant_sim.effects.catalogue import effect
 from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
 from protocols.files.runs import read_run
-from tests.clutch_hil.discrepancy.least_squares import error, fitted
+from tests.clutch_hil.discrepancy.least_squares import error, fit_least_squares
 
 DOCS = Path(__file__).parents[3] / "docs"
 NOISE = 0.05  # degC, of the example
@@ -46,7 +46,7 @@ def test_each_candidate_changes_nothing_while_it_is_off(heater: ModuleType) -> N
 def test_radiation_explains_the_runs_and_its_rivals_do_not(heater: ModuleType) -> None:
     model, runs = heater.Heater(), [heater.measured(1, (50, 10, 90)), heater.measured(2, (20, 80, 0))]
     held_out = [heater.measured(3, (70, 30, 110, 0))]
-    found = {c.name: fitted(model, runs, c.typical()) for c in model.candidates}
+    found = {c.name: fit_least_squares(model, runs, c.typical()) for c in model.candidates}
     errors = {name: error(model, held_out, *values) for name, values in found.items()}
     assert min(errors, key=lambda name: errors[name]) == "radiation"
     assert errors["radiation"] == pytest.approx(NOISE, rel=0.05)

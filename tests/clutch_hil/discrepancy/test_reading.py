@@ -31,7 +31,7 @@ class Ambiguous(Amplifier):
         return super().simulate({**run, "input_v": given}, parameters, effects)
 
 
-def recorded(lost: float, effects: Values, offset: float = 0.0) -> dict[str, Columns]:
+def record_run(lost: float, effects: Values, offset: float = 0.0) -> dict[str, Columns]:
     """Three runs, the input about `offset` [V]."""
     found: dict[str, Columns] = {}
     for seed in range(1, 4):
@@ -55,7 +55,7 @@ def declared() -> ParameterSet:
 def test_neither_reading_is_taken_for_an_effect(
     lost: float, effects: dict[str, float], verdict: str, named: list[str], tmp_path: Path
 ) -> None:
-    found = investigate(Ambiguous(), recorded(lost, effects))
+    found = investigate(Ambiguous(), record_run(lost, effects))
     assert (found.verdict, found.effects) == (verdict, named)
     assert any(RECTIFIED in note for note in found.notes) == bool(lost)
     write_model(found, declared(), tmp_path / "model.toml")
@@ -63,9 +63,9 @@ def test_neither_reading_is_taken_for_an_effect(
 
 
 def test_a_model_of_one_reading_takes_the_other_for_something_missing() -> None:
-    assert investigate(Amplifier(), recorded(1.0, {})).verdict != NOTHING
+    assert investigate(Amplifier(), record_run(1.0, {})).verdict != NOTHING
 
 
 def test_where_the_runs_do_not_tell_it_is_the_first() -> None:
-    found = investigate(Ambiguous(), recorded(1.0, {}, offset=3.0))
+    found = investigate(Ambiguous(), record_run(1.0, {}, offset=3.0))
     assert (found.verdict, found.notes) == (NOTHING, [])

@@ -6,7 +6,7 @@ import pytest
 from clutch_hil.discrepancy.models.position_axis import PositionAxis
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
 from clutch_hil.discrepancy.regimes import ALL, Regimes, family
-from tests.clutch_hil.discrepancy.clutch_runs import NOISE, PERIOD, baseline, recorded
+from tests.clutch_hil.discrepancy.clutch_runs import NOISE, PERIOD, baseline, record_runs
 
 MOSTLY = 0.95  # share of samples: edges of a regime lie within the smoothing of 10 ms
 CONFUSED = 0.02  # share of a constant pressure's samples that 5 % noise may give a direction; measured 0.004
@@ -15,7 +15,7 @@ CONFUSED = 0.02  # share of a constant pressure's samples that 5 % noise may giv
 @pytest.fixture(scope="module")
 def runs():
     """Runs of the rig as it should be."""
-    return recorded({})
+    return record_runs({})
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +59,7 @@ def test_pressure_that_rises_is_applied_and_pressure_that_falls_released(runs, r
 def test_noise_gives_a_constant_pressure_no_direction(runs):
     t = runs[0]["time_s"]
     loud = dict(NOISE, cylinder_pressure_bar=0.17)
-    still = [dict(run, valve_voltage_v=np.full_like(t, 3.4 / 2.5)) for run in recorded({}, noise=loud)]
+    still = [dict(run, valve_voltage_v=np.full_like(t, 3.4 / 2.5)) for run in record_runs({}, noise=loud)]
     still[0]["cylinder_pressure_bar"] = 3.4 + 0.17 * np.random.default_rng(4).standard_normal(len(t))
     masks = Regimes(WetClutch(), still, baseline())(still[0])
     assert np.mean(masks["direction=apply"] | masks["direction=release"]) < CONFUSED

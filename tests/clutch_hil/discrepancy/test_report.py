@@ -13,10 +13,10 @@ import pytest
 from rerun.chunk import RrdReader
 
 from clutch_hil.discrepancy.report import ATLAS, EVIDENCE, GAP, JSON, PAGE, write_report
-from clutch_hil.discrepancy.report.page import page_text
+from clutch_hil.discrepancy.report.html_page import compose_page
 from clutch_hil.discrepancy.report.pictures import Pictures
 from clutch_hil.discrepancy.report.residuals import Residuals
-from clutch_hil.discrepancy.report.wording import interval, number, spoken, verdict
+from clutch_hil.discrepancy.report.wording import column_text, interval, number, verdict_sentence
 from clutch_hil.discrepancy.result import (
     NAMED,
     NONE_OF_THESE,
@@ -31,7 +31,7 @@ from clutch_hil.discrepancy.result import (
 )  # fmt: skip
 from protocols.errors import InputError
 from tests.clutch_hil.discrepancy import results
-from tests.clutch_hil.discrepancy.page_content import Content, told_number
+from tests.clutch_hil.discrepancy.page_content import Content, parse_number
 
 COLOURS = 40  # of a picture with a line in it; an empty figure has 1, empty axes with labels about 20
 ROUNDING = 6e-3  # of a number that is told with three digits: 0.5 %; of one with two digits ten times as much
@@ -64,14 +64,14 @@ _TEXTS = {
 }  # fmt: skip
 
 
-def made(kind):
+def make_report(kind):
     """A result; small but for the verdict that all files are written of."""
     return results.result(kind) if kind == NAMED else results.result(kind, runs=2, seconds=4.0, outputs=2)
 
 
 def page(result, regimes=results.regimes):
     """The page alone."""
-    return page_text(Pictures(Residuals(result, regimes)), [], "")
+    return compose_page(Pictures(Residuals(result, regimes)), [], "")
 
 
 @pytest.fixture
@@ -94,7 +94,7 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def pages(folder):
     """The page of each verdict."""
-    others = {kind: page(made(kind)) for kind in (NOTHING, ONE_OF, NONE_OF_THESE)}
+    others = {kind: page(make_report(kind)) for kind in (NOTHING, ONE_OF, NONE_OF_THESE)}
     return {NAMED: (folder / PAGE).read_text(encoding="utf-8")} | others
 
 
@@ -106,7 +106,7 @@ def test_page_says_what_was_found(kind, pages):
     content = Content(text)
     assert content.open == []
     assert content.tags.count("h2") == HEADINGS
-    assert content.text.count(verdict(made(kind))) == 1
+    assert content.text.count(verdict_sentence(make_report(kind))) == 1
     for name in ("run-0.parquet", "run-2 begins with the clutch filled.", "31.0", "SHA-256", f"{1:064x}", "held out"):
         assert name in content.text
 
@@ -160,7 +160,7 @@ def test_page_and_report_json_tell_the_same_numbers(folder, pages):
 def test_numbers_are_rounded_and_not_wrong(kind, pages):
     for exact, text in Content(pages[kind]).numbers:
         digits = len(re.sub(r"[^\d]", "", text.partition("·")[0]).lstrip("0"))
-        assert told_number(text) == pytest.approx(
+        assert parse_number(text) == pytest.approx(
             exact, rel=ROUNDING * 10 ** max(0, 3 - digits), abs=6e-4 if "%" in text else 0.0
         )
 
@@ -201,10 +201,10 @@ def test_recording_holds_every_sample(folder):
 def test_verdict_tells_sets_of_alternatives():
     result = results.result(ONE_OF, 1, 2.0)
     said = "The model lacks one of a, b or c, but"
-    assert verdict(replace(result, alternatives=[["a", "b", "c"]])).startswith(said)
-    assert verdict(replace(result, alternatives=[["a"], ["b"], ["c"]])).startswith(said)
+    assert verdict_sentence(replace(result, alternatives=[["a", "b", "c"]])).startswith(said)
+    assert verdict_sentence(replace(result, alternatives=[["a"], ["b"], ["c"]])).startswith(said)
     two = replace(result, effects=["x"], alternatives=[["a", "b"], ["c", "d"]])
-    assert verdict(two).startswith("The model lacks x, one of a or b and one of c or d, but")
+    assert verdict_sentence(two).startswith("The model lacks x, one of a or b and one of c or d, but")
 
 
 def test_experiment_that_separates_nothing_is_not_offered(undrawn):
@@ -225,8 +225,8 @@ def test_nothing_missing_shows_no_model_after(undrawn):
 
 def test_regimes_are_marked(pages):
     result = results.result(NAMED)
-    column = Residuals(result).disagreeing[0]
-    without, marked = (Pictures(Residuals(result, regimes)).stretch(column) for regimes in (None, results.regimes))
+    column = Residuals(result).disagreeing_outputs[0]
+    without, marked = (Pictures(Residuals(result, regimes)).draw_stretch(column) for regimes in (None, results.regimes))
     shade = np.array([0xFB, 0xE9, 0xB7])  # of a regime
     shares = [np.mean(np.all(np.rint(_pixels(png)[..., :3] * 255.0) == shade, axis=-1)) for png in (without, marked)]
     assert shares[0] == 0.0
@@ -238,7 +238,7 @@ def test_worst_stretch_is_where_the_error_is():
     bent = trace.measured["clutch_torque_nm"].copy()
     bent[3000:3100] += 5.0
     trace = replace(trace, measured=trace.measured | {"clutch_torque_nm": bent})
-    stretch = Residuals(replace(results.result(NOTHING, 1, 4.0), traces=[trace])).worst("clutch_torque_nm")
+    stretch = Residuals(replace(results.result(NOTHING, 1, 4.0), traces=[trace])).find_worst("clutch_torque_nm")
     assert stretch.begin <= 3000
     assert stretch.end >= 3100
     assert stretch.end - stretch.begin == 400
@@ -348,9 +348,9 @@ def test_interval_has_two_digits_of_its_half_width():
 
 
 def test_column_is_spoken_without_its_unit():
-    assert spoken("clutch_torque_nm") == "clutch torque"
-    assert spoken("slip_speed_rad_s", "rad/s") == "slip speed"
-    assert spoken("mine", "N") == "mine"
+    assert column_text("clutch_torque_nm") == "clutch torque"
+    assert column_text("slip_speed_rad_s", "rad/s") == "slip speed"
+    assert column_text("mine", "N") == "mine"
 
 
 def _small(time, residual, columns):

@@ -10,7 +10,7 @@ from clutch_hil.discrepancy.models import position_axis, tribometer
 from clutch_hil.discrepancy.models.measured_motion import path, smooth
 from clutch_hil.discrepancy.models.pneumatic_cylinder import PneumaticCylinder
 from clutch_hil.discrepancy.models.position_axis import PositionAxis
-from clutch_hil.discrepancy.models.slide import Slide
+from clutch_hil.discrepancy.models.sliding_contact import SlidingContact
 from clutch_hil.discrepancy.models.tribometer import Tribometer
 from plant_sim.friction.coulomb import Coulomb
 from plant_sim.friction.maxwell_slip import MaxwellSlip
@@ -18,17 +18,17 @@ from plant_sim.friction.stribeck import Stribeck
 from plant_sim.rigs import position_axis as simulated_axis
 from plant_sim.rigs import tribometer as simulated_tribometer
 from protocols.errors import InputError
-from tests.clutch_hil.discrepancy.least_squares import error, fitted
+from tests.clutch_hil.discrepancy.least_squares import error, fit_least_squares
 
 EXACT = 1e-12  # relative: some roundings
 SINE = 2e-4  # relative: fourth-order differences at 40 samples a period; measured 1e-4
 PLAY = 2.0 * 2 * np.pi * 1e-7 / 2e-4 * 1.1  # N: the position is held by a play of 0.1 um; a tenth for its second order
 SEEN = 5e-3  # N: what a typical candidate changes at least; the least, a drift over 4 s, changes 0.01
 RATE = 200.0  # Hz
-RIGS: tuple[type[Slide], ...] = (PositionAxis, Tribometer, PneumaticCylinder)
+RIGS: tuple[type[SlidingContact], ...] = (PositionAxis, Tribometer, PneumaticCylinder)
 
 
-def run(rig: type[Slide], seconds: float = 4.0) -> Columns:
+def run(rig: type[SlidingContact], seconds: float = 4.0) -> Columns:
     """Strokes to and fro, without a measured output."""
     time = np.arange(0.0, seconds, 1.0 / RATE)
     stroke = 0.5 * rig_path(rig) * (1.0 - np.cos(np.pi * time))
@@ -36,12 +36,12 @@ def run(rig: type[Slide], seconds: float = 4.0) -> Columns:
     return {"time_s": time, rig.inputs[0]: stroke} | {n: further[n] for n in rig.inputs[1:]}
 
 
-def rig_path(rig: type[Slide]) -> float:
+def rig_path(rig: type[SlidingContact]) -> float:
     """Its stroke [m], from the bounds of pre-sliding, which are half of it."""
     return 2.0 * next(c for c in rig.known if c.name == "presliding").parameters[0].bounds[1]
 
 
-def simulated(rig: type[Slide], **effects: float) -> np.ndarray:
+def simulate_force(rig: type[SlidingContact], **effects: float) -> np.ndarray:
     model = rig()
     base = {name: p.value for name, p in model.parameters.items()}
     values = {name.replace("__", "."): value for name, value in effects.items()}
@@ -49,8 +49,8 @@ def simulated(rig: type[Slide], **effects: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("rig", RIGS, ids=lambda rig: rig.name)
-def test_a_candidate_that_is_off_changes_nothing(rig: type[Slide]) -> None:
-    model, plain = rig(), simulated(rig)
+def test_a_candidate_that_is_off_changes_nothing(rig: type[SlidingContact]) -> None:
+    model, plain = rig(), simulate_force(rig)
     base = {name: p.value for name, p in model.parameters.items()}
     for candidate in model.candidates:
         off = model.simulate(run(rig), base, candidate.off())[model.output.column]
@@ -58,8 +58,8 @@ def test_a_candidate_that_is_off_changes_nothing(rig: type[Slide]) -> None:
 
 
 @pytest.mark.parametrize("rig", RIGS, ids=lambda rig: rig.name)
-def test_a_typical_candidate_changes_the_force(rig: type[Slide]) -> None:
-    model, plain = rig(), simulated(rig)
+def test_a_typical_candidate_changes_the_force(rig: type[SlidingContact]) -> None:
+    model, plain = rig(), simulate_force(rig)
     base = {name: p.value for name, p in model.parameters.items()}
     for candidate in model.candidates:
         shown = model.simulate(run(rig), base, candidate.typical())[model.output.column]
@@ -68,7 +68,7 @@ def test_a_typical_candidate_changes_the_force(rig: type[Slide]) -> None:
 
 
 @pytest.mark.parametrize("rig", RIGS, ids=lambda rig: rig.name)
-def test_every_start_lies_within_the_bounds(rig: type[Slide]) -> None:
+def test_every_start_lies_within_the_bounds(rig: type[SlidingContact]) -> None:
     model = rig()
     assert isinstance(model, Hinting)
     left = {model.output.column: np.sin(1e3 * run(rig)[rig.inputs[0]])}
@@ -80,28 +80,28 @@ def test_every_start_lies_within_the_bounds(rig: type[Slide]) -> None:
 
 
 def test_ripple_has_its_period_along_the_path() -> None:
-    ripple = simulated(
+    ripple = simulate_force(
         Tribometer, position_ripple__amplitude=2.0, position_ripple__period=0.2, position_ripple__phase=0.3
     )
     x = run(Tribometer)["displacement_m"]
     middle = x - 0.5 * np.diff(x, prepend=0.0)
-    left = ripple - simulated(Tribometer)
+    left = ripple - simulate_force(Tribometer)
     np.testing.assert_allclose(left, 2.0 * np.cos(2 * np.pi * middle / 2e-4 + 0.3), atol=PLAY)
 
 
 def test_direction_raises_one_side_and_lowers_the_other() -> None:
-    plain, leaning = simulated(Tribometer), simulated(Tribometer, direction_asymmetry__asymmetry=0.1)
+    plain, leaning = simulate_force(Tribometer), simulate_force(Tribometer, direction_asymmetry__asymmetry=0.1)
     np.testing.assert_allclose(leaning, plain * np.where(plain > 0.0, 1.1, 0.9), rtol=EXACT)
 
 
 @pytest.mark.parametrize(("viscous_part", "coulomb", "viscous"), [(0.0, 2.0, 0.0), (0.5, 1.0, 1.0), (1.0, 0.0, 2.0)])
 def test_direction_asymmetry_is_of_the_part_it_is_given_to(viscous_part: float, coulomb: float, viscous: float) -> None:
     """F_c 20 N, F_v 150 Ns/m; the motion is that of the samples, half a ms later."""
-    leaning = simulated(
+    leaning = simulate_force(
         PositionAxis, direction_asymmetry__asymmetry=0.1, direction_asymmetry__viscous_part=viscous_part
     )
-    added, model = leaning - simulated(PositionAxis), PositionAxis()
-    speed = model._moved(run(PositionAxis), model.parameters, 1.0 / RATE).speed
+    added, model = leaning - simulate_force(PositionAxis), PositionAxis()
+    speed = model._track_motion(run(PositionAxis), model.parameters, 1.0 / RATE).speed
     away = slice(5, 195)  # from the reversals
     wanted = 0.1 * (20.0 * coulomb + 150.0 * viscous * np.abs(speed))
     np.testing.assert_allclose(added[away], wanted[away], rtol=1e-9)
@@ -119,10 +119,10 @@ def test_presliding_without_spread_is_one_spring() -> None:
 
 def test_seal_friction_grows_with_pressure() -> None:
     """At 3 bar 2 N more for 0.667 N/bar, once its lip has moved through."""
-    tight = simulated(
+    tight = simulate_force(
         PneumaticCylinder, piston_seal_friction__pressure_slope=2.0 / 3.0, piston_seal_friction__travel=1e-6
     )
-    added, pressure = tight - simulated(PneumaticCylinder), run(PneumaticCylinder)["pressure_bar"]
+    added, pressure = tight - simulate_force(PneumaticCylinder), run(PneumaticCylinder)["pressure_bar"]
     ahead = slice(40, 160)
     np.testing.assert_allclose(added[ahead], 2.0 / 3.0 * pressure[ahead], rtol=EXACT)
 
@@ -142,7 +142,7 @@ def test_an_effect_that_is_on_belongs_to_the_baseline() -> None:
     assert "torque_sensor_offset" not in {c.name for c in model.candidates}
     base = {name: p.value for name, p in model.parameters.items()}
     shown = model.simulate(run(Tribometer), base, {})["friction_force_n"]
-    np.testing.assert_allclose(shown, simulated(Tribometer) + 0.25, rtol=EXACT)
+    np.testing.assert_allclose(shown, simulate_force(Tribometer) + 0.25, rtol=EXACT)
 
 
 def test_motion_of_a_sine_is_its_derivative() -> None:
@@ -170,15 +170,15 @@ def test_the_last_digit_of_a_dwell_makes_no_motion() -> None:
 Motion = Callable[[np.ndarray], np.ndarray]
 
 
-def recorded_axis(friction: object | None, amplitude: float, hertz: float, seed: int) -> Columns:
+def record_axis(friction: object | None, amplitude: float, hertz: float, seed: int) -> Columns:
     axis = simulated_axis.PositionAxis(friction)  # type: ignore[arg-type]
     trajectory: Motion = lambda t: amplitude * (1.0 - np.cos(2 * np.pi * hertz * t))  # noqa: E731
-    return position_axis.recorded(axis.simulate(trajectory, 6.0, seed=seed))
+    return position_axis.to_columns(axis.simulate(trajectory, 6.0, seed=seed))
 
 
 def test_a_simulated_axis_shows_its_mass_and_friction() -> None:
-    record = recorded_axis(Coulomb(Stribeck(20.0)), 0.05, 0.5, seed=1)
-    parameters, _ = fitted(PositionAxis(), [record])
+    record = record_axis(Coulomb(Stribeck(20.0)), 0.05, 0.5, seed=1)
+    parameters, _ = fit_least_squares(PositionAxis(), [record])
     assert parameters["table.mass"] == pytest.approx(15.0, rel=0.01)
     assert parameters["friction.coulomb"] == pytest.approx(20.0, rel=0.03)
 
@@ -186,10 +186,10 @@ def test_a_simulated_axis_shows_its_mass_and_friction() -> None:
 def test_a_simulated_axis_lacks_presliding() -> None:
     """Its friction is another law, XGMS with ten elements; presliding takes away four fifths of the error, held out."""
     model = PositionAxis()
-    one, other = recorded_axis(None, 0.01, 0.5, seed=1), recorded_axis(None, 0.002, 1.0, seed=2)
-    before = error(model, [other], *fitted(model, [one]))
+    one, other = record_axis(None, 0.01, 0.5, seed=1), record_axis(None, 0.002, 1.0, seed=2)
+    before = error(model, [other], *fit_least_squares(model, [one]))
     start = {"presliding.angle": 3e-5, "presliding.spread": 2.0}
-    after = error(model, [other], *fitted(model, [one], start))
+    after = error(model, [other], *fit_least_squares(model, [one], start))
     assert after < 0.25 * before
 
 
@@ -199,10 +199,10 @@ def test_a_simulated_tribometer_lacks_presliding() -> None:
         rig = simulated_tribometer.Tribometer(MaxwellSlip(np.full(8, 1e5), np.linspace(0.5, 2.5, 8)), seed=seed)
         drive = rig.position_drive(lambda t, hertz=hertz: 0.02 * np.sin(2 * np.pi * hertz * t))
         record = rig.run(drive, 60.0, 20.0, 1e-4, every=50)
-        records.append(tribometer.recorded(record, simulated_tribometer.mean_radius(rig.parameters)))
+        records.append(tribometer.to_columns(record, simulated_tribometer.mean_radius(rig.parameters)))
     model = Tribometer()
-    before = error(model, records[1:], *fitted(model, records[:1]))
-    presliding = fitted(model, records[:1], {"presliding.angle": 1e-4, "presliding.spread": 2.0})
+    before = error(model, records[1:], *fit_least_squares(model, records[:1]))
+    presliding = fit_least_squares(model, records[:1], {"presliding.angle": 1e-4, "presliding.spread": 2.0})
     assert presliding[0]["friction.coefficient"] == pytest.approx(12.0 / 60.0, rel=0.01)
     assert error(model, records[1:], *presliding) < 0.1 * before
 

@@ -5,11 +5,11 @@ import pytest
 
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
 from clutch_hil.discrepancy.search import investigate
-from clutch_hil.discrepancy.surrogate_term import described
-from tests.clutch_hil.discrepancy.clutch_runs import NOISE, baseline, recorded
+from clutch_hil.discrepancy.surrogate_term import describe_residual
+from tests.clutch_hil.discrepancy.clutch_runs import NOISE, baseline, record_runs
 
 R2 = 0.9  # of a term that is in the library; measured 0.97 and more
-CLOSED = 0.3  # of the error that may be left once the term is simulated
+LEAST_CLOSED = 0.3  # of the error that may be left once the term is simulated
 COEFFICIENT = 0.1  # Nm
 
 
@@ -27,41 +27,43 @@ def error(model, runs, effects, column):
 
 def test_a_torque_that_depends_on_slip_and_temperature_is_described_and_carried(model):
     hidden = {"residual_torque.slip": 1.0, "residual_torque.temperature": -0.8}
-    runs = recorded(hidden)
-    told = described(model, runs, NOISE, baseline(), {})
+    runs = record_runs(hidden)
+    told = describe_residual(model, runs, NOISE, baseline(), {})
     assert told["block"] == "friction"
     assert {"slip", "temperature"} <= set(told["variables"])
     assert told["r2"] > R2
     for name, value in hidden.items():
         assert told["values"][name] == pytest.approx(value, abs=COEFFICIENT)
-    assert error(model, runs, told["values"], "clutch_torque_nm") < CLOSED * error(model, runs, {}, "clutch_torque_nm")
+    assert error(model, runs, told["values"], "clutch_torque_nm") < LEAST_CLOSED * error(
+        model, runs, {}, "clutch_torque_nm"
+    )
 
 
 def test_a_pressure_that_keeps_its_direction_is_described_and_carried(model):
-    runs = recorded({"residual_pressure.direction": -0.08})
-    told = described(model, runs, NOISE, baseline(), {})
+    runs = record_runs({"residual_pressure.direction": -0.08})
+    told = describe_residual(model, runs, NOISE, baseline(), {})
     assert told["block"] == "hydraulics"
     assert "direction" in told["variables"]
     column = "cylinder_pressure_bar"
-    assert error(model, runs, told["values"], column) < CLOSED * error(model, runs, {}, column)
+    assert error(model, runs, told["values"], column) < LEAST_CLOSED * error(model, runs, {}, column)
 
 
 def test_a_ripple_is_told_by_its_order(model):
-    told = described(
-        model, recorded({"position_ripple.amplitude": 0.5, "position_ripple.order": 7.0}), NOISE, baseline(), {}
+    told = describe_residual(
+        model, record_runs({"position_ripple.amplitude": 0.5, "position_ripple.order": 7.0}), NOISE, baseline(), {}
     )
     assert told["variables"] == ["angle"]
     assert "7 a turn" in told["sentence"]
 
 
 def test_what_depends_on_nothing_is_said_to(model):
-    runs = recorded({})
+    runs = record_runs({})
     t = runs[0]["time_s"]
     for run in runs:  # a hum at 31 Hz, that starts as it likes
         hum = 0.4 * np.sin(2.0 * np.pi * 31.0 * t + run["oil_temperature_degc"][0])
         for column in ("clutch_torque_nm", "motor_torque_nm"):
             run[column] = run[column] + hum
-    told = described(model, runs, NOISE, baseline(), {})
+    told = describe_residual(model, runs, NOISE, baseline(), {})
     assert told["values"] == {}
     assert told["variables"] == []
     assert "no simple function" in told["sentence"]
@@ -71,7 +73,7 @@ def test_what_depends_on_nothing_is_said_to(model):
 @pytest.mark.parametrize(("apart", "left"), [(True, 0.35), (False, 0.95)])
 def test_the_gap_that_is_shown_is_that_of_the_model_that_carries_it(model, apart, left):
     """On a run that was not fitted; or on each of three in turn, that the two others, of another kind, say little of."""
-    measured = {f"run-{k}": run for k, run in enumerate(recorded({"residual_torque.slip": 2.0}))}
+    measured = {f"run-{k}": run for k, run in enumerate(record_runs({"residual_torque.slip": 2.0}))}
     held = {"held": measured.pop("run-0")} if apart else {}
     result = investigate(model, measured, held, ["valve_delay"])
     assert result.verdict == "none_of_these"

@@ -25,16 +25,16 @@ def run() -> dict[str, np.ndarray]:
     }  # fmt: skip
 
 
-def simulated(model: WetClutch, columns: dict[str, np.ndarray], **changed: float) -> dict[str, np.ndarray]:
+def simulate_run(model: WetClutch, columns: dict[str, np.ndarray], **changed: float) -> dict[str, np.ndarray]:
     nominal = {name: parameter.value for name, parameter in model.parameters.items()}
     return model.simulate(columns, nominal | changed, {})
 
 
 def test_coarse_steps_are_fine_enough(monkeypatch: pytest.MonkeyPatch) -> None:
     model, columns = WetClutch(), run()
-    coarse = simulated(model, columns)
+    coarse = simulate_run(model, columns)
     monkeypatch.setattr(module, "_STEP", 2.5e-5)
-    fine = simulated(model, columns)
+    fine = simulate_run(model, columns)
     assert np.max(np.abs(coarse["cylinder_pressure_bar"] - fine["cylinder_pressure_bar"])) < PRESSURE_ERROR
     assert np.sqrt(np.mean((coarse["clutch_torque_nm"] - fine["clutch_torque_nm"]) ** 2)) < TORQUE_ERROR
     assert np.ptp(fine["clutch_torque_nm"]) > 10.0
@@ -43,8 +43,8 @@ def test_coarse_steps_are_fine_enough(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_sensor_that_is_not_what_its_data_sheet_says_shows_something_else() -> None:
     model, columns = WetClutch(), run()
     plain, sensitive = (
-        simulated(model, columns),
-        simulated(model, columns, **{"sensors.clutch_torque_sensitivity": 0.202}),
+        simulate_run(model, columns),
+        simulate_run(model, columns, **{"sensors.clutch_torque_sensitivity": 0.202}),
     )
     np.testing.assert_allclose(sensitive["clutch_torque_nm"], 1.01 * plain["clutch_torque_nm"], rtol=1e-9)
     np.testing.assert_array_equal(sensitive["motor_torque_nm"], plain["motor_torque_nm"])
@@ -53,7 +53,7 @@ def test_a_sensor_that_is_not_what_its_data_sheet_says_shows_something_else() ->
 def test_a_run_that_begins_under_pressure_begins_there() -> None:
     model, columns = WetClutch(), run()
     columns["cylinder_pressure_bar"] = columns["cylinder_pressure_bar"] + 3.0
-    assert simulated(model, columns)["cylinder_pressure_bar"][0] == pytest.approx(3.0)
+    assert simulate_run(model, columns)["cylinder_pressure_bar"][0] == pytest.approx(3.0)
 
 
 @pytest.mark.parametrize("offset", [0.0, 0.5])
@@ -86,7 +86,7 @@ def test_a_converter_with_uneven_levels_has_lost_bits_too() -> None:
 def test_plates_that_reverse_under_load_do_not_chatter(monkeypatch: pytest.MonkeyPatch) -> None:
     model, columns = WetClutch(), run()
     reversing = columns | {"motor_speed_demand_rad_s": 5.0 * np.sin(2.0 * np.pi * columns["time_s"])}
-    coarse = simulated(model, reversing)["clutch_torque_nm"]
+    coarse = simulate_run(model, reversing)["clutch_torque_nm"]
     monkeypatch.setattr(module, "_STEP", 2.5e-5)
-    error = coarse - simulated(model, reversing)["clutch_torque_nm"]
+    error = coarse - simulate_run(model, reversing)["clutch_torque_nm"]
     assert np.sqrt(np.mean(error**2)) < REVERSING_ERROR

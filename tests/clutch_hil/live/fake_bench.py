@@ -8,14 +8,14 @@ import numpy as np
 
 from plant_sim.node.plant_node import COLUMNS as PLANT
 from protocols.node import Column
-from protocols.telemetry.batch import ENCODING, BatchEncoder, published_columns
+from protocols.telemetry.batch import ENCODING, BatchEncoder, run_file_columns
 from protocols.telemetry.keys import Keys, bench_name
 from protocols.telemetry.session import publisher_session
 from rt_controller.loop.node import COLUMNS as CONTROLLER
 
 PERIOD = 0.02  # s between batches, as of the real publisher
 _COLUMNS = {
-    node: (*published_columns(node, columns), Column(f"{node}_clock_s", "s", ""), Column(f"{node}_work_us", "us", ""))
+    node: (*run_file_columns(node, columns), Column(f"{node}_clock_s", "s", ""), Column(f"{node}_work_us", "us", ""))
     for node, columns in (("plant", PLANT), ("controller", CONTROLLER))
 }
 

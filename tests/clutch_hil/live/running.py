@@ -9,14 +9,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 import pytest
-import zenoh
 from typer.testing import CliRunner, Result
 
 from clutch_hil.command import application
 from protocols.buses.bus import Port, listen, open_bus
 from protocols.can.frames import Frame, load_frames
 from protocols.can.request import Request
-from protocols.telemetry.keys import NODES, Keys, bench_name, parsed
+from protocols.telemetry.feed import list_live_nodes
+from protocols.telemetry.keys import NODES, bench_name
 from protocols.telemetry.session import consumer_session
 from tests.processes import ONE_CPU, PATIENCE, service
 
@@ -76,15 +76,9 @@ def _await_telemetry() -> None:
     """Until both services publish."""
     deadline = time.monotonic() + PATIENCE
     with consumer_session() as session:
-        while nodes_alive(session, bench_name("local:bench")) != sorted(NODES):
+        while list_live_nodes(session, bench_name("local:bench")) != sorted(NODES):
             assert time.monotonic() < deadline, "the services do not publish"
             time.sleep(0.05)
-
-
-def nodes_alive(session: zenoh.Session, bench: str) -> list[str]:
-    """Names of the nodes of a bench that live."""
-    replies = session.liveliness().get(Keys(bench, "*").alive, timeout=_QUERY)
-    return sorted({parsed(str(reply.ok.key_expr)).node for reply in replies if reply.ok is not None})
 
 
 def hear(port: Port, frame: str, wanted: Callable[..., bool]) -> object:

@@ -10,7 +10,7 @@ from clutch_hil.bench.in_process import Played
 from clutch_hil.live import recorder
 from clutch_hil.live.recorder import Recorded, Recorder
 from protocols.node import Column
-from protocols.telemetry.batch import Batch, published_columns
+from protocols.telemetry.batch import Batch, run_file_columns
 
 SECONDS = 4.0  # s of the profile
 RATE = 500  # Hz: gentle to a machine that runs other tests
@@ -47,7 +47,7 @@ def plant_columns(played: Played) -> tuple[Column, ...]:
 
 
 def controller_columns(played: Played) -> tuple[Column, ...]:
-    return published_columns("controller", (*played.controller_columns[0], Column("clock_s", "s", "clock")))
+    return run_file_columns("controller", (*played.controller_columns[0], Column("clock_s", "s", "clock")))
 
 
 def batches(played: Played, node: str, clock: float = 1000.0) -> list[Batch]:

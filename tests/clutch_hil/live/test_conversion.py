@@ -17,7 +17,7 @@ def test_a_run_is_converted_there_and_back(played: Played, tmp_path: Path, monke
     recorded(played, steps(played), first, monkeypatch)
     assert convert(first, middle) == convert(middle, last) == len(played.plant)
     wanted, run = read_run(first), read_run(last)
-    assert (run.metadata, run.described()) == (wanted.metadata, wanted.described())
+    assert (run.metadata, run.describe_columns()) == (wanted.metadata, wanted.describe_columns())
     for name in wanted.columns:
         np.testing.assert_array_equal(run[name], wanted[name])
 

@@ -266,11 +266,11 @@ def test_only_steady_demands_are_judged() -> None:
         rising.add(sample * 0.01, 0.0)
         held.add(10.0, 9.5)
     assert not rising.samples
-    assert not rising.reached
+    assert not rising.is_reached
     assert held.error == pytest.approx(0.5)
-    assert held.reached
+    assert held.is_reached
     held.error_sum *= 3.0
-    assert not held.reached
+    assert not held.is_reached
 
 
 def test_a_clutch_that_did_not_lock_is_told() -> None:

@@ -10,8 +10,8 @@ import pytest
 import zenoh
 
 from clutch_hil.bench.unseal import unsealed
-from clutch_hil.live.inject import inject, standing, to_come, told, wanted
-from clutch_hil.live.record import record
+from clutch_hil.live.bench_recording import record
+from clutch_hil.live.inject import describe_change, inject, list_planned, parse_values, read_state
 from clutch_hil.live.tune import parameters, set_parameters
 from plant_sim.node.injection import effect_on
 from protocols.errors import InputError
@@ -37,11 +37,11 @@ LEVEL = "friction_level.level"
     ],
 )
 def test_words_become_values(words: list[str], values: dict[str, float]) -> None:
-    assert wanted(words, False, (), ()) == values
+    assert parse_values(words, False, (), ()) == values
 
 
 def test_off_frees_and_biases_nothing() -> None:
-    assert wanted(["friction_level"], True, ["pressure"], ["temperature"]) == {
+    assert parse_values(["friction_level"], True, ["pressure"], ["temperature"]) == {
         LEVEL: 1.0, "friction_level.drift": 0.0, "sensor_freeze.pressure": 0.0, "temperature_sensor_offset.offset": 0.0,
     }  # fmt: skip
 
@@ -62,7 +62,7 @@ def test_off_frees_and_biases_nothing() -> None:
 )
 def test_words_that_cannot_be_meant_are_told(words: list[str], off: bool, bias: list[str], told: str) -> None:
     with pytest.raises(InputError, match=told):
-        wanted(words, off, (), bias)
+        parse_values(words, off, (), bias)
 
 
 @pytest.fixture(scope="module")
@@ -79,10 +79,10 @@ class Line:
 
     def inject(self, *words: str, freeze: Sequence[str] = (), off: bool = False, **when: float) -> list[dict]:
         named = {name.rstrip("_"): seconds for name, seconds in when.items()}
-        return inject(self.session, self.bench, wanted(words, off, freeze, ()), named)
+        return inject(self.session, self.bench, parse_values(words, off, freeze, ()), named)
 
-    def standing(self) -> dict[str, Any]:
-        return standing(self.session, self.bench)
+    def read_state(self) -> dict[str, Any]:
+        return read_state(self.session, self.bench)
 
     def ask(self, key: str) -> Any:
         return ask(self.session, getattr(Keys(self.bench, "plant"), key), attempts=3)
@@ -113,27 +113,27 @@ def test_an_effect_goes_on_along_a_ramp_and_off_again_and_events_say_so(line: Li
     until(lambda: len(events()) == 6, "the end of the second ramp")
     stages = [("accepted", there), ("accepted", back), ("started", there), ("ended", there), ("started", back)]
     assert events() == [*stages, ("ended", back)]
-    assert line.standing()["changed"] == []
+    assert line.read_state()["changed"] == []
 
 
 def test_a_parameter_is_listed_while_it_is_to_come_and_when_it_is_on(line: Line) -> None:
     line.inject(SUMP + "=90", after=0.5)
-    assert [(change["name"], change["new"]) for change in line.standing()["to_come"]] == [(SUMP, 90.0)]
-    until(lambda: line.standing()["changed"], "the change")
-    now = line.standing()
+    assert [(change["name"], change["new"]) for change in line.read_state()["to_come"]] == [(SUMP, 90.0)]
+    until(lambda: line.read_state()["changed"], "the change")
+    now = line.read_state()
     assert [(entry["name"], entry["value"]) for entry in now["changed"]] == [(SUMP, 90.0)]
     assert now["to_come"] == []
     line.inject(SUMP + "=70")
-    until(lambda: not line.standing()["changed"], "the change back")
+    until(lambda: not line.read_state()["changed"], "the change back")
 
 
 def test_a_parameter_on_its_way_is_listed_where_it_is(line: Line) -> None:
     line.inject(SUMP + "=90", ramp=1.0)
-    until(lambda: line.standing()["changed"], "the change")
-    (entry,) = line.standing()["changed"]
+    until(lambda: line.read_state()["changed"], "the change")
+    (entry,) = line.read_state()["changed"]
     assert 70.0 < entry["value"] < 90.0
     set_parameters(line.session, line.bench, "plant", {SUMP: 70.0})
-    assert line.standing()["changed"] == []
+    assert line.read_state()["changed"] == []
 
 
 def test_a_frozen_sensor_shows_one_value(line: Line) -> None:
@@ -156,7 +156,7 @@ def test_bad_input_is_told_in_the_words_of_the_plant_and_changes_nothing(bench: 
     assert "is too late: the rig is at" in refused(bench, SUMP + "=90", "--at", "0")
     assert "is not possible: it would last 0 s" in refused(bench, "friction_level", "--for", "0")
     assert "not what; name an effect" in refused(bench, "--ramp", "2")
-    assert line.standing()["changed"] == []
+    assert line.read_state()["changed"] == []
 
 
 def test_a_controller_refuses_what_is_to_come(line: Line) -> None:
@@ -172,7 +172,7 @@ def test_what_is_done_is_told_to_people(bench: Running, line: Line) -> None:
     assert lines[0] == "read:    1 value"
     assert lines[1].startswith("wrote:   oil.sump_temperature  70 -> 80 degC, at ")
     assert lines[-1].startswith("verdict: 2 changes accepted, the first at ")
-    until(lambda: not line.standing()["changed"], "the change back")
+    until(lambda: not line.read_state()["changed"], "the change back")
     document = json.loads(clutch_hil("inject", "--list", "--bus", bench.bus, "--json").stdout)
     assert document["verdict"] == "0 parameters not as shipped, 0 changes to come"
 
@@ -197,15 +197,15 @@ def test_an_injection_is_in_the_recording_or_in_its_truth_file(
 def test_events_without_a_start_are_to_come() -> None:
     change = {"name": LEVEL, "row": 7, "unit": "1", "old": 1.0, "new": 0.5, "at": 0.07, "ramp": 2.0}
     accepted, started = ({"injection": stage} | change for stage in ("accepted", "started"))
-    assert to_come([accepted]) == [accepted]
-    assert to_come([accepted, started]) == []
-    assert told(change) == "friction_level.level  1 -> 0.5, at 0.070 s (row 7), along 2 s"
-    assert told(change | {"old": None}).startswith("friction_level.level  -> 0.5,")
+    assert list_planned([accepted]) == [accepted]
+    assert list_planned([accepted, started]) == []
+    assert describe_change(change) == "friction_level.level  1 -> 0.5, at 0.070 s (row 7), along 2 s"
+    assert describe_change(change | {"old": None}).startswith("friction_level.level  -> 0.5,")
 
 
 def test_what_is_to_come_stands_in_the_order_in_which_it_comes() -> None:
     late, soon = ({"injection": "accepted", "name": SUMP, "row": row} for row in (900, 300))
-    assert to_come([late, soon]) == [soon, late]
+    assert list_planned([late, soon]) == [soon, late]
 
 
 def test_a_blind_plant_does_not_tell_over_zenoh(local_bus: str) -> None:

@@ -15,14 +15,15 @@ from rich.console import Console
 from clutch_hil.bench import palette
 from clutch_hil.bench.bars import bar, sparkline
 from clutch_hil.live.collector import WINDOW, Collector
-from clutch_hil.live.monitor_screen import drawn, line
+from clutch_hil.live.monitor_screen import draw_snapshot, snapshot_line
 from clutch_hil.live.snapshot import Snapshot, document
 from protocols.errors import InputError
 from protocols.node import Column
 from protocols.telemetry.batch import Batch
+from protocols.telemetry.feed import list_live_nodes
 from protocols.telemetry.keys import bench_name
 from protocols.telemetry.session import consumer_session
-from tests.clutch_hil.live.running import RATE, Running, clutch_hil, nodes_alive, running_bench
+from tests.clutch_hil.live.running import RATE, Running, clutch_hil, running_bench
 from tests.processes import PATIENCE, service
 
 HZ = 1000.0
@@ -57,7 +58,7 @@ def collector(*batches: Batch, at: float = NOW) -> Collector:
 
 def screen(snapshot: Snapshot) -> list[str]:
     console = Console(width=80, height=24, record=True, file=io.StringIO(), force_terminal=True)
-    console.print(drawn(snapshot))
+    console.print(draw_snapshot(snapshot))
     return console.export_text().splitlines()
 
 
@@ -106,7 +107,7 @@ def test_a_service_without_new_rows_is_stalled() -> None:
 
 def test_who_lives_without_a_row_waits_or_was_stalled_before() -> None:
     watched = collector(batch("controller", 0, 20))
-    assert watched.silent() == ["plant"]
+    assert watched.list_silent() == ["plant"]
     assert watched.snapshot(NOW).nodes["plant"].state == "waiting"
     watched.last_rows["plant"] = 4711
     assert watched.snapshot(NOW).nodes["plant"].state == "stalled"
@@ -196,7 +197,7 @@ def test_a_quantity_and_a_state_have_the_colours_of_the_pictures() -> None:
     rows = batch(
         "controller", 0, 20, controller_torque_estimate_nm=15.0, controller_phase=2.0, controller_clutch_state=2.0
     )
-    console.print(drawn(collector(rows).snapshot(NOW)))
+    console.print(draw_snapshot(collector(rows).snapshot(NOW)))
     styles = {part.text.strip(): part.style for part in console._record_buffer if part.text.strip() and part.style}
     for word in ("slip control", "sticking"):
         assert styles[word].bgcolor == Color.parse(palette.of_state(word)), word
@@ -209,10 +210,10 @@ def test_a_quantity_and_a_state_have_the_colours_of_the_pictures() -> None:
 def test_only_the_last_changes_are_kept_in_the_order_of_time() -> None:
     watched = collector(batch("plant", 0, 20))
     change = {"node": "plant", "name": "clutch.coulomb_slope", "old": 10.8, "new": 11.0, "unit": "Nm/bar", "row": 1}
-    watched.note([change | {"time": float(time)} for time in (5, 1, 3)])
-    watched.note([change | {"time": 4.0}])
-    watched.note([change | {"time": 4.0}])
-    watched.note([change | {"time": 6.0, "name": "friction_level.level", "unit": "1"}])
+    watched.add_changes([change | {"time": float(time)} for time in (5, 1, 3)])
+    watched.add_changes([change | {"time": 4.0}])
+    watched.add_changes([change | {"time": 4.0}])
+    watched.add_changes([change | {"time": 6.0, "name": "friction_level.level", "unit": "1"}])
     assert any(line.endswith("plant.friction_level.level  10.8 -> 11") for line in screen(watched.snapshot(NOW)))
     assert [change["time"] for change in watched.snapshot(NOW).changes] == [4.0, 5.0, 6.0]
 
@@ -225,7 +226,7 @@ def test_the_screen_fits_80_columns_and_24_rows() -> None:
               **{f"controller_{k}": v for k, v in busy.items()}),
     )  # fmt: skip
     watched.lost = {"plant": 123456, "controller": 123456}
-    watched.note(
+    watched.add_changes(
         {"node": "controller", "name": "torque.proportional_gain" * 3, "old": 0.0, "new": 1.0, "unit": "bar/Nm", "row": 1,
          "time": float(time)} for time in range(9)
     )  # fmt: skip
@@ -244,7 +245,9 @@ def test_a_document_is_made_of_json() -> None:
 
 
 def test_a_line_tells_states_torque_and_losses() -> None:
-    text = line(collector(batch("plant", 0, 20, truth_clutch_torque_nm=4.25), batch("controller", 0, 20)).snapshot(NOW))
+    text = snapshot_line(
+        collector(batch("plant", 0, 20, truth_clutch_torque_nm=4.25), batch("controller", 0, 20)).snapshot(NOW)
+    )
     assert "plant running" in text
     assert "true 4.25 Nm" in text
     assert "lost 0" in text
@@ -295,7 +298,7 @@ def test_a_plant_without_a_controller_is_not_well(local_bus: str) -> None:
     arguments = ("plant", "--bus", local_bus, "--rate", str(RATE), "--telemetry")
     with service(*arguments), consumer_session() as session:
         deadline = time.monotonic() + PATIENCE
-        while nodes_alive(session, bench_name(local_bus)) != ["plant"]:
+        while list_live_nodes(session, bench_name(local_bus)) != ["plant"]:
             assert time.monotonic() < deadline
             time.sleep(0.05)
         done = clutch_hil("monitor", "--once", "--bus", local_bus)

@@ -224,11 +224,11 @@ def test_only_an_idle_controller_is_engaged(phase: str | None, key: str) -> None
 def test_an_engagement_the_controller_gives_up_is_not_asked_for_again() -> None:
     panel = Panel()
     panel.press("e", OPEN, LONG_AGO)
-    panel.heed(ENGAGED, None, NOW)
+    panel.react(ENGAGED, None, NOW)
     assert panel.request is Request.ENGAGE
-    panel.heed(OPEN, "the controller has let the clutch go by itself", NOW)
+    panel.react(OPEN, "the controller has let the clutch go by itself", NOW)
     assert panel.request is Request.RELEASE
-    panel.heed(OPEN, None, NOW + 1.0)
+    panel.react(OPEN, None, NOW + 1.0)
     assert (panel.request, panel.message) == (Request.IDLE, "the controller has let the clutch go by itself")
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clutch_hil.live import record
+from clutch_hil.live import bench_recording
 from clutch_hil.live.tune import set_parameters
 from protocols.errors import InputError, InterruptionError
 from protocols.files.runs import read_run
@@ -58,27 +58,27 @@ def test_a_bench_that_comes_between_two_looks_is_found(monkeypatch: pytest.Monke
             raise look
         return look
 
-    monkeypatch.setattr(record, "find_bench", find_bench)
+    monkeypatch.setattr(bench_recording, "find_bench", find_bench)
     session: Any = None
-    assert record._found(session, None, Stop(), patience=PATIENCE) == "local:new@here"
+    assert bench_recording._wait_for_bench(session, None, Stop(), patience=PATIENCE) == "local:new@here"
 
 
 def test_who_ends_the_waiting_for_a_bench_has_no_recording(monkeypatch: pytest.MonkeyPatch) -> None:
     def find_bench(session: Any, bus: str | None) -> str:
         raise NoBenchError("no bench publishes telemetry")
 
-    monkeypatch.setattr(record, "find_bench", find_bench)
+    monkeypatch.setattr(bench_recording, "find_bench", find_bench)
     session: Any = None
     stop = Stop()
     stop.asked = True
     with pytest.raises(InterruptionError, match="no bench came; nothing was recorded"):
-        record._found(session, None, stop, patience=PATIENCE)
+        bench_recording._wait_for_bench(session, None, stop, patience=PATIENCE)
 
 
 def test_a_saved_view_that_exists_is_told_before_anything_is_recorded(tmp_path: Path) -> None:
     (tmp_path / "run.rrd").touch()
     with Stop() as stop, pytest.raises(InputError, match="exists already"):
-        record.record(tmp_path / "run.rrd", None, None, 0.0, stop, lambda text: None)
+        bench_recording.record(tmp_path / "run.rrd", None, None, 0.0, stop, lambda text: None)
 
 
 # --- real processes

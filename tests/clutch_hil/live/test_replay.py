@@ -8,13 +8,13 @@ import pytest
 from clutch_hil.bench.scenario import Scenario
 from clutch_hil.bench.settings import RunSettings
 from clutch_hil.bench.simulate import Simulation
-from clutch_hil.live.replay import export_rrd, run_batches
-from clutch_hil.live.rrd import read_rrd
+from clutch_hil.live.rrd_reader import read_rrd
+from clutch_hil.live.run_replay import export_rrd, run_batches
 from clutch_hil.live.screen import Screen
 from protocols.errors import InputError
 from protocols.files.run import Run
 from protocols.files.runs import read_run
-from tests.clutch_hil.live.viewing import View, answered, colours, free_port, refused, shown, until, viewer_client
+from tests.clutch_hil.live.viewing import View, colours, free_port, read_reply, refused, shown, until, viewer_client
 
 SECONDS = 3.0  # of a run: the clutch is engaged by then
 COLOURS = 200  # in a picture with plots; an empty viewer has less than 60
@@ -84,8 +84,8 @@ def test_a_whole_run_is_shown(kind: str, run_file: Path, tmp_path: Path) -> None
         ends = {line.name: (line.start, line.end) for line in recording.timelines}
         assert ends["rig_time"] == (0, round((SECONDS - 0.001) * 1e9))
         assert recording.current_timeline == "rig_time"
-        assert [view.name for view in answered(client.get_state).views if view.reports] == []
-        picture = answered(client.take_screenshot)
+        assert [view.name for view in read_reply(client.get_state).views if view.reports] == []
+        picture = read_reply(client.take_screenshot)
         (tmp_path / "run.png").write_bytes(picture)
         assert colours(picture) > COLOURS
         assert view.end() == 0
@@ -100,7 +100,7 @@ def test_two_runs_stand_side_by_side(run_file: Path, tmp_path: Path) -> None:
     with View(run_file, other, "--headless", "--port", port, "--save", both) as view:
         client = viewer_client(port)
         until(shown(client, "rig_time"), "the runs in the viewer")
-        (tmp_path / "both.png").write_bytes(answered(client.take_screenshot))
+        (tmp_path / "both.png").write_bytes(read_reply(client.take_screenshot))
         assert view.end() == 0
     assert "verdict: side by side" in view.output
     tables = read_rrd(both)

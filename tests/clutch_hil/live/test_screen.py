@@ -15,16 +15,16 @@ import rerun.blueprint as rrb
 import rerun.chunk
 
 from clutch_hil.bench.in_process import play
-from clutch_hil.live.blueprint import blueprint
+from clutch_hil.live.blueprint import build_blueprint
 from clutch_hil.live.dashboard import places
-from clutch_hil.live.lathe import disc, turned
-from clutch_hil.live.rrd import read_rrd
+from clutch_hil.live.rrd_reader import read_rrd
 from clutch_hil.live.screen import Screen
+from clutch_hil.live.solids import revolve, ring_profile
 from plant_sim.node.plant_node import PlantNode
 from plant_sim.profiles.profile import load_profile
 from protocols.errors import InputError
 from protocols.node import Column
-from protocols.telemetry.batch import Batch, published_columns
+from protocols.telemetry.batch import Batch, run_file_columns
 from rt_controller.loop.node import ControllerNode
 
 RATE = 1000  # Hz
@@ -45,7 +45,7 @@ def nodes() -> dict[str, Batch]:
     return {
         "plant": plant,
         "controller": _with_clock(
-            "controller", published_columns("controller", played.controller_columns[0]), played.controllers[0]
+            "controller", run_file_columns("controller", played.controller_columns[0]), played.controllers[0]
         ),
     }
 
@@ -326,7 +326,7 @@ def test_a_curve_that_goes_backwards_has_symmetric_axes(nodes: dict[str, Batch],
 
 def test_the_slip_axis_of_a_recorded_run_is_symmetric_where_it_slips_backwards() -> None:
     def ranges(slips: Sequence[float | None]) -> list[Any]:
-        layout = blueprint("rig_time", ("/a", "/b"), ("a", "b"), None, slips=slips)
+        layout = build_blueprint("rig_time", ("/a", "/b"), ("a", "b"), None, slips=slips)
         views = [view for view in _views(layout.root_container) if str(view.origin).endswith("/slip")]
         return [view.properties.get("ScalarAxis") for view in views]
 
@@ -352,7 +352,7 @@ def test_the_plates_close_with_the_piston(nodes: dict[str, Batch], logged: Logge
 
 
 def test_a_turned_part_has_the_volume_of_a_ring() -> None:
-    mesh = turned(disc(0.0, 2.0, 1.0, 3.0), 0xFFFFFFFF)
+    mesh = revolve(ring_profile(0.0, 2.0, 1.0, 3.0), 0xFFFFFFFF)
     corners = np.array(mesh.vertex_positions.as_arrow_array().flatten()).reshape(-1, 3)
     triangles = corners[np.array(mesh.triangle_indices.as_arrow_array().flatten()).reshape(-1, 3)]
     volume = abs(np.einsum("ij,ij->i", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])).sum()) / 6.0
@@ -402,7 +402,7 @@ def test_opened_again_it_names_everything_again(nodes: dict[str, Batch], logged:
 
 @pytest.mark.parametrize("prefixes", [("",), ("/a", "/b")], ids=["one bench", "two runs"])
 def test_every_view_has_content(nodes: dict[str, Batch], tmp_path: Path, prefixes: tuple[str, ...]) -> None:
-    layout = blueprint("rig_time", prefixes, [prefix.strip("/") for prefix in prefixes], None)
+    layout = build_blueprint("rig_time", prefixes, [prefix.strip("/") for prefix in prefixes], None)
     logged = Logged(tmp_path / "run.rrd")
     for prefix in prefixes:
         logged.screen(_pieces(nodes), "rig_time", prefix)

@@ -13,12 +13,13 @@ import pytest
 import zenoh
 
 from clutch_hil.live.catalogue import WHOLE, Catalogue, assignments, details, tables
-from clutch_hil.live.tune import listed, parameters, set_parameters, tuned
+from clutch_hil.live.tune import list_parameters, parameters, run_tune, set_parameters
 from protocols.errors import InputError
 from protocols.realtime import child as children
+from protocols.telemetry.feed import list_live_nodes
 from protocols.telemetry.keys import Keys
 from protocols.telemetry.session import consumer_session, publisher_session
-from tests.clutch_hil.live.running import Running, clutch_hil, nodes_alive, running_bench
+from tests.clutch_hil.live.running import Running, clutch_hil, running_bench
 
 BENCH = "local:tuned@here"
 
@@ -182,7 +183,7 @@ def answering(node: str, answer: object, refusal: str = "") -> Iterator[list[str
 def test_the_wire_is_as_documented() -> None:
     answer = {"row": 7, "changed": []}
     with answering("plant", answer) as asked, consumer_session() as session:
-        assert nodes_alive(session, BENCH) == ["plant"]
+        assert list_live_nodes(session, BENCH) == ["plant"]
         assert parameters(session, BENCH, "plant") == answer
         assert set_parameters(session, BENCH, "plant", {"clutch.coulomb_slope": 11.0}) == answer
     assert asked[0] is None
@@ -215,7 +216,7 @@ def test_a_plant_is_not_changed_when_a_value_of_the_controller_is_refused() -> N
         answering("controller", [entry("torque.integral_gain", 0.3)]) as controller,
         pytest.raises(InputError, match=r"controller\.torque\.integral_gain = 101 breaks"),
     ):
-        tuned(["plant.friction.level=0.95", "controller.torque.integral_gain=101"], "local:tuned", None)
+        run_tune(["plant.friction.level=0.95", "controller.torque.integral_gain=101"], "local:tuned", None)
     assert (plant, controller) == ([None], [None])  # both were asked for their lists, and for nothing else
 
 
@@ -225,13 +226,13 @@ def test_a_controller_that_lives_and_keeps_silent_is_named() -> None:
         answering("plant", [entry("motor.integral_gain", 4.0)]) as asked,
         pytest.raises(InputError, match=r"^the controller on local:tuned does not answer"),
     ):
-        tuned(["torque.integral_gain=0.31"], "local:tuned", None)
+        run_tune(["torque.integral_gain=0.31"], "local:tuned", None)
     assert asked == [None]
 
 
 def test_an_absent_controller_is_named_under_the_list_of_the_plant() -> None:
     with answering("plant", [entry("motor.integral_gain", 4.0)]):
-        _, text, verdict, good = tuned([], "local:tuned", None)
+        _, text, verdict, good = run_tune([], "local:tuned", None)
     assert "read:    1 parameter of plant on local:tuned; the controller on local:tuned does not answer\n" in text
     assert (verdict, good) == ("1 parameter, 0 of them fixed while the service runs", True)
 
@@ -240,8 +241,8 @@ def test_effects_that_are_off_take_one_line_and_can_be_asked_for() -> None:
     off = [entry("friction_level.level", 1.0), entry("friction_level.drift", 0.0)]
     on = [entry("valve_delay.delay", 3.0) | {"default": 0.0}, entry("motor.integral_gain", 4.0)]
     with answering("plant", off + on):
-        document, text, _, _ = tuned([], "local:tuned", None)
-        _, asked, _, _ = tuned(["friction_level."], "local:tuned", None)
+        document, text, _, _ = run_tune([], "local:tuned", None)
+        _, asked, _, _ = run_tune(["friction_level."], "local:tuned", None)
     assert "\n1 effect of the plant off; `clutch-hil tune NAME.` shows one: friction_level\n" in text
     assert "friction_level.level" not in text
     assert "valve_delay.delay" in text
@@ -252,7 +253,7 @@ def test_effects_that_are_off_take_one_line_and_can_be_asked_for() -> None:
 
 def test_a_bench_where_nobody_answers_is_told() -> None:
     with silent("plant"), consumer_session() as session, pytest.raises(InputError, match=r"the plant on .* not answer"):
-        listed(session, BENCH)
+        list_parameters(session, BENCH)
 
 
 def test_a_node_that_does_not_answer_is_told() -> None:

@@ -12,7 +12,7 @@ import psutil
 import pytest
 
 from clutch_hil.live.graphics import MISSING
-from clutch_hil.live.rrd import read_rrd
+from clutch_hil.live.rrd_reader import read_rrd
 from clutch_hil.live.stream import ViewerStream
 from clutch_hil.live.viewer import WebViewer
 from protocols.node import Column
@@ -22,10 +22,10 @@ from tests.clutch_hil.live.fake_bench import FakeBench
 from tests.clutch_hil.live.viewing import (
     NO_DISPLAY,
     View,
-    answered,
     colours,
     free_port,
     newest,
+    read_reply,
     refused,
     shown,
     until,
@@ -54,14 +54,14 @@ def test_a_viewer_shows_the_running_bench(bus: str, tmp_path: Path) -> None:
         client = viewer_client(port)
         state = until(shown(client, "time"), "rows in the viewer")
         first = newest(state, "time")
-        until(lambda: newest(answered(client.get_state), "time") > first + 1e9, "a second of rows")
+        until(lambda: newest(read_reply(client.get_state), "time") > first + 1e9, "a second of rows")
         ages = np.array([_ages(client) for _ in range(LOOKS)]) * 1e3
         for name, age in zip(("at least", "at most"), ages.T, strict=True):
             told = "p50 {:.0f}, p99 {:.0f}, max {:.0f} ms".format(*np.percentile(age, [50, 99, 100]))
             print(f"from cycle to viewer {name}: {told}")
-        state = answered(client.get_state)
+        state = read_reply(client.get_state)
         assert [view.name for view in state.views if view.reports] == []
-        picture = answered(client.take_screenshot)
+        picture = read_reply(client.take_screenshot)
         (tmp_path / "viewer.png").write_bytes(picture)
         assert colours(picture) > COLOURS
         assert view.end() == 0
@@ -71,7 +71,7 @@ def test_a_viewer_shows_the_running_bench(bus: str, tmp_path: Path) -> None:
 def _ages(client: Any) -> tuple[float, float]:
     """Of the newest row [s], when we asked the viewer and when it had answered: it looked in between."""
     before = time.time()
-    end = newest(answered(client.get_state), "time") / 1e9
+    end = newest(read_reply(client.get_state), "time") / 1e9
     return before - end, time.time() - end
 
 
@@ -153,11 +153,11 @@ def _put_until(stream: ViewerStream, begin: int, seconds: float) -> int:
 
 
 def test_a_stopped_viewer_costs_only_rows_that_are_counted() -> None:
-    from clutch_hil.live.blueprint import blueprint
+    from clutch_hil.live.blueprint import build_blueprint
 
     with (
         WebViewer(free_port(), None, "64MB", browser=False) as viewer,
-        ViewerStream(viewer.url, "test", blueprint(), limit=2_000_000) as stream,
+        ViewerStream(viewer.url, "test", build_blueprint(), limit=2_000_000) as stream,
     ):
         row = _put_until(stream, 0, 1.0)
         until(lambda: stream.sent["plant"] == row, "the viewer to take everything")
@@ -173,11 +173,11 @@ def test_a_stopped_viewer_costs_only_rows_that_are_counted() -> None:
 
 
 def test_a_stream_finds_a_viewer_that_was_started_again() -> None:
-    from clutch_hil.live.blueprint import blueprint
+    from clutch_hil.live.blueprint import build_blueprint
 
     port = free_port()
     with WebViewer(port, None, "64MB", browser=False) as viewer:
-        stream = ViewerStream(viewer.url, "test", blueprint())
+        stream = ViewerStream(viewer.url, "test", build_blueprint())
         with stream:
             row = _put_until(stream, 0, 0.5)
             until(lambda: stream.sent["plant"] == row, "the viewer to take everything")

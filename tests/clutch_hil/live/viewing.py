@@ -129,7 +129,7 @@ def viewer_client(port: int) -> Any:
     return until(connected, "the viewer's port")
 
 
-def answered(asked: Callable[[], Any]) -> Any:
+def read_reply(asked: Callable[[], Any]) -> Any:
     """What a viewer answers; it draws by software here, and may be too busy for that within its client's own deadline."""
 
     def once() -> tuple[Any] | None:
@@ -145,7 +145,7 @@ def shown(client: Any, timeline: str) -> Callable[[], Any]:
     """A condition: the viewer shows a recording that has rows on `timeline`; gives the viewer's state."""
 
     def look() -> Any:
-        state = answered(client.get_state)
+        state = read_reply(client.get_state)
         there = [line for recording in state.recordings for line in recording.timelines if line.name == timeline]
         return state if state.views and any(line.end for line in there) else None
 

@@ -1,4 +1,4 @@
-"""Valve, cylinder and piston of rig.md 1 to 3 integrated independently, in bar, with the laws of effects put in by hand."""
+"""Valve, cylinder and piston of docs/rig.md, 1 to 3 integrated independently, in bar, with the laws of effects put in by hand."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ def stack(x: float, clearance: float = X_C) -> float:
 
 @dataclass(frozen=True)
 class Fluid:
-    """The laws of rig.md 1 to 3; pressures in bar."""
+    """The laws of docs/rig.md, 1 to 3; pressures in bar."""
 
     flow: Callable[[float, float], float] = lambda p_v, p: G * (p_v - p)
     capacity: Callable[[float], float] = lambda p: C_H

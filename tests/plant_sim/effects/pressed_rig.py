@@ -19,7 +19,7 @@ def rig(changed: dict[str, float], also: tuple[str, ...] = ()) -> wet_clutch.Rig
 
 
 def pressing(p_star: float) -> float:
-    """Valve voltage [V] at which the plates feel `p_star` [bar] in steady state: rig.md 3 and 4 solved by hand."""
+    """Valve voltage [V] at which the plates feel `p_star` [bar] in steady state: docs/rig.md, 3 and 4, solved by hand."""
     area, stack, contact, preload, clearance = 1.131e-2, 5.0e7, 2.35, 1.7, 1e-3
     deflection = (p_star - contact) * area * BAR / stack
     spring = (contact - preload) * area * BAR / clearance

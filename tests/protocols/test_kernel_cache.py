@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from protocols.errors import InputError
-from protocols.kernels.compiled import VARIABLE, drop_stale, kept, place_cache
+from protocols.kernels.kernel_cache import VARIABLE, describe_keeping, drop_stale, place_cache
 
 MODULES = {
     "block.py": "",
@@ -75,7 +75,7 @@ def closed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[Path], 
 def test_kernels_are_beside_their_sources(package: Path, closed: Callable[[Path], None]) -> None:
     place_cache(package)
     assert VARIABLE not in os.environ
-    assert kept() == "compiled kernels are kept"
+    assert describe_keeping() == "compiled kernels are kept"
 
 
 def test_kernels_of_sources_that_cannot_be_written_are_at_home(
@@ -85,7 +85,7 @@ def test_kernels_of_sources_that_cannot_be_written_are_at_home(
     place_cache(package)
     placed = Path(os.environ[VARIABLE])
     assert placed.parent == tmp_path / "home" / ".cache" / "clutch-hil"
-    assert kept() == "compiled kernels are kept"
+    assert describe_keeping() == "compiled kernels are kept"
     place_cache(package)  # of the other side, or in a child
     assert os.environ[VARIABLE] == str(placed)
 
@@ -93,7 +93,7 @@ def test_kernels_of_sources_that_cannot_be_written_are_at_home(
 def test_each_state_of_the_sources_has_kernels_of_its_own(
     package: Path, closed: Callable[[Path], None], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr("protocols.kernels.compiled._packages", lambda beside: [package])
+    monkeypatch.setattr("protocols.kernels.kernel_cache._packages", lambda beside: [package])
     places = set()
     for edited in (None, "block.py", "folder/deep.py"):
         if edited:
@@ -114,7 +114,10 @@ def test_where_nothing_can_be_written_kernels_last_as_long_as_the_command(
     (tmp_path / "home").mkdir()
     place_cache(package)
     assert Path(os.environ[VARIABLE]).is_relative_to(tmp_path)
-    assert kept() == "compiled kernels cannot be kept here: set NUMBA_CACHE_DIR to a folder that can be written"
+    assert (
+        describe_keeping()
+        == "compiled kernels cannot be kept here: set NUMBA_CACHE_DIR to a folder that can be written"
+    )
 
 
 def test_a_place_that_was_given_and_is_none_is_told(

@@ -1,7 +1,7 @@
-"""Compiled kernels on disk: none from another state of the sources, and a place for them where there is none.
+"""Kernel cache: where compiled kernels are stored on disk, and removal of those that are older than their sources.
 
-Numba asks only whether the file of a function itself has changed. A kernel whose blocks, in other files, were edited or
-updated would go on with the old physics, so such kernels are deleted before they are used.
+Numba checks only the file of the function itself. A kernel that includes functions of other files, which were changed, would
+still compute the old physics. So such kernels are deleted before they are used.
 """
 
 import atexit
@@ -18,51 +18,51 @@ from protocols.errors import InputError
 
 VARIABLE = "NUMBA_CACHE_DIR"
 _IMPORT = re.compile(r"^from (\w+(?:\.\w+)*) import (\([^)]*\)|.*)$", re.MULTILINE)
-_OURS = "clutch-hil"  # the folder in a cache, in which each state of the sources has one
-_UNKEPT = "clutch-hil-unkept-"  # the folder of a cache that goes with the command
+_CACHE_NAME = "clutch-hil"  # folder in a cache, with one folder for each state of the sources
+_TEMPORARY_PREFIX = "clutch-hil-unkept-"  # of the name of a cache folder that is removed after the command
 _TEMPORARY: list[Path] = []  # such folders of this process
 
 
 def place_cache(package: Path) -> None:
-    """Keep kernels where they can be written: beside `package`, else in $NUMBA_CACHE_DIR or ~/.cache; children find it, too.
+    """Choose the folder for kernels: beside `package`, else in $NUMBA_CACHE_DIR or ~/.cache; child processes use it as well.
 
-    Away from their sources each state of these has kernels of its own, so that none is stale. Where neither place can be
-    written they are in a temporary folder. Raises InputError where the variable names no place.
+    Away from the sources, each state of the sources has its own folder, so that no kernel is stale. Where none can be written,
+    a temporary folder is used. Raises InputError where $NUMBA_CACHE_DIR cannot be written.
     """
     given = os.environ.get(VARIABLE)
-    if given and Path(given).parent.name == _OURS:  # placed already
+    if given and Path(given).parent.name == _CACHE_NAME:  # placed already
         return
     if not given and _writable(package / "__pycache__"):
         return
-    base = Path(given) if given else _home()
+    base = Path(given) if given else _user_cache()
     if base is None or not _writable(base):
         if given:
             raise InputError(f"{VARIABLE} is {given}, which cannot be written; set it to a folder that can, or to none")
-        base = Path(tempfile.mkdtemp(prefix=_UNKEPT))
+        base = Path(tempfile.mkdtemp(prefix=_TEMPORARY_PREFIX))
         _TEMPORARY.append(base)
-        atexit.register(discard)
-    os.environ[VARIABLE] = str(base / _OURS / _state(_packages(package.parent)))
+        atexit.register(discard_temporary)
+    os.environ[VARIABLE] = str(base / _CACHE_NAME / _hash_sources(_packages(package.parent)))
 
 
-def discard() -> None:
-    """Delete the kernels that cannot be kept, if this process has made a folder for them."""
+def discard_temporary() -> None:
+    """Delete the temporary folders with kernels that this process has made."""
     while _TEMPORARY:
         shutil.rmtree(_TEMPORARY.pop(), ignore_errors=True)
 
 
-def lasting() -> bool:
-    """Whether compiled kernels outlive the command."""
-    return _UNKEPT not in os.environ.get(VARIABLE, "")
+def are_kept() -> bool:
+    """Whether compiled kernels stay on disk after the command."""
+    return _TEMPORARY_PREFIX not in os.environ.get(VARIABLE, "")
 
 
-def kept() -> str:
-    """What becomes of compiled kernels when the command ends, for people."""
-    if not lasting():
+def describe_keeping() -> str:
+    """Sentence for people on whether compiled kernels are kept after the command."""
+    if not are_kept():
         return f"compiled kernels cannot be kept here: set {VARIABLE} to a folder that can be written"
     return "compiled kernels are kept"
 
 
-def _home() -> Path | None:
+def _user_cache() -> Path | None:
     """The user's folder for caches, None for a user without a home."""
     try:
         return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
@@ -71,20 +71,20 @@ def _home() -> Path | None:
 
 
 def _writable(folder: Path) -> bool:
-    """Whether a folder can be written, or made."""
+    """Whether a folder can be written, or created."""
     existing = next(one for one in (folder, *folder.absolute().parents) if one.exists())
     return existing.is_dir() and os.access(existing, os.W_OK)
 
 
 def _packages(beside: Path) -> list[Path]:
-    """Folders of all that make the command, which lie `beside` each other."""
+    """Folders of the packages that make the command, all in the folder `beside`."""
     points = [point for group in ("clutch_hil.commands", "clutch_hil.nodes") for point in entry_points(group=group)]
     names = {point.module.partition(".")[0] for point in points} | {__name__.partition(".")[0]}
     return [beside / name for name in sorted(names)]
 
 
-def _state(packages: Iterable[Path]) -> str:
-    """A name for where the sources are and when each was written."""
+def _hash_sources(packages: Iterable[Path]) -> str:
+    """Hash of the paths and write times of all sources, as a folder name."""
     known = hashlib.sha256()
     for path in sorted(path for package in packages for path in package.rglob("*.py")):
         known.update(f"{path}\0{path.stat().st_mtime_ns}\0".encode())
@@ -92,26 +92,26 @@ def _state(packages: Iterable[Path]) -> str:
 
 
 def drop_stale(package: Path, *used: Path) -> list[Path]:
-    """Delete the cached kernels of `package` that are older than a module they import, directly or not; return them.
+    """Delete the cached kernels of `package` that are older than a module they import, directly or not; return their paths.
 
-    `used`: packages beside it, from which it imports functions that become part of its kernels.
+    used: other packages whose functions become part of these kernels.
     """
     sources = {path: path.stat().st_mtime_ns for folder in (package, *used) for path in folder.rglob("*.py")}
     caches = {path: path.stat().st_mtime_ns for path in package.rglob("__pycache__/*.nbi")}
     if not caches or max(sources.values()) <= min(caches.values()):
         return []
-    imported = {path: _imported(path, package, sources) for path in sources}
+    imported = {path: _find_imports(path, package, sources) for path in sources}
     stale = []
     for cache, made in caches.items():
         module = cache.parents[1] / f"{cache.name.partition('.')[0]}.py"
-        if any(sources[path] > made for path in _reached(module, imported)):
+        if any(sources[path] > made for path in _find_reachable(module, imported)):
             cache.unlink(missing_ok=True)
             stale.append(cache)
     return stale
 
 
-def _imported(path: Path, package: Path, sources: dict[Path, int]) -> set[Path]:
-    """Modules among `sources` that the module at `path` imports; all packages lie beside `package`."""
+def _find_imports(path: Path, package: Path, sources: dict[Path, int]) -> set[Path]:
+    """Modules among `sources` that the module at `path` imports; all packages are in the folder of `package`."""
     found = set()
     for base, names in _IMPORT.findall(path.read_text(encoding="utf-8")):
         folder = package.parent.joinpath(*base.split("."))
@@ -120,7 +120,7 @@ def _imported(path: Path, package: Path, sources: dict[Path, int]) -> set[Path]:
     return found
 
 
-def _reached(module: Path, imported: dict[Path, set[Path]]) -> set[Path]:
+def _find_reachable(module: Path, imported: dict[Path, set[Path]]) -> set[Path]:
     reached, open_ends = set(), {module} & imported.keys()
     while open_ends:
         path = open_ends.pop()

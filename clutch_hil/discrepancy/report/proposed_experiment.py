@@ -1,26 +1,26 @@
-"""Experiment: the section on what to measure next."""
+"""Proposed experiment: the section on what to measure next."""
 
 from collections.abc import Mapping
 from typing import Any
 
 from clutch_hil.bench.rig import rigs_with_model
-from clutch_hil.discrepancy.report.markup import Html, described, figure, is_numbers, joined, tag
+from clutch_hil.discrepancy.report.markup import Html, describe, figure, is_numbers, join, tag
 from clutch_hil.discrepancy.report.pictures import Pictures
-from clutch_hil.discrepancy.report.wording import proposed
+from clutch_hil.discrepancy.report.wording import has_proposal
 from clutch_hil.discrepancy.result import NAMED, NOTHING
 
 _LEAD = ("title", "sentence", "what", "why", "reason")  # keys of an experiment that are told as text, in this order
 
 
 def section(pictures: Pictures) -> tuple[str, list[Html]]:
-    """Heading and contents."""
+    """Heading and contents of the section."""
     heading, experiment = "What to measure next", pictures.result.experiment
     if experiment is None:
-        said = {
+        text = {
             NOTHING: "Nothing: these runs leave no question open that a proposed experiment would answer.",
             NAMED: "Nothing: the verdict does not wait for another experiment.",
         }.get(pictures.result.verdict, "No experiment is proposed.")
-        return heading, [tag("p", said)]
+        return heading, [tag("p", text)]
     lead = [key for key in _LEAD if isinstance(experiment.get(key), str) and experiment[key]]
     parts = [tag("p", _sentence(experiment[key])) for key in lead]
     rest = {key: v for key, v in experiment.items() if key not in lead and v not in (None, {}, [], 0.0)}
@@ -29,15 +29,15 @@ def section(pictures: Pictures) -> tuple[str, list[Html]]:
         if course is not None:
             time, columns = course
             parts.append(
-                figure(pictures.course(time, columns), "the experiment over time", "The experiment over time.")
+                figure(pictures.draw_course(time, columns), "the experiment over time", "The experiment over time.")
             )
             drawn = (key,) if key else ("time_s", *columns)
             rest = {k: v for k, v in rest.items() if k not in drawn}
     if rest:
-        parts.append(described(rest))
-    if pictures.result.rig in rigs_with_model() and proposed(pictures.result):
+        parts.append(describe(rest))
+    if pictures.result.rig in rigs_with_model() and has_proposal(pictures.result):
         command = tag("code", "clutch-hil experiment --for report.json")
-        parts.append(tag("p", joined(["To run it on the live plant and decide again: ", command], "")))
+        parts.append(tag("p", join(["To run it on the live plant and decide again: ", command], "")))
     return heading, parts
 
 
@@ -47,7 +47,7 @@ def _sentence(text: str) -> str:
 
 
 def _course(part: Any) -> tuple[list[float], dict[str, list[float]]] | None:
-    """Time and columns of a part of an experiment that is a time course."""
+    """Time and columns of a part of an experiment, if it is a time course; else None."""
     time = part.get("time_s") if isinstance(part, Mapping) else None
     if not is_numbers(time):
         return None

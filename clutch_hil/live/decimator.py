@@ -1,11 +1,11 @@
-"""Pace: a few rows a second of many, for what an eye follows."""
+"""Decimator: picks a few of many rows per second, for what is drawn."""
 
 import numpy as np
 
 from clutch_hil.live.times import Times
 
 
-class Pace:
+class Decimator:
     """Picks the first row of each period; `rate` [Hz]."""
 
     def __init__(self, rate: float) -> None:

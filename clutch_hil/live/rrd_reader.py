@@ -1,4 +1,4 @@
-"""Read the rows of an .rrd file back, as a screen logged them."""
+"""RRD reader: reads the rows of an .rrd file that a screen has logged."""
 
 import warnings
 from collections import defaultdict
@@ -23,8 +23,11 @@ _SCALARS = "Scalars:scalars"
 
 @dataclass(frozen=True)
 class Table(Mapping[str, np.ndarray]):
-    """All rows of a node in order: columns by name, each of shape (n,). `row` are the rows' numbers, which begin anew with
-    a new life of the node; `columns` have names and units; `rows`, shape (n, columns); `rate` [Hz]."""
+    """All rows of a node in order; columns by name, each (n,).
+
+    row: numbers of the rows, which begin again when the node is restarted. columns: with names and units. rows: (n, columns).
+    rate [Hz].
+    """
 
     node: str
     rate: float
@@ -45,7 +48,7 @@ class Table(Mapping[str, np.ndarray]):
         return len(self.columns)
 
     def batches(self) -> list[Batch]:
-        """The rows as batches without gaps, as `Screen.log` takes them; their session counts lives from 1."""
+        """The rows as batches without gaps, for `Screen.log`; their session counts the starts of the node from 1."""
         cuts = [0, *(np.flatnonzero(np.diff(self.row) != 1) + 1), len(self.row)]
         found, session = [], 1
         for begin, end in pairwise(cuts):
@@ -56,14 +59,14 @@ class Table(Mapping[str, np.ndarray]):
 
 
 def read_rrd(path: Path) -> dict[str, Table]:
-    """The rows of each node in an .rrd file that a `Screen` wrote; of a run below a prefix under "prefix/node".
+    """Rows of each node in an .rrd file that a `Screen` has written, by "node", or by "prefix/node" of a run below a prefix.
 
-    Raises InputError naming the file when it is none of ours or was cut off.
+    Raises InputError naming the file when it is of another program or was cut off.
     """
     labels: dict[str, dict[str, Any]] = {}
     chunks: dict[str, list[pa.RecordBatch]] = defaultdict(list)
     try:
-        for chunk in _reader(path).stream():
+        for chunk in _open_reader(path).stream():
             record = chunk.to_record_batch()
             if not chunk.is_static:
                 if _SCALARS in record.schema.names:
@@ -86,7 +89,7 @@ def read_rrd(path: Path) -> dict[str, Table]:
 LABELS = ("columns", "units", "index", "node", "rate_hz", "path")  # logged beside the lines of an entity
 
 
-def _reader(path: Path) -> RrdReader:
+def _open_reader(path: Path) -> RrdReader:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RerunWarning)  # of a file without a footer, which only an index needs
         return RrdReader(path)
@@ -94,7 +97,7 @@ def _reader(path: Path) -> RrdReader:
 
 @dataclass(frozen=True)
 class _Entity:
-    """Columns of a node that stand together, in the order of their rows."""
+    """Columns of a node that were logged together, in the order of their rows."""
 
     node: str
     rate: float
@@ -105,22 +108,22 @@ class _Entity:
 
 
 def _entity(label: Mapping[str, Any], records: list[pa.RecordBatch]) -> _Entity:
-    table = pa.Table.from_batches([record.select(_kept(record)) for record in records]).combine_chunks()
+    table = pa.Table.from_batches([record.select(_row_columns(record)) for record in records]).combine_chunks()
     row = table[ROW].to_numpy()
     width = len(label["columns"])
     values = table[_SCALARS].combine_chunks().flatten().to_numpy().reshape(-1, width)
     first = table[TIME].to_numpy().astype(np.int64) if TIME in table.schema.names else np.zeros(len(row))
-    order = np.lexsort((row, first))  # by time, since a new life of the node counts its rows anew
+    order = np.lexsort((row, first))  # by time first, as row numbers begin again after a restart
     columns = [Column(name, unit, "") for name, unit in zip(label["columns"], label["units"], strict=True)]
     return _Entity(label["node"][0], label["rate_hz"][0], label["index"], columns, row[order], values[order])
 
 
-def _kept(record: pa.RecordBatch) -> list[str]:
+def _row_columns(record: pa.RecordBatch) -> list[str]:
     return [name for name in (ROW, TIME, _SCALARS) if name in record.schema.names]
 
 
 def _table(path: Path, entities: list[_Entity]) -> Table:
-    """Entities of a node side by side, columns in the node's order."""
+    """Table of the entities of a node, with the columns in the node's order. Raises InputError for unequal rows."""
     row = entities[0].row
     if any(not np.array_equal(entity.row, row) for entity in entities):
         raise InputError(f"file {path}: the signals of {entities[0].node} do not have the same rows")

@@ -1,22 +1,22 @@
-"""Coming: changes of a node's parameters that are planned or under way, seen from its record: rows and times alone."""
+"""Pending changes: injected changes of a node's parameters that are planned or in progress, followed by its rows and times."""
 
 from collections.abc import Sequence
 from typing import Any
 
 
-class Coming:
-    """Changes as `protocols.telemetry.tuning.Injectable` tells them: those `planned`, and those under way."""
+class PendingChanges:
+    """Changes as described in `protocols.telemetry.tuning.Injectable`: those `planned`, and ramps in progress."""
 
     def __init__(self, planned: Sequence[dict[str, Any]]) -> None:
         self.planned = list(planned)
         self._moving: dict[str, dict[str, Any]] = {}  # by parameter
 
     def plan(self, planned: Sequence[dict[str, Any]], row: int) -> None:
-        """Take what the node plans anew, which it did when its next row had this number."""
+        """Replace the plan by the node's new one, which it made when its next row had the number `row`."""
         self.planned = [change for change in self.planned if change["row"] < row] + list(planned)
 
-    def started(self, rows: int) -> list[dict[str, Any]]:
-        """Changes that have begun now that there are so many rows, and not before."""
+    def take_started(self, rows: int) -> list[dict[str, Any]]:
+        """Remove and return the changes that have begun, now that there are `rows` rows."""
         started = [change for change in self.planned if change["row"] < rows]
         self.planned = [change for change in self.planned if change["row"] >= rows]
         for change in started:
@@ -25,15 +25,15 @@ class Coming:
                 self._moving[change["name"]] = change
         return started
 
-    def ended(self, time: float) -> list[dict[str, Any]]:
-        """Changes along a ramp that have ended by `time` [s], and not before; those that another took over never end."""
+    def take_ended(self, time: float) -> list[dict[str, Any]]:
+        """Remove and return the ramps that have ended by `time` [s]; a ramp that a later change has replaced never ends."""
         ended = [change for change in self._moving.values() if change["at"] + change["ramp"] <= time]
         for change in ended:
             self.forget(change["name"])
         return ended
 
     def values(self, time: float) -> dict[str, float]:
-        """Parameters that are under way at `time` [s]."""
+        """Values at `time` [s] of parameters on a ramp, by name."""
         return {
             name: change["old"]
             + (change["new"] - change["old"]) * min(max(time - change["at"], 0.0) / change["ramp"], 1.0)
@@ -41,5 +41,5 @@ class Coming:
         }
 
     def forget(self, name: str) -> None:
-        """A parameter is no longer under way."""
+        """Remove the ramp of a parameter, if there is one."""
         self._moving.pop(name, None)

@@ -1,4 +1,4 @@
-"""Replay: one recorded run in the viewer, or two side by side; and run files as .rrd."""
+"""Replay: shows one recorded run in the viewer, or two side by side, and converts run files to .rrd."""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -11,7 +11,7 @@ import numpy as np
 
 from clutch_hil.bench.direction import both_ways
 from clutch_hil.bench.run_file import read_run
-from clutch_hil.live.blueprint import blueprint
+from clutch_hil.live.blueprint import build_blueprint
 from clutch_hil.live.dashboard import SLIP
 from clutch_hil.live.rrd_writer import RrdWriter
 from clutch_hil.live.screen import Screen
@@ -28,18 +28,18 @@ from protocols.telemetry.batch import Batch
 
 TIMELINE = "rig_time"
 MOST_RUNS = 2  # side by side
-_PIECE = 10_000  # rows a send: few large sends cost least
-_SIDES = ("/a", "/b")  # prefixes of two runs
+_BATCH_ROWS = 10_000  # few large batches cost least
+_PREFIXES = ("/a", "/b")  # prefixes of two runs
 
 
-def load(path: Path) -> list[Batch]:
-    """Rows of a run file, or of an .rrd file of ours, node by node. Raises InputError."""
+def load_batches(path: Path) -> list[Batch]:
+    """Rows of a run file, or of a saved view (.rrd), node by node. Raises InputError."""
     if path.suffix not in (*SUFFIXES, ".rrd"):
         raise InputError(f"run {path} has the suffix {path.suffix or '-'}; allowed are {listing((*SUFFIXES, '.rrd'))}")
     if not path.is_file():
         raise InputError(f"run {path} does not exist")
     if path.suffix == ".rrd":
-        from clutch_hil.live.rrd import read_rrd
+        from clutch_hil.live.rrd_reader import read_rrd
 
         tables = read_rrd(path)
         if any("/" in node for node in tables):
@@ -51,7 +51,7 @@ def load(path: Path) -> list[Batch]:
 def run_batches(run: Run) -> Iterator[Batch]:
     """Rows of a run as a bench would have published them: those of the plant, then those of each controller."""
     rate = 1.0 / float(np.median(np.diff(run["time_s"])))
-    described = run.described()
+    described = run.describe_columns()
     by_node: dict[str, list[Column]] = {node: [] for node in ("plant", *CONTROLLERS)}
     for column in described:
         own = [node for node in CONTROLLERS if column.name.startswith(f"{node}_")]
@@ -59,8 +59,8 @@ def run_batches(run: Run) -> Iterator[Batch]:
     for node, columns in by_node.items():
         if columns:
             rows = np.column_stack([run[column.name] for column in columns])
-            for first in range(0, len(rows), _PIECE):
-                yield Batch(node, 0, first, round(rate, 6), 0.0, 0, tuple(columns), rows[first : first + _PIECE])
+            for first in range(0, len(rows), _BATCH_ROWS):
+                yield Batch(node, 0, first, round(rate, 6), 0.0, 0, tuple(columns), rows[first : first + _BATCH_ROWS])
 
 
 def export_rrd(run_path: Path, out_path: Path) -> None:
@@ -70,15 +70,15 @@ def export_rrd(run_path: Path, out_path: Path) -> None:
 
 @dataclass
 class ReplayResult:
-    """What a replay did."""
+    """Result of a replay."""
 
     read: dict[str, int]  # rows by file
     saved: dict[str, Any] | None = None  # path and bytes of the file
-    viewer: str | None = None  # why the viewer ended; None when a person or we ended it
+    viewer: str | None = None  # why the viewer failed; None when it was closed by a person or by this program
 
     @property
     def good(self) -> bool:
-        """Nobody killed the viewer."""
+        """Whether the viewer did not fail."""
         return not self.viewer
 
     @property
@@ -88,7 +88,7 @@ class ReplayResult:
 
     @property
     def text(self) -> str:
-        """What was read and written, for people."""
+        """Files read and written, for people."""
         lines = [f"read:    {path}  ({rows} samples)" for path, rows in self.read.items()]
         if self.saved:
             lines.append(f"wrote:   {self.saved['path']}  ({self.saved['bytes'] / 1e6:.1f} MB)")
@@ -96,7 +96,7 @@ class ReplayResult:
 
     @property
     def document(self) -> dict[str, Any]:
-        """The same for machines."""
+        """The result for JSON."""
         return {"read": self.read, "saved": self.saved, "viewer_ended": self.viewer, "verdict": self.verdict}
 
 
@@ -108,33 +108,33 @@ class Replay:
             raise InputError(f"{len(paths)} runs were given; allowed are one, or two side by side")
         if len(set(paths)) < len(paths):
             raise InputError(f"run {paths[0]} was given twice; two runs side by side are two files")
-        self._runs = {path: load(path) for path in paths}
-        self._prefixes = _SIDES if len(paths) > 1 else ("",)
+        self._runs = {path: load_batches(path) for path in paths}
+        self._prefixes = _PREFIXES if len(paths) > 1 else ("",)
         stems = [path.stem for path in paths]
         self._names = stems if len(set(stems)) == len(stems) else list(map(str, paths))
         titles = self._names if len(paths) > 1 else [""]
-        slips = [_slip_axis(batches) for batches in self._runs.values()]
-        self._blueprint = blueprint(TIMELINE, self._prefixes, titles, window=None, slips=slips)
+        slips = [_slip_reach(batches) for batches in self._runs.values()]
+        self._blueprint = build_blueprint(TIMELINE, self._prefixes, titles, window=None, slips=slips)
 
     @property
     def name(self) -> str:
-        """Of the recording."""
+        """Name of the recording in the viewer."""
         return " and ".join(self._names)
 
     def run(self, viewer: Viewer | None, save: Path | None, seconds: float | None, say: Say) -> ReplayResult:
-        """Save, then show until the window is closed, `seconds` are over or somebody stops us. Raises InputError."""
-        rows = {str(path): _samples(batches) for path, batches in self._runs.items()}
+        """Save, then show until the window is closed, `seconds` are over or a signal comes. Raises InputError."""
+        rows = {str(path): _count_rows(batches) for path, batches in self._runs.items()}
         result = ReplayResult(rows, saved=self.save(save) if save else None)
         if viewer:
             with Stop() as stop, ThreadPoolExecutor(1) as pool, viewer:
                 viewer.announce(say)
                 watch = Watch(stop, seconds)
-                # rerun's calls may wait for a viewer for ever, but not for one that has ended
+                # rerun's calls may block for ever while the viewer runs, so another thread sends
                 sending = pool.submit(self._send, viewer.url)
-                while not watch.over and viewer.ended() is None:
-                    watch.look()
-                    _raise(sending)
-                result.viewer = viewer.ended() or None
+                while not watch.is_over and viewer.exit_reason() is None:
+                    watch.wait()
+                    _raise_error(sending)
+                result.viewer = viewer.exit_reason() or None
         return result
 
     def save(self, path: Path) -> dict[str, Any]:
@@ -158,20 +158,20 @@ class Replay:
         recording.flush()
 
 
-def _slip_axis(batches: Sequence[Batch]) -> float | None:
-    """How far the axis of a run's slip reaches both ways [rad/s]; None where the clutch slips one way only."""
+def _slip_reach(batches: Sequence[Batch]) -> float | None:
+    """Reach of the slip axis to both sides [rad/s]; None where the clutch slips in one direction only."""
     lines = {line.column for line in SLIP.lines}
     return both_ways(*(batch[c.name] for batch in batches for c in batch.columns if c.name in lines), np.empty(0))
 
 
-def _samples(batches: Sequence[Batch]) -> int:
-    """Rows of the node that has most."""
+def _count_rows(batches: Sequence[Batch]) -> int:
+    """Number of rows of the node that has most."""
     rows: Counter[str] = Counter()
     for batch in batches:
         rows[batch.node] += len(batch.rows)
     return max(rows.values(), default=0)
 
 
-def _raise(sending: "Future[None]") -> None:
+def _raise_error(sending: "Future[None]") -> None:
     if sending.done():
         sending.result()

@@ -1,9 +1,9 @@
-"""A contact that slides along a measured path: what its friction, and a sensor of its force, show at each sample.
+"""Sliding contact: friction force along a measured path, and the reading of a force sensor, at each sample.
 
 Equation        F = (mu N + F_c) m + F_v v;  m follows sign(v) at the rate C  (the clutch's law, `plant_sim.rigs.clutch_unit`)
-                shown: F + F_o, with F_o what else the sensor feels (inertia, pressure on a rod)
-Effects         the simulator's plug-ins at a lever of 1 m; the force shown is their torque channel, a rod's seal their piston's
-Assumptions     speed held over a sample, about its time; the path is what was measured, so friction moves nothing
+                reading: F + F_o,  F_o: other forces on the sensor (inertia, pressure on a rod)
+Effects         those of the simulator at a lever of 1 m: the force is their torque channel, a rod's seal that of the piston
+Assumptions     constant speed within a sample; the path is the measured one, whatever the friction is
 Not modelled    noise
 References      Armstrong-Helouvry, Dupont and Canudas de Wit 1994, Automatica 30(7): Coulomb and viscous friction with sign(v),
                 which m is within one sample
@@ -19,9 +19,9 @@ import numpy as np
 from numba import from_dtype, njit
 
 from clutch_hil.discrepancy.model import Candidate, Columns, Output, Values
+from clutch_hil.discrepancy.models.linear_motion import STRIBECK_DEPTH, law_values
 from clutch_hil.discrepancy.models.measured_motion import Motion
 from clutch_hil.discrepancy.models.ripple_starts import ripple_starts
-from clutch_hil.discrepancy.models.straight import STRIBECK_DEPTH, law_values
 from plant_sim.effects.catalogue import effect
 from plant_sim.effects.signals import DRIVE, PISTON, SENSORS, SIGNALS, attached, bound, call
 from plant_sim.effects.start import StrongestOrder
@@ -31,7 +31,7 @@ from protocols.files.parameters import ParameterSet, load_defaults
 from protocols.files.units import ZERO_CELSIUS
 
 _PARAMETERS = Path(__file__).parent
-ROOM = 20.0 + ZERO_CELSIUS  # K: no rig here measures a temperature, and no candidate looks at one
+ROOM_TEMPERATURE = 20.0 + ZERO_CELSIUS  # K: these rigs measure no temperature, and no candidate depends on it
 
 # Fields of the clutch's parameters that its friction law, and the laws of the candidates, read
 _FIELDS = (
@@ -50,17 +50,18 @@ _CONSTANT = {
 
 
 class Drive(NamedTuple):
-    """What moves and presses a contact, each (n,): load N [N], pressure on a seal [Pa], other forces F_o [N]."""
+    """Loads of a contact, each (n,): normal force N [N], pressure on a seal [Pa], other forces F_o on the sensor [N]."""
 
     load: np.ndarray
     pressure: np.ndarray
     other: np.ndarray
 
 
-class Slide(ABC):
-    """A `Model` of a rig whose friction force along a measured path is judged; subclasses say what drives and presses it.
+class SlidingContact(ABC):
+    """A `Model` of a rig with friction along a measured path; subclasses define its motion and its loads.
 
-    `parameters` may be another rig's (`--model`): an effect that is on in them is part of the baseline.
+    parameters: as changed by a model file (`--model`), None for those of the rig. An effect that is on in them belongs to the
+    baseline.
     """
 
     name: str
@@ -89,7 +90,7 @@ class Slide(ABC):
         values = {**self._always, **effects}
         on = [c for c in self.known if any(f"{c.name}.{s.name}" in values for s in c.strengths)]
         period = float(run["time_s"][1] - run["time_s"][0])
-        moved = self._moved(run, own, period)
+        moved = self._track_motion(run, own, period)
         drive = self._drive(run, own, moved)
         table = table_of([effect(c.name) for c in on], [v for c in on for v in law_values(c, values)], _RECORD_TYPE)
         record = self._record(own, on)
@@ -112,7 +113,7 @@ class Slide(ABC):
         typical, start = candidate.typical(), effect(candidate.name).start
         if isinstance(start, StrongestOrder):
             period = float(run["time_s"][1] - run["time_s"][0])
-            moved, left = self._moved(run, self.parameters, period), residuals[self.output.column]
+            moved, left = self._track_motion(run, self.parameters, period), residuals[self.output.column]
             carrier = np.ones(left.size)
             if start.share_of == "clutch_torque_nm":  # a share of the friction
                 carrier = np.sign(moved.speed) * self._level(run, moved)
@@ -120,7 +121,7 @@ class Slide(ABC):
                 carrier = left - run[self.output.column]
             return ripple_starts(candidate, moved, left, carrier)
         tried: list[dict[str, float]] = [{}]
-        for name, shares in _TRIED.get(candidate.name, {}).items():
+        for name, shares in _START_SHARES.get(candidate.name, {}).items():
             low, high = next(p.bounds for p in candidate.parameters if p.name == name)
             values = [low + share * (high - low) for share in shares]
             tried = [one | {f"{candidate.name}.{name}": value} for one in tried for value in values]
@@ -133,12 +134,12 @@ class Slide(ABC):
         return contact.get("clutch_coulomb_slope", 0.0) * load + contact.get("clutch_coulomb_intercept", 0.0)
 
     @abstractmethod
-    def _moved(self, run: Columns, own: ParameterSet, period: float) -> Motion:
+    def _track_motion(self, run: Columns, own: ParameterSet, period: float) -> Motion:
         """The motion at the samples of a run; `own`: parameters of the baseline, period [s]."""
 
     @abstractmethod
     def _drive(self, run: Columns, own: ParameterSet, moved: Motion) -> Drive:
-        """What presses the contact, and what else the sensor feels, at the samples of a run."""
+        """Loads of the contact at the samples of a run; `own`: parameters of the baseline, `moved`: the motion."""
 
     @abstractmethod
     def _contact(self, own: ParameterSet) -> Mapping[str, float]:
@@ -155,7 +156,7 @@ class Slide(ABC):
 
 
 _DECADES = (1e-3, 1e-2, 1e-1)
-_TRIED: Mapping[str, Mapping[str, tuple[float, ...]]] = {  # where fits begin, as shares of the bounds
+_START_SHARES: Mapping[str, Mapping[str, tuple[float, ...]]] = {  # where fits begin, as shares of the bounds
     "presliding": {"angle": _DECADES, "spread": (0.0, 1.0 / 3.0)},
     "stribeck_change": {"speed": _DECADES},
 }
@@ -163,14 +164,14 @@ _TRIED: Mapping[str, Mapping[str, tuple[float, ...]]] = {  # where fits begin, a
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def play(position, speed, load, pressure, other, m, period, parameters, effects, states, force):
-    """Write the `force` [N] (n,) that is shown along `position` [m] at `speed` [m/s]; `m` [1] and `states` are the beginning's.
+    """Write the sensor's `force` [N] (n,) along `position` [m] at `speed` [m/s]; `m` [1] and `states` are those at the start.
 
     load [N], pressure [Pa], other [N]: (n,), see `Drive`; period [s].
     """
     signals = np.zeros(1, SIGNALS)
     c, s = parameters[0], signals[0]
     e = bound(effects, states)
-    s.temperature = ROOM
+    s.temperature = ROOM_TEMPERATURE
     for k in range(position.size):
         moved = period * speed[k]
         s.time, s.angle = k * period, position[k] - 0.5 * moved  # the step's beginning; its middle is at `position`

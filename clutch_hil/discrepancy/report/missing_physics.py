@@ -1,34 +1,34 @@
-"""Missing: the section that tells what physics is missing, its equation and values, and why it is none of the rivals."""
+"""Missing physics: the section with the effects that are missing, their equations and values, and the rejected rivals."""
 
 from collections.abc import Mapping, Sequence
 from itertools import groupby
 
 from clutch_hil.discrepancy.report.markup import (
     Html,
-    described,
+    describe,
     figure,
+    fold,
     interval_cells,
-    joined,
-    more,
+    join,
     table,
     tag,
     value,
 )
 from clutch_hil.discrepancy.report.pictures import Pictures
 from clutch_hil.discrepancy.report.wording import (
-    alike,
-    alternatives,
     effect_text,
-    listed,
+    group_alternatives,
+    indistinguishable_effects,
+    list_words,
     number,
     percent,
-    trimmed,
+    trim_zeros,
     unit_text,
 )
 from clutch_hil.discrepancy.result import NAMED, NONE_OF_THESE, NOTHING, ONE_OF, Estimate, Result, Rival
 
-_DRAWN = 12  # rivals in a picture
-_FIRST = 8  # rivals in the table that is open
+_MOST_DRAWN = 12  # rivals in a picture
+_OPEN_ROWS = 8  # rivals in the open table
 _TITLES = {
     NOTHING: "What is missing: nothing, and what was tried",
     NAMED: "What is missing, and why not its rivals",
@@ -38,7 +38,7 @@ _TITLES = {
 
 
 def section(pictures: Pictures) -> tuple[str, list[Html]]:
-    """Heading and contents."""
+    """Heading and contents of the section."""
     result = pictures.result
     heading = _TITLES.get(result.verdict, _TITLES[NAMED])
     parts = _effects(result)
@@ -48,39 +48,39 @@ def section(pictures: Pictures) -> tuple[str, list[Html]]:
     for count, rivals in judged:
         if len(judged) > 1:
             found = [effect_text(r.name) for c, others in judged if c < count for r in others if not r.reason]
-            known = f", with {listed(found)} added" if found else ""
+            known = f", with {list_words(found)} added" if found else ""
             parts.append(tag("h3", f"Search {count}{known}"))
         parts += _rivals(pictures, rivals)
     if judged:
-        said = "Gain: what a candidate takes off twice the negative log-likelihood."
-        parts.append(tag("p", said, class_="soft"))
+        text = "Gain: what a candidate takes off twice the negative log-likelihood."
+        parts.append(tag("p", text, class_="soft"))
     return heading, parts
 
 
 def _effects(result: Result) -> list[Html]:
-    """Equation and values of each effect that is named, or may be the one."""
+    """Equation and values of each effect that is named or is an alternative."""
     parts: list[Html] = []
     names = result.effects
     if result.verdict == ONE_OF:
-        names = list(dict.fromkeys([*names, *alike(result)]))
-        same = listed([effect_text(name) for name in alike(result)])
-        said = (
+        names = list(dict.fromkeys([*names, *indistinguishable_effects(result)]))
+        same = list_words([effect_text(name) for name in indistinguishable_effects(result)])
+        text = (
             f"Each of {same} explains what was measured as well as the others do: these runs do not excite what tells them"
             " apart. Equation and fitted values of each, as if it were the one:"
         )
-        parts.append(tag("p", said))
-    told: list[Estimate] = []
+        parts.append(tag("p", text))
+    shown: list[Estimate] = []
     for name in names:
         own = [estimate for estimate in result.parameters if estimate.name.startswith(f"{name}.")]
-        told += own
+        shown += own
         parts.append(tag("h3", effect_text(name)))
         if name in result.equations:
             parts.append(tag("pre", result.equations[name]))
         parts.append(_estimates(own, f"{name}."))
-    parts.append(_estimates([estimate for estimate in result.parameters if estimate not in told], ""))
+    parts.append(_estimates([estimate for estimate in result.parameters if estimate not in shown], ""))
     if result.verdict == NAMED and result.alternatives:
-        near = [effect_text(name) for each in alternatives(result) for name in each]
-        parts.append(tag("p", f"The closest alternative: {listed(near, 'or')}."))
+        near = [effect_text(name) for each in group_alternatives(result) for name in each]
+        parts.append(tag("p", f"The closest alternative: {list_words(near, 'or')}."))
     return parts
 
 
@@ -96,37 +96,37 @@ def _surrogate(result: Result) -> list[Html]:
     best = max(result.rivals, key=lambda rival: rival.closed, default=None)
     parts = []
     if best is not None:
-        said = (
+        text = (
             f"The best of the candidates, {effect_text(best.name)}, closes {percent(best.closed)} of the gap to the floor,"
             " which is not enough to name it. What the residual itself says:"
         )
-        parts.append(tag("p", said))
+        parts.append(tag("p", text))
     if result.surrogate:
-        told = {key: said for key, said in result.surrogate.items() if said not in ("", [], {}, None)}
-        if sentence := told.pop("sentence", ""):
+        surrogate = {key: part for key, part in result.surrogate.items() if part not in ("", [], {}, None)}
+        if sentence := surrogate.pop("sentence", ""):
             parts.append(tag("p", str(sentence)))
-        carried = "values" in told
+        carried = "values" in surrogate
         added = "Nothing of it is put into model.toml."
         if carried:
             added = "model.toml carries it with the values below; the gap after is that of the model with it."
-        return [*parts, tag("p", added), described(told)]
+        return [*parts, tag("p", added), describe(surrogate)]
     return [*parts, tag("p", "No structure was found in it that could be described.")]
 
 
 def _rivals(pictures: Pictures, rivals: list[Rival]) -> list[Html]:
     """Picture and table of the candidates of a search."""
     result = pictures.result
-    same = set(alike(result))
+    same = set(indistinguishable_effects(result))
     order = sorted(
         rivals, key=lambda r: (bool(r.reason), r.name not in same, -r.closed if r.closed == r.closed else 0.0)
     )
-    most = f" The first {_DRAWN} of {len(order)}." if len(order) > _DRAWN else ""
+    most = f" The first {_MOST_DRAWN} of {len(order)}." if len(order) > _MOST_DRAWN else ""
     legend = {
         NAMED: "Blue: the one that is named; grey: refused.",
         ONE_OF: "Light blue: those that cannot be told apart; grey: refused.",
     }.get(result.verdict, "All were refused.")
     picture = figure(
-        pictures.rivals(order[:_DRAWN], sorted(same)),
+        pictures.draw_rivals(order[:_MOST_DRAWN], sorted(same)),
         "share of the gap that each candidate closes",
         f"Every candidate was fitted, alone, beside the baseline's own parameters. {legend}{most}",
     )
@@ -141,10 +141,10 @@ def _rivals(pictures: Pictures, rivals: list[Rival]) -> list[Html]:
     header: Sequence[str] = ("candidate", "gap closed", "gain", "fitted values", "why not")
     if not any(rival.values for rival in order):
         header, rows = (*header[:3], header[4]), [(*row[:3], row[4]) for row in rows]
-    rest = table(header, rows[_FIRST:], " nn", marks[_FIRST:])
-    first = table(header, rows[:_FIRST], " nn", marks[:_FIRST])
-    return [picture, first, more(f"{len(rows) - _FIRST} further candidates", rest)]
+    rest = table(header, rows[_OPEN_ROWS:], " nn", marks[_OPEN_ROWS:])
+    first = table(header, rows[:_OPEN_ROWS], " nn", marks[:_OPEN_ROWS])
+    return [picture, first, fold(f"{len(rows) - _OPEN_ROWS} further candidates", rest)]
 
 
 def _values(values: Mapping[str, float]) -> Html:
-    return joined([f"{name.partition('.')[2] or name} = {trimmed(v)}" for name, v in values.items()], ", ")
+    return join([f"{name.partition('.')[2] or name} = {trim_zeros(v)}" for name, v in values.items()], ", ")

@@ -1,6 +1,6 @@
-"""`clutch-hil record`: a running bench's telemetry in run files.
+"""`clutch-hil record`: records the telemetry of a running bench into run files.
 
-The 30 s before the recorder came are in the first one: whoever has just seen something can still record it.
+The first file contains the 30 s before the recorder started, so that an event just seen can still be recorded.
 """
 
 import time
@@ -9,15 +9,15 @@ from pathlib import Path
 
 import zenoh
 
-from clutch_hil.live.conversion import checked_target, convert
+from clutch_hil.live.conversion import check_target, convert
 from clutch_hil.live.recorder import Recorded, Recorder, rows_file
 from protocols.errors import InputError
 from protocols.realtime.stopping import Stop
 from protocols.telemetry.feed import Feed, NoBenchError, find_bench
 from protocols.telemetry.session import consumer_session
 
-_LOOK = 0.2  # s between looks for rows
-_PATIENCE = 10.0  # s for a bench to be there where the length is given; else it is waited for without end
+_POLL_PERIOD = 0.2  # s between checks for rows
+_BENCH_TIMEOUT = 10.0  # s to wait for a bench where the length is given; otherwise there is no limit
 
 
 def record(
@@ -30,19 +30,20 @@ def record(
     blind: bool = False,
     tell: Callable[[str], None] = print,
 ) -> Recorded:
-    """Record the bench on `bus` (None: the only one) until `stop` is asked, the bench is gone or `seconds` after its first row.
+    """Record the bench on `bus` (None: the only one) until `stop`, the end of the bench, or `seconds` after its first row.
 
-    Rows are written as Parquet; another suffix is made of that at the end. `blind` seals the truth away, in Parquet alone.
-    `tell` takes what stays on the terminal: faults. Raises InputError when there is no bench, or a file is in the way.
+    Rows are written as Parquet, and converted at the end where `path` has another suffix. blind: seal the truth; Parquet only.
+    progress: takes the present state as text. tell: takes faults as text. Raises InputError when there is no bench, or a file
+    exists.
     """
     if blind and path and path.suffix != ".parquet":
         raise InputError(f"{path} cannot be recorded blind as {path.suffix!r}; allowed is .parquet")
     if path:
-        checked_target(path)
-        checked_target(rows_file(path))
+        check_target(path)
+        check_target(rows_file(path))
     with consumer_session(router) as session:
         progress("waiting for a bench; start one with: clutch-hil up")
-        bench = _found(session, bus, stop, float("inf") if seconds is None else _PATIENCE)
+        bench = _wait_for_bench(session, bus, stop, float("inf") if seconds is None else _BENCH_TIMEOUT)
         with Feed(session, bench, live=False) as feed, Recorder(session, feed, path, blind, tell) as recorder:
             end = float("inf")
             while not stop.asked and time.monotonic() < end:
@@ -52,7 +53,7 @@ def record(
                 if recorder.began and not came and not any(feed.alive.values()):
                     break
                 progress(recorder.status())
-                time.sleep(_LOOK)
+                time.sleep(_POLL_PERIOD)
             if not recorder.began:
                 stop.check(f"bench {bench} had published no row; nothing was recorded")
             recorder.step(plant=False)  # answers to the last samples
@@ -60,11 +61,11 @@ def record(
     for file in recorder.recorded.files:
         if rows_file(file) != file:
             progress(f"writing {file}")
-            _convert(file)
+            _convert_rows(file)
     return recorder.recorded
 
 
-def _convert(file: Path) -> None:
+def _convert_rows(file: Path) -> None:
     rows = rows_file(file)
     try:
         convert(rows, file)
@@ -73,8 +74,8 @@ def _convert(file: Path) -> None:
     rows.unlink()
 
 
-def _found(session: zenoh.Session, bus: str | None, stop: Stop, patience: float) -> str:
-    """Name of the bench, waited for up to `patience` [s]. Raises InputError."""
+def _wait_for_bench(session: zenoh.Session, bus: str | None, stop: Stop, patience: float) -> str:
+    """Wait up to `patience` [s] for a bench, and return its name. Raises InputError."""
     deadline = time.monotonic() + patience
     while True:
         try:
@@ -83,4 +84,4 @@ def _found(session: zenoh.Session, bus: str | None, stop: Stop, patience: float)
             stop.check("no bench came; nothing was recorded")
             if time.monotonic() > deadline:
                 raise
-        time.sleep(_LOOK)
+        time.sleep(_POLL_PERIOD)

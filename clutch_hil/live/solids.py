@@ -1,4 +1,4 @@
-"""Lathe: triangle meshes of parts that are turned about the x axis."""
+"""Solids of revolution about the x axis, as triangle meshes."""
 
 from collections.abc import Sequence
 from math import pi
@@ -6,10 +6,10 @@ from math import pi
 import numpy as np
 import rerun as rr
 
-_SECTORS = 48  # round enough at the size of a picture
+_SECTORS = 48  # of a full turn: round enough at the size of a picture
 
 
-def turned(
+def revolve(
     profile: Sequence[tuple[float, float]],
     color: int,
     stripe: int | None = None,
@@ -18,8 +18,7 @@ def turned(
 ) -> rr.Mesh3D:
     """The solid that a closed convex `profile` of (x, radius) sweeps from angle `begin` to `end` [rad].
 
-    Every other quarter of the turn has the colour `stripe`, so that the eye sees it rotate: at 25 Hz up to
-    39 rad/s.
+    stripe: colour of every other quarter of the turn, so that rotation is visible, at 25 Hz up to 39 rad/s; None for none.
     """
     corners = np.asarray(profile, dtype=float)
     angles = np.linspace(begin, end, _SECTORS + 1)
@@ -50,6 +49,6 @@ def turned(
     )
 
 
-def disc(at: float, thickness: float, inner: float, outer: float) -> list[tuple[float, float]]:
-    """Profile of a ring that begins at x = `at`."""
+def ring_profile(at: float, thickness: float, inner: float, outer: float) -> list[tuple[float, float]]:
+    """Profile of a ring that begins at x = `at`, as (x, radius) of its corners."""
     return [(at, inner), (at + thickness, inner), (at + thickness, outer), (at, outer)]

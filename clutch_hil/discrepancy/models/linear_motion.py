@@ -1,8 +1,8 @@
-"""Effects of the catalogue as candidates of a contact that moves straight.
+"""Linear motion: effects of the catalogue as candidates of a contact that moves along a straight path.
 
-The plug-ins are those of the turning clutch, put at a lever of 1 m: torque [Nm] and force [N], angle [rad] and path [m] are the
-same number. What changes is how far each parameter may go, which follows from the size of the rig; that a ripple has a `period`
-in place of an `order` a turn; and that friction which does not fall with speed is what the baseline has.
+The effects are those of the rotating clutch at a lever of 1 m: torque [Nm] and force [N], angle [rad] and path [m] then have
+the same number. Three things differ. Bounds of the parameters follow from the size of the rig. A ripple has a `period` instead
+of an `order` a turn. Friction of the baseline does not fall with speed.
 """
 
 from collections.abc import Iterable, Mapping
@@ -15,7 +15,7 @@ from plant_sim.effects.effect import Effect, Shape, Strength
 from protocols.files.units import to_si
 
 PERIOD = "period"
-STRIBECK_DEPTH = 0.5  # 1 - beta that a depth of 1 means: friction falls to half at high speed
+STRIBECK_DEPTH = 0.5  # 1 - beta for a depth of 1: friction falls to half at high speed
 _LAWS = "\n(M: friction force, theta: path, omega: speed; at a lever of 1 m)"
 
 
@@ -31,7 +31,7 @@ class Scale:
 
 def candidates(scale: Scale, names: Iterable[str]) -> tuple[Candidate, ...]:
     """The effects `names` as candidates of a rig of size `scale`."""
-    known = _declared(scale)
+    known = _scale_parameters(scale)
     return tuple(_candidate(effect(name), known[name]) for name in names)
 
 
@@ -48,8 +48,8 @@ def _candidate(one: Effect, parameters: tuple[Strength | Shape, ...]) -> Candida
     return replace(candidate, parameters=parameters, equation=candidate.equation + _LAWS)
 
 
-def _declared(s: Scale) -> Mapping[str, tuple[Strength | Shape, ...]]:
-    """Parameters by effect."""
+def _scale_parameters(s: Scale) -> Mapping[str, tuple[Strength | Shape, ...]]:
+    """Parameters of each effect for a rig of this size."""
     size = "[D] by the size of the rig"
     millimetres = 1e3 * s.path
     ripple = (
@@ -58,15 +58,15 @@ def _declared(s: Scale) -> Mapping[str, tuple[Strength | Shape, ...]]:
     )
     return {
         "direction_asymmetry": (
-            _plain("direction_asymmetry", "asymmetry"),
-            _plain("direction_asymmetry", "viscous_part"),
+            _catalogue_parameter("direction_asymmetry", "asymmetry"),
+            _catalogue_parameter("direction_asymmetry", "viscous_part"),
         ),
         "position_ripple": (Strength("amplitude", "N", 0.0, 0.05 * s.force, (0.0, s.force), size), *ripple),
-        "shaft_angle_ripple": (_plain("shaft_angle_ripple", "amplitude"), *ripple),
-        "motor_torque_ripple": (_plain("motor_torque_ripple", "amplitude"), *ripple),
+        "shaft_angle_ripple": (_catalogue_parameter("shaft_angle_ripple", "amplitude"), *ripple),
+        "motor_torque_ripple": (_catalogue_parameter("motor_torque_ripple", "amplitude"), *ripple),
         "presliding": (
             Strength("angle", "m", 0.0, 0.01 * s.path, (0.0, 0.5 * s.path), f"{size}: path to break-away"),
-            _plain("presliding", "spread"),
+            _catalogue_parameter("presliding", "spread"),
         ),
         "stribeck_change": (
             Strength("depth", "1", 0.0, 0.4, (-1.9, 1.9), f"[D] times {STRIBECK_DEPTH}; negative: friction rises with speed"),
@@ -77,24 +77,24 @@ def _declared(s: Scale) -> Mapping[str, tuple[Strength | Shape, ...]]:
         ),
         "friction_fade": (
             Strength("fade", "1/J", 0.0, 0.1 / (s.force * s.speed), (0.0, 10.0 / (s.force * s.speed)), f"{size}: of a second"),
-            _plain("friction_fade", "recovery"),
+            _catalogue_parameter("friction_fade", "recovery"),
         ),
-        "friction_level": (_plain("friction_level", "drift"),),
+        "friction_level": (_catalogue_parameter("friction_level", "drift"),),
         "load_dependent_friction": (
-            _plain("load_dependent_friction", "fall"),
+            _catalogue_parameter("load_dependent_friction", "fall"),
             Shape("load", "N", max(s.load, 1.0), (0.05 * max(s.load, 1.0), 20.0 * max(s.load, 1.0)), size),
         ),
         "piston_seal_friction": (
-            _plain("piston_seal_friction", "pressure_slope"),
+            _catalogue_parameter("piston_seal_friction", "pressure_slope"),
             Shape("travel", "m", 1e-4, (1e-6, 1e-2), "[D] pre-sliding travel of an elastomer lip and its groove"),
         ),
         "torque_sensor_offset": (Strength("offset", "N", 0.0, 0.05 * s.force, (-s.force, s.force), size),),
-        "torque_sensor_gain": (_plain("torque_sensor_gain", "gain"),),
-        "torque_sensor_leakage": (_plain("torque_sensor_leakage", "decay_rate"),),
-        "torque_time_offset": (_plain("torque_time_offset", "delay"),),
+        "torque_sensor_gain": (_catalogue_parameter("torque_sensor_gain", "gain"),),
+        "torque_sensor_leakage": (_catalogue_parameter("torque_sensor_leakage", "decay_rate"),),
+        "torque_time_offset": (_catalogue_parameter("torque_time_offset", "delay"),),
     }  # fmt: skip
 
 
-def _plain(name: str, parameter: str) -> Strength | Shape:
-    """A parameter as the catalogue has it."""
+def _catalogue_parameter(name: str, parameter: str) -> Strength | Shape:
+    """A parameter of an effect, unchanged from the catalogue."""
     return next(p for p in effect(name).parameters if p.name == parameter)

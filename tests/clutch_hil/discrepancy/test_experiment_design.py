@@ -7,7 +7,7 @@ import pytest
 
 from clutch_hil.bench.in_process import play
 from clutch_hil.discrepancy.blind import standard
-from clutch_hil.discrepancy.experiment import SEPARATES, Experiment, propose
+from clutch_hil.discrepancy.experiment_design import LEAST_SEPARATION, Experiment, propose
 from clutch_hil.discrepancy.model import Candidate, Columns, Output, Values
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
 from clutch_hil.discrepancy.models.wet_clutch_experiments import HELD_OUT, LIBRARY, STANDARD, WetClutchBench, find
@@ -68,7 +68,7 @@ def test_the_experiment_is_the_one_that_a_re_fit_explains_least(spans: dict) -> 
     proposed = asked(Line(spans), {"square.size": 0.5}, {"cube.size": 0.4})
     assert proposed["profile"] == "drift"
     assert proposed["command"] == "clutch-hil up --profile drift --temperature 70 --rate 1000"
-    assert proposed["standard_deviations"] ** 2 > SEPARATES
+    assert proposed["standard_deviations"] ** 2 > LEAST_SEPARATION
 
 
 def test_the_difference_that_is_told_is_what_is_left_after_the_re_fit() -> None:
@@ -116,6 +116,6 @@ def test_the_standard_experiments_show_every_candidate() -> None:
     shown = standard()
     seen = {c.name: shown.deviations(c.typical()) for c in WetClutch().candidates}
     # 27 measured for the weakest, stribeck_change: typically it is within the uncertainty of the baseline
-    unseen = {name: times for name, times in seen.items() if not times**2 > SEPARATES}
+    unseen = {name: times for name, times in seen.items() if not times**2 > LEAST_SEPARATION}
     assert not unseen
     assert not set(STANDARD) & set(HELD_OUT)

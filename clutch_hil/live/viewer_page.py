@@ -1,7 +1,7 @@
-"""Page: rerun's web viewer, served on loopback without what would make the browser ask anybody else.
+"""Viewer page: serves rerun's web viewer on loopback, without requests to the internet.
 
-The page as it is asks for fonts, news and usage statistics on the internet; it works without them. What it names is taken
-out, what its program would ask for is refused by a policy.
+The original page requests fonts, news and usage statistics from the internet; it works without them. Its links are removed, and
+further requests of its program are refused by a content security policy.
 """
 
 import re
@@ -9,11 +9,16 @@ import threading
 from http.client import HTTPConnection
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
-_TIMEOUT = 30.0  # s for the viewer's 40 MB of program to be handed over
-_PASSED = ("Content-Type", "Content-Encoding", "Content-Length", "rerun-final-length")  # headers of an answer
-_ELSEWHERE = re.compile(rb'<link[^>]*"https://[^>]*>|<script[^>]*"https://[^>]*></script>')
-# A software renderer keeps the browser's only thread waiting a second in each frame; a pause [ms] lets messages come in.
-_PAUSE = (
+_TIMEOUT = 30.0  # s for the 40 MB of the viewer's program to be transferred
+_FORWARDED_HEADERS = (
+    "Content-Type",
+    "Content-Encoding",
+    "Content-Length",
+    "rerun-final-length",
+)  # headers of an answer
+_REMOTE_LINKS = re.compile(rb'<link[^>]*"https://[^>]*>|<script[^>]*"https://[^>]*></script>')
+# A software renderer blocks the browser's only thread for a second in each frame; a pause [ms] lets it receive messages.
+_PAUSE_SCRIPT = (
     b"<head><script>{const frame = window.requestAnimationFrame.bind(window);"
     b"window.requestAnimationFrame = (draw) => setTimeout(() => frame(draw), 300)}</script>"
 )
@@ -22,10 +27,10 @@ _POLICY = (
 )
 
 
-class Page:
-    """Serves what the viewer's server at port `inner` has, at port `port`; the page may also reach the data at port `data`.
+class ViewerPage:
+    """Serves the page of the viewer's server at port `inner` on port `port`; the page may connect to the data at port `data`.
 
-    With `pauses` the page rests between two frames. Use as a context manager.
+    pauses: wait between two frames. Use as a context manager.
     """
 
     def __init__(self, port: int, inner: int, data: int, pauses: bool = False) -> None:
@@ -42,10 +47,10 @@ class Page:
                     answer = upstream.getresponse()
                     body = answer.read()
                     if is_page:
-                        body = _ELSEWHERE.sub(b"", body)
-                        body = body.replace(b"<head>", _PAUSE, 1) if pauses else body
+                        body = _REMOTE_LINKS.sub(b"", body)
+                        body = body.replace(b"<head>", _PAUSE_SCRIPT, 1) if pauses else body
                     self.send_response(answer.status)
-                    for name in _PASSED:
+                    for name in _FORWARDED_HEADERS:
                         if value := str(len(body)) if name == "Content-Length" else answer.getheader(name):
                             self.send_header(name, value)
                     self.send_header("Content-Security-Policy", policy)
@@ -57,13 +62,13 @@ class Page:
                     upstream.close()
 
             def log_message(self, format: str, *args: object) -> None:
-                """Say nothing."""
+                """Write no log."""
 
         self._server = ThreadingHTTPServer(("127.0.0.1", port), Handler)
         self._server.daemon_threads = True
         self._thread = threading.Thread(target=self._server.serve_forever, name="page", daemon=True)
 
-    def __enter__(self) -> "Page":
+    def __enter__(self) -> "ViewerPage":
         self._thread.start()
         return self
 

@@ -1,0 +1,241 @@
+"""Experiment design: of the experiments that a bench can play, find the one whose outcome separates the alternatives best.
+
+Equation        T = min over pairs (a, b) of  min over (theta, phi_b) of |r_a - r_b(theta, phi_b)|^2/n + chi^2 of theta
+                r: outputs in floors; n: `Evidence.redundancy`; theta: baseline; phi_b: effects of alternative b
+                T is the difference that is left after each alternative is re-fitted to the prediction of the other. The
+                experiment of the library with the largest T is proposed (T-optimality)
+Assumptions     the baseline has its sensitivities beside the first alternative; inputs are those that the bench's controller
+                gives for it; white noise
+Valid range     the baseline is re-fitted for a short list of experiments only. Re-fits are linear while experiments are
+                compared, and nonlinear for those that may be proposed
+Not modelled    the runs at hand limit a re-fit as well, so the true difference is larger
+References      Hunter and Reiner 1965, Technometrics 7; Atkinson and Fedorov 1975, Biometrika 62
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import permutations
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+
+from clutch_hil.bench.experiments import EXPERIMENTS
+from clutch_hil.discrepancy.evidence import Evidence
+from clutch_hil.discrepancy.fit import FreeParameter, LinearModel, free_baseline, free_effect, linearise, refit
+from clutch_hil.discrepancy.model import Columns, Model, Values, calibration
+from plant_sim.profiles.profile import load_profile
+
+# Least T of an experiment that separates: 3 standard deviations, three times TIE_COST (decision.py). T is twice the log odds.
+LEAST_SEPARATION = 9.0
+_SHORTLIST = 6  # experiments for which the baseline is re-fitted too, thirty simulations each: those with the largest T
+_REFIT_ROUNDS = 2  # linearisations of a nonlinear re-fit
+_REFITTED_EXPERIMENTS = 3  # with a nonlinear re-fit, before the answer is that none separates
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A profile, played from an oil temperature [degC] on at `rate` [Hz]."""
+
+    profile: str
+    temperature: float
+    rate: int = 1000
+
+    @property
+    def name(self) -> str:
+        """Profile and temperature, for people and file names."""
+        return f"{self.profile}-{self.temperature:g}"
+
+    @property
+    def title(self) -> str:
+        """What the experiment is, in one sentence."""
+        make = EXPERIMENTS.get(self.profile)
+        return ((make and make.__doc__) or self.profile).rstrip(".")
+
+    @property
+    def seconds(self) -> float:
+        """Its length [s]."""
+        return load_profile(self.profile).duration
+
+    def at_rate(self, rate: int | None) -> "Experiment":
+        """This experiment at another rate [Hz]; None keeps the rate."""
+        return self if rate is None else replace(self, rate=rate)
+
+    def course(self) -> dict[str, list[float]]:
+        """Demands over time: breakpoints of the profile, by column."""
+        profile = load_profile(self.profile)
+        return {
+            "time_s": list(profile.time),
+            "pressure_demand_bar": list(profile.pressure),
+            "motor_speed_demand_rad_s": list(profile.speed),
+        }
+
+    @property
+    def command(self) -> str:
+        """Command line that plays it."""
+        return f"clutch-hil up --profile {self.profile} --temperature {self.temperature:g} --rate {self.rate}"
+
+
+class Bench(Protocol):
+    """What a rig's bench can do: `experiments`, and their inputs."""
+
+    experiments: tuple[Experiment, ...]
+
+    def planned(self, experiment: Experiment, parameters: Values, effects: Values) -> Columns | None:
+        """Columns (n,) with the inputs that an experiment would have; None where it would come near a limit of the rig."""
+        ...
+
+
+@runtime_checkable
+class Experimenting(Protocol):
+    """A model whose rig has a bench."""
+
+    def bench(self) -> Bench:
+        """The bench of the rig."""
+        ...
+
+
+class PredictedRuns(Evidence):
+    """Predicted runs. They have no noise to estimate a floor of block means from: noise is taken as white."""
+
+    def _block_noise(self, column: str) -> float:
+        return float(self.floors[column] / np.sqrt(np.median(self.blocks)))
+
+
+@dataclass(frozen=True)
+class _Comparison:
+    """An experiment with each alternative linearised in it; `separation` of two: T, the smaller of both directions."""
+
+    experiment: Experiment
+    evidence: Evidence
+    fits: list[LinearModel]
+
+    @cached_property
+    def separation(self) -> dict[tuple[int, int], float]:
+        """T by pair of alternatives (i, j), i < j."""
+        costs: dict[tuple[int, int], float] = {}
+        for i, j in permutations(range(len(self.fits)), 2):
+            pair = min(i, j), max(i, j)
+            cost = self.fits[j].best(self.fits[j].residual - self.fits[i].residual)[1] / self.evidence.redundancy
+            costs[pair] = min(cost, costs.get(pair, np.inf))
+        return costs
+
+    def score(self) -> tuple[float, float]:
+        """T of the pair that is separated worst, then the sum over all pairs: the order of experiments."""
+        return min(self.separation.values()), sum(self.separation.values())
+
+    def with_baseline(self, free: Sequence[FreeParameter]) -> "_Comparison":
+        """This comparison with the parameters `free` of the baseline re-fitted as well."""
+        baseline = linearise(self.evidence, self.fits[0].point, free)
+        fits = [
+            replace(own, free=(*baseline.free, *own.free), jacobian=np.hstack([baseline.jacobian, own.jacobian]))
+            for own in self.fits
+        ]
+        return replace(self, fits=fits)
+
+
+def propose(model: Model, parameters: Values, options: Sequence[Values], floors: Values) -> dict[str, Any]:
+    """Propose the experiment that separates two or more alternatives best.
+
+    parameters: the re-fitted baseline. options: fitted parameters of the effects, by dotted name, of each. floors: by
+    output.
+
+    Returns what report.json has under `experiment`: profile, seconds, settings and command to play it, why in one
+    sentence, predicted difference by output in floors. Where no experiment separates them, `profile` is None and `why` says so.
+    """
+    names = [sorted({name.partition(".")[0] for name in option}) for option in options]
+    proposal: dict[str, Any] = {
+        "alternatives": names,
+        "profile": None,
+        "seconds": 0.0,
+        "settings": {},
+        "predicted_difference": {},
+    }
+    if not isinstance(model, Experimenting):
+        return proposal | {"why": f"the rig {model.name} has no bench that could play an experiment"}
+    bench = model.bench()
+    found = [c for e in bench.experiments if (c := _compare(model, bench, e, parameters, options, floors))]
+    found.sort(key=_Comparison.score, reverse=True)  # without a re-fit of the baseline T is larger: an upper bound
+    best = sorted(
+        (c.with_baseline(_free_baseline(model, parameters)) for c in found[:_SHORTLIST]),
+        key=_Comparison.score,
+        reverse=True,
+    )
+    pair = f"the closest two of {_join_names(names)}" if len(names) > 2 else _join_names(names)
+    closest = 0.0
+    for candidate in best[:_REFITTED_EXPERIMENTS]:
+        least, by_output = _refit_closest(candidate)
+        if least >= LEAST_SEPARATION:
+            e = candidate.experiment
+            column, times = max(by_output.items(), key=lambda item: item[1])
+            why = (
+                f"re-fitted to each other, {pair} still differ by {times:.2g} times the floor in {column} and by"
+                f" {np.sqrt(least):.0f} standard deviations in all, more than in {len(found) - 1} other experiments"
+            )
+            settings = {"temperature": e.temperature, "rate": e.rate}
+            return proposal | {
+                "title": e.title, "why": why, "profile": e.profile, "seconds": e.seconds, "settings": settings,
+                "command": e.command, "predicted_difference": by_output, "standard_deviations": float(np.sqrt(least)),
+                "course": e.course(),
+            }  # fmt: skip
+        closest = max(closest, least)
+    return proposal | {
+        "why": f"none of {len(found)} experiments separates {pair}: re-fitted to each other they differ by at most"
+        f" {np.sqrt(closest):.1f} standard deviations, needed are {np.sqrt(LEAST_SEPARATION):.0f}",
+        "standard_deviations": float(np.sqrt(closest)),
+    }
+
+
+def _compare(
+    model: Model, bench: Bench, experiment: Experiment, parameters: Values, options: Sequence[Values], floors: Values
+) -> _Comparison | None:
+    """Comparison of the options in an experiment; None where the experiment is not safe with one of them."""
+    planned = [bench.planned(experiment, parameters, option) for option in options]
+    if any(inputs is None for inputs in planned):
+        return None
+    inputs = planned[0]
+    assert inputs is not None
+    evidence = PredictedRuns(model, [{**inputs, **model.simulate(inputs, parameters, options[0])}], floors)
+    fits = [linearise(evidence, (parameters, option), _free_effects(model, option)) for option in options]
+    return _Comparison(experiment, evidence, fits)
+
+
+def _refit_closest(compared: _Comparison) -> tuple[float, dict[str, float]]:
+    """T of the closest two alternatives after a nonlinear re-fit of each to the other; their difference in floors by output."""
+    (i, j) = min(compared.separation, key=lambda pair: compared.separation[pair])
+    given = compared.evidence
+    ends = []
+    for a, b in ((i, j), (j, i)):
+        run = given.runs[0]
+        predicted = given.model.simulate(run, *compared.fits[a].point)
+        evidence = PredictedRuns(given.model, [{**run, **predicted}], given.floors)
+        start = replace(compared.fits[b], residual=compared.fits[b].residual - compared.fits[a].residual)
+        end = refit(evidence, start, _REFIT_ROUNDS)
+        ends.append(
+            (
+                end.cost / evidence.redundancy,
+                {c: _rms_in_floors(end.residual[evidence.part(0, c)], evidence.blocks[0]) for c in evidence.columns},
+            )
+        )
+    return min(ends, key=lambda end: end[0])
+
+
+def _join_names(names: Sequence[Sequence[str]]) -> str:
+    *first, last = ("+".join(one) for one in names)
+    return f"{', '.join(first)} and {last}"
+
+
+def _rms_in_floors(residual: np.ndarray, block: int) -> float:
+    return float(np.sqrt(np.mean(residual**2) / block))
+
+
+def _free_baseline(model: Model, parameters: Values) -> list[FreeParameter]:
+    """Parameters of the baseline, with the prior centred where it was re-fitted."""
+    return [replace(f, centre=float(parameters[f.name])) for f in free_baseline(model.parameters, calibration(model))]
+
+
+def _free_effects(model: Model, option: Values) -> list[FreeParameter]:
+    on = {name.partition(".")[0] for name in option}
+    return [
+        f for c in model.candidates if c.name in on for f in free_effect(c, {**c.off(), **option}) if f.name in option
+    ]

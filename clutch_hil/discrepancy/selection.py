@@ -1,0 +1,417 @@
+"""Stepwise selection of effects: the baseline is fitted, every single effect beside it, then two and three together."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from clutch_hil.discrepancy.candidates import CandidateSearch, Fit
+from clutch_hil.discrepancy.decision import (
+    DISAGREEMENT,
+    LEAST_CLOSED,
+    LEAST_GAIN,
+    NONE_CONFIDENCE,
+    NOTHING_CONFIDENCE,
+    Explanation,
+    aliases,
+    confidence,
+    is_worthwhile,
+)
+from clutch_hil.discrepancy.evidence import Evidence, Point
+from clutch_hil.discrepancy.fit import LinearModel, free_effect, linearise, refit
+from clutch_hil.discrepancy.held_out import fit_without_each
+from clutch_hil.discrepancy.intervals import half_widths
+from clutch_hil.discrepancy.model import Candidate, Hinting, Model, readings
+from clutch_hil.discrepancy.reading import choose_reading
+from clutch_hil.discrepancy.result import NAMED, NONE_OF_THESE, NOTHING, ONE_OF, Estimate, Rival
+
+Progress = Callable[[str, float], None]  # what is being done, share of the whole
+# Numbers of fits, set by hand: more of them take longer
+_FULL_FIT_CANDIDATES = 8  # that are fitted in more than one step
+_JOINT_FIT_CANDIDATES = 4  # of these, that are fitted with their shapes and with the baseline's own parameters
+_PAIR_FITS = 4  # pairs that are fitted
+_PARTNERS = 3  # candidates that are fitted beside the effects named
+_RUNNERS_UP = (
+    2  # further single effects that they are fitted beside: of two missing effects neither may be the best alone
+)
+_START_RUNS = 2  # that starts are read from: those with the largest residual
+_RELINEARISATIONS = 3  # of a set of effects
+_SHAPE_FACTOR = 4.0  # between starts of a shape parameter
+# Share of the nominal model's excess below which the search begins at the re-fitted baseline
+_CALIBRATION_SHARE = 0.3
+_CONVERGED = 0.01  # of the gain over the baseline: a smaller step ends a fit
+_CLOSE_REGRET = 0.2  # share of the best gain: a rival that lacks no more is fitted as fully as the best
+# Of power that a candidate adds to an output, in its score. Development: true effects add none.
+_CONTRADICTION_WEIGHT = 2.0
+_JointFit = tuple[LinearModel, tuple[Candidate, ...]]
+_Start = tuple[tuple[Candidate, ...], Point]  # candidates, and where their fit begins
+
+
+class EffectSelection:
+    """Selects the effects of `candidates` that explain the evidence: call `run`, then `decide` and the others.
+
+    progress: called with what is being done, and the share of the search that is done.
+    """
+
+    def __init__(self, model: Model, evidence: Evidence, candidates: list[Candidate], progress: Progress) -> None:
+        self.model, self.evidence, self.candidates, self.progress = model, evidence, candidates, progress
+        self.named: tuple[Candidate, ...] = ()  # the effects that explain most
+        self.values: dict[str, dict[str, float]] = {}  # fitted parameters by single candidate
+        self.costs: dict[str, float] = {}  # by candidate, in the round that decided: each beside those named before
+        self.by_run: dict[str, np.ndarray] = {}  # excess (k,) in each run, by single candidate
+        self._contradiction: dict[str, float] = {}  # power that they add to outputs, by single candidate
+        self._rivals: dict[str, Rival] = {}
+        self.confidence = 0.5
+        self.reading = ""  # name of the reading of the model's equations, "" for the first (reading.py)
+
+    def run(self) -> None:
+        """Fit the baseline, then one, two, three effects."""
+        evidence = self.evidence
+        self.progress("baseline re-fitted", 0.02)
+        self.reading, self.start, self.base = choose_reading(self.model, evidence)
+        if evidence.excess(self.base.residual) < _CALIBRATION_SHARE * evidence.excess(self.start.residual):
+            self.base = refit(evidence, linearise(evidence, self.base.point, self.base.free))
+            self.start = self.base  # most of the excess was calibration
+        evidence = self._weaken_outliers()
+        self.final = self.base
+        self.explanation = self._explain(self.base, 0)
+        self.progress("candidates", 0.1)
+        self.search = CandidateSearch(evidence, self.start, 0.5 * LEAST_GAIN * evidence.size)
+        ranked = self.search.screen(self.candidates, self._collect_starts(self.base.point))
+        hopeful = [f for f in ranked if self.search.cost - f.cost > 0.5 * LEAST_GAIN * evidence.size]
+        self._record_rivals({f.name: f.cost for f in ranked if f not in hopeful})
+        if not hopeful:
+            return
+        self.progress("the best candidates in full", 0.35)
+        ranked = self._best_of_each(self.search.improve(hopeful[:_FULL_FIT_CANDIDATES], 2), hopeful)
+        self.progress("the finalists with the baseline", 0.5)
+        own = self.start.point[0]
+        jointly = self._fit_jointly(
+            [((f.candidate,), (own, f.values)) for f in ranked[:_JOINT_FIT_CANDIDATES] if self._is_close(f, ranked[0])]
+        )
+        for i, (at, (candidate,)) in enumerate(jointly):
+            if i == 0 or candidate.is_off(at.point[1]):
+                self._refit_baseline_alone(at)
+        costs = {f.name: f.cost for f in ranked} | {names[0].name: self._score(at) for at, names in jointly}
+        self.values = {f.name: f.values for f in ranked}
+        self._record_single_fits(jointly)
+        self._record_rivals(costs)
+        self._accept(*jointly[0], costs)
+        if self._needs_more():
+            near = self._indistinguishable()
+            self._add_effects([(at, names) for at, names in jointly[1:] if names[0].name in near])
+        if self.explanation.is_significant:
+            self.progress("the model with the effects named", 0.8)
+            self._finish()
+            self._drop_idle(costs)
+
+    def _weaken_outliers(self) -> Evidence:
+        """Replace the evidence by one in which no output outweighs the others (`Evidence.with_tolerance`), and return it."""
+        evidence = self.evidence.with_tolerance(self.base.residual)
+        factor = evidence.weights / self.evidence.weights
+        self.evidence, same = evidence, self.start is self.base
+        self.start, self.base = (
+            replace(at, residual=factor * at.residual, jacobian=factor[:, None] * at.jacobian)
+            for at in (self.start, self.base)
+        )
+        self.base = refit(evidence, self.base, 0)
+        if same:
+            self.start = self.base
+        return evidence
+
+    def _refit_baseline_alone(self, at: LinearModel) -> None:
+        """Re-fit the baseline without effects from `at`, a fit with effects, and keep it if it is better.
+
+        A gain that the baseline can reach alone is not credited to an effect.
+        """
+        own = [i for i, f in enumerate(at.free) if f.centre is not None]
+        point: Point = at.point[0], {}
+        residual, jacobian = self.evidence.residuals([point])[0], at.jacobian[:, own]
+        alone = LinearModel(point, tuple(at.free[i] for i in own), residual, jacobian, at.redundancy)
+        again = refit(self.evidence, alone, 0)
+        if again.cost < self.base.cost:
+            self.base = again
+
+    @staticmethod
+    def _best_of_each(*groups: Sequence[Fit]) -> list[Fit]:
+        """Fits of all groups, best first; a candidate that several groups have is taken from the first of them."""
+        found: dict[str, Fit] = {}
+        for group in groups:
+            for fit in group:
+                found.setdefault(fit.name, fit)
+        return sorted(found.values(), key=lambda fit: fit.cost)
+
+    def _is_close(self, fit: Fit, best: Fit) -> bool:
+        return fit.cost - best.cost <= _CLOSE_REGRET * max(self.base.cost - best.cost, 0.0)
+
+    def _collect_starts(self, point: Point) -> dict[str, list[dict[str, float]]]:
+        """Where the fit of each candidate begins.
+
+        These are typical values, and the same with each shape larger and smaller. Where the model reads starts from runs,
+        they are those of the runs that disagree most.
+        """
+        starts = {c.name: [c.typical(), *_vary_shapes(c)] for c in self.candidates}
+        if not isinstance(self.model, Hinting):
+            return starts
+        power = [float(np.sum(self.start.residual[p] ** 2)) for p in self.evidence.pieces]
+        hints: dict[str, list[dict[str, float]]] = {}
+        for k in np.argsort(power)[::-1][:_START_RUNS]:
+            run, predicted = self.evidence.runs[k], self.evidence.predict(point, int(k))
+            residuals = {c: run[c] - predicted[c] for c in self.evidence.columns}
+            for c in self.candidates:
+                hints.setdefault(c.name, []).extend(self.model.starts(c, run, residuals))
+        return starts | {name: found for name, found in hints.items() if found}
+
+    def _fit_jointly(self, sets: Sequence[_Start]) -> list[_JointFit]:
+        """Fit each set of candidates together with the baseline's own parameters; the best first.
+
+        Sensitivities of the baseline are kept. The best set and those close to it are fitted until they converge.
+        """
+        fits = sorted(((self._fit_set(*one, 1), one[0]) for one in sets), key=self._rank)
+        least = self._rank(fits[0])
+        close = least + _CLOSE_REGRET * max(self.base.cost - least, 0.0)
+        fits = [
+            (self._fit_set(candidates, at.point, _RELINEARISATIONS - 1), candidates)
+            if self._score(at) <= close
+            else (at, candidates)
+            for at, candidates in fits
+        ]
+        return sorted(fits, key=self._rank)
+
+    def _score(self, at: LinearModel) -> float:
+        """Cost, and power added to outputs, by which fits are compared; infinite where it cannot be simulated."""
+        if not np.isfinite(at.cost):
+            return np.inf
+        return (
+            at.cost
+            + _CONTRADICTION_WEIGHT * self.evidence.contradiction(at.residual, self.base.residual) * self.evidence.size
+        )
+
+    def _rank(self, fit: _JointFit) -> float:
+        return self._score(fit[0])
+
+    def _fit_set(self, candidates: tuple[Candidate, ...], point: Point, renewals: int) -> LinearModel:
+        """Fit a set of candidates from `point` on; the effects are linearised at most `renewals` times."""
+        for _ in range(renewals):
+            free = [f for c in candidates for f in free_effect(c, point[1])]
+            own = linearise(self.evidence, point, free)
+            jacobian = np.hstack([self.start.jacobian, own.jacobian])
+            before = LinearModel(point, self.start.free + own.free, own.residual, jacobian, own.redundancy)
+            if not np.isfinite(before.cost):  # it cannot be simulated there
+                return before
+            after = refit(self.evidence, before, 0)
+            point = after.point
+            if before.cost - after.cost < _CONVERGED * max(self.base.cost - after.cost, 0.0):
+                break
+        return after
+
+    def _relinearise(self, at: LinearModel) -> LinearModel:
+        """`at`, re-fitted with the baseline linearised there too."""
+        free = [f for f in at.free if f.centre is not None]
+        free += [f for c in self.named for f in free_effect(c, at.point[1])]
+        return refit(self.evidence, linearise(self.evidence, at.point, free), 0)
+
+    def _finish(self) -> None:
+        """Fit the effects named until they converge, and the baseline alone from there."""
+        self.final = self._relinearise(self.final)
+        self._refit_baseline_alone(self.final)
+        self.explanation = self._explain(self.final, self.explanation.count)
+
+    def _accept(self, at: LinearModel, candidates: tuple[Candidate, ...], costs: dict[str, float]) -> None:
+        self.named, self.final, self.costs = candidates, at, costs
+        self.explanation = self._explain(at, len(candidates))
+
+    def _add_effects(self, near: Sequence[_JointFit]) -> None:
+        """Try two effects, and a third beside them. near: fits of single effects that are nearly as good as the best."""
+        self.progress("two effects", 0.6)
+        own, sets = self.start.point[0], self._extend_with_each(self.final, self.named)
+        for at, candidates in near[:_RUNNERS_UP]:
+            sets += self._extend_with_each(at, candidates)
+        for _, (a, b), values in self.search.rank_pairs(_PAIR_FITS):
+            if not {a.candidate, b.candidate} & set(self.named):  # else the fit beside what is named begins nearer
+                sets.append(((a.candidate, b.candidate), (own, values)))
+        while sets:
+            best, *others = self._fit_jointly(sets)
+            if not self._is_justified(best, others):
+                break
+            at, candidates = best
+            if self.explanation.is_sufficient and not self._explain(at, len(candidates)).is_sufficient:
+                break  # two effects must explain more than one to be named
+            self._accept(at, candidates, {})
+            sets = []
+            if self._needs_more():
+                self.progress("three effects", 0.7)
+                sets = self._extend_with_each(self.final, self.named)
+
+    def _drop_idle(self, costs: dict[str, float]) -> None:
+        """Drop effects whose intervals include "off", if the others without them would not be extended by them.
+
+        costs: of single effects, by name.
+        """
+        while self.explanation.is_sufficient and len(self.named) > 1 and (idle := self._find_idle()):
+            parameters, effects = self.final.point
+            sets = []
+            for c in idle:
+                others = {n: v for n, v in effects.items() if n not in c.declared()}
+                sets.append((tuple(o for o in self.named if o is not c), (parameters, others)))
+            at, kept = self._fit_jointly(sets)[0]
+            without, likelier = self._explain(at, len(kept)), at.prior_chi2 - self.final.prior_chi2
+            gain = (without.best - self.explanation.best) / without.size
+            earned = is_worthwhile(gain, likelier, without.size, without.redundancy) and without.justifies_further(
+                gain, gain
+            )
+            if earned or not without.is_sufficient:
+                break
+            if len(kept) == 1:
+                self._record_single_fits([(at, kept)])
+                self._record_rivals(costs := costs | {kept[0].name: self._score(at)})
+            self._accept(at, kept, costs if len(kept) == 1 else {})
+            self._finish()
+
+    def _find_idle(self) -> list[Candidate]:
+        """Effects named that may be off: the 95 % interval of every strength includes its value while it is off."""
+        unsure = {e.name for e in self.estimate_parameters(effects=True) if e.ci95[0] <= e.nominal <= e.ci95[1]}
+        return [c for c in self.named if all(f"{c.name}.{s.name}" in unsure for s in c.strengths)]
+
+    def _record_single_fits(self, fits: Sequence[_JointFit]) -> None:
+        """Keep the parameters and what is left by run of fits of single effects."""
+        for at, (c,) in fits:
+            self.values[c.name] = dict(at.point[1])
+            self.by_run[c.name] = self.evidence.excess_by_run(at.residual)
+            self._contradiction[c.name] = self.evidence.contradiction(at.residual, self.base.residual)
+
+    def _needs_more(self) -> bool:
+        """Whether to look for a further effect; if it seems so, those named are first fitted until they converge."""
+        if self.explanation.is_incomplete:
+            self.final = self._relinearise(self.final)
+            self.explanation = self._explain(self.final, self.explanation.count)
+        return self.explanation.is_incomplete
+
+    def _extend_with_each(self, at: LinearModel, candidates: tuple[Candidate, ...]) -> list[_Start]:
+        """Sets of `candidates`, fitted in `at`, with one more each: those with the largest predicted gain."""
+        search = CandidateSearch(self.evidence, at, 0.5 * LEAST_GAIN * self.evidence.size, self.search.directions)
+        promising = search.extend([c.name for c in candidates], _PARTNERS)
+        parameters, effects = at.point
+        return [((*candidates, fit.candidate), (parameters, {**effects, **fit.values})) for fit in promising]
+
+    def _explain(self, at: LinearModel, count: int) -> Explanation:
+        e = self.evidence
+        left = e.excess(self.base.residual), e.excess(at.residual)
+        return Explanation(
+            self.base.cost,
+            at.cost,
+            e.size,
+            count,
+            *left,
+            self.base.prior_chi2 - at.prior_chi2,
+            at.prior_chi2,
+            e.redundancy,
+        )
+
+    def _is_justified(self, fit: _JointFit, others: Sequence[_JointFit]) -> bool:
+        """Whether one more effect may be named: it closes enough, by more than chance, and predicts left-out runs better."""
+        w, (at, candidates) = self.explanation, fit
+        new = set(candidates) - set(self.named)
+        without = [self._score(other) for other, theirs in others if not new & set(theirs)]
+        gain, second = (w.best - at.cost) / w.size, (w.best - min(without, default=np.inf)) / w.size
+        likelier = self.final.prior_chi2 - at.prior_chi2
+        return (
+            is_worthwhile(gain, likelier, w.size, w.redundancy)
+            and w.justifies_further(gain, second)
+            and self._predicts_better(at)
+        )
+
+    def _predicts_better(self, at: LinearModel) -> bool:
+        """Whether `at` predicts runs that are left out in turn better than the fit so far; chi^2 of the calibration counts."""
+        squares = self.evidence.redundancy * np.array([self.final.prior_chi2, at.prior_chi2])
+        for k, points in enumerate(fit_without_each(self.evidence, self.final, at)):
+            squares += [np.sum(r[self.evidence.pieces[k]] ** 2) for r in self.evidence.residuals(points)]
+        return bool(squares[1] < squares[0])
+
+    def _record_rivals(self, costs: dict[str, float]) -> None:
+        base = self.base.cost
+        for name, cost in costs.items():
+            least = min(cost, base)  # an effect that is off costs what the baseline does
+            values = self.values.get(name, {})
+            self._rivals[name] = Rival(name, 0.0, base - least, values, "", 1)
+
+    def decide(self) -> tuple[str, list[str], list[list[str]]]:
+        """Verdict, effects named, sets of alternatives."""
+        w = self.explanation
+        if not self.named or not w.is_significant:
+            if w.excess > DISAGREEMENT:
+                self.confidence = NONE_CONFIDENCE
+                return NONE_OF_THESE, [], []
+            self.confidence = NOTHING_CONFIDENCE
+            return NOTHING, [], []
+        if not w.is_sufficient:
+            self.confidence = float(np.clip(1.0 - w.closed, 0.3, 0.95))
+            return NONE_OF_THESE, [], []
+        self.confidence = confidence(w)
+        if w.count > 1:
+            return NAMED, [c.name for c in self.named], []
+        near = self._indistinguishable()
+        if len(near) > 1:
+            return ONE_OF, [], [near]
+        return NAMED, [self.named[0].name], []
+
+    def _indistinguishable(self) -> list[str]:
+        """Single effects that are not told apart from the best one; it comes first."""
+        near = aliases(self.costs, self.explanation, self.by_run)
+        return [
+            n for n in near if self._contradiction.get(n, 0.0) <= self._contradiction.get(near[0], 0.0) + DISAGREEMENT
+        ]
+
+    def drop_effects(self) -> None:
+        """Go back to the baseline."""
+        self.named, self.final = (), self.base
+
+    def judge_rivals(self) -> list[Rival]:
+        """Every candidate, with the reason why it is not named, "" where it is."""
+        w, size = self.explanation, self.evidence.size
+        best = {c.name for c in self.named} if w.is_sufficient else set()
+        whole = max(w.gain + w.rest, LEAST_GAIN) * size  # of the excess
+        found = []
+        for r in sorted(self._rivals.values(), key=lambda r: -r.gain):
+            closed = float(np.clip(r.gain / whole, 0.0, 1.0))
+            reason = f"closes {closed:.1%} of the gap where {w.closed:.1%} can be closed"
+            if r.gain <= LEAST_GAIN * size:
+                reason = "explains nothing that the baseline's own parameters do not"
+            elif self._contradiction.get(r.name, 0.0) > DISAGREEMENT:
+                reason = "makes an output worse than the baseline alone does, which what is missing cannot"
+            elif not best:
+                reason = f"closes {closed:.0%} of the gap; to be named it takes {LEAST_CLOSED[0]:.0%}"
+            found.append(replace(r, closed=closed, reason="" if r.name in best else reason))
+        return found
+
+    def collect_equations(self, alternatives: list[list[str]]) -> dict[str, str]:
+        """Equations of the alternatives, by name."""
+        wanted = {n for group in alternatives for n in group}
+        return {c.name: c.equation for c in self.candidates if c.name in wanted}
+
+    def estimate_parameters(self, effects: bool) -> list[Estimate]:
+        """Fitted parameters, of effects or of the baseline, with 95 % intervals."""
+        at, half = self.final, half_widths(self.evidence, self.final)
+        declared = dict(self.model.parameters) | {n: p for c in self.named for n, p in c.declared().items()}
+        found = []
+        if self.reading and not effects:
+            for name in readings(self.model)[self.reading]:
+                value, p = float(at.point[0][name]), declared[name]
+                found.append(Estimate(name, value, p.unit, (value, value), p.value))
+        for f, h in zip(at.free, half, strict=True):
+            if (f.centre is None) == effects:
+                value, p, reach = at.value(f), declared[f.name], float(h)
+                interval = max(value - reach, p.bounds[0]), min(value + reach, p.bounds[1])
+                found.append(Estimate(f.name, value, p.unit, interval, p.value, p.uncertainty))
+        return found
+
+
+def _vary_shapes(candidate: Candidate) -> list[dict[str, float]]:
+    """Typical values with one shape changed by a factor: the direction of an effect depends on its time constants."""
+    found = []
+    for shape in candidate.shapes:
+        for factor in (_SHAPE_FACTOR, 1.0 / _SHAPE_FACTOR):
+            value = float(np.clip(shape.typical * factor, *shape.bounds))
+            if shape.typical > 0.0 and shape.unit != "rad" and value != shape.typical:
+                found.append(candidate.typical() | {f"{candidate.name}.{shape.name}": value})
+    return found
