@@ -12,9 +12,9 @@ import numpy as np
 from benchmarks.battery.cases import Case, generate_case
 from benchmarks.battery.judgement import name_columns
 from clutch_hil.discrepancy.evidence import Evidence, Point
-from clutch_hil.discrepancy.fit import Linear, baseline_free, linearised, refitted
+from clutch_hil.discrepancy.fit import LinearModel, free_baseline, linearise, refit
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
-from clutch_hil.discrepancy.noise import floors
+from clutch_hil.discrepancy.noise import estimate_floors
 
 OUTPUTS = tuple(output.column for output in WetClutch.outputs)
 INPUTS = ("valve_voltage_v", "motor_speed_demand_rad_s", "shaft_angle_rad")
@@ -63,7 +63,7 @@ def load_residuals(name: str, folder: Path) -> ResidualData:
 
 def _compute_residuals(name: str) -> ResidualData:
     evidence, nominal = _linearise_baseline(name)
-    at = refitted(evidence, nominal)
+    at = refit(evidence, nominal)
     predictions = [evidence.model.simulate(run, *at.point) for run in evidence.runs]
     return ResidualData(
         at.residual.reshape(len(predictions), len(OUTPUTS), -1),
@@ -74,13 +74,13 @@ def _compute_residuals(name: str) -> ResidualData:
 
 
 @lru_cache(1)  # residuals and effects of the same case both start from it
-def _linearise_baseline(name: str) -> tuple[Evidence, Linear]:
+def _linearise_baseline(name: str) -> tuple[Evidence, LinearModel]:
     """Generate the runs of a case, and linearise the baseline at its nominal parameters."""
     runs = list(name_columns(generate_case(Case.of(name)).runs, "run").values())
     model = WetClutch()
-    evidence = Evidence(model, runs, floors(runs, model.outputs))
+    evidence = Evidence(model, runs, estimate_floors(runs, model.outputs))
     nominal: Point = ({n: p.value for n, p in model.parameters.items()}, {})
-    return evidence, linearised(evidence, nominal, baseline_free(model.parameters, model.calibration))
+    return evidence, linearise(evidence, nominal, free_baseline(model.parameters, model.calibration))
 
 
 def simulate_effects(name: str) -> dict[str, np.ndarray]:

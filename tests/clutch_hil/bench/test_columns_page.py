@@ -10,11 +10,11 @@ from plant_sim.node.plant_node import PlantNode
 from plant_sim.node.power_shift_node import PowerShiftNode
 from protocols.can.frames import load_frames
 from protocols.realtime.beat import TIMING
-from protocols.telemetry.batch import published_columns
+from protocols.telemetry.batch import run_file_columns
 from rt_controller.loop.node import ControllerNode
 
 PLANT = (*PlantNode.columns, *(column._replace(name=f"plant_{column.name}") for column in TIMING))
-CONTROLLER = published_columns("controller", (*ControllerNode.columns, *TIMING))
+CONTROLLER = run_file_columns("controller", (*ControllerNode.columns, *TIMING))
 UNITS = {column.name: column.unit for column in (*PLANT, *CONTROLLER)}  # of a bench with one clutch
 
 
@@ -26,7 +26,7 @@ def test_the_page_has_every_column_and_signal() -> None:
     lines = page().splitlines()
     for column in (*PlantNode.columns, *PowerShiftNode.columns, *TIMING):
         assert f"| `{column.name}` | {column.unit} | {column.meaning} |" in lines
-    for column in published_columns("controller", ControllerNode.columns):
+    for column in run_file_columns("controller", ControllerNode.columns):
         assert f"| `{column.name}` | {column.unit} | {column.meaning} |" in lines
     for codec in load_frames().values():
         begin = lines.index(f"### {codec.name}")

@@ -6,8 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from clutch_hil.live.replay import run_batches
-from clutch_hil.live.rrd import read_rrd
 from typer.testing import CliRunner
 
 import clutch_hil as ch
@@ -21,11 +19,13 @@ from clutch_hil.live import recorder, tune
 from clutch_hil.live.conversion import convert
 from clutch_hil.live.dashboard import places
 from clutch_hil.live.recorder import Recorder
+from clutch_hil.live.rrd_reader import read_rrd
+from clutch_hil.live.run_replay import run_batches
 from protocols.can.two_clutches import CONTROLLERS
 from protocols.errors import InputError
 from protocols.files.run import Run
 from protocols.node import Column
-from protocols.telemetry.batch import Batch, published_columns
+from protocols.telemetry.batch import Batch, run_file_columns
 
 SECONDS = 1.0  # of a run: clutch a closes, nothing is handed over yet
 HANDED_OVER = 5.2  # s by which the shipped scenario has handed its torque over
@@ -154,7 +154,7 @@ class ScriptedFeed:
     def __init__(self, run: Played) -> None:
         clock = Column("clock_s", "s", "clock")
         controllers = (
-            published_columns(n, (*c, clock)) for n, c in zip(CONTROLLERS, run.controller_columns, strict=True)
+            run_file_columns(n, (*c, clock)) for n, c in zip(CONTROLLERS, run.controller_columns, strict=True)
         )
         plant = (*run.plant_columns, Column("plant_clock_s", "s", "clock"))
         self.columns = dict(zip(NODES, (plant, *controllers), strict=True))
@@ -204,7 +204,9 @@ def test_parameters_of_both_controllers_are_listed(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(tune, "list_live_nodes", lambda session, bench: list(NODES))
     monkeypatch.setattr(tune, "parameters", lambda session, bench, node: [{"name": "torque.gain", "value": 1.0}])
     session: Any = None
-    assert sorted(tune.listed(session, "local:script@here").entries) == sorted(f"{n}.torque.gain" for n in NODES)
+    assert sorted(tune.list_parameters(session, "local:script@here").entries) == sorted(
+        f"{n}.torque.gain" for n in NODES
+    )
 
 
 # what cannot be

@@ -1,4 +1,4 @@
-"""Valve, cylinder and piston of docs/rig.md, 1 to 3 integrated independently, in bar, with the laws of effects put in by hand."""
+"""Valve, cylinder and piston of docs/rig.md, 1 to 3, integrated independently, in bar, with laws of effects by hand."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
