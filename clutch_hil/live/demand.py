@@ -54,8 +54,8 @@ def pressure_profile(
 ) -> Profile:
     """Profile of a pressure [bar] reached with `ramp` [bar/s] and held, at a motor speed [rad/s].
 
-    seconds: its length, None for ever. It rises from `begin` [bar], and where that is 0 from the pressure at which the clutch is
-    filled. Raises InputError.
+    seconds: its length, None for ever. It rises from `begin` [bar], and where that is 0 from the pressure at which the clutch
+    is filled. Raises InputError.
     """
     _check("pressure", pressure, PRESSURE_LIMIT, "bar", speed, ramp)
     first, least = begin or min(pressure, FILL_PRESSURE), 1.0 / RATE

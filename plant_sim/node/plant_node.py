@@ -68,6 +68,7 @@ class PlantNode(Interface):
         # the very STATE: to tell that an equal type is this one takes Numba 8 us a call
         self._state = Whole(y.view(STATE), states)
         self._interface.speed_demand, self._interface.torque_limit = speed, self._rig.record["motor_torque_limit"][0]
+        self._memory = self._new_memory()
 
     @staticmethod
     def warm() -> None:
@@ -213,6 +214,7 @@ class PlantNode(Interface):
             states = rig.table.carried(self._state.effects, self._rig.table)
             self._rig = rig
             self._state = self._state._replace(effects=states)
+            self._memory = self._new_memory()
             self._advance(0.0, 0)
         if self._schedule.planned:
             self.injected += [change.told(self.rate) for change in self._schedule.begin(time)]
@@ -222,25 +224,25 @@ class PlantNode(Interface):
     ) -> tuple[int, int, int, int, int]:
         """The samples of the next ticks by the kernel `in_time`, whose result this is."""
         done: tuple[int, int, int, int, int] = in_time(
-            beat.memory, lines, inbox, count, self._memory, self.tick + 1, self._most(beat), changes, owed
+            tuple(beat.memory), lines, inbox, count, self._memory, self.tick + 1, self._most(beat), changes, owed
         )
         return done
 
     def _in_step(self, beat: Beat, lines: np.ndarray, inbox: np.ndarray, changes: int) -> tuple[int, int, int, int]:
         """The same by the kernel `in_step`."""
         done: tuple[int, int, int, int] = in_step(
-            beat.memory, lines, inbox, self._memory, self.tick + 1, self._most(beat), changes
+            tuple(beat.memory), lines, inbox, self._memory, self.tick + 1, self._most(beat), changes
         )
         return done
 
-    @property
-    def _memory(self) -> PlantMemory:
-        """What compiled turns work on now; the rig's part is another after a change."""
+    def _new_memory(self) -> tuple[Any, ...]:
+        """What compiled turns work on, until the rig changes: a PlantMemory as a plain tuple."""
         rig = self._rig
-        return PlantMemory(
+        memory = PlantMemory(
             self._interfaces, self._settings, self._setpoints, *self._state, rig.record, rig.table.kernel,
             *rig.phase_pressures, self._period, self._substeps, self.outbox, self.record,
         )  # fmt: skip
+        return tuple(memory)
 
     def _most(self, beat: Beat) -> int:
         """Samples that one call may make: up to the next change of the rig and the profile's end."""

@@ -12,7 +12,7 @@ from plant_sim.node.plant_cycle import begin, show, slept, take
 from plant_sim.node.plant_record import note_sample
 from plant_sim.rigs import wet_clutch
 from protocols.buses.exchange import CLOCK_MONOTONIC, gather, gather_marked, is_settled, now, spread
-from protocols.realtime.beat import is_called, record_cycle, wait, write
+from protocols.realtime.beat import BeatMemory, is_called, record_cycle, wait, write
 
 _PATIENCE = 200_000_000  # ns that compiled code waits for an answer; then Python looks
 
@@ -77,15 +77,16 @@ def _sample(plant, tick, late_cycles):
 
 @njit(cache=True, nogil=True)
 def in_time(
-    beat: Any, lines: Any, inbox: Any, count: Any, plant: Any, tick: Any, most: Any, changes: Any, owed: Any
+    beats: Any, lines: Any, inbox: Any, count: Any, plants: Any, tick: Any, most: Any, changes: Any, owed: Any
 ) -> tuple[int, int, int, int, int]:
     """Samples from that of `tick` on, each at the end of the period before it, with what comes behind `count` frames.
 
-    `beat` is a BeatMemory, `plant` a PlantMemory. `owed` of the samples come without waiting, then as slots begin; `most`, or
-    up to one after which something is left to Python: a refusal, somebody who has come, gone or asked. Rows but the last are
-    written. Returns the samples made, and after the last of them those still owed, the frames in the inbox, those sent, or
-    minus the Refusal, and where sending ended (`spread`).
+    `beats` is a BeatMemory, `plants` a PlantMemory, both as plain tuples: of a named one Numba keeps some kB. `owed` of the
+    samples come without waiting, then as slots begin; `most`, or up to one after which something is left to Python: a refusal,
+    somebody who has come, gone or asked. Rows but the last are written. Returns the samples made, and after the last of them
+    those still owed, the frames in the inbox, those sent, or minus the Refusal, and where sending ended (`spread`).
     """
+    beat, plant = BeatMemory(*beats), PlantMemory(*plants)
     made, known, behind, clock = 0, count, owed > 0, beat.clocks[0]
     while True:
         waits = owed == 0
@@ -113,7 +114,7 @@ def in_time(
 
 @njit(cache=True, nogil=True)
 def in_step(
-    beat: Any, lines: Any, inbox: Any, plant: Any, tick: Any, most: Any, changes: Any
+    beats: Any, lines: Any, inbox: Any, plants: Any, tick: Any, most: Any, changes: Any
 ) -> tuple[int, int, int, int]:
     """Samples from that of `tick` on, each moved on from through its period, then waited for until it is answered.
 
@@ -121,6 +122,7 @@ def in_step(
     come, too. Rows are written but that of a last one that was not waited for. Returns the samples made, the frames in the
     inbox, taken already, those sent of the last one, 0 once its row is written, minus the Refusal, and where sending ended.
     """
+    beat, plant = BeatMemory(*beats), PlantMemory(*plants)
     line, clutch, clock, made = lines[0], plant.interfaces[0].clutches[0], beat.clocks[0], 0
     answered = plant.settings[0].clutches[0].valve_command.sample_tick
     while True:
