@@ -11,7 +11,7 @@ from clutch_hil.bench.limits import Limit
 from clutch_hil.bench.rig import DEFAULT_RIG, Rig, rig_named
 from clutch_hil.bench.settings import RunSettings
 from clutch_hil.command import checked_rate
-from plant_sim.node.injection import Injection, effect_off, effect_on, sensor_bias, sensor_frozen
+from plant_sim.node.injection import Injection, effect_off, effect_on, sensor_bias, sensor_freeze
 from plant_sim.node.plant_rig import RigProfile
 from protocols.can.bus_load import BITRATES, bus_load
 from protocols.can.frames import bus_frames
@@ -186,7 +186,7 @@ def _changes(entry: TomlTable) -> dict[str, float]:
     elif lost := [key for key in ("values", "off") if key in entry]:
         raise InputError(f"{entry.name} has {lost[0]} without effect; name the effect")
     if "freeze" in entry:
-        values |= sensor_frozen(entry.get("freeze", str))
+        values |= sensor_freeze(entry.get("freeze", str))
     for sensor, bias in entry.table("bias").numbers().items():
         values |= sensor_bias(sensor, bias)
     return values

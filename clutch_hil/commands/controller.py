@@ -36,7 +36,7 @@ def controller(
 ) -> None:
     """Run the controller on a bus until it is stopped."""
     from clutch_hil.bench.service_text import service_lines
-    from protocols.can.two_clutches import checked_clutch
+    from protocols.can.two_clutches import check_clutch
     from protocols.kernels.progress_notice import compile_first
     from protocols.realtime.stopping import Stop
     from protocols.realtime.waiting import check_spin
@@ -53,7 +53,7 @@ def controller(
         telemetry=telemetry,
         router=router,
         cpu=cpu,
-        clutch=None if clutch is None else checked_clutch(clutch),
+        clutch=None if clutch is None else check_clutch(clutch),
         trigger=trigger,
         overrun=overrun,
         spin_us=check_spin(spin_us),

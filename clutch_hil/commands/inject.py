@@ -38,9 +38,9 @@ def inject(
 ) -> None:
     """Change the running plant: effects on and off, parameters, sensors that freeze or are biased; now, later, slowly."""
     from clutch_hil.live.inject import parse_values, run_injection, show_state
-    from protocols.can.two_clutches import checked_clutch
+    from protocols.can.two_clutches import check_clutch
 
-    prefix = "" if clutch is None else f"{checked_clutch(clutch)}."
+    prefix = "" if clutch is None else f"{check_clutch(clutch)}."
     values = {prefix + name: v for name, v in parse_values(words or [], off, freeze, bias).items()}
     given = {"at": at, "after": after, "ramp": ramp, "until": until, "for": hold}
     when = {name: seconds for name, seconds in given.items() if seconds is not None}

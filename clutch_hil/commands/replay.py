@@ -25,17 +25,17 @@ def replay(
 
     from protocols.buses.bus import resolve
     from rt_controller.loop.node import ControllerNode
-    from rt_controller.loop.replay import Log, replayed, replayed_on
+    from rt_controller.loop.replay import Log, answer_log, answer_log_on_bus
 
     began = time.perf_counter()
     read = Log(log)
     node = ControllerNode(read.rate, parameters, law, adaptation)
     if bus is None:
-        answers = replayed(read, node)
+        answers = answer_log(read, node)
     else:
         options = ["--law", law, "--adaptation" if adaptation else "--no-adaptation"]
         options += ["--parameters", str(parameters)] if parameters else []
-        answers = replayed_on(resolve(bus), read, options)
+        answers = answer_log_on_bus(resolve(bus), read, options)
     whole = time.perf_counter() - began
     document = {
         "log": str(log), "bus": bus and resolve(bus), "rate_hz": read.rate, "log_seconds": read.seconds,

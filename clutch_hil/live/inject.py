@@ -9,7 +9,7 @@ import zenoh
 from clutch_hil.bench.progress import table_text
 from clutch_hil.live.catalogue import counted, with_unit
 from clutch_hil.live.tune import parameters, read_reply
-from plant_sim.node.injection import effect_off, effect_on, sensor_bias, sensor_frozen
+from plant_sim.node.injection import effect_off, effect_on, sensor_bias, sensor_freeze
 from protocols.errors import InputError
 from protocols.telemetry.feed import ask, find_bench
 from protocols.telemetry.keys import Keys, bus_of
@@ -66,7 +66,7 @@ def injection_values(
     """
     values = dict(plant)
     parts = [effect_off(name) if off else effect_on(name, own) for name, own in effects.items()]
-    parts += [sensor_frozen(sensor, not off) for sensor in freeze]
+    parts += [sensor_freeze(sensor, not off) for sensor in freeze]
     parts += [sensor_bias(sensor, value) for sensor, value in bias.items()]
     for part in parts:
         for name, value in part.items():
@@ -79,8 +79,8 @@ def inject(
 ) -> list[dict[str, Any]]:
     """Inject `values` into the plant, all or none; return the changes planned for it, each with `at` [s] and `row`.
 
-    when: see `plant_sim.node.injection.requested`. Raises InputError with the plant's reason when it refuses, SilentError
-    (tune.py) when it does not answer.
+    when: see `plant_sim.node.injection.injection_from_request`. Raises InputError with the plant's reason when it refuses,
+    SilentError (tune.py) when it does not answer.
     """
     payload = json.dumps({"values": dict(values), **when})
     replies = session.get(Keys(bench, "plant").parameters, payload=payload, timeout=_TIMEOUT)

@@ -1,7 +1,9 @@
-"""Injection: a change of the running plant at a time. An effect on or off, a parameter, a sensor that freezes or is biased.
+"""Injection: a change of parameters of the running plant at a given time.
+
+It switches an effect on or off, changes a parameter, or freezes or biases a sensor:
 
 Injection(effect_on("internal_leakage"), at=10.0, ramp=2.0, until=20.0)
-Injection(sensor_frozen("pressure") | {"oil.sump_temperature": 90.0}, at=10.0)
+Injection(sensor_freeze("pressure") | {"oil.sump_temperature": 90.0}, at=10.0)
 """
 
 from collections.abc import Mapping
@@ -11,10 +13,10 @@ from math import inf, isfinite
 from plant_sim.effects.catalogue import effect
 from protocols.errors import InputError, closest
 
-WHEN = ("at", "after", "ramp", "until", "for")  # what a request from outside may say about time
-FREEZE = "sensor_freeze"  # the effect that holds sensors, with a strength for each
-_ROUNDED = 1e-9  # s by which decimal seconds may miss each other as floats
-BIAS = {  # the effect that biases each of them
+TIME_KEYS = ("at", "after", "ramp", "until", "for")  # keys of a request that give times [s]
+FREEZE = "sensor_freeze"  # effect that holds sensor signals; it has one strength for each sensor
+_TIME_TOLERANCE = 1e-9  # s: rounding error of decimal times as floats
+BIAS = {  # effect that biases each sensor
     "pressure": "pressure_sensor_offset",
     "temperature": "temperature_sensor_offset",
     "motor_torque": "motor_torque_sensor_offset",
@@ -25,10 +27,11 @@ BIAS = {  # the effect that biases each of them
 
 @dataclass(frozen=True)
 class Injection:
-    """Parameters take `values`, by dotted name in declared units, from `at` on [s, rig time], along a line of `ramp` [s].
+    """A change of parameters to `values`, which are by dotted name and in declared units.
 
-    At `until` [s] they go back to what they were at `at`, along such a line; where it is infinite they stay. Raises InputError
-    for times that cannot be.
+    The change begins at `at` [s, rig time] and is linear over `ramp` [s]. At `until` [s] the parameters begin to return, over a
+    ramp of the same length, to their values at `at`; with an infinite `until` they stay. Raises InputError for impossible
+    times.
     """
 
     values: Mapping[str, float]
@@ -37,39 +40,42 @@ class Injection:
     until: float = inf
 
     def __post_init__(self) -> None:
-        """Raise InputError when there is nothing to change, or a time cannot be."""
+        """Raise InputError when there is nothing to change, or when a time is impossible."""
         if not self.values:
             raise InputError("an injection changes nothing; name a parameter and its value")
         for name, seconds in (("time", self.at), ("ramp", self.ramp)):
             if not (isfinite(seconds) and seconds >= 0.0):
                 raise InputError(f"{name} {seconds:g} s of an injection is not possible; allowed are 0 s and more")
-        if not self.until >= self.at + self.ramp - _ROUNDED:
+        if not self.until >= self.at + self.ramp - _TIME_TOLERANCE:
             raise InputError(
                 f"injection until {self.until:g} s is not possible; its ramp ends at {self.at + self.ramp:g} s"
             )
-        if not self.until > self.at + _ROUNDED:
+        if not self.until > self.at + _TIME_TOLERANCE:
             raise InputError(f"injection from {self.at:g} s until {self.until:g} s is not possible: it would last 0 s")
 
 
 def effect_on(name: str, given: Mapping[str, float] | None = None) -> dict[str, float]:
-    """Values that switch an effect on: its parameters `given` by short name, or its strengths' typical values where no
-    strength is given. Raises InputError."""
-    one, given = effect(name), given or {}
-    known = [p.name for p in one.parameters]
+    """Return the parameter values that switch an effect on, by dotted name.
+
+    `given` are values by short name. If they contain no strength, all strengths get their typical values. Raises InputError for
+    an unknown effect or parameter.
+    """
+    chosen, given = effect(name), given or {}
+    known = [p.name for p in chosen.parameters]
     for short in given:
         if short not in known:
             raise InputError(f"effect {name} has no parameter {short!r}; {closest(short, known)}")
-    strengths = {} if any(s.name in given for s in one.strengths) else {s.name: s.typical for s in one.strengths}
+    strengths = {} if any(s.name in given for s in chosen.strengths) else {s.name: s.typical for s in chosen.strengths}
     return {f"{name}.{short}": value for short, value in {**strengths, **given}.items()}
 
 
 def effect_off(name: str) -> dict[str, float]:
-    """Values that switch an effect off. Raises InputError."""
+    """Return the parameter values that switch an effect off. Raises InputError for an unknown effect."""
     return effect(name).off()
 
 
-def sensor_frozen(sensor: str, frozen: bool = True) -> dict[str, float]:
-    """Values that hold a sensor at what it shows, or release it. Raises InputError."""
+def sensor_freeze(sensor: str, frozen: bool = True) -> dict[str, float]:
+    """Return the values that hold a sensor at its present signal, or release it. Raises InputError for an unknown sensor."""
     known = [s.name for s in effect(FREEZE).strengths]
     if sensor not in known:
         raise InputError(f"sensor {sensor!r} is unknown; {closest(sensor, known)}")
@@ -77,22 +83,22 @@ def sensor_frozen(sensor: str, frozen: bool = True) -> dict[str, float]:
 
 
 def sensor_bias(sensor: str, value: float) -> dict[str, float]:
-    """Values that let a sensor show `value` too much, in the unit of its effect. Raises InputError."""
+    """Return the values that add `value`, in the unit of the effect, to a sensor. Raises InputError for an unknown sensor."""
     if sensor not in BIAS:
         raise InputError(f"sensor {sensor!r} is unknown; {closest(sensor, BIAS)}")
     (first, *_) = effect(BIAS[sensor]).strengths
     return {f"{BIAS[sensor]}.{first.name}": value}
 
 
-def requested(values: Mapping[str, float], when: Mapping[str, float], now: float) -> Injection:
-    """The injection that a request from outside asks for, at the rig time `now` [s]. Raises InputError.
+def injection_from_request(values: Mapping[str, float], when: Mapping[str, float], now: float) -> Injection:
+    """Return the injection for a request that arrives over telemetry at the rig time `now` [s].
 
-    `when` has at most one of `at` [s, rig time] and `after` [s from now], `ramp` [s], at most one of `until` [s, rig time] and
-    `for` [s from the ramp's end].
+    `when` may contain `at` [s, rig time] or `after` [s from now]; `ramp` [s]; `until` [s, rig time] or `for` [s after the end
+    of the ramp]. Raises InputError for another key, for a value that is no number, and for both keys of a pair.
     """
     for name, seconds in when.items():
-        if name not in WHEN:
-            raise InputError(f"an injection has no {name!r}; {closest(name, WHEN)}")
+        if name not in TIME_KEYS:
+            raise InputError(f"an injection has no {name!r}; {closest(name, TIME_KEYS)}")
         if isinstance(seconds, bool) or not isinstance(seconds, (int, float)):
             raise InputError(f"{name} of an injection is {seconds!r}; seconds are needed")
     for pair in (("at", "after"), ("until", "for")):

@@ -1,6 +1,6 @@
-"""Interface: what is between the bus and the clutches of a rig: commands in, the frames of a sample out.
+"""Interface between the bus and the clutches of a rig: it takes command frames and makes the frames of a sample.
 
-Decoding, checks, data acquisition and encoding are compiled calls (`cycle.py`), as the controller's cycle is.
+Decoding, checks, data acquisition and encoding are compiled calls (`plant_cycle.py`).
 """
 
 from abc import ABC, abstractmethod
@@ -18,32 +18,33 @@ from plant_sim.node.plant_cycle import (
     Refusal,
     begin,
     show,
-    slept,
+    skip_periods,
     take,
 )
 from plant_sim.rigs.wet_clutch import Rig, Whole
 from protocols.can.frame_batch import batch, load, unload
 from protocols.can.frames import Frame, FrameCodec, load_frames
 from protocols.can.lifecycle import Lifecycle
-from protocols.can.reception import counted, receptions
+from protocols.can.reception import new_receptions, read_counts
 from protocols.can.two_clutches import CLUTCHES
 from protocols.can.words import frame_definition
 from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
 from protocols.node import Column
 
-INBOX = 4096  # frames that `receive` takes at once: more than a bus of 1 Mbit/s carries in 0.2 s
-_NO_FRAME = -1  # an identifier that no frame has
+INBOX = 4096  # frames in one call of `take`: more than a bus of 1 Mbit/s carries in 0.2 s
+_NO_FRAME = -1  # marks an unused place: no frame has this identifier
 
 
 class Interface(ABC):
-    """The clutches of a rig on the bus: the base of its node, which moves them and tells of them.
+    """The clutches of a rig on the bus: base class of the rig's node.
 
-    rate [Hz]; `parameters`, `seeds` of the sensors' noise: one of each clutch; `session` tells two plants apart; `setpoints`
-    are the tables of the clutches' profiles, shape (clutches, 5, rows), see `profile.setpoint`, or (0, 5, 0).
+    rate [Hz]. `parameters` and `seeds` (of the sensor noise) have one entry for each clutch. `session` is a number that
+    distinguishes two plants. `setpoints` are the profile tables, shape (clutches, 5, rows), see `profile.setpoint`; without a
+    profile their shape is (0, 5, 0).
 
-    Of the last sample `tick` is the number, -1 before the first, `outbox` holds the frames, shape (OUTBOX,) of batch.FRAME, and
-    `record` the row, shape (columns,).
+    Attributes of the last sample: `tick` is its number, -1 before the first; `outbox` has its frames, shape (OUTBOX,) of
+    frame_batch.FRAME; `record` is its row, shape (columns,).
     """
 
     columns: tuple[Column, ...]
@@ -64,7 +65,7 @@ class Interface(ABC):
         self._connect(by_clutch, parameters)
 
     def _connect(self, by_clutch: Sequence[dict[str, FrameCodec]], parameters: Sequence[ParameterSet]) -> None:
-        """Fill records and settings for the frames of each clutch."""
+        """Fill the records and settings of the interface from the frames and parameters of each clutch."""
         frames, interface = by_clutch[0], self._interface
         fixed = self._settings.view(np.recarray)[0]
         for name in SHARED_FRAMES:
@@ -72,19 +73,19 @@ class Interface(ABC):
         self._heartbeat, status = frames["PLANT_HEARTBEAT"], frames["PLANT_STATUS"]
         self.heartbeat_period = self._heartbeat.cycle_time  # s
         own = [self._heartbeat, status]
-        self._heard = [frames["MOTOR_COMMAND"]]
-        for k, (codecs, of_clutch) in enumerate(zip(by_clutch, parameters, strict=True)):
+        self._received = [frames["MOTOR_COMMAND"]]
+        for k, (codecs, values) in enumerate(zip(by_clutch, parameters, strict=True)):
             clutch, its = interface.clutches[k], fixed.clutches[k]
-            heard = [codecs["VALVE_COMMAND"], codecs["CONTROLLER_HEARTBEAT"]]
-            clutch.valve, clutch.heartbeat = receptions(heard)
+            received = [codecs["VALVE_COMMAND"], codecs["CONTROLLER_HEARTBEAT"]]
+            clutch.valve, clutch.heartbeat = new_receptions(received)
             clutch.answered_tick = -1
             its.noise_source = address(self._generators[k])
-            its.dac_range, its.dac_bits = of_clutch["sensors.dac_range"].value, int(of_clutch["sensors.dac_bits"].value)
+            its.dac_range, its.dac_bits = values["sensors.dac_range"].value, int(values["sensors.dac_bits"].value)
             for name in CLUTCH_FRAMES:
                 its[name.lower()] = frame_definition(codecs[name])
             own += [codecs["ANALOG_SENSORS"], codecs["ENCODER"]]
-            self._heard += heard
-        interface.motor = receptions(self._heard[:1])[0]
+            self._received += received
+        interface.motor = new_receptions(self._received[:1])[0]
         self._own = {codec.can_id: codec.name for codec in own}
         fixed.own = [*self._own, *[_NO_FRAME] * (OUTBOX - len(self._own))]
         fixed.rate, fixed.period, fixed.session, fixed.count = self.rate, self._period, self._session, len(self._names)
@@ -93,65 +94,65 @@ class Interface(ABC):
 
     @abstractmethod
     def show(self) -> int:
-        """The frames of the present tick to the outbox: heartbeat, status, set-points, sensors; return their number."""
+        """Write the frames of the present tick to the outbox: heartbeat, status, set-points, sensors; return their number."""
 
     @abstractmethod
     def advance(self) -> None:
-        """Let the rig run for one period with the inputs held."""
+        """Advance the rig by one period with constant inputs."""
 
     @property
     def steady(self) -> bool:
-        """Whether a compiled call can make the next sample (`PlantNode.turns`): nothing but time goes on until then."""
+        """Whether a compiled call can make the next sample (`PlantNode.run_real_time`): no parameter changes until then."""
         return False
 
     def step(self, inbox: Sequence[Frame]) -> list[Frame]:
-        """One sample, and on by a period. Raises InputError when the bus has a second plant or speaks another protocol."""
+        """Take frames, make a sample, advance by a period; return the sample's frames. Raises InputError as `take`."""
         self.receive(inbox)
         frames = self.sample()
         self.advance()
         return frames
 
     def sample(self) -> list[Frame]:
-        """The frames of the present tick as objects; see `show`."""
+        """Make the frames of the present tick (`show`) and return them as objects."""
         return unload(self.outbox[: self.show()])
 
     def row(self) -> tuple[float, ...]:
-        """The record of the last sample, in the order of `columns`."""
+        """Return the record of the last sample, in the order of `columns`."""
         return tuple(self.record.tolist())
 
     def receive(self, inbox: Sequence[Frame]) -> None:
-        """Take commands; they act from the next sample on. Raises InputError as `take`."""
+        """Take command frames; they act from the next sample on. Raises InputError as `take`."""
         for first in range(0, len(inbox), INBOX):
             self.take(self._inbox, load(self._inbox, inbox[first : first + INBOX]))
 
     def take(self, inbox: np.ndarray, count: int) -> None:
-        """The same with the first `count` frames of a batch.
+        """Take the first `count` command frames of the batch `inbox`, shape (n,) of FRAME; they act from the next sample on.
 
-        Raises InputError when the bus has a second plant, another rate or another protocol.
+        Raises InputError when another plant is on the bus, or a controller has another rate or another protocol.
         """
         if why := take(self._interfaces, self._settings, inbox, count):
             raise InputError(self._refusal(Refusal(why)))
 
-    def slept(self, periods: int) -> None:
-        """The machine has slept through `periods`, whose samples come now, at once: nobody could answer them.
+    def skip_periods(self, periods: int) -> None:
+        """Account for `periods` that the computer has missed. Their samples are sent at once, so no controller can answer them.
 
-        They age commands by one at most, as the controller may have slept, too.
+        Together they age the commands by one period: the controller may have been stopped too.
         """
-        slept(self._interfaces, self._settings, periods)
+        skip_periods(self._interfaces, self._settings, periods)
 
     def heartbeat(self, lifecycle: Lifecycle) -> Frame:
-        """The next heartbeat."""
+        """Return the next heartbeat frame, with the state `lifecycle`."""
         self._interface.beats += 1
         data = self._heartbeat.pack(int(self._interface.beats), lifecycle, self.rate, self._session)
         return Frame(self._heartbeat.can_id, data)
 
     def safe(self) -> list[Frame]:
-        """A plant commands nothing: it says that it ends."""
+        """Return the frames to send at the end: the final heartbeat. A plant has no actuator to make safe."""
         return [self.heartbeat(Lifecycle.FINALIZED)]
 
     @property
     def answered_tick(self) -> int:
-        """SAMPLE_TICK that every controller has answered, of those that have not ended; -1 while they differ."""
+        """SAMPLE_TICK of the last answers of the running controllers; -1 while these differ."""
         clutches = self._clutches()
         ticks = {
             int(c["answered_tick"]) for c in clutches if c["controller"] != Lifecycle.FINALIZED or len(clutches) == 1
@@ -160,44 +161,47 @@ class Interface(ABC):
 
     @property
     def controller(self) -> Lifecycle:
-        """The state of all controllers, inactive while theirs differ: active once all are, finalized when all have ended."""
+        """State that all controllers have in common; inactive while their states differ."""
         states = {int(clutch["controller"]) for clutch in self._clutches()}
         return Lifecycle(states.pop()) if len(states) == 1 else Lifecycle.INACTIVE
 
     def reception_counts(self) -> dict[str, dict[str, int]]:
-        """Counts of `protocols.can.reception.Reception` by frame name."""
+        """Return the counts of `protocols.can.reception.Reception` by frame name."""
         rows = [self._interfaces[0]["motor"]]
         for clutch in self._clutches():
             rows += [clutch["valve"], clutch["heartbeat"]]
-        return {codec.name: counted(row) for codec, row in zip(self._heard, rows, strict=True)}
+        return {codec.name: read_counts(row) for codec, row in zip(self._received, rows, strict=True)}
 
     def _clutches(self) -> np.ndarray:
-        """Records of the clutches, shape (clutches,) of CLUTCH."""
+        """Return the records of the clutches, shape (clutches,) of CLUTCH."""
         rows: np.ndarray = self._interfaces[0]["clutches"][: len(self._names)]
         return rows
 
     def _begin(self) -> int:
-        """Go on to the next tick; frames of the plant itself and of the supervisor to the outbox: return their number."""
+        """Go to the next tick and write the frames of plant and supervisor to the outbox; return their number."""
         self.tick += 1
         sent: int = begin(self._interfaces, self._settings, self.tick, self.late_cycles, self._setpoints, self.outbox)
         return sent
 
     def _show(self, k: int, rig: Rig, whole: Whole, sent: int) -> int:
-        """Sensor frames of clutch `k` to the outbox behind `sent` others; its effects' states move on. Return their number."""
-        shown: int = show(
+        """Write the sensor frames of clutch `k` to the outbox, after `sent` others; return the number of frames there now.
+
+        The states of the effects advance.
+        """
+        count: int = show(
             self._interfaces, self._settings, k, self.tick, *whole, rig.record, rig.table.kernel, self.outbox, sent
         )
-        return shown
+        return count
 
     def _refusal(self, why: Refusal) -> str:
-        """What an unusable bus said, in a sentence."""
-        can_id, said = int(self._interface.refused_id), int(self._interface.refused_value)
+        """Return the message for a refused frame."""
+        can_id, value = int(self._interface.refused_id), int(self._interface.refused_value)
         if why is Refusal.SECOND_PLANT:
             return f"a second plant is on the bus: it sends {self._own[can_id]} (0x{can_id:03X})"
         if why is Refusal.LENGTH:
-            (codec,) = (codec for codec in self._heard if codec.can_id == can_id)
-            return f"frame {codec.name} (0x{can_id:03X}) came with {said} bytes; its definition has {codec.length}"
+            (codec,) = (codec for codec in self._received if codec.can_id == can_id)
+            return f"frame {codec.name} (0x{can_id:03X}) came with {value} bytes; its definition has {codec.length}"
         clutch = f" of clutch {self._names[self._interface.refused_clutch]}" if len(self._names) > 1 else ""
         if why is Refusal.RATE:
-            return f"the controller{clutch} runs at {said} Hz, this plant at {self.rate} Hz: give both one rate"
-        return f"lifecycle {said} of the controller{clutch} is unknown; allowed are 0 to 3"
+            return f"the controller{clutch} runs at {value} Hz, this plant at {self.rate} Hz: give both one rate"
+        return f"lifecycle {value} of the controller{clutch} is unknown; allowed are 0 to 3"

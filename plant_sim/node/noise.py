@@ -1,9 +1,8 @@
-"""Noise: the numbers of NumPy's generator, drawn by compiled code.
+"""Sensor noise: normally distributed numbers of a NumPy generator, drawn by compiled code.
 
-Method          NumPy's own function, from the library that has it, on the memory of a bit generator, as "Extending" of NumPy's
-                manual has it: number for number what `Generator.standard_normal` gives. A Generator handed over to Numba would
-                keep 62 bytes a call
-Assumptions     whoever has the address keeps the generator, too
+Method          calls NumPy's own C function on the memory of a bit generator ("Extending" in the manual of numpy.random). The
+                numbers equal those of `Generator.standard_normal`. Passing a Generator to Numba leaks 62 bytes a call
+Assumptions     the generator lives as long as its address is used
 """
 
 import numpy as np
@@ -14,16 +13,16 @@ from numpy.random import _generator
 from protocols.buses.exchange import system
 
 load_library_permanently(_generator.__file__)  # before a kernel that calls it is loaded from disk
-_LONG = types.int64  # of addresses and counts, too
-_fill = system("random_standard_normal_fill", types.void, _LONG, _LONG, _LONG)
+_INT64 = types.int64  # type of addresses and counts in the C function
+_fill = system("random_standard_normal_fill", types.void, _INT64, _INT64, _INT64)
 
 
 def address(generator: np.random.Generator) -> int:
-    """Where the state of a generator is, for `draw`."""
+    """Return the memory address of a generator's state, for `draw`."""
     return int(generator.bit_generator.ctypes.bit_generator.value)
 
 
 @njit
 def draw(source, numbers):
-    """Fill an array with standard normal numbers from the generator at the address `source`."""
+    """Fill the array `numbers` with standard normal numbers from the generator at the address `source`."""
     _fill(source, numbers.size, numbers.ctypes.data)

@@ -1,4 +1,4 @@
-"""A sample of the plant, in compiled calls on records: `take` commands, `begin` the sample, `show` what its sensors see."""
+"""Compiled steps of a sample of the plant: `take` the commands, `begin` the sample, `show` the sensor signals."""
 
 from collections.abc import Sequence
 from enum import IntEnum
@@ -14,14 +14,14 @@ from plant_sim.rigs.sensors import acquire
 from protocols.can.frame_batch import word_of
 from protocols.can.frames import load_frames
 from protocols.can.lifecycle import Lifecycle
-from protocols.can.reception import RECEPTION, accepted
+from protocols.can.reception import RECEPTION, accept_word
 from protocols.can.two_clutches import CLUTCHES
 from protocols.can.words import count_turn, frame_layout, put, put_raw, raw, value, write_frame
 
-# cycles without a valve command that close the valve's amplifier: as long as the controller's guard waits
+# Cycles without a valve command after which the valve amplifier switches off: as `stale_cycles` of the controller's guard
 STALE_CYCLES = 5
-OUTBOX = 8  # frames of a sample at most: heartbeat, status, and of each of two clutches set-point, sensors, encoder
-SHARED_FRAMES = ("MOTOR_COMMAND", "PLANT_STATUS", "PLANT_HEARTBEAT")  # of the rig; then those of each clutch
+OUTBOX = 8  # highest number of frames in a sample: heartbeat, status; set-point, sensors, encoder of two clutches
+SHARED_FRAMES = ("MOTOR_COMMAND", "PLANT_STATUS", "PLANT_HEARTBEAT")  # frames that a rig has once
 CLUTCH_FRAMES = ("VALVE_COMMAND", "CONTROLLER_HEARTBEAT", "TORQUE_SETPOINT", "ANALOG_SENSORS", "ENCODER")
 
 
@@ -34,7 +34,7 @@ class Actuators(IntEnum):
 
 
 class Refusal(IntEnum):
-    """Why a bus cannot be worked on."""
+    """Reasons to refuse a frame and end the service."""
 
     SECOND_PLANT = 1
     LENGTH = 2
@@ -42,10 +42,10 @@ class Refusal(IntEnum):
     LIFECYCLE = 4
 
 
-# A clutch on the bus. voltage [V] at its valve; answered_tick: SAMPLE_TICK of the last valve command, -1 before the first;
-# controller: Lifecycle of its controller; age: cycles since the last valve command, if one has come (commanded); what the data
-# acquisition shows [bar, rad/s, rad, degC, Nm, Nm], slip_speed as the difference of encoder counts, once there are two; noise:
-# that of its sensors in the sample, standard normal, from the generator at noise_source (`noise.py`)
+# A clutch on the bus. voltage [V] at its valve. answered_tick: SAMPLE_TICK of the last valve command, -1 before the first.
+# controller: Lifecycle of its controller. commanded: a valve command has arrived; age: cycles since the last one. pressure to
+# motor_torque: the measured values [bar, rad/s, rad, degC, Nm, Nm]; slip_speed is the difference of two encoder counts, begun
+# says that there is a count. noise: standard normal numbers for the sensors, from the generator at noise_source (`noise.py`)
 CLUTCH = np.dtype(
     [("voltage", "f8"), ("answered_tick", "i8"), ("controller", "i8"), ("age", "i8"), ("commanded", "?"),
      ("torque_demand", "f8"), ("begun", "?"), ("count", "i8"), ("pressure", "f8"), ("slip_speed", "f8"), ("angle", "f8"),
@@ -55,18 +55,18 @@ CLUTCH = np.dtype(
 
 
 def _layouts(names: Sequence[str]) -> list[tuple[str, np.dtype]]:
-    """A field for the definition of each frame, by its name in the DBC in lower case."""
+    """Return one field for the definition of each frame, named as in the DBC but in lower case."""
     return [(name.lower(), frame_layout(load_frames()[name])) for name in names]
 
 
-# Converter of the valve, source of the noise, and the clutch's frames as the DBC defines them
+# D/A converter of the valve: range [V] and bits; address of the noise generator; the clutch's frames as the DBC defines them
 CLUTCH_SETTINGS = np.dtype([("dac_range", "f8"), ("dac_bits", "i8"), ("noise_source", "i8"), *_layouts(CLUTCH_FRAMES)])
-# refused_...: why the bus cannot be worked on, which of its clutches says so
+# Motor command [rad/s, Nm]; refused_...: identifier, value and clutch of a refused frame
 INTERFACE = np.dtype(
     [("speed_demand", "f8"), ("torque_limit", "f8"), ("beats", "i8"), ("refused_id", "i8"), ("refused_value", "i8"),
      ("refused_clutch", "i8"), ("motor", RECEPTION), ("clutches", CLUTCH, (len(CLUTCHES),))]
 )  # fmt: skip
-# count: of the clutches; own: identifiers of the frames it sends; then the rig's frames as the DBC defines them
+# count: number of clutches; own: identifiers of the frames that the plant sends; then the shared frames as the DBC defines them
 SETTINGS = np.dtype(
     [("rate", "i8"), ("period", "f8"), ("session", "i8"), ("count", "i8"), ("own", "i8", (OUTBOX,)),
      ("status_every", "i8"), ("heartbeat_every", "i8"), *_layouts(SHARED_FRAMES),
@@ -77,7 +77,7 @@ _dac, _setpoint = njit(dac.voltage), njit(setpoint)
 
 @njit(cache=True, nogil=True)
 def take(interfaces: Any, all_settings: Any, inbox: Any, count: Any) -> Any:
-    """Take the first `count` frames of `inbox`, up to one that is refused; return the Refusal, 0 where there is none."""
+    """Take the first `count` frames of `inbox`, up to the first refused one; return its Refusal, or 0."""
     for index in range(count):
         why = _receive(interfaces[0], all_settings[0], inbox[index])
         if why != 0:
@@ -87,7 +87,7 @@ def take(interfaces: Any, all_settings: Any, inbox: Any, count: Any) -> Any:
 
 @njit
 def _receive(interface, settings, frame):
-    """Take one frame; return the Refusal, 0 where there is none."""
+    """Take one frame; return its Refusal, or 0."""
     can_id, length = np.int64(frame.can_id), np.int64(frame.length)
     for own in settings.own:
         if can_id == own:
@@ -96,7 +96,7 @@ def _receive(interface, settings, frame):
     if can_id == interface.motor.can_id:
         if length != interface.motor.length:
             return _refuse(interface, Refusal.LENGTH, can_id, length, 0)
-        if accepted(interface.motor, word, length):
+        if accept_word(interface.motor, word, length):
             s = settings.motor_command
             on = raw(word, s.motor_enable) != 0
             interface.speed_demand = value(word, s.speed_demand) if on else 0.0
@@ -107,7 +107,7 @@ def _receive(interface, settings, frame):
         if can_id == clutch.valve.can_id:
             if length != clutch.valve.length:
                 return _refuse(interface, Refusal.LENGTH, can_id, length, k)
-            if accepted(clutch.valve, word, length):
+            if accept_word(clutch.valve, word, length):
                 its = settings.clutches[k]
                 s = its.valve_command
                 on = raw(word, s.valve_enable) != 0
@@ -116,7 +116,7 @@ def _receive(interface, settings, frame):
         elif can_id == clutch.heartbeat.can_id:
             if length != clutch.heartbeat.length:
                 return _refuse(interface, Refusal.LENGTH, can_id, length, k)
-            if accepted(clutch.heartbeat, word, length):
+            if accept_word(clutch.heartbeat, word, length):
                 s = settings.clutches[k].controller_heartbeat
                 lifecycle, rate = raw(word, s.lifecycle), raw(word, s.rate)
                 if rate != settings.rate:
@@ -128,14 +128,15 @@ def _receive(interface, settings, frame):
 
 
 @njit
-def _refuse(interface, why, can_id, said, k):
-    interface.refused_id, interface.refused_value, interface.refused_clutch = can_id, said, k
+def _refuse(interface, why, can_id, value_received, k):
+    """Store what is refused, for the error message; return the Refusal `why` as a number."""
+    interface.refused_id, interface.refused_value, interface.refused_clutch = can_id, value_received, k
     return why.value
 
 
 @njit(cache=True, nogil=True)
-def slept(interfaces: Any, all_settings: Any, periods: Any) -> None:
-    """See `Interface.slept`."""
+def skip_periods(interfaces: Any, all_settings: Any, periods: Any) -> None:
+    """See `Interface.skip_periods`."""
     if periods > 1:
         for k in range(all_settings[0].count):
             interfaces[0].clutches[k].age -= periods - 1
@@ -143,7 +144,7 @@ def slept(interfaces: Any, all_settings: Any, periods: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def begin(interfaces: Any, all_settings: Any, tick: Any, late_cycles: Any, setpoints: Any, outbox: Any) -> Any:
-    """Frames of the plant itself and of the supervisor at `tick`; return their number. Nobody's command drives no motor."""
+    """Write the frames of plant and supervisor at `tick`; return their number. Stale commands of clutch a stop the motor."""
     interface, settings, sent = interfaces[0], all_settings[0], 0
     if _stale(interface.clutches[0]):
         interface.speed_demand = interface.torque_limit = 0.0
@@ -188,9 +189,10 @@ def show(
     interfaces: Any, all_settings: Any, k: Any, tick: Any, y: Any, states: Any, parameters: Any, effects: Any, outbox: Any,
     sent: Any,
 ) -> Any:  # fmt: skip
-    """Sensor frames of clutch `k`, the encoder's last: it completes the sample; return the number of frames in `outbox`.
+    """Write the sensor frames of clutch `k`; return the number of frames in `outbox`, which was `sent` before.
 
-    Rig and effects as of `sensors.acquire`; `states` move on in place.
+    The encoder frame is the last: it completes the sample. `y`, `states`, `parameters` and `effects` are those of
+    `sensors.acquire`; `states` advance in place.
     """
     settings = all_settings[0]
     clutch, its = interfaces[0].clutches[k], settings.clutches[k]
@@ -211,19 +213,19 @@ def show(
     clutch.pressure, clutch.temperature = value(word, s.cylinder_pressure), value(word, s.oil_temperature)
     clutch.motor_torque, clutch.clutch_torque = value(word, s.motor_torque), value(word, s.clutch_torque)
     s = its.encoder
-    angle, clutch.slip_speed = 0.0, y[0].slip_speed  # in the first sample the true one
+    angle, clutch.slip_speed = 0.0, y[0].slip_speed  # true slip speed in the first sample
     if clutch.begun:
         angle = count_turn(count, clutch.count, s.shaft_angle) * s.shaft_angle.scale
         clutch.slip_speed = angle * settings.rate
     clutch.begun, clutch.count = True, count
     clutch.angle += angle
     word = put_raw(np.int64(0), s.shaft_angle, count)
-    word = put_raw(word, s.sample_tick, tick)  # it wraps
+    word = put_raw(word, s.sample_tick, tick)  # it wraps around
     write_frame(outbox[sent + 1], s, word, tick)
     return sent + 2
 
 
 @njit
 def _stale(clutch):
-    """Whether commands have come and come no more."""
+    """Whether valve commands have stopped: at least one has arrived, and none for STALE_CYCLES."""
     return clutch.commanded and clutch.age >= STALE_CYCLES

@@ -1,7 +1,7 @@
-"""Record of a sample of the wet-clutch rig: what its sensors show, then the truth. Here its columns are declared, and filled.
+"""Record of a sample of the wet-clutch rig: measured values, then true values. The columns are declared and filled here.
 
-A column is declared once; run files, telemetry, live views and docs/columns.md follow. The name of a truth begins with
-`truth_`: a blind recording seals it away.
+A column is declared once; run files, telemetry, live views and docs/columns.md follow. Names of true values begin with
+`truth_`: a blind recording seals these columns.
 """
 
 from typing import Any
@@ -42,9 +42,9 @@ _phase = njit(phase)
 def note_sample(
     row: Any, time: Any, interfaces: Any, rig_state: Any, preload_pressure: Any, contact_pressure: Any
 ) -> None:
-    """Fill `row` (columns,), which is a RECORD, from `interfaces` (1,) of INTERFACE and `rig_state` (1,) of STATE.
+    """Fill `row` (columns,), the memory of a RECORD, from `interfaces` (1,) of INTERFACE and `rig_state` (1,) of STATE.
 
-    time [s] of the run; preload_pressure [Pa] and contact_pressure [Pa] are those of the piston, for its phase.
+    time [s] of the run; preload_pressure and contact_pressure [Pa] of the piston decide its phase.
     """
     record, interface, y = row.view(RECORD)[0], interfaces[0], rig_state[0]
     shown = interface.clutches[0]

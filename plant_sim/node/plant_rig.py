@@ -1,4 +1,4 @@
-"""Plant rig: what must be known of a plant to run it: its node, parameters and profiles, in one object."""
+"""Plant rig: the node, parameters and profiles of a plant in one object, as needed to run it."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -13,22 +13,22 @@ from protocols.telemetry.truth import reveals_truth
 
 
 class RigProfile(Protocol):
-    """What the supervisor asks of a rig over time; the rig's node knows the rest of it."""
+    """Set-points of the supervisor over time. Only the rig's node uses more of it than the duration."""
 
     @property
     def duration(self) -> float:
-        """When it ends [s]."""
+        """Time at which the profile ends [s]."""
 
 
 @dataclass(frozen=True)
 class PlantRig:
     """A plant that can be run on a bus or in one process.
 
-    `node` is the class of its node, made and stepped as `PlantNode`. `nominal(path)` returns its parameters with every effect
-    off, or as the user's file at `path` changes them where one is given. `load_profile(name, seconds)` returns a profile, cut
-    or repeated to `seconds` [s] unless None, or raises InputError. `switched_on(parameters)` names the effects that are on.
-    `clutches` are the names of its clutches where it has two: each has a controller, and its parameters begin with its name.
-    `not_blind` says why the plant cannot keep its truth back; it is empty where it can.
+    `node` is the class of its node, constructed and stepped as `PlantNode`. `nominal(path)` returns its parameters with all
+    effects off, changed by the user's file at `path` if given. `load_profile(name, seconds)` returns a profile, cut or repeated
+    to `seconds` [s] unless None; it raises InputError. `switched_on(parameters)` lists the effects that are on. `clutches` are
+    the names of two clutches: each has a controller, and its parameters begin with its name. It is empty for one clutch.
+    `not_blind` is the reason why the plant cannot run blind; empty when it can.
     """
 
     name: str
@@ -41,16 +41,16 @@ class PlantRig:
 
     @property
     def controllers(self) -> dict[str, str | None]:
-        """Names of the controllers on its bench, each with the clutch it controls; None for the only one."""
+        """Names of the controllers on the bench, each with its clutch; with a single clutch, None."""
         return dict(zip(CONTROLLERS, self.clutches or (None,), strict=False))
 
     @property
     def measured(self) -> tuple[str, ...]:
-        """Columns that every run of it has: time, inputs and what its sensors show, without the truth."""
+        """Columns in every run: time, inputs and measured values, without the true values."""
         columns: Sequence[Column] = self.node.columns
         return tuple(column.name for column in columns if not reveals_truth(column.name))
 
     def check_blind(self, blind: bool) -> None:
-        """Raise InputError where a `blind` run is asked for and cannot be."""
+        """Raise InputError when a `blind` run is requested but not possible."""
         if blind and self.not_blind:
             raise InputError(f"{self.not_blind}; leave --blind away")

@@ -1,4 +1,4 @@
-"""The plant as a process: a bus, a clock, a ring. Time begins when a controller is on the bus."""
+"""The plant as a process with a bus, a clock and a telemetry ring. Time starts when a controller is active on the bus."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -22,17 +22,18 @@ from protocols.realtime.footprint import Footprint
 from protocols.realtime.stopping import Stop
 from protocols.telemetry.outlet import Outlet
 
-_ANSWER = 5.0  # s to wait for a controller's answer in lock-step: it has died
-_TICK = 1_000_000  # ns; of a kernel with 1000 Hz, whose multiples are those of others
-_LOOK = 0.2  # s between looks whether it is to end
+_ANSWER_TIMEOUT = 5.0  # s without an answer in lock-step after which the controller counts as dead
+_KERNEL_TICK = 1_000_000  # ns: timer tick of a Linux kernel at 1000 Hz; the ticks at 250 and 100 Hz are multiples
+_STOP_CHECK_PERIOD = 0.2  # s between two checks for a stop request in lock-step
 
 
 @dataclass(frozen=True)
 class PlantService:
-    """Settings of a plant process. rate [Hz]; temperature [degC]; `profile` None plays none and runs until stopped.
+    """Settings of a plant process.
 
-    `rig` is the plant that runs, `profile` one that it loads. `injections` and `blind` as of `PlantNode`; `ring`,
-    `telemetry` and `router` as of `Outlet`.
+    rate [Hz]; temperature [degC] of the oil at the start. `rig` is the plant, `profile` a profile of this rig; without one the
+    process runs until it is stopped. `injections` and `blind` are those of `PlantNode`; `ring`, `telemetry` and `router` are
+    those of `Outlet`; `cpu` is the number of the CPU to run on.
     """
 
     bus: str
@@ -51,17 +52,18 @@ class PlantService:
     cpu: int | None = None
 
     def warm(self) -> None:
-        """Compile, or load from disk, all that this plant runs: nothing compiles later, whatever is injected.
+        """Compile, or load from disk, all kernels of this plant: nothing compiles later, whatever is injected.
 
-        Before its signals are those of `Stop`: this can be ended.
+        Call it before `run`, where SIGINT only requests a stop: here SIGINT ends the process at once.
         """
         self.rig.node.warm()
         compile_record_cycle()
 
     def run(self, ready: Callable[[str], None]) -> dict[str, Any]:
-        """Serve until SIGTERM or SIGINT, in lock-step to the end of the profile; return the summary.
+        """Run until SIGTERM or SIGINT or, in lock-step, until the end of the profile; return the summary.
 
-        Raises InputError for a bad bus, a second plant, another rate or protocol.
+        `ready` is called with each message for the user. Raises InputError for an unusable bus, a second plant, another rate or
+        another protocol.
         """
         session = new_session()
         node = self._new_node(session)
@@ -85,9 +87,9 @@ class PlantService:
                 if self.lockstep:
                     self._lockstep(node, line, outlet, outlet.beat(clock), stop)
                 else:
-                    taken = Footprint()
+                    measured = Footprint()
                     timing = self._real_time(node, line, outlet, clock, stop)
-                    footprint = taken.summary()
+                    footprint = measured.summary()
             finally:
                 for frame in node.safe():
                     port.send(frame)
@@ -107,28 +109,29 @@ class PlantService:
         }
 
     def _new_node(self, session: int) -> Any:
+        """Construct the node of the rig."""
         return self.rig.node(
             self.rate, self.parameters, self.profile, self.seed, self.temperature,
             session=session, injections=self.injections, blind=self.blind,
         )  # fmt: skip
 
     def _await_controller(self, node: Any, port: Port, outlet: Outlet, stop: Stop) -> None:
-        """Say "inactive" every 50 ms until a controller says "active"."""
+        """Send the heartbeat "inactive" every 50 ms until all controllers are active."""
         while not stop.asked and node.controller != Lifecycle.ACTIVE:
             port.send(node.heartbeat(Lifecycle.INACTIVE))
             outlet.tune()
             node.receive(listen(port, node.heartbeat_period))
 
     def _real_time(self, node: Any, line: Exchange, outlet: Outlet, clock: Clock, stop: Stop) -> dict[str, Any]:
-        """Real time does not wait: samples of slots slept through are made and sent when the plant wakes."""
+        """Run in real time; return the timing. Samples of missed slots are made and sent when the process wakes up."""
         timing, beat, owed = None, outlet.beat(clock), 0
-        clock.start(between_ticks(time.monotonic_ns(), clock.period_ns))
+        clock.start(find_first_slot(time.monotonic_ns(), clock.period_ns))
         while not stop.asked:
             behind = owed > 0
             if node.steady and not outlet.asked():
-                owed = node.turns(line, beat, outlet.changes, owed)
+                owed = node.run_real_time(line, beat, outlet.changes, owed)
             else:
-                owed = self._by_parts(node, line, outlet, clock, owed)
+                owed = self._run_in_python(node, line, outlet, clock, owed)
                 behind = behind or owed > 0
             if owed:
                 outlet.write(
@@ -138,32 +141,32 @@ class PlantService:
             beat.record_cycle(node.record, outlet.changes)
             node.late_cycles = clock.late
             if timing is None and node.finished:
-                timing = clock.summary()  # of the run, not of the controller's end after it
-            if behind:  # before it goes on: the controller can answer, which may wait for this CPU
+                timing = clock.summary()  # of the profile, without the end of the controller after it
+            if behind:  # lets a controller on this CPU answer before the plant goes on
                 line.receive(0.5 / self.rate)
         return timing or clock.summary()
 
-    def _by_parts(self, node: Any, line: Exchange, outlet: Outlet, clock: Clock, owed: int) -> int:
-        """A sample where more is to do than a turn, changes of parameters. `owed` and what it returns: `PlantNode.turns`."""
+    def _run_in_python(self, node: Any, line: Exchange, outlet: Outlet, clock: Clock, owed: int) -> int:
+        """Make one sample in Python, with changes of parameters. `owed` and return value as of `PlantNode.run_real_time`."""
         waits = not owed
         owed = clock.wait() if waits else owed - 1
         if node.tick >= 0:
-            node.advance()  # through the period that is over
+            node.advance()  # over the last period
         outlet.tune()
         if waits:
             line.receive()
             node.take(line.inbox, line.count)
             line.clear()
-            node.slept(owed)
-        line.send(node.outbox, node.show())  # a controller on this CPU may go first from here on
+            node.skip_periods(owed)
+        line.send(node.outbox, node.show())  # from here on a controller on this CPU may run
         return owed
 
     def _lockstep(self, node: Any, line: Exchange, outlet: Outlet, beat: Beat, stop: Stop) -> None:
-        """Sample, wait for the answer to this sample, go on."""
+        """Run in lock-step: make a sample, wait for its answer, advance. Raises InputError when no answer comes."""
         while not (stop.asked or node.finished):
             written = False
             if node.steady and not outlet.asked():
-                written = node.in_step(line, beat, outlet.changes)
+                written = node.run_lockstep(line, beat, outlet.changes)
                 node.take(line.inbox, line.count)
                 line.clear()
             else:
@@ -172,23 +175,23 @@ class PlantService:
             if not written:
                 outlet.write(node.record, time.monotonic(), 0.0, 0.0, 0)
             outlet.tune()
-            deadline = time.monotonic() + _ANSWER
+            deadline = time.monotonic() + _ANSWER_TIMEOUT
             while node.answered_tick != node.tick & 0xFFFF and not stop.asked:
-                line.receive(_LOOK)
+                line.receive(_STOP_CHECK_PERIOD)
                 node.take(line.inbox, line.count)
                 line.clear()
                 if node.controller == Lifecycle.FINALIZED:
                     return
                 if time.monotonic() > deadline and node.answered_tick != node.tick & 0xFFFF:
                     raise InputError(
-                        f"the controller on {line.port.name} has not answered for {_ANSWER:g} s of lock-step"
+                        f"the controller on {line.port.name} has not answered for {_ANSWER_TIMEOUT:g} s of lock-step"
                     )
 
 
-def between_ticks(now_ns: int, period_ns: int) -> int:
-    """A first slot, a period or more from now, that the kernel's ticks do not meet [ns of CLOCK_MONOTONIC].
+def find_first_slot(now_ns: int, period_ns: int) -> int:
+    """Return a first slot [ns of CLOCK_MONOTONIC], at least a period from now, that avoids the timer ticks of the kernel.
 
-    They come at whole milliseconds (`tick_setup_device`, since Linux 6.4), and a sample that meets one comes 20 to 40 us
-    later (docs/timing.md). A quarter of a period behind them a controller half a period later does not meet them either.
+    Ticks are at whole milliseconds (`tick_setup_device`, since Linux 6.4). A sample at a tick is 20 to 40 us late
+    (docs/timing.md). The slot is a quarter of a period after a tick; a controller half a period later avoids the ticks, too.
     """
-    return (now_ns // period_ns + 2) * period_ns + min(period_ns, _TICK) // 4
+    return (now_ns // period_ns + 2) * period_ns + min(period_ns, _KERNEL_TICK) // 4

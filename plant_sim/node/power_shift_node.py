@@ -1,4 +1,4 @@
-"""The power-shift rig as a node: commands of two controllers in, sensor frames of two clutches out, the truth in its record."""
+"""The power-shift rig as a node: commands of two controllers in, sensor frames of two clutches out, true state recorded."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -9,7 +9,7 @@ from numba import njit
 
 from plant_sim.effects.catalogue import effects
 from plant_sim.effects.signals import DRIVE
-from plant_sim.node.injection import Injection, requested
+from plant_sim.node.injection import Injection, injection_from_request
 from plant_sim.node.interface import Interface
 from plant_sim.node.plant_node import NO_SETPOINTS, PlantNode, initial_temperature
 from plant_sim.node.plant_rig import PlantRig
@@ -26,10 +26,10 @@ from protocols.files.parameters import ParameterSet
 
 
 class PowerShiftNode(Interface):
-    """The power-shift rig behind the data acquisitions of its clutches, with the profile player of the bench.
+    """The power-shift rig with the data acquisition of its clutches and the profile player of the bench.
 
-    Arguments and steps as of `PlantNode`. Each clutch has its own frames (`two_clutches`), sensors and noise; the
-    motor obeys clutch a's controller. Injections name parameters with the prefix of their clutch. It cannot be blind.
+    Arguments and steps are those of `PlantNode`. Each clutch has its own frames (`two_clutches`), sensors and noise. The
+    controller of clutch a commands the motor. Injections name parameters with the prefix of the clutch. It cannot run blind.
     """
 
     columns = COLUMNS
@@ -47,7 +47,7 @@ class PowerShiftNode(Interface):
     ) -> None:
         RIG.check_blind(blind)
         self.blind = blind
-        self._base = parameters = parameters or power_shift.nominal()
+        self._initial_parameters = parameters = parameters or power_shift.nominal()
         own = [power_shift.clutch_parameters(parameters, clutch) for clutch in CLUTCHES]
         seeds = [len(CLUTCHES) * seed + k for k in range(len(CLUTCHES))]
         super().__init__(rate, own, seeds, session, profile.table if profile else NO_SETPOINTS)
@@ -61,14 +61,14 @@ class PowerShiftNode(Interface):
         kelvin = initial_temperature(parameters["a.oil.reference"].value if temperature is None else temperature)
         speed = profile.at(0.0)[0].speed if profile else 0.0
         line, a, b = self._rig.at_rest(speed, 0.0, kelvin)
-        self._state = PowerShift(  # the very types, as in `PlantNode`
+        self._state = PowerShift(  # the same type objects as in `PlantNode`
             line.view(DRIVELINE), *(Whole(clutch.y.view(STATE), clutch.effects) for clutch in (a, b))
         )
         self._interface.speed_demand, self._interface.torque_limit = speed, self._rig.a.record["motor_torque_limit"][0]
 
     @staticmethod
     def warm() -> None:
-        """See `PlantNode`."""
+        """Compile, or load from disk, all kernels of this node and of `PlantNode`."""
         PlantNode.warm()
         node = PowerShiftNode()
         node.take(batch(1), 0)
@@ -78,7 +78,7 @@ class PowerShiftNode(Interface):
         """See `Interface`."""
         sent = self._begin()
         time = self.tick * self._period
-        self._follow(time)
+        self._update_rigs(time)
         sent = self._show(0, self._rig.a, self._state.a, sent)
         sent = self._show(1, self._rig.b, self._state.b, sent)
         line, (a, _), (b, _) = self._state
@@ -91,21 +91,21 @@ class PowerShiftNode(Interface):
 
     @property
     def parameters(self) -> ParameterSet:
-        """As they act from the next sample on."""
+        """Parameters that act from the next sample on."""
         values: dict[str, float] = {}
         for clutch, schedule in zip(CLUTCHES, self._schedules, strict=True):
             present = schedule.parameters(self._now)
             values |= {_whole_name(name, clutch): p.value for name, p in present.items()}
-        return self._base.with_values(values)
+        return self._initial_parameters.with_values(values)
 
     @property
     def planned(self) -> list[dict[str, Any]]:
-        """Changes by injections that have not begun, as those `injected`."""
+        """Changes by injections that have not begun, in the form of `injected`."""
         parts = zip(CLUTCHES, self._schedules, strict=True)
-        return [told for clutch, schedule in parts for told in self._told(schedule.planned, clutch)]
+        return [change for clutch, schedule in parts for change in self._describe_changes(schedule.planned, clutch)]
 
     def fixed(self, name: str) -> str | None:
-        """Why a parameter cannot be changed while the plant runs; None when it can."""
+        """Return why a parameter cannot change while the plant runs; None when it can."""
         group, _, rest = name.partition(".")
         part = rest.partition(".")[0] if group in CLUTCHES else group
         if part in ("driveline", "sensors"):
@@ -115,35 +115,38 @@ class PowerShiftNode(Interface):
         return None
 
     def tune(self, values: Mapping[str, float]) -> None:
-        """Change parameters between two samples, each in its declared unit; states stay. All or none: raises InputError."""
+        """Change parameters between two samples, each in its declared unit; states are unchanged.
+
+        All values are taken or, with an InputError, none.
+        """
         self._check_free(values)
         parts = [power_shift.of_clutch(values, clutch) for clutch in CLUTCHES]
         self._schedules = [
-            schedule.tuned(part, self._now) if part else schedule
+            schedule.with_values(part, self._now) if part else schedule
             for schedule, part in zip(self._schedules, parts, strict=True)
         ]
-        self._follow(self._now)
+        self._update_rigs(self._now)
 
     def inject(self, *injections: Injection) -> None:
-        """Take changes of parameters at times to come; states stay. All or none: raises InputError."""
+        """Plan changes of parameters at future times. All are taken or, with an InputError, none."""
         for injection in injections:
             self._check_free(injection.values)
         schedules = []
         for clutch, schedule in zip(CLUTCHES, self._schedules, strict=True):
             parts = [(i, power_shift.of_clutch(i.values, clutch)) for i in injections]
             own = [replace(injection, values=part) for injection, part in parts if part]
-            schedules.append(schedule.extended(own, self._now) if own else schedule)
+            schedules.append(schedule.with_injections(own, self._now) if own else schedule)
         self._schedules = schedules
 
     def accept(self, values: Mapping[str, float], when: Mapping[str, float]) -> list[dict[str, Any]]:
-        """Inject `values` when somebody from outside asks (`injection.requested`); return the changes planned for that."""
+        """Inject `values` by a telemetry request (`injection_from_request`); return the planned changes. Raises InputError."""
         known = self.planned
-        self.inject(requested(values, when, self._now))
+        self.inject(injection_from_request(values, when, self._now))
         return [change for change in self.planned if change not in known]
 
     @property
     def finished(self) -> bool:
-        """Whether the profile has been played to its end."""
+        """Whether the profile is at its end."""
         return self.profile is not None and self._now >= self.profile.duration
 
     @property
@@ -152,19 +155,20 @@ class PowerShiftNode(Interface):
         return (self.tick + 1) * self._period
 
     def _check_free(self, values: Mapping[str, float]) -> None:
-        """Raise InputError for values that cannot be, or cannot be changed while the plant runs."""
-        self._base.with_values(values)
+        """Raise InputError for impossible values, and for parameters that cannot change while the plant runs."""
+        self._initial_parameters.with_values(values)
         if reasons := [reason for name in values if (reason := self.fixed(name))]:
             raise InputError(reasons[0])
 
     def _advance(self, duration: float, substeps: int) -> None:
+        """Advance the rig by `duration` [s] in `substeps`."""
         rig, (line, a, b) = self._rig, self._state
         parameters = rig.record, rig.a.record, rig.b.record
         effects = rig.a.table.attachments, rig.b.table.attachments
         _move(self._interfaces, (line, *a, *b), parameters, effects, duration, substeps)
 
-    def _follow(self, time: float) -> None:
-        """Let both clutches be what they are to be at `time` [s]; outputs follow."""
+    def _update_rigs(self, time: float) -> None:
+        """Set both clutches to their parameters at `time` [s]; outputs follow."""
         driveline, *wholes = self._state
         rigs = [self._rig.a, self._rig.b]
         changed = False
@@ -175,16 +179,16 @@ class PowerShiftNode(Interface):
                 rigs[k], wholes[k] = rig, wholes[k]._replace(effects=states)
                 changed = True
             if schedule.planned:
-                self.injected += self._told(schedule.begin(time), clutch)
+                self.injected += self._describe_changes(schedule.begin(time), clutch)
         if changed:
             self._rig.a, self._rig.b = rigs
             self._state = PowerShift(driveline, *wholes)
             self._advance(0.0, 0)
 
-    def _told(self, changes: Sequence[Change], clutch: str) -> list[dict[str, Any]]:
-        """Changes of a clutch for people and files. Those of the motor, which both clutches have, are told once."""
+    def _describe_changes(self, changes: Sequence[Change], clutch: str) -> list[dict[str, Any]]:
+        """Return changes of a clutch as dictionaries. Both schedules have those of the motor: only clutch a lists them."""
         return [
-            change.told(self.rate) | {"name": _whole_name(change.name, clutch)}
+            change.to_dict(self.rate) | {"name": _whole_name(change.name, clutch)}
             for change in changes
             if clutch == CLUTCHES[0] or not power_shift.is_motor(change.name)
         ]
@@ -192,10 +196,10 @@ class PowerShiftNode(Interface):
 
 @njit(cache=True, nogil=True)
 def _move(interfaces: Any, state: Any, parameters: Any, effects: Any, duration: Any, substeps: Any) -> None:
-    """As `power_shift.advance` with the inputs that the interface holds, in place.
+    """Advance the rig in place by `duration` [s] (`power_shift.advance`), with the inputs of the interface.
 
-    `state` is the driveline's, then rig and effects of a and of b; `parameters` are those of the driveline, of a and of b,
-    `effects` those of a and of b. All are plain tuples: a named one costs 1 us more a call.
+    `state` has the driveline, then rig and effects of clutch a and of b; `parameters` has those of the driveline, of a and of
+    b; `effects` has those of a and of b. All are plain tuples: a named one costs 1 us more a call.
     """
     interface, (line, a, states_a, b, states_b) = interfaces[0], state
     (driveline, parameters_a, parameters_b), (effects_a, effects_b) = parameters, effects
@@ -209,7 +213,7 @@ def _move(interfaces: Any, state: Any, parameters: Any, effects: Any, duration: 
 
 
 def _whole_name(name: str, clutch: str) -> str:
-    """Name of a clutch's or the motor's parameter among those of the power-shift rig."""
+    """Return the name of a parameter of clutch or motor among those of the power-shift rig."""
     return name if power_shift.is_motor(name) else f"{clutch}.{name}"
 
 

@@ -1,6 +1,6 @@
-"""Record of a sample of the power-shift rig: driveline and both clutches. Here its columns are declared, and filled.
+"""Record of a sample of the power-shift rig: driveline and both clutches. The columns are declared and filled here.
 
-A column is declared once; run files, telemetry and docs/columns.md follow. Those of a clutch are declared for both.
+A column is declared once; run files, telemetry and docs/columns.md follow. Columns of a clutch are declared once for both.
 """
 
 from typing import Any
@@ -60,8 +60,11 @@ RECORD = np.dtype(
 def note_sample(
     row: Any, time: Any, interfaces: Any, driveline: Any, rig_a: Any, rig_b: Any, wheel_radius: Any
 ) -> None:
-    """Fill `row` (columns,), which is a RECORD, from `interfaces` (1,) of INTERFACE, `driveline` (1,) of DRIVELINE, and
-    `rig_a`, `rig_b` (1,) of STATE; time [s] of the run, wheel_radius [m]."""
+    """Fill `row` (columns,), the memory of a RECORD.
+
+    time [s] of the run; interfaces (1,) of INTERFACE; driveline (1,) of DRIVELINE; rig_a, rig_b (1,) of STATE; wheel_radius
+    [m].
+    """
     record, interface, line = row.view(RECORD)[0], interfaces[0], driveline[0]
     record.time_s = time
     record.input_speed_demand_rad_s = interface.speed_demand
@@ -80,7 +83,7 @@ def note_sample(
 
 @njit
 def _note_clutch(record, shown, y, heat):
-    """Fill a clutch's part of the record from what its sensors have `shown`, its STATE and its heat [J]."""
+    """Fill the part of a clutch from its CLUTCH record `shown`, its STATE `y` and its heat [J]."""
     record.valve_voltage_v = shown.voltage
     record.torque_demand_nm = shown.torque_demand
     record.cylinder_pressure_bar = shown.pressure

@@ -1,8 +1,8 @@
-"""Schedule: what the plant's parameters are at each time, as rigs that are made before they are needed.
+"""Schedule: the parameters of the plant over time, as rigs that are prepared before they are needed.
 
-Each parameter follows its own line of changes, so between two times at which a change begins or ends all of them move along
-straight lines: a stretch. A rig is made for both ends of a stretch, with the same effects attached, and in between the
-compiled numbers are interpolated. A cycle compiles nothing and checks nothing.
+Each parameter is a piecewise linear function of time. So all of them are linear between two times at which a change begins or
+ends: a segment. A rig is prepared for both ends of a segment, with the same effects attached. In between its compiled numbers
+are interpolated, so that a cycle compiles and checks nothing.
 """
 
 from bisect import insort
@@ -20,12 +20,12 @@ from plant_sim.rigs.wet_clutch import Rig
 from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
 
-_EARLY = 1e-9  # s by which a sample may be early: times are sums of floats
+_TIME_TOLERANCE = 1e-9  # s: rounding error of sample times, which are sums of floats
 
 
 @dataclass(frozen=True)
 class Change:
-    """One parameter's way from `old` to `new`, in `unit`, from `at` on [s] along a line of `ramp` [s]."""
+    """A change of one parameter from `old` to `new`, in `unit`; it begins at `at` [s] and is linear over `ramp` [s]."""
 
     name: str
     unit: str
@@ -36,22 +36,22 @@ class Change:
 
     @property
     def end(self) -> float:
-        """When the parameter is `new` [s]."""
+        """Time at which the parameter reaches `new` [s]."""
         return self.at + self.ramp
 
     def value(self, time: float) -> float:
-        """The parameter at a time not before `at`."""
+        """Return the parameter at a time [s] not before `at`."""
         if time >= self.end:
             return self.new
         return self.old + (self.new - self.old) * (time - self.at) / self.ramp
 
-    def told(self, rate: int) -> dict[str, Any]:
-        """The change for people and files; `row` is the first of the record with it, at a `rate` [Hz]."""
-        return asdict(self) | {"row": ceil((self.at - _EARLY) * rate)}
+    def to_dict(self, rate: int) -> dict[str, Any]:
+        """Return the change as a dictionary; `row` is the index of the first record with it, at a `rate` [Hz]."""
+        return asdict(self) | {"row": ceil((self.at - _TIME_TOLERANCE) * rate)}
 
 
-class Stretch:
-    """The rig until `end` [s]: from the parameters `first` at `begin` its numbers move along straight lines to `last`."""
+class RampSegment:
+    """The rig from `begin` to `end` [s]: its numbers change linearly from the parameters `first` to `last`."""
 
     def __init__(self, begin: float, end: float, first: ParameterSet, last: ParameterSet) -> None:
         self.begin, self.end = begin, end
@@ -59,35 +59,35 @@ class Stretch:
         goal = Rig(last, self.rig.table.names)
         self._numbers = self.rig.record.view(np.float64), self.rig.table.values
         self._start = [numbers.copy() for numbers in self._numbers]
-        self._way = [goal.record.view(np.float64) - self._start[0], goal.table.values - self._start[1]]
+        self._increments = [goal.record.view(np.float64) - self._start[0], goal.table.values - self._start[1]]
 
     def move(self, time: float) -> bool:
-        """Let the rig be what it is at `time` [s]; whether it has changed."""
-        part = max((time - self.begin) / (self.end - self.begin), 0.0)
-        for numbers, start, way in zip(self._numbers, self._start, self._way, strict=True):
-            np.multiply(way, part, out=numbers)
+        """Set the rig to its state at `time` [s]; return whether it has changed."""
+        share = max((time - self.begin) / (self.end - self.begin), 0.0)
+        for numbers, start, increment in zip(self._numbers, self._start, self._increments, strict=True):
+            np.multiply(increment, share, out=numbers)
             numbers += start
         return True
 
 
-class Rest:
-    """The rig until `end` [s]: nothing moves."""
+class ConstantSegment:
+    """The rig until `end` [s] with constant parameters."""
 
     def __init__(self, end: float, parameters: ParameterSet) -> None:
         self.end = end
         self.rig = Rig(parameters)
 
     def move(self, time: float) -> bool:
-        """Nothing changes."""
+        """Do nothing; return False, as nothing has changed."""
         return False
 
 
 class Schedule:
-    """Parameters and rig over the time from `now` [s] on.
+    """Parameters and rig from the time `now` [s] on.
 
-    `begun` are changes under way: their parameters are not those of `parameters`; `pending` are injections to come. Raises
-    InputError when one of them cannot be: an unknown parameter, one out of bounds, effects that exclude each other, a rig too
-    fast to integrate, a time that is past.
+    `parameters` hold before all changes. `begun` are changes in progress, `pending` are future injections. Raises InputError
+    for an unknown parameter, a value out of bounds, effects that exclude each other, a rig too fast to integrate, or a time in
+    the past.
     """
 
     def __init__(
@@ -100,61 +100,62 @@ class Schedule:
         self._base = parameters
         self._lines = {change.name: [change] for change in begun}
         self._pending: list[Injection] = []
-        self._told = max((change.at for change in begun), default=-inf)  # s, by which changes have begun
-        self.planned = self._plan(pending)  # changes that have not begun, in the order in which they will
-        self._stretches = self._stretched(now)
+        # s: changes up to this time have begun and were returned by `begin`
+        self._reported_until = max((change.at for change in begun), default=-inf)
+        self.planned = self._plan_changes(pending)  # changes that have not begun, in order of time
+        self._segments = self._build_segments(now)
 
-    def extended(self, injections: Sequence[Injection], now: float) -> "Schedule":
-        """This schedule from `now` [s] on with further injections. Raises InputError and leaves this one as it is."""
+    def with_injections(self, injections: Sequence[Injection], now: float) -> "Schedule":
+        """Return this schedule from `now` [s] on with more injections. Raises InputError; this schedule is unchanged."""
         for injection in injections:
-            if injection.at < now - _EARLY:
+            if injection.at < now - _TIME_TOLERANCE:
                 raise InputError(f"injection at {injection.at:g} s is too late: the rig is at {now:g} s")
-        base, begun = self._so_far(now)
-        return Schedule(base, [*self._left(), *injections], begun, now)
+        base, begun = self._split_changes(now)
+        return Schedule(base, [*self._list_pending(), *injections], begun, now)
 
-    def tuned(self, values: Mapping[str, float], now: float) -> "Schedule":
-        """This schedule with `values` from `now` [s] on; a ramp of such a parameter ends. Raises InputError as `extended`."""
-        base, begun = self._so_far(now)
+    def with_values(self, values: Mapping[str, float], now: float) -> "Schedule":
+        """Return this schedule with `values` from `now` [s] on; ramps of these parameters end. Raises InputError."""
+        base, begun = self._split_changes(now)
         moving = [change for change in begun if change.name not in values]
-        return Schedule(base.with_values(values), self._left(), moving, now)
+        return Schedule(base.with_values(values), self._list_pending(), moving, now)
 
     def parameters(self, time: float) -> ParameterSet:
-        """The parameters at `time` [s], not before the schedule's beginning."""
+        """Return the parameters at `time` [s], which is not before the start of the schedule."""
         return self._values(time, time)
 
     def rig(self, time: float) -> tuple[Rig, bool]:
-        """The rig at `time` [s], and whether its numbers have moved. Times must not go back."""
-        while time >= self._stretches[0].end - _EARLY:
-            self._stretches.pop(0)
-        return self._stretches[0].rig, self._stretches[0].move(time)
+        """Return the rig at `time` [s], and whether its numbers have changed. Times must not decrease."""
+        while time >= self._segments[0].end - _TIME_TOLERANCE:
+            self._segments.pop(0)
+        return self._segments[0].rig, self._segments[0].move(time)
 
-    def still(self, time: float) -> Rig | None:
-        """The rig at `time` [s] where nothing begins, ends or moves; None where something does."""
-        stretch = self._stretches[0]
-        if isinstance(stretch, Stretch) or time >= stretch.end - _EARLY:
+    def constant_rig(self, time: float) -> Rig | None:
+        """Return the rig at `time` [s] if no parameter changes then, otherwise None."""
+        segment = self._segments[0]
+        if isinstance(segment, RampSegment) or time >= segment.end - _TIME_TOLERANCE:
             return None
-        return None if self.planned and self.planned[0].at <= time + _EARLY else stretch.rig
+        return None if self.planned and self.planned[0].at <= time + _TIME_TOLERANCE else segment.rig
 
     @property
     def until(self) -> float:
-        """Up to when it stays as it is where it is `still` [s]."""
-        return min([self._stretches[0].end, *(change.at for change in self.planned[:1])])
+        """Time [s] until which a `constant_rig` stays constant."""
+        return min([self._segments[0].end, *(change.at for change in self.planned[:1])])
 
     def begin(self, time: float) -> list[Change]:
-        """Changes that begin by `time` [s] and have not been told."""
-        self._told = time
-        count = sum(change.at <= time + _EARLY for change in self.planned)
+        """Return the changes that begin up to `time` [s] and have not been returned before."""
+        self._reported_until = time
+        count = sum(change.at <= time + _TIME_TOLERANCE for change in self.planned)
         begun, self.planned = self.planned[:count], self.planned[count:]
         return begun
 
-    def _plan(self, pending: Sequence[Injection]) -> list[Change]:
-        """Changes of injections; what goes back joins the injections to come. Raises InputError."""
+    def _plan_changes(self, pending: Sequence[Injection]) -> list[Change]:
+        """Return the changes by injections; the return of a parameter becomes an injection of its own. Raises InputError."""
         planned = []
         queue = sorted(pending, key=_time)
-        for injection in queue:  # which grows behind
+        for injection in queue:  # the loop appends to it
             self._base.with_values(injection.values)
-            there = self._values(injection.at, injection.at)
-            before = {name: there[name].value for name in injection.values}
+            present = self._values(injection.at, injection.at)
+            before = {name: present[name].value for name in injection.values}
             for name, new in injection.values.items():
                 change = Change(name, self._base[name].unit, before[name], float(new), injection.at, injection.ramp)
                 self._lines.setdefault(name, []).append(change)
@@ -164,38 +165,39 @@ class Schedule:
                 insort(queue, Injection(before, injection.until, injection.ramp), key=_time)
         return planned
 
-    def _stretched(self, now: float) -> list[Stretch | Rest]:
-        """What the rig is from `now` [s] on. Raises InputError."""
+    def _build_segments(self, now: float) -> list[RampSegment | ConstantSegment]:
+        """Build the segments from `now` [s] on. Raises InputError."""
         times = {time for line in self._lines.values() for change in line for time in (change.at, change.end)}
-        begins = [now, *sorted(time for time in times if time > now + _EARLY)]
-        stretches: list[Stretch | Rest] = []
+        begins = [now, *sorted(time for time in times if time > now + _TIME_TOLERANCE)]
+        segments: list[RampSegment | ConstantSegment] = []
         for begin, end in pairwise([*begins, inf]):
             first = self._values(begin, begin)
-            if any(change.end > begin + _EARLY for change in self._active(begin)):
-                stretches.append(Stretch(begin, end, first, self._values(begin, end)))
+            if any(change.end > begin + _TIME_TOLERANCE for change in self._active(begin)):
+                segments.append(RampSegment(begin, end, first, self._values(begin, end)))
             else:
-                stretches.append(Rest(end, first))
-        return stretches
+                segments.append(ConstantSegment(end, first))
+        return segments
 
-    def _so_far(self, now: float) -> tuple[ParameterSet, list[Change]]:
-        """Parameters with the changes that have ended by `now` [s], and the changes under way."""
-        begun = self._active(self._told)
+    def _split_changes(self, now: float) -> tuple[ParameterSet, list[Change]]:
+        """Return the parameters with the changes that have ended by `now` [s], and the changes in progress."""
+        begun = self._active(self._reported_until)
         moving = [change for change in begun if change.end > now]
         return self._base.with_values({change.name: change.new for change in begun if change.end <= now}), moving
 
-    def _left(self) -> list[Injection]:
-        """Injections that have not begun."""
-        return [injection for injection in self._pending if injection.at > self._told + _EARLY]
+    def _list_pending(self) -> list[Injection]:
+        """Return the injections that have not begun."""
+        return [injection for injection in self._pending if injection.at > self._reported_until + _TIME_TOLERANCE]
 
     def _values(self, begin: float, time: float) -> ParameterSet:
-        """Parameters at `time` [s] by the changes that have begun at `begin` [s]."""
+        """Return the parameters at `time` [s] by the changes that have begun at `begin` [s]."""
         return self._base.with_values({change.name: change.value(time) for change in self._active(begin)})
 
     def _active(self, time: float) -> list[Change]:
-        """The change of each parameter that began last by `time` [s], where one has."""
-        lines = ([change for change in line if change.at <= time + _EARLY] for line in self._lines.values())
+        """Return the newest change of each parameter that has begun by `time` [s]."""
+        lines = ([change for change in line if change.at <= time + _TIME_TOLERANCE] for line in self._lines.values())
         return [line[-1] for line in lines if line]
 
 
 def _time(injection: Injection) -> float:
+    """Return the start of an injection [s], to sort by."""
     return injection.at

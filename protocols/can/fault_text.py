@@ -1,7 +1,7 @@
-"""Faults of a controller, told to people: one line for each when it comes, with reason and measured values, and when it goes.
+"""Fault messages of a controller: one line when a fault begins, with reason and measured values, and one when it is cleared.
 
-The names are those of CONTROLLER_STATUS.FAULT in the DBC; each has its reason here. Whoever has rows of a controller, a
-telemetry process, a recorder, a monitor or a run file, tells faults by these words.
+Fault names are those of CONTROLLER_STATUS.FAULT in the DBC; the reasons are here. Telemetry process, recorder, monitor and run
+files make their messages from rows of the controller by this module.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,11 +13,11 @@ import numpy as np
 from protocols.can.frames import load_frames
 from protocols.can.request import Request
 
-_PHASE_IDLE = 0
+_PHASE_IDLE = 0  # CONTROLLER_STATUS.PHASE
 
 
 class Reason(NamedTuple):
-    """Why a fault is one: `text`, filled in with columns of the record; the parameter that is the limit, and its unit."""
+    """Reason of a fault: `text` is a format string over columns of the record; `limit` names the parameter, in `unit`."""
 
     text: str
     limit: str
@@ -37,7 +37,7 @@ REASONS: Mapping[str, Reason] = {
         "Nm",
     ),
 }
-# What is said of every fault: name, column, unit
+# Measured values in the message of every fault: name, column, unit
 MEASURED = (
     ("pressure", "pressure_bar", "bar"),
     ("pressure demand", "pressure_demand_bar", "bar"),
@@ -46,12 +46,12 @@ MEASURED = (
     ("torque demand", "torque_demand_nm", "Nm"),
     ("estimate", "torque_estimate_nm", "Nm"),
 )
-_NEEDED = ("sample_tick", "sample_age", "observed_torque_nm", *(column for _, column, _ in MEASURED))
+_MESSAGE_COLUMNS = ("sample_tick", "sample_age", "observed_torque_nm", *(column for _, column, _ in MEASURED))
 WAITS_FOR_IDLE = "the controller waits for a request for idle before it closes the clutch"
 
 
-class Told(NamedTuple):
-    """A fault that came: its `name`, the time [s] of the samples, and the line; `name` none: the one before is cleared."""
+class FaultChange(NamedTuple):
+    """A fault that began: its `name`, its time [s] in the run, and the message; the `name` none: the last fault is cleared."""
 
     name: str
     time: float
@@ -59,10 +59,10 @@ class Told(NamedTuple):
 
 
 class FaultWatch:
-    """Faults in the rows of a controller, given piece by piece; `columns` are their names, without the node's.
+    """Finds faults in the rows of a controller, which arrive in blocks.
 
-    `rate` [Hz] makes time of ticks; `parameters` in their units tell limits, where they are known; `clutch` says whose they
-    are, where there are two.
+    `columns` are the names of the columns, without the name of the node. `rate` [Hz] converts ticks to time. `parameters`, in
+    their units, add the limits to the messages. `clutch` is a or b where there are two.
     """
 
     def __init__(
@@ -72,37 +72,38 @@ class FaultWatch:
         parameters: Mapping[str, float] | None = None,
         clutch: str | None = None,
     ) -> None:
-        self._place = {name: i for i, name in enumerate(columns)}
+        self._index = {name: i for i, name in enumerate(columns)}
         self._names = load_frames()["CONTROLLER_STATUS"].choices("fault")
         self._rate, self._parameters = rate, parameters or {}
         self._of, self._for = (f" of clutch {clutch}", f" for clutch {clutch}") if clutch else ("", "")
         self._last: float | None = None  # before the first row
         self.count = 0
-        self.first: Told | None = None
+        self.first: FaultChange | None = None
 
-    def take(self, rows: np.ndarray) -> list[Told]:
-        """What begins and ends in further rows, (rows, columns)."""
-        told = [self._tell(rows[at]) for at in self._changes(rows)]
-        for fault in told:
+    def take(self, rows: np.ndarray) -> list[FaultChange]:
+        """Take more rows, shape (rows, columns); return the faults that begin or are cleared in them."""
+        changes = [self._describe(rows[at]) for at in self._changes(rows)]
+        for fault in changes:
             if fault.name != "none":
                 self.count += 1
                 self.first = self.first or fault
-        return told
+        return changes
 
     @property
     def stands(self) -> bool:
-        """Whether there was one in the newest row."""
+        """Whether the last row has a fault."""
         return bool(self._last)
 
     @property
     def verdict(self) -> str:
-        """What has been seen, for a verdict; empty without a fault."""
+        """Summary of the faults so far in one line; empty without a fault."""
         if self.first is None:
             return ""
         return self.first.line if self.count == 1 else f"{self.count} faults{self._of}, the first: {self.first.line}"
 
     def _changes(self, rows: np.ndarray) -> Iterator[int]:
-        faults = np.nan_to_num(rows[:, self._place["fault"]])
+        """Yield the indices of the rows in which the fault changes."""
+        faults = np.nan_to_num(rows[:, self._index["fault"]])
         for at in np.flatnonzero(np.diff(faults, prepend=self._last or 0.0)):
             if at > 0 and self._last is None:
                 self._last = faults[0]
@@ -111,44 +112,45 @@ class FaultWatch:
         if len(faults):
             self._last = faults[-1]
 
-    def _tell(self, row: np.ndarray) -> Told:
-        values = dict.fromkeys(_NEEDED, nan) | {name: float(row[i]) for name, i in self._place.items()}
+    def _describe(self, row: np.ndarray) -> FaultChange:
+        """Return the fault, or none, that begins in this row."""
+        values = dict.fromkeys(_MESSAGE_COLUMNS, nan) | {name: float(row[i]) for name, i in self._index.items()}
         name = self._names[int(values["fault"])]
         tick, age = values["sample_tick"], max(values["sample_age"], 0.0)
         time = max(tick + (age if isfinite(age) else 0.0), 0.0) / self._rate
-        when = "at" if self._last is not None else "before"  # who comes later sees it last
+        when = "at" if self._last is not None else "before"  # it may have begun before the first row
         if name == "none":
-            return Told(name, time, f"cleared{self._for} at {time:.2f} s")
+            return FaultChange(name, time, f"cleared{self._for} at {time:.2f} s")
         reason = REASONS[name]
         limit = self._parameters.get(reason.limit)
         why = reason.text.format(**values)
-        said = f" (limit {limit:g} {reason.unit})" if limit is not None else ""
+        limit_text = f" (limit {limit:g} {reason.unit})" if limit is not None else ""
         measured = ", ".join(
             f"{what} {values[column]:.2f} {unit}" for what, column, unit in MEASURED if isfinite(values[column])
         )
-        return Told(name, time, f"fault{self._of} {when} {time:.2f} s: {name}: {why}{said}; {measured}")
+        return FaultChange(name, time, f"fault{self._of} {when} {time:.2f} s: {name}: {why}{limit_text}; {measured}")
 
 
 def waits_for_idle(phase: float, request: float) -> bool:
-    """Whether a controller in this `phase`, idle, does not close the clutch though the `request` is to close it.
+    """Whether a controller in `phase` idle ignores a `request` to close the clutch.
 
-    A cycle closes it at once where it may; so it may not, until it is asked for idle.
+    A controller that may close the clutch does so in the same cycle. One that stays idle first needs a request for idle.
     """
     return phase == _PHASE_IDLE and request in (Request.ENGAGE, Request.PRESSURE)
 
 
 def clutch_of(node: str) -> str | None:
-    """Whose controller a node of the telemetry is, for people: b; None for the one of a single clutch, or of a."""
+    """Return the clutch, b, that a telemetry node controls; None for the controller of clutch a or of a single clutch."""
     return "b" if node == "controller_b" else None
 
 
 def faults_of(
     columns: Mapping[str, np.ndarray], rate: float, parameters: Mapping[str, float], clutch: str | None = None
 ) -> FaultWatch:
-    """The faults in the columns of a run file; rate [Hz], `parameters` of the controller.
+    """Return a FaultWatch with all faults of a run file.
 
-    `clutch`: a or b, where there are two; the columns of b's controller begin with `controller_b_`, all others' with
-    `controller_`.
+    `columns` have shape (rows,); `rate` [Hz]; `parameters` of the controller in their units. `clutch` is a or b where there are
+    two. Columns of b's controller begin with `controller_b_`, all others with `controller_`.
     """
     prefix = "controller_b_" if clutch == "b" else "controller_"
     names = [name for name in columns if name.startswith(prefix)]

@@ -1,7 +1,7 @@
-"""Frames: `clutch_rig.dbc` compiled once into pack and unpack functions that cost about a microsecond.
+"""Frames: `clutch_rig.dbc` compiled once into pack and unpack functions; a call takes about 1 us.
 
-cantools reads and checks the DBC; the loop runs generated code on one integer a frame. Agreement with cantools on
-random values is a test (tests/protocols/test_frames.py).
+cantools reads the DBC. The generated code handles each payload as one integer. tests/protocols/test_frames.py compares it with
+cantools on random values.
 """
 
 from collections import namedtuple
@@ -16,16 +16,16 @@ import cantools.database
 from cantools.database.can import Database, Message, Signal
 from e2e.crc import calculate_crc8
 
-from protocols.can.two_clutches import CLUTCHES, of_clutch
+from protocols.can.two_clutches import CLUTCHES, message_of_clutch
 from protocols.errors import InputError, listing
 
 DBC = Path(__file__).with_name("clutch_rig.dbc")
-COUNTER_MODULUS = 16  # 4-bit alive counter
+COUNTER_MODULUS = 16  # the alive counter has 4 bits
 
-# Every frame starts alike: where its protection stands.
+# Protection signals at the beginning of every frame: name, first bit, length [bit]
 _CRC = ("CRC", 0, 8)
 _COUNTER = ("COUNTER", 8, 4)
-# What the processes use; a DBC without one of these is not this bench's.
+# Frames that the processes use: a DBC must have all of them
 REQUIRED = (
     "VALVE_COMMAND", "MOTOR_COMMAND", "ANALOG_SENSORS", "ENCODER", "TORQUE_SETPOINT",
     "CONTROLLER_STATUS", "PLANT_STATUS", "CONTROLLER_HEARTBEAT", "PLANT_HEARTBEAT",
@@ -33,7 +33,7 @@ REQUIRED = (
 
 
 class Frame(NamedTuple):
-    """A frame as nodes exchange it: CAN identifier and payload bytes."""
+    """A CAN frame: identifier and payload."""
 
     can_id: int
     data: bytes
@@ -57,7 +57,7 @@ class FrameCodec:
         self.definitions: list[Signal] = sorted(message.signals, key=lambda signal: signal.start)
         payload = [signal for signal in self.definitions if signal.name not in ("CRC", "COUNTER")]
         self.signals: tuple[str, ...] = tuple(signal.name.lower() for signal in payload)
-        self.scale = {signal.name.lower(): float(signal.scale) for signal in payload}  # unit a count, by signal
+        self.scale = {signal.name.lower(): float(signal.scale) for signal in payload}  # unit of the signal per count
         functions = _compile(self.name, self.length, payload)
         self.pack: Callable[..., bytes] = functions["pack"]
         self.pack_raw: Callable[..., bytes] = functions["pack_raw"]
@@ -65,30 +65,31 @@ class FrameCodec:
         self.raw: Callable[[bytes], Any] = functions["raw"]
 
     def choices(self, signal: str) -> dict[int, str]:
-        """Names of the values of a signal, given in lower case; with spaces, for people."""
+        """Return the value names of a signal (its name in lower case), with spaces instead of underscores."""
         (definition,) = (one for one in self.definitions if one.name.lower() == signal)
         return {int(value): str(name).replace("_", " ") for value, name in (definition.choices or {}).items()}
 
     def valid(self, data: bytes) -> bool:
-        """Whether the CRC of `data` is right."""
+        """Whether the CRC of `data` is correct."""
         return calculate_crc8(data[1:]) == data[0]
 
     def counter(self, data: bytes) -> int:
-        """Alive counter, 0..15."""
+        """Return the alive counter, 0..15."""
         return data[1] & 15
 
 
 @cache
 def load_frames(path: Path = DBC, clutch: str = "a") -> dict[str, FrameCodec]:
-    """Compile every frame of a DBC as `clutch` has it, by its name in the DBC. Raises InputError naming file, frame, signal.
+    """Return the compiled frames of a clutch by their names in the DBC.
 
-    Where there is one clutch, it is clutch a. The dictionary is shared by all who ask: do not change it.
+    `clutch` is a or b; a single clutch is a. The dictionary is cached and shared: do not change it. Raises InputError that
+    names file, frame and signal.
     """
     try:
         database = cantools.database.load_file(path)
     except FileNotFoundError:
         raise InputError(f"DBC {path} does not exist") from None
-    except Exception as error:  # cantools raises many kinds
+    except Exception as error:  # cantools raises many exception types
         raise InputError(f"DBC {path} is malformed: {' '.join(str(error).split())}") from None
     if not isinstance(database, Database):
         raise InputError(f"{path} is not a CAN database")
@@ -97,16 +98,17 @@ def load_frames(path: Path = DBC, clutch: str = "a") -> dict[str, FrameCodec]:
         raise InputError(f"DBC {path} lacks the frame {missing[0]}; it has {listing(messages)}")
     for message in messages.values():
         _check(path, message)
-    return {name: FrameCodec(of_clutch(message, clutch)) for name, message in messages.items()}
+    return {name: FrameCodec(message_of_clutch(message, clutch)) for name, message in messages.items()}
 
 
 def bus_frames(path: Path = DBC, clutches: int = 1) -> list[FrameCodec]:
-    """Every frame on a bus with one or two `clutches`, highest priority first. Raises InputError as `load_frames`."""
+    """Return the frames of a bus with one or two `clutches`, highest priority first. Raises InputError as `load_frames`."""
     frames = {codec.can_id: codec for name in CLUTCHES[:clutches] for codec in load_frames(path, name).values()}
     return [frames[can_id] for can_id in sorted(frames)]
 
 
 def _check(path: Path, message: Message) -> None:
+    """Raise InputError for a frame that the generated code does not support."""
     where = f"DBC {path}: frame {message.name}"
     if not 2 <= message.length <= 8:
         raise InputError(f"{where} has {message.length} bytes; allowed are 2 to 8")
@@ -125,7 +127,7 @@ def _check(path: Path, message: Message) -> None:
 def _compile(name: str, length: int, signals: list[Signal]) -> dict[str, Any]:
     """Generate `pack`, `pack_raw`, `unpack` and `raw` for the payload signals of a frame.
 
-    The scaling stands in one visible line each way: raw = floor((value - offset) / scale + 0.5), value = raw * scale + offset.
+    Scaling: raw = floor((value - offset) / scale + 0.5); value = raw * scale + offset.
     """
     names = [signal.name.lower() for signal in signals]
     pack_raw = [f"def pack_raw(_counter, {', '.join(names)}):", " _word = (_counter & 15) << 8"]
@@ -162,6 +164,7 @@ def _compile(name: str, length: int, signals: list[Signal]) -> dict[str, Any]:
     ]
 
     def refuse(index: int, value: float) -> None:
+        """Raise InputError for a physical value outside the range of its signal."""
         signal = signals[index]
         half = 1 << signal.length - 1
         limits = (-half, half - 1) if signal.is_signed else (0, 2 * half - 1)

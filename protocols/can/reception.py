@@ -1,6 +1,6 @@
-"""Reception of one kind of frame: length, CRC and alive counter decide whether a payload is believed.
+"""Reception of one kind of frame: length, CRC and alive counter decide whether a payload is accepted.
 
-For tools a class, for compiled loops a record and `accepted`; tests hold both to the same.
+There is a class for tools, and a record with `accept_word` for compiled loops. A test compares both.
 """
 
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from protocols.can.frames import COUNTER_MODULUS, FrameCodec
 from protocols.can.words import counter, valid
 from protocols.errors import InputError
 
-# Counts as of `Reception`; counter: one more than the last, 0 before the first
+# Counts of `Reception`; counter: alive counter of the last frame plus 1, 0 before the first frame
 RECEPTION = np.dtype(
     [(name, "i8") for name in ("can_id", "length", "counter", "received", "lost", "repeated", "corrupt")]
 )
@@ -20,10 +20,11 @@ _COUNTS = ("received", "lost", "repeated", "corrupt")
 
 
 class Reception:
-    """Counts what arrives of one frame and gates its payload.
+    """Counts the frames of one kind and decides whether a payload may be used.
 
-    `received` accepted frames; `lost` gaps in the alive counter (at least: it wraps at 16); `repeated` frames with the
-    counter of the frame before, refused as a stuck sender; `corrupt` frames whose CRC is wrong, refused.
+    `received`: accepted frames. `lost`: missing values of the alive counter; as it wraps at 16, more may be lost. `repeated`:
+    frames with the counter of the frame before, refused because their sender is stuck. `corrupt`: frames with a wrong CRC,
+    refused.
     """
 
     def __init__(self, codec: FrameCodec) -> None:
@@ -32,10 +33,9 @@ class Reception:
         self._counter = -1
 
     def accept(self, data: bytes) -> bool:
-        """Whether `data` may be used.
+        """Count a frame; return whether its payload `data` may be used.
 
-        Raises InputError for a wrong length: the sender has another definition of the frame, nothing it says can be
-        believed.
+        Raises InputError for a wrong length: then the sender has another definition of the frame.
         """
         codec = self.codec
         if len(data) != codec.length:
@@ -56,25 +56,25 @@ class Reception:
         return True
 
     def counts(self) -> dict[str, int]:
-        """The four counters by name."""
+        """Return the four counts by name."""
         return {name: getattr(self, name) for name in _COUNTS}
 
 
-def receptions(codecs: Sequence[FrameCodec]) -> np.ndarray:
-    """Records of the frames `codecs` before anything has come, shape (codecs,) of RECEPTION."""
+def new_receptions(codecs: Sequence[FrameCodec]) -> np.ndarray:
+    """Return records for the frames `codecs` before the first reception, shape (codecs,) of RECEPTION."""
     rows = np.zeros(len(codecs), RECEPTION)
     rows["can_id"], rows["length"] = [c.can_id for c in codecs], [c.length for c in codecs]
     return rows
 
 
-def counted(row: np.void) -> dict[str, int]:
-    """The four counters of a record by name."""
+def read_counts(row: np.void) -> dict[str, int]:
+    """Return the four counts of a record by name."""
     return {name: int(row[name]) for name in _COUNTS}
 
 
 @njit
-def accepted(reception, word, length):
-    """Whether a payload of the right length may be used: its CRC is right and its counter another than the last."""
+def accept_word(reception, word, length):
+    """Count a payload of correct length; return whether it may be used: correct CRC, and another counter than the last."""
     if not valid(word, length):
         reception.corrupt += 1
         return False

@@ -1,4 +1,4 @@
-"""What the supervisor asks the controller for."""
+"""Requests of the supervisor to the controller."""
 
 from enum import IntEnum
 
@@ -9,10 +9,10 @@ class Request(IntEnum):
     IDLE = 0
     ENGAGE = 1  # follow the torque demand
     RELEASE = 2
-    PRESSURE = 3  # follow the pressure demand, whatever the torque demand
-    LOCK = 4  # close the clutch totally: carry whatever is applied, with a margin
+    PRESSURE = 3  # follow the pressure demand and ignore the torque demand
+    LOCK = 4  # close the clutch totally: carry the applied torque with a margin
 
     @property
     def closes(self) -> bool:
-        """Whether it keeps the clutch closed."""
+        """Whether the request closes the clutch or keeps it closed."""
         return self in (Request.ENGAGE, Request.PRESSURE, Request.LOCK)

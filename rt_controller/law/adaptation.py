@@ -19,7 +19,7 @@ from numba import njit
 from rt_controller.law.record import floats
 
 TEMPERATURE_NODES = (313.15, 333.15, 353.15, 373.15, 398.15, 423.15)  # K: 40..150 degC, the span of fig 6.8
-_LAST = len(TEMPERATURE_NODES) - 2  # lower node of the last interval
+_LAST_INTERVAL = len(TEMPERATURE_NODES) - 2  # lower node of the last interval
 
 # Names and units as in `controller.toml`, SI
 ADAPTATION_SETTINGS = floats(
@@ -32,7 +32,7 @@ ADAPTATION = np.dtype(
     [("level", "f8"), ("viscous", "f8"), ("active", "?"), ("base", "f8"), ("deviations", "f8", len(TEMPERATURE_NODES)),
      ("aa", "f8"), ("av", "f8"), ("vv", "f8"), ("ay", "f8"), ("vy", "f8")]
 )  # fmt: skip
-UNTAUGHT = {"level": 1.0, "base": 1.0}  # the identified parameters as they are
+INITIAL_ADAPTATION = {"level": 1.0, "base": 1.0}  # the identified parameters as they are
 
 
 @njit
@@ -42,7 +42,7 @@ def adapt(state, settings, coulomb, viscous, observed, slip, acceleration, tempe
     Torque parts and observed torque [Nm], slip [rad/s], acceleration [rad/s^2], temperature [K], step [s].
     """
     s = settings
-    node, weight = _hat(temperature)
+    node, weight = _locate_temperature(temperature)
     whole = coulomb + viscous
     state.active = (
         sliding
@@ -79,10 +79,10 @@ def _level(state, node, weight):
 
 
 @njit
-def _hat(temperature):
+def _locate_temperature(temperature):
     """Lower node and weight of the upper one, for linear interpolation over `TEMPERATURE_NODES`; held outside."""
     node = 0
-    while node < _LAST and temperature >= TEMPERATURE_NODES[node + 1]:
+    while node < _LAST_INTERVAL and temperature >= TEMPERATURE_NODES[node + 1]:
         node += 1
     low, high = TEMPERATURE_NODES[node], TEMPERATURE_NODES[node + 1]
     return node, _clip((temperature - low) / (high - low), 0.0, 1.0)

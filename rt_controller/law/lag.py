@@ -15,7 +15,7 @@ LAG = np.dtype([("first", "f8"), ("second", "f8"), ("out", "f8")])  # in the uni
 
 
 @njit
-def lagged(state, value, q):
+def low_pass(state, value, q):
     """Move the LAG `state` on by `value`; return its output, in the unit of `value`. `q` [-] within 0..1."""
     state.first = value + q * (state.first - value)
     state.second = state.first + q * (state.second - state.first)

@@ -18,22 +18,22 @@ LOCK_SETTINGS = floats("margin", "least", "rate", "time_constant", "pressure_lim
 
 
 @njit
-def hold(held, settings, model, level, there, carried, moving, step):
+def hold(capacity, settings, model, level, present, carried, moving, step):
     """Capacity to be asked for [Nm], from the one before, `held`; 0 begins with the one there is, `there`.
 
     `carried` [Nm]: torque of the clutch, a magnitude; `moving`: whether the plates slide; `step` [s].
     """
-    if held <= 0.0:
-        held = there
-    need = max((1.0 + settings.margin) * carried, carried + settings.least)
+    if capacity <= 0.0:
+        capacity = present
+    required = max((1.0 + settings.margin) * carried, carried + settings.least)
     rise = settings.rate * step
     if moving:
-        held += rise
-    elif need > held:
-        held = min(need, held + rise)
-    elif held > (1.0 + settings.margin) * need:
-        held += (need - held) * min(step / settings.time_constant, 1.0)
-    return min(held, level * coulomb_torque(model, settings.pressure_limit))
+        capacity += rise
+    elif required > capacity:
+        capacity = min(required, capacity + rise)
+    elif capacity > (1.0 + settings.margin) * required:
+        capacity += (required - capacity) * min(step / settings.time_constant, 1.0)
+    return min(capacity, level * coulomb_torque(model, settings.pressure_limit))
 
 
 @njit

@@ -23,11 +23,11 @@ PAIR_SETTINGS = floats("ratio", "other_ratio", "patience")
 # estimate [Nm] and whether the plates stick, heeded `age` [s] ago; said_...: the newest, not heeded yet
 OTHER = np.dtype(
     [("count", "i8"), ("tick", "i8"), ("angle", "f8"), ("slip", "f8"), ("acceleration", "f8"), ("estimate", "f8"),
-     ("sticks", "?"), ("age", "f8"), ("said_estimate", "f8"), ("said_sticks", "?"), ("said", "?")]
+     ("sticks", "?"), ("age", "f8"), ("new_estimate", "f8"), ("new_sticks", "?"), ("is_new", "?")]
 )  # fmt: skip
 
 
-def unheard() -> Any:
+def initial_other() -> Any:
     """OTHER before it has been heard."""
     return record(OTHER, tick=-1, age=np.inf)
 
@@ -51,14 +51,14 @@ def take_other_encoder(other, word, encoder, period, bandwidth):
 @njit
 def take_other_status(other, estimate, sticks):
     """Take what the other's CONTROLLER_STATUS says: estimate [Nm], whether its plates stick."""
-    other.said_estimate, other.said_sticks, other.said = estimate, sticks, True
+    other.new_estimate, other.new_sticks, other.is_new = estimate, sticks, True
 
 
 @njit
-def heed(other):
+def use_newest_status(other):
     """Believe the newest status from now on. Once between two statuses: so it does not matter in which cycle one came."""
-    if other.said:
-        other.estimate, other.sticks, other.said, other.age = other.said_estimate, other.said_sticks, False, 0.0
+    if other.is_new:
+        other.estimate, other.sticks, other.is_new, other.age = other.new_estimate, other.new_sticks, False, 0.0
 
 
 @njit

@@ -35,24 +35,25 @@ def bend(state, settings, turned, level, attraction, capacity, step):
 
     `level` s_n [-] of sliding at that speed, `attraction` C [1/s], `capacity` M_C [Nm] at the end of the step.
     """
-    kept = state.capacity / capacity if capacity > 0.0 else 0.0
+    load_ratio = state.capacity / capacity if capacity > 0.0 else 0.0
     state.capacity = capacity
-    way = copysign(1.0, turned)
+    direction = copysign(1.0, turned)
     stiffness = settings.spread ** (ELEMENTS - 1) / settings.angle
     decay = exp(-attraction * step / level)  # sec. 5.5, solved over the step
     total, slides = 0.0, True
     for i in range(ELEMENTS):
-        slips, along = state.latch[i] == way and turned != 0.0, way * state.share[i]
+        slips, along = state.latch[i] == direction and turned != 0.0, direction * state.share[i]
         if not slips:
-            along = min(max(along * kept, -1.0), 1.0)  # the load alone changes no spring's torque; sec. 5.5, unloading
+            # A change of the load alone does not change the torque of a spring: sec. 5.5, unloading
+            along = min(max(along * load_ratio, -1.0), 1.0)
         if slips or (along >= level and turned != 0.0):
             slips, along = True, level + (along - level) * decay
         elif turned != 0.0:
             along += stiffness * abs(turned)  # sec. 5.4, stick
             slips, along = along >= level, min(along, level)
         slides = slides and slips
-        state.latch[i] = way if slips else 0.0
-        state.share[i] = way * along
+        state.latch[i] = direction if slips else 0.0
+        state.share[i] = direction * along
         total += state.share[i]
         stiffness /= settings.spread
     state.still = 0.0 if slides else state.still + step

@@ -13,7 +13,7 @@ def floats(*names: str) -> np.dtype:
 
 def record(layout: np.dtype, values: Mapping[str, Any] | None = None, /, **more: Any) -> Any:
     """A record of `layout`, its fields as attributes: zero where no value is given. Raises AttributeError for another name."""
-    made = np.zeros(1, layout).view(np.recarray)[0]
+    fields = np.zeros(1, layout).view(np.recarray)[0]
     for name, value in ({**(values or {}), **more}).items():
-        setattr(made, name, value)
-    return made
+        setattr(fields, name, value)
+    return fields

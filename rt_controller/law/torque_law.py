@@ -71,7 +71,7 @@ TERMS = tuple(
 TERM_VALUES = record_type(TERMS)
 
 # as the way into lock is the way out of it: 25 Nm in 0.25 s, which the pressure loop follows; at once, it would open the clutch
-_FASTER = 4.0
+_LOCK_EXIT_RATE = 4.0
 # Parameters, SI. feeds_forward, feeds_back: the row of Table 6.6
 LAW_SETTINGS = np.dtype(
     [("torque", TORQUE_SETTINGS), ("lock", LOCK_SETTINGS), ("feeds_forward", "?"), ("feeds_back", "?"),
@@ -113,14 +113,14 @@ def law_at_rest() -> Any:
 
 
 @njit
-def control(law, settings, phase, demand, speed_demand, pushes, sample, step, followed, terms):
+def control(law, settings, phase, demand, speed_demand, pushes, sample, step, target, terms):
     """Move LAW on by `step` [s], 0 without a fresh sample, towards the torque `demand` [Nm], a magnitude.
 
     `speed_demand` [rad/s] is what the motor is asked for; it `pushes` with all that it may give, or not.
     `followed` [Pa] is the pressure to be followed instead of the torque; not a number where there is none. `terms` is a record
     with the fields of TERMS, which are filled.
     """
-    torque, model, pressure, follows = law.torque, settings.torque.model, sample.pressure, followed == followed
+    torque, model, pressure, follows = law.torque, settings.torque.model, sample.pressure, target == target
     closed = phase == Phase.SLIP_CONTROL or phase == Phase.LOCK
     closing = closed or phase == Phase.FILL
     may_touch = closing or phase == Phase.RELEASE  # until the piston has gone back
@@ -135,7 +135,7 @@ def control(law, settings, phase, demand, speed_demand, pushes, sample, step, fo
     slip = abs(sample.slip) if moves else 0.0  # of the observer: the encoder's own steps with every count
     slides = (moves or law.held > 0.0) and settings.torque.alone and speed_demand * torque.estimate >= 0.0
     coming = max(slip, abs(speed_demand)) if slides else slip
-    feedforward = wanted = least = 0.0
+    feedforward = unlimited = least = 0.0
     most = settings.pressure_limit
     error = demand - carried
     turning = torque.estimate * sample.speed < 0.0  # the friction of the direction before is still there
@@ -143,39 +143,39 @@ def control(law, settings, phase, demand, speed_demand, pushes, sample, step, fo
     waits = not contact or step == 0.0 or turning or slip < settings.slip_hold or limit * error > 0.0
     lowers = phase == Phase.SLIP_CONTROL and law.held > 0.0  # out of lock, without a step
     if lowers:
-        law.held = max(law.held - _FASTER * settings.lock.rate * step, 0.0)
+        law.held = max(law.held - _LOCK_EXIT_RATE * settings.lock.rate * step, 0.0)
         waits = True
     elif phase != Phase.LOCK:
         law.held = 0.0
     if phase == Phase.SLIP_CONTROL and follows:
-        wanted, least = followed, settings.pressure_floor
+        unlimited, least = target, settings.pressure_floor
         if step > 0.0 and settings.feeds_back:
             # so that a request for the torque there is now asks for the pressure there is now
             known = contact and slip >= settings.slip_hold and not turning
-            there = _feedforward(settings, carried, slip, level, correction)
-            follow(law.torque_loop, pressure - there if known else 0.0)
+            carried_pressure = _feedforward(settings, carried, slip, level, correction)
+            follow(law.torque_loop, pressure - carried_pressure if known else 0.0)
     elif phase == Phase.SLIP_CONTROL:
         feedforward = _feedforward(settings, demand, coming, level, correction)
-        wanted = feedforward
+        unlimited = feedforward
         if settings.feeds_back:
-            shown = 0.0 if turning else error
-            wanted += proportional_integral(
-                law.torque_loop, shown, step, settings.torque_k_p, settings.torque_k_i, waits
+            loop_error = 0.0 if turning else error
+            unlimited += proportional_integral(
+                law.torque_loop, loop_error, step, settings.torque_k_p, settings.torque_k_i, waits
             )
     elif phase == Phase.LOCK:
         waits, most = True, settings.lock.pressure_limit
         law.held = hold(law.held, settings.lock, model, level, level * torque.coulomb_torque, carried, moves, step)
-        feedforward = wanted = holding_pressure(model, law.held, level)
+        feedforward = unlimited = holding_pressure(model, law.held, level)
         law.torque_loop.proportional = 0.0
     else:
         follow(law.torque_loop, 0.0)
-        wanted = settings.fill_pressure if phase == Phase.FILL else 0.0
+        unlimited = settings.fill_pressure if phase == Phase.FILL else 0.0
     if lowers:
-        kept = holding_pressure(model, law.held, level)
-        law.held = law.held if max(kept, pressure) > wanted + settings.torque.contact_band else 0.0
-        wanted, most = max(wanted, kept), settings.lock.pressure_limit
-    pressure_demand = min(max(wanted, least), most)
-    law.pressure_demand, law.pressure_limited = pressure_demand, _side(wanted, pressure_demand)
+        holding = holding_pressure(model, law.held, level)
+        law.held = law.held if max(holding, pressure) > unlimited + settings.torque.contact_band else 0.0
+        unlimited, most = max(unlimited, holding), settings.lock.pressure_limit
+    pressure_demand = min(max(unlimited, least), most)
+    law.pressure_demand, law.pressure_limited = pressure_demand, _limited_side(unlimited, pressure_demand)
 
     # pressure loop: docs/rig.md
     if not closing:
@@ -183,10 +183,10 @@ def control(law, settings, phase, demand, speed_demand, pushes, sample, step, fo
     error = pressure_demand - pressure if closing else 0.0
     frozen = not contact or not closing or step == 0.0 or law.voltage_limited * error > 0.0
     proportional_integral(law.pressure_loop, error, step, settings.pressure_k_p, settings.pressure_k_i, frozen)
-    wanted = pressure_demand + law.pressure_loop.proportional + law.pressure_loop.integral if closing else 0.0
-    wanted /= settings.valve_gain
-    law.voltage = min(max(wanted, 0.0), settings.voltage_limit)
-    law.voltage_limited = _side(wanted, law.voltage)
+    unlimited = pressure_demand + law.pressure_loop.proportional + law.pressure_loop.integral if closing else 0.0
+    unlimited /= settings.valve_gain
+    law.voltage = min(max(unlimited, 0.0), settings.voltage_limit)
+    law.voltage_limited = _limited_side(unlimited, law.voltage)
 
     terms.torque_demand_nm = nan if follows else demand
     terms.torque_estimate_nm = torque.estimate
@@ -217,9 +217,9 @@ def control(law, settings, phase, demand, speed_demand, pushes, sample, step, fo
 
 
 @njit
-def _side(wanted, limited):
+def _limited_side(unlimited, limited):
     """Which limit has cut `wanted`: 1 the upper, -1 the lower, 0 none."""
-    return int(wanted > limited) - int(wanted < limited)
+    return int(unlimited > limited) - int(unlimited < limited)
 
 
 @njit

@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 
 from protocols.files.parameters import ParameterSet
-from rt_controller.law.adaptation import ADAPTATION, ADAPTATION_SETTINGS, UNTAUGHT, adapt
+from rt_controller.law.adaptation import ADAPTATION, ADAPTATION_SETTINGS, INITIAL_ADAPTATION, adapt
 from rt_controller.law.estimator import (
     MODEL,
     coulomb_torque,
@@ -26,17 +26,17 @@ from rt_controller.law.estimator import (
     sliding_level,
     viscous_torque,
 )
-from rt_controller.law.lag import LAG, lagged
+from rt_controller.law.lag import LAG, low_pass
 from rt_controller.law.motion import MOTION, MOTION_SETTINGS, motion
 from rt_controller.law.presliding import PRESLIDING, PRESLIDING_SETTINGS, bend, straighten
 from rt_controller.law.record import record
-from rt_controller.law.trim import TRIM, TRIM_SETTINGS, forget, lower, raise_to, trim, trimmed
+from rt_controller.law.trim import TRIM, TRIM_SETTINGS, compute_level, forget, lower, raise_to, trim
 
-_DOUBT = 0.02  # of the torque at rest: gain error and noise of the motor's
-_ONE_COUNT = 3.0  # half counts: one and no more
-_BUILT = 0.95  # m of plates that slide steadily; below, they have just turned
-_LANDED = 0.8  # of a step: plates that reach 0 before have landed in it, later they may not have
-_LIGHT = 0.5  # of what the motor feels when plates touch: so much less when they have parted
+_REST_TORQUE_ERROR = 0.02  # of the torque at rest: gain error and noise of the motor's
+_HALF_COUNTS_UNSURE = 3.0  # half counts: one and no more
+_STEADY_FRICTION_STATE = 0.95  # m of plates that slide steadily; below, they have just turned
+_LATEST_STOP = 0.8  # of a step: plates that reach 0 before have landed in it, later they may not have
+_LIFT_OFF_SHARE = 0.5  # of what the motor feels when plates touch: so much less when they have parted
 # Parameters, SI. adapts: whether level, viscous correction and trim are learnt; alone: whether the motor's torque is that of
 # this clutch
 TORQUE_SETTINGS = np.dtype(
@@ -77,7 +77,7 @@ def torque_settings(parameters: ParameterSet, adapts: bool, alone: bool) -> dict
 
 def torque_at_rest() -> Any:
     """TORQUE before its first step."""
-    return record(TORQUE, level=1.0, adaptation=record(ADAPTATION, UNTAUGHT))
+    return record(TORQUE, level=1.0, adaptation=record(ADAPTATION, INITIAL_ADAPTATION))
 
 
 @njit
@@ -113,16 +113,16 @@ def estimate(torque, settings, closing, closed, speed_demand, pushes, sample, st
     torque.level = _level(torque, settings)
     before_coulomb, before_viscous = torque.coulomb, torque.viscous
     torque.coulomb = torque.viscous = 0.0
-    if _pressed(torque, settings, pressure, step):
+    if _update_pressed(torque, settings, pressure, step):
         torque.coulomb_torque = coulomb_torque(model, pressure)
-        _rub(torque, settings, sample, pressure, rested, step)
+        _update_rubbing(torque, settings, sample, pressure, rested, step)
         torque.coulomb = torque.coulomb_torque * torque.m  # eq. 6.9
     else:
         torque.m = torque.coulomb_torque = torque.borne = 0.0  # out of contact there is no torque
         torque.stands = False
         straighten(torque.presliding)
     torque.estimate = torque.level * (torque.coulomb + torque.viscous) + correction * torque.viscous
-    _balance(torque, settings, before_coulomb, before_viscous, speed_demand, pushes, sample, step)
+    _update_balance(torque, settings, before_coulomb, before_viscous, speed_demand, pushes, sample, step)
     coulomb, viscous = torque.coulomb_lag.out, torque.viscous_lag.out
     stuck = sample.motor_stuck > settings.adaptation.stuck_time
     adapt(
@@ -137,87 +137,87 @@ def estimate(torque, settings, closing, closed, speed_demand, pushes, sample, st
 
 
 @njit
-def _rub(torque, settings, sample, pressure, rested, step):
+def _update_rubbing(torque, settings, sample, pressure, rested, step):
     """State m and viscous torque of plates that rub, `step` [s] later; `rested`: they have stood for long before it."""
-    model, moved = settings.model, torque.motion
+    model, plates = settings.model, torque.motion
     known = sample.known and torque.coulomb_torque > 0.0  # what is applied to these plates
     applied = sample.applied / torque.coulomb_torque if known else 0.0
     if settings.presliding.angle > 0.0:
-        _bend(torque, settings, sample, pressure, known, step)
+        _update_bending(torque, settings, sample, pressure, known, step)
         return
     if rested and known:
         torque.borne = applied
-    torque.stands = known and moved.rests
+    torque.stands = known and plates.rests
     if torque.stands:
-        moved.end = 0.0
-        _stand(torque, settings, sample, pressure, applied, step)
+        plates.end = 0.0
+        _update_resting(torque, settings, sample, pressure, applied, step)
         return
-    turns, part = False, 0.0
-    if moved.turns:
+    turns, begin_share = False, 0.0
+    if plates.turns:
         least, most = reachable_states(model, torque.m, step)
         share = applied / torque.level
-        turns = (share < least if moved.begin > 0.0 else share > most) if known else True
-        part = moved.begin / (moved.begin - moved.end)  # of the step, before it turned
-        if known and least <= share <= most and (sample.speed == 0.0 or part < _LANDED):
-            torque.stands, torque.m, moved.end = True, share, 0.0
+        turns = (share < least if plates.begin > 0.0 else share > most) if known else True
+        begin_share = plates.begin / (plates.begin - plates.end)  # of the step, before it turned
+        if known and least <= share <= most and (sample.speed == 0.0 or begin_share < _LATEST_STOP):
+            torque.stands, torque.m, plates.end = True, share, 0.0
             return
-    lands = not turns and (moved.turns or moved.end * sample.speed < 0.0)
-    if lands:
-        moved.end = 0.0
+    stops = not turns and (plates.turns or plates.end * sample.speed < 0.0)
+    if stops:
+        plates.end = 0.0
     if turns:
-        torque.m = friction_state(model, torque.m, pressure, moved.begin, part * step)
-        torque.m = friction_state(model, torque.m, pressure, moved.end, (1.0 - part) * step)
+        torque.m = friction_state(model, torque.m, pressure, plates.begin, begin_share * step)
+        torque.m = friction_state(model, torque.m, pressure, plates.end, (1.0 - begin_share) * step)
     else:
-        if known and moved.moves:
+        if known and plates.moves:
             if torque.borne * sample.speed > 0.0:  # they have broken away: they carried all that they can
                 torque.m = copysign(1.0, torque.borne)
                 share = max(abs(torque.borne), settings.adaptation.level_low)
                 lower(torque.trim, settings.trim, torque.adaptation.level, share)
                 torque.level = _level(torque, settings)
             torque.borne = 0.0
-        unsure = abs(sample.speed) * step <= _ONE_COUNT * settings.motion.standing_angle
-        if known and unsure and abs(torque.m) < _BUILT:
+        unsure = abs(sample.speed) * step <= _HALF_COUNTS_UNSURE * settings.motion.standing_angle
+        if known and unsure and abs(torque.m) < _STEADY_FRICTION_STATE:
             least, most = reachable_states(model, torque.m, step)  # whichever way they creep
             torque.m = min(max(applied / torque.level, least), most)
         else:
-            mean = sample.speed if sample.speed != 0.0 else 0.5 * (moved.begin + moved.end)
+            mean = sample.speed if sample.speed != 0.0 else 0.5 * (plates.begin + plates.end)
             torque.m = friction_state(model, torque.m, pressure, mean, step)
     slow = abs(sample.speed) <= settings.motion.coarse_speed
-    slip = moved.end if turns or not (slow or lands) else moved.slow
+    slip = plates.end if turns or not (slow or stops) else plates.slow
     torque.viscous = viscous_torque(model, pressure, slip, sample.temperature)
-    if known and settings.alone and (slow or lands):
+    if known and settings.alone and (slow or stops):
         # the encoder tells the speed only roughly, but the balance tells the torque
-        least = 0.0 if lands else torque.viscous * min(abs(slip) / settings.motion.coarse_speed, 1.0)
+        least = 0.0 if stops else torque.viscous * min(abs(slip) / settings.motion.coarse_speed, 1.0)
         balance = (sample.motor_torque - model.motor_inertia * sample.acceleration) / torque.level
         rest = balance - torque.coulomb_torque * torque.m
         torque.viscous = min(max(rest, min(torque.viscous, least)), max(torque.viscous, least))
 
 
 @njit
-def _bend(torque, settings, sample, pressure, known, step):
+def _update_bending(torque, settings, sample, pressure, known, step):
     """As `_rub`, of plates that bend before they slide. Until all elements slip they carry what is applied, up to capacity."""
-    model, moved = settings.model, torque.motion
+    model, plates = settings.model, torque.motion
     turned = sample.speed * step
     level = sliding_level(model, pressure, sample.speed)
     torque.m, slides = bend(
         torque.presliding, settings.presliding, turned, level, model.attraction, torque.coulomb_torque, step
     )
-    moved.moves = torque.presliding.still < settings.motion.stick_time
+    plates.moves = torque.presliding.still < settings.motion.stick_time
     torque.stands = known and not slides
     if slides:
-        torque.viscous = viscous_torque(model, pressure, moved.end, sample.temperature)
+        torque.viscous = viscous_torque(model, pressure, plates.end, sample.temperature)
     elif known:
         balance = (sample.applied - model.motor_inertia * sample.acceleration) / torque.coulomb_torque
         torque.m = min(max(balance / torque.level, -1.0), 1.0)
 
 
 @njit
-def _stand(torque, settings, sample, pressure, applied, step):
+def _update_resting(torque, settings, sample, pressure, applied, step):
     """Plates at rest carry what is `applied`, a share of M_C, as far as they can at a creep that the encoder does not show."""
     creep = 2.0 * settings.motion.standing_angle / torque.motion.quiet
     viscous = viscous_torque(settings.model, pressure, creep, sample.temperature)
-    most = 1.0 + _DOUBT + viscous / torque.coulomb_torque
-    if _exceeded(torque, settings, abs(applied), most, step):
+    most = 1.0 + _REST_TORQUE_ERROR + viscous / torque.coulomb_torque
+    if _exceeds_capacity(torque, settings, abs(applied), most, step):
         share = min(abs(applied) / most, settings.adaptation.level_high)
         raise_to(torque.trim, settings.trim, torque.adaptation.level, share)
         torque.level = _level(torque, settings)
@@ -231,11 +231,11 @@ def _level(torque, settings):
     learnt = torque.adaptation.level
     if not (settings.adapts and settings.alone):
         return learnt
-    return trimmed(torque.trim, settings.trim, learnt, s.level_low, s.level_high)
+    return compute_level(torque.trim, settings.trim, learnt, s.level_low, s.level_high)
 
 
 @njit
-def _exceeded(torque, settings, applied, capacity, step):
+def _exceeds_capacity(torque, settings, applied, capacity, step):
     """Whether plates that rest carry more than the level says: with what is `applied` beyond the `capacity`, shares of M_C, the
     motor would have turned by `coarse_angle` since, and has not by a count."""
     gain = (applied - torque.level * capacity) * torque.coulomb_torque / settings.model.motor_inertia
@@ -248,7 +248,7 @@ def _exceeded(torque, settings, applied, capacity, step):
 
 
 @njit
-def _pressed(torque, settings, pressure, step):
+def _update_pressed(torque, settings, pressure, step):
     """Whether the plates rub. At the end of the fill the pressure tells of contact before the piston has arrived: it moves, and
     its damping takes a part. It has arrived when the pressure is clearly above contact or the motor feels a torque; it has left
     again when the pressure is close to contact and plates that move are not felt."""
@@ -258,7 +258,7 @@ def _pressed(torque, settings, pressure, step):
         settings.alone
         and torque.motion.moves
         and above < settings.contact_band
-        and felt < _LIGHT * settings.touch_torque
+        and felt < _LIFT_OFF_SHARE * settings.touch_torque
     )
     torque.touched = torque.touched + step if torque.contact and not lifted else 0.0
     arrived = above >= settings.touch_band or felt >= settings.touch_torque or torque.touched >= settings.touch_time
@@ -267,14 +267,14 @@ def _pressed(torque, settings, pressure, step):
 
 
 @njit
-def _balance(torque, settings, coulomb, viscous, speed_demand, pushes, sample, step):
+def _update_balance(torque, settings, coulomb, viscous, speed_demand, pushes, sample, step):
     """Both sides of the torque balance behind the same lag; `coulomb`, `viscous` [Nm] are those of the sample before."""
     if step > 0.0:
         # The observer's second difference is centred on the sample before (lag.py).
         q = exp(-settings.bandwidth * step)
-        lagged(torque.coulomb_lag, coulomb, q)
-        lagged(torque.viscous_lag, viscous, q)
-        motor = lagged(torque.motor_lag, torque.motor_before, q)
+        low_pass(torque.coulomb_lag, coulomb, q)
+        low_pass(torque.viscous_lag, viscous, q)
+        motor = low_pass(torque.motor_lag, torque.motor_before, q)
         # The sample was taken just before the demand sent last began to act: half of what it changed is the mean's.
         jump = 0.0 if pushes else settings.model.motor_gain * (torque.demand_acting - torque.demand_before)
         torque.motor_before = sample.motor_torque + 0.5 * jump

@@ -27,24 +27,24 @@ def trim(state, settings, model, observed, step):
 
 
 @njit
-def trimmed(state, settings, level, low, high):
+def compute_level(state, settings, level, low, high):
     """Level of the moment [-] within `low`..`high`; `level` is the adapted one."""
-    known = settings.floor * settings.floor
-    return min(max((state.xy + known * level) / (state.xx + known), low), high)
+    prior_weight = settings.floor * settings.floor
+    return min(max((state.xy + prior_weight * level) / (state.xx + prior_weight), low), high)
 
 
 @njit
 def lower(state, settings, level, share):
     """Plates that break away carry no more: the level of the moment is at most `share` [-]; `level` is the adapted one."""
-    known = settings.floor * settings.floor
-    state.xy = min(state.xy, share * (state.xx + known) - known * level)
+    prior_weight = settings.floor * settings.floor
+    state.xy = min(state.xy, share * (state.xx + prior_weight) - prior_weight * level)
 
 
 @njit
 def raise_to(state, settings, level, share):
     """Plates that rest carry as much: the level of the moment is at least `share` [-]; `level` is the adapted one."""
-    known = settings.floor * settings.floor
-    state.xy = max(state.xy, share * (state.xx + known) - known * level)
+    prior_weight = settings.floor * settings.floor
+    state.xy = max(state.xy, share * (state.xx + prior_weight) - prior_weight * level)
 
 
 @njit

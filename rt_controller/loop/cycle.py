@@ -10,7 +10,7 @@ from numba import njit
 from protocols.can.frame_batch import word_of
 from protocols.can.frames import load_frames
 from protocols.can.lifecycle import Lifecycle
-from protocols.can.reception import RECEPTION, accepted
+from protocols.can.reception import RECEPTION, accept_word
 from protocols.can.request import Request
 from protocols.can.words import frame_layout, put, put_raw, raw, value, write_frame
 from protocols.files.units import BAR, ZERO_CELSIUS
@@ -20,10 +20,10 @@ from rt_controller.law.other_clutch import (
     OTHER,
     PAIR_SETTINGS,
     applied_alone,
-    heed,
     pair_mismatch,
     take_other_encoder,
     take_other_status,
+    use_newest_status,
 )  # fmt: skip
 from rt_controller.law.phases import PHASE_SETTINGS, PHASES, Phase, advance
 from rt_controller.law.plausibility import PLAUSIBILITY, PLAUSIBILITY_SETTINGS, pressure_lost, torque_implausible
@@ -33,14 +33,15 @@ from rt_controller.law.transmitted import mismatch
 from rt_controller.loop.cycle_record import RECORD, note_cycle
 from rt_controller.loop.faults import FAULTS, note_fault
 
-HEARD = ("ANALOG_SENSORS", "ENCODER", "TORQUE_SETPOINT", "PLANT_HEARTBEAT")  # in the order of NODE's receptions, then
-HEARD_OF_OTHER = ("ENCODER", "CONTROLLER_STATUS")  # those of the other clutch, where there are two
-SENT = ("VALVE_COMMAND", "MOTOR_COMMAND", "CONTROLLER_STATUS", "CONTROLLER_HEARTBEAT")
-OUTBOX = len(SENT)  # frames a cycle sends at most
-_RECEPTIONS = len(HEARD) + len(HEARD_OF_OTHER)
+# Frames that a controller receives, in the order of NODE's receptions. With two clutches, frames of the other one follow
+RECEIVED_FRAMES = ("ANALOG_SENSORS", "ENCODER", "TORQUE_SETPOINT", "PLANT_HEARTBEAT")
+OTHER_CLUTCH_FRAMES = ("ENCODER", "CONTROLLER_STATUS")
+SENT_FRAMES = ("VALVE_COMMAND", "MOTOR_COMMAND", "CONTROLLER_STATUS", "CONTROLLER_HEARTBEAT")
+OUTBOX = len(SENT_FRAMES)  # frames a cycle sends at most
+_RECEPTIONS = len(RECEIVED_FRAMES) + len(OTHER_CLUTCH_FRAMES)
 _ANALOG, _ENCODER, _SETPOINT, _PLANT, _OTHER_ENCODER, _OTHER_STATUS = range(_RECEPTIONS)
 _STEP_LIMIT = 10  # periods: a longer gap between samples is not integrated over (estimator, regulators)
-_PUSHES = 0.9  # of what it may give: the motor pushes with all it has; above the sensor's gain error
+_PUSHING_SHARE = 0.9  # of what it may give: the motor pushes with all it has; above the sensor's gain error
 
 
 class Refusal(IntEnum):
@@ -57,10 +58,10 @@ class Refusal(IntEnum):
 
 # own: identifiers of the frames it sends; then each frame that it hears or sends, as the DBC defines it
 SETTINGS = np.dtype(
-    [("period", "f8"), ("rate", "i8"), ("session", "i8"), ("drives", "?"), ("own", "i8", (len(SENT),)),
+    [("period", "f8"), ("rate", "i8"), ("session", "i8"), ("drives", "?"), ("own", "i8", (len(SENT_FRAMES),)),
      ("status_every", "i8"), ("heartbeat_every", "i8"), ("setpoint_timeout", "f8"), ("motor_torque_limit", "f8"),
      ("demand_limit", "f8"), ("speed_limit", "f8"), ("pressure_limit", "f8"),
-     *((name.lower(), frame_layout(load_frames()[name])) for name in HEARD + SENT),
+     *((name.lower(), frame_layout(load_frames()[name])) for name in RECEIVED_FRAMES + SENT_FRAMES),
      ("phases", PHASE_SETTINGS), ("pair", PAIR_SETTINGS), ("plausibility", PLAUSIBILITY_SETTINGS), ("law", LAW_SETTINGS),
      ("guard", LIMITS)]
 )  # fmt: skip
@@ -108,63 +109,65 @@ def cycle(states, all_settings, inbox, count, slots, outbox):
     for index in range(count):
         frame = inbox[index]
         inbound(guard, settings.guard, np.int64(frame.can_id), frame.data, np.int64(frame.length))
-        moved = _receive(node, settings, frame)
-        if moved < 0:
-            return moved
-        ticks += moved
+        periods = _receive(node, settings, frame)
+        if periods < 0:
+            return periods
+        ticks += periods
     step = min(ticks, _STEP_LIMIT) * settings.period
     request = node.request if node.setpoint_age <= settings.setpoint_timeout else Request.RELEASE.value
     finding = close_cycle(guard, settings.guard, slots)
-    _what_is_applied(node, settings)
-    pushes = abs(sample.motor_torque) >= _PUSHES * node.motor_limit
-    lost, implausible = _doubts(node, settings, request, pushes, elapsed)
+    _update_applied_torque(node, settings)
+    pushes = abs(sample.motor_torque) >= _PUSHING_SHARE * node.motor_limit
+    lost, implausible = _check_plausibility(node, settings, request, pushes, elapsed)
     phase = advance(node.phases, settings.phases, request, sample.pressure, lost, implausible, finding, elapsed)
-    followed = node.pressure_demand if request == Request.PRESSURE else nan
-    control(law, settings.law, phase, node.demand, node.speed_demand, pushes, sample, step, followed, record)
+    target = node.pressure_demand if request == Request.PRESSURE else nan
+    control(law, settings.law, phase, node.demand, node.speed_demand, pushes, sample, step, target, record)
     note_cycle(record, node, phase, request)
     note_fault(node.faults, record)
     return _commands(node, settings, phase, outbox)
 
 
 @njit
-def _what_is_applied(node, settings):
+def _update_applied_torque(node, settings):
     """Torque applied to this clutch, by the motor alone or as far as another leaves it to this one."""
     sample, torque = node.sample, settings.law.torque
     if torque.alone:
         sample.applied, sample.known = sample.motor_torque, True
         return
     if node.slot % settings.status_every == settings.status_every // 2:
-        heed(node.other)
+        use_newest_status(node.other)
     sample.applied, sample.known = applied_alone(node.other, settings.pair, torque, sample.motor_torque)
 
 
 @njit
-def _doubts(node, settings, request, pushes, elapsed):
+def _check_plausibility(node, settings, request, pushes, elapsed):
     """Whether the pressure signal is lost, and whether the torque is implausible."""
-    law, sample, doubts, s = node.law, node.sample, node.plausibility, settings.plausibility
+    law, sample, checks, s = node.law, node.sample, node.plausibility, settings.plausibility
     closed = node.phases.phase == Phase.SLIP_CONTROL or node.phases.phase == Phase.LOCK
-    lost = pressure_lost(doubts, s, sample.pressure, law.pressure_demand, elapsed)
+    lost = pressure_lost(checks, s, sample.pressure, law.pressure_demand, elapsed)
     alone, torque = settings.law.torque.alone, law.torque
     compared = closed and request != Request.PRESSURE
     sticks = torque.contact and not torque.motion.moves
-    off = 0.0
+    residual = 0.0
     if compared and alone:
-        off = mismatch(torque, settings.law.torque)
+        residual = mismatch(torque, settings.law.torque)
     elif compared:
         capacity = torque.level * torque.coulomb_torque
-        off = pair_mismatch(node.other, settings.pair, settings.law.torque, torque.estimate, capacity, sticks, sample)
+        residual = pair_mismatch(
+            node.other, settings.pair, settings.law.torque, torque.estimate, capacity, sticks, sample
+        )
     stands = compared and alone and sticks
-    implausible = torque_implausible(doubts, s, off, node.speed_demand - sample.speed, stands, pushes, elapsed)
+    implausible = torque_implausible(checks, s, residual, node.speed_demand - sample.speed, stands, pushes, elapsed)
     return lost, implausible
 
 
 @njit(cache=True, nogil=True)
-def hear(states, all_settings, inbox, count):
+def receive_before_start(states, all_settings, inbox, count):
     """Take frames before the first cycle, which the guard need not see; return the Refusal, 0 where there is none."""
     for index in range(count):
-        moved = _receive(states[0], all_settings[0], inbox[index])
-        if moved < 0:
-            return -moved
+        periods = _receive(states[0], all_settings[0], inbox[index])
+        if periods < 0:
+            return -periods
     return 0
 
 
@@ -185,7 +188,7 @@ def _receive(node, settings, frame):
     if length != reception.length:
         return _refuse(node, Refusal.LENGTH, can_id, length)
     word = word_of(frame.data)
-    if not accepted(reception, word, length):
+    if not accept_word(reception, word, length):
         return 0
     if kind == _ANALOG:
         s = settings.analog_sensors  # its CLUTCH_TORQUE is for comparison only
@@ -225,8 +228,8 @@ def _take_setpoint(node, settings, word, can_id):
 
 
 @njit
-def _refuse(node, why, can_id, said):
-    node.refused_id, node.refused_value = can_id, said
+def _refuse(node, why, can_id, value_received):
+    node.refused_id, node.refused_value = can_id, value_received
     return -why.value
 
 

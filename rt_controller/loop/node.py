@@ -9,7 +9,7 @@ from protocols.can.fault_text import FaultWatch
 from protocols.can.frame_batch import batch, load, unload
 from protocols.can.frames import Frame, load_frames
 from protocols.can.lifecycle import Lifecycle
-from protocols.can.reception import counted, receptions
+from protocols.can.reception import new_receptions, read_counts
 from protocols.can.request import Request
 from protocols.can.two_clutches import OFFSET, SHARED, other_clutch
 from protocols.can.words import frame_definition
@@ -17,22 +17,22 @@ from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet, load_defaults, load_overlay
 from rt_controller.guard.limits import LIMITS as GUARD_LIMITS
 from rt_controller.guard.limits import guard_limits
-from rt_controller.law.other_clutch import PAIR_SETTINGS, unheard
+from rt_controller.law.other_clutch import PAIR_SETTINGS, initial_other
 from rt_controller.law.phases import PHASE_SETTINGS
 from rt_controller.law.plausibility import PLAUSIBILITY_SETTINGS
 from rt_controller.law.record import record
 from rt_controller.law.torque_law import LAW_SETTINGS, law_at_rest, law_settings
 from rt_controller.loop.cycle import (
-    HEARD,
-    HEARD_OF_OTHER,
     NODE,
+    OTHER_CLUTCH_FRAMES,
     OUTBOX,
-    SENT,
+    RECEIVED_FRAMES,
+    SENT_FRAMES,
     SETTINGS,
     ControllerMemory,
     Refusal,
     cycle,
-    hear,
+    receive_before_start,
 )
 from rt_controller.loop.cycle_record import COLUMNS
 
@@ -54,10 +54,10 @@ def shipped_parameters() -> ParameterSet:
 
 
 def _check(parameters: ParameterSet) -> None:
-    asked, allowed = parameters["pressure.voltage_limit"], parameters["guard.voltage"]
-    if asked.value > allowed.value:
+    voltage, allowed = parameters["pressure.voltage_limit"], parameters["guard.voltage"]
+    if voltage.value > allowed.value:
         raise InputError(
-            f"parameter {asked.name} = {asked.value:g} V is above the guard's limit of {allowed.value:g} V"
+            f"parameter {voltage.name} = {voltage.value:g} V is above the guard's limit of {allowed.value:g} V"
         )
     if parameters["driveline.ratio_a"].value == parameters["driveline.ratio_b"].value:
         same = parameters["driveline.ratio_a"].value
@@ -101,30 +101,30 @@ class ControllerNode:
         self._valve, self._motor = frames["VALVE_COMMAND"], frames["MOTOR_COMMAND"]
         self._heartbeat, self._status = frames["CONTROLLER_HEARTBEAT"], frames["CONTROLLER_STATUS"]
         self.heartbeat_period = self._heartbeat.cycle_time  # s
-        heard = [frames[name] for name in HEARD]
+        received = [frames[name] for name in RECEIVED_FRAMES]
         self._clutch = clutch
         if clutch:
             others = load_frames(clutch=other_clutch(clutch))
-            heard += [others[name] for name in HEARD_OF_OTHER]
-        self._codecs = {codec.can_id: codec for codec in heard}
-        own = [frames[name] for name in SENT if self._drives or name not in SHARED]
+            received += [others[name] for name in OTHER_CLUTCH_FRAMES]
+        self._codecs = {codec.can_id: codec for codec in received}
+        own = [frames[name] for name in SENT_FRAMES if self._drives or name not in SHARED]
         self._own = {codec.can_id: codec.name for codec in own}
-        self.heard = [*self._codecs, *self._own]  # identifiers of all frames that matter to it
+        self.received_ids = [*self._codecs, *self._own]  # identifiers of all frames that matter to it
         self._early = {frames["PLANT_HEARTBEAT"].can_id} | {self._valve.can_id, self._motor.can_id} & self._own.keys()
 
         self.states, self.settings = np.zeros(1, NODE), np.zeros(1, SETTINGS)
         self._state = state = self.states.view(np.recarray)[0]
         fixed = self.settings.view(np.recarray)[0]
         state.receptions["can_id"] = _NO_FRAME
-        state.receptions[: len(heard)] = receptions(heard)
-        state.other = unheard()
+        state.receptions[: len(received)] = new_receptions(received)
+        state.other = initial_other()
         state.setpoint_age = np.inf  # s
         state.sample.tick = -1
         state.sample.temperature = parameters["model.oil_reference"].si  # until one is measured
         state.law = law_at_rest()
-        for name in HEARD + SENT:
+        for name in RECEIVED_FRAMES + SENT_FRAMES:
             setattr(fixed, name.lower(), frame_definition(frames[name]))
-        fixed.own = [*self._own, *[_NO_FRAME] * (len(SENT) - len(self._own))]
+        fixed.own = [*self._own, *[_NO_FRAME] * (len(SENT_FRAMES) - len(self._own))]
         fixed.period, fixed.rate, fixed.session = 1.0 / rate, rate, session
         fixed.drives = self._drives
         fixed.status_every = max(1, round(self._status.cycle_time * rate))
@@ -139,7 +139,7 @@ class ControllerNode:
         self.memory = ControllerMemory(self.states, self.settings, self.outbox, self.record)
         # compiled now, not in the loop
         cycle(self.states.copy(), self.settings, self._inbox, 0, 1, batch(OUTBOX))
-        hear(self.states.copy(), self.settings, self._inbox, 0)
+        receive_before_start(self.states.copy(), self.settings, self._inbox, 0)
 
     def cycle(self, inbox: np.ndarray, count: int, slots: int = 1) -> int:
         """One control cycle on the first `count` frames of the batch `inbox`; return how many frames are in `outbox`.
@@ -147,9 +147,9 @@ class ControllerNode:
         `slots` periods after the last one: more than 1 when the loop has slept through some. Raises InputError when the bus
         has a second controller or speaks another protocol.
         """
-        return self.sent(cycle(self.states, self.settings, inbox, count, slots, self.outbox))
+        return self.check_sent(cycle(self.states, self.settings, inbox, count, slots, self.outbox))
 
-    def sent(self, count: int) -> int:
+    def check_sent(self, count: int) -> int:
         """What a cycle has returned: number of frames in `outbox`. Raises InputError where it is minus a Refusal."""
         if count < 0:
             raise InputError(self._refusal(Refusal(-count)))
@@ -165,7 +165,7 @@ class ControllerNode:
         Raises InputError when the plant runs at another rate or another controller speaks.
         """
         early = [frame for frame in frames if frame.can_id in self._early]
-        if code := hear(self.states, self.settings, self._inbox, load(self._inbox, early)):
+        if code := receive_before_start(self.states, self.settings, self._inbox, load(self._inbox, early)):
             raise InputError(self._refusal(Refusal(code)))
         return [frame for frame in frames if frame.can_id not in self._early]
 
@@ -199,13 +199,13 @@ class ControllerNode:
 
     def faults(self) -> FaultWatch:
         """The faults so far: how many, and the first."""
-        kept = self.states["faults"][0]
+        faults = self.states["faults"][0]
         values = {parameter.name: parameter.value for parameter in self.parameters.values()}
         watch = FaultWatch([column.name for column in COLUMNS], self.rate, values)
         watch.take(np.zeros((1, len(COLUMNS))))  # before it there was none
-        if kept["count"]:
-            watch.take(np.array([kept["first"].item()]))
-            watch.count = int(kept["count"])
+        if faults["count"]:
+            watch.take(np.array([faults["first"].item()]))
+            watch.count = int(faults["count"])
         return watch
 
     def row(self) -> tuple[float, ...]:
@@ -229,7 +229,7 @@ class ControllerNode:
     def reception_counts(self) -> dict[str, dict[str, int]]:
         """Counts of `protocols.can.reception.Reception` by frame name."""
         return {
-            codec.name: counted(row)
+            codec.name: read_counts(row)
             for codec, row in zip(self._codecs.values(), self.states["receptions"][0], strict=False)
         }
 
@@ -240,8 +240,8 @@ class ControllerNode:
         settings.phases = record(
             PHASE_SETTINGS, {name: (phases | contact)[name] for name in PHASE_SETTINGS.names or ()}
         )
-        doubts = {name: phases[name] for name in PLAUSIBILITY_SETTINGS.names or ()}
-        settings.plausibility = record(PLAUSIBILITY_SETTINGS, doubts)
+        plausibility = {name: phases[name] for name in PLAUSIBILITY_SETTINGS.names or ()}
+        settings.plausibility = record(PLAUSIBILITY_SETTINGS, plausibility)
         if self._clutch:
             own, other = (
                 parameters[f"driveline.ratio_{name}"].si for name in (self._clutch, other_clutch(self._clutch))
@@ -258,21 +258,21 @@ class ControllerNode:
 
     def _refusal(self, why: Refusal) -> str:
         """What an unusable bus said, in a sentence."""
-        can_id, said = int(self._state.refused_id), float(self._state.refused_value)
+        can_id, value = int(self._state.refused_id), float(self._state.refused_value)
         settings = self.settings[0]
         if why is Refusal.SECOND_CONTROLLER:
             return f"a second controller is on the bus: it sends {self._own[can_id]} (0x{can_id:03X})"
         if why is Refusal.LENGTH:
             codec = self._codecs[can_id]
-            return f"frame {codec.name} (0x{can_id:03X}) came with {said:g} bytes; its definition has {codec.length}"
+            return f"frame {codec.name} (0x{can_id:03X}) came with {value:g} bytes; its definition has {codec.length}"
         if why is Refusal.RATE:
-            return f"the plant runs at {said:g} Hz, this controller at {self.rate} Hz: give both one rate"
+            return f"the plant runs at {value:g} Hz, this controller at {self.rate} Hz: give both one rate"
         if why is Refusal.REQUEST:
             known = ", ".join(f"{request.value} {request.name.lower()}" for request in Request)
-            return f"request {said:g} is unknown; allowed are {known}"
+            return f"request {value:g} is unknown; allowed are {known}"
         if why is Refusal.TORQUE:
-            return f"set-point {said:g} Nm is outside 0..{settings['demand_limit']:g} Nm"
+            return f"set-point {value:g} Nm is outside 0..{settings['demand_limit']:g} Nm"
         if why is Refusal.PRESSURE:
-            return f"set-point {said:g} bar is outside 0..{settings['pressure_limit']:g} bar"
+            return f"set-point {value:g} bar is outside 0..{settings['pressure_limit']:g} bar"
         limit = settings["speed_limit"]
-        return f"set-point {said:g} rad/s is outside {-limit:g}..{limit:g} rad/s"
+        return f"set-point {value:g} rad/s is outside {-limit:g}..{limit:g} rad/s"

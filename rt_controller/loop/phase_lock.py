@@ -11,7 +11,7 @@ from typing import Any
 from numba import njit
 
 _K_P, _K_I = 0.02, 0.0002  # bandwidth of some 3 Hz at 1 kHz: far below the jitter, far above the drift of crystals
-_FURTHEST = 50  # part of a period that the grid moves at most in a cycle
+_STEP_DIVISOR = 50  # part of a period that the grid moves at most in a cycle
 
 
 @njit(cache=True, nogil=True)
@@ -24,8 +24,8 @@ def follow(clocks: Any, drifts: Any, complete: Any, arrived_ns: Any) -> None:
     period = clock.period
     if complete:
         error = (arrived_ns + period // 4 - clock.deadline + period // 2) % period - period // 2
-    most = period / _FURTHEST
+    most = period / _STEP_DIVISOR
     drifts[0] = min(max(drifts[0] + _K_I * error, -most), most)
-    by = round(min(max(_K_P * error + drifts[0], -most), most))
-    clock.deadline += by
-    clock.first += by
+    shift = round(min(max(_K_P * error + drifts[0], -most), most))
+    clock.deadline += shift
+    clock.first += shift

@@ -24,11 +24,11 @@ from protocols.errors import InputError
 from protocols.realtime.child import clutch_hil, spawn
 from rt_controller.loop.node import ControllerNode
 
-_TOLD = ("VALVE_COMMAND", "MOTOR_COMMAND", "CONTROLLER_STATUS")
-_KEPT = 64  # frames before the first sample that its cycle still sees (service)
-_PATIENCE = 30.0  # s for a controller to come up
-_ANSWER = 5.0  # s for it to answer, and to end
-_ENDED = 7  # counter of a heartbeat that follows none
+_COMPARED_FRAMES = ("VALVE_COMMAND", "MOTOR_COMMAND", "CONTROLLER_STATUS")
+_FRAMES_BEFORE_START = 64  # frames before the first sample that its cycle still sees (service)
+_START_TIMEOUT = 30.0  # s for a controller to come up
+_ANSWER_TIMEOUT = 5.0  # s for it to answer, and to end
+_LAST_COUNTER = 7  # counter of a heartbeat that follows none
 
 
 @dataclass
@@ -59,7 +59,7 @@ class Log:
     def __init__(self, path: Path) -> None:
         codecs = load_frames()
         by_id = {codec.can_id: codec.name for codec in codecs.values()}
-        own = {codecs[name].can_id for name in (*_TOLD, "CONTROLLER_HEARTBEAT")}
+        own = {codecs[name].can_id for name in (*_COMPARED_FRAMES, "CONTROLLER_HEARTBEAT")}
         second = load_frames(clutch="b")["ENCODER"].can_id
         encoder, valve = codecs["ENCODER"], codecs["VALVE_COMMAND"]
         heartbeat = codecs["PLANT_HEARTBEAT"]
@@ -85,9 +85,9 @@ class Log:
                     self.answers.setdefault(index, data)
                 continue
             if can_id == heartbeat.can_id:
-                told = heartbeat.unpack(data)
-                self.rate = self.rate or told.rate
-                if told.lifecycle == Lifecycle.FINALIZED:
+                state = heartbeat.unpack(data)
+                self.rate = self.rate or state.rate
+                if state.lifecycle == Lifecycle.FINALIZED:
                     break
             inbox.append(Frame(can_id, data))
             if can_id == encoder.can_id:
@@ -96,7 +96,7 @@ class Log:
                 inbox = []
         if not self.samples or not self.rate:
             raise InputError(f"log {path} has no {'sample' if not self.samples else 'heartbeat'} of a plant")
-        self.samples[0] = self.samples[0][-_KEPT:]
+        self.samples[0] = self.samples[0][-_FRAMES_BEFORE_START:]
         self.seconds = last - first
 
 
@@ -110,21 +110,21 @@ def _messages(path: Path) -> Iterator[can.Message]:
         raise InputError(f"log {path} cannot be read: {' '.join(str(error).split())}") from None
 
 
-def replayed(log: Log, node: ControllerNode) -> Answers:
+def answer_log(log: Log, node: ControllerNode) -> Answers:
     """The answers of a controller in this process."""
-    told = {load_frames()[name].can_id for name in _TOLD}
+    compared_ids = {load_frames()[name].can_id for name in _COMPARED_FRAMES}
     answers, began = Answers(), time.perf_counter()
     for index, inbox in enumerate(log.samples):
         sent = node.step(node.listen(inbox) if index == 0 else inbox)
-        _compared(answers, log, index, [frame for frame in sent if frame.can_id in told])
+        _add_answer(answers, log, index, [frame for frame in sent if frame.can_id in compared_ids])
     answers.seconds = time.perf_counter() - began
     return answers
 
 
-def replayed_on(bus: str, log: Log, arguments: list[str]) -> Answers:
+def answer_log_on_bus(bus: str, log: Log, arguments: list[str]) -> Answers:
     """The answers of a controller process on a bus, in lock-step. Raises InputError when it ends or stays silent."""
     frames = load_frames()
-    told, valve_id = {frames[name].can_id for name in _TOLD}, frames["VALVE_COMMAND"].can_id
+    compared_ids, valve_id = {frames[name].can_id for name in _COMPARED_FRAMES}, frames["VALVE_COMMAND"].can_id
     heartbeat = frames["CONTROLLER_HEARTBEAT"]
     command = clutch_hil(
         "controller", "--bus", bus, "--lockstep", "--no-telemetry", "--rate", str(log.rate), *arguments
@@ -133,31 +133,31 @@ def replayed_on(bus: str, log: Log, arguments: list[str]) -> Answers:
     with open_bus(bus) as port:
         process = spawn(command, subprocess.DEVNULL)
         try:
-            _await(port, heartbeat.can_id, process)
+            _await_heartbeat(port, heartbeat.can_id, process)
             began = time.perf_counter()
             for index, inbox in enumerate(log.samples):
                 for frame in inbox:
                     port.send(frame)
-                said: list[Frame] = []
-                end = time.monotonic() + _ANSWER
-                while not (said and said[-1].can_id == valve_id):
+                answer: list[Frame] = []
+                end = time.monotonic() + _ANSWER_TIMEOUT
+                while not (answer and answer[-1].can_id == valve_id):
                     if process.poll() is not None or time.monotonic() > end:
                         raise InputError(f"the controller on {bus} has not answered sample {index}")
                     if port.wait(0.1):
-                        said += [frame for frame in port.receive() if frame.can_id in told]
-                _compared(answers, log, index, said)
+                        answer += [frame for frame in port.receive() if frame.can_id in compared_ids]
+                _add_answer(answers, log, index, answer)
             answers.seconds = time.perf_counter() - began
             plant = frames["PLANT_HEARTBEAT"]
-            port.send(Frame(plant.can_id, plant.pack(_ENDED, Lifecycle.FINALIZED, log.rate, 0)))
-            process.wait(_ANSWER)
+            port.send(Frame(plant.can_id, plant.pack(_LAST_COUNTER, Lifecycle.FINALIZED, log.rate, 0)))
+            process.wait(_ANSWER_TIMEOUT)
         finally:
             process.kill()
             process.wait()
     return answers
 
 
-def _await(port: Port, heartbeat_id: int, process: Any) -> None:
-    end = time.monotonic() + _PATIENCE
+def _await_heartbeat(port: Port, heartbeat_id: int, process: Any) -> None:
+    end = time.monotonic() + _START_TIMEOUT
     while True:
         if port.wait(0.1) and any(frame.can_id == heartbeat_id for frame in port.receive()):
             return
@@ -165,7 +165,7 @@ def _await(port: Port, heartbeat_id: int, process: Any) -> None:
             raise InputError(f"no controller came up on {port.name}")
 
 
-def _compared(answers: Answers, log: Log, index: int, frames: list[Frame]) -> None:
+def _add_answer(answers: Answers, log: Log, index: int, frames: list[Frame]) -> None:
     answers.add(frames)
     if index in log.answers:
         answers.logged += 1

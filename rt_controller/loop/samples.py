@@ -22,14 +22,14 @@ class Samples:
         """Wait for the next complete sample, the plant's end or `timeout` [s]; whether a sample is complete."""
         line, marks = self.line, self.line.marks
         end = time.monotonic() + timeout
-        left = timeout
+        remaining = timeout
         while True:
             before = line.count
-            came = line.receive(max(left, 0.0))
+            received_some = line.receive(max(remaining, 0.0))
             if line.marks > marks:
                 return True
-            left = end - time.monotonic()
-            if not came or left <= 0.0 or self.plant_ended(before):
+            remaining = end - time.monotonic()
+            if not received_some or remaining <= 0.0 or self.plant_ended(before):
                 return False
 
     def arrived_ns(self) -> int:
@@ -40,8 +40,8 @@ class Samples:
     def plant_ended(self, since: int = 0) -> bool:
         """Whether the plant says, among the frames from number `since` on, that it ends."""
         codec, inbox = self._plant, self.line.inbox
-        said = inbox[since : self.line.count]
-        heartbeats = said[said["can_id"] == codec.can_id]
+        received = inbox[since : self.line.count]
+        heartbeats = received[received["can_id"] == codec.can_id]
         return any(codec.unpack(data).lifecycle == Lifecycle.FINALIZED for _, data in unload(heartbeats))
 
 

@@ -26,11 +26,13 @@ from rt_controller.loop.samples import Samples, usual_arrival
 from rt_controller.loop.trigger import Trigger, trigger
 from rt_controller.loop.turn import Turn, warm
 
-_SILENCE = 5.0  # s without a sample after which lock-step gives up: the plant has died
-_WARM_UP = 0.05  # s at the plant's pace before the clock is set: caches are warm then, the plant's grid is steady
-_KEPT = 64  # frames before the first sample that its cycle still sees; a supervisor may talk long before the plant
-# Hz, on one CPU: up to here 7 us less between sample and answer are worth 90 us of the plant's time, beyond it is late by them
-_AT_ONCE = 1000
+_SILENCE_TIMEOUT = 5.0  # s without a sample after which lock-step gives up: the plant has died
+_WARM_UP_TIME = 0.05  # s at the plant's pace before the clock is set: caches are warm then, the plant's grid is steady
+# Frames before the first sample that its cycle still receives. More are dropped: a supervisor may send long before the plant
+_FRAMES_BEFORE_START = 64
+# Hz. Up to this rate a controller on the plant's CPU interrupts the plant: it answers 7 us earlier, and the plant loses 90 us.
+# At higher rates the plant would be late by these 90 us
+_HIGHEST_RATE_AT_ONCE = 1000
 _SAFE_REPEATS = 3  # the safe command is sent in this many cycles: one frame may be lost
 
 
@@ -69,7 +71,7 @@ class ControllerService:
         woken once. On a grid the plant goes first, too: after a stall of the machine, when both are late, its samples are there
         before the controller looks for them.
         """
-        at_once = self.trigger == "bus" and self.rate <= _AT_ONCE
+        at_once = self.trigger == "bus" and self.rate <= _HIGHEST_RATE_AT_ONCE
         return realtime.PRIORITY + (1 if at_once else -1)
 
     @staticmethod
@@ -83,12 +85,12 @@ class ControllerService:
 
         Raises InputError for a bad bus, a second controller, another rate or protocol; the actuators are safe then.
         """
-        session, begun_by = new_session(), trigger(self.trigger)
+        session, make_trigger = new_session(), trigger(self.trigger)
         node = ControllerNode(self.rate, self.parameters_file, self.law, self.adaptation, session, self.clutch)
         parameters = node.parameters.as_values()  # at the start; changes are told apart
         period = 1_000_000_000 // self.rate
         clock = Clock(period, choose_waiting(self.spin_us, period), overrun_policy(self.overrun))
-        with Stop() as stop, open_bus(self.bus, node.heard) as port:
+        with Stop() as stop, open_bus(self.bus, node.received_ids) as port:
             frames = load_frames(clutch=self.clutch or "a")
             node.listen(check_alone(port, self.name, frames["CONTROLLER_HEARTBEAT"]))
             samples = Samples(Exchange(port, frames["ENCODER"].can_id, stop.wakes), frames)
@@ -98,25 +100,25 @@ class ControllerService:
             )  # fmt: skip
             turn = Turn(samples, node)
             beat = outlet.beat(clock)
-            begins = begun_by(beat, turn)
+            cycle_trigger = make_trigger(beat, turn)
             ready(f"{self.name} on {port.name} at {self.rate} Hz, {'lock-step' if self.lockstep else 'real time'}")
             missing = [] if self.lockstep else realtime.prepare(self.cpu, self.priority)
             for text in missing:
                 ready(f"note: {text}")
             if self.clutch and self.adaptation:
                 ready("note: of two clutches none adapts: the motor's torque is that of both")
-            closed, missed, footprint = False, None, None
+            closed, overrun, footprint = False, None, None
             try:
                 self._await_plant(node, samples, outlet, stop)
                 if self.lockstep:
                     self._lockstep(turn, outlet, beat, stop)
                 else:
-                    self._warm_up(node, turn, outlet, begins)
-                    footprint = self._real_time(node, outlet, beat, begins, stop)
+                    self._warm_up(node, turn, outlet, cycle_trigger)
+                    footprint = self._real_time(node, outlet, beat, cycle_trigger, stop)
             except OverrunError as error:
-                missed = str(error)
+                overrun = str(error)
             finally:
-                closed = _made_safe(node, port, 1.0 / self.rate)
+                closed = _send_safe_commands(node, port, 1.0 / self.rate)
                 realtime.relax()
                 port.close()  # nobody reads it while the telemetry ends: its queue would fill up, and refuse the plant's frames
                 published = outlet.close()
@@ -128,7 +130,7 @@ class ControllerService:
             "timing": None if self.lockstep else clock.summary(),
             "footprint": footprint,
             "trigger": self.trigger,
-            "overrun": missed,
+            "overrun": overrun,
             "not_available": missing,
             "valve_closed": closed,
             "faults": faults.count,
@@ -147,28 +149,28 @@ class ControllerService:
             line.port.send(node.heartbeat(Lifecycle.ACTIVE))
             outlet.tune()
             complete = samples.next(node.heartbeat_period)
-            inbox = (inbox + node.listen(unload(line.inbox[: line.count])))[-_KEPT:]
+            inbox = (inbox + node.listen(unload(line.inbox[: line.count])))[-_FRAMES_BEFORE_START:]
             line.clear()
         line.count = load(line.inbox, inbox)
 
-    def _warm_up(self, node: ControllerNode, turn: Turn, outlet: Outlet, begins: Trigger) -> None:
+    def _warm_up(self, node: ControllerNode, turn: Turn, outlet: Outlet, cycle_trigger: Trigger) -> None:
         """Some cycles at the plant's pace, which are not in the timing; then the trigger's grid is set."""
         arrivals = []
-        for _ in range(max(1, round(_WARM_UP * self.rate))):
+        for _ in range(max(1, round(_WARM_UP_TIME * self.rate))):
             self._cycle(node, turn, outlet)
             turn.samples.next(2.0 / self.rate)
             arrivals.append(turn.samples.arrived_ns())
         self._cycle(node, turn, outlet)
-        begins.start(usual_arrival(arrivals, begins.clock.period_ns))
+        cycle_trigger.start(usual_arrival(arrivals, cycle_trigger.clock.period_ns))
 
     def _real_time(
-        self, node: ControllerNode, outlet: Outlet, beat: Beat, begins: Trigger, stop: Stop
+        self, node: ControllerNode, outlet: Outlet, beat: Beat, cycle_trigger: Trigger, stop: Stop
     ) -> dict[str, int]:
         """Cycles as the trigger runs them; return what it took from the system."""
         clock = beat.clock
-        taken = Footprint()
+        measured = Footprint()
         while not stop.asked:
-            begins.run(outlet.changes)
+            cycle_trigger.run(outlet.changes)
             if outlet.asked():
                 outlet.write(
                     node.record, clock.woken_ns / 1e9, clock.lateness_ns / 1e3, clock.work_ns / 1e3, clock.late
@@ -178,7 +180,7 @@ class ControllerService:
             else:
                 beat.record_cycle(node.record, outlet.changes)
             node.late_cycles = clock.late
-        return taken.summary()
+        return measured.summary()
 
     def _lockstep(self, turn: Turn, outlet: Outlet, beat: Beat, stop: Stop) -> None:
         """Answer each complete sample at once; end when the plant says it ends."""
@@ -188,11 +190,13 @@ class ControllerService:
             if not written:
                 outlet.write(turn.node.record, time.monotonic(), 0.0, 0.0, 0)
             outlet.tune()
-            if complete or (not samples.plant_ended() and samples.next(_SILENCE)):
+            if complete or (not samples.plant_ended() and samples.next(_SILENCE_TIMEOUT)):
                 continue
             if samples.plant_ended():
                 return
-            raise InputError(f"the plant on {samples.line.port.name} has been silent for {_SILENCE:g} s of lock-step")
+            raise InputError(
+                f"the plant on {samples.line.port.name} has been silent for {_SILENCE_TIMEOUT:g} s of lock-step"
+            )
 
     def _cycle(self, node: ControllerNode, turn: Turn, outlet: Outlet) -> None:
         """A cycle that is not timed."""
@@ -201,16 +205,16 @@ class ControllerService:
         outlet.tune()
 
 
-def _made_safe(node: ControllerNode, port: Port, period: float) -> bool:
+def _send_safe_commands(node: ControllerNode, port: Port, period: float) -> bool:
     """Send the safe frames in a few cycles of `period` [s]; whether every one of some cycle has left."""
-    left = False
+    all_sent = False
     for _ in range(_SAFE_REPEATS):
         before = port.refused + port.down
         try:
             for frame in node.safe():
                 port.send(frame)
-            left = left or port.refused + port.down == before
+            all_sent = all_sent or port.refused + port.down == before
         except OSError:  # the bus is gone: nothing can be sent, the rig's own watchdog closes the valve
             break
         time.sleep(period)
-    return left
+    return all_sent

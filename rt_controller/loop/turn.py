@@ -27,7 +27,7 @@ from rt_controller.loop.node import ControllerNode
 from rt_controller.loop.phase_lock import follow
 from rt_controller.loop.samples import Samples
 
-_PATIENCE = 200_000_000  # ns that compiled code waits for a sample in lock-step; then Python looks
+_SAMPLE_WAIT = 200_000_000  # ns that compiled code waits for a sample in lock-step; then Python looks
 # Of the last turn: frames in the inbox, slots since the one before, when it woke, when its sample was there, and until when it
 # would have been waited for [ns of CLOCK_MONOTONIC], frames sent, or minus the Refusal, where sending them ended
 _TURN = np.dtype([(name, "i8") for name in ("count", "slots", "woken", "arrived", "patience", "sent", "position")])
@@ -66,10 +66,10 @@ class Turn:
         """
         line, node = self.samples.line, self.node
         line.refresh()
-        missed, made = answer_slots(
+        missed, runs = answer_slots(
             beat.memory, line.lines, line.inbox, line.count, node.memory, self._turns, beat.most, changes, drifts
         )
-        if made > (missed >= 0):
+        if runs > (missed >= 0):
             line.count_settled()
         if missed >= 0:
             self._finish()
@@ -89,11 +89,11 @@ class Turn:
         while True:
             first = line.count
             line.refresh()
-            made = answer_samples(
+            runs = answer_samples(
                 beat.memory, line.lines, line.inbox, first, node.memory, self._turns, beat.most, changes, patience
             )
             slots = self._slots[0]
-            if made > (slots > 0):
+            if runs > (slots > 0):
                 line.count_settled()
                 first = 0
             if slots:
@@ -109,10 +109,10 @@ class Turn:
         """
         line, node = self.samples.line, self.node
         line.refresh()
-        made, waited, marks = answer_in_step(
+        runs, waited, marks = answer_in_step(
             beat.memory, line.lines, line.inbox, line.count, node.memory, self._turns, beat.most, changes
         )
-        if made > (not waited):
+        if runs > (not waited):
             line.count_settled()
         if waited:
             line.accept(self._count[0], 0)
@@ -123,7 +123,7 @@ class Turn:
     def _finish(self) -> None:
         """What the compiled call leaves to do: of the frames it has sent, then of those used."""
         line, node = self.samples.line, self.node
-        line.finish_send(node.outbox, node.sent(self._sent[0]), self._position[0])
+        line.finish_send(node.outbox, node.check_sent(self._sent[0]), self._position[0])
         line.discard_used(self._count[0])
 
 
@@ -139,18 +139,18 @@ def warm(node: ControllerNode) -> None:
 
 
 @njit
-def begun(before: Any, period: Any, came: Any, at: Any, patience: Any, anew: Any) -> tuple[int, int, int]:
+def choose_slot(before: Any, period: Any, arrived: Any, at: Any, patience: Any, extended: Any) -> tuple[int, int, int]:
     """What begins `at`, where a sample `came`, or none (0): slots since the one at `before`, the last one's time, new patience.
 
     No slots: go on waiting. A sample of the slot before, which has gone without it, begins nothing; a slot without a sample
     begins at `patience`, unless the machine stood still, and the plant with it: its frames are on the way, and waited for
     `anew`, once. All ns of one clock.
     """
-    if came > 0:
-        return slots_since(before, came, at, period), came, patience
+    if arrived > 0:
+        return slots_since(before, arrived, at, period), arrived, patience
     if at < patience:
         return 0, 0, patience
-    if at >= patience + period // 2 and not anew:
+    if at >= patience + period // 2 and not extended:
         return 0, 0, at + period // 2
     slots = max(1, round((at - before) / period - 0.5))
     return slots, before + slots * period, patience
@@ -184,18 +184,18 @@ def answer_slots(
 
     Up to one after which something is left to Python: a refusal, somebody who has come, gone or asked.
     """
-    turn, line, clock, made = turns[0], lines[0], beat.clocks[0], 0
+    turn, line, clock, runs = turns[0], lines[0], beat.clocks[0], 0
     while True:
         missed = wait(beat)
         if missed < 0:
-            return missed, made
-        made += 1
+            return missed, runs
+        runs += 1
         node.states[0].late_cycles, marks = clock.late, line.marks
         answer(lines, inbox, count, 1 + missed, node, turns)
         if drifts.size > 0:
-            follow(beat.clocks, drifts, line.marks > marks, _arrived(line, now(CLOCK_MONOTONIC, line.time)))
-        if made == most or is_called(line, beat) or not is_settled(line, count, turn.count, turn.sent, turn.position):
-            return missed, made
+            follow(beat.clocks, drifts, line.marks > marks, _find_arrival(line, now(CLOCK_MONOTONIC, line.time)))
+        if runs == most or is_called(line, beat) or not is_settled(line, count, turn.count, turn.sent, turn.position):
+            return missed, runs
         record_cycle(beat, node.row, changes)
         count = 0
 
@@ -209,20 +209,20 @@ def answer_samples(
     Up to one after which something is left to Python, as of `answer_slots`; in a last one that has not been made, as somebody
     has come or gone, `slots` is 0.
     """
-    turn, line, clock, made = turns[0], lines[0], beat.clocks[0], 0
+    turn, line, clock, runs = turns[0], lines[0], beat.clocks[0], 0
     while True:
         before, period, at = clock.deadline, clock.period, now(CLOCK_MONOTONIC, line.time)
         turn.patience = patience if patience > 0 else max(before + period, at) + period // 2
         node.states[0].late_cycles = clock.late
-        _await(lines, inbox, count, turn, before, period)
+        _await_sample(lines, inbox, count, turn, before, period)
         if turn.slots == 0:
-            return made
-        made += 1
+            return runs
+        runs += 1
         turn.sent = cycle(node.states, node.settings, inbox, turn.count, turn.slots, node.outbox)
         turn.position = spread(lines, 0, node.outbox, max(turn.sent, 0))
         arrive(beat.clocks, turn.woken, turn.arrived, turn.slots)
-        if made == most or is_called(line, beat) or not is_settled(line, count, turn.count, turn.sent, turn.position):
-            return made
+        if runs == most or is_called(line, beat) or not is_settled(line, count, turn.count, turn.sent, turn.position):
+            return runs
         record_cycle(beat, node.row, changes)
         count = patience = 0
 
@@ -235,39 +235,39 @@ def answer_in_step(
 
     Up to one after which something is left to Python, as of `answer_slots`.
     """
-    turn, line, known, made = turns[0], lines[0], count, 0
+    turn, line, known, runs = turns[0], lines[0], count, 0
     while True:
         answer(lines, inbox, count, 1, node, turns)
-        made, marks = made + 1, line.marks
-        if made == most or is_called(line, beat) or not is_settled(line, known, turn.count, turn.sent, turn.position):
-            return made, False, marks
+        runs, marks = runs + 1, line.marks
+        if runs == most or is_called(line, beat) or not is_settled(line, known, turn.count, turn.sent, turn.position):
+            return runs, False, marks
         beat.clocks[0].woken = now(CLOCK_MONOTONIC, line.time)
         write(beat, node.row, changes)
-        turn.count = gather_marked(lines, _PATIENCE, inbox, 0, 0)
+        turn.count = gather_marked(lines, _SAMPLE_WAIT, inbox, 0, 0)
         if line.marks == marks or line.changed:
-            return made, True, marks
+            return runs, True, marks
         known, count = 0, turn.count
 
 
 @njit
-def _await(lines, inbox, count, turn, before, period):
+def _await_sample(lines, inbox, count, turn, before, period):
     """Wait for a sample, or until the turn's patience: `slots` since the one at `before`, 0 where somebody has come or gone."""
     line = lines[0]
     turn.slots, turn.count, turn.woken = 0, count, now(CLOCK_MONOTONIC, line.time)
     patience = turn.patience
     while turn.slots == 0:
-        marks, left = line.marks, max(turn.patience - turn.woken, 0)
-        turn.count = gather_marked(lines, left, inbox, count, turn.count)
+        marks, remaining = line.marks, max(turn.patience - turn.woken, 0)
+        turn.count = gather_marked(lines, remaining, inbox, count, turn.count)
         turn.woken = now(CLOCK_MONOTONIC, line.time)
-        came = _arrived(line, turn.woken) if line.marks > marks else 0
-        turn.slots, turn.arrived, turn.patience = begun(
-            before, period, came, turn.woken, turn.patience, turn.patience > patience
+        arrived = _find_arrival(line, turn.woken) if line.marks > marks else 0
+        turn.slots, turn.arrived, turn.patience = choose_slot(
+            before, period, arrived, turn.woken, turn.patience, turn.patience > patience
         )
         if turn.slots == 0 and line.changed:
             return
 
 
 @njit
-def _arrived(line, at):
+def _find_arrival(line, at):
     """When the last sample was complete, seen from `at`, which is now [ns of CLOCK_MONOTONIC]: by the frame's stamp."""
     return at - max(now(CLOCK_REALTIME, line.time) - line.marked_ns, 0)

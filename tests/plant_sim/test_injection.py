@@ -7,7 +7,15 @@ import pytest
 
 from clutch_hil.bench.in_process import Played, play
 from plant_sim.effects.catalogue import effect
-from plant_sim.node.injection import BIAS, Injection, effect_off, effect_on, requested, sensor_bias, sensor_frozen
+from plant_sim.node.injection import (
+    BIAS,
+    Injection,
+    effect_off,
+    effect_on,
+    injection_from_request,
+    sensor_bias,
+    sensor_freeze,
+)
 from plant_sim.node.plant_node import PlantNode
 from plant_sim.node.schedule import Schedule
 from plant_sim.profiles.profile import load_profile
@@ -56,8 +64,8 @@ def test_an_effect_is_switched_on_at_typical_values_or_given_ones() -> None:
 @pytest.mark.parametrize("sensor", BIAS)
 def test_every_sensor_can_be_frozen_and_biased(sensor: str) -> None:
     nominal = wet_clutch.nominal()
-    assert set(sensor_frozen(sensor)) | set(sensor_bias(sensor, 0.01)) <= set(nominal)
-    Schedule(nominal, [Injection(sensor_frozen(sensor) | sensor_bias(sensor, 0.01))])
+    assert set(sensor_freeze(sensor)) | set(sensor_bias(sensor, 0.01)) <= set(nominal)
+    Schedule(nominal, [Injection(sensor_freeze(sensor) | sensor_bias(sensor, 0.01))])
 
 
 @pytest.mark.parametrize(
@@ -65,7 +73,7 @@ def test_every_sensor_can_be_frozen_and_biased(sensor: str) -> None:
     [
         (lambda: effect_on("friction_levle"), "effect 'friction_levle' is unknown; did you mean friction_level"),
         (lambda: effect_on("friction_level", {"lvel": 1.0}), "friction_level has no parameter 'lvel'; did you mean level"),
-        (lambda: sensor_frozen("presure"), "sensor 'presure' is unknown; did you mean pressure"),
+        (lambda: sensor_freeze("presure"), "sensor 'presure' is unknown; did you mean pressure"),
         (lambda: sensor_bias("presure", 0.1), "sensor 'presure' is unknown; did you mean pressure"),
         (lambda: Injection({}), "changes nothing"),
         (lambda: Injection({LEVEL: 0.5}, at=-1.0), "time -1 s of an injection is not possible"),
@@ -80,7 +88,7 @@ def test_what_cannot_be_meant_is_told(values, told: str) -> None:
 
 
 def test_a_ramp_may_turn_back_where_it_ends() -> None:
-    assert requested({LEVEL: 0.5}, {"ramp": 1.0, "for": 0.0}, now=10.0).until == 11.0
+    assert injection_from_request({LEVEL: 0.5}, {"ramp": 1.0, "for": 0.0}, now=10.0).until == 11.0
 
 
 def test_decimal_times_that_add_up_are_taken() -> None:
@@ -211,12 +219,12 @@ def test_states_of_an_effect_are_carried_over_other_changes_and_dropped_with_it(
     assert abs(states[1999]) > 1.0  # N
     assert states[2000] == pytest.approx(states[1999], abs=1.0)
     assert set(range(2200, 2499)) & set(states) == set()
-    node._follow(2.5)
+    node._update_rig(2.5)
     assert node._state.effects[node._rig.table.spans["piston_seal_friction"][0]] == 0.0
 
 
 def test_a_frozen_sensor_shows_what_it_showed() -> None:
-    run = played(Injection(sensor_frozen("clutch_torque"), at=ENGAGED, until=ENGAGED + 0.5))
+    run = played(Injection(sensor_freeze("clutch_torque"), at=ENGAGED, until=ENGAGED + 0.5))
     row = round(ENGAGED * RATE)
     torque = run["clutch_torque_nm"]
     assert len(set(torque[row + 1 : row + 500])) == 1
@@ -301,7 +309,7 @@ def test_a_request_that_cannot_be_is_told(when: dict, told: str) -> None:
 
 
 def test_a_request_counts_from_now() -> None:
-    assert requested({LEVEL: 0.5}, {"after": 2.0, "ramp": 1.0, "for": 3.0}, now=10.0) == Injection(
+    assert injection_from_request({LEVEL: 0.5}, {"after": 2.0, "ramp": 1.0, "for": 3.0}, now=10.0) == Injection(
         {LEVEL: 0.5}, at=12.0, ramp=1.0, until=16.0
     )
-    assert requested({LEVEL: 0.5}, {}, now=10.0) == Injection({LEVEL: 0.5}, at=10.0)
+    assert injection_from_request({LEVEL: 0.5}, {}, now=10.0) == Injection({LEVEL: 0.5}, at=10.0)

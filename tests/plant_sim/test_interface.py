@@ -164,7 +164,7 @@ def told(event, arguments):
 sys.addaudithook(told)
 for tick in range(3):
     plant.take(line, load(line, [Frame(valve.can_id, valve.pack(tick, 1, 1.0, tick))]))
-    plant.slept(0)
+    plant.skip_periods(0)
     plant.show()
     plant.advance()
 plant.heartbeat(1)

@@ -60,7 +60,7 @@ def turned(node: PlantNode, line: Exchange, beat: Beat) -> None:
     """A turn in a slot that has just begun."""
     assert node.steady
     beat.clock.deadline_ns = time.monotonic_ns() - PERIOD
-    assert node.turns(line, beat, 0, 0) == 0
+    assert node.run_real_time(line, beat, 0, 0) == 0
 
 
 def by_parts(node: PlantNode, commands: list[Frame]) -> list[Frame]:
@@ -93,7 +93,7 @@ def caught_up(node: PlantNode, commands: list[Frame], missed: int) -> tuple[list
     """Frames and rows of `missed` samples and one, made by the parts of a turn."""
     node.advance()
     node.receive(commands)
-    node.slept(missed)
+    node.skip_periods(missed)
     frames, rows = node.sample(), [node.row()]
     for _ in range(missed):
         node.advance()
@@ -118,7 +118,7 @@ def test_samples_of_slots_slept_through_come_first(line: Exchange, controller: P
         beat.clock.deadline_ns = time.monotonic_ns() - (1 + missed) * PERIOD
         frames, rows = caught_up(other, [valve(number, 2.0)], missed)
         for left in range(missed, -1, -1):
-            assert whole.turns(line, beat, 0, 0 if left == missed else left + 1) == left
+            assert whole.run_real_time(line, beat, 0, 0 if left == missed else left + 1) == left
             assert whole.row() == rows[missed - left]
         assert controller.receive() == frames
         assert whole.row()[1] == pytest.approx(2.0, abs=0.01)
@@ -134,7 +134,7 @@ def test_samples_of_slots_slept_through_are_rows_of_one_cycle(line: Exchange, co
     other.sample()
     controller.send(valve(1, 2.0))
     beat.clock.deadline_ns, beat.most = time.monotonic_ns() - 5 * PERIOD, 5
-    assert whole.turns(line, beat, 3, 0) == 0
+    assert whole.run_real_time(line, beat, 3, 0) == 0
     frames, rows = caught_up(other, [valve(1, 2.0)], 4)
     assert controller.receive() == frames
     found = reader.read()
@@ -157,7 +157,7 @@ def test_who_does_not_read_ends_no_call(line: Exchange, controller: Port, local_
             controller.receive()
         refused, sent = line.port.refused, line.port.sent
         beat.clock.deadline_ns, beat.most = time.monotonic_ns() - 5 * PERIOD, 5
-        assert node.turns(line, beat, 0, 0) == 0
+        assert node.run_real_time(line, beat, 0, 0) == 0
         assert ring.written == 4  # all but the last in compiled code
         heard = controller.receive()
         assert line.port.sent - sent == line.port.refused - refused == len(heard) > 5 * 2
@@ -175,7 +175,7 @@ def test_when_it_has_caught_up_it_waits_for_an_answer(line: Exchange, controller
         before = beat.clock.skipped
         if number == 1:
             answer.start()
-        assert node.turns(line, beat, 0, 0) == 0
+        assert node.run_real_time(line, beat, 0, 0) == 0
         assert beat.clock.skipped - before >= 2
         assert node.reception_counts()["VALVE_COMMAND"]["received"] == 1
     assert line.count == 0
@@ -200,13 +200,13 @@ def test_in_step_a_sample_is_its_parts_and_waits_for_its_answer(
         other.advance()
         if number == 1:
             other.receive([valve(1, 2.0)])
-    assert whole.in_step(line, beat, 3)
+    assert whole.run_lockstep(line, beat, 3)
     assert (whole.tick, whole.answered_tick, line.count) == (2, 1, 0)
     assert controller.receive() == frames
     np.testing.assert_array_equal(reader.read()[:, : len(whole.columns)], rows)
     assert (line.port.received, line.port.sent) == (1, len(frames))
     beat.most = 1
-    assert not whole.in_step(line, beat, 3)
+    assert not whole.run_lockstep(line, beat, 3)
     assert controller.receive() == other.sample()
     assert whole.row() == other.row()
     assert reader.read().size == 0
@@ -227,7 +227,7 @@ def test_in_step_heartbeats_are_no_answer(line: Exchange, controller: Port, tmp_
 
     talker = threading.Thread(target=go_on)
     talker.start()
-    written = node.in_step(line, beat, 0)
+    written = node.run_lockstep(line, beat, 0)
     told.set()
     talker.join()
     assert written
@@ -241,7 +241,7 @@ def test_in_step_a_second_plant_ends_it(line: Exchange, controller: Port, tmp_pa
     node.sample()
     controller.send(Frame(FRAMES["ENCODER"].can_id, bytes(8)))
     with pytest.raises(InputError, match=r"a second plant is on the bus: it sends ENCODER \(0x101\)"):
-        node.in_step(line, beat, 0)
+        node.run_lockstep(line, beat, 0)
 
 
 def test_where_parameters_change_a_plant_is_not_steady(line: Exchange, beat: Beat) -> None:

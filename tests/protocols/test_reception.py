@@ -5,7 +5,7 @@ import pytest
 
 from protocols.can.frame_batch import batch, load, word_of
 from protocols.can.frames import Frame, FrameCodec, load_frames
-from protocols.can.reception import Reception, accepted, counted, receptions
+from protocols.can.reception import Reception, accept_word, new_receptions, read_counts
 from protocols.errors import InputError
 
 CODECS = load_frames()
@@ -125,7 +125,7 @@ def test_a_wrong_length_stops_the_receiver_by_name(codec: FrameCodec) -> None:
 @each_frame
 def test_compiled_loops_believe_the_same(codec: FrameCodec) -> None:
     generator = np.random.default_rng(codec.can_id)
-    reception, record = Reception(codec), receptions([codec])
+    reception, record = Reception(codec), new_receptions([codec])
     for number in range(500):
         good = bytearray(make_pattern(codec, number if generator.random() < 0.7 else int(generator.integers(16))))
         if generator.random() < 0.2:
@@ -133,6 +133,6 @@ def test_compiled_loops_believe_the_same(codec: FrameCodec) -> None:
         into = batch(1)
         load(into, [Frame(codec.can_id, bytes(good))])
         word = word_of.py_func(into["data"][0])
-        assert accepted(record[0], np.int64(word), codec.length) == reception.accept(bytes(good))
-    assert counted(record[0]) == reception.counts()
+        assert accept_word(record[0], np.int64(word), codec.length) == reception.accept(bytes(good))
+    assert read_counts(record[0]) == reception.counts()
     assert all(reception.counts().values())  # every kind has come

@@ -26,7 +26,7 @@ IDLE, ENGAGE, RELEASE = range(3)
 
 
 @lru_cache(maxsize=4096)
-def encoded(name: str, counter: int, signals: tuple[tuple[str, int], ...]) -> bytes:
+def encode(name: str, counter: int, signals: tuple[tuple[str, int], ...]) -> bytes:
     """A frame made by cantools from raw values, with the CRC of the e2e library."""
     message = DATABASE.get_message_by_name(name)
     values = {signal.name: 0 for signal in message.signals} | dict(signals) | {"COUNTER": counter & 15}
@@ -35,10 +35,10 @@ def encoded(name: str, counter: int, signals: tuple[tuple[str, int], ...]) -> by
 
 
 def frame(name: str, counter: int = 0, **signals: int) -> bytes:
-    return encoded(name, counter, tuple(signals.items()))
+    return encode(name, counter, tuple(signals.items()))
 
 
-def decoded(name: str, data: bytes) -> Any:
+def decode(name: str, data: bytes) -> Any:
     message = DATABASE.get_message_by_name(name)
     assert len(data) == message.length
     assert calculate_crc8(data[1:]) == data[0], "every command on the bus has a valid CRC"
@@ -106,11 +106,11 @@ class Bench:
 
     def valve(self, counts: int = 9000, enable: int = 1, counter: int = 5, tick: int = 0x1234) -> Any:
         command = frame("VALVE_COMMAND", counter, VALVE_ENABLE=enable, VALVE_VOLTAGE=counts, SAMPLE_TICK=tick)
-        return decoded("VALVE_COMMAND", self.guard.outbound(IDENTIFIERS["VALVE_COMMAND"], command))
+        return decode("VALVE_COMMAND", self.guard.outbound(IDENTIFIERS["VALVE_COMMAND"], command))
 
     def motor(self, speed: int = -20000, torque: int = 30000, enable: int = 1, counter: int = 5) -> Any:
         command = frame("MOTOR_COMMAND", counter, MOTOR_ENABLE=enable, SPEED_DEMAND=speed, TORQUE_LIMIT=torque)
-        return decoded("MOTOR_COMMAND", self.guard.outbound(IDENTIFIERS["MOTOR_COMMAND"], command))
+        return decode("MOTOR_COMMAND", self.guard.outbound(IDENTIFIERS["MOTOR_COMMAND"], command))
 
     @property
     def open(self) -> bool:

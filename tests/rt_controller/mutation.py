@@ -124,7 +124,7 @@ def _replace(tree: ast.AST, target: ast.AST, replacement: ast.AST) -> None:
                 value[value.index(target)] = replacement
 
 
-def loaded(tree: ast.Module) -> ModuleType:
+def load_mutant(tree: ast.Module) -> ModuleType:
     """The mutant as a module. Whatever its source raises comes out."""
     module = ModuleType(NAME)
     sys.modules[NAME] = module  # dataclasses look their module up
@@ -150,10 +150,10 @@ def _checks(file: str, argument: str) -> list[Callable[[ModuleType], None]]:
     return [function for function in functions if list(inspect.signature(function).parameters) == [argument]]
 
 
-def killed(tree: ast.Module, by: list[Callable[[ModuleType], None]]) -> bool:
+def is_killed(tree: ast.Module, by: list[Callable[[ModuleType], None]]) -> bool:
     """Whether a check fails, or the mutant cannot even be loaded."""
     try:
-        module = loaded(tree)
+        module = load_mutant(tree)
         for check in by:
             check(module)
     except (Exception, pytest.fail.Exception):
@@ -164,4 +164,4 @@ def killed(tree: ast.Module, by: list[Callable[[ModuleType], None]]) -> bool:
 def survivors(module: ModuleType, files: Sequence[str], argument: str) -> tuple[int, list[str]]:
     """How many mutants of a module there are, and the labels of those that no check of `files` kills."""
     population, by = list(mutants(plain_source(module))), checks(files, argument)
-    return len(population), [mutant.label for mutant in population if not killed(mutant.tree, by)]
+    return len(population), [mutant.label for mutant in population if not is_killed(mutant.tree, by)]

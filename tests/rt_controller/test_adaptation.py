@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rt_controller.law.adaptation import ADAPTATION, ADAPTATION_SETTINGS, TEMPERATURE_NODES, UNTAUGHT, adapt
+from rt_controller.law.adaptation import ADAPTATION, ADAPTATION_SETTINGS, INITIAL_ADAPTATION, TEMPERATURE_NODES, adapt
 from rt_controller.law.record import record
 from rt_controller.loop.node import controller_parameters
 
@@ -29,7 +29,7 @@ class LevelAdaptation:
     """`adapt` on records of its own."""
 
     def __init__(self, settings: Any) -> None:
-        self._state, self._settings = record(ADAPTATION, UNTAUGHT), settings
+        self._state, self._settings = record(ADAPTATION, INITIAL_ADAPTATION), settings
 
     def update(self, *data: float) -> None:
         adapt(self._state, self._settings, *data)

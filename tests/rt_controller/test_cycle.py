@@ -11,10 +11,10 @@ import pytest
 
 from protocols.can.frame_batch import batch, load, unload
 from protocols.can.frames import Frame, load_frames
-from protocols.can.words import counter, frame_definition, put, raw, sealed, valid, value
+from protocols.can.words import counter, frame_definition, protect, put, raw, valid, value
 from protocols.errors import InputError
 from rt_controller.law.record import record
-from rt_controller.loop.cycle import HEARD, OUTBOX, cycle
+from rt_controller.loop.cycle import OUTBOX, RECEIVED_FRAMES, cycle
 from rt_controller.loop.cycle_record import RECORD
 from rt_controller.loop.node import ControllerNode
 
@@ -49,11 +49,11 @@ def test_words_are_what_the_codecs_make_of_every_frame() -> None:
             assert counter(word) == 11
             assert valid(word, codec.length)
             assert not valid(word ^ 1 << 13, codec.length)
-            made = 0
+            full = 0
             for signal in table:  # beyond its range a signal stays at its end
-                made = put(made, signal, (2.0 if end == "high" else -2.0) * signal.high * signal.scale + signal.offset)
-            told = sealed(made, codec.length, 11) & (1 << 8 * codec.length) - 1
-            assert told.to_bytes(codec.length, "little") == data
+                full = put(full, signal, (2.0 if end == "high" else -2.0) * signal.high * signal.scale + signal.offset)
+            protected = protect(full, codec.length, 11) & (1 << 8 * codec.length) - 1
+            assert protected.to_bytes(codec.length, "little") == data
 
 
 def test_a_batch_is_answered_as_objects_are() -> None:
@@ -176,5 +176,5 @@ def test_what_is_heard_is_counted_by_its_name() -> None:
     for tick in (0, 1, 1, 4):
         node.step(sample(tick))
     node.step([Frame(ENCODER.can_id, bytes(8))])
-    assert list(node.reception_counts()) == list(HEARD)
+    assert list(node.reception_counts()) == list(RECEIVED_FRAMES)
     assert node.reception_counts()["ENCODER"] == {"received": 3, "lost": 2, "repeated": 1, "corrupt": 1}

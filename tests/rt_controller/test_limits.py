@@ -31,7 +31,7 @@ def limits() -> ModuleType:
     return rt_controller.guard.limits
 
 
-def tripped(limits: ModuleType) -> Bench:
+def trip(limits: ModuleType) -> Bench:
     """A guard that has found overpressure, the cause gone since."""
     bench = Bench(limits)
     for _ in range(CONFIRM):
@@ -69,7 +69,7 @@ def test_healthy_commands_pass_to_the_bit(limits: ModuleType) -> None:
 # --- overpressure, overtemperature, overspeed ------------------------------------------------------------------------
 
 
-def _found_after_exactly_three(limits: ModuleType, finding: int, **wild: int) -> None:
+def _check_finding_after_three(limits: ModuleType, finding: int, **wild: int) -> None:
     for good in (0, 3):
         bench = Bench(limits)
         for _ in range(good):
@@ -90,19 +90,19 @@ def _found_after_exactly_three(limits: ModuleType, finding: int, **wild: int) ->
 
 
 def test_overpressure_is_found_after_3_samples_and_not_after_2(limits: ModuleType) -> None:
-    _found_after_exactly_three(limits, limits.OVERPRESSURE, pressure=PRESSURE_LIMIT + 1)
-    _found_after_exactly_three(limits, limits.OVERPRESSURE, pressure=2047)
+    _check_finding_after_three(limits, limits.OVERPRESSURE, pressure=PRESSURE_LIMIT + 1)
+    _check_finding_after_three(limits, limits.OVERPRESSURE, pressure=2047)
 
 
 def test_overtemperature_is_found_after_3_samples_and_not_after_2(limits: ModuleType) -> None:
-    _found_after_exactly_three(limits, limits.OVERTEMPERATURE, temperature=TEMPERATURE_LIMIT + 1)
-    _found_after_exactly_three(limits, limits.OVERTEMPERATURE, temperature=2047)
+    _check_finding_after_three(limits, limits.OVERTEMPERATURE, temperature=TEMPERATURE_LIMIT + 1)
+    _check_finding_after_three(limits, limits.OVERTEMPERATURE, temperature=2047)
 
 
 def test_overspeed_is_found_after_3_samples_and_not_after_2(limits: ModuleType) -> None:
     for direction in (1, -1):
-        _found_after_exactly_three(limits, limits.OVERSPEED, turned=direction * (TURN_LIMIT + 1))
-        _found_after_exactly_three(limits, limits.OVERSPEED, turned=direction * 100_000)
+        _check_finding_after_three(limits, limits.OVERSPEED, turned=direction * (TURN_LIMIT + 1))
+        _check_finding_after_three(limits, limits.OVERSPEED, turned=direction * 100_000)
 
 
 def test_at_the_limit_nothing_is_found(limits: ModuleType) -> None:
@@ -184,12 +184,12 @@ def test_confirmation_and_age_come_from_the_limits(limits: ModuleType) -> None:
 
 def test_a_finding_is_latched_until_idle_is_asked(limits: ModuleType) -> None:
     for request in range(ENGAGE, 16):
-        bench = tripped(limits)
+        bench = trip(limits)
         for _ in range(40):  # all counters
             bench.ask(request)
             assert bench.cycle() == limits.OVERPRESSURE
             assert not bench.open
-    bench = tripped(limits)
+    bench = trip(limits)
     for _ in range(40):  # no request at all
         assert bench.cycle() == limits.OVERPRESSURE
     bench.ask(IDLE)
@@ -229,7 +229,7 @@ def test_idle_does_not_clear_stale_sensors_before_a_sample_has_come(limits: Modu
 
 def test_only_a_believable_request_clears(limits: ModuleType) -> None:
     idle = frame("TORQUE_SETPOINT", 3, REQUEST=IDLE)
-    bench = tripped(limits)
+    bench = trip(limits)
     bench.guard.inbound(0x180, bytes((idle[0] ^ 0xFF,)) + idle[1:])
     bench.guard.inbound(0x300, idle)  # another frame with the same bits
     bench.guard.inbound(0x090, idle)
@@ -272,7 +272,7 @@ def test_the_motor_torque_is_never_above_its_limit(limits: ModuleType) -> None:
 
 
 def test_a_finding_closes_the_valve_and_stops_the_motor_keeping_counter_and_tick(limits: ModuleType) -> None:
-    bench = tripped(limits)
+    bench = trip(limits)
     for replaced, counter in enumerate(range(16), start=1):
         found = bench.valve(9000 + counter, counter=counter, tick=40000 + counter)
         del found["CRC"]
@@ -297,7 +297,7 @@ def test_a_voltage_without_enable_is_taken_away(limits: ModuleType) -> None:
 
 
 def test_a_command_already_safe_is_not_counted_as_replaced(limits: ModuleType) -> None:
-    bench = tripped(limits)
+    bench = trip(limits)
     for counter in range(16):
         bench.valve(0, enable=0, counter=counter)
         assert bench.guard.replaced == 0

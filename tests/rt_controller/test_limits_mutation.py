@@ -4,7 +4,7 @@ test_limits.py or test_limits_samples.py, but for the equivalent ones listed her
 import ast
 
 import rt_controller.guard.limits
-from tests.rt_controller.mutation import checks, killed, plain_source, survivors
+from tests.rt_controller.mutation import checks, is_killed, plain_source, survivors
 
 FILES = "test_limits.py", "test_limits_samples.py"
 # Mutants no test can kill, by "line of source: column: change", and why.
@@ -23,7 +23,7 @@ EQUIVALENT = {
 def test_the_unchanged_guard_passes_every_check() -> None:
     by = checks(FILES, "limits")
     assert len(by) >= 25
-    assert not killed(ast.parse(plain_source(rt_controller.guard.limits)), by)
+    assert not is_killed(ast.parse(plain_source(rt_controller.guard.limits)), by)
 
 
 def test_every_mutant_of_the_guard_is_killed() -> None:

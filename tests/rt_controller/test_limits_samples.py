@@ -11,7 +11,7 @@ from e2e.crc import calculate_crc8
 
 import rt_controller.guard.limits
 from protocols.can.two_clutches import OFFSET
-from tests.rt_controller.guard_bench import DATABASE, ENGAGE, IDENTIFIERS, STALE, Bench, Guard, decoded, frame
+from tests.rt_controller.guard_bench import DATABASE, ENGAGE, IDENTIFIERS, STALE, Bench, Guard, decode, frame
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +32,7 @@ def test_the_guard_of_a_second_clutch_sees_its_own_frames_and_no_others(limits: 
         for name in ("ANALOG_SENSORS", "ENCODER"):
             guard.inbound(IDENTIFIERS[name] + offset, frame(name, 1))
         guard.cycle()
-        assert bool(decoded("VALVE_COMMAND", guard.outbound(own, command))["VALVE_ENABLE"]) is passes
+        assert bool(decode("VALVE_COMMAND", guard.outbound(own, command))["VALVE_ENABLE"]) is passes
 
 
 def test_scales_agree_with_the_dbc(limits: ModuleType) -> None:

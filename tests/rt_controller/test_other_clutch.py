@@ -17,11 +17,11 @@ from protocols.errors import InputError
 from rt_controller.law.other_clutch import (
     PAIR_SETTINGS,
     applied_alone,
-    heed,
+    initial_other,
     pair_mismatch,
     take_other_encoder,
     take_other_status,
-    unheard,
+    use_newest_status,
 )
 from rt_controller.law.phases import Fault
 from rt_controller.law.record import record
@@ -51,15 +51,15 @@ def torque_settings() -> Any:
 
 def other(estimate: float = 0.0, sticks: bool = False, acceleration: float = 0.0) -> Any:
     """The other clutch, heard now."""
-    heard = unheard()
-    take_other_encoder(heard, encoder(0, 0), DEFINITION, PERIOD, 100.0)
-    take_other_status(heard, estimate, sticks)
-    heed(heard)
-    heard.acceleration = acceleration
-    return heard
+    state = initial_other()
+    take_other_encoder(state, encoder(0, 0), DEFINITION, PERIOD, 100.0)
+    take_other_status(state, estimate, sticks)
+    use_newest_status(state)
+    state.acceleration = acceleration
+    return state
 
 
-def off(
+def compute_mismatch(
     motor: float, own: float, its: Any, own_sticks: bool = False, capacity: float = 0.0, slip_rate: float = 0.0
 ) -> float:
     """Mismatch [Nm] at a motor torque, an estimate and the other clutch."""
@@ -68,61 +68,61 @@ def off(
 
 
 def test_both_torques_are_the_motors() -> None:
-    assert off(15.0, 10.0, other(5.0)) == 0.0
-    assert off(40.0, 10.0, other(5.0)) == pytest.approx(25.0)
-    assert off(-40.0, -10.0, other(-5.0)) == pytest.approx(-25.0)
+    assert compute_mismatch(15.0, 10.0, other(5.0)) == 0.0
+    assert compute_mismatch(40.0, 10.0, other(5.0)) == pytest.approx(25.0)
+    assert compute_mismatch(-40.0, -10.0, other(-5.0)) == pytest.approx(-25.0)
 
 
 def test_friction_levels_within_the_bounds_of_the_adaptation_explain_a_torque() -> None:
     """0.6 to 1.5, and 0.3 Nm that the motor feels."""
     for motor, explained in ((22.79, True), (22.81, False), (8.71, True), (8.69, False)):
-        assert (off(motor, 10.0, other(5.0)) == 0.0) is explained, motor
+        assert (compute_mismatch(motor, 10.0, other(5.0)) == 0.0) is explained, motor
 
 
 def test_plates_that_stick_carry_anything_up_to_their_capacity_either_way() -> None:
     for motor in (-15.0, 0.0, 25.0):  # -1.5 12 + 0.6 5 to 1.5 (12 + 5), and 0.3
-        assert off(motor, 0.0, other(5.0), own_sticks=True, capacity=12.0) == 0.0
-        assert off(motor, 5.0, other(12.0, sticks=True)) == 0.0
-        assert off(motor, 5.0, other(-12.0, sticks=True)) == 0.0
-    assert off(40.0, 0.0, other(5.0), own_sticks=True, capacity=12.0) == pytest.approx(40.0 - 17.0)
-    assert off(-40.0, 0.0, other(5.0), own_sticks=True, capacity=12.0) == pytest.approx(-40.0 + 12.0 - 5.0)
+        assert compute_mismatch(motor, 0.0, other(5.0), own_sticks=True, capacity=12.0) == 0.0
+        assert compute_mismatch(motor, 5.0, other(12.0, sticks=True)) == 0.0
+        assert compute_mismatch(motor, 5.0, other(-12.0, sticks=True)) == 0.0
+    assert compute_mismatch(40.0, 0.0, other(5.0), own_sticks=True, capacity=12.0) == pytest.approx(40.0 - 17.0)
+    assert compute_mismatch(-40.0, 0.0, other(5.0), own_sticks=True, capacity=12.0) == pytest.approx(-40.0 + 12.0 - 5.0)
 
 
 def test_the_inertia_of_the_input_is_told_from_both_slips() -> None:
     """s_a' = 1 and s_b' = 2 rad/s^2 are w_in' = 3*2 - 2*1 = 4 and w_out' = 1."""
     unknown = 100.0 + WEIGHT * 4.0
-    assert off(unknown, 10.0, other(5.0, acceleration=2.0), slip_rate=1.0) == pytest.approx(85.0)
+    assert compute_mismatch(unknown, 10.0, other(5.0, acceleration=2.0), slip_rate=1.0) == pytest.approx(85.0)
     applied, known = applied_alone(other(0.0, acceleration=2.0), PAIR, torque_settings(), 10.0)
     assert known
     assert applied == pytest.approx(10.0 - WEIGHT * 3.0 * 2.0), "own slip constant: w_in' = 3 s_b'"
 
 
 def test_a_silent_other_is_not_compared_with() -> None:
-    for silent in (unheard(), other(5.0)):
+    for silent in (initial_other(), other(5.0)):
         silent.age = 0.26
-        assert off(40.0, 10.0, silent) == 0.0
+        assert compute_mismatch(40.0, 10.0, silent) == 0.0
         assert not applied_alone(silent, PAIR, torque_settings(), 10.0)[1]
     assert not applied_alone(other(0.1), PAIR, torque_settings(), 10.0)[1], "it transmits"
 
 
 def test_a_status_counts_from_when_it_is_heeded() -> None:
-    heard = other(5.0)
-    heard.age = 0.2
-    take_other_status(heard, 7.0, True)
-    assert (heard.estimate, heard.sticks, heard.age) == (5.0, False, 0.2)
-    heed(heard)
-    assert (heard.estimate, heard.sticks, heard.age) == (7.0, True, 0.0)
-    heard.age = 0.2
-    heed(heard)
-    assert heard.age == 0.2, "nothing new"
+    state = other(5.0)
+    state.age = 0.2
+    take_other_status(state, 7.0, True)
+    assert (state.estimate, state.sticks, state.age) == (5.0, False, 0.2)
+    use_newest_status(state)
+    assert (state.estimate, state.sticks, state.age) == (7.0, True, 0.0)
+    state.age = 0.2
+    use_newest_status(state)
+    assert state.age == 0.2, "nothing new"
 
 
 def test_the_encoder_of_the_other_wraps_and_skips() -> None:
-    heard = unheard()
+    state = initial_other()
     for k in range(400):
-        take_other_encoder(heard, encoder(2**32 - 300 + 3 * k, 65500 + 2 * k), DEFINITION, PERIOD, 100.0)
-    assert heard.slip == pytest.approx(1.5 * STEP / PERIOD)
-    assert heard.acceleration == pytest.approx(0.0, abs=1e-9)
+        take_other_encoder(state, encoder(2**32 - 300 + 3 * k, 65500 + 2 * k), DEFINITION, PERIOD, 100.0)
+    assert state.slip == pytest.approx(1.5 * STEP / PERIOD)
+    assert state.acceleration == pytest.approx(0.0, abs=1e-9)
 
 
 def test_gears_must_differ() -> None:
@@ -134,16 +134,16 @@ def test_gears_must_differ() -> None:
 
 
 @cache
-def played(scenario: str, changed: str = "", value: float = 0.0, at: float = 0.0) -> dict[str, np.ndarray]:
+def play_shift(scenario: str, changed: str = "", value: float = 0.0, at: float = 0.0) -> dict[str, np.ndarray]:
     """Columns of a shift; of the controllers with the clutch's name at the end."""
     case = load_scenario(scenario)
     if changed:
         case = replace(case, injections=(Injection({changed: value}, at=at),))
     run, _ = Simulation(case).play_described()
-    told = {column.name: run.plant[:, k] for k, column in enumerate(PLANT)}
+    columns = {column.name: run.plant[:, k] for k, column in enumerate(PLANT)}
     for name, rows in zip("ab", run.controllers, strict=True):
-        told |= {f"{column.name}_{name}": rows[:, k] for k, column in enumerate(COLUMNS)}
-    return told
+        columns |= {f"{column.name}_{name}": rows[:, k] for k, column in enumerate(COLUMNS)}
+    return columns
 
 
 def fault_time(run: dict[str, np.ndarray], clutch: str) -> float:
@@ -154,7 +154,7 @@ def fault_time(run: dict[str, np.ndarray], clutch: str) -> float:
 
 @pytest.mark.parametrize("scenario", ["shift", "lock_up_shift"])
 def test_a_healthy_shift_is_plausible(scenario: str) -> None:
-    run = played(scenario)
+    run = play_shift(scenario)
     assert run["fault_a"].max() == run["fault_b"].max() == 0
 
 
@@ -167,20 +167,20 @@ def test_a_healthy_shift_is_plausible(scenario: str) -> None:
     ],
 )
 def test_a_wrong_torque_of_the_clutch_that_carries_is_found(changed: str, value: float) -> None:
-    assert 2.0 < fault_time(played("shift", changed, value, 2.0), "a") < 2.0 + IN_TIME
+    assert 2.0 < fault_time(play_shift("shift", changed, value, 2.0), "a") < 2.0 + IN_TIME
 
 
 @pytest.mark.parametrize("level", [0.3, 2.0])
 def test_wrong_friction_of_the_clutch_that_comes_is_found_in_the_hand_over(level: float) -> None:
-    run = played("shift", "b.friction_level.level", level, 0.8)
-    told = run["truth_clutch_torque_b_nm"] / level  # what it should be
-    begins = run["time_s"][np.abs(run["truth_clutch_torque_b_nm"] - told) > 8.0]
+    run = play_shift("shift", "b.friction_level.level", level, 0.8)
+    columns = run["truth_clutch_torque_b_nm"] / level  # what it should be
+    begins = run["time_s"][np.abs(run["truth_clutch_torque_b_nm"] - columns) > 8.0]
     found = min(t for t in (fault_time(run, "a"), fault_time(run, "b")) if t == t)
     assert found < begins[0] + IN_TIME + 0.1  # s: the status of the other is as old
 
 
 def test_a_locked_clutch_carries_what_the_open_one_leaves_to_it() -> None:
-    run = played("lock_up_shift")
+    run = play_shift("lock_up_shift")
     held = (run["clutch_state_b"] == 3) & (run["time_s"] > 5.8)
     error = run["torque_estimate_nm_b"] - run["truth_clutch_torque_b_nm"]
     assert held.sum() > 500

@@ -21,7 +21,7 @@ def replay(*arguments: object) -> subprocess.CompletedProcess:
     return subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
 
 
-def told(*arguments: object) -> dict:
+def replay_summary(*arguments: object) -> dict:
     done = replay(*arguments, "--json")
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
@@ -35,28 +35,28 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_every_answer_is_the_logged_one(log: Path) -> None:
-    found = told(log)
-    assert found["cycles"] == found["logged"] == found["equal"] == SECONDS * 1000
-    assert found["rate_hz"] == 1000
+    summary = replay_summary(log)
+    assert summary["cycles"] == summary["logged"] == summary["equal"] == SECONDS * 1000
+    assert summary["rate_hz"] == 1000
 
 
 @pytest.mark.parametrize("suffix", [".log", ".asc"])
 def test_the_format_of_the_log_does_not_matter(log: Path, tmp_path: Path, suffix: str) -> None:
     other = tmp_path / f"bus{suffix}"
     write_log(other, SECONDS)
-    assert told(other)["sha256"] == told(log)["sha256"]
+    assert replay_summary(other)["sha256"] == replay_summary(log)["sha256"]
 
 
 def test_a_controller_on_a_bus_answers_the_same(log: Path, local_bus: str) -> None:
-    found, expected = told(log, "--bus", local_bus), told(log)
-    assert found["sha256"] == expected["sha256"]
-    assert found["equal"] == expected["cycles"]
+    summary, expected = replay_summary(log, "--bus", local_bus), replay_summary(log)
+    assert summary["sha256"] == expected["sha256"]
+    assert summary["equal"] == expected["cycles"]
 
 
 def test_another_law_is_another_answer(log: Path) -> None:
-    found = told(log, "--law", "feedforward")
-    assert found["sha256"] != told(log)["sha256"]
-    assert 0 < found["equal"] < found["logged"]
+    summary = replay_summary(log, "--law", "feedforward")
+    assert summary["sha256"] != replay_summary(log)["sha256"]
+    assert 0 < summary["equal"] < summary["logged"]
 
 
 def test_one_flipped_bit_in_the_log_is_another_answer(tmp_path: Path, log: Path) -> None:
@@ -68,14 +68,14 @@ def test_one_flipped_bit_in_the_log_is_another_answer(tmp_path: Path, log: Path)
     head, _, data = lines[at].partition("#")
     lines[at] = f"{head}#{int(data[0], 16) ^ 1:X}{data[1:]}"
     text.write_text("\n".join(lines) + "\n")
-    assert told(text)["sha256"] != told(log)["sha256"]
+    assert replay_summary(text)["sha256"] != replay_summary(log)["sha256"]
 
 
 def test_it_is_faster_than_real_time(tmp_path: Path) -> None:
     path = tmp_path / "long.blf"
     write_log(path, 12.0)
     began = time.perf_counter()
-    assert told(path)["cycles"] == 12_000
+    assert replay_summary(path)["cycles"] == 12_000
     taken = time.perf_counter() - began  # the start of the process included; 60 s of log took 4 s on a busy machine
     assert taken < 12.0
 

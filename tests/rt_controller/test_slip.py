@@ -32,7 +32,7 @@ def transition(rate: float, bandwidth: float = BANDWIDTH) -> np.ndarray:
     return scale @ np.array(columns).T @ np.linalg.inv(scale)
 
 
-def settled(rate: int, angle: object, speed: float) -> tuple[tuple[float, float, float], float]:
+def settle(rate: int, angle: object, speed: float) -> tuple[tuple[float, float, float], float]:
     """State and time after settling on `angle(t)`, from a wrong start."""
     state, step = (0.5, speed - 3.0, 10.0), 1.0 / rate
     cycles = max(50, round(SETTLING * rate))
@@ -43,7 +43,7 @@ def settled(rate: int, angle: object, speed: float) -> tuple[tuple[float, float,
 
 @pytest.mark.parametrize("rate", RATES)
 def test_constant_speed_is_found_exactly(rate: int) -> None:
-    (angle, speed, acceleration), time = settled(rate, lambda t: 1.0 + 20.0 * t, 20.0)
+    (angle, speed, acceleration), time = settle(rate, lambda t: 1.0 + 20.0 * t, 20.0)
     assert angle == pytest.approx(1.0 + 20.0 * time, abs=SPEED_TOLERANCE)
     assert speed == pytest.approx(20.0, abs=SPEED_TOLERANCE)
     assert acceleration == pytest.approx(0.0, abs=ACCELERATION_TOLERANCE)
@@ -51,14 +51,14 @@ def test_constant_speed_is_found_exactly(rate: int) -> None:
 
 @pytest.mark.parametrize("rate", RATES)
 def test_constant_acceleration_is_followed_without_lag(rate: int) -> None:
-    (angle, speed, acceleration), time = settled(rate, lambda t: 5.0 * t - 15.0 * t * t, 5.0)
+    (angle, speed, acceleration), time = settle(rate, lambda t: 5.0 * t - 15.0 * t * t, 5.0)
     assert angle == pytest.approx(5.0 * time - 15.0 * time**2, abs=SPEED_TOLERANCE)
     assert speed == pytest.approx(5.0 - 30.0 * time, abs=SPEED_TOLERANCE)
     assert acceleration == pytest.approx(-30.0, abs=ACCELERATION_TOLERANCE)
 
 
 def test_a_missed_sample_leaves_constant_speed_exact() -> None:
-    state, time = settled(1000, lambda t: 20.0 * t, 20.0)
+    state, time = settle(1000, lambda t: 20.0 * t, 20.0)
     for ticks in (1, 7, 2, 1):
         time += ticks * 1e-3
         state = observe(state, 20.0 * time, ticks * 1e-3, BANDWIDTH)

@@ -12,7 +12,7 @@ from protocols.realtime.clock import Clock
 from rt_controller.loop.phase_lock import follow
 from rt_controller.loop.samples import Samples, usual_arrival
 from rt_controller.loop.trigger import BusTrigger, ClockTrigger, PllTrigger, trigger
-from rt_controller.loop.turn import GRID, begun
+from rt_controller.loop.turn import GRID, choose_slot
 
 PERIOD = 1_000_000  # ns
 SINCE_1970 = 1_700_000_000_000_000_000  # ns between the two clocks
@@ -77,7 +77,7 @@ class Rig:
         while not slots:
             came = self.arrive(patience) and self.take()
             arrived = self.marked_ns - SINCE_1970 if came else 0
-            slots, arrived, patience = begun(before, period, arrived, self.now, patience, patience > usual)
+            slots, arrived, patience = choose_slot(before, period, arrived, self.now, patience, patience > usual)
         self.answer(slots)
         arrive(beat.memory.clocks, self.now, arrived, slots)
         return slots - 1

@@ -28,7 +28,7 @@ class Level:
         self.state: Any = record(module.TRIM)
         self.settings: Any = record(module.TRIM_SETTINGS, window=WINDOW, floor=FLOOR)
 
-    def shown(self, model: float, observed: float, step: float = STEP, times: int = 1) -> float:
+    def show(self, model: float, observed: float, step: float = STEP, times: int = 1) -> float:
         for _ in range(times):
             self._module.trim(self.state, self.settings, model, observed, step)
         return self.now
@@ -43,26 +43,26 @@ class Level:
 
     @property
     def now(self) -> float:
-        return float(self._module.trimmed(self.state, self.settings, self.learnt, LOW, HIGH))
+        return float(self._module.compute_level(self.state, self.settings, self.learnt, LOW, HIGH))
 
 
 def test_where_nothing_has_been_shown_the_level_is_the_adapted_one(trim: ModuleType) -> None:
     assert [Level(trim, learnt).now for learnt in (0.75, 1.0, 1.25)] == [0.75, 1.0, 1.25]
-    assert Level(trim, 0.75).shown(0.0, 0.0, times=100) == 0.75
+    assert Level(trim, 0.75).show(0.0, 0.0, times=100) == 0.75
 
 
 def test_what_is_shown_counts_by_its_torque_against_the_floor(trim: ModuleType) -> None:
     level = Level(trim)
-    assert level.shown(4.0, 3.0) == 0.875, "a quarter of the window: (3 + 4) of (4 + 4)"
-    assert level.shown(4.0, 3.0) == 9.25 / 11.0, "(0.75 3 + 3 + 4) of (0.75 4 + 4 + 4)"
-    assert level.shown(8.0, 4.0, step=WINDOW) == 36.0 / 68.0, "a window later all before is forgotten"
-    assert level.shown(4.0, 4.0, step=2.0 * WINDOW) == 1.0, "and no more than all"
+    assert level.show(4.0, 3.0) == 0.875, "a quarter of the window: (3 + 4) of (4 + 4)"
+    assert level.show(4.0, 3.0) == 9.25 / 11.0, "(0.75 3 + 3 + 4) of (0.75 4 + 4 + 4)"
+    assert level.show(8.0, 4.0, step=WINDOW) == 36.0 / 68.0, "a window later all before is forgotten"
+    assert level.show(4.0, 4.0, step=2.0 * WINDOW) == 1.0, "and no more than all"
 
 
 def test_the_level_is_least_squares_with_what_is_known_before(trim: ModuleType) -> None:
     level, shown = Level(trim, 1.25), [(4.0, 2.0), (-8.0, -6.0), (2.0, 3.0)]
     for model, observed in shown:
-        level.shown(model, observed)
+        level.show(model, observed)
     weights = [0.25 * 0.75**age for age in (2, 1, 0)]
     xx = sum(w * x * x for w, (x, _) in zip(weights, shown, strict=True))
     xy = sum(w * x * y for w, (x, y) in zip(weights, shown, strict=True))
@@ -71,12 +71,12 @@ def test_the_level_is_least_squares_with_what_is_known_before(trim: ModuleType) 
 
 def test_a_large_torque_shown_for_long_says_all(trim: ModuleType) -> None:
     for sign in (1.0, -1.0):
-        assert Level(trim).shown(sign * 2000.0, sign * 1500.0, times=200) == pytest.approx(0.75, abs=1e-6)
+        assert Level(trim).show(sign * 2000.0, sign * 1500.0, times=200) == pytest.approx(0.75, abs=1e-6)
 
 
 def test_the_level_stays_within_its_bounds(trim: ModuleType) -> None:
-    assert Level(trim).shown(100.0, 300.0, times=100) == HIGH
-    assert Level(trim).shown(100.0, 10.0, times=100) == LOW
+    assert Level(trim).show(100.0, 300.0, times=100) == HIGH
+    assert Level(trim).show(100.0, 10.0, times=100) == LOW
 
 
 def test_plates_that_break_away_lower_the_level_and_never_raise_it(trim: ModuleType) -> None:
@@ -84,7 +84,7 @@ def test_plates_that_break_away_lower_the_level_and_never_raise_it(trim: ModuleT
         level = Level(trim, learnt)
         assert level.lower(0.625) == 0.625
         assert level.lower(1.0) == 0.625
-        level.shown(8.0, 8.0, times=3)
+        level.show(8.0, 8.0, times=3)
         assert level.lower(0.75) == pytest.approx(0.75, rel=1e-15)
         before = level.state.copy()
         assert level.lower(1.0) == pytest.approx(0.75, rel=1e-15)
@@ -96,7 +96,7 @@ def test_plates_that_rest_raise_the_level_and_never_lower_it(trim: ModuleType) -
         level = Level(trim, learnt)
         assert level.raise_to(1.375) == 1.375
         assert level.raise_to(1.0) == 1.375
-        level.shown(8.0, 6.0, times=3)
+        level.show(8.0, 6.0, times=3)
         assert level.raise_to(1.25) == pytest.approx(1.25, rel=1e-15)
         before = level.state.copy()
         assert level.raise_to(1.0) == pytest.approx(1.25, rel=1e-15)
@@ -107,15 +107,15 @@ def test_what_breaking_away_and_resting_tell_is_forgotten_as_the_balance_shows_a
     for told in (Level.lower, Level.raise_to):
         level = Level(trim)
         told(level, 0.625 if told is Level.lower else 1.375)
-        shown = [abs(level.shown(20.0, 20.0) - 1.0) for _ in range(20)]
+        shown = [abs(level.show(20.0, 20.0) - 1.0) for _ in range(20)]
         assert all(after < before for before, after in pairwise(shown))
         assert shown[-1] < 1e-3
 
 
 def test_a_trim_that_forgets_begins_anew(trim: ModuleType) -> None:
     level = Level(trim, 0.75)
-    level.shown(8.0, 8.0)
+    level.show(8.0, 8.0)
     level.raise_to(1.25)
     trim.forget(level.state)
     assert level.now == 0.75
-    assert level.shown(4.0, 3.0) == 0.75
+    assert level.show(4.0, 3.0) == 0.75

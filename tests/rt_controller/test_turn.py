@@ -22,7 +22,7 @@ from protocols.realtime.ring import RingReader, RingWriter
 from protocols.realtime.stopping import Stop
 from rt_controller.loop.node import COLUMNS, ControllerNode
 from rt_controller.loop.samples import Samples
-from rt_controller.loop.turn import Turn, begun
+from rt_controller.loop.turn import Turn, choose_slot
 
 FRAMES = load_frames()
 PERIOD = 1_000_000  # ns
@@ -43,7 +43,7 @@ def turn(local_bus: str, plant: Port) -> Iterator[Turn]:
         yield Turn(Samples(Exchange(port, FRAMES["ENCODER"].can_id), FRAMES), ControllerNode())
 
 
-def sampled(count: int) -> list[list[Frame]]:
+def simulate_samples(count: int) -> list[list[Frame]]:
     node = PlantNode(profile=load_profile("engagement", 3.0))
     return [node.step([]) for _ in range(count)]
 
@@ -53,7 +53,7 @@ def send(port: Port, frames: list[Frame]) -> None:
         port.send(frame)
 
 
-def waited(turn: Turn, period: int, ago: float = 1.0) -> Clock:
+def wait_for_sample(turn: Turn, period: int, ago: float = 1.0) -> Clock:
     """A turn begun by a sample; the cycle before was `ago` periods [ns] before. Returns its clock."""
     beat = Beat(Clock(period))
     beat.clock.start(time.monotonic_ns() - round(ago * period) + period)
@@ -64,12 +64,12 @@ def waited(turn: Turn, period: int, ago: float = 1.0) -> Clock:
 
 def test_answers_are_those_of_a_node_stepped_by_hand(turn: Turn, plant: Port) -> None:
     other = ControllerNode()
-    for number, frames in enumerate(sampled(200)):
+    for number, frames in enumerate(simulate_samples(200)):
         send(plant, frames)
         if number % 2:
             assert turn.answer(1)
         else:
-            assert waited(turn, LONG).skipped == 0
+            assert wait_for_sample(turn, LONG).skipped == 0
         assert plant.receive() == other.step(frames)
         assert turn.samples.line.count == 0
     port = turn.samples.line.port
@@ -113,7 +113,7 @@ BEGUN_BY = {
 @pytest.mark.parametrize("begun_by", BEGUN_BY)
 def test_several_turns_of_one_call_are_those_of_many(turn: Turn, plant: Port, tmp_path: Path, begun_by: str) -> None:
     """Their answers, rows and account; the last one's row is left to the caller."""
-    samples, other, several = sampled(8), ControllerNode(), Several(tmp_path, 8)
+    samples, other, several = simulate_samples(8), ControllerNode(), Several(tmp_path, 8)
     thread = several.begin(plant, samples)
     clock = several.beat.clock
     clock.deadline_ns -= several.SLOT // 4 * (begun_by == "bus")  # the sample before was there
@@ -136,7 +136,7 @@ def test_several_turns_of_one_call_are_those_of_many(turn: Turn, plant: Port, tm
 def test_a_request_ends_a_call(turn: Turn, plant: Port, tmp_path: Path, begun_by: str) -> None:
     """In the turn in which it comes; and with more turns to make it would wait for samples for ever."""
     several = Several(tmp_path, 1_000_000)
-    thread = several.begin(plant, sampled(8))
+    thread = several.begin(plant, simulate_samples(8))
     asker = Asker(tmp_path / "mailbox")
 
     def ask() -> None:
@@ -182,7 +182,7 @@ def test_a_signal_outside_of_a_sleep_ends_one_call(waking: Turn, tmp_path: Path,
 
 def test_in_step_it_answers_and_waits_for_the_next_sample(turn: Turn, plant: Port, tmp_path: Path) -> None:
     """The second comes while it waits, the third does not: the row of its answer is written, as those before."""
-    samples, other, several = sampled(3), ControllerNode(), Several(tmp_path, 10)
+    samples, other, several = simulate_samples(3), ControllerNode(), Several(tmp_path, 10)
     answers, rows = [], []
     for frames in samples:
         answers += other.step(frames)
@@ -202,11 +202,11 @@ def test_in_step_it_answers_and_waits_for_the_next_sample(turn: Turn, plant: Por
 
 
 def test_it_waits_for_the_sample_and_says_when_it_woke(turn: Turn, plant: Port) -> None:
-    frames = sampled(1)[0]
+    frames = simulate_samples(1)[0]
     before = time.monotonic_ns()
     late = threading.Timer(LATER, send, (plant, frames))
     late.start()
-    clock = waited(turn, LONG)
+    clock = wait_for_sample(turn, LONG)
     late.join()
     assert clock.woken_ns - before > 0.9 * LATER * 1e9
     assert clock.deadline_ns == pytest.approx(turn.samples.arrived_ns(), abs=1e6)  # ns of another clock
@@ -216,34 +216,34 @@ def test_it_waits_for_the_sample_and_says_when_it_woke(turn: Turn, plant: Port) 
 
 def test_a_slot_without_its_sample_has_its_cycle_half_a_period_later(turn: Turn, plant: Port) -> None:
     """With what has come of it; the grid goes on."""
-    other, slot, (first, second) = ControllerNode(), 40_000_000, sampled(2)
+    other, slot, (first, second) = ControllerNode(), 40_000_000, simulate_samples(2)
     send(plant, first[:-1])  # all but the encoder's, which completes it
     start = time.monotonic_ns()
-    clock = waited(turn, slot, ago=0.0)
+    clock = wait_for_sample(turn, slot, ago=0.0)
     assert clock.woken_ns >= start + 1.5 * slot
     assert 0 <= clock.deadline_ns - start - (1 + clock.skipped) * slot < clock.woken_ns - start - slot
     assert plant.receive() == other.step(first[:-1], slots=1 + clock.skipped)
     send(plant, [first[-1], *second])
-    assert waited(turn, LONG).skipped == 0
+    assert wait_for_sample(turn, LONG).skipped == 0
     assert plant.receive() == other.step([first[-1], *second])
 
 
 def test_a_sample_of_the_slot_before_is_left_to_the_next_cycle(turn: Turn, plant: Port) -> None:
-    first, second = sampled(2)
+    first, second = simulate_samples(2)
     send(plant, first)
     next_one = threading.Timer(0.16, send, (plant, second))
     next_one.start()
-    clock = waited(turn, 200_000_000, ago=0.0)
+    clock = wait_for_sample(turn, 200_000_000, ago=0.0)
     next_one.join()
     assert plant.receive() == ControllerNode().step(first + second, slots=1 + clock.skipped)
 
 
 def test_who_comes_while_it_waits_is_let_in_and_told(turn: Turn, plant: Port, local_bus: str) -> None:
-    frames = sampled(1)[0]
+    frames = simulate_samples(1)[0]
     with open_bus(local_bus) as newcomer:
         late = threading.Timer(LATER, send, (plant, frames))
         late.start()
-        assert waited(turn, LONG).skipped == 0
+        assert wait_for_sample(turn, LONG).skipped == 0
         late.join()
         answers = plant.receive()
         assert answers == ControllerNode().step(frames)
@@ -269,7 +269,7 @@ def test_who_leaves_takes_nobody_along(local_bus: str) -> None:
     with open_bus(local_bus) as plant, open_bus(local_bus) as port:
         turn = Turn(Samples(Exchange(port, FRAMES["ENCODER"].can_id), FRAMES), ControllerNode())
         other = ControllerNode()
-        for number, frames in enumerate(sampled(6)):
+        for number, frames in enumerate(simulate_samples(6)):
             if number == 3:
                 leaver.close()
             send(plant, frames)
@@ -292,7 +292,7 @@ def test_slots_since_the_last_cycle(arrived: float, now: float, slots: int) -> N
     """By the sample's arrival, whatever was to be waited for."""
     came, at = (100 * PERIOD + round(ago * PERIOD) for ago in (arrived, now))
     for patience in 0, at, 10 * at:
-        assert begun(100 * PERIOD, PERIOD, came, at, patience, False) == (slots, came, patience)
+        assert choose_slot(100 * PERIOD, PERIOD, came, at, patience, False) == (slots, came, patience)
 
 
 @pytest.mark.parametrize(
@@ -302,11 +302,11 @@ def test_slots_since_the_last_cycle(arrived: float, now: float, slots: int) -> N
 def test_without_a_sample_a_slot_begins_in_its_time_or_is_waited_for_anew(
     now: float, slots: int, patience: float
 ) -> None:
-    found = begun(0, PERIOD, 0, round(now * PERIOD), round(1.5 * PERIOD), False)
+    found = choose_slot(0, PERIOD, 0, round(now * PERIOD), round(1.5 * PERIOD), False)
     assert found == (slots, slots * PERIOD, round(patience * PERIOD))
 
 
 @pytest.mark.parametrize("late", [0.0, 0.7])  # periods; the second would be waited for anew, and so on for ever
 def test_who_has_waited_anew_leaves_slots_out(late: float) -> None:
     patience, at = round(8.8 * PERIOD), round((8.8 + late) * PERIOD)
-    assert begun(0, PERIOD, 0, at, patience, True) == (round(8.3 + late), round(8.3 + late) * PERIOD, patience)
+    assert choose_slot(0, PERIOD, 0, at, patience, True) == (round(8.3 + late), round(8.3 + late) * PERIOD, patience)

@@ -140,7 +140,7 @@ def test_a_machine_that_stands_still_is_no_fault_of_the_rig(stall: int) -> None:
     while not plant.finished:
         slept = stall if plant.tick > 300 and plant.tick % 500 < stall else 0
         plant.receive(inbox)
-        plant.slept(slept)
+        plant.skip_periods(slept)
         frames = []
         for _ in range(1 + slept):
             frames += plant.sample()
