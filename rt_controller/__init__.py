@@ -1,4 +1,4 @@
-"""The controller: estimator, feedforward, regulator, phases, limits and the real-time loop they run in."""
+"""The controller: estimator, feedforward, regulator, phases, guard, and the real-time loop that runs them."""
 
 from pathlib import Path
 

@@ -1,9 +1,9 @@
 """Guard: watchdog and limiter between controller and bus.
 
-It sees the frames themselves, in both directions, and shares no code with the controller: own layout of the frames
-(held to the DBC by a test), own CRC table, own limits (`limits.toml`), in raw counts. It lets a command pass, lowers it
-to the limit, or replaces it by the safe command: valve closed, motor off. What it finds is one of the codes below.
-It is latched until the cause is gone and the supervisor asks for idle.
+The guard reads the frames of both directions. It shares no code with the controller: it has its own layout of the frames (a
+test compares it with the DBC), its own CRC table and its own limits (`limits.toml`), in raw counts. It passes a command,
+lowers it to the limit, or replaces it by the safe command: valve closed, motor off. Its finding is one of the codes below. A
+finding is latched until its cause is gone and the supervisor requests idle.
 """
 
 from collections.abc import Mapping
@@ -15,11 +15,11 @@ HEALTHY, STALE_SENSORS, OVERPRESSURE, OVERTEMPERATURE, OVERSPEED = range(5)
 
 VALVE_COMMAND, MOTOR_COMMAND, ANALOG_SENSORS, ENCODER, TORQUE_SETPOINT = 0x080, 0x090, 0x100, 0x101, 0x180
 _INBOUND_BYTES, _COMMAND_BYTES = 8, 6
-_PRESSURE_COUNTS = 4096 / 20.0 / 1e5  # 1/Pa: 12 bit over 20 V, 1 V/bar
-_TEMPERATURE_COUNTS = 4096 / 20.0 * 0.05  # 1/K: 12 bit over 20 V, 0.05 V/degC, zero at 0 degC
-_ANGLE_COUNTS = 163840 / 6.283185307179586  # 1/rad
-_VALVE_COUNTS = 65536 / 10.0  # 1/V
-_MOTOR_COUNTS = 1000.0  # 1/Nm
+_PRESSURE_COUNTS = 4096 / 20.0 / 1e5  # counts/Pa: 12 bit over 20 V, 1 V/bar; DBC
+_TEMPERATURE_COUNTS = 4096 / 20.0 * 0.05  # counts/K: 12 bit over 20 V, 0.05 V/degC, 0 counts at 0 degC; DBC
+_ANGLE_COUNTS = 163840 / 6.283185307179586  # counts/rad: counts of a turn of the encoder; DBC
+_VALVE_COUNTS = 65536 / 10.0  # counts/V: 16 bit over 10 V; DBC
+_MOTOR_COUNTS = 1000.0  # counts/Nm: DBC
 _crc_of_byte = []
 for _byte in range(256):
     for _ in range(8):
@@ -27,15 +27,15 @@ for _byte in range(256):
     _crc_of_byte.append(_byte)
 _CRC_TABLE = tuple(_crc_of_byte)
 
-# Limits as they are looked at: in counts, identifiers with the clutch's offset; made by `guard_limits`
+# Limits in counts, and the offset of the clutch's identifiers; filled by `guard_limits`. turn: counts per tick
 LIMITS = np.dtype(
     [("stale_cycles", "f8"), ("confirm_samples", "f8"), ("pressure", "f8"), ("temperature", "f8"), ("turn", "f8"),
      ("valve", "i8"), ("motor", "i8"), ("offset", "i8")]
 )  # fmt: skip
-# finding: HEALTHY or the latched cause. age: cycles since the last believable sample. lowered: commands cut to the limit,
-# replaced: those replaced by the safe one. armed: a sample has come; before, valve closed and motor off, after it samples must
-# not fail. analog, encoder: seen since the last cycle. counters of analog, encoder and set-point, and tick: one more than the
-# last, 0 before the first. broken: samples beyond a limit in a row, by finding.
+# finding: HEALTHY or the latched cause. age: cycles since the last valid sample. lowered: number of commands lowered to the
+# limit; replaced: number of commands replaced by the safe one. armed: a sample has arrived; before, valve and motor are off,
+# and from then on samples must not stop. analog, encoder: received since the last cycle. counters (of analog, encoder,
+# set-point) and tick: last value plus 1, 0 before the first. broken: consecutive samples beyond a limit, by finding.
 _COUNTERS, _BROKEN = ("counters", "i8", (3,)), ("broken", "i8", (5,))
 GUARD = np.dtype(
     [("finding", "i8"), ("age", "i8"), ("lowered", "i8"), ("replaced", "i8"), ("armed", "?"),
@@ -44,9 +44,9 @@ GUARD = np.dtype(
 
 
 def guard_limits(limits: Mapping[str, float], period: float, offset: int) -> dict[str, float]:
-    """Fields of LIMITS from `limits` in SI, by the names in `limits.toml`; `period` [s] of the controller.
+    """Return the fields of LIMITS. `limits` are in SI with the names of `limits.toml`; `period` [s] of the controller.
 
-    `offset` is added to the identifiers, for the second of two clutches.
+    `offset` is added to the identifiers of the clutch's frames; it is not 0 for clutch b.
     """
     return {
         "stale_cycles": limits["stale_cycles"],
@@ -62,7 +62,7 @@ def guard_limits(limits: Mapping[str, float], period: float, offset: int) -> dic
 
 @njit
 def crc8(data, length):
-    """CRC-8 SAE J1850 of bytes 1 to `length` of `data`: start 0xFF, final xor 0xFF."""
+    """Return the CRC-8 SAE J1850 of bytes 1 to `length` - 1 of `data`: start value 0xFF, final xor 0xFF."""
     crc = 0xFF
     for index in range(1, length):
         crc = _CRC_TABLE[crc ^ int(data[index])]
@@ -71,13 +71,13 @@ def crc8(data, length):
 
 @njit
 def inbound(guard, limits, can_id, data, length):
-    """Look at a frame from the bus: `data` holds at least 8 bytes, `length` of them are the payload."""
+    """Check a frame from the bus: `data` has at least 8 bytes, the first `length` are the payload."""
     kind = _kind(can_id - limits.offset)
     if kind < 0 or length != _INBOUND_BYTES or crc8(data, length) != data[0]:
         return
     counter = 1 + (int(data[1]) & 15)
     if guard.counters[kind] == counter:
-        return  # a stuck sender is no sample
+        return  # the sender is stuck: this is no new sample
     guard.counters[kind] = counter
     if kind == 0:
         guard.analog = True
@@ -93,15 +93,15 @@ def inbound(guard, limits, can_id, data, length):
             _judge(guard, limits, OVERSPEED, abs(turned) > limits.turn * ticks)
         guard.angle, guard.tick = angle, tick + 1
     elif int(data[1]) >> 4 == 0 and guard.age == 0 and not guard.broken.max():
-        guard.finding = HEALTHY  # the supervisor asks for idle and the cause is gone
+        guard.finding = HEALTHY  # the supervisor requests idle, and the cause is gone
 
 
 @njit
 def close_cycle(guard, limits, slots):
-    """Close a control cycle that took `slots` periods: age the sample, return the finding.
+    """End a control cycle, `slots` periods after the last one: update the age of the sample, return the finding.
 
-    Periods the loop has slept through age the sample by one at most: what stood still may have been the machine, sensors and
-    all, and their frames are on the way. A loop that runs every other slot still knows the time.
+    Missed periods add at most 1 to the age: the whole computer may have stopped, with the sensors, and their frames may be on
+    the way. A loop that runs in every second slot still ages the sample by the true time.
     """
     if guard.analog and guard.encoder:
         guard.armed, guard.age = True, 0
@@ -115,7 +115,7 @@ def close_cycle(guard, limits, slots):
 
 @njit
 def outbound(guard, limits, can_id, data):
-    """Make the command in `data`, 6 bytes, one that may go to the bus."""
+    """Change the command in `data`, 6 bytes, in place so that it may be sent."""
     if can_id == VALVE_COMMAND + limits.offset:
         counts = int(data[2]) | int(data[3]) << 8
         if guard.finding or not guard.armed or not data[1] & 0x10:
@@ -139,7 +139,7 @@ def outbound(guard, limits, can_id, data):
 
 @njit
 def _kind(can_id):
-    """Place of a frame that is looked at, -1 for any other."""
+    """Return the index of a checked frame in `counters`, -1 for another frame."""
     if can_id == ANALOG_SENSORS:
         return 0
     if can_id == ENCODER:
@@ -149,6 +149,7 @@ def _kind(can_id):
 
 @njit
 def _judge(guard, limits, finding, broken):
+    """Count a sample that is beyond the limit of `finding`, or not; latch the finding after `confirm_samples` in a row."""
     guard.broken[finding] = guard.broken[finding] + 1 if broken else 0
     if guard.broken[finding] >= limits.confirm_samples:
         guard.finding = finding
@@ -156,11 +157,12 @@ def _judge(guard, limits, finding, broken):
 
 @njit
 def _rewrite(data, at, counts):
-    """Two bytes of a command, and its CRC."""
+    """Write two bytes of a command, from byte `at` on, and its CRC."""
     data[at], data[at + 1] = counts & 0xFF, counts >> 8
     data[0] = crc8(data, _COMMAND_BYTES)
 
 
 @njit
 def _signed12(bits):
+    """Return the low 12 of `bits` as a signed integer."""
     return (bits & 0xFFF ^ 0x800) - 0x800

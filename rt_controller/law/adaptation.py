@@ -2,14 +2,14 @@
 
 Equation        y = M_m - J alpha  (torque balance of the motor side);  y = level (c + v) + viscous v + noise,
                 c, v the Coulomb and viscous part of the estimate. Least squares with forgetting on the moments of
-                (c + v, v); the level follows it with a time constant; `viscous` moves only where v varies
-                independently of c + v (excitation), else it is held.
-                level(T) = base + sum_i w_i(T) d_i, w_i hat functions over oil temperature: what is learnt at one
-                temperature is remembered there.
-Assumptions     motor torque signal is right while it moves, one that is stuck teaches nothing; inertia known; friction
-                changes slower than the window
-Valid range     |slip| and torque above their floors, |alpha| below its limit; outside, everything is held
-Not modelled    errors that are not proportional to torque (contact pressure, seal) appear as level
+                (c + v, v); the level follows with a time constant. `viscous` is updated only while v varies
+                independently of c + v (excitation), otherwise it is held.
+                level(T) = base + sum_i w_i(T) d_i, w_i hat functions over oil temperature: each temperature keeps
+                what was learnt there.
+Assumptions     the motor torque signal is correct while it changes; a stuck signal is not learnt from; the inertia is known;
+                friction changes more slowly than the window
+Valid range     |slip| and torque above their floors, |alpha| below its limit; outside all states are held
+Not modelled    errors that are not proportional to torque (contact pressure, seal) appear as a level
 References      ours; torque balance: docs/rig.md, 8. Integral adaptation: announced as future work in Janssens 2010, chapter 7
 """
 
@@ -19,27 +19,27 @@ from numba import njit
 from rt_controller.law.record import floats
 
 TEMPERATURE_NODES = (313.15, 333.15, 353.15, 373.15, 398.15, 423.15)  # K: 40..150 degC, the span of fig 6.8
-_LAST_INTERVAL = len(TEMPERATURE_NODES) - 2  # lower node of the last interval
+_LAST_INTERVAL = len(TEMPERATURE_NODES) - 2  # index of the lower node of the last interval
 
 # Names and units as in `controller.toml`, SI
 ADAPTATION_SETTINGS = floats(
     "window", "time_constant", "temperature_share", "level_low", "level_high", "viscous_bound", "torque_floor", "slip_floor",
     "acceleration_limit", "stuck_time", "excitation",
 )  # fmt: skip
-# Friction level and viscous correction [-] of estimator and inverse model; whether it learns; what the level is made of;
-# exponentially weighted moments of a = c + v, v and y
+# level and viscous: friction level and viscous correction [-] for estimator and inverse model. active: it learns in this step.
+# base, deviations: terms of the level [-]. aa to vy: exponentially weighted moments [Nm^2] of a = c + v, v and y
 ADAPTATION = np.dtype(
     [("level", "f8"), ("viscous", "f8"), ("active", "?"), ("base", "f8"), ("deviations", "f8", len(TEMPERATURE_NODES)),
      ("aa", "f8"), ("av", "f8"), ("vv", "f8"), ("ay", "f8"), ("vy", "f8")]
 )  # fmt: skip
-INITIAL_ADAPTATION = {"level": 1.0, "base": 1.0}  # the identified parameters as they are
+INITIAL_ADAPTATION = {"level": 1.0, "base": 1.0}  # no correction of the identified parameters
 
 
 @njit
 def adapt(state, settings, coulomb, viscous, observed, slip, acceleration, temperature, step, sliding):
-    """Move ADAPTATION on; where not `sliding` nothing is learnt.
+    """Advance ADAPTATION by `step` [s]; it learns only while `sliding`.
 
-    Torque parts and observed torque [Nm], slip [rad/s], acceleration [rad/s^2], temperature [K], step [s].
+    Coulomb and viscous part of the estimate and observed torque [Nm], slip [rad/s], acceleration [rad/s^2], temperature [K].
     """
     s = settings
     node, weight = _locate_temperature(temperature)
@@ -75,12 +75,13 @@ def adapt(state, settings, coulomb, viscous, observed, slip, acceleration, tempe
 
 @njit
 def _level(state, node, weight):
+    """Return the friction level [-] between two temperature nodes, without bounds."""
     return state.base + (1.0 - weight) * state.deviations[node] + weight * state.deviations[node + 1]
 
 
 @njit
 def _locate_temperature(temperature):
-    """Lower node and weight of the upper one, for linear interpolation over `TEMPERATURE_NODES`; held outside."""
+    """Return the lower node and the weight of the upper one, to interpolate over TEMPERATURE_NODES; constant outside."""
     node = 0
     while node < _LAST_INTERVAL and temperature >= TEMPERATURE_NODES[node + 1]:
         node += 1
@@ -90,4 +91,5 @@ def _locate_temperature(temperature):
 
 @njit
 def _clip(value, low, high):
+    """Return `value` limited to `low`..`high`."""
     return min(max(value, low), high)

@@ -1,6 +1,6 @@
-"""State of the plates as the controller believes it: open, sliding, sticking, locked.
+"""State of the plates as the controller estimates it: open, sliding, sticking, locked.
 
-Assumptions     plates that do not touch are open, whatever moves (motion.py)
+Assumptions     plates without contact are open, also while they turn (motion.py)
 References      ours; locked: "totally closed", Janssens 2010, sec. 6.2.1
 """
 
@@ -10,17 +10,17 @@ from numba import njit
 
 
 class ClutchState(IntEnum):
-    """What the plates do."""
+    """States of the plates."""
 
     OPEN = 0
     SLIDING = 1
     STICKING = 2
-    LOCKED = 3  # sticking, and held so on request
+    LOCKED = 3  # sticking on request
 
 
 @njit
 def clutch_state(contact, moves, lock):
-    """The ClutchState, from whether the plates touch, move, and are to be locked."""
+    """Return the ClutchState of plates that touch (`contact`), slide (`moves`), or are to be locked (`lock`)."""
     if not contact:
         return ClutchState.OPEN.value
     if moves:

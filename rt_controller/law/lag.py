@@ -1,4 +1,4 @@
-"""Lag: the low-pass that the slip observer puts on its acceleration, for signals that are compared with it.
+"""Lag: the low-pass of the slip observer for its acceleration, also applied to signals that are compared with it.
 
 Equation        three first-order lags in a row, H = ((1 - q) / (1 - q z^-1))^3, q = exp(-w T);
                 observe() gives the acceleration as H applied to the second difference of the angle, which is
@@ -16,7 +16,7 @@ LAG = np.dtype([("first", "f8"), ("second", "f8"), ("out", "f8")])  # in the uni
 
 @njit
 def low_pass(state, value, q):
-    """Move the LAG `state` on by `value`; return its output, in the unit of `value`. `q` [-] within 0..1."""
+    """Advance the LAG `state` by the input `value`; return its output in the same unit. `q` [-] is within 0..1."""
     state.first = value + q * (state.first - value)
     state.second = state.first + q * (state.second - state.first)
     state.out = state.second + q * (state.out - state.second)

@@ -1,10 +1,10 @@
-"""Lock: the capacity that is asked for to close the clutch totally, above what it carries.
+"""Lock: torque capacity with which the clutch is totally closed, above the torque that it carries.
 
-Equation        plates that slide: the capacity rises at `rate`; plates that stick: it is at least
-                max((1 + margin) |M|, |M| + least), and goes down to that with `time_constant` once it is more than `margin`
-                above it: noise of the torque does not move the valve
-Assumptions     the friction level is right within the margin; where it is not, the plates slide, and the capacity rises
-Not modelled    heat while the plates still slide: the supervisor's business
+Equation        plates that slide: the capacity rises at `rate`. Plates that stick: it is at least
+                max((1 + margin) |M|, |M| + least); when it exceeds this by more than `margin`, it decays to it with
+                `time_constant`. So noise of the torque does not move the valve
+Assumptions     the friction level is correct within the margin; otherwise the plates slide, and the capacity rises
+Not modelled    heat while the plates still slide: the supervisor must limit it
 References      Janssens 2010, sec. 6.2.1: the clutch totally closed. The rule is ours
 """
 
@@ -19,9 +19,10 @@ LOCK_SETTINGS = floats("margin", "least", "rate", "time_constant", "pressure_lim
 
 @njit
 def hold(capacity, settings, model, level, present, carried, moving, step):
-    """Capacity to be asked for [Nm], from the one before, `held`; 0 begins with the one there is, `there`.
+    """Return the demanded capacity [Nm] after `step` [s].
 
-    `carried` [Nm]: torque of the clutch, a magnitude; `moving`: whether the plates slide; `step` [s].
+    `capacity` [Nm] is that of the step before; with 0 the lock begins at the `present` capacity [Nm]. `level` [-] of friction;
+    `carried` [Nm]: magnitude of the clutch torque; `moving`: the plates slide.
     """
     if capacity <= 0.0:
         capacity = present
@@ -38,5 +39,5 @@ def hold(capacity, settings, model, level, present, carried, moving, step):
 
 @njit
 def motor_limit(settings, model, level):
-    """Torque [Nm] that a locked clutch carries with the margin at its highest pressure: all that the motor may give."""
+    """Return the highest motor torque [Nm] that a locked clutch carries with the margin at its highest pressure."""
     return level * coulomb_torque(model, settings.pressure_limit) / (1.0 + settings.margin)

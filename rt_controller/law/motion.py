@@ -1,9 +1,9 @@
-"""Motion of the plates as the encoder shows it, count by count: at rest, turning, slow, sliding.
+"""Motion of the plates from the encoder counts: at rest, turning, slow, sliding.
 
-Equation        end of a sample   omega + alpha T/2, omega the mean over it; without a count  omega_before + alpha T
-                slow speed        angle over the time it took, four counts at a time: one is 0.04 rad/s at 1 kHz
-                the plates stand when the encoder has moved less than `stick_angle` for `stick_time`: slower than their ratio a
-                slide cannot be told from rest
+Equation        end speed of a sample   omega + alpha T/2, omega the mean over it; without a count  omega_before + alpha T
+                slow speed              angle / time, over four counts: one count is 0.04 rad/s at 1 kHz
+                The plates stand when the encoder has moved less than `stick_angle` for `stick_time`. A slide slower than the
+                ratio of the two cannot be distinguished from rest
 Assumptions     the encoder is on the side that turns
 References      period measurement of a slow encoder: Ohmae et al. 1982 (IEEE Trans. Ind. Electron. 29:207), M/T method
 """
@@ -17,10 +17,10 @@ from rt_controller.law.record import floats
 MOTION_SETTINGS = floats(
     "standing_angle", "rest_time", "coarse_angle", "coarse_speed", "coarse_time", "stick_angle", "stick_time"
 )  # fmt: skip
-# begin, end [rad/s]: speed at the ends of the last sample. Below `coarse_speed` counts are timed: turned [rad] in the time
-# `taken` [s]; slow [rad/s]: the speed by that. angle [rad] since it began to be looked at, still [s]: for how long that has
-# been small; quiet [s]: since the encoder has moved. rests: for `rest_time` and more; turns: it has passed 0; moves: the plates
-# do
+# begin, end [rad/s]: speed at begin and end of the last sample. Below `coarse_speed` counts are timed: angle turned [rad] in
+# the time taken [s], and slow [rad/s], the speed from them. angle [rad]: turned since `still` [s], in which it stayed below
+# `stick_angle`. quiet [s]: time since the last count. rests: no count for `rest_time`; turns: the speed has changed its sign;
+# moves: the plates slide
 MOTION = np.dtype(
     [("begin", "f8"), ("end", "f8"), ("turned", "f8"), ("taken", "f8"), ("slow", "f8"), ("angle", "f8"), ("still", "f8"),
      ("quiet", "f8"), ("rests", "?"), ("turns", "?"), ("moves", "?")]
@@ -29,7 +29,7 @@ MOTION = np.dtype(
 
 @njit
 def motion(state, settings, speed, acceleration, step):
-    """Move MOTION on by `step` [s] at `speed` [rad/s], the mean over it, with an `acceleration` [rad/s^2]."""
+    """Advance MOTION by `step` [s] with the mean `speed` [rad/s] and the `acceleration` [rad/s^2] in it."""
     if step > 0.0:
         still = abs(speed) * step <= settings.standing_angle
         state.begin = state.end
@@ -49,13 +49,13 @@ def motion(state, settings, speed, acceleration, step):
 
 @njit
 def _time_counts(state, settings, speed, step):
-    """Speed from the time that `coarse_angle` takes; until then, at most what the time gone by allows."""
+    """Update the slow speed: `coarse_angle` over the time it takes; until then limited by the angle and time so far."""
     if abs(speed) > settings.coarse_speed:
         state.slow, state.turned, state.taken = speed, 0.0, 0.0
         return
     moved = speed * step
     if moved * state.turned < 0.0 or (state.quiet > settings.coarse_time and abs(moved) > settings.standing_angle):
-        state.turned, state.taken = 0.0, min(state.quiet, settings.coarse_time)  # it turns, or moves again
+        state.turned, state.taken = 0.0, min(state.quiet, settings.coarse_time)  # it turns back, or moves again
     state.turned += moved
     state.taken += step
     most = (abs(state.turned) + 2.0 * settings.standing_angle) / state.taken

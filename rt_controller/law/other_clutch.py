@@ -1,10 +1,10 @@
-"""The other clutch of a power shift, as its frames tell of it, and the torque balance of both.
+"""The other clutch of a power shift, from its frames, and the torque balance of both clutches.
 
-Equation        slip of each s = w_in - i w_out, i its ratio: so w_in' = (i s_o' - i_o s')/(i - i_o), with o the other clutch
-                M + M_o = M_m - J w_in';  a clutch that slides transmits its estimate, at a friction level within the bounds of
-                the adaptation; one that sticks anything up to its capacity either way
-Assumptions     the other's estimate is as old as its last CONTROLLER_STATUS, 0.1 s: torques are handed over slower than that
-Not modelled    which of the two is wrong: both controllers find it
+Equation        slip of each clutch s = w_in - i w_out, i its ratio; so w_in' = (i s_o' - i_o s')/(i - i_o), o the other clutch.
+                M + M_o = M_m - J w_in'. A clutch that slides transmits its estimate, with a friction level within the bounds of
+                the adaptation. A clutch that sticks transmits any torque up to its capacity, in both directions
+Assumptions     the estimate of the other is at most 0.1 s old (CONTROLLER_STATUS); the hand-over of torque is slower
+Not modelled    which of the two clutches is wrong: both controllers detect the mismatch
 References      docs/rig.md, 8 for one clutch; Janssens 2010, fig 6.1
 """
 
@@ -17,10 +17,11 @@ from protocols.can.words import count_rise, count_turn, raw
 from rt_controller.law.record import floats, record
 from rt_controller.law.slip import observe
 
-# Ratios [-] of this clutch and of the other; for how long [s] a status is believed
+# Ratios [-] of this clutch and of the other; patience [s]: time for which a status is valid
 PAIR_SETTINGS = floats("ratio", "other_ratio", "patience")
-# Encoder count (unwrapped), tick of it, -1 before the first; angle [rad], slip [rad/s], acceleration [rad/s^2] of the observer;
-# estimate [Nm] and whether the plates stick, heeded `age` [s] ago; said_...: the newest, not heeded yet
+# count: encoder count (unwrapped); tick: its tick, -1 before the first. angle [rad], slip [rad/s], acceleration [rad/s^2] of
+# the observer. estimate [Nm], sticks: the status in use since `age` [s]. new_...: the newest status; is_new: it is not in use
+# yet
 OTHER = np.dtype(
     [("count", "i8"), ("tick", "i8"), ("angle", "f8"), ("slip", "f8"), ("acceleration", "f8"), ("estimate", "f8"),
      ("sticks", "?"), ("age", "f8"), ("new_estimate", "f8"), ("new_sticks", "?"), ("is_new", "?")]
@@ -28,13 +29,16 @@ OTHER = np.dtype(
 
 
 def initial_other() -> Any:
-    """OTHER before it has been heard."""
+    """Return OTHER before the first frame."""
     return record(OTHER, tick=-1, age=np.inf)
 
 
 @njit
 def take_other_encoder(other, word, encoder, period, bandwidth):
-    """Take the payload `word` of the other's ENCODER; arguments as of `sample.take_encoder`."""
+    """Take the payload `word` of the other clutch's ENCODER.
+
+    `encoder`: definition of the frame (`words.frame_layout`); period [s]; bandwidth [1/s] of the slip observer.
+    """
     tick = raw(word, encoder.sample_tick)
     other.count += count_turn(raw(word, encoder.shaft_angle), other.count, encoder.shaft_angle)
     angle = other.count * encoder.shaft_angle.scale
@@ -50,20 +54,20 @@ def take_other_encoder(other, word, encoder, period, bandwidth):
 
 @njit
 def take_other_status(other, estimate, sticks):
-    """Take what the other's CONTROLLER_STATUS says: estimate [Nm], whether its plates stick."""
+    """Store the other clutch's CONTROLLER_STATUS: its estimate [Nm], and whether its plates stick."""
     other.new_estimate, other.new_sticks, other.is_new = estimate, sticks, True
 
 
 @njit
 def use_newest_status(other):
-    """Believe the newest status from now on. Once between two statuses: so it does not matter in which cycle one came."""
+    """Use the newest status. Called at a fixed time between two statuses: so the exact cycle of arrival has no effect."""
     if other.is_new:
         other.estimate, other.sticks, other.is_new, other.age = other.new_estimate, other.new_sticks, False, 0.0
 
 
 @njit
 def applied_alone(other, pair, settings, motor_torque):
-    """Torque [Nm] applied to this clutch while its slip is constant, and whether it is known: whether the other is open."""
+    """Return the torque [Nm] applied to this clutch while its slip is constant, and whether it is known: the other is open."""
     known = other.age <= pair.patience and other.tick >= 0 and other.estimate == 0.0
     input_acceleration = pair.ratio / (pair.ratio - pair.other_ratio) * other.acceleration
     return motor_torque - settings.model.motor_inertia * input_acceleration, known
@@ -71,9 +75,10 @@ def applied_alone(other, pair, settings, motor_torque):
 
 @njit
 def pair_mismatch(other, pair, settings, estimate, capacity, sticks, sample):
-    """Motor torque less inertia less both clutches' [Nm]; 0 where friction levels within bounds explain it, or it is unheard.
+    """Return motor torque minus inertia torque minus the torques of both clutches [Nm].
 
-    `settings`: TORQUE_SETTINGS; `estimate`, `capacity` [Nm] of this clutch, and whether it `sticks`.
+    It is 0 when friction levels within their bounds explain the difference, and without a valid status of the other.
+    `settings`: TORQUE_SETTINGS; `estimate`, `capacity` [Nm] of this clutch, and whether it `sticks`; `sample`: SAMPLE.
     """
     if other.age > pair.patience or other.tick < 0:
         return 0.0
@@ -92,5 +97,8 @@ def pair_mismatch(other, pair, settings, estimate, capacity, sticks, sample):
 
 @njit
 def _end(torque, sticks, least, most):
-    """The most [Nm] that a clutch transmits, whose estimate, or capacity where it `sticks`, is `torque` at friction level 1."""
+    """Return the highest torque [Nm] of a clutch with friction levels `least`..`most`.
+
+    `torque` [Nm] is its estimate, or its capacity if it `sticks`, at friction level 1.
+    """
     return most * abs(torque) if sticks else max(least * torque, most * torque)

@@ -1,17 +1,17 @@
 """Phases of the clutch: idle, fill, slip control, lock, release, fault.
 
-idle --engage, pressure or lock, once idle has been asked for--> fill
-fill --pressure above contact for the dwell--> lock, where that is asked for, else slip_control
+idle --engage, pressure or lock, after a request for idle--> fill
+fill --pressure above contact for the dwell--> lock if requested, else slip_control
 slip_control --lock--> lock --engage or pressure--> slip_control
 fill, slip_control, lock --none of the three--> release --pressure below the springs--> idle
 fill --time-out--> fault;  slip_control, lock --pressure lost, torque implausible--> fault
 any --guard trips--> fault --guard healthy, request idle--> idle
 
-Each engagement needs a request for idle before it: a controller that restarts, or that finds its supervisor again, in the
+Each engagement needs a request for idle before it: so a controller that restarts, or receives its supervisor again, in the
 middle of a demand does not close the clutch by itself. A lost supervisor counts as a request for release. A request for a
-pressure closes the clutch as one for a torque does; what is then followed is no matter of phases (torque_law.py).
+pressure closes the clutch as a request for a torque does; torque_law.py decides which of the two is controlled.
 
-Under a request for a pressure no torque is implausible: a clutch that nobody has calibrated can be experimented on.
+With a request for a pressure the torque is not checked: so experiments with a clutch that is not calibrated are possible.
 """
 
 from enum import IntEnum
@@ -47,10 +47,10 @@ class Fault(IntEnum):
     TORQUE_IMPLAUSIBLE = 7
 
 
-# Pressures [Pa] and times [s], names as in `controller.toml`
+# Pressures [Pa] and times [s], names of `controller.toml`
 PHASE_SETTINGS = floats("contact_pressure", "released_pressure", "fill_dwell", "fill_timeout")
-# Phase, why it is in fault, and for how long [s] each condition has lasted. permitted: to close the clutch, since idle has
-# been asked for after the last engagement.
+# phase; fault: reason of the phase fault; time_...: duration [s] of the phase, and of pressure above contact. permitted: the
+# clutch may close, as idle has been requested after the last engagement
 PHASES = np.dtype(
     [("phase", "i8"), ("fault", "i8"), ("time_in_phase", "f8"), ("time_in_contact", "f8"), ("permitted", "?")]
 )
@@ -58,10 +58,10 @@ PHASES = np.dtype(
 
 @njit
 def advance(state, settings, request, pressure, lost, implausible, finding, step):
-    """Move PHASES on by `step` [s]; return the next phase.
+    """Advance PHASES by `step` [s]; return the next Phase.
 
-    `pressure` [Pa] of the cylinder; `lost`: its signal is none; `implausible`: the torque is (`plausibility.py`); `finding` of
-    the guard.
+    `request` of the supervisor; `pressure` [Pa] of the cylinder; `lost`: the pressure signal is invalid; `implausible`: the
+    torque is not plausible (both from `plausibility.py`); `finding` of the guard.
     """
     state.time_in_phase += step
     state.time_in_contact = state.time_in_contact + step if pressure >= settings.contact_pressure else 0.0
@@ -74,7 +74,7 @@ def advance(state, settings, request, pressure, lost, implausible, finding, step
 
 @njit
 def _next(state, settings, request, pressure, lost, implausible, finding):
-    """Next phase and fault."""
+    """Return the next Phase and Fault; arguments of `advance`."""
     phase = state.phase
     if finding:
         return Phase.FAULT.value, finding

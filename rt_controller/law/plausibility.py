@@ -1,16 +1,16 @@
-"""Plausibility: whether pressure, encoder and motor torque can be true of one clutch.
+"""Plausibility: checks whether pressure, encoder and motor torque of a clutch agree with each other.
 
-What            mismatch    the motor's torque balance and the model of the torque differ by more than `torque_mismatch` for
-                            `mismatch_dwell`: sliding, that is the friction of eq. 6.9; standing, what is applied beyond the
-                            capacity (`law.mismatch`). Pressure, motor torque or friction is another than believed
-                encoder     the plates stand, the motor is to turn and gives less than it may: a speed control would press
-                            until one of the two is no longer so. Its error, summed over time, exceeds `standing_error`
-                pressure    the signal has not moved by a count for `frozen_dwell` since the pressure asked for has moved by
-                            `frozen_change`; or it lies below `lost_pressure` for `lost_dwell`: no plate touches there
-Assumptions     the model is right within `torque_mismatch`; the motor's speed control integrates; the pressure loop follows
+What            mismatch    the motor's torque balance and the torque model differ by more than `torque_mismatch` for
+                            `mismatch_dwell` (`transmitted.mismatch`). The model is eq. 6.9 for sliding plates, and the capacity
+                            for plates that stand. Then pressure, motor torque or friction is wrong
+                encoder     the plates stand, although the motor has a speed demand and is below its torque limit: its speed
+                            control would increase the torque. The speed error, integrated, exceeds `standing_error`
+                pressure    the signal has not changed by a count for `frozen_dwell`, while its demand has changed by more than
+                            `frozen_change`; or it is below `lost_pressure` for `lost_dwell`, where no plates touch
+Assumptions     the model is correct within `torque_mismatch`; the motor's speed control integrates; the pressure loop follows
                 within the dwell
-Not modelled    signals that are wrong by less; a motor torque that stands still while the plates do
-References      ours; what each fault takes to be found is measured: docs/states.md
+Not modelled    smaller errors of the signals; a motor torque signal that is constant while the plates stand
+References      ours; the time to detect each fault is measured in docs/states.md
 """
 
 import numpy as np
@@ -28,8 +28,8 @@ PLAUSIBILITY_SETTINGS = floats(
     "lost_pressure",
     "lost_dwell",
 )
-# For how long [s] each condition has lasted; sum of the speed error while the plates stand [rad]; pressure signal of the step
-# before and the pressure asked for when it last moved [Pa]
+# time_...: duration [s] of each condition. standing: integral of the speed error while the plates stand [rad]. pressure: signal
+# of the step before [Pa]; asked: pressure demand [Pa] at the last change of the signal
 PLAUSIBILITY = np.dtype(
     [("time_mismatch", "f8"), ("standing", "f8"), ("time_frozen", "f8"), ("time_lost", "f8"), ("pressure", "f8"),
      ("asked", "f8")]
@@ -38,10 +38,10 @@ PLAUSIBILITY = np.dtype(
 
 @njit
 def torque_implausible(state, settings, mismatch, speed_error, stands, pushes, step):
-    """Whether motor torque, estimate and encoder contradict each other, `step` [s] later.
+    """Advance the torque checks by `step` [s]; return whether motor torque, estimate and encoder contradict each other.
 
-    mismatch [Nm]; speed_error [rad/s] of the motor; `stands`: by the encoder the plates do; `pushes`: the motor gives all that
-    it may.
+    mismatch [Nm] of the torque balance; speed_error [rad/s] of the motor; `stands`: the encoder shows no motion; `pushes`: the
+    motor is at its torque limit.
     """
     state.time_mismatch = state.time_mismatch + step if abs(mismatch) > settings.torque_mismatch else 0.0
     state.standing = state.standing + abs(speed_error) * step if stands and not pushes else 0.0
@@ -50,7 +50,7 @@ def torque_implausible(state, settings, mismatch, speed_error, stands, pushes, s
 
 @njit
 def pressure_lost(state, settings, pressure, asked, step):
-    """Whether the `pressure` signal is none, `step` [s] later; `asked` for it is what the regulator follows. All in Pa."""
+    """Advance the pressure check by `step` [s]; return whether the `pressure` signal [Pa] is invalid; `asked`: demand [Pa]."""
     state.time_lost = state.time_lost + step if pressure < settings.lost_pressure else 0.0
     if pressure != state.pressure:
         state.pressure, state.asked, state.time_frozen = pressure, asked, 0.0

@@ -1,12 +1,13 @@
-"""Pre-sliding: plates that carry a torque bend before they slide. Elements of the XGMS model between stick and slip.
+"""Pre-sliding: plates bend under a torque before they slide. Elements of the XGMS model that stick or slip.
 
-Equation        shares f_i of the limits M_C/N each carries, m = (f_1 + .. + f_N)/N; b_i = b/r^(N-i)
-                stick   df_i = dtheta/b_i; the torque of the spring stays when the load changes: f_i M_C is kept, |f_i| <= 1
-                slip    from |f_i| = s_n on, and until the speed turns or is zero: f_i' = sign(omega) C (1 - f_i/s_n),
+Equation        element i carries the share f_i of its limit M_C/N; m = (f_1 + .. + f_N)/N; b_i = b/r^(N-i)
+                stick   df_i = dtheta/b_i; a change of the load does not change the torque of the spring: f_i M_C is constant,
+                        |f_i| <= 1
+                slip    from |f_i| = s_n on, until the speed is zero or changes its sign: f_i' = sign(omega) C (1 - f_i/s_n),
                         solved over the step
-Assumptions     the speed is constant over a step; elements of equal limits, each breaks away at r times the angle of the one
-                before
-Valid range     b > 0; with b = 0 the plates are rigid: they stick as the motor's torque balance says (transmitted.py)
+Assumptions     the speed is constant over a step; all elements have the same limit; each breaks away at r times the angle of
+                the one before
+Valid range     b > 0; with b = 0 the plates are rigid: the motor's torque balance decides when they stick (transmitted.py)
 Not modelled    dwell time; the normal motion
 References      Janssens 2010, secs 5.4, 5.5, 6.2.3, appendix E; the limits follow plant_sim's effect of the same name
 """
@@ -18,12 +19,12 @@ from numba import njit
 
 from rt_controller.law.record import floats
 
-ELEMENTS = 4  # as many do nearly as well as ten: Janssens 2010, sec. 5.5, after Tjahjowidodo
+ELEMENTS = 4  # elements: four are nearly as good as ten, Janssens 2010, sec. 5.5, after Tjahjowidodo
 
 # Names and units as in `controller.toml`, SI
 PRESLIDING_SETTINGS = floats("angle", "spread")
-# share of its limit that each carries [-], direction in which it slips, 0 in stick; capacity M_C [Nm] that they were shares of;
-# still: for how long not all have slipped [s]
+# share: part of its limit that each element carries [-]; latch: direction in which it slips, 0 in stick; capacity: M_C of the
+# step before [Nm]; still: time since all elements slipped [s]
 PRESLIDING = np.dtype(
     [("share", "f8", (ELEMENTS,)), ("latch", "f8", (ELEMENTS,)), ("capacity", "f8"), ("still", "f8")]
 )  # fmt: skip
@@ -31,9 +32,9 @@ PRESLIDING = np.dtype(
 
 @njit
 def bend(state, settings, turned, level, attraction, capacity, step):
-    """Move PRESLIDING on by the angle `turned` [rad] in `step` [s]; return m [-], and whether all elements slip.
+    """Advance PRESLIDING by the angle `turned` [rad] in `step` [s]; return m [-], and whether all elements slip.
 
-    `level` s_n [-] of sliding at that speed, `attraction` C [1/s], `capacity` M_C [Nm] at the end of the step.
+    `level` is s_n [-] at this speed; `attraction` is C [1/s]; `capacity` is M_C [Nm] at the end of the step.
     """
     load_ratio = state.capacity / capacity if capacity > 0.0 else 0.0
     state.capacity = capacity
@@ -62,7 +63,7 @@ def bend(state, settings, turned, level, attraction, capacity, step):
 
 @njit
 def straighten(state):
-    """Plates that have parted carry nothing."""
+    """Reset PRESLIDING: plates without contact carry no torque."""
     state.share[:] = 0.0
     state.latch[:] = 0.0
     state.capacity = state.still = 0.0

@@ -1,4 +1,4 @@
-"""Record: named numbers in one piece of memory, which compiled loops and Python read and write alike."""
+"""Record: named numbers in one block of memory, for both compiled loops and Python."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -7,12 +7,15 @@ import numpy as np
 
 
 def floats(*names: str) -> np.dtype:
-    """Layout of a record of doubles."""
+    """Return the type of a record with the fields `names`, all doubles."""
     return np.dtype([(name, "f8") for name in names])
 
 
 def record(layout: np.dtype, values: Mapping[str, Any] | None = None, /, **more: Any) -> Any:
-    """A record of `layout`, its fields as attributes: zero where no value is given. Raises AttributeError for another name."""
+    """Return a record of `layout` with its fields as attributes; a field without a value is zero.
+
+    Raises AttributeError for a name that is no field.
+    """
     fields = np.zeros(1, layout).view(np.recarray)[0]
     for name, value in ({**(values or {}), **more}).items():
         setattr(fields, name, value)

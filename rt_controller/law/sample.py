@@ -1,6 +1,6 @@
-"""A sample: what the sensors said at one tick, in SI, put together from its two frames.
+"""A sample: sensor values of one tick in SI, from the two frames ANALOG_SENSORS and ENCODER.
 
-Time comes from the ticks of the data acquisition, so jitter of the bus does not enter.
+Time is counted in ticks of the data acquisition, so jitter of the bus has no effect.
 """
 
 import numpy as np
@@ -9,11 +9,10 @@ from numba import njit
 from protocols.can.words import count_rise, count_turn, raw
 from rt_controller.law.slip import observe
 
-# The newest complete sample: tick (unwrapped, -1 before the first), pressure [Pa], temperature [K], motor_torque [Nm],
-# unchanged by a count for motor_stuck [s]; slip [rad/s], acceleration [rad/s^2] and angle [rad] of the observer; speed
-# [rad/s]: the encoder's own, mean since the sample before; encoder count (unwrapped). `analog`: half a sample is there, its
-# encoder frame has not come yet; `next_...` is what it said. applied [Nm]: torque on this clutch while its slip is constant,
-# where that is `known`.
+# The newest complete sample: tick (unwrapped, -1 before the first); pressure [Pa]; temperature [K]; motor_torque [Nm], constant
+# for motor_stuck [s]; slip [rad/s], acceleration [rad/s^2] and angle [rad] of the observer; speed [rad/s]: mean since the
+# sample before, from the encoder alone; count: encoder count (unwrapped). analog: the first frame of the next sample has
+# arrived, with the values next_.... applied [Nm]: torque applied to this clutch while its slip is constant, valid if known
 SAMPLE = np.dtype(
     [("tick", "i8"), ("pressure", "f8"), ("temperature", "f8"), ("motor_torque", "f8"), ("motor_stuck", "f8"), ("slip", "f8"),
      ("speed", "f8"), ("acceleration", "f8"), ("count", "i8"), ("angle", "f8"), ("analog", "?"), ("next_pressure", "f8"),
@@ -23,17 +22,17 @@ SAMPLE = np.dtype(
 
 @njit
 def take_analog(sample, pressure, temperature, motor_torque):
-    """Take the values of ANALOG_SENSORS: pressure [Pa], temperature [K], torque [Nm]."""
+    """Store the values of ANALOG_SENSORS: pressure [Pa], temperature [K], torque [Nm]."""
     sample.analog = True
     sample.next_pressure, sample.next_temperature, sample.next_motor_torque = pressure, temperature, motor_torque
 
 
 @njit
 def take_encoder(sample, word, encoder, period, bandwidth, speed_demand):
-    """Take the payload `word` of ENCODER; return the ticks since the sample before, 0 while the analog half is missing.
+    """Take the payload `word` of ENCODER; return the ticks since the sample before, 0 without a frame ANALOG_SENSORS before it.
 
-    `encoder`: that frame's definition (`words.frame_layout`); period [s], bandwidth of the slip observer [1/s]. The first
-    sample starts the observer at `speed_demand` [rad/s]: the motor holds its speed when a run begins.
+    `encoder`: definition of the frame (`words.frame_layout`); period [s]; bandwidth [1/s] of the slip observer. The first
+    sample starts the observer at `speed_demand` [rad/s], as the motor already has its speed when a run begins.
     """
     if not sample.analog:
         return 0

@@ -14,7 +14,10 @@ from numba import njit
 
 @njit
 def observe(state, angle, step, bandwidth):
-    """Return (angle [rad], speed [rad/s], acceleration [rad/s^2]) after a measured `angle` [rad], `step` [s] > 0 later."""
+    """Return the next (angle [rad], speed [rad/s], acceleration [rad/s^2]).
+
+    `state` is that of the step before, `angle` [rad] the measured one, `step` [s] > 0.
+    """
     x, v, a = state
     x += (v + 0.5 * a * step) * step
     v += a * step

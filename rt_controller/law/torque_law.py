@@ -1,11 +1,13 @@
-"""The control law of section 6.5: estimate, feedforward, torque feedback, pressure regulator, all published.
+"""The control law of section 6.5: estimate, feedforward, torque feedback, pressure regulator; all terms are published.
 
-Where a pressure is asked for, it is the demand of the pressure regulator; the estimate goes on. In the phase `lock` the
-pressure is what holds more than the torque carried (`lock.py`). The torque demand is a magnitude; torque and slip carry a sign.
+With a pressure request the pressure regulator follows that pressure, and the torque is still estimated. In the phase `lock` the
+pressure holds more than the torque that the clutch carries (`lock.py`). The torque demand is a magnitude; torque and slip have
+a sign.
 
-Anti-windup     conditional integration: an integrator stands still only while its error would drive it further into the
-                active limit. So each loop leaves its limit at once, needs no further gain, and does not stop the other: the
-                pressure settles while the torque loop is at its limit. The torque loop also waits for a valve at its limit.
+Anti-windup     conditional integration: an integrator is held only while its error would drive it further into the active
+                limit. So each loop leaves its limit at once, needs no additional gain, and does not stop the other loop: the
+                pressure settles while the torque loop is at its limit. The torque loop is held also while the valve is at its
+                limit.
 """
 
 from math import nan
@@ -28,7 +30,7 @@ from rt_controller.law.transmitted import TORQUE, TORQUE_SETTINGS, estimate, tor
 
 LAWS = ("both", "feedforward", "feedback")  # the three rows of Table 6.6
 
-# What the law publishes of each step, in the order of the run file: a term is declared here and filled in `control`
+# Terms of the law that are published in each step, in the order of the run file: declared here and filled in `control`
 TERMS = tuple(
     Column(*column)
     for column in (
@@ -70,17 +72,18 @@ TERMS = tuple(
 )
 TERM_VALUES = record_type(TERMS)
 
-# as the way into lock is the way out of it: 25 Nm in 0.25 s, which the pressure loop follows; at once, it would open the clutch
+# Rate at which the capacity falls after lock, as a multiple of its rate into lock: 25 Nm in 0.25 s, which the pressure loop can
+# follow. A step would open the clutch
 _LOCK_EXIT_RATE = 4.0
-# Parameters, SI. feeds_forward, feeds_back: the row of Table 6.6
+# Parameters in SI. feeds_forward, feeds_back: selected row of Table 6.6
 LAW_SETTINGS = np.dtype(
     [("torque", TORQUE_SETTINGS), ("lock", LOCK_SETTINGS), ("feeds_forward", "?"), ("feeds_back", "?"),
      ("torque_k_p", "f8"), ("torque_k_i", "f8"), ("pressure_k_p", "f8"), ("pressure_k_i", "f8"), ("pressure_limit", "f8"),
      ("pressure_floor", "f8"), ("valve_gain", "f8"), ("voltage_limit", "f8"), ("fill_pressure", "f8"),
      ("slip_hold", "f8")]
 )  # fmt: skip
-# torque: what is transmitted; voltage [V] and pressure_demand [Pa] of the last step; pressure_limited, voltage_limited: 1 at
-# the upper limit, -1 at the lower, else 0; held: capacity asked for in lock and on the way out [Nm], else 0
+# torque: state of the estimator; voltage [V] and pressure_demand [Pa] of the last step; pressure_limited, voltage_limited: 1 at
+# the upper limit, -1 at the lower, otherwise 0; held: capacity demanded in lock and while leaving it [Nm], otherwise 0
 LAW = np.dtype(
     [("torque", TORQUE), ("voltage", "f8"), ("pressure_demand", "f8"), ("pressure_limited", "i8"), ("voltage_limited", "i8"),
      ("held", "f8"), ("torque_loop", PI), ("pressure_loop", PI)]
@@ -88,9 +91,9 @@ LAW = np.dtype(
 
 
 def law_settings(parameters: ParameterSet, law: str, adaptation: bool, alone: bool) -> dict[str, object]:
-    """Fields of LAW_SETTINGS; `law` is one of LAWS, `adaptation` switches the adaptive level on. Raises InputError.
+    """Return the fields of LAW_SETTINGS. Raises InputError for an unknown law.
 
-    `alone`: the motor's torque is that of this clutch.
+    `law` is one of LAWS; `adaptation` switches the adaptive level on; `alone`: the motor drives this clutch alone.
     """
     if law not in LAWS:
         raise InputError(f"control law {law!r} is unknown; allowed are {', '.join(LAWS)}")
@@ -108,22 +111,21 @@ def law_settings(parameters: ParameterSet, law: str, adaptation: bool, alone: bo
 
 
 def law_at_rest() -> Any:
-    """LAW before its first step."""
+    """Return LAW before its first step."""
     return record(LAW, torque=torque_at_rest())
 
 
 @njit
 def control(law, settings, phase, demand, speed_demand, pushes, sample, step, target, terms):
-    """Move LAW on by `step` [s], 0 without a fresh sample, towards the torque `demand` [Nm], a magnitude.
+    """Advance LAW by `step` [s], which is 0 without a new sample, for the torque `demand` [Nm], a magnitude.
 
-    `speed_demand` [rad/s] is what the motor is asked for; it `pushes` with all that it may give, or not.
-    `followed` [Pa] is the pressure to be followed instead of the torque; not a number where there is none. `terms` is a record
-    with the fields of TERMS, which are filled.
+    `phase` is a Phase. `speed_demand` [rad/s] of the motor; `pushes`: the motor is at its torque limit. `target` [Pa] is the
+    pressure to follow instead of the torque; not a number if there is none. The record `terms` gets the values of TERMS.
     """
     torque, model, pressure, follows = law.torque, settings.torque.model, sample.pressure, target == target
     closed = phase == Phase.SLIP_CONTROL or phase == Phase.LOCK
     closing = closed or phase == Phase.FILL
-    may_touch = closing or phase == Phase.RELEASE  # until the piston has gone back
+    may_touch = closing or phase == Phase.RELEASE  # until the piston has returned
     estimate(torque, settings.torque, may_touch, closed, speed_demand, pushes, sample, step)
     contact, moves, carried = torque.contact, torque.motion.moves, abs(torque.estimate)
     level, correction = torque.level, torque.adaptation.viscous
@@ -132,16 +134,18 @@ def control(law, settings, phase, demand, speed_demand, pushes, sample, step, ta
         capacity = max(capacity, carried)
 
     # torque loop: fig 6.16
-    slip = abs(sample.slip) if moves else 0.0  # of the observer: the encoder's own steps with every count
+    slip = (
+        abs(sample.slip) if moves else 0.0
+    )  # from the observer: the speed from the encoder alone has steps of a count
     slides = (moves or law.held > 0.0) and settings.torque.alone and speed_demand * torque.estimate >= 0.0
     coming = max(slip, abs(speed_demand)) if slides else slip
     feedforward = unlimited = least = 0.0
     most = settings.pressure_limit
     error = demand - carried
-    turning = torque.estimate * sample.speed < 0.0  # the friction of the direction before is still there
+    turning = torque.estimate * sample.speed < 0.0  # the friction still has the sign of the last direction
     limit = law.pressure_limited if law.pressure_limited else law.voltage_limited
     waits = not contact or step == 0.0 or turning or slip < settings.slip_hold or limit * error > 0.0
-    lowers = phase == Phase.SLIP_CONTROL and law.held > 0.0  # out of lock, without a step
+    lowers = phase == Phase.SLIP_CONTROL and law.held > 0.0  # leaves lock without a step
     if lowers:
         law.held = max(law.held - _LOCK_EXIT_RATE * settings.lock.rate * step, 0.0)
         waits = True
@@ -150,7 +154,7 @@ def control(law, settings, phase, demand, speed_demand, pushes, sample, step, ta
     if phase == Phase.SLIP_CONTROL and follows:
         unlimited, least = target, settings.pressure_floor
         if step > 0.0 and settings.feeds_back:
-            # so that a request for the torque there is now asks for the pressure there is now
+            # So a later demand for the present torque begins with the present pressure
             known = contact and slip >= settings.slip_hold and not turning
             carried_pressure = _feedforward(settings, carried, slip, level, correction)
             follow(law.torque_loop, pressure - carried_pressure if known else 0.0)
@@ -218,11 +222,11 @@ def control(law, settings, phase, demand, speed_demand, pushes, sample, step, ta
 
 @njit
 def _limited_side(unlimited, limited):
-    """Which limit has cut `wanted`: 1 the upper, -1 the lower, 0 none."""
+    """Return which limit has changed `unlimited` to `limited`: 1 the upper, -1 the lower, 0 none."""
     return int(unlimited > limited) - int(unlimited < limited)
 
 
 @njit
 def _feedforward(settings, demand, slip, level, correction):
-    """Of eq. 6.8; with feedback alone the clutch is held filled at the contact pressure."""
+    """Return the pressure [Pa] of eq. 6.8; with feedback alone, the contact pressure, which keeps the clutch filled."""
     return inverse_model(settings.torque.model, demand if settings.feeds_forward else 0.0, slip, level, correction)

@@ -1,11 +1,11 @@
-"""Torque transmitted, as the controller believes it: model, adapted level, trim, torque balance of the motor.
+"""Estimate of the transmitted torque: model, adapted level, trim, torque balance of the motor.
 
-Equation        contact, p >= p_contact: M = level (M_C m + f) + viscous f  (estimator.py), level the adapted one, trimmed; m
-                follows the slip where the plates slide, and the torque applied where they stand
-                balance  y = M_m - J alpha behind the observer's lag; compared with the model behind the same lag
-Assumptions     the model is fast, the balance is right: where the balance is this clutch's own, and is learnt from, the
-                model is trimmed by what the balance shows
-Not modelled    two clutches that both transmit: there plates that stand keep the torque they had
+Equation        contact, p >= p_contact: M = level (M_C m + f) + viscous f  (estimator.py), with the adapted and trimmed level;
+                m follows the slip while the plates slide, and the applied torque while they stand
+                balance  y = M_m - J alpha behind the observer's lag; it is compared with the model behind the same lag
+Assumptions     the model is fast, the balance is correct: so the balance trims the model, if it is that of this clutch alone
+                and adaptation is on
+Not modelled    two clutches that both transmit: there plates that stand keep their last torque
 References      docs/rig.md, 8; Janssens 2010, eq. 6.9
 """
 
@@ -32,13 +32,12 @@ from rt_controller.law.presliding import PRESLIDING, PRESLIDING_SETTINGS, bend, 
 from rt_controller.law.record import record
 from rt_controller.law.trim import TRIM, TRIM_SETTINGS, compute_level, forget, lower, raise_to, trim
 
-_REST_TORQUE_ERROR = 0.02  # of the torque at rest: gain error and noise of the motor's
-_HALF_COUNTS_UNSURE = 3.0  # half counts: one and no more
-_STEADY_FRICTION_STATE = 0.95  # m of plates that slide steadily; below, they have just turned
-_LATEST_STOP = 0.8  # of a step: plates that reach 0 before have landed in it, later they may not have
-_LIFT_OFF_SHARE = 0.5  # of what the motor feels when plates touch: so much less when they have parted
-# Parameters, SI. adapts: whether level, viscous correction and trim are learnt; alone: whether the motor's torque is that of
-# this clutch
+_REST_TORQUE_ERROR = 0.02  # of the torque at rest: gain error and noise of the motor torque sensor
+_HALF_COUNTS_UNSURE = 3.0  # half counts in a sample, i.e. at most one count: the speed is then uncertain
+_STEADY_FRICTION_STATE = 0.95  # m above which plates slide steadily; below it they have just turned
+_LATEST_STOP = 0.8  # of a step: plates that reach speed 0 earlier have stopped in this step; later it is uncertain
+_LIFT_OFF_SHARE = 0.5  # of `touch_torque`: below this motor torque the plates have no contact any more
+# Parameters in SI. adapts: level, viscous correction and trim are learnt; alone: the motor drives this clutch alone
 TORQUE_SETTINGS = np.dtype(
     [("model", MODEL), ("adaptation", ADAPTATION_SETTINGS), ("motion", MOTION_SETTINGS),
      ("presliding", PRESLIDING_SETTINGS),
@@ -46,11 +45,13 @@ TORQUE_SETTINGS = np.dtype(
      ("adapts", "?"), ("alone", "?"), ("contact_band", "f8"), ("touch_band", "f8"), ("touch_torque", "f8"),
      ("touch_time", "f8"), ("bandwidth", "f8")]
 )  # fmt: skip
-# estimate [Nm], signed as the slip; level [-] with which it is made, adapted and trimmed; coulomb and viscous part [Nm] before
-# it; m, and the Coulomb torque it stands on [Nm]; contact: by the pressure; pressed: the plates rub, too; stands: and hold
-# what is applied; spin [rad/s], turn [rad]: that the motor would have, were the capacity what the level says; touched: time in
-# contact [s]; observed [Nm]: the torque balance behind the observer's lag; lags and what they are given next; demand_acting,
-# demand_before [rad/s]: speed demands that the motor has begun to follow with this sample and the one before
+# estimate [Nm], signed as the slip; level [-]: adapted and trimmed; coulomb, viscous [Nm]: parts of the estimate at level 1; m
+# [-] and coulomb_torque M_C [Nm]. cylinder, pressure [Pa]: in the cylinder and on the plates. borne [-]: torque that plates at
+# rest carried, a share of M_C. contact: pressure above contact; pressed: the plates also rub; stands: they carry the applied
+# torque. spin [rad/s], turn [rad]: motion that the motor would have if the capacity were that of the level. touched: time in
+# contact [s]. observed [Nm]: torque balance behind the observer's lag. motor_before [Nm]: next input of motor_lag.
+# demand_acting, demand_before [rad/s]: speed demands that the motor has begun to follow with this sample and with the one
+# before
 TORQUE = np.dtype(
     [("estimate", "f8"), ("level", "f8"), ("coulomb", "f8"), ("viscous", "f8"), ("m", "f8"), ("coulomb_torque", "f8"),
      ("cylinder", "f8"), ("pressure", "f8"), ("borne", "f8"),
@@ -62,7 +63,7 @@ TORQUE = np.dtype(
 
 
 def torque_settings(parameters: ParameterSet, adapts: bool, alone: bool) -> dict[str, object]:
-    """Fields of TORQUE_SETTINGS."""
+    """Return the fields of TORQUE_SETTINGS; `adapts` and `alone` as there."""
     phases, slip = parameters.si("phases"), parameters.si("slip")
     return {
         "model": record(MODEL, parameters.si("model")),
@@ -76,16 +77,16 @@ def torque_settings(parameters: ParameterSet, adapts: bool, alone: bool) -> dict
 
 
 def torque_at_rest() -> Any:
-    """TORQUE before its first step."""
+    """Return TORQUE before its first step."""
     return record(TORQUE, level=1.0, adaptation=record(ADAPTATION, INITIAL_ADAPTATION))
 
 
 @njit
 def mismatch(torque, settings):
-    """Torque observed at the motor minus that of the model, untrimmed, behind the lag of the slip observer [Nm]; 0 where a
-    friction level within the bounds of the adaptation explains it.
+    """Return the observed torque minus that of the model without trim, both behind the lag of the slip observer [Nm].
 
-    Plates that stand carry what is applied, so there it is what is applied beyond their capacity.
+    It is 0 if a friction level within the bounds of the adaptation explains the difference. Plates that stand carry the applied
+    torque, so for them it is the applied torque beyond their capacity.
     """
     coulomb, viscous = torque.coulomb_lag.out, torque.viscous_lag.out
     whole, rest = coulomb + viscous, torque.observed - torque.adaptation.viscous * viscous
@@ -97,10 +98,10 @@ def mismatch(torque, settings):
 
 @njit
 def estimate(torque, settings, closing, closed, speed_demand, pushes, sample, step):
-    """Move TORQUE on by `step` [s], 0 without a fresh sample, to what `sample` says.
+    """Advance TORQUE by `step` [s], which is 0 without a new sample, with the values of the SAMPLE `sample`.
 
-    `closing`: the valve is open; `closed`: it is, and the fill is over. `speed_demand` [rad/s] of the motor, which
-    `pushes` with all that it may give, or not.
+    `closing`: the plates may touch; `closed`: the fill is over. `speed_demand` [rad/s] of the motor; `pushes`: the motor is at
+    its torque limit.
     """
     model, speed = settings.model, sample.speed
     pressure = plate_pressure(model, torque.pressure, torque.cylinder, sample.pressure, step)
@@ -118,7 +119,7 @@ def estimate(torque, settings, closing, closed, speed_demand, pushes, sample, st
         _update_rubbing(torque, settings, sample, pressure, rested, step)
         torque.coulomb = torque.coulomb_torque * torque.m  # eq. 6.9
     else:
-        torque.m = torque.coulomb_torque = torque.borne = 0.0  # out of contact there is no torque
+        torque.m = torque.coulomb_torque = torque.borne = 0.0  # without contact there is no torque
         torque.stands = False
         straighten(torque.presliding)
     torque.estimate = torque.level * (torque.coulomb + torque.viscous) + correction * torque.viscous
@@ -129,7 +130,7 @@ def estimate(torque, settings, closing, closed, speed_demand, pushes, sample, st
         torque.adaptation, settings.adaptation, coulomb, viscous, torque.observed, sample.slip, sample.acceleration,
         sample.temperature, step, settings.adapts and closed and torque.contact and not stuck,
     )  # fmt: skip
-    explained = mismatch(torque, settings) == 0.0  # else it is no friction level
+    explained = mismatch(torque, settings) == 0.0  # otherwise the friction level is not the cause
     if not torque.pressed or stuck:
         forget(torque.trim)
     elif settings.adapts and settings.alone and not torque.stands and explained:
@@ -138,9 +139,9 @@ def estimate(torque, settings, closing, closed, speed_demand, pushes, sample, st
 
 @njit
 def _update_rubbing(torque, settings, sample, pressure, rested, step):
-    """State m and viscous torque of plates that rub, `step` [s] later; `rested`: they have stood for long before it."""
+    """Update m and viscous torque of plates that rub, after `step` [s]; `rested`: they stood for `stick_time` before."""
     model, plates = settings.model, torque.motion
-    known = sample.known and torque.coulomb_torque > 0.0  # what is applied to these plates
+    known = sample.known and torque.coulomb_torque > 0.0  # the torque applied to these plates
     applied = sample.applied / torque.coulomb_torque if known else 0.0
     if settings.presliding.angle > 0.0:
         _update_bending(torque, settings, sample, pressure, known, step)
@@ -169,7 +170,7 @@ def _update_rubbing(torque, settings, sample, pressure, rested, step):
         torque.m = friction_state(model, torque.m, pressure, plates.end, (1.0 - begin_share) * step)
     else:
         if known and plates.moves:
-            if torque.borne * sample.speed > 0.0:  # they have broken away: they carried all that they can
+            if torque.borne * sample.speed > 0.0:  # they have broken away: they carried their capacity
                 torque.m = copysign(1.0, torque.borne)
                 share = max(abs(torque.borne), settings.adaptation.level_low)
                 lower(torque.trim, settings.trim, torque.adaptation.level, share)
@@ -177,7 +178,7 @@ def _update_rubbing(torque, settings, sample, pressure, rested, step):
             torque.borne = 0.0
         unsure = abs(sample.speed) * step <= _HALF_COUNTS_UNSURE * settings.motion.standing_angle
         if known and unsure and abs(torque.m) < _STEADY_FRICTION_STATE:
-            least, most = reachable_states(model, torque.m, step)  # whichever way they creep
+            least, most = reachable_states(model, torque.m, step)  # in both directions of creep
             torque.m = min(max(applied / torque.level, least), most)
         else:
             mean = sample.speed if sample.speed != 0.0 else 0.5 * (plates.begin + plates.end)
@@ -186,7 +187,7 @@ def _update_rubbing(torque, settings, sample, pressure, rested, step):
     slip = plates.end if turns or not (slow or stops) else plates.slow
     torque.viscous = viscous_torque(model, pressure, slip, sample.temperature)
     if known and settings.alone and (slow or stops):
-        # the encoder tells the speed only roughly, but the balance tells the torque
+        # The speed from the encoder is coarse here, but the balance gives the torque
         least = 0.0 if stops else torque.viscous * min(abs(slip) / settings.motion.coarse_speed, 1.0)
         balance = (sample.motor_torque - model.motor_inertia * sample.acceleration) / torque.level
         rest = balance - torque.coulomb_torque * torque.m
@@ -195,7 +196,10 @@ def _update_rubbing(torque, settings, sample, pressure, rested, step):
 
 @njit
 def _update_bending(torque, settings, sample, pressure, known, step):
-    """As `_rub`, of plates that bend before they slide. Until all elements slip they carry what is applied, up to capacity."""
+    """Update m and viscous torque of plates that bend before they slide, after `step` [s].
+
+    Until all elements slip, the plates carry the applied torque up to their capacity.
+    """
     model, plates = settings.model, torque.motion
     turned = sample.speed * step
     level = sliding_level(model, pressure, sample.speed)
@@ -213,7 +217,10 @@ def _update_bending(torque, settings, sample, pressure, known, step):
 
 @njit
 def _update_resting(torque, settings, sample, pressure, applied, step):
-    """Plates at rest carry what is `applied`, a share of M_C, as far as they can at a creep that the encoder does not show."""
+    """Update m of plates at rest: they carry the `applied` share of M_C, up to their capacity.
+
+    The capacity includes the viscous torque of a creep too slow for the encoder.
+    """
     creep = 2.0 * settings.motion.standing_angle / torque.motion.quiet
     viscous = viscous_torque(settings.model, pressure, creep, sample.temperature)
     most = 1.0 + _REST_TORQUE_ERROR + viscous / torque.coulomb_torque
@@ -226,7 +233,7 @@ def _update_resting(torque, settings, sample, pressure, applied, step):
 
 @njit
 def _level(torque, settings):
-    """Friction level of the moment [-]: adapted, and trimmed."""
+    """Return the present friction level [-]: adapted and trimmed."""
     s = settings.adaptation
     learnt = torque.adaptation.level
     if not (settings.adapts and settings.alone):
@@ -236,8 +243,11 @@ def _level(torque, settings):
 
 @njit
 def _exceeds_capacity(torque, settings, applied, capacity, step):
-    """Whether plates that rest carry more than the level says: with what is `applied` beyond the `capacity`, shares of M_C, the
-    motor would have turned by `coarse_angle` since, and has not by a count."""
+    """Whether plates at rest carry more than their level allows.
+
+    `applied` and `capacity` are shares of M_C. With their difference the motor would have turned by `coarse_angle` by now, but
+    the encoder has not moved by a count.
+    """
     gain = (applied - torque.level * capacity) * torque.coulomb_torque / settings.model.motor_inertia
     torque.spin = max(torque.spin + gain * step, 0.0) if torque.motion.rests else 0.0
     torque.turn = torque.turn + torque.spin * step if torque.spin > 0.0 else 0.0
@@ -249,9 +259,13 @@ def _exceeds_capacity(torque, settings, applied, capacity, step):
 
 @njit
 def _update_pressed(torque, settings, pressure, step):
-    """Whether the plates rub. At the end of the fill the pressure tells of contact before the piston has arrived: it moves, and
-    its damping takes a part. It has arrived when the pressure is clearly above contact or the motor feels a torque; it has left
-    again when the pressure is close to contact and plates that move are not felt."""
+    """Update whether the plates rub, and return it.
+
+    At the end of the fill the pressure reaches contact before the piston does, as the piston still moves and its damping takes
+    a part of the pressure. The piston has arrived when the pressure is clearly above contact, or the motor measures a torque,
+    or `touch_time` has passed. It has left when the pressure is close to contact and the motor measures no torque of moving
+    plates.
+    """
     above = pressure - settings.model.contact_pressure
     felt = abs(torque.observed)
     lifted = (
@@ -268,14 +282,14 @@ def _update_pressed(torque, settings, pressure, step):
 
 @njit
 def _update_balance(torque, settings, coulomb, viscous, speed_demand, pushes, sample, step):
-    """Both sides of the torque balance behind the same lag; `coulomb`, `viscous` [Nm] are those of the sample before."""
+    """Update both sides of the torque balance behind the same lag; `coulomb`, `viscous` [Nm] are of the sample before."""
     if step > 0.0:
         # The observer's second difference is centred on the sample before (lag.py).
         q = exp(-settings.bandwidth * step)
         low_pass(torque.coulomb_lag, coulomb, q)
         low_pass(torque.viscous_lag, viscous, q)
         motor = low_pass(torque.motor_lag, torque.motor_before, q)
-        # The sample was taken just before the demand sent last began to act: half of what it changed is the mean's.
+        # The sample was taken just before the last demand began to act: the mean torque contains half of the jump.
         jump = 0.0 if pushes else settings.model.motor_gain * (torque.demand_acting - torque.demand_before)
         torque.motor_before = sample.motor_torque + 0.5 * jump
         torque.demand_before, torque.demand_acting = torque.demand_acting, speed_demand

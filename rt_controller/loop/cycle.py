@@ -1,4 +1,4 @@
-"""A cycle: decode, check, estimate, control, encode, in one compiled call without the GIL and without an allocation."""
+"""A control cycle: decode, check, estimate, control, encode. It is one compiled call without GIL and memory allocation."""
 
 from enum import IntEnum
 from math import inf, nan
@@ -37,15 +37,16 @@ from rt_controller.loop.faults import FAULTS, note_fault
 RECEIVED_FRAMES = ("ANALOG_SENSORS", "ENCODER", "TORQUE_SETPOINT", "PLANT_HEARTBEAT")
 OTHER_CLUTCH_FRAMES = ("ENCODER", "CONTROLLER_STATUS")
 SENT_FRAMES = ("VALVE_COMMAND", "MOTOR_COMMAND", "CONTROLLER_STATUS", "CONTROLLER_HEARTBEAT")
-OUTBOX = len(SENT_FRAMES)  # frames a cycle sends at most
+OUTBOX = len(SENT_FRAMES)  # highest number of frames that a cycle sends
 _RECEPTIONS = len(RECEIVED_FRAMES) + len(OTHER_CLUTCH_FRAMES)
 _ANALOG, _ENCODER, _SETPOINT, _PLANT, _OTHER_ENCODER, _OTHER_STATUS = range(_RECEPTIONS)
-_STEP_LIMIT = 10  # periods: a longer gap between samples is not integrated over (estimator, regulators)
-_PUSHING_SHARE = 0.9  # of what it may give: the motor pushes with all it has; above the sensor's gain error
+_STEP_LIMIT = 10  # periods: longest step of estimator and regulators after a gap between samples
+# Of the torque limit: above it the motor counts as at its limit. The margin covers the gain error of the torque sensor
+_PUSHING_SHARE = 0.9
 
 
 class Refusal(IntEnum):
-    """Why a bus cannot be worked on."""
+    """Reasons to refuse a frame and end the service."""
 
     SECOND_CONTROLLER = 1
     LENGTH = 2
@@ -56,7 +57,7 @@ class Refusal(IntEnum):
     SPEED = 7
 
 
-# own: identifiers of the frames it sends; then each frame that it hears or sends, as the DBC defines it
+# own: identifiers of the frames that the controller sends; then the definition of each frame that it receives or sends
 SETTINGS = np.dtype(
     [("period", "f8"), ("rate", "i8"), ("session", "i8"), ("drives", "?"), ("own", "i8", (len(SENT_FRAMES),)),
      ("status_every", "i8"), ("heartbeat_every", "i8"), ("setpoint_timeout", "f8"), ("motor_torque_limit", "f8"),
@@ -65,10 +66,10 @@ SETTINGS = np.dtype(
      ("phases", PHASE_SETTINGS), ("pair", PAIR_SETTINGS), ("plausibility", PLAUSIBILITY_SETTINGS), ("law", LAW_SETTINGS),
      ("guard", LIMITS)]
 )  # fmt: skip
-# record: of the last cycle; it comes first, so that it is aligned as a row of doubles must be. slot: periods gone by;
-# beat_after, status_after: those after which the next heartbeat and status are due. What is asked for: request, demand [Nm],
-# pressure_demand [Pa], speed_demand [rad/s], setpoint_age [s]. motor_limit [Nm]: torque that the motor may give; locked: the
-# plates still stand from lock. refused_...: why the bus cannot be worked on
+# record: of the last cycle; it is the first field, so that it is aligned as a row of doubles. slot: number of periods so far;
+# beat_after, status_after: slots after which the next heartbeat and status are sent. Set-point: request, demand [Nm],
+# pressure_demand [Pa], speed_demand [rad/s], setpoint_age [s]. motor_limit [Nm]: torque limit of the motor; locked: the plates
+# still stand since lock. refused_...: identifier and value of a refused frame
 NODE = np.dtype(
     [("record", RECORD), ("cycle", "i8"), ("slot", "i8"), ("beats", "i8"), ("beat_after", "i8"), ("statuses", "i8"),
      ("status_after", "i8"), ("late_cycles", "i8"), ("request", "i8"), ("demand", "f8"), ("pressure_demand", "f8"),
@@ -80,8 +81,8 @@ NODE = np.dtype(
 
 
 class ControllerMemory(NamedTuple):
-    """What compiled turns work on of a node, for kernels that make many cycles: `cycle` takes arrays one by one, as a call from
-    Python with a named tuple costs 2 us more.
+    """Memory of a node for kernels that run many cycles. `cycle` takes single arrays: a call from Python with a named tuple
+    costs 2 us more.
 
     states (1,) of NODE; settings (1,) of SETTINGS; outbox (OUTBOX,) of frame_batch.FRAME; row (columns,): the record in
     `states` as plain numbers.
@@ -95,9 +96,10 @@ class ControllerMemory(NamedTuple):
 
 @njit(cache=True, nogil=True)
 def cycle(states, all_settings, inbox, count, slots, outbox):
-    """One cycle of the node in `states` (1,), `slots` periods after the last one, on the first `count` frames of `inbox`.
+    """Run one cycle, `slots` periods after the last one, on the first `count` frames of `inbox`.
 
-    Fills `outbox` and the node's record; returns the number of frames in `outbox`, or minus the Refusal.
+    `states` (1,) of NODE, `all_settings` (1,) of SETTINGS, `inbox` and `outbox` (n,) of FRAME. Fills `outbox` and the node's
+    record; returns the number of frames in `outbox`, or minus the Refusal.
     """
     node, settings = states[0], all_settings[0]
     guard, law, sample, record = node.guard, node.law, node.sample, node.record
@@ -129,7 +131,7 @@ def cycle(states, all_settings, inbox, count, slots, outbox):
 
 @njit
 def _update_applied_torque(node, settings):
-    """Torque applied to this clutch, by the motor alone or as far as another leaves it to this one."""
+    """Update the torque applied to this clutch: that of the motor, without the part of another clutch."""
     sample, torque = node.sample, settings.law.torque
     if torque.alone:
         sample.applied, sample.known = sample.motor_torque, True
@@ -141,7 +143,7 @@ def _update_applied_torque(node, settings):
 
 @njit
 def _check_plausibility(node, settings, request, pushes, elapsed):
-    """Whether the pressure signal is lost, and whether the torque is implausible."""
+    """Return whether the pressure signal is lost, and whether the torque is implausible; `elapsed` [s]."""
     law, sample, checks, s = node.law, node.sample, node.plausibility, settings.plausibility
     closed = node.phases.phase == Phase.SLIP_CONTROL or node.phases.phase == Phase.LOCK
     lost = pressure_lost(checks, s, sample.pressure, law.pressure_demand, elapsed)
@@ -163,7 +165,7 @@ def _check_plausibility(node, settings, request, pushes, elapsed):
 
 @njit(cache=True, nogil=True)
 def receive_before_start(states, all_settings, inbox, count):
-    """Take frames before the first cycle, which the guard need not see; return the Refusal, 0 where there is none."""
+    """Take frames before the first cycle, without the guard; return the Refusal, or 0."""
     for index in range(count):
         periods = _receive(states[0], all_settings[0], inbox[index])
         if periods < 0:
@@ -173,7 +175,7 @@ def receive_before_start(states, all_settings, inbox, count):
 
 @njit
 def _receive(node, settings, frame):
-    """Take one frame; return how many sample periods it moved the controller's time on, or minus the Refusal."""
+    """Take one frame; return the sample periods by which it advances the time, or minus the Refusal."""
     can_id, length = np.int64(frame.can_id), np.int64(frame.length)
     for own in settings.own:
         if can_id == own:
@@ -211,6 +213,7 @@ def _receive(node, settings, frame):
 
 @njit
 def _take_setpoint(node, settings, word, can_id):
+    """Take the payload `word` of TORQUE_SETPOINT; return 0, or minus the Refusal."""
     s = settings.torque_setpoint
     request, torque = raw(word, s.request), value(word, s.torque_demand)
     speed, pressure = value(word, s.speed_demand), value(word, s.pressure_demand)
@@ -218,7 +221,7 @@ def _take_setpoint(node, settings, word, can_id):
         return _refuse(node, Refusal.TORQUE, can_id, torque)
     if pressure > settings.pressure_limit:
         return _refuse(node, Refusal.PRESSURE, can_id, pressure)
-    if request > Request.LOCK:  # the last
+    if request > Request.LOCK:  # the highest request
         return _refuse(node, Refusal.REQUEST, can_id, request)
     if abs(speed) > settings.speed_limit:
         return _refuse(node, Refusal.SPEED, can_id, speed)
@@ -229,13 +232,14 @@ def _take_setpoint(node, settings, word, can_id):
 
 @njit
 def _refuse(node, why, can_id, value_received):
+    """Store what is refused, for the error message; return minus the Refusal `why`."""
     node.refused_id, node.refused_value = can_id, value_received
     return -why.value
 
 
 @njit
 def _commands(node, settings, phase, outbox):
-    """Fill `outbox`; the valve's command is the last: in lock-step the plant goes on with it. Return the number of frames."""
+    """Fill `outbox`; return the number of frames. The valve command is the last: in lock-step the plant waits for it."""
     cycle, law, sent = node.cycle, node.law, 0
     if node.slot > node.beat_after:
         s = settings.controller_heartbeat
@@ -263,7 +267,7 @@ def _commands(node, settings, phase, outbox):
         word = np.int64(0)
         if phase != Phase.FAULT and node.setpoint_age != inf:
             limit = settings.motor_torque_limit
-            # plates that have been locked stand until they slide or part: a motor that may push harder would tear them apart
+            # The lower limit holds until locked plates slide or separate: a higher motor torque would make them slide
             leaves = not law.torque.motion.moves or law.held > 0.0 or phase == Phase.RELEASE
             node.locked = phase == Phase.LOCK or (node.locked and law.torque.contact and leaves)
             if node.locked and settings.law.torque.alone:
@@ -281,7 +285,7 @@ def _commands(node, settings, phase, outbox):
     opened = phase == Phase.FILL or phase == Phase.SLIP_CONTROL or phase == Phase.LOCK
     word = put(np.int64(0), s.valve_enable, opened)
     word = put(word, s.valve_voltage, law.voltage)
-    word = put_raw(word, s.sample_tick, max(node.sample.tick, 0))  # it wraps
+    word = put_raw(word, s.sample_tick, max(node.sample.tick, 0))  # it wraps around
     write_frame(outbox[sent], s, word, cycle)
     outbound(node.guard, settings.guard, s.can_id, outbox[sent].data)
     node.cycle = cycle + 1
@@ -290,5 +294,5 @@ def _commands(node, settings, phase, outbox):
 
 @njit
 def _next(slot, every):
-    """The end of the present of the stretches of `every` slots: frames keep their rate when slots are left out."""
+    """Return the next multiple of `every` from `slot` on: frames keep their rate when slots are missed."""
     return ((slot - 1) // every + 1) * every

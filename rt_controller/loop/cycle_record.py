@@ -1,4 +1,4 @@
-"""Record of a cycle: what the controller saw, decided and counted. Here its columns are declared, and filled.
+"""Record of a cycle: inputs, decisions and counters of the controller. The columns are declared and filled here.
 
 A column is declared once; run files, telemetry, live views and docs/columns.md follow. The terms of the law are declared and
 filled in `law/torque_law.py`.
@@ -13,7 +13,7 @@ from rt_controller.law.torque_law import TERMS
 
 
 def _names(states: type[Phase] | type[Fault] | type[Request]) -> str:
-    """The values of an enumeration with their names, for people."""
+    """Return the values of an enumeration with their names, as text for a column."""
     return ", ".join(f"{state.value} {state.name.lower()}" for state in states)
 
 
@@ -32,7 +32,7 @@ RECORD = record_type(COLUMNS)
 
 @njit
 def note_cycle(record, node, phase, request):
-    """Fill all of RECORD but the law's terms from NODE (cycle.py), the Phase and the Request followed in this cycle."""
+    """Fill RECORD, except for the terms of the law, from NODE (cycle.py), Phase and Request of this cycle."""
     record.sample_tick, record.sample_age = node.sample.tick, node.guard.age
     record.phase, record.fault, record.request = phase, node.phases.fault, request
     record.commands_lowered, record.commands_replaced = node.guard.lowered, node.guard.replaced

@@ -1,7 +1,7 @@
-"""Faults a controller has had, kept in its state: how many, and the record of the cycle in which the first began.
+"""Faults of a controller since its start: their number, and the record of the cycle in which the first began.
 
-For the end of the service, whether somebody reads its record or not; while it runs, whoever reads the record tells of faults
-(protocols/can/fault_text.py).
+The service reports them at its end, also when nobody has read its record. While it runs, readers of the record report faults by
+protocols/can/fault_text.py.
 """
 
 import numpy as np
@@ -9,12 +9,13 @@ from numba import njit
 
 from rt_controller.loop.cycle_record import RECORD
 
+# count: of faults; last: Fault of the cycle before; first: record of the cycle in which the first fault began
 FAULTS = np.dtype([("count", "i8"), ("last", "i8"), ("first", RECORD)])
 
 
 @njit
 def note_fault(faults, record):
-    """Take the record of a cycle."""
+    """Update FAULTS with the record of a cycle."""
     fault = np.int64(record.fault)
     if fault != 0 and fault != faults.last:
         faults.count += 1

@@ -1,4 +1,4 @@
-"""The controller as a node: frames in, frames out; the guard sees both. A cycle is one compiled call (`cycle.py`)."""
+"""The controller as a node: frames in, frames out, both checked by the guard. A cycle is one compiled call (`cycle.py`)."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -38,22 +38,23 @@ from rt_controller.loop.cycle_record import COLUMNS
 
 PARAMETERS = Path(__file__).parents[1] / "parameters" / "controller.toml"
 LIMITS = Path(__file__).parents[1] / "parameters" / "limits.toml"
-INBOX = 4096  # frames at once; more are given in parts
-_NO_FRAME = -1  # an identifier that no frame has
+INBOX = 4096  # frames in one call: more than a bus of 1 Mbit/s carries in 0.2 s
+_NO_FRAME = -1  # marks an unused place: no frame has this identifier
 
 
 def controller_parameters(changed: Path | None = None) -> ParameterSet:
-    """The controller's parameters as shipped, or as changed by a user's file. Raises InputError."""
+    """Return the parameters of `controller.toml`, changed by a user's file if given. Raises InputError."""
     shipped = load_defaults(PARAMETERS)
     return load_overlay(changed, shipped) if changed else shipped
 
 
 def shipped_parameters() -> ParameterSet:
-    """Parameters of controller and guard as shipped: the defaults."""
+    """Return the default parameters of controller and guard."""
     return ParameterSet({**load_defaults(PARAMETERS), **load_defaults(LIMITS)})
 
 
 def _check(parameters: ParameterSet) -> None:
+    """Raise InputError for parameters that contradict each other."""
     voltage, allowed = parameters["pressure.voltage_limit"], parameters["guard.voltage"]
     if voltage.value > allowed.value:
         raise InputError(
@@ -65,17 +66,18 @@ def _check(parameters: ParameterSet) -> None:
 
 
 class ControllerNode:
-    """Decode, check, estimate, control, encode.
+    """The controller of one clutch: decodes, checks, estimates, controls, encodes.
 
-    rate [Hz]; `parameters_file` changes parameters of `controller.toml`; `law` is one of `law.LAWS`; `adaptation` switches
-    the adaptive level on; `session` tells two controllers apart. `clutch` is a or b of two on one bus, None for a clutch
-    alone.
+    rate [Hz]. `parameters_file` changes parameters of `controller.toml`. `law` is one of `torque_law.LAWS`; `adaptation`
+    switches the adaptive level on. `session` is a number that distinguishes two controllers. `clutch` is a or b where two are
+    on one bus, None for a single clutch. Raises InputError.
 
-    `outbox` holds the frames of the last cycle, shape (OUTBOX,) of batch.FRAME; `record` its row, shape (columns,), a view of
-    the RECORD in `states`. `states` and `settings`, shape (1,), are what `cycle.cycle` works on. All are in `memory`.
+    `outbox` has the frames of the last cycle, shape (OUTBOX,) of frame_batch.FRAME. `record` is its row, shape (columns,), a
+    view of the RECORD in `states`. `states` and `settings`, shape (1,), are the memory of `cycle.cycle`. `memory` has all of
+    them.
 
-    One of two clutches does not adapt: the motor's torque is that of both, and is compared with both (`other_clutch`). The
-    motor is commanded by clutch a's controller.
+    With two clutches there is no adaptation: the motor torque is the sum for both, and is compared with both (`other_clutch`).
+    The controller of clutch a commands the motor.
     """
 
     columns = COLUMNS
@@ -109,7 +111,7 @@ class ControllerNode:
         self._codecs = {codec.can_id: codec for codec in received}
         own = [frames[name] for name in SENT_FRAMES if self._drives or name not in SHARED]
         self._own = {codec.can_id: codec.name for codec in own}
-        self.received_ids = [*self._codecs, *self._own]  # identifiers of all frames that matter to it
+        self.received_ids = [*self._codecs, *self._own]  # identifiers of all frames that the node checks
         self._early = {frames["PLANT_HEARTBEAT"].can_id} | {self._valve.can_id, self._motor.can_id} & self._own.keys()
 
         self.states, self.settings = np.zeros(1, NODE), np.zeros(1, SETTINGS)
@@ -120,7 +122,7 @@ class ControllerNode:
         state.other = initial_other()
         state.setpoint_age = np.inf  # s
         state.sample.tick = -1
-        state.sample.temperature = parameters["model.oil_reference"].si  # until one is measured
+        state.sample.temperature = parameters["model.oil_reference"].si  # until the first sample
         state.law = law_at_rest()
         for name in RECEIVED_FRAMES + SENT_FRAMES:
             setattr(fixed, name.lower(), frame_definition(frames[name]))
@@ -137,32 +139,32 @@ class ControllerNode:
         self.outbox = batch(OUTBOX)
         self.record = self.states["record"].view(np.float64)
         self.memory = ControllerMemory(self.states, self.settings, self.outbox, self.record)
-        # compiled now, not in the loop
+        # Compiles now, not in the loop
         cycle(self.states.copy(), self.settings, self._inbox, 0, 1, batch(OUTBOX))
         receive_before_start(self.states.copy(), self.settings, self._inbox, 0)
 
     def cycle(self, inbox: np.ndarray, count: int, slots: int = 1) -> int:
-        """One control cycle on the first `count` frames of the batch `inbox`; return how many frames are in `outbox`.
+        """Run one control cycle on the first `count` frames of the batch `inbox`; return the number of frames in `outbox`.
 
-        `slots` periods after the last one: more than 1 when the loop has slept through some. Raises InputError when the bus
-        has a second controller or speaks another protocol.
+        It is `slots` periods after the last cycle: more than 1 after missed slots. Raises InputError when another controller is
+        on the bus, the plant has another rate or protocol, or a set-point is out of range.
         """
         return self.check_sent(cycle(self.states, self.settings, inbox, count, slots, self.outbox))
 
     def check_sent(self, count: int) -> int:
-        """What a cycle has returned: number of frames in `outbox`. Raises InputError where it is minus a Refusal."""
+        """Return `count`, the result of a cycle. Raises InputError when it is minus a Refusal."""
         if count < 0:
             raise InputError(self._refusal(Refusal(-count)))
         return count
 
     def step(self, inbox: Sequence[Frame], slots: int = 1) -> list[Frame]:
-        """The same with frames as objects."""
+        """Run one control cycle on frames as objects; return the frames sent. See `cycle`."""
         return unload(self.outbox[: self.cycle(self._inbox, load(self._inbox, inbox), slots)])
 
     def listen(self, frames: Sequence[Frame]) -> list[Frame]:
-        """Heed heartbeats before the first cycle; return the frames left for it.
+        """Take the heartbeats among the frames before the first cycle; return the other frames.
 
-        Raises InputError when the plant runs at another rate or another controller speaks.
+        Raises InputError when the plant has another rate, or another controller sends.
         """
         early = [frame for frame in frames if frame.can_id in self._early]
         if code := receive_before_start(self.states, self.settings, self._inbox, load(self._inbox, early)):
@@ -170,27 +172,30 @@ class ControllerNode:
         return [frame for frame in frames if frame.can_id not in self._early]
 
     def fixed(self, name: str) -> str | None:
-        """Why a parameter cannot be changed while the controller runs; None when it can."""
+        """Return why a parameter cannot change while the controller runs; None when it can."""
         if name.partition(".")[0] == "guard":
             return f"parameter {name} is fixed while the controller runs: the guard's limits are set at the start"
         return None
 
     def tune(self, values: Mapping[str, float]) -> None:
-        """Change parameters between two cycles, each in its declared unit; states stay. All or none: raises InputError."""
+        """Change parameters between two cycles, each in its declared unit; states are unchanged.
+
+        All values are taken or, with an InputError, none.
+        """
         changed = self.parameters.with_values(values)
         _check(changed)
         self.parameters = changed
         self._configure(changed)
 
     def heartbeat(self, lifecycle: Lifecycle) -> Frame:
-        """The next heartbeat."""
+        """Return the next heartbeat frame, with the state `lifecycle`."""
         self._state.beats += 1
         return Frame(
             self._heartbeat.can_id, self._heartbeat.pack(int(self._state.beats), lifecycle, self.rate, self._session)
         )
 
     def safe(self) -> list[Frame]:
-        """Valve closed, motor off, heartbeat finalised."""
+        """Return the safe frames: valve closed, motor off, heartbeat with the state finalized."""
         self._state.cycle += 1
         counter = int(self._state.cycle) - 1
         valve = self._valve.pack(counter, 0, 0.0, max(self.sample_tick, 0) & 0xFFFF)
@@ -198,23 +203,23 @@ class ControllerNode:
         return [Frame(self._valve.can_id, valve), *motor, self.heartbeat(Lifecycle.FINALIZED)]
 
     def faults(self) -> FaultWatch:
-        """The faults so far: how many, and the first."""
+        """Return a FaultWatch with the number of faults so far, and the first."""
         faults = self.states["faults"][0]
         values = {parameter.name: parameter.value for parameter in self.parameters.values()}
         watch = FaultWatch([column.name for column in COLUMNS], self.rate, values)
-        watch.take(np.zeros((1, len(COLUMNS))))  # before it there was none
+        watch.take(np.zeros((1, len(COLUMNS))))  # a row without a fault before the first
         if faults["count"]:
             watch.take(np.array([faults["first"].item()]))
             watch.count = int(faults["count"])
         return watch
 
     def row(self) -> tuple[float, ...]:
-        """The record of the last cycle, in the order of COLUMNS."""
+        """Return the record of the last cycle, in the order of COLUMNS."""
         return tuple(self.record.tolist())
 
     @property
     def late_cycles(self) -> int:
-        """Set by the service, for CONTROLLER_STATUS."""
+        """Number of late cycles, set by the service for CONTROLLER_STATUS."""
         return int(self.states["late_cycles"][0])
 
     @late_cycles.setter
@@ -223,17 +228,18 @@ class ControllerNode:
 
     @property
     def sample_tick(self) -> int:
-        """Unwrapped number of the last sample; -1 before the first."""
+        """Number of the last sample (unwrapped); -1 before the first."""
         return int(self._state.sample.tick)
 
     def reception_counts(self) -> dict[str, dict[str, int]]:
-        """Counts of `protocols.can.reception.Reception` by frame name."""
+        """Return the counts of `protocols.can.reception.Reception` by frame name."""
         return {
             codec.name: read_counts(row)
             for codec, row in zip(self._codecs.values(), self.states["receptions"][0], strict=False)
         }
 
     def _configure(self, parameters: ParameterSet) -> None:
+        """Fill the settings that depend on parameters."""
         settings = self.settings.view(np.recarray)[0]
         phases = parameters.si("phases")
         contact = {"contact_pressure": parameters["model.contact_pressure"].si}
@@ -257,7 +263,7 @@ class ControllerNode:
         settings.pressure_limit = parameters["torque.pressure_limit"].value  # bar
 
     def _refusal(self, why: Refusal) -> str:
-        """What an unusable bus said, in a sentence."""
+        """Return the message for a refused frame."""
         can_id, value = int(self._state.refused_id), float(self._state.refused_value)
         settings = self.settings[0]
         if why is Refusal.SECOND_CONTROLLER:

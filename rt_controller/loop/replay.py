@@ -1,10 +1,10 @@
-"""Replay: a recorded bus log through the controller again, bit by bit the same wherever it is played.
+"""Replay of a recorded bus log through the controller; the answers are equal to the bit on every computer.
 
-Method          a cycle for each sample, with the frames that came since the one before: what a controller in lock-step sees, at
-                whatever pace the log was made. The controller's own frames in the log are not heard, but compared with
-What counts     the digest is the SHA-256 of identifiers and payloads of VALVE_COMMAND, MOTOR_COMMAND and CONTROLLER_STATUS, in
-                the order in which they are sent; heartbeats carry the session's number and are left out
-Assumptions     parameters and law are those of the controller that made the log, where answers are to be the same
+Method          one cycle for each sample, with all frames since the sample before, as in lock-step. The pace of the log has no
+                effect. Frames of the controller in the log are not given to the controller, but compared with its answers
+Digest          SHA-256 of identifiers and payloads of VALVE_COMMAND, MOTOR_COMMAND and CONTROLLER_STATUS in the order of
+                sending. Heartbeats are excluded, as they contain the session number
+Assumptions     for equal answers, parameters and law are those of the controller in the log
 """
 
 import hashlib
@@ -25,15 +25,15 @@ from protocols.realtime.child import clutch_hil, spawn
 from rt_controller.loop.node import ControllerNode
 
 _COMPARED_FRAMES = ("VALVE_COMMAND", "MOTOR_COMMAND", "CONTROLLER_STATUS")
-_FRAMES_BEFORE_START = 64  # frames before the first sample that its cycle still sees (service)
-_START_TIMEOUT = 30.0  # s for a controller to come up
-_ANSWER_TIMEOUT = 5.0  # s for it to answer, and to end
-_LAST_COUNTER = 7  # counter of a heartbeat that follows none
+_FRAMES_BEFORE_START = 64  # frames before the first sample that its cycle still receives, as in service.py
+_START_TIMEOUT = 30.0  # s for the start of a controller process
+_ANSWER_TIMEOUT = 5.0  # s for an answer of the process, and for its end
+_LAST_COUNTER = 7  # alive counter of the final heartbeat, which ends the controller process
 
 
 @dataclass
 class Answers:
-    """What a controller said: `cycles`, `equal` of the `logged` valve commands that were the same, the digest."""
+    """Answers of a controller: number of `cycles`; `logged` valve commands, and how many are `equal`; `seconds`; digest."""
 
     cycles: int = 0
     logged: int = 0
@@ -42,19 +42,22 @@ class Answers:
     _digest: Any = field(default_factory=hashlib.sha256)
 
     def add(self, frames: list[Frame]) -> None:
-        """The frames that count of one cycle."""
+        """Add the compared frames of one cycle."""
         self.cycles += 1
         for can_id, data in frames:
             self._digest.update(can_id.to_bytes(2, "little") + data)
 
     @property
     def digest(self) -> str:
-        """SHA-256 of all that was said, in hexadecimal digits."""
+        """SHA-256 of all answers, in hexadecimal digits."""
         return str(self._digest.hexdigest())
 
 
 class Log:
-    """Samples of a log and what was answered then. Raises InputError for a file that is no log of this bench."""
+    """Samples of a log and the valve commands that answered them. Raises InputError for a file that is no log of the bench.
+
+    rate [Hz]; `samples`: frames by sample; `answers`: payloads by index of the sample; `seconds`: duration of the log.
+    """
 
     def __init__(self, path: Path) -> None:
         codecs = load_frames()
@@ -65,7 +68,7 @@ class Log:
         heartbeat = codecs["PLANT_HEARTBEAT"]
         self.rate = 0
         self.samples: list[list[Frame]] = []
-        self.answers: dict[int, bytes] = {}  # of valve commands, by index of their sample
+        self.answers: dict[int, bytes] = {}  # payload of the valve command by index of its sample
         self.seconds = 0.0
         ticks: dict[int, int] = {}
         inbox: list[Frame] = []
@@ -101,17 +104,18 @@ class Log:
 
 
 def _messages(path: Path) -> Iterator[can.Message]:
+    """Yield the messages of a log. Raises InputError when it cannot be read."""
     try:
         with can.LogReader(path) as reader:
             yield from reader
     except FileNotFoundError:
         raise InputError(f"log {path} does not exist") from None
-    except Exception as error:  # each reader raises its own
+    except Exception as error:  # each reader has exception types of its own
         raise InputError(f"log {path} cannot be read: {' '.join(str(error).split())}") from None
 
 
 def answer_log(log: Log, node: ControllerNode) -> Answers:
-    """The answers of a controller in this process."""
+    """Run a log through a controller in this process; return its answers."""
     compared_ids = {load_frames()[name].can_id for name in _COMPARED_FRAMES}
     answers, began = Answers(), time.perf_counter()
     for index, inbox in enumerate(log.samples):
@@ -122,7 +126,10 @@ def answer_log(log: Log, node: ControllerNode) -> Answers:
 
 
 def answer_log_on_bus(bus: str, log: Log, arguments: list[str]) -> Answers:
-    """The answers of a controller process on a bus, in lock-step. Raises InputError when it ends or stays silent."""
+    """Run a log through a controller process on a bus, in lock-step; return its answers.
+
+    `arguments` are options of `clutch-hil controller`. Raises InputError when the process ends or does not answer.
+    """
     frames = load_frames()
     compared_ids, valve_id = {frames[name].can_id for name in _COMPARED_FRAMES}, frames["VALVE_COMMAND"].can_id
     heartbeat = frames["CONTROLLER_HEARTBEAT"]
@@ -157,6 +164,7 @@ def answer_log_on_bus(bus: str, log: Log, arguments: list[str]) -> Answers:
 
 
 def _await_heartbeat(port: Port, heartbeat_id: int, process: Any) -> None:
+    """Wait for the first heartbeat of a process. Raises InputError when it ends before, or takes too long."""
     end = time.monotonic() + _START_TIMEOUT
     while True:
         if port.wait(0.1) and any(frame.can_id == heartbeat_id for frame in port.receive()):
@@ -166,6 +174,7 @@ def _await_heartbeat(port: Port, heartbeat_id: int, process: Any) -> None:
 
 
 def _add_answer(answers: Answers, log: Log, index: int, frames: list[Frame]) -> None:
+    """Add the answer to sample `index`, and compare its valve command, the last frame, with the log."""
     answers.add(frames)
     if index in log.answers:
         answers.logged += 1

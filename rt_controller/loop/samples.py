@@ -1,4 +1,4 @@
-"""Samples: the plant's frames as they come on a port; a sample ends with its ENCODER frame."""
+"""Samples: frames of the plant as they arrive on a port; a sample ends with its ENCODER frame."""
 
 import time
 from collections.abc import Mapping, Sequence
@@ -12,14 +12,14 @@ from protocols.can.lifecycle import Lifecycle
 
 
 class Samples:
-    """What a controller waits for: frames in `line.inbox`, where they stay until `line.clear()`."""
+    """Waits for samples; their frames stay in `line.inbox` until `line.clear()`."""
 
     def __init__(self, line: Exchange, frames: Mapping[str, FrameCodec]) -> None:
         self.line = line
         self._plant = frames["PLANT_HEARTBEAT"]
 
     def next(self, timeout: float) -> bool:
-        """Wait for the next complete sample, the plant's end or `timeout` [s]; whether a sample is complete."""
+        """Wait for the next complete sample, the end of the plant or `timeout` [s]; return whether a sample is complete."""
         line, marks = self.line, self.line.marks
         end = time.monotonic() + timeout
         remaining = timeout
@@ -33,12 +33,12 @@ class Samples:
                 return False
 
     def arrived_ns(self) -> int:
-        """When the last sample was complete [ns of CLOCK_MONOTONIC]: by the frame's stamp."""
+        """Return when the last sample was complete [ns of CLOCK_MONOTONIC], from the time stamp of its frame."""
         now = time.monotonic_ns()
         return now - max(time.time_ns() - self.line.marked_ns, 0)
 
     def plant_ended(self, since: int = 0) -> bool:
-        """Whether the plant says, among the frames from number `since` on, that it ends."""
+        """Whether a heartbeat says that the plant has ended, among the frames of the inbox from index `since` on."""
         codec, inbox = self._plant, self.line.inbox
         received = inbox[since : self.line.count]
         heartbeats = received[received["can_id"] == codec.can_id]
@@ -46,9 +46,10 @@ class Samples:
 
 
 def usual_arrival(arrivals_ns: Sequence[int], period_ns: int) -> int:
-    """When the last of some samples would have come, had it been as late as most are [ns]: a stall of the machine is no grid.
+    """Return when the last sample would have arrived [ns] with the mean phase of all: so one late sample has little effect.
 
-    The circular mean of where in a period they arrive; Mardia and Jupp 2000, Directional Statistics, eq. 2.2.4.
+    The mean phase is the circular mean of the arrivals within a period; Mardia and Jupp 2000, Directional Statistics, eq.
+    2.2.4.
     """
     arrivals = np.array(arrivals_ns)
     turns = (arrivals - arrivals[-1]) % period_ns / period_ns

@@ -1,4 +1,4 @@
-"""The controller as a process: a bus, a clock, a ring, and the safe command whatever ends it."""
+"""The controller as a process with a bus, a clock and a telemetry ring. It always ends with the safe command."""
 
 import time
 from collections.abc import Callable
@@ -26,21 +26,23 @@ from rt_controller.loop.samples import Samples, usual_arrival
 from rt_controller.loop.trigger import Trigger, trigger
 from rt_controller.loop.turn import Turn, warm
 
-_SILENCE_TIMEOUT = 5.0  # s without a sample after which lock-step gives up: the plant has died
-_WARM_UP_TIME = 0.05  # s at the plant's pace before the clock is set: caches are warm then, the plant's grid is steady
+_SILENCE_TIMEOUT = 5.0  # s without a sample in lock-step after which the plant counts as dead
+_WARM_UP_TIME = 0.05  # s of cycles before the clock is set: then caches are warm and the plant's grid is steady
 # Frames before the first sample that its cycle still receives. More are dropped: a supervisor may send long before the plant
 _FRAMES_BEFORE_START = 64
 # Hz. Up to this rate a controller on the plant's CPU interrupts the plant: it answers 7 us earlier, and the plant loses 90 us.
 # At higher rates the plant would be late by these 90 us
 _HIGHEST_RATE_AT_ONCE = 1000
-_SAFE_REPEATS = 3  # the safe command is sent in this many cycles: one frame may be lost
+_SAFE_REPEATS = 3  # cycles in which the safe command is sent: a frame may be lost
 
 
 @dataclass(frozen=True)
 class ControllerService:
-    """Settings of a controller process. rate [Hz]; `ring`, `telemetry` and `router` as of `Outlet`, `clutch` of the node.
+    """Settings of a controller process.
 
-    `trigger` is one of trigger.TRIGGERS, `overrun` of overrun.POLICIES; the last `spin_us` before a slot of a grid may be spun.
+    rate [Hz]. `ring`, `telemetry` and `router` are those of `Outlet`; `parameters_file`, `law`, `adaptation` and `clutch`
+    those of `ControllerNode`. `cpu` is the number of the CPU to run on. `trigger` is one of trigger.TRIGGERS, `overrun` one of
+    overrun.POLICIES. The process may wait actively for the last `spin_us` [us] before a slot of a grid.
     """
 
     bus: str
@@ -60,34 +62,36 @@ class ControllerService:
 
     @property
     def name(self) -> str:
-        """In telemetry: a controller alone and clutch a's are `controller`, so that every viewer shows them."""
+        """Name in telemetry: `controller_b` for clutch b, otherwise `controller`, which every viewer shows."""
         return "controller_b" if self.clutch == "b" else "controller"
 
     @property
     def priority(self) -> int:
-        """Of SCHED_FIFO. Begun by its samples, it answers one before the plant, on the same CPU, goes on: at once.
+        """Priority of SCHED_FIFO, relative to a plant on the same CPU.
 
-        At a high rate, where each of a sample's frames waking it takes a third of the period, it answers when the plant rests:
-        woken once. On a grid the plant goes first, too: after a stall of the machine, when both are late, its samples are there
-        before the controller looks for them.
+        With the trigger `bus` the controller has the higher one: it answers a sample at once. At a high rate it has the lower
+        one: there each frame of a sample would wake it, which takes a third of the period. So it wakes once, when the plant
+        sleeps. On a grid it has the lower one, too: when both are late, the samples are there before the controller looks for
+        them.
         """
         at_once = self.trigger == "bus" and self.rate <= _HIGHEST_RATE_AT_ONCE
         return realtime.PRIORITY + (1 if at_once else -1)
 
     @staticmethod
     def warm() -> None:
-        """Compile, or load from disk, all that a controller runs. Before its signals are those of `Stop`: this can be ended."""
+        """Compile, or load from disk, all kernels of a controller. Before `run`, so that SIGINT ends the process at once."""
         warm(ControllerNode())
         compile_record_cycle()
 
     def run(self, ready: Callable[[str], None]) -> dict[str, Any]:
-        """Serve until SIGTERM, SIGINT or, in lock-step, the plant's end; return the summary.
+        """Run until SIGTERM, SIGINT or, in lock-step, the end of the plant; return the summary.
 
-        Raises InputError for a bad bus, a second controller, another rate or protocol; the actuators are safe then.
+        `ready` is called with each message for the user. Raises InputError for an unusable bus, a second controller, another
+        rate or another protocol; the safe command is sent before.
         """
         session, make_trigger = new_session(), trigger(self.trigger)
         node = ControllerNode(self.rate, self.parameters_file, self.law, self.adaptation, session, self.clutch)
-        parameters = node.parameters.as_values()  # at the start; changes are told apart
+        parameters = node.parameters.as_values()  # at the start; changes are reported separately
         period = 1_000_000_000 // self.rate
         clock = Clock(period, choose_waiting(self.spin_us, period), overrun_policy(self.overrun))
         with Stop() as stop, open_bus(self.bus, node.received_ids) as port:
@@ -120,7 +124,7 @@ class ControllerService:
             finally:
                 closed = _send_safe_commands(node, port, 1.0 / self.rate)
                 realtime.relax()
-                port.close()  # nobody reads it while the telemetry ends: its queue would fill up, and refuse the plant's frames
+                port.close()  # else its queue fills up while the telemetry ends, and the plant cannot send
                 published = outlet.close()
         faults = node.faults()
         return {
@@ -142,7 +146,7 @@ class ControllerService:
         }
 
     def _await_plant(self, node: ControllerNode, samples: Samples, outlet: Outlet, stop: Stop) -> None:
-        """Say "active" every 50 ms until the plant's first sample is complete; leave its frames in the inbox."""
+        """Send the heartbeat "active" every 50 ms until the first sample is complete; its frames stay in the inbox."""
         line, complete = samples.line, False
         inbox: list[Frame] = []
         while not (stop.asked or complete):
@@ -154,7 +158,7 @@ class ControllerService:
         line.count = load(line.inbox, inbox)
 
     def _warm_up(self, node: ControllerNode, turn: Turn, outlet: Outlet, cycle_trigger: Trigger) -> None:
-        """Some cycles at the plant's pace, which are not in the timing; then the trigger's grid is set."""
+        """Run cycles at the pace of the plant, without timing; then set the grid of the trigger."""
         arrivals = []
         for _ in range(max(1, round(_WARM_UP_TIME * self.rate))):
             self._cycle(node, turn, outlet)
@@ -166,7 +170,7 @@ class ControllerService:
     def _real_time(
         self, node: ControllerNode, outlet: Outlet, beat: Beat, cycle_trigger: Trigger, stop: Stop
     ) -> dict[str, int]:
-        """Cycles as the trigger runs them; return what it took from the system."""
+        """Run cycles by the trigger until a stop; return the use of system resources (`Footprint`)."""
         clock = beat.clock
         measured = Footprint()
         while not stop.asked:
@@ -183,7 +187,7 @@ class ControllerService:
         return measured.summary()
 
     def _lockstep(self, turn: Turn, outlet: Outlet, beat: Beat, stop: Stop) -> None:
-        """Answer each complete sample at once; end when the plant says it ends."""
+        """Answer each complete sample at once, until the plant ends. Raises InputError when no sample comes."""
         samples = turn.samples
         while not stop.asked:
             written, complete = turn.answer_in_step(beat, outlet.changes)
@@ -199,14 +203,14 @@ class ControllerService:
             )
 
     def _cycle(self, node: ControllerNode, turn: Turn, outlet: Outlet) -> None:
-        """A cycle that is not timed."""
+        """Run a cycle without timing."""
         turn.answer(1)
         outlet.write(node.record, time.monotonic(), 0.0, 0.0, 0)
         outlet.tune()
 
 
 def _send_safe_commands(node: ControllerNode, port: Port, period: float) -> bool:
-    """Send the safe frames in a few cycles of `period` [s]; whether every one of some cycle has left."""
+    """Send the safe frames in some cycles of `period` [s]; return whether all frames of at least one cycle were sent."""
     all_sent = False
     for _ in range(_SAFE_REPEATS):
         before = port.refused + port.down
@@ -214,7 +218,7 @@ def _send_safe_commands(node: ControllerNode, port: Port, period: float) -> bool
             for frame in node.safe():
                 port.send(frame)
             all_sent = all_sent or port.refused + port.down == before
-        except OSError:  # the bus is gone: nothing can be sent, the rig's own watchdog closes the valve
+        except OSError:  # the bus is gone: the watchdog of the rig closes the valve
             break
         time.sleep(period)
     return all_sent

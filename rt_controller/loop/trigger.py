@@ -1,12 +1,12 @@
-"""Trigger: what begins a control cycle.
+"""Trigger: the event that starts a control cycle.
 
-clock   an absolute grid, half a period after the first sample: with a plant on this machine the phase stays, both clocks
-        being CLOCK_MONOTONIC; with a real rig it drifts by the difference of two crystals
-bus     the sample itself: lowest latency; a slot whose sample has not come half a period after it was due runs without one
-pll     a grid that follows the samples' arrival, a quarter of a period behind it: no drift, and no jitter of the bus
-        (`phase_lock.py`)
+clock   an absolute time grid, half a period after the first sample. With a plant on this computer the phase is constant, as
+        both use CLOCK_MONOTONIC; with a real rig it drifts by the difference of two crystals
+bus     the arrival of the sample: lowest latency. When a sample is late by half a period, the cycle runs without it
+pll     a time grid that follows the arrival of the samples, a quarter of a period behind: no drift, and little jitter of the
+        bus (`phase_lock.py`)
 
-Assumptions     sample times are a grid of nearly our period; stamps of frames are CLOCK_REALTIME
+Assumptions     the samples have nearly the period of the controller; time stamps of frames are CLOCK_REALTIME
 """
 
 from collections.abc import Callable
@@ -21,23 +21,23 @@ from rt_controller.loop.turn import Turn
 
 
 class Trigger(Protocol):
-    """Runs cycles, each in a slot of `clock`."""
+    """Starts cycles, each in a slot of `clock`."""
 
     clock: Clock
 
     def start(self, arrived_ns: int) -> None:
-        """The last sample was complete at `arrived_ns` of CLOCK_MONOTONIC; its cycle has been run."""
+        """Set the grid. The last sample was complete at `arrived_ns` [ns of CLOCK_MONOTONIC], and its cycle is done."""
 
     def run(self, changes: int) -> int:
-        """Wait for the next cycle and run it, and so on for some; all rows but the last are recorded (`Beat.record_cycle`).
+        """Wait for the next cycle and run it; repeat some times. All rows but the last are recorded (`Beat.record_cycle`).
 
-        Returns how many slots were left out before the last.
+        Returns the number of missed slots before the last cycle.
         """
         ...
 
 
 class ClockTrigger:
-    """On an absolute grid."""
+    """Starts cycles on an absolute time grid."""
 
     def __init__(self, beat: Beat, turn: Turn) -> None:
         self.clock, self._turn, self._beat = beat.clock, turn, beat
@@ -52,7 +52,7 @@ class ClockTrigger:
 
 
 class BusTrigger:
-    """When a sample comes, or half a period after it was due."""
+    """Starts a cycle when a sample arrives, or half a period after its time."""
 
     def __init__(self, beat: Beat, turn: Turn) -> None:
         self.clock, self._turn, self._beat = beat.clock, turn, beat
@@ -67,7 +67,7 @@ class BusTrigger:
 
 
 class PllTrigger:
-    """On a grid that follows the samples."""
+    """Starts cycles on a time grid that follows the samples."""
 
     def __init__(self, beat: Beat, turn: Turn) -> None:
         self.clock, self._turn, self._beat = beat.clock, turn, beat
@@ -88,7 +88,7 @@ TRIGGERS: dict[str, Callable[[Beat, Turn], Trigger]] = {
 
 
 def trigger(name: str) -> Callable[[Beat, Turn], Trigger]:
-    """The trigger of that name, to be made of a beat and turns. Raises InputError."""
+    """Return the class of the trigger `name`. Raises InputError for an unknown name."""
     if name not in TRIGGERS:
         raise InputError(f"trigger {name!r} is unknown; allowed are {listing(TRIGGERS)}")
     return TRIGGERS[name]

@@ -1,6 +1,7 @@
-"""Turn: frames in, a cycle, frames out, in one compiled call; the slot or the sample waited for in it, too.
+"""Turn of the controller: one compiled call waits for a slot or a sample, receives, runs a cycle and sends.
 
-Nothing of Python runs between a sample and its answer: after a sleep caches are cold, and an interpreter needs much of them.
+No Python code runs between a sample and its answer: after a sleep the CPU caches are cold, and an interpreter needs much
+memory.
 """
 
 from math import floor
@@ -27,28 +28,29 @@ from rt_controller.loop.node import ControllerNode
 from rt_controller.loop.phase_lock import follow
 from rt_controller.loop.samples import Samples
 
-_SAMPLE_WAIT = 200_000_000  # ns that compiled code waits for a sample in lock-step; then Python looks
-# Of the last turn: frames in the inbox, slots since the one before, when it woke, when its sample was there, and until when it
-# would have been waited for [ns of CLOCK_MONOTONIC], frames sent, or minus the Refusal, where sending them ended
+_SAMPLE_WAIT = 200_000_000  # ns of waiting for a sample in lock-step, after which Python checks for a stop request
+# The last turn: count: frames in the inbox; slots: since the turn before; woken, arrived, patience: time of wake-up, arrival
+# of the sample and end of waiting for it [ns of CLOCK_MONOTONIC]; sent: frames sent, or minus the Refusal; position: where
+# sending ended
 _TURN = np.dtype([(name, "i8") for name in ("count", "slots", "woken", "arrived", "patience", "sent", "position")])
-GRID = np.zeros(0)  # drift of a grid that follows nothing
+GRID = np.zeros(0)  # drift of an absolute grid: no value
 
 
 class Turn:
-    """Turns of `node` on the line of `samples`."""
+    """Turns of `node` on the bus line of `samples`."""
 
     def __init__(self, samples: Samples, node: ControllerNode) -> None:
         self.samples, self.node = samples, node
         self._turns = np.zeros(1, _TURN)
-        # an element of a memory view is read ten times as fast as a field of a record
+        # Reading an element of a memory view is ten times as fast as reading a field of a record
         views = [self._turns[name].data for name in _TURN.names or ()]
         self._count, self._slots, self._woken, self._arrived, self._patience, self._sent, self._position = views
         warm(node)
 
     def answer(self, slots: int) -> bool:
-        """Take the frames that wait, run the cycle `slots` periods after the last one, send its frames.
+        """Receive the waiting frames, run the cycle `slots` periods after the last one, send its frames.
 
-        Returns whether a sample is complete by them. Raises InputError as `ControllerNode.cycle`.
+        Returns whether they complete a sample. Raises InputError as `ControllerNode.cycle`.
         """
         line, node = self.samples.line, self.node
         marks, first = line.marks, line.count
@@ -59,10 +61,10 @@ class Turn:
         return complete
 
     def answer_slots(self, beat: Beat, changes: int, drifts: np.ndarray = GRID) -> int:
-        """Wait for the next slot, then the same, and so on, `beat.most` times at most; rows but the last are booked.
+        """Wait for the next slot and do a turn as `answer`; repeat, at most `beat.most` times.
 
-        `drifts` is that of a grid which follows the samples (`phase_lock.follow`). Returns the slots slept through before the
-        last.
+        All rows but the last are recorded. `drifts` is the state of a grid that follows the samples (`phase_lock.follow`),
+        empty for an absolute grid. Returns the number of missed slots before the last turn.
         """
         line, node = self.samples.line, self.node
         line.refresh()
@@ -81,9 +83,9 @@ class Turn:
         return missed
 
     def answer_samples(self, beat: Beat, changes: int) -> int:
-        """Wait for the next sample until half a period after it is due, run its cycle, and so on, as `answer_slots` does.
+        """Wait for the next sample and do its turn; repeat, at most `beat.most` times. See `answer_slots`.
 
-        A slot whose sample has not come by then has its cycle without one.
+        If a sample is late by half a period, the cycle runs without it.
         """
         line, node, patience = self.samples.line, self.node, 0
         while True:
@@ -99,13 +101,14 @@ class Turn:
             if slots:
                 self._finish()
                 return slots - 1
-            line.accept(self._count[0], first)  # somebody has come, or gone
+            line.accept(self._count[0], first)  # a participant has joined or left the bus
             patience = self._patience[0]
 
     def answer_in_step(self, beat: Beat, changes: int) -> tuple[bool, bool]:
-        """The same for a sample that is complete, wait for the next one, and so on, `beat.most` times at most.
+        """Answer a complete sample and wait for the next one; repeat, at most `beat.most` times.
 
-        Rows but the last are in the ring; returns whether the last is, and whether the sample after it is complete.
+        All rows but the last are written to the ring. Returns whether the last row is written, too, and whether the next sample
+        is complete.
         """
         line, node = self.samples.line, self.node
         line.refresh()
@@ -121,14 +124,14 @@ class Turn:
         return bool(waited), line.marks > marks
 
     def _finish(self) -> None:
-        """What the compiled call leaves to do: of the frames it has sent, then of those used."""
+        """Do what the compiled call leaves: finish sending, then discard the used frames. Raises InputError for a Refusal."""
         line, node = self.samples.line, self.node
         line.finish_send(node.outbox, node.check_sent(self._sent[0]), self._position[0])
         line.discard_used(self._count[0])
 
 
 def warm(node: ControllerNode) -> None:
-    """Compile, or load from disk, the turns of a node: now, not in the loop; nothing is taken or sent."""
+    """Compile, or load from disk, the turns of a node before the loop starts. No frames are received or sent."""
     copy, inbox, turns = ControllerMemory(*(part.copy() for part in node.memory)), batch(1), np.zeros(1, _TURN)
     lines, beat = empty_lines(), Beat(Clock(1000)).memory
     answer(lines, inbox, 0, 1, copy, turns)
@@ -140,11 +143,14 @@ def warm(node: ControllerNode) -> None:
 
 @njit
 def choose_slot(before: Any, period: Any, arrived: Any, at: Any, patience: Any, extended: Any) -> tuple[int, int, int]:
-    """What begins `at`, where a sample `came`, or none (0): slots since the one at `before`, the last one's time, new patience.
+    """Decide at the time `at` which slot begins; return slots since `before`, the time of the slot, and the end of waiting.
 
-    No slots: go on waiting. A sample of the slot before, which has gone without it, begins nothing; a slot without a sample
-    begins at `patience`, unless the machine stood still, and the plant with it: its frames are on the way, and waited for
-    `anew`, once. All ns of one clock.
+    `before` is the time of the last slot; `arrived` is the arrival of a sample, 0 without one; `patience` is the end of
+    waiting. All times are ns of one clock. With 0 slots the wait goes on.
+
+    A late sample of the last slot, whose cycle ran without it, begins no slot. Without a sample a slot begins at `patience`. If
+    this time is exceeded by half a period, the computer has stopped, and the plant with it: its frames may be on the way. Then
+    the wait is extended, once (`extended`).
     """
     if arrived > 0:
         return slots_since(before, arrived, at, period), arrived, patience
@@ -158,9 +164,9 @@ def choose_slot(before: Any, period: Any, arrived: Any, at: Any, patience: Any, 
 
 @njit
 def slots_since(before_ns: Any, arrived_ns: Any, now_ns: Any, period_ns: Any) -> Any:
-    """Slots of `period_ns` from the one at `before_ns` to that of a sample which `arrived_ns` and is seen `now_ns`.
+    """Return the slots of `period_ns` from `before_ns` to a sample that arrived at `arrived_ns`; `now_ns` is the present time.
 
-    0 where it is of the slot before: less than half a period is over. All of one clock.
+    It is 0 for a sample of the last slot, less than half a period ago. All times are of one clock.
     """
     if now_ns - before_ns < period_ns // 2:
         return 0
@@ -169,7 +175,10 @@ def slots_since(before_ns: Any, arrived_ns: Any, now_ns: Any, period_ns: Any) ->
 
 @njit(cache=True, nogil=True)
 def answer(lines: Any, inbox: Any, count: Any, slots: Any, node: Any, turns: Any) -> None:
-    """See `Turn.answer`; `count` frames are in the inbox, `node` is a ControllerMemory, `turns` (1,) of _TURN is filled."""
+    """Do one turn, see `Turn.answer`, and fill `turns` (1,) of _TURN.
+
+    `count` frames are in `inbox` already; `node` is a ControllerMemory.
+    """
     turn = turns[0]
     turn.count, turn.slots = gather(lines, 0, inbox, count, count), slots
     turn.sent = cycle(node.states, node.settings, inbox, turn.count, slots, node.outbox)
@@ -180,9 +189,10 @@ def answer(lines: Any, inbox: Any, count: Any, slots: Any, node: Any, turns: Any
 def answer_slots(
     beat: Any, lines: Any, inbox: Any, count: Any, node: Any, turns: Any, most: Any, changes: Any, drifts: Any
 ) -> tuple[int, int]:
-    """See `Turn.answer_slots`; returns what the last `beat.wait` did, and the turns made. `beat` is a BeatMemory.
+    """Do turns by slots, see `Turn.answer_slots`; return the result of the last `beat.wait`, and the number of turns.
 
-    Up to one after which something is left to Python: a refusal, somebody who has come, gone or asked.
+    `beat` is a BeatMemory. It also ends when Python has something to do: a frame is refused, a participant joins or leaves the
+    bus, a request arrives.
     """
     turn, line, clock, runs = turns[0], lines[0], beat.clocks[0], 0
     while True:
@@ -204,10 +214,10 @@ def answer_slots(
 def answer_samples(
     beat: Any, lines: Any, inbox: Any, count: Any, node: Any, turns: Any, most: Any, changes: Any, patience: Any
 ) -> int:
-    """See `Turn.answer_samples`; returns the turns made. `patience` [ns of CLOCK_MONOTONIC] is that of the first; 0: the usual.
+    """Do turns by samples, see `Turn.answer_samples`; return the number of turns.
 
-    Up to one after which something is left to Python, as of `answer_slots`; in a last one that has not been made, as somebody
-    has come or gone, `slots` is 0.
+    `patience` [ns of CLOCK_MONOTONIC] is the end of waiting for the first sample, 0 for the usual one. It also ends when Python
+    has something to do, as `answer_slots` does. If a participant joins or leaves during a wait, `slots` of the turn is 0.
     """
     turn, line, clock, runs = turns[0], lines[0], beat.clocks[0], 0
     while True:
@@ -231,9 +241,10 @@ def answer_samples(
 def answer_in_step(
     beat: Any, lines: Any, inbox: Any, count: Any, node: Any, turns: Any, most: Any, changes: Any
 ) -> tuple[int, bool, int]:
-    """See `Turn.answer_in_step`; returns the turns made, whether it ended waiting, and marked frames up to the last answer.
+    """Do turns in lock-step, see `Turn.answer_in_step`.
 
-    Up to one after which something is left to Python, as of `answer_slots`.
+    Returns the number of turns, whether it ended in a wait, and the number of marked frames up to the last answer. It also ends
+    when Python has something to do, as `answer_slots` does.
     """
     turn, line, known, runs = turns[0], lines[0], count, 0
     while True:
@@ -251,7 +262,7 @@ def answer_in_step(
 
 @njit
 def _await_sample(lines, inbox, count, turn, before, period):
-    """Wait for a sample, or until the turn's patience: `slots` since the one at `before`, 0 where somebody has come or gone."""
+    """Wait for a sample or until the turn's `patience`; set its `slots` since `before`, 0 if a participant joins or leaves."""
     line = lines[0]
     turn.slots, turn.count, turn.woken = 0, count, now(CLOCK_MONOTONIC, line.time)
     patience = turn.patience
@@ -269,5 +280,5 @@ def _await_sample(lines, inbox, count, turn, before, period):
 
 @njit
 def _find_arrival(line, at):
-    """When the last sample was complete, seen from `at`, which is now [ns of CLOCK_MONOTONIC]: by the frame's stamp."""
+    """Return when the last sample was complete, from its time stamp; `at` is the present time [ns of CLOCK_MONOTONIC]."""
     return at - max(now(CLOCK_REALTIME, line.time) - line.marked_ns, 0)

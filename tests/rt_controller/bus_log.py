@@ -1,4 +1,4 @@
-"""A log of plant and controller in lock-step, made in one process: the same frames on every machine."""
+"""Writes a bus log of plant and controller in lock-step from one process: the frames are equal on every computer."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from protocols.node import node_factory
 
 
 def write_log(path: Path, seconds: float) -> None:
-    """Write what is on the bus while `engagement` is played for some seconds."""
+    """Write the frames of the first `seconds` [s] of the profile `engagement` to a log."""
     plant, controller = PlantNode(profile=load_profile("engagement", seconds)), node_factory("controller")()
     inbox: list[Frame] = []
     with can.Logger(path) as log:

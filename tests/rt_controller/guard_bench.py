@@ -1,4 +1,4 @@
-"""A guard and its bus, frames made by cantools and the CRC of the e2e library."""
+"""Test bench of the guard: frames are encoded by cantools, with the CRC of the e2e library."""
 
 from functools import lru_cache
 from types import ModuleType
@@ -27,7 +27,7 @@ IDLE, ENGAGE, RELEASE = range(3)
 
 @lru_cache(maxsize=4096)
 def encode(name: str, counter: int, signals: tuple[tuple[str, int], ...]) -> bytes:
-    """A frame made by cantools from raw values, with the CRC of the e2e library."""
+    """Return the payload of a frame with raw values, from cantools, with the CRC of the e2e library."""
     message = DATABASE.get_message_by_name(name)
     values = {signal.name: 0 for signal in message.signals} | dict(signals) | {"COUNTER": counter & 15}
     body = message.encode(values, scaling=False, strict=False)[1:]
@@ -46,7 +46,7 @@ def decode(name: str, data: bytes) -> Any:
 
 
 class Guard:
-    """The guard's functions on their records, frames as bytes."""
+    """The functions of a guard module on records of their own; frames are bytes."""
 
     def __init__(self, limits: ModuleType, offset: int = 0, **changed: float) -> None:
         self._module = limits
@@ -71,7 +71,7 @@ class Guard:
 
 
 class Bench:
-    """A guard and its bus."""
+    """A guard with frames of a bus."""
 
     def __init__(self, limits: ModuleType, **changed: float) -> None:
         self.guard = Guard(limits, **changed)
@@ -91,7 +91,7 @@ class Bench:
         self.send("ENCODER", SHAFT_ANGLE=self.angle, SAMPLE_TICK=self.tick)
 
     def cycle(self, pressure: int = 700, temperature: int = 717, turned: int = 500, ticks: int = 1) -> int:
-        """A cycle with a fresh sample."""
+        """Run a cycle with a new sample of raw values; return the finding."""
         self.analog(pressure, temperature)
         self.encoder(turned, ticks)
         return self.guard.cycle()

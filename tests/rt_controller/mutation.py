@@ -41,14 +41,14 @@ OPERATORS: dict[type[ast.operator], type[ast.operator]] = {
 
 
 class Mutant(NamedTuple):
-    """A changed tree and what was changed."""
+    """A changed syntax tree, and a label of the change."""
 
     label: str
     tree: ast.Module
 
 
 def constants(value: object) -> list[object]:
-    """What a constant may be mistaken for."""
+    """Return the values with which a mutant replaces a constant."""
     if isinstance(value, bool):
         return [not value]
     if isinstance(value, int):
@@ -61,7 +61,7 @@ def constants(value: object) -> list[object]:
 
 
 def changes(node: ast.AST) -> Iterator[tuple[str, Callable[[ast.AST], ast.AST]]]:
-    """Every way to change one node: a description, and a function that returns the changed node."""
+    """Yield all mutations of one node: a description, and a function that returns the changed node."""
 
     def assign(**fields: object) -> Callable[[ast.AST], ast.AST]:
         def apply(target: ast.AST) -> ast.AST:
@@ -91,12 +91,12 @@ def changes(node: ast.AST) -> Iterator[tuple[str, Callable[[ast.AST], ast.AST]]]
 
 
 def plain_source(module: ModuleType) -> str:
-    """Source of a module of compiled functions, to be interpreted: so a mutant needs no compiler."""
+    """Return the source of a module without compilation of its functions, so that a mutant needs no compiler."""
     return Path(str(module.__file__)).read_text().replace("@njit\n", "")
 
 
 def mutants(source: str) -> Iterator[Mutant]:
-    """Every mutant of a module, one change each."""
+    """Yield all mutants of a module, each with one change."""
     original = ast.parse(source)
     lines = source.splitlines()
     annotations = {
@@ -125,7 +125,7 @@ def _replace(tree: ast.AST, target: ast.AST, replacement: ast.AST) -> None:
 
 
 def load_mutant(tree: ast.Module) -> ModuleType:
-    """The mutant as a module. Whatever its source raises comes out."""
+    """Return the mutant as a module. All exceptions of its source are raised."""
     module = ModuleType(NAME)
     sys.modules[NAME] = module  # dataclasses look their module up
     try:
@@ -136,7 +136,7 @@ def load_mutant(tree: ast.Module) -> ModuleType:
 
 
 def checks(files: Sequence[str], argument: str) -> list[Callable[[ModuleType], None]]:
-    """The tests of files beside this one that take the module as their one `argument`."""
+    """Return the tests of files in this folder that have the module as their only `argument`."""
     return [check for file in files for check in _checks(file, argument)]
 
 
@@ -162,6 +162,6 @@ def is_killed(tree: ast.Module, by: list[Callable[[ModuleType], None]]) -> bool:
 
 
 def survivors(module: ModuleType, files: Sequence[str], argument: str) -> tuple[int, list[str]]:
-    """How many mutants of a module there are, and the labels of those that no check of `files` kills."""
+    """Return the number of mutants of a module, and the labels of those that no test of `files` kills."""
     population, by = list(mutants(plain_source(module))), checks(files, argument)
     return len(population), [mutant.label for mutant in population if not is_killed(mutant.tree, by)]

@@ -1,4 +1,4 @@
-"""Adaptation of the friction level, alone: what it learns, when it learns nothing, and where it remembers."""
+"""Adaptation of the friction level: what it learns, when it does not learn, and at which temperatures it keeps it."""
 
 from collections.abc import Iterator
 from math import exp, inf, sin
@@ -26,7 +26,7 @@ NOISE_LEVEL = 0.005  # of the level: 0.05 Nm of noise on 17 Nm over 1000 samples
 
 
 class LevelAdaptation:
-    """`adapt` on records of its own."""
+    """The function `adapt` with records of its own."""
 
     def __init__(self, settings: Any) -> None:
         self._state, self._settings = record(ADAPTATION, INITIAL_ADAPTATION), settings
@@ -35,7 +35,7 @@ class LevelAdaptation:
         adapt(self._state, self._settings, *data)
 
     def contents(self) -> dict[str, bytes]:
-        """Everything it has learnt, to the bit."""
+        """Return all learnt values, to the bit."""
         return {name: self._state[name].tobytes() for name in ADAPTATION.names or () if name != "active"}
 
     @property
@@ -60,7 +60,7 @@ def learn(
     varying: float = 0.0,
     **changed: float,
 ) -> None:
-    """Exact data of a clutch with this `level` and `viscous` correction; `varying` moves the viscous share."""
+    """Adapt to exact data of a clutch with this `level` and `viscous` correction; `varying` changes the viscous share."""
     for k in range(round(seconds / STEP)):
         v = VISCOUS * (1.0 + varying * sin(20.0 * k * STEP))
         observed = level * (COULOMB + v) + viscous * v
@@ -71,7 +71,7 @@ def learn(
 
 
 def look(adaptation: LevelAdaptation, temperature: float) -> float:
-    """The level at a temperature, without learning."""
+    """Return the level at a temperature, without learning."""
     adaptation.update(0.0, 0.0, 0.0, 0.0, 0.0, temperature, STEP, False)
     assert not adaptation.active
     return adaptation.level

@@ -1,4 +1,4 @@
-"""State of the plates by name. Each check takes the module, so that mutants can be put in its place
+"""State of the plates by name. Each test has the module as argument, so that it can run on mutants
 (test_state_mutation.py)."""
 
 from types import ModuleType

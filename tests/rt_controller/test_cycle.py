@@ -1,4 +1,4 @@
-"""The controller's cycle as one compiled call: on a batch as on objects, without an allocation, without the GIL."""
+"""The controller's cycle as one compiled call: the same answers for batches and objects, no memory allocation, no GIL."""
 
 import gc
 import threading
@@ -31,7 +31,7 @@ def sample(tick: int) -> list[Frame]:
 
 
 def _attributes(signal: np.void) -> Any:
-    """A SIGNAL whose fields are attributes, as compiled code sees it."""
+    """Return a SIGNAL with its fields as attributes, as in compiled code."""
     return record(signal.dtype, dict(zip(signal.dtype.names or (), signal.item(), strict=True)))
 
 
@@ -105,7 +105,7 @@ def test_a_cycle_allocates_nothing() -> None:
 
 
 def test_other_threads_run_during_a_cycle() -> None:
-    """A cycle on very many frames takes long; meanwhile somebody counts."""
+    """A cycle on very many frames takes long; another thread counts during it."""
     node = ControllerNode()
     frames = [frame for tick in range(1300) for frame in sample(tick)]
     inbox = batch(len(frames))

@@ -1,4 +1,4 @@
-"""The guard: what it finds, when, and what it lets pass. Each check takes the module, so that mutants can be put in its place
+"""The guard: its findings, and the commands that it passes. Each test has the module as argument, so that it can run on mutants
 (test_limits_mutation.py)."""
 
 import ast
@@ -32,7 +32,7 @@ def limits() -> ModuleType:
 
 
 def trip(limits: ModuleType) -> Bench:
-    """A guard that has found overpressure, the cause gone since."""
+    """Return the bench of a guard with latched overpressure, after the cause has gone."""
     bench = Bench(limits)
     for _ in range(CONFIRM):
         bench.cycle(pressure=1500)

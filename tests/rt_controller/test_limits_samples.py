@@ -1,5 +1,5 @@
-"""The guard: which frames are its own, and which samples it believes. Each check takes the module, so that mutants can be put
-in its place (test_limits_mutation.py)."""
+"""The guard: the frames that it checks, and the samples that it accepts. Each test has the module as argument, so that it can
+run on mutants (test_limits_mutation.py)."""
 
 import random
 from types import ModuleType
@@ -118,7 +118,7 @@ def test_before_the_first_sample_nothing_is_called_stale(limits: ModuleType) -> 
 
 
 def _ages(bench: Bench, spoil: Any) -> None:
-    """Six cycles of samples spoilt by `spoil(name, counter, signals)` are six cycles without one."""
+    """Check that six cycles of samples changed by `spoil(name, counter, signals)` count as cycles without a sample."""
     bench.cycle()
     for age in range(1, STALE + 2):
         for name, signals in (("ANALOG_SENSORS", {"CYLINDER_PRESSURE": 700}), ("ENCODER", {"SHAFT_ANGLE": 1000})):
@@ -172,7 +172,7 @@ def test_counters_of_frames_are_kept_apart(limits: ModuleType) -> None:
 
 
 def _short(length: int, counter: int) -> bytes:
-    """A frame of `length` bytes, right but for that."""
+    """Return a frame of `length` bytes that is correct except for its length."""
     body = bytes((counter & 15,)) + bytes(max(length - 2, 0))
     return (bytes((calculate_crc8(body[: max(length - 1, 0)]),)) + body)[:length]
 

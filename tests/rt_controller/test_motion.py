@@ -1,4 +1,4 @@
-"""Motion of the plates from the encoder. Each check takes the module, so that mutants can be put in its place
+"""Motion of the plates from the encoder. Each test has the module as argument, so that it can run on mutants
 (test_state_mutation.py)."""
 
 from types import ModuleType
@@ -23,7 +23,7 @@ def motion() -> ModuleType:
 
 
 class Plates:
-    """The module's `motion` on a record of its own."""
+    """The function `motion` of a module with a record of its own."""
 
     def __init__(self, module: ModuleType, **changed: float) -> None:
         self._module = module

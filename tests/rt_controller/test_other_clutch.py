@@ -1,4 +1,4 @@
-"""Two clutches on one motor: whether its torque is that of both, and what a locked one carries when the other is open."""
+"""Two clutches on one motor: torque balance of both, and torque of a locked clutch while the other is open."""
 
 from dataclasses import replace
 from functools import cache
@@ -38,19 +38,19 @@ IN_TIME = 0.12  # s: the dwell of 0.1 s and ten cycles of 500 Hz
 
 
 def encoder(counts: int, tick: int) -> int:
-    """The payload of ENCODER with the low bits of both."""
+    """Return the payload of ENCODER for a count and a tick, which wrap."""
     data = ENCODER.pack_raw(0, (counts + 2**31) % 2**32 - 2**31, tick % 2**16)
     return int.from_bytes(data, "little", signed=True)
 
 
 @cache
 def torque_settings() -> Any:
-    """TORQUE_SETTINGS of clutch a's controller."""
+    """Return TORQUE_SETTINGS of the controller of clutch a."""
     return ControllerNode(500, clutch="a").settings.view(np.recarray)[0].law.torque
 
 
 def other(estimate: float = 0.0, sticks: bool = False, acceleration: float = 0.0) -> Any:
-    """The other clutch, heard now."""
+    """Return OTHER with a status that has just arrived."""
     state = initial_other()
     take_other_encoder(state, encoder(0, 0), DEFINITION, PERIOD, 100.0)
     take_other_status(state, estimate, sticks)
@@ -62,7 +62,7 @@ def other(estimate: float = 0.0, sticks: bool = False, acceleration: float = 0.0
 def compute_mismatch(
     motor: float, own: float, its: Any, own_sticks: bool = False, capacity: float = 0.0, slip_rate: float = 0.0
 ) -> float:
-    """Mismatch [Nm] at a motor torque, an estimate and the other clutch."""
+    """Return the mismatch [Nm] for motor torque, own estimate [Nm] and the other clutch."""
     sample = record(SAMPLE, motor_torque=motor, acceleration=slip_rate)
     return float(pair_mismatch(its, PAIR, torque_settings(), own, capacity, own_sticks, sample))
 
@@ -135,7 +135,7 @@ def test_gears_must_differ() -> None:
 
 @cache
 def play_shift(scenario: str, changed: str = "", value: float = 0.0, at: float = 0.0) -> dict[str, np.ndarray]:
-    """Columns of a shift; of the controllers with the clutch's name at the end."""
+    """Simulate a shift; return its columns. Columns of a controller end with the name of its clutch."""
     case = load_scenario(scenario)
     if changed:
         case = replace(case, injections=(Injection({changed: value}, at=at),))
@@ -147,7 +147,7 @@ def play_shift(scenario: str, changed: str = "", value: float = 0.0, at: float =
 
 
 def fault_time(run: dict[str, np.ndarray], clutch: str) -> float:
-    """When a clutch's controller finds the torque implausible [s]; not a number where it does not."""
+    """Return when the controller of a clutch detects an implausible torque [s]; not a number if it does not."""
     found = run["time_s"][run[f"fault_{clutch}"] == Fault.TORQUE_IMPLAUSIBLE]
     return float(found[0]) if len(found) else np.nan
 

@@ -1,5 +1,5 @@
-"""Phases of the clutch: the transitions of the docstring and no other. Each check takes the module, so that mutants can be put
-in its place (test_state_mutation.py)."""
+"""Phases of the clutch: the transitions of the docstring and no other. Each test has the module as argument, so that it can
+run on mutants (test_state_mutation.py)."""
 
 from collections import namedtuple
 from collections.abc import Callable
@@ -56,7 +56,7 @@ def phases() -> ModuleType:
 
 
 class PhaseMachine:
-    """`advance` of a module on records of its own, its numbers by their names."""
+    """The function `advance` of a module with a record of its own; phase and fault as enumerations."""
 
     def __init__(
         self, module: ModuleType, settings: Any, phase: Phase = Phase.IDLE, fault: Fault = Fault.NONE, lasted: float = 0.0,

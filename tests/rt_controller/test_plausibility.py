@@ -1,5 +1,5 @@
-"""Plausibility: each doubt at its limit and its dwell, and not before. Each check takes the module, so that mutants can be put
-in its place (test_state_mutation.py)."""
+"""Plausibility: each check acts at its limit after its dwell, and not before. Each test has the module as argument, so that it
+can run on mutants (test_state_mutation.py)."""
 
 from types import ModuleType
 from typing import Any
@@ -23,7 +23,7 @@ def plausibility() -> ModuleType:
 
 
 class Doubts:
-    """Both functions of the module on a record of their own."""
+    """Both functions of a module with a record of their own."""
 
     def __init__(self, module: ModuleType) -> None:
         self._module = module

@@ -1,5 +1,5 @@
-"""Elements of plates that bend: memory of every reversal, and the torque of XGMS. Each check takes the module, so that mutants
-can be put in its place (test_state_mutation.py)."""
+"""Elements of plates that bend: memory of reversals, and the torque of XGMS. Each test has the module as argument, so that it
+can run on mutants (test_state_mutation.py)."""
 
 from math import exp
 from types import ModuleType
@@ -28,7 +28,7 @@ def presliding() -> ModuleType:
 
 
 class Plates:
-    """The module's `bend` on a record of its own; m and whether they slide are those of the last step."""
+    """The function `bend` of a module with a record of its own; m and `slides` are results of the last step."""
 
     def __init__(self, module: ModuleType, angle: float = ANGLE, spread: float = SPREAD) -> None:
         self._module = module
@@ -62,12 +62,12 @@ class Plates:
 
 
 def virgin(angle: float) -> float:
-    """Share of the capacity that fresh plates carry after a turn of `angle` [rad]."""
+    """Return the share of the capacity that plates without history carry after a turn of `angle` [rad]."""
     return float(np.minimum(angle / REACHES, 1.0).mean())
 
 
 def path(seed: int, count: int) -> np.ndarray:
-    """Steps of a slow and a fast turn to and fro, some of them none at all."""
+    """Return angle steps [rad] of slow and fast motion in both directions; some are zero."""
     random = np.random.default_rng(seed)
     steps = 0.2 * random.normal(size=count) + 0.1 * np.sin(np.arange(count) / 5.0)
     return np.where(random.random(count) < 0.1, 0.0, steps)

@@ -1,4 +1,4 @@
-"""`clutch-hil replay`: a log through the controller again, the same to the bit in one process, on a bus, from any format."""
+"""`clutch-hil replay`: answers are equal to the bit in one process, on a bus, and for all log formats."""
 
 import json
 import subprocess
@@ -60,7 +60,7 @@ def test_another_law_is_another_answer(log: Path) -> None:
 
 
 def test_one_flipped_bit_in_the_log_is_another_answer(tmp_path: Path, log: Path) -> None:
-    """A corrupt sample is refused, so the controller goes without it."""
+    """A corrupt sample is refused, so the controller runs a cycle without it."""
     text = tmp_path / "bus.log"
     write_log(text, SECONDS)
     lines = text.read_text().splitlines()

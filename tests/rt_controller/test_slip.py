@@ -1,4 +1,4 @@
-"""Slip observer: exact where it must be, stable at every rate, quiet for an encoder's counts."""
+"""Slip observer: exact for constant speed and acceleration, stable at every rate, low noise from encoder counts."""
 
 import re
 from decimal import Decimal
@@ -25,7 +25,7 @@ NEARLY_WHITE = 0.6, 1.05
 
 
 def transition(rate: float, bandwidth: float = BANDWIDTH) -> np.ndarray:
-    """Matrix of the filter in (angle, speed T, acceleration T^2), read off the function itself."""
+    """Return the matrix of the filter in (angle, speed T, acceleration T^2), from calls of the function."""
     step = 1.0 / rate
     scale = np.diag([1.0, step, step * step])
     columns = [observe((float(i == 0), float(i == 1), float(i == 2)), 0.0, step, bandwidth) for i in range(3)]
@@ -33,7 +33,7 @@ def transition(rate: float, bandwidth: float = BANDWIDTH) -> np.ndarray:
 
 
 def settle(rate: int, angle: object, speed: float) -> tuple[tuple[float, float, float], float]:
-    """State and time after settling on `angle(t)`, from a wrong start."""
+    """Return state and time [s] after the filter has settled on `angle(t)`, from a wrong initial state."""
     state, step = (0.5, speed - 3.0, 10.0), 1.0 / rate
     cycles = max(50, round(SETTLING * rate))
     for k in range(1, cycles + 1):
@@ -86,7 +86,7 @@ def test_observer_is_linear_and_odd() -> None:
 
 
 def acceleration_noise(rate: int) -> float:
-    """Standard deviation of the acceleration [rad/s^2] for angles rounded to counts: white, a count wide, uniform."""
+    """Return the standard deviation of the acceleration [rad/s^2] for white, uniform noise of one count in the angle."""
     step, state = 1.0 / rate, (0.0, 0.0, 0.0)
     response = []
     for k in range(round(SETTLING * rate)):
@@ -96,7 +96,7 @@ def acceleration_noise(rate: int) -> float:
 
 
 def claimed_noise() -> Decimal:
-    """The number in the comment of `slip.bandwidth` in controller.toml."""
+    """Return the number in the source text of `slip.bandwidth` in controller.toml."""
     found = re.search(r"noise of a count gives ([\d.]+) rad/s\^2", controller_parameters()["slip.bandwidth"].source)
     assert found
     return Decimal(found[1])

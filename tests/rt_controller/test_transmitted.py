@@ -1,4 +1,4 @@
-"""Torque of plates that rest, break away and slide, sample by sample: what the motor applies shows what they carry."""
+"""Estimate of the torque of plates that rest, break away and slide, from the applied motor torque, sample by sample."""
 
 from typing import Any
 
@@ -21,13 +21,13 @@ DOUBT = 0.03  # of the torque at rest: what the motor's gain error and a creep t
 
 
 class Clutch:
-    """The controller's torque of plates under a constant pressure."""
+    """The torque estimator with plates under constant pressure."""
 
     def __init__(self) -> None:
         self.torque = torque_at_rest()
 
     def feels(self, applied: float, speed: float = 0.0, times: int = 1) -> Any:
-        """`applied` [Nm] at the motor and `speed` [rad/s] of the encoder, for so many samples."""
+        """Estimate for `times` samples with the motor torque `applied` [Nm] and the encoder `speed` [rad/s]; return TORQUE."""
         sample = record(
             SAMPLE, pressure=PRESSURE, temperature=70.0 + CELSIUS, motor_torque=applied, applied=applied, known=True,
             speed=speed, slip=speed,
@@ -37,7 +37,7 @@ class Clutch:
         return self.torque
 
     def shows(self, share: float, speed: float = 0.0, times: int = 1) -> float:
-        """As `feels`, of a share of the capacity; the level of the moment."""
+        """Estimate with a motor torque that is a share of the capacity; return the friction level [-]."""
         return float(self.feels(share * CAPACITY, speed, times).level)
 
 

@@ -1,4 +1,4 @@
-"""What begins a cycle: a grid, the sample, a grid that follows the samples. The clock is moved by hand."""
+"""Triggers of a cycle: a time grid, the sample, a grid that follows the samples. The tests set the clock."""
 
 from collections import deque
 from typing import Any
@@ -19,7 +19,7 @@ SINCE_1970 = 1_700_000_000_000_000_000  # ns between the two clocks
 
 
 class Rig:
-    """A monotonic clock moved by hand, and a bus on which samples arrive at `arrivals` [ns]."""
+    """A monotonic clock that the test sets, and a bus on which samples arrive at `arrivals` [ns]."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, arrivals: Any) -> None:
         self.now = 0
@@ -44,7 +44,7 @@ class Rig:
 
     # of a line
     def arrive(self, until: int) -> bool:
-        """Go on to the next sample, or to `until` [ns]; whether one is there."""
+        """Set the clock to the next sample or to `until` [ns]; return whether a sample has arrived."""
         came = bool(self._coming) and self._coming[0] <= until
         self.now = max(self.now, self._coming[0]) if came else max(self.now, until)
         return came
@@ -97,7 +97,7 @@ def turn(rig: Any) -> Any:
 
 
 def cycles(rig: Rig, begins: Any, count: int, work: int = 100_000) -> list[tuple[int, int, int]]:
-    """Time of each cycle, samples in it, slots left out before it."""
+    """Return for each cycle its time [ns], the number of samples in it, and the missed slots before it."""
     found = []
     for _ in range(count):
         rig.answered.clear()
@@ -159,7 +159,7 @@ def test_on_the_bus_a_stall_of_ours_is_counted_in_slots(monkeypatch: pytest.Monk
 def test_on_the_bus_a_stall_of_the_machine_is_one_cycle_with_what_comes_after_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The plant stood still, too: its frames of that time come together, half a period late."""
+    """The plant has stopped, too: its frames of that time arrive together, half a period late."""
     arrivals = [*(PERIOD * np.arange(1, 6)), *[15 * PERIOD + 300_000] * 10, *(PERIOD * np.arange(16, 30))]
     rig = Rig(monkeypatch, arrivals)
     begins = BusTrigger(Beat(Clock(PERIOD)), turn(rig))
@@ -180,7 +180,7 @@ def test_on_the_bus_a_stall_of_the_machine_is_one_cycle_with_what_comes_after_it
 
 @pytest.mark.parametrize("drift", [-200e-6, -20e-6, 0.0, 20e-6, 200e-6])  # of a crystal: 20 to 100 ppm
 def test_the_loop_locks_to_the_samples_and_follows_their_clock(monkeypatch: pytest.MonkeyPatch, drift: float) -> None:
-    """From any phase; then each cycle is a quarter of a period behind its sample, quieter than the bus."""
+    """From any phase. Then each cycle is a quarter of a period after its sample, with less jitter than the bus."""
     count, spread = 8000, 30_000
     jitter = np.random.default_rng(2).normal(0.0, spread, count)
     arrivals = PERIOD * (1.0 + drift) * np.arange(1, count + 1) + np.abs(jitter)
@@ -209,7 +209,7 @@ def test_the_loop_coasts_while_samples_are_lost(monkeypatch: pytest.MonkeyPatch)
 
 @pytest.mark.parametrize("phase", [0, 10_000, 500_000, 990_000])
 def test_a_grid_begins_where_samples_usually_come(phase: int) -> None:
-    """Whatever the last of them was late by, and wherever a period of the clock begins."""
+    """For a late last sample, and for any phase of the clock."""
     jitter = np.random.default_rng(4).exponential(20_000, 50)
     jitter[[7, 20, 49]] = 400_000, 3_300_000, 700_000
     arrivals = phase + PERIOD * np.arange(1000, 1050) + jitter.astype(int)

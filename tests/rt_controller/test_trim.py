@@ -1,4 +1,4 @@
-"""Trim: the friction level of the moment. Each check takes the module, so that mutants can be put in its place
+"""Trim of the friction level. Each test has the module as argument, so that it can run on mutants
 (test_state_mutation.py)."""
 
 from itertools import pairwise
@@ -21,7 +21,7 @@ def trim() -> ModuleType:
 
 
 class Level:
-    """The module's trim on a record of its own, around the adapted level `learnt`."""
+    """The trim of a module with a record of its own, for the adapted level `learnt`."""
 
     def __init__(self, module: ModuleType, learnt: float = 1.0) -> None:
         self._module, self.learnt = module, learnt
