@@ -58,7 +58,7 @@ def report(document: Any, text: str, verdict_text: str, good: bool, as_json: boo
         verdict(verdict_text, good)
 
 
-def checked_rate(rate: int) -> int:
+def check_rate(rate: int) -> int:
     """`rate` [Hz] when a loop can run at it. Raises InputError."""
     low, high = RATES
     if not low <= rate <= high or 1_000_000_000 % rate:

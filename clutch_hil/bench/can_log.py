@@ -29,19 +29,21 @@ WRITERS: dict[str, Any] = {
     ".log": can.CanutilsLogWriter,
     ".trc": can.TRCWriter,
 }
-_PATIENCE = 10.0  # s for the first frame where the length of the log is given; else it is waited for without end
-_WAIT = 0.1  # s for a frame to come, then a look whether to end
-_SHOWN = 0.5  # s between reports of progress
+_FIRST_FRAME_TIMEOUT = (
+    10.0  # s for the first frame where the length of the log is given; else it is waited for without end
+)
+_RECEIVE_TIMEOUT = 0.1  # s for a frame to come, then a look whether to end
+_PROGRESS_INTERVAL = 0.5  # s between reports of progress
 _HEARTBEATS = ("PLANT_HEARTBEAT", "CONTROLLER_HEARTBEAT", "CONTROLLER_HEARTBEAT_B")
 _SUPERVISOR = "SUPERVISOR"  # sender without a heartbeat
-_SILENCE = 0.1  # s; a supervisor listens for longer before it speaks, and counts from 0 then
+_SUPERVISOR_SILENCE = 0.1  # s; a supervisor listens for longer before it speaks, and counts from 0 then
 # frames waiting at once from which on a queue may have been full: 50 ms at 1 kHz. A local bus holds 2731 of a sender, 554
 # where the kernel grants no larger buffer; a CAN socket has half of that buffer for all senders
-_FULL = 250
+_SUSPECT_BACKLOG = 250
 
 
 @dataclass(frozen=True)
-class Logged:
+class CanLogResult:
     """What a log holds: `frames` by name (by identifier where the DBC does not know it), `seconds` from first to last.
 
     `lost` counts gaps in the alive counters of the bench's frames (at least: they wrap at 16); `waited` is how many frames
@@ -59,18 +61,18 @@ class Logged:
     @property
     def good(self) -> bool:
         """Whether nothing speaks against a whole log."""
-        return not (self.lost or self.failure) and self.waited < _FULL
+        return not (self.lost or self.failure) and self.waited < _SUSPECT_BACKLOG
 
     @property
     def verdict(self) -> str:
         """The verdict line."""
         if self.lost:
-            told = f"at least {self.lost} frames lost, by their alive counters"
-        elif self.waited >= _FULL:
-            told = f"frames may be lost: {self.waited} waited at once, and a full bus takes no more"
+            loss = f"at least {self.lost} frames lost, by their alive counters"
+        elif self.waited >= _SUSPECT_BACKLOG:
+            loss = f"frames may be lost: {self.waited} waited at once, and a full bus takes no more"
         else:
-            told = "no frame lost"
-        return f"{self.seconds:.1f} s recorded, {told}" + (f"; the bus failed: {self.failure}" if self.failure else "")
+            loss = "no frame lost"
+        return f"{self.seconds:.1f} s recorded, {loss}" + (f"; the bus failed: {self.failure}" if self.failure else "")
 
     @property
     def text(self) -> str:
@@ -108,10 +110,10 @@ class CanLog:
         self._receptions = {can_id: Reception(codec) for can_id, codec in self._codecs.items()}
         self._sessions: dict[str, int] = {}  # of the services, by heartbeat
         self._counts: Counter[str] = Counter()
-        self._lost = 0  # before the receptions began
-        self._supervised = 0.0  # s, time stamp of the newest frame of a supervisor
+        self._lost_before = 0  # before the receptions began
+        self._last_supervised = 0.0  # s, time stamp of the newest frame of a supervisor
 
-    def record(self, stop: Stop, seconds: float | None, progress: Callable[[str], None]) -> Logged:
+    def record(self, stop: Stop, seconds: float | None, progress: Callable[[str], None]) -> CanLogResult:
         """Write what comes until `stop` is asked or `seconds` after the first frame. Raises InputError when none comes.
 
         Time stamps are those of the bus: the kernel's at reception, on a local bus the sender's.
@@ -119,28 +121,28 @@ class CanLog:
         interface, _, channel = self.bus.rpartition(":")
         first = last = 0.0
         backlog = Backlog()
-        shown, failure = time.monotonic(), ""
+        last_report, failure = time.monotonic(), ""
         with whole_file(self.path) as part:
             bus = can.Bus(channel, interface=interface or "socketcan")
             with WRITERS[self.path.suffix](part) as writer, bus:  # the bus is left first: we read no more
                 try:
-                    for message in _heard(bus, stop, seconds):
+                    for message in _receive(bus, stop, seconds):
                         backlog.note(message.timestamp, time.time())
                         first = first or message.timestamp
                         # two senders may race for the first place; a log begins with its first line
                         last = message.timestamp = max(message.timestamp, first)
                         writer.on_message_received(message)
                         self._count(message)
-                        if time.monotonic() - shown > _SHOWN:
-                            shown = time.monotonic()
-                            progress(f"{last - first:.1f} s, {self._counts.total()} frames, lost {self._missing()}")
+                        if time.monotonic() - last_report > _PROGRESS_INTERVAL:
+                            last_report = time.monotonic()
+                            progress(f"{last - first:.1f} s, {self._counts.total()} frames, lost {self._count_lost()}")
                 except can.CanError as error:
                     failure = str(error)
             if not self._counts:
                 stop.check(f"no frame had come on bus {self.bus}; nothing was recorded")
                 raise InputError(f"no frame came on bus {self.bus}; nothing was recorded")
         counts = dict(sorted(self._counts.items()))
-        return Logged(self.bus, self.path, counts, last - first, self._missing(), backlog.most, failure)
+        return CanLogResult(self.bus, self.path, counts, last - first, self._count_lost(), backlog.most, failure)
 
     def _count(self, message: can.Message) -> None:
         """Count a frame and, by its alive counter, those that should have come before it."""
@@ -153,22 +155,22 @@ class CanLog:
         data = bytes(message.data)
         if codec.name in _HEARTBEATS and self._sessions.get(codec.name) != (session := codec.unpack(data).session):
             self._sessions[codec.name] = session
-            self._begin_anew(codec.sender)
+            self._restart_receptions(codec.sender)
         if codec.sender == _SUPERVISOR:
-            if message.timestamp - self._supervised > _SILENCE:
-                self._begin_anew(_SUPERVISOR)
-            self._supervised = message.timestamp
+            if message.timestamp - self._last_supervised > _SUPERVISOR_SILENCE:
+                self._restart_receptions(_SUPERVISOR)
+            self._last_supervised = message.timestamp
         self._receptions[can_id].accept(data)
 
-    def _begin_anew(self, sender: str) -> None:
+    def _restart_receptions(self, sender: str) -> None:
         """Expect any alive counters of a sender: it has started."""
         for can_id, codec in self._codecs.items():
             if codec.sender == sender:
-                self._lost += self._receptions[can_id].lost
+                self._lost_before += self._receptions[can_id].lost
                 self._receptions[can_id] = Reception(codec)
 
-    def _missing(self) -> int:
-        return self._lost + sum(reception.lost for reception in self._receptions.values())
+    def _count_lost(self) -> int:
+        return self._lost_before + sum(reception.lost for reception in self._receptions.values())
 
 
 class Backlog:
@@ -176,23 +178,23 @@ class Backlog:
 
     def __init__(self) -> None:
         self.most = 0
-        self._looked = 0.0  # UNIX time [s]
-        self._read = 0  # frames sent before `_looked` and read since
+        self._checked_at = 0.0  # UNIX time [s]
+        self._read_since = 0  # frames sent before `_checked_at` and read since
 
     def note(self, sent: float, now: float) -> None:
         """A frame that was `sent` is read `now`; UNIX times [s]."""
-        if sent > self._looked:
-            self._looked, self._read = now, 0
-        self._read += 1
-        self.most = max(self.most, self._read)
+        if sent > self._checked_at:
+            self._checked_at, self._read_since = now, 0
+        self._read_since += 1
+        self.most = max(self.most, self._read_since)
 
 
-def _heard(bus: can.BusABC, stop: Stop, seconds: float | None) -> Iterator[can.Message]:
+def _receive(bus: can.BusABC, stop: Stop, seconds: float | None) -> Iterator[can.Message]:
     """What comes until `stop` is asked or `seconds` after the first message, and then what waits already."""
-    end = float("inf") if seconds is None else time.monotonic() + _PATIENCE
+    end = float("inf") if seconds is None else time.monotonic() + _FIRST_FRAME_TIMEOUT
     first = True
     while not stop.asked and time.monotonic() < end:
-        if message := bus.recv(_WAIT):
+        if message := bus.recv(_RECEIVE_TIMEOUT):
             if first and seconds is not None:
                 end = time.monotonic() + seconds
             first = False

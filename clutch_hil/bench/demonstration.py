@@ -13,9 +13,16 @@ from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError, closest
 from protocols.files.parameters import ParameterSet
 
-_SHORT = ("engagement", "triangle", "slip_sine", "slip_steps")  # tried for an effect that names no excitation
-_FAULT = _SHORT[:1]  # for a fault, which comes in the middle of it
-_COMPARED = [column for column in QUANTITIES if column != "shaft_angle_rad"]  # any change of slip adds up in the angle
+_DEFAULT_EXCITATIONS = (
+    "engagement",
+    "triangle",
+    "slip_sine",
+    "slip_steps",
+)  # tried for an effect that names no excitation
+_FAULT_EXCITATIONS = _DEFAULT_EXCITATIONS[:1]  # for a fault, which comes in the middle of it
+_COMPARED_COLUMNS = [
+    column for column in QUANTITIES if column != "shaft_angle_rad"
+]  # any change of slip adds up in the angle
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,12 +79,12 @@ def demonstrate(effect: Effect) -> Demonstration:
                 f"effect {effect.name}: {field} {name!r} of its display is unknown; {closest(name, names)}"
             )
     if display.excitation is not None:
-        tried: Sequence[str] = (display.excitation,)
+        excitation_names: Sequence[str] = (display.excitation,)
     else:
-        tried = _FAULT if effect.block == "fault" else _SHORT
-    columns = _COMPARED if display.column is None else [display.column]
-    shown = [one for name in tried for one in _demonstrations(effect, name, columns)]
-    return max(shown, key=lambda one: one.times_resolution)
+        excitation_names = _FAULT_EXCITATIONS if effect.block == "fault" else _DEFAULT_EXCITATIONS
+    columns = _COMPARED_COLUMNS if display.column is None else [display.column]
+    candidates = [one for name in excitation_names for one in _demonstrations(effect, name, columns)]
+    return max(candidates, key=lambda one: one.times_resolution)
 
 
 def _demonstrations(effect: Effect, name: str, columns: Sequence[str]) -> list[Demonstration]:
@@ -86,21 +93,21 @@ def _demonstrations(effect: Effect, name: str, columns: Sequence[str]) -> list[D
     excitation = excitations()[name]
     if beside:
         excitation = replace(excitation, title=f"{excitation.title}, beside {beside}")
-    without = _without(name, beside)
+    without = _simulate_without_effect(name, beside)
     parameters = _parameters(beside)
     changed = parameters.with_values(effect.typical())
     if effect.block == "fault":
-        with_it = _settled(parameters, excitation, (len(excitation.voltage) // 2, changed))
+        with_it = _simulate_settled(parameters, excitation, (len(excitation.voltage) // 2, changed))
     else:
-        with_it = _settled(changed, excitation)
+        with_it = _simulate_settled(changed, excitation)
     over = effect.display.over or excitation.over
     return [Demonstration(excitation, column, over, without, with_it) for column in columns]
 
 
 @cache
-def _without(name: str, beside: str | None) -> Mapping[str, np.ndarray]:
+def _simulate_without_effect(name: str, beside: str | None) -> Mapping[str, np.ndarray]:
     """Columns of the answer to the excitation `name` without the effect."""
-    return _settled(_parameters(beside), excitations()[name])
+    return _simulate_settled(_parameters(beside), excitations()[name])
 
 
 def _parameters(beside: str | None) -> ParameterSet:
@@ -108,7 +115,7 @@ def _parameters(beside: str | None) -> ParameterSet:
     return wet_clutch.nominal().with_values(catalogue.effect(beside).typical() if beside else {})
 
 
-def _settled(
+def _simulate_settled(
     parameters: ParameterSet, excitation: Excitation, later: tuple[int, ParameterSet] | None = None
 ) -> Mapping[str, np.ndarray]:
     """Columns of the answer after the excitation's settling; `later`: see `answer`."""

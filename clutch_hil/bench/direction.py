@@ -2,9 +2,9 @@
 
 import numpy as np
 
-MOVES = 0.1  # rad/s: two counts of the encoder in a sample at 1 kHz; from there on its sign is no noise
-PUSHES = 0.5  # Nm, the goal for the estimate's error: from there on a torque has a sign
-_ROOM = 1.08  # times what an axis shows at most
+MOVING_SLIP = 0.1  # rad/s: two counts of the encoder in a sample at 1 kHz; from there on its sign is no noise
+SIGNED_TORQUE = 0.5  # Nm, the goal for the estimate's error: from there on a torque has a sign
+_AXIS_MARGIN = 1.08  # times what an axis shows at most
 
 
 def direction(slip: np.ndarray, torque: np.ndarray, before: float | None = None) -> np.ndarray:
@@ -13,7 +13,9 @@ def direction(slip: np.ndarray, torque: np.ndarray, before: float | None = None)
     `before` is how it was before the first sample; where nobody knows, None, what comes first has the sign that comes next, +1
     where none does. All of shape (samples,); NaN has no sign.
     """
-    signs = np.where(np.abs(slip) >= MOVES, np.sign(slip), np.where(np.abs(torque) >= PUSHES, np.sign(torque), 0.0))
+    signs = np.where(
+        np.abs(slip) >= MOVING_SLIP, np.sign(slip), np.where(np.abs(torque) >= SIGNED_TORQUE, np.sign(torque), 0.0)
+    )
     known = np.flatnonzero(signs)
     last = np.searchsorted(known, np.arange(len(signs)), side="right") - 1
     if before is None:
@@ -23,5 +25,5 @@ def direction(slip: np.ndarray, torque: np.ndarray, before: float | None = None)
 
 def both_ways(*lines: np.ndarray) -> float | None:
     """How far an axis for these speeds [rad/s] reaches, down as up; None where none of them is negative."""
-    shown = np.concatenate([line[np.isfinite(line)] for line in lines])
-    return _ROOM * float(np.abs(shown).max()) if np.any(shown <= -MOVES) else None
+    values = np.concatenate([line[np.isfinite(line)] for line in lines])
+    return _AXIS_MARGIN * float(np.abs(values).max()) if np.any(values <= -MOVING_SLIP) else None

@@ -22,7 +22,7 @@ from protocols.realtime.clock import Clock
 from protocols.realtime.rights import prepare
 from protocols.realtime.stopping import Stop
 
-_PATIENCE = 0.2  # s without a sample after which an echo looks whether it is to end
+_STOP_CHECK_INTERVAL = 0.2  # s without a sample after which an echo looks whether it is to end
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Echo:
             prepare(self.cpu, self.priority)
             Path(self.ready).touch()
             while not stop.asked:
-                if port.wait(_PATIENCE):
+                if port.wait(_STOP_CHECK_INTERVAL):
                     for can_id, data in port.receive():
                         if can_id == analog.can_id:
                             analog.unpack(data)
@@ -86,7 +86,7 @@ class Echo:
             prepare(self.cpu, self.priority)
             Path(self.ready).touch()
             while not stop.asked:
-                message = bus.recv(_PATIENCE)
+                message = bus.recv(_STOP_CHECK_INTERVAL)
                 if message is None:
                     continue
                 if message.arbitration_id == analog.frame_id:

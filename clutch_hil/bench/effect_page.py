@@ -17,7 +17,7 @@ _ROW = re.compile(r"^\| \w+ \| `(\w+)`[ *]* \| .* \| (.*) \|$", re.MULTILINE)  #
 _UNIT = re.compile(r" \[.*?\]")
 
 
-def written_page(text: str, effects: Sequence[Effect]) -> str:
+def rewrite_page(text: str, effects: Sequence[Effect]) -> str:
     """The `text` of the page with its parts written anew from `effects`, in this order.
 
     Raises InputError for a part that is unknown, a page without any, and where an effect or a parameter in the table of `text`
@@ -29,18 +29,18 @@ def written_page(text: str, effects: Sequence[Effect]) -> str:
         "hooks": _hooks(),
         "effects": _effects(effects),
     }
-    if lost := published_names(text) - names(effects):
+    if gone := published_names(text) - names(effects):
         raise InputError(
-            f"published names are gone: {listing(lost)}; run files and models contain them: keep them, or edit the page first"
+            f"published names are gone: {listing(gone)}; run files and models contain them: keep them, or edit the page first"
         )
 
-    def written(part: re.Match[str]) -> str:
+    def rewrite_part(part: re.Match[str]) -> str:
         name, end, _ = part.groups()
         if name not in parts:
             raise InputError(f"part {name!r} is unknown; {closest(name, parts)}")
         return f"{name}{end}{parts[name]}\n"
 
-    text, count = _PART.subn(written, text)
+    text, count = _PART.subn(rewrite_part, text)
     if not count:
         raise InputError("no part was found; a part stands between <!-- begin PART --> and <!-- end -->")
     return text

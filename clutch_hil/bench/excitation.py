@@ -27,9 +27,9 @@ INPUTS: Mapping[str, tuple[str, str]] = {  # column of docs/rig.md: what, unit
     "motor_speed_demand_rad_s": ("speed demand", "rad/s"),
 }
 _SUBSTEPS = round(PERIOD / wet_clutch.STEP_LIMIT)
-_QUIET = {f"sensors.{name}_noise": 0.0 for name in ("pressure", "temperature", "torque")}
+_NOISE_FREE = {f"sensors.{name}_noise": 0.0 for name in ("pressure", "temperature", "torque")}
 _BAR_PER_VOLT = 2.5  # docs/rig.md, 1
-_PRESSED = 3.4 / _BAR_PER_VOLT  # V, at which most figures of chapter 6 are measured
+_PRESSED_VOLTAGE = 3.4 / _BAR_PER_VOLT  # V, at which most figures of chapter 6 are measured
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,14 +56,14 @@ def answer(
 
     later: a sample and the parameters from it on.
     """
-    rig = wet_clutch.Rig(parameters.with_values(_QUIET))
+    rig = wet_clutch.Rig(parameters.with_values(_NOISE_FREE))
     begin = rig.filled if excitation.filled else rig.at_rest
     state = begin(excitation.speed[0], excitation.celsius + ZERO_CELSIUS)
     sensors, limit = Sensors(1), parameters["motor.torque_limit"].si
     samples = np.empty((len(excitation.voltage), 5))
     for k, (voltage, speed) in enumerate(zip(excitation.voltage.tolist(), excitation.speed.tolist(), strict=True)):
         if later and later[0] == k:
-            before, rig = rig, wet_clutch.Rig(later[1].with_values(_QUIET))
+            before, rig = rig, wet_clutch.Rig(later[1].with_values(_NOISE_FREE))
             state = state._replace(effects=rig.table.carried(state.effects, before.table))
         counts, state = sensors.sample(rig, state, PERIOD)
         samples[k] = counts
@@ -90,7 +90,7 @@ def _columns(samples: np.ndarray, excitation: Excitation) -> dict[str, np.ndarra
 
 
 def _engagement(celsius: float) -> Excitation:
-    voltage = np.concatenate([np.full(450, _PRESSED), np.zeros(300)])
+    voltage = np.concatenate([np.full(450, _PRESSED_VOLTAGE), np.zeros(300)])
     title = f"step to 3.4 bar and release, 20 rad/s, {celsius:g} degC"
     return Excitation(title, voltage, np.full(len(voltage), 20.0), celsius=celsius, filled=False)
 
@@ -111,21 +111,21 @@ def _slip_sine(amplitude: float, hertz: float) -> Excitation:
     speed = amplitude * np.cos(2.0 * np.pi / period * np.arange(period + 3000 // period * period))
     return Excitation(
         f"slip sine of {amplitude:g} rad/s, {hertz:g} Hz, 3.4 bar",
-        np.full(len(speed), _PRESSED), speed, settling=len(speed) - period, over="motor_speed_demand_rad_s",
+        np.full(len(speed), _PRESSED_VOLTAGE), speed, settling=len(speed) - period, over="motor_speed_demand_rad_s",
     )  # fmt: skip
 
 
 def _slip_steps() -> Excitation:
     speed = np.concatenate([np.full(600, 5.0), np.full(200, 15.0), np.full(200, 5.0)])
-    return Excitation("slip steps 5, 15, 5 rad/s, 3.4 bar", np.full(len(speed), _PRESSED), speed, settling=550)
+    return Excitation("slip steps 5, 15, 5 rad/s, 3.4 bar", np.full(len(speed), _PRESSED_VOLTAGE), speed, settling=550)
 
 
 def _crawl() -> Excitation:
-    return Excitation("slip of 4 rad/s, 3.4 bar", np.full(2200, _PRESSED), np.full(2200, 4.0), settling=600)
+    return Excitation("slip of 4 rad/s, 3.4 bar", np.full(2200, _PRESSED_VOLTAGE), np.full(2200, 4.0), settling=600)
 
 
 def _hold() -> Excitation:
-    voltage = np.concatenate([np.full(12000, _PRESSED), np.zeros(1000)])
+    voltage = np.concatenate([np.full(12000, _PRESSED_VOLTAGE), np.zeros(1000)])
     return Excitation(
         "12 s of 3.4 bar and 20 rad/s from 50 degC on, then released",
         voltage, np.full(len(voltage), 20.0), settling=400, celsius=50.0,

@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-REACHED = 0.9  # Janssens 2010, sec. 6.5
-_PLATEAU = 0.02  # s without a rise end the first rise of the demand
+REACHED_SHARE = 0.9  # Janssens 2010, sec. 6.5
+_PLATEAU_TIME = 0.02  # s without a rise end the first rise of the demand
 
 
 class Following(NamedTuple):
@@ -33,13 +33,13 @@ def following(time: np.ndarray, demand: np.ndarray, torque: np.ndarray) -> Follo
 
 def regime(time: np.ndarray, demand: np.ndarray, torque: np.ndarray) -> slice:
     """The samples of the regime; arguments as of `following`. Empty when 90 % was never reached."""
-    asked = np.flatnonzero(demand > 0.0)
-    if not len(asked):
+    demanded = np.flatnonzero(demand > 0.0)
+    if not len(demanded):
         return slice(0, 0)
-    first, end = asked[0], asked[-1] + 1
+    first, end = demanded[0], demanded[-1] + 1
     level = _first_level(time[first:end], demand[first:end])
     reached = np.flatnonzero(
-        (demand[first:end] >= REACHED * level) & (torque[first:end] >= REACHED * demand[first:end])
+        (demand[first:end] >= REACHED_SHARE * level) & (torque[first:end] >= REACHED_SHARE * demand[first:end])
     )
     return slice(int(first + reached[0]), int(end)) if len(reached) else slice(0, 0)
 
@@ -48,5 +48,5 @@ def _first_level(time: np.ndarray, demand: np.ndarray) -> float:
     """The highest demand before it first stops rising."""
     highest = np.maximum.accumulate(demand)
     rises = np.flatnonzero(np.diff(highest, prepend=-1.0) > 0.0)
-    pauses = np.flatnonzero(np.diff(time[rises], append=np.inf) > _PLATEAU)
+    pauses = np.flatnonzero(np.diff(time[rises], append=np.inf) > _PLATEAU_TIME)
     return float(demand[rises[pauses[0]]])

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from clutch_hil.bench.rig import rig_named
-from clutch_hil.bench.scenario import Scenario, chosen_scenario
+from clutch_hil.bench.scenario import Scenario, choose_scenario
 from clutch_hil.bench.simulate import Simulation
 from plant_sim.node.injection import effect_on
 from protocols.files.run import Run
@@ -48,18 +48,18 @@ def simulate(
         "profile": profile, "seconds": seconds, "rate": rate, "seed": seed, "temperature": temperature, "law": law,
         "adaptation": adaptation, "plant_parameters": plant_parameters, "controller_parameters": controller_parameters,
     }  # fmt: skip
-    chosen = composed_scenario(scenario, settings, plant, controller, effects)
-    played, metadata = Simulation(chosen).play_described(progress)
-    described = played.described()
+    chosen = compose_scenario(scenario, settings, plant, controller, effects)
+    played, metadata = Simulation(chosen).play_with_metadata(progress)
+    descriptions = played.described()
     return Run(
         played.columns(),
         metadata,
-        {column.name: column.unit for column in described},
-        {column.name: column.meaning for column in described},
+        {column.name: column.unit for column in descriptions},
+        {column.name: column.meaning for column in descriptions},
     )
 
 
-def composed_scenario(
+def compose_scenario(
     scenario: str | Path | None,
     settings: Mapping[str, Any],
     plant: Values | None = None,
@@ -71,7 +71,7 @@ def composed_scenario(
     for name, kind in (("profile", str), ("plant_parameters", Path), ("controller_parameters", Path)):
         if given.get(name) is not None:
             given[name] = kind(given[name])
-    chosen = chosen_scenario(None if scenario is None else str(scenario), given)
+    chosen = choose_scenario(None if scenario is None else str(scenario), given)
     if isinstance(effects, str):
         effects = [effects]
     named = effects if isinstance(effects, Mapping) else {name: {} for name in effects}

@@ -12,7 +12,7 @@ from clutch_hil.bench.recording import TORQUE_DEMAND, run_columns
 from protocols.can.two_clutches import CONTROLLERS
 from protocols.node import Column, Node
 
-_TOLD_EVERY = 500  # cycles between two calls of `progress`
+_PROGRESS_INTERVAL = 500  # cycles between two calls of `progress`
 
 
 @dataclass(frozen=True)
@@ -33,9 +33,9 @@ class Played:
         names = [column.name for column in self.described()]
         plant = len(self.plant_columns)
         values = [*self.plant.T, *(column for controller in self.controllers for column in controller.T)]
-        found = dict(zip(names[:plant] + names[plant + 1 :], values, strict=True))
-        demand = found[f"{CONTROLLERS[0]}_{TORQUE_DEMAND.name}"]
-        return {name: demand if name == TORQUE_DEMAND.name else found[name] for name in names}
+        by_name = dict(zip(names[:plant] + names[plant + 1 :], values, strict=True))
+        demand = by_name[f"{CONTROLLERS[0]}_{TORQUE_DEMAND.name}"]
+        return {name: demand if name == TORQUE_DEMAND.name else by_name[name] for name in names}
 
     def described(self) -> list[Column]:
         """Name, unit and meaning of those columns."""
@@ -62,7 +62,7 @@ def play(plant: Any, *controllers: Node, progress: Callable[[int], None] | None 
         commands = [controller.cycle(*inbox) for controller, inbox in zip(controllers, inboxes, strict=True)]
         for record, controller in zip(rows[1:], controllers, strict=True):
             record.append(controller.record.copy())
-        if progress and plant.tick % _TOLD_EVERY == 0:
+        if progress and plant.tick % _PROGRESS_INTERVAL == 0:
             progress(plant.tick)
     records, *terms = map(np.array, rows)
     return Played(
@@ -73,12 +73,15 @@ def play(plant: Any, *controllers: Node, progress: Callable[[int], None] | None 
     )
 
 
-def _inboxes(shown: np.ndarray, count: int, said: Sequence[np.ndarray]) -> list[tuple[np.ndarray, int]]:
-    """What each controller hears, a batch and its frames: what the others have `said` since the sample before comes first, as
-    on a bus, then the `count` frames that the plant has `shown`."""
-    if len(said) == 1:
-        return [(shown, count)]
-    heard = [
-        np.concatenate([*(frames for j, frames in enumerate(said) if j != k), shown[:count]]) for k in range(len(said))
+def _inboxes(
+    plant_frames: np.ndarray, count: int, controller_frames: Sequence[np.ndarray]
+) -> list[tuple[np.ndarray, int]]:
+    """What each controller hears, a batch and its frames: what the others have `controller_frames` since the sample before comes first, as
+    on a bus, then the `count` frames that the plant has `plant_frames`."""
+    if len(controller_frames) == 1:
+        return [(plant_frames, count)]
+    batches = [
+        np.concatenate([*(frames for j, frames in enumerate(controller_frames) if j != k), plant_frames[:count]])
+        for k in range(len(controller_frames))
     ]
-    return [(batch, len(batch)) for batch in heard]
+    return [(batch, len(batch)) for batch in batches]

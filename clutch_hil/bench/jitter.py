@@ -35,7 +35,7 @@ from typing import TypeVar
 import numpy as np
 
 from clutch_hil.bench.echo import Echo
-from clutch_hil.bench.lateness import explained, late_cycles, spike, spikes
+from clutch_hil.bench.lateness import late_cycles, mark_explained, spike, spikes
 from clutch_hil.bench.loads import Load
 from clutch_hil.bench.services import Services, say
 from clutch_hil.bench.stalls import StallWatch
@@ -50,16 +50,16 @@ from protocols.realtime.shared_folder import SharedFolder
 from protocols.realtime.stopping import Stop
 
 WITNESS_PRIORITY = 90
-_SETTLING = 1.0  # s of the closed loop before it counts
-_START = 60.0  # s for the loop to be closed, and for other processes to start and end
-_LOOKS = 4  # of the watch in a period,
-_MOST_LOOKS = 4000  # and in a second: it takes 10 us for each,
-_FAST_LOOKS = 1000  # and where a period is shorter than from look to look: of 125 us that is too much
-_WITNESSED = (
+_SETTLING_TIME = 1.0  # s of the closed loop before it counts
+_START_TIMEOUT = 60.0  # s for the loop to be closed, and for other processes to start and end
+_CHECKS_PER_PERIOD = 4  # of the watch in a period,
+_MOST_CHECKS = 4000  # and in a second: it takes 10 us for each,
+_FAST_CHECKS = 1000  # and where a period is shorter than from look to look: of 125 us that is too much
+_MOST_WITNESSED_RATE = (
     1000  # Hz up to which there is a witness: it takes 24 to 38 us of the CPU a period (measured, slow machine)
 )
-_HISTOGRAM = 20_000  # us that cyclictest counts
-_POLL = 0.02  # s
+_HISTOGRAM_RANGE = 20_000  # us that cyclictest counts
+_POLL_INTERVAL = 0.02  # s
 PERCENTILES = (50.0, 99.0, 99.9, 99.99)
 
 
@@ -106,62 +106,64 @@ class Measured:
 
 def summary(values: np.ndarray) -> dict[str, float]:
     """Percentiles and maximum [us] of durations (n,); as many as their number supports."""
-    found = {f"p{p:g}": float(np.percentile(values, p)) for p in PERCENTILES if len(values) * (100.0 - p) >= 499.9}
-    return found | {"max": float(values.max())}
+    percentiles = {
+        f"p{p:g}": float(np.percentile(values, p)) for p in PERCENTILES if len(values) * (100.0 - p) >= 499.9
+    }
+    return percentiles | {"max": float(values.max())}
 
 
 Phase = Callable[[Setting, Measured, Stop], None]
 Key = TypeVar("Key")
 Point = tuple[int, str]  # of a sweep: rate [Hz], and what begins a cycle
-SWEPT = "clock", "bus"  # triggers of a sweep
+SWEEP_TRIGGERS = "clock", "bus"  # triggers of a sweep
 
 
 def phases(setting: Setting) -> dict[str, Phase]:
     """Every phase by name; without cyclictest where it is not installed."""
-    found: dict[str, Phase] = {"cyclictest": _cyclictest} if shutil.which("cyclictest") else {}
-    found |= {
-        "empty loop, sleep": lambda s, m, _: _empty(s, m, 0.0),
-        "empty loop, spin": lambda s, m, _: _empty(s, m, setting.spin_us),
-        "closed loop, clock": lambda s, m, stop: _closed(s, m, stop, "clock"),
-        "closed loop, bus": lambda s, m, stop: _closed(s, m, stop, "bus"),
-        "echo, raw frames": lambda s, m, _: _echo(s, m, "raw"),
-        "echo, python-can and cantools": lambda s, m, _: _echo(s, m, "python-can"),
+    by_name: dict[str, Phase] = {"cyclictest": _measure_cyclictest} if shutil.which("cyclictest") else {}
+    by_name |= {
+        "empty loop, sleep": lambda s, m, _: _measure_empty_loop(s, m, 0.0),
+        "empty loop, spin": lambda s, m, _: _measure_empty_loop(s, m, setting.spin_us),
+        "closed loop, clock": lambda s, m, stop: _measure_closed_loop(s, m, stop, "clock"),
+        "closed loop, bus": lambda s, m, stop: _measure_closed_loop(s, m, stop, "bus"),
+        "echo, raw frames": lambda s, m, _: _measure_echo(s, m, "raw"),
+        "echo, python-can and cantools": lambda s, m, _: _measure_echo(s, m, "python-can"),
     }
-    return found
+    return by_name
 
 
 def sweep(
     setting: Setting, rates: Sequence[int], loads: Sequence[Load], progress: Callable[[float, int], None]
 ) -> tuple[dict[Point, Measured], bool]:
-    """The closed loop at several rates [Hz] by each trigger of SWEPT in turn; whether it was interrupted. Raises InputError."""
+    """The closed loop at several rates [Hz] by each trigger of SWEEP_TRIGGERS in turn; whether it was interrupted. Raises InputError."""
 
-    def at(rate: int, trigger: str) -> Phase:
+    def phase_at(rate: int, trigger: str) -> Phase:
         def phase(setting: Setting, measured: Measured, stop: Stop) -> None:
             try:
-                _closed(replace(setting, rate=rate), measured, stop, trigger, heard=False)
+                _measure_closed_loop(replace(setting, rate=rate), measured, stop, trigger, heard=False)
             except InputError as error:  # beyond what the machine can do the services give up
                 measured.failure = str(error)
 
         return phase
 
-    points = [(rate, trigger) for rate in rates for trigger in SWEPT]
-    return _in_turn(setting, {point: at(*point) for point in points}, loads, progress)
+    points = [(rate, trigger) for rate in rates for trigger in SWEEP_TRIGGERS]
+    return _run_in_turn(setting, {point: phase_at(*point) for point in points}, loads, progress)
 
 
 def measure(
     setting: Setting, loads: Sequence[Load], progress: Callable[[float, int], None]
 ) -> tuple[dict[str, Measured], bool]:
     """Run every phase in turn, `rounds` times; whether it was interrupted. Raises InputError."""
-    return _in_turn(setting, phases(setting), loads, progress)
+    return _run_in_turn(setting, phases(setting), loads, progress)
 
 
-def _in_turn(
+def _run_in_turn(
     setting: Setting, todo: Mapping[Key, Phase], loads: Sequence[Load], progress: Callable[[float, int], None]
 ) -> tuple[dict[Key, Measured], bool]:
-    found = {name: Measured() for name in todo}
+    results = {name: Measured() for name in todo}
     total, done = setting.rounds * len(todo), 0
-    before = os.sched_getaffinity(0)
-    others = before - {setting.cpu} or before
+    allowed_cpus = os.sched_getaffinity(0)
+    others = allowed_cpus - {setting.cpu} or allowed_cpus
     os.sched_setaffinity(0, others)
     try:
         with contextlib.ExitStack() as stack, Stop() as stop:
@@ -170,9 +172,9 @@ def _in_turn(
             for _ in range(setting.rounds):
                 for name, phase in todo.items():
                     if stop.asked:
-                        return found, True
+                        return results, True
                     try:
-                        phase(setting, found[name], stop)
+                        phase(setting, results[name], stop)
                     except (InputError, InterruptionError):
                         if not stop.asked:  # else it was broken off
                             raise
@@ -181,78 +183,78 @@ def _in_turn(
                     done += 1
                     progress(done, total)
     finally:
-        os.sched_setaffinity(0, before)
-    return found, False
+        os.sched_setaffinity(0, allowed_cpus)
+    return results, False
 
 
 @contextlib.contextmanager
-def _witnessed(setting: Setting, seconds: float, phase_ns: int) -> Iterator[list[np.ndarray]]:
+def _run_witness(setting: Setting, seconds: float, phase_ns: int) -> Iterator[list[np.ndarray]]:
     """A witness while entered; afterwards the list holds its slots, wake-ups, and when it slept again."""
     folder = SharedFolder()
     out = folder.path / "witness"
-    found: list[np.ndarray] = []
-    pace = Pace(str(out), setting.rate, seconds + _START, setting.cpu, WITNESS_PRIORITY, phase_ns)
+    times: list[np.ndarray] = []
+    pace = Pace(str(out), setting.rate, seconds + _START_TIMEOUT, setting.cpu, WITNESS_PRIORITY, phase_ns)
     process = pace.spawn()
     try:
-        _started(process, begun(out), "witness")
-        yield found
+        _wait_for_start(process, begun(out), "witness")
+        yield times
         process.terminate()
-        process.wait(_START)
-        found += read(out)
+        process.wait(_START_TIMEOUT)
+        times += read(out)
     finally:
         process.kill()
         process.wait()
         folder.remove()
 
 
-def _watched(setting: Setting, seconds: float, phase_ns: int) -> StallWatch:
+def _new_stall_watch(setting: Setting, seconds: float, phase_ns: int) -> StallWatch:
     """Slots in the middle between those of the witness, of what is measured, and of each other."""
-    most = _MOST_LOOKS if setting.rate <= _MOST_LOOKS else _FAST_LOOKS
-    every = 1_000_000_000 // min(_LOOKS * setting.rate, most)
-    return StallWatch(setting.cpu, WITNESS_PRIORITY, every, phase_ns + every // 2, seconds + _START)
+    most = _MOST_CHECKS if setting.rate <= _MOST_CHECKS else _FAST_CHECKS
+    every = 1_000_000_000 // min(_CHECKS_PER_PERIOD * setting.rate, most)
+    return StallWatch(setting.cpu, WITNESS_PRIORITY, every, phase_ns + every // 2, seconds + _START_TIMEOUT)
 
 
-def _cyclictest(setting: Setting, measured: Measured, stop: Stop) -> None:
+def _measure_cyclictest(setting: Setting, measured: Measured, stop: Stop) -> None:
     loops, period_us = round(setting.piece * setting.rate), 1_000_000 // setting.rate
     command = [
         "cyclictest", "-q", "-m", "-t1", f"-p{PRIORITY}", f"-a{setting.cpu}", f"-i{period_us}", f"-l{loops}",
-        f"-h{_HISTOGRAM}",
+        f"-h{_HISTOGRAM_RANGE}",
     ]  # fmt: skip
-    with _witnessed(setting, setting.piece, 0) as witness:
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
+    with _run_witness(setting, setting.piece, 0) as witness:
+        process = subprocess.run(command, capture_output=True, text=True, check=False)
     if stop.asked:
         return
     measured.witness.append((witness[1] - witness[0]) / 1e3)
-    if done.returncode:
-        raise InputError(f"cyclictest failed: {(done.stderr.strip().splitlines() or ['it said nothing'])[-1]}")
-    lines = [line.split() for line in done.stdout.splitlines() if line[:1].isdigit()]
+    if process.returncode:
+        raise InputError(f"cyclictest failed: {(process.stderr.strip().splitlines() or ['it said nothing'])[-1]}")
+    lines = [line.split() for line in process.stdout.splitlines() if line[:1].isdigit()]
     counts = np.array([(int(us), int(count)) for us, count in lines])
     wake = np.repeat(counts[:, 0] + 0.5, counts[:, 1])  # a bin of 1 us at its middle
-    overflow = next((line for line in done.stdout.splitlines() if line.startswith("# Max Latencies")), "")
+    overflow = next((line for line in process.stdout.splitlines() if line.startswith("# Max Latencies")), "")
     wake = np.append(wake, [float(overflow.rpartition(" ")[2])] if overflow and loops > len(wake) else [])
     measured.add("wake", wake)
     measured.cycles += loops
 
 
-def _empty(setting: Setting, measured: Measured, spin_us: float) -> None:
+def _measure_empty_loop(setting: Setting, measured: Measured, spin_us: float) -> None:
     folder = SharedFolder()
     out = folder.path / "pace"
     period = 1_000_000_000 // setting.rate
     pace = Pace(str(out), setting.rate, setting.piece, setting.cpu, PRIORITY, period // 2, spin_us)
     try:
-        with _witnessed(setting, setting.piece, 0) as witness, _watched(setting, setting.piece, 0) as watch:
+        with _run_witness(setting, setting.piece, 0) as witness, _new_stall_watch(setting, setting.piece, 0) as watch:
             process = pace.spawn()
-            process.wait(setting.piece + _START)
+            process.wait(setting.piece + _START_TIMEOUT)
         slots, woken, _ = read(out)
     finally:
         folder.remove()
     measured.add("wake", (woken - slots) / 1e3)
     measured.add("period", (np.diff(woken) - period) / 1e3)
     late = late_cycles(slots, np.zeros(len(slots)), period)
-    _account(measured, np.column_stack([slots[:-1], woken[1:]]), late, witness, watch, period)
+    _count_cycles(measured, np.column_stack([slots[:-1], woken[1:]]), late, witness, watch, period)
 
 
-def _closed(setting: Setting, measured: Measured, stop: Stop, trigger: str, heard: bool = True) -> None:
+def _measure_closed_loop(setting: Setting, measured: Measured, stop: Stop, trigger: str, heard: bool = True) -> None:
     """Plant and controller on one CPU; what they record, and, `heard`, the stamps of their frames."""
     common = ["--bus", setting.bus, "--rate", str(setting.rate), "--cpu", str(setting.cpu)]
     common += [] if setting.telemetry else ["--no-telemetry"]
@@ -262,19 +264,19 @@ def _closed(setting: Setting, measured: Measured, stop: Stop, trigger: str, hear
     commands = {"plant": ["plant", *common, "--profile", "engagement", "--seconds", "100000"], "controller": loop}
     with Services(commands) as services:
         rings = services.rings(stop, say)
-        _begun(services, rings[1], stop)
-        first = _played(rings[1], _SETTLING, stop)
+        _wait_for_closed_loop(services, rings[1], stop)
+        first = _read_rows(rings[1], _SETTLING_TIME, stop)
         column = [c.name for c in rings[1].columns].index("clock_s")
         phase = int(first[-1, column] * 1e9) + period // 4  # whatever makes a cycle late lasts until the witness's slot
         with contextlib.ExitStack() as stack:
-            frames = stack.enter_context(_heard(setting.bus)) if heard else []
+            frames = stack.enter_context(_record_frames(setting.bus)) if heard else []
             with contextlib.ExitStack() as beside:
-                witnessed = setting.rate <= _WITNESSED
-                witness = beside.enter_context(_witnessed(setting, setting.piece, phase)) if witnessed else []
-                watch = beside.enter_context(_watched(setting, setting.piece, phase))
-                rows = _played(rings[1], setting.piece, stop)
-            for service, told in services.end().items():
-                measured.footprint.setdefault(service, Counter()).update(told["footprint"] or {})
+                witnessed = setting.rate <= _MOST_WITNESSED_RATE
+                witness = beside.enter_context(_run_witness(setting, setting.piece, phase)) if witnessed else []
+                watch = beside.enter_context(_new_stall_watch(setting, setting.piece, phase))
+                rows = _read_rows(rings[1], setting.piece, stop)
+            for service, service_summary in services.end().items():
+                measured.footprint.setdefault(service, Counter()).update(service_summary["footprint"] or {})
     names = [c.name for c in rings[1].columns]
     clock, wake, work, late = (rows[:, names.index(n)] for n in ("clock_s", "wake_us", "work_us", "late_cycles"))
     measured.add("wake", wake)
@@ -282,22 +284,22 @@ def _closed(setting: Setting, measured: Measured, stop: Stop, trigger: str, hear
     measured.add("period", np.diff(clock) * 1e6 - period / 1e3)
     if heard:
         measured.add("latency", _latencies(frames))
-    began = clock[:-1] * 1e9
-    cycles = np.column_stack([began - wake[:-1] * 1e3, began + work[1:] * 1e3])
-    _account(measured, cycles, late_cycles(cycles[:, 0], late[:-1], period), witness, watch, period)
+    begins = clock[:-1] * 1e9
+    cycles = np.column_stack([begins - wake[:-1] * 1e3, begins + work[1:] * 1e3])
+    _count_cycles(measured, cycles, late_cycles(cycles[:, 0], late[:-1], period), witness, watch, period)
 
 
-def _echo(setting: Setting, measured: Measured, kind: str) -> None:
+def _measure_echo(setting: Setting, measured: Measured, kind: str) -> None:
     timing = (setting.bus, setting.rate, setting.piece, setting.cpu, PRIORITY)
     folder = SharedFolder()
     ready = folder.path / "ready"
     echo = Echo(kind, *timing, str(ready)).spawn()
     try:
-        with _heard(setting.bus) as frames:
-            _started(echo, ready, "echo")
-            Echo("source", *timing).spawn().wait(setting.piece + _START)
+        with _record_frames(setting.bus) as frames:
+            _wait_for_start(echo, ready, "echo")
+            Echo("source", *timing).spawn().wait(setting.piece + _START_TIMEOUT)
         echo.terminate()
-        echo.wait(_START)
+        echo.wait(_START_TIMEOUT)
     finally:
         echo.kill()
         echo.wait()
@@ -306,16 +308,16 @@ def _echo(setting: Setting, measured: Measured, kind: str) -> None:
     measured.cycles += round(setting.piece * setting.rate)
 
 
-def _started(process: "subprocess.Popen[bytes]", told: Path, what: str) -> None:
+def _wait_for_start(process: "subprocess.Popen[bytes]", start_file: Path, what: str) -> None:
     """Wait for the file that a process makes when it begins. Raises InputError when it does not."""
-    end = time.monotonic() + _START
-    while not told.exists():
+    end = time.monotonic() + _START_TIMEOUT
+    while not start_file.exists():
         if process.poll() is not None or time.monotonic() > end:
             raise InputError(f"the {what} of the measurement did not start")
-        time.sleep(_POLL)
+        time.sleep(_POLL_INTERVAL)
 
 
-def _account(
+def _count_cycles(
     measured: Measured,
     cycles: np.ndarray,
     late: np.ndarray,
@@ -332,69 +334,69 @@ def _account(
         measured.witness.append((woken - slots)[beside] / 1e3)
         lost = np.concatenate([lost, spikes(slots, ended, period)])
         begin, end = max(begin, slots[0]), min(end, slots[-1])
-    seen = (cycles[:, 0] >= begin) & (cycles[:, 1] <= end)
-    near, late = explained(cycles, lost, period), late[seen[late]]
-    measured.cycles += int(seen.sum())
-    measured.near += int(near[seen].sum())
+    watched = (cycles[:, 0] >= begin) & (cycles[:, 1] <= end)
+    near, late = mark_explained(cycles, lost, period), late[watched[late]]
+    measured.cycles += int(watched.sum())
+    measured.near += int(near[watched].sum())
     measured.late += len(late)
     measured.unexplained += int((~near[late]).sum())
 
 
-def _begun(services: Services, ring: RingReader, stop: Stop) -> None:
+def _wait_for_closed_loop(services: Services, ring: RingReader, stop: Stop) -> None:
     """Wait until the loop is closed. Raises InputError when it never is."""
-    end = time.monotonic() + _START
+    end = time.monotonic() + _START_TIMEOUT
     while not len(ring.read()):
         services.check()
         if stop.asked or time.monotonic() > end:
-            raise InputError(f"the loop was not closed within {_START:g} s")
-        time.sleep(_POLL)
+            raise InputError(f"the loop was not closed within {_START_TIMEOUT:g} s")
+        time.sleep(_POLL_INTERVAL)
 
 
-def _played(ring: RingReader, seconds: float, stop: Stop) -> np.ndarray:
+def _read_rows(ring: RingReader, seconds: float, stop: Stop) -> np.ndarray:
     """Rows of a ring for some time, at least one poll of them."""
     rows: list[np.ndarray] = []
     end = time.monotonic() + seconds
     while not rows or (time.monotonic() < end and not stop.asked):
-        time.sleep(_POLL)
+        time.sleep(_POLL_INTERVAL)
         rows.append(ring.read())
     return np.concatenate(rows)
 
 
 @contextlib.contextmanager
-def _heard(bus: str) -> Iterator[list[tuple[int, int, int]]]:
+def _record_frames(bus: str) -> Iterator[list[tuple[int, int, int]]]:
     """Stamp [ns], identifier and tick of samples and commands on the bus, while entered. Read all the time: a participant that
     does not read fills its queue, and senders count refusals."""
     codecs = {codec.can_id: codec for name, codec in load_frames().items() if name in ("ENCODER", "VALVE_COMMAND")}
-    heard: list[tuple[int, int, int]] = []
-    ends = threading.Event()
+    frames: list[tuple[int, int, int]] = []
+    ending = threading.Event()
 
     def listen(port: Port) -> None:
-        while not ends.is_set():
-            if port.wait(_POLL):
+        while not ending.is_set():
+            if port.wait(_POLL_INTERVAL):
                 for stamp, (can_id, data) in port.receive_stamped():
                     if can_id in codecs:
-                        heard.append((stamp, can_id, codecs[can_id].raw(data).sample_tick))
+                        frames.append((stamp, can_id, codecs[can_id].raw(data).sample_tick))
 
     with open_bus(bus) as port:
         thread = threading.Thread(target=listen, args=(port,))
         thread.start()
         try:
-            yield heard
+            yield frames
         finally:
-            ends.set()
+            ending.set()
             thread.join()
 
 
 def _latencies(frames: Sequence[tuple[int, int, int]]) -> np.ndarray:
     """From each sample to the first command that answers it [us]. Raises InputError when none was answered."""
     encoder = load_frames()["ENCODER"].can_id
-    asked: dict[int, int] = {}
-    found = []
+    sample_stamps: dict[int, int] = {}
+    latencies = []
     for stamp, can_id, tick in sorted(frames):
         if can_id == encoder:
-            asked[tick] = stamp
-        elif tick in asked:
-            found.append(stamp - asked.pop(tick))
-    if not found:
+            sample_stamps[tick] = stamp
+        elif tick in sample_stamps:
+            latencies.append(stamp - sample_stamps.pop(tick))
+    if not latencies:
         raise InputError("no sample of the measurement was answered")
-    return np.array(found) / 1e3
+    return np.array(latencies) / 1e3

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 
 from clutch_hil.bench import palette
-from clutch_hil.bench.jitter import SWEPT, Measured, Point, Setting, summary
+from clutch_hil.bench.jitter import SWEEP_TRIGGERS, Measured, Point, Setting, summary
 from clutch_hil.bench.loads import Load
 from clutch_hil.bench.progress import table_text
 from protocols.errors import InputError
 
 _SERVICES = ("plant", "controller")
-_TAKEN = ("page faults plant", "controller", "collections", "threads")
-_SHOWN = ("p50", "p99", "p99.9", "p99.99", "max")
+_FOOTPRINT_COLUMNS = ("page faults plant", "controller", "collections", "threads")
+_PERCENTILES = ("p50", "p99", "p99.9", "p99.99", "max")
 # What the p99.9 of the wake-up [us] means for a machine, in the bands of LinuxCNC's latency test, which takes the maximum
 BANDS = ((20.0, "excellent"), (50.0, "good"), (100.0, "fair"), (1000.0, "poor: late now and then at 1 kHz"))
 UNUSABLE = "unusable for a fixed rate"
@@ -24,7 +24,7 @@ KNEE = 0.002  # share of late cycles up to which a rate is kept
 MOST_UNEXPLAINED = 100.0  # late cycles per million that the machine does not explain: more is a bad verdict
 
 
-def checked(setting: Setting, cpus: Sequence[int]) -> Setting:
+def check_setting(setting: Setting, cpus: Sequence[int]) -> Setting:
     """The setting when it can be measured. Raises InputError."""
     if setting.cpu not in cpus:
         raise InputError(f"CPU {setting.cpu} is not ours; allowed are {', '.join(map(str, cpus))}")
@@ -63,27 +63,27 @@ def _counts(one: Measured) -> dict[str, Any]:
     return counts | ({"footprint": {k: dict(v) for k, v in one.footprint.items()}} if one.footprint else {})
 
 
-def _share(told: Mapping[str, Any]) -> str:
+def _share(measurement: Mapping[str, Any]) -> str:
     """Percentage of all cycles that are near time lost to the machine."""
-    return f"{100.0 * told['near'] / max(told['cycles'], 1):.2f}"
+    return f"{100.0 * measurement['near'] / max(measurement['cycles'], 1):.2f}"
 
 
-def _footprint(told: Mapping[str, Any]) -> tuple[str, ...]:
+def _footprint(measurement: Mapping[str, Any]) -> tuple[str, ...]:
     """Page faults of plant and controller, collections and threads of both."""
-    taken = told.get("footprint", {})
-    faults = [str(one["minor_faults"] + one["major_faults"]) for one in (taken.get(k) for k in _SERVICES) if one]
-    both = [str(sum(one[what] for one in taken.values())) for what in ("collections", "threads_begun")]
-    return (*faults, *both) if taken else ("-",) * 4
+    footprint = measurement.get("footprint", {})
+    faults = [str(one["minor_faults"] + one["major_faults"]) for one in (footprint.get(k) for k in _SERVICES) if one]
+    both = [str(sum(one[what] for one in footprint.values())) for what in ("collections", "threads_begun")]
+    return (*faults, *both) if footprint else ("-",) * 4
 
 
 def _ratios(phases: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Of p50, p99 and p99.9, each pair measured in one run."""
-    found = []
+    ratios = []
 
     def ratio(name: str, what: str, beside: str, other: Mapping[str, float]) -> None:
         own = phases[name][what]
         shares = {p: own[p] / other[p] for p in ("p50", "p99", "p99.9") if p in own and p in other and other[p] > 0.0}
-        found.append({"of": f"{what} of {name}", "to": beside, **shares})
+        ratios.append({"of": f"{what} of {name}", "to": beside, **shares})
 
     for name in phases:
         if "wake" in phases[name] and "witness" in phases[name] and name != "closed loop, bus":
@@ -93,20 +93,20 @@ def _ratios(phases: Mapping[str, Any]) -> list[dict[str, Any]]:
     for echo in ("echo, raw frames", "echo, python-can and cantools"):
         if echo in phases and "closed loop, bus" in phases:
             ratio("closed loop, bus", "latency", echo, phases[echo]["latency"])
-    return found
+    return ratios
 
 
-def text(told: Mapping[str, Any]) -> str:
+def text(measurement: Mapping[str, Any]) -> str:
     """The tables, for people."""
-    rows: list[tuple[str, ...]] = [("phase", "us", *_SHOWN)]
-    for name, one in told["phases"].items():
-        shown = [what for what in ("wake", "witness", "step", "latency", "period") if what in one]
+    rows: list[tuple[str, ...]] = [("phase", "us", *_PERCENTILES)]
+    for name, one in measurement["phases"].items():
+        durations = [what for what in ("wake", "witness", "step", "latency", "period") if what in one]
         rows += [
-            (name if what == shown[0] else "", what, *(_number(one[what].get(p, nan)) for p in _SHOWN))
-            for what in shown
+            (name if what == durations[0] else "", what, *(_number(one[what].get(p, nan)) for p in _PERCENTILES))
+            for what in durations
         ]
-    counts = [("phase", "cycles", "near %", "late", "unexplained", "a million", *_TAKEN)]
-    for name, one in told["phases"].items():
+    counts = [("phase", "cycles", "near %", "late", "unexplained", "a million", *_FOOTPRINT_COLUMNS)]
+    for name, one in measurement["phases"].items():
         if "period" in one:
             million = 1e6 * one["unexplained"] / max(one["cycles"], 1)
             late = (str(one["cycles"]), _share(one), str(one["late"]), str(one["unexplained"]), f"{million:.0f}")
@@ -114,11 +114,19 @@ def text(told: Mapping[str, Any]) -> str:
     ratios: list[tuple[str, ...]] = [("ratio of", "to", "p50", "p99", "p99.9")]
     ratios += [
         (one["of"], one["to"], *(_number(one.get(p, nan), 2) for p in ("p50", "p99", "p99.9")))
-        for one in told["ratios"]
+        for one in measurement["ratios"]
     ]
-    load = f"load: {', '.join(told['loads'])}" if told["loads"] else "load: none"
+    load = f"load: {', '.join(measurement['loads'])}" if measurement["loads"] else "load: none"
     return "\n".join(
-        [f"machine: {told['machine']}; {load}", "", table_text(rows), "", table_text(counts), "", table_text(ratios)]
+        [
+            f"machine: {measurement['machine']}; {load}",
+            "",
+            table_text(rows),
+            "",
+            table_text(counts),
+            "",
+            table_text(ratios),
+        ]
     )
 
 
@@ -129,7 +137,9 @@ def sweep_document(
     rates: list[dict[str, Any]] = []
     knee: dict[str, int | None] = {}
     over: set[str] = set()  # triggers
-    for (rate, trigger), one in sorted(measured.items(), key=lambda found: (SWEPT.index(found[0][1]), found[0])):
+    for (rate, trigger), one in sorted(
+        measured.items(), key=lambda found: (SWEEP_TRIGGERS.index(found[0][1]), found[0])
+    ):
         knee.setdefault(trigger, None)
         late = one.late / one.cycles if one.cycles and not one.failure else inf
         if late > KNEE:
@@ -149,13 +159,13 @@ def sweep_document(
     }  # fmt: skip
 
 
-def sweep_text(told: Mapping[str, Any]) -> str:
+def sweep_text(measurement: Mapping[str, Any]) -> str:
     """The table by rate, for people."""
     rows: list[tuple[str, ...]] = [
         ("begun by", "rate Hz", "period us", "cycles", "near %", "late %", "unexplained", "wake p50", "p99", "step p50", "p99",
-         *_TAKEN)
+         *_FOOTPRINT_COLUMNS)
     ]  # fmt: skip
-    for one in told["rates"]:
+    for one in measurement["rates"]:
         at = (one["trigger"], str(one["rate_hz"]), f"{1e6 / one['rate_hz']:.0f}")
         if "failure" in one:
             rows.append((*at, "failed", *["-"] * 11))
@@ -163,14 +173,14 @@ def sweep_text(told: Mapping[str, Any]) -> str:
         shown = [_number(one[what].get(p, nan)) for what in ("wake", "step") for p in ("p50", "p99")]
         counts = (str(one["cycles"]), _share(one), f"{100.0 * one['late_share']:.3f}", str(one["unexplained"]))
         rows.append((*at, *counts, *shown, *_footprint(one)))
-    load = f"load: {', '.join(told['loads'])}" if told["loads"] else "load: none"
-    return "\n".join([f"machine: {told['machine']}; {load}", "", table_text(rows)])
+    load = f"load: {', '.join(measurement['loads'])}" if measurement["loads"] else "load: none"
+    return "\n".join([f"machine: {measurement['machine']}; {load}", "", table_text(rows)])
 
 
-def sweep_judged(told: Mapping[str, Any]) -> tuple[str, bool]:
+def judge_sweep(measurement: Mapping[str, Any]) -> tuple[str, bool]:
     """Verdict line, and whether there is a rate that is kept."""
-    knee = {trigger: rate for trigger, rate in told["knee_hz"].items() if rate is not None}
-    if told["interrupted"]:
+    knee = {trigger: rate for trigger, rate in measurement["knee_hz"].items() if rate is not None}
+    if measurement["interrupted"]:
         return "interrupted: what was measured so far is told", False
     if not knee:
         return f"no rate is kept with at most {100.0 * KNEE:g} % late", False
@@ -178,11 +188,11 @@ def sweep_judged(told: Mapping[str, Any]) -> tuple[str, bool]:
     return f"up to {rates} at most {100.0 * KNEE:g} % of the cycles are late", True
 
 
-def judged(told: Mapping[str, Any]) -> tuple[str, bool]:
+def judge(measurement: Mapping[str, Any]) -> tuple[str, bool]:
     """Verdict line, and whether it is good: late cycles that the machine does not explain are ours."""
-    if told["interrupted"]:
+    if measurement["interrupted"]:
         return "interrupted: what was measured so far is told", False
-    phases = told["phases"]
+    phases = measurement["phases"]
     loop = phases["closed loop, clock"]
     tail = loop["wake"].get("p99.9", loop["wake"]["max"])
     band = next((name for most, name in BANDS if tail <= most), UNUSABLE)
@@ -203,13 +213,13 @@ def draw(setting: Setting, measured: Mapping[str, Measured], path: Path) -> None
     figure = Figure((11.0, 7.5), layout="constrained")
     colours = {name: palette.CYCLE[i % len(palette.CYCLE)] for i, name in enumerate(measured)}
     for row, what in enumerate(("wake", "latency")):
-        shown = {name: one.all(what) for name, one in measured.items() if what in one.durations}
-        if not shown:
+        durations = {name: one.all(what) for name, one in measured.items() if what in one.durations}
+        if not durations:
             continue
         left, right = figure.add_subplot(2, 2, 2 * row + 1), figure.add_subplot(2, 2, 2 * row + 2)
-        top = max(float(values.max()) for values in shown.values())
+        top = max(float(values.max()) for values in durations.values())
         edges = np.geomspace(0.1, max(top, 10.0) * 1.1, 90)
-        for name, values in shown.items():
+        for name, values in durations.items():
             clipped = np.clip(values, edges[0], None)
             style: dict[str, Any] = {"where": "post", "label": name, "color": colours[name]}
             left.step(edges[:-1], np.histogram(clipped, edges)[0] / len(values), **style)

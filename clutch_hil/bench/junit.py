@@ -69,9 +69,9 @@ def _suite(case: Case) -> ElementTree.Element:
         hostname=platform.node(),
         time=f"{case.seconds:.3f}",
     )
-    said = {**label.properties, **{f"version {name}": version for name, version in versions().items()}}
+    texts = {**label.properties, **{f"version {name}": version for name, version in versions().items()}}
     properties = ElementTree.SubElement(suite, "properties")
-    for name, value in said.items():
+    for name, value in texts.items():
         ElementTree.SubElement(properties, "property", name=name, value=_clean(value))
     if result is None:
         _add(suite, "run", "error", case.error)

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from clutch_hil.bench.scenario import Scenario
-from clutch_hil.bench.sealed import shown_settings
+from clutch_hil.bench.sealed import public_settings
 
 
 @dataclass(frozen=True)
@@ -21,10 +21,10 @@ class Label:
         """The label of a scenario; a blind one has neither name, title nor file, and of its settings what a blind run has."""
         settings = scenario.settings.as_text()
         if blind:
-            return cls("blind", "a scenario, blind", "", {"rig": scenario.rig.name} | shown_settings(settings))
+            return cls("blind", "a scenario, blind", "", {"rig": scenario.rig.name} | public_settings(settings))
         what = f"scenario {scenario.path}" if scenario.path else f"profile {scenario.name}"
-        said = {"title": scenario.title, "rig": scenario.rig.name, "file": str(scenario.path or "-")}
-        return cls(scenario.name, what, scenario.settings.changes(), said | settings)
+        properties = {"title": scenario.title, "rig": scenario.rig.name, "file": str(scenario.path or "-")}
+        return cls(scenario.name, what, scenario.settings.changes(), properties | settings)
 
     def read(self, seconds: float) -> str:
         """What was read, a profile of `seconds` [s], for people."""

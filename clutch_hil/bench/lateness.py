@@ -10,11 +10,11 @@ References      docs/timing.md
 
 import numpy as np
 
-_SPIKE = 0.1  # of a period: time that the loop can do without
+_SPIKE_SHARE = 0.1  # of a period: time that the loop can do without
 _LEAST_SPIKE = (
     100_000  # ns: ordinary wake-ups of a virtual machine are late by up to that, and would explain everything
 )
-_NEAR = 2  # periods around a late cycle
+_NEAR_PERIODS = 2  # periods around a late cycle
 
 
 def late_cycles(slots: np.ndarray, counted: np.ndarray, period_ns: int) -> np.ndarray:
@@ -27,7 +27,7 @@ def late_cycles(slots: np.ndarray, counted: np.ndarray, period_ns: int) -> np.nd
 
 def spike(period_ns: int) -> float:
     """How long time lost to the machine is that explains something [ns]."""
-    return max(_SPIKE * period_ns, _LEAST_SPIKE)
+    return max(_SPIKE_SHARE * period_ns, _LEAST_SPIKE)
 
 
 def spikes(slots: np.ndarray, ended: np.ndarray, period_ns: int) -> np.ndarray:
@@ -41,11 +41,11 @@ def spikes(slots: np.ndarray, ended: np.ndarray, period_ns: int) -> np.ndarray:
     return np.column_stack([begins, np.concatenate([ended[late], slots[gaps + 1]])])
 
 
-def explained(cycles: np.ndarray, lost: np.ndarray, period_ns: int) -> np.ndarray:
+def mark_explained(cycles: np.ndarray, lost: np.ndarray, period_ns: int) -> np.ndarray:
     """Whether cycles, slot and end (k, 2), have time `lost` to the machine, begin and end (n, 2), near; all ns."""
     lost = lost[np.argsort(lost[:, 0])]
     ends = np.append(-np.inf, np.maximum.accumulate(lost[:, 1]))
     before = np.searchsorted(
-        lost[:, 0], cycles[:, 1] + (_NEAR + 0.5) * period_ns, side="right"
+        lost[:, 0], cycles[:, 1] + (_NEAR_PERIODS + 0.5) * period_ns, side="right"
     )  # of those that had begun
-    return ends[before] >= cycles[:, 0] - (_NEAR + 0.5) * period_ns
+    return ends[before] >= cycles[:, 0] - (_NEAR_PERIODS + 0.5) * period_ns

@@ -64,10 +64,10 @@ class Judgement:
 
     def __str__(self) -> str:
         if isinstance(self.value, str):
-            said = self.value
+            value_text = self.value
         else:
-            said = f"{self.value:.4g}" if isfinite(self.value) else "cannot be measured in this run"
-        return f"{self.limit}: {said}"
+            value_text = f"{self.value:.4g}" if isfinite(self.value) else "cannot be measured in this run"
+        return f"{self.limit}: {value_text}"
 
     def document(self) -> dict[str, Any]:
         """For machines."""
@@ -83,6 +83,6 @@ class Judgement:
         }
 
 
-def judged(limits: Sequence[Limit], columns: Columns) -> tuple[Judgement, ...]:
+def judge_limits(limits: Sequence[Limit], columns: Columns) -> tuple[Judgement, ...]:
     """Every limit against the `columns` of a run."""
     return tuple(limit.judge(columns) for limit in limits)

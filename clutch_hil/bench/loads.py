@@ -105,14 +105,14 @@ class Load:
     @contextlib.contextmanager
     def running(self, bus: str) -> Iterator[None]:
         """The load while entered."""
-        before = os.sched_getaffinity(0)
+        allowed_cpus = os.sched_getaffinity(0)
         with tempfile.TemporaryDirectory() as folder:
             if self.everywhere:
                 os.sched_setaffinity(0, range(os.cpu_count() or 1))
             try:
                 running = [spawn(command, subprocess.DEVNULL) for command in self.commands(bus, Path(folder))]
             finally:
-                os.sched_setaffinity(0, before)
+                os.sched_setaffinity(0, allowed_cpus)
             try:
                 yield
             finally:
@@ -138,7 +138,7 @@ LOADS = {
 }
 
 
-def chosen(names: Sequence[str]) -> list[Load]:
+def loads_named(names: Sequence[str]) -> list[Load]:
     """The loads of these names. Raises InputError."""
     if unknown := [name for name in names if name not in LOADS]:
         raise InputError(f"load {unknown[0]!r} is unknown; allowed are {listing(LOADS)}")

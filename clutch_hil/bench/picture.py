@@ -13,7 +13,7 @@ import numpy as np
 
 from clutch_hil.bench import palette
 from clutch_hil.bench.clutch_state import STATES
-from clutch_hil.bench.direction import PUSHES, direction
+from clutch_hil.bench.direction import SIGNED_TORQUE, direction
 from clutch_hil.bench.measures import torque as torque_of
 from clutch_hil.bench.sheet import Sheet, at_least, plot_errors, speeds, zero
 from protocols.can.request import Request
@@ -75,7 +75,7 @@ def _draw_torque(axes: Any, columns: Mapping[str, np.ndarray]) -> None:
     axes.set_ylim(low, high)
     at_least(axes, 1.0)
     axes.set_ylabel("clutch torque [Nm]")
-    if np.any(columns[column] <= -PUSHES):
+    if np.any(columns[column] <= -SIGNED_TORQUE):
         zero(axes)
 
 

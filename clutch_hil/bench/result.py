@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from clutch_hil.bench.limits import Judgement, Limit, judged
+from clutch_hil.bench.limits import Judgement, Limit, judge_limits
 from clutch_hil.bench.measures import MEASURES, followed
 from clutch_hil.bench.picture import draw_run
 from clutch_hil.bench.sealed import SEAL
@@ -114,7 +114,7 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
     if injected := [change["row"] / run.metadata["sample_rate_hz"] for change in run.metadata.get("injections", ())]:
         lines.append(f"injections: {len(injected)}, the first at {injected[0]:.3f} s")
     lines += fault_lines([faults]) if limits else []  # without limits the verdict has them
-    result = Result(document, "\n".join(lines), verdict, good).limited(judged(limits, columns))
+    result = Result(document, "\n".join(lines), verdict, good).limited(judge_limits(limits, columns))
     draw_run(picture, columns, title(path, verdict, result), injected)
     return result.interrupted(columns["time_s"][-1]) if timing and timing["interrupted"] else result
 

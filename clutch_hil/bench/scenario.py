@@ -10,7 +10,7 @@ from typing import Any
 from clutch_hil.bench.limits import Limit
 from clutch_hil.bench.rig import DEFAULT_RIG, Rig, rig_named
 from clutch_hil.bench.settings import RunSettings
-from clutch_hil.command import checked_rate
+from clutch_hil.command import check_rate
 from plant_sim.node.injection import Injection, effect_off, effect_on, sensor_bias, sensor_frozen
 from plant_sim.node.plant_rig import RigProfile
 from protocols.can.bus_load import BITRATES, bus_load
@@ -52,9 +52,9 @@ class Scenario:
     @property
     def duration(self) -> float:
         """Length of its profile [s]. Raises InputError."""
-        return self.loaded_profile().duration
+        return self.load_profile().duration
 
-    def loaded_profile(self) -> RigProfile:
+    def load_profile(self) -> RigProfile:
         """The profile to play, of its rig's kind. Raises InputError, also for an injection after its end."""
         profile = self.rig.plant.load_profile(self.settings.profile, self.settings.seconds)
         for number, injection in enumerate(self.injections, 1):
@@ -97,21 +97,21 @@ def load_scenario(name: str, given: Mapping[str, Any] | None = None) -> Scenario
         )
 
 
-def checked_seed(seed: Any, name: str = "seed") -> int:
+def check_seed(seed: Any, name: str = "seed") -> int:
     """`seed` when random numbers can begin with it. Raises InputError."""
     if not isinstance(seed, int) or seed < 0:
         raise InputError(f"{name} is {seed!r}; allowed are 0 and more, whole numbers")
     return seed
 
 
-def chosen_scenario(name: str | None, given: Mapping[str, Any], rig: str | None = None) -> Scenario:
+def choose_scenario(name: str | None, given: Mapping[str, Any], rig: str | None = None) -> Scenario:
     """The scenario `name`, or without one a run of `rig`, with the fields of RunSettings that are `given` and not None.
 
     Raises InputError.
     """
     settings = {key: value for key, value in given.items() if value is not None}
-    checked_rate(settings.get("rate", RunSettings.rate))
-    checked_seed(settings.get("seed", RunSettings.seed))
+    check_rate(settings.get("rate", RunSettings.rate))
+    check_seed(settings.get("seed", RunSettings.seed))
     if name is None:
         return Scenario.of(RunSettings(**settings), rig or DEFAULT_RIG)
     loaded = load_scenario(name, settings)
@@ -134,13 +134,13 @@ def naming(path: Path | None) -> Iterator[None]:
 def _settings(table: TomlTable, rig: Rig) -> RunSettings:
     run = table.table("run", tuple(_RUN))
     entries = {key: run.get(key, kind) for key, kind in _RUN.items() if key in run}
-    rate = checked_rate(entries.get("rate", RunSettings.rate))
+    rate = check_rate(entries.get("rate", RunSettings.rate))
     if (load := bus_load(bus_frames(clutches=len(rig.plant.controllers)), rate, max(BITRATES))) > 1.0:
         raise InputError(
             f"run.rate is {rate} Hz: its frames would fill {100 * load:.0f} % of a bus of {max(BITRATES) // 1000} kbit/s;"
             " allowed are 100 %"
         )
-    checked_seed(entries.get("seed", RunSettings.seed), "run.seed")
+    check_seed(entries.get("seed", RunSettings.seed), "run.seed")
     if entries.get("profile", "").endswith(".csv"):
         entries["profile"] = str(table.path.parent / entries["profile"])
     return RunSettings(**entries, controller=table.table("controller").numbers())

@@ -94,7 +94,7 @@ def truth_path(path: Path, folder: Path | None = None) -> Path:
 def shown(metadata: Mapping[str, Any]) -> dict[str, Any]:
     """What a blind run says of the `metadata` of a whole one."""
     told = _only(metadata, _OPEN)
-    told["settings"] = shown_settings(metadata.get("settings", {}))
+    told["settings"] = public_settings(metadata.get("settings", {}))
     told["plant_parameters"] = {
         name: value
         for name, value in metadata.get("plant_parameters", {}).items()
@@ -103,7 +103,7 @@ def shown(metadata: Mapping[str, Any]) -> dict[str, Any]:
     return told
 
 
-def shown_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
+def public_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
     """What a blind run says of its `settings`."""
     return _only(settings, _OPEN_SETTINGS)
 

@@ -25,7 +25,7 @@ _STOP = 10.0  # s for a service to end once asked
 _POLL = 0.05  # s between looks
 _JUDGED = 1  # exit code of a service that ended as it should, and has told a fault
 # with which a service begins and ends: its error is raised, the rest is in the summary
-TOLD_ELSEWHERE = ("error: ", "plant", "controller", " ", "note: ", "verdict: ")
+IGNORED_PREFIXES = ("error: ", "plant", "controller", " ", "note: ", "verdict: ")
 _PLANT = "plant"  # the service that ends last, so that every safe command still meets a plant
 
 
@@ -69,7 +69,7 @@ class Services:
             now = time.monotonic()
             for name, line in self.said():
                 heard[name], last[name], told = now, line, now
-                if name in missing and not line.startswith(TOLD_ELSEWHERE):
+                if name in missing and not line.startswith(IGNORED_PREFIXES):
                     tell(f"{name}: {line}")
             self.check()
             stop.check(f"the services had not started; nothing was written, {describe_keeping()}")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clutch_hil.bench import palette
-from clutch_hil.bench.direction import MOVES, both_ways
+from clutch_hil.bench.direction import MOVING_SLIP, both_ways
 from clutch_hil.bench.lanes import Lane, Stretch, lanes, stretches
 
 if TYPE_CHECKING:
@@ -144,7 +144,7 @@ def speeds(axes: Any, *lines: np.ndarray) -> None:
         axes.set_ylim(-reach, reach)
         zero(axes)
     else:
-        axes.set_ylim(0.0, max(axes.get_ylim()[1], MOVES))
+        axes.set_ylim(0.0, max(axes.get_ylim()[1], MOVING_SLIP))
 
 
 def at_least(axes: Any, high: float) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from clutch_hil.bench.limits import Limit, judged
+from clutch_hil.bench.limits import Limit, judge_limits
 from clutch_hil.bench.power_shift_measures import MEASURES, handover
 from clutch_hil.bench.result import Result, fault_lines, timing_lines, title
 from clutch_hil.bench.shift_picture import draw_shift
@@ -71,7 +71,7 @@ def judge_shift(path: Path, read: str, limits: Sequence[Limit] = (), timing: dic
     lines += _load_lines(run.metadata["sample_rate_hz"])
     lines += [f"{'shift:' if not i else '':<9}{text}" for i, text in enumerate(_shift_lines(measured))]
     lines += fault_lines(faults) if limits else []
-    result = Result(document, "\n".join(lines), verdict, good).limited(judged(limits, columns))
+    result = Result(document, "\n".join(lines), verdict, good).limited(judge_limits(limits, columns))
     draw_shift(picture, columns, title(path, verdict.partition(", heat")[0], result))
     return result.interrupted(columns["time_s"][-1]) if timing and timing["interrupted"] else result
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from clutch_hil.bench import palette
-from clutch_hil.bench.direction import PUSHES, direction
+from clutch_hil.bench.direction import SIGNED_TORQUE, direction
 from clutch_hil.bench.power_shift_measures import handover
 from clutch_hil.bench.sheet import Sheet, zero
 from protocols.can.request import Request
@@ -45,7 +45,7 @@ def shift_sheet(columns: Mapping[str, np.ndarray], title: str, injected: Iterabl
     speed.plot(time, columns["input_speed_demand_rad_s"], label="input, demand", **dashed)
     speed.set_ylabel("speed [rad/s]")
     torque.set_ylabel("clutch torque [Nm]")
-    if any(np.any(columns[f"truth_clutch_torque_{name}_nm"] <= -PUSHES) for name, *_ in _CLUTCHES):
+    if any(np.any(columns[f"truth_clutch_torque_{name}_nm"] <= -SIGNED_TORQUE) for name, *_ in _CLUTCHES):
         zero(torque)
     torque.margins(y=0.12)  # room for a word
     output.plot(time, columns["truth_output_torque_nm"], label="output", **driveline)

@@ -24,15 +24,15 @@ class Simulation:
         self.label = Label.of(scenario, blind)
         with naming(scenario.path):
             scenario.rig.plant.check_blind(blind)
-            self.profile = scenario.loaded_profile()
-            _must_fit(self.profile.duration, scenario.settings.rate)
+            self.profile = scenario.load_profile()
+            _check_size(self.profile.duration, scenario.settings.rate)
             self._new_nodes(scenario.plant, scenario.settings.seed)
 
     def run(self, progress: Callable[[int, int], None]) -> Result:
         """Simulate; write the run file and its picture."""
         scenario, settings = self.scenario, self.scenario.settings
         writable(settings.out)
-        played, metadata = self.play_described(progress)
+        played, metadata = self.play_with_metadata(progress)
         path = run_path(settings.out, f"{self.label.name}-simulated")
         recorder = SealedRecording if self._blind else Recording
         with recorder(path, played.plant_columns, played.controller_columns, settings.rate) as recording:
@@ -41,7 +41,7 @@ class Simulation:
         result: Result = scenario.rig.judge(path, f"{self}, in one process, {settings.rate} Hz", scenario.limits)
         return result
 
-    def play_described(self, progress: Callable[[int, int], None] | None = None) -> tuple[Played, dict[str, Any]]:
+    def play_with_metadata(self, progress: Callable[[int, int], None] | None = None) -> tuple[Played, dict[str, Any]]:
         """Simulate; return the records and the metadata of their run file. Nothing is written."""
         scenario, settings = self.scenario, self.scenario.settings
         plant, controllers = self._new_nodes(scenario.plant, settings.seed)
@@ -72,7 +72,7 @@ class Simulation:
         return node, {name: settings.new_controller(clutch) for name, clutch in rig.controllers.items()}
 
 
-def _must_fit(duration: float, rate: int) -> None:
+def _check_size(duration: float, rate: int) -> None:
     """Raise InputError when a run of `duration` [s] at `rate` [Hz] has too many samples to be held in memory."""
     if (samples := round(duration * rate)) > _MOST_SAMPLES:
         raise InputError(

@@ -8,8 +8,8 @@ from typing import Any
 import pyarrow as pa
 
 from clutch_hil.bench.executors import compute
-from clutch_hil.bench.in_memory import composed_scenario, measure_run, simulate
-from clutch_hil.bench.scenario import Scenario, checked_seed, chosen_scenario
+from clutch_hil.bench.in_memory import compose_scenario, measure_run, simulate
+from clutch_hil.bench.scenario import Scenario, check_seed, choose_scenario
 from clutch_hil.bench.simulate import Simulation
 from protocols.errors import InputError
 
@@ -49,7 +49,7 @@ def sweep(
     Raises InputError before anything is computed for what cannot be.
     """
     rows = list(samples)
-    numbers = list(map(checked_seed, seeds))
+    numbers = list(map(check_seed, seeds))
     if not rows or not numbers:
         raise InputError(f"a sweep was given no {'seeds' if rows else 'samples'}; one or more are needed")
     names = list(rows[0])
@@ -58,8 +58,8 @@ def sweep(
             f"a sample has {', '.join(odd) or 'no values'}, the first has {', '.join(names)}; all need the same"
         )
     if measures is None:
-        measures = (*chosen_scenario(None if scenario is None else str(scenario), {}).rig.figures, "fault")
-    cases = list(prepared_cases(rows, numbers, scenario, tuple(measures), settings))
+        measures = (*choose_scenario(None if scenario is None else str(scenario), {}).rig.figures, "fault")
+    cases = list(prepare_cases(rows, numbers, scenario, tuple(measures), settings))
     results: list[dict[str, Any]] = [{} for _ in cases]
     for done, (index, result) in enumerate(compute(measure_case, cases, workers, address), 1):
         results[index] = result
@@ -69,7 +69,7 @@ def sweep(
     columns: dict[str, list[Any]] = {name: [row[name] for row, _ in repeated] for name in names}
     columns |= {"seed": [seed for _, seed in repeated]}
     columns |= {name: [result[name] for result in results] for name in measures}
-    units = _units(names, measures, composed_scenario(scenario, {"profile": settings.get("profile")}))
+    units = _units(names, measures, compose_scenario(scenario, {"profile": settings.get("profile")}))
     table = pa.table(columns)
     fields = [field.with_metadata({"unit": units.get(field.name, "1")}) for field in table.schema]
     return table.cast(pa.schema(fields))
@@ -91,7 +91,7 @@ def measure_case(case: Case) -> dict[str, float | str]:
     return {name: values[name] for name in case.measures}
 
 
-def prepared_cases(
+def prepare_cases(
     samples: Sequence[Mapping[str, float]],
     seeds: Sequence[int],
     scenario: str | Path | None,
@@ -108,7 +108,7 @@ def prepared_cases(
         ours = {name.removeprefix(_CONTROLLER): v for name, v in sample.items() if name.startswith(_CONTROLLER)}
         plant = own["plant"] | {name: v for name, v in sample.items() if not name.startswith(_CONTROLLER)}
         controller = own["controller"] | ours
-        chosen = composed_scenario(scenario, run, plant, controller, others["effects"])
+        chosen = compose_scenario(scenario, run, plant, controller, others["effects"])
         if number == 0:
             Simulation(chosen)  # what holds for one holds for all: rig, profile, rate
             for name in measures:

@@ -35,7 +35,7 @@ def sweep_to_csv(
     """
     writable(scenario.settings.out)
     figures = scenario.rig.figures
-    name, values = parsed_range(vary, scenario.plant) if vary else ("-", [float("nan")])
+    name, values = parse_range(vary, scenario.plant) if vary else ("-", [float("nan")])
     table = sweep(
         [{name: value} for value in values] if vary else [{}],
         scenario.path,
@@ -70,7 +70,7 @@ def sweep_to_csv(
     return Result(document, "\n".join(lines), verdict, all(good))
 
 
-def parsed_range(text: str, parameters: ParameterSet) -> tuple[str, Sequence[float]]:
+def parse_range(text: str, parameters: ParameterSet) -> tuple[str, Sequence[float]]:
     """Parameter name and values of `NAME=LOW:HIGH:COUNT`. Raises InputError."""
     name, _, span = text.partition("=")
     try:

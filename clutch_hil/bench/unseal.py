@@ -47,7 +47,7 @@ def unsealed(path: Path, folder: Path | None = None) -> tuple[Path, Run]:
     return truth, whole
 
 
-def told_by(path: Path, truth: Path, whole: Run) -> tuple[dict[str, Any], str, str, bool]:
+def describe_truth(path: Path, truth: Path, whole: Run) -> tuple[dict[str, Any], str, str, bool]:
     """What the truth file of the run at `path` tells beyond it: document, text, verdict and True."""
     metadata = whole.metadata
     on = _effects_on(metadata["plant_parameters"])

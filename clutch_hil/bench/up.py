@@ -20,7 +20,7 @@ from clutch_hil.bench.recording import Recording, run_path, writable
 from clutch_hil.bench.result import Result
 from clutch_hil.bench.scenario import Scenario, load_scenario, naming
 from clutch_hil.bench.sealed import SealedRecording
-from clutch_hil.bench.services import TOLD_ELSEWHERE, Services, say
+from clutch_hil.bench.services import IGNORED_PREFIXES, Services, say
 from clutch_hil.bench.settings import MANUAL, RunSettings
 from clutch_hil.bench.status import StatusLine
 from protocols.buses.bus import open_bus, resolve
@@ -170,14 +170,14 @@ class Bench:
     def _plant_file(self, folder: Path) -> Path | None:
         """A file of what changes the plant beside the scenario's file, for its process; a new one is in `folder`."""
         scenario, settings = self.scenario, self.scenario.settings
-        if scenario.plant.as_values() == self._plant_read(settings.plant_parameters):
+        if scenario.plant.as_values() == self._read_plant_values(settings.plant_parameters):
             return settings.plant_parameters
-        shipped, path = self._plant_read(None), folder / "plant.toml"
+        shipped, path = self._read_plant_values(None), folder / "plant.toml"
         changed = {name: value for name, value in scenario.plant.as_values().items() if value != shipped[name]}
         path.write_text("".join(f"{name} = {value!r}\n" for name, value in changed.items()), encoding="utf-8")
         return path
 
-    def _plant_read(self, changed: Path | None) -> Mapping[str, float]:
+    def _read_plant_values(self, changed: Path | None) -> Mapping[str, float]:
         """The plant's parameters as its process reads them from the scenario's file and the file `changed`."""
         scenario = self.scenario
         if scenario.path:
@@ -232,7 +232,7 @@ class Session:
 
     def news(self) -> list[str]:
         """What the services have said since the last call, for people."""
-        return [f"{name}: {line}" for name, line in self._services.said() if not line.startswith(TOLD_ELSEWHERE)]
+        return [f"{name}: {line}" for name, line in self._services.said() if not line.startswith(IGNORED_PREFIXES)]
 
     def finish(self, interrupted: bool) -> dict[str, Any]:
         """Stop the services, finish the run file; return what the services' clocks and ports say. Raises InputError."""

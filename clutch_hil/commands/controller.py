@@ -4,7 +4,7 @@ from pathlib import Path
 
 import typer
 
-from clutch_hil.command import checked_rate, emit, verdict, write_summary
+from clutch_hil.command import check_rate, emit, verdict, write_summary
 
 
 def register(app: typer.Typer) -> None:
@@ -44,7 +44,7 @@ def controller(
 
     service = ControllerService(
         bus=bus,
-        rate=checked_rate(rate),
+        rate=check_rate(rate),
         lockstep=lockstep,
         parameters_file=parameters,
         law=law,

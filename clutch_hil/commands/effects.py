@@ -33,7 +33,7 @@ def effects(
     import shutil
     import sys
 
-    from clutch_hil.bench.effect_text import in_order
+    from clutch_hil.bench.effect_text import sort_effects
     from plant_sim.effects import catalogue
 
     columns = shutil.get_terminal_size().columns if sys.stdout.isatty() else _UNLIMITED
@@ -42,9 +42,9 @@ def effects(
     if name:
         _describe(catalogue.effect(name), out, columns, json_output)
     elif write:
-        _write_page(write, in_order(catalogue.effects().values()), json_output)
+        _write_page(write, sort_effects(catalogue.effects().values()), json_output)
     else:
-        _list(in_order(catalogue.effects().values()), columns, json_output)
+        _list(sort_effects(catalogue.effects().values()), columns, json_output)
 
 
 def _list(effects: Sequence["Effect"], columns: int, json_output: bool) -> None:
@@ -93,14 +93,14 @@ def _describe(effect: "Effect", out: Path, columns: int, json_output: bool) -> N
 def _write_page(page: Path, effects: Sequence["Effect"], json_output: bool) -> None:
     """Write the parts of a page that come from the effects of this package; draw its picture beside it, as a PNG."""
     from clutch_hil.bench.demonstration import demonstrate
-    from clutch_hil.bench.effect_page import pictured_names, written_page
+    from clutch_hil.bench.effect_page import pictured_names, rewrite_page
     from clutch_hil.bench.effect_picture import draw_effects
     from clutch_hil.bench.effect_text import is_ours
     from plant_sim.effects import catalogue
 
     ours = [effect for effect in effects if is_ours(effect)]
     try:
-        text = written_page(page.read_text(encoding="utf-8"), ours)
+        text = rewrite_page(page.read_text(encoding="utf-8"), ours)
         drawn = [catalogue.effect(name) for name in pictured_names(text)]
         page.write_text(text, encoding="utf-8")
     except OSError as error:

@@ -57,7 +57,7 @@ def experiment(
 ) -> None:
     """Play experiments on the live plant over CAN and record them; with --for decide again with what they show."""
     from clutch_hil.bench.progress import table_text
-    from clutch_hil.command import checked_rate
+    from clutch_hil.command import check_rate
     from clutch_hil.discrepancy.laboratory import OwnBench, RunningBench, plant_under_test
     from clutch_hil.discrepancy.models.wet_clutch_experiments import HELD_OUT, LIBRARY, STANDARD, find
     from clutch_hil.live.catalogue import counted
@@ -78,7 +78,7 @@ def experiment(
     if holdout and not names:
         raise InputError(f"--holdout {holdout[0]} goes with experiments that are named; leave it away")
     if rate is not None:
-        checked_rate(rate)
+        check_rate(rate)
     follow_up: Report | None = None
     wanted: list[Experiment] = []
     held_out: list[Experiment] = []

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import typer
 
-from clutch_hil.command import checked_rate, report
+from clutch_hil.command import check_rate, report
 from protocols.errors import InputError
 
 
@@ -35,7 +35,7 @@ def jitter(
 
     from clutch_hil.bench import jitter_report
     from clutch_hil.bench.jitter import Setting, measure, sweep
-    from clutch_hil.bench.loads import chosen
+    from clutch_hil.bench.loads import loads_named
     from clutch_hil.bench.progress import progress_bar
     from clutch_hil.bench.recording import writable
     from clutch_hil.command import write_summary
@@ -43,38 +43,38 @@ def jitter(
     from protocols.realtime.waiting import check_spin
 
     cpus = sorted(os.sched_getaffinity(0))
-    setting = jitter_report.checked(
+    setting = jitter_report.check_setting(
         Setting(
-            resolve(bus), checked_rate(rate), seconds, rounds, cpus[-1] if cpu is None else cpu,
+            resolve(bus), check_rate(rate), seconds, rounds, cpus[-1] if cpu is None else cpu,
             check_spin(spin_us), telemetry,
         ),
         cpus,
     )  # fmt: skip
-    loads = chosen(load)
+    loads = loads_named(load)
     wanted = _rates(rates) if rates is not None else []
     open_bus(setting.bus).close()
     writable(out)
     summary = out / "jitter.json"
     if wanted:
         with progress_bar("jitter by rate", json_output) as progress:
-            told = jitter_report.sweep_document(setting, loads, *sweep(setting, wanted, loads, progress))
-        write_summary(summary, told)
-        verdict, good = jitter_report.sweep_judged(told)
-        lines = [jitter_report.sweep_text(told), "", f"wrote:   {summary}"]
-        report(told, "\n".join(lines), verdict, good, json_output)
+            measurement = jitter_report.sweep_document(setting, loads, *sweep(setting, wanted, loads, progress))
+        write_summary(summary, measurement)
+        verdict, good = jitter_report.judge_sweep(measurement)
+        lines = [jitter_report.sweep_text(measurement), "", f"wrote:   {summary}"]
+        report(measurement, "\n".join(lines), verdict, good, json_output)
         return
     with progress_bar("jitter", json_output) as progress:
         measured, interrupted = measure(setting, loads, progress)
-    told = jitter_report.document(setting, loads, measured, interrupted)
+    measurement = jitter_report.document(setting, loads, measured, interrupted)
     picture = out / "jitter.png"
     jitter_report.draw(setting, measured, picture)
-    write_summary(summary, told)
-    verdict, good = jitter_report.judged(told)
+    write_summary(summary, measurement)
+    verdict, good = jitter_report.judge(measurement)
     where = f"on {setting.bus} at {rate} Hz, CPU {setting.cpu}"
     read = f"read:    {len(measured)} phases of {seconds:g} s in {rounds} rounds {where}"
     report(
-        told,
-        "\n".join([jitter_report.text(told), "", read, f"wrote:   {picture}", f"wrote:   {summary}"]),
+        measurement,
+        "\n".join([jitter_report.text(measurement), "", read, f"wrote:   {picture}", f"wrote:   {summary}"]),
         verdict,
         good,
         json_output,
@@ -86,4 +86,4 @@ def _rates(text: str) -> list[int]:
     parts = [part.strip() for part in text.split(",")]
     if odd := [part for part in parts if not part.isdecimal()]:
         raise InputError(f"rates {text!r} has {odd[0]!r}; allowed are whole numbers of Hz with commas between")
-    return [checked_rate(int(part)) for part in parts]
+    return [check_rate(int(part)) for part in parts]

@@ -37,7 +37,7 @@ def plant(
     json_output: bool = JSON,
 ) -> None:
     """Simulate the rig on a bus until it is stopped; in lock-step until its profile ends."""
-    from clutch_hil.bench.scenario import chosen_scenario, naming
+    from clutch_hil.bench.scenario import choose_scenario, naming
     from clutch_hil.bench.service_text import service_lines
     from clutch_hil.bench.settings import MANUAL
     from plant_sim.node.plant_service import PlantService
@@ -48,7 +48,7 @@ def plant(
         "rate": rate, "profile": profile or (None if scenario else MANUAL), "seconds": seconds, "seed": seed,
         "temperature": temperature, "plant_parameters": parameters,
     }  # fmt: skip
-    played = chosen_scenario(scenario, given, rig)
+    played = choose_scenario(scenario, given, rig)
     played.rig.plant.check_blind(blind)
     settings = played.settings
     with naming(played.path):
@@ -58,7 +58,7 @@ def plant(
             rig=played.rig.plant,
             lockstep=lockstep,
             parameters=played.plant,
-            profile=None if settings.profile == MANUAL else played.loaded_profile(),
+            profile=None if settings.profile == MANUAL else played.load_profile(),
             seed=settings.seed,
             temperature=settings.temperature,
             injections=played.injections,

@@ -35,7 +35,7 @@ def record(
     import os
     from contextlib import suppress
 
-    from clutch_hil.bench.can_log import WRITERS, CanLog, Logged
+    from clutch_hil.bench.can_log import WRITERS, CanLog, CanLogResult
     from clutch_hil.bench.progress import Doing
     from clutch_hil.live.bench_recording import record as record_telemetry
     from clutch_hil.live.conversion import FORMATS
@@ -48,7 +48,7 @@ def record(
     path = file.with_suffix(".parquet") if file and not file.suffix else file
     if path and path.suffix not in (*FORMATS, *WRITERS):
         raise InputError(f"{path} cannot be recorded as {path.suffix!r}; allowed are {listing((*FORMATS, *WRITERS))}")
-    result: Logged | Recorded
+    result: CanLogResult | Recorded
     with Doing(f"waiting for {bus or 'a bus'}", json_output) as doing, Stop() as stop:
         if path and path.suffix in WRITERS:
             if router:

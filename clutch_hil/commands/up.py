@@ -59,7 +59,7 @@ def up(
     json_output: bool = JSON,
 ) -> None:
     """Start plant and controller, play a scenario or a profile, record, judge, draw."""
-    from clutch_hil.bench.scenario import chosen_scenario
+    from clutch_hil.bench.scenario import choose_scenario
     from clutch_hil.bench.suite import run_one
     from clutch_hil.bench.up import Bench
 
@@ -68,7 +68,7 @@ def up(
         "controller_parameters": controller_parameters, "seed": seed, "temperature": temperature, "law": law,
         "adaptation": adaptation, "out": out,
     }  # fmt: skip
-    chosen = chosen_scenario(scenario, given)
+    chosen = choose_scenario(scenario, given)
     if (view or web) and not telemetry:
         raise InputError("a viewer was asked for and --no-telemetry; allowed is one of them")
     viewer = ["--web"] if web else [] if view else None

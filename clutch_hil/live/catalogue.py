@@ -99,7 +99,9 @@ def tables(entries: Mapping[str, Mapping[str, Any]], width: int) -> str:
     return "\n\n".join(table_text(_fitted(_rows(node, dict(items)), width)) for node, items in grouped)
 
 
-def without_off(entries: Mapping[str, Mapping[str, Any]], names: Collection[str]) -> tuple[dict[str, Any], list[str]]:
+def hide_off_effects(
+    entries: Mapping[str, Mapping[str, Any]], names: Collection[str]
+) -> tuple[dict[str, Any], list[str]]:
     """`entries` by full name without those of effects (`names`) that are as shipped, off; and which effects these are."""
     groups: dict[str, list[Mapping[str, Any]]] = {}
     for full, entry in entries.items():

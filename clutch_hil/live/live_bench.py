@@ -12,7 +12,7 @@ from typing import Any
 
 import zenoh
 
-from clutch_hil.bench.in_memory import Values, composed_scenario
+from clutch_hil.bench.in_memory import Values, compose_scenario
 from clutch_hil.bench.run_file import read_run
 from clutch_hil.bench.scenario import Scenario
 from clutch_hil.bench.settings import MANUAL
@@ -66,7 +66,7 @@ def start_bench(
         "temperature": temperature, "law": law, "adaptation": adaptation, "plant_parameters": plant_parameters,
         "controller_parameters": controller_parameters,
     }  # fmt: skip
-    return LiveBench(composed_scenario(scenario, settings, plant, controller, effects), bus, lockstep)
+    return LiveBench(compose_scenario(scenario, settings, plant, controller, effects), bus, lockstep)
 
 
 class LiveBench:
@@ -147,7 +147,9 @@ class LiveBench:
 
         Raises InputError.
         """
-        return {name: float(entry["value"]) for name, entry in list_parameters(*self._published()).entries.items()}
+        return {
+            name: float(entry["value"]) for name, entry in list_parameters(*self._connect_telemetry()).entries.items()
+        }
 
     def tune(self, values: Values) -> list[dict[str, Any]]:
         """Set parameters by name, with or without `plant.` or `controller.` before it, in declared units, between two cycles.
@@ -155,7 +157,7 @@ class LiveBench:
         Returns the changes: node, name, old, new, unit, and `row`, the first sample of that node with it. All names and values
         are checked before anything is set. Raises InputError.
         """
-        published = self._published()
+        published = self._connect_telemetry()
         wanted = assignments(list_parameters(*published), [f"{name}={value!r}" for name, value in values.items()])
         return change_parameters(*published, wanted)
 
@@ -186,7 +188,7 @@ class LiveBench:
         values = injection_values(given, plant or {}, tuple(freeze), bias or {}, off)
         times = {"at": at, "after": after, "ramp": ramp, "until": until, "for": lasting}
         when = {name: float(seconds) for name, seconds in times.items() if seconds is not None}
-        return inject(*self._published(), values, when)
+        return inject(*self._connect_telemetry(), values, when)
 
     def stop(self) -> Run:
         """Release the clutch, end the processes; return the run since the start: columns of shape (samples,), as of a run file.
@@ -240,7 +242,7 @@ class LiveBench:
             raise self._error
         return self._driver
 
-    def _published(self) -> tuple[zenoh.Session, str]:
+    def _connect_telemetry(self) -> tuple[zenoh.Session, str]:
         """The telemetry of the bench: a session and the bench's name. Raises InputError where it does not come."""
         if self._telemetry is None:
             session, name = self._stack.enter_context(consumer_session()), bench_name(self._session.bus)

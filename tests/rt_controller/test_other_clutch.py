@@ -139,7 +139,7 @@ def played(scenario: str, changed: str = "", value: float = 0.0, at: float = 0.0
     case = load_scenario(scenario)
     if changed:
         case = replace(case, injections=(Injection({changed: value}, at=at),))
-    run, _ = Simulation(case).play_described()
+    run, _ = Simulation(case).play_with_metadata()
     told = {column.name: run.plant[:, k] for k, column in enumerate(PLANT)}
     for name, rows in zip("ab", run.controllers, strict=True):
         told |= {f"{column.name}_{name}": rows[:, k] for k, column in enumerate(COLUMNS)}

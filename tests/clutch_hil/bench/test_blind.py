@@ -15,7 +15,7 @@ from clutch_hil.bench.in_process import Played, play
 from clutch_hil.bench.metadata import run_metadata
 from clutch_hil.bench.recording import Recording
 from clutch_hil.bench.sealed import SEAL, SealedRecording
-from clutch_hil.bench.unseal import told_by, unsealed
+from clutch_hil.bench.unseal import describe_truth, unsealed
 from clutch_hil.bench.wet_clutch_rig import RIG
 from clutch_hil.command import application
 from plant_sim.effects.catalogue import effects
@@ -124,7 +124,7 @@ def test_the_truth_file_is_the_run_that_is_not_blind(tmp_path: Path, run: Path, 
 
 
 def test_the_truth_is_told_when_it_is_unsealed(run: Path) -> None:
-    document, text, verdict, good = told_by(run, *unsealed(run))
+    document, text, verdict, good = describe_truth(run, *unsealed(run))
     assert good
     assert document["settings"]["seed"] == str(SEED)
     assert "piston_seal_friction" in document["effects"]

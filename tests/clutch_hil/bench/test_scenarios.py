@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from clutch_hil.bench.limits import Judgement, judged
+from clutch_hil.bench.limits import Judgement, judge_limits
 from clutch_hil.bench.measures import MEASURES
 from clutch_hil.bench.rig import rig_named, rig_names
 from clutch_hil.bench.scenario import Scenario, load_scenario, shipped
@@ -21,7 +21,7 @@ PAST_LIMIT = 0.02  # of the limit: at least so far is each value from it; noise 
 def judgements(scenario: Scenario) -> list[Judgement]:
     """Limits of a scenario, judged without a picture."""
     columns: Mapping[str, Any] = Simulation(scenario).play(scenario.plant, scenario.settings.seed).columns()
-    return list(judged(scenario.limits, columns))
+    return list(judge_limits(scenario.limits, columns))
 
 
 @pytest.mark.parametrize("name", shipped())
@@ -60,7 +60,7 @@ def test_a_scenario_fails_when_something_breaks(name: str) -> None:
     scenario = load_scenario(name, {"controller": {**load_scenario(name).settings.controller, **controller}})
     scenario = replace(scenario, settings=replace(scenario.settings, seconds=seconds))
     columns = Simulation(scenario).play(scenario.plant.with_values(plant), scenario.settings.seed).columns()
-    broken = {judgement.limit.measure for judgement in judged(scenario.limits, columns) if not judgement.holds}
+    broken = {judgement.limit.measure for judgement in judge_limits(scenario.limits, columns) if not judgement.holds}
     assert measures <= broken
 
 
