@@ -21,7 +21,7 @@ from protocols.errors import InputError, InterruptionError
 from protocols.kernels.kernel_cache import describe_keeping, discard_temporary
 from protocols.kernels.progress_notice import PROGRESS_NOTICE, is_starting
 
-_AGAIN = 0.2  # s between interruptions, until the one who loads or compiles has noticed
+_REPEAT_INTERVAL = 0.2  # s between interruptions, until the one who loads or compiles has noticed
 INTERRUPTED = 130  # 128 and SIGINT, as of every shell
 # Hz; below, a period of the 10 Hz pressure loop has less than five samples; above, a plant step is its integration step
 RATES = (50, 10_000)
@@ -77,7 +77,7 @@ def write_summary(path: Path | None, document: Any) -> None:
         part.rename(path)
 
 
-class _AskedError(KeyboardInterrupt):
+class _EndRequestedError(KeyboardInterrupt):
     """Somebody has asked the command to end.
 
     Not KeyboardInterrupt itself: where that leaves a text that is executed, as dataclasses do, Python kills itself by SIGINT
@@ -133,18 +133,18 @@ def main() -> None:
 
 def main_of(run: Callable[[], object]) -> None:
     """Run a command; an InputError becomes one sentence and exit code 2, Ctrl-C or SIGTERM one and 130."""
-    asked = False
+    end_requested = False
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        nonlocal asked
-        asked = True
-        signal.setitimer(signal.ITIMER_REAL, _AGAIN, _AGAIN)
-        raise _AskedError
+        nonlocal end_requested
+        end_requested = True
+        signal.setitimer(signal.ITIMER_REAL, _REPEAT_INTERVAL, _REPEAT_INTERVAL)
+        raise _EndRequestedError
 
     def insist(number: int, frame: FrameType | None) -> None:
         """A compiler has destructors, in which Python drops an exception."""
         if is_starting(frame):
-            raise _AskedError
+            raise _EndRequestedError
         signal.setitimer(signal.ITIMER_REAL, 0.0)
 
     signal.signal(signal.SIGALRM, insist)
@@ -160,8 +160,8 @@ def main_of(run: Callable[[], object]) -> None:
     except InterruptionError as interruption:
         print(f"interrupted: {interruption}", file=sys.stderr)
         sys.exit(INTERRUPTED)
-    except BaseException:  # whatever a compiler or a library has made of _AskedError
-        if not asked:
+    except BaseException:  # whatever a compiler or a library has made of _EndRequestedError
+        if not end_requested:
             raise
         _break_off()
     finally:

@@ -18,18 +18,18 @@ _DEFAULT_EXCITATIONS = (
     "triangle",
     "slip_sine",
     "slip_steps",
-)  # tried for an effect that names no excitation
-_FAULT_EXCITATIONS = _DEFAULT_EXCITATIONS[:1]  # for a fault, which comes in the middle of it
+)  # tried for an effect whose `display` names no excitation
+_FAULT_EXCITATIONS = _DEFAULT_EXCITATIONS[:1]  # tried for a fault, which begins in the middle of the excitation
 _COMPARED_COLUMNS = [
     column for column in QUANTITIES if column != "shaft_angle_rad"
-]  # any change of slip adds up in the angle
+]  # the angle is left out: it integrates any change of the slip
 
 
 @dataclass(frozen=True, eq=False)
 class Demonstration:
     """Answers of the rig to one excitation without and with an effect, free of noise.
 
-    column: the measured quantity that shows the effect. over: the column it is drawn over, each curve over its own.
+    column: the measured quantity that shows the effect. over: the column on the horizontal axis, of each curve its own.
     without, with_it: columns of docs/rig.md by name, each (n,), in the unit of its name.
     """
 
@@ -51,24 +51,25 @@ class Demonstration:
 
     @property
     def difference(self) -> np.ndarray:
-        """With the effect less without it (n,), in `unit`."""
+        """Answer with the effect minus the answer without it (n,), in `unit`."""
         return self.with_it[self.column] - self.without[self.column]
 
     @property
     def largest(self) -> float:
-        """Largest difference, in `unit`."""
+        """Largest absolute difference, in `unit`."""
         return float(np.abs(self.difference).max())
 
     @property
     def times_resolution(self) -> float:
-        """The largest difference as a multiple of what the measurement resolves: its noise and quantisation."""
+        """Largest difference over the resolution of the measurement, which is its noise and quantisation."""
         return self.largest / QUANTITIES[self.column][2]
 
 
 def demonstrate(effect: Effect) -> Demonstration:
-    """The demonstration that the effect's `display` asks for; what it leaves open is what the effect changes most.
+    """Simulate the demonstration that the effect's `display` asks for.
 
-    A fault comes in the middle of the experiment. Raises InputError for an experiment or a column that does not exist.
+    Where `display` names no excitation or no column, the one with the largest difference over its resolution is taken. A fault
+    begins in the middle of the excitation. Raises InputError for an excitation or a column that does not exist.
     """
     display = effect.display
     known = {"excitation": excitations(), "column": QUANTITIES, "over": ("time_s", *INPUTS, *QUANTITIES)}
@@ -88,7 +89,7 @@ def demonstrate(effect: Effect) -> Demonstration:
 
 
 def _demonstrations(effect: Effect, name: str, columns: Sequence[str]) -> list[Demonstration]:
-    """The answers to the excitation `name`, without and with the effect, a demonstration for each of `columns`."""
+    """Simulate the excitation `name` without and with the effect; return a demonstration for each of `columns`."""
     beside = effect.display.beside
     excitation = excitations()[name]
     if beside:

@@ -1,6 +1,6 @@
-"""Page of the effects, docs/effects.md: the parts that are written from the effects, by `clutch-hil effects --write`.
+"""Page of the effects, docs/effects.md: the parts that `clutch-hil effects --write` writes.
 
-A part stands between `<!-- begin PART -->` and `<!-- end -->`; whatever stands outside them is written by people.
+A part is between `<!-- begin PART -->` and `<!-- end -->`. Text outside the parts is written by people.
 """
 
 import re
@@ -18,10 +18,10 @@ _UNIT = re.compile(r" \[.*?\]")
 
 
 def rewrite_page(text: str, effects: Sequence[Effect]) -> str:
-    """The `text` of the page with its parts written anew from `effects`, in this order.
+    """Return the `text` of the page with its parts written anew from `effects`, in this order.
 
-    Raises InputError for a part that is unknown, a page without any, and where an effect or a parameter in the table of `text`
-    is none of `effects`: run files and models name them, so a name that was published once must stay.
+    Raises InputError for an unknown part, for a page without parts, and where the table in `text` has an effect or a parameter
+    that `effects` lack. Run files and models contain these names, so a published name must stay.
     """
     parts = {
         "experiments": _experiments(),
@@ -47,7 +47,7 @@ def rewrite_page(text: str, effects: Sequence[Effect]) -> str:
 
 
 def pictured_names(text: str) -> list[str]:
-    """Names of the effects in the page's picture, in its order; [] where it has none."""
+    """Names of the effects in the page's picture, in its order; [] for a page without a picture."""
     mark = _PICTURE.search(text)
     return mark[1].split(", ") if mark else []
 

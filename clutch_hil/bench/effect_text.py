@@ -1,4 +1,4 @@
-"""Effects as text, and as documents for JSON: the list of all, and everything about one."""
+"""Effects as text and as documents for JSON: a list of all of them, and a sheet about one."""
 
 import re
 import textwrap
@@ -18,21 +18,21 @@ from plant_sim.effects.signals import HOOKS
 _SPARKLINE_WIDTH = 40  # characters of a sparkline
 _COLUMN_GAP = "  "  # between the columns of a table
 _SECTION = re.compile(r"([A-Z][\w ]*?) {2,}(.*)")  # first line of a section: its name at the margin, then its text
-_NAME_WIDTH = 16  # characters before a section's text, in the files and here
+_NAME_WIDTH = 16  # characters before the text of a section, as in the files of effects
 
 
 def sort_effects(effects: Iterable[Effect]) -> list[Effect]:
-    """Effects by block, from the valve to the sensors as the signal passes them, then by name."""
+    """Sort effects by block, in the order of the signal from the valve to the sensors, then by name."""
     return sorted(effects, key=lambda effect: (BLOCKS.index(effect.block), effect.name))
 
 
 def is_ours(effect: Effect) -> bool:
-    """Whether the effect's file belongs to this package; else it is a user's."""
+    """Whether the file of the effect is in this package; if not, it is a user's."""
     return Path(plant_sim.effects.__file__).parent in effect.path.parents
 
 
 def sections(effect: Effect) -> dict[str, str]:
-    """The sections of its file's docstring by name; lines as written, without their indentation."""
+    """Sections of the docstring in the effect's file, by name; lines as written, without indentation."""
     texts: dict[str, str] = {}
     for line in effect.text.splitlines()[1:]:
         if section := _SECTION.match(line):
@@ -43,7 +43,7 @@ def sections(effect: Effect) -> dict[str, str]:
 
 
 def list_text(effects: Sequence[Effect], width: int) -> str:
-    """Effects in order, by block: a line for each, and for each of their parameters, cut at `width` characters."""
+    """List effects that are sorted by block: a line for each effect and each parameter, cut at `width` characters."""
     parameters = iter(_align_rows([_cells(p) for effect in effects for p in effect.parameters]))
     lines = []
     for block, members in groupby(effects, lambda effect: effect.block):
@@ -60,7 +60,7 @@ def list_text(effects: Sequence[Effect], width: int) -> str:
 
 
 def sheet_text(effect: Effect, demonstration: Demonstration, width: int) -> str:
-    """Everything about an effect, with what it does to the rig as a small plot, in lines of about `width` characters."""
+    """Describe an effect in lines of about `width` characters, with a small plot of what it does to the rig."""
     texts = {
         **sections(effect),
         "Block": effect.block,
@@ -111,19 +111,19 @@ def _cells(p: Strength | Shape) -> tuple[str, ...]:
 
 
 def _align_rows(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Rows as lines whose columns begin below each other."""
+    """Format rows as lines with aligned columns."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return [_COLUMN_GAP.join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
 
 
 def _section(name: str, text: str, width: int) -> str:
-    """A section with its name; lines that are too long are wrapped, the others stay, as those of equations."""
+    """Format a section with its name. Lines that are too long are wrapped; the others, such as equations, stay."""
     lines = [part for line in text.splitlines() for part in textwrap.wrap(line, max(width - _NAME_WIDTH, 40)) or [""]]
     return "\n".join(f"{name if i == 0 else '':<{_NAME_WIDTH}}{line}".rstrip() for i, line in enumerate(lines))
 
 
 def _plot(demonstration: Demonstration) -> str:
-    """The quantity without, with and the difference as sparklines over time."""
+    """Plot the quantity without and with the effect, and the difference, as sparklines over time."""
     without, with_it = demonstration.without[demonstration.column], demonstration.with_it[demonstration.column]
     low, high = min(without.min(), with_it.min()), max(without.max(), with_it.max())
     rows = (
@@ -145,5 +145,5 @@ def _span(values: np.ndarray) -> tuple[float, float]:
 
 
 def _means(values: np.ndarray) -> np.ndarray:
-    """Means (_POINTS,) of neighbouring values (n,)."""
+    """Means (_SPARKLINE_WIDTH,) of neighbouring values (n,)."""
     return np.array([part.mean() for part in np.array_split(values, _SPARKLINE_WIDTH)])

@@ -76,8 +76,11 @@ def play(plant: Any, *controllers: Node, progress: Callable[[int], None] | None 
 def _inboxes(
     plant_frames: np.ndarray, count: int, controller_frames: Sequence[np.ndarray]
 ) -> list[tuple[np.ndarray, int]]:
-    """What each controller hears, a batch and its frames: what the others have `controller_frames` since the sample before comes first, as
-    on a bus, then the `count` frames that the plant has `plant_frames`."""
+    """Frames that reach each controller: an array and the number of its rows that count.
+
+    As on a bus, the `controller_frames` of the others since the last sample come first. The first `count` rows of
+    `plant_frames` follow.
+    """
     if len(controller_frames) == 1:
         return [(plant_frames, count)]
     batches = [

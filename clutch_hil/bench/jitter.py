@@ -37,9 +37,9 @@ import numpy as np
 from clutch_hil.bench.echo import Echo
 from clutch_hil.bench.lateness import late_cycles, mark_explained, spike, spikes
 from clutch_hil.bench.loads import Load
-from clutch_hil.bench.services import Services, say
+from clutch_hil.bench.services import Services, print_line
 from clutch_hil.bench.stalls import StallWatch
-from clutch_hil.bench.witness_loop import Pace, begun, read
+from clutch_hil.bench.witness_loop import Pace, read, start_file
 from protocols.buses.bus import Port, open_bus
 from protocols.can.frames import load_frames
 from protocols.errors import InputError, InterruptionError
@@ -55,9 +55,8 @@ _START_TIMEOUT = 60.0  # s for the loop to be closed, and for other processes to
 _CHECKS_PER_PERIOD = 4  # of the watch in a period,
 _MOST_CHECKS = 4000  # and in a second: it takes 10 us for each,
 _FAST_CHECKS = 1000  # and where a period is shorter than from look to look: of 125 us that is too much
-_MOST_WITNESSED_RATE = (
-    1000  # Hz up to which there is a witness: it takes 24 to 38 us of the CPU a period (measured, slow machine)
-)
+# Hz, up to which there is a witness: it takes 24 to 38 us of the CPU in each period (measured on a slow machine)
+_MOST_WITNESSED_RATE = 1000
 _HISTOGRAM_RANGE = 20_000  # us that cyclictest counts
 _POLL_INTERVAL = 0.02  # s
 PERCENTILES = (50.0, 99.0, 99.9, 99.99)
@@ -135,12 +134,15 @@ def phases(setting: Setting) -> dict[str, Phase]:
 def sweep(
     setting: Setting, rates: Sequence[int], loads: Sequence[Load], progress: Callable[[float, int], None]
 ) -> tuple[dict[Point, Measured], bool]:
-    """The closed loop at several rates [Hz] by each trigger of SWEEP_TRIGGERS in turn; whether it was interrupted. Raises InputError."""
+    """Measure the closed loop at several rates [Hz], begun by each of SWEEP_TRIGGERS in turn.
+
+    Return the measurements by rate and trigger, and whether the sweep was interrupted. Raises InputError.
+    """
 
     def phase_at(rate: int, trigger: str) -> Phase:
         def phase(setting: Setting, measured: Measured, stop: Stop) -> None:
             try:
-                _measure_closed_loop(replace(setting, rate=rate), measured, stop, trigger, heard=False)
+                _measure_closed_loop(replace(setting, rate=rate), measured, stop, trigger, record_frames=False)
             except InputError as error:  # beyond what the machine can do the services give up
                 measured.failure = str(error)
 
@@ -196,7 +198,7 @@ def _run_witness(setting: Setting, seconds: float, phase_ns: int) -> Iterator[li
     pace = Pace(str(out), setting.rate, seconds + _START_TIMEOUT, setting.cpu, WITNESS_PRIORITY, phase_ns)
     process = pace.spawn()
     try:
-        _wait_for_start(process, begun(out), "witness")
+        _wait_for_start(process, start_file(out), "witness")
         yield times
         process.terminate()
         process.wait(_START_TIMEOUT)
@@ -254,8 +256,10 @@ def _measure_empty_loop(setting: Setting, measured: Measured, spin_us: float) ->
     _count_cycles(measured, np.column_stack([slots[:-1], woken[1:]]), late, witness, watch, period)
 
 
-def _measure_closed_loop(setting: Setting, measured: Measured, stop: Stop, trigger: str, heard: bool = True) -> None:
-    """Plant and controller on one CPU; what they record, and, `heard`, the stamps of their frames."""
+def _measure_closed_loop(
+    setting: Setting, measured: Measured, stop: Stop, trigger: str, record_frames: bool = True
+) -> None:
+    """Plant and controller on one CPU; what they record, and, `record_frames`, the stamps of their frames."""
     common = ["--bus", setting.bus, "--rate", str(setting.rate), "--cpu", str(setting.cpu)]
     common += [] if setting.telemetry else ["--no-telemetry"]
     # the loop alone spins where it waits for a slot; a plant that spins would only keep the controller off the CPU
@@ -263,13 +267,13 @@ def _measure_closed_loop(setting: Setting, measured: Measured, stop: Stop, trigg
     period = 1_000_000_000 // setting.rate
     commands = {"plant": ["plant", *common, "--profile", "engagement", "--seconds", "100000"], "controller": loop}
     with Services(commands) as services:
-        rings = services.rings(stop, say)
+        rings = services.rings(stop, print_line)
         _wait_for_closed_loop(services, rings[1], stop)
         first = _read_rows(rings[1], _SETTLING_TIME, stop)
         column = [c.name for c in rings[1].columns].index("clock_s")
         phase = int(first[-1, column] * 1e9) + period // 4  # whatever makes a cycle late lasts until the witness's slot
         with contextlib.ExitStack() as stack:
-            frames = stack.enter_context(_record_frames(setting.bus)) if heard else []
+            frames = stack.enter_context(_record_frames(setting.bus)) if record_frames else []
             with contextlib.ExitStack() as beside:
                 witnessed = setting.rate <= _MOST_WITNESSED_RATE
                 witness = beside.enter_context(_run_witness(setting, setting.piece, phase)) if witnessed else []
@@ -282,7 +286,7 @@ def _measure_closed_loop(setting: Setting, measured: Measured, stop: Stop, trigg
     measured.add("wake", wake)
     measured.add("step", work[1:])  # a row has the work of the cycle before
     measured.add("period", np.diff(clock) * 1e6 - period / 1e3)
-    if heard:
+    if record_frames:
         measured.add("latency", _latencies(frames))
     begins = clock[:-1] * 1e9
     cycles = np.column_stack([begins - wake[:-1] * 1e3, begins + work[1:] * 1e3])
@@ -308,10 +312,10 @@ def _measure_echo(setting: Setting, measured: Measured, kind: str) -> None:
     measured.cycles += round(setting.piece * setting.rate)
 
 
-def _wait_for_start(process: "subprocess.Popen[bytes]", start_file: Path, what: str) -> None:
+def _wait_for_start(process: "subprocess.Popen[bytes]", ready_file: Path, what: str) -> None:
     """Wait for the file that a process makes when it begins. Raises InputError when it does not."""
     end = time.monotonic() + _START_TIMEOUT
-    while not start_file.exists():
+    while not ready_file.exists():
         if process.poll() is not None or time.monotonic() > end:
             raise InputError(f"the {what} of the measurement did not start")
         time.sleep(_POLL_INTERVAL)
@@ -327,7 +331,7 @@ def _count_cycles(
 ) -> None:
     """Count what `watch`, and `witness` if there was one, have seen of `cycles`, slot and end (n, 2) [ns]; `late` (k,) are the
     numbers of those that were late."""
-    lost, (begin, end) = watch.stalls(spike(period)), watch.seen
+    lost, (begin, end) = watch.stalls(spike(period)), watch.watched_span
     if witness:
         slots, woken, ended = witness
         beside = (slots >= cycles[0, 0]) & (slots <= cycles[-1, 1])  # it also saw both begin and end

@@ -44,5 +44,5 @@ def stretches(values: np.ndarray) -> list[Stretch]:
     """Where the values, shape (samples,), stay the same; without those that are no numbers."""
     changes = np.flatnonzero(np.diff(values) != 0.0) + 1  # NaN differs from NaN
     edges = [0, *changes.tolist(), len(values)]
-    found = [Stretch(begin, end, float(values[begin])) for begin, end in pairwise(edges)]
-    return [stretch for stretch in found if np.isfinite(stretch.value)]
+    spans = [Stretch(begin, end, float(values[begin])) for begin, end in pairwise(edges)]
+    return [stretch for stretch in spans if np.isfinite(stretch.value)]

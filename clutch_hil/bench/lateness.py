@@ -11,9 +11,8 @@ References      docs/timing.md
 import numpy as np
 
 _SPIKE_SHARE = 0.1  # of a period: time that the loop can do without
-_LEAST_SPIKE = (
-    100_000  # ns: ordinary wake-ups of a virtual machine are late by up to that, and would explain everything
-)
+# ns: ordinary wake-ups of a virtual machine are late by up to this, and would explain every late cycle
+_LEAST_SPIKE = 100_000
 _NEAR_PERIODS = 2  # periods around a late cycle
 
 

@@ -19,12 +19,12 @@ from clutch_hil.bench.measures import Columns, Measure, faults
 from protocols.can.frames import load_frames
 from protocols.can.two_clutches import CLUTCHES
 
-_BEFORE = 0.2  # s, long enough to average the sensor noise's way through the loop
-_AFTER = 0.2  # s after the shift: two time constants of the motor's speed loop
-_LONGEST = 1.0  # s after the torque phase that is looked at where the shift does not end
-_CARRIES = 0.05  # share of the torque before, below which clutch a counts as open
+_BEFORE_TIME = 0.2  # s, long enough to average the sensor noise's way through the loop
+_AFTER_TIME = 0.2  # s after the shift: two time constants of the motor's speed loop
+_LONGEST_TIME = 1.0  # s after the torque phase that is looked at where the shift does not end
+_OPEN_SHARE = 0.05  # share of the torque before, below which clutch a counts as open
 SYNCHRONOUS = 4.0  # rad/s: twice the slip that the shipped profile drives with in 2nd gear
-_STANDS = 0.01  # rad/s: below, plates stand; where they stick the true slip is 0
+_STANDING_SLIP = 0.01  # rad/s: below, plates stand; where they stick the true slip is 0
 _CONTROLLERS = ("controller_fault", "controller_b_fault")
 
 
@@ -48,14 +48,14 @@ def handover(columns: Columns) -> Handover | None:
     ends = np.flatnonzero(demand_a[begin:] <= 0.0)
     torque_end = begin + int(ends[0]) if len(ends) else len(time) - 1
     first = int(np.argmax(demand_b > 0.0))
-    past = (time >= time[first] - _BEFORE) & (time < time[first])
+    past = (time >= time[first] - _BEFORE_TIME) & (time < time[first])
     if not (past.any() and np.mean(columns["truth_output_torque_nm"][past]) > 0.0):
         return None
     level = float(np.mean(columns["truth_clutch_torque_a_nm"][past]))
-    open_a = np.abs(columns["truth_clutch_torque_a_nm"]) < _CARRIES * level
+    open_a = np.abs(columns["truth_clutch_torque_a_nm"]) < _OPEN_SHARE * level
     done = np.flatnonzero((open_a & (np.abs(columns["truth_slip_speed_b_rad_s"]) < SYNCHRONOUS))[torque_end:])
     shift_end = torque_end + int(done[0]) if len(done) else None
-    last = time[shift_end] + _AFTER if shift_end is not None else time[torque_end] + _LONGEST
+    last = time[shift_end] + _AFTER_TIME if shift_end is not None else time[torque_end] + _LONGEST_TIME
     window = slice(first, int(np.searchsorted(time, last, side="right")))
     return Handover(begin, torque_end, shift_end, window, float(np.mean(columns["truth_output_torque_nm"][past])))
 
@@ -89,36 +89,36 @@ def _shift_time(columns: Columns) -> float:
     return float(columns["time_s"][shift.shift_end] - columns["time_s"][shift.begin])
 
 
-def _locking(columns: Columns) -> np.ndarray:
+def _b_in_lock(columns: Columns) -> np.ndarray:
     """Mask of the samples in which clutch b is in lock."""
     phases = {text: value for value, text in load_frames()["CONTROLLER_STATUS"].choices("phase").items()}
     return columns["controller_b_phase"] == phases["lock"]
 
 
-def _standing(columns: Columns) -> np.ndarray:
+def _b_is_locked(columns: Columns) -> np.ndarray:
     """Mask of the samples in which clutch b is locked: in lock, and its plates stand."""
-    return _locking(columns) & (np.abs(columns["truth_slip_speed_b_rad_s"]) < _STANDS)
+    return _b_in_lock(columns) & (np.abs(columns["truth_slip_speed_b_rad_s"]) < _STANDING_SLIP)
 
 
 def _locked_time(columns: Columns) -> float:
     step = float(columns["time_s"][1] - columns["time_s"][0])
-    return step * np.count_nonzero(_standing(columns)) if _locking(columns).any() else float("nan")
+    return step * np.count_nonzero(_b_is_locked(columns)) if _b_in_lock(columns).any() else float("nan")
 
 
 def _locking_time(columns: Columns) -> float:
-    standing = np.flatnonzero(_standing(columns))
+    standing = np.flatnonzero(_b_is_locked(columns))
     if not len(standing):
         return float("nan")
-    return float(columns["time_s"][standing[0]] - columns["time_s"][np.argmax(_locking(columns))])
+    return float(columns["time_s"][standing[0]] - columns["time_s"][np.argmax(_b_in_lock(columns))])
 
 
 def _lock_up_peak(columns: Columns) -> float:
-    standing, time = np.flatnonzero(_standing(columns)), columns["time_s"]
+    standing, time = np.flatnonzero(_b_is_locked(columns)), columns["time_s"]
     if not len(standing):
         return float("nan")
-    begin, end = time[np.argmax(_locking(columns))], time[standing[0]] + _AFTER
+    begin, end = time[np.argmax(_b_in_lock(columns))], time[standing[0]] + _AFTER_TIME
     output = columns["truth_output_torque_nm"]
-    past = (time >= begin - _BEFORE) & (time < begin)
+    past = (time >= begin - _BEFORE_TIME) & (time < begin)
     before = float(output[past].mean()) if past.any() else 0.0
     if not before > 0.0:
         return float("nan")

@@ -18,15 +18,15 @@ def progress_bar(title: str, quiet: bool) -> Iterator[Callable[[float, int], Non
     """
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     console = Console(stderr=True)
-    shown = not quiet and console.is_terminal
+    on_terminal = not quiet and console.is_terminal
     share = 0.0
 
     def describe() -> str:
-        return "" if shown or quiet else f"{title}: {100.0 * share:.0f} % done"
+        return "" if on_terminal or quiet else f"{title}: {100.0 * share:.0f} % done"
 
     with (
         PROGRESS_NOTICE.describe_by(describe),
-        Progress(*columns, console=console, transient=True, disable=not shown) as bar,
+        Progress(*columns, console=console, transient=True, disable=not on_terminal) as bar,
     ):
         task = bar.add_task(title, total=None)
 
@@ -38,25 +38,25 @@ def progress_bar(title: str, quiet: bool) -> Iterator[Callable[[float, int], Non
         yield progress
 
 
-class Doing:
+class ActivityLine:
     """What is going on, on one line of the terminal; a line every 5 s where stderr is none. Nothing when `quiet`."""
 
     def __init__(self, first: str, quiet: bool) -> None:
         self._text = first
         self._console = Console(stderr=True, quiet=quiet)
-        self._shown = self._console.is_terminal
+        self._on_terminal = self._console.is_terminal
         self._status = self._console.status(first)
-        self._told = PROGRESS_NOTICE.describe_by(lambda: "" if self._shown or quiet else self._text)
+        self._notice = PROGRESS_NOTICE.describe_by(lambda: "" if self._on_terminal or quiet else self._text)
 
-    def __enter__(self) -> "Doing":
-        self._told.__enter__()
-        if self._shown:
+    def __enter__(self) -> "ActivityLine":
+        self._notice.__enter__()
+        if self._on_terminal:
             self._status.start()
         return self
 
     def __exit__(self, *error: Any) -> None:
         self._status.stop()
-        self._told.__exit__(*error)
+        self._notice.__exit__(*error)
 
     def update(self, text: str) -> None:
         """Another text."""

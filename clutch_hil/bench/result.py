@@ -30,13 +30,13 @@ class Result:
     good: bool
     judgements: tuple[Judgement, ...] = ()
 
-    def limited(self, judgements: Sequence[Judgement]) -> "Result":
+    def with_limits(self, judgements: Sequence[Judgement]) -> "Result":
         """This result where limits decide: they and nothing else tell whether it is good. Without any it stays as it is."""
         if not judgements:
             return self
         broken = [judgement for judgement in judgements if not judgement.holds]
-        held = "1 limit holds" if len(judgements) == 1 else f"{len(judgements)} limits hold"
-        verdict = f"failed: {'; '.join(map(str, broken))}" if broken else f"passed: {held}"
+        holding = "1 limit holds" if len(judgements) == 1 else f"{len(judgements)} limits hold"
+        verdict = f"failed: {'; '.join(map(str, broken))}" if broken else f"passed: {holding}"
         lines = [
             f"{'limits:' if not i else '':<9}{'BROKEN' if j in broken else 'holds '}  {j}"
             for i, j in enumerate(judgements)
@@ -70,17 +70,17 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
     run = read_run(path)
     columns = dict(run.columns)
     course, fault, locked = followed(columns), MEASURES["fault"].of(columns), MEASURES["locked_s"].of(columns)
-    asked, reached = bool(np.any(columns["torque_demand_nm"] > 0.0)), bool(np.isfinite(course.regime_error))
+    demanded, reached = bool(np.any(columns["torque_demand_nm"] > 0.0)), bool(np.isfinite(course.regime_error))
     figures = f"regime error {course.regime_error:.2f} Nm, rise time {course.rise_time:.2f} s"
     faults = faults_of(columns, run.metadata["sample_rate_hz"], run.metadata.get("controller_parameters", {}))
-    good = fault == "none" and (reached or not asked) and locked != 0.0
+    good = fault == "none" and (reached or not demanded) and locked != 0.0
     if fault != "none":
         verdict = faults.verdict or f"fault: {fault}"
     elif locked == 0.0:
         verdict = "the clutch was to be locked and its plates never stood"
     elif reached:
         verdict = f"torque followed, {figures}" + (f"; locked for {locked:.2f} s" if np.isfinite(locked) else "")
-    elif asked:
+    elif demanded:
         verdict = "torque never reached 90 % of the demand"
         if _never_idle(columns):
             verdict += f": {WAITS_FOR_IDLE}"
@@ -114,7 +114,7 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
     if injected := [change["row"] / run.metadata["sample_rate_hz"] for change in run.metadata.get("injections", ())]:
         lines.append(f"injections: {len(injected)}, the first at {injected[0]:.3f} s")
     lines += fault_lines([faults]) if limits else []  # without limits the verdict has them
-    result = Result(document, "\n".join(lines), verdict, good).limited(judge_limits(limits, columns))
+    result = Result(document, "\n".join(lines), verdict, good).with_limits(judge_limits(limits, columns))
     draw_run(picture, columns, title(path, verdict, result), injected)
     return result.interrupted(columns["time_s"][-1]) if timing and timing["interrupted"] else result
 

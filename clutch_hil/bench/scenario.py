@@ -22,10 +22,10 @@ from protocols.files.toml_table import TomlTable, read_toml
 FOLDER = Path(__file__).with_name("scenarios")
 
 _ENTRIES = ("title", "about", "rig", "run", "plant", "controller", "effects", "inject", "limits")
-_RUN = {
+_RUN_ENTRIES = {
     "profile": str, "seconds": float, "rate": int, "seed": int, "temperature": float, "law": str, "adaptation": bool,
 }  # fmt: skip
-_INJECT = ("at", "ramp", "until", "clutch", "effect", "values", "off", "parameters", "freeze", "bias")
+_INJECT_ENTRIES = ("at", "ramp", "until", "clutch", "effect", "values", "off", "parameters", "freeze", "bias")
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Scenario:
         return profile
 
 
-def shipped() -> dict[str, Path]:
+def shipped_scenarios() -> dict[str, Path]:
     """The scenarios that come with the bench: files by name."""
     return {path.stem: path for path in sorted(FOLDER.glob("*.toml"))}
 
@@ -76,11 +76,11 @@ def load_scenario(name: str, given: Mapping[str, Any] | None = None) -> Scenario
 
     Raises InputError, one sentence that names file, entry, value and what is allowed.
     """
-    known = shipped()
+    known = shipped_scenarios()
     path = Path(name) if name.endswith(".toml") else known.get(name)
     if path is None:
         raise InputError(f"scenario {name!r} is unknown, and the path of one ends with .toml; {closest(name, known)}")
-    with naming(path):
+    with name_file_in_errors(path):
         table = read_toml(path, _ENTRIES)
         rig = rig_named(table.get("rig", str, DEFAULT_RIG))
         settings = replace(_settings(table, rig), **(given or {}))
@@ -123,7 +123,7 @@ def choose_scenario(name: str | None, given: Mapping[str, Any], rig: str | None 
 
 
 @contextmanager
-def naming(path: Path | None) -> Iterator[None]:
+def name_file_in_errors(path: Path | None) -> Iterator[None]:
     """Name the scenario's file in an InputError of what is done within."""
     try:
         yield
@@ -132,8 +132,8 @@ def naming(path: Path | None) -> Iterator[None]:
 
 
 def _settings(table: TomlTable, rig: Rig) -> RunSettings:
-    run = table.table("run", tuple(_RUN))
-    entries = {key: run.get(key, kind) for key, kind in _RUN.items() if key in run}
+    run = table.table("run", tuple(_RUN_ENTRIES))
+    entries = {key: run.get(key, kind) for key, kind in _RUN_ENTRIES.items() if key in run}
     rate = check_rate(entries.get("rate", RunSettings.rate))
     if (load := bus_load(bus_frames(clutches=len(rig.plant.controllers)), rate, max(BITRATES))) > 1.0:
         raise InputError(
@@ -156,18 +156,18 @@ def _plant(table: TomlTable, rig: Rig, changed: Path | None) -> ParameterSet:
         for name in part:
             if any(entry.startswith(f"{prefix}{name}.") for entry in given):
                 raise InputError(f"effect {prefix}{name} stands in plant and in effects; allowed is one of them")
-            plant = plant.with_values(_prefixed(prefix, effect_on(name, part.table(name).numbers())))
+            plant = plant.with_values(_add_prefix(prefix, effect_on(name, part.table(name).numbers())))
     return load_overlay(changed, plant) if changed else plant
 
 
 def _injections(table: TomlTable, rig: Rig) -> Iterator[Injection]:
-    for entry in table.tables("inject", _INJECT):
+    for entry in table.tables("inject", _INJECT_ENTRIES):
         prefix = ""
         if rig.plant.clutches and set(entry) & {"effect", "freeze", "bias"}:
             if (clutch := entry.need("clutch", str)) not in rig.plant.clutches:
                 raise InputError(f"{entry.name}.clutch is {clutch!r}; allowed are {', '.join(rig.plant.clutches)}")
             prefix = f"{clutch}."
-        values = _prefixed(prefix, _changes(entry)) | entry.table("parameters").numbers()
+        values = _add_prefix(prefix, _changes(entry)) | entry.table("parameters").numbers()
         times = entry.need("at", float), entry.get("ramp", float, 0.0), entry.get("until", float, inf)
         try:
             yield Injection(values, *times)
@@ -183,8 +183,8 @@ def _changes(entry: TomlTable) -> dict[str, float]:
         if off and "values" in entry:
             raise InputError(f"{entry.name} has off and values of effect {name}; allowed is one of them")
         values |= effect_off(name) if off else effect_on(name, entry.table("values").numbers())
-    elif lost := [key for key in ("values", "off") if key in entry]:
-        raise InputError(f"{entry.name} has {lost[0]} without effect; name the effect")
+    elif stray := [key for key in ("values", "off") if key in entry]:
+        raise InputError(f"{entry.name} has {stray[0]} without effect; name the effect")
     if "freeze" in entry:
         values |= sensor_frozen(entry.get("freeze", str))
     for sensor, bias in entry.table("bias").numbers().items():
@@ -206,5 +206,5 @@ def _limits(table: TomlTable, rig: Rig) -> tuple[Limit, ...]:
     return tuple(limits)
 
 
-def _prefixed(prefix: str, values: Mapping[str, float]) -> dict[str, float]:
+def _add_prefix(prefix: str, values: Mapping[str, float]) -> dict[str, float]:
     return {f"{prefix}{name}": value for name, value in values.items()}

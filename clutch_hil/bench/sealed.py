@@ -23,11 +23,11 @@ from protocols.telemetry.truth import reveals_truth
 SEAL = "sealed"  # key of a blind run's metadata: the truth file's name and SHA-256
 _SUFFIX = ".truth.parquet"
 # What a blind run tells of itself; anything else, the name of a scenario or a seed, may hint at the truth.
-_OPEN = (
+_PUBLIC_KEYS = (
     "rig", "sample_rate_hz", "recorded_at", "time_zero", "versions", "controller_parameters", "bus", "interrupted",
     "record_rows_lost",
 )  # fmt: skip
-_OPEN_SETTINGS = ("rate", "seconds", "law", "adaptation", "mode")
+_PUBLIC_SETTINGS = ("rate", "seconds", "law", "adaptation", "mode")
 
 
 class SealedRecording(Recording):
@@ -58,10 +58,10 @@ class SealedWriter(RunWriter):
         if truth.exists():
             raise InputError(f"truth file {truth} exists already; move it away, or give another folder")
         self._truth_path = truth
-        self._shown = [i for i, column in enumerate(columns) if not reveals_truth(column.name)]
+        self._public = [i for i, column in enumerate(columns) if not reveals_truth(column.name)]
         self._truth = RunWriter(truth, columns)
         try:
-            super().__init__(path, [columns[i] for i in self._shown])
+            super().__init__(path, [columns[i] for i in self._public])
         except BaseException:
             self._truth.__exit__(None, None, None)
             raise
@@ -69,13 +69,13 @@ class SealedWriter(RunWriter):
     def append(self, rows: np.ndarray) -> None:
         """Add `rows`, shape (samples, columns with the truth)."""
         self._truth.append(rows)
-        super().append(rows[:, self._shown])
+        super().append(rows[:, self._public])
 
     def finish(self, metadata: Mapping[str, Any]) -> None:
         """Finish the truth file with all `metadata`, seal it, then finish the run with what may be shown."""
         self._truth.finish(metadata)
         seal = {"file": self._truth_path.name, "sha256": checksum(self._truth_path)}
-        super().finish(shown(metadata) | {SEAL: seal})
+        super().finish(public_metadata(metadata) | {SEAL: seal})
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -91,24 +91,24 @@ def truth_path(path: Path, folder: Path | None = None) -> Path:
     return (folder or path.parent) / f"{path.stem}{_SUFFIX}"
 
 
-def shown(metadata: Mapping[str, Any]) -> dict[str, Any]:
+def public_metadata(metadata: Mapping[str, Any]) -> dict[str, Any]:
     """What a blind run says of the `metadata` of a whole one."""
-    told = _only(metadata, _OPEN)
-    told["settings"] = public_settings(metadata.get("settings", {}))
-    told["plant_parameters"] = {
+    public = _select(metadata, _PUBLIC_KEYS)
+    public["settings"] = public_settings(metadata.get("settings", {}))
+    public["plant_parameters"] = {
         name: value
         for name, value in metadata.get("plant_parameters", {}).items()
         if name.partition(".")[0] not in effects()
     }
-    return told
+    return public
 
 
 def public_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
     """What a blind run says of its `settings`."""
-    return _only(settings, _OPEN_SETTINGS)
+    return _select(settings, _PUBLIC_SETTINGS)
 
 
-def _only(mapping: Mapping[str, Any], names: Sequence[str]) -> dict[str, Any]:
+def _select(mapping: Mapping[str, Any], names: Sequence[str]) -> dict[str, Any]:
     return {name: mapping[name] for name in names if name in mapping}
 
 

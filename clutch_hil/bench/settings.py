@@ -38,8 +38,8 @@ class RunSettings:
             rate=self.rate, parameters_file=self.controller_parameters, law=self.law, adaptation=self.adaptation,
             clutch=clutch,
         )  # fmt: skip
-        said = list_changed(self.controller_parameters) if self.controller_parameters else ()
-        values = {name: value for name, value in self.controller.items() if name not in said}
+        in_file = list_changed(self.controller_parameters) if self.controller_parameters else ()
+        values = {name: value for name, value in self.controller.items() if name not in in_file}
         if reasons := [reason for name in values if (reason := node.fixed(name))]:
             raise InputError(reasons[0])
         node.tune(values)

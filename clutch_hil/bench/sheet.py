@@ -14,19 +14,19 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _WIDTH, _LEFT = 10.0, 0.8  # in, of the picture, and of what stands left of its panels
-_LANE = 0.24  # in, height of a lane
-_DOTS = 110  # an inch
-_SMALL = 8.5  # pt, of words in lanes and legends
-_LETTER = 0.58 * _SMALL / 72.0  # in, width of a letter of such a word, and some room
-_FACE: dict[str, Any] = {"fontsize": _SMALL, "va": "center", "in_layout": False}
+_LANE_HEIGHT = 0.24  # in, height of a lane
+_RESOLUTION = 110  # an inch
+_FONT_SIZE = 8.5  # pt, of words in lanes and legends
+_LETTER_WIDTH = 0.58 * _FONT_SIZE / 72.0  # in, width of a letter of such a word, and some room
+_WORD_STYLE: dict[str, Any] = {"fontsize": _FONT_SIZE, "va": "center", "in_layout": False}
 # Of a legend: above its panel, where it covers no curve
-_ABOVE: dict[str, Any] = {
-    "loc": "lower right", "bbox_to_anchor": (1.0, 0.98), "borderaxespad": 0.0, "fontsize": _SMALL, "frameon": False,
+_LEGEND_STYLE: dict[str, Any] = {
+    "loc": "lower right", "bbox_to_anchor": (1.0, 0.98), "borderaxespad": 0.0, "fontsize": _FONT_SIZE, "frameon": False,
 }  # fmt: skip
-_REACH, _ROOM = 98.0, 1.5  # %, of an error's samples that its axis is made for, and times these
-_LEAST = 0.1  # Nm, half of an error's axis at least: the rounded pressure alone is 0.08
-_EDGE = 0.94  # of half an axis, where a mark of what leaves it is inside it and below the legend
-_MARKS = 100  # places along the time for marks of what leaves an axis: nearer ones lay on each other
+_REACH_PERCENTILE, _REACH_FACTOR = 98.0, 1.5  # %, of an error's samples that its axis is made for, and times these
+_LEAST_REACH = 0.1  # Nm, half of an error's axis at least: the rounded pressure alone is 0.08
+_MARK_HEIGHT = 0.94  # of half an axis, where a mark of what leaves it is inside it and below the legend
+_MOST_MARKS = 100  # places along the time for marks of what leaves an axis: nearer ones lay on each other
 
 
 class Sheet:
@@ -42,7 +42,7 @@ class Sheet:
         self._faults: list[float] = []  # s
         rows = [(f"{who} {lane.name}".strip(), lane, columns[f"{prefix}{lane.column}"])
                 for who, prefix in controllers.items() for lane in lanes()]  # fmt: skip
-        strip = _LANE * len(rows)
+        strip = _LANE_HEIGHT * len(rows)
         self._figure = Figure(figsize=(_WIDTH, sum(heights) + strip + 0.6), layout="constrained")
         FigureCanvasAgg(self._figure)
         self._figure.suptitle(title, x=0.01, ha="left", fontsize=11)
@@ -59,7 +59,7 @@ class Sheet:
 
     def save(self, path: Path) -> None:
         """Write the PNG."""
-        self.finish().savefig(path, dpi=_DOTS)
+        self.finish().savefig(path, dpi=_RESOLUTION)
 
     def finish(self) -> "Figure":
         """The figure with its legends and faults; to be called once."""
@@ -69,7 +69,7 @@ class Sheet:
             axes.spines[["top", "right"]].set_visible(False)
             axes.margins(x=0.0)
             if axes.get_legend_handles_labels()[0]:
-                axes.legend(ncols=6, **_ABOVE)
+                axes.legend(ncols=6, **_LEGEND_STYLE)
         self.strip.set_xlim(self.time[0], self.time[-1])
         self.strip.set_xlabel("time [s]")
         self._figure.align_ylabels()
@@ -80,28 +80,28 @@ class Sheet:
         colours: dict[str, str] = {}
         written: set[str] = set()
         for y, (_, lane, values) in enumerate(rows):
-            found = stretches(values)
-            words = {value: lane.word(value) for value in sorted({stretch.value for stretch in found})}
+            spans = stretches(values)
+            words = {value: lane.word(value) for value in sorted({stretch.value for stretch in spans})}
             for value, word in words.items():
                 colours[word] = palette.of_state(word)
-                bars = [(self.time[s.begin], (s.end - s.begin) * step) for s in found if s.value == value]
+                bars = [(self.time[s.begin], (s.end - s.begin) * step) for s in spans if s.value == value]
                 axes.broken_barh(bars, (y - 0.42, 0.84), color=colours[word], lw=0)
-            faults = [s for s in found if lane.name == "fault" and words[s.value] != "none"]
-            written |= self._name_faults(y, faults, words) if faults else self._name_stretches(y, found, words)
+            faults = [s for s in spans if lane.name == "fault" and words[s.value] != "none"]
+            written |= self._name_faults(y, faults, words) if faults else self._name_stretches(y, spans, words)
         axes.set_ylim(len(rows) - 0.5, -0.5)
-        axes.set_yticks(range(len(rows)), [name for name, _, _ in rows], fontsize=_SMALL)
+        axes.set_yticks(range(len(rows)), [name for name, _, _ in rows], fontsize=_FONT_SIZE)
         axes.tick_params(axis="y", length=0)
         axes.spines[["top", "right", "left"]].set_visible(False)
-        self._explain({word: colour for word, colour in colours.items() if word not in written and word != "none"})
+        self._draw_legend({word: colour for word, colour in colours.items() if word not in written and word != "none"})
 
-    def _name_stretches(self, y: int, found: Sequence[Stretch], words: Mapping[float, str]) -> set[str]:
+    def _name_stretches(self, y: int, spans: Sequence[Stretch], words: Mapping[float, str]) -> set[str]:
         """Write the word of each stretch into it where it has room; the words that are written."""
         written = set()
-        for stretch in found:
+        for stretch in spans:
             word = words[stretch.value]
             begin, end = self.time[stretch.begin], self.time[stretch.end - 1]
             if self._length(word) < end - begin:
-                self.strip.text(0.5 * (begin + end), y, word, color=palette.PAPER, ha="center", **_FACE)
+                self.strip.text(0.5 * (begin + end), y, word, color=palette.PAPER, ha="center", **_WORD_STYLE)
                 written.add(word)
         return written
 
@@ -118,42 +118,42 @@ class Sheet:
                 side, free = "right", at
             else:
                 continue
-            self.strip.text(at, y, word, color=palette.PAPER, ha=side, **_FACE)
+            self.strip.text(at, y, word, color=palette.PAPER, ha=side, **_WORD_STYLE)
             written.add(words[fault.value])
         self._faults += begins
         return written
 
     def _length(self, word: str) -> float:
         """How long a word in a lane is [s]."""
-        return len(word) * _LETTER * float(self.time[-1] - self.time[0]) / (_WIDTH - _LEFT)
+        return len(word) * _LETTER_WIDTH * float(self.time[-1] - self.time[0]) / (_WIDTH - _LEFT)
 
-    def _explain(self, colours: Mapping[str, str]) -> None:
+    def _draw_legend(self, colours: Mapping[str, str]) -> None:
         """A legend of words that stand nowhere."""
         from matplotlib.patches import Patch
 
         if colours:
             self.strip.legend(
                 handles=[Patch(color=colour, label=word) for word, colour in colours.items()],
-                ncols=8, handlelength=1.0, **_ABOVE,
+                ncols=8, handlelength=1.0, **_LEGEND_STYLE,
             )  # fmt: skip
 
 
-def speeds(axes: Any, *lines: np.ndarray) -> None:
+def set_speed_axis(axes: Any, *lines: np.ndarray) -> None:
     """The axis of these speeds [rad/s]: from 0, or as far down as up where one is negative, with a line at 0."""
     if reach := both_ways(*lines):
         axes.set_ylim(-reach, reach)
-        zero(axes)
+        draw_zero(axes)
     else:
         axes.set_ylim(0.0, max(axes.get_ylim()[1], MOVING_SLIP))
 
 
-def at_least(axes: Any, high: float) -> None:
+def show_at_least(axes: Any, high: float) -> None:
     """The axis shows 0 to `high`, and more: noise about 0 stays small."""
     low, top = axes.get_ylim()
     axes.set_ylim(min(low, -0.05 * high), max(top, high))
 
 
-def zero(axes: Any) -> None:
+def draw_zero(axes: Any) -> None:
     """A line at 0."""
     axes.axhline(0.0, color=palette.INK, lw=0.7)
 
@@ -168,7 +168,7 @@ def plot_errors(
     """
     reach = error_reach([values[closed] for values, *_ in errors.values()])
     axes.set_ylim(-reach, reach)
-    zero(axes)
+    draw_zero(axes)
     for label, (values, colour, width) in errors.items():
         known = values[np.isfinite(values)]
         low, high = float(known.min(initial=0.0)), float(known.max(initial=0.0))
@@ -178,7 +178,7 @@ def plot_errors(
             at = _places(time, side * values > reach)
             axes.plot(
                 at,
-                np.full(len(at), side * _EDGE * reach),
+                np.full(len(at), side * _MARK_HEIGHT * reach),
                 mark,
                 color=colour,
                 ms=5,
@@ -192,13 +192,13 @@ def error_reach(errors: Iterable[np.ndarray]) -> float:
     """Half of the axis for errors [Nm]: it has room for all of them, unless few samples go far beyond the others."""
     sizes = np.abs(np.concatenate([np.empty(0), *(error[np.isfinite(error)] for error in errors)]))
     if not len(sizes):
-        return _LEAST
-    most, everything = _ROOM * float(np.percentile(sizes, _REACH)), 1.05 * float(sizes.max())
-    return max(everything if everything <= _ROOM * most else most, _LEAST)
+        return _LEAST_REACH
+    most, everything = _REACH_FACTOR * float(np.percentile(sizes, _REACH_PERCENTILE)), 1.05 * float(sizes.max())
+    return max(everything if everything <= _REACH_FACTOR * most else most, _LEAST_REACH)
 
 
 def _places(time: np.ndarray, beyond: np.ndarray) -> np.ndarray:
     """Times at which something is `beyond` an axis, not more than _MARKS."""
     at = time[beyond]
-    places = np.floor((at - time[0]) / (time[-1] - time[0]) * _MARKS)
+    places = np.floor((at - time[0]) / (time[-1] - time[0]) * _MOST_MARKS)
     return at[np.unique(places, return_index=True)[1]]

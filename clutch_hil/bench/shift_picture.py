@@ -11,7 +11,7 @@ import numpy as np
 from clutch_hil.bench import palette
 from clutch_hil.bench.direction import SIGNED_TORQUE, direction
 from clutch_hil.bench.power_shift_measures import handover
-from clutch_hil.bench.sheet import Sheet, zero
+from clutch_hil.bench.sheet import Sheet, draw_zero
 from protocols.can.request import Request
 
 _HEIGHTS = (2.0, 2.7, 1.6, 1.8)  # in: speed, torque, output torque, pressure
@@ -40,13 +40,13 @@ def shift_sheet(columns: Mapping[str, np.ndarray], title: str, injected: Iterabl
         torque.plot(time, columns[f"truth_clutch_torque_{name}_nm"], color=colour, lw=1.5, label=f"{name}, true")
         pressure.plot(time, columns[f"cylinder_pressure_{name}_bar"], color=colour, lw=1.0, label=f"{name}, measured")
         last = name == _CLUTCHES[-1][0]
-        torque.plot(time, demand(columns, name, prefix), label="demands" if last else None, **dashed)
+        torque.plot(time, signed_demand(columns, name, prefix), label="demands" if last else None, **dashed)
         pressure.plot(time, columns[f"{prefix}pressure_demand_bar"], label="demands" if last else None, **dashed)
     speed.plot(time, columns["input_speed_demand_rad_s"], label="input, demand", **dashed)
     speed.set_ylabel("speed [rad/s]")
     torque.set_ylabel("clutch torque [Nm]")
     if any(np.any(columns[f"truth_clutch_torque_{name}_nm"] <= -SIGNED_TORQUE) for name, *_ in _CLUTCHES):
-        zero(torque)
+        draw_zero(torque)
     torque.margins(y=0.12)  # room for a word
     output.plot(time, columns["truth_output_torque_nm"], label="output", **driveline)
     output.plot(time, columns["truth_road_torque_nm"], color=palette.SECOND, lw=1.0, ls=":", label="road")
@@ -67,7 +67,7 @@ def shift_sheet(columns: Mapping[str, np.ndarray], title: str, injected: Iterabl
     return sheet
 
 
-def demand(columns: Mapping[str, np.ndarray], clutch: str, prefix: str) -> np.ndarray:
+def signed_demand(columns: Mapping[str, np.ndarray], clutch: str, prefix: str) -> np.ndarray:
     """The torque demand of a clutch [Nm] signed as its slip; not a number where a lock or a pressure is asked for."""
     way = direction(columns[f"truth_slip_speed_{clutch}_rad_s"], columns[f"truth_clutch_torque_{clutch}_nm"])
     other = np.isin(columns[f"{prefix}request"], (Request.LOCK, Request.PRESSURE))

@@ -8,7 +8,7 @@ from clutch_hil.bench.label import Label
 from clutch_hil.bench.metadata import run_metadata
 from clutch_hil.bench.recording import Recording, run_path, writable
 from clutch_hil.bench.result import Result
-from clutch_hil.bench.scenario import Scenario, naming
+from clutch_hil.bench.scenario import Scenario, name_file_in_errors
 from clutch_hil.bench.sealed import SealedRecording
 from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
@@ -22,7 +22,7 @@ class Simulation:
     def __init__(self, scenario: Scenario, blind: bool = False) -> None:
         self.scenario, self._blind = scenario, blind
         self.label = Label.of(scenario, blind)
-        with naming(scenario.path):
+        with name_file_in_errors(scenario.path):
             scenario.rig.plant.check_blind(blind)
             self.profile = scenario.load_profile()
             _check_size(self.profile.duration, scenario.settings.rate)
@@ -46,8 +46,8 @@ class Simulation:
         scenario, settings = self.scenario, self.scenario.settings
         plant, controllers = self._new_nodes(scenario.plant, settings.seed)
         cycles = round(self.profile.duration * settings.rate)
-        told = (lambda cycle: progress(cycle, cycles)) if progress else None
-        played = play(plant, *controllers.values(), progress=told)
+        report_cycle = (lambda cycle: progress(cycle, cycles)) if progress else None
+        played = play(plant, *controllers.values(), progress=report_cycle)
         parameters = {name: controller.parameters.as_values() for name, controller in controllers.items()}
         metadata = run_metadata(scenario.rig, settings.rate, scenario.plant, parameters, plant.injected)
         metadata |= {"settings": settings.as_text() | {"mode": "in process"}, "scenario": scenario.name}

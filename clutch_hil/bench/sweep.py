@@ -89,5 +89,5 @@ def _spread(name: str, unit: str, values: np.ndarray) -> str:
     """Mean and standard deviation of a measure, for people."""
     known = values[~np.isnan(values)]
     spread = f"{known.mean():.3f} +- {known.std():.3f}" if len(known) else "never"
-    said = name.removesuffix(f"_{unit.lower()}").replace("_", " ")
-    return f"{said} {spread}{'' if unit == '1' else f' {unit}'}"
+    words = name.removesuffix(f"_{unit.lower()}").replace("_", " ")
+    return f"{words} {spread}{'' if unit == '1' else f' {unit}'}"

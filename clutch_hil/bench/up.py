@@ -18,9 +18,9 @@ from clutch_hil.bench.label import Label
 from clutch_hil.bench.metadata import run_metadata
 from clutch_hil.bench.recording import Recording, run_path, writable
 from clutch_hil.bench.result import Result
-from clutch_hil.bench.scenario import Scenario, load_scenario, naming
+from clutch_hil.bench.scenario import Scenario, load_scenario, name_file_in_errors
 from clutch_hil.bench.sealed import SealedRecording
-from clutch_hil.bench.services import IGNORED_PREFIXES, Services, say
+from clutch_hil.bench.services import IGNORED_PREFIXES, Services, print_line
 from clutch_hil.bench.settings import MANUAL, RunSettings
 from clutch_hil.bench.status import StatusLine
 from protocols.buses.bus import open_bus, resolve
@@ -31,7 +31,7 @@ from protocols.realtime.ring import RingReader
 from protocols.realtime.stopping import Stop
 
 POLL = 0.05  # s between looks at the rings, which keep seconds
-_VIEWER_END = 5.0  # s for a viewer to end once asked
+_VIEWER_TIMEOUT = 5.0  # s for a viewer to end once asked
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Bench:
 
     def run(self, quiet: bool = False) -> Result:
         """Run to the end of the profile or Ctrl-C. Raises InputError; nothing half-written is left then."""
-        with Stop() as stop, self.start(stop, say) as session:
+        with Stop() as stop, self.start(stop, print_line) as session:
             self._watch(session, stop, quiet)
             timing = session.finish(interrupted=stop.asked)
         result: Result = self.scenario.rig.judge(session.path, session.read, self.scenario.limits, timing)
@@ -78,8 +78,8 @@ class Bench:
         `tell` takes what the services say until they have started. Raises InputError, InterruptionError when `stop` is asked.
         """
         settings = self.scenario.settings
-        with naming(self.scenario.path):
-            what, duration = self._demand()
+        with name_file_in_errors(self.scenario.path):
+            what, duration = self._describe_demand()
             settings.new_controller()  # bad settings of the controller are told before anything starts
         bus = resolve(self.bus)
         open_bus(bus).close()
@@ -89,7 +89,7 @@ class Bench:
             with (
                 TemporaryDirectory() as folder,
                 Services(self._commands(bus, sorted(cpus), Path(folder))) as services,
-                self._viewing(bus),
+                self._run_viewer(bus),
             ):
                 rings = services.rings(stop, tell)
                 path = run_path(settings.out, self.label.name)
@@ -118,7 +118,7 @@ class Bench:
         return status
 
     @contextmanager
-    def _viewing(self, bus: str) -> Iterator[None]:
+    def _run_viewer(self, bus: str) -> Iterator[None]:
         """A viewer beside the run; whatever becomes of it, the run goes on."""
         if self.viewer is None:
             yield
@@ -129,12 +129,12 @@ class Bench:
         finally:
             view.terminate()
             try:
-                view.wait(_VIEWER_END)
+                view.wait(_VIEWER_TIMEOUT)
             except subprocess.TimeoutExpired:
                 view.kill()
                 view.wait()
 
-    def _demand(self) -> tuple[str, float]:
+    def _describe_demand(self) -> tuple[str, float]:
         """What is asked of the rig, for people, and for how long [s]. Raises InputError."""
         scenario, settings = self.scenario, self.scenario.settings
         if settings.profile != MANUAL:
@@ -222,17 +222,19 @@ class Session:
 
         To be called every POLL. Raises InputError when a service has failed or was stopped.
         """
-        ended = self._services.ended()
-        if ended and not self._bench.lockstep:
-            raise InputError(f"the {ended[0]} ended before the profile did: somebody stopped it")
+        ended_services = self._services.list_ended()
+        if ended_services and not self._bench.lockstep:
+            raise InputError(f"the {ended_services[0]} ended before the profile did: somebody stopped it")
         plant, *controllers = [ring.read() for ring in self.rings]
-        self._recording.add(_until(self.duration, plant), *controllers)
-        self.over = len(ended) == len(self.rings) or bool(len(plant) and plant[-1, 0] >= self.duration)
+        self._recording.add(_rows_before(self.duration, plant), *controllers)
+        self.over = len(ended_services) == len(self.rings) or bool(len(plant) and plant[-1, 0] >= self.duration)
         return [plant, *controllers]
 
     def news(self) -> list[str]:
         """What the services have said since the last call, for people."""
-        return [f"{name}: {line}" for name, line in self._services.said() if not line.startswith(IGNORED_PREFIXES)]
+        return [
+            f"{name}: {line}" for name, line in self._services.read_new_lines() if not line.startswith(IGNORED_PREFIXES)
+        ]
 
     def finish(self, interrupted: bool) -> dict[str, Any]:
         """Stop the services, finish the run file; return what the services' clocks and ports say. Raises InputError."""
@@ -240,7 +242,7 @@ class Session:
         elapsed = time.monotonic() - self._began
         timing = self._services.end()
         plant, *controllers = [ring.read() for ring in self.rings]
-        self._recording.add(_until(self.duration, plant), *controllers)
+        self._recording.add(_rows_before(self.duration, plant), *controllers)
         timing["interrupted"] = interrupted
         timing["record_rows_lost"] = sum(ring.lost for ring in self.rings)
         if bench.lockstep:
@@ -264,7 +266,7 @@ def _changes(timing: dict[str, Any]) -> list[dict[str, Any]]:
     ]
 
 
-def _until(duration: float, plant: np.ndarray) -> np.ndarray:
+def _rows_before(duration: float, plant: np.ndarray) -> np.ndarray:
     """Rows of the plant before `duration` [s]; in real time it goes on until it is stopped."""
     return plant[plant[:, 0] < duration]
 

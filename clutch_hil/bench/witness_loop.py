@@ -22,7 +22,7 @@ from protocols.realtime.waiting import choose_waiting
 if TYPE_CHECKING:
     import numpy as np
 
-_BEGIN = 20_000_000  # ns to the first slot at least
+_START_DELAY = 20_000_000  # ns to the first slot at least
 
 
 @dataclass(frozen=True)
@@ -52,9 +52,9 @@ class Pace:
         count = round(self.seconds * self.rate)
         waited_for, woken, ended = (array("q", bytes(8 * count)) for _ in range(3))
         prepare(self.cpu, self.priority)
-        clock.start((time.monotonic_ns() + _BEGIN) // period * period + period + self.phase_ns % period)
+        clock.start((time.monotonic_ns() + _START_DELAY) // period * period + period + self.phase_ns % period)
         with Stop() as stop:
-            begun(Path(self.out)).touch()
+            start_file(Path(self.out)).touch()
             while clock.run < count and not stop.asked:
                 clock.wait()
                 waited_for[clock.run - 1], woken[clock.run - 1] = clock.woken_ns - clock.lateness_ns, clock.woken_ns
@@ -66,7 +66,7 @@ class Pace:
         part.rename(self.out)
 
 
-def begun(out: Path) -> Path:
+def start_file(out: Path) -> Path:
     """The file that is there once the loop that will write `out` runs."""
     return out.with_suffix(".begun")
 

@@ -61,24 +61,24 @@ def discrepancy(
     names = [name.strip() for name in effects.split(",") if name.strip()]
     writable(out)
     with progress_bar("discrepancy", json_output) as progress:
-        found = find_discrepancy(
+        outcome = find_discrepancy(
             runs, holdout, rig=rig, model=model, calibration=calibration, effects=names or None,
             progress=lambda what, share: progress(round(100 * share), 100),
         )  # fmt: skip
-        files = found.write(out, shlex.join(["clutch-hil", *sys.argv[1:]]))
+        files = outcome.write(out, shlex.join(["clutch-hil", *sys.argv[1:]]))
     read, wrote = (", ".join(map(str, paths)) for paths in ((*runs, *holdout), files))
-    text = "\n".join([_told(found.result), f"read:    {read}", f"wrote:   {wrote}"])
-    report(found.result.as_json(), text, str(found), True, json_output)
+    text = "\n".join([_format_result(outcome.result), f"read:    {read}", f"wrote:   {wrote}"])
+    report(outcome.result.as_json(), text, str(outcome), True, json_output)
 
 
-def _told(result: "Result") -> str:
+def _format_result(result: "Result") -> str:
     rows = [
         f"  {c.block:<11} {c.output:<22} {c.regime:<20} {c.size:8.3g} {c.unit:<6}"
         f" {c.times_floor:5.2f} floors, p {c.p_value:.2g}"
         for c in result.where
     ]
     where = ["where they disagree:", *rows] if rows else ["they disagree nowhere"]
-    found = [
+    fitted = [
         f"  {e.name} = {e.value:.5g} {e.unit}  (95 %: {e.ci95[0]:.5g}..{e.ci95[1]:.5g})" for e in result.parameters
     ]
-    return "\n".join([*where, *(["fitted:", *found] if found else []), f"{result.seconds:.1f} s"])
+    return "\n".join([*where, *(["fitted:", *fitted] if fitted else []), f"{result.seconds:.1f} s"])

@@ -66,28 +66,28 @@ def _describe(effect: "Effect", out: Path, columns: int, json_output: bool) -> N
     from clutch_hil.bench.recording import writable
 
     picture = writable(out) / f"effect-{effect.name}.png"
-    shown = demonstrate(effect)
-    draw_effects(picture, {effect: shown})
-    seen = shown.times_resolution >= 1.0
+    demonstration = demonstrate(effect)
+    draw_effects(picture, {effect: demonstration})
+    visible = demonstration.times_resolution >= 1.0
     verdict = (
-        f"at typical values the {shown.what} changes by up to {shown.largest:.3g} {shown.unit},"
-        f" {shown.times_resolution:.3g} times what the measurement resolves"
-        if seen
+        f"at typical values the {demonstration.what} changes by up to {demonstration.largest:.3g} {demonstration.unit},"
+        f" {demonstration.times_resolution:.3g} times what the measurement resolves"
+        if visible
         else "at typical values nothing changes that the measurement resolves"
     )
     described = document(effect) | {
         "shown": {
-            "excitation": shown.excitation.title,
-            "column": shown.column,
-            "largest": shown.largest,
-            "unit": shown.unit,
-            "times_resolution": shown.times_resolution,
+            "excitation": demonstration.excitation.title,
+            "column": demonstration.column,
+            "largest": demonstration.largest,
+            "unit": demonstration.unit,
+            "times_resolution": demonstration.times_resolution,
         },
         "picture": str(picture),
         "verdict": verdict,
     }
-    text = f"{sheet_text(effect, shown, columns)}\n\nread:    {effect.path}\nwrote:   {picture}"
-    report(described, text, verdict, seen, json_output)
+    text = f"{sheet_text(effect, demonstration, columns)}\n\nread:    {effect.path}\nwrote:   {picture}"
+    report(described, text, verdict, visible, json_output)
 
 
 def _write_page(page: Path, effects: Sequence["Effect"], json_output: bool) -> None:

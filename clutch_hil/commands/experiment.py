@@ -99,11 +99,11 @@ def experiment(
         }  # fmt: skip
         if odd := [name for name, value in given.items() if value not in (None, False)]:
             raise InputError(f"--running was given and {odd[0]}; the bench that runs has its own plant and clock")
-        played = _played(RunningBench(bus, out, blind), wanted + held_out, json_output, first)
+        played = _play_all(RunningBench(bus, out, blind), wanted + held_out, json_output, first)
     else:
         with plant_under_test(scenario, plant_parameters, draw, seed, out) as plant:
             bench = OwnBench(plant, bus, lockstep, blind or draw is not None)
-            played = _played(bench, [e.at_rate(rate) for e in wanted + held_out], json_output, first)
+            played = _play_all(bench, [e.at_rate(rate) for e in wanted + held_out], json_output, first)
     if follow_up:
         _decide(follow_up, played[0], out, json_output)
         return
@@ -113,18 +113,18 @@ def experiment(
     lines = [f"read:    {counted(len(played), 'experiment')}: {', '.join(e.name for e in wanted + held_out)}"]
     lines += [f"{'wrote:' if not i else '':<9}{path}" for i, path in enumerate(played)]
     lines += [f"next:    {command}"]
-    told = f"{counted(len(played), 'experiment')} recorded" + (f", {len(rest)} of them to hold out" if rest else "")
-    document = {"runs": list(map(str, runs)), "holdout": list(map(str, rest)), "next": command, "verdict": told}
-    report(document, "\n".join(lines), told, True, json_output)
+    verdict = f"{counted(len(played), 'experiment')} recorded" + (f", {len(rest)} of them to hold out" if rest else "")
+    document = {"runs": list(map(str, runs)), "holdout": list(map(str, rest)), "next": command, "verdict": verdict}
+    report(document, "\n".join(lines), verdict, True, json_output)
 
 
-def _played(laboratory: "Laboratory", experiments: "Sequence[Experiment]", quiet: bool, first: int) -> list[Path]:
+def _play_all(laboratory: "Laboratory", experiments: "Sequence[Experiment]", quiet: bool, first: int) -> list[Path]:
     """Play `experiments`, numbered from `first` on: each number has noise of its own."""
     paths: list[Path] = []
     for number, experiment in enumerate(experiments, first):
         if not quiet:
-            told = f"{len(paths) + 1}/{len(experiments)}  {experiment.name} ({experiment.seconds:.1f} s): {experiment.title}"
-            typer.echo(told, err=True)
+            line = f"{len(paths) + 1}/{len(experiments)}  {experiment.name} ({experiment.seconds:.1f} s): {experiment.title}"
+            typer.echo(line, err=True)
         paths.append(laboratory.play(experiment, number, quiet))
     return paths
 
@@ -135,11 +135,11 @@ def _decide(before: "Report", run: Path, out: Path, json_output: bool) -> None:
     from clutch_hil.discrepancy.follow_up import decide_again
 
     with progress_bar("decide again", json_output) as progress:
-        found, files = decide_again(before, run, out, progress, shlex.join(["clutch-hil", *sys.argv[1:]]))
-    told = f"{found}; before: {before.verdict}"
+        decision, files = decide_again(before, run, out, progress, shlex.join(["clutch-hil", *sys.argv[1:]]))
+    verdict = f"{decision}; before: {before.verdict}"
     lines = [
         f"read:    {before.path}, {len(before.runs) + len(before.held_out)} runs, experiment {before.experiment.name}"
     ]
     lines += [f"{'wrote:' if not i else '':<9}{path}" for i, path in enumerate((run, *files))]
-    document = found.result.as_json() | {"run": str(run), "wrote": list(map(str, files)), "before": before.verdict}
-    report(document, "\n".join(lines), told, True, json_output)
+    document = decision.result.as_json() | {"run": str(run), "wrote": list(map(str, files)), "before": before.verdict}
+    report(document, "\n".join(lines), verdict, True, json_output)

@@ -37,7 +37,7 @@ def plant(
     json_output: bool = JSON,
 ) -> None:
     """Simulate the rig on a bus until it is stopped; in lock-step until its profile ends."""
-    from clutch_hil.bench.scenario import choose_scenario, naming
+    from clutch_hil.bench.scenario import choose_scenario, name_file_in_errors
     from clutch_hil.bench.service_text import service_lines
     from clutch_hil.bench.settings import MANUAL
     from plant_sim.node.plant_service import PlantService
@@ -51,7 +51,7 @@ def plant(
     played = choose_scenario(scenario, given, rig)
     played.rig.plant.check_blind(blind)
     settings = played.settings
-    with naming(played.path):
+    with name_file_in_errors(played.path):
         service = PlantService(
             bus=bus,
             rate=settings.rate,

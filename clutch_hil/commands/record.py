@@ -36,10 +36,10 @@ def record(
     from contextlib import suppress
 
     from clutch_hil.bench.can_log import WRITERS, CanLog, CanLogResult
-    from clutch_hil.bench.progress import Doing
+    from clutch_hil.bench.progress import ActivityLine
     from clutch_hil.live.bench_recording import record as record_telemetry
     from clutch_hil.live.conversion import FORMATS
-    from clutch_hil.live.recorder import Recorded
+    from clutch_hil.live.recorder import RecordingResult
     from protocols.files.run import new_file
     from protocols.realtime.stopping import Stop
 
@@ -48,8 +48,8 @@ def record(
     path = file.with_suffix(".parquet") if file and not file.suffix else file
     if path and path.suffix not in (*FORMATS, *WRITERS):
         raise InputError(f"{path} cannot be recorded as {path.suffix!r}; allowed are {listing((*FORMATS, *WRITERS))}")
-    result: CanLogResult | Recorded
-    with Doing(f"waiting for {bus or 'a bus'}", json_output) as doing, Stop() as stop:
+    result: CanLogResult | RecordingResult
+    with ActivityLine(f"waiting for {bus or 'a bus'}", json_output) as doing, Stop() as stop:
         if path and path.suffix in WRITERS:
             if router:
                 raise InputError(f"frames on a bus do not come from the router {router}; leave --router away")

@@ -19,6 +19,6 @@ def unseal(
     json_output: bool = JSON,
 ) -> None:
     """Show what a blind run keeps back, when neither it nor its truth file has been changed."""
-    from clutch_hil.bench.unseal import describe_truth, unsealed
+    from clutch_hil.bench.unseal import describe_truth, read_truth
 
-    report(*describe_truth(run, *unsealed(run, truth)), json_output)
+    report(*describe_truth(run, *read_truth(run, truth)), json_output)

@@ -63,5 +63,5 @@ def view(
     else:
         from clutch_hil.live.view import LiveView
 
-        seen = LiveView(bus, router, seconds).run(viewer, save, say)
-        report(seen.document, seen.text, seen.verdict, seen.good, json_output)
+        watched = LiveView(bus, router, seconds).run(viewer, save, say)
+        report(watched.document, watched.text, watched.verdict, watched.good, json_output)

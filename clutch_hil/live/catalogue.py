@@ -34,23 +34,23 @@ class Catalogue:
         silent = [node for node in NODES if node not in self.nodes]
         return f"the {silent[0]} on {bus_of(self.bench)} does not answer" if silent else ""
 
-    def named(self, name: str) -> str:
+    def full_name(self, name: str) -> str:
         """The full name of a parameter, given with or without its node. Raises InputError."""
         if name in self.entries:
             return name
-        found = [full for full in self.entries if full.partition(".")[2] == name]
-        if len(found) > 1:
-            raise InputError(f"parameter {name!r} is ambiguous; there are {listing(found)}")
-        if not found:
+        matches = [full for full in self.entries if full.partition(".")[2] == name]
+        if len(matches) > 1:
+            raise InputError(f"parameter {name!r} is ambiguous; there are {listing(matches)}")
+        if not matches:
             raise self._unknown(name)
-        return found[0]
+        return matches[0]
 
     def group(self, prefix: str) -> list[str]:
         """Full names of a group, with or without its node: `controller`, `torque.`, `plant.clutch.*`."""
         start = prefix.rstrip("*").rstrip(".") + "."
         return [full for full in self.entries if full.startswith(start) or full.partition(".")[2].startswith(start)]
 
-    def checked(self, name: str, text: str) -> float:
+    def check_value(self, name: str, text: str) -> float:
         """The value in `text` when the parameter with this full name can take it. Raises InputError."""
         entry = self.entries[name]
         low, high = entry["bounds"]
@@ -85,18 +85,18 @@ def assignments(catalogue: Catalogue, arguments: Iterable[str]) -> dict[str, dic
     values: dict[str, dict[str, float]] = {}
     for argument in arguments:
         name, _, text = argument.partition("=")
-        full = catalogue.named(name.strip())
+        full = catalogue.full_name(name.strip())
         node, _, short = full.partition(".")
         if short in values.setdefault(node, {}):
             raise InputError(f"parameter {full} is given twice")
-        values[node][short] = catalogue.checked(full, text)
+        values[node][short] = catalogue.check_value(full, text)
     return values
 
 
 def tables(entries: Mapping[str, Mapping[str, Any]], width: int) -> str:
     """Parameters by full name as a table for each node, of lines of at most `width` characters."""
     grouped = groupby(entries.items(), lambda item: item[0].partition(".")[0])
-    return "\n\n".join(table_text(_fitted(_rows(node, dict(items)), width)) for node, items in grouped)
+    return "\n\n".join(table_text(_fit_columns(_rows(node, dict(items)), width)) for node, items in grouped)
 
 
 def hide_off_effects(
@@ -111,8 +111,8 @@ def hide_off_effects(
         for group, members in groups.items()
         if group.rpartition(".")[2] in names and all(entry["value"] == entry["default"] for entry in members)
     ]
-    kept = {full: entry for full, entry in entries.items() if full.rpartition(".")[0] not in off}
-    return kept, [group.partition(".")[2] for group in off]
+    shown = {full: entry for full, entry in entries.items() if full.rpartition(".")[0] not in off}
+    return shown, [group.partition(".")[2] for group in off]
 
 
 def _rows(node: str, entries: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, ...]]:
@@ -131,13 +131,13 @@ def _rows(node: str, entries: Mapping[str, Mapping[str, Any]]) -> list[tuple[str
     return rows
 
 
-def _fitted(rows: Sequence[Sequence[str]], width: int) -> list[list[str]]:
+def _fit_columns(rows: Sequence[Sequence[str]], width: int) -> list[list[str]]:
     """The columns that fit into `width`; of the last one, the source, as much as fits."""
     needed = [max(map(len, column)) for column in zip(*rows, strict=True)]
     room = [width - sum(_GAP + before for before in needed[:i]) for i in range(len(needed))]
     needed[-1] = min(needed[-1], _SOURCE_LEAST)
-    kept = [i for i, least in enumerate(needed) if i == 0 or least <= room[i]]
-    return [[row[i] if len(row[i]) <= room[i] else row[i][: room[i] - 1] + "…" for i in kept] for row in rows]
+    columns = [i for i, least in enumerate(needed) if i == 0 or least <= room[i]]
+    return [[row[i] if len(row[i]) <= room[i] else row[i][: room[i] - 1] + "…" for i in columns] for row in rows]
 
 
 def details(name: str, entry: Mapping[str, Any]) -> str:

@@ -8,16 +8,17 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from clutch_hil.live.course import SPEED
+from clutch_hil.live.demand_defaults import SPEED
 from clutch_hil.live.supervisor import ReceivedFrames, Supervisor
 from plant_sim.profiles.profile import IDLE_FIRST, LATEST_TIME, Profile, Setpoint
 from protocols.buses.bus import Port, listen, open_bus
 from protocols.can.request import Request
 from protocols.errors import InputError
 
-_READY = 60.0  # s for the controller to tell its phase and to become idle: on a busy machine it loads for so long
-_LISTEN = 0.1  # s, as often as the controller's heartbeat comes
-_LOOK = 0.01  # s between looks whether the clutch is released
+# s for the controller to send its phase and to become idle; on a busy machine it may load for so long
+_READY_TIMEOUT = 60.0
+_LISTEN_TIME = 0.1  # s, as often as the controller's heartbeat comes
+_CHECK_INTERVAL = 0.01  # s between looks whether the clutch is released
 _IDLE = Profile("idle", (0.0, LATEST_TIME), (0.0, 0.0), (SPEED, SPEED))
 
 
@@ -40,15 +41,15 @@ class Driver:
         self._goal = _Goal(_IDLE, time.monotonic())
         self._setpoint = Setpoint(Request.IDLE, 0.0, SPEED, 0.0)
         self._error: Exception | None = None
-        self._refused: str | None = None  # why the controller does not do what it was asked for
+        self._objection: str | None = None  # why the controller does not do what it was asked for
         self._ready, self._ending = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._drive, name="clutch-hil driver", daemon=True)
 
     def __enter__(self) -> "Driver":
         self._thread.start()
-        if not self._ready.wait(_READY):
+        if not self._ready.wait(_READY_TIMEOUT):
             self._ending.set()
-            raise InputError(f"the controller on {self._bus} did not become idle within {_READY:g} s")
+            raise InputError(f"the controller on {self._bus} did not become idle within {_READY_TIMEOUT:g} s")
         self.check()
         return self
 
@@ -60,8 +61,8 @@ class Driver:
         """Raise InputError for what stopped the set-points, or why the controller does not do what it was asked for."""
         if self._error:
             raise self._error
-        if self._refused:
-            raise InputError(f"{self._refused}; release() acknowledges it")
+        if self._objection:
+            raise InputError(f"{self._objection}; release() acknowledges it")
 
     def follow(self, make: Callable[[Setpoint], Profile]) -> None:
         """Ask from now on for the profile that `make` makes of the set-point that is asked for. Raises InputError."""
@@ -75,7 +76,7 @@ class Driver:
         while self._goal is goal:
             if self._error:
                 raise self._error
-            time.sleep(_LOOK)
+            time.sleep(_CHECK_INTERVAL)
         self.check()
 
     def _drive(self) -> None:
@@ -96,26 +97,26 @@ class Driver:
 
     def _await_controller(self, port: Port) -> None:
         """Until the controller tells its phase, which it does once it hears the plant, or nobody waits for it."""
-        heard = ReceivedFrames()
-        while heard.answer().phase is None and not self._ending.is_set():
-            heard.take(listen(port, _LISTEN))
+        frames = ReceivedFrames()
+        while frames.answer().phase is None and not self._ending.is_set():
+            frames.take(listen(port, _LISTEN_TIME))
 
     def _ask(self, supervisor: Supervisor) -> None:
         """One set-point, or a release."""
         goal = self._goal
         if goal.release:
             supervisor.release(self._setpoint.speed)
-            self._refused = None
+            self._objection = None
             try:
                 supervisor.idle(self._setpoint.speed)  # which acknowledges a fault
             except InputError as error:
-                self._refused = str(error)
+                self._objection = str(error)
             self._goal = _Goal(_IDLE, time.monotonic())
             return
         setpoint = goal.profile.at(time.monotonic() - goal.began)
-        if self._refused:
+        if self._objection:
             setpoint = Setpoint(Request.RELEASE, 0.0, setpoint.speed, 0.0)
         supervisor.ask(*setpoint)
         self._setpoint = setpoint
         if setpoint.request.closes:
-            self._refused = supervisor.objection()
+            self._objection = supervisor.objection()

@@ -18,8 +18,8 @@ from clutch_hil.bench.scenario import Scenario
 from clutch_hil.bench.settings import MANUAL
 from clutch_hil.bench.up import POLL, Bench
 from clutch_hil.live.catalogue import assignments
-from clutch_hil.live.course import PRESSURE_RAMP, SPEED, TORQUE_RAMP
 from clutch_hil.live.demand import lock_profile, pressure_profile, torque_profile
+from clutch_hil.live.demand_defaults import PRESSURE_RAMP, SPEED, TORQUE_RAMP
 from clutch_hil.live.driver import Driver
 from clutch_hil.live.inject import inject, injection_values
 from clutch_hil.live.tune import change_parameters, list_parameters

@@ -31,13 +31,13 @@ from protocols.telemetry.batch import Batch
 from protocols.telemetry.feed import Feed
 from protocols.telemetry.keys import NODES, bus_of
 
-_INJECTED = ("name", "unit", "old", "new", "at", "ramp", "row")  # of an event, for the file
-_RECENT = 100  # batches of each controller: its past may come before the plant's
-_BOTH = 10.0  # s from the first row until both sides must have said what they are
+_INJECTION_KEYS = ("name", "unit", "old", "new", "at", "ramp", "row")  # of an event, for the file
+_KEPT_BATCHES = 100  # batches of each controller: its past may come before the plant's
+_DESCRIPTION_TIMEOUT = 10.0  # s from the first row until both sides must have said what they are
 
 
 @dataclass
-class Recorded:
+class RecordingResult:
     """What was recorded: `files` with their samples, rows `lost` by node, parameters changed; rate [Hz]."""
 
     bench: str
@@ -57,11 +57,11 @@ class Recorded:
     def verdict(self) -> str:
         """The verdict line."""
         seconds = sum(self.files.values()) / self.rate
-        told = f"{seconds:.1f} s recorded"
+        length = f"{seconds:.1f} s recorded"
         if len(self.files) > 1:
-            told += f" in {len(self.files)} files: the plant began anew or rows were lost"
+            length += f" in {len(self.files)} files: the plant began anew or rows were lost"
         lost = f"; rows that never came: {_counts(self.lost)}" if any(self.lost.values()) else ", no row lost"
-        return f"{told}{lost}{'; ' if self.faults else ''}{self.faults}"
+        return f"{length}{lost}{'; ' if self.faults else ''}{self.faults}"
 
     @property
     def text(self) -> str:
@@ -87,7 +87,7 @@ class Recorded:
 
 
 @dataclass(frozen=True)
-class _About:
+class _NodeDescription:
     """What a node said about itself when it was `asked` (UNIX time)."""
 
     node: str
@@ -98,9 +98,9 @@ class _About:
     def parameters_at(self, time: float, changes: Sequence[dict[str, Any]]) -> dict[str, float]:
         """Parameters at a UNIX time: as they were when we asked, with the changes in between made or undone."""
         own = [change for change in changes if change["node"] == self.node]
-        made = {change["name"]: change["new"] for change in own if self.asked < change["time"] < time}
-        undone = {change["name"]: change["old"] for change in reversed(own) if time <= change["time"] <= self.asked}
-        return self.parameters | made | undone
+        later = {change["name"]: change["new"] for change in own if self.asked < change["time"] < time}
+        earlier = {change["name"]: change["old"] for change in reversed(own) if time <= change["time"] <= self.asked}
+        return self.parameters | later | earlier
 
 
 class Recorder:
@@ -117,15 +117,15 @@ class Recorder:
         blind: bool = False,
         tell: Callable[[str], None] = print,
     ) -> None:
-        self.recorded = Recorded(feed.bench)
+        self.recorded = RecordingResult(feed.bench)
         self._session, self._feed, self._path = session, feed, path
         self._blind = blind
         self._tapes: dict[Path, Tape] = {}  # the last one runs, those before wait for the controllers' last rows
         self._metadata: dict[Path, dict[str, Any]] = {}
-        self._abouts: dict[str, _About] = {}  # by node
+        self._descriptions: dict[str, _NodeDescription] = {}  # by node
         self._early: list[Batch] = []  # of the plant, while a node has not said what it is
         self._deadline = float("inf")  # s of CLOCK_MONOTONIC, for all to have said it
-        self._recent: dict[str, deque[Batch]] = defaultdict(lambda: deque(maxlen=_RECENT))  # by controller
+        self._recent: dict[str, deque[Batch]] = defaultdict(lambda: deque(maxlen=_KEPT_BATCHES))  # by controller
         self._tell = tell  # a line that stays on the terminal
         self._faults: dict[str, FaultWatch] = {}  # by controller
         self._changes: list[dict[str, Any]] = []
@@ -160,11 +160,11 @@ class Recorder:
             self._close(path)
         batches = self._feed.read()
         for node, alive in self._feed.alive.items():
-            if alive and node not in self._abouts:
+            if alive and node not in self._descriptions:
                 self._ask(node)
         if plant:
             self._early += [batch for batch in batches if batch.node == "plant"]
-        if (batches or self._early) and self._all_known():
+        if (batches or self._early) and self._are_all_described():
             for batch in self._early:
                 self._add_plant(batch)
             self._early.clear()
@@ -192,22 +192,22 @@ class Recorder:
         """Tell what begins or ends in a batch of the controller."""
         node = batch.node
         if node not in self._faults:
-            about = self._abouts.get(node)
+            about = self._descriptions.get(node)
             names = [column.name.removeprefix(f"{node}_") for column in batch.columns]
             self._faults[node] = FaultWatch(names, batch.rate, about.parameters if about else None, clutch_of(node))
-        for told in self._faults[node].take(batch.rows):
-            self._tell(told.line)
+        for fault in self._faults[node].take(batch.rows):
+            self._tell(fault.line)
 
     def _nodes(self) -> tuple[str, ...]:
         """The nodes of a run: the plant and the controllers that it says it has."""
-        if "plant" not in self._abouts:
+        if "plant" not in self._descriptions:
             return NODES
-        return ("plant", *self._abouts["plant"].described.get("controllers", NODES[1:]))
+        return ("plant", *self._descriptions["plant"].described.get("controllers", NODES[1:]))
 
-    def _all_known(self) -> bool:
+    def _are_all_described(self) -> bool:
         """Whether all nodes have said what they are; services that start together publish one after the other."""
-        missing = [node for node in self._nodes() if node not in self._abouts]
-        self._deadline = min(self._deadline, time.monotonic() + _BOTH)
+        missing = [node for node in self._nodes() if node not in self._descriptions]
+        self._deadline = min(self._deadline, time.monotonic() + _DESCRIPTION_TIMEOUT)
         if missing and time.monotonic() > self._deadline:
             raise InputError(
                 f"the {missing[0]} of bench {self._feed.bench} publishes no telemetry; a run needs both sides"
@@ -228,13 +228,13 @@ class Recorder:
 
     def _new_tape(self, batch: Batch) -> Tape:
         """A tape that begins with `batch` of the plant."""
-        if self._abouts["plant"].described["session"] != batch.session:
+        if self._descriptions["plant"].described["session"] != batch.session:
             for node in self._nodes():
                 self._ask(node)
         first = self._path = self._path or run_path(writable(Path("runs")), "recorded")
         further = (first.with_stem(f"{first.stem}-{count}") for count in itertools.count(2))
         path = next(p for p in further if not (p.exists() or p in self._metadata)) if self._metadata else first
-        rig = self._abouts["plant"].described.get("rig", DEFAULT_RIG)
+        rig = self._descriptions["plant"].described.get("rig", DEFAULT_RIG)
         if self._blind:
             rig_named(rig).plant.check_blind(True)
         columns = {node: self._columns(node) for node in self._nodes()}
@@ -250,17 +250,20 @@ class Recorder:
             "notes": "",
             "recorded_at": _iso(began),
             "time_zero": _iso(began - batch["time_s"][0]),
-            "versions": self._abouts["plant"].described["versions"],
-            **{f"{node}_parameters": self._abouts[node].parameters_at(began, self._changes) for node in self._nodes()},
+            "versions": self._descriptions["plant"].described["versions"],
+            **{
+                f"{node}_parameters": self._descriptions[node].parameters_at(began, self._changes)
+                for node in self._nodes()
+            },
             "settings": {"mode": "recorded from telemetry"},
             "bus": bus_of(self._feed.bench),
-            "blind": self._abouts["plant"].described.get("blind", False),
+            "blind": self._descriptions["plant"].described.get("blind", False),
         }
         return tape
 
     def _columns(self, node: str) -> list[Column]:
         """Columns of a node, as it describes them."""
-        return [Column(**column) for column in self._abouts[node].described["columns"]]
+        return [Column(**column) for column in self._descriptions[node].described["columns"]]
 
     def _note_changes(self) -> None:
         self._changes += [change for change in self._feed.events() if change not in self._changes]
@@ -272,18 +275,18 @@ class Recorder:
             with contextlib.suppress(InputError):  # it has ended in between
                 entries = parameters(self._session, self._feed.bench, node)
                 values = {entry["name"]: entry["value"] for entry in entries}
-                self._abouts[node] = _About(node, described, values, asked)
+                self._descriptions[node] = _NodeDescription(node, described, values, asked)
 
     def _close(self, path: Path) -> None:
-        told = {
+        closing = {
             "parameter_changes": [change for change in self._changes if "injection" not in change],
             "injections": [
-                {key: change[key] for key in _INJECTED} for change in self._changes if "injection" in change
+                {key: change[key] for key in _INJECTION_KEYS} for change in self._changes if "injection" in change
             ],
             "record_rows_lost": sum(self._feed.lost.values()),
         }
         tape = self._tapes[path]
-        tape.close(self._metadata[path] | told)
+        tape.close(self._metadata[path] | closing)
         del self._tapes[path]
         if tape.rows > 1:
             self.recorded.files[path] = tape.rows

@@ -142,7 +142,7 @@ def _show_values(catalogue: Catalogue, arguments: Sequence[str]) -> tuple[dict[s
     for argument in arguments:
         group = [] if argument in catalogue.entries else catalogue.group(argument)
         grouped = grouped or bool(group)
-        names |= dict.fromkeys(group or [catalogue.named(argument)])
+        names |= dict.fromkeys(group or [catalogue.full_name(argument)])
     chosen = {name: catalogue.entries[name] for name in names}
     if grouped:
         rows, off = (chosen, []) if arguments else hide_off_effects(chosen, effects())

@@ -10,7 +10,7 @@ import pytest
 from clutch_hil.bench.limits import Judgement, judge_limits
 from clutch_hil.bench.measures import MEASURES
 from clutch_hil.bench.rig import rig_named, rig_names
-from clutch_hil.bench.scenario import Scenario, load_scenario, shipped
+from clutch_hil.bench.scenario import Scenario, load_scenario, shipped_scenarios
 from clutch_hil.bench.simulate import Simulation
 from protocols.files.runs import read_run
 
@@ -24,7 +24,7 @@ def judgements(scenario: Scenario) -> list[Judgement]:
     return list(judge_limits(scenario.limits, columns))
 
 
-@pytest.mark.parametrize("name", shipped())
+@pytest.mark.parametrize("name", shipped_scenarios())
 def test_a_scenario_passes_with_margin(name: str) -> None:
     scenario = load_scenario(name)
     assert scenario.title
@@ -79,7 +79,7 @@ def test_every_measure_is_in_the_documentation_and_none_else() -> None:
 
 def test_every_scenario_is_in_the_documentation() -> None:
     text = DOCS.read_text(encoding="utf-8")
-    for name in shipped():
+    for name in shipped_scenarios():
         assert f"| `{name}` | {load_scenario(name).title} |" in text
 
 
