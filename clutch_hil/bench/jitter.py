@@ -1,22 +1,22 @@
-"""Jitter: how punctual the loop is here, beside what the machine allows at the same time.
+"""Jitter: how punctual the loop is on this machine, compared with what the machine allows at the same time.
 
-Method          phases take turns in several rounds: cyclictest, a loop that does nothing (sleeping, and spinning the last
-                microseconds), the closed loop begun by the clock and by the bus, and echoes of the same frames. Beside each
-                loop runs a witness: another loop that does nothing, above it in priority, on the same CPU, at the same rate,
-                out of phase
+Method          phases take turns in several rounds: cyclictest; a loop that does nothing, which sleeps, or spins for the last
+                microseconds; the closed loop, begun by the clock or by the bus; echoes of the same frames. Beside each loop
+                runs a witness: another loop that does nothing, with a higher priority, on the same CPU, at the same rate, out
+                of phase
 What counts     wake      from the slot of the grid to the first look at the clock; begun by the bus: from the frame's stamp
                 step      from there to the end of the cycle's work, telemetry included
                 latency   from the stamp of a sample's ENCODER frame to that of the VALVE_COMMAND that answers it
                 period    time between the beginnings of two cycles minus the period
-                late      cycles that end after their slot, and slots left out; unexplained: those without a spike of the
-                          witness, or a stall, from two periods before their slot to two after their end (`lateness`). The
-                          witness looks once a period; what stops the CPU in between is seen by a watch that looks four times
-                          (above 1 kHz 4000 times a second), as a stall where it wakes later than a spike is long. Above
-                          1 kHz the watch is alone: a witness would take an eighth of the time at 4 kHz
-                near      share of all cycles, late or not, that have such a spike or stall as near: how much it means when
-                          late ones have
+                late      cycles that end after their slot, and slots left out. A late cycle is unexplained if no spike of
+                          the witness and no stall lies between two periods before its slot and two after its end
+                          (`lateness`). The witness wakes once a period. A watch wakes four times a period, above 1 kHz 4000
+                          times a second. Where it wakes later than a spike is long, there was a stall. Above 1 kHz the
+                          watch is alone: a witness would take an eighth of the time at 4 kHz
+                near      share of all cycles, late or not, that have such a spike or stall as near. Where it is large,
+                          explained late cycles mean little
                 footprint of both services of the closed loop: page faults, collections of garbage, threads begun
-Assumptions     stamps of both frames are of one clock (a local bus stamps when a frame is sent, vcan when it is taken)
+Assumptions     stamps of both frames are of one clock (a local bus stamps a frame when it is sent, vcan when it is received)
 References      rt-tests' cyclictest; numbers: docs/timing.md
 """
 
@@ -50,21 +50,26 @@ from protocols.realtime.shared_folder import SharedFolder
 from protocols.realtime.stopping import Stop
 
 WITNESS_PRIORITY = 90
-_SETTLING_TIME = 1.0  # s of the closed loop before it counts
-_START_TIMEOUT = 60.0  # s for the loop to be closed, and for other processes to start and end
-_CHECKS_PER_PERIOD = 4  # of the watch in a period,
-_MOST_CHECKS = 4000  # and in a second: it takes 10 us for each,
-_FAST_CHECKS = 1000  # and where a period is shorter than from look to look: of 125 us that is too much
+_SETTLING_TIME = 1.0  # s of the closed loop that are not measured
+_START_TIMEOUT = 60.0  # s for the loop to close, and for other processes to start and to end
+_CHECKS_PER_PERIOD = 4  # of the stall watch
+_MOST_CHECKS = 4000  # of the stall watch in a second: each takes 10 us
+_FAST_CHECKS = (
+    1000  # of the stall watch in a second, for loops above _MOST_CHECKS Hz: 10 us of a period of 125 us are too much
+)
 # Hz, up to which there is a witness: it takes 24 to 38 us of the CPU in each period (measured on a slow machine)
 _MOST_WITNESSED_RATE = 1000
-_HISTOGRAM_RANGE = 20_000  # us that cyclictest counts
+_HISTOGRAM_RANGE = 20_000  # us, of the histogram of cyclictest
 _POLL_INTERVAL = 0.02  # s
 PERCENTILES = (50.0, 99.0, 99.9, 99.99)
 
 
 @dataclass(frozen=True)
 class Setting:
-    """What is measured: `seconds` [s] of each phase in all, in `rounds`, at `rate` [Hz], on `cpu`, on `bus`."""
+    """What is measured: each phase for `seconds` [s] in total, divided into `rounds`, at `rate` [Hz], on `cpu` and `bus`.
+
+    The loop spins for the last `spin_us` [us] before a slot. `telemetry` is published or not.
+    """
 
     bus: str
     rate: int
@@ -82,8 +87,12 @@ class Setting:
 
 @dataclass
 class Measured:
-    """Of one phase: durations [us] by what they are of, cycles, those near time lost to the machine, late and unexplained ones,
-    the witness's latenesses [us], and what each service took from the system (`protocols.realtime.footprint`)."""
+    """Measurements of one phase.
+
+    durations: arrays (n,) [us], one a round, by quantity, such as `wake`. witness: lateness (n,) [us] of the witness, by round.
+    cycles, near, late, unexplained: numbers of cycles; see the module. footprint: page faults and the like of each service
+    (`protocols.realtime.footprint`). failure: why the phase could not be measured; empty if it could.
+    """
 
     durations: dict[str, list[np.ndarray]] = field(default_factory=dict)
     witness: list[np.ndarray] = field(default_factory=list)
@@ -95,16 +104,16 @@ class Measured:
     failure: str = ""
 
     def add(self, what: str, values: np.ndarray) -> None:
-        """Durations of one round [us]."""
+        """Add the durations of one round, shape (n,) [us]."""
         self.durations.setdefault(what, []).append(values)
 
     def all(self, what: str) -> np.ndarray:
-        """Durations of all rounds [us]."""
+        """Durations of all rounds, shape (n,) [us]."""
         return np.concatenate(self.durations[what])
 
 
 def summary(values: np.ndarray) -> dict[str, float]:
-    """Percentiles and maximum [us] of durations (n,); as many as their number supports."""
+    """Percentiles and maximum [us] of durations (n,). A percentile with fewer than five values above it is left out."""
     percentiles = {
         f"p{p:g}": float(np.percentile(values, p)) for p in PERCENTILES if len(values) * (100.0 - p) >= 499.9
     }
@@ -118,7 +127,7 @@ SWEEP_TRIGGERS = "clock", "bus"  # triggers of a sweep
 
 
 def phases(setting: Setting) -> dict[str, Phase]:
-    """Every phase by name; without cyclictest where it is not installed."""
+    """Every phase by name. `cyclictest` is left out where it is not installed."""
     by_name: dict[str, Phase] = {"cyclictest": _measure_cyclictest} if shutil.which("cyclictest") else {}
     by_name |= {
         "empty loop, sleep": lambda s, m, _: _measure_empty_loop(s, m, 0.0),
@@ -155,13 +164,17 @@ def sweep(
 def measure(
     setting: Setting, loads: Sequence[Load], progress: Callable[[float, int], None]
 ) -> tuple[dict[str, Measured], bool]:
-    """Run every phase in turn, `rounds` times; whether it was interrupted. Raises InputError."""
+    """Measure every phase in turn, `rounds` times; return the measurements by name, and whether it was interrupted.
+
+    Raises InputError.
+    """
     return _run_in_turn(setting, phases(setting), loads, progress)
 
 
 def _run_in_turn(
     setting: Setting, todo: Mapping[Key, Phase], loads: Sequence[Load], progress: Callable[[float, int], None]
 ) -> tuple[dict[Key, Measured], bool]:
+    """Run the phases `todo` under `loads`; return their measurements, and whether it was interrupted. Raises InputError."""
     results = {name: Measured() for name in todo}
     total, done = setting.rounds * len(todo), 0
     allowed_cpus = os.sched_getaffinity(0)
@@ -178,7 +191,7 @@ def _run_in_turn(
                     try:
                         phase(setting, results[name], stop)
                     except (InputError, InterruptionError):
-                        if not stop.asked:  # else it was broken off
+                        if not stop.asked:  # if it was, the error is only its consequence
                             raise
                     if not done:
                         stop.check(f"nothing had been measured; nothing was written, {describe_keeping()}")
@@ -191,7 +204,7 @@ def _run_in_turn(
 
 @contextlib.contextmanager
 def _run_witness(setting: Setting, seconds: float, phase_ns: int) -> Iterator[list[np.ndarray]]:
-    """A witness while entered; afterwards the list holds its slots, wake-ups, and when it slept again."""
+    """Run a witness while entered. Afterwards the list has three arrays (n,) [ns]: slots, wake-ups, and when it slept again."""
     folder = SharedFolder()
     out = folder.path / "witness"
     times: list[np.ndarray] = []
@@ -210,7 +223,7 @@ def _run_witness(setting: Setting, seconds: float, phase_ns: int) -> Iterator[li
 
 
 def _new_stall_watch(setting: Setting, seconds: float, phase_ns: int) -> StallWatch:
-    """Slots in the middle between those of the witness, of what is measured, and of each other."""
+    """Make a watch whose slots lie midway between the slots of the witness and those of the loop."""
     most = _MOST_CHECKS if setting.rate <= _MOST_CHECKS else _FAST_CHECKS
     every = 1_000_000_000 // min(_CHECKS_PER_PERIOD * setting.rate, most)
     return StallWatch(setting.cpu, WITNESS_PRIORITY, every, phase_ns + every // 2, seconds + _START_TIMEOUT)
@@ -259,10 +272,10 @@ def _measure_empty_loop(setting: Setting, measured: Measured, spin_us: float) ->
 def _measure_closed_loop(
     setting: Setting, measured: Measured, stop: Stop, trigger: str, record_frames: bool = True
 ) -> None:
-    """Plant and controller on one CPU; what they record, and, `record_frames`, the stamps of their frames."""
+    """Measure plant and controller on one CPU from their records and, if `record_frames`, from the stamps of their frames."""
     common = ["--bus", setting.bus, "--rate", str(setting.rate), "--cpu", str(setting.cpu)]
     common += [] if setting.telemetry else ["--no-telemetry"]
-    # the loop alone spins where it waits for a slot; a plant that spins would only keep the controller off the CPU
+    # only the controller spins before a slot; a plant that spins would keep the controller off the CPU
     loop = ["controller", *common, "--trigger", trigger, "--spin-us", str(setting.spin_us)]
     period = 1_000_000_000 // setting.rate
     commands = {"plant": ["plant", *common, "--profile", "engagement", "--seconds", "100000"], "controller": loop}
@@ -271,7 +284,9 @@ def _measure_closed_loop(
         _wait_for_closed_loop(services, rings[1], stop)
         first = _read_rows(rings[1], _SETTLING_TIME, stop)
         column = [c.name for c in rings[1].columns].index("clock_s")
-        phase = int(first[-1, column] * 1e9) + period // 4  # whatever makes a cycle late lasts until the witness's slot
+        phase = (
+            int(first[-1, column] * 1e9) + period // 4
+        )  # what makes a cycle late lasts until the slot of the witness
         with contextlib.ExitStack() as stack:
             frames = stack.enter_context(_record_frames(setting.bus)) if record_frames else []
             with contextlib.ExitStack() as beside:
@@ -313,7 +328,7 @@ def _measure_echo(setting: Setting, measured: Measured, kind: str) -> None:
 
 
 def _wait_for_start(process: "subprocess.Popen[bytes]", ready_file: Path, what: str) -> None:
-    """Wait for the file that a process makes when it begins. Raises InputError when it does not."""
+    """Wait for the file `ready_file` that a process makes when it begins. Raises InputError when it does not come."""
     end = time.monotonic() + _START_TIMEOUT
     while not ready_file.exists():
         if process.poll() is not None or time.monotonic() > end:
@@ -329,8 +344,10 @@ def _count_cycles(
     watch: StallWatch,
     period: int,
 ) -> None:
-    """Count what `watch`, and `witness` if there was one, have seen of `cycles`, slot and end (n, 2) [ns]; `late` (k,) are the
-    numbers of those that were late."""
+    """Count late and unexplained cycles, of those that `watch`, and `witness` if there is one, ran beside.
+
+    cycles: slot and end of each (n, 2) [ns]. late: indices of the late ones (k,). witness: see `_run_witness`. period: [ns].
+    """
     lost, (begin, end) = watch.stalls(spike(period)), watch.watched_span
     if witness:
         slots, woken, ended = witness
@@ -347,7 +364,7 @@ def _count_cycles(
 
 
 def _wait_for_closed_loop(services: Services, ring: RingReader, stop: Stop) -> None:
-    """Wait until the loop is closed. Raises InputError when it never is."""
+    """Wait until the loop is closed. Raises InputError when it does not close."""
     end = time.monotonic() + _START_TIMEOUT
     while not len(ring.read()):
         services.check()
@@ -357,7 +374,7 @@ def _wait_for_closed_loop(services: Services, ring: RingReader, stop: Stop) -> N
 
 
 def _read_rows(ring: RingReader, seconds: float, stop: Stop) -> np.ndarray:
-    """Rows of a ring for some time, at least one poll of them."""
+    """Read the rows of a ring for `seconds` [s], at least once; shape (rows, columns)."""
     rows: list[np.ndarray] = []
     end = time.monotonic() + seconds
     while not rows or (time.monotonic() < end and not stop.asked):
@@ -368,8 +385,10 @@ def _read_rows(ring: RingReader, seconds: float, stop: Stop) -> np.ndarray:
 
 @contextlib.contextmanager
 def _record_frames(bus: str) -> Iterator[list[tuple[int, int, int]]]:
-    """Stamp [ns], identifier and tick of samples and commands on the bus, while entered. Read all the time: a participant that
-    does not read fills its queue, and senders count refusals."""
+    """Record samples and commands on the bus while entered: stamp [ns], identifier and tick of each.
+
+    A thread reads all the time: a participant that does not read fills its queue, and senders count refusals.
+    """
     codecs = {codec.can_id: codec for name, codec in load_frames().items() if name in ("ENCODER", "VALVE_COMMAND")}
     frames: list[tuple[int, int, int]] = []
     ending = threading.Event()
@@ -392,7 +411,7 @@ def _record_frames(bus: str) -> Iterator[list[tuple[int, int, int]]]:
 
 
 def _latencies(frames: Sequence[tuple[int, int, int]]) -> np.ndarray:
-    """From each sample to the first command that answers it [us]. Raises InputError when none was answered."""
+    """Times from each sample to the first command that answers it, shape (n,) [us]. Raises InputError when there is none."""
     encoder = load_frames()["ENCODER"].can_id
     sample_stamps: dict[int, int] = {}
     latencies = []

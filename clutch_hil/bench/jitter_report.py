@@ -1,4 +1,4 @@
-"""What `clutch-hil jitter` tells: a table, ratios to the witness, to cyclictest and to an echo, a picture, a verdict."""
+"""Report of `clutch-hil jitter`: a table, ratios to the witness, to cyclictest and to an echo, a picture, a verdict."""
 
 import platform
 from collections.abc import Mapping, Sequence
@@ -20,12 +20,12 @@ _PERCENTILES = ("p50", "p99", "p99.9", "p99.99", "max")
 # What the p99.9 of the wake-up [us] means for a machine, in the bands of LinuxCNC's latency test, which takes the maximum
 BANDS = ((20.0, "excellent"), (50.0, "good"), (100.0, "fair"), (1000.0, "poor: late now and then at 1 kHz"))
 UNUSABLE = "unusable for a fixed rate"
-KNEE = 0.002  # share of late cycles up to which a rate is kept
+KNEE = 0.002  # largest share of late cycles at which the loop still keeps a rate
 MOST_UNEXPLAINED = 100.0  # late cycles per million that the machine does not explain: more is a bad verdict
 
 
 def check_setting(setting: Setting, cpus: Sequence[int]) -> Setting:
-    """The setting when it can be measured. Raises InputError."""
+    """Return `setting` if it can be measured; `cpus` are allowed. Raises InputError."""
     if setting.cpu not in cpus:
         raise InputError(f"CPU {setting.cpu} is not ours; allowed are {', '.join(map(str, cpus))}")
     if not 1.0 <= setting.piece <= 60.0:
@@ -38,7 +38,7 @@ def check_setting(setting: Setting, cpus: Sequence[int]) -> Setting:
 def document(
     setting: Setting, loads: Sequence[Load], measured: Mapping[str, Measured], interrupted: bool
 ) -> dict[str, Any]:
-    """Everything that was measured, for machines."""
+    """Everything that was measured, for JSON."""
     phases: dict[str, Any] = {}
     for name, one in measured.items():
         if not one.durations:
@@ -58,18 +58,18 @@ def document(
 
 
 def _counts(one: Measured) -> dict[str, Any]:
-    """Cycles, late ones, and where there were services, what these took from the system."""
+    """Numbers of cycles and, where there were services, their footprint."""
     counts: dict[str, Any] = {"cycles": one.cycles, "near": one.near, "late": one.late, "unexplained": one.unexplained}
     return counts | ({"footprint": {k: dict(v) for k, v in one.footprint.items()}} if one.footprint else {})
 
 
 def _share(measurement: Mapping[str, Any]) -> str:
-    """Percentage of all cycles that are near time lost to the machine."""
+    """Percentage of all cycles that are near a spike or a stall."""
     return f"{100.0 * measurement['near'] / max(measurement['cycles'], 1):.2f}"
 
 
 def _footprint(measurement: Mapping[str, Any]) -> tuple[str, ...]:
-    """Page faults of plant and controller, collections and threads of both."""
+    """Cells of the table: page faults of plant and controller, then collections and new threads of both together."""
     footprint = measurement.get("footprint", {})
     faults = [str(one["minor_faults"] + one["major_faults"]) for one in (footprint.get(k) for k in _SERVICES) if one]
     both = [str(sum(one[what] for one in footprint.values())) for what in ("collections", "threads_begun")]
@@ -77,7 +77,7 @@ def _footprint(measurement: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _ratios(phases: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Of p50, p99 and p99.9, each pair measured in one run."""
+    """Ratios of p50, p99 and p99.9 between phases of one run."""
     ratios = []
 
     def ratio(name: str, what: str, beside: str, other: Mapping[str, float]) -> None:
@@ -97,7 +97,7 @@ def _ratios(phases: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def text(measurement: Mapping[str, Any]) -> str:
-    """The tables, for people."""
+    """Format the tables of `document`."""
     rows: list[tuple[str, ...]] = [("phase", "us", *_PERCENTILES)]
     for name, one in measurement["phases"].items():
         durations = [what for what in ("wake", "witness", "step", "latency", "period") if what in one]
@@ -133,7 +133,10 @@ def text(measurement: Mapping[str, Any]) -> str:
 def sweep_document(
     setting: Setting, loads: Sequence[Load], measured: Mapping[Point, Measured], interrupted: bool
 ) -> dict[str, Any]:
-    """What was measured at each rate, and by trigger the knee [Hz]: the highest rate up to which each has at most KNEE late."""
+    """What was measured at each rate, for JSON, and the knee [Hz] of each trigger.
+
+    The knee is the highest rate up to which every measured rate has at most the share KNEE of late cycles.
+    """
     rates: list[dict[str, Any]] = []
     knee: dict[str, int | None] = {}
     over: set[str] = set()  # triggers
@@ -160,7 +163,7 @@ def sweep_document(
 
 
 def sweep_text(measurement: Mapping[str, Any]) -> str:
-    """The table by rate, for people."""
+    """Format the table by rate of `sweep_document`."""
     rows: list[tuple[str, ...]] = [
         ("begun by", "rate Hz", "period us", "cycles", "near %", "late %", "unexplained", "wake p50", "p99", "step p50", "p99",
          *_FOOTPRINT_COLUMNS)
@@ -178,7 +181,7 @@ def sweep_text(measurement: Mapping[str, Any]) -> str:
 
 
 def judge_sweep(measurement: Mapping[str, Any]) -> tuple[str, bool]:
-    """Verdict line, and whether there is a rate that is kept."""
+    """Verdict line of a sweep, and whether the loop keeps any rate."""
     knee = {trigger: rate for trigger, rate in measurement["knee_hz"].items() if rate is not None}
     if measurement["interrupted"]:
         return "interrupted: what was measured so far is told", False
@@ -189,7 +192,7 @@ def judge_sweep(measurement: Mapping[str, Any]) -> tuple[str, bool]:
 
 
 def judge(measurement: Mapping[str, Any]) -> tuple[str, bool]:
-    """Verdict line, and whether it is good: late cycles that the machine does not explain are ours."""
+    """Verdict line, and whether it is good. Late cycles that the machine does not explain are the fault of the loop."""
     if measurement["interrupted"]:
         return "interrupted: what was measured so far is told", False
     phases = measurement["phases"]
@@ -207,7 +210,7 @@ def judge(measurement: Mapping[str, Any]) -> tuple[str, bool]:
 
 
 def draw(setting: Setting, measured: Mapping[str, Measured], path: Path) -> None:
-    """Histograms of wake-up and latency, logarithmic both ways, and their tails."""
+    """Draw histograms of wake-up and latency, and their tails, on logarithmic axes, into a PNG at `path`."""
     from matplotlib.figure import Figure
 
     figure = Figure((11.0, 7.5), layout="constrained")

@@ -82,7 +82,7 @@ class Answers:
         return float(self._rows[-1][-1, self._tick]) if len(self._rows[-1]) else np.nan
 
     def to(self, ticks: np.ndarray) -> np.ndarray:
-        """Terms that act at each of `ticks`, shape (ticks, columns), NaN before the first cycle. Drops the rows before these."""
+        """Terms that act at each of `ticks`, shape (ticks, columns), NaN before the first cycle. Drops older rows."""
         rows = np.concatenate(self._rows)
         terms = np.full((len(ticks), rows.shape[1]), np.nan)
         if len(rows):
