@@ -1,7 +1,8 @@
 """JUnit: verdicts of scenarios as the XML that test benches and continuous integration read.
 
 A scenario is a test suite and each of its limits a test case. A scenario without limits has one case, its own verdict. A
-scenario that could not be run has one case with an error. Layout: junit-10.xsd of Jenkins' xUnit plug-in (jenkinsci/xunit-plugin).
+scenario that could not be run has one case with an error. Layout: junit-10.xsd of Jenkins' xUnit plug-in
+(jenkinsci/xunit-plugin).
 """
 
 import contextlib

@@ -3,6 +3,7 @@
 import typer
 
 from clutch_hil.command import report
+from clutch_hil.commands.options import JSON
 
 _MARKS = {True: "on", False: "off", None: "-"}
 
@@ -14,7 +15,7 @@ def register(app: typer.Typer) -> None:
 
 def doctor(
     cpu: int | None = typer.Option(None, help="CPU that the loop shall run on"),
-    json_output: bool = typer.Option(False, "--json", help="print the result as JSON"),
+    json_output: bool = JSON,
 ) -> None:
     """Tell what makes the loop punctual here, what is off, and the command that turns it on."""
     import os

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from clutch_hil.command import report
+from clutch_hil.commands.options import BUS, JSON, LOCKSTEP, OUT
 from protocols.errors import InputError
 
 if TYPE_CHECKING:
@@ -25,7 +26,6 @@ MODEL = typer.Option(None, "--plant-parameters", help="TOML file that changes th
 DRAW = typer.Option(
     None, help="the plant under test has an effect that this seed draws from the catalogue; implies --blind", min=0
 )
-JSON = typer.Option(False, "--json", help="print the result as JSON")
 
 
 def register(app: typer.Typer) -> None:
@@ -39,11 +39,11 @@ def experiment(
     for_report: Path | None = FOR,
     standard: bool = typer.Option(False, "--standard", help="the standard set: five experiments and two to hold out"),
     list_all: bool = typer.Option(False, "--list", help="list the experiments"),
-    bus: str = typer.Option("auto", help="vcan0, can0, local:NAME or auto"),
+    bus: str = BUS,
     running: bool = typer.Option(
         False, "--running", help="on the bench that runs on the bus, started with --profile manual"
     ),
-    lockstep: bool = typer.Option(False, help="deterministic, as fast as the machine allows"),
+    lockstep: bool = LOCKSTEP,
     rate: int | None = typer.Option(None, help="rate of samples and commands, in Hz; the experiment's if not given"),
     scenario: str | None = typer.Option(None, help="scenario whose plant, effects and injections are under test"),
     plant_parameters: Path | None = MODEL,
@@ -52,7 +52,7 @@ def experiment(
     blind: bool = typer.Option(
         False, "--blind", help="keep the truth out of the run files, in sealed files beside them"
     ),
-    out: Path = typer.Option(Path("runs"), help="folder for what is written"),
+    out: Path = OUT,
     json_output: bool = JSON,
 ) -> None:
     """Play experiments on the live plant over CAN and record them; with --for decide again with what they show."""

@@ -5,6 +5,7 @@ from pathlib import Path
 import typer
 
 from clutch_hil.command import check_rate, report
+from clutch_hil.commands.options import BUS, JSON
 from protocols.errors import InputError
 
 
@@ -14,7 +15,7 @@ def register(app: typer.Typer) -> None:
 
 
 def jitter(
-    bus: str = typer.Option("auto", help="vcan0, can0, local:NAME or auto"),
+    bus: str = BUS,
     rate: int = typer.Option(1000, help="rate of samples and commands, in Hz"),
     seconds: float = typer.Option(30.0, help="length of each phase in all, in s"),
     rounds: int = typer.Option(3, min=1, help="parts that it is measured in, the phases in turn"),
@@ -28,7 +29,7 @@ def jitter(
     ),
     telemetry: bool = typer.Option(True, help="publish every cycle meanwhile, as a bench does"),
     out: Path = typer.Option(Path("runs"), help="folder for jitter.png and jitter.json"),
-    json_output: bool = typer.Option(False, "--json", help="print the result as JSON"),
+    json_output: bool = JSON,
 ) -> None:
     """Measure the loop's jitter here, side by side with what the machine allows."""
     import os

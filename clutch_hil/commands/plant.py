@@ -5,7 +5,19 @@ from pathlib import Path
 import typer
 
 from clutch_hil.command import emit, verdict, write_summary
-from clutch_hil.commands.options import BLIND, BUS, JSON, RATE, SECONDS, SEED, TEMPERATURE
+from clutch_hil.commands.options import (
+    BLIND,
+    BUS,
+    CPU,
+    JSON,
+    PUBLISH_ROUTER,
+    RATE,
+    SECONDS,
+    SEED,
+    SERVICE_TELEMETRY,
+    SUMMARY,
+    TEMPERATURE,
+)
 
 
 def register(app: typer.Typer) -> None:
@@ -30,10 +42,10 @@ def plant(
     temperature: float | None = TEMPERATURE,
     blind: bool = BLIND,
     ring: Path | None = typer.Option(None, help="shared-memory file for the record of every sample"),
-    summary: Path | None = typer.Option(None, help="JSON file for the summary"),
-    telemetry: bool = typer.Option(True, help="publish every cycle over zenoh, from a process of its own"),
-    router: str | None = typer.Option(None, help="zenoh router to publish to, such as tcp/192.168.1.5:7447"),
-    cpu: int | None = typer.Option(None, help="CPU to run on"),
+    summary: Path | None = SUMMARY,
+    telemetry: bool = SERVICE_TELEMETRY,
+    router: str | None = PUBLISH_ROUTER,
+    cpu: int | None = CPU,
     json_output: bool = JSON,
 ) -> None:
     """Simulate the rig on a bus until it is stopped; in lock-step until its profile ends."""

@@ -5,7 +5,7 @@ from pathlib import Path
 import typer
 
 from clutch_hil.command import report
-from clutch_hil.commands.options import JSON
+from clutch_hil.commands.options import BENCH, BLIND, JSON, ROUTER
 from protocols.errors import InputError, listing
 
 FILE = typer.Argument(
@@ -23,12 +23,12 @@ def register(app: typer.Typer) -> None:
 
 def record(
     file: Path | None = FILE,
-    bus: str | None = typer.Option(None, help="bus of the bench, where several are running"),
-    router: str | None = typer.Option(None, help="zenoh router of another machine, such as tcp/192.168.1.5:7447"),
+    bus: str | None = BENCH,
+    router: str | None = ROUTER,
     seconds: float | None = typer.Option(
         None, help="how long from now on; until Ctrl-C, or the bench's end, if not given"
     ),
-    blind: bool = typer.Option(False, "--blind", help="keep the truth out of the run file, in a sealed file beside it"),
+    blind: bool = BLIND,
     json_output: bool = JSON,
 ) -> None:
     """Record a running bench: its telemetry, the last 30 s before included, or the frames on its bus."""
