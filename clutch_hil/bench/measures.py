@@ -1,9 +1,9 @@
-"""Measure: a number, or a word, by which a run is judged. To add one is to add a line to MEASURES of its rig.
+"""Measures: numbers, or words, by which a run is judged. A new measure is one line in MEASURES of its rig.
 
-Torque, slip and pressure are the true ones, whatever a sensor shows; a run recorded blind has none, so there they are measured.
-Torque and slip are signed; a demand of torque is a magnitude, and is compared with one. A clutch that is to be locked follows
-no demand: how well a torque is followed is judged without the phase lock. A turn of the slip: it begins, ends or changes its
-sign.
+Torque, slip and pressure are the true ones. A run recorded blind has no truth; its measures use the measured ones. Torque and
+slip are signed. A torque demand is a magnitude, and is compared with the magnitude of the torque. A clutch in the phase lock
+follows no demand, so this phase is left out where the torque is compared with its demand. The slip turns where it begins,
+ends or changes its sign.
 """
 
 from collections.abc import Callable, Mapping
@@ -15,19 +15,21 @@ from clutch_hil.bench.following import Following, following, regime
 from protocols.can.frames import load_frames
 
 Columns = Mapping[str, np.ndarray]
-_PRESSURE_BIN = 0.05  # bar, width of a bin in a loop: ten quantisation steps of the ADC
-_SLIP_BIN = 0.5  # rad/s, the same
-_LEAST_DEMAND_RATE = 0.05  # bar/s and rad/s^2: below, a demand neither rises nor falls
-_HOLD_TIME = 0.2  # s before the end of an engagement, in which it is taken as settled
-_EXCITED_POWER_SHARE = 1e-3  # of the strongest line's power: a line that the demand holds on purpose
+_PRESSURE_BIN = 0.05  # bar, width of a bin of equal pressure: ten quantisation steps of the ADC
+_SLIP_BIN = 0.5  # rad/s, width of a bin of equal slip
+_LEAST_DEMAND_RATE = 0.05  # bar/s and rad/s^2: a demand that changes more slowly neither rises nor falls
+_HOLD_TIME = 0.2  # s at the end of an engagement, in which the torque counts as settled
+_EXCITED_POWER_SHARE = 1e-3  # of the power of the strongest line: a weaker line is not part of the multisine
 _HALF_POWER = 0.5**0.5  # -3 dB
-_STANDING_SLIP = 0.01  # rad/s, a fifth of the slowest creep: below, plates stand; where they stick the true slip is 0
-_TURN_TIME = 0.03  # s after a turn of the slip, in which friction is on its way (two lags of the thesis, 12 ms each)
+_STANDING_SLIP = (
+    0.01  # rad/s: plates with less slip stand. A fifth of the slowest creep; where plates stick the true slip is 0
+)
+_TURN_TIME = 0.03  # s after a turn of the slip, in which friction settles: two friction lags of the thesis, 12 ms each
 _EDGE_SHARE = 0.1  # share of the span of slip that counts as slow, and as fast
 
 
 class Measure(NamedTuple):
-    """`of` makes it from the columns of a run; `unit` is empty for a word, of which `words` lists the allowed ones."""
+    """`of` computes the measure from the columns of a run. The `unit` of a word is empty, and `words` lists the allowed words."""
 
     unit: str
     what: str
@@ -36,12 +38,12 @@ class Measure(NamedTuple):
 
 
 def torque(columns: Columns) -> np.ndarray:
-    """The clutch torque [Nm], true where the run tells it; signed as the slip."""
+    """Clutch torque (n,) [Nm], signed as the slip; the true one where the run has it."""
     return columns.get("truth_clutch_torque_nm", columns["clutch_torque_nm"])
 
 
 def followed(columns: Columns) -> Following:
-    """How well the torque followed its demand, where the clutch was not to be locked."""
+    """How well the torque followed its demand, without the phase lock."""
     return following(*_demand_and_torque(columns))
 
 
@@ -50,22 +52,22 @@ def _magnitude(columns: Columns) -> np.ndarray:
 
 
 def _slip(columns: Columns) -> np.ndarray:
-    """The slip [rad/s], true where the run tells it."""
+    """Slip (n,) [rad/s]; the true one where the run has it."""
     return columns.get("truth_slip_speed_rad_s", columns["slip_speed_rad_s"])
 
 
 def _pressure(columns: Columns) -> np.ndarray:
-    """The cylinder pressure [bar], true where the run tells it."""
+    """Cylinder pressure (n,) [bar]; the true one where the run has it."""
     return columns.get("truth_cylinder_pressure_bar", columns["cylinder_pressure_bar"])
 
 
 def faults() -> tuple[str, ...]:
-    """Words of the measure `fault`."""
+    """Allowed words of the measure `fault`."""
     return tuple(load_frames()["CONTROLLER_STATUS"].choices("fault").values())
 
 
 def _demand_and_torque(columns: Columns) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Time [s], torque demand and torque, magnitudes [Nm], without the phase lock."""
+    """Time [s], and magnitudes of torque demand and torque [Nm], each (k,), without the phase lock."""
     part = ~_in_lock(columns)
     return columns["time_s"][part], np.nan_to_num(columns["torque_demand_nm"][part]), _magnitude(columns)[part]
 
@@ -76,7 +78,7 @@ def _largest_error(columns: Columns) -> float:
 
 
 def _in_phase(columns: Columns, name: str) -> np.ndarray:
-    """Mask of the samples in a phase."""
+    """Mask (n,) of the samples in the phase `name`."""
     phases = {text: value for value, text in load_frames()["CONTROLLER_STATUS"].choices("phase").items()}
     return columns["controller_phase"] == phases[name]
 
@@ -95,7 +97,7 @@ def _pressure_error(columns: Columns) -> float:
 
 
 def _loop(columns: Columns, demand: np.ndarray, value: np.ndarray, width: float) -> float:
-    """Torque at a falling less that at a rising `demand`, mean over the bins of `value` that were passed both ways."""
+    """Torque at a falling minus torque at a rising `demand` [Nm], mean over the bins of `value` that have both."""
     slope = np.gradient(demand, columns["time_s"])
     moment, sliding, bins = _magnitude(columns), _in_slip_control(columns), np.floor(value / width)
     up, down = sliding & (slope > _LEAST_DEMAND_RATE), sliding & (slope < -_LEAST_DEMAND_RATE)
@@ -112,7 +114,7 @@ def _slip_loop(columns: Columns) -> float:
 
 
 def _stretches(mask: np.ndarray) -> list[slice]:
-    """Where a mask is true without a gap."""
+    """Slices in which a mask is true without a gap."""
     edges = np.flatnonzero(np.diff(mask.astype(int), prepend=0, append=0))
     return [slice(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
@@ -129,7 +131,7 @@ def _longest_fill(columns: Columns) -> float:
 
 
 def _pressure_bandwidth(columns: Columns) -> float:
-    """By the ratio of the cross and the power spectrum of the demand, over whole seconds of slip control."""
+    """Bandwidth [Hz] from the cross spectrum over the power spectrum of the demand, in whole seconds of slip control."""
     rate = round(1.0 / float(columns["time_s"][1] - columns["time_s"][0]))
     part = max(_stretches(_in_slip_control(columns)), key=lambda s: s.stop - s.start, default=slice(0, 0))
     signals = columns["controller_pressure_demand_bar"], _pressure(columns)
@@ -147,7 +149,7 @@ def _pressure_bandwidth(columns: Columns) -> float:
 
 
 def _seconds(signal: np.ndarray, rate: int) -> np.ndarray:
-    """Spectra (seconds, lines of 1 Hz) of the whole seconds before the end of a signal."""
+    """Spectra (seconds, lines of 1 Hz) of the last whole seconds of a signal."""
     whole = len(signal) // rate
     return np.fft.rfft(signal[len(signal) - whole * rate :].reshape(whole, rate), axis=1)
 
@@ -179,7 +181,7 @@ def _level(columns: Columns) -> float:
 
 
 def _estimate_errors(columns: Columns) -> tuple[np.ndarray, np.ndarray]:
-    """Errors of the estimate [Nm] while the clutch is closed: outside _TURN_TIME after a turn of the slip, and inside."""
+    """Absolute errors of the estimate [Nm] of a closed clutch: later than _TURN_TIME after a turn of the slip, and within it."""
     step = float(columns["time_s"][1] - columns["time_s"][0])
     changes = (
         np.diff(np.sign(np.where(np.abs(_slip(columns)) < _STANDING_SLIP, 0.0, _slip(columns))), prepend=0.0) != 0.0
@@ -212,7 +214,7 @@ def _locked_time(columns: Columns) -> float:
 
 
 def _standstill_times(columns: Columns, mask: np.ndarray) -> np.ndarray:
-    """From the begin of each stretch of `mask` until the plates stand [s]; not a number where they never do."""
+    """Times from the begin of each stretch of `mask` until the plates stand [s]; NaN where they never do."""
     standing, time = _is_standing(columns), columns["time_s"]
     firsts = [(part, np.flatnonzero(standing[part])) for part in _stretches(mask)]
     return np.array([time[p.start + at[0]] - time[p.start] if len(at) else np.nan for p, at in firsts])

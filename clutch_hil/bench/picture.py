@@ -1,8 +1,8 @@
 """Picture of a run: torque, its error, pressure, slip, and phase, clutch and faults over time.
 
-Torque and slip are signed; the demand, a magnitude, is drawn the way round the clutch slips. An error counts along the slip, so
-that more than zero is too much torque either way. Where no torque is asked for, or plates stand and carry what is applied, the
-torque has no error; the estimate has one everywhere.
+Torque and slip are signed. The demand is a magnitude and is drawn with the sign of the slip. An error is positive where the
+torque is too large in magnitude. The error of the torque is drawn only where there is a demand and the plates slide: plates
+that stand carry what is applied. The error of the estimate is drawn everywhere.
 """
 
 from collections.abc import Iterable, Mapping
@@ -18,9 +18,9 @@ from clutch_hil.bench.measures import torque as torque_of
 from clutch_hil.bench.sheet import Sheet, draw_zero, plot_errors, set_speed_axis, show_at_least
 from protocols.can.request import Request
 
-_HEIGHTS = (2.9, 1.5, 2.0, 1.5)  # in: torque, error, pressure, slip
+_HEIGHTS = (2.9, 1.5, 2.0, 1.5)  # inches: torque, error, pressure, slip
 _TRUE = "truth_clutch_torque_nm"
-# Column, label, width [pt] and style, the last on top; a run has not all of them
+# Column, label, width [pt] and style; later ones are drawn on top, and a run may lack some
 _PRESSURES = (
     ("truth_cylinder_pressure_bar", "true", 2.4, "-"),
     ("cylinder_pressure_bar", "measured", 1.0, "-"),
@@ -40,7 +40,7 @@ def draw_run(path: Path, columns: Mapping[str, np.ndarray], title: str, injected
 
 
 def run_sheet(columns: Mapping[str, np.ndarray], title: str, injected: Iterable[float] = ()) -> Sheet:
-    """The picture, which can still be looked into."""
+    """Draw a run; return the sheet, which is not yet saved."""
     sheet = Sheet(columns, title, _HEIGHTS, {"": "controller_"})
     torque, error, pressure, slip = sheet.panels
     _draw_torque(torque, columns)
@@ -94,23 +94,23 @@ def _draw_errors(axes: Any, columns: Mapping[str, np.ndarray]) -> None:
 
 
 def _torque_column(columns: Mapping[str, np.ndarray]) -> tuple[str, str]:
-    """What the clutch torque is called, and its column: the true one, in a run recorded blind the measured one."""
+    """Label and column of the clutch torque: the true one, or the measured one of a run recorded blind."""
     return ("true", _TRUE) if _TRUE in columns else ("measured", "clutch_torque_nm")
 
 
 def slip_direction(columns: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Which way round the clutch of a run slips, +1 and -1, by the truth where the run tells it."""
+    """Direction in which the clutch of a run slips, +1 or -1, shape (n,); from the truth where the run has it."""
     return direction(columns.get("truth_slip_speed_rad_s", columns["slip_speed_rad_s"]), torque_of(columns))
 
 
 def signed_demand(columns: Mapping[str, np.ndarray]) -> np.ndarray:
-    """The torque demand [Nm] signed as the slip; not a number where a lock or a pressure is asked for, and no torque."""
+    """Torque demand (n,) [Nm] with the sign of the slip; NaN where a lock or a pressure is asked for."""
     other = np.isin(columns["controller_request"], (Request.LOCK, Request.PRESSURE))
     return np.where(other, np.nan, slip_direction(columns) * np.nan_to_num(columns["torque_demand_nm"]))
 
 
 def _is_followed(columns: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Where a torque is followed: it is asked for and the plates slide."""
+    """Mask (n,) of the samples in which a torque is asked for and the plates slide."""
     return (columns["controller_request"] == Request.ENGAGE) & (columns["controller_clutch_state"] == _SLIDING)
 
 

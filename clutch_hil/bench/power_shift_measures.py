@@ -1,13 +1,14 @@
-"""Measures of a run of the power-shift rig: what a hand-over of torque from clutch a to clutch b costs.
+"""Measures of a run of the power-shift rig: the quality of a hand-over of torque from clutch a to clutch b.
 
-Hand-over       begins where the demand of clutch a first falls while b is asked for torque
+Hand-over       begins where the demand of clutch a first falls while there is a demand of clutch b
 Torque phase    ends where the demand of clutch a is 0
-Shift           ends, after that, where clutch a carries less than 5 % of its torque before and clutch b is synchronous: its
-                slip below 4 rad/s. So it ends with the inertia phase, in which the input follows the new ratio
-Window          from where b is first asked for torque, so with its fill, until 0.2 s after the shift; where that does not end,
-                until 1 s after the torque phase
+Shift           ends, after the torque phase, where clutch a carries less than 5 % of its torque before and clutch b is
+                synchronous, with a slip below 4 rad/s. So the shift includes the inertia phase, in which the input speed goes
+                to the new ratio
+Window          begins with the first demand of clutch b, so it includes the fill, and ends 0.2 s after the shift. If the
+                shift does not end, the window ends 1 s after the torque phase
 Before          mean torque in the 0.2 s before the window
-Lock-up         from where clutch b is first in lock until 0.2 s after its plates stand
+Lock-up         begins where clutch b is first in the phase lock, and ends 0.2 s after its plates stand
 """
 
 from collections.abc import Mapping
@@ -19,17 +20,17 @@ from clutch_hil.bench.measures import Columns, Measure, faults
 from protocols.can.frames import load_frames
 from protocols.can.two_clutches import CLUTCHES
 
-_BEFORE_TIME = 0.2  # s, long enough to average the sensor noise's way through the loop
+_BEFORE_TIME = 0.2  # s, long enough to average the noise that the loop passes on from the sensors
 _AFTER_TIME = 0.2  # s after the shift: two time constants of the motor's speed loop
-_LONGEST_TIME = 1.0  # s after the torque phase that is looked at where the shift does not end
-_OPEN_SHARE = 0.05  # share of the torque before, below which clutch a counts as open
+_LONGEST_TIME = 1.0  # s, length of the window after the torque phase where the shift does not end
+_OPEN_SHARE = 0.05  # of the torque before: with a smaller share clutch a counts as open
 SYNCHRONOUS = 4.0  # rad/s: twice the slip that the shipped profile drives with in 2nd gear
-_STANDING_SLIP = 0.01  # rad/s: below, plates stand; where they stick the true slip is 0
+_STANDING_SLIP = 0.01  # rad/s: plates with less slip stand; where they stick the true slip is 0
 _CONTROLLERS = ("controller_fault", "controller_b_fault")
 
 
 class Handover(NamedTuple):
-    """Sample numbers of the hand-over's parts, None where the run has none, and the torque [Nm] before it."""
+    """Indices of samples at the hand-over's parts, and the output torque [Nm] before it. `shift_end` is None if the shift does not end."""
 
     begin: int
     torque_end: int
@@ -39,7 +40,7 @@ class Handover(NamedTuple):
 
 
 def handover(columns: Columns) -> Handover | None:
-    """The hand-over of a run; None when there is none, or no torque to be handed over."""
+    """Find the hand-over of a run; None if there is none, or no torque before it."""
     time, demand_a, demand_b = (columns[n] for n in ("time_s", "torque_demand_a_nm", "torque_demand_b_nm"))
     falls = np.flatnonzero((np.diff(demand_a) < 0.0) & (demand_b[:-1] > 0.0))
     if not len(falls):
@@ -90,13 +91,13 @@ def _shift_time(columns: Columns) -> float:
 
 
 def _b_in_lock(columns: Columns) -> np.ndarray:
-    """Mask of the samples in which clutch b is in lock."""
+    """Mask (n,) of the samples in which clutch b is in the phase lock."""
     phases = {text: value for value, text in load_frames()["CONTROLLER_STATUS"].choices("phase").items()}
     return columns["controller_b_phase"] == phases["lock"]
 
 
 def _b_is_locked(columns: Columns) -> np.ndarray:
-    """Mask of the samples in which clutch b is locked: in lock, and its plates stand."""
+    """Mask (n,) of the samples in which clutch b is locked: in the phase lock, and its plates stand."""
     return _b_in_lock(columns) & (np.abs(columns["truth_slip_speed_b_rad_s"]) < _STANDING_SLIP)
 
 

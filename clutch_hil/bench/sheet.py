@@ -1,4 +1,4 @@
-"""Sheet: panels of a run over one time axis, and below them a strip of lanes: phase, clutch and fault of each controller."""
+"""Sheet: panels of a run over one time axis; below them a strip with phase, clutch state and fault of each controller."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -13,24 +13,25 @@ from clutch_hil.bench.lanes import Lane, Stretch, lanes, stretches
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_WIDTH, _LEFT = 10.0, 0.8  # in, of the picture, and of what stands left of its panels
-_LANE_HEIGHT = 0.24  # in, height of a lane
-_RESOLUTION = 110  # an inch
-_FONT_SIZE = 8.5  # pt, of words in lanes and legends
-_LETTER_WIDTH = 0.58 * _FONT_SIZE / 72.0  # in, width of a letter of such a word, and some room
+_WIDTH, _LEFT = 10.0, 0.8  # inches, of the picture, and of the margin left of its panels
+_LANE_HEIGHT = 0.24  # inches
+_RESOLUTION = 110  # dots per inch
+_FONT_SIZE = 8.5  # points, of words in lanes and legends
+_LETTER_WIDTH = 0.58 * _FONT_SIZE / 72.0  # inches, mean width of a letter of that size with some room
 _WORD_STYLE: dict[str, Any] = {"fontsize": _FONT_SIZE, "va": "center", "in_layout": False}
-# Of a legend: above its panel, where it covers no curve
+# A legend is above its panel, where it covers no curve
 _LEGEND_STYLE: dict[str, Any] = {
     "loc": "lower right", "bbox_to_anchor": (1.0, 0.98), "borderaxespad": 0.0, "fontsize": _FONT_SIZE, "frameon": False,
 }  # fmt: skip
-_REACH_PERCENTILE, _REACH_FACTOR = 98.0, 1.5  # %, of an error's samples that its axis is made for, and times these
-_LEAST_REACH = 0.1  # Nm, half of an error's axis at least: the rounded pressure alone is 0.08
-_MARK_HEIGHT = 0.94  # of half an axis, where a mark of what leaves it is inside it and below the legend
-_MOST_MARKS = 100  # places along the time for marks of what leaves an axis: nearer ones lay on each other
+# Half the axis of errors is this percentile [%] of their magnitudes times this factor
+_REACH_PERCENTILE, _REACH_FACTOR = 98.0, 1.5
+_LEAST_REACH = 0.1  # Nm, of half the axis of errors: the quantised pressure alone makes 0.08 Nm
+_MARK_HEIGHT = 0.94  # of half the axis of errors: place of a mark for values outside, below the legend
+_MOST_MARKS = 100  # along the time axis: more marks would overlap
 
 
 class Sheet:
-    """A picture of `columns` with panels of these `heights` [in]; `controllers`: the prefix of their columns by name."""
+    """A picture of `columns` (n,) with panels of these `heights` [inches]. `controllers` has a prefix of columns by name."""
 
     def __init__(
         self, columns: Mapping[str, np.ndarray], title: str, heights: Sequence[float], controllers: Mapping[str, str]
@@ -52,17 +53,17 @@ class Sheet:
         self._draw_lanes(rows)
 
     def mark(self, times: Iterable[float], label: str, colour: str, style: str = ":") -> None:
-        """Draw a line through all panels at each of `times` [s]; the first panel's legend names them."""
+        """Draw a line through all panels at each of `times` [s], with `label` in the legend of the first panel."""
         for axes in self.panels if (at := sorted(set(times))) else ():
             named = label if axes is self.panels[0] else "_"  # matplotlib leaves _ out of a legend
             axes.vlines(at, 0.0, 1.0, colour, style, label=named, lw=0.9, transform=axes.get_xaxis_transform())
 
     def save(self, path: Path) -> None:
-        """Write the PNG."""
+        """Write the picture into a PNG at `path`."""
         self.finish().savefig(path, dpi=_RESOLUTION)
 
     def finish(self) -> "Figure":
-        """The figure with its legends and faults; to be called once."""
+        """Add legends and faults; return the figure. To be called once."""
         self.mark(self._faults, "fault", palette.LIMIT, "-")
         for axes in self.panels:
             axes.grid(alpha=0.3)
@@ -95,7 +96,7 @@ class Sheet:
         self._draw_legend({word: colour for word, colour in colours.items() if word not in written and word != "none"})
 
     def _name_stretches(self, y: int, spans: Sequence[Stretch], words: Mapping[float, str]) -> set[str]:
-        """Write the word of each stretch into it where it has room; the words that are written."""
+        """Write its word into each stretch that has room for it; return the words that are written."""
         written = set()
         for stretch in spans:
             word = words[stretch.value]
@@ -106,7 +107,7 @@ class Sheet:
         return written
 
     def _name_faults(self, y: int, faults: Sequence[Stretch], words: Mapping[float, str]) -> set[str]:
-        """Write each fault and its time beside its begin where there is room; the words that are written."""
+        """Write each fault and its time beside its begin where there is room; return the words that are written."""
         written = set()
         begins = [float(self.time[fault.begin]) for fault in faults]
         free = float(self.time[0])
@@ -124,11 +125,11 @@ class Sheet:
         return written
 
     def _length(self, word: str) -> float:
-        """How long a word in a lane is [s]."""
+        """Length of a word in a lane [s]."""
         return len(word) * _LETTER_WIDTH * float(self.time[-1] - self.time[0]) / (_WIDTH - _LEFT)
 
     def _draw_legend(self, colours: Mapping[str, str]) -> None:
-        """A legend of words that stand nowhere."""
+        """Draw a legend for the words that no lane had room for."""
         from matplotlib.patches import Patch
 
         if colours:
@@ -139,7 +140,7 @@ class Sheet:
 
 
 def set_speed_axis(axes: Any, *lines: np.ndarray) -> None:
-    """The axis of these speeds [rad/s]: from 0, or as far down as up where one is negative, with a line at 0."""
+    """Set the axis for these speeds [rad/s]: from 0 up, or symmetric with a line at 0 where one of them is negative."""
     if reach := both_ways(*lines):
         axes.set_ylim(-reach, reach)
         draw_zero(axes)
@@ -148,13 +149,13 @@ def set_speed_axis(axes: Any, *lines: np.ndarray) -> None:
 
 
 def show_at_least(axes: Any, high: float) -> None:
-    """The axis shows 0 to `high`, and more: noise about 0 stays small."""
+    """Extend the axis to 0 and `high`, so that noise about 0 is drawn small."""
     low, top = axes.get_ylim()
     axes.set_ylim(min(low, -0.05 * high), max(top, high))
 
 
 def draw_zero(axes: Any) -> None:
-    """A line at 0."""
+    """Draw a line at 0."""
     axes.axhline(0.0, color=palette.INK, lw=0.7)
 
 
@@ -163,8 +164,8 @@ def plot_errors(
 ) -> None:
     """Plot errors [Nm] by label, each with its colour and width [pt].
 
-    The axis is made for most of the samples in which the clutch is `closed`: an open one has no error. What leaves the axis is
-    marked at its edge, and the label tells how far it goes.
+    The axis has room for most samples in which the clutch is `closed`, a mask (n,). Values outside are marked at the edge of
+    the axis, and the label has their extreme.
     """
     reach = error_reach([values[closed] for values, *_ in errors.values()])
     axes.set_ylim(-reach, reach)
@@ -189,7 +190,7 @@ def plot_errors(
 
 
 def error_reach(errors: Iterable[np.ndarray]) -> float:
-    """Half of the axis for errors [Nm]: it has room for all of them, unless few samples go far beyond the others."""
+    """Half the axis of errors [Nm]. It has room for all of them, unless a few samples are far outside the others."""
     sizes = np.abs(np.concatenate([np.empty(0), *(error[np.isfinite(error)] for error in errors)]))
     if not len(sizes):
         return _LEAST_REACH

@@ -1,4 +1,4 @@
-"""A run of the power-shift rig, a hand-over of torque: its status line, judged and drawn."""
+"""Runs of the power-shift rig, hand-overs of torque: their status line, judgement and picture."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,7 +20,7 @@ from protocols.files.runs import read_run
 
 
 class ShiftStatus(StatusLine):
-    """Input and vehicle speed, both torques, output torque."""
+    """Status line with input and vehicle speed, both clutch torques and output torque."""
 
     def _text(self, plant: np.ndarray, controller: np.ndarray) -> str:
         p = {name: plant[i] for name, i in self._plant.items()}
@@ -86,7 +86,7 @@ def _shift_lines(measured: dict[str, Any]) -> list[str]:
 
 
 def _load_lines(rate: int) -> list[str]:
-    """What a real bus would say, where it would not bear this."""
+    """A note where a real bus is too slow for these frames."""
     load = bus_load(bus_frames(clutches=len(CLUTCHES)), rate, max(BITRATES))
     if load <= 1.0:
         return []

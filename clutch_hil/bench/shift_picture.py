@@ -1,6 +1,7 @@
-"""Picture of a hand-over: speeds, torques, output torque, pressures, and phase, clutch and faults of both; shaded where it is.
+"""Picture of a hand-over: speeds, torques, output torque, pressures; phase, clutch state and faults of both clutches.
 
-A colour is a clutch, or the driveline; a line is true, thin where it is estimated or measured, dashed where it is asked for.
+The time of the hand-over is shaded. A colour stands for a clutch, or for the driveline. Thick lines are true values, thin ones
+estimated or measured, dashed ones demands.
 """
 
 from collections.abc import Iterable, Mapping
@@ -14,7 +15,7 @@ from clutch_hil.bench.power_shift_measures import handover
 from clutch_hil.bench.sheet import Sheet, draw_zero
 from protocols.can.request import Request
 
-_HEIGHTS = (2.0, 2.7, 1.6, 1.8)  # in: speed, torque, output torque, pressure
+_HEIGHTS = (2.0, 2.7, 1.6, 1.8)  # inches: speed, torque, output torque, pressure
 _CLUTCHES = (("a", "controller_", palette.CLUTCH_A, "1st"), ("b", "controller_b_", palette.CLUTCH_B, "2nd"))
 
 
@@ -24,7 +25,7 @@ def draw_shift(path: Path, columns: Mapping[str, np.ndarray], title: str) -> Non
 
 
 def shift_sheet(columns: Mapping[str, np.ndarray], title: str, injected: Iterable[float] = ()) -> Sheet:
-    """The picture, which can still be looked into, with a line at each time [s] at which something was `injected`."""
+    """Draw a run with a line at each time [s] in `injected`; return the sheet, which is not yet saved."""
     sheet = Sheet(columns, title, _HEIGHTS, {name: prefix for name, prefix, *_ in _CLUTCHES})
     time = sheet.time
     speed, torque, output, pressure = sheet.panels
@@ -68,7 +69,7 @@ def shift_sheet(columns: Mapping[str, np.ndarray], title: str, injected: Iterabl
 
 
 def signed_demand(columns: Mapping[str, np.ndarray], clutch: str, prefix: str) -> np.ndarray:
-    """The torque demand of a clutch [Nm] signed as its slip; not a number where a lock or a pressure is asked for."""
+    """Torque demand of a clutch (n,) [Nm] with the sign of its slip; NaN where a lock or a pressure is asked for."""
     way = direction(columns[f"truth_slip_speed_{clutch}_rad_s"], columns[f"truth_clutch_torque_{clutch}_nm"])
     other = np.isin(columns[f"{prefix}request"], (Request.LOCK, Request.PRESSURE))
     return np.where(other, np.nan, way * np.nan_to_num(columns[f"torque_demand_{clutch}_nm"]))
