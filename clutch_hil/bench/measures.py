@@ -22,7 +22,7 @@ _HOLD_TIME = 0.2  # s at the end of an engagement, in which the torque counts as
 _EXCITED_POWER_SHARE = 1e-3  # of the power of the strongest line: a weaker line is not part of the multisine
 _HALF_POWER = 0.5**0.5  # -3 dB
 _STANDING_SLIP = (
-    0.01  # rad/s: plates with less slip stand. A fifth of the slowest creep; where plates stick the true slip is 0
+    0.01  # rad/s: plates with less slip stand. A fifth of the slowest creep; plates that stick have no slip
 )
 _TURN_TIME = 0.03  # s after a turn of the slip, in which friction settles: two friction lags of the thesis, 12 ms each
 _EDGE_SHARE = 0.1  # share of the span of slip that counts as slow, and as fast
@@ -181,7 +181,7 @@ def _level(columns: Columns) -> float:
 
 
 def _estimate_errors(columns: Columns) -> tuple[np.ndarray, np.ndarray]:
-    """Absolute errors of the estimate [Nm] of a closed clutch: later than _TURN_TIME after a turn of the slip, and within it."""
+    """Absolute errors of the estimate [Nm] of a closed clutch: later than _TURN_TIME after a turn, and within it."""
     step = float(columns["time_s"][1] - columns["time_s"][0])
     changes = (
         np.diff(np.sign(np.where(np.abs(_slip(columns)) < _STANDING_SLIP, 0.0, _slip(columns))), prepend=0.0) != 0.0

@@ -30,7 +30,10 @@ _CONTROLLERS = ("controller_fault", "controller_b_fault")
 
 
 class Handover(NamedTuple):
-    """Indices of samples at the hand-over's parts, and the output torque [Nm] before it. `shift_end` is None if the shift does not end."""
+    """Indices of samples in a hand-over, and the output torque [Nm] `before` it.
+
+    `shift_end` is None if the shift does not end.
+    """
 
     begin: int
     torque_end: int

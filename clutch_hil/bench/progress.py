@@ -1,4 +1,4 @@
-"""What a person sees of long work: a progress bar, and tables."""
+"""Progress of long work on the terminal, and tables as text."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -12,9 +12,9 @@ from protocols.kernels.progress_notice import PROGRESS_NOTICE
 
 @contextmanager
 def progress_bar(title: str, quiet: bool) -> Iterator[Callable[[float, int], None]]:
-    """A bar on stderr, advanced by calling `progress(done, total)`; a line every 5 s where stderr is no terminal.
+    """Show a bar on stderr that `progress(done, total)` advances.
 
-    Nothing when `quiet`.
+    Where stderr is no terminal, print a line every 5 s. Show nothing when `quiet`.
     """
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     console = Console(stderr=True)
@@ -39,7 +39,10 @@ def progress_bar(title: str, quiet: bool) -> Iterator[Callable[[float, int], Non
 
 
 class ActivityLine:
-    """What is going on, on one line of the terminal; a line every 5 s where stderr is none. Nothing when `quiet`."""
+    """One line on the terminal that says what is being done. Use as a context manager.
+
+    Where stderr is no terminal, a line is printed every 5 s. Nothing is shown when `quiet`.
+    """
 
     def __init__(self, first: str, quiet: bool) -> None:
         self._text = first
@@ -59,17 +62,17 @@ class ActivityLine:
         self._notice.__exit__(*error)
 
     def update(self, text: str) -> None:
-        """Another text."""
+        """Show another text."""
         self._text = text
         self._status.update(text)
 
     def note(self, text: str) -> None:
-        """Tell something that stays on the terminal."""
+        """Print a text that stays on the terminal."""
         self._console.print(text, soft_wrap=True, highlight=False, markup=False)
 
 
 def table_text(rows: Sequence[Sequence[str]]) -> str:
-    """Rows (header first) as aligned text."""
+    """Format rows, the header first, as a table with aligned columns."""
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
     return "\n".join([lines[0], "  ".join("-" * width for width in widths), *lines[1:]])

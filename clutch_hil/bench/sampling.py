@@ -1,4 +1,4 @@
-"""Samples of parameters for a sweep: a grid, random points, a Latin hypercube. A sample is a value by dotted name."""
+"""Samples of parameters for a sweep: a grid, random points or a Latin hypercube. A sample has values by dotted name."""
 
 from collections.abc import Callable, Mapping, Sequence
 from itertools import product
@@ -29,7 +29,7 @@ def random(ranges: Ranges, count: int, seed: int = 1) -> list[Sample]:
 
 
 def latin_hypercube(ranges: Ranges, count: int, seed: int = 1) -> list[Sample]:
-    """`count` points of which each value alone is spread evenly over its (low, high). Raises InputError.
+    """`count` points. The values of each parameter are spread evenly over its (low, high). Raises InputError.
 
     References: McKay, Beckman, Conover 1979, Technometrics 21(2), by scipy.stats.qmc.
     """
@@ -37,7 +37,7 @@ def latin_hypercube(ranges: Ranges, count: int, seed: int = 1) -> list[Sample]:
 
 
 def _scale_points(ranges: Ranges, count: int, points: Callable[[int], np.ndarray]) -> list[Sample]:
-    """Samples in `ranges` from `points(names)`, shape (count, names), in 0 to 1."""
+    """Samples in `ranges` from `points(number of names)`, which returns values from 0 to 1, shape (count, names)."""
     _check_count(count)
     if not ranges:
         raise InputError("no ranges are given; one or more are needed, such as {'friction_level.level': (0.8, 1.2)}")

@@ -1,4 +1,4 @@
-"""Scenario: a run with what is done to it and what is expected of it, from a TOML file (docs/scenarios.md)."""
+"""Scenario: a run, the changes made to it and the limits that judge it, from a TOML file (docs/scenarios.md)."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -30,8 +30,11 @@ _INJECT_ENTRIES = ("at", "ramp", "until", "clutch", "effect", "values", "off", "
 
 @dataclass(frozen=True)
 class Scenario:
-    """What is run on which rig: `plant` holds its parameters with the effects that are on, `injections` change it while it
-    runs, `limits` judge it. `path` is None for a run without a file."""
+    """A run of a rig.
+
+    plant: parameters of the plant, with the effects that are on. injections: changes of the plant during the run. limits: judge
+    the run. path: file of the scenario, None for a run without a file.
+    """
 
     name: str
     title: str
@@ -45,7 +48,7 @@ class Scenario:
 
     @classmethod
     def of(cls, settings: RunSettings, rig: str = DEFAULT_RIG) -> "Scenario":
-        """A run of a rig with `settings` alone: nothing is injected, no limit is set. Raises InputError."""
+        """Scenario with `settings` alone, without injections and limits. Raises InputError."""
         name, known = Path(settings.profile).stem, rig_named(rig)
         return cls(name, "", "", known, None, settings, known.plant.nominal(settings.plant_parameters))
 
@@ -55,7 +58,7 @@ class Scenario:
         return self.load_profile().duration
 
     def load_profile(self) -> RigProfile:
-        """The profile to play, of its rig's kind. Raises InputError, also for an injection after its end."""
+        """Load the profile to play, of the kind of the rig. Raises InputError, also for an injection after its end."""
         profile = self.rig.plant.load_profile(self.settings.profile, self.settings.seconds)
         for number, injection in enumerate(self.injections, 1):
             if injection.at >= profile.duration:
@@ -67,14 +70,14 @@ class Scenario:
 
 
 def shipped_scenarios() -> dict[str, Path]:
-    """The scenarios that come with the bench: files by name."""
+    """Files of the scenarios that come with the bench, by name."""
     return {path.stem: path for path in sorted(FOLDER.glob("*.toml"))}
 
 
 def load_scenario(name: str, given: Mapping[str, Any] | None = None) -> Scenario:
-    """A shipped scenario by name, or one in a TOML file by its path; `given` overrides fields of its RunSettings.
+    """Load a shipped scenario by name, or a TOML file by its path. `given` overrides fields of its RunSettings.
 
-    Raises InputError, one sentence that names file, entry, value and what is allowed.
+    Raises InputError, which names file, entry, value and what is allowed.
     """
     known = shipped_scenarios()
     path = Path(name) if name.endswith(".toml") else known.get(name)
@@ -98,14 +101,14 @@ def load_scenario(name: str, given: Mapping[str, Any] | None = None) -> Scenario
 
 
 def check_seed(seed: Any, name: str = "seed") -> int:
-    """`seed` when random numbers can begin with it. Raises InputError."""
+    """Return `seed` if it can seed random numbers. Raises InputError."""
     if not isinstance(seed, int) or seed < 0:
         raise InputError(f"{name} is {seed!r}; allowed are 0 and more, whole numbers")
     return seed
 
 
 def choose_scenario(name: str | None, given: Mapping[str, Any], rig: str | None = None) -> Scenario:
-    """The scenario `name`, or without one a run of `rig`, with the fields of RunSettings that are `given` and not None.
+    """Load the scenario `name`; if it is None, make one of `rig`. Fields of RunSettings that are `given` and not None hold.
 
     Raises InputError.
     """
@@ -124,7 +127,7 @@ def choose_scenario(name: str | None, given: Mapping[str, Any], rig: str | None 
 
 @contextmanager
 def name_file_in_errors(path: Path | None) -> Iterator[None]:
-    """Name the scenario's file in an InputError of what is done within."""
+    """Put the file of the scenario into an InputError that is raised within."""
     try:
         yield
     except InputError as error:
@@ -176,7 +179,7 @@ def _injections(table: TomlTable, rig: Rig) -> Iterator[Injection]:
 
 
 def _changes(entry: TomlTable) -> dict[str, float]:
-    """What an entry of `inject` does to an effect or a sensor."""
+    """Parameters of effects and sensors that an entry of `inject` changes, with their values."""
     values: dict[str, float] = {}
     if "effect" in entry:
         name, off = entry.get("effect", str), entry.get("off", bool, False)

@@ -1,4 +1,4 @@
-"""Status line: what the loop is doing right now, on one line of the terminal."""
+"""Status line: the present state of the loop, on one line of the terminal."""
 
 import time
 from collections.abc import Sequence
@@ -14,11 +14,14 @@ from protocols.can.fault_text import WAITS_FOR_IDLE, waits_for_idle
 from protocols.can.frames import load_frames
 from protocols.node import Column
 
-_PLAIN_INTERVAL = 2.0  # s between lines where the output is no terminal
+_PLAIN_INTERVAL = 2.0  # s between lines where stderr is no terminal
 
 
 class StatusLine:
-    """Rate, torque demand/estimate/true, pressure, late cycles. Nothing when `quiet`; the measured torque when `blind`."""
+    """Status line with rate, phase, torques, pressure and late cycles. Use as a context manager.
+
+    Nothing is shown when `quiet`. When `blind`, the measured torque stands for the true one.
+    """
 
     def __init__(
         self, plant: Sequence[Column], controller: Sequence[Column], duration: float, quiet: bool, blind: bool = False
@@ -45,11 +48,11 @@ class StatusLine:
         self._live.stop()
 
     def note(self, text: str) -> None:
-        """Tell something that stays on the terminal."""
+        """Print a text that stays on the terminal."""
         self._console.print(text, soft_wrap=True, highlight=False, markup=False)
 
     def show(self, plant: np.ndarray, controller: np.ndarray) -> None:
-        """Show the newest of the new rows, shape (rows, columns of the node)."""
+        """Show the newest of these new rows, each array of shape (rows, columns of the node)."""
         self._cycles += len(controller)
         now = time.monotonic()
         if self._quiet or not (len(plant) and len(controller)):
