@@ -1,4 +1,4 @@
-"""Excitations of the rig in open loop: what shows an effect, and the rig's measured answer to them."""
+"""Excitations of the rig in open loop, which show an effect, and the measured answer of the rig to them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from protocols.files.units import ZERO_CELSIUS
 
 PERIOD = 1e-3  # s, of samples and inputs
 QUANTITIES: Mapping[str, tuple[str, str, float]] = {  # column of docs/rig.md: what, unit, resolution
-    # resolution: standard deviation of noise and quantisation, docs/rig.md, 9; of slip that of the encoder over a period
+    # resolution: standard deviation of noise and quantisation (docs/rig.md, 9); of the slip that of the encoder in one period
     "clutch_torque_nm": ("clutch torque", "Nm", 0.05),
     "cylinder_pressure_bar": ("cylinder pressure", "bar", 0.0053),
     "slip_speed_rad_s": ("slip speed", "rad/s", 0.016),
@@ -34,10 +34,10 @@ _PRESSED_VOLTAGE = 3.4 / _BAR_PER_VOLT  # V, at which most figures of chapter 6 
 
 @dataclass(frozen=True, eq=False)
 class Excitation:
-    """Valve voltage [V] and speed demand [rad/s], each (n,), one value a PERIOD, from `celsius` [degC] on.
+    """Valve voltage [V] and speed demand [rad/s], each (n,), one value for each PERIOD.
 
-    `filled`: the piston begins at the plates, else at rest. The answer to the first `settling` samples is not looked at.
-    `over`: the column its answer is drawn over.
+    settling: number of samples at the begin whose answer is not compared. celsius: oil temperature at the begin [degC].
+    filled: whether the piston begins at the plates; if not, it begins at rest. over: column on the horizontal axis of its plot.
     """
 
     title: str
@@ -52,9 +52,9 @@ class Excitation:
 def answer(
     parameters: ParameterSet, excitation: Excitation, later: tuple[int, ParameterSet] | None = None
 ) -> dict[str, np.ndarray]:
-    """Columns of docs/rig.md (n,) that the data acquisition, free of noise, takes from a rig with `parameters`.
+    """Simulate a rig with `parameters`; return what the data acquisition measures without noise: columns of docs/rig.md (n,).
 
-    later: a sample and the parameters from it on.
+    later: index of a sample, and the parameters from that sample on.
     """
     rig = wet_clutch.Rig(parameters.with_values(_NOISE_FREE))
     begin = rig.filled if excitation.filled else rig.at_rest
@@ -99,7 +99,7 @@ def _triangle() -> Excitation:
     up = np.linspace(2.4, 4.2, 1500)
     pressure = np.concatenate(
         [np.full(300, 2.4), up, up[::-1], up, up[::-1]]
-    )  # the first loop begins where no loop ends
+    )  # the first loop begins in another state than the next
     return Excitation(
         "triangle of 2.4 to 4.2 bar, 1.5 s each way, 20 rad/s",
         pressure / _BAR_PER_VOLT, np.full(len(pressure), 20.0), settling=300 + 3000, over="valve_voltage_v",

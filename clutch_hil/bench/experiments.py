@@ -1,7 +1,7 @@
-"""Experiments: the profiles in pressure by which a clutch is identified, written by `python -m clutch_hil.bench.experiments`.
+"""Experiments: profiles of pressure that identify a clutch. `python -m clutch_hil.bench.experiments` writes them.
 
-Each is made of straight lines, and its file in `profiles` says in its first line what it is; a test holds files and
-functions together. All but the cold start drive the cylinder pressure at a set slip, as chapter 6 of Janssens 2010 does.
+Each is made of straight lines. The docstring of its function is the first line of its file in `profiles`; a test compares
+files and functions. All but the cold start command the cylinder pressure at a set slip, as chapter 6 of Janssens 2010 does.
 
 References      Janssens 2010, figs 6.11 (torque over pressure), 6.12 (torque over slip), 6.14 (sine of the slip),
                 6.15 (multisine of the pressure); Pintelon & Schoukens 2012, ch. 4 (multisine)
@@ -18,17 +18,17 @@ from plant_sim.rigs.multisine import Multisine
 from protocols.files.units import RPM
 
 PRESSURE = 3.4  # bar, where the dynamics of the thesis were identified (figs 6.14, 6.15)
-PRESSURE_RATE = 4.0  # bar/s: it overshoots by 0.08 bar, a step by 0.16 bar
+PRESSURE_RATE = 4.0  # bar/s: the pressure overshoots by 0.08 bar, after a step by 0.16 bar
 STEP = 0.001  # s, one sample at 1 kHz
-IDLE_TIME = 0.3  # s before the first demand: the controller wants to have been asked for idle
-FILL_TIME = 0.2  # s, of which the fill takes 0.13
-SETTLING_TIME = 1.0  # s: the pressure is within 5 mbar after 0.55 s
+IDLE_TIME = 0.3  # s before the first demand: the controller must be asked for idle first
+FILL_TIME = 0.2  # s at the fill pressure; the fill takes 0.13 s
+SETTLING_TIME = 1.0  # s after a rise; the pressure is within 5 mbar after 0.55 s
 REVERSAL_TIME = 0.05  # s from one direction of slip to the other: 0.05 kg m^2 take 40 Nm from 20 to -20 rad/s
-RELEASE_TIME = 0.5  # s after the last demand, 0.2 s of which the release takes
+RELEASE_TIME = 0.5  # s after the last demand; the release takes 0.2 s
 
 
 class Course:
-    """Rows of a profile in the order of time: straight lines from one set-point to the next."""
+    """Rows of a profile over time: straight lines from one set-point to the next."""
 
     def __init__(self, speed: float) -> None:
         self._time, self._now = 0.0, {"torque": 0.0, "speed": speed, "pressure": 0.0}
@@ -36,20 +36,20 @@ class Course:
         self.to(IDLE_TIME)
 
     def to(self, seconds: float, **values: float) -> None:
-        """Go to torque [Nm], speed [rad/s] or pressure [bar] in a straight line; what is not named stays."""
+        """Go to torque [Nm], speed [rad/s] or pressure [bar] in a straight line of `seconds` [s]; others stay as they are."""
         self._time += seconds
         self._now |= values
         self.rows.append(self._row())
 
     def close(self, hold: float, pressure: float) -> None:
-        """Fill, go up to `pressure` [bar] at RISE and stay for `hold` [s]."""
+        """Fill, go to `pressure` [bar] at PRESSURE_RATE and stay for `hold` [s]."""
         self.to(STEP, pressure=FILL_PRESSURE)
         self.to(FILL_TIME)
         self.to(max((pressure - FILL_PRESSURE) / PRESSURE_RATE, STEP), pressure=pressure)
         self.to(hold)
 
     def release(self, rest: float = RELEASE_TIME) -> None:
-        """Ask for nothing from one sample to the next, and wait for `rest` [s]."""
+        """Set the demand to 0 within a sample, and wait for `rest` [s]."""
         self.to(STEP, torque=0.0, pressure=0.0)
         self.to(rest)
 
@@ -269,7 +269,7 @@ EXPERIMENTS: Mapping[str, Callable[[], Course]] = {
 
 
 def text(name: str) -> str:
-    """The file of an experiment."""
+    """Contents of the file of an experiment."""
     make = EXPERIMENTS[name]
     rows = (f"{time:.3f},{torque:g},{speed:.4g},{pressure:.5g}" for time, torque, speed, pressure in make().rows)
     head = f"# {make.__doc__}\n# Written by python -m clutch_hil.bench.experiments.\n{','.join((*COLUMNS, PRESSURE_COLUMN))}\n"

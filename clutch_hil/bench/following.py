@@ -1,8 +1,8 @@
 """How well a torque follows its demand, as section 6.5 of Janssens 2010 measures it.
 
-Rise time       from the first demand until the torque first reaches 90 % of the desired trajectory, counted from where
-                the trajectory itself has made 90 % of its first rise (on the way up any lag would pass for "reached")
-Regime          from that moment until the demand ends
+Rise time       from the first demand until the torque reaches 90 % of the demand. Only samples count in which the demand has
+                itself made 90 % of its first rise: during the rise, a small demand would soon be reached
+Regime          from the end of the rise time until the demand ends
 Regime error    mean absolute error in the regime
 """
 
@@ -11,11 +11,11 @@ from typing import NamedTuple
 import numpy as np
 
 REACHED_SHARE = 0.9  # Janssens 2010, sec. 6.5
-_PLATEAU_TIME = 0.02  # s without a rise end the first rise of the demand
+_PLATEAU_TIME = 0.02  # s without a rise, which end the first rise of the demand
 
 
 class Following(NamedTuple):
-    """Regime error [Nm] and rise time [s]; NaN when 90 % was never reached."""
+    """Regime error [Nm] and rise time [s]; both are NaN if 90 % was never reached."""
 
     regime_error: float
     rise_time: float
@@ -32,7 +32,7 @@ def following(time: np.ndarray, demand: np.ndarray, torque: np.ndarray) -> Follo
 
 
 def regime(time: np.ndarray, demand: np.ndarray, torque: np.ndarray) -> slice:
-    """The samples of the regime; arguments as of `following`. Empty when 90 % was never reached."""
+    """Samples of the regime; it is empty if 90 % was never reached. The arguments are those of `following`."""
     demanded = np.flatnonzero(demand > 0.0)
     if not len(demanded):
         return slice(0, 0)

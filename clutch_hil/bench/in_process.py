@@ -1,4 +1,4 @@
-"""Plant and controllers in one process, frame by frame as on a bus: deterministic, for sweeps and tests."""
+"""Plant and controllers in one process, frame by frame as on a bus. It is deterministic, for sweeps and tests."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ class Played:
         return self.columns()[name]
 
     def columns(self) -> dict[str, np.ndarray]:
-        """The columns that a run file of this would have, by name."""
+        """Columns that a run file of this would have, by name, each (cycles,)."""
         names = [column.name for column in self.described()]
         plant = len(self.plant_columns)
         values = [*self.plant.T, *(column for controller in self.controllers for column in controller.T)]
@@ -42,14 +42,14 @@ class Played:
         return run_columns(self.plant_columns, self.controller_columns)
 
     def following(self, begin: float = 0.0, end: float = float("inf")) -> Following:
-        """How well the true torque followed the demand between two times [s]."""
+        """How well the true torque followed its demand from `begin` [s] to before `end` [s]."""
         columns = self.columns()
         part = (columns["time_s"] >= begin) & (columns["time_s"] < end)
         return followed({name: column[part] for name, column in columns.items()})
 
 
 def play(plant: Any, *controllers: Node, progress: Callable[[int], None] | None = None) -> Played:
-    """Play the plant's profile to its end with a controller for each clutch. `progress(cycle)` is called now and then."""
+    """Play the plant's profile to its end, with one controller for each clutch. `progress(cycle)` is called now and then."""
     rows: list[list[np.ndarray]] = [[] for _ in (plant, *controllers)]
     commands = [0] * len(controllers)
     while not plant.finished:

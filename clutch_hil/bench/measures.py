@@ -29,7 +29,7 @@ _EDGE_SHARE = 0.1  # share of the span of slip that counts as slow, and as fast
 
 
 class Measure(NamedTuple):
-    """`of` computes the measure from the columns of a run. The `unit` of a word is empty, and `words` lists the allowed words."""
+    """`of` computes the measure from the columns of a run. A word has an empty `unit`; `words` lists the allowed words."""
 
     unit: str
     what: str
