@@ -1,4 +1,4 @@
-"""`clutch-hil simulate`: plant and controllers of a rig in one process, as fast as it goes."""
+"""`clutch-hil simulate`: plant and controllers of a rig in one process, as fast as the machine allows."""
 
 from collections.abc import Callable
 from typing import Any
@@ -13,11 +13,11 @@ from clutch_hil.bench.sealed import SealedRecording
 from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
 
-_MOST_SAMPLES = 1_000_000  # of a run in one process, which is held in memory until it ends: some 4 kB each
+_MOST_SAMPLES = 1_000_000  # of a run in one process, which holds about 4 kB of memory for each until it ends
 
 
 class Simulation:
-    """Runs of a scenario; `blind` seals the truth away. Raises InputError when they cannot be: nothing has run then."""
+    """Simulations of a scenario. `blind` keeps the truth out of run files. Raises InputError if the scenario cannot be run."""
 
     def __init__(self, scenario: Scenario, blind: bool = False) -> None:
         self.scenario, self._blind = scenario, blind
@@ -29,7 +29,7 @@ class Simulation:
             self._new_nodes(scenario.plant, scenario.settings.seed)
 
     def run(self, progress: Callable[[int, int], None]) -> Result:
-        """Simulate; write the run file and its picture."""
+        """Simulate, and write the run file and its picture; return its judgement. Raises InputError."""
         scenario, settings = self.scenario, self.scenario.settings
         writable(settings.out)
         played, metadata = self.play_with_metadata(progress)
@@ -59,11 +59,11 @@ class Simulation:
         return play(node, *controllers.values())
 
     def __str__(self) -> str:
-        """What is read."""
+        """What is read, as text."""
         return self.label.read(self.profile.duration)
 
     def _new_nodes(self, plant: ParameterSet, seed: int) -> tuple[Any, dict[str, Any]]:
-        """A plant, and its controllers by name."""
+        """Make a plant, and its controllers by name. Raises InputError."""
         settings, rig = self.scenario.settings, self.scenario.rig.plant
         node = rig.node(
             settings.rate, plant, self.profile, seed, settings.temperature,
@@ -73,7 +73,7 @@ class Simulation:
 
 
 def _check_size(duration: float, rate: int) -> None:
-    """Raise InputError when a run of `duration` [s] at `rate` [Hz] has too many samples to be held in memory."""
+    """Raise InputError when a run of `duration` [s] at `rate` [Hz] has too many samples for the memory."""
     if (samples := round(duration * rate)) > _MOST_SAMPLES:
         raise InputError(
             f"a simulation of {duration:g} s, {samples} samples, does not fit into memory; allowed are {_MOST_SAMPLES};"

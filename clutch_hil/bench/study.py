@@ -1,4 +1,4 @@
-"""Study: a scenario simulated for many samples of parameters, each by itself; a table with a row a run."""
+"""Study: a scenario simulated for many samples of parameters, independent of each other; a table has a row for each run."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ _CONTROLLER = "controller."
 
 @dataclass(frozen=True)
 class Case:
-    """One run: arguments of `simulate`, and the measures that are kept of it."""
+    """One run: the arguments of `simulate`, and the names of the measures that it returns."""
 
     arguments: Mapping[str, Any]
     measures: tuple[str, ...]
@@ -37,16 +37,16 @@ def sweep(
 ) -> pa.Table:
     """Simulate `scenario`, or a profile, for every sample and every seed; return a table with a row a run, in that order.
 
-    A sample holds values of plant parameters by dotted name, those of the controller behind `controller.`. `clutch_hil.grid`,
-    `random` and `latin_hypercube` make samples. `settings` are those of `simulate`. Columns: the names in the samples, `seed`
-    and `measures`, of which `clutch_hil.measure_run` has all; None keeps those that sum up a run of its rig, and the fault.
+    A sample has values of plant parameters by dotted name, and those of the controller with `controller.` before the name.
+    `clutch_hil.grid`, `random` and `latin_hypercube` make samples. `settings` are those of `simulate`. Columns of the table are
+    the names in the samples, `seed` and `measures`. All measures are those of `clutch_hil.measure_run`; None takes those that
+    sum up a run of its rig, and the fault. The fields of the table's schema have their unit as metadata.
 
-    Runs are shared out to `workers` processes, one for each CPU if None, or to the Dask cluster at `address`. The table is the
-    same to the bit wherever they are computed. `progress(done, of)` is called as runs end. In a script, call this below
-    `if __name__ == "__main__":`, as worker processes load the script. The fields of the table's schema have their unit as
-    metadata.
+    `workers` processes compute the runs, one for each CPU if None, or the Dask cluster at `address`. The table is the same to
+    the bit wherever they are computed. `progress(done, of)` is called after every run. In a script, call this below
+    `if __name__ == "__main__":`, because worker processes load the script.
 
-    Raises InputError before anything is computed for what cannot be.
+    Raises InputError for a run that is not possible, before any is computed.
     """
     rows = list(samples)
     numbers = list(map(check_seed, seeds))
@@ -86,7 +86,7 @@ def _units(names: Sequence[str], measures: Sequence[str], scenario: Scenario) ->
 
 
 def measure_case(case: Case) -> dict[str, float | str]:
-    """Simulate a case and measure it: what a worker does."""
+    """Simulate a case in a worker and compute its measures."""
     values = measure_run(simulate(**case.arguments))
     return {name: values[name] for name in case.measures}
 
@@ -98,19 +98,19 @@ def prepare_cases(
     measures: tuple[str, ...],
     settings: Mapping[str, Any],
 ) -> Iterator[Case]:
-    """The cases of a sweep, see there. Raises InputError for one that cannot be."""
+    """Yield the cases of a sweep; the arguments are those of `sweep`. Raises InputError for one that is not possible."""
     own = {key: dict(settings.get(key) or {}) for key in ("plant", "controller")}
     others = {key: value for key, value in settings.items() if key not in own}
     run = {key: value for key, value in others.items() if key != "effects"}
     effects = others.get("effects", ())
-    others["effects"] = effects if isinstance(effects, (str, Mapping)) else tuple(effects)  # more than once
+    others["effects"] = effects if isinstance(effects, (str, Mapping)) else tuple(effects)  # it is read for every case
     for number, sample in enumerate(samples):
         ours = {name.removeprefix(_CONTROLLER): v for name, v in sample.items() if name.startswith(_CONTROLLER)}
         plant = own["plant"] | {name: v for name, v in sample.items() if not name.startswith(_CONTROLLER)}
         controller = own["controller"] | ours
         chosen = compose_scenario(scenario, run, plant, controller, others["effects"])
         if number == 0:
-            Simulation(chosen)  # what holds for one holds for all: rig, profile, rate
+            Simulation(chosen)  # checks rig, profile and rate, which all cases share
             for name in measures:
                 chosen.rig.measure(name)
         elif ours:

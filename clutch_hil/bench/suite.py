@@ -1,4 +1,4 @@
-"""Suite: scenarios run, timed and told; several one after the other with one verdict."""
+"""Suite: run one scenario, or several in turn with one verdict, and time them."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -16,7 +16,7 @@ from protocols.errors import InputError
 
 
 def run_one(label: Label, run: Callable[[], Result], junit: Path | None) -> Result:
-    """The result of one scenario with this label by `run`, written to the file `junit` too if given. Raises InputError."""
+    """Run one scenario with this label by `run`; also write its result to the file `junit` if given. Raises InputError."""
     junit_path(junit)
     case = _time_run(label, run)
     assert case.result is not None
@@ -24,7 +24,7 @@ def run_one(label: Label, run: Callable[[], Result], junit: Path | None) -> Resu
 
 
 def run_suite(simulated: Sequence[Simulation], progress: Callable[[float, int], None], junit: Path | None) -> Result:
-    """One result of several scenarios, written to `junit` too if given. One that fails to run does not stop the others."""
+    """Run several scenarios; return one result, also written to `junit` if given. An error in one does not stop the others."""
     junit_path(junit)
     for one in simulated:
         writable(one.scenario.settings.out)

@@ -1,4 +1,4 @@
-"""Unsealing: what a blind run keeps back, told when neither the run nor its truth file has been changed."""
+"""Unsealing: read the truth of a blind run, if neither the run nor its truth file was changed."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -17,9 +17,9 @@ from protocols.telemetry.truth import reveals_truth
 
 
 def read_truth(path: Path, folder: Path | None = None) -> tuple[Path, Run]:
-    """The truth file of the blind run at `path`, looked for beside it or in `folder`, and the whole run in it.
+    """Find the truth file of the blind run at `path`, beside it or in `folder`; return its path and the whole run in it.
 
-    Raises InputError when the run is not blind, its truth file is not there, or one of the two has been changed.
+    Raises InputError if the run is not blind, if its truth file is missing, or if one of the two was changed.
     """
     run = read_run(path)
     seal = run.metadata.get(SEAL)
@@ -42,13 +42,13 @@ def read_truth(path: Path, folder: Path | None = None) -> tuple[Path, Run]:
             raise _change_error(path, f"the column {name}")
     expected = public_metadata(whole.metadata) | {SEAL: seal}
     for name in dict.fromkeys((*run.metadata, *expected)):
-        if json.dumps(run.metadata.get(name)) != json.dumps(expected.get(name)):  # where NaN equals NaN
+        if json.dumps(run.metadata.get(name)) != json.dumps(expected.get(name)):  # as text, NaN equals NaN
             raise _change_error(path, f"what it says under {name}")
     return truth, whole
 
 
 def describe_truth(path: Path, truth: Path, whole: Run) -> tuple[dict[str, Any], str, str, bool]:
-    """What the truth file of the run at `path` tells beyond it: document, text, verdict and True."""
+    """Describe what the truth file has and the run at `path` has not; return document, text, verdict and True."""
     metadata = whole.metadata
     on = _effects_on(metadata["plant_parameters"])
     injections, settings = metadata["injections"], metadata["settings"]

@@ -1,4 +1,4 @@
-"""Commands of the controller."""
+"""`clutch-hil controller`: the controller as a service on a bus."""
 
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from clutch_hil.commands.options import (
 
 
 def register(app: typer.Typer) -> None:
-    """Add the controller's commands."""
+    """Add the command."""
     app.command()(controller)
 
 

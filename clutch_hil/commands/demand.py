@@ -1,4 +1,4 @@
-"""`clutch-hil demand`: the controller asked for a torque, a pressure, to lock, or for a profile."""
+"""`clutch-hil demand`: asks the controller for a torque, a pressure, a locked clutch, or a profile."""
 
 import typer
 

@@ -1,4 +1,4 @@
-"""The command `discrepancy`: where runs and model disagree, what is missing, and the model with it added."""
+"""`clutch-hil discrepancy`: where runs and model disagree, what the model lacks, and the model with it added."""
 
 import shlex
 import sys
@@ -13,11 +13,11 @@ from clutch_hil.command import report
 if TYPE_CHECKING:
     from clutch_hil.discrepancy.result import Result
 
-_MANY = "--holdout"  # takes every path up to the next option
+_MANY = "--holdout"  # this option takes every path up to the next option
 
 
 class _ManyPaths(TyperCommand):
-    """`--holdout A B C` as click has it: `--holdout A --holdout B --holdout C`."""
+    """A command in which `--holdout A B C` means `--holdout A --holdout B --holdout C`, as click needs it."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         spread: list[str] = []
@@ -72,6 +72,7 @@ def discrepancy(
 
 
 def _format_result(result: "Result") -> str:
+    """Format where runs and model disagree, and the fitted parameters."""
     rows = [
         f"  {c.block:<11} {c.output:<22} {c.regime:<20} {c.size:8.3g} {c.unit:<6}"
         f" {c.times_floor:5.2f} floors, p {c.p_value:.2g}"

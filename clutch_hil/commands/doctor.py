@@ -1,4 +1,4 @@
-"""`clutch-hil doctor`: what of a punctual loop this machine allows, and the command that turns on what is off."""
+"""`clutch-hil doctor`: what this machine lacks for a punctual loop, and the commands that turn it on."""
 
 import typer
 

@@ -13,7 +13,7 @@ from protocols.errors import InputError
 if TYPE_CHECKING:
     from plant_sim.effects.effect import Effect
 
-_UNLIMITED = 1_000_000  # characters of a line where there is no terminal: nothing is cut
+_UNLIMITED = 1_000_000  # characters of a line where stdout is no terminal: nothing is cut
 
 
 def register(app: typer.Typer) -> None:
@@ -91,7 +91,7 @@ def _describe(effect: "Effect", out: Path, columns: int, json_output: bool) -> N
 
 
 def _write_page(page: Path, effects: Sequence["Effect"], json_output: bool) -> None:
-    """Write the parts of a page that come from the effects of this package; draw its picture beside it, as a PNG."""
+    """Write the parts of a page that are made from the effects of this package; draw its picture beside it, as a PNG."""
     from clutch_hil.bench.demonstration import demonstrate
     from clutch_hil.bench.effect_page import pictured_names, rewrite_page
     from clutch_hil.bench.effect_picture import draw_effects

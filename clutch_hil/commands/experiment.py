@@ -1,4 +1,4 @@
-"""The command `experiment`: plays experiments on the live plant and records them; one that a report proposes is decided on."""
+"""`clutch-hil experiment`: plays experiments on the live plant and records them. With one of a report it decides again."""
 
 import shlex
 import sys
@@ -119,7 +119,7 @@ def experiment(
 
 
 def _play_all(laboratory: "Laboratory", experiments: "Sequence[Experiment]", quiet: bool, first: int) -> list[Path]:
-    """Play `experiments`, numbered from `first` on: each number has noise of its own."""
+    """Play `experiments`, numbered from `first` on; each number has its own noise. Return the run files."""
     paths: list[Path] = []
     for number, experiment in enumerate(experiments, first):
         if not quiet:
@@ -130,7 +130,7 @@ def _play_all(laboratory: "Laboratory", experiments: "Sequence[Experiment]", qui
 
 
 def _decide(before: "Report", run: Path, out: Path, json_output: bool) -> None:
-    """Decide again with `run`, and tell."""
+    """Decide again with `run`, and report."""
     from clutch_hil.bench.progress import progress_bar
     from clutch_hil.discrepancy.follow_up import decide_again
 

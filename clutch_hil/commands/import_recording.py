@@ -1,4 +1,4 @@
-"""The command `import`: a foreign recording as a run file of ours."""
+"""`clutch-hil import`: converts a foreign recording into a run file."""
 
 from pathlib import Path
 

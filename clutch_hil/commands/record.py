@@ -13,7 +13,7 @@ FILE = typer.Argument(
     help="its suffix decides. Telemetry: .parquet, .mf4, .csv, .rrd; frames on the bus: .blf, .asc, .log (candump), .trc;"
     " runs/DATE-recorded.parquet if not given",
 )
-_PRIORITY = 1  # SCHED_RR, below the services at 80: a bus queues half a second, on a busy machine others wait longer
+_PRIORITY = 1  # of SCHED_RR, below the services at 80. A bus queues half a second of frames; without it a busy machine may take longer
 
 
 def register(app: typer.Typer) -> None:
@@ -56,7 +56,7 @@ def record(
             if blind:
                 raise InputError(f"frames on a bus hold no truth to keep out of {path}; leave --blind away")
             new_file(path)
-            with suppress(OSError):  # only root may
+            with suppress(OSError):  # only root may set it
                 os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(_PRIORITY))
             result = CanLog(bus or "auto", path).record(stop, seconds, doing.update)
         else:

@@ -1,4 +1,4 @@
-"""`clutch-hil unseal`: what a blind run keeps back."""
+"""`clutch-hil unseal`: shows the truth of a blind run."""
 
 from pathlib import Path
 

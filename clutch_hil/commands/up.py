@@ -1,4 +1,4 @@
-"""`clutch-hil up`: plant and controller as services of a bench, a scenario or a profile played, recorded, judged, drawn."""
+"""`clutch-hil up`: starts a bench, plays a scenario or a profile on it, and records, judges and draws the run."""
 
 from pathlib import Path
 

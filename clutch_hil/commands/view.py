@@ -1,4 +1,4 @@
-"""Command of the viewer."""
+"""`clutch-hil view`: a running bench, or recorded runs, in the viewer."""
 
 import os
 from pathlib import Path
@@ -37,7 +37,7 @@ def view(
     json_output: bool = JSON,
 ) -> None:
     """Show a running bench, or recorded runs, in rerun's viewer."""
-    os.environ.setdefault("RUST_LOG", "off")  # what goes wrong in rerun is counted and told by us
+    os.environ.setdefault("RUST_LOG", "off")  # errors of rerun are counted and reported by us
     from clutch_hil.live.rrd_writer import check_rrd
     from clutch_hil.live.viewer import Viewer, WebViewer
 

@@ -1,7 +1,7 @@
-"""Recorder: the rows of a bench as run files.
+"""Recorder: writes the rows of a bench into run files.
 
-A run file has one row a sample at a constant rate, and no row is made up. So where plant rows never came, or where the
-plant began anew, a file ends and the next one begins: RUN.parquet, RUN-2.parquet, ...
+A run file has one row for each sample, at a constant rate, and no row is invented. So where rows of the plant were lost, or
+where the plant started anew, a file ends and the next one begins: RUN.parquet, RUN-2.parquet, ...
 """
 
 import contextlib
@@ -31,26 +31,26 @@ from protocols.telemetry.batch import Batch
 from protocols.telemetry.feed import Feed
 from protocols.telemetry.keys import NODES, bus_of
 
-_INJECTION_KEYS = ("name", "unit", "old", "new", "at", "ramp", "row")  # of an event, for the file
-_KEPT_BATCHES = 100  # batches of each controller: its past may come before the plant's
-_DESCRIPTION_TIMEOUT = 10.0  # s from the first row until both sides must have said what they are
+_INJECTION_KEYS = ("name", "unit", "old", "new", "at", "ramp", "row")  # of an event, for the metadata
+_KEPT_BATCHES = 100  # batches of each controller, kept because they may come before the rows of the plant
+_DESCRIPTION_TIMEOUT = 10.0  # s from the first row, within which every node must have described itself
 
 
 @dataclass
 class RecordingResult:
-    """What was recorded: `files` with their samples, rows `lost` by node, parameters changed; rate [Hz]."""
+    """What was recorded: number of samples by file, number of rows lost by node, number of parameter changes; rate [Hz]."""
 
     bench: str
     rate: int = 0
     files: dict[Path, int] = field(default_factory=dict)
     lost: dict[str, int] = field(default_factory=dict)
     parameter_changes: int = 0
-    faults: str = ""  # what was in them, for the verdict
+    faults: str = ""  # as text, for the verdict
     fault_count: int = 0
 
     @property
     def good(self) -> bool:
-        """Whether every row came, and no fault in them."""
+        """Whether no row was lost, and no controller had a fault."""
         return not any(self.lost.values()) and not self.fault_count
 
     @property
@@ -65,7 +65,7 @@ class RecordingResult:
 
     @property
     def text(self) -> str:
-        """What was read and written, for people."""
+        """What was read and written, as text."""
         changes = f", {counted(self.parameter_changes, 'parameter')} changed" if self.parameter_changes else ""
         lines = [f"read:    bench {self.bench}, {self.rate} Hz{changes}"]
         lines += [f"wrote:   {path}  ({samples} samples)" for path, samples in self.files.items()]
@@ -73,7 +73,7 @@ class RecordingResult:
 
     @property
     def document(self) -> dict[str, Any]:
-        """The same for machines."""
+        """The result for JSON."""
         return {
             "bench": self.bench,
             "rate_hz": self.rate,
@@ -88,7 +88,7 @@ class RecordingResult:
 
 @dataclass(frozen=True)
 class _NodeDescription:
-    """What a node said about itself when it was `asked` (UNIX time)."""
+    """What a node said about itself when it was `asked` (UNIX time [s])."""
 
     node: str
     described: dict[str, Any]
@@ -96,7 +96,7 @@ class _NodeDescription:
     asked: float
 
     def parameters_at(self, time: float, changes: Sequence[dict[str, Any]]) -> dict[str, float]:
-        """Parameters at a UNIX time: as they were when we asked, with the changes in between made or undone."""
+        """Parameters at a UNIX time [s]: those at the time `asked`, with the changes in between made or undone."""
         own = [change for change in changes if change["node"] == self.node]
         later = {change["name"]: change["new"] for change in own if self.asked < change["time"] < time}
         earlier = {change["name"]: change["old"] for change in reversed(own) if time <= change["time"] <= self.asked}
@@ -104,9 +104,10 @@ class _NodeDescription:
 
 
 class Recorder:
-    """Records the rows of `feed` at `path`, and in further files beside it. Use as a context manager.
+    """Records the rows of `feed` into `path`, and into further files beside it. Use as a context manager.
 
-    Without a path the file is named by date and time, in `runs`. A `blind` recording seals the truth away.
+    path: if None, the file is named by date and time, in the folder `runs`. blind: keep the truth out of the run files.
+    tell: gets lines that stay on the terminal.
     """
 
     def __init__(
@@ -120,11 +121,11 @@ class Recorder:
         self.recorded = RecordingResult(feed.bench)
         self._session, self._feed, self._path = session, feed, path
         self._blind = blind
-        self._tapes: dict[Path, Tape] = {}  # the last one runs, those before wait for the controllers' last rows
+        self._tapes: dict[Path, Tape] = {}  # the last one takes rows; those before wait for rows of the controllers
         self._metadata: dict[Path, dict[str, Any]] = {}
         self._descriptions: dict[str, _NodeDescription] = {}  # by node
-        self._early: list[Batch] = []  # of the plant, while a node has not said what it is
-        self._deadline = float("inf")  # s of CLOCK_MONOTONIC, for all to have said it
+        self._early: list[Batch] = []  # of the plant, from before every node has described itself
+        self._deadline = float("inf")  # s of CLOCK_MONOTONIC, for all nodes to describe themselves
         self._recent: dict[str, deque[Batch]] = defaultdict(lambda: deque(maxlen=_KEPT_BATCHES))  # by controller
         self._tell = tell  # a line that stays on the terminal
         self._faults: dict[str, FaultWatch] = {}  # by controller
@@ -145,16 +146,16 @@ class Recorder:
         return bool(self._metadata)
 
     def status(self) -> str:
-        """What has been recorded so far, for people."""
+        """What has been recorded so far, as text."""
         if not self.began:
             return f"bench {self._feed.bench}: waiting for the plant's first row"
         samples = sum(self.recorded.files.values()) + sum(tape.rows for tape in self._tapes.values())
         return f"bench {self._feed.bench}: {samples} samples, lost {sum(self._feed.lost.values())}"
 
     def step(self, plant: bool = True) -> bool:
-        """Take what has come, the plant's rows only when `plant`; whether anything came.
+        """Take the rows that have come, those of the plant only if `plant`; return whether any came.
 
-        Raises InputError when a side keeps silent about itself.
+        Raises InputError when a node does not describe itself.
         """
         for path in list(self._tapes)[:-1]:
             self._close(path)
@@ -178,7 +179,7 @@ class Recorder:
         return bool(batches)
 
     def finish(self) -> None:
-        """End the files. Raises InputError when there is none."""
+        """Finish the files. Raises InputError if there is none."""
         for path in list(self._tapes):
             self._close(path)
         self.recorded.lost = dict(self._feed.lost)
@@ -189,7 +190,7 @@ class Recorder:
             raise InputError(f"bench {self._feed.bench} published no rows; nothing was recorded")
 
     def _take_faults(self, batch: Batch) -> None:
-        """Tell what begins or ends in a batch of the controller."""
+        """Tell the faults that begin or end in a batch of a controller."""
         node = batch.node
         if node not in self._faults:
             about = self._descriptions.get(node)
@@ -199,13 +200,13 @@ class Recorder:
             self._tell(fault.line)
 
     def _nodes(self) -> tuple[str, ...]:
-        """The nodes of a run: the plant and the controllers that it says it has."""
+        """Nodes of a run: the plant, and the controllers that it names."""
         if "plant" not in self._descriptions:
             return NODES
         return ("plant", *self._descriptions["plant"].described.get("controllers", NODES[1:]))
 
     def _are_all_described(self) -> bool:
-        """Whether all nodes have said what they are; services that start together publish one after the other."""
+        """Whether all nodes have described themselves. Raises InputError when one has not before the deadline."""
         missing = [node for node in self._nodes() if node not in self._descriptions]
         self._deadline = min(self._deadline, time.monotonic() + _DESCRIPTION_TIMEOUT)
         if missing and time.monotonic() > self._deadline:
@@ -215,7 +216,7 @@ class Recorder:
         return not missing
 
     def _add_plant(self, batch: Batch) -> None:
-        """Add to the tape that goes on with `batch`, or to a new one with what the controllers have just said."""
+        """Add `batch` to the last tape if it goes on there; else to a new one, with the recent rows of the controllers."""
         last = list(self._tapes.values())[-1:]
         if last and last[0].follows(batch):
             last[0].add_plant(batch)
@@ -262,14 +263,14 @@ class Recorder:
         return tape
 
     def _columns(self, node: str) -> list[Column]:
-        """Columns of a node, as it describes them."""
+        """Columns of a node, from its description."""
         return [Column(**column) for column in self._descriptions[node].described["columns"]]
 
     def _note_changes(self) -> None:
         self._changes += [change for change in self._feed.events() if change not in self._changes]
 
     def _ask(self, node: str) -> None:
-        """Ask a node about itself, as soon as it is there: it may be gone when its rows have all come."""
+        """Ask a node to describe itself, as soon as it is alive: it may have ended before its last rows come."""
         asked = time.time()
         if (described := self._feed.describe(node)) is not None:
             with contextlib.suppress(InputError):  # it has ended in between
@@ -293,7 +294,7 @@ class Recorder:
 
 
 def rows_file(path: Path) -> Path:
-    """Where rows for `path` are written while they come: Parquet."""
+    """File of Parquet into which rows for `path` are written while they come."""
     return path if path.suffix == ".parquet" else path.with_name(path.name + ".parquet")
 
 
