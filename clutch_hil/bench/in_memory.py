@@ -50,7 +50,7 @@ def simulate(
     }  # fmt: skip
     chosen = compose_scenario(scenario, settings, plant, controller, effects)
     played, metadata = Simulation(chosen).play_with_metadata(progress)
-    descriptions = played.described()
+    descriptions = played.column_descriptions()
     return Run(
         played.columns(),
         metadata,

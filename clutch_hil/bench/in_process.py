@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from clutch_hil.bench.following import Following
-from clutch_hil.bench.measures import followed
+from clutch_hil.bench.measures import measure_following
 from clutch_hil.bench.recording import TORQUE_DEMAND, run_columns
 from protocols.can.two_clutches import CONTROLLERS
 from protocols.node import Column, Node
@@ -30,14 +30,14 @@ class Played:
 
     def columns(self) -> dict[str, np.ndarray]:
         """Columns that a run file of this would have, by name, each (cycles,)."""
-        names = [column.name for column in self.described()]
+        names = [column.name for column in self.column_descriptions()]
         plant = len(self.plant_columns)
         values = [*self.plant.T, *(column for controller in self.controllers for column in controller.T)]
         by_name = dict(zip(names[:plant] + names[plant + 1 :], values, strict=True))
         demand = by_name[f"{CONTROLLERS[0]}_{TORQUE_DEMAND.name}"]
         return {name: demand if name == TORQUE_DEMAND.name else by_name[name] for name in names}
 
-    def described(self) -> list[Column]:
+    def column_descriptions(self) -> list[Column]:
         """Name, unit and meaning of those columns."""
         return run_columns(self.plant_columns, self.controller_columns)
 
@@ -45,7 +45,7 @@ class Played:
         """How well the true torque followed its demand from `begin` [s] to before `end` [s]."""
         columns = self.columns()
         part = (columns["time_s"] >= begin) & (columns["time_s"] < end)
-        return followed({name: column[part] for name, column in columns.items()})
+        return measure_following({name: column[part] for name, column in columns.items()})
 
 
 def play(plant: Any, *controllers: Node, progress: Callable[[int], None] | None = None) -> Played:

@@ -86,7 +86,7 @@ class Setting:
 
 
 @dataclass
-class Measured:
+class Measurements:
     """Measurements of one phase.
 
     durations: arrays (n,) [us], one a round, by quantity, such as `wake`. witness: lateness (n,) [us] of the witness, by round.
@@ -120,7 +120,7 @@ def summary(values: np.ndarray) -> dict[str, float]:
     return percentiles | {"max": float(values.max())}
 
 
-Phase = Callable[[Setting, Measured, Stop], None]
+Phase = Callable[[Setting, Measurements, Stop], None]
 Key = TypeVar("Key")
 Point = tuple[int, str]  # of a sweep: rate [Hz], and what begins a cycle
 SWEEP_TRIGGERS = "clock", "bus"  # triggers of a sweep
@@ -142,14 +142,14 @@ def phases(setting: Setting) -> dict[str, Phase]:
 
 def sweep(
     setting: Setting, rates: Sequence[int], loads: Sequence[Load], progress: Callable[[float, int], None]
-) -> tuple[dict[Point, Measured], bool]:
+) -> tuple[dict[Point, Measurements], bool]:
     """Measure the closed loop at several rates [Hz], begun by each of SWEEP_TRIGGERS in turn.
 
     Return the measurements by rate and trigger, and whether the sweep was interrupted. Raises InputError.
     """
 
     def phase_at(rate: int, trigger: str) -> Phase:
-        def phase(setting: Setting, measured: Measured, stop: Stop) -> None:
+        def phase(setting: Setting, measured: Measurements, stop: Stop) -> None:
             try:
                 _measure_closed_loop(replace(setting, rate=rate), measured, stop, trigger, record_frames=False)
             except InputError as error:  # beyond what the machine can do the services give up
@@ -163,7 +163,7 @@ def sweep(
 
 def measure(
     setting: Setting, loads: Sequence[Load], progress: Callable[[float, int], None]
-) -> tuple[dict[str, Measured], bool]:
+) -> tuple[dict[str, Measurements], bool]:
     """Measure every phase in turn, `rounds` times; return the measurements by name, and whether it was interrupted.
 
     Raises InputError.
@@ -173,9 +173,9 @@ def measure(
 
 def _run_in_turn(
     setting: Setting, todo: Mapping[Key, Phase], loads: Sequence[Load], progress: Callable[[float, int], None]
-) -> tuple[dict[Key, Measured], bool]:
+) -> tuple[dict[Key, Measurements], bool]:
     """Run the phases `todo` under `loads`; return their measurements, and whether it was interrupted. Raises InputError."""
-    results = {name: Measured() for name in todo}
+    results = {name: Measurements() for name in todo}
     total, done = setting.rounds * len(todo), 0
     allowed_cpus = os.sched_getaffinity(0)
     others = allowed_cpus - {setting.cpu} or allowed_cpus
@@ -229,7 +229,7 @@ def _new_stall_watch(setting: Setting, seconds: float, phase_ns: int) -> StallWa
     return StallWatch(setting.cpu, WITNESS_PRIORITY, every, phase_ns + every // 2, seconds + _START_TIMEOUT)
 
 
-def _measure_cyclictest(setting: Setting, measured: Measured, stop: Stop) -> None:
+def _measure_cyclictest(setting: Setting, measured: Measurements, stop: Stop) -> None:
     loops, period_us = round(setting.piece * setting.rate), 1_000_000 // setting.rate
     command = [
         "cyclictest", "-q", "-m", "-t1", f"-p{PRIORITY}", f"-a{setting.cpu}", f"-i{period_us}", f"-l{loops}",
@@ -251,7 +251,7 @@ def _measure_cyclictest(setting: Setting, measured: Measured, stop: Stop) -> Non
     measured.cycles += loops
 
 
-def _measure_empty_loop(setting: Setting, measured: Measured, spin_us: float) -> None:
+def _measure_empty_loop(setting: Setting, measured: Measurements, spin_us: float) -> None:
     folder = SharedFolder()
     out = folder.path / "pace"
     period = 1_000_000_000 // setting.rate
@@ -270,7 +270,7 @@ def _measure_empty_loop(setting: Setting, measured: Measured, spin_us: float) ->
 
 
 def _measure_closed_loop(
-    setting: Setting, measured: Measured, stop: Stop, trigger: str, record_frames: bool = True
+    setting: Setting, measured: Measurements, stop: Stop, trigger: str, record_frames: bool = True
 ) -> None:
     """Measure plant and controller on one CPU from their records and, if `record_frames`, from the stamps of their frames."""
     common = ["--bus", setting.bus, "--rate", str(setting.rate), "--cpu", str(setting.cpu)]
@@ -308,7 +308,7 @@ def _measure_closed_loop(
     _count_cycles(measured, cycles, late_cycles(cycles[:, 0], late[:-1], period), witness, watch, period)
 
 
-def _measure_echo(setting: Setting, measured: Measured, kind: str) -> None:
+def _measure_echo(setting: Setting, measured: Measurements, kind: str) -> None:
     timing = (setting.bus, setting.rate, setting.piece, setting.cpu, PRIORITY)
     folder = SharedFolder()
     ready = folder.path / "ready"
@@ -337,7 +337,7 @@ def _wait_for_start(process: "subprocess.Popen[bytes]", ready_file: Path, what: 
 
 
 def _count_cycles(
-    measured: Measured,
+    measured: Measurements,
     cycles: np.ndarray,
     late: np.ndarray,
     witness: Sequence[np.ndarray],

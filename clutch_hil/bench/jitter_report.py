@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from clutch_hil.bench import palette
-from clutch_hil.bench.jitter import SWEEP_TRIGGERS, Measured, Point, Setting, summary
+from clutch_hil.bench.jitter import SWEEP_TRIGGERS, Measurements, Point, Setting, summary
 from clutch_hil.bench.loads import Load
 from clutch_hil.bench.progress import table_text
 from protocols.errors import InputError
@@ -36,7 +36,7 @@ def check_setting(setting: Setting, cpus: Sequence[int]) -> Setting:
 
 
 def document(
-    setting: Setting, loads: Sequence[Load], measured: Mapping[str, Measured], interrupted: bool
+    setting: Setting, loads: Sequence[Load], measured: Mapping[str, Measurements], interrupted: bool
 ) -> dict[str, Any]:
     """Everything that was measured, for JSON."""
     phases: dict[str, Any] = {}
@@ -57,7 +57,7 @@ def document(
     }  # fmt: skip
 
 
-def _counts(one: Measured) -> dict[str, Any]:
+def _counts(one: Measurements) -> dict[str, Any]:
     """Numbers of cycles and, where there were services, their footprint."""
     counts: dict[str, Any] = {"cycles": one.cycles, "near": one.near, "late": one.late, "unexplained": one.unexplained}
     return counts | ({"footprint": {k: dict(v) for k, v in one.footprint.items()}} if one.footprint else {})
@@ -131,7 +131,7 @@ def text(measurement: Mapping[str, Any]) -> str:
 
 
 def sweep_document(
-    setting: Setting, loads: Sequence[Load], measured: Mapping[Point, Measured], interrupted: bool
+    setting: Setting, loads: Sequence[Load], measured: Mapping[Point, Measurements], interrupted: bool
 ) -> dict[str, Any]:
     """What was measured at each rate, for JSON, and the knee [Hz] of each trigger.
 
@@ -173,9 +173,9 @@ def sweep_text(measurement: Mapping[str, Any]) -> str:
         if "failure" in one:
             rows.append((*at, "failed", *["-"] * 11))
             continue
-        shown = [_number(one[what].get(p, nan)) for what in ("wake", "step") for p in ("p50", "p99")]
+        percentiles = [_number(one[what].get(p, nan)) for what in ("wake", "step") for p in ("p50", "p99")]
         counts = (str(one["cycles"]), _share(one), f"{100.0 * one['late_share']:.3f}", str(one["unexplained"]))
-        rows.append((*at, *counts, *shown, *_footprint(one)))
+        rows.append((*at, *counts, *percentiles, *_footprint(one)))
     load = f"load: {', '.join(measurement['loads'])}" if measurement["loads"] else "load: none"
     return "\n".join([f"machine: {measurement['machine']}; {load}", "", table_text(rows)])
 
@@ -209,7 +209,7 @@ def judge(measurement: Mapping[str, Any]) -> tuple[str, bool]:
     )
 
 
-def draw(setting: Setting, measured: Mapping[str, Measured], path: Path) -> None:
+def draw(setting: Setting, measured: Mapping[str, Measurements], path: Path) -> None:
     """Draw histograms of wake-up and latency, and their tails, on logarithmic axes, into a PNG at `path`."""
     from matplotlib.figure import Figure
 

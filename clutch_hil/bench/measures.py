@@ -42,7 +42,7 @@ def torque(columns: Columns) -> np.ndarray:
     return columns.get("truth_clutch_torque_nm", columns["clutch_torque_nm"])
 
 
-def followed(columns: Columns) -> Following:
+def measure_following(columns: Columns) -> Following:
     """How well the torque followed its demand, without the phase lock."""
     return following(*_demand_and_torque(columns))
 
@@ -258,8 +258,10 @@ def _mean(values: np.ndarray) -> float:
 
 
 MEASURES: Mapping[str, Measure] = {
-    "regime_error_nm": Measure("Nm", "mean error of the torque once 90 % of the demand is reached", lambda c: followed(c)[0]),
-    "rise_time_s": Measure("s", "from the first demand until 90 % of it is reached", lambda c: followed(c)[1]),
+    "regime_error_nm": Measure(
+        "Nm", "mean error of the torque once 90 % of the demand is reached", lambda c: measure_following(c)[0],
+    ),
+    "rise_time_s": Measure("s", "from the first demand until 90 % of it is reached", lambda c: measure_following(c)[1]),
     "max_torque_error_nm": Measure("Nm", "largest error of the torque once 90 % of the demand is reached", _largest_error),
     "peak_torque_nm": Measure("Nm", "highest torque, either way", lambda c: _highest(_magnitude(c))),
     "peak_pressure_bar": Measure("bar", "highest pressure", lambda c: _highest(_pressure(c))),

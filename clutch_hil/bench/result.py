@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from clutch_hil.bench.limits import Judgement, Limit, judge_limits
-from clutch_hil.bench.measures import MEASURES, followed
+from clutch_hil.bench.measures import MEASURES, measure_following
 from clutch_hil.bench.picture import draw_run
 from clutch_hil.bench.sealed import SEAL
 from clutch_hil.bench.service_text import service_lines
@@ -70,7 +70,7 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
     """
     run = read_run(path)
     columns = dict(run.columns)
-    course, fault, locked = followed(columns), MEASURES["fault"].of(columns), MEASURES["locked_s"].of(columns)
+    course, fault, locked = measure_following(columns), MEASURES["fault"].of(columns), MEASURES["locked_s"].of(columns)
     demanded, reached = bool(np.any(columns["torque_demand_nm"] > 0.0)), bool(np.isfinite(course.regime_error))
     figures = f"regime error {course.regime_error:.2f} Nm, rise time {course.rise_time:.2f} s"
     faults = faults_of(columns, run.metadata["sample_rate_hz"], run.metadata.get("controller_parameters", {}))

@@ -65,21 +65,21 @@ class Services:
         when `stop` is asked.
         """
         paths = {name: self._folder / f"{name}.ring" for name in self._commands}
-        began = told = time.monotonic()
-        heard, last = dict.fromkeys(paths, began), dict.fromkeys(paths, "")
+        began = last_notice = time.monotonic()
+        last_heard, last_line = dict.fromkeys(paths, began), dict.fromkeys(paths, "")
         while missing := [name for name, path in paths.items() if not path.exists()]:
             now = time.monotonic()
             for name, line in self.read_new_lines():
-                heard[name], last[name], told = now, line, now
+                last_heard[name], last_line[name], last_notice = now, line, now
                 if name in missing and not line.startswith(IGNORED_PREFIXES):
                     tell(f"{name}: {line}")
             self.check()
             stop.check(f"the services had not started; nothing was written, {describe_keeping()}")
             for name in missing:
-                if now - heard[name] > _START_TIMEOUT:
-                    raise InputError(_describe_silence(name, last[name]))
-            if now - told > _NOTICE_DELAY:
-                told = now
+                if now - last_heard[name] > _START_TIMEOUT:
+                    raise InputError(_describe_silence(name, last_line[name]))
+            if now - last_notice > _NOTICE_DELAY:
+                last_notice = now
                 tell(f"waiting for {' and '.join(missing)} to start, {now - began:.0f} s")
             time.sleep(_POLL_INTERVAL)
         return tuple(map(RingReader, paths.values()))
@@ -87,11 +87,11 @@ class Services:
     def read_new_lines(self) -> list[tuple[str, str]]:
         """Whole lines that the services have printed since the last call: pairs of service and line."""
         lines = []
-        for name, told in self._read_to.items():
+        for name, read_before in self._read_to.items():
             text = self._log(name).read_text(errors="replace")
             end = text.rfind("\n") + 1
-            lines += [(name, line) for line in text[told:end].splitlines() if line]
-            self._read_to[name] = max(end, told)
+            lines += [(name, line) for line in text[read_before:end].splitlines() if line]
+            self._read_to[name] = max(end, read_before)
         return lines
 
     def list_ended(self) -> list[str]:

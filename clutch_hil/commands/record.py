@@ -13,7 +13,7 @@ FILE = typer.Argument(
     help="its suffix decides. Telemetry: .parquet, .mf4, .csv, .rrd; frames on the bus: .blf, .asc, .log (candump), .trc;"
     " runs/DATE-recorded.parquet if not given",
 )
-_PRIORITY = 1  # of SCHED_RR, below the services at 80. A bus queues half a second of frames; without it a busy machine may take longer
+_PRIORITY = 1  # of SCHED_RR, below the services at 80. A bus queues half a second; a busy machine may be later
 
 
 def register(app: typer.Typer) -> None:

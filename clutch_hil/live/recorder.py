@@ -271,12 +271,12 @@ class Recorder:
 
     def _ask(self, node: str) -> None:
         """Ask a node to describe itself, as soon as it is alive: it may have ended before its last rows come."""
-        asked = time.time()
+        asked_at = time.time()
         if (described := self._feed.describe(node)) is not None:
             with contextlib.suppress(InputError):  # it has ended in between
                 entries = parameters(self._session, self._feed.bench, node)
                 values = {entry["name"]: entry["value"] for entry in entries}
-                self._descriptions[node] = _NodeDescription(node, described, values, asked)
+                self._descriptions[node] = _NodeDescription(node, described, values, asked_at)
 
     def _close(self, path: Path) -> None:
         closing = {

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from clutch_hil.bench.echo import Echo
-from clutch_hil.bench.jitter import Measured, Setting, _latencies, _record_frames, summary
+from clutch_hil.bench.jitter import Measurements, Setting, _latencies, _record_frames, summary
 from clutch_hil.bench.jitter_report import document, judge, judge_sweep, sweep_document, sweep_text
 from clutch_hil.bench.lateness import late_cycles, mark_explained, spike, spikes
 from clutch_hil.bench.loads import LOADS, loads_named
@@ -224,8 +224,8 @@ def test_the_whole_report(local_bus: str) -> None:
 
 
 def test_the_knee_is_the_last_rate_before_one_that_is_not_kept() -> None:
-    def measured(late: int, failure: str = "") -> Measured:
-        one = Measured(cycles=10_000, late=late, failure=failure)
+    def measured(late: int, failure: str = "") -> Measurements:
+        one = Measurements(cycles=10_000, late=late, failure=failure)
         for what in ("wake", "step", "period"):
             one.add(what, np.ones(10))
         taken = {"minor_faults": 2, "major_faults": 1, "preemptions": 9, "collections": 0, "threads_begun": 4}
