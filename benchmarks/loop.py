@@ -92,7 +92,7 @@ def measure_loop(bus: str, seconds: float, quiet: bool) -> tuple[list[Target], d
     seconds: length of the closed loop in real time on `bus` [s].
     """
     open_bus(bus).close()  # a wrong bus or length is refused before the measurement
-    Scenario.of(RunSettings(seconds=seconds)).loaded_profile()
+    Scenario.of(RunSettings(seconds=seconds)).load_profile()
     off, ten_on = measure_kernel_speeds()
     steps = measure_step_times(1000)
     with TemporaryDirectory() as folder:

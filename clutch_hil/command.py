@@ -1,4 +1,4 @@
-"""`clutch-hil`: one command, its parts found by entry point (`clutch_hil.commands`), so that no side imports the other.
+"""`clutch-hil`: the command. Its sub-commands are found by entry point (`clutch_hil.commands`).
 
 Exit codes: 0 fine, 1 the verdict is bad, 2 the input or the command is wrong, 130 interrupted before there was a result.
 """
@@ -21,21 +21,21 @@ from protocols.errors import InputError, InterruptionError
 from protocols.kernels.kernel_cache import describe_keeping, discard_temporary
 from protocols.kernels.progress_notice import PROGRESS_NOTICE, is_starting
 
-_AGAIN = 0.2  # s between interruptions, until the one who loads or compiles has noticed
+_REPEAT_INTERVAL = 0.2  # s between interruptions of code that loads or compiles, until one has reached it
 INTERRUPTED = 130  # 128 and SIGINT, as of every shell
-# Hz; below, a period of the 10 Hz pressure loop has less than five samples; above, a plant step is its integration step
+# Hz. Below, a period of the 10 Hz pressure loop has fewer than five samples; above, a plant step is one integration step
 RATES = (50, 10_000)
 
 
 def verdict(text: str, good: bool = True) -> None:
-    """Print the verdict line; end with exit code 1 when it is bad."""
+    """Print the verdict line; end with exit code 1 if it is bad."""
     typer.echo(f"verdict: {text}")
     if not good:
         raise typer.Exit(1)
 
 
 def emit(document: Any) -> None:
-    """Print a document for machines (`--json`); what is not a number becomes null."""
+    """Print a document as JSON (`--json`); NaN and infinite become null."""
     typer.echo(json.dumps(_finite(document), indent=2, allow_nan=False))
 
 
@@ -48,7 +48,7 @@ def _finite(value: Any) -> Any:
 
 
 def report(document: Any, text: str, verdict_text: str, good: bool, as_json: bool) -> None:
-    """End a command: the document for machines, or text and verdict line for people; exit code 1 when not `good`."""
+    """End a command: print the document as JSON, or text and verdict line; exit code 1 if not `good`."""
     if as_json:
         emit(document)
         if not good:
@@ -58,8 +58,8 @@ def report(document: Any, text: str, verdict_text: str, good: bool, as_json: boo
         verdict(verdict_text, good)
 
 
-def checked_rate(rate: int) -> int:
-    """`rate` [Hz] when a loop can run at it. Raises InputError."""
+def check_rate(rate: int) -> int:
+    """Return `rate` [Hz] if a loop can run at it. Raises InputError."""
     low, high = RATES
     if not low <= rate <= high or 1_000_000_000 % rate:
         raise InputError(f"rate {rate} Hz is not possible; allowed are {low} to {high} Hz with a whole period in ns")
@@ -77,16 +77,16 @@ def write_summary(path: Path | None, document: Any) -> None:
         part.rename(path)
 
 
-class _AskedError(KeyboardInterrupt):
-    """Somebody has asked the command to end.
+class _EndRequestedError(KeyboardInterrupt):
+    """Ctrl-C or SIGTERM has asked the command to end.
 
-    Not KeyboardInterrupt itself: where that leaves a text that is executed, as dataclasses do, Python kills itself by SIGINT
-    when it ends, whoever has caught it.
+    It is a subclass, because Python kills itself by SIGINT at its end if a KeyboardInterrupt has left code that `exec` runs,
+    even where it was caught. Dataclasses run such code.
     """
 
 
 class Commands(typer.core.TyperGroup):
-    """The sub-commands. Raises InputError for an empty word: it is no name, no file and no number of anything."""
+    """The sub-commands. Raises InputError for an empty word, which is never a name, a file or a number."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """See `TyperGroup`."""
@@ -96,7 +96,7 @@ class Commands(typer.core.TyperGroup):
 
 
 def _empty(words: Sequence[str]) -> str | None:
-    """What is given without a value: an option, or a word; None when nothing is."""
+    """Name the option or word that is empty; None if none is."""
     for before, word in zip(("clutch-hil", *words), words, strict=False):
         if not word.strip():
             return before if before.startswith("-") else f"a word after {before!r}"
@@ -133,18 +133,18 @@ def main() -> None:
 
 def main_of(run: Callable[[], object]) -> None:
     """Run a command; an InputError becomes one sentence and exit code 2, Ctrl-C or SIGTERM one and 130."""
-    asked = False
+    end_requested = False
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        nonlocal asked
-        asked = True
-        signal.setitimer(signal.ITIMER_REAL, _AGAIN, _AGAIN)
-        raise _AskedError
+        nonlocal end_requested
+        end_requested = True
+        signal.setitimer(signal.ITIMER_REAL, _REPEAT_INTERVAL, _REPEAT_INTERVAL)
+        raise _EndRequestedError
 
     def insist(number: int, frame: FrameType | None) -> None:
-        """A compiler has destructors, in which Python drops an exception."""
+        """Interrupt again: Python drops an exception in a destructor, and compilers have destructors."""
         if is_starting(frame):
-            raise _AskedError
+            raise _EndRequestedError
         signal.setitimer(signal.ITIMER_REAL, 0.0)
 
     signal.signal(signal.SIGALRM, insist)
@@ -160,8 +160,8 @@ def main_of(run: Callable[[], object]) -> None:
     except InterruptionError as interruption:
         print(f"interrupted: {interruption}", file=sys.stderr)
         sys.exit(INTERRUPTED)
-    except BaseException:  # whatever a compiler or a library has made of _AskedError
-        if not asked:
+    except BaseException:  # a compiler or a library may turn _EndRequestedError into another one
+        if not end_requested:
             raise
         _break_off()
     finally:
@@ -170,8 +170,8 @@ def main_of(run: Callable[[], object]) -> None:
 
 
 def _break_off() -> NoReturn:
-    """End at once, all `with` blocks having been left: what a library has half made, the interpreter cannot take apart."""
-    signal.signal(signal.SIGALRM, signal.SIG_IGN)  # it has been noticed
+    """End the process at once, after all `with` blocks: the interpreter cannot clean up what a library has half made."""
+    signal.signal(signal.SIGALRM, signal.SIG_IGN)  # the interruption has arrived
     print(f"interrupted: nothing half-written is left, {describe_keeping()}", file=sys.stderr)
     discard_temporary()
     sys.stdout.flush()

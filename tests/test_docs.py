@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from clutch_hil.bench.effect_page import written_page
-from clutch_hil.bench.effect_text import in_order
+from clutch_hil.bench.effect_page import rewrite_page
+from clutch_hil.bench.effect_text import sort_effects
 from plant_sim.effects.catalogue import effects
 from protocols.telemetry import keys
 
@@ -46,7 +46,7 @@ def test_the_telemetry_page_has_the_keys() -> None:
 
 def test_the_effects_page_is_what_the_command_writes() -> None:
     page = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
-    assert written_page(page, in_order(effects().values())) == page, "clutch-hil effects --write docs/effects.md"
+    assert rewrite_page(page, sort_effects(effects().values())) == page, "clutch-hil effects --write docs/effects.md"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from clutch_hil.bench.progress import Doing, progress_bar
+from clutch_hil.bench.progress import ActivityLine, progress_bar
 from clutch_hil.bench.services import Services
 from protocols.errors import InputError, InterruptionError
 from protocols.kernels.compiling import COMPILING
@@ -108,8 +108,8 @@ def test_it_can_be_ended_while_it_starts(
 
 
 def test_a_service_that_does_not_start_is_named_with_its_last_word(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("clutch_hil.bench.services._START", 3.0)
-    monkeypatch.setattr("clutch_hil.bench.services._SILENCE", 0.5)
+    monkeypatch.setattr("clutch_hil.bench.services._START_TIMEOUT", 3.0)
+    monkeypatch.setattr("clutch_hil.bench.services._NOTICE_DELAY", 0.5)
     monkeypatch.setattr(
         "clutch_hil.bench.services.clutch_hil",
         lambda *arguments: ["sh", "-c", "echo kernels are compiled: 3 in 1 s >&2; exec sleep 60"],
@@ -222,12 +222,12 @@ def test_without_a_terminal_a_progress_bar_is_lines(
 def test_without_a_terminal_a_status_is_lines(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with Doing("waiting for a bus", quiet=False) as doing:
+    with ActivityLine("waiting for a bus", quiet=False) as doing:
         doing.update("bench here: 500 samples, lost 0")
         assert set(told(monkeypatch, capsys, Stop())) == {"bench here: 500 samples, lost 0"}
 
 
-@pytest.mark.parametrize("doing", [Stop(), progress_bar("bar", quiet=True), Doing("doing", quiet=True)])
+@pytest.mark.parametrize("doing", [Stop(), progress_bar("bar", quiet=True), ActivityLine("doing", quiet=True)])
 def test_who_tells_by_himself_is_not_told(
     doing: AbstractContextManager, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

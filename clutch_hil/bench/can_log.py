@@ -1,8 +1,8 @@
 """CAN log: everything on a bus, as it was on the wire, in a file of python-can's writers (Vector BLF and ASC, candump, PEAK).
 
-It is a participant of its own that only listens; the services do not know of it. A bus queues half a second of frames at
-1 kHz: who sleeps longer loses some. What was lost shows as a gap in the alive counters, but for whole rounds of 16 frames
-and for the last ones; so a log that found a full queue does not claim to be whole.
+The log is a participant of its own that only listens; the services do not know of it. The queue of a bus holds half a second
+of frames at 1 kHz. A reader that sleeps longer loses frames. Lost frames show as a gap in the alive counters, except for whole
+rounds of 16 frames and for the last frames of the log. So a log whose queue may have been full does not claim to be complete.
 """
 
 import time
@@ -29,23 +29,25 @@ WRITERS: dict[str, Any] = {
     ".log": can.CanutilsLogWriter,
     ".trc": can.TRCWriter,
 }
-_PATIENCE = 10.0  # s for the first frame where the length of the log is given; else it is waited for without end
-_WAIT = 0.1  # s for a frame to come, then a look whether to end
-_SHOWN = 0.5  # s between reports of progress
+_FIRST_FRAME_TIMEOUT = 10.0  # s, where the length of the log is given; without it the log waits for ever
+_RECEIVE_TIMEOUT = 0.1  # s to wait for a frame, before the next check whether to end
+_PROGRESS_INTERVAL = 0.5  # s between reports of progress
 _HEARTBEATS = ("PLANT_HEARTBEAT", "CONTROLLER_HEARTBEAT", "CONTROLLER_HEARTBEAT_B")
 _SUPERVISOR = "SUPERVISOR"  # sender without a heartbeat
-_SILENCE = 0.1  # s; a supervisor listens for longer before it speaks, and counts from 0 then
-# frames waiting at once from which on a queue may have been full: 50 ms at 1 kHz. A local bus holds 2731 of a sender, 554
-# where the kernel grants no larger buffer; a CAN socket has half of that buffer for all senders
-_FULL = 250
+_SUPERVISOR_SILENCE = 0.1  # s; a new supervisor is silent for longer than this, then begins its alive counters at 0
+# Frames that waited together; from this number on the queue may have been full. It is 50 ms at 1 kHz. A local bus holds 2731
+# frames of a sender, or 554 where the kernel grants no larger buffer. A CAN socket has half of that buffer for all senders.
+_SUSPECT_BACKLOG = 250
 
 
 @dataclass(frozen=True)
-class Logged:
-    """What a log holds: `frames` by name (by identifier where the DBC does not know it), `seconds` from first to last.
+class CanLogResult:
+    """What a log contains.
 
-    `lost` counts gaps in the alive counters of the bench's frames (at least: they wrap at 16); `waited` is how many frames
-    waited at once to be read, at most; `failure` is why the bus could not be read any longer.
+    frames: number of frames by name, by identifier where the DBC does not have it. seconds: from the first to the last frame.
+    lost: frames missing by the alive counters. They wrap at 16, so more may be missing.
+    waited: the largest number of frames that waited together to be read.
+    failure: why the bus could no longer be read; empty if it could.
     """
 
     bus: str
@@ -58,23 +60,23 @@ class Logged:
 
     @property
     def good(self) -> bool:
-        """Whether nothing speaks against a whole log."""
-        return not (self.lost or self.failure) and self.waited < _FULL
+        """Whether nothing shows that a frame is missing."""
+        return not (self.lost or self.failure) and self.waited < _SUSPECT_BACKLOG
 
     @property
     def verdict(self) -> str:
         """The verdict line."""
         if self.lost:
-            told = f"at least {self.lost} frames lost, by their alive counters"
-        elif self.waited >= _FULL:
-            told = f"frames may be lost: {self.waited} waited at once, and a full bus takes no more"
+            loss = f"at least {self.lost} frames lost, by their alive counters"
+        elif self.waited >= _SUSPECT_BACKLOG:
+            loss = f"frames may be lost: {self.waited} waited at once, and a full bus takes no more"
         else:
-            told = "no frame lost"
-        return f"{self.seconds:.1f} s recorded, {told}" + (f"; the bus failed: {self.failure}" if self.failure else "")
+            loss = "no frame lost"
+        return f"{self.seconds:.1f} s recorded, {loss}" + (f"; the bus failed: {self.failure}" if self.failure else "")
 
     @property
     def text(self) -> str:
-        """What was read and written, for people."""
+        """What was read and written, as text."""
         rows = [("frame", "count", "frames/s")]
         rows += [(name, f"{count}", f"{count / max(self.seconds, 1e-3):.1f}") for name, count in self.frames.items()]
         total = sum(self.frames.values())
@@ -82,7 +84,7 @@ class Logged:
 
     @property
     def document(self) -> dict[str, Any]:
-        """The same for machines."""
+        """Contents and verdict, for JSON."""
         return {
             "bus": self.bus,
             "log": str(self.path),
@@ -103,44 +105,48 @@ class CanLog:
         if path.suffix not in WRITERS:
             raise InputError(f"CAN log {path} cannot be written as {path.suffix!r}; allowed are {listing(WRITERS)}")
         self.bus, self.path = resolve(bus), path
-        open_bus(self.bus).close()  # tells what is wrong with a bus in one sentence
+        open_bus(self.bus).close()  # raises InputError where the bus cannot be opened
         self._codecs = {codec.can_id: codec for codec in bus_frames(clutches=len(CLUTCHES))}
         self._receptions = {can_id: Reception(codec) for can_id, codec in self._codecs.items()}
-        self._sessions: dict[str, int] = {}  # of the services, by heartbeat
+        self._sessions: dict[str, int] = {}  # session number of each service, by its heartbeat frame
         self._counts: Counter[str] = Counter()
-        self._lost = 0  # before the receptions began
-        self._supervised = 0.0  # s, time stamp of the newest frame of a supervisor
+        self._lost_before = 0  # frames lost before the receptions were restarted
+        self._last_supervised = 0.0  # s, time stamp of the newest frame of a supervisor
 
-    def record(self, stop: Stop, seconds: float | None, progress: Callable[[str], None]) -> Logged:
-        """Write what comes until `stop` is asked or `seconds` after the first frame. Raises InputError when none comes.
+    def record(self, stop: Stop, seconds: float | None, progress: Callable[[str], None]) -> CanLogResult:
+        """Write every frame until `stop` is asked, or until `seconds` [s] after the first one; tell `progress` twice a second.
 
-        Time stamps are those of the bus: the kernel's at reception, on a local bus the sender's.
+        Time stamps are those of the bus: the kernel's at reception, on a local bus the sender's. Raises InputError when no
+        frame comes.
         """
         interface, _, channel = self.bus.rpartition(":")
         first = last = 0.0
         backlog = Backlog()
-        shown, failure = time.monotonic(), ""
+        last_report, failure = time.monotonic(), ""
         with whole_file(self.path) as part:
             bus = can.Bus(channel, interface=interface or "socketcan")
-            with WRITERS[self.path.suffix](part) as writer, bus:  # the bus is left first: we read no more
+            with (
+                WRITERS[self.path.suffix](part) as writer,
+                bus,
+            ):  # the bus is closed before the writer: nothing more is read
                 try:
-                    for message in _heard(bus, stop, seconds):
+                    for message in _receive(bus, stop, seconds):
                         backlog.note(message.timestamp, time.time())
                         first = first or message.timestamp
-                        # two senders may race for the first place; a log begins with its first line
+                        # stamps of two senders may be out of order; no frame of a log is older than its first
                         last = message.timestamp = max(message.timestamp, first)
                         writer.on_message_received(message)
                         self._count(message)
-                        if time.monotonic() - shown > _SHOWN:
-                            shown = time.monotonic()
-                            progress(f"{last - first:.1f} s, {self._counts.total()} frames, lost {self._missing()}")
+                        if time.monotonic() - last_report > _PROGRESS_INTERVAL:
+                            last_report = time.monotonic()
+                            progress(f"{last - first:.1f} s, {self._counts.total()} frames, lost {self._count_lost()}")
                 except can.CanError as error:
                     failure = str(error)
             if not self._counts:
                 stop.check(f"no frame had come on bus {self.bus}; nothing was recorded")
                 raise InputError(f"no frame came on bus {self.bus}; nothing was recorded")
         counts = dict(sorted(self._counts.items()))
-        return Logged(self.bus, self.path, counts, last - first, self._missing(), backlog.most, failure)
+        return CanLogResult(self.bus, self.path, counts, last - first, self._count_lost(), backlog.most, failure)
 
     def _count(self, message: can.Message) -> None:
         """Count a frame and, by its alive counter, those that should have come before it."""
@@ -153,46 +159,47 @@ class CanLog:
         data = bytes(message.data)
         if codec.name in _HEARTBEATS and self._sessions.get(codec.name) != (session := codec.unpack(data).session):
             self._sessions[codec.name] = session
-            self._begin_anew(codec.sender)
+            self._restart_receptions(codec.sender)
         if codec.sender == _SUPERVISOR:
-            if message.timestamp - self._supervised > _SILENCE:
-                self._begin_anew(_SUPERVISOR)
-            self._supervised = message.timestamp
+            if message.timestamp - self._last_supervised > _SUPERVISOR_SILENCE:
+                self._restart_receptions(_SUPERVISOR)
+            self._last_supervised = message.timestamp
         self._receptions[can_id].accept(data)
 
-    def _begin_anew(self, sender: str) -> None:
-        """Expect any alive counters of a sender: it has started."""
+    def _restart_receptions(self, sender: str) -> None:
+        """Accept any alive counter as the next of a sender that has started anew."""
         for can_id, codec in self._codecs.items():
             if codec.sender == sender:
-                self._lost += self._receptions[can_id].lost
+                self._lost_before += self._receptions[can_id].lost
                 self._receptions[can_id] = Reception(codec)
 
-    def _missing(self) -> int:
-        return self._lost + sum(reception.lost for reception in self._receptions.values())
+    def _count_lost(self) -> int:
+        """Frames lost since the log began."""
+        return self._lost_before + sum(reception.lost for reception in self._receptions.values())
 
 
 class Backlog:
-    """How many frames waited at once to be read: `most` counts those that had been sent when the first of them was read."""
+    """How many frames waited together to be read. `most` is the largest number that had been sent when the first was read."""
 
     def __init__(self) -> None:
         self.most = 0
-        self._looked = 0.0  # UNIX time [s]
-        self._read = 0  # frames sent before `_looked` and read since
+        self._checked_at = 0.0  # UNIX time [s]
+        self._read_since = 0  # frames sent before `_checked_at` and read since
 
     def note(self, sent: float, now: float) -> None:
-        """A frame that was `sent` is read `now`; UNIX times [s]."""
-        if sent > self._looked:
-            self._looked, self._read = now, 0
-        self._read += 1
-        self.most = max(self.most, self._read)
+        """Note that a frame stamped `sent` is read at `now`; UNIX times [s]."""
+        if sent > self._checked_at:
+            self._checked_at, self._read_since = now, 0
+        self._read_since += 1
+        self.most = max(self.most, self._read_since)
 
 
-def _heard(bus: can.BusABC, stop: Stop, seconds: float | None) -> Iterator[can.Message]:
-    """What comes until `stop` is asked or `seconds` after the first message, and then what waits already."""
-    end = float("inf") if seconds is None else time.monotonic() + _PATIENCE
+def _receive(bus: can.BusABC, stop: Stop, seconds: float | None) -> Iterator[can.Message]:
+    """Yield messages until `stop` is asked or `seconds` [s] after the first one; then those that already wait."""
+    end = float("inf") if seconds is None else time.monotonic() + _FIRST_FRAME_TIMEOUT
     first = True
     while not stop.asked and time.monotonic() < end:
-        if message := bus.recv(_WAIT):
+        if message := bus.recv(_RECEIVE_TIMEOUT):
             if first and seconds is not None:
                 end = time.monotonic() + seconds
             first = False

@@ -1,12 +1,12 @@
-"""State of the clutch in a word, for people: open, sliding, sticking, locked."""
+"""State of the clutch in one word: open, sliding, sticking or locked (docs/states.md)."""
 
 STATES = ("open", "sliding", "sticking", "locked")  # by value of the controller's column `clutch_state`
 COLUMN = "controller_clutch_state"
-_CLOSED = ("slip control", "lock")  # phases
+_CLOSED = ("slip control", "lock")  # phases in which the plates touch
 
 
 def clutch_state(phase: str, sticking: bool) -> str:
-    """The state by CONTROLLER_STATUS: its phase and whether the plates touch and stand."""
+    """State of the clutch, from the `phase` in CONTROLLER_STATUS and whether its plates touch and stand."""
     if phase not in _CLOSED:
         return "open"
     if not sticking:

@@ -57,13 +57,13 @@ and `COUNTER` (4 bits). The frames of clutch b: `clutch-hil frames --clutches 2`
 
 
 def columns_table(columns: Iterable[Column]) -> str:
-    """Columns as a Markdown table."""
+    """Format columns as a Markdown table."""
     rows = [f"| `{name}` | {unit} | {meaning} |" for name, unit, meaning in columns]
     return "\n".join(["| column | unit | meaning |", "|---|---|---|", *rows])
 
 
 def frame_section(codec: FrameCodec) -> str:
-    """A frame of the DBC and its signals in Markdown."""
+    """Format a frame of the DBC and its signals as a section in Markdown."""
     period = f", every {1000.0 * codec.cycle_time:g} ms" if codec.cycle_time else ""
     head = f"### {codec.name}\n\n0x{codec.can_id:03X}, {codec.length} bytes, from {codec.sender}{period}. {codec.comment}\n"
     rows = ["| signal | bits | unit | step | from | to | meaning |", "|---|---|---|---|---|---|---|"]

@@ -13,16 +13,23 @@ from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError, closest
 from protocols.files.parameters import ParameterSet
 
-_SHORT = ("engagement", "triangle", "slip_sine", "slip_steps")  # tried for an effect that names no excitation
-_FAULT = _SHORT[:1]  # for a fault, which comes in the middle of it
-_COMPARED = [column for column in QUANTITIES if column != "shaft_angle_rad"]  # any change of slip adds up in the angle
+_DEFAULT_EXCITATIONS = (
+    "engagement",
+    "triangle",
+    "slip_sine",
+    "slip_steps",
+)  # tried for an effect whose `display` names no excitation
+_FAULT_EXCITATIONS = _DEFAULT_EXCITATIONS[:1]  # tried for a fault, which begins in the middle of the excitation
+_COMPARED_COLUMNS = [
+    column for column in QUANTITIES if column != "shaft_angle_rad"
+]  # the angle is left out: it integrates any change of the slip
 
 
 @dataclass(frozen=True, eq=False)
 class Demonstration:
     """Answers of the rig to one excitation without and with an effect, free of noise.
 
-    column: the measured quantity that shows the effect. over: the column it is drawn over, each curve over its own.
+    column: the measured quantity that shows the effect. over: the column on the horizontal axis, of each curve its own.
     without, with_it: columns of docs/rig.md by name, each (n,), in the unit of its name.
     """
 
@@ -44,24 +51,25 @@ class Demonstration:
 
     @property
     def difference(self) -> np.ndarray:
-        """With the effect less without it (n,), in `unit`."""
+        """Answer with the effect minus the answer without it (n,), in `unit`."""
         return self.with_it[self.column] - self.without[self.column]
 
     @property
     def largest(self) -> float:
-        """Largest difference, in `unit`."""
+        """Largest absolute difference, in `unit`."""
         return float(np.abs(self.difference).max())
 
     @property
     def times_resolution(self) -> float:
-        """The largest difference as a multiple of what the measurement resolves: its noise and quantisation."""
+        """Largest difference over the resolution of the measurement, which is its noise and quantisation."""
         return self.largest / QUANTITIES[self.column][2]
 
 
 def demonstrate(effect: Effect) -> Demonstration:
-    """The demonstration that the effect's `display` asks for; what it leaves open is what the effect changes most.
+    """Simulate the demonstration that the effect's `display` asks for.
 
-    A fault comes in the middle of the experiment. Raises InputError for an experiment or a column that does not exist.
+    Where `display` names no excitation or no column, the one with the largest difference over its resolution is taken. A fault
+    begins in the middle of the excitation. Raises InputError for an excitation or a column that does not exist.
     """
     display = effect.display
     known = {"excitation": excitations(), "column": QUANTITIES, "over": ("time_s", *INPUTS, *QUANTITIES)}
@@ -72,35 +80,35 @@ def demonstrate(effect: Effect) -> Demonstration:
                 f"effect {effect.name}: {field} {name!r} of its display is unknown; {closest(name, names)}"
             )
     if display.excitation is not None:
-        tried: Sequence[str] = (display.excitation,)
+        excitation_names: Sequence[str] = (display.excitation,)
     else:
-        tried = _FAULT if effect.block == "fault" else _SHORT
-    columns = _COMPARED if display.column is None else [display.column]
-    shown = [one for name in tried for one in _demonstrations(effect, name, columns)]
-    return max(shown, key=lambda one: one.times_resolution)
+        excitation_names = _FAULT_EXCITATIONS if effect.block == "fault" else _DEFAULT_EXCITATIONS
+    columns = _COMPARED_COLUMNS if display.column is None else [display.column]
+    candidates = [one for name in excitation_names for one in _demonstrations(effect, name, columns)]
+    return max(candidates, key=lambda one: one.times_resolution)
 
 
 def _demonstrations(effect: Effect, name: str, columns: Sequence[str]) -> list[Demonstration]:
-    """The answers to the excitation `name`, without and with the effect, a demonstration for each of `columns`."""
+    """Simulate the excitation `name` without and with the effect; return a demonstration for each of `columns`."""
     beside = effect.display.beside
     excitation = excitations()[name]
     if beside:
         excitation = replace(excitation, title=f"{excitation.title}, beside {beside}")
-    without = _without(name, beside)
+    without = _simulate_without_effect(name, beside)
     parameters = _parameters(beside)
     changed = parameters.with_values(effect.typical())
     if effect.block == "fault":
-        with_it = _settled(parameters, excitation, (len(excitation.voltage) // 2, changed))
+        with_it = _simulate_settled(parameters, excitation, (len(excitation.voltage) // 2, changed))
     else:
-        with_it = _settled(changed, excitation)
+        with_it = _simulate_settled(changed, excitation)
     over = effect.display.over or excitation.over
     return [Demonstration(excitation, column, over, without, with_it) for column in columns]
 
 
 @cache
-def _without(name: str, beside: str | None) -> Mapping[str, np.ndarray]:
+def _simulate_without_effect(name: str, beside: str | None) -> Mapping[str, np.ndarray]:
     """Columns of the answer to the excitation `name` without the effect."""
-    return _settled(_parameters(beside), excitations()[name])
+    return _simulate_settled(_parameters(beside), excitations()[name])
 
 
 def _parameters(beside: str | None) -> ParameterSet:
@@ -108,7 +116,7 @@ def _parameters(beside: str | None) -> ParameterSet:
     return wet_clutch.nominal().with_values(catalogue.effect(beside).typical() if beside else {})
 
 
-def _settled(
+def _simulate_settled(
     parameters: ParameterSet, excitation: Excitation, later: tuple[int, ParameterSet] | None = None
 ) -> Mapping[str, np.ndarray]:
     """Columns of the answer after the excitation's settling; `later`: see `answer`."""

@@ -1,19 +1,22 @@
-"""Direction: which way round a clutch slips, as +1 and -1, so that a demand, a magnitude, is drawn over a signed torque."""
+"""Direction in which a clutch slips, +1 or -1. A demand, a magnitude, times the direction can be drawn over a signed torque."""
 
 import numpy as np
 
-MOVES = 0.1  # rad/s: two counts of the encoder in a sample at 1 kHz; from there on its sign is no noise
-PUSHES = 0.5  # Nm, the goal for the estimate's error: from there on a torque has a sign
-_ROOM = 1.08  # times what an axis shows at most
+MOVING_SLIP = 0.1  # rad/s: two counts of the encoder in a sample at 1 kHz; a smaller slip may have the sign of noise
+SIGNED_TORQUE = 0.5  # Nm, the goal for the error of the estimate; a smaller torque may have the sign of that error
+_AXIS_MARGIN = 1.08  # length of an axis over the largest value on it
 
 
 def direction(slip: np.ndarray, torque: np.ndarray, before: float | None = None) -> np.ndarray:
-    """+1 or -1 of each sample: the sign of the slip [rad/s]; of the torque [Nm] where plates stand; else as it was before.
+    """Direction of each sample, +1 or -1, shape (samples,).
 
-    `before` is how it was before the first sample; where nobody knows, None, what comes first has the sign that comes next, +1
-    where none does. All of shape (samples,); NaN has no sign.
+    It is the sign of `slip` [rad/s], or, where the plates stand, of `torque` [Nm], both of shape (samples,). A sample in which
+    both are small, or NaN, has the direction of the sample before. `before` is the direction before the first sample. If it is
+    None, the first samples have the first direction that is known, or +1 where none is.
     """
-    signs = np.where(np.abs(slip) >= MOVES, np.sign(slip), np.where(np.abs(torque) >= PUSHES, np.sign(torque), 0.0))
+    signs = np.where(
+        np.abs(slip) >= MOVING_SLIP, np.sign(slip), np.where(np.abs(torque) >= SIGNED_TORQUE, np.sign(torque), 0.0)
+    )
     known = np.flatnonzero(signs)
     last = np.searchsorted(known, np.arange(len(signs)), side="right") - 1
     if before is None:
@@ -22,6 +25,6 @@ def direction(slip: np.ndarray, torque: np.ndarray, before: float | None = None)
 
 
 def both_ways(*lines: np.ndarray) -> float | None:
-    """How far an axis for these speeds [rad/s] reaches, down as up; None where none of them is negative."""
-    shown = np.concatenate([line[np.isfinite(line)] for line in lines])
-    return _ROOM * float(np.abs(shown).max()) if np.any(shown <= -MOVES) else None
+    """Half length [rad/s] of a symmetric axis for these speeds; None where none of them is negative."""
+    values = np.concatenate([line[np.isfinite(line)] for line in lines])
+    return _AXIS_MARGIN * float(np.abs(values).max()) if np.any(values <= -MOVING_SLIP) else None

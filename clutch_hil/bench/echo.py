@@ -1,7 +1,7 @@
-"""Echo: what the bus alone costs. A source sends the plant's frames, an echo answers each sample with a command, and neither
-computes anything. `python -m clutch_hil.bench.echo JSON`
+"""Echo: the latency of the bus alone. Run as `python -m clutch_hil.bench.echo JSON`.
 
-`raw` is our own path; `python-can` does the same with message objects and cantools, as a first attempt would.
+A source sends the plant's frames. An echo answers each sample with a command. Neither computes anything. The role `raw` uses
+the frames of this package. The role `python-can` uses message objects and cantools, as a simple implementation would.
 """
 
 import json
@@ -22,13 +22,16 @@ from protocols.realtime.clock import Clock
 from protocols.realtime.rights import prepare
 from protocols.realtime.stopping import Stop
 
-_PATIENCE = 0.2  # s without a sample after which an echo looks whether it is to end
+_STOP_CHECK_INTERVAL = 0.2  # s without a sample, after which an echo checks whether it is to end
 
 
 @dataclass(frozen=True)
 class Echo:
-    """`role` is source, raw or python-can; at `rate` [Hz] on `bus`, on a CPU with a priority of SCHED_FIFO. A source sends for
-    `seconds` [s]; an echo answers from when the file `ready` is there until SIGTERM."""
+    """A process on `bus`; `role` is source, raw or python-can.
+
+    It runs on the CPU `cpu` with the SCHED_FIFO priority `priority`. A source sends at `rate` [Hz] for `seconds` [s]. An echo
+    makes the file `ready` when it begins to answer, and answers until SIGTERM.
+    """
 
     role: str
     bus: str
@@ -39,11 +42,11 @@ class Echo:
     ready: str = ""
 
     def spawn(self) -> "Popen[bytes]":
-        """The role as a process of its own."""
+        """Start the role in a process of its own."""
         return spawn([sys.executable, "-P", "-m", "clutch_hil.bench.echo", json.dumps(asdict(self))])
 
     def run(self) -> None:
-        """Play the role."""
+        """Play the role in this process."""
         {"source": self._source, "raw": self._raw, "python-can": self._python_can}[self.role]()
 
     def _source(self) -> None:
@@ -66,7 +69,7 @@ class Echo:
             prepare(self.cpu, self.priority)
             Path(self.ready).touch()
             while not stop.asked:
-                if port.wait(_PATIENCE):
+                if port.wait(_STOP_CHECK_INTERVAL):
                     for can_id, data in port.receive():
                         if can_id == analog.can_id:
                             analog.unpack(data)
@@ -86,7 +89,7 @@ class Echo:
             prepare(self.cpu, self.priority)
             Path(self.ready).touch()
             while not stop.asked:
-                message = bus.recv(_PATIENCE)
+                message = bus.recv(_STOP_CHECK_INTERVAL)
                 if message is None:
                     continue
                 if message.arbitration_id == analog.frame_id:

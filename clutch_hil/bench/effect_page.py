@@ -1,6 +1,6 @@
-"""Page of the effects, docs/effects.md: the parts that are written from the effects, by `clutch-hil effects --write`.
+"""Page of the effects, docs/effects.md: the parts that `clutch-hil effects --write` writes.
 
-A part stands between `<!-- begin PART -->` and `<!-- end -->`; whatever stands outside them is written by people.
+A part is between `<!-- begin PART -->` and `<!-- end -->`. Text outside the parts is written by people.
 """
 
 import re
@@ -17,11 +17,11 @@ _ROW = re.compile(r"^\| \w+ \| `(\w+)`[ *]* \| .* \| (.*) \|$", re.MULTILINE)  #
 _UNIT = re.compile(r" \[.*?\]")
 
 
-def written_page(text: str, effects: Sequence[Effect]) -> str:
-    """The `text` of the page with its parts written anew from `effects`, in this order.
+def rewrite_page(text: str, effects: Sequence[Effect]) -> str:
+    """Return the `text` of the page with its parts written anew from `effects`, in this order.
 
-    Raises InputError for a part that is unknown, a page without any, and where an effect or a parameter in the table of `text`
-    is none of `effects`: run files and models name them, so a name that was published once must stay.
+    Raises InputError for an unknown part, for a page without parts, and where the table in `text` has an effect or a parameter
+    that `effects` lack. Run files and models contain these names, so a published name must stay.
     """
     parts = {
         "experiments": _experiments(),
@@ -29,25 +29,25 @@ def written_page(text: str, effects: Sequence[Effect]) -> str:
         "hooks": _hooks(),
         "effects": _effects(effects),
     }
-    if lost := published_names(text) - names(effects):
+    if gone := published_names(text) - names(effects):
         raise InputError(
-            f"published names are gone: {listing(lost)}; run files and models contain them: keep them, or edit the page first"
+            f"published names are gone: {listing(gone)}; run files and models contain them: keep them, or edit the page first"
         )
 
-    def written(part: re.Match[str]) -> str:
+    def rewrite_part(part: re.Match[str]) -> str:
         name, end, _ = part.groups()
         if name not in parts:
             raise InputError(f"part {name!r} is unknown; {closest(name, parts)}")
         return f"{name}{end}{parts[name]}\n"
 
-    text, count = _PART.subn(written, text)
+    text, count = _PART.subn(rewrite_part, text)
     if not count:
         raise InputError("no part was found; a part stands between <!-- begin PART --> and <!-- end -->")
     return text
 
 
 def pictured_names(text: str) -> list[str]:
-    """Names of the effects in the page's picture, in its order; [] where it has none."""
+    """Names of the effects in the page's picture, in its order; [] for a page without a picture."""
     mark = _PICTURE.search(text)
     return mark[1].split(", ") if mark else []
 

@@ -1,4 +1,4 @@
-"""Effects as text, and as documents for JSON: the list of all, and everything about one."""
+"""Effects as text and as documents for JSON: a list of all of them, and a sheet about one."""
 
 import re
 import textwrap
@@ -15,24 +15,24 @@ from clutch_hil.bench.demonstration import Demonstration
 from plant_sim.effects.effect import BLOCKS, Effect, Shape, Strength
 from plant_sim.effects.signals import HOOKS
 
-_POINTS = 40  # characters of a sparkline
-_GAP = "  "  # between the columns of a table
+_SPARKLINE_WIDTH = 40  # characters of a sparkline
+_COLUMN_GAP = "  "  # between the columns of a table
 _SECTION = re.compile(r"([A-Z][\w ]*?) {2,}(.*)")  # first line of a section: its name at the margin, then its text
-_NAME = 16  # characters before a section's text, in the files and here
+_NAME_WIDTH = 16  # characters before the text of a section, as in the files of effects
 
 
-def in_order(effects: Iterable[Effect]) -> list[Effect]:
-    """Effects by block, from the valve to the sensors as the signal passes them, then by name."""
+def sort_effects(effects: Iterable[Effect]) -> list[Effect]:
+    """Sort effects by block, in the order of the signal from the valve to the sensors, then by name."""
     return sorted(effects, key=lambda effect: (BLOCKS.index(effect.block), effect.name))
 
 
 def is_ours(effect: Effect) -> bool:
-    """Whether the effect's file belongs to this package; else it is a user's."""
+    """Whether the file of the effect is in this package; if not, it is a user's."""
     return Path(plant_sim.effects.__file__).parent in effect.path.parents
 
 
 def sections(effect: Effect) -> dict[str, str]:
-    """The sections of its file's docstring by name; lines as written, without their indentation."""
+    """Sections of the docstring in the effect's file, by name; lines as written, without indentation."""
     texts: dict[str, str] = {}
     for line in effect.text.splitlines()[1:]:
         if section := _SECTION.match(line):
@@ -43,8 +43,8 @@ def sections(effect: Effect) -> dict[str, str]:
 
 
 def list_text(effects: Sequence[Effect], width: int) -> str:
-    """Effects in order, by block: a line for each, and for each of their parameters, cut at `width` characters."""
-    parameters = iter(_aligned([_cells(p) for effect in effects for p in effect.parameters]))
+    """List effects that are sorted by block: a line for each effect and each parameter, cut at `width` characters."""
+    parameters = iter(_align_rows([_cells(p) for effect in effects for p in effect.parameters]))
     lines = []
     for block, members in groupby(effects, lambda effect: effect.block):
         lines += ["", block.upper()]
@@ -59,8 +59,8 @@ def list_text(effects: Sequence[Effect], width: int) -> str:
     return "\n".join(line if len(line) <= width else f"{line[: width - 1]}…" for line in lines[1:])
 
 
-def sheet_text(effect: Effect, shown: Demonstration, width: int) -> str:
-    """Everything about an effect, with what it does to the rig as a small plot, in lines of about `width` characters."""
+def sheet_text(effect: Effect, demonstration: Demonstration, width: int) -> str:
+    """Describe an effect in lines of about `width` characters, with a small plot of what it does to the rig."""
     texts = {
         **sections(effect),
         "Block": effect.block,
@@ -71,9 +71,9 @@ def sheet_text(effect: Effect, shown: Demonstration, width: int) -> str:
         "Candidate": f"{'yes' if effect.candidate else 'no'}, of `clutch-hil discrepancy`",
     }
     lines = [_section(name, text, width) for name, text in texts.items()]
-    rows = _aligned([_cells(p) for p in effect.parameters])
-    parameters = [textwrap.fill(row, max(width, 40), subsequent_indent=" " * _NAME) for row in rows]
-    return "\n".join([f"{effect.name}: {effect.title}", "", *lines, "", *parameters, "", _plot(shown)])
+    rows = _align_rows([_cells(p) for p in effect.parameters])
+    parameters = [textwrap.fill(row, max(width, 40), subsequent_indent=" " * _NAME_WIDTH) for row in rows]
+    return "\n".join([f"{effect.name}: {effect.title}", "", *lines, "", *parameters, "", _plot(demonstration)])
 
 
 def document(effect: Effect) -> dict[str, Any]:
@@ -110,30 +110,30 @@ def _cells(p: Strength | Shape) -> tuple[str, ...]:
     return (p.name, p.unit, off, f"typical {p.typical:g}", f"{p.bounds[0]:g}..{p.bounds[1]:g}", p.source)
 
 
-def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Rows as lines whose columns begin below each other."""
+def _align_rows(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Format rows as lines with aligned columns."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return [_GAP.join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
+    return [_COLUMN_GAP.join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
 
 
 def _section(name: str, text: str, width: int) -> str:
-    """A section with its name; lines that are too long are wrapped, the others stay, as those of equations."""
-    lines = [part for line in text.splitlines() for part in textwrap.wrap(line, max(width - _NAME, 40)) or [""]]
-    return "\n".join(f"{name if i == 0 else '':<{_NAME}}{line}".rstrip() for i, line in enumerate(lines))
+    """Format a section with its name. Lines that are too long are wrapped; the others, such as equations, stay."""
+    lines = [part for line in text.splitlines() for part in textwrap.wrap(line, max(width - _NAME_WIDTH, 40)) or [""]]
+    return "\n".join(f"{name if i == 0 else '':<{_NAME_WIDTH}}{line}".rstrip() for i, line in enumerate(lines))
 
 
-def _plot(shown: Demonstration) -> str:
-    """The quantity without, with and the difference as sparklines over time."""
-    without, with_it = shown.without[shown.column], shown.with_it[shown.column]
+def _plot(demonstration: Demonstration) -> str:
+    """Plot the quantity without and with the effect, and the difference, as sparklines over time."""
+    without, with_it = demonstration.without[demonstration.column], demonstration.with_it[demonstration.column]
     low, high = min(without.min(), with_it.min()), max(without.max(), with_it.max())
     rows = (
         ("without", without, low, high),
         ("with", with_it, low, high),
-        ("with - without", shown.difference, *_span(shown.difference)),
+        ("with - without", demonstration.difference, *_span(demonstration.difference)),
     )
-    lines = [f"{shown.what} [{shown.unit}] over time: {shown.excitation.title}"]
+    lines = [f"{demonstration.what} [{demonstration.unit}] over time: {demonstration.excitation.title}"]
     lines += [
-        f"{name:<{_NAME}}{sparkline(_means(y), *ends)}  {ends[0]:.4g}..{ends[1]:.4g} {shown.unit}"
+        f"{name:<{_NAME_WIDTH}}{sparkline(_means(y), *ends)}  {ends[0]:.4g}..{ends[1]:.4g} {demonstration.unit}"
         for name, y, *ends in rows
     ]
     return "\n".join(lines)
@@ -145,5 +145,5 @@ def _span(values: np.ndarray) -> tuple[float, float]:
 
 
 def _means(values: np.ndarray) -> np.ndarray:
-    """Means (_POINTS,) of neighbouring values (n,)."""
-    return np.array([part.mean() for part in np.array_split(values, _POINTS)])
+    """Means (_SPARKLINE_WIDTH,) of neighbouring values (n,)."""
+    return np.array([part.mean() for part in np.array_split(values, _SPARKLINE_WIDTH)])

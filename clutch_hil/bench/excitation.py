@@ -1,4 +1,4 @@
-"""Excitations of the rig in open loop: what shows an effect, and the rig's measured answer to them."""
+"""Excitations of the rig in open loop, which show an effect, and the measured answer of the rig to them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from protocols.files.units import ZERO_CELSIUS
 
 PERIOD = 1e-3  # s, of samples and inputs
 QUANTITIES: Mapping[str, tuple[str, str, float]] = {  # column of docs/rig.md: what, unit, resolution
-    # resolution: standard deviation of noise and quantisation, docs/rig.md, 9; of slip that of the encoder over a period
+    # resolution: standard deviation of noise and quantisation (docs/rig.md, 9); of the slip that of the encoder in one period
     "clutch_torque_nm": ("clutch torque", "Nm", 0.05),
     "cylinder_pressure_bar": ("cylinder pressure", "bar", 0.0053),
     "slip_speed_rad_s": ("slip speed", "rad/s", 0.016),
@@ -27,17 +27,17 @@ INPUTS: Mapping[str, tuple[str, str]] = {  # column of docs/rig.md: what, unit
     "motor_speed_demand_rad_s": ("speed demand", "rad/s"),
 }
 _SUBSTEPS = round(PERIOD / wet_clutch.STEP_LIMIT)
-_QUIET = {f"sensors.{name}_noise": 0.0 for name in ("pressure", "temperature", "torque")}
+_NOISE_FREE = {f"sensors.{name}_noise": 0.0 for name in ("pressure", "temperature", "torque")}
 _BAR_PER_VOLT = 2.5  # docs/rig.md, 1
-_PRESSED = 3.4 / _BAR_PER_VOLT  # V, at which most figures of chapter 6 are measured
+_PRESSED_VOLTAGE = 3.4 / _BAR_PER_VOLT  # V, at which most figures of chapter 6 are measured
 
 
 @dataclass(frozen=True, eq=False)
 class Excitation:
-    """Valve voltage [V] and speed demand [rad/s], each (n,), one value a PERIOD, from `celsius` [degC] on.
+    """Valve voltage [V] and speed demand [rad/s], each (n,), one value for each PERIOD.
 
-    `filled`: the piston begins at the plates, else at rest. The answer to the first `settling` samples is not looked at.
-    `over`: the column its answer is drawn over.
+    settling: number of samples at the begin whose answer is not compared. celsius: oil temperature at the begin [degC].
+    filled: whether the piston begins at the plates; if not, it begins at rest. over: column on the horizontal axis of its plot.
     """
 
     title: str
@@ -52,18 +52,18 @@ class Excitation:
 def answer(
     parameters: ParameterSet, excitation: Excitation, later: tuple[int, ParameterSet] | None = None
 ) -> dict[str, np.ndarray]:
-    """Columns of docs/rig.md (n,) that the data acquisition, free of noise, takes from a rig with `parameters`.
+    """Simulate a rig with `parameters`; return what the data acquisition measures without noise: columns of docs/rig.md (n,).
 
-    later: a sample and the parameters from it on.
+    later: index of a sample, and the parameters from that sample on.
     """
-    rig = wet_clutch.Rig(parameters.with_values(_QUIET))
+    rig = wet_clutch.Rig(parameters.with_values(_NOISE_FREE))
     begin = rig.filled if excitation.filled else rig.at_rest
     state = begin(excitation.speed[0], excitation.celsius + ZERO_CELSIUS)
     sensors, limit = Sensors(1), parameters["motor.torque_limit"].si
     samples = np.empty((len(excitation.voltage), 5))
     for k, (voltage, speed) in enumerate(zip(excitation.voltage.tolist(), excitation.speed.tolist(), strict=True)):
         if later and later[0] == k:
-            before, rig = rig, wet_clutch.Rig(later[1].with_values(_QUIET))
+            before, rig = rig, wet_clutch.Rig(later[1].with_values(_NOISE_FREE))
             state = state._replace(effects=rig.table.carried(state.effects, before.table))
         counts, state = sensors.sample(rig, state, PERIOD)
         samples[k] = counts
@@ -90,7 +90,7 @@ def _columns(samples: np.ndarray, excitation: Excitation) -> dict[str, np.ndarra
 
 
 def _engagement(celsius: float) -> Excitation:
-    voltage = np.concatenate([np.full(450, _PRESSED), np.zeros(300)])
+    voltage = np.concatenate([np.full(450, _PRESSED_VOLTAGE), np.zeros(300)])
     title = f"step to 3.4 bar and release, 20 rad/s, {celsius:g} degC"
     return Excitation(title, voltage, np.full(len(voltage), 20.0), celsius=celsius, filled=False)
 
@@ -99,7 +99,7 @@ def _triangle() -> Excitation:
     up = np.linspace(2.4, 4.2, 1500)
     pressure = np.concatenate(
         [np.full(300, 2.4), up, up[::-1], up, up[::-1]]
-    )  # the first loop begins where no loop ends
+    )  # the first loop begins in another state than the next
     return Excitation(
         "triangle of 2.4 to 4.2 bar, 1.5 s each way, 20 rad/s",
         pressure / _BAR_PER_VOLT, np.full(len(pressure), 20.0), settling=300 + 3000, over="valve_voltage_v",
@@ -111,21 +111,21 @@ def _slip_sine(amplitude: float, hertz: float) -> Excitation:
     speed = amplitude * np.cos(2.0 * np.pi / period * np.arange(period + 3000 // period * period))
     return Excitation(
         f"slip sine of {amplitude:g} rad/s, {hertz:g} Hz, 3.4 bar",
-        np.full(len(speed), _PRESSED), speed, settling=len(speed) - period, over="motor_speed_demand_rad_s",
+        np.full(len(speed), _PRESSED_VOLTAGE), speed, settling=len(speed) - period, over="motor_speed_demand_rad_s",
     )  # fmt: skip
 
 
 def _slip_steps() -> Excitation:
     speed = np.concatenate([np.full(600, 5.0), np.full(200, 15.0), np.full(200, 5.0)])
-    return Excitation("slip steps 5, 15, 5 rad/s, 3.4 bar", np.full(len(speed), _PRESSED), speed, settling=550)
+    return Excitation("slip steps 5, 15, 5 rad/s, 3.4 bar", np.full(len(speed), _PRESSED_VOLTAGE), speed, settling=550)
 
 
 def _crawl() -> Excitation:
-    return Excitation("slip of 4 rad/s, 3.4 bar", np.full(2200, _PRESSED), np.full(2200, 4.0), settling=600)
+    return Excitation("slip of 4 rad/s, 3.4 bar", np.full(2200, _PRESSED_VOLTAGE), np.full(2200, 4.0), settling=600)
 
 
 def _hold() -> Excitation:
-    voltage = np.concatenate([np.full(12000, _PRESSED), np.zeros(1000)])
+    voltage = np.concatenate([np.full(12000, _PRESSED_VOLTAGE), np.zeros(1000)])
     return Excitation(
         "12 s of 3.4 bar and 20 rad/s from 50 degC on, then released",
         voltage, np.full(len(voltage), 20.0), settling=400, celsius=50.0,

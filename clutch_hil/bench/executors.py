@@ -1,7 +1,7 @@
-"""Executors: where independent cases are computed, behind the interface of `concurrent.futures`.
+"""Executors: they compute independent cases, behind the interface of `concurrent.futures`.
 
-Processes of this machine, or the workers of a Dask cluster at an address (extra `dask`). A case is computed whole in one place,
-so the place changes no result.
+They are processes of this machine, or the workers of a Dask cluster at an address (extra `dask`). A case is computed by one
+worker from begin to end, so its result is the same on every worker.
 """
 
 import os
@@ -24,9 +24,9 @@ R = TypeVar("R")
 
 @contextmanager
 def executor(workers: int | None = None, address: str | None = None) -> Iterator[Executor]:
-    """`workers` processes, one for each CPU if None, or the Dask cluster at `address`.
+    """Open `workers` processes, one for each CPU if None, or the Dask cluster at `address`.
 
-    Processes are ended at once where the block is left by an exception: a case may take minutes. Raises InputError.
+    An exception in the block ends the processes at once, because a case may take minutes. Raises InputError.
     """
     if address is not None:
         if workers is not None:
@@ -56,9 +56,9 @@ def executor(workers: int | None = None, address: str | None = None) -> Iterator
 def compute(
     function: Callable[[C], R], cases: Sequence[C], workers: int | None = None, address: str | None = None
 ) -> Iterator[tuple[int, R]]:
-    """Yield (index, result) of every case as it comes. Cases of a worker that died are computed again, twice at most.
+    """Yield (index, result) of every case as it is ready. Cases of a worker that died are computed again, twice at most.
 
-    Raises InputError, also where the workers keep dying or the cluster is lost, and what `function` raises.
+    Raises what `function` raises, and InputError, also where workers die three times or the cluster is lost.
     """
     left = dict(enumerate(cases))
     killed: Any = _dask(address).KilledWorker if address is not None else ()
@@ -86,7 +86,7 @@ def compute(
 
 
 def _dask(address: str) -> Any:
-    """The module `distributed`, loaded where an address is given. Raises InputError where it is not installed."""
+    """Import the module `distributed`, which only a cluster needs. Raises InputError where it is not installed."""
     try:
         return import_module("distributed")
     except ImportError:

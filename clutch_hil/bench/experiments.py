@@ -1,7 +1,7 @@
-"""Experiments: the profiles in pressure by which a clutch is identified, written by `python -m clutch_hil.bench.experiments`.
+"""Experiments: profiles of pressure that identify a clutch. `python -m clutch_hil.bench.experiments` writes them.
 
-Each is made of straight lines, and its file in `profiles` says in its first line what it is; a test holds files and
-functions together. All but the cold start drive the cylinder pressure at a set slip, as chapter 6 of Janssens 2010 does.
+Each is made of straight lines. The docstring of its function is the first line of its file in `profiles`; a test compares
+files and functions. All but the cold start command the cylinder pressure at a set slip, as chapter 6 of Janssens 2010 does.
 
 References      Janssens 2010, figs 6.11 (torque over pressure), 6.12 (torque over slip), 6.14 (sine of the slip),
                 6.15 (multisine of the pressure); Pintelon & Schoukens 2012, ch. 4 (multisine)
@@ -18,38 +18,38 @@ from plant_sim.rigs.multisine import Multisine
 from protocols.files.units import RPM
 
 PRESSURE = 3.4  # bar, where the dynamics of the thesis were identified (figs 6.14, 6.15)
-RISE = 4.0  # bar/s: it overshoots by 0.08 bar, a step by 0.16 bar
+PRESSURE_RATE = 4.0  # bar/s: the pressure overshoots by 0.08 bar, after a step by 0.16 bar
 STEP = 0.001  # s, one sample at 1 kHz
-IDLE = 0.3  # s before the first demand: the controller wants to have been asked for idle
-FILLED = 0.2  # s, of which the fill takes 0.13
-SETTLED = 1.0  # s: the pressure is within 5 mbar after 0.55 s
-FLIP = 0.05  # s from one direction of slip to the other: 0.05 kg m^2 take 40 Nm from 20 to -20 rad/s
-RELEASED = 0.5  # s after the last demand, 0.2 s of which the release takes
+IDLE_TIME = 0.3  # s before the first demand: the controller must be asked for idle first
+FILL_TIME = 0.2  # s at the fill pressure; the fill takes 0.13 s
+SETTLING_TIME = 1.0  # s after a rise; the pressure is within 5 mbar after 0.55 s
+REVERSAL_TIME = 0.05  # s from one direction of slip to the other: 0.05 kg m^2 take 40 Nm from 20 to -20 rad/s
+RELEASE_TIME = 0.5  # s after the last demand; the release takes 0.2 s
 
 
 class Course:
-    """Rows of a profile in the order of time: straight lines from one set-point to the next."""
+    """Rows of a profile over time: straight lines from one set-point to the next."""
 
     def __init__(self, speed: float) -> None:
         self._time, self._now = 0.0, {"torque": 0.0, "speed": speed, "pressure": 0.0}
         self.rows = [self._row()]
-        self.to(IDLE)
+        self.to(IDLE_TIME)
 
     def to(self, seconds: float, **values: float) -> None:
-        """Go to torque [Nm], speed [rad/s] or pressure [bar] in a straight line; what is not named stays."""
+        """Go to torque [Nm], speed [rad/s] or pressure [bar] in a straight line of `seconds` [s]; others stay as they are."""
         self._time += seconds
         self._now |= values
         self.rows.append(self._row())
 
     def close(self, hold: float, pressure: float) -> None:
-        """Fill, go up to `pressure` [bar] at RISE and stay for `hold` [s]."""
+        """Fill, go to `pressure` [bar] at PRESSURE_RATE and stay for `hold` [s]."""
         self.to(STEP, pressure=FILL_PRESSURE)
-        self.to(FILLED)
-        self.to(max((pressure - FILL_PRESSURE) / RISE, STEP), pressure=pressure)
+        self.to(FILL_TIME)
+        self.to(max((pressure - FILL_PRESSURE) / PRESSURE_RATE, STEP), pressure=pressure)
         self.to(hold)
 
-    def release(self, rest: float = RELEASED) -> None:
-        """Ask for nothing from one sample to the next, and wait for `rest` [s]."""
+    def release(self, rest: float = RELEASE_TIME) -> None:
+        """Set the demand to 0 within a sample, and wait for `rest` [s]."""
         self.to(STEP, torque=0.0, pressure=0.0)
         self.to(rest)
 
@@ -61,7 +61,7 @@ def stribeck_staircase() -> Course:
     """3.4 bar, slip in steps of 1 s from 25 to 1 rad/s and back: torque over slip, both ways (fig 6.12)."""
     down = (25.0, 20.0, 15.0, 10.0, 7.0, 5.0, 3.0, 2.0, 1.0)  # rad/s, closer where the Stribeck curve bends
     course = Course(down[0])
-    course.close(SETTLED, PRESSURE)
+    course.close(SETTLING_TIME, PRESSURE)
     for speed in down[1:] + down[-2::-1]:
         course.to(0.1, speed=speed)  # the motor's 0.05 kg m^2 need less than 3 Nm
         course.to(0.9)
@@ -72,7 +72,7 @@ def stribeck_staircase() -> Course:
 def slip_sine() -> Course:
     """3.4 bar, slip of 100 rpm and a sine of 60 rpm: 0.5 Hz for the curve, 5 Hz for the lag of friction (fig 6.14)."""
     course = Course(100 * RPM)
-    course.close(SETTLED, PRESSURE)
+    course.close(SETTLING_TIME, PRESSURE)
     for frequency, periods in ((0.5, 2), (5.0, 20)):  # Hz
         for k in range(1, 20 * periods + 1):  # 20 rows a period leave out 0.4 % of the sine
             course.to(0.05 / frequency, speed=100 * RPM + 60 * RPM * math.sin(2.0 * math.pi * k / 20))
@@ -87,7 +87,7 @@ def multisine() -> Course:
     source = Multisine(np.arange(1, 31), amplitude=0.03, samples=200)
     random = np.random.default_rng(615)
     course = Course(200 * RPM)
-    course.close(SETTLED, PRESSURE)
+    course.close(SETTLING_TIME, PRESSURE)
     for _ in range(2):
         for value in np.tile(source.period(random), 5):
             course.to(0.005, pressure=PRESSURE + float(value))
@@ -99,8 +99,8 @@ def multisine() -> Course:
 def hold_and_release() -> Course:
     """3.4 bar held for 1 s, released, and again after 0.4, 0.8, 1.6 and 3.2 s: what the rest between two fills changes."""
     course = Course(100 * RPM)
-    for rest in (0.4, 0.8, 1.6, 3.2, RELEASED):
-        course.close(SETTLED, PRESSURE)
+    for rest in (0.4, 0.8, 1.6, 3.2, RELEASE_TIME):
+        course.close(SETTLING_TIME, PRESSURE)
         course.release(rest)
     return course
 
@@ -110,7 +110,7 @@ def seal_hysteresis_triangle() -> Course:
     rate = 0.5  # bar/s: the pressure loop of 10 Hz is 8 mbar behind
     corners = (2.6, 4.2, 2.6, 3.6, 3.0, 3.6, 4.2, 3.2, 3.8, 3.2, 2.6, 3.0, 2.6)
     course = Course(200 * RPM)
-    course.close(SETTLED, corners[0])
+    course.close(SETTLING_TIME, corners[0])
     for before, after in pairwise(corners):
         course.to(abs(after - before) / rate, pressure=after)
     course.release()
@@ -147,7 +147,7 @@ def reversals() -> Course:
         course.to(0.1, speed=speed)
         for sign in (-1.0, 1.0, -1.0, 1.0):
             # The torque turns within the 0.1 s in which the controller bears that the motor's contradicts the estimate.
-            course.to(FLIP, speed=sign * speed)
+            course.to(REVERSAL_TIME, speed=sign * speed)
             course.to(0.5)
     course.to(0.2, speed=2.0, pressure=FILL_PRESSURE)
     course.to(0.5)
@@ -189,7 +189,7 @@ def long_hold() -> Course:
     """3.8 bar and 24 rad/s held for 12 s, opened for 1, 3 and 0.5 s, each time closed again: what heat and rest change."""
     course = Course(24.0)
     course.close(12.0, 3.8)
-    for rest in (1.0, 3.0, RELEASED):
+    for rest in (1.0, 3.0, RELEASE_TIME):
         course.release(rest)
         course.close(0.6, 3.8)
     course.release()
@@ -269,7 +269,7 @@ EXPERIMENTS: Mapping[str, Callable[[], Course]] = {
 
 
 def text(name: str) -> str:
-    """The file of an experiment."""
+    """Contents of the file of an experiment."""
     make = EXPERIMENTS[name]
     rows = (f"{time:.3f},{torque:g},{speed:.4g},{pressure:.5g}" for time, torque, speed, pressure in make().rows)
     head = f"# {make.__doc__}\n# Written by python -m clutch_hil.bench.experiments.\n{','.join((*COLUMNS, PRESSURE_COLUMN))}\n"

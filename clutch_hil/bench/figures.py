@@ -1,4 +1,4 @@
-"""Figures of a run and of a sweep, as matplotlib has them: to be shown in a notebook, changed, or saved by `savefig`."""
+"""Figures of a run and of a sweep, for matplotlib: to show in a notebook, to change, or to save by `savefig`."""
 
 from collections.abc import Sequence
 
@@ -15,13 +15,13 @@ from protocols.errors import InputError, closest
 from protocols.files.run import Run
 
 _SIZE = 7.0, 4.5  # inch
-_COLOURS = "viridis"  # of a measure over two parameters: even steps to the eye, also without colour vision
+_COLOURS = "viridis"  # of a map: perceptually uniform, also for the colour-blind
 _TICKS = 8  # at an axis of a map
 _DOT = 30.0  # pt^2, of a run among others
 
 
 def draw_run(run: Run, title: str = "") -> Figure:
-    """Draw a run over time as its rig is drawn: torques, pressures, speeds, phases, faults, and when something was injected.
+    """Draw a run over time as its rig defines it: torques, pressures, speeds, phases, faults and times of injections.
 
     Raises InputError for a run that lacks a column that is drawn.
     """
@@ -37,10 +37,10 @@ def draw_run(run: Run, title: str = "") -> Figure:
 def draw_sweep(table: pa.Table, x: str | Sequence[str], y: str) -> Figure:
     """Draw a measure over one parameter of a sweep, or over two.
 
-    `table` is what `sweep` returns; `x` a parameter in it, or a pair of them; `y` a measure. Over one parameter every run is a
-    point, and where nothing else was varied a line goes through the means over the seeds. Over two the colour is the mean
-    over all runs at a point: a map where the points are a grid, else dots. Runs whose measure is not a number are not drawn;
-    the title counts them. Raises InputError.
+    `table` is the result of `sweep`, `x` a parameter in it or a pair of them, `y` a measure. Over one parameter every run is a
+    point. If only that parameter was varied, a line joins the means over the seeds. Over two parameters the colour is the mean
+    over all runs at a point, as a map where the points form a grid, and as dots elsewhere. Runs whose measure is NaN are not
+    drawn; the title counts them. Raises InputError.
     """
     names = (x,) if isinstance(x, str) else tuple(x)
     parameters = table.column_names[: table.column_names.index("seed")] if "seed" in table.column_names else []
@@ -77,7 +77,7 @@ def draw_sweep(table: pa.Table, x: str | Sequence[str], y: str) -> Figure:
 
 
 def _draw_line(axes: Axes, x: np.ndarray, y: np.ndarray, alone: bool) -> None:
-    """Runs as points (n,), and their means where x `alone` was varied."""
+    """Draw runs as points, x and y (n,), and the line of their means if only x was varied (`alone`)."""
     axes.scatter(x, y, s=_DOT, color=palette.CYCLE[1], label="run", alpha=0.6, lw=0)
     if alone and len(x):
         places, means = _means(x[np.newaxis], y)
@@ -86,11 +86,11 @@ def _draw_line(axes: Axes, x: np.ndarray, y: np.ndarray, alone: bool) -> None:
 
 
 def _draw_map(figure: Figure, axes: Axes, points: np.ndarray, y: np.ndarray, label: str) -> None:
-    """Means of y (n,) at `points` (2, n) by colour."""
+    """Draw the means of y (n,) at `points` (2, n) as colours."""
     places, means = _means(points, y)
     across, up = (np.unique(one) for one in places)
     if len(means) == len(across) * len(up) and min(len(across), len(up)) > 1:
-        grid = means.reshape(len(across), len(up)).T  # places are sorted, the second parameter varying fastest
+        grid = means.reshape(len(across), len(up)).T  # places are sorted; the second parameter varies fastest
         colours: ScalarMappable = axes.pcolormesh(across, up, grid, shading="nearest", cmap=_COLOURS)
         axes.set_xticks(_ticks(across))
         axes.set_yticks(_ticks(up))
@@ -101,7 +101,7 @@ def _draw_map(figure: Figure, axes: Axes, points: np.ndarray, y: np.ndarray, lab
 
 
 def _ticks(values: np.ndarray) -> np.ndarray:
-    """Those of `values` that are written at an axis, _TICKS at most."""
+    """Those of `values` that are written at an axis, at most _TICKS."""
     return values[:: -(-len(values) // _TICKS)]
 
 

@@ -1,8 +1,8 @@
 """How well a torque follows its demand, as section 6.5 of Janssens 2010 measures it.
 
-Rise time       from the first demand until the torque first reaches 90 % of the desired trajectory, counted from where
-                the trajectory itself has made 90 % of its first rise (on the way up any lag would pass for "reached")
-Regime          from that moment until the demand ends
+Rise time       from the first demand until the torque reaches 90 % of the demand. Only samples count in which the demand has
+                itself made 90 % of its first rise: during the rise, a small demand would soon be reached
+Regime          from the end of the rise time until the demand ends
 Regime error    mean absolute error in the regime
 """
 
@@ -10,12 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-REACHED = 0.9  # Janssens 2010, sec. 6.5
-_PLATEAU = 0.02  # s without a rise end the first rise of the demand
+REACHED_SHARE = 0.9  # Janssens 2010, sec. 6.5
+_PLATEAU_TIME = 0.02  # s without a rise, which end the first rise of the demand
 
 
 class Following(NamedTuple):
-    """Regime error [Nm] and rise time [s]; NaN when 90 % was never reached."""
+    """Regime error [Nm] and rise time [s]; both are NaN if 90 % was never reached."""
 
     regime_error: float
     rise_time: float
@@ -32,14 +32,14 @@ def following(time: np.ndarray, demand: np.ndarray, torque: np.ndarray) -> Follo
 
 
 def regime(time: np.ndarray, demand: np.ndarray, torque: np.ndarray) -> slice:
-    """The samples of the regime; arguments as of `following`. Empty when 90 % was never reached."""
-    asked = np.flatnonzero(demand > 0.0)
-    if not len(asked):
+    """Samples of the regime; it is empty if 90 % was never reached. The arguments are those of `following`."""
+    demanded = np.flatnonzero(demand > 0.0)
+    if not len(demanded):
         return slice(0, 0)
-    first, end = asked[0], asked[-1] + 1
+    first, end = demanded[0], demanded[-1] + 1
     level = _first_level(time[first:end], demand[first:end])
     reached = np.flatnonzero(
-        (demand[first:end] >= REACHED * level) & (torque[first:end] >= REACHED * demand[first:end])
+        (demand[first:end] >= REACHED_SHARE * level) & (torque[first:end] >= REACHED_SHARE * demand[first:end])
     )
     return slice(int(first + reached[0]), int(end)) if len(reached) else slice(0, 0)
 
@@ -48,5 +48,5 @@ def _first_level(time: np.ndarray, demand: np.ndarray) -> float:
     """The highest demand before it first stops rising."""
     highest = np.maximum.accumulate(demand)
     rises = np.flatnonzero(np.diff(highest, prepend=-1.0) > 0.0)
-    pauses = np.flatnonzero(np.diff(time[rises], append=np.inf) > _PLATEAU)
+    pauses = np.flatnonzero(np.diff(time[rises], append=np.inf) > _PLATEAU_TIME)
     return float(demand[rises[pauses[0]]])

@@ -1,4 +1,4 @@
-"""Runs in memory: a scenario or a profile simulated from Python, its columns as arrays; nothing is written."""
+"""Runs in memory: simulate a scenario or a profile from Python and get its columns as arrays. Nothing is written."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from clutch_hil.bench.rig import rig_named
-from clutch_hil.bench.scenario import Scenario, chosen_scenario
+from clutch_hil.bench.scenario import Scenario, choose_scenario
 from clutch_hil.bench.simulate import Simulation
 from plant_sim.node.injection import effect_on
 from protocols.files.run import Run
@@ -33,13 +33,13 @@ def simulate(
 ) -> Run:
     """Simulate plant and controllers of a rig in this process, as `clutch-hil simulate` does.
 
-    `scenario` is the name of one that is shipped or the path of a TOML file. Without one `profile` is played, a shipped name or
-    the path of a CSV file, `engagement` if none is given. seconds [s] repeats or cuts the profile; rate [Hz]; temperature
-    [degC] of the oil at the start; `law` is both, feedforward or feedback. `plant_parameters` and `controller_parameters` are
-    TOML files that change parameters, such as a model file of `find_discrepancy`; `plant` and `controller` change them by
-    dotted name, each in its declared unit. `effects` are switched on, with typical values or with those given by short name;
-    where there are two clutches as `a.friction_level`. None is what the scenario has. `progress(cycle, cycles)` is called now
-    and then.
+    `scenario` is the name of a shipped scenario or the path of a TOML file. Without it `profile` is played: a shipped name, the
+    path of a CSV file, or `engagement` if it is None. `seconds` [s] repeats or cuts the profile. `rate` is in Hz. `temperature`
+    [degC] is that of the oil at the start. `law` is both, feedforward or feedback. `plant_parameters` and
+    `controller_parameters` are TOML files that change parameters, such as a model file of `find_discrepancy`. `plant` and
+    `controller` change parameters by dotted name, each in its declared unit. `effects` are switched on, with typical values or
+    with values by short name; on a rig of two clutches their names are as `a.friction_level`. An argument that is None leaves
+    what the scenario has. `progress(cycle, cycles)` is called now and then.
 
     Returns the columns that a run file of it would have, each of shape (samples,), with units, meanings and metadata.
     Raises InputError.
@@ -48,30 +48,30 @@ def simulate(
         "profile": profile, "seconds": seconds, "rate": rate, "seed": seed, "temperature": temperature, "law": law,
         "adaptation": adaptation, "plant_parameters": plant_parameters, "controller_parameters": controller_parameters,
     }  # fmt: skip
-    chosen = composed_scenario(scenario, settings, plant, controller, effects)
-    played, metadata = Simulation(chosen).play_described(progress)
-    described = played.described()
+    chosen = compose_scenario(scenario, settings, plant, controller, effects)
+    played, metadata = Simulation(chosen).play_with_metadata(progress)
+    descriptions = played.column_descriptions()
     return Run(
         played.columns(),
         metadata,
-        {column.name: column.unit for column in described},
-        {column.name: column.meaning for column in described},
+        {column.name: column.unit for column in descriptions},
+        {column.name: column.meaning for column in descriptions},
     )
 
 
-def composed_scenario(
+def compose_scenario(
     scenario: str | Path | None,
     settings: Mapping[str, Any],
     plant: Values | None = None,
     controller: Values | None = None,
     effects: Iterable[str] | Mapping[str, Values] = (),
 ) -> Scenario:
-    """The scenario that `simulate` plays when given the same. Raises InputError."""
+    """Compose the scenario that `simulate` plays with these arguments. Raises InputError."""
     given = dict(settings)
     for name, kind in (("profile", str), ("plant_parameters", Path), ("controller_parameters", Path)):
         if given.get(name) is not None:
             given[name] = kind(given[name])
-    chosen = chosen_scenario(None if scenario is None else str(scenario), given)
+    chosen = choose_scenario(None if scenario is None else str(scenario), given)
     if isinstance(effects, str):
         effects = [effects]
     named = effects if isinstance(effects, Mapping) else {name: {} for name in effects}
@@ -88,5 +88,5 @@ def composed_scenario(
 
 
 def measure_run(run: Run) -> dict[str, float | str]:
-    """Every measure of a run by name: a number in its unit, not-a-number where it cannot be measured, or a word."""
+    """Compute every measure of a run, by name: a number in its unit, NaN where it cannot be measured, or a word."""
     return {name: measure.of(run.columns) for name, measure in rig_named(run.metadata["rig"]).measures.items()}

@@ -1,4 +1,4 @@
-"""Plant and controllers in one process, frame by frame as on a bus: deterministic, for sweeps and tests."""
+"""Plant and controllers in one process, frame by frame as on a bus. It is deterministic, for sweeps and tests."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from clutch_hil.bench.following import Following
-from clutch_hil.bench.measures import followed
+from clutch_hil.bench.measures import measure_following
 from clutch_hil.bench.recording import TORQUE_DEMAND, run_columns
 from protocols.can.two_clutches import CONTROLLERS
 from protocols.node import Column, Node
 
-_TOLD_EVERY = 500  # cycles between two calls of `progress`
+_PROGRESS_INTERVAL = 500  # cycles between two calls of `progress`
 
 
 @dataclass(frozen=True)
@@ -29,27 +29,27 @@ class Played:
         return self.columns()[name]
 
     def columns(self) -> dict[str, np.ndarray]:
-        """The columns that a run file of this would have, by name."""
-        names = [column.name for column in self.described()]
+        """Columns that a run file of this would have, by name, each (cycles,)."""
+        names = [column.name for column in self.column_descriptions()]
         plant = len(self.plant_columns)
         values = [*self.plant.T, *(column for controller in self.controllers for column in controller.T)]
-        found = dict(zip(names[:plant] + names[plant + 1 :], values, strict=True))
-        demand = found[f"{CONTROLLERS[0]}_{TORQUE_DEMAND.name}"]
-        return {name: demand if name == TORQUE_DEMAND.name else found[name] for name in names}
+        by_name = dict(zip(names[:plant] + names[plant + 1 :], values, strict=True))
+        demand = by_name[f"{CONTROLLERS[0]}_{TORQUE_DEMAND.name}"]
+        return {name: demand if name == TORQUE_DEMAND.name else by_name[name] for name in names}
 
-    def described(self) -> list[Column]:
+    def column_descriptions(self) -> list[Column]:
         """Name, unit and meaning of those columns."""
         return run_columns(self.plant_columns, self.controller_columns)
 
     def following(self, begin: float = 0.0, end: float = float("inf")) -> Following:
-        """How well the true torque followed the demand between two times [s]."""
+        """How well the true torque followed its demand from `begin` [s] to before `end` [s]."""
         columns = self.columns()
         part = (columns["time_s"] >= begin) & (columns["time_s"] < end)
-        return followed({name: column[part] for name, column in columns.items()})
+        return measure_following({name: column[part] for name, column in columns.items()})
 
 
 def play(plant: Any, *controllers: Node, progress: Callable[[int], None] | None = None) -> Played:
-    """Play the plant's profile to its end with a controller for each clutch. `progress(cycle)` is called now and then."""
+    """Play the plant's profile to its end, with one controller for each clutch. `progress(cycle)` is called now and then."""
     rows: list[list[np.ndarray]] = [[] for _ in (plant, *controllers)]
     commands = [0] * len(controllers)
     while not plant.finished:
@@ -62,7 +62,7 @@ def play(plant: Any, *controllers: Node, progress: Callable[[int], None] | None 
         commands = [controller.cycle(*inbox) for controller, inbox in zip(controllers, inboxes, strict=True)]
         for record, controller in zip(rows[1:], controllers, strict=True):
             record.append(controller.record.copy())
-        if progress and plant.tick % _TOLD_EVERY == 0:
+        if progress and plant.tick % _PROGRESS_INTERVAL == 0:
             progress(plant.tick)
     records, *terms = map(np.array, rows)
     return Played(
@@ -73,12 +73,18 @@ def play(plant: Any, *controllers: Node, progress: Callable[[int], None] | None 
     )
 
 
-def _inboxes(shown: np.ndarray, count: int, said: Sequence[np.ndarray]) -> list[tuple[np.ndarray, int]]:
-    """What each controller hears, a batch and its frames: what the others have `said` since the sample before comes first, as
-    on a bus, then the `count` frames that the plant has `shown`."""
-    if len(said) == 1:
-        return [(shown, count)]
-    heard = [
-        np.concatenate([*(frames for j, frames in enumerate(said) if j != k), shown[:count]]) for k in range(len(said))
+def _inboxes(
+    plant_frames: np.ndarray, count: int, controller_frames: Sequence[np.ndarray]
+) -> list[tuple[np.ndarray, int]]:
+    """Frames that reach each controller: an array and the number of its rows that count.
+
+    As on a bus, the `controller_frames` of the others since the last sample come first. The first `count` rows of
+    `plant_frames` follow.
+    """
+    if len(controller_frames) == 1:
+        return [(plant_frames, count)]
+    batches = [
+        np.concatenate([*(frames for j, frames in enumerate(controller_frames) if j != k), plant_frames[:count]])
+        for k in range(len(controller_frames))
     ]
-    return [(batch, len(batch)) for batch in heard]
+    return [(batch, len(batch)) for batch in batches]

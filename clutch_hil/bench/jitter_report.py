@@ -1,4 +1,4 @@
-"""What `clutch-hil jitter` tells: a table, ratios to the witness, to cyclictest and to an echo, a picture, a verdict."""
+"""Report of `clutch-hil jitter`: a table, ratios to the witness, to cyclictest and to an echo, a picture, a verdict."""
 
 import platform
 from collections.abc import Mapping, Sequence
@@ -9,23 +9,23 @@ from typing import Any
 import numpy as np
 
 from clutch_hil.bench import palette
-from clutch_hil.bench.jitter import SWEPT, Measured, Point, Setting, summary
+from clutch_hil.bench.jitter import SWEEP_TRIGGERS, Measurements, Point, Setting, summary
 from clutch_hil.bench.loads import Load
 from clutch_hil.bench.progress import table_text
 from protocols.errors import InputError
 
 _SERVICES = ("plant", "controller")
-_TAKEN = ("page faults plant", "controller", "collections", "threads")
-_SHOWN = ("p50", "p99", "p99.9", "p99.99", "max")
+_FOOTPRINT_COLUMNS = ("page faults plant", "controller", "collections", "threads")
+_PERCENTILES = ("p50", "p99", "p99.9", "p99.99", "max")
 # What the p99.9 of the wake-up [us] means for a machine, in the bands of LinuxCNC's latency test, which takes the maximum
 BANDS = ((20.0, "excellent"), (50.0, "good"), (100.0, "fair"), (1000.0, "poor: late now and then at 1 kHz"))
 UNUSABLE = "unusable for a fixed rate"
-KNEE = 0.002  # share of late cycles up to which a rate is kept
+KNEE = 0.002  # largest share of late cycles at which the loop still keeps a rate
 MOST_UNEXPLAINED = 100.0  # late cycles per million that the machine does not explain: more is a bad verdict
 
 
-def checked(setting: Setting, cpus: Sequence[int]) -> Setting:
-    """The setting when it can be measured. Raises InputError."""
+def check_setting(setting: Setting, cpus: Sequence[int]) -> Setting:
+    """Return `setting` if it can be measured; `cpus` are allowed. Raises InputError."""
     if setting.cpu not in cpus:
         raise InputError(f"CPU {setting.cpu} is not ours; allowed are {', '.join(map(str, cpus))}")
     if not 1.0 <= setting.piece <= 60.0:
@@ -36,9 +36,9 @@ def checked(setting: Setting, cpus: Sequence[int]) -> Setting:
 
 
 def document(
-    setting: Setting, loads: Sequence[Load], measured: Mapping[str, Measured], interrupted: bool
+    setting: Setting, loads: Sequence[Load], measured: Mapping[str, Measurements], interrupted: bool
 ) -> dict[str, Any]:
-    """Everything that was measured, for machines."""
+    """Everything that was measured, for JSON."""
     phases: dict[str, Any] = {}
     for name, one in measured.items():
         if not one.durations:
@@ -57,33 +57,33 @@ def document(
     }  # fmt: skip
 
 
-def _counts(one: Measured) -> dict[str, Any]:
-    """Cycles, late ones, and where there were services, what these took from the system."""
+def _counts(one: Measurements) -> dict[str, Any]:
+    """Numbers of cycles and, where there were services, their footprint."""
     counts: dict[str, Any] = {"cycles": one.cycles, "near": one.near, "late": one.late, "unexplained": one.unexplained}
     return counts | ({"footprint": {k: dict(v) for k, v in one.footprint.items()}} if one.footprint else {})
 
 
-def _share(told: Mapping[str, Any]) -> str:
-    """Percentage of all cycles that are near time lost to the machine."""
-    return f"{100.0 * told['near'] / max(told['cycles'], 1):.2f}"
+def _share(measurement: Mapping[str, Any]) -> str:
+    """Percentage of all cycles that are near a spike or a stall."""
+    return f"{100.0 * measurement['near'] / max(measurement['cycles'], 1):.2f}"
 
 
-def _footprint(told: Mapping[str, Any]) -> tuple[str, ...]:
-    """Page faults of plant and controller, collections and threads of both."""
-    taken = told.get("footprint", {})
-    faults = [str(one["minor_faults"] + one["major_faults"]) for one in (taken.get(k) for k in _SERVICES) if one]
-    both = [str(sum(one[what] for one in taken.values())) for what in ("collections", "threads_begun")]
-    return (*faults, *both) if taken else ("-",) * 4
+def _footprint(measurement: Mapping[str, Any]) -> tuple[str, ...]:
+    """Cells of the table: page faults of plant and controller, then collections and new threads of both together."""
+    footprint = measurement.get("footprint", {})
+    faults = [str(one["minor_faults"] + one["major_faults"]) for one in (footprint.get(k) for k in _SERVICES) if one]
+    both = [str(sum(one[what] for one in footprint.values())) for what in ("collections", "threads_begun")]
+    return (*faults, *both) if footprint else ("-",) * 4
 
 
 def _ratios(phases: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Of p50, p99 and p99.9, each pair measured in one run."""
-    found = []
+    """Ratios of p50, p99 and p99.9 between phases of one run."""
+    ratios = []
 
     def ratio(name: str, what: str, beside: str, other: Mapping[str, float]) -> None:
         own = phases[name][what]
         shares = {p: own[p] / other[p] for p in ("p50", "p99", "p99.9") if p in own and p in other and other[p] > 0.0}
-        found.append({"of": f"{what} of {name}", "to": beside, **shares})
+        ratios.append({"of": f"{what} of {name}", "to": beside, **shares})
 
     for name in phases:
         if "wake" in phases[name] and "witness" in phases[name] and name != "closed loop, bus":
@@ -93,20 +93,20 @@ def _ratios(phases: Mapping[str, Any]) -> list[dict[str, Any]]:
     for echo in ("echo, raw frames", "echo, python-can and cantools"):
         if echo in phases and "closed loop, bus" in phases:
             ratio("closed loop, bus", "latency", echo, phases[echo]["latency"])
-    return found
+    return ratios
 
 
-def text(told: Mapping[str, Any]) -> str:
-    """The tables, for people."""
-    rows: list[tuple[str, ...]] = [("phase", "us", *_SHOWN)]
-    for name, one in told["phases"].items():
-        shown = [what for what in ("wake", "witness", "step", "latency", "period") if what in one]
+def text(measurement: Mapping[str, Any]) -> str:
+    """Format the tables of `document`."""
+    rows: list[tuple[str, ...]] = [("phase", "us", *_PERCENTILES)]
+    for name, one in measurement["phases"].items():
+        durations = [what for what in ("wake", "witness", "step", "latency", "period") if what in one]
         rows += [
-            (name if what == shown[0] else "", what, *(_number(one[what].get(p, nan)) for p in _SHOWN))
-            for what in shown
+            (name if what == durations[0] else "", what, *(_number(one[what].get(p, nan)) for p in _PERCENTILES))
+            for what in durations
         ]
-    counts = [("phase", "cycles", "near %", "late", "unexplained", "a million", *_TAKEN)]
-    for name, one in told["phases"].items():
+    counts = [("phase", "cycles", "near %", "late", "unexplained", "a million", *_FOOTPRINT_COLUMNS)]
+    for name, one in measurement["phases"].items():
         if "period" in one:
             million = 1e6 * one["unexplained"] / max(one["cycles"], 1)
             late = (str(one["cycles"]), _share(one), str(one["late"]), str(one["unexplained"]), f"{million:.0f}")
@@ -114,22 +114,35 @@ def text(told: Mapping[str, Any]) -> str:
     ratios: list[tuple[str, ...]] = [("ratio of", "to", "p50", "p99", "p99.9")]
     ratios += [
         (one["of"], one["to"], *(_number(one.get(p, nan), 2) for p in ("p50", "p99", "p99.9")))
-        for one in told["ratios"]
+        for one in measurement["ratios"]
     ]
-    load = f"load: {', '.join(told['loads'])}" if told["loads"] else "load: none"
+    load = f"load: {', '.join(measurement['loads'])}" if measurement["loads"] else "load: none"
     return "\n".join(
-        [f"machine: {told['machine']}; {load}", "", table_text(rows), "", table_text(counts), "", table_text(ratios)]
+        [
+            f"machine: {measurement['machine']}; {load}",
+            "",
+            table_text(rows),
+            "",
+            table_text(counts),
+            "",
+            table_text(ratios),
+        ]
     )
 
 
 def sweep_document(
-    setting: Setting, loads: Sequence[Load], measured: Mapping[Point, Measured], interrupted: bool
+    setting: Setting, loads: Sequence[Load], measured: Mapping[Point, Measurements], interrupted: bool
 ) -> dict[str, Any]:
-    """What was measured at each rate, and by trigger the knee [Hz]: the highest rate up to which each has at most KNEE late."""
+    """What was measured at each rate, for JSON, and the knee [Hz] of each trigger.
+
+    The knee is the highest rate up to which every measured rate has at most the share KNEE of late cycles.
+    """
     rates: list[dict[str, Any]] = []
     knee: dict[str, int | None] = {}
     over: set[str] = set()  # triggers
-    for (rate, trigger), one in sorted(measured.items(), key=lambda found: (SWEPT.index(found[0][1]), found[0])):
+    for (rate, trigger), one in sorted(
+        measured.items(), key=lambda found: (SWEEP_TRIGGERS.index(found[0][1]), found[0])
+    ):
         knee.setdefault(trigger, None)
         late = one.late / one.cycles if one.cycles and not one.failure else inf
         if late > KNEE:
@@ -149,28 +162,28 @@ def sweep_document(
     }  # fmt: skip
 
 
-def sweep_text(told: Mapping[str, Any]) -> str:
-    """The table by rate, for people."""
+def sweep_text(measurement: Mapping[str, Any]) -> str:
+    """Format the table by rate of `sweep_document`."""
     rows: list[tuple[str, ...]] = [
         ("begun by", "rate Hz", "period us", "cycles", "near %", "late %", "unexplained", "wake p50", "p99", "step p50", "p99",
-         *_TAKEN)
+         *_FOOTPRINT_COLUMNS)
     ]  # fmt: skip
-    for one in told["rates"]:
+    for one in measurement["rates"]:
         at = (one["trigger"], str(one["rate_hz"]), f"{1e6 / one['rate_hz']:.0f}")
         if "failure" in one:
             rows.append((*at, "failed", *["-"] * 11))
             continue
-        shown = [_number(one[what].get(p, nan)) for what in ("wake", "step") for p in ("p50", "p99")]
+        percentiles = [_number(one[what].get(p, nan)) for what in ("wake", "step") for p in ("p50", "p99")]
         counts = (str(one["cycles"]), _share(one), f"{100.0 * one['late_share']:.3f}", str(one["unexplained"]))
-        rows.append((*at, *counts, *shown, *_footprint(one)))
-    load = f"load: {', '.join(told['loads'])}" if told["loads"] else "load: none"
-    return "\n".join([f"machine: {told['machine']}; {load}", "", table_text(rows)])
+        rows.append((*at, *counts, *percentiles, *_footprint(one)))
+    load = f"load: {', '.join(measurement['loads'])}" if measurement["loads"] else "load: none"
+    return "\n".join([f"machine: {measurement['machine']}; {load}", "", table_text(rows)])
 
 
-def sweep_judged(told: Mapping[str, Any]) -> tuple[str, bool]:
-    """Verdict line, and whether there is a rate that is kept."""
-    knee = {trigger: rate for trigger, rate in told["knee_hz"].items() if rate is not None}
-    if told["interrupted"]:
+def judge_sweep(measurement: Mapping[str, Any]) -> tuple[str, bool]:
+    """Verdict line of a sweep, and whether the loop keeps any rate."""
+    knee = {trigger: rate for trigger, rate in measurement["knee_hz"].items() if rate is not None}
+    if measurement["interrupted"]:
         return "interrupted: what was measured so far is told", False
     if not knee:
         return f"no rate is kept with at most {100.0 * KNEE:g} % late", False
@@ -178,11 +191,11 @@ def sweep_judged(told: Mapping[str, Any]) -> tuple[str, bool]:
     return f"up to {rates} at most {100.0 * KNEE:g} % of the cycles are late", True
 
 
-def judged(told: Mapping[str, Any]) -> tuple[str, bool]:
-    """Verdict line, and whether it is good: late cycles that the machine does not explain are ours."""
-    if told["interrupted"]:
+def judge(measurement: Mapping[str, Any]) -> tuple[str, bool]:
+    """Verdict line, and whether it is good. Late cycles that the machine does not explain are the fault of the loop."""
+    if measurement["interrupted"]:
         return "interrupted: what was measured so far is told", False
-    phases = told["phases"]
+    phases = measurement["phases"]
     loop = phases["closed loop, clock"]
     tail = loop["wake"].get("p99.9", loop["wake"]["max"])
     band = next((name for most, name in BANDS if tail <= most), UNUSABLE)
@@ -196,20 +209,20 @@ def judged(told: Mapping[str, Any]) -> tuple[str, bool]:
     )
 
 
-def draw(setting: Setting, measured: Mapping[str, Measured], path: Path) -> None:
-    """Histograms of wake-up and latency, logarithmic both ways, and their tails."""
+def draw(setting: Setting, measured: Mapping[str, Measurements], path: Path) -> None:
+    """Draw histograms of wake-up and latency, and their tails, on logarithmic axes, into a PNG at `path`."""
     from matplotlib.figure import Figure
 
     figure = Figure((11.0, 7.5), layout="constrained")
     colours = {name: palette.CYCLE[i % len(palette.CYCLE)] for i, name in enumerate(measured)}
     for row, what in enumerate(("wake", "latency")):
-        shown = {name: one.all(what) for name, one in measured.items() if what in one.durations}
-        if not shown:
+        durations = {name: one.all(what) for name, one in measured.items() if what in one.durations}
+        if not durations:
             continue
         left, right = figure.add_subplot(2, 2, 2 * row + 1), figure.add_subplot(2, 2, 2 * row + 2)
-        top = max(float(values.max()) for values in shown.values())
+        top = max(float(values.max()) for values in durations.values())
         edges = np.geomspace(0.1, max(top, 10.0) * 1.1, 90)
-        for name, values in shown.items():
+        for name, values in durations.items():
             clipped = np.clip(values, edges[0], None)
             style: dict[str, Any] = {"where": "post", "label": name, "color": colours[name]}
             left.step(edges[:-1], np.histogram(clipped, edges)[0] / len(values), **style)

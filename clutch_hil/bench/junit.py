@@ -1,7 +1,8 @@
 """JUnit: verdicts of scenarios as the XML that test benches and continuous integration read.
 
-A test suite a scenario, a test case a limit. A scenario without limits has one case: its own verdict. One that could not be
-run has one case with an error. Layout: junit-10.xsd of Jenkins' xUnit plug-in (jenkinsci/xunit-plugin).
+A scenario is a test suite and each of its limits a test case. A scenario without limits has one case, its own verdict. A
+scenario that could not be run has one case with an error. Layout: junit-10.xsd of Jenkins' xUnit plug-in
+(jenkinsci/xunit-plugin).
 """
 
 import contextlib
@@ -24,7 +25,7 @@ _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]") 
 
 
 class Case(NamedTuple):
-    """The scenario of a label that was run for `seconds` [s] from `began` on: its result, or why it could not be."""
+    """One run of the scenario with this label: its result, or None and the `error`. It `began` then and took `seconds` [s]."""
 
     label: Label
     result: Result | None
@@ -34,14 +35,14 @@ class Case(NamedTuple):
 
 
 def junit_path(path: Path | None) -> None:
-    """Raise InputError when nothing can be written to `path`, before a run is made for it."""
+    """Raise InputError when nothing can be written to `path`; to be called before the run."""
     if path is not None:
         writable(path.parent)
         part = path.with_name(path.name + ".part")  # what `whole_file` writes
         try:
             if path.is_dir():
                 raise InputError(f"file {path} cannot be written: it is a folder")
-            with contextlib.suppress(FileExistsError):  # another run writes there: so can this one
+            with contextlib.suppress(FileExistsError):  # another run writes to it, so this one can
                 part.touch(exist_ok=False)
                 part.unlink()
         except OSError as error:
@@ -69,9 +70,9 @@ def _suite(case: Case) -> ElementTree.Element:
         hostname=platform.node(),
         time=f"{case.seconds:.3f}",
     )
-    said = {**label.properties, **{f"version {name}": version for name, version in versions().items()}}
+    texts = {**label.properties, **{f"version {name}": version for name, version in versions().items()}}
     properties = ElementTree.SubElement(suite, "properties")
-    for name, value in said.items():
+    for name, value in texts.items():
         ElementTree.SubElement(properties, "property", name=name, value=_clean(value))
     if result is None:
         _add(suite, "run", "error", case.error)

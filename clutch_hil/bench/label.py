@@ -1,15 +1,15 @@
-"""Label: what the result of a run says of the scenario it comes from, and of a blind one does not say."""
+"""Label: what the result of a run tells about its scenario. The label of a blind run hides the scenario."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 from clutch_hil.bench.scenario import Scenario
-from clutch_hil.bench.sealed import shown_settings
+from clutch_hil.bench.sealed import public_settings
 
 
 @dataclass(frozen=True)
 class Label:
-    """`name` of a result, `what` was read with the files that `changes` it, for people; `properties` for machines."""
+    """name: of the result. what: that was read, as text. changes: parameter files, as text. properties: all of it, for XML."""
 
     name: str
     what: str
@@ -18,14 +18,14 @@ class Label:
 
     @classmethod
     def of(cls, scenario: Scenario, blind: bool = False) -> "Label":
-        """The label of a scenario; a blind one has neither name, title nor file, and of its settings what a blind run has."""
+        """Label of a scenario. A blind one has no name, title or file, and only those settings that a blind run contains."""
         settings = scenario.settings.as_text()
         if blind:
-            return cls("blind", "a scenario, blind", "", {"rig": scenario.rig.name} | shown_settings(settings))
+            return cls("blind", "a scenario, blind", "", {"rig": scenario.rig.name} | public_settings(settings))
         what = f"scenario {scenario.path}" if scenario.path else f"profile {scenario.name}"
-        said = {"title": scenario.title, "rig": scenario.rig.name, "file": str(scenario.path or "-")}
-        return cls(scenario.name, what, scenario.settings.changes(), said | settings)
+        properties = {"title": scenario.title, "rig": scenario.rig.name, "file": str(scenario.path or "-")}
+        return cls(scenario.name, what, scenario.settings.changes(), properties | settings)
 
     def read(self, seconds: float) -> str:
-        """What was read, a profile of `seconds` [s], for people."""
+        """What was read, with its length `seconds` [s], as text."""
         return f"{self.what} ({seconds:g} s){self.changes}"

@@ -1,4 +1,4 @@
-"""Lanes: what is so for a while, as words over time: phase, clutch and fault as a controller has them."""
+"""Lanes: states over time, as words: phase, clutch state and fault of a controller."""
 
 from collections.abc import Mapping
 from itertools import pairwise
@@ -11,19 +11,19 @@ from protocols.can.frames import load_frames
 
 
 class Lane(NamedTuple):
-    """A column of the controller and the word of each of its values; a value that has none is its number."""
+    """A column of the controller, and the word for each of its values."""
 
     name: str
     column: str  # without the node's prefix
     words: Mapping[int, str]
 
     def word(self, value: float) -> str:
-        """What a value says."""
+        """Word for a value; its number where it has none."""
         return self.words.get(int(value), f"{value:g}")
 
 
 class Stretch(NamedTuple):
-    """Samples `begin` to `end`, exclusive, with one `value`."""
+    """Samples `begin` to `end`, `end` excluded, that have one `value`."""
 
     begin: int
     end: int
@@ -31,7 +31,7 @@ class Stretch(NamedTuple):
 
 
 def lanes() -> tuple[Lane, ...]:
-    """Phase, clutch and fault, with the words of the DBC."""
+    """Lanes of phase, clutch state and fault, with the words of the DBC."""
     status = load_frames()["CONTROLLER_STATUS"]
     return (
         Lane("phase", "phase", status.choices("phase")),
@@ -41,8 +41,8 @@ def lanes() -> tuple[Lane, ...]:
 
 
 def stretches(values: np.ndarray) -> list[Stretch]:
-    """Where the values, shape (samples,), stay the same; without those that are no numbers."""
+    """Stretches of equal values, in `values` of shape (samples,). NaN belongs to no stretch."""
     changes = np.flatnonzero(np.diff(values) != 0.0) + 1  # NaN differs from NaN
     edges = [0, *changes.tolist(), len(values)]
-    found = [Stretch(begin, end, float(values[begin])) for begin, end in pairwise(edges)]
-    return [stretch for stretch in found if np.isfinite(stretch.value)]
+    spans = [Stretch(begin, end, float(values[begin])) for begin, end in pairwise(edges)]
+    return [stretch for stretch in spans if np.isfinite(stretch.value)]

@@ -1,39 +1,40 @@
-"""Lateness: which cycles of a loop were late, and which of them because the machine did not run.
+"""Lateness: which cycles of a loop were late, and which of these because the machine ran nothing.
 
-What counts     a cycle is late that ends after its slot, or before which a slot was left out. A witness is a loop on the same
-                CPU that does nothing, above in priority: from its slot until it sleeps again is the machine's time, a spike
-                where that is long (`spike`). A late cycle is explained by a spike, or a stall that a watch has seen, from two
-                periods before its slot to two after its end
-Assumptions     what stops the CPU stops the witness, too; what slows it (caches, a neighbour on its core) is nobody's spike
+What counts     a cycle is late if it ends after its slot, or if a slot before it was left out. A witness is a loop on the same
+                CPU that does nothing and has a higher priority. The time from its slot until it sleeps again is lost to the
+                machine. If it is long it is a spike (`spike`). A late cycle is explained by a spike, or by a stall that a
+                watch found, between two periods before its slot and two after its end
+Assumptions     what stops the CPU also stops the witness. What only slows the CPU (caches, a neighbour on its core) makes no
+                spike
 References      docs/timing.md
 """
 
 import numpy as np
 
-_SPIKE = 0.1  # of a period: time that the loop can do without
-_LEAST_SPIKE = (
-    100_000  # ns: ordinary wake-ups of a virtual machine are late by up to that, and would explain everything
-)
-_NEAR = 2  # periods around a late cycle
+_SPIKE_SHARE = 0.1  # of a period: the loop can lose this time and still be punctual
+# ns: ordinary wake-ups of a virtual machine are late by up to this, and would explain every late cycle
+_LEAST_SPIKE = 100_000
+_NEAR_PERIODS = 2  # before the slot of a late cycle and after its end, in which a spike explains it
 
 
 def late_cycles(slots: np.ndarray, counted: np.ndarray, period_ns: int) -> np.ndarray:
-    """Which cycles (k,) were late, of those in `slots` (n,) [ns], before which `counted` (n,) had ended after their slot.
+    """Indices (k,) of the late cycles.
 
-    A cycle that begins late is not late, unless a slot is left out.
+    slots: of the cycles (n,) [ns]. counted: how many cycles before each had ended after their slot (n,). period_ns: [ns].
+    A cycle that begins late is not late, unless a slot was left out.
     """
     return np.union1d(np.flatnonzero(np.diff(slots) > 1.5 * period_ns), np.flatnonzero(np.diff(counted) > 0))
 
 
 def spike(period_ns: int) -> float:
-    """How long time lost to the machine is that explains something [ns]."""
-    return max(_SPIKE * period_ns, _LEAST_SPIKE)
+    """Shortest time lost to the machine that counts as a spike [ns]."""
+    return max(_SPIKE_SHARE * period_ns, _LEAST_SPIKE)
 
 
 def spikes(slots: np.ndarray, ended: np.ndarray, period_ns: int) -> np.ndarray:
-    """Begin and end (k, 2) of the spikes of a witness that slept again at `ended` (n,) after slots (n,); all ns.
+    """Begin and end (k, 2) of the spikes of a witness that slept again at `ended` (n,) after its `slots` (n,); all in ns.
 
-    A spike lasts from the slot until the witness slept again, or from the first slot that it was not woken for to the next.
+    A spike lasts from a slot until the witness slept again, or from the first slot that it missed to the next one it ran in.
     """
     late = (ended - slots) > spike(period_ns)
     gaps = np.flatnonzero(np.diff(slots) > 1.5 * period_ns)
@@ -41,11 +42,14 @@ def spikes(slots: np.ndarray, ended: np.ndarray, period_ns: int) -> np.ndarray:
     return np.column_stack([begins, np.concatenate([ended[late], slots[gaps + 1]])])
 
 
-def explained(cycles: np.ndarray, lost: np.ndarray, period_ns: int) -> np.ndarray:
-    """Whether cycles, slot and end (k, 2), have time `lost` to the machine, begin and end (n, 2), near; all ns."""
+def mark_explained(cycles: np.ndarray, lost: np.ndarray, period_ns: int) -> np.ndarray:
+    """Mask (k,) of the cycles that are explained: time `lost` to the machine is near.
+
+    cycles: slot and end of each (k, 2). lost: begin and end of each spike and stall (n, 2). All in ns.
+    """
     lost = lost[np.argsort(lost[:, 0])]
     ends = np.append(-np.inf, np.maximum.accumulate(lost[:, 1]))
     before = np.searchsorted(
-        lost[:, 0], cycles[:, 1] + (_NEAR + 0.5) * period_ns, side="right"
+        lost[:, 0], cycles[:, 1] + (_NEAR_PERIODS + 0.5) * period_ns, side="right"
     )  # of those that had begun
-    return ends[before] >= cycles[:, 0] - (_NEAR + 0.5) * period_ns
+    return ends[before] >= cycles[:, 0] - (_NEAR_PERIODS + 0.5) * period_ns

@@ -1,4 +1,4 @@
-"""Limit: what a measure of a run may be, and whether it was."""
+"""Limit: the range that a measure of a run must have, and the judgement of a run by it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ class Limit:
             )
 
     def __str__(self) -> str:
-        """What is asked, for people."""
+        """The condition as text."""
         if self.equal is not None:
             return f"{self.measure} = {self.equal}"
         unit = self.rig.measure(self.measure).unit
@@ -43,7 +43,7 @@ class Limit:
         return f"{low}{self.measure}{high}{'' if unit == '1' else f' {unit}'}"
 
     def judge(self, columns: Columns) -> "Judgement":
-        """Measure the `columns` of a run; what cannot be measured, not-a-number, breaks every limit."""
+        """Judge the `columns` of a run. A measure that is NaN breaks every limit."""
         return self.judge_value(self.rig.measure(self.measure).of(columns))
 
     def judge_value(self, value: float | str) -> "Judgement":
@@ -64,13 +64,13 @@ class Judgement:
 
     def __str__(self) -> str:
         if isinstance(self.value, str):
-            said = self.value
+            value_text = self.value
         else:
-            said = f"{self.value:.4g}" if isfinite(self.value) else "cannot be measured in this run"
-        return f"{self.limit}: {said}"
+            value_text = f"{self.value:.4g}" if isfinite(self.value) else "cannot be measured in this run"
+        return f"{self.limit}: {value_text}"
 
     def document(self) -> dict[str, Any]:
-        """For machines."""
+        """Limit and value, for JSON."""
         limit = self.limit
         return {
             "measure": limit.measure,
@@ -83,6 +83,6 @@ class Judgement:
         }
 
 
-def judged(limits: Sequence[Limit], columns: Columns) -> tuple[Judgement, ...]:
-    """Every limit against the `columns` of a run."""
+def judge_limits(limits: Sequence[Limit], columns: Columns) -> tuple[Judgement, ...]:
+    """Judge the `columns` of a run by every limit."""
     return tuple(limit.judge(columns) for limit in limits)

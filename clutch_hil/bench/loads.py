@@ -1,4 +1,4 @@
-"""Loads: what disturbs a loop while its jitter is measured, at ordinary priority."""
+"""Loads: processes of ordinary priority that disturb a loop while its jitter is measured."""
 
 import contextlib
 import os
@@ -95,7 +95,7 @@ def _full(bus: str, folder: Path) -> list[list[str]]:
 
 @dataclass(frozen=True)
 class Load:
-    """Commands that make a load, of the bus and a folder for what they write. `everywhere`: on the loop's CPU, too."""
+    """A load. `commands(bus, folder)` returns its commands; they write into `folder`. `everywhere`: also on the loop's CPU."""
 
     name: str
     what: str
@@ -104,15 +104,15 @@ class Load:
 
     @contextlib.contextmanager
     def running(self, bus: str) -> Iterator[None]:
-        """The load while entered."""
-        before = os.sched_getaffinity(0)
+        """Run the load while entered."""
+        allowed_cpus = os.sched_getaffinity(0)
         with tempfile.TemporaryDirectory() as folder:
             if self.everywhere:
                 os.sched_setaffinity(0, range(os.cpu_count() or 1))
             try:
                 running = [spawn(command, subprocess.DEVNULL) for command in self.commands(bus, Path(folder))]
             finally:
-                os.sched_setaffinity(0, before)
+                os.sched_setaffinity(0, allowed_cpus)
             try:
                 yield
             finally:
@@ -138,8 +138,8 @@ LOADS = {
 }
 
 
-def chosen(names: Sequence[str]) -> list[Load]:
-    """The loads of these names. Raises InputError."""
+def loads_named(names: Sequence[str]) -> list[Load]:
+    """Loads with these names. Raises InputError."""
     if unknown := [name for name in names if name not in LOADS]:
         raise InputError(f"load {unknown[0]!r} is unknown; allowed are {listing(LOADS)}")
     return [LOADS[name] for name in names]

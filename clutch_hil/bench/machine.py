@@ -1,4 +1,4 @@
-"""Machine: what of kernel and hardware decides on jitter, as this machine has it, and the command that changes it."""
+"""Machine: properties of kernel and hardware that decide on jitter, and the commands that change them."""
 
 import os
 import platform
@@ -11,7 +11,7 @@ _BOOT = "add {} to GRUB_CMDLINE_LINUX in /etc/default/grub, sudo update-grub, an
 
 
 class Fact(NamedTuple):
-    """`state` of something; `good` for a punctual loop or not, None where it is neither; `remedy`, a command."""
+    """A property and its `state`. good: for a punctual loop or not, None if neither. remedy: what changes it."""
 
     name: str
     state: str
@@ -20,7 +20,7 @@ class Fact(NamedTuple):
 
 
 def facts() -> list[Fact]:
-    """What decides on jitter here, most important first."""
+    """Properties of this machine that decide on jitter, the most important first."""
     return [
         _kernel(), _isolated(), _ticks(), _governor(), _siblings(), _throttling(), _huge_pages(), _clock_source(),
         _hypervisor(), _vcan(), _cyclictest(),

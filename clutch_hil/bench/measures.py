@@ -1,9 +1,9 @@
-"""Measure: a number, or a word, by which a run is judged. To add one is to add a line to MEASURES of its rig.
+"""Measures: numbers, or words, by which a run is judged. A new measure is one line in MEASURES of its rig.
 
-Torque, slip and pressure are the true ones, whatever a sensor shows; a run recorded blind has none, so there they are measured.
-Torque and slip are signed; a demand of torque is a magnitude, and is compared with one. A clutch that is to be locked follows
-no demand: how well a torque is followed is judged without the phase lock. A turn of the slip: it begins, ends or changes its
-sign.
+Torque, slip and pressure are the true ones. A run recorded blind has no truth; its measures use the measured ones. Torque and
+slip are signed. A torque demand is a magnitude, and is compared with the magnitude of the torque. A clutch in the phase lock
+follows no demand, so this phase is left out where the torque is compared with its demand. The slip turns where it begins,
+ends or changes its sign.
 """
 
 from collections.abc import Callable, Mapping
@@ -15,19 +15,21 @@ from clutch_hil.bench.following import Following, following, regime
 from protocols.can.frames import load_frames
 
 Columns = Mapping[str, np.ndarray]
-_EQUAL_PRESSURE = 0.05  # bar, width of a bin in a loop: ten quantisation steps of the ADC
-_EQUAL_SLIP = 0.5  # rad/s, the same
-_MOVING = 0.05  # bar/s and rad/s^2: below, a demand neither rises nor falls
-_HELD = 0.2  # s before the end of an engagement, in which it is taken as settled
-_EXCITED = 1e-3  # of the strongest line's power: a line that the demand holds on purpose
+_PRESSURE_BIN = 0.05  # bar, width of a bin of equal pressure: ten quantisation steps of the ADC
+_SLIP_BIN = 0.5  # rad/s, width of a bin of equal slip
+_LEAST_DEMAND_RATE = 0.05  # bar/s and rad/s^2: a demand that changes more slowly neither rises nor falls
+_HOLD_TIME = 0.2  # s at the end of an engagement, in which the torque counts as settled
+_EXCITED_POWER_SHARE = 1e-3  # of the power of the strongest line: a weaker line is not part of the multisine
 _HALF_POWER = 0.5**0.5  # -3 dB
-_STANDS = 0.01  # rad/s, a fifth of the slowest creep: below, plates stand; where they stick the true slip is 0
-_TURNING = 0.03  # s after a turn of the slip, in which friction is on its way (two lags of the thesis, 12 ms each)
-_EDGE = 0.1  # share of the span of slip that counts as slow, and as fast
+_STANDING_SLIP = (
+    0.01  # rad/s: plates with less slip stand. A fifth of the slowest creep; plates that stick have no slip
+)
+_TURN_TIME = 0.03  # s after a turn of the slip, in which friction settles: two friction lags of the thesis, 12 ms each
+_EDGE_SHARE = 0.1  # share of the span of slip that counts as slow, and as fast
 
 
 class Measure(NamedTuple):
-    """`of` makes it from the columns of a run; `unit` is empty for a word, of which `words` lists the allowed ones."""
+    """`of` computes the measure from the columns of a run. A word has an empty `unit`; `words` lists the allowed words."""
 
     unit: str
     what: str
@@ -36,13 +38,13 @@ class Measure(NamedTuple):
 
 
 def torque(columns: Columns) -> np.ndarray:
-    """The clutch torque [Nm], true where the run tells it; signed as the slip."""
+    """Clutch torque (n,) [Nm], signed as the slip; the true one where the run has it."""
     return columns.get("truth_clutch_torque_nm", columns["clutch_torque_nm"])
 
 
-def followed(columns: Columns) -> Following:
-    """How well the torque followed its demand, where the clutch was not to be locked."""
-    return following(*_course(columns))
+def measure_following(columns: Columns) -> Following:
+    """How well the torque followed its demand, without the phase lock."""
+    return following(*_demand_and_torque(columns))
 
 
 def _magnitude(columns: Columns) -> np.ndarray:
@@ -50,94 +52,94 @@ def _magnitude(columns: Columns) -> np.ndarray:
 
 
 def _slip(columns: Columns) -> np.ndarray:
-    """The slip [rad/s], true where the run tells it."""
+    """Slip (n,) [rad/s]; the true one where the run has it."""
     return columns.get("truth_slip_speed_rad_s", columns["slip_speed_rad_s"])
 
 
 def _pressure(columns: Columns) -> np.ndarray:
-    """The cylinder pressure [bar], true where the run tells it."""
+    """Cylinder pressure (n,) [bar]; the true one where the run has it."""
     return columns.get("truth_cylinder_pressure_bar", columns["cylinder_pressure_bar"])
 
 
 def faults() -> tuple[str, ...]:
-    """Words of the measure `fault`."""
+    """Allowed words of the measure `fault`."""
     return tuple(load_frames()["CONTROLLER_STATUS"].choices("fault").values())
 
 
-def _course(columns: Columns) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Time [s], torque demand and torque, magnitudes [Nm], without the phase lock."""
-    part = ~_locking(columns)
+def _demand_and_torque(columns: Columns) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Time [s], and magnitudes of torque demand and torque [Nm], each (k,), without the phase lock."""
+    part = ~_in_lock(columns)
     return columns["time_s"][part], np.nan_to_num(columns["torque_demand_nm"][part]), _magnitude(columns)[part]
 
 
 def _largest_error(columns: Columns) -> float:
-    time, demand, moment = _course(columns)
+    time, demand, moment = _demand_and_torque(columns)
     return _highest(np.abs(moment - demand)[regime(time, demand, moment)])
 
 
-def _phase(columns: Columns, name: str) -> np.ndarray:
-    """Mask of the samples in a phase."""
+def _in_phase(columns: Columns, name: str) -> np.ndarray:
+    """Mask (n,) of the samples in the phase `name`."""
     phases = {text: value for value, text in load_frames()["CONTROLLER_STATUS"].choices("phase").items()}
     return columns["controller_phase"] == phases[name]
 
 
-def _slipping(columns: Columns) -> np.ndarray:
-    return _phase(columns, "slip control")
+def _in_slip_control(columns: Columns) -> np.ndarray:
+    return _in_phase(columns, "slip control")
 
 
-def _locking(columns: Columns) -> np.ndarray:
-    return _phase(columns, "lock")
+def _in_lock(columns: Columns) -> np.ndarray:
+    return _in_phase(columns, "lock")
 
 
 def _pressure_error(columns: Columns) -> float:
     error = columns["controller_pressure_demand_bar"] - _pressure(columns)
-    return _mean(np.abs(error[_slipping(columns)]))
+    return _mean(np.abs(error[_in_slip_control(columns)]))
 
 
 def _loop(columns: Columns, demand: np.ndarray, value: np.ndarray, width: float) -> float:
-    """Torque at a falling less that at a rising `demand`, mean over the bins of `value` that were passed both ways."""
+    """Torque at a falling minus torque at a rising `demand` [Nm], mean over the bins of `value` that have both."""
     slope = np.gradient(demand, columns["time_s"])
-    moment, sliding, bins = _magnitude(columns), _slipping(columns), np.floor(value / width)
-    up, down = sliding & (slope > _MOVING), sliding & (slope < -_MOVING)
+    moment, sliding, bins = _magnitude(columns), _in_slip_control(columns), np.floor(value / width)
+    up, down = sliding & (slope > _LEAST_DEMAND_RATE), sliding & (slope < -_LEAST_DEMAND_RATE)
     both = np.intersect1d(bins[up], bins[down])
     return _mean(np.array([moment[down & (bins == b)].mean() - moment[up & (bins == b)].mean() for b in both]))
 
 
 def _pressure_loop(columns: Columns) -> float:
-    return _loop(columns, columns["controller_pressure_demand_bar"], _pressure(columns), _EQUAL_PRESSURE)
+    return _loop(columns, columns["controller_pressure_demand_bar"], _pressure(columns), _PRESSURE_BIN)
 
 
 def _slip_loop(columns: Columns) -> float:
-    return _loop(columns, columns["motor_speed_demand_rad_s"], columns["slip_speed_rad_s"], _EQUAL_SLIP)
+    return _loop(columns, columns["motor_speed_demand_rad_s"], columns["slip_speed_rad_s"], _SLIP_BIN)
 
 
 def _stretches(mask: np.ndarray) -> list[slice]:
-    """Where a mask is true without a gap."""
+    """Slices in which a mask is true without a gap."""
     edges = np.flatnonzero(np.diff(mask.astype(int), prepend=0, append=0))
     return [slice(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
 def _held_torque_spread(columns: Columns) -> float:
-    samples = round(_HELD / float(columns["time_s"][1] - columns["time_s"][0]))
-    held = [_magnitude(columns)[part][-samples:].mean() for part in _stretches(_slipping(columns))]
+    samples = round(_HOLD_TIME / float(columns["time_s"][1] - columns["time_s"][0]))
+    held = [_magnitude(columns)[part][-samples:].mean() for part in _stretches(_in_slip_control(columns))]
     return float(max(held) - min(held)) if held else float("nan")
 
 
 def _longest_fill(columns: Columns) -> float:
     step = float(columns["time_s"][1] - columns["time_s"][0])
-    return _highest(np.array([(part.stop - part.start) * step for part in _stretches(_phase(columns, "fill"))]))
+    return _highest(np.array([(part.stop - part.start) * step for part in _stretches(_in_phase(columns, "fill"))]))
 
 
 def _pressure_bandwidth(columns: Columns) -> float:
-    """By the ratio of the cross and the power spectrum of the demand, over whole seconds of slip control."""
+    """Bandwidth [Hz] from the cross spectrum over the power spectrum of the demand, in whole seconds of slip control."""
     rate = round(1.0 / float(columns["time_s"][1] - columns["time_s"][0]))
-    part = max(_stretches(_slipping(columns)), key=lambda s: s.stop - s.start, default=slice(0, 0))
+    part = max(_stretches(_in_slip_control(columns)), key=lambda s: s.stop - s.start, default=slice(0, 0))
     signals = columns["controller_pressure_demand_bar"], _pressure(columns)
     demand, pressure = (_seconds(signal[part], rate) for signal in signals)
     power = (np.abs(demand) ** 2).sum(axis=0)
     if not len(demand):
         return float("nan")
-    excited = np.flatnonzero(power[1:] > _EXCITED * power[1:].max()) + 1  # Hz, as the lines are 1 Hz apart
+    excited = np.flatnonzero(power[1:] > _EXCITED_POWER_SHARE * power[1:].max()) + 1  # Hz, as the lines are 1 Hz apart
     gain = np.abs((pressure * demand.conj()).sum(axis=0)[excited] / power[excited])
     below = np.flatnonzero(gain < _HALF_POWER * gain[0])
     if not len(below) or below[0] == 0:
@@ -147,18 +149,18 @@ def _pressure_bandwidth(columns: Columns) -> float:
 
 
 def _seconds(signal: np.ndarray, rate: int) -> np.ndarray:
-    """Spectra (seconds, lines of 1 Hz) of the whole seconds before the end of a signal."""
+    """Spectra (seconds, lines of 1 Hz) of the last whole seconds of a signal."""
     whole = len(signal) // rate
     return np.fft.rfft(signal[len(signal) - whole * rate :].reshape(whole, rate), axis=1)
 
 
 def _torque_over_slip(columns: Columns) -> float:
-    sliding = _slipping(columns)
+    sliding = _in_slip_control(columns)
     slip, moment = np.abs(columns["slip_speed_rad_s"][sliding]), _magnitude(columns)[sliding]
     if not len(slip):
         return float("nan")
     low, high = slip.min(), slip.max()
-    slow, fast = slip < low + _EDGE * (high - low), slip > high - _EDGE * (high - low)
+    slow, fast = slip < low + _EDGE_SHARE * (high - low), slip > high - _EDGE_SHARE * (high - low)
     return _mean(moment[fast]) - _mean(moment[slow])
 
 
@@ -174,16 +176,18 @@ def _fault_time(columns: Columns) -> float:
 
 
 def _level(columns: Columns) -> float:
-    level = columns["controller_friction_level"][_slipping(columns)]
+    level = columns["controller_friction_level"][_in_slip_control(columns)]
     return float(level[-1]) if len(level) else float("nan")
 
 
 def _estimate_errors(columns: Columns) -> tuple[np.ndarray, np.ndarray]:
-    """Errors of the estimate [Nm] while the clutch is closed: outside _TURNING after a turn of the slip, and inside."""
+    """Absolute errors of the estimate [Nm] of a closed clutch: later than _TURN_TIME after a turn, and within it."""
     step = float(columns["time_s"][1] - columns["time_s"][0])
-    changes = np.diff(np.sign(np.where(np.abs(_slip(columns)) < _STANDS, 0.0, _slip(columns))), prepend=0.0) != 0.0
-    turning = np.convolve(changes, np.ones(round(_TURNING / step)))[: len(changes)] > 0.0
-    error, closed = np.abs(columns["controller_torque_estimate_nm"] - torque(columns)), _closed(columns)
+    changes = (
+        np.diff(np.sign(np.where(np.abs(_slip(columns)) < _STANDING_SLIP, 0.0, _slip(columns))), prepend=0.0) != 0.0
+    )
+    turning = np.convolve(changes, np.ones(round(_TURN_TIME / step)))[: len(changes)] > 0.0
+    error, closed = np.abs(columns["controller_torque_estimate_nm"] - torque(columns)), _is_closed(columns)
     return error[closed & ~turning], error[closed & turning]
 
 
@@ -195,44 +199,44 @@ def _turning_error(columns: Columns) -> float:
     return _highest(_estimate_errors(columns)[1])
 
 
-def _closed(columns: Columns) -> np.ndarray:
-    return _slipping(columns) | _locking(columns)
+def _is_closed(columns: Columns) -> np.ndarray:
+    return _in_slip_control(columns) | _in_lock(columns)
 
 
-def _standing(columns: Columns) -> np.ndarray:
-    return np.abs(_slip(columns)) < _STANDS
+def _is_standing(columns: Columns) -> np.ndarray:
+    return np.abs(_slip(columns)) < _STANDING_SLIP
 
 
 def _locked_time(columns: Columns) -> float:
-    locking = _locking(columns)
+    locking = _in_lock(columns)
     step = float(columns["time_s"][1] - columns["time_s"][0])
-    return step * np.count_nonzero(locking & _standing(columns)) if locking.any() else float("nan")
+    return step * np.count_nonzero(locking & _is_standing(columns)) if locking.any() else float("nan")
 
 
 def _standstill_times(columns: Columns, mask: np.ndarray) -> np.ndarray:
-    """From the begin of each stretch of `mask` until the plates stand [s]; not a number where they never do."""
-    standing, time = _standing(columns), columns["time_s"]
+    """Times from the begin of each stretch of `mask` until the plates stand [s]; NaN where they never do."""
+    standing, time = _is_standing(columns), columns["time_s"]
     firsts = [(part, np.flatnonzero(standing[part])) for part in _stretches(mask)]
     return np.array([time[p.start + at[0]] - time[p.start] if len(at) else np.nan for p, at in firsts])
 
 
 def _locking_time(columns: Columns) -> float:
-    return _highest(_standstill_times(columns, _locking(columns)))
+    return _highest(_standstill_times(columns, _in_lock(columns)))
 
 
 def _stopping_time(columns: Columns) -> float:
-    return _highest(_standstill_times(columns, _closed(columns)))
+    return _highest(_standstill_times(columns, _is_closed(columns)))
 
 
 def _stopping_spread(columns: Columns) -> float:
-    times = _standstill_times(columns, _closed(columns))
+    times = _standstill_times(columns, _is_closed(columns))
     return float(np.ptp(times)) if len(times) else float("nan")
 
 
 def _held_angle(columns: Columns) -> float:
     """Of the encoder, between the first standstill of a lock and its end."""
-    standing, turns = _standing(columns), []
-    for part in _stretches(_locking(columns)):
+    standing, turns = _is_standing(columns), []
+    for part in _stretches(_in_lock(columns)):
         angle = columns["shaft_angle_rad"][part][np.maximum.accumulate(standing[part])]
         turns += [np.ptp(angle)] if len(angle) else []
     return _highest(np.array(turns))
@@ -240,8 +244,8 @@ def _held_angle(columns: Columns) -> float:
 
 def _breakaway(columns: Columns) -> float:
     """The torque of the last sample in which they stand."""
-    stands = _closed(columns) & _standing(columns)
-    leaves = np.flatnonzero(stands[:-1] & ~stands[1:] & _closed(columns)[1:])
+    stands = _is_closed(columns) & _is_standing(columns)
+    leaves = np.flatnonzero(stands[:-1] & ~stands[1:] & _is_closed(columns)[1:])
     return _highest(_magnitude(columns)[leaves])
 
 
@@ -254,8 +258,10 @@ def _mean(values: np.ndarray) -> float:
 
 
 MEASURES: Mapping[str, Measure] = {
-    "regime_error_nm": Measure("Nm", "mean error of the torque once 90 % of the demand is reached", lambda c: followed(c)[0]),
-    "rise_time_s": Measure("s", "from the first demand until 90 % of it is reached", lambda c: followed(c)[1]),
+    "regime_error_nm": Measure(
+        "Nm", "mean error of the torque once 90 % of the demand is reached", lambda c: measure_following(c)[0],
+    ),
+    "rise_time_s": Measure("s", "from the first demand until 90 % of it is reached", lambda c: measure_following(c)[1]),
     "max_torque_error_nm": Measure("Nm", "largest error of the torque once 90 % of the demand is reached", _largest_error),
     "peak_torque_nm": Measure("Nm", "highest torque, either way", lambda c: _highest(_magnitude(c))),
     "peak_pressure_bar": Measure("bar", "highest pressure", lambda c: _highest(_pressure(c))),

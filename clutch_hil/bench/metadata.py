@@ -1,4 +1,4 @@
-"""Metadata of a run file: where it comes from."""
+"""Metadata of a run file: its origin."""
 
 import sys
 from collections.abc import Mapping, Sequence
@@ -13,7 +13,7 @@ _PACKAGES = ("clutch-hil", "numpy", "numba", "python-can", "cantools", "pyarrow"
 
 
 def versions() -> dict[str, str]:
-    """Versions of what a run is made by, by name."""
+    """Versions of the packages that make a run, and of Python, by name."""
     return {name: version(name) for name in _PACKAGES} | {"python": sys.version.split()[0]}
 
 
@@ -24,10 +24,10 @@ def run_metadata(
     controllers: Mapping[str, Mapping[str, float]],
     injections: Sequence[Mapping[str, Any]] = (),
 ) -> dict[str, Any]:
-    """Rig, rate [Hz], versions, parameters of all sides and effects that are on at the start, and what was injected later.
+    """Metadata of a run: rig, rate [Hz], versions, parameters, effects that are on at the start, and later injections.
 
-    Parameters are in the unit their TOML file declares, those of the controllers by name of the controller; `injections` as
-    `PlantNode.injected`.
+    Parameters are in the units that their TOML files declare. `controllers` has those of each controller by its name.
+    `injections` are those of `PlantNode.injected`.
     """
     return {
         "rig": rig.name,

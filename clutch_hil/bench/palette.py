@@ -1,17 +1,17 @@
-"""Palette: one meaning, one colour, in every picture, on the viewer's screen and in a terminal; no colour stands elsewhere.
+"""Palette: all colours of pictures, viewer and terminal. One meaning has one colour everywhere.
 
-A colour is as bright as is read on white paper and on a dark screen alike: contrast 3 at least on both (test_palette.py).
-So it is the same everywhere. A column of a run has its colour here, by what its line tells (`of`), a state its own (`STATES`).
+A colour must be readable on white paper and on a dark screen: its contrast is at least 3 on both (test_palette.py). A column
+of a run has the colour of its meaning (`of`), a state has one of its own (`STATES`).
 """
 
-DEMAND = "#737373"  # grey: what is asked for
-TRUE = "#2a86e0"  # blue: what the plant knows, and the plant itself
-ESTIMATE = "#e0731a"  # orange: what the controller believes, and the controller itself
-MEASURED = "#1f9d62"  # green: what a sensor says
-COMMAND = "#a58a00"  # gold: what is sent to an actuator
-LIMIT = "#e0413f"  # red: a limit, and what is wrong
+DEMAND = "#737373"  # grey: demands
+TRUE = "#2a86e0"  # blue: the truth, and the plant itself
+ESTIMATE = "#e0731a"  # orange: estimates of the controller, and the controller itself
+MEASURED = "#1f9d62"  # green: sensor values
+COMMAND = "#a58a00"  # gold: commands to an actuator
+LIMIT = "#e0413f"  # red: limits and errors
 
-# Without a meaning of their own: they tell lines of one plot apart
+# Colours without a meaning, for further lines of a plot
 CYCLE = ("#a566d6", "#149aa8", "#dc5a9a", "#7d9a1a", "#a9784f", "#7a78e0")
 SECOND, CLUTCH_A, CLUTCH_B, INJECTED = CYCLE[0], CYCLE[1], CYCLE[2], CYCLE[5]
 
@@ -28,7 +28,7 @@ _LINES = {
     "controller_friction_level": ESTIMATE, "controller_wake_us": ESTIMATE, "plant_wake_us": TRUE,
 }  # fmt: skip
 
-# What is so for a while, as words: of the controller, of the clutch, of a service. Darker, as white text stands on it
+# Of states of controller, clutch and services. Darker, as white text is written on them
 _REST, _BUSY, _MOVING, _STANDING, _HELD, _LEAVING = "#607d8b", "#b26a00", "#2e7d32", "#00838f", "#3949ab", "#8e44ad"
 _BAD = "#d32f2f"
 STATES = {
@@ -41,12 +41,12 @@ STATES = {
     "release": _LEAVING,
 }  # fmt: skip
 
-NOTICE, WRONG = f"bold {_BUSY}", f"bold {LIMIT}"  # of text in a terminal: what to look at, what is wrong
-DIM = "bright_black"  # of text in a terminal: as its owner has it
-INK, PAPER, SHADE = "#222222", "#ffffff", "#f0e6d2"  # text and axes on white, the white, a stretch of time on it
+NOTICE, WRONG = f"bold {_BUSY}", f"bold {LIMIT}"  # of text in a terminal: notices and errors
+DIM = "bright_black"  # of text in a terminal: the grey of the user's own theme
+INK, PAPER, SHADE = "#222222", "#ffffff", "#f0e6d2"  # text and axes on white, the white, a shaded span of time
 GRID, TEXT = "#4a4f57", "#b4bac3"  # axes and their labels on the viewer's dark ground
 
-# Of the drawing of a clutch: what things are made of, and oil and plates at rest and fully loaded
+# Of the drawing of a clutch: its materials, and oil and plates without load and at full load
 HOUSING, DRUM, STEEL, SHAFT_STRIPE, SPRING, PLATE_STRIPE = (
     "#6b7683", "#58626e", "#a9b4c0", "#5c6672", "#d9dee4", "#8c8c8c",
 )  # fmt: skip
@@ -55,17 +55,17 @@ COLD_PLATE, LOADED_PLATE = "#786048", "#ff8c28"
 
 
 def of(column: str, number: int = 0) -> str:
-    """Colour of a column; one without a meaning takes the `number`-th of those that have none."""
+    """Colour of a column. A column without a colour of its own takes the one with this `number` in CYCLE."""
     return _LINES.get(column, CYCLE[number % len(CYCLE)])
 
 
 def of_state(word: str) -> str:
-    """Colour of a phase, of a state of clutch or service, of a flag; a word that is not known tells what is wrong."""
+    """Colour of a phase, a state or a flag. Any other word is a fault, and red."""
     return STATES.get(word, _BAD)
 
 
 def badge(word: str | None) -> str:
-    """Style of such a word in a terminal; of none, None or "-", none."""
+    """Style of such a word in a terminal; empty for None, "" and "-"."""
     return "" if word in (None, "", "-") else f"{PAPER} on {of_state(str(word))}"
 
 

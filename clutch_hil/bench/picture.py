@@ -1,8 +1,8 @@
 """Picture of a run: torque, its error, pressure, slip, and phase, clutch and faults over time.
 
-Torque and slip are signed; the demand, a magnitude, is drawn the way round the clutch slips. An error counts along the slip, so
-that more than zero is too much torque either way. Where no torque is asked for, or plates stand and carry what is applied, the
-torque has no error; the estimate has one everywhere.
+Torque and slip are signed. The demand is a magnitude and is drawn with the sign of the slip. An error is positive where the
+torque is too large in magnitude. The error of the torque is drawn only where there is a demand and the plates slide: plates
+that stand carry what is applied. The error of the estimate is drawn everywhere.
 """
 
 from collections.abc import Iterable, Mapping
@@ -13,14 +13,14 @@ import numpy as np
 
 from clutch_hil.bench import palette
 from clutch_hil.bench.clutch_state import STATES
-from clutch_hil.bench.direction import PUSHES, direction
+from clutch_hil.bench.direction import SIGNED_TORQUE, direction
 from clutch_hil.bench.measures import torque as torque_of
-from clutch_hil.bench.sheet import Sheet, at_least, plot_errors, speeds, zero
+from clutch_hil.bench.sheet import Sheet, draw_zero, plot_errors, set_speed_axis, show_at_least
 from protocols.can.request import Request
 
-_HEIGHTS = (2.9, 1.5, 2.0, 1.5)  # in: torque, error, pressure, slip
+_HEIGHTS = (2.9, 1.5, 2.0, 1.5)  # inches: torque, error, pressure, slip
 _TRUE = "truth_clutch_torque_nm"
-# Column, label, width [pt] and style, the last on top; a run has not all of them
+# Column, label, width [pt] and style; later ones are drawn on top, and a run may lack some
 _PRESSURES = (
     ("truth_cylinder_pressure_bar", "true", 2.4, "-"),
     ("cylinder_pressure_bar", "measured", 1.0, "-"),
@@ -40,30 +40,30 @@ def draw_run(path: Path, columns: Mapping[str, np.ndarray], title: str, injected
 
 
 def run_sheet(columns: Mapping[str, np.ndarray], title: str, injected: Iterable[float] = ()) -> Sheet:
-    """The picture, which can still be looked into."""
+    """Draw a run; return the sheet, which is not yet saved."""
     sheet = Sheet(columns, title, _HEIGHTS, {"": "controller_"})
     torque, error, pressure, slip = sheet.panels
     _draw_torque(torque, columns)
     _draw_errors(error, columns)
     for column, label, width, style in _PRESSURES:
         _plot(pressure, columns, column, label, width, style)
-    at_least(pressure, 1.0)
+    show_at_least(pressure, 1.0)
     pressure.set_ylabel("cylinder pressure [bar]")
     for column, label, width, style in _SLIPS:
         _plot(slip, columns, column, label, width, style)
-    speeds(slip, *(columns[column] for column, *_ in _SLIPS if column in columns))
+    set_speed_axis(slip, *(columns[column] for column, *_ in _SLIPS if column in columns))
     slip.set_ylabel("slip [rad/s]")
     sheet.mark(injected, "injected", palette.INJECTED)
     return sheet
 
 
 def _draw_torque(axes: Any, columns: Mapping[str, np.ndarray]) -> None:
-    time, asked = columns["time_s"], demand(columns)
+    time, demand = columns["time_s"], signed_demand(columns)
     axes.plot(time, columns["controller_torque_estimate_nm"], color=palette.ESTIMATE, lw=1.0, label="estimate")
-    name, column = _known(columns)
+    name, column = _torque_column(columns)
     _plot(axes, columns, column, name, 1.4)
-    if np.any(np.nan_to_num(asked) != 0.0):
-        axes.plot(time, asked, color=palette.DEMAND, lw=1.2, ls="--", label="demand")
+    if np.any(np.nan_to_num(demand) != 0.0):
+        axes.plot(time, demand, color=palette.DEMAND, lw=1.2, ls="--", label="demand")
     low, high = axes.get_ylim()
     standing = columns["controller_clutch_state"] >= _STICKING
     if np.any(standing):
@@ -73,16 +73,16 @@ def _draw_torque(axes: Any, columns: Mapping[str, np.ndarray]) -> None:
         )
         high = max(high, 1.05 * float(np.nanmax(capacity)))
     axes.set_ylim(low, high)
-    at_least(axes, 1.0)
+    show_at_least(axes, 1.0)
     axes.set_ylabel("clutch torque [Nm]")
-    if np.any(columns[column] <= -PUSHES):
-        zero(axes)
+    if np.any(columns[column] <= -SIGNED_TORQUE):
+        draw_zero(axes)
 
 
 def _draw_errors(axes: Any, columns: Mapping[str, np.ndarray]) -> None:
-    name, column = _known(columns)
-    torque, sign = columns[column], way(columns)
-    of_demand = np.where(_followed(columns), sign * torque - np.nan_to_num(columns["torque_demand_nm"]), np.nan)
+    name, column = _torque_column(columns)
+    torque, sign = columns[column], slip_direction(columns)
+    of_demand = np.where(_is_followed(columns), sign * torque - np.nan_to_num(columns["torque_demand_nm"]), np.nan)
     of_estimate = sign * (columns["controller_torque_estimate_nm"] - torque)
     errors = {
         f"estimate - {name}": (of_estimate, palette.ESTIMATE, 0.6),
@@ -93,24 +93,24 @@ def _draw_errors(axes: Any, columns: Mapping[str, np.ndarray]) -> None:
     axes.set_ylabel("error [Nm]\n+ is too much")
 
 
-def _known(columns: Mapping[str, np.ndarray]) -> tuple[str, str]:
-    """What the clutch torque is called, and its column: the true one, in a run recorded blind the measured one."""
+def _torque_column(columns: Mapping[str, np.ndarray]) -> tuple[str, str]:
+    """Label and column of the clutch torque: the true one, or the measured one of a run recorded blind."""
     return ("true", _TRUE) if _TRUE in columns else ("measured", "clutch_torque_nm")
 
 
-def way(columns: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Which way round the clutch of a run slips, +1 and -1, by the truth where the run tells it."""
+def slip_direction(columns: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Direction in which the clutch of a run slips, +1 or -1, shape (n,); from the truth where the run has it."""
     return direction(columns.get("truth_slip_speed_rad_s", columns["slip_speed_rad_s"]), torque_of(columns))
 
 
-def demand(columns: Mapping[str, np.ndarray]) -> np.ndarray:
-    """The torque demand [Nm] signed as the slip; not a number where a lock or a pressure is asked for, and no torque."""
+def signed_demand(columns: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Torque demand (n,) [Nm] with the sign of the slip; NaN where a lock or a pressure is asked for."""
     other = np.isin(columns["controller_request"], (Request.LOCK, Request.PRESSURE))
-    return np.where(other, np.nan, way(columns) * np.nan_to_num(columns["torque_demand_nm"]))
+    return np.where(other, np.nan, slip_direction(columns) * np.nan_to_num(columns["torque_demand_nm"]))
 
 
-def _followed(columns: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Where a torque is followed: it is asked for and the plates slide."""
+def _is_followed(columns: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Mask (n,) of the samples in which a torque is asked for and the plates slide."""
     return (columns["controller_request"] == Request.ENGAGE) & (columns["controller_clutch_state"] == _SLIDING)
 
 

@@ -1,13 +1,14 @@
-"""Measures of a run of the power-shift rig: what a hand-over of torque from clutch a to clutch b costs.
+"""Measures of a run of the power-shift rig: the quality of a hand-over of torque from clutch a to clutch b.
 
-Hand-over       begins where the demand of clutch a first falls while b is asked for torque
+Hand-over       begins where the demand of clutch a first falls while there is a demand of clutch b
 Torque phase    ends where the demand of clutch a is 0
-Shift           ends, after that, where clutch a carries less than 5 % of its torque before and clutch b is synchronous: its
-                slip below 4 rad/s. So it ends with the inertia phase, in which the input follows the new ratio
-Window          from where b is first asked for torque, so with its fill, until 0.2 s after the shift; where that does not end,
-                until 1 s after the torque phase
+Shift           ends, after the torque phase, where clutch a carries less than 5 % of its torque before and clutch b is
+                synchronous, with a slip below 4 rad/s. So the shift includes the inertia phase, in which the input speed goes
+                to the new ratio
+Window          begins with the first demand of clutch b, so it includes the fill, and ends 0.2 s after the shift. If the
+                shift does not end, the window ends 1 s after the torque phase
 Before          mean torque in the 0.2 s before the window
-Lock-up         from where clutch b is first in lock until 0.2 s after its plates stand
+Lock-up         begins where clutch b is first in the phase lock, and ends 0.2 s after its plates stand
 """
 
 from collections.abc import Mapping
@@ -19,17 +20,20 @@ from clutch_hil.bench.measures import Columns, Measure, faults
 from protocols.can.frames import load_frames
 from protocols.can.two_clutches import CLUTCHES
 
-_BEFORE = 0.2  # s, long enough to average the sensor noise's way through the loop
-_AFTER = 0.2  # s after the shift: two time constants of the motor's speed loop
-_LONGEST = 1.0  # s after the torque phase that is looked at where the shift does not end
-_CARRIES = 0.05  # share of the torque before, below which clutch a counts as open
+_BEFORE_TIME = 0.2  # s, long enough to average the noise that the loop passes on from the sensors
+_AFTER_TIME = 0.2  # s after the shift: two time constants of the motor's speed loop
+_LONGEST_TIME = 1.0  # s, length of the window after the torque phase where the shift does not end
+_OPEN_SHARE = 0.05  # of the torque before: with a smaller share clutch a counts as open
 SYNCHRONOUS = 4.0  # rad/s: twice the slip that the shipped profile drives with in 2nd gear
-_STANDS = 0.01  # rad/s: below, plates stand; where they stick the true slip is 0
+_STANDING_SLIP = 0.01  # rad/s: plates with less slip stand; where they stick the true slip is 0
 _CONTROLLERS = ("controller_fault", "controller_b_fault")
 
 
 class Handover(NamedTuple):
-    """Sample numbers of the hand-over's parts, None where the run has none, and the torque [Nm] before it."""
+    """Indices of samples in a hand-over, and the output torque [Nm] `before` it.
+
+    `shift_end` is None if the shift does not end.
+    """
 
     begin: int
     torque_end: int
@@ -39,7 +43,7 @@ class Handover(NamedTuple):
 
 
 def handover(columns: Columns) -> Handover | None:
-    """The hand-over of a run; None when there is none, or no torque to be handed over."""
+    """Find the hand-over of a run; None if there is none, or no torque before it."""
     time, demand_a, demand_b = (columns[n] for n in ("time_s", "torque_demand_a_nm", "torque_demand_b_nm"))
     falls = np.flatnonzero((np.diff(demand_a) < 0.0) & (demand_b[:-1] > 0.0))
     if not len(falls):
@@ -48,14 +52,14 @@ def handover(columns: Columns) -> Handover | None:
     ends = np.flatnonzero(demand_a[begin:] <= 0.0)
     torque_end = begin + int(ends[0]) if len(ends) else len(time) - 1
     first = int(np.argmax(demand_b > 0.0))
-    past = (time >= time[first] - _BEFORE) & (time < time[first])
+    past = (time >= time[first] - _BEFORE_TIME) & (time < time[first])
     if not (past.any() and np.mean(columns["truth_output_torque_nm"][past]) > 0.0):
         return None
     level = float(np.mean(columns["truth_clutch_torque_a_nm"][past]))
-    open_a = np.abs(columns["truth_clutch_torque_a_nm"]) < _CARRIES * level
+    open_a = np.abs(columns["truth_clutch_torque_a_nm"]) < _OPEN_SHARE * level
     done = np.flatnonzero((open_a & (np.abs(columns["truth_slip_speed_b_rad_s"]) < SYNCHRONOUS))[torque_end:])
     shift_end = torque_end + int(done[0]) if len(done) else None
-    last = time[shift_end] + _AFTER if shift_end is not None else time[torque_end] + _LONGEST
+    last = time[shift_end] + _AFTER_TIME if shift_end is not None else time[torque_end] + _LONGEST_TIME
     window = slice(first, int(np.searchsorted(time, last, side="right")))
     return Handover(begin, torque_end, shift_end, window, float(np.mean(columns["truth_output_torque_nm"][past])))
 
@@ -89,36 +93,36 @@ def _shift_time(columns: Columns) -> float:
     return float(columns["time_s"][shift.shift_end] - columns["time_s"][shift.begin])
 
 
-def _locking(columns: Columns) -> np.ndarray:
-    """Mask of the samples in which clutch b is in lock."""
+def _b_in_lock(columns: Columns) -> np.ndarray:
+    """Mask (n,) of the samples in which clutch b is in the phase lock."""
     phases = {text: value for value, text in load_frames()["CONTROLLER_STATUS"].choices("phase").items()}
     return columns["controller_b_phase"] == phases["lock"]
 
 
-def _standing(columns: Columns) -> np.ndarray:
-    """Mask of the samples in which clutch b is locked: in lock, and its plates stand."""
-    return _locking(columns) & (np.abs(columns["truth_slip_speed_b_rad_s"]) < _STANDS)
+def _b_is_locked(columns: Columns) -> np.ndarray:
+    """Mask (n,) of the samples in which clutch b is locked: in the phase lock, and its plates stand."""
+    return _b_in_lock(columns) & (np.abs(columns["truth_slip_speed_b_rad_s"]) < _STANDING_SLIP)
 
 
 def _locked_time(columns: Columns) -> float:
     step = float(columns["time_s"][1] - columns["time_s"][0])
-    return step * np.count_nonzero(_standing(columns)) if _locking(columns).any() else float("nan")
+    return step * np.count_nonzero(_b_is_locked(columns)) if _b_in_lock(columns).any() else float("nan")
 
 
 def _locking_time(columns: Columns) -> float:
-    standing = np.flatnonzero(_standing(columns))
+    standing = np.flatnonzero(_b_is_locked(columns))
     if not len(standing):
         return float("nan")
-    return float(columns["time_s"][standing[0]] - columns["time_s"][np.argmax(_locking(columns))])
+    return float(columns["time_s"][standing[0]] - columns["time_s"][np.argmax(_b_in_lock(columns))])
 
 
 def _lock_up_peak(columns: Columns) -> float:
-    standing, time = np.flatnonzero(_standing(columns)), columns["time_s"]
+    standing, time = np.flatnonzero(_b_is_locked(columns)), columns["time_s"]
     if not len(standing):
         return float("nan")
-    begin, end = time[np.argmax(_locking(columns))], time[standing[0]] + _AFTER
+    begin, end = time[np.argmax(_b_in_lock(columns))], time[standing[0]] + _AFTER_TIME
     output = columns["truth_output_torque_nm"]
-    past = (time >= begin - _BEFORE) & (time < begin)
+    past = (time >= begin - _BEFORE_TIME) & (time < begin)
     before = float(output[past].mean()) if past.any() else 0.0
     if not before > 0.0:
         return float("nan")

@@ -1,4 +1,4 @@
-"""What a person sees of long work: a progress bar, and tables."""
+"""Progress of long work on the terminal, and tables as text."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -12,21 +12,21 @@ from protocols.kernels.progress_notice import PROGRESS_NOTICE
 
 @contextmanager
 def progress_bar(title: str, quiet: bool) -> Iterator[Callable[[float, int], None]]:
-    """A bar on stderr, advanced by calling `progress(done, total)`; a line every 5 s where stderr is no terminal.
+    """Show a bar on stderr that `progress(done, total)` advances.
 
-    Nothing when `quiet`.
+    Where stderr is no terminal, print a line every 5 s. Show nothing when `quiet`.
     """
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     console = Console(stderr=True)
-    shown = not quiet and console.is_terminal
+    on_terminal = not quiet and console.is_terminal
     share = 0.0
 
     def describe() -> str:
-        return "" if shown or quiet else f"{title}: {100.0 * share:.0f} % done"
+        return "" if on_terminal or quiet else f"{title}: {100.0 * share:.0f} % done"
 
     with (
         PROGRESS_NOTICE.describe_by(describe),
-        Progress(*columns, console=console, transient=True, disable=not shown) as bar,
+        Progress(*columns, console=console, transient=True, disable=not on_terminal) as bar,
     ):
         task = bar.add_task(title, total=None)
 
@@ -38,38 +38,41 @@ def progress_bar(title: str, quiet: bool) -> Iterator[Callable[[float, int], Non
         yield progress
 
 
-class Doing:
-    """What is going on, on one line of the terminal; a line every 5 s where stderr is none. Nothing when `quiet`."""
+class ActivityLine:
+    """One line on the terminal that says what is being done. Use as a context manager.
+
+    Where stderr is no terminal, a line is printed every 5 s. Nothing is shown when `quiet`.
+    """
 
     def __init__(self, first: str, quiet: bool) -> None:
         self._text = first
         self._console = Console(stderr=True, quiet=quiet)
-        self._shown = self._console.is_terminal
+        self._on_terminal = self._console.is_terminal
         self._status = self._console.status(first)
-        self._told = PROGRESS_NOTICE.describe_by(lambda: "" if self._shown or quiet else self._text)
+        self._notice = PROGRESS_NOTICE.describe_by(lambda: "" if self._on_terminal or quiet else self._text)
 
-    def __enter__(self) -> "Doing":
-        self._told.__enter__()
-        if self._shown:
+    def __enter__(self) -> "ActivityLine":
+        self._notice.__enter__()
+        if self._on_terminal:
             self._status.start()
         return self
 
     def __exit__(self, *error: Any) -> None:
         self._status.stop()
-        self._told.__exit__(*error)
+        self._notice.__exit__(*error)
 
     def update(self, text: str) -> None:
-        """Another text."""
+        """Show another text."""
         self._text = text
         self._status.update(text)
 
     def note(self, text: str) -> None:
-        """Tell something that stays on the terminal."""
+        """Print a text that stays on the terminal."""
         self._console.print(text, soft_wrap=True, highlight=False, markup=False)
 
 
 def table_text(rows: Sequence[Sequence[str]]) -> str:
-    """Rows (header first) as aligned text."""
+    """Format rows, the header first, as a table with aligned columns."""
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
     return "\n".join([lines[0], "  ".join("-" * width for width in widths), *lines[1:]])

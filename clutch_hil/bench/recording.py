@@ -1,8 +1,9 @@
-"""Recording: the rows of both nodes joined into a run file, while they come.
+"""Recording: the rows of all nodes, joined into a run file while they arrive.
 
-The plant's rows are the run: one a sample at a constant rate. To row k come the controller's terms of the cycle that
-answered sample k (`controller_...`, of clutch b's `controller_b_...`); where none did, those of the cycle before still act and
-stand there (`controller_sample_tick` tells); before the first cycle they are not-a-number.
+A run has one row for each sample of the plant, at a constant rate. Row k also holds the controller's terms of the cycle that
+answered sample k, as `controller_...`, and those of clutch b's controller as `controller_b_...`. Where no cycle answered it,
+the terms of the cycle before still act, and row k holds these; `controller_sample_tick` shows which. Before the first cycle
+the terms are NaN.
 """
 
 import contextlib
@@ -21,12 +22,14 @@ from protocols.files.runs import RunWriter
 from protocols.node import Column
 
 TORQUE_DEMAND = Column("torque_demand_nm", "Nm", "the controller's M_d")  # of clutch a's where there are two
-_CHUNK = 20_000  # rows a row group: 20 s at 1 kHz, some MB of memory
-_WAIT = 60_000  # rows a plant row waits for the controller's answer before it is written without one: its past may come late
+_CHUNK_ROWS = 20_000  # rows of a row group: 20 s at 1 kHz, a few MB of memory
+# Plant rows that may wait for the controller's answer: 60 s at 1 kHz. Older ones are written without it. A recorder that joins
+# a running bench may get the past rows of the controller late.
+_MOST_WAITING = 60_000
 
 
 def writable(folder: Path) -> Path:
-    """`folder`, made if need be. Raises InputError when nothing can be written there."""
+    """Return `folder`, after making it where it is missing. Raises InputError when nothing can be written there."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -37,12 +40,12 @@ def writable(folder: Path) -> Path:
 
 
 def run_path(folder: Path, name: str, suffix: str = ".parquet") -> Path:
-    """A path for a new file in a `writable` folder, named by date and time, that no other process has or is writing."""
+    """Reserve a path for a new file in a `writable` folder; it is named by date and time, and no other process has it."""
     stem = f"{datetime.now():%Y%m%d-%H%M%S}-{name}"
     candidates = (f"{stem}{f'-{k}' if k else ''}" for k in count())
     for candidate in candidates:
         path = folder / f"{candidate}{suffix}"
-        part = path.with_name(path.name + ".part")  # what RunWriter writes; making it reserves the name
+        part = path.with_name(path.name + ".part")  # RunWriter writes to this file; making it reserves the name
         with contextlib.suppress(FileExistsError):
             part.touch(exist_ok=False)
             if not path.exists():
@@ -52,7 +55,7 @@ def run_path(folder: Path, name: str, suffix: str = ".parquet") -> Path:
 
 
 def run_columns(plant: Sequence[Column], controllers: Sequence[Sequence[Column]]) -> list[Column]:
-    """The columns of a run file, of those of the plant and of each controller, in the order of CONTROLLERS."""
+    """Columns of a run file, from those of the plant and of each controller, in the order of CONTROLLERS."""
     terms = [
         Column(f"{name}_{column.name}", column.unit, column.meaning)
         for name, columns in zip(CONTROLLERS, controllers, strict=False)
@@ -62,7 +65,7 @@ def run_columns(plant: Sequence[Column], controllers: Sequence[Sequence[Column]]
 
 
 class Answers:
-    """The rows of one controller, by the sample they answered."""
+    """Rows of one controller, found by the sample that they answer."""
 
     def __init__(self, columns: Sequence[Column]) -> None:
         self._tick = [column.name for column in columns].index("sample_tick")
@@ -75,18 +78,20 @@ class Answers:
 
     @property
     def newest(self) -> float:
-        """Tick of the newest sample that was answered by what came last; NaN when that was nothing."""
+        """Tick of the newest sample that the rows added last answer; NaN where none were added."""
         return float(self._rows[-1][-1, self._tick]) if len(self._rows[-1]) else np.nan
 
     def to(self, ticks: np.ndarray) -> np.ndarray:
-        """Terms that act at each of `ticks`, not-a-number before the first cycle; forgets what came before the last of them."""
+        """Terms that act at each of `ticks`, shape (ticks, columns), NaN before the first cycle. Drops older rows."""
         rows = np.concatenate(self._rows)
         terms = np.full((len(ticks), rows.shape[1]), np.nan)
         if len(rows):
             answered = rows[:, self._tick]
-            held = np.searchsorted(answered, ticks, side="right") - 1  # newest cycle that knew no later sample
+            held = (
+                np.searchsorted(answered, ticks, side="right") - 1
+            )  # the newest cycle that did not answer a later sample
             known = held >= 0
-            # several cycles may hold one sample: the first of them answered it
+            # several cycles may have the same sample: the first of them answered it
             first = np.searchsorted(answered, answered[held[known]], side="left")
             terms[known] = rows[first]
             rows = rows[first[-1] if len(first) else 0 :]
@@ -95,9 +100,9 @@ class Answers:
 
 
 class Recording:
-    """Collects rows and writes the run file at `path`. Use as a context manager.
+    """Writes the run file at `path` from rows as they arrive. Use as a context manager.
 
-    `plant` are the plant's columns, `controllers` those of each controller, clutch a's first where there are two; rate [Hz].
+    plant: columns of the plant. controllers: columns of each controller, that of clutch a first. rate: of samples [Hz].
     """
 
     def __init__(
@@ -128,12 +133,12 @@ class Recording:
         answered = 0
         if waiting and newest == newest:
             answered = int(newest - np.rint(self._plant[0][0, self._time] * self._rate))
-        ready = max(min(answered, waiting), waiting - _WAIT)
-        if ready >= _CHUNK:
+        ready = max(min(answered, waiting), waiting - _MOST_WAITING)
+        if ready >= _CHUNK_ROWS:
             self._write(ready)
 
     def finish(self, metadata: Mapping[str, Any]) -> None:
-        """Write what is left and close the file. Raises InputError when there are less than two rows: no run."""
+        """Write the rows that are left and close the file. Raises InputError for fewer than two rows."""
         self._write(sum(map(len, self._plant)))
         if self.rows < 2:
             raise InputError(f"the run ended after {self.rows} samples; nothing was recorded")

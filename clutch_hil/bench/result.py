@@ -1,4 +1,4 @@
-"""Result of a run: what was read and written, how well the torque followed, one verdict."""
+"""Result of a run: what was read and written, how well the torque followed its demand, and one verdict."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from clutch_hil.bench.limits import Judgement, Limit, judged
-from clutch_hil.bench.measures import MEASURES, followed
+from clutch_hil.bench.limits import Judgement, Limit, judge_limits
+from clutch_hil.bench.measures import MEASURES, measure_following
 from clutch_hil.bench.picture import draw_run
 from clutch_hil.bench.sealed import SEAL
 from clutch_hil.bench.service_text import service_lines
@@ -22,7 +22,7 @@ _TITLE_WIDTH = 130  # characters that fit over the picture
 
 @dataclass(frozen=True)
 class Result:
-    """`document` for machines, `text` for people, `verdict` and whether it is `good`; `judgements` of a scenario's limits."""
+    """document: for JSON. text: for people. verdict: one line; `good` or not. judgements: of the scenario's limits."""
 
     document: dict[str, Any]
     text: str
@@ -30,13 +30,13 @@ class Result:
     good: bool
     judgements: tuple[Judgement, ...] = ()
 
-    def limited(self, judgements: Sequence[Judgement]) -> "Result":
-        """This result where limits decide: they and nothing else tell whether it is good. Without any it stays as it is."""
+    def with_limits(self, judgements: Sequence[Judgement]) -> "Result":
+        """This result with its verdict from limits alone; without `judgements` it stays as it is."""
         if not judgements:
             return self
         broken = [judgement for judgement in judgements if not judgement.holds]
-        held = "1 limit holds" if len(judgements) == 1 else f"{len(judgements)} limits hold"
-        verdict = f"failed: {'; '.join(map(str, broken))}" if broken else f"passed: {held}"
+        holding = "1 limit holds" if len(judgements) == 1 else f"{len(judgements)} limits hold"
+        verdict = f"failed: {'; '.join(map(str, broken))}" if broken else f"passed: {holding}"
         lines = [
             f"{'limits:' if not i else '':<9}{'BROKEN' if j in broken else 'holds '}  {j}"
             for i, j in enumerate(judgements)
@@ -52,35 +52,36 @@ class Result:
         )
 
     def interrupted(self, seconds: float) -> "Result":
-        """This result of a run that was ended after `seconds` [s]: with limits it cannot have passed."""
+        """This result of a run that was interrupted after `seconds` [s]. If it has limits, it is not good."""
         verdict, good = f"interrupted after {seconds:.1f} s; {self.verdict}", self.good and not self.judgements
         return replace(self, document=self.document | {"verdict": verdict, "good": good}, verdict=verdict, good=good)
 
 
 def fault_lines(watches: Sequence[FaultWatch]) -> list[str]:
-    """What the controllers had, a line for each that had a fault."""
+    """A line for each controller that had a fault."""
     return [f"faults:  {watch.verdict}" for watch in watches if watch.count]
 
 
 def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[str, Any] | None = None) -> Result:
-    """Judge the run file at `path`, draw its picture beside it; `timing` comes from services in real time.
+    """Judge the run file at `path`, and draw its picture beside it.
 
-    A run recorded blind has no truth: the measured torque stands for it.
+    read: what was read, as text. timing: summaries of the services; None for a simulation. The measured torque stands for the
+    true one in a run recorded blind.
     """
     run = read_run(path)
     columns = dict(run.columns)
-    course, fault, locked = followed(columns), MEASURES["fault"].of(columns), MEASURES["locked_s"].of(columns)
-    asked, reached = bool(np.any(columns["torque_demand_nm"] > 0.0)), bool(np.isfinite(course.regime_error))
+    course, fault, locked = measure_following(columns), MEASURES["fault"].of(columns), MEASURES["locked_s"].of(columns)
+    demanded, reached = bool(np.any(columns["torque_demand_nm"] > 0.0)), bool(np.isfinite(course.regime_error))
     figures = f"regime error {course.regime_error:.2f} Nm, rise time {course.rise_time:.2f} s"
     faults = faults_of(columns, run.metadata["sample_rate_hz"], run.metadata.get("controller_parameters", {}))
-    good = fault == "none" and (reached or not asked) and locked != 0.0
+    good = fault == "none" and (reached or not demanded) and locked != 0.0
     if fault != "none":
         verdict = faults.verdict or f"fault: {fault}"
     elif locked == 0.0:
         verdict = "the clutch was to be locked and its plates never stood"
     elif reached:
         verdict = f"torque followed, {figures}" + (f"; locked for {locked:.2f} s" if np.isfinite(locked) else "")
-    elif asked:
+    elif demanded:
         verdict = "torque never reached 90 % of the demand"
         if _never_idle(columns):
             verdict += f": {WAITS_FOR_IDLE}"
@@ -113,27 +114,27 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
         lines.append(f"effects: {', '.join(on)}")
     if injected := [change["row"] / run.metadata["sample_rate_hz"] for change in run.metadata.get("injections", ())]:
         lines.append(f"injections: {len(injected)}, the first at {injected[0]:.3f} s")
-    lines += fault_lines([faults]) if limits else []  # without limits the verdict has them
-    result = Result(document, "\n".join(lines), verdict, good).limited(judged(limits, columns))
+    lines += fault_lines([faults]) if limits else []  # without limits the verdict names the faults
+    result = Result(document, "\n".join(lines), verdict, good).with_limits(judge_limits(limits, columns))
     draw_run(picture, columns, title(path, verdict, result), injected)
     return result.interrupted(columns["time_s"][-1]) if timing and timing["interrupted"] else result
 
 
 def _never_idle(columns: Mapping[str, np.ndarray]) -> bool:
-    """Whether the controller stayed idle to the end, asked to close the clutch."""
+    """Whether the controller was asked to close the clutch and stayed idle to the end."""
     return waits_for_idle(
         float(columns["controller_phase"][-1]), float(columns["controller_request"][-1])
     ) and not np.any(columns["controller_phase"] > 0.0)
 
 
 def title(path: Path, verdict: str, result: Result) -> str:
-    """Title of a run's picture: how the run went, and what its limits say where it has any."""
+    """Title of a run's picture: its name and verdict, and the verdict of its limits if it has any."""
     lines = [f"{path.stem}: {verdict}"] + ([result.verdict] if result.judgements else [])
     return "\n".join(shorten(line, _TITLE_WIDTH, placeholder=" ...") for line in lines)
 
 
 def timing_lines(timing: dict[str, Any]) -> list[str]:
-    """What the services' clocks and ports say, for people."""
+    """Format the summaries of the services."""
     lines = []
     for name in ("plant", *CONTROLLERS):
         if timing.get(name):

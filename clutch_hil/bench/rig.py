@@ -1,7 +1,7 @@
-"""Rig: what bench, live views and discrepancy engine must know of a rig, in one object (docs/add_a_rig.md).
+"""Rig: one object with all that bench, live views and discrepancy engine need of a rig (docs/add_a_rig.md).
 
-Rigs are found by entry point, in the group `clutch_hil.rigs`. A part that is given as "module:name" is loaded when it is first
-used: a plant service needs neither pictures nor a discrepancy model.
+Rigs are found by entry point, in the group `clutch_hil.rigs`. A part given as "module:name" is loaded at its first use, because
+a plant service needs neither pictures nor a discrepancy model.
 """
 
 from collections.abc import Callable, Mapping
@@ -25,12 +25,12 @@ class Rig:
 
     plant               its plant: name, node, parameters, profiles, clutches
     measures_at         "module:name" of its measures by name; one of them is `fault`
-    sheet_at            of the function that draws the columns of a run, see `sheet`
-    judge_at            of the function that judges and draws a run file, see `judge`
-    status_at           of the class of its status line, see `status`
-    figures             measures that sum up a run in a sweep; the first is not a number where the run missed its aim
-    missed              what is said of such a run
-    model_at            of its model for the discrepancy engine; empty where there is none
+    sheet_at            "module:name" of the function that draws the columns of a run, see `sheet`
+    judge_at            "module:name" of the function that judges and draws a run file, see `judge`
+    status_at           "module:name" of the class of its status line, see `status`
+    figures             measures that sum up a run in a sweep; the first is NaN where the run missed its aim
+    missed              words for such runs, behind their number, as "handed no torque over"
+    model_at            "module:name" of its model for the discrepancy engine; empty if it has none
     """
 
     plant: PlantRig
@@ -44,7 +44,7 @@ class Rig:
 
     @property
     def name(self) -> str:
-        """As in scenarios, metadata of runs and options of commands."""
+        """Its name in scenarios, metadata of runs and options of commands."""
         return self.plant.name
 
     @property
@@ -64,30 +64,30 @@ class Rig:
     def judge(self) -> Callable[..., Any]:
         """The function that judges the run file `path` and draws its picture beside it: judge(path, read, limits, timing).
 
-        `read` is what was read, for people; `limits` are those of the scenario; `timing` holds the summaries of services, None
-        for a simulation. It returns a `result.Result`.
+        `read` is what was read, as text. `limits` are those of the scenario. `timing` has the summaries of the services, and is
+        None for a simulation. It returns a `result.Result`.
         """
         return self._part(self.judge_at)
 
     @property
     def status(self) -> Callable[..., Any]:
-        """The class of its status line, made as `status.StatusLine`, whose `_text` it replaces."""
+        """The class of its status line: `status.StatusLine` or a subclass that overrides `_text`."""
         return self._part(self.status_at)
 
     @property
     def model(self) -> Callable[..., Any]:
-        """The class of its discrepancy model. Raises InputError where there is none."""
+        """The class of its discrepancy model. Raises InputError if it has none."""
         if not self.model_at:
             raise InputError(f"rig {self.name}{self.of_two} has no discrepancy model")
         return self._part(self.model_at)
 
     @property
     def of_two(self) -> str:
-        """What an error message says behind the name of a rig of two clutches."""
+        """Words of an error message behind the name of a rig of two clutches; else empty."""
         return ", whose run is a run of two clutches," if self.plant.clutches else ""
 
     def measure(self, name: str) -> Measure:
-        """A measure by name. Raises InputError that tells what comes closest."""
+        """A measure by name. Raises InputError, which names the closest ones."""
         if name not in (known := self.measures):
             raise InputError(f"measure {name!r} is unknown on the rig {self.name}; {closest(name, known)}")
         return known[name]

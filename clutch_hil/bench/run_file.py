@@ -1,4 +1,4 @@
-"""Run file of any rig: read and checked for what every run of its rig has."""
+"""Run files of any rig: they are read, and checked for the columns that each run of their rig must have."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -7,19 +7,19 @@ from clutch_hil.bench.rig import DEFAULT_RIG, rig_named, rig_names
 from protocols.files.run import Run
 from protocols.files.runs import check_columns, read_columns
 
-_OF_ANY = ("time_s",)  # columns of a run whose rig is not installed here, such as a measured one
+_COLUMNS_OF_ANY_RIG = ("time_s",)  # of a run whose rig is not installed, such as a measured one
 
 
 def read_run(path: Path | str, required: Sequence[str] | None = None) -> Run:
-    """A run with the columns `required`, or, where that is None, with all that its rig measures.
+    """Read a run. It must have the columns `required`; if that is None, all columns that its rig measures.
 
-    The rig is the one that the metadata name; a CSV has none and is of the wet-clutch rig. Raises InputError naming the file,
-    the column and the first bad row.
+    The rig is named in the metadata. A CSV has no metadata and is of the wet-clutch rig. Raises InputError, which names the
+    file, the column and the first bad row.
     """
     path = Path(path)
     run = read_columns(path)
     if required is None:
         name = run.metadata.get("rig", DEFAULT_RIG)
-        required = rig_named(name).plant.measured if name in rig_names() else _OF_ANY
+        required = rig_named(name).plant.measured if name in rig_names() else _COLUMNS_OF_ANY_RIG
     check_columns(path, run.columns, required)
     return run

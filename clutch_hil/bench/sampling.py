@@ -1,4 +1,4 @@
-"""Samples of parameters for a sweep: a grid, random points, a Latin hypercube. A sample is a value by dotted name."""
+"""Samples of parameters for a sweep: a grid, random points or a Latin hypercube. A sample has values by dotted name."""
 
 from collections.abc import Callable, Mapping, Sequence
 from itertools import product
@@ -11,33 +11,33 @@ from protocols.errors import InputError
 
 Sample = dict[str, float]
 Ranges = Mapping[str, tuple[float, float]]
-MOST = 1_000_000  # samples of a sweep
+MOST_SAMPLES = 1_000_000  # samples of a sweep
 
 
 def grid(values: Mapping[str, Sequence[float]]) -> list[Sample]:
     """Every combination of `values`, the last name varying fastest. Raises InputError."""
-    for name, several in values.items():
-        if not len(several):
+    for name, levels in values.items():
+        if not len(levels):
             raise InputError(f"{name} has no values; one or more are needed")
-    _check_count(int(np.prod([len(several) for several in values.values()], dtype=float)))
+    _check_count(int(np.prod([len(levels) for levels in values.values()], dtype=float)))
     return [dict(zip(values, map(float, point), strict=True)) for point in product(*values.values())]
 
 
 def random(ranges: Ranges, count: int, seed: int = 1) -> list[Sample]:
     """`count` points, each value uniform in its (low, high) and independent of the others. Raises InputError."""
-    return _scaled(ranges, count, lambda size: np.random.default_rng(seed).random((count, size)))
+    return _scale_points(ranges, count, lambda size: np.random.default_rng(seed).random((count, size)))
 
 
 def latin_hypercube(ranges: Ranges, count: int, seed: int = 1) -> list[Sample]:
-    """`count` points of which each value alone is spread evenly over its (low, high). Raises InputError.
+    """`count` points. The values of each parameter are spread evenly over its (low, high). Raises InputError.
 
     References: McKay, Beckman, Conover 1979, Technometrics 21(2), by scipy.stats.qmc.
     """
-    return _scaled(ranges, count, lambda size: qmc.LatinHypercube(size, rng=seed).random(count))
+    return _scale_points(ranges, count, lambda size: qmc.LatinHypercube(size, rng=seed).random(count))
 
 
-def _scaled(ranges: Ranges, count: int, points: Callable[[int], np.ndarray]) -> list[Sample]:
-    """Samples in `ranges` from `points(names)`, shape (count, names), in 0 to 1."""
+def _scale_points(ranges: Ranges, count: int, points: Callable[[int], np.ndarray]) -> list[Sample]:
+    """Samples in `ranges` from `points(number of names)`, which returns values from 0 to 1, shape (count, names)."""
     _check_count(count)
     if not ranges:
         raise InputError("no ranges are given; one or more are needed, such as {'friction_level.level': (0.8, 1.2)}")
@@ -49,5 +49,5 @@ def _scaled(ranges: Ranges, count: int, points: Callable[[int], np.ndarray]) -> 
 
 
 def _check_count(count: int) -> None:
-    if not 1 <= count <= MOST:
-        raise InputError(f"{count} samples are not possible; allowed are 1 to {MOST}")
+    if not 1 <= count <= MOST_SAMPLES:
+        raise InputError(f"{count} samples are not possible; allowed are 1 to {MOST_SAMPLES}")

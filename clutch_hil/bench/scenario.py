@@ -1,4 +1,4 @@
-"""Scenario: a run with what is done to it and what is expected of it, from a TOML file (docs/scenarios.md)."""
+"""Scenario: a run, the changes made to it and the limits that judge it, from a TOML file (docs/scenarios.md)."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -10,7 +10,7 @@ from typing import Any
 from clutch_hil.bench.limits import Limit
 from clutch_hil.bench.rig import DEFAULT_RIG, Rig, rig_named
 from clutch_hil.bench.settings import RunSettings
-from clutch_hil.command import checked_rate
+from clutch_hil.command import check_rate
 from plant_sim.node.injection import Injection, effect_off, effect_on, sensor_bias, sensor_freeze
 from plant_sim.node.plant_rig import RigProfile
 from protocols.can.bus_load import BITRATES, bus_load
@@ -22,16 +22,19 @@ from protocols.files.toml_table import TomlTable, read_toml
 FOLDER = Path(__file__).with_name("scenarios")
 
 _ENTRIES = ("title", "about", "rig", "run", "plant", "controller", "effects", "inject", "limits")
-_RUN = {
+_RUN_ENTRIES = {
     "profile": str, "seconds": float, "rate": int, "seed": int, "temperature": float, "law": str, "adaptation": bool,
 }  # fmt: skip
-_INJECT = ("at", "ramp", "until", "clutch", "effect", "values", "off", "parameters", "freeze", "bias")
+_INJECT_ENTRIES = ("at", "ramp", "until", "clutch", "effect", "values", "off", "parameters", "freeze", "bias")
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """What is run on which rig: `plant` holds its parameters with the effects that are on, `injections` change it while it
-    runs, `limits` judge it. `path` is None for a run without a file."""
+    """A run of a rig.
+
+    plant: parameters of the plant, with the effects that are on. injections: changes of the plant during the run. limits: judge
+    the run. path: file of the scenario, None for a run without a file.
+    """
 
     name: str
     title: str
@@ -45,17 +48,17 @@ class Scenario:
 
     @classmethod
     def of(cls, settings: RunSettings, rig: str = DEFAULT_RIG) -> "Scenario":
-        """A run of a rig with `settings` alone: nothing is injected, no limit is set. Raises InputError."""
+        """Scenario with `settings` alone, without injections and limits. Raises InputError."""
         name, known = Path(settings.profile).stem, rig_named(rig)
         return cls(name, "", "", known, None, settings, known.plant.nominal(settings.plant_parameters))
 
     @property
     def duration(self) -> float:
         """Length of its profile [s]. Raises InputError."""
-        return self.loaded_profile().duration
+        return self.load_profile().duration
 
-    def loaded_profile(self) -> RigProfile:
-        """The profile to play, of its rig's kind. Raises InputError, also for an injection after its end."""
+    def load_profile(self) -> RigProfile:
+        """Load the profile to play, of the kind of the rig. Raises InputError, also for an injection after its end."""
         profile = self.rig.plant.load_profile(self.settings.profile, self.settings.seconds)
         for number, injection in enumerate(self.injections, 1):
             if injection.at >= profile.duration:
@@ -66,21 +69,21 @@ class Scenario:
         return profile
 
 
-def shipped() -> dict[str, Path]:
-    """The scenarios that come with the bench: files by name."""
+def shipped_scenarios() -> dict[str, Path]:
+    """Files of the scenarios that come with the bench, by name."""
     return {path.stem: path for path in sorted(FOLDER.glob("*.toml"))}
 
 
 def load_scenario(name: str, given: Mapping[str, Any] | None = None) -> Scenario:
-    """A shipped scenario by name, or one in a TOML file by its path; `given` overrides fields of its RunSettings.
+    """Load a shipped scenario by name, or a TOML file by its path. `given` overrides fields of its RunSettings.
 
-    Raises InputError, one sentence that names file, entry, value and what is allowed.
+    Raises InputError, which names file, entry, value and what is allowed.
     """
-    known = shipped()
+    known = shipped_scenarios()
     path = Path(name) if name.endswith(".toml") else known.get(name)
     if path is None:
         raise InputError(f"scenario {name!r} is unknown, and the path of one ends with .toml; {closest(name, known)}")
-    with naming(path):
+    with name_file_in_errors(path):
         table = read_toml(path, _ENTRIES)
         rig = rig_named(table.get("rig", str, DEFAULT_RIG))
         settings = replace(_settings(table, rig), **(given or {}))
@@ -97,21 +100,21 @@ def load_scenario(name: str, given: Mapping[str, Any] | None = None) -> Scenario
         )
 
 
-def checked_seed(seed: Any, name: str = "seed") -> int:
-    """`seed` when random numbers can begin with it. Raises InputError."""
+def check_seed(seed: Any, name: str = "seed") -> int:
+    """Return `seed` if it can seed random numbers. Raises InputError."""
     if not isinstance(seed, int) or seed < 0:
         raise InputError(f"{name} is {seed!r}; allowed are 0 and more, whole numbers")
     return seed
 
 
-def chosen_scenario(name: str | None, given: Mapping[str, Any], rig: str | None = None) -> Scenario:
-    """The scenario `name`, or without one a run of `rig`, with the fields of RunSettings that are `given` and not None.
+def choose_scenario(name: str | None, given: Mapping[str, Any], rig: str | None = None) -> Scenario:
+    """Load the scenario `name`; if it is None, make one of `rig`. Fields of RunSettings that are `given` and not None hold.
 
     Raises InputError.
     """
     settings = {key: value for key, value in given.items() if value is not None}
-    checked_rate(settings.get("rate", RunSettings.rate))
-    checked_seed(settings.get("seed", RunSettings.seed))
+    check_rate(settings.get("rate", RunSettings.rate))
+    check_seed(settings.get("seed", RunSettings.seed))
     if name is None:
         return Scenario.of(RunSettings(**settings), rig or DEFAULT_RIG)
     loaded = load_scenario(name, settings)
@@ -123,8 +126,8 @@ def chosen_scenario(name: str | None, given: Mapping[str, Any], rig: str | None 
 
 
 @contextmanager
-def naming(path: Path | None) -> Iterator[None]:
-    """Name the scenario's file in an InputError of what is done within."""
+def name_file_in_errors(path: Path | None) -> Iterator[None]:
+    """Put the file of the scenario into an InputError that is raised within."""
     try:
         yield
     except InputError as error:
@@ -132,15 +135,15 @@ def naming(path: Path | None) -> Iterator[None]:
 
 
 def _settings(table: TomlTable, rig: Rig) -> RunSettings:
-    run = table.table("run", tuple(_RUN))
-    entries = {key: run.get(key, kind) for key, kind in _RUN.items() if key in run}
-    rate = checked_rate(entries.get("rate", RunSettings.rate))
+    run = table.table("run", tuple(_RUN_ENTRIES))
+    entries = {key: run.get(key, kind) for key, kind in _RUN_ENTRIES.items() if key in run}
+    rate = check_rate(entries.get("rate", RunSettings.rate))
     if (load := bus_load(bus_frames(clutches=len(rig.plant.controllers)), rate, max(BITRATES))) > 1.0:
         raise InputError(
             f"run.rate is {rate} Hz: its frames would fill {100 * load:.0f} % of a bus of {max(BITRATES) // 1000} kbit/s;"
             " allowed are 100 %"
         )
-    checked_seed(entries.get("seed", RunSettings.seed), "run.seed")
+    check_seed(entries.get("seed", RunSettings.seed), "run.seed")
     if entries.get("profile", "").endswith(".csv"):
         entries["profile"] = str(table.path.parent / entries["profile"])
     return RunSettings(**entries, controller=table.table("controller").numbers())
@@ -156,18 +159,18 @@ def _plant(table: TomlTable, rig: Rig, changed: Path | None) -> ParameterSet:
         for name in part:
             if any(entry.startswith(f"{prefix}{name}.") for entry in given):
                 raise InputError(f"effect {prefix}{name} stands in plant and in effects; allowed is one of them")
-            plant = plant.with_values(_prefixed(prefix, effect_on(name, part.table(name).numbers())))
+            plant = plant.with_values(_add_prefix(prefix, effect_on(name, part.table(name).numbers())))
     return load_overlay(changed, plant) if changed else plant
 
 
 def _injections(table: TomlTable, rig: Rig) -> Iterator[Injection]:
-    for entry in table.tables("inject", _INJECT):
+    for entry in table.tables("inject", _INJECT_ENTRIES):
         prefix = ""
         if rig.plant.clutches and set(entry) & {"effect", "freeze", "bias"}:
             if (clutch := entry.need("clutch", str)) not in rig.plant.clutches:
                 raise InputError(f"{entry.name}.clutch is {clutch!r}; allowed are {', '.join(rig.plant.clutches)}")
             prefix = f"{clutch}."
-        values = _prefixed(prefix, _changes(entry)) | entry.table("parameters").numbers()
+        values = _add_prefix(prefix, _changes(entry)) | entry.table("parameters").numbers()
         times = entry.need("at", float), entry.get("ramp", float, 0.0), entry.get("until", float, inf)
         try:
             yield Injection(values, *times)
@@ -176,15 +179,15 @@ def _injections(table: TomlTable, rig: Rig) -> Iterator[Injection]:
 
 
 def _changes(entry: TomlTable) -> dict[str, float]:
-    """What an entry of `inject` does to an effect or a sensor."""
+    """Parameters of effects and sensors that an entry of `inject` changes, with their values."""
     values: dict[str, float] = {}
     if "effect" in entry:
         name, off = entry.get("effect", str), entry.get("off", bool, False)
         if off and "values" in entry:
             raise InputError(f"{entry.name} has off and values of effect {name}; allowed is one of them")
         values |= effect_off(name) if off else effect_on(name, entry.table("values").numbers())
-    elif lost := [key for key in ("values", "off") if key in entry]:
-        raise InputError(f"{entry.name} has {lost[0]} without effect; name the effect")
+    elif stray := [key for key in ("values", "off") if key in entry]:
+        raise InputError(f"{entry.name} has {stray[0]} without effect; name the effect")
     if "freeze" in entry:
         values |= sensor_freeze(entry.get("freeze", str))
     for sensor, bias in entry.table("bias").numbers().items():
@@ -206,5 +209,5 @@ def _limits(table: TomlTable, rig: Rig) -> tuple[Limit, ...]:
     return tuple(limits)
 
 
-def _prefixed(prefix: str, values: Mapping[str, float]) -> dict[str, float]:
+def _add_prefix(prefix: str, values: Mapping[str, float]) -> dict[str, float]:
     return {f"{prefix}{name}": value for name, value in values.items()}

@@ -1,8 +1,9 @@
-"""Sealed recording: a run file that does not tell the truth, and beside it a truth file with all that it keeps back.
+"""Sealed recording: a run file without the truth, and beside it a truth file with everything.
 
-The truth file is the whole run as it would be without `--blind`. The run file has its columns without the truth and of its
-metadata what tells nothing about it, then the truth file's name and SHA-256. Who has the run alone cannot know what was done
-to the plant; a truth file that was changed has another sum, and a run that was changed is no part of its truth file.
+The truth file is the whole run as it would be without `--blind`. The run file has its columns without the truth. Of its
+metadata it has only what reveals nothing about the truth, and the name and SHA-256 of the truth file. So the run file alone
+does not show what was done to the plant. A changed truth file has another SHA-256. A changed run file differs from its truth
+file.
 """
 
 import hashlib
@@ -22,16 +23,16 @@ from protocols.telemetry.truth import reveals_truth
 
 SEAL = "sealed"  # key of a blind run's metadata: the truth file's name and SHA-256
 _SUFFIX = ".truth.parquet"
-# What a blind run tells of itself; anything else, the name of a scenario or a seed, may hint at the truth.
-_OPEN = (
+# Metadata of a blind run. Others, such as the name of a scenario or a seed, may hint at the truth.
+_PUBLIC_KEYS = (
     "rig", "sample_rate_hz", "recorded_at", "time_zero", "versions", "controller_parameters", "bus", "interrupted",
     "record_rows_lost",
 )  # fmt: skip
-_OPEN_SETTINGS = ("rate", "seconds", "law", "adaptation", "mode")
+_PUBLIC_SETTINGS = ("rate", "seconds", "law", "adaptation", "mode")
 
 
 class SealedRecording(Recording):
-    """As `Recording`; `folder` is where the truth file goes, beside the run file if None. Raises InputError.
+    """A `Recording` that also writes a truth file into `folder`, or beside the run file if that is None. Raises InputError.
 
     `finish` takes the metadata of a run that is not blind. `truth` is the path of the truth file.
     """
@@ -52,16 +53,16 @@ class SealedRecording(Recording):
 
 
 class SealedWriter(RunWriter):
-    """As `RunWriter`, of the run at `path` and its truth file at `truth`."""
+    """A `RunWriter` of the run at `path` that also writes its truth file at `truth`."""
 
     def __init__(self, path: Path, columns: Sequence[Column], truth: Path) -> None:
         if truth.exists():
             raise InputError(f"truth file {truth} exists already; move it away, or give another folder")
         self._truth_path = truth
-        self._shown = [i for i, column in enumerate(columns) if not reveals_truth(column.name)]
+        self._public = [i for i, column in enumerate(columns) if not reveals_truth(column.name)]
         self._truth = RunWriter(truth, columns)
         try:
-            super().__init__(path, [columns[i] for i in self._shown])
+            super().__init__(path, [columns[i] for i in self._public])
         except BaseException:
             self._truth.__exit__(None, None, None)
             raise
@@ -69,13 +70,13 @@ class SealedWriter(RunWriter):
     def append(self, rows: np.ndarray) -> None:
         """Add `rows`, shape (samples, columns with the truth)."""
         self._truth.append(rows)
-        super().append(rows[:, self._shown])
+        super().append(rows[:, self._public])
 
     def finish(self, metadata: Mapping[str, Any]) -> None:
-        """Finish the truth file with all `metadata`, seal it, then finish the run with what may be shown."""
+        """Finish the truth file with all `metadata`, seal it, and finish the run with the metadata that may be shown."""
         self._truth.finish(metadata)
         seal = {"file": self._truth_path.name, "sha256": checksum(self._truth_path)}
-        super().finish(shown(metadata) | {SEAL: seal})
+        super().finish(public_metadata(metadata) | {SEAL: seal})
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -87,28 +88,28 @@ class SealedWriter(RunWriter):
 
 
 def truth_path(path: Path, folder: Path | None = None) -> Path:
-    """The truth file of the blind run at `path`: beside it, or in `folder`."""
+    """Path of the truth file of the blind run at `path`: beside it, or in `folder`."""
     return (folder or path.parent) / f"{path.stem}{_SUFFIX}"
 
 
-def shown(metadata: Mapping[str, Any]) -> dict[str, Any]:
-    """What a blind run says of the `metadata` of a whole one."""
-    told = _only(metadata, _OPEN)
-    told["settings"] = shown_settings(metadata.get("settings", {}))
-    told["plant_parameters"] = {
+def public_metadata(metadata: Mapping[str, Any]) -> dict[str, Any]:
+    """Those `metadata` of a whole run that a blind run contains."""
+    public = _select(metadata, _PUBLIC_KEYS)
+    public["settings"] = public_settings(metadata.get("settings", {}))
+    public["plant_parameters"] = {
         name: value
         for name, value in metadata.get("plant_parameters", {}).items()
         if name.partition(".")[0] not in effects()
     }
-    return told
+    return public
 
 
-def shown_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """What a blind run says of its `settings`."""
-    return _only(settings, _OPEN_SETTINGS)
+def public_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Those `settings` that a blind run contains."""
+    return _select(settings, _PUBLIC_SETTINGS)
 
 
-def _only(mapping: Mapping[str, Any], names: Sequence[str]) -> dict[str, Any]:
+def _select(mapping: Mapping[str, Any], names: Sequence[str]) -> dict[str, Any]:
     return {name: mapping[name] for name in names if name in mapping}
 
 

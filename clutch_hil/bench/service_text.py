@@ -1,13 +1,13 @@
-"""What a service's clock and port say at its end, for people: under a bench, and on the service's own terminal."""
+"""Summary of a service at its end as text: timing, frames, notes. A bench and the service's own terminal show it."""
 
 from typing import Any
 
-_NOT_IN_A_LOOP = ("minor_faults", "major_faults", "collections", "threads_begun")
-_LATE_NOTED = 1e-3  # share of late cycles above which a run in real time is told to be no measure of the controller
+_UNWANTED_COUNTS = ("minor_faults", "major_faults", "collections", "threads_begun")
+_NOTED_LATE_SHARE = 1e-3  # share of late cycles above which a note says that the timing of the run was disturbed
 
 
 def service_lines(name: str, service: dict[str, Any]) -> list[str]:
-    """The summary of the service called `name`."""
+    """Format the summary `service` of the service `name` as lines."""
     lines = []
     port = service["port"]
     gated = service["frames"].values()
@@ -27,11 +27,13 @@ def service_lines(name: str, service: dict[str, Any]) -> list[str]:
         f"{'' if clock else name + ':':<12} frames sent {port['sent']}, received {port['received']}, lost {lost},"
         f" rejected {bad}, refused by full queues {port['refused']}, not sent while the bus was down {port['down']}"
     )
-    if clock and clock["late"] > _LATE_NOTED * clock["cycles"]:
-        lines.append(f"{'':<12} note: more than {100 * _LATE_NOTED:g} % late: timing of this run was disturbed")
-    if any((taken := service.get("footprint") or {}).get(what) for what in _NOT_IN_A_LOOP):
-        told = ", ".join(f"{taken[what]} {what.replace('_', ' ')}" for what in _NOT_IN_A_LOOP if taken[what])
-        lines.append(f"{'':<12} note: in the loop there were {told}")
+    if clock and clock["late"] > _NOTED_LATE_SHARE * clock["cycles"]:
+        lines.append(f"{'':<12} note: more than {100 * _NOTED_LATE_SHARE:g} % late: timing of this run was disturbed")
+    if any((footprint := service.get("footprint") or {}).get(what) for what in _UNWANTED_COUNTS):
+        counts = ", ".join(
+            f"{footprint[what]} {what.replace('_', ' ')}" for what in _UNWANTED_COUNTS if footprint[what]
+        )
+        lines.append(f"{'':<12} note: in the loop there were {counts}")
     lines += [f"{'':<12} note: {text}" for text in service["not_available"]]
     if service["telemetry"] not in ("ended", "off"):
         lines.append(f"{'':<12} note: telemetry {service['telemetry']}")

@@ -19,20 +19,21 @@ from protocols.realtime.ring import RingReader
 from protocols.realtime.shared_folder import SharedFolder
 from protocols.realtime.stopping import Stop
 
-_START = 60.0  # s without a word of a service that has not started; while it loads and compiles it says one every 5 s
-_SILENCE = 5.0  # s without a word of any, after which we say that we wait
-_STOP = 10.0  # s for a service to end once asked
-_POLL = 0.05  # s between looks
-_JUDGED = 1  # exit code of a service that ended as it should, and has told a fault
-# with which a service begins and ends: its error is raised, the rest is in the summary
-TOLD_ELSEWHERE = ("error: ", "plant", "controller", " ", "note: ", "verdict: ")
-_PLANT = "plant"  # the service that ends last, so that every safe command still meets a plant
+# s without a line from a service that has not started; while it loads and compiles it prints one every 5 s
+_START_TIMEOUT = 60.0
+_NOTICE_DELAY = 5.0  # s without a line from any service, after which a line says that the bench waits
+_STOP_TIMEOUT = 10.0  # s for a service to end after it was asked to
+_POLL_INTERVAL = 0.05  # s between looks
+_BAD_VERDICT = 1  # exit code of a service that ended regularly and reported a fault
+# Lines of a service that are not passed on: its error is raised, and the others are in its summary
+IGNORED_PREFIXES = ("error: ", "plant", "controller", " ", "note: ", "verdict: ")
+_PLANT = "plant"  # the service that ends last, so that a plant receives the safe commands of the controllers
 
 
 class Services:
-    """Processes of `clutch-hil ARGUMENTS...` by name, with a ring and a summary file each; one of them is the plant.
+    """Processes of `clutch-hil ARGUMENTS...` by name, each with a ring and a summary file; one of them is the plant.
 
-    Use as a context manager: leaving it ends what still runs, by force if need be, and removes their files.
+    Use as a context manager. Leaving it ends the processes that still run, by force where needed, and removes their files.
     """
 
     def __init__(self, commands: Mapping[str, Sequence[str]]) -> None:
@@ -41,7 +42,7 @@ class Services:
         self._commands = dict(commands)
         self._endings = sorted(commands, key=_PLANT.__eq__)
         self._processes: dict[str, subprocess.Popen[bytes]] = {}
-        self._heard = dict.fromkeys(commands, 0)  # characters of a service's log that have been told
+        self._read_to = dict.fromkeys(commands, 0)  # characters of each service's log that have been read
 
     def __enter__(self) -> "Services":
         for name, arguments in self._commands.items():
@@ -52,57 +53,58 @@ class Services:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         for name in self._endings:
-            if not self._stopped(name):
+            if not self._stop(name):
                 self._processes[name].kill()
                 self._processes[name].wait()
         self._shared.remove()
 
     def rings(self, stop: Stop, tell: Callable[[str], None]) -> tuple[RingReader, ...]:
-        """Rings of the services, in the order of their commands, once all have started; meanwhile `tell` what they say.
+        """Wait until all services have started; return their rings, in the order of their commands.
 
-        Raises InputError when one does not, InterruptionError when `stop` is asked.
+        Meanwhile `tell` gets the lines that they print. Raises InputError when a service does not start, InterruptionError
+        when `stop` is asked.
         """
         paths = {name: self._folder / f"{name}.ring" for name in self._commands}
-        began = told = time.monotonic()
-        heard, last = dict.fromkeys(paths, began), dict.fromkeys(paths, "")
+        began = last_notice = time.monotonic()
+        last_heard, last_line = dict.fromkeys(paths, began), dict.fromkeys(paths, "")
         while missing := [name for name, path in paths.items() if not path.exists()]:
             now = time.monotonic()
-            for name, line in self.said():
-                heard[name], last[name], told = now, line, now
-                if name in missing and not line.startswith(TOLD_ELSEWHERE):
+            for name, line in self.read_new_lines():
+                last_heard[name], last_line[name], last_notice = now, line, now
+                if name in missing and not line.startswith(IGNORED_PREFIXES):
                     tell(f"{name}: {line}")
             self.check()
             stop.check(f"the services had not started; nothing was written, {describe_keeping()}")
             for name in missing:
-                if now - heard[name] > _START:
-                    raise InputError(_late(name, last[name]))
-            if now - told > _SILENCE:
-                told = now
+                if now - last_heard[name] > _START_TIMEOUT:
+                    raise InputError(_describe_silence(name, last_line[name]))
+            if now - last_notice > _NOTICE_DELAY:
+                last_notice = now
                 tell(f"waiting for {' and '.join(missing)} to start, {now - began:.0f} s")
-            time.sleep(_POLL)
+            time.sleep(_POLL_INTERVAL)
         return tuple(map(RingReader, paths.values()))
 
-    def said(self) -> list[tuple[str, str]]:
-        """Whole lines the services have said since the last call, with the service's name."""
+    def read_new_lines(self) -> list[tuple[str, str]]:
+        """Whole lines that the services have printed since the last call: pairs of service and line."""
         lines = []
-        for name, told in self._heard.items():
+        for name, read_before in self._read_to.items():
             text = self._log(name).read_text(errors="replace")
             end = text.rfind("\n") + 1
-            lines += [(name, line) for line in text[told:end].splitlines() if line]
-            self._heard[name] = max(end, told)
+            lines += [(name, line) for line in text[read_before:end].splitlines() if line]
+            self._read_to[name] = max(end, read_before)
         return lines
 
-    def ended(self) -> list[str]:
-        """Names of the services that have ended well. Raises InputError for one that has not."""
+    def list_ended(self) -> list[str]:
+        """Names of the services that have ended. Raises InputError for one that failed."""
         self.check()
         return [name for name, process in self._processes.items() if process.poll() is not None]
 
     def check(self) -> None:
-        """Raise InputError with a service's own sentence when it has failed."""
+        """Raise InputError with the service's own sentence when one has failed."""
         for name, process in self._processes.items():
             if (code := process.poll()) not in (None, 0):
-                if code in (_JUDGED, -signal.SIGTERM, INTERRUPTED) and self._summary(name).exists():
-                    continue  # its own verdict is bad, or it had ended already when it was asked to
+                if code in (_BAD_VERDICT, -signal.SIGTERM, INTERRUPTED) and self._summary(name).exists():
+                    continue  # its verdict is bad, or it ended by itself just before it was asked to
                 if code is not None and code < 0:
                     raise InputError(f"the {name} was killed by {signal.Signals(-code).name}")
                 lines = self._log(name).read_text(errors="replace").strip().splitlines() or ["it said nothing"]
@@ -112,8 +114,8 @@ class Services:
         """Stop the services and return their summaries by name. Raises InputError when one fails or does not stop."""
         summaries = {}
         for name in self._endings:
-            if not self._stopped(name):
-                raise InputError(f"the {name} did not stop within {_STOP:g} s")
+            if not self._stop(name):
+                raise InputError(f"the {name} did not stop within {_STOP_TIMEOUT:g} s")
             self.check()
             summaries[name] = json.loads(self._summary(name).read_text(encoding="utf-8"))
         return summaries
@@ -121,7 +123,8 @@ class Services:
     def _spawn(self, name: str, arguments: Sequence[str]) -> subprocess.Popen[bytes]:
         files = ["--ring", str(self._folder / f"{name}.ring"), "--summary", str(self._summary(name))]
         with self._log(name).open("w") as log:
-            return spawn(clutch_hil(*arguments, *files), log)  # Ctrl-C is ours: controllers end first
+            # Ctrl-C reaches only this process, so that controllers end before the plant
+            return spawn(clutch_hil(*arguments, *files), log)
 
     def _summary(self, name: str) -> Path:
         return self._folder / f"{name}.json"
@@ -129,28 +132,28 @@ class Services:
     def _log(self, name: str) -> Path:
         return self._folder / f"{name}.log"
 
-    def _stopped(self, name: str) -> bool:
-        """Ask a service to end, if it has not; whether it did in time."""
+    def _stop(self, name: str) -> bool:
+        """Ask a service to end, if it has not; return whether it ended in time."""
         process = self._processes[name]
         if process.poll() is None:
             process.terminate()
         try:
-            process.wait(_STOP)
+            process.wait(_STOP_TIMEOUT)
         except subprocess.TimeoutExpired:
             return False
         return True
 
 
-def say(line: str) -> None:
-    """Tell a person what a service says."""
+def print_line(line: str) -> None:
+    """Print a line on stderr."""
     print(line, file=sys.stderr, flush=True)
 
 
-def _late(name: str, last: str) -> str:
-    """Why a service is given up."""
+def _describe_silence(name: str, last: str) -> str:
+    """Say why a service that has not started is given up."""
     busy, cpus = os.getloadavg()[0], len(os.sched_getaffinity(0))
-    said = f"after it said {last!r}" if last else "after it was begun, and it said nothing"
+    last_words = f"after it said {last!r}" if last else "after it was begun, and it said nothing"
     return (
-        f"the {name} had not started {_START:g} s {said} (limit {_START:g} s without a word); its record was waited for;"
-        f" the machine has a load of {busy:.1f} on {cpus} CPUs"
+        f"the {name} had not started {_START_TIMEOUT:g} s {last_words} (limit {_START_TIMEOUT:g} s without a word);"
+        f" its record was waited for; the machine has a load of {busy:.1f} on {cpus} CPUs"
     )

@@ -1,4 +1,4 @@
-"""Settings of a run, however it is run."""
+"""Settings of a run: simulated, in lock-step or in real time."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -14,10 +14,11 @@ MANUAL = "manual"  # instead of a profile: the demand comes over the bus, from `
 
 @dataclass(frozen=True)
 class RunSettings:
-    """rate [Hz], seconds [s], temperature [degC]; `out` is the folder for what is written. None means the default.
+    """Settings of a run; None means the default.
 
-    `controller` changes parameters of the controller, by dotted name, in their declared units; `controller_parameters`, a
-    file, has the last word.
+    rate: [Hz]. seconds: length of the profile [s]. temperature: of the oil at the start [degC]. out: folder for files.
+    controller: changes parameters of the controller, by dotted name, in their declared units. controller_parameters: a file
+    that does the same and overrides `controller`.
     """
 
     rate: int = 1000
@@ -33,20 +34,23 @@ class RunSettings:
     controller: Mapping[str, float] = field(default_factory=dict)
 
     def new_controller(self, clutch: str | None = None) -> Any:
-        """A controller node with these settings, of a clutch where there are two. Raises InputError."""
+        """Make a controller node with these settings; `clutch` is a or b where there are two. Raises InputError."""
         node = node_factory("controller")(
             rate=self.rate, parameters_file=self.controller_parameters, law=self.law, adaptation=self.adaptation,
             clutch=clutch,
         )  # fmt: skip
-        said = list_changed(self.controller_parameters) if self.controller_parameters else ()
-        values = {name: value for name, value in self.controller.items() if name not in said}
+        in_file = list_changed(self.controller_parameters) if self.controller_parameters else ()
+        values = {name: value for name, value in self.controller.items() if name not in in_file}
         if reasons := [reason for name in values if (reason := node.fixed(name))]:
             raise InputError(reasons[0])
         node.tune(values)
         return node
 
     def controller_file(self, folder: Path) -> Path | None:
-        """A file of what these settings change of the controller's parameters, for its process; a new one is in `folder`."""
+        """A file with the parameters of the controller that these settings change, for its process; None if there are none.
+
+        Where it is not `controller_parameters` itself, it is written into `folder`.
+        """
         if not self.controller:
             return self.controller_parameters
         node, path = self.new_controller(), folder / "controller.toml"
@@ -55,10 +59,10 @@ class RunSettings:
         return path
 
     def changes(self) -> str:
-        """The parameter files that change something, for people: ", changed by rig.toml", or nothing."""
+        """The parameter files as text: ", changed by rig.toml", or empty if there are none."""
         files = [str(path) for path in (self.plant_parameters, self.controller_parameters) if path]
         return f", changed by {' and '.join(files)}" if files else ""
 
     def as_text(self) -> dict[str, str]:
-        """The settings that were given, for metadata."""
+        """Settings that are not None, as text, for metadata."""
         return {name: str(value) for name, value in asdict(self).items() if value is not None and value != {}}

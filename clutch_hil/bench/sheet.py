@@ -1,4 +1,4 @@
-"""Sheet: panels of a run over one time axis, and below them a strip of lanes: phase, clutch and fault of each controller."""
+"""Sheet: panels of a run over one time axis; below them a strip with phase, clutch state and fault of each controller."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -7,30 +7,31 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from clutch_hil.bench import palette
-from clutch_hil.bench.direction import MOVES, both_ways
+from clutch_hil.bench.direction import MOVING_SLIP, both_ways
 from clutch_hil.bench.lanes import Lane, Stretch, lanes, stretches
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_WIDTH, _LEFT = 10.0, 0.8  # in, of the picture, and of what stands left of its panels
-_LANE = 0.24  # in, height of a lane
-_DOTS = 110  # an inch
-_SMALL = 8.5  # pt, of words in lanes and legends
-_LETTER = 0.58 * _SMALL / 72.0  # in, width of a letter of such a word, and some room
-_FACE: dict[str, Any] = {"fontsize": _SMALL, "va": "center", "in_layout": False}
-# Of a legend: above its panel, where it covers no curve
-_ABOVE: dict[str, Any] = {
-    "loc": "lower right", "bbox_to_anchor": (1.0, 0.98), "borderaxespad": 0.0, "fontsize": _SMALL, "frameon": False,
+_WIDTH, _LEFT = 10.0, 0.8  # inches, of the picture, and of the margin left of its panels
+_LANE_HEIGHT = 0.24  # inches
+_RESOLUTION = 110  # dots per inch
+_FONT_SIZE = 8.5  # points, of words in lanes and legends
+_LETTER_WIDTH = 0.58 * _FONT_SIZE / 72.0  # inches, mean width of a letter of that size with some room
+_WORD_STYLE: dict[str, Any] = {"fontsize": _FONT_SIZE, "va": "center", "in_layout": False}
+# A legend is above its panel, where it covers no curve
+_LEGEND_STYLE: dict[str, Any] = {
+    "loc": "lower right", "bbox_to_anchor": (1.0, 0.98), "borderaxespad": 0.0, "fontsize": _FONT_SIZE, "frameon": False,
 }  # fmt: skip
-_REACH, _ROOM = 98.0, 1.5  # %, of an error's samples that its axis is made for, and times these
-_LEAST = 0.1  # Nm, half of an error's axis at least: the rounded pressure alone is 0.08
-_EDGE = 0.94  # of half an axis, where a mark of what leaves it is inside it and below the legend
-_MARKS = 100  # places along the time for marks of what leaves an axis: nearer ones lay on each other
+# Half the axis of errors is this percentile [%] of their magnitudes times this factor
+_REACH_PERCENTILE, _REACH_FACTOR = 98.0, 1.5
+_LEAST_REACH = 0.1  # Nm, of half the axis of errors: the quantised pressure alone makes 0.08 Nm
+_MARK_HEIGHT = 0.94  # of half the axis of errors: place of a mark for values outside, below the legend
+_MOST_MARKS = 100  # along the time axis: more marks would overlap
 
 
 class Sheet:
-    """A picture of `columns` with panels of these `heights` [in]; `controllers`: the prefix of their columns by name."""
+    """A picture of `columns` (n,) with panels of these `heights` [inches]. `controllers` has a prefix of columns by name."""
 
     def __init__(
         self, columns: Mapping[str, np.ndarray], title: str, heights: Sequence[float], controllers: Mapping[str, str]
@@ -42,7 +43,7 @@ class Sheet:
         self._faults: list[float] = []  # s
         rows = [(f"{who} {lane.name}".strip(), lane, columns[f"{prefix}{lane.column}"])
                 for who, prefix in controllers.items() for lane in lanes()]  # fmt: skip
-        strip = _LANE * len(rows)
+        strip = _LANE_HEIGHT * len(rows)
         self._figure = Figure(figsize=(_WIDTH, sum(heights) + strip + 0.6), layout="constrained")
         FigureCanvasAgg(self._figure)
         self._figure.suptitle(title, x=0.01, ha="left", fontsize=11)
@@ -52,24 +53,24 @@ class Sheet:
         self._draw_lanes(rows)
 
     def mark(self, times: Iterable[float], label: str, colour: str, style: str = ":") -> None:
-        """Draw a line through all panels at each of `times` [s]; the first panel's legend names them."""
+        """Draw a line through all panels at each of `times` [s], with `label` in the legend of the first panel."""
         for axes in self.panels if (at := sorted(set(times))) else ():
             named = label if axes is self.panels[0] else "_"  # matplotlib leaves _ out of a legend
             axes.vlines(at, 0.0, 1.0, colour, style, label=named, lw=0.9, transform=axes.get_xaxis_transform())
 
     def save(self, path: Path) -> None:
-        """Write the PNG."""
-        self.finish().savefig(path, dpi=_DOTS)
+        """Write the picture into a PNG at `path`."""
+        self.finish().savefig(path, dpi=_RESOLUTION)
 
     def finish(self) -> "Figure":
-        """The figure with its legends and faults; to be called once."""
+        """Add legends and faults; return the figure. To be called once."""
         self.mark(self._faults, "fault", palette.LIMIT, "-")
         for axes in self.panels:
             axes.grid(alpha=0.3)
             axes.spines[["top", "right"]].set_visible(False)
             axes.margins(x=0.0)
             if axes.get_legend_handles_labels()[0]:
-                axes.legend(ncols=6, **_ABOVE)
+                axes.legend(ncols=6, **_LEGEND_STYLE)
         self.strip.set_xlim(self.time[0], self.time[-1])
         self.strip.set_xlabel("time [s]")
         self._figure.align_ylabels()
@@ -80,33 +81,33 @@ class Sheet:
         colours: dict[str, str] = {}
         written: set[str] = set()
         for y, (_, lane, values) in enumerate(rows):
-            found = stretches(values)
-            words = {value: lane.word(value) for value in sorted({stretch.value for stretch in found})}
+            spans = stretches(values)
+            words = {value: lane.word(value) for value in sorted({stretch.value for stretch in spans})}
             for value, word in words.items():
                 colours[word] = palette.of_state(word)
-                bars = [(self.time[s.begin], (s.end - s.begin) * step) for s in found if s.value == value]
+                bars = [(self.time[s.begin], (s.end - s.begin) * step) for s in spans if s.value == value]
                 axes.broken_barh(bars, (y - 0.42, 0.84), color=colours[word], lw=0)
-            faults = [s for s in found if lane.name == "fault" and words[s.value] != "none"]
-            written |= self._name_faults(y, faults, words) if faults else self._name_stretches(y, found, words)
+            faults = [s for s in spans if lane.name == "fault" and words[s.value] != "none"]
+            written |= self._name_faults(y, faults, words) if faults else self._name_stretches(y, spans, words)
         axes.set_ylim(len(rows) - 0.5, -0.5)
-        axes.set_yticks(range(len(rows)), [name for name, _, _ in rows], fontsize=_SMALL)
+        axes.set_yticks(range(len(rows)), [name for name, _, _ in rows], fontsize=_FONT_SIZE)
         axes.tick_params(axis="y", length=0)
         axes.spines[["top", "right", "left"]].set_visible(False)
-        self._explain({word: colour for word, colour in colours.items() if word not in written and word != "none"})
+        self._draw_legend({word: colour for word, colour in colours.items() if word not in written and word != "none"})
 
-    def _name_stretches(self, y: int, found: Sequence[Stretch], words: Mapping[float, str]) -> set[str]:
-        """Write the word of each stretch into it where it has room; the words that are written."""
+    def _name_stretches(self, y: int, spans: Sequence[Stretch], words: Mapping[float, str]) -> set[str]:
+        """Write its word into each stretch that has room for it; return the words that are written."""
         written = set()
-        for stretch in found:
+        for stretch in spans:
             word = words[stretch.value]
             begin, end = self.time[stretch.begin], self.time[stretch.end - 1]
             if self._length(word) < end - begin:
-                self.strip.text(0.5 * (begin + end), y, word, color=palette.PAPER, ha="center", **_FACE)
+                self.strip.text(0.5 * (begin + end), y, word, color=palette.PAPER, ha="center", **_WORD_STYLE)
                 written.add(word)
         return written
 
     def _name_faults(self, y: int, faults: Sequence[Stretch], words: Mapping[float, str]) -> set[str]:
-        """Write each fault and its time beside its begin where there is room; the words that are written."""
+        """Write each fault and its time beside its begin where there is room; return the words that are written."""
         written = set()
         begins = [float(self.time[fault.begin]) for fault in faults]
         free = float(self.time[0])
@@ -118,43 +119,43 @@ class Sheet:
                 side, free = "right", at
             else:
                 continue
-            self.strip.text(at, y, word, color=palette.PAPER, ha=side, **_FACE)
+            self.strip.text(at, y, word, color=palette.PAPER, ha=side, **_WORD_STYLE)
             written.add(words[fault.value])
         self._faults += begins
         return written
 
     def _length(self, word: str) -> float:
-        """How long a word in a lane is [s]."""
-        return len(word) * _LETTER * float(self.time[-1] - self.time[0]) / (_WIDTH - _LEFT)
+        """Length of a word in a lane [s]."""
+        return len(word) * _LETTER_WIDTH * float(self.time[-1] - self.time[0]) / (_WIDTH - _LEFT)
 
-    def _explain(self, colours: Mapping[str, str]) -> None:
-        """A legend of words that stand nowhere."""
+    def _draw_legend(self, colours: Mapping[str, str]) -> None:
+        """Draw a legend for the words that no lane had room for."""
         from matplotlib.patches import Patch
 
         if colours:
             self.strip.legend(
                 handles=[Patch(color=colour, label=word) for word, colour in colours.items()],
-                ncols=8, handlelength=1.0, **_ABOVE,
+                ncols=8, handlelength=1.0, **_LEGEND_STYLE,
             )  # fmt: skip
 
 
-def speeds(axes: Any, *lines: np.ndarray) -> None:
-    """The axis of these speeds [rad/s]: from 0, or as far down as up where one is negative, with a line at 0."""
+def set_speed_axis(axes: Any, *lines: np.ndarray) -> None:
+    """Set the axis for these speeds [rad/s]: from 0 up, or symmetric with a line at 0 where one of them is negative."""
     if reach := both_ways(*lines):
         axes.set_ylim(-reach, reach)
-        zero(axes)
+        draw_zero(axes)
     else:
-        axes.set_ylim(0.0, max(axes.get_ylim()[1], MOVES))
+        axes.set_ylim(0.0, max(axes.get_ylim()[1], MOVING_SLIP))
 
 
-def at_least(axes: Any, high: float) -> None:
-    """The axis shows 0 to `high`, and more: noise about 0 stays small."""
+def show_at_least(axes: Any, high: float) -> None:
+    """Extend the axis to 0 and `high`, so that noise about 0 is drawn small."""
     low, top = axes.get_ylim()
     axes.set_ylim(min(low, -0.05 * high), max(top, high))
 
 
-def zero(axes: Any) -> None:
-    """A line at 0."""
+def draw_zero(axes: Any) -> None:
+    """Draw a line at 0."""
     axes.axhline(0.0, color=palette.INK, lw=0.7)
 
 
@@ -163,12 +164,12 @@ def plot_errors(
 ) -> None:
     """Plot errors [Nm] by label, each with its colour and width [pt].
 
-    The axis is made for most of the samples in which the clutch is `closed`: an open one has no error. What leaves the axis is
-    marked at its edge, and the label tells how far it goes.
+    The axis has room for most samples in which the clutch is `closed`, a mask (n,). Values outside are marked at the edge of
+    the axis, and the label has their extreme.
     """
     reach = error_reach([values[closed] for values, *_ in errors.values()])
     axes.set_ylim(-reach, reach)
-    zero(axes)
+    draw_zero(axes)
     for label, (values, colour, width) in errors.items():
         known = values[np.isfinite(values)]
         low, high = float(known.min(initial=0.0)), float(known.max(initial=0.0))
@@ -178,7 +179,7 @@ def plot_errors(
             at = _places(time, side * values > reach)
             axes.plot(
                 at,
-                np.full(len(at), side * _EDGE * reach),
+                np.full(len(at), side * _MARK_HEIGHT * reach),
                 mark,
                 color=colour,
                 ms=5,
@@ -189,16 +190,16 @@ def plot_errors(
 
 
 def error_reach(errors: Iterable[np.ndarray]) -> float:
-    """Half of the axis for errors [Nm]: it has room for all of them, unless few samples go far beyond the others."""
+    """Half the axis of errors [Nm]. It has room for all of them, unless a few samples are far outside the others."""
     sizes = np.abs(np.concatenate([np.empty(0), *(error[np.isfinite(error)] for error in errors)]))
     if not len(sizes):
-        return _LEAST
-    most, everything = _ROOM * float(np.percentile(sizes, _REACH)), 1.05 * float(sizes.max())
-    return max(everything if everything <= _ROOM * most else most, _LEAST)
+        return _LEAST_REACH
+    most, everything = _REACH_FACTOR * float(np.percentile(sizes, _REACH_PERCENTILE)), 1.05 * float(sizes.max())
+    return max(everything if everything <= _REACH_FACTOR * most else most, _LEAST_REACH)
 
 
 def _places(time: np.ndarray, beyond: np.ndarray) -> np.ndarray:
     """Times at which something is `beyond` an axis, not more than _MARKS."""
     at = time[beyond]
-    places = np.floor((at - time[0]) / (time[-1] - time[0]) * _MARKS)
+    places = np.floor((at - time[0]) / (time[-1] - time[0]) * _MOST_MARKS)
     return at[np.unique(places, return_index=True)[1]]

@@ -1,4 +1,4 @@
-"""A run of the power-shift rig, a hand-over of torque: its status line, judged and drawn."""
+"""Runs of the power-shift rig, hand-overs of torque: their status line, judgement and picture."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from clutch_hil.bench.limits import Limit, judged
+from clutch_hil.bench.limits import Limit, judge_limits
 from clutch_hil.bench.power_shift_measures import MEASURES, handover
 from clutch_hil.bench.result import Result, fault_lines, timing_lines, title
 from clutch_hil.bench.shift_picture import draw_shift
@@ -20,12 +20,12 @@ from protocols.files.runs import read_run
 
 
 class ShiftStatus(StatusLine):
-    """Input and vehicle speed, both torques, output torque."""
+    """Status line with input and vehicle speed, both clutch torques and output torque."""
 
     def _text(self, plant: np.ndarray, controller: np.ndarray) -> str:
         p = {name: plant[i] for name, i in self._plant.items()}
         return (
-            f"{p['time_s']:6.1f}{self._of} s  {self._rate:5.0f} Hz  input {p['truth_input_speed_rad_s']:5.2f} rad/s"
+            f"{p['time_s']:6.1f}{self._of_duration} s  {self._rate:5.0f} Hz  input {p['truth_input_speed_rad_s']:5.2f} rad/s"
             f"  vehicle {p['truth_vehicle_speed_m_s']:5.2f} m/s  torque a {p['truth_clutch_torque_a_nm']:5.2f}"
             f"  b {p['truth_clutch_torque_b_nm']:5.2f}  output {p['truth_output_torque_nm']:5.2f} Nm"
         )
@@ -71,7 +71,7 @@ def judge_shift(path: Path, read: str, limits: Sequence[Limit] = (), timing: dic
     lines += _load_lines(run.metadata["sample_rate_hz"])
     lines += [f"{'shift:' if not i else '':<9}{text}" for i, text in enumerate(_shift_lines(measured))]
     lines += fault_lines(faults) if limits else []
-    result = Result(document, "\n".join(lines), verdict, good).limited(judged(limits, columns))
+    result = Result(document, "\n".join(lines), verdict, good).with_limits(judge_limits(limits, columns))
     draw_shift(picture, columns, title(path, verdict.partition(", heat")[0], result))
     return result.interrupted(columns["time_s"][-1]) if timing and timing["interrupted"] else result
 
@@ -80,13 +80,13 @@ def _shift_lines(measured: dict[str, Any]) -> list[str]:
     rows = []
     for name, value in measured.items():
         measure = MEASURES[name]
-        said = value if measure.words else f"{value:.4g} {'' if measure.unit == '1' else measure.unit}"
-        rows.append(f"{name:<{max(map(len, MEASURES))}}  {said:<12}  {measure.what}")
+        text = value if measure.words else f"{value:.4g} {'' if measure.unit == '1' else measure.unit}"
+        rows.append(f"{name:<{max(map(len, MEASURES))}}  {text:<12}  {measure.what}")
     return rows
 
 
 def _load_lines(rate: int) -> list[str]:
-    """What a real bus would say, where it would not bear this."""
+    """A note where a real bus is too slow for these frames."""
     load = bus_load(bus_frames(clutches=len(CLUTCHES)), rate, max(BITRATES))
     if load <= 1.0:
         return []

@@ -1,6 +1,7 @@
-"""Picture of a hand-over: speeds, torques, output torque, pressures, and phase, clutch and faults of both; shaded where it is.
+"""Picture of a hand-over: speeds, torques, output torque, pressures; phase, clutch state and faults of both clutches.
 
-A colour is a clutch, or the driveline; a line is true, thin where it is estimated or measured, dashed where it is asked for.
+The time of the hand-over is shaded. A colour stands for a clutch, or for the driveline. Thick lines are true values, thin ones
+estimated or measured, dashed ones demands.
 """
 
 from collections.abc import Iterable, Mapping
@@ -9,12 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from clutch_hil.bench import palette
-from clutch_hil.bench.direction import PUSHES, direction
+from clutch_hil.bench.direction import SIGNED_TORQUE, direction
 from clutch_hil.bench.power_shift_measures import handover
-from clutch_hil.bench.sheet import Sheet, zero
+from clutch_hil.bench.sheet import Sheet, draw_zero
 from protocols.can.request import Request
 
-_HEIGHTS = (2.0, 2.7, 1.6, 1.8)  # in: speed, torque, output torque, pressure
+_HEIGHTS = (2.0, 2.7, 1.6, 1.8)  # inches: speed, torque, output torque, pressure
 _CLUTCHES = (("a", "controller_", palette.CLUTCH_A, "1st"), ("b", "controller_b_", palette.CLUTCH_B, "2nd"))
 
 
@@ -24,7 +25,7 @@ def draw_shift(path: Path, columns: Mapping[str, np.ndarray], title: str) -> Non
 
 
 def shift_sheet(columns: Mapping[str, np.ndarray], title: str, injected: Iterable[float] = ()) -> Sheet:
-    """The picture, which can still be looked into, with a line at each time [s] at which something was `injected`."""
+    """Draw a run with a line at each time [s] in `injected`; return the sheet, which is not yet saved."""
     sheet = Sheet(columns, title, _HEIGHTS, {name: prefix for name, prefix, *_ in _CLUTCHES})
     time = sheet.time
     speed, torque, output, pressure = sheet.panels
@@ -40,13 +41,13 @@ def shift_sheet(columns: Mapping[str, np.ndarray], title: str, injected: Iterabl
         torque.plot(time, columns[f"truth_clutch_torque_{name}_nm"], color=colour, lw=1.5, label=f"{name}, true")
         pressure.plot(time, columns[f"cylinder_pressure_{name}_bar"], color=colour, lw=1.0, label=f"{name}, measured")
         last = name == _CLUTCHES[-1][0]
-        torque.plot(time, demand(columns, name, prefix), label="demands" if last else None, **dashed)
+        torque.plot(time, signed_demand(columns, name, prefix), label="demands" if last else None, **dashed)
         pressure.plot(time, columns[f"{prefix}pressure_demand_bar"], label="demands" if last else None, **dashed)
     speed.plot(time, columns["input_speed_demand_rad_s"], label="input, demand", **dashed)
     speed.set_ylabel("speed [rad/s]")
     torque.set_ylabel("clutch torque [Nm]")
-    if any(np.any(columns[f"truth_clutch_torque_{name}_nm"] <= -PUSHES) for name, *_ in _CLUTCHES):
-        zero(torque)
+    if any(np.any(columns[f"truth_clutch_torque_{name}_nm"] <= -SIGNED_TORQUE) for name, *_ in _CLUTCHES):
+        draw_zero(torque)
     torque.margins(y=0.12)  # room for a word
     output.plot(time, columns["truth_output_torque_nm"], label="output", **driveline)
     output.plot(time, columns["truth_road_torque_nm"], color=palette.SECOND, lw=1.0, ls=":", label="road")
@@ -67,8 +68,8 @@ def shift_sheet(columns: Mapping[str, np.ndarray], title: str, injected: Iterabl
     return sheet
 
 
-def demand(columns: Mapping[str, np.ndarray], clutch: str, prefix: str) -> np.ndarray:
-    """The torque demand of a clutch [Nm] signed as its slip; not a number where a lock or a pressure is asked for."""
+def signed_demand(columns: Mapping[str, np.ndarray], clutch: str, prefix: str) -> np.ndarray:
+    """Torque demand of a clutch (n,) [Nm] with the sign of its slip; NaN where a lock or a pressure is asked for."""
     way = direction(columns[f"truth_slip_speed_{clutch}_rad_s"], columns[f"truth_clutch_torque_{clutch}_nm"])
     other = np.isin(columns[f"{prefix}request"], (Request.LOCK, Request.PRESSURE))
     return np.where(other, np.nan, way * np.nan_to_num(columns[f"torque_demand_{clutch}_nm"]))

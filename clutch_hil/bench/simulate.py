@@ -1,4 +1,4 @@
-"""`clutch-hil simulate`: plant and controllers of a rig in one process, as fast as it goes."""
+"""`clutch-hil simulate`: plant and controllers of a rig in one process, as fast as the machine allows."""
 
 from collections.abc import Callable
 from typing import Any
@@ -8,31 +8,31 @@ from clutch_hil.bench.label import Label
 from clutch_hil.bench.metadata import run_metadata
 from clutch_hil.bench.recording import Recording, run_path, writable
 from clutch_hil.bench.result import Result
-from clutch_hil.bench.scenario import Scenario, naming
+from clutch_hil.bench.scenario import Scenario, name_file_in_errors
 from clutch_hil.bench.sealed import SealedRecording
 from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
 
-_MOST_SAMPLES = 1_000_000  # of a run in one process, which is held in memory until it ends: some 4 kB each
+_MOST_SAMPLES = 1_000_000  # of a run in one process, which holds about 4 kB of memory for each until it ends
 
 
 class Simulation:
-    """Runs of a scenario; `blind` seals the truth away. Raises InputError when they cannot be: nothing has run then."""
+    """Simulations of a scenario. `blind` keeps the truth out of run files. Raises InputError if the scenario cannot be run."""
 
     def __init__(self, scenario: Scenario, blind: bool = False) -> None:
         self.scenario, self._blind = scenario, blind
         self.label = Label.of(scenario, blind)
-        with naming(scenario.path):
+        with name_file_in_errors(scenario.path):
             scenario.rig.plant.check_blind(blind)
-            self.profile = scenario.loaded_profile()
-            _must_fit(self.profile.duration, scenario.settings.rate)
+            self.profile = scenario.load_profile()
+            _check_size(self.profile.duration, scenario.settings.rate)
             self._new_nodes(scenario.plant, scenario.settings.seed)
 
     def run(self, progress: Callable[[int, int], None]) -> Result:
-        """Simulate; write the run file and its picture."""
+        """Simulate, and write the run file and its picture; return its judgement. Raises InputError."""
         scenario, settings = self.scenario, self.scenario.settings
         writable(settings.out)
-        played, metadata = self.play_described(progress)
+        played, metadata = self.play_with_metadata(progress)
         path = run_path(settings.out, f"{self.label.name}-simulated")
         recorder = SealedRecording if self._blind else Recording
         with recorder(path, played.plant_columns, played.controller_columns, settings.rate) as recording:
@@ -41,13 +41,13 @@ class Simulation:
         result: Result = scenario.rig.judge(path, f"{self}, in one process, {settings.rate} Hz", scenario.limits)
         return result
 
-    def play_described(self, progress: Callable[[int, int], None] | None = None) -> tuple[Played, dict[str, Any]]:
+    def play_with_metadata(self, progress: Callable[[int, int], None] | None = None) -> tuple[Played, dict[str, Any]]:
         """Simulate; return the records and the metadata of their run file. Nothing is written."""
         scenario, settings = self.scenario, self.scenario.settings
         plant, controllers = self._new_nodes(scenario.plant, settings.seed)
         cycles = round(self.profile.duration * settings.rate)
-        told = (lambda cycle: progress(cycle, cycles)) if progress else None
-        played = play(plant, *controllers.values(), progress=told)
+        report_cycle = (lambda cycle: progress(cycle, cycles)) if progress else None
+        played = play(plant, *controllers.values(), progress=report_cycle)
         parameters = {name: controller.parameters.as_values() for name, controller in controllers.items()}
         metadata = run_metadata(scenario.rig, settings.rate, scenario.plant, parameters, plant.injected)
         metadata |= {"settings": settings.as_text() | {"mode": "in process"}, "scenario": scenario.name}
@@ -59,11 +59,11 @@ class Simulation:
         return play(node, *controllers.values())
 
     def __str__(self) -> str:
-        """What is read."""
+        """What is read, as text."""
         return self.label.read(self.profile.duration)
 
     def _new_nodes(self, plant: ParameterSet, seed: int) -> tuple[Any, dict[str, Any]]:
-        """A plant, and its controllers by name."""
+        """Make a plant, and its controllers by name. Raises InputError."""
         settings, rig = self.scenario.settings, self.scenario.rig.plant
         node = rig.node(
             settings.rate, plant, self.profile, seed, settings.temperature,
@@ -72,8 +72,8 @@ class Simulation:
         return node, {name: settings.new_controller(clutch) for name, clutch in rig.controllers.items()}
 
 
-def _must_fit(duration: float, rate: int) -> None:
-    """Raise InputError when a run of `duration` [s] at `rate` [Hz] has too many samples to be held in memory."""
+def _check_size(duration: float, rate: int) -> None:
+    """Raise InputError when a run of `duration` [s] at `rate` [Hz] has too many samples for the memory."""
     if (samples := round(duration * rate)) > _MOST_SAMPLES:
         raise InputError(
             f"a simulation of {duration:g} s, {samples} samples, does not fit into memory; allowed are {_MOST_SAMPLES};"

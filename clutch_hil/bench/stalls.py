@@ -1,10 +1,10 @@
-"""Stalls of a CPU: when the machine did not run it, seen by a loop of nothing on it, above all others.
+"""Stalls of a CPU: times in which the machine ran nothing of ours, found by a loop of the highest priority that does nothing.
 
-Method          a thread of the process that asks sleeps from slot to slot in compiled code, without the GIL; a slot that it
-                woke late for was lost to the machine, from the slot until it woke
-Assumptions     nothing above its priority runs on that CPU; a stall that is shorter than from slot to slot may fall in between
-Costs           some 10 us of the CPU a slot (measured at 4 kHz on a virtual machine)
-References      Linux, Documentation/trace/hwlat_detector.rst: the same of a kernel, by spinning
+Method          a thread sleeps from slot to slot in compiled code, without the GIL. Where it wakes late, the time from the slot
+                until it woke was lost to the machine
+Assumptions     nothing of a higher priority runs on that CPU. A stall between two slots is not found
+Costs           about 10 us of the CPU for each slot (measured at 4 kHz on a virtual machine)
+References      Linux, Documentation/trace/hwlat_detector.rst: the same measurement in the kernel, by spinning
 """
 
 import threading
@@ -19,59 +19,63 @@ from protocols.realtime.beat import sleep_until
 from protocols.realtime.rights import MEASURES, prepare
 
 _SECOND = 1_000_000_000  # ns
-_BEGIN = 20_000_000  # ns to the first slot at least
-_MINE = tuple(
+_START_DELAY = 20_000_000  # ns, least time to the first slot
+_THREAD_MEASURES = tuple(
     m for m in MEASURES if m.name in ("bound to a CPU", "real-time priority")
 )  # of a thread; others: a process's
 
 
 class StallWatch:
-    """Watches `cpu` with a priority of SCHED_FIFO in slots every `every_ns`, `phase_ns` behind whole ones, while entered.
+    """Watches `cpu` while entered, in slots every `every_ns` [ns], `phase_ns` [ns] after whole multiples of that.
 
-    It ends by itself after `seconds` [s]. Where a right is missing it watches without.
+    priority: of SCHED_FIFO. It ends by itself after `seconds` [s]. Where the process may not set priority or CPU, it watches
+    without.
     """
 
     def __init__(self, cpu: int, priority: int, every_ns: int, phase_ns: int, seconds: float) -> None:
-        self._wanted, self._every = (cpu, priority), every_ns
-        self._first = (time.monotonic_ns() + _BEGIN) // every_ns * every_ns + every_ns + phase_ns % every_ns
-        self._woken = np.ones(round(seconds * _SECOND) // every_ns, np.int64)  # touched beforehand
-        self._asked = np.zeros(1, np.bool_)
+        self._rights, self._every = (cpu, priority), every_ns
+        self._first = (time.monotonic_ns() + _START_DELAY) // every_ns * every_ns + every_ns + phase_ns % every_ns
+        self._woken = np.ones(round(seconds * _SECOND) // every_ns, np.int64)  # touches the memory now
+        self._stop_flag = np.zeros(1, np.bool_)
         self._count = 0
         self._thread = threading.Thread(target=self._run, daemon=True)
-        _watch(self._first, every_ns, self._woken[:0], self._asked)  # compiled now
+        _watch(self._first, every_ns, self._woken[:0], self._stop_flag)  # compiles it before the thread begins
 
     def __enter__(self) -> "StallWatch":
         self._thread.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._asked[0] = True
+        self._stop_flag[0] = True
         self._thread.join()
 
     @property
-    def seen(self) -> tuple[int, int]:
-        """First and last slot [ns of CLOCK_MONOTONIC]."""
+    def watched_span(self) -> tuple[int, int]:
+        """First and last slot that was watched [ns of CLOCK_MONOTONIC]."""
         return self._first, self._first + self._every * (self._count - 1)
 
     def stalls(self, least_ns: float) -> np.ndarray:
-        """Begin and end (n, 2) [ns of CLOCK_MONOTONIC] of every stall that was seen for more than `least_ns`."""
+        """Begin and end (n, 2) [ns of CLOCK_MONOTONIC] of every stall longer than `least_ns` [ns]."""
         slots = self._first + self._every * np.arange(self._count)
         woken = self._woken[: self._count]
-        seen = woken - slots > least_ns
-        return np.column_stack([slots[seen], woken[seen]])
+        late = woken - slots > least_ns
+        return np.column_stack([slots[late], woken[late]])
 
     def _run(self) -> None:
-        prepare(*self._wanted, _MINE)
-        self._count = _watch(self._first, self._every, self._woken, self._asked)
+        prepare(*self._rights, _THREAD_MEASURES)
+        self._count = _watch(self._first, self._every, self._woken, self._stop_flag)
 
 
 @njit(cache=True, nogil=True)
-def _watch(first: Any, every: Any, woken: Any, asked: Any) -> Any:
-    """Write when it woke for slot after slot [ns]; for those slept through, the same. Return for how many."""
+def _watch(first: Any, every: Any, woken: Any, stop_flag: Any) -> Any:
+    """Write the wake-up time of every slot into `woken` (n,) [ns]; return the number of slots.
+
+    Slots that were slept through have the time of the wake-up after them.
+    """
     times, k = np.zeros(2, np.int64), 0
-    while k < woken.size and not asked[0]:
-        due = first + k * every
-        sleep_until(due, times)
+    while k < woken.size and not stop_flag[0]:
+        slot = first + k * every
+        sleep_until(slot, times)
         at = now(CLOCK_MONOTONIC, times)
         while k < woken.size and first + k * every <= at:
             woken[k] = at

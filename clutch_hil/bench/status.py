@@ -1,4 +1,4 @@
-"""Status line: what the loop is doing right now, on one line of the terminal."""
+"""Status line: the present state of the loop, on one line of the terminal."""
 
 import time
 from collections.abc import Sequence
@@ -14,11 +14,14 @@ from protocols.can.fault_text import WAITS_FOR_IDLE, waits_for_idle
 from protocols.can.frames import load_frames
 from protocols.node import Column
 
-_PLAIN_EVERY = 2.0  # s between lines where the output is no terminal
+_PLAIN_INTERVAL = 2.0  # s between lines where stderr is no terminal
 
 
 class StatusLine:
-    """Rate, torque demand/estimate/true, pressure, late cycles. Nothing when `quiet`; the measured torque when `blind`."""
+    """Status line with rate, phase, torques, pressure and late cycles. Use as a context manager.
+
+    Nothing is shown when `quiet`. When `blind`, the measured torque stands for the true one.
+    """
 
     def __init__(
         self, plant: Sequence[Column], controller: Sequence[Column], duration: float, quiet: bool, blind: bool = False
@@ -26,11 +29,11 @@ class StatusLine:
         self._plant = {column.name: i for i, column in enumerate(plant)}
         self._controller = {column.name: i for i, column in enumerate(controller)}
         self._torque = ("clutch_torque_nm", "measured") if blind else ("truth_clutch_torque_nm", "true")
-        self._of, self._quiet = f"/{duration:g}" if isfinite(duration) else "", quiet
+        self._of_duration, self._quiet = f"/{duration:g}" if isfinite(duration) else "", quiet
         self._phases = load_frames()["CONTROLLER_STATUS"].choices("phase")
         self._console = Console(stderr=True)
         self._live = Live(console=self._console, refresh_per_second=8, transient=True)
-        self._shown = self._counted_at = time.monotonic()
+        self._printed_at = self._counted_at = time.monotonic()
         self._cycles = 0
         self._rate = 0.0
 
@@ -45,11 +48,11 @@ class StatusLine:
         self._live.stop()
 
     def note(self, text: str) -> None:
-        """Tell something that stays on the terminal."""
+        """Print a text that stays on the terminal."""
         self._console.print(text, soft_wrap=True, highlight=False, markup=False)
 
     def show(self, plant: np.ndarray, controller: np.ndarray) -> None:
-        """Show the newest of the new rows, shape (rows, columns of the node)."""
+        """Show the newest of these new rows, each array of shape (rows, columns of the node)."""
         self._cycles += len(controller)
         now = time.monotonic()
         if self._quiet or not (len(plant) and len(controller)):
@@ -60,15 +63,15 @@ class StatusLine:
         text = self._text(plant[-1], controller[-1])
         if self._console.is_terminal:
             self._live.update(Text(text, no_wrap=True, overflow="ellipsis"))
-        elif now - self._shown >= _PLAIN_EVERY:
-            self._shown = now
+        elif now - self._printed_at >= _PLAIN_INTERVAL:
+            self._printed_at = now
             self._console.print(text, soft_wrap=True, highlight=False)
 
     def _text(self, plant: np.ndarray, controller: np.ndarray) -> str:
         p = {name: plant[i] for name, i in self._plant.items()}
         c = {name: controller[i] for name, i in self._controller.items()}
         return (
-            f"{p['time_s']:6.1f}{self._of} s  {self._rate:5.0f} Hz  {self._phases[int(c['phase'])]:<12}"
+            f"{p['time_s']:6.1f}{self._of_duration} s  {self._rate:5.0f} Hz  {self._phases[int(c['phase'])]:<12}"
             f"  torque demand {c['torque_demand_nm']:5.2f}  estimate {c['torque_estimate_nm']:6.2f}"
             f"  {self._torque[1]} {p[self._torque[0]]:6.2f} Nm  pressure {p['cylinder_pressure_bar']:4.2f} bar"
             f"  late {int(c['late_cycles'])}{self._waits(c)}"

@@ -1,4 +1,4 @@
-"""Study: a scenario simulated for many samples of parameters, each by itself; a table with a row a run."""
+"""Study: a scenario simulated for many samples of parameters, independent of each other; a table has a row for each run."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -8,8 +8,8 @@ from typing import Any
 import pyarrow as pa
 
 from clutch_hil.bench.executors import compute
-from clutch_hil.bench.in_memory import composed_scenario, measure_run, simulate
-from clutch_hil.bench.scenario import Scenario, checked_seed, chosen_scenario
+from clutch_hil.bench.in_memory import compose_scenario, measure_run, simulate
+from clutch_hil.bench.scenario import Scenario, check_seed, choose_scenario
 from clutch_hil.bench.simulate import Simulation
 from protocols.errors import InputError
 
@@ -18,7 +18,7 @@ _CONTROLLER = "controller."
 
 @dataclass(frozen=True)
 class Case:
-    """One run: arguments of `simulate`, and the measures that are kept of it."""
+    """One run: the arguments of `simulate`, and the names of the measures that it returns."""
 
     arguments: Mapping[str, Any]
     measures: tuple[str, ...]
@@ -37,19 +37,19 @@ def sweep(
 ) -> pa.Table:
     """Simulate `scenario`, or a profile, for every sample and every seed; return a table with a row a run, in that order.
 
-    A sample holds values of plant parameters by dotted name, those of the controller behind `controller.`. `clutch_hil.grid`,
-    `random` and `latin_hypercube` make samples. `settings` are those of `simulate`. Columns: the names in the samples, `seed`
-    and `measures`, of which `clutch_hil.measure_run` has all; None keeps those that sum up a run of its rig, and the fault.
+    A sample has values of plant parameters by dotted name, and those of the controller with `controller.` before the name.
+    `clutch_hil.grid`, `random` and `latin_hypercube` make samples. `settings` are those of `simulate`. Columns of the table are
+    the names in the samples, `seed` and `measures`. All measures are those of `clutch_hil.measure_run`; None takes those that
+    sum up a run of its rig, and the fault. The fields of the table's schema have their unit as metadata.
 
-    Runs are shared out to `workers` processes, one for each CPU if None, or to the Dask cluster at `address`. The table is the
-    same to the bit wherever they are computed. `progress(done, of)` is called as runs end. In a script, call this below
-    `if __name__ == "__main__":`, as worker processes load the script. The fields of the table's schema have their unit as
-    metadata.
+    `workers` processes compute the runs, one for each CPU if None, or the Dask cluster at `address`. The table is the same to
+    the bit wherever they are computed. `progress(done, of)` is called after every run. In a script, call this below
+    `if __name__ == "__main__":`, because worker processes load the script.
 
-    Raises InputError before anything is computed for what cannot be.
+    Raises InputError for a run that is not possible, before any is computed.
     """
     rows = list(samples)
-    numbers = list(map(checked_seed, seeds))
+    numbers = list(map(check_seed, seeds))
     if not rows or not numbers:
         raise InputError(f"a sweep was given no {'seeds' if rows else 'samples'}; one or more are needed")
     names = list(rows[0])
@@ -58,8 +58,8 @@ def sweep(
             f"a sample has {', '.join(odd) or 'no values'}, the first has {', '.join(names)}; all need the same"
         )
     if measures is None:
-        measures = (*chosen_scenario(None if scenario is None else str(scenario), {}).rig.figures, "fault")
-    cases = list(prepared_cases(rows, numbers, scenario, tuple(measures), settings))
+        measures = (*choose_scenario(None if scenario is None else str(scenario), {}).rig.figures, "fault")
+    cases = list(prepare_cases(rows, numbers, scenario, tuple(measures), settings))
     results: list[dict[str, Any]] = [{} for _ in cases]
     for done, (index, result) in enumerate(compute(measure_case, cases, workers, address), 1):
         results[index] = result
@@ -69,7 +69,7 @@ def sweep(
     columns: dict[str, list[Any]] = {name: [row[name] for row, _ in repeated] for name in names}
     columns |= {"seed": [seed for _, seed in repeated]}
     columns |= {name: [result[name] for result in results] for name in measures}
-    units = _units(names, measures, composed_scenario(scenario, {"profile": settings.get("profile")}))
+    units = _units(names, measures, compose_scenario(scenario, {"profile": settings.get("profile")}))
     table = pa.table(columns)
     fields = [field.with_metadata({"unit": units.get(field.name, "1")}) for field in table.schema]
     return table.cast(pa.schema(fields))
@@ -86,31 +86,31 @@ def _units(names: Sequence[str], measures: Sequence[str], scenario: Scenario) ->
 
 
 def measure_case(case: Case) -> dict[str, float | str]:
-    """Simulate a case and measure it: what a worker does."""
+    """Simulate a case in a worker and compute its measures."""
     values = measure_run(simulate(**case.arguments))
     return {name: values[name] for name in case.measures}
 
 
-def prepared_cases(
+def prepare_cases(
     samples: Sequence[Mapping[str, float]],
     seeds: Sequence[int],
     scenario: str | Path | None,
     measures: tuple[str, ...],
     settings: Mapping[str, Any],
 ) -> Iterator[Case]:
-    """The cases of a sweep, see there. Raises InputError for one that cannot be."""
+    """Yield the cases of a sweep; the arguments are those of `sweep`. Raises InputError for one that is not possible."""
     own = {key: dict(settings.get(key) or {}) for key in ("plant", "controller")}
     others = {key: value for key, value in settings.items() if key not in own}
     run = {key: value for key, value in others.items() if key != "effects"}
     effects = others.get("effects", ())
-    others["effects"] = effects if isinstance(effects, (str, Mapping)) else tuple(effects)  # more than once
+    others["effects"] = effects if isinstance(effects, (str, Mapping)) else tuple(effects)  # it is read for every case
     for number, sample in enumerate(samples):
         ours = {name.removeprefix(_CONTROLLER): v for name, v in sample.items() if name.startswith(_CONTROLLER)}
         plant = own["plant"] | {name: v for name, v in sample.items() if not name.startswith(_CONTROLLER)}
         controller = own["controller"] | ours
-        chosen = composed_scenario(scenario, run, plant, controller, others["effects"])
+        chosen = compose_scenario(scenario, run, plant, controller, others["effects"])
         if number == 0:
-            Simulation(chosen)  # what holds for one holds for all: rig, profile, rate
+            Simulation(chosen)  # checks rig, profile and rate, which all cases share
             for name in measures:
                 chosen.rig.measure(name)
         elif ours:

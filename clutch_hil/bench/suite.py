@@ -1,4 +1,4 @@
-"""Suite: scenarios run, timed and told; several one after the other with one verdict."""
+"""Suite: run one scenario, or several in turn with one verdict, and time them."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -16,21 +16,21 @@ from protocols.errors import InputError
 
 
 def run_one(label: Label, run: Callable[[], Result], junit: Path | None) -> Result:
-    """The result of one scenario with this label by `run`, written to the file `junit` too if given. Raises InputError."""
+    """Run one scenario with this label by `run`; also write its result to the file `junit` if given. Raises InputError."""
     junit_path(junit)
-    case = _timed(label, run)
+    case = _time_run(label, run)
     assert case.result is not None
-    return _written(case.result, [case], junit)
+    return _write_verdicts(case.result, [case], junit)
 
 
 def run_suite(simulated: Sequence[Simulation], progress: Callable[[float, int], None], junit: Path | None) -> Result:
-    """One result of several scenarios, written to `junit` too if given. One that fails to run does not stop the others."""
+    """Run several scenarios; return one result, also written to `junit` if given. An error in one does not stop the others."""
     junit_path(junit)
     for one in simulated:
         writable(one.scenario.settings.out)
     cases = []
     for before, one in enumerate(simulated):
-        cases.append(_attempted(one, before, len(simulated), progress))
+        cases.append(_try_scenario(one, before, len(simulated), progress))
         progress(before + 1, len(simulated))
     rows = [("scenario", "s", "verdict")]
     rows += [(c.label.name, f"{c.seconds:.1f}", c.result.verdict if c.result else c.error) for c in cases]
@@ -43,18 +43,18 @@ def run_suite(simulated: Sequence[Simulation], progress: Callable[[float, int], 
         for case in cases
     ]
     document = {"scenarios": documents, "verdict": verdict, "good": not failed}
-    return _written(Result(document, "\n".join([*lines, table_text(rows)]), verdict, not failed), cases, junit)
+    return _write_verdicts(Result(document, "\n".join([*lines, table_text(rows)]), verdict, not failed), cases, junit)
 
 
-def _attempted(one: Simulation, before: int, total: int, progress: Callable[[float, int], None]) -> Case:
+def _try_scenario(one: Simulation, before: int, total: int, progress: Callable[[float, int], None]) -> Case:
     began, clock = _now(), time.monotonic()
     try:
-        return _timed(one.label, lambda: one.run(lambda done, cycles: progress(before + done / cycles, total)))
+        return _time_run(one.label, lambda: one.run(lambda done, cycles: progress(before + done / cycles, total)))
     except InputError as error:
         return Case(one.label, None, str(error), began, time.monotonic() - clock)
 
 
-def _timed(label: Label, run: Callable[[], Result]) -> Case:
+def _time_run(label: Label, run: Callable[[], Result]) -> Case:
     began, clock = _now(), time.monotonic()
     return Case(label, run(), "", began, time.monotonic() - clock)
 
@@ -63,7 +63,7 @@ def _now() -> datetime:
     return datetime.now().astimezone()
 
 
-def _written(result: Result, cases: Sequence[Case], junit: Path | None) -> Result:
+def _write_verdicts(result: Result, cases: Sequence[Case], junit: Path | None) -> Result:
     if junit is None:
         return result
     write_junit(junit, cases)

@@ -1,4 +1,4 @@
-"""Sweep of the command: a scenario simulated again and again, with other seeds and along one parameter of the plant."""
+"""Sweep of `clutch-hil simulate`: a scenario with several seeds, and with several values of one plant parameter."""
 
 import csv
 from collections.abc import Callable, Mapping, Sequence
@@ -30,12 +30,12 @@ def sweep_to_csv(
     """Simulate for every value of `vary` (`NAME=LOW:HIGH:COUNT`, a plant parameter) and `seeds` seeds; write a CSV.
 
     The file has the rig's `figures` of every run. `scenario` was made with `settings`, fields of RunSettings. `workers`,
-    `address` and `progress` are those of `clutch_hil.sweep`. Good when the first figure is a number in every run, or, of a
-    scenario with limits, when all of them hold in every run. Raises InputError.
+    `address` and `progress` are those of `clutch_hil.sweep`. The result of a scenario with limits is good if all of them hold
+    in every run; of another, if the first figure is not NaN in any run. Raises InputError.
     """
     writable(scenario.settings.out)
     figures = scenario.rig.figures
-    name, values = parsed_range(vary, scenario.plant) if vary else ("-", [float("nan")])
+    name, values = parse_range(vary, scenario.plant) if vary else ("-", [float("nan")])
     table = sweep(
         [{name: value} for value in values] if vary else [{}],
         scenario.path,
@@ -70,8 +70,8 @@ def sweep_to_csv(
     return Result(document, "\n".join(lines), verdict, all(good))
 
 
-def parsed_range(text: str, parameters: ParameterSet) -> tuple[str, Sequence[float]]:
-    """Parameter name and values of `NAME=LOW:HIGH:COUNT`. Raises InputError."""
+def parse_range(text: str, parameters: ParameterSet) -> tuple[str, Sequence[float]]:
+    """Parse `NAME=LOW:HIGH:COUNT` into a parameter name and its values. Raises InputError."""
     name, _, span = text.partition("=")
     try:
         low, high, count = span.split(":")
@@ -86,8 +86,8 @@ def parsed_range(text: str, parameters: ParameterSet) -> tuple[str, Sequence[flo
 
 
 def _spread(name: str, unit: str, values: np.ndarray) -> str:
-    """Mean and standard deviation of a measure, for people."""
+    """Mean and standard deviation of a measure as text."""
     known = values[~np.isnan(values)]
     spread = f"{known.mean():.3f} +- {known.std():.3f}" if len(known) else "never"
-    said = name.removesuffix(f"_{unit.lower()}").replace("_", " ")
-    return f"{said} {spread}{'' if unit == '1' else f' {unit}'}"
+    words = name.removesuffix(f"_{unit.lower()}").replace("_", " ")
+    return f"{words} {spread}{'' if unit == '1' else f' {unit}'}"

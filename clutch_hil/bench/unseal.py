@@ -1,4 +1,4 @@
-"""Unsealing: what a blind run keeps back, told when neither the run nor its truth file has been changed."""
+"""Unsealing: read the truth of a blind run, if neither the run nor its truth file was changed."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -9,17 +9,17 @@ import numpy as np
 
 from clutch_hil.bench.progress import table_text
 from clutch_hil.bench.run_file import read_run
-from clutch_hil.bench.sealed import SEAL, checksum, shown, truth_path
+from clutch_hil.bench.sealed import SEAL, checksum, public_metadata, truth_path
 from plant_sim.effects.catalogue import effects
 from protocols.errors import InputError
 from protocols.files.run import Run
 from protocols.telemetry.truth import reveals_truth
 
 
-def unsealed(path: Path, folder: Path | None = None) -> tuple[Path, Run]:
-    """The truth file of the blind run at `path`, looked for beside it or in `folder`, and the whole run in it.
+def read_truth(path: Path, folder: Path | None = None) -> tuple[Path, Run]:
+    """Find the truth file of the blind run at `path`, beside it or in `folder`; return its path and the whole run in it.
 
-    Raises InputError when the run is not blind, its truth file is not there, or one of the two has been changed.
+    Raises InputError if the run is not blind, if its truth file is missing, or if one of the two was changed.
     """
     run = read_run(path)
     seal = run.metadata.get(SEAL)
@@ -39,16 +39,16 @@ def unsealed(path: Path, folder: Path | None = None) -> tuple[Path, Run]:
     for name in dict.fromkeys((*run.columns, *columns)):
         mine, sealed = run.columns.get(name), whole.columns.get(name)
         if mine is None or sealed is None or not np.array_equal(mine, sealed, equal_nan=True):
-            raise _changed(path, f"the column {name}")
-    said = shown(whole.metadata) | {SEAL: seal}
-    for name in dict.fromkeys((*run.metadata, *said)):
-        if json.dumps(run.metadata.get(name)) != json.dumps(said.get(name)):  # where NaN equals NaN
-            raise _changed(path, f"what it says under {name}")
+            raise _change_error(path, f"the column {name}")
+    expected = public_metadata(whole.metadata) | {SEAL: seal}
+    for name in dict.fromkeys((*run.metadata, *expected)):
+        if json.dumps(run.metadata.get(name)) != json.dumps(expected.get(name)):  # as text, NaN equals NaN
+            raise _change_error(path, f"what it says under {name}")
     return truth, whole
 
 
-def told_by(path: Path, truth: Path, whole: Run) -> tuple[dict[str, Any], str, str, bool]:
-    """What the truth file of the run at `path` tells beyond it: document, text, verdict and True."""
+def describe_truth(path: Path, truth: Path, whole: Run) -> tuple[dict[str, Any], str, str, bool]:
+    """Describe what the truth file has and the run at `path` has not; return document, text, verdict and True."""
     metadata = whole.metadata
     on = _effects_on(metadata["plant_parameters"])
     injections, settings = metadata["injections"], metadata["settings"]
@@ -58,8 +58,8 @@ def told_by(path: Path, truth: Path, whole: Run) -> tuple[dict[str, Any], str, s
         (i["name"], i["unit"], f"{i['old']:g}", f"{i['new']:g}", f"{i['at']:.3f}", f"{i['ramp']:g}", str(i["row"]))
         for i in injections
     ]
-    lines = _listed(("effect on at the start", "parameter", "value"), values)
-    lines += _listed(("injected", "unit", "from", "to", "at [s]", "along [s]", "row"), changes)
+    lines = _table_lines(("effect on at the start", "parameter", "value"), values)
+    lines += _table_lines(("injected", "unit", "from", "to", "at [s]", "along [s]", "row"), changes)
     lines += [f"settings: {', '.join(f'{name} {value}' for name, value in settings.items())}"]
     lines += [f"columns:  {', '.join(columns)}", f"read:    {path}", f"         {truth}", "wrote:   nothing"]
     verdict = (
@@ -72,7 +72,7 @@ def told_by(path: Path, truth: Path, whole: Run) -> tuple[dict[str, Any], str, s
     return document, "\n".join(lines), verdict, True
 
 
-def _listed(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+def _table_lines(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     return [table_text([head, *rows]) if rows else f"{head[0]}: nothing", ""]
 
 
@@ -90,5 +90,5 @@ def _effects_on(parameters: Mapping[str, float]) -> dict[str, dict[str, float]]:
     }
 
 
-def _changed(path: Path, what: str) -> InputError:
+def _change_error(path: Path, what: str) -> InputError:
     return InputError(f"run {path} has been changed since it was recorded: {what} is not as in its truth file")

@@ -18,9 +18,9 @@ from clutch_hil.bench.label import Label
 from clutch_hil.bench.metadata import run_metadata
 from clutch_hil.bench.recording import Recording, run_path, writable
 from clutch_hil.bench.result import Result
-from clutch_hil.bench.scenario import Scenario, load_scenario, naming
+from clutch_hil.bench.scenario import Scenario, load_scenario, name_file_in_errors
 from clutch_hil.bench.sealed import SealedRecording
-from clutch_hil.bench.services import TOLD_ELSEWHERE, Services, say
+from clutch_hil.bench.services import IGNORED_PREFIXES, Services, print_line
 from clutch_hil.bench.settings import MANUAL, RunSettings
 from clutch_hil.bench.status import StatusLine
 from protocols.buses.bus import open_bus, resolve
@@ -30,17 +30,17 @@ from protocols.realtime.child import clutch_hil, spawn
 from protocols.realtime.ring import RingReader
 from protocols.realtime.stopping import Stop
 
-POLL = 0.05  # s between looks at the rings, which keep seconds
-_VIEWER_END = 5.0  # s for a viewer to end once asked
+POLL = 0.05  # s between reads of the rings, which hold several seconds
+_VIEWER_TIMEOUT = 5.0  # s for a viewer to end after it was asked to
 
 
 @dataclass(frozen=True)
 class Bench:
-    """A scenario run on `bus` by a plant and a controller for each clutch, each a process, on their clocks or in lock-step,
-    published over zenoh unless not `telemetry`.
+    """A scenario on `bus`, run by a plant and a controller for each clutch, each in a process.
 
-    `viewer` holds the arguments of `clutch-hil view` beside it; None shows nothing. `blind` seals the truth away. `pace` holds
-    arguments of `clutch-hil controller` that say what begins its cycles. Raises InputError for what cannot be run.
+    lockstep: services wait for each other instead of for the clock. telemetry: publish over zenoh, to `router` if given.
+    viewer: arguments of `clutch-hil view` beside it; None starts no viewer. blind: keep the truth out of the run file.
+    pace: arguments of `clutch-hil controller` that choose what begins its cycles. Raises InputError if it cannot be run.
     """
 
     scenario: Scenario
@@ -53,19 +53,19 @@ class Bench:
     pace: Sequence[str] = ()
 
     def __post_init__(self) -> None:
-        """Raise InputError for what cannot be run."""
+        """Raise InputError if it cannot be run."""
         self.scenario.rig.plant.check_blind(self.blind)
         if self.lockstep and self.pace:
             raise InputError(f"{self.pace[0]} was given and --lockstep, which has no clock; allowed is one of them")
 
     @property
     def label(self) -> Label:
-        """What the result says of the scenario."""
+        """Label of the scenario for the result."""
         return Label.of(self.scenario, self.blind)
 
     def run(self, quiet: bool = False) -> Result:
-        """Run to the end of the profile or Ctrl-C. Raises InputError; nothing half-written is left then."""
-        with Stop() as stop, self.start(stop, say) as session:
+        """Run to the end of the profile or until Ctrl-C; judge the run. An InputError leaves no file that is half written."""
+        with Stop() as stop, self.start(stop, print_line) as session:
             self._watch(session, stop, quiet)
             timing = session.finish(interrupted=stop.asked)
         result: Result = self.scenario.rig.judge(session.path, session.read, self.scenario.limits, timing)
@@ -73,14 +73,15 @@ class Bench:
 
     @contextmanager
     def start(self, stop: Stop, tell: Callable[[str], None]) -> Iterator["Session"]:
-        """Start the services and a run file; leaving the block ends what still runs, and removes a file that is not finished.
+        """Start the services and a run file. Leaving the block ends the services and removes a file that is not finished.
 
-        `tell` takes what the services say until they have started. Raises InputError, InterruptionError when `stop` is asked.
+        `tell` gets the lines that the services print until they have started. Raises InputError, and InterruptionError when
+        `stop` is asked.
         """
         settings = self.scenario.settings
-        with naming(self.scenario.path):
-            what, duration = self._demand()
-            settings.new_controller()  # bad settings of the controller are told before anything starts
+        with name_file_in_errors(self.scenario.path):
+            what, duration = self._describe_demand()
+            settings.new_controller()  # raises InputError for bad settings before anything starts
         bus = resolve(self.bus)
         open_bus(bus).close()
         writable(settings.out)
@@ -89,7 +90,7 @@ class Bench:
             with (
                 TemporaryDirectory() as folder,
                 Services(self._commands(bus, sorted(cpus), Path(folder))) as services,
-                self._viewing(bus),
+                self._run_viewer(bus),
             ):
                 rings = services.rings(stop, tell)
                 path = run_path(settings.out, self.label.name)
@@ -105,7 +106,7 @@ class Bench:
         return recorder(path, plant, controllers, self.scenario.settings.rate)
 
     def _metadata(self, timing: dict[str, Any]) -> dict[str, Any]:
-        """What the services' summaries tell of the rig; taken out of them."""
+        """Metadata of the run; moves parameters and injections out of the summaries in `timing`."""
         scenario, parameters = self.scenario, {}
         for name in scenario.rig.plant.controllers:
             timing[name].pop("injections")
@@ -118,8 +119,8 @@ class Bench:
         return status
 
     @contextmanager
-    def _viewing(self, bus: str) -> Iterator[None]:
-        """A viewer beside the run; whatever becomes of it, the run goes on."""
+    def _run_viewer(self, bus: str) -> Iterator[None]:
+        """Run a viewer while entered, if one is wanted. The run goes on whatever happens to it."""
         if self.viewer is None:
             yield
             return
@@ -129,13 +130,13 @@ class Bench:
         finally:
             view.terminate()
             try:
-                view.wait(_VIEWER_END)
+                view.wait(_VIEWER_TIMEOUT)
             except subprocess.TimeoutExpired:
                 view.kill()
                 view.wait()
 
-    def _demand(self) -> tuple[str, float]:
-        """What is asked of the rig, for people, and for how long [s]. Raises InputError."""
+    def _describe_demand(self) -> tuple[str, float]:
+        """Source of the demand as text, and its length [s]. Raises InputError."""
         scenario, settings = self.scenario, self.scenario.settings
         if settings.profile != MANUAL:
             duration = scenario.duration
@@ -145,13 +146,13 @@ class Bench:
         return f"demand from the bus{self.label.changes}", settings.seconds or inf
 
     def _commands(self, bus: str, cpus: list[int], folder: Path) -> dict[str, list[str]]:
-        """Arguments of the services by name; `folder` takes what they read."""
+        """Arguments of the services by name; files that they read are written into `folder`."""
         scenario, settings, rig = self.scenario, self.scenario.settings, self.scenario.rig.plant
         common = ["--bus", bus, "--rate", str(settings.rate)]
         if self.lockstep:
             common.append("--lockstep")
         elif len(cpus) > 1:
-            # plant and controller take turns on one CPU, everything else stays off it (timing.md)
+            # plant and controller take turns on one CPU; everything else keeps off it (docs/timing.md)
             common += ["--cpu", str(cpus[-1])]
             os.sched_setaffinity(0, set(cpus[:-1]))
         common += ([] if self.telemetry else ["--no-telemetry"]) + _option("--router", self.router)
@@ -168,24 +169,24 @@ class Bench:
         return {"plant": ["plant", *common, *plant], **controllers}
 
     def _plant_file(self, folder: Path) -> Path | None:
-        """A file of what changes the plant beside the scenario's file, for its process; a new one is in `folder`."""
+        """A file with changes of the plant that are not in the scenario's file, for its process; a new one is in `folder`."""
         scenario, settings = self.scenario, self.scenario.settings
-        if scenario.plant.as_values() == self._plant_read(settings.plant_parameters):
+        if scenario.plant.as_values() == self._read_plant_values(settings.plant_parameters):
             return settings.plant_parameters
-        shipped, path = self._plant_read(None), folder / "plant.toml"
+        shipped, path = self._read_plant_values(None), folder / "plant.toml"
         changed = {name: value for name, value in scenario.plant.as_values().items() if value != shipped[name]}
         path.write_text("".join(f"{name} = {value!r}\n" for name, value in changed.items()), encoding="utf-8")
         return path
 
-    def _plant_read(self, changed: Path | None) -> Mapping[str, float]:
-        """The plant's parameters as its process reads them from the scenario's file and the file `changed`."""
+    def _read_plant_values(self, changed: Path | None) -> Mapping[str, float]:
+        """Parameters of the plant as its process reads them from the scenario's file and the file `changed`."""
         scenario = self.scenario
         if scenario.path:
             return load_scenario(str(scenario.path), {"plant_parameters": changed}).plant.as_values()
         return Scenario.of(RunSettings(plant_parameters=changed), scenario.rig.name).plant.as_values()
 
     def _watch(self, session: "Session", stop: Stop, quiet: bool) -> None:
-        """Step a session and show how it goes until the run ends or somebody stops it."""
+        """Step a session and show its status until the run ends or is stopped."""
         with self._status(session.rings, session.duration, quiet) as status:
             while not (stop.asked or session.over):
                 plant, controller, *_ = session.step()
@@ -197,9 +198,9 @@ class Bench:
 
 
 class Session:
-    """A bench that runs: the services, and their rows on the way into the run file at `path`.
+    """A running bench: its services, whose rows it moves into the run file at `path`.
 
-    `read` says what is run, for people; `duration` [s] of the profile, infinite where the demand comes from the bus.
+    read: what is run, as text. duration: of the profile [s], infinite where the demand comes from the bus.
     """
 
     def __init__(
@@ -213,34 +214,36 @@ class Session:
         recording: Recording,
     ) -> None:
         self.bus, self.read, self.duration, self.rings, self.path = bus, read, duration, rings, recording.path
-        self.over = False  # whether the profile has come to its end
+        self.over = False  # whether the profile has ended
         self._bench, self._services, self._recording = bench, services, recording
         self._began = time.monotonic()
 
     def step(self) -> list[np.ndarray]:
-        """Move new rows into the run file; return them, shape (rows, columns) of the plant, then of each controller.
+        """Move new rows into the run file; return those of the plant, then of each controller, shape (rows, columns).
 
-        To be called every POLL. Raises InputError when a service has failed or was stopped.
+        To be called every POLL [s]. Raises InputError when a service has failed or was stopped.
         """
-        ended = self._services.ended()
-        if ended and not self._bench.lockstep:
-            raise InputError(f"the {ended[0]} ended before the profile did: somebody stopped it")
+        ended_services = self._services.list_ended()
+        if ended_services and not self._bench.lockstep:
+            raise InputError(f"the {ended_services[0]} ended before the profile did: somebody stopped it")
         plant, *controllers = [ring.read() for ring in self.rings]
-        self._recording.add(_until(self.duration, plant), *controllers)
-        self.over = len(ended) == len(self.rings) or bool(len(plant) and plant[-1, 0] >= self.duration)
+        self._recording.add(_rows_before(self.duration, plant), *controllers)
+        self.over = len(ended_services) == len(self.rings) or bool(len(plant) and plant[-1, 0] >= self.duration)
         return [plant, *controllers]
 
     def news(self) -> list[str]:
-        """What the services have said since the last call, for people."""
-        return [f"{name}: {line}" for name, line in self._services.said() if not line.startswith(TOLD_ELSEWHERE)]
+        """Lines that the services have printed since the last call, with their names."""
+        return [
+            f"{name}: {line}" for name, line in self._services.read_new_lines() if not line.startswith(IGNORED_PREFIXES)
+        ]
 
     def finish(self, interrupted: bool) -> dict[str, Any]:
-        """Stop the services, finish the run file; return what the services' clocks and ports say. Raises InputError."""
+        """Stop the services and finish the run file; return the summaries of the services. Raises InputError."""
         bench, scenario, settings = self._bench, self._bench.scenario, self._bench.scenario.settings
         elapsed = time.monotonic() - self._began
         timing = self._services.end()
         plant, *controllers = [ring.read() for ring in self.rings]
-        self._recording.add(_until(self.duration, plant), *controllers)
+        self._recording.add(_rows_before(self.duration, plant), *controllers)
         timing["interrupted"] = interrupted
         timing["record_rows_lost"] = sum(ring.lost for ring in self.rings)
         if bench.lockstep:
@@ -255,7 +258,7 @@ class Session:
 
 
 def _changes(timing: dict[str, Any]) -> list[dict[str, Any]]:
-    """Parameters changed in the services; `row` counts the rows of that service, in which the change is first at work."""
+    """Changes of parameters in the services; takes them out of `timing`. `row` is its first row in that service."""
     return [
         {"node": node} | change
         for node in ("plant", *CONTROLLERS)
@@ -264,8 +267,8 @@ def _changes(timing: dict[str, Any]) -> list[dict[str, Any]]:
     ]
 
 
-def _until(duration: float, plant: np.ndarray) -> np.ndarray:
-    """Rows of the plant before `duration` [s]; in real time it goes on until it is stopped."""
+def _rows_before(duration: float, plant: np.ndarray) -> np.ndarray:
+    """Rows of the plant before `duration` [s]. In real time the plant goes on until it is stopped."""
     return plant[plant[:, 0] < duration]
 
 

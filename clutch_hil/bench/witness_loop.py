@@ -1,7 +1,7 @@
-"""Pace: a real-time loop that does nothing but keep time. `python -m clutch_hil.bench.witness_loop JSON`
+"""Pace: a real-time loop that only keeps time. Run as `python -m clutch_hil.bench.witness_loop JSON`.
 
-As a witness beside another loop, on its CPU, above its priority and out of its phase, it shows what the machine allows at that
-moment; alone it is the floor of a loop in this language.
+As a witness it runs beside another loop, on the same CPU, with a higher priority and out of phase. It shows how punctual the
+machine was in the same moment. Alone it shows the least jitter of a loop in Python.
 """
 
 import json
@@ -22,15 +22,15 @@ from protocols.realtime.waiting import choose_waiting
 if TYPE_CHECKING:
     import numpy as np
 
-_BEGIN = 20_000_000  # ns to the first slot at least
+_START_DELAY = 20_000_000  # ns, least time to the first slot
 
 
 @dataclass(frozen=True)
 class Pace:
-    """`seconds` [s], or until it is asked to end, at `rate` [Hz] on a CPU with a priority of SCHED_FIFO; slots lie `phase_ns`
-    behind whole periods.
+    """A loop of `seconds` [s] at `rate` [Hz], which ends earlier when it is asked to.
 
-    What was measured is written to `out`; see `read`.
+    cpu, priority: where it runs, with SCHED_FIFO. phase_ns: from whole periods to its slots [ns]. spin_us: it spins for this
+    time before a slot [us]. out: file for the measured times, see `read`.
     """
 
     out: str
@@ -42,19 +42,19 @@ class Pace:
     spin_us: float = 0.0
 
     def spawn(self) -> "Popen[bytes]":
-        """The loop as a process of its own."""
+        """Start the loop in a process of its own."""
         return spawn([sys.executable, "-P", "-m", "clutch_hil.bench.witness_loop", json.dumps(asdict(self))])
 
     def run(self) -> None:
-        """Keep time; write slots, wake-ups and when it slept again when it is over."""
+        """Run the loop; at its end write slots, wake-ups and the times at which it slept again."""
         period = 1_000_000_000 // self.rate
         clock = Clock(period, choose_waiting(self.spin_us, period))
         count = round(self.seconds * self.rate)
         waited_for, woken, ended = (array("q", bytes(8 * count)) for _ in range(3))
         prepare(self.cpu, self.priority)
-        clock.start((time.monotonic_ns() + _BEGIN) // period * period + period + self.phase_ns % period)
+        clock.start((time.monotonic_ns() + _START_DELAY) // period * period + period + self.phase_ns % period)
         with Stop() as stop:
-            begun(Path(self.out)).touch()
+            start_file(Path(self.out)).touch()
             while clock.run < count and not stop.asked:
                 clock.wait()
                 waited_for[clock.run - 1], woken[clock.run - 1] = clock.woken_ns - clock.lateness_ns, clock.woken_ns
@@ -66,13 +66,13 @@ class Pace:
         part.rename(self.out)
 
 
-def begun(out: Path) -> Path:
-    """The file that is there once the loop that will write `out` runs."""
+def start_file(out: Path) -> Path:
+    """Path of the file that appears when the loop that will write `out` runs."""
     return out.with_suffix(".begun")
 
 
 def read(out: Path) -> "tuple[np.ndarray, np.ndarray, np.ndarray]":
-    """Slots that were waited for, when their cycles began, and when they were over (n,), ns of CLOCK_MONOTONIC."""
+    """Read slots, begins and ends of the cycles from `out`, each (n,) [ns of CLOCK_MONOTONIC]."""
     import numpy as np
 
     slots, woken, ended = np.fromfile(out, np.int64).reshape(3, -1)

@@ -1,4 +1,4 @@
-"""`clutch-hil benchmark`: says where the benchmarks are, which are no part of the installed package."""
+"""`clutch-hil benchmark`: says where the benchmarks are. They are not in the installed package."""
 
 import typer
 

@@ -1,30 +1,40 @@
-"""Commands of the controller."""
+"""`clutch-hil controller`: the controller as a service on a bus."""
 
 from pathlib import Path
 
 import typer
 
-from clutch_hil.command import checked_rate, emit, verdict, write_summary
+from clutch_hil.command import check_rate, emit, verdict, write_summary
+from clutch_hil.commands.options import (
+    BUS,
+    CONTROLLER_ADAPTATION,
+    CONTROLLER_LAW,
+    CPU,
+    PARAMETERS,
+    PUBLISH_ROUTER,
+    SERVICE_TELEMETRY,
+    SUMMARY,
+)
 
 
 def register(app: typer.Typer) -> None:
-    """Add the controller's commands."""
+    """Add the command."""
     app.command()(controller)
 
 
 def controller(
-    bus: str = typer.Option("auto", help="vcan0, can0, local:NAME or auto"),
+    bus: str = BUS,
     rate: int = typer.Option(1000, help="control rate, in Hz"),
     lockstep: bool = typer.Option(False, help="step when a sample comes instead of by the clock"),
-    parameters: Path | None = typer.Option(None, help="TOML file that changes controller parameters"),
-    law: str = typer.Option("both", help="both, feedforward or feedback"),
-    adaptation: bool = typer.Option(True, help="adapt the friction level on-line"),
+    parameters: Path | None = PARAMETERS,
+    law: str = CONTROLLER_LAW,
+    adaptation: bool = CONTROLLER_ADAPTATION,
     clutch: str | None = typer.Option(None, help="a or b, where two clutches are on the bus"),
     ring: Path | None = typer.Option(None, help="shared-memory file for the record of every cycle"),
-    summary: Path | None = typer.Option(None, help="JSON file for the summary"),
-    telemetry: bool = typer.Option(True, help="publish every cycle over zenoh, from a process of its own"),
-    router: str | None = typer.Option(None, help="zenoh router to publish to, such as tcp/192.168.1.5:7447"),
-    cpu: int | None = typer.Option(None, help="CPU to run on"),
+    summary: Path | None = SUMMARY,
+    telemetry: bool = SERVICE_TELEMETRY,
+    router: str | None = PUBLISH_ROUTER,
+    cpu: int | None = CPU,
     trigger: str = typer.Option(
         "clock", help="what begins a cycle: clock, bus (the sample itself), or pll (a clock that follows the samples)"
     ),
@@ -44,7 +54,7 @@ def controller(
 
     service = ControllerService(
         bus=bus,
-        rate=checked_rate(rate),
+        rate=check_rate(rate),
         lockstep=lockstep,
         parameters_file=parameters,
         law=law,

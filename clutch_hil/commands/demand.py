@@ -1,10 +1,10 @@
-"""`clutch-hil demand`: the controller asked for a torque, a pressure, to lock, or for a profile."""
+"""`clutch-hil demand`: asks the controller for a torque, a pressure, a locked clutch, or a profile."""
 
 import typer
 
 from clutch_hil.command import report
 from clutch_hil.commands.options import BUS, JSON
-from clutch_hil.live.course import PRESSURE_RAMP, SPEED, TORQUE_RAMP
+from clutch_hil.live.demand_defaults import PRESSURE_RAMP, SPEED, TORQUE_RAMP
 from protocols.errors import InputError
 
 
@@ -32,19 +32,19 @@ def demand(
 
     given = [str(value) for value in (torque, pressure, profile) if value is not None] + ["--lock"] * lock
     if len(given) != 1:
-        told = " and ".join(given) or "none of them"
-        raise InputError(f"demand needs one of TORQUE, --pressure, --lock and --profile; given are {told}")
+        words = " and ".join(given) or "none of them"
+        raise InputError(f"demand needs one of TORQUE, --pressure, --lock and --profile; given are {words}")
     at_speed = SPEED if speed is None else speed
     if torque is not None:
-        asked = torque_profile(torque, at_speed, seconds, TORQUE_RAMP if ramp is None else ramp)
+        wanted = torque_profile(torque, at_speed, seconds, TORQUE_RAMP if ramp is None else ramp)
     elif pressure is not None:
-        asked = pressure_profile(pressure, at_speed, seconds, PRESSURE_RAMP if ramp is None else ramp)
+        wanted = pressure_profile(pressure, at_speed, seconds, PRESSURE_RAMP if ramp is None else ramp)
     elif lock:
         if ramp is not None:
             raise InputError(f"demand was given --lock and --ramp {ramp:g}; a ramp is for a TORQUE or a --pressure")
-        asked = lock_profile(at_speed, seconds)
+        wanted = lock_profile(at_speed, seconds)
     elif speed is not None or ramp is not None:
         raise InputError(f"demand was given --profile {profile} and --speed or --ramp; they are not for a profile")
     else:
-        asked = load_profile(str(profile), seconds)
-    report(*Demand(bus, asked).run(quiet=json_output), json_output)
+        wanted = load_profile(str(profile), seconds)
+    report(*Demand(bus, wanted).run(quiet=json_output), json_output)

@@ -1,4 +1,4 @@
-"""The command `discrepancy`: where runs and model disagree, what is missing, and the model with it added."""
+"""`clutch-hil discrepancy`: where runs and model disagree, what the model lacks, and the model with it added."""
 
 import shlex
 import sys
@@ -13,11 +13,11 @@ from clutch_hil.command import report
 if TYPE_CHECKING:
     from clutch_hil.discrepancy.result import Result
 
-_MANY = "--holdout"  # takes every path up to the next option
+_MANY = "--holdout"  # this option takes every path up to the next option
 
 
 class _ManyPaths(TyperCommand):
-    """`--holdout A B C` as click has it: `--holdout A --holdout B --holdout C`."""
+    """A command in which `--holdout A B C` means `--holdout A --holdout B --holdout C`, as click needs it."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         spread: list[str] = []
@@ -61,24 +61,25 @@ def discrepancy(
     names = [name.strip() for name in effects.split(",") if name.strip()]
     writable(out)
     with progress_bar("discrepancy", json_output) as progress:
-        found = find_discrepancy(
+        outcome = find_discrepancy(
             runs, holdout, rig=rig, model=model, calibration=calibration, effects=names or None,
             progress=lambda what, share: progress(round(100 * share), 100),
         )  # fmt: skip
-        files = found.write(out, shlex.join(["clutch-hil", *sys.argv[1:]]))
+        files = outcome.write(out, shlex.join(["clutch-hil", *sys.argv[1:]]))
     read, wrote = (", ".join(map(str, paths)) for paths in ((*runs, *holdout), files))
-    text = "\n".join([_told(found.result), f"read:    {read}", f"wrote:   {wrote}"])
-    report(found.result.as_json(), text, str(found), True, json_output)
+    text = "\n".join([_format_result(outcome.result), f"read:    {read}", f"wrote:   {wrote}"])
+    report(outcome.result.as_json(), text, str(outcome), True, json_output)
 
 
-def _told(result: "Result") -> str:
+def _format_result(result: "Result") -> str:
+    """Format where runs and model disagree, and the fitted parameters."""
     rows = [
         f"  {c.block:<11} {c.output:<22} {c.regime:<20} {c.size:8.3g} {c.unit:<6}"
         f" {c.times_floor:5.2f} floors, p {c.p_value:.2g}"
         for c in result.where
     ]
     where = ["where they disagree:", *rows] if rows else ["they disagree nowhere"]
-    found = [
+    fitted = [
         f"  {e.name} = {e.value:.5g} {e.unit}  (95 %: {e.ci95[0]:.5g}..{e.ci95[1]:.5g})" for e in result.parameters
     ]
-    return "\n".join([*where, *(["fitted:", *found] if found else []), f"{result.seconds:.1f} s"])
+    return "\n".join([*where, *(["fitted:", *fitted] if fitted else []), f"{result.seconds:.1f} s"])

@@ -1,8 +1,9 @@
-"""`clutch-hil doctor`: what of a punctual loop this machine allows, and the command that turns on what is off."""
+"""`clutch-hil doctor`: what this machine lacks for a punctual loop, and the commands that turn it on."""
 
 import typer
 
 from clutch_hil.command import report
+from clutch_hil.commands.options import JSON
 
 _MARKS = {True: "on", False: "off", None: "-"}
 
@@ -14,7 +15,7 @@ def register(app: typer.Typer) -> None:
 
 def doctor(
     cpu: int | None = typer.Option(None, help="CPU that the loop shall run on"),
-    json_output: bool = typer.Option(False, "--json", help="print the result as JSON"),
+    json_output: bool = JSON,
 ) -> None:
     """Tell what makes the loop punctual here, what is off, and the command that turns it on."""
     import os
@@ -24,22 +25,22 @@ def doctor(
 
     wanted = LoopRequest(max(os.sched_getaffinity(0)) if cpu is None else cpu)
     measures = [(m, is_possible(m, wanted)) for m in MEASURES]
-    found = facts()
+    machine_facts = facts()
     lines = ["of the process: what each service takes for itself", ""]
     lines += [f"  {_MARKS[there]:<4} {m.name:<30} {m.why}" for m, there in measures]
     lines += ["", "of the machine", ""]
-    lines += [f"  {_MARKS[fact.good]:<4} {fact.name:<30} {fact.state}" for fact in found]
+    lines += [f"  {_MARKS[fact.good]:<4} {fact.name:<30} {fact.state}" for fact in machine_facts]
     remedies = [(m.name, m.remedy) for m, there in measures if not there]
-    remedies += [(fact.name, fact.remedy) for fact in found if fact.good is False]
+    remedies += [(fact.name, fact.remedy) for fact in machine_facts if fact.good is False]
     if remedies:
         lines += ["", "to turn on what is off:", ""]
         lines += [f"  {name}\n      {remedy}" for name, remedy in remedies]
     off = [m.name for m, there in measures if not there]
     text = f"the loop lacks: {', '.join(off)}" if off else "the loop has every right it asks for"
-    count = sum(fact.good is False for fact in found)
-    text += f"; of the machine, {count} of {len(found)} could be better" if count else ""
+    count = sum(fact.good is False for fact in machine_facts)
+    text += f"; of the machine, {count} of {len(machine_facts)} could be better" if count else ""
     document = {
         "process": [{"name": m.name, "on": there, "remedy": m.remedy} for m, there in measures],
-        "machine": [fact._asdict() for fact in found],
+        "machine": [fact._asdict() for fact in machine_facts],
     }
     report(document, "\n".join(lines), text, not off, json_output)

@@ -13,7 +13,7 @@ from protocols.errors import InputError
 if TYPE_CHECKING:
     from plant_sim.effects.effect import Effect
 
-_UNLIMITED = 1_000_000  # characters of a line where there is no terminal: nothing is cut
+_UNLIMITED = 1_000_000  # characters of a line where stdout is no terminal: nothing is cut
 
 
 def register(app: typer.Typer) -> None:
@@ -33,7 +33,7 @@ def effects(
     import shutil
     import sys
 
-    from clutch_hil.bench.effect_text import in_order
+    from clutch_hil.bench.effect_text import sort_effects
     from plant_sim.effects import catalogue
 
     columns = shutil.get_terminal_size().columns if sys.stdout.isatty() else _UNLIMITED
@@ -42,9 +42,9 @@ def effects(
     if name:
         _describe(catalogue.effect(name), out, columns, json_output)
     elif write:
-        _write_page(write, in_order(catalogue.effects().values()), json_output)
+        _write_page(write, sort_effects(catalogue.effects().values()), json_output)
     else:
-        _list(in_order(catalogue.effects().values()), columns, json_output)
+        _list(sort_effects(catalogue.effects().values()), columns, json_output)
 
 
 def _list(effects: Sequence["Effect"], columns: int, json_output: bool) -> None:
@@ -66,41 +66,41 @@ def _describe(effect: "Effect", out: Path, columns: int, json_output: bool) -> N
     from clutch_hil.bench.recording import writable
 
     picture = writable(out) / f"effect-{effect.name}.png"
-    shown = demonstrate(effect)
-    draw_effects(picture, {effect: shown})
-    seen = shown.times_resolution >= 1.0
+    demonstration = demonstrate(effect)
+    draw_effects(picture, {effect: demonstration})
+    visible = demonstration.times_resolution >= 1.0
     verdict = (
-        f"at typical values the {shown.what} changes by up to {shown.largest:.3g} {shown.unit},"
-        f" {shown.times_resolution:.3g} times what the measurement resolves"
-        if seen
+        f"at typical values the {demonstration.what} changes by up to {demonstration.largest:.3g} {demonstration.unit},"
+        f" {demonstration.times_resolution:.3g} times what the measurement resolves"
+        if visible
         else "at typical values nothing changes that the measurement resolves"
     )
     described = document(effect) | {
         "shown": {
-            "excitation": shown.excitation.title,
-            "column": shown.column,
-            "largest": shown.largest,
-            "unit": shown.unit,
-            "times_resolution": shown.times_resolution,
+            "excitation": demonstration.excitation.title,
+            "column": demonstration.column,
+            "largest": demonstration.largest,
+            "unit": demonstration.unit,
+            "times_resolution": demonstration.times_resolution,
         },
         "picture": str(picture),
         "verdict": verdict,
     }
-    text = f"{sheet_text(effect, shown, columns)}\n\nread:    {effect.path}\nwrote:   {picture}"
-    report(described, text, verdict, seen, json_output)
+    text = f"{sheet_text(effect, demonstration, columns)}\n\nread:    {effect.path}\nwrote:   {picture}"
+    report(described, text, verdict, visible, json_output)
 
 
 def _write_page(page: Path, effects: Sequence["Effect"], json_output: bool) -> None:
-    """Write the parts of a page that come from the effects of this package; draw its picture beside it, as a PNG."""
+    """Write the parts of a page that are made from the effects of this package; draw its picture beside it, as a PNG."""
     from clutch_hil.bench.demonstration import demonstrate
-    from clutch_hil.bench.effect_page import pictured_names, written_page
+    from clutch_hil.bench.effect_page import pictured_names, rewrite_page
     from clutch_hil.bench.effect_picture import draw_effects
     from clutch_hil.bench.effect_text import is_ours
     from plant_sim.effects import catalogue
 
     ours = [effect for effect in effects if is_ours(effect)]
     try:
-        text = written_page(page.read_text(encoding="utf-8"), ours)
+        text = rewrite_page(page.read_text(encoding="utf-8"), ours)
         drawn = [catalogue.effect(name) for name in pictured_names(text)]
         page.write_text(text, encoding="utf-8")
     except OSError as error:

@@ -1,4 +1,4 @@
-"""The command `experiment`: plays experiments on the live plant and records them; one that a report proposes is decided on."""
+"""`clutch-hil experiment`: plays experiments on the live plant and records them. With one of a report it decides again."""
 
 import shlex
 import sys
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from clutch_hil.command import report
+from clutch_hil.commands.options import BUS, JSON, LOCKSTEP, OUT
 from protocols.errors import InputError
 
 if TYPE_CHECKING:
@@ -25,7 +26,6 @@ MODEL = typer.Option(None, "--plant-parameters", help="TOML file that changes th
 DRAW = typer.Option(
     None, help="the plant under test has an effect that this seed draws from the catalogue; implies --blind", min=0
 )
-JSON = typer.Option(False, "--json", help="print the result as JSON")
 
 
 def register(app: typer.Typer) -> None:
@@ -39,11 +39,11 @@ def experiment(
     for_report: Path | None = FOR,
     standard: bool = typer.Option(False, "--standard", help="the standard set: five experiments and two to hold out"),
     list_all: bool = typer.Option(False, "--list", help="list the experiments"),
-    bus: str = typer.Option("auto", help="vcan0, can0, local:NAME or auto"),
+    bus: str = BUS,
     running: bool = typer.Option(
         False, "--running", help="on the bench that runs on the bus, started with --profile manual"
     ),
-    lockstep: bool = typer.Option(False, help="deterministic, as fast as the machine allows"),
+    lockstep: bool = LOCKSTEP,
     rate: int | None = typer.Option(None, help="rate of samples and commands, in Hz; the experiment's if not given"),
     scenario: str | None = typer.Option(None, help="scenario whose plant, effects and injections are under test"),
     plant_parameters: Path | None = MODEL,
@@ -52,12 +52,12 @@ def experiment(
     blind: bool = typer.Option(
         False, "--blind", help="keep the truth out of the run files, in sealed files beside them"
     ),
-    out: Path = typer.Option(Path("runs"), help="folder for what is written"),
+    out: Path = OUT,
     json_output: bool = JSON,
 ) -> None:
     """Play experiments on the live plant over CAN and record them; with --for decide again with what they show."""
     from clutch_hil.bench.progress import table_text
-    from clutch_hil.command import checked_rate
+    from clutch_hil.command import check_rate
     from clutch_hil.discrepancy.laboratory import OwnBench, RunningBench, plant_under_test
     from clutch_hil.discrepancy.models.wet_clutch_experiments import HELD_OUT, LIBRARY, STANDARD, find
     from clutch_hil.live.catalogue import counted
@@ -78,7 +78,7 @@ def experiment(
     if holdout and not names:
         raise InputError(f"--holdout {holdout[0]} goes with experiments that are named; leave it away")
     if rate is not None:
-        checked_rate(rate)
+        check_rate(rate)
     follow_up: Report | None = None
     wanted: list[Experiment] = []
     held_out: list[Experiment] = []
@@ -99,11 +99,11 @@ def experiment(
         }  # fmt: skip
         if odd := [name for name, value in given.items() if value not in (None, False)]:
             raise InputError(f"--running was given and {odd[0]}; the bench that runs has its own plant and clock")
-        played = _played(RunningBench(bus, out, blind), wanted + held_out, json_output, first)
+        played = _play_all(RunningBench(bus, out, blind), wanted + held_out, json_output, first)
     else:
         with plant_under_test(scenario, plant_parameters, draw, seed, out) as plant:
             bench = OwnBench(plant, bus, lockstep, blind or draw is not None)
-            played = _played(bench, [e.at_rate(rate) for e in wanted + held_out], json_output, first)
+            played = _play_all(bench, [e.at_rate(rate) for e in wanted + held_out], json_output, first)
     if follow_up:
         _decide(follow_up, played[0], out, json_output)
         return
@@ -113,33 +113,33 @@ def experiment(
     lines = [f"read:    {counted(len(played), 'experiment')}: {', '.join(e.name for e in wanted + held_out)}"]
     lines += [f"{'wrote:' if not i else '':<9}{path}" for i, path in enumerate(played)]
     lines += [f"next:    {command}"]
-    told = f"{counted(len(played), 'experiment')} recorded" + (f", {len(rest)} of them to hold out" if rest else "")
-    document = {"runs": list(map(str, runs)), "holdout": list(map(str, rest)), "next": command, "verdict": told}
-    report(document, "\n".join(lines), told, True, json_output)
+    verdict = f"{counted(len(played), 'experiment')} recorded" + (f", {len(rest)} of them to hold out" if rest else "")
+    document = {"runs": list(map(str, runs)), "holdout": list(map(str, rest)), "next": command, "verdict": verdict}
+    report(document, "\n".join(lines), verdict, True, json_output)
 
 
-def _played(laboratory: "Laboratory", experiments: "Sequence[Experiment]", quiet: bool, first: int) -> list[Path]:
-    """Play `experiments`, numbered from `first` on: each number has noise of its own."""
+def _play_all(laboratory: "Laboratory", experiments: "Sequence[Experiment]", quiet: bool, first: int) -> list[Path]:
+    """Play `experiments`, numbered from `first` on; each number has its own noise. Return the run files."""
     paths: list[Path] = []
     for number, experiment in enumerate(experiments, first):
         if not quiet:
-            told = f"{len(paths) + 1}/{len(experiments)}  {experiment.name} ({experiment.seconds:.1f} s): {experiment.title}"
-            typer.echo(told, err=True)
+            line = f"{len(paths) + 1}/{len(experiments)}  {experiment.name} ({experiment.seconds:.1f} s): {experiment.title}"
+            typer.echo(line, err=True)
         paths.append(laboratory.play(experiment, number, quiet))
     return paths
 
 
 def _decide(before: "Report", run: Path, out: Path, json_output: bool) -> None:
-    """Decide again with `run`, and tell."""
+    """Decide again with `run`, and report."""
     from clutch_hil.bench.progress import progress_bar
     from clutch_hil.discrepancy.follow_up import decide_again
 
     with progress_bar("decide again", json_output) as progress:
-        found, files = decide_again(before, run, out, progress, shlex.join(["clutch-hil", *sys.argv[1:]]))
-    told = f"{found}; before: {before.verdict}"
+        decision, files = decide_again(before, run, out, progress, shlex.join(["clutch-hil", *sys.argv[1:]]))
+    verdict = f"{decision}; before: {before.verdict}"
     lines = [
         f"read:    {before.path}, {len(before.runs) + len(before.held_out)} runs, experiment {before.experiment.name}"
     ]
     lines += [f"{'wrote:' if not i else '':<9}{path}" for i, path in enumerate((run, *files))]
-    document = found.result.as_json() | {"run": str(run), "wrote": list(map(str, files)), "before": before.verdict}
-    report(document, "\n".join(lines), told, True, json_output)
+    document = decision.result.as_json() | {"run": str(run), "wrote": list(map(str, files)), "before": before.verdict}
+    report(document, "\n".join(lines), verdict, True, json_output)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import typer
 
-from clutch_hil.command import checked_rate, report
+from clutch_hil.command import check_rate, report
 from clutch_hil.commands.options import JSON
 
 
@@ -26,7 +26,7 @@ def frames(
     from protocols.can.frames import DBC, bus_frames
     from protocols.can.two_clutches import write_dbc
 
-    checked_rate(rate)
+    check_rate(rate)
     path = dbc or DBC
     codecs = bus_frames(path, clutches)
     if write:

@@ -1,10 +1,11 @@
-"""The command `import`: a foreign recording as a run file of ours."""
+"""`clutch-hil import`: converts a foreign recording into a run file."""
 
 from pathlib import Path
 
 import typer
 
 from clutch_hil.command import report
+from clutch_hil.commands.options import JSON
 
 
 def register(app: typer.Typer) -> None:
@@ -20,7 +21,7 @@ def import_run(
     from_s: float | None = typer.Option(None, "--from", help="first time to keep, in s; the map's if not given"),
     to_s: float | None = typer.Option(None, "--to", help="last time to keep, in s; the map's if not given"),
     out: Path = typer.Option(..., help="run file to write: .parquet, .mf4 or .csv"),
-    json_output: bool = typer.Option(False, "--json", help="print the result as JSON"),
+    json_output: bool = JSON,
 ) -> None:
     """Map names and units of a foreign recording onto ours and write it as a run; what was done to it is told, and kept in the
     file's metadata."""

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import typer
 
-from clutch_hil.command import checked_rate, report
+from clutch_hil.command import check_rate, report
+from clutch_hil.commands.options import BUS, JSON
 from protocols.errors import InputError
 
 
@@ -14,7 +15,7 @@ def register(app: typer.Typer) -> None:
 
 
 def jitter(
-    bus: str = typer.Option("auto", help="vcan0, can0, local:NAME or auto"),
+    bus: str = BUS,
     rate: int = typer.Option(1000, help="rate of samples and commands, in Hz"),
     seconds: float = typer.Option(30.0, help="length of each phase in all, in s"),
     rounds: int = typer.Option(3, min=1, help="parts that it is measured in, the phases in turn"),
@@ -28,14 +29,14 @@ def jitter(
     ),
     telemetry: bool = typer.Option(True, help="publish every cycle meanwhile, as a bench does"),
     out: Path = typer.Option(Path("runs"), help="folder for jitter.png and jitter.json"),
-    json_output: bool = typer.Option(False, "--json", help="print the result as JSON"),
+    json_output: bool = JSON,
 ) -> None:
     """Measure the loop's jitter here, side by side with what the machine allows."""
     import os
 
     from clutch_hil.bench import jitter_report
     from clutch_hil.bench.jitter import Setting, measure, sweep
-    from clutch_hil.bench.loads import chosen
+    from clutch_hil.bench.loads import loads_named
     from clutch_hil.bench.progress import progress_bar
     from clutch_hil.bench.recording import writable
     from clutch_hil.command import write_summary
@@ -43,38 +44,38 @@ def jitter(
     from protocols.realtime.waiting import check_spin
 
     cpus = sorted(os.sched_getaffinity(0))
-    setting = jitter_report.checked(
+    setting = jitter_report.check_setting(
         Setting(
-            resolve(bus), checked_rate(rate), seconds, rounds, cpus[-1] if cpu is None else cpu,
+            resolve(bus), check_rate(rate), seconds, rounds, cpus[-1] if cpu is None else cpu,
             check_spin(spin_us), telemetry,
         ),
         cpus,
     )  # fmt: skip
-    loads = chosen(load)
+    loads = loads_named(load)
     wanted = _rates(rates) if rates is not None else []
     open_bus(setting.bus).close()
     writable(out)
     summary = out / "jitter.json"
     if wanted:
         with progress_bar("jitter by rate", json_output) as progress:
-            told = jitter_report.sweep_document(setting, loads, *sweep(setting, wanted, loads, progress))
-        write_summary(summary, told)
-        verdict, good = jitter_report.sweep_judged(told)
-        lines = [jitter_report.sweep_text(told), "", f"wrote:   {summary}"]
-        report(told, "\n".join(lines), verdict, good, json_output)
+            measurement = jitter_report.sweep_document(setting, loads, *sweep(setting, wanted, loads, progress))
+        write_summary(summary, measurement)
+        verdict, good = jitter_report.judge_sweep(measurement)
+        lines = [jitter_report.sweep_text(measurement), "", f"wrote:   {summary}"]
+        report(measurement, "\n".join(lines), verdict, good, json_output)
         return
     with progress_bar("jitter", json_output) as progress:
         measured, interrupted = measure(setting, loads, progress)
-    told = jitter_report.document(setting, loads, measured, interrupted)
+    measurement = jitter_report.document(setting, loads, measured, interrupted)
     picture = out / "jitter.png"
     jitter_report.draw(setting, measured, picture)
-    write_summary(summary, told)
-    verdict, good = jitter_report.judged(told)
+    write_summary(summary, measurement)
+    verdict, good = jitter_report.judge(measurement)
     where = f"on {setting.bus} at {rate} Hz, CPU {setting.cpu}"
     read = f"read:    {len(measured)} phases of {seconds:g} s in {rounds} rounds {where}"
     report(
-        told,
-        "\n".join([jitter_report.text(told), "", read, f"wrote:   {picture}", f"wrote:   {summary}"]),
+        measurement,
+        "\n".join([jitter_report.text(measurement), "", read, f"wrote:   {picture}", f"wrote:   {summary}"]),
         verdict,
         good,
         json_output,
@@ -86,4 +87,4 @@ def _rates(text: str) -> list[int]:
     parts = [part.strip() for part in text.split(",")]
     if odd := [part for part in parts if not part.isdecimal()]:
         raise InputError(f"rates {text!r} has {odd[0]!r}; allowed are whole numbers of Hz with commas between")
-    return [checked_rate(int(part)) for part in parts]
+    return [check_rate(int(part)) for part in parts]

@@ -1,13 +1,13 @@
-"""Options that several commands have."""
+"""Options that several commands share, each with its help text."""
 
 from pathlib import Path
 
 import typer
 
 BUS = typer.Option("auto", help="vcan0, can0, local:NAME or auto")
-# What a scenario sets is None where it is not given: then the scenario's value stands, without one the default of RunSettings.
+# A setting of a scenario is None where it is not given: then the scenario's value holds, or the default of RunSettings.
 RATE = typer.Option(None, help="rate of samples and commands, in Hz; 1000 if not given")
-# a model that `clutch-hil discrepancy` extended is such a file
+# A model that `clutch-hil discrepancy` extended is such a file.
 PLANT_PARAMETERS = typer.Option(
     None,
     "--model",
@@ -23,8 +23,20 @@ TEMPERATURE = typer.Option(None, help="oil temperature at the start, in degC; th
 LAW = typer.Option(None, help="both, feedforward or feedback; both if not given")
 ADAPTATION = typer.Option(None, help="adapt the friction level on-line, which is done if not given")
 BLIND = typer.Option(False, "--blind", help="keep the truth out of the run file, in a sealed file beside it")
+LOCKSTEP = typer.Option(False, help="deterministic, as fast as the machine allows")
 JUNIT = typer.Option(None, help="XML file for the verdicts, as test benches read them")
 OUT = typer.Option(Path("runs"), help="folder for what is written")
 JSON = typer.Option(False, "--json", help="print the result as JSON")
 BENCH = typer.Option(None, "--bus", help="bus of the bench, where several are running")
 ROUTER = typer.Option(None, help="zenoh router of another machine, such as tcp/192.168.1.5:7447")
+
+# Of a service, which plant and controller are
+SERVICE_TELEMETRY = typer.Option(True, help="publish every cycle over zenoh, from a process of its own")
+PUBLISH_ROUTER = typer.Option(None, help="zenoh router to publish to, such as tcp/192.168.1.5:7447")
+CPU = typer.Option(None, help="CPU to run on")
+SUMMARY = typer.Option(None, help="JSON file for the summary")
+
+# Of the controller alone, without a scenario
+PARAMETERS = typer.Option(None, help="TOML file that changes controller parameters")
+CONTROLLER_LAW = typer.Option("both", help="both, feedforward or feedback")
+CONTROLLER_ADAPTATION = typer.Option(True, help="adapt the friction level on-line")

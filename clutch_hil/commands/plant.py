@@ -5,7 +5,19 @@ from pathlib import Path
 import typer
 
 from clutch_hil.command import emit, verdict, write_summary
-from clutch_hil.commands.options import BLIND, BUS, JSON, RATE, SECONDS, SEED, TEMPERATURE
+from clutch_hil.commands.options import (
+    BLIND,
+    BUS,
+    CPU,
+    JSON,
+    PUBLISH_ROUTER,
+    RATE,
+    SECONDS,
+    SEED,
+    SERVICE_TELEMETRY,
+    SUMMARY,
+    TEMPERATURE,
+)
 
 
 def register(app: typer.Typer) -> None:
@@ -30,14 +42,14 @@ def plant(
     temperature: float | None = TEMPERATURE,
     blind: bool = BLIND,
     ring: Path | None = typer.Option(None, help="shared-memory file for the record of every sample"),
-    summary: Path | None = typer.Option(None, help="JSON file for the summary"),
-    telemetry: bool = typer.Option(True, help="publish every cycle over zenoh, from a process of its own"),
-    router: str | None = typer.Option(None, help="zenoh router to publish to, such as tcp/192.168.1.5:7447"),
-    cpu: int | None = typer.Option(None, help="CPU to run on"),
+    summary: Path | None = SUMMARY,
+    telemetry: bool = SERVICE_TELEMETRY,
+    router: str | None = PUBLISH_ROUTER,
+    cpu: int | None = CPU,
     json_output: bool = JSON,
 ) -> None:
     """Simulate the rig on a bus until it is stopped; in lock-step until its profile ends."""
-    from clutch_hil.bench.scenario import chosen_scenario, naming
+    from clutch_hil.bench.scenario import choose_scenario, name_file_in_errors
     from clutch_hil.bench.service_text import service_lines
     from clutch_hil.bench.settings import MANUAL
     from plant_sim.node.plant_service import PlantService
@@ -48,17 +60,17 @@ def plant(
         "rate": rate, "profile": profile or (None if scenario else MANUAL), "seconds": seconds, "seed": seed,
         "temperature": temperature, "plant_parameters": parameters,
     }  # fmt: skip
-    played = chosen_scenario(scenario, given, rig)
+    played = choose_scenario(scenario, given, rig)
     played.rig.plant.check_blind(blind)
     settings = played.settings
-    with naming(played.path):
+    with name_file_in_errors(played.path):
         service = PlantService(
             bus=bus,
             rate=settings.rate,
             rig=played.rig.plant,
             lockstep=lockstep,
             parameters=played.plant,
-            profile=None if settings.profile == MANUAL else played.loaded_profile(),
+            profile=None if settings.profile == MANUAL else played.load_profile(),
             seed=settings.seed,
             temperature=settings.temperature,
             injections=played.injections,

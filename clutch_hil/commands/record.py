@@ -5,7 +5,7 @@ from pathlib import Path
 import typer
 
 from clutch_hil.command import report
-from clutch_hil.commands.options import JSON
+from clutch_hil.commands.options import BENCH, BLIND, JSON, ROUTER
 from protocols.errors import InputError, listing
 
 FILE = typer.Argument(
@@ -13,7 +13,7 @@ FILE = typer.Argument(
     help="its suffix decides. Telemetry: .parquet, .mf4, .csv, .rrd; frames on the bus: .blf, .asc, .log (candump), .trc;"
     " runs/DATE-recorded.parquet if not given",
 )
-_PRIORITY = 1  # SCHED_RR, below the services at 80: a bus queues half a second, on a busy machine others wait longer
+_PRIORITY = 1  # of SCHED_RR, below the services at 80. A bus queues half a second; a busy machine may be later
 
 
 def register(app: typer.Typer) -> None:
@@ -23,23 +23,23 @@ def register(app: typer.Typer) -> None:
 
 def record(
     file: Path | None = FILE,
-    bus: str | None = typer.Option(None, help="bus of the bench, where several are running"),
-    router: str | None = typer.Option(None, help="zenoh router of another machine, such as tcp/192.168.1.5:7447"),
+    bus: str | None = BENCH,
+    router: str | None = ROUTER,
     seconds: float | None = typer.Option(
         None, help="how long from now on; until Ctrl-C, or the bench's end, if not given"
     ),
-    blind: bool = typer.Option(False, "--blind", help="keep the truth out of the run file, in a sealed file beside it"),
+    blind: bool = BLIND,
     json_output: bool = JSON,
 ) -> None:
     """Record a running bench: its telemetry, the last 30 s before included, or the frames on its bus."""
     import os
     from contextlib import suppress
 
-    from clutch_hil.bench.can_log import WRITERS, CanLog, Logged
-    from clutch_hil.bench.progress import Doing
+    from clutch_hil.bench.can_log import WRITERS, CanLog, CanLogResult
+    from clutch_hil.bench.progress import ActivityLine
     from clutch_hil.live.bench_recording import record as record_telemetry
     from clutch_hil.live.conversion import FORMATS
-    from clutch_hil.live.recorder import Recorded
+    from clutch_hil.live.recorder import RecordingResult
     from protocols.files.run import new_file
     from protocols.realtime.stopping import Stop
 
@@ -48,15 +48,15 @@ def record(
     path = file.with_suffix(".parquet") if file and not file.suffix else file
     if path and path.suffix not in (*FORMATS, *WRITERS):
         raise InputError(f"{path} cannot be recorded as {path.suffix!r}; allowed are {listing((*FORMATS, *WRITERS))}")
-    result: Logged | Recorded
-    with Doing(f"waiting for {bus or 'a bus'}", json_output) as doing, Stop() as stop:
+    result: CanLogResult | RecordingResult
+    with ActivityLine(f"waiting for {bus or 'a bus'}", json_output) as doing, Stop() as stop:
         if path and path.suffix in WRITERS:
             if router:
                 raise InputError(f"frames on a bus do not come from the router {router}; leave --router away")
             if blind:
                 raise InputError(f"frames on a bus hold no truth to keep out of {path}; leave --blind away")
             new_file(path)
-            with suppress(OSError):  # only root may
+            with suppress(OSError):  # only root may set it
                 os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(_PRIORITY))
             result = CanLog(bus or "auto", path).record(stop, seconds, doing.update)
         else:

@@ -5,6 +5,7 @@ from pathlib import Path
 import typer
 
 from clutch_hil.command import report
+from clutch_hil.commands.options import CONTROLLER_ADAPTATION, CONTROLLER_LAW, JSON, PARAMETERS
 
 
 def register(app: typer.Typer) -> None:
@@ -15,10 +16,10 @@ def register(app: typer.Typer) -> None:
 def replay(
     log: Path = typer.Argument(help="log of a bus: .blf, .asc, .log (candump) or .trc, as `record` writes them"),
     bus: str | None = typer.Option(None, help="play it to a controller on this bus; in this process if not given"),
-    parameters: Path | None = typer.Option(None, help="TOML file that changes controller parameters"),
-    law: str = typer.Option("both", help="both, feedforward or feedback"),
-    adaptation: bool = typer.Option(True, help="adapt the friction level on-line"),
-    json_output: bool = typer.Option(False, "--json", help="print the result as JSON"),
+    parameters: Path | None = PARAMETERS,
+    law: str = CONTROLLER_LAW,
+    adaptation: bool = CONTROLLER_ADAPTATION,
+    json_output: bool = JSON,
 ) -> None:
     """Play a log's samples to the controller, as fast as it goes; tell the digest of all it answers."""
     import time

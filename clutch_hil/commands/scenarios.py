@@ -13,16 +13,16 @@ def register(app: typer.Typer) -> None:
 
 def scenarios(json_output: bool = JSON) -> None:
     """List the scenarios that come with the bench, with their limits."""
-    from clutch_hil.bench.scenario import FOLDER, load_scenario, shipped
+    from clutch_hil.bench.scenario import FOLDER, load_scenario, shipped_scenarios
 
     lines, document = [f"read:    {FOLDER}"], []
-    for found in map(load_scenario, shipped()):
-        limits = list(map(str, found.limits))
+    for scenario in map(load_scenario, shipped_scenarios()):
+        limits = list(map(str, scenario.limits))
         lines += [
-            f"{found.name} ({found.rig.name}, {found.duration:.1f} s): {found.title}",
+            f"{scenario.name} ({scenario.rig.name}, {scenario.duration:.1f} s): {scenario.title}",
             f"    {', '.join(limits) or '-'}",
         ]
-        said = {"name": found.name, "title": found.title, "about": found.about, "rig": found.rig.name}
-        document.append(said | {"seconds": found.duration, "limits": limits, "file": str(found.path)})
-    told = f"{len(document)} scenarios; run them with clutch-hil simulate NAME or clutch-hil up NAME"
-    report(document, "\n".join(lines), told, True, json_output)
+        entry = {"name": scenario.name, "title": scenario.title, "about": scenario.about, "rig": scenario.rig.name}
+        document.append(entry | {"seconds": scenario.duration, "limits": limits, "file": str(scenario.path)})
+    verdict = f"{len(document)} scenarios; run them with clutch-hil simulate NAME or clutch-hil up NAME"
+    report(document, "\n".join(lines), verdict, True, json_output)

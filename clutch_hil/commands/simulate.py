@@ -54,7 +54,7 @@ def simulate(
 ) -> None:
     """Run plant and controller in one process: a scenario or a profile, several scenarios, or a sweep."""
     from clutch_hil.bench.progress import progress_bar
-    from clutch_hil.bench.scenario import chosen_scenario, shipped
+    from clutch_hil.bench.scenario import choose_scenario, shipped_scenarios
     from clutch_hil.bench.simulate import Simulation
     from clutch_hil.bench.suite import run_one, run_suite
     from clutch_hil.bench.sweep import sweep_to_csv
@@ -66,8 +66,8 @@ def simulate(
         "controller_parameters": controller_parameters, "seed": seed, "temperature": temperature, "law": law,
         "adaptation": adaptation, "out": out,
     }  # fmt: skip
-    wanted = shipped() if every else names or ()
-    chosen = [chosen_scenario(name, given) for name in wanted] or [chosen_scenario(None, given)]
+    wanted = shipped_scenarios() if every else names or ()
+    chosen = [choose_scenario(name, given) for name in wanted] or [choose_scenario(None, given)]
     swept = seeds > 1 or vary is not None
     if swept and (len(chosen) > 1 or blind or junit):
         other = "--blind" if blind else "--junit" if junit else f"{len(chosen)} scenarios"

@@ -1,4 +1,4 @@
-"""`clutch-hil unseal`: what a blind run keeps back."""
+"""`clutch-hil unseal`: shows the truth of a blind run."""
 
 from pathlib import Path
 
@@ -19,6 +19,6 @@ def unseal(
     json_output: bool = JSON,
 ) -> None:
     """Show what a blind run keeps back, when neither it nor its truth file has been changed."""
-    from clutch_hil.bench.unseal import told_by, unsealed
+    from clutch_hil.bench.unseal import describe_truth, read_truth
 
-    report(*told_by(run, *unsealed(run, truth)), json_output)
+    report(*describe_truth(run, *read_truth(run, truth)), json_output)

@@ -1,4 +1,4 @@
-"""`clutch-hil up`: plant and controller as services of a bench, a scenario or a profile played, recorded, judged, drawn."""
+"""`clutch-hil up`: starts a bench, plays a scenario or a profile on it, and records, judges and draws the run."""
 
 from pathlib import Path
 
@@ -13,8 +13,10 @@ from clutch_hil.commands.options import (
     JSON,
     JUNIT,
     LAW,
+    LOCKSTEP,
     OUT,
     PLANT_PARAMETERS,
+    PUBLISH_ROUTER,
     RATE,
     SECONDS,
     SEED,
@@ -40,7 +42,7 @@ def up(
     rate: int | None = RATE,
     profile: str | None = PROFILE_OR_MANUAL,
     seconds: float | None = SECONDS,
-    lockstep: bool = typer.Option(False, help="deterministic, as fast as the machine allows"),
+    lockstep: bool = LOCKSTEP,
     plant_parameters: Path | None = PLANT_PARAMETERS,
     controller_parameters: Path | None = CONTROLLER_PARAMETERS,
     seed: int | None = SEED,
@@ -50,7 +52,7 @@ def up(
     view: bool = typer.Option(False, "--view", help="watch it in rerun's viewer; `clutch-hil view` does it any time"),
     web: bool = typer.Option(False, "--web", help="watch it in a browser"),
     telemetry: bool = typer.Option(True, help="publish every cycle over zenoh"),
-    router: str | None = typer.Option(None, help="zenoh router to publish to, such as tcp/192.168.1.5:7447"),
+    router: str | None = PUBLISH_ROUTER,
     trigger: str | None = typer.Option(None, help="what begins a control cycle: clock (if not given), bus or pll"),
     spin_us: float | None = typer.Option(None, help="the controller spins at most so long before a slot, in us"),
     blind: bool = BLIND,
@@ -59,7 +61,7 @@ def up(
     json_output: bool = JSON,
 ) -> None:
     """Start plant and controller, play a scenario or a profile, record, judge, draw."""
-    from clutch_hil.bench.scenario import chosen_scenario
+    from clutch_hil.bench.scenario import choose_scenario
     from clutch_hil.bench.suite import run_one
     from clutch_hil.bench.up import Bench
 
@@ -68,7 +70,7 @@ def up(
         "controller_parameters": controller_parameters, "seed": seed, "temperature": temperature, "law": law,
         "adaptation": adaptation, "out": out,
     }  # fmt: skip
-    chosen = chosen_scenario(scenario, given)
+    chosen = choose_scenario(scenario, given)
     if (view or web) and not telemetry:
         raise InputError("a viewer was asked for and --no-telemetry; allowed is one of them")
     viewer = ["--web"] if web else [] if view else None

@@ -1,4 +1,4 @@
-"""Command of the viewer."""
+"""`clutch-hil view`: a running bench, or recorded runs, in the viewer."""
 
 import os
 from pathlib import Path
@@ -6,6 +6,7 @@ from pathlib import Path
 import typer
 
 from clutch_hil.command import report
+from clutch_hil.commands.options import BENCH, JSON, ROUTER
 from protocols.errors import InputError
 
 RUNS = typer.Argument(
@@ -20,8 +21,8 @@ def register(app: typer.Typer) -> None:
 
 def view(
     runs: list[Path] | None = RUNS,
-    bus: str | None = typer.Option(None, help="bus of the bench, where several are running"),
-    router: str | None = typer.Option(None, help="zenoh router of another machine, such as tcp/192.168.1.5:7447"),
+    bus: str | None = BENCH,
+    router: str | None = ROUTER,
     web: bool = typer.Option(False, "--web", help="show it in a browser; works without a network"),
     save: Path | None = typer.Option(None, help="write what is seen to an .rrd file; alone, nothing is shown"),
     window: bool = typer.Option(False, "--window", help="show a window although --save is given"),
@@ -33,10 +34,10 @@ def view(
         None, help="memory for rows, the oldest go first; 1GB, with --web 256MB, if not given"
     ),
     no_open: bool = typer.Option(False, "--no-open", help="do not open a browser"),
-    json_output: bool = typer.Option(False, "--json", help="print the result as JSON"),
+    json_output: bool = JSON,
 ) -> None:
     """Show a running bench, or recorded runs, in rerun's viewer."""
-    os.environ.setdefault("RUST_LOG", "off")  # what goes wrong in rerun is counted and told by us
+    os.environ.setdefault("RUST_LOG", "off")  # errors of rerun are counted and reported by us
     from clutch_hil.live.rrd_writer import check_rrd
     from clutch_hil.live.viewer import Viewer, WebViewer
 
@@ -63,5 +64,5 @@ def view(
     else:
         from clutch_hil.live.view import LiveView
 
-        seen = LiveView(bus, router, seconds).run(viewer, save, say)
-        report(seen.document, seen.text, seen.verdict, seen.good, json_output)
+        watched = LiveView(bus, router, seconds).run(viewer, save, say)
+        report(watched.document, watched.text, watched.verdict, watched.good, json_output)

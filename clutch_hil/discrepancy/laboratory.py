@@ -7,14 +7,14 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Protocol
 
-from clutch_hil.bench.in_memory import Values, composed_scenario
+from clutch_hil.bench.in_memory import Values, compose_scenario
 from clutch_hil.bench.recording import run_path, writable
 from clutch_hil.bench.rig import rig_named
 from clutch_hil.bench.run_file import read_run
 from clutch_hil.bench.scenario import Scenario, load_scenario
 from clutch_hil.bench.settings import RunSettings
 from clutch_hil.bench.up import Bench
-from clutch_hil.command import checked_rate
+from clutch_hil.command import check_rate
 from clutch_hil.discrepancy.blind import draw_plant
 from clutch_hil.discrepancy.experiment_design import Experiment, Experimenting
 from clutch_hil.discrepancy.follow_up import proposed_experiment
@@ -104,8 +104,8 @@ def play_experiment(
     """
     named = find(experiment) if isinstance(experiment, str) else proposed_experiment("the result", experiment)
     settings = {"plant_parameters": plant_parameters, "seed": seed}
-    under_test = composed_scenario(scenario, settings, plant, effects=effects)
-    played = named.at_rate(None if rate is None else checked_rate(rate))
+    under_test = compose_scenario(scenario, settings, plant, effects=effects)
+    played = named.at_rate(None if rate is None else check_rate(rate))
     with LiveBench(_scenario(under_test, played, 0), bus, lockstep) as bench:
         bench.wait()
         run = bench.stop()

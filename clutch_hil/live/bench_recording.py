@@ -10,7 +10,7 @@ from pathlib import Path
 import zenoh
 
 from clutch_hil.live.conversion import check_target, convert
-from clutch_hil.live.recorder import Recorded, Recorder, rows_file
+from clutch_hil.live.recorder import Recorder, RecordingResult, rows_file
 from protocols.errors import InputError
 from protocols.realtime.stopping import Stop
 from protocols.telemetry.feed import Feed, NoBenchError, find_bench
@@ -29,7 +29,7 @@ def record(
     progress: Callable[[str], None],
     blind: bool = False,
     tell: Callable[[str], None] = print,
-) -> Recorded:
+) -> RecordingResult:
     """Record the bench on `bus` (None: the only one) until `stop`, the end of the bench, or `seconds` after its first row.
 
     Rows are written as Parquet, and converted at the end where `path` has another suffix. blind: seal the truth; Parquet only.

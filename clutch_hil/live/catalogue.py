@@ -1,4 +1,4 @@
-"""Catalogue: the parameters of a running bench by name, for people: found, checked and told."""
+"""Catalogue: the parameters of a running bench, found by name, checked, and shown as text."""
 
 import difflib
 import sys
@@ -11,47 +11,47 @@ from clutch_hil.bench.progress import table_text
 from protocols.errors import InputError, listing
 from protocols.telemetry.keys import NODES, bus_of
 
-WHOLE = sys.maxsize  # width where there is no terminal: nothing is cut
-_SOURCE_LEAST = 12  # characters of a source in a table, with less it is left out; `details` tells all of it
+WHOLE = sys.maxsize  # characters of a line where there is no terminal: nothing is cut
+_SOURCE_LEAST = 12  # characters of a source in a table; with less room it is left out. `details` has all of it
 _GAP = 2  # characters between the columns of table_text
 
 
 @dataclass(frozen=True)
 class Catalogue:
-    """Every parameter of a bench by its full name, NODE.GROUP.NAME, as the nodes that answered describe them."""
+    """Every parameter of a bench by full name, NODE.GROUP.NAME, as described by the nodes that answered."""
 
     bench: str
     entries: Mapping[str, Mapping[str, Any]]
 
     @property
     def nodes(self) -> list[str]:
-        """Those that answered."""
+        """Names of the nodes that answered."""
         return list(dict.fromkeys(full.partition(".")[0] for full in self.entries))
 
     @property
     def silence(self) -> str:
-        """Who did not answer, as a clause; empty when all did."""
+        """A clause that names a node that did not answer; empty if all did."""
         silent = [node for node in NODES if node not in self.nodes]
         return f"the {silent[0]} on {bus_of(self.bench)} does not answer" if silent else ""
 
-    def named(self, name: str) -> str:
-        """The full name of a parameter, given with or without its node. Raises InputError."""
+    def full_name(self, name: str) -> str:
+        """Full name of a parameter that is given with or without its node. Raises InputError."""
         if name in self.entries:
             return name
-        found = [full for full in self.entries if full.partition(".")[2] == name]
-        if len(found) > 1:
-            raise InputError(f"parameter {name!r} is ambiguous; there are {listing(found)}")
-        if not found:
+        matches = [full for full in self.entries if full.partition(".")[2] == name]
+        if len(matches) > 1:
+            raise InputError(f"parameter {name!r} is ambiguous; there are {listing(matches)}")
+        if not matches:
             raise self._unknown(name)
-        return found[0]
+        return matches[0]
 
     def group(self, prefix: str) -> list[str]:
-        """Full names of a group, with or without its node: `controller`, `torque.`, `plant.clutch.*`."""
+        """Full names of the parameters in a group, which is given with or without its node: `torque.`, `plant.clutch.*`."""
         start = prefix.rstrip("*").rstrip(".") + "."
         return [full for full in self.entries if full.startswith(start) or full.partition(".")[2].startswith(start)]
 
-    def checked(self, name: str, text: str) -> float:
-        """The value in `text` when the parameter with this full name can take it. Raises InputError."""
+    def check_value(self, name: str, text: str) -> float:
+        """Value in `text`, if the parameter with the full name `name` can have it. Raises InputError."""
         entry = self.entries[name]
         low, high = entry["bounds"]
         try:
@@ -81,26 +81,28 @@ class Catalogue:
 
 
 def assignments(catalogue: Catalogue, arguments: Iterable[str]) -> dict[str, dict[str, float]]:
-    """NAME=VALUE arguments as values by node and name, none of which its node would refuse alone. Raises InputError."""
+    """Parse NAME=VALUE arguments into checked values by node and name. Raises InputError."""
     values: dict[str, dict[str, float]] = {}
     for argument in arguments:
         name, _, text = argument.partition("=")
-        full = catalogue.named(name.strip())
+        full = catalogue.full_name(name.strip())
         node, _, short = full.partition(".")
         if short in values.setdefault(node, {}):
             raise InputError(f"parameter {full} is given twice")
-        values[node][short] = catalogue.checked(full, text)
+        values[node][short] = catalogue.check_value(full, text)
     return values
 
 
 def tables(entries: Mapping[str, Mapping[str, Any]], width: int) -> str:
-    """Parameters by full name as a table for each node, of lines of at most `width` characters."""
+    """Format parameters by full name as a table for each node, in lines of at most `width` characters."""
     grouped = groupby(entries.items(), lambda item: item[0].partition(".")[0])
-    return "\n\n".join(table_text(_fitted(_rows(node, dict(items)), width)) for node, items in grouped)
+    return "\n\n".join(table_text(_fit_columns(_rows(node, dict(items)), width)) for node, items in grouped)
 
 
-def without_off(entries: Mapping[str, Mapping[str, Any]], names: Collection[str]) -> tuple[dict[str, Any], list[str]]:
-    """`entries` by full name without those of effects (`names`) that are as shipped, off; and which effects these are."""
+def hide_off_effects(
+    entries: Mapping[str, Mapping[str, Any]], names: Collection[str]
+) -> tuple[dict[str, Any], list[str]]:
+    """`entries` by full name without those of effects, given by `names`, that are off; and which effects these are."""
     groups: dict[str, list[Mapping[str, Any]]] = {}
     for full, entry in entries.items():
         groups.setdefault(full.rpartition(".")[0], []).append(entry)
@@ -109,8 +111,8 @@ def without_off(entries: Mapping[str, Mapping[str, Any]], names: Collection[str]
         for group, members in groups.items()
         if group.rpartition(".")[2] in names and all(entry["value"] == entry["default"] for entry in members)
     ]
-    kept = {full: entry for full, entry in entries.items() if full.rpartition(".")[0] not in off}
-    return kept, [group.partition(".")[2] for group in off]
+    shown = {full: entry for full, entry in entries.items() if full.rpartition(".")[0] not in off}
+    return shown, [group.partition(".")[2] for group in off]
 
 
 def _rows(node: str, entries: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, ...]]:
@@ -129,17 +131,17 @@ def _rows(node: str, entries: Mapping[str, Mapping[str, Any]]) -> list[tuple[str
     return rows
 
 
-def _fitted(rows: Sequence[Sequence[str]], width: int) -> list[list[str]]:
-    """The columns that fit into `width`; of the last one, the source, as much as fits."""
+def _fit_columns(rows: Sequence[Sequence[str]], width: int) -> list[list[str]]:
+    """Rows with the columns that fit into `width`. The last column, the source, is cut where needed."""
     needed = [max(map(len, column)) for column in zip(*rows, strict=True)]
     room = [width - sum(_GAP + before for before in needed[:i]) for i in range(len(needed))]
     needed[-1] = min(needed[-1], _SOURCE_LEAST)
-    kept = [i for i, least in enumerate(needed) if i == 0 or least <= room[i]]
-    return [[row[i] if len(row[i]) <= room[i] else row[i][: room[i] - 1] + "…" for i in kept] for row in rows]
+    columns = [i for i, least in enumerate(needed) if i == 0 or least <= room[i]]
+    return [[row[i] if len(row[i]) <= room[i] else row[i][: room[i] - 1] + "…" for i in columns] for row in rows]
 
 
 def details(name: str, entry: Mapping[str, Any]) -> str:
-    """All about one parameter."""
+    """Describe one parameter in full, as lines."""
     low, high = entry["bounds"]
     unit = entry["unit"]
     lines = [
@@ -154,7 +156,7 @@ def details(name: str, entry: Mapping[str, Any]) -> str:
 
 
 def with_unit(text: str, unit: str) -> str:
-    """`text` and the unit behind it; nothing behind what has no dimension."""
+    """`text` with the unit behind it; the unit 1 is left out."""
     return text if unit == "1" else f"{text} {unit}"
 
 

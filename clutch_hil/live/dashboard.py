@@ -1,4 +1,4 @@
-"""Dashboard: which column stands in which plot. Each column of a node has one place, so a recording holds it once."""
+"""Dashboard: the plot of each column. Each column of a node is in one plot, so that a recording has it once."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -17,7 +17,7 @@ class Line(NamedTuple):
 
 
 class Plot(NamedTuple):
-    """A plot over time: entity path under the prefix, title, lines, and the units of columns without a place that it takes."""
+    """A plot over time: entity path under the prefix, title, and lines. It also has all other columns of its `units`."""
 
     path: str
     title: str
@@ -25,8 +25,8 @@ class Plot(NamedTuple):
     units: tuple[str, ...] = ()
 
 
-# rerun draws the entities of a plot in alphabetical order: the plant's lines lie on top of the controller's. The demand is
-# drawn over the torque the way round the clutch slips (torque.py); as the controller has it, a magnitude, it is in the balance.
+# rerun draws the entities of a plot in alphabetical order, so lines of the plant are on top of those of the controller. The
+# plot of the torque also has the demand, with the sign of the slip (torque.py). The balance has the demand as a magnitude.
 PLOTS = (
     Plot("torque", "torque [Nm]", (
         Line("controller_torque_estimate_nm", "estimate", 1.2),
@@ -92,13 +92,13 @@ PLOTS = (
         Line("controller_sample_tick", "controller sample tick"),
     ), ("s",)),
 )  # fmt: skip
-LIGHT = ("torque", "pressure", "voltage", "slip", "timing")  # paths of the plots that a light screen has
+LIGHT = ("torque", "pressure", "voltage", "slip", "timing")  # paths of the plots on a light screen
 (SLIP,) = (plot for plot in PLOTS if plot.path == "slip")
 REST = Plot("more/rest", "states, flags and counts [1], and what stands nowhere else")
 
 
 class Place(NamedTuple):
-    """Where columns of a node go: one wide entity. `numbers` are theirs among the node's columns."""
+    """An entity with several columns of a node. `numbers` are their indices among the columns of the node."""
 
     path: str
     numbers: tuple[int, ...]
@@ -108,14 +108,14 @@ class Place(NamedTuple):
 
     @property
     def labels(self) -> list[str]:
-        """Of the lines, with units, for the legend."""
+        """Labels of the lines with units, for the legend."""
         return [f"{line.label} [{column.unit}]" for line, column in zip(self.lines, self.columns, strict=True)]
 
 
 def places(node: str, columns: Sequence[Column]) -> list[Place]:
-    """The entities of a node's columns; every column is in exactly one.
+    """Entities of a node's columns; every column is in exactly one of them.
 
-    Where there are two clutches, columns of both stand in the plot that a single clutch's column has, with the clutch's name.
+    Columns of two clutches are both in the plot of the single clutch's column, with the name of the clutch in their labels.
     """
     free = {column.name: number for number, column in enumerate(columns)}
     of_clutches: dict[
@@ -150,7 +150,7 @@ def places(node: str, columns: Sequence[Column]) -> list[Place]:
 
 
 def of_single_clutch(column: Column) -> tuple[str, str]:
-    """Name of a column as it is with a single clutch, and which of two clutches it is of: "" where there is but one.
+    """Name that a column has on a rig with one clutch, and its clutch, a or b, or "" on a rig with one.
 
     `cylinder_pressure_b_bar` is `cylinder_pressure_bar` of b, `controller_b_voltage_v` is `controller_voltage_v` of b.
     """
@@ -165,10 +165,10 @@ def of_single_clutch(column: Column) -> tuple[str, str]:
 
 
 def _of_clutches(line: Line, of_clutches: Mapping[str, Sequence[tuple[str, str]]]) -> list[Line]:
-    """A single clutch's line as the lines of two."""
+    """Lines of the two clutches that stand for the line of a single clutch."""
     return [Line(name, f"{line.label} {clutch}", line.width) for name, clutch in of_clutches.get(line.column, ())]
 
 
 def _suffix(unit: str) -> str:
-    """How the name of a column of this unit ends."""
+    """End of the name of a column with this unit."""
     return "" if unit == "1" else f"_{unit.lower().replace('/', '_').replace('^', '')}"

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
-from clutch_hil.live.course import PRESSURE_RAMP, TORQUE_RAMP
+from clutch_hil.live.demand_defaults import PRESSURE_RAMP, TORQUE_RAMP
 from clutch_hil.live.supervisor import RATE, Answer, Supervisor
 from plant_sim.profiles.profile import (
     FILL_PRESSURE,

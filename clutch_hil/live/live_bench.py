@@ -1,4 +1,4 @@
-"""Live bench from Python: plant and controller as processes on a bus, driven, tuned, disturbed and recorded by a program."""
+"""Live bench for Python: plant and controller as processes on a bus, which a program drives, tunes, disturbs and records."""
 
 import threading
 import time
@@ -12,14 +12,14 @@ from typing import Any
 
 import zenoh
 
-from clutch_hil.bench.in_memory import Values, composed_scenario
+from clutch_hil.bench.in_memory import Values, compose_scenario
 from clutch_hil.bench.run_file import read_run
 from clutch_hil.bench.scenario import Scenario
 from clutch_hil.bench.settings import MANUAL
 from clutch_hil.bench.up import POLL, Bench
 from clutch_hil.live.catalogue import assignments
-from clutch_hil.live.course import PRESSURE_RAMP, SPEED, TORQUE_RAMP
 from clutch_hil.live.demand import lock_profile, pressure_profile, torque_profile
+from clutch_hil.live.demand_defaults import PRESSURE_RAMP, SPEED, TORQUE_RAMP
 from clutch_hil.live.driver import Driver
 from clutch_hil.live.inject import inject, injection_values
 from clutch_hil.live.tune import change_parameters, list_parameters
@@ -31,7 +31,7 @@ from protocols.telemetry.feed import list_live_nodes
 from protocols.telemetry.keys import NODES, bench_name
 from protocols.telemetry.session import consumer_session
 
-_TELEMETRY = 10.0  # s for both services to publish; they begin before they run
+_TELEMETRY = 10.0  # s for both services to publish; they begin to publish before they run
 
 
 def start_bench(
@@ -54,23 +54,23 @@ def start_bench(
 ) -> "LiveBench":
     """Start plant and controller as processes on `bus`, as `clutch-hil up` does, and return when they run.
 
-    Without `scenario` and `profile` the bench waits for `demand_torque` and the like; else the plant asks for what the profile
-    has. `bus` is vcan0, can0, local:NAME, or auto: vcan0 where it is up. `lockstep` has no clock: the profile is played as fast
-    as the machine allows, the same to the bit each time. The others are those of `simulate`.
+    Without `scenario` and `profile` the bench waits for calls such as `demand_torque`; else the demand is that of the profile.
+    `bus` is vcan0, can0, local:NAME, or auto, which is vcan0 if it is up. With `lockstep` the profile is played without a
+    clock, as fast as the machine allows, and is equal to the bit each time. Other arguments are those of `simulate`.
 
-    Use it as a context manager, from the main thread: the processes end however the block is left. In real time the program
-    keeps off the CPU that they have. Nothing is written. Raises InputError.
+    Use it as a context manager, in the main thread: the processes end however the block is left. In real time the program
+    keeps off the CPU of the processes. No run file is kept. Raises InputError.
     """
     settings = {
         "profile": profile or (None if scenario else MANUAL), "seconds": seconds, "rate": rate, "seed": seed,
         "temperature": temperature, "law": law, "adaptation": adaptation, "plant_parameters": plant_parameters,
         "controller_parameters": controller_parameters,
     }  # fmt: skip
-    return LiveBench(composed_scenario(scenario, settings, plant, controller, effects), bus, lockstep)
+    return LiveBench(compose_scenario(scenario, settings, plant, controller, effects), bus, lockstep)
 
 
 class LiveBench:
-    """A bench that runs. `start_bench` makes one; leaving it as a context manager, or `stop`, ends its processes."""
+    """A running bench, made by `start_bench`. Its processes end at `stop`, or where its block as a context manager is left."""
 
     def __init__(self, scenario: Scenario, bus: str, lockstep: bool) -> None:
         self._ending = threading.Event()
@@ -102,9 +102,9 @@ class LiveBench:
         return self._session.bus
 
     def demand_torque(self, torque: float, speed: float = SPEED, ramp: float = TORQUE_RAMP) -> None:
-        """Ask for a torque [Nm] at a motor speed [rad/s], reached with `ramp` [Nm/s] from what is asked for now; go on at once.
+        """Ask for a torque [Nm] at a motor speed [rad/s], reached from the present demand with `ramp` [Nm/s]; return at once.
 
-        Raises InputError for what cannot be, and when the controller did not do what it was asked for before.
+        Raises InputError for a demand that is not possible, and if the controller did not meet the demand before.
         """
         self._supervisor().follow(lambda now: torque_profile(torque, speed, None, ramp, now.torque))
 
@@ -113,11 +113,11 @@ class LiveBench:
         self._supervisor().follow(lambda now: pressure_profile(pressure, speed, None, ramp, now.pressure))
 
     def demand_lock(self, speed: float = SPEED) -> None:
-        """Ask for a clutch that carries what is applied, at a motor speed [rad/s]; see `demand_torque`."""
+        """Ask for a locked clutch, at a motor speed [rad/s]; see `demand_torque`."""
         self._supervisor().follow(lambda now: lock_profile(speed, None))
 
     def demand_profile(self, profile: str | Path) -> None:
-        """Ask for what a profile has from now on, a shipped name or the path of a CSV file; see `demand_torque`."""
+        """Play the demands of a profile from now on, a shipped name or the path of a CSV file; see `demand_torque`."""
         self._supervisor().follow(lambda now: load_profile(str(profile)))
 
     def release(self) -> None:
@@ -127,7 +127,7 @@ class LiveBench:
     def wait(self, seconds: float | None = None) -> None:
         """Let the bench run for `seconds` [s], or to the end of its profile where that is None.
 
-        Raises InputError when a service has ended, or the controller does not do what it was asked for.
+        Raises InputError when a service has ended, or when the controller does not meet the demand.
         """
         if seconds is None and not isfinite(self._session.duration):
             raise InputError("the bench has no profile whose end can be waited for; give seconds")
@@ -138,7 +138,7 @@ class LiveBench:
         self._check()
 
     def values(self) -> dict[str, float]:
-        """The newest value of every column of the plant and the controller, by its name in a run, in its unit there."""
+        """Newest value of every column of plant and controllers, by its name in a run, in the unit it has there."""
         self._check()
         return dict(self._values)
 
@@ -147,7 +147,9 @@ class LiveBench:
 
         Raises InputError.
         """
-        return {name: float(entry["value"]) for name, entry in list_parameters(*self._published()).entries.items()}
+        return {
+            name: float(entry["value"]) for name, entry in list_parameters(*self._connect_telemetry()).entries.items()
+        }
 
     def tune(self, values: Values) -> list[dict[str, Any]]:
         """Set parameters by name, with or without `plant.` or `controller.` before it, in declared units, between two cycles.
@@ -155,7 +157,7 @@ class LiveBench:
         Returns the changes: node, name, old, new, unit, and `row`, the first sample of that node with it. All names and values
         are checked before anything is set. Raises InputError.
         """
-        published = self._published()
+        published = self._connect_telemetry()
         wanted = assignments(list_parameters(*published), [f"{name}={value!r}" for name, value in values.items()])
         return change_parameters(*published, wanted)
 
@@ -175,9 +177,9 @@ class LiveBench:
     ) -> list[dict[str, Any]]:
         """Switch effects of the plant on, with typical values or those given by short name, or `off`; change the plant.
 
-        `plant`: parameters by dotted name, in declared units; `freeze`: sensors that keep what they show; `bias`: what sensors
-        show too much. It begins `at` [s of the plant's time] or `after` [s from now], else now, takes `ramp` [s], and goes back
-        at `until` [s of the plant's time] or when it has been there for `lasting` [s].
+        plant: parameters by dotted name, in declared units. freeze: sensors whose value stays. bias: value by sensor that is
+        added to it. The change begins `at` [s of the plant's time], `after` [s from now], or now. It takes `ramp` [s]. It is
+        undone at `until` [s of the plant's time], or `lasting` [s] after it is complete.
 
         Returns the changes that the plant has planned: name, old, new, unit, `at` [s] and `row`. Raises InputError.
         """
@@ -186,13 +188,13 @@ class LiveBench:
         values = injection_values(given, plant or {}, tuple(freeze), bias or {}, off)
         times = {"at": at, "after": after, "ramp": ramp, "until": until, "for": lasting}
         when = {name: float(seconds) for name, seconds in times.items() if seconds is not None}
-        return inject(*self._published(), values, when)
+        return inject(*self._connect_telemetry(), values, when)
 
     def stop(self) -> Run:
-        """Release the clutch, end the processes; return the run since the start: columns of shape (samples,), as of a run file.
+        """Release the clutch and end the processes; return the run since the start: columns of a run file, each (samples,).
 
-        A fault of the controller is in the run, and raises nothing. Raises InputError when a service had failed, or there are
-        less than two samples.
+        A fault of the controller is in the run, and raises nothing. Raises InputError if a service had failed, or if there are
+        fewer than two samples.
         """
         if self._driver:
             self._driver.__exit__()
@@ -205,7 +207,7 @@ class LiveBench:
         return run
 
     def _record(self) -> None:
-        """What the recorder's thread does."""
+        """Record rows, in the thread of the recorder."""
         names = [
             [f"{prefix}{column.name}" for column in ring.columns]
             for ring, prefix in zip(self._session.rings, ("", "controller_", "controller_b_"), strict=False)
@@ -216,7 +218,7 @@ class LiveBench:
                     if len(rows):
                         self._values = self._values | dict(zip(columns, rows[-1].tolist(), strict=True))
                 self._ending.wait(POLL)
-        except Exception as error:  # told to whoever calls next
+        except Exception as error:  # raised by the next call
             self._error = error
 
     def _end_recorder(self) -> None:
@@ -224,14 +226,17 @@ class LiveBench:
         self._recorder.join()
 
     def _check(self) -> None:
-        """Raise InputError for what went wrong meanwhile."""
+        """Raise the error of the recorder or of the driver, if there was one."""
         if self._error:
             raise self._error
         if self._driver:
             self._driver.check()
 
     def _supervisor(self) -> Driver:
-        """Who asks the controller. Raises InputError where the plant does so, or for what went wrong meanwhile."""
+        """The driver that asks the controller.
+
+        Raises InputError if a profile makes the demands, and the error of the recorder, if there was one.
+        """
         if self._driver is None:
             raise InputError(
                 "this bench plays its profile; one that is started without scenario and profile takes demands"
@@ -240,8 +245,8 @@ class LiveBench:
             raise self._error
         return self._driver
 
-    def _published(self) -> tuple[zenoh.Session, str]:
-        """The telemetry of the bench: a session and the bench's name. Raises InputError where it does not come."""
+    def _connect_telemetry(self) -> tuple[zenoh.Session, str]:
+        """Connect to the telemetry of the bench: return a session and the bench's name. Raises InputError if there is none."""
         if self._telemetry is None:
             session, name = self._stack.enter_context(consumer_session()), bench_name(self._session.bus)
             deadline = time.monotonic() + _TELEMETRY

@@ -1,7 +1,7 @@
-"""Recorder: the rows of a bench as run files.
+"""Recorder: writes the rows of a bench into run files.
 
-A run file has one row a sample at a constant rate, and no row is made up. So where plant rows never came, or where the
-plant began anew, a file ends and the next one begins: RUN.parquet, RUN-2.parquet, ...
+A run file has one row for each sample, at a constant rate, and no row is invented. So where rows of the plant were lost, or
+where the plant started anew, a file ends and the next one begins: RUN.parquet, RUN-2.parquet, ...
 """
 
 import contextlib
@@ -31,41 +31,41 @@ from protocols.telemetry.batch import Batch
 from protocols.telemetry.feed import Feed
 from protocols.telemetry.keys import NODES, bus_of
 
-_INJECTED = ("name", "unit", "old", "new", "at", "ramp", "row")  # of an event, for the file
-_RECENT = 100  # batches of each controller: its past may come before the plant's
-_BOTH = 10.0  # s from the first row until both sides must have said what they are
+_INJECTION_KEYS = ("name", "unit", "old", "new", "at", "ramp", "row")  # of an event, for the metadata
+_KEPT_BATCHES = 100  # batches of each controller, kept because they may come before the rows of the plant
+_DESCRIPTION_TIMEOUT = 10.0  # s from the first row, within which every node must have described itself
 
 
 @dataclass
-class Recorded:
-    """What was recorded: `files` with their samples, rows `lost` by node, parameters changed; rate [Hz]."""
+class RecordingResult:
+    """What was recorded: number of samples by file, number of rows lost by node, number of parameter changes; rate [Hz]."""
 
     bench: str
     rate: int = 0
     files: dict[Path, int] = field(default_factory=dict)
     lost: dict[str, int] = field(default_factory=dict)
     parameter_changes: int = 0
-    faults: str = ""  # what was in them, for the verdict
+    faults: str = ""  # as text, for the verdict
     fault_count: int = 0
 
     @property
     def good(self) -> bool:
-        """Whether every row came, and no fault in them."""
+        """Whether no row was lost, and no controller had a fault."""
         return not any(self.lost.values()) and not self.fault_count
 
     @property
     def verdict(self) -> str:
         """The verdict line."""
         seconds = sum(self.files.values()) / self.rate
-        told = f"{seconds:.1f} s recorded"
+        length = f"{seconds:.1f} s recorded"
         if len(self.files) > 1:
-            told += f" in {len(self.files)} files: the plant began anew or rows were lost"
+            length += f" in {len(self.files)} files: the plant began anew or rows were lost"
         lost = f"; rows that never came: {_counts(self.lost)}" if any(self.lost.values()) else ", no row lost"
-        return f"{told}{lost}{'; ' if self.faults else ''}{self.faults}"
+        return f"{length}{lost}{'; ' if self.faults else ''}{self.faults}"
 
     @property
     def text(self) -> str:
-        """What was read and written, for people."""
+        """What was read and written, as text."""
         changes = f", {counted(self.parameter_changes, 'parameter')} changed" if self.parameter_changes else ""
         lines = [f"read:    bench {self.bench}, {self.rate} Hz{changes}"]
         lines += [f"wrote:   {path}  ({samples} samples)" for path, samples in self.files.items()]
@@ -73,7 +73,7 @@ class Recorded:
 
     @property
     def document(self) -> dict[str, Any]:
-        """The same for machines."""
+        """The result for JSON."""
         return {
             "bench": self.bench,
             "rate_hz": self.rate,
@@ -87,8 +87,8 @@ class Recorded:
 
 
 @dataclass(frozen=True)
-class _About:
-    """What a node said about itself when it was `asked` (UNIX time)."""
+class _NodeDescription:
+    """What a node said about itself when it was `asked` (UNIX time [s])."""
 
     node: str
     described: dict[str, Any]
@@ -96,17 +96,18 @@ class _About:
     asked: float
 
     def parameters_at(self, time: float, changes: Sequence[dict[str, Any]]) -> dict[str, float]:
-        """Parameters at a UNIX time: as they were when we asked, with the changes in between made or undone."""
+        """Parameters at a UNIX time [s]: those at the time `asked`, with the changes in between made or undone."""
         own = [change for change in changes if change["node"] == self.node]
-        made = {change["name"]: change["new"] for change in own if self.asked < change["time"] < time}
-        undone = {change["name"]: change["old"] for change in reversed(own) if time <= change["time"] <= self.asked}
-        return self.parameters | made | undone
+        later = {change["name"]: change["new"] for change in own if self.asked < change["time"] < time}
+        earlier = {change["name"]: change["old"] for change in reversed(own) if time <= change["time"] <= self.asked}
+        return self.parameters | later | earlier
 
 
 class Recorder:
-    """Records the rows of `feed` at `path`, and in further files beside it. Use as a context manager.
+    """Records the rows of `feed` into `path`, and into further files beside it. Use as a context manager.
 
-    Without a path the file is named by date and time, in `runs`. A `blind` recording seals the truth away.
+    path: if None, the file is named by date and time, in the folder `runs`. blind: keep the truth out of the run files.
+    tell: gets lines that stay on the terminal.
     """
 
     def __init__(
@@ -117,15 +118,15 @@ class Recorder:
         blind: bool = False,
         tell: Callable[[str], None] = print,
     ) -> None:
-        self.recorded = Recorded(feed.bench)
+        self.recorded = RecordingResult(feed.bench)
         self._session, self._feed, self._path = session, feed, path
         self._blind = blind
-        self._tapes: dict[Path, Tape] = {}  # the last one runs, those before wait for the controllers' last rows
+        self._tapes: dict[Path, Tape] = {}  # the last one takes rows; those before wait for rows of the controllers
         self._metadata: dict[Path, dict[str, Any]] = {}
-        self._abouts: dict[str, _About] = {}  # by node
-        self._early: list[Batch] = []  # of the plant, while a node has not said what it is
-        self._deadline = float("inf")  # s of CLOCK_MONOTONIC, for all to have said it
-        self._recent: dict[str, deque[Batch]] = defaultdict(lambda: deque(maxlen=_RECENT))  # by controller
+        self._descriptions: dict[str, _NodeDescription] = {}  # by node
+        self._early: list[Batch] = []  # of the plant, from before every node has described itself
+        self._deadline = float("inf")  # s of CLOCK_MONOTONIC, for all nodes to describe themselves
+        self._recent: dict[str, deque[Batch]] = defaultdict(lambda: deque(maxlen=_KEPT_BATCHES))  # by controller
         self._tell = tell  # a line that stays on the terminal
         self._faults: dict[str, FaultWatch] = {}  # by controller
         self._changes: list[dict[str, Any]] = []
@@ -145,26 +146,26 @@ class Recorder:
         return bool(self._metadata)
 
     def status(self) -> str:
-        """What has been recorded so far, for people."""
+        """What has been recorded so far, as text."""
         if not self.began:
             return f"bench {self._feed.bench}: waiting for the plant's first row"
         samples = sum(self.recorded.files.values()) + sum(tape.rows for tape in self._tapes.values())
         return f"bench {self._feed.bench}: {samples} samples, lost {sum(self._feed.lost.values())}"
 
     def step(self, plant: bool = True) -> bool:
-        """Take what has come, the plant's rows only when `plant`; whether anything came.
+        """Take the rows that have come, those of the plant only if `plant`; return whether any came.
 
-        Raises InputError when a side keeps silent about itself.
+        Raises InputError when a node does not describe itself.
         """
         for path in list(self._tapes)[:-1]:
             self._close(path)
         batches = self._feed.read()
         for node, alive in self._feed.alive.items():
-            if alive and node not in self._abouts:
+            if alive and node not in self._descriptions:
                 self._ask(node)
         if plant:
             self._early += [batch for batch in batches if batch.node == "plant"]
-        if (batches or self._early) and self._all_known():
+        if (batches or self._early) and self._are_all_described():
             for batch in self._early:
                 self._add_plant(batch)
             self._early.clear()
@@ -178,7 +179,7 @@ class Recorder:
         return bool(batches)
 
     def finish(self) -> None:
-        """End the files. Raises InputError when there is none."""
+        """Finish the files. Raises InputError if there is none."""
         for path in list(self._tapes):
             self._close(path)
         self.recorded.lost = dict(self._feed.lost)
@@ -189,25 +190,25 @@ class Recorder:
             raise InputError(f"bench {self._feed.bench} published no rows; nothing was recorded")
 
     def _take_faults(self, batch: Batch) -> None:
-        """Tell what begins or ends in a batch of the controller."""
+        """Tell the faults that begin or end in a batch of a controller."""
         node = batch.node
         if node not in self._faults:
-            about = self._abouts.get(node)
+            about = self._descriptions.get(node)
             names = [column.name.removeprefix(f"{node}_") for column in batch.columns]
             self._faults[node] = FaultWatch(names, batch.rate, about.parameters if about else None, clutch_of(node))
-        for told in self._faults[node].take(batch.rows):
-            self._tell(told.line)
+        for fault in self._faults[node].take(batch.rows):
+            self._tell(fault.line)
 
     def _nodes(self) -> tuple[str, ...]:
-        """The nodes of a run: the plant and the controllers that it says it has."""
-        if "plant" not in self._abouts:
+        """Nodes of a run: the plant, and the controllers that it names."""
+        if "plant" not in self._descriptions:
             return NODES
-        return ("plant", *self._abouts["plant"].described.get("controllers", NODES[1:]))
+        return ("plant", *self._descriptions["plant"].described.get("controllers", NODES[1:]))
 
-    def _all_known(self) -> bool:
-        """Whether all nodes have said what they are; services that start together publish one after the other."""
-        missing = [node for node in self._nodes() if node not in self._abouts]
-        self._deadline = min(self._deadline, time.monotonic() + _BOTH)
+    def _are_all_described(self) -> bool:
+        """Whether all nodes have described themselves. Raises InputError when one has not before the deadline."""
+        missing = [node for node in self._nodes() if node not in self._descriptions]
+        self._deadline = min(self._deadline, time.monotonic() + _DESCRIPTION_TIMEOUT)
         if missing and time.monotonic() > self._deadline:
             raise InputError(
                 f"the {missing[0]} of bench {self._feed.bench} publishes no telemetry; a run needs both sides"
@@ -215,7 +216,7 @@ class Recorder:
         return not missing
 
     def _add_plant(self, batch: Batch) -> None:
-        """Add to the tape that goes on with `batch`, or to a new one with what the controllers have just said."""
+        """Add `batch` to the last tape if it goes on there; else to a new one, with the recent rows of the controllers."""
         last = list(self._tapes.values())[-1:]
         if last and last[0].follows(batch):
             last[0].add_plant(batch)
@@ -228,13 +229,13 @@ class Recorder:
 
     def _new_tape(self, batch: Batch) -> Tape:
         """A tape that begins with `batch` of the plant."""
-        if self._abouts["plant"].described["session"] != batch.session:
+        if self._descriptions["plant"].described["session"] != batch.session:
             for node in self._nodes():
                 self._ask(node)
         first = self._path = self._path or run_path(writable(Path("runs")), "recorded")
         further = (first.with_stem(f"{first.stem}-{count}") for count in itertools.count(2))
         path = next(p for p in further if not (p.exists() or p in self._metadata)) if self._metadata else first
-        rig = self._abouts["plant"].described.get("rig", DEFAULT_RIG)
+        rig = self._descriptions["plant"].described.get("rig", DEFAULT_RIG)
         if self._blind:
             rig_named(rig).plant.check_blind(True)
         columns = {node: self._columns(node) for node in self._nodes()}
@@ -250,47 +251,50 @@ class Recorder:
             "notes": "",
             "recorded_at": _iso(began),
             "time_zero": _iso(began - batch["time_s"][0]),
-            "versions": self._abouts["plant"].described["versions"],
-            **{f"{node}_parameters": self._abouts[node].parameters_at(began, self._changes) for node in self._nodes()},
+            "versions": self._descriptions["plant"].described["versions"],
+            **{
+                f"{node}_parameters": self._descriptions[node].parameters_at(began, self._changes)
+                for node in self._nodes()
+            },
             "settings": {"mode": "recorded from telemetry"},
             "bus": bus_of(self._feed.bench),
-            "blind": self._abouts["plant"].described.get("blind", False),
+            "blind": self._descriptions["plant"].described.get("blind", False),
         }
         return tape
 
     def _columns(self, node: str) -> list[Column]:
-        """Columns of a node, as it describes them."""
-        return [Column(**column) for column in self._abouts[node].described["columns"]]
+        """Columns of a node, from its description."""
+        return [Column(**column) for column in self._descriptions[node].described["columns"]]
 
     def _note_changes(self) -> None:
         self._changes += [change for change in self._feed.events() if change not in self._changes]
 
     def _ask(self, node: str) -> None:
-        """Ask a node about itself, as soon as it is there: it may be gone when its rows have all come."""
-        asked = time.time()
+        """Ask a node to describe itself, as soon as it is alive: it may have ended before its last rows come."""
+        asked_at = time.time()
         if (described := self._feed.describe(node)) is not None:
             with contextlib.suppress(InputError):  # it has ended in between
                 entries = parameters(self._session, self._feed.bench, node)
                 values = {entry["name"]: entry["value"] for entry in entries}
-                self._abouts[node] = _About(node, described, values, asked)
+                self._descriptions[node] = _NodeDescription(node, described, values, asked_at)
 
     def _close(self, path: Path) -> None:
-        told = {
+        closing = {
             "parameter_changes": [change for change in self._changes if "injection" not in change],
             "injections": [
-                {key: change[key] for key in _INJECTED} for change in self._changes if "injection" in change
+                {key: change[key] for key in _INJECTION_KEYS} for change in self._changes if "injection" in change
             ],
             "record_rows_lost": sum(self._feed.lost.values()),
         }
         tape = self._tapes[path]
-        tape.close(self._metadata[path] | told)
+        tape.close(self._metadata[path] | closing)
         del self._tapes[path]
         if tape.rows > 1:
             self.recorded.files[path] = tape.rows
 
 
 def rows_file(path: Path) -> Path:
-    """Where rows for `path` are written while they come: Parquet."""
+    """File of Parquet into which rows for `path` are written while they come."""
     return path if path.suffix == ".parquet" else path.with_name(path.name + ".parquet")
 
 

@@ -10,7 +10,16 @@ from typing import Any
 
 import zenoh
 
-from clutch_hil.live.catalogue import WHOLE, Catalogue, assignments, counted, details, tables, with_unit, without_off
+from clutch_hil.live.catalogue import (
+    WHOLE,
+    Catalogue,
+    assignments,
+    counted,
+    details,
+    hide_off_effects,
+    tables,
+    with_unit,
+)
 from plant_sim.effects.catalogue import effects
 from protocols.errors import InputError, listing
 from protocols.telemetry.feed import find_bench, list_live_nodes
@@ -133,10 +142,10 @@ def _show_values(catalogue: Catalogue, arguments: Sequence[str]) -> tuple[dict[s
     for argument in arguments:
         group = [] if argument in catalogue.entries else catalogue.group(argument)
         grouped = grouped or bool(group)
-        names |= dict.fromkeys(group or [catalogue.named(argument)])
+        names |= dict.fromkeys(group or [catalogue.full_name(argument)])
     chosen = {name: catalogue.entries[name] for name in names}
     if grouped:
-        rows, off = (chosen, []) if arguments else without_off(chosen, effects())
+        rows, off = (chosen, []) if arguments else hide_off_effects(chosen, effects())
         width = shutil.get_terminal_size().columns if sys.stdout.isatty() else WHOLE
         body = tables(rows, width) + _off_text(off, width)
     else:

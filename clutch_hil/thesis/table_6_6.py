@@ -6,7 +6,7 @@ model that has been identified on the rig, and are stated in DIFFERENCES and pri
 
 import numpy as np
 
-from clutch_hil.bench.following import REACHED
+from clutch_hil.bench.following import REACHED_SHARE
 from clutch_hil.bench.in_process import Played, play
 from clutch_hil.thesis import reproduces
 from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet
@@ -63,7 +63,7 @@ def run_step(law: str, adaptation: bool, seed: int) -> tuple[float, float]:
     played = run_trajectory(STEP_PROFILE, law, adaptation, seed)
     after = (played["time_s"] > BEGIN) & (played["time_s"] < 4.0)
     time, torque = played["time_s"][after] - BEGIN, played["truth_clutch_torque_nm"][after]
-    reached = torque >= REACHED * LEVEL
+    reached = torque >= REACHED_SHARE * LEVEL
     return float(time[np.argmax(reached)]) if reached.any() else float("nan"), float(torque.max() - LEVEL)
 
 
@@ -120,7 +120,7 @@ def table_6_6(sheet: Sheet) -> None:
     sheet.check("runs that never reach 90 % of the demand, on the ramp or on the step", missed == 0, missed)
     sheet.note(
         f"the demand's ramp takes 0.24 s to {LEVEL:g} Nm and 0.215 s to 90 % of it: no rise time can be shorter there. The "
-        f"step goes from 0.5 to {LEVEL:g} Nm in one sample; 90 % is {REACHED * LEVEL:g} Nm of true torque"
+        f"step goes from 0.5 to {LEVEL:g} Nm in one sample; 90 % is {REACHED_SHARE * LEVEL:g} Nm of true torque"
     )
     for text in DIFFERENCES:
         sheet.note(f"plant differs: {text}")

@@ -139,7 +139,7 @@ def play_shift(scenario: str, changed: str = "", value: float = 0.0, at: float =
     case = load_scenario(scenario)
     if changed:
         case = replace(case, injections=(Injection({changed: value}, at=at),))
-    run, _ = Simulation(case).play_described()
+    run, _ = Simulation(case).play_with_metadata()
     columns = {column.name: run.plant[:, k] for k, column in enumerate(PLANT)}
     for name, rows in zip("ab", run.controllers, strict=True):
         columns |= {f"{column.name}_{name}": rows[:, k] for k, column in enumerate(COLUMNS)}

@@ -15,7 +15,7 @@ from clutch_hil.bench.in_process import Played, play
 from clutch_hil.bench.metadata import run_metadata
 from clutch_hil.bench.recording import Recording
 from clutch_hil.bench.sealed import SEAL, SealedRecording
-from clutch_hil.bench.unseal import told_by, unsealed
+from clutch_hil.bench.unseal import describe_truth, read_truth
 from clutch_hil.bench.wet_clutch_rig import RIG
 from clutch_hil.command import application
 from plant_sim.effects.catalogue import effects
@@ -77,7 +77,7 @@ def test_nothing_of_the_truth_is_in_the_run(run: Path) -> None:
     for secret in (*(f"{name}." for name in effects()), "truth_", "injection", "83.25", str(SEED), FILE):
         assert secret not in text
         assert secret.encode() not in run.read_bytes()
-    _, whole = unsealed(run)
+    _, whole = read_truth(run)
     hidden = [whole[name] for name in whole.columns if name.startswith("truth_")]
     for name, column in shown.columns.items():
         assert not any(np.array_equal(column, truth) for truth in hidden if np.ptp(truth)), name
@@ -109,7 +109,7 @@ def test_the_run_is_the_same_to_the_byte_whatever_the_truth_is(tmp_path: Path, p
 
 def test_the_truth_file_is_the_run_that_is_not_blind(tmp_path: Path, run: Path, played: tuple[Played, dict]) -> None:
     openly = read_run(record(tmp_path / "open.parquet", played, Recording))
-    truth, whole = unsealed(run)
+    truth, whole = read_truth(run)
     assert truth == tmp_path / "run.truth.parquet"
     assert whole.metadata == openly.metadata
     assert list(whole.columns) == list(openly.columns)
@@ -124,7 +124,7 @@ def test_the_truth_file_is_the_run_that_is_not_blind(tmp_path: Path, run: Path, 
 
 
 def test_the_truth_is_told_when_it_is_unsealed(run: Path) -> None:
-    document, text, verdict, good = told_by(run, *unsealed(run))
+    document, text, verdict, good = describe_truth(run, *read_truth(run))
     assert good
     assert document["settings"]["seed"] == str(SEED)
     assert "piston_seal_friction" in document["effects"]
@@ -142,8 +142,8 @@ def test_a_truth_file_goes_to_a_folder_of_choice(tmp_path: Path, played: tuple[P
         recording.finish(metadata)
     assert [file.name for file in tmp_path.iterdir() if file.is_file()] == ["run.parquet"]
     with pytest.raises(InputError, match=r"truth file .* does not exist; give its folder with --truth"):
-        unsealed(path)
-    assert unsealed(path, safe)[0] == safe / "run.truth.parquet"
+        read_truth(path)
+    assert read_truth(path, safe)[0] == safe / "run.truth.parquet"
 
 
 def test_a_changed_truth_file_is_noticed(run: Path) -> None:
@@ -152,7 +152,7 @@ def test_a_changed_truth_file_is_noticed(run: Path) -> None:
     content[len(content) // 2] ^= 1
     truth.write_bytes(content)
     with pytest.raises(InputError, match="has been changed since the run was recorded: its SHA-256 is another"):
-        unsealed(run)
+        read_truth(run)
 
 
 @pytest.mark.parametrize("column", ["cylinder_pressure_bar", "controller_phase"])
@@ -163,21 +163,21 @@ def test_a_changed_run_is_noticed(run: Path, column: str) -> None:
     changed = table.set_column(table.column_names.index(column), table.field(column), [values])
     pq.write_table(changed.replace_schema_metadata(metadata), run)
     with pytest.raises(InputError, match=f"has been changed since it was recorded: the column {column}"):
-        unsealed(run)
+        read_truth(run)
 
 
 def test_changed_metadata_are_noticed(run: Path) -> None:
     table, metadata = contents(run)
     pq.write_table(table.replace_schema_metadata(metadata | {b"notes": b'"nothing was injected"'}), run)
     with pytest.raises(InputError, match="what it says under notes is not as in its truth file"):
-        unsealed(run)
+        read_truth(run)
 
 
 def test_the_truth_of_another_run_is_noticed(tmp_path: Path, run: Path, played: tuple[Played, dict]) -> None:
     record(tmp_path / "other.parquet", (played[0], played[1] | {"scenario": "other"}))
     shutil.copy(tmp_path / "other.truth.parquet", tmp_path / "run.truth.parquet")
     with pytest.raises(InputError, match="SHA-256 is another"):
-        unsealed(run)
+        read_truth(run)
 
 
 def test_a_run_that_is_cut_with_its_seal_kept_is_noticed(run: Path) -> None:
@@ -185,7 +185,7 @@ def test_a_run_that_is_cut_with_its_seal_kept_is_noticed(run: Path) -> None:
     pq.write_table(table.slice(0, table.num_rows - 1).replace_schema_metadata(metadata), run)
     assert SEAL in read_run(run).metadata
     with pytest.raises(InputError, match="has been changed since it was recorded: the column time_s"):
-        unsealed(run)
+        read_truth(run)
 
 
 @pytest.mark.parametrize("metadata", [None, {SEAL: '"run.truth.parquet"'}])
@@ -196,12 +196,12 @@ def test_a_missing_seal_is_noticed_where_the_truth_file_is(run: Path, metadata: 
     assert "has been changed since it was recorded: its seal is missing, though its truth file" in str(done.exception)
     run.with_name("run.truth.parquet").rename(run.with_name("away"))
     with pytest.raises(InputError, match="is not sealed"):
-        unsealed(run)
+        read_truth(run)
 
 
 def test_an_open_run_is_not_unsealed(tmp_path: Path, played: tuple[Played, dict]) -> None:
     with pytest.raises(InputError, match="is not sealed: it was recorded without --blind"):
-        unsealed(record(tmp_path / "open.parquet", played, Recording))
+        read_truth(record(tmp_path / "open.parquet", played, Recording))
 
 
 def test_a_recording_that_fails_leaves_neither_file(tmp_path: Path, played: tuple[Played, dict]) -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from clutch_hil.bench.direction import MOVES, PUSHES, both_ways, direction
+from clutch_hil.bench.direction import MOVING_SLIP, SIGNED_TORQUE, both_ways, direction
 
 NAN = float("nan")
 
@@ -13,8 +13,8 @@ NAN = float("nan")
     [
         ([5.0, -5.0], [1.0, 1.0], [1.0, -1.0]),
         ([0.0, 0.0], [8.0, -8.0], [1.0, -1.0]),  # plates stand: what they carry tells
-        ([0.0, 0.5 * MOVES], [-8.0, -8.0], [-1.0, -1.0]),  # a count of the encoder tells nothing
-        ([-5.0, 0.0, 0.0, 5.0], [0.0, 0.0, 0.5 * PUSHES, 0.0], [-1.0, -1.0, -1.0, 1.0]),  # as it was before
+        ([0.0, 0.5 * MOVING_SLIP], [-8.0, -8.0], [-1.0, -1.0]),  # a count of the encoder tells nothing
+        ([-5.0, 0.0, 0.0, 5.0], [0.0, 0.0, 0.5 * SIGNED_TORQUE, 0.0], [-1.0, -1.0, -1.0, 1.0]),  # as it was before
         ([0.0, 0.0, -5.0], [0.0, 0.0, 0.0], [-1.0, -1.0, -1.0]),  # as it will be
         ([0.0, 0.0], [0.0, 0.0], [1.0, 1.0]),
         ([NAN, -5.0, NAN], [NAN, NAN, NAN], [-1.0, -1.0, -1.0]),
@@ -35,7 +35,7 @@ def test_piece_by_piece_it_is_what_it_is_in_one() -> None:
 
 
 def test_an_axis_reaches_both_ways_where_something_goes_backwards() -> None:
-    forwards, backwards = np.array([0.0, 12.0, NAN, -0.5 * MOVES]), np.array([-3.0, NAN])
+    forwards, backwards = np.array([0.0, 12.0, NAN, -0.5 * MOVING_SLIP]), np.array([-3.0, NAN])
     assert both_ways(forwards) is None
     reach = both_ways(forwards, backwards)
     assert reach is not None

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 from clutch_hil.bench.echo import Echo
-from clutch_hil.bench.jitter import Measured, Setting, _heard, _latencies, summary
-from clutch_hil.bench.jitter_report import document, judged, sweep_document, sweep_judged, sweep_text
-from clutch_hil.bench.lateness import explained, late_cycles, spike, spikes
-from clutch_hil.bench.loads import LOADS, chosen
+from clutch_hil.bench.jitter import Measurements, Setting, _latencies, _record_frames, summary
+from clutch_hil.bench.jitter_report import document, judge, judge_sweep, sweep_document, sweep_text
+from clutch_hil.bench.lateness import late_cycles, mark_explained, spike, spikes
+from clutch_hil.bench.loads import LOADS, loads_named
 from clutch_hil.bench.stalls import StallWatch
 from clutch_hil.bench.witness_loop import Pace, read
 from protocols.can.frames import load_frames
@@ -40,14 +40,14 @@ def test_a_late_cycle_near_a_spike_of_the_witness_is_the_machines() -> None:
     ended[500] += 300_000
     seen = spikes(slots, ended, PERIOD)
     assert seen.tolist() == [[500 * PERIOD, 500 * PERIOD + 305_000]]
-    found = explained(late(300, 496.4, 496.6, 499, 501, 502.7, 502.9), seen, PERIOD)
+    found = mark_explained(late(300, 496.4, 496.6, 499, 501, 502.7, 502.9), seen, PERIOD)
     assert found.tolist() == [False, False, True, True, True, True, False]
 
 
 def test_a_cycle_that_waited_for_a_stall_is_the_machines_however_late_it_began() -> None:
     """What was missed is made up for first, by the plant, which goes before the controller."""
     lost = np.array([[100.0, 170.0]]) * PERIOD
-    assert explained(np.array([[99.5, 175.0], [173.0, 175.0]]) * PERIOD, lost, PERIOD).tolist() == [True, False]
+    assert mark_explained(np.array([[99.5, 175.0], [173.0, 175.0]]) * PERIOD, lost, PERIOD).tolist() == [True, False]
 
 
 def test_what_is_usual_for_a_wake_up_explains_nothing() -> None:
@@ -61,20 +61,20 @@ def test_slots_the_witness_itself_has_slept_through_are_spikes() -> None:
     slots = np.delete(PERIOD * np.arange(1000), [700, 701])
     seen = spikes(slots, slots + 5_000, PERIOD)
     assert seen.tolist() == [[700 * PERIOD, 702 * PERIOD]]
-    assert explained(late(699.5, 703.5, 704.6), seen, PERIOD).tolist() == [True, True, False]
+    assert mark_explained(late(699.5, 703.5, 704.6), seen, PERIOD).tolist() == [True, True, False]
 
 
 def test_a_spike_lasts_until_the_witness_slept_again() -> None:
     slots = np.delete(PERIOD * np.arange(1000), range(501, 510))
     ended = slots + 5_000
     ended[500] += round(9.4 * PERIOD)
-    found = explained(late(496.0, 497.0, 505.0, 511.0, 513.0), spikes(slots, ended, PERIOD), PERIOD)
+    found = mark_explained(late(496.0, 497.0, 505.0, 511.0, 513.0), spikes(slots, ended, PERIOD), PERIOD)
     assert found.tolist() == [False, True, True, True, False]
 
 
 def test_a_short_spike_in_a_long_one_does_not_hide_it() -> None:
     lost = np.array([[10.0, 60.0], [20.0, 21.0]]) * PERIOD
-    assert explained(late(50.0, 70.0), lost, PERIOD).tolist() == [True, False]
+    assert mark_explained(late(50.0, 70.0), lost, PERIOD).tolist() == [True, False]
 
 
 def test_a_cycle_is_late_when_it_ends_after_its_slot_or_leaves_one_out() -> None:
@@ -89,8 +89,8 @@ def test_without_spikes_nothing_is_explained() -> None:
     slots = PERIOD * np.arange(100)
     nothing = spikes(slots, slots, PERIOD)
     assert nothing.shape == (0, 2)
-    assert explained(late(50.0), nothing, PERIOD).tolist() == [False]
-    assert explained(np.empty((0, 2)), nothing, PERIOD).tolist() == []
+    assert mark_explained(late(50.0), nothing, PERIOD).tolist() == [False]
+    assert mark_explained(np.empty((0, 2)), nothing, PERIOD).tolist() == []
 
 
 @pytest.mark.needs("real-time priority")
@@ -138,7 +138,7 @@ def test_an_echo_answers_whenever_the_source_comes(role: str, local_bus: str, tm
         while not ready.exists():
             assert echo.poll() is None
             time.sleep(0.02)
-        with _heard(local_bus) as frames:
+        with _record_frames(local_bus) as frames:
             time.sleep(0.5)
             assert Echo("source", *timing).spawn().wait(60.0) == 0
         assert len(_latencies(frames)) > 0
@@ -162,8 +162,8 @@ def test_only_known_loads() -> None:
     with pytest.raises(
         InputError, match=r"load 'heat' is unknown; allowed are bus, cpu, disk, full, memory, restarts, viewer"
     ):
-        chosen(["cpu", "heat"])
-    assert [load.name for load in chosen(["disk"])] == ["disk"]
+        loads_named(["cpu", "heat"])
+    assert [load.name for load in loads_named(["disk"])] == ["disk"]
 
 
 @pytest.mark.parametrize(
@@ -220,12 +220,12 @@ def test_the_whole_report(local_bus: str) -> None:
     for name in ("closed loop, bus", "echo, raw frames", "echo, python-can and cantools"):
         assert told["phases"][name]["latency"]["p50"] > 0.0
     assert {ratio["to"] for ratio in told["ratios"]} >= {"its witness", "echo, raw frames"}
-    assert judged(told)[0].startswith("this machine is ")
+    assert judge(told)[0].startswith("this machine is ")
 
 
 def test_the_knee_is_the_last_rate_before_one_that_is_not_kept() -> None:
-    def measured(late: int, failure: str = "") -> Measured:
-        one = Measured(cycles=10_000, late=late, failure=failure)
+    def measured(late: int, failure: str = "") -> Measurements:
+        one = Measurements(cycles=10_000, late=late, failure=failure)
         for what in ("wake", "step", "period"):
             one.add(what, np.ones(10))
         taken = {"minor_faults": 2, "major_faults": 1, "preemptions": 9, "collections": 0, "threads_begun": 4}
@@ -236,7 +236,7 @@ def test_the_knee_is_the_last_rate_before_one_that_is_not_kept() -> None:
     rates = {(rate, "clock"): one for rate, one in late.items()}
     told = sweep_document(Setting("local:x", 1000, 3.0, 1, 0, 0.0), [], rates, False)
     assert told["knee_hz"] == {"clock": 2000}
-    assert sweep_judged(told) == ("up to 2000 Hz begun by the clock at most 0.2 % of the cycles are late", True)
+    assert judge_sweep(told) == ("up to 2000 Hz begun by the clock at most 0.2 % of the cycles are late", True)
     assert [line.split()[-4:] for line in sweep_text(told).splitlines()[4:6]] == [["3", "1", "0", "8"]] * 2
     assert [line.split()[:4] for line in sweep_text(told).splitlines()[4:]] == [
         ["clock", "1000", "1000", "10000"], ["clock", "2000", "500", "10000"], ["clock", "4000", "250", "10000"],
@@ -245,12 +245,12 @@ def test_the_knee_is_the_last_rate_before_one_that_is_not_kept() -> None:
     by_bus = {(1000, "bus"): measured(0), (8000, "bus"): measured(20), (2000, "bus"): measured(1)}
     told = sweep_document(Setting("local:x", 1000, 3.0, 1, 0, 0.0), [], rates | by_bus, False)
     assert told["knee_hz"] == {"clock": 2000, "bus": 8000}
-    assert sweep_judged(told)[0].startswith("up to 2000 Hz begun by the clock and 8000 Hz begun by the bus at most")
+    assert judge_sweep(told)[0].startswith("up to 2000 Hz begun by the clock and 8000 Hz begun by the bus at most")
     assert [one["rate_hz"] for one in told["rates"]] == [1000, 2000, 4000, 8000, 10_000, 1000, 2000, 8000]
     told = sweep_document(Setting("local:x", 1000, 3.0, 1, 0, 0.0), [], {(1000, "clock"): measured(21)}, False)
-    assert sweep_judged(told) == ("no rate is kept with at most 0.2 % late", False)
+    assert judge_sweep(told) == ("no rate is kept with at most 0.2 % late", False)
 
 
 def test_an_interrupted_measurement_is_no_good_verdict() -> None:
     told = document(Setting("local:x", 1000, 3.0, 1, 0, 0.0), [], {}, True)
-    assert judged(told) == ("interrupted: what was measured so far is told", False)
+    assert judge(told) == ("interrupted: what was measured so far is told", False)

@@ -56,7 +56,7 @@ def columns(rows: list[np.ndarray]) -> dict[str, np.ndarray]:
 
 def play(case: Scenario) -> dict[str, np.ndarray]:
     """Columns of a scenario played in one process."""
-    return Simulation(case).play_described()[0].columns()
+    return Simulation(case).play_with_metadata()[0].columns()
 
 
 @pytest.fixture(scope="module")

@@ -29,7 +29,7 @@ def test_a_scenario_holds_what_its_file_says(written) -> None:
         "wet_clutch",
     )
     assert (s.rate, s.seconds, s.seed, s.temperature, s.law, s.adaptation) == (500, 0.9, 3, 50.0, "feedforward", False)
-    assert scenario.loaded_profile().duration == 0.9
+    assert scenario.load_profile().duration == 0.9
     assert s.new_controller().parameters["pressure.proportional_gain"].value == 0.5
     assert scenario.plant["valve.gain"].value == 2.4
     assert scenario.plant["piston_seal_friction.force"].value == 50.0

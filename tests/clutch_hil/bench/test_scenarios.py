@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from clutch_hil.bench.limits import Judgement, judged
+from clutch_hil.bench.limits import Judgement, judge_limits
 from clutch_hil.bench.measures import MEASURES
 from clutch_hil.bench.rig import rig_named, rig_names
-from clutch_hil.bench.scenario import Scenario, load_scenario, shipped
+from clutch_hil.bench.scenario import Scenario, load_scenario, shipped_scenarios
 from clutch_hil.bench.simulate import Simulation
 from protocols.files.runs import read_run
 
@@ -21,10 +21,10 @@ PAST_LIMIT = 0.02  # of the limit: at least so far is each value from it; noise 
 def judgements(scenario: Scenario) -> list[Judgement]:
     """Limits of a scenario, judged without a picture."""
     columns: Mapping[str, Any] = Simulation(scenario).play(scenario.plant, scenario.settings.seed).columns()
-    return list(judged(scenario.limits, columns))
+    return list(judge_limits(scenario.limits, columns))
 
 
-@pytest.mark.parametrize("name", shipped())
+@pytest.mark.parametrize("name", shipped_scenarios())
 def test_a_scenario_passes_with_margin(name: str) -> None:
     scenario = load_scenario(name)
     assert scenario.title
@@ -60,7 +60,7 @@ def test_a_scenario_fails_when_something_breaks(name: str) -> None:
     scenario = load_scenario(name, {"controller": {**load_scenario(name).settings.controller, **controller}})
     scenario = replace(scenario, settings=replace(scenario.settings, seconds=seconds))
     columns = Simulation(scenario).play(scenario.plant.with_values(plant), scenario.settings.seed).columns()
-    broken = {judgement.limit.measure for judgement in judged(scenario.limits, columns) if not judgement.holds}
+    broken = {judgement.limit.measure for judgement in judge_limits(scenario.limits, columns) if not judgement.holds}
     assert measures <= broken
 
 
@@ -79,7 +79,7 @@ def test_every_measure_is_in_the_documentation_and_none_else() -> None:
 
 def test_every_scenario_is_in_the_documentation() -> None:
     text = DOCS.read_text(encoding="utf-8")
-    for name in shipped():
+    for name in shipped_scenarios():
         assert f"| `{name}` | {load_scenario(name).title} |" in text
 
 

@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from clutch_hil.bench.rig import GROUP, rig_named, rig_names
-from clutch_hil.bench.scenario import chosen_scenario, load_scenario
+from clutch_hil.bench.scenario import choose_scenario, load_scenario
 from clutch_hil.bench.simulate import Simulation
 from clutch_hil.command import application
 from clutch_hil.discrepancy.models.named import model_named
@@ -93,7 +93,7 @@ def test_what_it_lacks_is_told() -> None:
     with pytest.raises(InputError, match="rig small_clutch has no discrepancy model"):
         model_named("small_clutch")
     with pytest.raises(InputError, match=r"scenario .*gentle\.toml is of the rig small_clutch, and --rig wet_clutch"):
-        chosen_scenario(SCENARIO, {}, "wet_clutch")
+        choose_scenario(SCENARIO, {}, "wet_clutch")
 
 
 def test_a_rig_that_cannot_be_loaded_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from clutch_hil.bench.jitter import WITNESS_PRIORITY
-from clutch_hil.bench.lateness import explained
+from clutch_hil.bench.lateness import mark_explained
 from clutch_hil.bench.stalls import StallWatch
 from protocols.buses.bus import Port, open_bus
 from protocols.can.frames import load_frames
@@ -105,7 +105,7 @@ def _frames(port: Port, seconds: float) -> Iterator[tuple[int, int]]:
 def _run(stamps: np.ndarray, stalls: np.ndarray) -> np.ndarray:
     """Periods [s] between `stamps` [ns] without one of the `stalls`, begin and end (n, 2) [ns], in or near them."""
     periods = np.column_stack([stamps[:-1], stamps[1:]])
-    return np.diff(stamps)[~explained(periods, stalls, round(1e9 * CYCLE))] / 1e9
+    return np.diff(stamps)[~mark_explained(periods, stalls, round(1e9 * CYCLE))] / 1e9
 
 
 def test_every_frame_of_the_bus_has_a_budget(heard: dict[str, np.ndarray]) -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from clutch_hil.bench.in_process import Played
 from clutch_hil.live import recorder
-from clutch_hil.live.recorder import Recorded, Recorder
+from clutch_hil.live.recorder import Recorder, RecordingResult
 from protocols.node import Column
 from protocols.telemetry.batch import Batch, run_file_columns
 
@@ -65,12 +65,12 @@ def steps(played: Played) -> list[list[Batch]]:
     return [list(pair) for pair in zip(batches(played, "plant"), batches(played, "controller"), strict=True)]
 
 
-def recorded(played: Played, script: list[list[Batch]], path: Path, monkeypatch: pytest.MonkeyPatch) -> Recorded:
+def recorded(played: Played, script: list[list[Batch]], path: Path, monkeypatch: pytest.MonkeyPatch) -> RecordingResult:
     monkeypatch.setattr(recorder, "parameters", lambda session, bench, node: [{"name": "a.b", "value": 1.0}])
     return recorded_from(ScriptedFeed(played, script), path)
 
 
-def recorded_from(feed: Any, path: Path) -> Recorded:
+def recorded_from(feed: Any, path: Path) -> RecordingResult:
     session: Any = None
     with Recorder(session, feed, path) as made:
         for _ in range(len(feed.steps)):

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 import zenoh
 
-from clutch_hil.bench.unseal import unsealed
+from clutch_hil.bench.unseal import read_truth
 from clutch_hil.live.bench_recording import record
 from clutch_hil.live.inject import describe_change, inject, list_planned, parse_values, read_state
 from clutch_hil.live.tune import parameters, set_parameters
@@ -188,7 +188,7 @@ def test_an_injection_is_in_the_recording_or_in_its_truth_file(
     run = read_run(next(iter(recorded.files)))
     assert ("injections" in run.metadata) != blind
     assert ("truth_clutch_torque_nm" in run.columns) != blind
-    whole = unsealed(tmp_path / "run.parquet")[1] if blind else run
+    whole = read_truth(tmp_path / "run.parquet")[1] if blind else run
     assert whole.metadata["injections"][-1] == accepted
     assert not any(change["new"] == 85.0 for change in whole.metadata["parameter_changes"])
     assert whole["truth_clutch_torque_nm"].shape == run["time_s"].shape

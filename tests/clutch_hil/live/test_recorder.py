@@ -9,7 +9,7 @@ import pytest
 
 from clutch_hil.bench.in_process import Played
 from clutch_hil.live import recorder
-from clutch_hil.live.recorder import Recorded
+from clutch_hil.live.recorder import RecordingResult
 from protocols.errors import InputError
 from protocols.files.runs import read_run
 from tests.clutch_hil.live.scripted_bench import RATE, SECONDS, ScriptedFeed, batches, recorded, recorded_from, steps
@@ -55,7 +55,7 @@ def test_a_controller_whose_rows_come_first_is_joined_too(
 
 
 def test_lost_rows_make_the_verdict_bad() -> None:
-    told = Recorded("bench", RATE, {Path("run.parquet"): 1000}, {"plant": 0, "controller": 7})
+    told = RecordingResult("bench", RATE, {Path("run.parquet"): 1000}, {"plant": 0, "controller": 7})
     assert not told.good
     assert told.verdict == "2.0 s recorded; rows that never came: 7 of the controller"
 
@@ -104,7 +104,7 @@ def test_a_controller_that_publishes_later_than_the_plant_is_waited_for(
 
 def test_a_bench_of_one_side_is_refused(played: Played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(recorder, "parameters", lambda session, bench, node: [])
-    monkeypatch.setattr(recorder, "_BOTH", 0.0)
+    monkeypatch.setattr(recorder, "_DESCRIPTION_TIMEOUT", 0.0)
     feed = ScriptedFeed(played, [[batch] for batch in batches(played, "plant")])
     feed.alive["controller"] = False
     with pytest.raises(InputError, match="the controller of bench local:script@here publishes no telemetry"):

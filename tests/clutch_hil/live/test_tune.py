@@ -46,8 +46,8 @@ CATALOGUE = Catalogue(
 
 
 def test_a_name_needs_no_node_where_it_is_clear() -> None:
-    assert CATALOGUE.named("torque.integral_gain") == "controller.torque.integral_gain"
-    assert CATALOGUE.named("plant.shared.name") == "plant.shared.name"
+    assert CATALOGUE.full_name("torque.integral_gain") == "controller.torque.integral_gain"
+    assert CATALOGUE.full_name("plant.shared.name") == "plant.shared.name"
 
 
 @pytest.mark.parametrize(
@@ -64,7 +64,7 @@ def test_a_name_needs_no_node_where_it_is_clear() -> None:
 )
 def test_what_is_not_one_parameter_is_told(name: str, told: str) -> None:
     with pytest.raises(InputError) as error:
-        CATALOGUE.named(name)
+        CATALOGUE.full_name(name)
     assert told in str(error.value)
 
 
@@ -123,7 +123,7 @@ PLANT = Catalogue(BENCH, {name: entry for name, entry in CATALOGUE.entries.items
 )
 def test_who_does_not_answer_is_named_where_a_name_may_be_its(name: str, told: str) -> None:
     with pytest.raises(InputError) as error:
-        PLANT.named(name)
+        PLANT.full_name(name)
     assert str(error.value).startswith(told)
 
 

@@ -1,4 +1,4 @@
-"""Course: what a demand has where nobody says otherwise, for the command and for Python; it loads nothing."""
+"""Defaults of a demand that its caller leaves out, for the command and for Python. This module imports nothing."""
 
 SPEED = 10.47  # rad/s of the motor, 100 rpm: where the profile `engagement` begins
 TORQUE_RAMP = 40.0  # Nm/s: as the profile `engagement` rises
