@@ -13,16 +13,11 @@ from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError, closest
 from protocols.files.parameters import ParameterSet
 
-_DEFAULT_EXCITATIONS = (
-    "engagement",
-    "triangle",
-    "slip_sine",
-    "slip_steps",
-)  # tried for an effect whose `display` names no excitation
+# Tried for an effect whose `display` names no excitation
+_DEFAULT_EXCITATIONS = ("engagement", "triangle", "slip_sine", "slip_steps")
 _FAULT_EXCITATIONS = _DEFAULT_EXCITATIONS[:1]  # tried for a fault, which begins in the middle of the excitation
-_COMPARED_COLUMNS = [
-    column for column in QUANTITIES if column != "shaft_angle_rad"
-]  # the angle is left out: it integrates any change of the slip
+# The angle is left out: it integrates any change of the slip
+_COMPARED_COLUMNS = [column for column in QUANTITIES if column != "shaft_angle_rad"]
 
 
 @dataclass(frozen=True, eq=False)

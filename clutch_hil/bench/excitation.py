@@ -97,9 +97,8 @@ def _engagement(celsius: float) -> Excitation:
 
 def _triangle() -> Excitation:
     up = np.linspace(2.4, 4.2, 1500)
-    pressure = np.concatenate(
-        [np.full(300, 2.4), up, up[::-1], up, up[::-1]]
-    )  # the first loop begins in another state than the next
+    # the first loop begins in another state than the next
+    pressure = np.concatenate([np.full(300, 2.4), up, up[::-1], up, up[::-1]])
     return Excitation(
         "triangle of 2.4 to 4.2 bar, 1.5 s each way, 20 rad/s",
         pressure / _BAR_PER_VOLT, np.full(len(pressure), 20.0), settling=300 + 3000, over="valve_voltage_v",

@@ -54,9 +54,8 @@ _SETTLING_TIME = 1.0  # s of the closed loop that are not measured
 _START_TIMEOUT = 60.0  # s for the loop to close, and for other processes to start and to end
 _CHECKS_PER_PERIOD = 4  # of the stall watch
 _MOST_CHECKS = 4000  # of the stall watch in a second: each takes 10 us
-_FAST_CHECKS = (
-    1000  # of the stall watch in a second, for loops above _MOST_CHECKS Hz: 10 us of a period of 125 us are too much
-)
+# of the stall watch in a second, for loops above _MOST_CHECKS Hz: 10 us of a period of 125 us would be too much
+_FAST_CHECKS = 1000
 # Hz, up to which there is a witness: it takes 24 to 38 us of the CPU in each period (measured on a slow machine)
 _MOST_WITNESSED_RATE = 1000
 _HISTOGRAM_RANGE = 20_000  # us, of the histogram of cyclictest
@@ -284,9 +283,8 @@ def _measure_closed_loop(
         _wait_for_closed_loop(services, rings[1], stop)
         first = _read_rows(rings[1], _SETTLING_TIME, stop)
         column = [c.name for c in rings[1].columns].index("clock_s")
-        phase = (
-            int(first[-1, column] * 1e9) + period // 4
-        )  # what makes a cycle late lasts until the slot of the witness
+        # what makes a cycle late lasts until the slot of the witness
+        phase = int(first[-1, column] * 1e9) + period // 4
         with contextlib.ExitStack() as stack:
             frames = stack.enter_context(_record_frames(setting.bus)) if record_frames else []
             with contextlib.ExitStack() as beside:

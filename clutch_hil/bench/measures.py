@@ -21,9 +21,8 @@ _LEAST_DEMAND_RATE = 0.05  # bar/s and rad/s^2: a demand that changes more slowl
 _HOLD_TIME = 0.2  # s at the end of an engagement, in which the torque counts as settled
 _EXCITED_POWER_SHARE = 1e-3  # of the power of the strongest line: a weaker line is not part of the multisine
 _HALF_POWER = 0.5**0.5  # -3 dB
-_STANDING_SLIP = (
-    0.01  # rad/s: plates with less slip stand. A fifth of the slowest creep; plates that stick have no slip
-)
+# rad/s: plates with less slip stand. It is a fifth of the slowest creep; plates that stick have no slip
+_STANDING_SLIP = 0.01
 _TURN_TIME = 0.03  # s after a turn of the slip, in which friction settles: two friction lags of the thesis, 12 ms each
 _EDGE_SHARE = 0.1  # share of the span of slip that counts as slow, and as fast
 

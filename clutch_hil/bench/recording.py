@@ -87,12 +87,11 @@ class Answers:
         terms = np.full((len(ticks), rows.shape[1]), np.nan)
         if len(rows):
             answered = rows[:, self._tick]
-            held = (
-                np.searchsorted(answered, ticks, side="right") - 1
-            )  # the newest cycle that did not answer a later sample
-            known = held >= 0
+            # the newest cycle that did not answer a later sample
+            cycles = np.searchsorted(answered, ticks, side="right") - 1
+            known = cycles >= 0
             # several cycles may have the same sample: the first of them answered it
-            first = np.searchsorted(answered, answered[held[known]], side="left")
+            first = np.searchsorted(answered, answered[cycles[known]], side="left")
             terms[known] = rows[first]
             rows = rows[first[-1] if len(first) else 0 :]
         self._rows = [rows]
