@@ -1,6 +1,6 @@
 """Appendix C: measuring constant loads with a piezo force sensor that leaks, by DC restoration.
 
-The thesis prints neither t_98 nor the sensor's sensitivity; ours are chosen so that its axes are met: see NOTES.
+The thesis prints neither t_98 nor the sensitivity of the sensor. Ours are chosen to fit the axes of its figures: see NOTES.
 """
 
 from dataclasses import replace
@@ -118,9 +118,9 @@ def figure_c_4(sheet: Sheet) -> None:
     axes.legend(loc="upper left", frameon=False)
     label(axes, "time [s]", "[V/10]")
     slopes = [float(np.polyfit(time, signal, 1)[0]) for signal in (plain, clean)]
-    asked = sensor.offset * sensor.decay_rate
-    sheet.check("slope of the drift is offset times a, within 2 % [mV/s]", abs(slopes[0] / asked - 1) < 0.02,
-                (1e3 * slopes[0], 1e3 * asked), "linear drift")  # fmt: skip
+    expected = sensor.offset * sensor.decay_rate
+    sheet.check("slope of the drift is offset times a, within 2 % [mV/s]", abs(slopes[0] / expected - 1) < 0.02,
+                (1e3 * slopes[0], 1e3 * expected), "linear drift")  # fmt: skip
     line = np.polyval(np.polyfit(time, plain, 1), time)
     bend = float(np.abs(plain - line).max() / np.ptp(plain))
     sheet.check("the drift is a straight line within 5 % of its height [%]", bend < 0.05, 100 * bend, "linear")
@@ -255,7 +255,7 @@ def figure_c_7(sheet: Sheet) -> None:
     "% after 65 s; x100 stays below 1.2 %",
 )
 def figure_c_8(sheet: Sheet) -> None:
-    """2 kg put on after 15 s, no error but the zero that zeroing left: chosen for the 3.5 %, it predicts the rest."""
+    """2 kg put on after 15 s; the only error is the zero left by zeroing, chosen to give the 3.5 % of the thesis."""
     put_on, read = 15.0, 80.0  # s: sec. C.3, "after about 15 seconds", and 65 s on the load
     load, rate, step = 2.0 * GRAVITY, SENSOR.decay_rate, _RANGE / 2 ** (_BITS - 1)
     left = 0.035 * 10.0 * SENSOR.sensitivity * load / (1.0 + rate * read)  # V at the output: 3.5 % at x10 when read

@@ -1,8 +1,8 @@
 """The Generic-Rayleigh model: all lubrication regimes with one model (section 2.4).
 
-The thesis draws without numbers. Ours, in all entries: mu_0 = 0.15, mu_inf = 0.2, tau_t = 0.05; tips with alpha = 1.5 and
-dh/L = 0.02, so that the least friction of the film is half of mu_0; the viscosity such that a tip that bears the mean load
-begins to ride at velocity 1; the threshold at the force of dry slip.
+The figures of the thesis have no numbers. Ours, in all entries: mu_0 = 0.15, mu_inf = 0.2, tau_t = 0.05; tips with alpha = 1.5
+and dh/L = 0.02, so that the least friction of the film is half of mu_0; the viscosity such that a tip under the mean load
+begins to slide on its film at velocity 1; the threshold at the force of dry slip.
 """
 
 from dataclasses import replace
@@ -27,7 +27,7 @@ Array = np.ndarray
 
 
 def _make_film(tip_load: float) -> TipFilm:
-    """The film on which a tip under `tip_load` begins to ride at velocity 1."""
+    """The film on which a tip under `tip_load` begins to slide at velocity 1."""
     film = TipFilm(alpha=1.5, length=2e-4, step=4e-6, area=1e-6, viscosity=1.0)
     needed = film.ratio(film.gap_at(FRICTION.mu_0)) * tip_load / film.area
     return replace(film, viscosity=needed / film.sliding_per_velocity)
@@ -114,7 +114,7 @@ def figure_2_26(sheet: Sheet) -> None:
     shown = slice(1000, None)  # the last full cycle
 
     def reciprocate(peak: float) -> tuple[Array, Array, Array]:
-        """Velocity, friction coefficient and share of the slipping tips that ride."""
+        """Velocity, friction coefficient and share of the slipping tips that slide on a film."""
         frequency = peak / (2 * np.pi * STROKE)
         run = model.observe(position, cycles[1] / frequency, LOAD)
         slipping = np.maximum(run.dry + run.wet, 1.0)

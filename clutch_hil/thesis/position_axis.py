@@ -32,7 +32,7 @@ COLOURS = {"none": "0.6", "Coulomb": "C1", "LuGre": "C2", "GMS": "C0", "XGMS": "
 
 
 def _identify_feedforwards(run: Run, gms: IdentifiedFeedforward) -> dict[str, Feedforward]:
-    """The feedforwards from the same `run` of an axis; all with the mass that the best fit, `gms`, found."""
+    """The feedforwards identified from the same `run` of an axis; all have the mass of the best fit, `gms`."""
     mass = gms.feedforward.mass
     return {
         "none": Feedforward(mass, Frictionless()),
@@ -146,7 +146,7 @@ def figure_5_10(sheet: Sheet) -> None:
 
 
 def _other_frictions() -> dict[str, FrictionModel]:
-    """True frictions of other families: with the static friction and curve of the axis's own."""
+    """True friction models of other families, with the static friction and Stribeck curve of the axis."""
     static = float(nominal_friction(nominal()).friction(nominal()["table.load"].si))
     curve = Stribeck(static, 0.7, 4e-3, 2.0 * static)
     return {

@@ -1,7 +1,7 @@
 """Table 6.6 of Janssens 2010: how well feedforward, XGMS feedback and both follow a trajectory to 10 Nm.
 
-The plant differs from the controller's model in the ways the thesis names. It gives no sizes for them; ours stand for a
-model that has been identified on the rig, and are stated in DIFFERENCES and printed with the result.
+The plant differs from the controller's model in the ways that the thesis names. The thesis gives no sizes of the differences.
+Ours are those of a model identified on the rig; they are listed in DIFFERENCES and printed with the result.
 """
 
 import numpy as np
@@ -59,7 +59,7 @@ def run_trajectory(profile: Profile, law: str, adaptation: bool, seed: int) -> P
 
 
 def run_step(law: str, adaptation: bool, seed: int) -> tuple[float, float]:
-    """A step of the demand to LEVEL: time [s] until the true torque has 90 % of it, NaN where never; overshoot [Nm]."""
+    """A step of the demand to LEVEL: time [s] until the true torque is 90 % of it, NaN if never; overshoot [Nm]."""
     played = run_trajectory(STEP_PROFILE, law, adaptation, seed)
     after = (played["time_s"] > BEGIN) & (played["time_s"] < 4.0)
     time, torque = played["time_s"][after] - BEGIN, played["truth_clutch_torque_nm"][after]

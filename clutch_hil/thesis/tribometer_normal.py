@@ -101,15 +101,15 @@ def figure_3_10(sheet: Sheet) -> None:
     axes = sheet.axes(2, 2, width=12, height=7, sharex="col", height_ratios=(2, 1), width_ratios=(3, 2))
     peaks = []
     for shade, load in zip(np.linspace(0.0, 0.9, len(PRELOADS)), PRELOADS, strict=True):
-        found, colour = (
+        transfer, colour = (
             normal_response(Tribometer(FRICTION), load, Multisine(np.arange(1, 251), LINE, SAMPLES), DT, periods=3),
             (shade, 0.25 + 0.35 * shade, 0.75 - 0.65 * shade),
         )
-        decibel = 20.0 * np.log10(1e6 * np.abs(found.response))
+        decibel = 20.0 * np.log10(1e6 * np.abs(transfer.response))
         for upper, lower in axes.T:
-            upper.plot(found.frequency, decibel, color=colour, lw=1.0, label=f"{load:g} N")
-            lower.plot(found.frequency, np.degrees(np.unwrap(np.angle(found.response))), color=colour, lw=1.0)
-        peaks.append(found.frequency[find_peaks(decibel, prominence=3.0)[0]])
+            upper.plot(transfer.frequency, decibel, color=colour, lw=1.0, label=f"{load:g} N")
+            lower.plot(transfer.frequency, np.degrees(np.unwrap(np.angle(transfer.response))), color=colour, lw=1.0)
+        peaks.append(transfer.frequency[find_peaks(decibel, prominence=3.0)[0]])
     axes[0, 0].set_xscale("log")
     axes[0, 1].set_xlim(160.0, 320.0)
     axes[0, 1].set_ylim(-20.0, 10.0)
