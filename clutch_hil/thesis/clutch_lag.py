@@ -193,13 +193,13 @@ def figure_6_14(sheet: Sheet) -> None:
 
 
 def _draw_run(speed, pressure, run: Run) -> None:
-    shown = run.time < 2.0
-    pressure.plot(run.time[shown], run.pressure[shown], lw=0.6)
+    early = run.time < 2.0
+    pressure.plot(run.time[early], run.pressure[early], lw=0.6)
     pressure.set_ylim(3.2, 3.6)
     label(pressure, "time [s]", "pressure [bar]", "measured pressure")
-    speed.plot(run.time[shown], run.slip[shown] / RPM, lw=1.0, label="measured")
+    speed.plot(run.time[early], run.slip[early] / RPM, lw=1.0, label="measured")
     speed.plot(
-        run.time[shown], 100 + make_sine(60.0, FREQUENCY, 2.0), color=REFERENCE_COLOUR, lw=0.8, ls="--", label="desired"
+        run.time[early], 100 + make_sine(60.0, FREQUENCY, 2.0), color=REFERENCE_COLOUR, lw=0.8, ls="--", label="desired"
     )
     speed.set_ylim(0, 230)
     speed.legend(loc="upper right", ncols=2, frameon=False)

@@ -94,8 +94,8 @@ def figure_6_15(sheet: Sheet) -> None:
     head = ("frequency [Hz]", "p_cyl/p_d [dB]", "phase [deg]", "coherence", "M/p_d [Nm/bar]", "[dB]", "phase [deg]",
             "coherence")  # fmt: skip
     sheet.table = [head]
-    for shown in TABLE_FREQUENCIES:
-        k = int(np.argmin(np.abs(frequency - shown)))
+    for target in TABLE_FREQUENCIES:
+        k = int(np.argmin(np.abs(frequency - target)))
         sheet.table.append((
             f"{frequency[k]:g}", f"{pressure.decibel[k]:.2f}", f"{pressure.phase[k]:.1f}", f"{pressure.coherence[k]:.4f}",
             f"{np.abs(torque.transfer.response[k]):.2f}", f"{torque.decibel[k]:.2f}", f"{torque.phase[k]:.1f}",

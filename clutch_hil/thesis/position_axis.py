@@ -100,8 +100,8 @@ def figure_5_10(sheet: Sheet) -> None:
         (left, "Slow sine, load step at 4.1 s", stepped),
     ):
         for model, run in runs_shown.items():
-            shown = (run.time_s >= 3.5) & (run.time_s <= 6.5)
-            axes.plot(run.time_s[shown], run.error[shown] * MICROMETRES, color=COLOURS[model], lw=1.0)
+            window = (run.time_s >= 3.5) & (run.time_s <= 6.5)
+            axes.plot(run.time_s[window], run.error[window] * MICROMETRES, color=COLOURS[model], lw=1.0)
         label(axes, "time [s]", "tracking error [um]", name)
     _draw_bars(right, rows)
     right.tick_params(axis="x", rotation=20)
@@ -109,9 +109,9 @@ def figure_5_10(sheet: Sheet) -> None:
     position = np.sort(runs["pre-sliding"]["GMS"].true_position)
     for model in ("none", "Coulomb", "LuGre", "GMS"):
         run = runs["pre-sliding"][model]
-        shown = (run.time_s >= 4.0) & (run.time_s <= 5.0)
+        window = (run.time_s >= 4.0) & (run.time_s <= 5.0)
         bottom.plot(
-            run.reference[shown] * MICROMETRES, run.true_position[shown] * MICROMETRES, color=COLOURS[model], lw=1.2
+            run.reference[window] * MICROMETRES, run.true_position[window] * MICROMETRES, color=COLOURS[model], lw=1.2
         )
     bottom.set_ylim(MICROMETRES * position[0] - 6.0, MICROMETRES * position[-1] + 6.0)
     label(bottom, "reference [um]", "position [um]", "Pre-sliding")

@@ -188,8 +188,8 @@ def _branch_difference(motion: Motion, plain: Motion) -> Array:
         part = (motion.time > times[second]) & (motion.time < times[second + 1])
         whole = (plain.time > others[outer]) & (plain.time < others[outer + 1])
         angle, torque = side * motion.record.angle_rad[part], motion.torque[part]
-        begun = side * motion.record.angle_rad[np.abs(motion.time - times[first]) < 0.02]
-        beyond = (angle > begun.max()) & (angle < 0.95 * angle.max())
+        start_angles = side * motion.record.angle_rad[np.abs(motion.time - times[first]) < 0.02]
+        beyond = (angle > start_angles.max()) & (angle < 0.95 * angle.max())
         alone = side * plain.record.angle_rad[whole]
         order = np.argsort(alone)
         branch = np.interp(angle, alone[order], plain.torque[whole][order])
