@@ -48,7 +48,7 @@ MODULES = (
     "adaptation",
 )
 
-_KINDS = {"fig": "figure", "fig.": "figure", "figure": "figure", "table": "table"}  # by how people write them
+_KINDS = {"fig": "figure", "fig.": "figure", "figure": "figure", "table": "table"}  # by accepted spelling
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ def reproduces(name: str, title: str, claim: str) -> Callable[[Callable[[Sheet],
 
 
 def entries() -> dict[str, Entry]:
-    """All reproductions by name: those of the thesis in its order, then ours."""
+    """All reproductions by name: those of the thesis in the order of the thesis, then ours."""
     for module in MODULES:
         import_module(f"clutch_hil.thesis.{module}")
     return dict(sorted(_ENTRIES.items(), key=lambda item: _sort_key(item[0])))

@@ -1,4 +1,4 @@
-"""Adaptive feedforward: the friction level learnt from motor torque and slip acceleration, on plants that are 20 % off.
+"""Adaptive feedforward on plants with other friction: the level is learnt from motor torque and slip acceleration.
 
 The thesis names adaptive control with changing parameters as future work (chapter 7); claim and cases are ours.
 """
@@ -14,7 +14,7 @@ from plant_sim.rigs import wet_clutch
 from protocols.node import node_factory
 
 LEAST_GAIN = 5.0  # least factor by which adaptation reduces the error: ours
-SEEDS = 5
+SEEDS = 5  # number of seeds of each case; ours
 FIRST_RISE_END = 0.5  # s, end of the first rise of the demand in the profile `engagement`
 # change of plant parameters, oil temperature at the start [degC]
 CASES: dict[str, tuple[dict[str, float], float]] = {
@@ -35,7 +35,7 @@ def adaptation(sheet: Sheet) -> None:
     profile = load_profile("engagement", 24.0)
     sheet.table = [("plant", "without [Nm]", "with [Nm]", "times better", "level at the end, true / learnt")]
     sheet.document = {"seeds": SEEDS, "cases": {}}
-    shown: tuple[Played, Played] | None = None
+    first_pair: tuple[Played, Played] | None = None
     for i, (name, (values, temperature)) in enumerate(CASES.items()):
         parameters = wet_clutch.nominal().with_values(values)
         errors: dict[bool, list[float]] = {False: [], True: []}
@@ -47,13 +47,18 @@ def adaptation(sheet: Sheet) -> None:
                 pair.append(play(plant, node_factory("controller")(adaptation=adaptive)))
                 errors[adaptive].append(regime_error(pair[-1]))
             learnt.append(float(pair[1]["controller_friction_level"][-1]))
-            shown = shown or (pair[0], pair[1])
+            first_pair = first_pair or (pair[0], pair[1])
             sheet.progress(i * SEEDS + seed + 1, len(CASES) * SEEDS)
-        without, with_it, found = (float(np.mean(v)) for v in (errors[False], errors[True], learnt))
+        without, with_it, learnt_level = (float(np.mean(v)) for v in (errors[False], errors[True], learnt))
         true = values.get("friction_level.level", 1.0) + values.get("friction_level.drift", 0.0) * profile.duration
-        cells = (f"{without:.3f}", f"{with_it:.3f}", f"{without / with_it:.1f}", f"{true:.2f} / {found:.2f}")
+        cells = (f"{without:.3f}", f"{with_it:.3f}", f"{without / with_it:.1f}", f"{true:.2f} / {learnt_level:.2f}")
         sheet.table.append((name, *cells))
-        sheet.document["cases"][name] = {"without_nm": without, "with_nm": with_it, "level": true, "learnt": found}
+        sheet.document["cases"][name] = {
+            "without_nm": without,
+            "with_nm": with_it,
+            "level": true,
+            "learnt": learnt_level,
+        }
         sheet.check(
             f"times better, {name}",
             without >= LEAST_GAIN * with_it,
@@ -63,14 +68,14 @@ def adaptation(sheet: Sheet) -> None:
     sheet.note(
         f"{profile.duration:g} s of the profile engagement, {SEEDS} seeds; mean absolute error of the true torque"
     )
-    assert shown
-    _draw(sheet, *shown)
+    assert first_pair
+    _draw(sheet, *first_pair)
 
 
 def regime_error(played: Played) -> float:
-    """Mean absolute error of the true torque [Nm] while the regime lasts.
+    """Mean absolute error of the true torque [Nm] in the regime.
 
-    The regime begins with the end of the demand's first rise, not when 90 % is reached: a plant 20 % low never gets there.
+    The regime begins at the end of the first rise of the demand, because a plant with 20 % less friction never reaches 90 %.
     """
     time, demand = played["time_s"], played["controller_torque_demand_nm"]
     regime = (demand > 0.0) & (time >= FIRST_RISE_END)

@@ -1,6 +1,6 @@
 """Appendix C: measuring constant loads with a piezo force sensor that leaks, by DC restoration.
 
-The thesis prints neither t_98 nor the sensor's sensitivity; ours are chosen so that its axes are met: see NOTES.
+The thesis prints neither t_98 nor the sensitivity of the sensor. Ours are chosen to fit the axes of its figures: see NOTES.
 """
 
 from dataclasses import replace
@@ -69,13 +69,13 @@ def note_own_values(sheet: Sheet) -> None:
 def figure_c_3(sheet: Sheet) -> None:
     """2 kg put on, and the decay rate from the fit and from t_98."""
     time, force = make_loads(20.0, (1.0, 2.0))
-    shown = sample_output(SENSOR, force) * _DISPLAY_SCALE
+    trace = sample_output(SENSOR, force) * _DISPLAY_SCALE
     on = time >= 1.0
-    (height, rate), _ = curve_fit(lambda t, o, a: o * np.exp(-a * t), time[on] - 1.0, shown[on], (0.5, 0.3))  # sec. C.2
-    window = np.convolve(shown[on], np.full(100, 0.01), mode="valid")  # means over 0.1 s
+    (height, rate), _ = curve_fit(lambda t, o, a: o * np.exp(-a * t), time[on] - 1.0, trace[on], (0.5, 0.3))  # sec. C.2
+    window = np.convolve(trace[on], np.full(100, 0.01), mode="valid")  # means over 0.1 s
     t_98 = float(time[np.argmax(window < 0.02 * window[0])])
     axes = sheet.axes(1, 1, width=8, height=4.5)
-    axes.plot(time, shown, lw=1.0, label="output")
+    axes.plot(time, trace, lw=1.0, label="output")
     axes.plot(
         time[on],
         height * np.exp(-rate * (time[on] - 1.0)),
@@ -90,7 +90,7 @@ def figure_c_3(sheet: Sheet) -> None:
     sheet.check("decays exponentially: a from the fit within 1 % of 1/tau [1/s]", abs(rate / a - 1) < 0.01, (rate, a))
     by_eye = DcRestoration.from_decay_time(t_98).decay_rate
     sheet.check("a = -ln(0.02)/t_98, read off the curve, within 5 % [1/s]", abs(by_eye / a - 1) < 0.05, by_eye)
-    end = mean_after(time, shown, 19.5)
+    end = mean_after(time, trace, 19.5)
     sheet.check("it ends near the initial value, within 1 % of the step [V/10]", abs(end) < 0.01 * height, end, "0")
     sheet.check(
         "2 kg start within the axis of the figure, 0.4 to 0.45 [V/10]", 0.4 < height < 0.45, height, "0.4 to 0.45"
@@ -118,9 +118,9 @@ def figure_c_4(sheet: Sheet) -> None:
     axes.legend(loc="upper left", frameon=False)
     label(axes, "time [s]", "[V/10]")
     slopes = [float(np.polyfit(time, signal, 1)[0]) for signal in (plain, clean)]
-    asked = sensor.offset * sensor.decay_rate
-    sheet.check("slope of the drift is offset times a, within 2 % [mV/s]", abs(slopes[0] / asked - 1) < 0.02,
-                (1e3 * slopes[0], 1e3 * asked), "linear drift")  # fmt: skip
+    expected = sensor.offset * sensor.decay_rate
+    sheet.check("slope of the drift is offset times a, within 2 % [mV/s]", abs(slopes[0] / expected - 1) < 0.02,
+                (1e3 * slopes[0], 1e3 * expected), "linear drift")  # fmt: skip
     line = np.polyval(np.polyfit(time, plain, 1), time)
     bend = float(np.abs(plain - line).max() / np.ptp(plain))
     sheet.check("the drift is a straight line within 5 % of its height [%]", bend < 0.05, 100 * bend, "linear")
@@ -255,7 +255,7 @@ def figure_c_7(sheet: Sheet) -> None:
     "% after 65 s; x100 stays below 1.2 %",
 )
 def figure_c_8(sheet: Sheet) -> None:
-    """2 kg put on after 15 s, no error but the zero that zeroing left: chosen for the 3.5 %, it predicts the rest."""
+    """2 kg put on after 15 s; the only error is the zero left by zeroing, chosen to give the 3.5 % of the thesis."""
     put_on, read = 15.0, 80.0  # s: sec. C.3, "after about 15 seconds", and 65 s on the load
     load, rate, step = 2.0 * GRAVITY, SENSOR.decay_rate, _RANGE / 2 ** (_BITS - 1)
     left = 0.035 * 10.0 * SENSOR.sensitivity * load / (1.0 + rate * read)  # V at the output: 3.5 % at x10 when read
@@ -266,8 +266,8 @@ def figure_c_8(sheet: Sheet) -> None:
         time, force = make_loads(100.0, (put_on, 2.0))
         back, _ = DcRestoration(rate).restore(sample_output(sensor, force), STEP)
         off = 100.0 * (back / (sensor.scale * load) - 1.0)  # %
-        shown = (time >= put_on).nonzero()[0].reshape(-1, 100)  # in tenths of a second
-        axes.plot(time[shown].mean(axis=1), off[shown].mean(axis=1), lw=1.2, label=f"x{gain:g}, means over 0.1 s")
+        tenth = (time >= put_on).nonzero()[0].reshape(-1, 100)  # in tenths of a second
+        axes.plot(time[tenth].mean(axis=1), off[tenth].mean(axis=1), lw=1.2, label=f"x{gain:g}, means over 0.1 s")
         errors[gain] = [mean_after(time, off, at) for at in (put_on, 0.5 * (put_on + read), read)]
     axes.plot([put_on, read], [0.55, 3.5], "o", color=REFERENCE_COLOUR, label="thesis, x10")
     axes.legend(loc="upper left", frameon=False)

@@ -161,13 +161,13 @@ def figure_d_3(sheet: Sheet) -> None:
     axes.set_ylim(-8.5, 6.5)
     axes.legend(loc="lower center", ncols=2, **LEGEND)
     loop = float(np.trapezoid(force[2000:], position[2000:]))
-    wanted = 4.0 * limit * (AMPLITUDE - limit / stiffness)
+    expected = 4.0 * limit * (AMPLITUDE - limit / stiffness)
     slope = np.gradient(force[:2000], position[:2000])
     sheet.check("stiffness at the start, and once beyond W/k [N/µm]", slope[0] == stiffness and slope[-1] == 0.0,
                 [slope[0], slope[-1]], [stiffness, 0.0])  # fmt: skip
     sheet.check("largest and smallest force [N]", force.max() == limit and force.min() == -limit,
                 [force.max(), force.min()], [limit, -limit])  # fmt: skip
-    sheet.check("work of one cycle [N µm], 4 W (A - W/k)", abs(loop - wanted) < 1e-3 * wanted, loop, wanted)
+    sheet.check("work of one cycle [N µm], 4 W (A - W/k)", abs(loop - expected) < 1e-3 * expected, loop, expected)
 
 
 @reproduces(

@@ -105,9 +105,9 @@ def figure_d_6(sheet: Sheet) -> None:
     right.plot(strokes[1::20], shaped_gap, "o", ms=3, color="tab:green", label="one set, shaped by g(x)")
     label(right, "stroke to (2) [µm]", "return below (1) [N]", "gap against the stroke")
     right.legend(loc="upper right", **LEGEND)
-    wanted = float(pair.gap(4.0))
+    expected = float(pair.gap(4.0))
     sheet.check(
-        "gap at (1) after a stroke of 4 µm [N] is 2 (f_down - f_up)(2 µm)", abs(gap - wanted) < 1e-9, gap, wanted
+        "gap at (1) after a stroke of 4 µm [N] is 2 (f_down - f_up)(2 µm)", abs(gap - expected) < 1e-9, gap, expected
     )
     free, bound = pair.return_through_extreme(), tied.return_through_extreme()
     sheet.check("two sets do not return through (1), largest gap [N]", not free.holds, free.violation, "must return")

@@ -13,9 +13,9 @@ from plant_sim.friction.xgms import XGMS
 
 # Sizes of the tribometer (chapters 3 and 4) where it has them; the thesis's curves carry no units
 LOAD = 58.0  # N, own weight, sec. 3.10
-MASS = LOAD / 9.81  # kg, what weighs it
+MASS = LOAD / 9.81  # kg, of the body that weighs LOAD
 RESONANCE = 186.0  # Hz, normal resonance at the lowest preload, sec. 3.10
-STIFFNESS = MASS * (2.0 * pi * RESONANCE) ** 2  # N/m, of the contact under LOAD, with all that yields in series
+STIFFNESS = MASS * (2.0 * pi * RESONANCE) ** 2  # N/m, of the contact under LOAD and the compliances in series with it
 POWER = 1.5  # Hertz, sec. 4.2.2
 APPROACH = POWER * LOAD / STIFFNESS  # m, 11 um
 LIFT = 1e-6  # m, over speed, sec. 4.2.2
@@ -58,11 +58,11 @@ class Cycle:
         self.rate = np.gradient(self.lift, DT)
 
     def asymmetry(self, values: Array) -> float:
-        """Largest difference to the values half a cycle later, where position and velocity are opposite, of their range."""
+        """Largest difference to the values half a cycle later, at opposite position and velocity, relative to their range."""
         return float(np.abs(values - np.roll(values, len(values) // 2)).max() / np.ptp(values))
 
     def wings(self, values: Array) -> tuple[float, float]:
-        """Signed area between the branches at x > 0 and at x < 0, of the box around the loop; opposite signs: they cross."""
+        """Signed areas between the branches at x > 0 and x < 0, over that of the box around the loop; opposite: they cross."""
         right = self.position >= 0.0
         box = np.ptp(values) * np.ptp(self.position)
         middle = 0.5 * (values + np.roll(values, -1)) * (np.roll(self.position, -1) - self.position)

@@ -42,7 +42,7 @@ def find_end_of_stick(model: GenericModel, load: float = 1.0) -> float:
 
 
 def find_crossing(secant: float = 1.0) -> float:
-    """Position at which `secant` x = `secant` c z mu(x/v), found on the two forces (appendix A)."""
+    """Position at which the spring force meets the friction limit, `secant` x = `secant` c z mu(x/v) (appendix A)."""
     return float(brentq(lambda x: secant * (x - REACH_DEPTH * FRICTION(x / VELOCITY)), 1e-9, 4.0))
 
 

@@ -1,4 +1,4 @@
-"""What one reproduction shows: a picture, and the checks of the claim, each with what was measured."""
+"""Result sheet of one reproduction: a picture, and the checks of its claim with the measured values."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from protocols.errors import InputError
 
 DPI = 110
 _NUMBERS = (bool, int, float, np.generic, np.ndarray, list, tuple)
-REFERENCE_COLOUR = "#222222"  # reference lines: what was asked for, or the static curve
+REFERENCE_COLOUR = "#222222"  # of reference lines: a demand, or the static curve
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Check:
     holds: bool
 
     def row(self) -> tuple[str, ...]:
-        """Cells of a table."""
+        """Cells of a row of a table: statement, measured, thesis, "yes" or "NO"."""
         return (
             self.statement,
             _format_measured(self.measured),
@@ -36,7 +36,7 @@ class Check:
         )
 
     def document(self) -> dict[str, Any]:
-        """The check for machines, with the numbers as measured."""
+        """The check as a JSON object, with unrounded numbers."""
         measured = np.asarray(self.measured).tolist() if isinstance(self.measured, _NUMBERS) else str(self.measured)
         return {
             "statement": self.statement,
@@ -47,9 +47,9 @@ class Check:
 
 
 class Sheet:
-    """Filled by a reproduction: axes to draw on, checks, notes, and a table and document where there is more to say.
+    """Sheet that a reproduction fills: axes to draw on, checks, notes, and optionally a table and a JSON document.
 
-    `progress(done, total)` may be called by long work.
+    Long work may call `progress(done, total)`.
     """
 
     def __init__(self, progress: Callable[[int, int], None] = lambda done, total: None) -> None:
@@ -71,11 +71,11 @@ class Sheet:
         return made
 
     def check(self, statement: str, holds: bool, measured: object = "", thesis: object = "") -> None:
-        """Record one check. Numbers in `measured` are to be given as they were measured, with units in `statement`."""
+        """Record one check. Give numbers in `measured` unrounded, and their units in `statement`."""
         self.checks.append(Check(statement, measured, thesis, bool(holds)))
 
     def note(self, text: str) -> None:
-        """Say what the reader must know to judge the result, such as parameters that the thesis does not give."""
+        """Add a note that the reader needs to judge the result, such as parameters that the thesis does not give."""
         self.notes.append(text)
 
     @property
@@ -93,7 +93,7 @@ class Sheet:
 
 
 def label(axes: Axes, x: str, y: str, title: str = "") -> None:
-    """Axis labels (with units) and a title of one panel."""
+    """Set axis labels (with units) and a title of one panel."""
     axes.set_xlabel(x)
     axes.set_ylabel(y)
     if title:

@@ -1,4 +1,4 @@
-"""Figure 6.3: normal and tangential dynamics of the wet clutch are apart."""
+"""Figure 6.3: normal and tangential dynamics of the wet clutch are independent of each other."""
 
 from math import pi
 
@@ -21,19 +21,19 @@ from protocols.files.units import RPM
 )
 def figure_6_3(sheet: Sheet) -> None:
     """Normalised curves, torque under a pressure sine at constant speed, and C at three pressures."""
-    found = fit_stationary()
+    fits = fit_stationary()
     axes = sheet.axes(1, 3, width=13, height=4.2)
     slip = np.linspace(0.2, 250.0, 400) * RPM
     for i in (2, 5, 9):
-        coulomb, viscous, _ = found.parts[:, i]
-        curve = (stationary_torque(slip, found.common, found.parts[:, i]) - viscous * slip ** found.common[1]) / coulomb
+        coulomb, viscous, _ = fits.parts[:, i]
+        curve = (stationary_torque(slip, fits.common, fits.parts[:, i]) - viscous * slip ** fits.common[1]) / coulomb
         axes[0].plot(slip / RPM, curve, label=f"{PRESSURES[i]:.1f} bar")
     axes[0].set_ylim(0.6, 1.05)
     axes[0].legend(loc="lower left", frameon=False)
     label(axes[0], "slip speed [rpm]", "normalised torque s/M_C [-]", "identified, normalised")
 
     response = measure_response()
-    frequency, phase = response.torque.found.frequency, response.torque.phase - response.pressure.phase
+    frequency, phase = response.torque.transfer.frequency, response.torque.phase - response.pressure.phase
     nested = -np.degrees(np.arctan(2.0 * pi * frequency / _rate_without_normalising(3.4, 200 * RPM)))
     axes[1].plot(frequency, phase, label="measured")
     axes[1].plot(frequency, nested, color=REFERENCE_COLOUR, ls="--", lw=1.0, label="curve not normalised")
@@ -55,11 +55,11 @@ def figure_6_3(sheet: Sheet) -> None:
     sheet.check("one C lies in the 95 % intervals at 2.9, 3.4 and 4.0 bar [1/s]", bool(np.all(np.abs(values - mean) <= half)),
                 values, "tangential dynamics independent of pressure")  # fmt: skip
     high = PRESSURES >= 3.2
-    apart = np.ptp(found.parts[2, high]) * float(np.exp(-found.common[0] / (250 * RPM)))  # eq. 6.2: they differ by beta
+    apart = np.ptp(fits.parts[2, high]) * float(np.exp(-fits.common[0] / (250 * RPM)))  # eq. 6.2: they differ by beta
     sheet.check("normalised curves of 3.2 to 4.2 bar within 2 % of each other up to 250 rpm [%]", apart < 0.02, 100 * apart,
                 "normalised; below that beta depends on pressure")  # fmt: skip
 
 
 def _rate_without_normalising(pressure: float, slip: float) -> float:
-    """Rate C/s [1/s] of eq. 6.9 read with s in Nm and C = 69 Nm/s, as it is printed: what normalising avoids."""
+    """Rate C/s [1/s] of eq. 6.9 as it is printed, with s in Nm and C = 69 Nm/s, without the normalisation."""
     return 69.0 / float(stationary_law(pressure, slip, nominal())[0])

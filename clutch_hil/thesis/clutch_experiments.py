@@ -1,6 +1,6 @@
-"""Experiments of chapter 6 on the simulated rig: what its data acquisition records, noise and quantisation included.
+"""Experiments of chapter 6 on the simulated rig, recorded by its data acquisition with noise and quantisation.
 
-The rig is played under the controller itself, which is asked for pressures, frame by frame as on a bus. Pressures in bar and
+The rig runs under the controller itself, which gets pressure demands, frame by frame as on a bus. Pressures are in bar and
 temperatures in degC, as on the rig and in every figure of the chapter.
 """
 
@@ -46,7 +46,7 @@ class Run:
     """Record of an experiment, (n,) each: measured signals, signals of the controller, and true values without a sensor."""
 
     time: np.ndarray  # s
-    demand: np.ndarray  # bar, what the controller's pressure loop is to follow
+    demand: np.ndarray  # bar, demand of the controller's pressure loop
     pressure: np.ndarray  # bar
     slip: np.ndarray  # rad/s
     temperature: np.ndarray  # degC
@@ -74,11 +74,11 @@ def nominal(**changes: float) -> ParameterSet:
 
 
 def cooling_changes() -> dict[str, float]:
-    """Changes that hold the oil at "about 70 degC" (sec. 6.4.3) while friction heats it: more oil, and much of it flowing.
+    """Parameter changes that hold the oil at "about 70 degC" (sec. 6.4.3) while friction heats it: more oil, and a larger flow.
 
-    With the flow alone it is 0.7 K hotter at 4.2 bar, which takes gamma out of its 95 % interval in a quarter of all runs.
+    With the larger flow alone it is 0.7 K hotter at 4.2 bar. Then gamma leaves its 95 % interval in a quarter of all runs.
     """
-    return {"oil__heat_transfer": 1000.0, "oil__heat_capacity": 1e5}  # W/K, J/K, ours: the largest that are allowed
+    return {"oil__heat_transfer": 1000.0, "oil__heat_capacity": 1e5}  # W/K, J/K, ours: the largest allowed values
 
 
 def run_experiment(
@@ -93,14 +93,14 @@ def run_experiment(
     """Run the rig under its controller on pressure demands, from a clutch that is filled and settled at the first of them.
 
     demand (n,) [bar], 2 bar or more (the controller's floor), speed of the motor, scalar or (n,) [rad/s], oil temperature at
-    the start [degC], rate [Hz]; `tuned` changes parameters of the controller. Raises InputError where it ends in a fault.
+    the start [degC], rate [Hz]; `tuned` changes parameters of the controller. Raises InputError if it ends in a fault.
     """
     settling = round(_SETTLING * rate)
     speeds = np.broadcast_to(speed, demand.shape)
-    before = np.array([0.0, IDLE_FIRST])  # s; from the end of IDLE_FIRST on the pressure is asked for
+    before = np.array([0.0, IDLE_FIRST])  # s; the pressure is demanded from the end of IDLE_FIRST on
     times = np.concatenate([before, (settling + np.arange(demand.size + 1)) * (1.0 / rate)])
     pressures, motor = (
-        np.concatenate([np.full(before.size, wanted[0]), wanted, wanted[-1:]]) for wanted in (demand, speeds)
+        np.concatenate([np.full(before.size, signal[0]), signal, signal[-1:]]) for signal in (demand, speeds)
     )
     profile = Profile("experiment", times.tolist(), [0.0] * times.size, motor.tolist(), pressures.tolist())
     plant = PlantNode(rate, parameters, profile, seed, temperature)
@@ -109,14 +109,14 @@ def run_experiment(
     played = play(plant, controller)
     if played["controller_fault"].any():
         raise InputError(f"the controller ended an experiment with fault {played['controller_fault'].max():g}")
-    kept = slice(settling, settling + demand.size)
-    return Run(np.arange(demand.size) / rate, *(played[name][kept].copy() for name in _COLUMNS.values()))
+    record = slice(settling, settling + demand.size)
+    return Run(np.arange(demand.size) / rate, *(played[name][record].copy() for name in _COLUMNS.values()))
 
 
 def stationary_law(
     pressure: np.ndarray | float, slip: np.ndarray | float, p: ParameterSet, temperature: np.ndarray | float = REFERENCE
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Stationary torques of the plant, M_C s_n and C_v r_T |omega|^gamma [Nm]: its `clutch` and `oil` written a second time.
+    """Stationary torques of the plant, M_C s_n and C_v r_T |omega|^gamma [Nm]: its `clutch` and `oil` implemented again.
 
     pressure of the cylinder [bar], slip [rad/s], oil temperature [degC].
     """
@@ -148,7 +148,7 @@ def stribeck_depth(pressure: np.ndarray | float, lowest: float, onset: float, sc
 
 
 def effective_pressure(pressure: np.ndarray | float, p: ParameterSet) -> np.ndarray:
-    """Effective friction pressure p* [bar] at cylinder `pressure` [bar]: the return springs keep their share of the rise."""
+    """Effective friction pressure p* [bar] at cylinder `pressure` [bar]: the return springs carry a share of the rise."""
     contact = p["piston.contact_pressure"].value
     return contact + stack_share(p) * (np.asarray(pressure) - contact)  # p* of `plant_sim.blocks.clutch`
 
@@ -188,7 +188,7 @@ HEATING_TIMES = {3.2: 320.0, 3.4: 276.0, 3.6: 204.0}
 
 @cache
 def run_heating(pressure: float) -> Run:
-    """Fig 6.8: one of the pressures of HEATED [bar] and 200 rpm from 50 degC, friction heats the oil; means over 2 s."""
+    """Fig 6.8: a `pressure` of HEATING_TIMES [bar] and 200 rpm from 50 degC, friction heats the oil; means over 2 s."""
     seconds = HEATING_TIMES[pressure]
     run = run_experiment(np.full(round(seconds * SLOW_RATE), pressure), 200 * RPM, nominal(), 50.0, 3, SLOW_RATE)
     return run.plateaus(int(seconds / 2.0), 1.0)
@@ -201,5 +201,5 @@ def run_ramp(parameters: ParameterSet, seed: int, seconds: float = 100.0, low: f
 
 
 def make_sine(amount: float, rate: float, seconds: float) -> np.ndarray:
-    """A sine [of `amount`] of `rate` [Hz], 1 kHz."""
+    """A sine of amplitude `amount` and frequency `rate` [Hz] for `seconds`, sampled at 1 kHz."""
     return amount * np.sin(2.0 * pi * rate * np.arange(round(seconds * 1000)) / 1000.0)

@@ -16,12 +16,12 @@ Fit = tuple[np.ndarray, np.ndarray]  # values, half widths of their 95 % interva
 
 
 def straight_line(x: np.ndarray, slope: float, intercept: float) -> np.ndarray:
-    """A straight line."""
+    """The straight line slope x + intercept."""
     return slope * x + intercept
 
 
 def fit(function: Callable[..., Any], x: Any, y: np.ndarray, start: Any, deviation: np.ndarray | None = None) -> Fit:
-    """Least squares by scipy; `deviation`: standard deviations (n,) or covariance (n, n) of y where they are known."""
+    """Least squares by scipy; `deviation`: standard deviations (n,) or covariance (n, n) of y if they are known."""
     values, spread = curve_fit(function, x, y, start, sigma=deviation, absolute_sigma=deviation is not None)
     freedom = np.inf if deviation is not None else y.size - values.size
     return values, interval_factor(freedom) * np.sqrt(np.diag(spread))
@@ -32,18 +32,18 @@ def interval_factor(freedom: float) -> float:
     return float(student.ppf(0.975, freedom))
 
 
-def make_row(sheet: Sheet, name: str, found: float, half: float, plant: float, thesis: float) -> None:
+def make_row(sheet: Sheet, name: str, value: float, half: float, plant: float, thesis: float) -> None:
     """Add a row to the table of the sheet, and make the checks of `check_estimate`."""
     if not sheet.table:
         sheet.table.append(("parameter", "identified", "95 %", "plant", "thesis"))
-    sheet.table.append((name, f"{found:.5g}", f"+- {half:.2g}", f"{plant:.5g}", f"{thesis:.5g}"))
-    check_estimate(sheet, name, found, half, plant, thesis)
+    sheet.table.append((name, f"{value:.5g}", f"+- {half:.2g}", f"{plant:.5g}", f"{thesis:.5g}"))
+    check_estimate(sheet, name, value, half, plant, thesis)
 
 
-def check_estimate(sheet: Sheet, name: str, found: float, half: float, plant: float, thesis: float) -> None:
-    """Check that the interval `found` +- `half` contains the value of the plant, and that the thesis's value is near."""
-    sheet.check(f"the 95 % interval of {name} contains the plant's {plant:.5g}", abs(found - plant) <= half,
-                f"{found:.5g} +- {half:.2g}")  # fmt: skip
+def check_estimate(sheet: Sheet, name: str, value: float, half: float, plant: float, thesis: float) -> None:
+    """Check that the interval `value` +- `half` contains the value of the plant, and that `value` is near the thesis's."""
+    sheet.check(f"the 95 % interval of {name} contains the plant's {plant:.5g}", abs(value - plant) <= half,
+                f"{value:.5g} +- {half:.2g}")  # fmt: skip
     sheet.check(
-        f"{name} within {TOLERANCE:.0%} of the thesis's", abs(found - thesis) <= TOLERANCE * abs(thesis), found, thesis
+        f"{name} within {TOLERANCE:.0%} of the thesis's", abs(value - thesis) <= TOLERANCE * abs(thesis), value, thesis
     )

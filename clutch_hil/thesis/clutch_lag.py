@@ -1,4 +1,4 @@
-"""Friction lag of the wet clutch: figure 6.14, on what the rig measures and on what the running controller makes of it."""
+"""Friction lag of the wet clutch: figure 6.14, from the measured torque and from the estimate of the running controller."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -20,7 +20,7 @@ FREQUENCIES = (1.0, 2.0, FREQUENCY, 9.0)  # Hz; 5 Hz is the thesis's, the others
 ATTRACTION = 69.0  # 1/s, eq. 6.7
 FASTEST_ATTRACTION = 1000.0  # 1/s, the largest C that the controller accepts: a lag of 1 ms
 LARGEST_ERROR = 0.1  # Nm rms, ours: slightly above the 0.08 Nm that come from 5 mbar of pressure noise
-BINS = 40  # into which a period is divided
+BINS = 40  # parts of a period over which signals are averaged; ours
 
 
 @njit(cache=True)
@@ -50,38 +50,38 @@ class Lag:
 def identify_lag(pressure: float) -> Lag:
     """C as the thesis identifies it, from the measured torque: the sine of fig 6.14 at one of PRESSURES [bar].
 
-    C is fitted together with the curve of fig 6.12, which weighs with the covariance it was found with: the loop alone
-    hardly tells lag from curve, and an error of the curve is part of the error of C.
+    C is fitted together with the curve of fig 6.12, weighted by the covariance of its fit. The loop alone hardly distinguishes
+    the lag from the curve, and an error of the curve is part of the error of C.
     """
     speed = MEAN + make_sine(SWING, FREQUENCY, 4.0)
     parameters = nominal(**cooling_changes())
     run = run_experiment(np.full(speed.size, pressure), speed, parameters, seed=4)
     # An encoder difference is the mean slip of the period before its sample: of the step from sample k to k + 1.
     within, slip = run.slip[1:], 0.5 * (run.slip[:-1] + run.slip[1:])
-    begun = 400  # samples, two periods of the sine: forgets where m started
+    first = 400  # samples, two periods of the sine: m has then forgotten its initial value
     known, covariance = fit_stationary().at(int(np.flatnonzero(pressure == PRESSURES)[0]))
     whiten = np.linalg.inv(np.linalg.cholesky(covariance))
 
     def torque(attraction: float, curve: np.ndarray) -> np.ndarray:
         stribeck_speed, exponent, coulomb, viscous, beta = curve
         ratio = 1.0 + (beta - 1.0) * np.exp(-stribeck_speed / within)  # eq. 6.2
-        return (coulomb * simulate_lag(ratio, attraction, 1e-3) + viscous * slip**exponent)[begun:]  # eq. 6.9
+        return (coulomb * simulate_lag(ratio, attraction, 1e-3) + viscous * slip**exponent)[first:]  # eq. 6.9
 
     def model(_: None, attraction: float, *curve: float) -> np.ndarray:
         return np.concatenate([torque(attraction, np.array(curve)), whiten @ curve])
 
-    measured = run.torque[:-1][begun:]
+    measured = run.torque[:-1][first:]
     noise = parameters["sensors.torque_noise"].value
     deviations = np.concatenate([np.full(measured.size, noise), np.ones(known.size)])
     values, half = fit(model, None, np.concatenate([measured, whiten @ known]), (40.0, *known), deviations)
-    return Lag(run, slip[begun:], measured, torque(values[0], values[1:]), float(values[0]), float(half[0]))
+    return Lag(run, slip[first:], measured, torque(values[0], values[1:]), float(values[0]), float(half[0]))
 
 
 @dataclass(frozen=True)
 class OnlineEstimate:
     """A slip sine and the torque that the controller estimates while it runs, against the true one.
 
-    slip [rad/s], measured, true and estimated torque [Nm], each (BINS,): means over the periods, at equal parts of one.
+    slip [rad/s], measured, true and estimated torque [Nm], each (BINS,): means over all periods in equal parts of a period.
     """
 
     slip: np.ndarray
@@ -93,7 +93,7 @@ class OnlineEstimate:
 
     @property
     def repeated_error(self) -> float:
-        """Error that comes back in every period [Nm rms, mean removed]: without the noise of the sensors."""
+        """Error that repeats in every period [Nm rms, mean removed]: without the noise of the sensors."""
         return float(np.std(self.estimate - self.true))
 
     @property
@@ -113,16 +113,16 @@ class OnlineEstimate:
 
 @cache
 def run_online_estimate(frequency: float, attraction: float = ATTRACTION) -> OnlineEstimate:
-    """Fig 6.14 at `frequency` [Hz] for 20 s; the controller believes in `attraction` [1/s], the plant has 69."""
+    """Fig 6.14 at `frequency` [Hz] for 20 s; C is `attraction` [1/s] in the controller and 69 in the plant."""
     speed = MEAN + make_sine(SWING, frequency, 20.0)
     tuned = {"model.attraction": attraction}
     run = run_experiment(np.full(speed.size, PRESSURE), speed, nominal(**cooling_changes()), seed=4, tuned=tuned)
-    begun = run.time >= 1.0  # whole periods from here on, as the frequencies are whole numbers
-    error = (run.estimate - run.true_torque)[begun]
-    bins = np.floor((frequency * run.time[begun] + 1e-9) % 1.0 * BINS).astype(int)
+    settled = run.time >= 1.0  # whole periods from here on, as the frequencies are whole numbers
+    error = (run.estimate - run.true_torque)[settled]
+    bins = np.floor((frequency * run.time[settled] + 1e-9) % 1.0 * BINS).astype(int)
     counts = np.bincount(bins, minlength=BINS)
     slip, measured, true, estimate = (
-        np.bincount(bins, signal[begun], BINS) / counts
+        np.bincount(bins, signal[settled], BINS) / counts
         for signal in (run.slip, run.torque, run.true_torque, run.estimate)
     )
     return OnlineEstimate(slip, measured, true, estimate, float(error.std()), float(error.mean()))
@@ -139,9 +139,9 @@ def figure_6_14(sheet: Sheet) -> None:
     lag = identify_lag(PRESSURE)
     (speed, pressure), (loop, errors) = sheet.axes(2, 2, width=12, height=8)
     _draw_run(speed, pressure, lag.run)
-    found = {frequency: run_online_estimate(frequency) for frequency in FREQUENCIES}
+    estimates = {frequency: run_online_estimate(frequency) for frequency in FREQUENCIES}
     without = {frequency: run_online_estimate(frequency, FASTEST_ATTRACTION) for frequency in FREQUENCIES}
-    _draw_loop(loop, found[FREQUENCY], without[FREQUENCY])
+    _draw_loop(loop, estimates[FREQUENCY], without[FREQUENCY])
     values = (ATTRACTION / 2.0, ATTRACTION, 2.0 * ATTRACTION, FASTEST_ATTRACTION)
     for k, attraction in enumerate(values):
         rms = [run_online_estimate(frequency, attraction).error for frequency in FREQUENCIES]
@@ -160,25 +160,25 @@ def figure_6_14(sheet: Sheet) -> None:
 
     sheet.table = [("slip [Hz]", "rms error [Nm]", "of it in every period [Nm]", "mean [Nm]", "rms with C = 1000 1/s [Nm]",
                     "lag, true [Nm]", "lag, estimated [Nm]")]  # fmt: skip
-    for frequency, one in found.items():
+    for frequency, one in estimates.items():
         cells = (one.error, one.repeated_error, one.offset, without[frequency].error, one.loop_width(one.true),
                  one.loop_width(one.estimate))  # fmt: skip
         sheet.table.append((f"{frequency:g}", *(f"{round(cell, 3) + 0.0:.3f}" for cell in cells)))  # no -0.000
 
-    up = [one.loop_width(one.measured) for one in found.values()]
+    up = [one.loop_width(one.measured) for one in estimates.values()]
     sheet.check("1, 2, 5, 9 Hz: lag, measured torque accelerating less decelerating at 80 to 120 rpm, above 0.05 Nm [Nm]",
                 min(up) > 0.05, up, "accelerate above decelerate")  # fmt: skip
     check_estimate(sheet, "C [1/s]", lag.attraction, lag.half, nominal()["clutch.attraction"].value, ATTRACTION)
     left = float(np.sqrt(np.mean((lag.torque - lag.fitted) ** 2)))
     sheet.check("the fit leaves no more than the torque sensor's noise of 50 mNm [mNm]", left < 0.055, 1e3 * left)
-    rms = [one.error for one in found.values()]
+    rms = [one.error for one in estimates.values()]
     sheet.check(f"running controller, 1, 2, 5, 9 Hz: estimate less true torque, mean removed, at most {LARGEST_ERROR:g} Nm "
                 "rms [Nm]",
                 max(rms) <= LARGEST_ERROR, rms, "ours")  # fmt: skip
-    repeated = [one.repeated_error for one in found.values()]
+    repeated = [one.repeated_error for one in estimates.values()]
     sheet.check("... and what of it comes back in every period at most 0.03 Nm rms [Nm]", max(repeated) <= 0.03, repeated,
                 "ours")  # fmt: skip
-    ratios = [one.loop_width(one.estimate) / one.loop_width(one.true) for one in found.values()]
+    ratios = [one.loop_width(one.estimate) / one.loop_width(one.true) for one in estimates.values()]
     sheet.check("it shows the lag: that of the estimate over that of the true torque is 0.9 to 1.1 [-]",
                 max(abs(ratio - 1.0) for ratio in ratios) < 0.1, ratios, "ours")  # fmt: skip
     by_value = [run_online_estimate(FREQUENCY, attraction).error for attraction in values]
@@ -193,23 +193,23 @@ def figure_6_14(sheet: Sheet) -> None:
 
 
 def _draw_run(speed, pressure, run: Run) -> None:
-    shown = run.time < 2.0
-    pressure.plot(run.time[shown], run.pressure[shown], lw=0.6)
+    early = run.time < 2.0
+    pressure.plot(run.time[early], run.pressure[early], lw=0.6)
     pressure.set_ylim(3.2, 3.6)
     label(pressure, "time [s]", "pressure [bar]", "measured pressure")
-    speed.plot(run.time[shown], run.slip[shown] / RPM, lw=1.0, label="measured")
+    speed.plot(run.time[early], run.slip[early] / RPM, lw=1.0, label="measured")
     speed.plot(
-        run.time[shown], 100 + make_sine(60.0, FREQUENCY, 2.0), color=REFERENCE_COLOUR, lw=0.8, ls="--", label="desired"
+        run.time[early], 100 + make_sine(60.0, FREQUENCY, 2.0), color=REFERENCE_COLOUR, lw=0.8, ls="--", label="desired"
     )
     speed.set_ylim(0, 230)
     speed.legend(loc="upper right", ncols=2, frameon=False)
     label(speed, "time [s]", "velocity [rpm]", "speed of the motor")
 
 
-def _draw_loop(loop, found: OnlineEstimate, without: OnlineEstimate) -> None:
-    for part, name in ((found.rising, "accelerate"), (~found.rising, "decelerate")):
-        loop.plot(found.slip[part] / RPM, found.measured[part], ".", ms=7, label=f"measured, {name}")
-    for one, style, name in ((found, "-", "estimate, C = 69 1/s"), (without, ":", "estimate, C = 1000 1/s")):
+def _draw_loop(loop, with_lag: OnlineEstimate, without: OnlineEstimate) -> None:
+    for part, name in ((with_lag.rising, "accelerate"), (~with_lag.rising, "decelerate")):
+        loop.plot(with_lag.slip[part] / RPM, with_lag.measured[part], ".", ms=7, label=f"measured, {name}")
+    for one, style, name in ((with_lag, "-", "estimate, C = 69 1/s"), (without, ":", "estimate, C = 1000 1/s")):
         closed = np.append(np.arange(BINS), 0)
         loop.plot(one.slip[closed] / RPM, one.estimate[closed], color=REFERENCE_COLOUR, lw=1.2, ls=style, label=name)
     loop.legend(loc="lower right", frameon=False)

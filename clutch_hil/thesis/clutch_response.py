@@ -1,4 +1,4 @@
-"""Frequency response of the controlled clutch: figure 6.15, over the controller as it runs."""
+"""Frequency response of the controlled clutch: figure 6.15, with the running controller."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -29,39 +29,39 @@ TABLE_FREQUENCIES = (0.5, 1.0, 2.0, 5.0, 8.0, 10.0, 15.0, 20.0, 30.0)  # Hz, row
 class Channel:
     """Response (n,) from the demanded pressure to one signal, and the coherence (n,) of both."""
 
-    found: FrequencyResponse
+    transfer: FrequencyResponse
     coherence: Array
     stationary: float  # the response at rest, [bar/bar] or [Nm/bar]
 
     @property
     def decibel(self) -> Array:
         """Magnitude over the stationary response [dB]."""
-        return 20.0 * np.log10(np.abs(self.found.response) / self.stationary)
+        return 20.0 * np.log10(np.abs(self.transfer.response) / self.stationary)
 
     @property
     def phase(self) -> Array:
         """Phase [deg], unwrapped."""
-        return np.degrees(np.unwrap(np.angle(self.found.response)))
+        return np.degrees(np.unwrap(np.angle(self.transfer.response)))
 
     @property
     def bandwidth(self) -> float:
-        """Frequency [Hz] where the magnitude first falls by 3 dB, on the straight line between the two lines about it."""
+        """Frequency [Hz] where the magnitude first falls by 3 dB, interpolated between the two neighbouring lines."""
         decibel = self.decibel
         beyond = int(np.argmax(decibel < HALF_POWER_DECIBEL))
         pair = slice(beyond - 1, beyond + 1)
-        return float(np.interp(-HALF_POWER_DECIBEL, -decibel[pair], self.found.frequency[pair]))
+        return float(np.interp(-HALF_POWER_DECIBEL, -decibel[pair], self.transfer.frequency[pair]))
 
 
 @dataclass(frozen=True)
 class Response:
-    """What the demanded pressure does to the measured cylinder pressure [bar/bar] and to the clutch torque [Nm/bar]."""
+    """Responses of measured cylinder pressure [bar/bar] and clutch torque [Nm/bar] to the demanded pressure."""
 
     pressure: Channel
     torque: Channel
 
 
 def measure_response(tuned: Mapping[str, float] | None = None) -> Response:
-    """Random-phase multisine on the pressure that the controller is asked for; `tuned` changes its parameters."""
+    """Response to a random-phase multisine on the demanded pressure; `tuned` changes parameters of the controller."""
     random = np.random.default_rng(1)
     waves = [np.tile(SOURCE.period(random), PERIODS + 1) for _ in range(REALISATIONS)]
     run = run_experiment(PRESSURE + np.concatenate(waves), SLIP, nominal(**cooling_changes()), seed=5, tuned=tuned)
@@ -87,18 +87,18 @@ def measure_response(tuned: Mapping[str, float] | None = None) -> Response:
 )
 def figure_6_15(sheet: Sheet) -> None:
     """p_cyl/p_d and M/p_d by a multisine, in contact."""
-    found = measure_response()
-    frequency = found.pressure.found.frequency
-    _draw(sheet, found)
-    pressure, torque = found.pressure, found.torque
+    response = measure_response()
+    frequency = response.pressure.transfer.frequency
+    _draw(sheet, response)
+    pressure, torque = response.pressure, response.torque
     head = ("frequency [Hz]", "p_cyl/p_d [dB]", "phase [deg]", "coherence", "M/p_d [Nm/bar]", "[dB]", "phase [deg]",
             "coherence")  # fmt: skip
     sheet.table = [head]
-    for shown in TABLE_FREQUENCIES:
-        k = int(np.argmin(np.abs(frequency - shown)))
+    for target in TABLE_FREQUENCIES:
+        k = int(np.argmin(np.abs(frequency - target)))
         sheet.table.append((
             f"{frequency[k]:g}", f"{pressure.decibel[k]:.2f}", f"{pressure.phase[k]:.1f}", f"{pressure.coherence[k]:.4f}",
-            f"{np.abs(torque.found.response[k]):.2f}", f"{torque.decibel[k]:.2f}", f"{torque.phase[k]:.1f}",
+            f"{np.abs(torque.transfer.response[k]):.2f}", f"{torque.decibel[k]:.2f}", f"{torque.phase[k]:.1f}",
             f"{torque.coherence[k]:.4f}",
         ))  # fmt: skip
     bandwidth = pressure.bandwidth
@@ -126,17 +126,17 @@ def figure_6_15(sheet: Sheet) -> None:
     )
 
 
-def _draw(sheet: Sheet, found: Response) -> None:
+def _draw(sheet: Sheet, response: Response) -> None:
     axes: Any = sheet.axes(3, 1, width=8, height=8, sharex=True, height_ratios=(3, 3, 1.5))
     for channel, name, style in (
-        (found.pressure, r"$p_{cyl}/p_d$", {"color": "C0", "lw": 2.2}),
-        (found.torque, r"$M/p_d$", {"color": "C1", "ls": "--", "lw": 1.4}),
+        (response.pressure, r"$p_{cyl}/p_d$", {"color": "C0", "lw": 2.2}),
+        (response.torque, r"$M/p_d$", {"color": "C1", "ls": "--", "lw": 1.4}),
     ):
-        frequency = channel.found.frequency
+        frequency = channel.transfer.frequency
         for panel, values in zip(axes, (channel.decibel, channel.phase, channel.coherence), strict=True):
             panel.semilogx(frequency, values, label=f"{name}: 3 dB down at {channel.bandwidth:.2f} Hz", **style)
     axes[0].axhline(HALF_POWER_DECIBEL, color=REFERENCE_COLOUR, lw=0.8, ls=":")
-    axes[0].axvline(found.pressure.bandwidth, color=REFERENCE_COLOUR, lw=0.8, ls=":")
+    axes[0].axvline(response.pressure.bandwidth, color=REFERENCE_COLOUR, lw=0.8, ls=":")
     ticks = (0.5, 1, 2, 5, 10, 20, 30)
     axes[0].set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     axes[0].minorticks_off()

@@ -1,7 +1,7 @@
 """Stationary friction curves of the wet clutch and what is identified from them: figures 6.12 and 6.13, Tables 6.4 and 6.5.
 
-Every value is an input of the plant. Here each is fitted anew, the thesis's way, to what the rig's noisy, quantised
-sensors show; the fit must contain what the plant was given within its 95 % interval.
+Every value is a parameter of the plant. Here each is identified as in the thesis from the noisy, quantised signals of the
+sensors. The 95 % interval of the fit must contain the value of the plant.
 """
 
 from dataclasses import dataclass
@@ -61,7 +61,7 @@ def stationary_torque(slip: np.ndarray, common: np.ndarray, parts: np.ndarray) -
 
 @cache
 def fit_stationary() -> StationaryFit:
-    """All five parameters at once, M_C, C_v and beta free at each pressure: nothing assumed of their course."""
+    """Fit all parameters at once, with M_C, C_v and beta free at each pressure: no law over pressure is assumed."""
     runs, n = run_stationary_curves(), PRESSURES.size
     slip, torque = (np.array([getattr(run, name) for run in runs]) for name in ("slip", "torque"))
 
@@ -84,7 +84,7 @@ def effective_line(name: str) -> tuple[float, float]:
 
 
 def note_springs(sheet: Sheet) -> None:
-    """Say why the plant's values over cylinder pressure are not the tables'."""
+    """Note why the plant's values over cylinder pressure differ from those of the tables."""
     sheet.note(
         f"the tables' pressure acts on the plates in our plant; over the pressure of the cylinder, which is measured, the "
         f"return springs take {1.0 - stack_share(nominal()):.2%} of the rise (plant_sim/blocks/piston.py): the "
@@ -102,11 +102,11 @@ def note_springs(sheet: Sheet) -> None:
 )
 def figure_6_12(sheet: Sheet) -> None:
     """Staircase of speeds at ten pressures, and the fit of eq. 6.2."""
-    runs, found = run_stationary_curves(), fit_stationary()
+    runs, estimate = run_stationary_curves(), fit_stationary()
     axes = sheet.axes(1, 1, width=8, height=5.5)
     fine = np.linspace(1.0, 250.0, 300)
     for i, run in enumerate(runs):
-        torque = stationary_torque(fine * RPM, found.common, found.parts[:, i])
+        torque = stationary_torque(fine * RPM, estimate.common, estimate.parts[:, i])
         (drawn,) = axes.plot(fine, torque, lw=1.0, color=REFERENCE_COLOUR, label="fit" if i == 0 else None)
         axes.plot(run.slip / RPM, run.torque, "o", ms=3.5, color=f"C{i}")
         axes.text(254, torque[-1], f"{PRESSURES[i]:.1f} bar", va="center", fontsize=8, color=f"C{i}")
@@ -117,9 +117,9 @@ def figure_6_12(sheet: Sheet) -> None:
     torque = np.array([run.torque for run in runs])
     sheet.check("torque rises with pressure at every speed", bool(np.all(np.diff(torque, axis=0) > 0)))
     for name, k, plant, thesis in (("V_S [rad/s]", 0, 11.52, 11.52), ("gamma [-]", 1, 1 / 3, 1 / 3)):
-        make_row(sheet, name, found.common[k], found.half[k], plant, thesis)
-    sheet.check("the fit leaves less than the torque sensor's noise of 50 mNm [mNm]", found.residual < 0.05,
-                1e3 * found.residual)  # fmt: skip
+        make_row(sheet, name, estimate.common[k], estimate.half[k], plant, thesis)
+    sheet.check("the fit leaves less than the torque sensor's noise of 50 mNm [mNm]", estimate.residual < 0.05,
+                1e3 * estimate.residual)  # fmt: skip
     rise = torque[:, -1] / torque[:, 1] - 1.0
     sheet.check("flatter at high pressure: relative rise from 10 to 250 rpm is smaller at 4.2 than at 2.7 bar [%]",
                 rise[-1] < rise[0], 100.0 * rise[[0, -1]], "flatter shape at higher pressures (6.4.3)")  # fmt: skip
@@ -133,29 +133,29 @@ def figure_6_12(sheet: Sheet) -> None:
 )
 def figure_6_13(sheet: Sheet) -> None:
     """Parameters of each curve of fig 6.12, fitted freely at each pressure."""
-    found = fit_stationary()
+    estimate = fit_stationary()
     axes = sheet.axes(1, 3, width=12, height=4)
     fine = np.linspace(2.4, 4.3, 200)
-    laws = [fit(straight_line, PRESSURES, found.parts[i], (1.0, 0.0), found.covariances[i])[0] for i in (0, 1)]
-    depth = fit(stribeck_depth, PRESSURES, found.parts[2], (0.7, 2.7, 0.2), found.covariances[2])[0]
+    laws = [fit(straight_line, PRESSURES, estimate.parts[i], (1.0, 0.0), estimate.covariances[i])[0] for i in (0, 1)]
+    depth = fit(stribeck_depth, PRESSURES, estimate.parts[2], (0.7, 2.7, 0.2), estimate.covariances[2])[0]
     curves = [straight_line(fine, *laws[0]), straight_line(fine, *laws[1]), stribeck_depth(fine, *depth)]
     names = ("M_C [Nm]", "C_v [Nm/(rad/s)^(1/3)]", "beta [-]")
     for i, name in enumerate(names):
         axes[i].plot(fine, curves[i], lw=1.0, color=REFERENCE_COLOUR, label="fit")
         axes[i].errorbar(
-            PRESSURES, found.parts[i], found.parts_half[i], fmt="o", ms=4, capsize=2, label="identified, 95 %"
+            PRESSURES, estimate.parts[i], estimate.parts_half[i], fmt="o", ms=4, capsize=2, label="identified, 95 %"
         )
         label(axes[i], "pressure [bar]", name)
         axes[i].legend(loc="upper right" if i == 2 else "upper left", frameon=False)
     for i, name in enumerate(names[:2]):
-        left = np.abs(found.parts[i] - straight_line(PRESSURES, *laws[i])) / found.parts_half[i]
+        left = np.abs(estimate.parts[i] - straight_line(PRESSURES, *laws[i])) / estimate.parts_half[i]
         sheet.check(f"{name} lies on a straight line: farthest point, in 95 % intervals", left.max() <= 1.0, left.max(),
                     "linear")  # fmt: skip
-    left = np.abs(found.parts[2] - stribeck_depth(PRESSURES, *depth)) / found.parts_half[2]
+    left = np.abs(estimate.parts[2] - stribeck_depth(PRESSURES, *depth)) / estimate.parts_half[2]
     sheet.check("beta follows eq. 6.6: farthest point, in 95 % intervals", left.max() <= 1.0, left.max(), "eq. 6.6")
-    beta = found.parts[2]
+    beta = estimate.parts[2]
     sheet.check("beta falls from 1 at 2.7 bar to beta_inf at high pressure",
-                abs(beta[0] - 1.0) <= found.parts_half[2, 0] and abs(beta[-1] - 0.704) <= found.parts_half[2, -1],
+                abs(beta[0] - 1.0) <= estimate.parts_half[2, 0] and abs(beta[-1] - 0.704) <= estimate.parts_half[2, -1],
                 beta, "1 to 0.704")  # fmt: skip
     note_springs(sheet)
 
@@ -166,16 +166,16 @@ def figure_6_13(sheet: Sheet) -> None:
     claim="M_C = 10.8 p - 25.1 Nm and C_v = 2.67 p - 6.49 Nm/(rad/s)^(1/3), p in bar",
 )
 def table_6_4(sheet: Sheet) -> None:
-    """First-order fits to the points of fig 6.13, with the covariance those were found with."""
-    found = fit_stationary()
+    """First-order fits to the points of fig 6.13, with the covariance of these points."""
+    estimate = fit_stationary()
     axes = sheet.axes(1, 2, width=10, height=4)
     for i, (name, group, thesis) in enumerate((("M_C", "coulomb", (10.8, -25.1)), ("C_v", "viscous", (2.67, -6.49)))):
-        values, half = fit(straight_line, PRESSURES, found.parts[i], (1.0, 0.0), found.covariances[i])
+        values, half = fit(straight_line, PRESSURES, estimate.parts[i], (1.0, 0.0), estimate.covariances[i])
         plant = effective_line(group)
         for k, term in enumerate(("a", "b")):
             make_row(sheet, f"{term} of {name}", values[k], half[k], plant[k], thesis[k])
         truth = straight_line(PRESSURES, *plant)
-        axes[i].errorbar(PRESSURES, found.parts[i] - truth, found.parts_half[i], fmt="o", ms=4, capsize=2,
+        axes[i].errorbar(PRESSURES, estimate.parts[i] - truth, estimate.parts_half[i], fmt="o", ms=4, capsize=2,
                          label="identified, 95 %")  # fmt: skip
         axes[i].plot(
             PRESSURES,
@@ -197,9 +197,9 @@ def table_6_4(sheet: Sheet) -> None:
     claim="beta of eq. 6.6 with beta_inf = 0.704, p_1 = 2.71 bar, p_0 = 0.158 bar",
 )
 def table_6_5(sheet: Sheet) -> None:
-    """Fit of eq. 6.6 to the points of fig 6.13, with the covariance those were found with."""
-    found, p = fit_stationary(), nominal()
-    values, half = fit(stribeck_depth, PRESSURES, found.parts[2], (0.7, 2.7, 0.2), found.covariances[2])
+    """Fit of eq. 6.6 to the points of fig 6.13, with the covariance of these points."""
+    estimate, p = fit_stationary(), nominal()
+    values, half = fit(stribeck_depth, PRESSURES, estimate.parts[2], (0.7, 2.7, 0.2), estimate.covariances[2])
     share, contact = stack_share(p), p["piston.contact_pressure"].value
     plant = (p["clutch.beta_inf"].value, contact + (p["clutch.beta_onset"].value - contact) / share,
              p["clutch.beta_scale"].value / share)  # fmt: skip
@@ -209,7 +209,9 @@ def table_6_5(sheet: Sheet) -> None:
     fine = np.linspace(2.6, 4.3, 200)
     axes.plot(fine, stribeck_depth(fine, *values), color=REFERENCE_COLOUR, lw=1.2, label="fit of eq. 6.6")
     axes.plot(fine, stribeck_depth(fine, 0.704, 2.71, 0.158), color="C1", ls="--", label="Table 6.5")
-    axes.errorbar(PRESSURES, found.parts[2], found.parts_half[2], fmt="o", ms=4, capsize=2, label="identified, 95 %")
+    axes.errorbar(
+        PRESSURES, estimate.parts[2], estimate.parts_half[2], fmt="o", ms=4, capsize=2, label="identified, 95 %"
+    )
     axes.legend(frameon=False)
     label(axes, "pressure [bar]", "beta [-]")
     note_springs(sheet)

@@ -21,7 +21,7 @@ from clutch_hil.thesis.clutch_experiments import (
 from clutch_hil.thesis.clutch_fit import fit, make_row, straight_line
 from protocols.files.units import RPM
 
-SENSOR_ACCURACY = 0.012  # of the load, appendix C: what the thesis could see of a change of torque
+SENSOR_ACCURACY = 0.012  # of the load, appendix C: smallest change of torque that the thesis could measure
 
 
 @reproduces(
@@ -34,7 +34,7 @@ def figure_6_8(sheet: Sheet) -> None:
     p = nominal()
     axes = sheet.axes(1, 2, width=11, height=4.5)
     at = np.array([60.0, 80.0, 100.0, 120.0, 135.0])  # degC, reached at all three pressures
-    falls, seen = [], []
+    falls, coefficients = [], []
     for pressure in HEATING_TIMES:
         run = run_heating(pressure)
         mu = friction_coefficient(run.torque, run.pressure, p)
@@ -42,7 +42,7 @@ def figure_6_8(sheet: Sheet) -> None:
         axes[1].plot(run.temperature, mu, ".", ms=3, label=f"{pressure} bar")
         decades = run.torque[: run.torque.size // 10 * 10].reshape(-1, 10).mean(axis=1)  # means over 20 s
         falls.append(bool(np.all(np.diff(decades) < 0.0)))
-        seen.append(np.interp(at, run.temperature, mu))
+        coefficients.append(np.interp(at, run.temperature, mu))
     slope, offset, origin = -0.0145, 0.143, 30.0  # Table 6.1
     fine = np.linspace(50.0, 160.0, 100)
     axes[1].plot(
@@ -53,7 +53,7 @@ def figure_6_8(sheet: Sheet) -> None:
     label(axes[0], "oil temperature [degC]", "torque [Nm]")
     label(axes[1], "oil temperature [degC]", "friction coefficient [-]")
     sheet.check("torque falls all the time at all three pressures", all(falls), thesis="decreases")
-    spread = float(np.ptp(seen, axis=0).max() / np.mean(seen))
+    spread = float(np.ptp(coefficients, axis=0).max() / np.mean(coefficients))
     sheet.check("the three pressures give one mu(T): spread at most 1 % [%]", spread < 0.01, 100 * spread, "one band")
     run = run_heating(3.4)
     mu = friction_coefficient(run.torque, run.pressure, p)
@@ -92,8 +92,8 @@ def figure_6_9(sheet: Sheet) -> None:
     temperatures = (50.0, 100.0, 145.0)  # ours; the guard ends a run at 150
     curves, parts = [], []
     for temperature in temperatures:
-        held = nominal(**cooling_changes(), oil__sump_temperature=temperature)
-        run = run_experiment(np.full(staircase.size, 3.4), staircase, held, temperature, seed=6).plateaus(
+        parameters = nominal(**cooling_changes(), oil__sump_temperature=temperature)
+        run = run_experiment(np.full(staircase.size, 3.4), staircase, parameters, temperature, seed=6).plateaus(
             speeds.size, 0.5
         )
         curves.append(run.torque)
@@ -154,13 +154,13 @@ def table_6_1(sheet: Sheet) -> None:
     """Fit of eq. 6.3 to friction that heats its own oil at 3.4 bar, 200 rpm."""
     p, run = nominal(), run_heating(3.4)
     mu = friction_coefficient(run.torque, run.pressure, p)
-    found, half = fit(temperature_law, run.temperature, mu, (-0.01, 0.14, 20.0))
+    values, half = fit(temperature_law, run.temperature, mu, (-0.01, 0.14, 20.0))
     plant = expected_temperature_law(run)
     axes = sheet.axes(1, 1, width=7.5, height=4.5)
     axes.plot(run.temperature, mu, ".", ms=4, label="measured, means over 2 s")
     axes.plot(
         run.temperature,
-        temperature_law(run.temperature, *found),
+        temperature_law(run.temperature, *values),
         color=REFERENCE_COLOUR,
         lw=1.2,
         label="fit of eq. 6.3",
@@ -168,7 +168,7 @@ def table_6_1(sheet: Sheet) -> None:
     axes.legend(frameon=False)
     label(axes, "oil temperature [degC]", "friction coefficient [-]")
     for i, (name, thesis) in enumerate((("A [-]", -0.0145), ("B [-]", 0.143), ("T_0 [degC]", 30.0))):
-        make_row(sheet, name, found[i], half[i], plant[i], thesis)
+        make_row(sheet, name, values[i], half[i], plant[i], thesis)
     sheet.note("log is read to base 10: base e would give 2.3 times the slope of fig 6.8")
     sheet.note(
         "our plant lets the temperature act on the viscous torque alone; at 3.4 bar and 200 rpm the whole torque then follows "
@@ -177,7 +177,7 @@ def table_6_1(sheet: Sheet) -> None:
 
 
 def expected_temperature_law(run: Run) -> tuple[float, float, float]:
-    """A, B, T_0 [degC] that the plant's equations give at the pressure and speed of `run`: exactly of eq. 6.3's form."""
+    """A, B, T_0 [degC] of eq. 6.3 by the plant's equations at the pressure and speed of `run`; the form of eq. 6.3 is exact."""
     p = nominal()
     pressure, slip = float(run.pressure.mean()), float(run.slip.mean())
     slope, offset, origin = temperature_parameters(p)

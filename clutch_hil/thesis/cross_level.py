@@ -1,9 +1,9 @@
 """Across the levels: models of control identified on traces of the Generic-Rayleigh model predict others (ours).
 
-The asperities with their films are the measured contact. As on a test rig, elements come from the virgin curve of slow loops
-(app. D), the Stribeck curve from a staircase of speeds (sec. 5.6); then all that is not an element is fitted to all training
-records at once. Lengths are in step heights, forces in (total k_t) x (step height), velocities in that at which a tip under
-the mean load begins to ride.
+The asperities with their films are the measured contact. As on a test rig, the elements come from the virgin curve of slow
+loops (app. D) and the Stribeck curve from a staircase of speeds (sec. 5.6). Then all other parameters are fitted to all
+training records at once. Lengths are in step heights, forces in (total k_t) x (step height). The unit of velocity is that at
+which a tip under the mean load begins to slide on its film.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -83,7 +83,7 @@ class Staircase:
 
 
 def _force_under_load(load: Array | float, model: FrictionModel, force: Array) -> Array:
-    """`force` of `model` under `load`: of one that ignores the load, in proportion to it, as Coulomb's law has it."""
+    """`force` of `model` under `load`; for a model without load dependence in proportion to the load, as in Coulomb's law."""
     return force if isinstance(model, XGMS) else force * load / LOAD
 
 
@@ -136,7 +136,7 @@ Record = tuple[Motion | Staircase, Array]  # what was done, and the friction
 
 
 def _make_builders(elements: MaxwellSlip) -> dict[str, tuple[Build, tuple[str, ...]]]:
-    """How each model is made of named values, and the names of those beside the Stribeck curve."""
+    """Builders of each model from named values, and the names of its values that are not of the Stribeck curve."""
     stiffness, weights = elements.stiffness, elements.limits / elements.limits.sum()
 
     def curve(p: Values) -> Stribeck:
@@ -161,7 +161,7 @@ def _make_builders(elements: MaxwellSlip) -> dict[str, tuple[Build, tuple[str, .
 def identify_models(
     motions: Sequence[Motion], stairs: Sequence[Staircase], forces: Sequence[Array]
 ) -> dict[str, FrictionModel]:
-    """Every model by name, nearest to the `forces` of all `motions`, then `stairs`. Each record is divided by its rms."""
+    """Every model by name, fitted to the `forces` of all `motions`, then `stairs`. Each record is divided by its rms."""
     virgin, steady = from_loops(motions[0].position, forces[0]), forces[len(motions)]
     elements = fit_elements(virgin, CurvatureSpacing(0.5).place(virgin, ELEMENTS))
     curve = least_squares(STRIBECK, SPEEDS, steady)

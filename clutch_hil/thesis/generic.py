@@ -16,7 +16,7 @@ from plant_sim.friction.stribeck import Stribeck
 # dimensionless, lengths in heights of a step, total tangential stiffness 1:
 LOAD = 0.05  # W: normal deflections of about the roughness, 0.05
 FRICTION = StickTimeFriction(mu_0=0.2, mu_inf=0.4, tau=0.5)  # tau near the time a reversal of fig 2.4 holds the contact
-MASS = 0.008  # of all asperities: at full speed impacts take as much as a third of the friction
+MASS = 0.008  # of all asperities: at full speed impacts are up to a third of the friction
 PITCH = 0.2  # step and recess: the stroke passes five, and a break-away deflection (0.02) is short against a step
 OWN_VALUES_NOTE = (
     f"the thesis gives N, N_w, fill degree, amplitude and duration; ours: load {LOAD}, mu {FRICTION.mu_0} to {FRICTION.mu_inf} "
@@ -65,10 +65,10 @@ def figure_2_5(sheet: Sheet) -> None:
         return Stribeck(static, beta, stribeck, viscous, 2.0)(v)
 
     start = (FRICTION.mu_inf * LOAD, 0.5, 0.05, 0.01)
-    found, _ = curve_fit(curve, speed, level, start, bounds=([1e-6, 0.05, 1e-3, 0.0], [0.1, 2.0, 0.5, 1.0]))
-    noise = float(np.std(level - curve(speed, *found)))
+    parameters, _ = curve_fit(curve, speed, level, start, bounds=([1e-6, 0.05, 1e-3, 0.0], [0.1, 2.0, 0.5, 1.0]))
+    noise = float(np.std(level - curve(speed, *parameters)))
     v = np.linspace(0.01, AMPLITUDE, 300)
-    fitted = curve(v, *found)
+    fitted = curve(v, *parameters)
     left.plot(POSITION, force, lw=0.7)
     label(left, "position x [step heights]", "friction force F [-]", "hysteresis")
     right.plot(VELOCITY, force, lw=0.7, label="model")
@@ -144,7 +144,7 @@ def figure_2_6(sheet: Sheet) -> None:
         return [make_flat_model(friction).observe(travel, (travel[1] - travel[0]) / rate, LOAD).force for rate in rates]
 
     forces, constant = ramps(FRICTION), ramps(StickTimeFriction(FRICTION.mu_0, FRICTION.mu_0, FRICTION.tau))
-    peaks, flat_peaks = (np.array([f.max() for f in found]) / LOAD for found in (forces, constant))
+    peaks, flat_peaks = (np.array([f.max() for f in ramp_forces]) / LOAD for ramp_forces in (forces, constant))
     force_rate = rates * forces[0][1] / travel[1]
     for i in range(0, rates.size, 3):
         left.plot(travel, forces[i] / LOAD, lw=1.2, label=f"{force_rate[i]:.1g}")

@@ -1,8 +1,8 @@
 """The Generic-Rayleigh model: all lubrication regimes with one model (section 2.4).
 
-The thesis draws without numbers. Ours, in all entries: mu_0 = 0.15, mu_inf = 0.2, tau_t = 0.05; tips with alpha = 1.5 and
-dh/L = 0.02, so that the least friction of the film is half of mu_0; the viscosity such that a tip that bears the mean load
-begins to ride at velocity 1; the threshold at the force of dry slip.
+The figures of the thesis have no numbers. Ours, in all entries: mu_0 = 0.15, mu_inf = 0.2, tau_t = 0.05; tips with alpha = 1.5
+and dh/L = 0.02, so that the least friction of the film is half of mu_0; the viscosity such that a tip under the mean load
+begins to slide on its film at velocity 1; the threshold at the force of dry slip.
 """
 
 from dataclasses import replace
@@ -27,7 +27,7 @@ Array = np.ndarray
 
 
 def _make_film(tip_load: float) -> TipFilm:
-    """The film on which a tip under `tip_load` begins to ride at velocity 1."""
+    """The film on which a tip under `tip_load` begins to slide at velocity 1."""
     film = TipFilm(alpha=1.5, length=2e-4, step=4e-6, area=1e-6, viscosity=1.0)
     needed = film.ratio(film.gap_at(FRICTION.mu_0)) * tip_load / film.area
     return replace(film, viscosity=needed / film.sliding_per_velocity)
@@ -111,19 +111,19 @@ def figure_2_26(sheet: Sheet) -> None:
     model = _make_wet_model(dry, LOAD / (FILL * ASPERITIES))
     cycles = np.linspace(0.0, 1.25, 5001)
     position, phase = STROKE * np.sin(2 * np.pi * cycles), 2 * np.pi * STROKE * np.cos(2 * np.pi * cycles)
-    shown = slice(1000, None)  # the last full cycle
+    last_cycle = slice(1000, None)  # the last full cycle
 
     def reciprocate(peak: float) -> tuple[Array, Array, Array]:
-        """Velocity, friction coefficient and share of the slipping tips that ride."""
+        """Velocity, friction coefficient and share of the slipping tips that slide on a film."""
         frequency = peak / (2 * np.pi * STROKE)
         run = model.observe(position, cycles[1] / frequency, LOAD)
         slipping = np.maximum(run.dry + run.wet, 1.0)
-        return phase[shown] * frequency, run.force[shown] / LOAD, (run.wet / slipping)[shown]
+        return phase[last_cycle] * frequency, run.force[last_cycle] / LOAD, (run.wet / slipping)[last_cycle]
 
     axes = sheet.axes(1, 3, 14, 4.5)
     velocity, low, riding = reciprocate(1e-3)
-    generic = dry.observe(position, cycles[1] * 2 * np.pi * STROKE / 1e-3, LOAD).force[shown] / LOAD
-    axes[0].plot(position[shown], low, lw=1.0)
+    generic = dry.observe(position, cycles[1] * 2 * np.pi * STROKE / 1e-3, LOAD).force[last_cycle] / LOAD
+    axes[0].plot(position[last_cycle], low, lw=1.0)
     axes[1].plot(1e3 * velocity, low, lw=1.0)
     axes[1].set_xticks([-1, 0, 1])
     label(axes[0], "x [step heights]", r"$F_f/W$ [-]", "low speed")
@@ -137,7 +137,7 @@ def figure_2_26(sheet: Sheet) -> None:
     )
     sheet.check("low speed: share of the slipping tips that ride is below 2 %", riding.mean() < 0.02, float(riding.mean()),
                 "the step stays in contact")  # fmt: skip
-    loop = float(abs(np.trapezoid(low, position[shown])))
+    loop = float(abs(np.trapezoid(low, position[last_cycle])))
     work = loop / (4 * STROKE * FRICTION.mu_0)
     sheet.check(
         "low speed: work of a cycle over that of Coulomb friction mu_0 W is 0.8 to 1.1",

@@ -36,10 +36,10 @@ def elements(sheet: Sheet) -> None:
     left.minorticks_off()
     left.legend()
     label(left, "number of elements", "rms error over rms friction [-]", "Error")
-    shown = time >= 6.0
+    window = time >= 6.0
     right.plot(
-        pre_sliding[shown] * 1e6,
-        truth.trace(pre_sliding, dt).force[shown],
+        pre_sliding[window] * 1e6,
+        truth.trace(pre_sliding, dt).force[window],
         color=REFERENCE_COLOUR,
         lw=2.5,
         alpha=0.4,
@@ -47,8 +47,8 @@ def elements(sheet: Sheet) -> None:
     )
     for n, colour in ((1, "C1"), (4, "C0"), (10, "C2")):
         right.plot(
-            pre_sliding[shown] * 1e6,
-            models[n].trace(pre_sliding, dt).force[shown],
+            pre_sliding[window] * 1e6,
+            models[n].trace(pre_sliding, dt).force[window],
             color=colour,
             lw=1.0,
             label=f"N = {n}",

@@ -29,7 +29,7 @@ def _make_model() -> GenericRayleighModel:
 
 
 def _measure_at(model: GenericRayleighModel, speed: float) -> tuple[float, float, float, float]:
-    """Friction coefficient, share of the load on films, mean film h of the riding tips, tips that touch dry."""
+    """Friction coefficient, share of the load on films, mean film h of the tips on films, number of tips in dry contact."""
     position = np.linspace(0.0, TRAVEL, SAMPLES)
     run = model.observe(position, position[1] / speed, LOAD)
     tips, gaps, film = model.dry.asperities, model.gaps(run.state), model.film

@@ -1,4 +1,4 @@
-"""Where measured data of real rigs are: beside the project, or in `$CLUTCH_HIL_DATA`. They are no part of the project."""
+"""Location of measured data of real rigs: beside the project, or in `$CLUTCH_HIL_DATA`. They are not part of the project."""
 
 import os
 from pathlib import Path

@@ -1,8 +1,8 @@
 """Ours: every friction model on a measured contact, fitted on one half of the record and judged on the other.
 
 What            a contact reciprocates 50 times over 0.23 mm under 5 N; force, load and position are measured
-Method          each model is played along the measured position from the first sample, under the measured load; parameters by
-                bounded least squares on the first 25 cycles; error on the last 25, and while the load is taken off at the end
+Method          each model is driven by the measured position from the first sample, under the measured load; parameters by
+                bounded least squares on the first 25 cycles; error on the last 25, and while the load is removed at the end
 Assumptions     the same offset of the force is free in every model, since the measured loop is not symmetric; the compliance of
                 the rig is part of the contact's. One speed, 0.2 to 0.25 mm/s: nothing is said of a Stribeck curve
 Not modelled    relaxation in the dwells, drift of the plateau
@@ -59,7 +59,7 @@ class Record:
 
     @property
     def fitted(self) -> Measured:
-        """All up to the end of the first half."""
+        """The record up to the end of the first half."""
         end = self.parts[0].stop
         return Measured(self.position[:end], STEP, self.force[:end], self.load[:end])
 
@@ -81,7 +81,7 @@ def read_record() -> Record:
 
 
 def remove_flicker(position: Array) -> Array:
-    """Remove the flicker of the last digit of `position` [m], which reverses the motion in a dwell, by a play of RESOLUTION."""
+    """Remove the flicker of the last digit of `position` [m] by a play of RESOLUTION; in a dwell it would be reversals."""
     played = position.copy()
     for i in range(1, played.size):
         played[i] = min(max(played[i - 1], position[i] - RESOLUTION), position[i] + RESOLUTION)
@@ -129,7 +129,7 @@ class Score:
 
 
 def _elements(count: int) -> tuple[dict[str, float], dict[str, tuple[float, float]]]:
-    """Start and bounds of k_i, W_i: as stiff together as the loop is steep, breaking away one after the other."""
+    """Start and bounds of k_i, W_i: their total stiffness is the slope of the loop, and they break away one after the other."""
     reach = np.linspace(5e-5, 2e-4, count)  # m
     start = {f"k_{i}": 4e4 / count for i in range(count)} | {f"W_{i}": 4e4 / count * reach[i] for i in range(count)}
     return start, {name: (1e2, 1e6) if name[0] == "k" else (1e-3, 10.0) for name in start}
@@ -206,8 +206,8 @@ def evaluate(record: Record, candidate: Candidate, start: Values) -> Score:
     """Fit `candidate` from `start` on the first half; errors on all parts of the record."""
     names = list(start)
     bounds = {**candidate.bounds, "offset": (-1.0, 1.0)}
-    found = fit(lambda p: ShiftedModel(candidate.build(p), p["offset"]), names, start, bounds, record.fitted)
-    values = {name: found[name] for name in names}
+    estimate = fit(lambda p: ShiftedModel(candidate.build(p), p["offset"]), names, start, bounds, record.fitted)
+    values = {name: estimate[name] for name in names}
     model = ShiftedModel(candidate.build(values), values["offset"])
     prediction = model.trace(record.position, STEP, record.load).force
     errors = [float(np.sqrt(np.mean((prediction - record.force)[part] ** 2))) for part in record.parts]

@@ -32,7 +32,7 @@ COLOURS = {"none": "0.6", "Coulomb": "C1", "LuGre": "C2", "GMS": "C0", "XGMS": "
 
 
 def _identify_feedforwards(run: Run, gms: IdentifiedFeedforward) -> dict[str, Feedforward]:
-    """The feedforwards from the same `run` of an axis; all with the mass that the best fit, `gms`, found."""
+    """The feedforwards identified from the same `run` of an axis; all have the mass of the best fit, `gms`."""
     mass = gms.feedforward.mass
     return {
         "none": Feedforward(mass, Frictionless()),
@@ -100,8 +100,8 @@ def figure_5_10(sheet: Sheet) -> None:
         (left, "Slow sine, load step at 4.1 s", stepped),
     ):
         for model, run in runs_shown.items():
-            shown = (run.time_s >= 3.5) & (run.time_s <= 6.5)
-            axes.plot(run.time_s[shown], run.error[shown] * MICROMETRES, color=COLOURS[model], lw=1.0)
+            window = (run.time_s >= 3.5) & (run.time_s <= 6.5)
+            axes.plot(run.time_s[window], run.error[window] * MICROMETRES, color=COLOURS[model], lw=1.0)
         label(axes, "time [s]", "tracking error [um]", name)
     _draw_bars(right, rows)
     right.tick_params(axis="x", rotation=20)
@@ -109,9 +109,9 @@ def figure_5_10(sheet: Sheet) -> None:
     position = np.sort(runs["pre-sliding"]["GMS"].true_position)
     for model in ("none", "Coulomb", "LuGre", "GMS"):
         run = runs["pre-sliding"][model]
-        shown = (run.time_s >= 4.0) & (run.time_s <= 5.0)
+        window = (run.time_s >= 4.0) & (run.time_s <= 5.0)
         bottom.plot(
-            run.reference[shown] * MICROMETRES, run.true_position[shown] * MICROMETRES, color=COLOURS[model], lw=1.2
+            run.reference[window] * MICROMETRES, run.true_position[window] * MICROMETRES, color=COLOURS[model], lw=1.2
         )
     bottom.set_ylim(MICROMETRES * position[0] - 6.0, MICROMETRES * position[-1] + 6.0)
     label(bottom, "reference [um]", "position [um]", "Pre-sliding")
@@ -146,7 +146,7 @@ def figure_5_10(sheet: Sheet) -> None:
 
 
 def _other_frictions() -> dict[str, FrictionModel]:
-    """True frictions of other families: with the static friction and curve of the axis's own."""
+    """True friction models of other families, with the static friction and Stribeck curve of the axis."""
     static = float(nominal_friction(nominal()).friction(nominal()["table.load"].si))
     curve = Stribeck(static, 0.7, 4e-3, 2.0 * static)
     return {

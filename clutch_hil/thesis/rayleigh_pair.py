@@ -1,6 +1,6 @@
 """Two Rayleigh steps back to back: friction and lift-up in reciprocating motion (section 2.3.4).
 
-Parameters as in `rayleigh_step`, of which they are ours.
+Parameters as in `rayleigh_step`; all are ours.
 """
 
 import numpy as np

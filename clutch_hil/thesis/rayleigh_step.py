@@ -1,8 +1,8 @@
 """The Rayleigh-step bearing in motion: friction lag and preload (section 2.3.4).
 
-The pictures of the thesis carry ranges but no parameters. Ours, in all entries: alpha = 1.5, the one that puts the asymptote of
-its Stribeck curves at Lambda/W = 2/(1 + alpha) = 0.8; dh/L = 1e-3, which gives the friction forces of figs 2.12 to 2.19 their
-size; quasi-static motion where no mass is named; and squeeze numbers so that the lag of the film lies within the figure.
+The figures of the thesis have ranges but no parameters. Ours, in all entries: alpha = 1.5, which puts the asymptote of the
+Stribeck curves at Lambda/W = 2/(1 + alpha) = 0.8 as in the thesis; dh/L = 1e-3, which gives the friction forces of figs 2.12 to
+2.19; quasi-static motion unless a mass is given; and squeeze numbers for which the lag of the film is within the figure.
 """
 
 from typing import Any, NamedTuple
@@ -38,7 +38,7 @@ class Loop(NamedTuple):
 
     @property
     def lag(self) -> float:
-        """Angle by which the first harmonic of the friction follows that of Lambda [deg], 0 where friction falls with speed."""
+        """Angle by which the first harmonic of the friction lags that of Lambda [deg]; 0 where friction falls with speed."""
         wave = np.exp(-2j * np.pi * np.arange(SAMPLES) / SAMPLES)
         return float(-np.angle(-(self.friction[:-1] @ wave) / (self.number[:-1] @ wave), deg=True))
 

@@ -44,10 +44,10 @@ def _fit_stribeck(velocity: Array, force: Array) -> tuple[Stribeck, float]:
         return float(np.sqrt(np.mean((curve(logarithms)(velocity) - force) ** 2)))
 
     # start: from the highest force falling to the lowest by a tenth of the first velocities, and the power of the tail
-    found = np.log([force.max(), 0.1, velocity[0], 0.1, LIMIT_POWER])
+    theta = np.log([force.max(), 0.1, velocity[0], 0.1, LIMIT_POWER])
     for _ in range(3):  # restarted simplex, so that it does not end where it has collapsed
-        found = minimize(rmse, found, method="Nelder-Mead", options={"maxiter": 1500, "xatol": 1e-6, "fatol": 1e-9}).x
-    return curve(found), rmse(found)
+        theta = minimize(rmse, theta, method="Nelder-Mead", options={"maxiter": 1500, "xatol": 1e-6, "fatol": 1e-9}).x
+    return curve(theta), rmse(theta)
 
 
 def _fit_tail_power(sliding: Array, force: Array) -> float:

@@ -64,8 +64,8 @@ class Result:
 def reproduce(name: str, progress: Progress = lambda done, total: None) -> Result:
     """Check a result of the thesis by running it; `name` as of `clutch-hil reproduce`: figure-6.12, fig 6.12, table-6.1, 6.12.
 
-    The result's `holds` and `verdict` tell whether the claim holds, `sheet.checks` what was measured, `sheet.figure` is the
-    picture, a matplotlib Figure; nothing is written. `progress(done, total)` is called by long work. Raises InputError.
+    In the result `holds` and `verdict` say whether the claim holds, `sheet.checks` has the measured values, and `sheet.figure`
+    is the picture, a matplotlib Figure. No file is written. Long work calls `progress(done, total)`. Raises InputError.
     """
     return _fill(entry(name), progress)
 
@@ -93,7 +93,7 @@ def format_checks(result: Result) -> str:
 
 
 def run_every(out: Path, progress: Progress) -> tuple[list[Result], dict[str, str]]:
-    """Run every reproduction and write its picture; results, and by name why an entry was skipped: data missing or bad."""
+    """Run every reproduction and write its picture. Returns the results, and by name why entries were skipped (data)."""
     known = entries()
     results, skipped = [], {}
     for i, one in enumerate(known.values()):

@@ -1,7 +1,7 @@
 """Stribeck curves fitted to points: figures 5.5 and 5.6, and how well Nelder-Mead and bounded least squares do it.
 
-The points of figures 5.5 and 5.6 are in pictures of other authors' papers, not in the text of the thesis. Ours are drawn, with
-scatter, from shapes other than eq 4.1, within the axes of those figures: what is tested is that eq 4.1 can take them all.
+The points of figures 5.5 and 5.6 are in pictures of other authors' papers, not in the text of the thesis. Ours are random
+points on shapes other than eq 4.1, within the axes of those figures. Tested is whether eq 4.1 can fit all these shapes.
 """
 
 from collections.abc import Callable
@@ -40,7 +40,7 @@ class Data:
         )
 
     def off(self, fitted: Array) -> float:
-        """Distance of the curve of eq 4.1 with the parameters `fitted` from the shape, RMS by the range of the shape."""
+        """Distance of the curve of eq 4.1 with the parameters `fitted` from the shape, RMS over the range of the shape."""
         fine = np.linspace(self.v.min(), self.v.max(), 500)
         shape = self.shape(fine, *self.values)
         return float(np.sqrt(np.mean((DEPTH.evaluate(fine, *fitted) - shape) ** 2)) / np.ptp(shape))
@@ -146,12 +146,12 @@ def stribeck_fit(sheet: Sheet) -> None:
     v, scatter = np.linspace(0.5, 50.0, POINTS), 0.003
     clean = Stribeck.from_depth(*truth.values())(v)
     inside, counts, apart, above = [], [], [], []
-    found = []
+    estimates = []
     for seed in range(DRAWS):
         y = clean + np.random.default_rng(seed).normal(0.0, scatter, v.size)
         bounded = least_squares(DEPTH, v, y)
         inside.append(bounded.contains(truth))
-        found.append(bounded.values)
+        estimates.append(bounded.values)
         if seed < DRAWS // 10:
             simplex = nelder_mead(DEPTH, v, y)
             counts.append((simplex.evaluations, bounded.evaluations))
@@ -171,7 +171,7 @@ def stribeck_fit(sheet: Sheet) -> None:
     left.plot(v, clean, color=REFERENCE_COLOUR, lw=1, label="truth")
     label(left, "v [mm/s]", "µ [-]", f"{POINTS} points, scatter {scatter:g}")
     left.legend(loc="upper right", fontsize=8, frameon=False)
-    spread = np.array(found) / np.array(list(truth.values()))
+    spread = np.array(estimates) / np.array(list(truth.values()))
     right.plot(spread[:, 3], spread[:, 4], ".", ms=4, color="tab:blue")
     right.plot(1.0, 1.0, "+", ms=12, color=REFERENCE_COLOUR)
     label(

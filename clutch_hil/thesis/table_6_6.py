@@ -1,7 +1,7 @@
 """Table 6.6 of Janssens 2010: how well feedforward, XGMS feedback and both follow a trajectory to 10 Nm.
 
-The plant differs from the controller's model in the ways the thesis names. It gives no sizes for them; ours stand for a
-model that has been identified on the rig, and are stated in DIFFERENCES and printed with the result.
+The plant differs from the controller's model in the ways that the thesis names. The thesis gives no sizes of the differences.
+Ours are those of a model identified on the rig; they are listed in DIFFERENCES and printed with the result.
 """
 
 import numpy as np
@@ -59,7 +59,7 @@ def run_trajectory(profile: Profile, law: str, adaptation: bool, seed: int) -> P
 
 
 def run_step(law: str, adaptation: bool, seed: int) -> tuple[float, float]:
-    """A step of the demand to LEVEL: time [s] until the true torque has 90 % of it, NaN where never; overshoot [Nm]."""
+    """A step of the demand to LEVEL: time [s] until the true torque is 90 % of it, NaN if never; overshoot [Nm]."""
     played = run_trajectory(STEP_PROFILE, law, adaptation, seed)
     after = (played["time_s"] > BEGIN) & (played["time_s"] < 4.0)
     time, torque = played["time_s"][after] - BEGIN, played["truth_clutch_torque_nm"][after]
@@ -79,12 +79,12 @@ def table_6_6(sheet: Sheet) -> None:
     cases = {"feedforward": ("feedforward", False), "feedback": ("feedback", False), "both": ("both", False)}
     cases["both + adaptation"] = ("both", True)
     measured: dict[str, np.ndarray] = {}
-    shown: dict[str, Played] = {}
+    examples: dict[str, Played] = {}
     for i, (name, (law, adaptation)) in enumerate(cases.items()):
         results = []
         for seed in range(SEEDS):
             played = run_trajectory(profile, law, adaptation, seed)
-            shown.setdefault(name, played)
+            examples.setdefault(name, played)
             results.append((*played.following(BEGIN, END), *run_step(law, adaptation, seed)))
             sheet.progress(i * SEEDS + seed + 1, len(cases) * SEEDS)
         measured[name] = np.array(results)
@@ -124,7 +124,7 @@ def table_6_6(sheet: Sheet) -> None:
     )
     for text in DIFFERENCES:
         sheet.note(f"plant differs: {text}")
-    _draw(sheet, shown, {name: run_trajectory(STEP_PROFILE, *case, seed=0) for name, case in cases.items()})
+    _draw(sheet, examples, {name: run_trajectory(STEP_PROFILE, *case, seed=0) for name, case in cases.items()})
 
 
 def _check_falls(sheet: Sheet, statement: str, means: dict[str, float], names: tuple[str, ...], thesis: str) -> None:
@@ -144,9 +144,9 @@ def _record_results(sheet: Sheet, name: str, values: np.ndarray) -> None:
     } | {"not_reached": int(np.isnan(values).any(axis=1).sum())}
 
 
-def _draw(sheet: Sheet, shown: dict[str, Played], steps: dict[str, Played]) -> None:
+def _draw(sheet: Sheet, examples: dict[str, Played], steps: dict[str, Played]) -> None:
     grid = sheet.axes(2, 2, width=13, height=6.0, sharex="col", sharey="row", height_ratios=(2, 1), width_ratios=(2, 1))
-    for (torque, error), runs, end in zip(grid.T, (shown, steps), (END, BEGIN + 1.0), strict=True):
+    for (torque, error), runs, end in zip(grid.T, (examples, steps), (END, BEGIN + 1.0), strict=True):
         for name, played in runs.items():
             time, demand = played["time_s"], played["controller_torque_demand_nm"]
             part = (time > BEGIN - 0.1) & (time < end)

@@ -114,7 +114,7 @@ def _make_without_creep(load: float) -> Tribometer:
           " within the noise, in oil within half of what a contact with local memory would miss",
 )  # fmt: skip
 def figure_4_3(sheet: Sheet) -> None:
-    """The input of figure 4.2 and what it gives."""
+    """The input of figure 4.2 and the measured torque."""
     axes = sheet.axes(1, 3, width=14, height=4.4)
     time = np.linspace(0.0, 4.0, 801)
     axes[0].plot(time, 1e4 * saw_tooth(SAW_TOOTH, SAW_SPEED, time), lw=1.2)
@@ -169,32 +169,32 @@ def _make_with_local_memory(condition: str, load: float, scale: float) -> Motion
 
 
 def _measure_closure(motion: Motion) -> Array:
-    """Torque [Nm] (2,) on the return to the begin of each inner loop less that when it began."""
-    times, angle, found = corner_times(SAW_TOOTH, SAW_SPEED), motion.record.angle_rad, []
+    """Torque [Nm] (2,) on the return to the start of each inner loop, less the torque at its start."""
+    times, angle, differences = corner_times(SAW_TOOTH, SAW_SPEED), motion.record.angle_rad, []
     for first, second in (INNER_CORNERS[:2], INNER_CORNERS[2:]):
         side = np.sign(SAW_TOOTH[first] - SAW_TOOTH[second])
         near = np.flatnonzero(np.abs(motion.time - times[first]) < 0.02)
         begin = near[np.argmax(side * angle[near])]
         later = np.flatnonzero((motion.time > times[second]) & (side * angle >= side * angle[begin]))[0]
-        found.append(motion.torque[later] - motion.torque[begin])
-    return np.array(found)
+        differences.append(motion.torque[later] - motion.torque[begin])
+    return np.array(differences)
 
 
 def _branch_difference(motion: Motion, plain: Motion) -> Array:
     """Rms difference [Nm] (2,) of the falling and the rising branch, beyond the inner loop, from that without one."""
-    times, others, found = corner_times(SAW_TOOTH, SAW_SPEED), corner_times(PLAIN_SAW_TOOTH, SAW_SPEED), []
+    times, others, differences = corner_times(SAW_TOOTH, SAW_SPEED), corner_times(PLAIN_SAW_TOOTH, SAW_SPEED), []
     for (first, second), outer in ((INNER_CORNERS[:2], 1), (INNER_CORNERS[2:], 2)):
         side = np.sign(SAW_TOOTH[first] - SAW_TOOTH[second])
         part = (motion.time > times[second]) & (motion.time < times[second + 1])
         whole = (plain.time > others[outer]) & (plain.time < others[outer + 1])
         angle, torque = side * motion.record.angle_rad[part], motion.torque[part]
-        begun = side * motion.record.angle_rad[np.abs(motion.time - times[first]) < 0.02]
-        beyond = (angle > begun.max()) & (angle < 0.95 * angle.max())
+        start_angles = side * motion.record.angle_rad[np.abs(motion.time - times[first]) < 0.02]
+        beyond = (angle > start_angles.max()) & (angle < 0.95 * angle.max())
         alone = side * plain.record.angle_rad[whole]
         order = np.argsort(alone)
         branch = np.interp(angle, alone[order], plain.torque[whole][order])
-        found.append(float(np.sqrt(np.mean((torque - branch)[beyond] ** 2))))
-    return np.array(found)
+        differences.append(float(np.sqrt(np.mean((torque - branch)[beyond] ** 2))))
+    return np.array(differences)
 
 
 @reproduces(
@@ -264,13 +264,13 @@ def figure_4_7(sheet: Sheet) -> None:
     axes = sheet.axes(5, 3, width=13, height=8, sharex="col")
     values = CONTACTS.parameters.si("stick_slip")
     coupling = Coupling(values["stiffness"], values["damping"])
-    found: dict[float, list[bool]] = {}
+    stick: dict[float, list[bool]] = {}
     for column, load in enumerate((75.0, 87.0)):
         rig = CONTACTS.dry(load)
-        found[load] = []
+        stick[load] = []
         for row, speed in enumerate(SLIP_SPEEDS):
             motion = stick_slip(rig, load, speed, coupling, 10.0)
-            found[load].append(has_stick_slip(motion, speed))
+            stick[load].append(has_stick_slip(motion, speed))
             axes[row, column].plot(motion.time, motion.torque, lw=0.7)
             axes[row, column].set_ylim((0.9, 1.6) if load == 75.0 else (1.0, 1.8))
             axes[row, column].set_ylabel(rf"$\omega_{row + 1}$ = {1e3 * speed:g}", fontsize=9)
@@ -283,7 +283,7 @@ def figure_4_7(sheet: Sheet) -> None:
         panel.remove()
     right = sheet.figure.add_subplot(grid[:, 2])
     right.plot(loads, 1e3 * np.array(critical), "o-", label="critical speed")
-    for load, sticking in found.items():
+    for load, sticking in stick.items():
         for speed, stuck in zip(SLIP_SPEEDS, sticking, strict=True):
             right.plot(load, 1e3 * speed, "s" if stuck else "x", color=REFERENCE_COLOUR, ms=5, mfc="none")
     right.grid(alpha=0.3)
@@ -291,15 +291,15 @@ def figure_4_7(sheet: Sheet) -> None:
     label(right, "normal load [N]", "driven speed [mrad/s]", "squares: stick-slip, crosses: none")
     right.legend(frameon=False, loc="lower right")
     sheet.check(
-        "75 N: stick-slip at the four lowest speeds, none at 20 mrad/s", found[75.0] == [True] * 4 + [False], found[75.0],
+        "75 N: stick-slip at the four lowest speeds, none at 20 mrad/s", stick[75.0] == [True] * 4 + [False], stick[75.0],
         "apparently above the critical velocity at the highest",
     )  # fmt: skip
-    sheet.check("87 N: stick-slip at all five speeds", all(found[87.0]), found[87.0], "still occurs")
+    sheet.check("87 N: stick-slip at all five speeds", all(stick[87.0]), stick[87.0], "still occurs")
     sheet.check(
         "critical speed grows with every load, 65 to 140 N [mrad/s]", bool(np.all(np.diff(critical) > 0.0)),
         1e3 * np.array(critical), "the higher the load, the higher the critical velocity",
     )  # fmt: skip
-    wet = stick_slip_map(CONTACTS.lubricated, list(found), SLIP_SPEEDS, coupling)
+    wet = stick_slip_map(CONTACTS.lubricated, list(stick), SLIP_SPEEDS, coupling)
     sheet.check(
         "no stick-slip at any of these loads and speeds in oil", not wet.any(), int(wet.sum()), "will not occur"
     )

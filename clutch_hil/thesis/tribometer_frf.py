@@ -62,27 +62,27 @@ def _draw_preloads(sheet: Sheet, amplitude: float) -> None:
             _draw(axes[:, column], pair[column].frequency, pair[column].response, f"{load:g} N", shade)
         axes[0, column].axvline(170.0, color=REFERENCE_COLOUR, ls="--", lw=0.8)
         _finish_panel(sheet, axes[:, column], f"{torque} as input, A = {amplitude:g} V; dashed: 170 Hz")
-    found = [one[0] for one in both]
-    peaks = [resonance(one.frequency, one.response) for one in found]
+    responses = [one[0] for one in both]
+    peaks = [resonance(one.frequency, one.response) for one in responses]
     sheet.check(
         "first resonance at 840 and 1120 N within 10 % of 170 Hz [Hz]",
         all(abs(peak / 170.0 - 1.0) < 0.1 for peak in peaks[3:5]), measured=peaks[3:5], thesis="around 170 Hz",
     )  # fmt: skip
-    slopes = [slope(one.frequency, one.response) for one in found]
+    slopes = [slope(one.frequency, one.response) for one in responses]
     sheet.check(
         "slope from 5 to 60 Hz at 840 N and more within 10 dB/decade of 0 [dB/decade]",
         max(map(abs, slopes[3:])) < 10.0, measured=slopes[3:], thesis="relatively linear at high loads: 0",
     )  # fmt: skip
     softer = [
         level(one.frequency, one.response) - level(one.frequency, mass_spring(one.frequency, load))
-        for one, load in zip(found, LOADS, strict=True)
+        for one, load in zip(responses, LOADS, strict=True)
     ]
     sheet.check(
         "level from 5 to 60 Hz above that of the linear structure falls with every preload, to less than 3 dB at 1400 N [dB]",
         bool(np.all(np.diff(softer) < 0.0)) and softer[-1] < 3.0, measured=softer,
         thesis="relatively linear at high normal loads, non-linear at the own weight",
     )  # fmt: skip
-    ratios = [_median_distortion(one) for one in found]
+    ratios = [_median_distortion(one) for one in responses]
     sheet.note(
         "non-linear distortion over response, median 5 to 60 Hz, 58 to 1400 N: "
         + ", ".join(f"{ratio:.0f}" for ratio in ratios)
@@ -95,10 +95,10 @@ def _draw_preloads(sheet: Sheet, amplitude: float) -> None:
     )
 
 
-def _median_distortion(found: FrequencyResponse) -> float:
+def _median_distortion(frf: FrequencyResponse) -> float:
     """Non-linear distortion of one realisation over the response [dB], median of 5 to 60 Hz."""
-    inside = is_in_band(found.frequency)
-    return float(decibel(np.array([np.median(found.distortion[inside] / np.abs(found.response[inside])), 1e-15]).max()))
+    inside = is_in_band(frf.frequency)
+    return float(decibel(np.array([np.median(frf.distortion[inside] / np.abs(frf.response[inside])), 1e-15]).max()))
 
 
 def _check_steeper(sheet: Sheet, smaller: float, amplitude: float) -> None:
@@ -171,8 +171,8 @@ def figure_3_11(sheet: Sheet) -> None:
     both = [identify_response(OWN_WEIGHT, amplitude) for amplitude in amplitudes]
     frequency = both[0][0].frequency
     for column in (0, 1):
-        for shade, amplitude, found in zip(np.linspace(0.0, 1.0, 7), amplitudes, both, strict=True):
-            _draw(axes[:, column], frequency, found[column].response, f"A = {amplitude:g} V", shade)
+        for shade, amplitude, pair in zip(np.linspace(0.0, 1.0, 7), amplitudes, both, strict=True):
+            _draw(axes[:, column], frequency, pair[column].response, f"A = {amplitude:g} V", shade)
     _draw_bounds(sheet, axes[0, 0], [one[0].response for one in both], frequency)
     for column, torque in enumerate(TORQUES):
         _finish_panel(sheet, axes[:, column], f"{torque} as input, own weight (58 N)")
@@ -203,12 +203,12 @@ def figure_3_12(sheet: Sheet) -> None:
     """Own weight, six amplitudes, one frequency after the other."""
     axes = sheet.axes(2, 1, width=9, height=7, sharex=True, height_ratios=(2, 1))
     frequency = measure_sines(AMPLITUDES[0])[0]
-    found = [measure_sines(amplitude)[1] for amplitude in AMPLITUDES]
-    for shade, amplitude, values in zip(np.linspace(0.0, 0.9, 6), AMPLITUDES, found, strict=True):
+    responses = [measure_sines(amplitude)[1] for amplitude in AMPLITUDES]
+    for shade, amplitude, values in zip(np.linspace(0.0, 0.9, 6), AMPLITUDES, responses, strict=True):
         _draw(axes, frequency, values, f"A = {amplitude:g} V", shade, ".-")
-    _draw_bounds(sheet, axes[0], found, frequency)
+    _draw_bounds(sheet, axes[0], responses, frequency)
     _finish_panel(sheet, axes, "motor torque as input, own weight (58 N)")
-    slopes = [slope(frequency, values) for values in found]
+    slopes = [slope(frequency, values) for values in responses]
     sheet.check(
         "slope at the smallest amplitude above -10, at the largest below -35 dB/decade [dB/decade]",
         slopes[0] > -10.0 and slopes[-1] < -35.0, measured=slopes, thesis="from 0 to -40",

@@ -1,4 +1,4 @@
-"""What the figures of the tangential responses share: the dry contact, the responses of the thesis's loads, and measures."""
+"""Shared by the figures of the tangential responses: the dry contact, the responses at the loads of the thesis, measures."""
 
 from functools import cache
 from math import pi

@@ -140,8 +140,8 @@ def figure_4_11(sheet: Sheet) -> None:
     columns = np.stack(
         [step[settled] == k for k in range(levels.size)] + [np.sin(theta[settled]), np.cos(theta[settled])], axis=1
     )
-    found = np.linalg.lstsq(columns.astype(float), gap[settled], rcond=None)[0]
-    lift, shape = found[: levels.size], 2.0 * float(np.hypot(*found[-2:]))
+    solution = np.linalg.lstsq(columns.astype(float), gap[settled], rcond=None)[0]
+    lift, shape = solution[: levels.size], 2.0 * float(np.hypot(*solution[-2:]))
     axes[0].plot(theta[::10], gap[::10], lw=0.6)
     label(axes[0], r"$\theta$ [rad]", "normal rel. displacement [um]", "from rest; up is lift-up")
     half = len(STAIR_SPEEDS)

@@ -58,10 +58,10 @@ def figure_3_6(sheet: Sheet) -> None:
     stiffness = (2e5, float(rig.contact_stiffness(280.0)))
     damping = tuple(k * rig.parameters["normal.contact_time"].si for k in stiffness)
     a, _ = bare[0].state_space(stiffness[0], damping[0])
-    kept = [0, 1, 3, 4]  # the motor angle is the input: two masses
-    torque = response(a[np.ix_(kept, kept)], a[kept, 2], np.array([-bare[0].table_stiffness, 0.0, 0.0, 0.0]), frequency)
+    free = [0, 1, 3, 4]  # the motor angle is the input: two masses
+    torque = response(a[np.ix_(free, free)], a[free, 2], np.array([-bare[0].table_stiffness, 0.0, 0.0, 0.0]), frequency)
     a, b = bare[1].state_space(stiffness[1], damping[1])
-    shown = [
+    cases = [
         (
             r"$|T/\theta_3|$ [dB rel. 1 Nm/rad]", "tangential", torque,
             bare[0].transmitted_torque(s, stiffness[0], damping[0]), printed_transmitted(bare[0], s, stiffness[0], damping[0]),
@@ -71,7 +71,7 @@ def figure_3_6(sheet: Sheet) -> None:
             bare[1].deflection(s, stiffness[1], damping[1]), printed_deflection(bare[1], s, stiffness[1], damping[1]),
         ),
     ]  # fmt: skip
-    for axes, (axis, name, exact, formula, printed) in zip(sheet.axes(1, 2, width=11), shown, strict=True):
+    for axes, (axis, name, exact, formula, printed) in zip(sheet.axes(1, 2, width=11), cases, strict=True):
         axes.semilogx(
             frequency, 20 * np.log10(np.abs(exact)), color=REFERENCE_COLOUR, lw=3, alpha=0.35, label="system equations"
         )
@@ -101,15 +101,15 @@ def figure_3_10(sheet: Sheet) -> None:
     axes = sheet.axes(2, 2, width=12, height=7, sharex="col", height_ratios=(2, 1), width_ratios=(3, 2))
     peaks = []
     for shade, load in zip(np.linspace(0.0, 0.9, len(PRELOADS)), PRELOADS, strict=True):
-        found, colour = (
+        transfer, colour = (
             normal_response(Tribometer(FRICTION), load, Multisine(np.arange(1, 251), LINE, SAMPLES), DT, periods=3),
             (shade, 0.25 + 0.35 * shade, 0.75 - 0.65 * shade),
         )
-        decibel = 20.0 * np.log10(1e6 * np.abs(found.response))
+        decibel = 20.0 * np.log10(1e6 * np.abs(transfer.response))
         for upper, lower in axes.T:
-            upper.plot(found.frequency, decibel, color=colour, lw=1.0, label=f"{load:g} N")
-            lower.plot(found.frequency, np.degrees(np.unwrap(np.angle(found.response))), color=colour, lw=1.0)
-        peaks.append(found.frequency[find_peaks(decibel, prominence=3.0)[0]])
+            upper.plot(transfer.frequency, decibel, color=colour, lw=1.0, label=f"{load:g} N")
+            lower.plot(transfer.frequency, np.degrees(np.unwrap(np.angle(transfer.response))), color=colour, lw=1.0)
+        peaks.append(transfer.frequency[find_peaks(decibel, prominence=3.0)[0]])
     axes[0, 0].set_xscale("log")
     axes[0, 1].set_xlim(160.0, 320.0)
     axes[0, 1].set_ylim(-20.0, 10.0)

@@ -109,8 +109,8 @@ def figure_4_14(sheet: Sheet) -> None:
     runs = [stribeck(RIGS.lubricated(load), load, (FASTEST_SPEED,)) for load in LOADS]
     load = np.array([float(run.load[0]) for run in runs])
     mu = np.array([float(run.coefficient(MEAN_RADIUS)[0]) for run in runs])
-    found = least_squares(LOAD, load[::2], (mu * load)[::2])
-    law = LoadLaw(*(found[name] for name in LOAD.names))
+    estimate = least_squares(LOAD, load[::2], (mu * load)[::2])
+    law = LoadLaw(*(estimate[name] for name in LOAD.names))
     fine = np.linspace(45.0, 1150.0, 300)
     left.plot(fine, law(fine) / fine, color=REFERENCE_COLOUR, lw=1.0, label="fit of eq 4.2")
     left.plot(load[::2], mu[::2], "o", label="fitted")
@@ -142,7 +142,7 @@ def figure_4_14(sheet: Sheet) -> None:
     sheet.check(
         "torque rises from each speed to the next at the three loads", min(slopes) > 0.0, slopes, "positive damping"
     )
-    values = (found["coefficient"], found["a_2"], found["load_scale"])
+    values = (estimate["coefficient"], estimate["a_2"], estimate["load_scale"])
     sheet.note(
         "fitted: mu_max = {:.3f}, a_2 = {:.2f}, L = {:.0f} N. The thesis does not say at which speed the coefficient"
         " was taken. Its values at 50 and 1100 N were put in, with L = 100 N for the load that the lift-up leaves on"
@@ -207,8 +207,8 @@ def figure_4_15(sheet: Sheet) -> None:
 
 
 def _fit_loads(curve: Steady) -> Stribeck:
-    found = least_squares(DEPTH, curve.speed, curve.torque, frozen=FROZEN_VALUES)
-    return Stribeck.from_depth(*(found[name] for name in DEPTH.names))
+    estimate = least_squares(DEPTH, curve.speed, curve.torque, frozen=FROZEN_VALUES)
+    return Stribeck.from_depth(*(estimate[name] for name in DEPTH.names))
 
 
 @reproduces(
@@ -228,10 +228,10 @@ def figure_4_16(sheet: Sheet) -> None:
     static, errors = [], []
     fine = np.linspace(0.5, 26.0, 200)
     for i, run in enumerate(runs):
-        found = least_squares(DEPTH, run.slip, run.torque, frozen=FROZEN_VALUES)
-        curve = Stribeck.from_depth(*(found[name] for name in DEPTH.names))
+        estimate = least_squares(DEPTH, run.slip, run.torque, frozen=FROZEN_VALUES)
+        curve = Stribeck.from_depth(*(estimate[name] for name in DEPTH.names))
         static.append(curve.static_force)
-        errors.append(found.rmse / float(run.torque.mean()))
+        errors.append(estimate.rmse / float(run.torque.mean()))
         right.plot(fine, curve(fine), color=REFERENCE_COLOUR, lw=0.8)
         right.plot(run.slip, run.torque, "o", ms=3, color=f"C{i}")
     label(right, r"$\omega$ [rad/s]", "torque [Nm]", "points and fits with gamma = 1/3, v_s = 11.52 rad/s")

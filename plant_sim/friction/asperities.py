@@ -1,4 +1,4 @@
-"""What the Generic model is made of: asperities with drawn properties, and their stick-time-dependent friction coefficient.
+"""Asperities of the Generic model with random properties, and their stick-time-dependent friction coefficient.
 
 Equation        mu(t) = mu_0 + (mu_inf - mu_0) (1 - exp(-t/tau_t))                                        (2.2)
                 k_n = (2 - nu)/(2 (1 - nu)) k_t                                                           (2.1)
@@ -49,7 +49,7 @@ class Asperities:
     height: Array
     stiffness: Array
     mass: Array | float = 0.0
-    poisson: float = 0.3  # ours: the thesis gives no material; that of steel
+    poisson: float = 0.3  # of steel; ours: the thesis gives no material
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "position", elements("asperity position", self.position, above=-np.inf))

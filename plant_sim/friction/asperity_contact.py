@@ -3,7 +3,7 @@
 What            the jitted parts of the Generic model (`generic.py`), each usable alone; the Generic-Rayleigh model puts
                 lubricated slip between them
 Functions       friction_coefficient    mu after a time in stick
-                search_contacts         1. tips move, contacts are lost and found
+                search_contacts         1. tips move, contacts end and begin
                 balanced_separation     2. separation z_b at which the asperities bear the load
                 adhesive_contact        3. stick and slip of one asperity in contact (scalars in and out)
                 hold_and_slide          3. the same for all asperities; returns the tangential force
@@ -14,8 +14,8 @@ Equation        F_t += k_t dx in stick, |F_t| <= mu(t) k_n zeta                 
                 F_m = m v^2 / (2 (1 + alpha) w)                                                          (2.9)
 Assumptions     the tip carries the contact: in stick it rests while its spring extends, and contact is lost when the *tip*
                 has crossed the step (fig 2.2). It then springs back to the undeflected position at once, all energy lost;
-                when that is over the next step already, contact begins there.
-                In slip t = 0, so the force drops to mu_0 W_i: only so can fig 2.8 overshoot.
+                if that is already over the next step, contact begins there.
+                In slip t = 0, so the force drops to mu_0 W_i: without that drop fig 2.8 would not overshoot.
                 A tip slides back when unloading takes its limit below its force; when loading takes the limit above it, the
                 force rises with the spring only, k_t dx. Slip becomes stick at reversal or standstill of the body alone.
                 F_m acts over the whole pitch on each asperity that reaches the steps (zeta_i > 0), so that each passage
@@ -124,8 +124,8 @@ def adhesive_contact(force, stick_time, mode, travelled, displacement, dt, stiff
     trial = force + stiffness * travelled  # 2.3
     if mode * displacement > 0.0 and mode != FREE:  # slips on; when the load rises the spring must follow first
         return mode * min(mode * trial, mu_0 * normal_force), 0.0, mode  # 2.7
-    held = dt if displacement == 0.0 else dt * travelled / displacement
-    time = stick_time + held  # at reversal or standstill slip becomes stick, from 0 on
+    stick_duration = dt if displacement == 0.0 else dt * travelled / displacement
+    time = stick_time + stick_duration  # at reversal or standstill slip becomes stick, from 0 on
     if abs(trial) > mu_0 * normal_force and abs(trial) > normal_force * friction_coefficient(time, mu_0, mu_inf, tau):
         slip = SLIP_UP if trial > 0.0 else SLIP_DOWN
         return slip * mu_0 * normal_force, 0.0, slip  # 2.7

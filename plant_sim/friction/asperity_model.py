@@ -1,4 +1,4 @@
-"""What the models of many asperities share: a limit of the displacement of one sample, and sums over the asperities."""
+"""Base class of the models of many asperities: a limit of the displacement of one sample, and sums over the asperities."""
 
 from abc import abstractmethod
 from typing import Any
@@ -15,7 +15,7 @@ OBSERVE_SIGNATURE = types.void(kernel.LAW, _V, _V, _V, types.float64, _V, _SUMS)
 
 
 class AsperityModel(FrictionModel):
-    """A friction model of asperities, divided into parts where a sample is long: with a limit, and with sums of its state."""
+    """A friction model of asperities that limits the displacement of one sample and gives sums over its state."""
 
     @property
     @abstractmethod
@@ -38,7 +38,7 @@ class AsperityModel(FrictionModel):
     def play(
         self, observe: Any, position: Array, dt: float, load: Array | float, state: Array | None
     ) -> tuple[Array, Array]:
-        """What the jitted `observe` (type OBSERVE) sums over the asperities, (5, n), and the last state.
+        """The sums over the asperities by the jitted `observe` (OBSERVE_SIGNATURE), (5, n), and the last state.
 
         The other arguments, and the force of the first sample, as in `trace`. Raises InputError.
         """
@@ -46,10 +46,10 @@ class AsperityModel(FrictionModel):
         require("time step", dt, above=0.0, unit="s")
         self._refuse_jumps(position)
         last, sums = self.start(state, float(loads[0])), np.empty((5, position.size))
-        held = self.law(self.parameters, last, 0.0, float(dt), loads[0], np.empty_like(last))
+        first_force = self.law(self.parameters, last, 0.0, float(dt), loads[0], np.empty_like(last))
         observe(self.law, self.parameters, last, position, float(dt), loads, sums)
         if state is not None:
-            sums[0, 0] = held
+            sums[0, 0] = first_force
         return sums, last
 
     def _refuse_jumps(self, position: Array) -> None:

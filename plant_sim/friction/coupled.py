@@ -3,10 +3,10 @@
 What            any law in any structure that is linear over a step, with friction taken at the end of the step
 Equation        A u + F(u) = B;  for a mass with damping c and a spring k to ground:
                 A = m/dt^2 + c/dt + k,  B = m v/dt + F_ext - k x
-Assumptions     backward Euler for the mass: no energy is made, of first order in dt
+Assumptions     backward Euler for the mass: creates no energy; first order in dt
 Valid range     A larger than the steepest fall of F with u (by the Stribeck curve: |ds/dv|/dt; with a bristle damper sigma_1:
                 sigma_1/dt); then there is one root
-Not modelled    anything of second order in dt
+Not modelled    terms of second order in dt
 References      semi-implicit step with friction at end-of-step velocity, as MuJoCo issue 3443 and Newton PR 3855 do
 """
 
@@ -34,8 +34,9 @@ PRECISION = 4e-15  # relative to the forces of the balance: a few units in the l
 def balance(law, parameters, state, stiffness, drive, dt, load, new_state):
     """Displacement u [m] and friction [N] that solve stiffness u + F(u) = drive from `state`; writes `new_state`.
 
-    `stiffness` A [N/m] above 0, `drive` B [N]. A contact that can hold the drive at rest stays there and takes it, whatever
-    force is in its state: a law that jumps at velocity 0 (Coulomb; GMS in a step in which slip ends) may hold more or less.
+    `stiffness` A [N/m] above 0, `drive` B [N]. A contact that can hold the drive at rest stays at rest, and its friction is the
+    drive, whatever force its state holds. The two differ for a law that jumps at velocity 0 (Coulomb; GMS in a step in which
+    slip ends).
     """
     forward = law(parameters, state, PROBE_DISPLACEMENT, dt, load, new_state)
     backward = law(parameters, state, -PROBE_DISPLACEMENT, dt, load, new_state)
@@ -46,13 +47,13 @@ def balance(law, parameters, state, stiffness, drive, dt, load, new_state):
     near_rest = (forward if drive > forward else backward) - drive
     far = -near_rest / stiffness
     far_rest = stiffness * far + law(parameters, state, far, dt, load, new_state) - drive
-    while far_rest * near_rest > 0.0:  # friction fell: further
+    while far_rest * near_rest > 0.0:  # friction has fallen with u: the root is further away
         near, near_rest = far, far_rest
         far *= 2.0
         far_rest = stiffness * far + law(parameters, state, far, dt, load, new_state) - drive
     for _ in range(MOST_ITERATIONS):  # regula falsi with the Illinois weight
         u = far - far_rest * (far - near) / (far_rest - near_rest)
-        if not min(near, far) <= u <= max(near, far):  # the last digits of tiny forces
+        if not min(near, far) <= u <= max(near, far):  # rounding of tiny forces
             u = 0.5 * (near + far)
         force = law(parameters, state, u, dt, load, new_state)
         rest = stiffness * u + force - drive

@@ -5,11 +5,11 @@ What            N asperities with drawn positions, heights and stiffness; each a
 Equation        F = sum F_t,i + sum F_m,i;  k_n = (2 - nu)/(2 (1 - nu)) k_t                               (2.1, 2.9)
                 quasi-static:   sum k_n,i zeta_i = W, solved exactly (piecewise linear and monotone in z_b)
                 dynamic:        M z_b'' + C z_b' = sum k_n,i zeta_i - W, backward Euler, solved exactly
-                fixed:          z_b is given; so was the original model (sec. 2.2.5)
+                fixed:          z_b is given, as in the original model (sec. 2.2.5)
 Assumptions     those of `asperity_contact.py`; asperities do not touch each other; masses act tangentially only
-Valid range     any dt, up to 1e5 times the narrowest step or recess in one sample (on a flat surface 1e9): a sample longer
-                than the narrowest one is divided, so that no asperity passes a contact unseen (its cost grows with the
-                distance, its state does not depend on the division except for the order dt of the load balance).
+Valid range     any dt; displacement of one sample up to 1e5 times the narrowest step or recess (1e9 on a flat surface).
+                A sample longer than the narrowest one is divided, so that no asperity passes a contact unnoticed. The cost
+                grows with the distance; the division changes the state only by the order dt of the load balance.
                 Backward Euler damps vibration of z_b: omega dt/2 is added to its damping ratio
 Not modelled    plasticity, floor of the recesses, vibration of a free tip (its energy is lost at once), wear
 References      Janssens 2010, sec. 2.2, appendices A and B
@@ -38,8 +38,8 @@ from plant_sim.friction.model import Array, real, require, require_type
 HEADER_SIZE = 9
 # in `steady_state`; ours: 200 change the mean force of the model of figure 2.5 by less than 0.02 %
 SAMPLES_PER_PITCH = 50
-MOST_PARTS = 1e5  # into which a sample is divided; ours: 1 s for 250 asperities
-LONGEST_FLAT_TRAVEL = 1e9  # travel in one sample on a flat surface; ours: its square, in m v^2/2, stays a number
+MOST_PARTS = 1e5  # into which a sample is divided; ours: this many take 1 s for 250 asperities
+LONGEST_FLAT_TRAVEL = 1e9  # travel in one sample on a flat surface; ours: its square, in m v^2/2, does not overflow
 
 
 @njit(inline="always")
@@ -53,7 +53,7 @@ def split_parameters(parameters):
 
 @njit(cache=True)
 def _advance(parameters, state, displacement, dt, load, free, new_state):
-    """Move by `displacement`; z_b is found from `load` if `free`, else stays. Returns the friction force."""
+    """Move by `displacement` and return the friction force; z_b follows from `load` if `free`, and else stays."""
     position, height, tangential, normal, mass, edges, up, down = split_parameters(parameters)
     mu_0, mu_inf, tau, period, longest = parameters[2:7]
     n = position.size
@@ -92,7 +92,7 @@ def balanced_law(parameters, state, displacement, dt, load, new_state):
 
 @kernel.law
 def fixed_law(parameters, state, displacement, dt, load, new_state):
-    """Law of a body at fixed separation; the load is what the asperities make it."""
+    """Law of a body at fixed separation; the given load has no effect."""
     return _advance(parameters, state, displacement, dt, load, False, new_state)
 
 
@@ -194,7 +194,7 @@ class GenericModel(AsperityModel):
         return AsperitySums(force, separation, normal_force, touching, sticking, last)
 
     def steady_state(self, velocity: Array | float, load: float = 1.0) -> Array:
-        """Mean force of long sliding at constant `velocity`, same shape; 0 at velocity 0. Found by sliding.
+        """Mean force of long sliding at constant `velocity`, same shape; 0 at velocity 0. Computed by simulation.
 
         The mean is over one period of the surface, after all deflections have saturated and two steps were passed.
         Raises InputError.

@@ -2,7 +2,7 @@
 
 What            the friction coefficient falls with load towards a limit
 Equation        F_s(W_n) = W_n mu_max [1 - (1/a_2) exp(-L/W_n)]                                                          (4.2)
-Assumptions     at once: no memory of the load
+Assumptions     F_s follows the load at once, without memory
 Valid range     W_n >= 0; measured 50 to 1100 N on the tribometer, 500 to 2000 N on the clutch
 Not modelled    temperature, dwell time
 References      Janssens 2010, sec. 4.2.3, figs 4.14 and 4.16
@@ -55,7 +55,7 @@ class LoadLaw:
 
 @dataclass(frozen=True)
 class Amontons:
-    """Friction proportional to load, F_s = mu W_n: the law of eq 4.2 with nothing to fall. Raises InputError."""
+    """Friction proportional to load, F_s = mu W_n: eq 4.2 with 1/a_2 = 0. Raises InputError."""
 
     coefficient: float
 

@@ -1,4 +1,4 @@
-"""What every friction model offers: a jitted law, its parameters and state as vectors, and traces made with them."""
+"""Base class of the friction models: a jitted law, parameters and state as vectors, and traces computed with them."""
 
 import warnings
 from abc import ABC, abstractmethod

@@ -23,8 +23,8 @@ from plant_sim.friction.rayleigh_step import friction, load_and_rate, steady_gap
 from protocols.errors import InputError
 
 TOLERANCE = 1e-7  # of the gap, in one step
-NEWTON_STEPS = 100  # upper limit of every search; 3 to 6 are taken
-LEAST_STEP = 1e-12  # of the sample interval; smaller ones are taken as they come
+NEWTON_STEPS = 100  # most iterations of a search; it needs 3 to 6
+LEAST_STEP = 1e-12  # of the sample interval; a step this small is accepted whatever its error
 
 # Alexander 1977, table 1: root of g^3 - 3 g^2 + 3 g/2 - 1/6 = 0, third order and L-stable
 _G = 0.43586652150845899942

@@ -20,7 +20,7 @@ from scipy.optimize import brentq, minimize_scalar
 from plant_sim.friction.model import require
 from protocols.errors import InputError
 
-THINNEST, THICKEST = 1e-9, 1e3  # h, between which thresholds are sought; ours
+THINNEST, THICKEST = 1e-9, 1e3  # h [-], range in which thresholds are searched; ours
 
 
 @dataclass(frozen=True)
@@ -71,10 +71,10 @@ class TipFilm:
     def least(self) -> tuple[float, float]:
         """Gap h of the least friction coefficient, and that coefficient [-]."""
         bounds = (np.log(THINNEST), np.log(THICKEST))
-        found = minimize_scalar(
+        minimum = minimize_scalar(
             lambda x: np.log(self.coefficient(np.exp(x))), bounds=bounds, method="bounded", options={"xatol": 1e-10}
         )
-        gap = float(np.exp(found.x))
+        gap = float(np.exp(minimum.x))
         return gap, self.coefficient(gap)
 
     def gap_at(self, mu: float) -> float:

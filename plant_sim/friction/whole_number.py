@@ -1,4 +1,4 @@
-"""Counts that a person gives: whole numbers only."""
+"""Check of counts that a user gives: whole numbers only."""
 
 from numbers import Integral
 

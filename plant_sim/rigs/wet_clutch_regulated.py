@@ -6,8 +6,8 @@ Equation        pressure regulator of docs/rig.md: u = p_d + k_p (p_d - p) + k_i
                 acquisition shows it; fill at the fill pressure until contact, release to voltage 0
 Assumptions     one sample from measurement to voltage and from set-point to speed demand, as on the bus
 Not modelled    noise, rounding, faults, torque demands
-References      docs/rig.md; rt_controller/law/torque_law.py and phases.py, whose parameters are used; test_experiment.py holds
-                that both agree
+References      docs/rig.md; rt_controller/law/torque_law.py and phases.py, whose parameters are used;
+                test_experiment_design.py checks that both agree
 """
 
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""Asymmetric hysteresis: the two conditions of two sets of elements, and the way around them.
+"""Asymmetric hysteresis: two sets of elements and their two conditions, or one set with a shape function, which needs neither.
 
 What            a set of Maxwell-slip elements for each side of a loop; whether such a pair drifts and closes its loops
 Equation        after a reversal at (x_m, h_m)  up: h = h_m + 2 f_up((x - x_m)/2),  down: h = h_m - 2 f_down((x_m - x)/2)
@@ -26,14 +26,14 @@ from plant_sim.friction.model import Array
 from protocols.errors import InputError
 
 TOLERANCE = 1e-6  # relative, of stiffness and height: more is a violation; ours, far below what can be measured
-CONSTRAINT_WEIGHT = 1e6  # weight of the constraints against the data: met to about 1e-9 of the height
-STROKE_COUNT = 400  # strokes at which the gap is looked at
+CONSTRAINT_WEIGHT = 1e6  # of the constraints relative to the data; they are then met to about 1e-9 of the height
+STROKE_COUNT = 400  # number of strokes at which the gap is computed; ours
 MOST_ITERATIONS = 200  # of the alternating fit; it converges in about 20
 
 
 @dataclass(frozen=True)
 class Condition:
-    """One condition of app. D.3: whether it holds, by how much not, and all of it in one sentence."""
+    """One condition of app. D.3: whether it `holds`, by how much it is violated, and both in one sentence."""
 
     holds: bool
     violation: float
@@ -98,8 +98,8 @@ def fit_two_sided(
 ) -> TwoSidedElements:
     """A set of elements with `break_points` [m] (N,) for each side, stiffnesses of 0 or more, by least squares.
 
-    `constrained`: equal sums of stiffness, and equal heights at the last break point, so that the whole loop closes; what then
-    remains of condition 2 at strokes between is for `return_through_extreme` to tell. Raises InputError.
+    `constrained`: equal sums of stiffness, and equal heights at the last break point, so that the whole loop closes.
+    Condition 2 may still be violated at shorter strokes; `return_through_extreme` gives by how much. Raises InputError.
     """
     points = check_break_points(break_points, min(up.stroke, down.stroke))
     number = points.size
@@ -110,13 +110,13 @@ def fit_two_sided(
         np.hstack([weight_up[:, None] * a_up, np.zeros_like(a_up)]),
         np.hstack([np.zeros_like(a_down), weight_down[:, None] * a_down]),
     ]
-    wanted = np.concatenate([weight_up * up.force, weight_down * down.force])
+    target = np.concatenate([weight_up * up.force, weight_down * down.force])
     if constrained:
-        size = CONSTRAINT_WEIGHT * np.linalg.norm(wanted) / scale
+        size = CONSTRAINT_WEIGHT * np.linalg.norm(target) / scale
         tied = np.vstack([np.full(number, points[0]), points])  # first break point, last break point
         rows.append(size * np.hstack([tied, -tied]))
-        wanted = np.append(wanted, [0.0, 0.0])
-    stiffness, _ = nnls(np.vstack(rows), wanted)
+        target = np.append(target, [0.0, 0.0])
+    stiffness, _ = nnls(np.vstack(rows), target)
     both = [MaxwellSlip(k[k > 0.0], (k * points)[k > 0.0]) for k in (stiffness[:number], stiffness[number:])]
     return TwoSidedElements(both[0], both[1], float(points[-1]))
 
@@ -125,7 +125,7 @@ def fit_two_sided(
 class ShapedElements:
     """One set of `elements`, its force multiplied by g = 1 + c_1 (x/reach) + c_2 (x/reach)^2 + ...; `shape` c_1, c_2, ...
 
-    As g depends on position alone, what the elements remember stays true: no drift, and every loop closes (app. D.3, last
+    As g depends on position alone, the memory of the elements is kept: no drift, and every loop closes (app. D.3, last
     sentence). Raises InputError unless g is positive from -`reach` to `reach` [m].
     """
 
@@ -166,8 +166,8 @@ def fit_shaped(position: Array, force: Array, break_points: Array, degree: int =
         before, shape = shape, np.linalg.lstsq(inner[:, None] * powers, force - inner, rcond=None)[0]
         if np.abs(shape - before).max() < TOLERANCE * 1e-3:
             break
-    kept = stiffness > 0.0
-    return ShapedElements(MaxwellSlip(stiffness[kept], (stiffness * points)[kept]), shape, reach)
+    positive = stiffness > 0.0
+    return ShapedElements(MaxwellSlip(stiffness[positive], (stiffness * points)[positive]), shape, reach)
 
 
 def _powers(position: Array, reach: float, degree: int) -> Array:

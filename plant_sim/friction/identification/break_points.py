@@ -3,7 +3,7 @@
 What            N positions 0 < x_1 < ... < x_N; the last is where the curve saturates, or ends
 Equation        number of break points per length proportional to |f''|^exponent                               (app. D.2)
 Assumptions     between break points the model is a straight line
-Not modelled    scatter of the curve: a noisy record is to be made a curve by `virgin_curve.from_loops` first
+Not modelled    scatter of the curve: make a curve of a noisy record by `virgin_curve.from_loops` first
 References      Janssens 2010, app. D.2; exponent 1/2: de Boor 1973, good approximation by splines with variable knots
 """
 
@@ -62,8 +62,8 @@ class CurvatureSpacing:
             # a straight line up to saturation: no place is better than another
             return EqualSpacing().place(curve, number)
         rising = np.append(True, np.diff(share) > 0.0)
-        wanted = share[-1] * np.arange(1, number) / number
-        return np.append(np.interp(wanted, share[rising], edges[rising]), end)
+        targets = share[-1] * np.arange(1, number) / number
+        return np.append(np.interp(targets, share[rising], edges[rising]), end)
 
 
 def check_break_points(break_points: Array, stroke: float) -> Array:

@@ -1,6 +1,6 @@
 """Parameters of any friction model from a measured trace.
 
-What            the parameters with which a model, played along the measured position, comes nearest to the measured force
+What            the parameters with which a model, driven by the measured position, comes nearest to the measured force
 Equation        min over theta of sum (F_model(theta) - F_measured)^2, from several starts within the bounds
 Assumptions     as `least_squares`; the contact is at rest at the first sample
 Valid range     any model with `trace(position, dt, load).force`
@@ -25,7 +25,7 @@ LOGARITHMIC_RATIO = 10.0  # bounds further apart than this are searched by their
 
 
 class Model(Protocol):
-    """What is fitted."""
+    """A friction model to be fitted."""
 
     def trace(self, position: Array, dt: float, load: Array | float = 1.0) -> Any: ...
 

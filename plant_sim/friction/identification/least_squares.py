@@ -1,4 +1,4 @@
-"""Bounded least squares with what is known of the result: covariance, 95 % intervals, correlation, identifiability.
+"""Bounded least squares, with covariance, 95 % intervals, correlation and identifiability of the result.
 
 What            parameters theta in their bounds with the smallest sum of squared residuals
 Equation        covariance = s^2 (J^T J)^-1,  s^2 = sum r^2 / (n - m),  interval = theta -+ t_975(n - m) sigma
@@ -21,8 +21,8 @@ from protocols.errors import InputError
 CONFIDENCE = 0.95
 DIFFERENCE_STEP = 1e-6  # of a parameter, for Jacobians: well above rounding, well below any curvature of these models
 MOST_ITERATIONS = 200  # of the search; those that settle took 7 to 93 on smooth and on measured traces
-JUMP_RATIO = 0.1  # of a slope: sides that differ by more have a jump or a kink between them, curvature is about STEP
-SINGULAR = 1e-7  # of the largest singular value: below it finite differences show nothing but rounding
+JUMP_RATIO = 0.1  # of a slope: a larger difference of both sides is a jump or a kink; by curvature it is about 1e-6
+SINGULAR = 1e-7  # of the largest singular value: smaller ones are rounding of the finite differences
 LEAST_COMPONENT = 0.1  # of a unit direction: a parameter with less of it is not named
 BOUND_DISTANCE = 1e-6  # of the width between the bounds
 WIDE_INTERVAL = 1.0  # half an interval, of the value: the data do not say even the sign
@@ -34,7 +34,7 @@ class Estimate:
 
     `values` (m,); `intervals` (m, 2) at 95 %; `covariance`, `correlation` (m, m); `jacobian` of the residual (n, m); `rmse` in
     the unit of the data; `evaluations` of the model; `frozen` parameters and their values; `doubts`, one sentence for each
-    parameter that the data do not tell.
+    parameter that the data do not determine.
     """
 
     names: tuple[str, ...]
@@ -54,8 +54,8 @@ class Estimate:
 
     def contains(self, truth: Mapping[str, float]) -> Array:
         """Whether each interval holds the value in `truth`, bool (m,)."""
-        wanted = np.array([truth[name] for name in self.names])
-        return (self.intervals[:, 0] <= wanted) & (wanted <= self.intervals[:, 1])
+        true_values = np.array([truth[name] for name in self.names])
+        return (self.intervals[:, 0] <= true_values) & (true_values <= self.intervals[:, 1])
 
 
 def minimise(
@@ -84,8 +84,8 @@ def minimise(
     limits = bounds / scale[:, None]
     best = None
     for i, start in enumerate(starts):
-        found = _search(scaled, start / scale, limits)
-        best = found if best is None or found.cost < best.cost else best
+        minimum = _search(scaled, start / scale, limits)
+        best = minimum if best is None or minimum.cost < best.cost else best
         progress(i + 1, len(starts))
     assert best is not None
     values = np.clip(best.theta * scale, bounds[:, 0], bounds[:, 1])
@@ -104,13 +104,16 @@ class _Minimum:
 
 
 def _search(residual: Callable[[Array], Array], start: Array, bounds: Array) -> _Minimum:
-    """The minimum from `start`. Parameters that change nothing where it begins join once they do: they make it crawl."""
+    """The minimum from `start`.
+
+    A parameter without influence at the current point is left out, because it slows the search, and joins once it has some.
+    """
     theta, joined = start.copy(), np.zeros(start.size, bool)
-    found = _Minimum(start, np.inf, True)
+    minimum = _Minimum(start, np.inf, True)
     while True:
         alive = joined | (np.linalg.norm(jacobian(residual, theta, bounds), axis=0) > 0.0)
         if (alive == joined).all():
-            return found
+            return minimum
         joined = alive
 
         def part(free: Array, fixed: Array = theta, alive: Array = alive) -> Array:
@@ -128,16 +131,16 @@ def _search(residual: Callable[[Array], Array], start: Array, bounds: Array) -> 
         )
         theta = theta.copy()
         theta[alive] = result.x
-        found = _Minimum(theta, result.cost, result.status > 0)
+        minimum = _Minimum(theta, result.cost, result.status > 0)
         if alive.all():
-            return found
+            return minimum
 
 
 def jacobian(residual: Callable[[Array], Array], values: Array, bounds: Array) -> Array:
     """Derivative of `residual` at `values` (m,) inside `bounds` (m, 2): (n, m), by central differences.
 
-    A sampled model jumps where an event moves by a sample, and a search likes to end there: across a jump a difference is no
-    slope and would make the intervals far too narrow, so there the side without the jump is taken.
+    The output of a sampled model jumps where an event moves by a sample, and a search often ends at such a jump. A difference
+    across a jump is no slope and would make the intervals far too narrow. So the side without the jump is taken there.
     """
     here, columns = residual(values), []
     for j, value in enumerate(values):
@@ -197,7 +200,7 @@ def _estimate(
 def _doubts(
     names: tuple[str, ...], values: Array, bounds: Array, half: Array, size: Array, lost: Array
 ) -> tuple[str, ...]:
-    """One sentence for each parameter, or each group of them, that the data do not tell."""
+    """One sentence for each parameter, or each group of them, that the data do not determine."""
     doubts = [f"{names[j]} is not identifiable: it changes nothing in these data" for j in np.flatnonzero(size == 0.0)]
     for direction in lost:
         group = [names[j] for j in np.flatnonzero(np.abs(direction) > LEAST_COMPONENT) if size[j] > 0.0]

@@ -70,5 +70,5 @@ def _model(stiffness: Array, points: Array, saturating: bool) -> MaxwellSlip:
     limits = stiffness * points  # D.6
     if not saturating:
         limits[-1] = np.inf
-    kept = stiffness > LEAST_STIFFNESS * stiffness.sum()
-    return MaxwellSlip(stiffness[kept], limits[kept])
+    stiff = stiffness > LEAST_STIFFNESS * stiffness.sum()
+    return MaxwellSlip(stiffness[stiff], limits[stiff])

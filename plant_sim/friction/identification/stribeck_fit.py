@@ -23,7 +23,7 @@ from plant_sim.friction.stribeck import Stribeck
 from protocols.errors import InputError
 
 MOST_EVALUATIONS = 20000  # of Nelder-Mead
-GRID = 10  # starts for each parameter that is not linear: one of them is in the valley of the best fit; ours
+GRID = 10  # starts for each nonlinear parameter, enough that one of them converges to the best fit; ours
 TOLERANCE = 1e-10  # relative, of Nelder-Mead, in parameters and RMSE
 
 
@@ -40,15 +40,15 @@ class SteadyLaw:
 
 def _guess_curve(speed: Array, force: Array) -> Array:
     """F_S, beta, V_S, C_v, gamma: the best of a grid of V_S and gamma, the others linear given these (eq 1.4)."""
-    best, found = np.inf, np.ones(5)
+    best, guess = np.inf, np.ones(5)
     for velocity in np.geomspace(speed.min() / 3.0, speed.max() * 3.0, GRID):
         decay = np.exp(-velocity / speed)
         for exponent in np.linspace(0.2, 2.0, GRID):
             (static, low, viscous), misfit = nnls(np.stack([1.0 - decay, decay, speed**exponent], axis=1), force)
             if misfit < best:
                 static = max(static, 1e-3 * float(np.abs(force).max()), 1e-12)
-                best, found = misfit, np.array([static, np.clip(low / static, 0.05, 0.95), velocity, viscous, exponent])
-    return found
+                best, guess = misfit, np.array([static, np.clip(low / static, 0.05, 0.95), velocity, viscous, exponent])
+    return guess
 
 
 def _guess_depth(speed: Array, force: Array) -> Array:
@@ -58,13 +58,13 @@ def _guess_depth(speed: Array, force: Array) -> Array:
 
 def _guess_load(load: Array, force: Array) -> Array:
     """mu_max, a_2, L: the best of a grid of L, the others linear given it (eq 4.2)."""
-    best, found = np.inf, np.ones(3)
+    best, guess = np.inf, np.ones(3)
     for scale in np.geomspace(load.min() / 3.0, load.max() * 3.0, GRID):
         decay = np.exp(-scale / load)
         (high, low), misfit = nnls(np.stack([load * (1.0 - decay), load * decay], axis=1), force)
         if misfit < best and high > 0.0:
-            best, found = misfit, np.array([high, 1.0 / (1.0 - np.clip(low / high, 0.05, 0.95)), scale])
-    return found
+            best, guess = misfit, np.array([high, 1.0 / (1.0 - np.clip(low / high, 0.05, 0.95)), scale])
+    return guess
 
 
 # gamma, the last: 1/3 to 2/3 in the thesis
@@ -113,8 +113,8 @@ def nelder_mead(
 
     `start` replaces guesses by name, `frozen` keeps parameters. Raises InputError.
     """
-    free, begin, bounds, held, x, y = _check_inputs(law, x, y, start, frozen)
-    residual = _residual(law, free, held, x, y)
+    free, begin, bounds, fixed, x, y = _check_inputs(law, x, y, start, frozen)
+    residual = _residual(law, free, fixed, x, y)
 
     scale = np.where(begin != 0.0, np.abs(begin), 1.0)
 
@@ -124,9 +124,9 @@ def nelder_mead(
     limits = optimize.Bounds(bounds[:, 0] / scale, bounds[:, 1] / scale)
     options = {"maxfev": MOST_EVALUATIONS, "maxiter": MOST_EVALUATIONS, "adaptive": True, "xatol": TOLERANCE}
     options["fatol"] = TOLERANCE * rmse(begin / scale)
-    found = optimize.minimize(rmse, begin / scale, method="Nelder-Mead", bounds=limits, options=options)
-    values = dict(zip(free, map(float, found.x * scale), strict=True)) | held
-    return SimplexFit({name: values[name] for name in law.names}, float(found.fun), int(found.nfev))
+    result = optimize.minimize(rmse, begin / scale, method="Nelder-Mead", bounds=limits, options=options)
+    values = dict(zip(free, map(float, result.x * scale), strict=True)) | fixed
+    return SimplexFit({name: values[name] for name in law.names}, float(result.fun), int(result.nfev))
 
 
 def least_squares(
@@ -137,15 +137,15 @@ def least_squares(
     frozen: Mapping[str, float] | None = None,
 ) -> Estimate:
     """Fit `law` to `x` (n,), `y` (n,) by bounded least squares, with 95 % intervals; arguments as `nelder_mead`."""
-    free, begin, bounds, held, x, y = _check_inputs(law, x, y, start, frozen)
-    return minimise(_residual(law, free, held, x, y), free, begin[None, :], bounds, held)
+    free, begin, bounds, fixed, x, y = _check_inputs(law, x, y, start, frozen)
+    return minimise(_residual(law, free, fixed, x, y), free, begin[None, :], bounds, fixed)
 
 
 def _residual(
-    law: SteadyLaw, free: tuple[str, ...], held: Mapping[str, float], x: Array, y: Array
+    law: SteadyLaw, free: tuple[str, ...], fixed: Mapping[str, float], x: Array, y: Array
 ) -> Callable[[Array], Array]:
     def residual(theta: Array) -> Array:
-        values = {**held, **dict(zip(free, theta, strict=True))}
+        values = {**fixed, **dict(zip(free, theta, strict=True))}
         return law.evaluate(x, *(values[name] for name in law.names)) - y
 
     return residual
@@ -155,11 +155,11 @@ def _check_inputs(
     law: SteadyLaw, x: Array, y: Array, start: Mapping[str, float] | None, frozen: Mapping[str, float] | None
 ) -> tuple[tuple[str, ...], Array, Array, dict[str, float], Array, Array]:
     """Names, start and bounds of the free parameters, the frozen ones, and the checked data."""
-    held = dict(frozen or {})
-    for name in (*held, *(start or {})):
+    fixed = dict(frozen or {})
+    for name in (*fixed, *(start or {})):
         if name not in law.names:
             raise InputError(f"parameter {name!r} is not in eq {law.equation}; it has {', '.join(law.names)}")
-    free = tuple(name for name in law.names if name not in held)
+    free = tuple(name for name in law.names if name not in fixed)
     if not free:
         raise InputError(f"no parameter of eq {law.equation} is to be fitted; all are frozen")
     x, y = check_pair(x, y, "measured curve", least=len(free) + 1)
@@ -176,4 +176,4 @@ def _check_inputs(
     begin = np.array([guess[name] for name in free], float)
     for name, value, (least, most) in zip(free, begin, bounds, strict=True):
         require(f"start of {name}", value, least=least, most=most)
-    return free, begin, bounds, held, x, y
+    return free, begin, bounds, fixed, x, y

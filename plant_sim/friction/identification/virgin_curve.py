@@ -1,4 +1,4 @@
-"""The virgin curve of a hysteresis: the force at the first loading from rest, cut out of measured loops.
+"""The virgin curve of a hysteresis: the force at the first loading from rest, computed from measured loops.
 
 What            one half of a loop, or all the loops of a noisy record, reduced to the curve that makes them
 Equation        h(x) = h_m + 2 f((x - x_m)/2) after a reversal at (x_m, h_m), f odd                               (D.1)
@@ -21,9 +21,9 @@ from protocols.errors import InputError
 
 DEAD_BAND = 0.05  # of the position's range: a smaller turn is noise; ours, ten times the noise of a good encoder
 FULL_STROKE = 0.95  # of the widest stroke: shorter ones are inner loops or cut off by the record; ours
-LEAST_POINTS = 2  # of the curve that is cut out of a record: one alone says nothing of its bend
-BINS = 10  # in which the stroke is averaged to see whether the force falls
-LARGEST_FALL = 0.05  # of the height of the curve: a larger fall of it is no noise; ours
+LEAST_POINTS = 2  # of a fitted curve: a single point does not show how the curve bends
+BINS = 10  # number of parts of the stroke whose mean forces must not fall; ours
+LARGEST_FALL = 0.05  # of the height of the curve: a larger fall is not noise; ours
 
 
 @dataclass(frozen=True)
@@ -154,7 +154,7 @@ def find_reversals(position: Array, dead_band: float = DEAD_BAND) -> Array:
 
 @njit(cache=True)
 def _find_reversals(position, dead_band):
-    found = np.empty(position.size, np.int64)
+    reversals = np.empty(position.size, np.int64)
     count = 0
     low = high = extreme = 0
     sense = 0
@@ -170,10 +170,10 @@ def _find_reversals(position, dead_band):
         elif sense * (position[i] - position[extreme]) > 0.0:
             extreme = i
         elif sense * (position[extreme] - position[i]) > dead_band:
-            found[count] = extreme
+            reversals[count] = extreme
             count += 1
             sense, extreme = -sense, i
-    return found[:count]
+    return reversals[:count]
 
 
 def _full_strokes(position: Array, side: int) -> list[tuple[int, int]]:
