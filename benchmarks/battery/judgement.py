@@ -192,8 +192,8 @@ class _SearchLog:
         )
 
     def features(self, result: Result) -> Answer:
-        """What the decision was taken from (`decide.Explanation`), costs of the best candidates, and steps of the search."""
-        inquiry, w = self.seen, self.seen.weighed
+        """What the decision was taken from (`decision.Explanation`), costs of the best candidates, and steps of the search."""
+        inquiry, w = self.seen, self.seen.explanation
         costs = dict(sorted(inquiry.costs.items(), key=lambda one: one[1])[: 2 * RIVALS])
         ordered = sorted(costs.values())
         margin = (ordered[1] - ordered[0]) / max(w.base - ordered[0], 1e-9) if len(ordered) > 1 else 1.0

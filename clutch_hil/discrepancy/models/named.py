@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from clutch_hil.bench.rig import rig_named, rig_names
+from clutch_hil.bench.rig import rig_named, rig_names, rigs_with_model
 from clutch_hil.discrepancy.model import Columns, Demanding, Model
 from protocols.entry_points import entry_names, load_entry
 from protocols.errors import InputError, closest
@@ -16,11 +16,6 @@ from protocols.files.runs import check_columns, read_columns
 GROUP = "clutch_hil.models"
 _MOST = 5.0  # stated uncertainties: five standard deviations
 _NEEDED = ("name", "inputs", "outputs", "parameters", "candidates", "simulate")  # what `Model` has
-
-
-def model_names() -> tuple[str, ...]:
-    """Names that `--rig` can have: of the rigs that are installed, and of models without a rig."""
-    return tuple(sorted({*rig_names(), *entry_names(GROUP)}))
 
 
 def model_named(rig: str, changed: Path | None = None) -> Model:
@@ -80,9 +75,12 @@ def evidence(path: Path, run: Run, model: Model) -> Columns:
 
 
 def _installed(name: str) -> Any:
-    if name not in (known := model_names()):
-        raise InputError(f"rig {name!r} is neither known nor PATH.py:CLASS; {closest(name, known)}")
-    return rig_named(name).model if name in rig_names() else load_entry(GROUP, "model", name)
+    if name in rig_names():
+        return rig_named(name).model
+    if name in (others := entry_names(GROUP)):
+        return load_entry(GROUP, "model", name)
+    known = sorted((*rigs_with_model(), *others))
+    raise InputError(f"rig {name!r} is neither known nor PATH.py:CLASS; {closest(name, known)}")
 
 
 def _of_user(rig: str) -> Any:

@@ -79,7 +79,16 @@ def test_what_cannot_be_drawn_is_said_in_one_sentence(x: Any, y: str, sentence: 
         ch.draw_sweep(table(ch.grid({"a.b": [1.0], "c.d": [2.0]})), x, y)
 
 
-def test_a_run_of_two_clutches_is_not_drawn_as_one() -> None:
+def test_a_run_of_two_clutches_is_drawn_as_its_rig_is() -> None:
+    figure = ch.draw_run(ch.simulate("shift", seconds=3.0), "a shift")
+    labels = [axes.get_ylabel() for axes in figure.axes]
+    assert "output torque [Nm]" in labels
+    assert figure.get_suptitle() == "a shift"
+
+
+def test_a_run_that_lacks_what_is_drawn_of_its_rig_is_refused() -> None:
     run = ch.Run({"time_s": np.zeros(2)}, {"rig": "power_shift"})
-    with pytest.raises(ch.InputError, match="a run of the rig power_shift cannot be drawn; allowed is wet_clutch"):
+    with pytest.raises(
+        ch.InputError, match=r"the run lacks the column '.*', which is drawn of a run of the rig power_shift"
+    ):
         ch.draw_run(run)
