@@ -10,8 +10,6 @@ import time
 
 import pytest
 
-from tests.conftest import GUEST, in_real_time
-
 MANY = 10  # files with failures that are not the machine's any more
 TRIES = 3
 _LOOK = 0.001  # s between two looks at whether this process is run,
@@ -21,10 +19,11 @@ PATIENCE = 300.0  # s that are waited for it
 
 
 class Failures:
-    """Plugin of pytest that keeps the names of tests that failed, and what was skipped."""
+    """Plugin of pytest that keeps the names of tests that failed, whether all did in real time, and what was skipped."""
 
     def __init__(self) -> None:
         self.names: list[str] = []
+        self.in_real_time = True
         self.skipped: list[pytest.TestReport] = []
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
@@ -32,6 +31,7 @@ class Failures:
             self.skipped.append(report)
         if report.failed and report.nodeid not in self.names:
             self.names.append(report.nodeid)
+            self.in_real_time &= "real_time" in report.keywords  # the marker (conftest.py)
 
 
 def stalls_before_it_runs() -> int:
@@ -53,10 +53,8 @@ def main(options: list[str]) -> int:
     skipped, number = failures.skipped, 1
     alone = ["--numprocesses", "1"] if "--numprocesses" in options else []
     while number < TRIES:
-        files = {name.partition("::")[0].removeprefix("tests/") for name in failures.names}
-        # the guest runs services, too; it has its own turn (conftest.py)
-        final = [file for file in files if not in_real_time(file) and file != GUEST]
-        if told != pytest.ExitCode.TESTS_FAILED or final or len(files) > MANY:
+        files = {name.partition("::")[0] for name in failures.names}
+        if told != pytest.ExitCode.TESTS_FAILED or not failures.in_real_time or len(files) > MANY:
             break
         number += 1
         stalls = stalls_before_it_runs()

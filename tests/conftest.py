@@ -36,7 +36,8 @@ QUIET = (
     "clutch_hil/bench/test_jitter.py",
     "clutch_hil/bench/test_timing_budget.py",
 )
-# These run services, or wait for threads, in real time (`python -m tests` tells what follows from that).
+# These run services, or wait for threads, in real time, as the guest and each test on a `local_bus` do (`python -m tests` tells
+# what follows from that).
 IN_REAL_TIME = (
     *QUIET,
     "clutch_hil/discrepancy/test_demonstration.py",
@@ -45,6 +46,7 @@ IN_REAL_TIME = (
     "rt_controller/test_cycle.py",
     "protocols/test_exchange.py",
     "plant_sim/test_plant_turn.py",
+    "clutch_hil/bench/test_faults_told.py",
     "clutch_hil/bench/test_power_shift_bus.py",
     "protocols/test_realtime.py",
     "rt_controller/test_replay.py",
@@ -96,7 +98,7 @@ def _in(file: str, places: tuple[str, ...]) -> bool:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         file = item.path.relative_to(TESTS).as_posix()
-        if in_real_time(file):
+        if in_real_time(file) or file == GUEST or "local_bus" in getattr(item, "fixturenames", ()):
             item.add_marker("real_time")
         if _in(file, SLOW):
             item.add_marker("slow")

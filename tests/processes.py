@@ -2,8 +2,10 @@
 
 import os
 import subprocess
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from protocols.realtime.child import clutch_hil
@@ -24,6 +26,14 @@ def progress(line: str) -> bool:
 def said(errors: str) -> list[str]:
     """The lines on stderr that are no progress."""
     return [line for line in errors.strip().splitlines() if not progress(line)]
+
+
+def await_file(path: Path, holding: str = "") -> None:
+    """Wait until another process has made a file, and written `holding` into it."""
+    deadline = time.monotonic() + PATIENCE
+    while not (path.exists() and holding in path.read_text(errors="replace")):
+        assert time.monotonic() < deadline, f"{path} never came" + (f" to hold {holding!r}" if holding else "")
+        time.sleep(0.02)
 
 
 @contextmanager

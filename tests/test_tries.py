@@ -12,6 +12,7 @@ from tests.__main__ import TRIES
 from tests.conftest import GUEST, IN_REAL_TIME, LONGEST, SLOW, SOAK, TESTS
 
 ROOT = Path(__file__).parents[1]
+MARKED = "import pytest; pytestmark = pytest.mark.real_time\n"
 FAILS = "def test_it(): assert False"
 FAILS_ONCE = """
 from pathlib import Path
@@ -24,17 +25,13 @@ def test_it():
 
 
 @pytest.mark.parametrize(
-    ("file", "text", "tries", "code"),
-    [
-        ("clutch_hil/live/test_x.py", FAILS_ONCE, 2, 0),
-        ("clutch_hil/live/test_x.py", FAILS, TRIES, 1),
-        ("test_guest.py", FAILS_ONCE, 2, 0),
-        ("plant_sim/test_wet_clutch.py", FAILS_ONCE, 1, 1),
-    ],
+    ("text", "tries", "code"),
+    [(MARKED + FAILS_ONCE, 2, 0), (MARKED + FAILS, TRIES, 1), (FAILS_ONCE, 1, 1)],
+    ids=["real time, once", "real time, always", "no real time"],
 )
-def test_a_failure_counts(file: str, text: str, tries: int, code: int, tmp_path: Path) -> None:
-    path = tmp_path / "tests" / file
-    path.parent.mkdir(parents=True, exist_ok=True)
+def test_a_failure_counts(text: str, tries: int, code: int, tmp_path: Path) -> None:
+    path = tmp_path / "tests" / "test_x.py"
+    path.parent.mkdir()
     path.write_text(text)
     (tmp_path / "pytest.ini").touch()  # tests are named from where one is, and there may be another further up
     environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTEST_")} | {"PYTHONPATH": str(ROOT)}

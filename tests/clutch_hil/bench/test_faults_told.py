@@ -1,7 +1,6 @@
 """Faults are told where they happen: time, name, reason and measured values; and how many, at the end."""
 
 import signal
-import time
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +22,7 @@ from protocols.telemetry.batch import Batch, run_file_columns
 from rt_controller.law.phases import Fault, Phase
 from rt_controller.loop.node import COLUMNS, ControllerNode, controller_parameters, shipped_parameters
 from tests.clutch_hil.bench.test_services import RATE, hear
-from tests.processes import ONE_CPU, PATIENCE, service
+from tests.processes import ONE_CPU, PATIENCE, await_file, service
 
 NAMES = [column.name for column in COLUMNS]
 
@@ -134,16 +133,19 @@ def test_a_bench_in_two_shells_tells_its_fault(local_bus: str, tmp_path: Path, t
         with service("plant", *common, "--profile", "engagement") as plant:
             hear(port, "CONTROLLER_STATUS", lambda status: status.phase == 2)
             if telemetry == "--telemetry":
-                with service("record", str(path), "--bus", local_bus) as record:
-                    time.sleep(3.0)
+                told = tmp_path / "told.txt"
+                with (
+                    told.open("w") as errors,
+                    service("record", str(path), "--bus", local_bus, stderr=errors) as record,
+                ):
+                    await_file(tmp_path / "run.parquet.part")
                     plant.kill()
                     hear(port, "CONTROLLER_STATUS", lambda status: status.phase == 4)
-                    time.sleep(1.0)
+                    await_file(told, "fault at ")
                     record.send_signal(signal.SIGINT)
-                    out, told = record.communicate(timeout=PATIENCE)
+                    out, _ = record.communicate(timeout=PATIENCE)
                 assert record.returncode == 1
                 assert "no row lost; fault at " in out
-                assert "fault at " in told
             else:
                 plant.kill()
                 hear(port, "CONTROLLER_STATUS", lambda status: status.phase == 4)

@@ -20,7 +20,7 @@ from protocols.telemetry.feed import Feed, NoBenchError, find_bench
 from protocols.telemetry.session import consumer_session
 from tests.clutch_hil.live.running import clutch_hil
 from tests.clutch_hil.live.scripted_bench import RATE, SECONDS
-from tests.processes import PATIENCE, said, service
+from tests.processes import PATIENCE, await_file, said, service
 
 
 def result(child: subprocess.Popen) -> dict[str, Any]:
@@ -40,13 +40,6 @@ def refusal(*arguments: str) -> str:
 
 def up(bus: str, out: Path, seconds: float = SECONDS) -> Any:
     return service("up", "--bus", bus, "--rate", str(RATE), "--seconds", str(seconds), "--out", str(out), "--json")
-
-
-def await_file(path: Path) -> None:
-    deadline = time.monotonic() + PATIENCE
-    while not path.exists():
-        assert time.monotonic() < deadline, f"{path} never came"
-        time.sleep(0.02)
 
 
 def test_a_bench_that_comes_between_two_looks_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
