@@ -14,7 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.battery.cases import Case, GeneratedCase, RecordedRun, generate_case, noise_floors, record_further_run
+from benchmarks.battery.cases import Case
+from benchmarks.battery.floors import noise_floors
+from benchmarks.battery.records import GeneratedCase, RecordedRun, generate_case, record_further_run
 from benchmarks.battery.score import Answer
 from benchmarks.battery.truth_simulation import COLUMNS, PERIOD
 from clutch_hil.discrepancy import evidence, search

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from benchmarks.battery import excitation
-from benchmarks.battery.cases import record_run
+from benchmarks.battery.records import record_run
 from benchmarks.battery.truth_laws import LAWS
 from benchmarks.battery.truth_rig import draw_rig
 from benchmarks.battery.truth_simulation import PERIOD, HiddenEffects, Inputs

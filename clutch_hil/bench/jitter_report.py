@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from clutch_hil.bench import palette
-from clutch_hil.bench.jitter import SWEEP_TRIGGERS, Measurements, Point, Setting, summary
+from clutch_hil.bench.jitter import SWEEP_TRIGGERS, Point
 from clutch_hil.bench.loads import Load
+from clutch_hil.bench.measurements import Measurements, Setting, summary
 from clutch_hil.bench.progress import table_text
 from protocols.errors import InputError
 

@@ -35,8 +35,9 @@ def jitter(
     import os
 
     from clutch_hil.bench import jitter_report
-    from clutch_hil.bench.jitter import Setting, measure, sweep
+    from clutch_hil.bench.jitter import measure, sweep
     from clutch_hil.bench.loads import loads_named
+    from clutch_hil.bench.measurements import Setting
     from clutch_hil.bench.progress import progress_bar
     from clutch_hil.bench.recording import writable
     from clutch_hil.command import write_summary

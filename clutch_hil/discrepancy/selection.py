@@ -21,9 +21,10 @@ from clutch_hil.discrepancy.evidence import Evidence, Point
 from clutch_hil.discrepancy.fit import LinearModel, free_effect, linearise, refit
 from clutch_hil.discrepancy.held_out import fit_without_each
 from clutch_hil.discrepancy.intervals import half_widths
-from clutch_hil.discrepancy.model import Candidate, Hinting, Model, readings
+from clutch_hil.discrepancy.model import Candidate, Model, readings
 from clutch_hil.discrepancy.reading import choose_reading
 from clutch_hil.discrepancy.result import NAMED, NONE_OF_THESE, NOTHING, ONE_OF, Estimate, Rival
+from clutch_hil.discrepancy.starts import collect_starts
 
 Progress = Callable[[str, float], None]  # what is being done, share of the whole
 # Numbers of fits, set by hand: more of them take longer
@@ -34,9 +35,7 @@ _PARTNERS = 3  # candidates that are fitted beside the effects named
 _RUNNERS_UP = (
     2  # further single effects that they are fitted beside: of two missing effects neither may be the best alone
 )
-_START_RUNS = 2  # that starts are read from: those with the largest residual
 _RELINEARISATIONS = 3  # of a set of effects
-_SHAPE_FACTOR = 4.0  # between starts of a shape parameter
 # Share of the nominal model's excess below which the search begins at the re-fitted baseline
 _CALIBRATION_SHARE = 0.3
 _CONVERGED = 0.01  # of the gain over the baseline: a smaller step ends a fit
@@ -77,7 +76,9 @@ class EffectSelection:
         self.explanation = self._explain(self.base, 0)
         self.progress("candidates", 0.1)
         self.search = CandidateSearch(evidence, self.start, 0.5 * LEAST_GAIN * evidence.size)
-        ranked = self.search.screen(self.candidates, self._collect_starts(self.base.point))
+        ranked = self.search.screen(
+            self.candidates, collect_starts(self.model, evidence, self.candidates, self.base.point, self.start.residual)
+        )
         hopeful = [f for f in ranked if self.search.cost - f.cost > 0.5 * LEAST_GAIN * evidence.size]
         self._record_rivals({f.name: f.cost for f in ranked if f not in hopeful})
         if not hopeful:
@@ -143,24 +144,6 @@ class EffectSelection:
 
     def _is_close(self, fit: Fit, best: Fit) -> bool:
         return fit.cost - best.cost <= _CLOSE_REGRET * max(self.base.cost - best.cost, 0.0)
-
-    def _collect_starts(self, point: Point) -> dict[str, list[dict[str, float]]]:
-        """Where the fit of each candidate begins.
-
-        These are typical values, and the same with each shape larger and smaller. Where the model reads starts from runs,
-        they are those of the runs that disagree most.
-        """
-        starts = {c.name: [c.typical(), *_vary_shapes(c)] for c in self.candidates}
-        if not isinstance(self.model, Hinting):
-            return starts
-        power = [float(np.sum(self.start.residual[p] ** 2)) for p in self.evidence.pieces]
-        hints: dict[str, list[dict[str, float]]] = {}
-        for k in np.argsort(power)[::-1][:_START_RUNS]:
-            run, predicted = self.evidence.runs[k], self.evidence.predict(point, int(k))
-            residuals = {c: run[c] - predicted[c] for c in self.evidence.columns}
-            for c in self.candidates:
-                hints.setdefault(c.name, []).extend(self.model.starts(c, run, residuals))
-        return starts | {name: found for name, found in hints.items() if found}
 
     def _fit_jointly(self, sets: Sequence[_Start]) -> list[_JointFit]:
         """Fit each set of candidates together with the baseline's own parameters; the best first.
@@ -404,14 +387,3 @@ class EffectSelection:
                 interval = max(value - reach, p.bounds[0]), min(value + reach, p.bounds[1])
                 found.append(Estimate(f.name, value, p.unit, interval, p.value, p.uncertainty))
         return found
-
-
-def _vary_shapes(candidate: Candidate) -> list[dict[str, float]]:
-    """Typical values with one shape changed by a factor: the direction of an effect depends on its time constants."""
-    found = []
-    for shape in candidate.shapes:
-        for factor in (_SHAPE_FACTOR, 1.0 / _SHAPE_FACTOR):
-            value = float(np.clip(shape.typical * factor, *shape.bounds))
-            if shape.typical > 0.0 and shape.unit != "rad" and value != shape.typical:
-                found.append(candidate.typical() | {f"{candidate.name}.{shape.name}": value})
-    return found

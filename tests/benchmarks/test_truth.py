@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.battery import cases, excitation
-from benchmarks.battery.cases import Case, Truth, gap_in_floors, noise_floors
+from benchmarks.battery import cases, excitation, records
+from benchmarks.battery.cases import Case
+from benchmarks.battery.floors import gap_in_floors, noise_floors
+from benchmarks.battery.truth import Truth
 from benchmarks.battery.truth_laws import CATALOGUE_LAWS, LAWS, UNKNOWN_LAWS
 from benchmarks.battery.truth_rig import ZERO_CELSIUS, draw_rig
 from benchmarks.battery.truth_simulation import (
@@ -86,7 +88,8 @@ def short(five):
 
 
 def test_the_truth_knows_nothing_of_plant_sim():
-    for path in (*FOLDER.glob("truth*.py"), FOLDER / "excitation.py", FOLDER / "cases.py"):
+    others = (FOLDER / f"{name}.py" for name in ("cases", "excitation", "floors", "records"))
+    for path in (*FOLDER.glob("truth*.py"), *others):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             modules = [node.module] if isinstance(node, ast.ImportFrom) else []
             modules += [name.name for name in node.names] if isinstance(node, ast.Import) else []
@@ -194,7 +197,7 @@ def test_a_law_vanishes_with_its_strength_and_reaches_severity_4(five, short, la
 def written(tmp_path_factory):
     """A case on disk: its name, folder and paths."""
     case, folder = Case.of("single/piston_seal_friction/2.0/0.02/s101"), tmp_path_factory.mktemp("battery")
-    return case, folder, *cases.write_case(case, folder)
+    return case, folder, *records.write_case(case, folder)
 
 
 def test_the_gap_is_what_was_asked(written):
@@ -236,7 +239,7 @@ def test_truth_is_kept_apart_from_the_runs(written):
 def test_a_null_case_is_noise_and_nothing_else():
     case = Case.of("null/none/1.0/0.02/s1")
     truth = Truth(case)
-    columns = cases.record_run(truth.inputs[0], truth.hidden, truth.plant, case.noise, case.random(4)).columns
+    columns = records.record_run(truth.inputs[0], truth.hidden, truth.plant, case.noise, case.random(4)).columns
     without = simulate(truth.inputs[0], plant=truth.plant)
     measured = np.column_stack([columns[column] for column in COLUMNS])
     deviation = np.std(measured - without.rows[:, : len(COLUMNS)], axis=0)
@@ -246,7 +249,7 @@ def test_a_null_case_is_noise_and_nothing_else():
 def test_cases_are_the_same_each_time():
     def first(name):
         case, truth = Case.of(name), Truth(Case.of(name))
-        return cases.record_run(truth.inputs[0], truth.hidden, truth.plant, case.noise, case.random(4)).columns
+        return records.record_run(truth.inputs[0], truth.hidden, truth.plant, case.noise, case.random(4)).columns
 
     one, same, other = (first(f"closed/none/1.0/0.05/s{seed}") for seed in (3, 3, 4))
     assert all(np.array_equal(one[column], same[column]) for column in one)

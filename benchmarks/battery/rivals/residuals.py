@@ -9,8 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.battery.cases import Case, generate_case
+from benchmarks.battery.cases import Case
 from benchmarks.battery.judgement import name_columns
+from benchmarks.battery.records import generate_case
 from clutch_hil.discrepancy.evidence import Evidence, Point
 from clutch_hil.discrepancy.fit import LinearModel, free_baseline, linearise, refit
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch

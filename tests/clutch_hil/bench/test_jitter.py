@@ -13,11 +13,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from clutch_hil.bench.command_latency import compute_latencies, watch_frames
 from clutch_hil.bench.echo import Echo
-from clutch_hil.bench.jitter import Measurements, Setting, _latencies, _record_frames, summary
 from clutch_hil.bench.jitter_report import document, judge, judge_sweep, sweep_document, sweep_text
 from clutch_hil.bench.lateness import late_cycles, mark_explained, spike, spikes
 from clutch_hil.bench.loads import LOADS, loads_named
+from clutch_hil.bench.measurements import Measurements, Setting, summary
 from clutch_hil.bench.stalls import StallWatch
 from clutch_hil.bench.witness_loop import Pace, read
 from protocols.can.frames import load_frames
@@ -124,9 +125,9 @@ def test_latency_is_from_a_sample_to_the_first_command_that_answers_it() -> None
     encoder, valve = frames["ENCODER"].can_id, frames["VALVE_COMMAND"].can_id
     heard = [(0, encoder, 65535), (40_000, valve, 65535), (1_000_000, encoder, 0), (1_025_000, valve, 0)]
     heard += [(2_025_000, valve, 0), (3_000_000, encoder, 2), (3_050_000, valve, 2)]  # tick 0 again; 1 was lost
-    assert _latencies(heard).tolist() == [40.0, 25.0, 50.0]
+    assert compute_latencies(heard).tolist() == [40.0, 25.0, 50.0]
     with pytest.raises(InputError, match="no sample of the measurement was answered"):
-        _latencies([(0, encoder, 1), (1_000_000, encoder, 2)])
+        compute_latencies([(0, encoder, 1), (1_000_000, encoder, 2)])
 
 
 @pytest.mark.parametrize("role", ["raw", "python-can"])
@@ -138,10 +139,10 @@ def test_an_echo_answers_whenever_the_source_comes(role: str, local_bus: str, tm
         while not ready.exists():
             assert echo.poll() is None
             time.sleep(0.02)
-        with _record_frames(local_bus) as frames:
+        with watch_frames(local_bus) as frames:
             time.sleep(0.5)
             assert Echo("source", *timing).spawn().wait(60.0) == 0
-        assert len(_latencies(frames)) > 0
+        assert len(compute_latencies(frames)) > 0
     finally:
         echo.terminate()
     assert echo.wait(60.0) == 0

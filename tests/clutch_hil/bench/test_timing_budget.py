@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from clutch_hil.bench.jitter import WITNESS_PRIORITY
 from clutch_hil.bench.lateness import mark_explained
 from clutch_hil.bench.stalls import StallWatch
+from clutch_hil.bench.witness import WITNESS_PRIORITY
 from protocols.buses.bus import Port, open_bus
 from protocols.can.frames import load_frames
 from tests.processes import ONE_CPU, PATIENCE, service
