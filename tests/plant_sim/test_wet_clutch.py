@@ -1,22 +1,29 @@
-"""The plant kernel against docs/rig.md: an independent integration, its printed numbers, symmetry, energy, effects."""
+"""The plant kernel against docs/rig.md: an independent integration, its printed numbers, symmetry, energy."""
 
-import ast
-from collections.abc import Iterable, Sequence
-from math import exp, log10, sqrt
-from pathlib import Path
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from math import exp, sqrt
+from typing import NamedTuple
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
-from plant_sim.rigs import clutch_unit, standstill, wet_clutch
+from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError
+from tests.plant_sim.wet_clutch_reference import A_CYL, BAR, KELVIN, M_MAX, P_CONTACT, J, Reference
+from tests.plant_sim.wet_clutch_states import (
+    NOMINAL,
+    STEP,
+    SUBSTEPS,
+    Piece,
+    at_rest,
+    parameters,
+    pressed,
+    pressing,
+    run,
+    triangle,
+)
 
-BAR, KELVIN = 1e5, 273.15
 ADC_STEP = 10.0 / 2048  # bar, 12 bit over +-10 V at 1 V/bar: what nobody on the rig could see
-
-SUBSTEPS = 10  # of 0.1 ms at 1 kHz: the shipped integration step
 
 
 class Deviation(NamedTuple):
@@ -29,192 +36,6 @@ class Deviation(NamedTuple):
     temperature: float  # K
     angle: float  # rad
 
-
-# --- docs/rig.md, equations 1 to 8, written anew in bar, degC; integrated between kinks -----------------------------------
-
-A_CYL, P_CONTACT, P_PRELOAD, X_C = 1.131e-2, 2.35, 1.7, 1.0e-3
-W_V, ZETA = 2 * np.pi * 8.0, 0.9
-F_0 = A_CYL * P_PRELOAD * BAR
-K_S = (A_CYL * P_CONTACT * BAR - F_0) / X_C
-K_STACK, C_P = 5.0e7, 2.0e4
-J, M_MAX = 0.05, 40.0
-ATOL = [1e-10, 1e-8, 1e-10, 1e-14, 1e-11, 1e-9, 1e-9, 1e-11, 1e-9]
-
-
-def mu(temperature: float) -> float:
-    return -0.0145 * log10(temperature - 30.0) + 0.143
-
-
-def stribeck(p_star: float, omega: float) -> float:
-    """s_n without its sign."""
-    beta = min(1.0, 0.704 + (1 - 0.704) * exp(-(p_star - 2.71) / 0.158))
-    return 1.0 + (beta - 1.0) * exp(-11.52 / abs(omega)) if omega else 1.0
-
-
-def friction(p_star: float, m: float, omega: float, direction: int, temperature: float) -> float:
-    r_t = 1.0 + 2.354 * (mu(temperature) / mu(70.0) - 1.0)
-    viscous = max(0.0, 2.67 * p_star - 6.49) * r_t * abs(omega) ** (1 / 3)
-    return max(0.0, 10.8 * p_star - 25.1) * m + direction * viscous
-
-
-class Reference:
-    """Equations 1 to 8 with their kinks as modes, each changed only at an event: touching plates, resting piston, empty
-    cylinder, limited motor, direction of slip."""
-
-    def __init__(self, speed: float, temperature: float) -> None:
-        # p_v, p_v', p_cyl, x, m, T, omega, integral of the speed error, theta
-        self.y = np.array([0, 0, 0, 0, 0, temperature, speed, 0, 0], dtype=float)
-        self.t = 0.0
-        self.touching, self.resting, self.empty, self.limited = False, True, True, 0
-        self.direction = 1 if speed >= 0 else -1
-        self.u = self.omega_d = 0.0
-
-    def asked(self, y: Sequence[float]) -> float:
-        return 4.0 * (self.omega_d - y[6]) + 40.0 * y[7]
-
-    def torques(self, y: Sequence[float]) -> tuple[float, float]:
-        """Clutch and motor torque."""
-        motor = self.limited * M_MAX if self.limited else self.asked(y)
-        if not self.touching:
-            return 0.0, motor
-        p_star = P_CONTACT + K_STACK * (y[3] - X_C) / (A_CYL * BAR)
-        return friction(p_star, y[4], y[6], self.direction, y[5]), motor
-
-    def rates(self, t: float, y: Sequence[float]) -> list[float]:
-        p_v, rate, p, x, m, temperature, omega, _, _ = y.tolist()
-        stack = K_STACK * (x - X_C) if self.touching else 0.0
-        dx = 0.0 if self.resting else (A_CYL * p * BAR - F_0 - K_S * x - stack) / C_P
-        dp = 0.0 if self.empty else (2.0e-4 * (p_v - p) - A_CYL * dx) / 1.0e-6
-        clutch, motor = self.torques(y)
-        dm = 0.0
-        if self.touching:
-            s_n = self.direction * stribeck(P_CONTACT + stack / (A_CYL * BAR), omega)
-            dm = self.direction * 69.0 * (1.0 - m / s_n)
-        return [
-            rate,
-            W_V**2 * (self.u - p_v) - 2 * ZETA * W_V * rate,
-            dp,
-            dx,
-            dm,
-            (abs(clutch * omega) - 3.0 * (temperature - 70.0)) / 600.0,
-            (motor - clutch) / J,
-            0.0 if self.limited else self.omega_d - omega,
-            omega,
-        ]
-
-    def events(self) -> list[Any]:
-        """Each crosses zero in its `direction` where its mode ends."""
-
-        def event(function: Any, direction: int) -> Any:
-            def crossing(t: float, y: Sequence[float]) -> float:
-                return float(function(y))
-
-            crossing.terminal, crossing.direction = True, direction  # type: ignore[attr-defined]
-            return crossing
-
-        return [
-            event(lambda y: y[3] - X_C, -1 if self.touching else 1),
-            event(lambda y: A_CYL * y[2] * BAR - F_0, 1) if self.resting else event(lambda y: y[3], -1),
-            event(lambda y: y[0] - y[2], 1) if self.empty else event(lambda y: y[2], -1),
-            event(lambda y: self.limited * self.asked(y) - M_MAX, -1)
-            if self.limited
-            else event(lambda y: abs(self.asked(y)) - M_MAX, 1),
-            event(lambda y: y[6], -self.direction),
-        ]
-
-    def change(self, index: int) -> None:
-        if index == 0:
-            self.touching = not self.touching
-            if not self.touching:
-                self.y[4] = 0.0
-        elif index == 1:
-            self.resting = not self.resting
-        elif index == 2:
-            self.empty = not self.empty
-        elif index == 3:
-            self.limited = 0 if self.limited else (1 if self.asked(self.y) > 0 else -1)
-        else:
-            self.direction = -self.direction
-
-    def sample(self) -> tuple[float, ...]:
-        y = self.y
-        return y[2], y[3], self.torques(y)[0], y[6], y[5], y[8]
-
-    def hold(self, voltage: float, speed_demand: float, cycles: int, period: float = 1e-3) -> list[tuple[float, ...]]:
-        """Samples after each of `cycles` with the inputs held."""
-        self.u, self.omega_d = min(max(2.5 * voltage, 0.0), 25.0), speed_demand
-        asked = self.asked(self.y)
-        self.limited = 0 if abs(asked) <= M_MAX else (1 if asked > 0 else -1)
-        grid = self.t + period * np.arange(1, cycles + 1)
-        samples: list[tuple[float, ...]] = []
-        while len(samples) < cycles:
-            left = grid[len(samples) :]
-            # fmt: off
-            solution = solve_ivp(self.rates, (self.t, left[-1]), self.y, "LSODA", t_eval=left, events=self.events(),
-                                 rtol=1e-9, atol=ATOL)
-            # fmt: on
-            for self.y in np.transpose(solution.y):
-                samples.append(self.sample())
-            if solution.status == 1:
-                [index] = [i for i, times in enumerate(solution.t_events) if times.size]
-                self.t, self.y = solution.t_events[index][0], solution.y_events[index][0].copy()
-                self.change(index)
-        self.t = grid[-1]
-        return samples
-
-
-# --- the plant -------------------------------------------------------------------------------------------------------
-
-Piece = tuple[float, float, int]  # voltage [V], speed demand [rad/s], cycles
-
-
-def parameters(**changed: float) -> wet_clutch.Rig:
-    names = {name.replace("__", "."): value for name, value in changed.items()}
-    return wet_clutch.Rig(wet_clutch.nominal().with_values(names))
-
-
-NOMINAL = parameters()
-
-
-def run(
-    state: np.ndarray,
-    pieces: Iterable[Piece],
-    rig: Any = NOMINAL,
-    period: float = 1e-3,
-    substeps: int = SUBSTEPS,
-) -> np.ndarray:
-    """States after every cycle; effects begin at rest."""
-    states = [wet_clutch.Whole(state, rig.table.at_rest())]
-    for voltage, speed, cycles in pieces:
-        for _ in range(cycles):
-            states.append(rig.advance(states[-1], voltage, speed, 1e9, period, substeps))
-    return np.concatenate([state.y for state in states[1:]])
-
-
-def at_rest(speed: float, celsius: float = 70.0, rig: wet_clutch.Rig = NOMINAL) -> np.ndarray:
-    return rig.at_rest(speed, celsius + KELVIN).y
-
-
-def pressing(p_star: float) -> float:
-    """Valve voltage at which the plates feel `p_star` [bar] in steady state: docs/rig.md, eq. 3 and 4 solved by hand."""
-    deflection = (p_star - P_CONTACT) * A_CYL * BAR / K_STACK
-    return (p_star + K_S * deflection / (A_CYL * BAR)) / 2.5
-
-
-def pressed(p_star: float, speed: float, rig: wet_clutch.Rig = NOMINAL, celsius: float = 70.0) -> np.ndarray:
-    """State after a second at `p_star`, the temperature set back."""
-    state = run(rig.filled(speed, celsius + KELVIN).y, [(pressing(p_star), speed, 1000)], rig)[-1:]
-    state["temperature"] = celsius + KELVIN
-    return state
-
-
-def triangle(low: float, high: float, seconds: float, speed: float) -> list[Piece]:
-    """A staircase of 20 ms up and down between two valve pressures [bar], `seconds` each way."""
-    up = np.linspace(low, high, round(seconds / 0.02))
-    return [(p / 2.5, speed, 20) for p in (*up, *up[::-1])]
-
-
-# --- tolerances ------------------------------------------------------------------------------------------------------
 
 # Measured maxima against the independent integration, at 0.1 ms:
 #              pressure   position  torque    slip         temperature  angle
@@ -229,7 +50,6 @@ TOUCH = Deviation(pressure=5e-5, position=5e-9, torque=0.03, slip=0.005, tempera
 RELEASE = TOUCH._replace(pressure=0.4 * ADC_STEP)
 SMOOTH = Deviation(pressure=1e-5, position=1e-9, torque=0.004, slip=6e-4, temperature=5e-6, angle=2e-5)
 REVERSAL = TOUCH._replace(torque=0.05, slip=0.015, angle=8e-4)
-
 TORQUE_PRINTED = 0.006  # Nm: docs/rig.md prints 16.74
 LAG_PRINTED = 5e-5  # s: docs/rig.md prints 12.1 ms
 TOUCH_TIME = 0.075, 0.095  # s: "about 85 ms"; measured 86 ms
@@ -239,12 +59,9 @@ ENERGY = (
 )
 LANDING = 0.1 * ADC_STEP  # bar; measured 0.00014 bar once the volume is kept, 0.0104 bar as it is
 ORDER_FLUID, ORDER_REST = 3.5, 1.8  # Runge-Kutta 4; midpoint rule; less a little for the finest step's rounding
-RATE_DEVIATION = Deviation(pressure=5e-5, position=5e-9, torque=0.02, slip=0.003, temperature=2e-5, angle=3e-4)
 # 4 kHz steps 1/12 ms instead of 1/10 and meets kinks elsewhere in a step: measured 0.013 mbar, 1.5 nm, 0.006 Nm,
 # 0.0008 rad/s, 1.3e-4 rad; the other rates agree 1000 times better
-LOOP_WIDTH = 0.1  # relative: the springs and the slow pressure ramp add to the seal's 2 W / A; measured 4 %
-
-STEP = [(3.4 / 2.5, 20.0, 350)]
+RATE_DEVIATION = Deviation(pressure=5e-5, position=5e-9, torque=0.02, slip=0.003, temperature=2e-5, angle=3e-4)
 SCENARIOS: dict[str, tuple[float, float, list[Piece], Deviation]] = {
     "step": (20.0, 70.0, STEP, TOUCH),
     "release": (20.0, 70.0, [*STEP, (0.0, 20.0, 250)], RELEASE),
@@ -285,9 +102,6 @@ def assert_within(found: np.ndarray, expected: np.ndarray, allowed: Deviation) -
     largest = Deviation(*np.abs(found - expected).max(axis=0))
     for name, value, limit in zip(Deviation._fields, largest, allowed, strict=True):
         assert value <= limit, f"{name} deviates by {value:.3g}, allowed {limit:.3g}"
-
-
-# --- statements ------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
@@ -417,115 +231,6 @@ def test_error_falls_with_the_order_of_the_method_when_the_step_is_halved() -> N
         errors = [abs(state[name] - exact[name]) for state in (coarse, middle, fine)]
         assert errors[0] / errors[1] > 2.0**order, f"{name}: {errors}"
         assert errors[1] / errors[2] > 2.0**order, f"{name}: {errors}"
-
-
-class _WithoutHooks(ast.NodeTransformer):
-    """The rig's source as if hooks had never been written."""
-
-    def visit_If(self, node: ast.If) -> ast.AST | None:
-        self.generic_visit(node)
-        return None if "attached(" in ast.unparse(node.test) else node
-
-    def visit_keyword(self, node: ast.keyword) -> ast.keyword | None:
-        return None if node.arg == "cache" else node  # Numba keeps no cache for source without a file
-
-    def visit_Assign(self, node: ast.Assign) -> ast.AST | None:
-        self.generic_visit(node)
-        return None if "bound(" in ast.unparse(node.value) else node
-
-    def visit_Name(self, node: ast.Name) -> ast.AST:
-        return ast.Constant(None) if node.id == "e" and isinstance(node.ctx, ast.Load) else node
-
-
-def rig_without_hooks() -> Any:
-    """`Rig.advance` of a rig without hooks."""
-    scope: dict[str, Any] = {"__name__": "rig_without_hooks"}
-    modules = (clutch_unit, standstill, wet_clutch)
-    names = {module.__name__ for module in modules}
-    for module in modules:
-        path = Path(module.__file__)
-        tree = _WithoutHooks().visit(ast.parse(path.read_text()))
-        tree.body = [n for n in tree.body if not (isinstance(n, ast.ImportFrom) and n.module in names)]
-        source = ast.unparse(ast.fix_missing_locations(tree))
-        assert "attached(" not in source
-        assert "call(" not in source
-        scope["__file__"] = str(path)
-        exec(compile(source, f"<{path.stem} without hooks>", "exec"), scope)
-    return scope["advance"]
-
-
-def test_effects_off_is_bit_identical_to_a_rig_that_never_had_hooks() -> None:
-    kernel = rig_without_hooks()
-
-    class Bare:
-        table = NOMINAL.table
-
-        @staticmethod
-        def advance(before: wet_clutch.Whole, *inputs: float) -> wet_clutch.Whole:
-            *held, duration, substeps = inputs
-            return wet_clutch.Whole(*kernel(*before, *held, NOMINAL.record, None, duration, substeps))
-
-    pieces = [*STEP, (1.5, -10.0, 250), (1.2, 24.0, 150), (0.0, 24.0, 200)]
-    ours, theirs = (run(at_rest(20.0, 50.0), pieces, rig) for rig in (NOMINAL, Bare))
-    assert ours.tobytes() == theirs.tobytes()
-    other = run(at_rest(20.0, 50.0), pieces, parameters(friction_level__level=0.9))
-    assert ours.tobytes() != other.tobytes()
-
-
-def test_effects_attached_but_off_are_bit_identical_to_the_baseline() -> None:
-    every = wet_clutch.Rig(wet_clutch.nominal(), also=("friction_level", "piston_seal_friction"))
-    assert len(every.table.calls) == 2
-    pieces = [*STEP, (1.5, -10.0, 250), (1.2, 24.0, 150), (0.0, 24.0, 200)]
-    assert run(at_rest(20.0, 50.0), pieces, every).tobytes() == run(at_rest(20.0, 50.0), pieces).tobytes()
-
-
-def test_friction_level_scales_the_torque_and_drifts_in_time() -> None:
-    heavy = {"motor__inertia": 10.0}  # the same slip for all
-    nominal, weak, drifting = (
-        run(at_rest(20.0), STEP, parameters(**heavy, **changed))
-        for changed in ({}, {"friction_level__level": 0.8}, {"friction_level__drift": 0.1})
-    )
-    factor = 1.0 + 0.1 * nominal["time"]
-    closed = nominal["clutch_torque"] > 5.0
-    for states, expected in ((weak, 0.8), (drifting, factor[closed])):
-        ratio = states["clutch_torque"][closed] / nominal["clutch_torque"][closed]
-        assert ratio == pytest.approx(expected, abs=1e-3)  # slip differs by 1e-3 through the inertia
-
-
-def test_a_drift_switched_on_late_begins_where_the_level_is() -> None:
-    late = pressed(3.4, 20.0)
-    late["time"] = 600.0
-    drifting, nominal = (
-        run(late, [(pressing(3.4), 20.0, 10)], rig) for rig in (parameters(friction_level__drift=-0.1), NOMINAL)
-    )
-    assert drifting["clutch_torque"] == pytest.approx(nominal["clutch_torque"], rel=2e-3)  # 0.1 % in 10 ms
-    assert drifting["clutch_torque"][-1] < nominal["clutch_torque"][-1]
-
-
-def opening_minus_closing(force: float) -> np.ndarray:
-    """Torque opening less torque closing [Nm] at equal cylinder pressures, away from the turning points."""
-    states = run(pressed(2.45, 20.0), triangle(2.45, 4.2, 2.0, 20.0), parameters(piston_seal_friction__force=force))
-    pressure, torque = states["pressure"] / BAR, states["clutch_torque"]
-    top = np.argmax(pressure)
-    grid = np.linspace(2.9, 3.5, 7)
-    closing = np.interp(grid, pressure[:top], torque[:top])
-    return np.interp(grid, pressure[:top:-1], torque[:top:-1]) - closing
-
-
-def test_seal_friction_opens_the_loop_of_fig_6_11_with_opening_above_closing() -> None:
-    none = np.abs(opening_minus_closing(0.0))
-    widths = {force: opening_minus_closing(force) for force in (30.0, 60.0, 120.0)}
-    slope = 10.8 * 0.8357 + 2.67 * 20.0 ** (1 / 3)  # Nm/bar at 20 rad/s
-    for force, width in widths.items():
-        assert (width > 10 * none.max()).all()
-        assert width.mean() == pytest.approx(slope * 2 * force / (A_CYL * BAR), rel=LOOP_WIDTH)
-    assert widths[30.0].mean() < widths[60.0].mean() < widths[120.0].mean()
-
-
-def test_seal_friction_never_exceeds_its_break_away_force() -> None:
-    states = run(at_rest(20.0), [*STEP, (0.0, 20.0, 250)], parameters(piston_seal_friction__force=60.0))
-    assert states["seal_force"].max() == 60.0
-    assert states["seal_force"].min() == -60.0
 
 
 def test_advance_changes_none_of_its_arguments() -> None:

@@ -1,11 +1,15 @@
 """What several files of this folder play."""
 
+from pathlib import Path
+
 import pytest
 
 from clutch_hil.bench.in_process import Played, play
 from plant_sim.node.plant_node import PlantNode
 from plant_sim.profiles.profile import load_profile
 from protocols.node import node_factory
+from protocols.telemetry.batch import Batch
+from tests.clutch_hil.live.screen_recording import Logged, simulate_nodes
 from tests.clutch_hil.live.scripted_bench import RATE, SECONDS
 
 
@@ -13,3 +17,13 @@ from tests.clutch_hil.live.scripted_bench import RATE, SECONDS
 def played() -> Played:
     plant = PlantNode(rate=RATE, profile=load_profile("engagement", SECONDS))
     return play(plant, node_factory("controller")(rate=RATE))
+
+
+@pytest.fixture(scope="module")
+def nodes() -> dict[str, Batch]:
+    return simulate_nodes()
+
+
+@pytest.fixture
+def logged(tmp_path: Path) -> Logged:
+    return Logged(tmp_path / "run.rrd")
