@@ -30,7 +30,7 @@ MODULES = (
     "stribeck_data",
     "gms",
     "gms_elements",
-    "position_axis",
+    "friction_compensation",
     "clutch_temperature",
     "clutch_piston",
     "clutch_stationary",

@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 from benchmarks.battery.rivals import gaussian_process
 from benchmarks.battery.rivals.__main__ import main
 from benchmarks.battery.rivals.features import compute_features
-from benchmarks.battery.rivals.limits import answer_by_limits, tune_limits
 from benchmarks.battery.rivals.residuals import INPUTS, OUTPUTS, PERIOD, ResidualData
+from benchmarks.battery.rivals.verdict_limits import answer_by_limits, tune_limits
 from clutch_hil.discrepancy.result import NAMED, NONE_OF_THESE, NOTHING
 from tests import needs
 

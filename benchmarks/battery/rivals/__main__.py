@@ -14,8 +14,8 @@ import numpy as np
 import typer
 
 from benchmarks.battery.rivals import METHODS, classifier
-from benchmarks.battery.rivals.limits import answer_by_limits, tune_limits
 from benchmarks.battery.rivals.ranking import rank_case
+from benchmarks.battery.rivals.verdict_limits import answer_by_limits, tune_limits
 from benchmarks.battery.run import Cache, keep_answers, run_cases, select_cases
 from benchmarks.battery.score import Answer, family, hidden_names, score_names
 from benchmarks.battery.table import format_measures
