@@ -17,9 +17,8 @@ from benchmarks.battery.truth_simulation import (
 )
 
 TYPICAL = np.array([3.4, 10.0, 17.0, 17.0])  # bar, K, Nm, Nm: what noise is a share of, see above
-_ADC_STEPS = np.array(
-    [20 / 4096 / 1.0, 20 / 4096 / 0.05, 20 / 4096 / 0.2, 20 / 65536 / 0.2]
-)  # of the converters: docs/rig.md, eq. 9
+# of the converters: docs/rig.md, eq. 9
+_ADC_STEPS = np.array([20 / 4096 / 1.0, 20 / 4096 / 0.05, 20 / 4096 / 0.2, 20 / 65536 / 0.2])
 _ENCODER_COUNT = 2.0 * np.pi / 163840  # rad, of the encoder
 
 

@@ -46,14 +46,8 @@ def select_cases(
 
 
 _KEPT_FOLDER = Path(__file__).with_name("answers")
-_DROPPED_FIELDS = (
-    "generating_seconds",
-    "load",
-    "floors",
-    "notes",
-    "features",
-    "ranking",
-)  # no table of the page needs them
+# no table of the page needs them
+_DROPPED_FIELDS = ("generating_seconds", "load", "floors", "notes", "features", "ranking")
 _KEPT_TRUTH_FIELDS, _KEPT_WEIGHED_FIELDS = (
     ("effects", "severity", "noise", "celsius", "split"),
     ("closed", "excess", "gain", "margin"),

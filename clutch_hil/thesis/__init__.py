@@ -82,14 +82,14 @@ def reproduces(name: str, title: str, claim: str) -> Callable[[Callable[[Sheet],
 
 
 def entries() -> dict[str, Entry]:
-    """All reproductions by name: those of the thesis in the order of the thesis, then ours."""
+    """Load all reproductions, by name: those of the thesis in its order, then those of this project."""
     for module in MODULES:
         import_module(f"clutch_hil.thesis.{module}")
     return dict(sorted(_ENTRIES.items(), key=lambda item: _sort_key(item[0])))
 
 
 def entry(name: str) -> Entry:
-    """The reproduction called `name`, or the figure or table of that number. Raises InputError."""
+    """Find the reproduction called `name`, or the figure or table of that number. Raises InputError."""
     known = entries()
     kind, space, number = name.partition(" ")
     spelled = f"{_KINDS[kind.lower()]}-{number}" if space and kind.lower() in _KINDS else name

@@ -1,6 +1,6 @@
 """Adaptive feedforward on plants with other friction: the level is learnt from motor torque and slip acceleration.
 
-The thesis names adaptive control with changing parameters as future work (chapter 7); claim and cases are ours.
+The thesis names adaptive control with changing parameters as future work (chapter 7). Claim and cases are of this project.
 """
 
 import numpy as np
@@ -13,8 +13,8 @@ from plant_sim.profiles.profile import load_profile
 from plant_sim.rigs import wet_clutch
 from protocols.node import node_factory
 
-LEAST_GAIN = 5.0  # least factor by which adaptation reduces the error: ours
-SEEDS = 5  # number of seeds of each case; ours
+LEAST_GAIN = 5.0  # least factor by which adaptation must reduce the error; chosen: 20 % of friction become 4 %
+SEEDS = 5  # of each case, for the noise of the sensors; chosen by judgement
 FIRST_RISE_END = 0.5  # s, end of the first rise of the demand in the profile `engagement`
 # change of plant parameters, oil temperature at the start [degC]
 CASES: dict[str, tuple[dict[str, float], float]] = {
@@ -45,7 +45,7 @@ def adaptation(sheet: Sheet) -> None:
             for adaptive in (False, True):
                 plant = PlantNode(parameters=parameters, profile=profile, seed=seed, temperature=temperature)
                 pair.append(play(plant, node_factory("controller")(adaptation=adaptive)))
-                errors[adaptive].append(regime_error(pair[-1]))
+                errors[adaptive].append(compute_regime_error(pair[-1]))
             learnt.append(float(pair[1]["controller_friction_level"][-1]))
             first_pair = first_pair or (pair[0], pair[1])
             sheet.progress(i * SEEDS + seed + 1, len(CASES) * SEEDS)
@@ -72,8 +72,8 @@ def adaptation(sheet: Sheet) -> None:
     _draw(sheet, *first_pair)
 
 
-def regime_error(played: Played) -> float:
-    """Mean absolute error of the true torque [Nm] in the regime.
+def compute_regime_error(played: Played) -> float:
+    """Compute the mean absolute error of the true torque [Nm] in the regime.
 
     The regime begins at the end of the first rise of the demand, because a plant with 20 % less friction never reaches 90 %.
     """

@@ -1,6 +1,6 @@
 """Appendix C: measuring constant loads with a piezo force sensor that leaks, by DC restoration.
 
-The thesis prints neither t_98 nor the sensitivity of the sensor. Ours are chosen to fit the axes of its figures: see NOTES.
+The thesis prints neither t_98 nor the sensitivity of the sensor. They are chosen to fit the axes of its figures: see NOTES.
 """
 
 from dataclasses import replace
@@ -14,10 +14,10 @@ from plant_sim.blocks.adc import counts
 from plant_sim.blocks.dc_restoration import DcRestoration
 from plant_sim.blocks.icp_sensor import IcpSensor
 
-STEP = 1e-3  # s, ours: the rate of the rig's data acquisition
+STEP = 1e-3  # s; chosen: the rate of the rig's data acquisition
 GRAVITY = 9.81  # m/s^2
-T_98 = 10.0  # s, ours: in fig C.3 the output is near 0 well before the end of the axis at 20 s
-NOISE = 0.3e-3  # V before the converter, ours: one step of 16 bit
+T_98 = 10.0  # s; chosen: in fig C.3 the output is near 0 well before the end of the axis at 20 s
+NOISE = 0.3e-3  # V before the converter; chosen: one step of 16 bit
 _RANGE, _BITS = 10.0, 16  # V, sec. 3.9.4: dSPACE 1103
 _DISPLAY_SCALE = 0.1  # dSPACE shows +-10 V as +-1: "the unity is [V/10]", sec. C.3
 
@@ -29,7 +29,7 @@ NOTES = (
 
 
 def sample_output(sensor: IcpSensor, force: np.ndarray, warming: np.ndarray | float = 0.0, seed: int = 1) -> np.ndarray:
-    """Output (n,) [V] as the converter takes it, with noise, under force (n,) [N] and warming [K]."""
+    """Sample the output (n,) [V] of the sensor with noise and rounding, under force (n,) [N] and warming [K]."""
     voltage = sensor.measure(force, STEP, warming)[0]
     noisy = voltage + NOISE * np.random.default_rng(seed).standard_normal(voltage.size)
     codes = [counts(v, _RANGE, _BITS, _BITS) for v in noisy.tolist()]
@@ -37,7 +37,7 @@ def sample_output(sensor: IcpSensor, force: np.ndarray, warming: np.ndarray | fl
 
 
 def make_loads(seconds: float, *changes: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
-    """Time (n,) [s] and force (n,) [N]; each change is (time [s], mass from then on [kg])."""
+    """Make time (n,) [s] and force (n,) [N]; each change is (time [s], mass from then on [kg])."""
     time = np.arange(round(seconds / STEP)) * STEP
     mass = np.zeros(time.size)
     for at, value in changes:
@@ -46,12 +46,12 @@ def make_loads(seconds: float, *changes: tuple[float, float]) -> tuple[np.ndarra
 
 
 def make_restoration(sensor: IcpSensor, voltage: np.ndarray, idle: float = 1.0) -> DcRestoration:
-    """Restoration for `sensor`, its zero the mean of the first `idle` [s]."""
+    """Make the restoration for `sensor`; its zero is the mean of `voltage` (n,) [V] over the first `idle` [s]."""
     return DcRestoration(sensor.decay_rate).with_zero_from(voltage[: round(idle / STEP)])
 
 
-def mean_after(time: np.ndarray, signal: np.ndarray, at: float, width: float = 0.2) -> float:
-    """Mean of the `width` [s] after `at` [s]."""
+def average_after(time: np.ndarray, signal: np.ndarray, at: float, width: float = 0.2) -> float:
+    """Average `signal` over the `width` [s] after `at` [s]."""
     return float(signal[(time >= at) & (time < at + width)].mean())
 
 
@@ -90,7 +90,7 @@ def figure_c_3(sheet: Sheet) -> None:
     sheet.check("decays exponentially: a from the fit within 1 % of 1/tau [1/s]", abs(rate / a - 1) < 0.01, (rate, a))
     by_eye = DcRestoration.from_decay_time(t_98).decay_rate
     sheet.check("a = -ln(0.02)/t_98, read off the curve, within 5 % [1/s]", abs(by_eye / a - 1) < 0.05, by_eye)
-    end = mean_after(time, trace, 19.5)
+    end = average_after(time, trace, 19.5)
     sheet.check("it ends near the initial value, within 1 % of the step [V/10]", abs(end) < 0.01 * height, end, "0")
     sheet.check(
         "2 kg start within the axis of the figure, 0.4 to 0.45 [V/10]", 0.4 < height < 0.45, height, "0.4 to 0.45"
@@ -105,9 +105,8 @@ def figure_c_3(sheet: Sheet) -> None:
 )
 def figure_c_4(sheet: Sheet) -> None:
     """Unloaded sensor with a zero error of the power unit, restored with and without zeroing."""
-    sensor = replace(
-        SENSOR, offset=0.05
-    )  # V, ours: with it 20 s drift by 0.04 V/10, the height of the figure's lower axis
+    # V; chosen: 20 s then drift by 0.04 V/10, the height of the figure's lower axis
+    sensor = replace(SENSOR, offset=0.05)
     time, force = make_loads(20.0)
     voltage = sample_output(sensor, force)
     plain, _ = DcRestoration(sensor.decay_rate).restore(voltage, STEP)
@@ -152,11 +151,11 @@ def figure_c_5(sheet: Sheet) -> None:
         axes[k].plot(time, voltage * _DISPLAY_SCALE, lw=1.0, label="output")
         label(axes[k], "time [s]", "[V/10]" if k == 0 else "", name)
         kilograms = back / (SENSOR.scale * GRAVITY)  # the data sheet's sensitivity
-        levels.append([mean_after(time, kilograms, at + 0.1) for at in (7.0, 8.0, 10.0, 12.0, 14.0)])
+        levels.append([average_after(time, kilograms, at + 0.1) for at in (7.0, 8.0, 10.0, 12.0, 14.0)])
         for at, _ in (*(putting if k == 0 else ()), *taken_off):  # of 500 g each
-            steps.append(abs(mean_after(time, kilograms, at + 0.01) - mean_after(time, kilograms, at - 0.21)))
+            steps.append(abs(average_after(time, kilograms, at + 0.01) - average_after(time, kilograms, at - 0.21)))
         if k == 1:
-            unrestored = mean_after(time, voltage, 19.0) * _DISPLAY_SCALE
+            unrestored = average_after(time, voltage, 19.0) * _DISPLAY_SCALE
     axes[0].legend(loc="upper right", frameon=False)
     expected = np.array([2.0, 1.5, 1.0, 0.5, 0.0])
     apart = 1e3 * float(np.abs(np.subtract(levels[0], levels[1])).max())
@@ -183,7 +182,7 @@ def figure_c_5(sheet: Sheet) -> None:
 def figure_c_6(sheet: Sheet) -> None:
     """2 kg with 1.5 kg at 1 Hz."""
     time, force = make_loads(20.0, (1.0, 2.0))
-    frequency = 1.0  # Hz, ours
+    frequency = 1.0  # Hz; chosen by judgement: the thesis names none
     force += 1.5 * GRAVITY * np.sin(2 * np.pi * frequency * (time - 1.0)) * (time >= 1.0)
     voltage = sample_output(SENSOR, force)
     back, _ = make_restoration(SENSOR, voltage).restore(voltage, STEP)
@@ -216,7 +215,7 @@ def figure_c_6(sheet: Sheet) -> None:
 )
 def figure_c_7(sheet: Sheet) -> None:
     """4 kg, blowing twice, holding: warming of the sensor acts as a load."""
-    sensor = replace(SENSOR, warming_load=-1.0 * GRAVITY / 5.0)  # N/K, ours: 5 K of warming are 1 kg, unloading
+    sensor = replace(SENSOR, warming_load=-1.0 * GRAVITY / 5.0)  # N/K; chosen: 5 K of warming take off 1 kg
     time, force = make_loads(200.0, (20.0, 4.0))
     warming = np.zeros(time.size)
     for begin, end, kelvin, lag in ((60.0, 65.0, 3.0, 3.0), (90.0, 95.0, 3.0, 3.0), (130.0, 160.0, 5.0, 5.0)):
@@ -234,8 +233,8 @@ def figure_c_7(sheet: Sheet) -> None:
     for at, height, text in ((21.0, 0.1, "4 kg"), (58.0, -0.55, "blow"), (88.0, -0.55, "blow"), (135.0, -0.45, "hold")):
         axes.text(at, height, text, fontsize=9)
     label(axes, "time [s]", "[V/10], compression negative")
-    before, held = mean_after(time, back, 125.0), mean_after(time, back, 158.0)
-    load = mean_after(time, back, 50.0)
+    before, held = average_after(time, back, 125.0), average_after(time, back, 158.0)
+    load = average_after(time, back, 50.0)
     share = (before - held) / load
     sheet.check("holding changes the restored signal by a quarter of the 4 kg, 0.25 +- 0.05 [-]", abs(share - 0.25) < 0.05,
                 share, "about one fourth")  # fmt: skip
@@ -268,7 +267,7 @@ def figure_c_8(sheet: Sheet) -> None:
         off = 100.0 * (back / (sensor.scale * load) - 1.0)  # %
         tenth = (time >= put_on).nonzero()[0].reshape(-1, 100)  # in tenths of a second
         axes.plot(time[tenth].mean(axis=1), off[tenth].mean(axis=1), lw=1.2, label=f"x{gain:g}, means over 0.1 s")
-        errors[gain] = [mean_after(time, off, at) for at in (put_on, 0.5 * (put_on + read), read)]
+        errors[gain] = [average_after(time, off, at) for at in (put_on, 0.5 * (put_on + read), read)]
     axes.plot([put_on, read], [0.55, 3.5], "o", color=REFERENCE_COLOUR, label="thesis, x10")
     axes.legend(loc="upper left", frameon=False)
     label(axes, "time [s]", "error of the restored load [%]")

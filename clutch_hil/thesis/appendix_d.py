@@ -13,12 +13,12 @@ from plant_sim.friction.identification.virgin_curve import VirginCurve, find_rev
 from plant_sim.friction.maxwell_slip import MaxwellSlip
 from plant_sim.friction.model import Array
 
-AMPLITUDE = 10.0  # um, amplitude of the position; ours, pre-sliding of steel; figures D.1 to D.6 have no numbers
-HEIGHT = 10.0  # N, virgin curve at REACH; ours
-KNEE = 0.15  # of REACH: the virgin curve is 1 - exp(-x/knee), most of it bends there; ours
-NOISE = 0.1  # N, of the measured force: 1 % of the height; ours
-CYCLES = 4
-STROKE_SAMPLES = 400  # samples a stroke
+AMPLITUDE = 10.0  # um, of the position; figures D.1 to D.6 have no numbers; chosen: as in pre-sliding of steel
+HEIGHT = 10.0  # N, virgin curve at AMPLITUDE; chosen: a round number
+KNEE = 0.15  # of AMPLITUDE: the virgin curve is 1 - exp(-x/knee); chosen: most of its bend is then within the stroke
+NOISE = 0.1  # N, of the measured force; chosen: 1 % of the height
+CYCLES = 4  # of the record; chosen: enough to average noise
+STROKE_SAMPLES = 400  # a stroke; chosen: straight pieces between them miss the curve by less than the noise
 RULES: dict[str, Spacing] = {
     "equal": EqualSpacing(),
     "inverse to f'' (thesis)": CurvatureSpacing(),
@@ -29,26 +29,26 @@ LEGEND = {"fontsize": 8, "frameon": False}
 
 @cache
 def make_virgin_curve(knee: float = KNEE) -> VirginCurve:
-    """Virgin curve that bends within `knee` of REACH [um, N]."""
+    """Make a virgin curve [um, N] that bends within `knee` of AMPLITUDE."""
     x = np.linspace(0.0, AMPLITUDE, 4001)
     rise = 1.0 - np.exp(-x / (knee * AMPLITUDE))
     return VirginCurve(x, HEIGHT * rise / rise[-1])
 
 
 def make_path(turns: list[float] | Array, samples: int = STROKE_SAMPLES) -> Array:
-    """Positions through `turns`, `samples` a stroke."""
+    """Make a path of positions through `turns`, with `samples` a stroke."""
     return np.append(np.concatenate([np.linspace(a, b, samples + 1)[:-1] for a, b in pairwise(turns)]), turns[-1])
 
 
 @cache
 def make_contact() -> MaxwellSlip:
-    """The contact that is measured: 200 elements, so that its loops look smooth."""
+    """Make the contact that is measured: 200 elements, so that its loops look smooth."""
     return solve(make_virgin_curve(), CurvatureSpacing(0.5).place(make_virgin_curve(), 200))
 
 
 @cache
 def simulate_record() -> tuple[Array, Array]:
-    """Record of CYCLES times a full loop and one with an inner loop, and noise [um, N]."""
+    """Simulate a record [um, N] with noise: CYCLES times a full loop and one with an inner loop."""
     position = make_path(
         [0.0, AMPLITUDE, *[-AMPLITUDE, AMPLITUDE, -AMPLITUDE, 0.3 * AMPLITUDE, -0.4 * AMPLITUDE, AMPLITUDE] * CYCLES]
     )
@@ -145,7 +145,7 @@ def figure_d_2(sheet: Sheet) -> None:
 )
 def figure_d_3(sheet: Sheet) -> None:
     """Play one element through two amplitudes."""
-    stiffness, limit = 2.0, 5.0  # N/um, N; ours
+    stiffness, limit = 2.0, 5.0  # N/um, N; chosen: it slips at 2.5 um, a quarter of the amplitude
     element = MaxwellSlip(np.array([stiffness]), np.array([limit]))
     axes = sheet.axes(1, 1, width=6.5, height=4.5)
     position = make_path([0.0, AMPLITUDE, -AMPLITUDE, AMPLITUDE], 2000)

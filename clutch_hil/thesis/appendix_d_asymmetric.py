@@ -10,7 +10,7 @@ from plant_sim.friction.identification.maxwell_slip import virgin_force
 from plant_sim.friction.identification.virgin_curve import VirginCurve
 from plant_sim.friction.maxwell_slip import MaxwellSlip
 
-# Sets of two elements, stiffness [N/um], limits [N]; ours, of equal height as a loop must close
+# Sets of two elements, stiffness [N/um], limits [N]; chosen: of equal height, because a loop must close
 UP = MaxwellSlip(np.array([2.0, 1.0]), np.array([2.0, 4.0]))
 DOWN = MaxwellSlip(np.array([3.0, 1.0]), np.array([3.0, 3.0]))
 LEVEL = MaxwellSlip(np.array([2.5, 0.5]), np.array([2.0, 4.0]))  # sum of stiffness as UP
@@ -49,7 +49,7 @@ def figure_d_5(sheet: Sheet) -> None:
                 drifts, "down for k_sum1 < k_sum2")  # fmt: skip
     sheet.check("and is their difference by the stroke [N]", bool(np.allclose(drifts, sums)), drifts, sums)
     sheet.check("none with equal sums, though the elements differ [N]", abs(drifts[1]) < 1e-12, drifts[1], "0")
-    early, late = (_play_elements(pairs["k_up = k_down"], stroke, n) for n in (6, 200))
+    early, late = (_simulate_elements(pairs["k_up = k_down"], stroke, n) for n in (6, 200))
     sheet.note(
         "branches follow the virgin curve of their side (eq D.1). Elements that keep their own force, with equal sums, give "
         f"{early:.2g} N after 6 cycles and {late:.2g} N after 200: each drifts to its limit unless its own two stiffnesses are "
@@ -57,8 +57,8 @@ def figure_d_5(sheet: Sheet) -> None:
     )
 
 
-def _play_elements(pair: TwoSidedElements, stroke: float, cycles: int) -> float:
-    """Output [N] of elements with a stiffness and a limit for each direction that keep their own force."""
+def _simulate_elements(pair: TwoSidedElements, stroke: float, cycles: int) -> float:
+    """Simulate elements with a stiffness and a limit for each direction that keep their own force; return the output [N]."""
     force = np.zeros(2)
     for _ in range(cycles):
         force = np.minimum(force + pair.up.stiffness * stroke, pair.up.limits)
@@ -99,7 +99,7 @@ def figure_d_6(sheet: Sheet) -> None:
     points = np.array([1.0, 2.0, 3.0, 4.0, 6.0, 10.0])
     tied = fit_two_sided(*curves, points)
     shaped = ShapedElements(UP, np.array([0.3]), AMPLITUDE)
-    shaped_gap = [_shaped_gap(shaped, stroke) for stroke in strokes[1::20]]
+    shaped_gap = [_measure_gap(shaped, stroke) for stroke in strokes[1::20]]
     right.plot(strokes, pair.gap(strokes), color="tab:blue", label="two sets")
     right.plot(strokes, tied.gap(strokes), color="tab:orange", label="two sets, sums and heights tied")
     right.plot(strokes[1::20], shaped_gap, "o", ms=3, color="tab:green", label="one set, shaped by g(x)")
@@ -125,6 +125,7 @@ def figure_d_6(sheet: Sheet) -> None:
     )
 
 
-def _shaped_gap(shaped: ShapedElements, stroke: float) -> float:
+def _measure_gap(shaped: ShapedElements, stroke: float) -> float:
+    """Measure by how much the force [N] misses the maximum on the return to it, after a `stroke` [um] away."""
     force = shaped.force(make_path([0.0, AMPLITUDE, -AMPLITUDE, AMPLITUDE, AMPLITUDE - stroke, AMPLITUDE], 50))
     return float(force[150] - force[-1])

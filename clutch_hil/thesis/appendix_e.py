@@ -20,12 +20,12 @@ POWER = 1.5  # Hertz, sec. 4.2.2
 APPROACH = POWER * LOAD / STIFFNESS  # m, 11 um
 LIFT = 1e-6  # m, over speed, sec. 4.2.2
 HIGHEST_LIFT_FORCE = LOAD * (1.0 - (1.0 - LIFT / APPROACH) ** POWER)  # N, raises LOAD by LIFT: 7.9 N
-SPEED = 0.1  # m/s, ours: saturates within the speeds of fig 4.18
-LAG = 3e-3  # s, ours, of the lift-up force at high speed
-DAMPING = 0.5  # of critical, ours: paper and oil; with little damping the film rings after each start
-RADIUS = 0.075  # m, mean radius of the disks
+SPEED = 0.1  # m/s, scale of the lift-up force; chosen: it saturates within the speeds of fig 4.18
+LAG = 3e-3  # s, of the lift-up force at high speed; chosen: visible at 9 Hz
+DAMPING = 0.5  # of critical; chosen for paper and oil: with little damping the film rings after each start
+RADIUS = 0.075  # m, mean radius of the disks, sec. 3.4
 FREQUENCY, ANGLE = 9.0, 0.06  # Hz and rad, the butterflies of fig 4.18
-DT = 1e-5  # s
+DT = 1e-5  # s; chosen: about 500 samples in a period of the normal resonance
 
 MODEL = LiftingXGMS(
     XGMS(Amontons(0.25), np.full(10, 1e5), np.full(10, 0.1), beta=0.6, stribeck_velocity=0.02, viscous=0.2, attraction=60.0),
@@ -57,12 +57,15 @@ class Cycle:
         self.before = MODEL.lift(trace.state)[2 * samples : 3 * samples]
         self.rate = np.gradient(self.lift, DT)
 
-    def asymmetry(self, values: Array) -> float:
-        """Largest difference to the values half a cycle later, at opposite position and velocity, relative to their range."""
+    def compute_asymmetry(self, values: Array) -> float:
+        """Compute the largest difference to the values half a cycle later, over their range [-]."""
         return float(np.abs(values - np.roll(values, len(values) // 2)).max() / np.ptp(values))
 
-    def wings(self, values: Array) -> tuple[float, float]:
-        """Signed areas between the branches at x > 0 and x < 0, over that of the box around the loop; opposite: they cross."""
+    def compute_wings(self, values: Array) -> tuple[float, float]:
+        """Compute the signed areas between the branches at x > 0 and at x < 0, over that of the box around the loop [-].
+
+        The branches cross if the two have opposite signs.
+        """
         right = self.position >= 0.0
         box = np.ptp(values) * np.ptp(self.position)
         middle = 0.5 * (values + np.roll(values, -1)) * (np.roll(self.position, -1) - self.position)
@@ -71,10 +74,10 @@ class Cycle:
 
 def check_butterfly(sheet: Sheet, cycle: Cycle, values: Array, name: str) -> None:
     """Check that the curve over position is a butterfly."""
-    asymmetry = cycle.asymmetry(values)
+    asymmetry = cycle.compute_asymmetry(values)
     sheet.check(f"{name}: the curve is even in x, the same in both directions, relative difference", asymmetry < 0.01,
                 asymmetry, "butterfly shape")  # fmt: skip
-    right, left = cycle.wings(values)
+    right, left = cycle.compute_wings(values)
     sheet.check(f"{name}: the wings run in opposite directions, so the branches cross [area of the box]",
                 right * left < 0.0 and min(abs(right), abs(left)) > 0.01, [right, left], "a butterfly")  # fmt: skip
 
@@ -100,24 +103,24 @@ def figure_e_1(sheet: Sheet) -> None:
                 force[-1] / simulate_steady(0.4)[0], "saturates")  # fmt: skip
     error = float(np.abs(force - MODEL.steady_lift_force(speeds)).max())
     sheet.check("the played steady force is F_N(v), both directions [N]", error < 1e-9, error, "static curve")
-    printed = _printed_lift_force(-0.3)
+    printed = _compute_printed_force(-0.3)
     sheet.check("as printed, with sign(v) C_N and F_N even, it runs away for v < 0: force after 0.1 s of -0.3 m/s [N]",
                 printed < -100.0 * HIGHEST_LIFT_FORCE, printed, "printed equation")  # fmt: skip
     sheet.note("so sign(v) is left out before C_N; with it the force has a steady state for v > 0 only. " + SIZES)
 
 
 def simulate_steady(velocity: float) -> tuple[float, float]:
-    """Lift-up force [N] and lift [m] after 0.5 s at constant velocity [m/s]."""
+    """Simulate 0.5 s at constant velocity [m/s]; return lift-up force [N] and lift [m]."""
     position = velocity * np.arange(5001) * 1e-4
     state = MODEL.trace(position, 1e-4, LOAD).state[-1]
     return float(MODEL.lift_force(state)), float(MODEL.lift(state))
 
 
-def _printed_lift_force(velocity: float) -> float:
-    """Lift-up force [N] of the printed slip equation, one element, after 0.1 s at `velocity` [m/s]: its exact solution."""
+def _compute_printed_force(velocity: float) -> float:
+    """Compute the lift-up force [N] of the printed slip equation, one element, after 0.1 s at `velocity` [m/s]."""
     end = float(MODEL.steady_lift_force(velocity))
     rate = np.sign(velocity) * MODEL.normal.attraction / end
-    return float(end * (1.0 - np.exp(-rate * 0.1)))
+    return float(end * (1.0 - np.exp(-rate * 0.1)))  # the exact solution
 
 
 @reproduces(
@@ -185,13 +188,14 @@ def figure_e_4(sheet: Sheet) -> None:
         work / lost,
         "stiffness with damping",
     )
-    apart = [_start_from_rest(c) for c in (cycle, slow)]
+    apart = [_compute_spring_distance(c) for c in (cycle, slow)]
     sheet.check("rms distance from the static contact spring [of the 1 um] falls by more than 10 times from 9 to 0.5 Hz",
                 apart[1] < 0.1 * apart[0], apart, "stiffness with damping")  # fmt: skip
     sheet.note(SIZES)
 
 
-def _start_from_rest(cycle: Cycle) -> float:
+def _compute_spring_distance(cycle: Cycle) -> float:
+    """Compute the rms distance of a cycle from the static contact spring, relative to LIFT [-]."""
     static = APPROACH * (1.0 - (1.0 - cycle.lift_force / LOAD) ** (1.0 / POWER))
     return float(np.sqrt(np.mean((cycle.lift - static) ** 2)) / LIFT)
 

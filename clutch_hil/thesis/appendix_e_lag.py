@@ -18,7 +18,7 @@ from plant_sim.friction.xgms import XGMS
 def figure_e_6(sheet: Sheet) -> None:
     axes = sheet.axes(1, 1, 8, 5)
     velocities, accelerations = np.linspace(0.02, 0.8, 40), np.linspace(-5.0, 5.0, 41)
-    rates = np.array([[_mean_rate(v, a) for v in velocities] for a in accelerations])
+    rates = np.array([[_measure_rate(v, a) for v in velocities] for a in accelerations])
     limit = float(np.abs(rates).max())
     mesh = axes.pcolormesh(
         velocities, accelerations, rates, cmap="RdBu_r", vmin=-limit, vmax=limit, shading="nearest", rasterized=True
@@ -47,7 +47,7 @@ def figure_e_6(sheet: Sheet) -> None:
     signs = bool(np.all((rates * accelerations[:, None])[moving][:, velocities < 0.5] > 0.0))
     sheet.check("below 0.5 m/s the rate has the sign of the acceleration", signs, "all points" if signs else "not all")
     mirrored = max(
-        abs(_mean_rate(-v, -a) - _mean_rate(v, a)) / limit for v, a in ((0.05, 5.0), (0.2, -5.0), (0.5, 2.0))
+        abs(_measure_rate(-v, -a) - _measure_rate(v, a)) / limit for v, a in ((0.05, 5.0), (0.2, -5.0), (0.5, 2.0))
     )
     sheet.check("mirrored motion gives the same rate, of the largest", mirrored < 1e-9, mirrored, "line symmetric")
     sheet.note(
@@ -55,8 +55,8 @@ def figure_e_6(sheet: Sheet) -> None:
     )
 
 
-def _mean_rate(velocity: float, acceleration: float) -> float:
-    """Mean dF_N/dt [N/s] over the first LAG of `acceleration` [m/s^2] from steady sliding at `velocity` [m/s]."""
+def _measure_rate(velocity: float, acceleration: float) -> float:
+    """Measure the mean dF_N/dt [N/s] over the first LAG of `acceleration` [m/s^2] from steady sliding at `velocity` [m/s]."""
     dt = 1e-4
     before, after = round(0.15 / dt), round(LAG / dt)
     time = dt * np.arange(-before, after + 1)

@@ -12,11 +12,11 @@ from plant_sim.friction.generic import FixedSeparationModel, GenericModel
 from plant_sim.friction.mindlin import Material, SphereOnFlat, stiffness_ratio
 from plant_sim.friction.model import Array
 
-# The axes of figures 2.3 and A.1 have numbers without units: x 0 to 3500, F 0 to 1.8. Ours: the samples of figure 2.3 are
-# 1e-3 step heights, and the coefficient makes the limit begin at 0.6 and end at 1.8, where the axis does.
+# The axes of figures 2.3 and A.1 have numbers without units: x 0 to 3500, F 0 to 1.8. Chosen: a sample is 1e-3 step heights,
+# and the coefficient makes the limit begin at 0.6 and end at 1.8, where the axis does.
 FRICTION = StickTimeFriction(mu_0=0.5, mu_inf=1.5, tau=0.6)
-VELOCITY, DEPTH, DT = 1.0, 1.0, 1e-3  # of the body; zeta
-POISSON = 0.3
+VELOCITY, DEPTH, DT = 1.0, 1.0, 1e-3  # of the body; zeta; sampling step; chosen: 1 is the simplest
+POISSON = 0.3  # -, of steel
 REACH_DEPTH = stiffness_ratio(POISSON) * DEPTH  # c z of appendix A
 OWN_VALUES_NOTE = (
     f"ours: mu {FRICTION.mu_0} to {FRICTION.mu_inf}, tau {FRICTION.tau}, zeta {DEPTH:g}, velocity {VELOCITY:g}, "
@@ -24,25 +24,25 @@ OWN_VALUES_NOTE = (
 )
 
 
-def one_asperity(stiffness: float) -> Asperities:
-    """A single asperity of tangential `stiffness` k_t."""
+def make_asperity(stiffness: float) -> Asperities:
+    """Make a single asperity of tangential `stiffness` k_t."""
     return Asperities(np.zeros(1), np.zeros(1), np.array([stiffness]), poisson=POISSON)
 
 
 def press_asperity(stiffness: float) -> FixedSeparationModel:
-    """A single asperity pressed in by DEPTH on a flat surface."""
-    return FixedSeparationModel(one_asperity(stiffness), FlatSurface(), FRICTION, 1.0 - DEPTH)
+    """Make a single asperity of tangential `stiffness` k_t that is pressed by DEPTH into a flat surface."""
+    return FixedSeparationModel(make_asperity(stiffness), FlatSurface(), FRICTION, 1.0 - DEPTH)
 
 
 def find_end_of_stick(model: GenericModel, load: float = 1.0) -> float:
-    """Position of the first slip of a body drawn at VELOCITY from rest."""
+    """Find the position at which a body that is drawn at VELOCITY from rest first slips."""
     x = np.arange(0.0, 4.0, VELOCITY * DT)
     sticking = model.observe(x, DT, load).sticking
     return float(x[np.argmax(sticking < 1.0)])
 
 
 def find_crossing(secant: float = 1.0) -> float:
-    """Position at which the spring force meets the friction limit, `secant` x = `secant` c z mu(x/v) (appendix A)."""
+    """Find where the spring force meets the friction limit: `secant` x = `secant` c z mu(x/v) (appendix A)."""
     return float(brentq(lambda x: secant * (x - REACH_DEPTH * FRICTION(x / VELOCITY)), 1e-9, 4.0))
 
 
@@ -96,7 +96,7 @@ def figure_a_1(sheet: Sheet) -> None:
     displaced = np.array([find_end_of_stick(press_asperity(k)) for k in stiffnesses])
     load = REACH_DEPTH  # the load of the asperity of stiffness 1
     loaded = np.array(
-        [find_end_of_stick(GenericModel(one_asperity(k), FlatSurface(), FRICTION), load) for k in stiffnesses[3:]]
+        [find_end_of_stick(GenericModel(make_asperity(k), FlatSurface(), FRICTION), load) for k in stiffnesses[3:]]
     )
     right.loglog(stiffnesses, displaced, "o-", label="constant normal displacement")
     right.loglog(stiffnesses[3:], loaded, "s--", color="C3", label="constant normal load")
@@ -126,10 +126,8 @@ def figure_a_1(sheet: Sheet) -> None:
 )
 def figure_a_2(sheet: Sheet) -> None:
     left, right = sheet.axes(1, 2, width=11, height=4.5)
-    softening, x = (
-        2.0,
-        np.linspace(1e-6, 3.5, 3501),
-    )  # softening: k_t/tau of appendix A, with k_t = 2 and F(infinity) = 1; ours
+    softening = 2.0  # k_t/tau of appendix A; chosen: with k_t = 2 it makes F(infinity) = 1
+    x = np.linspace(1e-6, 3.5, 3501)
 
     def tangent(position: Array) -> Array:
         return 2.0 * np.exp(-softening * position)
@@ -167,8 +165,8 @@ def figure_a_2(sheet: Sheet) -> None:
     sheet.note(OWN_VALUES_NOTE)
 
 
-def mindlin_body(contact: SphereOnFlat, load: float, mu: float, springs: int) -> FixedSeparationModel:
-    """The sphere as asperities of equal stiffness at depths z = x^2/R (method of dimensionality reduction), under `load`.
+def make_mindlin_sphere(contact: SphereOnFlat, load: float, mu: float, springs: int) -> FixedSeparationModel:
+    """Make the sphere as asperities of equal stiffness at depths z = x^2/R, under `load` [N] (dimensionality reduction).
 
     Its normal force is Hertz's and its friction Cattaneo's and Mindlin's exactly as the number of `springs` grows.
     """
@@ -213,7 +211,7 @@ def appendix_b(sheet: Sheet) -> None:
     contact, load, mu = SphereOnFlat(0.01, Material(steel, 0.3), Material(steel, 0.3)), 10.0, 0.3
     used = np.linspace(0.0, 1.0, 201)
     closed = contact.tangential_deflection(load, mu, used * mu * load)
-    model = mindlin_body(contact, load, mu, 2000)
+    model = make_mindlin_sphere(contact, load, mu, 2000)
     force = model.observe(np.append(closed, 1.2 * closed[-1]), 1.0).force
     right.plot(1e9 * closed, used * mu * load, color=REFERENCE_COLOUR, lw=3.0, alpha=0.4, label="Mindlin, appendix B")
     right.plot(1e9 * np.append(closed, 1.2 * closed[-1]), force, color="C1", label="Generic model, 2000 asperities")

@@ -12,14 +12,14 @@ from matplotlib.figure import Figure
 
 from protocols.errors import InputError
 
-DPI = 110
+DPI = 110  # dots per inch of a picture; chosen: sharp on a page, and small enough for the repository
 _NUMBERS = (bool, int, float, np.generic, np.ndarray, list, tuple)
 REFERENCE_COLOUR = "#222222"  # of reference lines: a demand, or the static curve
 
 
 @dataclass(frozen=True)
 class Check:
-    """A statement about measured numbers, whether it holds, and the corresponding value or words of the thesis."""
+    """A statement about `measured` numbers, whether it `holds`, and the value or words of the `thesis`."""
 
     statement: str
     measured: Any
@@ -62,13 +62,13 @@ class Sheet:
         FigureCanvasAgg(self.figure)
 
     def axes(self, rows: int = 1, columns: int = 1, width: float = 10.0, height: float = 4.5, **options: Any) -> Any:
-        """Axes to draw on, as `matplotlib.figure.Figure.subplots`; `width`, `height` of the whole picture [inch]."""
+        """Make axes to draw on, as `matplotlib.figure.Figure.subplots`; `width`, `height` of the whole picture [inch]."""
         self.figure.set_size_inches(width, height)
-        made = self.figure.subplots(rows, columns, **options)
-        for axes in np.atleast_1d(made).flat:
+        panels = self.figure.subplots(rows, columns, **options)
+        for axes in np.atleast_1d(panels).flat:
             axes.grid(alpha=0.3)
             axes.spines[["top", "right"]].set_visible(False)
-        return made
+        return panels
 
     def check(self, statement: str, holds: bool, measured: object = "", thesis: object = "") -> None:
         """Record one check. Give numbers in `measured` unrounded, and their units in `statement`."""

@@ -34,7 +34,7 @@ def figure_6_3(sheet: Sheet) -> None:
 
     response = measure_response()
     frequency, phase = response.torque.transfer.frequency, response.torque.phase - response.pressure.phase
-    nested = -np.degrees(np.arctan(2.0 * pi * frequency / _rate_without_normalising(3.4, 200 * RPM)))
+    nested = -np.degrees(np.arctan(2.0 * pi * frequency / _compute_printed_rate(3.4, 200 * RPM)))
     axes[1].plot(frequency, phase, label="measured")
     axes[1].plot(frequency, nested, color=REFERENCE_COLOUR, ls="--", lw=1.0, label="curve not normalised")
     axes[1].legend(loc="center right", frameon=False)
@@ -60,6 +60,6 @@ def figure_6_3(sheet: Sheet) -> None:
                 "normalised; below that beta depends on pressure")  # fmt: skip
 
 
-def _rate_without_normalising(pressure: float, slip: float) -> float:
-    """Rate C/s [1/s] of eq. 6.9 as it is printed, with s in Nm and C = 69 Nm/s, without the normalisation."""
+def _compute_printed_rate(pressure: float, slip: float) -> float:
+    """Compute the rate C/s [1/s] of eq. 6.9 as it is printed, with s in Nm and C = 69 Nm/s, without the normalisation."""
     return 69.0 / float(stationary_law(pressure, slip, nominal())[0])

@@ -24,10 +24,10 @@ RADIUS = 0.058  # m, Table 6.2
 CONTACTS = 2  # friction contacts of the one friction plate, sec. 6.3
 REFERENCE = 70.0  # degC, components during the identification, sec. 6.4.3
 
-_SETTLING = (
-    1.5  # s before a record begins: 0.2 s of idle and fill, then 15 time constants of the motor's 85 ms ([motor])
-)
-SLOW_RATE = 250  # Hz, sampling rate of slow experiments, in which the controller behaves as at 1 kHz
+# s before a record begins; chosen: 0.2 s of idle and fill, then 15 of the motor's time constants of 85 ms ([motor])
+_SETTLING = 1.5
+# Hz, sampling rate of slow experiments; chosen: the controller behaves as at 1 kHz
+SLOW_RATE = 250
 _COLUMNS = {
     "demand": "controller_pressure_demand_bar",
     "pressure": "cylinder_pressure_bar",
@@ -56,8 +56,8 @@ class Run:
     true_position: np.ndarray  # m, of the piston
     true_normal_force: np.ndarray  # N, on the plates
 
-    def plateaus(self, count: int, share: float) -> "Run":
-        """Means over the last `share` of each of `count` equal pieces of the record."""
+    def average_plateaus(self, count: int, share: float) -> "Run":
+        """Average the last `share` of each of `count` equal pieces of the record."""
         length = self.time.size // count
         skipped = length - int(share * length)
         return Run(
@@ -69,16 +69,16 @@ class Run:
 
 
 def nominal(**changes: float) -> ParameterSet:
-    """The nominal rig with parameters changed; the dot of a name is written as two underscores."""
+    """Return the nominal rig with parameters changed; the dot of a name is written as two underscores."""
     return wet_clutch.nominal().with_values({name.replace("__", "."): value for name, value in changes.items()})
 
 
 def cooling_changes() -> dict[str, float]:
-    """Parameter changes that hold the oil at "about 70 degC" (sec. 6.4.3) while friction heats it: more oil, and a larger flow.
+    """Return changes that hold the oil at "about 70 degC" (sec. 6.4.3) while friction heats it: more oil, and a larger flow.
 
     With the larger flow alone it is 0.7 K hotter at 4.2 bar. Then gamma leaves its 95 % interval in a quarter of all runs.
     """
-    return {"oil__heat_transfer": 1000.0, "oil__heat_capacity": 1e5}  # W/K, J/K, ours: the largest allowed values
+    return {"oil__heat_transfer": 1000.0, "oil__heat_capacity": 1e5}  # W/K, J/K; chosen: the largest allowed values
 
 
 def run_experiment(
@@ -168,17 +168,18 @@ def friction_coefficient(torque: np.ndarray | float, pressure: np.ndarray | floa
 
 
 PRESSURES = np.array([2.7, 2.8, 2.9, 3.0, 3.2, 3.4, 3.6, 3.8, 4.0, 4.2])  # bar, fig 6.12
-SPEEDS = np.array([5, 10, 20, 30, 45, 60, 80, 100, 125, 150, 175, 200, 225, 250])  # rpm, over the range of fig 6.12
+# rpm; chosen over the range of fig 6.12
+SPEEDS = np.array([5, 10, 20, 30, 45, 60, 80, 100, 125, 150, 175, 200, 225, 250])
 
 
 @cache
 def run_stationary_curves() -> tuple[Run, ...]:
-    """Fig 6.12: at each of PRESSURES a staircase of SPEEDS, 0.8 s a step; means over its second half."""
+    """Run fig 6.12: at each of PRESSURES a staircase of SPEEDS, 0.8 s a step; return means over its second half."""
     runs = []
     for seed, pressure in enumerate(PRESSURES):
         speed = np.repeat(SPEEDS * RPM, 800)
         run = run_experiment(np.full(speed.size, pressure), speed, nominal(**cooling_changes()), seed=seed)
-        runs.append(run.plateaus(SPEEDS.size, 0.5))
+        runs.append(run.average_plateaus(SPEEDS.size, 0.5))
     return tuple(runs)
 
 
@@ -188,18 +189,18 @@ HEATING_TIMES = {3.2: 320.0, 3.4: 276.0, 3.6: 204.0}
 
 @cache
 def run_heating(pressure: float) -> Run:
-    """Fig 6.8: a `pressure` of HEATING_TIMES [bar] and 200 rpm from 50 degC, friction heats the oil; means over 2 s."""
+    """Run fig 6.8: a `pressure` of HEATING_TIMES [bar] at 200 rpm from 50 degC; return means over 2 s."""
     seconds = HEATING_TIMES[pressure]
     run = run_experiment(np.full(round(seconds * SLOW_RATE), pressure), 200 * RPM, nominal(), 50.0, 3, SLOW_RATE)
-    return run.plateaus(int(seconds / 2.0), 1.0)
+    return run.average_plateaus(int(seconds / 2.0), 1.0)
 
 
 def run_ramp(parameters: ParameterSet, seed: int, seconds: float = 100.0, low: float = 2.0, high: float = 4.4) -> Run:
-    """Fig 6.11: pressure up and down [bar] at 200 rpm."""
+    """Run fig 6.11: pressure from `low` to `high` and back [bar] in `seconds` [s], at 200 rpm."""
     half = np.linspace(low, high, round(seconds * SLOW_RATE / 2))
     return run_experiment(np.concatenate([half, half[::-1]]), 200 * RPM, parameters, seed=seed, rate=SLOW_RATE)
 
 
 def make_sine(amount: float, rate: float, seconds: float) -> np.ndarray:
-    """A sine of amplitude `amount` and frequency `rate` [Hz] for `seconds`, sampled at 1 kHz."""
+    """Make a sine of amplitude `amount` and frequency `rate` [Hz] for `seconds` [s], sampled at 1 kHz."""
     return amount * np.sin(2.0 * pi * rate * np.arange(round(seconds * 1000)) / 1000.0)

@@ -9,7 +9,7 @@ from scipy.stats import t as student
 
 from clutch_hil.thesis.check_sheet import Sheet
 
-# relative to the value of the thesis: our return springs take 1.5 % of the pressure rise, those of the thesis none
+# of the value of the thesis; chosen: the plant's return springs take 1.5 % of the pressure rise, those of the thesis none
 TOLERANCE = 0.03
 
 Fit = tuple[np.ndarray, np.ndarray]  # values, half widths of their 95 % intervals
@@ -21,7 +21,7 @@ def straight_line(x: np.ndarray, slope: float, intercept: float) -> np.ndarray:
 
 
 def fit(function: Callable[..., Any], x: Any, y: np.ndarray, start: Any, deviation: np.ndarray | None = None) -> Fit:
-    """Least squares by scipy; `deviation`: standard deviations (n,) or covariance (n, n) of y if they are known."""
+    """Fit `function` by least squares; `deviation`: standard deviations (n,) or covariance (n, n) of y if they are known."""
     values, spread = curve_fit(function, x, y, start, sigma=deviation, absolute_sigma=deviation is not None)
     freedom = np.inf if deviation is not None else y.size - values.size
     return values, interval_factor(freedom) * np.sqrt(np.diag(spread))

@@ -16,11 +16,12 @@ from protocols.files.units import RPM
 
 MEAN, SWING = 100 * RPM, 60 * RPM  # rad/s, fig 6.14
 PRESSURE, FREQUENCY = 3.4, 5.0  # bar, Hz, fig 6.14
-FREQUENCIES = (1.0, 2.0, FREQUENCY, 9.0)  # Hz; 5 Hz is the thesis's, the others are ours
+# Hz; 5 Hz is the thesis's, the others are chosen: up to the bandwidth of 9.8 Hz
+FREQUENCIES = (1.0, 2.0, FREQUENCY, 9.0)
 ATTRACTION = 69.0  # 1/s, eq. 6.7
 FASTEST_ATTRACTION = 1000.0  # 1/s, the largest C that the controller accepts: a lag of 1 ms
-LARGEST_ERROR = 0.1  # Nm rms, ours: slightly above the 0.08 Nm that come from 5 mbar of pressure noise
-BINS = 40  # parts of a period over which signals are averaged; ours
+LARGEST_ERROR = 0.1  # Nm rms; chosen: slightly above the 0.08 Nm that come from 5 mbar of pressure noise
+BINS = 40  # parts of a period over which signals are averaged; chosen: 5 samples in each at 5 Hz
 
 
 @njit(cache=True)
@@ -48,7 +49,7 @@ class Lag:
 
 @cache
 def identify_lag(pressure: float) -> Lag:
-    """C as the thesis identifies it, from the measured torque: the sine of fig 6.14 at one of PRESSURES [bar].
+    """Identify C as the thesis does, from the measured torque under the sine of fig 6.14 at one of PRESSURES [bar].
 
     C is fitted together with the curve of fig 6.12, weighted by the covariance of its fit. The loop alone hardly distinguishes
     the lag from the curve, and an error of the curve is part of the error of C.
@@ -97,23 +98,23 @@ class OnlineEstimate:
         return float(np.std(self.estimate - self.true))
 
     @property
-    def rising(self) -> np.ndarray:
+    def accelerates(self) -> np.ndarray:
         """Where the slip accelerates, (BINS,)."""
         return np.roll(self.slip, -1) > np.roll(self.slip, 1)
 
-    def loop_width(self, torque: np.ndarray) -> float:
-        """Mean `torque` (BINS,) accelerating less decelerating [Nm], from 80 to 120 rpm."""
+    def measure_loop_width(self, torque: np.ndarray) -> float:
+        """Measure the mean of `torque` (BINS,) accelerating less decelerating [Nm], from 80 to 120 rpm."""
         middle = np.linspace(80.0, 120.0, 9) * RPM
         up, down = (
             np.interp(middle, np.sort(self.slip[part]), torque[part][np.argsort(self.slip[part])])
-            for part in (self.rising, ~self.rising)
+            for part in (self.accelerates, ~self.accelerates)
         )
         return float(np.mean(up - down))
 
 
 @cache
 def run_online_estimate(frequency: float, attraction: float = ATTRACTION) -> OnlineEstimate:
-    """Fig 6.14 at `frequency` [Hz] for 20 s; C is `attraction` [1/s] in the controller and 69 in the plant."""
+    """Run fig 6.14 at `frequency` [Hz] for 20 s; C is `attraction` [1/s] in the controller and 69 in the plant."""
     speed = MEAN + make_sine(SWING, frequency, 20.0)
     tuned = {"model.attraction": attraction}
     run = run_experiment(np.full(speed.size, PRESSURE), speed, nominal(**cooling_changes()), seed=4, tuned=tuned)
@@ -161,11 +162,11 @@ def figure_6_14(sheet: Sheet) -> None:
     sheet.table = [("slip [Hz]", "rms error [Nm]", "of it in every period [Nm]", "mean [Nm]", "rms with C = 1000 1/s [Nm]",
                     "lag, true [Nm]", "lag, estimated [Nm]")]  # fmt: skip
     for frequency, one in estimates.items():
-        cells = (one.error, one.repeated_error, one.offset, without[frequency].error, one.loop_width(one.true),
-                 one.loop_width(one.estimate))  # fmt: skip
+        cells = (one.error, one.repeated_error, one.offset, without[frequency].error, one.measure_loop_width(one.true),
+                 one.measure_loop_width(one.estimate))  # fmt: skip
         sheet.table.append((f"{frequency:g}", *(f"{round(cell, 3) + 0.0:.3f}" for cell in cells)))  # no -0.000
 
-    up = [one.loop_width(one.measured) for one in estimates.values()]
+    up = [one.measure_loop_width(one.measured) for one in estimates.values()]
     sheet.check("1, 2, 5, 9 Hz: lag, measured torque accelerating less decelerating at 80 to 120 rpm, above 0.05 Nm [Nm]",
                 min(up) > 0.05, up, "accelerate above decelerate")  # fmt: skip
     check_estimate(sheet, "C [1/s]", lag.attraction, lag.half, nominal()["clutch.attraction"].value, ATTRACTION)
@@ -178,7 +179,7 @@ def figure_6_14(sheet: Sheet) -> None:
     repeated = [one.repeated_error for one in estimates.values()]
     sheet.check("... and what of it comes back in every period at most 0.03 Nm rms [Nm]", max(repeated) <= 0.03, repeated,
                 "ours")  # fmt: skip
-    ratios = [one.loop_width(one.estimate) / one.loop_width(one.true) for one in estimates.values()]
+    ratios = [one.measure_loop_width(one.estimate) / one.measure_loop_width(one.true) for one in estimates.values()]
     sheet.check("it shows the lag: that of the estimate over that of the true torque is 0.9 to 1.1 [-]",
                 max(abs(ratio - 1.0) for ratio in ratios) < 0.1, ratios, "ours")  # fmt: skip
     by_value = [run_online_estimate(FREQUENCY, attraction).error for attraction in values]
@@ -207,7 +208,7 @@ def _draw_run(speed, pressure, run: Run) -> None:
 
 
 def _draw_loop(loop, with_lag: OnlineEstimate, without: OnlineEstimate) -> None:
-    for part, name in ((with_lag.rising, "accelerate"), (~with_lag.rising, "decelerate")):
+    for part, name in ((with_lag.accelerates, "accelerate"), (~with_lag.accelerates, "decelerate")):
         loop.plot(with_lag.slip[part] / RPM, with_lag.measured[part], ".", ms=7, label=f"measured, {name}")
     for one, style, name in ((with_lag, "-", "estimate, C = 69 1/s"), (without, ":", "estimate, C = 1000 1/s")):
         closed = np.append(np.arange(BINS), 0)

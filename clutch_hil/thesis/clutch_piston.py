@@ -23,9 +23,7 @@ from clutch_hil.thesis.clutch_experiments import (
 from clutch_hil.thesis.clutch_fit import fit, interval_factor, make_row, straight_line
 from protocols.files.units import BAR, RPM
 
-LEAST_PRESSURE = (
-    2.0  # bar, the least pressure that the controller follows on request (`pressure.floor` of its parameters)
-)
+LEAST_PRESSURE = 2.0  # bar, the least that the controller follows on request (`pressure.floor` of its parameters)
 
 
 @reproduces(
@@ -36,7 +34,7 @@ LEAST_PRESSURE = (
 )
 def figure_6_10(sheet: Sheet) -> None:
     """A slow ramp that moves the piston to the plates and loads them."""
-    run = _run_closing()
+    run = _close_clutch()
     free = (run.true_position > 1e-4) & (run.true_position < 9e-4)
     pressed = run.pressure > 2.6
     lines = [np.polyfit(run.true_position[part], run.pressure[part], 1) for part in (free, pressed)]
@@ -66,7 +64,7 @@ def figure_6_10(sheet: Sheet) -> None:
 )
 def table_6_2(sheet: Sheet) -> None:
     """Piston area from the force it makes; the mean radius and area of the disk from its diameters."""
-    run = _run_closing()
+    run = _close_clutch()
     pressed = run.pressure > 2.6
     values, half = fit(straight_line, run.pressure[pressed] * BAR, run.true_normal_force[pressed], (0.01, -2000.0))
     share = stack_share(nominal())
@@ -90,10 +88,12 @@ def table_6_2(sheet: Sheet) -> None:
     sheet.note("the force is the simulator's truth: the rig has no sensor for it")
 
 
-def _run_closing() -> Run:
-    """The piston moved to the plates and pressed to 4.2 bar in 40 s, at 200 rpm, means over 0.1 s."""
+def _close_clutch() -> Run:
+    """Move the piston to the plates and press it to 4.2 bar in 40 s, at 200 rpm; return means over 0.1 s."""
     demand = np.linspace(LEAST_PRESSURE, 4.2, 40 * SLOW_RATE)
-    return run_experiment(demand, 200 * RPM, nominal(**cooling_changes()), seed=7, rate=SLOW_RATE).plateaus(400, 1.0)
+    return run_experiment(demand, 200 * RPM, nominal(**cooling_changes()), seed=7, rate=SLOW_RATE).average_plateaus(
+        400, 1.0
+    )
 
 
 @reproduces(
@@ -104,7 +104,7 @@ def _run_closing() -> Run:
 def figure_6_11(sheet: Sheet) -> None:
     """Slow ramp of pressure up and down with 60 N of seal friction on the piston."""
     p = nominal(**cooling_changes(), piston_seal_friction__force=60.0)
-    run = run_ramp(p, 1).plateaus(1000, 1.0)
+    run = run_ramp(p, 1).average_plateaus(1000, 1.0)
     closing, opening = slice(0, 500), slice(500, 1000)
     axes = sheet.axes(1, 2, width=11, height=4.5)
     axes[0].plot(run.time, run.pressure, label="pressure [bar]")
@@ -122,17 +122,17 @@ def figure_6_11(sheet: Sheet) -> None:
     axes[1].annotate("p_contact", (fine[0], 0.0), (2.12, 6.0), arrowprops={"arrowstyle": "->"}, fontsize=9)
     axes[1].legend(loc="upper left", frameon=False)
     label(axes[1], "pressure [bar]", "torque [Nm]")
-    gap = _opening_minus_closing(run)
+    gap = _measure_hysteresis(run)
     sheet.check("opening above closing from 2.6 to 4.2 bar [Nm]", bool(np.all(gap > 0.0)), gap, "opening above closing")
     left = run.torque[part] - straight_line(run.pressure[part], slope, intercept)
     explained = 1.0 - float(np.var(left) / np.var(run.torque[part]))
     sheet.check("a straight line explains over 98 % of the torque [%]", explained > 0.98, 100 * explained, "linear")
     sheet.check("it is zero at 2.35 +- 0.05 bar [bar]", abs(fine[0] - 2.35) < 0.05, float(fine[0]), 2.35)
-    without = _opening_minus_closing(run_ramp(nominal(**cooling_changes()), 1).plateaus(1000, 1.0))
+    without = _measure_hysteresis(run_ramp(nominal(**cooling_changes()), 1).average_plateaus(1000, 1.0))
     sheet.check("without seal friction no gap above the torque noise of 50 mNm [Nm]", bool(np.abs(without).max() < 0.05),
                 without, "first of three causes offered")  # fmt: skip
-    heated = run_ramp(nominal(piston_seal_friction__force=60.0), 1).plateaus(1000, 1.0)
-    hot = _opening_minus_closing(heated)
+    heated = run_ramp(nominal(piston_seal_friction__force=60.0), 1).average_plateaus(1000, 1.0)
+    hot = _measure_hysteresis(heated)
     sheet.note(
         f"60 N (0.106 bar of loop) and 5 um of travel are ours: the text gives no size. With the nominal cooling the oil "
         f"heats by {heated.temperature[-1] - heated.temperature[0]:.0f} K on the way; the gap then "
@@ -141,12 +141,11 @@ def figure_6_11(sheet: Sheet) -> None:
     sheet.note("oil between the plates and hydrodynamics, the other two causes offered, are not modelled")
 
 
-def _opening_minus_closing(run: Run) -> np.ndarray:
-    """Torque opening less torque closing [Nm] at 2.6 to 4.2 bar, of a run up and down."""
+def _measure_hysteresis(run: Run) -> np.ndarray:
+    """Measure torque opening less torque closing [Nm] (5,) at 2.6 to 4.2 bar, of a run up and down."""
     part = run.pressure > 2.5
-    above = run.torque - straight_line(
-        run.pressure, *np.polyfit(run.pressure[part], run.torque[part], 1)
-    )  # Nm, above one line
+    line = np.polyfit(run.pressure[part], run.torque[part], 1)
+    above = run.torque - straight_line(run.pressure, *line)  # Nm
     opening = np.arange(run.time.size) >= run.time.size // 2
     at = [np.abs(run.pressure - pressure) < 0.1 for pressure in np.linspace(2.6, 4.2, 5)]  # averages noise away
     return np.array([above[near & opening].mean() - above[near & ~opening].mean() for near in at])
@@ -163,13 +162,13 @@ def table_6_3(sheet: Sheet) -> None:
     fits: list[tuple[float, ...]] = []
     expected: list[tuple[float, ...]] = []
     for seed in range(25):
-        run = run_ramp(p, seed, seconds=50.0).plateaus(500, 1.0)
+        run = run_ramp(p, seed, seconds=50.0).average_plateaus(500, 1.0)
         part = (run.pressure > PRESSURES[0]) & (run.pressure < PRESSURES[-1])
         pressure, truth = run.pressure[part], np.add(*stationary_law(run.pressure, run.slip, p, run.temperature))[part]
-        for list_, torque in ((fits, run.torque[part]), (expected, truth)):
+        for rows, torque in ((fits, run.torque[part]), (expected, truth)):
             slope, intercept = np.polyfit(pressure, torque, 1)
             mean_mu = slope / (RADIUS * p["piston.area"].value * BAR * CONTACTS)  # eq. 6.4
-            list_.append((slope, intercept, -intercept / slope, mean_mu))
+            rows.append((slope, intercept, -intercept / slope, mean_mu))
     values = np.array(fits)
     half = interval_factor(24) * values.std(axis=0, ddof=1) / 5.0
     names = ("a_M [Nm/bar]", "b_M [Nm]", "p_contact [bar]", "mu [-]")
@@ -203,7 +202,7 @@ def table_6_3(sheet: Sheet) -> None:
         f"-b_M/a_M = {-intercept / slope:.3f} bar agrees. By eq. 6.3 the oil would have to be at {needed:.0f} degC to give 14.8"
     )
     loop = nominal(**cooling_changes(), piston_seal_friction__force=60.0)
-    run = run_ramp(loop, 1, seconds=50.0).plateaus(500, 1.0)
+    run = run_ramp(loop, 1, seconds=50.0).average_plateaus(500, 1.0)
     part = (run.pressure > PRESSURES[0]) & (run.pressure < PRESSURES[-1])
     slope = np.polyfit(run.pressure[part], run.torque[part], 1)[0]
     sheet.note(

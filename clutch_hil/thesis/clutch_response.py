@@ -14,13 +14,14 @@ from plant_sim.rigs.multisine import FrequencyResponse, Multisine, coherence, es
 from protocols.files.units import RPM
 
 Array = np.ndarray
-PRESSURE, SLIP = 3.4, 200 * RPM  # bar, rad/s; ours: the thesis says only that the piston presses on the plates
+# bar, rad/s; chosen: as in figs 6.11 and 6.14. The thesis says only that the plates touch
+PRESSURE, SLIP = (3.4, 200 * RPM)
 SOURCE = Multisine(np.arange(1, 61), amplitude=0.012, samples=2000)  # 0.5 to 30 Hz, at most 0.25 bar: it never opens
-REALISATIONS, PERIODS = 4, 10  # as the thesis's of sec. 3.10; one period more of each is left out
-STEP = 1e-3  # s
+REALISATIONS, PERIODS = 4, 10  # as in sec. 3.10; the first of 11 periods is left out, in which the rig settles
+STEP = 1e-3  # s, of the controller
 HALF_POWER_DECIBEL = -10.0 * np.log10(2.0)  # dB: "-3 dB"
 THESIS_BANDWIDTH = 9.8  # Hz, sec. 6.3
-COMPARED_UP_TO = 15.0  # Hz, ours: well above both bandwidths
+COMPARED_UP_TO = 15.0  # Hz; chosen: well above both bandwidths
 LINK_QUOTE = "'clearly the link between both systems'"
 TABLE_FREQUENCIES = (0.5, 1.0, 2.0, 5.0, 8.0, 10.0, 15.0, 20.0, 30.0)  # Hz, rows of the table
 
@@ -61,7 +62,7 @@ class Response:
 
 
 def measure_response(tuned: Mapping[str, float] | None = None) -> Response:
-    """Response to a random-phase multisine on the demanded pressure; `tuned` changes parameters of the controller."""
+    """Measure the response to a multisine of random phases on the demand; `tuned`: changed parameters of the controller."""
     random = np.random.default_rng(1)
     waves = [np.tile(SOURCE.period(random), PERIODS + 1) for _ in range(REALISATIONS)]
     run = run_experiment(PRESSURE + np.concatenate(waves), SLIP, nominal(**cooling_changes()), seed=5, tuned=tuned)

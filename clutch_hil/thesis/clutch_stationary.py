@@ -19,7 +19,7 @@ from protocols.files.units import RPM
 
 @dataclass(frozen=True)
 class StationaryFit:
-    """Fit to fig 6.12, n pressures: V_S [rad/s], gamma [-], then M_C [Nm], C_v and beta [-], n of each."""
+    """Fit to fig 6.12, n pressures: V_S [rad/s], gamma [-], then M_C [Nm], C_v [Nm/(rad/s)^gamma] and beta [-], n of each."""
 
     values: np.ndarray  # (2 + 3 n,)
     half: np.ndarray  # half widths of the 95 % intervals
@@ -75,8 +75,8 @@ def fit_stationary() -> StationaryFit:
     return StationaryFit(values, half, spread, residual)
 
 
-def effective_line(name: str) -> tuple[float, float]:
-    """Slope [1/bar] and intercept of the plant's `coulomb` or `viscous` line over the pressure of the cylinder."""
+def compute_effective_line(name: str) -> tuple[float, float]:
+    """Compute slope [1/bar] and intercept of the plant's `coulomb` or `viscous` line over the pressure of the cylinder."""
     p = nominal()
     share, contact = stack_share(p), p["piston.contact_pressure"].value
     slope, intercept = p[f"clutch.{name}_slope"].value, p[f"clutch.{name}_intercept"].value
@@ -171,7 +171,7 @@ def table_6_4(sheet: Sheet) -> None:
     axes = sheet.axes(1, 2, width=10, height=4)
     for i, (name, group, thesis) in enumerate((("M_C", "coulomb", (10.8, -25.1)), ("C_v", "viscous", (2.67, -6.49)))):
         values, half = fit(straight_line, PRESSURES, estimate.parts[i], (1.0, 0.0), estimate.covariances[i])
-        plant = effective_line(group)
+        plant = compute_effective_line(group)
         for k, term in enumerate(("a", "b")):
             make_row(sheet, f"{term} of {name}", values[k], half[k], plant[k], thesis[k])
         truth = straight_line(PRESSURES, *plant)

@@ -21,7 +21,7 @@ from clutch_hil.thesis.clutch_experiments import (
 from clutch_hil.thesis.clutch_fit import fit, make_row, straight_line
 from protocols.files.units import RPM
 
-SENSOR_ACCURACY = 0.012  # of the load, appendix C: smallest change of torque that the thesis could measure
+SENSOR_ACCURACY = 0.012  # of the load, appendix C; the thesis could not measure a smaller change of torque
 
 
 @reproduces(
@@ -89,11 +89,15 @@ def figure_6_9(sheet: Sheet) -> None:
     speeds = np.array([10, 20, 30, 45, 60, 80, 100, 125, 150, 175, 200])  # rpm
     staircase = np.repeat(speeds * RPM, 800)
     axes = sheet.axes(1, 2, width=11, height=4.5, sharey=True)
-    temperatures = (50.0, 100.0, 145.0)  # ours; the guard ends a run at 150
+    temperatures = (
+        50.0,
+        100.0,
+        145.0,
+    )  # degC; chosen: over the range of fig 6.8, below 150, where the guard ends a run
     curves, parts = [], []
     for temperature in temperatures:
         parameters = nominal(**cooling_changes(), oil__sump_temperature=temperature)
-        run = run_experiment(np.full(staircase.size, 3.4), staircase, parameters, temperature, seed=6).plateaus(
+        run = run_experiment(np.full(staircase.size, 3.4), staircase, parameters, temperature, seed=6).average_plateaus(
             speeds.size, 0.5
         )
         curves.append(run.torque)
@@ -130,7 +134,9 @@ def _run_up_and_down(sheet: Sheet, axes: Axes) -> None:
     """Speed up and down in 2 min: oil heats, torque is lower on the way back."""
     half = np.linspace(10.0, 200.0, 60 * SLOW_RATE)
     speed = np.concatenate([half, half[::-1]]) * RPM
-    run = run_experiment(np.full(speed.size, 3.4), speed, nominal(), 50.0, seed=6, rate=SLOW_RATE).plateaus(120, 1.0)
+    run = run_experiment(np.full(speed.size, 3.4), speed, nominal(), 50.0, seed=6, rate=SLOW_RATE).average_plateaus(
+        120, 1.0
+    )
     up, down = slice(0, 60), slice(60, 120)
     for part, name in ((up, "accelerate"), (down, "decelerate")):
         first, last = run.temperature[part][[0, -1]]
@@ -155,7 +161,7 @@ def table_6_1(sheet: Sheet) -> None:
     p, run = nominal(), run_heating(3.4)
     mu = friction_coefficient(run.torque, run.pressure, p)
     values, half = fit(temperature_law, run.temperature, mu, (-0.01, 0.14, 20.0))
-    plant = expected_temperature_law(run)
+    plant = compute_temperature_law(run)
     axes = sheet.axes(1, 1, width=7.5, height=4.5)
     axes.plot(run.temperature, mu, ".", ms=4, label="measured, means over 2 s")
     axes.plot(
@@ -176,8 +182,11 @@ def table_6_1(sheet: Sheet) -> None:
     )
 
 
-def expected_temperature_law(run: Run) -> tuple[float, float, float]:
-    """A, B, T_0 [degC] of eq. 6.3 by the plant's equations at the pressure and speed of `run`; the form of eq. 6.3 is exact."""
+def compute_temperature_law(run: Run) -> tuple[float, float, float]:
+    """Compute A, B, T_0 [degC] of eq. 6.3 by the plant's equations at the pressure and speed of `run`.
+
+    The form of eq. 6.3 is exact there.
+    """
     p = nominal()
     pressure, slip = float(run.pressure.mean()), float(run.slip.mean())
     slope, offset, origin = temperature_parameters(p)

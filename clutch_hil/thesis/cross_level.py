@@ -1,4 +1,6 @@
-"""Across the levels: models of control identified on traces of the Generic-Rayleigh model predict others (ours).
+"""Across the levels: models of control identified on traces of the Generic-Rayleigh model predict others.
+
+The claim is of this project, not of the thesis.
 
 The asperities with their films are the measured contact. As on a test rig, the elements come from the virgin curve of slow
 loops (app. D) and the Stribeck curve from a staircase of speeds (sec. 5.6). Then all other parameters are fitted to all
@@ -32,16 +34,15 @@ from plant_sim.friction.stribeck import Stribeck
 from plant_sim.friction.tip_film import SlidingThreshold, TipFilm
 from plant_sim.friction.xgms import XGMS
 
-FRICTION = StickTimeFriction(0.15, 0.2, 0.05)  # this, the film and the surface as in figs 2.25 and 2.26
-COUNT, STEPS, FILL = 500, 100, 0.5
-LOAD, SECOND_LOAD, PREDICTED_LOAD = 0.03, 0.06, 0.045  # the two of the training, and the one to be predicted
+FRICTION = StickTimeFriction(0.15, 0.2, 0.05)  # mu_0, mu_inf, tau_t; as are film and surface in `generic_rayleigh.py`
+# asperities, steps of the surface, share of steps; chosen: twice the asperities of fig 2.26
+COUNT, STEPS, FILL = (500, 100, 0.5)
+# two of the training, one to predict; chosen: fig 2.26, twice, between
+LOAD, SECOND_LOAD, PREDICTED_LOAD = (0.03, 0.06, 0.045)
 SPEEDS = np.geomspace(0.03, 30.0, 10)  # of the staircase: from dry slip to a full film
-STRIDE, SAMPLES, RUN_IN = (
-    1.0,
-    250,
-    50,
-)  # at each speed: five pitches of the surface; samples; those before steady sliding
-ELEMENTS = 10
+STRIDE, SAMPLES = 1.0, 250  # at each speed: step heights (five pitches of the surface), samples
+RUN_IN = 50  # samples before steady sliding: one pitch
+ELEMENTS = 10  # of GMS and XGMS; as in sec. 5.5
 COLOURS = {"Coulomb": "C7", "LuGre": "C1", "GMS": "C2", "XGMS": "C0"}
 Array = np.ndarray
 Values = Mapping[str, float]
@@ -56,13 +57,13 @@ class Motion:
     dt: float
     load: Array | float = LOAD
 
-    def measured(self, contact: GenericRayleighModel) -> Array:
-        """Friction of the asperities (n,)."""
+    def measure(self, contact: GenericRayleighModel) -> Array:
+        """Measure the friction of the asperities (n,)."""
         return contact.observe(self.position, self.dt, self.load).force
 
-    def predicted(self, model: FrictionModel) -> Array:
-        """Friction of `model` (n,)."""
-        return _force_under_load(self.load, model, model.trace(self.position, self.dt, self.load).force)
+    def predict(self, model: FrictionModel) -> Array:
+        """Predict the friction by `model` (n,)."""
+        return _scale_to_load(self.load, model, model.trace(self.position, self.dt, self.load).force)
 
 
 @dataclass(frozen=True)
@@ -71,24 +72,24 @@ class Staircase:
 
     load: float
 
-    def measured(self, contact: GenericRayleighModel) -> Array:
-        """Mean friction of the asperities over four pitches of the surface (10,)."""
+    def measure(self, contact: GenericRayleighModel) -> Array:
+        """Measure the mean friction of the asperities over four pitches of the surface (10,)."""
         position = np.linspace(0.0, STRIDE, SAMPLES + 1)
         runs = [contact.observe(position, position[1] / speed, self.load).force for speed in SPEEDS]
         return np.array([force[RUN_IN:].mean() for force in runs])
 
-    def predicted(self, model: FrictionModel) -> Array:
-        """Steady friction of `model` (10,)."""
-        return _force_under_load(self.load, model, model.steady_state(SPEEDS, self.load))
+    def predict(self, model: FrictionModel) -> Array:
+        """Predict the steady friction by `model` (10,)."""
+        return _scale_to_load(self.load, model, model.steady_state(SPEEDS, self.load))
 
 
-def _force_under_load(load: Array | float, model: FrictionModel, force: Array) -> Array:
-    """`force` of `model` under `load`; for a model without load dependence in proportion to the load, as in Coulomb's law."""
+def _scale_to_load(load: Array | float, model: FrictionModel, force: Array) -> Array:
+    """Scale the `force` of a `model` that ignores the load in proportion to `load`, as in Coulomb's law; not that of XGMS."""
     return force if isinstance(model, XGMS) else force * load / LOAD
 
 
 def make_contact(surface: int) -> GenericRayleighModel:
-    """One body, on the part of the counter surface that the seed `surface` draws."""
+    """Make one body on the part of the counter surface that the seed `surface` draws."""
     asperities = Asperities.draw(COUNT, np.random.default_rng(0))
     dry = GenericModel(asperities, CounterSurface.draw(STEPS, np.random.default_rng(surface), FILL), FRICTION)
     film = TipFilm(alpha=1.5, length=2e-4, step=4e-6, area=1e-6, viscosity=1.0)
@@ -98,13 +99,13 @@ def make_contact(surface: int) -> GenericRayleighModel:
 
 
 def _make_sine(name: str, amplitude: float, peak: float, cycles: float, samples: int) -> Motion:
-    """A sine whose velocity reaches `peak`; `samples` a cycle."""
+    """Make a sine whose velocity reaches `peak`, with `samples` a cycle."""
     phase = 2 * np.pi * np.arange(round(cycles * samples) + 1) / samples
     return Motion(name, amplitude * np.sin(phase), phase[1] * amplitude / peak)
 
 
 def _make_multisine(name: str, lines: Sequence[int], reach: float, speed: float) -> Motion:
-    """Random phases, equal velocities on all `lines`; farthest position `reach`, rms velocity `speed`."""
+    """Make a multisine of random phases, equal velocities on all `lines`, farthest position `reach`, rms velocity `speed`."""
     phases = np.random.default_rng(5).uniform(0.0, 2 * np.pi, len(lines))
     angle = 2 * np.pi * np.outer(np.arange(1201) / 1200, lines)
     wave = (np.sin(angle + phases) / lines).sum(axis=1)
@@ -113,13 +114,13 @@ def _make_multisine(name: str, lines: Sequence[int], reach: float, speed: float)
 
 
 def make_training() -> tuple[tuple[Motion, ...], tuple[Staircase, ...]]:
-    """Slow loops, a sine through all regimes, and the steady friction at two loads."""
+    """Make the training motions: slow loops, a sine through all regimes, and the steady friction at two loads."""
     motions = _make_sine("slow loops", 0.03, 0.03, 2.25, 400), _make_sine("sine", 0.5, 10.0, 1.5, 1000)
     return motions, (Staircase(LOAD), Staircase(SECOND_LOAD))
 
 
 def make_held_out() -> tuple[tuple[Motion, ...], tuple[Motion, ...]]:
-    """Other amplitudes, frequencies and paths at the training load; other loads."""
+    """Make the held-out motions: other amplitudes, frequencies and paths at the training load; then other loads."""
     inner = _make_multisine("inner loops", (1, 2, 5, 7), 0.04, 0.03)
     wide = _make_multisine("multisine", (1, 2, 3, 5, 7), 0.5, 3.0)
     swing = PREDICTED_LOAD * (1.0 + np.sin(2 * np.pi * 4.3 * np.linspace(0.0, 1.0, wide.position.size)) / 3.0)
@@ -132,11 +133,11 @@ def make_held_out() -> tuple[tuple[Motion, ...], tuple[Motion, ...]]:
 
 
 Build = Callable[[Values], FrictionModel]
-Record = tuple[Motion | Staircase, Array]  # what was done, and the friction
+Record = tuple[Motion | Staircase, Array]  # a motion, and its friction
 
 
 def _make_builders(elements: MaxwellSlip) -> dict[str, tuple[Build, tuple[str, ...]]]:
-    """Builders of each model from named values, and the names of its values that are not of the Stribeck curve."""
+    """Make a builder of each model from named values, and list the names of values that are not of the Stribeck curve."""
     stiffness, weights = elements.stiffness, elements.limits / elements.limits.sum()
 
     def curve(p: Values) -> Stribeck:
@@ -161,7 +162,7 @@ def _make_builders(elements: MaxwellSlip) -> dict[str, tuple[Build, tuple[str, .
 def identify_models(
     motions: Sequence[Motion], stairs: Sequence[Staircase], forces: Sequence[Array]
 ) -> dict[str, FrictionModel]:
-    """Every model by name, fitted to the `forces` of all `motions`, then `stairs`. Each record is divided by its rms."""
+    """Fit every model to the `forces` of `motions`, then `stairs`; return them by name. Each record is divided by its rms."""
     virgin, steady = from_loops(motions[0].position, forces[0]), forces[len(motions)]
     elements = fit_elements(virgin, CurvatureSpacing(0.5).place(virgin, ELEMENTS))
     curve = least_squares(STRIBECK, SPEEDS, steady)
@@ -177,21 +178,21 @@ def identify_models(
 
 
 def _fit_records(build: Build, free: Mapping[str, tuple[float, ...]], records: list[Record]) -> FrictionModel:
-    """Least squares over `records`; `free` gives start, lowest and highest value of each parameter by name."""
+    """Fit one model to `records` by least squares; `free` has start, lowest and highest value of each parameter by name."""
 
-    def made(theta: Array) -> FrictionModel:
+    def build_from(theta: Array) -> FrictionModel:
         return build(dict(zip(free, map(float, theta), strict=True)))
 
     def residual(theta: Array) -> Array:
-        model = made(theta)
-        return np.concatenate([(done.predicted(model) - force) / np.linalg.norm(force) for done, force in records])
+        model = build_from(theta)
+        return np.concatenate([(motion.predict(model) - force) / np.linalg.norm(force) for motion, force in records])
 
     start, *bounds = np.array(list(free.values())).T
-    return made(minimise(residual, list(free), start, np.transpose(bounds)).values)
+    return build_from(minimise(residual, list(free), start, np.transpose(bounds)).values)
 
 
-def nrmse(predicted: Array, force: Array) -> float:
-    """Rms of the error over rms of `force`."""
+def compute_nrmse(predicted: Array, force: Array) -> float:
+    """Compute the rms of the error over the rms of `force` [-]."""
     return float(np.sqrt(np.mean((predicted - force) ** 2) / np.mean(force**2)))
 
 
@@ -209,14 +210,14 @@ def cross_level(sheet: Sheet) -> None:
     """Identify on one part of the surface, predict on another."""
     here, elsewhere = make_contact(1), make_contact(2)
     motions, stairs = make_training()
-    trained = [*(motion.measured(here) for motion in motions), *(staircase.measured(here) for staircase in stairs)]
+    trained = [*(motion.measure(here) for motion in motions), *(staircase.measure(here) for staircase in stairs)]
     sheet.progress(1, 3)
     models = identify_models(motions, stairs, trained)
     sheet.progress(2, 3)
     known, others = make_held_out()
-    pairs = [(motion, motion.measured(elsewhere)) for motion in (*known, *others)]
-    errors = {name: np.array([nrmse(m.predicted(model), f) for m, f in pairs]) for name, model in models.items()}
-    floor = np.array([nrmse(m.measured(here), f) for m, f in pairs])
+    pairs = [(motion, motion.measure(elsewhere)) for motion in (*known, *others)]
+    errors = {name: np.array([compute_nrmse(m.predict(model), f) for m, f in pairs]) for name, model in models.items()}
+    floor = np.array([compute_nrmse(m.measure(here), f) for m, f in pairs])
     _draw(sheet, list(zip(stairs, trained[-2:], strict=True)), models, pairs, errors, floor)
     sheet.table = [("held-out motion", *(f"{name} [-]" for name in errors), "repeat [-]")]
     for i, (motion, _) in enumerate(pairs):
@@ -242,7 +243,7 @@ def cross_level(sheet: Sheet) -> None:
                 [other["XGMS"], other["LuGre"], other["Coulomb"]])  # fmt: skip
     sheet.check("XGMS at the training load over the asperities' own repeat on another part of the surface: at most 3",
                 xgms <= 3.0 * repeat, xgms / repeat)  # fmt: skip
-    stiffness = _stiffness(here, PREDICTED_LOAD) / _stiffness(here, LOAD)
+    stiffness = _measure_stiffness(here, PREDICTED_LOAD) / _measure_stiffness(here, LOAD)
     sheet.note(
         f"under load 1.5 the asperities are {stiffness:.2f} times as stiff (more of them touch), XGMS 1, GMS times the load "
         "1.5 times: which is nearer in inner loops depends on the part of the surface"
@@ -256,8 +257,8 @@ def cross_level(sheet: Sheet) -> None:
     )
 
 
-def _stiffness(asperities: GenericRayleighModel, load: float) -> float:
-    """Total stiffness of the asperities that touch under `load`, undeflected."""
+def _measure_stiffness(asperities: GenericRayleighModel, load: float) -> float:
+    """Measure the total stiffness of the asperities that touch under `load`, undeflected."""
     return float(asperities.trace(np.array([0.0, 1e-6]), 1.0, load).force[-1] / 1e-6)  # far below any break-away
 
 
@@ -285,7 +286,7 @@ def _draw(
         across = motion.position if axes is loop else motion.dt * np.arange(force.size)
         axes.plot(across, force, color=REFERENCE_COLOUR, lw=3.0, alpha=0.35, label="asperities")
         for name in ("LuGre", "XGMS"):
-            axes.plot(across, motion.predicted(models[name]), color=COLOURS[name], lw=1.2, label=name)
+            axes.plot(across, motion.predict(models[name]), color=COLOURS[name], lw=1.2, label=name)
         axes.set_ylim(top=1.7 * float(force.max()))  # room for the legend
         axes.legend(fontsize=8, ncols=3, loc="upper left")
     label(loop, "x [step heights]", r"$F_f$ [total $k_t$ x step height]", "held out: inner loops")

@@ -16,9 +16,9 @@ from plant_sim.rigs.position_feedforward import Feedforward, Frictionless, multi
 from plant_sim.rigs.position_identification import IdentifiedFeedforward
 
 MICROMETRES = 1e6  # um in a m
-SETTLING_TIME = 2.0  # s, errors count from here on, when the trajectories have reached their amplitude
-LOAD_FACTOR = 1.75  # load after the load step over the nominal load
-MASS_GUESS = 0.9  # start of the search for the mass, over the true mass
+SETTLING_TIME = 2.0  # s, from which on errors count; chosen: the trajectories have then reached their amplitude
+LOAD_FACTOR = 1.75  # load after the load step over the nominal load; chosen by judgement
+MASS_GUESS = 0.9  # start of the search for the mass, over the true mass; chosen: a mass is known to about 10 %
 LOAD_STEP_TIME = 4.1  # s, of the load, in the middle of a stroke
 
 # trajectory and its time [s]: in the range of falling friction; below the displacement that slides; transport; anything
@@ -32,7 +32,7 @@ COLOURS = {"none": "0.6", "Coulomb": "C1", "LuGre": "C2", "GMS": "C0", "XGMS": "
 
 
 def _identify_feedforwards(run: Run, gms: IdentifiedFeedforward) -> dict[str, Feedforward]:
-    """The feedforwards identified from the same `run` of an axis; all have the mass of the best fit, `gms`."""
+    """Identify the feedforwards from the same `run` of an axis; all have the mass of the best fit, `gms`."""
     mass = gms.feedforward.mass
     return {
         "none": Feedforward(mass, Frictionless()),
@@ -47,8 +47,8 @@ def _run_task(axis: PositionAxis, feedforward: Feedforward, task: tuple[Trajecto
     return axis.simulate(trajectory, seconds, feedforward.force(trajectory, axis.times(seconds), load), load)
 
 
-def _rms(run: Run) -> float:
-    """Rms tracking error [um]."""
+def _compute_rms_error(run: Run) -> float:
+    """Compute the rms tracking error [um]."""
     return float(np.sqrt(np.mean(run.error[run.time_s >= SETTLING_TIME] ** 2))) * MICROMETRES
 
 
@@ -87,11 +87,11 @@ def figure_5_10(sheet: Sheet) -> None:
     feedforwards = _identify_feedforwards(identified, gms)
     feedforwards["XGMS"] = identification.identify_xgms(identified, gms, axis.load).feedforward
     runs = _measure_errors(axis, feedforwards)
-    rows = {task: {name: _rms(run) for name, run in each.items()} for task, each in runs.items()}
+    rows = {task: {name: _compute_rms_error(run) for name, run in each.items()} for task, each in runs.items()}
     task = TASKS["slow sine"]
     load = axis.load * np.where(axis.times(task[1]) < LOAD_STEP_TIME, 1.0, LOAD_FACTOR)
     stepped = {name: _run_task(axis, ff, task, load) for name, ff in feedforwards.items()}
-    rows["sine, load step"] = {name: _rms(run) for name, run in stepped.items()}
+    rows["sine, load step"] = {name: _compute_rms_error(run) for name, run in stepped.items()}
     _fill_table(sheet, rows)
 
     (top, bottom), (left, right) = sheet.axes(2, 2, width=12, height=8, gridspec_kw={"width_ratios": [1.6, 1]})
@@ -145,8 +145,8 @@ def figure_5_10(sheet: Sheet) -> None:
     )
 
 
-def _other_frictions() -> dict[str, FrictionModel]:
-    """True friction models of other families, with the static friction and Stribeck curve of the axis."""
+def _make_other_frictions() -> dict[str, FrictionModel]:
+    """Make true friction models of other families, with the static friction of the axis and one Stribeck curve."""
     static = float(nominal_friction(nominal()).friction(nominal()["table.load"].si))
     curve = Stribeck(static, 0.7, 4e-3, 2.0 * static)
     return {
@@ -163,16 +163,16 @@ def _other_frictions() -> dict[str, FrictionModel]:
 )
 def compensation(sheet: Sheet) -> None:
     axes = sheet.axes(1, 2, width=12, height=4.5, sharey=True)
-    everything: dict[str, dict[str, float]] = {}
-    for panel, (truth, friction) in zip(axes, _other_frictions().items(), strict=True):
+    errors: dict[str, dict[str, float]] = {}
+    for panel, (truth, friction) in zip(axes, _make_other_frictions().items(), strict=True):
         axis = PositionAxis(friction)
         identified = identification.run_experiment(axis)
         feedforwards = _identify_feedforwards(
             identified, identification.identify_gms(identified, MASS_GUESS * axis.mass)
         )
         runs = _measure_errors(axis, feedforwards)
-        rows = {task: {name: _rms(run) for name, run in each.items()} for task, each in runs.items()}
-        everything |= {f"{truth}: {task}": row for task, row in rows.items()}
+        rows = {task: {name: _compute_rms_error(run) for name, run in each.items()} for task, each in runs.items()}
+        errors |= {f"{truth}: {task}": row for task, row in rows.items()}
         _draw_bars(panel, rows)
         panel.set_title(f"True friction: {truth}", loc="left", fontsize=10)
         means = {name: float(np.exp(np.mean([np.log(row[name]) for row in rows.values()]))) for name in feedforwards}
@@ -185,16 +185,16 @@ def compensation(sheet: Sheet) -> None:
             min(gains) > 3.0,
             gains,
         )
-        sheet.progress(len(everything) // len(TASKS), len(axes))
+        sheet.progress(len(errors) // len(TASKS), len(axes))
     axes[1].set_ylabel("")
     against = [
         task
-        for task, row in everything.items()
+        for task, row in errors.items()
         if min(row, key=lambda name: row[name]) != ("LuGre" if task.startswith("LuGre") else "GMS")
     ]
     sheet.note(f"single tasks in which another than the winner of the mean is ahead: {', '.join(against) or 'none'}")
     axes[0].figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False)
-    _fill_table(sheet, everything)
+    _fill_table(sheet, errors)
     sheet.note(
         "same axis, controller, identification run and tasks as figure-5.10; these true frictions know no load. Mean error: "
         "geometric mean of the rms errors of the tasks"

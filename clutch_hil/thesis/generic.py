@@ -12,21 +12,24 @@ from plant_sim.friction.generic import GenericModel
 from plant_sim.friction.model import Array
 from plant_sim.friction.stribeck import Stribeck
 
-# The thesis gives N, N_w, the fill degree, the amplitude and the duration (figs 2.4, 2.5) and no other value. Ours, all
-# dimensionless, lengths in heights of a step, total tangential stiffness 1:
-LOAD = 0.05  # W: normal deflections of about the roughness, 0.05
-FRICTION = StickTimeFriction(mu_0=0.2, mu_inf=0.4, tau=0.5)  # tau near the time a reversal of fig 2.4 holds the contact
-MASS = 0.008  # of all asperities: at full speed impacts are up to a third of the friction
-PITCH = 0.2  # step and recess: the stroke passes five, and a break-away deflection (0.02) is short against a step
+# The thesis gives N, N_w, the fill degree, the amplitude and the duration (figs 2.4, 2.5) and no other value. The others are
+# chosen. All are dimensionless: lengths in heights of a step, total tangential stiffness 1.
+LOAD = 0.05  # W; chosen: it makes normal deflections of about the roughness, 0.05
+# chosen: tau is near the time that a reversal of fig 2.4 holds the contact
+FRICTION = StickTimeFriction(mu_0=0.2, mu_inf=0.4, tau=0.5)
+MASS = 0.008  # of all asperities together; chosen: at full speed impacts are up to a third of the friction
+# step and recess; chosen: the stroke passes five, and a break-away deflection (0.02) is short beside a step
+PITCH = 0.2
 OWN_VALUES_NOTE = (
     f"the thesis gives N, N_w, fill degree, amplitude and duration; ours: load {LOAD}, mu {FRICTION.mu_0} to {FRICTION.mu_inf} "
     f"with tau {FRICTION.tau}, mean pitch {PITCH}, mass of all asperities {MASS}, roughness 0.05, nu 0.3, total k_t 1"
 )
-DT = 1e-3
+DT = 1e-3  # sampling step; chosen: 6283 samples a cycle at 1 rad/s
 AMPLITUDE, PERIODS = 0.5, 1.25  # fig 2.4
 TIME = np.arange(0.0, PERIODS * 2.0 * np.pi, DT)  # the axis of fig 2.4 ends at 8: 1 rad/s
 POSITION, VELOCITY = AMPLITUDE * np.sin(TIME), AMPLITUDE * np.cos(TIME)
-GROSS_STROKE = 0.1  # travel since the last reversal after which all asperities have slipped
+# travel since a reversal after which all asperities have slipped; chosen: five break-away deflections
+GROSS_STROKE = 0.1
 CYCLE = np.pi / 2.0 <= TIME  # one full period after the first quarter: from the upper reversal to the next
 
 

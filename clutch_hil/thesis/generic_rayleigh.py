@@ -1,8 +1,11 @@
 """The Generic-Rayleigh model: all lubrication regimes with one model (section 2.4).
 
-The figures of the thesis have no numbers. Ours, in all entries: mu_0 = 0.15, mu_inf = 0.2, tau_t = 0.05; tips with alpha = 1.5
-and dh/L = 0.02, so that the least friction of the film is half of mu_0; the viscosity such that a tip under the mean load
-begins to slide on its film at velocity 1; the threshold at the force of dry slip.
+The figures of the thesis have no numbers. These are chosen for all entries:
+
+dry friction    mu_0 = 0.15, mu_inf = 0.2, tau_t = 0.05
+tips            alpha = 1.5 and dh/L = 0.02: the least friction of the film is then half of mu_0
+viscosity       a tip under the mean load begins to slide on its film at velocity 1
+threshold       at the force of dry slip
 """
 
 from dataclasses import replace
@@ -19,15 +22,15 @@ from plant_sim.friction.generic_rayleigh import GenericRayleighModel
 from plant_sim.friction.rayleigh_step import steady_gap
 from plant_sim.friction.tip_film import SlidingThreshold, TipFilm
 
-FRICTION = StickTimeFriction(0.15, 0.2, 0.05)
+FRICTION = StickTimeFriction(0.15, 0.2, 0.05)  # mu_0, mu_inf, tau_t; chosen, see above
 ASPERITIES, STEPS, FILL = 250, 100, 0.5  # as the Generic model of fig 2.5
-LOAD = 0.03  # 3 % of (total k_t) x (step height): deflections of a tenth of a step
+LOAD = 0.03  # of (total k_t) x (step height); chosen: it makes deflections of a tenth of a step
 STROKE = 0.5  # amplitude of the motion, as in fig 2.5
 Array = np.ndarray
 
 
 def _make_film(tip_load: float) -> TipFilm:
-    """The film on which a tip under `tip_load` begins to slide at velocity 1."""
+    """Make the film on which a tip under `tip_load` begins to slide at velocity 1."""
     film = TipFilm(alpha=1.5, length=2e-4, step=4e-6, area=1e-6, viscosity=1.0)
     needed = film.ratio(film.gap_at(FRICTION.mu_0)) * tip_load / film.area
     return replace(film, viscosity=needed / film.sliding_per_velocity)

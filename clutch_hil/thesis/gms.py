@@ -16,15 +16,15 @@ from plant_sim.friction.stribeck import Stribeck
 from plant_sim.friction.xgms import XGMS
 
 
-def loop_area(x: Array, y: Array) -> float:
-    """Area within a closed loop, positive when it runs clockwise."""
+def compute_loop_area(x: Array, y: Array) -> float:
+    """Compute the area within a closed loop, positive when it runs clockwise."""
     return float(np.sum(0.5 * (y + np.roll(y, -1)) * (np.roll(x, -1) - x)))
 
 
-def _play_loop(
+def _simulate_loop(
     model: GMS | XGMS, middle: float, swing: float, frequency: float, samples: int = 4000
 ) -> tuple[Array, Array]:
-    """Velocity and force over the third cycle of velocity `middle` + `swing` sin."""
+    """Simulate velocity `middle` + `swing` sin [m/s] at `frequency` [Hz]; return velocity and force of the third cycle."""
     time = np.arange(3 * samples + 1) / (samples * frequency)
     phase = 2.0 * np.pi * frequency * time
     position = middle * time + swing / (2.0 * np.pi * frequency) * (1.0 - np.cos(phase))
@@ -44,9 +44,9 @@ def figure_1_9(sheet: Sheet) -> None:
     model = GMS(curve, stiffness=np.array([1e4]), weights=np.ones(1), attraction=10.0)
     areas, lags, above = [], [], []
     for times, style in ((1, "--"), (16, "-"), (100, ":")):
-        velocity, force = _play_loop(model, 0.55, 0.45, 0.02 * times)
+        velocity, force = _simulate_loop(model, 0.55, 0.45, 0.02 * times)
         axes.plot(velocity, force, style, color="C0", label="reference" if times == 1 else f"acceleration x{times}")
-        areas.append(abs(loop_area(velocity, force)))
+        areas.append(abs(compute_loop_area(velocity, force)))
         lags.append(float(np.sqrt(np.mean((force - curve(velocity)) ** 2))))
         rising = np.gradient(velocity) > 0.0
         grid = np.linspace(0.15, 0.95, 50)
@@ -153,10 +153,10 @@ def figure_5_4(sheet: Sheet) -> None:
 
 
 FREQUENCIES = (0.5, 1.0, 2.0, 5.0, 10.0)  # Hz, of fig 5.9
-MIDDLE, SWING = 2.6, 2.4  # of the velocity on the right: 0.2 to 5, the axis of fig 5.9
+MIDDLE, SWING = 2.6, 2.4  # of the velocity of XGMS: 0.2 to 5, the axis of fig 5.9
 
 
-def _lag_loops(axes: Axes, loops: list[tuple[Array, Array]], x: Array, static: Array) -> None:
+def _draw_lag_loops(axes: Axes, loops: list[tuple[Array, Array]], x: Array, static: Array) -> None:
     for frequency, (velocity, force) in zip(FREQUENCIES[::-1], loops[::-1], strict=True):
         axes.plot(velocity, force, label=f"{frequency:g} Hz", lw=1.2)
     axes.plot(x, static, color=REFERENCE_COLOUR, lw=1.2, ls="--", label="Stribeck")
@@ -178,7 +178,7 @@ def figure_5_9(sheet: Sheet) -> None:
         motion = bearing.motion(number, 1.0 / (samples * frequency), 1.0)
         bearings.append((number[-samples:], motion.friction[-samples:]))
     grid = np.linspace(start, start + 2.0 * swing, 300)
-    _lag_loops(left, bearings, grid, bearing.stribeck(grid, 1.0))
+    _draw_lag_loops(left, bearings, grid, bearing.stribeck(grid, 1.0))
     left.legend()
     label(left, r"$\Lambda/W$ [-]", r"$F_f$ [Pa]", "Rayleigh step, lubricated")
     model = XGMS(
@@ -190,9 +190,9 @@ def figure_5_9(sheet: Sheet) -> None:
         viscous=0.12,
         attraction=15.0,
     )
-    loops = [_play_loop(model, MIDDLE, SWING, frequency) for frequency in FREQUENCIES]
+    loops = [_simulate_loop(model, MIDDLE, SWING, frequency) for frequency in FREQUENCIES]
     speed = np.linspace(0.05, 5.0, 400)
-    _lag_loops(right, loops, speed, model.steady_state(speed, 1.0))
+    _draw_lag_loops(right, loops, speed, model.steady_state(speed, 1.0))
     right.set_ylim(0.0, 1.2)
     label(right, "v", r"$F_f$", "XGMS, N = 10")
 

@@ -93,20 +93,21 @@ def elements(sheet: Sheet) -> None:
     )
 
 
-X_0, END, STATIC = 8e-6, 6e-5, 30.0  # m, m, N: virgin curve x/(x + X_0), all slide at END
+# m, m, N: virgin curve x/(x + X_0), all slide at END; chosen: sizes of a machine's axis
+X_0, END, STATIC = (8e-6, 6e-5, 30.0)
 
 
 def _make_smooth_model() -> GMS:
-    """The GMS model of 200 elements on the virgin curve itself (eq D.3 by differences)."""
+    """Make the GMS model of 200 elements on the virgin curve itself."""
     points = np.geomspace(2e-7, END, 200)
     height = points / (points + X_0) * (END + X_0) / END
     slope = np.append(np.diff(np.append(0.0, height)) / np.diff(np.append(0.0, points)), 0.0)
-    limits = -np.diff(slope) * points
+    limits = -np.diff(slope) * points  # D.3, by differences
     return GMS(Stribeck(STATIC, 0.7, 5e-3, 50.0), STATIC * limits / points, limits / limits.sum(), 2000.0)
 
 
 def _fit_elements(count: int) -> GMS:
-    """GMS of `count` elements whose break points and limits are fitted to the virgin curve by least squares."""
+    """Make a GMS model of `count` elements; fit break points and limits to the virgin curve by least squares."""
     position = np.linspace(0.0, END, 401)[1:]
     curve = position / (position + X_0) * (END + X_0) / END
 

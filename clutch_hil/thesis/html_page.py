@@ -18,7 +18,7 @@ ul{columns:20rem 2;column-gap:2.5rem;padding-left:1.2rem}
 
 
 def format_html_page(results: Sequence[Any], skipped: Mapping[str, str], verdict: str) -> str:
-    """The page for `results` (`clutch_hil.thesis.reproduction.Result`), those that do not hold first in the list."""
+    """Format the page for `results` (`clutch_hil.thesis.reproduction.Result`), those that do not hold first in the list."""
     parts = [
         PAGE_HEAD,
         f"<p>clutch-hil {version('clutch-hil')}, {date.today().isoformat()}: <b>{escape(verdict)}</b></p><ul>",

@@ -14,9 +14,9 @@ from plant_sim.friction.tip_film import SlidingThreshold, TipFilm
 
 Array = np.ndarray
 TIPS, LOAD = 200, 0.03  # number; W in (total k_t) x (step height), as in figures 2.25 and 2.26
-MU = 0.15  # dry, as there; constant: the stick time does not matter in steady sliding
+MU = 0.15  # dry, as there. It is constant because the stick time does not matter in steady sliding
 SPEEDS = np.geomspace(0.03, 300.0, 41)  # over the speed at which a tip with the mean load begins to ride
-TRAVEL, SAMPLES = 10.0, 100  # step heights; ours: four times both change the friction by less than 1e-10
+TRAVEL, SAMPLES = 10.0, 100  # step heights, -; chosen: four times both change the friction by less than 1e-10
 
 
 def _make_model() -> GenericRayleighModel:
@@ -29,7 +29,11 @@ def _make_model() -> GenericRayleighModel:
 
 
 def _measure_at(model: GenericRayleighModel, speed: float) -> tuple[float, float, float, float]:
-    """Friction coefficient, share of the load on films, mean film h of the tips on films, number of tips in dry contact."""
+    """Measure steady sliding at `speed`.
+
+    Return the friction coefficient, the share of the load on films, the mean film h of the tips on films, and the number of
+    tips in dry contact.
+    """
     position = np.linspace(0.0, TRAVEL, SAMPLES)
     run = model.observe(position, position[1] / speed, LOAD)
     tips, gaps, film = model.dry.asperities, model.gaps(run.state), model.film

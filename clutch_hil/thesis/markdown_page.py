@@ -41,18 +41,18 @@ def format_markdown_page(results: Sequence[Result]) -> str:
 
 
 def format_claim_row(result: Result) -> tuple[str, str, str]:
-    """Row of an entry: its name, whether it holds, its claim."""
+    """Format the row of an entry: its name, whether it holds, its claim."""
     return (result.entry.name, "yes" if result.holds else "**no**", result.entry.claim)
 
 
 def format_failed_checks(result: Result) -> list[tuple[str, ...]]:
-    """Rows of the checks of a result that do not hold, with the known reason."""
+    """Format the checks of a result that do not hold as rows, with the known reason."""
     failing = [check.row() for check in result.sheet.checks if not check.holds]
     return [(result.entry.name, *row[:3], result.entry.contradicted) for row in failing]
 
 
 def format_line(cells: Sequence[str]) -> str:
-    """A row of a table of the page."""
+    """Format a row of a table of the page."""
     return "| " + " | ".join(str(cell).replace("|", r"\|") for cell in cells) + " |"
 
 

@@ -19,7 +19,7 @@ class MissingDataError(InputError):
 
 
 def measured_file(name: str) -> Path:
-    """Path of the data file `name`, such as `microtribometer/test_data_2.txt`. Raises MissingDataError."""
+    """Return the path of the data file `name`, such as `microtribometer/test_data_2.txt`. Raises MissingDataError."""
     folder = Path(os.environ.get(VARIABLE) or NEIGHBOUR_FOLDER)
     path = folder / name
     if not path.is_file():

@@ -1,10 +1,10 @@
-"""Ours: every friction model on a measured contact, fitted on one half of the record and judged on the other.
+"""Every friction model on a measured contact, fitted on one half of the record and judged on the other.
 
 What            a contact reciprocates 50 times over 0.23 mm under 5 N; force, load and position are measured
 Method          each model is driven by the measured position from the first sample, under the measured load; parameters by
                 bounded least squares on the first 25 cycles; error on the last 25, and while the load is removed at the end
 Assumptions     the same offset of the force is free in every model, since the measured loop is not symmetric; the compliance of
-                the rig is part of the contact's. One speed, 0.2 to 0.25 mm/s: nothing is said of a Stribeck curve
+                the rig is part of the contact's. There is one speed, 0.2 to 0.25 mm/s, so the record shows no Stribeck curve
 Not modelled    relaxation in the dwells, drift of the plateau
 References      github jchristopherson/FrictionModels.jl, examples/test_data_2.txt (MIT)
 """
@@ -33,11 +33,11 @@ from plant_sim.friction.xgms import XGMS
 from protocols.errors import InputError
 
 FILE = "microtribometer/test_data_2.txt"
-STEP = 0.01  # s: 179 steps of the record are 9 to 10 ms, the others 5 ms; on this grid no gap is filled by a guess
+STEP = 0.01  # s; chosen: 179 steps of the record are 9 to 10 ms, the others 5 ms, so on this grid no gap is filled by a guess
 RESOLUTION = 1e-7  # m, the last digit of the recorded position
 BEGIN, PERIOD, CYCLES = 8.8, 4.0, 25  # s, s, -: the first stroke begins, a cycle with both dwells, cycles in each half
 LOAD = 5.0  # N, nominal
-REQUIRED_ERROR = 0.12  # N, held out: what Dahl's model reaches, with an offset
+REQUIRED_ERROR = 0.12  # N, held out; chosen: what Dahl's model reaches, with an offset
 FOUR, TEN = "Maxwell-slip, 4 elements", "Maxwell-slip, 10 elements"  # sec. 5.5 of Janssens 2010, after Tjahjowidodo [9]
 
 Values = Mapping[str, float]
@@ -53,7 +53,7 @@ class Record:
 
     @property
     def parts(self) -> tuple[slice, slice, slice]:
-        """The cycles fitted, the cycles held out, and the unloading that follows them."""
+        """The fitted cycles, the held-out cycles, and the unloading that follows them."""
         first, middle, last = (round((BEGIN + i * CYCLES * PERIOD) / STEP) for i in range(3))
         return slice(first, middle), slice(middle, last), slice(last, None)
 
@@ -65,7 +65,7 @@ class Record:
 
 
 def read_record() -> Record:
-    """The measured record; force with the sign of the motion. Raises InputError."""
+    """Read the measured record; the force has the sign of the motion. Raises InputError."""
     path = measured_file(FILE)
     try:
         time, load, position, force = np.loadtxt(path, skiprows=1, unpack=True)  # s, uN, mm, uN
@@ -82,10 +82,10 @@ def read_record() -> Record:
 
 def remove_flicker(position: Array) -> Array:
     """Remove the flicker of the last digit of `position` [m] by a play of RESOLUTION; in a dwell it would be reversals."""
-    played = position.copy()
-    for i in range(1, played.size):
-        played[i] = min(max(played[i - 1], position[i] - RESOLUTION), position[i] + RESOLUTION)
-    return played
+    steady = position.copy()
+    for i in range(1, steady.size):
+        steady[i] = min(max(steady[i - 1], position[i] - RESOLUTION), position[i] + RESOLUTION)
+    return steady
 
 
 @dataclass(frozen=True)
@@ -105,14 +105,15 @@ class ShiftedModel:
 class Candidate:
     """A model to be fitted: `build` makes it of values by name, `start` [SI] and `bounds` of the free ones.
 
-    `follows` names the model whose result replaces the start where they share parameters. `ours`: of the Maxwell-slip family.
+    `follows` names the model whose result replaces the start where they share parameters. `slip_family`: whether it has
+    Maxwell-slip elements.
     """
 
     name: str
     build: Callable[[Values], FrictionModel]
     start: Values
     bounds: Mapping[str, tuple[float, float]]
-    ours: bool = False
+    slip_family: bool = False
     follows: str = ""
 
 
@@ -128,47 +129,50 @@ class Score:
     unloading: float
 
 
-def _elements(count: int) -> tuple[dict[str, float], dict[str, tuple[float, float]]]:
-    """Start and bounds of k_i, W_i: their total stiffness is the slope of the loop, and they break away one after the other."""
+def _make_elements(count: int) -> tuple[dict[str, float], dict[str, tuple[float, float]]]:
+    """Make start and bounds of k_i [N/m] and W_i [N].
+
+    The total stiffness is the slope of the measured loop; the elements break away one after the other.
+    """
     reach = np.linspace(5e-5, 2e-4, count)  # m
     start = {f"k_{i}": 4e4 / count for i in range(count)} | {f"W_{i}": 4e4 / count * reach[i] for i in range(count)}
     return start, {name: (1e2, 1e6) if name[0] == "k" else (1e-3, 10.0) for name in start}
 
 
-def _stiffness(values: Values) -> Array:
+def _collect_stiffness(values: Values) -> Array:
     return np.array([value for name, value in values.items() if name.startswith("k_")])
 
 
-def _limits(values: Values) -> Array:
+def _collect_limits(values: Values) -> Array:
     return np.array([value for name, value in values.items() if name.startswith("W_")])
 
 
-def _maxwell_slip(p: Values) -> MaxwellSlip:
-    return MaxwellSlip(_stiffness(p), _limits(p))
+def _make_maxwell_slip(p: Values) -> MaxwellSlip:
+    return MaxwellSlip(_collect_stiffness(p), _collect_limits(p))
 
 
-def _gms(p: Values) -> GMS:
-    limits = _limits(p)
+def _make_gms(p: Values) -> GMS:
+    limits = _collect_limits(p)
     curve = Stribeck(limits.sum(), p["beta"], p["v_s"])
-    return GMS(curve, _stiffness(p), limits / limits.sum(), p["C"] * limits.sum())
+    return GMS(curve, _collect_stiffness(p), limits / limits.sum(), p["C"] * limits.sum())
 
 
-def _xgms(p: Values) -> XGMS:
-    limits = _limits(p)
+def _make_xgms(p: Values) -> XGMS:
+    limits = _collect_limits(p)
     friction = Amontons(limits.sum() / LOAD)
-    return XGMS(friction, _stiffness(p), limits / limits.sum(), p["beta"], p["v_s"], attraction=p["C"])
+    return XGMS(friction, _collect_stiffness(p), limits / limits.sum(), p["beta"], p["v_s"], attraction=p["C"])
 
 
-def _leuven(p: Values) -> Leuven:
-    limits = _limits(p)
-    return Leuven(Stribeck(p["F/W"] * limits.sum()), _stiffness(p), limits, p["n"])
+def _make_leuven(p: Values) -> Leuven:
+    limits = _collect_limits(p)
+    return Leuven(Stribeck(p["F/W"] * limits.sum()), _collect_stiffness(p), limits, p["n"])
 
 
 def make_candidates() -> tuple[Candidate, ...]:
-    """All models, the simplest first. Starts are read off the loop; bounds are wide."""
+    """Make all models, the simplest first. Starts are read off the loop; bounds are wide."""
     level, level_bounds = {"F": 2.4}, {"F": (0.1, 10.0)}
     spring, spring_bounds = level | {"k": 4e4}, level_bounds | {"k": (1e3, 1e6)}
-    two, two_bounds = _elements(2)
+    two, two_bounds = _make_elements(2)
     lag, lag_bounds = {"beta": 1.05, "v_s": 5e-5, "C": 3.0}, {"beta": (0.1, 3.0), "v_s": (1e-6, 1e-2), "C": (0.01, 1e3)}
     slip = "Maxwell-slip, 2 elements"
     return (
@@ -186,24 +190,24 @@ def make_candidates() -> tuple[Candidate, ...]:
             spring | {"b": 0.6},
             spring_bounds | {"b": (0.0, 0.99)},
         ),
-        Candidate("Maxwell-slip, 1 element", _maxwell_slip, *_elements(1), ours=True),
-        Candidate(slip, _maxwell_slip, two, two_bounds, ours=True),
-        Candidate(FOUR, _maxwell_slip, *_elements(4), ours=True),
-        Candidate(TEN, _maxwell_slip, *_elements(10), ours=True),
+        Candidate("Maxwell-slip, 1 element", _make_maxwell_slip, *_make_elements(1), slip_family=True),
+        Candidate(slip, _make_maxwell_slip, two, two_bounds, slip_family=True),
+        Candidate(FOUR, _make_maxwell_slip, *_make_elements(4), slip_family=True),
+        Candidate(TEN, _make_maxwell_slip, *_make_elements(10), slip_family=True),
         Candidate(
             "Leuven, 2 elements",
-            _leuven,
+            _make_leuven,
             two | {"F/W": 0.9, "n": 3.0},
             two_bounds | {"F/W": (0.1, 1.0), "n": (1.0, 20.0)},
             follows=slip,
         ),
-        Candidate("GMS, 2 elements", _gms, two | lag, two_bounds | lag_bounds, ours=True, follows=slip),
-        Candidate("XGMS, 2 elements", _xgms, two | lag, two_bounds | lag_bounds, ours=True, follows=slip),
+        Candidate("GMS, 2 elements", _make_gms, two | lag, two_bounds | lag_bounds, slip_family=True, follows=slip),
+        Candidate("XGMS, 2 elements", _make_xgms, two | lag, two_bounds | lag_bounds, slip_family=True, follows=slip),
     )
 
 
 def evaluate(record: Record, candidate: Candidate, start: Values) -> Score:
-    """Fit `candidate` from `start` on the first half; errors on all parts of the record."""
+    """Fit `candidate` from `start` on the first half; return its errors on all parts of the record."""
     names = list(start)
     bounds = {**candidate.bounds, "offset": (-1.0, 1.0)}
     estimate = fit(lambda p: ShiftedModel(candidate.build(p), p["offset"]), names, start, bounds, record.fitted)
@@ -217,7 +221,7 @@ def evaluate(record: Record, candidate: Candidate, start: Values) -> Score:
 def compare_candidates(
     record: Record, chosen: tuple[Candidate, ...], progress: Callable[[int, int], None] = lambda done, total: None
 ) -> dict[str, Score]:
-    """Score of each candidate by name."""
+    """Fit and score each candidate; return the scores by name."""
     scores: dict[str, Score] = {}
     for i, candidate in enumerate(chosen):
         known = scores[candidate.follows].values if candidate.follows in scores else {}
@@ -243,23 +247,23 @@ def microtribometer(sheet: Sheet) -> None:
     for name, score in scores.items():
         errors = (score.fitted, score.held_out, score.unloading)
         sheet.table.append((name, str(len(score.values)), *(f"{error:.3f}" for error in errors)))
-    ours = {name: score.held_out for name, score in scores.items() if score.candidate.ours}
-    best = min(ours, key=lambda name: ours[name])
+    family = {name: score.held_out for name, score in scores.items() if score.candidate.slip_family}
+    best = min(family, key=lambda name: family[name])
     others = [score.unloading for name, score in scores.items() if not name.startswith("XGMS")]
     xgms = scores["XGMS, 2 elements"]
     sheet.check(
-        "largest held-out error of ours [N], at most 0.12", max(ours.values()) <= REQUIRED_ERROR, max(ours.values())
+        "largest held-out error of ours [N], at most 0.12", max(family.values()) <= REQUIRED_ERROR, max(family.values())
     )
-    few = ours[FOUR] / ours[TEN]
+    few = family[FOUR] / family[TEN]
     sheet.check("held-out error with 4 elements over that with 10: at most 1.02", few <= 1.02, few, "not significant")
     sheet.check(
         f"held-out error of the best of ours ({best}) below that of Dahl's model [N]",
-        ours[best] < scores["Dahl"].held_out,
-        [ours[best], scores["Dahl"].held_out],
+        family[best] < scores["Dahl"].held_out,
+        [family[best], scores["Dahl"].held_out],
     )
     sheet.check(
         "held-out error of Coulomb friction at least 8 times that of ours [N]",
-        scores["Coulomb"].held_out >= 8.0 * ours[best],
+        scores["Coulomb"].held_out >= 8.0 * family[best],
         scores["Coulomb"].held_out,
     )
     sheet.check(
@@ -292,7 +296,7 @@ def _draw(sheet: Sheet, record: Record, scores: dict[str, Score]) -> None:
     label(unloading, "time [s]", "friction force [N]", "unloading, 5 N to 0: held out")
     names = list(scores)[::-1]
     held = [scores[name].held_out for name in names]
-    errors.barh(names, held, color=["C0" if scores[name].candidate.ours else "C7" for name in names])
+    errors.barh(names, held, color=["C0" if scores[name].candidate.slip_family else "C7" for name in names])
     for i, value in enumerate(held):
         errors.text(0.053, i, f"{value:.3f}", va="center", fontsize=9, color="white")
     errors.axvline(REQUIRED_ERROR, color=REFERENCE_COLOUR, ls="--", lw=1.0)

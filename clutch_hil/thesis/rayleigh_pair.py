@@ -1,6 +1,6 @@
 """Two Rayleigh steps back to back: friction and lift-up in reciprocating motion (section 2.3.4).
 
-Parameters as in `rayleigh_step`; all are ours.
+Parameters are those of `rayleigh_step.py`, which says why they were chosen.
 """
 
 import numpy as np
@@ -19,13 +19,13 @@ from clutch_hil.thesis.rayleigh_step import (
 )
 from plant_sim.friction.step_bearing import StepBearing
 
-PAIR = (1, -1)
+PAIR = (1, -1)  # directions of the two steps
 FREQUENCIES = (0.5, 1.0, 2.0, 5.0, 10.0)  # f of fig 2.19
-SQUEEZE_NUMBER = 3e-3  # Pa; ours: the largest friction of fig 2.19 is then that of its axis, 8e-3 Pa
+SQUEEZE_NUMBER = 3e-3  # Pa; chosen: the largest friction of fig 2.19 is then that of its axis, 8e-3 Pa
 
 
 def _simulate_pair() -> list[Loop]:
-    """Two steps back to back, Lambda/W a cosine of amplitude 5."""
+    """Simulate two steps back to back; Lambda/W is a cosine of amplitude 5."""
     bearing = StepBearing(ALPHA, SLOPE, SQUEEZE_NUMBER, 0.0, PAIR)
     return [simulate_periodic(bearing, 1.0, -10.0, f, start=5.0) for f in FREQUENCIES]
 

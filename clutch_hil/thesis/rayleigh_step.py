@@ -1,8 +1,11 @@
 """The Rayleigh-step bearing in motion: friction lag and preload (section 2.3.4).
 
-The figures of the thesis have ranges but no parameters. Ours, in all entries: alpha = 1.5, which puts the asymptote of the
-Stribeck curves at Lambda/W = 2/(1 + alpha) = 0.8 as in the thesis; dh/L = 1e-3, which gives the friction forces of figs 2.12 to
-2.19; quasi-static motion unless a mass is given; and squeeze numbers for which the lag of the film is within the figure.
+The figures of the thesis have ranges but no parameters. These are chosen for all entries:
+
+alpha           1.5, which puts the asymptote of the Stribeck curves at Lambda/W = 2/(1 + alpha) = 0.8 as in the thesis
+dh/L            1e-3, which gives the friction forces of figs 2.12 to 2.19
+mass            none, that is quasi-static motion, unless one is given
+squeeze number  one for which the lag of the film is within the figure
 """
 
 from typing import Any, NamedTuple
@@ -14,11 +17,11 @@ from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
 from plant_sim.friction.rayleigh_step import threshold_sliding
 from plant_sim.friction.step_bearing import StepBearing
 
-ALPHA, SLOPE = 1.5, 1e-3  # ours, see above
+ALPHA, SLOPE = 1.5, 1e-3  # -, dh/L [-]; chosen, see above
 ASYMPTOTE = threshold_sliding(ALPHA, 1.0)  # Lambda/W, 0.8
-SAMPLES = 1000  # a cycle
+SAMPLES = 1000  # a cycle; chosen: the loops look smooth
 CYCLES = 60  # until the motion repeats to 1e-6
-START = ASYMPTOTE + 2e-3  # Lambda/W where the loops begin; ours
+START = ASYMPTOTE + 2e-3  # Lambda/W where the loops begin; chosen: just above the asymptote, where friction is infinite
 NUMBER_LABEL = r"$\Lambda/W$ [-]"
 FRICTION_LABEL = r"$F_f$ [Pa]"
 Array = np.ndarray
@@ -50,7 +53,7 @@ class Loop(NamedTuple):
 
 
 def simulate_periodic(bearing: StepBearing, load: float, stroke: float, frequency: float, start: float = START) -> Loop:
-    """The periodic motion with Lambda/W between `start` and `start` + `stroke`."""
+    """Simulate the periodic motion with Lambda/W between `start` and `start` + `stroke`, `frequency` cycles a unit of time."""
     time = np.arange(CYCLES * SAMPLES + 1) / SAMPLES
     number = start + 0.5 * stroke * (1.0 - np.cos(2 * np.pi * time))
     moved = bearing.motion(number * load, 1.0 / (SAMPLES * frequency), load)
@@ -162,7 +165,7 @@ def figure_2_14(sheet: Sheet) -> None:
 
 
 LOADS = (0.05, 0.25, 0.5, 0.75, 1.0, 2.0)  # W [Pa], of figs 2.15 to 2.17
-PRELOAD_SIGMA = 5e-9  # Pa
+PRELOAD_SIGMA = 5e-9  # Pa, squeeze number; chosen: as in figs 2.13 and 2.14
 
 
 def _simulate_preloads() -> list[Loop]:

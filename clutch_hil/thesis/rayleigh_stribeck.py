@@ -1,7 +1,7 @@
 """The Stribeck curve of the Rayleigh step: its terms, and the Stribeck function of control models fitted to it (section 5.6).
 
-Ours, as the thesis gives no parameters: alpha = 1.5 and W = 1 Pa (asymptote at Lambda = 0.8 Pa, as in chapter 2), dh/L = 0.2 in
-fig 5.7 and 0.1 in fig 5.8, which give the forces of the figures' axes.
+The thesis gives no parameters. Chosen are alpha = 1.5 and W = 1 Pa, which put the asymptote at Lambda = 0.8 Pa as in chapter 2.
+Also chosen is dh/L: 0.2 in fig 5.7 and 0.1 in fig 5.8, which give the forces of the figures' axes.
 """
 
 import numpy as np
@@ -12,14 +12,15 @@ from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
 from plant_sim.friction import rayleigh_step
 from plant_sim.friction.stribeck import Stribeck
 
-ALPHA, LOAD = 1.5, 1.0  # -, Pa; ours
+ALPHA, LOAD = 1.5, 1.0  # -, Pa; chosen, see above
 ASYMPTOTE = rayleigh_step.threshold_sliding(ALPHA, LOAD)  # Pa
-LIMIT_POWER = 2.0 / 3.0  # of the viscous tail: Lambda/h, with h proportional to Lambda^(1/3)
+# of the viscous tail Lambda/h at high speed, where h is in proportion to Lambda^(1/3) (sec. 5.6)
+LIMIT_POWER = 2.0 / 3.0
 Array = np.ndarray
 
 
 def _friction_terms(sliding: Array, slope: float) -> tuple[Array, Array, Array]:
-    """The three terms of eq 2.34 [Pa] at `sliding` [Pa] (n,): shear of the wide zone, of the narrow zone, pressure."""
+    """Compute the three terms of eq 2.34 [Pa] at `sliding` [Pa] (n,): shear of the wide zone, of the narrow zone, pressure."""
     gap = np.array([rayleigh_step.steady_gap(ALPHA, float(value), LOAD) for value in sliding])
     ridge = np.array(
         [rayleigh_step.ridge_pressure(ALPHA, h, float(value), 0.0) for h, value in zip(gap, sliding, strict=True)]
@@ -28,13 +29,13 @@ def _friction_terms(sliding: Array, slope: float) -> tuple[Array, Array, Array]:
 
 
 def _printed_friction(sliding: Array, slope: float) -> Array:
-    """F_s [Pa] as sec. 5.6 prints it: h^3 dropped from the gap, the third term negative."""
+    """Compute F_s [Pa] (n,) as sec. 5.6 prints it: h^3 is dropped from the gap, and the third term is negative."""
     wide = ((1.0 + ALPHA) * sliding / (2.0 * LOAD)) ** (1.0 / 3.0)
-    return 0.5 * slope * (sliding / 3.0 * (1.0 / wide + ALPHA / (wide - 1.0)) - 2.0 * LOAD / (1.0 + ALPHA))
+    return 0.5 * slope * (sliding / 3.0 * (1.0 / wide + ALPHA / (wide - 1.0)) - 2.0 * LOAD / (1.0 + ALPHA))  # sec. 5.6
 
 
 def _fit_stribeck(velocity: Array, force: Array) -> tuple[Stribeck, float]:
-    """Eq 4.1 fitted by Nelder-Mead as in the thesis, on the logarithms of its parameters; with its RMSE [Pa]."""
+    """Fit eq 4.1 by Nelder-Mead as in the thesis, on the logarithms of its parameters; return it and its RMSE [Pa]."""
 
     def curve(logarithms: Array) -> Stribeck:
         static, a_1, v_s, sigma_v, gamma = np.exp(logarithms)
@@ -43,15 +44,15 @@ def _fit_stribeck(velocity: Array, force: Array) -> tuple[Stribeck, float]:
     def rmse(logarithms: Array) -> float:
         return float(np.sqrt(np.mean((curve(logarithms)(velocity) - force) ** 2)))
 
-    # start: from the highest force falling to the lowest by a tenth of the first velocities, and the power of the tail
+    # start: F_s is the highest force, v_s the first velocity, gamma the power of the tail; a_1 - 1 and sigma_v are 0.1
     theta = np.log([force.max(), 0.1, velocity[0], 0.1, LIMIT_POWER])
-    for _ in range(3):  # restarted simplex, so that it does not end where it has collapsed
+    for _ in range(3):  # a new simplex each time: one that has collapsed would end too early
         theta = minimize(rmse, theta, method="Nelder-Mead", options={"maxiter": 1500, "xatol": 1e-6, "fatol": 1e-9}).x
     return curve(theta), rmse(theta)
 
 
 def _fit_tail_power(sliding: Array, force: Array) -> float:
-    """gamma of sigma_v (Lambda - Lambda_0)^gamma, least squares."""
+    """Fit sigma_v (Lambda - Lambda_0)^gamma by least squares; return gamma."""
     (_, power), _ = curve_fit(lambda x, s, g: s * (x - ASYMPTOTE) ** g, sliding, force, p0=(force[-1] / 10.0, 0.6))
     return float(power)
 

@@ -1,4 +1,4 @@
-"""Run one reproduction, or all of them and write a page: results with their checks and pictures."""
+"""Run one reproduction, or run all of them and write a page of results with their checks and pictures."""
 
 import time
 from collections.abc import Callable, Sequence

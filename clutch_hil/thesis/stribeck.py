@@ -7,9 +7,9 @@ from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
 from plant_sim.friction.stribeck import Stribeck
 
 LEGEND = {"fontsize": 8, "frameon": False}
-SPEED = np.linspace(1e-4, 1.0, 4001)  # as the axis of figure 1.7
-NO_SPEED = 1e-9  # far below any Stribeck velocity, but not at rest
-FAST = 1e9  # far above any Stribeck velocity
+SPEED = np.linspace(1e-4, 1.0, 4001)  # m/s, as the axis of figure 1.7
+NO_SPEED = 1e-9  # m/s; chosen: far below any Stribeck velocity, but not at rest
+FAST = 1e9  # m/s; chosen: far above any Stribeck velocity
 
 
 @reproduces(
@@ -74,7 +74,7 @@ def figure_1_7(sheet: Sheet) -> None:
 def figure_5_2(sheet: Sheet) -> None:
     """Eq 4.1 over the ranges that the thesis gives."""
     velocities, factors = np.geomspace(0.25, 0.01, 5), np.geomspace(0.01, 1.0, 5)  # ranges of the thesis
-    static, a_1, gamma = 1.0, 2.0, 1.0  # ours
+    static, a_1, gamma = 1.0, 2.0, 1.0  # N, -, -; chosen: the falling and the rising part are both visible
     left, right = sheet.axes(1, 2, width=10.5, height=4.6, sharey=True)
     middle = float(velocities[2]), float(factors[2])
     first = [Stribeck.from_depth(static, a_1, float(v), middle[1], gamma) for v in velocities]

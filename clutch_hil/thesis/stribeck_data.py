@@ -1,7 +1,7 @@
 """Stribeck curves fitted to points: figures 5.5 and 5.6, and how well Nelder-Mead and bounded least squares do it.
 
-The points of figures 5.5 and 5.6 are in pictures of other authors' papers, not in the text of the thesis. Ours are random
-points on shapes other than eq 4.1, within the axes of those figures. Tested is whether eq 4.1 can fit all these shapes.
+The points of figures 5.5 and 5.6 are in pictures of other authors' papers, not in the text of the thesis. Here random points
+stand for them, on shapes other than eq 4.1 and within the axes of those figures. Tested is whether eq 4.1 fits these shapes.
 """
 
 from collections.abc import Callable
@@ -16,10 +16,10 @@ from plant_sim.friction.identification.stribeck_fit import DEPTH, least_squares,
 from plant_sim.friction.model import Array
 from plant_sim.friction.stribeck import Stribeck
 
-DRAWS = 200
-POINTS = 40
-TOLERANCE = 0.05  # relative to the range of a curve: hardly visible in a picture
-WIDE_TOLERANCE = 0.1  # with ten points, for which the thesis calls the fit less good
+DRAWS = 200  # noisy sets of points; chosen: a share of 95 % is then known to 1.5 %
+POINTS = 40  # of each set; chosen: as many as a measured curve has
+TOLERANCE = 0.05  # of the range of a curve; chosen: hardly visible in a picture
+WIDE_TOLERANCE = 0.1  # with ten points; chosen: twice that, as the thesis calls this fit less good
 
 
 @dataclass(frozen=True)
@@ -33,43 +33,43 @@ class Data:
     scatter: float
     seed: int
 
-    def points(self) -> Array:
-        """The points (n,)."""
+    def draw_points(self) -> Array:
+        """Draw the points (n,)."""
         return self.shape(self.v, *self.values) + np.random.default_rng(self.seed).normal(
             0.0, self.scatter, self.v.size
         )
 
-    def off(self, fitted: Array) -> float:
-        """Distance of the curve of eq 4.1 with the parameters `fitted` from the shape, RMS over the range of the shape."""
+    def compute_error(self, fitted: Array) -> float:
+        """Compute the distance of eq 4.1 with the parameters `fitted` from the shape: RMS over the range of the shape [-]."""
         fine = np.linspace(self.v.min(), self.v.max(), 500)
         shape = self.shape(fine, *self.values)
         return float(np.sqrt(np.mean((DEPTH.evaluate(fine, *fitted) - shape) ** 2)) / np.ptp(shape))
 
 
 def gaussian(v: Array, static: float, low: float, velocity: float, viscous: float) -> Array:
-    """Armstrong-Helouvry's Stribeck curve, linear viscous part."""
+    """Armstrong-Helouvry's Stribeck curve with a linear viscous part."""
     return low + (static - low) * np.exp(-((v / velocity) ** 2)) + viscous * v
 
 
 def tustin(v: Array, static: float, low: float, velocity: float, viscous: float) -> Array:
-    """Tustin's exponential, linear viscous part."""
+    """Tustin's exponential with a linear viscous part."""
     return low + (static - low) * np.exp(-v / velocity) + viscous * v
 
 
 def hess_soom(v: Array, static: float, low: float, velocity: float, viscous: float) -> Array:
-    """Hess and Soom's fraction, linear viscous part."""
+    """Hess and Soom's fraction with a linear viscous part."""
     return low + (static - low) / (1.0 + (v / velocity) ** 2) + viscous * v
 
 
 def _fit_and_check(sheet: Sheet, axes: Axes, data: Data, colour: str, near: float = TOLERANCE) -> None:
     """Draw points and both fits; check how near eq 4.1 comes to the shape, and that both fits agree."""
-    v, y = data.v, data.points()
+    v, y = data.v, data.draw_points()
     simplex, bounded = nelder_mead(DEPTH, v, y), least_squares(DEPTH, v, y)
     fine = np.linspace(v.min(), v.max(), 500)
     axes.plot(v, y, "o", ms=3.5, color=colour, label=data.name)
     axes.plot(fine, DEPTH.evaluate(fine, *simplex.values.values()), color=colour, lw=1.5)
     axes.plot(fine, DEPTH.evaluate(fine, *bounded.values), ":", color=REFERENCE_COLOUR, lw=1)
-    off = data.off(bounded.values)
+    off = data.compute_error(bounded.values)
     sheet.check(f"{data.name}: fitted curve off the shape, RMS by its range", off < near, off, f"(ours) below {near:g}")
     apart = abs(simplex.rmse / bounded.rmse - 1.0)
     sheet.check(
@@ -112,7 +112,14 @@ def figure_5_5(sheet: Sheet) -> None:
     _format_legend(right, "tab:gray")
     dense = replace(last, v=np.linspace(0.5, 25.0, 60))
     offs = [
-        float(np.mean([d.off(least_squares(DEPTH, d.v, replace(d, seed=seed).points()).values) for seed in range(20)]))
+        float(
+            np.mean(
+                [
+                    d.compute_error(least_squares(DEPTH, d.v, replace(d, seed=seed).draw_points()).values)
+                    for seed in range(20)
+                ]
+            )
+        )
         for d in (dense, last)
     ]
     sheet.check("exp. 2, right, with 60 and with 10 points: off the shape, RMS by its range, mean of 20 draws",

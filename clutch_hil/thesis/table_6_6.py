@@ -1,7 +1,7 @@
 """Table 6.6 of Janssens 2010: how well feedforward, XGMS feedback and both follow a trajectory to 10 Nm.
 
 The plant differs from the controller's model in the ways that the thesis names. The thesis gives no sizes of the differences.
-Ours are those of a model identified on the rig; they are listed in DIFFERENCES and printed with the result.
+Chosen are those of a model identified on the rig. They are listed in DIFFERENCES and printed with the result.
 """
 
 import numpy as np
@@ -17,9 +17,9 @@ from protocols.files.parameters import ParameterSet
 from protocols.node import node_factory
 
 THESIS_VALUES = {"feedforward": (1.00, 0.30), "feedback": (0.50, 0.76), "both": (0.30, 0.25)}  # Nm, s: Table 6.6
-SEEDS = 20
+SEEDS = 20  # plants, each with differences of its own; chosen: means are then known to a fifth of the scatter
 BEGIN, END = 1.0, 7.0  # s, the trajectory to 10 Nm in the profile `table-6.6`; before, the clutch is being filled
-LEVEL = 10.0  # Nm
+LEVEL = 10.0  # Nm, Table 6.6
 STEP_PROFILE = Profile(  # the same with a rise in one sample: a ramp of 0.24 s hides how fast a controller is
     "step", (0.0, 0.05, 0.051, BEGIN, BEGIN + 1e-3, 4.0, 4.1), (0.0, 0.0, 0.5, 0.5, LEVEL, LEVEL, 0.0), (10.47,) * 7
 )
@@ -52,14 +52,17 @@ def perturb_plant(seed: int) -> tuple[ParameterSet, float]:
 
 
 def run_trajectory(profile: Profile, law: str, adaptation: bool, seed: int) -> Played:
-    """One run of one controller against the plant of `seed`."""
+    """Run one controller against the plant of `seed`."""
     parameters, temperature = perturb_plant(seed)
     plant = PlantNode(parameters=parameters, profile=profile, seed=seed, temperature=temperature)
     return play(plant, node_factory("controller")(law=law, adaptation=adaptation))
 
 
 def run_step(law: str, adaptation: bool, seed: int) -> tuple[float, float]:
-    """A step of the demand to LEVEL: time [s] until the true torque is 90 % of it, NaN if never; overshoot [Nm]."""
+    """Run a step of the demand to LEVEL; return rise time and overshoot [Nm].
+
+    The rise time [s] ends where the true torque is 90 % of LEVEL; it is NaN if it never is.
+    """
     played = run_trajectory(STEP_PROFILE, law, adaptation, seed)
     after = (played["time_s"] > BEGIN) & (played["time_s"] < 4.0)
     time, torque = played["time_s"][after] - BEGIN, played["truth_clutch_torque_nm"][after]
@@ -74,7 +77,7 @@ def run_step(law: str, adaptation: bool, seed: int) -> tuple[float, float]:
     "within the thesis's values",
 )
 def table_6_6(sheet: Sheet) -> None:
-    """Run the three controllers of the thesis, and ours with adaptation, over all seeds."""
+    """Run the three controllers of the thesis, and a fourth with adaptation, over all seeds."""
     profile = load_profile("table-6.6")
     cases = {"feedforward": ("feedforward", False), "feedback": ("feedback", False), "both": ("both", False)}
     cases["both + adaptation"] = ("both", True)

@@ -25,21 +25,16 @@ from plant_sim.rigs.tribometer_experiments import (
 
 Array = np.ndarray
 CONTACTS = Contacts()
-OWN_WEIGHT = 58.0  # N
-ACCELERATIONS = (
-    0.05,
-    0.1,
-    0.2,
-    0.5,
-    1.0,
-    2.0,
-)  # rad/s^2; ours: break-away after 3.7 s to 0.09 s, around the creep time
-SAW_TOOTH = 4e-4 * np.array([0.0, 1.0, -0.5, 0.5, -1.0, 0.5, -0.5, 1.0])  # rad, fig 4.2; levels of the inner ones ours
+OWN_WEIGHT = 58.0  # N, sec. 3.10
+# rad/s^2; chosen: break-away then takes 3.7 s to 0.09 s, around the creep time
+ACCELERATIONS = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0)
+# rad, fig 4.2; the inner levels are chosen: half of the outer
+SAW_TOOTH = 4e-4 * np.array([0.0, 1.0, -0.5, 0.5, -1.0, 0.5, -0.5, 1.0])
 PLAIN_SAW_TOOTH = 4e-4 * np.array([0.0, 1.0, -1.0, 1.0])  # rad, the same without the inner reversals
 SAW_SPEED = float(np.abs(np.diff(SAW_TOOTH)).sum()) / 4.0  # rad/s: the 4 s of fig 4.2
-OIL_FACTOR = 0.4  # of the same command; ours: keeps the weaker contact in oil from sliding
+OIL_FACTOR = 0.4  # of the same command; chosen: it keeps the weaker contact in oil from sliding
 INNER_CORNERS = (2, 3, 5, 6)  # corners of the inner loops: begin and end of the first, of the second
-PRESLIDING_LOAD = 80.0  # N; ours: the weak loop commands 1.6 Nm at most, just less than it takes to slide
+PRESLIDING_LOAD = 80.0  # N; chosen: the weak loop commands 1.6 Nm at most, just less than it takes to slide
 SINE, FREQUENCIES = 0.06, (1.0, 2.0, 3.0)  # rad, Hz, sec. 4.1.3
 SLIP_SPEEDS = np.array([4.0, 5.98, 9.44, 13.74, 20.0]) * 1e-3  # rad/s, fig 4.7
 CONTACT_NOTE = (
@@ -126,12 +121,12 @@ def figure_4_3(sheet: Sheet) -> None:
         panel.plot(1e4 * motion.record.angle_rad, motion.torque, lw=1.0)
         panel.locator_params(axis="x", nbins=6)
         label(panel, r"$\theta$ [1e-4 rad]", "torque [Nm]", name)
-        apart = _branch_difference(motion, pre_sliding(rig, load, scale * PLAIN_SAW_TOOTH, scale * SAW_SPEED))
+        apart = _measure_branch_difference(motion, pre_sliding(rig, load, scale * PLAIN_SAW_TOOTH, scale * SAW_SPEED))
         sheet.check(
             f"{name}: both outer branches after their inner loop, and without one: rms difference below 6 mNm; the"
             " sensors' noise alone gives 4 [mNm]", float(apart.max()) < 0.006, 1e3 * apart, "past extremes are remembered",
         )  # fmt: skip
-        closure, missed = _measure_closure(motion), _measure_closure(_make_with_local_memory(name, load, scale))
+        closure, missed = _measure_closure(motion), _measure_closure(_run_local_memory(name, load, scale))
         if name == "dry":
             sheet.check(
                 "dry: torque at both inner loops on the return to where they began less that when they began: within 12"
@@ -161,15 +156,15 @@ def figure_4_3(sheet: Sheet) -> None:
     sheet.note(CONTACT_NOTE)
 
 
-def _make_with_local_memory(condition: str, load: float, scale: float) -> Motion:
-    """Make a rig whose contact is Dahl's model, with the limit and the initial stiffness of the elements' parabola."""
+def _run_local_memory(condition: str, load: float, scale: float) -> Motion:
+    """Run a rig whose contact is Dahl's model, with the limit and the first stiffness of the elements' parabola."""
     limit = CONTACTS.static_coefficient(condition, load) * load  # N
     stiffness = 2.0 * limit / (CONTACTS.parameters[f"{condition}.travel"].si * CONTACTS.dry(load).radius)  # N/m
     return pre_sliding(Tribometer(Dahl(limit, stiffness)), load, scale * SAW_TOOTH, scale * SAW_SPEED)
 
 
 def _measure_closure(motion: Motion) -> Array:
-    """Torque [Nm] (2,) on the return to the start of each inner loop, less the torque at its start."""
+    """Measure the torque [Nm] (2,) on the return to the start of each inner loop, less the torque at its start."""
     times, angle, differences = corner_times(SAW_TOOTH, SAW_SPEED), motion.record.angle_rad, []
     for first, second in (INNER_CORNERS[:2], INNER_CORNERS[2:]):
         side = np.sign(SAW_TOOTH[first] - SAW_TOOTH[second])
@@ -180,8 +175,8 @@ def _measure_closure(motion: Motion) -> Array:
     return np.array(differences)
 
 
-def _branch_difference(motion: Motion, plain: Motion) -> Array:
-    """Rms difference [Nm] (2,) of the falling and the rising branch, beyond the inner loop, from that without one."""
+def _measure_branch_difference(motion: Motion, plain: Motion) -> Array:
+    """Measure by how much the falling and the rising branch, beyond the inner loop, differ from that without: rms [Nm] (2,)."""
     times, others, differences = corner_times(SAW_TOOTH, SAW_SPEED), corner_times(PLAIN_SAW_TOOTH, SAW_SPEED), []
     for (first, second), outer in ((INNER_CORNERS[:2], 1), (INNER_CORNERS[2:], 2)):
         side = np.sign(SAW_TOOTH[first] - SAW_TOOTH[second])
@@ -216,7 +211,7 @@ def figure_4_4(sheet: Sheet) -> None:
         up, down = measure_branches(motion, speeds)
         lags.append(float((up - down).mean()))
         between.append(float(np.mean((curve.torque > down - 0.003) & (curve.torque < up + 0.003))))
-        harmonic.append(_third_harmonic(motion, frequency))
+        harmonic.append(_measure_third_harmonic(motion, frequency))
     axes[2].plot(curve.speed, curve.torque, "o", color=REFERENCE_COLOUR, ms=3, label="steady")
     axes[2].set_xlim(0.05, 1.2)
     axes[2].set_ylim(0.8, 1.0)
@@ -249,7 +244,8 @@ def figure_4_4(sheet: Sheet) -> None:
     sheet.note(CONTACT_NOTE)
 
 
-def _third_harmonic(motion: Motion, frequency: float) -> float:
+def _measure_third_harmonic(motion: Motion, frequency: float) -> float:
+    """Measure the third harmonic of the velocity over the first [-]; `frequency` of the first [Hz]."""
     turn = np.exp(-2j * np.pi * frequency * motion.time)
     return float(abs(np.sum(motion.velocity * turn**3)) / abs(np.sum(motion.velocity * turn)))
 

@@ -9,12 +9,12 @@ from clutch_hil.thesis.check_sheet import REFERENCE_COLOUR, Sheet, label
 from clutch_hil.thesis.tribometer_identification import (
     LOADS,
     OWN_WEIGHT,
+    compute_mass_line,
+    compute_mass_spring,
     decibel,
     identify_response,
     is_in_band,
     level,
-    mass_line,
-    mass_spring,
     measure_sines,
     resonance,
     slope,
@@ -23,7 +23,7 @@ from plant_sim.rigs.multisine import FrequencyResponse
 
 Array = np.ndarray
 AMPLITUDES = (0.01, 0.02, 0.03, 0.04, 0.05, 0.06)  # V, figs 3.11 and 3.12
-HIGH_AMPLITUDE = 0.12  # V, ours: an amplitude so high that the response should be near the mass line
+HIGH_AMPLITUDE = 0.12  # V; chosen: so high that the response should be near the mass line
 TORQUES = ("motor torque", "dynamometer torque")
 GAIN_NOTE = (
     "the thesis gives no torque for a volt and does not say whose amplitude A is; ours: 2 Nm/V, A for each of the 500 lines,"
@@ -74,7 +74,7 @@ def _draw_preloads(sheet: Sheet, amplitude: float) -> None:
         max(map(abs, slopes[3:])) < 10.0, measured=slopes[3:], thesis="relatively linear at high loads: 0",
     )  # fmt: skip
     softer = [
-        level(one.frequency, one.response) - level(one.frequency, mass_spring(one.frequency, load))
+        level(one.frequency, one.response) - level(one.frequency, compute_mass_spring(one.frequency, load))
         for one, load in zip(responses, LOADS, strict=True)
     ]
     sheet.check(
@@ -142,8 +142,8 @@ def figure_3_9(sheet: Sheet) -> None:
 
 
 def _draw_bounds(sheet: Sheet, axes: Any, responses: list[Array], frequency: Array) -> None:
-    """Draw mass line and mass-spring curve; check growth between them."""
-    bounds = mass_line(frequency), mass_spring(frequency, OWN_WEIGHT)
+    """Draw mass line and mass-spring curve; check that the response grows from one to the other."""
+    bounds = compute_mass_line(frequency), compute_mass_spring(frequency, OWN_WEIGHT)
     for values, style, name in zip(bounds, ("--", ":"), ("mass line", "mass-spring"), strict=True):
         axes.semilogx(frequency, decibel(values), color=REFERENCE_COLOUR, ls=style, lw=1.0, label=name)
     inside = is_in_band(frequency)

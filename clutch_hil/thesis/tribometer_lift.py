@@ -10,26 +10,21 @@ from plant_sim.rigs.tribometer_experiments import Motion, measure_branches, osci
 
 Array = np.ndarray
 CONTACTS = Contacts(seed=7)
-OWN_WEIGHT = 58.0  # N
+OWN_WEIGHT = 58.0  # N, sec. 3.10
 SINE, FREQUENCIES = 0.06, (1.0, 2.0, 3.0)  # rad, Hz, sec. 4.1.3
-OFFSET, SWING, FAST = (
-    0.35,
-    0.30,
-    9.0,
-)  # rad/s, rad/s, Hz: 0.05 to 0.65 rad/s as on the axis of fig 4.5; 9 Hz of the thesis
-BINS = np.linspace(0.08, 0.62, 13)  # rad/s
-NOISE = 1.5e-3  # Nm; ours: a difference of two branches in a bin has a deviation of about 0.6e-3 by the sensors
-STAIR_SPEEDS, STAIR_TIME = (
-    (0.05, 0.8, 1.6, 3.2, 4.8, 6.4),
-    5.0,
-)  # rad/s (fig 4.10, and a slow one of ours), s each (sec. 4.2.2)
+OFFSET, SWING = 0.35, 0.30  # rad/s: 0.05 to 0.65 rad/s as on the axis of fig 4.5
+FAST = 9.0  # Hz, fig 4.5
+BINS = np.linspace(0.08, 0.62, 13)  # rad/s; chosen: within the swing
+NOISE = 1.5e-3  # Nm; chosen: 2.5 times the deviation of about 0.6e-3 that sensors give the difference of two branches in a bin
+STAIR_SPEEDS = (0.05, 0.8, 1.6, 3.2, 4.8, 6.4)  # rad/s, fig 4.10; 0.05 is chosen as the reference near standstill
+STAIR_TIME = 5.0  # s each, sec. 4.2.2
 HIGHEST_LOAD = 1120.0  # N, fig 4.11: the highest load
 BUTTERFLY_LOADS = (52.0, 280.0, 560.0, 840.0, 1120.0, 1400.0)  # N, fig 4.18
-MICROMETRES = 1e6
+MICROMETRES = 1e6  # um in a m
 
 
 def _run_cross(rig: Tribometer, load: float, frequency: float) -> tuple[Motion, Array]:
-    """An oscillation about the offset, and accelerating less decelerating torque [Nm] in each of BINS."""
+    """Run an oscillation about OFFSET; return it, and accelerating less decelerating torque [Nm] (12,) between BINS."""
     motion = oscillation(rig, load, OFFSET, SWING, frequency, periods=40)
     up, down = measure_branches(motion, BINS)
     return motion, up - down
@@ -235,7 +230,7 @@ def figure_4_18(sheet: Sheet) -> None:
 
 
 def _measure_butterfly(angle: Array, velocity: Array, gap: Array) -> tuple[Array, Array, Array]:
-    """Angles [rad] (k,), mean gap at positive and at negative velocity there (k,)."""
+    """Measure the butterfly: angles [rad] (k,), mean `gap` at positive and at negative velocity there (k,)."""
     edges = np.linspace(-0.055, 0.055, 34)
     bins = np.digitize(angle, edges)
     forth, back = (

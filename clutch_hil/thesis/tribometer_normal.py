@@ -18,31 +18,33 @@ PRELOADS = (58.0, 100.0, 200.0, 400.0, 800.0, 1200.0)  # N, fig 3.10; 58 N is th
 STEADY_LOADS = (50.0, 280.0, 560.0, 840.0, 1100.0)  # N, figs 4.9, 4.12, 4.13
 SPEEDS = (0.8, 1.6, 3.2, 6.4)  # rad/s, fig 4.10
 LIFT = 1e-6  # m, fig 4.11
-DT = 2e-5  # s
+DT = 2e-5  # s; chosen: a hundredth of a period at 500 Hz
 SAMPLES = 25_000  # a period of 0.5 s
-LINE = 0.1  # N, ours: amplitude of a line, 1.1 N effective
-FRICTION = MaxwellSlip(np.array([2e6]), np.array([10.0]))  # N/m, N: any will do, it does not act on this direction
+# N, amplitude of a line, 1.1 N effective over all; chosen: small beside the own weight
+LINE = 0.1
+# N/m, N; any will do, because it does not act in this direction
+FRICTION = MaxwellSlip(np.array([2e6]), np.array([10.0]))
 CONTACT_NOTE = (
     "calibrated: Hertz's exponent and 15 um from 50 to 1100 N (fig 4.12) for the contact; 186 Hz (first, own weight) and 288 Hz"
     " (second, 1200 N) for the springs k_d and k_eff. Ours: m_1 = 8 kg, m_2 = 4.5 kg; m_2 + m_3 are the own weight"
 )
 
 
-def printed_transmitted(chain: Chain, s: Array, k_kf: float, c_kf: float) -> Array:
-    """T/theta_3 as the thesis prints it."""
+def compute_printed_torque(chain: Chain, s: Array, k_kf: float, c_kf: float) -> Array:
+    """Compute T/theta_3 [Nm/rad] over `s` (n,) [1/s] as the thesis prints it beside fig 3.6."""
     contact, k_d, k_eff = c_kf * s + k_kf, chain.table_stiffness, chain.coupling_stiffness
     first = chain.inertia[0] * s**2 + c_kf * s + k_d + k_kf
     second = chain.inertia[1] * s**2 + c_kf * s + k_eff + k_d
-    return contact * k_eff * k_d / (contact**2 - first * second)
+    return contact * k_eff * k_d / (contact**2 - first * second)  # T/theta_3, as printed
 
 
-def printed_deflection(chain: Chain, s: Array, k_kf: float, c_kf: float) -> Array:
-    """X_1/F as the thesis prints it."""
+def compute_printed_deflection(chain: Chain, s: Array, k_kf: float, c_kf: float) -> Array:
+    """Compute X_1/F [m/N] over `s` (n,) [1/s] as the thesis prints it beside fig 3.6."""
     contact, k_d, k_eff = c_kf * s + k_kf, chain.table_stiffness, chain.coupling_stiffness
     first = chain.inertia[0] * s**2 + c_kf * s + k_eff + k_d
     second = chain.inertia[1] * s**2 + c_kf * s + k_kf + k_eff
     third = chain.inertia[2] * s**2 + k_eff
-    return contact * k_eff / (third * (second * first - contact**2) - k_eff**2 * first)
+    return contact * k_eff / (third * (second * first - contact**2) - k_eff**2 * first)  # X_1/F, as printed
 
 
 @reproduces(
@@ -64,11 +66,13 @@ def figure_3_6(sheet: Sheet) -> None:
     cases = [
         (
             r"$|T/\theta_3|$ [dB rel. 1 Nm/rad]", "tangential", torque,
-            bare[0].transmitted_torque(s, stiffness[0], damping[0]), printed_transmitted(bare[0], s, stiffness[0], damping[0]),
+            bare[0].transmitted_torque(s, stiffness[0], damping[0]),
+            compute_printed_torque(bare[0], s, stiffness[0], damping[0]),
         ),
         (
             r"$|X_1/F|$ [dB rel. 1 m/N]", "normal", response(a, b[:, 1], np.eye(6)[0], frequency),
-            bare[1].deflection(s, stiffness[1], damping[1]), printed_deflection(bare[1], s, stiffness[1], damping[1]),
+            bare[1].deflection(s, stiffness[1], damping[1]),
+            compute_printed_deflection(bare[1], s, stiffness[1], damping[1]),
         ),
     ]  # fmt: skip
     for axes, (axis, name, exact, formula, printed) in zip(sheet.axes(1, 2, width=11), cases, strict=True):
@@ -144,7 +148,7 @@ def figure_3_10(sheet: Sheet) -> None:
 
 
 def run_steady(load: float, speed: float) -> tuple[Array, Array, Array]:
-    """Angle [rad], mean gap [m] and measured load [N] over the last of three revolutions at `speed` [rad/s], lubricated."""
+    """Run three revolutions at `speed` [rad/s] in oil; return angle [rad], mean gap [m] and measured load [N] of the last."""
     rig = Tribometer(FRICTION, nominal().with_values({"lift.height": LIFT}))
     seconds = 3.0 * 2.0 * np.pi / speed
     record = rig.run(rig.velocity_drive(speed), load, seconds, 1e-4, every=max(1, round(20.0 / speed)))

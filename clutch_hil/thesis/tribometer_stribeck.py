@@ -19,10 +19,11 @@ RIGS = Contacts(seed=4)
 MEAN_RADIUS = 0.075  # m, of the tribometer's disks: sec. 3.4
 THREE_LOADS = (58.0, 280.0, 560.0)  # N, fig 4.6
 FIVE_LOADS = (50.0, 280.0, 560.0, 840.0, 1120.0)  # N, sec. 4.2.4
-LOADS = (50.0, 90.0, 160.0, 280.0, 420.0, 560.0, 700.0, 840.0, 970.0, 1100.0)  # N; ours, over the range of fig 4.14
+# N; chosen: ten over the range of fig 4.14
+LOADS = (50.0, 90.0, 160.0, 280.0, 420.0, 560.0, 700.0, 840.0, 970.0, 1100.0)
 SPEED_OF_TABLE = 200.0 * RPM  # Table 6.3
 FASTEST_SPEED = 6.4  # rad/s, fig 4.10
-PULL_ACCELERATION = 0.05  # rad/s^2; ours: for the torque at zero velocity
+PULL_ACCELERATION = 0.05  # rad/s^2; chosen: slow enough to give the torque at zero velocity
 FROZEN_VALUES = {"gamma": 1.0 / 3.0, "v_s": 11.52}  # -, rad/s: kept constant in the fits of fig 4.16, sec. 4.2.4
 SCALE_NOTE = (
     "parameters and their sources: plant_sim/parameters/tribometer_contacts.toml. One contact in oil cannot have the"
@@ -92,10 +93,10 @@ def figure_4_6(sheet: Sheet) -> None:
 
 
 def _find_minimum(curve: Steady) -> float:
-    """Speed [rad/s] of the minimum of a smooth curve through the points: c + a/omega + b omega, the tail of eq 1.4."""
+    """Find the speed [rad/s] of the minimum of c + a/omega + b omega through the points, which is the tail of eq 1.4."""
     columns = np.stack([np.ones(curve.speed.size), 1.0 / curve.speed, curve.speed], axis=1)
     _, fall, rise = np.linalg.lstsq(columns, curve.torque, rcond=None)[0]
-    return float((fall / rise) ** 0.5)
+    return float((fall / rise) ** 0.5)  # where -a/omega^2 + b = 0
 
 
 @reproduces(
@@ -163,9 +164,9 @@ def figure_4_15(sheet: Sheet) -> None:
     explained, apart, depths = [], [], []
     for load, colour in zip(FIVE_LOADS, ("C0", "C1", "C2", "C3", "C4"), strict=True):
         curve = _measure_curve("lubricated", load, 0.05, FASTEST_SPEED, 16)
-        joined = _fit_loads(curve)
+        joined = _fit_curve(curve)
         below = curve.speed < 3.3
-        part = _fit_loads(Steady(*(getattr(curve, name)[below] for name in ("speed", "torque", "spread", "load"))))
+        part = _fit_curve(Steady(*(getattr(curve, name)[below] for name in ("speed", "torque", "spread", "load"))))
         for panel in (left, right):
             panel.plot(curve.speed, curve.torque, "o", ms=3, color=colour)
         left.text(6.6, curve.torque[-1], f"{load:g} N", va="center", color=colour)
@@ -206,7 +207,8 @@ def figure_4_15(sheet: Sheet) -> None:
     sheet.note(SCALE_NOTE)
 
 
-def _fit_loads(curve: Steady) -> Stribeck:
+def _fit_curve(curve: Steady) -> Stribeck:
+    """Fit eq 4.1 to the points, with gamma and v_s kept constant."""
     estimate = least_squares(DEPTH, curve.speed, curve.torque, frozen=FROZEN_VALUES)
     return Stribeck.from_depth(*(estimate[name] for name in DEPTH.names))
 

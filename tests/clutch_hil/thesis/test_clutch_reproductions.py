@@ -66,9 +66,9 @@ def test_a_controller_that_believes_in_another_lag_errs_by_more() -> None:
 
 def test_the_width_of_the_loop_is_signed() -> None:
     loop = run_online_estimate(5.0)
-    assert loop.loop_width(loop.true) > 0.3  # Nm; 0.53 measured
-    assert loop.loop_width(-loop.true) == pytest.approx(-loop.loop_width(loop.true))
-    assert abs(loop.loop_width(loop.slip)) < 0.02  # rad/s: branches are compared at equal slip
+    assert loop.measure_loop_width(loop.true) > 0.3  # Nm; 0.53 measured
+    assert loop.measure_loop_width(-loop.true) == pytest.approx(-loop.measure_loop_width(loop.true))
+    assert abs(loop.measure_loop_width(loop.slip)) < 0.02  # rad/s: branches are compared at equal slip
 
 
 # --- the rig under its controller ------------------------------------------------------------------------------------

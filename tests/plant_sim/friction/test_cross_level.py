@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from clutch_hil.thesis import cross_level as entry
-from clutch_hil.thesis.cross_level import LOAD, SPEEDS, nrmse
+from clutch_hil.thesis.cross_level import LOAD, SPEEDS, compute_nrmse
 
 
 @pytest.fixture(scope="module")
@@ -15,7 +15,7 @@ def here():
 @pytest.fixture(scope="module")
 def records(here):
     motions, stairs = entry.make_training()
-    return motions, stairs, [record.measured(here) for record in (*motions, *stairs)]
+    return motions, stairs, [record.measure(here) for record in (*motions, *stairs)]
 
 
 @pytest.fixture(scope="module")
@@ -28,12 +28,12 @@ def measured():
     """Held-out motions and their friction on another part of the surface, by name."""
     elsewhere = entry.make_contact(2)
     known, others = entry.make_held_out()
-    return {motion.name: (motion, motion.measured(elsewhere)) for motion in (*known, *others)}
+    return {motion.name: (motion, motion.measure(elsewhere)) for motion in (*known, *others)}
 
 
 def errors(models, measured, name):
     motion, force = measured[name]
-    return {model: nrmse(motion.predicted(models[model]), force) for model in models}
+    return {model: compute_nrmse(motion.predict(models[model]), force) for model in models}
 
 
 def test_training_covers_pre_sliding_and_all_lubrication_regimes(here, records):
@@ -83,9 +83,9 @@ def test_predicts_under_loads_it_has_not_seen(models, measured, name):
 def test_only_the_load_divides_gms_and_xgms(models, measured):
     motion, _ = measured["multisine"]
     gms, xgms = models["GMS"], models["XGMS"]
-    assert nrmse(motion.predicted(gms), motion.predicted(xgms)) < 0.05
+    assert compute_nrmse(motion.predict(gms), motion.predict(xgms)) < 0.05
     loaded, _ = measured["multisine, load 1 to 2"]
-    assert nrmse(loaded.predicted(gms), loaded.predicted(xgms)) > 0.05
+    assert compute_nrmse(loaded.predict(gms), loaded.predict(xgms)) > 0.05
     assert (
-        nrmse(loaded.predicted(gms) * LOAD / loaded.load, loaded.predicted(xgms)) > 0.2
+        compute_nrmse(loaded.predict(gms) * LOAD / loaded.load, loaded.predict(xgms)) > 0.2
     )  # as it is, blind to the load

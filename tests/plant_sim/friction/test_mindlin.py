@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from clutch_hil.thesis.asperity_stiffness import mindlin_body
+from clutch_hil.thesis.asperity_stiffness import make_mindlin_sphere
 from plant_sim.friction.mindlin import Material, SphereOnFlat, stiffness_ratio
 from protocols.errors import InputError
 
@@ -62,14 +62,14 @@ def test_asperities_at_depths_of_a_sphere_give_hertz_and_mindlin() -> None:
     """An independent path: the life cycle of 2000 asperities ends in the closed form."""
     used = np.linspace(0.0, 1.0, 101)
     position = BALL.tangential_deflection(10.0, 0.3, used * 3.0)
-    seen = mindlin_body(BALL, 10.0, 0.3, SPRINGS).observe(position, 1.0)
+    seen = make_mindlin_sphere(BALL, 10.0, 0.3, SPRINGS).observe(position, 1.0)
     assert seen.normal_force == pytest.approx(np.full(101, 10.0), rel=DISCRETE)
     assert seen.force / 3.0 == pytest.approx(used, abs=DISCRETE)
 
 
 def test_asperities_of_a_sphere_obey_masing_at_reversal() -> None:
     """Mindlin and Deresiewicz: the branch after a reversal is the virgin curve, doubled and turned."""
-    body = mindlin_body(BALL, 10.0, 0.3, SPRINGS)
+    body = make_mindlin_sphere(BALL, 10.0, 0.3, SPRINGS)
     used = np.linspace(0.0, 0.8, 41)
     virgin = BALL.tangential_deflection(10.0, 0.3, used * 3.0)
     back = virgin[-1] - 2.0 * virgin
