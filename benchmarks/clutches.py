@@ -16,9 +16,10 @@ from plant_sim.node.plant_node import PlantNode
 from plant_sim.profiles.profile import load_profile
 from protocols.node import node_factory
 
-MOST_CLUTCHES = 8  # controlled at a time
-RATE = 1000  # Hz, of the controllers
-_LINEAR_LIMIT = 1.25  # cost of a clutch of eight over that of one alone: with more they would disturb each other
+MOST_CLUTCHES = 8  # controlled at a time; chosen by judgement
+RATE = 1000  # Hz, the default rate of the controllers
+# cost of a clutch of eight over that of one alone; chosen: with more they would disturb each other
+_LINEAR_LIMIT = 1.25
 
 
 def measure_clutch_costs(seconds: float, progress: Callable[[float, int], None]) -> tuple[list[Target], dict[str, Any]]:

@@ -1,9 +1,9 @@
-"""`python -m benchmarks friction`: our friction models and those of other packages side by side, in one run.
+"""`python -m benchmarks friction`: the friction models of `plant_sim` and those of other packages side by side, in one run.
 
 What            time of a step; drift of a mass under a bias and a small oscillation; closure error of an inner hysteresis loop
 Method          time of a step: the best of many short windows, models in turn, because other programs use the machine
                 too. Measured twice: in steady sliding, and at worst, which is random motion in which most elements
-                switch while the load changes at every step. Our models are compiled into the loop that plays the path.
+                switch while the load changes at every step. Models of `plant_sim` are compiled into the loop over the path.
                 A rig calls them through a pointer (`kernel.LAW`), which adds about 20 ns. OpenSees is called from
                 Python at each step. MuJoCo and Exudyn make all steps of a sliding mass of 1 kg in one call
 Assumptions     all models have the stiffness K, the static friction F_S and, where they can, the same decrease with speed
@@ -34,18 +34,19 @@ from plant_sim.friction.model import Array, FrictionModel
 from plant_sim.friction.stribeck import Stribeck
 from plant_sim.friction.xgms import XGMS
 
-# The contact: round numbers of ours, with a break-away displacement F_S/K of 10 um as on a ball-screw axis.
+# The contact; chosen: round numbers, with a break-away displacement F_S/K of 10 um as on a ball-screw axis.
 STIFFNESS = 1e5  # N/m
 STATIC_FORCE = 1.0  # N
 BETA, STRIBECK_VELOCITY, VISCOUS, EXPONENT = 0.85, 1e-3, 0.2, 1 / 3  # -, m/s, (s/m)^gamma, -: every term of eq 1.4 acts
 ATTRACTION = 69.0  # 1/s, Janssens 2010, eq 6.7
-ELEMENTS = 10
+ELEMENTS = 10  # chosen: the larger number of sec. 5.5 of the thesis
 LIMITS = np.full(ELEMENTS, STATIC_FORCE / ELEMENTS)
 STIFFNESSES = STIFFNESS * np.linspace(1.9, 0.1, ELEMENTS) / ELEMENTS  # N/m, break-away from 5 um to 100 um
 
-WINDOW_STEPS = 5000  # 0.3 ms of XGMS, shorter than a time slice of the scheduler; the call itself costs 1 ns per step
-WINDOW_COUNT = 40  # windows measured, of which the best counts
-DT = 1e-4  # s
+# 0.3 ms of XGMS; chosen: shorter than a time slice of the scheduler. The call itself costs 1 ns per step
+WINDOW_STEPS = 5000
+WINDOW_COUNT = 40  # windows measured, of which the best counts; chosen: some are not disturbed
+DT = 1e-4  # s, step; chosen: that of the plant kernel
 SLIDING_MOTION = (np.full(WINDOW_STEPS, 1e-6), np.ones(WINDOW_STEPS))  # displacements [m], loads [N]
 SWITCHING_MOTION = (
     np.random.default_rng(1).normal(0.0, 3.0 * STATIC_FORCE / STIFFNESS, WINDOW_STEPS),
@@ -53,16 +54,17 @@ SWITCHING_MOTION = (
 )
 MOTIONS = (SLIDING_MOTION, SWITCHING_MOTION)
 
-# of the drift: bias and amplitude [F_S], frequency [Hz], duration [s], time of the bias to rise [s]. Ours, below break-away.
+# of the drift: bias and amplitude [F_S], frequency [Hz], duration [s], time of the bias to rise [s]; chosen: below break-away
 BIAS, SWING_AMPLITUDE, FREQUENCY, DURATION, SETTLING = 0.5, 0.3, 10.0, 4.0, 0.2
-TURNING_POINTS = np.array([0.0, 1.0, -0.5, 0.3, -0.5])  # of the inner loop, over LOOP_AMPLITUDE
-LOOP_AMPLITUDE = 1.5 * STATIC_FORCE / STIFFNESS  # m
-REQUIRED_COST, REQUIRED_RATIO = 60.0, 10.0  # ns, -: goals of ours for XGMS
+# of the inner loop, over LOOP_AMPLITUDE; chosen: it closes at -0.5
+TURNING_POINTS = np.array([0.0, 1.0, -0.5, 0.3, -0.5])
+LOOP_AMPLITUDE = 1.5 * STATIC_FORCE / STIFFNESS  # m; chosen: some elements slip, others stick
+REQUIRED_COST, REQUIRED_RATIO = 60.0, 10.0  # ns, -: goals of this project for XGMS
 
 
 @njit
 def _sum_forces(law, parameters, state, displacement, dt, load):
-    """Sum of the forces [N] over all steps; without it the compiler would skip the calls."""
+    """Sum the forces [N] over all steps; without the sum the compiler would skip the calls."""
     total = 0.0
     for i in range(displacement.size):
         total += law(parameters, state, displacement[i], dt, load[i], state)
@@ -71,7 +73,7 @@ def _sum_forces(law, parameters, state, displacement, dt, load):
 
 @dataclass(frozen=True, eq=False)
 class OwnModel:
-    """One of our models, with the methods of an `Oracle`."""
+    """A model of `plant_sim`, with the methods of an `Oracle`."""
 
     name: str
     model: FrictionModel
@@ -99,7 +101,7 @@ class OwnModel:
 
 
 def make_own_models() -> tuple[OwnModel, ...]:
-    """All our models, of the contact above."""
+    """Make all models of `plant_sim`, of the contact above."""
     curve = Stribeck(STATIC_FORCE, BETA, STRIBECK_VELOCITY, STATIC_FORCE * VISCOUS, EXPONENT)
     rising = LoadLaw(STATIC_FORCE / (1.0 - 0.5 * np.exp(-1.0)), 2.0, 1.0)  # eq 4.2, F_S under a load of 1 N
     weights = LIMITS / STATIC_FORCE
@@ -118,7 +120,7 @@ def make_own_models() -> tuple[OwnModel, ...]:
 
 
 def make_oracles() -> tuple[Oracle, ...]:
-    """The models of other packages, of the contact above."""
+    """Make the models of other packages, of the contact above."""
     return (
         OpenSees(STIFFNESSES, LIMITS),
         MuJoCo(STIFFNESS, BETA * STATIC_FORCE, STATIC_FORCE, STRIBECK_VELOCITY),
@@ -127,7 +129,7 @@ def make_oracles() -> tuple[Oracle, ...]:
 
 
 def measure_drift(contestant: Any) -> float:
-    """Drift [m] of the mean position in 4 s under 0.5 F_S and a sine of 0.3 F_S at 10 Hz, from 0.3 s on."""
+    """Measure the drift [m] of the mean position in 4 s under 0.5 F_S and a sine of 0.3 F_S at 10 Hz, from 0.3 s on."""
     dt = 2e-4  # s, 500 steps a period
     t = np.arange(1, round(DURATION / dt) + 1) * dt
     force = BIAS * STATIC_FORCE * np.minimum(t / SETTLING, 1.0) + SWING_AMPLITUDE * STATIC_FORCE * np.sin(
@@ -140,7 +142,7 @@ def measure_drift(contestant: Any) -> float:
 
 
 def measure_closure(contestant: Any) -> float:
-    """Closure error [F_S] of the inner loop 0, A, -A/2, 0.3 A, -A/2 at a constant speed of 0.1 um/ms.
+    """Measure the closure error [F_S] of the inner loop 0, A, -A/2, 0.3 A, -A/2 at a constant speed of 0.1 um/ms.
 
     It is the difference of the force between the two visits of -A/2.
     """
@@ -195,7 +197,7 @@ def measure_friction_models(
 
 
 def _make_targets(measured: dict[str, dict[str, float]]) -> list[Target]:
-    """Targets of XGMS: 60 ns per step, ten times as fast as the fastest other model with memory, loops that close."""
+    """Make the targets of XGMS: 60 ns per step, ten times as fast as the fastest other model with memory, loops that close."""
     full, plain = measured[f"XGMS, {ELEMENTS} elements"], measured[f"XGMS as Maxwell-slip, {ELEMENTS} elements"]
     targets = [
         Target("XGMS, cost of a step, sliding", full["sliding_ns"], "ns", "at most", REQUIRED_COST),

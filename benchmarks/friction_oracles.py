@@ -1,9 +1,12 @@
-"""Friction models of other packages, driven by the same paths and forces as ours: for tests and for the benchmark.
+"""Friction models of other packages, driven by the same paths and forces as those of `plant_sim`.
+
+Tests and the benchmark use them.
 
 What            OpenSeesPy `Parallel` of `ElasticPP`: Maxwell-slip. MuJoCo `dcmotor lugre`: LuGre. Exudyn
                 `CoordinateSpringDamperExt` with bristle: one elastic element with Coulomb friction and a Stribeck curve
 Assumptions     each package at its default accuracy; the path of the mass of 1 kg is given, or a force drives it
-Not modelled    equal Stribeck curves: exp(-(v/v_s)^2) in MuJoCo, exp(-|v|/v_s) in Exudyn, exp(-V_S/|v|) in ours. Compare at a
+Not modelled    equal Stribeck curves: exp(-(v/v_s)^2) in MuJoCo, exp(-|v|/v_s) in Exudyn, exp(-V_S/|v|) in
+                `plant_sim`. Compare at a
                 constant level, or at one speed
 References      documentation of the packages; docs/friction.md has the results
 """
@@ -18,9 +21,9 @@ import numpy as np
 
 from plant_sim.friction.model import Array
 
-MASS = 1.0  # kg, driven mass: ours
-COST_STEP = 1e-4  # s, step where its cost is measured
-DAMPING = 50.0  # Ns/m to ground, so that the mass does not oscillate on the contact stiffness: ours
+MASS = 1.0  # kg, driven mass; chosen: a round number
+COST_STEP = 1e-4  # s, step where its cost is measured; chosen: as `DT` of friction.py
+DAMPING = 50.0  # Ns/m to ground; chosen: the mass then does not oscillate on the contact stiffness
 
 
 @dataclass(frozen=True)
@@ -171,7 +174,7 @@ class MuJoCo(Oracle):
         """Force [N] (n,) along `position` [m] (n,)."""
         return self.bristle(np.diff(position) / dt, dt)[1]
 
-    def sampled_force(self, velocity: Array, dt: float) -> Array:
+    def sample_force(self, velocity: Array, dt: float) -> Array:
         """Force [N] (n,) as `mj_step` leaves it: of the bristle and the `velocity` [m/s] (n,) at the start of the step."""
         mujoco = self.library
         model, data = self._model(dt, 0.0)

@@ -21,12 +21,12 @@ from plant_sim.rigs import wet_clutch
 from protocols.buses.bus import open_bus
 from protocols.node import node_factory
 
-TEN_EFFECTS = (  # of all blocks, and at all hooks of the kernel except RIG
+TEN_EFFECTS = (  # chosen: of all blocks, and at all hooks of the kernel except RIG
     "valve_hysteresis", "supply_sag", "entrapped_air", "piston_seal_friction", "plate_waviness", "coulomb_temperature",
     "squeeze_film", "shaft_compliance", "pressure_time_offset", "torque_sensor_leakage",
 )  # fmt: skip
-_KERNEL_SECONDS = 1.0  # s, simulated time per call
-# calls, of which the fastest counts: other programs use the machine, but seldom during all calls of 1 to 3 ms
+_KERNEL_SECONDS = 1.0  # s, simulated time per call; chosen: a call takes 1 to 3 ms
+# calls, of which the fastest counts; chosen: other programs use the machine, but seldom during all calls of 1 to 3 ms
 _REPEATS = 200
 
 
@@ -47,13 +47,13 @@ class Target:
         return self.value >= self.bound if self.relation == "at least" else self.value <= self.bound
 
     def row(self) -> tuple[str, ...]:
-        """Cells of the table, under HEAD."""
+        """Format the cells of the table, under HEAD."""
         shown = f"{self.value:.4g} {self.unit}", f"{self.relation} {self.bound:g} {self.unit}"
         return (self.name, *shown, "yes" if self.is_met else "no")
 
 
 def measure_kernel_speeds(repeats: int = _REPEATS) -> tuple[float, float]:
-    """Simulated over elapsed time [-] of the plant kernel in slip control at 10 kHz: effects off, and TEN_EFFECTS on."""
+    """Measure simulated over elapsed time [-] of the plant kernel at 10 kHz: effects off, and TEN_EFFECTS on."""
     wet_clutch.warm()
     nominal = wet_clutch.nominal()
     typical = {name: value for one in TEN_EFFECTS for name, value in effect(one).typical().items()}
@@ -71,7 +71,7 @@ def measure_kernel_speeds(repeats: int = _REPEATS) -> tuple[float, float]:
 
 
 def measure_step_times(rate: int) -> np.ndarray:
-    """Durations (n,) [us] of the controller's steps, decode to encode, against the plant at `rate` [Hz]."""
+    """Measure the durations (n,) [us] of the controller's steps, decode to encode, against the plant at `rate` [Hz]."""
     plant = PlantNode(rate=rate, profile=load_profile("engagement"))
     controller = node_factory("controller")(rate=rate)
     durations: list[int] = []

@@ -9,7 +9,7 @@ import typer
 from benchmarks.battery.cases import FAMILIES
 from benchmarks.battery.rivals import METHODS
 from benchmarks.battery.run import Cache, format_answer, keep_answers, read_kept_answers, run_cases, select_cases
-from benchmarks.battery.validity import CHECKED_CASES, engine_name, list_differences
+from benchmarks.battery.validity import CHECKED_CASES, format_engine_name, list_differences
 from clutch_hil.bench.progress import progress_bar
 from protocols.errors import InputError
 
@@ -48,7 +48,7 @@ def main(
     if not names:
         typer.echo(f"error: no case of the split {split} is like that", err=True)
         raise typer.Exit(2)
-    folder = out / engine_name()
+    folder = out / format_engine_name()
     cache = Cache(folder / "cases", read_kept_answers(folder.name))
     if done:
         names = [name for name in names if cache.read(name)]
@@ -91,7 +91,7 @@ def main(
 
 def _check(jobs: int | None, address: str | None) -> bool:
     """Whether the engine gives the kept answers to CHECKED_CASES; prints each difference."""
-    before, changed = read_kept_answers(engine_name()), 0
+    before, changed = read_kept_answers(format_engine_name()), 0
     with TemporaryDirectory() as folder:
         for answer in run_cases(CHECKED_CASES, Cache(Path(folder)), jobs, address=address):
             differences = list_differences(before[answer["case"]], answer)
@@ -99,7 +99,7 @@ def _check(jobs: int | None, address: str | None) -> bool:
                 "\n  ".join([f"{answer['case']}: {'the same' if not differences else 'it differs'}", *differences])
             )
             changed += bool(differences)
-    typer.echo(f"read:    {len(CHECKED_CASES)} cases, and what was kept of {engine_name()}\nwrote:   nothing")
+    typer.echo(f"read:    {len(CHECKED_CASES)} cases, and what was kept of {format_engine_name()}\nwrote:   nothing")
     if changed:
         typer.echo(
             f"verdict: {changed} of {len(CHECKED_CASES)} differ; raise the version of what was changed on purpose"

@@ -90,9 +90,10 @@ def reversals(random: np.random.Generator) -> Demands:
 
 KINDS: tuple[Callable[[np.random.Generator], Demands], ...] = (engagements, staircase, sweeps, multisine, reversals)
 HELD_OUT_KINDS = (0, 3, 1, 4, 2)  # the held-out runs are two neighbours in this circular order; the seed says which
-_OPEN_LOOP_MODES = (OPEN, PRESSURE, OPEN, OPEN, PRESSURE)  # mode of each of KINDS
+# mode of each of KINDS; chosen: a regulator hides the valve, so that some runs have none
+_OPEN_LOOP_MODES = (OPEN, PRESSURE, OPEN, OPEN, PRESSURE)
 _CLOSED_LOOP_MODES = (PRESSURE, PRESSURE, TORQUE, PRESSURE, TORQUE)
-_TORQUE_RANGE = 5.0, 22.0  # Nm, limits of a torque demand: about the torques at 2.6 and 3.8 bar
+_TORQUE_RANGE = 5.0, 22.0  # Nm, limits of a torque demand; chosen: about the torques at 2.6 and 3.8 bar
 
 
 def draw_runs(seed: int, closed_loop: bool = False, spread: float = 10.0) -> tuple[list[Inputs], list[Inputs]]:
@@ -126,7 +127,7 @@ def _draw_inputs(kind: int, mode: int, celsius: float, random: np.random.Generat
 
 
 def _limit_fill(pressure: np.ndarray) -> np.ndarray:
-    """Limit a pressure demand [bar], so that the regulator overshoots little: fill with 2.5 bar, then rise by 6 bar/s."""
+    """Limit a pressure demand [bar]: fill with 2.5 bar, then rise by 6 bar/s. The regulator then overshoots little."""
     gentle = np.empty_like(pressure)
     now = 0.0
     for k, wanted in enumerate(pressure.tolist()):

@@ -16,18 +16,18 @@ from benchmarks.battery.truth_simulation import (
     PERIOD,
 )
 
-TYPICAL = np.array([3.4, 10.0, 17.0, 17.0])  # bar, K, Nm, Nm: what noise is a share of, see above
+TYPICAL = np.array([3.4, 10.0, 17.0, 17.0])  # bar, K, Nm, Nm; noise is a share of these, see above
 # of the converters: docs/rig.md, eq. 9
 _ADC_STEPS = np.array([20 / 4096 / 1.0, 20 / 4096 / 0.05, 20 / 4096 / 0.2, 20 / 65536 / 0.2])
 _ENCODER_COUNT = 2.0 * np.pi / 163840  # rad, of the encoder
 
 
-def noise_floors(noise: float) -> np.ndarray:
+def compute_noise_floors(noise: float) -> np.ndarray:
     """Floor of each of COLUMNS (6,) in its unit: standard deviation of noise and rounding."""
     analog = np.hypot(noise * TYPICAL, _ADC_STEPS / np.sqrt(12.0))
     return np.concatenate([analog, [_ENCODER_COUNT / np.sqrt(12.0), _ENCODER_COUNT / np.sqrt(6.0) / PERIOD]])
 
 
-def gap_in_floors(rms: np.ndarray, noise: float) -> float:
+def compute_gap(rms: np.ndarray, noise: float) -> float:
     """Gap [-] in units of the floor: sqrt(1 + (d/floor)^2), largest of the analog columns. rms: d of COLUMNS (6,)."""
-    return float(np.sqrt(1.0 + np.max((rms / noise_floors(noise))[:ANALOG_COUNT]) ** 2))
+    return float(np.sqrt(1.0 + np.max((rms / compute_noise_floors(noise))[:ANALOG_COUNT]) ** 2))

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.battery.cases import Case
-from benchmarks.battery.floors import noise_floors
+from benchmarks.battery.floors import compute_noise_floors
 from benchmarks.battery.records import GeneratedCase, RecordedRun, generate_case, record_further_run
 from benchmarks.battery.score import Answer
 from benchmarks.battery.truth_simulation import COLUMNS, PERIOD
@@ -30,7 +30,7 @@ from clutch_hil.discrepancy.result import ONE_OF, Claim, Result
 from plant_sim.profiles.profile import load_profile
 
 _JointFit = tuple[LinearModel, tuple[Candidate, ...]]  # a fit of several candidates together
-RIVALS = 5  # candidates kept for each case, the best ones
+RIVALS = 5  # candidates kept for each case, the best ones; chosen by judgement
 
 
 @cache
@@ -55,7 +55,7 @@ def judge(name: str) -> Answer:
 
 
 def name_columns(records: Sequence[RecordedRun], kind: str) -> dict[str, Columns]:
-    """Columns of each run, under a name that reveals nothing: what the engine and other methods get."""
+    """Give the columns of each run a name that reveals nothing. This is all that the engine and other methods get."""
     return {f"{kind}-{k}": record.columns for k, record in enumerate(records)}
 
 
@@ -82,7 +82,7 @@ def _investigate(
     answer |= (
         spent
         | _summarise_result(result)
-        | {"weighed": watch.features(result), "claims": _check_claims(result, generated_case)}
+        | {"weighed": watch.collect_features(result), "claims": _check_claims(result, generated_case)}
     )
     names = [n for group in result.alternatives for n in group]
     if result.verdict == ONE_OF and {e["name"] for e in generated_case.truth["effects"]} & set(names):
@@ -128,7 +128,7 @@ def _check_claims(result: Result, generated: GeneratedCase) -> list[Answer]:
     """Compare each claim with the truth: is the difference that the effects make in that output and regime?
 
     `times_floor`: root mean square of the difference there, in floors. `density`: its power per sample there, over that of all
-    samples. `find_concentration`: whether `atlas.find_concentration`, applied to the true difference, names the regime.
+    samples. `concentrated`: whether `atlas.find_concentration`, applied to the true difference, names the regime.
     """
     if not result.where:
         return []
@@ -142,7 +142,7 @@ def _check_claims(result: Result, generated: GeneratedCase) -> list[Answer]:
 def _check_claim(claim: Claim, generated: GeneratedCase, masks: Mapping[str, np.ndarray]) -> Answer:
     i = COLUMNS.index(claim.output)
     power = np.concatenate([record.difference[:, i] ** 2 for record in generated.runs])
-    total, floor = float(power.sum()), noise_floors(generated.truth["noise"])[i]
+    total, floor = float(power.sum()), compute_noise_floors(generated.truth["noise"])[i]
     answer: Answer = {"block": claim.block, "output": claim.output, "regime": claim.regime, "p_value": claim.p_value}
     mask = masks.get(claim.regime)
     if total <= 0.0 or mask is None or not mask.any():
@@ -157,10 +157,13 @@ def _check_claim(claim: Claim, generated: GeneratedCase, masks: Mapping[str, np.
 
 
 class _SearchLog:
-    """Context that logs a search: costs, and each set of effects that was taken or rejected. The result does not hold them."""
+    """Context that logs a search: costs, and each set of effects that was taken or rejected.
+
+    The result of a search does not hold them.
+    """
 
     def __enter__(self) -> "_SearchLog":
-        self.seen: Any = None
+        self.selection: Any = None
         self.steps: list[Answer] = []
         self._original = search.EffectSelection
         watch = self
@@ -168,17 +171,17 @@ class _SearchLog:
         class Watched(search.EffectSelection):
             def _accept(self, at: LinearModel, candidates: tuple[Candidate, ...], costs: dict[str, float]) -> None:
                 super()._accept(at, candidates, costs)
-                watch.step([c.name for c in candidates], self.explanation, True)
+                watch.log_step([c.name for c in candidates], self.explanation, True)
 
             def _fit_jointly(self, sets: Any) -> Any:
                 fits = super()._fit_jointly(sets)
                 at, candidates = fits[0]
                 if len(candidates) > 1:
-                    watch.step([c.name for c in candidates], self._explain(at, len(candidates)), False)
+                    watch.log_step([c.name for c in candidates], self._explain(at, len(candidates)), False)
                 return fits
 
             def decide(self) -> Any:
-                watch.seen = self
+                watch.selection = self
                 return super().decide()
 
         search.EffectSelection = Watched  # type: ignore[misc]
@@ -187,22 +190,22 @@ class _SearchLog:
     def __exit__(self, *_: object) -> None:
         search.EffectSelection = self._original  # type: ignore[misc]
 
-    def step(self, names: list[str], w: Explanation, taken: bool) -> None:
+    def log_step(self, names: list[str], w: Explanation, taken: bool) -> None:
         """Log a set of effects, what it leaves unexplained, and whether it was taken."""
         self.steps.append(
             {"effects": names, "cost": w.best, "excess": w.excess, "rest": w.rest, "base": w.base, "taken": taken}
         )
 
-    def features(self, result: Result) -> Answer:
-        """What the decision was taken from (`decision.Explanation`), costs of the best candidates, and steps of the search."""
-        inquiry, w = self.seen, self.seen.explanation
-        costs = dict(sorted(inquiry.costs.items(), key=lambda one: one[1])[: 2 * RIVALS])
+    def collect_features(self, result: Result) -> Answer:
+        """Collect what the decision was taken from: `decision.Explanation`, costs of the best candidates, steps."""
+        selection, w = self.selection, self.selection.explanation
+        costs = dict(sorted(selection.costs.items(), key=lambda one: one[1])[: 2 * RIVALS])
         ordered = sorted(costs.values())
         margin = (ordered[1] - ordered[0]) / max(w.base - ordered[0], 1e-9) if len(ordered) > 1 else 1.0
         return {
             "base": w.base, "best": w.best, "size": w.size, "count": w.count, "gain": w.gain, "excess": w.excess,
             "rest": w.rest, "relief": w.prior_gain, "strain": w.prior_chi2, "alike": w.redundancy,
             "closed": w.closed, "margin": margin,
-            "named": [c.name for c in inquiry.named],
+            "named": [c.name for c in selection.named],
             "costs": costs, "steps": self.steps,
         }  # fmt: skip

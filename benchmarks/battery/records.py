@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.battery.cases import Case
-from benchmarks.battery.floors import TYPICAL, gap_in_floors, noise_floors
+from benchmarks.battery.floors import TYPICAL, compute_gap, compute_noise_floors
 from benchmarks.battery.truth import Truth
 from benchmarks.battery.truth_laws import CATALOGUE_LAWS, LAWS
 from benchmarks.battery.truth_rig import BAR, draw_rig, list_changes
@@ -28,10 +28,11 @@ from benchmarks.battery.truth_simulation import (
 from protocols.files.run import Run
 from protocols.files.runs import write_run
 
-UNITS = ("bar", "degC", "Nm", "Nm", "rad", "rad/s")
-_SI = np.array([BAR, 1.0, 1.0, 1.0])
-_ENGAGE_TIME = 0.3  # s after contact: slip and motor speed have settled by then
-_MOVING_RATE = 0.2  # bar/s: a pressure that changes more slowly has no direction
+UNITS = ("bar", "degC", "Nm", "Nm", "rad", "rad/s")  # of COLUMNS
+_SI = np.array([BAR, 1.0, 1.0, 1.0])  # Pa/bar, K/K, Nm/Nm, Nm/Nm: units of the analog columns in SI
+_ENGAGE_TIME = 0.3  # s after contact; chosen: slip and motor speed have settled by then
+# bar/s, below which a pressure has no direction; chosen: slower than any demand
+_MOVING_RATE = 0.2
 
 
 @dataclass(frozen=True)
@@ -160,14 +161,18 @@ def _mark_regimes(response: Response) -> dict[str, np.ndarray]:
     }
 
 
-def _rms_difference(records: Sequence[RecordedRun]) -> np.ndarray:
+def _compute_rms_difference(records: Sequence[RecordedRun]) -> np.ndarray:
     return np.sqrt(np.mean([np.mean(record.difference**2, axis=0) for record in records], axis=0))
 
 
 def _describe_truth(
     case: Case, truth: Truth, hidden: HiddenEffects, runs: Sequence[RecordedRun], held_out: Sequence[RecordedRun]
 ) -> dict[str, Any]:
-    floor, rms, held_out_rms = noise_floors(case.noise), _rms_difference(runs), _rms_difference(held_out)
+    floor, rms, held_out_rms = (
+        compute_noise_floors(case.noise),
+        _compute_rms_difference(runs),
+        _compute_rms_difference(held_out),
+    )
     difference = np.concatenate([record.difference for record in runs])
     masks = {name: np.concatenate([record.regimes[name] for record in runs]) for name in runs[0].regimes}
     whole = np.sum(difference**2, axis=0)
@@ -185,7 +190,7 @@ def _describe_truth(
         ],
         "severity": case.severity,
         "noise": case.noise,
-        "gap": gap_in_floors(rms, case.noise),
+        "gap": compute_gap(rms, case.noise),
         "celsius": float(np.mean([record.columns["oil_temperature_degc"].mean() for record in runs])),
         "baseline": list_changes(truth.plant),
         "runs": [record.title for record in (*runs, *held_out)],

@@ -36,11 +36,11 @@ from clutch_hil.discrepancy.result import NAMED, NONE_OF_THESE, NOTHING, ONE_OF
 Answer = dict[str, Any]  # a case, its truth and what the engine answered: a JSON object
 LEAST_CLAIM = 0.3  # floors: a smaller difference is of no practical interest (atlas.LEAST_DISAGREEMENT)
 LEAST_DENSITY = 1.6  # times the power of all samples (atlas._LEAST_DENSITY)
-FLOOR_LIMIT = 1.1  # times the floor: ours
-WORSE_TOLERANCE = 1e-3  # share of the sum of squares that counts as chance: ours
+FLOOR_LIMIT = 1.1  # times the floor; chosen: a rest of 0.46 floors, of no practical interest
+WORSE_TOLERANCE = 1e-3  # share of the sum of squares; chosen by judgement: a smaller share counts as chance
 LEAST_EXCESS = 0.03  # over the number of residuals: below, the re-fit has absorbed the effect (decision.CLOSED_EXCESS)
 ANALOG_COLUMNS = ("cylinder_pressure_bar", "clutch_torque_nm", "motor_torque_nm", "oil_temperature_degc")
-ALIAS_GROUPS = (  # effects that are hard to tell apart by their physics: ours
+ALIAS_GROUPS = (  # effects that are hard to tell apart by their physics; chosen by judgement
     {"torque_sensor_gain", "friction_level"},
     {"valve_delay", "slower_valve", "pressure_time_offset"},
     {"piston_seal_friction", "valve_hysteresis", "friction_lag"},
@@ -51,8 +51,8 @@ ALIAS_GROUPS = (  # effects that are hard to tell apart by their physics: ours
 _NORMAL_QUANTILE = 1.959964  # 97.5 % quantile of the standard normal distribution
 
 
-def wilson(good: int, count: int) -> tuple[float, float]:
-    """95 % Wilson interval of the share `good`/`count`; not-a-numbers for no cases."""
+def compute_wilson_interval(good: int, count: int) -> tuple[float, float]:
+    """Compute the 95 % Wilson interval of the share `good`/`count`; not-a-numbers for no cases."""
     if count == 0:
         return nan, nan
     share, z2 = good / count, _NORMAL_QUANTILE**2
@@ -81,7 +81,7 @@ class Measure:
     @property
     def interval(self) -> tuple[float, float]:
         """95 % interval of a share; not-a-numbers for other numbers."""
-        return wilson(self.good, self.count) if self.good is not None else (nan, nan)
+        return compute_wilson_interval(self.good, self.count) if self.good is not None else (nan, nan)
 
     @property
     def reached(self) -> bool | None:
@@ -93,25 +93,25 @@ class Measure:
         return self.value <= self.goal if self.below else self.value >= self.goal
 
 
-def hidden_names(answer: Answer) -> list[str]:
-    """Names of the effects that a case hides."""
+def list_hidden_names(answer: Answer) -> list[str]:
+    """List the effects that a case hides."""
     return [effect["name"] for effect in answer["truth"]["effects"]]
 
 
-def family(answer: Answer) -> str:
-    """Family of a case."""
+def find_family(answer: Answer) -> str:
+    """Find the family of a case."""
     return str(answer["case"]).partition("/")[0]
 
 
-def reported_names(answer: Answer) -> list[str]:
-    """All names of an answer, the best first."""
+def list_reported_names(answer: Answer) -> list[str]:
+    """List all names of an answer, the best first."""
     flat = [n for group in answer["alternatives"] for n in ([group] if isinstance(group, str) else group)]
     return list(dict.fromkeys([*answer["effects"], *flat]))
 
 
-def first_name(answer: Answer) -> str:
-    """First name of an answer, or its verdict where it has no name."""
-    names = reported_names(answer) if answer["verdict"] in (NAMED, ONE_OF) else []
+def find_first_name(answer: Answer) -> str:
+    """Find the first name of an answer, or its verdict where it has no name."""
+    names = list_reported_names(answer) if answer["verdict"] in (NAMED, ONE_OF) else []
     return names[0] if names else str(answer["verdict"])
 
 
@@ -144,7 +144,7 @@ def names_an_effect(answer: Answer) -> bool:
 
 
 def check_claims(answer: Answer) -> list[bool]:
-    """Whether each claim of an answer is right, see localisation above."""
+    """Check whether each claim of an answer is right, see localisation above."""
     blocks = {effect["block"] for effect in answer["truth"]["effects"]}
     return [c["block"] in blocks and _is_located(c) for c in answer["claims"]]
 
@@ -154,8 +154,8 @@ def _is_located(claim: Answer) -> bool:
     return claim["times_floor"] >= LEAST_CLAIM and (claim["concentrated"] or dense)
 
 
-def localisation_f1(answers: Sequence[Answer], block_alone: bool = False) -> float:
-    """F1 [-] of block and regime, or of the block alone; not-a-number without claims and effects."""
+def compute_localisation_f1(answers: Sequence[Answer], block_alone: bool = False) -> float:
+    """Compute F1 [-] of block and regime, or of the block alone; not-a-number without claims and effects."""
     right = claims = located = effects = 0
     for answer in answers:
         blocks = {effect["block"] for effect in answer["truth"]["effects"]}
@@ -170,8 +170,8 @@ def localisation_f1(answers: Sequence[Answer], block_alone: bool = False) -> flo
     return 2.0 * precision * recall / (precision + recall) if right else 0.0
 
 
-def _gap_powers(answer: Answer) -> tuple[float, float, float]:
-    """Sums of squares over floors^2 of the analog outputs, held-out runs: before, after, floor."""
+def _sum_gap_powers(answer: Answer) -> tuple[float, float, float]:
+    """Sum the squares over floors^2 of the analog outputs, held-out runs: before, after, floor."""
     gaps = [answer["gap"][column] for column in ANALOG_COLUMNS]
     return (
         sum((gap["before"] / gap["floor"]) ** 2 for gap in gaps),
@@ -180,9 +180,9 @@ def _gap_powers(answer: Answer) -> tuple[float, float, float]:
     )
 
 
-def closed_share(answer: Answer) -> float:
-    """Share of the gap in held-out runs that the model closes; not-a-number where the baseline has no gap."""
-    before, after, floor = _gap_powers(answer)
+def compute_closed_share(answer: Answer) -> float:
+    """Compute the share of the gap in held-out runs that the model closes; not-a-number where the baseline has no gap."""
+    before, after, floor = _sum_gap_powers(answer)
     return (before - after) / (before - floor) if before > 1.01 * floor else nan
 
 
@@ -193,12 +193,12 @@ def is_at_floor(answer: Answer) -> bool:
 
 def is_worse(answer: Answer) -> bool:
     """Whether the model is worse on held-out runs than the re-fitted baseline."""
-    before, after, _ = _gap_powers(answer)
+    before, after, _ = _sum_gap_powers(answer)
     return after > before * (1.0 + WORSE_TOLERANCE)
 
 
-def parameter_errors(answer: Answer) -> list[tuple[float, bool]]:
-    """Relative error of each shared parameter of rightly named effects, and whether its interval holds the truth."""
+def list_parameter_errors(answer: Answer) -> list[tuple[float, bool]]:
+    """List relative errors of shared parameters of rightly named effects, and whether the interval holds the truth."""
     errors = []
     estimates = {one["name"]: one for one in answer["parameters"]}
     for effect in answer["truth"]["effects"]:
@@ -206,21 +206,23 @@ def parameter_errors(answer: Answer) -> list[tuple[float, bool]]:
         if shared is None or effect["law"] not in shared.laws or effect["name"] not in answer["effects"]:
             continue
         estimate = estimates[f"{effect['name']}.{shared.parameter}"]
-        truth = shared.truth(effect, answer["truth"]["celsius"])
+        truth = shared.compute_truth(effect, answer["truth"]["celsius"])
         low, high = estimate["ci95"]
         errors.append((abs(estimate["value"] - truth) / abs(truth - shared.off), low <= truth <= high))
     return errors
 
 
 def score_names(answers: Sequence[Answer]) -> list[Measure]:
-    """The measures that need only names, which other methods give as well."""
-    single = [t for t in answers if family(t) == "single" and is_strong(t)]
+    """Compute the measures that need only names, which other methods give as well."""
+    single = [t for t in answers if find_family(t) == "single" and is_strong(t)]
     noisy = [t for t in single if t["truth"]["noise"] >= NOISES[-1]]
-    unknown = [t for t in answers if family(t) == "unknown"]
+    unknown = [t for t in answers if find_family(t) == "unknown"]
     null = [t for t in answers if not t["truth"]["effects"]]
     return [
         _measure_share("top-1 name", single, _is_named, 0.90),
-        _measure_share("alias group right", single, lambda t: are_aliases(first_name(t), hidden_names(t)[0]), 0.97),
+        _measure_share(
+            "alias group right", single, lambda t: are_aliases(find_first_name(t), list_hidden_names(t)[0]), 0.97
+        ),
         _measure_share("top-1 name at 5 % noise", noisy, _is_named, 0.85),
         _measure_share("a name where nothing is hidden", null, names_an_effect, 0.01, True),
         _measure_share("anything but nothing_missing there", null, lambda t: t["verdict"] != NOTHING),
@@ -230,27 +232,27 @@ def score_names(answers: Sequence[Answer]) -> list[Measure]:
 
 
 def _is_named(answer: Answer) -> bool:
-    return first_name(answer) == hidden_names(answer)[0]
+    return find_first_name(answer) == list_hidden_names(answer)[0]
 
 
 def _is_resolved(answer: Answer) -> bool:
     again = answer["resolved"]
-    return again is not None and again["verdict"] == NAMED and again["effects"] == hidden_names(answer)
+    return again is not None and again["verdict"] == NAMED and again["effects"] == list_hidden_names(answer)
 
 
 def _names_all(answer: Answer) -> bool:
-    return set(hidden_names(answer)) <= set(answer["effects"])
+    return set(list_hidden_names(answer)) <= set(answer["effects"])
 
 
 def score_answers(answers: Sequence[Answer]) -> list[Measure]:
-    """All measures with their goals. The first counts cases that broke the engine (`error`); the others leave these out."""
+    """Compute all measures with their goals. The first counts cases that broke the engine (`error`), which the others leave out."""
     done = [answer for answer in answers if "error" not in answer]
-    families: dict[str, list[Answer]] = {name: [t for t in done if family(t) == name] for name in FAMILIES}
+    families: dict[str, list[Answer]] = {name: [t for t in done if find_family(t) == name] for name in FAMILIES}
     single = [t for t in families["single"] if is_strong(t)]
     located = single + families["null"] + [t for name in ("pair", "triple") for t in families[name]]
-    errors = [one for t in done for one in parameter_errors(t)]
-    shares = [closed_share(t) for t in single]
-    f1, block = (localisation_f1(located, alone) if located else nan for alone in (False, True))
+    errors = [one for t in done for one in list_parameter_errors(t)]
+    shares = [compute_closed_share(t) for t in single]
+    f1, block = (compute_localisation_f1(located, alone) if located else nan for alone in (False, True))
     return [
         _measure_share("cases that broke the engine", answers, lambda t: "error" in t, 0.0, True),
         *score_names(done),
@@ -259,12 +261,14 @@ def score_answers(answers: Sequence[Answer]) -> list[Measure]:
             [t for t in single if t["weighed"]["excess"] > LEAST_EXCESS],
             _is_named,
         ),
-        _measure_share("truth in the reported set", single, lambda t: hidden_names(t)[0] in reported_names(t), 0.95),
+        _measure_share(
+            "truth in the reported set", single, lambda t: list_hidden_names(t)[0] in list_reported_names(t), 0.95
+        ),
         _measure_share("one_of, of single effects", single, lambda t: t["verdict"] == ONE_OF),
         _measure_share(
             "one named beside it that is not hidden",
             single,
-            lambda t: set(hidden_names(t)) < set(t["effects"]),
+            lambda t: set(list_hidden_names(t)) < set(t["effects"]),
             below=True,
         ),
         _measure_share(
@@ -279,8 +283,8 @@ def score_answers(answers: Sequence[Answer]) -> list[Measure]:
         _measure_coverage(errors),
         _measure_share("pairs: both named", families["pair"], _names_all, 0.75),
         _measure_share("triples: all named", families["triple"], _names_all),
-        _measure_share("warm: top-1", [t for t in families["warm"] if hidden_names(t)], _is_named),
-        _measure_share("closed loop: top-1", [t for t in families["closed"] if hidden_names(t)], _is_named),
+        _measure_share("warm: top-1", [t for t in families["warm"] if list_hidden_names(t)], _is_named),
+        _measure_share("closed loop: top-1", [t for t in families["closed"] if list_hidden_names(t)], _is_named),
         _measure_median("CPU time a case", [t["cpu_seconds"] for t in done], 120.0, True, "s"),
     ]
 
@@ -292,17 +296,17 @@ def _measure_coverage(errors: Sequence[tuple[float, bool]]) -> Measure:
 
 
 def score_by_noise(answers: Sequence[Answer]) -> dict[float, list[Measure]]:
-    """All measures, for each noise separately."""
+    """Compute all measures, for each noise separately."""
     return {noise: score_answers([t for t in answers if t["truth"]["noise"] == noise]) for noise in NOISES}
 
 
 def score_by_severity(answers: Sequence[Answer]) -> dict[float, Measure]:
-    """Share of right first names of single effects, for each severity."""
-    done = [t for t in answers if "error" not in t and family(t) == "single"]
+    """Compute the share of right first names of single effects, for each severity."""
+    done = [t for t in answers if "error" not in t and find_family(t) == "single"]
     measures = {}
     for severity in sorted({float(t["truth"]["severity"]) for t in done}):
         cases = [t for t in done if t["truth"]["severity"] == severity]
         measures[severity] = _measure_share(
-            f"severity {severity}", cases, lambda t: first_name(t) == hidden_names(t)[0]
+            f"severity {severity}", cases, lambda t: find_first_name(t) == list_hidden_names(t)[0]
         )
     return measures

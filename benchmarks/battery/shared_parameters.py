@@ -36,8 +36,8 @@ class SharedParameter:
     off: float = 0.0
     warming: float = 0.0
 
-    def truth(self, effect: Mapping[str, Any], celsius: float) -> float:
-        """True value of the parameter for an `effect` of the truth, at the mean oil temperature `celsius` [degC]."""
+    def compute_truth(self, effect: Mapping[str, Any], celsius: float) -> float:
+        """Compute the true value of the parameter for an `effect`, at the mean oil temperature `celsius` [degC]."""
         grown = self.warming * (celsius - 70.0) if effect["law"] == 1 else 0.0
         return self.value(effect["strength"] * (1.0 + grown))
 

@@ -15,7 +15,7 @@ from benchmarks.battery.truth_simulation import PERIOD, HiddenEffects, Inputs
 from clutch_hil.discrepancy.model import Columns
 
 NOISE = 0.02  # share of the typical values: the middle one of cases.NOISES
-# parts of the five runs, (index, begin [s], end [s]): engagements, triangles, reversals; and a multisine to hold out
+# parts of the five runs, (index, begin [s], end [s]); chosen: engagements, triangles, reversals; and a multisine to hold out
 _PARTS = ((0, 0.0, 8.0), (1, 9.0, 17.0), (4, 6.0, 14.0))
 _HELD_OUT = (3, 1.0, 7.0)
 

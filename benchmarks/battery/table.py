@@ -20,16 +20,16 @@ from benchmarks.battery.score import (
     Answer,
     Measure,
     are_aliases,
-    family,
-    first_name,
-    hidden_names,
+    compute_wilson_interval,
+    find_family,
+    find_first_name,
     is_strong,
-    reported_names,
+    list_hidden_names,
+    list_reported_names,
     score_answers,
     score_by_noise,
     score_by_severity,
     score_names,
-    wilson,
 )
 from benchmarks.battery.truth_laws import CATALOGUE_LAWS, UNKNOWN_LAWS
 from clutch_hil.bench.progress import table_text
@@ -38,7 +38,7 @@ from plant_sim.effects.catalogue import effects
 from plant_sim.effects.effect import Effect
 from protocols.errors import listing
 
-_MOST_WORST = 40  # wrong answers listed on the page, at most
+_MOST_WORST = 40  # wrong answers listed on the page, at most; chosen: a list that can be read
 _TOP_NAME = "top-1 name"  # measure of score.py
 _COMPARED_MEASURES = (
     _TOP_NAME,
@@ -46,7 +46,7 @@ _COMPARED_MEASURES = (
     "unknown effect: none_of_these",
     "unknown effect: a name",
 )
-_BINS = np.linspace(0.0, 1.0, 11)  # edges of the bins of confidence
+_BINS = np.linspace(0.0, 1.0, 11)  # edges of the bins of confidence; chosen by judgement
 _PACKAGES = ("clutch-hil", "numpy", "scipy", "numba")  # their versions stand on the page
 ROOT = Path(__file__).parents[2]
 
@@ -70,7 +70,7 @@ def format_goal(measure: Measure) -> str:
 
 
 def format_row(measure: Measure) -> tuple[str, ...]:
-    """Cells of a measure: name, value, count, 95 % interval, goal, whether the goal is reached."""
+    """Format the cells of a measure: name, value, count, 95 % interval, goal, whether the goal is reached."""
     low, high = measure.interval
     count = str(measure.count) if measure.good is None else f"{measure.good}/{measure.count}"
     interval = "" if isnan(low) else f"{100.0 * low:.1f} to {100.0 * high:.1f} %"
@@ -138,7 +138,7 @@ def compose_page(
 
 
 def _list_candidates_without_law(known: Iterable[Effect]) -> list[str]:
-    """A paragraph that names the candidates which no case can hide; no line where there is none."""
+    """Compose a paragraph that names the candidates which no case can hide; no line where there is none."""
     laws = {law.name for law in CATALOGUE_LAWS}
     lacking = listing(effect.name for effect in known if effect.candidate and effect.name not in laws)
     return (
@@ -161,7 +161,7 @@ def _describe_run(answers: Sequence[Answer], split: str, engine: str) -> list[st
         f"{_read_processor()}, {os.cpu_count()} cores.", "",
     ]  # fmt: skip
     counts = [
-        (name, str(sum(family(t) == name for t in answers)), str(sum(c.family == name for c in whole)))
+        (name, str(sum(find_family(t) == name for t in answers)), str(sum(c.family == name for c in whole)))
         for name in FAMILIES
     ]
     if len(answers) < len(whole):
@@ -195,21 +195,21 @@ def _tabulate_noise(answers: Sequence[Answer]) -> list[str]:
 
 
 def _compare_rivals(done: Sequence[Answer], rivals: Mapping[str, Sequence[Answer]]) -> list[str]:
-    """Lines that compare each other method with the workflow, on the cases that both answered."""
-    ours = {answer["case"]: answer for answer in done}
+    """Compare each other method with the workflow on the cases that both answered; lines of the page."""
+    workflow_answers = {answer["case"]: answer for answer in done}
     rows = []
     for method, answers in rivals.items():
-        both = [answer for answer in answers if answer["case"] in ours]
-        theirs = {m.name: m for m in score_names(both)}
-        mine = {m.name: m for m in score_names([ours[answer["case"]] for answer in both])}
+        both = [answer for answer in answers if answer["case"] in workflow_answers]
+        rival = {m.name: m for m in score_names(both)}
+        workflow = {m.name: m for m in score_names([workflow_answers[answer["case"]] for answer in both])}
         cells = [
-            f"{format_row(theirs[m])[1]}, {format_row(mine[m])[1]} (of {theirs[m].count})" for m in _COMPARED_MEASURES
+            f"{format_row(rival[m])[1]}, {format_row(workflow[m])[1]} (of {rival[m].count})" for m in _COMPARED_MEASURES
         ]
-        above = 100.0 * (mine[_TOP_NAME].value - theirs[_TOP_NAME].value)
+        above = 100.0 * (workflow[_TOP_NAME].value - rival[_TOP_NAME].value)
         leads = [
-            answer["leads"] == hidden_names(answer)[0]
+            answer["leads"] == list_hidden_names(answer)[0]
             for answer in both
-            if family(answer) == "single" and is_strong(answer)
+            if find_family(answer) == "single" and is_strong(answer)
         ]
         rows.append((method, *cells, f"{above:+.1f}", f"{100.0 * float(np.mean(leads)):.1f} %" if leads else "-"))
     header = (
@@ -224,8 +224,12 @@ def _compare_rivals(done: Sequence[Answer], rivals: Mapping[str, Sequence[Answer
 def _count_confusions(done: Sequence[Answer]) -> list[tuple[str, ...]]:
     counts: dict[tuple[str, str], int] = {}
     for answer in done:
-        if family(answer) == "single" and is_strong(answer) and first_name(answer) != hidden_names(answer)[0]:
-            key = hidden_names(answer)[0], first_name(answer)
+        if (
+            find_family(answer) == "single"
+            and is_strong(answer)
+            and find_first_name(answer) != list_hidden_names(answer)[0]
+        ):
+            key = list_hidden_names(answer)[0], find_first_name(answer)
             counts[key] = counts.get(key, 0) + 1
     return [(*key, str(count)) for key, count in sorted(counts.items(), key=lambda one: -one[1])]
 
@@ -236,27 +240,30 @@ def _is_right(answer: Answer) -> bool:
     Right is: all hidden effects and no other; for a single effect also a set that contains it; `nothing_missing` where
     nothing is hidden; `none_of_these` where the effect is unknown.
     """
-    names = hidden_names(answer)
+    names = list_hidden_names(answer)
     if not names:
         return bool(answer["verdict"] == NOTHING)
-    if family(answer) == "unknown":
+    if find_family(answer) == "unknown":
         return bool(answer["verdict"] == NONE_OF_THESE)
-    return set(names) == set(answer["effects"]) or (len(names) == 1 and names[0] in reported_names(answer))
+    return set(names) == set(answer["effects"]) or (len(names) == 1 and names[0] in list_reported_names(answer))
 
 
 def _list_worst(done: Sequence[Answer]) -> list[tuple[str, ...]]:
     wrong = [t for t in done if not _is_right(t)]
 
     def badness(answer: Answer) -> tuple[bool, bool, float]:
-        far = not (hidden_names(answer) and any(are_aliases(first_name(answer), n) for n in hidden_names(answer)))
-        return (bool(reported_names(answer)), far, answer["confidence"])
+        far = not (
+            list_hidden_names(answer)
+            and any(are_aliases(find_first_name(answer), n) for n in list_hidden_names(answer))
+        )
+        return (bool(list_reported_names(answer)), far, answer["confidence"])
 
     wrong.sort(key=badness, reverse=True)
     return [
         (
             t["case"],
             t["verdict"],
-            ", ".join(reported_names(t)) or "-",
+            ", ".join(list_reported_names(t)) or "-",
             f"{t['confidence']:.2f}",
             f"{t['weighed']['closed']:.3f}",
         )
@@ -271,19 +278,21 @@ def draw_confusion(done: Sequence[Answer], path: Path) -> None:
     """
     known = [law.name for law in CATALOGUE_LAWS]
     rows = [*known, "(unknown)", "(nothing)"]
-    lawless = sorted({first_name(answer) for answer in done} - {*known, NONE_OF_THESE, NOTHING})  # no case hides these
+    lawless = sorted(
+        {find_first_name(answer) for answer in done} - {*known, NONE_OF_THESE, NOTHING}
+    )  # no case hides these
     columns = [*known, *lawless, NONE_OF_THESE, NOTHING]
     strangers = {law.name for law in UNKNOWN_LAWS}
     counts = np.zeros((len(rows), len(columns)))
     for answer in done:
-        names = hidden_names(answer)
-        if family(answer) == "null":
+        names = list_hidden_names(answer)
+        if find_family(answer) == "null":
             hidden_as = "(nothing)"
-        elif len(names) == 1 and family(answer) in ("single", "unknown") and is_strong(answer):
+        elif len(names) == 1 and find_family(answer) in ("single", "unknown") and is_strong(answer):
             hidden_as = "(unknown)" if names[0] in strangers else names[0]
         else:
             continue
-        counts[rows.index(hidden_as), columns.index(first_name(answer))] += 1
+        counts[rows.index(hidden_as), columns.index(find_first_name(answer))] += 1
     total = counts.sum(axis=1, keepdims=True)
     share = np.divide(counts, total, out=np.zeros_like(counts), where=total > 0)
     with mpl.rc_context({"font.size": 7}):
@@ -318,7 +327,7 @@ def draw_calibration(done: Sequence[Answer], path: Path) -> None:
         inside = (confidence >= low) & ((confidence < high) | (high == 1.0))
         if inside.any():
             good, count = int(right[inside].sum()), int(inside.sum())
-            x, (below, above) = float(confidence[inside].mean()), wilson(good, count)
+            x, (below, above) = float(confidence[inside].mean()), compute_wilson_interval(good, count)
             axes.plot([x, x], [below, above], color="C0", linewidth=1)
             axes.plot(x, good / count, "o", color="C0", markersize=4)
             axes.annotate(str(count), (x, good / count), xytext=(4, 4), textcoords="offset points", fontsize=7)

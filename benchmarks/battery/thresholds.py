@@ -15,12 +15,12 @@ import numpy as np
 from scipy.optimize import minimize
 
 from benchmarks.battery.run import Cache
-from benchmarks.battery.score import Answer, are_aliases, family, hidden_names, is_strong, names_an_effect
-from benchmarks.battery.validity import engine_name
+from benchmarks.battery.score import Answer, are_aliases, find_family, is_strong, list_hidden_names, names_an_effect
+from benchmarks.battery.validity import format_engine_name
 from clutch_hil.discrepancy import decision
 from clutch_hil.discrepancy.result import NAMED, NONE_OF_THESE, NOTHING, ONE_OF
 
-_GRID = {
+_GRID = {  # values tried of each constant; chosen: around those in use
     "gain": np.geomspace(0.001, 0.05, 18),
     "excess": (0.005, 0.01, 0.02, 0.03, 0.05, 0.08),
     "closed": (0.5, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 0.93),
@@ -29,14 +29,15 @@ _GRID = {
     "tie": (0.0, 1.0, 2.0, 3.0, 5.0, 8.0, 12.0),
     "relief": (4.0, 6.0, 8.0, 10.0, 15.0, 20.0, 30.0),
 }
-_GRID_SWEEPS = 4  # times that every constant is varied
-# goal of each measure (score.py), and weight of a point below it: ours; a name where nothing is hidden is the worst error
+_GRID_SWEEPS = 4  # times that every constant is varied; chosen by judgement: constants depend on each other
+# goal of each measure (score.py), and weight of a point below it; chosen: a name where nothing is hidden is the worst error
 _WEIGHTS = {"top1": 3.0, "alias": 1.0, "set": 1.5, "null": 8.0, "unknown": 2.0, "unknown_named": 3.0, "pairs": 1.0}
 _GOALS = {"top1": 0.90, "alias": 0.97, "set": 0.95, "null": 0.0, "unknown": 0.85, "unknown_named": 0.05, "pairs": 0.75}
 _UPPER_LIMITS = ("null", "unknown_named")  # goals that are to be stayed below
-_SURPLUS_WORTH = 0.2  # weight of a point beyond a goal, relative to one missing: ours
-_EXCESS_WITHOUT_GAIN = 0.10  # excess above which an answer without gain is `none_of_these`: search.py
-_ONE_OF_PENALTY = 0.3  # what `one_of` costs of a right name: ours
+# weight of a point beyond a goal, relative to one missing; chosen: a goal comes before any surplus
+_SURPLUS_WORTH = 0.2
+_EXCESS_WITHOUT_GAIN = 0.10  # excess above which an answer without gain is `none_of_these`: decision.DISAGREEMENT
+_ONE_OF_PENALTY = 0.3  # of a right name, where `one_of` says it; chosen: it needs one more experiment
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ class Constants:
 
 
 def decide_again(answer: Answer, c: Constants) -> tuple[str, list[str]]:
-    """Verdict and names, the best first, as search.py decides with these constants."""
+    """Decide verdict and names, the best first, as the engine does with these constants."""
     w = answer["weighed"]
     gain, rest, named = w["gain"], w["rest"], w["named"]
     if not named or not _has_gained(w, c):
@@ -77,12 +78,12 @@ def _near_names(w: Answer, rest: float, c: Constants) -> list[str]:
 
 
 def measure_goals(answers: list[Answer], c: Constants) -> dict[str, float]:
-    """Measures of the goals with these constants; those without cases are left out."""
+    """Compute the measures of the goals with these constants; those without cases are left out."""
     hits: dict[str, list[float]] = {name: [] for name in _GOALS}
     for answer in answers:
         verdict, names = decide_again(answer, c)
         named = bool(names)
-        truth, kind = hidden_names(answer), family(answer)
+        truth, kind = list_hidden_names(answer), find_family(answer)
         if not truth:
             hits["null"].append(named)
         elif kind == "unknown":
@@ -111,9 +112,9 @@ def propose_constants(answers: list[Answer]) -> Constants:
     """Find constants by coordinate search over the grid; of equally good values the middle one is taken."""
     c = Constants()
     for _, (name, values) in product(range(_GRID_SWEEPS), _GRID.items()):
-        tried = [(rate_goals(measure_goals(answers, replace(c, **{name: float(v)}))), float(v)) for v in values]
-        top = max(value for value, _ in tried)
-        good = [v for value, v in tried if value >= top - 1e-9]
+        rated = [(rate_goals(measure_goals(answers, replace(c, **{name: float(v)}))), float(v)) for v in values]
+        top = max(value for value, _ in rated)
+        good = [v for value, v in rated if value >= top - 1e-9]
         if rate_goals(measure_goals(answers, c)) < top - 1e-9:
             c = replace(c, **{name: good[len(good) // 2]})
     return c
@@ -131,7 +132,7 @@ def fit_confidence(answers: list[Answer], c: Constants) -> tuple[float, float, f
             w = answer["weighed"]
             margin = _compute_margin(w, c) if len(w["named"]) == 1 else 0.1
             rows.append((1.0, np.log(max(margin, 1e-4) / 0.1), w["closed"] - 0.8))
-            truth = hidden_names(answer)
+            truth = list_hidden_names(answer)
             right.append(set(truth) == set(names) if verdict == NAMED else bool(set(truth) & set(names)))
     if not rows:
         return 2.0, 0.9, 4.0
@@ -151,17 +152,17 @@ def _compute_margin(w: Answer, c: Constants) -> float:
 
 
 def _list_false_names(answers: list[Answer]) -> str:
-    named = [answer["case"] for answer in answers if not hidden_names(answer) and names_an_effect(answer)]
+    named = [answer["case"] for answer in answers if not list_hidden_names(answer) and names_an_effect(answer)]
     return ", ".join(named) or "none"
 
 
 def main() -> None:
     """Print the constants in use and those proposed, with their measures."""
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("runs/battery") / engine_name() / "cases"
+    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("runs/battery") / format_engine_name() / "cases"
     answers = [answer for answer in Cache(folder).all() if answer["truth"]["split"] == "development"]
     if not answers:
         sys.exit(f"error: no answers of the development split below {folder}")
-    nulls = [answer["weighed"]["gain"] for answer in answers if not hidden_names(answer)]
+    nulls = [answer["weighed"]["gain"] for answer in answers if not list_hidden_names(answer)]
     print(f"read:    {len(answers)} answers of the development split below {folder}")
     current, proposed = Constants(), propose_constants(answers)
     for title, c in (("in use", current), ("proposed", proposed)):

@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.battery import excitation
 from benchmarks.battery.cases import Case
-from benchmarks.battery.floors import gap_in_floors
+from benchmarks.battery.floors import compute_gap
 from benchmarks.battery.truth_laws import LAWS, Law
 from benchmarks.battery.truth_rig import draw_rig
 from benchmarks.battery.truth_simulation import (
@@ -22,13 +22,15 @@ from benchmarks.battery.truth_simulation import (
     simulate,
 )
 
-_STRENGTH_TOLERANCE = 0.01  # relative error of the difference that a strength is to make: ours
-_MOST_TRIES = 25  # simulations of the five runs to find a strength
-_WARM_SPREAD = 20.0  # K: the oil of warm cases starts at 55..95 degC, that of others at 65..85
+# relative error of the difference that a strength is to make; chosen: small beside 1.3, the least gap
+_STRENGTH_TOLERANCE = 0.01
+_MOST_TRIES = 25  # simulations of the five runs to find a strength; chosen by judgement
+# K; chosen: twice that of other cases, so the oil of warm ones starts at 55..95 degC, not at 65..85
+_WARM_SPREAD = 20.0
 
 
 class Truth:
-    """The hidden part of a case: its rig, its runs, and its effects at the strengths that give the severity."""
+    """The hidden part of a `case`: its rig, its runs, and its effects at the strengths that give the severity."""
 
     def __init__(self, case: Case) -> None:
         self.case = case
@@ -49,7 +51,7 @@ class Truth:
         )
 
     def scale_effect(self, name: str) -> HiddenEffects:
-        """One effect at the strength that gives the severity, or at the largest possible one."""
+        """Scale one effect to the strength that gives the severity, or to the largest possible one."""
         law = LAWS[name]
         random = np.random.default_rng([zlib.crc32(self.case.name.encode()), 3, zlib.crc32(name.encode())])
         sign = -1.0 if law.signed and random.random() < 0.5 else 1.0
@@ -58,16 +60,16 @@ class Truth:
         target = np.sqrt(self.case.severity**2 - 1.0)
 
         def size(strength: float) -> float:
-            rms = self.rms_difference(replace(unit, strengths={name: sign * strength * law.si}))
-            return float(np.sqrt(gap_in_floors(rms, self.case.noise) ** 2 - 1.0))
+            rms = self.compute_rms_difference(replace(unit, strengths={name: sign * strength * law.si}))
+            return float(np.sqrt(compute_gap(rms, self.case.noise) ** 2 - 1.0))
 
         start = law.usual * target * self.case.noise / _USUAL_SIZE
         strength, reached = _solve_strength(size, target, law, start)
         self.severities[name] = float(np.sqrt(1.0 + reached**2))
         return replace(unit, strengths={name: sign * strength * law.si})
 
-    def rms_difference(self, hidden: HiddenEffects) -> np.ndarray:
-        """Root mean square (6,) of the difference with and without effects of COLUMNS, over the five runs, without noise.
+    def compute_rms_difference(self, hidden: HiddenEffects) -> np.ndarray:
+        """Compute the rms (6,) over the five runs, without noise, of the difference that `hidden` makes in each of COLUMNS.
 
         Both simulations of a run have the same voltage.
         """
@@ -87,7 +89,7 @@ class Truth:
         return self._baselines[k]
 
 
-_PARTS = "strengths", "forms", "laws"
+_PARTS = "strengths", "forms", "laws"  # fields of HiddenEffects
 # difference (over the floor) times noise that the usual strength of a law makes: a gap of 2 at 2 % noise
 _USUAL_SIZE = np.sqrt(2.0**2 - 1.0) * 0.02
 

@@ -55,8 +55,9 @@ from benchmarks.battery.truth_states import (
 )
 
 BAR = 1e5  # Pa
-_MOST_EVENTS = 8  # events located within a step, at most: ours
-_LEAST_RESERVE = 1e-6  # Nm: plates whose margin is smaller break away; far below a step of the torque's converter
+_MOST_EVENTS = 8  # events located within a step, at most; chosen: more than the four kinds that there are
+# Nm: plates whose margin is smaller break away; chosen: far below a step of the torque's converter
+_LEAST_RESERVE = 1e-6
 # index of each algebraic quantity in `out`: torques [Nm], normal force [N], piston speed [m/s], flow [m^3/s], shaft torque [Nm]
 TORQUE_OUT, MOTOR_OUT, FORCE_OUT, SPEED_OUT, FLOW_OUT, DRIVEN_OUT = range(6)
 
@@ -133,9 +134,8 @@ def state_rates(y, demand, speed_demand, time, burst, slide_direction, c, e, f, 
     if e.cooling_flow != 0.0:
         cooling *= 1.0 + e.cooling_flow * abs(slip) / 20.0
     dy[KELVIN] = (power - cooling * (kelvin - c.oil_sump_temperature)) / c.oil_heat_capacity
-    opposing_torque = (
-        torque + e.bearing_drag * slip
-    )  # unknown: the plate's bearings, which the torque sensor does not carry
+    # bearing_drag (unknown): the plate's bearings, whose torque does not pass through the torque sensor
+    opposing_torque = torque + e.bearing_drag * slip
     if has_spring(e):
         dy[TWIST], dy[MOTOR] = y[MOTOR] - slip, (motor_torque - driven) / rotor
     dy[SLIP] = 0.0 if stuck else (driven - opposing_torque) / (plate if has_spring(e) else c.motor_inertia)

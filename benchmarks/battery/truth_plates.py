@@ -36,9 +36,9 @@ from benchmarks.battery.truth_states import (
 )
 
 BAR = 1e5  # Pa
-# rad/s: a fortieth of one encoder count per sample. Five times as much for the plate behind a spring, which is lighter.
+# rad/s; chosen: a fortieth of one encoder count per sample. Five times as much for the plate behind a spring, which is lighter.
 ROUNDING_SPEED = 1e-3
-LANDING_TIME = 1.25e-4  # s: one integration step, in which m moves by less than 2 %
+LANDING_TIME = 1.25e-4  # s; chosen: one integration step, in which m moves by less than 2 %
 
 
 @njit(error_model="numpy")

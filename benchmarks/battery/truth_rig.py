@@ -12,7 +12,8 @@ import numpy as np
 PARAMETER_FILE = Path(__file__).parents[2] / "plant_sim" / "parameters" / "janssens2010.toml"
 BAR = 1e5  # Pa
 ZERO_CELSIUS = 273.15  # K
-JITTER = 0.15  # standard deviation of a drawn parameter over its stated uncertainty: ours
+# standard deviation of a drawn parameter over its stated uncertainty; chosen: well inside the engine's priors
+JITTER = 0.15
 _SI_FACTORS = {  # factor to SI of every unit that is not SI already
     "bar": BAR, "bar/V": BAR, "V/bar": 1.0 / BAR, "m^3/(s bar)": 1.0 / BAR, "m^3/bar": 1.0 / BAR, "Nm/bar": 1.0 / BAR,
     "Nm/(bar (rad/s)^gamma)": 1.0 / BAR,

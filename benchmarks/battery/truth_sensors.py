@@ -11,7 +11,8 @@ from numba import njit
 from benchmarks.battery.truth_valve import lag_chain, pade_delay
 
 BAR = 1e5  # Pa
-FILTER_STAGES = 4  # lags in series that stand for the filter of a channel: ours
+# lags in series that stand for the filter of a channel; chosen: a filter of order 4
+FILTER_STAGES = 4
 
 
 @njit(error_model="numpy")

@@ -31,6 +31,7 @@ from benchmarks.battery.truth_rig import BAR, ZERO_CELSIUS, draw_rig
 from benchmarks.battery.truth_states import ANGLE, ASKED, KELVIN, MOTOR, SLIP, SPUN, STATES, P, X
 
 PERIOD = 1e-3  # s, sampling period of outputs and inputs: docs/rig.md, signals of a recorded run
+# integration steps of 0.125 ms in a sample; chosen: another step than plant_sim's, as accurate (test_truth.py)
 SUBSTEPS = 8
 OPEN, PRESSURE, TORQUE = range(3)  # mode of a run: open loop, pressure regulator, torque controller
 COLUMNS = (
@@ -128,11 +129,8 @@ def _simulate(command, speed, mode, kelvin, burst, noise, quantised, rigs, stren
             lines = c.sensors_encoder_counts / (2.0 * pi)
             angle = floor(angle * lines) / lines
         row = rows[k]
-        row[0], row[1], row[2] = (
-            volts_pressure / 1.0,
-            volts_temperature / 0.05,
-            volts_motor / 0.2,
-        )  # data sheets: docs/rig.md, eq. 9
+        # V/bar, V/degC, V/Nm of the data sheets: docs/rig.md, eq. 9
+        row[0], row[1], row[2] = volts_pressure / 1.0, volts_temperature / 0.05, volts_motor / 0.2
         row[3], row[4] = volts_torque / 0.2, angle
         row[5] = (angle - rows[k - 1, 4]) / PERIOD if k > 0 else y[SLIP]
         row[6], row[7], row[8], row[9], row[10] = y[SLIP], y[P] / BAR, y[X], out[FORCE_OUT], out[SPEED_OUT]

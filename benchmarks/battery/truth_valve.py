@@ -10,7 +10,7 @@ from math import copysign, exp, sqrt, tanh
 from numba import njit
 
 BAR = 1e5  # Pa
-DELAY_STAGES = 6  # lags in series of the distributed delay: ours
+DELAY_STAGES = 6  # lags in series of the distributed delay; chosen: neither a pure delay nor one lag
 
 
 @njit(error_model="numpy")

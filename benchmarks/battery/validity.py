@@ -29,13 +29,13 @@ CHECKED_CASES = (  # a quick case of each family except triples; together they h
 )
 
 
-def engine_name() -> str:
-    """Name under which answers of this version of the engine are kept."""
+def format_engine_name() -> str:
+    """Name this version of the engine, as its kept answers are named."""
     return f"engine-{ENGINE_VERSION}"
 
 
 def hash_content(name: str) -> str:
-    """Hash of everything that the case of this name depends on, 12 hex digits. Raises InputError for a wrong name."""
+    """Hash everything that the case of this name depends on, 12 hex digits. Raises InputError for a wrong name."""
     laws = [asdict(LAWS[effect]) for effect in Case.of(name).effects]
     text = json.dumps([TRUTH_VERSION, name, laws], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:12]

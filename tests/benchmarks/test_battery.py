@@ -13,18 +13,18 @@ from benchmarks.battery.run import Cache, select_cases
 from benchmarks.battery.score import (
     Measure,
     check_claims,
-    closed_share,
+    compute_closed_share,
+    compute_localisation_f1,
+    compute_wilson_interval,
     is_at_floor,
     is_worse,
-    localisation_f1,
-    parameter_errors,
+    list_parameter_errors,
     score_answers,
-    wilson,
 )
 from benchmarks.battery.short_case import make_short_case
 from benchmarks.battery.thresholds import Constants, decide_again, propose_constants
 from benchmarks.battery.truth_laws import LAWS
-from benchmarks.battery.validity import CHECKED_CASES, engine_name, is_valid, list_differences
+from benchmarks.battery.validity import CHECKED_CASES, format_engine_name, is_valid, list_differences
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
 from clutch_hil.discrepancy.result import NAMED, NONE_OF_THESE, NOTHING
 from clutch_hil.discrepancy.search import investigate
@@ -39,8 +39,10 @@ def measure(answers, name) -> Measure:
 
 
 def test_wilson_interval_of_nine_in_ten():
-    assert wilson(9, 10) == pytest.approx((0.5958, 0.9821), abs=1e-4)  # Wilson 1927; statsmodels gives the same
-    assert all(isnan(end) for end in wilson(0, 0))
+    assert compute_wilson_interval(9, 10) == pytest.approx(
+        (0.5958, 0.9821), abs=1e-4
+    )  # Wilson 1927; statsmodels gives the same
+    assert all(isnan(end) for end in compute_wilson_interval(0, 0))
 
 
 def test_the_first_name_counts_and_an_alias_is_told_apart():
@@ -111,19 +113,19 @@ def test_a_claim_is_right_by_block_size_and_regime():
     ]
     answer = make_answer(SINGLE, (SEAL,), claims=claims)
     assert check_claims(answer) == [True, False, False, False, True, False]
-    assert localisation_f1([answer]) == pytest.approx(2 * (2 / 6) * 1.0 / (2 / 6 + 1.0))
-    assert localisation_f1([answer, make_answer(SINGLE, (SEAL,))]) == pytest.approx(
+    assert compute_localisation_f1([answer]) == pytest.approx(2 * (2 / 6) * 1.0 / (2 / 6 + 1.0))
+    assert compute_localisation_f1([answer, make_answer(SINGLE, (SEAL,))]) == pytest.approx(
         2 * (2 / 6) * 0.5 / (2 / 6 + 0.5)
     )  # one effect not found
 
 
 def test_gap_closed_at_the_floor_and_worse():
     answer = make_answer(SINGLE, (SEAL,))
-    assert closed_share(answer) == pytest.approx(1.0)
+    assert compute_closed_share(answer) == pytest.approx(1.0)
     assert is_at_floor(answer)
     assert not is_worse(answer)
     answer["gap"]["clutch_torque_nm"]["after"] = 5.0
-    assert closed_share(answer) == pytest.approx((16.0 - 28.0) / 12.0)
+    assert compute_closed_share(answer) == pytest.approx((16.0 - 28.0) / 12.0)
     assert not is_at_floor(answer)
     assert is_worse(answer)
 
@@ -132,17 +134,17 @@ def test_a_parameter_is_compared_where_the_laws_share_it():
     estimate = {"name": f"{SEAL}.force", "value": 1.2, "ci95": [0.9, 1.5]}
     answer = make_answer(SINGLE, (SEAL,), parameters=[estimate])
     answer["truth"]["effects"][0]["law"] = 0
-    assert parameter_errors(answer) == [(pytest.approx(0.2), True)]
+    assert list_parameter_errors(answer) == [(pytest.approx(0.2), True)]
     answer["truth"]["effects"][0]["law"] = 1  # its level is no force of the catalogue's
-    assert parameter_errors(answer) == []
+    assert list_parameter_errors(answer) == []
     gain = make_answer(
         f"single/{GAIN}/2.0/0.02/s1", (GAIN,), parameters=[{"name": f"{GAIN}.gain", "value": 1.5, "ci95": [1.4, 1.6]}]
     )
     gain["truth"]["effects"][0] |= {"law": 0, "strength": 0.4}
-    assert parameter_errors(gain) == [(pytest.approx(0.25), True)]
+    assert list_parameter_errors(gain) == [(pytest.approx(0.25), True)]
     gain["truth"]["effects"][0]["law"] = 1  # grows as it warms: 1.5 is right at 95 degC
     gain["truth"]["celsius"] = 95.0
-    assert parameter_errors(gain) == [(pytest.approx(0.0, abs=1e-12), True)]
+    assert list_parameter_errors(gain) == [(pytest.approx(0.0, abs=1e-12), True)]
 
 
 def test_a_case_that_broke_the_engine_is_counted():
@@ -261,11 +263,11 @@ def test_answers_that_were_kept_count_on_another_machine(tmp_path: Path, monkeyp
 @pytest.mark.parametrize("name", CHECKED_CASES[:3])
 def test_the_engine_says_what_was_kept_of_it(name: str):
     """Else ENGINE_VERSION or TRUTH_VERSION is to be raised: what is kept is another's."""
-    assert list_differences(running.read_kept_answers(engine_name())[name], judge(name)) == []
+    assert list_differences(running.read_kept_answers(format_engine_name())[name], judge(name)) == []
 
 
 def test_every_case_of_the_evaluation_has_a_valid_answer():
-    assert running.read_kept_answers(engine_name()).keys() == {case.name for case in select_cases("evaluation")}
+    assert running.read_kept_answers(format_engine_name()).keys() == {case.name for case in select_cases("evaluation")}
 
 
 def test_a_kept_answer_that_differs_is_told():

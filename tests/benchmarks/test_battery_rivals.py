@@ -62,7 +62,7 @@ def test_marginal_likelihood_and_its_gradient_are_those_of_scikit_learn():
     apart = (x.T[:, :, None] - x.T[:, None, :]) ** 2
     for logs in random.uniform(-1.0, 1.0, (5, 5)):
         value, gradient = regressor.log_marginal_likelihood(logs, eval_gradient=True)
-        ours, by = gaussian_process.loss(logs, apart, y)
+        ours, by = gaussian_process.compute_loss(logs, apart, y)
         assert ours == pytest.approx(-value, rel=1e-10)  # the same formula: rounding alone
         assert by == pytest.approx(-gradient, rel=1e-8)
 

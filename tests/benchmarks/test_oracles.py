@@ -57,7 +57,7 @@ def test_mujoco_as_sampled_by_its_step_converges_to_ours_with_first_order():
     for dt in (1e-3, 1e-4, 1e-5):
         velocity = wandering(dt)
         ours = LuGre(Stribeck(LEVEL), STIFFNESS).trace(np.concatenate([[0.0], np.cumsum(velocity * dt)]), dt).force
-        theirs = MuJoCo(STIFFNESS, LEVEL, LEVEL).sampled_force(velocity, dt)
+        theirs = MuJoCo(STIFFNESS, LEVEL, LEVEL).sample_force(velocity, dt)
         errors.append(np.abs(ours[1:] - theirs).max() / LEVEL)
     assert errors[-1] < 1e-3
     np.testing.assert_allclose(np.diff(np.log10(errors)), -1.0, atol=0.1)

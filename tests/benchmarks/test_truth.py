@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.battery import cases, excitation, records
 from benchmarks.battery.cases import Case
-from benchmarks.battery.floors import gap_in_floors, noise_floors
+from benchmarks.battery.floors import compute_gap, compute_noise_floors
 from benchmarks.battery.truth import Truth
 from benchmarks.battery.truth_laws import CATALOGUE_LAWS, LAWS, UNKNOWN_LAWS
 from benchmarks.battery.truth_rig import ZERO_CELSIUS, draw_rig
@@ -183,7 +183,7 @@ def test_a_law_vanishes_with_its_strength_and_reaches_severity_4(five, short, la
     def reached(strength, second):
         hidden = HiddenEffects({law.name: strength * law.si}, {}, {law.name: second})
         squares = [np.mean((simulate(part, hidden).rows - base)[:, :6] ** 2, axis=0) for part, base in baselines]
-        return gap_in_floors(np.sqrt(np.mean(squares, axis=0)), 0.005)
+        return compute_gap(np.sqrt(np.mean(squares, axis=0)), 0.005)
 
     least = (
         1e-3 if law.name == "backlash" else 1e-2
@@ -208,7 +208,9 @@ def test_the_gap_is_what_was_asked(written):
         without = simulate(inputs.with_voltage(run["valve_voltage_v"]), plant=truth.plant)
         measured = np.column_stack([run[column] for column in COLUMNS[:ANALOG_COUNT]])
         total += np.mean((measured - without.rows[:, :ANALOG_COUNT]) ** 2, axis=0) / len(runs)
-    assert np.max(np.sqrt(total) / noise_floors(case.noise)[:ANALOG_COUNT]) == pytest.approx(case.severity, rel=SAMPLED)
+    assert np.max(np.sqrt(total) / compute_noise_floors(case.noise)[:ANALOG_COUNT]) == pytest.approx(
+        case.severity, rel=SAMPLED
+    )
 
 
 def test_in_closed_loop_the_gap_is_that_of_the_recorded_voltage():
@@ -218,7 +220,7 @@ def test_in_closed_loop_the_gap_is_that_of_the_recorded_voltage():
     shown = simulate(truth.inputs[0], hidden, truth.plant)
     without = simulate(truth.inputs[0].with_voltage(shown.voltage), plant=truth.plant)
     rms = np.sqrt(np.mean((shown.rows - without.rows)[:, : len(COLUMNS)] ** 2, axis=0))
-    assert gap_in_floors(rms, 0.005) == pytest.approx(4.0, rel=SETTLED)
+    assert compute_gap(rms, 0.005) == pytest.approx(4.0, rel=SETTLED)
 
 
 def test_truth_is_kept_apart_from_the_runs(written):
@@ -243,7 +245,7 @@ def test_a_null_case_is_noise_and_nothing_else():
     without = simulate(truth.inputs[0], plant=truth.plant)
     measured = np.column_stack([columns[column] for column in COLUMNS])
     deviation = np.std(measured - without.rows[:, : len(COLUMNS)], axis=0)
-    assert deviation == pytest.approx(noise_floors(0.02), rel=SAMPLED)
+    assert deviation == pytest.approx(compute_noise_floors(0.02), rel=SAMPLED)
 
 
 def test_cases_are_the_same_each_time():
@@ -284,4 +286,4 @@ def test_a_regulator_hides_a_valve_that_is_off():
 
 def test_the_step_divides_a_sample():
     assert 1e-3 / SUBSTEPS == 1.25e-4
-    assert gap_in_floors(np.zeros(6), 0.02) == 1.0
+    assert compute_gap(np.zeros(6), 0.02) == 1.0

@@ -17,9 +17,9 @@ from benchmarks.battery.rivals import METHODS, classifier
 from benchmarks.battery.rivals.ranking import rank_case
 from benchmarks.battery.rivals.verdict_limits import answer_by_limits, tune_limits
 from benchmarks.battery.run import Cache, keep_answers, run_cases, select_cases
-from benchmarks.battery.score import Answer, family, hidden_names, score_names
+from benchmarks.battery.score import Answer, find_family, list_hidden_names, score_names
 from benchmarks.battery.table import format_measures
-from benchmarks.battery.validity import engine_name
+from benchmarks.battery.validity import format_engine_name
 from clutch_hil.bench.progress import progress_bar
 from clutch_hil.discrepancy.result import NONE_OF_THESE, NOTHING
 from protocols.errors import InputError, closest
@@ -28,15 +28,15 @@ FAMILIES = ("single", "null", "unknown")
 _PACKAGES = {"sindy": "pysindy", "classifier": "sklearn"}
 
 
-def _true_class(answer: Answer) -> str:
-    if family(answer) == "unknown":
+def _find_true_class(answer: Answer) -> str:
+    if find_family(answer) == "unknown":
         return NONE_OF_THESE
-    return hidden_names(answer)[0] if hidden_names(answer) else NOTHING
+    return list_hidden_names(answer)[0] if list_hidden_names(answer) else NOTHING
 
 
 def rank_by_classifier(training: Sequence[Answer], asked: Sequence[Answer]) -> tuple[list[Answer], list[Answer]]:
     """Add rankings to both; those of training cases come from classifiers trained without them."""
-    x, classes = np.array([t["features"] for t in training]), [_true_class(t) for t in training]
+    x, classes = np.array([t["features"] for t in training]), [_find_true_class(t) for t in training]
     own = [t | {"ranking": r} for t, r in zip(training, classifier.cross_validate(x, classes), strict=True)]
     if not asked:
         return own, []
@@ -69,7 +69,7 @@ def main(
     except InputError as error:
         typer.echo(f"error: {error}", err=True)
         raise typer.Exit(2) from None
-    folder = out / engine_name()
+    folder = out / format_engine_name()
     for rival in methods:
         answers_by_split: dict[str, list[Answer]] = {}
         for split_name, case_names in names.items():
@@ -83,9 +83,8 @@ def main(
                 ):
                     answers_by_split[split_name].append(answer)
                     progress(len(answers_by_split[split_name]), len(case_names))
-            answers_by_split[split_name].sort(
-                key=lambda answer: str(answer["case"])
-            )  # workers finish in any order; a classifier depends on the order
+            # workers finish in any order; a classifier depends on the order
+            answers_by_split[split_name].sort(key=lambda answer: str(answer["case"]))
         if rival == "classifier":
             asked = [] if split == "development" else answers_by_split[split]
             answers_by_split["development"], answers = rank_by_classifier(answers_by_split["development"], asked)

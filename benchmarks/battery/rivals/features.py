@@ -8,13 +8,14 @@ from scipy.signal import welch
 from benchmarks.battery.rivals.residuals import PERIOD, ResidualData
 
 TOUCH_PRESSURE = 2.35  # bar, contact of the plates: Janssens 2010, Table 6.3
-_BANDS = np.array([0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 126.0])  # Hz
-_ORDERS = np.arange(1, 31)  # periods per turn
-_LAGS = (1, 3, 10, 30, 100)  # samples of 4 ms, of the autocorrelation
+# Hz, edges; chosen: octaves up to half the rate
+_BANDS = np.array([0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 126.0])
+_ORDERS = np.arange(1, 31)  # periods per turn; chosen: above any of the catalogue's ripples
+_LAGS = (1, 3, 10, 30, 100)  # samples of 4 ms, of the autocorrelation; chosen: half decades
 
 
 def compute_features(data: ResidualData) -> np.ndarray:
-    """Features of a case (k,)."""
+    """Compute the features of a case (k,)."""
     p, slip, celsius = (data.output(n) for n in ("cylinder_pressure_bar", "slip_speed_rad_s", "oil_temperature_degc"))
     torque, volts, angle = data.output("clutch_torque_nm"), data.input("valve_voltage_v"), data.input("shaft_angle_rad")
     rising = np.gradient(p, PERIOD, axis=-1)

@@ -16,15 +16,16 @@ from scipy.optimize import minimize
 
 from benchmarks.battery.rivals.residuals import PERIOD, ResidualData
 
-_SUBSET_SIZE = 600  # samples that the process is conditioned on
-_STRIDE = 5  # samples of 4 ms: one each 20 ms is compared
-_SEED = 6
-_SIGNAL, _LENGTH, _NOISE = (1e-4, 1e4), (0.05, 1e2), (1e-2, 1e2)  # floors², standard deviations of the state, floors²
+_SUBSET_SIZE = 600  # samples that the process is conditioned on; chosen: cost grows with the third power
+_STRIDE = 5  # samples of 4 ms: one each 20 ms is compared; chosen: to save time
+_SEED = 6  # chosen: any will do, it makes runs repeatable
+# bounds [floors²], [standard deviations of the state], [floors²]; chosen: wide
+_SIGNAL, _LENGTH, _NOISE = ((1e-4, 1e4), (0.05, 1e2), (1e-2, 1e2))
 _OUTPUTS = (0, 1, 2, 4)  # index of the analog ones in OUTPUTS: pressure, both torques, temperature
 
 
 def standardise_states(data: ResidualData) -> np.ndarray:
-    """States that the process is a function of, standardised: (runs, n, 6)."""
+    """Standardise the states that the process is a function of: (runs, n, 6)."""
     p, torque = data.output("cylinder_pressure_bar"), data.output("clutch_torque_nm")
     slip, celsius = data.output("slip_speed_rad_s"), data.output("oil_temperature_degc")
     rising = np.tanh(np.gradient(p, PERIOD, axis=-1) / 3.0)
@@ -41,7 +42,7 @@ def rank_effects(data: ResidualData, effects: Mapping[str, np.ndarray]) -> list[
     for i in _OUTPUTS:
         y = data.residuals[:, i, ::_STRIDE].ravel()
         targets = np.stack([y, *(change[:, i, ::_STRIDE].ravel() for change in effects.values())], axis=-1)
-        means.append(_posterior_mean(near, far, targets[chosen], fit_hyperparameters(near, y[chosen])))
+        means.append(_compute_posterior_mean(near, far, targets[chosen], fit_hyperparameters(near, y[chosen])))
     mean, *smoothed = np.concatenate(means).T
     cosines = {name: _cosine(mean, change) for name, change in zip(effects, smoothed, strict=True)}
     return sorted(cosines.items(), key=lambda one: -one[1])
@@ -53,11 +54,11 @@ def fit_hyperparameters(distances: np.ndarray, y: np.ndarray) -> np.ndarray:
     distances: squared distances in each state, (d, n, n). y: residuals in floors, (n,).
     """
     bounds = np.log([_SIGNAL, *[_LENGTH] * len(distances), _NOISE])
-    return minimize(loss, np.zeros(len(bounds)), (distances, y), jac=True, bounds=bounds, method="L-BFGS-B").x
+    return minimize(compute_loss, np.zeros(len(bounds)), (distances, y), jac=True, bounds=bounds, method="L-BFGS-B").x
 
 
-def loss(logs: np.ndarray, distances: np.ndarray, y: np.ndarray) -> tuple[float, np.ndarray]:
-    """Negative logarithm of the marginal likelihood at the hyperparameters `logs`, and its gradient (d + 2,).
+def compute_loss(logs: np.ndarray, distances: np.ndarray, y: np.ndarray) -> tuple[float, np.ndarray]:
+    """Compute the negative logarithm of the marginal likelihood at the hyperparameters `logs`, and its gradient (d + 2,).
 
     Rasmussen and Williams 2006, eq. 2.30 and 5.9. scikit-learn takes three times as long for a case, because it stores
     the derivative of the kernel by each hyperparameter, (n, n, d + 2).
@@ -75,19 +76,19 @@ def loss(logs: np.ndarray, distances: np.ndarray, y: np.ndarray) -> tuple[float,
     return value, -np.array([0.5 * weight.sum(), *by_length, by_noise])
 
 
-def _posterior_mean(near: np.ndarray, far: np.ndarray, y: np.ndarray, logs: np.ndarray) -> np.ndarray:
-    """Posterior mean (n, m) given `y` (k, m), eq. 2.25. near, far: squared distances (d, k, k) and (d, n, k)."""
+def _compute_posterior_mean(near: np.ndarray, far: np.ndarray, y: np.ndarray, logs: np.ndarray) -> np.ndarray:
+    """Compute the posterior mean (n, m) given `y` (k, m), eq. 2.25. near, far: squared distances (d, k, k) and (d, n, k)."""
     factor = cho_factor(_kernel(logs, near) + np.exp(logs[-1]) * np.eye(len(y)))
-    return _kernel(logs, far) @ cho_solve(factor, y)
+    return _kernel(logs, far) @ cho_solve(factor, y)  # eq. 2.25
 
 
 def _kernel(logs: np.ndarray, distances: np.ndarray) -> np.ndarray:
-    """Squared exponential kernel with one length per state (eq. 5.1, without noise)."""
-    return np.exp(logs[0] - 0.5 * np.tensordot(np.exp(-2.0 * logs[1:-1]), distances, 1))
+    """Compute the squared exponential kernel with one length per state, without noise."""
+    return np.exp(logs[0] - 0.5 * np.tensordot(np.exp(-2.0 * logs[1:-1]), distances, 1))  # eq. 5.1
 
 
 def _squared_distances(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Squared distances in each state: (d, rows of a, rows of b)."""
+    """Compute the squared distances in each state: (d, rows of a, rows of b)."""
     return (a.T[:, :, None] - b.T[:, None, :]) ** 2
 
 

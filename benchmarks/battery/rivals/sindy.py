@@ -19,10 +19,10 @@ PRESSURE, TORQUE, MOTOR, CELSIUS = (
     OUTPUTS.index(name) for name in ("cylinder_pressure_bar", "clutch_torque_nm", "motor_torque_nm", "oil_temperature_degc")
 )  # fmt: skip
 TOUCH_PRESSURE, TORQUE_PER_BAR = 2.35, 10.8  # bar, Nm/bar: docs/rig.md, eq. 3 and 5
-ORDERS = range(1, 31)  # periods per turn
-_STRIDE = 3  # samples of 4 ms: one each 12 ms is used
-_PATH = np.geomspace(1e-3, 1.0, 40)  # thresholds, of the largest standardised coefficient
-_RIDGE = 1e-3  # weight of the squared coefficients, relative to the power of a column
+ORDERS = range(1, 31)  # periods per turn; chosen: above any of the catalogue's ripples
+_STRIDE = 3  # samples of 4 ms: one each 12 ms is used; chosen: to save time
+_PATH = np.geomspace(1e-3, 1.0, 40)  # thresholds, of the largest standardised coefficient; chosen: steps of 19 %
+_RIDGE = 1e-3  # weight of the squared coefficients, relative to the power of a column; chosen: it only separates equal columns
 
 Part = dict[int, np.ndarray]  # what a term changes, (runs, n) by index of the output
 
@@ -103,9 +103,9 @@ def generate_terms(data: ResidualData) -> Iterator[tuple[str, Part]]:
     def change_friction(a: np.ndarray) -> Part:
         return {TORQUE: a, MOTOR: a}
 
-    since = _time_since_touch(touching)
+    since = _measure_time_since_touch(touching)
     yield "valve_deadband", change_pressure(-np.tanh(volts / 0.05))
-    yield "valve_hysteresis", change_pressure(-_play_position(p, 0.1))
+    yield "valve_hysteresis", change_pressure(-_find_play_position(p, 0.1))
     yield "spool_stiction", change_pressure(-rise * (np.abs(rising) < 2.0))
     yield "valve_delay", change_pressure(-rising)
     yield "slower_valve", change_pressure(_rate(rising))
@@ -114,7 +114,7 @@ def generate_terms(data: ResidualData) -> Iterator[tuple[str, Part]]:
     yield "entrapped_air", change_pressure(-rising / (1.0 + p) ** 2)
     yield "internal_leakage", change_pressure(-p * (p > 0.1))
     yield "centrifugal_pressure", change_thrust(slip**2)
-    yield "piston_seal_friction", change_thrust(-_play_position(p, 0.05))
+    yield "piston_seal_friction", change_thrust(-_find_play_position(p, 0.05))
     yield "clearance_change", change_pressure(-np.exp(-((p - TOUCH_PRESSURE) ** 2) / 0.02) * (rising > 0.0))
     yield "return_spring_change", change_thrust(one)
     yield "plate_waviness", change_thrust(np.exp(-np.abs(p - TOUCH_PRESSURE) / 0.15))
@@ -161,8 +161,8 @@ def _low_pass(values: np.ndarray, seconds: float) -> np.ndarray:
     return filtered
 
 
-def _play_position(values: np.ndarray, half: float) -> np.ndarray:
-    """Position [-] of `values` within a play of width 2 `half`, -1..1."""
+def _find_play_position(values: np.ndarray, half: float) -> np.ndarray:
+    """Find the position [-] of `values` within a play of width 2 `half`, -1..1."""
     follower = values[:, 0].copy()
     positions = np.empty_like(values)
     for k in range(values.shape[1]):
@@ -171,8 +171,8 @@ def _play_position(values: np.ndarray, half: float) -> np.ndarray:
     return positions
 
 
-def _time_since_touch(touching: np.ndarray) -> np.ndarray:
-    """Time [s] since contact; 1000 s while the clutch is open."""
+def _measure_time_since_touch(touching: np.ndarray) -> np.ndarray:
+    """Measure the time [s] since contact; 1000 s while the clutch is open."""
     n = np.arange(touching.shape[1])
     opened = np.maximum.accumulate(np.where(touching, -1, n), axis=1)
     return np.where(touching, (n - opened) * PERIOD, 1e3)

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.battery.score import Answer, family, hidden_names
+from benchmarks.battery.score import Answer, find_family, list_hidden_names
 from clutch_hil.discrepancy.result import NAMED, NONE_OF_THESE, NOTHING
 
-_GRID = 30  # values of each limit to try
+_GRID = 30  # values of each limit to try; chosen by judgement
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ def tune_limits(answers: Sequence[Answer]) -> Limits:
     def worth(limits: Limits) -> float:
         parts: dict[str, list[bool]] = {}
         for a in answers:
-            kind, verdict, truth = family(a), limits.decide(a), hidden_names(a)
+            kind, verdict, truth = find_family(a), limits.decide(a), list_hidden_names(a)
             if kind in ("null", "unknown"):
                 right = verdict == (NOTHING if kind == "null" else NONE_OF_THESE)
             elif kind == "single":
@@ -50,8 +50,8 @@ def tune_limits(answers: Sequence[Answer]) -> Limits:
             parts.setdefault(kind, []).append(right)
         return float(np.mean([np.mean(ones) for ones in parts.values()])) if parts else 0.0
 
-    tried = [Limits(float(e), float(s)) for e in (0.0, *excesses) for s in (0.0, *scores)]
-    return max(tried, key=worth)
+    choices = [Limits(float(e), float(s)) for e in (0.0, *excesses) for s in (0.0, *scores)]
+    return max(choices, key=worth)
 
 
 def answer_by_limits(answer: Answer, limits: Limits) -> Answer:
