@@ -245,7 +245,7 @@ def _names_all(answer: Answer) -> bool:
 
 
 def score_answers(answers: Sequence[Answer]) -> list[Measure]:
-    """Compute all measures with their goals. The first counts cases that broke the engine (`error`), which the others leave out."""
+    """Compute all measures with their goals. The first counts cases that broke the engine; the others leave these out."""
     done = [answer for answer in answers if "error" not in answer]
     families: dict[str, list[Answer]] = {name: [t for t in done if find_family(t) == name] for name in FAMILIES}
     single = [t for t in families["single"] if is_strong(t)]
