@@ -85,9 +85,18 @@ def test_up_is_never_silent_and_builds_each_kernel_once(local_bus: str, tmp_path
     assert sorted(cache.rglob("*.nbc")) == sorted(data)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("after", [0.0, 4.0, 12.0])
-@pytest.mark.parametrize("command", ["simulate", "up", "controller", "plant"])
+COMMANDS, MOMENTS, SIGNALS = (
+    ("simulate", "up", "controller", "plant"),
+    (0.0, 4.0, 12.0),
+    (signal.SIGINT, signal.SIGTERM),
+)
+
+
+# Each command with both signals, and each moment with both: every one of these compiles on all CPUs until it is ended.
+@pytest.mark.parametrize(
+    ("command", "after", "number"),
+    [(c, t, SIGNALS[(i + k) % 2]) for i, c in enumerate(COMMANDS) for k, t in enumerate(MOMENTS)],
+)
 def test_it_can_be_ended_while_it_starts(
     command: str, after: float, number: signal.Signals, local_bus: str, tmp_path: Path
 ) -> None:
