@@ -28,10 +28,10 @@ from protocols.errors import InputError
 from protocols.files.run import Run
 from protocols.realtime.stopping import Stop
 from protocols.telemetry.feed import list_live_nodes
-from protocols.telemetry.keys import NODES, bench_name
+from protocols.telemetry.keys import bench_name
 from protocols.telemetry.session import consumer_session
 
-_TELEMETRY = 10.0  # s for both services to publish; they begin to publish before they run
+_TELEMETRY = 10.0  # s for all services to publish; they begin to publish before they run
 
 
 def start_bench(
@@ -78,6 +78,7 @@ class LiveBench:
         self._values: dict[str, float] = {}
         self._telemetry: tuple[zenoh.Session, str] | None = None
         self._driver: Driver | None = None
+        self._nodes = {"plant", *scenario.rig.plant.controllers}
         with ExitStack() as stack:
             folder = Path(stack.enter_context(TemporaryDirectory()))
             scenario = replace(scenario, settings=replace(scenario.settings, out=folder))
@@ -250,7 +251,7 @@ class LiveBench:
         if self._telemetry is None:
             session, name = self._stack.enter_context(consumer_session()), bench_name(self._session.bus)
             deadline = time.monotonic() + _TELEMETRY
-            while not set(NODES) <= set(list_live_nodes(session, name)):
+            while not self._nodes <= set(list_live_nodes(session, name)):
                 self._check()
                 if time.monotonic() > deadline:
                     raise InputError(f"the services on {self._session.bus} did not publish within {_TELEMETRY:g} s")

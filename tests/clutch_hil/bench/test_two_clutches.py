@@ -2,6 +2,7 @@
 
 import io
 import json
+import subprocess
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -35,7 +36,11 @@ from protocols.can.two_clutches import CONTROLLERS
 from protocols.errors import InputError
 from protocols.files.run import Run
 from protocols.node import Column
+from protocols.realtime.child import clutch_hil
 from protocols.telemetry.batch import Batch, run_file_columns
+from protocols.telemetry.keys import Keys, bench_name
+from protocols.telemetry.session import publisher_session
+from tests.processes import PATIENCE, said
 
 SECONDS = 1.0  # of a run: clutch a closes, nothing is handed over yet
 HANDED_OVER = 5.2  # s by which the shipped scenario has handed its torque over
@@ -320,3 +325,20 @@ def test_it_has_no_model_and_no_experiments(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=told):
         model_named("power_shift")
     assert refusal("experiment", "crawl", "--scenario", "shift", "--out", tmp_path) == told
+
+
+def test_a_running_bench_refuses_experiments_at_once(tmp_path: Path, local_bus: str) -> None:
+    out = tmp_path / "runs"
+    described = json.dumps(ScriptedFeed(played()).describe("plant"))
+    keys = Keys(bench_name(local_bus), "plant")
+    with publisher_session(None) as session:
+        token = session.liveliness().declare_token(keys.alive)
+        answers = session.declare_queryable(keys.describe, lambda query: query.reply(keys.describe, described))
+        words = ("experiment", "crawl", "--running", "--bus", local_bus, "--out", out)
+        done = subprocess.run(clutch_hil(*map(str, words)), capture_output=True, text=True, timeout=PATIENCE)
+        answers.undeclare()
+        token.undeclare()
+    assert done.returncode == 2, done.stderr
+    sentence = "rig power_shift, whose run is a run of two clutches, has no discrepancy model"
+    assert said(done.stderr) == [f"error: {sentence}"]
+    assert not out.exists()
