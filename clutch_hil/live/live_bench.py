@@ -15,7 +15,7 @@ import zenoh
 from clutch_hil.bench.in_memory import Values, compose_scenario
 from clutch_hil.bench.run_file import read_run
 from clutch_hil.bench.scenario import Scenario
-from clutch_hil.bench.settings import MANUAL
+from clutch_hil.bench.settings import MANUAL, select_settings
 from clutch_hil.bench.up import POLL, Bench
 from clutch_hil.live.catalogue import assignments
 from clutch_hil.live.demand import lock_profile, pressure_profile, torque_profile
@@ -61,11 +61,9 @@ def start_bench(
     Use it as a context manager, in the main thread: the processes end however the block is left. In real time the program
     keeps off the CPU of the processes. No run file is kept. Raises InputError.
     """
-    settings = {
-        "profile": profile or (None if scenario else MANUAL), "seconds": seconds, "rate": rate, "seed": seed,
-        "temperature": temperature, "law": law, "adaptation": adaptation, "plant_parameters": plant_parameters,
-        "controller_parameters": controller_parameters,
-    }  # fmt: skip
+    settings = select_settings(locals())
+    if not (scenario or profile):
+        settings["profile"] = MANUAL
     return LiveBench(compose_scenario(scenario, settings, plant, controller, effects), bus, lockstep)
 
 
