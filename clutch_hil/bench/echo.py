@@ -16,7 +16,7 @@ import can
 import cantools.database
 
 from protocols.buses.bus import open_bus
-from protocols.can.frames import DBC, Frame, load_frames
+from protocols.can.frames import COUNTER_MODULUS, DBC, Frame, load_frames
 from protocols.realtime.child import spawn
 from protocols.realtime.clock import Clock
 from protocols.realtime.rights import prepare
@@ -59,7 +59,7 @@ class Echo:
             for tick in range(round(self.seconds * self.rate)):
                 clock.wait()
                 port.send(Frame(analog.can_id, analog.pack_raw(tick, 100, 100, 100, 100)))
-                port.send(Frame(encoder.can_id, encoder.pack_raw(tick, tick, tick & 0xFFFF)))
+                port.send(Frame(encoder.can_id, encoder.pack_raw(tick, tick, encoder.wrap("sample_tick", tick))))
                 clock.end_cycle()
 
     def _raw(self) -> None:
@@ -97,7 +97,7 @@ class Echo:
                 elif message.arbitration_id == encoder.frame_id:
                     values: dict[str, Any] = encoder.decode(bytes(message.data))
                     tick = values["SAMPLE_TICK"]
-                    signals = {"CRC": 0, "COUNTER": tick & 15, "VALVE_ENABLE": 1, "VALVE_VOLTAGE": 1.0}
+                    signals = {"CRC": 0, "COUNTER": tick % COUNTER_MODULUS, "VALVE_ENABLE": 1, "VALVE_VOLTAGE": 1.0}
                     data = valve.encode(signals | {"SAMPLE_TICK": tick})
                     bus.send(can.Message(arbitration_id=valve.frame_id, data=data, is_extended_id=False))
 

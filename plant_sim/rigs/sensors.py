@@ -17,9 +17,16 @@ from numba.extending import register_jitable
 
 from plant_sim.blocks import adc, encoder
 from plant_sim.effects.signals import ACQUISITION, SIGNALS, attached, bound, call, known
+from protocols.can.frames import load_frames
 from protocols.files.units import ZERO_CELSIUS
 
 _NOISE_BLOCK = 64  # samples of noise drawn at once: faster than one by one, and short enough for a cycle (20 us)
+# Bits of the frames' fields, in which counts are left-justified; constants of the compiled code
+_PRESSURE_BITS, _TEMPERATURE_BITS, _MOTOR_TORQUE_BITS, _CLUTCH_TORQUE_BITS = (
+    load_frames()["ANALOG_SENSORS"].bits[name]
+    for name in ("cylinder_pressure", "oil_temperature", "motor_torque", "clutch_torque")
+)
+_ANGLE_BITS = load_frames()["ENCODER"].bits["shaft_angle"]
 
 
 class Counts(NamedTuple):
@@ -88,11 +95,11 @@ def _counts(pressure, temperature, motor, clutch, angle, c):
     """Counts for voltages [V] and the encoder's angle [rad]."""
     full = c.sensors_input_range
     return (
-        adc.counts(pressure, full, int(c.sensors_pressure_bits), 12),
-        adc.counts(temperature, full, int(c.sensors_temperature_bits), 12),
-        adc.counts(motor, full, int(c.sensors_motor_torque_bits), 12),
-        adc.counts(clutch, full, int(c.sensors_clutch_torque_bits), 16),
-        encoder.counts(angle, c.sensors_encoder_counts),
+        adc.counts(pressure, full, int(c.sensors_pressure_bits), _PRESSURE_BITS),
+        adc.counts(temperature, full, int(c.sensors_temperature_bits), _TEMPERATURE_BITS),
+        adc.counts(motor, full, int(c.sensors_motor_torque_bits), _MOTOR_TORQUE_BITS),
+        adc.counts(clutch, full, int(c.sensors_clutch_torque_bits), _CLUTCH_TORQUE_BITS),
+        encoder.counts(angle, c.sensors_encoder_counts, _ANGLE_BITS),
     )
 
 

@@ -198,7 +198,8 @@ class ControllerNode:
         """Return the safe frames: valve closed, motor off, heartbeat with the state finalized."""
         self._state.cycle += 1
         counter = int(self._state.cycle) - 1
-        valve = self._valve.pack(counter, 0, 0.0, max(self.sample_tick, 0) & 0xFFFF)
+        tick = self._valve.wrap("sample_tick", max(self.sample_tick, 0))
+        valve = self._valve.pack(counter, 0, 0.0, tick)
         motor = [Frame(self._motor.can_id, self._motor.pack(counter, 0, 0.0, 0.0))] if self._drives else []
         return [Frame(self._valve.can_id, valve), *motor, self.heartbeat(Lifecycle.FINALIZED)]
 

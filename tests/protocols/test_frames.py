@@ -122,6 +122,14 @@ def test_unpacking_agrees_with_cantools(codec: FrameCodec) -> None:
 
 
 @each_frame
+def test_a_count_wraps_at_the_bits_of_its_signal(codec: FrameCodec) -> None:
+    for signal in payload(codec):
+        if not signal.is_signed:
+            name, most = signal.name.lower(), 2**signal.length - 1
+            assert [codec.wrap(name, count) for count in (-1, 0, most, most + 1, most + 4)] == [most, 0, most, 0, 3]
+
+
+@each_frame
 def test_raw_values_survive_packing(codec: FrameCodec) -> None:
     @settings(max_examples=EXAMPLES)
     @given(raw=raw_values(codec))
