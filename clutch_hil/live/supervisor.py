@@ -160,7 +160,9 @@ class Supervisor:
             self._closing_since = None
         elif self._closing_since is None:
             self._closing_since = time.monotonic()
-        payload = self._setpoint.pack(self._sent, request, torque, speed, pressure)
+        payload = self._setpoint.pack(
+            self._sent, request=request, torque_demand=torque, speed_demand=speed, pressure_demand=pressure
+        )
         self._port.send(Frame(self._setpoint.can_id, payload))
         self._sent += 1
 

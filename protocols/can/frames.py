@@ -43,7 +43,8 @@ class FrameCodec:
     """One frame of the DBC, compiled.
 
     `pack(counter, *values)` takes physical values in the order of `signals` (or by lower-case name) and returns the
-    payload with CRC and counter, `pack_raw` takes raw integers; both raise InputError for a value outside the raw range.
+    payload with CRC and counter, `pack_raw` takes raw integers; both raise InputError for a value outside the raw range. A
+    signal that is not given has the raw integer 0, as in `words`.
     `unpack(data)` returns a namedtuple of physical values, `raw(data)` of raw integers; neither checks: `valid` does.
     """
 
@@ -135,7 +136,11 @@ def _compile(name: str, length: int, signals: list[Signal]) -> dict[str, Any]:
     Scaling: raw = floor((value - offset) / scale + 0.5); value = raw * scale + offset.
     """
     names = [signal.name.lower() for signal in signals]
-    pack_raw = [f"def pack_raw(_counter, {', '.join(names)}):", f" _word = (_counter & {COUNTER_MODULUS - 1}) << 8"]
+    zeros = [f"{name}={float(signal.offset)!r}" for signal, name in zip(signals, names, strict=True)]
+    pack_raw = [
+        f"def pack_raw(_counter, {', '.join(f'{name}=0' for name in names)}):",
+        f" _word = (_counter & {COUNTER_MODULUS - 1}) << 8",
+    ]
     scaled, raws, values = [], [], []
     for index, (signal, value) in enumerate(zip(signals, names, strict=True)):
         mask, sign = (1 << signal.length) - 1, 1 << signal.length - 1
@@ -154,7 +159,7 @@ def _compile(name: str, length: int, signals: list[Signal]) -> dict[str, Any]:
         *pack_raw,
         f" _data = _word.to_bytes({length}, 'little')",
         " return bytes((_crc8(_data[1:]),)) + _data[1:]",
-        f"def pack(_counter, {', '.join(names)}):",
+        f"def pack(_counter, {', '.join(zeros)}):",
         " try:",
         f"  return pack_raw(_counter, {', '.join(scaled)})",
         " except (ValueError, OverflowError):",  # not a number, infinite
