@@ -128,7 +128,7 @@ class PlantService:
         clock.start(find_first_slot(time.monotonic_ns(), clock.period_ns))
         while not stop.asked:
             behind = owed > 0
-            if node.steady and not outlet.asked():
+            if node.steady and not outlet.has_change():
                 owed = node.run_real_time(line, beat, outlet.changes, owed)
             else:
                 owed = self._run_in_python(node, line, outlet, clock, owed)
@@ -166,7 +166,7 @@ class PlantService:
         valve = load_frames()["VALVE_COMMAND"]
         while not (stop.asked or node.finished):
             written = False
-            if node.steady and not outlet.asked():
+            if node.steady and not outlet.has_change():
                 written = node.run_lockstep(line, beat, outlet.changes)
                 node.take(line.inbox, line.count)
                 line.clear()

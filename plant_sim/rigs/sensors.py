@@ -16,7 +16,7 @@ from numba import njit
 from numba.extending import register_jitable
 
 from plant_sim.blocks import adc, encoder
-from plant_sim.effects.signals import ACQUISITION, SIGNALS, attached, bound, call, known
+from plant_sim.effects.signals import ACQUISITION, SIGNALS, bind_laws, call, has_law, set_known
 from protocols.can.frames import load_frames
 from protocols.files.units import ZERO_CELSIUS
 
@@ -109,14 +109,14 @@ def acquire(rig_state, states_before, noise, parameters, effects, interval):
     states = states_before.copy()
     signals = np.zeros(1, SIGNALS)
     y, c, s = rig_state[0], parameters[0], signals[0]
-    e = bound(effects, states)
+    e = bind_laws(effects, states)
     pressure, temperature, motor, clutch = voltages(
         y.sensed_pressure, y.sensed_temperature, y.sensed_motor_torque, y.sensed_clutch_torque,
         noise, c,
     )  # fmt: skip
     angle = y.angle
-    known(e, s, y)
-    if attached(ACQUISITION, e):
+    set_known(e, s, y)
+    if has_law(ACQUISITION, e):
         s.pressure_voltage, s.temperature_voltage = pressure, temperature
         s.motor_torque_voltage, s.clutch_torque_voltage, s.encoder_angle = motor, clutch, angle
         call(ACQUISITION, e, s, c, interval)

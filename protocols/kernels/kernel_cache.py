@@ -87,8 +87,8 @@ def _packages(beside: Path) -> list[Path]:
 def _hash_sources(packages: Iterable[Path]) -> str:
     """Hash of the paths and write times of all sources, as a folder name."""
     known = hashlib.sha256()
-    found = (path for package in packages for pattern in _SOURCES for path in package.rglob(pattern))
-    for path in sorted(found):
+    sources = (path for package in packages for pattern in _SOURCES for path in package.rglob(pattern))
+    for path in sorted(sources):
         known.update(f"{path}\0{path.stat().st_mtime_ns}\0".encode())
     return known.hexdigest()[:16]
 
@@ -119,12 +119,12 @@ def _written_at(module: Path) -> int:
 
 def _find_imports(path: Path, package: Path, sources: dict[Path, int]) -> set[Path]:
     """Modules among `sources` that the module at `path` imports; all packages are in the folder of `package`."""
-    found = set()
+    imported = set()
     for base, names in _IMPORT.findall(path.read_text(encoding="utf-8")):
         folder = package.parent.joinpath(*base.split("."))
         candidates = [folder, *(folder / name for name in re.findall(r"\w+", names))]
-        found |= {candidate.with_suffix(".py") for candidate in candidates} & sources.keys()
-    return found
+        imported |= {candidate.with_suffix(".py") for candidate in candidates} & sources.keys()
+    return imported
 
 
 def _find_reachable(module: Path, imported: dict[Path, set[Path]]) -> set[Path]:

@@ -183,7 +183,7 @@ AT_ONCE = {
     "a pressure": lambda folder: Profile("pressure", (0.0, 1.5), (0.0, 0.0), (10.0, 10.0), (3.0, 3.0)),
     "a ramp of pressure": lambda folder: pressure_profile(3.0, 10.0, 1.5, 5.0),
     "a CSV file": from_csv,
-    "a repeated one": lambda folder: Profile("torque", (0.0, 1.0), (8.0, 8.0), (10.0, 10.0)).lasting(2.5),
+    "a repeated one": lambda folder: Profile("torque", (0.0, 1.0), (8.0, 8.0), (10.0, 10.0)).repeat_to(2.5),
 }
 
 
