@@ -61,7 +61,7 @@ def measure_kernel_speeds(repeats: int = _REPEATS) -> tuple[float, float]:
     steps = round(_KERNEL_SECONDS / wet_clutch.STEP_LIMIT)
     best = [float("inf")] * 2
     rigs = [wet_clutch.Rig(nominal), wet_clutch.Rig(nominal.with_values(typical))]
-    states = [rig.filled(20.0, 343.15) for rig in rigs]
+    states = [rig.fill(20.0, 343.15) for rig in rigs]
     for _ in range(repeats):
         for i, (rig, state) in enumerate(zip(rigs, states, strict=True)):
             start = time.perf_counter()

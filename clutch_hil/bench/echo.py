@@ -16,7 +16,7 @@ import can
 import cantools.database
 
 from protocols.buses.bus import open_bus
-from protocols.can.frames import DBC, Frame, load_frames
+from protocols.can.frames import COUNTER_MODULUS, DBC, Frame, load_frames
 from protocols.realtime.child import spawn
 from protocols.realtime.clock import Clock
 from protocols.realtime.rights import prepare
@@ -58,8 +58,13 @@ class Echo:
             clock.start(time.monotonic_ns() + clock.period_ns)
             for tick in range(round(self.seconds * self.rate)):
                 clock.wait()
-                port.send(Frame(analog.can_id, analog.pack_raw(tick, 100, 100, 100, 100)))
-                port.send(Frame(encoder.can_id, encoder.pack_raw(tick, tick, tick & 0xFFFF)))
+                port.send(Frame(analog.can_id, analog.pack_raw(tick, **dict.fromkeys(analog.signals, 100))))
+                port.send(
+                    Frame(
+                        encoder.can_id,
+                        encoder.pack_raw(tick, shaft_angle=tick, sample_tick=encoder.wrap("sample_tick", tick)),
+                    )
+                )
                 clock.end_cycle()
 
     def _raw(self) -> None:
@@ -75,7 +80,11 @@ class Echo:
                             analog.unpack(data)
                         elif can_id == encoder.can_id:
                             tick = encoder.raw(data).sample_tick
-                            port.send(Frame(valve.can_id, valve.pack(tick, 1, 1.0, tick)))
+                            port.send(
+                                Frame(
+                                    valve.can_id, valve.pack(tick, valve_enable=1, valve_voltage=1.0, sample_tick=tick)
+                                )
+                            )
 
     def _python_can(self) -> None:
         database: Any = cantools.database.load_file(DBC)
@@ -97,8 +106,13 @@ class Echo:
                 elif message.arbitration_id == encoder.frame_id:
                     values: dict[str, Any] = encoder.decode(bytes(message.data))
                     tick = values["SAMPLE_TICK"]
-                    signals = {"CRC": 0, "COUNTER": tick & 15, "VALVE_ENABLE": 1, "VALVE_VOLTAGE": 1.0}
-                    data = valve.encode(signals | {"SAMPLE_TICK": tick})
+                    signals = {
+                        "COUNTER": tick % COUNTER_MODULUS,
+                        "VALVE_ENABLE": 1,
+                        "VALVE_VOLTAGE": 1.0,
+                        "SAMPLE_TICK": tick,
+                    }
+                    data = valve.encode(dict.fromkeys((signal.name for signal in valve.signals), 0) | signals)
                     bus.send(can.Message(arbitration_id=valve.frame_id, data=data, is_extended_id=False))
 
 

@@ -57,14 +57,14 @@ def answer(
     later: index of a sample, and the parameters from that sample on.
     """
     rig = wet_clutch.Rig(parameters.with_values(_NOISE_FREE))
-    begin = rig.filled if excitation.filled else rig.at_rest
+    begin = rig.fill if excitation.filled else rig.at_rest
     state = begin(excitation.speed[0], excitation.celsius + ZERO_CELSIUS)
     sensors, limit = Sensors(1), parameters["motor.torque_limit"].si
     samples = np.empty((len(excitation.voltage), 5))
     for k, (voltage, speed) in enumerate(zip(excitation.voltage.tolist(), excitation.speed.tolist(), strict=True)):
         if later and later[0] == k:
             before, rig = rig, wet_clutch.Rig(later[1].with_values(_NOISE_FREE))
-            state = state._replace(effects=rig.table.carried(state.effects, before.table))
+            state = state._replace(effects=rig.table.carry_over(state.effects, before.table))
         counts, state = sensors.sample(rig, state, PERIOD)
         samples[k] = counts
         state = rig.advance(state, voltage, speed, limit, PERIOD, _SUBSTEPS)

@@ -7,6 +7,7 @@ from typing import Any
 
 from clutch_hil.bench.rig import rig_named
 from clutch_hil.bench.scenario import Scenario, choose_scenario
+from clutch_hil.bench.settings import select_settings
 from clutch_hil.bench.simulate import Simulation
 from plant_sim.node.injection import effect_on
 from protocols.files.run import Run
@@ -44,10 +45,7 @@ def simulate(
     Returns the columns that a run file of it would have, each of shape (samples,), with units, meanings and metadata.
     Raises InputError.
     """
-    settings = {
-        "profile": profile, "seconds": seconds, "rate": rate, "seed": seed, "temperature": temperature, "law": law,
-        "adaptation": adaptation, "plant_parameters": plant_parameters, "controller_parameters": controller_parameters,
-    }  # fmt: skip
+    settings = select_settings(locals())
     chosen = compose_scenario(scenario, settings, plant, controller, effects)
     played, metadata = Simulation(chosen).play_with_metadata(progress)
     descriptions = played.column_descriptions()

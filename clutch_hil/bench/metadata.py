@@ -6,8 +6,7 @@ from datetime import datetime
 from importlib.metadata import version
 from typing import Any
 
-from clutch_hil.bench.rig import Rig
-from protocols.files.parameters import ParameterSet
+from clutch_hil.bench.scenario import Scenario
 
 _PACKAGES = ("clutch-hil", "numpy", "numba", "python-can", "cantools", "pyarrow")
 
@@ -18,25 +17,27 @@ def versions() -> dict[str, str]:
 
 
 def run_metadata(
-    rig: Rig,
-    rate: int,
-    plant: ParameterSet,
+    scenario: Scenario,
     controllers: Mapping[str, Mapping[str, float]],
-    injections: Sequence[Mapping[str, Any]] = (),
+    injections: Sequence[Mapping[str, Any]],
+    mode: str,
 ) -> dict[str, Any]:
-    """Metadata of a run: rig, rate [Hz], versions, parameters, effects that are on at the start, and later injections.
+    """Metadata of a run: scenario, settings, versions, parameters, effects that are on at the start, and later injections.
 
     Parameters are in the units that their TOML files declare. `controllers` has those of each controller by its name.
-    `injections` are those of `PlantNode.injected`.
+    `injections` are those of `PlantNode.injected`. `mode` says how it was run: in process, lock-step or real time.
     """
+    plant = scenario.plant
     return {
-        "rig": rig.name,
-        "sample_rate_hz": rate,
+        "rig": scenario.rig.name,
+        "scenario": scenario.name,
+        "settings": scenario.settings.as_text() | {"mode": mode},
+        "sample_rate_hz": scenario.settings.rate,
         "notes": "",
         "recorded_at": datetime.now().astimezone().isoformat(timespec="seconds"),
         "versions": versions(),
         "plant_parameters": plant.as_values(),
-        "effects": list(rig.plant.switched_on(plant)),
+        "effects": list(scenario.rig.plant.switched_on(plant)),
         "injections": [dict(injection) for injection in injections],
         **{f"{name}_parameters": dict(values) for name, values in controllers.items()},
     }

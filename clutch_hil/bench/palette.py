@@ -59,6 +59,11 @@ def of(column: str, number: int = 0) -> str:
     return _LINES.get(column, CYCLE[number % len(CYCLE)])
 
 
+def of_clutch(colour: str, clutch: str) -> str:
+    """Colour of a line of a clutch, a or b, that has this `colour` on a single clutch: truth and estimate of b differ."""
+    return {TRUE: CLUTCH_B, ESTIMATE: SECOND}.get(colour, colour) if clutch == "b" else colour
+
+
 def of_state(word: str) -> str:
     """Colour of a phase, a state or a flag. Any other word is a fault, and red."""
     return STATES.get(word, _BAD)

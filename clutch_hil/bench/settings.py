@@ -1,7 +1,7 @@
 """Settings of a run: simulated, in lock-step or in real time."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -66,3 +66,12 @@ class RunSettings:
     def as_text(self) -> dict[str, str]:
         """Settings that are not None, as text, for metadata."""
         return {name: str(value) for name, value in asdict(self).items() if value is not None and value != {}}
+
+
+# Settings that functions and commands take as arguments of these names; parameters of the controller are given apart
+_ARGUMENTS = tuple(setting.name for setting in fields(RunSettings) if setting.name != "controller")
+
+
+def select_settings(arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the settings among the arguments of a function, given as its `locals()`."""
+    return {name: arguments[name] for name in _ARGUMENTS if name in arguments}

@@ -49,9 +49,7 @@ class Simulation:
         report_cycle = (lambda cycle: progress(cycle, cycles)) if progress else None
         played = play(plant, *controllers.values(), progress=report_cycle)
         parameters = {name: controller.parameters.as_values() for name, controller in controllers.items()}
-        metadata = run_metadata(scenario.rig, settings.rate, scenario.plant, parameters, plant.injected)
-        metadata |= {"settings": settings.as_text() | {"mode": "in process"}, "scenario": scenario.name}
-        return played, metadata
+        return played, run_metadata(scenario, parameters, plant.injected, "in process")
 
     def play(self, plant: ParameterSet, seed: int) -> Played:
         """Simulate with other parameters of the plant and another seed; write nothing. Raises InputError."""

@@ -112,7 +112,8 @@ class Bench:
             timing[name].pop("injections")
             parameters[name] = timing[name].pop("parameters")
         injections = timing["plant"].pop("injections")
-        return run_metadata(scenario.rig, scenario.settings.rate, scenario.plant, parameters, injections)
+        mode = "lock-step" if self.lockstep else "real time"
+        return run_metadata(scenario, parameters, injections, mode)
 
     def _status(self, rings: Sequence[RingReader], duration: float, quiet: bool) -> StatusLine:
         status: StatusLine = self.scenario.rig.status(rings[0].columns, rings[1].columns, duration, quiet, self.blind)
@@ -239,7 +240,7 @@ class Session:
 
     def finish(self, interrupted: bool) -> dict[str, Any]:
         """Stop the services and finish the run file; return the summaries of the services. Raises InputError."""
-        bench, scenario, settings = self._bench, self._bench.scenario, self._bench.scenario.settings
+        bench = self._bench
         elapsed = time.monotonic() - self._began
         timing = self._services.end()
         plant, *controllers = [ring.read() for ring in self.rings]
@@ -247,12 +248,14 @@ class Session:
         timing["interrupted"] = interrupted
         timing["record_rows_lost"] = sum(ring.lost for ring in self.rings)
         if bench.lockstep:
-            timing["speed"] = timing["plant"]["samples"] / settings.rate / elapsed
-        mode = {"mode": "lock-step" if bench.lockstep else "real time"}
+            timing["speed"] = timing["plant"]["samples"] / bench.scenario.settings.rate / elapsed
         metadata = bench._metadata(timing)
-        metadata |= {"settings": settings.as_text() | mode, "bus": self.bus, "interrupted": interrupted}
-        metadata |= {"parameter_changes": _changes(timing)}
-        metadata |= {"scenario": scenario.name, "timing": timing}
+        metadata |= {
+            "bus": self.bus,
+            "interrupted": interrupted,
+            "parameter_changes": _changes(timing),
+            "timing": timing,
+        }
         self._recording.finish(metadata)
         return timing
 

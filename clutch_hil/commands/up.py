@@ -62,14 +62,11 @@ def up(
 ) -> None:
     """Start plant and controller, play a scenario or a profile, record, judge, draw."""
     from clutch_hil.bench.scenario import choose_scenario
+    from clutch_hil.bench.settings import select_settings
     from clutch_hil.bench.suite import run_one
     from clutch_hil.bench.up import Bench
 
-    given = {
-        "rate": rate, "profile": profile, "seconds": seconds, "plant_parameters": plant_parameters,
-        "controller_parameters": controller_parameters, "seed": seed, "temperature": temperature, "law": law,
-        "adaptation": adaptation, "out": out,
-    }  # fmt: skip
+    given = select_settings(locals())
     chosen = choose_scenario(scenario, given)
     if (view or web) and not telemetry:
         raise InputError("a viewer was asked for and --no-telemetry; allowed is one of them")

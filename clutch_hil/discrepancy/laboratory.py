@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 from clutch_hil.bench.in_memory import Values, compose_scenario
 from clutch_hil.bench.recording import run_path, writable
-from clutch_hil.bench.rig import rig_named
+from clutch_hil.bench.rig import DEFAULT_RIG, Rig, rig_named
 from clutch_hil.bench.run_file import read_run
 from clutch_hil.bench.scenario import Scenario, load_scenario
 from clutch_hil.bench.settings import RunSettings
@@ -22,9 +22,13 @@ from clutch_hil.discrepancy.models.wet_clutch_experiments import find
 from clutch_hil.live.live_bench import LiveBench
 from plant_sim.profiles.profile import load_profile
 from plant_sim.rigs import wet_clutch
+from protocols.buses.bus import resolve
 from protocols.errors import InputError
 from protocols.files.run import Run
 from protocols.realtime.stopping import Stop
+from protocols.telemetry.feed import ask, find_bench
+from protocols.telemetry.keys import Keys
+from protocols.telemetry.session import consumer_session
 
 
 class Laboratory(Protocol):
@@ -62,11 +66,21 @@ class RunningBench:
     """A bench that runs already, started with `--profile manual`, on `bus`; runs are recorded into the folder `out`.
 
     Oil temperature and rate are those of the bench. A run begins up to 30 s before the profile, as telemetry keeps 30 s.
+    Raises InputError where no bench publishes, or where its rig has no experiments, as one of two clutches.
     """
 
     bus: str
     out: Path
     blind: bool = False
+
+    def __post_init__(self) -> None:
+        """Raise InputError if it cannot play experiments."""
+        with consumer_session() as session:
+            bench = find_bench(session, resolve(self.bus))
+            about = ask(session, Keys(bench, "plant").describe, attempts=3)
+        if about is None:
+            raise InputError(f"the plant of bench {bench} does not describe itself; an experiment needs its telemetry")
+        _check_experiments(rig_named(about.get("rig", DEFAULT_RIG)))
 
     def play(self, experiment: Experiment, number: int, quiet: bool) -> Path:
         """See `Laboratory`."""
@@ -78,7 +92,7 @@ class RunningBench:
         path.with_name(path.name + ".part").unlink(missing_ok=True)  # the recorder creates it anew
         document, *_ = Demand(self.bus, profile).run(quiet)
         with Stop() as stop:
-            recorded = record(path, self.bus, None, 0.0, stop, lambda text: None, self.blind)
+            recorded = record(path, resolve(self.bus), None, 0.0, stop, lambda text: None, self.blind)
         return _require_sound(experiment, next(iter(recorded.files)), document["interrupted"])
 
 
@@ -135,8 +149,7 @@ def plant_under_test(
     if draw is None:
         given: dict[str, Any] = {"plant_parameters": changed, "seed": seed, "out": out}
         plant = load_scenario(scenario, given) if scenario else Scenario.of(RunSettings(**given))
-        if not isinstance(plant.rig.model(), Experimenting):
-            raise InputError(f"rig {plant.rig.name} has no bench that could play an experiment")
+        _check_experiments(plant.rig)
         yield plant
         return
     if scenario or changed:
@@ -149,6 +162,12 @@ def plant_under_test(
         path = Path(folder) / f"drawn-{draw}.toml"
         path.write_text("".join(f"{name} = {value!r}\n" for name, value in values.items()), encoding="utf-8")
         yield Scenario.of(RunSettings(plant_parameters=path, seed=seed, out=out))
+
+
+def _check_experiments(rig: Rig) -> None:
+    """Raise InputError where the benches of a rig cannot play experiments."""
+    if not isinstance(rig.model(), Experimenting):
+        raise InputError(f"rig {rig.name} has no bench that could play an experiment")
 
 
 def _require_sound(experiment: Experiment, path: Path, interrupted: bool) -> Path:

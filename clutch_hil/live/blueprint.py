@@ -12,6 +12,7 @@ from clutch_hil.live.dashboard import PLOTS, REST
 from clutch_hil.live.screen import EVENTS
 from clutch_hil.live.times import RIG_TIME, TIME
 from clutch_hil.live.torque import ERROR
+from protocols.can.two_clutches import CLUTCHES
 
 _TRAIL_SECONDS = 5.0  # s of the x-y plots; an engagement of the clutch takes less
 _AXES = ((-16.0, 200.0), (-104.0, 27.0))  # range of an x-y plot: its box and room for the tick labels
@@ -154,13 +155,13 @@ class _BenchViews:
 
     def _curve(self, number: int) -> rrb.Spatial2DView:
         curve = curves.curves()[number]
-        origin = f"{self.prefix}/{curve.path}"
+        trails = [curves.trail_path(curve, trail, clutch) for trail in curve.trails for clutch in CLUTCHES]
         tail = self._range(None if self.window is None else _TRAIL_SECONDS)
         return rrb.Spatial2DView(
-            origin=origin,
+            origin=f"{self.prefix}/{curve.path}",
             name=self._title(curve.title),
             visual_bounds=rrb.VisualBounds2D(x_range=_AXES[0], y_range=_AXES[1]),
-            overrides={f"{origin}/data/{trail.name}": VisibleTimeRanges(tail) for trail in curve.trails},
+            overrides={f"{self.prefix}/{trail}": VisibleTimeRanges(tail) for trail in trails},
         )
 
     def _scene(self) -> rrb.Spatial3DView:

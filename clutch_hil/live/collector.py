@@ -8,9 +8,11 @@ import numpy as np
 
 from clutch_hil.bench import clutch_state
 from clutch_hil.bench.direction import direction
-from clutch_hil.live.snapshot import NO_TIMES, QUANTITIES, NodeState, Percentiles, Snapshot
+from clutch_hil.live.dashboard import of_single_clutch
+from clutch_hil.live.snapshot import NO_TIMES, QUANTITIES, ClutchSnapshot, NodeState, Percentiles, Snapshot
 from protocols.can.fault_text import FaultWatch, clutch_of, waits_for_idle
 from protocols.can.frames import load_frames
+from protocols.can.two_clutches import CLUTCHES, CONTROLLERS
 from protocols.telemetry.batch import Batch
 from protocols.telemetry.keys import NODES
 
@@ -19,20 +21,28 @@ STALL_SECONDS = 0.5  # s without a row after which a service counts as stalled; 
 POINTS = 30  # characters of a sparkline: three a second
 _CHANGES = 3  # changes of parameters that are shown
 _TIMING = ("clock_s", "wake_us", "work_us", "late_cycles")
-_REQUEST_TERMS = ("phase", "request")
-_STATES = ("controller_fault", clutch_state.COLUMN)
+_SHOWN = (
+    {q.column for q in QUANTITIES}
+    | {f"controller_{name}" for name in ("phase", "request", "fault")}
+    | {clutch_state.COLUMN}
+)  # by the names that the columns of a single clutch have
 
 
 class _RecentRows:
-    """Rows of one start of a service, of the last WINDOW seconds, in the columns that are shown."""
+    """Rows of one start of a service, of the last WINDOW seconds, in the columns that are shown.
+
+    of_two: whether they are of a plant of two clutches.
+    """
 
     def __init__(self, batch: Batch) -> None:
-        wanted = {q.column for q in QUANTITIES} | {f"{batch.node}_{name}" for name in (*_TIMING, *_REQUEST_TERMS)}
-        wanted |= set(_STATES)
-        names = [column.name for column in batch.columns]
+        wanted = _SHOWN | {f"{node}_{name}" for node in ("plant", "controller") for name in _TIMING}
+        single = [of_single_clutch(column) for column in batch.columns]
+        if batch.node in CONTROLLERS:  # its columns need no clutch: they are all of one
+            single = [(name, "") for name, _ in single]
         self.session, self.rate = batch.session, batch.rate
-        self._index = [i for i, name in enumerate(names) if name in wanted]
-        self._place = {names[i]: place for place, i in enumerate(self._index)}
+        self.of_two = CLUTCHES[1] in {clutch for _, clutch in single}
+        self._index = [i for i, (name, _) in enumerate(single) if name in wanted]
+        self._place = {single[i]: place for place, i in enumerate(self._index)}
         self._pieces: deque[np.ndarray] = deque()
         self._count = 0
         self.newest = 0.0  # s, when the newest row came
@@ -51,9 +61,12 @@ class _RecentRows:
         """Shape (rows, columns), at most WINDOW seconds."""
         return np.concatenate(self._pieces)[-round(WINDOW * self.rate) :]
 
-    def column(self, rows: np.ndarray, name: str) -> np.ndarray:
-        """A column of `rows`; NaN when the service does not publish it."""
-        place = self._place.get(name)
+    def column(self, rows: np.ndarray, name: str, clutch: str = "") -> np.ndarray:
+        """A column of `rows` by the name that it has for a single clutch; NaN when the service does not publish it.
+
+        clutch: a or b, for a column of one of two clutches of a plant.
+        """
+        place = self._place.get((name, clutch))
         return rows[:, place] if place is not None else np.full(len(rows), np.nan)
 
 
@@ -101,47 +114,62 @@ class Collector:
 
     def list_silent(self) -> list[str]:
         """Nodes that run and have sent no row."""
-        return [node for node in NODES if self.alive.get(node) and node not in self._traces]
+        return [node for node in self._nodes() if self.alive.get(node) and node not in self._traces]
 
     def snapshot(self, now: float) -> Snapshot:
         """The bench at `now` [s]."""
         rows = {node: trace.rows() for node, trace in self._traces.items()}
-        values, traces = {}, {}
-        for quantity in QUANTITIES:
-            column = self._column(rows, quantity.node, quantity.column)
-            values[quantity.name] = float(column[-1]) if len(column) else float("nan")
-            traces[quantity.name] = self._decimate(quantity.node, column)
-        # the demand is a magnitude; it is drawn over the signed torque
-        traces["torque demand"] = traces["torque demand"] * direction(traces["slip"], traces["torque estimate"])
-        states = {node: self._node_state(node, rows.get(node), now) for node in NODES}
-        known = self.alive.get("controller", False)
+        plant, *controllers = self._nodes()
+        names = CLUTCHES if len(controllers) > 1 else ("",)
         return Snapshot(
             self._bench,
-            states,
-            self._state_name(rows, "controller_phase", self._phases) if known else None,
-            self._state_name(rows, "controller_fault", self._faults) if known else None,
-            self._state_name(rows, clutch_state.COLUMN, dict(enumerate(clutch_state.STATES))) if known else None,
-            values,
-            traces,
+            {node: self._node_state(node, rows.get(node), now) for node in (plant, *controllers)},
+            [self._clutch(rows, name, node) for name, node in zip(names, controllers, strict=True)],
             tuple(self._changes),
             next(reversed(self._fault_lines.values()), None),
-            any(self._waits_for_idle(rows, node) for node in ("controller", "controller_b") if self.alive.get(node)),
-            tuple(
-                self._fault_lines[node]
-                for node, watch in self._watches.items()
-                if watch.stands and self.alive.get(node)
-            ),
         )
 
-    def _waits_for_idle(self, rows: Mapping[str, np.ndarray], node: str) -> bool:
-        phase, request = (self._column(rows, node, f"{node}_{name}") for name in _REQUEST_TERMS)
-        return bool(len(phase)) and waits_for_idle(float(phase[-1]), float(request[-1]))
+    def _nodes(self) -> tuple[str, ...]:
+        """Nodes of the bench: clutch b's controller where it publishes, or where the plant has two clutches."""
+        second = CONTROLLERS[1]
+        plant = self._traces.get("plant")
+        of_two = second in self._traces or self.alive.get(second) is not None or (plant is not None and plant.of_two)
+        return (*NODES, second) if of_two else NODES
 
-    def _column(self, rows: Mapping[str, np.ndarray], node: str, name: str) -> np.ndarray:
-        return self._traces[node].column(rows[node], name) if node in rows else np.empty(0)
+    def _clutch(self, rows: Mapping[str, np.ndarray], name: str, controller: str) -> ClutchSnapshot:
+        values, traces = {}, {}
+        for quantity in QUANTITIES:
+            of_plant = quantity.node == "plant"
+            node = "plant" if of_plant else controller
+            column = self._column(rows, node, quantity.column, name if of_plant else "")
+            values[quantity.name] = float(column[-1]) if len(column) else float("nan")
+            traces[quantity.name] = self._decimate(node, column)
+        # the demand is a magnitude; it is drawn over the signed torque
+        traces["torque demand"] = traces["torque demand"] * direction(traces["slip"], traces["torque estimate"])
+        alive = self.alive.get(controller, False)
+        watch = self._watches.get(controller)
+        phase, request = (self._column(rows, controller, f"controller_{term}") for term in ("phase", "request"))
+        states = dict(enumerate(clutch_state.STATES))
+        return ClutchSnapshot(
+            name,
+            controller,
+            self._state_name(rows, controller, "controller_phase", self._phases) if alive else None,
+            self._state_name(rows, controller, "controller_fault", self._faults) if alive else None,
+            self._state_name(rows, controller, clutch_state.COLUMN, states) if alive else None,
+            values,
+            traces,
+            self._fault_lines.get(controller),
+            alive and watch is not None and watch.stands,
+            alive and bool(len(phase)) and waits_for_idle(float(phase[-1]), float(request[-1])),
+        )
 
-    def _state_name(self, rows: Mapping[str, np.ndarray], column: str, names: Mapping[int, str]) -> str | None:
-        values = self._column(rows, "controller", column)
+    def _column(self, rows: Mapping[str, np.ndarray], node: str, name: str, clutch: str = "") -> np.ndarray:
+        return self._traces[node].column(rows[node], name, clutch) if node in rows else np.empty(0)
+
+    def _state_name(
+        self, rows: Mapping[str, np.ndarray], controller: str, column: str, names: Mapping[int, str]
+    ) -> str | None:
+        values = self._column(rows, controller, column)
         if not len(values) or not np.isfinite(values[-1]):
             return None
         return names.get(int(values[-1]), f"{values[-1]:g}")
@@ -160,7 +188,8 @@ class Collector:
             stalled = self.last_rows.get(node, -1) >= 0
             return NodeState(("stalled" if stalled else "waiting") if alive else "absent")
         age = now - trace.newest
-        clock, wake, work, late = (trace.column(rows, f"{node}_{name}") for name in _TIMING)
+        kind = "plant" if node == "plant" else "controller"
+        clock, wake, work, late = (trace.column(rows, f"{kind}_{name}") for name in _TIMING)
         took = clock[-1] - clock[0]
         return NodeState(
             "gone" if not alive else "stalled" if age > STALL_SECONDS else "running",

@@ -1,9 +1,12 @@
 """Curves: torque over pressure and over slip as x-y plots. rerun has none, so their axes are drawn in a 2-D view.
 
+Two clutches have their trails in the same plots.
+
 Trails are logged in data units below a transform into the box of the plot. When data leave the axes, transform and axes change
 together, and old trails stay correct.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -12,6 +15,7 @@ import rerun as rr
 
 from clutch_hil.bench import palette
 from clutch_hil.live.canvas import Canvas
+from clutch_hil.live.clutch_batches import path_suffix
 from clutch_hil.live.decimator import Decimator
 from clutch_hil.live.times import Times
 from protocols.telemetry.batch import Batch
@@ -43,7 +47,7 @@ class Curve:
 
 
 def curves() -> tuple[Curve, ...]:
-    """The two curves of a clutch. The axes begin with the reach of the engagement profile."""
+    """The two x-y plots. The axes begin with the reach of the engagement profile."""
     return (
         Curve("torque_over_pressure", "torque over pressure", ("pressure [bar]", "torque [Nm]"), np.array([4.0, 20.0]), (
             Trail("estimate", "controller_pressure_bar", "controller_torque_estimate_nm"),
@@ -57,20 +61,29 @@ def curves() -> tuple[Curve, ...]:
 
 
 class Curves:
-    """Logs pieces of the trails and a dot at the present."""
+    """Logs pieces of the trails of a clutch, a or b, and a dot at the present. The plots `drawn` are those of all clutches."""
 
-    def __init__(self, canvas: Canvas) -> None:
-        self._canvas = canvas
-        self._curves = curves()
+    def __init__(self, canvas: Canvas, drawn: Sequence[Curve], clutch: str) -> None:
+        self._canvas, self._clutch = canvas, clutch
+        self._curves = drawn
         self._paces: dict[str, Decimator] = {}
         self._ends: dict[
             str, np.ndarray
         ] = {}  # by trail: points not yet logged, the first is the end of the last piece
 
     def open(self) -> None:
-        """Log the axes."""
+        """Log the axes, and the colours of the trails."""
         for curve in self._curves:
             self._draw_axes(curve)
+            for level, trail in enumerate(curve.trails):
+                path = self._path(curve, trail)
+                colour = [palette.rgba(palette.of_clutch(palette.of(trail.y), self._clutch))]
+                order = level + 1.0  # the later over the earlier
+                line, dot = rr.Radius.ui_points(1.2), rr.Radius.ui_points(4.5)
+                self._canvas.log_static(path, rr.LineStrips2D.from_fields(colors=colour, radii=line, draw_order=order))
+                self._canvas.log_static(
+                    f"{path}/now", rr.Points2D.from_fields(colors=colour, radii=dot, draw_order=order)
+                )
 
     def log(self, batch: Batch, times: Times) -> None:
         """Log the pieces of trail that the rows complete."""
@@ -82,7 +95,7 @@ class Curves:
                     self._log_trail(curve, trail, points, times, batch.rate)
 
     def _log_trail(self, curve: Curve, trail: Trail, points: np.ndarray, times: Times, rate: float) -> None:
-        path = f"{curve.path}/data/{trail.name}"
+        path = self._path(curve, trail)
         stride = max(1, round(rate / _POINT_RATE))
         cuts = self._paces.setdefault(path, Decimator(_PIECE_RATE)).pick(times)
         begin, rest = 0, self._ends.get(path, np.empty((0, 2)))
@@ -136,12 +149,14 @@ class Curves:
         texts += curve.labels
         labels = rr.Points2D(marks, labels=texts, colors=[palette.rgba(palette.TEXT)], radii=0.0, show_labels=True)
         self._canvas.log_static(f"{curve.path}/labels", labels)
-        for level, trail in enumerate(curve.trails):
-            path = f"{curve.path}/data/{trail.name}"
-            color, order = [palette.rgba(palette.of(trail.y))], level + 1.0  # the later over the earlier
-            line, dot = rr.Radius.ui_points(1.2), rr.Radius.ui_points(4.5)
-            self._canvas.log_static(path, rr.LineStrips2D.from_fields(colors=color, radii=line, draw_order=order))
-            self._canvas.log_static(f"{path}/now", rr.Points2D.from_fields(colors=color, radii=dot, draw_order=order))
+
+    def _path(self, curve: Curve, trail: Trail) -> str:
+        return trail_path(curve, trail, self._clutch)
+
+
+def trail_path(curve: Curve, trail: Trail, clutch: str) -> str:
+    """Entity path of the trail of a clutch, a or b."""
+    return f"{curve.path}/data/{trail.name}{path_suffix(clutch)}"
 
 
 def _round_step(step: float) -> float:

@@ -46,7 +46,7 @@ def torque_profile(
     rise = max(abs(torque - begin) / ramp, 1.0 / RATE)
     times = 0.0, IDLE_FIRST, IDLE_FIRST + rise, LATEST_TIME
     profile = Profile(f"{torque:g} Nm", times, (begin, begin, torque, torque), (speed,) * 4)
-    return profile if seconds is None else profile.lasting(seconds)
+    return profile if seconds is None else profile.repeat_to(seconds)
 
 
 def pressure_profile(
@@ -62,14 +62,14 @@ def pressure_profile(
     filled = IDLE_FIRST + least
     time = (0.0, IDLE_FIRST, filled, filled + max(abs(pressure - first) / ramp, least), LATEST_TIME)
     profile = Profile(f"{pressure:g} bar", time, (0.0,) * 5, (speed,) * 5, (begin, begin, first, pressure, pressure))
-    return profile if seconds is None else profile.lasting(seconds)
+    return profile if seconds is None else profile.repeat_to(seconds)
 
 
 def lock_profile(speed: float, seconds: float | None) -> Profile:
     """Profile of a locked clutch, at a motor speed [rad/s], for `seconds`, None for ever. Raises InputError."""
     _check_speed(speed)
     profile = Profile("lock", (0.0, LATEST_TIME), (0.0, 0.0), (speed, speed), lock=(1.0, 1.0))
-    return profile if seconds is None else profile.lasting(seconds)
+    return profile if seconds is None else profile.repeat_to(seconds)
 
 
 def _check(name: str, value: float, limit: float, unit: str, speed: float, ramp: float) -> None:

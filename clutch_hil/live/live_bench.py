@@ -15,7 +15,7 @@ import zenoh
 from clutch_hil.bench.in_memory import Values, compose_scenario
 from clutch_hil.bench.run_file import read_run
 from clutch_hil.bench.scenario import Scenario
-from clutch_hil.bench.settings import MANUAL
+from clutch_hil.bench.settings import MANUAL, select_settings
 from clutch_hil.bench.up import POLL, Bench
 from clutch_hil.live.catalogue import assignments
 from clutch_hil.live.demand import lock_profile, pressure_profile, torque_profile
@@ -28,10 +28,10 @@ from protocols.errors import InputError
 from protocols.files.run import Run
 from protocols.realtime.stopping import Stop
 from protocols.telemetry.feed import list_live_nodes
-from protocols.telemetry.keys import NODES, bench_name
+from protocols.telemetry.keys import bench_name
 from protocols.telemetry.session import consumer_session
 
-_TELEMETRY = 10.0  # s for both services to publish; they begin to publish before they run
+_TELEMETRY = 10.0  # s for all services to publish; they begin to publish before they run
 
 
 def start_bench(
@@ -61,11 +61,9 @@ def start_bench(
     Use it as a context manager, in the main thread: the processes end however the block is left. In real time the program
     keeps off the CPU of the processes. No run file is kept. Raises InputError.
     """
-    settings = {
-        "profile": profile or (None if scenario else MANUAL), "seconds": seconds, "rate": rate, "seed": seed,
-        "temperature": temperature, "law": law, "adaptation": adaptation, "plant_parameters": plant_parameters,
-        "controller_parameters": controller_parameters,
-    }  # fmt: skip
+    settings = select_settings(locals())
+    if not (scenario or profile):
+        settings["profile"] = MANUAL
     return LiveBench(compose_scenario(scenario, settings, plant, controller, effects), bus, lockstep)
 
 
@@ -78,6 +76,7 @@ class LiveBench:
         self._values: dict[str, float] = {}
         self._telemetry: tuple[zenoh.Session, str] | None = None
         self._driver: Driver | None = None
+        self._nodes = {"plant", *scenario.rig.plant.controllers}
         with ExitStack() as stack:
             folder = Path(stack.enter_context(TemporaryDirectory()))
             scenario = replace(scenario, settings=replace(scenario.settings, out=folder))
@@ -250,7 +249,7 @@ class LiveBench:
         if self._telemetry is None:
             session, name = self._stack.enter_context(consumer_session()), bench_name(self._session.bus)
             deadline = time.monotonic() + _TELEMETRY
-            while not set(NODES) <= set(list_live_nodes(session, name)):
+            while not self._nodes <= set(list_live_nodes(session, name)):
                 self._check()
                 if time.monotonic() > deadline:
                     raise InputError(f"the services on {self._session.bus} did not publish within {_TELEMETRY:g} s")

@@ -54,7 +54,7 @@ def watch(
             screen.show(collector, now)
         snapshot = collector.snapshot(time.monotonic())
     troubles = snapshot.troubles()
-    verdict = "; ".join(troubles) or f"{_list_states(snapshot)}, phase {snapshot.phase}, no fault"
+    verdict = "; ".join(troubles) or f"{_list_states(snapshot)}, {_list_phases(snapshot)}, no fault"
     text = f"read:    telemetry of {bus_of(bench)} for {elapsed:.1f} s\nwrote:   nothing"
     if once:
         text = f"{_render_text(snapshot)}\n{text}"
@@ -65,11 +65,15 @@ def _list_states(snapshot: Snapshot) -> str:
     return ", ".join(f"{name} {state.state}" for name, state in snapshot.nodes.items() if state.state != "absent")
 
 
+def _list_phases(snapshot: Snapshot) -> str:
+    return ", ".join(f"phase {f'of {c.name} ' if c.name else ''}{c.phase}" for c in snapshot.clutches)
+
+
 def _render_text(snapshot: Snapshot) -> str:
     """The screen as text, in the colours the terminal has."""
     console = Console(width=80)
     with console.capture() as capture:
-        console.print(draw_snapshot(snapshot))
+        console.print(draw_snapshot(snapshot, console.width))
     return capture.get().rstrip("\n")
 
 
@@ -98,6 +102,6 @@ class _Screen:
         self._next = now + self._every
         snapshot = collector.snapshot(now)
         if self._console.is_terminal:
-            self._live.update(draw_snapshot(snapshot), refresh=True)
+            self._live.update(draw_snapshot(snapshot, self._console.width), refresh=True)
         else:
             print(snapshot_line(snapshot), flush=True)

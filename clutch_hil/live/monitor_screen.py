@@ -1,5 +1,6 @@
 """Monitor screen: a snapshot on 80 x 24 characters, or on one line."""
 
+from collections.abc import Sequence
 from datetime import datetime
 
 import numpy as np
@@ -12,32 +13,25 @@ from clutch_hil.bench import palette
 from clutch_hil.bench.bars import bar, sparkline
 from clutch_hil.live.catalogue import with_unit
 from clutch_hil.live.collector import POINTS, WINDOW
-from clutch_hil.live.snapshot import QUANTITIES, Snapshot
+from clutch_hil.live.snapshot import QUANTITIES, ClutchSnapshot, Quantity, Snapshot
 from protocols.can.fault_text import WAITS_FOR_IDLE
 from protocols.telemetry.keys import bus_of
 
 _LEAST_RANGE = 0.05  # of the full scale, from bottom to top of a sparkline, so that noise looks small
+_WIDE = (
+    120  # columns of a terminal in which the lines of two clutches have all their points side by side: 108 are needed
+)
 
 
-def draw_snapshot(snapshot: Snapshot) -> Group:
-    """A snapshot as a screen of 80 x 24."""
-    phase = Text.assemble(
-        ("phase ", palette.DIM),
-        (snapshot.phase or "-", palette.badge(snapshot.phase)),
-        ("   clutch ", palette.DIM),
-        (snapshot.clutch or "-", palette.badge(snapshot.clutch)),
-        ("   fault ", palette.DIM),
-        (snapshot.fault or "-", palette.badge(snapshot.fault)),
-        (f"   {_notice(snapshot)}", palette.NOTICE),
-        no_wrap=True,
-        overflow="ellipsis",
-    )
+def draw_snapshot(snapshot: Snapshot, width: int = 80) -> Group:
+    """A snapshot as a screen of `width` x 24, 80 or more wide; what is wider than 80 is used for the lines of two clutches."""
+    two = len(snapshot.clutches) > 1
     return Group(
         _rule(f"clutch-hil monitor, {bus_of(snapshot.bench)}"),
         _services(snapshot),
-        phase,
+        *(_state(clutch) for clutch in snapshot.clutches),
         _rule(f"now, and the last {WINDOW:g} s"),
-        _quantities(snapshot),
+        _quantities_of_two(snapshot.clutches, width) if two else _quantities(snapshot.clutches[0]),
         _rule(f"loop timing of the last {WINDOW:g} s [us]"),
         _timing(snapshot),
         _rule("last changes of parameters"),
@@ -45,8 +39,19 @@ def draw_snapshot(snapshot: Snapshot) -> Group:
     )
 
 
-def _notice(snapshot: Snapshot) -> str:
-    return WAITS_FOR_IDLE if snapshot.waits_for_idle else snapshot.last_fault or ""
+def _state(clutch: ClutchSnapshot) -> Text:
+    return Text.assemble(
+        (f"{clutch.name}  " if clutch.name else "", "bold"),
+        ("phase ", palette.DIM),
+        (clutch.phase or "-", palette.badge(clutch.phase)),
+        ("   clutch ", palette.DIM),
+        (clutch.state or "-", palette.badge(clutch.state)),
+        ("   fault ", palette.DIM),
+        (clutch.fault or "-", palette.badge(clutch.fault)),
+        (f"   {clutch.notice}", palette.NOTICE),
+        no_wrap=True,
+        overflow="ellipsis",
+    )
 
 
 def _rule(title: str) -> Rule:
@@ -67,28 +72,65 @@ def _services(snapshot: Snapshot) -> Table:
     return table
 
 
-def _quantities(snapshot: Snapshot) -> Table:
+def _quantities(clutch: ClutchSnapshot) -> Table:
     table = _grid(16, 8, 6, 14, 1, POINTS)
     table.columns[1].justify = "right"
     for quantity in QUANTITIES:
-        value, trace = snapshot.values[quantity.name], snapshot.traces[quantity.name]
-        shared = np.concatenate([snapshot.traces[q.name] for q in QUANTITIES if q.group == quantity.group])
-        low = float(np.nanmin(shared, initial=quantity.full))
-        high = max(float(np.nanmax(shared, initial=0.0)), low + _LEAST_RANGE * quantity.full)
-        colour = palette.of(quantity.column)
+        value, colour = clutch.values[quantity.name], palette.of(quantity.column)
         table.add_row(
             Text(quantity.name, palette.DIM),
-            Text("-" if np.isnan(value) else f"{value:.2f}", "bold"),
-            "" if quantity.unit == "1" else quantity.unit,
+            _value(value),
+            _unit(quantity),
             bar(value, quantity.full, 14, colour),
             "",
-            Text(sparkline(trace, low, high), colour),
+            _trace(quantity, clutch, [clutch], 1),
         )
     return table
 
 
+def _quantities_of_two(clutches: Sequence[ClutchSnapshot], width: int) -> Table:
+    """Values and lines of two clutches, with one scale for both; in a narrow terminal a line has every second point."""
+    step = 1 if width >= _WIDE else 2
+    table = _grid(16, 8, 8, 6, 1, POINTS // step, 1, POINTS // step)
+    for column in table.columns[1:3]:
+        column.justify = "right"
+    names = [Text(clutch.name, palette.DIM) for clutch in clutches]
+    table.add_row("", *names, "", "", names[0], "", names[1])
+    for quantity in QUANTITIES:
+        if quantity.group == "level":  # two clutches have no adaptation, so it is constant
+            continue
+        first, second = (_trace(quantity, clutch, clutches, step) for clutch in clutches)
+        table.add_row(
+            Text(quantity.name, palette.DIM),
+            *(_value(clutch.values[quantity.name]) for clutch in clutches),
+            _unit(quantity),
+            "",
+            first,
+            "",
+            second,
+        )
+    return table
+
+
+def _trace(quantity: Quantity, clutch: ClutchSnapshot, scaled: Sequence[ClutchSnapshot], step: int) -> Text:
+    """A line of the last 10 s with every `step`-th point, on the scale that the quantity's group has in all of `scaled`."""
+    shared = np.concatenate([each.traces[q.name] for each in scaled for q in QUANTITIES if q.group == quantity.group])
+    low = float(np.nanmin(shared, initial=quantity.full))
+    high = max(float(np.nanmax(shared, initial=0.0)), low + _LEAST_RANGE * quantity.full)
+    newest_last = clutch.traces[quantity.name][step - 1 :: step]
+    return Text(sparkline(newest_last, low, high), palette.of(quantity.column))
+
+
+def _value(value: float) -> Text:
+    return Text("-" if np.isnan(value) else f"{value:.2f}", "bold")
+
+
+def _unit(quantity: Quantity) -> str:
+    return "" if quantity.unit == "1" else quantity.unit
+
+
 def _timing(snapshot: Snapshot) -> Table:
-    table = _grid(10, 9, 6, 6, 11, 6, 6, 6, 1, 10)
+    table = _grid(12, 8, 6, 6, 10, 6, 6, 6, 1, 10)
     for column in table.columns[1:-1]:
         column.justify = "right"
     head = ("", "wake p50", "p99", "max", "work p50", "p99", "max", "late", "", "p99/period")
@@ -132,13 +174,21 @@ def _number(value: float, form: str) -> str:
 def snapshot_line(snapshot: Snapshot) -> str:
     """A snapshot on one line."""
     states = "  ".join(f"{name} {state.state}" for name, state in snapshot.nodes.items())
-    value = snapshot.values
+    clutches = "".join(_clutch_words(clutch) for clutch in snapshot.clutches)
     return (
-        f"{states}  {snapshot.phase or '-'}  {snapshot.clutch or '-'}  fault {snapshot.fault or '-'}"
-        f"  torque demand {value['torque demand']:.2f} estimate {value['torque estimate']:.2f}"
-        f" true {value['torque true']:.2f} Nm  pressure {value['pressure']:.2f} bar  slip {value['slip']:.2f} rad/s"
+        f"{states}{clutches}"
         f"  late {sum(state.late for state in snapshot.nodes.values())}"
         f"  lost {sum(state.lost for state in snapshot.nodes.values())}"
         f"{f'  {WAITS_FOR_IDLE}' if snapshot.waits_for_idle else ''}"
         f"{f'  last {snapshot.last_fault}' if snapshot.last_fault else ''}"
+    )
+
+
+def _clutch_words(clutch: ClutchSnapshot) -> str:
+    value = clutch.values
+    return (
+        f"  {f'{clutch.name}: ' if clutch.name else ''}{clutch.phase or '-'}  {clutch.state or '-'}"
+        f"  fault {clutch.fault or '-'}"
+        f"  torque demand {value['torque demand']:.2f} estimate {value['torque estimate']:.2f}"
+        f" true {value['torque true']:.2f} Nm  pressure {value['pressure']:.2f} bar  slip {value['slip']:.2f} rad/s"
     )

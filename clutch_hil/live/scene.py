@@ -18,13 +18,15 @@ from clutch_hil.live.canvas import Canvas
 from clutch_hil.live.decimator import Decimator
 from clutch_hil.live.solids import revolve, ring_profile
 from clutch_hil.live.times import Times
+from protocols.can.two_clutches import CLUTCHES
 from protocols.files.parameters import load_defaults
 from protocols.telemetry.batch import Batch
 
 PATH = "scene"
 EYE, TARGET = (5.5, -5.0, 2.1), (2.75, 0.0, -0.1)  # seen from the shaft's side, a little from above
 RATE = 25.0  # Hz: smooth for the eye
-_COLUMNS = ("truth_piston_position_m", "truth_cylinder_pressure_bar", "truth_clutch_torque_nm", "shaft_angle_rad")
+_COLUMNS = ("truth_piston_position_m", "truth_cylinder_pressure_bar", "truth_clutch_torque_nm")
+_ANGLES = ("shaft_angle_rad", "slip_angle_rad")  # of the shaft: with a fixed output, and against a turning output
 _PRESSURE, _TORQUE = 4.0, 20.0  # bar, Nm, at full colour: the reach of the curves' axes
 
 # Drawing units along the axis; radii likewise.
@@ -35,12 +37,17 @@ _STACK = 2.65  # end of the rod at rest, where the first gap begins
 _PLATES, _THICKNESS = 3, 0.16  # friction plates, each between two steel plates
 _BORE = 1.5  # radius of the cylinder
 
+_SCALE, _HEIGHTS = (
+    0.65,
+    (1.3, -1.4),
+)  # of two clutches: their size, and the heights of a and b, which fill the same view
+
 
 class Scene:
-    """Logs the moving parts at RATE."""
+    """Logs the moving parts of a clutch, a or b, at RATE. Where there is a clutch b, both are smaller, a above b."""
 
-    def __init__(self, canvas: Canvas) -> None:
-        self._canvas = canvas
+    def __init__(self, canvas: Canvas, clutch: str) -> None:
+        self._canvas, self._clutch, self._path = canvas, clutch, f"{PATH}/{clutch}"
         self._pace = Decimator(RATE)
         file = Path(plant_sim.__file__).with_name("parameters") / "janssens2010.toml"
         self._clearance = load_defaults(file)["piston.clearance"].si
@@ -52,42 +59,55 @@ class Scene:
         housing, steel, dark = map(rgba, (palette.HOUSING, palette.STEEL, palette.DRUM))
         white = rgba(palette.PAPER)
         end = _STACK + _STROKE + (2 * _PLATES + 1) * _THICKNESS
-        send(f"{PATH}/housing/bottom", half(ring_profile(-0.25, 0.25, 0.0, _BORE + 0.2), housing))
-        send(f"{PATH}/housing/cylinder", half(ring_profile(0.0, 2.0, _BORE, _BORE + 0.2), housing))
-        send(f"{PATH}/housing/wall", half(ring_profile(1.8, 0.2, 0.85, _BORE), housing))
-        send(f"{PATH}/housing/drum", half(ring_profile(2.0, end - 2.0 + 0.25, _BORE, _BORE + 0.2), dark))
-        send(f"{PATH}/housing/end", half(ring_profile(end, 0.25, 0.55, _BORE), housing))
-        send(f"{PATH}/oil", revolve(ring_profile(0.0, 1.0, 0.0, _BORE - 0.02), white))
-        send(f"{PATH}/piston/head", revolve(ring_profile(_CHAMBER, _PISTON, 0.0, _BORE - 0.02), steel))
+        send(f"{self._path}/housing/bottom", half(ring_profile(-0.25, 0.25, 0.0, _BORE + 0.2), housing))
+        send(f"{self._path}/housing/cylinder", half(ring_profile(0.0, 2.0, _BORE, _BORE + 0.2), housing))
+        send(f"{self._path}/housing/wall", half(ring_profile(1.8, 0.2, 0.85, _BORE), housing))
+        send(f"{self._path}/housing/drum", half(ring_profile(2.0, end - 2.0 + 0.25, _BORE, _BORE + 0.2), dark))
+        send(f"{self._path}/housing/end", half(ring_profile(end, 0.25, 0.55, _BORE), housing))
+        send(f"{self._path}/oil", revolve(ring_profile(0.0, 1.0, 0.0, _BORE - 0.02), white))
+        send(f"{self._path}/piston/head", revolve(ring_profile(_CHAMBER, _PISTON, 0.0, _BORE - 0.02), steel))
         send(
-            f"{PATH}/piston/rod",
+            f"{self._path}/piston/rod",
             revolve(ring_profile(_CHAMBER + _PISTON, _STACK - _CHAMBER - _PISTON - 0.2, 0.45, 0.62), steel),
         )
-        send(f"{PATH}/piston/plate", revolve(ring_profile(_STACK - 0.2, 0.2, 0.45, 1.4), steel))
+        send(f"{self._path}/piston/plate", revolve(ring_profile(_STACK - 0.2, 0.2, 0.45, 1.4), steel))
         turns = np.linspace(0.0, 2 * pi * 5, 161)
         coil = np.stack([turns / turns[-1], 1.05 * np.cos(turns), 1.05 * np.sin(turns)], axis=1)
-        send(f"{PATH}/spring", rr.LineStrips3D([coil], colors=[rgba(palette.SPRING)], radii=0.045))
-        send(f"{PATH}/steel", revolve(ring_profile(0.0, _THICKNESS, 0.75, _BORE - 0.03), steel))
+        send(f"{self._path}/spring", rr.LineStrips3D([coil], colors=[rgba(palette.SPRING)], radii=0.045))
+        send(f"{self._path}/steel", revolve(ring_profile(0.0, _THICKNESS, 0.75, _BORE - 0.03), steel))
         send(
-            f"{PATH}/rotor/friction",
+            f"{self._path}/rotor/friction",
             revolve(ring_profile(0.0, _THICKNESS, 0.4, 1.3), white, stripe=rgba(palette.PLATE_STRIPE)),
         )
         send(
-            f"{PATH}/rotor/shaft",
+            f"{self._path}/rotor/shaft",
             revolve(ring_profile(0.9, end + 1.0 - 0.9, 0.0, 0.32), dark, stripe=rgba(palette.SHAFT_STRIPE)),
         )
-        send(f"{PATH}/rotor/flange", revolve(ring_profile(end + 0.75, 0.25, 0.32, 1.0), dark, stripe=steel))
+        if self._clutch != CLUTCHES[0]:
+            self._place_both()
+        send(f"{self._path}/rotor/flange", revolve(ring_profile(end + 0.75, 0.25, 0.32, 1.0), dark, stripe=steel))
 
     def log(self, batch: Batch, times: Times) -> None:
         """Log the frames among the rows."""
-        if not set(_COLUMNS) <= {column.name for column in batch.columns}:
+        names = {column.name for column in batch.columns}
+        angle_name = next((name for name in _ANGLES if name in names), None)
+        if angle_name is None or not set(_COLUMNS) <= names:
             return
         rows = self._pace.pick(times)
-        position, pressure, torque, angle = (batch[name][rows] for name in _COLUMNS)
+        position, pressure, torque, angle = (batch[name][rows] for name in (*_COLUMNS, angle_name))
         known = np.isfinite(position + pressure + torque + angle)
         if not known.any():
             return
         self._draw(position[known], pressure[known], torque[known], angle[known], times[rows[known]])
+
+    def _place_both(self) -> None:
+        """Log the places and names of two clutches."""
+        for clutch, height in zip(CLUTCHES, _HEIGHTS, strict=True):
+            middle = (1.0 - _SCALE) * TARGET[0]  # x, so that the middle stays where the eye looks
+            place = rr.Transform3D(translation=[middle, 0.0, height], scale=_SCALE)
+            name = rr.Points3D([[0.0, 0.0, _BORE + 0.4]], labels=[clutch], colors=[rgba(palette.TEXT)], radii=0.0)
+            self._canvas.log_static(f"{PATH}/{clutch}", place)
+            self._canvas.log_static(f"{PATH}/{clutch}/name", name)
 
     def _draw(
         self, position: np.ndarray, pressure: np.ndarray, torque: np.ndarray, angle: np.ndarray, times: Times
@@ -97,14 +117,14 @@ class Scene:
         send = self._canvas.send
         oil = _blend(palette.COLD_OIL, palette.PRESSED_OIL, pressure / _PRESSURE)
         scale = np.stack([_CHAMBER + stroke, one, one], axis=1)
-        send(f"{PATH}/oil", times, [*rr.Transform3D.columns(scale=scale), *rr.Mesh3D.columns(albedo_factor=oil)])
+        send(f"{self._path}/oil", times, [*rr.Transform3D.columns(scale=scale), *rr.Mesh3D.columns(albedo_factor=oil)])
         along = np.stack([stroke, zero, zero], axis=1)
-        send(f"{PATH}/piston", times, rr.Transform3D.columns(translation=along))
+        send(f"{self._path}/piston", times, rr.Transform3D.columns(translation=along))
         head = _CHAMBER + _PISTON + stroke  # the spring stands between piston and wall
         spring = rr.Transform3D.columns(
             translation=np.stack([head, zero, zero], axis=1), scale=np.stack([1.8 - head, one, one], axis=1)
         )
-        send(f"{PATH}/spring", times, spring)
+        send(f"{self._path}/spring", times, spring)
 
         # the remaining stroke is shared equally by all gaps
         count = 2 * _PLATES + 1
@@ -113,13 +133,13 @@ class Scene:
         x = (_STACK + stroke)[:, None] + gap[:, None] * (number + 1) + _THICKNESS * number
         shift = np.zeros((len(stroke), count, 3))
         shift[..., 0] = x
-        send(f"{PATH}/steel", times, _poses(shift[:, 0::2]))
+        send(f"{self._path}/steel", times, _poses(shift[:, 0::2]))
         glow = _blend(palette.COLD_PLATE, palette.LOADED_PLATE, np.abs(torque) / _TORQUE)
         tint = rr.Mesh3D.columns(albedo_factor=glow)
-        send(f"{PATH}/rotor/friction", times, [*_poses(shift[:, 1::2]), *tint])
+        send(f"{self._path}/rotor/friction", times, [*_poses(shift[:, 1::2]), *tint])
         half = angle / 2.0
         turn = np.stack([np.sin(half), zero, zero, np.cos(half)], axis=1)
-        send(f"{PATH}/rotor", times, rr.Transform3D.columns(quaternion=turn))
+        send(f"{self._path}/rotor", times, rr.Transform3D.columns(quaternion=turn))
 
 
 def _poses(shift: np.ndarray) -> rr.ComponentColumnList:

@@ -1,17 +1,21 @@
 """Screen: logs everything that is shown of one bench into a rerun recording."""
 
+from typing import Protocol
+
 import numpy as np
 import rerun as rr
 
 from clutch_hil.bench import palette
 from clutch_hil.live.canvas import Canvas, scalar_columns
-from clutch_hil.live.curves import Curves
+from clutch_hil.live.clutch_batches import split_by_clutch
+from clutch_hil.live.curves import Curves, curves
 from clutch_hil.live.dashboard import LIGHT, Place, places
 from clutch_hil.live.decimator import Decimator
 from clutch_hil.live.scene import Scene
 from clutch_hil.live.states import States
 from clutch_hil.live.times import RIG_TIME, TIME, Times, times
 from clutch_hil.live.torque import TorqueDemand, TorqueError
+from protocols.can.two_clutches import CLUTCHES
 from protocols.errors import InputError
 from protocols.node import Column
 from protocols.telemetry.batch import Batch
@@ -19,6 +23,16 @@ from protocols.telemetry.batch import Batch
 EVENTS = "events"
 DEADLINE = "timing/deadline"
 TIMELINES = (TIME, RIG_TIME)
+
+
+class Part(Protocol):
+    """What is drawn of a clutch, from rows with the column names of a single clutch."""
+
+    def open(self) -> None:
+        """Log what has no time."""
+
+    def log(self, batch: Batch, times: Times) -> None:
+        """Log the rows of a batch at their times."""
 
 
 class Screen:
@@ -35,10 +49,10 @@ class Screen:
         if timeline not in TIMELINES:
             raise InputError(f"timeline {timeline!r} is unknown; allowed are {', '.join(TIMELINES)}")
         self._live = timeline == TIME
-        self._canvas = canvas = Canvas(recording, prefix)
+        self._canvas = Canvas(recording, prefix)
         self._light = light
-        more = () if light else (TorqueError(canvas), Scene(canvas))
-        self._parts = (States(canvas), Curves(canvas), TorqueDemand(canvas), *more)
+        self._curves = curves()  # one pair for all clutches
+        self._parts = {CLUTCHES[0]: self._new_parts(CLUTCHES[0])}  # by clutch; those of b begin with its first rows
         self._places: dict[str, tuple[tuple[Column, ...], list[Place]]] = {}  # by node, as announced
         self._last: dict[str, tuple[float, Times]] = {}  # rate and times of the newest batch by node
         self._sessions: dict[str, int] = {}  # by node
@@ -48,8 +62,9 @@ class Screen:
     def open(self) -> None:
         """Log what has no time: shapes, axes, names, colours. Once more after a reconnect."""
         self._places.clear()
-        for part in self._parts:
-            part.open()
+        for parts in self._parts.values():
+            for part in parts:
+                part.open()
         limit = rr.SeriesLines(names=["deadline [us]"], colors=[palette.rgba(palette.LIMIT)], widths=[1.0])
         self._canvas.log_static(DEADLINE, limit)
         self._canvas.log_static(EVENTS, rr.TextLog.from_fields(color=palette.rgba(palette.TEXT)))
@@ -65,8 +80,13 @@ class Screen:
         if batch.node == self._deadline_of and any("_work_us" in column.name for column in batch.columns):
             ends = when[self._deadlines.pick(when)]
             self._canvas.send(DEADLINE, ends, scalar_columns(np.full((len(ends), 1), 1e6 / batch.rate)))
-        for part in self._parts:
-            part.log(batch, when)
+        for clutch, own in split_by_clutch(batch):
+            if clutch not in self._parts:
+                self._parts[clutch] = self._new_parts(clutch)
+                for part in self._parts[clutch]:
+                    part.open()
+            for part in self._parts[clutch]:
+                part.log(own, when)
         if self._sessions.get(batch.node) != batch.session:
             self._sessions[batch.node] = batch.session
             signals = f"{batch.rate:g} Hz, {len(batch.columns)} signals"
@@ -83,6 +103,12 @@ class Screen:
             rig = int(last.rig[-1]) + round((row - int(last.row[-1])) * 1e9 / rate)
         unix = np.array([round(event["time"] * 1e9)]) if self._live else None
         self._note(Times(np.array([row]), np.array([rig]), unix), text)
+
+    def _new_parts(self, clutch: str) -> tuple[Part, ...]:
+        """What is drawn of a clutch, a or b."""
+        canvas = self._canvas
+        more = () if self._light else (TorqueError(canvas, clutch), Scene(canvas, clutch))
+        return (States(canvas, clutch), Curves(canvas, self._curves, clutch), TorqueDemand(canvas, clutch), *more)
 
     def _announce(self, batch: Batch) -> list[Place]:
         """Places of a batch's columns; log their names, units and colours if they are new."""

@@ -59,38 +59,66 @@ class NodeState:
 
 
 @dataclass(frozen=True)
-class Snapshot:
-    """A bench at one instant.
+class ClutchSnapshot:
+    """A clutch and its controller at one instant.
 
-    values, traces: by name of QUANTITIES; a trace has shape (points,) and covers the last 10 s. A torque demand is a magnitude;
-    in its trace it has the sign of the slip. phase, fault, clutch (open, sliding, sticking, locked): None when they are not
-    known, because no controller runs.
+    name: a or b; empty for a single clutch. controller: its node. phase, fault, state (open, sliding, sticking, locked): None
+    when they are not known, because the controller does not run. values, traces: by name of QUANTITIES; a trace has shape
+    (points,) and covers the last 10 s. A torque demand is a magnitude; in its trace it has the sign of the slip. last_fault:
+    the line of the last fault that came, with time, reason and values; fault_stands: it is not cleared.
+    """
+
+    name: str
+    controller: str
+    phase: str | None
+    fault: str | None
+    state: str | None
+    values: Mapping[str, float]
+    traces: Mapping[str, np.ndarray]
+    last_fault: str | None = None
+    fault_stands: bool = False
+    waits_for_idle: bool = False
+
+    @property
+    def notice(self) -> str:
+        """What a reader must know beside the state; else empty."""
+        return WAITS_FOR_IDLE if self.waits_for_idle else self.last_fault or ""
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """A bench at one instant: its nodes, its clutch or two, the last changes of parameters.
+
+    last_fault: the line of the last fault that came, of any clutch.
     """
 
     bench: str
     nodes: Mapping[str, NodeState]
-    phase: str | None
-    fault: str | None
-    clutch: str | None
-    values: Mapping[str, float]
-    traces: Mapping[str, np.ndarray]
+    clutches: Sequence[ClutchSnapshot]
     changes: Sequence[Mapping[str, Any]]
-    last_fault: str | None = None  # the line of the last one that came, of any clutch, with time, reason and values
-    waits_for_idle: bool = False
-    standing_faults: Sequence[str] = ()  # the lines of those that are not cleared, of any clutch
+    last_fault: str | None = None
+
+    @property
+    def waits_for_idle(self) -> bool:
+        """Whether a controller waits for a request for idle."""
+        return any(clutch.waits_for_idle for clutch in self.clutches)
+
+    @property
+    def standing_faults(self) -> list[str]:
+        """The lines of the faults that are not cleared, of any clutch."""
+        return [clutch.last_fault for clutch in self.clutches if clutch.fault_stands and clutch.last_fault]
 
     def troubles(self) -> list[str]:
         """What needs attention, one phrase each."""
         troubles = [
             f"the {name} is {state.state}" for name, state in self.nodes.items() if state.state in ("stalled", "gone")
         ]
-        controller = self.nodes["controller"].state
-        if self.fault is None and controller != "gone":
-            troubles.append(f"controller {controller}: phase and fault unknown")
-        if self.standing_faults:
-            troubles += self.standing_faults
-        elif self.fault not in (None, "none"):
-            troubles.append(self.last_fault or f"fault: {self.fault}")
+        for clutch in self.clutches:
+            state = self.nodes[clutch.controller].state
+            if clutch.fault is None and state != "gone":
+                troubles.append(f"{clutch.controller} {state}: phase and fault unknown")
+            if clutch.fault_stands or clutch.fault not in (None, "none"):
+                troubles.append(clutch.last_fault or f"fault: {clutch.fault}")
         if self.waits_for_idle:
             troubles.append(WAITS_FOR_IDLE)
         if all(state.state in ("absent", "gone") for state in self.nodes.values()):
@@ -99,7 +127,7 @@ class Snapshot:
 
 
 def document(snapshot: Snapshot) -> dict[str, Any]:
-    """A snapshot for JSON."""
+    """A snapshot for JSON. State and values at the top are those of clutch a or of a single clutch; `clutches` has both."""
     nodes = {
         name: asdict(state) | {part: getattr(state, part)._asdict() for part in ("wake", "work")}
         for name, state in snapshot.nodes.items()
@@ -107,13 +135,20 @@ def document(snapshot: Snapshot) -> dict[str, Any]:
     return {
         "bench": snapshot.bench,
         "nodes": nodes,
-        "phase": snapshot.phase,
-        "fault": snapshot.fault,
-        "clutch": snapshot.clutch,
+        **_describe_clutch(snapshot.clutches[0]),
+        "clutches": {clutch.name: _describe_clutch(clutch) for clutch in snapshot.clutches if clutch.name},
         "last_fault": snapshot.last_fault,
-        "standing_faults": list(snapshot.standing_faults),
+        "standing_faults": snapshot.standing_faults,
         "waits_for_idle": snapshot.waits_for_idle,
-        "values": {q.name: {"value": snapshot.values[q.name], "unit": q.unit} for q in QUANTITIES},
         "changes": list(snapshot.changes),
         "troubles": snapshot.troubles(),
+    }
+
+
+def _describe_clutch(clutch: ClutchSnapshot) -> dict[str, Any]:
+    return {
+        "phase": clutch.phase,
+        "fault": clutch.fault,
+        "clutch": clutch.state,
+        "values": {q.name: {"value": clutch.values[q.name], "unit": q.unit} for q in QUANTITIES},
     }

@@ -1,10 +1,11 @@
-"""States: phase, fault, clutch state and flags of the controller, as lanes of text over time."""
+"""States: phase, fault, clutch state and flags of the controller of a clutch, as lanes of text over time."""
 
 import numpy as np
 import rerun as rr
 
 from clutch_hil.bench import lanes, palette
 from clutch_hil.live.canvas import Canvas
+from clutch_hil.live.clutch_batches import path_suffix
 from clutch_hil.live.times import Times
 from protocols.telemetry.batch import Batch
 
@@ -17,18 +18,21 @@ _FLAGS = {
 }
 
 
-def _lanes() -> dict[str, lanes.Lane]:
-    """The lanes by entity path."""
+def _lanes(clutch: str) -> dict[str, lanes.Lane]:
+    """The lanes of a clutch by entity path."""
     flags = (lanes.Lane(flag, flag, {0: "no", 1: text}) for flag, text in _FLAGS.items())
-    return {f"states/{lane.name}": lane for lane in lanes.lanes()} | {f"flags/{lane.name}": lane for lane in flags}
+    end = path_suffix(clutch)
+    return {f"states/{lane.name}{end}": lane for lane in lanes.lanes()} | {
+        f"flags/{lane.name}{end}": lane for lane in flags
+    }
 
 
 class States:
-    """Logs each change of the lanes' columns."""
+    """Logs each change of the lanes' columns, of the controller of a clutch, a or b."""
 
-    def __init__(self, canvas: Canvas) -> None:
+    def __init__(self, canvas: Canvas, clutch: str) -> None:
         self._canvas = canvas
-        self._lanes = _lanes()
+        self._lanes = _lanes(clutch)
         self._last: dict[str, tuple[float, int]] = {}  # value and time [ns] by path, as logged
 
     def open(self) -> None:

@@ -59,6 +59,7 @@ class ReceivedFrames:
     def __init__(self) -> None:
         frames = load_frames()
         self._codecs = {codec.can_id: codec for codec in frames.values()}
+        self._encoder = frames["ENCODER"]
         self._newest: dict[str, tuple[float, Any]] = {}
         self._angle: tuple[int, float] | None = None  # sample tick and shaft angle of the call before
         self._slip: float | None = None
@@ -112,7 +113,7 @@ class ReceivedFrames:
         if self._angle is None:
             self._angle = encoder.sample_tick, encoder.shaft_angle
         before, angle = self._angle
-        seconds = (encoder.sample_tick - before & 0xFFFF) / max(heartbeat.rate, 1)
+        seconds = self._encoder.wrap("sample_tick", encoder.sample_tick - before) / max(heartbeat.rate, 1)
         if seconds >= 0.02:
             self._slip = (encoder.shaft_angle - angle) / seconds
             self._angle = encoder.sample_tick, encoder.shaft_angle
@@ -159,7 +160,9 @@ class Supervisor:
             self._closing_since = None
         elif self._closing_since is None:
             self._closing_since = time.monotonic()
-        payload = self._setpoint.pack(self._sent, request, torque, speed, pressure)
+        payload = self._setpoint.pack(
+            self._sent, request=request, torque_demand=torque, speed_demand=speed, pressure_demand=pressure
+        )
         self._port.send(Frame(self._setpoint.can_id, payload))
         self._sent += 1
 

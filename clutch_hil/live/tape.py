@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 
 from clutch_hil.bench.recording import Recording
+from protocols.can.frames import load_frames
 from protocols.node import Column
 from protocols.telemetry.batch import Batch
 
 _TIE_POINTS = 400  # ends of batches: the history of 30 s comes in 30 batches, later ones at 50 a second
-_TICK_WRAP = 1 << 16  # a controller knows the low 16 bits of the plant's tick and counts on from its first sample
+# A controller knows the lowest bits of the plant's tick and counts on from its first sample
+_TICK_WRAP = 1 << load_frames()["ENCODER"].bits["sample_tick"]
 
 
 class Tape:

@@ -15,12 +15,12 @@ from clutch_hil.bench import palette
 from clutch_hil.bench.clutch_state import STATES
 from clutch_hil.bench.direction import direction
 from clutch_hil.live.canvas import Canvas, scalar_columns
+from clutch_hil.live.clutch_batches import path_suffix
 from clutch_hil.live.times import Times
 from protocols.can.request import Request
 from protocols.telemetry.batch import Batch
 
 DEMAND, ERROR = "torque/demand", "torque_error"
-_TRUE, _ESTIMATE = f"{ERROR}/true", f"{ERROR}/estimate"
 _COLUMNS = tuple(
     f"controller_{name}" for name in ("torque_demand_nm", "torque_estimate_nm", "slip_rad_s", "request", "clutch_state")
 )
@@ -68,33 +68,44 @@ class _DemandTracker:
 
 
 class TorqueDemand:
-    """Draws the demand over the torque."""
+    """Draws the demand of a clutch, a or b, over its torque."""
 
-    def __init__(self, canvas: Canvas) -> None:
+    def __init__(self, canvas: Canvas, clutch: str) -> None:
         self._canvas, self._tracker = canvas, _DemandTracker()
+        self._path, self._label = DEMAND + path_suffix(clutch), f"demand{_of(clutch)} [Nm]"
 
     def open(self) -> None:
         """Log label and colour."""
-        _log_label(self._canvas, DEMAND, "demand [Nm]", palette.DEMAND, 1.5)
+        _log_label(self._canvas, self._path, self._label, palette.DEMAND, 1.5)
 
     def log(self, batch: Batch, times: Times) -> None:
         """Log the demand in the rows."""
         if demand_rows := self._tracker.take(batch, times):
-            self._canvas.send(DEMAND, times, scalar_columns((demand_rows.way * demand_rows.demand)[:, None]))
+            self._canvas.send(self._path, times, scalar_columns((demand_rows.way * demand_rows.demand)[:, None]))
 
 
 class TorqueError:
-    """Joins plant rows with the demand that the controller had for them, as the rows of both nodes come separately."""
+    """Joins plant rows with the demand that the controller had for them, as the rows of both nodes come separately.
 
-    def __init__(self, canvas: Canvas) -> None:
-        self._canvas, self._tracker = canvas, _DemandTracker()
+    `clutch` is a or b.
+    """
+
+    def __init__(self, canvas: Canvas, clutch: str) -> None:
+        self._canvas, self._clutch, self._tracker = canvas, clutch, _DemandTracker()
+        end = path_suffix(clutch)
+        self._true_path, self._estimate_path = f"{ERROR}/true{end}", f"{ERROR}/estimate{end}"
         self._demands: deque[_DemandRows] = deque(maxlen=_MOST_WAITING)
         self._true: deque[tuple[Times, np.ndarray]] = deque(maxlen=_MOST_WAITING)
 
     def open(self) -> None:
         """Log labels and colours."""
-        _log_label(self._canvas, _TRUE, "true - demand [Nm]", palette.TRUE, 2.0)
-        _log_label(self._canvas, _ESTIMATE, "estimate - demand [Nm]", palette.ESTIMATE, 1.0)
+        clutch = self._clutch
+        for path, name, colour, width in (
+            (self._true_path, "true", palette.TRUE, 2.0),
+            (self._estimate_path, "estimate", palette.ESTIMATE, 1.0),
+        ):
+            label = f"{name}{_of(clutch)} - demand [Nm]"
+            _log_label(self._canvas, path, label, palette.of_clutch(colour, clutch), width)
 
     def log(self, batch: Batch, times: Times) -> None:
         """Log the errors that the rows complete."""
@@ -103,7 +114,7 @@ class TorqueError:
                 self._demands.clear()  # the controller was restarted
             self._demands.append(demand_rows)
             self._canvas.send(
-                _ESTIMATE, times, scalar_columns(demand_rows.error(batch["controller_torque_estimate_nm"]))
+                self._estimate_path, times, scalar_columns(demand_rows.error(batch["controller_torque_estimate_nm"]))
             )
         if "truth_clutch_torque_nm" in {column.name for column in batch.columns}:
             if self._true and times.rig[0] < self._true[-1][0].rig[-1]:
@@ -123,7 +134,12 @@ class TorqueError:
             )  # newest cycle that knew no later sample
             known = np.flatnonzero(held >= 0)
             answered = _DemandRows(*(part[held[known]] for part in demand_rows))
-            self._canvas.send(_TRUE, times[known], scalar_columns(answered.error(true[known])))
+            self._canvas.send(self._true_path, times[known], scalar_columns(answered.error(true[known])))
+
+
+def _of(clutch: str) -> str:
+    """End of a line's name: the clutch where it is b; a may be a single clutch."""
+    return path_suffix(clutch).replace("_", " ")
 
 
 def _log_label(canvas: Canvas, path: str, label: str, colour: str, width: float) -> None:

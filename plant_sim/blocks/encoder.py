@@ -1,6 +1,6 @@
 """Incremental encoder: angle to counts.
 
-Equation        edges = floor(theta N / 2 pi);  counts = floor(edges 163840 / N), kept in 32 bits        (docs/rig.md, eq. 9)
+Equation        edges = floor(theta N / 2 pi);  counts = floor(edges 163840 / N), kept in the frame's bits  (docs/rig.md, eq. 9)
 Assumptions     every edge is counted, at any speed; the counter wraps in two's complement
 Valid range     any angle
 Not modelled    index pulse, unequal lines, eccentricity
@@ -15,7 +15,7 @@ FIELD_COUNTS = 163840.0  # counts/rev of ENCODER.SHAFT_ANGLE; an encoder with fe
 
 
 @register_jitable(inline="always")
-def counts(angle, per_revolution):
-    """Counter value of the frame, -2^31..2^31 - 1, at `angle` [rad]; `per_revolution` N [counts/rev] of the encoder."""
-    edges = floor(angle * (per_revolution / (2.0 * pi)))
-    return (floor(edges * (FIELD_COUNTS / per_revolution)) + 0x80000000 & 0xFFFFFFFF) - 0x80000000
+def counts(angle, per_revolution, field_bits):
+    """Counter value at `angle` [rad] in a signed field of `field_bits`; `per_revolution` N [counts/rev] of the encoder."""
+    edges, half = floor(angle * (per_revolution / (2.0 * pi))), 1 << (field_bits - 1)
+    return (floor(edges * (FIELD_COUNTS / per_revolution)) + half & 2 * half - 1) - half

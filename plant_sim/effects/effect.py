@@ -199,12 +199,12 @@ class Effect:
                 law = cfunc(types.void(*records, types.float64), cache=ours, error_model="numpy")(self.laws[hook])
             except Exception as error:  # Numba raises many kinds
                 lines = [line for line in str(error).splitlines() if line.strip() and "pipeline (step:" not in line]
-                reason = self._unknown_field(hook, records) or (lines[0] if lines else type(error).__name__)
+                reason = self._find_unknown_field(hook, records) or (lines[0] if lines else type(error).__name__)
                 raise InputError(f"effect {self.name} ({self.path}) cannot be compiled: {reason}") from None
             self._laws[hook, rig] = law
         return int(self._laws[hook, rig].address)  # valid as long as the compiled law is kept
 
-    def _unknown_field(self, hook: int, records: tuple[Any, ...]) -> str | None:
+    def _find_unknown_field(self, hook: int, records: tuple[Any, ...]) -> str | None:
         """A sentence about the first field that the law reads and its records lack; None where there is no such field."""
         tree = ast.parse(textwrap.dedent(inspect.getsource(self.laws[hook])))
         arguments = zip(inspect.signature(self.laws[hook]).parameters, records, strict=False)

@@ -127,8 +127,8 @@ def _word(typing_context, address, index):
     return signature, codegen
 
 
-def bound(effects, states):
-    """Addresses that `attached` and `call` take as `e`, from a table's `kernel` and the effects' states (k,).
+def bind_laws(effects, states):
+    """Addresses that `has_law` and `call` take as `e`, from a table's `kernel` and the effects' states (k,).
 
     They are addresses, since counting the references to an array takes longer than a law. So the caller must keep `effects` and
     `states` as long as `e` is in use. Raises ValueError for states of another size: laws would write beyond them. For compiled
@@ -136,7 +136,7 @@ def bound(effects, states):
     """
 
 
-def attached(hook, e):
+def has_law(hook, e):
     """Whether any law is attached to `hook`. `e` is None where no effect is on. For compiled code only."""
 
 
@@ -144,15 +144,15 @@ def call(hook, e, s, c, h):
     """Call the laws of `hook` with signals `s`, the rig's parameters `c` and the step `h` [s]. For compiled code only."""
 
 
-def known(e, s, y):
+def set_known(e, s, y):
     """Set the signals that every law may read from the state `y` of a clutch. For compiled code only."""
 
 
 # Where no effect is on, `e` is None. That is known when the kernel is compiled, so that kernel has no hooks in it.
 
 
-@overload(bound, inline="always")
-def _bound(effects, states):
+@overload(bind_laws, inline="always")
+def _bind_laws(effects, states):
     if isinstance(effects, types.NoneType):
         return lambda effects, states: None
 
@@ -165,8 +165,8 @@ def _bound(effects, states):
     return bind
 
 
-@overload(attached, inline="always")
-def _attached(hook, e):
+@overload(has_law, inline="always")
+def _has_law(hook, e):
     if isinstance(e, types.NoneType):
         return lambda hook, e: False
     return lambda hook, e: _word(e[1], hook) < _word(e[1], hook + 1)  # type: ignore[call-arg]
@@ -188,8 +188,8 @@ def _call(hook, e, s, c, h):
     return call_each
 
 
-@overload(known, inline="always")
-def _known(e, s, y):
+@overload(set_known, inline="always")
+def _set_known(e, s, y):
     if isinstance(e, types.NoneType):
         return lambda e, s, y: None
 

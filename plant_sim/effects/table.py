@@ -46,7 +46,7 @@ class Table(NamedTuple):
         """States (k,) of effects that were just switched on: zeros."""
         return np.zeros(self.size)
 
-    def carried(self, states: np.ndarray, before: "Table") -> np.ndarray:
+    def carry_over(self, states: np.ndarray, before: "Table") -> np.ndarray:
         """States (k,) for this table: those of the table `before` for an effect that stays on, else 0."""
         moved = self.at_rest()
         for name, (begin, end) in self.spans.items():
@@ -93,7 +93,7 @@ def table_of(chosen: Sequence[Effect], values: Sequence[float], rig: Any) -> Tab
     )
 
 
-def added_rate(parameters: ParameterSet, c: Mapping[str, float]) -> float:
+def sum_added_rates(parameters: ParameterSet, c: Mapping[str, float]) -> float:
     """The sum of what the effects that are on add to the fastest rate of piston and cylinder [1/s]; `c`: see `table`."""
     rates = (
         e.rate(parameters.si(e.name), c) for e in effects().values() if _active(e, parameters) is not NONE and e.rate

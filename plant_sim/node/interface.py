@@ -143,7 +143,9 @@ class Interface(ABC):
     def heartbeat(self, lifecycle: Lifecycle) -> Frame:
         """Return the next heartbeat frame, with the state `lifecycle`."""
         self._interface.beats += 1
-        data = self._heartbeat.pack(int(self._interface.beats), lifecycle, self.rate, self._session)
+        data = self._heartbeat.pack(
+            int(self._interface.beats), lifecycle=lifecycle, rate=self.rate, session=self._session
+        )
         return Frame(self._heartbeat.can_id, data)
 
     def safe(self) -> list[Frame]:

@@ -146,7 +146,7 @@ def skip_periods(interfaces: Any, all_settings: Any, periods: Any) -> None:
 def begin(interfaces: Any, all_settings: Any, tick: Any, late_cycles: Any, setpoints: Any, outbox: Any) -> Any:
     """Write the frames of plant and supervisor at `tick`; return their number. Stale commands of clutch a stop the motor."""
     interface, settings, sent = interfaces[0], all_settings[0], 0
-    if _stale(interface.clutches[0]):
+    if _is_stale(interface.clutches[0]):
         interface.speed_demand = interface.torque_limit = 0.0
     if tick % settings.heartbeat_every == 0:
         s = settings.plant_heartbeat
@@ -162,7 +162,7 @@ def begin(interfaces: Any, all_settings: Any, tick: Any, late_cycles: Any, setpo
         for k in range(settings.count):
             clutch = interface.clutches[k]
             if clutch.commanded:
-                actuators = max(actuators, Actuators.STALE.value if _stale(clutch) else Actuators.COMMANDED.value)
+                actuators = max(actuators, Actuators.STALE.value if _is_stale(clutch) else Actuators.COMMANDED.value)
             rejected += clutch.valve.corrupt + clutch.valve.repeated
             rejected += clutch.heartbeat.corrupt + clutch.heartbeat.repeated
         word = put(np.int64(0), s.actuators, actuators)
@@ -196,7 +196,7 @@ def show(
     """
     settings = all_settings[0]
     clutch, its = interfaces[0].clutches[k], settings.clutches[k]
-    if _stale(clutch):
+    if _is_stale(clutch):
         clutch.voltage = 0.0
     clutch.age += 1
     draw(its.noise_source, clutch.noise)
@@ -226,6 +226,6 @@ def show(
 
 
 @njit
-def _stale(clutch):
+def _is_stale(clutch):
     """Whether valve commands have stopped: at least one has arrived, and none for STALE_CYCLES."""
     return clutch.commanded and clutch.age >= STALE_CYCLES

@@ -220,7 +220,7 @@ class PlantNode(Interface):
         """Set the rig to its parameters at `time` [s], of this sample or the next; outputs follow."""
         rig, moved = self._schedule.rig(time)
         if rig is not self._rig or moved:
-            states = rig.table.carried(self._state.effects, self._rig.table)
+            states = rig.table.carry_over(self._state.effects, self._rig.table)
             self._rig = rig
             self._state = self._state._replace(effects=states)
             self._memory = self._new_memory()

@@ -8,8 +8,8 @@ from typing import Any
 
 from numba import njit
 
+from plant_sim.node.clutch_record import note_clutch
 from plant_sim.rigs.clutch_phase import Phase, phase
-from protocols.files.units import BAR, ZERO_CELSIUS
 from protocols.node import Column, record_type
 
 COLUMNS = (
@@ -48,23 +48,11 @@ def note_sample(
     """
     record, interface, y = row.view(RECORD)[0], interfaces[0], rig_state[0]
     shown = interface.clutches[0]
+    note_clutch(record, shown, y)
     record.time_s = time
-    record.valve_voltage_v = shown.voltage
     record.motor_speed_demand_rad_s = interface.speed_demand
-    record.cylinder_pressure_bar = shown.pressure
-    record.slip_speed_rad_s = shown.slip_speed
     record.shaft_angle_rad = shown.angle
-    record.oil_temperature_degc = shown.temperature
-    record.clutch_torque_nm = shown.clutch_torque
     record.motor_torque_nm = shown.motor_torque
-    record.truth_valve_pressure_bar = y.valve_pressure / BAR
-    record.truth_cylinder_pressure_bar = y.pressure / BAR
-    record.truth_piston_position_m = y.position
-    record.truth_normal_force_n = y.normal_force
     record.truth_seal_force_n = y.seal_force
-    record.truth_friction_state = y.friction_state
-    record.truth_clutch_torque_nm = y.clutch_torque
     record.truth_motor_torque_nm = y.motor_torque
-    record.truth_slip_speed_rad_s = y.slip_speed
-    record.truth_oil_temperature_degc = y.temperature - ZERO_CELSIUS
     record.truth_phase = _phase(y, preload_pressure, contact_pressure).value

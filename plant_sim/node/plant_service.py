@@ -128,7 +128,7 @@ class PlantService:
         clock.start(find_first_slot(time.monotonic_ns(), clock.period_ns))
         while not stop.asked:
             behind = owed > 0
-            if node.steady and not outlet.asked():
+            if node.steady and not outlet.has_change():
                 owed = node.run_real_time(line, beat, outlet.changes, owed)
             else:
                 owed = self._run_in_python(node, line, outlet, clock, owed)
@@ -163,9 +163,10 @@ class PlantService:
 
     def _lockstep(self, node: Any, line: Exchange, outlet: Outlet, beat: Beat, stop: Stop) -> None:
         """Run in lock-step: make a sample, wait for its answer, advance. Raises InputError when no answer comes."""
+        valve = load_frames()["VALVE_COMMAND"]
         while not (stop.asked or node.finished):
             written = False
-            if node.steady and not outlet.asked():
+            if node.steady and not outlet.has_change():
                 written = node.run_lockstep(line, beat, outlet.changes)
                 node.take(line.inbox, line.count)
                 line.clear()
@@ -176,13 +177,14 @@ class PlantService:
                 outlet.write(node.record, time.monotonic(), 0.0, 0.0, 0)
             outlet.tune()
             deadline = time.monotonic() + _ANSWER_TIMEOUT
-            while node.answered_tick != node.tick & 0xFFFF and not stop.asked:
+            tick = valve.wrap("sample_tick", node.tick)
+            while node.answered_tick != tick and not stop.asked:
                 line.receive(_STOP_CHECK_PERIOD)
                 node.take(line.inbox, line.count)
                 line.clear()
                 if node.controller == Lifecycle.FINALIZED:
                     return
-                if time.monotonic() > deadline and node.answered_tick != node.tick & 0xFFFF:
+                if time.monotonic() > deadline and node.answered_tick != tick:
                     raise InputError(
                         f"the controller on {line.port.name} has not answered for {_ANSWER_TIMEOUT:g} s of lock-step"
                     )

@@ -175,7 +175,7 @@ class PowerShiftNode(Interface):
         for k, (clutch, schedule) in enumerate(zip(CLUTCHES, self._schedules, strict=True)):
             rig, moved = schedule.rig(time)
             if rig is not rigs[k] or moved:
-                states = rig.table.carried(wholes[k].effects, rigs[k].table)
+                states = rig.table.carry_over(wholes[k].effects, rigs[k].table)
                 rigs[k], wholes[k] = rig, wholes[k]._replace(effects=states)
                 changed = True
             if schedule.planned:

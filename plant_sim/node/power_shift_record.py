@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from plant_sim.node.clutch_record import note_clutch
 from protocols.can.two_clutches import CLUTCHES
-from protocols.files.units import BAR, ZERO_CELSIUS
 from protocols.node import Column, record_type
 
 _INPUT_COLUMNS = (
@@ -84,19 +84,7 @@ def note_sample(
 @njit
 def _note_clutch(record, shown, y, heat):
     """Fill the part of a clutch from its CLUTCH record `shown`, its STATE `y` and its heat [J]."""
-    record.valve_voltage_v = shown.voltage
+    note_clutch(record, shown, y)
     record.torque_demand_nm = shown.torque_demand
-    record.cylinder_pressure_bar = shown.pressure
-    record.slip_speed_rad_s = shown.slip_speed
     record.slip_angle_rad = shown.angle
-    record.oil_temperature_degc = shown.temperature
-    record.clutch_torque_nm = shown.clutch_torque
-    record.truth_valve_pressure_bar = y.valve_pressure / BAR
-    record.truth_cylinder_pressure_bar = y.pressure / BAR
-    record.truth_piston_position_m = y.position
-    record.truth_normal_force_n = y.normal_force
-    record.truth_friction_state = y.friction_state
-    record.truth_clutch_torque_nm = y.clutch_torque
-    record.truth_slip_speed_rad_s = y.slip_speed
-    record.truth_oil_temperature_degc = y.temperature - ZERO_CELSIUS
     record.truth_heat_j = heat

@@ -135,7 +135,7 @@ class Profile:
         """Times, torques, speeds, pressures and locks, shape (5, rows)."""
         return np.array(self._columns)
 
-    def lasting(self, seconds: float) -> "Profile":
+    def repeat_to(self, seconds: float) -> "Profile":
         """Repeat this profile and cut it to `seconds`. Raises InputError for a time that is too short or too long."""
         if not seconds >= _SHORTEST_RUN:
             raise InputError(f"a run of {seconds:g} s is not possible; it must last {_SHORTEST_RUN:g} s or more")
@@ -173,7 +173,7 @@ def load_profile(name: str, seconds: float | None = None) -> Profile:
         raise InputError(f"profile {name!r} does not exist; known are {known}, or the path of a .csv file")
     columns = read_columns(path, "profile", COLUMNS, OPTIONAL_COLUMNS)
     profile = Profile(path.stem, *(columns.get(name, ()) for name in (*COLUMNS, *OPTIONAL_COLUMNS)))
-    return profile if seconds is None else profile.lasting(seconds)
+    return profile if seconds is None else profile.repeat_to(seconds)
 
 
 def read_columns(path: Path, kind: str, needed: Sequence[str], optional: Sequence[str]) -> dict[str, tuple[float, ...]]:

@@ -56,5 +56,5 @@ def load_shift_profile(name: str, seconds: float | None = None) -> ShiftProfile:
         for clutch in CLUTCHES
     )  # fmt: skip
     if seconds is not None:
-        a, b = a.lasting(seconds), b.lasting(seconds)
+        a, b = a.repeat_to(seconds), b.repeat_to(seconds)
     return ShiftProfile(path.stem, a, b)

@@ -14,14 +14,14 @@ References      Janssens 2010, chapter 6; hooks: plant_sim/effects/signals.py
 from numba import njit
 
 from plant_sim.blocks import clutch, hydraulics, oil, piston, valve
-from plant_sim.effects.signals import COMMAND, FRICTION, HYDRAULICS, PISTON, STACK, TORQUE, attached, call
+from plant_sim.effects.signals import COMMAND, FRICTION, HYDRAULICS, PISTON, STACK, TORQUE, call, has_law
 
 
 @njit(inline="always")
 def stack_force(x, s, c, e):
     """Normal force on the plates F_n [N] at piston position `x` [m]."""
     force = piston.stack_force(x, c.piston_clearance, c.piston_stack_stiffness)
-    if attached(STACK, e):
+    if has_law(STACK, e):
         s.position, s.stack_force = x, force
         call(STACK, e, s, c, 0.0)
         force = max(s.stack_force, 0.0)
@@ -32,7 +32,7 @@ def stack_force(x, s, c, e):
 def _rates(pv, rate, p, x, resistance, s, c, e):
     """Time derivatives of valve pressure, its rate, cylinder pressure and piston position."""
     flow, capacity, thrust = hydraulics.line_flow(pv, p, c.hydraulics_conductance), c.hydraulics_capacity, p
-    if attached(HYDRAULICS, e):
+    if has_law(HYDRAULICS, e):
         s.valve_pressure, s.pressure, s.position = pv, p, x
         s.flow, s.capacity, s.thrust_pressure = flow, capacity, thrust
         call(HYDRAULICS, e, s, c, 0.0)
@@ -53,7 +53,7 @@ def _rates(pv, rate, p, x, resistance, s, c, e):
 def actuate(y, voltage, s, c, e, h):
     """Advance valve, cylinder and piston of `y` by a step; return the friction pressure p* [Pa] at mid-step."""
     s.voltage, s.demand, s.supply_pressure = voltage, c.valve_gain * voltage, c.valve_supply_pressure
-    if attached(COMMAND, e):
+    if has_law(COMMAND, e):
         call(COMMAND, e, s, c, h)
     s.demand = valve.limit_demand(s.demand, s.supply_pressure)
     pv, rate, p, x, held = y.valve_pressure, y.valve_rate, y.pressure, y.position, y.seal_force
@@ -69,12 +69,12 @@ def actuate(y, voltage, s, c, e, h):
     moved = x + k * (a3 + 2.0 * (b3 + c3) + d3)
     if moved < 0.0:  # the piston reaches its stop within the step: oil that it did not displace stays in the cylinder
         capacity = c.hydraulics_capacity
-        if attached(HYDRAULICS, e):
+        if has_law(HYDRAULICS, e):
             capacity = s.capacity
         after = max(after + moved * c.piston_area / capacity, 0.0)
         moved = 0.0
     y.pressure, y.position, y.seal_force = after, moved, 0.0
-    if attached(PISTON, e):
+    if has_law(PISTON, e):
         s.pressure, s.position, s.displacement, s.piston_force = after, moved, moved - x, 0.0
         call(PISTON, e, s, c, h)
         y.seal_force = s.piston_force
@@ -102,7 +102,7 @@ def slide(m, pressure, slip, viscosity_ratio, s, c, e, h):
         viscous = clutch.viscous_factor(pressure, c.clutch_viscous_slope, c.clutch_viscous_intercept) * viscosity_ratio
         beta = clutch.stribeck_depth(pressure, c.clutch_beta_inf, c.clutch_beta_onset, c.clutch_beta_scale)
         stribeck_speed, attraction = c.clutch_stribeck_speed, c.clutch_attraction
-        if attached(FRICTION, e):
+        if has_law(FRICTION, e):
             s.friction_pressure, s.slip = pressure, slip
             s.coulomb, s.viscous, s.beta = coulomb, viscous, beta
             s.stribeck_speed, s.attraction, s.friction_state = stribeck_speed, attraction, m
@@ -111,11 +111,11 @@ def slide(m, pressure, slip, viscosity_ratio, s, c, e, h):
             stribeck_speed, attraction, before = s.stribeck_speed, s.attraction, s.friction_state
         m = clutch.relax_state(before, clutch.stribeck_ratio(beta, slip, stribeck_speed), slip, attraction, h)
         torque = clutch.torque(coulomb, 0.5 * (before + m), viscous, slip, c.clutch_viscous_exponent)
-        if attached(TORQUE, e):
+        if has_law(TORQUE, e):
             s.viscous_share = 1.0 - coulomb * 0.5 * (before + m) / torque if torque != 0.0 else 0.0
     else:
         m = 0.0  # docs/rig.md, eq. 4
-    if attached(TORQUE, e):
+    if has_law(TORQUE, e):
         s.friction_pressure, s.slip, s.torque = pressure, slip, torque
         s.contact = 1.0 if pressure > 0.0 else 0.0
         call(TORQUE, e, s, c, h)

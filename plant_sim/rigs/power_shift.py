@@ -25,7 +25,7 @@ from numba import njit
 
 from plant_sim.blocks import motor, oil
 from plant_sim.effects.catalogue import effect
-from plant_sim.effects.signals import DRIVE, RIG, SENSORS, SIGNALS, attached, bound, call, known
+from plant_sim.effects.signals import DRIVE, RIG, SENSORS, SIGNALS, bind_laws, call, has_law, set_known
 from plant_sim.effects.table import switched_on as effects_on
 from plant_sim.rigs import wet_clutch
 from plant_sim.rigs.clutch_unit import actuate, friction_pressure, slide, stack_force, viscosity_ratio
@@ -199,13 +199,13 @@ def advance(
     signals = np.zeros(2, SIGNALS)
     y, a, b, d = after[0], after_a[0], after_b[0], driveline[0]
     sa, sb, ca, cb = signals[0], signals[1], own_a[0], own_b[0]
-    ea, eb = bound(effects_a, states_a), bound(effects_b, states_b)
+    ea, eb = bind_laws(effects_a, states_a), bind_laws(effects_b, states_b)
     h = duration / substeps if substeps > 0 else 0.0
-    if attached(RIG, ea):
-        known(ea, sa, a)
+    if has_law(RIG, ea):
+        set_known(ea, sa, a)
         call(RIG, ea, sa, ca, duration)
-    if attached(RIG, eb):
-        known(eb, sb, b)
+    if has_law(RIG, eb):
+        set_known(eb, sb, b)
         call(RIG, eb, sb, cb, duration)
     limit = min(torque_limit, ca.motor_torque_limit)
     inertia = ca.motor_inertia
@@ -214,7 +214,7 @@ def advance(
         k = 0.5 * h
         w_in, w_out = y.input_speed + k * y.input_acceleration, y.output_speed + k * y.output_acceleration
         slip_a, slip_b = w_in - d.ratio_a * w_out, w_in - d.ratio_b * w_out
-        pressure_a, pressure_b = _moved(a, voltage_a, sa, ca, ea, h), _moved(b, voltage_b, sb, cb, eb, h)
+        pressure_a, pressure_b = _move(a, voltage_a, sa, ca, ea, h), _move(b, voltage_b, sb, cb, eb, h)
         rests_a = nearly_at_rest(pressure_a, a.slip_speed, slip_a)
         rests_b = nearly_at_rest(pressure_b, b.slip_speed, slip_b)
         error = speed_demand - w_in
@@ -253,17 +253,17 @@ def advance(
         w_in, w_out = 0.5 * (w_in + y.input_speed), 0.5 * (w_out + y.output_speed)
         y.input_work += h * motor_torque * w_in
         y.road_work += h * road * w_out
-        y.heat_a += _slipped(a, torque_a, w_in - d.ratio_a * w_out, y, d.ratio_a, ca, h)
-        y.heat_b += _slipped(b, torque_b, w_in - d.ratio_b * w_out, y, d.ratio_b, cb, h)
+        y.heat_a += _slip(a, torque_a, w_in - d.ratio_a * w_out, y, d.ratio_a, ca, h)
+        y.heat_b += _slip(b, torque_b, w_in - d.ratio_b * w_out, y, d.ratio_b, cb, h)
         y.time += h
-        if attached(SENSORS, ea):
+        if has_law(SENSORS, ea):
             sense(a, motor_torque, torque_a, sa, ca, ea, h)
-        if attached(SENSORS, eb):
+        if has_law(SENSORS, eb):
             sense(b, motor_torque, torque_b, sb, cb, eb, h)
 
     # outputs at the end: nothing moves
-    torque_a, pressure_a = _present(a, sa, ca, ea)
-    torque_b, pressure_b = _present(b, sb, cb, eb)
+    torque_a, pressure_a = _set_torque(a, sa, ca, ea)
+    torque_b, pressure_b = _set_torque(b, sb, cb, eb)
     error = speed_demand - y.input_speed
     y.motor_torque = motor.limit_torque(
         motor.torque_demand(error, y.speed_integral, ca.motor_proportional_gain, ca.motor_integral_gain), limit
@@ -313,9 +313,9 @@ def _nearly_at_rest(shafts, one, two, a, b, d, sa, ca, ea, sb, cb, eb, h):
 
 
 @njit(inline="always")
-def _moved(y, voltage, s, c, e, h):
+def _move(y, voltage, s, c, e, h):
     """Move a clutch's valve and piston on by a step; friction pressure [Pa] at its middle."""
-    known(e, s, y)
+    set_known(e, s, y)
     s.time = y.time + 0.5 * h
     return actuate(y, voltage, s, c, e, h)
 
@@ -328,9 +328,9 @@ def _slides(y, pressure, slip, s, c, e, h):
 
 
 @njit
-def _present(y, s, c, e):
+def _set_torque(y, s, c, e):
     """Set a clutch's normal force and torque, if it slides, as they are now; return the torque [Nm] and pressure [Pa]."""
-    known(e, s, y)
+    set_known(e, s, y)
     y.normal_force = stack_force(y.position, s, c, e)
     pressure = friction_pressure(y.position, s, c, e)
     viscosity = viscosity_ratio(y.temperature, c)
@@ -339,7 +339,7 @@ def _present(y, s, c, e):
 
 
 @njit(inline="always")
-def _slipped(y, torque, slip, line, ratio, c, h):
+def _slip(y, torque, slip, line, ratio, c, h):
     """Move a clutch's slip, angle and oil on by a step at its mean `slip` [rad/s]; heat of friction [J]."""
     y.slip_speed = line.input_speed - ratio * line.output_speed
     y.angle += h * slip

@@ -16,10 +16,17 @@ from numba import njit
 from numba.extending import register_jitable
 
 from plant_sim.blocks import adc, encoder
-from plant_sim.effects.signals import ACQUISITION, SIGNALS, attached, bound, call, known
+from plant_sim.effects.signals import ACQUISITION, SIGNALS, bind_laws, call, has_law, set_known
+from protocols.can.frames import load_frames
 from protocols.files.units import ZERO_CELSIUS
 
 _NOISE_BLOCK = 64  # samples of noise drawn at once: faster than one by one, and short enough for a cycle (20 us)
+# Bits of the frames' fields, in which counts are left-justified; constants of the compiled code
+_PRESSURE_BITS, _TEMPERATURE_BITS, _MOTOR_TORQUE_BITS, _CLUTCH_TORQUE_BITS = (
+    load_frames()["ANALOG_SENSORS"].bits[name]
+    for name in ("cylinder_pressure", "oil_temperature", "motor_torque", "clutch_torque")
+)
+_ANGLE_BITS = load_frames()["ENCODER"].bits["shaft_angle"]
 
 
 class Counts(NamedTuple):
@@ -88,11 +95,11 @@ def _counts(pressure, temperature, motor, clutch, angle, c):
     """Counts for voltages [V] and the encoder's angle [rad]."""
     full = c.sensors_input_range
     return (
-        adc.counts(pressure, full, int(c.sensors_pressure_bits), 12),
-        adc.counts(temperature, full, int(c.sensors_temperature_bits), 12),
-        adc.counts(motor, full, int(c.sensors_motor_torque_bits), 12),
-        adc.counts(clutch, full, int(c.sensors_clutch_torque_bits), 16),
-        encoder.counts(angle, c.sensors_encoder_counts),
+        adc.counts(pressure, full, int(c.sensors_pressure_bits), _PRESSURE_BITS),
+        adc.counts(temperature, full, int(c.sensors_temperature_bits), _TEMPERATURE_BITS),
+        adc.counts(motor, full, int(c.sensors_motor_torque_bits), _MOTOR_TORQUE_BITS),
+        adc.counts(clutch, full, int(c.sensors_clutch_torque_bits), _CLUTCH_TORQUE_BITS),
+        encoder.counts(angle, c.sensors_encoder_counts, _ANGLE_BITS),
     )
 
 
@@ -102,14 +109,14 @@ def acquire(rig_state, states_before, noise, parameters, effects, interval):
     states = states_before.copy()
     signals = np.zeros(1, SIGNALS)
     y, c, s = rig_state[0], parameters[0], signals[0]
-    e = bound(effects, states)
+    e = bind_laws(effects, states)
     pressure, temperature, motor, clutch = voltages(
         y.sensed_pressure, y.sensed_temperature, y.sensed_motor_torque, y.sensed_clutch_torque,
         noise, c,
     )  # fmt: skip
     angle = y.angle
-    known(e, s, y)
-    if attached(ACQUISITION, e):
+    set_known(e, s, y)
+    if has_law(ACQUISITION, e):
         s.pressure_voltage, s.temperature_voltage = pressure, temperature
         s.motor_torque_voltage, s.clutch_torque_voltage, s.encoder_angle = motor, clutch, angle
         call(ACQUISITION, e, s, c, interval)

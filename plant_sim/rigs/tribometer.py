@@ -133,7 +133,7 @@ class Tribometer:
         steps = round(seconds / dt)
         time = dt * np.arange(steps + 1)
         self._check_speed(sample_signal("drive velocity", drive.velocity, time))
-        loads = self._checked_load(sample_signal("load", load, time))
+        loads = self._check_load(sample_signal("load", load, time))
         begin = self._rest(float(loads[0])) if start is None else start
         require_type("start of the run", begin, State)
         if begin.friction.shape != self.friction.rest().shape:
@@ -178,7 +178,7 @@ class Tribometer:
             normal_load=load, normal_measured=measured_load, gap=gap, motor_torque=torque, end=end,
         )  # fmt: skip
 
-    def _checked_load(self, load: Array) -> Array:
+    def _check_load(self, load: Array) -> Array:
         most = self.parameters["load.most"].si
         swing = self.parameters["shaker.gain"].si * self.parameters["shaker.peak_current"].si
         if not (load.min() > 0.0 and load.max() <= most):

@@ -53,7 +53,7 @@ def stepped_sine(rig: Tribometer, load: float, amplitude: float, frequencies: Ar
     """
     require("amplitude", amplitude, above=0.0, unit="Nm")
     samples = np.unique(np.round(1.0 / (dt * np.asarray(frequencies, float))).astype(int))[::-1]
-    found, state = [], None
+    responses, state = [], None
     for period in samples:
         settle, cycles = max(4, int(0.3 / (period * dt))), 4
         angle = 2.0 * pi * np.arange((settle + cycles) * period + 1) / period
@@ -62,8 +62,8 @@ def stepped_sine(rig: Tribometer, load: float, amplitude: float, frequencies: Ar
         state = record.end
         part = slice(settle * period, -1)
         turn = np.exp(-1j * angle[part])
-        found.append(np.sum(record.angle_rad[part] * turn) / np.sum(record.motor_torque[part] * turn))
-    return 1.0 / (samples * dt), np.array(found)
+        responses.append(np.sum(record.angle_rad[part] * turn) / np.sum(record.motor_torque[part] * turn))
+    return 1.0 / (samples * dt), np.array(responses)
 
 
 def normal_response(

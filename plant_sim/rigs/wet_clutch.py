@@ -20,8 +20,8 @@ from numba import from_dtype, njit
 
 from plant_sim.blocks import motor, oil
 from plant_sim.effects.catalogue import effects as catalogue
-from plant_sim.effects.signals import DRIVE, RIG, SENSORS, SIGNALS, attached, bound, call, known
-from plant_sim.effects.table import added_rate, compile_all, table
+from plant_sim.effects.signals import DRIVE, RIG, SENSORS, SIGNALS, bind_laws, call, has_law, set_known
+from plant_sim.effects.table import compile_all, sum_added_rates, table
 from plant_sim.rigs.clutch_unit import actuate, friction_pressure, slide, stack_force, viscosity_ratio
 from plant_sim.rigs.sensors import Scales, Sensors
 from plant_sim.rigs.standstill import LONGEST_STEP, hold, nearly_at_rest, step_near_standstill, torque_capacity
@@ -95,7 +95,7 @@ def parameter_values(parameters: ParameterSet) -> dict[str, float]:
     values["oil_reference_coefficient"] = oil.friction_coefficient(
         *(values[f"oil_{name}"] for name in ("reference", "slope", "offset", "origin"))
     )
-    _check_step(values, added_rate(parameters, values))
+    _check_step(values, sum_added_rates(parameters, values))
     return values
 
 
@@ -151,7 +151,7 @@ class Rig:
         y["slip_speed"], y["temperature"] = slip_speed, temperature
         return self.advance(Whole(y, self.table.at_rest()), 0.0, slip_speed, 0.0, 0.0, 0)
 
-    def filled(self, slip_speed: float, temperature: float) -> Whole:
+    def fill(self, slip_speed: float, temperature: float) -> Whole:
         """State of a filled clutch: piston at the plates, contact pressure in valve and cylinder; arguments as in `at_rest`."""
         y = self.at_rest(slip_speed, temperature).y
         y["position"] = self.record["piston_clearance"]
@@ -188,7 +188,7 @@ def warm() -> None:
 def advance(before, states_before, voltage, speed_demand, torque_limit, parameters, effects, duration, substeps):
     """The kernel of `Rig.advance`; `effects` is the `kernel` of a `plant_sim.effects.table.Table`."""
     after, states, own = before.copy(), states_before.copy(), parameters.copy()
-    e = bound(effects, states)
+    e = bind_laws(effects, states)
     move(after, own, np.zeros(1, SIGNALS), e, voltage, speed_demand, torque_limit, duration, substeps)
     return after, states
 
@@ -202,13 +202,13 @@ def move(state, own, signals, e, voltage, speed_demand, torque_limit, duration, 
     """
     y, c, s = state[0], own[0], signals[0]
     h = duration / substeps if substeps > 0 else 0.0
-    if attached(RIG, e):
-        known(e, s, y)
+    if has_law(RIG, e):
+        set_known(e, s, y)
         call(RIG, e, s, c, duration)
     limit = min(torque_limit, c.motor_torque_limit)
     acceleration = y.acceleration
     for _ in range(substeps):
-        known(e, s, y)
+        set_known(e, s, y)
         s.time = y.time + 0.5 * h
         s.cylinder_speed = y.slip_speed  # the output shaft is fixed, the cylinder turns with the motor
         pressure = actuate(y, voltage, s, c, e, h)
@@ -219,7 +219,7 @@ def move(state, own, signals, e, voltage, speed_demand, torque_limit, duration, 
             acceleration = _step_slip(y, acceleration, pressure, speed_demand, limit, s, c, e, h / pieces)
 
     # outputs at the end: nothing moves
-    known(e, s, y)
+    set_known(e, s, y)
     y.normal_force = stack_force(y.position, s, c, e)
     pressure = friction_pressure(y.position, s, c, e)
     viscosity = viscosity_ratio(y.temperature, c)
@@ -268,7 +268,7 @@ def _step_slip(y, acceleration, pressure, speed_demand, limit, s, c, e, h):
     motor_torque, drive_torque, inertia = _drive_torque(y, motor_torque, torque, slip, still, s, c, e, h)
     if sticks:
         torque = drive_torque + inertia * before_step / h  # brings the plates to rest and keeps them there
-        if attached(DRIVE, e):  # an impact within the step may exceed their capacity
+        if has_law(DRIVE, e):  # an impact within the step may exceed their capacity
             ends = torque_capacity(pressure, viscosity, s, c, e)
             y.friction_state, torque, sticks = hold(y.friction_state, torque, ends[0], ends[1])
     y.temperature += h * oil.heating_rate(
@@ -281,7 +281,7 @@ def _step_slip(y, acceleration, pressure, speed_demand, limit, s, c, e, h):
     acceleration = 0.0 if sticks else acceleration
     y.angle += 0.5 * h * (before_step + y.slip_speed)
     y.time += h
-    if attached(SENSORS, e):
+    if has_law(SENSORS, e):
         sense(y, motor_torque, torque, s, c, e, h)
     return acceleration
 
@@ -293,7 +293,7 @@ def _drive_torque(y, motor_torque, torque, slip, still, s, c, e, h):
     still: the plate stays at rest, whatever the torques.
     """
     drive_torque, inertia, lead = motor_torque, c.motor_inertia, 0.0
-    if attached(DRIVE, e):
+    if has_law(DRIVE, e):
         s.motor_torque, s.drive_torque, s.inertia, s.lead = motor_torque, drive_torque, inertia, lead
         s.torque, s.slip, s.still = torque, slip, 1.0 if still else 0.0
         call(DRIVE, e, s, c, h)
@@ -307,8 +307,8 @@ def sense(y, motor_torque, torque, s, c, e, h):
     """Set the values that the analog sensors show, `y.sensed_...`; torques [Nm] as in the rig."""
     s.sensed_pressure, s.sensed_temperature = y.pressure, y.temperature
     s.sensed_motor_torque, s.sensed_clutch_torque = motor_torque, torque
-    if attached(SENSORS, e):
-        known(e, s, y)
+    if has_law(SENSORS, e):
+        set_known(e, s, y)
         call(SENSORS, e, s, c, h)
     y.sensed_pressure, y.sensed_temperature = s.sensed_pressure, s.sensed_temperature
     y.sensed_motor_torque, y.sensed_clutch_torque = s.sensed_motor_torque, s.sensed_clutch_torque

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from plant_sim.effects.signals import ACQUISITION, SIGNALS, attached, bound, call, known
+from plant_sim.effects.signals import ACQUISITION, SIGNALS, bind_laws, call, has_law, set_known
 from plant_sim.profiles.profile import Profile
 from plant_sim.rigs.sensors import voltages
 from plant_sim.rigs.wet_clutch import Rig, advance, nominal
@@ -98,12 +98,12 @@ def _regulate(state, states, demand, speed, regulator, limit, parameters, effect
         y, c, s = state[0], parameters[0], signals[0]
         highest, strongest = max(highest, y.pressure), max(strongest, abs(y.clutch_torque))
         hottest, fastest = max(hottest, y.temperature), max(fastest, abs(y.slip_speed))
-        e = bound(effects, states)
+        e = bind_laws(effects, states)
         shown, kelvin, motor, clutch = voltages(
             y.sensed_pressure, y.sensed_temperature, y.sensed_motor_torque, y.sensed_clutch_torque, QUIET, c
         )
-        if attached(ACQUISITION, e):
-            known(e, s, y)
+        if has_law(ACQUISITION, e):
+            set_known(e, s, y)
             s.pressure_voltage, s.temperature_voltage = shown, kelvin
             s.motor_torque_voltage, s.clutch_torque_voltage, s.encoder_angle = motor, clutch, y.angle
             call(ACQUISITION, e, s, c, period)

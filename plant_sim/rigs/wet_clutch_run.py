@@ -11,7 +11,7 @@ The compiled call releases the interpreter lock, so that several runs can be sim
 import numpy as np
 from numba import njit
 
-from plant_sim.effects.signals import ACQUISITION, RIG, SIGNALS, attached, bound, call, known
+from plant_sim.effects.signals import ACQUISITION, RIG, SIGNALS, bind_laws, call, has_law, set_known
 from plant_sim.rigs.sensors import voltages
 from plant_sim.rigs.wet_clutch import move
 
@@ -31,7 +31,7 @@ def run(
     the channels of pressure, temperature, motor torque and clutch torque [Pa/V, K/V, Nm/V, Nm/V].
     """
     own, signals = parameters.copy(), np.zeros(1, SIGNALS)
-    e = bound(effects, states)
+    e = bind_laws(effects, states)
     y, c, s = state[0], parameters[0], signals[0]
     for k in range(voltage.size):
         if driven:
@@ -42,8 +42,8 @@ def run(
             y.sensed_pressure, y.sensed_temperature, y.sensed_motor_torque, y.sensed_clutch_torque, QUIET, c
         )
         angle = y.angle
-        if attached(ACQUISITION, e):
-            known(e, s, y)
+        if has_law(ACQUISITION, e):
+            set_known(e, s, y)
             s.pressure_voltage, s.temperature_voltage = cylinder, kelvin
             s.motor_torque_voltage, s.clutch_torque_voltage, s.encoder_angle = motor, clutch, angle
             call(ACQUISITION, e, s, c, period)
@@ -55,6 +55,6 @@ def run(
         shown[k, TEMPERATURE] = kelvin * scales[1]
         shown[k, CLUTCH_TORQUE] = clutch * scales[3]
         shown[k, MOTOR_TORQUE] = motor * scales[2]
-        if attached(RIG, e):
+        if has_law(RIG, e):
             own = parameters.copy()  # such effects change the parameters anew at each sample
         move(state, own, signals, e, voltage[k], speed[k], limit, period, substeps)

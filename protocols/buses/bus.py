@@ -187,8 +187,8 @@ class _SocketCanPort:
         frames: list[tuple[int, bytes]] = []
         while len(frames) < _DRAIN_LIMIT:
             try:
-                packed, told, _, _ = self._socket.recvmsg(_CAN_FRAME.size, _CONTROL)
-                seconds, nanoseconds = _TIMESPEC.unpack(told[0][2]) if told else (0, time.time_ns())
+                packed, ancillary, _, _ = self._socket.recvmsg(_CAN_FRAME.size, _CONTROL)
+                seconds, nanoseconds = _TIMESPEC.unpack(ancillary[0][2]) if ancillary else (0, time.time_ns())
                 frames.append((seconds * 1_000_000_000 + nanoseconds, packed))
             except BlockingIOError:
                 break

@@ -4,7 +4,7 @@ import os
 import time
 
 from protocols.buses.bus import Port, listen
-from protocols.can.frames import Frame, FrameCodec
+from protocols.can.frames import Frame, FrameCodec, load_frames
 from protocols.can.lifecycle import Lifecycle
 from protocols.errors import InputError
 
@@ -12,8 +12,9 @@ LISTEN_SECONDS = 0.2  # s, four heartbeats: long enough to receive one of anothe
 
 
 def new_session() -> int:
-    """Session number of this service, from process and start time."""
-    return os.getpid() << 8 & 0xFFFFFF00 | time.monotonic_ns() & 0xFF
+    """Session number of this service, from process and start time, as heartbeats carry it."""
+    number = os.getpid() << 8 | time.monotonic_ns() & 0xFF
+    return load_frames()["PLANT_HEARTBEAT"].wrap("session", number)
 
 
 def check_alone(port: Port, kind: str, codec: FrameCodec) -> list[Frame]:

@@ -20,11 +20,11 @@ from protocols.can.two_clutches import CLUTCHES, message_of_clutch
 from protocols.errors import InputError, listing
 
 DBC = Path(__file__).with_name("clutch_rig.dbc")
-COUNTER_MODULUS = 16  # the alive counter has 4 bits
 
 # Protection signals at the beginning of every frame: name, first bit, length [bit]
 _CRC = ("CRC", 0, 8)
 _COUNTER = ("COUNTER", 8, 4)
+COUNTER_MODULUS = 1 << _COUNTER[2]  # the alive counter wraps at it
 # Frames that the processes use: a DBC must have all of them
 REQUIRED = (
     "VALVE_COMMAND", "MOTOR_COMMAND", "ANALOG_SENSORS", "ENCODER", "TORQUE_SETPOINT",
@@ -43,7 +43,8 @@ class FrameCodec:
     """One frame of the DBC, compiled.
 
     `pack(counter, *values)` takes physical values in the order of `signals` (or by lower-case name) and returns the
-    payload with CRC and counter, `pack_raw` takes raw integers; both raise InputError for a value outside the raw range.
+    payload with CRC and counter, `pack_raw` takes raw integers; both raise InputError for a value outside the raw range. A
+    signal that is not given has the raw integer 0, as in `words`.
     `unpack(data)` returns a namedtuple of physical values, `raw(data)` of raw integers; neither checks: `valid` does.
     """
 
@@ -58,6 +59,7 @@ class FrameCodec:
         payload = [signal for signal in self.definitions if signal.name not in ("CRC", "COUNTER")]
         self.signals: tuple[str, ...] = tuple(signal.name.lower() for signal in payload)
         self.scale = {signal.name.lower(): float(signal.scale) for signal in payload}  # unit of the signal per count
+        self.bits = {signal.name.lower(): signal.length for signal in payload}
         functions = _compile(self.name, self.length, payload)
         self.pack: Callable[..., bytes] = functions["pack"]
         self.pack_raw: Callable[..., bytes] = functions["pack_raw"]
@@ -69,13 +71,17 @@ class FrameCodec:
         (definition,) = (one for one in self.definitions if one.name.lower() == signal)
         return {int(value): str(name).replace("_", " ") for value, name in (definition.choices or {}).items()}
 
+    def wrap(self, signal: str, count: int) -> int:
+        """Return `count` as an unsigned signal (its name in lower case) carries it: it wraps at the signal's bits."""
+        return count & (1 << self.bits[signal]) - 1
+
     def valid(self, data: bytes) -> bool:
         """Whether the CRC of `data` is correct."""
         return calculate_crc8(data[1:]) == data[0]
 
     def counter(self, data: bytes) -> int:
         """Return the alive counter, 0..15."""
-        return data[1] & 15
+        return data[1] & COUNTER_MODULUS - 1
 
 
 @cache
@@ -130,7 +136,11 @@ def _compile(name: str, length: int, signals: list[Signal]) -> dict[str, Any]:
     Scaling: raw = floor((value - offset) / scale + 0.5); value = raw * scale + offset.
     """
     names = [signal.name.lower() for signal in signals]
-    pack_raw = [f"def pack_raw(_counter, {', '.join(names)}):", " _word = (_counter & 15) << 8"]
+    zeros = [f"{name}={float(signal.offset)!r}" for signal, name in zip(signals, names, strict=True)]
+    pack_raw = [
+        f"def pack_raw(_counter, {', '.join(f'{name}=0' for name in names)}):",
+        f" _word = (_counter & {COUNTER_MODULUS - 1}) << 8",
+    ]
     scaled, raws, values = [], [], []
     for index, (signal, value) in enumerate(zip(signals, names, strict=True)):
         mask, sign = (1 << signal.length) - 1, 1 << signal.length - 1
@@ -149,7 +159,7 @@ def _compile(name: str, length: int, signals: list[Signal]) -> dict[str, Any]:
         *pack_raw,
         f" _data = _word.to_bytes({length}, 'little')",
         " return bytes((_crc8(_data[1:]),)) + _data[1:]",
-        f"def pack(_counter, {', '.join(names)}):",
+        f"def pack(_counter, {', '.join(zeros)}):",
         " try:",
         f"  return pack_raw(_counter, {', '.join(scaled)})",
         " except (ValueError, OverflowError):",  # not a number, infinite

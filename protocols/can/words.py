@@ -12,7 +12,7 @@ from e2e.crc import calculate_crc8
 from numba import njit
 
 from protocols.can.frame_batch import write
-from protocols.can.frames import FrameCodec
+from protocols.can.frames import COUNTER_MODULUS, FrameCodec
 
 # A signal: its place in the word, scaling, and range low..high of its raw integer
 SIGNAL = np.dtype(
@@ -20,7 +20,7 @@ SIGNAL = np.dtype(
 )
 # CRC-8 SAE J1850 as a table, from the e2e library: the CRC of one byte is table[0xFF ^ byte] ^ 0xFF
 _CRC_TABLE = np.array([calculate_crc8(bytes((index ^ 0xFF,))) ^ 0xFF for index in range(256)], np.uint8)
-_COUNTER_MASK = 15  # 4 bits of the alive counter
+_COUNTER_MASK = COUNTER_MODULUS - 1
 
 
 def frame_layout(codec: FrameCodec) -> np.dtype:

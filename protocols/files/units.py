@@ -58,7 +58,7 @@ def _conversion(unit: str) -> tuple[float, float, str]:
     if unit in _COUNTED_UNITS:
         return 1.0, 0.0, unit
     text = unit.replace(_GAMMA, "rad")
-    text = _FORCE_PRODUCT.sub(lambda found: "*".join(filter(None, found.groups())), text)
+    text = _FORCE_PRODUCT.sub(lambda product: "*".join(filter(None, product.groups())), text)
     if not _CELSIUS.fullmatch(text):
         text = _CELSIUS.sub("delta_degC", text)
     try:

@@ -89,11 +89,11 @@ def install() -> None:
     load = Cache.load_overload
 
     def load_or_lock(cache: Any, sig: Any, context: Any) -> Any:
-        found = load(cache, sig, context)
-        if found is None and cache._enabled:
+        loaded = load(cache, sig, context)
+        if loaded is None and cache._enabled:
             COMPILING.lock_missing(cache._cache_file._index_path, cache._py_func.__name__)
-            found = load(cache, sig, context)
-        return found
+            loaded = load(cache, sig, context)
+        return loaded
 
     Cache.load_overload = load_or_lock  # type: ignore[method-assign]
     for kind in (Dispatcher, CFunc):  # whatever compiles has a cache
@@ -103,7 +103,7 @@ def install() -> None:
 def _compile_alone(compile_one: Callable[..., Any]) -> Callable[..., Any]:
     """Wrap `compile_one` of Numba, so that the lock of a kernel is released after it."""
 
-    def compiled(function: Any, *signature: Any) -> Any:
+    def compile_locked(function: Any, *signature: Any) -> Any:
         file = getattr(function._cache, "_cache_file", None)
         if file is None or not COMPILING.begin(file._index_path):
             return compile_one(function, *signature)
@@ -112,4 +112,4 @@ def _compile_alone(compile_one: Callable[..., Any]) -> Callable[..., Any]:
         finally:
             COMPILING.end(file._index_path)
 
-    return compiled
+    return compile_locked

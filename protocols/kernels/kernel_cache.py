@@ -18,6 +18,7 @@ from protocols.errors import InputError
 
 VARIABLE = "NUMBA_CACHE_DIR"
 _IMPORT = re.compile(r"^from (\w+(?:\.\w+)*) import (\([^)]*\)|.*)$", re.MULTILINE)
+_SOURCES = ("*.py", "*.dbc")  # of kernels: code, and frame definitions of which constants are part of the code
 _CACHE_NAME = "clutch-hil"  # folder in a cache, with one folder for each state of the sources
 _TEMPORARY_PREFIX = "clutch-hil-unkept-"  # of the name of a cache folder that is removed after the command
 _TEMPORARY: list[Path] = []  # such folders of this process
@@ -86,7 +87,8 @@ def _packages(beside: Path) -> list[Path]:
 def _hash_sources(packages: Iterable[Path]) -> str:
     """Hash of the paths and write times of all sources, as a folder name."""
     known = hashlib.sha256()
-    for path in sorted(path for package in packages for path in package.rglob("*.py")):
+    sources = (path for package in packages for pattern in _SOURCES for path in package.rglob(pattern))
+    for path in sorted(sources):
         known.update(f"{path}\0{path.stat().st_mtime_ns}\0".encode())
     return known.hexdigest()[:16]
 
@@ -96,7 +98,7 @@ def drop_stale(package: Path, *used: Path) -> list[Path]:
 
     used: other packages whose functions become part of these kernels.
     """
-    sources = {path: path.stat().st_mtime_ns for folder in (package, *used) for path in folder.rglob("*.py")}
+    sources = {path: _written_at(path) for folder in (package, *used) for path in folder.rglob("*.py")}
     caches = {path: path.stat().st_mtime_ns for path in package.rglob("__pycache__/*.nbi")}
     if not caches or max(sources.values()) <= min(caches.values()):
         return []
@@ -110,14 +112,19 @@ def drop_stale(package: Path, *used: Path) -> list[Path]:
     return stale
 
 
+def _written_at(module: Path) -> int:
+    """Time [ns] at which a module, or a DBC beside it, which is part of it, was written last."""
+    return max(path.stat().st_mtime_ns for path in (module, *module.parent.glob(_SOURCES[1])))
+
+
 def _find_imports(path: Path, package: Path, sources: dict[Path, int]) -> set[Path]:
     """Modules among `sources` that the module at `path` imports; all packages are in the folder of `package`."""
-    found = set()
+    imported = set()
     for base, names in _IMPORT.findall(path.read_text(encoding="utf-8")):
         folder = package.parent.joinpath(*base.split("."))
         candidates = [folder, *(folder / name for name in re.findall(r"\w+", names))]
-        found |= {candidate.with_suffix(".py") for candidate in candidates} & sources.keys()
-    return found
+        imported |= {candidate.with_suffix(".py") for candidate in candidates} & sources.keys()
+    return imported
 
 
 def _find_reachable(module: Path, imported: dict[Path, set[Path]]) -> set[Path]:

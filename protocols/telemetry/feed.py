@@ -136,14 +136,14 @@ def find_bench(session: zenoh.Session, bus: str | None = None) -> str:
     """The bench on `bus`, or the only one there is. Raises InputError when there is more than one, NoBenchError for none."""
     there = benches(session)
     if bus is None:
-        found = there
+        matches = there
     else:
         own = bench_name(bus)
-        found = [own] if own in there else [name for name in there if bus in (name, bus_of(name))]
-    if len(found) == 1:
-        return found[0]
-    if found:
-        raise InputError(f"there are {len(found)} benches: {listing(found)}; choose one with --bus")
+        matches = [own] if own in there else [name for name in there if bus in (name, bus_of(name))]
+    if len(matches) == 1:
+        return matches[0]
+    if matches:
+        raise InputError(f"there are {len(matches)} benches: {listing(matches)}; choose one with --bus")
     where = f" on {bus}" if bus else ""
     others = f"; there are {listing(there)}" if there else ""
     raise NoBenchError(f"no bench{where} publishes telemetry{others}; start one with: clutch-hil up")

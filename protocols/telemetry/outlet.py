@@ -82,13 +82,13 @@ class Outlet:
         """Number of parameters changed so far."""
         return self._tuning.count
 
-    def asked(self) -> bool:
+    def has_change(self) -> bool:
         """Whether a change of parameters waits."""
         return self._tuning.has_request()
 
     def tune(self) -> None:
         """Make the waiting change, if there is one; call it between two cycles."""
-        if self.asked():
+        if self.has_change():
             self._tuning.act(self._ring.written)
 
     def close(self) -> dict[str, Any]:

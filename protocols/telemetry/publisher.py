@@ -119,9 +119,9 @@ class Publisher:
         """Print faults on the terminal of the service, as its loop must not print."""
         if self._faults is None or self._terminal is None:
             return
-        for told in self._faults.take(rows):
+        for fault in self._faults.take(rows):
             with suppress(OSError):  # a terminal that is gone
-                os.write(self._terminal, f"{told.line}\n".encode())
+                os.write(self._terminal, f"{fault.line}\n".encode())
 
     def _answer_history(self, query: zenoh.Query) -> None:
         asked = query.selector.parameters
@@ -166,7 +166,7 @@ class Publisher:
         values = asked["values"] if timed else asked
         if not isinstance(values, dict) or not values:
             raise InputError("a change must be a JSON object of names and numbers")
-        when = {"when": {key: told for key, told in asked.items() if key != "values"}} if timed else {}
+        when = {"when": {key: value for key, value in asked.items() if key != "values"}} if timed else {}
         query.reply(query.key_expr, json.dumps(self._forward_request({"values": values} | when)))
 
     def _forward_request(self, request: dict[str, Any]) -> dict[str, Any]:
@@ -192,8 +192,8 @@ class Publisher:
         for change in changes:
             self._put({"injection": stage} | change)
 
-    def _put(self, told: dict[str, Any]) -> None:
-        event = {"node": self._node, "time": time.time()} | told
+    def _put(self, content: dict[str, Any]) -> None:
+        event = {"node": self._node, "time": time.time()} | content
         self._events.append(event)
         self._event.put(json.dumps(event))
 

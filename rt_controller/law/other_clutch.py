@@ -66,7 +66,7 @@ def use_newest_status(other):
 
 
 @njit
-def applied_alone(other, pair, settings, motor_torque):
+def find_applied_torque(other, pair, settings, motor_torque):
     """Return the torque [Nm] applied to this clutch while its slip is constant, and whether it is known: the other is open."""
     known = other.age <= pair.patience and other.tick >= 0 and other.estimate == 0.0
     input_acceleration = pair.ratio / (pair.ratio - pair.other_ratio) * other.acceleration

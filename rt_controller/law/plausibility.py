@@ -37,7 +37,7 @@ PLAUSIBILITY = np.dtype(
 
 
 @njit
-def torque_implausible(state, settings, mismatch, speed_error, stands, pushes, step):
+def check_torque(state, settings, mismatch, speed_error, stands, pushes, step):
     """Advance the torque checks by `step` [s]; return whether motor torque, estimate and encoder contradict each other.
 
     mismatch [Nm] of the torque balance; speed_error [rad/s] of the motor; `stands`: the encoder shows no motion; `pushes`: the
@@ -49,7 +49,7 @@ def torque_implausible(state, settings, mismatch, speed_error, stands, pushes, s
 
 
 @njit
-def pressure_lost(state, settings, pressure, asked, step):
+def check_pressure(state, settings, pressure, asked, step):
     """Advance the pressure check by `step` [s]; return whether the `pressure` signal [Pa] is invalid; `asked`: demand [Pa]."""
     state.time_lost = state.time_lost + step if pressure < settings.lost_pressure else 0.0
     if pressure != state.pressure:

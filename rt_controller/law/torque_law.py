@@ -179,7 +179,7 @@ def control(law, settings, phase, demand, speed_demand, pushes, sample, step, ta
         law.held = law.held if max(holding, pressure) > unlimited + settings.torque.contact_band else 0.0
         unlimited, most = max(unlimited, holding), settings.lock.pressure_limit
     pressure_demand = min(max(unlimited, least), most)
-    law.pressure_demand, law.pressure_limited = pressure_demand, _limited_side(unlimited, pressure_demand)
+    law.pressure_demand, law.pressure_limited = pressure_demand, _find_limited_side(unlimited, pressure_demand)
 
     # pressure loop: docs/rig.md
     if not closing:
@@ -190,7 +190,7 @@ def control(law, settings, phase, demand, speed_demand, pushes, sample, step, ta
     unlimited = pressure_demand + law.pressure_loop.proportional + law.pressure_loop.integral if closing else 0.0
     unlimited /= settings.valve_gain
     law.voltage = min(max(unlimited, 0.0), settings.voltage_limit)
-    law.voltage_limited = _limited_side(unlimited, law.voltage)
+    law.voltage_limited = _find_limited_side(unlimited, law.voltage)
 
     terms.torque_demand_nm = nan if follows else demand
     terms.torque_estimate_nm = torque.estimate
@@ -221,7 +221,7 @@ def control(law, settings, phase, demand, speed_demand, pushes, sample, step, ta
 
 
 @njit
-def _limited_side(unlimited, limited):
+def _find_limited_side(unlimited, limited):
     """Return which limit has changed `unlimited` to `limited`: 1 the upper, -1 the lower, 0 none."""
     return int(unlimited > limited) - int(unlimited < limited)
 

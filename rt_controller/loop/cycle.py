@@ -19,14 +19,14 @@ from rt_controller.law.lock import motor_limit
 from rt_controller.law.other_clutch import (
     OTHER,
     PAIR_SETTINGS,
-    applied_alone,
+    find_applied_torque,
     pair_mismatch,
     take_other_encoder,
     take_other_status,
     use_newest_status,
 )  # fmt: skip
 from rt_controller.law.phases import PHASE_SETTINGS, PHASES, Phase, advance
-from rt_controller.law.plausibility import PLAUSIBILITY, PLAUSIBILITY_SETTINGS, pressure_lost, torque_implausible
+from rt_controller.law.plausibility import PLAUSIBILITY, PLAUSIBILITY_SETTINGS, check_pressure, check_torque
 from rt_controller.law.sample import SAMPLE, take_analog, take_encoder
 from rt_controller.law.torque_law import LAW, LAW_SETTINGS, control
 from rt_controller.law.transmitted import mismatch
@@ -138,7 +138,7 @@ def _update_applied_torque(node, settings):
         return
     if node.slot % settings.status_every == settings.status_every // 2:
         use_newest_status(node.other)
-    sample.applied, sample.known = applied_alone(node.other, settings.pair, torque, sample.motor_torque)
+    sample.applied, sample.known = find_applied_torque(node.other, settings.pair, torque, sample.motor_torque)
 
 
 @njit
@@ -146,7 +146,7 @@ def _check_plausibility(node, settings, request, pushes, elapsed):
     """Return whether the pressure signal is lost, and whether the torque is implausible; `elapsed` [s]."""
     law, sample, checks, s = node.law, node.sample, node.plausibility, settings.plausibility
     closed = node.phases.phase == Phase.SLIP_CONTROL or node.phases.phase == Phase.LOCK
-    lost = pressure_lost(checks, s, sample.pressure, law.pressure_demand, elapsed)
+    lost = check_pressure(checks, s, sample.pressure, law.pressure_demand, elapsed)
     alone, torque = settings.law.torque.alone, law.torque
     compared = closed and request != Request.PRESSURE
     sticks = torque.contact and not torque.motion.moves
@@ -159,7 +159,7 @@ def _check_plausibility(node, settings, request, pushes, elapsed):
             node.other, settings.pair, settings.law.torque, torque.estimate, capacity, sticks, sample
         )
     stands = compared and alone and sticks
-    implausible = torque_implausible(checks, s, residual, node.speed_demand - sample.speed, stands, pushes, elapsed)
+    implausible = check_torque(checks, s, residual, node.speed_demand - sample.speed, stands, pushes, elapsed)
     return lost, implausible
 
 

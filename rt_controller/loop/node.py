@@ -190,17 +190,20 @@ class ControllerNode:
     def heartbeat(self, lifecycle: Lifecycle) -> Frame:
         """Return the next heartbeat frame, with the state `lifecycle`."""
         self._state.beats += 1
-        return Frame(
-            self._heartbeat.can_id, self._heartbeat.pack(int(self._state.beats), lifecycle, self.rate, self._session)
-        )
+        data = self._heartbeat.pack(int(self._state.beats), lifecycle=lifecycle, rate=self.rate, session=self._session)
+        return Frame(self._heartbeat.can_id, data)
 
     def safe(self) -> list[Frame]:
         """Return the safe frames: valve closed, motor off, heartbeat with the state finalized."""
         self._state.cycle += 1
         counter = int(self._state.cycle) - 1
-        valve = self._valve.pack(counter, 0, 0.0, max(self.sample_tick, 0) & 0xFFFF)
-        motor = [Frame(self._motor.can_id, self._motor.pack(counter, 0, 0.0, 0.0))] if self._drives else []
-        return [Frame(self._valve.can_id, valve), *motor, self.heartbeat(Lifecycle.FINALIZED)]
+        tick = self._valve.wrap("sample_tick", max(self.sample_tick, 0))
+        valve = self._valve.pack(counter, valve_enable=0, valve_voltage=0.0, sample_tick=tick)
+        motor = self._motor.pack(counter, motor_enable=0, speed_demand=0.0, torque_limit=0.0)
+        commands = [Frame(self._valve.can_id, valve)]
+        if self._drives:
+            commands.append(Frame(self._motor.can_id, motor))
+        return [*commands, self.heartbeat(Lifecycle.FINALIZED)]
 
     def faults(self) -> FaultWatch:
         """Return a FaultWatch with the number of faults so far, and the first."""

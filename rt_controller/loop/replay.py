@@ -155,7 +155,7 @@ def answer_log_on_bus(bus: str, log: Log, arguments: list[str]) -> Answers:
                 _add_answer(answers, log, index, answer)
             answers.seconds = time.perf_counter() - began
             plant = frames["PLANT_HEARTBEAT"]
-            port.send(Frame(plant.can_id, plant.pack(_LAST_COUNTER, Lifecycle.FINALIZED, log.rate, 0)))
+            port.send(Frame(plant.can_id, plant.pack(_LAST_COUNTER, lifecycle=Lifecycle.FINALIZED, rate=log.rate)))
             process.wait(_ANSWER_TIMEOUT)
         finally:
             process.kill()

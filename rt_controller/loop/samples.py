@@ -29,7 +29,7 @@ class Samples:
             if line.marks > marks:
                 return True
             remaining = end - time.monotonic()
-            if not received_some or remaining <= 0.0 or self.plant_ended(before):
+            if not received_some or remaining <= 0.0 or self.has_plant_ended(before):
                 return False
 
     def arrived_ns(self) -> int:
@@ -37,7 +37,7 @@ class Samples:
         now = time.monotonic_ns()
         return now - max(time.time_ns() - self.line.marked_ns, 0)
 
-    def plant_ended(self, since: int = 0) -> bool:
+    def has_plant_ended(self, since: int = 0) -> bool:
         """Whether a heartbeat says that the plant has ended, among the frames of the inbox from index `since` on."""
         codec, inbox = self._plant, self.line.inbox
         received = inbox[since : self.line.count]

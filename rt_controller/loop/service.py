@@ -175,7 +175,7 @@ class ControllerService:
         measured = Footprint()
         while not stop.asked:
             cycle_trigger.run(outlet.changes)
-            if outlet.asked():
+            if outlet.has_change():
                 outlet.write(
                     node.record, clock.woken_ns / 1e9, clock.lateness_ns / 1e3, clock.work_ns / 1e3, clock.late
                 )
@@ -194,9 +194,9 @@ class ControllerService:
             if not written:
                 outlet.write(turn.node.record, time.monotonic(), 0.0, 0.0, 0)
             outlet.tune()
-            if complete or (not samples.plant_ended() and samples.next(_SILENCE_TIMEOUT)):
+            if complete or (not samples.has_plant_ended() and samples.next(_SILENCE_TIMEOUT)):
                 continue
-            if samples.plant_ended():
+            if samples.has_plant_ended():
                 return
             raise InputError(
                 f"the plant on {samples.line.port.name} has been silent for {_SILENCE_TIMEOUT:g} s of lock-step"

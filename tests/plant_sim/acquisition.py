@@ -27,7 +27,7 @@ class Acquisition:
     def tune(self, changed: dict[str, float]) -> None:
         """Change parameters between two samples."""
         before, self._rig = self._rig, wet_clutch.Rig(self._rig.parameters.with_values(changed))
-        self._effects = self._rig.table.carried(self._effects, before.table)
+        self._effects = self._rig.table.carry_over(self._effects, before.table)
 
     def sample(self, bar: float = 0, degc: float = 0, motor: float = 0, clutch: float = 0, rad: float = 0) -> Counts:
         """Counts of a sample, a period after the one before."""

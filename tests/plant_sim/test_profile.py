@@ -53,12 +53,12 @@ def test_the_clutch_is_to_be_locked_from_a_row_with_1_to_a_row_with_0(time: floa
 
 
 def test_a_repeated_profile_repeats_its_lock() -> None:
-    long = LOCKED.lasting(4.5)
+    long = LOCKED.repeat_to(4.5)
     for time in (0.5, 0.999, 1.0, 1.49):
         assert long.at(3.001 + time).request is LOCKED.at(time).request
     assert long.at(3.0005).request is Request.LOCK  # from its last row to the first of the repetition
-    assert LOCKED.lasting(1.5).at(1.499).request is Request.LOCK
-    assert LOCKED.lasting(1.5).speed[-1] == pytest.approx(0.0)
+    assert LOCKED.repeat_to(1.5).at(1.499).request is Request.LOCK
+    assert LOCKED.repeat_to(1.5).speed[-1] == pytest.approx(0.0)
 
 
 @pytest.mark.parametrize("order", [(0, 1, 2, 4, 3), (4, 3, 2, 1, 0), (3, 0, 4, 1, 2)], ids=str)
@@ -105,7 +105,7 @@ def test_a_profile_without_pressure_asks_for_none(tmp_path: Path) -> None:
 
 
 def test_a_repeated_profile_repeats_its_pressure() -> None:
-    long = BOTH.lasting(5.6)  # a repetition begins 1 ms after the last row
+    long = BOTH.repeat_to(5.6)  # a repetition begins 1 ms after the last row
     for time in (1.5, 2.0, 2.5):
         assert long.at(time) == pytest.approx(BOTH.at(time))
         assert long.at(time + 3.001) == pytest.approx(BOTH.at(time))
@@ -156,7 +156,7 @@ def test_what_memory_cannot_hold_is_refused_before_it_is_made(tmp_path: Path) ->
     with pytest.raises(
         InputError, match="a run of 1e\\+06 s repeats profile short until it has 19801982 rows; allowed are"
     ):
-        Profile("short", (0.0, 0.1), (0.0, 0.0), (10.0, 10.0)).lasting(1e6)
+        Profile("short", (0.0, 0.1), (0.0, 0.0), (10.0, 10.0)).repeat_to(1e6)
     path = tmp_path / "large.csv"
     with path.open("w") as file:
         file.write(HEADER)

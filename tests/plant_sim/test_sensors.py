@@ -29,6 +29,7 @@ DAC_STEP = 10.0 / 65536  # V, of the frame
 COUNT = 2 * pi / COUNTS_PER_REVOLUTION  # rad
 HALF = 1 << 31
 FRAMES = load_frames()
+ANGLE_BITS = FRAMES["ENCODER"].bits["shaft_angle"]
 
 RIG = Acquisition(QUIET)
 RIG.sample()  # compiles: no example of hypothesis shall wait for it
@@ -125,7 +126,9 @@ def test_encoder_counts_floor() -> None:
 @pytest.mark.parametrize("per_revolution", [1000, COUNTS_PER_REVOLUTION])
 def test_encoder_counts_every_edge_of_a_turn_once_in_either_direction(per_revolution: int) -> None:
     edge = 2 * pi / per_revolution
-    seen = [encoder.counts((k + 0.5) * edge, per_revolution) for k in range(-per_revolution, per_revolution)]
+    seen = [
+        encoder.counts((k + 0.5) * edge, per_revolution, ANGLE_BITS) for k in range(-per_revolution, per_revolution)
+    ]
     steps = COUNTS_PER_REVOLUTION / per_revolution  # the frame counts in the finest encoder's lines
     assert seen == [floor(k * steps) for k in range(-per_revolution, per_revolution)]
 
@@ -140,7 +143,9 @@ def test_encoder_wraps_at_32_bit(turned: int, expected: int) -> None:
 
 @given(st.integers(-(2**40), 2**40), st.integers(-10_000, 10_000))
 def test_a_difference_of_counts_is_right_across_a_wrap(turned: int, more: int) -> None:
-    first, second = (encoder.counts((n + 0.5) * COUNT, COUNTS_PER_REVOLUTION) for n in (turned, turned + more))
+    first, second = (
+        encoder.counts((n + 0.5) * COUNT, COUNTS_PER_REVOLUTION, ANGLE_BITS) for n in (turned, turned + more)
+    )
     assert (second - first + HALF) % (2 * HALF) - HALF == more
 
 

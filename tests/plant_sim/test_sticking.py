@@ -41,7 +41,7 @@ def applied(rig: Rig, begin: Whole, voltage: Signal, torque: Signal, seconds: fl
 
 def at_rest(rig: Rig = RIG, voltage: float = 1.36) -> Whole:
     """Plates pressed for 0.5 s without slip."""
-    state = rig.filled(0.0, OIL)
+    state = rig.fill(0.0, OIL)
     for _ in range(500):
         state = rig.advance(state, voltage, 0.0, 40.0, PERIOD, 10)
     return state
@@ -178,14 +178,14 @@ SWING = 3.0  # rad/s: half of 20 Nm for 14 ms on 0.05 kg m^2; 2.4 measured
 @cache
 def landed(load: float) -> int:
     """First sample of rest of a free inertia under `load` [Nm], with the finest steps."""
-    states = applied(RIG, RIG.filled(20.0, OIL), 1.36, load, 1.5, STEPS[-1])
+    states = applied(RIG, RIG.fill(20.0, OIL), 1.36, load, 1.5, STEPS[-1])
     return int(np.flatnonzero(states["slip_speed"] != 0.0)[-1]) + 1
 
 
 @pytest.mark.parametrize("substeps", STEPS)
 @pytest.mark.parametrize("load", [-8.0, -1.0, 0.0, 5.0, 9.0])
 def test_a_free_inertia_is_stopped_and_held(load: float, substeps: int) -> None:
-    begin = RIG.filled(20.0, OIL)
+    begin = RIG.fill(20.0, OIL)
     states = applied(RIG, begin, 1.36, load, 1.5, substeps)
     # eq. 6.9 turns its friction within 1/C = 14 ms, not at once: the inertia swings back, by 14 ms of at most 20 Nm
     assert turns(states) <= SWINGS
@@ -198,7 +198,7 @@ def test_a_free_inertia_is_stopped_and_held(load: float, substeps: int) -> None:
 
 def reversal(substeps: int) -> np.ndarray:
     """Slip turned slowly by the motor's speed control, 5 to -5 rad/s in 1 s."""
-    state, states = RIG.filled(5.0, OIL), []
+    state, states = RIG.fill(5.0, OIL), []
     for k in range(2000):
         speed = 5.0 - 10.0 * min(max(k * PERIOD - 0.5, 0.0), 1.0)
         state = RIG.advance(state, 1.36, speed, 40.0, PERIOD, substeps)
@@ -222,7 +222,7 @@ def test_every_step_gives_the_same_turns(swing: float, hertz: float, substeps: i
     """Slow and fast: plates that land early in coarse steps once were 5 Nm off."""
 
     def turned(steps: int) -> np.ndarray:
-        state, states = RIG.filled(swing, OIL), []
+        state, states = RIG.fill(swing, OIL), []
         for k in range(2000):
             speed = swing * np.cos(2 * np.pi * hertz * k * PERIOD)
             state = RIG.advance(state, 1.36, speed, 40.0, PERIOD, steps)

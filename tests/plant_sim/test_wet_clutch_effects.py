@@ -19,14 +19,14 @@ class _WithoutHooks(ast.NodeTransformer):
 
     def visit_If(self, node: ast.If) -> ast.AST | None:
         self.generic_visit(node)
-        return None if "attached(" in ast.unparse(node.test) else node
+        return None if "has_law(" in ast.unparse(node.test) else node
 
     def visit_keyword(self, node: ast.keyword) -> ast.keyword | None:
         return None if node.arg == "cache" else node  # Numba keeps no cache for source without a file
 
     def visit_Assign(self, node: ast.Assign) -> ast.AST | None:
         self.generic_visit(node)
-        return None if "bound(" in ast.unparse(node.value) else node
+        return None if "bind_laws(" in ast.unparse(node.value) else node
 
     def visit_Name(self, node: ast.Name) -> ast.AST:
         return ast.Constant(None) if node.id == "e" and isinstance(node.ctx, ast.Load) else node
@@ -42,7 +42,7 @@ def rig_without_hooks() -> Any:
         tree = _WithoutHooks().visit(ast.parse(path.read_text()))
         tree.body = [n for n in tree.body if not (isinstance(n, ast.ImportFrom) and n.module in names)]
         source = ast.unparse(ast.fix_missing_locations(tree))
-        assert "attached(" not in source
+        assert "has_law(" not in source
         assert "call(" not in source
         scope["__file__"] = str(path)
         exec(compile(source, f"<{path.stem} without hooks>", "exec"), scope)

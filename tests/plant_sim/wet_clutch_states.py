@@ -47,7 +47,7 @@ def pressing(p_star: float) -> float:
 
 def pressed(p_star: float, speed: float, rig: wet_clutch.Rig = NOMINAL, celsius: float = 70.0) -> np.ndarray:
     """State after a second at `p_star`, the temperature set back."""
-    state = run(rig.filled(speed, celsius + KELVIN).y, [(pressing(p_star), speed, 1000)], rig)[-1:]
+    state = run(rig.fill(speed, celsius + KELVIN).y, [(pressing(p_star), speed, 1000)], rig)[-1:]
     state["temperature"] = celsius + KELVIN
     return state
 

@@ -122,6 +122,20 @@ def test_unpacking_agrees_with_cantools(codec: FrameCodec) -> None:
 
 
 @each_frame
+def test_a_count_wraps_at_the_bits_of_its_signal(codec: FrameCodec) -> None:
+    for signal in payload(codec):
+        if not signal.is_signed:
+            name, most = signal.name.lower(), 2**signal.length - 1
+            assert [codec.wrap(name, count) for count in (-1, 0, most, most + 1, 2 * most + 1)] == [
+                most,
+                0,
+                most,
+                0,
+                most,
+            ]
+
+
+@each_frame
 def test_raw_values_survive_packing(codec: FrameCodec) -> None:
     @settings(max_examples=EXAMPLES)
     @given(raw=raw_values(codec))
@@ -290,8 +304,7 @@ def test_worst_case_frames_have_the_bits_counted_by_hand() -> None:
 
 
 def test_frames_at_1_khz_fit_a_bus_of_1_mbit_and_not_of_500_kbit() -> None:
-    # 1 kHz: two frames of 6 and three of 8 bytes; 10 Hz: one of each; 20 Hz: two of 8 bytes.
-    bits = 1000 * (2 * 115 + 3 * 135) + 10 * (135 + 115) + 20 * 2 * 135
+    bits = sum(worst_bits(codec.length) / codec.cycle_time for codec in CODECS.values())  # in a second
     assert bus_load(CODECS.values(), 1000, 1_000_000) == pytest.approx(bits / 1e6, rel=ROUNDING)
     assert bus_load(CODECS.values(), 1000, 1_000_000) < LOAD
     assert bus_load(CODECS.values(), 1000, 500_000) > 1.0

@@ -50,6 +50,12 @@ def test_kernels_follow_what_they_are_made_from(package: Path, edited: str, stal
     assert drop_stale(package) == []
 
 
+def test_kernels_follow_a_dbc_as_they_follow_the_module_beside_it(package: Path) -> None:
+    (package / "folder" / "rig.dbc").touch()
+    os.utime(package / "folder" / "rig.dbc", (300, 300))
+    assert {path.name.partition(".")[0] for path in drop_stale(package)} == {"deep", "rig"}
+
+
 def test_nothing_is_dropped_when_nothing_changed(package: Path) -> None:
     assert drop_stale(package) == []
     assert len(list(package.rglob("*.nbi"))) == len(MODULES)

@@ -16,7 +16,7 @@ from protocols.can.words import frame_definition
 from protocols.errors import InputError
 from rt_controller.law.other_clutch import (
     PAIR_SETTINGS,
-    applied_alone,
+    find_applied_torque,
     initial_other,
     pair_mismatch,
     take_other_encoder,
@@ -92,7 +92,7 @@ def test_the_inertia_of_the_input_is_told_from_both_slips() -> None:
     """s_a' = 1 and s_b' = 2 rad/s^2 are w_in' = 3*2 - 2*1 = 4 and w_out' = 1."""
     unknown = 100.0 + WEIGHT * 4.0
     assert compute_mismatch(unknown, 10.0, other(5.0, acceleration=2.0), slip_rate=1.0) == pytest.approx(85.0)
-    applied, known = applied_alone(other(0.0, acceleration=2.0), PAIR, torque_settings(), 10.0)
+    applied, known = find_applied_torque(other(0.0, acceleration=2.0), PAIR, torque_settings(), 10.0)
     assert known
     assert applied == pytest.approx(10.0 - WEIGHT * 3.0 * 2.0), "own slip constant: w_in' = 3 s_b'"
 
@@ -101,8 +101,8 @@ def test_a_silent_other_is_not_compared_with() -> None:
     for silent in (initial_other(), other(5.0)):
         silent.age = 0.26
         assert compute_mismatch(40.0, 10.0, silent) == 0.0
-        assert not applied_alone(silent, PAIR, torque_settings(), 10.0)[1]
-    assert not applied_alone(other(0.1), PAIR, torque_settings(), 10.0)[1], "it transmits"
+        assert not find_applied_torque(silent, PAIR, torque_settings(), 10.0)[1]
+    assert not find_applied_torque(other(0.1), PAIR, torque_settings(), 10.0)[1], "it transmits"
 
 
 def test_a_status_counts_from_when_it_is_heeded() -> None:

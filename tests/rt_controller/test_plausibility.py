@@ -34,10 +34,10 @@ class Doubts:
         self, mismatch: float = 0.0, error: float = 0.0, stands: bool = False, pushes: bool = False, step: float = STEP
     ) -> bool:
         arguments = self._state, self._settings, mismatch, error, stands, pushes, step
-        return bool(self._module.torque_implausible(*arguments))
+        return bool(self._module.check_torque(*arguments))
 
     def pressure(self, pressure: float, asked: float, step: float = STEP) -> bool:
-        return bool(self._module.pressure_lost(self._state, self._settings, pressure, asked, step))
+        return bool(self._module.check_pressure(self._state, self._settings, pressure, asked, step))
 
 
 def test_a_mismatch_of_either_sign_is_believed_at_the_end_of_its_dwell(plausibility: ModuleType) -> None:

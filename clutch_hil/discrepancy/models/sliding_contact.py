@@ -23,7 +23,7 @@ from clutch_hil.discrepancy.models.linear_motion import STRIBECK_DEPTH, law_valu
 from clutch_hil.discrepancy.models.measured_motion import Motion
 from clutch_hil.discrepancy.models.ripple_starts import ripple_starts
 from plant_sim.effects.catalogue import effect
-from plant_sim.effects.signals import DRIVE, PISTON, SENSORS, SIGNALS, attached, bound, call
+from plant_sim.effects.signals import DRIVE, PISTON, SENSORS, SIGNALS, bind_laws, call, has_law
 from plant_sim.effects.start import StrongestOrder
 from plant_sim.effects.table import table_of
 from plant_sim.rigs.clutch_unit import slide
@@ -170,22 +170,22 @@ def play(position, speed, load, pressure, other, m, period, parameters, effects,
     """
     signals = np.zeros(1, SIGNALS)
     c, s = parameters[0], signals[0]
-    e = bound(effects, states)
+    e = bind_laws(effects, states)
     s.temperature = ROOM_TEMPERATURE
     for k in range(position.size):
         moved = period * speed[k]
         s.time, s.angle = k * period, position[k] - 0.5 * moved  # the step's beginning; its middle is at `position`
         m, friction = slide(m, load[k], speed[k], 1.0, s, c, e, period)
-        if attached(PISTON, e):
+        if has_law(PISTON, e):
             s.pressure, s.displacement, s.piston_force = pressure[k], moved, 0.0
             call(PISTON, e, s, c, period)
             friction += s.piston_force
         shown = friction + other[k]
-        if attached(DRIVE, e):
+        if has_law(DRIVE, e):
             s.motor_torque, s.drive_torque = 1.0, 1.0
             call(DRIVE, e, s, c, period)
             shown /= s.drive_torque  # what must be asked for, that this is delivered
-        if attached(SENSORS, e):
+        if has_law(SENSORS, e):
             s.sensed_clutch_torque = shown
             call(SENSORS, e, s, c, period)
             shown = s.sensed_clutch_torque

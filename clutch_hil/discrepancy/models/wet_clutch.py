@@ -22,7 +22,7 @@ from clutch_hil.discrepancy.models.wet_clutch_starts import check_start, startin
 from clutch_hil.discrepancy.noise import find_lattice
 from plant_sim.effects.catalogue import effects as catalogue
 from plant_sim.effects.signals import DRIVE
-from plant_sim.effects.table import added_rate
+from plant_sim.effects.table import sum_added_rates
 from plant_sim.rigs import wet_clutch
 from plant_sim.rigs.wet_clutch_run import ANGLE, CLUTCH_TORQUE, MOTOR_TORQUE, PRESSURE, SLIP, TEMPERATURE, run
 from protocols.files.parameters import ParameterSet
@@ -191,7 +191,7 @@ class WetClutch:
         """The rig of a point, and its fastest rate [1/s]."""
         whole = self._whole.with_values(dict(values))
         own = wet_clutch.parameter_values(whole)
-        return wet_clutch.Rig(whole), wet_clutch.fastest_rate(own, added_rate(whole, own))
+        return wet_clutch.Rig(whole), wet_clutch.fastest_rate(own, sum_added_rates(whole, own))
 
 
 def _substeps(rig: wet_clutch.Rig, rate: float, period: float) -> int:

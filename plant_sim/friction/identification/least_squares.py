@@ -76,7 +76,7 @@ def minimise(
     scale = np.where(np.isfinite(scale), scale, 1.0)
     count = 0
 
-    def scaled(theta: Array) -> Array:
+    def scale_residual(theta: Array) -> Array:
         nonlocal count
         count += 1
         return residual(theta * scale)
@@ -84,13 +84,13 @@ def minimise(
     limits = bounds / scale[:, None]
     best = None
     for i, start in enumerate(starts):
-        minimum = _search(scaled, start / scale, limits)
+        minimum = _search(scale_residual, start / scale, limits)
         best = minimum if best is None or minimum.cost < best.cost else best
         progress(i + 1, len(starts))
     assert best is not None
     values = np.clip(best.theta * scale, bounds[:, 0], bounds[:, 1])
-    rows = jacobian(scaled, values / scale, limits) / scale
-    estimate = _estimate(tuple(names), values, bounds, rows, scaled(values / scale), count, dict(frozen or {}))
+    rows = jacobian(scale_residual, values / scale, limits) / scale
+    estimate = _estimate(tuple(names), values, bounds, rows, scale_residual(values / scale), count, dict(frozen or {}))
     if best.settled:
         return estimate
     return replace(estimate, doubts=(f"the search has not settled after {MOST_ITERATIONS} rounds", *estimate.doubts))
@@ -193,11 +193,11 @@ def _estimate(
         float(np.sqrt(np.mean(residual**2))),
         count,
         frozen,
-        _doubts(names, values, bounds, half, size, directions[dead]),
+        _list_doubts(names, values, bounds, half, size, directions[dead]),
     )
 
 
-def _doubts(
+def _list_doubts(
     names: tuple[str, ...], values: Array, bounds: Array, half: Array, size: Array, lost: Array
 ) -> tuple[str, ...]:
     """One sentence for each parameter, or each group of them, that the data do not determine."""

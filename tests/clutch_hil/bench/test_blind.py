@@ -14,9 +14,10 @@ from typer.testing import CliRunner
 from clutch_hil.bench.in_process import Played, play
 from clutch_hil.bench.metadata import run_metadata
 from clutch_hil.bench.recording import Recording
+from clutch_hil.bench.scenario import Scenario
 from clutch_hil.bench.sealed import SEAL, SealedRecording
+from clutch_hil.bench.settings import RunSettings
 from clutch_hil.bench.unseal import describe_truth, read_truth
-from clutch_hil.bench.wet_clutch_rig import RIG
 from clutch_hil.command import application
 from plant_sim.effects.catalogue import effects
 from plant_sim.node.injection import Injection, effect_on
@@ -46,7 +47,9 @@ def played() -> tuple[Played, dict]:
     plant = PlantNode(1000, parameters, load_profile("engagement", 1.0), SEED, injections=injections, blind=True)
     controller = node_factory("controller")()
     run = play(plant, controller)
-    metadata = run_metadata(RIG, 1000, parameters, {"controller": controller.parameters.as_values()}, plant.injected)
+    scenario = replace(Scenario.of(RunSettings()), plant=parameters)
+    values = {"controller": controller.parameters.as_values()}
+    metadata = run_metadata(scenario, values, plant.injected, "in process")
     return run, metadata | METADATA
 
 

@@ -84,7 +84,7 @@ def test_a_monitor_and_a_recorder_tell_the_fault_of_either_clutch(node: str, who
     collector.alive = dict.fromkeys(("controller", "controller_b"), True)
     for other in ("controller", "controller_b"):
         collector.take([batch_of(other, row())], 0.0)
-    assert collector.snapshot(0.0).standing_faults == ()
+    assert collector.snapshot(0.0).standing_faults == []
     collector.take([batch_of(node, came, 1)], 0.1)
     snapshot = collector.snapshot(0.1)
     (line,) = snapshot.standing_faults
@@ -93,7 +93,7 @@ def test_a_monitor_and_a_recorder_tell_the_fault_of_either_clutch(node: str, who
     assert line in snapshot.troubles()
     collector.take([batch_of(node, row(), 2)], 0.2)
     assert collector.snapshot(0.2).last_fault == f"{line}; cleared{whose.replace('of', 'for')} at 10.00 s"
-    assert collector.snapshot(0.2).standing_faults == ()
+    assert collector.snapshot(0.2).standing_faults == []
 
     told: list[str] = []
     recorder = Recorder(None, ScriptedFeed([[batch_of(node, np.concatenate([row(), came]))]]), None, False, told.append)
@@ -183,7 +183,7 @@ AT_ONCE = {
     "a pressure": lambda folder: Profile("pressure", (0.0, 1.5), (0.0, 0.0), (10.0, 10.0), (3.0, 3.0)),
     "a ramp of pressure": lambda folder: pressure_profile(3.0, 10.0, 1.5, 5.0),
     "a CSV file": from_csv,
-    "a repeated one": lambda folder: Profile("torque", (0.0, 1.0), (8.0, 8.0), (10.0, 10.0)).lasting(2.5),
+    "a repeated one": lambda folder: Profile("torque", (0.0, 1.0), (8.0, 8.0), (10.0, 10.0)).repeat_to(2.5),
 }
 
 

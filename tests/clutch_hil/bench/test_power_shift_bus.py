@@ -343,13 +343,28 @@ def test_tuning_one_clutch_keeps_its_states_and_the_other() -> None:
     assert plant.step(inbox)
 
 
-def test_a_monitor_of_the_single_rig_shows_clutch_a_and_bears_the_rest() -> None:
+def test_a_monitor_shows_both_clutches() -> None:
     collector = Collector("bench")
     collector.alive = {"plant": True, "controller": True, "controller_b": True}
-    for name, node in zip(("plant", "controller", "controller_b"), nodes(), strict=True):
-        told = run_file_columns(name, node.columns)
-        collector.take([Batch(name, 1, 0, RATE, 0.0, 0, told, np.full((10, len(told)), 2.0))], now=1.0)
-    snapshot = collector.snapshot(now=1.1)
-    assert snapshot.phase == "slip control"
-    assert snapshot.values["torque demand"] == 2.0
-    assert np.isnan(snapshot.values["torque true"])  # which clutch's?
+    for value, name, node in zip((1.0, 2.0, 5.0), ("plant", "controller", "controller_b"), nodes(), strict=True):
+        columns = run_file_columns(name, node.columns)
+        rows = np.full((10, len(columns)), value)
+        if name == "plant":
+            rows[:, [column.name for column in columns].index("truth_clutch_torque_b_nm")] = 7.0
+        collector.take([Batch(name, 1, 0, RATE, 0.0, 0, columns, rows)], now=1.0)
+    a, b = collector.snapshot(now=1.1).clutches
+    assert [(a.name, a.phase, a.state), (b.name, b.phase, b.state)] == [
+        ("a", "slip control", "sticking"),
+        ("b", "lock", "5"),
+    ]
+    assert [clutch.values["torque demand"] for clutch in (a, b)] == [2.0, 5.0]
+    assert [clutch.values["torque true"] for clutch in (a, b)] == [1.0, 7.0]
+
+
+def test_a_monitor_misses_the_second_controller() -> None:
+    collector = Collector("bench")
+    collector.alive = {"plant": True, "controller": True}
+    for name, node in zip(("plant", "controller"), nodes(), strict=False):
+        columns = run_file_columns(name, node.columns)
+        collector.take([Batch(name, 1, 0, RATE, 0.0, 0, columns, np.zeros((10, len(columns))))], now=1.0)
+    assert collector.snapshot(now=1.1).troubles() == ["controller_b absent: phase and fault unknown"]

@@ -1,11 +1,17 @@
 """A run of two clutches goes wherever a run of one goes, or one sentence says why not."""
 
+import io
+import json
+import subprocess
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import rerun as rr
+from rerun.chunk import RrdReader
+from rich.console import Console
 from typer.testing import CliRunner
 
 import clutch_hil as ch
@@ -16,16 +22,25 @@ from clutch_hil.bench.simulate import Simulation
 from clutch_hil.command import application
 from clutch_hil.discrepancy.models.named import model_named
 from clutch_hil.live import recorder, tune
+from clutch_hil.live.blueprint import build_blueprint
+from clutch_hil.live.collector import Collector
 from clutch_hil.live.conversion import convert
 from clutch_hil.live.dashboard import places
+from clutch_hil.live.monitor_screen import draw_snapshot, snapshot_line
 from clutch_hil.live.recorder import Recorder
 from clutch_hil.live.rrd_reader import read_rrd
 from clutch_hil.live.run_replay import run_batches
+from clutch_hil.live.screen import Screen
+from clutch_hil.live.snapshot import document
 from protocols.can.two_clutches import CONTROLLERS
 from protocols.errors import InputError
 from protocols.files.run import Run
 from protocols.node import Column
+from protocols.realtime.child import clutch_hil
 from protocols.telemetry.batch import Batch, run_file_columns
+from protocols.telemetry.keys import Keys, bench_name
+from protocols.telemetry.session import publisher_session
+from tests.processes import PATIENCE, said
 
 SECONDS = 1.0  # of a run: clutch a closes, nothing is handed over yet
 HANDED_OVER = 5.2  # s by which the shipped scenario has handed its torque over
@@ -209,6 +224,86 @@ def test_parameters_of_both_controllers_are_listed(monkeypatch: pytest.MonkeyPat
     )
 
 
+def monitor_screen(width: int) -> list[str]:
+    """Lines of the monitor's screen, of the whole run, in a terminal of this width."""
+    feed = ScriptedFeed(played())
+    collector = Collector(feed.bench)
+    collector.alive = feed.alive
+    while feed.steps:
+        collector.take(feed.read(), 0.0)
+    change = {"node": "controller_b", "name": "torque.integral_gain", "old": 0.0, "new": 1.0, "unit": "1", "row": 1}
+    collector.add_changes([change | {"time": float(time)} for time in range(5)])
+    console = Console(width=width, record=True, file=io.StringIO(), force_terminal=True)
+    console.print(draw_snapshot(collector.snapshot(0.0), width))
+    return console.export_text().splitlines()
+
+
+@pytest.mark.parametrize("width", [80, 120])
+def test_the_monitor_shows_both_clutches_on_one_screen(width: int) -> None:
+    lines = monitor_screen(width)
+    assert len(lines) <= 24
+    assert max(map(len, lines)) <= width
+    assert [line.split()[:3] for line in lines if line.startswith(("a  ", "b  "))] == [
+        ["a", "phase", "slip"],
+        ["b", "phase", "idle"],
+    ]
+    (torque,) = (line for line in lines if line.startswith("torque true"))
+    name, of_a, of_b, unit = torque.split()[1:5]
+    assert (name, unit) == ("true", "Nm")
+    assert float(of_a) > 1.0 > abs(float(of_b))
+    assert [line.split()[0] for line in lines].count("controller_b") == 2  # services, and loop timing
+    for line in lines:
+        assert "…" not in line, line
+
+
+def test_the_monitor_says_both_on_a_line_and_in_json() -> None:
+    feed = ScriptedFeed(played())
+    collector = Collector(feed.bench)
+    collector.alive = feed.alive
+    while feed.steps:
+        collector.take(feed.read(), 0.0)
+    snapshot = collector.snapshot(0.0)
+    assert "  a: slip control  sliding  fault none" in snapshot_line(snapshot)
+    assert "  b: idle  open  fault none" in snapshot_line(snapshot)
+    clutches = json.loads(json.dumps(document(snapshot)))["clutches"]
+    assert [(name, clutch["phase"]) for name, clutch in clutches.items()] == [("a", "slip control"), ("b", "idle")]
+
+
+def draw_live(feed: ScriptedFeed, path: Path) -> None:
+    """What a live view logs of a bench, in a file."""
+    recording = rr.RecordingStream("clutch-hil")
+    recording.save(path, default_blueprint=build_blueprint())
+    screen = Screen(recording)
+    screen.open()
+    while feed.steps:
+        for batch in feed.read():
+            screen.log(batch)
+    recording.flush()
+    recording.disconnect()
+
+
+def test_the_live_scene_curves_and_states_are_of_both_clutches(tmp_path: Path) -> None:
+    draw_live(ScriptedFeed(played()), tmp_path / "live.rrd")
+    cells: dict[str, list[Any]] = {}
+    static = set()
+    for chunk in RrdReader(tmp_path / "live.rrd").stream():
+        rows = chunk.to_record_batch()
+        if chunk.is_static:
+            static.add(chunk.entity_path)
+        else:
+            last = {name.partition(":")[2]: rows[name].to_pylist()[-1] for name in rows.schema.names}
+            cells.setdefault(chunk.entity_path, []).append(last)
+    moved_a, moved_b = (cells[f"/scene/{clutch}/piston"][-1]["translation"][0][0] for clutch in "ab")
+    assert moved_a > 0.4 > 0.1 > moved_b  # a is filled, b rests
+    assert {f"/scene/{clutch}/{part}" for clutch in "ab" for part in ("oil", "name", "rotor/shaft")} <= static
+    for path in (
+        "states/phase", "states/phase_b", "flags/saturated_b", "torque/demand", "torque/demand_b", "torque_error/true_b",
+        "torque_over_pressure/data/true", "torque_over_pressure/data/true_b", "torque_over_slip/data/estimate_b",
+    ):  # fmt: skip
+        assert f"/{path}" in cells, path
+    assert [cells[f"/states/{name}"][-1]["state"] for name in ("phase", "phase_b")] == [["slip control"], ["idle"]]
+
+
 # what cannot be
 
 
@@ -230,3 +325,20 @@ def test_it_has_no_model_and_no_experiments(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=told):
         model_named("power_shift")
     assert refusal("experiment", "crawl", "--scenario", "shift", "--out", tmp_path) == told
+
+
+def test_a_running_bench_refuses_experiments_at_once(tmp_path: Path, local_bus: str) -> None:
+    out = tmp_path / "runs"
+    described = json.dumps(ScriptedFeed(played()).describe("plant"))
+    keys = Keys(bench_name(local_bus), "plant")
+    with publisher_session(None) as session:
+        token = session.liveliness().declare_token(keys.alive)
+        answers = session.declare_queryable(keys.describe, lambda query: query.reply(keys.describe, described))
+        words = ("experiment", "crawl", "--running", "--bus", local_bus, "--out", out)
+        done = subprocess.run(clutch_hil(*map(str, words)), capture_output=True, text=True, timeout=PATIENCE)
+        answers.undeclare()
+        token.undeclare()
+    assert done.returncode == 2, done.stderr
+    sentence = "rig power_shift, whose run is a run of two clutches, has no discrepancy model"
+    assert said(done.stderr) == [f"error: {sentence}"]
+    assert not out.exists()

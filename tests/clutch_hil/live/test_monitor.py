@@ -66,9 +66,9 @@ def test_values_are_the_newest() -> None:
     first = batch("controller", 0, 20, controller_torque_demand_nm=1.0)
     second = batch("controller", 20, 20, controller_torque_demand_nm=np.linspace(1.0, 7.0, 20), controller_phase=2.0)
     snapshot = collector(first, second, batch("plant", 0, 40, truth_clutch_torque_nm=6.9)).snapshot(NOW)
-    assert snapshot.values["torque demand"] == 7.0
-    assert snapshot.values["torque true"] == 6.9
-    assert (snapshot.phase, snapshot.fault) == ("slip control", "none")
+    assert snapshot.clutches[0].values["torque demand"] == 7.0
+    assert snapshot.clutches[0].values["torque true"] == 6.9
+    assert (snapshot.clutches[0].phase, snapshot.clutches[0].fault) == ("slip control", "none")
 
 
 def test_percentiles_are_of_the_last_ten_seconds() -> None:
@@ -126,7 +126,7 @@ def test_a_bench_without_a_plant_is_well() -> None:
     snapshot = watched.snapshot(NOW)
     assert snapshot.nodes["plant"].state == "absent"
     assert not snapshot.troubles()
-    assert np.isnan(snapshot.values["torque true"])
+    assert np.isnan(snapshot.clutches[0].values["torque true"])
 
 
 def test_without_a_controller_phase_and_fault_are_unknown() -> None:
@@ -142,7 +142,7 @@ def test_the_last_phase_of_a_controller_that_is_gone_is_not_told_as_its_phase() 
     watched = collector(batch("plant", 0, 20), batch("controller", 0, 20, controller_phase=2.0))
     watched.alive = {"plant": True, "controller": False}
     gone = watched.snapshot(NOW)
-    assert (gone.phase, gone.fault, gone.clutch) == (None, None, None)
+    assert (gone.clutches[0].phase, gone.clutches[0].fault, gone.clutches[0].state) == (None, None, None)
 
 
 def test_a_restarted_service_begins_anew() -> None:
@@ -160,9 +160,9 @@ def test_rows_lost_in_the_ring_never_came_and_count_once() -> None:
 
 def test_a_fault_is_told_by_name() -> None:
     locked = collector(batch("controller", 0, 20, controller_phase=5.0, controller_clutch_state=3.0)).snapshot(NOW)
-    assert (locked.phase, locked.clutch) == ("lock", "locked")
+    assert (locked.clutches[0].phase, locked.clutches[0].state) == ("lock", "locked")
     snapshot = collector(batch("controller", 0, 20, controller_phase=4.0, controller_fault=6.0)).snapshot(NOW)
-    assert (snapshot.phase, snapshot.fault) == ("fault", "pressure lost")
+    assert (snapshot.clutches[0].phase, snapshot.clutches[0].fault) == ("fault", "pressure lost")
     assert any("pressure lost: the pressure fell" in trouble for trouble in snapshot.troubles())
 
 
@@ -170,15 +170,20 @@ def test_columns_that_are_not_there_are_unknown() -> None:
     full = batch("controller", 0, 20, controller_torque_demand_nm=3.0)
     bare = Batch("controller", 1, 0, HZ, 0.0, 0, full.columns[:4], full.rows[:, :4])
     snapshot = collector(bare).snapshot(NOW)
-    assert snapshot.values["torque demand"] == 3.0
-    assert np.isnan(snapshot.values["pressure"])
+    assert snapshot.clutches[0].values["torque demand"] == 3.0
+    assert np.isnan(snapshot.clutches[0].values["pressure"])
     assert np.isnan(snapshot.nodes["controller"].wake.p99)
     assert len(screen(snapshot)) <= 24
 
 
 def test_a_trace_ends_now_and_begins_ten_seconds_ago() -> None:
     ramp = np.arange(20_000) / HZ
-    trace = collector(batch("plant", 0, 20_000, truth_clutch_torque_nm=ramp)).snapshot(NOW).traces["torque true"]
+    trace = (
+        collector(batch("plant", 0, 20_000, truth_clutch_torque_nm=ramp))
+        .snapshot(NOW)
+        .clutches[0]
+        .traces["torque true"]
+    )
     assert trace[-1] == ramp[-1]
     assert trace[0] == pytest.approx(ramp[-1] - WINDOW, abs=WINDOW / len(trace))
 
@@ -188,8 +193,8 @@ def test_a_demand_is_drawn_the_way_round_the_clutch_slips_and_told_as_it_is(way:
     rows = batch("controller", 0, 10_000, controller_torque_demand_nm=10.0, controller_torque_estimate_nm=way * 9.9,
                  controller_slip_rad_s=way * 12.0)  # fmt: skip
     snapshot = collector(rows).snapshot(NOW)
-    assert (snapshot.traces["torque demand"] == way * 10.0).all()
-    assert snapshot.values["torque demand"] == 10.0
+    assert (snapshot.clutches[0].traces["torque demand"] == way * 10.0).all()
+    assert snapshot.clutches[0].values["torque demand"] == 10.0
 
 
 def test_a_quantity_and_a_state_have_the_colours_of_the_pictures() -> None:

@@ -47,13 +47,13 @@ def test_the_slip_axis_of_a_recorded_run_is_symmetric_where_it_slips_backwards()
 def test_the_scene_moves_at_a_rate_for_the_eye(nodes: dict[str, Batch], tmp_path: Path, size: int) -> None:
     logged = Logged(tmp_path / "scene.rrd")
     logged.screen(cut_rows(nodes["plant"], k, k + size) for k in range(0, len(nodes["plant"].rows), size))
-    frames = len(times(logged.chunks()["/scene/piston"]))
+    frames = len(times(logged.chunks()["/scene/a/piston"]))
     assert SCENE_RATES[0] <= frames / SECONDS <= SCENE_RATES[1]
 
 
 def test_the_plates_close_with_the_piston(nodes: dict[str, Batch], logged: Logged) -> None:
     logged.screen(cut_pieces(nodes))
-    plates = np.array(cells(logged.chunks()["/scene/steel"], "InstancePoses3D:translations"))[..., 0]
+    plates = np.array(cells(logged.chunks()["/scene/a/steel"], "InstancePoses3D:translations"))[..., 0]
     gaps = np.diff(plates, axis=1)
     assert (gaps[-1] < 0.8 * gaps[0]).all()
     assert gaps[-1] == pytest.approx(2 * 0.16)  # the thickness of the friction plate and of the steel plate

@@ -172,7 +172,7 @@ def test_opened_again_it_names_everything_again(nodes: dict[str, Batch], logged:
     for chunk in rerun.chunk.RrdReader(logged.path).stream():
         static[chunk.entity_path] += chunk.to_record_batch().num_rows if chunk.is_static else 0
     assert static["/torque/plant"] == 2
-    assert static["/scene/oil"] == 2
+    assert static["/scene/a/oil"] == 2
 
 
 def test_rows_are_cheap(nodes: dict[str, Batch], logged: Logged) -> None:

@@ -30,7 +30,7 @@ def pressed(of: wet_clutch.Rig, p_star: float, slip: float, celsius: float = 70.
     """A rig that has been pressed at `p_star` [bar] for 0.3 s, then its oil at `celsius`, its effects at rest, its slip put
     to `slip` [rad/s]."""
     plain = wet_clutch.Rig(wet_clutch.nominal().with_values(HEAVY))
-    y = plain.filled(slip, celsius + ZERO_CELSIUS)
+    y = plain.fill(slip, celsius + ZERO_CELSIUS)
     y = plain.advance(y, pressing(p_star), slip, 1e9, 0.3, 3000).y
     y["slip_speed"], y["temperature"] = slip, celsius + ZERO_CELSIUS
     y["speed_integral"] = y["angle"] = y["time"] = 0.0

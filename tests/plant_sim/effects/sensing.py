@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from numba import njit
 
-from plant_sim.effects.signals import SENSORS, SIGNALS, bound, call
+from plant_sim.effects.signals import SENSORS, SIGNALS, bind_laws, call
 from plant_sim.rigs import wet_clutch
 
 STEP = 1e-4  # s
@@ -24,7 +24,7 @@ def _call(s, values, temperature, torques, parameters, e, h):
 @njit
 def _show(at_end, at_mid_step, temperature, parameters, effects, states, h):
     signals = np.zeros(1, SIGNALS)
-    s, e = signals[0], bound(effects, states)
+    s, e = signals[0], bind_laws(effects, states)
     shown = np.empty((at_end.size, 4))
     for k in range(at_end.size):
         if k:

@@ -158,7 +158,7 @@ def test_nearly_rigid_shaft_is_a_rigid_one() -> None:
 @pytest.mark.parametrize("name", ["shaft_compliance.compliance", "backlash.gap"])
 def test_a_shaft_that_is_switched_on_under_torque_gives_no_jolt(name: str) -> None:
     plain, elastic = rig({}), rig({name: 3e-3})
-    begin = plain.filled(10.0, REF)
+    begin = plain.fill(10.0, REF)
     begin = plain.advance(begin, pressing(3.4), 10.0, 1e9, 1.0, 10_000)
     y, _ = states(elastic, wet_clutch.Whole(begin.y, elastic.table.at_rest()), pressing(3.4), 10.0, 0.2)
     assert y["motor_torque"][0] > 10.0

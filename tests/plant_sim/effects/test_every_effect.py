@@ -86,7 +86,7 @@ def possible(values: Mapping[str, float]) -> Rig | None:
 
 
 def carried(state: Whole, before: Rig, after: Rig) -> Whole:
-    return state._replace(effects=after.table.carried(state.effects, before.table))
+    return state._replace(effects=after.table.carry_over(state.effects, before.table))
 
 
 def assert_sane(taken: Taken, what: str) -> None:

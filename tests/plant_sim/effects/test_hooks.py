@@ -72,7 +72,7 @@ def noted(rig: Rig, whole: Whole) -> dict[str, np.ndarray]:
 
 def test_every_hook_knows_the_state_of_the_clutch(probed: Rig) -> None:
     plain = Rig(wet_clutch.nominal())
-    slipping = plain.advance(plain.filled(20.0, 343.15), 1.36, 20.0, 40.0, 0.05, 500)  # pressure still rises
+    slipping = plain.advance(plain.fill(20.0, 343.15), 1.36, 20.0, 40.0, 0.05, 500)  # pressure still rises
     before = slipping.read()
     after = probed.advance(Whole(slipping.y, probed.table.at_rest()), 1.36, 20.0, 40.0, 1e-4, 1)
     _, after = Sensors(seed=1).sample(probed, after, 1e-4)

@@ -111,7 +111,7 @@ def test_a_delay_between_steps_loses_exactly_the_impulse_of_its_length(delay: fl
 def test_delay_switched_on_in_a_running_plant_gives_no_bump() -> None:
     plain, delayed = rig(), rig(valve_delay__delay=20.0)
     _, state = resume(plain, plain.at_rest(20.0, 343.15), [(1.36, 300)])
-    carried = Whole(state.y, delayed.table.carried(state.effects, plain.table))
+    carried = Whole(state.y, delayed.table.carry_over(state.effects, plain.table))
     there, here = resume(delayed, carried, [(1.36, 50)])[0], resume(plain, state, [(1.36, 50)])[0]
     assert (there["valve_pressure"] == here["valve_pressure"]).all()
 
