@@ -45,6 +45,9 @@ def view(
         raise InputError(f"view cannot last {seconds:g} s; allowed is more than 0 s")
     if web + headless + window > 1:
         raise InputError("more than one of --web, --headless and --window was given; allowed is one")
+    if runs and (bus or router):
+        option = "--bus" if bus else "--router"
+        raise InputError(f"{option} {bus or router} and run {runs[0]} were given; {option} is for the running bench")
     if save:
         check_rrd(save)
 

@@ -12,6 +12,7 @@ from protocols.errors import InputError, closest
 from protocols.files.parameters import ParameterSet, load_overlay
 from protocols.files.run import Run
 from protocols.files.runs import check_columns, read_columns
+from protocols.moved_modules import describe_moves
 
 GROUP = "clutch_hil.models"
 _MOST = 5.0  # stated uncertainties: five standard deviations
@@ -99,7 +100,7 @@ def _of_user(rig: str) -> Any:
         spec.loader.exec_module(module)
     except Exception as error:  # a user's file may raise anything
         raise InputError(
-            f"rig {rig}: {path} cannot be loaded: {type(error).__name__}: {error}{_moved(error)}"
+            f"rig {rig}: {path} cannot be loaded: {type(error).__name__}: {error}{describe_moves(error, path)}"
         ) from None
     if not hasattr(module, name):
         classes = [n for n, thing in vars(module).items() if isinstance(thing, type) and thing.__module__ == path.stem]
@@ -107,12 +108,3 @@ def _of_user(rig: str) -> Any:
             f"rig {rig}: {path} has no class {name!r}; {closest(name, classes) if classes else 'it has none'}"
         )
     return getattr(module, name)
-
-
-def _moved(error: Exception) -> str:
-    """Where a module is now that a user's file, written before 2026-11-25, looks for in plant_sim; else nothing."""
-    name = getattr(error, "name", None) or ""
-    for room in ("bench", "discrepancy", "live"):
-        if name.startswith(f"plant_sim.{room}"):
-            return f"; it is now {name.replace('plant_sim', 'clutch_hil', 1)}"
-    return ""
