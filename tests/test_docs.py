@@ -24,6 +24,7 @@ PAGES = [
 ]
 FOLDERS = ("protocols", "plant_sim", "rt_controller", "clutch_hil", "benchmarks", "tests", "deploy", "docs")
 PATH = re.compile(r"(?<![\w./~<>*-])(?:[\w.][\w.-]*/)*\w[\w.-]*\.(?:py|md|toml|dbc|csv|png)(?![\w/])")
+LINES_OF_TWO_SCREENS = 63
 MADE_BY_THE_READER = {"valve_dither.py"}  # of docs/effects.md
 
 
@@ -47,6 +48,16 @@ def test_the_telemetry_page_has_the_keys() -> None:
 def test_the_effects_page_is_what_the_command_writes() -> None:
     page = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
     assert rewrite_page(page, sort_effects(effects().values())) == page, "clutch-hil effects --write docs/effects.md"
+
+
+def test_the_readme_is_two_screens_and_shows_as_many_columns_as_a_run_has() -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert len(readme.splitlines()) <= LINES_OF_TWO_SCREENS
+    tables = (ROOT / "docs" / "columns.md").read_text(encoding="utf-8").split("\n## ")
+    rows = {table.partition("\n")[0]: len(re.findall(r"^\| `", table, re.MULTILINE)) for table in tables}
+    demand = 1  # torque_demand_nm
+    columns = rows["Plant with one clutch"] + demand + rows["Controller"] + 2 * rows["Timing"]
+    assert f"(12000 samples, {columns} columns)" in readme
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
