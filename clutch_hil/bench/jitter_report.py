@@ -140,9 +140,7 @@ def sweep_document(
     rates: list[dict[str, Any]] = []
     knee: dict[str, int | None] = {}
     over: set[str] = set()  # triggers
-    for (rate, trigger), one in sorted(
-        measured.items(), key=lambda found: (SWEEP_TRIGGERS.index(found[0][1]), found[0])
-    ):
+    for (rate, trigger), one in sorted(measured.items(), key=lambda item: (SWEEP_TRIGGERS.index(item[0][1]), item[0])):
         knee.setdefault(trigger, None)
         late = one.late / one.cycles if one.cycles and not one.failure else inf
         if late > KNEE:

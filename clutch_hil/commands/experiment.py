@@ -60,7 +60,7 @@ def experiment(
     from clutch_hil.command import check_rate
     from clutch_hil.discrepancy.laboratory import OwnBench, RunningBench, plant_under_test
     from clutch_hil.discrepancy.models.wet_clutch_experiments import HELD_OUT, LIBRARY, STANDARD, find
-    from clutch_hil.live.catalogue import counted
+    from clutch_hil.live.catalogue import format_count
 
     if list_all:
         rows = [(e.name, f"{e.seconds:.1f} s", e.title) for e in LIBRARY]
@@ -110,10 +110,12 @@ def experiment(
     runs, rest = played[: len(wanted)], played[len(wanted) :]
     words = ["clutch-hil", "discrepancy", *map(str, runs), *(["--holdout", *map(str, rest)] if rest else [])]
     command = shlex.join([*words, "--out", str(out / "report")])
-    lines = [f"read:    {counted(len(played), 'experiment')}: {', '.join(e.name for e in wanted + held_out)}"]
+    lines = [f"read:    {format_count(len(played), 'experiment')}: {', '.join(e.name for e in wanted + held_out)}"]
     lines += [f"{'wrote:' if not i else '':<9}{path}" for i, path in enumerate(played)]
     lines += [f"next:    {command}"]
-    verdict = f"{counted(len(played), 'experiment')} recorded" + (f", {len(rest)} of them to hold out" if rest else "")
+    verdict = f"{format_count(len(played), 'experiment')} recorded" + (
+        f", {len(rest)} of them to hold out" if rest else ""
+    )
     document = {"runs": list(map(str, runs)), "holdout": list(map(str, rest)), "next": command, "verdict": verdict}
     report(document, "\n".join(lines), verdict, True, json_output)
 

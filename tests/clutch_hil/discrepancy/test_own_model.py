@@ -10,7 +10,7 @@ import pytest
 
 from clutch_hil.discrepancy.model import Candidate
 from clutch_hil.discrepancy.model_file import write_model
-from clutch_hil.discrepancy.models.named import declared, model_named
+from clutch_hil.discrepancy.models.named import declare_parameters, model_named
 from clutch_hil.discrepancy.result import NAMED
 from clutch_hil.discrepancy.search import investigate
 from plant_sim.effects.catalogue import effect
@@ -88,7 +88,7 @@ def test_the_workflow_names_radiation_and_the_model_file_has_it(heater: ModuleTy
     result = investigate(model, runs, {"held out": heater.measured(3, (70, 30, 110, 0))})
     assert (result.verdict, result.effects) == (NAMED, ["radiation"])
     assert result.gap["temperature_degc"].after < 1.1 * NOISE
-    write_model(result, declared(model), tmp_path / "model.toml")
+    write_model(result, declare_parameters(model), tmp_path / "model.toml")
     extended = model_named(rig, tmp_path / "model.toml")
     assert "radiation" not in {c.name for c in extended.candidates}
 
