@@ -182,7 +182,7 @@ def judge_sweep(measurement: Mapping[str, Any]) -> tuple[str, bool]:
     """Verdict line of a sweep, and whether the loop keeps any rate."""
     knee = {trigger: rate for trigger, rate in measurement["knee_hz"].items() if rate is not None}
     if measurement["interrupted"]:
-        return "interrupted: what was measured so far is told", False
+        return "interrupted: what was measured so far is printed", False
     if not knee:
         return f"no rate is kept with at most {100.0 * KNEE:g} % late", False
     rates = " and ".join(f"{rate} Hz begun by the {trigger}" for trigger, rate in knee.items())
@@ -192,7 +192,7 @@ def judge_sweep(measurement: Mapping[str, Any]) -> tuple[str, bool]:
 def judge(measurement: Mapping[str, Any]) -> tuple[str, bool]:
     """Verdict line, and whether it is good. Late cycles that the machine does not explain are the fault of the loop."""
     if measurement["interrupted"]:
-        return "interrupted: what was measured so far is told", False
+        return "interrupted: what was measured so far is printed", False
     phases = measurement["phases"]
     loop = phases["closed loop, clock"]
     tail = loop["wake"].get("p99.9", loop["wake"]["max"])

@@ -40,7 +40,7 @@ def parse_values(words: Sequence[str], off: bool, freeze: Sequence[str], bias: S
         elif "." in name:
             _add_once(values, name, _parse_number(word, text))
         elif not given:
-            raise InputError(f"{word!r} stands before any effect; write EFFECT {word}, or GROUP.{word}")
+            raise InputError(f"{word!r} comes before any effect; write EFFECT {word}, or GROUP.{word}")
         else:
             _add_once(list(given.values())[-1], name, _parse_number(word, text))
     for word in bias:

@@ -60,7 +60,7 @@ def test_a_wrong_option_is_told_in_one_sentence(arguments: tuple[str, ...], sent
         (("--seeds", "2", "--dask", "-1"), "no Dask scheduler answers at -1: "),
         (
             ("--seeds", "2", "--dask", "tcp://127.0.0.1:1", "--workers", "2"),
-            "workers = 2 was given beside the cluster at ",
+            "workers = 2 and a cluster at ",
         ),
         (("--workers", "2"), "--workers is for a sweep; --seeds or --vary asks for one"),
         (("--dask", "tcp://127.0.0.1:1"), "--dask is for a sweep; --seeds or --vary asks for one"),
