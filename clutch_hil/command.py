@@ -12,7 +12,7 @@ from importlib.metadata import entry_points, version
 from math import isfinite
 from pathlib import Path
 from types import FrameType
-from typing import Any, NoReturn
+from typing import Any, NoReturn, cast
 
 import typer
 import typer.core
@@ -85,14 +85,34 @@ class _EndRequestedError(KeyboardInterrupt):
     """
 
 
+_UsageError = cast("type[Exception]", typer.BadParameter.__base__)  # which typer does not export
+
+
 class Commands(typer.core.TyperGroup):
-    """The sub-commands. Raises InputError for an empty word, which is never a name, a file or a number."""
+    """The sub-commands. Raises InputError for wrong options, and for an empty word: it is never a name, a file or a number."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """See `TyperGroup`."""
+        try:
+            return super().invoke(ctx)
+        except _UsageError as error:
+            raise InputError(_usage_sentence(error)) from None
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """See `TyperGroup`."""
         if bad := _empty(args):
             raise InputError(f"{bad} is empty; a value is needed, or leave it away")
         return super().resolve_command(ctx, args)
+
+
+def _usage_sentence(error: Any) -> str:
+    """Say in one sentence which option or argument is wrong, and its value where typer tells it."""
+    what = error.format_message().rstrip(".")
+    causes = error.__cause__.errors() if hasattr(error.__cause__, "errors") else []
+    if causes:
+        what = what.replace("Invalid value for", f"Invalid value {causes[0]['input']!r} for", 1)
+    command = error.ctx.command_path if error.ctx else "clutch-hil"
+    return f"{command}: {what[0].lower()}{what[1:]}; {command} --help shows what is allowed"
 
 
 def _empty(words: Sequence[str]) -> str | None:

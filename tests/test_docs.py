@@ -6,11 +6,14 @@ import tokenize
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import pytest
+import typer
 
 from clutch_hil.bench.effect_page import rewrite_page
 from clutch_hil.bench.effect_text import sort_effects
+from clutch_hil.command import application
 from plant_sim.effects.catalogue import effects
 from protocols.telemetry import keys
 
@@ -24,6 +27,7 @@ PAGES = [
 ]
 FOLDERS = ("protocols", "plant_sim", "rt_controller", "clutch_hil", "benchmarks", "tests", "deploy", "docs")
 PATH = re.compile(r"(?<![\w./~<>*-])(?:[\w.][\w.-]*/)*\w[\w.-]*\.(?:py|md|toml|dbc|csv|png)(?![\w/])")
+LINES_OF_TWO_SCREENS = 63
 MADE_BY_THE_READER = {"valve_dither.py"}  # of docs/effects.md
 
 
@@ -47,6 +51,36 @@ def test_the_telemetry_page_has_the_keys() -> None:
 def test_the_effects_page_is_what_the_command_writes() -> None:
     page = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
     assert rewrite_page(page, sort_effects(effects().values())) == page, "clutch-hil effects --write docs/effects.md"
+
+
+def test_the_readme_is_two_screens_and_shows_as_many_columns_as_a_run_has() -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert len(readme.splitlines()) <= LINES_OF_TWO_SCREENS
+    tables = (ROOT / "docs" / "columns.md").read_text(encoding="utf-8").split("\n## ")
+    rows = {table.partition("\n")[0]: len(re.findall(r"^\| `", table, re.MULTILINE)) for table in tables}
+    demand = 1  # torque_demand_nm
+    columns = rows["Plant with one clutch"] + demand + rows["Controller"] + 2 * rows["Timing"]
+    assert f"(12000 samples, {columns} columns)" in readme
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_every_command_and_option_that_a_page_shows_exists(page: Path) -> None:
+    if page.name == "CHANGELOG.md":  # it also names what is gone
+        return
+    commands: Any = typer.main.get_command(application())
+    options = {
+        name: {option for parameter in command.params for option in (*parameter.opts, *parameter.secondary_opts)}
+        for name, command in commands.commands.items()
+    }
+    text = page.read_text(encoding="utf-8").replace("\\\n", " ")
+    names = "|".join(options)
+    shown = re.findall(rf"clutch-hil +([a-z][a-z-]*)([^`\n#]*)|`({names}) ([^`\n#]*)`", text)
+    wrong = []
+    for name, rest in [(one or other, first or second) for one, first, other, second in shown]:
+        known = options.get(name, set()) | {"--help"}
+        wrong += [name] if name not in options else []
+        wrong += [f"{name} {option}" for option in re.findall(r"(?<!\S)(--[a-z-]+)", rest) if option not in known]
+    assert not wrong
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())

@@ -42,7 +42,7 @@ def rewrite_page(text: str, effects: Sequence[Effect]) -> str:
 
     text, count = _PART.subn(rewrite_part, text)
     if not count:
-        raise InputError("no part was found; a part stands between <!-- begin PART --> and <!-- end -->")
+        raise InputError("it has no parts to write; a part is between <!-- begin PART --> and <!-- end -->")
     return text
 
 

@@ -27,7 +27,7 @@ def draw_effects(path: Path, demonstrations: Mapping[Effect, Demonstration], col
     parts = figure.subfigures(rows, columns, squeeze=False).flat
     for part, (effect, demonstration) in zip(parts, demonstrations.items(), strict=False):
         _draw(part, f"{effect.name}: {effect.title}", demonstration, round(_TITLE_LETTERS * size[0] / columns))
-    figure.savefig(path, dpi=110)
+    figure.savefig(path, dpi=110, format="png")
 
 
 def _draw(figure: Any, title: str, demonstration: Demonstration, letters: int) -> None:

@@ -30,7 +30,9 @@ def executor(workers: int | None = None, address: str | None = None) -> Iterator
     """
     if address is not None:
         if workers is not None:
-            raise InputError(f"workers = {workers} was given beside the cluster at {address}, which has its own")
+            raise InputError(
+                f"workers = {workers} and a cluster at {address} were given; the cluster has its own workers"
+            )
         try:
             client = _dask(address).Client(address, timeout=10)
         except (OSError, ValueError) as error:

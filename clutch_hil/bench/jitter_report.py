@@ -141,9 +141,7 @@ def sweep_document(
     rates: list[dict[str, Any]] = []
     knee: dict[str, int | None] = {}
     over: set[str] = set()  # triggers
-    for (rate, trigger), one in sorted(
-        measured.items(), key=lambda found: (SWEEP_TRIGGERS.index(found[0][1]), found[0])
-    ):
+    for (rate, trigger), one in sorted(measured.items(), key=lambda item: (SWEEP_TRIGGERS.index(item[0][1]), item[0])):
         knee.setdefault(trigger, None)
         late = one.late / one.cycles if one.cycles and not one.failure else inf
         if late > KNEE:
@@ -185,7 +183,7 @@ def judge_sweep(measurement: Mapping[str, Any]) -> tuple[str, bool]:
     """Verdict line of a sweep, and whether the loop keeps any rate."""
     knee = {trigger: rate for trigger, rate in measurement["knee_hz"].items() if rate is not None}
     if measurement["interrupted"]:
-        return "interrupted: what was measured so far is told", False
+        return "interrupted: what was measured so far is printed", False
     if not knee:
         return f"no rate is kept with at most {100.0 * KNEE:g} % late", False
     rates = " and ".join(f"{rate} Hz begun by the {trigger}" for trigger, rate in knee.items())
@@ -195,7 +193,7 @@ def judge_sweep(measurement: Mapping[str, Any]) -> tuple[str, bool]:
 def judge(measurement: Mapping[str, Any]) -> tuple[str, bool]:
     """Verdict line, and whether it is good. Late cycles that the machine does not explain are the fault of the loop."""
     if measurement["interrupted"]:
-        return "interrupted: what was measured so far is told", False
+        return "interrupted: what was measured so far is printed", False
     phases = measurement["phases"]
     loop = phases["closed loop, clock"]
     tail = loop["wake"].get("p99.9", loop["wake"]["max"])

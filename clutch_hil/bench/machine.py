@@ -22,7 +22,7 @@ class Fact(NamedTuple):
 def facts() -> list[Fact]:
     """Properties of this machine that decide on jitter, the most important first."""
     return [
-        _kernel(), _isolated(), _ticks(), _governor(), _siblings(), _throttling(), _huge_pages(), _clock_source(),
+        _kernel(), _isolation(), _ticks(), _governor(), _siblings(), _throttling(), _huge_pages(), _clock_source(),
         _hypervisor(), _vcan(), _cyclictest(),
     ]  # fmt: skip
 
@@ -40,7 +40,7 @@ def _kernel() -> Fact:
     return Fact("kernel", state, preemptible, "sudo apt-get install linux-image-rt-amd64, and start it")
 
 
-def _isolated() -> Fact:
+def _isolation() -> Fact:
     cpus = _read(_CPU / "isolated")
     last = (os.cpu_count() or 1) - 1
     wanted = f"isolcpus={last} rcu_nocbs={last} irqaffinity=0"
@@ -57,11 +57,11 @@ def _ticks() -> Fact:
 
 
 def _governor() -> Fact:
-    found = {_read(path) for path in _CPU.glob("cpu[0-9]*/cpufreq/scaling_governor")} - {None}
-    if not found:
+    governors = {_read(path) for path in _CPU.glob("cpu[0-9]*/cpufreq/scaling_governor")} - {None}
+    if not governors:
         return Fact("clock frequency", "not ours to set", None)
-    state = ", ".join(sorted(str(one) for one in found))
-    return Fact("clock frequency", state, found == {"performance"}, "sudo cpupower frequency-set -g performance")
+    state = ", ".join(sorted(str(one) for one in governors))
+    return Fact("clock frequency", state, governors == {"performance"}, "sudo cpupower frequency-set -g performance")
 
 
 def _siblings() -> Fact:

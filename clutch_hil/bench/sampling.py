@@ -11,7 +11,7 @@ from protocols.errors import InputError
 
 Sample = dict[str, float]
 Ranges = Mapping[str, tuple[float, float]]
-MOST_SAMPLES = 1_000_000  # samples of a sweep
+MOST_SAMPLES = 1_000_000  # samples, or runs, of a sweep: five days of a CPU for the profile engagement; more is a slip
 
 
 def grid(values: Mapping[str, Sequence[float]]) -> list[Sample]:
@@ -19,7 +19,7 @@ def grid(values: Mapping[str, Sequence[float]]) -> list[Sample]:
     for name, levels in values.items():
         if not len(levels):
             raise InputError(f"{name} has no values; one or more are needed")
-    _check_count(int(np.prod([len(levels) for levels in values.values()], dtype=float)))
+    check_count(int(np.prod([len(levels) for levels in values.values()], dtype=float)))
     return [dict(zip(values, map(float, point), strict=True)) for point in product(*values.values())]
 
 
@@ -38,7 +38,7 @@ def latin_hypercube(ranges: Ranges, count: int, seed: int = 1) -> list[Sample]:
 
 def _scale_points(ranges: Ranges, count: int, points: Callable[[int], np.ndarray]) -> list[Sample]:
     """Samples in `ranges` from `points(number of names)`, which returns values from 0 to 1, shape (count, names)."""
-    _check_count(count)
+    check_count(count)
     if not ranges:
         raise InputError("no ranges are given; one or more are needed, such as {'friction_level.level': (0.8, 1.2)}")
     for name, span in ranges.items():
@@ -48,6 +48,7 @@ def _scale_points(ranges: Ranges, count: int, points: Callable[[int], np.ndarray
     return [dict(zip(ranges, map(float, point), strict=True)) for point in low + (high - low) * points(len(ranges))]
 
 
-def _check_count(count: int) -> None:
+def check_count(count: int, what: str = "samples") -> None:
+    """Raise InputError unless a sweep can have `count` samples, or runs."""
     if not 1 <= count <= MOST_SAMPLES:
-        raise InputError(f"{count} samples are not possible; allowed are 1 to {MOST_SAMPLES}")
+        raise InputError(f"{count} {what} are not possible; allowed are 1 to {MOST_SAMPLES}")

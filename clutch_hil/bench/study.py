@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import pyarrow as pa
 
 from clutch_hil.bench.executors import compute
 from clutch_hil.bench.in_memory import compose_scenario, measure_run, simulate
+from clutch_hil.bench.sampling import MOST_SAMPLES, check_count
 from clutch_hil.bench.scenario import Scenario, check_seed, choose_scenario
 from clutch_hil.bench.simulate import Simulation
 from protocols.errors import InputError
@@ -49,9 +51,10 @@ def sweep(
     Raises InputError for a run that is not possible, before any is computed.
     """
     rows = list(samples)
-    numbers = list(map(check_seed, seeds))
+    numbers = list(map(check_seed, islice(seeds, MOST_SAMPLES + 1)))
     if not rows or not numbers:
         raise InputError(f"a sweep was given no {'seeds' if rows else 'samples'}; one or more are needed")
+    check_count(len(rows) * len(numbers), "runs")
     names = list(rows[0])
     if odd := next((row for row in rows if list(row) != names), None):
         raise InputError(

@@ -9,6 +9,7 @@ import numpy as np
 from clutch_hil.bench.label import Label
 from clutch_hil.bench.recording import run_path, writable
 from clutch_hil.bench.result import Result
+from clutch_hil.bench.sampling import MOST_SAMPLES, check_count
 from clutch_hil.bench.scenario import Scenario
 from clutch_hil.bench.study import sweep
 from protocols.errors import InputError
@@ -36,6 +37,7 @@ def sweep_to_csv(
     writable(scenario.settings.out)
     figures = scenario.rig.figures
     name, values = parse_range(vary, scenario.plant) if vary else ("-", [float("nan")])
+    check_count(seeds * len(values), "runs")
     table = sweep(
         [{name: value} for value in values] if vary else [{}],
         scenario.path,
@@ -74,12 +76,13 @@ def parse_range(text: str, parameters: ParameterSet) -> tuple[str, Sequence[floa
     """Parse `NAME=LOW:HIGH:COUNT` into a parameter name and its values. Raises InputError."""
     name, _, span = text.partition("=")
     try:
-        low, high, count = span.split(":")
-        values = np.linspace(float(low), float(high), int(count)).tolist()
+        low, high, number = span.split(":")
+        ends, count = (float(low), float(high)), int(number)
     except ValueError:
         raise InputError(f"range {text!r} is not of the form NAME=LOW:HIGH:COUNT") from None
-    if not values:
-        raise InputError(f"range {text!r} has no values; COUNT must be 1 or more")
+    if not 1 <= count <= MOST_SAMPLES:
+        raise InputError(f"range {text!r} is not possible; COUNT must be 1 to {MOST_SAMPLES}")
+    values = np.linspace(*ends, count).tolist()
     for value in values:
         parameters.with_values({name: value})
     return name, values

@@ -38,9 +38,10 @@ def controller(
     trigger: str = typer.Option(
         "clock", help="what begins a cycle: clock, bus (the sample itself), or pll (a clock that follows the samples)"
     ),
-    overrun: str = typer.Option("skip", help="what becomes of slots that were slept through: skip, catch-up or fault"),
+    overrun: str = typer.Option("skip", help="what to do about slots that were missed: skip, catch-up or fault"),
     spin_us: float = typer.Option(
-        0.0, help="spin at most so long, and a tenth of a period, before a slot, in us; as long as sleeps are late"
+        0.0,
+        help="longest spin before a slot, in us; it is no longer than recent sleeps were late, and a tenth of the period",
     ),
     json_output: bool = typer.Option(False, "--json", help="print the summary as JSON"),
 ) -> None:

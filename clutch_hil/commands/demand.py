@@ -18,7 +18,7 @@ def demand(
     speed: float | None = typer.Option(None, help=f"speed of the motor, either way, in rad/s; {SPEED:g} if not given"),
     seconds: float | None = typer.Option(None, help="how long; until Ctrl-C, or to the profile's end, if not given"),
     pressure: float | None = typer.Option(None, help="cylinder pressure to hold instead of a torque, in bar"),
-    lock: bool = typer.Option(False, "--lock", help="close the clutch totally instead: carry what is applied"),
+    lock: bool = typer.Option(False, "--lock", help="lock the clutch instead: it carries whatever torque is applied"),
     ramp: float | None = typer.Option(
         None, help=f"rise of the demand; {TORQUE_RAMP:g} Nm/s or {PRESSURE_RAMP:g} bar/s if not given"
     ),
@@ -26,7 +26,7 @@ def demand(
     bus: str = BUS,
     json_output: bool = JSON,
 ) -> None:
-    """Ask the controller for a torque, for a pressure, to lock, or for a profile, and tell whether it was reached."""
+    """Ask the controller for a torque, a pressure, a lock or a profile, and say whether it was reached."""
     from clutch_hil.live.demand import Demand, lock_profile, pressure_profile, torque_profile
     from plant_sim.profiles.profile import load_profile
 

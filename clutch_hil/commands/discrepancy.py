@@ -39,7 +39,9 @@ def register(app: typer.Typer) -> None:
 
 def discrepancy(
     runs: list[Path] = typer.Argument(..., metavar="RUN...", help="recorded runs: .parquet, .mf4, .csv, .mat"),
-    holdout: list[Path] = typer.Option([], "--holdout", metavar="RUN...", help="runs that are not fitted, to judge by"),
+    holdout: list[Path] = typer.Option(
+        [], "--holdout", metavar="RUN...", help="runs that are not fitted, on which the result is judged"
+    ),
     rig: str = typer.Option(
         "wet_clutch", help="wet_clutch, position_axis, tribometer, pneumatic_cylinder, one of yours, or PATH.py:CLASS"
     ),
@@ -53,7 +55,7 @@ def discrepancy(
     ),
     json_output: bool = typer.Option(False, "--json", help="print report.json"),
 ) -> None:
-    """Find where runs and simulation disagree, name the missing effect, add it, show the gap on runs that were not fitted."""
+    """Find where runs and simulation disagree, name the missing effect, and show how far it closes the gap."""
     from clutch_hil.bench.progress import progress_bar
     from clutch_hil.bench.recording import writable
     from clutch_hil.discrepancy.outcome import find_discrepancy

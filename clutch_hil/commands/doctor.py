@@ -14,10 +14,10 @@ def register(app: typer.Typer) -> None:
 
 
 def doctor(
-    cpu: int | None = typer.Option(None, help="CPU that the loop shall run on"),
+    cpu: int | None = typer.Option(None, help="CPU on which the loop is to run"),
     json_output: bool = JSON,
 ) -> None:
-    """Tell what makes the loop punctual here, what is off, and the command that turns it on."""
+    """List what makes the loop punctual on this machine, what is missing, and the command that enables it."""
     import os
 
     from clutch_hil.bench.machine import facts

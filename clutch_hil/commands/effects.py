@@ -97,20 +97,27 @@ def _write_page(page: Path, effects: Sequence["Effect"], json_output: bool) -> N
     from clutch_hil.bench.effect_picture import draw_effects
     from clutch_hil.bench.effect_text import is_ours
     from plant_sim.effects import catalogue
+    from protocols.files.run import whole_file
 
     ours = [effect for effect in effects if is_ours(effect)]
+    if page.suffix != ".md":
+        raise InputError(f"page {page} has the suffix {page.suffix or '-'}; a Markdown page ends with .md")
     try:
         text = rewrite_page(page.read_text(encoding="utf-8"), ours)
         drawn = [catalogue.effect(name) for name in pictured_names(text)]
-        page.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise InputError(f"page {page} cannot be read and written: {error.strerror}") from None
+        raise InputError(f"page {page} cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise InputError(f"page {page} cannot be read: it is no text in UTF-8") from None
     except InputError as error:
         raise InputError(f"page {page}: {error}") from None
     wrote = [page]
-    if drawn:
-        wrote.append(page.with_suffix(".png"))
-        draw_effects(wrote[-1], {effect: demonstrate(effect) for effect in drawn}, columns=2)
+    with whole_file(page) as part:  # the page is replaced last: it stays as it is where the picture cannot be written
+        part.write_text(text, encoding="utf-8")
+        if drawn:
+            wrote.append(page.with_suffix(".png"))
+            with whole_file(wrote[-1]) as picture:
+                draw_effects(picture, {effect: demonstrate(effect) for effect in drawn}, columns=2)
     paths = [str(path) for path in wrote]
     verdict = f"{len(ours)} effects written, {len(drawn)} of them drawn"
     document = {"read": str(page), "wrote": paths, "effects": [effect.name for effect in ours], "verdict": verdict}

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 NAMES = typer.Argument(
     None, metavar="[EXPERIMENT]...", help="a profile, or PROFILE-TEMPERATURE, as crawl-45; --list has them"
 )
-HOLDOUT = typer.Option([], metavar="EXPERIMENT", help="a further one, not to be fitted; may be given more than once")
-FOR = typer.Option(None, "--for", help="report.json whose proposed experiment is played, and which is decided again")
+HOLDOUT = typer.Option([], metavar="EXPERIMENT", help="experiment that is held out; may be given more than once")
+FOR = typer.Option(None, "--for", help="report.json: play the experiment that it proposes, and search again")
 MODEL = typer.Option(None, "--plant-parameters", help="TOML file that changes the plant under test")
 DRAW = typer.Option(
     None, help="the plant under test has an effect that this seed draws from the catalogue; implies --blind", min=0
@@ -41,26 +41,28 @@ def experiment(
     list_all: bool = typer.Option(False, "--list", help="list the experiments"),
     bus: str = BUS,
     running: bool = typer.Option(
-        False, "--running", help="on the bench that runs on the bus, started with --profile manual"
+        False, "--running", help="play on the bench that already runs on the bus, started with --profile manual"
     ),
     lockstep: bool = LOCKSTEP,
     rate: int | None = typer.Option(None, help="rate of samples and commands, in Hz; the experiment's if not given"),
     scenario: str | None = typer.Option(None, help="scenario whose plant, effects and injections are under test"),
     plant_parameters: Path | None = MODEL,
     draw: int | None = DRAW,
-    seed: int = typer.Option(1, help="seed of the sensor noise of the first run; the next have the next ones", min=0),
+    seed: int = typer.Option(
+        1, help="seed of the sensor noise of the first run; each further run has the next number", min=0
+    ),
     blind: bool = typer.Option(
         False, "--blind", help="keep the truth out of the run files, in sealed files beside them"
     ),
     out: Path = OUT,
     json_output: bool = JSON,
 ) -> None:
-    """Play experiments on the live plant over CAN and record them; with --for decide again with what they show."""
+    """Play experiments on the live plant over CAN and record them; with --for, search again with the new run."""
     from clutch_hil.bench.progress import table_text
     from clutch_hil.command import check_rate
     from clutch_hil.discrepancy.laboratory import OwnBench, RunningBench, plant_under_test
     from clutch_hil.discrepancy.models.wet_clutch_experiments import HELD_OUT, LIBRARY, STANDARD, find
-    from clutch_hil.live.catalogue import counted
+    from clutch_hil.live.catalogue import format_count
 
     if list_all:
         rows = [(e.name, f"{e.seconds:.1f} s", e.title) for e in LIBRARY]
@@ -110,10 +112,12 @@ def experiment(
     runs, rest = played[: len(wanted)], played[len(wanted) :]
     words = ["clutch-hil", "discrepancy", *map(str, runs), *(["--holdout", *map(str, rest)] if rest else [])]
     command = shlex.join([*words, "--out", str(out / "report")])
-    lines = [f"read:    {counted(len(played), 'experiment')}: {', '.join(e.name for e in wanted + held_out)}"]
+    lines = [f"read:    {format_count(len(played), 'experiment')}: {', '.join(e.name for e in wanted + held_out)}"]
     lines += [f"{'wrote:' if not i else '':<9}{path}" for i, path in enumerate(played)]
     lines += [f"next:    {command}"]
-    verdict = f"{counted(len(played), 'experiment')} recorded" + (f", {len(rest)} of them to hold out" if rest else "")
+    verdict = f"{format_count(len(played), 'experiment')} recorded" + (
+        f", {len(rest)} of them to hold out" if rest else ""
+    )
     document = {"runs": list(map(str, runs)), "holdout": list(map(str, rest)), "next": command, "verdict": verdict}
     report(document, "\n".join(lines), verdict, True, json_output)
 

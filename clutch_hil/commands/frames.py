@@ -17,7 +17,7 @@ def frames(
     rate: int = typer.Option(1000, help="rate of samples and commands, in Hz"),
     dbc: Path | None = typer.Option(None, help="another DBC to check and list"),
     clutches: int = typer.Option(1, help="2: the bus of the power-shift rig", min=1, max=2),
-    write: Path | None = typer.Option(None, help="DBC file to write for other tools, as for cantools or candump"),
+    write: Path | None = typer.Option(None, help="DBC file to write for other tools, such as cantools"),
     json_output: bool = JSON,
 ) -> None:
     """List the frames of the bus and its worst-case load."""

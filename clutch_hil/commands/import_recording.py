@@ -23,8 +23,7 @@ def import_run(
     out: Path = typer.Option(..., help="run file to write: .parquet, .mf4 or .csv"),
     json_output: bool = JSON,
 ) -> None:
-    """Map names and units of a foreign recording onto ours and write it as a run; what was done to it is told, and kept in the
-    file's metadata."""
+    """Write a foreign recording as a run, with our names and units. What was converted is printed and kept in the metadata."""
     from clutch_hil.discrepancy.import_map import load_map
     from protocols.files.runs import write_run
 

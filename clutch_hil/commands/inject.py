@@ -11,8 +11,10 @@ WORDS = typer.Argument(
     metavar="[EFFECT [SHORT=VALUE]... | GROUP.NAME=VALUE]...",
     help="effects to switch on, at typical values or the given ones, and parameters to set; what is on now if not given",
 )
-FREEZE = typer.Option([], help="sensor that keeps what it shows; may be given more than once")
-BIAS = typer.Option([], metavar="SENSOR=VALUE", help="sensor that shows so much more; may be given more than once")
+FREEZE = typer.Option([], help="sensor that freezes; may be given more than once")
+BIAS = typer.Option(
+    [], metavar="SENSOR=VALUE", help="sensor that shows this much too much; may be given more than once"
+)
 
 
 def register(app: typer.Typer) -> None:
@@ -29,14 +31,14 @@ def inject(
     clutch: str | None = typer.Option(None, help="clutch, of a rig with two: a or b"),
     at: float | None = typer.Option(None, help="when, in s of the plant's time; now if not given"),
     after: float | None = typer.Option(None, help="when, in s from now"),
-    ramp: float | None = typer.Option(None, help="go there along a line of so many s"),
+    ramp: float | None = typer.Option(None, help="length of the ramp to the new values, in s"),
     until: float | None = typer.Option(None, help="go back at this time, in s of the plant's time"),
-    hold: float | None = typer.Option(None, "--for", help="go back so many s after it is there"),
+    hold: float | None = typer.Option(None, "--for", help="go back this long after the end of the ramp, in s"),
     bus: str | None = BENCH,
     router: str | None = ROUTER,
     json_output: bool = JSON,
 ) -> None:
-    """Change the running plant: effects on and off, parameters, sensors that freeze or are biased; now, later, slowly."""
+    """Change the running plant, now, later or along a ramp: effects, parameters, frozen or biased sensors."""
     from clutch_hil.live.inject import parse_values, run_injection, show_state
     from protocols.can.two_clutches import check_clutch
 

@@ -18,20 +18,20 @@ def jitter(
     bus: str = BUS,
     rate: int = typer.Option(1000, help="rate of samples and commands, in Hz"),
     seconds: float = typer.Option(30.0, help="length of each phase in all, in s"),
-    rounds: int = typer.Option(3, min=1, help="parts that it is measured in, the phases in turn"),
+    rounds: int = typer.Option(3, min=1, help="number of rounds in which the phases are measured in turn"),
     cpu: int | None = typer.Option(None, help="CPU of the loops; the last if not given"),
-    spin_us: float = typer.Option(100.0, help="spin at most so long before a slot, in us"),
+    spin_us: float = typer.Option(100.0, help="longest spin before a slot, in us"),
     rates: str | None = typer.Option(
         None, help="the closed loop alone, by clock and bus, at these rates in Hz, such as 250,4000"
     ),
     load: list[str] = typer.Option(
         [], help="cpu, memory, disk, bus, viewer, restarts or full; may be given more than once"
     ),
-    telemetry: bool = typer.Option(True, help="publish every cycle meanwhile, as a bench does"),
+    telemetry: bool = typer.Option(True, help="publish every cycle while it is measured, as a bench does"),
     out: Path = typer.Option(Path("runs"), help="folder for jitter.png and jitter.json"),
     json_output: bool = JSON,
 ) -> None:
-    """Measure the loop's jitter here, side by side with what the machine allows."""
+    """Measure the jitter of the loop beside what the machine allows."""
     import os
 
     from clutch_hil.bench import jitter_report

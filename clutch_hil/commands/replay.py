@@ -21,7 +21,7 @@ def replay(
     adaptation: bool = CONTROLLER_ADAPTATION,
     json_output: bool = JSON,
 ) -> None:
-    """Play a log's samples to the controller, as fast as it goes; tell the digest of all it answers."""
+    """Play the samples of a bus log to the controller, as fast as possible, and print the checksum of all answers."""
     import time
 
     from protocols.buses.bus import resolve

@@ -18,7 +18,7 @@ def unseal(
     truth: Path | None = typer.Option(None, help="folder of the truth file; that of the run if not given"),
     json_output: bool = JSON,
 ) -> None:
-    """Show what a blind run keeps back, when neither it nor its truth file has been changed."""
+    """Show what a blind run hides, unless the run or its truth file was changed."""
     from clutch_hil.bench.unseal import describe_truth, read_truth
 
     report(*describe_truth(run, *read_truth(run, truth)), json_output)

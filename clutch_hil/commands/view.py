@@ -24,7 +24,9 @@ def view(
     bus: str | None = BENCH,
     router: str | None = ROUTER,
     web: bool = typer.Option(False, "--web", help="show it in a browser; works without a network"),
-    save: Path | None = typer.Option(None, help="write what is seen to an .rrd file; alone, nothing is shown"),
+    save: Path | None = typer.Option(
+        None, help="write the rows to an .rrd file; without --window or --web nothing is shown"
+    ),
     window: bool = typer.Option(False, "--window", help="show a window although --save is given"),
     seconds: float | None = typer.Option(None, help="how long; until the window is closed or Ctrl-C if not given"),
     port: int | None = typer.Option(None, help="port of the viewer's data; 9876 or a free one if not given"),
@@ -45,6 +47,9 @@ def view(
         raise InputError(f"view cannot last {seconds:g} s; allowed is more than 0 s")
     if web + headless + window > 1:
         raise InputError("more than one of --web, --headless and --window was given; allowed is one")
+    if runs and (bus or router):
+        option = "--bus" if bus else "--router"
+        raise InputError(f"{option} {bus or router} and run {runs[0]} were given; {option} is for the running bench")
     if save:
         check_rrd(save)
 

@@ -78,7 +78,7 @@ def find_claims(
     outputs = {output.column: output for output in model.outputs}
     seen = pool_sources(sources(model, runs, floors, parameters, effects), runs, Regimes(model, runs, parameters))
     p_values = compute_p_values(seen)
-    found: list[tuple[float, list[Claim]]] = []
+    by_output: list[tuple[float, list[Claim]]] = []
     for i, one in enumerate(_merge_double_faults(seen, p_values)):
         output = outputs[one.source.column]
         floor = floors[output.column]
@@ -89,11 +89,11 @@ def find_claims(
             # the disagreement is significant at CLAIM_LEVEL, the regimes in which it is at REGIME_LEVEL
             names = [name for name in find_concentration(power_shares(one)) if p_values[i, name] <= REGIME_LEVEL]
             where = names or [ALL if ALL in sure else max(sure, key=lambda n: power[n] * float(np.mean(one.masks[n])))]
-            found.append((power[ALL], [_make_claim(one, output, name, floor, p_values[i, name]) for name in where]))
-    found.sort(key=lambda pair: -pair[0])
+            by_output.append((power[ALL], [_make_claim(one, output, name, floor, p_values[i, name]) for name in where]))
+    by_output.sort(key=lambda pair: -pair[0])
     kept: dict[str, list[Claim]] = {}
-    for excess, ours in found:
-        if excess >= _ECHO * found[0][0]:
+    for excess, ours in by_output:
+        if excess >= _ECHO * by_output[0][0]:
             kept.setdefault(ours[0].block, ours)  # of each block the output that shows it best
     return [claim for ours in kept.values() for claim in ours]
 
@@ -106,7 +106,7 @@ def _merge_double_faults(seen: Sequence[PooledSource], p_values: Mapping[tuple[i
     where the plates are apart and show nothing.
     """
     number = {(one.source.block, one.source.column): i for i, one in reversed(list(enumerate(seen)))}
-    found = list(seen)
+    attributed = list(seen)
 
     def at(block: str, column: str) -> int | None:
         return number.get((block, column))
@@ -114,14 +114,14 @@ def _merge_double_faults(seen: Sequence[PooledSource], p_values: Mapping[tuple[i
     friction, sensor, drive = at(FRICTION, TORQUE), at(SENSORS, TORQUE), at(DRIVE, MOTOR)
     if friction is not None and sensor is not None and drive is not None and np.mean(seen[friction].power) < 0.0:
         less = min(sensor, drive, key=lambda i: float(np.mean(seen[i].power)))
-        found[less] = replace(seen[less], power=np.zeros_like(seen[less].power))
+        attributed[less] = replace(seen[less], power=np.zeros_like(seen[less].power))
     accused, off = at(SENSORS, PRESSURE), at(HYDRAULICS, PRESSURE)
     if accused is not None and off is not None and p_values[accused, ALL] <= CLAIM_LEVEL:
         judged = seen[accused].power != 0.0
         if np.sum(seen[accused].power) > 0.5 * np.sum(seen[off].power[judged]):
-            found[off] = replace(seen[off], source=replace(seen[off].source, block=SENSORS))
-            found[accused] = replace(seen[accused], power=np.zeros_like(seen[accused].power))
-    return found
+            attributed[off] = replace(seen[off], source=replace(seen[off].source, block=SENSORS))
+            attributed[accused] = replace(seen[accused], power=np.zeros_like(seen[accused].power))
+    return attributed
 
 
 def _make_claim(one: PooledSource, output: Output, regime: str, floor: float, p_value: float) -> Claim:
@@ -135,7 +135,7 @@ def power_shares(one: PooledSource) -> dict[str, tuple[float, float]]:
     return {name: (float(np.sum(one.power[m])) / total, float(np.mean(m))) for name, m in one.masks.items()}
 
 
-def find_concentration(found: Shares) -> list[str]:
+def find_concentration(shares: Shares) -> list[str]:
     """The regimes of one family in which power is concentrated; [] where it is spread.
 
     Of each family the densest regimes are taken until they hold most of the power. The family with the densest set is chosen.
@@ -143,14 +143,14 @@ def find_concentration(found: Shares) -> list[str]:
     """
     best: tuple[float, list[str]] = (_LEAST_DENSITY, [])
     for one in _CLAIMED_FAMILIES:
-        members = [n for n in found if family(n) == one and found[n][1] > _LEAST_TIME]
+        members = [n for n in shares if family(n) == one and shares[n][1] > _LEAST_TIME]
         taken: list[str] = []
         power = time = 0.0
-        for name in sorted(members, key=lambda n: -found[n][0] / found[n][1]):
-            if power >= _POWER_TOGETHER or found[name][0] < _POWER_EACH:
+        for name in sorted(members, key=lambda n: -shares[n][0] / shares[n][1]):
+            if power >= _POWER_TOGETHER or shares[name][0] < _POWER_EACH:
                 break
             taken.append(name)
-            power, time = power + found[name][0], time + found[name][1]
+            power, time = power + shares[name][0], time + shares[name][1]
         if taken and len(taken) < len(members) and power >= _POWER_TOGETHER and power / time > best[0]:
             best = power / time, taken
     return best[1]
@@ -175,10 +175,10 @@ def compute_p_values(seen: Sequence[PooledSource]) -> dict[tuple[int, str], floa
     ]
     drawn = np.sort(np.concatenate(largest))
     p = (1.0 + len(drawn) - np.searchsorted(drawn, z)) / (len(drawn) + 1.0)
-    found: dict[tuple[int, str], float] = {}
+    smallest: dict[tuple[int, str], float] = {}
     for key, value in zip(keys, p, strict=True):
-        found[key] = min(found.get(key, 1.0), float(value))
-    return found
+        smallest[key] = min(smallest.get(key, 1.0), float(value))
+    return smallest
 
 
 def _clip_outliers(u: np.ndarray) -> np.ndarray:
@@ -188,13 +188,13 @@ def _clip_outliers(u: np.ndarray) -> np.ndarray:
     return np.clip(u, -most, most)
 
 
-def pool_sources(found: Sequence[Source], runs: Sequence[Columns], regimes: Regimes) -> list[PooledSource]:
+def pool_sources(run_sources: Sequence[Source], runs: Sequence[Columns], regimes: Regimes) -> list[PooledSource]:
     """Sources of all runs, one run after the other, with the regimes of their samples."""
     masks: dict[str, list[np.ndarray]] = {}
     blocks = []
     begin = 0
     for k, run in enumerate(runs):
-        n = len(found[0].power[k])
+        n = len(run_sources[0].power[k])
         for name, mask in regimes(run).items():
             masks.setdefault(name, []).append(means(mask.astype(float), run) > 0.5)
         blocks.append(begin + np.arange(n) // max(1, round(_SIGN_BLOCK / MEAN)))
@@ -202,7 +202,9 @@ def pool_sources(found: Sequence[Source], runs: Sequence[Columns], regimes: Regi
     whole = {name: np.concatenate(parts) for name, parts in masks.items()}
     whole = {name: mask for name, mask in whole.items() if np.mean(mask) > _LEAST_TIME}
     block = np.concatenate(blocks)
-    return [PooledSource(one, np.concatenate(one.power), np.concatenate(one.tested), block, whole) for one in found]
+    return [
+        PooledSource(one, np.concatenate(one.power), np.concatenate(one.tested), block, whole) for one in run_sources
+    ]
 
 
 def locate_effect(

@@ -112,7 +112,7 @@ class CandidateSearch:
         bounds = {n: b for d in together for n, b in _bounds(d.candidate).items()}
         index = np.concatenate([np.arange(self._spans[id(d)].start, self._spans[id(d)].stop) for d in together])
         matrix, right, usable = self._matrix[np.ix_(index, index)], self._right[index], self._usable[index]
-        found = dict(off)
+        values = dict(off)
         while usable.any():
             kept = np.flatnonzero(usable)
             share = np.linalg.lstsq(matrix[np.ix_(kept, kept)], right[kept], rcond=1e-10)[0]
@@ -121,12 +121,12 @@ class CandidateSearch:
                 (low, high), n = bounds[names[k]], names[k]
                 value = off[n] + by * (towards[n] - off[n])
                 if (value <= low and off[n] <= low) or (value >= high and off[n] >= high):
-                    usable[k], outside, found[n] = False, True, off[n]
+                    usable[k], outside, values[n] = False, True, off[n]
                 else:
-                    found[n] = float(np.clip(value, low, high))
+                    values[n] = float(np.clip(value, low, high))
             if not outside:
-                return float(share @ right[kept]), found
-        return 0.0, found
+                return float(share @ right[kept]), values
+        return 0.0, values
 
     def improve(self, fits: Sequence[Fit], rounds: int) -> list[Fit]:
         """Improve each fit by `rounds` of damped Gauss-Newton over its strengths; best first."""
@@ -149,15 +149,15 @@ class CandidateSearch:
 
     def extend(self, taken: Sequence[str], count: int) -> list[Fit]:
         """Fit by one step the `count` candidates with the largest predicted gain beside the effects `taken`; best first."""
-        found: dict[str, _Trial] = {}
+        trials: dict[str, _Trial] = {}
         for d in self.directions:
             name = d.candidate.name
             if name in taken or set(d.candidate.excludes) & set(taken):
                 continue
             gain, values = self.predict_gain([d])
-            if gain > max(self._least, found[name][0] if name in found else 0.0):
-                found[name] = gain, d, values
-        best = self._take_first_steps(sorted(found.values(), key=lambda one: -one[0])[:count])
+            if gain > max(self._least, trials[name][0] if name in trials else 0.0):
+                trials[name] = gain, d, values
+        best = self._take_first_steps(sorted(trials.values(), key=lambda one: -one[0])[:count])
         return sorted(best.values(), key=lambda fit: fit.cost)
 
     def rank_pairs(self, count: int) -> list[tuple[float, tuple[Direction, Direction], dict[str, float]]]:
@@ -166,13 +166,13 @@ class CandidateSearch:
         useful: dict[str, Direction] = {}
         for d in sorted(self.directions, key=lambda d: -single[id(d)]):
             useful.setdefault(d.candidate.name, d)
-        found = []
+        pairs = []
         for one, other in combinations(list(useful.values()), 2):
             if other.candidate.name in one.candidate.excludes or one.candidate.name in other.candidate.excludes:
                 continue
             gain, values = self.predict_gain([one, other])
-            found.append((gain, (one, other), values))
-        return sorted(found, key=lambda pair: -pair[0])[:count]
+            pairs.append((gain, (one, other), values))
+        return sorted(pairs, key=lambda pair: -pair[0])[:count]
 
     def _take_first_steps(self, waiting: Sequence[_Trial]) -> dict[str, Fit]:
         """Fit by name after a first step: at its start, or a share of its predicted step away from off, whichever costs less.
@@ -181,24 +181,24 @@ class CandidateSearch:
         """
         best: dict[str, Fit] = {}
 
-        def evaluated(trials: list[tuple[Candidate, dict[str, float]]]) -> list[Fit]:
-            found = self._evaluate(trials)
-            for fit in found:
+        def evaluate(trials: list[tuple[Candidate, dict[str, float]]]) -> list[Fit]:
+            fits = self._evaluate(trials)
+            for fit in fits:
                 best[fit.name] = min(best.get(fit.name, fit), fit, key=lambda one: one.cost)
-            return found
+            return fits
 
-        evaluated([(d.candidate, d.off | d.strengths) for _, d, _ in waiting])
+        evaluate([(d.candidate, d.off | d.strengths) for _, d, _ in waiting])
         for share in _FIRST_STEP_SHARES:
-            found = evaluated([(d.candidate, _interpolate(d.off, values, share)) for _, d, values in waiting])
+            refits = evaluate([(d.candidate, _interpolate(d.off, values, share)) for _, d, values in waiting])
             waiting = [
                 one
-                for one, fit in zip(waiting, found, strict=True)
+                for one, fit in zip(waiting, refits, strict=True)
                 if self.cost - fit.cost < share * _KEPT_PROMISE * one[0]
             ]
         most = self.cost - min((fit.cost for fit in best.values()), default=self.cost)
         growing = [fit for fit in best.values() if self.cost - fit.cost > _GROWING_GAIN * most]
         for _ in range(_MOST_DOUBLINGS):
-            longer = evaluated([(fit.candidate, _double_strengths(fit)) for fit in growing])
+            longer = evaluate([(fit.candidate, _double_strengths(fit)) for fit in growing])
             growing = [new for fit, new in zip(growing, longer, strict=True) if new.cost < fit.cost]
         return best
 

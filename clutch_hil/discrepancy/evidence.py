@@ -77,24 +77,24 @@ class Evidence:
 
     def with_tolerance(self, residual: np.ndarray) -> "Evidence":
         """A copy that weighs those outputs less whose `residual` (size,) of the baseline is far above the floor."""
-        found = copy(self)
+        tolerant = copy(self)
         counts = sum(self._count_residuals(k) for k in range(len(self.runs)))
-        found._noise = self._noise / (
+        tolerant._noise = self._noise / (
             1.0 + _LAW_ERROR**2 * np.maximum(self._excess_squares(residual).sum(axis=0), 0.0) / counts
         )
-        found.weights = self.weights.copy()
+        tolerant.weights = self.weights.copy()
         for k in range(len(self.runs)):
-            for column, share in zip(self.columns, found._noise / self._noise, strict=True):
-                found.weights[self.part(k, column)] *= np.sqrt(share)
-        return found
+            for column, share in zip(self.columns, tolerant._noise / self._noise, strict=True):
+                tolerant.weights[self.part(k, column)] *= np.sqrt(share)
+        return tolerant
 
     def _block_noise(self, column: str) -> float:
         """sigma_b of an output, in its unit."""
-        found = []
+        estimates = []
         for run, block in zip(self.runs, self.blocks, strict=True):
             white = self.floors[column] / np.sqrt(block)
-            found.append(np.clip(estimate_noise(_block_means(run[column], block)), white, _MOST_COLOURED * white))
-        return max(float(np.median(found)), self._rounding.get(column, 0.0))
+            estimates.append(np.clip(estimate_noise(_block_means(run[column], block)), white, _MOST_COLOURED * white))
+        return max(float(np.median(estimates)), self._rounding.get(column, 0.0))
 
     def part(self, run: int, column: str) -> slice:
         """Slice of a residual vector (size,) with the residuals of an output in a run, given by its number."""
@@ -133,12 +133,12 @@ class Evidence:
         """Residual vectors (size,) at several points; not-a-number for a run that cannot be simulated there."""
         points = list(points)
         jobs = [(i, k) for i in range(len(points)) for k in range(len(self.runs))]
-        found = [np.empty(self.size) for _ in points]
+        stacked = [np.empty(self.size) for _ in points]
         for (i, k), part in zip(
             jobs, _POOL.map(lambda job: self._simulate_residual(points[job[0]], job[1]), jobs), strict=True
         ):
-            found[i][self.pieces[k]] = part
-        return found
+            stacked[i][self.pieces[k]] = part
+        return stacked
 
     def predict(self, point: Point, run: int) -> Columns:
         """Outputs (n,) of a run at `point`, by column, at the rate of the run."""

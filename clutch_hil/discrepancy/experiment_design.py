@@ -154,10 +154,12 @@ def propose(model: Model, parameters: Values, options: Sequence[Values], floors:
     if not isinstance(model, Experimenting):
         return proposal | {"why": f"the rig {model.name} has no bench that could play an experiment"}
     bench = model.bench()
-    found = [c for e in bench.experiments if (c := _compare(model, bench, e, parameters, options, floors))]
-    found.sort(key=_Comparison.score, reverse=True)  # without a re-fit of the baseline T is larger: an upper bound
+    comparisons = [c for e in bench.experiments if (c := _compare(model, bench, e, parameters, options, floors))]
+    comparisons.sort(
+        key=_Comparison.score, reverse=True
+    )  # without a re-fit of the baseline T is larger: an upper bound
     best = sorted(
-        (c.with_baseline(_free_baseline(model, parameters)) for c in found[:_SHORTLIST]),
+        (c.with_baseline(_free_baseline(model, parameters)) for c in comparisons[:_SHORTLIST]),
         key=_Comparison.score,
         reverse=True,
     )
@@ -170,7 +172,7 @@ def propose(model: Model, parameters: Values, options: Sequence[Values], floors:
             column, times = max(by_output.items(), key=lambda item: item[1])
             why = (
                 f"re-fitted to each other, {pair} still differ by {times:.2g} times the floor in {column} and by"
-                f" {np.sqrt(least):.0f} standard deviations in all, more than in {len(found) - 1} other experiments"
+                f" {np.sqrt(least):.0f} standard deviations in all, more than in {len(comparisons) - 1} other experiments"
             )
             settings = {"temperature": e.temperature, "rate": e.rate}
             return proposal | {
@@ -180,7 +182,7 @@ def propose(model: Model, parameters: Values, options: Sequence[Values], floors:
             }  # fmt: skip
         closest = max(closest, least)
     return proposal | {
-        "why": f"none of {len(found)} experiments separates {pair}: re-fitted to each other they differ by at most"
+        "why": f"none of {len(comparisons)} experiments separates {pair}: re-fitted to each other they differ by at most"
         f" {np.sqrt(closest):.1f} standard deviations, needed are {np.sqrt(LEAST_SEPARATION):.0f}",
         "standard_deviations": float(np.sqrt(closest)),
     }

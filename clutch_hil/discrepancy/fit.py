@@ -75,7 +75,7 @@ def free_baseline(declared: ParameterSet, calibration: float) -> list[FreeParame
 
 def free_effect(candidate: Candidate, values: Values, shapes: bool = True) -> list[FreeParameter]:
     """Strengths of a candidate with `values`, those that are off too; with `shapes` its shape parameters as well."""
-    found = []
+    parameters = []
     for p in candidate.parameters:
         if isinstance(p, Strength) or shapes:
             name = f"{candidate.name}.{p.name}"
@@ -83,8 +83,10 @@ def free_effect(candidate: Candidate, values: Values, shapes: bool = True) -> li
             step = _EFFECT_STEP * max(size, 0.2 * abs((p.typical - p.off) or p.typical or 1.0))
             if p.unit == "rad" and not isinstance(p, Strength):
                 step = _PHASE_STEP
-            found.append(FreeParameter(name, step, step, *p.bounds, off=p.off if isinstance(p, Strength) else None))
-    return found
+            parameters.append(
+                FreeParameter(name, step, step, *p.bounds, off=p.off if isinstance(p, Strength) else None)
+            )
+    return parameters
 
 
 @dataclass(frozen=True)
@@ -184,9 +186,9 @@ class LinearModel:
         if len(inner):
             lower = cholesky(hessian[np.ix_(inner, inner)], lower=True)
             right = -solve_triangular(lower, (gradient + prior * self.offset)[inner], lower=True)
-            found = lsq_linear(lower.T, right, (low[inner], high[inner]), method="bvls")
-            move[inner] = found.x
-            inner = inner[found.active_mask == 0]
+            bounded = lsq_linear(lower.T, right, (low[inner], high[inner]), method="bvls")
+            move[inner] = bounded.x
+            inner = inner[bounded.active_mask == 0]
         return move, inner
 
     def move_by(self, move: np.ndarray, share: float = 1.0) -> Point:
@@ -282,11 +284,11 @@ def _finite_differences(
         steps.append(step)
         changed = {f.name: value + step}
         points.append(({**parameters, **changed}, effects) if ours else (parameters, {**effects, **changed}))
-    found = [
+    fits = [
         (r - first) * (f.scale / step) if np.isfinite(r).all() else np.zeros(evidence.size)
         for r, f, step in zip(evidence.residuals(points), free, steps, strict=True)
     ]
-    return found, free
+    return fits, free
 
 
 def refit(evidence: Evidence, start: LinearModel, renewals: int = 1) -> LinearModel:

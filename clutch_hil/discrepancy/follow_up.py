@@ -95,8 +95,8 @@ def decide_again(
     """
     from clutch_hil.discrepancy.outcome import find_discrepancy
 
-    found = find_discrepancy(
+    answer = find_discrepancy(
         [*report.runs, new], report.held_out, rig=report.rig, model=report.model,
         progress=lambda what, share: progress(share, 1),
     )  # fmt: skip
-    return found, found.write(out, command)
+    return answer, answer.write(out, command)

@@ -37,10 +37,10 @@ def _standard_deviations(at: LinearModel, clusters: Sequence[np.ndarray]) -> np.
 
 def _split_clusters(evidence: Evidence) -> list[np.ndarray]:
     """Indices of the residuals of each second of each run."""
-    found = []
+    blocks = []
     for k in range(len(evidence.runs)):
         length = max(1, round(_CLUSTER / evidence.lengths[k]))
         parts = [np.arange(p.start, p.stop) for p in (evidence.part(k, c) for c in evidence.columns)]
         count = max(1, len(parts[0]) // length)
-        found += [np.concatenate([np.array_split(p, count)[i] for p in parts]) for i in range(count)]
-    return found
+        blocks += [np.concatenate([np.array_split(p, count)[i] for p in parts]) for i in range(count)]
+    return blocks

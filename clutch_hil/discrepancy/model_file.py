@@ -36,12 +36,12 @@ def write_model(result: Result, parameters: ParameterSet, path: Path, started: P
     data = combine_hashes(result.hashes)
     before = {name: p for name, p in (started or {}).items() if p != parameters[name]}
     moved = [e for e in result.baseline if not abs(e.value - parameters[e.name].value) <= _MOVED * e.uncertainty]
-    found = [(e, "re-fitted") for e in moved] + [(e, "fitted") for e in result.parameters]
+    estimates = [(e, "re-fitted") for e in moved] + [(e, "fitted") for e in result.parameters]
     after = {
         e.name: _change(
             parameters[e.name], e, f"{how} by clutch-hil discrepancy, {_interval_text(e)}, data SHA-256 {data[:16]}..."
         )
-        for e, how in found
+        for e, how in estimates
     }
     carried = (result.surrogate or {}).get(
         "values", {}
@@ -79,13 +79,13 @@ def _interval_text(estimate: Estimate) -> str:
 
 
 def _header_lines(result: Result, data: str) -> list[str]:
-    found = ", ".join(result.effects) or "-"
+    effects = ", ".join(result.effects) or "-"
     if result.alternatives:
-        found += f"; alternatives {'; '.join(', '.join(group) for group in result.alternatives)}"
+        effects += f"; alternatives {'; '.join(', '.join(group) for group in result.alternatives)}"
     lines = [
         f"rig {result.rig}, extended by clutch-hil {version('clutch-hil')} discrepancy,"
         f" {datetime.now().astimezone().isoformat(timespec='seconds')}",
-        f"verdict: {result.verdict}: {found} (confidence {result.confidence:.3g})",
+        f"verdict: {result.verdict}: {effects} (confidence {result.confidence:.3g})",
         f"data SHA-256 {data}, of",
         *(f"  {sha}  {name}" for name, sha in result.hashes.items()),
     ]

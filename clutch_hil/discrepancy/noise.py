@@ -57,9 +57,9 @@ def find_lattice(values: np.ndarray) -> tuple[float, float]:
 
 def estimate_floors(runs: Sequence[Columns], outputs: Sequence[Output]) -> dict[str, float]:
     """Floor of each output by column, in its unit: never below its resolution, never 0."""
-    found = {}
+    floors = {}
     for output in outputs:
         sigma = max(float(np.median([estimate_noise(run[output.column]) for run in runs])), output.resolution)
         spread = max(float(np.ptp(run[output.column])) for run in runs)
-        found[output.column] = max(sigma, 1e-6 * spread, 1e-12)
-    return found
+        floors[output.column] = max(sigma, 1e-6 * spread, 1e-12)
+    return floors

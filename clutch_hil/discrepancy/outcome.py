@@ -10,11 +10,11 @@ from clutch_hil.bench.sealed import checksum
 from clutch_hil.discrepancy.model import Columns, Model
 from clutch_hil.discrepancy.model_file import read_model, write_model
 from clutch_hil.discrepancy.models.named import (
-    declared,
+    declare_parameters,
     evidence,
     model_named,
     read_evidence,
-    required,
+    required_columns,
     set_calibration,
 )
 from clutch_hil.discrepancy.regimes import Regimes
@@ -67,7 +67,7 @@ class Discrepancy:
         `command` is what the report says was typed. Raises InputError naming a file that cannot be written.
         """
         folder = writable(Path(folder))
-        shipped = declared(model_named(self.rig))
+        shipped = declare_parameters(model_named(self.rig))
         begun_from = read_model(self.model, shipped) if self.model else None
         write_model(self.result, shipped, folder / _MODEL_FILE, begun_from)
         start = {name: p.value for name, p in self.known.parameters.items()}
@@ -125,7 +125,7 @@ def _columns(runs: Sequence[Run | str | Path], model: Model, hashes: dict[str, s
         if isinstance(run, Run):
             name = f"number {len(hashes) + 1}"
             read[name] = evidence(Path(name), run, model)
-            content = b"".join(column.encode() + run.columns[column].tobytes() for column in required(model))
+            content = b"".join(column.encode() + run.columns[column].tobytes() for column in required_columns(model))
             hashes[name] = hashlib.sha256(content).hexdigest()
         else:
             read[str(run)] = read_evidence(Path(run), model)

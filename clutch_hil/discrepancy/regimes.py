@@ -83,21 +83,21 @@ class _ClutchRegimes:
     def __call__(self, run: Columns) -> Masks:
         phases, contact = self._phases(run)
         slope = np.gradient(_smooth(run["cylinder_pressure_bar"], self._window, run), _period(run))
-        found = {f"phase={name}": inside for name, inside in phases.items()}
-        found["direction=apply"], found["direction=release"] = (
+        masks = {f"phase={name}": inside for name, inside in phases.items()}
+        masks["direction=apply"], masks["direction=release"] = (
             contact & (slope > _LEAST_SLOPE),
             contact & (slope < -_LEAST_SLOPE),
         )
         slip = _smooth(run["slip_speed_rad_s"], _NARROWEST, run)
         warm = _smooth(run["oil_temperature_degc"], 0.1, run)
-        found |= _thirds("pressure", run["cylinder_pressure_bar"], self._thirds["pressure"], contact)
-        found |= _thirds("slip", np.abs(slip), self._thirds["slip"], contact)
-        found |= _thirds("temperature", warm, self._thirds["temperature"], np.ones(len(warm), bool), "cold warm hot")
+        masks |= _thirds("pressure", run["cylinder_pressure_bar"], self._thirds["pressure"], contact)
+        masks |= _thirds("slip", np.abs(slip), self._thirds["slip"], contact)
+        masks |= _thirds("temperature", warm, self._thirds["temperature"], np.ones(len(warm), bool), "cold warm hot")
         turning = np.zeros(len(slip), bool)
         turning[1:] = slip[1:] * slip[:-1] < 0.0
-        found["slip=forward"], found["slip=backward"] = slip > _LEAST_SLIP, slip < -_LEAST_SLIP
-        found["slip=reversal"] = contact & maximum_filter1d(turning, 2 * round(_REVERSAL / _period(run)) + 1)
-        return found
+        masks["slip=forward"], masks["slip=backward"] = slip > _LEAST_SLIP, slip < -_LEAST_SLIP
+        masks["slip=reversal"] = contact & maximum_filter1d(turning, 2 * round(_REVERSAL / _period(run)) + 1)
+        return masks
 
     def _phases(self, run: Columns) -> tuple[Masks, np.ndarray]:
         period = _period(run)
@@ -130,7 +130,7 @@ class _InputRegimes:
         }
 
     def __call__(self, run: Columns) -> Masks:
-        found: Masks = {}
+        masks: Masks = {}
         for name in self._inputs:
             slope, still = _slope(run, name), self._still[name]
             rising, falling = slope > still, slope < -still
@@ -138,12 +138,12 @@ class _InputRegimes:
                 turning = np.zeros(len(slope), bool)
                 turning[1:] = slope[1:] * slope[:-1] < 0.0
                 reach = 2 * round(_REVERSAL / _period(run)) + 1
-                found |= {"direction=forward": rising, "direction=backward": falling}
-                found["reversal"] = maximum_filter1d(turning, reach) & (np.abs(slope) < 4.0 * still)
+                masks |= {"direction=forward": rising, "direction=backward": falling}
+                masks["reversal"] = maximum_filter1d(turning, reach) & (np.abs(slope) < 4.0 * still)
             else:
-                found |= {f"{_strip_unit(name)}=rising": rising, f"{_strip_unit(name)}=falling": falling}
-            found |= _thirds(_strip_unit(name), run[name], self._thirds[name], np.ones(len(slope), bool))
-        return found
+                masks |= {f"{_strip_unit(name)}=rising": rising, f"{_strip_unit(name)}=falling": falling}
+            masks |= _thirds(_strip_unit(name), run[name], self._thirds[name], np.ones(len(slope), bool))
+        return masks
 
 
 def family(name: str) -> str:

@@ -48,21 +48,21 @@ def compute_statistics(
         if all(_ANGLE in run for run in runs):
             order, amplitude = _find_order(parts, runs)
             outputs[output.column]["order"] = {"a_turn": order, "amplitude": amplitude, "unit": output.unit}
-    found: dict[str, Any] = {"outputs": outputs, "cross": _correlate_channels(residuals)}
+    statistics: dict[str, Any] = {"outputs": outputs, "cross": _correlate_channels(residuals)}
     by_block: dict[str, float] = {}
     for source in sources(model, runs, floors, parameters, effects):
         size = np.sqrt(max(float(np.mean(np.concatenate(source.power))), 0.0)) / floors[source.column]
         name = f"{source.block}: {source.column}"
         by_block[name] = max(by_block.get(name, 0.0), _round_digits(size))
-    found["blocks_times_floor"] = by_block
+    statistics["blocks_times_floor"] = by_block
     if TORQUE in residuals and PRESSURE in runs[0]:
         regimes = Regimes(model, runs, parameters)
         masks = [regimes(run) for run in runs]
         if "direction=apply" in masks[0]:
-            found["loop"] = {
+            statistics["loop"] = {
                 "measured_nm": _measure_loop(runs, runs, masks), "simulated_nm": _measure_loop(runs, shown, masks),
             }  # fmt: skip
-    return found
+    return statistics
 
 
 def _round_digits(value: float) -> float:
@@ -108,13 +108,13 @@ def _find_order(parts: Sequence[np.ndarray], runs: Sequence[Columns]) -> tuple[f
 
 
 def _correlate_channels(residuals: dict[str, list[np.ndarray]]) -> dict[str, float]:
-    found = {}
+    correlations = {}
     for one, other in combinations(residuals, 2):
         a, b = (np.concatenate([part - part.mean() for part in residuals[c]]) for c in (one, other))
         size = float(a @ b) / max(float(np.sqrt((a @ a) * (b @ b))), 1e-300)
         if abs(size) >= _LEAST_CORRELATION:
-            found[f"{one}, {other}"] = _round_digits(size)
-    return found
+            correlations[f"{one}, {other}"] = _round_digits(size)
+    return correlations
 
 
 def _measure_loop(

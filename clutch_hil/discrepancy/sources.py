@@ -52,17 +52,17 @@ def sources(model: Model, runs: Sequence[Columns], floors: Values, parameters: V
                 )
                 for k, one in enumerate(parts[0])
             ]
-    found = []
+    run_sources = []
     for output in model.outputs:
         residuals = [means(r[output.column], run) for r, run in zip(off, runs, strict=True)]
-        found.append(
+        run_sources.append(
             Source(
                 output.block, output.column,
                 [free(r, o[output.column], run) for r, o, run in zip(residuals, off, runs, strict=True)],
                 [np.column_stack([auto(r, lag) for lag in LATER]) for r in residuals], residuals,
             )
         )  # fmt: skip
-    return found
+    return run_sources
 
 
 def free(x: np.ndarray, raw: np.ndarray, run: Columns) -> np.ndarray:
@@ -79,12 +79,12 @@ def auto(x: np.ndarray, lag: int) -> np.ndarray:
 
 def _off(model: Model, floors: Values, run: Columns, shown: Columns) -> Columns:
     """Measured less simulated, without the offset of a run that is known to `Output.beginning` floors only."""
-    found = {}
+    residuals = {}
     for output in model.outputs:
         residual = run[output.column] - shown[output.column]
         spread = len(residual) * output.beginning**2
-        found[output.column] = residual - (1.0 - 1.0 / np.sqrt(1.0 + spread)) * residual.mean()
-    return found
+        residuals[output.column] = residual - (1.0 - 1.0 / np.sqrt(1.0 + spread)) * residual.mean()
+    return residuals
 
 
 def means(values: np.ndarray, run: Columns) -> np.ndarray:

@@ -79,8 +79,8 @@ def describe_residual(
     Keys: block, output, variables, shape, r2 on left-out runs, sentence, and `values`: parameters of the effect that
     carries the terms, {} where none can. r2 is not-a-number for a single run, as no run can be left out.
     """
-    found = sources(model, runs, floors, parameters, effects)
-    one = max(found, key=lambda s: float(np.mean(np.concatenate(s.power))) / floors[s.column] ** 2)
+    run_sources = sources(model, runs, floors, parameters, effects)
+    one = max(run_sources, key=lambda s: float(np.mean(np.concatenate(s.power))) / floors[s.column] ** 2)
     shown = [model.simulate(run, parameters, effects) for run in runs]
     target = _choose_target(model, one, runs, shown, parameters)
     noise = floors[target.column] ** 2 / max(1, round(MEAN / _period(runs[0])))
@@ -307,13 +307,13 @@ def _term_sizes(target: Target, names: Sequence[str], coefficients: np.ndarray) 
 @njit(cache=True)
 def _track_direction(values, turn):
     """State (n,) of a Maxwell-slip element driven by `values` (n,): +-1 once they have moved by `turn`."""
-    found = np.empty_like(values)
+    filtered = np.empty_like(values)
     now, last = 0.0, 0.0
     for i in range(values.size):
         now = min(max(now + (values[i] - last) / turn, -1.0), 1.0)
         last = values[i]
-        found[i] = now
-    return found
+        filtered[i] = now
+    return filtered
 
 
 def _low_pass(values: np.ndarray, lag: float, period: float) -> np.ndarray:

@@ -35,11 +35,11 @@ class Visibility:
         """Gap in floors by output; effects: parameters by dotted name. The largest gap says how visible the effects are."""
         residual = self._residual(effects)
         left = residual + self._at.jacobian @ self._at.best(residual)[0]
-        found = {}
+        rms = {}
         for column in self._evidence.columns:
             parts = [left[self._evidence.part(k, column)] / np.sqrt(b) for k, b in enumerate(self._evidence.blocks)]
-            found[column] = float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
-        return found
+            rms[column] = float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
+        return rms
 
     def deviations(self, effects: Values) -> float:
         """Visibility of the effects in standard deviations; above 3 an experiment separates (experiment_design.py)."""

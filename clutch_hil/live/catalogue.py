@@ -160,6 +160,6 @@ def with_unit(text: str, unit: str) -> str:
     return text if unit == "1" else f"{text} {unit}"
 
 
-def counted(count: int, noun: str) -> str:
+def format_count(count: int, noun: str) -> str:
     """`1 value`, `2 values`."""
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"

@@ -30,5 +30,7 @@ def convert(source: Path, target: Path) -> int:
 def check_target(path: Path) -> Path:
     """`path`, if a new run can be written there. Raises InputError."""
     if path.suffix not in FORMATS:
-        raise InputError(f"a run cannot be written as {path.suffix!r} ({path}); allowed are {listing(FORMATS)}")
+        raise InputError(
+            f"run {path} has the suffix {path.suffix or '-'}; what can be written ends with {listing(FORMATS)}"
+        )
     return new_file(path)

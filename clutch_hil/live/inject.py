@@ -7,7 +7,7 @@ from typing import Any
 import zenoh
 
 from clutch_hil.bench.progress import table_text
-from clutch_hil.live.catalogue import counted, with_unit
+from clutch_hil.live.catalogue import format_count, with_unit
 from clutch_hil.live.tune import parameters, read_reply
 from plant_sim.node.injection import effect_off, effect_on, sensor_bias, sensor_freeze
 from protocols.errors import InputError
@@ -40,7 +40,7 @@ def parse_values(words: Sequence[str], off: bool, freeze: Sequence[str], bias: S
         elif "." in name:
             _add_once(values, name, _parse_number(word, text))
         elif not given:
-            raise InputError(f"{word!r} stands before any effect; write EFFECT {word}, or GROUP.{word}")
+            raise InputError(f"{word!r} comes before any effect; write EFFECT {word}, or GROUP.{word}")
         else:
             _add_once(list(given.values())[-1], name, _parse_number(word, text))
     for word in bias:
@@ -94,10 +94,10 @@ def run_injection(
     with consumer_session(router) as session:
         bench = find_bench(session, bus)
         accepted = inject(session, bench, values, when)
-    lines = [f"read:    {counted(len(values), 'value')}"]
+    lines = [f"read:    {format_count(len(values), 'value')}"]
     lines += [f"{'wrote:   ' if not i else '         '}{describe_change(change)}" for i, change in enumerate(accepted)]
     first = min(change["at"] for change in accepted)
-    verdict = f"{counted(len(accepted), 'change')} accepted, the first at {first:.3f} s of the plant"
+    verdict = f"{format_count(len(accepted), 'change')} accepted, the first at {first:.3f} s of the plant"
     return {"bench": bench, "accepted": accepted, "verdict": verdict}, "\n".join(lines), verdict, True
 
 
@@ -141,7 +141,9 @@ def show_state(bus: str | None, router: str | None) -> tuple[dict[str, Any], str
     lines = [table_text(rows)] if changed else []
     lines += [f"to come: {describe_change(change)}" for change in planned]
     lines += [f"read:    the plant on {bus_of(now['bench'])}", "wrote:   nothing"]
-    verdict = f"{counted(len(changed), 'parameter')} not as shipped, {counted(len(planned), 'change')} to come"
+    verdict = (
+        f"{format_count(len(changed), 'parameter')} not as shipped, {format_count(len(planned), 'change')} to come"
+    )
     if now["blind"]:
         verdict = "the plant is blind: it does not tell what is on"
     return now | {"verdict": verdict}, "\n".join(lines), verdict, True

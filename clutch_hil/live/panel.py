@@ -121,10 +121,10 @@ class Keyboard:
             if not read:
                 return ["end"]
             self._pending += read.decode(errors="replace")
-        found = list(_KEY.finditer(self._pending))
-        if found:
-            self._pending = self._pending[found[-1].end() :]
-        return [_SEQUENCES.get(match.group(), match.group().lower()) for match in found]
+        keys = list(_KEY.finditer(self._pending))
+        if keys:
+            self._pending = self._pending[keys[-1].end() :]
+        return [_SEQUENCES.get(match.group(), match.group().lower()) for match in keys]
 
 
 def drive(bus: str) -> tuple[str, str, bool]:

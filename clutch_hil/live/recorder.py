@@ -20,7 +20,7 @@ import zenoh
 from clutch_hil.bench.recording import Recording, run_path, writable
 from clutch_hil.bench.rig import DEFAULT_RIG, rig_named
 from clutch_hil.bench.sealed import SealedRecording
-from clutch_hil.live.catalogue import counted
+from clutch_hil.live.catalogue import format_count
 from clutch_hil.live.tape import Tape
 from clutch_hil.live.tune import parameters
 from protocols.can.fault_text import FaultWatch, clutch_of
@@ -66,7 +66,7 @@ class RecordingResult:
     @property
     def text(self) -> str:
         """What was read and written, as text."""
-        changes = f", {counted(self.parameter_changes, 'parameter')} changed" if self.parameter_changes else ""
+        changes = f", {format_count(self.parameter_changes, 'parameter')} changed" if self.parameter_changes else ""
         lines = [f"read:    bench {self.bench}, {self.rate} Hz{changes}"]
         lines += [f"wrote:   {path}  ({samples} samples)" for path, samples in self.files.items()]
         return "\n".join(lines)

@@ -50,12 +50,12 @@ class Table(Mapping[str, np.ndarray]):
     def batches(self) -> list[Batch]:
         """The rows as batches without gaps, for `Screen.log`; their session counts the starts of the node from 1."""
         cuts = [0, *(np.flatnonzero(np.diff(self.row) != 1) + 1), len(self.row)]
-        found, session = [], 1
+        batches, session = [], 1
         for begin, end in pairwise(cuts):
             session += int(begin > 0 and self.row[begin] <= self.row[begin - 1])
             rows = self.rows[begin:end]
-            found.append(Batch(self.node, session, int(self.row[begin]), self.rate, 0.0, 0, self.columns, rows))
-        return found
+            batches.append(Batch(self.node, session, int(self.row[begin]), self.rate, 0.0, 0, self.columns, rows))
+        return batches
 
 
 def read_rrd(path: Path) -> dict[str, Table]:

@@ -115,10 +115,10 @@ class Screen:
         known = self._places.get(batch.node)
         if known is not None and known[0] == batch.columns:
             return known[1]
-        found = places(batch.node, batch.columns)
+        drawn = places(batch.node, batch.columns)
         if self._light:
-            found = [place for place in found if place.path.partition("/")[0] in LIGHT]
-        for place in found:
+            drawn = [place for place in drawn if place.path.partition("/")[0] in LIGHT]
+        for place in drawn:
             names, units = [c.name for c in place.columns], [c.unit for c in place.columns]
             self._canvas.log_static(
                 place.path,
@@ -136,8 +136,8 @@ class Screen:
                     path=place.path,
                 ),
             )
-        self._places[batch.node] = batch.columns, found
-        return found
+        self._places[batch.node] = batch.columns, drawn
+        return drawn
 
     def _note(self, when: Times, text: str) -> None:
         self._canvas.send(EVENTS, when, rr.TextLog.columns(text=[text], level=["INFO"]))

@@ -14,8 +14,8 @@ from clutch_hil.live.catalogue import (
     WHOLE,
     Catalogue,
     assignments,
-    counted,
     details,
+    format_count,
     hide_off_effects,
     tables,
     with_unit,
@@ -130,10 +130,10 @@ def _set_and_describe(
         + f", from row {change['row']} of the {change['node']} on"
         for change in changed
     ]
-    text = f"read:    {counted(len(changed), 'value')}\n" + "\n".join(
+    text = f"read:    {format_count(len(changed), 'value')}\n" + "\n".join(
         f"{'wrote:   ' if i == 0 else '         '}{line}" for i, line in enumerate(lines)
     )
-    return {"bench": bench, "changed": changed}, text, f"{counted(len(changed), 'parameter')} changed", True
+    return {"bench": bench, "changed": changed}, text, f"{format_count(len(changed), 'parameter')} changed", True
 
 
 def _show_values(catalogue: Catalogue, arguments: Sequence[str]) -> tuple[dict[str, Any], str, str, bool]:
@@ -150,11 +150,11 @@ def _show_values(catalogue: Catalogue, arguments: Sequence[str]) -> tuple[dict[s
         body = tables(rows, width) + _off_text(off, width)
     else:
         body = "\n\n".join(details(name, entry) for name, entry in chosen.items())
-    read = f"{counted(len(catalogue.entries), 'parameter')} of {' and '.join(catalogue.nodes)}"
+    read = f"{format_count(len(catalogue.entries), 'parameter')} of {' and '.join(catalogue.nodes)}"
     silence = f"; {catalogue.silence}" if catalogue.silence else ""
     text = f"{body}\nread:    {read} on {bus_of(catalogue.bench)}{silence}\nwrote:   nothing"
     fixed = sum(entry["fixed"] is not None for entry in chosen.values())
-    verdict = f"{counted(len(chosen), 'parameter')}, {fixed} of them fixed while the service runs"
+    verdict = f"{format_count(len(chosen), 'parameter')}, {fixed} of them fixed while the service runs"
     return {"parameters": chosen}, text, verdict, True
 
 
@@ -162,5 +162,7 @@ def _off_text(names: Sequence[str], width: int) -> str:
     """A paragraph about effects that are off, to follow the tables; nothing when there are none."""
     if not names:
         return ""
-    told = f"{counted(len(names), 'effect')} of the plant off; `clutch-hil tune NAME.` shows one: {', '.join(names)}"
-    return "\n\n" + textwrap.fill(told, width, break_on_hyphens=False)
+    line = (
+        f"{format_count(len(names), 'effect')} of the plant off; `clutch-hil tune NAME.` shows one: {', '.join(names)}"
+    )
+    return "\n\n" + textwrap.fill(line, width, break_on_hyphens=False)

@@ -14,6 +14,7 @@ from types import ModuleType
 
 from plant_sim.effects.effect import Effect
 from protocols.errors import InputError, closest
+from protocols.moved_modules import describe_moves
 
 VARIABLE = "CLUTCH_HIL_EFFECTS"
 _FOLDER = Path(__file__).parent
@@ -78,5 +79,7 @@ def _module(path: Path, ours: bool) -> ModuleType:
     except InputError:
         raise
     except Exception as error:  # a user's file may hold anything
-        raise InputError(f"effect file {path} cannot be loaded: {type(error).__name__}: {error}") from None
+        raise InputError(
+            f"effect file {path} cannot be loaded: {type(error).__name__}: {error}{describe_moves(error, path)}"
+        ) from None
     return module

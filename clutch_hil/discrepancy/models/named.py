@@ -12,6 +12,7 @@ from protocols.errors import InputError, closest
 from protocols.files.parameters import ParameterSet, load_overlay
 from protocols.files.run import Run
 from protocols.files.runs import check_columns, read_columns
+from protocols.moved_modules import describe_moves
 
 GROUP = "clutch_hil.models"
 _MOST = 5.0  # stated uncertainties: five standard deviations
@@ -20,11 +21,11 @@ _NEEDED = ("name", "inputs", "outputs", "parameters", "candidates", "simulate") 
 
 def model_named(rig: str, changed: Path | None = None) -> Model:
     """The model `rig`, a name or PATH.py:CLASS, with its parameters as the model file `changed` has them. Raises InputError."""
-    made = _of_user(rig) if ".py" in rig else _installed(rig)
+    made = _load_user_class(rig) if ".py" in rig else _find_installed_class(rig)
     try:
         model = made()
         if changed:
-            model = made(load_overlay(changed, declared(model)))
+            model = made(load_overlay(changed, declare_parameters(model)))
     except InputError:
         raise
     except Exception as error:  # a user's class may raise anything
@@ -43,14 +44,14 @@ def set_calibration(model: Any, share: float) -> Any:
     return model
 
 
-def declared(model: Model) -> ParameterSet:
+def declare_parameters(model: Model) -> ParameterSet:
     """Parameters of a model as shipped, with every effect off: what a model file may change."""
     if hasattr(model, "nominal"):
         return ParameterSet(model.nominal())
     return ParameterSet({**model.parameters, **{n: p for c in model.candidates for n, p in c.declared().items()}})
 
 
-def required(model: Model) -> tuple[str, ...]:
+def required_columns(model: Model) -> tuple[str, ...]:
     """Columns that a run of the model must have."""
     if isinstance(model, Demanding):
         return model.run_columns
@@ -64,7 +65,7 @@ def read_evidence(path: Path, model: Model) -> Columns:
 
 def evidence(path: Path, run: Run, model: Model) -> Columns:
     """Columns of `run`, told as `path`, that the model can be compared with. Raises InputError."""
-    columns, rig = required(model), run.metadata.get("rig")
+    columns, rig = required_columns(model), run.metadata.get("rig")
     if rig in rig_names() and rig_named(rig).plant.clutches and not set(columns) <= set(run.columns):
         raise InputError(
             f"run {path} is a run of two clutches, of the rig {rig}, which the model {model.name} does not describe;"
@@ -74,7 +75,7 @@ def evidence(path: Path, run: Run, model: Model) -> Columns:
     return run.columns
 
 
-def _installed(name: str) -> Any:
+def _find_installed_class(name: str) -> Any:
     if name in rig_names():
         return rig_named(name).model
     if name in (others := entry_names(GROUP)):
@@ -83,7 +84,7 @@ def _installed(name: str) -> Any:
     raise InputError(f"rig {name!r} is neither known nor PATH.py:CLASS; {closest(name, known)}")
 
 
-def _of_user(rig: str) -> Any:
+def _load_user_class(rig: str) -> Any:
     file, _, name = rig.rpartition(":")
     path = Path(file)
     if not file or not name.isidentifier():
@@ -99,7 +100,7 @@ def _of_user(rig: str) -> Any:
         spec.loader.exec_module(module)
     except Exception as error:  # a user's file may raise anything
         raise InputError(
-            f"rig {rig}: {path} cannot be loaded: {type(error).__name__}: {error}{_moved(error)}"
+            f"rig {rig}: {path} cannot be loaded: {type(error).__name__}: {error}{describe_moves(error, path)}"
         ) from None
     if not hasattr(module, name):
         classes = [n for n, thing in vars(module).items() if isinstance(thing, type) and thing.__module__ == path.stem]
@@ -107,12 +108,3 @@ def _of_user(rig: str) -> Any:
             f"rig {rig}: {path} has no class {name!r}; {closest(name, classes) if classes else 'it has none'}"
         )
     return getattr(module, name)
-
-
-def _moved(error: Exception) -> str:
-    """Where a module is now that a user's file, written before 2026-11-25, looks for in plant_sim; else nothing."""
-    name = getattr(error, "name", None) or ""
-    for room in ("bench", "discrepancy", "live"):
-        if name.startswith(f"plant_sim.{room}"):
-            return f"; it is now {name.replace('plant_sim', 'clutch_hil', 1)}"
-    return ""

@@ -41,8 +41,8 @@ def ripple_starts(
     resolved = 1.0 / np.ptp(x)
     waves = np.arange(1.0 / longest, 1.0 / shortest, resolved / _COARSE_LINES)
     strength = np.abs(_lines(middle, np.bincount(at, c * r, minlength=bins), waves))
-    found: list[dict[str, float]] = []
-    while len(found) < _STARTS and strength.any():
+    starts: list[dict[str, float]] = []
+    while len(starts) < _STARTS and strength.any():
         k = int(np.argmax(strength))
         near = waves[k] + resolved * np.arange(-0.5, 0.5, 1.0 / _FINE_LINES)
         lines = _lines(x, c * r, near) / np.sum(c * c)
@@ -50,9 +50,9 @@ def ripple_starts(
         values = {
             PERIOD: 1e3 / near[best], "phase": float(np.angle(lines[best])), "amplitude": float(np.abs(lines[best])),
         }  # fmt: skip
-        found.append({f"{candidate.name}.{n}": float(np.clip(v, *limits[n])) for n, v in values.items()})
+        starts.append({f"{candidate.name}.{n}": float(np.clip(v, *limits[n])) for n, v in values.items()})
         strength[max(k - 2 * _COARSE_LINES, 0) : k + 2 * _COARSE_LINES + 1] = 0.0
-    return found
+    return starts
 
 
 def _lines(x: np.ndarray, weighted: np.ndarray, waves: np.ndarray) -> np.ndarray:

@@ -134,7 +134,7 @@ class WetClutch:
         if name not in {c.name for c in self.candidates}:
             return {}
         intervals: dict[str, tuple[float, float, float]] = {}
-        rounding, said = {}, []
+        rounding, reasons = {}, []
         for column, group, parameter in _CONVERTED:
             volt = self._whole[f"sensors.{group}_sensitivity"].value  # a unit of the column
             seen = np.array([find_lattice(run[column] * volt) for run in runs])
@@ -148,8 +148,8 @@ class WetClutch:
             intervals[f"{name}.offset"] = offset, offset - _TOLD, offset + _TOLD
             step = float(np.median(seen[:, 0])) / volt
             rounding[column] = step / np.sqrt(12.0)
-            said.append(f"{column} takes only values {step:.3g} apart")
-        return {name: Evident(intervals, rounding, ", ".join(said))} if said else {}
+            reasons.append(f"{column} takes only values {step:.3g} apart")
+        return {name: Evident(intervals, rounding, ", ".join(reasons))} if reasons else {}
 
     def _simulate(
         self, columns: Columns, parameters: Values, effects: Values, driven: Sequence[str]

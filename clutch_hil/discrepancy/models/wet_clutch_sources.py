@@ -65,29 +65,31 @@ def locate(
     noise = floors[PRESSURE] * np.random.default_rng([_SEED, number]).standard_normal(len(r[PRESSURE]))
     x1, alone = means(torque_of(r[PRESSURE]), run), means(torque_of(noise), run)
     period = period_of(run)
-    slip = _timed(r[SLIP], np.gradient(shown[SLIP], period), period)
+    slip = _align_in_time(r[SLIP], np.gradient(shown[SLIP], period), period)
     inertia, gain, rate = (values[f"motor.{n}"] for n in ("inertia", "proportional_gain", "integral_gain"))
     # the encoder's angle has no noise to be integrated; half a sample: predictions are of the sample's instant
     turned = run[ANGLE] - run[ANGLE][0] - period * (np.cumsum(shown[SLIP]) - 0.5 * (shown[SLIP] + shown[SLIP][0]))
     law = r[MOTOR] + gain * slip + rate * turned
-    law = _washed(law, period)
+    law = _remove_slow_part(law, period)
     x2, p, d = means(r[TORQUE], run), means(r[PRESSURE], run), means(law, run)
     turning = inertia * np.gradient(means(slip, run), MEAN)
     x3 = means(r[MOTOR], run) - turning
     x3 = _alike(x2, x3, means(shown[TORQUE], run), _gains(parameters))
-    heat = _heated(r[TORQUE] * np.abs(run[SLIP]), values, period)
+    heat = _compute_heating(r[TORQUE] * np.abs(run[SLIP]), values, period)
     celsius = means(r[CELSIUS] - heat, run)
     celsius = celsius - celsius.mean()
     common = x2 * x3
     h = 0.5 * (x1 * x2 + x1 * x3)
-    found: list[RunSource] = []
+    run_sources: list[RunSource] = []
 
     def add(
         block: str, column: str, residual: np.ndarray, product: Callable[[int], np.ndarray], rest: np.ndarray,
         square: np.ndarray | None = None,
     ) -> None:  # fmt: skip
         tested = np.column_stack([product(lag) + rest for lag in LATER])
-        found.append(RunSource(block, column, (product(LAG) if square is None else square) + rest, tested, residual))
+        run_sources.append(
+            RunSource(block, column, (product(LAG) if square is None else square) + rest, tested, residual)
+        )
 
     nothing = np.zeros_like(x2)
     add(HYDRAULICS, TORQUE, x1, lambda lag: nothing, h)
@@ -102,7 +104,7 @@ def locate(
     add(DRIVE, MOTOR, x3, lambda lag: auto(x3, lag), -common)
     add(DRIVE, MOTOR, d, lambda lag: auto(d, lag), nothing, free(d, law, run))
     add(FRICTION, CELSIUS, celsius, lambda lag: auto(celsius, lag), nothing, free(celsius, r[CELSIUS], run))
-    return found
+    return run_sources
 
 
 def _friction(friction: Friction, run: Columns, shown: Columns) -> Callable[[np.ndarray], np.ndarray]:
@@ -116,14 +118,14 @@ def _friction(friction: Friction, run: Columns, shown: Columns) -> Callable[[np.
     return lambda off: torque(off) - still
 
 
-def _heated(power: np.ndarray, values: Values, period: float) -> np.ndarray:
+def _compute_heating(power: np.ndarray, values: Values, period: float) -> np.ndarray:
     """What friction power [W] that is missing warms the oil by [K]: docs/rig.md, 7, exact for a power held over a sample."""
     capacity, transfer = values["oil.heat_capacity"], values["oil.heat_transfer"]
     decay = np.exp(-transfer / capacity * period)
     return np.asarray(lfilter([0.0, (1.0 - decay) / transfer], [1.0, -decay], power))
 
 
-def _washed(values: np.ndarray, period: float) -> np.ndarray:
+def _remove_slow_part(values: np.ndarray, period: float) -> np.ndarray:
     """Without what is slower than _WASHOUT."""
     pole = np.exp(-_WASHOUT * period)
     return np.asarray(lfilter([1.0, -1.0], [1.0, -pole], values - values[0]))
@@ -142,7 +144,7 @@ def _alike(x2: np.ndarray, x3: np.ndarray, torque: np.ndarray, most: float) -> n
     return x3 + differ * torque
 
 
-def _timed(residual: np.ndarray, slope: np.ndarray, most: float) -> np.ndarray:
+def _align_in_time(residual: np.ndarray, slope: np.ndarray, most: float) -> np.ndarray:
     """`residual` of the slip as if it had been simulated 0 to `most` [s] late, `slope` [1/s] simulated: an encoder's speed is
     half a sample old."""
     late = np.clip(-(residual @ slope) / max(float(slope @ slope), 1e-12), 0.0, most)

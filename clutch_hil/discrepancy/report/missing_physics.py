@@ -47,8 +47,8 @@ def section(pictures: Pictures) -> tuple[str, list[Html]]:
     judged = [(count, list(g)) for count, g in groupby(sorted(result.rivals, key=lambda r: r.round), lambda r: r.round)]
     for count, rivals in judged:
         if len(judged) > 1:
-            found = [effect_text(r.name) for c, others in judged if c < count for r in others if not r.reason]
-            known = f", with {list_words(found)} added" if found else ""
+            added = [effect_text(r.name) for c, others in judged if c < count for r in others if not r.reason]
+            known = f", with {list_words(added)} added" if added else ""
             parts.append(tag("h3", f"Search {count}{known}"))
         parts += _rivals(pictures, rivals)
     if judged:

@@ -141,10 +141,10 @@ def draw_residual_map(axes: Axes, residuals: Residuals, column: str, over: str, 
     """Mean residual over a variable while it rises and while it falls, all runs together."""
     _draw_band(axes, residuals.result, column, 1.0)
     for when, colour in _versions(after):
-        found = residuals.map(column, over, when)
+        means = residuals.map(column, over, when)
         name = f"{when}, " if after else ""
-        axes.plot(found.centres, found.rising, "^-", color=colour, lw=1.3, ms=3, label=f"{name}rising")
-        axes.plot(found.centres, found.falling, "v--", color=colour, lw=1.3, ms=3, label=f"{name}falling")
+        axes.plot(means.centres, means.rising, "^-", color=colour, lw=1.3, ms=3, label=f"{name}rising")
+        axes.plot(means.centres, means.falling, "v--", color=colour, lw=1.3, ms=3, label=f"{name}falling")
     label = axis_label(over, residuals.result.units.get(over))
     axes.set_xlabel("angle within the turn [rad]" if over == ANGLE else label)
     axes.set_ylabel(f"mean residual [{_unit(residuals.result, column)}]")
@@ -155,9 +155,9 @@ def draw_order_spectrum(axes: Axes, residuals: Residuals, column: str, after: bo
     """Amplitude of the residual by periods a turn of the shaft; False where no run turns enough."""
     drawn = False
     for when, colour in _versions(after):
-        found = residuals.orders(column, when)
-        if found is not None:
-            axes.plot(*found, color=colour, lw=1.0, label=when)
+        amplitudes = residuals.orders(column, when)
+        if amplitudes is not None:
+            axes.plot(*amplitudes, color=colour, lw=1.0, label=when)
             drawn = True
     if not drawn:
         _write_instead(axes, "no run turns the shaft often enough")
@@ -184,8 +184,8 @@ def draw_gap_bars(axes: Axes, result: Result, changed: bool) -> None:
 def draw_gap_by_regime(axes: Axes, result: Result, column: str, changed: bool) -> None:
     """Error on held-out runs of one output by regime, before and after, in multiples of the floor."""
     unit = result.units.get(column, "")
-    found = sorted(result.gap_by_regime.get(column, {}).items(), key=lambda item: -item[1].before)[:REGIMES]
-    rows = [(_short(regime_text(regime)), gap, unit) for regime, gap in found]
+    gaps = sorted(result.gap_by_regime.get(column, {}).items(), key=lambda item: -item[1].before)[:REGIMES]
+    rows = [(_short(regime_text(regime)), gap, unit) for regime, gap in gaps]
     _draw_dumbbells(axes, rows, changed)
     axes.set_title(column_text(column, unit), loc="left")
 

@@ -78,8 +78,8 @@ class Residuals:
     @cached_property
     def outputs(self) -> list[str]:
         """Outputs of the traces, the one with the largest error in floors first."""
-        found = dict.fromkeys(column for trace in self.result.traces for column in trace.measured)
-        return sorted(found, key=lambda column: -self.times_floor(column))
+        columns = dict.fromkeys(column for trace in self.result.traces for column in trace.measured)
+        return sorted(columns, key=lambda column: -self.times_floor(column))
 
     @cached_property
     def disagreeing_outputs(self) -> list[str]:
@@ -260,10 +260,10 @@ class Residuals:
 
     def has_order(self, column: str) -> bool:
         """Whether an order of the shaft stands out of the residual."""
-        found = self.orders(column, "before")
-        if found is None:
+        spectrum = self.orders(column, "before")
+        if spectrum is None:
             return False
-        amplitudes = found[1]
+        amplitudes = spectrum[1]
         for i in range(_AROUND, len(amplitudes) - _AROUND):
             sides = amplitudes[i - _AROUND : i - _BROAD], amplitudes[i + _BROAD + 1 : i + _AROUND + 1]
             if amplitudes[i] > _PEAK_RATIO * max(np.median(side) for side in sides):
@@ -287,14 +287,14 @@ class Residuals:
 
     def spectrum(self, column: str, when: str) -> tuple[np.ndarray, np.ndarray]:
         """Frequencies [Hz] and amplitude density [unit/sqrt(Hz)] of the residual in the judged runs."""
-        found = []
+        powers = []
         traces = self.held_out_traces_with(column)
         length = min(_SEGMENT, *(len(times(trace)) // 2 for trace in traces))
         for trace in traces:
             residual = self.error(trace, column, when)
             frequency, power = welch(residual, fs=1.0 / period(trace), nperseg=length, detrend="constant")
-            found.append(power)
-        return frequency[1:], np.sqrt(np.mean(found, axis=0))[1:]
+            powers.append(power)
+        return frequency[1:], np.sqrt(np.mean(powers, axis=0))[1:]
 
 
 def _is_varying(values: Any) -> bool:

@@ -254,4 +254,4 @@ def test_the_knee_is_the_last_rate_before_one_that_is_not_kept() -> None:
 
 def test_an_interrupted_measurement_is_no_good_verdict() -> None:
     told = document(Setting("local:x", 1000, 3.0, 1, 0, 0.0), [], {}, True)
-    assert judge(told) == ("interrupted: what was measured so far is told", False)
+    assert judge(told) == ("interrupted: what was measured so far is printed", False)

@@ -111,7 +111,7 @@ def test_injections_act_at_their_time(written) -> None:
         ("title = 'x'\n[run]\nseconds = nan", "run.seconds is nan; allowed is a number"),
         (
             "title = 'x'\n[plant.friction_level]\nlevel = 0.9\n[effects]\nfriction_level = {}",
-            "effect friction_level stands in plant and in effects; allowed is one of them",
+            "effect friction_level is in [plant] and in [effects]; allowed is one of them",
         ),
         ("title = 'x'\n[run]\nadaptation = 'no'", "run.adaptation is 'no'; allowed is true or false"),
         (

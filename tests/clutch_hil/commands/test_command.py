@@ -29,6 +29,57 @@ def test_an_empty_word_is_refused(arguments: tuple[str, ...], named: str) -> Non
     assert str(refused) == f"{named} is empty; a value is needed, or leave it away"
 
 
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("simulate", "--workers", "0"), "simulate: invalid value '0' for '--workers': "),
+        (("simulate", "--workers", "-1"), "simulate: invalid value '-1' for '--workers': "),
+        (("simulate", "--workers", "two"), "simulate: invalid value 'two' for '--workers': "),
+        (("simulate", "--workers"), "option '--workers' requires an argument"),
+        (("simulate", "--worker", "2"), "simulate: no such option: --worker"),
+        (("convert", "a.parquet"), "convert: missing argument 'target'"),
+        (("convert", "a.csv", "b.csv", "c.csv"), "convert: got unexpected extra argument(s) (c.csv)"),
+        (("effects", "--write"), "option '--write' requires an argument"),
+        (("simulat",), "no such command 'simulat'"),
+    ],
+)
+def test_a_wrong_option_is_told_in_one_sentence(arguments: tuple[str, ...], sentence: str) -> None:
+    refused = CliRunner().invoke(application(), arguments, prog_name="clutch-hil").exception
+    assert isinstance(refused, InputError)
+    text = str(refused)
+    assert sentence in text
+    assert text.endswith("--help shows what is allowed")
+    assert "\n" not in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("--seeds", "2", "--workers", "1000000"), "1000000 workers are not possible; allowed are 1 to 256"),
+        (("--seeds", "2", "--dask", "somewhere"), "no Dask scheduler answers at somewhere: "),
+        (("--seeds", "2", "--dask", "-1"), "no Dask scheduler answers at -1: "),
+        (
+            ("--seeds", "2", "--dask", "tcp://127.0.0.1:1", "--workers", "2"),
+            "workers = 2 and a cluster at ",
+        ),
+        (("--workers", "2"), "--workers is for a sweep; --seeds or --vary asks for one"),
+        (("--dask", "tcp://127.0.0.1:1"), "--dask is for a sweep; --seeds or --vary asks for one"),
+        (("--seeds", "99999999999"), "99999999999 runs are not possible; allowed are 1 to 1000000"),
+        (("--vary", "oil.heat_transfer=1:2:0"), "range 'oil.heat_transfer=1:2:0' is not possible; COUNT must be 1 to "),
+        (("--vary", "oil.heat_transfer=1:2:9999999999"), "range 'oil.heat_transfer=1:2:9999999999' is not possible; "),
+        (("--vary", "oil.heat_transfer=1:2"), "range 'oil.heat_transfer=1:2' is not of the form NAME=LOW:HIGH:COUNT"),
+        (("--vary", "oil.heat_transfer=1:9:1000", "--seeds", "2000"), "2000000 runs are not possible; "),
+    ],
+)
+def test_a_sweep_that_cannot_be_is_refused_and_writes_nothing(
+    arguments: tuple[str, ...], sentence: str, tmp_path: Path
+) -> None:
+    refused = CliRunner().invoke(application(), ("simulate", "--out", str(tmp_path / "out"), *arguments)).exception
+    assert isinstance(refused, InputError)
+    assert str(refused).startswith(sentence)
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
+
+
 ENDED_WHILE_IT_EXECUTES = """
 import os
 import sys

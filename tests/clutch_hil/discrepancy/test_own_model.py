@@ -10,7 +10,7 @@ import pytest
 
 from clutch_hil.discrepancy.model import Candidate
 from clutch_hil.discrepancy.model_file import write_model
-from clutch_hil.discrepancy.models.named import declared, model_named
+from clutch_hil.discrepancy.models.named import declare_parameters, model_named
 from clutch_hil.discrepancy.result import NAMED
 from clutch_hil.discrepancy.search import investigate
 from plant_sim.effects.catalogue import effect
@@ -88,7 +88,7 @@ def test_the_workflow_names_radiation_and_the_model_file_has_it(heater: ModuleTy
     result = investigate(model, runs, {"held out": heater.measured(3, (70, 30, 110, 0))})
     assert (result.verdict, result.effects) == (NAMED, ["radiation"])
     assert result.gap["temperature_degc"].after < 1.1 * NOISE
-    write_model(result, declared(model), tmp_path / "model.toml")
+    write_model(result, declare_parameters(model), tmp_path / "model.toml")
     extended = model_named(rig, tmp_path / "model.toml")
     assert "radiation" not in {c.name for c in extended.candidates}
 
@@ -100,8 +100,26 @@ def test_the_page_shows_the_example_as_it_is(heater: ModuleType) -> None:
 
 
 def test_a_model_from_before_the_move_is_told_where_things_are_now(tmp_path: Path) -> None:
-    (tmp_path / "mine.py").write_text("from plant_sim.discrepancy.model import Candidate\n", encoding="utf-8")
-    with pytest.raises(InputError, match=r"it is now clutch_hil\.discrepancy"):
+    """As the example of 2026-11-24 began; every import that has moved is told at once."""
+    (tmp_path / "mine.py").write_text(
+        "import numpy as np\n"
+        "from plant_sim.discrepancy.model import Candidate, Output\n"
+        "from plant_sim.effects.effect import Strength\n"
+        "from protocols.parameters import Parameter, ParameterSet\n"
+        "from protocols.runs import Run, write_run\n",
+        encoding="utf-8",
+    )
+    with pytest.raises(InputError) as refused:
+        model_named(f"{tmp_path / 'mine.py'}:Mine")
+    assert str(refused.value).endswith(
+        "No module named 'plant_sim.discrepancy'; plant_sim.discrepancy.model is now clutch_hil.discrepancy.model;"
+        " protocols.parameters is now protocols.files.parameters; protocols.runs is now protocols.files.runs"
+    )
+
+
+def test_a_model_that_looks_for_something_else_is_told_only_that(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text("import no_such_module\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"No module named 'no_such_module'$"):
         model_named(f"{tmp_path / 'mine.py'}:Mine")
 
 

@@ -31,7 +31,8 @@ def test_a_run_is_converted_to_rrd(played: Played, tmp_path: Path, monkeypatch: 
 @pytest.mark.parametrize(
     ("target", "sentence"),
     [
-        ("run.xlsx", "allowed are .csv, .mf4, .parquet, .rrd"),
+        ("run.xlsx", "run.xlsx has the suffix .xlsx; what can be written ends with .csv, .mf4, .parquet, .rrd"),
+        ("run", "run has the suffix -; what can be written ends with .csv, .mf4, .parquet, .rrd"),
         ("run.parquet", "run.parquet exists already; give another name or remove it"),
         ("other.mf4", "other.mf4 exists already; give another name or remove it"),
         ("none/run.mf4", "none of run.mf4 does not exist"),

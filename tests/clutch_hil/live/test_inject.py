@@ -50,7 +50,7 @@ def test_off_frees_and_biases_nothing() -> None:
     ("words", "off", "bias", "told"),
     [
         (["frition_level"], False, [], "effect 'frition_level' is unknown; did you mean friction_level"),
-        (["level=0.8"], False, [], "'level=0.8' stands before any effect; write EFFECT level=0.8, or GROUP.level=0.8"),
+        (["level=0.8"], False, [], "'level=0.8' comes before any effect; write EFFECT level=0.8, or GROUP.level=0.8"),
         (["friction_level", "level=x"], False, [], "'level=x' needs a number after the ="),
         (["oil.sump_temperature"], False, [], "parameter oil.sump_temperature has no value"),
         (["friction_level", "level=1", "level=2"], False, [], "level is given twice"),

@@ -235,6 +235,10 @@ def test_a_port_that_is_taken_is_refused() -> None:
         ),
         (["--web", "--headless"], "more than one of --web, --headless and --window was given; allowed is one"),
         (["--save", "run.rrd", "--seconds", "0.5", "--bus", "local:nobody"], "no bench on local:nobody"),
+        (
+            ["mine.parquet", "--save", "run.rrd", "--bus", "local:a"],
+            "--bus local:a and run mine.parquet were given; --bus is for the running bench",
+        ),
     ],
 )
 def test_bad_input_is_refused_in_one_sentence(

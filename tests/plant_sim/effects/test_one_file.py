@@ -17,6 +17,7 @@ from protocols.errors import InputError
 from protocols.files.runs import read_run
 from tests.clutch_hil.live.running import clutch_hil
 
+MARKDOWN = ".md"
 PAGE = Path(__file__).parents[3] / "docs" / "effects.md"
 NEW = '''"""Torque ripples as the teeth of the hub mesh.
 
@@ -143,6 +144,44 @@ def test_the_command_writes_only_effects_of_this_package(new: Effect, tmp_path: 
     assert page.read_text(encoding="utf-8") == text
     assert result["wrote"] == [str(page), str(tmp_path / "effects.png")]
     assert (tmp_path / "effects.png").stat().st_size > 50_000
+
+
+@pytest.mark.parametrize(
+    ("stem", "suffix", "content", "sentence"),
+    [
+        ("page", "", b"", "has the suffix -; a Markdown page ends with .md"),
+        ("page", ".png", b"\x89PNG", "has the suffix .png; a Markdown page ends with .md"),
+        ("none", MARKDOWN, None, "cannot be read: No such file or directory"),
+        ("binary", MARKDOWN, b"\xff\xfe\x00", "cannot be read: it is no text in UTF-8"),
+        ("empty", MARKDOWN, b"", "it has no parts to write"),
+        ("part", MARKDOWN, b"<!-- begin effect -->\n<!-- end -->", "part 'effect' is unknown; did you mean effects"),
+    ],
+)
+def test_what_is_no_page_is_refused_and_stays(
+    stem: str, suffix: str, content: bytes | None, sentence: str, tmp_path: Path
+) -> None:
+    page = tmp_path / f"{stem}{suffix}"
+    if content is not None:
+        page.write_bytes(content)
+    error = clutch_hil("effects", "--write", str(page)).exception
+    assert isinstance(error, InputError)
+    assert str(error).startswith(f"page {page}")
+    assert sentence in str(error)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == (
+        {} if content is None else {page.name: content}
+    )
+
+
+def test_a_page_stays_as_it_is_where_its_picture_cannot_be_written(tmp_path: Path) -> None:
+    page = tmp_path / f"page{MARKDOWN}"
+    text = "<!-- picture of valve_delay -->\n<!-- begin hooks -->\nold\n<!-- end -->\n"
+    page.write_text(text, encoding="utf-8")
+    (tmp_path / "page.png").mkdir()
+    error = clutch_hil("effects", "--write", str(page)).exception
+    assert isinstance(error, InputError)
+    assert str(error) == f"file {tmp_path / 'page.png'} cannot be written: Is a directory"
+    assert page.read_text(encoding="utf-8") == text
+    assert sorted(path.name for path in tmp_path.iterdir()) == [page.name, "page.png"]
 
 
 def test_a_published_name_stays() -> None:

@@ -88,6 +88,10 @@ BROKEN = {
     "empty": ("", r"defines no EFFECT = Effect\(\.\.\.\)"),
     "syntax": ("def", "cannot be loaded: SyntaxError"),
     "name": ("import nowhere_to_be_found", "cannot be loaded: ModuleNotFoundError: No module named 'nowhere_to_be_found'"),
+    "moved": (
+        "from plant_sim.effects.backlash import EFFECT",
+        r"plant_sim\.effects\.backlash is now plant_sim\.effects\.drive\.backlash$",
+    ),
     "section": (EXAMPLE.replace("Assumptions", "Assumed    "), "effect section: its file's docstring lacks 'Assumptions'"),
     "unit": (EXAMPLE.replace('"bar"', '"barr"'), "effect unit, parameter amplitude: unit 'barr' is unknown"),
     "Pump-Puls": (EXAMPLE, r"effect file \S+: 'Pump-Puls' is no name for an effect"),

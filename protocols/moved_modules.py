@@ -1,0 +1,116 @@
+"""Where a module of this project is now that has moved, for files of users that import it by its old name.
+
+Packages were divided on 2026-11-25, and some modules have other names since. A module that only went into a room of its
+package is found by its file name. The tables have the others.
+"""
+
+import ast
+from collections.abc import Iterator
+from importlib.util import find_spec
+from pathlib import Path
+
+_PACKAGES = {
+    "plant_sim.bench": "clutch_hil.bench",
+    "plant_sim.discrepancy": "clutch_hil.discrepancy",
+    "plant_sim.live": "clutch_hil.live",
+    "plant_sim.reproduce": "clutch_hil.thesis",
+    **{
+        f"plant_sim.{name}": f"clutch_hil.bench.{name}"
+        for name in ("direction", "experiments", "lanes", "palette", "scenario")
+    },
+    "protocols.command": "clutch_hil.command",
+}
+_MODULES = {
+    "clutch_hil.discrepancy.atlas_numbers": "clutch_hil.discrepancy.residual_statistics",
+    "clutch_hil.discrepancy.decide": "clutch_hil.discrepancy.decision",
+    "clutch_hil.discrepancy.experiment": "clutch_hil.discrepancy.experiment_design",
+    "clutch_hil.discrepancy.inquiry": "clutch_hil.discrepancy.selection",
+    "clutch_hil.discrepancy.models.slide": "clutch_hil.discrepancy.models.sliding_contact",
+    "clutch_hil.discrepancy.models.straight": "clutch_hil.discrepancy.models.linear_motion",
+    "clutch_hil.discrepancy.report.experiment": "clutch_hil.discrepancy.report.proposed_experiment",
+    "clutch_hil.discrepancy.report.missing": "clutch_hil.discrepancy.report.missing_physics",
+    "clutch_hil.discrepancy.report.page": "clutch_hil.discrepancy.report.html_page",
+    "clutch_hil.discrepancy.report.remains": "clutch_hil.discrepancy.report.remaining_residual",
+    "clutch_hil.discrepancy.report.where": "clutch_hil.discrepancy.report.disagreement",
+    "clutch_hil.live.course": "clutch_hil.live.demand_defaults",
+    "clutch_hil.live.lathe": "clutch_hil.live.solids",
+    "clutch_hil.live.pace": "clutch_hil.live.decimator",
+    "clutch_hil.live.page": "clutch_hil.live.viewer_page",
+    "clutch_hil.live.record": "clutch_hil.live.bench_recording",
+    "clutch_hil.live.replay": "clutch_hil.live.run_replay",
+    "clutch_hil.live.rrd": "clutch_hil.live.rrd_reader",
+    "clutch_hil.thesis.contradicted": "clutch_hil.thesis.contradictions",
+    "clutch_hil.thesis.page": "clutch_hil.thesis.html_page",
+    "clutch_hil.thesis.record": "clutch_hil.thesis.markdown_page",
+    "clutch_hil.thesis.result": "clutch_hil.thesis.reproduction",
+    "clutch_hil.thesis.sheet": "clutch_hil.thesis.check_sheet",
+}
+_CLASSES = {  # of which users derive classes of their own
+    "clutch_hil.discrepancy.models.sliding_contact.Slide": "clutch_hil.discrepancy.models.sliding_contact.SlidingContact",
+}
+
+
+def describe_moves(error: Exception, path: Path) -> str:
+    """Return where the imports of a user's file that have moved are now, to be added to its `error`; '' if none has moved."""
+    if not isinstance(error, ImportError):
+        return ""
+    moves = {}
+    for module, name in _imports(path):
+        place = find_new_place(module)
+        if name and not place and not _is_file(module):
+            module, place = f"{module}.{name}", find_new_place(f"{module}.{name}")
+        if renamed := _CLASSES.get(f"{place or module}.{name}"):
+            module, place = f"{module}.{name}", renamed
+        if place:
+            moves[module] = place
+    if not moves and error.name and (place := find_new_place(error.name)):
+        moves[error.name] = place
+    return "".join(f"; {old} is now {new}" for old, new in moves.items())
+
+
+def find_new_place(module: str) -> str | None:
+    """Return the name that the module or package `module` of this project has now; None if it has not moved or is unknown."""
+    if _is_file(module) or _is_folder(module):
+        return None
+    place = module
+    for table in (_PACKAGES, _MODULES):
+        for old, new in table.items():
+            if place == old or place.startswith(f"{old}."):
+                place = new + place.removeprefix(old)
+                break
+    if _is_file(place) or _is_folder(place):
+        return place
+    package, _, rest = module.partition(".")
+    if not rest or (folder := _folder(package)) is None:
+        return None
+    same_name = list(folder.rglob(f"{rest.rpartition('.')[2]}.py"))
+    return ".".join((package, *same_name[0].relative_to(folder).with_suffix("").parts)) if len(same_name) == 1 else None
+
+
+def _imports(path: Path) -> Iterator[tuple[str, str | None]]:
+    """Module and name of every absolute import in a file of Python; the name is None where the module itself is imported."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from ((alias.name, None) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            yield from ((node.module, alias.name) for alias in node.names)
+
+
+def _folder(package: str) -> Path | None:
+    """Folder of a package of this project; None for other packages."""
+    if package not in ("clutch_hil", "plant_sim", "protocols", "rt_controller"):
+        return None
+    spec = find_spec(package)
+    return Path(str(spec.origin)).parent if spec and spec.origin else None
+
+
+def _is_file(module: str) -> bool:
+    package, *parts = module.split(".")
+    folder = _folder(package)
+    return bool(folder and parts and folder.joinpath(*parts).with_suffix(".py").is_file())
+
+
+def _is_folder(module: str) -> bool:
+    package, *parts = module.split(".")
+    folder = _folder(package)
+    return bool(folder and folder.joinpath(*parts).is_dir())

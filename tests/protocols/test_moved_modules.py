@@ -1,0 +1,70 @@
+"""Old names of modules: where each is now."""
+
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+from protocols import moved_modules
+from protocols.moved_modules import describe_moves, find_new_place
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("plant_sim.discrepancy", "clutch_hil.discrepancy"),
+        ("plant_sim.discrepancy.model", "clutch_hil.discrepancy.model"),
+        ("plant_sim.discrepancy.decide", "clutch_hil.discrepancy.decision"),
+        ("plant_sim.discrepancy.models.slide", "clutch_hil.discrepancy.models.sliding_contact"),
+        ("clutch_hil.discrepancy.inquiry", "clutch_hil.discrepancy.selection"),
+        ("clutch_hil.live.rrd", "clutch_hil.live.rrd_reader"),
+        ("plant_sim.scenario", "clutch_hil.bench.scenario"),
+        ("plant_sim.profile", "plant_sim.profiles.profile"),
+        ("plant_sim.effects.friction_lag", "plant_sim.effects.friction.friction_lag"),
+        ("protocols.runs", "protocols.files.runs"),
+        ("rt_controller.adaptation", "rt_controller.law.adaptation"),
+        ("clutch_hil.discrepancy.model", None),  # it is there
+        ("plant_sim.discrepancy.no_such", None),
+        ("protocols.no_such", None),
+        ("numpy.no_such", None),
+        ("clutch_hil", None),
+    ],
+)
+def test_a_module_is_where_it_is_said_to_be(old: str, new: str | None) -> None:
+    assert find_new_place(old) == new
+    if new:
+        assert find_spec(new)
+
+
+def test_every_place_in_the_tables_exists_and_no_old_name_does() -> None:
+    for table in (moved_modules._PACKAGES, moved_modules._MODULES):
+        for old, new in table.items():
+            assert find_new_place(old) == new
+
+
+@pytest.mark.parametrize("package", ["plant_sim", "clutch_hil"])
+def test_a_renamed_class_is_told(package: str, tmp_path: Path) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text(f"from {package}.discrepancy.models.slide import Slide\n", encoding="utf-8")
+    place = "clutch_hil.discrepancy.models.sliding_contact.SlidingContact"
+    assert find_spec(place.rpartition(".")[0])
+    assert (
+        describe_moves(ImportError("No module"), file) == f"; {package}.discrepancy.models.slide.Slide is now {place}"
+    )
+
+
+def test_a_module_imported_from_its_package_is_told(tmp_path: Path) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text("from clutch_hil.discrepancy import atlas_numbers\n", encoding="utf-8")
+    assert describe_moves(ImportError("cannot import name"), file) == (
+        "; clutch_hil.discrepancy.atlas_numbers is now clutch_hil.discrepancy.residual_statistics"
+    )
+
+
+def test_another_error_has_nothing_to_do_with_it(tmp_path: Path) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text("from protocols.runs import Run\n", encoding="utf-8")
+    assert describe_moves(ValueError("wrong"), file) == ""
+    assert describe_moves(ImportError(name="protocols.runs"), tmp_path / "mine.py") == (
+        "; protocols.runs is now protocols.files.runs"
+    )
