@@ -17,7 +17,7 @@ from plant_sim.node.power_shift_record import RECORD
 from plant_sim.profiles.profile import load_profile
 from plant_sim.profiles.shift_profile import load_shift_profile
 from plant_sim.rigs import wet_clutch
-from plant_sim.rigs.sensors import Sensors
+from plant_sim.rigs.sensors import Counts, Sensors
 from protocols.can.frames import Frame, load_frames
 from protocols.can.two_clutches import CLUTCHES
 from protocols.errors import InputError
@@ -61,6 +61,13 @@ def test_actuators_are_numbered_as_in_the_dbc() -> None:
     assert {value: name.upper() for value, name in choices.items()} == {a.value: a.name for a in Actuators}
 
 
+def analog_counts(counts: Counts) -> dict[str, int]:
+    return {
+        "cylinder_pressure": counts.pressure, "oil_temperature": counts.temperature, "motor_torque": counts.motor_torque,
+        "clutch_torque": counts.clutch_torque,
+    }  # fmt: skip
+
+
 @pytest.mark.parametrize("effect", [None, "pressure_sensor_gain", "channel_skew"])
 def test_frames_are_what_sensors_and_codecs_make_of_the_rig(effect: str | None) -> None:
     parameters = wet_clutch.nominal().with_values(effect_on(effect) if effect else {})
@@ -82,8 +89,13 @@ def test_frames_are_what_sensors_and_codecs_make_of_the_rig(effect: str | None) 
                 speed, limit = (asked.speed_demand, asked.torque_limit) if asked.motor_enable else (0.0, 0.0)
         frames = plant.step(inbox)
         counts, state = sensors.sample(rig, state, 1e-3)
-        assert said(frames, ANALOG) == ANALOG.pack_raw(tick, *counts[:4])
-        assert said(frames, ENCODER) == ENCODER.pack_raw(tick, counts.encoder, tick)
+        for codec, sensed in (
+            (ANALOG, analog_counts(counts)),
+            (ENCODER, {"shaft_angle": counts.encoder, "sample_tick": tick}),
+        ):
+            data = said(frames, codec)
+            others = codec.raw(data)._asdict()  # signals of the frame that are no sensor's
+            assert data == codec.pack_raw(tick, **others | sensed)
         assert said(frames, SETPOINT) == SETPOINT.pack(tick, *profile.at(tick * 1e-3))
         state = rig.advance(state, voltage, speed, limit, 1e-3, 10)
         inbox = controller.step(frames)
@@ -93,7 +105,7 @@ def test_frames_are_what_sensors_and_codecs_make_of_the_rig(effect: str | None) 
 @pytest.mark.parametrize(
     ("frame", "sentence"),
     [
-        (Frame(ENCODER.can_id, ENCODER.pack_raw(0, 0, 0)), "a second plant is on the bus: it sends ENCODER (0x101)"),
+        (Frame(ENCODER.can_id, ENCODER.pack_raw(0)), "a second plant is on the bus: it sends ENCODER (0x101)"),
         (Frame(VALVE.can_id, bytes(5)), "frame VALVE_COMMAND (0x080) came with 5 bytes; its definition has 6"),
         (Frame(MOTOR.can_id, bytes(8)), "frame MOTOR_COMMAND (0x090) came with 8 bytes; its definition has 6"),
         (

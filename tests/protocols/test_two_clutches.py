@@ -43,7 +43,7 @@ def test_priorities_stay_by_kind() -> None:
 
 
 def test_payloads_of_both_clutches_are_alike() -> None:
-    assert A["ENCODER"].pack(3, 1.5, 7) == B["ENCODER"].pack(3, 1.5, 7)
+    assert A["ENCODER"].pack(3, shaft_angle=1.5, sample_tick=7) == B["ENCODER"].pack(3, shaft_angle=1.5, sample_tick=7)
 
 
 def test_other_tools_read_the_bus_of_two_clutches(tmp_path: Path) -> None:

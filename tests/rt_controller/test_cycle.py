@@ -24,8 +24,11 @@ ANALOG, ENCODER, SETPOINT = (FRAMES[name] for name in ("ANALOG_SENSORS", "ENCODE
 
 def sample(tick: int) -> list[Frame]:
     return [
-        Frame(ANALOG.can_id, ANALOG.pack_raw(tick, 700, 717, 100, 100)),
-        Frame(ENCODER.can_id, ENCODER.pack_raw(tick, 260 * tick, tick)),
+        Frame(
+            ANALOG.can_id,
+            ANALOG.pack_raw(tick, cylinder_pressure=700, oil_temperature=717, motor_torque=100, clutch_torque=100),
+        ),
+        Frame(ENCODER.can_id, ENCODER.pack_raw(tick, shaft_angle=260 * tick, sample_tick=tick)),
         Frame(SETPOINT.can_id, SETPOINT.pack(tick, 1 if tick > 5 else 0, 10.0, 10.0, 0.0)),
     ]
 

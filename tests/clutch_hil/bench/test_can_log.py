@@ -166,7 +166,7 @@ def test_a_gap_in_the_alive_counter_is_told_and_a_restart_is_none(local_bus: str
         for session, counters in ((1, (0, 1, 2, 5, 6)), (2, (0, 1, 2))):  # 3 and 4 are missing
             port.send(Frame(heartbeat.can_id, heartbeat.pack(0, 2, RATE, session)))
             for counter in counters:
-                port.send(Frame(encoder.can_id, encoder.pack_raw(counter, 0, counter)))
+                port.send(Frame(encoder.can_id, encoder.pack_raw(counter, sample_tick=counter)))
         recorder.send_signal(signal.SIGTERM)
         out, _ = recorder.communicate(timeout=PATIENCE)
     assert recorder.returncode == 1
@@ -177,9 +177,9 @@ def test_a_gap_in_the_alive_counter_is_told_and_a_restart_is_none(local_bus: str
 def test_a_start_of_one_service_hides_no_gap_of_the_other(local_bus: str, tmp_path: Path) -> None:
     encoder, heartbeat = FRAMES["ENCODER"], FRAMES["CONTROLLER_HEARTBEAT"]
     with start(tmp_path / "wire.blf", local_bus) as recorder, open_bus(local_bus) as port:
-        port.send(Frame(encoder.can_id, encoder.pack_raw(0, 0, 0)))
+        port.send(Frame(encoder.can_id, encoder.pack_raw(0)))
         port.send(Frame(heartbeat.can_id, heartbeat.pack(0, 2, RATE, 7)))
-        port.send(Frame(encoder.can_id, encoder.pack_raw(5, 0, 5)))
+        port.send(Frame(encoder.can_id, encoder.pack_raw(5, sample_tick=5)))
         assert stopped(recorder, signal.SIGTERM)["frames_lost"] == 4
 
 
@@ -202,7 +202,7 @@ def test_a_log_that_slept_until_the_end_does_not_claim_to_be_whole(local_bus: st
         os.waitid(os.P_PID, recorder.pid, os.WSTOPPED)
         count = 0
         while not port.refused:
-            port.send(Frame(encoder.can_id, encoder.pack_raw(count, 0, count)))
+            port.send(Frame(encoder.can_id, encoder.pack_raw(count, sample_tick=count)))
             count += 1
         recorder.send_signal(signal.SIGCONT)
         told = stopped(recorder, signal.SIGTERM)

@@ -99,7 +99,7 @@ def test_the_guard_of_clutch_b_watches_clutch_b() -> None:
     plant, _, b = nodes()
     for k in range(5):
         frames = [f for f in plant.step([]) if f.can_id != B["ANALOG_SENSORS"].can_id]
-        hot = B["ANALOG_SENSORS"].pack(k, 2.0, 160.0, 0.0, 0.0)
+        hot = B["ANALOG_SENSORS"].pack(k, cylinder_pressure=2.0, oil_temperature=160.0)
         b.step([Frame(B["ANALOG_SENSORS"].can_id, hot), *frames])
     named = dict(zip([column.name for column in b.columns], b.row(), strict=True))
     assert load_frames()["CONTROLLER_STATUS"].choices("fault")[int(named["fault"])] == "overtemperature"
@@ -108,7 +108,7 @@ def test_the_guard_of_clutch_b_watches_clutch_b() -> None:
 def test_a_second_plant_is_refused() -> None:
     plant, *_ = nodes()
     with pytest.raises(InputError, match=r"a second plant is on the bus: it sends ENCODER_B \(0x109\)"):
-        plant.step([Frame(B["ENCODER"].can_id, B["ENCODER"].pack(0, 0.0, 0))])
+        plant.step([Frame(B["ENCODER"].can_id, B["ENCODER"].pack(0))])
 
 
 def test_a_controller_at_another_rate_is_refused() -> None:
