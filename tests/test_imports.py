@@ -18,7 +18,7 @@ FORBIDDEN = {
 # before the loop begins; it looks at the name scipy, whose parts are not loaded by that.
 HEAVY = ("zenoh", "rerun", "scipy.linalg", "scipy.optimize", "matplotlib", "pandas", "pyarrow")
 REAL_TIME = "rt_controller.loop.service"
-PATIENCE_S = 60.0  # numba and matplotlib load in seconds on a busy machine
+PATIENCE_S = 120.0  # numba and matplotlib load in seconds on an idle machine; seven times that was seen on a full one
 
 # In a process of its own: import what the arguments name; tell what was loaded and who first asked for the heavy ones.
 IMPORTER = """
