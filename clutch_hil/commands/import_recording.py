@@ -25,7 +25,7 @@ def import_run(
 ) -> None:
     """Map names and units of a foreign recording onto ours and write it as a run; what was done to it is told, and kept in the
     file's metadata."""
-    from clutch_hil.discrepancy.import_map import load_map
+    from clutch_hil.recordings.import_map import load_map
     from protocols.files.runs import write_run
 
     run = load_map(map_name).cut(from_s, to_s).read(recording)
