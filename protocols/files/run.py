@@ -2,7 +2,7 @@
 
 import contextlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -47,15 +47,23 @@ def whole_file(path: Path) -> Iterator[Path]:
             part.unlink(missing_ok=True)
 
 
-def new_file(path: Path) -> Path:
-    """`path`, if a new file can be created there. Raises InputError."""
+def new_file(path: Path, overwrite: bool = False, inputs: Iterable[Path] = ()) -> Path:
+    """`path`, if a file can be created there and no other is lost by it. Raises InputError.
+
+    overwrite: whether a file that exists may be replaced. inputs: files that are read; none of them is ever replaced.
+    """
     if not path.parent.is_dir():
         raise InputError(f"folder {path.parent} of {path.name} does not exist")
     try:
         path.touch(exist_ok=False)  # tried, as root has every right but cannot write everywhere
         path.unlink()
     except FileExistsError:
-        raise InputError(f"file {path} exists already; give another name or remove it") from None
+        if any(source.exists() and path.samefile(source) for source in inputs):
+            raise InputError(f"file {path} is read by this command and would be lost; give another name") from None
+        if not path.is_file():
+            raise InputError(f"{path} exists and is no file; give another name") from None
+        if not overwrite:
+            raise InputError(f"file {path} exists already; give another name, or --overwrite to replace it") from None
     except OSError as error:
         raise InputError(f"file {path} cannot be written: {error.strerror}") from None
     return path
