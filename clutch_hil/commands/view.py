@@ -6,7 +6,7 @@ from pathlib import Path
 import typer
 
 from clutch_hil.command import report
-from clutch_hil.commands.options import BENCH, JSON, ROUTER
+from clutch_hil.commands.options import BENCH, JSON, OVERWRITE, ROUTER
 from protocols.errors import InputError
 
 RUNS = typer.Argument(
@@ -36,6 +36,7 @@ def view(
         None, help="memory for rows, the oldest go first; 1GB, with --web 256MB, if not given"
     ),
     no_open: bool = typer.Option(False, "--no-open", help="do not open a browser"),
+    overwrite: bool = OVERWRITE,
     json_output: bool = JSON,
 ) -> None:
     """Show a running bench, or recorded runs, in rerun's viewer."""
@@ -51,7 +52,7 @@ def view(
         option = "--bus" if bus else "--router"
         raise InputError(f"{option} {bus or router} and run {runs[0]} were given; {option} is for the running bench")
     if save:
-        check_rrd(save)
+        check_rrd(save, overwrite, runs or ())
 
     def say(text: str) -> None:
         typer.echo(text, err=True)

@@ -3,7 +3,7 @@
 Equation        F = p A + F_c sign(v),  v and F positive as the rod is pushed in
 Assumptions     slow motion: no inertia, and the pressure in the cylinder is that at the sensor
 Not modelled    leakage, weight of the rod
-References      Zillen 2021, TU Delft (clutch_hil/discrepancy/maps/pneumatic_seal.toml)
+References      Zillen 2021, TU Delft (clutch_hil/recordings/maps/pneumatic_seal.toml)
 """
 
 from collections.abc import Mapping

@@ -3,7 +3,7 @@
 Equation        F = mu N sign(v)
 Assumptions     the mass between contact and force sensor is small: no inertia
 Not modelled    the tangential compliance of the instrument; a fitted pre-sliding stiffness includes it
-References      Coulomb 1785; data: clutch_hil/discrepancy/maps/microtribometer.toml
+References      Coulomb 1785; data: clutch_hil/recordings/maps/microtribometer.toml
 
 A simulated tribometer (`plant_sim.rigs.tribometer`) can be judged as well: `to_columns` converts its `Record`.
 """

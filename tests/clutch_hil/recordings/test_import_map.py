@@ -10,7 +10,7 @@ from scipy.io import savemat
 from typer.testing import CliRunner
 
 from clutch_hil.commands.import_recording import register
-from clutch_hil.discrepancy.import_map import MAPS, load_map
+from clutch_hil.recordings.import_map import MAPS, load_map
 from protocols.errors import InputError
 from protocols.files.runs import REQUIRED, read_run
 

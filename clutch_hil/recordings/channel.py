@@ -1,0 +1,109 @@
+"""Channel: what a file says about one of its signals; Signal: its values; Recording: an open file, whatever its format.
+
+A raster is a set of channels whose rows belong together: row i of one was taken at the time of row i of the other.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from protocols.errors import InputError, closest
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One signal of a file, without its values.
+
+    number: of the channel in the file, from 1, as an import map's `number` counts. path: name that is unique in the file.
+    unit: as the file writes it, "" where it writes none. raster: name of the channels with the same rows.
+    rows: number of samples. rate_hz [Hz]: mean rate; start_s, end_s [s]: times of the first and last sample; NaN: not known.
+    kind: "number"; "status" for numbers with names (gear, phase, flag); "time" for a time axis, whose values are in seconds;
+    "text", which cannot become a column.
+    """
+
+    name: str
+    number: int
+    path: str
+    unit: str = ""
+    raster: str = ""
+    rows: int = 0
+    rate_hz: float = float("nan")
+    start_s: float = float("nan")
+    end_s: float = float("nan")
+    kind: str = "number"
+    comment: str = ""
+
+
+@dataclass(frozen=True)
+class Signal:
+    """Values (n,) of a `channel`; not-a-number where the file has none, or calls one invalid.
+
+    time: (n,) in s from the start of the recording, from the file's own time axis; None where the file has none for it.
+    """
+
+    channel: Channel
+    values: np.ndarray
+    time: np.ndarray | None = None
+
+
+class Recording(Protocol):
+    """An open file. Opening one reads what is in it, not its values.
+
+    channels: all, in the order of the file. numbers: single numbers with a name. notes: what was decided while the file was
+    read, and what the file says about itself, a sentence each. start: time of day of time 0, ISO 8601, "" where not known.
+    """
+
+    channels: Sequence[Channel]
+    numbers: Mapping[str, float]
+    notes: list[str]
+    start: str
+
+    def read(self, channels: Sequence[Channel]) -> list[Signal]:
+        """Values of `channels`, of which no other one is read. Raises InputError."""
+
+
+@dataclass
+class TableRecording:
+    """A Recording whose values are in memory already, for formats that cannot be read in part."""
+
+    signals: Sequence[Signal]
+    numbers: Mapping[str, float] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    start: str = ""
+
+    @property
+    def channels(self) -> Sequence[Channel]:
+        return [signal.channel for signal in self.signals]
+
+    def read(self, channels: Sequence[Channel]) -> list[Signal]:
+        by_number = {signal.channel.number: signal for signal in self.signals}
+        return [by_number[channel.number] for channel in channels]
+
+
+def choose_channel(file: Path, channels: Sequence[Channel], wanted: str | int) -> Channel:
+    """The channel with the name, path or number `wanted`. Raises InputError where there is none, or more than one."""
+    if isinstance(wanted, int):
+        for channel in channels:
+            if channel.number == wanted:
+                return channel
+        raise InputError(f"recording {file} has {len(channels)} columns; column number {wanted} is asked for")
+    if exact := [channel for channel in channels if channel.path == wanted]:
+        return exact[0]
+    chosen = [channel for channel in channels if channel.name == wanted]
+    if len(chosen) > 1:
+        paths, numbers = (
+            ", ".join(texts) for texts in zip(*((repr(c.path), str(c.number)) for c in chosen), strict=True)
+        )
+        raise InputError(
+            f"recording {file} has {len(chosen)} columns {wanted!r}; ask for one by `from`: {paths}, or by `number`: {numbers}"
+        )
+    if not chosen:
+        known = dict.fromkeys(name for channel in channels for name in (channel.name, channel.path))
+        raise InputError(f"recording {file} has no column {wanted!r}; {closest(wanted, list(known)[:_MOST_NAMES])}")
+    return chosen[0]
+
+
+_MOST_NAMES = 1000  # names that are compared with an unknown one: each costs about 10 us

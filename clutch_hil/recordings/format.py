@@ -1,0 +1,94 @@
+"""RecordingFormat: one format of recordings. Which one a file has is decided by its content, never by its name.
+
+A format of your own is a class with these four members, and a line in the pyproject.toml of your package:
+
+    [project.entry-points."clutch_hil.recording_formats"]
+    my_logger = "my_package.my_logger:MyLogger"
+"""
+
+import os
+import stat
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any, Protocol
+
+from clutch_hil.recordings.channel import Recording
+from protocols.entry_points import entry_names, load_entry
+from protocols.errors import InputError
+
+GROUP = "clutch_hil.recording_formats"
+HEAD_BYTES = 4096  # bytes from the beginning of a file that decide its format
+
+
+class RecordingFormat(Protocol):
+    """A file format.
+
+    name: as people call it. keys: entries of [file] in an import map that it understands, with their types.
+    order: formats with a lower one are asked first. 0: its first bytes are unique; 1: more has to be judged; 2: any text.
+    """
+
+    name: str
+    keys: Mapping[str, type]
+    order: int
+
+    def recognises(self, head: bytes, path: Path) -> bool:
+        """Whether a file that begins with `head` (HEAD_BYTES at most) is of this format."""
+
+    def open(self, path: Path, options: Mapping[str, Any]) -> Recording:
+        """What is in the file. options: entries of [file] among `keys`. Raises InputError."""
+
+
+@cache
+def formats() -> tuple[RecordingFormat, ...]:
+    """All formats that installed packages offer, in the order in which they are asked."""
+    loaded = [load_entry(GROUP, "recording format", name)() for name in entry_names(GROUP)]
+    return tuple(sorted(loaded, key=lambda one: (one.order, one.name)))
+
+
+def option_keys() -> dict[str, type]:
+    """All entries of [file] that some format understands, with their types."""
+    return {key: kind for one in formats() for key, kind in one.keys.items()}
+
+
+def read_head(path: Path) -> bytes:
+    """The first HEAD_BYTES of a file. Raises InputError for what is no file with content: a pipe, a device, a folder."""
+    try:
+        mode = os.stat(path).st_mode
+        if not stat.S_ISREG(mode):
+            kind = "a folder" if stat.S_ISDIR(mode) else "a pipe or a device"
+            raise InputError(f"recording {path} is {kind}; allowed is a file")
+        with path.open("rb") as file:
+            head = file.read(HEAD_BYTES)
+    except FileNotFoundError:
+        raise InputError(f"recording {path} does not exist") from None
+    except (OSError, ValueError) as error:  # ValueError: a name with a null character
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"recording {path} cannot be read: {reason}") from None
+    if not head:
+        raise InputError(f"recording {path} is empty")
+    return head
+
+
+def recognise(path: Path) -> RecordingFormat:
+    """The format of a file. Raises InputError where none is known."""
+    head = read_head(path)
+    for one in formats():
+        if one.recognises(head, path):
+            return one
+    known = ", ".join(one.name for one in formats())
+    raise InputError(f"recording {path} is of no known format: it begins with {head[:16]!r}; known are {known}")
+
+
+def open_recording(path: Path, options: Mapping[str, Any] | None = None) -> Recording:
+    """Open a file of any known format. options: entries of [file] of an import map. Raises InputError.
+
+    An option that the file's format does not understand is an error: it would do nothing.
+    """
+    one, given = recognise(path), dict(options or {})
+    if wrong := [key for key in given if key not in one.keys]:
+        allowed = ", ".join(one.keys) or "no entry"
+        raise InputError(
+            f"import map: file.{wrong[0]} means nothing for {path}, which is {one.name}; allowed is {allowed}"
+        )
+    return one.open(path, given)

@@ -1,0 +1,305 @@
+"""ImportMap: how the columns of a foreign recording become those of runs. One TOML file:
+
+    notes = "where the data come from"
+
+    [file]                        # all optional
+    skip_rows = 15                # rows of data to leave out
+    low_pass_hz = 40.0            # all columns alike, Butterworth of order 4 forwards and backwards: no delay
+    resample_hz = 250.0           # where rasters differ, or the rate is not constant or is too high (rasters.py tells the rule)
+    longest_gap_s = 0.5           # longer gaps cut the recording into runs
+    from_s = 0.1                  # part of the record to keep
+    to_s = 24.7
+    delimiter = ";"               # and other entries that only one format understands: docs/recordings.md
+
+    [columns]                     # ours = the foreign one, in its unit
+    position_m = { from = "qm", unit = "m" }
+    motor_force_n = { from = "vir", unit = "N", scale_by = "gtau" }  # times a number that the file has
+    friction_force_n = { number = 4, unit = "uN", scale = -1.0 }     # the fourth column of the file, times a number
+    gear_1 = { from = "gear", unit = "1", hold = true }              # keeps its last value between samples
+
+The unit of our column is the end of its name. Where the file itself tells a unit, that one counts, and `unit` may be left out;
+`unit_from = "map"` sets a wrong one right. The metadata `import` of a run say what was done to the data.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from math import inf
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clutch_hil.recordings.channel import Channel, Recording, Signal, choose_channel
+from clutch_hil.recordings.format import open_recording, option_keys
+from clutch_hil.recordings.rasters import Sampling, TimedColumn, join
+from protocols.errors import InputError, closest
+from protocols.files.run import Run
+from protocols.files.runs import check_columns
+from protocols.files.toml_table import TomlTable, read_toml
+from protocols.files.units import from_si, same_quantity, to_si
+
+MAPS = Path(__file__).parent / "maps"
+_KEYS: Mapping[str, type] = {
+    "skip_rows": int, "low_pass_hz": float, "resample_hz": float, "longest_gap_s": float, "from_s": float, "to_s": float,
+}  # fmt: skip
+_COLUMN_KEYS = ("from", "number", "unit", "unit_from", "scale", "scale_by", "hold")
+_EPOCH_S = 1e8  # s, three years: a time axis that begins later counts from a date, not from a start
+_FEW_STATES = 32  # different whole numbers of a column without unit that is taken for a status
+# End of a column's name -> its unit (docs/rig.md, "Signals of a recorded run")
+UNITS = {
+    "s": "s", "v": "V", "rad": "rad", "rad_s": "rad/s", "bar": "bar", "degc": "degC", "nm": "Nm", "n": "N", "m": "m",
+    "m_s": "m/s", "a": "A", "w": "W", "hz": "Hz", "1": "1",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class ForeignColumn:
+    """A foreign column: its name, or its number from 1.
+
+    unit: "" where the file's own counts. trust_file: whether a unit in the file counts more than `unit`. scale: factor.
+    scale_by: name of a further factor in the file, "" for none. hold: whether it keeps its value between samples; None: decided
+    by content.
+    """
+
+    column: str | int
+    unit: str = ""
+    trust_file: bool = True
+    scale: float = 1.0
+    scale_by: str = ""
+    hold: bool | None = None
+
+
+@dataclass(frozen=True)
+class ImportMap:
+    """How the columns of a foreign file become those of runs; fields as in the TOML file, see above.
+
+    options: entries of [file] that only the file's format understands.
+    """
+
+    name: str
+    notes: str
+    columns: Mapping[str, ForeignColumn]
+    sampling: Sampling = field(default_factory=Sampling)
+    skip_rows: int = 0
+    from_s: float = -inf
+    to_s: float = inf
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def cut(self, from_s: float | None, to_s: float | None) -> "ImportMap":
+        """This map for the part of the record from `from_s` to `to_s` [s]; None keeps an end."""
+        return replace(self, from_s=self.from_s if from_s is None else from_s, to_s=self.to_s if to_s is None else to_s)
+
+    def read(self, path: Path, required: Sequence[str] = ()) -> Run:
+        """The one run in the foreign file `path`; see `read_runs`. Raises InputError also where gaps cut it into several."""
+        runs = self.read_runs(path, required)
+        if len(runs) > 1:
+            spans = ", ".join(f"{run['time_s'][0]:.4g} to {run['time_s'][-1]:.4g} s" for run in runs)
+            raise InputError(f"recording {path} has gaps and becomes {len(runs)} runs ({spans}); one was asked for")
+        return runs[0]
+
+    def read_runs(self, path: Path, required: Sequence[str] = ()) -> list[Run]:
+        """The runs in the foreign file `path`, one for each stretch without gaps; they must have the columns `required`.
+
+        Only the columns of this map are read. Raises InputError naming the column and its first bad row.
+        """
+        recording = open_recording(path, self.options)
+        sources = {name: choose_channel(path, recording.channels, one.column) for name, one in self.columns.items()}
+        signals = dict(zip(sources, recording.read(list(sources.values())), strict=True))
+        notes = list(recording.notes)
+        columns = {n: self._convert(path, recording, n, signals[n], notes) for n in self.columns}
+        timed, start = self._with_times(path, signals, columns, recording.start, notes)
+        pieces, done = join(path, timed, self.sampling)
+        notes += done
+        origin = {"from": path.name, "map": self.name, "notes": self.notes, "done": notes}
+        runs = []
+        for piece in pieces:
+            kept = self._keep(piece)
+            if len(kept["time_s"]):
+                run = {name: kept[name] for name in self.columns}  # in the map's order
+                check_columns(path, run, tuple(dict.fromkeys((*run, *required))))
+                runs.append(Run(run, {**recording.numbers, "import": origin}, {name: unit_of(name) for name in run}))
+        if not runs:
+            last = max(piece["time_s"][-1] for piece in pieces)
+            first = min(piece["time_s"][0] for piece in pieces)
+            raise InputError(
+                f"recording {path} has no row from {self.from_s:g} to {self.to_s:g} s; its rows are at {first:.6g} to"
+                f" {last:.6g} s"
+            )
+        if any(len(self._keep(piece)["time_s"]) < len(piece["time_s"]) for piece in pieces):
+            notes.append(f"kept {self.from_s:g} to {min(self.to_s, runs[-1]['time_s'][-1]):g} s")
+        if start:
+            origin["start"] = start
+        return runs
+
+    def _keep(self, columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        kept = (columns["time_s"] >= self.from_s) & (columns["time_s"] <= self.to_s)
+        return {name: values[kept] for name, values in columns.items()}
+
+    def _convert(self, path: Path, recording: Recording, name: str, signal: Signal, notes: list[str]) -> np.ndarray:
+        """Values (n,) of a signal in the unit of our column `name`."""
+        source, channel = self.columns[name], signal.channel
+        if channel.kind == "text":
+            raise InputError(f"recording {path}: column {channel.name!r} for {name} holds text; allowed are numbers")
+        unit = _choose_unit(path, name, source, channel, notes)
+        scale = source.scale
+        if source.scale_by:
+            factor = recording.numbers.get(source.scale_by)
+            if factor is None:
+                raise InputError(f"recording {path} has no number {source.scale_by!r} to scale {name} by")
+            scale *= factor
+        one, zero = (from_si(to_si(value, unit), unit_of(name)) for value in (1.0, 0.0))
+        values = signal.values[self.skip_rows :]
+        return values if (one, zero, scale) == (1.0, 0.0, 1.0) else (one - zero) * scale * values + zero
+
+    def _with_times(
+        self, path: Path, signals: Mapping[str, Signal], columns: Mapping[str, np.ndarray], start: str, notes: list[str]
+    ) -> tuple[list[TimedColumn], str]:
+        """All columns but time_s, each with its time, and the time of day of time 0."""
+        if self.skip_rows:
+            notes.append(f"left out the first {self.skip_rows} rows")
+        clock, axis = signals["time_s"].channel, columns["time_s"]
+        if len(columns) == 1:
+            raise InputError(f"import map {self.name} has no column beside time_s")
+        if len(axis) and _EPOCH_S < axis[0] < inf:
+            start = _time_of_day(axis[0])
+            notes.append(f"time_s begins at {axis[0]:.6f} s{f', {start}' if start else ''}; counted from there")
+            offset = axis[0]
+        else:
+            offset = 0.0
+        axis = axis - offset if offset else axis
+        timed = []
+        for name, values in columns.items():
+            if name == "time_s":
+                continue
+            signal = signals[name]
+            if signal.channel.raster == clock.raster:
+                time = axis
+            elif clock.kind == "time" and signal.time is not None:
+                time = signal.time[self.skip_rows :] - offset
+            else:
+                raise InputError(
+                    f"recording {path}: {signal.channel.path!r} for {name} does not share its rows with {clock.path!r}, and"
+                    " has no time axis of its own"
+                )
+            if len(time) != len(values):
+                raise InputError(
+                    f"recording {path}: {signal.channel.path!r} for {name} has {len(values)} rows, its time has {len(time)}"
+                )
+            timed.append(TimedColumn(name, time, values, _is_held(self.columns[name], signal, notes, name)))
+        if start:
+            notes.append(f"recorded at {start}, by the file")
+        return timed, start
+
+
+def load_map(name: str) -> ImportMap:
+    """The map in the TOML file `name`, or one of this package by name (`emps`). Raises InputError."""
+    path = Path(name)
+    if not path.suffix:
+        known = sorted(p.stem for p in MAPS.glob("*.toml"))
+        if name not in known:
+            raise InputError(f"import map {name!r} is unknown; {closest(name, known)}, or give a TOML file")
+        path = MAPS / f"{name}.toml"
+    kinds = {**_KEYS, **option_keys()}
+    document = read_toml(path, ("notes", "file", "columns"))
+    file, columns = document.table("file", tuple(kinds)), document.table("columns")
+    sources = {column: _read_column(column, columns.table(column, _COLUMN_KEYS)) for column in columns}
+    for column in sources:
+        unit_of(column)
+    if "time_s" not in sources:
+        raise InputError(f"import map {path} has no column time_s")
+    entries = {key: file.get(key, kinds[key]) for key in file}
+    for key in ("low_pass_hz", "resample_hz", "longest_gap_s", "skip_rows"):
+        if entries.get(key, 0) < 0:
+            raise InputError(f"import map {path}: {key} is {entries[key]:g}; allowed is 0 or more")
+    sampling = Sampling(**{key: entries.get(key, 0.0) for key in ("low_pass_hz", "resample_hz", "longest_gap_s")})
+    return ImportMap(
+        name=path.stem, notes=document.get("notes", str, ""), columns=sources, sampling=sampling,
+        skip_rows=entries.get("skip_rows", 0), from_s=entries.get("from_s", -inf), to_s=entries.get("to_s", inf),
+        options={key: value for key, value in entries.items() if key not in _KEYS},
+    )  # fmt: skip
+
+
+def unit_of(column: str) -> str:
+    """Unit of one of our columns, by the end of its name. Raises InputError."""
+    words = column.split("_")
+    for end in ("_".join(words[-2:]), words[-1]):
+        if end in UNITS and len(words) > 1:
+            return UNITS[end]
+    raise InputError(f"column {column!r} tells no unit; allowed ends are {', '.join('_' + end for end in UNITS)}")
+
+
+def _read_column(column: str, entry: TomlTable) -> ForeignColumn:
+    if ("from" in entry) == ("number" in entry):
+        raise InputError(f"import map: {column} needs either `from`, a name, or `number`, counted from 1")
+    unit, source = entry.get("unit", str, ""), entry.get("unit_from", str, "file")
+    if source not in ("file", "map"):
+        raise InputError(f"import map: {column}.unit_from is {source!r}; allowed are file and map")
+    if source == "map" and not unit:
+        raise InputError(f"import map: {column} has unit_from = 'map' and no unit")
+    if unit and not same_quantity(unit, unit_of(column)):
+        raise InputError(
+            f"import map: {column} is given in {unit!r}, which cannot be converted into {unit_of(column)!r}"
+        )
+    return ForeignColumn(
+        entry.get("from", str) if "from" in entry else entry.get("number", int),
+        unit,
+        source == "file",
+        entry.get("scale", float, 1.0),
+        entry.get("scale_by", str, ""),
+        entry.get("hold", bool, None),
+    )
+
+
+def _choose_unit(path: Path, name: str, source: ForeignColumn, channel: Channel, notes: list[str]) -> str:
+    """Unit of a foreign column: the file's where it tells one, else the map's. Raises InputError where the two do not fit."""
+    written = plain_unit(channel.unit)
+    if not written or not source.trust_file:
+        if not source.unit:
+            raise InputError(f"recording {path} tells no unit of {channel.name!r} for {name}; set `unit` in the map")
+        return source.unit
+    try:
+        fits = same_quantity(written, unit_of(name))
+    except InputError:
+        if not source.unit:
+            raise InputError(
+                f"recording {path}: {channel.name!r} for {name} has the unknown unit {channel.unit!r}; set `unit` in the map"
+            ) from None
+        notes.append(f"{channel.name}: the file's unit {channel.unit!r} is unknown; the map's counts, {source.unit}")
+        return source.unit
+    if not fits:
+        raise InputError(
+            f"recording {path}: {channel.name!r} for {name} is in {channel.unit!r}, which cannot be converted into"
+            f" {unit_of(name)!r}; if the file is wrong, set unit and unit_from = 'map'"
+        )
+    if source.unit and (to_si(1.0, written), to_si(0.0, written)) != (to_si(1.0, source.unit), to_si(0.0, source.unit)):
+        notes.append(f"{channel.name}: the file says {channel.unit}, the map {source.unit}; the file's unit counts")
+    return written
+
+
+def plain_unit(text: str) -> str:
+    """A unit as `protocols/files/units.py` reads it, from the form in which files write it: brackets go, a dash is no unit."""
+    unit = text.strip()
+    if len(unit) > 1 and unit[0] + unit[-1] in ("[]", "()"):
+        unit = unit[1:-1].strip()
+    return "1" if unit in ("-", "--", "–") else unit
+
+
+def _is_held(source: ForeignColumn, signal: Signal, notes: list[str], name: str) -> bool:
+    """Whether a column keeps its last value between samples: where the map says so, or the file, or its content."""
+    if source.hold is not None:
+        return source.hold
+    if signal.channel.kind == "status":
+        return True
+    values = signal.values
+    if unit_of(name) != "1" or plain_unit(signal.channel.unit) not in ("", "1") or not np.isfinite(values).all():
+        return False
+    return bool(np.all(values == np.rint(values))) and len(np.unique(values)) <= _FEW_STATES
+
+
+def _time_of_day(epoch: float) -> str:
+    """Seconds since 1970 as ISO 8601, "" where no date results."""
+    try:
+        return datetime.fromtimestamp(epoch, UTC).isoformat()
+    except (OverflowError, ValueError, OSError):
+        return ""

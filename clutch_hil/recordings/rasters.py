@@ -1,0 +1,239 @@
+"""Rasters: signals of different rates on one time axis.
+
+Rule            A signal becomes a column by straight lines between its samples. A status (gear, phase, flag) keeps its last
+                value instead. Where the rate falls, a signal is low-passed before, so that nothing above half the new rate is
+                folded down: Butterworth of order 4, forwards and backwards (no delay), at 0.4 of the new rate.
+Gaps            A step between two samples of more than `longest_gap_s` ends a piece, and the next sample begins another: a gap
+                is never bridged. Where no longest gap was stated, a step of more than ten median steps is an error.
+Not there       A sample that is no number counts as missing where a signal is resampled.
+References      Oppenheim and Schafer, Discrete-Time Signal Processing, section 4.6 (filter before the rate falls);
+                Gautier 1997 (forwards and backwards filter before inverse dynamics)
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from scipy.signal import butter, sosfiltfilt
+
+from clutch_hil.recordings.bounds import check_rows
+from protocols.errors import InputError
+
+_FILTER_ORDER = 4  # as is usual before inverse dynamics: Gautier 1997
+_ANTI_ALIAS_SHARE = 0.4  # of the new rate: a common guard of a fifth below half of it
+_FALLS = 1.01  # rates that differ by less than the tolerance of a sample period are one
+_MOST_PIECES = 1000  # runs that one recording is cut into: more is a wrong longest_gap_s
+_GAP_STEPS = 10.0  # median steps: chosen, ten lost samples in a row are no jitter of a clock
+
+
+@dataclass(frozen=True)
+class TimedColumn:
+    """A column (n,) of a run with its own time (n,) [s]. held: keeps its last value between samples."""
+
+    name: str
+    time: np.ndarray
+    values: np.ndarray
+    held: bool = False
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """What an import map asks for. low_pass_hz, resample_hz [Hz]: 0 for neither. longest_gap_s [s]: 0 where not stated."""
+
+    low_pass_hz: float = 0.0
+    resample_hz: float = 0.0
+    longest_gap_s: float = 0.0
+
+
+Columns = Mapping[str, np.ndarray]
+
+
+def join(file: Path, columns: Sequence[TimedColumn], sampling: Sampling) -> tuple[list[Columns], list[str]]:
+    """Pieces without gaps, each a time axis `time_s` and all columns on it; and what was done, a sentence each.
+
+    Raises InputError naming the column and row where times do not increase, or jump; where rasters differ and nothing was said
+    about resampling; where more rows are asked for than memory allows.
+    """
+    notes: list[str] = []
+    for column in columns:
+        _check_increasing(file, column)
+    if sampling.resample_hz:
+        return _resample(file, columns, sampling, notes), notes
+    first = columns[0]
+    for column in columns[1:]:
+        if column.time is not first.time and not np.array_equal(column.time, first.time):
+            raise InputError(
+                f"recording {file} has {first.name} and {column.name} on different rasters ({_describe_rate(first.time)} and"
+                f" {_describe_rate(column.time)}); set resample_hz in [file] to join them"
+            )
+    pieces: list[Columns] = []
+    for part in _pieces(file, first, sampling.longest_gap_s, notes):
+        piece = {"time_s": first.time[part], **{c.name: c.values[part] for c in columns}}
+        if sampling.low_pass_hz:
+            rate = (part.stop - part.start - 1) / (first.time[part.stop - 1] - first.time[part.start])
+            for column in columns:
+                if not column.held:
+                    piece[column.name] = _low_pass(file, column.name, column.values[part], sampling.low_pass_hz, rate)
+        pieces.append(piece)
+    _note_low_pass(columns, sampling, notes)
+    return pieces, notes
+
+
+def _resample(file: Path, columns: Sequence[TimedColumn], sampling: Sampling, notes: list[str]) -> list[Columns]:
+    kept = [_without_missing(file, column, notes) for column in columns]
+    spans = [(-np.inf, np.inf)]
+    for column in kept:
+        parts = _pieces(file, column, sampling.longest_gap_s, notes)
+        own = [(column.time[part.start], column.time[part.stop - 1]) for part in parts]
+        spans = [
+            (max(a, c), min(b, d)) for a, b in spans for c, d in own if min(b, d) > max(a, c)
+        ]  # where every signal has samples
+    check_rows(
+        f"recording {file} at {sampling.resample_hz:g} Hz makes",
+        sum((end - begin) * sampling.resample_hz + 1.0 for begin, end in spans),
+        len(columns) + 1,
+    )
+    pieces: list[Columns] = []
+    for begin, end in spans:
+        rows = int((end - begin) * sampling.resample_hz + 1e-6) + 1  # 1e-6: the last sample counts in spite of rounding
+        if rows < 2:
+            notes.append(f"left out {begin:.6g} to {end:.6g} s: shorter than two samples")
+            continue
+        grid = begin + np.arange(rows) / sampling.resample_hz
+        pieces.append({"time_s": grid, **{c.name: _on_grid(file, c, grid, sampling) for c in kept}})
+    if not pieces:
+        longest = max((end - begin for begin, end in spans), default=0.0)
+        raise InputError(
+            f"recording {file} has no two samples at {sampling.resample_hz:g} Hz: the longest stretch in which all columns have"
+            f" samples is {longest:.4g} s"
+        )
+    _note_low_pass(columns, sampling, notes)
+    notes += dict.fromkeys(_describe_resampling(column, sampling) for column in kept)
+    if held := [column.name for column in columns if column.held]:
+        notes.append(f"held the last value of {', '.join(held)} between samples: a status")
+    return pieces
+
+
+def _on_grid(file: Path, column: TimedColumn, grid: np.ndarray, sampling: Sampling) -> np.ndarray:
+    """Values (m,) of a column at the times `grid` (m,), which lie in a stretch without gaps."""
+    begin = max(int(np.searchsorted(column.time, grid[0], side="right")) - 1, 0)
+    end = int(np.searchsorted(column.time, grid[-1], side="left")) + 1
+    time, values = column.time[begin:end], column.values[begin:end]
+    if column.held:
+        return values[np.searchsorted(time, grid, side="right") - 1]
+    rate = _rate(column.time)
+    limits = [limit for limit in (sampling.low_pass_hz, _anti_alias(rate, sampling)) if limit]
+    if limits:
+        check_rows(f"recording {file}: {column.name} has", (time[-1] - time[0]) * rate, 1)
+        even = time[0] + np.arange(round((time[-1] - time[0]) * rate) + 1) / rate
+        if len(even) != len(time) or not np.allclose(even, time, rtol=0.0, atol=1e-6 / rate):
+            time, values = even, np.interp(even, time, values)
+        values = _low_pass(file, column.name, values, min(limits), rate)
+    return np.interp(grid, time, values)
+
+
+def _anti_alias(rate: float, sampling: Sampling) -> float:
+    """Limit [Hz] of the low pass before the rate falls; 0 where it does not."""
+    return _ANTI_ALIAS_SHARE * sampling.resample_hz if rate > _FALLS * sampling.resample_hz else 0.0
+
+
+def _low_pass(file: Path, name: str, values: np.ndarray, limit: float, rate: float) -> np.ndarray:
+    """Values (n,) at `rate` [Hz] after a low pass at `limit` [Hz] forwards and backwards. Raises InputError."""
+    if not limit < 0.5 * rate:
+        raise InputError(f"import map: low_pass_hz is {limit:g}; allowed is below {0.5 * rate:g} for {name} in {file}")
+    low = butter(_FILTER_ORDER, limit / (0.5 * rate), output="sos")
+    padding = 3 * (_FILTER_ORDER + 1)  # rows that sosfiltfilt adds at each end
+    if len(values) <= padding:
+        raise InputError(
+            f"recording {file}: {name} has {len(values)} rows in a stretch without gaps; a low pass needs more than {padding}"
+        )
+    return np.asarray(sosfiltfilt(low, values, padlen=padding))
+
+
+def _pieces(file: Path, column: TimedColumn, longest_gap: float, notes: list[str]) -> list[slice]:
+    """Rows of a column between its gaps. Raises InputError for a gap where no longest one was stated."""
+    time = column.time
+    steps = np.diff(time)
+    median = float(np.median(steps))
+    gaps = np.flatnonzero(steps > (longest_gap or _GAP_STEPS * median))
+    if len(gaps) and not longest_gap:
+        row = gaps[0]
+        raise InputError(
+            f"recording {file}: the time of {column.name} jumps by {steps[row]:.6g} s after row {row}, from {time[row]:.6g} to"
+            f" {time[row + 1]:.6g} s, where {median:.4g} s are usual; set longest_gap_s in [file]: shorter gaps are bridged by"
+            " straight lines, at longer ones the recording is cut into runs"
+        )
+    if len(gaps) >= _MOST_PIECES:
+        raise InputError(
+            f"recording {file}: {column.name} has {len(gaps)} gaps of more than longest_gap_s, {longest_gap:g} s; allowed are"
+            f" {_MOST_PIECES - 1}"
+        )
+    ends = [0, *(gaps + 1), len(time)]
+    parts = [slice(int(a), int(b)) for a, b in pairwise(ends)]
+    whole = [part for part in parts if part.stop - part.start > 1]
+    if len(gaps):
+        text = f"cut at {len(gaps)} gaps of more than {longest_gap:g} s, the longest {steps[gaps].max():.4g} s"
+        if len(whole) < len(parts):
+            text += f"; left out {len(parts) - len(whole)} single rows"
+        if text not in notes:
+            notes.append(text)
+    if not whole:
+        raise InputError(
+            f"recording {file}: every step of {column.name} is longer than longest_gap_s, {longest_gap:g} s"
+        )
+    return whole
+
+
+def _without_missing(file: Path, column: TimedColumn, notes: list[str]) -> TimedColumn:
+    finite = np.isfinite(column.values)
+    if finite.all():
+        return column
+    missing = int(np.sum(~finite))
+    if len(finite) - missing < 2:
+        raise InputError(f"recording {file}: {column.name} has {len(finite) - missing} numbers; at least 2 are needed")
+    notes.append(f"{column.name}: {missing} of {len(finite)} samples are no numbers, and count as missing")
+    return replace(column, time=column.time[finite], values=column.values[finite])
+
+
+def _check_increasing(file: Path, column: TimedColumn) -> None:
+    time = column.time
+    if len(bad := np.flatnonzero(~np.isfinite(time))):
+        raise InputError(f"recording {file}: the time of {column.name} is not a number in row {bad[0]}")
+    if len(time) < 2:
+        raise InputError(f"recording {file}: {column.name} has {len(time)} rows; at least 2 are needed")
+    if len(bad := np.flatnonzero(np.diff(time) <= 0.0)):
+        row = bad[0] + 1
+        raise InputError(
+            f"recording {file}: the time of {column.name} does not increase in row {row}: {time[row]:.9g} s after"
+            f" {time[row - 1]:.9g} s"
+        )
+
+
+def _rate(time: np.ndarray) -> float:
+    return 1.0 / float(np.median(np.diff(time)))
+
+
+def _describe_rate(time: np.ndarray) -> str:
+    return f"{len(time)} rows at {_rate(time):.6g} Hz from {time[0]:.6g} s"
+
+
+def _describe_resampling(column: TimedColumn, sampling: Sampling) -> str:
+    steps = np.diff(column.time)
+    median = float(np.median(steps))
+    odd = int(np.sum(np.abs(steps - median) > 0.01 * median))  # 1 %: the tolerance of a run's sample period
+    text = f"resampled at {sampling.resample_hz:g} Hz from {1.0 / median:.4g} Hz"
+    limit = 0.0 if column.held else _anti_alias(1.0 / median, sampling)
+    if limit and not 0.0 < sampling.low_pass_hz <= limit:
+        text += f", low-passed at {limit:g} Hz before"
+    return (
+        f"{text}: {odd} of {steps.size} steps differed from {1e3 * median:.4g} ms, the longest was"
+        f" {1e3 * float(steps.max()):.4g} ms"
+    )
+
+
+def _note_low_pass(columns: Sequence[TimedColumn], sampling: Sampling, notes: list[str]) -> None:
+    if sampling.low_pass_hz:
+        which = "all columns" if not any(c.held for c in columns) else "all columns but statuses"
+        notes.append(f"low-passed {which} at {sampling.low_pass_hz:g} Hz, forwards and backwards")
