@@ -65,6 +65,14 @@ class Recording(Protocol):
         """Values of `channels`, of which no other one is read. Raises InputError."""
 
 
+def plain_unit(text: str) -> str:
+    """A unit as `protocols/files/units.py` reads it, from the form in which files write it: brackets go, a dash is no unit."""
+    unit = text.strip()
+    if len(unit) > 1 and unit[0] + unit[-1] in ("[]", "()"):
+        unit = unit[1:-1].strip()
+    return "1" if unit in ("-", "--", "–") else unit
+
+
 @dataclass
 class TableRecording:
     """A Recording whose values are in memory already, for formats that cannot be read in part."""
@@ -84,7 +92,10 @@ class TableRecording:
 
 
 def choose_channel(file: Path, channels: Sequence[Channel], wanted: str | int) -> Channel:
-    """The channel with the name, path or number `wanted`. Raises InputError where there is none, or more than one."""
+    """The channel with the name, path or number `wanted`. Raises InputError where there is none, or more than one.
+
+    Time axes of several rasters with one name are one choice, as each signal brings its own. `time_s` is the name of any.
+    """
     if isinstance(wanted, int):
         for channel in channels:
             if channel.number == wanted:
@@ -93,6 +104,10 @@ def choose_channel(file: Path, channels: Sequence[Channel], wanted: str | int) -
     if exact := [channel for channel in channels if channel.path == wanted]:
         return exact[0]
     chosen = [channel for channel in channels if channel.name == wanted]
+    if not chosen and wanted == "time_s":
+        chosen = [channel for channel in channels if channel.kind == "time"]
+    if chosen and all(channel.kind == "time" for channel in chosen):
+        return max(chosen, key=lambda channel: channel.rows > 0)  # the first with rows
     if len(chosen) > 1:
         paths, numbers = (
             ", ".join(texts) for texts in zip(*((repr(c.path), str(c.number)) for c in chosen), strict=True)
