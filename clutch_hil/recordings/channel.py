@@ -73,6 +73,12 @@ def plain_unit(text: str) -> str:
     return "1" if unit in ("-", "--", "–") else unit
 
 
+def first_of(names: Sequence[str]) -> str:
+    """Names for a note: the first ones, and how many there are beside them."""
+    shown = ", ".join(names[:_MOST_NOTED])
+    return shown if len(names) <= _MOST_NOTED else f"{shown} and {len(names) - _MOST_NOTED} more"
+
+
 @dataclass
 class TableRecording:
     """A Recording whose values are in memory already, for formats that cannot be read in part."""
@@ -122,3 +128,4 @@ def choose_channel(file: Path, channels: Sequence[Channel], wanted: str | int) -
 
 
 _MOST_NAMES = 1000  # names that are compared with an unknown one: each costs about 10 us
+_MOST_NOTED = 5  # names in a note

@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from clutch_hil.recordings.channel import Channel, Signal
+from clutch_hil.recordings.channel import Channel, Signal, first_of
 from protocols.errors import InputError
 from protocols.files.arrow import numbers
 from protocols.files.arrow_file import FEATHER_1, IPC_FILE, IPC_STREAM, PARQUET, ArrowFile
@@ -134,8 +134,7 @@ class ArrowRecording:
                 Channel(name, number, path, unit, raster="table", rows=self._file.rows, kind=kind, comment=comment)
             )
         if left_out:
-            shown = ", ".join(left_out[:5]) + (f" and {len(left_out) - 5} more" if len(left_out) > 5 else "")
-            self.notes.append(f"left out, as they are neither numbers, times nor text: {shown}"[:400])
+            self.notes.append(f"left out, as they are neither numbers, times nor text: {first_of(left_out)}")
         if not channels:
             raise InputError(f"recording {self._path} has no columns of numbers, times or text")
         return channels

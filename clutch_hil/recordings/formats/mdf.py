@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from clutch_hil.recordings.channel import Channel, Signal, plain_unit
+from clutch_hil.recordings.channel import Channel, Signal, first_of, plain_unit
 from protocols.errors import InputError
 from protocols.files.bounds import check_rows
 from protocols.files.mdf_file import MAGIC, MdfChannel, MdfFile, MdfGroup
@@ -20,7 +20,6 @@ from protocols.files.units import same_quantity, to_si
 
 _MASTER_UNITS = {"angle": "rad", "distance": "m", "index": "1"}  # ASAM MDF 4.2, table 17; where the file writes none
 _MOST_PROBED = 200  # groups whose first and last times are shown: each may inflate two blocks of 4 MB, 10 ms
-_MOST_NAMED = 5  # names in a note
 
 
 class Mdf:
@@ -78,7 +77,7 @@ class MdfRecording:
         if self._file.unfinished:
             self.notes.append("the file was never finished by its writer; read as far as its blocks reach")
         for reason, names in self._file.left_out.items():
-            self.notes.append(f"left out as {reason}: {_listed(names)}")
+            self.notes.append(f"left out as {reason}: {first_of(names)}")
         for master in dict.fromkeys(group.master for group in self._file.groups if group.master):
             self._describe_master(master)
 
@@ -135,11 +134,6 @@ class MdfRecording:
             return nan, nan
         first, last = self._file.ends(group.master)
         return self._seconds[group.master] * first, self._seconds[group.master] * last
-
-
-def _listed(names: Sequence[str]) -> str:
-    shown = ", ".join(names[:_MOST_NAMED])
-    return shown if len(names) <= _MOST_NAMED else f"{shown} and {len(names) - _MOST_NAMED} more"
 
 
 def _is_known(unit: str) -> bool:
