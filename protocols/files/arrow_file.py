@@ -18,11 +18,11 @@ _LONGEST_REASON = 200  # characters of another library's sentence
 
 
 class ArrowFile:
-    """An open file. schema: its columns. rows: of all of them. metadata: of the table. Raises InputError."""
+    """An open file. schema: its columns; described: their names and types. rows: of all. metadata: of the table."""
 
     def __init__(self, path: Path, head: bytes) -> None:
         self._path, self._parquet = path, None
-        with self._reading():
+        with reading(self._path):
             if head.startswith(PARQUET):
                 self._check_footer()
                 self._parquet = pq.ParquetFile(path)
@@ -38,13 +38,16 @@ class ArrowFile:
                     self.schema = reader.schema
                 self.metadata = self.schema.metadata or {}
                 self.rows = self._count()
+            self.described = [
+                (field.name, str(field.type)) for field in self.schema
+            ]  # names that are no text raise here
         if self.rows < 0:
             raise InputError(f"recording {path} is damaged: it has {self.rows} rows")
 
     def read(self, indices: Sequence[int]) -> list[pa.ChunkedArray]:
         """Columns by their places in the schema, from 0. Raises InputError where they need more memory than is allowed."""
         check_rows(f"recording {self._path} has", self.rows, len(indices))
-        with self._reading():
+        with reading(self._path):
             if self._parquet is None:
                 columns = self._read_ipc(indices)
             else:
@@ -72,6 +75,7 @@ class ArrowFile:
         options = pa.ipc.IpcReadOptions(included_fields=wanted)
         with pa.memory_map(str(self._path)) as source, self._open(source, options=options) as reader:
             table = reader.read_all()
+        table.validate(full=True)  # numbers of a damaged file would be taken as places in memory
         return [table.column(wanted.index(index)) for index in indices]
 
     def _count(self) -> int:
@@ -114,13 +118,15 @@ class ArrowFile:
                 f"recording {self._path} cannot be read: it is damaged, its parts do not have {self.rows} rows together"
             )
 
-    @contextlib.contextmanager
-    def _reading(self) -> Iterator[None]:
-        try:
-            yield
-            return
-        except InputError:
-            raise
-        except Exception as error:  # pyarrow raises many kinds
-            reason = " ".join(str(error).split())[:_LONGEST_REASON] or type(error).__name__
-        raise InputError(f"recording {self._path} cannot be read: {reason}")
+
+@contextlib.contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """pyarrow at work: what it raises becomes an InputError."""
+    try:
+        yield
+        return
+    except InputError:
+        raise
+    except Exception as error:  # pyarrow raises many kinds
+        reason = " ".join(str(error).split())[:_LONGEST_REASON] or type(error).__name__
+    raise InputError(f"recording {path} cannot be read: {reason}")

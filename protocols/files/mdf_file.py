@@ -252,7 +252,8 @@ class MdfFile:
                 raise
             except Exception as error:  # asammdf raises many kinds
                 reason = " ".join(str(error).split()) or type(error).__name__
-            gc.collect()  # while it is quiet, as objects of a damaged file print when they are collected
+            if not hasattr(self, "_mdf"):
+                gc.collect()  # while it is quiet, as half-open objects of asammdf print when they are collected
         raise InputError(f"recording {self._path} cannot be read: {reason[:_LONGEST_REASON]}")
 
     def __del__(self) -> None:

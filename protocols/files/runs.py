@@ -144,7 +144,9 @@ def _read_csv(path: Path) -> Run:
 
 def _read_parquet(path: Path, head: bytes) -> Run:
     file = ArrowFile(path, head)
-    places = [k for k, c in enumerate(file.schema) if _is_number(c.type) or c.name in REQUIRED]
+    places = [
+        k for k, (name, _) in enumerate(file.described) if _is_number(file.schema.field(k).type) or name in REQUIRED
+    ]
     columns = file.read(places)
     schema = pa.schema([file.schema.field(k).with_type(c.type) for k, c in zip(places, columns, strict=True)])
     return _from_table(path, pa.table(columns, schema=schema), file.metadata)

@@ -15,7 +15,7 @@ import pyarrow.compute as pc
 from clutch_hil.recordings.channel import Channel, Signal, first_of
 from protocols.errors import InputError
 from protocols.files.arrow import numbers
-from protocols.files.arrow_file import FEATHER_1, IPC_FILE, IPC_STREAM, PARQUET, ArrowFile
+from protocols.files.arrow_file import FEATHER_1, IPC_FILE, IPC_STREAM, PARQUET, ArrowFile, reading
 from protocols.files.head import read_head
 from protocols.files.run import parse_json
 
@@ -58,14 +58,16 @@ class ArrowRecording:
         self.channels: Sequence[Channel] = self._list()
         self._clock = next((channel for channel in self.channels if channel.kind == "time"), None)
         if self._clock and pa.types.is_timestamp(self._type(self._clock)) and self._file.rows:
-            self._begin(self._clock)
+            with reading(self._path):
+                self._begin(self._clock)
 
     def read(self, channels: Sequence[Channel]) -> list[Signal]:
         if texts := [channel.path for channel in channels if channel.kind == "text"]:
             raise InputError(f"recording {self._path}: {texts[0]!r} holds text; allowed are columns of numbers")
         wanted = list(dict.fromkeys([*channels, *([self._clock] if self._clock else [])]))
         columns = self._file.read([self._places[channel.number] for channel in wanted])
-        values = {c.number: self._values(c, column) for c, column in zip(wanted, columns, strict=True)}
+        with reading(self._path):
+            values = {c.number: self._values(c, column) for c, column in zip(wanted, columns, strict=True)}
         time = values[self._clock.number] if self._clock else None
         return [Signal(channel, values[channel.number], time) for channel in channels]
 
@@ -117,14 +119,14 @@ class ArrowRecording:
         self.notes.append(f"times count from the first one in {clock.path!r}")
 
     def _list(self) -> list[Channel]:
-        names = self._file.schema.names
-        count, seen, left_out = Counter(names), Counter[str](), []
+        count, seen = Counter(name for name, _ in self._file.described), Counter[str]()
+        left_out: list[str] = []
         channels: list[Channel] = []
-        for place, described in enumerate(self._file.schema):
-            name = described.name
+        for place, (name, type_name) in enumerate(self._file.described):
+            described = self._file.schema.field(place)
             seen[name] += 1
             if not (kind := _kind(name, described.type)):
-                left_out.append(f"{name} ({described.type})")
+                left_out.append(f"{name} ({type_name[:40]})")
                 continue
             number = len(channels) + 1
             self._places[number] = place

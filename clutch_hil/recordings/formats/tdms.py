@@ -115,7 +115,8 @@ class TdmsRecording:
                 f"recording {self._path} cannot be read, it is cut or damaged: {channel.path!r} has {raster.rows} rows by its"
                 f" header, and {len(values)} in its data"
             )
-        return values[: raster.rows].astype(float)
+        with np.errstate(invalid="ignore"):  # bits of a damaged number
+            return values[: raster.rows].astype(float)
 
     def _times(self, raster: _Raster) -> np.ndarray | None:
         """Times of a raster [s] from the start of the recording; None where it has none."""
