@@ -6,7 +6,7 @@ import io
 import logging
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import nan
 from pathlib import Path
@@ -82,19 +82,22 @@ class MdfFile:
             self.unfinished = unfinished
             self.start = self._start()
 
-    def read(self, channel: MdfChannel) -> np.ndarray:
-        """Values (rows,), physical; of a status the raw ones; not-a-number where the file calls one invalid."""
-        group = self._mdf.groups[channel.group]
-        rows = int(group.channel_group.cycles_nr)
-        check_rows(f"recording {self._path}: {channel.name} has", rows, 1)
-        source = group.channels[channel.index]
-        if self._is_virtual(source):
-            raw, invalid = np.arange(rows), None
-        else:
-            self._check_data(channel, group, rows)
-            raw, invalid = self._raw(channel)
-        if len(raw) != rows or raw.ndim != 1 or raw.dtype.kind not in "iufb":
-            raise damaged(self._path, f"{channel.name} has {rows} rows by its header, and {len(raw)} in its data")
+    def read(self, channels: Collection[MdfChannel]) -> dict[MdfChannel, np.ndarray]:
+        """Values (rows,) of `channels`, physical; of a status the raw ones; not-a-number where the file calls one invalid."""
+        values: dict[MdfChannel, np.ndarray] = {}
+        for k in dict.fromkeys(channel.group for channel in channels):
+            of_group = [channel for channel in dict.fromkeys(channels) if channel.group == k]
+            rows = int(self._mdf.groups[k].channel_group.cycles_nr)
+            check_rows(f"recording {self._path}: {of_group[0].name} has", rows, len(of_group))
+            stored = [channel for channel in of_group if not self._is_virtual(self._source(channel))]
+            raw = self._raw(k, rows, stored) if stored else {}
+            for channel in of_group:
+                counted = (np.arange(rows), np.zeros(rows, bool))
+                values[channel] = self._physical(channel, *raw.get(channel, counted))
+        return values
+
+    def _physical(self, channel: MdfChannel, raw: np.ndarray, invalid: np.ndarray) -> np.ndarray:
+        source = self._source(channel)
         try:
             with _quiet(), np.errstate(all="ignore"):
                 values = to_physical(source.conversion, self.version, raw)
@@ -102,10 +105,44 @@ class MdfFile:
             raise InputError(f"recording {self._path}: {channel.name} cannot be converted: {error}") from None
         if self.version == 3 and self._is_virtual(source) and source.conversion is None:
             values = values * (source.sampling_rate or 1.0)
-        if invalid is not None:
-            values[np.asarray(invalid, bool)] = np.nan
+        values[invalid] = np.nan
         if self.version == 4 and source.flags & _ALL_INVALID:
             values[:] = np.nan
+        return values
+
+    def _source(self, channel: MdfChannel) -> Any:
+        return self._mdf.groups[channel.group].channels[channel.index]
+
+    def _raw(
+        self, k: int, rows: int, channels: Sequence[MdfChannel]
+    ) -> dict[MdfChannel, tuple[np.ndarray, np.ndarray]]:
+        """Raw values (rows,) of stored channels of group `k`, and which of them are invalid, (0,) for none; in one pass."""
+        group = self._mdf.groups[k]
+        self._check_data(channels[0], group, rows)
+        pieces: dict[MdfChannel, list[tuple[np.ndarray, np.ndarray]]] = {channel: [] for channel in channels}
+        with self._reading():
+            for fragment in self._mdf._mdf._load_data(group):
+                for channel in channels:
+                    values, invalid = self._get(channel, data=fragment)
+                    none = np.zeros(len(values), bool)
+                    pieces[channel].append((values.copy(), none if invalid is None else np.asarray(invalid, bool)))
+        raw = {}
+        for channel, parts in pieces.items():
+            parts = parts or [(np.zeros(0), np.zeros(0, bool))]
+            with self._reading():
+                values, invalid = (np.concatenate([np.zeros(0, bool), *those]) for those in zip(*parts, strict=True))
+            if not values.shape == invalid.shape == (rows,) or values.dtype.kind not in "iufb":
+                raise damaged(
+                    self._path, f"{channel.name} has {rows} rows by its header, and {len(values)} in its data"
+                )
+            raw[channel] = (values, invalid)
+        return raw
+
+    def _get(self, channel: MdfChannel, **part: Any) -> tuple[np.ndarray, np.ndarray | None]:
+        """Raw values of a part of a channel, and which of them are invalid."""
+        values: tuple[np.ndarray, np.ndarray | None] = self._mdf.get(
+            group=channel.group, index=channel.index, raw=True, samples_only=True, ignore_invalidation_bits=True, **part
+        )
         return values
 
     def ends(self, channel: MdfChannel) -> tuple[float, float]:
@@ -117,20 +154,13 @@ class MdfFile:
         try:
             self._check_data(channel, group, rows, inflate=False)
             for row in (0, rows - 1):
-                raw = np.array([row]) if self._is_virtual(source) else self._raw(channel, row)[0]
-                values.append(float(to_physical(source.conversion, self.version, raw)[0]))
+                with self._reading():
+                    virtual = self._is_virtual(source)
+                    raw = np.array([row]) if virtual else self._get(channel, record_offset=row, record_count=1)[0]
+                values.append(float(self._physical(channel, raw, np.zeros(len(raw), bool))[0]))
         except (InputError, ValueError, IndexError):
             return nan, nan
         return values[0], values[1]
-
-    def _raw(self, channel: MdfChannel, row: int | None = None) -> tuple[np.ndarray, np.ndarray | None]:
-        """Raw values of a channel, and which of them are invalid; of one `row` only where it is given."""
-        with self._reading():
-            values: tuple[np.ndarray, np.ndarray | None] = self._mdf.get(
-                group=channel.group, index=channel.index, raw=True, samples_only=True, ignore_invalidation_bits=True,
-                record_offset=row or 0, record_count=None if row is None else 1,
-            )  # fmt: skip
-        return values
 
     def _check_data(self, channel: MdfChannel, group: Any, rows: int, inflate: bool = True) -> None:
         """Raise InputError where the rows of a group need more data than the file has, or where data do not inflate."""

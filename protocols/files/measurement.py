@@ -56,17 +56,17 @@ def read_mf4(path: Path) -> Run:
     if not channels:
         raise InputError(f"run {path} has no channels with numbers over time")
     check_rows(f"run {path} has", max(group.rows for group in file.groups), len(channels) + 1)
-    times = {clock: file.read(clock) for clock in dict.fromkeys(clock for clock, _ in channels)}
+    values = file.read([one for pair in channels for one in pair])
     clock, first = channels[0]
-    columns, units, meanings = {_TIME: times[clock]}, {_TIME: "s"}, {_TIME: clock.comment}
+    columns, units, meanings = {_TIME: values[clock]}, {_TIME: "s"}, {_TIME: clock.comment}
     for own_clock, one in channels:
-        if not np.array_equal(times[own_clock], times[clock]):
+        if not np.array_equal(values[own_clock], values[clock]):
             raise InputError(
                 f"run {path} has the channels {first.name} and {one.name} on different rasters; a run needs one"
             )
         if one.name in columns:
             raise InputError(f"run {path} has the channel {one.name} twice")
-        columns[one.name], units[one.name], meanings[one.name] = file.read(one), one.unit, one.comment
+        columns[one.name], units[one.name], meanings[one.name] = values[one], one.unit, one.comment
     return Run(columns, _metadata(path, file.header), units, meanings)
 
 

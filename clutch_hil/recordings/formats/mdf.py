@@ -50,27 +50,28 @@ class MdfRecording:
         self.channels: Sequence[Channel] = self._list()
 
     def read(self, channels: Sequence[Channel]) -> list[Signal]:
+        for channel in channels:
+            if channel.kind == "text":
+                raise InputError(
+                    f"recording {self._path}: {channel.path!r} holds text; allowed are channels of numbers"
+                )
         places = [self._places[channel.number] for channel in channels]
-        axes = {place.number: place.master for place, _ in places if place.master in self._seconds}
-        columns = len(channels) + len(axes)
-        check_rows(f"recording {self._path}: the channels asked for have", max(g.rows for g, _ in places), columns)
-        times = {number: self._time(master) for number, master in axes.items() if master}
+        axes = [group.master for group, _ in places if group.master in self._seconds]
+        wanted = dict.fromkeys([one for _, one in places] + [axis for axis in axes if axis])
+        check_rows(
+            f"recording {self._path}: the channels asked for have", max(group.rows for group, _ in places), len(wanted)
+        )
+        values = self._file.read(wanted)
+        for axis, seconds in self._seconds.items():
+            if axis in values and seconds != 1.0:
+                values[axis] = seconds * values[axis]
         return [
-            Signal(channel, self._values(channel, group, one), self._axis(times, group))
+            Signal(channel, values[one][: group.rows], self._axis(values, group))
             for channel, (group, one) in zip(channels, places, strict=True)
         ]
 
-    def _values(self, channel: Channel, group: MdfGroup, one: MdfChannel) -> np.ndarray:
-        if channel.kind == "text":
-            raise InputError(f"recording {self._path}: {channel.path!r} holds text; allowed are channels of numbers")
-        return (self._time(one) if one in self._seconds else self._file.read(one))[: group.rows]
-
-    def _axis(self, times: Mapping[int, np.ndarray], group: MdfGroup) -> np.ndarray | None:
-        return times[group.number][: group.rows] if group.number in times else None
-
-    def _time(self, master: MdfChannel) -> np.ndarray:
-        values, factor = self._file.read(master), self._seconds[master]
-        return values if factor == 1.0 else factor * values
+    def _axis(self, values: Mapping[MdfChannel, np.ndarray], group: MdfGroup) -> np.ndarray | None:
+        return values[group.master][: group.rows] if group.master and group.master in self._seconds else None
 
     def _describe(self) -> None:
         """Note what the file is and what of it is left out, and find which masters are times."""
