@@ -17,7 +17,8 @@ from protocols.errors import InputError
 from protocols.files.bounds import check_rows
 from protocols.files.mdf_conversions import TEXT
 from protocols.files.mdf_file import MdfChannel, MdfFile, MdfGroup
-from protocols.files.run import Run, parse_json, whole_file
+from protocols.files.output_file import whole_file
+from protocols.files.run import Run, parse_json
 
 _TIME = "time_s"
 _VERSION = "4.10"  # every reader of MDF 4 knows it

@@ -126,7 +126,8 @@ class MdfRecording:
                     )
                 )  # fmt: skip
         if not channels:
-            raise InputError(f"recording {self._path} is an MDF file without channels")
+            held = f": it holds {' and '.join(self._file.left_out)}" if self._file.left_out else ""
+            raise InputError(f"recording {self._path} has no channels to read{held}")
         return channels
 
     def _ends(self, group: MdfGroup) -> tuple[float, float]:

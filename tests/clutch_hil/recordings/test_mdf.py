@@ -113,6 +113,64 @@ def test_an_unfinished_file_is_read_and_left_as_it_is(tmp_path: Path, flags: int
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["logger.mf4", "map.toml"]
 
 
+def block(kind: bytes, links: list[int], data: bytes) -> bytes:
+    length = 24 + 8 * len(links) + len(data)
+    return struct.pack(f"<4s4xQQ{len(links)}Q", b"##" + kind, length, len(links), *links) + data
+
+
+def unsorted(path: Path, bus_flag: int = 0) -> Path:
+    """MDF 4 as loggers write it: the rows of two groups after each other as they came, each with the number of its group."""
+    content = bytearray(b"MDF     4.10    by hand ".ljust(64, b"\0"))
+    struct.pack_into("<H", content, 28, 410)
+    content += bytes(104)  # of the header, which is written last
+
+    def add(kind: bytes, links: list[int], data: bytes) -> int:
+        content.extend(bytes(-len(content) % 8))
+        content.extend(block(kind, links, data))
+        return len(content) - len(block(kind, links, data))
+
+    def channel(name: str, following: int, kind: int, place: int) -> int:
+        text = add(b"TX", [], name.encode().ljust(8, b"\0"))
+        sync = 1 if kind == 2 else 0
+        data = struct.pack("<BBBBIIIIBxH6d", kind, sync, 4, 0, place, 64, 0, 0, 0, 0, *[0.0] * 6)
+        return add(b"CN", [following, 0, text, 0, 0, 0, 0, 0], data)
+
+    rows, group = {1: TIME, 2: TIME[::10]}, 0
+    names = {1: "pos", 2: "force"}
+    for number in (2, 1):
+        first = channel("time", channel(names[number], 0, 0, 8), 2, 0)
+        data = struct.pack("<QQHHIII", number, len(rows[number]), bus_flag, 0, 0, 16, 0)
+        group = add(b"CG", [group, first, 0, 0, 0, 0], data)
+    records = b""
+    for k, time in enumerate(TIME):
+        records += struct.pack("<Bdd", 1, time, np.sin(time))
+        if k % 10 == 0:
+            records += struct.pack("<Bdd", 2, time, np.cos(time))
+    data_group = add(b"DG", [0, group, add(b"DT", [], records), 0], b"\1".ljust(8, b"\0"))
+    history = add(b"FH", [0, 0], struct.pack("<QhhB3x", 0, 0, 0, 0))
+    header = block(b"HD", [data_group, history, 0, 0, 0, 0], struct.pack("<QhhBBBBdd", 0, 0, 0, 0, 0, 0, 0, 0.0, 0.0))
+    content[64 : 64 + len(header)] = header
+    path.write_bytes(content)
+    return path
+
+
+def test_rows_in_the_order_in_which_they_came_are_sorted(tmp_path: Path) -> None:
+    path = unsorted(tmp_path / "logger.mf4")
+    np.testing.assert_array_equal(values(path, "pos")[1], POSITION)
+    channel, force, time = values(path, "force")
+    assert channel.rows == len(TIME[::10])
+    np.testing.assert_array_equal(force, FORCE[::10])
+    np.testing.assert_array_equal(time, TIME[::10])
+    read, refused = check_damaged(path, path.read_bytes(), 60)
+    assert read
+    assert refused
+
+
+def test_messages_of_a_bus_are_left_to_those_who_know_them(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="has no channels to read: it holds messages of a bus, not signals"):
+        open_recording(unsorted(tmp_path / "can.mf4", bus_flag=2))
+
+
 # --- groups and names -------------------------------------------------------------------------------------------------
 
 
