@@ -13,6 +13,7 @@ from asammdf.blocks import conversion_utils
 from clutch_hil.recordings.channel import Channel, choose_channel
 from clutch_hil.recordings.format import open_recording, recognise
 from clutch_hil.recordings.import_map import load_map
+from clutch_hil.thesis.measured_data import NEIGHBOUR_FOLDER
 from protocols.errors import InputError
 from protocols.files.mdf_conversions import compute
 from tests.clutch_hil.recordings.mutations import check_damaged
@@ -436,3 +437,27 @@ def test_damaged_files_are_read_or_refused_in_a_sentence(
     assert read
     assert refused
     assert capfd.readouterr() == ("", "")
+
+
+# --- the field cases, where they are beside the checkout ----------------------------------------------------------------
+
+FIELD_CASES = NEIGHBOUR_FOLDER / "field_cases" / "mf4"
+
+
+@pytest.mark.skipif(not FIELD_CASES.is_dir(), reason="the field cases are not beside the checkout")
+@pytest.mark.parametrize(
+    "name", ["OK.MF4", "ok.mdf", "inca.dat", "unfin.mf4", "dup_name.mf4", "units.mf4", "two_rasters.mf4"]
+)
+@pytest.mark.parametrize("map_name", ["m", "mt"])
+def test_field_cases_are_read(name: str, map_name: str) -> None:
+    run = load_map(str(FIELD_CASES / f"{map_name}.toml")).read(FIELD_CASES / name)
+    np.testing.assert_allclose(run["time_s"], 0.01 * np.arange(300), atol=1e-12)
+    np.testing.assert_allclose(run["position_m"], np.sin(3.0 * run["time_s"]), atol=1e-12)
+    np.testing.assert_allclose(run["motor_force_n"], np.cos(3.0 * run["time_s"]), atol=1e-12)
+
+
+@pytest.mark.skipif(not FIELD_CASES.is_dir(), reason="the field cases are not beside the checkout")
+def test_field_case_of_two_groups_is_joined_where_a_rate_is_given() -> None:
+    with pytest.raises(InputError, match="set resample_hz"):
+        load_map(str(FIELD_CASES / "m.toml")).read(FIELD_CASES / "two_groups_us.mf4")
+    assert len(load_map(str(FIELD_CASES / "mrs.toml")).read(FIELD_CASES / "two_groups_us.mf4")["time_s"]) == 299
