@@ -1,26 +1,5 @@
-"""Bounds of what a file may make this program allocate, checked on the numbers in the file before any memory is taken."""
+"""Bounds of what a recording may make this program allocate: those of run files."""
 
-from protocols.errors import InputError
+from protocols.files.bounds import MOST_BYTES, MOST_ROWS, check_bytes, check_rows
 
-MOST_BYTES = (
-    1 << 30
-)  # of memory for one recording: a fifth of what a small laptop has free; 24 h at 1 kHz of one column fit
-MOST_ROWS = 50_000_000  # of one column: 14 h at 1 kHz; with 8 bytes a value and one working copy that is 0.8 GB
-_COPIES = 3  # of a column that exist at once while it is filtered and resampled
-
-
-def check_rows(what: str, rows: float, columns: int) -> None:
-    """Raise InputError where `rows` of `columns` numbers, or working with them, need more memory than is allowed."""
-    if rows > MOST_ROWS:
-        raise InputError(f"{what} {rows:.4g} rows; allowed are {MOST_ROWS:.4g}")
-    if (size := 8.0 * rows * columns * _COPIES) > MOST_BYTES:
-        raise InputError(
-            f"{what} {rows:.4g} rows of {columns} columns, which need {size / (1 << 30):.3g} GiB of memory;"
-            f" allowed is {MOST_BYTES / (1 << 30):.3g} GiB"
-        )
-
-
-def check_bytes(what: str, size: float) -> None:
-    """Raise InputError where `size` bytes are more than is allowed."""
-    if size > MOST_BYTES:
-        raise InputError(f"{what} {size / (1 << 30):.3g} GiB; allowed is {MOST_BYTES / (1 << 30):.3g} GiB")
+__all__ = ["MOST_BYTES", "MOST_ROWS", "check_bytes", "check_rows"]

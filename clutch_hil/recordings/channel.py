@@ -65,6 +65,20 @@ class Recording(Protocol):
         """Values of `channels`, of which no other one is read. Raises InputError."""
 
 
+def plain_unit(text: str) -> str:
+    """A unit as `protocols/files/units.py` reads it, from the form in which files write it: brackets go, a dash is no unit."""
+    unit = text.strip()
+    if len(unit) > 1 and unit[0] + unit[-1] in ("[]", "()"):
+        unit = unit[1:-1].strip()
+    return "1" if unit in ("-", "--", "–") else unit
+
+
+def first_of(names: Sequence[str]) -> str:
+    """Names for a note: the first ones, and how many there are beside them."""
+    shown = ", ".join(names[:_MOST_NOTED])
+    return shown if len(names) <= _MOST_NOTED else f"{shown} and {len(names) - _MOST_NOTED} more"
+
+
 @dataclass
 class TableRecording:
     """A Recording whose values are in memory already, for formats that cannot be read in part."""
@@ -84,7 +98,10 @@ class TableRecording:
 
 
 def choose_channel(file: Path, channels: Sequence[Channel], wanted: str | int) -> Channel:
-    """The channel with the name, path or number `wanted`. Raises InputError where there is none, or more than one."""
+    """The channel with the name, path or number `wanted`. Raises InputError where there is none, or more than one.
+
+    Time axes of several rasters with one name are one choice, as each signal brings its own. `time_s` is the name of any.
+    """
     if isinstance(wanted, int):
         for channel in channels:
             if channel.number == wanted:
@@ -93,6 +110,10 @@ def choose_channel(file: Path, channels: Sequence[Channel], wanted: str | int) -
     if exact := [channel for channel in channels if channel.path == wanted]:
         return exact[0]
     chosen = [channel for channel in channels if channel.name == wanted]
+    if not chosen and wanted == "time_s":
+        chosen = [channel for channel in channels if channel.kind == "time"]
+    if chosen and all(channel.kind == "time" for channel in chosen):
+        return max(chosen, key=lambda channel: channel.rows > 0)  # the first with rows
     if len(chosen) > 1:
         paths, numbers = (
             ", ".join(texts) for texts in zip(*((repr(c.path), str(c.number)) for c in chosen), strict=True)
@@ -107,3 +128,4 @@ def choose_channel(file: Path, channels: Sequence[Channel], wanted: str | int) -
 
 
 _MOST_NAMES = 1000  # names that are compared with an unknown one: each costs about 10 us
+_MOST_NOTED = 5  # names in a note

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from math import isfinite
 from pathlib import Path
 
-from clutch_hil.recordings.channel import Channel, Recording
-from clutch_hil.recordings.import_map import UNITS, plain_unit
+from clutch_hil.recordings.channel import Channel, Recording, plain_unit
+from clutch_hil.recordings.import_map import UNITS
 from protocols.errors import InputError
 from protocols.files.units import same_quantity
 

@@ -6,8 +6,6 @@ A format of your own is a class with these four members, and a line in the pypro
     my_logger = "my_package.my_logger:MyLogger"
 """
 
-import os
-import stat
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -16,9 +14,9 @@ from typing import Any, Protocol
 from clutch_hil.recordings.channel import Recording
 from protocols.entry_points import entry_names, load_entry
 from protocols.errors import InputError
+from protocols.files.head import read_head
 
 GROUP = "clutch_hil.recording_formats"
-HEAD_BYTES = 4096  # bytes from the beginning of a file that decide its format
 
 
 class RecordingFormat(Protocol):
@@ -49,25 +47,6 @@ def formats() -> tuple[RecordingFormat, ...]:
 def option_keys() -> dict[str, type]:
     """All entries of [file] that some format understands, with their types."""
     return {key: kind for one in formats() for key, kind in one.keys.items()}
-
-
-def read_head(path: Path) -> bytes:
-    """The first HEAD_BYTES of a file. Raises InputError for what is no file with content: a pipe, a device, a folder."""
-    try:
-        mode = os.stat(path).st_mode
-        if not stat.S_ISREG(mode):
-            kind = "a folder" if stat.S_ISDIR(mode) else "a pipe or a device"
-            raise InputError(f"recording {path} is {kind}; allowed is a file")
-        with path.open("rb") as file:
-            head = file.read(HEAD_BYTES)
-    except FileNotFoundError:
-        raise InputError(f"recording {path} does not exist") from None
-    except (OSError, ValueError) as error:  # ValueError: a name with a null character
-        reason = getattr(error, "strerror", None) or error
-        raise InputError(f"recording {path} cannot be read: {reason}") from None
-    if not head:
-        raise InputError(f"recording {path} is empty")
-    return head
 
 
 def recognise(path: Path) -> RecordingFormat:

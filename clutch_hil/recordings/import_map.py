@@ -30,7 +30,7 @@ from typing import Any
 
 import numpy as np
 
-from clutch_hil.recordings.channel import Channel, Recording, Signal, choose_channel
+from clutch_hil.recordings.channel import Channel, Recording, Signal, choose_channel, plain_unit
 from clutch_hil.recordings.format import open_recording, option_keys
 from clutch_hil.recordings.rasters import Sampling, TimedColumn, join
 from protocols.errors import InputError, closest
@@ -108,7 +108,7 @@ class ImportMap:
         signals = dict(zip(sources, recording.read(list(sources.values())), strict=True))
         notes = list(recording.notes)
         columns = {n: self._convert(path, recording, n, signals[n], notes) for n in self.columns}
-        timed, start = self._with_times(path, signals, columns, recording.start, notes)
+        timed, start = self._with_times(path, recording, signals, columns, notes)
         pieces, done = join(path, timed, self.sampling)
         notes += done
         origin = {"from": path.name, "map": self.name, "notes": self.notes, "done": notes}
@@ -153,12 +153,17 @@ class ImportMap:
         return values if (one, zero, scale) == (1.0, 0.0, 1.0) else (one - zero) * scale * values + zero
 
     def _with_times(
-        self, path: Path, signals: Mapping[str, Signal], columns: Mapping[str, np.ndarray], start: str, notes: list[str]
+        self,
+        path: Path,
+        recording: Recording,
+        signals: Mapping[str, Signal],
+        columns: Mapping[str, np.ndarray],
+        notes: list[str],
     ) -> tuple[list[TimedColumn], str]:
         """All columns but time_s, each with its time, and the time of day of time 0."""
         if self.skip_rows:
             notes.append(f"left out the first {self.skip_rows} rows")
-        clock, axis = signals["time_s"].channel, columns["time_s"]
+        clock, axis, start = signals["time_s"].channel, columns["time_s"], recording.start
         if len(columns) == 1:
             raise InputError(f"import map {self.name} has no column beside time_s")
         if len(axis) and _EPOCH_S < axis[0] < inf:
@@ -176,7 +181,7 @@ class ImportMap:
             if signal.channel.raster == clock.raster:
                 time = axis
             elif clock.kind == "time" and signal.time is not None:
-                time = signal.time[self.skip_rows :] - offset
+                time = self._convert(path, recording, "time_s", Signal(clock, signal.time), []) - offset
             else:
                 raise InputError(
                     f"recording {path}: {signal.channel.path!r} for {name} does not share its rows with {clock.path!r}, and"
@@ -275,14 +280,6 @@ def _choose_unit(path: Path, name: str, source: ForeignColumn, channel: Channel,
     if source.unit and (to_si(1.0, written), to_si(0.0, written)) != (to_si(1.0, source.unit), to_si(0.0, source.unit)):
         notes.append(f"{channel.name}: the file says {channel.unit}, the map {source.unit}; the file's unit counts")
     return written
-
-
-def plain_unit(text: str) -> str:
-    """A unit as `protocols/files/units.py` reads it, from the form in which files write it: brackets go, a dash is no unit."""
-    unit = text.strip()
-    if len(unit) > 1 and unit[0] + unit[-1] in ("[]", "()"):
-        unit = unit[1:-1].strip()
-    return "1" if unit in ("-", "--", "–") else unit
 
 
 def _is_held(source: ForeignColumn, signal: Signal, notes: list[str], name: str) -> bool:

@@ -4,31 +4,26 @@ One channel group at the run's rate with time_s as its master channel; unit and 
 the run's metadata as common properties of the file's header, each value as JSON.
 """
 
-import contextlib
-import gc
-import io
 import json
 from collections.abc import Mapping
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 from xml.etree import ElementTree
 
 import numpy as np
 
 from protocols.errors import InputError
+from protocols.files.bounds import check_rows
+from protocols.files.mdf_conversions import TEXT
+from protocols.files.mdf_file import MdfChannel, MdfFile, MdfGroup
 from protocols.files.output_file import whole_file
 from protocols.files.run import Run, parse_json
 
-if TYPE_CHECKING:
-    from asammdf import Signal
-
 _TIME = "time_s"
 _VERSION = "4.10"  # every reader of MDF 4 knows it
-_MASTER = 2  # MDF: type of a master channel
 _SECONDS = 1  # MDF: synchronisation type of a master channel that is time in seconds
 _COMPRESSION: Final = 2  # MDF: transposed, then deflated; files are a third smaller than with deflation alone
-_MAGIC = b"MDF "  # first bytes of a file
 _START = ("time_zero", "recorded_at")  # metadata with the time of day, ISO 8601; time_zero is that of time_s = 0
 
 
@@ -52,61 +47,47 @@ def write_mf4(run: Run, path: Path) -> None:
 
 
 def read_mf4(path: Path) -> Run:
-    """Read the numeric channels of a file, which must share one raster. Raises InputError.
+    """Read the channels of a file that hold numbers over time, which must share one raster. Raises InputError.
 
     Values are physical. Samples that the file marks as invalid become not-a-number.
     """
-    header, master, signals = _read(path)
-    if not signals:
+    file = MdfFile(path)
+    clocks = [(clock, group.channels) for group in file.groups if (clock := _clock(group))]
+    channels = [(clock, one) for clock, those in clocks for one in those if _is_number(one)]
+    if not channels:
         raise InputError(f"run {path} has no channels with numbers over time")
-    time = signals[0].timestamps
-    columns, units, meanings = {_TIME: time}, {_TIME: "s"}, {_TIME: master}
-    for signal in signals:
-        if not np.array_equal(signal.timestamps, time):
+    check_rows(f"run {path} has", max(group.rows for group in file.groups), len(channels) + 1)
+    values = file.read([one for pair in channels for one in pair])
+    clock, first = channels[0]
+    columns, units, meanings = {_TIME: values[clock]}, {_TIME: "s"}, {_TIME: clock.comment}
+    for own_clock, one in channels:
+        if not np.array_equal(values[own_clock], values[clock]):
             raise InputError(
-                f"run {path} has the channels {signals[0].name} and {signal.name} on different rasters; a run needs one"
+                f"run {path} has the channels {first.name} and {one.name} on different rasters; a run needs one"
             )
-        if signal.name in columns:
-            raise InputError(f"run {path} has the channel {signal.name} twice")
-        columns[signal.name] = _values(signal)
-        units[signal.name], meanings[signal.name] = signal.unit, signal.comment
-    properties = ElementTree.fromstring(header).iterfind("common_properties/e")
-    metadata = {entry.attrib["name"]: parse_json(entry.text or "") for entry in properties}
-    return Run(columns, metadata, units, meanings)
+        if one.name in columns:
+            raise InputError(f"run {path} has the channel {one.name} twice")
+        columns[one.name], units[one.name], meanings[one.name] = values[one], one.unit, one.comment
+    return Run(columns, _metadata(path, file.header), units, meanings)
 
 
-def _read(path: Path) -> tuple[str, str, list["Signal"]]:
-    """Header as XML, comment of the first master channel, channels with numbers."""
-    from asammdf import MDF
-
-    # asammdf prints errors about a damaged file, also when its objects are collected
-    with contextlib.redirect_stderr(io.StringIO()):
-        try:
-            with path.open("rb") as file:
-                if not file.read(8).startswith(_MAGIC):
-                    raise InputError(f"run {path} cannot be read: it is no MDF file")
-            with MDF(path) as mdf:
-                signals = [
-                    signal
-                    for signal in mdf.iter_channels(copy_master=False)
-                    if signal.samples.ndim == 1 and signal.samples.dtype.kind in "fiub" and len(signal.timestamps)
-                ]
-                channels = mdf.groups[signals[0].group_index].channels if signals else []
-                masters = [channel.comment for channel in channels if channel.channel_type == _MASTER]
-                return mdf.header.comment, (masters or [""])[0], signals
-        except InputError:
-            raise
-        except Exception as error:  # asammdf raises many kinds
-            reason = " ".join(str(error).split())
-        gc.collect()
-    raise InputError(f"run {path} cannot be read: {reason}")
+def _clock(group: MdfGroup) -> MdfChannel | None:
+    """The master of a group with rows, where it is a time in seconds."""
+    master = group.master
+    return master if group.rows and master and master.master == "time" and master.unit in ("s", "") else None
 
 
-def _values(signal: "Signal") -> np.ndarray:
-    values = signal.samples.astype(float)
-    if signal.invalidation_bits is not None:
-        values[np.asarray(signal.invalidation_bits, bool)] = np.nan
-    return values
+def _is_number(channel: MdfChannel) -> bool:
+    return channel.kind != TEXT and not channel.master
+
+
+def _metadata(path: Path, header: str) -> dict[str, Any]:
+    """Metadata in the comment of a file's header, which is XML in files of ours, and in most of others."""
+    try:
+        properties = ElementTree.fromstring(header).iterfind("common_properties/e")
+        return {entry.attrib["name"]: parse_json(entry.text or "") for entry in properties}
+    except (ElementTree.ParseError, KeyError, ValueError):
+        return {}
 
 
 def _time_of_day(key: str, text: Any) -> datetime:

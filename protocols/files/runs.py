@@ -19,6 +19,10 @@ import pyarrow.parquet as pq
 from protocols.errors import InputError, listing
 from protocols.files import matlab, measurement
 from protocols.files.arrow import from_rows, numbers
+from protocols.files.arrow_file import PARQUET, ArrowFile
+from protocols.files.bounds import check_rows
+from protocols.files.head import read_head
+from protocols.files.mdf_file import MAGIC
 from protocols.files.output_file import whole_file
 from protocols.files.run import Run, parse_json
 from protocols.node import Column
@@ -28,6 +32,8 @@ REQUIRED = (
     "shaft_angle_rad", "oil_temperature_degc", "clutch_torque_nm", "motor_torque_nm",
 )  # fmt: skip
 SUFFIXES = (".parquet", ".mf4", ".csv")
+_MATLAB = b"MATLAB "  # first bytes of a file of level 5 and 7.3
+_PART_BYTES = 1 << 20  # of a file of text that are looked at together
 _TIME_TOLERANCE = 0.01  # of a sample period: times are written as decimal seconds
 
 
@@ -88,12 +94,21 @@ def read_run(path: Path | str, required: Sequence[str] = REQUIRED) -> Run:
 
 
 def read_columns(path: Path) -> Run:
-    """Read the numeric columns of a run file, unchecked. Raises InputError for a file that cannot be read."""
-    if path.suffix == ".mf4":
+    """Read the numeric columns of a run file, unchecked. Its content decides the format; its suffix, where that says nothing.
+
+    Raises InputError for a file that cannot be read, or needs more memory than is allowed.
+    """
+    head, suffix = read_head(path, "run"), path.suffix.lower()
+    if head.startswith(MAGIC):
         return measurement.read_mf4(path)
-    if path.suffix == ".mat":
+    if head.startswith(PARQUET):
+        return _read_parquet(path, head)
+    if head.startswith(_MATLAB) or 0 in head[:4]:  # level 4 begins with a small whole number of 32 bits
         return matlab.read_mat(path)
-    return _read_table(path)
+    if suffix in (".mf4", ".parquet"):
+        kind = "ASAM MDF" if suffix == ".mf4" else "Parquet"
+        raise InputError(f"run {path} cannot be read: it is no {kind} file, it begins with {head[:8]!r}")
+    return matlab.read_mat(path) if suffix == ".mat" else _read_csv(path)
 
 
 def check_suffix(path: Path) -> None:
@@ -117,18 +132,32 @@ def write_run(run: Run, path: Path | str) -> None:
             writer.finish(run.metadata)
 
 
-def _read_table(path: Path) -> Run:
-    raw: dict[bytes, bytes] = {}
+def _read_csv(path: Path) -> Run:
     try:
-        if path.suffix == ".csv":
-            table = pyarrow.csv.read_csv(path)
-        else:
-            file = pq.ParquetFile(path)
-            table, raw = file.read(), file.metadata.metadata or {}
-    except FileNotFoundError:
-        raise InputError(f"run {path} does not exist") from None
+        with path.open("rb") as file:  # each cell of text becomes a number of 8 bytes
+            cells = sum(part.count(b",") + part.count(b"\n") for part in iter(lambda: file.read(_PART_BYTES), b""))
+        check_rows(f"run {path} has", cells, 1)
+        table = pyarrow.csv.read_csv(path)
     except (OSError, pa.ArrowException) as error:
         raise InputError(f"run {path} cannot be read: {error}") from None
+    return _from_table(path, table, {})
+
+
+def _read_parquet(path: Path, head: bytes) -> Run:
+    file = ArrowFile(path, head)
+    places = [
+        k for k, (name, _) in enumerate(file.described) if _is_number(file.schema.field(k).type) or name in REQUIRED
+    ]
+    columns = file.read(places)
+    schema = pa.schema([file.schema.field(k).with_type(c.type) for k, c in zip(places, columns, strict=True)])
+    return _from_table(path, pa.table(columns, schema=schema), file.metadata)
+
+
+def _is_number(kind: pa.DataType) -> bool:
+    return bool(pa.types.is_floating(kind) or pa.types.is_integer(kind))
+
+
+def _from_table(path: Path, table: pa.Table, raw: Mapping[bytes, bytes]) -> Run:
     metadata = {_text(k): parse_json(_text(v)) for k, v in raw.items() if not k.startswith(b"ARROW")}
     columns: dict[str, np.ndarray] = {}
     texts_by_key: dict[bytes, dict[str, str]] = {b"unit": {}, b"meaning": {}}
@@ -136,7 +165,7 @@ def _read_table(path: Path) -> Run:
         name = described.name
         if name in columns:
             raise InputError(f"run {path} has the column {name} twice")
-        if pa.types.is_floating(column.type) or pa.types.is_integer(column.type):
+        if _is_number(column.type):
             columns[name] = numbers(column)
             for key, texts in texts_by_key.items():
                 if text := (described.metadata or {}).get(key):

@@ -1,5 +1,6 @@
 """Run files: what is written comes back, nothing half-written stays, bad runs are refused by name and row."""
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -365,3 +366,44 @@ def test_a_file_cut_off_is_refused_by_name(path: Path) -> None:
     write(path, {})
     path.write_bytes(path.read_bytes()[:-100])
     refusal(path)
+
+
+# --- what a file is, by its content -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("suffix", [".parquet", ".mf4"])
+@pytest.mark.parametrize("name", ["RUN.PARQUET", "RUN.MF4", "run.mdf", "run", "run.csv", "run.dat"])
+def test_content_decides_how_a_run_is_read(path: Path, suffix: str, name: str) -> None:
+    wanted = write(path, {"notes": "kept"})
+    written = path.with_suffix(suffix)
+    if suffix != ".parquet":
+        write_run(read_run(path), written)
+    run = read_run(written.rename(path.with_name(name)))
+    for column, values in wanted.items():
+        np.testing.assert_array_equal(run[column], values)
+    assert run.metadata["notes"] == "kept"
+
+
+@pytest.mark.parametrize("name", ["RUN.CSV", "run.txt"])
+def test_text_is_read_whatever_its_name(path: Path, name: str) -> None:
+    write(path, {})
+    write_run(read_run(path), path.with_suffix(".csv"))
+    assert len(read_run(path.with_suffix(".csv").rename(path.with_name(name)))["time_s"]) == SAMPLES
+
+
+@pytest.mark.parametrize("name", ["a.parquet", "a.mf4", "a.mat", "a.csv", "a"])
+@pytest.mark.parametrize(
+    ("make", "told"),
+    [(os.mkfifo, "is a pipe or a device"), (os.mkdir, "is a folder"), (lambda path: Path(path).touch(), "is empty")],
+)
+def test_what_is_no_file_is_refused_in_a_sentence(tmp_path: Path, name: str, make: Any, told: str) -> None:
+    make(tmp_path / name)
+    with pytest.raises(InputError, match=f"run {tmp_path / name} cannot be read: it {told}"):
+        read_run(tmp_path / name)
+
+
+def test_more_rows_than_memory_are_refused_before_they_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_bytes(b"time_s,x\n" + b"1,2\n" * 30_000_000)
+    with pytest.raises(InputError, match=r"has 6e\+07 rows; allowed are"):
+        read_run(path)

@@ -1,0 +1,208 @@
+"""Parquet and Feather (Arrow IPC): tables of pandas, Polars, DuckDB; and run files of our own."""
+
+import json
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime, timedelta
+from math import isfinite
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from clutch_hil.recordings.channel import Channel, Signal, first_of
+from protocols.errors import InputError
+from protocols.files.arrow import numbers
+from protocols.files.arrow_file import FEATHER_1, IPC_FILE, IPC_STREAM, PARQUET, ArrowFile, reading
+from protocols.files.head import read_head
+from protocols.files.run import parse_json
+
+_TIME = "time_s"  # column of our own run files
+_START = ("time_zero", "recorded_at")  # metadata of a run with the time of day, ISO 8601
+_UNIT_KEYS, _MEANING_KEYS = (
+    (b"unit", b"units", b"Unit"),
+    (b"meaning", b"description", b"comment"),
+)  # metadata of a column
+_TICKS = {"s": 1, "ms": 1_000, "us": 1_000_000, "ns": 1_000_000_000}  # of Arrow's clocks in a second
+_MOST_STATES = 20  # names of states in a note
+_SCHEMA_BYTES = 8  # bytes of a message before its content
+
+
+class ArrowTable:
+    """Parquet, Feather 2 and Arrow IPC."""
+
+    name = "Parquet or Feather"
+    keys: ClassVar[Mapping[str, type]] = {}
+    order = 0
+
+    def recognises(self, head: bytes, path: Path) -> bool:
+        return head.startswith((PARQUET, IPC_FILE, FEATHER_1)) or (head.startswith(IPC_STREAM) and _is_message(head))
+
+    def open(self, path: Path, options: Mapping[str, Any]) -> "ArrowRecording":
+        return ArrowRecording(path)
+
+
+class ArrowRecording:
+    """A Recording in one table, whose columns share their rows. Times of day count from the first of them."""
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._file = path, ArrowFile(path, read_head(path))
+        self.notes: list[str] = []
+        self.numbers: dict[str, float] = {}
+        self.start = ""
+        self._origin: dict[str, int] = {}  # by the kind of clock: ticks of the first time of day
+        self._places: dict[int, int] = {}  # by number of the channel
+        self._read_metadata()
+        self.channels: Sequence[Channel] = self._list()
+        self._clock = next((channel for channel in self.channels if channel.kind == "time"), None)
+        if self._clock and pa.types.is_timestamp(self._type(self._clock)) and self._file.rows:
+            with reading(self._path):
+                self._begin(self._clock)
+
+    def read(self, channels: Sequence[Channel]) -> list[Signal]:
+        if texts := [channel.path for channel in channels if channel.kind == "text"]:
+            raise InputError(f"recording {self._path}: {texts[0]!r} holds text; allowed are columns of numbers")
+        wanted = list(dict.fromkeys([*channels, *([self._clock] if self._clock else [])]))
+        columns = self._file.read([self._places[channel.number] for channel in wanted])
+        with reading(self._path):
+            values = {c.number: self._values(c, column) for c, column in zip(wanted, columns, strict=True)}
+        time = values[self._clock.number] if self._clock else None
+        return [Signal(channel, values[channel.number], time) for channel in channels]
+
+    def _values(self, channel: Channel, column: pa.ChunkedArray) -> np.ndarray:
+        kind = column.type
+        if pa.types.is_dictionary(kind):
+            if channel.kind == "number":
+                return numbers(pc.cast(column, kind.value_type))
+            return self._states(channel, column)
+        if pa.types.is_timestamp(kind):
+            return self._seconds(column, kind.unit, self._origin.get(kind.unit, 0))
+        if pa.types.is_duration(kind) or pa.types.is_time(kind):
+            return self._seconds(column, kind.unit, 0)
+        if pa.types.is_boolean(kind):
+            column = pc.cast(column, pa.uint8())
+        return numbers(column)
+
+    def _seconds(self, column: pa.ChunkedArray, unit: str, origin: int) -> np.ndarray:
+        """Seconds since `origin`, in ticks of the column's clock: differences are exact, as both are whole numbers."""
+        missing = pc.is_null(column).to_numpy()
+        width = pa.int32() if column.type.bit_width == 32 else pa.int64()
+        ticks = pc.fill_null(pc.cast(column, width), 0).to_numpy().astype(np.int64)
+        seconds = (ticks - origin) / _TICKS[unit]
+        seconds[missing] = np.nan
+        return seconds
+
+    def _states(self, channel: Channel, column: pa.ChunkedArray) -> np.ndarray:
+        """Numbers of the states of a column of names, from 0 in the order of the file."""
+        whole = column.unify_dictionaries()
+        names = whole.chunk(0).dictionary.to_pylist() if whole.num_chunks else []
+        told = ", ".join(f"{k} = {name}" for k, name in enumerate(names[:_MOST_STATES]))
+        self.notes.append(f"{channel.path}: states are {told}{' and more' if len(names) > _MOST_STATES else ''}")
+        return numbers(pa.chunked_array([chunk.indices for chunk in whole.chunks], column.type.index_type))
+
+    def _begin(self, clock: Channel) -> None:
+        """Make the first time of day time 0."""
+        (column,) = self._file.read([self._places[clock.number]])
+        unit = column.type.unit
+        first = pc.min(pc.cast(column.slice(0, 1), pa.int64())).as_py()
+        if first is None:
+            return
+        for other, ticks in _TICKS.items():
+            self._origin[other] = first * ticks // _TICKS[unit]
+        try:
+            start = datetime(1970, 1, 1, tzinfo=UTC if column.type.tz else None)
+            self.start = (start + timedelta(seconds=first / _TICKS[unit])).isoformat()
+        except OverflowError:
+            self.start = ""
+        self.notes.append(f"times count from the first one in {clock.path!r}")
+
+    def _list(self) -> list[Channel]:
+        count, seen = Counter(name for name, _ in self._file.described), Counter[str]()
+        left_out: list[str] = []
+        channels: list[Channel] = []
+        for place, (name, type_name) in enumerate(self._file.described):
+            described = self._file.schema.field(place)
+            seen[name] += 1
+            if not (kind := _kind(name, described.type)):
+                left_out.append(f"{name} ({type_name[:40]})")
+                continue
+            number = len(channels) + 1
+            self._places[number] = place
+            path = name if count[name] == 1 else f"{name}/{seen[name]}"
+            unit, comment = self._unit(described, kind), _first(described.metadata, _MEANING_KEYS)
+            channels.append(
+                Channel(name, number, path, unit, raster="table", rows=self._file.rows, kind=kind, comment=comment)
+            )
+        if left_out:
+            self.notes.append(f"left out, as they are neither numbers, times nor text: {first_of(left_out)}")
+        if not channels:
+            raise InputError(f"recording {self._path} has no columns of numbers, times or text")
+        return channels
+
+    def _type(self, channel: Channel) -> pa.DataType:
+        return self._file.schema.field(self._places[channel.number]).type
+
+    def _unit(self, described: pa.Field, kind: str) -> str:
+        if kind == "status":
+            return "1"
+        kind_of_column = described.type
+        if kind == "time" or pa.types.is_duration(kind_of_column):
+            return "s"
+        return _first(described.metadata, _UNIT_KEYS) or self._pandas_units.get(described.name, "")
+
+    def _read_metadata(self) -> None:
+        """Numbers and the time of day in the metadata of a run of ours, and units in the attributes of a pandas table."""
+        metadata = {k.decode(errors="replace"): v.decode(errors="replace") for k, v in self._file.metadata.items()}
+        self._pandas_units: dict[str, str] = {}
+        for name, text in metadata.items():
+            if name in ("ARROW:schema", "pandas"):
+                continue
+            value = parse_json(text)
+            if name == "PANDAS_ATTRS":
+                units = value.get("units") if isinstance(value, dict) else None
+                if isinstance(units, dict):
+                    self._pandas_units = {str(k): v for k, v in units.items() if isinstance(v, str)}
+            elif isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value):
+                self.numbers[name] = float(value)
+        self.start = next((str(v) for key in _START if isinstance(v := _parsed(metadata, key), str)), "")
+
+
+def _parsed(metadata: Mapping[str, str], key: str) -> Any:
+    try:
+        return json.loads(metadata[key])
+    except (KeyError, ValueError):
+        return None
+
+
+def _kind(name: str, kind: pa.DataType) -> str:
+    """What a column is; "" for what is left out."""
+    if pa.types.is_dictionary(kind):
+        return "number" if _is_number(kind.value_type) else "status" if _is_text(kind.value_type) else ""
+    if pa.types.is_timestamp(kind) or pa.types.is_time(kind):
+        return "time"
+    if pa.types.is_boolean(kind):
+        return "status"
+    if _is_number(kind):
+        return "time" if name == _TIME else "number"
+    return "number" if pa.types.is_duration(kind) else "text" if _is_text(kind) else ""
+
+
+def _is_number(kind: pa.DataType) -> bool:
+    return pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_decimal(kind)
+
+
+def _is_text(kind: pa.DataType) -> bool:
+    return pa.types.is_string(kind) or pa.types.is_large_string(kind) or pa.types.is_string_view(kind)
+
+
+def _first(metadata: Mapping[bytes, bytes] | None, keys: Sequence[bytes]) -> str:
+    texts = [metadata[key].decode(errors="replace") for key in keys if metadata and key in metadata]
+    return texts[0].strip() if texts else ""
+
+
+def _is_message(head: bytes) -> bool:
+    """Whether a stream of Arrow messages begins here: its first one, the schema, is not longer than a schema can be."""
+    length = int.from_bytes(head[4:8], "little")
+    return len(head) > _SCHEMA_BYTES and 0 < length < (1 << 24) and length % 8 == 0

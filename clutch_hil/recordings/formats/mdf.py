@@ -1,0 +1,146 @@
+"""Measurement data format (ASAM MDF 3 and 4): files of INCA, CANape, CANoe, loggers; finished or not, with any suffix.
+
+Only a master that counts time gives times: its values become seconds, whatever its unit. Rows over an angle, a distance or an
+index have no time, unless the map names a column of the group as `time_s`.
+"""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from math import isfinite, nan
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from clutch_hil.recordings.channel import Channel, Signal, first_of, plain_unit
+from protocols.errors import InputError
+from protocols.files.bounds import check_rows
+from protocols.files.mdf_file import MAGIC, MdfChannel, MdfFile, MdfGroup
+from protocols.files.units import same_quantity, to_si
+
+_MASTER_UNITS = {"angle": "rad", "distance": "m", "index": "1"}  # ASAM MDF 4.2, table 17; where the file writes none
+_MOST_PROBED = 200  # groups whose first and last times are shown: each may inflate two blocks of 4 MB, 10 ms
+
+
+class Mdf:
+    """MDF 3 and 4."""
+
+    name = "MDF"
+    keys: ClassVar[Mapping[str, type]] = {}
+    order = 0
+
+    def recognises(self, head: bytes, path: Path) -> bool:
+        return head[:8] in MAGIC
+
+    def open(self, path: Path, options: Mapping[str, Any]) -> "MdfRecording":
+        return MdfRecording(path)
+
+
+class MdfRecording:
+    """A Recording in an MDF file."""
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._file = path, MdfFile(path)
+        self.numbers: dict[str, float] = {}
+        self.notes: list[str] = []
+        self.start = self._file.start
+        self._seconds: dict[MdfChannel, float] = {}  # of one unit of each time axis
+        self._places: dict[int, tuple[MdfGroup, MdfChannel]] = {}  # by number of the channel
+        self._describe()
+        self.channels: Sequence[Channel] = self._list()
+
+    def read(self, channels: Sequence[Channel]) -> list[Signal]:
+        for channel in channels:
+            if channel.kind == "text":
+                raise InputError(
+                    f"recording {self._path}: {channel.path!r} holds text; allowed are channels of numbers"
+                )
+        places = [self._places[channel.number] for channel in channels]
+        axes = [group.master for group, _ in places if group.master in self._seconds]
+        wanted = dict.fromkeys([one for _, one in places] + [axis for axis in axes if axis])
+        check_rows(
+            f"recording {self._path}: the channels asked for have", max(group.rows for group, _ in places), len(wanted)
+        )
+        values = self._file.read(wanted)
+        for axis, seconds in self._seconds.items():
+            if axis in values and seconds != 1.0:
+                values[axis] = seconds * values[axis]
+        return [
+            Signal(channel, values[one][: group.rows], self._axis(values, group))
+            for channel, (group, one) in zip(channels, places, strict=True)
+        ]
+
+    def _axis(self, values: Mapping[MdfChannel, np.ndarray], group: MdfGroup) -> np.ndarray | None:
+        return values[group.master][: group.rows] if group.master and group.master in self._seconds else None
+
+    def _describe(self) -> None:
+        """Note what the file is and what of it is left out, and find which masters are times."""
+        if self._file.unfinished:
+            self.notes.append("the file was never finished by its writer; read as far as its blocks reach")
+        for reason, names in self._file.left_out.items():
+            self.notes.append(f"left out as {reason}: {first_of(names)}")
+        for master in dict.fromkeys(group.master for group in self._file.groups if group.master):
+            self._describe_master(master)
+
+    def _describe_master(self, master: MdfChannel) -> None:
+        """Note what a master is. Where it is a time, keep the seconds of its unit; 1 where there is none, as MDF asks."""
+        where = f"group {master.group + 1} is recorded over {master.name!r}"
+        unit = plain_unit(master.unit)
+        known = _is_known(unit)
+        seconds = to_si(1.0, unit) if known and same_quantity(unit, "s") else None
+        if master.master == "time" and (seconds or not known):
+            if not seconds and unit:
+                self.notes.append(f"{where}, a time in the unknown unit {unit!r}; taken as seconds, as MDF asks")
+            elif seconds not in (None, 1.0):
+                self.notes.append(f"{where} in {unit}; converted to seconds")
+            self._seconds[master] = seconds or 1.0
+        elif master.master == "unknown" and seconds:
+            self.notes.append(f"{where}, which is a time by its unit {unit} alone")
+            self._seconds[master] = seconds
+        else:
+            self.notes.append(f"{where}, which counts {master.master} in {unit or 'no unit'}; it gives no time")
+
+    def _list(self) -> list[Channel]:
+        groups = self._file.groups
+        count = Counter(one.name for group in groups for one in group.channels)
+        channels: list[Channel] = []
+        used: set[str] = set()
+        for place, group in enumerate(groups):
+            start, end = self._ends(group) if place < _MOST_PROBED else (nan, nan)
+            rate = (group.rows - 1) / (end - start) if isfinite(start) and end > start else nan
+            for one in group.channels:
+                path = one.name if count[one.name] == 1 else f"group {one.group + 1}/{one.name}"
+                if path in used:
+                    path = f"group {one.group + 1}/{one.name}/{one.index + 1}"
+                used.add(path)
+                number = len(channels) + 1
+                self._places[number] = (group, one)
+                is_time = one in self._seconds
+                unit = (
+                    "s" if is_time else "1" if one.kind == "status" else one.unit or _MASTER_UNITS.get(one.master, "")
+                )
+                channels.append(
+                    Channel(
+                        one.name, number, path, unit, f"group {group.number + 1}", group.rows, rate, start, end,
+                        "time" if is_time else one.kind, one.comment,
+                    )
+                )  # fmt: skip
+        if not channels:
+            held = f": it holds {' and '.join(self._file.left_out)}" if self._file.left_out else ""
+            raise InputError(f"recording {self._path} has no channels to read{held}")
+        return channels
+
+    def _ends(self, group: MdfGroup) -> tuple[float, float]:
+        """First and last time of a group [s]; not-a-number where it has no time."""
+        if group.master not in self._seconds or not group.rows or group.master is None:
+            return nan, nan
+        first, last = self._file.ends(group.master)
+        return self._seconds[group.master] * first, self._seconds[group.master] * last
+
+
+def _is_known(unit: str) -> bool:
+    try:
+        to_si(1.0, unit)
+    except InputError:
+        return False
+    return True

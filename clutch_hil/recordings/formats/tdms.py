@@ -1,0 +1,338 @@
+"""TDMS of LabVIEW, VeriStand and DIAdem: groups of channels, each with a start and an increment, or beside a channel of times.
+
+The index file beside one (.tdms_index) is not used: where it is of another recording, its numbers would be read as ours.
+"""
+
+import io
+import logging
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from datetime import datetime, timedelta
+from math import isfinite, nan
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from clutch_hil.recordings.channel import Channel, Signal, first_of, plain_unit
+from protocols.errors import InputError
+from protocols.files.bounds import check_bytes, check_rows
+from protocols.files.units import same_quantity, to_si
+
+if TYPE_CHECKING:
+    from nptdms import TdmsChannel, TdmsFile
+
+_MAGIC, _INDEX_MAGIC = b"TDSm", b"TDSh"  # first bytes of a file, and of the index beside it
+_EPOCH = datetime(1904, 1, 1)  # of LabVIEW, UTC
+_FRACTION = 2.0**-64  # s, of LabVIEW's clock
+_MOST_PIECES = 1_000_000  # parts in which one channel is stored: each is read alone, which takes 10 us
+_MOST_SCALES = 100  # scalings of a channel, one after another: DAQmx writes up to three
+_SCALES = (
+    "Polynomial", "Linear", "RTD", "Strain", "Table", "Thermistor", "Thermocouple", "Add", "Subtract", "AdvancedAPI",
+)  # that nptdms computes; with another one it would give raw numbers  # fmt: skip
+_UNITS = ("unit_string", "Unit", "unit", "NI_UnitDescription")  # properties of a channel with its unit
+_LONGEST_REASON = 200  # characters of another library's sentence
+
+
+class Tdms:
+    """TDMS."""
+
+    name = "TDMS"
+    keys: ClassVar[Mapping[str, type]] = {}
+    order = 0
+
+    def recognises(self, head: bytes, path: Path) -> bool:
+        return head.startswith((_MAGIC, _INDEX_MAGIC))
+
+    def open(self, path: Path, options: Mapping[str, Any]) -> "TdmsRecording":
+        return TdmsRecording(path)
+
+
+@dataclass(frozen=True)
+class _Timing:
+    """Times of a channel: `start` [s] since 1904, None where it has none, and from there `offset` + k `increment` [s]."""
+
+    start: tuple[int, int] | None
+    offset: float
+    increment: float
+
+
+@dataclass
+class _Raster:
+    """Channels of a group that share their rows, of which the shortest has `rows`."""
+
+    name: str
+    rows: int
+    timing: _Timing | None
+    stamps: "TdmsChannel | None" = None
+    channels: list["TdmsChannel"] = field(default_factory=list)
+
+
+class TdmsRecording:
+    """A Recording in a TDMS file. Time 0 is the earliest start of a channel; each raster with times has a channel `time`."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self.notes: list[str] = []
+        self.start = ""
+        with self._reading():
+            from nptdms import TdmsFile
+
+            self._file = TdmsFile.open(_BoundedFile(path), raw_timestamps=True)
+            self._check_segments(self._file)
+            self.numbers = {k: float(v) for k, v in self._file.properties.items() if _is_number(v)}
+            self._rasters = self._find_rasters(self._file)
+        self._begin()
+        self._sources: dict[int, tuple[_Raster, TdmsChannel | None]] = {}  # by number; None: the times of the raster
+        self.channels: Sequence[Channel] = self._list()
+
+    def read(self, channels: Sequence[Channel]) -> list[Signal]:
+        sources = [self._sources[channel.number] for channel in channels]
+        rows = max(raster.rows for raster, _ in sources)
+        check_rows(f"recording {self._path}: the channels asked for have", rows, 2 * len(channels))
+        times = {id(raster): self._times(raster) for raster, _ in sources}
+        return [
+            Signal(channel, self._values(channel, raster, source), times[id(raster)])
+            for channel, (raster, source) in zip(channels, sources, strict=True)
+        ]
+
+    def _values(self, channel: Channel, raster: _Raster, source: "TdmsChannel | None") -> np.ndarray:
+        if source is None or source is raster.stamps:
+            times = self._times(raster)
+            assert times is not None
+            return times
+        if channel.kind == "text":
+            raise InputError(f"recording {self._path}: {channel.path!r} holds text; allowed are channels of numbers")
+        if channel.kind == "time":
+            return self._stamps(source)[: raster.rows]
+        self._check_scaling(source)
+        with self._reading(), np.errstate(all="ignore"):
+            values = np.asarray(source[:])
+        if values.ndim != 1 or len(values) < raster.rows or values.dtype.kind not in "iufb":
+            raise InputError(
+                f"recording {self._path} cannot be read, it is cut or damaged: {channel.path!r} has {raster.rows} rows by its"
+                f" header, and {len(values)} in its data"
+            )
+        with np.errstate(invalid="ignore"):  # bits of a damaged number
+            return values[: raster.rows].astype(float)
+
+    def _times(self, raster: _Raster) -> np.ndarray | None:
+        """Times of a raster [s] from the start of the recording; None where it has none."""
+        if raster.stamps is not None:
+            return self._stamps(raster.stamps)[: raster.rows]
+        if raster.timing is None:
+            return None
+        return self._begin_of(raster.timing) + raster.timing.increment * np.arange(raster.rows)
+
+    def _begin_of(self, timing: _Timing) -> float:
+        return timing.offset + (_seconds_between(self._zero, timing.start) if timing.start and self._zero else 0.0)
+
+    def _stamps(self, source: "TdmsChannel") -> np.ndarray:
+        with self._reading():
+            stamps = source[:]
+            seconds, fractions = np.asarray(stamps["seconds"]), np.asarray(stamps["second_fractions"])
+        zero, part = self._zero or (0, 0)
+        return (seconds - zero).astype(float) + (fractions.astype(float) - part) * _FRACTION
+
+    def _begin(self) -> None:
+        """Time 0: the earliest start of a channel, or the first time of day where no channel has one."""
+        starts = [raster.timing.start for raster in self._rasters if raster.timing and raster.timing.start]
+        for raster in self._rasters:
+            if raster.stamps is not None and raster.rows:
+                with self._reading():
+                    first = raster.stamps[0]
+                    starts.append((int(first.seconds), int(first.second_fractions)))
+        self._zero = min(starts, default=None)
+        if self._zero and self._zero[0] > 0:
+            try:
+                moment = _EPOCH + timedelta(seconds=self._zero[0] + self._zero[1] * _FRACTION)
+                self.start = f"{moment.isoformat()}+00:00"
+            except OverflowError:
+                self.start = ""
+        if len(set(starts)) > 1:
+            late = _seconds_between(min(starts), max(starts))
+            self.notes.append(
+                f"channels begin at {len(set(starts))} times of day, {late:.6g} s apart; time 0 is the first"
+            )
+
+    def _find_rasters(self, file: "TdmsFile") -> list[_Raster]:
+        """Rasters of a file, in its order. Channels of one group share their rows where their lengths and timings are one."""
+        status = file.file_status
+        lost: dict[str, int] = {}  # values that the last segment should have, by path of the channel
+        if status.incomplete_final_segment:
+            for path, of_channel in (status.channel_statuses or {}).items():
+                lost[path] = of_channel.expected_length - of_channel.read_length
+            self.notes.append(
+                "the last segment is not whole, as the writer was stopped; read as far as the file reaches"
+            )
+        rasters: list[_Raster] = []
+        for group in file.groups():
+            found: dict[tuple[int, _Timing | None], _Raster] = {}
+            for channel in group.channels():
+                rows = len(channel) + lost.get(channel.path, 0)
+                key = (rows, self._timing(channel))
+                raster = found.setdefault(key, _Raster(group.name, rows, key[1]))
+                raster.channels.append(channel)
+                raster.rows = min(raster.rows, len(channel))
+            for raster in found.values():
+                if not raster.timing:
+                    raster.stamps = next((channel for channel in raster.channels if _is_stamp(channel)), None)
+                if len(found) > 1:
+                    raster.name = f"{group.name}, {raster.rows} rows" + (" with times" if raster.timing else "")
+            rasters += found.values()
+        return rasters
+
+    def _timing(self, channel: "TdmsChannel") -> _Timing | None:
+        properties = channel.properties
+        increment, offset = properties.get("wf_increment"), properties.get("wf_start_offset", 0.0)
+        if not _is_number(increment) or not _is_number(offset) or not increment > 0.0 or len(channel) == 0:
+            return None
+        unit = plain_unit(str(properties.get("wf_xunit_string", ""))) or "s"
+        try:
+            if not same_quantity(unit, "s"):
+                self.notes.append(f"{channel.group_name}/{channel.name} is recorded over {unit}, which gives no time")
+                return None
+            factor = to_si(1.0, unit)
+        except InputError:
+            self.notes.append(
+                f"{channel.group_name}/{channel.name} is recorded over the unknown unit {unit!r}; no time"
+            )
+            return None
+        start = properties.get("wf_start_time")
+        known = start is not None and hasattr(start, "second_fractions") and start.seconds > 0
+        return _Timing((start.seconds, start.second_fractions) if known else None, factor * offset, factor * increment)
+
+    def _list(self) -> list[Channel]:
+        count = Counter(channel.name for raster in self._rasters for channel in raster.channels)
+        left_out: list[str] = []
+        channels: list[Channel] = []
+        for raster in self._rasters:
+            for source in raster.channels:
+                if not (kind := self._kind(source)):
+                    left_out.append(f"{source.group_name}/{source.name}")
+                    continue
+                path = source.name if count[source.name] == 1 else f"{source.group_name}/{source.name}"
+                unit = {"time": "s", "status": "1"}.get(kind) or _unit(source)
+                comment = str(source.properties.get("description", ""))
+                channels.append(self._channel(len(channels) + 1, raster, source, path, unit, kind, comment))
+        taken = {channel.path for channel in channels}
+        for raster in self._rasters:
+            if raster.timing:
+                path = f"{raster.name}/time"
+                path = f"{path} of the start" if path in taken else path
+                comment = "from the start and the increment of its channels"
+                channels.append(self._channel(len(channels) + 1, raster, None, path, "s", "time", comment))
+        if left_out:
+            self.notes.append(f"left out, as they hold neither numbers, times nor text: {first_of(left_out)}")
+        if not channels:
+            raise InputError(f"recording {self._path} is a TDMS file without channels")
+        return channels
+
+    def _channel(
+        self, number: int, raster: _Raster, source: "TdmsChannel | None", path: str, unit: str, kind: str, comment: str
+    ) -> Channel:
+        self._sources[number] = (raster, source)
+        name = "time" if source is None else source.name
+        start, rate, end = self._span(raster)
+        return Channel(name, number, path, unit, raster.name, raster.rows, rate, start, end, kind, comment)
+
+    def _span(self, raster: _Raster) -> tuple[float, float, float]:
+        """First time [s], rate [Hz] and last time [s] of a raster, where they are known without reading."""
+        if raster.timing is None or not raster.rows:
+            return nan, nan, nan
+        begin, increment = self._begin_of(raster.timing), raster.timing.increment
+        return begin, 1.0 / increment, begin + (raster.rows - 1) * increment
+
+    def _kind(self, channel: "TdmsChannel") -> str:
+        """What a channel holds; "" for what is left out."""
+        if _is_stamp(channel):
+            return "time"
+        if channel.data_type is None or self._scales(channel) > _MOST_SCALES:
+            return ""
+        with self._reading():
+            kind = channel.dtype.kind
+        return {"O": "text", "b": "status"}.get(kind, "number" if kind in "iuf" else "")
+
+    def _scales(self, channel: "TdmsChannel") -> int:
+        return max(
+            (
+                int(p["NI_Number_Of_Scales"])
+                for p in self._property_levels(channel)
+                if _is_number(p.get("NI_Number_Of_Scales"))
+            ),
+            default=0,
+        )
+
+    def _check_scaling(self, channel: "TdmsChannel") -> None:
+        for properties in self._property_levels(channel):
+            for name, kind in properties.items():
+                if name.startswith("NI_Scale[") and name.endswith("_Scale_Type") and kind not in _SCALES:
+                    raise InputError(
+                        f"recording {self._path}: {channel.name!r} has the scaling {kind!r}, which is unknown"
+                    )
+
+    def _property_levels(self, channel: "TdmsChannel") -> tuple[Mapping[str, Any], ...]:
+        return channel.properties, self._file[channel.group_name].properties, self._file.properties
+
+    def _check_segments(self, file: "TdmsFile") -> None:
+        """Raise InputError where a channel is stored in too many pieces, or in one that is larger than allowed."""
+        pieces, seen = 0, set()
+        for segment in file._reader._segments:
+            pieces += segment.num_chunks
+            if id(segment.ordered_objects) not in seen:
+                seen.add(id(segment.ordered_objects))
+                size = sum(o.number_values * (o.data_type.size or 1) for o in segment.ordered_objects if o.has_data)
+                check_bytes(f"recording {self._path} has a piece of", size)
+        if pieces > _MOST_PIECES:
+            raise InputError(
+                f"recording {self._path} is stored in {pieces} pieces; allowed are {_MOST_PIECES}: defragment it in LabVIEW"
+            )
+
+    @contextmanager
+    def _reading(self) -> Iterator[None]:
+        """nptdms at work: what it logs is kept away, what it raises becomes an InputError."""
+        from nptdms.log import log_manager
+
+        log_manager.set_level(logging.CRITICAL)
+        try:
+            yield
+            return
+        except InputError:
+            raise
+        except Exception as error:  # nptdms raises many kinds
+            reason = " ".join(str(error).split())[:_LONGEST_REASON] or type(error).__name__
+        raise InputError(f"recording {self._path} cannot be read: {reason}")
+
+
+class _BoundedFile(io.BufferedReader):
+    """A file of which no more is read than there is, whatever number a reader asks for."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(io.FileIO(path))
+        self._size = path.stat().st_size
+        if self.peek(4)[:4] == _INDEX_MAGIC:
+            raise InputError(f"recording {path} is the index of a TDMS file; give the .tdms file itself")
+
+    def read(self, size: int | None = -1) -> bytes:
+        left = max(self._size - self.tell(), 0)
+        return super().read(left if size is None or size < 0 else min(size, left))
+
+
+def _seconds_between(first: tuple[int, int], second: tuple[int, int]) -> float:
+    return (second[0] - first[0]) + (second[1] - first[1]) * _FRACTION
+
+
+def _is_stamp(channel: "TdmsChannel") -> bool:
+    from nptdms import types
+
+    return channel.data_type is types.TimeStamp
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool) and isfinite(value)
+
+
+def _unit(channel: "TdmsChannel") -> str:
+    return next((str(text).strip() for name in _UNITS if (text := channel.properties.get(name))), "")

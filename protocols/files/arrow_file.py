@@ -1,0 +1,132 @@
+"""ArrowFile: a table in a Parquet or Arrow IPC (Feather 2) file, of which single columns are read, within bounds of memory."""
+
+import contextlib
+import struct
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.ipc
+import pyarrow.parquet as pq
+
+from protocols.errors import InputError
+from protocols.files.bounds import check_bytes, check_rows
+
+PARQUET, IPC_FILE, IPC_STREAM, FEATHER_1 = b"PAR1", b"ARROW1\0\0", b"\xff\xff\xff\xff", b"FEA1"  # first bytes of a file
+_MOST_FOOTER = 64 << 20  # bytes of a Parquet footer: one of 10 000 columns has 3 MB
+_LONGEST_REASON = 200  # characters of another library's sentence
+
+
+class ArrowFile:
+    """An open file. schema: its columns; described: their names and types. rows: of all. metadata: of the table."""
+
+    def __init__(self, path: Path, head: bytes) -> None:
+        self._path, self._parquet = path, None
+        with reading(self._path):
+            if head.startswith(PARQUET):
+                self._check_footer()
+                self._parquet = pq.ParquetFile(path)
+                self.schema: pa.Schema = self._parquet.schema_arrow
+                self.rows = int(self._parquet.metadata.num_rows)
+                self.metadata: Mapping[bytes, bytes] = self._parquet.metadata.metadata or {}
+                self._check_groups(self._parquet.metadata)
+            elif head.startswith(FEATHER_1):
+                raise InputError(f"recording {path} is Feather of version 1; write it again as Feather 2 or Parquet")
+            else:
+                self._open = pa.ipc.open_file if head.startswith(IPC_FILE) else pa.ipc.open_stream
+                with pa.memory_map(str(path)) as source, self._open(source) as reader:
+                    self.schema = reader.schema
+                self.metadata = self.schema.metadata or {}
+                self.rows = self._count()
+            self.described = [
+                (field.name, str(field.type)) for field in self.schema
+            ]  # names that are no text raise here
+        if self.rows < 0:
+            raise InputError(f"recording {path} is damaged: it has {self.rows} rows")
+
+    def read(self, indices: Sequence[int]) -> list[pa.ChunkedArray]:
+        """Columns by their places in the schema, from 0. Raises InputError where they need more memory than is allowed."""
+        check_rows(f"recording {self._path} has", self.rows, len(indices))
+        with reading(self._path):
+            if self._parquet is None:
+                columns = self._read_ipc(indices)
+            else:
+                columns = [self._read_parquet(self._parquet, index) for index in indices]
+        if any(len(column) != self.rows for column in columns):
+            raise InputError(
+                f"recording {self._path} cannot be read: it is damaged, its columns do not have {self.rows} rows"
+            )
+        return columns
+
+    def _read_parquet(self, file: pq.ParquetFile, index: int) -> pa.ChunkedArray:
+        """A column by its name; where several have it, they come together."""
+        name = self.schema.names[index]
+        check_bytes(f"recording {self._path}: column {name!r} needs", self._column_bytes(file.metadata, name))
+        same = [k for k, other in enumerate(self.schema.names) if other == name]
+        return file.read(columns=[name]).column(same.index(index))
+
+    def _column_bytes(self, footer: pq.FileMetaData, name: str) -> int:
+        leaves = [k for k in range(footer.num_columns) if footer.schema.column(k).path == name]
+        groups = [footer.row_group(k) for k in range(footer.num_row_groups)]
+        return sum(group.column(leaf).total_uncompressed_size for group in groups for leaf in leaves)
+
+    def _read_ipc(self, indices: Sequence[int]) -> list[pa.ChunkedArray]:
+        wanted = sorted(set(indices))
+        options = pa.ipc.IpcReadOptions(included_fields=wanted)
+        with pa.memory_map(str(self._path)) as source, self._open(source, options=options) as reader:
+            table = reader.read_all()
+        table.validate(full=True)  # numbers of a damaged file would be taken as places in memory
+        return [table.column(wanted.index(index)) for index in indices]
+
+    def _count(self) -> int:
+        """Rows of an IPC file, by its smallest column: the others are not read."""
+        fixed = [k for k, field in enumerate(self.schema) if pa.types.is_primitive(field.type)]
+        if not fixed:
+            return 0
+        narrowest = min(fixed, key=lambda k: self.schema.field(k).type.bit_width)
+        options = pa.ipc.IpcReadOptions(included_fields=[narrowest])
+        rows = 0
+        with pa.memory_map(str(self._path)) as source, self._open(source, options=options) as reader:
+            batches = (
+                (reader.get_batch(k) for k in range(reader.num_record_batches))
+                if self._open is pa.ipc.open_file
+                else iter(reader)
+            )
+            for batch in batches:
+                rows += batch.num_rows
+                check_rows(f"recording {self._path} has", rows, 1)
+        return rows
+
+    def _check_footer(self) -> None:
+        with self._path.open("rb") as file:
+            size = file.seek(0, 2)
+            file.seek(max(size - 8, 0))
+            tail = file.read(8)
+        length, magic = struct.unpack("<I4s", tail.rjust(8, b"\0"))
+        if magic != PARQUET:
+            raise InputError(f"recording {self._path} cannot be read: it is a Parquet file that was cut")
+        if length > min(_MOST_FOOTER, size):
+            raise InputError(
+                f"recording {self._path} cannot be read: its footer has {length} bytes; allowed are {min(_MOST_FOOTER, size)}"
+            )
+
+    def _check_groups(self, footer: pq.FileMetaData) -> None:
+        """Raise InputError where the parts of a Parquet file have other numbers of rows than its whole."""
+        groups = [footer.row_group(k) for k in range(footer.num_row_groups)]
+        if sum(group.num_rows for group in groups) != self.rows or any(group.num_rows < 0 for group in groups):
+            raise InputError(
+                f"recording {self._path} cannot be read: it is damaged, its parts do not have {self.rows} rows together"
+            )
+
+
+@contextlib.contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """pyarrow at work: what it raises becomes an InputError."""
+    try:
+        yield
+        return
+    except InputError:
+        raise
+    except Exception as error:  # pyarrow raises many kinds
+        reason = " ".join(str(error).split())[:_LONGEST_REASON] or type(error).__name__
+    raise InputError(f"recording {path} cannot be read: {reason}")

@@ -1,0 +1,259 @@
+"""Blocks of an MDF file, followed link by link before any reader does: no circle, none outside the file, no size out of bounds.
+
+Source: ASAM MDF 4.2, section 6 (blocks); MDF 3.3, section 4. A reader that follows links without asking never ends in a file in
+which one link is wrong.
+"""
+
+import mmap
+import struct
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+
+from protocols.errors import InputError
+from protocols.files.bounds import check_bytes
+
+FINISHED, UNFINISHED = b"MDF     ", b"UnFinMF "  # first bytes of a file
+_ID_BYTES = 64  # length of the identification, after which the header begins
+_MOST_BLOCKS = 2_000_000  # of all kinds: a file of 100 000 channels has 600 000
+_MOST_INFLATED = 64 << 20  # bytes of one compressed block: writers make them of 4 MB
+_BEST_DEFLATE = 1032  # bytes out of one byte in, at most (zlib, technical details)
+_MOST_NESTED = 10  # conversions inside of conversions: writers nest two
+_MOST_UNSORTED_ROWS = 10_000_000  # of MDF 3: each is an object of Python while it is sorted
+_PYTHON_BYTES = 60  # of memory for a row as an object of Python, beside its content
+_DEFLATE = (0, 1)  # kinds of compression in a DZ block: deflated; transposed and deflated
+
+
+def check_blocks(path: Path) -> bool:
+    """Follow all blocks of a file. Returns whether it is unfinished. Raises InputError where a reader would stumble."""
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        if len(content) < _ID_BYTES + 4:
+            raise InputError(
+                f"recording {path} cannot be read: it is an MDF file that was cut after {len(content)} bytes"
+            )
+        finished = content[:8] == FINISHED
+        try:
+            if content[_ID_BYTES : _ID_BYTES + 4] == b"##HD":
+                _Blocks4(path, content, finished).check()
+            elif content[_ID_BYTES : _ID_BYTES + 2] == b"HD":
+                _Blocks3(path, content).check()
+            else:
+                raise damaged(path, "it has no header")
+        except struct.error:
+            raise InputError(
+                f"recording {path} cannot be read, it cannot be read, it is cut or damaged: a block is not whole"
+            ) from None
+        return not finished
+
+
+def check_inflated(path: Path, packed: bytes, size: int, address: int) -> None:
+    """Raise InputError where a deflated block at `address` does not become exactly `size` bytes."""
+    inflater = zlib.decompressobj()
+    try:
+        good = len(inflater.decompress(packed, size + 1)) == size
+    except zlib.error:
+        good = False
+    if not good:
+        raise InputError(
+            f"recording {path} cannot be read, it is damaged: its compressed data at byte {address} do not make {size} bytes"
+        )
+
+
+def damaged(path: Path, what: str) -> InputError:
+    """The error of a file that is cut or damaged; `what` says where."""
+    return InputError(f"recording {path} cannot be read, it is cut or damaged: {what}")
+
+
+class _Blocks:
+    """Blocks of a file, of which each is visited once."""
+
+    def __init__(self, path: Path, content: mmap.mmap) -> None:
+        self._path, self._content, self._size = path, content, len(content)
+        self._seen: set[int] = set()
+
+    def _visit(self, address: int, kind: str) -> None:
+        if address in self._seen:
+            raise damaged(self._path, f"its blocks form a circle at byte {address} ({kind})")
+        self._seen.add(address)
+        if len(self._seen) > _MOST_BLOCKS:
+            raise InputError(f"recording {self._path} has more than {_MOST_BLOCKS} blocks; allowed are fewer")
+
+    def _fail(self, address: int, kind: str) -> InputError:
+        return damaged(self._path, f"no whole block {kind} at byte {address} of {self._size}")
+
+
+class _Blocks4(_Blocks):
+    """MDF 4. A block: "##", two letters, four bytes, its length and number of links, the links, its data."""
+
+    def __init__(self, path: Path, content: mmap.mmap, finished: bool) -> None:
+        super().__init__(path, content)
+        (flags,) = struct.unpack_from("<H", content, 60)  # what was left to do when writing ended
+        self._whole = finished or not flags
+        self._conversions: dict[int, int] = {}
+        self._unsorted = 0  # bytes of the groups whose rows must be sorted
+
+    def check(self) -> None:
+        groups, history, _, attachments, events = self._links(_ID_BYTES, "HD", 6)[:5]
+        for kind, first in (("FH", history), ("AT", attachments), ("EV", events)):
+            for _ in self._chain(first, kind):
+                pass
+        for links, data in self._chain(groups, "DG", 4):
+            shortest_row = min((self._channel_group(*group) for group in self._chain(links[1], "CG", 6)), default=0)
+            (id_bytes,) = struct.unpack_from("<B", self._content, data)
+            if links[2]:
+                self._data(links[2], shortest_row + id_bytes if id_bytes else 0)
+        if self._unsorted or not self._whole:
+            check_bytes(f"recording {self._path}, which must be sorted, has", max(self._unsorted, self._size))
+
+    def _links(self, address: int, kind: str, least: int) -> tuple[int, ...]:
+        """Links of the block at `address`, at least so many. Raises InputError where there is no such block."""
+        if address + 24 > self._size:
+            raise self._fail(address, kind)
+        name, length, count = struct.unpack_from("<4s4xQQ", self._content, address)
+        if name != b"##" + kind.encode() or count < least or 24 + 8 * count > length or address + length > self._size:
+            raise self._fail(address, kind)
+        return struct.unpack_from(f"<{count}Q", self._content, address + 24)
+
+    def _chain(self, address: int, kind: str, least: int = 1) -> Iterator[tuple[tuple[int, ...], int]]:
+        """Links, and address of the data, of a block and of those that follow it."""
+        while address:
+            self._visit(address, kind)
+            links = self._links(address, kind, least)
+            yield links, address + 24 + 8 * len(links)
+            address = links[0]
+
+    def _channel_group(self, links: tuple[int, ...], data: int) -> int:
+        """Check the channels of a group. Returns the bytes of a row."""
+        self._channels(links[1])
+        data_bytes, invalidation_bytes = struct.unpack_from("<II", self._content, data + 24)
+        return data_bytes + invalidation_bytes
+
+    def _channels(self, first: int, depth: int = 0) -> None:
+        if depth > _MOST_NESTED:
+            raise self._fail(first, "CN, nested so deep")
+        for links, data in self._chain(first, "CN", 8):
+            self._conversion(links[4], 0)
+            if links[1]:
+                self._composition(links[1], depth)
+            (kind,) = struct.unpack_from("<B", self._content, data)
+            if links[5] and kind == 1 and not self._is(links[5], b"##CG"):  # values of varying length
+                self._data(links[5], 0)
+
+    def _composition(self, address: int, depth: int) -> None:
+        if self._is(address, b"##CA"):
+            self._visit(address, "CA")
+            links = self._links(address, "CA", 1)
+            if links[0]:
+                self._composition(links[0], depth + 1)
+        else:
+            self._channels(address, depth + 1)
+
+    def _conversion(self, address: int, depth: int) -> int:
+        """Number of conversions in a conversion, itself included."""
+        if not address:
+            return 0
+        if address not in self._conversions:
+            if depth > _MOST_NESTED:
+                raise self._fail(address, "CC, nested so deep")
+            inner = [link for link in self._links(address, "CC", 4)[4:] if link and self._is(link, b"##CC")]
+            self._conversions[address] = 1 + sum(self._conversion(link, depth + 1) for link in inner)
+            if self._conversions[address] > _MOST_BLOCKS:
+                raise self._fail(address, "CC, with so many others inside")
+        return self._conversions[address]
+
+    def _is(self, address: int, name: bytes) -> bool:
+        return self._content[address : address + 4] == name
+
+    def _data(self, address: int, row_bytes: int) -> None:
+        """Check a block with data, or a list of them. row_bytes: of the shortest row, where rows must be sorted."""
+        self._visit(address, "of data")
+        name = bytes(self._content[address : address + 4])
+        if name == b"##HL":
+            if inner := self._links(address, "HL", 1)[0]:
+                self._data(inner, row_bytes)
+        elif name in (b"##DL", b"##LD"):
+            self._list(address, name[2:].decode(), row_bytes)
+        elif name == b"##DZ":
+            self._compressed(address, row_bytes)
+        else:
+            if name not in (b"##DT", b"##SD", b"##DV", b"##DI", b"##RD") or address + 24 > self._size:
+                raise self._fail(address, "of data")
+            (length,) = struct.unpack_from("<Q", self._content, address + 8)
+            if self._whole and not 24 <= length <= self._size - address:
+                raise self._fail(address, name[2:].decode())
+            self._unsorted += min(length, self._size - address) if row_bytes else 0
+
+    def _list(self, address: int, kind: str, row_bytes: int) -> None:
+        while address:
+            links = self._links(address, kind, 1)
+            for link in links[1:]:
+                if link:
+                    self._data(link, row_bytes)
+                elif self._whole and kind == "DL":
+                    raise self._fail(link, "of data")
+            if address := links[0]:
+                self._visit(address, kind)
+
+    def _compressed(self, address: int, row_bytes: int) -> None:
+        method, size, packed = struct.unpack_from("<2xBx4xQQ", self._content, address + 24)
+        if address + 48 + packed > self._size:
+            raise self._fail(address, "DZ")
+        if size > _MOST_INFLATED or (method in _DEFLATE and size > _BEST_DEFLATE * packed):
+            raise damaged(
+                self._path,
+                f"{packed} bytes of data at byte {address} are said to become {size};"
+                f" allowed are {min(_MOST_INFLATED, _BEST_DEFLATE * packed)}",
+            )
+        if row_bytes:
+            if method in _DEFLATE:
+                check_inflated(self._path, self._content[address + 48 : address + 48 + packed], size, address)
+            check_bytes(f"sorting recording {self._path} needs", size / row_bytes * (row_bytes + _PYTHON_BYTES))
+            self._unsorted += size
+
+
+class _Blocks3(_Blocks):
+    """MDF 3. A block: two letters, its length in 16 bits, links of 32 bits at fixed places."""
+
+    def check(self) -> None:
+        (order,) = struct.unpack_from("<H", self._content, 24)
+        if order:
+            raise InputError(
+                f"recording {self._path} is MDF 3 in the byte order of Motorola; allowed is Intel's: convert it to MDF 4"
+            )
+        for group in self._chain(self._at(_ID_BYTES + 4), "DG", 24):
+            channel_groups, id_bytes = self._at(group + 20, "H"), self._at(group + 22, "H")
+            self._channel_groups(self._at(group + 8), self._at(group + 16), channel_groups, id_bytes)
+
+    def _at(self, address: int, kind: str = "I") -> int:
+        (value,) = struct.unpack_from("<" + kind, self._content, address)
+        return int(value)
+
+    def _chain(self, address: int, kind: str, least: int) -> Iterator[int]:
+        """Addresses of a block and of those that follow it."""
+        while address:
+            self._visit(address, kind)
+            if address + least > self._size or self._content[address : address + 2] != kind.encode():
+                raise self._fail(address, kind)
+            yield address
+            address = self._at(address + 4)
+
+    def _channel_groups(self, first: int, data: int, count: int, id_bytes: int) -> None:
+        total, rows_of_all, groups = 0, 0, 0
+        for address in self._chain(first, "CG", 26):
+            row_bytes, rows = self._at(address + 20, "H"), self._at(address + 22)
+            total += rows * (row_bytes + id_bytes)
+            rows_of_all, groups = rows_of_all + rows, groups + 1
+            for channel in self._chain(self._at(address + 8), "CN", 24):
+                for link in (self._at(channel + place) for place in (8, 12, 16, 20)):
+                    if link + 4 > self._size:
+                        raise self._fail(link, "of a channel")
+        if groups != count:
+            raise damaged(self._path, f"it has {groups} channel groups in a data group of {count}")
+        if total and data + total > self._size:
+            raise damaged(self._path, f"its rows need {total} bytes from byte {data}, of {self._size}")
+        if id_bytes and rows_of_all > _MOST_UNSORTED_ROWS:
+            raise InputError(
+                f"recording {self._path} has {rows_of_all} rows that must be sorted; allowed are {_MOST_UNSORTED_ROWS}"
+            )
+        if id_bytes:
+            check_bytes(f"sorting recording {self._path} needs", 2 * total + rows_of_all * _PYTHON_BYTES)

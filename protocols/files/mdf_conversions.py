@@ -1,0 +1,140 @@
+"""Conversions of an MDF channel: from raw to physical numbers, where they lead to numbers.
+
+Simple ones are asammdf's. Formulas are computed here, as text of a file is never run as code. Where a conversion gives words
+for single numbers, the words count as no number; where it gives nothing but words, the raw numbers are those of a status.
+"""
+
+import ast
+import operator
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+import numpy as np
+
+NUMBER, STATUS, TEXT = "number", "status", "text"  # kinds of a channel after its conversion
+
+_SIMPLE_4: Final = (
+    0,
+    1,
+    2,
+    4,
+    5,
+    6,
+)  # MDF 4: none, linear, rational, table with and without interpolation, range table
+_SIMPLE_3: Final = (
+    65535,
+    0,
+    1,
+    2,
+    6,
+    7,
+    8,
+    9,
+)  # MDF 3: none, linear, tables, polynomial, exponential, logarithmic, rational
+_FORMULA: Final = {4: 3, 3: 10}  # version of MDF -> kind of a conversion by a formula
+_WORDS: Final = {4: (7, 8), 3: (11, 12)}  # value to text, range to text
+_BITS: Final = {4: 11}  # texts for bits
+_LONGEST_FORMULA = 1000  # characters
+_MOST_WORDS = 1000  # of a conversion that gives numbers too: each is looked for in all rows
+_OPERATORS: Mapping[type, Callable[..., Any]] = {
+    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv, ast.Pow: np.power,
+    ast.BitXor: np.power, ast.USub: operator.neg, ast.UAdd: operator.pos,
+}  # fmt: skip
+_FUNCTIONS: Mapping[str, Callable[..., Any]] = {
+    "sin": np.sin, "cos": np.cos, "tan": np.tan, "asin": np.arcsin, "acos": np.arccos, "atan": np.arctan, "sinh": np.sinh,
+    "cosh": np.cosh, "tanh": np.tanh, "arcsin": np.arcsin, "arccos": np.arccos, "arctan": np.arctan, "exp": np.exp,
+    "log": np.log, "ln": np.log, "log10": np.log10, "abs": np.abs, "sqrt": np.sqrt, "pow": np.power,
+}  # fmt: skip
+
+
+def kind_after(conversion: Any, version: int) -> str:
+    """What raw numbers become by a `conversion` of asammdf, None for none: numbers, a status, or text."""
+    if conversion is None:
+        return NUMBER
+    kind = conversion.conversion_type
+    if kind in (_SIMPLE_4 if version == 4 else _SIMPLE_3) or kind == _FORMULA[version]:
+        return NUMBER
+    if kind in _WORDS[version]:
+        return NUMBER if _has_numbers(conversion, version) else STATUS
+    return STATUS if kind == _BITS.get(version) else TEXT
+
+
+def to_physical(conversion: Any, version: int, raw: np.ndarray) -> np.ndarray:
+    """Physical values (n,) of `raw` (n,) numbers; of a status the raw ones. Raises ValueError for one that is not known."""
+    values = raw.astype(float)
+    if conversion is None or kind_after(conversion, version) != NUMBER:
+        return values
+    kind = conversion.conversion_type
+    if kind == _FORMULA[version]:
+        return compute(conversion.formula, values)
+    if kind in _WORDS[4] and version == 4:
+        return _numbers_beside_words(conversion, raw)
+    try:
+        return np.asarray(conversion.convert(raw.copy())).astype(float)
+    except Exception as error:  # asammdf raises many kinds
+        raise ValueError(f"its conversion is not known ({error})") from None
+
+
+def compute(formula: str, x: np.ndarray) -> np.ndarray:
+    """A `formula` of X, or X1, with X = `x` (n,). Raises ValueError for what is no formula."""
+    try:
+        if len(formula) > _LONGEST_FORMULA:
+            raise SyntaxError
+        tree = ast.parse(formula.strip(" \0\n\r\t"), mode="eval")
+        with np.errstate(all="ignore"):
+            return np.broadcast_to(np.asarray(_evaluate(tree.body, x), float), x.shape).copy()
+    except (SyntaxError, RecursionError, MemoryError, TypeError, KeyError, ValueError):
+        shown = formula if len(formula) < 60 else formula[:60] + "..."
+        raise ValueError(f"its formula {shown!r} is not known") from None
+
+
+def _evaluate(node: ast.expr, x: np.ndarray) -> Any:
+    match node:
+        case ast.Constant(value=int() | float() as number):
+            return np.float64(number)
+        case ast.Name(id=name) if name.upper() in ("X", "X1"):
+            return x
+        case ast.Name(id=name):
+            return {"PI": np.pi, "E": np.e}[name.upper()]
+        case ast.UnaryOp(op=op, operand=operand):
+            return _OPERATORS[type(op)](_evaluate(operand, x))
+        case ast.BinOp(left=left, op=op, right=right):
+            return _OPERATORS[type(op)](_evaluate(left, x), _evaluate(right, x))
+        case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]):
+            return _FUNCTIONS[name.lower()](*(_evaluate(argument, x) for argument in arguments))
+    raise ValueError
+
+
+def _has_numbers(conversion: Any, version: int) -> bool:
+    """Whether a conversion to words gives physical numbers too, by a conversion inside of it."""
+    if version == 3:
+        default = conversion.referenced_blocks.get("default_addr") if conversion.referenced_blocks else None
+        return isinstance(default, bytes) and b"{X}" in default
+    return any(_is_numeric(inner) for inner in conversion.referenced_blocks.values())
+
+
+def _is_numeric(inner: Any) -> bool:
+    return inner is not None and not isinstance(inner, bytes) and kind_after(inner, 4) == NUMBER
+
+
+def _numbers_beside_words(conversion: Any, raw: np.ndarray) -> np.ndarray:
+    """Values of an MDF 4 conversion to words of which some are conversions to numbers; no number where there is a word."""
+    blocks, values = conversion.referenced_blocks, np.full(len(raw), np.nan)
+    free = np.ones(len(raw), bool)
+    ranges = conversion.conversion_type == _WORDS[4][1]
+    count = conversion.val_param_nr // 2 if ranges else conversion.val_param_nr
+    if count > _MOST_WORDS:
+        raise ValueError(f"its conversion has {count} words; allowed are {_MOST_WORDS}")
+    for k in range(count):
+        if ranges:
+            low, high = conversion[f"lower_{k}"], conversion[f"upper_{k}"]
+            inside = (raw >= low) & (raw <= high if raw.dtype.kind in "iu" else raw < high)
+        else:
+            inside = raw == conversion[f"val_{k}"]
+        inside &= free
+        free &= ~inside
+        if _is_numeric(inner := blocks.get(f"text_{k}")):
+            values[inside] = to_physical(inner, 4, raw[inside])
+    if _is_numeric(default := blocks.get("default_addr")):
+        values[free] = to_physical(default, 4, raw[free])
+    return values

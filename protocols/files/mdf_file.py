@@ -1,0 +1,309 @@
+"""MdfFile: groups and channels of an MDF 3 or 4 file, and the values of one channel at a time. Read by asammdf."""
+
+import contextlib
+import gc
+import io
+import logging
+import shutil
+import tempfile
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from math import nan
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from protocols.errors import InputError
+from protocols.files.bounds import MOST_BYTES, check_rows
+from protocols.files.mdf_blocks import check_blocks, check_inflated, damaged
+from protocols.files.mdf_conversions import NUMBER, STATUS, TEXT, kind_after, to_physical
+
+MAGIC = (b"MDF     ", b"UnFinMF ")  # first bytes of a file
+MASTERS = ("unknown", "time", "angle", "distance", "index")  # what an MDF 4 master counts, by its number in the file
+_MASTER_4, _VIRTUAL_MASTER_4, _VIRTUAL_4 = 2, 3, 6  # MDF 4: types of a channel
+_MASTER_3 = 1  # MDF 3: type of a channel
+_VALUE_TYPES_4 = (0, _MASTER_4, _VIRTUAL_MASTER_4, _VIRTUAL_4)  # those that hold one value a row
+_NUMBERS_4, _TEXTS_4 = range(6), range(6, 10)  # MDF 4: data types of whole and real numbers; of text
+_NUMBERS_3, _TEXTS_3 = (0, 1, 2, 3, 9, 10, 11, 12, 13, 14, 15, 16), (7,)  # MDF 3: the same
+_BUS = 2  # MDF 4: flag of a group that logs messages of a bus
+_VARIABLE = 1  # MDF 4: flag of a group that holds the values of a channel of varying length
+_ALL_INVALID, _MAY_BE_INVALID = 1, 2  # MDF 4: flags of a channel
+_OPTIONS: Mapping[str, Any] = {"process_bus_logging": False, "use_display_names": False}  # of asammdf
+_LONGEST_REASON = 200  # characters of another library's sentence
+_MOST_INFLATED = 4 * MOST_BYTES  # bytes of one group's compressed rows: 10 s of work
+
+
+@dataclass(frozen=True)
+class MdfChannel:
+    """A channel without its values. group, index: place in the file. kind: number, status or text.
+
+    master: what it counts where it is the master of its group (MASTERS), else "". unit, comment: as the file writes them.
+    """
+
+    group: int
+    index: int
+    name: str
+    unit: str
+    comment: str
+    kind: str
+    master: str = ""
+
+
+@dataclass(frozen=True)
+class MdfGroup:
+    """Channels with `rows` samples each. master: the channel over which the others are recorded; None where there is none.
+
+    number: of the group whose master it has, from 0: groups of one number share their rows.
+    """
+
+    number: int
+    name: str
+    rows: int
+    channels: tuple[MdfChannel, ...]
+    master: MdfChannel | None = None
+
+
+class MdfFile:
+    """An open file. left_out: names of what has no number or text in each row, by the reason. Raises InputError."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        unfinished = check_blocks(path)
+        with self._reading():
+            from asammdf import MDF
+
+            self._stream = _copy_of(path) if unfinished else path.open("rb")
+            self._mdf: Any = MDF(self._stream, **_OPTIONS)  # type: ignore[arg-type]
+            self.left_out: dict[str, list[str]] = {}
+            self.version = 4 if self._mdf.version >= "4" else 3
+            self.groups = [group for k in range(len(self._mdf.groups)) if (group := self._group(k))]
+            self.header: str = self._mdf.header.comment
+            self.unfinished = unfinished
+            self.start = self._start()
+
+    def read(self, channels: Collection[MdfChannel]) -> dict[MdfChannel, np.ndarray]:
+        """Values (rows,) of `channels`, physical; of a status the raw ones; not-a-number where the file calls one invalid."""
+        values: dict[MdfChannel, np.ndarray] = {}
+        for k in dict.fromkeys(channel.group for channel in channels):
+            of_group = [channel for channel in dict.fromkeys(channels) if channel.group == k]
+            rows = int(self._mdf.groups[k].channel_group.cycles_nr)
+            check_rows(f"recording {self._path}: {of_group[0].name} has", rows, len(of_group))
+            stored = [channel for channel in of_group if not self._is_virtual(self._source(channel))]
+            raw = self._raw(k, rows, stored) if stored else {}
+            for channel in of_group:
+                counted = (np.arange(rows), np.zeros(rows, bool))
+                values[channel] = self._physical(channel, *raw.get(channel, counted))
+        return values
+
+    def _physical(self, channel: MdfChannel, raw: np.ndarray, invalid: np.ndarray) -> np.ndarray:
+        source = self._source(channel)
+        try:
+            with _quiet(), np.errstate(all="ignore"):
+                values = to_physical(source.conversion, self.version, raw)
+        except ValueError as error:
+            raise InputError(f"recording {self._path}: {channel.name} cannot be converted: {error}") from None
+        if self.version == 3 and self._is_virtual(source) and source.conversion is None:
+            values = values * (source.sampling_rate or 1.0)
+        values[invalid] = np.nan
+        if self.version == 4 and source.flags & _ALL_INVALID:
+            values[:] = np.nan
+        return values
+
+    def _source(self, channel: MdfChannel) -> Any:
+        return self._mdf.groups[channel.group].channels[channel.index]
+
+    def _raw(
+        self, k: int, rows: int, channels: Sequence[MdfChannel]
+    ) -> dict[MdfChannel, tuple[np.ndarray, np.ndarray]]:
+        """Raw values (rows,) of stored channels of group `k`, and which of them are invalid, (0,) for none; in one pass."""
+        group = self._mdf.groups[k]
+        self._check_data(channels[0], group, rows)
+        pieces: dict[MdfChannel, list[tuple[np.ndarray, np.ndarray]]] = {channel: [] for channel in channels}
+        with self._reading():
+            for fragment in self._mdf._mdf._load_data(group):
+                for channel in channels:
+                    values, invalid = self._get(channel, data=fragment)
+                    none = np.zeros(len(values), bool)
+                    pieces[channel].append((values.copy(), none if invalid is None else np.asarray(invalid, bool)))
+        raw = {}
+        for channel, parts in pieces.items():
+            parts = parts or [(np.zeros(0), np.zeros(0, bool))]
+            with self._reading():
+                values, invalid = (np.concatenate([np.zeros(0, bool), *those]) for those in zip(*parts, strict=True))
+            if not values.shape == invalid.shape == (rows,) or values.dtype.kind not in "iufb":
+                raise damaged(
+                    self._path, f"{channel.name} has {rows} rows by its header, and {len(values)} in its data"
+                )
+            raw[channel] = (values, invalid)
+        return raw
+
+    def _get(self, channel: MdfChannel, **part: Any) -> tuple[np.ndarray, np.ndarray | None]:
+        """Raw values of a part of a channel, and which of them are invalid."""
+        values: tuple[np.ndarray, np.ndarray | None] = self._mdf.get(
+            group=channel.group, index=channel.index, raw=True, samples_only=True, ignore_invalidation_bits=True, **part
+        )
+        return values
+
+    def ends(self, channel: MdfChannel) -> tuple[float, float]:
+        """First and last value of a channel, without reading those between; not-a-number where that fails."""
+        group = self._mdf.groups[channel.group]
+        rows = int(group.channel_group.cycles_nr)
+        source = group.channels[channel.index]
+        values = []
+        try:
+            self._check_data(channel, group, rows, inflate=False)
+            for row in (0, rows - 1):
+                with self._reading():
+                    virtual = self._is_virtual(source)
+                    raw = np.array([row]) if virtual else self._get(channel, record_offset=row, record_count=1)[0]
+                values.append(float(self._physical(channel, raw, np.zeros(len(raw), bool))[0]))
+        except (InputError, ValueError, IndexError):
+            return nan, nan
+        return values[0], values[1]
+
+    def _check_data(self, channel: MdfChannel, group: Any, rows: int, inflate: bool = True) -> None:
+        """Raise InputError where the rows of a group need more data than the file has, or where data do not inflate."""
+        block = group.channel_group
+        row_bytes = block.samples_byte_nr + (block.invalidation_bytes_nr if self.version == 4 else 0)
+        infos = list(group.get_data_blocks())
+        size = sum(info.original_size for info in infos)
+        if getattr(group, "uses_ld", False):
+            row_bytes = block.samples_byte_nr  # invalidation bytes have blocks of their own
+        if rows * row_bytes > size:
+            raise damaged(
+                self._path,
+                f"{channel.name} has {rows} rows of {row_bytes} bytes by its header, and {size} bytes of data",
+            )
+        if not inflate:
+            return
+        packed = [info for info in infos if info.block_type in (1, 2) and not info.location]  # deflated, in this file
+        if sum(info.original_size for info in packed) > _MOST_INFLATED:
+            raise InputError(
+                f"recording {self._path}: the data of {channel.name} become {size / 2**30:.3g} GiB; allowed are"
+                f" {_MOST_INFLATED / 2**30:.3g} GiB"
+            )
+        for info in packed:
+            self._stream.seek(info.address)
+            check_inflated(self._path, self._stream.read(info.compressed_size), info.original_size, info.address)
+
+    def _group(self, k: int) -> MdfGroup | None:
+        """The group number `k`; None for one that is none for a reader: messages of a bus, values of varying length."""
+        group = self._mdf.groups[k]
+        block = group.channel_group
+        rows, name, number = int(block.cycles_nr), "", k
+        master_at = self._mdf.masters_db.get(k)
+        if self.version == 4:
+            name = block.acq_name or ""
+            if block.flags & _VARIABLE:
+                return None
+            if block.flags & _BUS:
+                self._leave_out("messages of a bus, not signals", name or f"group {k + 1}")
+                return None
+            number = self._mdf.virtual_groups_map.get(k, k)
+        channels = tuple(c for i in range(len(group.channels)) if (c := self._channel(k, i, i == master_at)))
+        if number != k:
+            master_group = self._mdf.groups[number]
+            rows = min(rows, int(master_group.channel_group.cycles_nr))
+            at = self._mdf.masters_db.get(number)
+            master = None if at is None else self._channel(number, at, True)
+        else:
+            master = next((c for c in channels if c.master), None)
+        return MdfGroup(number, name, rows, channels, master)
+
+    def _channel(self, group_at: int, index: int, is_master: bool) -> MdfChannel | None:
+        group = self._mdf.groups[group_at]
+        channel = group.channels[index]
+        name = channel.name or f"channel {index + 1}"
+        if group.channel_dependencies[index]:
+            self._leave_out("arrays or structures", name)
+            return None
+        numbers, texts = (_NUMBERS_4, _TEXTS_4) if self.version == 4 else (_NUMBERS_3, _TEXTS_3)
+        if channel.data_type in texts and not is_master:
+            kind = TEXT
+        elif channel.data_type not in numbers or (self.version == 4 and channel.channel_type not in _VALUE_TYPES_4):
+            self._leave_out("bytes, dates or samples of varying length", name)
+            return None
+        else:
+            kind = kind_after(channel.conversion, self.version)
+            if kind == NUMBER and channel.bit_count == 1 and channel.conversion is None:
+                kind = STATUS
+            if not self._is_virtual(channel) and not self._fits(group.channel_group, channel):
+                self._leave_out("outside of its record", name)
+                return None
+        unit = getattr(channel, "unit", "") or getattr(channel.conversion, "unit", "") or ""
+        comment = channel.comment or ""
+        master = self._master(channel, is_master)
+        return MdfChannel(group_at, index, name, unit.strip(" \0"), comment, NUMBER if master else kind, master)
+
+    def _master(self, channel: Any, is_master: bool) -> str:
+        if not is_master:
+            return ""
+        if self.version == 3:
+            return "time"
+        kind = channel.sync_type
+        return MASTERS[kind] if kind < len(MASTERS) else MASTERS[0]
+
+    def _is_virtual(self, channel: Any) -> bool:
+        """Whether a channel counts rows, instead of being stored."""
+        if self.version == 3:
+            return bool(channel.channel_type == _MASTER_3 and channel.bit_count == 0)
+        return channel.channel_type in (_VIRTUAL_MASTER_4, _VIRTUAL_4)
+
+    def _fits(self, block: Any, channel: Any) -> bool:
+        """Whether a channel lies inside of its record: a library in C reads there without asking."""
+        if self.version == 3:
+            bits = channel.start_offset + 8 * channel.additional_byte_offset + channel.bit_count
+            return 0 < channel.bit_count <= 64 and bits <= 8 * block.samples_byte_nr
+        bits = 8 * channel.byte_offset + channel.bit_offset + channel.bit_count
+        if channel.flags & _MAY_BE_INVALID and channel.pos_invalidation_bit >= 8 * block.invalidation_bytes_nr:
+            return False
+        return 0 < channel.bit_count <= 64 and bits <= 8 * block.samples_byte_nr
+
+    def _leave_out(self, reason: str, name: str) -> None:
+        self.left_out.setdefault(reason, []).append(name)
+
+    def _start(self) -> str:
+        """Time of day of time 0 in ISO 8601; "" where the file has none."""
+        try:
+            start = self._mdf.header.start_time
+        except (ValueError, OverflowError, OSError):
+            return ""
+        return start.isoformat() if start.year > 1980 else ""  # writers without a clock write 1970 or 1980
+
+    @contextlib.contextmanager
+    def _reading(self) -> Iterator[None]:
+        """asammdf at work: what it raises becomes an InputError."""
+        with _quiet():
+            try:
+                yield
+                return
+            except InputError:
+                raise
+            except Exception as error:  # asammdf raises many kinds
+                reason = " ".join(str(error).split()) or type(error).__name__
+            if not hasattr(self, "_mdf"):
+                gc.collect()  # while it is quiet, as half-open objects of asammdf print when they are collected
+        raise InputError(f"recording {self._path} cannot be read: {reason[:_LONGEST_REASON]}")
+
+    def __del__(self) -> None:
+        with _quiet(), contextlib.suppress(Exception):
+            self._mdf.close()
+            self._stream.close()
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Nothing that asammdf prints or logs about a damaged file is seen."""
+    logging.getLogger("asammdf").disabled = True
+    with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
+        yield
+
+
+def _copy_of(path: Path) -> IO[bytes]:
+    """A copy of an unfinished file, in a temporary one: asammdf finishes what it reads."""
+    copy = tempfile.TemporaryFile()  # noqa: SIM115 - open as long as the MdfFile is
+    with path.open("rb") as file:
+        shutil.copyfileobj(file, copy)
+    copy.seek(0)
+    return copy

@@ -1,0 +1,168 @@
+"""Parquet and Feather: columns one by one, with units and meanings; times of day from the first; bounds before reading."""
+
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.feather
+import pyarrow.parquet as pq
+import pytest
+
+from clutch_hil.recordings.channel import choose_channel
+from clutch_hil.recordings.format import open_recording, recognise
+from clutch_hil.recordings.import_map import load_map
+from protocols.errors import InputError
+from protocols.files.run import Run
+from protocols.files.runs import write_run
+from tests.clutch_hil.recordings.mutations import check_damaged
+
+ROWS = 300
+TIME = np.arange(ROWS) / 100.0
+MAP = """
+[columns]
+time_s = { from = "time_s", unit = "s" }
+position_m = { from = "pos", unit = "m" }
+"""
+START = datetime(2026, 1, 2, 3, 4, 5, 250_000, tzinfo=UTC)
+
+
+def write_stream(table: pa.Table, path: Path) -> None:
+    with pa.ipc.new_stream(path, table.schema) as writer:
+        writer.write_table(table, max_chunksize=100)
+
+
+WRITERS: dict[str, Any] = {
+    "parquet": pq.write_table,
+    "parquet in groups": lambda table, path: pq.write_table(table, path, row_group_size=64, compression="zstd"),
+    "feather": pyarrow.feather.write_feather,
+    "feather, zstd": lambda table, path: pyarrow.feather.write_feather(table, path, compression="zstd", chunksize=70),
+    "stream": write_stream,
+}
+
+
+def example() -> pa.Table:
+    described = {b"unit": b"mm", b"meaning": b"of the piston"}
+    return pa.table(
+        [
+            pa.array(TIME), pa.array(np.sin(TIME)), pa.array(np.arange(ROWS, dtype="i4") % 3), pa.array(TIME > 1.0),
+            pa.array(["low", "high", "low"] * 100).dictionary_encode(), pa.array(["text"] * ROWS),
+            pa.array([START + timedelta(seconds=t) for t in TIME], pa.timestamp("ns", "UTC")),
+            pa.array([[1, 2]] * ROWS),
+        ],
+        schema=pa.schema(
+            [
+                pa.field("time_s", pa.float64()), pa.field("pos", pa.float64(), metadata=described),
+                pa.field("count", pa.int32()), pa.field("on", pa.bool_()),
+                pa.field("level", pa.dictionary(pa.int32(), pa.string())), pa.field("remark", pa.string()),
+                pa.field("when", pa.timestamp("ns", "UTC")), pa.field("pair", pa.list_(pa.int64())),
+            ]
+        ),
+    )  # fmt: skip
+
+
+def import_by(tmp_path: Path, recording: Path, text: str = MAP) -> Run:
+    toml = tmp_path / "map.toml"
+    toml.write_text(text, encoding="utf-8")
+    return load_map(str(toml)).read(recording)
+
+
+def read(path: Path, name: str) -> np.ndarray:
+    recording = open_recording(path)
+    (signal,) = recording.read([choose_channel(path, recording.channels, name)])
+    return signal.values
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_columns_are_read_by_kind(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / "a.dat"
+    WRITERS[kind](example(), path)
+    assert recognise(path).name == "Parquet or Feather"
+    recording = open_recording(path)
+    assert {c.name: (c.kind, c.unit, c.rows) for c in recording.channels} == {
+        "time_s": ("time", "s", ROWS), "pos": ("number", "mm", ROWS), "count": ("number", "", ROWS),
+        "on": ("status", "1", ROWS), "level": ("status", "1", ROWS), "remark": ("text", "", ROWS), "when": ("time", "s", ROWS),
+    }  # fmt: skip
+    assert next(c.comment for c in recording.channels if c.name == "pos") == "of the piston"
+    assert any(note.startswith("left out") and "pair" in note for note in recording.notes)
+    np.testing.assert_array_equal(read(path, "pos"), np.sin(TIME))
+    np.testing.assert_array_equal(read(path, "on"), TIME > 1.0)
+    np.testing.assert_array_equal(read(path, "level"), np.tile([0, 1, 0], 100))
+    run = import_by(tmp_path, path)
+    np.testing.assert_allclose(run["position_m"], 1e-3 * np.sin(TIME))  # the file's unit counts
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_times_of_day_count_from_the_first(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / "a.dat"
+    WRITERS[kind](example().select(["when", "pos"]), path)
+    for clock in ("when", "time_s"):
+        run = import_by(tmp_path, path, MAP.replace('from = "time_s"', f'from = "{clock}"'))
+        np.testing.assert_allclose(run["time_s"], TIME, rtol=0.0, atol=1e-9)
+    assert run.metadata["import"]["start"] == START.isoformat()
+
+
+def test_text_is_refused_by_name(tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    pq.write_table(example(), path)
+    with pytest.raises(InputError, match="'remark' holds text"):
+        import_by(tmp_path, path, MAP.replace('"pos"', '"remark"'))
+
+
+def test_a_missing_number_and_a_missing_time_are_no_numbers(tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    pq.write_table(
+        pa.table({"x": [1.0, None, 3.0], "when": pa.array([START, None, START + timedelta(seconds=2)])}), path
+    )
+    np.testing.assert_array_equal(read(path, "x"), [1.0, np.nan, 3.0])
+    np.testing.assert_array_equal(read(path, "when"), [0.0, np.nan, 2.0])
+
+
+def test_units_in_the_attributes_of_pandas_count(tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    metadata = {"PANDAS_ATTRS": '{"units": {"pos": "mm"}}'}
+    pq.write_table(pa.table({"time_s": TIME, "pos": TIME}).replace_schema_metadata(metadata), path)
+    np.testing.assert_allclose(import_by(tmp_path, path)["position_m"], 1e-3 * TIME)
+
+
+def test_a_run_of_ours_is_a_recording(tmp_path: Path) -> None:
+    path = tmp_path / "run.parquet"
+    metadata = {"inertia": 0.5, "notes": "text", "time_zero": START.isoformat()}
+    write_run(Run({"time_s": TIME, "pos": TIME}, metadata, {"time_s": "s", "pos": "mm"}), path)
+    run = import_by(tmp_path, path)
+    np.testing.assert_array_equal(run["time_s"], TIME)
+    assert run.metadata["inertia"] == 0.5
+    assert run.metadata["import"]["start"] == START.isoformat()
+
+
+def test_a_name_twice_is_asked_for_by_path(tmp_path: Path) -> None:
+    path = tmp_path / "a.arrow"
+    write_stream(pa.table([pa.array(TIME), pa.array(2 * TIME)], names=["x", "x"]), path)
+    np.testing.assert_array_equal(read(path, "x/2"), 2 * TIME)
+    with pytest.raises(InputError, match="has 2 columns 'x'"):
+        read(path, "x")
+
+
+def test_rows_are_bounded_before_they_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    rows = 60_000_000
+    with pq.ParquetWriter(path, pa.schema([("x", pa.int8())])) as writer:
+        piece = pa.table({"x": pa.array(np.zeros(rows // 20, "i1"))})
+        for _ in range(20):
+            writer.write_table(piece)
+    assert path.stat().st_size < 1_000_000
+    with pytest.raises(InputError, match=r"has 6e\+07 rows; allowed are 5e\+07"):
+        read(path, "x")
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_damaged_files_are_read_or_refused_in_a_sentence(
+    tmp_path: Path, kind: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "a.dat"
+    WRITERS[kind](example(), path)
+    read_count, refused = check_damaged(path, path.read_bytes(), 60)
+    assert read_count
+    assert refused
+    assert capfd.readouterr() == ("", "")

@@ -1,0 +1,190 @@
+"""TDMS files: starts, increments, time stamps, scalings and units count; cuts are told; an index beside is not read."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from nptdms import ChannelObject, GroupObject, RootObject, TdmsFile, TdmsWriter
+
+from clutch_hil.recordings.channel import choose_channel
+from clutch_hil.recordings.format import open_recording, recognise
+from clutch_hil.recordings.import_map import load_map
+from protocols.errors import InputError
+from tests.clutch_hil.recordings.mutations import check_damaged
+
+ROWS = 400
+TIME = np.arange(ROWS) / 200.0
+POSITION, FORCE = np.sin(TIME), np.cos(TIME)
+START = np.datetime64("2026-01-02T03:04:05.250000", "us")
+MAP = """
+[columns]
+time_s = { from = "time_s", unit = "s" }
+position_m = { from = "pos", unit = "m" }
+motor_force_n = { from = "force", unit = "N" }
+"""
+
+
+def timing(increment: float = 1 / 200, start: np.datetime64 | None = START, **more: Any) -> dict[str, Any]:
+    begin = {} if start is None else {"wf_start_time": start}
+    return {"wf_increment": increment, "wf_start_offset": 0.0, **begin, **more}
+
+
+def write(path: Path, *segments: list[Any], index: bool = False) -> Path:
+    with TdmsWriter(str(path), index_file=index) as writer:
+        for objects in segments:
+            writer.write_segment(objects)
+    return path
+
+
+def plain() -> list[Any]:
+    return [
+        RootObject({"gear_ratio": 2.5, "operator": "me"}), GroupObject("fast"),
+        ChannelObject("fast", "pos", POSITION, timing(unit_string="mm")),
+        ChannelObject("fast", "force", FORCE, timing(unit_string="N")),
+    ]  # fmt: skip
+
+
+def import_by(tmp_path: Path, recording: Path, text: str = MAP) -> Any:
+    toml = tmp_path / "map.toml"
+    toml.write_text(text, encoding="utf-8")
+    return load_map(str(toml)).read(recording)
+
+
+def refusal(tmp_path: Path, recording: Path, text: str = MAP) -> str:
+    with pytest.raises(InputError) as refused:
+        import_by(tmp_path, recording, text)
+    assert "\n" not in str(refused.value)
+    return str(refused.value)
+
+
+def read(path: Path, name: str) -> tuple[np.ndarray, np.ndarray | None]:
+    recording = open_recording(path)
+    (signal,) = recording.read([choose_channel(path, recording.channels, name)])
+    return signal.values, signal.time
+
+
+@pytest.mark.parametrize("name", ["a.tdms", "A.TDMS", "a.dat"])
+def test_start_and_increment_are_the_time(tmp_path: Path, name: str) -> None:
+    path = write(tmp_path / name, plain())
+    assert recognise(path).name == "TDMS"
+    run = import_by(tmp_path, path)
+    np.testing.assert_allclose(run["time_s"], TIME, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(run["position_m"], 1e-3 * POSITION)  # the file's unit counts
+    assert run.metadata["gear_ratio"] == 2.5
+    assert run.metadata["import"]["start"] == "2026-01-02T03:04:05.250000+00:00"
+
+
+def in_pieces() -> list[list[Any]]:
+    measured = (("pos", POSITION), ("force", FORCE))
+    return [[ChannelObject("g", n, v[k : k + 50], timing()) for n, v in measured] for k in range(0, ROWS, 50)]
+
+
+def test_many_segments_are_one_signal(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.tdms", *in_pieces())
+    np.testing.assert_array_equal(import_by(tmp_path, path)["position_m"], POSITION)
+
+
+def test_channels_that_begin_later_keep_their_times(tmp_path: Path) -> None:
+    late = START + np.timedelta64(500_000, "us")
+    path = write(
+        tmp_path / "a.tdms",
+        [
+            ChannelObject("fast", "pos", TIME, timing(unit_string="m")),
+            ChannelObject("slow", "force", TIME[::10] + 0.5, timing(1 / 20, late, unit_string="N")),
+        ],
+    )
+    np.testing.assert_allclose(read(path, "force")[1], 0.5 + TIME[::10], atol=1e-9)
+    assert "different rasters" in refusal(tmp_path, path)
+    run = import_by(tmp_path, path, "[file]\nresample_hz = 200.0\n" + MAP)
+    np.testing.assert_allclose(run["motor_force_n"], run["time_s"], atol=1e-9)
+    np.testing.assert_allclose(run["position_m"], run["time_s"], atol=1e-9)
+
+
+def test_time_stamps_are_the_time_of_their_group(tmp_path: Path) -> None:
+    stamps = START + (1e6 * TIME).astype("m8[us]")
+    measured = [ChannelObject("g", "pos", POSITION), ChannelObject("g", "force", FORCE)]
+    path = write(tmp_path / "a.tdms", [ChannelObject("g", "clock", stamps), *measured])
+    for clock in ("clock", "time_s"):
+        run = import_by(tmp_path, path, MAP.replace('from = "time_s"', f'from = "{clock}"'))
+        np.testing.assert_allclose(run["time_s"], TIME, atol=1e-6)
+    assert open_recording(path).start.startswith("2026-01-02T03:04:05.25")
+
+
+def test_a_spectrum_has_no_time(tmp_path: Path) -> None:
+    spectrum = timing(2.0, None, wf_xunit_string="Hz")
+    measured = [ChannelObject("g", "pos", POSITION, spectrum), ChannelObject("g", "force", FORCE, spectrum)]
+    path = write(tmp_path / "a.tdms", measured)
+    assert read(path, "pos")[1] is None
+    assert any("is recorded over Hz, which gives no time" in note for note in open_recording(path).notes)
+    assert "no column 'time_s'" in refusal(tmp_path, path)
+
+
+def test_milliseconds_on_the_axis_become_seconds(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.tdms", [ChannelObject("g", "pos", POSITION, timing(5.0, None, wf_xunit_string="ms"))])
+    np.testing.assert_allclose(read(path, "pos")[1], TIME)
+
+
+LINEAR = {
+    "NI_Number_Of_Scales": 1, "NI_Scaling_Status": "unscaled", "NI_Scale[0]_Scale_Type": "Linear",
+    "NI_Scale[0]_Linear_Slope": 0.5, "NI_Scale[0]_Linear_Y_Intercept": 1.0, "NI_Scale[0]_Linear_Input_Source": 0xFFFFFFFF,
+}  # fmt: skip
+
+
+def test_scalings_are_applied_and_an_unknown_one_is_refused(tmp_path: Path) -> None:
+    raw = np.arange(ROWS, dtype="i2")
+    path = write(tmp_path / "a.tdms", [ChannelObject("g", "pos", raw, LINEAR)])
+    np.testing.assert_array_equal(read(path, "pos")[0], 0.5 * raw + 1.0)
+    path = write(tmp_path / "b.tdms", [ChannelObject("g", "pos", raw, LINEAR | {"NI_Scale[0]_Scale_Type": "Magic"})])
+    with pytest.raises(InputError, match="has the scaling 'Magic', which is unknown"):
+        read(path, "pos")
+    path = write(tmp_path / "c.tdms", [ChannelObject("g", "pos", raw, LINEAR | {"NI_Number_Of_Scales": 2_000_000_000})])
+    with pytest.raises(InputError, match="without channels"):
+        read(path, "pos")
+
+
+def test_flags_are_a_status_and_text_is_told(tmp_path: Path) -> None:
+    path = write(
+        tmp_path / "a.tdms", [ChannelObject("g", "on", TIME > 1.0), ChannelObject("g", "remark", ["ok"] * ROWS)]
+    )
+    kinds = {channel.name: (channel.kind, channel.unit) for channel in open_recording(path).channels}
+    assert kinds == {"on": ("status", "1"), "remark": ("text", "")}
+    with pytest.raises(InputError, match="holds text"):
+        read(path, "remark")
+
+
+def test_a_name_in_two_groups_has_two_paths(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.tdms", [ChannelObject("a", "x", TIME), ChannelObject("b", "x", 2 * TIME)])
+    np.testing.assert_array_equal(read(path, "b/x")[0], 2 * TIME)
+    with pytest.raises(InputError, match="has 2 columns 'x'; ask for one by `from`: 'a/x', 'b/x'"):
+        read(path, "x")
+
+
+def test_an_index_of_another_recording_is_not_read(tmp_path: Path) -> None:
+    write(tmp_path / "other.tdms", [ChannelObject("fast", "pos", 2 * TIME[:7], timing())], index=True)
+    path = write(tmp_path / "a.tdms", plain())
+    (tmp_path / "other.tdms_index").rename(tmp_path / "a.tdms_index")
+    with TdmsFile.open(path) as misled:  # what nptdms makes of it, in silence
+        assert len(misled["fast"]["pos"]) == 7
+    np.testing.assert_array_equal(read(path, "pos")[0], POSITION)
+    index = tmp_path / "a.tdms_index"
+    with pytest.raises(InputError, match=r"is the index of a TDMS file; give the \.tdms file itself"):
+        open_recording(index)
+
+
+def test_a_cut_file_is_read_as_far_as_it_reaches(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.tdms", *in_pieces())
+    path.write_bytes(path.read_bytes()[:-100])
+    run = import_by(tmp_path, path)
+    rows = len(run["time_s"])
+    assert ROWS - 50 < rows < ROWS
+    np.testing.assert_array_equal(run["motor_force_n"], FORCE[:rows])
+    assert any("the last segment is not whole" in note for note in run.metadata["import"]["done"])
+
+
+def test_damaged_files_are_read_or_refused_in_a_sentence(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    path = write(tmp_path / "a.tdms", plain(), [ChannelObject("g", "x", np.arange(ROWS, dtype="i2"), LINEAR)])
+    read_count, refused = check_damaged(path, path.read_bytes(), 80)
+    assert read_count
+    assert refused
+    assert capfd.readouterr() == ("", "")
