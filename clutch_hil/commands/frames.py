@@ -5,7 +5,7 @@ from pathlib import Path
 import typer
 
 from clutch_hil.command import check_rate, report
-from clutch_hil.commands.options import JSON
+from clutch_hil.commands.options import JSON, OVERWRITE
 
 
 def register(app: typer.Typer) -> None:
@@ -18,19 +18,23 @@ def frames(
     dbc: Path | None = typer.Option(None, help="another DBC to check and list"),
     clutches: int = typer.Option(1, help="2: the bus of the power-shift rig", min=1, max=2),
     write: Path | None = typer.Option(None, help="DBC file to write for other tools, as for cantools or candump"),
+    overwrite: bool = OVERWRITE,
     json_output: bool = JSON,
 ) -> None:
     """List the frames of the bus and its worst-case load."""
     from clutch_hil.bench.progress import table_text
     from protocols.can.bus_load import BITRATES, bus_load, frame_rate, highest_rate, worst_bits
     from protocols.can.frames import DBC, bus_frames
-    from protocols.can.two_clutches import write_dbc
+    from protocols.can.two_clutches import dbc_text
+    from protocols.files.output_file import new_file, whole_file
 
     check_rate(rate)
     path = dbc or DBC
     codecs = bus_frames(path, clutches)
     if write:
-        write_dbc(path, clutches, write)
+        new_file(write, overwrite, [path])
+        with whole_file(write) as part:
+            part.write_text(dbc_text(path, clutches), encoding="utf-8", newline="\n")
     rows: list[tuple[str, ...]] = [("frame", "id", "bytes", "sender", "frames/s", "worst bits", "signals")]
     for codec in codecs:
         cells = (codec.name, f"0x{codec.can_id:03X}", codec.length, codec.sender, f"{frame_rate(codec, rate):g}")

@@ -1,11 +1,12 @@
-"""`clutch-hil import`: converts a foreign recording into a run file."""
+"""`clutch-hil import`: a foreign recording listed, mapped, and written as run files."""
 
 from pathlib import Path
 
 import typer
 
 from clutch_hil.command import report
-from clutch_hil.commands.options import JSON
+from clutch_hil.commands.options import JSON, OVERWRITE
+from protocols.errors import InputError
 
 
 def register(app: typer.Typer) -> None:
@@ -14,31 +15,109 @@ def register(app: typer.Typer) -> None:
 
 
 def import_run(
-    recording: Path = typer.Argument(..., help="MATLAB .mat, MF4, Parquet or text"),
-    map_name: str = typer.Option(
-        ..., "--map", help="TOML file that says which column is which, or emps, microtribometer, pneumatic_seal"
+    recording: Path = typer.Argument(
+        ...,
+        help="MDF 3 or 4, MATLAB .mat, CSV or other text, TDMS, HDF5, Parquet, Feather, or a bus log; found by content",
+    ),
+    map_name: str | None = typer.Option(
+        None, "--map", help="TOML file that says which column is which, or emps, microtribometer, pneumatic_seal"
+    ),
+    show_list: bool = typer.Option(False, "--list", help="show what is in the file: names, units, rates, spans"),
+    draft: bool = typer.Option(
+        False, "--draft", help="write a map of all its columns, to be edited: to --out, or NAME.toml"
     ),
     from_s: float | None = typer.Option(None, "--from", help="first time to keep, in s; the map's if not given"),
     to_s: float | None = typer.Option(None, "--to", help="last time to keep, in s; the map's if not given"),
-    out: Path = typer.Option(..., help="run file to write: .parquet, .mf4 or .csv"),
+    out: Path | None = typer.Option(
+        None,
+        help="run file to write: .parquet, .mf4 or .csv; NAME-1, NAME-2, ... where gaps cut the recording into runs",
+    ),
+    overwrite: bool = OVERWRITE,
     json_output: bool = JSON,
 ) -> None:
     """Map names and units of a foreign recording onto ours and write it as a run; what was done to it is told, and kept in the
-    file's metadata."""
-    from clutch_hil.recordings.import_map import load_map
-    from protocols.files.runs import write_run
+    file's metadata. --list and --draft show what is in it first."""
+    if show_list and draft:
+        raise InputError("--list and --draft are given; allowed is one of them")
+    if show_list:
+        _list(recording, map_name, json_output)
+    elif draft:
+        _draft(recording, map_name, out, overwrite, json_output)
+    else:
+        for option, value in (("--map", map_name), ("--out", out)):
+            if value is None:
+                raise InputError(
+                    f"{option} is missing; `clutch-hil import --draft {recording}` writes a map to begin with"
+                )
+        assert map_name is not None
+        assert out is not None
+        _import(recording, map_name, from_s, to_s, out, overwrite, json_output)
 
-    run = load_map(map_name).cut(from_s, to_s).read(recording)
-    write_run(run, out)
-    time = run["time_s"]
-    done = run.metadata["import"]["done"]
+
+def _import(
+    recording: Path,
+    map_name: str,
+    from_s: float | None,
+    to_s: float | None,
+    out: Path,
+    overwrite: bool,
+    json_output: bool,
+) -> None:
+    from clutch_hil.recordings.import_map import load_map
+    from protocols.files.output_file import new_file
+    from protocols.files.runs import check_suffix, write_run
+
+    check_suffix(out)
+    new_file(out, overwrite, [recording])
+    runs = load_map(map_name).cut(from_s, to_s).read_runs(recording)
+    files = [out] if len(runs) == 1 else [out.with_stem(f"{out.stem}-{k}") for k in range(1, len(runs) + 1)]
+    for file in files:
+        new_file(file, overwrite, [recording])
+    for run, file in zip(runs, files, strict=True):
+        write_run(run, file)
+    rows = [len(run["time_s"]) for run in runs]
+    rate = (rows[0] - 1) / (runs[0]["time_s"][-1] - runs[0]["time_s"][0])
+    done = runs[0].metadata["import"]["done"]
     document = {
-        "read": str(recording),
-        "wrote": str(out),
-        "rows": len(time),
-        "columns": list(run.columns),
+        "read": str(recording), "wrote": [str(file) for file in files], "rows": rows, "columns": list(runs[0].columns),
         "done": done,
-    }
-    text = "\n".join([f"read {recording}", *done, f"wrote {out}: {', '.join(run.columns)}"])
-    rate = (len(time) - 1) / (time[-1] - time[0])
-    report(document, text, f"{len(time)} rows at {rate:.6g} Hz", True, json_output)
+    }  # fmt: skip
+    written = ", ".join(str(file) for file in files)
+    text = "\n".join([f"read {recording}", *done, f"wrote {written}: {', '.join(runs[0].columns)}"])
+    verdict = f"{sum(rows)} rows at {rate:.6g} Hz" + (f" in {len(runs)} runs" if len(runs) > 1 else "")
+    report(document, text, verdict, True, json_output)
+
+
+def _list(recording: Path, map_name: str | None, json_output: bool) -> None:
+    from clutch_hil.bench.progress import table_text
+    from clutch_hil.recordings.contents import contents_document, contents_rows
+    from clutch_hil.recordings.format import open_recording, recognise
+    from clutch_hil.recordings.import_map import load_map
+
+    contents = open_recording(recording, load_map(map_name).options if map_name else None)
+    kind = recognise(recording).name
+    document = {"read": str(recording), "format": kind, **contents_document(contents)}
+    numbers = [f"{name} = {value:.6g}" for name, value in contents.numbers.items()]
+    text = "\n".join([f"read {recording}: {kind}", *contents.notes, *numbers, table_text(contents_rows(contents))])
+    report(document, text, f"{len(contents.channels)} channels", True, json_output)
+
+
+def _draft(recording: Path, map_name: str | None, out: Path | None, overwrite: bool, json_output: bool) -> None:
+    from clutch_hil.recordings.contents import draft_map
+    from clutch_hil.recordings.format import open_recording
+    from clutch_hil.recordings.import_map import load_map
+    from protocols.files.output_file import new_file, whole_file
+
+    target = out or Path(f"{recording.stem}.toml")
+    if target.suffix != ".toml":
+        raise InputError(f"--out is {target}; a map is written as .toml")
+    options = load_map(map_name).options if map_name else {}
+    contents = open_recording(recording, options)
+    text = draft_map(recording, contents, list(options.items()))
+    new_file(target, overwrite, [recording, *([Path(map_name)] if map_name else [])])
+    with whole_file(target) as part:
+        part.write_text(text, encoding="utf-8")
+    document = {"read": str(recording), "wrote": str(target), "notes": contents.notes}
+    next_step = f"next: edit {target}, then clutch-hil import {recording} --map {target} --out run.parquet"
+    lines = [f"read {recording}", *contents.notes, f"wrote {target}", next_step]
+    report(document, "\n".join(lines), f"map with {text.count(' = {')} columns", True, json_output)

@@ -26,6 +26,7 @@ BLIND = typer.Option(False, "--blind", help="keep the truth out of the run file,
 LOCKSTEP = typer.Option(False, help="deterministic, as fast as the machine allows")
 JUNIT = typer.Option(None, help="XML file for the verdicts, as test benches read them")
 OUT = typer.Option(Path("runs"), help="folder for what is written")
+OVERWRITE = typer.Option(False, help="replace a file that exists; never one that is read")
 JSON = typer.Option(False, "--json", help="print the result as JSON")
 BENCH = typer.Option(None, "--bus", help="bus of the bench, where several are running")
 ROUTER = typer.Option(None, help="zenoh router of another machine, such as tcp/192.168.1.5:7447")

@@ -1,4 +1,4 @@
-"""Bounds of what a file may make this program allocate. They are checked on the numbers in the file, before any memory is taken."""
+"""Bounds of what a file may make this program allocate, checked on the numbers in the file before any memory is taken."""
 
 from protocols.errors import InputError
 

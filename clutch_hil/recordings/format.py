@@ -25,7 +25,7 @@ class RecordingFormat(Protocol):
     """A file format.
 
     name: as people call it. keys: entries of [file] in an import map that it understands, with their types.
-    order: formats with a lower one are asked first; 0 where the first bytes are unique, 1 where text has to be judged, 2 for any text.
+    order: formats with a lower one are asked first. 0: its first bytes are unique; 1: more has to be judged; 2: any text.
     """
 
     name: str

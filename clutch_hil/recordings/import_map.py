@@ -58,7 +58,8 @@ class ForeignColumn:
     """A foreign column: its name, or its number from 1.
 
     unit: "" where the file's own counts. trust_file: whether a unit in the file counts more than `unit`. scale: factor.
-    scale_by: name of a further factor in the file, "" for none. hold: whether it keeps its value between samples, None: by content.
+    scale_by: name of a further factor in the file, "" for none. hold: whether it keeps its value between samples; None: decided
+    by content.
     """
 
     column: str | int
@@ -79,7 +80,7 @@ class ImportMap:
     name: str
     notes: str
     columns: Mapping[str, ForeignColumn]
-    sampling: Sampling = Sampling()
+    sampling: Sampling = field(default_factory=Sampling)
     skip_rows: int = 0
     from_s: float = -inf
     to_s: float = inf
@@ -122,7 +123,8 @@ class ImportMap:
             last = max(piece["time_s"][-1] for piece in pieces)
             first = min(piece["time_s"][0] for piece in pieces)
             raise InputError(
-                f"recording {path} has no row from {self.from_s:g} to {self.to_s:g} s; its rows are at {first:.6g} to {last:.6g} s"
+                f"recording {path} has no row from {self.from_s:g} to {self.to_s:g} s; its rows are at {first:.6g} to"
+                f" {last:.6g} s"
             )
         if any(len(self._keep(piece)["time_s"]) < len(piece["time_s"]) for piece in pieces):
             notes.append(f"kept {self.from_s:g} to {min(self.to_s, runs[-1]['time_s'][-1]):g} s")
@@ -177,8 +179,8 @@ class ImportMap:
                 time = signal.time[self.skip_rows :] - offset
             else:
                 raise InputError(
-                    f"recording {path}: {signal.channel.path!r} for {name} does not share its rows with {clock.path!r}, and has no"
-                    " time axis of its own"
+                    f"recording {path}: {signal.channel.path!r} for {name} does not share its rows with {clock.path!r}, and"
+                    " has no time axis of its own"
                 )
             if len(time) != len(values):
                 raise InputError(
@@ -250,7 +252,7 @@ def _read_column(column: str, entry: TomlTable) -> ForeignColumn:
 
 
 def _choose_unit(path: Path, name: str, source: ForeignColumn, channel: Channel, notes: list[str]) -> str:
-    """Unit of a foreign column: the file's where it tells one, else the map's. Raises InputError where they are not of a kind."""
+    """Unit of a foreign column: the file's where it tells one, else the map's. Raises InputError where the two do not fit."""
     written = plain_unit(channel.unit)
     if not written or not source.trust_file:
         if not source.unit:

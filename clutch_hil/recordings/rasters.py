@@ -1,11 +1,10 @@
 """Rasters: signals of different rates on one time axis.
 
-Rule            A signal becomes a column by straight lines between its samples. A status (gear, phase, flag) keeps its last value
-                instead. Where the rate falls, a signal is low-passed before, so that nothing above half the new rate is folded
-                down: Butterworth of order 4, forwards and backwards (no delay), at 0.4 of the new rate, where half the new rate is
-                damped by 16 dB.
-Gaps            A step between two samples of more than `longest_gap_s` ends a piece, and the next sample begins another: a gap is
-                never bridged. Where no longest gap was stated, a step of more than ten median steps is an error.
+Rule            A signal becomes a column by straight lines between its samples. A status (gear, phase, flag) keeps its last
+                value instead. Where the rate falls, a signal is low-passed before, so that nothing above half the new rate is
+                folded down: Butterworth of order 4, forwards and backwards (no delay), at 0.4 of the new rate.
+Gaps            A step between two samples of more than `longest_gap_s` ends a piece, and the next sample begins another: a gap
+                is never bridged. Where no longest gap was stated, a step of more than ten median steps is an error.
 Not there       A sample that is no number counts as missing where a signal is resampled.
 References      Oppenheim and Schafer, Discrete-Time Signal Processing, section 4.6 (filter before the rate falls);
                 Gautier 1997 (forwards and backwards filter before inverse dynamics)
@@ -13,6 +12,7 @@ References      Oppenheim and Schafer, Discrete-Time Signal Processing, section 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -110,8 +110,7 @@ def _resample(file: Path, columns: Sequence[TimedColumn], sampling: Sampling, no
             f" samples is {longest:.4g} s"
         )
     _note_low_pass(columns, sampling, notes)
-    for text in dict.fromkeys(_describe_resampling(column, sampling) for column in kept):
-        notes.append(text)
+    notes += dict.fromkeys(_describe_resampling(column, sampling) for column in kept)
     if held := [column.name for column in columns if column.held]:
         notes.append(f"held the last value of {', '.join(held)} between samples: a status")
     return pieces
@@ -163,8 +162,8 @@ def _pieces(file: Path, column: TimedColumn, longest_gap: float, notes: list[str
         row = gaps[0]
         raise InputError(
             f"recording {file}: the time of {column.name} jumps by {steps[row]:.6g} s after row {row}, from {time[row]:.6g} to"
-            f" {time[row + 1]:.6g} s, where {median:.4g} s are usual; set longest_gap_s in [file]: shorter gaps are bridged by a"
-            " straight line, at longer ones the recording is cut into runs"
+            f" {time[row + 1]:.6g} s, where {median:.4g} s are usual; set longest_gap_s in [file]: shorter gaps are bridged by"
+            " straight lines, at longer ones the recording is cut into runs"
         )
     if len(gaps) >= _MOST_PIECES:
         raise InputError(
@@ -172,7 +171,7 @@ def _pieces(file: Path, column: TimedColumn, longest_gap: float, notes: list[str
             f" {_MOST_PIECES - 1}"
         )
     ends = [0, *(gaps + 1), len(time)]
-    parts = [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    parts = [slice(int(a), int(b)) for a, b in pairwise(ends)]
     whole = [part for part in parts if part.stop - part.start > 1]
     if len(gaps):
         text = f"cut at {len(gaps)} gaps of more than {longest_gap:g} s, the longest {steps[gaps].max():.4g} s"

@@ -19,7 +19,8 @@ import pyarrow.parquet as pq
 from protocols.errors import InputError, listing
 from protocols.files import matlab, measurement
 from protocols.files.arrow import from_rows, numbers
-from protocols.files.run import Run, parse_json, whole_file
+from protocols.files.output_file import whole_file
+from protocols.files.run import Run, parse_json
 from protocols.node import Column
 
 REQUIRED = (
@@ -95,20 +96,25 @@ def read_columns(path: Path) -> Run:
     return _read_table(path)
 
 
+def check_suffix(path: Path) -> None:
+    """Raise InputError where the suffix of `path` names no format that a run can be written in."""
+    if path.suffix not in SUFFIXES:
+        raise InputError(f"run {path} cannot be written as {path.suffix!r}; allowed are {listing(SUFFIXES)}")
+
+
 def write_run(run: Run, path: Path | str) -> None:
     """Write a run in the format that the suffix of `path` names; the file appears only when complete. Raises InputError."""
     path = Path(path)
+    check_suffix(path)
     if path.suffix == ".mf4":
         measurement.write_mf4(run, path)
     elif path.suffix == ".csv":
         with whole_file(path) as part:
             pyarrow.csv.write_csv(pa.table(dict(run.columns)), part)
-    elif path.suffix == ".parquet":
+    else:
         with RunWriter(path, run.describe_columns()) as writer:
             writer.append(np.column_stack(list(run.columns.values())))
             writer.finish(run.metadata)
-    else:
-        raise InputError(f"run {path} cannot be written as {path.suffix!r}; allowed are {listing(SUFFIXES)}")
 
 
 def _read_table(path: Path) -> Run:
