@@ -60,17 +60,16 @@ class Hdf5File:
             raise InputError(f"{self.name} is cut or damaged: {what} cannot be read ({reason})") from None
 
     def members(self, group: "h5py.Group") -> list[tuple[str, Any]]:
-        """Names and objects in a group. Links to other files are left out: what they lead to is not part of the recording."""
+        """Names and objects in a group. Soft and external links are left out: what they lead to is elsewhere, here or not."""
         import h5py
 
-        with self.errors(f"group {group.name}"):
-            names = [n for n in group if not isinstance(group.get(n, getlink=True), h5py.ExternalLink)]
-            return [(name, entry) for name in names if (entry := group.get(name)) is not None]
+        with self.errors("a group"):
+            return [(name, group[name]) for name in group if isinstance(group.get(name, getlink=True), h5py.HardLink)]
 
     def attribute(self, entry: Any, *names: str) -> str:
         """The first of the attributes `names` as a text, "" where there is none."""
         for name in names:
-            with self.errors(f"attribute {name} of {entry.name}"):
+            with self.errors(f"attribute {name}"):
                 if name not in entry.attrs:
                     continue
                 attribute = entry.attrs.get_id(name)
@@ -82,10 +81,10 @@ class Hdf5File:
             return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
         return ""
 
-    def read(self, name: str, index: tuple[Any, ...] | Any = ()) -> np.ndarray:
-        """The part `index` of the dataset `name`. Raises InputError where it is too large, or damaged."""
-        with self.errors(name):
-            data = self.root[name]
+    def read(self, place: "str | h5py.Reference", index: Any = ()) -> np.ndarray:
+        """The part `index` of the dataset at `place`. Raises InputError where it is too large, or damaged."""
+        with self.errors(place if isinstance(place, str) else "a dataset"):
+            data = self.root[place]
             self.check(data)
             return np.asarray(data[index])
 
@@ -105,10 +104,12 @@ class Hdf5File:
         if data.chunks is None and data.size and stored and stored < data.size * item:
             raise InputError(f"{self.name} is damaged: {data.name} has {stored} bytes for {data.size} values")
 
-    def column(self, name: str, index: tuple[Any, ...], rows: int) -> np.ndarray:
+    def column(self, place: "str | h5py.Reference", index: tuple[Any, ...], rows: int) -> np.ndarray:
         """Numbers (rows,) float64 of a dataset, of which `index` chooses one axis. Raises InputError."""
-        check_rows(f"{self.name}: {name} has", rows, 1)
-        values = self.read(name, index)
+        check_rows(f"{self.name}: {place if isinstance(place, str) else 'a dataset'} has", rows, 1)
+        values = self.read(place, index)
         if values.dtype.names:
             values = values[values.dtype.names[0]]  # the real part of a complex number
+        if values.size != rows or values.dtype.kind not in "fiub":
+            raise InputError(f"{self.name} changed while it was read")
         return np.asarray(values, float).reshape(rows)

@@ -108,7 +108,7 @@ class ImportMap:
         signals = dict(zip(sources, recording.read(list(sources.values())), strict=True))
         notes = list(recording.notes)
         columns = {n: self._convert(path, recording, n, signals[n], notes) for n in self.columns}
-        timed, start = self._with_times(path, signals, columns, recording.start, notes)
+        timed, start = self._with_times(path, recording, signals, columns, notes)
         pieces, done = join(path, timed, self.sampling)
         notes += done
         origin = {"from": path.name, "map": self.name, "notes": self.notes, "done": notes}
@@ -153,12 +153,17 @@ class ImportMap:
         return values if (one, zero, scale) == (1.0, 0.0, 1.0) else (one - zero) * scale * values + zero
 
     def _with_times(
-        self, path: Path, signals: Mapping[str, Signal], columns: Mapping[str, np.ndarray], start: str, notes: list[str]
+        self,
+        path: Path,
+        recording: Recording,
+        signals: Mapping[str, Signal],
+        columns: Mapping[str, np.ndarray],
+        notes: list[str],
     ) -> tuple[list[TimedColumn], str]:
         """All columns but time_s, each with its time, and the time of day of time 0."""
         if self.skip_rows:
             notes.append(f"left out the first {self.skip_rows} rows")
-        clock, axis = signals["time_s"].channel, columns["time_s"]
+        clock, axis, start = signals["time_s"].channel, columns["time_s"], recording.start
         if len(columns) == 1:
             raise InputError(f"import map {self.name} has no column beside time_s")
         if len(axis) and _EPOCH_S < axis[0] < inf:
@@ -178,10 +183,7 @@ class ImportMap:
             elif clock.kind == "time" and signal.time is not None:
                 time = signal.time[self.skip_rows :] - offset
             else:
-                raise InputError(
-                    f"recording {path}: {signal.channel.path!r} for {name} does not share its rows with {clock.path!r}, and"
-                    " has no time axis of its own"
-                )
+                raise InputError(_describe_strangers(path, recording, signal, name, clock))
             if len(time) != len(values):
                 raise InputError(
                     f"recording {path}: {signal.channel.path!r} for {name} has {len(values)} rows, its time has {len(time)}"
@@ -190,6 +192,16 @@ class ImportMap:
         if start:
             notes.append(f"recorded at {start}, by the file")
         return timed, start
+
+
+def _describe_strangers(path: Path, recording: Recording, signal: Signal, name: str, clock: Channel) -> str:
+    """What is wrong where a signal does not share its rows with that of time_s."""
+    own = [c.path for c in recording.channels if c.kind == "time" and c.raster == signal.channel.raster]
+    remedy = f"; take time_s from {own[0]!r}" if own else ", and no time axis of its own"
+    return (
+        f"recording {path}: {signal.channel.path!r} for {name} has {len(signal.values)} rows on the raster"
+        f" {signal.channel.raster!r}, time_s has {clock.rows} on {clock.raster!r}{remedy}"
+    )
 
 
 def load_map(name: str) -> ImportMap:

@@ -140,11 +140,20 @@ def _read(wanted: Sequence[tuple[Numbers, Any]]) -> list[np.ndarray]:
 
 def _channel(column: Column, number: int, spans: Mapping[str, tuple[float, float]]) -> Channel:
     kind = "time" if column.is_time else "text" if column.is_text else "status" if column.is_status else "number"
-    raster = column.time.path if column.time is not None else f"{column.rows} rows"
-    start, end = spans.get(raster, (float("nan"), float("nan")))
+    start, end = spans.get(column.time.path if column.time else "", (float("nan"), float("nan")))
     rate = (column.rows - 1) / (end - start) if end > start else float("nan")
     return Channel(
-        column.name, number, column.path, column.unit, raster, column.rows, rate, start, end, kind, column.comment
+        column.name,
+        number,
+        column.path,
+        column.unit,
+        column.raster,
+        column.rows,
+        rate,
+        start,
+        end,
+        kind,
+        column.comment,
     )
 
 

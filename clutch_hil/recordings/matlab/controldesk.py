@@ -28,7 +28,7 @@ class ControlDesk(Layout):
             if name not in ("X", "Y"):
                 for label, text in list(remarks(inside, name))[:_MOST_REMARKS]:
                     walk.found.notes.append(f"{path}: {label} is {text}")
-                    walk.found.start = walk.found.start or read_date(text)
+                    walk.found.starts += filter(None, [read_date(text)])
         return True
 
     def _add_time(self, walk: Walk, x: Struct, number: int, path: str) -> TimeAxis | None:

@@ -29,13 +29,17 @@ _TIMES = re.compile(r"(?i)t|time|x|zeit|tout")  # fields that hold times where o
 
 @dataclass(frozen=True)
 class TimeAxis:
-    """Times (rows,) [s] of a raster: (number - first) * factor. first: 0, or that of the first sample of a date."""
+    """Times (rows,) [s] of a raster: (number - first) * factor. first: 0, or that of the first sample of a date.
+
+    is_beside: whether the columns that have as many rows share them, as beside a date in a table.
+    """
 
     path: str
     numbers: Numbers
     line: Line
     factor: float = 1.0
     first: float = 0.0
+    is_beside: bool = False
 
     @property
     def rows(self) -> int:
@@ -61,16 +65,25 @@ class Column:
     def rows(self) -> int:
         return self.numbers.shape[self.line.axis]
 
+    @property
+    def raster(self) -> str:
+        return f"{self.rows} rows" if self.time is None or self.time.is_beside else self.time.path
+
 
 @dataclass
 class Found:
-    """What the variables of a file hold. left_out: path -> what it is."""
+    """What the variables of a file hold. left_out: path -> what it is. starts: times of day of time 0."""
 
     columns: list[Column] = field(default_factory=list)
     numbers: dict[str, float] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     left_out: dict[str, str] = field(default_factory=dict)
-    start: str = ""
+    starts: list[str] = field(default_factory=list)
+
+    @property
+    def start(self) -> str:
+        """The time of day of time 0, "" where the file tells none, or several."""
+        return self.starts[0] if len({*self.starts}) == 1 else ""
 
 
 @dataclass(frozen=True)
@@ -124,6 +137,10 @@ class Walk:
             self.add(value, path, about)
         elif isinstance(value, LeftOut):
             self.found.left_out[path] = value.what
+        elif texts := read_texts(value):
+            if len(texts) > 1 and not isinstance(value, Text):  # a char matrix is one text in several lines
+                nothing = Numbers((len(texts), 1), "f", Gathered(np.full(len(texts), np.nan)))
+                self._append(Column(about.name, path, nothing, Line(0, (0, 0)), is_text=True))
         elif any(layout.add(self, value, path, about, depth) for layout in self._layouts):
             pass
         elif isinstance(value, Struct):
@@ -148,10 +165,6 @@ class Walk:
                     self.walk(one, f"{path}({number}).{name}", About(name), depth + 1)
 
     def _walk_cell(self, value: Cell, path: str, about: About, depth: int) -> None:
-        if len(value.items) > 1 and all(isinstance(item, Text) for item in value.items):
-            nothing = Numbers((len(value.items), 1), "f", Gathered(np.full(len(value.items), np.nan)))
-            self._append(Column(about.name, path, nothing, Line(0, (0, 0)), is_text=True))
-            return
         for number, item in enumerate(value.items, 1):
             name = about.names[number - 1] if about.names else f"{about.name}{{{number}}}"
             unit = about.units[number - 1] if about.units else about.unit
@@ -209,14 +222,14 @@ class Walk:
             self._append(column)
 
     def add_time(
-        self, numbers: Numbers, path: str, name: str, factor: float = 1.0, first: float = 0.0
+        self, numbers: Numbers, path: str, name: str, factor: float = 1.0, first: float = 0.0, is_beside: bool = False
     ) -> TimeAxis | None:
         """A time axis, which is a column as well; None for what cannot be one."""
         if numbers.size != max(numbers.shape, default=0) or not numbers.size:
             return None
         axis = int(np.argmax(numbers.shape))
         line = Line(axis, (0,) * len(numbers.shape))
-        time = TimeAxis(path, replace(numbers, imaginary=False), line, factor, first)
+        time = TimeAxis(path, replace(numbers, imaginary=False), line, factor, first, is_beside)
         self._append(Column(name, path, numbers, line, "s", time, is_time=True))
         return time
 

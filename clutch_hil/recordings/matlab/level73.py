@@ -60,10 +60,13 @@ def read_level73(file: Hdf5File) -> dict[str, Value]:
 
 @dataclass(frozen=True)
 class _DatasetBlock:
-    """Numbers of the dataset `name`, which has `axes` axes: others than MATLAB write vectors with one. place: as it was met."""
+    """Numbers of a dataset with `axes` axes: others than MATLAB write vectors with one. place: order in which it was met.
+
+    reference: to the dataset, which holds while the file is closed. Its name would take milliseconds to look up.
+    """
 
     file: Hdf5File
-    name: str
+    reference: Any
     axes: int
     place: tuple[int, int]
 
@@ -71,11 +74,11 @@ class _DatasetBlock:
         columns = []
         for line in lines:
             index = tuple(slice(None) if axis == line.axis else n for axis, n in enumerate(line.fixed))
-            columns.append(self.file.column(self.name, index[: self.axes][::-1], shape[line.axis]))
+            columns.append(self.file.column(self.reference, index[: self.axes][::-1], shape[line.axis]))
         return columns
 
     def read_exact(self, count: int) -> np.ndarray:
-        return self.file.read(self.name).ravel()[:count]
+        return self.file.read(self.reference).ravel()[:count]
 
     def check(self) -> None:
         pass
@@ -109,7 +112,7 @@ class _Reader:
         if isinstance(entry, h5py.Group):
             return self._read_group(entry, depth)
         if isinstance(entry, h5py.Dataset):
-            with self._file.errors(str(entry.name)):
+            with self._file.errors("a dataset"):
                 return self._read_dataset(entry, depth)
         return LeftOut("a named type of HDF5")
 
@@ -138,7 +141,7 @@ class _Reader:
         self._file.check(data)
         if data.size > self._left:
             raise InputError(
-                f"{self._file.name}: {data.name} has {data.size} cells; allowed are {MOST_VALUES} values in a file"
+                f"{self._file.name} has an array of {data.size} cells; allowed are {MOST_VALUES} values in a file"
             )
         items = []
         for reference in np.asarray(data[()]).ravel():
@@ -161,14 +164,17 @@ class _Reader:
         if not (kinds in "fiub" or imaginary):
             return LeftOut(f"a dataset of the type {data.dtype}")
         shape = data.shape[::-1] if len(data.shape) > 1 else (*data.shape, 1) if data.shape else (1, 1)
-        block = _DatasetBlock(self._file, str(data.name), len(data.shape), (0, -self._left))
+        block = _DatasetBlock(self._file, data.ref, len(data.shape), (0, -self._left))
         few = None
         if prod(shape) <= SMALL and not imaginary:
             self._file.check(data)
             few = np.asarray(data[()]).ravel()
         numbers = Numbers(shape, "b" if kind == "logical" else "f" if imaginary else kinds, block, imaginary, few)
-        if (kind and kind not in _NUMBERS) or (self._inside_objects and is_reference(numbers)):
-            return FUNCTION if kind == "function_handle" else read_reference(numbers, self._objects, kind)
+        if kind == "function_handle":
+            return FUNCTION
+        is_class = bool(kind) and kind not in _NUMBERS
+        if is_class or (self._inside_objects and is_reference(numbers)):
+            return read_reference(numbers, self._objects, kind if is_class else "")
         return numbers
 
     def _read_text(self, data: Any) -> Value:

@@ -66,7 +66,7 @@ class Timeseries(Layout):
             axis = walk.add_time(times, f"{path}.Time", "Time", factor) if times is not None else None
         if date := to_text(info.get("StartDate")):
             walk.found.notes.append(f"{path}: time 0 is {date}")
-            walk.found.start = walk.found.start or read_date(date)
+            walk.found.starts += filter(None, [read_date(date)])
         first = fields.get("IsTimeFirst_", fields.get("IsTimeFirst"))
         unit = _fields(fields.get("DataInfo")).get("Units")
         unit_text = to_text(unit) or to_text(_fields(unit).get("Name")) or about.unit

@@ -11,7 +11,7 @@ import numpy as np
 from clutch_hil.recordings.bounds import check_rows
 from clutch_hil.recordings.matlab.layouts import About, Layout, TimeAxis, Walk
 from clutch_hil.recordings.matlab.objects import Object
-from clutch_hil.recordings.matlab.texts import read_texts
+from clutch_hil.recordings.matlab.texts import read_texts, to_text
 from clutch_hil.recordings.matlab.value import Cell, Gathered, Line, Numbers, Struct, Value
 
 _MILLISECONDS = 1e-3  # s: in which durations and dates are stored
@@ -67,7 +67,7 @@ class Times(Layout):
             return False
         numbers = _stored(value)
         if numbers is not None and numbers.size > 1:
-            add_times(walk, value, path, about.name)
+            add_times(walk, value, path, about.name, is_beside=True)
         return True
 
 
@@ -84,25 +84,30 @@ class Categorical(Layout):
         return True
 
 
-def add_times(walk: Walk, value: Object, path: str, name: str) -> TimeAxis | None:
+def add_times(walk: Walk, value: Object, path: str, name: str, is_beside: bool = False) -> TimeAxis | None:
     """The time axis of an object of the class duration or datetime; dates are counted from the first."""
     numbers = _stored(value)
-    if numbers is None or not numbers.size or numbers.size != max(numbers.shape):
+    if numbers is not None and not numbers.size:
+        return None
+    if numbers is None or numbers.size != max(numbers.shape):
         walk.found.left_out[path] = f"an object of the class {value.class_name} with more than one column"
         return None
     if value.class_name == "duration":
-        return walk.add_time(numbers, path, name, _MILLISECONDS)
+        return walk.add_time(numbers, path, name, _MILLISECONDS, 0.0, is_beside)
     axis = int(np.argmax(numbers.shape))
     (milliseconds,) = numbers.read([Line(axis, (0,) * len(numbers.shape))])
     first = float(milliseconds[0])
     try:
-        start = datetime.fromtimestamp(_MILLISECONDS * first, UTC).replace(tzinfo=None).isoformat()
+        date = datetime.fromtimestamp(_MILLISECONDS * first, UTC)
     except (OverflowError, ValueError, OSError):
         walk.found.left_out[path] = "dates that are none"
         return None
-    walk.found.start = walk.found.start or start
+    start = (
+        date if to_text(value.fields.get("tz")) else date.replace(tzinfo=None)
+    ).isoformat()  # a zone: stored as UTC
+    walk.found.starts.append(start)
     walk.found.notes.append(f"{path} is counted from {start}")
-    return walk.add_time(numbers, path, name, _MILLISECONDS, first)
+    return walk.add_time(numbers, path, name, _MILLISECONDS, first, is_beside)
 
 
 def _stored(value: Value) -> Numbers | None:
