@@ -67,7 +67,7 @@ def read_level5(file: BinaryFile) -> dict[str, Value]:
         if not isinstance(value, Numbers) or value.small is not None:
             source.check()  # it has been read to its end
         if key:
-            variables[key] = value
+            variables[f"{key} (2)" if key in variables else key] = value
         elif begin == subsystem and isinstance(value, Numbers):
             reader.read_objects(value)
     return variables
@@ -227,9 +227,8 @@ class _Reader:
             if names:
                 raise self.damaged(f"field names of {length} bytes")
             return Struct(shape, {})
-        keys = [
-            names[i : i + length].split(b"\x00")[0].decode("utf-8", "replace") for i in range(0, len(names), length)
-        ]
+        raws = [names[begin : begin + length] for begin in range(0, len(names), length)]
+        keys = _unlike([raw.split(b"\x00")[0].decode("utf-8", "replace") for raw in raws])
         items = self._read_items(source, at, end, prod(shape) * len(keys), depth)
         return Struct(shape, {key: items[number :: len(keys)] for number, key in enumerate(keys)})
 
@@ -260,3 +259,13 @@ class _Reader:
         for table in found.fields.get("MCOS", ()) if isinstance(found, Struct) else ():
             if isinstance(table, Cell):
                 self._objects.table = ObjectTable(self.name, table, self._order)
+
+
+def _unlike(names: list[str]) -> list[str]:
+    """Names, of which the second and further ones that are alike get their number: MATLAB writes no such, others do."""
+    counts: dict[str, int] = {}
+    unlike = []
+    for name in names:
+        counts[name] = counts.get(name, 0) + 1
+        unlike.append(name if counts[name] == 1 else f"{name} ({counts[name]})")
+    return unlike
