@@ -11,6 +11,7 @@ from clutch_hil.recordings.bounds import check_rows
 from clutch_hil.recordings.channel import Channel, Recording, Signal
 from clutch_hil.recordings.formats.matlab import MatlabRecording
 from clutch_hil.recordings.hdf5_file import Hdf5File, is_hdf5
+from clutch_hil.recordings.isolated import IsolatedRecording
 from clutch_hil.recordings.matlab.level73 import has_matlab_classes, is_level73
 from clutch_hil.recordings.matlab.texts import read_date
 from protocols.errors import InputError
@@ -35,10 +36,15 @@ class Hdf5:
         return is_hdf5(head) and not is_level73(head)
 
     def open(self, path: Path, options: Mapping[str, Any]) -> Recording:
-        file = Hdf5File(path)
-        with file:
-            is_matlab = has_matlab_classes(file)
-        return MatlabRecording(file) if is_matlab else Hdf5Recording(file)
+        return IsolatedRecording(path, f"{__name__}:open_hdf5")
+
+
+def open_hdf5(path: Path) -> Recording:
+    """A file, opened in this process; one of MATLAB that lost its first bytes is read as such."""
+    file = Hdf5File(path)
+    with file, file.errors("what is in it"):
+        is_matlab = has_matlab_classes(file)
+    return MatlabRecording(file) if is_matlab else Hdf5Recording(file)
 
 
 @dataclass(frozen=True)
@@ -62,7 +68,8 @@ class Hdf5Recording:
         self.notes: list[str] = []
         with file:
             walk = _Walk(file)
-            walk.walk(file.root, 0)
+            with file.errors("what is in it"):
+                walk.walk(file.root, 0)
             walk.finish()
             self._places = walk.places
             self.channels, self.numbers, self.notes, self.start = walk.channels, walk.numbers, walk.notes, walk.start
@@ -133,8 +140,7 @@ class _Walk:
             if isinstance(entry, h5py.Group):
                 self.walk(entry, depth + 1)
             elif isinstance(entry, h5py.Dataset):
-                with self._file.errors(path):
-                    self._add_dataset(entry, path, name)
+                self._add_dataset(entry, path, name)
 
     def _add_remarks(self, group: Any) -> None:
         for key in list(group.attrs)[:_MOST_REMARKS]:

@@ -9,6 +9,7 @@ import numpy as np
 from clutch_hil.recordings.bounds import check_rows
 from clutch_hil.recordings.channel import Channel, Recording, Signal
 from clutch_hil.recordings.hdf5_file import Hdf5File, is_hdf5
+from clutch_hil.recordings.isolated import IsolatedRecording
 from clutch_hil.recordings.matlab.bytes import BinaryFile
 from clutch_hil.recordings.matlab.controldesk import ControlDesk
 from clutch_hil.recordings.matlab.layouts import Column, Found, TimeAxis, Walk
@@ -47,8 +48,13 @@ class Matlab:
                 f"recording {path} is cut or damaged: it says that it is a MATLAB 7.3 file, and has no HDF5 content"
             )
         if is_level73(head):
-            return MatlabRecording(Hdf5File(path))
+            return IsolatedRecording(path, f"{__name__}:open_level73")
         return MatlabRecording(BinaryFile(path), is_level5(head))
+
+
+def open_level73(path: Path) -> Recording:
+    """A file of level 7.3, opened in this process."""
+    return MatlabRecording(Hdf5File(path))
 
 
 def _is_cut_level73(head: bytes) -> bool:
@@ -78,7 +84,8 @@ class MatlabRecording:
     @staticmethod
     def _read_variables(file: BinaryFile | Hdf5File, level5: bool) -> dict[str, Value]:
         if isinstance(file, Hdf5File):
-            return read_level73(file)
+            with file.errors("what is in it"):
+                return read_level73(file)
         return read_level5(file) if level5 else read_level4(file)
 
     def read(self, channels: Sequence[Channel]) -> list[Signal]:

@@ -112,8 +112,7 @@ class _Reader:
         if isinstance(entry, h5py.Group):
             return self._read_group(entry, depth)
         if isinstance(entry, h5py.Dataset):
-            with self._file.errors("a dataset"):
-                return self._read_dataset(entry, depth)
+            return self._read_dataset(entry, depth)
         return LeftOut("a named type of HDF5")
 
     def _read_group(self, group: Any, depth: int) -> Value:
