@@ -7,6 +7,7 @@ changed bytes: a double free, an endless loop). The process costs about a second
 import os
 import pickle
 import resource
+import signal
 import subprocess
 import sys
 import weakref
@@ -23,13 +24,16 @@ _MOST_BYTES = 2 << 30  # of the process, with the libraries' own 0.2 GB; the val
 
 
 class IsolatedRecording:
-    """See Recording. opener: what opens the file in the other process, a function of its path, as `module:function`."""
+    """See Recording. opener: what opens the file in the other process, a function of its path, as `module:function`.
 
-    def __init__(self, path: Path, opener: str) -> None:
-        self._path = path
+    most_seconds: of computing, for opening and reading together.
+    """
+
+    def __init__(self, path: Path, opener: str, most_seconds: int = _MOST_SECONDS) -> None:
+        self._path, self._most_seconds = path, most_seconds
         paths = os.pathsep.join(os.path.abspath(entry) for entry in sys.path)
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "clutch_hil.recordings.isolated", str(path), opener],
+            [sys.executable, "-m", "clutch_hil.recordings.isolated", str(path), opener, str(most_seconds)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
@@ -60,17 +64,16 @@ class IsolatedRecording:
         except (EOFError, pickle.UnpicklingError):
             code = self._process.wait()
             raise InputError(
-                f"recording {self._path} is damaged, or too large: the library that reads it ended ({_describe_end(code)})"
+                f"recording {self._path} is damaged, or too large: the library that reads it ended ({self._describe_end(code)})"
             ) from None
         if isinstance(answer, InputError):
             raise answer
         return answer
 
-
-def _describe_end(code: int) -> str:
-    if code == -24:  # SIGXCPU
-        return f"after {_MOST_SECONDS} s of computing"
-    return f"signal {-code}" if code < 0 else f"exit code {code}"
+    def _describe_end(self, code: int) -> str:
+        if code == -signal.SIGXCPU:
+            return f"after {self._most_seconds} s of computing"
+        return f"signal {-code}" if code < 0 else f"exit code {code}"
 
 
 def _end(process: "subprocess.Popen[bytes]") -> None:
@@ -107,12 +110,13 @@ def _serve(path: Path, opener: str, questions: IO[bytes], answers: IO[bytes]) ->
 
 def main() -> None:
     """The other process."""
-    resource.setrlimit(resource.RLIMIT_CPU, (_MOST_SECONDS, _MOST_SECONDS + 1))
+    path, opener, most_seconds = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3])
+    resource.setrlimit(resource.RLIMIT_CPU, (most_seconds, most_seconds + 1))
     resource.setrlimit(resource.RLIMIT_DATA, (_MOST_BYTES, _MOST_BYTES))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what libraries print is no answer
-    _serve(Path(sys.argv[1]), sys.argv[2], sys.stdin.buffer, answers)
+    _serve(path, opener, sys.stdin.buffer, answers)
 
 
 if __name__ == "__main__":

@@ -10,11 +10,11 @@ from typing import IO, Protocol
 
 import numpy as np
 
-from clutch_hil.recordings.bounds import check_rows
+from clutch_hil.recordings.bounds import MOST_BYTES, check_rows
 from clutch_hil.recordings.matlab.value import Line, line_slice
 from protocols.errors import InputError
 
-MOST_UNPACKED = 2 << 30  # bytes of one file after inflation, which takes 5 s; a zip bomb claims any number
+MOST_INFLATED = MOST_BYTES  # of one file: they are not kept, but take 3 s a GiB; a zip bomb inflates to any number
 _STEP = 1 << 18  # bytes that are inflated at once
 _BLOCK = 1 << 22  # bytes of numbers that are converted at once
 
@@ -117,7 +117,7 @@ class DeflatedBytes:
             self._budget[0] -= new
             if self._budget[0] < 0:
                 raise InputError(
-                    f"{self._name} inflates to more than {MOST_UNPACKED / (1 << 30):g} GiB; save fewer variables in one file"
+                    f"{self._name} inflates to more than {MOST_INFLATED / (1 << 30):g} GiB; save fewer variables in one file"
                 )
         return bool(self._buffer)
 

@@ -24,7 +24,7 @@ _MOST_VISITS = 400_000  # values that are looked at: objects can refer to each o
 _MOST_DEPTH = 40
 _NAMES = re.compile(r"(?i).*(name|label|header|channel|signal|title|^var).*")  # fields with names of columns
 _UNITS = re.compile(r"(?i)(.*_)?(units?|einheit(en)?|eu)")  # and with their units
-_TIMES = re.compile(r"(?i)t|time|x|zeit|tout")  # fields that hold times where one other holds values
+_TIMES = re.compile(r"(?i)t|time|zeit|tout")  # fields that hold times where one other holds values
 
 
 @dataclass(frozen=True)

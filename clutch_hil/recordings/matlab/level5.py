@@ -12,7 +12,7 @@ from math import prod
 import numpy as np
 
 from clutch_hil.recordings.matlab.bytes import (
-    MOST_UNPACKED,
+    MOST_INFLATED,
     BinaryFile,
     Bytes,
     DeflatedBytes,
@@ -75,7 +75,7 @@ def read_level5(file: BinaryFile) -> dict[str, Value]:
 
 def _elements(file: BinaryFile, order: str) -> Iterator[tuple[int, Bytes, int]]:
     """For each element of the file: where its tag is, the bytes of the array in it, and how many they are."""
-    name, size, budget = file.name, file.size, [MOST_UNPACKED]
+    name, size, budget = file.name, file.size, [MOST_INFLATED]
     position = HEADER
     while position < size:
         if position + 8 > size:
