@@ -15,7 +15,7 @@ _LONGEST_NAME = 60  # characters of a column's name in a draft
 
 def contents_rows(recording: Recording) -> list[tuple[str, ...]]:
     """Rows of a table, the header first: a channel each. What no channel tells is left out."""
-    header = ("number", "name", "unit", "kind", "rows", "rate [Hz]", "from [s]", "to [s]", "raster")
+    header = ("number", "name", "path", "unit", "kind", "rows", "rate [Hz]", "from [s]", "to [s]", "raster")
     rows = [_row(channel) for channel in recording.channels]
     told = [k for k in range(len(header)) if k < 2 or any(row[k] != "-" for row in rows)]
     return [tuple(row[k] for k in told) for row in (header, *rows)]
@@ -23,7 +23,8 @@ def contents_rows(recording: Recording) -> list[tuple[str, ...]]:
 
 def _row(c: Channel) -> tuple[str, ...]:
     numbers = (_text(value, digits) for value, digits in ((c.rate_hz, 6), (c.start_s, 6), (c.end_s, 6)))
-    return (str(c.number), c.path, c.unit or "-", c.kind, str(c.rows), *numbers, c.raster or "-")
+    path = c.path if c.path != c.name else "-"
+    return (str(c.number), c.name or "-", path, c.unit or "-", c.kind, str(c.rows), *numbers, c.raster or "-")
 
 
 def _text(value: float, digits: int) -> str:

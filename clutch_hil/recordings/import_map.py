@@ -183,10 +183,7 @@ class ImportMap:
             elif clock.kind == "time" and signal.time is not None:
                 time = self._convert(path, recording, "time_s", Signal(clock, signal.time), []) - offset
             else:
-                raise InputError(
-                    f"recording {path}: {signal.channel.path!r} for {name} does not share its rows with {clock.path!r}, and"
-                    " has no time axis of its own"
-                )
+                raise InputError(_describe_strangers(path, recording, signal, name, clock))
             if len(time) != len(values):
                 raise InputError(
                     f"recording {path}: {signal.channel.path!r} for {name} has {len(values)} rows, its time has {len(time)}"
@@ -195,6 +192,16 @@ class ImportMap:
         if start:
             notes.append(f"recorded at {start}, by the file")
         return timed, start
+
+
+def _describe_strangers(path: Path, recording: Recording, signal: Signal, name: str, clock: Channel) -> str:
+    """What is wrong where a signal does not share its rows with that of time_s."""
+    own = [c.path for c in recording.channels if c.kind == "time" and c.raster == signal.channel.raster]
+    remedy = f"; take time_s from {own[0]!r}" if own else ", and no time axis of its own"
+    return (
+        f"recording {path}: {signal.channel.path!r} for {name} has {len(signal.values)} rows on the raster"
+        f" {signal.channel.raster!r}, time_s has {clock.rows} on {clock.raster!r}{remedy}"
+    )
 
 
 def load_map(name: str) -> ImportMap:

@@ -1,5 +1,7 @@
-"""MATLAB files as dSPACE ControlDesk exports them, one vector for each name. Single numbers become metadata."""
+"""MATLAB files as runs: one vector for each name. Single numbers become metadata."""
 
+from collections.abc import Mapping
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -9,35 +11,64 @@ from protocols.errors import InputError
 from protocols.files.run import Run
 
 _NUMBERS = "fiub"  # kinds of NumPy types that are real numbers
-_HDF5 = b"MATLAB 7.3 MAT-file"
+_CLASSES = ("double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)))
+_LEVEL73 = b"MATLAB 7.3 MAT-file"
+_MOST_NUMBERS = 1 << 27  # in one file: 1 GiB as float64, as much as a recording may have
 
 
 def read_mat(path: Path) -> Run:
-    """Read every vector of numbers in a file of level 4 or 5 (MATLAB's `-v7` and before), of any length. Raises InputError.
+    """Read every vector of numbers in a file of level 4, 5 or 7.3, of any length. Raises InputError.
 
     Text, structures, matrices and complex numbers are left out.
     """
-    from scipy.io import loadmat
-
     try:
         with path.open("rb") as file:
-            if file.read(len(_HDF5)) == _HDF5:
-                raise InputError(f"run {path} is a MATLAB 7.3 file (HDF5); save it again with `save(..., '-v7')`")
-        content: dict[str, Any] = loadmat(path)
+            is_level73 = file.read(len(_LEVEL73)) == _LEVEL73
+        content = _read_level73(path) if is_level73 else _read_level5(path)
     except FileNotFoundError:
         raise InputError(f"run {path} does not exist") from None
     except InputError:
         raise
-    except Exception as error:  # scipy raises many kinds
+    except Exception as error:  # scipy and h5py raise many kinds
         raise InputError(f"run {path} cannot be read: {' '.join(str(error).split())}") from None
     columns, metadata = {}, {}
     for name, value in content.items():
-        if name.startswith("__") or not isinstance(value, np.ndarray) or value.dtype.kind not in _NUMBERS:
+        if not isinstance(value, np.ndarray) or value.dtype.kind not in _NUMBERS:
             continue
         if value.size == 1:
             metadata[name] = value.item()
-        elif value.size == max(value.shape):  # a row or a column
+        else:
             columns[name] = value.ravel().astype(float)
     if not columns:
         raise InputError(f"run {path} has no vectors of numbers")
     return Run(columns, metadata)
+
+
+def _read_level5(path: Path) -> Mapping[str, Any]:
+    """Vectors and single numbers of level 4 and 5."""
+    from scipy.io import loadmat, whosmat
+
+    names = _vectors(path, {name: shape for name, shape, kind in whosmat(path) if kind in _CLASSES})
+    return loadmat(path, variable_names=names) if names else {}
+
+
+def _read_level73(path: Path) -> Mapping[str, Any]:
+    """Vectors and single numbers of level 7.3, which is HDF5. Links are not followed."""
+    import h5py
+
+    with h5py.File(path, "r", locking=False) as file:
+        entries = {name: file[name] for name in file if isinstance(file.get(name, getlink=True), h5py.HardLink)}
+        shapes = {
+            name: entry.shape or (0,)
+            for name, entry in entries.items()
+            if isinstance(entry, h5py.Dataset) and entry.attrs.get("MATLAB_class", b"").decode() in _CLASSES
+        }
+        return {name: entries[name][()] for name in _vectors(path, shapes) if "MATLAB_empty" not in entries[name].attrs}
+
+
+def _vectors(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> list[str]:
+    """Names of the variables that are vectors or single numbers. Raises InputError where they are too large to be read."""
+    names = [name for name, shape in shapes.items() if 0 < prod(shape) == max(shape)]
+    if (count := sum(prod(shapes[name]) for name in names)) > _MOST_NUMBERS:
+        raise InputError(f"run {path} has {count:.4g} numbers; allowed are {_MOST_NUMBERS:.4g}")
+    return names

@@ -1,0 +1,256 @@
+"""HDF5: datasets by path. MATLAB's own are in matlab.py, which asks first."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clutch_hil.recordings.bounds import check_rows
+from clutch_hil.recordings.channel import Channel, Recording, Signal
+from clutch_hil.recordings.formats.matlab import MatlabRecording
+from clutch_hil.recordings.hdf5_file import Hdf5File, is_hdf5
+from clutch_hil.recordings.isolated import IsolatedRecording
+from clutch_hil.recordings.matlab.level73 import has_matlab_classes, is_level73
+from clutch_hil.recordings.matlab.texts import read_date
+from protocols.errors import InputError
+from protocols.files.units import same_quantity, to_si
+
+_UNITS = ("unit", "units", "Unit", "Units", "UNIT", "UNITS")
+_COMMENTS = ("description", "long_name", "comment", "Description", "Comment")
+_STARTS = ("start_time", "start", "date", "timestamp", "created", "recorded_at", "StartTime", "Date")  # of the file
+_MOST_ENTRIES = 20_000  # datasets and groups of a file: 2 s to walk through
+_MOST_COLUMNS = 1000  # of a dataset with two axes: more are a picture
+_MOST_DEPTH = 32
+_MOST_TIMES = 4_000_000  # numbers of time axes that are read while a file is opened: 32 MB
+_MOST_REMARKS = 20
+
+
+class Hdf5:
+    name = "HDF5"
+    keys: Mapping[str, type] = {}
+    order = 0
+
+    def recognises(self, head: bytes, path: Path) -> bool:
+        return is_hdf5(head) and not is_level73(head)
+
+    def open(self, path: Path, options: Mapping[str, Any]) -> Recording:
+        return IsolatedRecording(path, f"{__name__}:open_hdf5")
+
+
+def open_hdf5(path: Path) -> Recording:
+    """A file, opened in this process; one of MATLAB that lost its first bytes is read as such."""
+    file = Hdf5File(path)
+    with file, file.errors("what is in it"):
+        is_matlab = has_matlab_classes(file)
+    return MatlabRecording(file) if is_matlab else Hdf5Recording(file)
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where the numbers of a channel are: in a dataset, in a field of its rows or "", in a column or None."""
+
+    dataset: str
+    field: str = ""
+    column: int | None = None
+    factor: float = 1.0  # of a time axis, in s
+    time: "_Place | None" = None
+
+
+class Hdf5Recording:
+    """See Recording."""
+
+    def __init__(self, file: Hdf5File) -> None:
+        self._file = file
+        self.channels: Sequence[Channel] = []
+        self.numbers: Mapping[str, float] = {}
+        self.notes: list[str] = []
+        with file:
+            walk = _Walk(file)
+            with file.errors("what is in it"):
+                walk.walk(file.root, 0)
+            walk.finish()
+            self._places = walk.places
+            self.channels, self.numbers, self.notes, self.start = walk.channels, walk.numbers, walk.notes, walk.start
+        if not self.channels:
+            left = "; ".join(f"{path} ({what})" for path, what in list(walk.left_out.items())[:_MOST_REMARKS])
+            raise InputError(f"{file.name} has no columns of numbers{f'; in it are {left}' if left else ''}")
+
+    def read(self, channels: Sequence[Channel]) -> list[Signal]:
+        """See Recording.read."""
+        clocks = {place.time: c.rows for c in channels if (place := self._places[c.number - 1]).time is not None}
+        rows = sum(c.rows for c in channels) + sum(clocks.values())
+        check_rows(f"{self._file.name}: the {len(channels)} columns asked for have together", rows, 1)
+        times: dict[_Place, np.ndarray] = {}
+        signals = []
+        with self._file:
+            for channel in channels:
+                place = self._places[channel.number - 1]
+                if place.time is not None and place.time not in times:
+                    times[place.time] = read_place(self._file, place.time, channel.rows)
+                time = times.get(place.time) if place.time is not None else None
+                if channel.kind == "text":
+                    values = np.full(channel.rows, np.nan)
+                else:
+                    values = read_place(self._file, place, channel.rows)
+                signals.append(Signal(channel, values, time))
+        return signals
+
+
+def read_place(file: Hdf5File, place: _Place, rows: int) -> np.ndarray:
+    """Values (rows,) of a channel. Raises InputError."""
+    if place.field:
+        check_rows(f"{file.name}: {place.dataset} has", rows, 1)
+        values = np.asarray(file.read(place.dataset, place.field), float).reshape(rows)
+    else:
+        index = (slice(None),) if place.column is None else (slice(None), place.column)
+        values = file.column(place.dataset, index, rows)
+    return values if place.factor == 1.0 else values * place.factor
+
+
+class _Walk:
+    """Collects the channels of an open file."""
+
+    def __init__(self, file: Hdf5File) -> None:
+        self.channels: list[Channel] = []
+        self.places: list[_Place] = []
+        self.numbers: dict[str, float] = {}
+        self.notes: list[str] = []
+        self.left_out: dict[str, str] = {}
+        self.start = ""
+        self._file, self._left = file, _MOST_ENTRIES
+        self._spans: dict[str, tuple[float, float]] = {}
+        self._left_times = _MOST_TIMES
+        self._walked: set[Any] = set()  # groups: hard links may lead back
+
+    def walk(self, group: Any, depth: int) -> None:
+        import h5py
+
+        if group.id in self._walked:
+            return
+        self._walked.add(group.id)
+        if depth > _MOST_DEPTH:
+            self.left_out[group.name] = f"groups more than {_MOST_DEPTH} levels deep"
+            return
+        self._add_remarks(group)
+        for name, entry in self._file.members(group):
+            self._left -= 1
+            if self._left < 0:
+                raise InputError(f"{self._file.name} has more than {_MOST_ENTRIES} datasets and groups")
+            path = f"{group.name.rstrip('/')}/{name}".lstrip("/")
+            if isinstance(entry, h5py.Group):
+                self.walk(entry, depth + 1)
+            elif isinstance(entry, h5py.Dataset):
+                self._add_dataset(entry, path, name)
+
+    def _add_remarks(self, group: Any) -> None:
+        for key in list(group.attrs)[:_MOST_REMARKS]:
+            text = self._file.attribute(group, key)
+            if text and group.name == "/":
+                self.notes.append(f"{key} is {text[:200]}")
+            if key in _STARTS:
+                self.start = self.start or read_date(text)
+
+    def _add_dataset(self, data: Any, path: str, name: str) -> None:
+        import h5py
+
+        if data.shape is None or not data.size:
+            return
+        text = h5py.check_string_dtype(data.dtype) is not None
+        if data.size == 1:
+            self._add_number(data, path)
+        elif len(data.shape) == 1 and data.dtype.names:
+            self._add_table(data, path)
+        elif text and len(data.shape) == 1:
+            self._append(data, path, name, _Place(data.name), "text")
+        elif data.dtype.kind not in "fiub":
+            self.left_out[path] = f"numbers of the type {data.dtype}"
+        elif len(data.shape) == 1:
+            self._append(data, path, name, _Place(data.name, time=self._time_of(data)), _kind(data.dtype))
+        elif len(data.shape) == 2 and data.shape[1] <= _MOST_COLUMNS:
+            time = self._time_of(data)
+            for column in range(data.shape[1]):
+                alone = data.shape[1] == 1
+                place = _Place(data.name, column=column, time=time)
+                self._append(
+                    data,
+                    path if alone else f"{path}[:,{column}]",
+                    name if alone else f"{name}({column + 1})",
+                    place,
+                    _kind(data.dtype),
+                )
+        else:
+            self.left_out[path] = f"an array of {' x '.join(map(str, data.shape))} numbers"
+
+    def _add_number(self, data: Any, path: str) -> None:
+        if data.dtype.kind in "fiub":
+            self._file.check(data)
+            self.numbers[path] = float(np.asarray(data[()]).ravel()[0])
+
+    def _add_table(self, data: Any, path: str) -> None:
+        for field in data.dtype.names:
+            kind = data.dtype[field]
+            if kind.shape or kind.kind not in "fiub":
+                self.left_out[f"{path}/{field}"] = f"values of the type {kind}"
+            else:
+                self._append(data, f"{path}/{field}", field, _Place(data.name, field), _kind(kind))
+
+    def _append(self, data: Any, path: str, name: str, place: _Place, kind: str) -> None:
+        unit = "" if place.field else self._file.attribute(data, *_UNITS)
+        raster = place.dataset if place.field else place.time.dataset if place.time else f"{data.shape[0]} rows"
+        comment = self._file.attribute(data, *_COMMENTS)
+        if data.is_scale and kind == "number" and (factor := _seconds(unit)):
+            kind, unit, raster = "time", "s", data.name
+            axis = _Place(data.name, factor=factor)
+            place = _Place(data.name, factor=factor, time=axis)
+        start, end, rate = self._span(place.time, data.shape[0])
+        number = len(self.channels) + 1
+        self.channels.append(
+            Channel(name, number, path, unit, raster, data.shape[0], rate, start, end, kind, comment[:200])
+        )
+        self.places.append(place)
+
+    def _time_of(self, data: Any) -> _Place | None:
+        """The dimension scale of a dataset's rows, where it holds times."""
+        if data.is_scale or not len(data.dims):
+            return None
+        for scale in data.dims[0].values():
+            factor = _seconds(self._file.attribute(scale, *_UNITS))
+            if factor and scale.shape == data.shape[:1] and scale.dtype.kind in "fiu":
+                return _Place(scale.name, factor=factor)
+        return None
+
+    def _span(self, time: _Place | None, rows: int) -> tuple[float, float, float]:
+        """First and last time [s] and mean rate [Hz] of a time axis, as far as such axes are not too many."""
+        nan = float("nan")
+        if time is None:
+            return nan, nan, nan
+        if time.dataset not in self._spans:
+            if rows > self._left_times:
+                return nan, nan, nan
+            self._left_times -= rows
+            seconds = read_place(self._file, time, rows)
+            self._spans[time.dataset] = (float(seconds[0]), float(seconds[-1]))
+        start, end = self._spans[time.dataset]
+        return start, end, (rows - 1) / (end - start) if end > start else nan
+
+    def finish(self) -> None:
+        if self.left_out:
+            named = "; ".join(f"{path} ({what})" for path, what in list(self.left_out.items())[:_MOST_REMARKS])
+            more = len(self.left_out) - _MOST_REMARKS
+            self.notes.append(f"left out {named}{f'; and {more} more' if more > 0 else ''}")
+
+
+def _kind(dtype: np.dtype) -> str:
+    import h5py
+
+    return "status" if dtype.kind == "b" or h5py.check_enum_dtype(dtype) is not None else "number"
+
+
+def _seconds(unit: str) -> float:
+    """Seconds in a unit of time, 0 where it is none."""
+    try:
+        return to_si(1.0, unit) if unit and same_quantity(unit, "s") else 0.0
+    except InputError:
+        return 0.0

@@ -1,0 +1,170 @@
+"""MATLAB: MAT-files of the levels 4, 5 (`-v6`, `-v7`) and 7.3, also as Octave, SciPy, dSPACE and others write them."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clutch_hil.recordings.bounds import check_rows
+from clutch_hil.recordings.channel import Channel, Recording, Signal
+from clutch_hil.recordings.hdf5_file import Hdf5File, is_hdf5
+from clutch_hil.recordings.isolated import IsolatedRecording
+from clutch_hil.recordings.matlab.bytes import BinaryFile
+from clutch_hil.recordings.matlab.controldesk import ControlDesk
+from clutch_hil.recordings.matlab.layouts import Column, Found, TimeAxis, Walk
+from clutch_hil.recordings.matlab.level4 import is_level4, read_level4
+from clutch_hil.recordings.matlab.level5 import is_level5, read_level5
+from clutch_hil.recordings.matlab.level73 import is_level73, read_level73
+from clutch_hil.recordings.matlab.simulink import Dataset, SimulationOutput, StructureWithTime, Timeseries
+from clutch_hil.recordings.matlab.simulink import Signal as LoggedSignal
+from clutch_hil.recordings.matlab.tables import Categorical, Table, Times
+from clutch_hil.recordings.matlab.value import Numbers, Value
+from protocols.errors import InputError
+
+_LAYOUTS = (
+    ControlDesk(), StructureWithTime(), Timeseries(), Dataset(), LoggedSignal(), SimulationOutput(), Table(), Times(),
+    Categorical(),
+)  # fmt: skip
+_MOST_TIMES = 4_000_000  # numbers of time axes that are read while a file is opened: 32 MB
+_MOST_AXES = 100
+_MOST_LEFT_OUT = 20  # variables that are named
+_EXACT = float(1 << 53)  # above, float64 has no longer every whole number
+
+
+class Matlab:
+    name = "MATLAB"
+    keys: Mapping[str, type] = {}
+    order = 0
+
+    def recognises(self, head: bytes, path: Path) -> bool:
+        return is_level5(head) or is_level4(head) or (is_level73(head) and is_hdf5(head)) or _is_cut_level73(head)
+
+    def open(self, path: Path, options: Mapping[str, Any]) -> Recording:
+        with path.open("rb") as file:
+            head = file.read(4096)
+        if _is_cut_level73(head):
+            raise InputError(
+                f"recording {path} is cut or damaged: it says that it is a MATLAB 7.3 file, and has no HDF5 content"
+            )
+        if is_level73(head):
+            return IsolatedRecording(path, f"{__name__}:open_level73")
+        return MatlabRecording(BinaryFile(path), is_level5(head))
+
+
+def open_level73(path: Path) -> Recording:
+    """A file of level 7.3, opened in this process."""
+    return MatlabRecording(Hdf5File(path))
+
+
+def _is_cut_level73(head: bytes) -> bool:
+    return is_level73(head) and not is_hdf5(head)
+
+
+class MatlabRecording:
+    """See Recording."""
+
+    def __init__(self, file: BinaryFile | Hdf5File, level5: bool = False) -> None:
+        self._file = file
+        walk = Walk(file.name, _LAYOUTS)
+        with file:
+            walk.walk_fields(self._read_variables(file, level5), "", 0)
+            self._columns = walk.found.columns
+            spans = self._read_spans()
+        if not self._columns:
+            raise InputError(f"{file.name} has no columns of numbers; in it are {_inventory(walk.found)}")
+        self.numbers: Mapping[str, float] = walk.found.numbers
+        self.channels: Sequence[Channel] = [_channel(column, n, spans) for n, column in enumerate(self._columns, 1)]
+        self.notes, self.start = walk.found.notes, walk.found.start
+        if left_out := walk.found.left_out:
+            named = "; ".join(f"{path} ({what})" for path, what in list(left_out.items())[:_MOST_LEFT_OUT])
+            more = f"; and {len(left_out) - _MOST_LEFT_OUT} more" if len(left_out) > _MOST_LEFT_OUT else ""
+            self.notes.append(f"left out {named}{more}")
+
+    @staticmethod
+    def _read_variables(file: BinaryFile | Hdf5File, level5: bool) -> dict[str, Value]:
+        if isinstance(file, Hdf5File):
+            with file.errors("what is in it"):
+                return read_level73(file)
+        return read_level5(file) if level5 else read_level4(file)
+
+    def read(self, channels: Sequence[Channel]) -> list[Signal]:
+        """See Recording.read. Arrays are read in the order of the file, each once."""
+        columns = [self._columns[channel.number - 1] for channel in channels]
+        axes = {column.time.path: column.time for column in columns if column.time is not None}
+        check_rows(
+            f"{self._file.name}: the {len(columns)} columns asked for have together",
+            sum(c.rows for c in columns) + sum(a.rows for a in axes.values()),
+            1,
+        )
+        with self._file:
+            numbers = _read([(c.numbers, c.line) for c in columns] + [(a.numbers, a.line) for a in axes.values()])
+        times = {
+            axis.path: _seconds(axis, raw) for axis, raw in zip(axes.values(), numbers[len(columns) :], strict=True)
+        }
+        signals = []
+        for channel, column, values in zip(channels, columns, numbers, strict=False):
+            if column.numbers.kind in "iu" and len(values) and np.abs(values).max() > _EXACT:
+                self.notes.append(f"{column.path}: whole numbers above 2^53 have lost their last digits")
+            time = times[column.time.path] if column.time is not None else None
+            signals.append(Signal(channel, time if column.is_time and time is not None else values, time))
+        return signals
+
+    def _read_spans(self) -> dict[str, tuple[float, float]]:
+        """First and last time [s] of the time axes, as far as they are few."""
+        axes: dict[str, TimeAxis] = {}
+        left = _MOST_TIMES
+        for column in self._columns:
+            if column.is_time and column.time is not None and column.rows <= left and len(axes) < _MOST_AXES:
+                axes[column.path] = column.time
+                left -= column.rows
+        values = _read([(axis.numbers, axis.line) for axis in axes.values()])
+        spans = {}
+        for axis, raw in zip(axes.values(), values, strict=True):
+            seconds = _seconds(axis, raw)
+            spans[axis.path] = (float(seconds[0]), float(seconds[-1]))
+        return spans
+
+
+def _seconds(axis: TimeAxis, raw: np.ndarray) -> np.ndarray:
+    return raw if (axis.factor, axis.first) == (1.0, 0.0) else (raw - axis.first) * axis.factor
+
+
+def _read(wanted: Sequence[tuple[Numbers, Any]]) -> list[np.ndarray]:
+    """Numbers along lines of arrays, in the order asked for; read in the order of the file."""
+    arrays: dict[int, tuple[Numbers, list[int]]] = {}
+    for number, (numbers, _) in enumerate(wanted):
+        arrays.setdefault(id(numbers.block), (numbers, []))[1].append(number)
+    values: list[np.ndarray] = [np.empty(0)] * len(wanted)
+    ordered = sorted(arrays.values(), key=lambda one: one[0].block.place)
+    for numbers, places in ordered:
+        for place, column in zip(places, numbers.read([wanted[place][1] for place in places]), strict=True):
+            values[place] = column
+    for numbers, _ in ordered:
+        numbers.block.check()
+    return values
+
+
+def _channel(column: Column, number: int, spans: Mapping[str, tuple[float, float]]) -> Channel:
+    kind = "time" if column.is_time else "text" if column.is_text else "status" if column.is_status else "number"
+    start, end = spans.get(column.time.path if column.time else "", (float("nan"), float("nan")))
+    rate = (column.rows - 1) / (end - start) if end > start else float("nan")
+    return Channel(
+        column.name,
+        number,
+        column.path,
+        column.unit,
+        column.raster,
+        column.rows,
+        rate,
+        start,
+        end,
+        kind,
+        column.comment,
+    )
+
+
+def _inventory(found: Found) -> str:
+    parts = [f"{len(found.numbers)} single numbers"] if found.numbers else []
+    parts += [f"{path} ({what})" for path, what in list(found.left_out.items())[:_MOST_LEFT_OUT]]
+    return "; ".join(parts) or "no variables with numbers"

@@ -1,0 +1,115 @@
+"""HDF5 files read with bounds: only what the file itself contains, and no part of it that is larger than allowed."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from math import prod
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from clutch_hil.recordings.bounds import check_rows
+from protocols.errors import InputError
+
+if TYPE_CHECKING:
+    import h5py
+
+SIGNATURE = b"\x89HDF\r\n\x1a\n"
+_OFFSETS = (0, 512, 1024, 2048)  # bytes at which a file may begin, within the head that decides the format
+_MOST_CHUNK = 1 << 26  # bytes that the library takes at once: HDF5's default cache is 1 MiB, writers use up to some MiB
+_MOST_ATTRIBUTE = 1 << 16  # numbers or bytes of one attribute; HDF5's own limit without dense storage
+
+
+def is_hdf5(head: bytes) -> bool:
+    """Whether a file that begins with `head` is an HDF5 file, with or without bytes of its own before."""
+    return any(head[offset : offset + len(SIGNATURE)] == SIGNATURE for offset in _OFFSETS)
+
+
+class Hdf5File:
+    """A file that is open inside a `with`, as often as is wanted."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.name = path, f"recording {path}"
+        self._file: h5py.File | None = None
+
+    def __enter__(self) -> "Hdf5File":
+        import h5py
+
+        with self.errors("the file"):
+            self._file = h5py.File(self.path, "r", locking=False)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._file:
+            self._file.close()
+
+    @property
+    def root(self) -> "h5py.File":
+        assert self._file is not None
+        return self._file
+
+    @contextmanager
+    def errors(self, what: str) -> Iterator[None]:
+        """Turn what the library raises, of many kinds, into an InputError."""
+        try:
+            yield
+        except InputError:
+            raise
+        except Exception as error:
+            reason = " ".join(str(error).split()) or type(error).__name__
+            raise InputError(f"{self.name} is cut or damaged: {what} cannot be read ({reason})") from None
+
+    def members(self, group: "h5py.Group") -> list[tuple[str, Any]]:
+        """Names and objects in a group. Soft and external links are left out: what they lead to is elsewhere, here or not."""
+        import h5py
+
+        with self.errors("a group"):
+            return [(name, group[name]) for name in group if isinstance(group.get(name, getlink=True), h5py.HardLink)]
+
+    def attribute(self, entry: Any, *names: str) -> str:
+        """The first of the attributes `names` as a text, "" where there is none."""
+        for name in names:
+            with self.errors(f"attribute {name}"):
+                if name not in entry.attrs:
+                    continue
+                attribute = entry.attrs.get_id(name)
+                if (attribute.shape and prod(attribute.shape) > 1) or attribute.get_storage_size() > _MOST_ATTRIBUTE:
+                    continue
+                value = entry.attrs[name]
+            while isinstance(value, np.ndarray) and value.size == 1:
+                value = value.ravel()[0]
+            return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
+        return ""
+
+    def read(self, place: "str | h5py.Reference", index: Any = ()) -> np.ndarray:
+        """The part `index` of the dataset at `place`. Raises InputError where it is too large, or damaged."""
+        with self.errors(place if isinstance(place, str) else "a dataset"):
+            data = self.root[place]
+            self.check(data)
+            return np.asarray(data[index])
+
+    def check(self, data: "h5py.Dataset") -> None:
+        """Raise InputError where a dataset is not in this file, or is read in too large parts."""
+        if data.is_virtual or data.external:
+            raise InputError(
+                f"{self.name}: {data.name} keeps its numbers in another file; copy them into this one (h5repack)"
+            )
+        item = data.dtype.itemsize
+        if data.chunks and prod(data.chunks) * item > _MOST_CHUNK:
+            raise InputError(
+                f"{self.name}: {data.name} has chunks of {prod(data.chunks) * item / (1 << 20):.4g} MiB; allowed are"
+                f" {_MOST_CHUNK / (1 << 20):g} MiB (h5repack -l CHUNK=...)"
+            )
+        stored = data.id.get_storage_size()
+        if data.chunks is None and data.size and stored and stored < data.size * item:
+            raise InputError(f"{self.name} is damaged: {data.name} has {stored} bytes for {data.size} values")
+
+    def column(self, place: "str | h5py.Reference", index: tuple[Any, ...], rows: int) -> np.ndarray:
+        """Numbers (rows,) float64 of a dataset, of which `index` chooses one axis. Raises InputError."""
+        check_rows(f"{self.name}: {place if isinstance(place, str) else 'a dataset'} has", rows, 1)
+        values = self.read(place, index)
+        if values.dtype.names:
+            values = values[values.dtype.names[0]]  # the real part of a complex number
+        if values.size != rows or values.dtype.kind not in "fiub":
+            raise InputError(f"{self.name} changed while it was read")
+        return np.asarray(values, float).reshape(rows)

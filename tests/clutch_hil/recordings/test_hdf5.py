@@ -1,0 +1,239 @@
+"""HDF5 files: datasets by path, units and times from attributes and scales; damaged ones end no process but their own."""
+
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+from clutch_hil.recordings.channel import Recording, TableRecording, choose_channel
+from clutch_hil.recordings.format import open_recording, recognise
+from clutch_hil.recordings.formats.hdf5 import open_hdf5
+from clutch_hil.recordings.formats.matlab import open_level73
+from clutch_hil.recordings.isolated import IsolatedRecording
+from protocols.errors import InputError
+
+ROWS = 50
+T = 0.01 * np.arange(ROWS)
+Q = np.sin(T)
+MOST_SECONDS = 60.0  # 10 s of computing, on a machine that others share
+
+
+def write(tmp_path: Path, fill: Callable[[h5py.File], None], **options: Any) -> Path:
+    file = tmp_path / "recording.h5"
+    with h5py.File(file, "w", **options) as content:
+        fill(content)
+    return file
+
+
+def values(recording: Recording, wanted: str) -> np.ndarray:
+    return recording.read([choose_channel(Path("x"), recording.channels, wanted)])[0].values
+
+
+def logger(file: h5py.File) -> None:
+    """As many loggers write: a group a rate, a time axis attached as a scale, units as attributes."""
+    file.attrs["start_time"] = "2024-05-06T07:08:09"
+    fast = file.create_group("fast")
+    clock = fast.create_dataset("time", data=1e3 * T)
+    clock.attrs["units"] = "ms"
+    clock.make_scale("time")
+    torque = fast.create_dataset("torque", data=Q, compression="gzip", chunks=(10,))
+    torque.attrs["unit"], torque.attrs["description"] = "Nm", "at the shaft"
+    pair = fast.create_dataset("pair", data=np.column_stack([T, Q]))
+    for dataset in (torque, pair):
+        dataset.dims[0].attach_scale(clock)
+    slow = file.create_group("slow")
+    slow["torque"] = Q[::5]
+    slow["gain"] = 3.5
+    slow["remark"] = "hello"
+    slow["on"] = T > 0.3
+    slow["words"] = np.array(["a", "b"], dtype=h5py.string_dtype())
+    slow["cube"] = np.ones((2, 3, 4))
+    gear = h5py.enum_dtype({"first": 1, "second": 2}, basetype="i4")
+    slow.create_dataset("gear", data=1 + np.arange(ROWS) // 30, dtype=gear)
+    slow["table"] = np.array([(1.0, 2), (3.0, 4)], dtype=[("x", "f8"), ("n", "i4")])
+    file["elsewhere"] = h5py.ExternalLink("/etc/passwd", "/x")
+    file["again"] = h5py.SoftLink("/slow")
+    file["slow/back"] = file["/"]
+
+
+def test_datasets_become_channels(tmp_path: Path) -> None:
+    recording = open_recording(write(tmp_path, logger))
+    assert [(c.path, c.name, c.unit, c.kind, c.raster) for c in recording.channels] == [
+        ("fast/pair[:,0]", "pair(1)", "", "number", "/fast/time"),
+        ("fast/pair[:,1]", "pair(2)", "", "number", "/fast/time"),
+        ("fast/time", "time", "s", "time", "/fast/time"),
+        ("fast/torque", "torque", "Nm", "number", "/fast/time"),
+        ("slow/gear", "gear", "", "status", "50 rows"),
+        ("slow/on", "on", "", "status", "50 rows"),
+        ("slow/table/x", "x", "", "number", "/slow/table"),
+        ("slow/table/n", "n", "", "number", "/slow/table"),
+        ("slow/torque", "torque", "", "number", "10 rows"),
+        ("slow/words", "words", "", "text", "2 rows"),
+    ]
+    assert recording.numbers == {"slow/gain": 3.5}
+    assert recording.start == "2024-05-06T07:08:09"
+    assert recording.notes == [
+        "start_time is 2024-05-06T07:08:09",
+        "left out slow/cube (an array of 2 x 3 x 4 numbers)",
+    ]
+    assert recording.channels[3].comment == "at the shaft"
+    assert recording.channels[3].rate_hz == pytest.approx(100.0)
+    (torque,) = recording.read([recording.channels[3]])
+    np.testing.assert_array_equal(torque.values, Q)
+    np.testing.assert_allclose(torque.time, T, rtol=1e-12)
+    for path, wanted in (("fast/pair[:,1]", Q), ("time", T), ("slow/table/n", [2, 4]), ("on", T > 0.3)):
+        np.testing.assert_allclose(values(recording, path), wanted, rtol=1e-12)
+    with pytest.raises(InputError, match="has 2 columns 'torque'; ask for one by `from`: 'fast/torque', 'slow/torque'"):
+        values(recording, "torque")
+
+
+def test_a_file_behind_other_bytes_is_found(tmp_path: Path) -> None:
+    file = write(tmp_path, logger, userblock_size=1024)
+    assert recognise(file).name == "HDF5"
+    assert values(open_recording(file), "gear")[-1] == 2.0
+
+
+def test_matlab_files_without_their_first_bytes_are_read_as_such(tmp_path: Path) -> None:
+    def fill(file: h5py.File) -> None:
+        matrix = file.create_dataset("y", data=np.vstack([T, Q]))  # MATLAB's 50 x 2
+        matrix.attrs["MATLAB_class"] = np.bytes_("double")
+
+    recording = open_recording(write(tmp_path, fill))
+    assert [c.path for c in recording.channels] == ["y(:,1)", "y(:,2)"]
+    np.testing.assert_array_equal(values(recording, "y(2)"), Q)
+
+
+# --- bounds -----------------------------------------------------------------------------------------------------------
+
+
+def huge(file: h5py.File) -> None:
+    file.create_dataset("x", shape=(1 << 40,), dtype="f8", chunks=(1 << 20,))
+
+
+def chunk(file: h5py.File) -> None:
+    file.create_dataset("x", shape=(1 << 28,), dtype="f8", chunks=(1 << 28,), compression="gzip")
+
+
+def outside(file: h5py.File) -> None:
+    file.create_dataset("x", shape=(ROWS,), dtype="f8", external=[("/etc/passwd", 0, 8 * ROWS)])
+
+
+def read_all(file: Path) -> None:
+    recording = open_hdf5(file)
+    recording.read(recording.channels)
+
+
+@pytest.mark.parametrize(
+    ("fill", "told"),
+    [
+        (huge, r"the 1 columns asked for have together 1.1e\+12 rows; allowed are 5e\+07"),
+        (chunk, "rows"),
+        (outside, "x keeps its numbers in another file"),
+        (lambda file: None, "has no columns of numbers"),
+    ],
+)
+def test_what_is_too_large_or_elsewhere_is_refused(
+    tmp_path: Path, fill: Callable[[h5py.File], None], told: str
+) -> None:
+    file = write(tmp_path, fill)
+    with pytest.raises(InputError, match=told):
+        read_all(file)
+
+
+def test_a_too_large_chunk_is_refused(tmp_path: Path) -> None:
+    def fill(file: h5py.File) -> None:
+        file.create_dataset("x", shape=(100,), dtype="f8", chunks=(1 << 24,), maxshape=(None,))
+
+    recording = open_hdf5(write(tmp_path, fill))
+    with pytest.raises(InputError, match="x has chunks of 128 MiB; allowed are 64 MiB"):
+        recording.read(recording.channels)
+
+
+# --- damaged files ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("where", ["cut", "superblock", "objects", "data"])
+def test_damaged_files_are_read_or_refused_in_one_sentence(tmp_path: Path, where: str) -> None:
+    file = write(tmp_path, logger)
+    raw = bytearray(file.read_bytes())
+    if where == "cut":
+        del raw[len(raw) // 2 :]
+    else:
+        begin, end = {"superblock": (9, 96), "objects": (96, 2000), "data": (2000, len(raw))}[where]
+        chance = np.random.default_rng(1)
+        for at in chance.integers(begin, end, 12):
+            raw[at] = chance.integers(256)
+    file.write_bytes(raw)
+    begun = time.monotonic()
+    try:
+        recording = open_recording(file)
+        recording.read(recording.channels)
+    except InputError as refused:
+        sentence = str(refused)
+    else:
+        sentence = ""
+    assert "\n" not in sentence
+    assert sentence.startswith("recording") or where == "data"
+    assert time.monotonic() - begun < MOST_SECONDS
+
+
+def test_a_cut_file_of_matlab_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "recording.mat"
+    with h5py.File(file, "w", userblock_size=512) as content:
+        content.create_dataset("q", data=Q[None]).attrs["MATLAB_class"] = np.bytes_("double")
+    raw = bytearray(file.read_bytes())
+    raw[:128] = b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM"
+    file.write_bytes(raw)
+    np.testing.assert_array_equal(values(open_level73(file), "q"), Q)
+    file.write_bytes(raw[:-300])
+    with pytest.raises(InputError, match=r"recording .* is cut or damaged"):
+        open_recording(file)
+
+
+# --- the other process --------------------------------------------------------------------------------------------------
+
+
+def abort(path: Path) -> Recording:
+    os.abort()
+
+
+def loop(path: Path) -> Recording:
+    while True:
+        pass
+
+
+def eat(path: Path) -> Recording:
+    return TableRecording([np.ones(1 << 40)])  # type: ignore[list-item]
+
+
+def refuse(path: Path) -> Recording:
+    raise InputError(f"recording {path} is not liked")
+
+
+@pytest.mark.parametrize(
+    ("opener", "told"),
+    [
+        (abort, r"the library that reads it ended \(signal 6\)"),
+        (loop, r"the library that reads it ended \(after 1 s of computing\)"),
+        (eat, "needs more than 2 GiB of memory"),
+        (refuse, "is not liked"),
+    ],
+)
+def test_what_ends_the_other_process_is_told(opener: Callable[[Path], Recording], told: str) -> None:
+    limit = 1 if opener is loop else 10
+    with pytest.raises(InputError, match=told):
+        IsolatedRecording(Path("some.h5"), f"{__name__}:{opener.__name__}", most_seconds=limit)
+
+
+def test_the_other_process_ends_with_the_recording(tmp_path: Path) -> None:
+    recording = open_recording(write(tmp_path, logger))
+    assert isinstance(recording, IsolatedRecording)
+    process = recording._process
+    assert process.poll() is None
+    del recording
+    assert process.wait(timeout=10) is not None
