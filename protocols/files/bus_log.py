@@ -22,7 +22,7 @@ from protocols.can.words import CRC_TABLE
 from protocols.errors import InputError, listing
 from protocols.files.blf_objects import count_sound_objects
 from protocols.files.log_lines import LogLines, TextLog, candump_lines, text_log
-from protocols.files.mf4_frames import is_bus_log, read_frames
+from protocols.files.mf4_frames import is_bus_log, read_frames, without_remarks
 
 MOST_FRAMES = 10_000_000  # 33 min of a bench at 1 kHz; they take 0.4 GB while they are read
 MOST_CHANNELS = 256  # more are a damaged file
@@ -279,7 +279,8 @@ def _read_blf(path: Path) -> BusLog:
 def _read_mf4(path: Path, head: bytes) -> BusLog:
     collector = _Collector(path, "MF4", lambda name: str(name) if isinstance(name, int) else "-")
     cut = "the log is an unfinished MF4: its logger was stopped before the end" if head.startswith(b"UnFin") else ""
-    return _collect_sound(path, collector, lambda: read_frames(path, MOST_FRAMES), cut, [])
+    with without_remarks():
+        return _collect_sound(path, collector, lambda: read_frames(path, MOST_FRAMES), cut, [])
 
 
 def _collect_sound(

@@ -4,7 +4,9 @@ Reference: ASAM MDF bus logging 1.0: groups of CAN_DataFrame, CAN_RemoteFrame an
 """
 
 import heapq
+import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -25,12 +27,24 @@ def is_bus_log(path: Path) -> bool:
         return False
     from asammdf import MDF
 
+    with without_remarks():
+        try:
+            with MDF(str(path)) as mdf:
+                groups = [group.channel_group for group in mdf.groups if group.channel_group.cycles_nr]
+                return bool(groups) and all(getattr(group, "flags", 0) & _BUS_EVENT for group in groups)
+        except Exception:  # asammdf raises many exception types for a damaged file
+            return False
+
+
+@contextmanager
+def without_remarks() -> Iterator[None]:
+    """Keep tracebacks off the terminal that asammdf makes where it discards a half-read file."""
+    before = sys.unraisablehook
+    sys.unraisablehook = lambda _: None
     try:
-        with MDF(str(path)) as mdf:
-            groups = [group.channel_group for group in mdf.groups if group.channel_group.cycles_nr]
-            return bool(groups) and all(getattr(group, "flags", 0) & _BUS_EVENT for group in groups)
-    except Exception:  # asammdf raises many exception types for a damaged file
-        return False
+        yield
+    finally:
+        sys.unraisablehook = before
 
 
 def read_frames(path: Path, most: int) -> Iterator[can.Message]:
