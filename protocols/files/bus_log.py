@@ -6,6 +6,7 @@ Damage          A line or an object that is no frame is counted, and so is a fil
 Bounds          MOST_FRAMES frames and MOST_CHANNELS channels, checked while the file is read
 """
 
+import logging
 import os
 import stat
 from array import array
@@ -111,7 +112,16 @@ def log_kind(path: Path, head: bytes) -> str:
 
 def read_bus_log(path: Path) -> BusLog:
     """Read a log of a bus. Raises InputError for what is none, or cannot be read."""
-    head = _read_head(path)
+    log = logging.getLogger("can")
+    level = log.level
+    log.setLevel(logging.ERROR)  # its readers warn of lines that are counted here
+    try:
+        return _read_any(path, _read_head(path))
+    finally:
+        log.setLevel(level)
+
+
+def _read_any(path: Path, head: bytes) -> BusLog:
     if head.startswith(b"LOGG"):
         return _read_blf(path)
     if head.startswith(_MF4_MARKS):

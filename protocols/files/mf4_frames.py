@@ -3,7 +3,9 @@
 Reference: ASAM MDF bus logging 1.0: groups of CAN_DataFrame, CAN_RemoteFrame and CAN_ErrorFrame, a row for each frame
 """
 
+import gc
 import heapq
+import logging
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -38,12 +40,16 @@ def is_bus_log(path: Path) -> bool:
 
 @contextmanager
 def without_remarks() -> Iterator[None]:
-    """Keep tracebacks off the terminal that asammdf makes where it discards a half-read file."""
-    before = sys.unraisablehook
+    """Keep what asammdf says of a damaged file off the terminal: its log, and tracebacks where it discards a half-read file."""
+    before, log = sys.unraisablehook, logging.getLogger("asammdf")
+    level = log.level
     sys.unraisablehook = lambda _: None
+    log.setLevel(logging.CRITICAL + 1)
     try:
         yield
     finally:
+        gc.collect()  # it holds itself
+        log.setLevel(level)
         sys.unraisablehook = before
 
 
