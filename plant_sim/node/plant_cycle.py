@@ -121,7 +121,7 @@ def _receive(interface, settings, frame):
             s = settings.clutches[k].controller_heartbeat
             lifecycle, rate = raw(word, s.lifecycle), raw(word, s.rate)
             clutch.wrong_rates = clutch.wrong_rates + 1 if rate != settings.rate else 0
-            if clutch.wrong_rates >= WRONG_RATES:
+            if clutch.wrong_rates >= WRONG_RATES or (clutch.wrong_rates and not clutch.commanded):
                 return _refuse(interface, Refusal.RATE, can_id, rate, k)
             if lifecycle > Lifecycle.FINALIZED.value:
                 clutch.heartbeat.unusable += 1

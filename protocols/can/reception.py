@@ -28,7 +28,7 @@ INTRUSION = (
     10  # frames: chosen; a second plant or controller sends as many in 10 ms at 1 kHz, a person with a tool does not
 )
 INTRUSION_PERIODS = 1000  # periods of the loop: 1 s at 1 kHz, 20 heartbeats
-WRONG_RATES = 3  # heartbeats in sequence that tell another rate, 0.15 s: one may be a stray frame
+WRONG_RATES = 3  # heartbeats in sequence that tell another rate, 0.15 s: during a run one may be a stray frame
 
 
 class Reception:

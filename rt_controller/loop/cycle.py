@@ -214,7 +214,7 @@ def _receive(node, settings, frame):
         node.wrong_rates = 0
     else:
         node.wrong_rates += 1
-        if node.wrong_rates >= WRONG_RATES:
+        if node.wrong_rates >= WRONG_RATES or node.cycle == 0:  # before the first cycle there is no run to go on
             return _refuse(node, Refusal.RATE, can_id, raw(word, settings.plant_heartbeat.rate))
     return 0
 

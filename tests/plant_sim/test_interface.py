@@ -107,10 +107,15 @@ def test_frames_are_what_sensors_and_codecs_make_of_the_rig(effect: str | None) 
 )
 def test_a_bus_that_cannot_be_worked_on_is_told(frames: list[Frame], sentence: str) -> None:
     plant = PlantNode()
-    plant.receive(frames[:-1])
+    plant.receive([Frame(VALVE.can_id, VALVE.pack(0, 1, 1.0, 0)), *frames[:-1]])
     with pytest.raises(InputError) as told:
         plant.receive(frames[-1:])
     assert str(told.value) == sentence
+
+
+def test_before_a_run_one_heartbeat_of_another_rate_is_enough() -> None:
+    with pytest.raises(InputError, match="give both one rate"):
+        PlantNode().receive([Frame(BEAT.can_id, BEAT.pack(0, 2, 500, 1))])
 
 
 @pytest.mark.parametrize(

@@ -209,10 +209,13 @@ def test_a_second_controller_stops_the_controller_with_a_sentence() -> None:
 
 def test_two_rates_on_one_bus_are_refused() -> None:
     node = controller_node()
+    node.step([])
     heartbeats = [Frame(0x701, FRAMES["PLANT_HEARTBEAT"].pack(n, 1, 500, 7)) for n in range(WRONG_RATES)]
     node.step(heartbeats[:-1])
     with pytest.raises(InputError, match="plant runs at 500 Hz, this controller at 1000 Hz"):
         node.step(heartbeats[-1:])
+    with pytest.raises(InputError, match="plant runs at 500 Hz, this controller at 1000 Hz"):
+        controller_node().step(heartbeats[:1])  # before a run one is enough
 
 
 def test_the_valve_closes_when_commands_stop() -> None:
