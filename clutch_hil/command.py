@@ -18,6 +18,7 @@ import typer
 import typer.core
 
 from protocols.errors import InputError, InterruptionError
+from protocols.files.output_file import whole_file
 from protocols.kernels.kernel_cache import describe_keeping, discard_temporary
 from protocols.kernels.progress_notice import PROGRESS_NOTICE, is_starting
 
@@ -67,14 +68,10 @@ def check_rate(rate: int) -> int:
 
 
 def write_summary(path: Path | None, document: Any) -> None:
-    """Write the JSON summary of a service for the process that started it."""
+    """Write the JSON summary of a service for the process that started it. Raises InputError."""
     if path:
-        part = path.with_suffix(".part")
-        try:
+        with whole_file(path) as part:
             part.write_text(json.dumps(document), encoding="utf-8")
-        except OSError as error:
-            raise InputError(f"summary {path} cannot be written: {error.strerror}") from None
-        part.rename(path)
 
 
 class _EndRequestedError(KeyboardInterrupt):

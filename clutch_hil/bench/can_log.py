@@ -19,7 +19,7 @@ from protocols.can.frames import bus_frames
 from protocols.can.traffic import Traffic
 from protocols.can.two_clutches import CLUTCHES
 from protocols.errors import InputError, listing
-from protocols.files.run import whole_file
+from protocols.files.output_file import whole_file
 from protocols.realtime.stopping import Stop
 
 WRITERS: dict[str, Any] = {

@@ -5,7 +5,6 @@ scenario that could not be run has one case with an error. Layout: junit-10.xsd 
 (jenkinsci/xunit-plugin).
 """
 
-import contextlib
 import platform
 import re
 from collections.abc import Sequence
@@ -18,8 +17,8 @@ from clutch_hil.bench.label import Label
 from clutch_hil.bench.metadata import versions
 from clutch_hil.bench.recording import writable
 from clutch_hil.bench.result import Result
-from protocols.errors import InputError
-from protocols.files.run import whole_file
+from clutch_hil.bench.scenario import Scenario
+from protocols.files.output_file import new_file, whole_file
 
 _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")  # XML 1.0, sec. 2.2
 
@@ -34,19 +33,14 @@ class Case(NamedTuple):
     seconds: float
 
 
-def junit_path(path: Path | None) -> None:
-    """Raise InputError when nothing can be written to `path`; to be called before the run."""
+def check_junit(path: Path | None, overwrite: bool, scenarios: Sequence[Scenario]) -> None:
+    """Raise InputError when no file can be written at `path`, or another would be lost by it; to be called before the run."""
     if path is not None:
         writable(path.parent)
-        part = path.with_name(path.name + ".part")  # what `whole_file` writes
-        try:
-            if path.is_dir():
-                raise InputError(f"file {path} cannot be written: it is a folder")
-            with contextlib.suppress(FileExistsError):  # another run writes to it, so this one can
-                part.touch(exist_ok=False)
-                part.unlink()
-        except OSError as error:
-            raise InputError(f"file {path} cannot be written: {error.strerror}") from None
+        inputs = (
+            file for s in scenarios for file in (s.path, s.settings.plant_parameters, s.settings.controller_parameters)
+        )
+        new_file(path, overwrite, [file for file in inputs if file])
 
 
 def write_junit(path: Path, cases: Sequence[Case]) -> None:

@@ -6,7 +6,7 @@ from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
-from clutch_hil.bench.junit import Case, junit_path, write_junit
+from clutch_hil.bench.junit import Case, write_junit
 from clutch_hil.bench.label import Label
 from clutch_hil.bench.progress import table_text
 from clutch_hil.bench.recording import writable
@@ -17,7 +17,6 @@ from protocols.errors import InputError
 
 def run_one(label: Label, run: Callable[[], Result], junit: Path | None) -> Result:
     """Run one scenario with this label by `run`; also write its result to the file `junit` if given. Raises InputError."""
-    junit_path(junit)
     case = _time_run(label, run)
     assert case.result is not None
     return _write_verdicts(case.result, [case], junit)
@@ -25,7 +24,6 @@ def run_one(label: Label, run: Callable[[], Result], junit: Path | None) -> Resu
 
 def run_suite(simulated: Sequence[Simulation], progress: Callable[[float, int], None], junit: Path | None) -> Result:
     """Run several scenarios; return one result, also written to `junit` if given. An error in one does not stop the others."""
-    junit_path(junit)
     for one in simulated:
         writable(one.scenario.settings.out)
     cases = []

@@ -12,8 +12,8 @@ from clutch_hil.bench.result import Result
 from clutch_hil.bench.scenario import Scenario
 from clutch_hil.bench.study import sweep
 from protocols.errors import InputError
+from protocols.files.output_file import whole_file
 from protocols.files.parameters import ParameterSet
-from protocols.files.run import whole_file
 
 _FOLLOWING = ("regime_error_nm", "rise_time_s")
 

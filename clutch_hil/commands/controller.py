@@ -10,6 +10,7 @@ from clutch_hil.commands.options import (
     CONTROLLER_ADAPTATION,
     CONTROLLER_LAW,
     CPU,
+    OVERWRITE,
     PARAMETERS,
     PUBLISH_ROUTER,
     SERVICE_TELEMETRY,
@@ -32,6 +33,7 @@ def controller(
     clutch: str | None = typer.Option(None, help="a or b, where two clutches are on the bus"),
     ring: Path | None = typer.Option(None, help="shared-memory file for the record of every cycle"),
     summary: Path | None = SUMMARY,
+    overwrite: bool = OVERWRITE,
     telemetry: bool = SERVICE_TELEMETRY,
     router: str | None = PUBLISH_ROUTER,
     cpu: int | None = CPU,
@@ -47,11 +49,14 @@ def controller(
     """Run the controller on a bus until it is stopped."""
     from clutch_hil.bench.service_text import service_lines
     from protocols.can.two_clutches import check_clutch
+    from protocols.files.output_file import new_file
     from protocols.kernels.progress_notice import compile_first
     from protocols.realtime.stopping import Stop
     from protocols.realtime.waiting import check_spin
     from rt_controller.loop.service import ControllerService
 
+    for file in filter(None, (ring, summary)):
+        new_file(file, overwrite)
     service = ControllerService(
         bus=bus,
         rate=check_rate(rate),

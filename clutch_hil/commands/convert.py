@@ -5,7 +5,7 @@ from pathlib import Path
 import typer
 
 from clutch_hil.command import report
-from clutch_hil.commands.options import JSON
+from clutch_hil.commands.options import JSON, OVERWRITE
 
 SOURCE = typer.Argument(help="run file: .parquet, .mf4 or .csv")
 TARGET = typer.Argument(help="what to write: .parquet, .mf4, .csv or .rrd")
@@ -19,12 +19,13 @@ def register(app: typer.Typer) -> None:
 def convert(
     source: Path = SOURCE,
     target: Path = TARGET,
+    overwrite: bool = OVERWRITE,
     json_output: bool = JSON,
 ) -> None:
     """Write a run file in another format."""
     from clutch_hil.live.conversion import convert as write
 
-    samples = write(source, target)
+    samples = write(source, target, overwrite)
     verdict = f"{samples} samples written" + (", without units and metadata" if target.suffix == ".csv" else "")
     document = {"read": str(source), "wrote": str(target), "samples": samples, "verdict": verdict}
     report(document, f"read:    {source}\nwrote:   {target}", verdict, True, json_output)

@@ -9,6 +9,7 @@ import typer
 from typer.core import TyperCommand
 
 from clutch_hil.command import report
+from clutch_hil.commands.options import OVERWRITE
 
 if TYPE_CHECKING:
     from clutch_hil.discrepancy.result import Result
@@ -51,15 +52,17 @@ def discrepancy(
     out: Path = typer.Option(
         ..., help="folder for report.html, report.json, model.toml, atlas.png, gap.png, evidence.rrd"
     ),
+    overwrite: bool = OVERWRITE,
     json_output: bool = typer.Option(False, "--json", help="print report.json"),
 ) -> None:
     """Find where runs and simulation disagree, name the missing effect, add it, show the gap on runs that were not fitted."""
     from clutch_hil.bench.progress import progress_bar
     from clutch_hil.bench.recording import writable
-    from clutch_hil.discrepancy.outcome import find_discrepancy
+    from clutch_hil.discrepancy.outcome import FILES, find_discrepancy
+    from protocols.files.output_file import new_files
 
     names = [name.strip() for name in effects.split(",") if name.strip()]
-    writable(out)
+    new_files(writable(out), FILES, overwrite, [*runs, *holdout, *([model] if model else [])])
     with progress_bar("discrepancy", json_output) as progress:
         outcome = find_discrepancy(
             runs, holdout, rig=rig, model=model, calibration=calibration, effects=names or None,

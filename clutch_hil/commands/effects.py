@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from clutch_hil.command import report
-from clutch_hil.commands.options import JSON
+from clutch_hil.commands.options import JSON, OVERWRITE
 from protocols.errors import InputError
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ def effects(
     write: Path | None = typer.Option(
         None, help="Markdown page whose tables of effects, and picture, are written anew"
     ),
+    overwrite: bool = OVERWRITE,
     json_output: bool = JSON,
 ) -> None:
     """List the physical effects that the rig can be given, or describe and draw what one does to it."""
@@ -40,7 +41,7 @@ def effects(
     if name and write:
         raise InputError(f"effect {name} and --write {write} were given; allowed is one of them")
     if name:
-        _describe(catalogue.effect(name), out, columns, json_output)
+        _describe(catalogue.effect(name), out, overwrite, columns, json_output)
     elif write:
         _write_page(write, sort_effects(catalogue.effects().values()), json_output)
     else:
@@ -58,14 +59,15 @@ def _list(effects: Sequence["Effect"], columns: int, json_output: bool) -> None:
     report([document(effect) for effect in effects], text, verdict, True, json_output)
 
 
-def _describe(effect: "Effect", out: Path, columns: int, json_output: bool) -> None:
+def _describe(effect: "Effect", out: Path, overwrite: bool, columns: int, json_output: bool) -> None:
     """Describe an effect in lines of `columns` characters, and draw it into the folder `out`."""
     from clutch_hil.bench.demonstration import demonstrate
     from clutch_hil.bench.effect_picture import draw_effects
     from clutch_hil.bench.effect_text import document, sheet_text
     from clutch_hil.bench.recording import writable
+    from protocols.files.output_file import new_file
 
-    picture = writable(out) / f"effect-{effect.name}.png"
+    picture = new_file(writable(out) / f"effect-{effect.name}.png", overwrite)
     demonstration = demonstrate(effect)
     draw_effects(picture, {effect: demonstration})
     visible = demonstration.times_resolution >= 1.0
@@ -97,12 +99,14 @@ def _write_page(page: Path, effects: Sequence["Effect"], json_output: bool) -> N
     from clutch_hil.bench.effect_picture import draw_effects
     from clutch_hil.bench.effect_text import is_ours
     from plant_sim.effects import catalogue
+    from protocols.files.output_file import whole_file
 
     ours = [effect for effect in effects if is_ours(effect)]
     try:
         text = rewrite_page(page.read_text(encoding="utf-8"), ours)
         drawn = [catalogue.effect(name) for name in pictured_names(text)]
-        page.write_text(text, encoding="utf-8")
+        with whole_file(page) as part:
+            part.write_text(text, encoding="utf-8")
     except OSError as error:
         raise InputError(f"page {page} cannot be read and written: {error.strerror}") from None
     except InputError as error:

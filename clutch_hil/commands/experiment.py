@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from clutch_hil.command import report
-from clutch_hil.commands.options import BUS, JSON, LOCKSTEP, OUT
+from clutch_hil.commands.options import BUS, JSON, LOCKSTEP, OUT, OVERWRITE
 from protocols.errors import InputError
 
 if TYPE_CHECKING:
@@ -53,6 +53,7 @@ def experiment(
         False, "--blind", help="keep the truth out of the run files, in sealed files beside them"
     ),
     out: Path = OUT,
+    overwrite: bool = OVERWRITE,
     json_output: bool = JSON,
 ) -> None:
     """Play experiments on the live plant over CAN and record them; with --for decide again with what they show."""
@@ -85,8 +86,11 @@ def experiment(
     first = 0
     if for_report:
         from clutch_hil.discrepancy import follow_up as follow
+        from clutch_hil.discrepancy.outcome import FILES
+        from protocols.files.output_file import new_files
 
         follow_up = follow.Report.read(for_report)
+        new_files(out, FILES, overwrite, [for_report, *follow_up.runs, *follow_up.held_out])
         wanted, first = [follow_up.experiment], len(follow_up.runs) + len(follow_up.held_out)
     elif standard:
         wanted, held_out = list(STANDARD.values()), list(HELD_OUT.values())

@@ -5,7 +5,7 @@ from pathlib import Path
 import typer
 
 from clutch_hil.command import check_rate, report
-from clutch_hil.commands.options import JSON
+from clutch_hil.commands.options import JSON, OVERWRITE
 from protocols.errors import listing
 
 _CLASSIC_BYTES = 8  # most bytes of a frame that is not CAN FD
@@ -21,19 +21,23 @@ def frames(
     dbc: Path | None = typer.Option(None, help="another DBC to check and list"),
     clutches: int = typer.Option(1, help="2: the bus of the power-shift rig", min=1, max=2),
     write: Path | None = typer.Option(None, help="DBC file to write for other tools, as for cantools or candump"),
+    overwrite: bool = OVERWRITE,
     json_output: bool = JSON,
 ) -> None:
     """List the frames of the bus and its worst-case load. A DBC that cannot carry the bench is refused by signal and reason."""
     from clutch_hil.bench.progress import table_text
     from protocols.can.bus_load import BITRATES, bus_load, frame_rate, highest_rate, worst_bits
     from protocols.can.frames import DBC, FrameCodec, OtherFrame, bus_frames, other_frames
-    from protocols.can.two_clutches import write_dbc
+    from protocols.can.two_clutches import dbc_text
+    from protocols.files.output_file import new_file, whole_file
 
     check_rate(rate)
     path = dbc or DBC
     codecs, others = bus_frames(path, clutches), other_frames(path)
     if write:
-        write_dbc(path, clutches, write)
+        new_file(write, overwrite, [path])
+        with whole_file(write) as part:
+            part.write_text(dbc_text(path, clutches), encoding="utf-8", newline="\n")
     rows: list[tuple[str, ...]] = [("frame", "id", "bytes", "sender", "frames/s", "worst bits", "signals")]
     every: list[FrameCodec | OtherFrame] = [*codecs, *others]
     for codec in every:

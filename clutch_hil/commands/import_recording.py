@@ -64,7 +64,7 @@ def _import(
     json_output: bool,
 ) -> None:
     from clutch_hil.recordings.import_map import load_map
-    from protocols.files.run import new_file
+    from protocols.files.output_file import new_file
     from protocols.files.runs import check_suffix, write_run
 
     check_suffix(out)
@@ -106,7 +106,7 @@ def _draft(recording: Path, map_name: str | None, out: Path | None, overwrite: b
     from clutch_hil.recordings.contents import draft_map
     from clutch_hil.recordings.format import open_recording
     from clutch_hil.recordings.import_map import load_map
-    from protocols.files.run import new_file, whole_file
+    from protocols.files.output_file import new_file, whole_file
 
     target = out or Path(f"{recording.stem}.toml")
     if target.suffix != ".toml":

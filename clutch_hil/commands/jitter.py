@@ -5,7 +5,7 @@ from pathlib import Path
 import typer
 
 from clutch_hil.command import check_rate, report
-from clutch_hil.commands.options import BUS, JSON
+from clutch_hil.commands.options import BUS, JSON, OVERWRITE
 from protocols.errors import InputError
 
 
@@ -29,6 +29,7 @@ def jitter(
     ),
     telemetry: bool = typer.Option(True, help="publish every cycle meanwhile, as a bench does"),
     out: Path = typer.Option(Path("runs"), help="folder for jitter.png and jitter.json"),
+    overwrite: bool = OVERWRITE,
     json_output: bool = JSON,
 ) -> None:
     """Measure the loop's jitter here, side by side with what the machine allows."""
@@ -41,6 +42,7 @@ def jitter(
     from clutch_hil.bench.recording import writable
     from clutch_hil.command import write_summary
     from protocols.buses.bus import open_bus, resolve
+    from protocols.files.output_file import new_files
     from protocols.realtime.waiting import check_spin
 
     cpus = sorted(os.sched_getaffinity(0))
@@ -54,8 +56,8 @@ def jitter(
     loads = loads_named(load)
     wanted = _rates(rates) if rates is not None else []
     open_bus(setting.bus).close()
-    writable(out)
-    summary = out / "jitter.json"
+    summary, picture = writable(out) / "jitter.json", out / "jitter.png"
+    new_files(out, [summary.name] if wanted else [summary.name, picture.name], overwrite)
     if wanted:
         with progress_bar("jitter by rate", json_output) as progress:
             measurement = jitter_report.sweep_document(setting, loads, *sweep(setting, wanted, loads, progress))
@@ -67,7 +69,6 @@ def jitter(
     with progress_bar("jitter", json_output) as progress:
         measured, interrupted = measure(setting, loads, progress)
     measurement = jitter_report.document(setting, loads, measured, interrupted)
-    picture = out / "jitter.png"
     jitter_report.draw(setting, measured, picture)
     write_summary(summary, measurement)
     verdict, good = jitter_report.judge(measurement)

@@ -10,6 +10,7 @@ from clutch_hil.commands.options import (
     BUS,
     CPU,
     JSON,
+    OVERWRITE,
     PUBLISH_ROUTER,
     RATE,
     SECONDS,
@@ -43,6 +44,7 @@ def plant(
     blind: bool = BLIND,
     ring: Path | None = typer.Option(None, help="shared-memory file for the record of every sample"),
     summary: Path | None = SUMMARY,
+    overwrite: bool = OVERWRITE,
     telemetry: bool = SERVICE_TELEMETRY,
     router: str | None = PUBLISH_ROUTER,
     cpu: int | None = CPU,
@@ -53,9 +55,12 @@ def plant(
     from clutch_hil.bench.service_text import service_lines
     from clutch_hil.bench.settings import MANUAL
     from plant_sim.node.plant_service import PlantService
+    from protocols.files.output_file import new_file
     from protocols.kernels.progress_notice import compile_first
     from protocols.realtime.stopping import Stop
 
+    for file in filter(None, (ring, summary)):
+        new_file(file, overwrite)
     given = {
         "rate": rate, "profile": profile or (None if scenario else MANUAL), "seconds": seconds, "seed": seed,
         "temperature": temperature, "plant_parameters": parameters,

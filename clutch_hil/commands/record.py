@@ -5,7 +5,7 @@ from pathlib import Path
 import typer
 
 from clutch_hil.command import report
-from clutch_hil.commands.options import BENCH, BLIND, JSON, ROUTER
+from clutch_hil.commands.options import BENCH, BLIND, JSON, OVERWRITE, ROUTER
 from protocols.errors import InputError, listing
 
 FILE = typer.Argument(
@@ -29,6 +29,7 @@ def record(
         None, help="how long from now on; until Ctrl-C, or the bench's end, if not given"
     ),
     blind: bool = BLIND,
+    overwrite: bool = OVERWRITE,
     json_output: bool = JSON,
 ) -> None:
     """Record a running bench: its telemetry, the last 30 s before included, or the frames on its bus."""
@@ -40,7 +41,7 @@ def record(
     from clutch_hil.live.bench_recording import record as record_telemetry
     from clutch_hil.live.conversion import FORMATS
     from clutch_hil.live.recorder import RecordingResult
-    from protocols.files.run import new_file
+    from protocols.files.output_file import new_file
     from protocols.realtime.stopping import Stop
 
     if seconds is not None and not 0.0 <= seconds < float("inf"):
@@ -55,10 +56,10 @@ def record(
                 raise InputError(f"frames on a bus do not come from the router {router}; leave --router away")
             if blind:
                 raise InputError(f"frames on a bus hold no truth to keep out of {path}; leave --blind away")
-            new_file(path)
+            new_file(path, overwrite)
             with suppress(OSError):  # only root may set it
                 os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(_PRIORITY))
             result = CanLog(bus or "auto", path).record(stop, seconds, doing.update)
         else:
-            result = record_telemetry(path, bus, router, seconds, stop, doing.update, blind, doing.note)
+            result = record_telemetry(path, bus, router, seconds, stop, doing.update, blind, doing.note, overwrite)
     report(result.document, result.text, result.verdict, result.good, json_output)

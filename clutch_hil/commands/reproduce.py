@@ -5,7 +5,7 @@ from pathlib import Path
 import typer
 
 from clutch_hil.command import report
-from clutch_hil.commands.options import JSON, OUT
+from clutch_hil.commands.options import JSON, OUT, OVERWRITE
 from protocols.errors import InputError
 
 
@@ -19,6 +19,7 @@ def reproduce(
     list_all: bool = typer.Option(False, "--list", help="list what can be reproduced"),
     every: bool = typer.Option(False, "--all", help="reproduce everything and write one page with all pictures"),
     out: Path = OUT,
+    overwrite: bool = OVERWRITE,
     json_output: bool = JSON,
 ) -> None:
     """Check a result of the thesis by running it."""
@@ -26,6 +27,7 @@ def reproduce(
     from clutch_hil.bench.recording import writable
     from clutch_hil.thesis import entries, entry
     from clutch_hil.thesis.reproduction import format_checks, run, run_all
+    from protocols.files.output_file import new_files
 
     if list_all or not (name or every):
         rows = [("name", "what"), *((e.name, e.title) for e in entries().values())]
@@ -34,7 +36,9 @@ def reproduce(
     if every and name:
         raise InputError(f"reproduce was given {name!r} and --all; allowed is one of them")
     chosen = entry(name) if name else None
-    writable(out)
+    names = [chosen.name] if chosen else list(entries())
+    pictures = [f"{each}.png" for each in names]
+    new_files(writable(out), pictures if chosen else [*pictures, "index.html"], overwrite)
     with progress_bar(name or "reproduce", json_output) as progress:
         if chosen is None:
             report(*run_all(out, progress), json_output)

@@ -13,6 +13,7 @@ from clutch_hil.commands.options import (
     JUNIT,
     LAW,
     OUT,
+    OVERWRITE,
     PLANT_PARAMETERS,
     RATE,
     SECONDS,
@@ -49,10 +50,12 @@ def simulate(
     adaptation: bool | None = ADAPTATION,
     blind: bool = BLIND,
     junit: Path | None = JUNIT,
+    overwrite: bool = OVERWRITE,
     out: Path = OUT,
     json_output: bool = JSON,
 ) -> None:
     """Run plant and controller in one process: a scenario or a profile, several scenarios, or a sweep."""
+    from clutch_hil.bench.junit import check_junit
     from clutch_hil.bench.progress import progress_bar
     from clutch_hil.bench.scenario import choose_scenario, shipped_scenarios
     from clutch_hil.bench.simulate import Simulation
@@ -74,6 +77,7 @@ def simulate(
         raise InputError(f"a sweep was asked for and {other}; allowed is one of them")
     if not swept and (workers or dask):
         raise InputError(f"{'--workers' if workers else '--dask'} is for a sweep; --seeds or --vary asks for one")
+    check_junit(junit, overwrite, chosen)
     with progress_bar("simulate", json_output) as progress:
         if swept:
             result = sweep_to_csv(chosen[0], given, vary, seeds, progress, workers, dask)

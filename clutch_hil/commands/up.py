@@ -15,6 +15,7 @@ from clutch_hil.commands.options import (
     LAW,
     LOCKSTEP,
     OUT,
+    OVERWRITE,
     PLANT_PARAMETERS,
     PUBLISH_ROUTER,
     RATE,
@@ -57,10 +58,12 @@ def up(
     spin_us: float | None = typer.Option(None, help="the controller spins at most so long before a slot, in us"),
     blind: bool = BLIND,
     junit: Path | None = JUNIT,
+    overwrite: bool = OVERWRITE,
     out: Path = OUT,
     json_output: bool = JSON,
 ) -> None:
     """Start plant and controller, play a scenario or a profile, record, judge, draw."""
+    from clutch_hil.bench.junit import check_junit
     from clutch_hil.bench.scenario import choose_scenario
     from clutch_hil.bench.suite import run_one
     from clutch_hil.bench.up import Bench
@@ -71,6 +74,7 @@ def up(
         "adaptation": adaptation, "out": out,
     }  # fmt: skip
     chosen = choose_scenario(scenario, given)
+    check_junit(junit, overwrite, [chosen])
     if (view or web) and not telemetry:
         raise InputError("a viewer was asked for and --no-telemetry; allowed is one of them")
     viewer = ["--web"] if web else [] if view else None

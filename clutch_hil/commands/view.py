@@ -6,7 +6,7 @@ from pathlib import Path
 import typer
 
 from clutch_hil.command import report
-from clutch_hil.commands.options import BENCH, JSON, ROUTER
+from clutch_hil.commands.options import BENCH, JSON, OVERWRITE, ROUTER
 from protocols.errors import InputError
 
 RUNS = typer.Argument(
@@ -34,6 +34,7 @@ def view(
         None, help="memory for rows, the oldest go first; 1GB, with --web 256MB, if not given"
     ),
     no_open: bool = typer.Option(False, "--no-open", help="do not open a browser"),
+    overwrite: bool = OVERWRITE,
     json_output: bool = JSON,
 ) -> None:
     """Show a running bench, or recorded runs, in rerun's viewer."""
@@ -46,7 +47,7 @@ def view(
     if web + headless + window > 1:
         raise InputError("more than one of --web, --headless and --window was given; allowed is one")
     if save:
-        check_rrd(save)
+        check_rrd(save, overwrite, runs or ())
 
     def say(text: str) -> None:
         typer.echo(text, err=True)

@@ -19,8 +19,8 @@ from pathlib import Path
 
 from clutch_hil.discrepancy.result import Estimate, Result
 from protocols.errors import InputError
+from protocols.files.output_file import whole_file
 from protocols.files.parameters import Parameter, ParameterSet, load_overlay
-from protocols.files.run import whole_file
 
 _MOVED = 1e-6  # uncertainties: a parameter of the baseline that moved less stays as declared
 _NORMAL_95 = 1.959964  # half a 95 % interval in standard deviations

@@ -18,7 +18,7 @@ from clutch_hil.discrepancy.models.named import (
     set_calibration,
 )
 from clutch_hil.discrepancy.regimes import Regimes
-from clutch_hil.discrepancy.report import write_report
+from clutch_hil.discrepancy.report import REPORT_FILES, write_report
 from clutch_hil.discrepancy.result import NAMED, NONE_OF_THESE, ONE_OF, Result
 from clutch_hil.discrepancy.search import investigate
 from clutch_hil.discrepancy.selection import Progress
@@ -26,6 +26,7 @@ from protocols.errors import InputError, listing
 from protocols.files.run import Run
 
 _MODEL_FILE = "model.toml"
+FILES = (*REPORT_FILES, _MODEL_FILE)  # that `Discrepancy.write` writes
 
 
 @dataclass(frozen=True)

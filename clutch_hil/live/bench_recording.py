@@ -29,6 +29,7 @@ def record(
     progress: Callable[[str], None],
     blind: bool = False,
     tell: Callable[[str], None] = print,
+    overwrite: bool = False,
 ) -> RecordingResult:
     """Record the bench on `bus` (None: the only one) until `stop`, the end of the bench, or `seconds` after its first row.
 
@@ -39,8 +40,8 @@ def record(
     if blind and path and path.suffix != ".parquet":
         raise InputError(f"{path} cannot be recorded blind as {path.suffix!r}; allowed is .parquet")
     if path:
-        check_target(path)
-        check_target(rows_file(path))
+        check_target(path, overwrite)
+        check_target(rows_file(path), overwrite)
     with consumer_session(router) as session:
         progress("waiting for a bench; start one with: clutch-hil up")
         bench = _wait_for_bench(session, bus, stop, float("inf") if seconds is None else _BENCH_TIMEOUT)
@@ -68,7 +69,7 @@ def record(
 def _convert_rows(file: Path) -> None:
     rows = rows_file(file)
     try:
-        convert(rows, file)
+        convert(rows, file, overwrite=True)  # checked before the recording began
     except InputError as error:
         raise InputError(f"{error}; what was recorded is in {rows}") from None
     rows.unlink()

@@ -1,22 +1,26 @@
 """Conversion of a run file into another format."""
 
+from collections.abc import Iterable
 from pathlib import Path
 
 from clutch_hil.bench.run_file import COLUMNS_OF_ANY_RIG, read_run
 from protocols.errors import InputError, listing
-from protocols.files.run import new_file
+from protocols.files.output_file import new_file
 from protocols.files.runs import SUFFIXES, write_run
 
 FORMATS = (*SUFFIXES, ".rrd")
 
 
-def convert(source: Path, target: Path) -> int:
-    """Write the run in `source` in the format that the suffix of `target` names; return its samples. Raises InputError."""
+def convert(source: Path, target: Path, overwrite: bool = False) -> int:
+    """Write the run in `source` in the format that the suffix of `target` names; return its samples. Raises InputError.
+
+    overwrite: whether a file `target` may be replaced.
+    """
     if source.suffix not in SUFFIXES:
         raise InputError(
             f"run {source} has the suffix {source.suffix or '-'}; what can be read ends with {listing(SUFFIXES)}"
         )
-    check_target(target)
+    check_target(target, overwrite, [source])
     run = read_run(source, COLUMNS_OF_ANY_RIG)
     if target.suffix == ".rrd":
         from clutch_hil.live.run_replay import export_rrd
@@ -27,8 +31,8 @@ def convert(source: Path, target: Path) -> int:
     return len(run["time_s"])
 
 
-def check_target(path: Path) -> Path:
-    """`path`, if a new run can be written there. Raises InputError."""
+def check_target(path: Path, overwrite: bool = False, inputs: Iterable[Path] = ()) -> Path:
+    """`path`, if a run can be written there, and no other file is lost by it (`new_file`). Raises InputError."""
     if path.suffix not in FORMATS:
         raise InputError(f"a run cannot be written as {path.suffix!r} ({path}); allowed are {listing(FORMATS)}")
-    return new_file(path)
+    return new_file(path, overwrite, inputs)

@@ -11,21 +11,21 @@ import rerun.blueprint as rrb
 from clutch_hil.live.screen import Screen
 from clutch_hil.live.stream import join_batches, new_recording
 from protocols.errors import InputError
-from protocols.files.run import new_file
+from protocols.files.output_file import new_file
 from protocols.telemetry.batch import Batch
 
 
 class RrdWriter:
     """Writes screens, one for each of `prefixes`, into the file at `path`, with their layout. Use as a context manager.
 
-    Leaving it by an exception, or without `finish`, removes the file. Raises InputError when the file exists, has another
-    suffix or cannot be written.
+    Leaving it by an exception, or without `finish`, leaves `path` as it was. Raises InputError when the file has another suffix
+    or cannot be written.
     """
 
     def __init__(
         self, path: Path, name: str, blueprint: rrb.Blueprint, timeline: str = "time", prefixes: Sequence[str] = ("",)
     ) -> None:
-        check_rrd(path)
+        check_rrd(path, overwrite=True)
         self.path, self._part = path, path.with_name(path.name + ".part")
         self.rows: Counter[str] = Counter()
         self._finished = False
@@ -75,8 +75,8 @@ class RrdWriter:
         self._part.unlink(missing_ok=True)
 
 
-def check_rrd(path: Path) -> Path:
-    """`path`, if a new .rrd file can be created there. Raises InputError."""
+def check_rrd(path: Path, overwrite: bool = False, inputs: Iterable[Path] = ()) -> Path:
+    """`path`, if an .rrd file can be written there, and no other file is lost by it (`new_file`). Raises InputError."""
     if path.suffix != ".rrd":
         raise InputError(f"file {path} has the suffix {path.suffix or '-'}; a saved view ends with .rrd")
-    return new_file(path)
+    return new_file(path, overwrite, inputs)

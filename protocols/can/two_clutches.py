@@ -67,13 +67,9 @@ def two_clutch_database(path: Path) -> Database:
     )
 
 
-def write_dbc(path: Path, clutches: int, dbc: Path) -> None:
-    """Write the DBC at `path` for one or two `clutches` to the file `dbc`. Raises InputError when it cannot be written."""
-    text = read_text(path) if clutches == 1 else two_clutch_database(path).as_dbc_string()
-    try:
-        dbc.write_text(text, encoding="utf-8", newline="\n")
-    except OSError as error:
-        raise InputError(f"DBC {dbc} cannot be written: {error.strerror}") from None
+def dbc_text(path: Path, clutches: int) -> str:
+    """The DBC at `path` for one or two `clutches`, as the text of a file."""
+    return read_text(path) if clutches == 1 else two_clutch_database(path).as_dbc_string()
 
 
 def _rename_node(node: str) -> str:

@@ -17,7 +17,8 @@ from xml.etree import ElementTree
 import numpy as np
 
 from protocols.errors import InputError
-from protocols.files.run import Run, parse_json, whole_file
+from protocols.files.output_file import whole_file
+from protocols.files.run import Run, parse_json
 
 if TYPE_CHECKING:
     from asammdf import Signal

@@ -19,7 +19,8 @@ import pyarrow.parquet as pq
 from protocols.errors import InputError, listing
 from protocols.files import matlab, measurement
 from protocols.files.arrow import from_rows, numbers
-from protocols.files.run import Run, parse_json, whole_file
+from protocols.files.output_file import whole_file
+from protocols.files.run import Run, parse_json
 from protocols.node import Column
 
 REQUIRED = (

@@ -100,6 +100,15 @@ def install() -> None:
         kind.compile = _compile_alone(kind.compile)  # type: ignore[method-assign]
 
 
+def keep_in_memory() -> None:
+    """Let Numba compile functions that ask for a cache without one, for this process, where no folder can be written."""
+    from numba.core.ccallback import CFunc
+    from numba.core.dispatcher import Dispatcher
+
+    for kind in (Dispatcher, CFunc):
+        kind.enable_caching = lambda function: None  # type: ignore[method-assign]
+
+
 def _compile_alone(compile_one: Callable[..., Any]) -> Callable[..., Any]:
     """Wrap `compile_one` of Numba, so that the lock of a kernel is released after it."""
 

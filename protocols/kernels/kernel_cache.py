@@ -14,12 +14,15 @@ from collections.abc import Iterable
 from importlib.metadata import entry_points
 from pathlib import Path
 
-from protocols.errors import InputError
+from protocols.kernels.compiling import keep_in_memory
 
 VARIABLE = "NUMBA_CACHE_DIR"
 _IMPORT = re.compile(r"^from (\w+(?:\.\w+)*) import (\([^)]*\)|.*)$", re.MULTILINE)
 _CACHE_NAME = "clutch-hil"  # folder in a cache, with one folder for each state of the sources
 _TEMPORARY_PREFIX = "clutch-hil-unkept-"  # of the name of a cache folder that is removed after the command
+_BESIDE = Path(__file__).parents[
+    2
+]  # folder of the packages, where kernels are kept beside the sources if it can be written
 _TEMPORARY: list[Path] = []  # such folders of this process
 
 
@@ -27,7 +30,7 @@ def place_cache(package: Path) -> None:
     """Choose the folder for kernels: beside `package`, else in $NUMBA_CACHE_DIR or ~/.cache; child processes use it as well.
 
     Away from the sources, each state of the sources has its own folder, so that no kernel is stale. Where none can be written,
-    a temporary folder is used. Raises InputError where $NUMBA_CACHE_DIR cannot be written.
+    a temporary folder is used, and where there is none, kernels are kept in memory alone. An import never fails for that.
     """
     given = os.environ.get(VARIABLE)
     if given and Path(given).parent.name == _CACHE_NAME:  # placed already
@@ -36,9 +39,12 @@ def place_cache(package: Path) -> None:
         return
     base = Path(given) if given else _user_cache()
     if base is None or not _writable(base):
-        if given:
-            raise InputError(f"{VARIABLE} is {given}, which cannot be written; set it to a folder that can, or to none")
-        base = Path(tempfile.mkdtemp(prefix=_TEMPORARY_PREFIX))
+        try:
+            base = Path(tempfile.mkdtemp(prefix=_TEMPORARY_PREFIX))
+        except OSError:
+            os.environ.pop(VARIABLE, None)
+            keep_in_memory()
+            return
         _TEMPORARY.append(base)
         atexit.register(discard_temporary)
     os.environ[VARIABLE] = str(base / _CACHE_NAME / _hash_sources(_packages(package.parent)))
@@ -52,7 +58,8 @@ def discard_temporary() -> None:
 
 def are_kept() -> bool:
     """Whether compiled kernels stay on disk after the command."""
-    return _TEMPORARY_PREFIX not in os.environ.get(VARIABLE, "")
+    place = os.environ.get(VARIABLE)
+    return _TEMPORARY_PREFIX not in place if place else _writable(_BESIDE)
 
 
 def describe_keeping() -> str:

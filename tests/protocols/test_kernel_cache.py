@@ -1,13 +1,15 @@
 """Cached kernels are dropped when a module they are made from is newer, and only then; and they have a place."""
 
 import os
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from protocols.errors import InputError
 from protocols.kernels.kernel_cache import VARIABLE, describe_keeping, drop_stale, place_cache
+from tests.processes import PATIENCE
 
 MODULES = {
     "block.py": "",
@@ -120,12 +122,42 @@ def test_where_nothing_can_be_written_kernels_last_as_long_as_the_command(
     )
 
 
-def test_a_place_that_was_given_and_is_none_is_told(
+def test_a_place_that_was_given_and_is_none_is_replaced_by_a_temporary_one(
     package: Path, closed: Callable[[Path], None], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     (tmp_path / "file").touch()
     monkeypatch.setenv(VARIABLE, str(tmp_path / "file" / "kernels"))
-    with pytest.raises(
-        InputError, match="file/kernels, which cannot be written; set it to a folder that can, or to none"
-    ):
-        place_cache(package)
+    place_cache(package)
+    assert describe_keeping().startswith("compiled kernels cannot be kept here: set NUMBA_CACHE_DIR")
+
+
+def test_without_any_folder_an_import_goes_on(
+    package: Path, closed: Callable[[Path], None], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def none(prefix: str) -> str:
+        raise FileNotFoundError(2, "No usable temporary directory found")
+
+    (tmp_path / "file").touch()
+    monkeypatch.setenv(VARIABLE, str(tmp_path / "file" / "kernels"))
+    asked = []
+    monkeypatch.setattr("tempfile.mkdtemp", none)
+    monkeypatch.setattr("protocols.kernels.kernel_cache.keep_in_memory", lambda: asked.append(True))
+    place_cache(package)
+    assert VARIABLE not in os.environ
+    assert asked
+
+
+def test_a_kernel_that_can_be_kept_nowhere_is_compiled_and_runs() -> None:
+    code = """
+from protocols.kernels.compiling import keep_in_memory
+keep_in_memory()
+import numba
+from numba.core.caching import CacheImpl
+CacheImpl._locator_classes = []  # as where no folder can be written
+@numba.njit(cache=True)
+def double(x):
+    return 2.0 * x
+print(double(4.0))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=PATIENCE, check=False)
+    assert (done.returncode, done.stdout.strip()) == (0, "8.0"), done.stderr

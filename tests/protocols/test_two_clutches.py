@@ -10,7 +10,7 @@ import pytest
 
 from protocols.can.bus_load import bus_load
 from protocols.can.frames import DBC, bus_frames, load_frames
-from protocols.can.two_clutches import SHARED, two_clutch_database, write_dbc
+from protocols.can.two_clutches import SHARED, dbc_text, two_clutch_database
 from protocols.errors import InputError
 from protocols.node import Column
 from protocols.realtime import child
@@ -47,7 +47,7 @@ def test_payloads_of_both_clutches_are_alike() -> None:
 
 
 def test_other_tools_read_the_bus_of_two_clutches(tmp_path: Path) -> None:
-    write_dbc(DBC, 2, tmp_path / "two.dbc")
+    (tmp_path / "two.dbc").write_text(dbc_text(DBC, 2), encoding="utf-8")
     read = cantools.database.load_file(tmp_path / "two.dbc")
     made = two_clutch_database(DBC)
     assert [m.frame_id for m in read.messages] == [codec.can_id for codec in bus_frames(clutches=2)]

@@ -17,11 +17,12 @@ from clutch_hil.discrepancy.report.pictures import Pictures
 from clutch_hil.discrepancy.report.residuals import Regimes, Residuals
 from clutch_hil.discrepancy.report.rrd import write_evidence
 from clutch_hil.discrepancy.result import Result
-from protocols.files.run import whole_file
+from protocols.files.output_file import whole_file
 
 JSON, PAGE, ATLAS, GAP, EVIDENCE, MODEL = (
     "report.json", "report.html", "atlas.png", "gap.png", "evidence.rrd", "model.toml",
 )  # fmt: skip
+REPORT_FILES = (JSON, PAGE, ATLAS, GAP, EVIDENCE)  # that `write_report` writes
 
 
 def write_report(result: Result, folder: Path, regimes: Regimes | None = None, command: str = "") -> list[Path]:

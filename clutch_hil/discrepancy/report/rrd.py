@@ -22,7 +22,7 @@ from clutch_hil.discrepancy.result import Trace
 from clutch_hil.live.canvas import scalar_columns
 from clutch_hil.live.stream import new_recording
 from protocols.errors import InputError
-from protocols.files.run import whole_file
+from protocols.files.output_file import whole_file
 
 TIMELINE = "rig_time"
 NAMES = ("before", "after", "measured")  # lines of an output, the last on top; those of a residual are the first two

@@ -49,8 +49,8 @@ def test_a_run_is_converted_to_rrd(played: Played, tmp_path: Path, monkeypatch: 
     ("target", "sentence"),
     [
         ("run.xlsx", "allowed are .csv, .mf4, .parquet, .rrd"),
-        ("run.parquet", "run.parquet exists already; give another name or remove it"),
-        ("other.mf4", "other.mf4 exists already; give another name or remove it"),
+        ("run.parquet", "run.parquet is read by this command and would be lost; give another name to write to"),
+        ("other.mf4", "other.mf4 exists already; give another name, or --overwrite to replace it"),
         ("none/run.mf4", "none of run.mf4 does not exist"),
     ],
 )

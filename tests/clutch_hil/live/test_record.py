@@ -151,14 +151,17 @@ def test_a_file_that_is_there_is_not_recorded_over(tmp_path: Path, name: str) ->
     path = (tmp_path / name).with_suffix(Path(name).suffix or ".parquet")
     path.write_text("before")
     done = clutch_hil("record", str(tmp_path / name), "--bus", "local:nobody", "--seconds", "0")
-    assert str(done.exception) == f"file {path} exists already; give another name or remove it"
+    assert str(done.exception) == f"file {path} exists already; give another name, or --overwrite to replace it"
     assert path.read_text() == "before"
 
 
 def test_rows_of_an_earlier_recording_are_not_recorded_over(tmp_path: Path) -> None:
     (tmp_path / "run.csv.parquet").write_text("before")
     done = clutch_hil("record", str(tmp_path / "run.csv"), "--bus", "local:nobody", "--seconds", "0")
-    assert str(done.exception) == f"file {tmp_path / 'run.csv.parquet'} exists already; give another name or remove it"
+    assert (
+        str(done.exception)
+        == f"file {tmp_path / 'run.csv.parquet'} exists already; give another name, or --overwrite to replace it"
+    )
 
 
 @pytest.mark.parametrize("name", ["run.parquet", "run.csv", "run.rrd", "run.log"])

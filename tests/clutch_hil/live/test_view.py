@@ -248,5 +248,7 @@ def test_bad_input_is_refused_in_one_sentence(
 def test_an_existing_file_is_kept(tmp_path: Path) -> None:
     file = tmp_path / "run.rrd"
     file.write_bytes(b"mine")
-    assert refused("--save", file) == f"error: file {file} exists already; give another name or remove it"
+    assert (
+        refused("--save", file) == f"error: file {file} exists already; give another name, or --overwrite to replace it"
+    )
     assert file.read_bytes() == b"mine"
