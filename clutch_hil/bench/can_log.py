@@ -6,7 +6,6 @@ rounds of 16 frames and for the last frames of the log. So a log whose queue may
 """
 
 import time
-from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +16,7 @@ import can
 from clutch_hil.bench.progress import table_text
 from protocols.buses.bus import open_bus, resolve
 from protocols.can.frames import bus_frames
-from protocols.can.reception import Reception
+from protocols.can.traffic import Traffic
 from protocols.can.two_clutches import CLUTCHES
 from protocols.errors import InputError, listing
 from protocols.files.output_file import whole_file
@@ -29,12 +28,13 @@ WRITERS: dict[str, Any] = {
     ".log": can.CanutilsLogWriter,
     ".trc": can.TRCWriter,
 }
+# Frames that the bench does not use: attribute of a message, name
+_STRANGE = (
+    ("is_error_frame", "error"), ("is_remote_frame", "remote"), ("is_fd", "CAN FD"), ("is_extended_id", "extended"),
+)  # fmt: skip
 _FIRST_FRAME_TIMEOUT = 10.0  # s, where the length of the log is given; without it the log waits for ever
 _RECEIVE_TIMEOUT = 0.1  # s to wait for a frame, before the next check whether to end
 _PROGRESS_INTERVAL = 0.5  # s between reports of progress
-_HEARTBEATS = ("PLANT_HEARTBEAT", "CONTROLLER_HEARTBEAT", "CONTROLLER_HEARTBEAT_B")
-_SUPERVISOR = "SUPERVISOR"  # sender without a heartbeat
-_SUPERVISOR_SILENCE = 0.1  # s; a new supervisor is silent for longer than this, then begins its alive counters at 0
 # Frames that waited together; from this number on the queue may have been full. It is 50 ms at 1 kHz. A local bus holds 2731
 # frames of a sender, or 554 where the kernel grants no larger buffer. A CAN socket has half of that buffer for all senders.
 _SUSPECT_BACKLOG = 250
@@ -106,12 +106,7 @@ class CanLog:
             raise InputError(f"CAN log {path} cannot be written as {path.suffix!r}; allowed are {listing(WRITERS)}")
         self.bus, self.path = resolve(bus), path
         open_bus(self.bus).close()  # raises InputError where the bus cannot be opened
-        self._codecs = {codec.can_id: codec for codec in bus_frames(clutches=len(CLUTCHES))}
-        self._receptions = {can_id: Reception(codec) for can_id, codec in self._codecs.items()}
-        self._sessions: dict[str, int] = {}  # session number of each service, by its heartbeat frame
-        self._counts: Counter[str] = Counter()
-        self._lost_before = 0  # frames lost before the receptions were restarted
-        self._last_supervised = 0.0  # s, time stamp of the newest frame of a supervisor
+        self._traffic = Traffic(bus_frames(clutches=len(CLUTCHES)))
 
     def record(self, stop: Stop, seconds: float | None, progress: Callable[[str], None]) -> CanLogResult:
         """Write every frame until `stop` is asked, or until `seconds` [s] after the first one; tell `progress` twice a second.
@@ -139,43 +134,26 @@ class CanLog:
                         self._count(message)
                         if time.monotonic() - last_report > _PROGRESS_INTERVAL:
                             last_report = time.monotonic()
-                            progress(f"{last - first:.1f} s, {self._counts.total()} frames, lost {self._count_lost()}")
+                            count, lost = self._traffic.frames.total(), self._traffic.count("lost")
+                            progress(f"{last - first:.1f} s, {count} frames, lost {lost}")
                 except can.CanError as error:
                     failure = str(error)
-            if not self._counts:
+            if not self._traffic.frames:
                 stop.check(f"no frame had come on bus {self.bus}; nothing was recorded")
                 raise InputError(f"no frame came on bus {self.bus}; nothing was recorded")
-        counts = dict(sorted(self._counts.items()))
-        return CanLogResult(self.bus, self.path, counts, last - first, self._count_lost(), backlog.most, failure)
+        counts = dict(sorted(self._traffic.frames.items()))
+        return CanLogResult(
+            self.bus, self.path, counts, last - first, self._traffic.count("lost"), backlog.most, failure
+        )
 
     def _count(self, message: can.Message) -> None:
         """Count a frame and, by its alive counter, those that should have come before it."""
-        can_id = message.arbitration_id
-        codec = self._codecs.get(can_id)
-        if codec is None or message.is_extended_id or message.is_error_frame or message.dlc != codec.length:
-            self._counts["error frame" if message.is_error_frame else f"0x{can_id:03X}"] += 1
-            return
-        self._counts[codec.name] += 1
-        data = bytes(message.data)
-        if codec.name in _HEARTBEATS and self._sessions.get(codec.name) != (session := codec.unpack(data).session):
-            self._sessions[codec.name] = session
-            self._restart_receptions(codec.sender)
-        if codec.sender == _SUPERVISOR:
-            if message.timestamp - self._last_supervised > _SUPERVISOR_SILENCE:
-                self._restart_receptions(_SUPERVISOR)
-            self._last_supervised = message.timestamp
-        self._receptions[can_id].accept(data)
-
-    def _restart_receptions(self, sender: str) -> None:
-        """Accept any alive counter as the next of a sender that has started anew."""
-        for can_id, codec in self._codecs.items():
-            if codec.sender == sender:
-                self._lost_before += self._receptions[can_id].lost
-                self._receptions[can_id] = Reception(codec)
-
-    def _count_lost(self) -> int:
-        """Frames lost since the log began."""
-        return self._lost_before + sum(reception.lost for reception in self._receptions.values())
+        strange = [name for flag, name in _STRANGE if getattr(message, flag)]
+        if strange:
+            named = "" if message.is_error_frame else f" 0x{message.arbitration_id:03X}"
+            self._traffic.frames[f"{strange[0]} frame{named}"] += 1
+        else:
+            self._traffic.take(message.timestamp, message.arbitration_id, bytes(message.data))
 
 
 class Backlog:

@@ -7,7 +7,7 @@ from clutch_hil.bench.rig import DEFAULT_RIG, rig_named, rig_names
 from protocols.files.run import Run
 from protocols.files.runs import check_columns, read_columns
 
-_COLUMNS_OF_ANY_RIG = ("time_s",)  # of a run whose rig is not installed, such as a measured one
+COLUMNS_OF_ANY_RIG = ("time_s",)  # of any run, such as a measured one; what shows or converts a run needs no more
 
 
 def read_run(path: Path | str, required: Sequence[str] | None = None) -> Run:
@@ -20,6 +20,6 @@ def read_run(path: Path | str, required: Sequence[str] | None = None) -> Run:
     run = read_columns(path)
     if required is None:
         name = run.metadata.get("rig", DEFAULT_RIG)
-        required = rig_named(name).plant.measured if name in rig_names() else _COLUMNS_OF_ANY_RIG
+        required = rig_named(name).plant.measured if name in rig_names() else COLUMNS_OF_ANY_RIG
     check_columns(path, run.columns, required)
     return run

@@ -2,6 +2,8 @@
 
 from typing import Any
 
+from protocols.can.reception import REJECTED
+
 _UNWANTED_COUNTS = ("minor_faults", "major_faults", "collections", "threads_begun")
 _NOTED_LATE_SHARE = 1e-3  # share of late cycles above which a note says that the timing of the run was disturbed
 
@@ -11,9 +13,7 @@ def service_lines(name: str, service: dict[str, Any]) -> list[str]:
     lines = []
     port = service["port"]
     gated = service["frames"].values()
-    lost, bad = (
-        sum(sum(frame[key] for key in keys) for frame in gated) for keys in (("lost",), ("corrupt", "repeated"))
-    )
+    lost, rejected = (sum(sum(frame[key] for key in keys) for frame in gated) for keys in (("lost",), REJECTED))
     clock = service["timing"]
     if clock:
         wake, work = clock["wake"], clock["work"]
@@ -25,8 +25,9 @@ def service_lines(name: str, service: dict[str, Any]) -> list[str]:
         )
     lines.append(
         f"{'' if clock else name + ':':<12} frames sent {port['sent']}, received {port['received']}, lost {lost},"
-        f" rejected {bad}, refused by full queues {port['refused']}, not sent while the bus was down {port['down']}"
+        f" rejected {rejected}, refused by full queues {port['refused']}, not sent while the bus was down {port['down']}"
     )
+    lines += [f"{'':<12} note: {text}" for text in _rejection_notes(service)]
     if clock and clock["late"] > _NOTED_LATE_SHARE * clock["cycles"]:
         lines.append(f"{'':<12} note: more than {100 * _NOTED_LATE_SHARE:g} % late: timing of this run was disturbed")
     if any((footprint := service.get("footprint") or {}).get(what) for what in _UNWANTED_COUNTS):
@@ -38,3 +39,24 @@ def service_lines(name: str, service: dict[str, Any]) -> list[str]:
     if service["telemetry"] not in ("ended", "off"):
         lines.append(f"{'':<12} note: telemetry {service['telemetry']}")
     return lines
+
+
+def _rejection_notes(service: dict[str, Any]) -> list[str]:
+    """Say which frames were not used, and why; the run went on without them."""
+    notes = []
+    rejected = {
+        name: ", ".join(f"{counts[what]} {what}" for what in REJECTED if counts[what])
+        for name, counts in service["frames"].items()
+    }
+    if any(rejected.values()):
+        notes.append("frames rejected: " + "; ".join(f"{name} {what}" for name, what in rejected.items() if what))
+    if first := service.get("first_rejected"):
+        notes.append(f"the first of them: {first}")
+    if strays := service.get("stray_frames"):
+        counted = (
+            f"{name} {counts['received'] + sum(counts[what] for what in REJECTED)}" for name, counts in strays.items()
+        )
+        notes.append(f"another sender used identifiers of this service: {', '.join(counted)}")
+    if ignored := service["port"].get("ignored"):
+        notes.append(f"{ignored} frames ignored: remote, error, CAN FD, or with an extended identifier")
+    return notes

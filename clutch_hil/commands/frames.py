@@ -6,6 +6,9 @@ import typer
 
 from clutch_hil.command import check_rate, report
 from clutch_hil.commands.options import JSON, OVERWRITE
+from protocols.errors import listing
+
+_CLASSIC_BYTES = 8  # most bytes of a frame that is not CAN FD
 
 
 def register(app: typer.Typer) -> None:
@@ -21,34 +24,49 @@ def frames(
     overwrite: bool = OVERWRITE,
     json_output: bool = JSON,
 ) -> None:
-    """List the frames of the bus and its worst-case load."""
+    """List the frames of the bus and its worst-case load. A DBC that cannot carry the bench is refused by signal and reason."""
     from clutch_hil.bench.progress import table_text
     from protocols.can.bus_load import BITRATES, bus_load, frame_rate, highest_rate, worst_bits
-    from protocols.can.frames import DBC, bus_frames
+    from protocols.can.frames import DBC, FrameCodec, OtherFrame, bus_frames, other_frames
     from protocols.can.two_clutches import dbc_text
     from protocols.files.output_file import new_file, whole_file
 
     check_rate(rate)
     path = dbc or DBC
-    codecs = bus_frames(path, clutches)
+    codecs, others = bus_frames(path, clutches), other_frames(path)
     if write:
         new_file(write, overwrite, [path])
         with whole_file(write) as part:
             part.write_text(dbc_text(path, clutches), encoding="utf-8", newline="\n")
     rows: list[tuple[str, ...]] = [("frame", "id", "bytes", "sender", "frames/s", "worst bits", "signals")]
-    for codec in codecs:
-        cells = (codec.name, f"0x{codec.can_id:03X}", codec.length, codec.sender, f"{frame_rate(codec, rate):g}")
-        rows.append((*map(str, cells), str(worst_bits(codec.length)), " ".join(codec.signals)))
-    loads = {bitrate: bus_load(codecs, rate, bitrate) for bitrate in BITRATES}
+    every: list[FrameCodec | OtherFrame] = [*codecs, *others]
+    for codec in every:
+        each = f"{frame_rate(codec, rate):g}" if codec.cycle_time else "unknown"
+        bits = worst_bits(codec.length, codec.extended) if codec.length <= _CLASSIC_BYTES else "CAN FD"
+        cells = (codec.name, f"0x{codec.can_id:03X}", codec.length, codec.sender, each, bits, " ".join(codec.signals))
+        rows.append(tuple(map(str, cells)))
+    silent = [codec.name for codec in codecs if not codec.cycle_time]
+    uncounted = [other.name for other in others if not other.cycle_time or other.length > _CLASSIC_BYTES]
+    counted = [codec for codec in every if codec.name not in uncounted]
+    loads = {} if silent else {bitrate: bus_load(counted, rate, bitrate) for bitrate in BITRATES}
     lines = [f"read:    {path}", table_text(rows)]
+    if silent:
+        lines.append(f"note:    {listing(silent)} have no cycle time (GenMsgCycleTime): the load cannot be told")
     for bitrate, load in loads.items():
-        most = highest_rate(codecs, bitrate)
+        most = highest_rate(counted, bitrate)
         lines.append(
             f"{bitrate // 1000} kbit/s: {100 * load:.0f} % of the wire at {rate} Hz; below 80 % up to {most} Hz"
         )
+    if uncounted and not silent:
+        lines.append(f"note:    not counted in the load, without a cycle time or CAN FD: {listing(uncounted)}")
     if write:
         lines.append(f"wrote:   {write}")
     fits = [f"{bitrate // 1000} kbit/s" for bitrate, load in loads.items() if load < 1.0]
     verdict_text = f"{rate} Hz fits {' and '.join(fits) or 'no classic CAN bus'}"
-    document = {"frames": rows[1:], "load": loads, "fits": fits, "wrote": str(write) if write else None}
-    report(document, "\n".join(lines), verdict_text, True, json_output)
+    if silent:
+        verdict_text = f"load unknown: {len(silent)} of {len(codecs)} frames have no cycle time"
+    document = {
+        "frames": rows[1:], "load": loads or None, "fits": fits, "without_cycle_time": silent, "not_counted": uncounted,
+        "wrote": str(write) if write else None,
+    }  # fmt: skip
+    report(document, "\n".join(lines), verdict_text, not silent, json_output)

@@ -14,22 +14,27 @@ def register(app: typer.Typer) -> None:
 
 
 def replay(
-    log: Path = typer.Argument(help="log of a bus: .blf, .asc, .log (candump) or .trc, as `record` writes them"),
+    log: Path = typer.Argument(help="log of a bus: BLF, ASC, candump, TRC or MF4; its content decides"),
+    channel: str | None = typer.Option(None, help="channel of the log, where more than one carries a bench"),
     bus: str | None = typer.Option(None, help="play it to a controller on this bus; in this process if not given"),
     parameters: Path | None = PARAMETERS,
     law: str = CONTROLLER_LAW,
     adaptation: bool = CONTROLLER_ADAPTATION,
     json_output: bool = JSON,
 ) -> None:
-    """Play the samples of a bus log to the controller, as fast as possible, and print the checksum of all answers."""
+    """Play the samples of a bus log to the controller, as fast as possible, and print the checksum of all answers.
+
+    Exit code 1 where frames are lost, corrupt or cut, so that answers can differ.
+    """
     import time
 
     from protocols.buses.bus import resolve
+    from rt_controller.loop.bench_log import Log
     from rt_controller.loop.node import ControllerNode
-    from rt_controller.loop.replay import Log, answer_log, answer_log_on_bus
+    from rt_controller.loop.replay import answer_log, answer_log_on_bus
 
     began = time.perf_counter()
-    read = Log(log)
+    read = Log(log, channel)
     node = ControllerNode(read.rate, parameters, law, adaptation)
     if bus is None:
         answers = answer_log(read, node)
@@ -41,16 +46,25 @@ def replay(
     document = {
         "log": str(log), "bus": bus and resolve(bus), "rate_hz": read.rate, "log_seconds": read.seconds,
         "cycles": answers.cycles, "logged": answers.logged, "equal": answers.equal, "sha256": answers.digest,
-        "seconds": whole, "controller_seconds": answers.seconds,
+        "seconds": whole, "controller_seconds": answers.seconds, **read.document,
     }  # fmt: skip
+    channel_text = f"channel {read.channel}, " if read.channel else ""
     lines = [
-        f"read:    {log}, {len(read.samples)} samples at {read.rate} Hz, {read.seconds:.1f} s",
+        f"read:    {log}, {channel_text}{len(read.samples)} samples at {read.rate} Hz, {read.seconds:.1f} s",
+        *(f"note:    {note}" for note in read.notes),
         f"sha256:  {answers.digest}",
         f"took:    {whole:.2f} s, of which the controller {answers.seconds:.2f} s",
     ]
-    if answers.equal < answers.logged:
+    differs = answers.equal < answers.logged
+    if differs:
         lines.append(
             "note:    in real time a cycle takes what has come by its slot, here all up to its sample: answers differ"
         )
-    same = f"{answers.equal} of {answers.logged} logged valve commands are the same"
-    report(document, "\n".join(lines), f"{answers.cycles} samples answered, {same}", True, json_output)
+    verdict = (
+        f"{answers.cycles} samples answered, {answers.equal} of {answers.logged} logged valve commands are the same"
+    )
+    if read.defects:
+        verdict += f"; {read.defects}"
+    # Where the log lacks something, a difference is no statement about the controller
+    good = not read.defects or (answers.logged > 0 and not differs)
+    report(document, "\n".join(lines), verdict, good, json_output)

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from pathlib import Path
 
-from clutch_hil.bench.run_file import read_run
+from clutch_hil.bench.run_file import COLUMNS_OF_ANY_RIG, read_run
 from protocols.errors import InputError, listing
 from protocols.files.output_file import new_file
 from protocols.files.runs import SUFFIXES, write_run
@@ -21,7 +21,7 @@ def convert(source: Path, target: Path, overwrite: bool = False) -> int:
             f"run {source} has the suffix {source.suffix or '-'}; what can be read ends with {listing(SUFFIXES)}"
         )
     check_target(target, overwrite, [source])
-    run = read_run(source)
+    run = read_run(source, COLUMNS_OF_ANY_RIG)
     if target.suffix == ".rrd":
         from clutch_hil.live.run_replay import export_rrd
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from clutch_hil.bench.direction import both_ways
-from clutch_hil.bench.run_file import read_run
+from clutch_hil.bench.run_file import COLUMNS_OF_ANY_RIG, read_run
 from clutch_hil.live.blueprint import build_blueprint
 from clutch_hil.live.dashboard import SLIP
 from clutch_hil.live.rrd_writer import RrdWriter
@@ -45,7 +45,7 @@ def load_batches(path: Path) -> list[Batch]:
         if any("/" in node for node in tables):
             raise InputError(f"run {path} holds two runs side by side; give the files they came from")
         return [batch for table in tables.values() for batch in table.batches()]
-    return list(run_batches(read_run(path)))
+    return list(run_batches(read_run(path, COLUMNS_OF_ANY_RIG)))
 
 
 def run_batches(run: Run) -> Iterator[Batch]:

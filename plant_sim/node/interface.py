@@ -5,6 +5,7 @@ Decoding, checks, data acquisition and encoding are compiled calls (`plant_cycle
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from typing import NoReturn
 
 import numpy as np
 
@@ -88,6 +89,7 @@ class Interface(ABC):
         interface.motor = new_receptions(self._received[:1])[0]
         self._own = {codec.can_id: codec.name for codec in own}
         fixed.own = [*self._own, *[_NO_FRAME] * (OUTBOX - len(self._own))]
+        interface.own[: len(own)] = new_receptions(own)
         fixed.rate, fixed.period, fixed.session, fixed.count = self.rate, self._period, self._session, len(self._names)
         fixed.status_every = max(1, round(status.cycle_time * self.rate))
         fixed.heartbeat_every = max(1, round(self.heartbeat_period * self.rate))
@@ -128,10 +130,11 @@ class Interface(ABC):
     def take(self, inbox: np.ndarray, count: int) -> None:
         """Take the first `count` command frames of the batch `inbox`, shape (n,) of FRAME; they act from the next sample on.
 
-        Raises InputError when another plant is on the bus, or a controller has another rate or another protocol.
+        Raises InputError when another plant is on the bus, or a controller has another rate. A frame that cannot be used is
+        counted (`reception_counts`).
         """
         if why := take(self._interfaces, self._settings, inbox, count):
-            raise InputError(self._refusal(Refusal(why)))
+            self._refuse(why)
 
     def skip_periods(self, periods: int) -> None:
         """Account for `periods` that the computer has missed. Their samples are sent at once, so no controller can answer them.
@@ -174,6 +177,24 @@ class Interface(ABC):
             rows += [clutch["valve"], clutch["heartbeat"]]
         return {codec.name: read_counts(row) for codec, row in zip(self._received, rows, strict=True)}
 
+    def stray_counts(self) -> dict[str, dict[str, int]]:
+        """Return the counts of the frames that others sent on this service's own identifiers, by frame name."""
+        rows = zip(self._own.values(), self._interfaces[0]["own"], strict=False)
+        return {name: counts for name, row in rows if any((counts := read_counts(row)).values())}
+
+    @property
+    def first_rejected(self) -> str:
+        """What was wrong with the first frame that was not used for its length or values; "" where there was none."""
+        first = self._interface
+        if not first.rejected_why:
+            return ""
+        return self._describe(
+            Refusal(int(first.rejected_why)),
+            int(first.rejected_id),
+            int(first.rejected_value),
+            int(first.rejected_clutch),
+        )
+
     def _clutches(self) -> np.ndarray:
         """Return the records of the clutches, shape (clutches,) of CLUTCH."""
         rows: np.ndarray = self._interfaces[0]["clutches"][: len(self._names)]
@@ -195,15 +216,21 @@ class Interface(ABC):
         )
         return count
 
-    def _refusal(self, why: Refusal) -> str:
-        """Return the message for a refused frame."""
-        can_id, value = int(self._interface.refused_id), int(self._interface.refused_value)
+    def _refuse(self, why: int) -> NoReturn:
+        """Raise InputError for the frame that ends the service; `why` is a Refusal."""
+        last = self._interface
+        raise InputError(
+            self._describe(Refusal(why), int(last.refused_id), int(last.refused_value), int(last.refused_clutch))
+        )
+
+    def _describe(self, why: Refusal, can_id: int, value: int, k: int) -> str:
+        """Return the sentence for a frame of clutch `k` that was not used."""
         if why is Refusal.SECOND_PLANT:
             return f"a second plant is on the bus: it sends {self._own[can_id]} (0x{can_id:03X})"
         if why is Refusal.LENGTH:
             (codec,) = (codec for codec in self._received if codec.can_id == can_id)
             return f"frame {codec.name} (0x{can_id:03X}) came with {value} bytes; its definition has {codec.length}"
-        clutch = f" of clutch {self._names[self._interface.refused_clutch]}" if len(self._names) > 1 else ""
+        clutch = f" of clutch {self._names[k]}" if len(self._names) > 1 else ""
         if why is Refusal.RATE:
             return f"the controller{clutch} runs at {value} Hz, this plant at {self.rate} Hz: give both one rate"
         return f"lifecycle {value} of the controller{clutch} is unknown; allowed are 0 to 3"

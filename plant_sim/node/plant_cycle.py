@@ -14,7 +14,7 @@ from plant_sim.rigs.sensors import acquire
 from protocols.can.frame_batch import word_of
 from protocols.can.frames import load_frames
 from protocols.can.lifecycle import Lifecycle
-from protocols.can.reception import RECEPTION, accept_word
+from protocols.can.reception import INTRUDER, RECEPTION, WRONG_RATES, accept_word, count_rejected, intrudes
 from protocols.can.two_clutches import CLUTCHES
 from protocols.can.words import count_turn, frame_layout, put, put_raw, raw, value, write_frame
 
@@ -34,23 +34,24 @@ class Actuators(IntEnum):
 
 
 class Refusal(IntEnum):
-    """Reasons to refuse a frame and end the service."""
+    """Reasons not to use a frame. The first two end the service; the others are counted, and it goes on."""
 
     SECOND_PLANT = 1
-    LENGTH = 2
-    RATE = 3
+    RATE = 2
+    LENGTH = 3
     LIFECYCLE = 4
 
 
 # A clutch on the bus. voltage [V] at its valve. answered_tick: SAMPLE_TICK of the last valve command, -1 before the first.
 # controller: Lifecycle of its controller. commanded: a valve command has arrived; age: cycles since the last one. pressure to
 # motor_torque: the measured values [bar, rad/s, rad, degC, Nm, Nm]; slip_speed is the difference of two encoder counts, begun
-# says that there is a count. noise: standard normal numbers for the sensors, from the generator at noise_source (`noise.py`)
+# says that there is a count. noise: standard normal numbers for the sensors, from the generator at noise_source (`noise.py`).
+# wrong_rates: heartbeats in sequence that tell another rate
 CLUTCH = np.dtype(
     [("voltage", "f8"), ("answered_tick", "i8"), ("controller", "i8"), ("age", "i8"), ("commanded", "?"),
      ("torque_demand", "f8"), ("begun", "?"), ("count", "i8"), ("pressure", "f8"), ("slip_speed", "f8"), ("angle", "f8"),
      ("temperature", "f8"), ("clutch_torque", "f8"), ("motor_torque", "f8"), ("noise", "f8", (4,)), ("valve", RECEPTION),
-     ("heartbeat", RECEPTION)]
+     ("heartbeat", RECEPTION), ("wrong_rates", "i8")]
 )  # fmt: skip
 
 
@@ -61,10 +62,14 @@ def _layouts(names: Sequence[str]) -> list[tuple[str, np.dtype]]:
 
 # D/A converter of the valve: range [V] and bits; address of the noise generator; the clutch's frames as the DBC defines them
 CLUTCH_SETTINGS = np.dtype([("dac_range", "f8"), ("dac_bits", "i8"), ("noise_source", "i8"), *_layouts(CLUTCH_FRAMES)])
-# Motor command [rad/s, Nm]; refused_...: identifier, value and clutch of a refused frame
+# Motor command [rad/s, Nm]; refused_...: identifier, value and clutch of the frame that ends the service; rejected_...:
+# Refusal, identifier, value and clutch of the first frame that was not used for its length or values, 0 before. period: calls
+# of `take` so far; own: receptions of others' frames on the identifiers that this plant sends
 INTERFACE = np.dtype(
     [("speed_demand", "f8"), ("torque_limit", "f8"), ("beats", "i8"), ("refused_id", "i8"), ("refused_value", "i8"),
-     ("refused_clutch", "i8"), ("motor", RECEPTION), ("clutches", CLUTCH, (len(CLUTCHES),))]
+     ("refused_clutch", "i8"), ("rejected_why", "i8"), ("rejected_id", "i8"), ("rejected_value", "i8"),
+     ("rejected_clutch", "i8"), ("period", "i8"), ("intruder", INTRUDER), ("own", RECEPTION, (OUTBOX,)), ("motor", RECEPTION),
+     ("clutches", CLUTCH, (len(CLUTCHES),))]
 )  # fmt: skip
 # count: number of clutches; own: identifiers of the frames that the plant sends; then the shared frames as the DBC defines them
 SETTINGS = np.dtype(
@@ -77,7 +82,8 @@ _dac, _setpoint = njit(dac.voltage), njit(setpoint)
 
 @njit(cache=True, nogil=True)
 def take(interfaces: Any, all_settings: Any, inbox: Any, count: Any) -> Any:
-    """Take the first `count` frames of `inbox`, up to the first refused one; return its Refusal, or 0."""
+    """Take the first `count` frames of `inbox`, up to one that ends the service; return its Refusal, or 0."""
+    interfaces[0].period += 1
     for index in range(count):
         why = _receive(interfaces[0], all_settings[0], inbox[index])
         if why != 0:
@@ -87,16 +93,16 @@ def take(interfaces: Any, all_settings: Any, inbox: Any, count: Any) -> Any:
 
 @njit
 def _receive(interface, settings, frame):
-    """Take one frame; return its Refusal, or 0."""
+    """Take one frame; return its Refusal where it ends the service, else 0."""
     can_id, length = np.int64(frame.can_id), np.int64(frame.length)
-    for own in settings.own:
-        if can_id == own:
-            return _refuse(interface, Refusal.SECOND_PLANT, can_id, 0, 0)
     word = word_of(frame.data)
+    for index in range(len(settings.own)):
+        if can_id == settings.own[index]:
+            if intrudes(interface.intruder, interface.own[index], word, length, interface.period):
+                return _refuse(interface, Refusal.SECOND_PLANT, can_id, 0, 0)
+            return 0
     if can_id == interface.motor.can_id:
-        if length != interface.motor.length:
-            return _refuse(interface, Refusal.LENGTH, can_id, length, 0)
-        if accept_word(interface.motor, word, length):
+        if _accept(interface, interface.motor, word, length, 0):
             s = settings.motor_command
             on = raw(word, s.motor_enable) != 0
             interface.speed_demand = value(word, s.speed_demand) if on else 0.0
@@ -105,26 +111,42 @@ def _receive(interface, settings, frame):
     for k in range(settings.count):
         clutch = interface.clutches[k]
         if can_id == clutch.valve.can_id:
-            if length != clutch.valve.length:
-                return _refuse(interface, Refusal.LENGTH, can_id, length, k)
-            if accept_word(clutch.valve, word, length):
+            if _accept(interface, clutch.valve, word, length, k):
                 its = settings.clutches[k]
                 s = its.valve_command
                 on = raw(word, s.valve_enable) != 0
                 clutch.voltage = _dac(value(word, s.valve_voltage), its.dac_range, its.dac_bits) if on else 0.0
                 clutch.answered_tick, clutch.age, clutch.commanded = raw(word, s.sample_tick), 0, True
-        elif can_id == clutch.heartbeat.can_id:
-            if length != clutch.heartbeat.length:
-                return _refuse(interface, Refusal.LENGTH, can_id, length, k)
-            if accept_word(clutch.heartbeat, word, length):
-                s = settings.clutches[k].controller_heartbeat
-                lifecycle, rate = raw(word, s.lifecycle), raw(word, s.rate)
-                if rate != settings.rate:
-                    return _refuse(interface, Refusal.RATE, can_id, rate, k)
-                if lifecycle > Lifecycle.FINALIZED.value:
-                    return _refuse(interface, Refusal.LIFECYCLE, can_id, lifecycle, k)
+        elif can_id == clutch.heartbeat.can_id and _accept(interface, clutch.heartbeat, word, length, k):
+            s = settings.clutches[k].controller_heartbeat
+            lifecycle, rate = raw(word, s.lifecycle), raw(word, s.rate)
+            clutch.wrong_rates = clutch.wrong_rates + 1 if rate != settings.rate else 0
+            if clutch.wrong_rates >= WRONG_RATES or (clutch.wrong_rates and not clutch.commanded):
+                return _refuse(interface, Refusal.RATE, can_id, rate, k)
+            if lifecycle > Lifecycle.FINALIZED.value:
+                clutch.heartbeat.unusable += 1
+                _note_rejected(interface, Refusal.LIFECYCLE, can_id, lifecycle, k)
+            elif rate == settings.rate:
                 clutch.controller = lifecycle
     return 0
+
+
+@njit
+def _accept(interface, reception, word, length, k):
+    """Count a frame of clutch `k`; return whether it may be used. One of another length is noted for the summary."""
+    if accept_word(reception, word, length):
+        return True
+    if length != reception.length:
+        _note_rejected(interface, Refusal.LENGTH, reception.can_id, length, k)
+    return False
+
+
+@njit
+def _note_rejected(interface, why, can_id, value_received, k):
+    """Keep the first frame that is not used, for the summary."""
+    if interface.rejected_why == 0:
+        interface.rejected_why, interface.rejected_id = why.value, can_id
+        interface.rejected_value, interface.rejected_clutch = value_received, k
 
 
 @njit
@@ -158,13 +180,14 @@ def begin(interfaces: Any, all_settings: Any, tick: Any, late_cycles: Any, setpo
         sent += 1
     if tick % settings.status_every == 0:
         s = settings.plant_status
-        actuators, rejected = Actuators.SAFE.value, interface.motor.corrupt + interface.motor.repeated
+        actuators, rejected = Actuators.SAFE.value, count_rejected(interface.motor)
         for k in range(settings.count):
             clutch = interface.clutches[k]
             if clutch.commanded:
                 actuators = max(actuators, Actuators.STALE.value if _is_stale(clutch) else Actuators.COMMANDED.value)
-            rejected += clutch.valve.corrupt + clutch.valve.repeated
-            rejected += clutch.heartbeat.corrupt + clutch.heartbeat.repeated
+            rejected += count_rejected(clutch.valve) + count_rejected(clutch.heartbeat)
+        for reception in interface.own:
+            rejected += reception.received + count_rejected(reception)
         word = put(np.int64(0), s.actuators, actuators)
         word = put(word, s.late_cycles, late_cycles)
         word = put(word, s.rejected_frames, rejected)

@@ -10,7 +10,6 @@ from plant_sim.effects.catalogue import effects
 from plant_sim.effects.table import switched_on
 from plant_sim.node.injection import Injection, effect_on, injection_from_request
 from plant_sim.node.interface import Interface
-from plant_sim.node.plant_cycle import Refusal
 from plant_sim.node.plant_record import COLUMNS, note_sample
 from plant_sim.node.plant_rig import PlantRig
 from plant_sim.node.plant_turn import PlantMemory, move, run_lockstep, run_real_time
@@ -116,7 +115,7 @@ class PlantNode(Interface):
         if samples > 1:
             line.count_settled()
         if sent < 0:
-            raise InputError(self._refusal(Refusal(-sent)))
+            self._refuse(-sent)
         line.finish_send(self.outbox, sent, position)
         line.discard_used(count)
         return owed
@@ -132,7 +131,7 @@ class PlantNode(Interface):
         self.tick += samples
         line.count_settled()
         if sent < 0:
-            raise InputError(self._refusal(Refusal(-sent)))
+            self._refuse(-sent)
         line.finish_send(self.outbox, sent, position)
         line.discard_used(count)
         return sent == 0

@@ -62,8 +62,8 @@ class PlantService:
     def run(self, ready: Callable[[str], None]) -> dict[str, Any]:
         """Run until SIGTERM or SIGINT or, in lock-step, until the end of the profile; return the summary.
 
-        `ready` is called with each message for the user. Raises InputError for an unusable bus, a second plant, another rate or
-        another protocol.
+        `ready` is called with each message for the user. Raises InputError for an unusable bus, a second plant or another
+        rate.
         """
         session = new_session()
         node = self._new_node(session)
@@ -105,6 +105,8 @@ class PlantService:
             "not_available": missing,
             "port": port.counts(),
             "frames": node.reception_counts(),
+            "stray_frames": node.stray_counts(),
+            "first_rejected": node.first_rejected,
             **published,
         }
 

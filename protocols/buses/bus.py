@@ -71,13 +71,14 @@ class _RawPort(Protocol):
 class Port:
     """A participant's place on a bus, for frames with standard identifiers and up to 8 bytes.
 
-    `sent`, `received`, `refused` (full queues) and `down` (sends while the interface was down) count frames. `stamps`: when
-    the last frame of an identifier came, as the kernel has it (on a local bus: when it was sent) [ns of CLOCK_REALTIME].
+    `sent`, `received`, `refused` (full queues), `down` (sends while the interface was down) and `ignored` (received, but
+    remote, error, CAN FD or extended) count frames. `stamps`: when the last frame of an identifier came, as the kernel has it
+    (on a local bus: when it was sent) [ns of CLOCK_REALTIME].
     """
 
     def __init__(self, name: str, raw: _RawPort) -> None:
         self.name = name
-        self.sent = self.received = self.refused = self.down = 0
+        self.sent = self.received = self.refused = self.down = self.ignored = 0
         self.stamps: dict[int, int] = {}
         self.raw = raw
 
@@ -119,8 +120,9 @@ class Port:
 
     def receive_stamped(self) -> list[tuple[int, Frame]]:
         """Every waiting frame with its time stamp [ns of CLOCK_REALTIME], oldest first, without blocking."""
-        frames = []
+        frames, heard = [], 0
         for stamp, packed in self.raw.receive():
+            heard += 1
             if len(packed) == _CAN_FRAME.size:
                 can_id, length, data = _CAN_FRAME.unpack(packed)
                 if not can_id & _FLAGS:
@@ -128,6 +130,7 @@ class Port:
                     self.stamps[can_id] = stamp
                     frames.append((stamp, Frame(can_id, data[:length])))
         self.received += len(frames)
+        self.ignored += heard - len(frames)
         return frames
 
     def wait(self, timeout: float) -> bool:
@@ -135,8 +138,8 @@ class Port:
         return self.raw.wait(timeout)
 
     def counts(self) -> dict[str, int]:
-        """The four counters by name."""
-        return {name: getattr(self, name) for name in ("sent", "received", "refused", "down")}
+        """The counters by name."""
+        return {name: getattr(self, name) for name in ("sent", "received", "refused", "down", "ignored")}
 
     def close(self) -> None:
         """Leave the bus."""

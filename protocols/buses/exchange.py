@@ -45,7 +45,7 @@ _LINE = np.dtype(
      ("targets", "i4", (_MOST_SOCKETS,)), ("incoming", _MMSGHDR, (_FRAMES_A_CALL,)), ("in_parts", _IOVEC, (_FRAMES_A_CALL,)),
      ("controls", _CONTROL, (_FRAMES_A_CALL,)), ("length", "i8"), ("time", "i8", (2,)),
      ("marks", "i8"), ("marked_ns", "i8"), ("changed", "?"), ("signalled", "?"), ("error", "i8"), ("taken", "i8"),
-     ("given", "i8"), ("refused", "i8", (_MOST_SOCKETS,)), ("unsent", "i8")],
+     ("given", "i8"), ("refused", "i8", (_MOST_SOCKETS,)), ("unsent", "i8"), ("ignored", "i8")],
     align=True,
 )  # fmt: skip
 
@@ -77,8 +77,10 @@ class Exchange:
         self.lines = np.zeros(1, _LINE)
         self._view = line = self.lines[0]
         # read in every cycle: a field of a record costs a microsecond, an element of a memory view a tenth
-        seen = (self.lines[name].data for name in ("marks", "marked_ns", "changed", "signalled", "unsent"))
-        self._marks, self._marked_ns, self._changed, self._signalled, self._unsent = seen
+        names = ("marks", "marked_ns", "changed", "signalled", "unsent", "ignored")
+        self._marks, self._marked_ns, self._changed, self._signalled, self._unsent, self._ignored = (
+            self.lines[name].data for name in names
+        )
         line["mark"], line["local"] = mark, port.raw.listener is not None
         line["polls"]["events"] = _POLLIN
         line["length"] = line["in_parts"]["length"] = _STAMPED if line["local"] else _CLASSIC
@@ -178,7 +180,13 @@ class Exchange:
         self._count_unsent()
 
     def _count_unsent(self) -> None:
-        """Count frames that were refused because a participant's queue was full: a slow reader delays no cycle."""
+        """Count frames that were refused because a participant's queue was full: a slow reader delays no cycle.
+
+        Also those that were received and that no service uses.
+        """
+        if self._ignored[0]:
+            self.port.ignored += int(self._ignored[0])
+            self._ignored[0] = 0
         if self._unsent[0]:
             line = self._view
             for place in np.flatnonzero(line["refused"]):
@@ -251,7 +259,8 @@ def gather(lines, timeout_ns, inbox, first, count):
                     or np.int64(frame.can_id) & _FLAGS
                     or frame.length > _DATA
                 ):
-                    continue  # CAN FD, or another frame that this bench does not use
+                    line.ignored += 1  # CAN FD, or another frame that this bench does not use
+                    continue
                 if not line.local:
                     frame.stamp = _stamp(line.controls[index], messages[index].control_length, line.time)
                 if kept < end + index:

@@ -6,30 +6,22 @@ cantools on random values.
 
 from collections import namedtuple
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache
-from keyword import iskeyword
 from math import floor, isfinite
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import cantools.database
-from cantools.database.can import Database, Message, Signal
+from cantools.database.can import Message, Signal
 from e2e.crc import calculate_crc8
 
+from protocols.can.database import PROTECTION, check_carries, is_carried, read_database
 from protocols.can.two_clutches import CLUTCHES, message_of_clutch
-from protocols.errors import InputError, listing
+from protocols.errors import InputError
 
 DBC = Path(__file__).with_name("clutch_rig.dbc")
 
-# Protection signals at the beginning of every frame: name, first bit, length [bit]
-_CRC = ("CRC", 0, 8)
-_COUNTER = ("COUNTER", 8, 4)
-COUNTER_MODULUS = 1 << _COUNTER[2]  # the alive counter wraps at it
-# Frames that the processes use: a DBC must have all of them
-REQUIRED = (
-    "VALVE_COMMAND", "MOTOR_COMMAND", "ANALOG_SENSORS", "ENCODER", "TORQUE_SETPOINT",
-    "CONTROLLER_STATUS", "PLANT_STATUS", "CONTROLLER_HEARTBEAT", "PLANT_HEARTBEAT",
-)  # fmt: skip
+COUNTER_MODULUS = 1 << PROTECTION[1][2]  # the alive counter wraps at it
 
 
 class Frame(NamedTuple):
@@ -37,6 +29,19 @@ class Frame(NamedTuple):
 
     can_id: int
     data: bytes
+
+
+@dataclass(frozen=True)
+class OtherFrame:
+    """A frame of a DBC that the bench neither sends nor receives; fields as of FrameCodec. extended: its identifier."""
+
+    name: str
+    can_id: int
+    length: int
+    sender: str
+    cycle_time: float
+    signals: tuple[str, ...]
+    extended: bool
 
 
 class FrameCodec:
@@ -47,6 +52,8 @@ class FrameCodec:
     signal that is not given has the raw integer 0, as in `words`.
     `unpack(data)` returns a namedtuple of physical values, `raw(data)` of raw integers; neither checks: `valid` does.
     """
+
+    extended = False  # its identifier
 
     def __init__(self, message: Message) -> None:
         self.name: str = message.name
@@ -76,8 +83,8 @@ class FrameCodec:
         return count & (1 << self.bits[signal]) - 1
 
     def valid(self, data: bytes) -> bool:
-        """Whether the CRC of `data` is correct."""
-        return calculate_crc8(data[1:]) == data[0]
+        """Whether length and CRC of `data` are correct."""
+        return len(data) == self.length and bool(calculate_crc8(data[1:]) == data[0])
 
     def counter(self, data: bytes) -> int:
         """Return the alive counter, 0..15."""
@@ -86,48 +93,42 @@ class FrameCodec:
 
 @cache
 def load_frames(path: Path = DBC, clutch: str = "a") -> dict[str, FrameCodec]:
-    """Return the compiled frames of a clutch by their names in the DBC.
+    """Return the compiled frames of a clutch by their names in the DBC: those of the bench, and others of the same kind.
 
     `clutch` is a or b; a single clutch is a. The dictionary is cached and shared: do not change it. Raises InputError that
-    names file, frame and signal.
+    names file, frame and signal, also where the DBC cannot carry the bench (`database.py`).
     """
-    try:
-        database = cantools.database.load_file(path)
-    except FileNotFoundError:
-        raise InputError(f"DBC {path} does not exist") from None
-    except Exception as error:  # cantools raises many exception types
-        raise InputError(f"DBC {path} is malformed: {' '.join(str(error).split())}") from None
-    if not isinstance(database, Database):
-        raise InputError(f"{path} is not a CAN database")
-    messages = {message.name: message for message in database.messages}
-    if missing := [name for name in REQUIRED if name not in messages]:
-        raise InputError(f"DBC {path} lacks the frame {missing[0]}; it has {listing(messages)}")
-    for message in messages.values():
-        _check(path, message)
-    return {name: FrameCodec(message_of_clutch(message, clutch)) for name, message in messages.items()}
+    database = read_database(path)
+    check_carries(path, database)
+    messages = [message for message in database.messages if is_carried(message)]
+    return {message.name: FrameCodec(message_of_clutch(message, clutch)) for message in messages}
 
 
 def bus_frames(path: Path = DBC, clutches: int = 1) -> list[FrameCodec]:
     """Return the frames of a bus with one or two `clutches`, highest priority first. Raises InputError as `load_frames`."""
-    frames = {codec.can_id: codec for name in CLUTCHES[:clutches] for codec in load_frames(path, name).values()}
+    frames: dict[int, FrameCodec] = {}
+    for name in CLUTCHES[:clutches]:
+        for codec in load_frames(path, name).values():
+            other = frames.setdefault(codec.can_id, codec)
+            if other.name != codec.name:
+                raise InputError(
+                    f"DBC {path}: frame {codec.name} would have 0x{codec.can_id:03X}, which is {other.name}"
+                )
     return [frames[can_id] for can_id in sorted(frames)]
 
 
-def _check(path: Path, message: Message) -> None:
-    """Raise InputError for a frame that the generated code does not support."""
-    where = f"DBC {path}: frame {message.name}"
-    if not 2 <= message.length <= 8:
-        raise InputError(f"{where} has {message.length} bytes; allowed are 2 to 8")
-    signals = {signal.name: signal for signal in message.signals}
-    for name, start, length in (_CRC, _COUNTER):
-        signal = signals.get(name)
-        if signal is None or (signal.start, signal.length, signal.byte_order) != (start, length, "little_endian"):
-            raise InputError(f"{where} needs the signal {name} : {start}|{length}@1+")
-    for signal in message.signals:
-        if iskeyword(signal.name.lower()) or signal.name.startswith("_"):
-            raise InputError(f"{where}: signal name {signal.name} cannot be used; rename it")
-        if signal.byte_order != "little_endian" or signal.is_float or signal.is_multiplexer or signal.multiplexer_ids:
-            raise InputError(f"{where}: signal {signal.name} must be a plain little-endian integer")
+def other_frames(path: Path) -> list[OtherFrame]:
+    """Return the frames of a DBC that the bench has no use for, highest priority first. Raises InputError as `load_frames`."""
+    ours = load_frames(path)
+    others = [message for message in read_database(path).messages if message.name not in ours]
+    return [
+        OtherFrame(
+            message.name, message.frame_id, message.length, message.senders[0] if message.senders else "-",
+            (message.cycle_time or 0) / 1000.0, tuple(signal.name.lower() for signal in message.signals),
+            message.is_extended_frame,
+        )
+        for message in sorted(others, key=lambda message: message.frame_id)
+    ]  # fmt: skip
 
 
 def _compile(name: str, length: int, signals: list[Signal]) -> dict[str, Any]:

@@ -1,6 +1,12 @@
 """Reception of one kind of frame: length, CRC and alive counter decide whether a payload is accepted.
 
-There is a class for tools, and a record with `accept_word` for compiled loops. A test compares both.
+There is a class for tools, and a record with `accept_word` for compiled loops. A test compares both. A frame that is not
+accepted is counted, and nothing else happens: a wrong frame on the bus ends no run.
+
+A second service       A service hears no frame of its own. So a frame on an identifier that it sends itself comes from another
+                       sender. That is a stray frame of a tool, or a second service of the same kind. Only the second service
+                       goes on: INTRUSION frames with correct length and CRC, whose counter moves, none later than
+                       INTRUSION_PERIODS after the one before (`intrudes`).
 """
 
 from collections.abc import Sequence
@@ -10,13 +16,19 @@ from numba import njit
 
 from protocols.can.frames import COUNTER_MODULUS, FrameCodec
 from protocols.can.words import counter, valid
-from protocols.errors import InputError
 
+# misshapen: frames of another length; unusable: frames whose values the receiver cannot follow
+_COUNTS = ("received", "lost", "repeated", "corrupt", "misshapen", "unusable")
+REJECTED = ("repeated", "corrupt", "misshapen", "unusable")  # counts of frames that were not used
 # Counts of `Reception`; counter: alive counter of the last frame plus 1, 0 before the first frame
-RECEPTION = np.dtype(
-    [(name, "i8") for name in ("can_id", "length", "counter", "received", "lost", "repeated", "corrupt")]
+RECEPTION = np.dtype([(name, "i8") for name in ("can_id", "length", "counter", *_COUNTS)])
+# Frames of a second service on identifiers of ours: the number of the last ones, and the period of the last
+INTRUDER = np.dtype([("frames", "i8"), ("period", "i8")])
+INTRUSION = (
+    10  # frames: chosen; a second plant or controller sends as many in 10 ms at 1 kHz, a person with a tool does not
 )
-_COUNTS = ("received", "lost", "repeated", "corrupt")
+INTRUSION_PERIODS = 1000  # periods of the loop: 1 s at 1 kHz, 20 heartbeats
+WRONG_RATES = 3  # heartbeats in sequence that tell another rate, 0.15 s: during a run one may be a stray frame
 
 
 class Reception:
@@ -24,24 +36,21 @@ class Reception:
 
     `received`: accepted frames. `lost`: missing values of the alive counter; as it wraps at 16, more may be lost. `repeated`:
     frames with the counter of the frame before, refused because their sender is stuck. `corrupt`: frames with a wrong CRC,
-    refused.
+    refused. `misshapen`: frames of another length than the definition's, refused. `unusable`: accepted frames whose values the
+    receiver could not follow (not counted here).
     """
 
     def __init__(self, codec: FrameCodec) -> None:
         self.codec = codec
-        self.received = self.lost = self.repeated = self.corrupt = 0
+        self.received = self.lost = self.repeated = self.corrupt = self.misshapen = self.unusable = 0
         self._counter = -1
 
     def accept(self, data: bytes) -> bool:
-        """Count a frame; return whether its payload `data` may be used.
-
-        Raises InputError for a wrong length: then the sender has another definition of the frame.
-        """
+        """Count a frame; return whether its payload `data` may be used."""
         codec = self.codec
         if len(data) != codec.length:
-            raise InputError(
-                f"frame {codec.name} (0x{codec.can_id:03X}) came with {len(data)} bytes; its definition has {codec.length}"
-            )
+            self.misshapen += 1
+            return False
         if not codec.valid(data):
             self.corrupt += 1
             return False
@@ -56,7 +65,7 @@ class Reception:
         return True
 
     def counts(self) -> dict[str, int]:
-        """Return the four counts by name."""
+        """Return the counts by name."""
         return {name: getattr(self, name) for name in _COUNTS}
 
 
@@ -68,13 +77,16 @@ def new_receptions(codecs: Sequence[FrameCodec]) -> np.ndarray:
 
 
 def read_counts(row: np.void) -> dict[str, int]:
-    """Return the four counts of a record by name."""
+    """Return the counts of a record by name."""
     return {name: int(row[name]) for name in _COUNTS}
 
 
 @njit
 def accept_word(reception, word, length):
-    """Count a payload of correct length; return whether it may be used: correct CRC, and another counter than the last."""
+    """Count a payload of `length` [bytes]; return whether it may be used: correct length and CRC, and its counter has moved."""
+    if length != reception.length:
+        reception.misshapen += 1
+        return False
     if not valid(word, length):
         reception.corrupt += 1
         return False
@@ -87,3 +99,23 @@ def accept_word(reception, word, length):
     reception.counter = count
     reception.received += 1
     return True
+
+
+@njit
+def count_rejected(reception):
+    """Return the number of frames of a kind that were not used."""
+    return reception.repeated + reception.corrupt + reception.misshapen + reception.unusable
+
+
+@njit
+def intrudes(intruder, reception, word, length, period):
+    """Count a frame on an identifier of ours; return whether a second service sends: see above.
+
+    `intruder` is an INTRUDER, `reception` that of the identifier, `period` the number of the loop's period.
+    """
+    if not accept_word(reception, word, length):
+        return False
+    if period - intruder.period > INTRUSION_PERIODS:
+        intruder.frames = 0
+    intruder.frames, intruder.period = intruder.frames + 1, period
+    return intruder.frames >= INTRUSION

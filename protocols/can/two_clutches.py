@@ -8,9 +8,9 @@ motor and plant exist once; the controller of clutch a commands the motor.
 from copy import deepcopy
 from pathlib import Path
 
-import cantools.database
 from cantools.database.can import Database, Message, Node
 
+from protocols.can.database import read_database, read_text
 from protocols.errors import InputError, listing
 
 CLUTCHES = ("a", "b")
@@ -47,8 +47,7 @@ def message_of_clutch(message: Message, clutch: str) -> Message:
 
 def two_clutch_database(path: Path) -> Database:
     """Return the DBC at `path` with the frames of clutch b added. Raises InputError when two frames have one identifier."""
-    database = cantools.database.load_file(path)
-    assert isinstance(database, Database)
+    database = read_database(path)
     messages_of_b = [message_of_clutch(message, "b") for message in database.messages if message.name not in SHARED]
     taken = {message.frame_id: message.name for message in database.messages}
     for message in messages_of_b:
@@ -70,7 +69,7 @@ def two_clutch_database(path: Path) -> Database:
 
 def dbc_text(path: Path, clutches: int) -> str:
     """The DBC at `path` for one or two `clutches`, as the text of a file."""
-    return path.read_text(encoding="utf-8") if clutches == 1 else two_clutch_database(path).as_dbc_string()
+    return read_text(path) if clutches == 1 else two_clutch_database(path).as_dbc_string()
 
 
 def _rename_node(node: str) -> str:

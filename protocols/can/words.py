@@ -19,7 +19,7 @@ SIGNAL = np.dtype(
     [("start", "i8"), ("mask", "i8"), ("sign", "i8"), ("low", "i8"), ("high", "i8"), ("scale", "f8"), ("offset", "f8")]
 )
 # CRC-8 SAE J1850 as a table, from the e2e library: the CRC of one byte is table[0xFF ^ byte] ^ 0xFF
-_CRC_TABLE = np.array([calculate_crc8(bytes((index ^ 0xFF,))) ^ 0xFF for index in range(256)], np.uint8)
+CRC_TABLE = np.array([calculate_crc8(bytes((index ^ 0xFF,))) ^ 0xFF for index in range(256)], np.uint8)
 _COUNTER_MASK = COUNTER_MODULUS - 1
 
 
@@ -89,7 +89,7 @@ def crc(word, length):
     """Return the CRC of bytes 1 to `length` - 1."""
     remainder = np.int64(0xFF)
     for index in range(1, length):
-        remainder = np.int64(_CRC_TABLE[remainder ^ (word >> 8 * index & 0xFF)])
+        remainder = np.int64(CRC_TABLE[remainder ^ (word >> 8 * index & 0xFF)])
     return remainder ^ 0xFF
 
 

@@ -10,7 +10,7 @@ from numba import njit
 from protocols.can.frame_batch import word_of
 from protocols.can.frames import load_frames
 from protocols.can.lifecycle import Lifecycle
-from protocols.can.reception import RECEPTION, accept_word
+from protocols.can.reception import INTRUDER, RECEPTION, WRONG_RATES, accept_word, intrudes
 from protocols.can.request import Request
 from protocols.can.words import frame_layout, put, put_raw, raw, value, write_frame
 from protocols.files.units import BAR, ZERO_CELSIUS
@@ -46,11 +46,11 @@ _PUSHING_SHARE = 0.9
 
 
 class Refusal(IntEnum):
-    """Reasons to refuse a frame and end the service."""
+    """Reasons not to use a frame. The first two end the service; the others are counted, and it goes on."""
 
     SECOND_CONTROLLER = 1
-    LENGTH = 2
-    RATE = 3
+    RATE = 2
+    LENGTH = 3
     REQUEST = 4
     TORQUE = 5
     PRESSURE = 6
@@ -69,12 +69,15 @@ SETTINGS = np.dtype(
 # record: of the last cycle; it is the first field, so that it is aligned as a row of doubles. slot: number of periods so far;
 # beat_after, status_after: slots after which the next heartbeat and status are sent. Set-point: request, demand [Nm],
 # pressure_demand [Pa], speed_demand [rad/s], setpoint_age [s]. motor_limit [Nm]: torque limit of the motor; locked: the plates
-# still stand since lock. refused_...: identifier and value of a refused frame
+# still stand since lock. refused_...: identifier and value of the frame that ends the service; rejected_...: Refusal,
+# identifier and value of the first frame that was not used for its length or values, 0 before. own: receptions of others'
+# frames on the identifiers that this controller sends; wrong_rates: heartbeats in sequence that tell another rate
 NODE = np.dtype(
     [("record", RECORD), ("cycle", "i8"), ("slot", "i8"), ("beats", "i8"), ("beat_after", "i8"), ("statuses", "i8"),
      ("status_after", "i8"), ("late_cycles", "i8"), ("request", "i8"), ("demand", "f8"), ("pressure_demand", "f8"),
      ("speed_demand", "f8"), ("motor_limit", "f8"), ("locked", "?"), ("setpoint_age", "f8"),
-     ("refused_id", "i8"), ("refused_value", "f8"),
+     ("refused_id", "i8"), ("refused_value", "f8"), ("rejected_why", "i8"), ("rejected_id", "i8"), ("rejected_value", "f8"),
+     ("wrong_rates", "i8"), ("intruder", INTRUDER), ("own", RECEPTION, (len(SENT_FRAMES),)),
      ("receptions", RECEPTION, (_RECEPTIONS,)), ("sample", SAMPLE), ("other", OTHER), ("phases", PHASES),
      ("plausibility", PLAUSIBILITY), ("law", LAW), ("guard", GUARD), ("faults", FAULTS)]
 )  # fmt: skip
@@ -177,20 +180,21 @@ def receive_before_start(states, all_settings, inbox, count):
 def _receive(node, settings, frame):
     """Take one frame; return the sample periods by which it advances the time, or minus the Refusal."""
     can_id, length = np.int64(frame.can_id), np.int64(frame.length)
-    for own in settings.own:
-        if can_id == own:
-            return _refuse(node, Refusal.SECOND_CONTROLLER, can_id, 0.0)
+    for index in range(len(settings.own)):
+        if can_id == settings.own[index]:
+            if intrudes(node.intruder, node.own[index], word_of(frame.data), length, node.slot):
+                return _refuse(node, Refusal.SECOND_CONTROLLER, can_id, 0.0)
+            return 0
     kind = -1
     for index in range(_RECEPTIONS):
         if node.receptions[index].can_id == can_id:
             kind = index
     if kind < 0:
         return 0
-    reception = node.receptions[kind]
-    if length != reception.length:
-        return _refuse(node, Refusal.LENGTH, can_id, length)
-    word = word_of(frame.data)
+    reception, word = node.receptions[kind], word_of(frame.data)
     if not accept_word(reception, word, length):
+        if length != reception.length:
+            _note_rejected(node, Refusal.LENGTH, can_id, length)
         return 0
     if kind == _ANALOG:
         s = settings.analog_sensors  # its CLUTCH_TORQUE is for comparison only
@@ -200,34 +204,52 @@ def _receive(node, settings, frame):
         bandwidth = settings.law.torque.bandwidth
         return take_encoder(node.sample, word, settings.encoder, settings.period, bandwidth, node.speed_demand)
     elif kind == _SETPOINT:
-        return _take_setpoint(node, settings, word, can_id)
+        _take_setpoint(node, settings, reception, word)
     elif kind == _OTHER_ENCODER:
         take_other_encoder(node.other, word, settings.encoder, settings.period, settings.law.torque.bandwidth)
     elif kind == _OTHER_STATUS:
         s = settings.controller_status
         take_other_status(node.other, value(word, s.torque_estimate), raw(word, s.sticking) != 0)
-    elif raw(word, settings.plant_heartbeat.rate) != settings.rate:
-        return _refuse(node, Refusal.RATE, can_id, raw(word, settings.plant_heartbeat.rate))
+    elif raw(word, settings.plant_heartbeat.rate) == settings.rate:
+        node.wrong_rates = 0
+    else:
+        node.wrong_rates += 1
+        if node.wrong_rates >= WRONG_RATES or node.cycle == 0:  # before the first cycle there is no run to go on
+            return _refuse(node, Refusal.RATE, can_id, raw(word, settings.plant_heartbeat.rate))
     return 0
 
 
 @njit
-def _take_setpoint(node, settings, word, can_id):
-    """Take the payload `word` of TORQUE_SETPOINT; return 0, or minus the Refusal."""
+def _take_setpoint(node, settings, reception, word):
+    """Take the payload `word` of TORQUE_SETPOINT. One that cannot be followed is counted, and the set-point before it ages."""
     s = settings.torque_setpoint
     request, torque = raw(word, s.request), value(word, s.torque_demand)
     speed, pressure = value(word, s.speed_demand), value(word, s.pressure_demand)
     if torque > settings.demand_limit:
-        return _refuse(node, Refusal.TORQUE, can_id, torque)
+        return _reject(node, reception, Refusal.TORQUE, torque)
     if pressure > settings.pressure_limit:
-        return _refuse(node, Refusal.PRESSURE, can_id, pressure)
+        return _reject(node, reception, Refusal.PRESSURE, pressure)
     if request > Request.LOCK:  # the highest request
-        return _refuse(node, Refusal.REQUEST, can_id, request)
+        return _reject(node, reception, Refusal.REQUEST, request)
     if abs(speed) > settings.speed_limit:
-        return _refuse(node, Refusal.SPEED, can_id, speed)
+        return _reject(node, reception, Refusal.SPEED, speed)
     node.request, node.demand, node.speed_demand, node.pressure_demand = request, torque, speed, pressure * BAR
     node.setpoint_age = 0.0
-    return 0
+    return None
+
+
+@njit
+def _reject(node, reception, why, value_received):
+    """Count a frame whose values cannot be followed."""
+    reception.unusable += 1
+    _note_rejected(node, why, reception.can_id, value_received)
+
+
+@njit
+def _note_rejected(node, why, can_id, value_received):
+    """Keep the first frame that is not used, for the summary."""
+    if node.rejected_why == 0:
+        node.rejected_why, node.rejected_id, node.rejected_value = why.value, can_id, value_received
 
 
 @njit

@@ -119,6 +119,7 @@ class ControllerNode:
         fixed = self.settings.view(np.recarray)[0]
         state.receptions["can_id"] = _NO_FRAME
         state.receptions[: len(received)] = new_receptions(received)
+        state.own[: len(own)] = new_receptions(own)
         state.other = initial_other()
         state.setpoint_age = np.inf  # s
         state.sample.tick = -1
@@ -147,14 +148,15 @@ class ControllerNode:
         """Run one control cycle on the first `count` frames of the batch `inbox`; return the number of frames in `outbox`.
 
         It is `slots` periods after the last cycle: more than 1 after missed slots. Raises InputError when another controller is
-        on the bus, the plant has another rate or protocol, or a set-point is out of range.
+        on the bus, or the plant has another rate. A frame that cannot be used is counted (`reception_counts`).
         """
         return self.check_sent(cycle(self.states, self.settings, inbox, count, slots, self.outbox))
 
     def check_sent(self, count: int) -> int:
         """Return `count`, the result of a cycle. Raises InputError when it is minus a Refusal."""
         if count < 0:
-            raise InputError(self._refusal(Refusal(-count)))
+            state = self._state
+            raise InputError(self._describe(Refusal(-count), int(state.refused_id), float(state.refused_value)))
         return count
 
     def step(self, inbox: Sequence[Frame], slots: int = 1) -> list[Frame]:
@@ -168,7 +170,7 @@ class ControllerNode:
         """
         early = [frame for frame in frames if frame.can_id in self._early]
         if code := receive_before_start(self.states, self.settings, self._inbox, load(self._inbox, early)):
-            raise InputError(self._refusal(Refusal(code)))
+            self.check_sent(-code)
         return [frame for frame in frames if frame.can_id not in self._early]
 
     def fixed(self, name: str) -> str | None:
@@ -241,6 +243,19 @@ class ControllerNode:
             for codec, row in zip(self._codecs.values(), self.states["receptions"][0], strict=False)
         }
 
+    def stray_counts(self) -> dict[str, dict[str, int]]:
+        """Return the counts of the frames that others sent on this service's own identifiers, by frame name."""
+        rows = zip(self._own.values(), self.states["own"][0], strict=False)
+        return {name: counts for name, row in rows if any((counts := read_counts(row)).values())}
+
+    @property
+    def first_rejected(self) -> str:
+        """What was wrong with the first frame that was not used for its length or values; "" where there was none."""
+        state = self._state
+        if not state.rejected_why:
+            return ""
+        return self._describe(Refusal(int(state.rejected_why)), int(state.rejected_id), float(state.rejected_value))
+
     def _configure(self, parameters: ParameterSet) -> None:
         """Fill the settings that depend on parameters."""
         settings = self.settings.view(np.recarray)[0]
@@ -265,9 +280,8 @@ class ControllerNode:
         settings.demand_limit, settings.speed_limit = parameters["torque.demand_limit"].si, phases["speed_limit"]
         settings.pressure_limit = parameters["torque.pressure_limit"].value  # bar
 
-    def _refusal(self, why: Refusal) -> str:
-        """Return the message for a refused frame."""
-        can_id, value = int(self._state.refused_id), float(self._state.refused_value)
+    def _describe(self, why: Refusal, can_id: int, value: float) -> str:
+        """Return the sentence for a frame that was not used."""
         settings = self.settings[0]
         if why is Refusal.SECOND_CONTROLLER:
             return f"a second controller is on the bus: it sends {self._own[can_id]} (0x{can_id:03X})"

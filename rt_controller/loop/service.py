@@ -86,8 +86,8 @@ class ControllerService:
     def run(self, ready: Callable[[str], None]) -> dict[str, Any]:
         """Run until SIGTERM, SIGINT or, in lock-step, the end of the plant; return the summary.
 
-        `ready` is called with each message for the user. Raises InputError for an unusable bus, a second controller, another
-        rate or another protocol; the safe command is sent before.
+        `ready` is called with each message for the user. Raises InputError for an unusable bus, a second controller or another
+        rate; the safe command is sent before.
         """
         session, make_trigger = new_session(), trigger(self.trigger)
         node = ControllerNode(self.rate, self.parameters_file, self.law, self.adaptation, session, self.clutch)
@@ -141,6 +141,8 @@ class ControllerService:
             "first_fault": faults.first.line if faults.first else None,
             "port": port.counts(),
             "frames": node.reception_counts(),
+            "stray_frames": node.stray_counts(),
+            "first_rejected": node.first_rejected,
             "parameters": parameters,
             **published,
         }

@@ -19,6 +19,7 @@ from plant_sim.profiles.shift_profile import load_shift_profile
 from plant_sim.rigs import wet_clutch
 from plant_sim.rigs.sensors import Counts, Sensors
 from protocols.can.frames import Frame, load_frames
+from protocols.can.reception import INTRUSION, REJECTED, WRONG_RATES
 from protocols.can.two_clutches import CLUTCHES
 from protocols.errors import InputError
 from protocols.node import node_factory
@@ -26,6 +27,7 @@ from protocols.node import node_factory
 FRAMES = load_frames()
 ANALOG, ENCODER, SETPOINT = (FRAMES[name] for name in ("ANALOG_SENSORS", "ENCODER", "TORQUE_SETPOINT"))
 VALVE, MOTOR, BEAT = (FRAMES[name] for name in ("VALVE_COMMAND", "MOTOR_COMMAND", "CONTROLLER_HEARTBEAT"))
+STATUS = FRAMES["PLANT_STATUS"]
 
 
 def said(frames: list[Frame], codec) -> bytes:
@@ -103,25 +105,59 @@ def test_frames_are_what_sensors_and_codecs_make_of_the_rig(effect: str | None) 
 
 
 @pytest.mark.parametrize(
-    ("frame", "sentence"),
+    ("frames", "sentence"),
     [
-        (Frame(ENCODER.can_id, ENCODER.pack_raw(0)), "a second plant is on the bus: it sends ENCODER (0x101)"),
-        (Frame(VALVE.can_id, bytes(5)), "frame VALVE_COMMAND (0x080) came with 5 bytes; its definition has 6"),
-        (Frame(MOTOR.can_id, bytes(8)), "frame MOTOR_COMMAND (0x090) came with 8 bytes; its definition has 6"),
         (
-            Frame(BEAT.can_id, BEAT.pack(0, 2, 500, 1)),
-            "the controller runs at 500 Hz, this plant at 1000 Hz: give both one rate",
+            [Frame(ENCODER.can_id, ENCODER.pack_raw(n)) for n in range(INTRUSION)],
+            "a second plant is on the bus: it sends ENCODER (0x101)",
         ),
         (
-            Frame(BEAT.can_id, BEAT.pack(0, 5, 1000, 1)),
-            "lifecycle 5 of the controller is unknown; allowed are 0 to 3",
+            [Frame(BEAT.can_id, BEAT.pack(n, 2, 500, 1)) for n in range(WRONG_RATES)],
+            "the controller runs at 500 Hz, this plant at 1000 Hz: give both one rate",
         ),
     ],
 )
-def test_a_bus_that_cannot_be_worked_on_is_told(frame: Frame, sentence: str) -> None:
+def test_a_bus_that_cannot_be_worked_on_is_told(frames: list[Frame], sentence: str) -> None:
+    plant = PlantNode()
+    plant.receive([Frame(VALVE.can_id, VALVE.pack(0, 1, 1.0, 0)), *frames[:-1]])
     with pytest.raises(InputError) as told:
-        PlantNode().receive([frame])
+        plant.receive(frames[-1:])
     assert str(told.value) == sentence
+
+
+def test_before_a_run_one_heartbeat_of_another_rate_is_enough() -> None:
+    with pytest.raises(InputError, match="give both one rate"):
+        PlantNode().receive([Frame(BEAT.can_id, BEAT.pack(0, 2, 500, 1))])
+
+
+@pytest.mark.parametrize(
+    ("frame", "sentence"),
+    [
+        (Frame(VALVE.can_id, bytes(5)), "frame VALVE_COMMAND (0x080) came with 5 bytes; its definition has 6"),
+        (Frame(MOTOR.can_id, bytes(8)), "frame MOTOR_COMMAND (0x090) came with 8 bytes; its definition has 6"),
+        (Frame(BEAT.can_id, BEAT.pack(0, 5, 1000, 1)), "lifecycle 5 of the controller is unknown; allowed are 0 to 3"),
+    ],
+)
+def test_a_strange_frame_is_counted_and_told_and_changes_nothing(frame: Frame, sentence: str) -> None:
+    plant, other = PlantNode(), PlantNode()
+    for _ in range(200):
+        plant.step([frame])
+        other.step([])
+    assert plant.row() == other.row()
+    assert plant.first_rejected == sentence
+    counts = {name: sum(of[what] for what in REJECTED) for name, of in plant.reception_counts().items()}
+    assert sum(counts.values()) == 200
+
+
+def test_a_stray_frame_on_an_identifier_of_the_plant_ends_nothing() -> None:
+    plant = PlantNode()
+    for n in range(5):
+        strays = [bytes(7), bytes(8), ENCODER.pack_raw(n)]
+        plant.step([Frame(ENCODER.can_id, data) for data in strays])
+    counts = plant.stray_counts()
+    assert counts == {"ENCODER": {"received": 5, "lost": 0, "repeated": 0, "corrupt": 5, "misshapen": 5, "unusable": 0}}
+    status = next(data for n in range(100) for can_id, data in plant.step([]) if can_id == STATUS.can_id)
+    assert STATUS.unpack(status).rejected_frames == 15
 
 
 def test_a_flood_is_taken_in_parts() -> None:

@@ -22,6 +22,7 @@ from protocols.buses.exchange import Exchange
 from protocols.can.frame_batch import batch, load
 from protocols.can.frames import Frame, load_frames
 from protocols.can.lifecycle import Lifecycle
+from protocols.can.reception import INTRUSION
 from protocols.errors import InputError
 from protocols.node import node_factory
 from protocols.realtime.beat import TIMING, Beat
@@ -234,12 +235,17 @@ def test_in_step_heartbeats_are_no_answer(line: Exchange, controller: Port, tmp_
     assert len(beats) < 200
 
 
+def send_as_a_plant(port: Port) -> None:
+    for count in range(INTRUSION):
+        port.send(Frame(FRAMES["ENCODER"].can_id, FRAMES["ENCODER"].pack_raw(count, 0, count)))
+
+
 def test_in_step_a_second_plant_ends_it(line: Exchange, controller: Port, tmp_path: Path) -> None:
     node = plant()
     beat = Beat(Clock(PERIOD), RingWriter(tmp_path / "ring", [*node.columns, *TIMING], 64))
     beat.most = 2
     node.sample()
-    controller.send(Frame(FRAMES["ENCODER"].can_id, bytes(8)))
+    send_as_a_plant(controller)
     with pytest.raises(InputError, match=r"a second plant is on the bus: it sends ENCODER \(0x101\)"):
         node.run_lockstep(line, beat, 0)
 
@@ -276,7 +282,7 @@ def test_a_rig_of_two_clutches_is_left_to_its_parts() -> None:
 def test_a_bus_that_cannot_be_worked_on_ends_it(line: Exchange, controller: Port, beat: Beat) -> None:
     node = plant()
     node.sample()
-    controller.send(Frame(FRAMES["ENCODER"].can_id, bytes(8)))
+    send_as_a_plant(controller)
     with pytest.raises(InputError, match=r"a second plant is on the bus: it sends ENCODER \(0x101\)"):
         turned(node, line, beat)
     assert controller.receive() == []

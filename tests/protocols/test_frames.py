@@ -260,10 +260,6 @@ MALFORMED = {
         "frame VALVE_COMMAND: signal VALVE_VOLTAGE must be a plain little-endian integer",
     ),
     "9 bytes": (TEXT.replace("VALVE_COMMAND: 6", "VALVE_COMMAND: 9"), "frame VALVE_COMMAND has 9 bytes"),
-    "1 byte": (
-        TEXT + '\nBO_ 999 SHORT: 1 PLANT\n SG_ CRC : 0|8@1+ (1,0) [0|255] ""  CONTROLLER\n',
-        "frame SHORT has 1 bytes; allowed are 2 to 8",
-    ),
     "signal beyond the frame": (TEXT.replace("VALVE_COMMAND: 6", "VALVE_COMMAND: 4"), "VALVE_COMMAND"),
     "overlapping signals": (TEXT.replace("VALVE_VOLTAGE : 16|16", "VALVE_VOLTAGE : 20|16"), "VALVE_VOLTAGE"),
 }

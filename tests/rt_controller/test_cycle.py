@@ -12,7 +12,6 @@ import pytest
 from protocols.can.frame_batch import batch, load, unload
 from protocols.can.frames import Frame, load_frames
 from protocols.can.words import counter, frame_definition, protect, put, raw, valid, value
-from protocols.errors import InputError
 from rt_controller.law.record import record
 from rt_controller.loop.cycle import OUTBOX, RECEIVED_FRAMES, cycle
 from rt_controller.loop.cycle_record import RECORD
@@ -168,10 +167,26 @@ def test_status_and_heartbeat_keep_their_rate_when_slots_are_left_out(slots: int
         (bytes(5), "frame TORQUE_SETPOINT (0x180) came with 5 bytes; its definition has 8"),
     ],
 )
-def test_what_cannot_be_followed_ends_it_with_one_sentence(data: bytes, words: str) -> None:
-    with pytest.raises(InputError) as told:
-        ControllerNode().step([Frame(SETPOINT.can_id, data)])
-    assert str(told.value) == words
+def test_what_cannot_be_followed_is_counted_and_told_and_changes_nothing(data: bytes, words: str) -> None:
+    node, other = ControllerNode(), ControllerNode()
+    good = Frame(SETPOINT.can_id, SETPOINT.pack(0, 1, 10.0, 10.0, 0.0))
+    assert node.step([good, Frame(SETPOINT.can_id, data)]) == other.step([good])
+    assert node.step([]) == other.step([])
+    assert node.row() == other.row()
+    assert node.first_rejected == words
+    counts = node.reception_counts()["TORQUE_SETPOINT"]
+    assert counts["misshapen"] + counts["unusable"] == 1
+    node.step([Frame(SETPOINT.can_id, bytes(3))])
+    assert node.first_rejected == words  # the first stays
+
+
+def test_a_set_point_that_cannot_be_followed_for_ever_releases_the_clutch() -> None:
+    node = ControllerNode()
+    node.step([Frame(SETPOINT.can_id, SETPOINT.pack(0, 1, 10.0, 10.0, 0.0))])
+    for n in range(1, 400):
+        node.step([Frame(SETPOINT.can_id, SETPOINT.pack(n, 1, 31.0, 10.0, 0.0))])
+    assert float(node.states["setpoint_age"][0]) > float(node.settings["setpoint_timeout"][0])
+    assert node.reception_counts()["TORQUE_SETPOINT"]["unusable"] == 399
 
 
 def test_what_is_heard_is_counted_by_its_name() -> None:
@@ -180,4 +195,6 @@ def test_what_is_heard_is_counted_by_its_name() -> None:
         node.step(sample(tick))
     node.step([Frame(ENCODER.can_id, bytes(8))])
     assert list(node.reception_counts()) == list(RECEIVED_FRAMES)
-    assert node.reception_counts()["ENCODER"] == {"received": 3, "lost": 2, "repeated": 1, "corrupt": 1}
+    assert node.reception_counts()["ENCODER"] == {
+        "received": 3, "lost": 2, "repeated": 1, "corrupt": 1, "misshapen": 0, "unusable": 0,
+    }  # fmt: skip

@@ -13,7 +13,7 @@ from tests.processes import PATIENCE, said
 from tests.rt_controller.bus_log import write_log
 
 SECONDS = 3.0
-ENCODER_B = load_frames(clutch="b")["ENCODER"].can_id
+ENCODER_B = load_frames(clutch="b")["ENCODER"]
 
 
 def replay(*arguments: object) -> subprocess.CompletedProcess:
@@ -68,7 +68,83 @@ def test_one_flipped_bit_in_the_log_is_another_answer(tmp_path: Path, log: Path)
     head, _, data = lines[at].partition("#")
     lines[at] = f"{head}#{int(data[0], 16) ^ 1:X}{data[1:]}"
     text.write_text("\n".join(lines) + "\n")
-    assert replay_summary(text)["sha256"] != replay_summary(log)["sha256"]
+    done = replay(text, "--json")
+    assert done.returncode == 1  # the log has a defect, and answers differ
+    assert json.loads(done.stdout)["sha256"] != replay_summary(log)["sha256"]
+
+
+@pytest.fixture(scope="module")
+def lines(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """A short log as lines of candump: a second."""
+    path = tmp_path_factory.mktemp("lines") / "bus.log"
+    write_log(path, 1.0)
+    return path.read_text().splitlines(keepends=True)
+
+
+def told(tmp_path: Path, lines: list[str], code: int, *arguments: object) -> dict:
+    """The summary of a replay that ends with an exit code."""
+    path = tmp_path / "bus.log"
+    path.write_text("".join(lines))
+    done = replay(path, *arguments, "--json")
+    assert done.returncode == code, done.stdout + done.stderr
+    return json.loads(done.stdout)
+
+
+def test_of_two_channels_one_is_asked_for_and_its_replay_is_equal(tmp_path: Path, lines: list[str]) -> None:
+    alone = told(tmp_path, lines, 0)
+    other = [line.replace(lines[0].split()[1], "can7") for line in lines]
+    both = [line for pair in zip(lines, other, strict=True) for line in pair]
+    assert told(tmp_path, both, 0, "--channel", "can7")["sha256"] == alone["sha256"]
+    done = replay(tmp_path / "bus.log")
+    assert done.returncode == 2
+    assert "on 2 channels" in done.stderr
+    assert "can7; give one by --channel" in done.stderr
+    unrelated = [
+        f"(1.0{n:05d}) can7 100#00112233445566{n % 256:02X}\n" for n in range(2000)
+    ]  # a car with an identifier of ours
+    summary = told(tmp_path, lines + unrelated, 0)
+    assert summary["sha256"] == alone["sha256"]
+    assert any("took channel" in note for note in summary["notes"])
+
+
+def test_a_log_that_is_out_of_order_is_ordered(tmp_path: Path, lines: list[str]) -> None:
+    alone = told(tmp_path, lines, 0)
+    blocks = [lines[first : first + 100][::-1] for first in range(0, len(lines), 100)]
+    summary = told(tmp_path, [line for block in blocks for line in block], 0)
+    assert summary["sha256"] == alone["sha256"]
+    assert any("not in order of time" in note for note in summary["notes"])
+
+
+def test_frames_that_a_bus_port_ignores_are_ignored_and_counted(tmp_path: Path, lines: list[str]) -> None:
+    alone = told(tmp_path, lines, 0)
+    at, channel = len(lines) // 2, lines[0].split()[1]
+    strange = [
+        f"{lines[at].split()[0]} {channel} {what}\n" for what in ("100#R", f"100##1{'AA' * 64}", "00000100#0011")
+    ]
+    summary = told(tmp_path, [*lines[:at], *strange, *lines[at:]], 0)
+    assert summary["sha256"] == alone["sha256"]
+    assert summary["ignored"] == {"remote": 1, "CAN FD": 1, "extended": 1}
+    assert summary["defects"] is None
+
+
+def test_lost_corrupt_and_cut_are_counted_and_answers_that_differ_by_them_end_with_1(
+    tmp_path: Path, lines: list[str]
+) -> None:
+    encoders = [index for index, line in enumerate(lines) if " 101#" in line]
+    lost = told(tmp_path, [line for n, line in enumerate(lines) if n not in encoders[500:503]], 1)
+    assert (lost["lost"], lost["corrupt"]) == (3, 0)
+    assert lost["equal"] < lost["logged"]
+    head, _, data = lines[encoders[500]].partition("#")
+    broken = [*lines[: encoders[500]], f"{head}#{int(data[0], 16) ^ 1:X}{data[1:]}", *lines[encoders[500] + 1 :]]
+    corrupt = told(tmp_path, broken, 1)
+    assert (corrupt["lost"], corrupt["corrupt"]) == (0, 1)
+    short = told(tmp_path, [*lines[: encoders[500]], f"{head}#00\n", *lines[encoders[500] :]], 0)
+    assert (short["misshapen"], short["equal"]) == (1, short["logged"])
+    cut = told(
+        tmp_path, [*lines[: encoders[500]], lines[encoders[500]].rstrip()[:-7]], 0
+    )  # what is there is answered equally
+    assert "ends within line" in cut["cut"]
+    assert "the log is cut" in cut["defects"]
 
 
 def test_it_is_faster_than_real_time(tmp_path: Path) -> None:
@@ -84,12 +160,13 @@ def test_it_is_faster_than_real_time(tmp_path: Path) -> None:
     ("name", "content", "words"),
     [
         ("nosuch.blf", None, "does not exist"),
-        ("bus.txt", "x", "cannot be read: No read support for unknown log format"),
-        ("empty.log", "", "has no sample of a plant"),
+        ("bus.txt", "x", "cannot be read: it begins with b'x'; known are candump, Vector ASC and BLF, PEAK TRC"),
+        ("empty.log", "", "is empty"),
+        ("car.log", "(1.0) can0 123#0011\n", "has no sample of a plant"),
         ("bad.blf", "this is no log", "cannot be read: "),
         (
             "two.log",
-            f"(1.0) can0 {ENCODER_B:03X}#0000000000000000",
+            f"(1.0) can0 {ENCODER_B.can_id:03X}#{ENCODER_B.pack_raw(0, 0, 0).hex()}",
             "is of a run of two clutches, whose controllers hear",
         ),
     ],

@@ -14,6 +14,7 @@ from plant_sim.profiles.profile import load_profile
 from protocols.buses.bus import Port, open_bus
 from protocols.buses.exchange import Exchange
 from protocols.can.frames import Frame, load_frames
+from protocols.can.reception import INTRUSION
 from protocols.errors import InputError
 from protocols.realtime.beat import TIMING, Beat
 from protocols.realtime.clock import Clock
@@ -278,7 +279,12 @@ def test_who_leaves_takes_nobody_along(local_bus: str) -> None:
 
 
 def test_a_bus_that_cannot_be_worked_on_ends_it(turn: Turn, plant: Port) -> None:
-    plant.send(Frame(FRAMES["VALVE_COMMAND"].can_id, bytes(6)))
+    valve = FRAMES["VALVE_COMMAND"]
+    for data in (bytes(6), bytes(5), *(valve.pack(n, 1, 2.0, n) for n in range(INTRUSION - 1))):
+        plant.send(Frame(valve.can_id, data))
+    turn.answer(1)
+    plant.receive()
+    plant.send(Frame(valve.can_id, valve.pack(INTRUSION - 1, 1, 2.0, 0)))
     with pytest.raises(InputError, match="a second controller is on the bus: it sends VALVE_COMMAND"):
         turn.answer(1)
     assert plant.receive() == []

@@ -213,7 +213,7 @@ def test_frames_in_fixed_memory_are_stamped_and_outlive_an_interface_that_goes_d
         line.send(room, 1)
         assert other.receive(1.0)
         assert unload(other.inbox[: other.count]) == [Frame(0x123, b"ab")]
-        assert one.counts() == {"sent": 3, "received": 0, "refused": 0, "down": 2}
+        assert one.counts() == {"sent": 3, "received": 0, "refused": 0, "down": 2, "ignored": 0}
 
 
 def test_an_interface_that_is_down_is_refused_with_the_command_that_helps() -> None:

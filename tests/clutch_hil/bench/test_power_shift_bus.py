@@ -20,6 +20,7 @@ from plant_sim.profiles.profile import load_profile
 from plant_sim.profiles.shift_profile import load_shift_profile
 from protocols.buses.bus import listen, open_bus
 from protocols.can.frames import Frame, load_frames
+from protocols.can.reception import INTRUSION, WRONG_RATES
 from protocols.errors import InputError
 from protocols.files.runs import read_run
 from protocols.node import node_factory
@@ -79,11 +80,12 @@ def test_controllers_of_two_clutches_do_not_hear_each_other() -> None:
     of_a = a.step(frames)
     for each in (of_a, b.listen(of_a), b.step([*frames, *of_a])):
         assert each  # b takes a's frames for nobody's
-    with pytest.raises(InputError, match=r"second controller is on the bus: it sends VALVE_COMMAND \(0x080\)"):
-        a.step([f for f in of_a if f.can_id == A["VALVE_COMMAND"].can_id])
-    of_b = b.step(frames)
-    with pytest.raises(InputError, match=r"second controller is on the bus: it sends VALVE_COMMAND_B \(0x088\)"):
-        b.step([f for f in of_b if f.can_id == B["VALVE_COMMAND"].can_id])
+    for node, valve, name in ((a, A["VALVE_COMMAND"], "VALVE_COMMAND"), (b, B["VALVE_COMMAND"], "VALVE_COMMAND_B")):
+        own = [Frame(valve.can_id, valve.pack(n, 0, 0.0, 0)) for n in range(INTRUSION)]
+        with pytest.raises(
+            InputError, match=rf"second controller is on the bus: it sends {name} \(0x{valve.can_id:03X}\)"
+        ):
+            node.step(own)
 
 
 def test_only_clutch_a_commands_the_motor() -> None:
@@ -108,12 +110,13 @@ def test_the_guard_of_clutch_b_watches_clutch_b() -> None:
 def test_a_second_plant_is_refused() -> None:
     plant, *_ = nodes()
     with pytest.raises(InputError, match=r"a second plant is on the bus: it sends ENCODER_B \(0x109\)"):
-        plant.step([Frame(B["ENCODER"].can_id, B["ENCODER"].pack(0))])
+        plant.step([Frame(B["ENCODER"].can_id, B["ENCODER"].pack(n)) for n in range(INTRUSION)])
 
 
 def test_a_controller_at_another_rate_is_refused() -> None:
     plant, _, _ = nodes()
-    other = controller_node(rate=250, clutch="b").step([])
+    beat = B["CONTROLLER_HEARTBEAT"]
+    other = [Frame(beat.can_id, beat.pack(n, 2, 250, 9)) for n in range(WRONG_RATES)]
     with pytest.raises(InputError, match="the controller of clutch b runs at 250 Hz, this plant at 500 Hz"):
         plant.step(other)
 

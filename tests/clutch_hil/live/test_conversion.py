@@ -7,8 +7,10 @@ import pytest
 
 from clutch_hil.bench.in_process import Played
 from clutch_hil.live.conversion import convert
+from clutch_hil.live.run_replay import load_batches
 from protocols.errors import InputError
-from protocols.files.runs import read_run
+from protocols.files.run import Run
+from protocols.files.runs import read_run, write_run
 from tests.clutch_hil.live.scripted_bench import recorded, steps
 
 
@@ -20,6 +22,21 @@ def test_a_run_is_converted_there_and_back(played: Played, tmp_path: Path, monke
     assert (run.metadata, run.describe_columns()) == (wanted.metadata, wanted.describe_columns())
     for name in wanted.columns:
         np.testing.assert_array_equal(run[name], wanted[name])
+
+
+@pytest.mark.parametrize("metadata", [{}, {"rig": "position_axis"}])
+def test_a_run_of_another_rig_is_converted_and_shown(tmp_path: Path, metadata: dict) -> None:
+    time = np.arange(50) / 100.0
+    columns = {"time_s": time, "position_m": np.sin(time), "motor_force_n": 3.0 * np.cos(time)}
+    axis = Run(columns, metadata, {"position_m": "m", "motor_force_n": "N"})
+    write_run(axis, tmp_path / "axis.parquet")
+    for target in ("axis.csv", "axis.mf4", "axis.rrd"):
+        assert convert(tmp_path / "axis.parquet", tmp_path / target) == 50
+    for name in ("axis.csv", "axis.mf4"):
+        read = read_run(tmp_path / name, ("time_s", "position_m", "motor_force_n"))
+        assert np.array_equal(read["position_m"], columns["position_m"])
+        (batch,) = load_batches(tmp_path / name)
+        assert [column.name for column in batch.columns] == list(columns)
 
 
 def test_a_run_is_converted_to_rrd(played: Played, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

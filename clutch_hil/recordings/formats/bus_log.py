@@ -1,0 +1,199 @@
+"""Bus log with a DBC: each signal a channel, named Message.Signal; each message a raster, with the times of its frames."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from cantools.database.can import Message, Signal
+
+from clutch_hil.recordings import channel as recording
+from clutch_hil.recordings.can_signals import bit_places, multiplexers, physical_values, rows_with_signal
+from protocols.can.database import is_carried, read_database
+from protocols.can.frames import DBC
+from protocols.errors import InputError, listing
+from protocols.files.bus_log import EXTENDED, FD, FLAG_NAMES, BusLog, good_crc, log_kind, read_bus_log
+
+_EPOCH_S = 1e8  # s, three years: stamps above count from 1970
+_MOST_NAMES = 20  # identifiers in a message for people
+_LONGEST_SIGNAL = 64  # bits
+
+
+class BusLogFormat:
+    """A log of a CAN bus; what its frames mean is in the database `dbc`, `channel` is the one to take where it has several."""
+
+    name = "bus log"
+    keys: Mapping[str, type] = {"dbc": str, "channel": str}
+    order = -1  # before MDF, which a bus logger writes too
+
+    def recognises(self, head: bytes, path: Path) -> bool:
+        return bool(log_kind(path, head))
+
+    def open(self, path: Path, options: Mapping[str, Any]) -> recording.Recording:
+        given = options.get("dbc")
+        dbc = _find(path, given) if given else DBC
+        log = read_bus_log(path)
+        messages = {(m.frame_id, m.is_extended_frame): m for m in read_database(dbc).messages}
+        known = _known(log, messages)
+        log = log.only_channel(
+            options.get("channel"), known, f"messages of {dbc.name}", 'write channel = "NAME" in [file]'
+        )
+        return _BusRecording(path, dbc, log, messages, bool(given))
+
+
+@dataclass(frozen=True)
+class _Raster:
+    """Frames of a message: indices (n,) in the log, and payloads (n, bytes)."""
+
+    message: Message
+    rows: np.ndarray
+    payloads: np.ndarray
+
+
+class _BusRecording:
+    """See `clutch_hil.recordings.channel.Recording`."""
+
+    def __init__(
+        self, path: Path, dbc: Path, log: BusLog, messages: Mapping[tuple[int, bool], Message], given: bool
+    ) -> None:
+        self.numbers: Mapping[str, float] = {}
+        self.notes = [
+            *log.notes,
+            f"signals by {dbc.name}" + ("" if given else ", the bench's own: the map names no dbc"),
+        ]
+        zero = float(log.stamps[0]) if len(log) else 0.0
+        self.start = ""
+        if zero > _EPOCH_S:
+            try:
+                self.start = datetime.fromtimestamp(zero, UTC).isoformat()
+            except (OverflowError, ValueError, OSError):
+                self.start = ""
+        self._times = log.stamps - zero
+        self._rasters = self._sort(log, messages)
+        if not self._rasters:
+            seen = [f"0x{can_id:03X}" for can_id in np.unique(log.ids)[: _MOST_NAMES + 1].tolist()]
+            more = ", ..." if len(seen) > _MOST_NAMES else ""
+            raise InputError(
+                f"recording {path} has no message of {dbc}; its identifiers are {', '.join(seen[:_MOST_NAMES])}{more}; name"
+                ' their database in the map: dbc = "FILE.dbc" in [file]'
+            )
+        self._signals: dict[int, tuple[_Raster, Signal]] = {}
+        self._clocks: dict[int, _Raster] = {}
+        self.channels: Sequence[recording.Channel] = self._list()
+
+    def _sort(self, log: BusLog, messages: Mapping[tuple[int, bool], Message]) -> list[_Raster]:
+        """Frames by message, without those that cannot carry its signals; what was left out is noted."""
+        rasters: list[_Raster] = []
+        unknown: dict[str, int] = {}
+        for can_id, extended, there in _rows_by_identifier(log):
+            message = messages.get((can_id, extended))
+            if message is None:
+                unknown[f"0x{can_id:X}"] = len(there)
+                continue
+            flags = log.flags[there]
+            strange = (flags & ~np.uint8(EXTENDED | (FD if message.is_fd else 0))) != 0
+            rows = there[~strange & (log.lengths[there] >= message.length)]
+            short = len(there) - np.count_nonzero(strange) - len(rows)
+            if kinds := [
+                name for flag, name in FLAG_NAMES.items() if flag != EXTENDED and np.any(flags[strange] & flag)
+            ]:
+                self.notes.append(f"left out {np.count_nonzero(strange)} frames of {message.name}: {', '.join(kinds)}")
+            if short:
+                self.notes.append(f"left out {short} frames of {message.name} with fewer than {message.length} bytes")
+            if longer := np.count_nonzero(log.lengths[rows] > message.length):
+                self.notes.append(f"{longer} frames of {message.name} are longer than its {message.length} bytes")
+            if is_carried(message) and len(rows):
+                good = good_crc(log, rows, message.length)
+                if not good.all():
+                    self.notes.append(f"left out {np.count_nonzero(~good)} frames of {message.name} with a wrong CRC")
+                rows = rows[good]
+                lost = _count_lost(log, rows) - np.count_nonzero(~good)
+                if lost > 0:
+                    self.notes.append(f"{lost} frames of {message.name} are missing, by their alive counters")
+            if len(rows) and message.signals:
+                rasters.append(_Raster(message, rows, log.matrix(rows, message.length)))
+        if unknown:
+            count, others = sum(unknown.values()), list(unknown)
+            names = listing(others[:_MOST_NAMES]) + (", ..." if len(others) > _MOST_NAMES else "")
+            self.notes.append(f"left out {count} frames that the database does not have: {names}")
+        return rasters
+
+    def _list(self) -> list[recording.Channel]:
+        channels: list[recording.Channel] = []
+        for raster in self._rasters:
+            message = raster.message
+            by_name = {signal.name: signal for signal in message.signals}
+            clocks: set[str] = set()
+            for signal in message.signals:
+                if signal.length > _LONGEST_SIGNAL or max(bit_places(signal)) >= 8 * message.length:
+                    self.notes.append(f"left out {message.name}.{signal.name}: its bits are not in the frame")
+                    continue
+                chosen = rows_with_signal(message, signal, raster.payloads)
+                pages = [f"{one.name}={','.join(map(str, ids))}" for one, ids in multiplexers(signal, by_name)]
+                part = _Raster(message, raster.rows[chosen], raster.payloads[chosen])
+                if not len(part.rows):
+                    continue
+                name = message.name + (f"[{' '.join(pages)}]" if pages else "")
+                times = self._times[part.rows]
+                span = float(times[-1] - times[0])
+                common: dict[str, Any] = {
+                    "raster": name, "rows": len(times), "start_s": float(times[0]), "end_s": float(times[-1]),
+                    "rate_hz": (len(times) - 1) / span if span > 0.0 else float("nan"),
+                }  # fmt: skip
+                if name not in clocks:
+                    clocks.add(name)
+                    number = len(channels) + 1
+                    self._clocks[number] = part
+                    channels.append(recording.Channel("time", number, f"{name}.time", "s", kind="time", **common))
+                number = len(channels) + 1
+                self._signals[number] = (part, signal)
+                kind = "status" if signal.choices or signal.length == 1 else "number"
+                path = f"{message.name}.{signal.name}"
+                comment = str(signal.comment or "")
+                channels.append(
+                    recording.Channel(path, number, path, signal.unit or "", kind=kind, comment=comment, **common)
+                )
+        return channels
+
+    def read(self, channels: Sequence[recording.Channel]) -> list[recording.Signal]:
+        return [self._read(channel) for channel in channels]
+
+    def _read(self, channel: recording.Channel) -> recording.Signal:
+        if channel.number in self._clocks:
+            times = self._times[self._clocks[channel.number].rows]
+            return recording.Signal(channel, times, times)
+        raster, signal = self._signals[channel.number]
+        return recording.Signal(channel, physical_values(signal, raster.payloads), self._times[raster.rows])
+
+
+def _find(recording_path: Path, name: str) -> Path:
+    """The database as named, or beside the recording."""
+    path = Path(name)
+    beside = recording_path.parent / path
+    return beside if not path.exists() and beside.exists() else path
+
+
+def _rows_by_identifier(log: BusLog) -> Iterator[tuple[int, bool, np.ndarray]]:
+    """Identifier, whether it is extended, and the rows of its frames, the lowest first."""
+    keys = log.ids.astype(np.int64) | ((log.flags & EXTENDED) != 0).astype(np.int64) << 32
+    order = np.argsort(keys, kind="stable")
+    there, firsts = np.unique(keys[order], return_index=True)
+    for key, rows in zip(there.tolist(), np.split(order, firsts[1:]), strict=True):
+        yield key & 0xFFFFFFFF, bool(key >> 32), rows
+
+
+def _count_lost(log: BusLog, rows: np.ndarray) -> int:
+    """Number of frames that the alive counters of the frames `rows` say are missing; they wrap at 16, so more may be."""
+    steps = np.diff(log.matrix(rows, 2)[:, 1] & 15) & 15
+    return int(np.sum(steps[steps > 0].astype(np.int64) - 1))
+
+
+def _known(log: BusLog, messages: Mapping[tuple[int, bool], Message]) -> np.ndarray:
+    extended = (log.flags & EXTENDED) != 0
+    mask = np.zeros(len(log), bool)
+    for of_kind in (False, True):
+        ids = [can_id for can_id, is_extended in messages if is_extended is of_kind]
+        mask |= (extended == of_kind) & np.isin(log.ids, np.array(ids, np.int64))
+    return mask & ((log.flags & ~np.uint8(EXTENDED | FD)) == 0)

@@ -1,0 +1,191 @@
+"""Database: a DBC file read with any usual encoding, and whether it can carry the bench.
+
+The bench can use other identifiers, scales, offsets and lengths than `clutch_rig.dbc`, and any further messages of other nodes.
+Its own signals must be there as plain little-endian integers, and reach what the bench sends and measures.
+"""
+
+import codecs
+import logging
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from keyword import iskeyword
+from math import isfinite
+from pathlib import Path
+
+import cantools.database
+from cantools.database.can import Database, Message, Signal
+
+from protocols.errors import InputError, listing
+
+_MOST_BYTES = 64 << 20  # of a database: a hundred times a large one of a car
+_MOST_PROBLEMS = 5  # told in one sentence
+_MARKS = ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
+_HIGHEST_ID = 0x7FF  # of a standard frame; the bench sends no other
+# Protection signals at the beginning of every frame: name, first bit, length [bit]
+PROTECTION = (("CRC", 0, 8), ("COUNTER", 8, 4))
+
+_BIT, _SPEED, _TORQUE, _TICK = (0, 1), (-26.2, 26.2), (-40.0, 40.0), (0, 65535)
+# Frames and signals that the processes use, with the least and most that they send and measure, in the unit of
+# clutch_rig.dbc: limits of rt_controller/parameters; the sample's tick has 16 bits; numbers with names have these values
+CARRIED: Mapping[str, Mapping[str, tuple[float, float]]] = {
+    "VALVE_COMMAND": {"VALVE_ENABLE": _BIT, "VALVE_VOLTAGE": (0.0, 4.0), "SAMPLE_TICK": _TICK},
+    "MOTOR_COMMAND": {"MOTOR_ENABLE": _BIT, "SPEED_DEMAND": _SPEED, "TORQUE_LIMIT": (0.0, 40.0)},
+    "ANALOG_SENSORS": {
+        "CYLINDER_PRESSURE": (0.0, 5.0), "OIL_TEMPERATURE": (0.0, 150.0), "MOTOR_TORQUE": _TORQUE, "CLUTCH_TORQUE": _TORQUE,
+    },
+    "ENCODER": {"SHAFT_ANGLE": (-3.14, 3.14), "SAMPLE_TICK": _TICK},
+    "TORQUE_SETPOINT": {
+        "REQUEST": (0, 4), "TORQUE_DEMAND": (0.0, 30.0), "SPEED_DEMAND": _SPEED, "PRESSURE_DEMAND": (0.0, 4.5),
+    },
+    "CONTROLLER_STATUS": {
+        "PHASE": (0, 5), "STICKING": _BIT, "FAULT": (0, 7), "TORQUE_ESTIMATE": (0.0, 30.0), "LATE_CYCLES": (0, 255),
+        "FRICTION_LEVEL": (0.5, 1.5),
+    },
+    "PLANT_STATUS": {"ACTUATORS": (0, 2), "LATE_CYCLES": (0, 255), "REJECTED_FRAMES": (0, 255)},
+    "CONTROLLER_HEARTBEAT": {"LIFECYCLE": (0, 3), "RATE": (50, 10_000), "SESSION": (0, 0xFFFFFFFF)},
+    "PLANT_HEARTBEAT": {"LIFECYCLE": (0, 3), "RATE": (50, 10_000), "SESSION": (0, 0xFFFFFFFF)},
+}  # fmt: skip
+REQUIRED = tuple(CARRIED)  # frames that a DBC must have
+
+
+def read_text(path: Path) -> str:
+    """Text of a DBC file: UTF-8 or UTF-16 with or without a mark, else Windows-1252. Raises InputError."""
+    try:
+        if path.stat().st_size > _MOST_BYTES:
+            raise InputError(f"DBC {path} has {path.stat().st_size} bytes; allowed are {_MOST_BYTES}")
+        raw = path.read_bytes()
+    except FileNotFoundError:
+        raise InputError(f"DBC {path} does not exist") from None
+    except (OSError, ValueError) as error:
+        raise InputError(f"DBC {path} cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    marked = [encoding for mark, encoding in _MARKS if raw.startswith(mark)]
+    without_mark = [
+        name for name, odd in (("utf-16-le", 1), ("utf-16-be", 0)) if raw[odd:64:2].count(0) > len(raw[:64]) // 3
+    ]
+    for encoding in (*marked, *without_mark, "utf-8"):
+        try:
+            return raw.decode(encoding)
+        except UnicodeDecodeError:
+            if encoding in marked:
+                raise InputError(f"DBC {path} begins as {encoding} and is not: save it as UTF-8") from None
+    return raw.decode("cp1252", errors="replace")
+
+
+def read_database(path: Path) -> Database:
+    """Read a database of any bus. Raises InputError that names what is wrong."""
+    text = read_text(path)
+    log = logging.getLogger("cantools")
+    level = log.level
+    log.setLevel(logging.CRITICAL)  # it warns of what is refused below
+    try:
+        database = cantools.database.load_string(text, _format_of(path, text))
+    except Exception as error:  # cantools raises many exception types
+        raise InputError(f"DBC {path} is malformed: {' '.join(str(error).split())[:300] or 'it is empty'}") from None
+    finally:
+        log.setLevel(level)
+    if not isinstance(database, Database):
+        raise InputError(f"{path} is not a CAN database")
+    return database
+
+
+def check_carries(path: Path, database: Database) -> None:
+    """Raise InputError, with each signal and reason, for a database that cannot carry the bench."""
+    problems = list(_find_problems(database))
+    if problems:
+        more = f"; and {len(problems) - _MOST_PROBLEMS} more" if len(problems) > _MOST_PROBLEMS else ""
+        if silent := frames_without_cycle_time(database):
+            more += f"; its load is unknown, as {listing(silent)} have no cycle time"
+        raise InputError(f"DBC {path}: {'; '.join(problems[:_MOST_PROBLEMS])}{more}")
+
+
+def frames_without_cycle_time(database: Database) -> list[str]:
+    """Names of the bench's frames without a cycle time (GenMsgCycleTime)."""
+    return [message.name for message in database.messages if message.name in CARRIED and not message.cycle_time]
+
+
+def is_carried(message: Message) -> bool:
+    """Whether a frame of a database that passed `check_carries` is one that the bench can use: protected, and plain."""
+    signals = list(message.signals)
+    return message.name in CARRIED or (
+        not (message.is_extended_frame or message.is_fd)
+        and 2 <= message.length <= 8
+        and not any(_protection_problems(message))
+        and not any(_plain_problems(signal) for signal in signals)
+    )
+
+
+def _find_problems(database: Database) -> Iterator[str]:
+    messages = {message.name: message for message in database.messages}
+    names = Counter(message.name for message in database.messages)
+    yield from (f"the frame {name} is there {count} times" for name, count in names.items() if count > 1)
+    users: dict[tuple[int, bool], list[str]] = {}
+    for message in database.messages:
+        users.setdefault((message.frame_id, message.is_extended_frame), []).append(message.name)
+    for (can_id, _), sharing in users.items():
+        if len(sharing) > 1 and len(set(sharing)) > 1:
+            yield f"the frames {listing(sharing)} have one identifier, 0x{can_id:03X}"
+    for name, ranges in CARRIED.items():
+        if name not in messages:
+            yield f"it lacks the frame {name}; it has {listing(list(messages)[:20])}"
+            continue
+        for what in _frame_problems(messages[name], ranges):
+            yield f"frame {name}{': ' if what.startswith('signal') else ' '}{what}"
+
+
+def _frame_problems(message: Message, ranges: Mapping[str, tuple[float, float]]) -> Iterator[str]:
+    if message.is_extended_frame:
+        yield f"has an extended identifier, 0x{message.frame_id:08X}; allowed are standard ones, to 0x{_HIGHEST_ID:X}"
+    if message.is_fd:
+        yield "is a CAN FD frame; allowed are classic ones"
+    if not 2 <= message.length <= 8:
+        yield f"has {message.length} bytes; allowed are 2 to 8"
+    yield from _protection_problems(message)
+    signals = {signal.name.upper(): signal for signal in message.signals}
+    if len(signals) < len(message.signals):
+        yield "has two signals whose names differ in capitals only"
+    known = {*ranges, *(name for name, _, _ in PROTECTION)}
+    others = [name for name in signals if name not in known]
+    for name, (least, most) in ranges.items():
+        if (signal := signals.get(name)) is None:
+            yield f"lacks the signal {name}" + (f"; it has {listing(others)} instead" if others else "")
+        elif (problem := _plain_problems(signal)) or (problem := _range_problem(signal, least, most)):
+            yield f"signal {signal.name} {problem}"
+    for name in others:
+        if problem := _plain_problems(signals[name]):
+            yield f"signal {signals[name].name} {problem}"
+
+
+def _protection_problems(message: Message) -> Iterator[str]:
+    signals = {signal.name: signal for signal in message.signals}
+    for name, start, length in PROTECTION:
+        signal = signals.get(name)
+        if signal is None or (signal.start, signal.length, signal.byte_order) != (start, length, "little_endian"):
+            yield f"needs the signal {name} : {start}|{length}@1+"
+
+
+def _plain_problems(signal: Signal) -> str:
+    """Why the generated code cannot read or write a signal; "" where it can."""
+    if iskeyword(signal.name.lower()) or signal.name.startswith("_"):
+        return "has a name that cannot be used; rename it"
+    if signal.is_multiplexer or signal.multiplexer_ids:
+        return "is multiplexed; it must be a plain little-endian integer in every frame"
+    if signal.byte_order != "little_endian" or signal.is_float:
+        return "must be a plain little-endian integer"
+    if signal.scale == 0 or not (isfinite(signal.scale) and isfinite(signal.offset)):
+        return f"has the factor {signal.scale:g} and offset {signal.offset:g}; allowed is any factor but 0"
+    return ""
+
+
+def _range_problem(signal: Signal, least: float, most: float) -> str:
+    half = 1 << signal.length - 1
+    raws = (-half, half - 1) if signal.is_signed else (0, 2 * half - 1)
+    low, high = sorted(float(raw * signal.scale + signal.offset) for raw in raws)
+    if low - abs(signal.scale) <= least and most <= high + abs(signal.scale):
+        return ""
+    unit = f" {signal.unit}" if signal.unit else ""
+    return f"reaches from {low:.6g} to {high:.6g}{unit}; the bench needs {least:g} to {most:g}"
+
+
+def _format_of(path: Path, text: str) -> str | None:
+    """Format for cantools; None: it tries all that it knows."""
+    return "dbc" if path.suffix.lower() == ".dbc" or "BO_ " in text else None

@@ -1,0 +1,279 @@
+"""Lines of a bus log in text, prepared for the readers of python-can, which lose or misread what is written otherwise.
+
+candump         screen format and `-L`, with or without direction; what is cut within a byte is no frame
+ASC             times that count from the line before are added up; requests to send (TxRq) are no frames
+TRC             other versions than python-can reads are refused
+"""
+
+import io
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TextIO
+
+import can
+
+from protocols.errors import InputError
+
+_LONGEST_LINE = 4096  # characters: ten times a CAN FD frame with all its remarks
+_HEAD_LINES = 60  # non-empty lines that decide the format
+_BACKWARD_SHARE = 0.1  # of steps: more are times between frames, not times
+_FEW_FRAMES = 20  # of which the share of steps says nothing
+
+_PAIRS = r"(?:[0-9A-Fa-f]{2})"
+_LOG = re.compile(
+    r"\((?P<time>\d+(?:\.\d*)?)\)\s+(?P<channel>\S+)\s+(?P<id>[0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#"
+    rf"(?P<data>[Rr](?P<dlc>[0-8])?|#(?P<fd>[0-9A-Fa-f])(?P<long>{_PAIRS}{{0,64}})|(?P<bytes>{_PAIRS}{{0,8}}))(?:_[0-9A-Fa-f])?"
+    r"(?:\s+[RTrt])?\s*"
+)
+_SCREEN = re.compile(
+    r"\s*(?:\((?P<time>[^()]*)\)\s+)?(?P<channel>[^\s(]\S*)\s+(?:(?:RX|TX)\s+\S\s+\S\s+)?(?P<id>[0-9A-F]{3}|[0-9A-F]{8})\s+"
+    r"\[(?P<n>\d{1,2})\](?:\s+(?P<data>remote request|[0-9A-F]{2}(?:\s[0-9A-F]{2})*))?(?:\s+(?:ERRORFRAME|'.*'))?\s*"
+)
+_ASC_FRAME = re.compile(r"\d+\.\d+\s+(?:\d+\s+(?:[0-9A-Fa-f]+x?\s+(?:Tx|Rx)\b|ErrorFrame)|CANFD\s+\d+)", re.IGNORECASE)
+_ASC_REQUEST = re.compile(r"\d+\.\d+\s+(?:CANFD\s+)?\d+\s+(?:\S+\s+)?TxRq\b", re.IGNORECASE)
+_ASC_HEAD = re.compile(r"date\s+\w{2,4}\.?\s+\w{3}|base\s+(?:hex|dec)\b|begin\s+trigger\s*block\b", re.IGNORECASE)
+_ASC_BASE = re.compile(r"base\s+(hex|dec)(?:\s+timestamps\s+(absolute|relative))?", re.IGNORECASE)
+_ASC_TIME = re.compile(r"(\d+\.\d+)(\s+.*)", re.DOTALL)
+_ASC_BORING = re.compile(r"//|end\s+trigger\s*block|(no\s+)?internal\s+events|date\s|base\s", re.IGNORECASE)
+_TRC_VERSION = re.compile(r";\$FILEVERSION\s*=\s*(\S+)")
+_TRC_VERSIONS = ("1.0", "1.1", "1.3", "2.0", "2.1")
+_TRC_FRAME = re.compile(r"\s*\d+\)?\s+\d+(?:\.\d+)?\s+\S")
+_TRC_EVENTS = {"Warng", "Error", "Statu", "ST", "EC", "ER", "EV"}
+_ERROR_FLAG, _ERROR_MARK = 0x20000000, "20000080"  # error frames; python-can knows one by these two bits
+
+
+@dataclass(frozen=True)
+class TextLog:
+    """Format of a text. kind: candump, asc, trc; name: for people. base: of numbers in ASC; relative: its times."""
+
+    kind: str
+    name: str
+    encoding: str
+    base: str = "hex"
+    relative: bool = False
+    version: str = ""
+
+
+def text_log(head: bytes) -> TextLog | None:
+    """Format of a text that begins with `head`; None for another one."""
+    encoding = _encoding(head)
+    text = head.decode(encoding, errors="replace")
+    if "\0" in text:
+        return None
+    lines = [line.strip() for line in text.splitlines()]
+    lines = [line for line in lines if line and not line.startswith(("#", "//"))][:_HEAD_LINES]
+    if not lines:
+        return None
+    if version := next((found for line in lines if (found := _TRC_VERSION.match(line))), None):
+        return TextLog("trc", "PEAK TRC", encoding, version=version[1])
+    if any(_ASC_HEAD.match(line) for line in lines) or _ASC_FRAME.match(lines[0]):
+        base = _ASC_BASE.search(text)
+        relative = bool(base and (base[2] or "").lower() == "relative")
+        return TextLog("asc", "Vector ASC", encoding, base[1].lower() if base else "hex", relative)
+    if any(line.startswith(";") for line in lines[:1]) and any(re.match(r"\d+\)\s", line) for line in lines):
+        return TextLog("trc", "PEAK TRC", encoding, version="1.0")
+    if _LOG.fullmatch(lines[0]) or (len(lines) > 1 and _LOG.fullmatch(lines[1])):
+        return TextLog("candump", "candump", encoding)
+    if _SCREEN.fullmatch(lines[0]):
+        return TextLog("candump", "candump, screen format", encoding)
+    return None
+
+
+def _encoding(head: bytes) -> str:
+    if head.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return "utf-16"
+    return "utf-8-sig"
+
+
+class LogLines(io.TextIOBase):
+    """Lines of a log, as a file that python-can reads. What its reader takes for no frame is counted as damaged.
+
+    number: of the last line read. ended: no line is left. notes: what was decided, a sentence each.
+    """
+
+    def __init__(self, path: Path, file: TextIO, found: TextLog) -> None:
+        self.path, self.found = path, found
+        self.number = self.damaged = self.first_damaged = 0
+        self.ended = self.ends_within_line = False
+        self.notes: list[str] = []
+        self._file, self._expected, self._whole, self._last_answered = file, False, True, True
+        self._time, self._requests, self._tokens = 0.0, 0, 0
+        self._header: list[str] = []
+        self._again: list[str] = []  # lines that a reader must see before it goes on
+        self._backward = self._frames = 0
+        self._last_stamp = float("-inf")
+        if found.kind == "trc" and found.version not in _TRC_VERSIONS:
+            raise InputError(f"log {path} is PEAK TRC of version {found.version}; known are {', '.join(_TRC_VERSIONS)}")
+        self.restart(first=True)
+
+    def restart(self, first: bool = False) -> None:
+        """Go on behind the line that a reader stopped at."""
+        if not first:
+            self._settle()
+        if self.found.kind == "asc":
+            self._again = [f"base {self.found.base}  timestamps absolute\n", "internal events logged\n"]
+        elif self.found.kind == "trc":
+            self._again = list(self._header)
+
+    def answer(self, good: bool) -> None:
+        """Tell that the reader made a frame of the last line, and whether it is `good`."""
+        self._expected = not good
+        self._last_answered = good
+        self._settle()
+
+    def readline(self, size: int | None = -1) -> str:  # type: ignore[override]
+        """The next line for the reader; "" at the end."""
+        if self._again:
+            return self._again.pop(0)
+        while not self.ended:
+            self._settle()
+            line = self._next()
+            if not line:
+                self.ended = True
+                if not self._whole and not self._last_answered:
+                    self.ends_within_line = True
+                    self.damaged -= 1
+                return ""
+            prepared = self._prepare(line)
+            if prepared is None:
+                self._expected, self._last_answered = True, False
+            elif prepared:
+                return prepared
+        return ""
+
+    def _next(self) -> str:
+        """The next line of the file; "" at the end. Of one that is too long only the beginning is kept."""
+        line = self._file.readline(_LONGEST_LINE)
+        if not line:
+            return ""
+        self.number += 1
+        self._whole = line.endswith("\n")
+        if not self._whole and len(line) == _LONGEST_LINE:
+            while (more := self._file.readline(_LONGEST_LINE)) and not more.endswith("\n"):
+                pass
+            self._whole = True
+            return "damaged: too long\n"
+        return line
+
+    def _settle(self) -> None:
+        if self._expected:
+            self.damaged += 1
+            self.first_damaged = self.first_damaged or self.number
+            self._expected = False
+
+    def _prepare(self, line: str) -> str | None:
+        """The line for the reader, "" for none; None where it is damaged."""
+        text = line.strip()
+        if not text or (text[0] == "#" and self.found.kind == "candump") or text.startswith("//"):
+            self._last_answered = True
+            return ""
+        prepared = {"candump": self._prepare_candump, "asc": self._prepare_asc, "trc": self._prepare_trc}[
+            self.found.kind
+        ](text)
+        self._last_answered = prepared == ""
+        return prepared
+
+    def _prepare_candump(self, text: str) -> str | None:
+        if match := _LOG.fullmatch(text):
+            tokens = len(text.split())
+            if not self._whole and tokens < self._tokens:
+                return None  # its end is missing, though what is there could be a frame
+            self._tokens = tokens
+            can_id = _error_id(match["id"])
+            data = match["data"]
+            if match["fd"]:
+                data = f"#{int(match['fd'], 16) & 3}{match['long']}"
+            elif match["bytes"] is not None:
+                data = match["bytes"]
+            self._expected = True
+            return f"({match['time']}) {match['channel']} {can_id}#{data}\n"
+        if match := _SCREEN.fullmatch(text):
+            return self._prepare_screen(match)
+        return None
+
+    def _prepare_screen(self, match: re.Match[str]) -> str | None:
+        if match["time"] is None:
+            raise InputError(
+                f"log {self.path}: line {self.number} has no time; record with candump -L, or show times with candump -t a"
+            )
+        time = _screen_time(match["time"])
+        if time is None:
+            return None
+        data, count, fd = match["data"] or "", int(match["n"]), len(match["n"]) == 2
+        if data == "remote request":
+            written = f"R{count}"
+        else:
+            parts = data.split()
+            if len(parts) != count:
+                return None
+            written = ("#0" if fd else "") + "".join(parts)
+        self._expected = True
+        self._note_stamp(time)
+        return f"({time!r}) {match['channel']} {_error_id(match['id'])}#{written}\n"
+
+    def _note_stamp(self, stamp: float) -> None:
+        self._frames += 1
+        self._backward += stamp < self._last_stamp
+        self._last_stamp = stamp
+
+    def check_steps(self) -> None:
+        """Raise InputError where times of the screen format go backwards so often that they are times between frames."""
+        if self._frames > _FEW_FRAMES and self._backward > _BACKWARD_SHARE * self._frames:
+            raise InputError(
+                f"log {self.path} has times between frames, not times (candump -t d); record with candump -L"
+            )
+        if self._requests:
+            self.notes.append(f"left out {self._requests} requests to send (TxRq): they are no frames on the bus")
+        if self.found.relative:
+            self.notes.append("added up times: each counts from the line before (timestamps relative)")
+
+    def _prepare_asc(self, text: str) -> str | None:
+        if self.found.relative and (timed := _ASC_TIME.match(text)):
+            self._time += float(timed[1])
+            text = f"{self._time:.9f}{timed[2]}"
+        if _ASC_REQUEST.match(text):
+            self._requests += 1
+            return ""
+        if _ASC_FRAME.match(text):
+            self._expected = True
+            return text + "\n"
+        if not self._whole and not _ASC_BORING.match(text):
+            return None
+        return ""  # a head, an event, statistics: its reader would leave it out, too
+
+    def _prepare_trc(self, text: str) -> str | None:
+        if text.startswith(";"):
+            if text.startswith(";$") and len(self._header) < _HEAD_LINES:
+                self._header.append(text.replace(" ", "") + "\n")
+                return self._header[-1]
+            return ""
+        if _TRC_EVENTS & set(text.split()[1:4]):
+            return ""
+        if not _TRC_FRAME.match(text):
+            return None
+        self._expected = True
+        return text + "\n"
+
+
+def candump_lines(lines: LogLines) -> Iterator[can.Message]:
+    """Messages of a candump log."""
+    return iter(can.CanutilsLogReader(lines))  # type: ignore[arg-type]
+
+
+def _error_id(text: str) -> str:
+    return _ERROR_MARK if len(text) == 8 and int(text, 16) & _ERROR_FLAG else text
+
+
+def _screen_time(text: str) -> float | None:
+    """Seconds of a time as candump shows it: seconds, or a date."""
+    try:
+        return (
+            float(text)
+            if re.fullmatch(r"\d+(\.\d*)?", text)
+            else datetime.fromisoformat(text).replace(tzinfo=UTC).timestamp()
+        )
+    except (ValueError, OverflowError):
+        return None

@@ -1,0 +1,114 @@
+"""MF4 of a bus logger: its frames, read with asammdf. python-can's own reader is switched off (protocols/__init__.py).
+
+Reference: ASAM MDF bus logging 1.0: groups of CAN_DataFrame, CAN_RemoteFrame and CAN_ErrorFrame, a row for each frame
+"""
+
+import gc
+import heapq
+import logging
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import can
+import numpy as np
+
+from protocols.errors import InputError
+
+_ROWS = 50_000  # read at once: with CAN FD, 3 MB of payloads
+_KINDS = ("CAN_DataFrame", "CAN_RemoteFrame", "CAN_ErrorFrame")
+_FD_BYTES = 64  # of data in a row
+_BUS_EVENT = 2  # flag of a channel group: FLAG_CG_BUS_EVENT of asammdf, whose import costs a second
+
+
+def is_bus_log(path: Path) -> bool:
+    """Whether all rows of an MDF file are frames of a bus."""
+    if not _contains(path, b"CAN_DataFrame"):
+        return False
+    from asammdf import MDF
+
+    with without_remarks():
+        try:
+            with MDF(str(path)) as mdf:
+                groups = [group.channel_group for group in mdf.groups if group.channel_group.cycles_nr]
+                return bool(groups) and all(getattr(group, "flags", 0) & _BUS_EVENT for group in groups)
+        except Exception:  # asammdf raises many exception types for a damaged file
+            return False
+
+
+@contextmanager
+def without_remarks() -> Iterator[None]:
+    """Keep what asammdf says of a damaged file off the terminal: its log, and tracebacks where it discards a half-read file."""
+    before, log = sys.unraisablehook, logging.getLogger("asammdf")
+    level = log.level
+    sys.unraisablehook = lambda _: None
+    log.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        gc.collect()  # it holds itself
+        log.setLevel(level)
+        sys.unraisablehook = before
+
+
+def read_frames(path: Path, most: int) -> Iterator[can.Message]:
+    """Frames in order of time. Raises InputError where the file tells more than `most`, and what asammdf raises."""
+    from asammdf import MDF
+
+    with MDF(str(path)) as mdf:
+        start = mdf.header.start_time.timestamp()
+        rows = sum(int(group.channel_group.cycles_nr) for group in mdf.groups)
+        if rows > most:
+            raise InputError(f"log {path} has {rows} frames; allowed are {most}: cut it into parts")
+        streams = []
+        groups: Any = mdf.groups
+        for index, group in enumerate(groups):
+            names = {channel.name for channel in group.channels}
+            streams += [_messages(mdf, index, kind, names, start) for kind in _KINDS if f"{kind}.ID" in names]
+        yield from heapq.merge(*streams, key=lambda message: message.timestamp)
+
+
+def _messages(mdf: Any, index: int, kind: str, names: set[str], start: float) -> Iterator[can.Message]:
+    rows = int(mdf.groups[index].channel_group.cycles_nr)
+
+    def values(name: str, offset: int, otherwise: int = 0) -> list[int]:
+        if f"{kind}.{name}" not in names:
+            return [otherwise] * min(_ROWS, rows - offset)
+        signal = mdf.get(f"{kind}.{name}", group=index, raw=True, record_offset=offset, record_count=_ROWS)
+        return [int(value) for value in signal.samples]
+
+    for offset in range(0, rows, _ROWS):
+        ids = mdf.get(f"{kind}.ID", group=index, raw=True, record_offset=offset, record_count=_ROWS)
+        lengths = values("DataLength", offset)
+        data = np.zeros((len(ids.samples), 0), np.uint8)
+        if f"{kind}.DataBytes" in names:
+            data = mdf.get(f"{kind}.DataBytes", group=index, raw=True, record_offset=offset, record_count=_ROWS).samples
+        columns = zip(
+            ids.timestamps.tolist(), ids.samples.tolist(), values("IDE", offset), values("EDL", offset), lengths, data,
+            values("BusChannel", offset), values("DLC", offset), strict=True,
+        )  # fmt: skip
+        for stamp, can_id, extended, fd, length, payload, channel, dlc in columns:
+            plain = kind == "CAN_DataFrame"
+            yield can.Message(
+                timestamp=stamp + start,
+                arbitration_id=can_id & 0x1FFFFFFF,
+                is_extended_id=bool(extended or can_id & 0x80000000),
+                is_fd=bool(fd) and plain,
+                is_remote_frame=kind == "CAN_RemoteFrame",
+                is_error_frame=kind == "CAN_ErrorFrame",
+                dlc=min(length, _FD_BYTES) if plain else dlc,
+                data=payload[: min(length, _FD_BYTES)].tobytes() if plain else None,
+                channel=channel,
+            )
+
+
+def _contains(path: Path, word: bytes) -> bool:
+    with path.open("rb") as file:
+        before = b""
+        while part := file.read(1 << 20):
+            if word in before + part:
+                return True
+            before = part[-len(word) :]
+    return False
