@@ -103,6 +103,12 @@ class ImportMap:
         Only the columns of this map are read. Raises InputError naming the column and its first bad row.
         """
         recording = open_recording(path, self.options)
+        if self.skip_rows and (units := getattr(recording, "units_rows", 0)):  # older maps leave out a row of units this way
+            return replace(self, skip_rows=max(self.skip_rows - units, 0))._read_from(path, recording, required)
+        return self._read_from(path, recording, required)
+
+    def _read_from(self, path: Path, recording: Recording, required: Sequence[str]) -> list[Run]:
+        """The runs in an open `recording`."""
         sources = {name: choose_channel(path, recording.channels, one.column) for name, one in self.columns.items()}
         signals = dict(zip(sources, recording.read(list(sources.values())), strict=True))
         notes = list(recording.notes)
