@@ -114,7 +114,10 @@ class ImportMap:
         notes = list(recording.notes)
         columns = {n: self._convert(path, recording, n, signals[n], notes) for n in self.columns}
         timed, start = self._with_times(path, signals, columns, recording.start, notes)
-        pieces, done = join(path, timed, self.sampling)
+        try:
+            pieces, done = join(path, timed, self.sampling)
+        except InputError as error:
+            raise InputError(f"{error}{_describe_losses(recording)}") from None
         notes += done
         origin = {"from": path.name, "map": self.name, "notes": self.notes, "done": notes}
         runs = []
@@ -122,7 +125,10 @@ class ImportMap:
             kept = self._keep(piece)
             if len(kept["time_s"]):
                 run = {name: kept[name] for name in self.columns}  # in the map's order
-                check_columns(path, run, tuple(dict.fromkeys((*run, *required))))
+                try:
+                    check_columns(path, run, tuple(dict.fromkeys((*run, *required))))
+                except InputError as error:
+                    raise InputError(f"{error}{_describe_losses(recording)}") from None
                 runs.append(Run(run, {**recording.numbers, "import": origin}, {name: unit_of(name) for name in run}))
         if not runs:
             last = max(piece["time_s"][-1] for piece in pieces)
@@ -287,6 +293,11 @@ def plain_unit(text: str) -> str:
     if len(unit) > 1 and unit[0] + unit[-1] in ("[]", "()"):
         unit = unit[1:-1].strip()
     return "1" if unit in ("-", "--", "–") else unit
+
+
+def _describe_losses(recording: Recording) -> str:
+    """What was left out of a recording, for a message: the reason, perhaps, why its rows do not follow each other."""
+    return "".join(f"; {note}" for note in recording.notes if note.startswith("left out"))
 
 
 def _is_held(source: ForeignColumn, signal: Signal, notes: list[str], name: str) -> bool:

@@ -17,6 +17,7 @@ from protocols.errors import InputError
 
 _NS = 1_000_000_000  # in a second
 _DAY = 86400 * _NS
+_LONGEST = 64  # characters of a time: longer cells are text
 _YEARS = (1700, 2250)  # that nanoseconds in 64 bits count from 1970
 _MONTHS = {
     name: number
@@ -53,7 +54,7 @@ class TimeFormat:
         return "(?P<d>" in self.pattern or "(?P<j>" in self.pattern
 
     def fits(self, cell: str) -> bool:
-        return re.fullmatch(self.pattern, cell) is not None
+        return len(cell) <= _LONGEST and re.fullmatch(self.pattern, cell) is not None
 
 
 _PLAIN = (
@@ -77,15 +78,16 @@ _PLAIN = (
         "can be hours and minutes or minutes and seconds; set time_format = '%H:%M' or '%M:%S' in [file]",
     ),
 )  # fmt: skip
+_LIKE_A_DATE = re.compile(
+    r"[0-9A-Za-z.,]+\s*[-/.\s]\s*[0-9A-Za-z]+\s*[-/.,\s]+[0-9]+"
+)  # three parts: quick to look for
 _SLASHED = rf"([0-9]{{1,2}})([/-])([0-9]{{1,2}})[/-][0-9]{{4}}{_CLOCK}"
 _SHORT_YEAR = rf"[0-9]{{1,2}}[./-][0-9]{{1,2}}[./-][0-9]{{2}}{_CLOCK}"
 
 
 def find_time_format(cells: Sequence[str]) -> TimeFormat | None:
     """How all of `cells` write times, None where they hold none, or different ones."""
-    if not cells or not (
-        ":" in cells[0] or re.match(r"[0-9A-Za-z.,]+\s*[-/.\s]\s*[0-9A-Za-z]+\s*[-/.,\s]+[0-9]+", cells[0])
-    ):
+    if not cells or len(cells[0]) > _LONGEST or not (":" in cells[0] or _LIKE_A_DATE.match(cells[0])):
         return None
     for one in _PLAIN:
         if all(one.fits(cell) for cell in cells):

@@ -10,17 +10,19 @@ from typing import Any
 
 from clutch_hil.recordings.text.cells import Cells, show
 from clutch_hil.recordings.text.clock import find_time_format
-from clutch_hil.recordings.text.lines import Line, split
+from clutch_hil.recordings.text.lines import RUNS, Line, split
 from protocols.errors import InputError
 from protocols.files.units import to_si
 
 _SEARCHED = 4  # lines above the first row in which names and units are looked for
 _LONGEST_UNIT = 16  # characters of one that is not known
 _MOST_REMARKS = 20  # lines above the names that are kept
+_LONGEST_NAME = 200  # characters of a name in which a unit is looked for, and of a remark
 _BRACKETED = re.compile(
     r"(?P<name>.*?)(?P<gap>[\s_]*)(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*)\)|<(?P<angle>[^<>]*)>)\s*"
 )
 _AFTER_MARK = re.compile(r"(?P<name>.+?)(?:\s*/\s+|\s+/\s*|\s*,\s*|\s+in\s+)(?P<unit>\S+)")
+_NAMES_APART = re.compile(r"[^\s\[(]+(?:\s?[\[(][^\])\s]*[\])])?")  # `time (s) torque (Nm)`
 _REMARK = re.compile(r"\s*(?P<key>[^:=;\t]{1,80}?)\s*[:=;,\t]\s*(?P<value>\S.*?)[\s;,]*")
 
 
@@ -129,7 +131,7 @@ def _check_widths(path: Path, above: Sequence[Line], width: int, delimiter: str)
         return
     row = split(above[-1].text, delimiter)
     count = sum(map(bool, row))
-    if len(row) != width and 2 * count > width and count > 1:
+    if len(row) != width and 2 * count >= width and count > 1:
         raise InputError(
             f"recording {path}: line {above[-1].number} has {count} names, rows have {width} cells: set delimiter or decimal"
             " in [file], or header = false, and ask for columns by number"
@@ -146,8 +148,11 @@ def _cells_of(line: Line, widths: tuple[int, int], delimiter: str) -> list[str]:
         row = split(line.text, mark)
         if len(row) == width and all(row):
             return row
-    row = re.split(r"\s{2,}", line.text.strip())
-    return row if len(row) == width > 1 else []
+    text = line.text.strip()
+    for row in (re.split(r"\s\s+", text), _NAMES_APART.findall(text) if delimiter == RUNS else []):
+        if len(row) == width > 1:
+            return row
+    return []
 
 
 def _are_units(row: Sequence[str]) -> bool:
@@ -186,6 +191,8 @@ def _part_units(names: Sequence[str], units: Sequence[str]) -> tuple[list[str], 
 
 def _part(text: str) -> tuple[str, str]:
     """Name and unit of `Torque [Nm]`, `temp (degC)`, `speed / rpm`; in round brackets or after a mark a known one."""
+    if len(text) > _LONGEST_NAME:
+        return text, ""
     if (found := _BRACKETED.fullmatch(text)) and found["name"]:
         square = found["square"] if found["square"] is not None else found["angle"]
         unit = (square if square is not None else found["round"]).strip()
@@ -202,7 +209,7 @@ def _list_numbers(lines: Sequence[Line], cells: Cells) -> dict[str, float]:
     """Numbers of lines such as `Sample rate [Hz]: 100`."""
     numbers: dict[str, float] = {}
     for line in lines[:_MOST_REMARKS]:
-        found = _REMARK.fullmatch(line.text)
+        found = _REMARK.fullmatch(line.text[:_LONGEST_NAME])
         if found and cells.is_number(value := found["value"].strip('"')):
             if cells.thousands:
                 value = value.replace(cells.thousands, "")

@@ -242,8 +242,8 @@ def _find_rows(
                     continue  # names that are numbers
                 return _Rows(lines[n].number, width, columns, [row for row in rows[n:] if len(row) == width])
     raise InputError(
-        f"recording {path} has no rows of numbers{_after(options)}: with {_name(delimiter)} between cells and decimal mark"
-        f" {cells.decimal!r} line {lines[-1].number} is {show(rows[-1])}; set delimiter, decimal or skip_lines in [file]"
+        f"recording {path} has no rows of numbers{_after(options)}; line {lines[-1].number} is {show(lines[-1].text)}; set"
+        " delimiter, decimal or skip_lines in [file]"
     )
 
 
@@ -275,7 +275,9 @@ def _find_end(file: TextFile, rows: _Rows, tail: Sequence[Line], delimiter: str,
             if left:
                 shown = f"lines {left[-1].number} to {left[0].number}" if len(left) > 1 else f"line {left[0].number}"
                 notes.append(f"left out {shown} at the end, no whole rows: {show(left[-1].text)}")
-            elif not file.ended:
+            if file.tail.text.rstrip(b"\n\x1a").endswith(b"\0"):
+                notes.append("left out the zero bytes at the end, as a logger that lost power leaves them")
+            elif not left and not file.ended and line.number == file.lines:
                 notes.append(f"line {line.number} ends without a line end: its last number may be cut")
             return line.number, notes
         left.append(line)

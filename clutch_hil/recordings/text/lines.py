@@ -84,7 +84,7 @@ class TextFile:
             if encoding:
                 raise InputError(f"recording {path} is not {encoding}, as `encoding` in [file] says") from None
             self._errors = "replace"
-            if not begin.isascii() and _is_utf8(begin):
+            if _is_damaged_utf8(begin):
                 self.decision = "some bytes are no UTF-8 and were replaced"
             else:
                 self.encoding = "cp1252"
@@ -116,6 +116,8 @@ class TextFile:
             self.lines = block.first + block.text.count(b"\n") - 1
             if block.first == 1:
                 end = len(block.text) if len(block.text) <= _HEAD else block.text.rfind(b"\n", 0, _HEAD) + 1
+                if not end:
+                    raise InputError(f"recording {self.path}: line 1 has more than {_MOST_LINE} bytes")
                 self.head = block.text[:end]
             both = self.tail.text + block.text
             cut = 0 if len(both) <= _TAIL else both.find(b"\n", len(both) - _TAIL) + 1
@@ -180,10 +182,10 @@ def _line_feeds(text: str) -> bytes:
     return data.replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in data else data
 
 
-def _is_utf8(begin: bytes) -> bool:
-    """Whether the bytes are UTF-8, up to a character that is cut at their end."""
+def _is_damaged_utf8(begin: bytes) -> bool:
+    """Whether what is not ASCII in `begin` is UTF-8 at first: in a code page it would not be."""
     try:
         codecs.getincrementaldecoder("utf-8")().decode(begin)
-    except UnicodeDecodeError:
-        return False
-    return True
+    except UnicodeDecodeError as error:
+        begin = begin[: error.start]
+    return not begin.isascii()

@@ -12,6 +12,7 @@ from protocols.errors import InputError
 
 _SCORED_LINES, _SCORED_CELLS = 100, 200  # that decide on the delimiter: 10^5 tries of a pattern in all
 _SUSPICIOUS = re.compile(r"[0-9]\s*[;\t|, ]\s*[-+.]?[0-9]")  # a cell that a better delimiter would part
+_SHOWN = 200  # characters of a cell in which this is looked for: the pattern takes the square of it
 _DELIMITERS = (";", "\t", "|", ",", RUNS)
 
 
@@ -63,6 +64,6 @@ def _score(rows: Sequence[Sequence[str]], cells: Cells) -> float:
         for cell in row:
             if cells.is_number(cell) or (len(cell) > 4 and find_time_format([cell])):
                 total += 1.0 + (cell.count(" ") if len(row) > 1 else 0)  # blanks in it are no delimiters
-            elif len(cell) > 2 and _SUSPICIOUS.search(cell):
+            elif len(cell) > 2 and _SUSPICIOUS.search(cell[:_SHOWN]):
                 total -= 2.0
     return total

@@ -46,9 +46,8 @@ class Rows:
             )
         notes = []
         if self.damaged:
-            notes.append(
-                f"left out {self.damaged} damaged rows, the first in line {self.first} with {cells}: {show(self.text)}"
-            )
+            count = "1 damaged row" if self.damaged == 1 else f"{self.damaged} damaged rows"
+            notes.append(f"left out {count}, the first in line {self.first} with {cells}: {show(self.text)}")
         if self.zeros:
             notes.append(f"left out {self.zeros} lines with zero bytes, as a logger that lost power leaves them")
         if self.comments:
@@ -143,6 +142,8 @@ def _without_others(block: Block, delimiter: str, left_out: Rows) -> tuple[bytes
     text = block.text
     mark = b"" if delimiter == RUNS else delimiter.encode()
     if b'"' in text:
+        if mark:
+            text = re.sub(re.escape(mark) + rb' +"', mark + b'"', text)
         text = re.sub(rb'"([^"\n' + (re.escape(mark) or rb" \t") + rb']*)"', rb"\1", text)
     lead = b"\n" + text[:1]
     starts = (b"\n" + mark if mark else b"\n\n", b"\n\n", b"\n ", b"\n\t", b"\n#", b"\n%", b"\n//")
