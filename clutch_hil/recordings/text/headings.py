@@ -16,6 +16,7 @@ from protocols.files.units import to_si
 
 _SEARCHED = 4  # lines above the first row in which names and units are looked for
 _LONGEST_UNIT = 16  # characters of one that is not known
+_JUDGED_UNITS = 30  # cells that tell a line of units: an unknown unit costs a millisecond
 _MOST_REMARKS = 20  # lines above the names that are kept
 _LONGEST_NAME = 200  # characters of a name in which a unit is looked for, and of a remark
 _BRACKETED = re.compile(
@@ -59,6 +60,8 @@ def find_headings(
         units = next((n for n in _nearest(top) if _are_units(rows[n])), None)
     if options.get("header", True):
         names = _find_names(above, rows, units, cells, widths[0])
+        if names is None and "units_row" not in options:
+            names, units = units, None  # names such as t, m and V, which could be units
         if names is None and options.get("header") and top and rows[top - 1]:
             names = top - 1  # names that look like values
         if names is None and units is None:
@@ -157,7 +160,7 @@ def _cells_of(line: Line, widths: tuple[int, int], delimiter: str) -> list[str]:
 
 def _are_units(row: Sequence[str]) -> bool:
     """Whether the cells are units: more known ones than others, and these short."""
-    given = [cell for cell in row if cell and cell not in ("-", "--")]
+    given = [cell for cell in row if cell and cell not in ("-", "--")][:_JUDGED_UNITS]
     known = sum(_is_unit(_without_brackets(cell)) for cell in given)
     return known > 0 and 2 * known > len(given) and all(len(cell) <= _LONGEST_UNIT for cell in given)
 

@@ -15,7 +15,7 @@ from protocols.errors import InputError
 
 _BLOCK = 1 << 22  # bytes that are read at once: large against a call, small against the memory allowed
 _MOST_LINE = 1 << 20  # bytes of a line: 50 000 cells of 20 characters
-_HEAD = 1 << 20  # bytes in which the layout is looked for
+_HEAD, _HEAD_LINES = 1 << 18, 20  # bytes in which the layout is looked for, but so many lines at least
 _TAIL = 1 << 16  # bytes in which the end of the rows is looked for
 _JUDGED = 1 << 16  # bytes that tell UTF-8 from a code page where later ones are damaged
 _CONTROL = bytes(set(range(32)) - set(b"\0\t\n\v\f\r\x1a")) + b"\x7f"  # what no text has
@@ -115,10 +115,9 @@ class TextFile:
         for block in self.blocks():
             self.lines = block.first + block.text.count(b"\n") - 1
             if block.first == 1:
-                end = len(block.text) if len(block.text) <= _HEAD else block.text.rfind(b"\n", 0, _HEAD) + 1
-                if not end:
-                    raise InputError(f"recording {self.path}: line 1 has more than {_MOST_LINE} bytes")
-                self.head = block.text[:end]
+                self.head = block.text[
+                    : max(block.text.rfind(b"\n", 0, _HEAD) + 1, after_lines(block.text, _HEAD_LINES))
+                ]
             both = self.tail.text + block.text
             cut = 0 if len(both) <= _TAIL else both.find(b"\n", len(both) - _TAIL) + 1
             self.tail = Block(self.tail.first + both.count(b"\n", 0, cut), both[cut:])
@@ -140,6 +139,17 @@ class TextFile:
                     self.ended = text.endswith(b"\n")
         except OSError as error:
             raise InputError(f"recording {self.path} cannot be read: {error.strerror}") from None
+
+
+def after_lines(text: bytes, lines: int) -> int:
+    """Where in `text` the line after `lines` ones begins; its end where it has no more."""
+    place = 0
+    for _ in range(lines):
+        end = text.find(b"\n", place)
+        if end < 0:
+            return len(text)
+        place = end + 1
+    return place
 
 
 def looks_like_text(head: bytes) -> bool:

@@ -10,7 +10,7 @@ import pyarrow.csv
 
 from clutch_hil.recordings.text.cells import show
 from clutch_hil.recordings.text.layout import Layout
-from clutch_hil.recordings.text.lines import COMMENT, RUNS, Block, TextFile
+from clutch_hil.recordings.text.lines import COMMENT, RUNS, Block, TextFile, after_lines
 from protocols.errors import InputError
 
 _DAMAGED_SHARE = 0.01  # of the rows: more are no damage but another layout than was found
@@ -75,18 +75,10 @@ def _cut(block: Block, first: int, last: int) -> Block:
     if end < first or number > last:
         return Block(number, b"")
     if number < first:
-        text, number = text[_after_lines(text, first - number) :], first
+        text, number = text[after_lines(text, first - number) :], first
     if end > last:
-        text = text[: _after_lines(text, last - number + 1)]
+        text = text[: after_lines(text, last - number + 1)]
     return Block(number, text)
-
-
-def _after_lines(text: bytes, lines: int) -> int:
-    """Where in `text` the line after `lines` ones begins."""
-    place = 0
-    for _ in range(lines):
-        place = text.index(b"\n", place) + 1
-    return place
 
 
 def _parse(
@@ -145,9 +137,11 @@ def _without_others(block: Block, delimiter: str, left_out: Rows) -> tuple[bytes
         if mark:
             text = re.sub(re.escape(mark) + rb' +"', mark + b'"', text)
         text = re.sub(rb'"([^"\n' + (re.escape(mark) or rb" \t") + rb']*)"', rb"\1", text)
-    lead = b"\n" + text[:1]
+    lead = b"\n" + text[:2]
     starts = (b"\n" + mark if mark else b"\n\n", b"\n\n", b"\n ", b"\n\t", b"\n#", b"\n%", b"\n//")
-    if not (any(start in text or start in lead for start in starts) or b"\0" in text or b'"' in text):
+    if not (
+        any(start[1:] in text and (start in text or start in lead) for start in starts) or b"\0" in text or b'"' in text
+    ):
         return text, None
     rows, numbers = [], []
     blanks = b" \t\x1a" + mark
