@@ -104,12 +104,23 @@ class ImportMap:
         Only the columns of this map are read. Raises InputError naming the column and its first bad row.
         """
         recording = open_recording(path, self.options)
+        if self.skip_rows and (
+            units := getattr(recording, "units_rows", 0)
+        ):  # older maps leave out a row of units this way
+            return replace(self, skip_rows=max(self.skip_rows - units, 0))._read_from(path, recording, required)
+        return self._read_from(path, recording, required)
+
+    def _read_from(self, path: Path, recording: Recording, required: Sequence[str]) -> list[Run]:
+        """The runs in an open `recording`."""
         sources = {name: choose_channel(path, recording.channels, one.column) for name, one in self.columns.items()}
         signals = dict(zip(sources, recording.read(list(sources.values())), strict=True))
         notes = list(recording.notes)
         columns = {n: self._convert(path, recording, n, signals[n], notes) for n in self.columns}
         timed, start = self._with_times(path, recording, signals, columns, notes)
-        pieces, done = join(path, timed, self.sampling)
+        try:
+            pieces, done = join(path, timed, self.sampling)
+        except InputError as error:
+            raise InputError(f"{error}{_describe_losses(recording)}") from None
         notes += done
         origin = {"from": path.name, "map": self.name, "notes": self.notes, "done": notes}
         runs = []
@@ -117,7 +128,10 @@ class ImportMap:
             kept = self._keep(piece)
             if len(kept["time_s"]):
                 run = {name: kept[name] for name in self.columns}  # in the map's order
-                check_columns(path, run, tuple(dict.fromkeys((*run, *required))))
+                try:
+                    check_columns(path, run, tuple(dict.fromkeys((*run, *required))))
+                except InputError as error:
+                    raise InputError(f"{error}{_describe_losses(recording)}") from None
                 runs.append(Run(run, {**recording.numbers, "import": origin}, {name: unit_of(name) for name in run}))
         if not runs:
             last = max(piece["time_s"][-1] for piece in pieces)
@@ -287,6 +301,11 @@ def _choose_unit(path: Path, name: str, source: ForeignColumn, channel: Channel,
     if source.unit and (to_si(1.0, written), to_si(0.0, written)) != (to_si(1.0, source.unit), to_si(0.0, source.unit)):
         notes.append(f"{channel.name}: the file says {channel.unit}, the map {source.unit}; the file's unit counts")
     return written
+
+
+def _describe_losses(recording: Recording) -> str:
+    """What was left out of a recording, for a message: the reason, perhaps, why its rows do not follow each other."""
+    return "".join(f"; {note}" for note in recording.notes if note.startswith("left out"))
 
 
 def _is_held(source: ForeignColumn, signal: Signal, notes: list[str], name: str) -> bool:

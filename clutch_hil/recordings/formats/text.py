@@ -1,0 +1,238 @@
+"""Text: comma-separated values and relatives, with whatever delimiter, decimal mark, encoding and lines above the names.
+
+What an import map does not set in [file] is found by content and told in the notes of the recording:
+
+    encoding     "utf-8", "cp1252", "utf-16", ...
+    delimiter    one character, or " " for any number of blanks and tabs
+    decimal      "." or ","
+    thousands    mark between thousands, such as "," or "."; "" for none
+    header       whether a line of names stands above the rows
+    skip_lines   lines of the file to leave out before anything is looked for
+    units_row    line of the file, from 1, that has the units; 0 for none
+    time_format  how times are written, in the directives of strptime: "%d.%m.%Y %H:%M:%S.%f"
+    missing      further words for no value, separated by commas: "OVER, ---"
+
+Blank lines, comments, lines with zero bytes, damaged rows and what follows the rows are left out, and told. A word in a column
+of numbers is an error. Memory grows with the columns that are asked for, not with the file.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, ClassVar, NoReturn
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from clutch_hil.recordings.bounds import check_rows
+from clutch_hil.recordings.channel import Channel, Recording, Signal
+from clutch_hil.recordings.text.cells import show
+from clutch_hil.recordings.text.clock import Clock
+from clutch_hil.recordings.text.layout import Layout, find_layout
+from clutch_hil.recordings.text.lines import TextFile, looks_like_text
+from clutch_hil.recordings.text.rows import Rows, read_rows
+from protocols.errors import InputError
+from protocols.files.units import same_quantity, to_si
+
+RASTER = "rows"  # the only one of a text file
+# unit of a time axis by its size, where it counts from 1970: from the year 2000 to 2100
+_EPOCHS = {"s": (9.4e8, 4.2e9), "ms": (9.4e11, 4.2e12), "us": (9.4e14, 4.2e15), "ns": (9.4e17, 4.2e18)}
+
+
+class Text:
+    """Any text file with rows of numbers."""
+
+    name = "text (CSV and relatives)"
+    keys: ClassVar[Mapping[str, type]] = {
+        "encoding": str, "delimiter": str, "decimal": str, "thousands": str, "header": bool, "skip_lines": int,
+        "units_row": int, "time_format": str, "missing": str,
+    }  # fmt: skip
+    order = 2
+
+    def recognises(self, head: bytes, path: Path) -> bool:
+        return looks_like_text(head)
+
+    def open(self, path: Path, options: Mapping[str, Any]) -> Recording:
+        file = TextFile(path, options.get("encoding", ""))
+        return TextRecording(file, find_layout(file, options))
+
+
+class TextRecording:
+    """A Recording in a text file. Opening it has read the first lines, and counted all."""
+
+    def __init__(self, file: TextFile, layout: Layout) -> None:
+        self._file, self._layout = file, layout
+        self.units_rows = layout.headings.units_rows  # of those that `skip_rows` counts
+        self.numbers = layout.headings.numbers
+        self.notes = list(layout.notes)
+        self.start = self._find_start()
+        rows = max(layout.last - layout.first + 1, 0)
+        self.channels: Sequence[Channel] = self._list_channels(rows)
+
+    def read(self, channels: Sequence[Channel]) -> list[Signal]:
+        wanted = sorted({channel.number for channel in channels})
+        for number in wanted:
+            self._check_doubt(number)
+        check_rows(f"recording {self._file.path} has", self._layout.last - self._layout.first + 1, len(wanted))
+        columns = {number: _Reader(self._file.path, self._channel(number), self._layout) for number in wanted}
+        values = {number: np.empty(max(self._layout.last - self._layout.first + 1, 0)) for number in wanted}
+        rows, count = Rows(), 0
+        for table, lines in read_rows(self._file, self._layout, wanted, rows):
+            for number, reader in columns.items():
+                values[number][count : count + len(table)] = reader.read(
+                    table.column(str(number)).combine_chunks(), lines
+                )
+            count += len(table)
+        self.notes += rows.notes(self._file.path, count)
+        self.notes += [note for reader in columns.values() for note in reader.notes(count)]
+        return [Signal(channel, values[channel.number][:count]) for channel in channels]
+
+    def _channel(self, number: int) -> Channel:
+        return next(channel for channel in self.channels if channel.number == number)
+
+    def _check_doubt(self, number: int) -> None:
+        written = self._layout.columns[number - 1].time
+        if written and written.doubt:
+            cell = next(row[number - 1] for row in self._layout.samples if row[number - 1])
+            raise InputError(
+                f"recording {self._file.path}: column {number} has times such as {cell!r}, which {written.doubt}"
+            )
+
+    def _list_channels(self, rows: int) -> list[Channel]:
+        headings, channels = self._layout.headings, []
+        for number, column in enumerate(self._layout.columns, 1):
+            unit = "s" if column.kind == "time" else headings.units[number - 1]
+            if column.kind == "number" and not unit:
+                unit = self._find_epoch(number)
+            comment = f"{column.time.what}, counted from the first" if column.time else ""
+            channels.append(
+                Channel(
+                    headings.names[number - 1],
+                    number,
+                    headings.texts[number - 1],
+                    unit,
+                    RASTER,
+                    rows,
+                    kind=column.kind,
+                    comment=comment,
+                )
+            )
+        while len(channels) > 1 and self._is_spare(channels[-1]):
+            channels.pop()
+        return self._with_rate(channels, rows)
+
+    def _is_spare(self, channel: Channel) -> bool:
+        """Whether a column is only a delimiter at the end of each row."""
+        number = channel.number - 1
+        return channel.name == f"column {channel.number}" and not any(row[number] for row in self._layout.samples)
+
+    def _find_epoch(self, number: int) -> str:
+        """The unit of a column whose numbers count from 1970, by their size; "" for seconds, and for other columns."""
+        ends = [self._number(row[number - 1]) for row in (self._layout.samples[0], self._layout.samples[-1])]
+        for unit, (least, most) in _EPOCHS.items():
+            if unit != "s" and least < ends[0] < ends[1] < most:
+                name = self._layout.headings.texts[number - 1]
+                self.notes.append(f"{name}: numbers such as {ends[0]:.0f} count {unit} since 1970")
+                return unit
+        return ""
+
+    def _number(self, cell: str) -> float:
+        return float(self._layout.cells.parse(pa.array([cell])).values[0])
+
+    def _with_rate(self, channels: list[Channel], rows: int) -> list[Channel]:
+        """The channels with times of the first column that is a time axis, where there is one with a unit."""
+        axis = next((c for c in channels if c.kind == "time" and not self._doubt(c)), None) or next(
+            (c for c in channels[:1] if c.kind == "number" and _is_time(c.unit)), None
+        )
+        if not axis:
+            return channels
+        cells = pa.array([row[axis.number - 1] for row in (self._layout.samples[0], self._layout.samples[-1])])
+        if axis.kind == "time":
+            (start, end), _ = self._clock(axis.number).parse(cells, pa.array([False, False]))
+        else:
+            start, end = (to_si(value, axis.unit.strip("[]")) for value in self._layout.cells.parse(cells).values)
+        rate = (rows - 1) / (end - start) if end > start else float("nan")
+        return [replace(c, rate_hz=rate, start_s=start, end_s=end) for c in channels]
+
+    def _doubt(self, channel: Channel) -> str:
+        written = self._layout.columns[channel.number - 1].time
+        return written.doubt if written else ""
+
+    def _clock(self, number: int) -> Clock:
+        written = self._layout.columns[number - 1].time
+        assert written is not None
+        return Clock(written)
+
+    def _find_start(self) -> str:
+        """Time of day of the first row, by the first column that tells it."""
+        for number, column in enumerate(self._layout.columns, 1):
+            if column.time and not column.time.doubt:
+                clock = self._clock(number)
+                clock.parse(pa.array([self._layout.samples[0][number - 1]]), pa.array([False]))
+                if clock.start:
+                    return clock.start
+        return ""
+
+
+class _Reader:
+    """Turns the cells of one column into values, and remembers what was missing."""
+
+    def __init__(self, path: Path, channel: Channel, layout: Layout) -> None:
+        self._path, self._channel, self._cells = path, channel, layout.cells
+        written = layout.columns[channel.number - 1].time
+        self._clock = Clock(written) if written else None
+        self._missing = 0
+
+    def read(self, column: pa.Array, lines: Callable[[int], int]) -> np.ndarray:
+        """Values (n,) of the cells. lines: gives the line of a row. Raises InputError for a word."""
+        if self._channel.kind == "text":
+            return np.full(len(column), np.nan)
+        if self._clock:
+            missing = pc.is_in(pc.utf8_lower(pc.utf8_trim_whitespace(column)), pa.array(self._cells.absent))
+            values, bad = self._clock.parse(column, missing)
+            self._missing += pc.sum(missing).as_py() or 0
+            if bad >= 0:
+                what = f"no time ({self._clock.written.what})"
+                self._refuse(
+                    column[bad].as_py(), lines(bad), what, "correct it, or set time_format or missing in [file]"
+                )
+            return values
+        parsed = self._cells.parse_flags(column) if self._channel.kind == "status" else self._cells.parse(column)
+        self._missing += parsed.missing
+        if parsed.row >= 0:
+            self._refuse(parsed.word, lines(parsed.row), "no number", self._hint(parsed.word))
+        return parsed.values
+
+    def _refuse(self, cell: str, line: int, what: str, remedy: str) -> NoReturn:
+        name = self._channel.path
+        raise InputError(
+            f"recording {self._path}: column {name!r} holds {show(cell)} in line {line}, which is {what}; {remedy}"
+        )
+
+    def _hint(self, word: str) -> str:
+        for mark in (",", ".", "'", " ", "\u00a0"):
+            if (
+                mark in word
+                and mark not in (self._cells.decimal, self._cells.thousands)
+                and any(c.isdigit() for c in word)
+            ):
+                return f"set decimal or thousands in [file] where {mark!r} is a mark in numbers"
+        return "correct it, or set missing in [file] where it stands for no value"
+
+    def notes(self, rows: int) -> list[str]:
+        name, notes = self._channel.path, []
+        if self._clock:
+            notes.append(f"{name}: times ({self._clock.written.what}), counted in s from the first")
+            if self._clock.midnights:
+                notes.append(f"{name}: passed midnight {self._clock.midnights} times, where a day was added")
+        if self._missing:
+            notes.append(f"{name}: {self._missing} of {rows} cells have no value")
+        return notes
+
+
+def _is_time(unit: str) -> bool:
+    try:
+        return same_quantity(unit.strip("[]"), "s")
+    except InputError:
+        return False

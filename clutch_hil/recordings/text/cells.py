@@ -1,0 +1,133 @@
+"""Cells: how the numbers and flags of a text file are written, and what counts as missing."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+# what loggers, Excel, C libraries and people write where there is no value, in lower case
+_MISSING = (
+    "", "nan", "-nan", "+nan", "na", "n/a", "n.a.", "#n/a", "#nv", "#na", "null", "none", "nil", "-", "--", "---", "?", "*",
+    "#value!", "#wert!", "#div/0!", "#num!", "#zahl!", "#ref!", "#bezug!", "#name?", "#null!", "1.#qnan", "-1.#ind", "1.#ind",
+    "nan(ind)", "-nan(ind)", "1.#snan", "missing", "invalid", "no data", "nodata",
+)  # fmt: skip
+_FLAGS = {"true": 1.0, "false": 0.0, "yes": 1.0, "no": 0.0, "on": 1.0, "off": 0.0}
+_MINUS = "\u2212"  # the sign of typesetters
+_INFINITE = r"[+-]?[iI][nN][fF](?:[iI][nN][iI][tT][yY])?"
+GROUP_MARKS = (",", ".", "'", "\u2019", " ", "\u00a0", "\u202f", "_")  # that part thousands in some country
+
+
+@dataclass(frozen=True)
+class Parsed:
+    """A column's values (n,), not-a-number where missing; how many are missing; first row with a word, -1 for none, and it."""
+
+    values: np.ndarray
+    missing: int
+    row: int = -1
+    word: str = ""
+
+
+@dataclass(frozen=True)
+class Cells:
+    """How cells are written. decimal: mark of the fraction. thousands: mark between thousands, "" for none.
+
+    missing: further words that count as missing, in lower case.
+    """
+
+    decimal: str = "."
+    thousands: str = ""
+    missing: tuple[str, ...] = ()
+
+    def is_missing(self, cell: str) -> bool:
+        return cell.strip().lower() in self.absent
+
+    def is_number(self, cell: str) -> bool:
+        """Whether the cell is a number without, or with the agreed, marks between thousands."""
+        return bool(self._plain.fullmatch(cell) or (self._grouped and self._grouped.fullmatch(cell)))
+
+    def is_flag(self, cell: str) -> bool:
+        return cell.lower() in _FLAGS
+
+    def parse(self, column: pa.Array) -> Parsed:
+        """The numbers of a column of text."""
+        text = pc.utf8_trim_whitespace(column)
+        if self.thousands:
+            text = self._ungroup(text)
+        if self.decimal != ".":
+            text = pc.replace_substring(pc.replace_substring(text, ".", "?"), self.decimal, ".")
+        try:
+            return _count(text.cast(pa.float64()))
+        except pa.ArrowInvalid:
+            pass  # something is no number as it stands
+        missing = pc.is_in(pc.utf8_lower(pc.utf8_trim_whitespace(column)), pa.array(self.absent))
+        text = pc.if_else(missing, None, text)
+        text = pc.replace_substring(
+            pc.replace_substring_regex(text, "([0-9.])[dD]([+-]?[0-9]+)$", "\\1e\\2"), "\u2212", "-"
+        )
+        words = pc.invert(pc.match_substring_regex(text, f"^(?:{_number('.')}|{_INFINITE})$"))
+        words = pc.fill_null(words, False)
+        text = pc.if_else(words, None, text)
+        row = pc.index(words, True).as_py()
+        word = column[row].as_py() if row >= 0 else ""
+        try:
+            parsed = _count(text.cast(pa.float64()))
+        except pa.ArrowInvalid:  # more digits than Arrow takes
+            parsed = _count(
+                pa.array([None if cell is None else float(cell) for cell in text.to_pylist()], pa.float64())
+            )
+        return Parsed(parsed.values, parsed.missing, row, word)
+
+    def parse_flags(self, column: pa.Array) -> Parsed:
+        """The values of a column of true and false, 1 and 0."""
+        text = pc.utf8_lower(pc.utf8_trim_whitespace(column))
+        names = pa.array(list(_FLAGS))
+        numbers = pa.array([f"{value:.0f}" for value in _FLAGS.values()])
+        return self.parse(pc.coalesce(pc.take(numbers, pc.index_in(text, names)), text))
+
+    def _ungroup(self, text: pa.Array) -> pa.Array:
+        """Cells without the marks between thousands, where these stand as they must."""
+        marked = pc.match_substring(text, self.thousands)
+        if not pc.any(marked).as_py():
+            return text
+        right = pc.and_(marked, pc.match_substring_regex(text, f"^(?:{_grouped(self.decimal, self.thousands)})$"))
+        wrong = pc.and_not(marked, right)
+        text = pc.if_else(right, pc.replace_substring(text, self.thousands, ""), text)
+        return pc.if_else(wrong, pc.binary_join_element_wise("?", text, ""), text)  # a word, that no number comes of it
+
+    @cached_property
+    def absent(self) -> list[str]:
+        """All cells that stand for no value, in lower case."""
+        return [*_MISSING, *self.missing]
+
+    @cached_property
+    def _plain(self) -> re.Pattern[str]:
+        return re.compile(f"{_number(self.decimal)}|{_INFINITE}")
+
+    @cached_property
+    def _grouped(self) -> re.Pattern[str] | None:
+        return re.compile(_grouped(self.decimal, self.thousands)) if self.thousands else None
+
+
+def _number(decimal: str) -> str:
+    mark = re.escape(decimal)
+    return rf"[+{_MINUS}-]?(?:[0-9]+(?:{mark}[0-9]*)?|{mark}[0-9]+)(?:[eEdD][+-]?[0-9]+)?"
+
+
+def _grouped(decimal: str, thousands: str) -> str:
+    mark = re.escape(thousands)
+    return rf"[+-]?[1-9][0-9]{{0,2}}(?:{mark}[0-9]{{3}})+(?:{re.escape(decimal)}[0-9]*)?"
+
+
+def _count(numbers: pa.Array) -> Parsed:
+    values = numbers.to_numpy(zero_copy_only=False)
+    return Parsed(values, int(np.count_nonzero(np.isnan(values))))
+
+
+def show(text: Sequence[str] | str) -> str:
+    """A cell or a line in a message: in quotes, on one line, at most 40 characters."""
+    one = text if isinstance(text, str) else ", ".join(text)
+    return repr(one if len(one) <= 40 else one[:37] + "...")

@@ -1,0 +1,222 @@
+"""Headings: names and units of the columns of a text file, and what else stands above its rows."""
+
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from clutch_hil.recordings.text.cells import Cells, show
+from clutch_hil.recordings.text.clock import find_time_format
+from clutch_hil.recordings.text.lines import RUNS, Line, split
+from protocols.errors import InputError
+from protocols.files.units import to_si
+
+_SEARCHED = 4  # lines above the first row in which names and units are looked for
+_LONGEST_UNIT = 16  # characters of one that is not known
+_JUDGED_UNITS = 30  # cells that tell a line of units: an unknown unit costs a millisecond
+_MOST_REMARKS = 20  # lines above the names that are kept
+_LONGEST_NAME = 200  # characters of a name in which a unit is looked for, and of a remark
+_BRACKETED = re.compile(
+    r"(?P<name>.*?)(?P<gap>[\s_]*)(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*)\)|<(?P<angle>[^<>]*)>)\s*"
+)
+_AFTER_MARK = re.compile(r"(?P<name>.+?)(?:\s*/\s+|\s+/\s*|\s*,\s*|\s+in\s+)(?P<unit>\S+)")
+_NAMES_APART = re.compile(r"[^\s\[(]+(?:\s?[\[(][^\])\s]*[\])])?")  # `time (s) torque (Nm)`
+_REMARK = re.compile(r"\s*(?P<key>[^:=;\t]{1,80}?)\s*[:=;,\t]\s*(?P<value>\S.*?)[\s;,]*")
+
+
+@dataclass(frozen=True)
+class Headings:
+    """names: without units. texts: as the file writes them, unique. units: "" where none. Each one a column.
+
+    numbers: single numbers with a name, above the names. notes: what was found, a sentence each.
+
+    units_rows: 1 where a row below the names has the units, else 0.
+    """
+
+    names: Sequence[str]
+    texts: Sequence[str]
+    units: Sequence[str]
+    numbers: Mapping[str, float] = field(default_factory=dict)
+    notes: Sequence[str] = ()
+    units_rows: int = 0
+
+
+def find_headings(
+    path: Path, above: Sequence[Line], widths: tuple[int, int], delimiter: str, cells: Cells, options: Mapping[str, Any]
+) -> Headings:
+    """Names and units in the lines `above` the rows. widths: cells of a row, without and with the empty ones at its end.
+
+    options: `header` and `units_row`, where set. Raises InputError where there are other names than columns.
+    """
+    width, top = widths[1], len(above)
+    rows = {number: _cells_of(line, widths, delimiter) for number, line in enumerate(above)}
+    names = units = None
+    if options.get("units_row"):
+        units = _find_line(path, above, rows, options["units_row"], width)
+    elif options.get("header", True) and "units_row" not in options:
+        units = next((n for n in _nearest(top) if _are_units(rows[n])), None)
+    if options.get("header", True):
+        names = _find_names(above, rows, units, cells, widths[0])
+        if names is None and "units_row" not in options:
+            names, units = units, None  # names such as t, m and V, which could be units
+        if names is None and options.get("header") and top and rows[top - 1]:
+            names = top - 1  # names that look like values
+        if names is None and units is None:
+            _check_widths(path, above, width, delimiter)
+    notes = [f"names in line {above[names].number}"] if names is not None else []
+    notes += [f"units in line {above[units].number}"] if units is not None else []
+    if names is None:
+        notes.append(f"no names of columns: they are 'column 1' to 'column {widths[0]}'")
+    used = [number for number in (names, units) if number is not None]
+    remarks = above[: min(used)] if used else above
+    for number in range(min(used, default=top) + 1, top):
+        if number not in used:
+            notes.append(f"left out line {above[number].number}, {show(above[number].text)}: no row of numbers")
+    if remarks:
+        shown = "; ".join(" ".join(line.text.split())[:80] for line in remarks[:_MOST_REMARKS])
+        notes.append(f"above {'the names' if used else 'the rows'}: {shown}")
+    return Headings(
+        *_part_units(
+            rows[names] if names is not None else [""] * width, rows[units] if units is not None else [""] * width
+        ),
+        _list_numbers(remarks, cells),
+        notes,
+        int(units is not None),
+    )
+
+
+def _nearest(top: int) -> Sequence[int]:
+    """Numbers of the lines in which names and units can be, the nearest to the rows first."""
+    return range(top - 1, max(top - 1 - _SEARCHED, -1), -1)
+
+
+def _find_names(
+    above: Sequence[Line], rows: Mapping[int, list[str]], units: int | None, cells: Cells, width: int
+) -> int | None:
+    """Which line has the names: one above the units, else below them; without units the first of lines that stand together."""
+    near = [n for n in _nearest(len(above)) if n != units and _are_names(rows[n], cells, width)]
+    if any(not above[n].comment for n in near):  # a comment has the names only where nothing else has
+        near = [n for n in near if not above[n].comment]
+    if not near:
+        return None
+    if units is not None:
+        return next((n for n in near if n < units), near[-1])
+    chosen = near[0]
+    for n in near[1:]:
+        if width > 2 and n == chosen - 1 and above[n].number == above[chosen].number - 1 and not above[n].comment:
+            chosen = n  # two lines of two cells are rather remarks
+    return chosen
+
+
+def _are_names(row: Sequence[str], cells: Cells, width: int) -> bool:
+    return 2 * sum(map(bool, row)) > width and not any(
+        cells.is_number(cell) or find_time_format([cell]) for cell in row
+    )
+
+
+def _find_line(path: Path, above: Sequence[Line], rows: Mapping[int, Sequence[str]], wanted: int, width: int) -> int:
+    """The line `wanted` as the import map counts it. Raises InputError where it has no units."""
+    for number, line in enumerate(above):
+        if line.number == wanted and rows[number]:
+            return number
+    lines = ", ".join(str(above[number].number) for number in sorted(_nearest(len(above)))) or "none"
+    raise InputError(
+        f"recording {path}: units_row is {wanted}, which is no line of {width} cells above the rows; lines there are {lines}"
+    )
+
+
+def _check_widths(path: Path, above: Sequence[Line], width: int, delimiter: str) -> None:
+    """Raise InputError where the line above the rows is a list of names, but of other columns."""
+    if not above or above[-1].comment:
+        return
+    row = split(above[-1].text, delimiter)
+    count = sum(map(bool, row))
+    if len(row) != width and 2 * count >= width and count > 1:
+        raise InputError(
+            f"recording {path}: line {above[-1].number} has {count} names, rows have {width} cells: set delimiter or decimal"
+            " in [file], or header = false, and ask for columns by number"
+        )
+
+
+def _cells_of(line: Line, widths: tuple[int, int], delimiter: str) -> list[str]:
+    """The cells of a line above the rows, as many as a row has; empty where it has others."""
+    least, width = widths
+    row = [" ".join(cell.split()) for cell in split(line.text, delimiter)]
+    if len(row) >= least and not any(row[width:]):
+        return [*row, *[""] * width][:width]
+    for mark in ("\t", ";", ",", "|"):  # names may be parted otherwise than numbers are
+        row = split(line.text, mark)
+        if len(row) == width and all(row):
+            return row
+    text = line.text.strip()
+    for row in (re.split(r"\s\s+", text), _NAMES_APART.findall(text) if delimiter == RUNS else []):
+        if len(row) == width > 1:
+            return row
+    return []
+
+
+def _are_units(row: Sequence[str]) -> bool:
+    """Whether the cells are units: more known ones than others, and these short."""
+    given = [cell for cell in row if cell and cell not in ("-", "--")][:_JUDGED_UNITS]
+    known = sum(_is_unit(_without_brackets(cell)) for cell in given)
+    return known > 0 and 2 * known > len(given) and all(len(cell) <= _LONGEST_UNIT for cell in given)
+
+
+def _without_brackets(cell: str) -> str:
+    return cell[1:-1].strip() if len(cell) > 1 and cell[0] + cell[-1] in ("[]", "()", "<>") else cell
+
+
+@cache
+def _is_unit(text: str) -> bool:
+    try:
+        to_si(1.0, text)
+    except InputError:
+        return False
+    return True
+
+
+def _part_units(names: Sequence[str], units: Sequence[str]) -> tuple[list[str], list[str], list[str]]:
+    """Names without units, names as written but unique, and units."""
+    full = [name.strip("\ufeff ") or f"column {number}" for number, name in enumerate(names, 1)]
+    counts = Counter(full)
+    plain, texts, parted = [], [], []
+    for number, (text, unit) in enumerate(zip(full, units, strict=True), 1):
+        name, own = _part(text)
+        twice = counts[text] > 1
+        plain.append(text if twice else name)
+        texts.append(f"{text} (column {number})" if twice else text)
+        parted.append(_without_brackets(unit) or own)
+    return plain, texts, parted
+
+
+def _part(text: str) -> tuple[str, str]:
+    """Name and unit of `Torque [Nm]`, `temp (degC)`, `speed / rpm`; in round brackets or after a mark a known one."""
+    if len(text) > _LONGEST_NAME:
+        return text, ""
+    if (found := _BRACKETED.fullmatch(text)) and found["name"]:
+        square = found["square"] if found["square"] is not None else found["angle"]
+        unit = (square if square is not None else found["round"]).strip()
+        index = unit.isdigit() and not (unit == "1" and found["gap"])  # x[2] is an element
+        if unit and not index and (_is_unit(unit) or unit in ("-", "--") or square is not None):
+            return found["name"].strip(), unit
+        return text, ""
+    if (found := _AFTER_MARK.fullmatch(text)) and _is_unit(found["unit"]) and not found["unit"].isdigit():
+        return found["name"].strip(), found["unit"]
+    return text, ""
+
+
+def _list_numbers(lines: Sequence[Line], cells: Cells) -> dict[str, float]:
+    """Numbers of lines such as `Sample rate [Hz]: 100`."""
+    numbers: dict[str, float] = {}
+    for line in lines[:_MOST_REMARKS]:
+        found = _REMARK.fullmatch(line.text[:_LONGEST_NAME])
+        if found and cells.is_number(value := found["value"].strip('"')):
+            if cells.thousands:
+                value = value.replace(cells.thousands, "")
+            numbers[found["key"].strip(' "')] = float(
+                re.sub("[dD]", "e", value.replace(cells.decimal, ".").replace("\u2212", "-"))
+            )
+    return numbers

@@ -1,0 +1,69 @@
+"""Marks: which delimiter, decimal mark and mark between thousands a text file has: those that make most cells numbers."""
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from clutch_hil.recordings.text.cells import GROUP_MARKS, Cells
+from clutch_hil.recordings.text.clock import find_time_format
+from clutch_hil.recordings.text.lines import RUNS, Line, split
+from protocols.errors import InputError
+
+_SCORED_LINES, _SCORED_CELLS = 100, 200  # that decide on the delimiter: 10^5 tries of a pattern in all
+_SUSPICIOUS = re.compile(r"[0-9]\s*[;\t|, ]\s*[-+.]?[0-9]")  # a cell that a better delimiter would part
+_SHOWN = 200  # characters of a cell in which this is looked for: the pattern takes the square of it
+_DELIMITERS = (";", "\t", "|", ",", RUNS)
+
+
+def choose_marks(path: Path, lines: Sequence[Line], delimiter: str, options: Mapping[str, Any]) -> tuple[str, Cells]:
+    """Delimiter and marks in numbers that make most cells of the last `lines` numbers. Raises InputError where two do."""
+    lines = lines[-_SCORED_LINES:]
+    missing = tuple(word.strip().lower() for word in options.get("missing", "").split(",") if word.strip())
+    scores: list[tuple[float, int, str, Cells]] = []
+    for mark in [delimiter] if delimiter else _DELIMITERS:
+        rows = [split(line.text, mark)[:_SCORED_CELLS] for line in lines]
+        quoted = any('"' in line.text for line in lines)
+        for decimal in [options["decimal"]] if "decimal" in options else (".", ","):
+            if decimal == mark and not quoted:
+                continue
+            groups = [options["thousands"]] if "thousands" in options else ["", *GROUP_MARKS]
+            for thousands in groups:
+                if thousands == decimal or (thousands == mark and not quoted):
+                    continue
+                cells = Cells(decimal, thousands, missing)
+                if thousands and "thousands" not in options and not any(thousands in c for row in rows for c in row):
+                    continue
+                scores.append((_score(rows, cells), -len(scores), mark, cells))
+    best = max(scores, key=lambda one: one[:2])
+    for other in scores:  # 1,234 in another reading: 1.234 or 1234
+        one, two = best[3], other[3]
+        if (
+            other[0] == best[0] > 0
+            and other[2] == best[2]
+            and one.decimal != two.decimal
+            and "," in one.thousands + two.thousands
+        ):
+            cell = next((c for line in lines for c in split(line.text, best[2]) if _is_either(c, one, two)), "")
+            if cell:
+                raise InputError(
+                    f"recording {path}: cells such as {cell!r} can be a fraction or have a mark between thousands; set"
+                    f" decimal = ',' or thousands = ',' in [file]"
+                )
+    return best[2], best[3]
+
+
+def _is_either(cell: str, one: Cells, two: Cells) -> bool:
+    return "," in cell and one.is_number(cell) and two.is_number(cell)
+
+
+def _score(rows: Sequence[Sequence[str]], cells: Cells) -> float:
+    """How many words are, or are in, numbers and times, less those in cells that another delimiter would part."""
+    total = 0.0
+    for row in rows:
+        for cell in row:
+            if cells.is_number(cell) or (len(cell) > 4 and find_time_format([cell])):
+                total += 1.0 + (cell.count(" ") if len(row) > 1 else 0)  # blanks in it are no delimiters
+            elif len(cell) > 2 and _SUSPICIOUS.search(cell[:_SHOWN]):
+                total -= 2.0
+    return total
