@@ -1,6 +1,6 @@
 """Level 7.3 of MATLAB's MAT-files: HDF5 with attributes that say what MATLAB makes of it (`save -v7.3`).
 
-Undocumented by MathWorks; seen in files of MATLAB R2006b to R2024, and in those of mat-io and hdf5storage.
+Undocumented by MathWorks. Source: what MATLAB and mat-io write.
 HDF5 has the last index first: a shape here is the dataset's, reversed.
 """
 

@@ -1,7 +1,8 @@
 """Objects of MATLAB classes (timeseries, Dataset, table, ...): their properties, which a file has in one table.
 
-Undocumented by MathWorks. Source: docs/subsystem_data_format.md of the package mat-io (github.com/foreverallama/matio), read
-2026-11-25; files of MATLAB R2019 to R2024 and of mat-io agree (tests/clutch_hil/recordings/test_matlab.py).
+Undocumented by MathWorks. Source: "Subsystem Data Format" of the package mat-io (github.com/foreverallama/matio), read
+2026-11-25. The tests read files that mat-io wrote; MATLAB files of 2023 and 2024 with Datasets and a SimulationOutput were
+read once.
 """
 
 from collections.abc import Mapping

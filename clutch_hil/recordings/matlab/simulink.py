@@ -1,6 +1,6 @@
 """What Simulink logs: the structure with time, timeseries, Dataset with its signals, SimulationOutput. Times are seconds.
 
-Source: MathWorks, Simulink, "Data Format for Logged Simulation Data"; what is inside objects: files of MATLAB R2023, R2024.
+Source: MathWorks, Simulink, "Data Format for Logged Simulation Data"; what is inside objects: files from 2023, 2024.
 """
 
 from collections.abc import Mapping

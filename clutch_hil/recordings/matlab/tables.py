@@ -1,6 +1,6 @@
 """Classes of MATLAB that hold columns or times: table, timetable, duration, datetime, categorical.
 
-Source: what they save of themselves, docs/field_contents.md of mat-io (github.com/foreverallama/matio).
+Source: what they save of themselves, "Field Contents" of mat-io (github.com/foreverallama/matio).
 """
 
 from collections.abc import Mapping
