@@ -1,6 +1,6 @@
 """Objects of a BLF file, checked before python-can reads them: a damaged one would make its reader loop or take much memory.
 
-Reference: T. Lorenz, vector_blf (layout of objects); python-can, can/io/blf.py
+Reference: T. Lorenz, vector_blf (layout of objects); python-can, can.io.blf
 """
 
 import zlib
