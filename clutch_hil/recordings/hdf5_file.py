@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from clutch_hil.recordings.bounds import check_rows
 from protocols.errors import InputError
+from protocols.files.bounds import check_rows
 
 if TYPE_CHECKING:
     import h5py

@@ -18,8 +18,8 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from clutch_hil.recordings.bounds import check_rows
 from protocols.errors import InputError
+from protocols.files.bounds import check_rows
 
 _FILTER_ORDER = 4  # as is usual before inverse dynamics: Gautier 1997
 _ANTI_ALIAS_SHARE = 0.4  # of the new rate: a common guard of a fifth below half of it

@@ -34,7 +34,9 @@ _SCREEN = re.compile(
 )
 _ASC_FRAME = re.compile(r"\d+\.\d+\s+(?:\d+\s+(?:[0-9A-Fa-f]+x?\s+(?:Tx|Rx)\b|ErrorFrame)|CANFD\s+\d+)", re.IGNORECASE)
 _ASC_REQUEST = re.compile(r"\d+\.\d+\s+(?:CANFD\s+)?\d+\s+(?:\S+\s+)?TxRq\b", re.IGNORECASE)
-_ASC_HEAD = re.compile(r"date\s+\w{2,4}\.?\s+\w{3,}\.?\s+\d|base\s+(?:hex|dec)\b|begin\s+trigger\s*block\b", re.IGNORECASE)
+_ASC_HEAD = re.compile(
+    r"date\s+\w{2,4}\.?\s+\w{3,}\.?\s+\d|base\s+(?:hex|dec)\b|begin\s+trigger\s*block\b", re.IGNORECASE
+)
 _ASC_BASE = re.compile(r"base\s+(hex|dec)(?:\s+timestamps\s+(absolute|relative))?", re.IGNORECASE)
 _ASC_TIME = re.compile(r"(\d+\.\d+)(\s+.*)", re.DOTALL)
 _ASC_BORING = re.compile(r"//|end\s+trigger\s*block|(no\s+)?internal\s+events|date\s|base\s", re.IGNORECASE)

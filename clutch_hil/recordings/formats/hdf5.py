@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from clutch_hil.recordings.bounds import check_rows
 from clutch_hil.recordings.channel import Channel, Recording, Signal
 from clutch_hil.recordings.formats.matlab import MatlabRecording
 from clutch_hil.recordings.hdf5_file import Hdf5File, is_hdf5
@@ -15,6 +14,7 @@ from clutch_hil.recordings.isolated import IsolatedRecording
 from clutch_hil.recordings.matlab.level73 import has_matlab_classes, is_level73
 from clutch_hil.recordings.matlab.texts import read_date
 from protocols.errors import InputError
+from protocols.files.bounds import check_rows
 from protocols.files.units import same_quantity, to_si
 
 _UNITS = ("unit", "units", "Unit", "Units", "UNIT", "UNITS")

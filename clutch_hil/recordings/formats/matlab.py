@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from clutch_hil.recordings.bounds import check_rows
 from clutch_hil.recordings.channel import Channel, Recording, Signal
 from clutch_hil.recordings.hdf5_file import Hdf5File, is_hdf5
 from clutch_hil.recordings.isolated import IsolatedRecording
@@ -21,6 +20,7 @@ from clutch_hil.recordings.matlab.simulink import Signal as LoggedSignal
 from clutch_hil.recordings.matlab.tables import Categorical, Table, Times
 from clutch_hil.recordings.matlab.value import Numbers, Value
 from protocols.errors import InputError
+from protocols.files.bounds import check_rows
 
 _LAYOUTS = (
     ControlDesk(), StructureWithTime(), Timeseries(), Dataset(), LoggedSignal(), SimulationOutput(), Table(), Times(),

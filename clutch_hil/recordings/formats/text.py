@@ -25,7 +25,6 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from clutch_hil.recordings.bounds import check_rows
 from clutch_hil.recordings.channel import Channel, Recording, Signal
 from clutch_hil.recordings.text.cells import show
 from clutch_hil.recordings.text.clock import Clock
@@ -33,6 +32,7 @@ from clutch_hil.recordings.text.layout import Layout, find_layout
 from clutch_hil.recordings.text.lines import TextFile, looks_like_text
 from clutch_hil.recordings.text.rows import Rows, read_rows
 from protocols.errors import InputError
+from protocols.files.bounds import check_rows
 from protocols.files.units import same_quantity, to_si
 
 RASTER = "rows"  # the only one of a text file

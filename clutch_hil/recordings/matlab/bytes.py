@@ -10,9 +10,9 @@ from typing import IO, Protocol
 
 import numpy as np
 
-from clutch_hil.recordings.bounds import MOST_BYTES, check_rows
 from clutch_hil.recordings.matlab.value import Line, line_slice
 from protocols.errors import InputError
+from protocols.files.bounds import MOST_BYTES, check_rows
 
 MOST_INFLATED = MOST_BYTES  # of one file: they are not kept, but take 3 s a GiB; a zip bomb inflates to any number
 _STEP = 1 << 18  # bytes that are inflated at once

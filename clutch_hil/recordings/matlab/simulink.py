@@ -7,11 +7,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from clutch_hil.recordings.bounds import check_rows
 from clutch_hil.recordings.matlab.layouts import About, Layout, Walk
 from clutch_hil.recordings.matlab.objects import Object
 from clutch_hil.recordings.matlab.texts import read_date, read_texts, to_text
 from clutch_hil.recordings.matlab.value import Cell, Gathered, Numbers, Struct, Value
+from protocols.files.bounds import check_rows
 
 # Units of a timeseries' times, in s
 _TIME_UNITS = {

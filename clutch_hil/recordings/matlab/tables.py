@@ -8,11 +8,11 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from clutch_hil.recordings.bounds import check_rows
 from clutch_hil.recordings.matlab.layouts import About, Layout, TimeAxis, Walk
 from clutch_hil.recordings.matlab.objects import Object
 from clutch_hil.recordings.matlab.texts import read_texts, to_text
 from clutch_hil.recordings.matlab.value import Cell, Gathered, Line, Numbers, Struct, Value
+from protocols.files.bounds import check_rows
 
 _MILLISECONDS = 1e-3  # s: in which durations and dates are stored
 

@@ -1,0 +1,299 @@
+"""Damaged, ambiguous and huge text files: read with what was left out, or refused with the line and the entry to set."""
+
+import random
+import time
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from clutch_hil.recordings.format import open_recording
+from protocols.errors import InputError
+from tests.clutch_hil.recordings.text_files import (
+    BLOCK,
+    FORMS,
+    ISO,
+    MAP,
+    MOST_BYTES,
+    MOST_SECONDS,
+    ROWS,
+    SPEED,
+    TORQUE,
+    assert_right,
+    comma,
+    done,
+    read,
+    refusal,
+    table,
+)  # fmt: skip
+
+# --- what is damaged --------------------------------------------------------------------------------------------------
+
+
+def damaged(line: int, text: str) -> str:
+    """The recording with another text in a `line`, counted from 1."""
+    lines = table().splitlines()
+    lines[line - 1] = text
+    return "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (
+            "0.0900,0.1",
+            "left out 1 damaged row, the first in line 11 with 2 cells where the others have 3: '0.0900,0.1'",
+        ),
+        (
+            "0.0900,0.1,3,4",
+            "left out 1 damaged row, the first in line 11 with 4 cells where the others have 3: '0.0900,0.1,3,4'",
+        ),
+        ('0.0900,"0.1,27.25', "left out 1 damaged row, the first in line 11 with a quote without its end"),
+        ("0.0900,0\0\0\0,27.25", "left out 1 lines with zero bytes"),
+    ],
+)
+def test_a_damaged_row_is_left_out_and_told(tmp_path: Path, text: str, told: str) -> None:
+    assert told in refusal(tmp_path, damaged(11, text))  # as the rate is not constant without it
+    run = read(tmp_path, damaged(11, text), "resample_hz = 100.0")
+    assert told in done(run)
+    np.testing.assert_allclose(run["speed_rad_s"], SPEED)  # a straight line
+
+
+def test_many_damaged_rows_are_another_layout(tmp_path: Path) -> None:
+    content = damaged(11, "1,2\n3,4\n5")
+    assert "3 of 62 rows do not fit, first line 11 with 2 cells where the others have 3: '1,2'" in refusal(
+        tmp_path, content
+    )
+
+
+@pytest.mark.parametrize("word", ["", "NaN", "#N/A", " n/a ", "-", "1.#QNAN", "OVER"])
+def test_a_cell_without_a_value_counts_as_missing(tmp_path: Path, word: str) -> None:
+    content, file = damaged(11, f"0.0900,{word},27.2500"), 'missing = "over, ---"'
+    assert "torque_nm is not a number in row 9" in refusal(tmp_path, content, file)
+    run = read(tmp_path, content, file + "\nresample_hz = 100.0")
+    assert "torque: 1 of 60 cells have no value" in done(run)
+    np.testing.assert_allclose(np.delete(run["torque_nm"], 9), np.delete(TORQUE, 9))
+
+
+def test_a_missing_first_cell_is_no_comment(tmp_path: Path) -> None:
+    assert "the time of torque_nm is not a number in row 9" in refusal(tmp_path, damaged(11, "#N/A,0.1,27.25"))
+
+
+@pytest.mark.parametrize("cut", [8, 9, 12, 19])  # in the last number, before it, in the one before, in the time
+def test_a_cut_last_line_is_left_out_and_told(tmp_path: Path, cut: int) -> None:
+    whole = table().rstrip("\n")
+    line = whole.splitlines()[-1][:-cut]
+    run = read(tmp_path, whole[:-cut])
+    assert_right(run, slice(-1))
+    assert f"left out line 61 at the end, no whole rows: {line!r}" in done(run)
+
+
+def test_a_last_line_without_end_is_told(tmp_path: Path) -> None:
+    assert "line 61 ends without a line end: its last number may be cut" in done(read(tmp_path, table()[:-1]))
+
+
+def test_zero_bytes_at_the_end_are_told(tmp_path: Path) -> None:
+    run = read(tmp_path, table() + "\0" * 3000)
+    assert_right(run)
+    assert "left out the zero bytes at the end" in done(run)
+
+
+def test_rows_between_names_and_numbers_are_told(tmp_path: Path) -> None:
+    run = read(tmp_path, damaged(2, "0.0000,wait,wait"))
+    assert "left out line 2, '0.0000,wait,wait': no row of numbers" in done(run)
+
+
+@pytest.mark.parametrize(
+    ("content", "file", "told"),
+    [
+        (damaged(11, "0.0900,broken,27.25"), "", "column 'torque' holds 'broken' in line 11, which is no number; correct it"),
+        (damaged(11, '0.0900,"1,5",27.25'), "", "in line 11, which is no number; set decimal or thousands in [file]"),
+        (table() + table(), "", "column 'time' holds 'time' in line 62"),
+        (table(header="time,torque,torque"), "", "has 2 columns 'torque'; ask for one by `from`: 'torque (column 2)'"),
+        (table(",", write=comma), "", "line 1 has 3 names, rows have 6 cells: set delimiter or decimal"),
+        (table(header="time,torque"), "", "line 1 has 2 names, rows have 3 cells"),
+        (
+            table(";", write=lambda value: f"{1 + abs(value):.3f}".replace(".", ",")), "",
+            "cells such as '1,000' can be a fraction or have a mark between thousands; set decimal = ',' or thousands = ','",
+        ),
+        (
+            table(times=[f"03/02/2025 {cell[11:]}" for cell in ISO]), "",
+            "set time_format = '%d/%m/%Y %H:%M:%S' or '%m/%d/%Y %H:%M:%S'",
+        ),
+        (table(times=[f"03.02.25 {cell[11:]}" for cell in ISO]), "", "does not tell which number is the year; set time_format"),
+        (table(times=[f"10:{row:02d}" for row in range(ROWS)]), "", "set time_format = '%H:%M' or '%M:%S'"),
+        (table(times=[*ISO[:9], "2025-02-30T10:11:12", *ISO[10:]]), "", "'2025-02-30T10:11:12' in line 11, which is no time"),
+        (table(times=[*ISO[:9], "", *ISO[10:]]), "", "the time of torque_nm is not a number in row 9"),
+        (table(times=["x" + cell for cell in ISO]), "", "column 'time' for time_s holds text"),
+        (table(header="time [s],torque [kN],speed"), "", "torque_nm is in 'kN', which cannot be converted into 'Nm'"),
+        (table(), 'delimiter = ";"', "has no rows of numbers; line 61 is '0.5900,-0.3739,177.2500'; set delimiter"),
+        (table(), 'delimiter = "ab"', "file.delimiter is 'ab'; allowed is one character"),
+        (table(), 'decimal = ":"', "file.decimal is ':'; allowed are . and ,"),
+        (table(), 'decimal = ","\nthousands = ","', "file.thousands is ','; allowed are"),
+        (table(), 'encoding = "klingon"', "file.encoding is 'klingon'; allowed are names such as utf-8"),
+        (table(), 'encoding = "hex"', "file.encoding is 'hex'"),
+        (FORMS["cp1252"][0], 'encoding = "utf-8"', "is not utf-8, as `encoding` in [file] says"),
+        (table(), "skip_lines = 61", "skip_lines is 61; allowed is below 61, of 61 lines"),
+        (table(), "skip_lines = -1", "file.skip_lines is -1; allowed is 0 or more"),
+        (table(), "units_row = 7", "units_row is 7, which is no line of 3 cells above the rows; lines there are 1"),
+        (table(times=ISO), 'time_format = "%Q"', "file.time_format is '%Q'; %Q is unknown"),
+        (table(times=ISO), 'time_format = "%d %H"', "allowed is one of each of %Y %m %d, or none of them"),
+        (table(times=ISO), 'time_format = "%d.%m.%Y"', "time_format '%d.%m.%Y' fits no column; the first row is"),
+        (table(), "raster = 1", "entry file.raster is unknown"),
+        ("time,torque,speed\n", "", "has no rows of numbers; line 1 is 'time,torque,speed'"),
+        ("nothing but words\n" * 9, "", "has no rows of numbers"),
+        ("\n \n\n", "", "has no line of text"),
+        ("", "", "is empty"),
+        (bytes(600), "", "is of no known format"),
+        (bytes(range(256)) * 9, "", "is of no known format"),
+        ("1," * 2_000_000, "", "line 1 has more than 1048576 bytes"),
+        (",".join("1" * 20_000) + "\n", "", "has 20000 columns; allowed are 10000"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_told_with_the_line_and_the_entry_to_set(
+    tmp_path: Path, content: str | bytes, file: str, told: str
+) -> None:
+    assert told in refusal(tmp_path, content, file)
+
+
+@pytest.mark.parametrize(
+    ("file", "first"), [('decimal = ","', 1.0), ('thousands = ","', 1000.0)], ids=["decimal", "thousands"]
+)
+def test_an_ambiguous_mark_is_read_as_the_map_says(tmp_path: Path, file: str, first: float) -> None:
+    rows = "".join(f"{1 + row},000;{5 + row},250;{5 + row},125\n" for row in range(ROWS))
+    run = read(tmp_path, "time;torque;speed\n" + rows, file)
+    assert run["time_s"][1] - run["time_s"][0] == first
+    assert run["torque_nm"][0] == pytest.approx(5.25 * first)
+
+
+@pytest.mark.parametrize(
+    ("file", "day"), [('time_format = "%d/%m/%Y"', 86400.0), ('time_format = "%m/%d/%Y"', 31 * 86400.0)]
+)
+def test_an_ambiguous_date_is_read_as_the_map_says(tmp_path: Path, file: str, day: float) -> None:
+    content = "time,torque,speed\n01/01/2025,1,2\n02/01/2025,2,3\n"
+    assert "can begin with the day or the month" in refusal(tmp_path, content)
+    assert read(tmp_path, content, file)["time_s"].tolist() == [0.0, day]
+
+
+def test_columns_are_asked_for_by_number_where_there_are_no_names(tmp_path: Path) -> None:
+    columns = MAP.replace('from = "time"', "number = 1").replace('from = "torque"', "number = 2")
+    columns = columns.replace('from = "speed"', "number = 3")
+    assert_right(read(tmp_path, table(header=""), columns=columns))
+    assert_right(read(tmp_path, table(), "header = false", columns))
+    named = read(
+        tmp_path,
+        table(header="1,2,3"),
+        "header = true",
+        MAP.replace('"time"', '"1"').replace('"torque"', '"2"').replace('"speed"', '"3"'),
+    )
+    assert_right(named)
+    doubled = read(tmp_path, table(header="time,torque,torque"), columns=columns)
+    assert_right(doubled)
+
+
+def test_an_older_map_may_leave_out_the_row_of_units(tmp_path: Path) -> None:
+    assert_right(read(tmp_path, table(header="time,torque,speed\ns,Nm,rad/s"), "skip_rows = 1"))
+
+
+# --- bounds -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_large_file_is_read_in_blocks_and_only_what_is_asked_for(tmp_path: Path) -> None:
+    path, rows = tmp_path / "large.csv", 200_000
+    line = ",".join(["{0:.3f}", "{0:.3f}", *["1.234567890123"] * 8])
+    path.write_text("a,b,c,d,e,f,g,h,i,j\n" + "\n".join(map(line.format, range(rows))), encoding="utf-8")
+    assert path.stat().st_size > 5 * BLOCK
+    before = pa.total_allocated_bytes()
+    tracemalloc.start()
+    recording = open_recording(path)
+    _, opened = tracemalloc.get_traced_memory()
+    (signal,) = recording.read(recording.channels[1:2])
+    _, taken = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    np.testing.assert_array_equal(signal.values, np.arange(rows))
+    assert opened < 8 * BLOCK
+    assert taken < 8 * BLOCK + 8 * rows
+    assert pa.total_allocated_bytes() - before < 8 * BLOCK
+
+
+def test_a_word_far_down_is_told_by_its_line(tmp_path: Path) -> None:
+    lines = ["time,torque,speed", *(f"{row},{row % 7},1.5" for row in range(600_000))]
+    lines[3] = "# comments, blank lines and a damaged row before do not disturb the count"
+    lines[40_000], lines[90_000], lines[500_000] = "", "1,2", "500000,word,1"
+    assert "column 'torque' holds 'word' in line 500001" in refusal(tmp_path, "\n".join(lines))
+
+
+def test_more_rows_than_memory_allows_are_refused_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("protocols.files.bounds.MOST_ROWS", ROWS - 1)
+    assert "has 60 rows; allowed are 59" in refusal(tmp_path, table())
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "time,torque,speed," + "_" * 200_000,
+        "time,torque,speed,a" + " " * 200_000 + "b",
+        ";" * 200_000 + "\ntime,torque,speed,x",
+    ],
+    ids=["long name", "blanks", "delimiters"],
+)
+def test_long_cells_cost_no_time(tmp_path: Path, header: str) -> None:
+    begin = time.perf_counter()
+    assert_right(read(tmp_path, table(header=header, end=",1")))
+    assert time.perf_counter() - begin < MOST_SECONDS
+
+
+def mutate(content: bytes, random_: random.Random) -> bytes:
+    """The content, cut, with bytes changed, lines doubled, taken out or joined, or numbers made huge."""
+    for _ in range(random_.randint(1, 3)):
+        place, end = sorted(random_.randrange(len(content) + 1) for _ in range(2))
+        kind = random_.randrange(7)
+        if kind == 0:
+            content = content[:end]
+        elif kind == 1:
+            content = content[:place] + random_.randbytes(random_.randint(1, 9)) + content[place + 4 :]
+        elif kind == 2:
+            content = content[:place] + content[place : place + 300] * random_.choice([2, 2000]) + content[place:]
+        elif kind == 3:
+            content = content[:place] + content[place + random_.randint(1, 200) :]
+        elif kind == 4:
+            content = content.replace(
+                random_.choice([b"\n", b",", b".", b"1"]),
+                random_.choice([b"", b"\0", b'"', b";", b"9" * 40, b"\r"]),
+                random_.choice([1, 5, -1]),
+            )
+        elif kind == 5:
+            content = (
+                content[:place]
+                + random_.choice([b"9" * 400, b"1e308", b"-1e999", b"\xff\xfe", b"#", b'"', b"\0" * 5000])
+                + content[place:]
+            )
+        else:
+            content = content[::-1] if random_.random() < 0.2 else content[place:]
+        content = content[: 1 << 22] or b"\n"
+    return content
+
+
+@pytest.mark.parametrize("form", list(FORMS)[::3])
+def test_mutated_files_are_read_or_refused_in_bounded_time_and_memory(tmp_path: Path, form: str) -> None:
+    content, file = FORMS[form]
+    raw = content if isinstance(content, bytes) else content.encode()
+    random_ = random.Random(form)
+    for _ in range(12):
+        begin = time.perf_counter()
+        tracemalloc.start()
+        try:
+            run = read(tmp_path, mutate(raw, random_), file)
+        except InputError as error:
+            sentence = str(error)
+        else:
+            sentence = ""
+            assert all(np.isfinite(values).all() for values in run.columns.values())
+        finally:
+            _, most = tracemalloc.get_traced_memory()
+            tracemalloc.stop()
+        assert "\n" not in sentence
+        assert time.perf_counter() - begin < MOST_SECONDS
+        assert most < MOST_BYTES
