@@ -25,10 +25,13 @@ def import_run(
 ) -> None:
     """Map names and units of a foreign recording onto ours and write it as a run; what was done to it is told, and kept in the
     file's metadata."""
+    from clutch_hil.recordings.checks.every_check import check_columns_alone
     from clutch_hil.recordings.import_map import load_map
     from protocols.files.runs import write_run
 
     run = load_map(map_name).cut(from_s, to_s).read(recording)
+    checks = check_columns_alone(str(out), run.columns, run.units)
+    run.metadata["import"]["checks"] = [finding.as_json() for finding in checks]
     write_run(run, out)
     time = run["time_s"]
     done = run.metadata["import"]["done"]
@@ -38,7 +41,8 @@ def import_run(
         "rows": len(time),
         "columns": list(run.columns),
         "done": done,
+        "checks": [finding.as_json() for finding in checks],
     }
-    text = "\n".join([f"read {recording}", *done, f"wrote {out}: {', '.join(run.columns)}"])
+    text = "\n".join([f"read {recording}", *done, *map(str, checks), f"wrote {out}: {', '.join(run.columns)}"])
     rate = (len(time) - 1) / (time[-1] - time[0])
     report(document, text, f"{len(time)} rows at {rate:.6g} Hz", True, json_output)

@@ -17,21 +17,22 @@ from clutch_hil.recordings.checks.knowledge import BASELINE, Knowledge, Recorded
 from clutch_hil.recordings.checks.likely_unit import name_unit
 from clutch_hil.recordings.checks.values import MOVES, longest_rest
 
-# @BATTERY@
+# Measured on 112 sound cases of the battery, seven runs of 24 s each, sensor faults up to a gap of 4 floors behind 5 % noise:
+# correlation 0.94 to 1, scale 0.80 to 1.25, offset up to 0.21 of the movement, delay up to 20 ms. Only a slow thermometer is
+# further out: 0.26, 0.41, 0.42, 1.9 s (`Knowledge.slow`).
 _REVERSED = -0.5  # correlation: half-way between nothing in common and the same with the other sign
 _UNRELATED = 0.2  # correlation: below it three quarters of what is measured, and more, follow something else
 SCALE = 4.0  # of a baseline known exactly: the catalogue's sensor gains end at 2, and a rig may be off by as much again
 _TOLD_SCALE = 2.0  # from which a scale is told
-OFFSET = 0.5  # of the movement predicted: the catalogue's largest in the battery is 0.2
+OFFSET = 0.5  # of the movement predicted: the catalogue's largest in the battery is 0.21
 _TOLD_OFFSET = 0.25
 _STILL = 0.05  # of the movement measured: what a prediction moves by that stands still
 _MOVED = 0.3  # of its whole movement: what a channel does that does not
 _REST = 1.0  # s that an input keeps one value at least: shorter holds belong to steps
-_FOLLOWS = 0.5  # correlation from which a prediction follows: as for a reversed sign
+_FOLLOWS = 0.2  # correlation from which a prediction follows: as for what is unrelated
 _STEADY = 0.05  # s of means: shorter than any step of a demand that rests for _REST
 _FAR = 0.7  # of the movement measured: half of its power; of the battery's sound outputs only a slow thermometer comes near
 _SURE_LATITUDE = 2.0  # a baseline known no better than by this factor says little of what is unrelated
-_NOTHING = 1e-5  # scale: a hundredth of a wrong prefix
 
 
 def find_reversed(run: Recorded) -> list[Finding]:
@@ -56,7 +57,9 @@ def find_unrelated(run: Recorded) -> list[Finding]:
                 f"has little in common with {known.source} (correlation {r:.2f}): check that it, and the inputs, are the right"
                 " columns"
             )
-            found.append(Finding("unrelated", name, run.rows, text, run.latitude < _SURE_LATITUDE))
+            found.append(
+                Finding("unrelated", name, run.rows, text, run.latitude < _SURE_LATITUDE and not known.may_rest)
+            )
     return found
 
 
@@ -74,13 +77,11 @@ def find_scaled(run: Recorded) -> list[Finding]:
         if known.predicted is None or not np.std(known.predicted) > 3.0 * known.floor:
             continue
         scale = _movement(run.columns[name], known.floor) / float(np.std(known.predicted))
-        if 1.0 / (_TOLD_SCALE * run.latitude) <= scale <= _TOLD_SCALE * run.latitude:
+        if known.may_rest and scale < 1.0:
+            scale = max(scale, float(np.linalg.norm(run.columns[name]) / np.linalg.norm(known.predicted)))
+        if scale == 0.0 or 1.0 / (_TOLD_SCALE * run.latitude) <= scale <= _TOLD_SCALE * run.latitude:
             continue
         hard = not 1.0 / (SCALE * run.latitude) <= scale <= SCALE * run.latitude
-        if scale < _NOTHING:
-            text = f"moves by no more than its noise, where {known.source} moves by {np.ptp(known.predicted):.3g} {known.unit}"
-            found.append(Finding("scale", name, run.rows, f"{text}: check its unit, and whether it is connected", True))
-            continue
         text = f"is {scale:.2g} of what {_ability(known)}: {name_unit(run, known, scale)}"
         found.append(Finding("scale", name, run.rows, text, hard))
     return found
@@ -96,15 +97,15 @@ def find_offset(run: Recorded) -> list[Finding]:
         share = abs(off) / float(np.ptp(known.predicted)) / run.latitude
         if share > _TOLD_OFFSET:
             text = f"is off by {off:.4g} {known.unit} throughout, {share:.2g} of its movement: check its zero, and its unit"
-            found.append(Finding("offset", name, run.rows, text, share > OFFSET))
+            found.append(Finding("offset", name, run.rows, text, share > OFFSET and not known.slow))
     return found
 
 
 def find_still_prediction(run: Recorded) -> list[Finding]:
     """The input that keeps one value for longest while an output moves and the baseline does not follow: it is dead or frozen.
 
-    A position that rests may still give a force of any sign. So where all inputs rest, the prediction need not stand still:
-    that it does not follow is enough.
+    A position that rests may still give a force of any sign, and another input may move the prediction. So it need not stand
+    still: that it does not follow is enough.
     """
     outputs = [n for n in run.predicted if run.known[n].source == BASELINE]
     for name in outputs:
@@ -121,7 +122,6 @@ def find_still_prediction(run: Recorded) -> list[Finding]:
         if (last - first) * run.period < _REST:
             continue
         part = slice(first, last + 1)
-        all_rest = all(np.ptp(run.columns[name][part]) == 0.0 for name in run.inputs)
         for name in outputs:
             known = run.known[name]
             measured, predicted = (
@@ -131,7 +131,7 @@ def find_still_prediction(run: Recorded) -> list[Finding]:
             if moved < max(_MOVED * float(np.ptp(_steady(run.columns[name], run.period))), MOVES * known.floor):
                 continue
             still = np.ptp(predicted) < _STILL * moved
-            if still or (all_rest and np.corrcoef(measured, predicted)[0, 1] < _FOLLOWS):
+            if still or np.corrcoef(measured, predicted)[0, 1] < _FOLLOWS:
                 text = (
                     f"keeps {run.columns[source][first]:.6g} for {(last - first + 1) * run.period:.3g} s, in which {name} moves"
                     f" by {moved:.3g} {known.unit} and the baseline does not follow: the input is dead, frozen or cut off there"
@@ -163,8 +163,9 @@ def _both_move(run: Recorded, name: str, known: Knowledge) -> bool:
 
 
 def _movement(values: np.ndarray, floor: float) -> float:
-    """Standard deviation of values (n,) without noise of the size `floor`."""
-    return float(np.sqrt(max(float(np.var(values)) - floor**2, 0.0)))
+    """Standard deviation of values (n,) without noise of the size `floor`; with it where there is hardly more than noise."""
+    power = float(np.var(values))
+    return float(np.sqrt(power - floor**2 if power > 2.0 * floor**2 else power))
 
 
 def _steady(values: np.ndarray, period: float) -> np.ndarray:

@@ -1,6 +1,6 @@
 """Every check of a recording, in one list, and how they are applied."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +14,7 @@ from clutch_hil.recordings.checks.baseline import (
     find_unrelated,
 )
 from clutch_hil.recordings.checks.finding import Finding
-from clutch_hil.recordings.checks.knowledge import Recorded
+from clutch_hil.recordings.checks.knowledge import Knowledge, Recorded
 from clutch_hil.recordings.checks.timing import LEAST_TOTAL, find_drift, find_late, find_short, total_seconds
 from clutch_hil.recordings.checks.values import (
     find_dead,
@@ -24,10 +24,10 @@ from clutch_hil.recordings.checks.values import (
     find_saturated,
 )
 
-# What a later check sees in a column that an earlier one refuses follows from that: it is left out
+# What a later check sees in a column that an earlier one refuses, or that is saturated, follows from that: it is left out
 CHECKS: tuple[Callable[[Recorded], list[Finding]], ...] = (
-    find_short, find_dead, find_out_of_range, find_reversed, find_saturated, find_frozen, find_late, find_still_prediction,
-    find_scaled, find_unrelated, find_offset, find_drift, find_outliers, find_far,
+    find_short, find_dead, find_out_of_range, find_reversed, find_saturated, find_frozen, find_drift, find_late,
+    find_still_prediction, find_scaled, find_unrelated, find_offset, find_outliers, find_far,
 )  # fmt: skip
 _MOVES_AT_ALL = 0.5  # floors that an output moves by beside its noise, root mean square: chance gives a tenth
 
@@ -45,17 +45,23 @@ def check_runs(runs: Sequence[Recorded]) -> list[Finding]:
     return sorted(found, key=lambda finding: not finding.hard)
 
 
+def check_columns_alone(name: str, columns: Mapping[str, np.ndarray], units: Mapping[str, str]) -> list[Finding]:
+    """What the checks see in an imported run, without a baseline: all of it soft, as nothing is concluded yet."""
+    known = {column: Knowledge(units.get(column, "")) for column in columns if column != "time_s"}
+    return [replace(finding, hard=False, run=name) for finding in check_run(Recorded(name, columns, known))]
+
+
 def check_run(run: Recorded) -> list[Finding]:
     """What the checks see in one run."""
     found: list[Finding] = []
-    refused: set[str] = set()
+    judged: set[str] = set()
     for check in CHECKS:
         for finding in check(run):
-            if finding.column not in refused:
+            if finding.column not in judged:
                 found.append(finding)
-                if finding.hard:
-                    refused.add(finding.column)
-        if "time_s" in refused:
+                if finding.hard or finding.check == "saturated":
+                    judged.add(finding.column)
+        if "time_s" in judged:
             break
     return found
 

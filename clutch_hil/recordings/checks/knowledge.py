@@ -40,6 +40,16 @@ class Knowledge:
     clips: bool = False
     source: str = BASELINE
 
+    @property
+    def slow(self) -> bool:
+        """Whether a sound channel may lag behind by a second and more, so that its movement in a run says little."""
+        return self.limits.delay >= 1.0
+
+    @property
+    def may_rest(self) -> bool:
+        """Whether a sound channel may hardly move while the rig does: it is slow, or may be saturated. Its level is right."""
+        return self.clips or self.slow
+
 
 @dataclass(frozen=True)
 class Recorded:

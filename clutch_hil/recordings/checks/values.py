@@ -24,7 +24,7 @@ _CLIPPED = (
     0.01  # share of rows at the end of a channel: noise alone reaches its own extreme once, not in one row of 100
 )
 _BEYOND = 0.1  # of its whole movement: how far the prediction is beyond the end of a saturated channel
-_BEYOND_ROWS = 0.8  # share of rows at the end where it is
+_BEYOND_ROWS = 0.5  # share of rows at the end where it is: a signal comes near its end before it is beyond
 _SPIKE = (
     0.3  # of the whole movement of a column, away from the median of five rows: no block of a rig returns within 2 rows
 )
@@ -68,7 +68,10 @@ def find_out_of_range(run: Recorded) -> list[Finding]:
             found.append(Finding("range", name, (int(outside[0]), int(outside[-1])), text, True))
             continue
         ratio = float(np.ptp(values)) / limits.span if isfinite(limits.span) else 1.0
-        if ratio > 0.0 and not 1.0 / SPAN_FACTOR < ratio < SPAN_FACTOR:
+        if ratio == 0.0:
+            text = f"is {values[0]:.6g} {known.unit} throughout: it is dead, or the rig stood still"
+            found.append(Finding("range", name, run.rows, text, True))
+        elif not 1.0 / SPAN_FACTOR < ratio < SPAN_FACTOR:
             text = (
                 f"moves by {np.ptp(values):.3g} {known.unit}, {ratio:.2g} of what this rig is made for:"
                 f" {name_own_unit(known, ratio)}, or give the model of your rig"
