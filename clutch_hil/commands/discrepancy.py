@@ -51,6 +51,7 @@ def discrepancy(
         None, help="how far the baseline may be re-fitted, in stated uncertainties; the rig's own if not given"
     ),
     effects: str = typer.Option("", metavar="A,B,...", help="candidates; all of the rig's if not given"),
+    force: bool = typer.Option(False, "--force", help="go on in spite of hard checks, with a note in the report"),
     out: Path = typer.Option(
         ..., help="folder for report.html, report.json, model.toml, atlas.png, gap.png, evidence.rrd"
     ),
@@ -68,7 +69,7 @@ def discrepancy(
     with progress_bar("discrepancy", json_output) as progress:
         outcome = find_discrepancy(
             runs, holdout, rig=rig, model=model, calibration=calibration, effects=names or None,
-            progress=lambda what, share: progress(round(100 * share), 100),
+            force=force, progress=lambda what, share: progress(round(100 * share), 100),
         )  # fmt: skip
         files = outcome.write(out, shlex.join(["clutch-hil", *sys.argv[1:]]))
     read, wrote = (", ".join(map(str, paths)) for paths in ((*runs, *holdout), files))
@@ -87,4 +88,5 @@ def _format_result(result: "Result") -> str:
     fitted = [
         f"  {e.name} = {e.value:.5g} {e.unit}  (95 %: {e.ci95[0]:.5g}..{e.ci95[1]:.5g})" for e in result.parameters
     ]
-    return "\n".join([*where, *(["fitted:", *fitted] if fitted else []), f"{result.seconds:.1f} s"])
+    checks = ["checks:", *(f"  {finding}" for finding in result.checks)] if result.checks else []
+    return "\n".join([*checks, *where, *(["fitted:", *fitted] if fitted else []), f"{result.seconds:.1f} s"])

@@ -63,6 +63,7 @@ def _import(
     overwrite: bool,
     json_output: bool,
 ) -> None:
+    from clutch_hil.recordings.checks.every_check import check_columns_alone
     from clutch_hil.recordings.import_map import load_map
     from protocols.files.output_file import new_file
     from protocols.files.runs import check_suffix, write_run
@@ -73,19 +74,23 @@ def _import(
     files = [out] if len(runs) == 1 else [out.with_stem(f"{out.stem}-{k}") for k in range(1, len(runs) + 1)]
     for file in files:
         new_file(file, overwrite, [recording])
+    checks = []
     for run, file in zip(runs, files, strict=True):
+        own = check_columns_alone(str(file), run.columns, run.units)
+        run.metadata["import"]["checks"] = [finding.as_json() for finding in own]
         write_run(run, file)
+        checks += own
     rows = [len(run["time_s"]) for run in runs]
     rate = (rows[0] - 1) / (runs[0]["time_s"][-1] - runs[0]["time_s"][0])
     done = runs[0].metadata["import"]["done"]
     document = {
         "read": str(recording), "wrote": [str(file) for file in files], "rows": rows, "columns": list(runs[0].columns),
-        "done": done,
+        "done": done, "checks": [finding.as_json() for finding in checks],
     }  # fmt: skip
     written = ", ".join(str(file) for file in files)
-    text = "\n".join([f"read {recording}", *done, f"wrote {written}: {', '.join(runs[0].columns)}"])
+    lines = [f"read {recording}", *done, *map(str, checks), f"wrote {written}: {', '.join(runs[0].columns)}"]
     verdict = f"{sum(rows)} rows at {rate:.6g} Hz" + (f" in {len(runs)} runs" if len(runs) > 1 else "")
-    report(document, text, verdict, True, json_output)
+    report(document, "\n".join(lines), verdict, True, json_output)
 
 
 def _list(recording: Path, map_name: str | None, json_output: bool) -> None:

@@ -33,6 +33,7 @@ from clutch_hil.discrepancy.sources import (
     means,
     sources,
 )
+from protocols.files.bounds import check_bytes
 
 CLAIM_LEVEL = 0.01  # p-value of a claim: share of cases without a disagreement in which anything may be claimed
 REGIME_LEVEL = 0.05  # p-value of the regimes named, where some regime is significant at CLAIM_LEVEL
@@ -44,6 +45,7 @@ _SIGN_BLOCK = 0.25  # s: beyond it products of residuals are independent
 _SIGN_DRAWS = 2000  # random signs: p-values down to 1/2001
 _CLIP = 2.0  # of the median size of u: Huber 1981, Robust Statistics, ch. 4, loses 5 % where u is normal
 _DRAWS_AT_ONCE = 250  # of random signs: limits the memory
+_MOST_SIGNS = 4_000_000  # in memory at once, 64 MB with their products; runs up to 66 min have all _DRAWS_AT_ONCE
 _SEED = 6  # of the random signs: the same runs give the same p-values
 _POWER_TOGETHER = 0.6  # share of the power that the regimes claimed must hold together ...
 _POWER_EACH = 0.1  # ... and each of them
@@ -164,14 +166,16 @@ def compute_p_values(seen: Sequence[PooledSource]) -> dict[tuple[int, str], floa
             for tested in one.tested.T:
                 columns.append(_clip_outliers(np.bincount(one.block, tested * mask)))
                 keys.append((i, name))
+    check_bytes("tests of the regimes of these runs need", 2.0 * len(columns) * sum(map(len, columns[:1])) * 8.0)
     u = np.column_stack(columns)
     size = np.sqrt(np.sum(u**2, axis=0))
     u = u / np.where(size > 0.0, size, 1.0)
     z = np.abs(u.sum(axis=0))
     random = np.random.default_rng(_SEED)
+    at_once = max(1, min(_DRAWS_AT_ONCE, _MOST_SIGNS // max(len(u), 1)))
     largest = [
-        np.abs((2.0 * random.integers(0, 2, (_DRAWS_AT_ONCE, len(u))) - 1.0) @ u).max(axis=1)
-        for _ in range(_SIGN_DRAWS // _DRAWS_AT_ONCE)
+        np.abs((2.0 * random.integers(0, 2, (min(at_once, _SIGN_DRAWS - begin), len(u))) - 1.0) @ u).max(axis=1)
+        for begin in range(0, _SIGN_DRAWS, at_once)
     ]
     drawn = np.sort(np.concatenate(largest))
     p = (1.0 + len(drawn) - np.searchsorted(drawn, z)) / (len(drawn) + 1.0)

@@ -31,6 +31,7 @@ from clutch_hil.discrepancy.noise import estimate_noise
 from protocols.errors import InputError
 
 BLOCK = 4e-3  # s: see Assumptions
+LEAST_BLOCKS = 8  # means that a run needs, --force or not: with fewer there is no noise floor (noise.py)
 # s, of errors of the laws. Development: without it a wrong calibration hid valve_gain, internal_leakage and piston changes.
 CORRELATION_TIME = 0.4
 _MOST_COLOURED = 1.5  # floor of block means over that of white noise, at most
@@ -52,6 +53,12 @@ class Evidence:
     def __init__(self, model: Model, runs: Sequence[Columns], floors: Values, rounding: Values | None = None) -> None:
         if not runs:
             raise InputError("no run was given; at least one is needed")
+        for run in runs:
+            if len(run["time_s"]) < LEAST_BLOCKS * max(1, round(BLOCK / _period(run))):
+                raise InputError(
+                    f"a run has {len(run['time_s'])} rows, {len(run['time_s']) * _period(run):.3g} s; at least {LEAST_BLOCKS}"
+                    f" means over {1e3 * BLOCK:g} ms are needed to compare it with anything"
+                )
         self.model, self.runs, self.floors = model, list(runs), dict(floors)
         self._rounding = dict(rounding or {})
         self.columns = [output.column for output in model.outputs]

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class Report:
     """What a `report.json` says for a follow-up: its rig and verdict, the runs that were fitted and those `held_out`, unchanged
-    since, the `experiment` that it proposes, and the model file that its search began with, if any."""
+    since, the `experiment` that it proposes, the model file that its search began with, if any, and whether it was `forced`
+    past hard checks, as its follow-up then is."""
 
     path: Path
     rig: str
@@ -27,6 +28,7 @@ class Report:
     held_out: tuple[Path, ...]
     experiment: Experiment
     model: Path | None
+    forced: bool = False
 
     @classmethod
     def read(cls, path: Path) -> "Report":
@@ -56,6 +58,7 @@ class Report:
             tuple(map(Path, held_out)),
             experiment,
             Path(model) if model else None,
+            document.get("forced") is True,
         )
 
 
@@ -96,7 +99,7 @@ def decide_again(
     from clutch_hil.discrepancy.outcome import find_discrepancy
 
     answer = find_discrepancy(
-        [*report.runs, new], report.held_out, rig=report.rig, model=report.model,
+        [*report.runs, new], report.held_out, rig=report.rig, model=report.model, force=report.forced,
         progress=lambda what, share: progress(share, 1),
     )  # fmt: skip
     return answer, answer.write(out, command)

@@ -6,11 +6,14 @@ from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
+from clutch_hil.recordings.checks.knowledge import Limits
 from plant_sim.effects.effect import Effect, Shape, Strength
 from protocols.files.parameters import Parameter, ParameterSet
 
 Columns = Mapping[str, np.ndarray]  # by name, each (n,), one row a sample at a constant rate, with time_s
 Values = Mapping[str, float]  # parameters by dotted name, each in its declared unit
+
+_AT_BOUND = 1e-6  # of the width between bounds: fits are clipped to them, so this is rounding
 
 
 @dataclass(frozen=True)
@@ -61,6 +64,20 @@ class Candidate:
     def is_off(self, values: Values) -> bool:
         """Whether `values`, by dotted name, switch it off."""
         return all(values[f"{self.name}.{s.name}"] == s.off for s in self.strengths)
+
+    def bounded(self, values: Values) -> list[str]:
+        """Its strengths by dotted name that rest at a bound in `values`: the runs ask for more than is physically possible.
+
+        A bound at which the strength is off is none of these: there the effect, or a part of it, is absent. Nor is a bound of a
+        shape: it is mostly a limit case (a time constant of next to nothing, no spread), which many real rigs are near to.
+        """
+        found = []
+        for s in self.strengths:
+            name = f"{self.name}.{s.name}"
+            reach = _AT_BOUND * (s.bounds[1] - s.bounds[0])
+            if any(bound != s.off and abs(values[name] - bound) <= reach for bound in s.bounds):
+                found.append(name)
+        return found
 
     def typical(self) -> dict[str, float]:
         """Typical values by dotted name."""
@@ -161,6 +178,24 @@ class Demanding(Protocol):
     """
 
     run_columns: tuple[str, ...]
+
+
+@runtime_checkable
+class Ranged(Protocol):
+    """A model that knows what its rig can do, so that a recording in another unit, or of a fault, is told before any fit."""
+
+    def limits(self) -> Mapping[str, Limits]:
+        """Limits by column; of a column without an entry nothing is known."""
+        ...
+
+
+@runtime_checkable
+class Redundant(Protocol):
+    """A model some of whose columns follow from other measured ones, without any parameter: an angle from a speed."""
+
+    def from_others(self, run: Columns) -> Mapping[str, tuple[str, np.ndarray]]:
+        """By such a column the measured one that it follows from, and what it should be, (n,)."""
+        ...
 
 
 @runtime_checkable

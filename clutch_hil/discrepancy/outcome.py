@@ -20,8 +20,11 @@ from clutch_hil.discrepancy.models.named import (
 from clutch_hil.discrepancy.regimes import Regimes
 from clutch_hil.discrepancy.report import REPORT_FILES, write_report
 from clutch_hil.discrepancy.result import NAMED, NONE_OF_THESE, ONE_OF, Result
+from clutch_hil.discrepancy.run_checks import check_evidence
 from clutch_hil.discrepancy.search import investigate
 from clutch_hil.discrepancy.selection import Progress
+from clutch_hil.recordings.checks.finding import Finding, refuse_hard
+from clutch_hil.recordings.checks.timing import cut_at_fault
 from protocols.errors import InputError, listing
 from protocols.files.run import Run
 
@@ -44,6 +47,14 @@ class Discrepancy:
 
     def __str__(self) -> str:
         """The verdict, one line."""
+        hard = sum(finding.hard for finding in self.result.checks)
+        return (
+            f"{self._verdict()}; {hard} hard checks were overruled by --force"
+            if self.result.forced
+            else self._verdict()
+        )
+
+    def _verdict(self) -> str:
         result = self.result
         sure = f"confidence {result.confidence:.2f}"
         if result.verdict == NAMED:
@@ -84,6 +95,7 @@ def find_discrepancy(
     model: str | Path | None = None,
     calibration: float | None = None,
     effects: Sequence[str] | None = None,
+    force: bool = False,
     progress: Progress = lambda what, share: None,
 ) -> Discrepancy:
     """Find where runs and simulation disagree, and which effects the model lacks, as `clutch-hil discrepancy` does.
@@ -91,6 +103,10 @@ def find_discrepancy(
     `runs` are fitted, the `held_out` ones judge; without any, whole runs are left out in turn. A run is one in memory or the
     path of its file. `rig` is the name of a model or PATH.py:CLASS; `model` a model file to begin from; `calibration` how far
     the baseline may be re-fitted, in stated uncertainties; `effects` the candidates, all of the rig's if None.
+
+    All runs are checked first (`clutch_hil/recordings/checks`). Hard findings raise InputError, or with `force` stand in the
+    result as the others do. Of a run that ends in a fault of the controller only the rows before the fault count.
+
     `progress(what, share)` is called now and then, share from 0 to 1.
 
     It takes seconds to minutes; nothing is written until `Discrepancy.write`. Raises InputError.
@@ -105,9 +121,29 @@ def find_discrepancy(
     hashes: dict[str, str] = {}
     fitted = _columns(runs, known, hashes)
     held = _columns(held_out, known, hashes)
+    findings: list[Finding] = []
+    fitted, held = ({n: _without_fault(n, run, findings) for n, run in one.items()} for one in (fitted, held))
+    findings += check_evidence(known, {**fitted, **held})
+    if not force:
+        refuse_hard(findings)
     result = investigate(known, fitted, held, effects, progress)
-    result = replace(result, hashes=hashes, holdout=list(held), model=str(changed) if changed else None)
+    forced = any(finding.hard for finding in findings)
+    overruled = ["hard checks were overruled by --force: what follows is no evidence"] if forced else []
+    result = replace(
+        result, hashes=hashes, holdout=list(held), model=str(changed) if changed else None, checks=findings, forced=forced,
+        notes=[*overruled, *map(str, findings), *result.notes],
+    )  # fmt: skip
     return Discrepancy(result, known, rig, changed)
+
+
+def _without_fault(name: str, run: Columns, findings: list[Finding]) -> Columns:
+    """The rows of a run before its first fault; what was cut is added to `findings`. Raises InputError where none are left."""
+    kept, cut = cut_at_fault(run)
+    if cut:
+        findings.append(replace(cut, run=name))
+        if len(kept["time_s"]) < 2:
+            raise InputError(f"run {name} is in a fault from its first rows on ({cut.column}); it is no evidence")
+    return kept
 
 
 def _check_paths(runs: Sequence[Run | str | Path]) -> None:

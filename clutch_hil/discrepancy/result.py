@@ -5,6 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from clutch_hil.recordings.checks.finding import Finding
+
 NOTHING, NAMED, ONE_OF, NONE_OF_THESE = "nothing_missing", "named", "one_of", "none_of_these"
 
 
@@ -111,6 +113,8 @@ class Result:
     holdout: list[str] = field(default_factory=list)  # files of the runs that were not fitted
     model: str | None = None  # model file that the search began with
     notes: list[str] = field(default_factory=list)
+    checks: list[Finding] = field(default_factory=list)  # of the runs before any fit: run_checks.py
+    forced: bool = False  # whether the search went on in spite of hard ones
     atlas: dict[str, Any] = field(
         default_factory=dict
     )  # coherence, orders, correlations of the residual: residual_statistics.py
@@ -146,6 +150,8 @@ class Result:
             "holdout": self.holdout,
             "model": self.model,
             "notes": self.notes,
+            "checks": [finding.as_json() for finding in self.checks],
+            "forced": self.forced,
             "atlas": self.atlas,
         }
 

@@ -13,6 +13,7 @@ from clutch_hil.discrepancy.evidence import Evidence, Point
 from clutch_hil.discrepancy.experiment_design import propose
 from clutch_hil.discrepancy.fit import LinearModel
 from clutch_hil.discrepancy.held_out import fit_without_each, measure_gaps
+from clutch_hil.discrepancy.memory import check_memory
 from clutch_hil.discrepancy.model import Candidate, Columns, Evident, Model, Values, Witnessing
 from clutch_hil.discrepancy.noise import estimate_floors
 from clutch_hil.discrepancy.residual_statistics import compute_statistics
@@ -37,6 +38,8 @@ def investigate(
     candidates = _choose_candidates(model, names)
     progress("noise floor", 0.0)
     held = dict(held_out or {})
+    if runs:
+        check_memory(model, list(runs.values()), list(held.values()))
     floors = estimate_floors([*runs.values(), *held.values()], model.outputs)
     seen = model.evident(list(runs.values())) if isinstance(model, Witnessing) else {}
     evident = {c: seen[c.name] for c in candidates if c.name in seen}
@@ -47,12 +50,18 @@ def investigate(
     verdict, effects, alternatives = selection.decide()
     if evident and selection.explanation.is_negligible:
         verdict, effects, alternatives = NOTHING, [], []  # a coarse converter leaves as much by itself
+    notes = []
+    if verdict == NONE_OF_THESE and (bounded := selection.bounded()):
+        notes.append(
+            f"{' and '.join(c.name for c in selection.named)} would explain the disagreement best, but {' and '.join(bounded)}"
+            f" {'rests at its bound' if len(bounded) == 1 else 'rest at their bounds'}, so it is not believed"
+        )
     if verdict not in (NAMED, ONE_OF):
         selection.drop_effects()  # they do not explain enough
     if evident and verdict != NONE_OF_THESE:
         verdict = verdict if verdict == ONE_OF else NAMED
         effects = [*(c.name for c in evident), *effects]
-    notes = [f"{c.name} is evident without any fit: {one.why}" for c, one in evident.items()]
+    notes += [f"{c.name} is evident without any fit: {one.why}" for c, one in evident.items()]
     if selection.reading:
         notes.append(f"the runs are those of a rig in which {selection.reading}")
     progress("gap on runs that were not fitted", 0.85)

@@ -60,6 +60,7 @@ class EffectSelection:
         self.by_run: dict[str, np.ndarray] = {}  # excess (k,) in each run, by single candidate
         self._contradiction: dict[str, float] = {}  # power that they add to outputs, by single candidate
         self._rivals: dict[str, Rival] = {}
+        self._at_bound: dict[str, str] = {}  # strength at its bound by effect, of those that were dropped for it
         self.confidence = 0.5
         self.reading = ""  # name of the reading of the model's equations, "" for the first (reading.py)
 
@@ -105,6 +106,7 @@ class EffectSelection:
             self.progress("the model with the effects named", 0.8)
             self._finish()
             self._drop_idle(costs)
+            self._drop_bounded(costs)
 
     def _weaken_outliers(self) -> Evidence:
         """Replace the evidence by one in which no output outweighs the others (`Evidence.with_tolerance`), and return it."""
@@ -251,6 +253,29 @@ class EffectSelection:
             self._accept(at, kept, costs if len(kept) == 1 else {})
             self._finish()
 
+    def _drop_bounded(self, costs: dict[str, float]) -> None:
+        """Drop effects that rest at a bound, if the others explain enough without them; else `decide` names none.
+
+        costs: of single effects, by name.
+        """
+        effects = self.final.point[1]
+        kept = tuple(c for c in self.named if not c.bounded(effects))
+        if not kept or kept == self.named:
+            return
+        names = {n for c in kept for n in c.declared()}
+        start = self.final.point[0], {n: v for n, v in effects.items() if n in names}
+        at, _ = self._fit_jointly([(kept, start)])[0]
+        if self._explain(at, len(kept)).is_sufficient:
+            if len(kept) == 1:
+                self._record_single_fits([(at, kept)])
+                self._record_rivals(costs := costs | {kept[0].name: self._score(at)})
+            self._accept(at, kept, costs if len(kept) == 1 else {})
+            self._finish()
+
+    def bounded(self) -> list[str]:
+        """Strengths of the effects that explain most, by dotted name, that rest at a bound: those effects are not believed."""
+        return [n for c in self.named for n in c.bounded(self.final.point[1])]
+
     def _find_idle(self) -> list[Candidate]:
         """Effects named that may be off: the 95 % interval of every strength includes its value while it is off."""
         unsure = {e.name for e in self.estimate_parameters(effects=True) if e.ci95[0] <= e.nominal <= e.ci95[1]}
@@ -330,10 +355,15 @@ class EffectSelection:
         if not w.is_sufficient:
             self.confidence = float(np.clip(1.0 - w.closed, 0.3, 0.95))
             return NONE_OF_THESE, [], []
+        if self.bounded():
+            self.confidence = NONE_CONFIDENCE
+            return NONE_OF_THESE, [], []
         self.confidence = confidence(w)
         if w.count > 1:
             return NAMED, [c.name for c in self.named], []
-        near = self._indistinguishable()
+        candidates = {c.name: c for c in self.candidates}
+        best = self.named[0].name
+        near = [n for n in self._indistinguishable() if n == best or not candidates[n].bounded(self.values[n])]
         if len(near) > 1:
             return ONE_OF, [], [near]
         return NAMED, [self.named[0].name], []
@@ -347,6 +377,7 @@ class EffectSelection:
 
     def drop_effects(self) -> None:
         """Go back to the baseline."""
+        self._at_bound = {n.partition(".")[0]: n for n in self.bounded()}
         self.named, self.final = (), self.base
 
     def judge_rivals(self) -> list[Rival]:
@@ -362,6 +393,10 @@ class EffectSelection:
                 reason = "explains nothing that the baseline's own parameters do not"
             elif self._contradiction.get(r.name, 0.0) > DISAGREEMENT:
                 reason = "makes an output worse than the baseline alone does, which what is missing cannot"
+            elif r.name in self._at_bound:
+                reason = (
+                    f"closes {closed:.0%} of the gap with {self._at_bound[r.name]} at its bound, and is not believed"
+                )
             elif not best:
                 reason = f"closes {closed:.0%} of the gap; to be named it takes {LEAST_CLOSED[0]:.0%}"
             found.append(replace(r, closed=closed, reason="" if r.name in best else reason))

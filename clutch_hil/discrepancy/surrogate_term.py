@@ -28,6 +28,7 @@ from clutch_hil.discrepancy.sources import (
     means,
     sources,
 )
+from plant_sim.effects.catalogue import effect
 from plant_sim.effects.friction import residual_torque as by_friction
 from plant_sim.effects.valve import residual_pressure as by_demand
 from protocols.errors import listing
@@ -90,7 +91,11 @@ def describe_residual(
     coefficients = _fit_terms(target, names)
     values = {}
     if target.effect:
-        values = {f"{target.effect}.{name}": float(v) for name, v in zip(names, coefficients, strict=True)}
+        bounds = {p.name: p.bounds for p in effect(target.effect).parameters}
+        values = {
+            f"{target.effect}.{name}": float(np.clip(v, *bounds[name]))
+            for name, v in zip(names, coefficients, strict=True)
+        }
         if target.order and "cosine" in names:
             values[f"{target.effect}.order"] = float(target.order)
     ranked = [names[i] for i in np.argsort(-_term_sizes(target, names, coefficients))]

@@ -26,8 +26,9 @@ class PneumaticCylinder(SlidingContact):
     inputs = ("position_m", "pressure_bar")
     output = Output("rod_force_n", "N", "piston")
     defaults = "pneumatic_cylinder_model.toml"
+    scale = Scale(force=30.0, speed=0.02, path=0.04)
     known = candidates(
-        Scale(force=30.0, speed=0.02, path=0.04),
+        scale,
         (
             "piston_seal_friction", "direction_asymmetry", "position_ripple", "shaft_angle_ripple", "presliding",
             "stribeck_change", "friction_lag", "friction_level", "friction_fade", "torque_sensor_offset",

@@ -37,8 +37,9 @@ class PositionAxis(SlidingContact):
     inputs = ("position_m",)
     output = Output("motor_force_n", "N", "friction")
     defaults = "position_axis_model.toml"
+    scale = Scale(force=50.0, speed=0.15, path=0.25, load=150.0)
     known = candidates(
-        Scale(force=50.0, speed=0.15, path=0.25, load=150.0),
+        scale,
         (
             "direction_asymmetry", "position_ripple", "shaft_angle_ripple", "presliding", "stribeck_change",
             "friction_lag", "friction_level", "friction_fade", "load_dependent_friction", "motor_torque_ripple",

@@ -2,10 +2,15 @@
 
 Equation        r = c A cos(2 pi x/period + phase),  c what the ripple is a share of (1 N where it is none)
                 line(w) = 2 sum(c r exp(-2 pi i w x))/sum(c^2), over places first, then about its peaks over all samples
+                places are equally far apart: all lines of the spectrum by one chirp transform, whatever the travel
+Memory          in proportion to the travel over the shortest period, and no more than for _MOST_BINS places: of a longer travel
+                the part about its median is taken
+References      Rabiner, Schafer and Rader 1969, Bell Syst. Tech. J. 48 (chirp z-transform)
 Assumptions     places are visited in both directions, or c keeps its sign
 """
 
 import numpy as np
+from scipy.signal import czt
 
 from clutch_hil.discrepancy.model import Candidate
 from clutch_hil.discrepancy.models.linear_motion import PERIOD
@@ -15,6 +20,8 @@ _LEAST_SPEED = 0.1  # of the greatest speed: slower samples show the reversal, n
 _BINS = 8  # along the shortest period
 _STARTS = 3  # periods that are returned
 _COARSE_LINES = 4  # lines of the coarse spectrum for each line that the path can resolve
+_MOST_BINS = 1 << 20  # places: 130 000 shortest periods, some 100 MB while the spectrum is computed
+_CHUNK = 1 << 16  # samples whose phases are in memory at once: 42 MB for the lines near a peak
 _FINE_LINES = 40  # lines near a peak: the phase is then right to 1/80 of a period at the ends of the path
 
 
@@ -32,15 +39,20 @@ def ripple_starts(
     x, c, speed = moved.position[moving], carrier[moving], moved.speed[moving]
     if x.size < _BINS or np.ptp(x) < shortest or not c.any():
         return []
+    if np.ptp(x) > (longest_path := _MOST_BINS / _BINS * shortest):
+        near_median = np.abs(x - np.median(x)) < 0.5 * longest_path
+        x, c, speed = x[near_median], c[near_median], speed[near_median]
+        moving = np.flatnonzero(moving)[near_median]
     linear = np.column_stack([np.ones(x.size), np.sign(speed), speed, np.abs(speed), moved.acceleration[moving]])
     r = residual[moving] - linear @ np.linalg.lstsq(linear, residual[moving], rcond=None)[0]
     bins = int(np.ptp(x) / shortest * _BINS) + 1
     edges = np.linspace(x.min(), x.max(), bins + 1)
     at = np.clip(np.digitize(x, edges) - 1, 0, bins - 1)
-    middle = 0.5 * (edges[1:] + edges[:-1])
     resolved = 1.0 / np.ptp(x)
     waves = np.arange(1.0 / longest, 1.0 / shortest, resolved / _COARSE_LINES)
-    strength = np.abs(_lines(middle, np.bincount(at, c * r, minlength=bins), waves))
+    width = edges[1] - edges[0]
+    first, step = np.exp(2j * np.pi * waves[0] * width), np.exp(-2j * np.pi * resolved / _COARSE_LINES * width)
+    strength = np.abs(czt(np.bincount(at, c * r, minlength=bins), len(waves), step, first))
     starts: list[dict[str, float]] = []
     while len(starts) < _STARTS and strength.any():
         k = int(np.argmax(strength))
@@ -57,4 +69,8 @@ def ripple_starts(
 
 def _lines(x: np.ndarray, weighted: np.ndarray, waves: np.ndarray) -> np.ndarray:
     """2 sum(weighted exp(-2 pi i w x)) for each wave number w [1/m] of `waves` (k,)."""
-    return 2.0 * (np.exp(-2j * np.pi * np.outer(waves, x)) @ weighted)
+    total = np.zeros(len(waves), complex)
+    for begin in range(0, len(x), _CHUNK):
+        part = slice(begin, begin + _CHUNK)
+        total += np.exp(-2j * np.pi * np.outer(waves, x[part])) @ weighted[part]
+    return 2.0 * total

@@ -19,9 +19,10 @@ import numpy as np
 from numba import from_dtype, njit
 
 from clutch_hil.discrepancy.model import Candidate, Columns, Output, Values
-from clutch_hil.discrepancy.models.linear_motion import STRIBECK_DEPTH, law_values
+from clutch_hil.discrepancy.models.linear_motion import STRIBECK_DEPTH, Scale, law_values
 from clutch_hil.discrepancy.models.measured_motion import Motion
 from clutch_hil.discrepancy.models.ripple_starts import ripple_starts
+from clutch_hil.recordings.checks.knowledge import Limits
 from plant_sim.effects.catalogue import effect
 from plant_sim.effects.signals import DRIVE, PISTON, SENSORS, SIGNALS, bind_laws, call, has_law
 from plant_sim.effects.start import StrongestOrder
@@ -67,6 +68,7 @@ class SlidingContact(ABC):
     name: str
     inputs: tuple[str, ...]
     output: ClassVar[Output]
+    scale: ClassVar[Scale]
     known: ClassVar[tuple[Candidate, ...]]  # every candidate of the rig
     defaults: ClassVar[str]  # file of plant_sim/parameters
 
@@ -132,6 +134,10 @@ class SlidingContact(ABC):
         contact = self._contact(self.parameters)
         load = self._drive(run, self.parameters, moved).load
         return contact.get("clutch_coulomb_slope", 0.0) * load + contact.get("clutch_coulomb_intercept", 0.0)
+
+    def limits(self) -> Mapping[str, Limits]:
+        """See `Ranged`: the path and the force that the rig is made for; the first input is the position."""
+        return {self.inputs[0]: Limits(span=self.scale.path), self.output.column: Limits(span=self.scale.force)}
 
     @abstractmethod
     def _track_motion(self, run: Columns, own: ParameterSet, period: float) -> Motion:

@@ -30,8 +30,9 @@ class Tribometer(SlidingContact):
     inputs = ("displacement_m", "normal_load_n")
     output = Output("friction_force_n", "N", "friction")
     defaults = "tribometer_model.toml"
+    scale = Scale(force=3.0, speed=1e-3, path=1e-3, load=5.0)
     known = candidates(
-        Scale(force=3.0, speed=1e-3, path=1e-3, load=5.0),
+        scale,
         (
             "direction_asymmetry", "position_ripple", "presliding", "stribeck_change", "friction_lag", "friction_level",
             "friction_fade", "load_dependent_friction", "torque_sensor_offset", "torque_sensor_leakage",

@@ -13,6 +13,7 @@ from functools import lru_cache
 from math import ceil
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 from scipy.ndimage import gaussian_filter1d
 
 from clutch_hil.discrepancy.model import Candidate, Columns, Evident, Output, RunSource, Values
@@ -20,6 +21,7 @@ from clutch_hil.discrepancy.models.wet_clutch_experiments import WetClutchBench
 from clutch_hil.discrepancy.models.wet_clutch_sources import locate
 from clutch_hil.discrepancy.models.wet_clutch_starts import check_start, starting_values
 from clutch_hil.discrepancy.noise import find_lattice
+from clutch_hil.recordings.checks.knowledge import Limits
 from plant_sim.effects.catalogue import effects as catalogue
 from plant_sim.effects.signals import DRIVE
 from plant_sim.effects.table import sum_added_rates
@@ -36,6 +38,10 @@ _RIGS = 8  # points that are simulated at a time, on as many CPUs
 _BEGINNING = 0.2  # s of measured temperature that give the first one: the clutch is still open in half of it
 _EMPTY = 0.3  # bar: a run that begins below is at rest
 _SMOOTH = 3e-3  # s, standard deviation of the window that measured pressure and slip are smoothed with to drive a block
+_MOTOR_GAIN = 1.25  # of the motor's limit that its channel may show: a gain error of a quarter, and noise
+_COLDEST = -40.0  # degC of the oil: a cold chamber
+_HEATED = 60.0  # K above the sump: runs heat the oil by 10 K; 55 degC, the coldest of the battery, are 131 degF
+_LATE_TEMPERATURE = 60.0  # s: bound of temperature_sensor_lag.time
 _CONVERTED = (  # column, group of its sensor, parameter of coarse_quantisation
     ("cylinder_pressure_bar", "pressure", "pressure_bits_lost"),
     ("clutch_torque_nm", "clutch_torque", "torque_bits_lost"),
@@ -118,6 +124,27 @@ class WetClutch:
             return self.simulate_block("friction", behind, parameters, effects)
 
         return locate(friction, number, run, shown, residuals, floors, self.parameters, parameters)
+
+    def limits(self) -> dict[str, Limits]:
+        """See `Ranged`: ends of the converters, of the motor, and of what the oil can be."""
+        one = {
+            name: p.value for name, p in self._whole.items() if name.partition(".")[0] in ("sensors", "motor", "oil")
+        }
+        ends = {name: one["sensors.input_range"] / one[f"sensors.{name}_sensitivity"] for name in _CHANNELS}
+        motor = min(_MOTOR_GAIN * one["motor.torque_limit"], ends["motor_torque"])
+        return {
+            "valve_voltage_v": Limits(0.0, one["sensors.dac_range"]),
+            "cylinder_pressure_bar": Limits(-ends["pressure"], ends["pressure"]),
+            "clutch_torque_nm": Limits(-ends["clutch_torque"], ends["clutch_torque"]),
+            "motor_torque_nm": Limits(-motor, motor),
+            "oil_temperature_degc": Limits(_COLDEST, one["oil.sump_temperature"] + _HEATED, delay=_LATE_TEMPERATURE),
+        }
+
+    def from_others(self, run: Columns) -> dict[str, tuple[str, np.ndarray]]:
+        """See `Redundant`: the shaft's angle is the integral of the slip, as the other shaft stands."""
+        slip, time = run["slip_speed_rad_s"], run["time_s"]
+        angle = run["shaft_angle_rad"][0] + cumulative_trapezoid(slip, time, initial=0.0)
+        return {"shaft_angle_rad": ("slip_speed_rad_s", angle)}
 
     def bench(self) -> WetClutchBench:
         """See `experiment.Experimenting`."""

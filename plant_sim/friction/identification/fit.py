@@ -9,12 +9,13 @@ References      Janssens 2010, sec. 5.8; starts: McKay, Beckman, Conover 1979 (L
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
 from scipy.stats import qmc
 
+from plant_sim.friction.identification.delay import find_delay
 from plant_sim.friction.identification.least_squares import Estimate, minimise
 from plant_sim.friction.identification.virgin_curve import check_pair
 from plant_sim.friction.model import Array, real, require, require_type
@@ -67,7 +68,8 @@ def fit(
     """Fit the parameters `names` of the model that `build` makes of all values by name; those only in `start` stay frozen.
 
     Searches from `start` and from `starts` - 1 further points spread within `bounds`, which are needed for `names`; points
-    differ by `seed`. `progress(done, total)` is called after each start. Raises InputError.
+    differ by `seed`. `progress(done, total)` is called after each start. A force that is late or early stands in `doubts`.
+    Raises InputError.
     """
     require_type("measured trace", trace, Measured)
     require_whole("number of starts", starts)
@@ -81,12 +83,26 @@ def fit(
     if trace.force.size <= len(names):
         raise InputError(f"measured trace has {trace.force.size} samples for {len(names)} parameters; needed are more")
 
-    def residual(theta: Array) -> Array:
+    def force(theta: Array) -> Array:
         model = build({**frozen, **dict(zip(names, map(float, theta), strict=True))})
-        return model.trace(trace.position, trace.dt, trace.load).force - trace.force
+        shown: Array = model.trace(trace.position, trace.dt, trace.load).force
+        return shown
+
+    def residual(theta: Array) -> Array:
+        return force(theta) - trace.force
 
     first = np.array([[float(start[name]) for name in names]])
-    return minimise(residual, names, np.vstack([first, _spread(limits, starts - 1, seed)]), limits, frozen, progress)
+    tried = np.vstack([first, _spread(limits, starts - 1, seed)])
+    estimate = minimise(residual, names, tried, limits, frozen, progress)
+    delay = find_delay(force, trace.force, trace.dt, estimate, limits)
+    return estimate if delay is None else replace(estimate, doubts=(*estimate.doubts, _describe_delay(delay)))
+
+
+def _describe_delay(delay: float) -> str:
+    return (
+        f"the force is {1e3 * abs(delay):.3g} ms {'behind' if delay > 0.0 else 'before'} the position, which explains most of"
+        " what is left: shift it and fit again, the parameters do not hold"
+    )
 
 
 def _limits(name: str, bounds: tuple[float, float]) -> tuple[float, float]:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from plant_sim.friction.identification.fit import Measured, fit
-from plant_sim.friction.identification.least_squares import minimise
+from plant_sim.friction.identification.least_squares import Estimate, minimise
 from plant_sim.friction.maxwell_slip import MaxwellSlip
 from plant_sim.friction.model import Array
 from protocols.errors import InputError
@@ -111,6 +111,39 @@ def test_parameter_at_its_bound_is_told() -> None:
     found = fit(build, ["F", "s"], {**truth, "F": 5.0}, {"F": (1.0, 7.0), "s": (1e5, 1e8)}, trace)
     assert found["F"] == pytest.approx(7.0)
     assert any("F rests at its bound 7" in doubt for doubt in found.doubts)
+
+
+CHAIN = {"k1": 1e5, "k2": 2e5, "W1": 10.0, "W2": 5.0}
+CHAIN_BOUNDS = {"k1": (1e4, 1e6), "k2": (1e4, 1e6), "W1": (1.0, 50.0), "W2": (1.0, 50.0)}
+
+
+def fit_chain(delay: float, seed: int = 1) -> Estimate:
+    """Fit two Maxwell-slip elements to 4 s of their own force, `delay` [s] late, with 0.05 N of noise."""
+
+    def build(p: dict[str, float]) -> MaxwellSlip:
+        return MaxwellSlip([p["k1"], p["k2"]], [p["W1"], p["W2"]])
+
+    time = 1e-3 * np.arange(4000)
+    motion = 1e-4 * (np.sin(np.pi * time) + 0.6 * np.sin(2.6 * np.pi * time + 1.0))
+    force = np.interp(time - delay, time, build(CHAIN).trace(motion, 1e-3).force)
+    force = force + 0.05 * np.random.default_rng(seed).standard_normal(time.size)
+    start = {name: 0.5 * value for name, value in CHAIN.items()}
+    return fit(build, list(CHAIN), start, CHAIN_BOUNDS, Measured(motion, 1e-3, force), starts=3)
+
+
+@pytest.mark.parametrize(("delay", "said"), [(0.05, "50 ms behind"), (0.005, "5 ms behind"), (-0.05, "50 ms before")])
+def test_force_of_another_time_than_its_position_is_told(delay: float, said: str) -> None:
+    """Its stiffness is then half of the true one, with an interval of 1.4 %."""
+    told = [doubt for doubt in fit_chain(delay).doubts if "the position" in doubt]
+    assert len(told) == 1
+    number, _, rest = said.partition(" ")
+    assert rest in told[0]
+    assert float(told[0].split()[3]) == pytest.approx(float(number), rel=0.02)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_force_of_its_time_is_not_doubted(seed: int) -> None:
+    assert fit_chain(0.0, seed).doubts == ()
 
 
 def trace_of(values: list[float]) -> Measured:

@@ -1,0 +1,198 @@
+"""Dirty channels: sound runs with one channel altered, as wrong maps, dead sensors and other clocks alter it.
+
+    python -m benchmarks.dirty_channels          # every alteration of every channel, and 200 sound cases of the battery
+
+A check must speak in each altered case, and the engine must name no wrong effect in any that the checks let pass. No hard check
+may speak in a sound case, whatever real fault of a sensor is hidden in it.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from benchmarks.battery.cases import Case, generate_case, list_cases
+from benchmarks.battery.short_case import make_short_case
+from benchmarks.battery.truth_laws import CATALOGUE_LAWS
+from clutch_hil.bench.progress import progress_bar
+from clutch_hil.discrepancy.model import Columns, Model
+from clutch_hil.discrepancy.models.position_axis import PositionAxis
+from clutch_hil.discrepancy.models.wet_clutch import WetClutch
+from clutch_hil.discrepancy.result import NAMED, ONE_OF
+from clutch_hil.discrepancy.run_checks import check_evidence
+from clutch_hil.discrepancy.search import investigate
+
+Alteration = Callable[[np.ndarray, float], np.ndarray]  # values (n,) and sample period [s] -> values (n,)
+
+_LATE = 0.5  # s that a channel is shifted by
+_FACTORS = {  # unit -> other units that a channel may be in, and how many of them are one of ours
+    "bar": {"psi": 14.504, "kPa": 100.0, "MPa": 0.1, "Pa": 1e5},
+    "degc": {},
+    "nm": {"kgf cm": 10.197, "Ncm": 100.0},
+    "n": {"kN": 1e-3, "mN": 1e3},
+    "rad_s": {"rpm": 9.5493, "deg/s": 57.296, "Hz": 0.15915},
+    "rad": {"deg": 57.296, "revolutions": 0.15915},
+    "v": {"mV": 1e3},
+    "m": {"mm": 1e3, "inch": 39.37},
+}
+_FREE_ZERO = ("shaft_angle_rad", "position_m")  # their zero is where the encoder was switched on
+
+
+def _freeze(x: np.ndarray, _: float) -> np.ndarray:
+    return np.where(np.arange(len(x)) < len(x) // 2, x, x[len(x) // 2])
+
+
+def _shift(x: np.ndarray, period: float) -> np.ndarray:
+    return np.roll(x, round(_LATE / period))
+
+
+ALTERATIONS: Mapping[str, Alteration] = {
+    "dead at 0": lambda x, _: np.zeros_like(x),
+    "dead at its mean": lambda x, _: np.full_like(x, x.mean()),
+    "sign": lambda x, _: -x,
+    "times 1000": lambda x, _: 1e3 * x,
+    "times 0.001": lambda x, _: 1e-3 * x,
+    "frozen": _freeze,
+    "saturated above": lambda x, _: np.minimum(x, x.min() + 0.5 * np.ptp(x)),
+    "saturated below": lambda x, _: np.maximum(x, x.min() + 0.5 * np.ptp(x)),
+    "late": _shift,
+    "off": lambda x, _: x + max(np.ptp(x), abs(x.mean())),
+}
+
+
+def alterations(column: str) -> dict[str, Alteration]:
+    """The alterations of a column by name: those of every column, and those of its unit."""
+    unit = next(u for u in sorted(_FACTORS, key=len, reverse=True) if column.endswith(f"_{u}"))
+    found = dict(ALTERATIONS) | {f"in {n}": (lambda x, _, f=f: f * x) for n, f in _FACTORS[unit].items()}
+    if unit == "degc":
+        found |= {"in K": lambda x, _: x + 273.15, "in degF": lambda x, _: 1.8 * x + 32.0}
+    if column in _FREE_ZERO:
+        del found["off"]
+    if unit == "degc":
+        del found["late"]  # a thermometer is late by seconds: temperature_sensor_lag
+    return found
+
+
+@dataclass(frozen=True)
+class DirtyCase:
+    """A rig, its sound runs, and the channels that are altered."""
+
+    model: Model
+    runs: Mapping[str, Columns]
+    channels: tuple[str, ...]
+
+    def altered(self) -> Iterator[tuple[str, str, dict[str, Columns]]]:
+        """Channel, alteration and the runs with it, each in turn."""
+        for column in self.channels:
+            for name, change in alterations(column).items():
+                yield column, name, self.alter(column, change)
+
+    def alter(self, column: str, change: Alteration) -> dict[str, Columns]:
+        """The runs with one channel altered in all of them."""
+        return {
+            name: {**run, column: change(run[column], float(run["time_s"][1] - run["time_s"][0]))}
+            for name, run in self.runs.items()
+        }
+
+
+def wet_clutch(seed: int = 1) -> DirtyCase:
+    """Short runs of the battery's rig with nothing hidden."""
+    fitted, held_out = make_short_case({}, seed=seed)
+    model = WetClutch()
+    return DirtyCase(model, fitted | held_out, tuple(c for c in model.run_columns if c != "time_s"))
+
+
+def position_axis(seed: int = 1) -> DirtyCase:
+    """Strokes of an axis like that of EMPS: 95 kg, 20 N, 200 Ns/m, three speeds, at 250 Hz."""
+    model, random = PositionAxis(), np.random.default_rng(seed)
+    values = {n: p.value for n, p in model.parameters.items()} | {
+        "table.mass": 95.0, "friction.coulomb": 20.0, "friction.viscous": 200.0, "motor.delay": 0.3,
+    }  # fmt: skip
+    runs = {}
+    for k, speed in enumerate((0.04, 0.08, 0.12)):
+        time = np.arange(0.0, 16.0, 4e-3)
+        wanted = speed * np.clip(3.0 * np.sin(2.0 * np.pi * 0.25 * time + k), -1.0, 1.0)
+        smooth = np.convolve(np.pad(wanted, 25, "edge"), np.hanning(51) / np.hanning(51).sum(), "valid")
+        position = np.cumsum(smooth) * 4e-3
+        run = {"time_s": time, "position_m": position + 1e-6 * random.standard_normal(len(time))}
+        force = model.simulate({**run, "position_m": position}, values, {})["motor_force_n"]
+        runs[f"run-{k}"] = run | {"motor_force_n": force + 0.4 * random.standard_normal(len(time))}
+    return DirtyCase(model, runs, ("position_m", "motor_force_n"))
+
+
+_FITTING = {  # effects that a channel altered in this way has: to name them is right
+    ("cylinder_pressure_bar", "saturated above"): ("sensor_saturation",),
+    ("clutch_torque_nm", "saturated above"): ("sensor_saturation",),
+    ("clutch_torque_nm", "saturated below"): ("sensor_saturation",),
+    ("clutch_torque_nm", "off"): ("torque_sensor_offset",),
+    ("cylinder_pressure_bar", "off"): ("pressure_sensor_offset",),
+    ("motor_force_n", "off"): ("torque_sensor_offset",),
+}
+
+
+def name_wrong(case: DirtyCase, column: str, alteration: str, runs: Mapping[str, Columns]) -> tuple[str, list[str]]:
+    """The engine's verdict on runs that the checks let pass, and the effects that it names wrongly."""
+    result = investigate(case.model, runs)
+    named = result.effects if result.verdict == NAMED else [n for group in result.alternatives for n in group]
+    right = _FITTING.get((column, alteration), ())
+    if result.verdict not in (NAMED, ONE_OF) or set(named) & set(right):
+        return result.verdict, []
+    return result.verdict, named
+
+
+def sound_cases(most: int) -> list[Case]:
+    """Cases of the battery with a real fault of a sensor, of both splits, at every size and noise: at most so many."""
+    sensors = {law.name for law in CATALOGUE_LAWS if law.block == "sensors"}
+    listed = [c for split in ("development", "evaluation") for c in list_cases(split, ("single", "warm", "closed"))]
+    chosen = [c for c in listed if c.effects and c.effects[0] in sensors]
+    order = np.random.default_rng(30).permutation(len(chosen))
+    return [chosen[i] for i in order[:most]]
+
+
+def refused(case: Case) -> list[str]:
+    """What hard checks say of the runs of a sound case."""
+    generated = generate_case(case)
+    runs = {f"run-{k}": one.columns for k, one in enumerate((*generated.runs, *generated.held_out))}
+    return [str(finding) for finding in check_evidence(WetClutch(), runs) if finding.hard]
+
+
+def main(
+    sound: Annotated[int, typer.Option(help="sound cases of the battery")] = 200,
+    fits: Annotated[bool, typer.Option(help="whether the engine is asked about what the checks let pass")] = True,
+) -> None:
+    """Alter every channel, ask the checks, and the engine where they let it pass; then count sound cases that are refused."""
+    silent, wrong, cases, hard = [], [], 0, 0
+    for rig, case in (("wet_clutch", wet_clutch()), ("position_axis", position_axis())):
+        if said := [str(f) for f in check_evidence(case.model, case.runs)]:
+            typer.echo(f"{rig}: sound runs: {said}")
+        for column, alteration, runs in case.altered():
+            cases += 1
+            findings = check_evidence(case.model, runs)
+            refuses = any(f.hard for f in findings)
+            hard += refuses
+            line = f"{rig}: {column} {alteration}: {'refused' if refuses else 'told' if findings else 'SILENT'}"
+            if not findings:
+                silent.append(line)
+            if fits and not refuses:
+                verdict, named = name_wrong(case, column, alteration, runs)
+                line += f", {verdict} {named or ''}"
+                wrong += [line] if named else []
+            typer.echo(f"{line}: {findings[0] if findings else '-'}")
+    listed, refusals = sound_cases(sound), []
+    with progress_bar("sound cases", False) as progress:
+        for done, sound_case in enumerate(listed):
+            progress(done, len(listed))
+            if said := refused(sound_case):
+                refusals.append(f"{sound_case.name}: {said[0]}")
+                typer.echo(refusals[-1])
+    typer.echo(
+        f"verdict: of {cases} altered cases {hard} are refused, {len(silent)} passed in silence, {len(wrong)} named wrong;"
+        f" of {len(listed)} sound ones {len(refusals)} are refused"
+    )
+    raise typer.Exit(1 if silent or wrong or refusals else 0)
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -1,0 +1,82 @@
+"""Run checks: what is known of each column of a run by its model, for the checks of clutch_hil/recordings/checks.
+
+The prediction is that of the baseline as declared, before any fit. A baseline that is known badly may be off by a factor:
+latitude = 1 + 3 max(calibration s/|x|) over its parameters x with the uncertainty s, three standard deviations of the worst.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from clutch_hil.discrepancy.model import Columns, Model, Ranged, Redundant, calibration
+from clutch_hil.discrepancy.noise import estimate_floors
+from clutch_hil.recordings.checks.every_check import check_runs
+from clutch_hil.recordings.checks.finding import Finding
+from clutch_hil.recordings.checks.knowledge import Knowledge, Limits, Recorded
+from clutch_hil.recordings.import_map import unit_of
+from plant_sim.effects.catalogue import effects as catalogue
+from plant_sim.effects.start import ChannelEnds
+from protocols.errors import InputError
+
+_STANDARD_DEVIATIONS = 3.0  # of the worst known parameter
+_MOST_LATITUDE = 4.0  # a parameter known to 100 %; of one whose value is near 0 the ratio says nothing
+_ROUNDING = 1e-6  # of its range: floor of a column that other columns give without a model
+
+
+def check_evidence(model: Model, runs: Mapping[str, Columns]) -> list[Finding]:
+    """What the checks see in `runs`, by file or name, which have every column that `model` needs; hard findings first."""
+    # a constant output would set its own floor: of those that move, the others' is taken
+    floors = estimate_floors(list(runs.values()), model.outputs)
+    limits = model.limits() if isinstance(model, Ranged) else {}
+    latitude, clipped = _latitude(model), _clipped_columns(model)
+    seen: list[Finding] = []
+    recorded = []
+    for name, run in runs.items():
+        predicted = _predict(model, run)
+        if predicted is None:
+            text = "cannot be simulated by the baseline: check units and signs of the inputs in the import map"
+            seen.append(Finding("input", model.inputs[0], (0, len(run["time_s"]) - 1), text, True, name))
+            predicted = {}
+        known = {column: Knowledge(_unit(column), limits=limits.get(column, Limits())) for column in model.inputs}
+        for output in model.outputs:
+            c = output.column
+            known[c] = Knowledge(
+                output.unit, floors[c], predicted.get(c), limits.get(c, Limits()), c in clipped
+            )  # fmt: skip
+        if isinstance(model, Redundant):
+            for column, (source, values) in model.from_others(run).items():
+                floor = _ROUNDING * float(np.ptp(values))
+                known[column] = Knowledge(_unit(column), floor, values, limits.get(column, Limits()), source=source)
+        recorded.append(Recorded(name, run, known, tuple(model.inputs), latitude))
+    return sorted([*seen, *check_runs(recorded)], key=lambda finding: not finding.hard)
+
+
+def _predict(model: Model, run: Columns) -> Mapping[str, np.ndarray] | None:
+    """Outputs (n,) of the baseline as declared; None where it cannot be simulated."""
+    try:
+        with np.errstate(all="ignore"):
+            shown = model.simulate(run, {name: p.value for name, p in model.parameters.items()}, {})
+    except InputError:
+        return None
+    found = {output.column: np.asarray(shown[output.column], float) for output in model.outputs}
+    return found if all(np.isfinite(values).all() for values in found.values()) else None
+
+
+def _latitude(model: Model) -> float:
+    """Factor by which the uncertainty of its parameters may scale a prediction."""
+    shares = [p.uncertainty / abs(p.value) for p in model.parameters.values() if p.uncertainty > 0.0 and p.value != 0.0]
+    return min(1.0 + _STANDARD_DEVIATIONS * calibration(model) * max(shares, default=0.0), _MOST_LATITUDE)
+
+
+def _clipped_columns(model: Model) -> set[str]:
+    """Columns whose saturation is a candidate of the model."""
+    starts = [catalogue()[c.name].start for c in model.candidates if c.name in catalogue()]
+    return {column for start in starts if isinstance(start, ChannelEnds) for column in start.limits.values()}
+
+
+def _unit(column: str) -> str:
+    """Unit by the end of a column's name, "" where it tells none."""
+    try:
+        return unit_of(column)
+    except InputError:
+        return ""

@@ -1,0 +1,74 @@
+"""Every check of a recording, in one list, and how they are applied."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from clutch_hil.recordings.checks.baseline import (
+    find_far,
+    find_offset,
+    find_reversed,
+    find_scaled,
+    find_still_prediction,
+    find_unrelated,
+)
+from clutch_hil.recordings.checks.finding import Finding
+from clutch_hil.recordings.checks.knowledge import Knowledge, Recorded
+from clutch_hil.recordings.checks.timing import LEAST_TOTAL, find_drift, find_late, find_short, total_seconds
+from clutch_hil.recordings.checks.values import (
+    find_dead,
+    find_frozen,
+    find_out_of_range,
+    find_outliers,
+    find_saturated,
+)
+
+# What a later check sees in a column that an earlier one refuses, or that is saturated, follows from that: it is left out
+CHECKS: tuple[Callable[[Recorded], list[Finding]], ...] = (
+    find_short, find_dead, find_out_of_range, find_reversed, find_saturated, find_frozen, find_drift, find_late,
+    find_still_prediction, find_scaled, find_unrelated, find_offset, find_outliers, find_far,
+)  # fmt: skip
+_MOVES_AT_ALL = 0.5  # floors that an output moves by beside its noise, root mean square: chance gives a tenth
+
+
+def check_runs(runs: Sequence[Recorded]) -> list[Finding]:
+    """What the checks see in runs, each alone and all together, hard findings first."""
+    found = [replace(finding, run=run.name) for run in runs for finding in check_run(run)]
+    if runs and (seconds := total_seconds(runs)) < LEAST_TOTAL and not any(f.check == "length" for f in found):
+        text = f"of all runs are {seconds:.3g} s together; needed are {LEAST_TOTAL:g} s: record more, or longer"
+        found.append(Finding("length", "time_s", runs[0].rows, text, True))
+    predicted = [run for run in runs if run.predicted]
+    if predicted and not any(_moves(run) for run in predicted) and not any(f.hard for f in found):
+        text = "has no output that moves above its noise, in any run: excite the rig; a rig at rest shows nothing"
+        found.append(Finding("excitation", "time_s", predicted[0].rows, text, True))
+    return sorted(found, key=lambda finding: not finding.hard)
+
+
+def check_columns_alone(name: str, columns: Mapping[str, np.ndarray], units: Mapping[str, str]) -> list[Finding]:
+    """What the checks see in an imported run, without a baseline: all of it soft, as nothing is concluded yet."""
+    known = {column: Knowledge(units.get(column, "")) for column in columns if column != "time_s"}
+    return [replace(finding, hard=False, run=name) for finding in check_run(Recorded(name, columns, known))]
+
+
+def check_run(run: Recorded) -> list[Finding]:
+    """What the checks see in one run."""
+    found: list[Finding] = []
+    judged: set[str] = set()
+    for check in CHECKS:
+        for finding in check(run):
+            if finding.column not in judged:
+                found.append(finding)
+                if finding.hard or finding.check == "saturated":
+                    judged.add(finding.column)
+        if "time_s" in judged:
+            break
+    return found
+
+
+def _moves(run: Recorded) -> bool:
+    """Whether an output moves above its noise."""
+    return any(
+        float(np.var(run.columns[name])) > (1.0 + _MOVES_AT_ALL**2) * run.known[name].floor ** 2
+        for name in run.predicted
+    )

@@ -1,0 +1,136 @@
+"""Timing: length of a run, channels that are late or early, clocks that run apart, stretches in a fault.
+
+Steps of the clock itself are checked where a run is read (protocols/files/runs.py): rows, equal steps, no jump.
+Equation        delay = the shift with the largest correlation of measured and predicted
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from clutch_hil.recordings.checks.finding import Finding
+from clutch_hil.recordings.checks.knowledge import Recorded
+
+LEAST_SECONDS = (
+    1.0  # s of a run: residuals of one second are taken as one independent cluster (discrepancy/intervals.py)
+)
+LEAST_ROWS = 50  # of a run: with fewer, noise floor, shapes and delays rest on a handful of differences
+LEAST_TOTAL = (
+    2.0  # s of all runs: eight blocks of 0.25 s; with fewer no claim can reach a p-value of 0.01 (2^-7 = 0.008)
+)
+EARLY = 0.05  # s: nothing real is early; half a window of a smoother is
+APART = 0.05  # s that the delay may change in a run: oil that warms, or a valve that sticks, change it by less
+_STEADY = 0.25  # of what clocks run apart: how far the middle of a run may be from half of it
+_MOST_DELAY = 5.0  # s that are searched, and a quarter of the run
+_STEP = 5e-3  # s of the means that delays are read from: a tenth of what is told
+_BETTER = 0.25  # of the unexplained share that is left: a shift explains most of the rest, or it is another fault
+_LEAST_CORRELATION = 0.95  # at the best shift; noise of 5 % and a gain leave 0.97, a saturated triangle has less
+
+
+def find_short(run: Recorded) -> list[Finding]:
+    """A run that is too short to conclude anything from."""
+    rows = len(run.columns["time_s"])
+    if (seconds := rows * run.period) >= LEAST_SECONDS and rows >= LEAST_ROWS:
+        return []
+    text = f"is {seconds:.3g} s with {rows} rows; needed are {LEAST_SECONDS:g} s and {LEAST_ROWS} rows: record longer"
+    return [Finding("length", "time_s", run.rows, text, True)]
+
+
+def find_late(run: Recorded) -> list[Finding]:
+    """Columns whose clock is not that of the inputs."""
+    found = []
+    most = min(_MOST_DELAY, 0.25 * len(run.columns["time_s"]) * run.period)
+    for name, known in run.known.items():
+        if known.predicted is None:
+            continue
+        found_delay = _delay(run.columns[name], known.predicted, run.period, most)
+        if found_delay is None:
+            continue
+        delay, sure = found_delay
+        if not sure or -EARLY <= delay <= known.limits.delay:
+            continue
+        text = (
+            f"is {abs(delay):.3g} s {'behind' if delay > 0.0 else 'before'} {known.source}: its clock is not that of the"
+            " inputs; shift it, or record with one clock"
+        )
+        found.append(Finding("delay", name, run.rows, text, True))
+    return found
+
+
+def find_drift(run: Recorded) -> list[Finding]:
+    """Columns whose delay grows in the course of the run: two clocks that run apart."""
+    found = []
+    n = len(run.columns["time_s"])
+    most = min(_MOST_DELAY, 0.08 * n * run.period)  # a quarter of a third
+    for name, known in run.known.items():
+        if known.predicted is None or n < 3 * LEAST_ROWS:
+            continue
+        thirds = [slice(0, n // 3), slice(n // 3, 2 * n // 3), slice(2 * n // 3, n)]
+        delays = [_delay(run.columns[name][part], known.predicted[part], run.period, most) for part in thirds]
+        if any(one is None for one in delays):
+            continue
+        (first, sure), (middle, _), (last, too) = delays  # type: ignore[misc]
+        apart = last - first
+        steady = abs(middle - 0.5 * (first + last)) < _STEADY * abs(apart)
+        if abs(apart) > max(APART, 0.5 * known.limits.delay) and steady and (sure or too):
+            text = (
+                f"runs apart from {known.source} by {apart:.3g} s from the first to the last third: its clock is another one;"
+                " resample it by a channel that both have"
+            )
+            found.append(Finding("drift", name, run.rows, text, True))
+    return found
+
+
+def cut_at_fault(columns: Mapping[str, np.ndarray]) -> tuple[Mapping[str, np.ndarray], Finding | None]:
+    """The rows before the first fault of a controller, and what was cut; all of them, and None, where there is none.
+
+    A column of faults is named `fault` or `..._fault` and is 0 without one. In a fault the controller opens the clutch and
+    stops the motor, whatever its demands say.
+    """
+    rows = len(columns["time_s"])
+    first, name = rows, ""
+    for column, values in columns.items():
+        if column.rpartition("_")[2] == "fault" and len(at := np.flatnonzero(np.nan_to_num(values))) and at[0] < first:
+            first, name = int(at[0]), column
+    if not name:
+        return columns, None
+    text = f"tells a fault from {columns['time_s'][first]:.4g} s on; only the {first} rows before it count"
+    kept = {column: values[:first] for column, values in columns.items()}
+    return kept, Finding("fault", name, (first, rows - 1), text, False)
+
+
+def total_seconds(runs: Sequence[Recorded]) -> float:
+    """Length of all runs together [s]."""
+    return sum(len(run.columns["time_s"]) * run.period for run in runs)
+
+
+def _delay(measured: np.ndarray, predicted: np.ndarray, period: float, most: float) -> tuple[float, bool] | None:
+    """Delay [s] of measured behind predicted, within `most`, and whether it explains most of their difference.
+
+    None where both have too little in common to tell.
+    """
+    block = max(1, round(_STEP / period))
+    m, p = (_means(values, block) for values in (measured, predicted))
+    shifts = int(most / (block * period))
+    if shifts < 1 or len(m) < 4 * shifts or not (np.ptp(m) > 0.0 and np.ptp(p) > 0.0):
+        return None
+    # the middle of the prediction is moved along the measured: each shift has the same samples of the prediction
+    inner = p[shifts : len(p) - shifts]
+    inner = (inner - inner.mean()) / np.linalg.norm(inner - inner.mean()) if np.ptp(inner) > 0.0 else inner * 0.0
+    size = 1 << int(np.ceil(np.log2(len(m) + len(inner))))
+    cross = np.fft.irfft(np.fft.rfft(m - m.mean(), size) * np.conj(np.fft.rfft(inner, size)), size)[: 2 * shifts + 1]
+    sums, squares = (np.concatenate([[0.0], np.cumsum((m - m.mean()) ** k)]) for k in (1, 2))
+    n = len(inner)
+    total, square = (s[n : n + 2 * shifts + 1] - s[: 2 * shifts + 1] for s in (sums, squares))
+    spread = np.sqrt(np.maximum(square - total**2 / n, 0.0))
+    r = np.where(spread > 0.0, cross / np.where(spread > 0.0, spread, 1.0), 0.0)
+    best = int(np.argmax(r))
+    if r[best] < _LEAST_CORRELATION or best in (0, 2 * shifts):  # at the end of the search it is no maximum
+        return None
+    gains = 1.0 - r[best] ** 2 < _BETTER * (1.0 - max(r[shifts], 0.0) ** 2)
+    return (best - shifts) * block * period, bool(gains)
+
+
+def _means(values: np.ndarray, block: int) -> np.ndarray:
+    n = len(values) // block
+    return np.asarray(values[: n * block].reshape(n, block).mean(axis=1))

@@ -1,0 +1,170 @@
+"""Values: checks of single columns, without timing: dead, out of range, frozen, saturated, outliers.
+
+The limits were set on runs of the battery (benchmarks/dirty_channels.py counts): sound ones stay far inside, see each constant.
+"""
+
+from math import isfinite
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from clutch_hil.recordings.checks.finding import Finding
+from clutch_hil.recordings.checks.knowledge import Knowledge, Recorded
+from clutch_hil.recordings.checks.likely_unit import name_own_unit
+
+MOVES = 10.0  # floors, peak to peak: a prediction that moves by more must show in the channel, whatever its sensor
+MARGIN = 0.05  # of the width between limits: noise and offset of a sensor at its end
+SPAN_FACTOR = 100.0  # times the span: strokes of 0.01 to 100 times it occur on rigs of a kind; a wrong prefix is 1000
+_FROZEN = 0.5  # s of equal values: noise of an amplifier never leaves a converter on one step for 500 samples in motion
+_FROZEN_MOVE = 0.2  # of its whole movement: what the prediction moves, or is off, beside a frozen stretch
+_UNSEEN_FROZEN = (
+    0.1  # share of rows with one value in a column that else moves; only told, where no prediction judges it
+)
+_CLIPPED = (
+    0.01  # share of rows at the end of a channel: noise alone reaches its own extreme once, not in one row of 100
+)
+_BEYOND = 0.1  # of its whole movement: how far the prediction is beyond the end of a saturated channel
+_BEYOND_ROWS = 0.5  # share of rows at the end where it is: a signal comes near its end before it is beyond
+_SPIKE = (
+    0.3  # of the whole movement of a column, away from the median of five rows: no block of a rig returns within 2 rows
+)
+_SPIKE_FLOORS = 30.0  # floors: the largest of 1e9 samples of noise is 6
+_MANY_SPIKES = 1e-3  # share of rows: more are not single disturbances, but a channel that loses its signal
+
+
+def find_dead(run: Recorded) -> list[Finding]:
+    """Columns of one value while the baseline predicts a movement."""
+    found = []
+    for name, known in run.known.items():
+        values = run.columns[name]
+        if np.ptp(values) > 0.0:
+            continue
+        if known.predicted is not None and np.ptp(known.predicted) > MOVES * known.floor:
+            text = (
+                f"is {values[0]:.6g} {known.unit} throughout, where {known.source} moves by {np.ptp(known.predicted):.3g}: the"
+                " channel is dead; connect it, or map the column that holds the signal"
+            )
+            found.append(Finding("dead", name, run.rows, text, True))
+        elif known.predicted is None and name not in run.inputs:
+            text = f"is {values[0]:.6g} {known.unit} throughout; check that this channel was connected"
+            found.append(Finding("dead", name, run.rows, text, False))
+    return found
+
+
+def find_out_of_range(run: Recorded) -> list[Finding]:
+    """Columns with values, or a movement, that the rig cannot have."""
+    found = []
+    for name, known in run.known.items():
+        values, limits = run.columns[name], known.limits
+        width = limits.high - limits.low
+        margin = MARGIN * width if isfinite(width) else 0.0
+        outside = np.flatnonzero((values < limits.low - margin) | (values > limits.high + margin))
+        if len(outside):
+            worst = outside[np.argmax(np.abs(values[outside]))]
+            text = (
+                f"is {values[worst]:.4g} {known.unit} in row {worst}, where the rig has {limits.low:g} to {limits.high:g}:"
+                " check the unit and the sign in the import map, and whether the run ended in a fault"
+            )
+            found.append(Finding("range", name, (int(outside[0]), int(outside[-1])), text, True))
+            continue
+        ratio = float(np.ptp(values)) / limits.span if isfinite(limits.span) else 1.0
+        if ratio == 0.0:
+            text = f"is {values[0]:.6g} {known.unit} throughout: it is dead, or the rig stood still"
+            found.append(Finding("range", name, run.rows, text, True))
+        elif not 1.0 / SPAN_FACTOR < ratio < SPAN_FACTOR:
+            text = (
+                f"moves by {np.ptp(values):.3g} {known.unit}, {ratio:.2g} of what this rig is made for:"
+                f" {name_own_unit(known, ratio)}, or give the model of your rig"
+            )
+            found.append(Finding("range", name, run.rows, text, True))
+    return found
+
+
+def find_frozen(run: Recorded) -> list[Finding]:
+    """Stretches in which a column keeps one value while the baseline moves on."""
+    found = []
+    for name, known in run.known.items():
+        if name in run.inputs and known.predicted is None:
+            continue  # a demand may rest; what that does to the prediction is another check
+        values = run.columns[name]
+        first, last = longest_rest(values)
+        length = last - first + 1
+        if not 2 <= length < len(values):
+            continue
+        if known.predicted is None:
+            moving = np.count_nonzero(np.diff(values)) > 0.5 * (len(values) - length)  # it is no status
+            if moving and length > _UNSEEN_FROZEN * len(values) and length * run.period >= _FROZEN:
+                kept = f"keeps {values[first]:.6g} {known.unit} for {length * run.period:.3g} s"
+                text = f"{kept}: leave this stretch out if it froze"
+                found.append(Finding("frozen", name, (first, last), text, False))
+        elif length * run.period >= _FROZEN and _moves_on(known, values[first], first, last):
+            if known.clips and _is_at_end(values, values[first]):
+                continue  # saturated: see there
+            text = (
+                f"keeps {values[first]:.6g} {known.unit} for {length * run.period:.3g} s while {known.source} moves on: the"
+                " channel froze; leave this stretch out (from_s, to_s in the import map)"
+            )
+            found.append(Finding("frozen", name, (first, last), text, True))
+    return found
+
+
+def _moves_on(known: Knowledge, value: float, first: int, last: int) -> bool:
+    assert known.predicted is not None
+    beside = known.predicted[first : last + 1]
+    least = max(_FROZEN_MOVE * float(np.ptp(known.predicted)), MOVES * known.floor)
+    return bool(np.ptp(beside) > least or abs(float(np.mean(beside)) - value) > least)
+
+
+def _is_at_end(values: np.ndarray, value: float) -> bool:
+    return value in (values.min(), values.max())
+
+
+def find_saturated(run: Recorded) -> list[Finding]:
+    """Columns that rest at an end of theirs while the baseline goes beyond it."""
+    found = []
+    for name, known in run.known.items():
+        if known.predicted is None or np.ptp(run.columns[name]) == 0.0:
+            continue
+        values, predicted = run.columns[name], known.predicted
+        least = max(_BEYOND * float(np.ptp(predicted)), MOVES * known.floor)
+        for end, sign in ((values.max(), 1.0), (values.min(), -1.0)):
+            at = np.flatnonzero(values == end)
+            beyond = np.mean(sign * (predicted[at] - end) > least)
+            if len(at) > _CLIPPED * len(values) and beyond > _BEYOND_ROWS:
+                text = (
+                    f"rests at its end, {end:.6g} {known.unit}, in {len(at)} rows where {known.source} is beyond it: it is"
+                    " saturated; widen its range and record again"
+                )
+                found.append(Finding("saturated", name, (int(at[0]), int(at[-1])), text, not known.clips))
+    return found
+
+
+def find_outliers(run: Recorded) -> list[Finding]:
+    """Single samples far from their neighbours."""
+    found = []
+    for name, known in run.known.items():
+        values = run.columns[name]
+        if len(values) < 5 or (name in run.inputs and known.predicted is None):
+            continue
+        smooth = median_filter(values, 5, mode="nearest")
+        least = max(
+            _SPIKE * float(np.quantile(values, 0.999) - np.quantile(values, 0.001)), _SPIKE_FLOORS * known.floor
+        )
+        if not least > 0.0:
+            continue
+        rows = np.flatnonzero(np.abs(values - smooth) > least)
+        if len(rows):
+            text = (
+                f"has {len(rows)} samples alone, far from their neighbours, the first in row {rows[0]}: replace them before the"
+                " import; the fits take them for signal"
+            )
+            many = len(rows) > _MANY_SPIKES * len(values)
+            found.append(Finding("outliers", name, (int(rows[0]), int(rows[-1])), text, many))
+    return found
+
+
+def longest_rest(values: np.ndarray) -> tuple[int, int]:
+    """First and last row of the longest stretch of equal values (n,)."""
+    edges = np.flatnonzero(np.concatenate([[True], np.diff(values) != 0.0, [True]]))
+    k = int(np.argmax(np.diff(edges)))
+    return int(edges[k]), int(edges[k + 1]) - 1

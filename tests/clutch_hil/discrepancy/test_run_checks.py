@@ -1,0 +1,135 @@
+"""Checks of runs by their model: altered channels of a clutch and of an axis, and sound runs with faults of real sensors."""
+
+import numpy as np
+import pytest
+
+import clutch_hil as ch
+from benchmarks.battery.short_case import make_short_case
+from benchmarks.dirty_channels import DirtyCase, alterations, name_wrong, position_axis, wet_clutch
+from clutch_hil.discrepancy.memory import check_memory, estimate_memory
+from clutch_hil.discrepancy.model import Columns
+from clutch_hil.discrepancy.models.wet_clutch import WetClutch
+from clutch_hil.discrepancy.run_checks import check_evidence
+from clutch_hil.discrepancy.search import investigate
+from tests.clutch_hil.discrepancy.test_fit import record_run
+
+MODEL = "tests/clutch_hil/discrepancy/test_fit.py:Amplifier"
+# Strengths of the largest size that the battery has: gap of 4 floors behind 5 % noise
+FAULTS = {
+    "nothing": {},
+    "pressure_sensor_gain": {"pressure_sensor_gain": 0.25},
+    "pressure_sensor_offset": {"pressure_sensor_offset": 0.7},
+    "torque_sensor_gain": {"torque_sensor_gain": -0.25},
+    "torque_sensor_offset": {"torque_sensor_offset": -3.5},
+    "torque_sensor_leakage": {"torque_sensor_leakage": 0.05},
+    "torque_time_offset": {"torque_time_offset": 50.0},
+    "pressure_time_offset": {"pressure_time_offset": 50.0},
+    "temperature_sensor_lag": {"temperature_sensor_lag": 8.0},
+    "sensor_saturation": {"sensor_saturation": 0.3},
+    "saturation of twice that": {"sensor_saturation": 0.6},
+    "coarse_quantisation": {"coarse_quantisation": 1.25},
+}
+
+
+@pytest.mark.parametrize("make", [wet_clutch, position_axis], ids=lambda make: make.__name__)
+def test_every_altered_channel_is_told(make) -> None:
+    """What is only told: saturation and offsets, which are for discovery to name, and a demand that is cut off from below."""
+    case: DirtyCase = make()
+    assert check_evidence(case.model, case.runs) == []
+    told = set()
+    for column, name, runs in case.altered():
+        findings = check_evidence(case.model, runs)
+        assert findings, f"{column} {name}"
+        if not findings[0].hard:
+            told.add((column, name))
+    assert told <= {
+        ("cylinder_pressure_bar", "saturated above"), ("cylinder_pressure_bar", "saturated below"),
+        ("clutch_torque_nm", "saturated above"), ("clutch_torque_nm", "saturated below"),
+        ("valve_voltage_v", "saturated below"), ("motor_force_n", "off"),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_real_fault_of_a_sensor_is_not_refused(fault: str) -> None:
+    fitted, held_out = make_short_case(FAULTS[fault])
+    assert not [str(finding) for finding in check_evidence(WetClutch(), fitted | held_out) if finding.hard]
+
+
+def test_one_bad_run_among_good_ones_is_named() -> None:
+    case = wet_clutch()
+    name = next(iter(case.runs))
+    runs = {**case.runs, name: {**case.runs[name], "clutch_torque_nm": -case.runs[name]["clutch_torque_nm"]}}
+    assert {finding.run for finding in check_evidence(case.model, runs)} == {name}
+
+
+def test_what_the_checks_let_pass_is_not_named_wrong() -> None:
+    case = position_axis()
+    runs = case.alter("motor_force_n", alterations("motor_force_n")["off"])
+    assert name_wrong(case, "motor_force_n", "off", runs)[1] == []
+
+
+@pytest.mark.parametrize("name", ["dead at 0", "in kN"])
+def test_a_fit_at_its_bound_is_not_named_whatever_the_checks_say(name: str) -> None:
+    """Past the checks, a force that is 0, or a thousandth, was a leaking sensor with its leak at the bound."""
+    case = position_axis()
+    result = investigate(case.model, case.alter("motor_force_n", alterations("motor_force_n")[name]))
+    assert (result.effects, result.alternatives) == ([], [])
+
+
+def amplifier(n: int = 4000) -> list[Columns]:
+    return [record_run(seed, {"cubic.share": 0.3}, n) for seed in range(1, 4)]
+
+
+def runs_of(columns: list[Columns]) -> list[ch.Run]:
+    return [ch.Run(one, {}) for one in columns]
+
+
+@pytest.mark.parametrize("n", [3, 300])
+def test_a_short_run_ends_in_a_sentence(n: int) -> None:
+    with pytest.raises(ch.InputError, match=f"run number 1: time_s, rows 0 to {n - 1}, is .* with {n} rows"):
+        ch.find_discrepancy(runs_of(amplifier(n)), rig=MODEL)
+
+
+def test_three_rows_are_refused_by_force_too() -> None:
+    with pytest.raises(ch.InputError, match=r"a run has 3 rows, 0.003 s; at least 8 means over 4 ms are needed"):
+        ch.find_discrepancy(runs_of(amplifier(3)), rig=MODEL, force=True)
+
+
+def test_hard_checks_are_overruled_with_a_note() -> None:
+    columns = [{**one, "output_v": -one["output_v"]} for one in amplifier()]
+    with pytest.raises(ch.InputError, match=r"output_v, rows 0 to 3999, goes against the baseline"):
+        ch.find_discrepancy(runs_of(columns), rig=MODEL)
+    forced = ch.find_discrepancy(runs_of(columns), rig=MODEL, force=True)
+    assert "3 hard checks were overruled by --force" in str(forced)
+    document = forced.result.as_json()
+    assert document["forced"]
+    assert [one["check"] for one in document["checks"]] == ["sign"] * 3
+    assert document["notes"][0].startswith("hard checks were overruled")
+
+
+def test_a_held_out_run_is_checked_as_well() -> None:
+    bad = {**record_run(9, {}), "output_v": np.zeros(4000)}
+    with pytest.raises(ch.InputError, match="run number 4: output_v"):
+        ch.find_discrepancy(runs_of(amplifier()), runs_of([bad]), rig=MODEL)
+
+
+def test_rows_behind_a_fault_do_not_count() -> None:
+    columns = [{**one, "controller_fault": np.where(one["time_s"] < 3.0, 0.0, 4.0)} for one in amplifier()]
+    for one in columns:
+        one["output_v"] = np.where(one["time_s"] < 3.0, one["output_v"], 1e3)
+    found = ch.find_discrepancy(runs_of(columns), rig=MODEL)
+    assert found.result.effects == ["cubic"]
+    assert {len(trace.columns["time_s"]) for trace in found.result.traces} == {3000}
+    assert any("tells a fault from 3 s on" in note for note in found.result.notes)
+
+
+def test_a_search_too_large_for_memory_is_refused_before() -> None:
+    time = 1e-3 * np.arange(2)
+    short = dict.fromkeys(WetClutch.run_columns, time)
+    long = {name: np.broadcast_to(values[0], 2_000_000) for name, values in short.items()}  # one number in memory
+    long["time_s"] = 1e-3 * np.arange(2_000_000)
+    assert estimate_memory(WetClutch(), [short]) < 1e6
+    with pytest.raises(
+        ch.InputError, match=r"a search in these runs, 2000 s with 39 candidates, needs .* GiB of memory"
+    ):
+        check_memory(WetClutch(), [long])

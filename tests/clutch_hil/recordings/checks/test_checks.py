@@ -1,0 +1,166 @@
+"""Checks of a recording: each speaks where it must and names column and rows; faults of real sensors are not refused."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from clutch_hil.recordings.checks.every_check import check_columns_alone, check_runs
+from clutch_hil.recordings.checks.finding import Finding, refuse_hard
+from clutch_hil.recordings.checks.knowledge import Knowledge, Limits, Recorded
+from clutch_hil.recordings.checks.timing import LEAST_ROWS, LEAST_SECONDS, cut_at_fault
+from protocols.errors import InputError
+
+PERIOD, ROWS, NOISE = 1e-3, 8000, 0.02  # s; rows; N
+TIME = PERIOD * np.arange(ROWS)
+PREDICTED = 3.0 * np.sin(2.3 * TIME) + np.sin(7.1 * TIME + 1.0)  # N
+SOUND = PREDICTED + NOISE * np.random.default_rng(1).standard_normal(ROWS)
+
+Alteration = Callable[[np.ndarray], np.ndarray]
+
+
+def recorded(
+    force: np.ndarray, predicted: np.ndarray = PREDICTED, clips: bool = False, position: np.ndarray = TIME
+) -> Recorded:
+    known = {
+        "position_m": Knowledge("m", limits=Limits(span=10.0)),
+        "force_n": Knowledge("N", NOISE, predicted, Limits(-50.0, 50.0), clips),
+    }
+    return Recorded("a run", {"time_s": TIME, "position_m": position, "force_n": force}, known, ("position_m",), 1.2)
+
+
+def found(force: np.ndarray, **more: object) -> list[Finding]:
+    return check_runs([recorded(force, **more)])  # type: ignore[arg-type]
+
+
+def late(by: float) -> Alteration:
+    return lambda x: np.interp(TIME - by, TIME, x)
+
+
+FREEZING = np.where((np.arange(ROWS) < 2000) | (np.arange(ROWS) > 5000), SOUND, SOUND[2000])
+SPIKED = np.where(np.arange(ROWS) == 4321, 20.0, SOUND)
+SLOWER_CLOCK = np.interp(TIME * 1.02, TIME, PREDICTED) + NOISE * np.random.default_rng(2).standard_normal(ROWS)
+
+
+@pytest.mark.parametrize(
+    ("force", "check", "said"),
+    [
+        (np.zeros(ROWS), "dead", "the channel is dead"),
+        (np.full(ROWS, 1.7), "dead", "is 1.7 N throughout"),
+        (-SOUND, "sign", "scale = -1.0"),
+        (1e-3 * SOUND, "scale", "kN or position_m in mm? set its unit"),
+        (9.0 * SOUND, "scale", "is 9 of what the rig can do"),
+        (1e3 * SOUND, "range", "the rig has -50 to 50"),
+        (SOUND + 6.0, "offset", "check its zero"),
+        (FREEZING, "frozen", "froze"),
+        (np.minimum(SOUND, 1.5), "saturated", "rests at its end, 1.5 N"),
+        (late(0.3)(SOUND), "delay", "is 0.3 s behind the baseline"),
+        (late(-0.2)(SOUND), "delay", "is 0.2 s before the baseline"),
+        (SLOWER_CLOCK, "drift", "its clock is another one"),
+        (np.random.default_rng(3).standard_normal(ROWS), "unrelated", "little in common"),
+    ],
+)  # fmt: skip
+def test_an_altered_channel_is_refused_by_name(force: np.ndarray, check: str, said: str) -> None:
+    findings = found(force)
+    first = next(finding for finding in findings if finding.check == check)
+    assert first.hard
+    assert first.column == "force_n"
+    assert said in first.text
+    with pytest.raises(InputError, match=r"run a run: force_n, rows .* --force goes on"):
+        refuse_hard(findings)
+
+
+def test_rows_are_those_concerned() -> None:
+    (frozen,) = (f for f in found(FREEZING) if f.check == "frozen")
+    assert frozen.rows == (2000, 5000)
+    (spike,) = (f for f in found(SPIKED) if f.check == "outliers")
+    assert (spike.rows, spike.hard) == ((4321, 4321), False)
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        lambda x: x,
+        lambda x: 1.9 * x,
+        lambda x: 0.6 * x,
+        lambda x: x + 1.5,
+        late(0.05),
+        lambda x: 0.2 * np.round(5.0 * x),
+        lambda x: x + 0.5 * np.random.default_rng(5).standard_normal(ROWS),
+    ],
+    ids=["none", "gain 1.9", "gain 0.6", "offset", "50 ms late", "coarse", "noise"],
+)
+def test_what_a_real_sensor_does_is_not_refused(fault: Alteration) -> None:
+    assert not [str(finding) for finding in found(fault(SOUND)) if finding.hard]
+
+
+def test_a_sound_run_says_nothing() -> None:
+    assert found(SOUND) == []
+
+
+def test_a_saturated_channel_that_discovery_can_name_is_only_told() -> None:
+    (saturated,) = found(np.clip(SOUND, -1.5, 1.5), clips=True)[:1]
+    assert (saturated.check, saturated.hard) == ("saturated", False)
+
+
+@pytest.mark.parametrize("factor", [1e3, 1e-3])
+def test_an_input_in_another_unit_is_named(factor: float) -> None:
+    first = found(SOUND, position=factor * TIME)[0]
+    assert (first.check, first.column, first.hard) == ("range", "position_m", True)
+
+
+def test_an_input_that_is_dead_or_froze_is_told_from_a_slow_rig() -> None:
+    still = found(SOUND, predicted=np.zeros(ROWS), position=np.zeros(ROWS))[0]
+    assert (still.check, still.hard) == ("input", True)
+    half = np.arange(ROWS) < ROWS // 2
+    frozen = found(
+        SOUND, predicted=np.where(half, PREDICTED, PREDICTED[ROWS // 2]), position=np.where(half, TIME, TIME[ROWS // 2])
+    )
+    assert any(f.check == "input" and f.column == "position_m" and f.rows == (ROWS // 2, ROWS - 1) for f in frozen)
+
+
+def cut(rows: int) -> Recorded:
+    run = recorded(SOUND)
+    known = {
+        n: Knowledge(k.unit, k.floor, None if k.predicted is None else k.predicted[:rows]) for n, k in run.known.items()
+    }
+    return Recorded("short", {n: v[:rows] for n, v in run.columns.items()}, known, run.inputs)
+
+
+@pytest.mark.parametrize("rows", [2, 3, LEAST_ROWS, round(0.3 / PERIOD), round(LEAST_SECONDS / PERIOD) - 1])
+def test_a_short_run_is_one_sentence(rows: int) -> None:
+    (short,) = check_runs([cut(rows)])
+    assert (short.check, short.hard) == ("length", True)
+    assert f"with {rows} rows" in short.text
+
+
+def test_runs_that_are_short_together_are_refused() -> None:
+    one = round(1.2 / PERIOD)
+    assert [f.check for f in check_runs([cut(one)]) if f.hard] == ["length"]
+    assert not [f for f in check_runs([cut(one), cut(one)]) if f.check == "length"]
+
+
+def test_a_rig_at_rest_shows_nothing() -> None:
+    noise = NOISE * np.random.default_rng(4).standard_normal(ROWS)
+    assert [f.check for f in found(noise, predicted=np.zeros(ROWS), position=np.zeros(ROWS))] == ["excitation"]
+
+
+def test_a_faulted_stretch_is_cut_off() -> None:
+    columns = {"time_s": TIME, "force_n": SOUND, "controller_fault": np.where(TIME < 5.0, 0.0, 2.0)}
+    kept, finding = cut_at_fault(columns)
+    assert finding is not None
+    assert {len(values) for values in kept.values()} == {5000}
+    assert finding.rows == (5000, ROWS - 1)
+    assert cut_at_fault({**columns, "controller_fault": np.zeros(ROWS)})[1] is None
+
+
+def test_an_imported_run_is_told_what_stands_out_and_refused_nothing() -> None:
+    columns = {
+        "time_s": TIME,
+        "force_n": FREEZING,
+        "dead_v": np.zeros(ROWS),
+        "gear_1": np.repeat([1.0, 2.0], ROWS // 2),
+    }
+    findings = check_columns_alone("a run", columns, {"force_n": "N"})
+    assert {(f.check, f.column) for f in findings} == {("frozen", "force_n"), ("dead", "dead_v")}
+    assert not any(f.hard for f in findings)
