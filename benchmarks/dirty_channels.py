@@ -137,9 +137,7 @@ def name_wrong(case: DirtyCase, column: str, alteration: str, runs: Mapping[str,
     result = investigate(case.model, runs)
     named = result.effects if result.verdict == NAMED else [n for group in result.alternatives for n in group]
     right = _FITTING.get((column, alteration), ())
-    if result.verdict not in (NAMED, ONE_OF) or set(named) & set(right):
-        return result.verdict, []
-    return result.verdict, named
+    return result.verdict, [name for name in named if name not in right] if result.verdict in (NAMED, ONE_OF) else []
 
 
 def sound_cases(most: int) -> list[Case]:
