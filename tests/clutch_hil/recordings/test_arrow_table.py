@@ -10,13 +10,13 @@ import pyarrow.feather
 import pyarrow.parquet as pq
 import pytest
 
+from benchmarks.mutations import check_damaged
 from clutch_hil.recordings.channel import choose_channel
 from clutch_hil.recordings.format import open_recording, recognise
 from clutch_hil.recordings.import_map import load_map
 from protocols.errors import InputError
 from protocols.files.run import Run
 from protocols.files.runs import write_run
-from tests.clutch_hil.recordings.mutations import check_damaged
 
 ROWS = 300
 TIME = np.arange(ROWS) / 100.0

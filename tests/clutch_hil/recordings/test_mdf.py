@@ -10,13 +10,13 @@ import pytest
 from asammdf import MDF, Signal
 from asammdf.blocks import conversion_utils
 
+from benchmarks.mutations import check_damaged
 from clutch_hil.recordings.channel import Channel, choose_channel
 from clutch_hil.recordings.format import open_recording, recognise
 from clutch_hil.recordings.import_map import load_map
 from clutch_hil.thesis.measured_data import NEIGHBOUR_FOLDER
 from protocols.errors import InputError
 from protocols.files.mdf_conversions import compute
-from tests.clutch_hil.recordings.mutations import check_damaged
 
 ROWS = 300
 TIME = np.arange(ROWS) / 100.0

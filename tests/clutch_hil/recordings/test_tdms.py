@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from nptdms import ChannelObject, GroupObject, RootObject, TdmsFile, TdmsWriter
 
+from benchmarks.mutations import check_damaged
 from clutch_hil.recordings.channel import choose_channel
 from clutch_hil.recordings.format import open_recording, recognise
 from clutch_hil.recordings.import_map import load_map
 from protocols.errors import InputError
-from tests.clutch_hil.recordings.mutations import check_damaged
 
 ROWS = 400
 TIME = np.arange(ROWS) / 200.0
