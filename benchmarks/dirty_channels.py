@@ -13,7 +13,8 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from benchmarks.battery.cases import Case, generate_case, list_cases
+from benchmarks.battery.cases import Case, list_cases
+from benchmarks.battery.records import generate_case
 from benchmarks.battery.short_case import make_short_case
 from benchmarks.battery.truth_laws import CATALOGUE_LAWS
 from clutch_hil.bench.progress import progress_bar

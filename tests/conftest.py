@@ -151,7 +151,9 @@ def pytest_configure(config: pytest.Config) -> None:
     on two CPUs. What the rest needs, one worker compiles and all have. Likewise pytest's own form of the tests is made once
     and kept even where the environment wants no byte code: else each worker would make it again.
     """
-    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # begun in the background of a shell; services would inherit that
+    if (
+        signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    ):  # begun in the background of a shell; services would inherit that
         signal.signal(signal.SIGINT, signal.default_int_handler)
     whole = not config.option.markexpr  # a part, as of `make quick`, has the kernels beside the sources, from before
     if not hasattr(config, "workerinput") and config.getoption("numprocesses", None) and whole:

@@ -13,17 +13,24 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import cache, partial
+from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
 import pytest
 
 from benchmarks.friction_oracles import Exudyn, MuJoCo, OpenSees
 from clutch_hil.live import graphics
-from clutch_hil.thesis.measured_data import VARIABLE
+from clutch_hil.thesis.measured_data import NEIGHBOUR_FOLDER, VARIABLE
 from protocols.buses.bus import resolve
 from protocols.realtime.rights import MEASURES, LoopRequest, is_possible
 from tests.clutch_hil.live import chromium
 
+FIELD_CASES = Path(os.environ.get(VARIABLE) or NEIGHBOUR_FOLDER) / "field_cases"
+SCIPY_FILES = sorted(
+    file
+    for folder in importlib.util.find_spec("scipy.io").submodule_search_locations or ()
+    for file in Path(folder).glob("matlab/tests/data/test*.mat")
+)  # fmt: skip
 MUST_HAVE = "CLUTCH_HIL_MUST_HAVE"
 HEADING = "skipped, and what would enable it"
 
@@ -104,6 +111,16 @@ NEEDS = {
     "memory locked": _right("lock memory", "memory locked"),
     "data": Need(
         "measured data", _found_by_the_test, f"set {VARIABLE} to a folder that has them (docs/measured_data.md)"
+    ),
+    "field cases": Need(
+        "the field cases",
+        lambda: (FIELD_CASES / "README.md").is_file(),
+        f"set {VARIABLE} to the folder that has field_cases",
+    ),
+    "scipy's files": Need(
+        "the files of SciPy's own tests",
+        lambda: bool(SCIPY_FILES),
+        "pip install --force-reinstall scipy, with its tests",
     ),
     "pysindy": Need("pysindy", _module("pysindy"), "pip install -e '.[battery]'"),
     "sklearn": Need("scikit-learn", _module("sklearn"), "pip install -e '.[battery]'"),

@@ -366,7 +366,7 @@ class Book:
     def write(self, row: np.ndarray, *timing: float) -> None:
         self.ring.write(row, [*timing, self.changes])
 
-    def asked(self) -> bool:
+    def has_change(self) -> bool:
         return False
 
     def tune(self) -> None:

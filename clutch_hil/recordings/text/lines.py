@@ -13,7 +13,7 @@ from pathlib import Path
 
 from protocols.errors import InputError
 
-_BLOCK = 1 << 20  # bytes that are read at once: large against a call, small against the memory allowed
+_BLOCK = 1 << 22  # bytes that are read at once: large against a call, small against the memory allowed
 _MOST_LINE = 1 << 20  # bytes of a line: 50 000 cells of 20 characters
 _HEAD, _HEAD_LINES = 1 << 18, 20  # bytes in which the layout is looked for, but so many lines at least
 _TAIL = 1 << 16  # bytes in which the end of the rows is looked for
@@ -114,12 +114,13 @@ class TextFile:
         self.lines, self.head, self.tail = 0, b"", Block(1, b"")
         for block in self.blocks():
             self.lines = block.first + block.text.count(b"\n") - 1
-            if len(self.head) < _HEAD or self.head.count(b"\n") < _HEAD_LINES:
-                self.head += block.text
+            if block.first == 1:
+                self.head = block.text[
+                    : max(block.text.rfind(b"\n", 0, _HEAD) + 1, after_lines(block.text, _HEAD_LINES))
+                ]
             both = self.tail.text + block.text
             cut = 0 if len(both) <= _TAIL else both.find(b"\n", len(both) - _TAIL) + 1
             self.tail = Block(self.tail.first + both.count(b"\n", 0, cut), both[cut:])
-        self.head = self.head[: max(self.head.rfind(b"\n", 0, _HEAD) + 1, after_lines(self.head, _HEAD_LINES))]
 
     def _texts(self) -> Iterator[bytes]:
         """The file in pieces of any length, in UTF-8, with line feeds. Raises InputError."""

@@ -18,7 +18,6 @@ import matio
 import numpy as np
 import pandas as pd
 import pytest
-import scipy.io
 from matio.utils import MatlabOpaque
 from scipy.io import loadmat, savemat
 
@@ -30,6 +29,7 @@ from clutch_hil.recordings.matlab.level4 import is_level4, read_level4
 from clutch_hil.recordings.matlab.level5 import is_level5, read_level5
 from clutch_hil.recordings.matlab.value import Cell, Line, Numbers, Struct, Text
 from protocols.errors import InputError
+from tests import needs
 
 ROWS = 60
 T = 0.01 * np.arange(ROWS)
@@ -368,11 +368,8 @@ def test_objects_that_cannot_be_read_are_told_with_what_to_save(with_objects: Re
 # --- the reader and scipy.io --------------------------------------------------------------------------------------------
 
 
-SCIPY_DATA = sorted((Path(scipy.io.__file__).parent / "matlab" / "tests" / "data").glob("test*.mat"))
-
-
-@pytest.mark.skipif(not SCIPY_DATA, reason="this SciPy comes without its test data")
-@pytest.mark.parametrize("file", SCIPY_DATA, ids=lambda file: file.stem)
+@pytest.mark.needs("scipy's files")
+@pytest.mark.parametrize("file", needs.SCIPY_FILES, ids=lambda file: file.stem)
 def test_all_values_are_those_that_scipy_reads(file: Path) -> None:
     head = file.read_bytes()[:4096]
     try:

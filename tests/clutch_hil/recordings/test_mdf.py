@@ -14,9 +14,9 @@ from benchmarks.mutations import check_damaged
 from clutch_hil.recordings.channel import Channel, choose_channel
 from clutch_hil.recordings.format import open_recording, recognise
 from clutch_hil.recordings.import_map import load_map
-from clutch_hil.thesis.measured_data import NEIGHBOUR_FOLDER
 from protocols.errors import InputError
 from protocols.files.mdf_conversions import compute
+from tests import needs
 
 ROWS = 300
 TIME = np.arange(ROWS) / 100.0
@@ -441,10 +441,10 @@ def test_damaged_files_are_read_or_refused_in_a_sentence(
 
 # --- the field cases, where they are beside the checkout ----------------------------------------------------------------
 
-FIELD_CASES = NEIGHBOUR_FOLDER / "field_cases" / "mf4"
+FIELD_CASES = needs.FIELD_CASES / "mf4"
 
 
-@pytest.mark.skipif(not FIELD_CASES.is_dir(), reason="the field cases are not beside the checkout")
+@pytest.mark.needs("field cases")
 @pytest.mark.parametrize(
     "name", ["OK.MF4", "ok.mdf", "inca.dat", "unfin.mf4", "dup_name.mf4", "units.mf4", "two_rasters.mf4"]
 )
@@ -456,7 +456,7 @@ def test_field_cases_are_read(name: str, map_name: str) -> None:
     np.testing.assert_allclose(run["motor_force_n"], np.cos(3.0 * run["time_s"]), atol=1e-12)
 
 
-@pytest.mark.skipif(not FIELD_CASES.is_dir(), reason="the field cases are not beside the checkout")
+@pytest.mark.needs("field cases")
 def test_field_case_of_two_groups_is_joined_where_a_rate_is_given() -> None:
     with pytest.raises(InputError, match="set resample_hz"):
         load_map(str(FIELD_CASES / "m.toml")).read(FIELD_CASES / "two_groups_us.mf4")

@@ -6,18 +6,14 @@ import numpy as np
 import pytest
 
 from clutch_hil.recordings.import_map import load_map
-from clutch_hil.thesis.measured_data import MissingDataError, measured_file
 from protocols.errors import InputError
 from tests import needs
 
-# --- measured data and field cases ------------------------------------------------------------------------------------
+pytestmark = pytest.mark.needs("field cases")
 
 
 def field_case(name: str) -> Path:
-    try:
-        return measured_file(f"field_cases/{name}")
-    except MissingDataError:
-        needs.skip("data")
+    return needs.FIELD_CASES / name
 
 
 @pytest.mark.parametrize(
