@@ -6,6 +6,7 @@ their rows with all that have as many.
 """
 
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
@@ -237,12 +238,12 @@ class Walk:
         self.found.columns.append(column)
 
 
-class Layout:
+class Layout(ABC):
     """How a tool lays out its recordings."""
 
+    @abstractmethod
     def add(self, walk: Walk, value: Value, path: str, about: About, depth: int) -> bool:
         """Add the columns of `value` to `walk`; False where it has another layout."""
-        raise NotImplementedError
 
 
 def _row_axis(shape: tuple[int, ...], about: About) -> int | None:
