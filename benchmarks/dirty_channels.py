@@ -18,12 +18,12 @@ from benchmarks.battery.records import generate_case
 from benchmarks.battery.short_case import make_short_case
 from benchmarks.battery.truth_laws import CATALOGUE_LAWS
 from clutch_hil.bench.progress import progress_bar
-from clutch_hil.discrepancy.model import Columns, Model
 from clutch_hil.discrepancy.models.position_axis import PositionAxis
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
 from clutch_hil.discrepancy.result import NAMED, ONE_OF
 from clutch_hil.discrepancy.run_checks import check_evidence
 from clutch_hil.discrepancy.search import investigate
+from clutch_hil.fitting.model import Columns, Model
 
 Alteration = Callable[[np.ndarray, float], np.ndarray]  # values (n,) and sample period [s] -> values (n,)
 

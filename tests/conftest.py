@@ -62,6 +62,7 @@ SLOW = (
     "benchmarks",
     "clutch_hil/bench/test_every_state.py",
     "clutch_hil/discrepancy",
+    "clutch_hil/fitting",
     "clutch_hil/thesis",
     "plant_sim/effects",
     "plant_sim/friction",

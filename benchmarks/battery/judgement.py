@@ -19,14 +19,15 @@ from benchmarks.battery.floors import compute_noise_floors
 from benchmarks.battery.records import GeneratedCase, RecordedRun, generate_case, record_further_run
 from benchmarks.battery.score import Answer
 from benchmarks.battery.truth_simulation import COLUMNS, PERIOD
-from clutch_hil.discrepancy import evidence, search
+from clutch_hil.discrepancy import search
 from clutch_hil.discrepancy.atlas import find_concentration
 from clutch_hil.discrepancy.decision import Explanation
-from clutch_hil.discrepancy.fit import LinearModel
-from clutch_hil.discrepancy.model import Candidate, Columns
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
 from clutch_hil.discrepancy.regimes import ALL, Regimes
 from clutch_hil.discrepancy.result import ONE_OF, Claim, Result
+from clutch_hil.fitting import evidence
+from clutch_hil.fitting.fit import LinearModel
+from clutch_hil.fitting.model import Candidate, Columns
 from plant_sim.profiles.profile import load_profile
 
 _JointFit = tuple[LinearModel, tuple[Candidate, ...]]  # a fit of several candidates together

@@ -12,7 +12,7 @@ from benchmarks.battery.records import record_run
 from benchmarks.battery.truth_laws import LAWS
 from benchmarks.battery.truth_rig import draw_rig
 from benchmarks.battery.truth_simulation import PERIOD, HiddenEffects, Inputs
-from clutch_hil.discrepancy.model import Columns
+from clutch_hil.fitting.model import Columns
 
 NOISE = 0.02  # share of the typical values: the middle one of cases.NOISES
 # parts of the five runs, (index, begin [s], end [s]); chosen: engagements, triangles, reversals; and a multisine to hold out

@@ -17,7 +17,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from clutch_hil.discrepancy.model import Candidate, Columns, Model, Output, Values
 from clutch_hil.discrepancy.regimes import ALL, Masks, Regimes, family
 from clutch_hil.discrepancy.result import Claim
 from clutch_hil.discrepancy.sources import (
@@ -33,6 +32,7 @@ from clutch_hil.discrepancy.sources import (
     means,
     sources,
 )
+from clutch_hil.fitting.model import Candidate, Columns, Model, Output, Values
 from protocols.files.bounds import check_bytes
 
 CLAIM_LEVEL = 0.01  # p-value of a claim: share of cases without a disagreement in which anything may be claimed

@@ -8,10 +8,10 @@ from functools import cache
 
 import numpy as np
 
-from clutch_hil.discrepancy.model import Candidate
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
 from clutch_hil.discrepancy.models.wet_clutch_experiments import FLOORS, STANDARD, WetClutchBench
 from clutch_hil.discrepancy.visibility import Visibility
+from clutch_hil.fitting.model import Candidate
 from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet

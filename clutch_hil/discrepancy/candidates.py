@@ -12,9 +12,9 @@ from itertools import combinations
 
 import numpy as np
 
-from clutch_hil.discrepancy.evidence import Evidence, Point
-from clutch_hil.discrepancy.fit import FreeParameter, LinearModel, free_effect
-from clutch_hil.discrepancy.model import Candidate, Values
+from clutch_hil.fitting.evidence import Evidence, Point
+from clutch_hil.fitting.fit import FreeParameter, LinearModel, free_effect
+from clutch_hil.fitting.model import Candidate, Values
 
 _SECOND_SIMULATION = 0.02  # of the best predicted gain: a candidate with a smaller one is not simulated a second time
 _LONGEST_STEP = 30.0  # finite-difference steps that a parameter may move in one round

@@ -21,9 +21,9 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from clutch_hil.bench.experiments import EXPERIMENTS
-from clutch_hil.discrepancy.evidence import Evidence
-from clutch_hil.discrepancy.fit import FreeParameter, LinearModel, free_baseline, free_effect, linearise, refit
-from clutch_hil.discrepancy.model import Columns, Model, Values, calibration
+from clutch_hil.fitting.evidence import Evidence
+from clutch_hil.fitting.fit import FreeParameter, LinearModel, free_baseline, free_effect, linearise, refit
+from clutch_hil.fitting.model import Columns, Model, Values, calibration
 from plant_sim.profiles.profile import load_profile
 
 # Least T of an experiment that separates: 3 standard deviations, three times TIE_COST (decision.py). T is twice the log odds.

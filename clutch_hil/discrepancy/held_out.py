@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from clutch_hil.discrepancy.evidence import Evidence, Point
-from clutch_hil.discrepancy.fit import LinearModel
-from clutch_hil.discrepancy.model import Model, Values
 from clutch_hil.discrepancy.regimes import ALL, Regimes
 from clutch_hil.discrepancy.result import Gap, Trace
+from clutch_hil.fitting.evidence import Evidence, Point
+from clutch_hil.fitting.fit import LinearModel
+from clutch_hil.fitting.model import Model, Values
 
 
 def fit_without_each(evidence: Evidence, before: LinearModel, after: LinearModel) -> list[tuple[Point, Point]]:

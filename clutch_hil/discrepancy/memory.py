@@ -9,8 +9,8 @@ Not here        tests of claims, whose size depends on the regimes: atlas.py che
 
 from collections.abc import Sequence
 
-from clutch_hil.discrepancy.evidence import BLOCK
-from clutch_hil.discrepancy.model import Columns, Model
+from clutch_hil.fitting.evidence import BLOCK
+from clutch_hil.fitting.model import Columns, Model
 from protocols.errors import InputError
 from protocols.files.bounds import MOST_BYTES
 

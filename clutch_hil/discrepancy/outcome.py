@@ -7,7 +7,6 @@ from pathlib import Path
 
 from clutch_hil.bench.recording import writable
 from clutch_hil.bench.sealed import checksum
-from clutch_hil.discrepancy.model import Columns, Model
 from clutch_hil.discrepancy.model_file import read_model, write_model
 from clutch_hil.discrepancy.models.named import (
     declare_parameters,
@@ -23,6 +22,7 @@ from clutch_hil.discrepancy.result import NAMED, NONE_OF_THESE, ONE_OF, Result
 from clutch_hil.discrepancy.run_checks import check_evidence
 from clutch_hil.discrepancy.search import investigate
 from clutch_hil.discrepancy.selection import Progress
+from clutch_hil.fitting.model import Columns, Model
 from clutch_hil.recordings.checks.finding import Finding, refuse_hard
 from clutch_hil.recordings.checks.timing import cut_at_fault
 from protocols.errors import InputError, listing

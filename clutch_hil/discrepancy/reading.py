@@ -6,9 +6,9 @@ nothing is missing in either. The baseline is re-fitted in each, and the one wit
 
 import numpy as np
 
-from clutch_hil.discrepancy.evidence import Evidence, Point
-from clutch_hil.discrepancy.fit import LinearModel, free_baseline, linearise, refit
-from clutch_hil.discrepancy.model import Model, calibration, readings
+from clutch_hil.fitting.evidence import Evidence, Point
+from clutch_hil.fitting.fit import LinearModel, free_baseline, linearise, refit
+from clutch_hil.fitting.model import Model, calibration, readings
 
 _SAME_RESIDUAL = 1e-3  # floors: readings that differ by less in every residual are one
 

@@ -22,8 +22,8 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
-from clutch_hil.discrepancy.model import Columns, Model, Values
-from clutch_hil.discrepancy.noise import estimate_noise
+from clutch_hil.fitting.model import Columns, Model, Values
+from clutch_hil.fitting.noise import estimate_noise
 
 ALL = "all"
 Masks = dict[str, np.ndarray]

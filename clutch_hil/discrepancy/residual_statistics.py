@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from scipy.signal import coherence
 
-from clutch_hil.discrepancy.model import Columns, Model, Values
 from clutch_hil.discrepancy.regimes import Regimes
 from clutch_hil.discrepancy.sources import MEAN, PRESSURE, TORQUE, means, sources
+from clutch_hil.fitting.model import Columns, Model, Values
 
 _SEGMENT = 512  # means of 4 ms: 2 s, some 60 segments in 5 runs of 24 s
 _LEAST_CORRELATION = 0.05  # smaller ones are left out

@@ -8,8 +8,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from clutch_hil.discrepancy.model import Columns, Model, Ranged, Redundant, calibration
-from clutch_hil.discrepancy.noise import estimate_floors
+from clutch_hil.fitting.model import Columns, Model, Ranged, Redundant, calibration
+from clutch_hil.fitting.noise import estimate_floors
 from clutch_hil.recordings.checks.every_check import check_runs
 from clutch_hil.recordings.checks.finding import Finding
 from clutch_hil.recordings.checks.knowledge import Knowledge, Limits, Recorded

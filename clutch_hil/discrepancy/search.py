@@ -9,17 +9,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from clutch_hil.discrepancy.atlas import find_claims, locate_effect
-from clutch_hil.discrepancy.evidence import Evidence, Point
 from clutch_hil.discrepancy.experiment_design import propose
-from clutch_hil.discrepancy.fit import LinearModel
 from clutch_hil.discrepancy.held_out import fit_without_each, measure_gaps
 from clutch_hil.discrepancy.memory import check_memory
-from clutch_hil.discrepancy.model import Candidate, Columns, Evident, Model, Values, Witnessing
-from clutch_hil.discrepancy.noise import estimate_floors
 from clutch_hil.discrepancy.residual_statistics import compute_statistics
 from clutch_hil.discrepancy.result import NAMED, NONE_OF_THESE, NOTHING, ONE_OF, Estimate, Result, Rival, Trace
 from clutch_hil.discrepancy.selection import EffectSelection, Progress
 from clutch_hil.discrepancy.surrogate_term import describe_residual
+from clutch_hil.fitting.evidence import Evidence, Point
+from clutch_hil.fitting.fit import LinearModel
+from clutch_hil.fitting.model import Candidate, Columns, Evident, Model, Values, Witnessing
+from clutch_hil.fitting.noise import estimate_floors
 from protocols.errors import InputError, closest
 
 

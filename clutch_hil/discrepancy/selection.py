@@ -17,14 +17,14 @@ from clutch_hil.discrepancy.decision import (
     confidence,
     is_worthwhile,
 )
-from clutch_hil.discrepancy.evidence import Evidence, Point
-from clutch_hil.discrepancy.fit import LinearModel, free_effect, linearise, refit
 from clutch_hil.discrepancy.held_out import fit_without_each
-from clutch_hil.discrepancy.intervals import half_widths
-from clutch_hil.discrepancy.model import Candidate, Model, readings
 from clutch_hil.discrepancy.reading import choose_reading
 from clutch_hil.discrepancy.result import NAMED, NONE_OF_THESE, NOTHING, ONE_OF, Estimate, Rival
 from clutch_hil.discrepancy.starts import collect_starts
+from clutch_hil.fitting.evidence import Evidence, Point
+from clutch_hil.fitting.fit import LinearModel, free_effect, linearise, refit
+from clutch_hil.fitting.intervals import half_widths
+from clutch_hil.fitting.model import Candidate, Model, readings
 
 Progress = Callable[[str, float], None]  # what is being done, share of the whole
 # Numbers of fits, set by hand: more of them take longer

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clutch_hil.discrepancy.model import Columns, Locating, Model, Values
-from clutch_hil.discrepancy.noise import estimate_noise
+from clutch_hil.fitting.model import Columns, Locating, Model, Values
+from clutch_hil.fitting.noise import estimate_noise
 
 MEAN = 4e-3  # s: samples are looked at in means over this time, as the fit does (evidence.py)
 LATER = 4, 5, 6  # means: of an auto product that is tested; 16 to 24 ms, so that coloured noise of 10 ms is not in it

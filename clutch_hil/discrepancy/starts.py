@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from clutch_hil.discrepancy.evidence import Evidence, Point
-from clutch_hil.discrepancy.model import Candidate, Hinting, Model
+from clutch_hil.fitting.evidence import Evidence, Point
+from clutch_hil.fitting.model import Candidate, Hinting, Model
 
 _START_RUNS = 2  # that starts are read from: those with the largest residual; set by hand: more of them take longer
 _SHAPE_FACTOR = 4.0  # between starts of a shape parameter; chosen: three starts then cover a factor of 16

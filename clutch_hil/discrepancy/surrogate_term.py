@@ -16,7 +16,6 @@ import numpy as np
 from numba import njit
 from scipy.signal import cont2discrete, lfilter, welch
 
-from clutch_hil.discrepancy.model import Columns, Model, Values
 from clutch_hil.discrepancy.sources import (
     FRICTION,
     HYDRAULICS,
@@ -28,6 +27,7 @@ from clutch_hil.discrepancy.sources import (
     means,
     sources,
 )
+from clutch_hil.fitting.model import Columns, Model, Values
 from plant_sim.effects.catalogue import effect
 from plant_sim.effects.friction import residual_torque as by_friction
 from plant_sim.effects.valve import residual_pressure as by_demand

@@ -10,8 +10,8 @@ from collections.abc import Iterable
 import numpy as np
 
 from clutch_hil.discrepancy.experiment_design import Bench, Experiment, PredictedRuns
-from clutch_hil.discrepancy.fit import free_baseline, linearise
-from clutch_hil.discrepancy.model import Model, Values, calibration
+from clutch_hil.fitting.fit import free_baseline, linearise
+from clutch_hil.fitting.model import Model, Values, calibration
 from protocols.errors import InputError
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from clutch_hil.discrepancy.model import Candidate, Output
+from clutch_hil.fitting.model import Candidate, Output
 from plant_sim.effects.effect import Strength
 from protocols.files.parameters import Parameter, ParameterSet
 from protocols.files.run import Run

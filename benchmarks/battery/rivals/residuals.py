@@ -12,10 +12,10 @@ import numpy as np
 from benchmarks.battery.cases import Case
 from benchmarks.battery.judgement import name_columns
 from benchmarks.battery.records import generate_case
-from clutch_hil.discrepancy.evidence import Evidence, Point
-from clutch_hil.discrepancy.fit import LinearModel, free_baseline, linearise, refit
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
-from clutch_hil.discrepancy.noise import estimate_floors
+from clutch_hil.fitting.evidence import Evidence, Point
+from clutch_hil.fitting.fit import LinearModel, free_baseline, linearise, refit
+from clutch_hil.fitting.noise import estimate_floors
 
 OUTPUTS = tuple(output.column for output in WetClutch.outputs)
 INPUTS = ("valve_voltage_v", "motor_speed_demand_rad_s", "shaft_angle_rad")

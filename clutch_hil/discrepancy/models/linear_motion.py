@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from math import pi
 
-from clutch_hil.discrepancy.model import Candidate, Values
+from clutch_hil.fitting.model import Candidate, Values
 from plant_sim.effects.catalogue import effect
 from plant_sim.effects.effect import Effect, Shape, Strength
 from protocols.files.units import to_si

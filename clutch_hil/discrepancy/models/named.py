@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from clutch_hil.bench.rig import rig_named, rig_names, rigs_with_model
-from clutch_hil.discrepancy.model import Columns, Demanding, Model
+from clutch_hil.fitting.model import Columns, Demanding, Model
 from protocols.entry_points import entry_names, load_entry
 from protocols.errors import InputError, closest
 from protocols.files.parameters import ParameterSet, load_overlay

@@ -16,11 +16,11 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 from scipy.ndimage import gaussian_filter1d
 
-from clutch_hil.discrepancy.model import Candidate, Columns, Evident, Output, RunSource, Values
 from clutch_hil.discrepancy.models.wet_clutch_experiments import WetClutchBench
 from clutch_hil.discrepancy.models.wet_clutch_sources import locate
 from clutch_hil.discrepancy.models.wet_clutch_starts import check_start, starting_values
-from clutch_hil.discrepancy.noise import find_lattice
+from clutch_hil.fitting.model import Candidate, Columns, Evident, Output, RunSource, Values
+from clutch_hil.fitting.noise import find_lattice
 from clutch_hil.recordings.checks.knowledge import Limits
 from plant_sim.effects.catalogue import effects as catalogue
 from plant_sim.effects.signals import DRIVE

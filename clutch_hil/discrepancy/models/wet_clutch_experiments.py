@@ -10,7 +10,7 @@ import numpy as np
 
 from clutch_hil.bench.excitation import QUANTITIES
 from clutch_hil.discrepancy.experiment_design import Experiment
-from clutch_hil.discrepancy.model import Columns, Values
+from clutch_hil.fitting.model import Columns, Values
 from plant_sim.profiles.profile import load_profile
 from plant_sim.rigs import wet_clutch
 from plant_sim.rigs.wet_clutch_regulated import Regulator, regulate_profile

@@ -22,7 +22,6 @@ import numpy as np
 from scipy.ndimage import minimum_filter1d
 from scipy.signal import lfilter
 
-from clutch_hil.discrepancy.model import Columns, RunSource, Values
 from clutch_hil.discrepancy.sources import (
     ANGLE,
     CELSIUS,
@@ -41,6 +40,7 @@ from clutch_hil.discrepancy.sources import (
     means,
     period_of,
 )  # fmt: skip
+from clutch_hil.fitting.model import Columns, RunSource, Values
 from protocols.files.parameters import ParameterSet
 
 LAG = 3  # means: of the auto product of x_1, x_3, whose noise is coloured: a central difference reaches 2 means far

@@ -4,7 +4,7 @@ from collections.abc import Collection
 
 import numpy as np
 
-from clutch_hil.discrepancy.model import Candidate, Columns
+from clutch_hil.fitting.model import Candidate, Columns
 from plant_sim.effects.effect import Effect
 from plant_sim.effects.start import ChannelEnds, Start, StrongestOrder
 from protocols.errors import InputError, closest

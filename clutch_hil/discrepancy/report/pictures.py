@@ -10,11 +10,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import AutoLocator, MaxNLocator
 
-from clutch_hil.discrepancy.model import Columns
 from clutch_hil.discrepancy.report import panels
 from clutch_hil.discrepancy.report.residuals import ANGLE, Residuals
 from clutch_hil.discrepancy.report.wording import column_text, regime_text, verdict_sentence
 from clutch_hil.discrepancy.result import Estimate, Rival
+from clutch_hil.fitting.model import Columns
 
 _DPI = 130  # 1235 pixels at the page's width
 _WIDTH = 9.5  # inch, of the page

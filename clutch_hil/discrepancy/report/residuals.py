@@ -9,9 +9,9 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import welch
 
-from clutch_hil.discrepancy.model import Columns
 from clutch_hil.discrepancy.report.wording import SIGNIFICANT, ratio
 from clutch_hil.discrepancy.result import NOTHING, Claim, Result, Trace
+from clutch_hil.fitting.model import Columns
 
 Regimes = Callable[[Columns], Mapping[str, np.ndarray]]  # columns of a run -> samples (n,) of each regime, by its name
 ANGLE = "shaft_angle_rad"

@@ -11,9 +11,7 @@ import numpy as np
 from clutch_hil.recordings.checks.finding import Finding
 from clutch_hil.recordings.checks.knowledge import Recorded
 
-LEAST_SECONDS = (
-    1.0  # s of a run: residuals of one second are taken as one independent cluster (discrepancy/intervals.py)
-)
+LEAST_SECONDS = 1.0  # s of a run: residuals of one second are taken as one independent cluster (fitting/intervals.py)
 LEAST_ROWS = 50  # of a run: with fewer, noise floor, shapes and delays rest on a handful of differences
 LEAST_TOTAL = (
     2.0  # s of all runs: eight blocks of 0.25 s; with fewer no claim can reach a p-value of 0.01 (2^-7 = 0.008)

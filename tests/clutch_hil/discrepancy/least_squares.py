@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.optimize import least_squares
 
-from clutch_hil.discrepancy.model import Columns, Model
+from clutch_hil.fitting.model import Columns, Model
 
 STEP = 1e-4  # relative, of finite differences: far above rounding, far below any curvature here
 

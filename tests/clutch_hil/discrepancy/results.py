@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from clutch_hil.discrepancy.model import equation
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
 from clutch_hil.discrepancy.report.wording import excess
 from clutch_hil.discrepancy.result import (
@@ -22,6 +21,7 @@ from clutch_hil.discrepancy.result import (
     Rival,
     Trace,
 )
+from clutch_hil.fitting.model import equation
 from plant_sim.effects import catalogue
 
 EFFECT = "piston_seal_friction"

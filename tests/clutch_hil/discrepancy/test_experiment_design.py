@@ -8,9 +8,9 @@ import pytest
 from clutch_hil.bench.in_process import play
 from clutch_hil.discrepancy.blind import standard
 from clutch_hil.discrepancy.experiment_design import LEAST_SEPARATION, Experiment, propose
-from clutch_hil.discrepancy.model import Candidate, Columns, Output, Values
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
 from clutch_hil.discrepancy.models.wet_clutch_experiments import HELD_OUT, LIBRARY, STANDARD, WetClutchBench, find
+from clutch_hil.fitting.model import Candidate, Columns, Output, Values
 from plant_sim.effects.effect import Strength
 from plant_sim.node.plant_node import PlantNode
 from plant_sim.profiles.profile import load_profile

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from clutch_hil.discrepancy.fit import CHI2_QUANTILE, FreeParameter, LinearModel
 from clutch_hil.discrepancy.held_out import fit_without_each
+from clutch_hil.fitting.fit import CHI2_QUANTILE, FreeParameter, LinearModel
 
 COUNT, LENGTH, RUNS = 30, 200, 3
 FREE = tuple(FreeParameter(f"p{i}", 0.1, 1.0, -3.0, 3.0, 0.0) for i in range(COUNT))

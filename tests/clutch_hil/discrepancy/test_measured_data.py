@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from clutch_hil.discrepancy.model import Columns
 from clutch_hil.discrepancy.models.pneumatic_cylinder import PneumaticCylinder
 from clutch_hil.discrepancy.models.position_axis import PositionAxis
 from clutch_hil.discrepancy.models.tribometer import Tribometer
 from clutch_hil.discrepancy.result import NAMED
 from clutch_hil.discrepancy.search import investigate
+from clutch_hil.fitting.model import Columns
 from clutch_hil.recordings.import_map import ImportMap, load_map
 from clutch_hil.thesis.measured_data import MissingDataError, measured_file
 from protocols.files.parameters import ParameterSet

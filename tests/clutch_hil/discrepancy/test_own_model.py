@@ -8,11 +8,11 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from clutch_hil.discrepancy.model import Candidate
 from clutch_hil.discrepancy.model_file import write_model
 from clutch_hil.discrepancy.models.named import declare_parameters, model_named
 from clutch_hil.discrepancy.result import NAMED
 from clutch_hil.discrepancy.search import investigate
+from clutch_hil.fitting.model import Candidate
 from plant_sim.effects.catalogue import effect
 from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet
@@ -112,7 +112,7 @@ def test_a_model_from_before_the_move_is_told_where_things_are_now(tmp_path: Pat
     with pytest.raises(InputError) as refused:
         model_named(f"{tmp_path / 'mine.py'}:Mine")
     assert str(refused.value).endswith(
-        "No module named 'plant_sim.discrepancy'; plant_sim.discrepancy.model is now clutch_hil.discrepancy.model;"
+        "No module named 'plant_sim.discrepancy'; plant_sim.discrepancy.model is now clutch_hil.fitting.model;"
         " protocols.parameters is now protocols.files.parameters; protocols.runs is now protocols.files.runs"
     )
 

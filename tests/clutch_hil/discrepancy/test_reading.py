@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from clutch_hil.discrepancy.model import Columns, Values
 from clutch_hil.discrepancy.model_file import read_model, write_model
 from clutch_hil.discrepancy.result import NAMED, NOTHING
 from clutch_hil.discrepancy.search import investigate
+from clutch_hil.fitting.model import Columns, Values
 from protocols.files.parameters import Parameter, ParameterSet
 from tests.clutch_hil.discrepancy.test_fit import NOISE, PARAMETERS, SOURCE, TRUE_GAIN, Amplifier
 

@@ -12,8 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.stats import t
 
-from clutch_hil.discrepancy.evidence import Evidence
-from clutch_hil.discrepancy.fit import LinearModel
+from clutch_hil.fitting.evidence import Evidence
+from clutch_hil.fitting.fit import LinearModel
 
 _CLUSTER = 1.0  # s: residuals further apart are taken as independent
 _LAW_ERROR = 0.12  # of an effect. Development: nine in ten intervals then contain the truth of a rig with other laws

@@ -21,8 +21,8 @@ from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 from scipy.optimize import lsq_linear
 from scipy.stats import chi2
 
-from clutch_hil.discrepancy.evidence import Evidence, Point
-from clutch_hil.discrepancy.model import Candidate, Values
+from clutch_hil.fitting.evidence import Evidence, Point
+from clutch_hil.fitting.model import Candidate, Values
 from plant_sim.effects.effect import Strength
 from protocols.files.parameters import ParameterSet
 

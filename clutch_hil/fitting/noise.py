@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from clutch_hil.discrepancy.model import Columns, Output
+from clutch_hil.fitting.model import Columns, Output
 
 _MAD_TO_SIGMA = 1.4826  # standard deviation over median absolute deviation
 _EVENT_LIMIT = 4.0  # standard deviations: larger differences are events; noise exceeds it once in 16000

@@ -26,8 +26,8 @@ from os import cpu_count
 
 import numpy as np
 
-from clutch_hil.discrepancy.model import Columns, Model, Values
-from clutch_hil.discrepancy.noise import estimate_noise
+from clutch_hil.fitting.model import Columns, Model, Values
+from clutch_hil.fitting.noise import estimate_noise
 from protocols.errors import InputError
 
 BLOCK = 4e-3  # s: see Assumptions

@@ -15,8 +15,10 @@ from clutch_hil.discrepancy.decision import (
     RUNNER_UP_SHARE,
     Explanation,
 )
-from clutch_hil.discrepancy.evidence import Evidence
-from clutch_hil.discrepancy.fit import (
+from clutch_hil.discrepancy.models.wet_clutch import WetClutch
+from clutch_hil.discrepancy.search import investigate
+from clutch_hil.fitting.evidence import Evidence
+from clutch_hil.fitting.fit import (
     CHI2_QUANTILE,
     FreeParameter,
     LinearModel,
@@ -25,10 +27,8 @@ from clutch_hil.discrepancy.fit import (
     linearise,
     refit,
 )
-from clutch_hil.discrepancy.model import Candidate, Columns, Evident, Output, Values
-from clutch_hil.discrepancy.models.wet_clutch import WetClutch
-from clutch_hil.discrepancy.noise import estimate_floors, estimate_noise
-from clutch_hil.discrepancy.search import investigate
+from clutch_hil.fitting.model import Candidate, Columns, Evident, Output, Values
+from clutch_hil.fitting.noise import estimate_floors, estimate_noise
 from plant_sim.effects.effect import Shape, Strength
 from protocols.errors import InputError
 from protocols.files.parameters import Parameter, ParameterSet
