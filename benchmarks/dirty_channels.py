@@ -21,9 +21,9 @@ from clutch_hil.bench.progress import progress_bar
 from clutch_hil.discrepancy.models.position_axis import PositionAxis
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
 from clutch_hil.discrepancy.result import NAMED, ONE_OF
-from clutch_hil.discrepancy.run_checks import check_evidence
 from clutch_hil.discrepancy.search import investigate
 from clutch_hil.fitting.model import Columns, Model
+from clutch_hil.fitting.run_checks import check_evidence
 
 Alteration = Callable[[np.ndarray, float], np.ndarray]  # values (n,) and sample period [s] -> values (n,)
 

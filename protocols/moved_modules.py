@@ -28,6 +28,7 @@ _MODULES = {
     "clutch_hil.discrepancy.fit": "clutch_hil.fitting.fit",
     "clutch_hil.discrepancy.intervals": "clutch_hil.fitting.intervals",
     "clutch_hil.discrepancy.model": "clutch_hil.fitting.model",
+    "clutch_hil.discrepancy.run_checks": "clutch_hil.fitting.run_checks",
     "clutch_hil.discrepancy.noise": "clutch_hil.fitting.noise",
     "clutch_hil.discrepancy.inquiry": "clutch_hil.discrepancy.selection",
     "clutch_hil.discrepancy.models.slide": "clutch_hil.discrepancy.models.sliding_contact",

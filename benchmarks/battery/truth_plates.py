@@ -101,7 +101,7 @@ def friction_torque(y, force, slide_direction, time, burst, c, e, f, v, dy):
         coulomb_part = coulomb * m * coulomb_factor
         if e.direction_asymmetry != 0.0 and v.direction_asymmetry == 0.0:
             coulomb_part = clutch.asymmetric_friction(coulomb_part, m, e, v)
-        root = slip * speed_squared ** (-1.0 / 3.0)  # gamma = 1/3, which is not uncertain
+        root = slip * speed_squared ** (0.5 * (c.clutch_viscous_exponent - 1.0))
         torque = coulomb_part + viscous_factor * viscous * clutch.viscosity_ratio(kelvin, c) * root
         if e.direction_asymmetry != 0.0 and v.direction_asymmetry != 0.0:
             torque = clutch.asymmetric_friction(torque, slip, e, v)

@@ -19,10 +19,10 @@ from clutch_hil.discrepancy.models.named import (
 from clutch_hil.discrepancy.regimes import Regimes
 from clutch_hil.discrepancy.report import REPORT_FILES, write_report
 from clutch_hil.discrepancy.result import NAMED, NONE_OF_THESE, ONE_OF, Result
-from clutch_hil.discrepancy.run_checks import check_evidence
 from clutch_hil.discrepancy.search import investigate
 from clutch_hil.discrepancy.selection import Progress
 from clutch_hil.fitting.model import Columns, Model
+from clutch_hil.fitting.run_checks import check_evidence
 from clutch_hil.recordings.checks.finding import Finding, refuse_hard
 from clutch_hil.recordings.checks.timing import cut_at_fault
 from protocols.errors import InputError, listing

@@ -8,9 +8,9 @@ from benchmarks.battery.short_case import make_short_case
 from benchmarks.dirty_channels import DirtyCase, alterations, name_wrong, position_axis, wet_clutch
 from clutch_hil.discrepancy.memory import check_memory, estimate_memory
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
-from clutch_hil.discrepancy.run_checks import check_evidence
 from clutch_hil.discrepancy.search import investigate
 from clutch_hil.fitting.model import Columns
+from clutch_hil.fitting.run_checks import check_evidence
 from tests.clutch_hil.discrepancy.test_fit import record_run
 
 MODEL = "tests/clutch_hil/discrepancy/test_fit.py:Amplifier"
