@@ -18,6 +18,7 @@ from benchmarks.battery.records import generate_case
 from benchmarks.battery.short_case import make_short_case
 from benchmarks.battery.truth_laws import CATALOGUE_LAWS
 from clutch_hil.bench.progress import progress_bar
+from clutch_hil.command import run_command
 from clutch_hil.discrepancy.models.position_axis import PositionAxis
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
 from clutch_hil.discrepancy.result import NAMED, ONE_OF
@@ -158,7 +159,7 @@ def refused(case: Case) -> list[str]:
 
 
 def main(
-    sound: Annotated[int, typer.Option(help="sound cases of the battery")] = 200,
+    sound: Annotated[int, typer.Option(min=0, help="sound cases of the battery")] = 200,
     fits: Annotated[bool, typer.Option(help="whether the engine is asked about what the checks let pass")] = True,
 ) -> None:
     """Alter every channel, ask the checks, and the engine where they let it pass; then count sound cases that are refused."""
@@ -194,4 +195,4 @@ def main(
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    run_command(main)

@@ -16,7 +16,7 @@ import typer
 
 from benchmarks.mutations import check_damaged
 from clutch_hil.bench.progress import progress_bar
-from clutch_hil.command import main_of, report
+from clutch_hil.command import report, run_command
 from clutch_hil.recordings.format import recognise
 from protocols.errors import InputError
 
@@ -104,4 +104,4 @@ def mutate_recordings(
 
 
 if __name__ == "__main__":
-    main_of(lambda: typer.run(mutate_recordings))
+    run_command(mutate_recordings)

@@ -37,6 +37,9 @@ from clutch_hil.discrepancy.result import NONE_OF_THESE, NOTHING
 from plant_sim.effects.catalogue import effects
 from plant_sim.effects.effect import Effect
 from protocols.errors import listing
+from protocols.files.output_file import whole_file
+
+PICTURES_FOLDER = "battery"  # beside the page
 
 _MOST_WORST = 40  # wrong answers listed on the page, at most; chosen: a list that can be read
 _TOP_NAME = "top-1 name"  # measure of score.py
@@ -96,17 +99,18 @@ def write_page(
     """Write battery.md and its pictures to `folder`; return their paths.
 
     rivals: answers of other methods to the same cases, by method. Comments on the numbers come from `folder`/battery/notes.md,
-    where there is one.
+    where there is one. Raises InputError.
     """
-    pictures = folder / "battery"
-    pictures.mkdir(parents=True, exist_ok=True)
+    pictures = folder / PICTURES_FOLDER
     done = [answer for answer in answers if "error" not in answer]
     paths = [folder / "battery.md", pictures / "confusion.png", pictures / "calibration.png"]
-    draw_confusion(done, paths[1])
-    draw_calibration(done, paths[2])
+    for draw, path in ((draw_confusion, paths[1]), (draw_calibration, paths[2])):
+        with whole_file(path) as part:
+            draw(done, part)
     notes = pictures / "notes.md"
     notes_text = notes.read_text(encoding="utf-8") if notes.exists() else ""
-    paths[0].write_text(compose_page(answers, split, engine, rivals or {}, notes_text), encoding="utf-8")
+    with whole_file(paths[0]) as part:
+        part.write_text(compose_page(answers, split, engine, rivals or {}, notes_text), encoding="utf-8")
     return paths
 
 
@@ -313,7 +317,7 @@ def draw_confusion(done: Sequence[Answer], path: Path) -> None:
         axes.set_xlabel("said first")
         axes.set_ylabel("hidden (number of cases)")
         axes.set_title("Share of the cases of a row in %")
-        figure.savefig(path, dpi=130)
+        figure.savefig(path, dpi=130, format="png")
 
 
 def draw_calibration(done: Sequence[Answer], path: Path) -> None:
@@ -335,4 +339,4 @@ def draw_calibration(done: Sequence[Answer], path: Path) -> None:
         xlim=(0, 1), ylim=(0, 1.02), xlabel="confidence of the verdict", ylabel="share that is right", aspect="equal"
     )
     axes.legend(loc="upper left", frameon=False)
-    figure.savefig(path, dpi=130)
+    figure.savefig(path, dpi=130, format="png")
