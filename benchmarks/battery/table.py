@@ -81,7 +81,7 @@ def format_row(measure: Measure) -> tuple[str, ...]:
     return measure.name, format_value(measure, measure.value), count, interval, format_goal(measure), reached
 
 
-_HEADER = ("measure", "reached", "of", "95 %", "goal", "holds")
+_HEADER = ("measure", "value", "of", "95 % interval", "goal", "reached")
 
 
 def format_measures(measures: Sequence[Measure]) -> str:
@@ -121,22 +121,23 @@ def compose_page(
     done = [answer for answer in answers if "error" not in answer]
     parts = [
         "# The battery", "",
-        "How often the workflow finds what is hidden, on cases whose truth comes from other laws and another solver than the",
-        "catalogue's. What each measure is: `benchmarks/battery/score.py`. Cases: `benchmarks/battery/cases.py`.",
-        "Again: `python -m benchmarks.battery --split " + split + " --docs docs`.", "",
+        "How often the discrepancy workflow finds the effect that is hidden in a case. The truth of the cases comes from other laws",
+        "than the catalogue's and from another solver. `benchmarks/battery/score.py` defines each measure, and",
+        "`benchmarks/battery/cases.py` the cases. Words are in the [glossary](glossary.md#the-battery). This page is written by",
+        "`python -m benchmarks.battery --split " + split + " --docs docs`.", "",
         *_list_candidates_without_law(effects().values()), *_describe_run(answers, split, engine), "",
         *_format_table(_HEADER, [format_row(measure) for measure in score_answers(answers)]), "",
         *notes.splitlines(), "",
         "## By noise and severity", "", *_tabulate_noise(answers), "",
-        *_format_table(("single effects", "top-1", "of", "95 %"),
+        *_format_table(("single effects", "top-1", "of", "95 % interval"),
                        [format_row(measure)[:4] for measure in score_by_severity(answers).values()]), "",
         *_compare_rivals(done, rivals),
-        "## Who is taken for whom", "",
+        "## Which effect is taken for which", "",
         "![confusion matrix](battery/confusion.png)", "",
-        *_format_table(("hidden", "said", "times"), _count_confusions(done)), "",
-        "## Whether confidence is what it says", "", "![calibration](battery/calibration.png)", "",
+        *_format_table(("hidden", "named first", "times"), _count_confusions(done)), "",
+        "## Whether confidence is the share that is right", "", "![calibration](battery/calibration.png)", "",
         f"## Worst cases (at most {_MOST_WORST})", "",
-        *_format_table(("case", "verdict", "said", "confidence", "share explained"), _list_worst(done)), "",
+        *_format_table(("case", "verdict", "named", "confidence", "share explained"), _list_worst(done)), "",
     ]  # fmt: skip
     return "\n".join(parts)
 
@@ -314,7 +315,7 @@ def draw_confusion(done: Sequence[Answer], path: Path) -> None:
         axes.tick_params(which="minor", length=0)
         axes.axhline(len(known) - 0.5, color="0.3", linewidth=0.8)
         axes.axvline(len(known) - 0.5, color="0.3", linewidth=0.8)
-        axes.set_xlabel("said first")
+        axes.set_xlabel("named first")
         axes.set_ylabel("hidden (number of cases)")
         axes.set_title("Share of the cases of a row in %")
         figure.savefig(path, dpi=130, format="png")
@@ -326,7 +327,7 @@ def draw_calibration(done: Sequence[Answer], path: Path) -> None:
     right = np.array([_is_right(answer) for answer in done], bool)
     figure = Figure(figsize=(5.5, 5.0), layout="constrained")
     axes = figure.add_subplot()
-    axes.plot([0, 1], [0, 1], color="0.7", linewidth=1, label="as it says")
+    axes.plot([0, 1], [0, 1], color="0.7", linewidth=1, label="confidence = share that is right")
     for low, high in pairwise(_BINS.tolist()):
         inside = (confidence >= low) & ((confidence < high) | (high == 1.0))
         if inside.any():
