@@ -1,6 +1,5 @@
 """Table: docs/battery.md with the results beside the goals, and its pictures, from answers of one split."""
 
-import os
 import platform
 import subprocess
 from collections.abc import Iterable, Mapping, Sequence
@@ -104,13 +103,14 @@ def write_page(
     pictures = folder / PICTURES_FOLDER
     done = [answer for answer in answers if "error" not in answer]
     paths = [folder / "battery.md", pictures / "confusion.png", pictures / "calibration.png"]
+    notes = pictures / "notes.md"
+    notes_text = notes.read_text(encoding="utf-8") if notes.exists() else ""
+    page = compose_page(answers, split, engine, rivals or {}, notes_text)  # before a picture makes the commit dirty
     for draw, path in ((draw_confusion, paths[1]), (draw_calibration, paths[2])):
         with whole_file(path) as part:
             draw(done, part)
-    notes = pictures / "notes.md"
-    notes_text = notes.read_text(encoding="utf-8") if notes.exists() else ""
     with whole_file(paths[0]) as part:
-        part.write_text(compose_page(answers, split, engine, rivals or {}, notes_text), encoding="utf-8")
+        part.write_text(page, encoding="utf-8")
     return paths
 
 
@@ -121,9 +121,9 @@ def compose_page(
     done = [answer for answer in answers if "error" not in answer]
     parts = [
         "# The battery", "",
-        "How often the discrepancy workflow finds the effect that is hidden in a case. The truth of the cases comes from other laws",
-        "than the catalogue's and from another solver. `benchmarks/battery/score.py` defines each measure, and",
-        "`benchmarks/battery/cases.py` the cases. Words are in the [glossary](glossary.md#the-battery). This page is written by",
+        "How often the discrepancy workflow finds the effect that is hidden in a case. The truth of the cases comes from other",
+        "laws than the catalogue's and from another solver. `benchmarks/battery/score.py` defines each measure, and",
+        "`benchmarks/battery/cases.py` the cases. Words are in the [glossary](glossary.md#the-battery). Written by",
         "`python -m benchmarks.battery --split " + split + " --docs docs`.", "",
         *_list_candidates_without_law(effects().values()), *_describe_run(answers, split, engine), "",
         *_format_table(_HEADER, [format_row(measure) for measure in score_answers(answers)]), "",
@@ -162,8 +162,8 @@ def _describe_run(answers: Sequence[Answer], split: str, engine: str) -> list[st
         commit = described.stdout.strip() or commit
     whole = list_cases(split)
     lines = [
-        f"{date.today().isoformat()}; {packages}, Python {platform.python_version()}; commit {commit}, {engine};",
-        f"{_read_processor()}, {os.cpu_count()} cores.", "",
+        f"Written on {date.today().isoformat()} at commit {commit} from the answers of {engine}, with {packages},",
+        f"Python {platform.python_version()}.", "",
     ]  # fmt: skip
     counts = [
         (name, str(sum(find_family(t) == name for t in answers)), str(sum(c.family == name for c in whole)))
@@ -175,13 +175,6 @@ def _describe_run(answers: Sequence[Answer], split: str, engine: str) -> list[st
     else:
         lines += [f"The whole split {split}: {len(answers)} cases."]
     return [*lines, "", *_format_table(("family", "run", "in the split"), counts)]
-
-
-def _read_processor() -> str:
-    for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
-        if line.startswith("model name"):
-            return line.partition(":")[2].strip()
-    return platform.processor()
 
 
 def _format_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
