@@ -81,7 +81,7 @@ def nominal(changed: Path | None = None) -> ParameterSet:
         raise InputError(f"effect {min(taken)} has the name of a group of the rig's own parameters; give it another")
     declared = {name: parameter for effect in catalogue().values() for name, parameter in effect.declared().items()}
     shipped = ParameterSet({**own, **declared})
-    return load_overlay(changed, shipped) if changed else shipped
+    return load_overlay(changed, shipped, rig="wet_clutch") if changed else shipped
 
 
 def parameter_values(parameters: ParameterSet) -> dict[str, float]:

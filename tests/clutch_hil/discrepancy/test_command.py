@@ -66,7 +66,7 @@ def test_the_same_document_goes_to_machines(paths: list[Path], tmp_path: Path) -
         (["--rig", "tests/clutch_hil/discrepancy/test_fit.py:Amplifyer"], "has no class 'Amplifyer'"),
         (["--rig", "tests/clutch_hil/discrepancy/test_fit.py:CandidateSearch"], "cannot be made without arguments"),
         (["--rig", MODEL, "--effects", "cubik"], "effect 'cubik' is no candidate of the rig amplifier"),
-        (["--rig", MODEL, "--calibration", "0"], "calibration 0 is not possible"),
+        (["--rig", MODEL, "--refit-within", "0"], "calibration 0 is not possible"),
         (["--rig", MODEL, "--model", "nowhere.toml"], "parameter file nowhere.toml does not exist"),
         ([], "lacks the column"),
     ],
