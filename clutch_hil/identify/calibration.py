@@ -26,7 +26,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib.metadata import version
-from itertools import groupby
 from pathlib import Path
 
 import numpy as np
@@ -101,7 +100,9 @@ class Calibration:
             n: f"value = {value!r}, source = {json.dumps(why)}" for n, (value, why) in self.controller.items()
         }
         for part, entries in (("plant", plant), ("controller", controller)):
-            for group, members in groupby(entries, key=lambda name: name.partition(".")[0]):
+            groups = dict.fromkeys(name.partition(".")[0] for name in entries)
+            for group in groups:
+                members = [name for name in entries if name.startswith(f"{group}.")]
                 lines += ["", f"[{part}.{group}]", *(f"{n.partition('.')[2]} = {{ {entries[n]} }}" for n in members)]
         rows = [f"    [{', '.join(f'{value:.4f}' for value in row)}]," for row in self.correlation.tolist()]
         names = json.dumps([one.name for one in self.parameters])
