@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clutch_hil.discrepancy.models import position_axis, tribometer
-from clutch_hil.discrepancy.models.measured_motion import path, smooth
+from clutch_hil.recordings.measured_motion import path, smooth
 from clutch_hil.discrepancy.models.pneumatic_cylinder import PneumaticCylinder
 from clutch_hil.discrepancy.models.position_axis import PositionAxis
 from clutch_hil.discrepancy.models.sliding_contact import SlidingContact
