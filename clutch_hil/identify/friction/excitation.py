@@ -11,15 +11,16 @@ from protocols.errors import InputError
 
 SLOWEST = 0.01  # of the greatest speed: a Stribeck curve is looked for down to it; chosen, two decades
 BINS = 8  # of the speeds from there to the greatest, by logarithm
-LEAST_SHARE = 0.01  # of the sliding samples in a bin that counts as excited; chosen
+# Of the sliding samples in a bin that counts as excited. Chosen: on the way to its speed a trapezoid leaves less in a slow bin
+LEAST_SHARE = 0.02
 LEAST_BINS = 5  # excited bins for a Stribeck curve: it has five parameters
-LOAD_RATIO = 1.3  # of greatest and least load for a load law; chosen: a fall of the coefficient changes friction by some per cent
+LOAD_RATIO = 1.3  # of greatest and least load for a load law; chosen: its fall then changes friction by some per cent
 LEAST_STEPS = 3.0  # samples within a break point, for pre-sliding to be resolved
 
 
 def excite(law: Law, records: Sequence[SlideRecord], scale: Scale) -> tuple[list[str], list[str]]:
     """Terms of `law` and of the rig that the records excite, and warnings of those they do not. Raises InputError."""
-    length, force = records[0].units[:2]
+    length = records[0].units[0]
     speed = np.abs(np.concatenate([one.speed for one in records]))
     slides = speed > SLOWEST * scale.speed
     spread = float(np.std(speed[slides])) / scale.speed
@@ -31,14 +32,19 @@ def excite(law: Law, records: Sequence[SlideRecord], scale: Scale) -> tuple[list
             "speeds that differ, or reversals"
         )
     if not turns:
-        warnings.append("no reversal: these runs say nothing of pre-sliding, nor of an offset; break points do not hold")
-    edges = np.geomspace(SLOWEST * scale.speed, scale.speed, BINS + 1)
-    share = np.histogram(speed, edges)[0] / max(int(slides.sum()), 1)
-    if (excited := int(np.sum(share > LEAST_SHARE))) < LEAST_BINS and "stribeck" in terms:
-        low, high = np.quantile(speed[speed > SLIDING_SHARE * scale.speed], (0.05, 0.95))
         warnings.append(
-            f"a Stribeck curve needs speeds over two decades; nine tenths of the sliding in these runs are at {low:.3g} to "
-            f"{high:.3g} {length}/s, {excited} of {BINS} ranges of speed: beta, V_S and gamma are not fitted"
+            "no reversal: these runs say nothing of pre-sliding, nor of an offset; break points do not hold"
+        )
+    edges = np.geomspace(SLOWEST * scale.speed, scale.speed, BINS + 1)
+    ruled = (
+        scale.mass * np.abs(np.concatenate([one.acceleration for one in records])) < scale.level
+    )  # by friction, not by inertia
+    share = np.histogram(speed[ruled], edges)[0] / max(int(slides.sum()), 1)
+    if np.sum(share > LEAST_SHARE) < LEAST_BINS and "stribeck" in terms:
+        low, high = np.quantile(speed[ruled & (speed > SLIDING_SHARE * scale.speed)], (0.05, 0.95))
+        warnings.append(
+            f"a Stribeck curve needs speeds over two decades at which inertia does not hide the friction; these runs have "
+            f"{low:.3g} to {high:.3g} {length}/s: beta, V_S, gamma and lag are not fitted"
         )
         terms = [term for term in terms if term not in ("stribeck", "exponent", "lag")]
     rigid = ["offset", "mass", "delay"] if turns else ["mass"]
@@ -66,7 +72,9 @@ def _judge_load(law: Law, records: Sequence[SlideRecord]) -> tuple[list[str], li
     if high > LOAD_RATIO * low:
         known = [f"the load goes from {low:.4g} to {high:.4g} {unit}, which {law.name} does not know: xgms does"]
         return ["load_gain"], [] if law.knows_load else known
-    constant = [f"the load is {low:.4g} to {high:.4g} {unit}: friction is taken as proportional to it, which is not identified"]
+    constant = [
+        f"the load is {low:.4g} to {high:.4g} {unit}: friction is taken as proportional to it, which is not identified"
+    ]
     return [], constant if law.knows_load else []
 
 
@@ -87,7 +95,7 @@ def judge_break_points(break_points: Sequence[float], records: Sequence[SlideRec
     at_turns = min(float(np.quantile(step[step > 0.0], 0.05)) for step in steps)
     if least < LEAST_STEPS * at_turns:
         return [
-            f"pre-sliding is not resolved: a break point is at {least:.3g} {length}, and the position moves {slow:.3g} {length} a "
-            f"sample ({at_turns:.3g} where it is slow); record slower strokes, or faster"
+            f"pre-sliding is not resolved: a break point is at {least:.3g} {length}, and the position moves {slow:.3g} "
+            f"{length} a sample ({at_turns:.3g} where it is slow); record slower strokes, or faster"
         ]
     return []

@@ -16,7 +16,7 @@ import numpy as np
 
 from clutch_hil.identify.friction.excitation import excite, judge_break_points
 from clutch_hil.identify.friction.intervals import intervals
-from clutch_hil.identify.friction.law import PARAMETERS, RIGID, Law, Structure, Values, law_named
+from clutch_hil.identify.friction.law import EXCLUSIVE, NEEDS, PARAMETERS, RIGID, Law, Structure, Values, law_named
 from clutch_hil.identify.friction.motion_model import MotionModel
 from clutch_hil.identify.friction.result import IdentifiedFriction, Parameter, TriedStep, UsedRun
 from clutch_hil.identify.friction.selection import Progress, Step, fit_structure, judge, select
@@ -92,7 +92,7 @@ def identify_friction(
         steps = [replace(judge(first, values, records, scale), chosen=True)]
     step = next(one for one in steps if one.chosen)
     progress(f"{step.structure}: searching from {starts} starts", 0.9)
-    values, estimate, agree = _search(step, records, scale, starts, seed)
+    values, estimate, agree = _search(step, records, scale, starts, seed, progress)
     progress("intervals", 0.99)
     return _make_result(step.structure, values, estimate, agree, steps, records, held, scale, warnings, rig)
 
@@ -109,11 +109,16 @@ def _first_structure(law: Law, elements: int | None, terms: Sequence[str] | None
             raise InputError(f"term {term!r} is unknown; {closest(term, allowed)}")
         if term not in allowed:
             raise InputError(f"law {law.name} has no term {term!r}; it has {', '.join(allowed)}")
+    if set(terms or ()) >= EXCLUSIVE:
+        raise InputError("terms fall and preload are given; allowed is one of them")
+    for term in terms or ():
+        if (needed := NEEDS.get(term, term)) not in (terms or ()):
+            raise InputError(f"term {term!r} needs {needed!r} as well; add it, or leave {term!r} away")
     return Structure(law, elements or (law.elements[0] if law.elements else 0), tuple(dict.fromkeys(terms or ())))
 
 
 def _search(
-    step: Step, records: Sequence[SlideRecord], scale: Scale, starts: int, seed: int
+    step: Step, records: Sequence[SlideRecord], scale: Scale, starts: int, seed: int, progress: Progress
 ) -> tuple[dict[str, float], Estimate, tuple[int, int]]:
     """The best of several searches from points about the values known, its elements in order, and how many agree with it."""
     structure, random = step.structure, np.random.default_rng(seed)
@@ -128,8 +133,13 @@ def _search(
                 margin = 1e-6 * (high - low)
                 start[name] = float(np.clip(spread, low + (margin if low < 0.0 else 0.0), high - margin))
         found.append(fit_structure(structure, records, scale, [start]))
-    best = min(found, key=lambda one: one[1].rmse)
-    same = sum(one[1].rmse <= SAME_MINIMUM * best[1].rmse for one in found)
+        progress(f"{structure}: start {number + 1} of {starts}", 0.9 + 0.07 * number / starts)
+    known, best = found[0], min(found, key=lambda one: one[1].rmse)
+    if best[1].rmse * SAME_MINIMUM < known[1].rmse:  # another minimum: it must explain what is not fitted, too
+        progress("judging another minimum", 0.97)
+        if judge(structure, best[0], records, scale).held_out > step.held_out:
+            best = known
+    same = sum(abs(one[1].rmse / best[1].rmse - 1.0) <= SAME_MINIMUM - 1.0 for one in found)
     values, estimate = fit_structure(structure, records, scale, [_sort_elements(structure, best[0])])
     return values, estimate, (same, starts)
 
@@ -138,7 +148,9 @@ def _sort_elements(structure: Structure, values: Values) -> dict[str, float]:
     """`values` with the elements in the order of their break points."""
     numbers = range(1, structure.elements + 1)
     order = sorted(numbers, key=lambda i: values[f"break_point_{i}"])
-    moved = {f"{what}_{i}": values[f"{what}_{j}"] for i, j in zip(numbers, order, strict=True) for what in ("limit", "break_point")}  # fmt: skip
+    moved: dict[str, float] = {}
+    for i, j in zip(numbers, order, strict=True):
+        moved |= {f"{what}_{i}": values[f"{what}_{j}"] for what in ("limit", "break_point")}
     return {**values, **moved}
 
 
@@ -169,6 +181,10 @@ def _make_result(
     if structure.elements:
         points = [values[f"break_point_{i}"] for i in range(1, structure.elements + 1)]
         doubts += judge_break_points(points, records, units[0])
+    elif values.get("beta", 1.0) > 1.0 and structure.law.centred:
+        doubts.append(
+            "friction rises from rest: pre-sliding looks like this to a law without memory; compare gms, or lugre"
+        )
     if agree[1] > 1 and agree[0] == 1:
         doubts.append(f"one of {agree[1]} starts ended at this minimum: another may be better, try more --starts")
     chosen = next(step for step in steps if step.chosen)

@@ -13,11 +13,13 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.stats import t
 
-from plant_sim.friction.identification.least_squares import BOUND_DISTANCE, CONFIDENCE, Estimate
+from plant_sim.friction.identification.least_squares import CONFIDENCE, Estimate
 
 CORRELATED = 0.2  # of the autocorrelation: below it residuals count as uncorrelated; chosen
 TIMES = 5  # correlation times in a cluster: ends of neighbours then hardly matter; chosen
 CLUSTERS = (8, 60)  # least and most of them: fewer give no standard error, more bring nothing
+AT_BOUND = 1e-3  # of a bound: a value nearer to it rests there; the search keeps off it by about 1e-8
+AT_ZERO = 1e-9  # of the upper bound, where the lower one is 0
 LEAST_RUNS = 4  # for which runs are clusters as well: a t quantile of 3.2
 
 
@@ -47,10 +49,11 @@ def clusters(residuals: Sequence[np.ndarray]) -> list[np.ndarray]:
 
 
 def intervals(estimate: Estimate, bounds: np.ndarray, residuals: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Intervals (m, 2) and correlation (m, m) of `estimate`, whose `residuals` are those of each record, within `bounds` (m, 2)."""
-    width = bounds[:, 1] - bounds[:, 0]
-    gap = np.minimum(estimate.values - bounds[:, 0], bounds[:, 1] - estimate.values)
-    inner = (gap > BOUND_DISTANCE * width) & (np.linalg.norm(estimate.jacobian, axis=0) > 0.0)
+    """Intervals (m, 2) and correlation (m, m) of `estimate` within `bounds` (m, 2); `residuals` are those of each record."""
+    low, high = bounds.T
+    least = low + np.where(low != 0.0, AT_BOUND * np.abs(low), AT_ZERO * high)
+    inside = (estimate.values > least) & (estimate.values < high - AT_BOUND * np.abs(high))
+    inner = inside & (np.linalg.norm(estimate.jacobian, axis=0) > 0.0)
     half = np.full(estimate.values.size, np.nan)
     correlation = np.full((half.size, half.size), np.nan)
     np.fill_diagonal(correlation, 1.0)

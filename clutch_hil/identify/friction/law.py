@@ -44,6 +44,9 @@ PARAMETERS: Mapping[str, tuple[str, ...]] = {
 }  # fmt: skip
 # A term that needs another one first
 NEEDS = {"exponent": "viscous", "viscous_asymmetry": "viscous", "lag": "stribeck"}
+EXCLUSIVE = frozenset(
+    ("fall", "preload")
+)  # two ways in which friction is not proportional to the load; both at once run away
 CONSTANTS = ("reference_load", "reach")  # values that are not fitted: load of the limits, half the path of the shape
 
 
@@ -113,7 +116,8 @@ class Structure:
             elements = MaxwellSlip(*self._elements(values))
             if "shape" not in self.terms:
                 return elements
-            return ShapedMaxwellSlip(ShapedElements(elements, np.array([values["shape_1"], values["shape_2"]]), values["reach"]))  # fmt: skip
+            shape = np.array([values["shape_1"], values["shape_2"]])
+            return ShapedMaxwellSlip(ShapedElements(elements, shape, values["reach"]))
         if {"viscous_asymmetry", "level_asymmetry", "preload"} & set(self.terms):
             return Directed(self._one_side(values, 1.0), self._one_side(values, -1.0), values.get("preload", 0.0))
         return self._one_side(values, 0.0)

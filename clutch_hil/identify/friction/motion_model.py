@@ -1,6 +1,7 @@
 """The force that a rig shows when it is moved along a measured position: its friction, inertia, and what its sensors add.
 
 Equation        F(t) = f(t - delay),  f = friction(x, W) + m x'' + offset + load_gain W
+                friction goes through the low pass of the record, as the measured force does: its corners are rounded alike
                 delay: of the force behind the position; negative where the force is recorded before it acts
 Assumptions     rigid; the contact is at rest without force at the first sample, so the beginning is not judged (`judged`)
 Not modelled    flexible modes, cogging, friction that depends on the place (but the shape of Maxwell-slip)
@@ -13,6 +14,7 @@ import numpy as np
 
 from clutch_hil.identify.friction.law import Structure, Values
 from clutch_hil.identify.friction.slide_record import WINDOW, SlideRecord
+from clutch_hil.recordings.rasters import low_pass
 
 SETTLING_SHARE = 0.5  # of the position's range: after so long a way the contact has forgotten how it began
 MOST_SETTLING = 0.25  # of a record: more of it is never left out
@@ -40,7 +42,10 @@ class MotionModel:
         mass, offset, gain, delay = (values.get(name, 0.0) for name in ("mass", "offset", "load_gain", "delay"))
         shown = []
         for record, path, time in zip(self.records, self._paths, self._times, strict=True):
-            force = friction.trace(path, record.period, record.load).force + offset
+            force = friction.trace(path, record.period, record.load).force
+            if record.low_pass:
+                force = low_pass(record.source, "friction", force, record.low_pass, 1.0 / record.period)
+            force = force + offset
             if mass:
                 force += mass * record.acceleration
             if gain:

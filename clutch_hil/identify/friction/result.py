@@ -4,7 +4,8 @@
     friction.model                      # a model of plant_sim.friction: simulate, couple, put it into a rig
     friction.feedforward()              # inertia, friction and offset for the position axis
 
-The file has units, 95 % intervals, correlation, the hash of each run, and how the law was chosen. It loads back to the last digit.
+The file has units, 95 % intervals, correlation, the hash of each run, and how the law was chosen. It loads back to the
+last digit.
 """
 
 import json
@@ -53,7 +54,7 @@ class UsedRun:
 
 @dataclass(frozen=True)
 class TriedStep:
-    """A structure on the way to the result: its description, RMS errors [N] where fitted and held out, whether it is `chosen`."""
+    """A structure on the way to the result: its text, RMS errors [N] where fitted and held out, whether it is `chosen`."""
 
     structure: str
     parameters: int

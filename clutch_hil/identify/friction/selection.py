@@ -2,19 +2,20 @@
 
 Method          from the barest law on, the term is added that explains most of what is left (forward selection); each step is
                 judged by cross-validation on contiguous stretches. Of the steps the simplest is taken whose held-out error is
-                no more than one standard error above the best: of the paired differences, as the stretches themselves differ
-                more than the models do on them
+                no more than one standard error above the best, or 2 %. The standard error is of the paired differences, as
+                the stretches themselves differ more than the models do on them. It alone would ask for ever more terms in a
+                motion that repeats, whose stretches are not independent
 Assumptions     a stretch is longer than the memory of the contact and of what is not modelled
 References      Breiman, Friedman, Olshen and Stone 1984, sec. 3.4.3 (one standard error); Roberts et al. 2017, Ecography 40
                 (blocks in place of single samples); Hastie, Tibshirani and Friedman 2009, sec. 7.10
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from clutch_hil.identify.friction.law import NEEDS, RIGID, Structure, Values
+from clutch_hil.identify.friction.law import EXCLUSIVE, NEEDS, Structure, Values
 from clutch_hil.identify.friction.motion_model import MotionModel
 from clutch_hil.identify.friction.slide_record import SlideRecord
 from clutch_hil.identify.friction.starts import Scale, bounds, constants, start_values, widen
@@ -24,6 +25,7 @@ FOLDS = 5  # of the cross-validation, as is usual
 STRETCHES = 10  # held-out stretches, of all records together, at least: enough for a standard error
 LEAST_GAIN = 3e-3  # of the squares: a step that explains less ends the search; chosen, far below a standard error
 MOST_STEPS = 10  # terms that are added; no law has more
+MATERIAL = 1.02  # ratio of held-out errors that no use of a law notices; as in `reproduce microtribometer`
 PATIENCE = 2  # steps without a better held-out error that end the search
 
 Progress = Callable[[str, float], None]
@@ -115,14 +117,17 @@ def judge(structure: Structure, values: Values, records: Sequence[SlideRecord], 
 
 
 def choose(steps: Sequence[Step]) -> list[Step]:
-    """`steps`, the simplest first, with the one chosen whose held-out error is within a standard error of the best."""
+    """`steps`, the simplest first, with the one chosen whose held-out error is as good as the best."""
     best = min(steps, key=lambda step: float(step.squares.mean()))
     chosen = next(step for step in steps if step is best or _is_as_good(step, best))
     return [replace(step, chosen=step is chosen) for step in steps]
 
 
 def _is_as_good(step: Step, best: Step) -> bool:
+    """Whether the held-out error is within a standard error of the best, or immaterially above it."""
     worse = step.squares - best.squares
+    if step.held_out <= MATERIAL * best.held_out:
+        return True
     return bool(worse.mean() <= worse.std(ddof=1) / np.sqrt(worse.size))
 
 
@@ -132,18 +137,12 @@ def _fitted_error(step: Step, records: Sequence[SlideRecord]) -> float:
 
 
 def _expand(structure: Structure, offered: Sequence[str], most_elements: int) -> list[Structure]:
-    """Structures with one term more than `structure`, or with twice the elements."""
-    wider = [
-        replace(structure, terms=(*structure.terms, term))
-        for term in offered
-        if term not in structure.terms and NEEDS.get(term, term) in (term, *structure.terms)
-    ]
+    """Structures with one term more than `structure`, or one load term for the other, or with twice the elements."""
+    wider = []
+    for term in offered:
+        if term not in structure.terms and NEEDS.get(term, term) in (term, *structure.terms):
+            kept = (one for one in structure.terms if not {one, term} <= EXCLUSIVE)
+            wider.append(replace(structure, terms=(*kept, term)))
     if 0 < 2 * structure.elements <= most_elements:
         wider.append(replace(structure, elements=2 * structure.elements))
     return wider
-
-
-def count_terms(structure: Structure) -> Mapping[str, int]:
-    """Parameters of the friction and of the rig around it."""
-    rigid = sum(name in RIGID for name in structure.names)
-    return {"friction": len(structure.names) - rigid, "rig": rigid}

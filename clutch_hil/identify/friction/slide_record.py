@@ -17,7 +17,7 @@ import numpy as np
 from clutch_hil.recordings.import_map import ImportMap
 from clutch_hil.recordings.measured_motion import path as hold
 from clutch_hil.recordings.measured_motion import smooth
-from clutch_hil.recordings.rasters import Sampling, TimedColumn, join
+from clutch_hil.recordings.rasters import ANTI_ALIAS_SHARE, Sampling, TimedColumn, join
 from protocols.errors import InputError, closest
 from protocols.files.run import Run
 from protocols.files.runs import read_columns
@@ -64,7 +64,7 @@ class SlideRecord:
     """One record without gaps: `position` [m or rad], `force` [N or Nm], `load` [its unit], all (n,), every `period` [s].
 
     `source` names the file and the span, `digest` is its SHA-256 (of the values where there is no file). `units` of position,
-    force and load; the load's is "" and its values are 1 where none was measured.
+    force and load; the load's is "" and its values are 1 where none was measured. `low_pass` [Hz]: of all three, 0 for none.
     """
 
     source: str
@@ -74,6 +74,7 @@ class SlideRecord:
     force: np.ndarray
     load: np.ndarray
     units: tuple[str, str, str]
+    low_pass: float = 0.0
     speed: np.ndarray = field(init=False)
     acceleration: np.ndarray = field(init=False)
     flicker: float = field(init=False)
@@ -114,13 +115,13 @@ def read_records(
     records: list[SlideRecord] = []
     for number, run in enumerate(runs, 1):
         if isinstance(run, Run):
-            records += _from_run(f"run {number}", "", run, columns or Columns(), sampling)
+            records += _from_run(f"run {number}", "", run, columns or Columns(), sampling or Sampling())
             continue
-        path = Path(run)
+        path, imported = Path(run), import_map.sampling.low_pass_hz if import_map else 0.0
         own = import_map.read_runs(path) if import_map else [read_columns(path)]
         digest = hashlib.sha256(path.read_bytes()).hexdigest()
         for one in own:
-            records += _from_run(str(path), digest, one, columns or Columns(), sampling)
+            records += _from_run(str(path), digest, one, columns or Columns(), sampling or Sampling(), imported)
     units = {record.units for record in records}
     if len(units) > 1:
         shown = "; ".join(sorted(", ".join(filter(None, one)) for one in units))
@@ -128,7 +129,10 @@ def read_records(
     return records
 
 
-def _from_run(name: str, digest: str, run: Run, columns: Columns, sampling: Sampling | None) -> list[SlideRecord]:
+def _from_run(
+    name: str, digest: str, run: Run, columns: Columns, sampling: Sampling, imported: float = 0.0
+) -> list[SlideRecord]:
+    """The records of one run; `imported`: limit of the low pass [Hz] that its import map has applied already."""
     time, _ = _take(name, run, "time", columns.time or "time_s")
     force, force_unit = _need(name, run, "force", columns.force)
     load = _find(name, run, "load", columns.load)
@@ -140,16 +144,20 @@ def _from_run(name: str, digest: str, run: Run, columns: Columns, sampling: Samp
         step = np.diff(time, prepend=time[0])
         position = np.cumsum(speed[0] * step), _FAMILIES["position"][_FAMILIES["speed"].index(speed[1])]
     if _FAMILIES["position"].index(position[1]) != _FAMILIES["force"].index(force_unit):
-        raise InputError(f"run {name} has a position in {position[1]} and a force in {force_unit}; allowed are m and N, or rad and Nm")  # fmt: skip
+        raise InputError(
+            f"run {name} has a position in {position[1]} and a force in {force_unit}; allowed are m and N, or rad and Nm"
+        )
     values = {"position": position[0], "force": force, **({"load": load[0]} if load else {})}
     _check_values(name, time, values)
-    pieces, _ = join(Path(name), [TimedColumn(n, time, v) for n, v in values.items()], sampling or Sampling())
+    pieces, _ = join(Path(name), [TimedColumn(n, time, v) for n, v in values.items()], sampling)
     units = (position[1], force_unit, load[1] if load else "")
-    return [_make_record(name, digest, piece, units, len(pieces)) for piece in pieces]
+    thinned = ANTI_ALIAS_SHARE * sampling.resample_hz
+    limits = [limit for limit in (imported, sampling.low_pass_hz, thinned) if limit]
+    return [_make_record(name, digest, piece, units, len(pieces), min(limits, default=0.0)) for piece in pieces]
 
 
 def _make_record(
-    name: str, digest: str, piece: Mapping[str, np.ndarray], units: tuple[str, str, str], pieces: int
+    name: str, digest: str, piece: Mapping[str, np.ndarray], units: tuple[str, str, str], pieces: int, low_pass: float
 ) -> SlideRecord:
     time = piece["time_s"]
     source = name if pieces == 1 else f"{name}, {time[0]:.4g} to {time[-1]:.4g} s"
@@ -157,7 +165,9 @@ def _make_record(
     if time.size < LEAST_SAMPLES:
         raise InputError(f"run {source} has {time.size} rows; needed are {LEAST_SAMPLES} or more")
     if float(np.ptp(steps)) > 0.02 * float(steps.mean()):  # 2 %: decimal seconds of a file
-        raise InputError(f"run {source} has steps of {steps.min():.4g} to {steps.max():.4g} s; set a rate to resample it to")
+        raise InputError(
+            f"run {source} has steps of {steps.min():.4g} to {steps.max():.4g} s; set a rate to resample it to"
+        )
     position, force = (np.ascontiguousarray(piece[one], float) for one in ("position", "force"))
     for what, column, unit in (("position", position, units[0]), ("force", force, units[1])):
         if float(np.ptp(column)) == 0.0:
@@ -165,10 +175,12 @@ def _make_record(
     load = np.ascontiguousarray(piece.get("load", np.ones(time.size)), float)
     if (low := float(load.min())) < 0.0:
         if low < -0.05 * float(np.abs(load).max()):  # 5 %: chosen, the zero of a load cell
-            raise InputError(f"run {source}: the load falls to {low:g} {units[2]}; allowed is 0 or more, see COLUMN:-UNIT")
+            raise InputError(
+                f"run {source}: the load falls to {low:g} {units[2]}; allowed is 0 or more, see COLUMN:-UNIT"
+            )
         load = np.maximum(load, 0.0)
     own = digest or hashlib.sha256(b"".join(c.tobytes() for c in (position, force, load))).hexdigest()
-    return SlideRecord(source, own, float(steps.mean()), position, force, load, units)
+    return SlideRecord(source, own, float(steps.mean()), position, force, load, units, low_pass)
 
 
 def _check_values(name: str, time: np.ndarray, values: Mapping[str, np.ndarray]) -> None:
@@ -179,7 +191,9 @@ def _check_values(name: str, time: np.ndarray, values: Mapping[str, np.ndarray])
         if (bad := np.flatnonzero(~np.isfinite(column))).size:
             raise InputError(f"run {name}: the {what} is not a number in row {bad[0]}")
         if (bad := np.flatnonzero(np.abs(column) > LARGEST)).size:
-            raise InputError(f"run {name}: the {what} is {column[bad[0]]:.3g} in row {bad[0]}; allowed is up to {LARGEST:g} in SI units")  # fmt: skip
+            raise InputError(
+                f"run {name}: the {what} is {column[bad[0]]:.3g} in row {bad[0]}; allowed is up to {LARGEST:g} in SI units"
+            )
         if column.size != time.size:
             raise InputError(f"run {name}: the {what} has {column.size} rows, the time has {time.size}")
     if (bad := np.flatnonzero(np.diff(time) <= 0.0)).size:
@@ -204,14 +218,18 @@ def _find(name: str, run: Run, what: str, chosen: str) -> tuple[np.ndarray, str]
     for stem in NAMES[what]:
         for column in run.columns:
             end = column.lower()[len(stem) :]
-            if column.lower().startswith(stem) and (not end or end.lstrip("_ ") in _ENDS or end.lstrip("_ ")[:1] in "[("):
+            if column.lower().startswith(stem) and (
+                not end or end.lstrip("_ ") in _ENDS or end.lstrip("_ ")[:1] in "[("
+            ):
                 return _take(name, run, what, column)
     return None
 
 
 def _take(name: str, run: Run, what: str, chosen: str) -> tuple[np.ndarray, str]:
     """Column `chosen`, `COLUMN` or `COLUMN:UNIT`, in SI, and its SI unit. Raises InputError."""
-    column, unit = (chosen, "") if chosen in run.columns else chosen.rpartition(":")[::2] if ":" in chosen else (chosen, "")
+    column, unit = (
+        (chosen, "") if chosen in run.columns else chosen.rpartition(":")[::2] if ":" in chosen else (chosen, "")
+    )
     if column not in run.columns:
         raise InputError(f"run {name} has no column {column!r} for the {what}; {closest(column, run.columns)}")
     sign = -1.0 if unit.startswith("-") else 1.0
@@ -221,7 +239,9 @@ def _take(name: str, run: Run, what: str, chosen: str) -> tuple[np.ndarray, str]
             one, zero = to_si(1.0, unit), to_si(0.0, unit)
             return sign * ((one - zero) * np.asarray(run.columns[column], float) + zero), si
     allowed = " or ".join(("s",) if what == "time" else _FAMILIES[what])
-    raise InputError(f"run {name}: column {column!r} for the {what} is in {unit!r}; allowed is what can be converted into {allowed}")
+    raise InputError(
+        f"run {name}: column {column!r} for the {what} is in {unit!r}; allowed is what can be converted into {allowed}"
+    )
 
 
 def _unit_of(name: str, run: Run, what: str, column: str) -> str:

@@ -15,6 +15,9 @@ from protocols.errors import InputError
 SLIDING_SHARE = 0.05  # of the greatest speed: faster samples slide; chosen
 WIDE = 50.0  # ratio of a bound to its start; chosen: a start by regression is right within a factor of a few
 BEST_SPACING = CurvatureSpacing(0.5)  # the optimum of docs/friction.md
+MOST_DELAY = (
+    5.0  # samples that a force is behind its position: chosen, converters and filters; a longer one is pre-sliding
+)
 SHARES = (0.6, 1.4)  # of an element's break point, for the two that it is split into; chosen
 
 
@@ -54,10 +57,11 @@ def measure_scale(records: Sequence[SlideRecord]) -> Scale:
     friction = level + viscous * float(np.median(np.abs(speed[slides])))
     span = max(float(np.ptp(one.position)) for one in records)
     greatest = float(np.quantile(np.abs(force), 0.995))
-    acting = float(np.mean(np.sign(speed[slides]) * (force - rows_without_friction(solution, size, speed, acceleration, load))[slides]))  # fmt: skip
+    rigid = mass * acceleration + offset + gain * load
+    acting = float(np.mean((np.sign(speed) * (force - rigid))[slides]))
     if friction < 0.0 and acting < 0.0 and _reverses(speed, fastest):
         raise InputError(
-            f"the force is {-acting:.3g} in the direction of motion: friction would drive it; reverse its sign, such as by COLUMN:-N"
+            f"the force acts with {-acting:.3g} along the motion: friction would drive it; reverse its sign, as by COLUMN:-N"
         )
     moving = np.abs(speed[slides])
     finest = float(np.quantile(moving, 0.05)) * max(one.period for one in records)
@@ -67,14 +71,6 @@ def measure_scale(records: Sequence[SlideRecord]) -> Scale:
         float(np.quantile(np.abs(acceleration), 0.995)), span, finest, max(one.period for one in records),
         float(np.mean(load)),
     )  # fmt: skip
-
-
-def rows_without_friction(
-    solution: np.ndarray, size: np.ndarray, speed: np.ndarray, acceleration: np.ndarray, load: np.ndarray
-) -> np.ndarray:
-    """Inertia, offset and load part [N] (n,) of a regression."""
-    mass, offset, gain = (solution / np.where(size > 0.0, size, 1.0))[2:]
-    return np.asarray(mass * acceleration + offset + gain * load)
 
 
 def _reverses(speed: np.ndarray, fastest: float) -> bool:
@@ -123,7 +119,7 @@ def _bound(name: str, s: Scale) -> tuple[float, float]:
     if name.startswith("break_point_"):
         return min(1e-2 * s.finest, 1e-6 * s.span), 2.0 * s.span
     return {
-        "stiffness": (1e-2 * s.level / s.span, 1e9 * s.level / s.span),
+        "stiffness": (0.1 * s.level / s.span, 1e8 * s.level / s.span),
         "viscous": (0.0, WIDE * s.force / s.speed),
         "exponent": (0.1, 3.0),
         "beta": (0.05, 3.0),
@@ -140,7 +136,7 @@ def _bound(name: str, s: Scale) -> tuple[float, float]:
         "mass": (0.0, WIDE * max(s.mass, s.force / s.acceleration)),
         "offset": (-5.0 * s.force, 5.0 * s.force),
         "load_gain": (-5.0 * s.force / s.load, 5.0 * s.force / s.load),
-        "delay": (-20.0 * s.period, 20.0 * s.period),
+        "delay": (-MOST_DELAY * s.period, MOST_DELAY * s.period),
     }[name]
 
 
@@ -175,7 +171,9 @@ def _inside(low: float, high: float) -> tuple[float, float]:
 def _start_elements(count: int, scale: Scale, records: Sequence[SlideRecord]) -> list[tuple[float, float]]:
     """Limit [N] and break point [m] of `count` elements, from the virgin curve of the loops where there are any."""
     for record in sorted(records, key=lambda one: -float(np.ptp(one.position))):
-        rigid = scale.mass * record.acceleration + scale.offset + (scale.load_gain * record.load if record.loaded else 0.0)
+        rigid = (
+            scale.mass * record.acceleration + scale.offset + (scale.load_gain * record.load if record.loaded else 0.0)
+        )
         try:
             curve = from_loops(record.path, record.force - rigid)
             model = maxwell_slip.fit(curve, BEST_SPACING.place(curve, count))
