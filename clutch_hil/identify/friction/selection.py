@@ -1,10 +1,10 @@
 """Selection: which terms a law needs, by the error on stretches of the runs that were not fitted.
 
 Method          from the barest law on, the term is added that explains most of what is left (forward selection); each step is
-                judged by cross-validation on contiguous stretches. Of the steps the simplest is taken whose held-out error is
-                no more than one standard error above the best, or 2 %. The standard error is of the paired differences, as
-                the stretches themselves differ more than the models do on them. It alone would ask for ever more terms in a
-                motion that repeats, whose stretches are not independent
+                judged by cross-validation on contiguous stretches. The simplest step is taken whose held-out error is at most
+                one standard error above the best, or 2 %; then terms are left out again by the same rule. The standard error
+                is of the paired differences, as the stretches themselves differ more than the models do on them. It alone
+                would ask for ever more terms in a motion that repeats, whose stretches are not independent
 Assumptions     a stretch is longer than the memory of the contact and of what is not modelled
 References      Breiman, Friedman, Olshen and Stone 1984, sec. 3.4.3 (one standard error); Roberts et al. 2017, Ecography 40
                 (blocks in place of single samples); Hastie, Tibshirani and Friedman 2009, sec. 7.10
@@ -95,7 +95,26 @@ def select(
         lowest = int(np.argmin([step.held_out for step in steps]))
         if len(steps) - 1 - lowest >= PATIENCE:
             break
-    return choose(steps)
+    return _prune(choose(steps), records, scale, progress)
+
+
+def _prune(steps: list[Step], records: Sequence[SlideRecord], scale: Scale, progress: Progress) -> list[Step]:
+    """Leave terms of the chosen step out again that held-out stretches do not need: an early term may stand for a later one."""
+    best = min(steps, key=lambda step: float(step.squares.mean()))
+    while (chosen := next(step for step in steps if step.chosen)).structure.terms:
+        progress(f"{chosen.structure}: leaving terms out", 0.85)
+        tried = []
+        for term in chosen.structure.terms:
+            kept = tuple(one for one in chosen.structure.terms if term not in (one, NEEDS.get(one)))
+            barer = replace(chosen.structure, terms=kept)
+            found, estimate = fit_structure(barer, records, scale, [widen(chosen.values, barer, scale, records)])
+            tried.append((estimate.rmse, barer, found))
+        _, barer, found = min(tried, key=lambda each: each[0])
+        step = judge(barer, found, records, scale)
+        if not _is_as_good(step, best):
+            break
+        steps = [*(replace(one, chosen=False) for one in steps), replace(step, chosen=True)]
+    return steps
 
 
 def judge(structure: Structure, values: Values, records: Sequence[SlideRecord], scale: Scale) -> Step:

@@ -141,8 +141,8 @@ def _from_run(
         speed = _find(name, run, "speed", columns.speed)
         if speed is None:
             raise InputError(f"run {name} has no position and no speed that is known by name; {_describe_choice(run)}")
-        step = np.diff(time, prepend=time[0])
-        position = np.cumsum(speed[0] * step), _FAMILIES["position"][_FAMILIES["speed"].index(speed[1])]
+        way = np.concatenate([[0.0], np.cumsum(0.5 * (speed[0][1:] + speed[0][:-1]) * np.diff(time))])
+        position = way, _FAMILIES["position"][_FAMILIES["speed"].index(speed[1])]
     if _FAMILIES["position"].index(position[1]) != _FAMILIES["force"].index(force_unit):
         raise InputError(
             f"run {name} has a position in {position[1]} and a force in {force_unit}; allowed are m and N, or rad and Nm"
