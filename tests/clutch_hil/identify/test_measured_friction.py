@@ -1,7 +1,7 @@
 """Friction of measured rigs: the published values, and errors on runs that were not fitted. Skipped without the data.
 
-The numbers are those of docs/identify_friction.md. By hand (docs/measured_data.md): EMPS 2.94 N, micro-tribometer 0.115 N, O-ring
-2.20 N, held out.
+The numbers are those of docs/identify_friction.md. By hand (docs/measured_data.md): EMPS 2.94 N, micro-tribometer
+0.115 N, O-ring 2.20 N, held out.
 """
 
 from pathlib import Path
