@@ -54,5 +54,5 @@ def draw_friction(friction: IdentifiedFriction, records: Sequence[SlideRecord]) 
         axes.set_title(title, loc="left", fontsize=9)
         axes.grid(alpha=0.3)
         axes.spines[["top", "right"]].set_visible(False)
-    over_time.legend(loc="upper right", ncols=2, fontsize=8, frameon=False)
+    over_time.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=2, fontsize=8, frameon=False)
     return figure

@@ -133,6 +133,10 @@ def _from_run(
     name: str, digest: str, run: Run, columns: Columns, sampling: Sampling, imported: float = 0.0
 ) -> list[SlideRecord]:
     """The records of one run; `imported`: limit of the low pass [Hz] that its import map has applied already."""
+    if not run.columns:
+        raise InputError(
+            f"run {name} has no columns with names; read it by a map, as `clutch-hil import --draft` writes one"
+        )
     time, _ = _take(name, run, "time", columns.time or "time_s")
     force, force_unit = _need(name, run, "force", columns.force)
     load = _find(name, run, "load", columns.load)

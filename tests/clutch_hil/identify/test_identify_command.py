@@ -140,6 +140,14 @@ def test_wrong_options_are_refused_in_a_sentence_and_leave_nothing(tmp_path, arg
     assert not (tmp_path / "out").exists()
 
 
+def test_a_file_without_names_asks_for_a_map(tmp_path):
+    recording = tmp_path / "run.csv"
+    recording.write_text("1.0\t2.0\n" * 200)
+    _, error = run(recording, "--friction", "gms", "--out", tmp_path / "out")
+    assert isinstance(error, InputError)
+    assert "read it by a map" in str(error)
+
+
 def test_a_missing_law_and_a_file_that_would_be_lost_are_refused(tmp_path):
     recording = write_csv(tmp_path / "run.csv")
     _, error = run(recording, "--out", tmp_path / "out")
