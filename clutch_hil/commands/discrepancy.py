@@ -3,40 +3,22 @@
 import shlex
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import typer
-from typer.core import TyperCommand
 
 from clutch_hil.command import report
+from clutch_hil.commands.many_paths import ManyPaths
 from clutch_hil.commands.options import OVERWRITE
 from protocols.errors import InputError
 
 if TYPE_CHECKING:
     from clutch_hil.discrepancy.result import Result
 
-_MANY = "--holdout"  # this option takes every path up to the next option
-
-
-class _ManyPaths(TyperCommand):
-    """A command in which `--holdout A B C` means `--holdout A --holdout B --holdout C`, as click needs it."""
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        spread: list[str] = []
-        within = False
-        for arg in args:
-            if arg.startswith("-"):
-                within = arg == _MANY
-                if not within:
-                    spread.append(arg)
-            else:
-                spread += [_MANY, arg] if within else [arg]
-        return super().parse_args(ctx, spread)
-
 
 def register(app: typer.Typer) -> None:
     """Add the command."""
-    app.command(cls=_ManyPaths)(discrepancy)
+    app.command(cls=ManyPaths)(discrepancy)
 
 
 def discrepancy(

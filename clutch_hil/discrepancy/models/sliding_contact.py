@@ -19,10 +19,10 @@ import numpy as np
 from numba import from_dtype, njit
 
 from clutch_hil.discrepancy.models.linear_motion import STRIBECK_DEPTH, Scale, law_values
-from clutch_hil.discrepancy.models.measured_motion import Motion
 from clutch_hil.discrepancy.models.ripple_starts import ripple_starts
 from clutch_hil.fitting.model import Candidate, Columns, Output, Values
 from clutch_hil.recordings.checks.knowledge import Limits
+from clutch_hil.recordings.measured_motion import Motion
 from plant_sim.effects.catalogue import effect
 from plant_sim.effects.signals import DRIVE, PISTON, SENSORS, SIGNALS, bind_laws, call, has_law
 from plant_sim.effects.start import StrongestOrder

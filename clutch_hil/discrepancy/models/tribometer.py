@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from clutch_hil.discrepancy.models.linear_motion import Scale, candidates
-from clutch_hil.discrepancy.models.measured_motion import Motion, path
 from clutch_hil.discrepancy.models.sliding_contact import Drive, SlidingContact
 from clutch_hil.fitting.model import Columns, Output
+from clutch_hil.recordings.measured_motion import Motion, path
 from protocols.files.parameters import ParameterSet
 
 if TYPE_CHECKING:
