@@ -1,7 +1,7 @@
 """Identification of rigs drawn at random: errors, intervals, time. `python -m benchmarks.identification`.
 
 The truth is the rig of the battery (benchmarks/battery/truth_simulation.py). It shares no code with the plant. Each parameter
-is drawn within +-30 %. Each rig plays the five courses of `clutch-hil experiment identify`, with noise and rounding (docs/rig.md).
+is drawn within +-30 %. Each rig plays the five courses of `clutch-hil experiment identify`, with the noise of docs/rig.md.
 """
 
 import argparse
@@ -19,8 +19,8 @@ from protocols.files.run import Run
 
 SPREAD = 0.3  # of every parameter, either way
 _DRAWN = (
-    "valve_gain", "valve_frequency", "valve_damping", "hydraulics_conductance", "hydraulics_capacity", "piston_contact_pressure",
-    "piston_preload_pressure", "piston_clearance", "piston_stack_stiffness", "piston_damping", "clutch_coulomb_slope",
+    "valve_gain", "valve_frequency", "valve_damping", "hydraulics_conductance", "hydraulics_capacity",
+    "piston_contact_pressure", "piston_preload_pressure", "piston_clearance", "piston_stack_stiffness", "piston_damping", "clutch_coulomb_slope",
     "clutch_viscous_slope", "clutch_beta_inf", "clutch_beta_scale", "clutch_stribeck_speed", "clutch_viscous_exponent",
     "clutch_attraction", "oil_viscous_gain", "oil_heat_capacity", "oil_heat_transfer", "motor_inertia",
     "motor_proportional_gain", "motor_integral_gain",
@@ -153,9 +153,8 @@ def main(options: list[str]) -> int:
         )
     for name in errors[0]:
         print(f"largest error of {name}: {max(e[name] for e in errors):.3g}")
-    print(
-        f"intervals that hold the truth: {np.mean(inside):.1%} of {len(inside)}; seconds: median {np.median(seconds):.0f}, most {max(seconds):.0f}"
-    )
+    print(f"intervals that hold the truth: {np.mean(inside):.1%} of {len(inside)}")
+    print(f"seconds: median {np.median(seconds):.0f}, most {max(seconds):.0f}")
     return 0
 
 
