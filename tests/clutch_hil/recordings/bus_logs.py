@@ -1,0 +1,96 @@
+"""Bus logs in every format, of the bench's sensor frames, for the tests of bus logs."""
+
+from pathlib import Path
+from typing import Any
+
+import can
+import numpy as np
+
+from protocols.can.frames import load_frames
+from protocols.files.bus_log import read_bus_log
+
+CODECS = load_frames()
+ENCODER, ANALOG = CODECS["ENCODER"], CODECS["ANALOG_SENSORS"]
+START = 1_700_000_000.0  # s, UNIX time
+
+
+def message(stamp: float, can_id: int, data: bytes, **kinds: Any) -> can.Message:
+    return can.Message(stamp, can_id, **{"is_extended_id": False, "data": data, "channel": 0, **kinds})
+
+
+def bench(samples: int = 40, start: float = START) -> list[can.Message]:
+    """Sensor frames of some samples at 1 kHz."""
+    messages = []
+    for n in range(samples):
+        at = round(start + n * 1e-3, 6)
+        messages.append(message(at, ANALOG.can_id, ANALOG.pack(n, 0.01 * (n % 500), 60.0, 0.0, 0.0)))
+        messages.append(message(round(at + 1e-4, 6), ENCODER.can_id, ENCODER.pack(n, 0.001 * n, n)))
+    return messages
+
+
+def candump(messages: list[can.Message], channel: str = "can0") -> str:
+    return "".join(f"({m.timestamp:.6f}) {channel} {m.arbitration_id:03X}#{m.data.hex().upper()}\n" for m in messages)
+
+
+def screen(messages: list[can.Message]) -> str:
+    return "".join(
+        f" ({m.timestamp:.6f})  can0  {m.arbitration_id:03X}   [{len(m.data)}]  {m.data.hex(' ').upper()}\n"
+        for m in messages
+    )
+
+
+def write(path: Path, messages: list[can.Message]) -> Path:
+    if path.suffix == ".mf4":
+        write_mf4(path, messages)
+        return path
+    with can.Logger(path) as writer:
+        for one in messages:
+            writer(one)
+    return path
+
+
+def write_mf4(path: Path, messages: list[can.Message]) -> None:
+    """An MF4 as a bus logger writes it."""
+    from asammdf import MDF, Signal
+    from asammdf.blocks.v4_blocks import SourceInformation
+    from asammdf.blocks.v4_constants import BUS_TYPE_CAN, FLAG_CG_BUS_EVENT, SOURCE_BUS
+
+    kind = [
+        ("BusChannel", "u1"),
+        ("ID", "u4"),
+        ("IDE", "u1"),
+        ("DLC", "u1"),
+        ("DataLength", "u1"),
+        ("DataBytes", "u1", (8,)),
+    ]
+    rows = np.zeros(len(messages), [(f"CAN_DataFrame.{name}", *rest) for name, *rest in kind])
+    for row, one in zip(rows, messages, strict=True):
+        row["CAN_DataFrame.BusChannel"], row["CAN_DataFrame.ID"] = 1, one.arbitration_id
+        row["CAN_DataFrame.IDE"], row["CAN_DataFrame.DLC"] = one.is_extended_id, one.dlc
+        row["CAN_DataFrame.DataLength"] = len(one.data)
+        row["CAN_DataFrame.DataBytes"][: len(one.data)] = list(one.data)
+    stamps = np.array([one.timestamp - messages[0].timestamp for one in messages])
+    with MDF(version="4.10") as mdf:
+        source = SourceInformation(source_type=SOURCE_BUS, bus_type=BUS_TYPE_CAN)
+        mdf.append([Signal(rows, stamps, name="CAN_DataFrame", source=source)])
+        mdf.groups[0].channel_group.flags |= FLAG_CG_BUS_EVENT
+        mdf.save(path)
+
+
+def frames_of(path: Path) -> list[tuple[int, bytes]]:
+    log = read_bus_log(path)
+    return [(int(log.ids[row]), log.data(row)) for row in range(len(log))]
+
+
+WANTED = [(m.arbitration_id, bytes(m.data)) for m in bench()]
+ASC_HEAD = "date Wed Nov 25 03:01:09.978 2026\nbase hex  timestamps absolute\ninternal events logged\n"
+
+
+def asc(messages: list[can.Message], head: str = ASC_HEAD, base: str = "02X", relative: bool = False) -> str:
+    lines, before = [head], START
+    for m in messages:
+        at = m.timestamp - (before if relative else START)
+        before = m.timestamp
+        data = " ".join(format(byte, base) for byte in m.data)
+        lines.append(f"  {at:.6f} 1  {format(m.arbitration_id, base[-1])}             Rx   d {len(m.data)} {data}\n")
+    return "".join(lines)
