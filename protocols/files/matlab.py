@@ -17,6 +17,7 @@ from protocols.files.run import Run
 _NUMBERS = "fiub"  # kinds of NumPy types that are real numbers
 _CLASSES = ("double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)))
 _LEVEL73 = b"MATLAB 7.3 MAT-file"
+_LONGEST_REASON = 200  # characters of another library's sentence
 _MOST_NUMBERS = 1 << 27  # in one file: 1 GiB as float64, as much as a recording may have
 
 
@@ -87,7 +88,8 @@ def _read_level73(path: Path) -> Mapping[str, Any]:
 
 
 def _unreadable(path: Path, error: Exception) -> InputError:
-    return InputError(f"run {path} cannot be read: {' '.join(str(error).split())}")
+    reason = "".join(one if one.isprintable() else " " for one in str(error)[:_LONGEST_REASON])  # scipy quotes the file
+    return InputError(f"run {path} cannot be read: {' '.join(reason.split()) or type(error).__name__}")
 
 
 def _vectors(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> list[str]:
