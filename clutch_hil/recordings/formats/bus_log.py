@@ -14,7 +14,8 @@ from clutch_hil.recordings.can_signals import bit_places, multiplexers, physical
 from protocols.can.database import is_carried, read_database
 from protocols.can.frames import DBC
 from protocols.errors import InputError, listing
-from protocols.files.bus_log import EXTENDED, FD, FLAG_NAMES, BusLog, good_crc, log_kind, read_bus_log
+from protocols.files.bus_frames import EXTENDED, FD, FLAG_NAMES, BusLog
+from protocols.files.bus_log import good_crc, log_kind, read_bus_log
 
 _EPOCH_S = 1e8  # s, three years: stamps above count from 1970
 _MOST_NAMES = 20  # identifiers in a message for people
