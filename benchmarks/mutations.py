@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from clutch_hil.recordings.channel import Recording
-from clutch_hil.recordings.format import open_recording
+from clutch_hil.recordings.format import open_recording, recognise
 from clutch_hil.recordings.import_map import load_map
 from protocols.errors import InputError
 
@@ -79,6 +79,7 @@ def play_copy(
 ) -> Reach:
     """Open a copy with `options`, read every channel, and make a run of it by a map."""
     try:
+        whole = whole and recognise(copy).order < 2  # a damaged head may leave a text
         reach = read_recording(open_recording(copy, options), whole)
     except InputError as error:
         assert_sentence(error)

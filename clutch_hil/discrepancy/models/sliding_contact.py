@@ -22,7 +22,7 @@ from clutch_hil.discrepancy.models.linear_motion import STRIBECK_DEPTH, Scale, l
 from clutch_hil.discrepancy.models.measured_motion import Motion
 from clutch_hil.discrepancy.models.ripple_starts import ripple_starts
 from clutch_hil.fitting.model import Candidate, Columns, Output, Values
-from clutch_hil.recordings.checks.knowledge import Limits
+from clutch_hil.recordings.checks.knowledge import Implied, Limits
 from plant_sim.effects.catalogue import effect
 from plant_sim.effects.signals import DRIVE, PISTON, SENSORS, SIGNALS, bind_laws, call, has_law
 from plant_sim.effects.start import StrongestOrder
@@ -40,6 +40,7 @@ _FIELDS = (
     "clutch_viscous_exponent", "clutch_beta_inf", "clutch_beta_onset", "clutch_beta_scale", "clutch_stribeck_speed",
     "clutch_attraction", "piston_contact_pressure",
 )  # fmt: skip
+_SLIDING = 0.3  # of the greatest speed: chosen, pre-sliding and the dip of friction at a reversal are below
 _RECORD = np.dtype([(name, np.float64) for name in _FIELDS])
 _RECORD_TYPE = from_dtype(_RECORD)
 _CONSTANT = {
@@ -71,6 +72,7 @@ class SlidingContact(ABC):
     scale: ClassVar[Scale]
     known: ClassVar[tuple[Candidate, ...]]  # every candidate of the rig
     defaults: ClassVar[str]  # file of plant_sim/parameters
+    load: ClassVar[str] = ""  # column of the normal load, which a run may have
 
     def __init__(self, parameters: ParameterSet | None = None) -> None:
         whole = self.nominal() if parameters is None else parameters
@@ -138,6 +140,22 @@ class SlidingContact(ABC):
     def limits(self) -> Mapping[str, Limits]:
         """See `Ranged`: the path and the force that the rig is made for; the first input is the position."""
         return {self.inputs[0]: Limits(span=self.scale.path), self.output.column: Limits(span=self.scale.force)}
+
+    def implied(self, run: Columns, floors: Mapping[str, float]) -> Mapping[str, Implied]:
+        """See `Implying`: friction has the sign of the speed, and tells the load that it is in proportion to."""
+        own, column = self.parameters, self.output.column
+        moved = self._track_motion(run, own, float(run["time_s"][1] - run["time_s"][0]))
+        friction = run[column] - self._drive(run, own, moved).other
+        found = {self.inputs[0]: Implied(column, floors[column], friction=friction, speed=moved.speed)}
+        contact = self._contact(own)
+        slope = contact.get("clutch_coulomb_slope", 0.0)
+        if self.load in run and slope > 0.0:
+            speed = np.abs(moved.speed)
+            rest = contact.get("clutch_coulomb_intercept", 0.0) + contact.get("clutch_viscous_intercept", 0.0) * speed
+            slides = speed > _SLIDING * float(speed.max())
+            load = np.where(slides, (friction * np.sign(moved.speed) - rest) / slope, np.nan)
+            found[self.load] = Implied(column, floors[column] / slope, values=load)
+        return found
 
     @abstractmethod
     def _track_motion(self, run: Columns, own: ParameterSet, period: float) -> Motion:

@@ -87,6 +87,7 @@ DAMAGED: dict[str, Callable[[], bytes]] = {
     "cells in cells 100000 deep": lambda: level5(nested_cells(100_000)),
     "many cells": lambda: level5(array(1, (500_000, 1), b"c", struct.pack("<II", 14, 0) * 500_000)),
     "level 4 with huge shape": lambda: struct.pack("<5i", 0, 2**31 - 1, 2**31 - 1, 0, 2) + b"a\x00",
+    "neither of the two byte orders": lambda: level5(array(6, (1, 60), b"t", element(9, T.tobytes()))).replace(b"IM", b"IN", 1),
     "7.3 cut after its first bytes": lambda: b"MATLAB 7.3 MAT-file".ljust(600),
 }  # fmt: skip
 
