@@ -38,7 +38,7 @@ _FACTORS = {  # unit -> other units that a channel may be in, and how many of th
     "rad_s": {"rpm": 9.5493, "deg/s": 57.296, "Hz": 0.15915},
     "rad": {"deg": 57.296, "revolutions": 0.15915},
     "v": {"mV": 1e3},
-    "m": {"mm": 1e3, "inch": 39.37},
+    "m": {"mm": 1e3, "inch": 39.37, "dm": 10.0, "sixteenths": 16.0},
 }
 _FREE_ZERO = ("shaft_angle_rad", "position_m", "displacement_m")  # their zero is where the encoder was switched on
 

@@ -40,6 +40,7 @@ _FIELDS = (
     "clutch_viscous_exponent", "clutch_beta_inf", "clutch_beta_onset", "clutch_beta_scale", "clutch_stribeck_speed",
     "clutch_attraction", "piston_contact_pressure",
 )  # fmt: skip
+_SPEED = "speed_m_s"  # column that a run may have
 _SLIDING = 0.3  # of the greatest speed: chosen, pre-sliding and the dip of friction at a reversal are below
 _RECORD = np.dtype([(name, np.float64) for name in _FIELDS])
 _RECORD_TYPE = from_dtype(_RECORD)
@@ -140,6 +141,13 @@ class SlidingContact(ABC):
     def limits(self) -> Mapping[str, Limits]:
         """See `Ranged`: the path and the force that the rig is made for; the first input is the position."""
         return {self.inputs[0]: Limits(span=self.scale.path), self.output.column: Limits(span=self.scale.force)}
+
+    def from_others(self, run: Columns) -> Mapping[str, tuple[str, np.ndarray]]:
+        """See `Redundant`: a speed that was recorded, too, is the derivative of the position."""
+        if _SPEED not in run or "motion.window" not in self.parameters:
+            return {}
+        moved = self._track_motion(run, self.parameters, float(run["time_s"][1] - run["time_s"][0]))
+        return {_SPEED: (self.inputs[0], moved.speed)}
 
     def implied(self, run: Columns, floors: Mapping[str, float]) -> Mapping[str, Implied]:
         """See `Implying`: friction has the sign of the speed, and tells the load that it is in proportion to."""

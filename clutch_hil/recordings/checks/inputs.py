@@ -69,8 +69,9 @@ def find_still_inputs(run: Recorded) -> list[Finding]:
             found += _find_constant(run, name, implied)
             continue
         rests = [(first, last) for first, last in _rests(values) if (last - first + 1) * run.period >= _REST]
-        resting = sum(last - first + 1 for first, last in rests)
-        if not rests or np.count_nonzero(np.diff(values)) < _NOISY * (len(values) - resting):
+        others = len(values) - sum(last - first + 1 for first, last in rests)
+        moves = np.count_nonzero(np.diff(values)) - 2 * len(rests)
+        if not rests or others < _LEAST_ROWS or moves < _NOISY * others:
             continue
         found += _find_reversals(run, name, implied, rests) or _find_frozen(run, name, implied, rests)
     return found
