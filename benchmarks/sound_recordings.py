@@ -17,7 +17,7 @@ import numpy as np
 
 from benchmarks.mutations import MOST_KIB, Reach, assert_sentence, play_copy, read_recording
 from protocols.errors import InputError
-from protocols.files.child_reader import ChildReader
+from protocols.files.child_reader import MOST_SECONDS, ChildReader
 from protocols.files.runs import read_columns
 
 _ROWS = 200
@@ -219,9 +219,13 @@ def serve_many(opener: str) -> Callable[[str], int]:
     """In the other process: open each file, and read it, in that process; see ChildReader."""
     module, function = opener.split(":")
     open_here = getattr(import_module(module), function)
+    most = resource.getrlimit(resource.RLIMIT_CPU)[1]
 
     def answer(path: str) -> int:
-        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        usage = resource.getrusage(resource.RUSAGE_SELF)
+        before, seconds = usage.ru_maxrss, int(usage.ru_utime + usage.ru_stime) + 1 + MOST_SECONDS
+        if seconds < most:  # for each copy as much as a user's file has
+            resource.setrlimit(resource.RLIMIT_CPU, (seconds, most))
         reach = read_recording(open_here(Path(path)), True)
         assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < MOST_KIB
         return int(reach)

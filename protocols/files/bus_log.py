@@ -56,7 +56,7 @@ def _read_any(path: Path, head: bytes) -> BusLog:
     if head.startswith(b"LOGG"):
         return _read_blf(path)
     if head.startswith(_MF4_MARKS):
-        if not is_bus_log(path):
+        if not is_bus_log(path, wholly=False):
             raise InputError(f"log {path} cannot be read: it is an MDF file without frames of a CAN bus")
         return _read_mf4(path, head)
     found = text_log(head)

@@ -1,5 +1,7 @@
 """Bus logs in every format, of the bench's sensor frames, for the tests of bus logs."""
 
+from collections.abc import Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -49,8 +51,8 @@ def write(path: Path, messages: list[can.Message]) -> Path:
     return path
 
 
-def write_mf4(path: Path, messages: list[can.Message]) -> None:
-    """An MF4 as a bus logger writes it."""
+def write_mf4(path: Path, messages: list[can.Message], beside: Sequence[Any] = ()) -> None:
+    """An MF4 as a bus logger writes it; `beside`: signals of a measurement in the same file."""
     from asammdf import MDF, Signal
     from asammdf.blocks.v4_blocks import SourceInformation
     from asammdf.blocks.v4_constants import BUS_TYPE_CAN, FLAG_CG_BUS_EVENT, SOURCE_BUS
@@ -74,6 +76,9 @@ def write_mf4(path: Path, messages: list[can.Message]) -> None:
         source = SourceInformation(source_type=SOURCE_BUS, bus_type=BUS_TYPE_CAN)
         mdf.append([Signal(rows, stamps, name="CAN_DataFrame", source=source)])
         mdf.groups[0].channel_group.flags |= FLAG_CG_BUS_EVENT
+        if beside:
+            mdf.append(list(beside))
+        mdf.header.start_time = datetime.fromtimestamp(START, UTC)
         mdf.save(path)
 
 
