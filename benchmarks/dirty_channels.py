@@ -20,6 +20,7 @@ from benchmarks.battery.truth_laws import CATALOGUE_LAWS
 from clutch_hil.bench.progress import progress_bar
 from clutch_hil.discrepancy.models.pneumatic_cylinder import PneumaticCylinder
 from clutch_hil.discrepancy.models.position_axis import PositionAxis
+from clutch_hil.discrepancy.models.sliding_contact import SlidingContact
 from clutch_hil.discrepancy.models.tribometer import Tribometer
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
 from clutch_hil.discrepancy.result import NAMED, ONE_OF
@@ -126,39 +127,42 @@ def position_axis(seed: int = 1) -> DirtyCase:
 
 
 def tribometer(seed: int = 1) -> DirtyCase:
-    """Strokes of 1 mm to and fro under a load that rises and falls between 2 and 8 N, at 1 kHz; the load's sensor has noise."""
-    model, random = Tribometer(), np.random.default_rng(seed)
+    """Strokes of 1 mm to and fro under a load that rises and falls between 2 and 8 N, at 1 kHz; each sensor has noise."""
     runs = {}
     for k, frequency in enumerate((0.5, 1.0, 2.0)):
         time = np.arange(0.0, 12.0, 1e-3)
         path = 5e-4 * np.sin(2.0 * np.pi * frequency * time + k)
         load = 5.0 + 3.0 * np.sin(2.0 * np.pi * 0.2 * time + 2.0 * k)
-        sound = {"time_s": time, "displacement_m": path, "normal_load_n": load}
-        force = model.simulate(sound, {n: p.value for n, p in model.parameters.items()}, {})["friction_force_n"]
-        noise = random.standard_normal((3, len(time)))
-        runs[f"run-{k}"] = {
-            "time_s": time, "displacement_m": path + 1e-8 * noise[0], "normal_load_n": load + 0.02 * noise[1],
-            "friction_force_n": force + 0.01 * noise[2],
-        }  # fmt: skip
-    return DirtyCase(model, runs, ("displacement_m", "normal_load_n", "friction_force_n"))
+        runs[f"run-{k}"] = {"time_s": time, "displacement_m": path, "normal_load_n": load}
+    return _record(Tribometer(), runs, (1e-8, 0.02, 0.01), seed)
 
 
 def pneumatic_cylinder(seed: int = 1) -> DirtyCase:
-    """Strokes of 30 mm against a pressure that rises and falls between 1 and 5 bar, at 500 Hz."""
-    model, random = PneumaticCylinder(), np.random.default_rng(seed)
+    """Strokes of 30 mm against a pressure that rises and falls between 1 and 5 bar, at 500 Hz; each sensor has noise."""
     runs = {}
     for k, frequency in enumerate((0.1, 0.2, 0.3)):
         time = np.arange(0.0, 20.0, 2e-3)
         position = 0.015 * np.sin(2.0 * np.pi * frequency * time + k)
         pressure = 3.0 + 2.0 * np.sin(2.0 * np.pi * 0.13 * time + 2.0 * k)
-        sound = {"time_s": time, "position_m": position, "pressure_bar": pressure}
-        force = model.simulate(sound, {n: p.value for n, p in model.parameters.items()}, {})["rod_force_n"]
-        noise = random.standard_normal((3, len(time)))
-        runs[f"run-{k}"] = {
-            "time_s": time, "position_m": position + 2e-6 * noise[0], "pressure_bar": pressure + 0.005 * noise[1],
-            "rod_force_n": force + 0.3 * noise[2],
-        }  # fmt: skip
-    return DirtyCase(model, runs, ("position_m", "pressure_bar", "rod_force_n"))
+        runs[f"run-{k}"] = {"time_s": time, "position_m": position, "pressure_bar": pressure}
+    return _record(PneumaticCylinder(), runs, (2e-6, 0.005, 0.3), seed)
+
+
+def _record(
+    model: SlidingContact, inputs: Mapping[str, Columns], noise: tuple[float, float, float], seed: int
+) -> DirtyCase:
+    """The force of the baseline to `inputs`, all measured with `noise`: standard deviations of the inputs and the output."""
+    random, output = np.random.default_rng(seed), model.output.column
+    runs = {}
+    for name, sound in inputs.items():
+        force = model.simulate(sound, {n: p.value for n, p in model.parameters.items()}, {})[output]
+        exact = {column: sound[column] for column in model.inputs} | {output: force}
+        errors = random.standard_normal((len(noise), len(force)))
+        runs[name] = {"time_s": sound["time_s"]} | {
+            column: values + size * error
+            for (column, values), size, error in zip(exact.items(), noise, errors, strict=True)
+        }
+    return DirtyCase(model, runs, (*model.inputs, output))
 
 
 _FITTING = {  # effects that a channel altered in this way has: to name them is right
@@ -168,6 +172,8 @@ _FITTING = {  # effects that a channel altered in this way has: to name them is 
     ("clutch_torque_nm", "off"): ("torque_sensor_offset",),
     ("cylinder_pressure_bar", "off"): ("pressure_sensor_offset",),
     ("motor_force_n", "off"): ("torque_sensor_offset",),
+    ("friction_force_n", "off"): ("torque_sensor_offset",),
+    ("rod_force_n", "off"): ("torque_sensor_offset",),
 }
 
 

@@ -3,8 +3,9 @@
     python -m benchmarks.mutated_recordings --minutes 60                 # of a small file of each format, made here
     python -m benchmarks.mutated_recordings RECORDING... --count 500     # of files of yours, so many copies of each
 
-Each copy must be read, or refused in one sentence, within 20 s of computing and with at most 1 GiB of memory. The first that is not stays in
-the folder --out, and so does the copy at hand if a library ends the process. How many got behind the opening is counted.
+Each copy must be read, or refused in one sentence, within 20 s of computing and with at most 1 GiB of memory. The first that is
+not stays in the folder --out, and so does the copy at hand if a library ends the process. How many got behind the opening is
+counted.
 """
 
 import time
