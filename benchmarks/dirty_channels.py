@@ -151,17 +151,20 @@ def pneumatic_cylinder(seed: int = 1) -> DirtyCase:
 def _record(
     model: SlidingContact, inputs: Mapping[str, Columns], noise: tuple[float, float, float], seed: int
 ) -> DirtyCase:
-    """The force of the baseline to `inputs`, all measured with `noise`: standard deviations of the inputs and the output."""
+    """Inputs with noise, and the force of the baseline to them; `noise`: standard deviations of the inputs and the output.
+
+    The force is that to the inputs as measured: else the noise at a reversal is a pre-sliding or a delay, which is named.
+    """
     random, output = np.random.default_rng(seed), model.output.column
     runs = {}
-    for name, sound in inputs.items():
-        force = model.simulate(sound, {n: p.value for n, p in model.parameters.items()}, {})[output]
-        exact = {column: sound[column] for column in model.inputs} | {output: force}
-        errors = random.standard_normal((len(noise), len(force)))
-        runs[name] = {"time_s": sound["time_s"]} | {
-            column: values + size * error
-            for (column, values), size, error in zip(exact.items(), noise, errors, strict=True)
+    for name, exact in inputs.items():
+        errors = random.standard_normal((len(noise), len(exact["time_s"])))
+        run = {"time_s": exact["time_s"]} | {
+            column: exact[column] + size * error
+            for column, size, error in zip(model.inputs, noise[:-1], errors[:-1], strict=True)
         }
+        force = model.simulate(run, {n: p.value for n, p in model.parameters.items()}, {})[output]
+        runs[name] = run | {output: force + noise[-1] * errors[-1]}
     return DirtyCase(model, runs, (*model.inputs, output))
 
 
