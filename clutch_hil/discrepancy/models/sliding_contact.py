@@ -73,6 +73,7 @@ class SlidingContact(ABC):
     scale: ClassVar[Scale]
     known: ClassVar[tuple[Candidate, ...]]  # every candidate of the rig
     defaults: ClassVar[str]  # file of plant_sim/parameters
+    lag: ClassVar[float] = Limits.delay  # s: by which friction may be late; a contact that bends far in slow strokes is
     load: ClassVar[str] = ""  # column of the normal load, which a run may have
 
     def __init__(self, parameters: ParameterSet | None = None) -> None:
@@ -140,7 +141,10 @@ class SlidingContact(ABC):
 
     def limits(self) -> Mapping[str, Limits]:
         """See `Ranged`: the path and the force that the rig is made for; the first input is the position."""
-        return {self.inputs[0]: Limits(span=self.scale.path), self.output.column: Limits(span=self.scale.force)}
+        return {
+            self.inputs[0]: Limits(span=self.scale.path),
+            self.output.column: Limits(span=self.scale.force, delay=self.lag),
+        }
 
     def from_others(self, run: Columns) -> Mapping[str, tuple[str, np.ndarray]]:
         """See `Redundant`: a speed that was recorded, too, is the derivative of the position."""

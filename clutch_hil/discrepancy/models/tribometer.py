@@ -31,6 +31,7 @@ class Tribometer(SlidingContact):
     output = Output("friction_force_n", "N", "friction")
     defaults = "tribometer_model.toml"
     load = "normal_load_n"
+    lag = 0.4  # s: pre-sliding of the micro-tribometer's strokes of 4 s takes 0.27 s
     scale = Scale(force=3.0, speed=1e-3, path=1e-3, load=5.0)
     known = candidates(
         scale,
