@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.logged_frames import CAR, write_mf4
 from benchmarks.mutations import MOST_KIB, Reach, assert_sentence, play_copy, read_recording
 from protocols.errors import InputError
 from protocols.files.child_reader import MOST_SECONDS, ChildReader
@@ -32,23 +33,6 @@ low_pass_hz = 10.0
 time_s = {{ from = "{time}", unit = "s" }}
 torque_nm = {{ from = "{torque}", unit = "Nm", unit_from = "map" }}
 speed_rad_s = {{ from = "{speed}", unit = "rpm", unit_from = "map" }}
-"""
-# A database with what DBC files have: both byte orders, signs, a multiplexer, a float, an extended identifier, names of numbers
-_DBC = """VERSION ""
-NS_ :
-BS_:
-BU_: ECU
-BO_ 291 ENGINE: 8 ECU
- SG_ SPEED : 7|16@0+ (0.25,-10) [0|0] "rpm" ECU
- SG_ TORQUE : 16|12@1- (0.5,3) [0|0] "Nm" ECU
- SG_ GEAR : 28|3@1+ (1,0) [0|0] "" ECU
- SG_ COOLANT : 47|8@0- (1,40) [0|0] "degC" ECU
-BO_ 2566844926 PAGES: 8 ECU
- SG_ PAGE M : 0|4@1+ (1,0) [0|0] "" ECU
- SG_ VOLTAGE m0 : 8|32@1- (1,0) [0|0] "V" ECU
- SG_ CURRENT m1 : 15|24@0- (0.001,0) [0|0] "A" ECU
-SIG_VALTYPE_ 2566844926 VOLTAGE : 1;
-VAL_ 291 GEAR 0 "neutral" 1 "first" 2 "second" ;
 """
 _MAT_HEAD, _MAT_DEFLATED = 128, 15  # bytes of the head of a file of level 5; its type of a deflated variable
 _FILES_OF_A_CHILD = (
@@ -238,7 +222,7 @@ def _bus_logs(folder: Path) -> Iterator[Sound]:
     import can
 
     dbc = folder / "car.dbc"
-    dbc.write_text(_DBC, encoding="utf-8")
+    dbc.write_text(CAR, encoding="utf-8")
     random = np.random.default_rng(1)
     messages = []
     for k in range(_ROWS):
@@ -260,6 +244,9 @@ def _bus_logs(folder: Path) -> Iterator[Sound]:
             for message in messages:
                 writer(message)
         yield Sound(f"bus log, {name}", folder / file_name, play)
+    mf4 = folder / "frames.mf4"
+    write_mf4(mf4, messages)
+    yield Sound("bus log, MF4", mf4, play)
     log = folder / "sound.log"
     yield Sound("DBC", dbc, lambda copy: play_copy(log, {"dbc": str(copy)}))
     bench = folder / "bench.log"

@@ -24,6 +24,7 @@ from protocols.files.blf_objects import count_sound_objects
 from protocols.files.bus_frames import BusLog, FrameCollector
 from protocols.files.line_frames import UsualLines, read_usual_lines
 from protocols.files.log_lines import LogLines, TextLog, candump_lines, text_log
+from protocols.files.mdf_blocks import check_blocks
 from protocols.files.mf4_frames import is_bus_log, read_frames, without_remarks
 
 _BLOCK = 1 << 16  # bytes that decide the format; frames that are taken at once
@@ -166,7 +167,10 @@ def _read_blf(path: Path) -> BusLog:
 
 def _read_mf4(path: Path, head: bytes) -> BusLog:
     collector = FrameCollector(path, "MF4", lambda name: str(name) if isinstance(name, int) else "-")
-    cut = "the log is an unfinished MF4: its logger was stopped before the end" if head.startswith(b"UnFin") else ""
+    there = check_blocks(path).cut_text()
+    cut = f"the log is cut or damaged at its end: {there} are there" if there else ""
+    if head.startswith(b"UnFin"):
+        cut = "the log is an unfinished MF4: its logger was stopped before the end"
     with without_remarks():
         return _collect_sound(path, collector, lambda: read_frames(path, bus_frames.MOST_FRAMES), cut, [])
 

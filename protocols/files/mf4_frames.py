@@ -16,6 +16,7 @@ import can
 import numpy as np
 
 from protocols.errors import InputError
+from protocols.files.mdf_blocks import open_checked
 
 _ROWS = 50_000  # read at once: with CAN FD, 3 MB of payloads
 _KINDS = ("CAN_DataFrame", "CAN_RemoteFrame", "CAN_ErrorFrame")
@@ -24,17 +25,17 @@ _BUS_EVENT = 2  # flag of a channel group: FLAG_CG_BUS_EVENT of asammdf, whose i
 
 
 def is_bus_log(path: Path, wholly: bool = True) -> bool:
-    """Whether all rows of an MDF file are frames of a bus, or, if not `wholly`, some are."""
+    """Whether all rows of an MDF file are frames of a bus, or, if not `wholly`, some are. Raises InputError."""
     if not _contains(path, b"CAN_DataFrame"):
         return False
-    from asammdf import MDF
-
     with without_remarks():
         try:
-            with MDF(str(path)) as mdf:
+            with _open(path) as mdf:
                 groups = [group.channel_group for group in mdf.groups if group.channel_group.cycles_nr]
                 of_a_bus = [bool(getattr(group, "flags", 0) & _BUS_EVENT) for group in groups]
                 return any(of_a_bus) and (all(of_a_bus) or not wholly)
+        except InputError:
+            raise
         except Exception:  # asammdf raises many exception types for a damaged file
             return False
 
@@ -54,11 +55,19 @@ def without_remarks() -> Iterator[None]:
         sys.unraisablehook = before
 
 
-def read_frames(path: Path, most: int) -> Iterator[can.Message]:
-    """Frames in order of time. Raises InputError where the file tells more than `most`, and what asammdf raises."""
+@contextmanager
+def _open(path: Path) -> Iterator[Any]:
+    """The file in asammdf, which never ends on some whose blocks are not sound."""
     from asammdf import MDF
 
-    with MDF(str(path)) as mdf:
+    stream, _ = open_checked(path)
+    with stream, MDF(stream) as mdf:  # type: ignore[arg-type]
+        yield mdf
+
+
+def read_frames(path: Path, most: int) -> Iterator[can.Message]:
+    """Frames in order of time. Raises InputError where the file tells more than `most`, and what asammdf raises."""
+    with _open(path) as mdf:
         start = mdf.header.start_time.timestamp()
         groups: Any = mdf.groups
         rows, streams = 0, []

@@ -18,7 +18,8 @@ LEAST = {"MATLAB 5 deflated": 0.0, "DBC": 0.0}
 NAMES = (
     "CSV", "text of a logger", "Parquet", "Feather", "MDF 4.10 deflated", "MDF 4.10", "MDF 3.30", "MATLAB 5 deflated",
     "MATLAB 5", "MATLAB 5, deflated after the damage", "MATLAB 4", "TDMS", "HDF5", "HDF5 in chunks", "MATLAB 7.3",
-    "bus log, candump", "bus log, ASC", "bus log, TRC", "bus log, BLF", "bus log, BLF deflated", "DBC", "log of the bench",
+    "bus log, candump", "bus log, ASC", "bus log, TRC", "bus log, BLF", "bus log, BLF deflated", "bus log, MF4", "DBC",
+    "log of the bench",
 )  # fmt: skip
 
 

@@ -1,13 +1,11 @@
 """Bus logs in every format, of the bench's sensor frames, for the tests of bus logs."""
 
-from collections.abc import Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import can
-import numpy as np
 
+from benchmarks.logged_frames import write_mf4
 from protocols.can.frames import load_frames
 from protocols.files.bus_log import read_bus_log
 
@@ -49,37 +47,6 @@ def write(path: Path, messages: list[can.Message]) -> Path:
         for one in messages:
             writer(one)
     return path
-
-
-def write_mf4(path: Path, messages: list[can.Message], beside: Sequence[Any] = ()) -> None:
-    """An MF4 as a bus logger writes it; `beside`: signals of a measurement in the same file."""
-    from asammdf import MDF, Signal
-    from asammdf.blocks.v4_blocks import SourceInformation
-    from asammdf.blocks.v4_constants import BUS_TYPE_CAN, FLAG_CG_BUS_EVENT, SOURCE_BUS
-
-    kind = [
-        ("BusChannel", "u1"),
-        ("ID", "u4"),
-        ("IDE", "u1"),
-        ("DLC", "u1"),
-        ("DataLength", "u1"),
-        ("DataBytes", "u1", (8,)),
-    ]
-    rows = np.zeros(len(messages), [(f"CAN_DataFrame.{name}", *rest) for name, *rest in kind])
-    for row, one in zip(rows, messages, strict=True):
-        row["CAN_DataFrame.BusChannel"], row["CAN_DataFrame.ID"] = 1, one.arbitration_id
-        row["CAN_DataFrame.IDE"], row["CAN_DataFrame.DLC"] = one.is_extended_id, one.dlc
-        row["CAN_DataFrame.DataLength"] = len(one.data)
-        row["CAN_DataFrame.DataBytes"][: len(one.data)] = list(one.data)
-    stamps = np.array([one.timestamp - messages[0].timestamp for one in messages])
-    with MDF(version="4.10") as mdf:
-        source = SourceInformation(source_type=SOURCE_BUS, bus_type=BUS_TYPE_CAN)
-        mdf.append([Signal(rows, stamps, name="CAN_DataFrame", source=source)])
-        mdf.groups[0].channel_group.flags |= FLAG_CG_BUS_EVENT
-        if beside:
-            mdf.append(list(beside))
-        mdf.header.start_time = datetime.fromtimestamp(START, UTC)
-        mdf.save(path)
 
 
 def frames_of(path: Path) -> list[tuple[int, bytes]]:

@@ -9,6 +9,7 @@ import cantools.database
 import numpy as np
 import pytest
 
+from benchmarks.logged_frames import CAR
 from clutch_hil.recordings.can_signals import physical_values, rows_with_signal
 from clutch_hil.recordings.channel import Recording, choose_channel
 from clutch_hil.recordings.format import open_recording
@@ -22,25 +23,6 @@ from tests.clutch_hil.recordings.bus_logs import (
     message,
     write,
 )
-
-CAR = """VERSION ""
-NS_ :
-BS_:
-BU_: ECU
-BO_ 291 ENGINE: 8 ECU
- SG_ SPEED : 7|16@0+ (0.25,-10) [0|0] "rpm" ECU
- SG_ TORQUE : 16|12@1- (0.5,3) [0|0] "Nm" ECU
- SG_ GEAR : 28|3@1+ (1,0) [0|0] "" ECU
- SG_ BRAKE : 31|1@1+ (1,0) [0|0] "" ECU
- SG_ COOLANT : 47|8@0- (1,40) [0|0] "°C" ECU
-BO_ 2566844926 PAGES: 8 ECU
- SG_ PAGE M : 0|4@1+ (1,0) [0|0] "" ECU
- SG_ VOLTAGE m0 : 8|32@1- (1,0) [0|0] "V" ECU
- SG_ CURRENT m1 : 15|24@0- (0.001,0) [0|0] "A" ECU
- SG_ POWER m1 : 40|24@1+ (2,0) [0|0] "W" ECU
-SIG_VALTYPE_ 2566844926 VOLTAGE : 1;
-VAL_ 291 GEAR 0 "neutral" 1 "first" 2 "second" ;
-"""
 
 
 def car(folder: Path) -> tuple[Path, list[can.Message]]:

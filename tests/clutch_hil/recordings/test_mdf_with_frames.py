@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from asammdf import Signal
 
+from benchmarks.logged_frames import write_mf4
 from clutch_hil.recordings.channel import choose_channel
 from clutch_hil.recordings.format import open_recording, recognise
 from protocols.errors import InputError
 from protocols.files.bus_log import read_bus_log
-from tests.clutch_hil.recordings.bus_logs import START, bench, message, write_mf4
+from tests.clutch_hil.recordings.bus_logs import START, bench, message
 from tests.clutch_hil.recordings.maps import import_by
 
 TIME = 0.01 * np.arange(20)
