@@ -5,6 +5,7 @@ Formats         candump (`-L`, and what it shows on a screen), Vector ASC and BL
 Damage          A line or an object that is no frame is counted, and so is a file that ends within one: `damaged`, `cut`
 """
 
+import gc
 import io
 import logging
 import os
@@ -172,7 +173,10 @@ def _read_mf4(path: Path, head: bytes) -> BusLog:
     if head.startswith(b"UnFin"):
         cut = "the log is an unfinished MF4: its logger was stopped before the end"
     with without_remarks():
-        return _collect_sound(path, collector, lambda: read_frames(path, bus_frames.MOST_FRAMES), cut, [])
+        log = _collect_sound(path, collector, lambda: read_frames(path, bus_frames.MOST_FRAMES), cut, [])
+        if log.cut:
+            gc.collect()  # while it is quiet: what is half-read holds itself
+        return log
 
 
 def _collect_sound(

@@ -37,7 +37,9 @@ def is_bus_log(path: Path, wholly: bool = True) -> bool:
         except InputError:
             raise
         except Exception:  # asammdf raises many exception types for a damaged file
-            return False
+            pass
+        gc.collect()  # while it is quiet: what is half-read holds itself
+    return False
 
 
 @contextmanager
@@ -50,7 +52,6 @@ def without_remarks() -> Iterator[None]:
     try:
         yield
     finally:
-        gc.collect()  # it holds itself
         log.setLevel(level)
         sys.unraisablehook = before
 
