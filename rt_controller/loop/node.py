@@ -7,7 +7,7 @@ import numpy as np
 
 from protocols.can.fault_text import FaultWatch
 from protocols.can.frame_batch import batch, load, unload
-from protocols.can.frames import Frame, load_frames
+from protocols.can.frames import DBC, Frame, load_frames
 from protocols.can.lifecycle import Lifecycle
 from protocols.can.reception import new_receptions, read_counts
 from protocols.can.request import Request
@@ -15,6 +15,7 @@ from protocols.can.two_clutches import OFFSET, SHARED, other_clutch
 from protocols.can.words import frame_definition
 from protocols.errors import InputError
 from protocols.files.parameters import CONTROLLER, ParameterSet, load_defaults, load_overlay
+from rt_controller.guard.layout import check_layout
 from rt_controller.guard.limits import LIMITS as GUARD_LIMITS
 from rt_controller.guard.limits import guard_limits
 from rt_controller.law.other_clutch import PAIR_SETTINGS, initial_other
@@ -100,6 +101,7 @@ class ControllerNode:
         self._session = session
         self._kind = law, adaptation and clutch is None, clutch is None
         self._drives = clutch != "b"
+        check_layout(DBC, load_frames())
         self.frames = frames = load_frames(clutch=clutch or "a")
         self._valve, self._motor = frames["VALVE_COMMAND"], frames["MOTOR_COMMAND"]
         self._heartbeat, self._status = frames["CONTROLLER_HEARTBEAT"], frames["CONTROLLER_STATUS"]

@@ -37,6 +37,7 @@ class PositionAxis(SlidingContact):
     inputs = ("position_m",)
     output = Output("motor_force_n", "N", "friction")
     defaults = "position_axis_model.toml"
+    load = _LOAD
     scale = Scale(force=50.0, speed=0.15, path=0.25, load=150.0)
     known = candidates(
         scale,

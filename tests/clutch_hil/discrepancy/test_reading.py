@@ -11,7 +11,7 @@ from clutch_hil.discrepancy.result import NAMED, NOTHING
 from clutch_hil.discrepancy.search import investigate
 from clutch_hil.fitting.model import Columns, Values
 from protocols.files.parameters import Parameter, ParameterSet
-from tests.clutch_hil.discrepancy.test_fit import NOISE, PARAMETERS, SOURCE, TRUE_GAIN, Amplifier
+from tests.clutch_hil.fitting.test_fit import NOISE, PARAMETERS, SOURCE, TRUE_GAIN, Amplifier
 
 RECTIFIED = "a negative voltage is given as a positive one"
 
