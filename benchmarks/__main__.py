@@ -2,7 +2,7 @@
 
 import typer
 
-from clutch_hil.command import main_of, report
+from clutch_hil.command import report, run_command
 from clutch_hil.commands.options import BUS, JSON
 from protocols.errors import InputError
 
@@ -48,4 +48,4 @@ def benchmark(
 
 
 if __name__ == "__main__":
-    main_of(lambda: typer.run(benchmark))
+    run_command(benchmark)

@@ -18,6 +18,7 @@ from benchmarks.battery.records import generate_case
 from benchmarks.battery.short_case import make_short_case
 from benchmarks.battery.truth_laws import CATALOGUE_LAWS
 from clutch_hil.bench.progress import progress_bar
+from clutch_hil.command import run_command
 from clutch_hil.discrepancy.models.pneumatic_cylinder import PneumaticCylinder
 from clutch_hil.discrepancy.models.position_axis import PositionAxis
 from clutch_hil.discrepancy.models.sliding_contact import SlidingContact
@@ -229,8 +230,8 @@ CASES: Mapping[str, Callable[[], DirtyCase]] = {
 
 
 def main(
-    sound: Annotated[int, typer.Option(help="sound cases of the battery")] = 200,
-    sliding_seeds: Annotated[int, typer.Option(help="sound runs with each effect of a sliding contact")] = 2,
+    sound: Annotated[int, typer.Option(min=0, help="sound cases of the battery")] = 200,
+    sliding_seeds: Annotated[int, typer.Option(min=0, help="sound runs with each effect of a sliding contact")] = 2,
     only: Annotated[str, typer.Option(help="one rig; all if not given")] = "",
     fits: Annotated[bool, typer.Option(help="whether the engine is asked about what the checks let pass")] = True,
 ) -> None:
@@ -279,4 +280,4 @@ def main(
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    run_command(main)

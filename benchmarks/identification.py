@@ -20,7 +20,8 @@ from protocols.files.run import Run
 SPREAD = 0.3  # of every parameter, either way
 _DRAWN = (
     "valve_gain", "valve_frequency", "valve_damping", "hydraulics_conductance", "hydraulics_capacity",
-    "piston_contact_pressure", "piston_preload_pressure", "piston_clearance", "piston_stack_stiffness", "piston_damping", "clutch_coulomb_slope",
+    "piston_contact_pressure", "piston_preload_pressure", "piston_clearance", "piston_stack_stiffness", "piston_damping",
+    "clutch_coulomb_slope",
     "clutch_viscous_slope", "clutch_beta_inf", "clutch_beta_scale", "clutch_stribeck_speed", "clutch_viscous_exponent",
     "clutch_attraction", "oil_viscous_gain", "oil_heat_capacity", "oil_heat_transfer", "motor_inertia",
     "motor_proportional_gain", "motor_integral_gain",

@@ -17,7 +17,7 @@ import typer
 from benchmarks.mutations import Reach, play_copies
 from benchmarks.sound_recordings import make_files, sound_file
 from clutch_hil.bench.progress import progress_bar, table_text
-from clutch_hil.command import main_of, report
+from clutch_hil.command import report, run_command
 from protocols.errors import InputError
 
 _ROUND = 20  # copies of a file before the next file has its turn: one takes milliseconds to a second
@@ -69,4 +69,4 @@ def mutate_recordings(
 
 
 if __name__ == "__main__":
-    main_of(lambda: typer.run(mutate_recordings))
+    run_command(mutate_recordings)

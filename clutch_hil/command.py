@@ -7,8 +7,10 @@ import json
 import os
 import signal
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from importlib.metadata import entry_points, version
+from itertools import pairwise
 from math import isfinite
 from pathlib import Path
 from types import FrameType
@@ -85,26 +87,44 @@ class _EndRequestedError(KeyboardInterrupt):
 _UsageError = cast("type[Exception]", typer.BadParameter.__base__)  # which typer does not export
 
 
-class Commands(typer.core.TyperGroup):
-    """The sub-commands. Raises InputError for wrong options, and for an empty word: it is never a name, a file or a number."""
+class _OneSentence:
+    """Of a command of typer: wrong options and arguments raise an InputError of one sentence.
+
+    An empty word is refused, too: it is never a name, a file or a number.
+    """
+
+    def make_context(self, info_name: str | None, args: list[str], *positional: Any, **extra: Any) -> Any:
+        """See typer: read the options of this command."""
+        if bad := _find_empty_word((info_name or "clutch-hil", *args)):
+            raise InputError(f"{bad} is empty; a value is needed, or leave it away")
+        with _usage_errors_as_sentences():
+            return super().make_context(info_name, args, *positional, **extra)  # type: ignore[misc]
 
     def invoke(self, ctx: Any) -> Any:
-        """See `TyperGroup`."""
-        try:
-            return super().invoke(ctx)
-        except _UsageError as error:
-            raise InputError(_usage_sentence(error)) from None
+        """See typer: run this command, of a group also read the options of its sub-command."""
+        with _usage_errors_as_sentences():
+            return super().invoke(ctx)  # type: ignore[misc]
 
-    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """See `TyperGroup`."""
-        if bad := _empty(args):
-            raise InputError(f"{bad} is empty; a value is needed, or leave it away")
-        return super().resolve_command(ctx, args)
+
+class Command(_OneSentence, typer.core.TyperCommand):
+    """A command without sub-commands."""
+
+
+class Commands(_OneSentence, typer.core.TyperGroup):
+    """A command with sub-commands."""
+
+
+@contextmanager
+def _usage_errors_as_sentences() -> Iterator[None]:
+    try:
+        yield
+    except _UsageError as error:
+        raise InputError(_usage_sentence(error)) from None
 
 
 def _usage_sentence(error: Any) -> str:
     """Say in one sentence which option or argument is wrong, and its value where typer tells it."""
-    what = error.format_message().rstrip(".")
+    what = " ".join(error.format_message().split()).rstrip(".?").replace(". Did you mean", "; did you mean")
     causes = error.__cause__.errors() if hasattr(error.__cause__, "errors") else []
     if causes:
         what = what.replace("Invalid value for", f"Invalid value {causes[0]['input']!r} for", 1)
@@ -112,9 +132,9 @@ def _usage_sentence(error: Any) -> str:
     return f"{command}: {what[0].lower()}{what[1:]}; {command} --help shows what is allowed"
 
 
-def _empty(words: Sequence[str]) -> str | None:
-    """Name the option or word that is empty; None if none is."""
-    for before, word in zip(("clutch-hil", *words), words, strict=False):
+def _find_empty_word(words: Sequence[str]) -> str | None:
+    """Name the first option or word after the name of the command that is empty; None if none is."""
+    for before, word in pairwise(words):
         if not word.strip():
             return before if before.startswith("-") else f"a word after {before!r}"
         if word.startswith("--") and word.endswith("="):
@@ -127,16 +147,20 @@ def application() -> typer.Typer:
     app = typer.Typer(
         cls=Commands,
         help="Hardware-in-the-loop bench for wet-clutch torque control over CAN.",
-        no_args_is_help=True,
         add_completion=False,
         pretty_exceptions_enable=False,
     )
 
     @app.callback(invoke_without_command=True)
-    def root(show_version: bool = typer.Option(False, "--version", help="Print the version.")) -> None:
+    def root(
+        ctx: typer.Context, show_version: bool = typer.Option(False, "--version", help="Print the version.")
+    ) -> None:
         if show_version:
             typer.echo(f"clutch-hil {version('clutch-hil')}")
             raise typer.Exit
+        if ctx.invoked_subcommand is None:
+            typer.echo(ctx.get_help())
+            raise typer.Exit(2)
 
     for point in sorted(entry_points(group="clutch_hil.commands"), key=lambda point: point.name):
         point.load().register(app)
@@ -146,6 +170,18 @@ def application() -> typer.Typer:
 def main() -> None:
     """Run `clutch-hil`."""
     main_of(application())
+
+
+def run_command(function: Callable[..., None]) -> None:
+    """Run a function with typer's parameters as a command without sub-commands: `python -m MODULE`."""
+    main_of(make_command(function))
+
+
+def make_command(function: Callable[..., None]) -> typer.Typer:
+    """Make the command of a function with typer's parameters."""
+    app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+    app.command(cls=Command)(function)
+    return app
 
 
 def main_of(run: Callable[[], object]) -> None:

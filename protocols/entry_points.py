@@ -18,5 +18,5 @@ def load_entry(group: str, kind: str, name: str) -> Any:
     point = entry_points(group=group)[name]
     try:
         return point.load()
-    except (ImportError, AttributeError) as error:
+    except (ImportError, AttributeError, TypeError) as error:
         raise InputError(f"{kind} {name} cannot be loaded from {point.value}: {error}") from None

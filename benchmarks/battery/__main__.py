@@ -1,17 +1,25 @@
 """The battery by one command: python -m benchmarks.battery."""
 
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated
+from typing import Annotated, TextIO
 
 import typer
 
 from benchmarks.battery.cases import FAMILIES
 from benchmarks.battery.rivals import METHODS
 from benchmarks.battery.run import Cache, format_answer, keep_answers, read_kept_answers, run_cases, select_cases
+from benchmarks.battery.score import Answer, score_answers
+from benchmarks.battery.table import PICTURES_FOLDER, format_measures, write_page
 from benchmarks.battery.validity import CHECKED_CASES, format_engine_name, list_differences
 from clutch_hil.bench.progress import progress_bar
-from protocols.errors import InputError
+from clutch_hil.bench.recording import make_writable
+from clutch_hil.command import run_command, verdict
+from protocols.errors import InputError, InterruptionError
+
+_CONTINUE = "the same command goes on from there"
 
 
 def main(
@@ -35,41 +43,38 @@ def main(
     ] = False,
 ) -> None:
     """Run the cases that have no answer yet, and print the measures of the engine over all of them."""
-    from benchmarks.battery.score import score_answers
-    from benchmarks.battery.table import format_measures, write_page
-
-    try:
-        if check:
-            raise typer.Exit(0 if _check(jobs, dask) else 1)
-        names = [case.name for case in select_cases(split, families.split(","), quick, only or [])]
-    except InputError as error:
-        typer.echo(f"error: {error}", err=True)
-        raise typer.Exit(2) from None
+    if jobs is not None and dask is not None:
+        raise InputError(f"--jobs {jobs} and --dask {dask} were given together; a cluster has its own workers")
+    if check:
+        others = {"--only": only, "--quick": quick, "--log": log, "--docs": docs, "--done": done, "--keep": keeping}
+        if unused := [name for name, value in others.items() if value]:
+            raise InputError(
+                f"--check and {unused[0]} were given together; --check plays cases of its own, writes nothing"
+            )
+        check_kept_answers(jobs, dask)
+        return
+    names = [case.name for case in select_cases(split, families.split(","), quick, only or [])]
     if not names:
-        typer.echo(f"error: no case of the split {split} is like that", err=True)
-        raise typer.Exit(2)
+        asked = f"--families {families}" + "".join(f" --only {pattern}" for pattern in only or []) + " --quick" * quick
+        raise InputError(
+            f"no case of the split {split} suits {asked}; the names of cases are FAMILY/EFFECTS/SEVERITY/NOISE/SEED"
+        )
     folder = out / format_engine_name()
     cache = Cache(folder / "cases", read_kept_answers(folder.name))
     if done:
         names = [name for name in names if cache.read(name)]
-    answers = []
-    try:
-        with progress_bar(f"battery, {split}", False) as progress:
-            progress(0, len(names))
-            for answer in run_cases(names, cache, jobs, address=dask):
-                answers.append(answer)
-                progress(len(answers), len(names))
-                if log:
-                    with log.open("a", encoding="utf-8") as file:
-                        file.write(format_answer(answer) + "\n")
-    except InputError as error:
-        typer.echo(f"error: {error}; the same command goes on from there", err=True)
-        raise typer.Exit(2) from None
-    except KeyboardInterrupt:
-        typer.echo(f"stopped after {len(answers)} of {len(names)} cases; the same command goes on from there", err=True)
-        raise typer.Exit(130) from None
+        if not names:
+            raise InputError(
+                f"no answer to such a case is in {cache.folder} or kept beside the battery; --done runs none"
+            )
+    else:
+        make_writable(cache.folder)
+    if docs:
+        make_writable(docs / PICTURES_FOLDER)
+    answers = _answer_cases(names, cache, jobs, dask, split, log)
     typer.echo(f"read:    {len(names)} cases of the split {split}")
-    typer.echo(f"wrote:   {cache.folder}")
+    if not done:
+        typer.echo(f"wrote:   {cache.folder}")
     if keeping:
         typer.echo(f"wrote:   {keep_answers(answers, folder.name)}")
     measures = score_answers(answers)
@@ -83,15 +88,48 @@ def main(
         for path in write_page(answers, split, docs, folder.name, rivals):
             typer.echo(f"wrote:   {path}")
     failed = [one.name for one in measures if one.reached is False]
-    typer.echo(
-        f"verdict: {len(failed)} goals not reached: {', '.join(failed)}" if failed else "verdict: every goal is reached"
-    )
-    raise typer.Exit(1 if failed else 0)
+    verdict(f"{len(failed)} goals not reached: {', '.join(failed)}" if failed else "every goal is reached", not failed)
 
 
-def _check(jobs: int | None, address: str | None) -> bool:
-    """Whether the engine gives the kept answers to CHECKED_CASES; prints each difference."""
+def _answer_cases(
+    names: Sequence[str], cache: Cache, jobs: int | None, address: str | None, split: str, log: Path | None
+) -> list[Answer]:
+    """Answer all cases with a progress bar, and a line a case in the `log`. Raises InputError and InterruptionError."""
+    answers: list[Answer] = []
+    try:
+        with open_log(log) as lines, progress_bar(f"battery, {split}", False) as progress:
+            progress(0, len(names))
+            for answer in run_cases(names, cache, jobs, address=address):
+                answers.append(answer)
+                progress(len(answers), len(names))
+                if lines:
+                    print(format_answer(answer), file=lines, flush=True)
+    except InputError as error:
+        raise InputError(f"{error}; {_CONTINUE}" if answers else str(error)) from None
+    except KeyboardInterrupt:
+        raise InterruptionError(f"{len(answers)} of {len(names)} cases are answered; {_CONTINUE}") from None
+    return answers
+
+
+@contextmanager
+def open_log(path: Path | None) -> Iterator[TextIO | None]:
+    """Open a file to which lines are added; None without a path. Raises InputError."""
+    if path is None:
+        yield None
+        return
+    try:
+        file = path.open("a", encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"log {path} cannot be written: {error.strerror}") from None
+    with file:
+        yield file
+
+
+def check_kept_answers(jobs: int | None, address: str | None) -> None:
+    """Play CHECKED_CASES again and print how they differ from the kept answers; exit code 1 if one does."""
     before, changed = read_kept_answers(format_engine_name()), 0
+    if missing := [name for name in CHECKED_CASES if name not in before]:
+        raise InputError(f"no answer to {missing[0]} is kept for {format_engine_name()}; --keep keeps answers")
     with TemporaryDirectory() as folder:
         for answer in run_cases(CHECKED_CASES, Cache(Path(folder)), jobs, address=address):
             differences = list_differences(before[answer["case"]], answer)
@@ -99,15 +137,12 @@ def _check(jobs: int | None, address: str | None) -> bool:
                 "\n  ".join([f"{answer['case']}: {'the same' if not differences else 'it differs'}", *differences])
             )
             changed += bool(differences)
-    typer.echo(f"read:    {len(CHECKED_CASES)} cases, and what was kept of {format_engine_name()}\nwrote:   nothing")
+    count = len(CHECKED_CASES)
+    typer.echo(f"read:    {count} cases, and what was kept of {format_engine_name()}\nwrote:   nothing")
     if changed:
-        typer.echo(
-            f"verdict: {changed} of {len(CHECKED_CASES)} differ; raise the version of what was changed on purpose"
-        )
-    else:
-        typer.echo(f"verdict: all {len(CHECKED_CASES)} are as they were")
-    return not changed
+        verdict(f"{changed} of {count} differ; raise the version of what was changed on purpose", good=False)
+    verdict(f"all {count} are as they were")
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    run_command(main)

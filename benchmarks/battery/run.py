@@ -23,6 +23,7 @@ from benchmarks.battery.cases import FAMILIES, Case, list_cases
 from benchmarks.battery.score import Answer
 from benchmarks.battery.validity import hash_content, is_valid
 from clutch_hil.bench.executors import compute
+from protocols.files.output_file import whole_file
 
 ROOT = Path(__file__).parents[2]
 _QUICK_VALUES = {  # of a case that --quick selects; null cases have severity 1
@@ -65,21 +66,18 @@ def keep_answers(answers: Sequence[Answer], engine: str, method: str = "") -> Pa
     """Keep answers in the repository, together with those kept before; return the file.
 
     Only fields that tables need are kept. Answers of another method replace those kept before, because each run sets the
-    limits of the method anew.
+    limits of the method anew. Raises InputError where the file cannot be written.
     """
     path = _kept_file(engine, method)
     before = {} if method else read_kept_answers(engine)
     merged = before | {answer["case"]: answer for answer in answers if "error" not in answer}
-    path.parent.mkdir(exist_ok=True)
-    part_file = path.with_suffix(".part")
-    with lzma.open(part_file, "wt", encoding="utf-8") as file:
+    with whole_file(path) as part, lzma.open(part, "wt", encoding="utf-8") as file:
         for name in sorted(merged):
             answer = {key: value for key, value in merged[name].items() if key not in _DROPPED_FIELDS}
             answer["truth"] = {key: value for key, value in answer["truth"].items() if key in _KEPT_TRUTH_FIELDS}
             if "weighed" in answer:
                 answer["weighed"] = {key: answer["weighed"][key] for key in _KEPT_WEIGHED_FIELDS}
             file.write(json.dumps(answer, default=float) + "\n")
-    part_file.replace(path)
     return path
 
 
@@ -106,12 +104,9 @@ class Cache:
         return self._kept.get(name)
 
     def write(self, answer: Answer) -> None:
-        """Write an answer to its file, completely or not at all."""
-        path = self.path(answer["case"])
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_suffix(".part")
-        part.write_text(json.dumps(answer, indent=1, default=float), encoding="utf-8")
-        part.replace(path)
+        """Write an answer to its file, completely or not at all. Raises InputError."""
+        with whole_file(self.path(answer["case"])) as part:
+            part.write_text(json.dumps(answer, indent=1, default=float), encoding="utf-8")
 
     def all(self) -> list[Answer]:
         """Read all answers, in the order of their names."""

@@ -1,6 +1,5 @@
 """Table: docs/battery.md with the results beside the goals, and its pictures, from answers of one split."""
 
-import os
 import platform
 import subprocess
 from collections.abc import Iterable, Mapping, Sequence
@@ -37,6 +36,9 @@ from clutch_hil.discrepancy.result import NONE_OF_THESE, NOTHING
 from plant_sim.effects.catalogue import effects
 from plant_sim.effects.effect import Effect
 from protocols.errors import listing
+from protocols.files.output_file import whole_file
+
+PICTURES_FOLDER = "battery"  # beside the page
 
 _MOST_WORST = 40  # wrong answers listed on the page, at most; chosen: a list that can be read
 _TOP_NAME = "top-1 name"  # measure of score.py
@@ -78,7 +80,7 @@ def format_row(measure: Measure) -> tuple[str, ...]:
     return measure.name, format_value(measure, measure.value), count, interval, format_goal(measure), reached
 
 
-_HEADER = ("measure", "reached", "of", "95 %", "goal", "holds")
+_HEADER = ("measure", "value", "of", "95 % interval", "goal", "reached")
 
 
 def format_measures(measures: Sequence[Measure]) -> str:
@@ -96,17 +98,19 @@ def write_page(
     """Write battery.md and its pictures to `folder`; return their paths.
 
     rivals: answers of other methods to the same cases, by method. Comments on the numbers come from `folder`/battery/notes.md,
-    where there is one.
+    where there is one. Raises InputError.
     """
-    pictures = folder / "battery"
-    pictures.mkdir(parents=True, exist_ok=True)
+    pictures = folder / PICTURES_FOLDER
     done = [answer for answer in answers if "error" not in answer]
     paths = [folder / "battery.md", pictures / "confusion.png", pictures / "calibration.png"]
-    draw_confusion(done, paths[1])
-    draw_calibration(done, paths[2])
     notes = pictures / "notes.md"
     notes_text = notes.read_text(encoding="utf-8") if notes.exists() else ""
-    paths[0].write_text(compose_page(answers, split, engine, rivals or {}, notes_text), encoding="utf-8")
+    page = compose_page(answers, split, engine, rivals or {}, notes_text)  # before a picture makes the commit dirty
+    for draw, path in ((draw_confusion, paths[1]), (draw_calibration, paths[2])):
+        with whole_file(path) as part:
+            draw(done, part)
+    with whole_file(paths[0]) as part:
+        part.write_text(page, encoding="utf-8")
     return paths
 
 
@@ -117,22 +121,23 @@ def compose_page(
     done = [answer for answer in answers if "error" not in answer]
     parts = [
         "# The battery", "",
-        "How often the workflow finds what is hidden, on cases whose truth comes from other laws and another solver than the",
-        "catalogue's. What each measure is: `benchmarks/battery/score.py`. Cases: `benchmarks/battery/cases.py`.",
-        "Again: `python -m benchmarks.battery --split " + split + " --docs docs`.", "",
+        "How often the discrepancy workflow finds the effect that is hidden in a case. The truth of the cases comes from other",
+        "laws than the catalogue's and from another solver. `benchmarks/battery/score.py` defines each measure, and",
+        "`benchmarks/battery/cases.py` the cases. Words are in the [glossary](glossary.md#the-battery). Written by",
+        "`python -m benchmarks.battery --split " + split + " --docs docs`.", "",
         *_list_candidates_without_law(effects().values()), *_describe_run(answers, split, engine), "",
         *_format_table(_HEADER, [format_row(measure) for measure in score_answers(answers)]), "",
         *notes.splitlines(), "",
         "## By noise and severity", "", *_tabulate_noise(answers), "",
-        *_format_table(("single effects", "top-1", "of", "95 %"),
+        *_format_table(("single effects", "top-1", "of", "95 % interval"),
                        [format_row(measure)[:4] for measure in score_by_severity(answers).values()]), "",
         *_compare_rivals(done, rivals),
-        "## Who is taken for whom", "",
+        "## Which effect is taken for which", "",
         "![confusion matrix](battery/confusion.png)", "",
-        *_format_table(("hidden", "said", "times"), _count_confusions(done)), "",
-        "## Whether confidence is what it says", "", "![calibration](battery/calibration.png)", "",
+        *_format_table(("hidden", "named first", "times"), _count_confusions(done)), "",
+        "## Whether confidence is the share that is right", "", "![calibration](battery/calibration.png)", "",
         f"## Worst cases (at most {_MOST_WORST})", "",
-        *_format_table(("case", "verdict", "said", "confidence", "share explained"), _list_worst(done)), "",
+        *_format_table(("case", "verdict", "named", "confidence", "share explained"), _list_worst(done)), "",
     ]  # fmt: skip
     return "\n".join(parts)
 
@@ -157,8 +162,8 @@ def _describe_run(answers: Sequence[Answer], split: str, engine: str) -> list[st
         commit = described.stdout.strip() or commit
     whole = list_cases(split)
     lines = [
-        f"{date.today().isoformat()}; {packages}, Python {platform.python_version()}; commit {commit}, {engine};",
-        f"{_read_processor()}, {os.cpu_count()} cores.", "",
+        f"Written on {date.today().isoformat()} at commit {commit} from the answers of {engine}, with {packages},",
+        f"Python {platform.python_version()}.", "",
     ]  # fmt: skip
     counts = [
         (name, str(sum(find_family(t) == name for t in answers)), str(sum(c.family == name for c in whole)))
@@ -170,13 +175,6 @@ def _describe_run(answers: Sequence[Answer], split: str, engine: str) -> list[st
     else:
         lines += [f"The whole split {split}: {len(answers)} cases."]
     return [*lines, "", *_format_table(("family", "run", "in the split"), counts)]
-
-
-def _read_processor() -> str:
-    for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
-        if line.startswith("model name"):
-            return line.partition(":")[2].strip()
-    return platform.processor()
 
 
 def _format_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
@@ -310,10 +308,10 @@ def draw_confusion(done: Sequence[Answer], path: Path) -> None:
         axes.tick_params(which="minor", length=0)
         axes.axhline(len(known) - 0.5, color="0.3", linewidth=0.8)
         axes.axvline(len(known) - 0.5, color="0.3", linewidth=0.8)
-        axes.set_xlabel("said first")
+        axes.set_xlabel("named first")
         axes.set_ylabel("hidden (number of cases)")
         axes.set_title("Share of the cases of a row in %")
-        figure.savefig(path, dpi=130)
+        figure.savefig(path, dpi=130, format="png")
 
 
 def draw_calibration(done: Sequence[Answer], path: Path) -> None:
@@ -322,7 +320,7 @@ def draw_calibration(done: Sequence[Answer], path: Path) -> None:
     right = np.array([_is_right(answer) for answer in done], bool)
     figure = Figure(figsize=(5.5, 5.0), layout="constrained")
     axes = figure.add_subplot()
-    axes.plot([0, 1], [0, 1], color="0.7", linewidth=1, label="as it says")
+    axes.plot([0, 1], [0, 1], color="0.7", linewidth=1, label="confidence = share that is right")
     for low, high in pairwise(_BINS.tolist()):
         inside = (confidence >= low) & ((confidence < high) | (high == 1.0))
         if inside.any():
@@ -335,4 +333,4 @@ def draw_calibration(done: Sequence[Answer], path: Path) -> None:
         xlim=(0, 1), ylim=(0, 1.02), xlabel="confidence of the verdict", ylabel="share that is right", aspect="equal"
     )
     axes.legend(loc="upper left", frameon=False)
-    figure.savefig(path, dpi=130)
+    figure.savefig(path, dpi=130, format="png")

@@ -6,20 +6,23 @@ threshold stays out, and the number of effects that it took stays as it was.
     python -m benchmarks.battery.thresholds [OUT/ENGINE/cases]
 """
 
-import sys
 from dataclasses import asdict, dataclass, replace
 from itertools import product
 from pathlib import Path
 
 import numpy as np
+import typer
 from scipy.optimize import minimize
 
 from benchmarks.battery.run import Cache
 from benchmarks.battery.score import Answer, are_aliases, find_family, is_strong, list_hidden_names, names_an_effect
 from benchmarks.battery.validity import format_engine_name
+from clutch_hil.command import run_command, verdict
 from clutch_hil.discrepancy import decision
 from clutch_hil.discrepancy.result import NAMED, NONE_OF_THESE, NOTHING, ONE_OF
+from protocols.errors import InputError
 
+_ANSWERS = Path("runs/battery") / format_engine_name() / "cases"  # where `python -m benchmarks.battery` writes them
 _GRID = {  # values tried of each constant; chosen: around those in use
     "gain": np.geomspace(0.001, 0.05, 18),
     "excess": (0.005, 0.01, 0.02, 0.03, 0.05, 0.08),
@@ -156,12 +159,15 @@ def _list_false_names(answers: list[Answer]) -> str:
     return ", ".join(named) or "none"
 
 
-def main() -> None:
+def main(
+    folder: Path = typer.Argument(_ANSWERS, help="folder of the answers, OUT/ENGINE/cases"),
+) -> None:
     """Print the constants in use and those proposed, with their measures."""
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("runs/battery") / format_engine_name() / "cases"
     answers = [answer for answer in Cache(folder).all() if answer["truth"]["split"] == "development"]
     if not answers:
-        sys.exit(f"error: no answers of the development split below {folder}")
+        raise InputError(
+            f"no answers of the development split are below {folder}; python -m benchmarks.battery gives some"
+        )
     nulls = [answer["weighed"]["gain"] for answer in answers if not list_hidden_names(answer)]
     print(f"read:    {len(answers)} answers of the development split below {folder}")
     current, proposed = Constants(), propose_constants(answers)
@@ -174,8 +180,8 @@ def main() -> None:
         print(
             f"gain where nothing is hidden: largest {max(nulls):.5f} of {len(nulls)}; named there: {_list_false_names(answers)}"
         )
-    print("verdict: put them into clutch_hil/discrepancy/decision.py by hand; report on the evaluation split")
+    verdict("put them into clutch_hil/discrepancy/decision.py by hand; report on the evaluation split")
 
 
 if __name__ == "__main__":
-    main()
+    run_command(main)

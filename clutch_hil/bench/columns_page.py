@@ -3,9 +3,11 @@
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from clutch_hil.command import run_command
 from plant_sim.node.plant_node import PlantNode
 from plant_sim.node.power_shift_node import PowerShiftNode
 from protocols.can.frames import FrameCodec, load_frames
+from protocols.files.output_file import new_file, whole_file
 from protocols.node import Column
 from protocols.realtime.beat import TIMING
 from protocols.telemetry.batch import run_file_columns
@@ -82,8 +84,8 @@ def frame_section(codec: FrameCodec) -> str:
     return "\n".join([head, *rows])
 
 
-def page() -> str:
-    """The text of docs/columns.md."""
+def compose_page() -> str:
+    """Compose the text of docs/columns.md."""
     controller: Sequence[Column] = ControllerNode.columns
     return _TEXT.format(
         plant=columns_table(PlantNode.columns),
@@ -94,6 +96,12 @@ def page() -> str:
     )
 
 
-if __name__ == "__main__":
-    PAGE.write_text(page(), encoding="utf-8")
+def main() -> None:
+    """Write docs/columns.md anew. Raises InputError where the folder is missing, as in an installed package."""
+    with whole_file(new_file(PAGE, overwrite=True)) as part:
+        part.write_text(compose_page(), encoding="utf-8")
     print(f"wrote {PAGE}")
+
+
+if __name__ == "__main__":
+    run_command(main)

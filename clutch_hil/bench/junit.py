@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 
 from clutch_hil.bench.label import Label
 from clutch_hil.bench.metadata import versions
-from clutch_hil.bench.recording import writable
+from clutch_hil.bench.recording import make_writable
 from clutch_hil.bench.result import Result
 from clutch_hil.bench.scenario import Scenario
 from protocols.files.output_file import new_file, whole_file
@@ -36,7 +36,7 @@ class Case(NamedTuple):
 def check_junit(path: Path | None, overwrite: bool, scenarios: Sequence[Scenario]) -> None:
     """Raise InputError when no file can be written at `path`, or another would be lost by it; to be called before the run."""
     if path is not None:
-        writable(path.parent)
+        make_writable(path.parent)
         inputs = (
             file for s in scenarios for file in (s.path, s.settings.plant_parameters, s.settings.controller_parameters)
         )

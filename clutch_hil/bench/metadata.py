@@ -37,7 +37,7 @@ def run_metadata(
         "recorded_at": datetime.now().astimezone().isoformat(timespec="seconds"),
         "versions": versions(),
         "plant_parameters": plant.as_values(),
-        "effects": list(scenario.rig.plant.switched_on(plant)),
+        "effects": list(scenario.rig.plant.list_active_effects(plant)),
         "injections": [dict(injection) for injection in injections],
         **{f"{name}_parameters": dict(values) for name, values in controllers.items()},
     }

@@ -28,7 +28,7 @@ _CHUNK_ROWS = 20_000  # rows of a row group: 20 s at 1 kHz, a few MB of memory
 _MOST_WAITING = 60_000
 
 
-def writable(folder: Path) -> Path:
+def make_writable(folder: Path) -> Path:
     """Return `folder`, after making it where it is missing. Raises InputError when nothing can be written there."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -40,7 +40,7 @@ def writable(folder: Path) -> Path:
 
 
 def run_path(folder: Path, name: str, suffix: str = ".parquet") -> Path:
-    """Reserve a path for a new file in a `writable` folder; it is named by date and time, and no other process has it."""
+    """Reserve a path for a new file in a `make_writable` folder; it is named by date and time, and no other process has it."""
     stem = f"{datetime.now():%Y%m%d-%H%M%S}-{name}"
     candidates = (f"{stem}{f'-{k}' if k else ''}" for k in count())
     for candidate in candidates:

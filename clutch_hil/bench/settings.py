@@ -41,7 +41,7 @@ class RunSettings:
         )  # fmt: skip
         in_file = list_changed(self.controller_parameters, CONTROLLER) if self.controller_parameters else ()
         values = {name: value for name, value in self.controller.items() if name not in in_file}
-        if reasons := [reason for name in values if (reason := node.fixed(name))]:
+        if reasons := [reason for name in values if (reason := node.explain_fixed(name))]:
             raise InputError(reasons[0])
         node.tune(values)
         return node
@@ -54,7 +54,9 @@ class RunSettings:
         if not self.controller:
             return self.controller_parameters
         node, path = self.new_controller(), folder / "controller.toml"
-        values = {name: value for name, value in node.parameters.as_values().items() if node.fixed(name) is None}
+        values = {
+            name: value for name, value in node.parameters.as_values().items() if node.explain_fixed(name) is None
+        }
         path.write_text("".join(f"{name} = {value!r}\n" for name, value in values.items()), encoding="utf-8")
         return path
 

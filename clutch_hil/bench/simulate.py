@@ -6,7 +6,7 @@ from typing import Any
 from clutch_hil.bench.in_process import Played, play
 from clutch_hil.bench.label import Label
 from clutch_hil.bench.metadata import run_metadata
-from clutch_hil.bench.recording import Recording, run_path, writable
+from clutch_hil.bench.recording import Recording, make_writable, run_path
 from clutch_hil.bench.result import Result
 from clutch_hil.bench.scenario import Scenario, name_file_in_errors
 from clutch_hil.bench.sealed import SealedRecording
@@ -31,7 +31,7 @@ class Simulation:
     def run(self, progress: Callable[[int, int], None]) -> Result:
         """Simulate, and write the run file and its picture; return its judgement. Raises InputError."""
         scenario, settings = self.scenario, self.scenario.settings
-        writable(settings.out)
+        make_writable(settings.out)
         played, metadata = self.play_with_metadata(progress)
         path = run_path(settings.out, f"{self.label.name}-simulated")
         recorder = SealedRecording if self._blind else Recording

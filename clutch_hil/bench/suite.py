@@ -9,7 +9,7 @@ from pathlib import Path
 from clutch_hil.bench.junit import Case, write_junit
 from clutch_hil.bench.label import Label
 from clutch_hil.bench.progress import table_text
-from clutch_hil.bench.recording import writable
+from clutch_hil.bench.recording import make_writable
 from clutch_hil.bench.result import Result
 from clutch_hil.bench.simulate import Simulation
 from protocols.errors import InputError
@@ -25,7 +25,7 @@ def run_one(label: Label, run: Callable[[], Result], junit: Path | None) -> Resu
 def run_suite(simulated: Sequence[Simulation], progress: Callable[[float, int], None], junit: Path | None) -> Result:
     """Run several scenarios; return one result, also written to `junit` if given. An error in one does not stop the others."""
     for one in simulated:
-        writable(one.scenario.settings.out)
+        make_writable(one.scenario.settings.out)
     cases = []
     for before, one in enumerate(simulated):
         cases.append(_try_scenario(one, before, len(simulated), progress))

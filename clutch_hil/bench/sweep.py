@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from clutch_hil.bench.label import Label
-from clutch_hil.bench.recording import run_path, writable
+from clutch_hil.bench.recording import make_writable, run_path
 from clutch_hil.bench.result import Result
 from clutch_hil.bench.sampling import MOST_SAMPLES, check_count
 from clutch_hil.bench.scenario import Scenario
@@ -34,7 +34,7 @@ def sweep_to_csv(
     `address` and `progress` are those of `clutch_hil.sweep`. The result of a scenario with limits is good if all of them hold
     in every run; of another, if the first figure is not NaN in any run. Raises InputError.
     """
-    writable(scenario.settings.out)
+    make_writable(scenario.settings.out)
     figures = scenario.rig.figures
     name, values = parse_range(vary, scenario.plant) if vary else ("-", [float("nan")])
     check_count(seeds * len(values), "runs")

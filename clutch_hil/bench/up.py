@@ -16,7 +16,7 @@ import numpy as np
 
 from clutch_hil.bench.label import Label
 from clutch_hil.bench.metadata import run_metadata
-from clutch_hil.bench.recording import Recording, run_path, writable
+from clutch_hil.bench.recording import Recording, make_writable, run_path
 from clutch_hil.bench.result import Result
 from clutch_hil.bench.scenario import Scenario, load_scenario, name_file_in_errors
 from clutch_hil.bench.sealed import SealedRecording
@@ -84,7 +84,7 @@ class Bench:
             settings.new_controller()  # raises InputError for bad settings before anything starts
         bus = resolve(self.bus)
         open_bus(bus).close()
-        writable(settings.out)
+        make_writable(settings.out)
         cpus = os.sched_getaffinity(0)
         try:
             with (

@@ -64,10 +64,10 @@ def _describe(effect: "Effect", out: Path, overwrite: bool, columns: int, json_o
     from clutch_hil.bench.demonstration import demonstrate
     from clutch_hil.bench.effect_picture import draw_effects
     from clutch_hil.bench.effect_text import document, sheet_text
-    from clutch_hil.bench.recording import writable
+    from clutch_hil.bench.recording import make_writable
     from protocols.files.output_file import new_file
 
-    picture = new_file(writable(out) / f"effect-{effect.name}.png", overwrite)
+    picture = new_file(make_writable(out) / f"effect-{effect.name}.png", overwrite)
     demonstration = demonstrate(effect)
     draw_effects(picture, {effect: demonstration})
     visible = demonstration.times_resolution >= 1.0

@@ -151,7 +151,7 @@ def _play_courses(
     plant: "Scenario", bus: str, lockstep: bool, blind: bool, out: Path, rate: int | None, quiet: bool
 ) -> list[Path]:
     """Play what identifies a clutch; return the run files."""
-    from clutch_hil.bench.recording import writable
+    from clutch_hil.bench.recording import make_writable
     from clutch_hil.discrepancy.laboratory import OwnBench, play_identification
 
     # nobody has calibrated the controller yet, so its estimate may be far off the torque: the guard's limits stay
@@ -164,7 +164,7 @@ def _play_courses(
             typer.echo(f"{number + 1}/6  {experiment.name} ({experiment.seconds:.1f} s): {experiment.title}", err=True)
         return bench.play(experiment, number, quiet)
 
-    return play_identification(writable(out), rate or 1000, play, plant.plant["motor.torque_limit"].value)
+    return play_identification(make_writable(out), rate or 1000, play, plant.plant["motor.torque_limit"].value)
 
 
 def _play_all(laboratory: "Laboratory", experiments: "Sequence[Experiment]", quiet: bool, first: int) -> list[Path]:

@@ -32,7 +32,7 @@ def run_friction(
 ) -> None:
     """Identify a friction law and write its files. columns: by quantity, "" where its name tells; others as in `identify`."""
     from clutch_hil.bench.progress import ActivityLine
-    from clutch_hil.bench.recording import writable
+    from clutch_hil.bench.recording import make_writable
     from clutch_hil.identify.friction.identification import identify_friction as identify
     from clutch_hil.identify.friction.law import law_named
     from clutch_hil.identify.friction.picture import draw_friction
@@ -43,7 +43,7 @@ def run_friction(
 
     law_named(friction)
     made = not out.exists()
-    new_files(writable(out), FILES, overwrite, [*runs, *holdout, *([Path(map_name)] if map_name else [])])
+    new_files(make_writable(out), FILES, overwrite, [*runs, *holdout, *([Path(map_name)] if map_name else [])])
     try:
         with ActivityLine("reading", json_output) as line:
             law = identify(

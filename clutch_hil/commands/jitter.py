@@ -40,7 +40,7 @@ def jitter(
     from clutch_hil.bench.loads import loads_named
     from clutch_hil.bench.measurements import Setting
     from clutch_hil.bench.progress import progress_bar
-    from clutch_hil.bench.recording import writable
+    from clutch_hil.bench.recording import make_writable
     from clutch_hil.command import write_summary
     from protocols.buses.bus import open_bus, resolve
     from protocols.files.output_file import new_files
@@ -57,7 +57,7 @@ def jitter(
     loads = loads_named(load)
     wanted = _rates(rates) if rates is not None else []
     open_bus(setting.bus).close()
-    summary, picture = writable(out) / "jitter.json", out / "jitter.png"
+    summary, picture = make_writable(out) / "jitter.json", out / "jitter.png"
     new_files(out, [summary.name] if wanted else [summary.name, picture.name], overwrite)
     if wanted:
         with progress_bar("jitter by rate", json_output) as progress:

@@ -24,7 +24,7 @@ def reproduce(
 ) -> None:
     """Check a result of the thesis by running it."""
     from clutch_hil.bench.progress import progress_bar, table_text
-    from clutch_hil.bench.recording import writable
+    from clutch_hil.bench.recording import make_writable
     from clutch_hil.thesis import entries, entry
     from clutch_hil.thesis.reproduction import format_checks, run, run_all
     from protocols.files.output_file import new_files
@@ -38,7 +38,7 @@ def reproduce(
     chosen = entry(name) if name else None
     names = [chosen.name] if chosen else list(entries())
     pictures = [f"{each}.png" for each in names]
-    new_files(writable(out), pictures if chosen else [*pictures, "index.html"], overwrite)
+    new_files(make_writable(out), pictures if chosen else [*pictures, "index.html"], overwrite)
     with progress_bar(name or "reproduce", json_output) as progress:
         if chosen is None:
             report(*run_all(out, progress), json_output)

@@ -25,6 +25,7 @@ from clutch_hil.fitting.evidence import Evidence
 from clutch_hil.fitting.fit import FreeParameter, LinearModel, free_baseline, free_effect, linearise, refit
 from clutch_hil.fitting.model import Columns, Model, Values, calibration
 from plant_sim.profiles.profile import load_profile
+from protocols.errors import InputError
 
 # Least T of an experiment that separates: 3 standard deviations, three times TIE_COST (decision.py). T is twice the log odds.
 LEAST_SEPARATION = 9.0
@@ -81,7 +82,7 @@ class Bench(Protocol):
 
     experiments: tuple[Experiment, ...]
 
-    def planned(self, experiment: Experiment, parameters: Values, effects: Values) -> Columns | None:
+    def plan_inputs(self, experiment: Experiment, parameters: Values, effects: Values) -> Columns | None:
         """Columns (n,) with the inputs that an experiment would have; None where it would come near a limit of the rig."""
         ...
 
@@ -93,6 +94,14 @@ class Experimenting(Protocol):
     def bench(self) -> Bench:
         """The bench of the rig."""
         ...
+
+
+def check_bench(bench: Bench, rig: str) -> Bench:
+    """Return the `bench` of a rig if it has what a bench needs. Raises InputError; it names the new name of an old method."""
+    if not hasattr(bench, "plan_inputs"):
+        old = "; its method planned() is called plan_inputs() now" if hasattr(bench, "planned") else ""
+        raise InputError(f"the bench of the rig {rig} lacks plan_inputs{old}")
+    return bench
 
 
 class PredictedRuns(Evidence):
@@ -153,7 +162,7 @@ def propose(model: Model, parameters: Values, options: Sequence[Values], floors:
     }
     if not isinstance(model, Experimenting):
         return proposal | {"why": f"the rig {model.name} has no bench that could play an experiment"}
-    bench = model.bench()
+    bench = check_bench(model.bench(), model.name)
     comparisons = [c for e in bench.experiments if (c := _compare(model, bench, e, parameters, options, floors))]
     comparisons.sort(
         key=_Comparison.score, reverse=True
@@ -192,7 +201,7 @@ def _compare(
     model: Model, bench: Bench, experiment: Experiment, parameters: Values, options: Sequence[Values], floors: Values
 ) -> _Comparison | None:
     """Comparison of the options in an experiment; None where the experiment is not safe with one of them."""
-    planned = [bench.planned(experiment, parameters, option) for option in options]
+    planned = [bench.plan_inputs(experiment, parameters, option) for option in options]
     if any(inputs is None for inputs in planned):
         return None
     inputs = planned[0]

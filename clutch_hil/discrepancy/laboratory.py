@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 from clutch_hil.bench.experiments import Course
 from clutch_hil.bench.in_memory import Values, compose_scenario
-from clutch_hil.bench.recording import run_path, writable
+from clutch_hil.bench.recording import make_writable, run_path
 from clutch_hil.bench.rig import DEFAULT_RIG, Rig, rig_named
 from clutch_hil.bench.run_file import read_run
 from clutch_hil.bench.scenario import Scenario, load_scenario
@@ -91,7 +91,7 @@ class RunningBench:
         from clutch_hil.live.demand import Demand
 
         profile = load_profile(experiment.profile)
-        path = run_path(writable(self.out), "blind" if self.blind else experiment.name)
+        path = run_path(make_writable(self.out), "blind" if self.blind else experiment.name)
         path.with_name(path.name + ".part").unlink(missing_ok=True)  # the recorder creates it anew
         document, *_ = Demand(self.bus, profile).run(quiet)
         with Stop() as stop:

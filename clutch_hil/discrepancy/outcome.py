@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from clutch_hil.bench.recording import writable
+from clutch_hil.bench.recording import make_writable
 from clutch_hil.bench.sealed import checksum
 from clutch_hil.discrepancy.model_file import read_model, write_model
 from clutch_hil.discrepancy.models.named import (
@@ -78,7 +78,7 @@ class Discrepancy:
 
         `command` is what the report says was typed. Raises InputError naming a file that cannot be written.
         """
-        folder = writable(Path(folder))
+        folder = make_writable(Path(folder))
         shipped = declare_parameters(model_named(self.rig))
         begun_from = read_model(self.model, shipped) if self.model else None
         write_model(self.result, shipped, folder / _MODEL_FILE, begun_from)

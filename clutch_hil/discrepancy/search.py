@@ -51,7 +51,7 @@ def investigate(
     if evident and selection.explanation.is_negligible:
         verdict, effects, alternatives = NOTHING, [], []  # a coarse converter leaves as much by itself
     notes = []
-    if verdict == NONE_OF_THESE and (bounded := selection.bounded()):
+    if verdict == NONE_OF_THESE and (bounded := selection.list_at_bounds()):
         notes.append(
             f"{' and '.join(c.name for c in selection.named)} would explain the disagreement best, but {' and '.join(bounded)}"
             f" {'rests at its bound' if len(bounded) == 1 else 'rest at their bounds'}, so it is not believed"
@@ -137,7 +137,7 @@ def _choose_candidates(model: Model, names: Sequence[str] | None) -> list[Candid
 
 def _evident_estimates(evident: Mapping[Candidate, Evident]) -> list[Estimate]:
     """Parameters of effects that the recorded values show without any fit."""
-    declared = {n: p for c in evident for n, p in c.declared().items()}
+    declared = {n: p for c in evident for n, p in c.declare_parameters().items()}
     return [
         Estimate(n, value, declared[n].unit, (low, high), declared[n].value, 0.0)
         for one in evident.values()

@@ -237,7 +237,7 @@ class EffectSelection:
             parameters, effects = self.final.point
             sets = []
             for c in idle:
-                others = {n: v for n, v in effects.items() if n not in c.declared()}
+                others = {n: v for n, v in effects.items() if n not in c.declare_parameters()}
                 sets.append((tuple(o for o in self.named if o is not c), (parameters, others)))
             at, kept = self._fit_jointly(sets)[0]
             without, likelier = self._explain(at, len(kept)), at.prior_chi2 - self.final.prior_chi2
@@ -259,10 +259,10 @@ class EffectSelection:
         costs: of single effects, by name.
         """
         effects = self.final.point[1]
-        kept = tuple(c for c in self.named if not c.bounded(effects))
+        kept = tuple(c for c in self.named if not c.list_at_bounds(effects))
         if not kept or kept == self.named:
             return
-        names = {n for c in kept for n in c.declared()}
+        names = {n for c in kept for n in c.declare_parameters()}
         start = self.final.point[0], {n: v for n, v in effects.items() if n in names}
         at, _ = self._fit_jointly([(kept, start)])[0]
         if self._explain(at, len(kept)).is_sufficient:
@@ -272,9 +272,9 @@ class EffectSelection:
             self._accept(at, kept, costs if len(kept) == 1 else {})
             self._finish()
 
-    def bounded(self) -> list[str]:
+    def list_at_bounds(self) -> list[str]:
         """Strengths of the effects that explain most, by dotted name, that rest at a bound: those effects are not believed."""
-        return [n for c in self.named for n in c.bounded(self.final.point[1])]
+        return [n for c in self.named for n in c.list_at_bounds(self.final.point[1])]
 
     def _find_idle(self) -> list[Candidate]:
         """Effects named that may be off: the 95 % interval of every strength includes its value while it is off."""
@@ -355,7 +355,7 @@ class EffectSelection:
         if not w.is_sufficient:
             self.confidence = float(np.clip(1.0 - w.closed, 0.3, 0.95))
             return NONE_OF_THESE, [], []
-        if self.bounded():
+        if self.list_at_bounds():
             self.confidence = NONE_CONFIDENCE
             return NONE_OF_THESE, [], []
         self.confidence = confidence(w)
@@ -363,7 +363,7 @@ class EffectSelection:
             return NAMED, [c.name for c in self.named], []
         candidates = {c.name: c for c in self.candidates}
         best = self.named[0].name
-        near = [n for n in self._indistinguishable() if n == best or not candidates[n].bounded(self.values[n])]
+        near = [n for n in self._indistinguishable() if n == best or not candidates[n].list_at_bounds(self.values[n])]
         if len(near) > 1:
             return ONE_OF, [], [near]
         return NAMED, [self.named[0].name], []
@@ -377,7 +377,7 @@ class EffectSelection:
 
     def drop_effects(self) -> None:
         """Go back to the baseline."""
-        self._at_bound = {n.partition(".")[0]: n for n in self.bounded()}
+        self._at_bound = {n.partition(".")[0]: n for n in self.list_at_bounds()}
         self.named, self.final = (), self.base
 
     def judge_rivals(self) -> list[Rival]:
@@ -410,7 +410,7 @@ class EffectSelection:
     def estimate_parameters(self, effects: bool) -> list[Estimate]:
         """Fitted parameters, of effects or of the baseline, with 95 % intervals."""
         at, half = self.final, half_widths(self.evidence, self.final)
-        declared = dict(self.model.parameters) | {n: p for c in self.named for n, p in c.declared().items()}
+        declared = dict(self.model.parameters) | {n: p for c in self.named for n, p in c.declare_parameters().items()}
         found = []
         if self.reading and not effects:
             for name in readings(self.model)[self.reading]:

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from clutch_hil.discrepancy.experiment_design import Bench, Experiment, PredictedRuns
+from clutch_hil.discrepancy.experiment_design import Bench, Experiment, PredictedRuns, check_bench
 from clutch_hil.fitting.fit import free_baseline, linearise
 from clutch_hil.fitting.model import Model, Values, calibration
 from protocols.errors import InputError
@@ -24,8 +24,9 @@ class Visibility:
     def __init__(self, model: Model, bench: Bench, experiments: Iterable[Experiment], floors: Values) -> None:
         parameters: Values = {name: p.value for name, p in model.parameters.items()}
         runs = []
+        check_bench(bench, model.name)
         for experiment in experiments:
-            if (inputs := bench.planned(experiment, parameters, {})) is None:
+            if (inputs := bench.plan_inputs(experiment, parameters, {})) is None:
                 raise InputError(f"experiment {experiment.name} comes too near a limit of the rig; see its profile")
             runs.append({**inputs, **model.simulate(inputs, parameters, {})})
         self._evidence = PredictedRuns(model, runs, floors)

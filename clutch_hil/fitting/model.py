@@ -65,7 +65,7 @@ class Candidate:
         """Whether `values`, by dotted name, switch it off."""
         return all(values[f"{self.name}.{s.name}"] == s.off for s in self.strengths)
 
-    def bounded(self, values: Values) -> list[str]:
+    def list_at_bounds(self, values: Values) -> list[str]:
         """Its strengths by dotted name that rest at a bound in `values`: the runs ask for more than is physically possible.
 
         A bound at which the strength is off is none of these: there the effect, or a part of it, is absent. Nor is a bound of a
@@ -83,7 +83,7 @@ class Candidate:
         """Typical values by dotted name."""
         return {f"{self.name}.{p.name}": p.typical for p in self.parameters}
 
-    def declared(self) -> dict[str, Parameter]:
+    def declare_parameters(self) -> dict[str, Parameter]:
         """Its parameters, switched off."""
         return {
             f"{self.name}.{p.name}": Parameter(f"{self.name}.{p.name}", p.off, p.unit, 0.0, p.bounds, p.source)

@@ -17,7 +17,7 @@ from typing import Any
 
 import zenoh
 
-from clutch_hil.bench.recording import Recording, run_path, writable
+from clutch_hil.bench.recording import Recording, make_writable, run_path
 from clutch_hil.bench.rig import DEFAULT_RIG, rig_named
 from clutch_hil.bench.sealed import SealedRecording
 from clutch_hil.live.catalogue import format_count
@@ -232,7 +232,7 @@ class Recorder:
         if self._descriptions["plant"].described["session"] != batch.session:
             for node in self._nodes():
                 self._ask(node)
-        first = self._path = self._path or run_path(writable(Path("runs")), "recorded")
+        first = self._path = self._path or run_path(make_writable(Path("runs")), "recorded")
         further = (first.with_stem(f"{first.stem}-{count}") for count in itertools.count(2))
         path = next(p for p in further if not (p.exists() or p in self._metadata)) if self._metadata else first
         rig = self._descriptions["plant"].described.get("rig", DEFAULT_RIG)

@@ -1,11 +1,11 @@
 """`python -m clutch_hil.thesis`: run every reproduction and write docs/reproductions.md and its pictures anew."""
 
 import shutil
-import sys
 import tempfile
 from pathlib import Path
 
 from clutch_hil.bench.progress import progress_bar
+from clutch_hil.command import run_command
 from clutch_hil.thesis.markdown_page import PAGE, PICTURED_ENTRIES, PICTURES, format_markdown_page
 from clutch_hil.thesis.reproduction import run_every
 from protocols.errors import InputError
@@ -25,7 +25,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    try:
-        main()
-    except InputError as error:
-        sys.exit(f"error: {error}")
+    run_command(main)

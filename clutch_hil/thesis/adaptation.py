@@ -63,7 +63,7 @@ def adaptation(sheet: Sheet) -> None:
             f"times better, {name}",
             without >= LEAST_GAIN * with_it,
             without / with_it,
-            f"at least {LEAST_GAIN:g} (ours)",
+            f"at least {LEAST_GAIN:g} (this project)",
         )
     sheet.note(
         f"{profile.duration:g} s of the profile engagement, {SEEDS} seeds; mean absolute error of the true torque"

@@ -23,7 +23,8 @@ _DISPLAY_SCALE = 0.1  # dSPACE shows +-10 V as +-1: "the unity is [V/10]", sec. 
 
 SENSOR = IcpSensor(time_constant=1.0 / DcRestoration.from_decay_time(T_98).decay_rate)
 NOTES = (
-    f"t_98 = {T_98:g} s and the noise of 0.3 mV are ours; 2.25 mV/N (10 mV/lb) is ours too: with it the loads of 0.5 and 2 kg"
+    f"t_98 = {T_98:g} s and the noise of 0.3 mV are chosen here; 2.25 mV/N (10 mV/lb) is chosen here "
+    "too: with it the loads of 0.5 and 2 kg"
     " give the values on the axes of figs C.3, C.5 and C.8",
 )
 
@@ -126,7 +127,8 @@ def figure_c_4(sheet: Sheet) -> None:
     ratio = abs(slopes[0] / slopes[1])
     sheet.check("zeroing makes the drift at least 50 times slower [times]", ratio >= 50.0, ratio, "to a minimum")
     sheet.note(
-        "the offset of 50 mV is ours; the drift over 20 s then is the height of the figure's lower axis, 0.08 to 0.12 V/10"
+        "the offset of 50 mV is chosen here; the drift over 20 s then is the height of the figure's "
+        "lower axis, 0.08 to 0.12 V/10"
     )
     note_own_values(sheet)
 
@@ -168,7 +170,8 @@ def figure_c_5(sheet: Sheet) -> None:
     sheet.check("the output itself fades and is below zero after unloading [V/10]", unrestored < 0.0, unrestored,
                 "drifts away")  # fmt: skip
     sheet.note(
-        "the 6 g (1.2 %) are what the thesis's sensor is off its data sheet. Ours has that sensitivity exactly: its error is"
+        "the 6 g (1.2 %) are what the thesis's sensor is off its data sheet. The simulated sensor has "
+        "that sensitivity exactly: its error is"
         " noise, quantisation and rest of the zero"
     )
     note_own_values(sheet)
@@ -204,7 +207,7 @@ def figure_c_6(sheet: Sheet) -> None:
     turned = float(np.degrees(np.angle(ratio)))
     sheet.check("their phases within 5 deg [deg]", abs(turned) < 5.0, turned, "the same")
     lead = np.degrees(np.arctan(SENSOR.decay_rate / (2 * np.pi * frequency)))
-    sheet.note(f"1 Hz and 1.5 kg are ours; the high-pass leads by atan(a/w) = {lead:.1f} deg there")
+    sheet.note(f"1 Hz and 1.5 kg are chosen here; the high-pass leads by atan(a/w) = {lead:.1f} deg there")
     note_own_values(sheet)
 
 
@@ -242,7 +245,7 @@ def figure_c_7(sheet: Sheet) -> None:
     sheet.check("the leak hides part of the slow warming in the output: less than in the restored signal [-]", moved < share,
                 moved)  # fmt: skip
     sheet.note(
-        "warming of 5 K by the hand and 2 N/K are ours, chosen together for the thesis's 1 kg: the quarter is no prediction"
+        "warming of 5 K by the hand and 2 N/K are chosen here, together for the thesis's 1 kg: the quarter is no prediction"
     )
     note_own_values(sheet)
 
@@ -281,7 +284,8 @@ def figure_c_8(sheet: Sheet) -> None:
     sheet.check("x100: the same zero error at the output stays below 1.2 % for 65 s [%]", errors[100.0][2] < 1.2,
                 errors[100.0][2], "about 1.2 at once")  # fmt: skip
     sheet.note(
-        "the thesis's 1.2 % at x100 is figure-C.5's 6 g of 500 g, what its sensor is off its data sheet; ours is not off, and a"
+        "the thesis's 1.2 % at x100 is figure-C.5's 6 g of 500 g, what its sensor is off its data sheet; "
+        "the simulated sensor is not off, and a"
         " zero error alone makes a tenth at x100 of what it makes at x10"
     )
     sheet.note(f"the zero error of {1e3 * left:.2f} mV at the output is chosen for the 3.5 %; the thesis gives none")

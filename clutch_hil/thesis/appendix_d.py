@@ -22,7 +22,7 @@ STROKE_SAMPLES = 400  # a stroke; chosen: straight pieces between them miss the 
 RULES: dict[str, Spacing] = {
     "equal": EqualSpacing(),
     "inverse to f'' (thesis)": CurvatureSpacing(),
-    "inverse to √f'' (ours)": CurvatureSpacing(0.5),
+    "inverse to √f'' (this project)": CurvatureSpacing(0.5),
 }
 LEGEND = {"fontsize": 8, "frameon": False}
 
@@ -84,7 +84,8 @@ def figure_d_1(sheet: Sheet) -> None:
     sheet.check("the record is cut at each of its reversals", turns.size == 6 * CYCLES, turns.size, 6 * CYCLES)
     sheet.check("both halves give the same curve, apart at most [N]", apart < NOISE, apart, "the same")
     sheet.note(
-        f"the thesis's figure has no numbers: amplitude {AMPLITUDE:g} µm, height {HEIGHT:g} N, noise {NOISE:g} N are ours"
+        f"the thesis's figure has no numbers: amplitude {AMPLITUDE:g} µm, height {HEIGHT:g} N, noise "
+        f"{NOISE:g} N are chosen here"
     )
 
 
@@ -210,7 +211,7 @@ def figure_d_4(sheet: Sheet) -> None:
         f"largest error, inverse to f'' by equal distances, {text}", max(against_equal) < 1.0, against_equal, "below 1"
     )
     sheet.check(f"largest error, inverse to √f'' by the better of the others, {text}", max(against_both) < 1.0,
-                against_both, "(ours) below 1")  # fmt: skip
+                against_both, "(this project) below 1")  # fmt: skip
     sheet.note(
         "the error of a straight piece of length d is |f''| d²/8: equal for all pieces when d is inverse to the root of f''. "
         "Inverse to f'' itself, every element has the same stiffness; the points crowd in the knee and the last pieces are too "

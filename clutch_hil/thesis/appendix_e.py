@@ -37,7 +37,7 @@ MODEL = LiftingXGMS(
 SIZES = (
     f"load {LOAD:g} N, resonance {RESONANCE:g} Hz, lift {LIFT * 1e6:g} um over speed as measured (chapters 3, 4); lift-up "
     f"force {HIGHEST_LIFT_FORCE:.1f} N from these; speed scale {SPEED:g} m/s, lag {LAG * 1e3:g} ms, damping {DAMPING:g} of "
-    "critical are ours"
+    "critical are chosen here"
 )
 
 

@@ -19,7 +19,7 @@ VELOCITY, DEPTH, DT = 1.0, 1.0, 1e-3  # of the body; zeta; sampling step; chosen
 POISSON = 0.3  # -, of steel
 REACH_DEPTH = stiffness_ratio(POISSON) * DEPTH  # c z of appendix A
 OWN_VALUES_NOTE = (
-    f"ours: mu {FRICTION.mu_0} to {FRICTION.mu_inf}, tau {FRICTION.tau}, zeta {DEPTH:g}, velocity {VELOCITY:g}, "
+    f"chosen here: mu {FRICTION.mu_0} to {FRICTION.mu_inf}, tau {FRICTION.tau}, zeta {DEPTH:g}, velocity {VELOCITY:g}, "
     f"nu {POISSON}"
 )
 
@@ -232,4 +232,4 @@ def appendix_b(sheet: Sheet) -> None:
         ratio,
         f"{stiffness_ratio(0.3):.4f}, at Q = 0.005 mu W",
     )
-    sheet.note("the appendix gives no numbers; sphere, load and coefficient are ours")
+    sheet.note("the appendix gives no numbers; sphere, load and coefficient are chosen here")

@@ -175,13 +175,13 @@ def figure_6_14(sheet: Sheet) -> None:
     rms = [one.error for one in estimates.values()]
     sheet.check(f"running controller, 1, 2, 5, 9 Hz: estimate less true torque, mean removed, at most {LARGEST_ERROR:g} Nm "
                 "rms [Nm]",
-                max(rms) <= LARGEST_ERROR, rms, "ours")  # fmt: skip
+                max(rms) <= LARGEST_ERROR, rms, "this project")  # fmt: skip
     repeated = [one.repeated_error for one in estimates.values()]
     sheet.check("... and what of it comes back in every period at most 0.03 Nm rms [Nm]", max(repeated) <= 0.03, repeated,
-                "ours")  # fmt: skip
+                "this project")  # fmt: skip
     ratios = [one.measure_loop_width(one.estimate) / one.measure_loop_width(one.true) for one in estimates.values()]
     sheet.check("it shows the lag: that of the estimate over that of the true torque is 0.9 to 1.1 [-]",
-                max(abs(ratio - 1.0) for ratio in ratios) < 0.1, ratios, "ours")  # fmt: skip
+                max(abs(ratio - 1.0) for ratio in ratios) < 0.1, ratios, "this project")  # fmt: skip
     by_value = [run_online_estimate(FREQUENCY, attraction).error for attraction in values]
     sheet.check("at 5 Hz a controller with C = 69 errs least of C = 34.5, 69, 138, 1000 1/s [Nm]",
                 int(np.argmin(by_value)) == values.index(ATTRACTION), by_value, "C = 69.0")  # fmt: skip
@@ -189,7 +189,7 @@ def figure_6_14(sheet: Sheet) -> None:
     sheet.note(
         "the estimate is the column controller_torque_estimate_nm of a run of plant and controller, frame by frame, under a "
         "request for 3.4 bar; its floor of 0.08 Nm is the noise of the measured pressure, 5 mbar. Other frequencies than 5 Hz "
-        "are ours"
+        "are chosen here"
     )
 
 

@@ -52,7 +52,7 @@ def figure_6_10(sheet: Sheet) -> None:
     share = 1.0 - np.polyfit(run.pressure[pressed] * BAR, run.true_normal_force[pressed], 1)[0] / area
     sheet.check("the springs bear less than 2 % of the further force [%]", 0.0 <= share < 0.02, 100 * share, "none")
     sheet.note(
-        "clearance, preload and stack stiffness are ours ([piston] of janssens2010.toml); the thesis draws the figure "
+        "clearance, preload and stack stiffness are chosen here ([piston] of janssens2010.toml); the thesis draws the figure "
         "without numbers. The controller follows no demand below 2 bar: the first 0.4 mm are not shown"
     )
 
@@ -134,7 +134,8 @@ def figure_6_11(sheet: Sheet) -> None:
     heated = run_ramp(nominal(piston_seal_friction__force=60.0), 1).average_plateaus(1000, 1.0)
     hot = _measure_hysteresis(heated)
     sheet.note(
-        f"60 N (0.106 bar of loop) and 5 um of travel are ours: the text gives no size. With the nominal cooling the oil "
+        f"60 N (0.106 bar of loop) and 5 um of travel are chosen here: the text gives no size. With the "
+        "nominal cooling the oil "
         f"heats by {heated.temperature[-1] - heated.temperature[0]:.0f} K on the way; the gap then "
         f"is {hot.min():.2f} to {hot.max():.2f} Nm, less because hot oil opens"
     )

@@ -114,9 +114,12 @@ def figure_6_15(sheet: Sheet) -> None:
                 (ripple.min(), ripple.max()), LINK_QUOTE)  # fmt: skip
     sheet.check("... and in phase within 5 deg [deg]", np.abs(turn).max() < 5.0, (turn.min(), turn.max()))
     least = [float(channel.coherence[up_to].min()) for channel in (pressure, torque)]
-    sheet.check("coherence with p_d up to 15 Hz, of p_cyl and of M, is above 0.98", min(least) > 0.98, least, "ours")
+    sheet.check(
+        "coherence with p_d up to 15 Hz, of p_cyl and of M, is above 0.98", min(least) > 0.98, least, "this project"
+    )
     sheet.note(
-        f"valve, line and gains are design values of ours (janssens2010.toml, controller.toml) for {THESIS_BANDWIDTH:g} Hz; "
+        f"valve, line and gains are design values of this project (janssens2010.toml, controller.toml) "
+        f"for {THESIS_BANDWIDTH:g} Hz; "
         "over the "
         f"controller as it runs, with the bus, they give {bandwidth:.2f} Hz"
     )

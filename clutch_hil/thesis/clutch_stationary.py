@@ -86,12 +86,13 @@ def compute_effective_line(name: str) -> tuple[float, float]:
 def note_springs(sheet: Sheet) -> None:
     """Note why the plant's values over cylinder pressure differ from those of the tables."""
     sheet.note(
-        f"the tables' pressure acts on the plates in our plant; over the pressure of the cylinder, which is measured, the "
+        f"the tables' pressure acts on the plates in the simulator's plant; over the pressure of the "
+        "cylinder, which is measured, the "
         f"return springs take {1.0 - stack_share(nominal()):.2%} of the rise (plant_sim/blocks/piston.py): the "
         "plant's values differ by it"
     )
     sheet.note(
-        "much oil (ours: 1e5 J/K, 1000 W/K) holds 70 degC within 0.1 K: the thesis says the parts had about 70 degC"
+        "much oil (chosen here: 1e5 J/K, 1000 W/K) holds 70 degC within 0.1 K: the thesis says the parts had about 70 degC"
     )
 
 

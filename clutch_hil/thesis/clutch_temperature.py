@@ -74,7 +74,8 @@ def figure_6_8(sheet: Sheet) -> None:
     )
     sheet.note("the runs end below 150 degC, where the controller's guard would open the clutch")
     sheet.note(
-        "the thesis names no speed; 200 rpm is ours, as in fig 6.11. Heat capacity and cooling are ours ([oil] of "
+        "the thesis names no speed; 200 rpm is chosen here, as in fig 6.11. Heat capacity and cooling "
+        "are chosen here ([oil] of "
         "janssens2010.toml)"
     )
 
@@ -177,7 +178,8 @@ def table_6_1(sheet: Sheet) -> None:
         make_row(sheet, name, values[i], half[i], plant[i], thesis)
     sheet.note("log is read to base 10: base e would give 2.3 times the slope of fig 6.8")
     sheet.note(
-        "our plant lets the temperature act on the viscous torque alone; at 3.4 bar and 200 rpm the whole torque then follows "
+        "the simulator's plant lets the temperature act on the viscous torque alone; at 3.4 bar and 200 "
+        "rpm the whole torque then follows "
         "eq. 6.3 (oil.viscous_gain of janssens2010.toml is chosen so), at other pressures only nearly"
     )
 

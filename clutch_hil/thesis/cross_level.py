@@ -202,7 +202,7 @@ def _pool_errors(errors: Array) -> float:
 
 @reproduces(
     "cross-level",
-    "Ours: XGMS identified on asperities with oil films predicts motions it has not seen",
+    "This project: XGMS identified on asperities with oil films predicts motions it has not seen",
     claim="identified on slow loops, one sine and steady friction at two loads, XGMS predicts every held-out motion better "
     "than Coulomb and LuGre, also under another and a moving load",
 )

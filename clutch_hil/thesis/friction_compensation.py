@@ -135,7 +135,8 @@ def figure_5_10(sheet: Sheet) -> None:
         "friction where the springs of the contact ask for little; the thesis does not say so"
     )
     sheet.note(
-        "no numbers of an axis stand in the thesis; ours are in parameters/position_axis.toml. The same PID for all, tuned to "
+        "no numbers of an axis stand in the thesis; those chosen here are in "
+        "parameters/position_axis.toml. The same PID for all, tuned to "
         "a peak sensitivity of 2; every model identified from one noisy run, Coulomb from its sliding samples, which suits "
         "it best, all with the mass that the best fit found"
     )
@@ -158,7 +159,8 @@ def _make_other_frictions() -> dict[str, FrictionModel]:
 @reproduces(
     "compensation",
     "Friction feedforward when the true friction is of another family",
-    claim="ours: what compensates best, in the mean of the tasks, depends on the true friction; on a table that truly is "
+    claim="this project: what compensates best, in the mean of the tasks, depends on the true friction; "
+    "on a table that truly is "
     "LuGre, LuGre does",
 )
 def compensation(sheet: Sheet) -> None:

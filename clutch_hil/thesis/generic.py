@@ -21,7 +21,8 @@ MASS = 0.008  # of all asperities together; chosen: at full speed impacts are up
 # step and recess; chosen: the stroke passes five, and a break-away deflection (0.02) is short beside a step
 PITCH = 0.2
 OWN_VALUES_NOTE = (
-    f"the thesis gives N, N_w, fill degree, amplitude and duration; ours: load {LOAD}, mu {FRICTION.mu_0} to {FRICTION.mu_inf} "
+    f"the thesis gives N, N_w, fill degree, amplitude and duration; chosen here: load {LOAD}, mu "
+    f"{FRICTION.mu_0} to {FRICTION.mu_inf} "
     f"with tau {FRICTION.tau}, mean pitch {PITCH}, mass of all asperities {MASS}, roughness 0.05, nu 0.3, total k_t 1"
 )
 DT = 1e-3  # sampling step; chosen: 6283 samples a cycle at 1 rad/s
@@ -170,7 +171,9 @@ def figure_2_6(sheet: Sheet) -> None:
         np.ptp(flat_peaks),
         "due to the stick-time-dependent coefficient",
     )
-    sheet.note('the thesis\'s profile is "different", one without velocity strengthening, and not given; ours is flat')
+    sheet.note(
+        'the thesis\'s profile is "different", one without velocity strengthening, and not given; the one chosen here is flat'
+    )
     sheet.note(
         "the body is moved at constant velocity; the rate is that velocity times the stiffness of the contact at rest"
     )

@@ -70,7 +70,7 @@ def figure_1_9(sheet: Sheet) -> None:
     sheet.check("friction accelerating is above friction decelerating at every speed, 0.15 to 0.95 m/s [N]", min(above) > 0.0,
                 above, "hysteresis with higher friction accelerating")  # fmt: skip
     sheet.check("the loop at x16 is wider than the reference", areas[1] > areas[0], areas, "other results")
-    sheet.note("F_S = 1 N, beta = 0.5, V_S = 0.1 m/s, C = 10 N/s, sine of 0.02, 0.32 and 2 Hz (ours; the thesis shows "
+    sheet.note("F_S = 1 N, beta = 0.5, V_S = 0.1 m/s, C = 10 N/s, sine of 0.02, 0.32 and 2 Hz (chosen here; the thesis shows "
                "the factors only)")  # fmt: skip
 
 
@@ -149,7 +149,7 @@ def figure_5_4(sheet: Sheet) -> None:
     after = float(force[top:quarter].min())
     sheet.check("friction falls from its break-away peak by more than 10 % while the speed grows", after < 0.9 * force[top],
                 [force[top], after], "peak, then lower")  # fmt: skip
-    sheet.note("values arbitrary, as in the thesis; ours reach its axes: 0.7 in v and about 10 in F_f")
+    sheet.note("values arbitrary, as in the thesis; those chosen here reach its axes: 0.7 in v and about 10 in F_f")
 
 
 FREQUENCIES = (0.5, 1.0, 2.0, 5.0, 10.0)  # Hz, of fig 5.9
@@ -209,5 +209,6 @@ def figure_5_9(sheet: Sheet) -> None:
             ratios,
             "higher accelerating",
         )
-    sheet.note("left: as fig 2.13 (sigma = 5e-9 Pa, no mass); right: beta = 0.4, V_S = 0.8, sigma_v = 0.12, C = 15 1/s (ours, "
+    sheet.note("left: as fig 2.13 (sigma = 5e-9 Pa, no mass); right: beta = 0.4, V_S = 0.8, sigma_v = "
+        "0.12, C = 15 1/s (chosen here, "
                "'arbitrary' in the thesis)")  # fmt: skip

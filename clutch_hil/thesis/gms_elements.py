@@ -89,7 +89,8 @@ def elements(sheet: Sheet) -> None:
     )
     sheet.note(
         "truth: 200 elements on a smooth virgin curve x/(x + x_0) up to 60 um; break points and limits of N elements fitted to "
-        "that curve, judged on other motions; the same Stribeck curve and C for all (ours; Tjahjowidodo fitted measurements)"
+        "that curve, judged on other motions; the same Stribeck curve and C for all (chosen here; "
+        "Tjahjowidodo fitted measurements)"
     )
 
 

@@ -85,6 +85,6 @@ def figure_4_17(sheet: Sheet) -> None:
     )
     sheet.check("tips that touch without a film: none at the highest speed", dry[-1] == 0.0, dry[[0, -1]],
                 "the number of contacting asperities decreases")  # fmt: skip
-    sheet.note("the figure is a drawing without numbers. Ours: 200 tips on a flat surface, mu 0.15, film as in"
+    sheet.note("the figure is a drawing without numbers. Chosen here: 200 tips on a flat surface, mu 0.15, film as in"
                " figure-2.25; h is the film under a tip in heights of its own step, not the gap of two rough bodies"
                " that figure 4.17 compares with R")  # fmt: skip

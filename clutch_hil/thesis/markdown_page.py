@@ -13,8 +13,9 @@ PICTURES = PAGE.with_suffix("")  # folder of the pictures that the page shows
 PICTURED_ENTRIES = ("figure-6.14", "figure-6.15", "table-6.6")
 
 _INTRODUCTION = """
-A claim is what the thesis says about a figure or table, checked by running it; 'ours' are claims of this project. Each entry
-prints its checks with what was measured, what the thesis gives, and what had to be chosen because the thesis does not give it.
+A claim is what the thesis says about a figure or table, checked by running it. 'This project' marks claims that are not the
+thesis's. Each entry prints its checks with what was measured, what the thesis gives, and what had to be chosen because the
+thesis does not give it.
 Chapter 6 is measured over the controller as it runs, which is asked for pressures or torques frame by frame.
 The fits of figure-5.10, compensation and microtribometer end elsewhere where a processor rounds otherwise: without AVX2 and FMA
 their numbers differ by up to 13 %, and XGMS misses the unloading by 0.073 N.

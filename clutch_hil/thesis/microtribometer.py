@@ -234,7 +234,7 @@ def compare_candidates(
 
 @reproduces(
     "microtribometer",
-    "Ours: every model on a measured contact, held-out half",
+    "This project: every model on a measured contact, held-out half",
     claim="every model of the Maxwell-slip family predicts cycles it has not seen to 0.12 N of 2.4 N, and unloading with XGMS "
     "alone; 4 elements are nearly as good as 10 (Janssens 2010, sec. 5.5)",
 )
@@ -252,17 +252,19 @@ def microtribometer(sheet: Sheet) -> None:
     others = [score.unloading for name, score in scores.items() if not name.startswith("XGMS")]
     xgms = scores["XGMS, 2 elements"]
     sheet.check(
-        "largest held-out error of ours [N], at most 0.12", max(family.values()) <= REQUIRED_ERROR, max(family.values())
+        "largest held-out error of this library's models [N], at most 0.12",
+        max(family.values()) <= REQUIRED_ERROR,
+        max(family.values()),
     )
     few = family[FOUR] / family[TEN]
     sheet.check("held-out error with 4 elements over that with 10: at most 1.02", few <= 1.02, few, "not significant")
     sheet.check(
-        f"held-out error of the best of ours ({best}) below that of Dahl's model [N]",
+        f"held-out error of the best model of this library ({best}) below that of Dahl's model [N]",
         family[best] < scores["Dahl"].held_out,
         [family[best], scores["Dahl"].held_out],
     )
     sheet.check(
-        "held-out error of Coulomb friction at least 8 times that of ours [N]",
+        "held-out error of Coulomb friction at least 8 times that of this library's models [N]",
         scores["Coulomb"].held_out >= 8.0 * family[best],
         scores["Coulomb"].held_out,
     )
@@ -302,7 +304,7 @@ def _draw(sheet: Sheet, record: Record, scores: dict[str, Score]) -> None:
     errors.axvline(REQUIRED_ERROR, color=REFERENCE_COLOUR, ls="--", lw=1.0)
     errors.set_xscale("log")
     errors.set_xlim(0.05, 3.0)
-    label(errors, "held-out RMS error [N], 0.12 N dashed", "", "cycles 26 to 50 (blue: ours)")
+    label(errors, "held-out RMS error [N], 0.12 N dashed", "", "cycles 26 to 50 (blue: this library)")
 
 
 _DRAWN_MODELS = ("Coulomb", "Dahl", "Maxwell-slip, 2 elements", "XGMS, 2 elements")

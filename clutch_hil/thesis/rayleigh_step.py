@@ -271,5 +271,6 @@ def figure_2_18(sheet: Sheet) -> None:
     sheet.check("rms relative distance from the Stribeck curve falls with omega", is_rising(np.negative(distances)),
                 distances, "closer")  # fmt: skip
     sheet.check("at 1e-11 Hz it is below 1 %", distances[-1] < 0.01, distances[-1], "steady state solution")
-    sheet.note("W = 1 Pa, f = 1, sigma = 12 eta (L/dh)^2 omega with eta (L/dh)^2 = 0.1 Pa s (ours; at 1 Pa s the distance "
+    sheet.note("W = 1 Pa, f = 1, sigma = 12 eta (L/dh)^2 omega with eta (L/dh)^2 = 0.1 Pa s (chosen here; at 1 Pa s the "
+        "distance "
                "at 1e-11 Hz is 2.5 %, as it is here at 1e-10 Hz: only sigma matters)")  # fmt: skip

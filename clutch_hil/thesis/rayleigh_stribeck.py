@@ -80,7 +80,7 @@ def figure_5_7(sheet: Sheet) -> None:
     sheet.check("the power of the fit differs between the ranges", abs(powers[0] - powers[1]) > 0.01, powers,
                 "chosen in function of the range")  # fmt: skip
     sheet.note(
-        "v = (Lambda - Lambda_0)/1 Pa from 0.2, our reading: the curve has its asymptote at 0. Over v = Lambda/1 Pa, with the "
+        "v = (Lambda - Lambda_0)/1 Pa from 0.2, as read here: the curve has its asymptote at 0. Over v = Lambda/1 Pa, with the "
         "asymptote at 0.8, the same function misses by 0.6 to 5.5 % of the range, depending on where the fit begins"
     )
 

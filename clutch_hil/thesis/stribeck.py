@@ -58,7 +58,8 @@ def figure_1_7(sheet: Sheet) -> None:
     )
     sheet.check("odd", bool(np.array_equal(curve(-SPEED), -force)), "F(-v) = -F(v)", "sign(v)")
     sheet.note(
-        "F_S and F_C stand between 1 and 2 on the figure's axis; 1.5, 1.05, V_S = 0.02, C_v = 0.7 and gamma = 1 are ours. "
+        "F_S and F_C stand between 1 and 2 on the figure's axis; 1.5, 1.05, V_S = 0.02, C_v = 0.7 and gamma = 1 are "
+        "chosen here. "
         "exp(-V_S/|v|) falls late: at V_S 37 % of the fall is done, at 10 V_S 90 %"
     )
     sheet.note(
@@ -104,7 +105,7 @@ def figure_5_2(sheet: Sheet) -> None:
     sheet.check("a larger sigma_v gives more friction at every speed; S(1) [N]", rising, ends, "grows")
     spread = float(np.ptp(coulomb(SPEED)))
     sheet.check("v_s infinite, sigma_v 0: difference over all speeds [N]", spread == 0.0, spread, "0, Coulomb")
-    sheet.note("the ranges are the thesis's; F_s = 1 N, a_1 = 2 and gamma = 1 are ours")
+    sheet.note("the ranges are the thesis's; F_s = 1 N, a_1 = 2 and gamma = 1 are chosen here")
 
 
 @reproduces(
@@ -129,4 +130,4 @@ def figure_5_3(sheet: Sheet) -> None:
     sheet.check("S/F_s of all six, apart at most [-]", spread < 1e-12, spread, "one curve")
     minima = [float(SPEED[np.argmin(curve(SPEED))]) for curve in curves]
     sheet.check("speed of the minimum [m/s]", float(np.ptp(minima)) < 1e-12, minima, "the same")
-    sheet.note("the range of F_s is the thesis's; a_1 = 2, v_s = 0.05 m/s, sigma_v = 0.3 and gamma = 1 are ours")
+    sheet.note("the range of F_s is the thesis's; a_1 = 2, v_s = 0.05 m/s, sigma_v = 0.3 and gamma = 1 are chosen here")

@@ -70,7 +70,9 @@ def _fit_and_check(sheet: Sheet, axes: Axes, data: Data, colour: str, near: floa
     axes.plot(fine, DEPTH.evaluate(fine, *simplex.values.values()), color=colour, lw=1.5)
     axes.plot(fine, DEPTH.evaluate(fine, *bounded.values), ":", color=REFERENCE_COLOUR, lw=1)
     off = data.compute_error(bounded.values)
-    sheet.check(f"{data.name}: fitted curve off the shape, RMS by its range", off < near, off, f"(ours) below {near:g}")
+    sheet.check(
+        f"{data.name}: fitted curve off the shape, RMS by its range", off < near, off, f"(this project) below {near:g}"
+    )
     apart = abs(simplex.rmse / bounded.rmse - 1.0)
     sheet.check(
         f"{data.name}: RMSE of Nelder-Mead and of least squares, relative difference", apart < 1e-4, apart, "below 1e-4"
@@ -124,7 +126,9 @@ def figure_5_5(sheet: Sheet) -> None:
     ]
     sheet.check("exp. 2, right, with 60 and with 10 points: off the shape, RMS by its range, mean of 20 draws",
                 offs[1] > offs[0], offs, "fewer points, less good")  # fmt: skip
-    sheet.note("points are ours, from shapes of other authors, scatter 0.008 and 0.002, within the axes of the figure")
+    sheet.note(
+        "points are chosen here, from shapes of other authors, scatter 0.008 and 0.002, within the axes of the figure"
+    )
 
 
 @reproduces(
@@ -139,13 +143,14 @@ def figure_5_6(sheet: Sheet) -> None:
     _fit_and_check(sheet, axes, Data("X table", v, hess_soom, (172.0, 75.0, 5.0, 0.7), 2.0, 5), "tab:blue")
     label(axes, "v [mm/s]", "F_f [N]")
     _format_legend(axes, "tab:blue")
-    sheet.note("30 points are ours, from Hess and Soom's shape with scatter 2 N, within the axes of the figure")
+    sheet.note("30 points are chosen here, from Hess and Soom's shape with scatter 2 N, within the axes of the figure")
 
 
 @reproduces(
     "stribeck-fit",
     "Nelder-Mead against bounded least squares, eq 4.1",
-    claim="(ours) both find the same curve; least squares takes fewer evaluations, and its 95 % intervals hold in 90 to 99 %",
+    claim="(this project) both find the same curve; least squares takes fewer evaluations, "
+    "and its 95 % intervals hold in 90 to 99 %",
 )
 def stribeck_fit(sheet: Sheet) -> None:
     """Fit 200 noisy draws of one known curve both ways, and once the curve of the clutch."""

@@ -94,7 +94,7 @@ def figure_4_1(sheet: Sheet) -> None:
         " and a little ringing of the structure on top. A roughness of 5 um gives 3.00 to 2.62 Nm over the six accelerations"
     )
     sheet.note(
-        "the thesis gives neither accelerations nor torques; accelerations, creep time 0.2 s and roughness are ours"
+        "the thesis gives neither accelerations nor torques; accelerations, creep time 0.2 s and roughness are chosen here"
     )
 
 
@@ -147,7 +147,7 @@ def figure_4_3(sheet: Sheet) -> None:
         " (lubricated.viscous = 0) the differences are 1 and 7 mNm, within the noise"
     )
     sheet.note(
-        "load of 80 N and levels of the inner reversals are ours. In oil the command is 0.4 of it, or the contact would"
+        "load of 80 N and levels of the inner reversals are chosen here. In oil the command is 0.4 of it, or the contact would"
         " slide"
     )
     sheet.note(
@@ -300,7 +300,7 @@ def figure_4_7(sheet: Sheet) -> None:
         "no stick-slip at any of these loads and speeds in oil", not wet.any(), int(wet.sum()), "will not occur"
     )
     sheet.note(
-        "stiffness (100 Nm/rad) and damping (5.8 Nm s/rad) of the drive are ours: the damping puts the critical speed"
+        "stiffness (100 Nm/rad) and damping (5.8 Nm s/rad) of the drive are chosen here: the damping puts the critical speed"
         " at 75 N between 13.74 and 20 mrad/s. That it is higher at 87 N is predicted, and so is how far the torque"
         " falls, to 1.06 and 1.18 Nm"
     )

@@ -26,11 +26,12 @@ AMPLITUDES = (0.01, 0.02, 0.03, 0.04, 0.05, 0.06)  # V, figs 3.11 and 3.12
 HIGH_AMPLITUDE = 0.12  # V; chosen: so high that the response should be near the mass line
 TORQUES = ("motor torque", "dynamometer torque")
 GAIN_NOTE = (
-    "the thesis gives no torque for a volt and does not say whose amplitude A is; ours: 2 Nm/V, A for each of the 500 lines,"
+    "the thesis gives no torque for a volt and does not say whose amplitude A is; chosen: 2 Nm/V, A for each of the 500 lines,"
     " so that 0.015 V are 0.47 Nm effective, under half the break-away torque at the own weight"
 )
 CONTACT_NOTE = (
-    "ours: Maxwell-slip contact of 12 equal springs, 1e-4 rad to gross sliding, friction coefficient of eq 4.2 from 0.25 at"
+    "chosen here: Maxwell-slip contact of 12 equal springs, 1e-4 rad to gross sliding, friction coefficient of eq 4.2 "
+    "from 0.25 at"
     " 50 N to 0.11 at 1100 N. Calibrated: 222 Hz of the table alone, 170 Hz at 1400 N in pre-sliding. The rest is predicted"
 )
 
@@ -190,7 +191,7 @@ def figure_3_11(sheet: Sheet) -> None:
         " approximation is a damper, and theta/T tends to -20 dB/decade. A mass line needs the motor's torque as input; indeed"
         " the corners of the axes of figs 3.9 and 3.11 (0 dB at 1 Hz, -120 dB at 1 kHz) lie on a mass line of 0.025 kg m^2"
     )
-    sheet.note(f"{HIGH_AMPLITUDE:g} V is ours, to see the limit")
+    sheet.note(f"{HIGH_AMPLITUDE:g} V is chosen here, to see the limit")
     sheet.note(GAIN_NOTE)
     sheet.note(CONTACT_NOTE)
 
@@ -214,6 +215,6 @@ def figure_3_12(sheet: Sheet) -> None:
         slopes[0] > -10.0 and slopes[-1] < -35.0, measured=slopes, thesis="from 0 to -40",
     )  # fmt: skip
     sheet.note(
-        "the thesis gives no amplitudes of the sines; ours have the effective value of the multisine of the same A"
+        "the thesis gives no amplitudes of the sines; those chosen here have the effective value of the multisine of the same A"
     )
     sheet.note(CONTACT_NOTE)

@@ -91,11 +91,11 @@ def figure_4_5(sheet: Sheet) -> None:
     layer = _run_cross(Contacts(values.with_values({"film.share": 0.0}), 7).lubricated(OWN_WEIGHT), OWN_WEIGHT, FAST)[1]
     sheet.check(
         "with the lift-up lagging alone (beta = 1) they do not cross: accelerating is higher [mNm]",
-        bool(lifting.min() > -NOISE), 1e3 * lifting, "ours: which mechanism?",
+        bool(lifting.min() > -NOISE), 1e3 * lifting, "this project: which mechanism?",
     )  # fmt: skip
     sheet.check(
         "with the friction lagging alone (no lift-up) they do not cross: accelerating is lower [mNm]",
-        bool(layer.max() < NOISE), 1e3 * layer, "ours: related to the normal dynamic effect",
+        bool(layer.max() < NOISE), 1e3 * layer, "this project: related to the normal dynamic effect",
     )  # fmt: skip
     sheet.note(
         "the thesis leaves the crossing to further investigation. One lag of first order that follows a function which"
@@ -105,7 +105,7 @@ def figure_4_5(sheet: Sheet) -> None:
         " at which speed is not told by the thesis"
     )
     sheet.note(
-        "beta, v_s and the film's share (0.3 of the load), speed and rate are ours, chosen so that both are seen within"
+        "beta, v_s and the film's share (0.3 of the load), speed and rate are chosen here so that both are seen within"
         " 0.65 rad/s"
     )
 
@@ -156,7 +156,7 @@ def figure_4_11(sheet: Sheet) -> None:
     )
     sheet.note("runout of 3.5 um and lift-up of 1 um are put into the rig; both are found again through the three noisy"
                " gap sensors, whose ring is tilted by 5 um: their mean does not see that")  # fmt: skip
-    sheet.note("the step of 0.05 rad/s is ours: the reference near standstill")
+    sheet.note("the step of 0.05 rad/s is chosen here: the reference near standstill")
 
 
 @reproduces(

@@ -26,7 +26,7 @@ LINE = 0.1
 FRICTION = MaxwellSlip(np.array([2e6]), np.array([10.0]))
 CONTACT_NOTE = (
     "calibrated: Hertz's exponent and 15 um from 50 to 1100 N (fig 4.12) for the contact; 186 Hz (first, own weight) and 288 Hz"
-    " (second, 1200 N) for the springs k_d and k_eff. Ours: m_1 = 8 kg, m_2 = 4.5 kg; m_2 + m_3 are the own weight"
+    " (second, 1200 N) for the springs k_d and k_eff. Chosen here: m_1 = 8 kg, m_2 = 4.5 kg; m_2 + m_3 are the own weight"
 )
 
 
@@ -226,7 +226,8 @@ def figure_4_13(sheet: Sheet) -> None:
         standing_out[0] < 0.8 * standing_out[1], measured=standing_out, thesis="less obvious at 280 N",
     )  # fmt: skip
     sheet.note(
-        "ours is the lift-up of 1 um at any load (fig 4.11 tells it for the highest load alone); one that grows with the load"
+        "the simulator's lift-up is 1 um at any load (fig 4.11 tells it for the highest load alone); one that grows "
+        "with the load"
         " would explain that speed shows less at 280 N, but the thesis gives no measure of it"
     )
     sheet.note(

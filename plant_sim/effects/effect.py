@@ -173,7 +173,7 @@ class Effect:
         fields = [(s.name, np.float64, (s.size,)) if s.size > 1 else (s.name, np.float64) for s in self.states]
         return np.dtype(fields or [("none", np.float64)])
 
-    def declared(self) -> dict[str, Parameter]:
+    def declare_parameters(self) -> dict[str, Parameter]:
         """Parameters by dotted name, at the values at which the effect is off."""
         by_name = {f"{self.name}.{p.name}": p for p in self.parameters}
         return {name: Parameter(name, p.off, p.unit, 0.0, p.bounds, p.source) for name, p in by_name.items()}

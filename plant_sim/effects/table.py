@@ -55,7 +55,7 @@ class Table(NamedTuple):
         return moved
 
 
-def switched_on(parameters: ParameterSet) -> tuple[str, ...]:
+def list_active_effects(parameters: ParameterSet) -> tuple[str, ...]:
     """Names of the effects that `parameters` switch on: a strength of each is not at its `off`."""
     return tuple(e.name for e in effects().values() if _active(e, parameters) is not NONE)
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from plant_sim.effects.catalogue import effects
-from plant_sim.effects.table import switched_on
+from plant_sim.effects.table import list_active_effects
 from plant_sim.node.injection import Injection, effect_on, injection_from_request
 from plant_sim.node.interface import Interface
 from plant_sim.node.plant_record import COLUMNS, note_sample
@@ -136,7 +136,7 @@ class PlantNode(Interface):
         line.discard_used(count)
         return sent == 0
 
-    def fixed(self, name: str) -> str | None:
+    def explain_fixed(self, name: str) -> str | None:
         """Return why a parameter cannot change while the plant runs; None when it can."""
         if name.partition(".")[0] == "sensors":
             return f"parameter {name} is fixed while the plant runs: its data acquisition is set up at the start"
@@ -202,7 +202,7 @@ class PlantNode(Interface):
 
     def _check_free(self, injection: Injection) -> None:
         """Raise InputError for a parameter that cannot change while the plant runs."""
-        if reasons := [reason for name in injection.values if (reason := self.fixed(name))]:
+        if reasons := [reason for name in injection.values if (reason := self.explain_fixed(name))]:
             raise InputError(reasons[0])
 
     def _list_planned(self, injection: Injection, times: Sequence[float]) -> list[dict[str, Any]]:
@@ -286,5 +286,5 @@ RIG = PlantRig(
     node=PlantNode,
     nominal=wet_clutch.nominal,
     load_profile=load_profile,
-    switched_on=switched_on,
+    list_active_effects=list_active_effects,
 )

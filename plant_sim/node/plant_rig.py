@@ -26,18 +26,25 @@ class PlantRig:
 
     `node` is the class of its node, constructed and stepped as `PlantNode`. `nominal(path)` returns its parameters with all
     effects off, changed by the user's file at `path` if given. `load_profile(name, seconds)` returns a profile, cut or repeated
-    to `seconds` [s] unless None; it raises InputError. `switched_on(parameters)` lists the effects that are on. `clutches` are
-    the names of two clutches: each has a controller, and its parameters begin with its name. It is empty for one clutch.
-    `not_blind` is the reason why the plant cannot run blind; empty when it can.
+    to `seconds` [s] unless None; it raises InputError. `list_active_effects(parameters)` lists the effects that are on.
+    `clutches` are the names of two clutches: each has a controller, and its parameters begin with its name. It is empty
+    for one clutch. `not_blind` is the reason why the plant cannot run blind; empty when it can.
     """
 
     name: str
     node: Any
     nominal: Callable[[Path | None], ParameterSet]
     load_profile: Callable[[str, float | None], RigProfile]
-    switched_on: Callable[[ParameterSet], Sequence[str]]
+    list_active_effects: Callable[[ParameterSet], Sequence[str]]
     clutches: tuple[str, ...] = ()
     not_blind: str = ""
+
+    def __post_init__(self) -> None:
+        """Raise InputError for a node whose class is from before a method was renamed."""
+        if hasattr(self.node, "fixed") and not hasattr(self.node, "explain_fixed"):
+            raise InputError(
+                f"node of the rig {self.name} lacks explain_fixed; its method fixed() is called explain_fixed() now"
+            )
 
     @property
     def controllers(self) -> dict[str, str | None]:

@@ -104,7 +104,7 @@ class PowerShiftNode(Interface):
         parts = zip(CLUTCHES, self._schedules, strict=True)
         return [change for clutch, schedule in parts for change in self._describe_changes(schedule.planned, clutch)]
 
-    def fixed(self, name: str) -> str | None:
+    def explain_fixed(self, name: str) -> str | None:
         """Return why a parameter cannot change while the plant runs; None when it can."""
         group, _, rest = name.partition(".")
         part = rest.partition(".")[0] if group in CLUTCHES else group
@@ -157,7 +157,7 @@ class PowerShiftNode(Interface):
     def _check_free(self, values: Mapping[str, float]) -> None:
         """Raise InputError for impossible values, and for parameters that cannot change while the plant runs."""
         self._initial_parameters.with_values(values)
-        if reasons := [reason for name in values if (reason := self.fixed(name))]:
+        if reasons := [reason for name in values if (reason := self.explain_fixed(name))]:
             raise InputError(reasons[0])
 
     def _advance(self, duration: float, substeps: int) -> None:
@@ -222,7 +222,7 @@ RIG = PlantRig(
     node=PowerShiftNode,
     nominal=power_shift.nominal,
     load_profile=load_shift_profile,
-    switched_on=power_shift.switched_on,
+    list_active_effects=power_shift.list_active_effects,
     clutches=CLUTCHES,
     not_blind="a run of two clutches cannot be blind: it is judged by the true output torque, which no sensor shows",
 )

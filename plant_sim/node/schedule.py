@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from plant_sim.effects.table import switched_on
+from plant_sim.effects.table import list_active_effects
 from plant_sim.node.injection import Injection
 from plant_sim.rigs.wet_clutch import Rig
 from protocols.errors import InputError
@@ -55,7 +55,7 @@ class RampSegment:
 
     def __init__(self, begin: float, end: float, first: ParameterSet, last: ParameterSet) -> None:
         self.begin, self.end = begin, end
-        self.rig = Rig(first, switched_on(last))
+        self.rig = Rig(first, list_active_effects(last))
         goal = Rig(last, self.rig.table.names)
         self._numbers = self.rig.record.view(np.float64), self.rig.table.values
         self._start = [numbers.copy() for numbers in self._numbers]

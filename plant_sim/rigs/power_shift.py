@@ -26,7 +26,7 @@ from numba import njit
 from plant_sim.blocks import motor, oil
 from plant_sim.effects.catalogue import effect
 from plant_sim.effects.signals import DRIVE, RIG, SENSORS, SIGNALS, bind_laws, call, has_law, set_known
-from plant_sim.effects.table import switched_on as effects_on
+from plant_sim.effects.table import list_active_effects as effects_on
 from plant_sim.rigs import wet_clutch
 from plant_sim.rigs.clutch_unit import actuate, friction_pressure, slide, stack_force, viscosity_ratio
 from plant_sim.rigs.standstill import nearly_at_rest, torque_capacity
@@ -105,7 +105,7 @@ def of_clutch(values: Mapping[str, T], clutch: str) -> dict[str, T]:
     }
 
 
-def switched_on(parameters: ParameterSet) -> list[str]:
+def list_active_effects(parameters: ParameterSet) -> list[str]:
     """Effects that are on, as `a.friction_level`."""
     return [f"{clutch}.{name}" for clutch in CLUTCHES for name in effects_on(clutch_parameters(parameters, clutch))]
 

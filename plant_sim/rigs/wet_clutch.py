@@ -79,7 +79,9 @@ def nominal(changed: Path | None = None) -> ParameterSet:
     own = load_defaults(DEFAULTS)
     if taken := {name.partition(".")[0] for name in own} & set(catalogue()):
         raise InputError(f"effect {min(taken)} has the name of a group of the rig's own parameters; give it another")
-    declared = {name: parameter for effect in catalogue().values() for name, parameter in effect.declared().items()}
+    declared = {
+        name: parameter for effect in catalogue().values() for name, parameter in effect.declare_parameters().items()
+    }
     shipped = ParameterSet({**own, **declared})
     return load_overlay(changed, shipped, rig="wet_clutch") if changed else shipped
 

@@ -21,7 +21,7 @@ class Tunable(Protocol):
         """The present parameters."""
         ...
 
-    def fixed(self, name: str) -> str | None:
+    def explain_fixed(self, name: str) -> str | None:
         """Why a parameter cannot be changed while the node runs; None when it can."""
 
     def tune(self, values: Mapping[str, float]) -> None:
@@ -68,7 +68,7 @@ def describe_parameters(node: Tunable, shipped: ParameterSet) -> list[dict[str, 
             "source": parameter.source,
             "default": shipped[name].value,
             "uncertainty": parameter.uncertainty,
-            "fixed": node.fixed(name),
+            "fixed": node.explain_fixed(name),
         }
         for name, parameter in node.parameters.items()
     ]
@@ -124,7 +124,7 @@ class Tuning:
 
     def _change_now(self, values: Mapping[str, float], row: int) -> list[dict[str, Any]]:
         before = self._node.parameters
-        if reasons := [reason for name in values if (reason := self._node.fixed(name))]:
+        if reasons := [reason for name in values if (reason := self._node.explain_fixed(name))]:
             raise InputError(reasons[0])
         self._node.tune(values)
         after = self._node.parameters

@@ -176,7 +176,7 @@ class ControllerNode:
             self.check_sent(-code)
         return [frame for frame in frames if frame.can_id not in self._early]
 
-    def fixed(self, name: str) -> str | None:
+    def explain_fixed(self, name: str) -> str | None:
         """Return why a parameter cannot change while the controller runs; None when it can."""
         if name.partition(".")[0] == "guard":
             return f"parameter {name} is fixed while the controller runs: the guard's limits are set at the start"

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import typer
 from typer.testing import CliRunner
 
 from benchmarks.battery.rivals import gaussian_process
@@ -12,7 +11,9 @@ from benchmarks.battery.rivals.__main__ import main
 from benchmarks.battery.rivals.features import compute_features
 from benchmarks.battery.rivals.residuals import INPUTS, OUTPUTS, PERIOD, ResidualData
 from benchmarks.battery.rivals.verdict_limits import answer_by_limits, tune_limits
+from clutch_hil.command import make_command
 from clutch_hil.discrepancy.result import NAMED, NONE_OF_THESE, NOTHING
+from protocols.errors import InputError
 from tests import needs
 
 TORQUE, PRESSURE = OUTPUTS.index("clutch_torque_nm"), OUTPUTS.index("cylinder_pressure_bar")
@@ -128,10 +129,7 @@ def test_limits_are_learned_from_null_and_unknown_cases():
     ],
 )
 def test_wrong_input_is_told_in_a_sentence(arguments: list[str], message: str, tmp_path: Path):
-    app = typer.Typer()
-    app.command()(main)
-    result = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path)])
-    assert result.exit_code == 2
-    assert result.output.startswith("error: ")
-    assert message in result.output
+    refused = CliRunner().invoke(make_command(main), [*arguments, "--out", str(tmp_path)]).exception
+    assert isinstance(refused, InputError)
+    assert message in str(refused)
     assert list(tmp_path.iterdir()) == []

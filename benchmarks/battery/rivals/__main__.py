@@ -21,6 +21,8 @@ from benchmarks.battery.score import Answer, find_family, list_hidden_names, sco
 from benchmarks.battery.table import format_measures
 from benchmarks.battery.validity import format_engine_name
 from clutch_hil.bench.progress import progress_bar
+from clutch_hil.bench.recording import make_writable
+from clutch_hil.command import run_command, verdict
 from clutch_hil.discrepancy.result import NONE_OF_THESE, NOTHING
 from protocols.errors import InputError, closest
 
@@ -54,22 +56,18 @@ def main(
     keeping: Annotated[bool, typer.Option("--keep", help="keep the answers, for the repository")] = False,
 ) -> None:
     """Run other methods on single effects, null cases and unknown effects."""
-    try:
-        if method not in (*METHODS, "all"):
-            raise InputError(f"method {method!r} is unknown; {closest(method, (*METHODS, 'all'))}")
-        names = {
-            split_name: [c.name for c in select_cases(split_name, FAMILIES, quick, only or [])]
-            for split_name in dict.fromkeys(("development", split))
-        }
-        if empty := [split_name for split_name, ones in names.items() if not ones]:
-            raise InputError(f"no case of the split {empty[0]} is like {', '.join(only or [])}; both splits need some")
-        methods = METHODS if method == "all" else (method,)
-        if lacking := [name for rival, name in _PACKAGES.items() if rival in methods and find_spec(name) is None]:
-            raise InputError(f"package {lacking[0]} is not installed; pip install -e '.[battery]' brings it")
-    except InputError as error:
-        typer.echo(f"error: {error}", err=True)
-        raise typer.Exit(2) from None
-    folder = out / format_engine_name()
+    if method not in (*METHODS, "all"):
+        raise InputError(f"method {method!r} is unknown; {closest(method, (*METHODS, 'all'))}")
+    names = {
+        split_name: [c.name for c in select_cases(split_name, FAMILIES, quick, only or [])]
+        for split_name in dict.fromkeys(("development", split))
+    }
+    if empty := [split_name for split_name, ones in names.items() if not ones]:
+        raise InputError(f"no case of the split {empty[0]} is like {', '.join(only or [])}; both splits need some")
+    methods = METHODS if method == "all" else (method,)
+    if lacking := [name for rival, name in _PACKAGES.items() if rival in methods and find_spec(name) is None]:
+        raise InputError(f"package {lacking[0]} is not installed; pip install -e '.[battery]' brings it")
+    folder = make_writable(out / format_engine_name())
     for rival in methods:
         answers_by_split: dict[str, list[Answer]] = {}
         for split_name, case_names in names.items():
@@ -94,8 +92,8 @@ def main(
         typer.echo(f"{rival}: {limits}\n{format_measures(score_names(answers))}")
         if keeping:
             typer.echo(f"wrote:   {keep_answers(answers, folder.name, f'{rival}-{split}')}")
-    typer.echo("verdict: done")
+    verdict("done")
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    run_command(main)

@@ -48,7 +48,9 @@ def declare_parameters(model: Model) -> ParameterSet:
     """Parameters of a model as shipped, with every effect off: what a model file may change."""
     if hasattr(model, "nominal"):
         return ParameterSet(model.nominal())
-    return ParameterSet({**model.parameters, **{n: p for c in model.candidates for n, p in c.declared().items()}})
+    return ParameterSet(
+        {**model.parameters, **{n: p for c in model.candidates for n, p in c.declare_parameters().items()}}
+    )
 
 
 def required_columns(model: Model) -> tuple[str, ...]:

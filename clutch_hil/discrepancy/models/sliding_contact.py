@@ -88,7 +88,7 @@ class SlidingContact(ABC):
     def nominal(cls) -> ParameterSet:
         """Parameters of the baseline and of every candidate, switched off."""
         own = load_defaults(_PARAMETERS / cls.defaults)
-        return ParameterSet({**own, **{name: p for c in cls.known for name, p in c.declared().items()}})
+        return ParameterSet({**own, **{name: p for c in cls.known for name, p in c.declare_parameters().items()}})
 
     def simulate(self, run: Columns, parameters: Values, effects: Values) -> dict[str, np.ndarray]:
         """See `Model`."""

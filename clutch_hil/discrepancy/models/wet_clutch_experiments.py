@@ -79,7 +79,7 @@ class WetClutchBench:
         self._pressure, self._slip = (_MARGIN * guard[f"guard.{name}"].si for name in ("pressure", "slip_speed"))
         self._kelvin = _MARGIN * guard["guard.temperature"].value + ZERO_CELSIUS
 
-    def planned(self, experiment: Experiment, parameters: Values, effects: Values) -> Columns | None:
+    def plan_inputs(self, experiment: Experiment, parameters: Values, effects: Values) -> Columns | None:
         """See `Bench`."""
         whole = self._whole.with_values({**parameters, **effects})
         profile = load_profile(experiment.profile)

@@ -8,7 +8,7 @@ import numpy as np
 from clutch_hil.bench.measures import MEASURES as OF_ONE_CLUTCH
 from clutch_hil.bench.measures import Columns, Measure
 from clutch_hil.bench.rig import Rig
-from plant_sim.effects.table import switched_on
+from plant_sim.effects.table import list_active_effects
 from plant_sim.node.plant_node import PlantNode
 from plant_sim.node.plant_rig import PlantRig
 from plant_sim.profiles.profile import load_profile
@@ -41,7 +41,7 @@ PLANT = PlantRig(
     node=PlantNode,
     nominal=nominal,
     load_profile=load_profile,
-    switched_on=switched_on,
+    list_active_effects=list_active_effects,
 )
 RIG = Rig(
     plant=PLANT,

@@ -2,7 +2,7 @@
 
 import pytest
 
-from clutch_hil.bench.columns_page import PAGE, page
+from clutch_hil.bench.columns_page import PAGE, compose_page
 from clutch_hil.live import curves
 from clutch_hil.live.dashboard import PLOTS
 from clutch_hil.live.snapshot import QUANTITIES
@@ -19,11 +19,11 @@ UNITS = {column.name: column.unit for column in (*PLANT, *CONTROLLER)}  # of a b
 
 
 def test_the_page_is_what_the_declarations_give() -> None:
-    assert PAGE.read_text(encoding="utf-8") == page(), "write it by python -m clutch_hil.bench.columns_page"
+    assert PAGE.read_text(encoding="utf-8") == compose_page(), "write it by python -m clutch_hil.bench.columns_page"
 
 
 def test_the_page_has_every_column_and_signal() -> None:
-    lines = page().splitlines()
+    lines = compose_page().splitlines()
     for column in (*PlantNode.columns, *PowerShiftNode.columns, *TIMING):
         assert f"| `{column.name}` | {column.unit} | {column.meaning} |" in lines
     for column in run_file_columns("controller", ControllerNode.columns):

@@ -24,7 +24,7 @@ from tests.processes import PATIENCE, said
     ],
 )
 def test_an_empty_word_is_refused(arguments: tuple[str, ...], named: str) -> None:
-    refused = CliRunner().invoke(application(), arguments).exception
+    refused = CliRunner().invoke(application(), arguments, prog_name="clutch-hil").exception
     assert isinstance(refused, InputError)
     assert str(refused) == f"{named} is empty; a value is needed, or leave it away"
 
@@ -40,7 +40,10 @@ def test_an_empty_word_is_refused(arguments: tuple[str, ...], named: str) -> Non
         (("convert", "a.parquet"), "convert: missing argument 'target'"),
         (("convert", "a.csv", "b.csv", "c.csv"), "convert: got unexpected extra argument(s) (c.csv)"),
         (("effects", "--write"), "option '--write' requires an argument"),
-        (("simulat",), "no such command 'simulat'"),
+        (("simulat",), "clutch-hil: no such command 'simulat'; did you mean 'simulate'; "),
+        (("--nosuch",), "clutch-hil: no such option: --nosuch; "),
+        (("--nosuch", "simulate"), "clutch-hil: no such option: --nosuch; "),
+        (("--version=3",), "clutch-hil: option '--version' does not take a value; "),
     ],
 )
 def test_a_wrong_option_is_told_in_one_sentence(arguments: tuple[str, ...], sentence: str) -> None:
@@ -78,6 +81,23 @@ def test_a_sweep_that_cannot_be_is_refused_and_writes_nothing(
     assert isinstance(refused, InputError)
     assert str(refused).startswith(sentence)
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
+
+
+def test_a_wrong_option_of_the_process_is_one_line_and_exit_code_2() -> None:
+    command = [sys.executable, "-m", "clutch_hil", "--nosuch"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr == (
+        "error: python -m clutch_hil: no such option: --nosuch; python -m clutch_hil --help shows what is allowed\n"
+    )
+
+
+def test_without_a_word_it_shows_what_there_is() -> None:
+    result = CliRunner().invoke(application(), [])
+    assert result.exit_code == 2
+    assert "simulate" in result.output
+    assert isinstance(result.exception, SystemExit)
 
 
 ENDED_WHILE_IT_EXECUTES = """

@@ -16,7 +16,7 @@ def fit_least_squares(
     """Baseline, with its uncertain parameters fitted to `runs`, and parameters of `effects` fitted from the values given."""
     start = dict(effects or {})
     base = {name: p.value for name, p in model.parameters.items()}
-    declared = {n: p for c in model.candidates for n, p in c.declared().items()}
+    declared = {n: p for c in model.candidates for n, p in c.declare_parameters().items()}
     free = [name for name, p in model.parameters.items() if p.uncertainty > 0.0]
     names = [*free, *start]
     low, high = np.array([(model.parameters[n] if n in base else declared[n]).bounds for n in names]).T

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from plant_sim.effects.table import switched_on
+from plant_sim.effects.table import list_active_effects
 from plant_sim.rigs import wet_clutch
 from protocols.files.runs import read_run
 from protocols.realtime.child import clutch_hil
@@ -72,7 +72,7 @@ def test_the_extended_model_is_what_the_simulator_runs(found: tuple[dict, dict, 
     path = folder / "report" / "model.toml"
     values = {one["name"]: one["value"] for one in report["parameters"]}
     assert values
-    assert {name.partition(".")[0] for name in values} == set(switched_on(wet_clutch.nominal(path)))
+    assert {name.partition(".")[0] for name in values} == set(list_active_effects(wet_clutch.nominal(path)))
     run = done("simulate", "--model", str(path), "--profile", "drift", "--seconds", "1", "--out", str(folder))["run"]
     metadata = read_run(Path(run)).metadata
     assert values.items() <= metadata["plant_parameters"].items()

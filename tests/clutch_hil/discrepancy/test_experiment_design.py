@@ -44,7 +44,7 @@ class Line:
     def bench(self) -> "Line":
         return self
 
-    def planned(self, experiment: Experiment, parameters: Values, effects: Values) -> Columns | None:
+    def plan_inputs(self, experiment: Experiment, parameters: Values, effects: Values) -> Columns | None:
         u = np.linspace(*self._spans[experiment.profile], 400)
         return {"time_s": np.arange(400) / 1e3, "u": u} if experiment.profile in self._safe else None
 
@@ -77,6 +77,20 @@ def test_the_difference_that_is_told_is_what_is_left_after_the_re_fit() -> None:
     assert proposed["predicted_difference"]["y"] == pytest.approx(0.4 * np.sqrt(4 / 175) / 0.01, rel=0.03)
 
 
+def test_a_bench_with_the_old_name_of_its_method_is_refused_with_the_new_one() -> None:
+    class Old:
+        experiments = ()
+
+        def planned(self, *arguments: object) -> None: ...
+
+    model = Line(BOTH)
+    model.bench = Old  # type: ignore[assignment, method-assign]
+    with pytest.raises(
+        InputError, match=r"rig line lacks plan_inputs; its method planned\(\) is called plan_inputs\(\) now"
+    ):
+        asked(model, {"square.size": 0.5}, {"cube.size": 0.4})
+
+
 def test_an_experiment_that_is_not_safe_is_not_proposed() -> None:
     assert asked(Line(BOTH, safe=["crawl"]), {"square.size": 3.0}, {"cube.size": 3.0})["profile"] == "crawl"
 
@@ -91,7 +105,7 @@ def test_equivalent_alternatives_are_said_to_be_so() -> None:
 
 @pytest.mark.parametrize("experiment", LIBRARY, ids=lambda e: e.name)
 def test_every_experiment_of_the_library_is_safe_on_the_rig_as_it_is(experiment: Experiment) -> None:
-    assert WetClutchBench().planned(experiment, {}, {}) is not None
+    assert WetClutchBench().plan_inputs(experiment, {}, {}) is not None
     assert find(experiment.name) == experiment
 
 

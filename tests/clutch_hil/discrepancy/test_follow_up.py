@@ -12,7 +12,7 @@ from clutch_hil.discrepancy.blind import GAP, draw_plant, standard
 from clutch_hil.discrepancy.experiment_design import Experiment
 from clutch_hil.discrepancy.follow_up import Report
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
-from plant_sim.effects.table import switched_on
+from plant_sim.effects.table import list_active_effects
 from protocols.errors import InputError
 
 PROPOSED = {"profile": "crawl", "settings": {"temperature": 45.0, "rate": 500}, "why": "they differ"}
@@ -93,6 +93,6 @@ def test_a_command_that_means_nothing_is_refused_before_anything_is_written(
 def test_a_seed_draws_one_effect_that_the_standard_experiments_show() -> None:
     plant = draw_plant(4)
     assert plant.as_values() == draw_plant(4).as_values() != draw_plant(5).as_values()
-    (name,) = switched_on(plant)
+    (name,) = list_active_effects(plant)
     assert max(standard().gaps({n: p.value for n, p in plant.items() if n.startswith(f"{name}.")}).values()) >= GAP
     assert any(plant[n].value != p.value for n, p in WetClutch().parameters.items())

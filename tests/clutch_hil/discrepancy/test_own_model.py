@@ -57,7 +57,9 @@ def test_radiation_explains_the_runs_and_its_rivals_do_not(heater: ModuleType) -
 def test_a_model_file_switches_effects_on(heater: ModuleType) -> None:
     model, run = heater.Heater(), heater.measured(1, (50, 10))
     base = {name: p.value for name, p in model.parameters.items()}
-    whole = ParameterSet({**model.parameters, **{n: p for c in model.candidates for n, p in c.declared().items()}})
+    whole = ParameterSet(
+        {**model.parameters, **{n: p for c in model.candidates for n, p in c.declare_parameters().items()}}
+    )
     extended = heater.Heater(whole.with_values({"radiation.area": 0.02}))
     assert "radiation" not in {c.name for c in extended.candidates}
     np.testing.assert_array_equal(

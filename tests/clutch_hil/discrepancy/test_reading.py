@@ -44,7 +44,7 @@ def record_run(lost: float, effects: Values, offset: float = 0.0) -> dict[str, C
 
 def declared() -> ParameterSet:
     """All parameters, effects off."""
-    off = {name: p for candidate in Ambiguous.candidates for name, p in candidate.declared().items()}
+    off = {name: p for candidate in Ambiguous.candidates for name, p in candidate.declare_parameters().items()}
     return ParameterSet({**Ambiguous.parameters, **off})
 
 
