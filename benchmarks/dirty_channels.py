@@ -19,7 +19,10 @@ from benchmarks.battery.short_case import make_short_case
 from benchmarks.battery.truth_laws import CATALOGUE_LAWS
 from clutch_hil.bench.progress import progress_bar
 from clutch_hil.command import run_command
+from clutch_hil.discrepancy.models.pneumatic_cylinder import PneumaticCylinder
 from clutch_hil.discrepancy.models.position_axis import PositionAxis
+from clutch_hil.discrepancy.models.sliding_contact import SlidingContact
+from clutch_hil.discrepancy.models.tribometer import Tribometer
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
 from clutch_hil.discrepancy.result import NAMED, ONE_OF
 from clutch_hil.discrepancy.search import investigate
@@ -37,9 +40,9 @@ _FACTORS = {  # unit -> other units that a channel may be in, and how many of th
     "rad_s": {"rpm": 9.5493, "deg/s": 57.296, "Hz": 0.15915},
     "rad": {"deg": 57.296, "revolutions": 0.15915},
     "v": {"mV": 1e3},
-    "m": {"mm": 1e3, "inch": 39.37},
+    "m": {"mm": 1e3, "inch": 39.37, "dm": 10.0, "sixteenths": 16.0},
 }
-_FREE_ZERO = ("shaft_angle_rad", "position_m")  # their zero is where the encoder was switched on
+_FREE_ZERO = ("shaft_angle_rad", "position_m", "displacement_m")  # their zero is where the encoder was switched on
 
 
 def _freeze(x: np.ndarray, _: float) -> np.ndarray:
@@ -124,6 +127,48 @@ def position_axis(seed: int = 1) -> DirtyCase:
     return DirtyCase(model, runs, ("position_m", "motor_force_n"))
 
 
+def tribometer(seed: int = 1) -> DirtyCase:
+    """Strokes of 1 mm to and fro under a load that rises and falls between 2 and 8 N, at 1 kHz; each sensor has noise."""
+    runs = {}
+    for k, frequency in enumerate((0.5, 1.0, 2.0)):
+        time = np.arange(0.0, 12.0, 1e-3)
+        path = 5e-4 * np.sin(2.0 * np.pi * frequency * time + k)
+        load = 5.0 + 3.0 * np.sin(2.0 * np.pi * 0.2 * time + 2.0 * k)
+        runs[f"run-{k}"] = {"time_s": time, "displacement_m": path, "normal_load_n": load}
+    return _record(Tribometer(), runs, (1e-8, 0.02, 0.01), seed)
+
+
+def pneumatic_cylinder(seed: int = 1) -> DirtyCase:
+    """Strokes of 30 mm against a pressure that rises and falls between 1 and 5 bar, at 500 Hz; each sensor has noise."""
+    runs = {}
+    for k, frequency in enumerate((0.1, 0.2, 0.3)):
+        time = np.arange(0.0, 20.0, 2e-3)
+        position = 0.015 * np.sin(2.0 * np.pi * frequency * time + k)
+        pressure = 3.0 + 2.0 * np.sin(2.0 * np.pi * 0.13 * time + 2.0 * k)
+        runs[f"run-{k}"] = {"time_s": time, "position_m": position, "pressure_bar": pressure}
+    return _record(PneumaticCylinder(), runs, (2e-6, 0.005, 0.3), seed)
+
+
+def _record(
+    model: SlidingContact, inputs: Mapping[str, Columns], noise: tuple[float, float, float], seed: int
+) -> DirtyCase:
+    """Inputs with noise, and the force of the baseline to them; `noise`: standard deviations of the inputs and the output.
+
+    The force is that to the inputs as measured: else the noise at a reversal is a pre-sliding or a delay, which is named.
+    """
+    random, output = np.random.default_rng(seed), model.output.column
+    runs = {}
+    for name, exact in inputs.items():
+        errors = random.standard_normal((len(noise), len(exact["time_s"])))
+        run = {"time_s": exact["time_s"]} | {
+            column: exact[column] + size * error
+            for column, size, error in zip(model.inputs, noise[:-1], errors[:-1], strict=True)
+        }
+        force = model.simulate(run, {n: p.value for n, p in model.parameters.items()}, {})[output]
+        runs[name] = run | {output: force + noise[-1] * errors[-1]}
+    return DirtyCase(model, runs, (*model.inputs, output))
+
+
 _FITTING = {  # effects that a channel altered in this way has: to name them is right
     ("cylinder_pressure_bar", "saturated above"): ("sensor_saturation",),
     ("clutch_torque_nm", "saturated above"): ("sensor_saturation",),
@@ -131,6 +176,8 @@ _FITTING = {  # effects that a channel altered in this way has: to name them is 
     ("clutch_torque_nm", "off"): ("torque_sensor_offset",),
     ("cylinder_pressure_bar", "off"): ("pressure_sensor_offset",),
     ("motor_force_n", "off"): ("torque_sensor_offset",),
+    ("friction_force_n", "off"): ("torque_sensor_offset",),
+    ("rod_force_n", "off"): ("torque_sensor_offset",),
 }
 
 
@@ -151,6 +198,24 @@ def sound_cases(most: int) -> list[Case]:
     return [chosen[i] for i in order[:most]]
 
 
+def sliding_cases(seeds: int) -> Iterator[tuple[str, DirtyCase]]:
+    """Sound runs of the rigs with a sliding contact, with each of their effects at its typical size, and with none."""
+    for rig in ("position_axis", "tribometer", "pneumatic_cylinder"):
+        for seed in range(1, seeds + 1):
+            case = CASES[rig](seed)
+            values = {n: p.value for n, p in case.model.parameters.items()}
+            column, floor = case.model.outputs[0].column, {}
+            for name, run in case.runs.items():
+                floor[name] = run[column] - case.model.simulate(run, values, {})[column]
+            yield f"{rig}, seed {seed}", case
+            for candidate in case.model.candidates:
+                runs = {
+                    name: {**run, column: case.model.simulate(run, values, candidate.typical())[column] + floor[name]}
+                    for name, run in case.runs.items()
+                }
+                yield f"{rig}, {candidate.name}, seed {seed}", DirtyCase(case.model, runs, case.channels)
+
+
 def refused(case: Case) -> list[str]:
     """What hard checks say of the runs of a sound case."""
     generated = generate_case(case)
@@ -158,13 +223,24 @@ def refused(case: Case) -> list[str]:
     return [str(finding) for finding in check_evidence(WetClutch(), runs) if finding.hard]
 
 
+CASES: Mapping[str, Callable[[], DirtyCase]] = {
+    "wet_clutch": wet_clutch, "position_axis": position_axis, "tribometer": tribometer,
+    "pneumatic_cylinder": pneumatic_cylinder,
+}  # fmt: skip
+
+
 def main(
     sound: Annotated[int, typer.Option(min=0, help="sound cases of the battery")] = 200,
+    sliding_seeds: Annotated[int, typer.Option(min=0, help="sound runs with each effect of a sliding contact")] = 2,
+    only: Annotated[str, typer.Option(help="one rig; all if not given")] = "",
     fits: Annotated[bool, typer.Option(help="whether the engine is asked about what the checks let pass")] = True,
 ) -> None:
     """Alter every channel, ask the checks, and the engine where they let it pass; then count sound cases that are refused."""
     silent, wrong, cases, hard = [], [], 0, 0
-    for rig, case in (("wet_clutch", wet_clutch()), ("position_axis", position_axis())):
+    for rig, make in CASES.items():
+        if only and only != rig:
+            continue
+        case = make()
         if said := [str(f) for f in check_evidence(case.model, case.runs)]:
             typer.echo(f"{rig}: sound runs: {said}")
         for column, alteration, runs in case.altered():
@@ -187,9 +263,18 @@ def main(
             if said := refused(sound_case):
                 refusals.append(f"{sound_case.name}: {said[0]}")
                 typer.echo(refusals[-1])
+    sliding, told = 0, 0
+    for name, sliding_case in sliding_cases(sliding_seeds):
+        findings = check_evidence(sliding_case.model, sliding_case.runs)
+        sliding, told = sliding + 1, told + bool(findings)
+        if findings:
+            typer.echo(f"{name}: {'refused' if findings[0].hard else 'told'}: {findings[0]}")
+        if any(f.hard for f in findings):
+            refusals.append(name)
+    typer.echo(f"sound sliding contacts: {sliding}, of which {told} are told something")
     typer.echo(
         f"verdict: of {cases} altered cases {hard} are refused, {len(silent)} passed in silence, {len(wrong)} named wrong;"
-        f" of {len(listed)} sound ones {len(refusals)} are refused"
+        f" of {len(listed) + sliding} sound ones {len(refusals)} are refused"
     )
     raise typer.Exit(1 if silent or wrong or refusals else 0)
 

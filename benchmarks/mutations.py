@@ -2,17 +2,30 @@
 
 import resource
 import time
-from collections.abc import Iterator
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from enum import IntEnum
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from clutch_hil.recordings.format import open_recording
+from clutch_hil.recordings.channel import Recording
+from clutch_hil.recordings.format import open_recording, recognise
+from clutch_hil.recordings.import_map import load_map
 from protocols.errors import InputError
 
-LONGEST = 20.0  # s for one file
+LONGEST = 20.0  # s of computing for one file; other processes have limits of their own
 MOST_KIB = 1 << 20  # of memory more than before: 1 GiB
 HUGE = (b"\xff" * 8, b"\xff\xff\xff\x7f\0\0\0\0", b"\0" * 8, b"\0\0\0\0\1\0\0\0", b"\xff\xff\xff\xff\xff\xff\xff\x7f")
+
+
+class Reach(IntEnum):
+    """How far a copy got."""
+
+    REFUSED = 0  # when it was opened
+    OPENED = 1  # then a channel was refused, or a run could not be made of it
+    READ = 2  # every channel, and a run where there is a map
 
 
 def mutate(good: bytes, count: int, seed: int = 1) -> Iterator[bytes]:
@@ -20,7 +33,7 @@ def mutate(good: bytes, count: int, seed: int = 1) -> Iterator[bytes]:
     random = np.random.default_rng(seed)
     for _ in range(count):
         content = bytearray(good)
-        kind = random.integers(5)
+        kind = random.integers(6)
         if kind == 0:
             del content[int(random.integers(1, len(content))) :]
         elif kind == 1:
@@ -32,40 +45,75 @@ def mutate(good: bytes, count: int, seed: int = 1) -> Iterator[bytes]:
         elif kind == 3:
             place = int(random.integers(len(content)))
             del content[place : place + int(random.integers(1, 200))]
-        else:
+        elif kind == 4:
             place, source = random.integers(len(content), size=2)
             content[place:place] = content[source : source + int(random.integers(1, 200))]
+        else:  # bytes that the file has elsewhere: digits for digits in a text, so that it is still one
+            for place, source in random.integers(len(content), size=(random.integers(1, 9), 2)):
+                content[place] = content[source]
         yield bytes(content)
 
 
-def check_damaged(path: Path, good: bytes, count: int, seed: int = 1, whole: bool = True) -> tuple[int, int]:
-    """Read `count` damaged copies of a file. Returns how many could be read, and how many were refused.
+def read_recording(recording: Recording, whole: bool) -> Reach:
+    """Read every channel of numbers. Refusals must be sentences, and channels must have the rows that they are said to have.
 
-    whole: all rows that a channel is said to have are read; False for text, where damaged rows are left out and told.
+    whole: all of them; False for text, where damaged rows are left out and told.
     """
-    read = refused = 0
-    for content in mutate(good, count, seed):
-        path.write_bytes(content)
-        began, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    reach = Reach.READ
+    for channel in recording.channels:
+        if channel.kind != "text":
+            try:
+                (signal,) = recording.read([channel])
+            except InputError as error:
+                assert_sentence(error)
+                reach = Reach.OPENED
+                continue
+            rows = len(signal.values)
+            assert rows == channel.rows if whole else rows <= channel.rows
+            assert signal.time is None or len(signal.time) == rows
+    return reach
+
+
+def play_copy(
+    copy: Path, options: Mapping[str, Any] | None = None, map_file: Path | None = None, whole: bool = True
+) -> Reach:
+    """Open a copy with `options`, read every channel, and make a run of it by a map."""
+    try:
+        whole = whole and recognise(copy).order < 2  # a damaged head may leave a text
+        reach = read_recording(open_recording(copy, options), whole)
+    except InputError as error:
+        assert_sentence(error)
+        return Reach.REFUSED
+    if map_file:
         try:
-            recording = open_recording(path)
-            for channel in recording.channels:
-                if channel.kind != "text":
-                    try:
-                        (signal,) = recording.read([channel])
-                    except InputError as error:
-                        assert_sentence(error)
-                        continue
-                    rows = len(signal.values)
-                    assert rows == channel.rows if whole else rows <= channel.rows
-                    assert signal.time is None or len(signal.time) == rows
-            read += 1
+            load_map(str(map_file)).read(copy)
         except InputError as error:
             assert_sentence(error)
-            refused += 1
-        assert time.perf_counter() - began < LONGEST
+            return Reach.OPENED
+    return reach
+
+
+def play_copies(path: Path, good: bytes, count: int, seed: int, play: Callable[[Path], Reach]) -> dict[Reach, int]:
+    """`count` damaged copies of a file, written to `path` in turn: how many got how far. Time and memory are bounded."""
+    reached = dict.fromkeys(Reach, 0)
+    for content in mutate(good, count, seed):
+        path.write_bytes(content)
+        began, before = time.process_time(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", RuntimeWarning)  # of NumPy: it would stand on the terminal
+            reached[play(path)] += 1
+        assert time.process_time() - began < LONGEST
         assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < MOST_KIB
-    return read, refused
+    return reached
+
+
+def check_damaged(path: Path, good: bytes, count: int, seed: int = 1, whole: bool = True) -> tuple[int, int]:
+    """Read `count` damaged copies of a file. Returns how many could be opened, and how many were refused.
+
+    whole: see `read_recording`.
+    """
+    reached = play_copies(path, good, count, seed, lambda copy: play_copy(copy, whole=whole))
+    return count - reached[Reach.REFUSED], reached[Reach.REFUSED]
 
 
 def assert_sentence(error: InputError) -> None:

@@ -6,11 +6,14 @@
     trace = ch.friction.simulate(model, position, dt=1e-4)
     trace.force, trace.state
 
+`identify_lift_up` identifies the lift-up force of an oil film from butterflies: docs/identify_friction.md.
+
 SI units; in a rotational contact read rad, Nm and Nm/rad for m, N and N/m. docs/friction.md compares the models.
 """
 
 from numpy.typing import ArrayLike
 
+from clutch_hil.identify.friction.lift_up import IdentifiedLiftUp, LiftRecord, identify_lift_up
 from plant_sim.friction.asperities import Asperities, StickTimeFriction
 from plant_sim.friction.coulomb import Coulomb
 from plant_sim.friction.counter_surface import CounterSurface, FlatSurface
@@ -32,9 +35,9 @@ from plant_sim.friction.xgms import XGMS
 
 __all__ = [
     "GMS", "XGMS", "Amontons", "Asperities", "Coulomb", "CounterSurface", "Dahl", "DynamicGenericModel", "ElastoPlastic",
-    "FixedSeparationModel", "FlatSurface", "FrictionModel", "GapThreshold", "GenericModel", "GenericRayleighModel", "Leuven",
-    "LiftUp", "LiftingXGMS", "LoadLaw", "LuGre", "MaxwellSlip", "PassiveXGMS", "SlidingThreshold", "StickTimeFriction",
-    "Stribeck", "TipFilm", "Trace", "simulate",
+    "FixedSeparationModel", "FlatSurface", "FrictionModel", "GapThreshold", "GenericModel", "GenericRayleighModel",
+    "IdentifiedLiftUp", "Leuven", "LiftRecord", "LiftUp", "LiftingXGMS", "LoadLaw", "LuGre", "MaxwellSlip", "PassiveXGMS",
+    "SlidingThreshold", "StickTimeFriction", "Stribeck", "TipFilm", "Trace", "identify_lift_up", "simulate",
 ]  # fmt: skip
 
 

@@ -63,6 +63,7 @@ SLOW = (
     "clutch_hil/bench/test_every_state.py",
     "clutch_hil/discrepancy",
     "clutch_hil/fitting",
+    "clutch_hil/identify",
     "clutch_hil/thesis",
     "plant_sim/effects",
     "plant_sim/friction",

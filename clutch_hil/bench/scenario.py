@@ -160,7 +160,7 @@ def _plant(table: TomlTable, rig: Rig, changed: Path | None) -> ParameterSet:
             if any(entry.startswith(f"{prefix}{name}.") for entry in given):
                 raise InputError(f"effect {prefix}{name} is in [plant] and in [effects]; allowed is one of them")
             plant = plant.with_values(_add_prefix(prefix, effect_on(name, part.table(name).numbers())))
-    return load_overlay(changed, plant) if changed else plant
+    return load_overlay(changed, plant, rig=rig.name) if changed else plant
 
 
 def _injections(table: TomlTable, rig: Rig) -> Iterator[Injection]:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from protocols.errors import InputError
-from protocols.files.parameters import list_changed
+from protocols.files.parameters import CONTROLLER, list_changed
 from protocols.node import node_factory
 
 MANUAL = "manual"  # instead of a profile: the demand comes over the bus, from `clutch-hil demand` or `panel`
@@ -39,7 +39,7 @@ class RunSettings:
             rate=self.rate, parameters_file=self.controller_parameters, law=self.law, adaptation=self.adaptation,
             clutch=clutch,
         )  # fmt: skip
-        in_file = list_changed(self.controller_parameters) if self.controller_parameters else ()
+        in_file = list_changed(self.controller_parameters, CONTROLLER) if self.controller_parameters else ()
         values = {name: value for name, value in self.controller.items() if name not in in_file}
         if reasons := [reason for name in values if (reason := node.explain_fixed(name))]:
             raise InputError(reasons[0])

@@ -3,39 +3,22 @@
 import shlex
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import typer
-from typer.core import TyperCommand
 
 from clutch_hil.command import report
+from clutch_hil.commands.many_paths import ManyPaths
 from clutch_hil.commands.options import OVERWRITE
+from protocols.errors import InputError
 
 if TYPE_CHECKING:
     from clutch_hil.discrepancy.result import Result
 
-_MANY = "--holdout"  # this option takes every path up to the next option
-
-
-class _ManyPaths(TyperCommand):
-    """A command in which `--holdout A B C` means `--holdout A --holdout B --holdout C`, as click needs it."""
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        spread: list[str] = []
-        within = False
-        for arg in args:
-            if arg.startswith("-"):
-                within = arg == _MANY
-                if not within:
-                    spread.append(arg)
-            else:
-                spread += [_MANY, arg] if within else [arg]
-        return super().parse_args(ctx, spread)
-
 
 def register(app: typer.Typer) -> None:
     """Add the command."""
-    app.command(cls=_ManyPaths)(discrepancy)
+    app.command(cls=ManyPaths)(discrepancy)
 
 
 def discrepancy(
@@ -47,7 +30,12 @@ def discrepancy(
         "wet_clutch", help="wet_clutch, position_axis, tribometer, pneumatic_cylinder, one of yours, or PATH.py:CLASS"
     ),
     model: Path | None = typer.Option(None, help="model file to begin from, as an earlier search wrote it"),
-    calibration: float | None = typer.Option(
+    calibration: str | None = typer.Option(
+        None,
+        metavar="FILE",
+        help="calibration.toml of `clutch-hil identify`: the model to begin from, and its uncertainties",
+    ),
+    refit_within: float | None = typer.Option(
         None, help="how far the baseline may be re-fitted, in stated uncertainties; the rig's own if not given"
     ),
     effects: str = typer.Option("", metavar="A,B,...", help="candidates; all of the rig's if not given"),
@@ -64,17 +52,35 @@ def discrepancy(
     from clutch_hil.discrepancy.outcome import FILES, find_discrepancy
     from protocols.files.output_file import new_files
 
+    model, refit_within = _begin(model, calibration, refit_within)
     names = [name.strip() for name in effects.split(",") if name.strip()]
     new_files(make_writable(out), FILES, overwrite, [*runs, *holdout, *([model] if model else [])])
     with progress_bar("discrepancy", json_output) as progress:
         outcome = find_discrepancy(
-            runs, holdout, rig=rig, model=model, calibration=calibration, effects=names or None,
+            runs, holdout, rig=rig, model=model, calibration=refit_within, effects=names or None,
             force=force, progress=lambda what, share: progress(round(100 * share), 100),
         )  # fmt: skip
         files = outcome.write(out, shlex.join(["clutch-hil", *sys.argv[1:]]))
     read, wrote = (", ".join(map(str, paths)) for paths in ((*runs, *holdout), files))
     text = "\n".join([_format_result(outcome.result), f"read:    {read}", f"wrote:   {wrote}"])
     report(outcome.result.as_json(), text, str(outcome), True, json_output)
+
+
+def _begin(model: Path | None, calibration: str | None, within: float | None) -> tuple[Path | None, float | None]:
+    """The file to begin from, and how far the baseline may be re-fitted. Raises InputError."""
+    if calibration is None:
+        return model, within
+    try:
+        number = float(calibration)
+    except ValueError:
+        number = None
+    if number is not None:
+        raise InputError(
+            f"--calibration takes a file; --refit-within {calibration} is how far the baseline may be re-fitted"
+        )
+    if model:
+        raise InputError("--calibration and --model are both given; a search begins from one of them")
+    return Path(calibration), 3.0 if within is None else within  # 95 % intervals are 1.96 of their uncertainties
 
 
 def _format_result(result: "Result") -> str:

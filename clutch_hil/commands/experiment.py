@@ -3,6 +3,7 @@
 import shlex
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,13 +13,18 @@ from clutch_hil.command import report
 from clutch_hil.commands.options import BUS, JSON, LOCKSTEP, OUT, OVERWRITE
 from protocols.errors import InputError
 
+_IDENTIFY = "identify"  # name of the set that identifies a clutch
+
 if TYPE_CHECKING:
+    from clutch_hil.bench.scenario import Scenario
     from clutch_hil.discrepancy.experiment_design import Experiment
     from clutch_hil.discrepancy.follow_up import Report
     from clutch_hil.discrepancy.laboratory import Laboratory
 
 NAMES = typer.Argument(
-    None, metavar="[EXPERIMENT]...", help="a profile, or PROFILE-TEMPERATURE, as crawl-45; --list has them"
+    None,
+    metavar="[EXPERIMENT]...",
+    help="a profile, or PROFILE-TEMPERATURE, as crawl-45; --list has them; or identify: the set for `clutch-hil identify`",
 )
 HOLDOUT = typer.Option([], metavar="EXPERIMENT", help="experiment that is held out; may be given more than once")
 FOR = typer.Option(None, "--for", help="report.json: play the experiment that it proposes, and search again")
@@ -82,6 +88,21 @@ def experiment(
         raise InputError(f"--holdout {holdout[0]} goes with experiments that are named; leave it away")
     if rate is not None:
         check_rate(rate)
+    if names == [_IDENTIFY]:
+        if running or holdout:
+            raise InputError(
+                "experiment identify starts its own bench, and holds nothing out; leave --running and --holdout away"
+            )
+        with plant_under_test(scenario, plant_parameters, draw, seed, out) as plant:
+            paths = _play_courses(plant, bus, lockstep, blind or draw is not None, out, rate, json_output)
+        command = shlex.join(["clutch-hil", "identify", *map(str, paths), "--out", str(out / "identified")])
+        verdict = (
+            f"{format_count(len(paths), 'experiment')} recorded; the clutch was found at its contact pressure first"
+        )
+        wrote = "\n".join(f"{'wrote:' if not i else '':<9}{path}" for i, path in enumerate(paths))
+        document = {"runs": list(map(str, paths)), "next": command, "verdict": verdict}
+        report(document, f"{wrote}\nnext:    {command}", verdict, True, json_output)
+        return
     follow_up: Report | None = None
     wanted: list[Experiment] = []
     held_out: list[Experiment] = []
@@ -124,6 +145,26 @@ def experiment(
     )
     document = {"runs": list(map(str, runs)), "holdout": list(map(str, rest)), "next": command, "verdict": verdict}
     report(document, "\n".join(lines), verdict, True, json_output)
+
+
+def _play_courses(
+    plant: "Scenario", bus: str, lockstep: bool, blind: bool, out: Path, rate: int | None, quiet: bool
+) -> list[Path]:
+    """Play what identifies a clutch; return the run files."""
+    from clutch_hil.bench.recording import make_writable
+    from clutch_hil.discrepancy.laboratory import OwnBench, play_identification
+
+    # nobody has calibrated the controller yet, so its estimate may be far off the torque: the guard's limits stay
+    controller = {**plant.settings.controller, "phases.torque_mismatch": 60.0}
+    plant = replace(plant, settings=replace(plant.settings, controller=controller))
+    bench = OwnBench(plant, bus, lockstep, blind)
+
+    def play(experiment: "Experiment", number: int) -> Path:
+        if not quiet:
+            typer.echo(f"{number + 1}/6  {experiment.name} ({experiment.seconds:.1f} s): {experiment.title}", err=True)
+        return bench.play(experiment, number, quiet)
+
+    return play_identification(make_writable(out), rate or 1000, play, plant.plant["motor.torque_limit"].value)
 
 
 def _play_all(laboratory: "Laboratory", experiments: "Sequence[Experiment]", quiet: bool, first: int) -> list[Path]:

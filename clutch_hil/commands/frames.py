@@ -27,13 +27,15 @@ def frames(
     """List the frames of the bus and its worst-case load. A DBC that cannot carry the bench is refused by signal and reason."""
     from clutch_hil.bench.progress import table_text
     from protocols.can.bus_load import BITRATES, bus_load, frame_rate, highest_rate, worst_bits
-    from protocols.can.frames import DBC, FrameCodec, OtherFrame, bus_frames, other_frames
+    from protocols.can.frames import DBC, FrameCodec, OtherFrame, bus_frames, load_frames, other_frames
     from protocols.can.two_clutches import dbc_text
     from protocols.files.output_file import new_file, whole_file
+    from rt_controller.guard.layout import check_layout
 
     check_rate(rate)
     path = dbc or DBC
     codecs, others = bus_frames(path, clutches), other_frames(path)
+    check_layout(path, load_frames(path))
     if write:
         new_file(write, overwrite, [path])
         with whole_file(write) as part:

@@ -14,6 +14,9 @@ PLANT_PARAMETERS = typer.Option(
     "--plant-parameters",
     help="TOML file that changes plant parameters: a rig of yours, or a model.toml",
 )
+CALIBRATION = typer.Option(
+    None, "--calibration", help="calibration.toml of `clutch-hil identify`: parameters of plant and controller"
+)
 CONTROLLER_PARAMETERS = typer.Option(
     None, "--controller-parameters", help="TOML file that changes controller parameters"
 )
@@ -38,6 +41,8 @@ CPU = typer.Option(None, help="CPU to run on")
 SUMMARY = typer.Option(None, help="JSON file for the summary")
 
 # Of the controller alone, without a scenario
-PARAMETERS = typer.Option(None, help="TOML file that changes controller parameters")
+PARAMETERS = typer.Option(
+    None, "--parameters", "--calibration", help="TOML file that changes controller parameters, or a calibration.toml"
+)
 CONTROLLER_LAW = typer.Option("both", help="both, feedforward or feedback")
 CONTROLLER_ADAPTATION = typer.Option(True, help="adapt the friction level while it runs")

@@ -35,7 +35,11 @@ def plant(
     ),
     rig: str | None = typer.Option(None, help="name of a rig; the scenario's, or wet_clutch, if not given"),
     parameters: Path | None = typer.Option(
-        None, "--model", "--parameters", help="TOML file that changes plant parameters: a rig of yours, or a model.toml"
+        None,
+        "--model",
+        "--parameters",
+        "--calibration",
+        help="TOML file that changes plant parameters: a rig of yours, a model.toml, or a calibration.toml",
     ),
     profile: str | None = typer.Option(None, help="profile to play, or manual; of the scenario, or none, if not given"),
     seconds: float | None = SECONDS,

@@ -9,6 +9,7 @@ from clutch_hil.commands.options import (
     ADAPTATION,
     BLIND,
     BUS,
+    CALIBRATION,
     CONTROLLER_PARAMETERS,
     JSON,
     JUNIT,
@@ -46,6 +47,7 @@ def up(
     lockstep: bool = LOCKSTEP,
     plant_parameters: Path | None = PLANT_PARAMETERS,
     controller_parameters: Path | None = CONTROLLER_PARAMETERS,
+    calibration: Path | None = CALIBRATION,
     seed: int | None = SEED,
     temperature: float | None = TEMPERATURE,
     law: str | None = LAW,
@@ -69,6 +71,12 @@ def up(
     from clutch_hil.bench.suite import run_one
     from clutch_hil.bench.up import Bench
 
+    if calibration:
+        if plant_parameters or controller_parameters:
+            raise InputError(
+                "--calibration has parameters of plant and controller; leave the files of one of them away"
+            )
+        plant_parameters = controller_parameters = calibration
     given = select_settings(locals())
     chosen = choose_scenario(scenario, given)
     check_junit(junit, overwrite, [chosen])

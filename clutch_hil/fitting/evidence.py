@@ -5,6 +5,8 @@ Equation        r = (mean over a block of samples of (measured - predicted))/sig
                   at most 1.5 floor/sqrt(block): otherwise fast physics would count as noise
                   at least floor/sqrt(block): the rounding of a difference is small in the mean, but not random
                   at least a known `rounding` of a coarse converter, which no mean over a block removes
+                times known to `timing` only: sigma^2 = sigma_b^2 + (timing dy/dt)^2, y the measured block means. A simulation
+                  in steps, and a rig, move fast events by so much. They would outweigh all that is slow
                 start known to tau floors: r - (1 - 1/sqrt(1 + n tau^2 block)) mean(r), n residuals of the run. This is r
                   whitened for a constant offset of that size. A coarse output is treated so too: its levels are uneven
                 `with_tolerance`: sigma^2 = sigma_b^2 + (0.1 g)^2, g the root mean square excess of the re-fitted baseline.
@@ -47,10 +49,12 @@ class Evidence:
 
     pieces: slice of a residual vector (size,) that belongs to each run. lengths [s]: of a block, by run.
     redundancy: how many neighbouring residuals carry the information of one about the calibration, 1 for slow sampling.
-    rounding: root mean square by column of a coarse converter, in the unit of the output.
+    rounding: root mean square by column of a coarse converter, in the unit of the output. timing [s]: to which times are known.
     """
 
-    def __init__(self, model: Model, runs: Sequence[Columns], floors: Values, rounding: Values | None = None) -> None:
+    def __init__(
+        self, model: Model, runs: Sequence[Columns], floors: Values, rounding: Values | None = None, timing: float = 0.0
+    ) -> None:
         if not runs:
             raise InputError("no run was given; at least one is needed")
         for run in runs:
@@ -77,6 +81,13 @@ class Evidence:
                 for c in self.columns
             ]
         )
+        if timing > 0.0:
+            slopes = [
+                np.gradient(_block_means(run[c], b), b * _period(run))
+                for run, b in zip(self.runs, self.blocks, strict=True)
+                for c in self.columns
+            ]
+            self.weights /= np.hypot(1.0, timing * np.concatenate(slopes) * self.weights)
         ends = np.cumsum([len(m) for m in self._measured])
         self.pieces = [slice(e - len(m), e) for e, m in zip(ends, self._measured, strict=True)]
         self.size = int(ends[-1])
@@ -94,6 +105,12 @@ class Evidence:
             for column, share in zip(self.columns, tolerant._noise / self._noise, strict=True):
                 tolerant.weights[self.part(k, column)] *= np.sqrt(share)
         return tolerant
+
+    def without(self, left_out: np.ndarray) -> "Evidence":
+        """A copy in which the residuals `left_out` (size,), true or false, count no more: they are 0 at every point."""
+        less = copy(self)
+        less.weights = np.where(left_out, 0.0, self.weights)
+        return less
 
     def _block_noise(self, column: str) -> float:
         """sigma_b of an output, in its unit."""

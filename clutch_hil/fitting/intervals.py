@@ -17,12 +17,12 @@ from clutch_hil.fitting.fit import LinearModel
 
 _CLUSTER = 1.0  # s: residuals further apart are taken as independent
 _LAW_ERROR = 0.12  # of an effect. Development: nine in ten intervals then contain the truth of a rig with other laws
-_NORMAL_95 = 1.96  # 95 % of a normal distribution
+NORMAL_95 = 1.96  # 95 % of a normal distribution
 
 
 def half_widths(evidence: Evidence, at: LinearModel) -> np.ndarray:
     """Half of the 95 % interval (p,) of each free parameter of a fit, in the parameter's unit."""
-    half = _NORMAL_95 * _standard_deviations(at, _split_clusters(evidence))
+    half = NORMAL_95 * _standard_deviations(at, split_clusters(evidence))
     if (count := len(evidence.pieces)) > 2:  # a model error may be the same throughout a run
         runs = [np.arange(piece.start, piece.stop) for piece in evidence.pieces]
         half = np.maximum(half, t.ppf(0.975, count - 1) * np.sqrt(count / (count - 1)) * _standard_deviations(at, runs))
@@ -35,7 +35,7 @@ def _standard_deviations(at: LinearModel, clusters: Sequence[np.ndarray]) -> np.
     return np.sqrt(np.maximum(np.diag(at.covariance(clusters)), 0.0))
 
 
-def _split_clusters(evidence: Evidence) -> list[np.ndarray]:
+def split_clusters(evidence: Evidence) -> list[np.ndarray]:
     """Indices of the residuals of each second of each run."""
     blocks = []
     for k in range(len(evidence.runs)):

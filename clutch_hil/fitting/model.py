@@ -6,7 +6,7 @@ from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
-from clutch_hil.recordings.checks.knowledge import Limits
+from clutch_hil.recordings.checks.knowledge import Implied, Limits
 from plant_sim.effects.effect import Effect, Shape, Strength
 from protocols.files.parameters import Parameter, ParameterSet
 
@@ -195,6 +195,15 @@ class Redundant(Protocol):
 
     def from_others(self, run: Columns) -> Mapping[str, tuple[str, np.ndarray]]:
         """By such a column the measured one that it follows from, and what it should be, (n,)."""
+        ...
+
+
+@runtime_checkable
+class Implying(Protocol):
+    """A model whose output tells of its inputs, so that one that is late, frozen or off its zero is told before any fit."""
+
+    def implied(self, run: Columns, floors: Mapping[str, float]) -> Mapping[str, Implied]:
+        """By input, what the outputs tell of it. floors: noise of the outputs by column, in their units."""
         ...
 
 

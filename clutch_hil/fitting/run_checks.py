@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from clutch_hil.fitting.model import Columns, Model, Ranged, Redundant, calibration
+from clutch_hil.fitting.model import Columns, Implying, Model, Ranged, Redundant, calibration
 from clutch_hil.fitting.noise import estimate_floors
 from clutch_hil.recordings.checks.every_check import check_runs
 from clutch_hil.recordings.checks.finding import Finding
@@ -47,7 +47,8 @@ def check_evidence(model: Model, runs: Mapping[str, Columns]) -> list[Finding]:
             for column, (source, values) in model.from_others(run).items():
                 floor = _ROUNDING * float(np.ptp(values))
                 known[column] = Knowledge(_unit(column), floor, values, limits.get(column, Limits()), source=source)
-        recorded.append(Recorded(name, run, known, tuple(model.inputs), latitude))
+        implied = model.implied(run, floors) if isinstance(model, Implying) and predicted else {}
+        recorded.append(Recorded(name, run, known, tuple(model.inputs), latitude, implied))
     return sorted([*seen, *check_runs(recorded)], key=lambda finding: not finding.hard)
 
 

@@ -45,7 +45,10 @@ def raw_values(signal: Signal, payloads: np.ndarray) -> np.ndarray:
 
 def physical_values(signal: Signal, payloads: np.ndarray) -> np.ndarray:
     """Physical values (n,) of a signal in the unit of the database."""
-    values: np.ndarray = raw_values(signal, payloads).astype(np.float64) * float(signal.scale) + float(signal.offset)
+    with np.errstate(invalid="ignore", over="ignore"):  # a float may be any pattern of bits
+        values: np.ndarray = raw_values(signal, payloads).astype(np.float64) * float(signal.scale) + float(
+            signal.offset
+        )
     return values
 
 

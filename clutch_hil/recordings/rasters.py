@@ -22,7 +22,7 @@ from protocols.errors import InputError
 from protocols.files.bounds import check_rows
 
 _FILTER_ORDER = 4  # as is usual before inverse dynamics: Gautier 1997
-_ANTI_ALIAS_SHARE = 0.4  # of the new rate: a common guard of a fifth below half of it
+ANTI_ALIAS_SHARE = 0.4  # of the new rate: a common guard of a fifth below half of it
 _FALLS = 1.01  # rates that differ by less than the tolerance of a sample period are one
 _MOST_PIECES = 1000  # runs that one recording is cut into: more is a wrong longest_gap_s
 _GAP_STEPS = 10.0  # median steps: chosen, ten lost samples in a row are no jitter of a clock
@@ -75,7 +75,7 @@ def join(file: Path, columns: Sequence[TimedColumn], sampling: Sampling) -> tupl
             rate = (part.stop - part.start - 1) / (first.time[part.stop - 1] - first.time[part.start])
             for column in columns:
                 if not column.held:
-                    piece[column.name] = _low_pass(file, column.name, column.values[part], sampling.low_pass_hz, rate)
+                    piece[column.name] = low_pass(file, column.name, column.values[part], sampling.low_pass_hz, rate)
         pieces.append(piece)
     _note_low_pass(columns, sampling, notes)
     return pieces, notes
@@ -130,16 +130,16 @@ def _on_grid(file: Path, column: TimedColumn, grid: np.ndarray, sampling: Sampli
         even = time[0] + np.arange(round((time[-1] - time[0]) * rate) + 1) / rate
         if len(even) != len(time) or not np.allclose(even, time, rtol=0.0, atol=1e-6 / rate):
             time, values = even, np.interp(even, time, values)
-        values = _low_pass(file, column.name, values, min(limits), rate)
+        values = low_pass(file, column.name, values, min(limits), rate)
     return np.interp(grid, time, values)
 
 
 def _anti_alias(rate: float, sampling: Sampling) -> float:
     """Limit [Hz] of the low pass before the rate falls; 0 where it does not."""
-    return _ANTI_ALIAS_SHARE * sampling.resample_hz if rate > _FALLS * sampling.resample_hz else 0.0
+    return ANTI_ALIAS_SHARE * sampling.resample_hz if rate > _FALLS * sampling.resample_hz else 0.0
 
 
-def _low_pass(file: Path, name: str, values: np.ndarray, limit: float, rate: float) -> np.ndarray:
+def low_pass(file: Path | str, name: str, values: np.ndarray, limit: float, rate: float) -> np.ndarray:
     """Values (n,) at `rate` [Hz] after a low pass at `limit` [Hz] forwards and backwards. Raises InputError."""
     if not limit < 0.5 * rate:
         raise InputError(f"import map: low_pass_hz is {limit:g}; allowed is below {0.5 * rate:g} for {name} in {file}")

@@ -1,7 +1,7 @@
 """Friction feedforward of the position axis: inertia and a friction model of the wanted motion (fig 5.10).
 
 What            the motor force that makes a model of the axis move as wanted
-Equation        F_ff = M x_d'' + F(x_d, N), over the control period at the middle of which the wanted motion is read
+Equation        F_ff = M x_d'' + F(x_d, N) + offset, over the control period at the middle of which the wanted motion is read
 Assumptions     the model begins at rest; it sees the wanted motion only, never the measured one
 Valid range     motions that PID control keeps close to the wanted one
 Not modelled    -
@@ -52,14 +52,16 @@ class Frictionless(FrictionModel):
 
 @dataclass(frozen=True)
 class Feedforward:
-    """Inertia of `mass` [kg] and `friction`. Raises InputError."""
+    """Inertia of `mass` [kg], `friction`, and a constant force `offset` [N]. Raises InputError."""
 
     mass: float
     friction: FrictionModel
+    offset: float = 0.0
 
     def __post_init__(self) -> None:
         require("mass of the feedforward", self.mass, least=0.0, unit="kg")
         require_type("friction of the feedforward", self.friction, FrictionModel)
+        require("offset of the feedforward", self.offset, unit="N")
 
     def force(self, trajectory: Trajectory, time: Array, load: Array | float = 1.0) -> Array:
         """Force [N] (n,) for each control period that begins at `time` [s] (n,); `load` [N] as measured, scalar or (n,).
@@ -78,7 +80,7 @@ class Feedforward:
         friction = self.friction.trace(
             middle[:-1], period, np.append(np.ravel(load)[:1], np.broadcast_to(load, time.size))
         )
-        return self.mass * acceleration + friction.force[1:]
+        return self.mass * acceleration + friction.force[1:] + self.offset
 
 
 def sine(amplitude: float, frequency: float) -> Trajectory:

@@ -87,7 +87,7 @@ def nominal(changed: Path | None = None) -> ParameterSet:
         if not is_motor(name)
     }
     shipped = ParameterSet({**load_defaults(DEFAULTS), **shared, **clutches})
-    return load_overlay(changed, shipped) if changed else shipped
+    return load_overlay(changed, shipped, rig="power_shift") if changed else shipped
 
 
 def clutch_parameters(parameters: ParameterSet, clutch: str) -> ParameterSet:

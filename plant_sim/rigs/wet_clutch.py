@@ -83,7 +83,7 @@ def nominal(changed: Path | None = None) -> ParameterSet:
         name: parameter for effect in catalogue().values() for name, parameter in effect.declare_parameters().items()
     }
     shipped = ParameterSet({**own, **declared})
-    return load_overlay(changed, shipped) if changed else shipped
+    return load_overlay(changed, shipped, rig="wet_clutch") if changed else shipped
 
 
 def parameter_values(parameters: ParameterSet) -> dict[str, float]:

@@ -7,7 +7,7 @@ TRC             other versions than python-can reads are refused
 
 import io
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -93,11 +93,15 @@ def _encoding(head: bytes) -> str:
 class LogLines(io.TextIOBase):
     """Lines of a log, as a file that python-can reads. What its reader takes for no frame is counted as damaged.
 
-    number: of the last line read. ended: no line is left. notes: what was decided, a sentence each.
+    numbers: of the lines of `file` in the log, where it has only some of them; before_last: then the line before one that does
+    not end. number: of the last line read. ended: no line is left. notes: what was decided, a sentence each.
     """
 
-    def __init__(self, path: Path, file: TextIO, found: TextLog) -> None:
+    def __init__(
+        self, path: Path, file: TextIO, found: TextLog, numbers: Sequence[int] | None = None, before_last: bytes = b""
+    ) -> None:
         self.path, self.found = path, found
+        self._numbers, self._read, self._before_last = numbers, 0, len(before_last.split())
         self.number = self.damaged = self.first_damaged = 0
         self.ended = self.ends_within_line = False
         self.notes: list[str] = []
@@ -151,7 +155,8 @@ class LogLines(io.TextIOBase):
         line = self._file.readline(_LONGEST_LINE)
         if not line:
             return ""
-        self.number += 1
+        self._read += 1
+        self.number = self._read if self._numbers is None else self._numbers[self._read - 1]
         self._whole = line.endswith("\n")
         if not self._whole and len(line) == _LONGEST_LINE:
             while (more := self._file.readline(_LONGEST_LINE)) and not more.endswith("\n"):
@@ -181,7 +186,7 @@ class LogLines(io.TextIOBase):
     def _prepare_candump(self, text: str) -> str | None:
         if match := _LOG.fullmatch(text):
             tokens = len(text.split())
-            if not self._whole and tokens < self._tokens:
+            if not self._whole and tokens < max(self._tokens, self._before_last):
                 return None  # its end is missing, though what is there could be a frame
             self._tokens = tokens
             can_id = _error_id(match["id"])

@@ -1,6 +1,9 @@
-"""MATLAB files as runs: one vector for each name. Single numbers become metadata."""
+"""MATLAB files as runs: one vector for each name. Single numbers become metadata.
 
-from collections.abc import Mapping
+Level 7.3 is HDF5, whose library can end the process on a damaged file: it is read in another one.
+"""
+
+from collections.abc import Callable, Mapping
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -8,11 +11,13 @@ from typing import Any
 import numpy as np
 
 from protocols.errors import InputError
+from protocols.files.child_reader import ChildReader
 from protocols.files.run import Run
 
 _NUMBERS = "fiub"  # kinds of NumPy types that are real numbers
 _CLASSES = ("double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)))
 _LEVEL73 = b"MATLAB 7.3 MAT-file"
+_LONGEST_REASON = 200  # characters of another library's sentence
 _MOST_NUMBERS = 1 << 27  # in one file: 1 GiB as float64, as much as a recording may have
 
 
@@ -24,13 +29,13 @@ def read_mat(path: Path) -> Run:
     try:
         with path.open("rb") as file:
             is_level73 = file.read(len(_LEVEL73)) == _LEVEL73
-        content = _read_level73(path) if is_level73 else _read_level5(path)
+        content = _read_by_child(path) if is_level73 else _read_level5(path)
     except FileNotFoundError:
         raise InputError(f"run {path} does not exist") from None
     except InputError:
         raise
-    except Exception as error:  # scipy and h5py raise many kinds
-        raise InputError(f"run {path} cannot be read: {' '.join(str(error).split())}") from None
+    except Exception as error:  # scipy raises many kinds
+        raise _unreadable(path, error) from None
     columns, metadata = {}, {}
     for name, value in content.items():
         if not isinstance(value, np.ndarray) or value.dtype.kind not in _NUMBERS:
@@ -52,18 +57,39 @@ def _read_level5(path: Path) -> Mapping[str, Any]:
     return loadmat(path, variable_names=names) if names else {}
 
 
+def _read_by_child(path: Path) -> Mapping[str, Any]:
+    content: Mapping[str, Any] = ChildReader(f"run {path}", f"{__name__}:serve_level73", str(path)).ask()
+    return content
+
+
+def serve_level73(path: str) -> Callable[[None], Mapping[str, Any]]:
+    """In the other process: see ChildReader."""
+    return lambda _: _read_level73(Path(path))
+
+
 def _read_level73(path: Path) -> Mapping[str, Any]:
-    """Vectors and single numbers of level 7.3, which is HDF5. Links are not followed."""
+    """Vectors and single numbers of level 7.3. Links are not followed."""
     import h5py
 
-    with h5py.File(path, "r", locking=False) as file:
-        entries = {name: file[name] for name in file if isinstance(file.get(name, getlink=True), h5py.HardLink)}
-        shapes = {
-            name: entry.shape or (0,)
-            for name, entry in entries.items()
-            if isinstance(entry, h5py.Dataset) and entry.attrs.get("MATLAB_class", b"").decode() in _CLASSES
-        }
-        return {name: entries[name][()] for name in _vectors(path, shapes) if "MATLAB_empty" not in entries[name].attrs}
+    try:
+        with h5py.File(path, "r", locking=False) as file:
+            entries = {name: file[name] for name in file if isinstance(file.get(name, getlink=True), h5py.HardLink)}
+            shapes = {
+                name: entry.shape or (0,)
+                for name, entry in entries.items()
+                if isinstance(entry, h5py.Dataset) and entry.attrs.get("MATLAB_class", b"").decode() in _CLASSES
+            }
+            wanted = [name for name in _vectors(path, shapes) if "MATLAB_empty" not in entries[name].attrs]
+            return {name: entries[name][()] for name in wanted}
+    except (InputError, MemoryError):
+        raise
+    except Exception as error:  # h5py raises many kinds
+        raise _unreadable(path, error) from None
+
+
+def _unreadable(path: Path, error: Exception) -> InputError:
+    reason = "".join(one if one.isprintable() else " " for one in str(error)[:_LONGEST_REASON])  # scipy quotes the file
+    return InputError(f"run {path} cannot be read: {' '.join(reason.split()) or type(error).__name__}")
 
 
 def _vectors(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> list[str]:

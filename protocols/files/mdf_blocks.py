@@ -1,14 +1,21 @@
 """Blocks of an MDF file, followed link by link before any reader does: no circle, none outside the file, no size out of bounds.
 
+A file that was cut within its rows is read as far as it reaches: `open_checked` gives a copy of it that ends there. This is
+done only where the rows of a group stand alone in their blocks, and no other block stands behind the cut.
+
 Source: ASAM MDF 4.2, section 6 (blocks); MDF 3.3, section 4. A reader that follows links without asking never ends in a file in
 which one link is wrong.
 """
 
 import mmap
+import shutil
 import struct
+import tempfile
 import zlib
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import IO
 
 from protocols.errors import InputError
 from protocols.files.bounds import check_bytes
@@ -24,26 +31,57 @@ _PYTHON_BYTES = 60  # of memory for a row as an object of Python, beside its con
 _DEFLATE = (0, 1)  # kinds of compression in a DZ block: deflated; transposed and deflated
 
 
-def check_blocks(path: Path) -> bool:
-    """Follow all blocks of a file. Returns whether it is unfinished. Raises InputError where a reader would stumble."""
+@dataclass
+class Condition:
+    """What a file is like. unfinished: its writer never closed it. cut: rows that are there and rows by the header, of each
+    group that was cut. mends: places and bytes to be written into a copy of a cut file, so that it ends where its rows do.
+    """
+
+    unfinished: bool
+    cut: list[tuple[int, int]] = field(default_factory=list)
+    mends: list[tuple[int, bytes]] = field(default_factory=list)
+
+    def cut_text(self) -> str:
+        """How much is there of the groups that were cut, "" where none was."""
+        return ", ".join(f"{there} of {rows} rows" for there, rows in self.cut)
+
+
+def open_checked(path: Path) -> tuple[IO[bytes], Condition]:
+    """A file whose blocks are sound, and its condition; a temporary copy where something of it must be written anew.
+
+    Raises InputError where a reader would stumble.
+    """
+    condition = check_blocks(path)
+    if not condition.unfinished and not condition.mends:
+        return path.open("rb"), condition
+    copy = tempfile.TemporaryFile()  # noqa: SIM115 - open as long as its reader is; asammdf finishes what it reads
+    with path.open("rb") as file:
+        shutil.copyfileobj(file, copy)
+    for place, content in condition.mends:
+        copy.seek(place)
+        copy.write(content)
+    copy.seek(0)
+    return copy, condition
+
+
+def check_blocks(path: Path) -> Condition:
+    """Follow all blocks of a file. Raises InputError where a reader would stumble."""
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
         if len(content) < _ID_BYTES + 4:
             raise InputError(
                 f"recording {path} cannot be read: it is an MDF file that was cut after {len(content)} bytes"
             )
-        finished = content[:8] == FINISHED
+        condition = Condition(content[:8] != FINISHED)
         try:
             if content[_ID_BYTES : _ID_BYTES + 4] == b"##HD":
-                _Blocks4(path, content, finished).check()
+                _Blocks4(path, content, condition).check()
             elif content[_ID_BYTES : _ID_BYTES + 2] == b"HD":
-                _Blocks3(path, content).check()
+                _Blocks3(path, content, condition).check()
             else:
                 raise damaged(path, "it has no header")
         except struct.error:
-            raise InputError(
-                f"recording {path} cannot be read, it cannot be read, it is cut or damaged: a block is not whole"
-            ) from None
-        return not finished
+            raise damaged(path, "a block is not whole") from None
+        return condition
 
 
 def check_inflated(path: Path, packed: bytes, size: int, address: int) -> None:
@@ -67,9 +105,11 @@ def damaged(path: Path, what: str) -> InputError:
 class _Blocks:
     """Blocks of a file, of which each is visited once."""
 
-    def __init__(self, path: Path, content: mmap.mmap) -> None:
+    def __init__(self, path: Path, content: mmap.mmap, condition: Condition) -> None:
         self._path, self._content, self._size = path, content, len(content)
+        self._condition = condition
         self._seen: set[int] = set()
+        self._cuts: list[int] = []  # addresses of blocks that are not whole, or behind the end
 
     def _visit(self, address: int, kind: str) -> None:
         if address in self._seen:
@@ -78,6 +118,21 @@ class _Blocks:
         if len(self._seen) > _MOST_BLOCKS:
             raise InputError(f"recording {self._path} has more than {_MOST_BLOCKS} blocks; allowed are fewer")
 
+    def _keep_rows(self, place: int, form: str, rows: int, there: int) -> None:
+        """Keep the first `there` of the `rows` that the header tells at `place`."""
+        self._condition.mends.append((place, struct.pack(form, there)))
+        self._condition.cut.append((there, rows))
+
+    def _check_cut(self) -> None:
+        """Raise InputError where what is not whole is not the end of the file, or nothing of the rows is left."""
+        if not self._cuts:
+            return
+        first = min(self._cuts)
+        if max(self._seen) > first:
+            raise self._fail(first, "of data")
+        if not any(there for there, _ in self._condition.cut):
+            raise damaged(self._path, f"it ends at byte {self._size}, before its first row")
+
     def _fail(self, address: int, kind: str) -> InputError:
         return damaged(self._path, f"no whole block {kind} at byte {address} of {self._size}")
 
@@ -85,10 +140,10 @@ class _Blocks:
 class _Blocks4(_Blocks):
     """MDF 4. A block: "##", two letters, four bytes, its length and number of links, the links, its data."""
 
-    def __init__(self, path: Path, content: mmap.mmap, finished: bool) -> None:
-        super().__init__(path, content)
+    def __init__(self, path: Path, content: mmap.mmap, condition: Condition) -> None:
+        super().__init__(path, content, condition)
         (flags,) = struct.unpack_from("<H", content, 60)  # what was left to do when writing ended
-        self._whole = finished or not flags
+        self._whole = not (condition.unfinished and flags)
         self._conversions: dict[int, int] = {}
         self._unsorted = 0  # bytes of the groups whose rows must be sorted
 
@@ -98,10 +153,14 @@ class _Blocks4(_Blocks):
             for _ in self._chain(first, kind):
                 pass
         for links, data in self._chain(groups, "DG", 4):
-            shortest_row = min((self._channel_group(*group) for group in self._chain(links[1], "CG", 6)), default=0)
+            channel_groups = list(self._chain(links[1], "CG", 6))
+            row_bytes = [self._channel_group(*group) for group in channel_groups]
             (id_bytes,) = struct.unpack_from("<B", self._content, data)
-            if links[2]:
-                self._data(links[2], shortest_row + id_bytes if id_bytes else 0)
+            if links[2] and self._whole and not id_bytes and len(channel_groups) == 1:
+                self._sorted_rows(data - 8 * len(links) + 16, channel_groups[0][1] + 8, row_bytes[0])
+            elif links[2]:
+                self._data(links[2], min(row_bytes, default=0) + id_bytes if id_bytes else 0)
+        self._check_cut()
         if self._unsorted or not self._whole:
             check_bytes(f"recording {self._path}, which must be sorted, has", max(self._unsorted, self._size))
 
@@ -164,6 +223,80 @@ class _Blocks4(_Blocks):
     def _is(self, address: int, name: bytes) -> bool:
         return self._content[address : address + 4] == name
 
+    def _sorted_rows(self, link_at: int, rows_at: int, row_bytes: int) -> None:
+        """Check the data of the only group behind the link at `link_at`; where they are cut, keep the whole rows there are."""
+        cuts = len(self._cuts)
+        size = self._size_there(link_at, False)
+        (rows,) = struct.unpack_from("<Q", self._content, rows_at)
+        if len(self._cuts) > cuts and rows * row_bytes > size:
+            self._keep_rows(rows_at, "<Q", rows, size // row_bytes)
+
+    def _size_there(self, link_at: int, in_list: bool) -> int:
+        """Bytes of rows behind the link at `link_at`, as far as the file reaches. in_list: it is one of a list of blocks."""
+        (address,) = struct.unpack_from("<Q", self._content, link_at)
+        if address + 24 > self._size:
+            return self._cut(address, link_at, 0)
+        name = bytes(self._content[address : address + 4])
+        (length,) = struct.unpack_from("<Q", self._content, address + 8)
+        if name == b"##DT":
+            self._visit(address, "DT")
+            if length < 24:
+                raise self._fail(address, "DT")
+            if address + length > self._size:
+                self._cut(address, address + 8, self._size - address)
+            return min(length, self._size - address) - 24
+        if name == b"##DZ":
+            if address + length > self._size:
+                return self._cut(address, link_at, 0)
+            self._data(address, 0)
+            (size,) = struct.unpack_from("<Q", self._content, address + 32)
+            return int(size)
+        if name == b"##HL" and not in_list:
+            self._visit(address, "HL")
+            return self._size_there(address + 24, in_list) if self._links(address, "HL", 1)[0] else 0
+        if name == b"##DL" and not in_list:
+            return self._size_of_list(link_at, address)
+        self._data(address, 0)
+        return 0
+
+    def _size_of_list(self, link_at: int, address: int) -> int:
+        size = 0
+        while address:
+            if address + 24 > self._size or address + self._length(address) > self._size:
+                return size + self._cut(address, link_at, 0)
+            self._visit(address, "DL")
+            links = self._links(address, "DL", 1)
+            for k, link in enumerate(links[1:]):
+                if not link:
+                    raise self._fail(link, "of data")
+                cuts, part = len(self._cuts), self._size_there(address + 32 + 8 * k, True)
+                size += part
+                if len(self._cuts) > cuts:
+                    behind = (*links[k + 2 :], links[0])
+                    self._seen.update(link for link in behind if link + 24 <= self._size)  # then it is no cut
+                    self._shorten_list(address, links, k + bool(part))
+                    return size
+            link_at, address = address + 24, links[0]
+        return size
+
+    def _shorten_list(self, address: int, links: tuple[int, ...], keep: int) -> None:
+        """Let a list end with its first `keep` blocks: its links, its flags, their number, and their offsets."""
+        data = address + 24 + 8 * len(links)
+        flags = bytes(self._content[data : data + 4])
+        rest = bytes(self._content[data + 8 : data + 8 + 8 * max(keep, 1)])
+        content = struct.pack(f"<{2 + keep}Q", 1 + keep, 0, *links[1 : 1 + keep])
+        self._condition.mends.append((address + 16, content + flags + struct.pack("<I", keep) + rest))
+
+    def _length(self, address: int) -> int:
+        (length,) = struct.unpack_from("<Q", self._content, address + 8)
+        return int(length)
+
+    def _cut(self, address: int, place: int, value: int) -> int:
+        """Note that the block at `address` is not whole, and what stands at `place` in a copy instead. Returns 0, its size."""
+        self._cuts.append(address)
+        self._condition.mends.append((place, struct.pack("<Q", value)))
+        return 0
+
     def _data(self, address: int, row_bytes: int) -> None:
         """Check a block with data, or a list of them. row_bytes: of the shortest row, where rows must be sorted."""
         self._visit(address, "of data")
@@ -223,6 +356,7 @@ class _Blocks3(_Blocks):
         for group in self._chain(self._at(_ID_BYTES + 4), "DG", 24):
             channel_groups, id_bytes = self._at(group + 20, "H"), self._at(group + 22, "H")
             self._channel_groups(self._at(group + 8), self._at(group + 16), channel_groups, id_bytes)
+        self._check_cut()
 
     def _at(self, address: int, kind: str = "I") -> int:
         (value,) = struct.unpack_from("<" + kind, self._content, address)
@@ -239,8 +373,9 @@ class _Blocks3(_Blocks):
 
     def _channel_groups(self, first: int, data: int, count: int, id_bytes: int) -> None:
         total, rows_of_all, groups = 0, 0, 0
+        row_bytes, rows, rows_at = 0, 0, 0
         for address in self._chain(first, "CG", 26):
-            row_bytes, rows = self._at(address + 20, "H"), self._at(address + 22)
+            row_bytes, rows, rows_at = self._at(address + 20, "H"), self._at(address + 22), address + 22
             total += rows * (row_bytes + id_bytes)
             rows_of_all, groups = rows_of_all + rows, groups + 1
             for channel in self._chain(self._at(address + 8), "CN", 24):
@@ -249,7 +384,10 @@ class _Blocks3(_Blocks):
                         raise self._fail(link, "of a channel")
         if groups != count:
             raise damaged(self._path, f"it has {groups} channel groups in a data group of {count}")
-        if total and data + total > self._size:
+        if total and data + total > self._size and groups == 1 and not id_bytes:
+            self._cuts.append(data)
+            self._keep_rows(rows_at, "<I", rows, max(0, self._size - data) // row_bytes)
+        elif total and data + total > self._size:
             raise damaged(self._path, f"its rows need {total} bytes from byte {data}, of {self._size}")
         if id_bytes and rows_of_all > _MOST_UNSORTED_ROWS:
             raise InputError(

@@ -4,19 +4,17 @@ import contextlib
 import gc
 import io
 import logging
-import shutil
-import tempfile
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import nan
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 
 from protocols.errors import InputError
 from protocols.files.bounds import MOST_BYTES, check_rows
-from protocols.files.mdf_blocks import check_blocks, check_inflated, damaged
+from protocols.files.mdf_blocks import check_inflated, damaged, open_checked
 from protocols.files.mdf_conversions import NUMBER, STATUS, TEXT, kind_after, to_physical
 
 MAGIC = (b"MDF     ", b"UnFinMF ")  # first bytes of a file
@@ -30,6 +28,7 @@ _BUS = 2  # MDF 4: flag of a group that logs messages of a bus
 _VARIABLE = 1  # MDF 4: flag of a group that holds the values of a channel of varying length
 _ALL_INVALID, _MAY_BE_INVALID = 1, 2  # MDF 4: flags of a channel
 _OPTIONS: Mapping[str, Any] = {"process_bus_logging": False, "use_display_names": False}  # of asammdf
+BUS_MESSAGES = "messages of a bus, not signals"  # why a group is left out
 _LONGEST_REASON = 200  # characters of another library's sentence
 _MOST_INFLATED = 4 * MOST_BYTES  # bytes of one group's compressed rows: 10 s of work
 
@@ -65,22 +64,24 @@ class MdfGroup:
 
 
 class MdfFile:
-    """An open file. left_out: names of what has no number or text in each row, by the reason. Raises InputError."""
+    """An open file. condition: whether it is finished and whole.
+
+    left_out: names of what has no number or text in each row, by the reason. Raises InputError.
+    """
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        unfinished = check_blocks(path)
+        self._stream, self.condition = open_checked(path)
         with self._reading():
             from asammdf import MDF
 
-            self._stream = _copy_of(path) if unfinished else path.open("rb")
             self._mdf: Any = MDF(self._stream, **_OPTIONS)  # type: ignore[arg-type]
             self.left_out: dict[str, list[str]] = {}
             self.version = 4 if self._mdf.version >= "4" else 3
             self.groups = [group for k in range(len(self._mdf.groups)) if (group := self._group(k))]
             self.header: str = self._mdf.header.comment
-            self.unfinished = unfinished
             self.start = self._start()
+            self.start_stamp = self._start_stamp()
 
     def read(self, channels: Collection[MdfChannel]) -> dict[MdfChannel, np.ndarray]:
         """Values (rows,) of `channels`, physical; of a status the raw ones; not-a-number where the file calls one invalid."""
@@ -198,7 +199,7 @@ class MdfFile:
             if block.flags & _VARIABLE:
                 return None
             if block.flags & _BUS:
-                self._leave_out("messages of a bus, not signals", name or f"group {k + 1}")
+                self._leave_out(BUS_MESSAGES, name or f"group {k + 1}")
                 return None
             number = self._mdf.virtual_groups_map.get(k, k)
         channels = tuple(c for i in range(len(group.channels)) if (c := self._channel(k, i, i == master_at)))
@@ -271,6 +272,13 @@ class MdfFile:
             return ""
         return start.isoformat() if start.year > 1980 else ""  # writers without a clock write 1970 or 1980
 
+    def _start_stamp(self) -> float:
+        """Time stamp of time 0 [s], as that of a bus logger's frames counts."""
+        try:
+            return float(self._mdf.header.start_time.timestamp())
+        except (ValueError, OverflowError, OSError):
+            return 0.0
+
     @contextlib.contextmanager
     def _reading(self) -> Iterator[None]:
         """asammdf at work: what it raises becomes an InputError."""
@@ -298,12 +306,3 @@ def _quiet() -> Iterator[None]:
     logging.getLogger("asammdf").disabled = True
     with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
         yield
-
-
-def _copy_of(path: Path) -> IO[bytes]:
-    """A copy of an unfinished file, in a temporary one: asammdf finishes what it reads."""
-    copy = tempfile.TemporaryFile()  # noqa: SIM115 - open as long as the MdfFile is
-    with path.open("rb") as file:
-        shutil.copyfileobj(file, copy)
-    copy.seek(0)
-    return copy

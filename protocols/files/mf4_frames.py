@@ -16,6 +16,7 @@ import can
 import numpy as np
 
 from protocols.errors import InputError
+from protocols.files.mdf_blocks import open_checked
 
 _ROWS = 50_000  # read at once: with CAN FD, 3 MB of payloads
 _KINDS = ("CAN_DataFrame", "CAN_RemoteFrame", "CAN_ErrorFrame")
@@ -23,19 +24,22 @@ _FD_BYTES = 64  # of data in a row
 _BUS_EVENT = 2  # flag of a channel group: FLAG_CG_BUS_EVENT of asammdf, whose import costs a second
 
 
-def is_bus_log(path: Path) -> bool:
-    """Whether all rows of an MDF file are frames of a bus."""
+def is_bus_log(path: Path, wholly: bool = True) -> bool:
+    """Whether all rows of an MDF file are frames of a bus, or, if not `wholly`, some are. Raises InputError."""
     if not _contains(path, b"CAN_DataFrame"):
         return False
-    from asammdf import MDF
-
     with without_remarks():
         try:
-            with MDF(str(path)) as mdf:
+            with _open(path) as mdf:
                 groups = [group.channel_group for group in mdf.groups if group.channel_group.cycles_nr]
-                return bool(groups) and all(getattr(group, "flags", 0) & _BUS_EVENT for group in groups)
+                of_a_bus = [bool(getattr(group, "flags", 0) & _BUS_EVENT) for group in groups]
+                return any(of_a_bus) and (all(of_a_bus) or not wholly)
+        except InputError:
+            raise
         except Exception:  # asammdf raises many exception types for a damaged file
-            return False
+            pass
+        gc.collect()  # while it is quiet: what is half-read holds itself
+    return False
 
 
 @contextmanager
@@ -48,25 +52,33 @@ def without_remarks() -> Iterator[None]:
     try:
         yield
     finally:
-        gc.collect()  # it holds itself
         log.setLevel(level)
         sys.unraisablehook = before
 
 
-def read_frames(path: Path, most: int) -> Iterator[can.Message]:
-    """Frames in order of time. Raises InputError where the file tells more than `most`, and what asammdf raises."""
+@contextmanager
+def _open(path: Path) -> Iterator[Any]:
+    """The file in asammdf, which never ends on some whose blocks are not sound."""
     from asammdf import MDF
 
-    with MDF(str(path)) as mdf:
+    stream, _ = open_checked(path)
+    with stream, MDF(stream) as mdf:  # type: ignore[arg-type]
+        yield mdf
+
+
+def read_frames(path: Path, most: int) -> Iterator[can.Message]:
+    """Frames in order of time. Raises InputError where the file tells more than `most`, and what asammdf raises."""
+    with _open(path) as mdf:
         start = mdf.header.start_time.timestamp()
-        rows = sum(int(group.channel_group.cycles_nr) for group in mdf.groups)
-        if rows > most:
-            raise InputError(f"log {path} has {rows} frames; allowed are {most}: cut it into parts")
-        streams = []
         groups: Any = mdf.groups
+        rows, streams = 0, []
         for index, group in enumerate(groups):
             names = {channel.name for channel in group.channels}
-            streams += [_messages(mdf, index, kind, names, start) for kind in _KINDS if f"{kind}.ID" in names]
+            kinds = [kind for kind in _KINDS if f"{kind}.ID" in names]
+            rows += int(group.channel_group.cycles_nr) if kinds else 0
+            streams += [_messages(mdf, index, kind, names, start) for kind in kinds]
+        if rows > most:
+            raise InputError(f"log {path} has {rows} frames; allowed are {most}: cut it into parts")
         yield from heapq.merge(*streams, key=lambda message: message.timestamp)
 
 

@@ -6,6 +6,7 @@ A defaults file declares the parameters, one line each:
     coulomb_slope = { value = 10.8, unit = "Nm/bar", uncertainty = 0.3, bounds = [1.0, 100.0], source = "Table 6.4" }
 
 A user's file changes some of them, `coulomb_slope = 11.5` in the declared unit, or an inline table to change more fields.
+A calibration is a user's file for two. It names its rig in [calibration], and has groups [plant.clutch], [controller.model], ..
 """
 
 import reprlib
@@ -22,6 +23,8 @@ from protocols.errors import InputError, closest
 from protocols.files.units import to_si
 
 _FIELDS = ("value", "unit", "uncertainty", "bounds", "source")
+PLANT, CONTROLLER = "plant", "controller"  # parts of a calibration
+CALIBRATION = "calibration"  # its table that names the rig; no group of parameters has this name
 
 
 @dataclass(frozen=True)
@@ -109,15 +112,18 @@ def load_defaults(path: Path) -> ParameterSet:
     return ParameterSet(parameters)
 
 
-def list_changed(path: Path) -> tuple[str, ...]:
-    """Dotted names of the parameters that a user's file changes. Raises InputError naming the file."""
-    return tuple(name for name, _ in _entries(path))
+def list_changed(path: Path, part: str = PLANT) -> tuple[str, ...]:
+    """Dotted names of the parameters that a user's file, or a `part` of a calibration, changes. Raises InputError."""
+    return tuple(name for name, _ in _entries(path, part))
 
 
-def load_overlay(path: Path, defaults: ParameterSet) -> ParameterSet:
-    """`defaults` changed by a user's file, which may name any subset. Raises InputError naming the file and the entry."""
+def load_overlay(path: Path, defaults: ParameterSet, part: str = PLANT, rig: str = "") -> ParameterSet:
+    """`defaults` changed by a user's file, which may name any subset; of a calibration its `part` counts.
+
+    rig: that a calibration must be of; "" takes any. Raises InputError naming the file and the entry.
+    """
     changed = dict(defaults)
-    for name, entry in _entries(path):
+    for name, entry in _entries(path, part, rig):
         try:
             declared = defaults[name]
         except InputError as error:
@@ -131,19 +137,33 @@ def load_overlay(path: Path, defaults: ParameterSet) -> ParameterSet:
     return ParameterSet(changed)
 
 
-def _entries(path: Path) -> Iterator[tuple[str, Any]]:
-    """(dotted name, entry) of every line of every `[group]`."""
+def _entries(path: Path, part: str = PLANT, rig: str = "") -> Iterator[tuple[str, Any]]:
+    """(dotted name, entry) of every line of every `[group]`; of a calibration those of its `part`."""
     try:
         document = tomllib.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise InputError(f"parameter file {path} does not exist") from None
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise InputError(f"parameter file {path} cannot be read: {error}") from None
-    for group, entries in document.items():
+    groups = _part(path, document, part, rig) if CALIBRATION in document else document
+    for group, entries in groups.items():
         if not isinstance(entries, dict):
             raise InputError(f"{path}: {group} stands outside a [group]")
         for name, entry in entries.items():
             yield f"{group}.{name}", entry
+
+
+def _part(path: Path, document: Mapping[str, Any], part: str, rig: str) -> Mapping[str, Any]:
+    """The `part` of a calibration. Raises InputError where it has none, or is of another rig."""
+    head, found = document[CALIBRATION], document.get(part)
+    of = head.get("rig") if isinstance(head, dict) else None
+    if not isinstance(of, str) or (rig and of != rig):
+        raise InputError(f"calibration {path} is of the rig {reprlib.repr(of)}; allowed is {rig or 'a name'!r}")
+    if not isinstance(found, dict):
+        raise InputError(
+            f"calibration {path} has no table [{part}]; parts of a calibration are {PLANT} and {CONTROLLER}"
+        )
+    return found
 
 
 def _parameter(path: Path, name: str, entry: Mapping[str, Any]) -> Parameter:

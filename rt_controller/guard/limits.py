@@ -1,9 +1,9 @@
 """Guard: watchdog and limiter between controller and bus.
 
-The guard reads the frames of both directions. It shares no code with the controller: it has its own layout of the frames (a
-test compares it with the DBC), its own CRC table and its own limits (`limits.toml`), in raw counts. It passes a command,
-lowers it to the limit, or replaces it by the safe command: valve closed, motor off. Its finding is one of the codes below. A
-finding is latched until its cause is gone and the supervisor requests idle.
+The guard reads the frames of both directions. It shares no code with the controller: it has its own layout of the frames
+(`layout.py` compares it with the database at the start), its own CRC table and its own limits (`limits.toml`), in raw
+counts. It passes a command, lowers it to the limit, or replaces it by the safe command: valve closed, motor off. Its finding is
+one of the codes below. A finding is latched until its cause is gone and the supervisor requests idle.
 """
 
 from collections.abc import Mapping
@@ -15,11 +15,11 @@ HEALTHY, STALE_SENSORS, OVERPRESSURE, OVERTEMPERATURE, OVERSPEED = range(5)
 
 VALVE_COMMAND, MOTOR_COMMAND, ANALOG_SENSORS, ENCODER, TORQUE_SETPOINT = 0x080, 0x090, 0x100, 0x101, 0x180
 _INBOUND_BYTES, _COMMAND_BYTES = 8, 6
-_PRESSURE_COUNTS = 4096 / 20.0 / 1e5  # counts/Pa: 12 bit over 20 V, 1 V/bar; DBC
-_TEMPERATURE_COUNTS = 4096 / 20.0 * 0.05  # counts/K: 12 bit over 20 V, 0.05 V/degC, 0 counts at 0 degC; DBC
-_ANGLE_COUNTS = 163840 / 6.283185307179586  # counts/rad: counts of a turn of the encoder; DBC
-_VALVE_COUNTS = 65536 / 10.0  # counts/V: 16 bit over 10 V; DBC
-_MOTOR_COUNTS = 1000.0  # counts/Nm: DBC
+PRESSURE_COUNTS = 4096 / 20.0 / 1e5  # counts/Pa: 12 bit over 20 V, 1 V/bar; DBC
+TEMPERATURE_COUNTS = 4096 / 20.0 * 0.05  # counts/K: 12 bit over 20 V, 0.05 V/degC, 0 counts at 0 degC; DBC
+ANGLE_COUNTS = 163840 / 6.283185307179586  # counts/rad: counts of a turn of the encoder; DBC
+VALVE_COUNTS = 65536 / 10.0  # counts/V: 16 bit over 10 V; DBC
+MOTOR_COUNTS = 1000.0  # counts/Nm: DBC
 _crc_of_byte = []
 for _byte in range(256):
     for _ in range(8):
@@ -51,11 +51,11 @@ def guard_limits(limits: Mapping[str, float], period: float, offset: int) -> dic
     return {
         "stale_cycles": limits["stale_cycles"],
         "confirm_samples": limits["confirm_samples"],
-        "pressure": limits["pressure"] * _PRESSURE_COUNTS,
-        "temperature": (limits["temperature"] - 273.15) * _TEMPERATURE_COUNTS,
-        "turn": limits["slip_speed"] * _ANGLE_COUNTS * period,  # counts a tick
-        "valve": int(limits["voltage"] * _VALVE_COUNTS),
-        "motor": int(limits["motor_torque"] * _MOTOR_COUNTS),
+        "pressure": limits["pressure"] * PRESSURE_COUNTS,
+        "temperature": (limits["temperature"] - 273.15) * TEMPERATURE_COUNTS,
+        "turn": limits["slip_speed"] * ANGLE_COUNTS * period,  # counts a tick
+        "valve": int(limits["voltage"] * VALVE_COUNTS),
+        "motor": int(limits["motor_torque"] * MOTOR_COUNTS),
         "offset": offset,
     }
 

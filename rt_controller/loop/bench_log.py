@@ -16,7 +16,8 @@ from protocols.can.lifecycle import Lifecycle
 from protocols.can.traffic import Traffic
 from protocols.can.two_clutches import CLUTCHES
 from protocols.errors import InputError
-from protocols.files.bus_log import EXTENDED, FLAG_NAMES, BusLog, good_crc, iterate, read_bus_log
+from protocols.files.bus_frames import EXTENDED, FLAG_NAMES, BusLog
+from protocols.files.bus_log import good_crc, iterate, read_bus_log
 
 COMPARED_FRAMES = ("VALVE_COMMAND", "MOTOR_COMMAND", "CONTROLLER_STATUS")
 _FRAMES_BEFORE_START = 64  # frames before the first sample that its cycle still receives, as in service.py

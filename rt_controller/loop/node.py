@@ -7,14 +7,15 @@ import numpy as np
 
 from protocols.can.fault_text import FaultWatch
 from protocols.can.frame_batch import batch, load, unload
-from protocols.can.frames import Frame, load_frames
+from protocols.can.frames import DBC, Frame, load_frames
 from protocols.can.lifecycle import Lifecycle
 from protocols.can.reception import new_receptions, read_counts
 from protocols.can.request import Request
 from protocols.can.two_clutches import OFFSET, SHARED, other_clutch
 from protocols.can.words import frame_definition
 from protocols.errors import InputError
-from protocols.files.parameters import ParameterSet, load_defaults, load_overlay
+from protocols.files.parameters import CONTROLLER, ParameterSet, load_defaults, load_overlay
+from rt_controller.guard.layout import check_layout
 from rt_controller.guard.limits import LIMITS as GUARD_LIMITS
 from rt_controller.guard.limits import guard_limits
 from rt_controller.law.other_clutch import PAIR_SETTINGS, initial_other
@@ -37,6 +38,7 @@ from rt_controller.loop.cycle import (
 from rt_controller.loop.cycle_record import COLUMNS
 
 PARAMETERS = Path(__file__).parents[1] / "parameters" / "controller.toml"
+RIG = "wet_clutch"  # whose clutch its law is of: a calibration of another rig is refused
 LIMITS = Path(__file__).parents[1] / "parameters" / "limits.toml"
 INBOX = 4096  # frames in one call: more than a bus of 1 Mbit/s carries in 0.2 s
 _NO_FRAME = -1  # marks an unused place: no frame has this identifier
@@ -45,7 +47,7 @@ _NO_FRAME = -1  # marks an unused place: no frame has this identifier
 def controller_parameters(changed: Path | None = None) -> ParameterSet:
     """Return the parameters of `controller.toml`, changed by a user's file if given. Raises InputError."""
     shipped = load_defaults(PARAMETERS)
-    return load_overlay(changed, shipped) if changed else shipped
+    return load_overlay(changed, shipped, CONTROLLER, RIG) if changed else shipped
 
 
 def shipped_parameters() -> ParameterSet:
@@ -99,6 +101,7 @@ class ControllerNode:
         self._session = session
         self._kind = law, adaptation and clutch is None, clutch is None
         self._drives = clutch != "b"
+        check_layout(DBC, load_frames())
         self.frames = frames = load_frames(clutch=clutch or "a")
         self._valve, self._motor = frames["VALVE_COMMAND"], frames["MOTOR_COMMAND"]
         self._heartbeat, self._status = frames["CONTROLLER_HEARTBEAT"], frames["CONTROLLER_STATUS"]

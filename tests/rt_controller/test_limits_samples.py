@@ -39,11 +39,11 @@ def test_scales_agree_with_the_dbc(limits: ModuleType) -> None:
     def scale(frame_name: str, signal: str) -> float:
         return float(DATABASE.get_message_by_name(frame_name).get_signal_by_name(signal).scale)
 
-    assert pytest.approx(1 / (scale("ANALOG_SENSORS", "CYLINDER_PRESSURE") * 1e5), rel=1e-12) == limits._PRESSURE_COUNTS
-    assert pytest.approx(1 / scale("ANALOG_SENSORS", "OIL_TEMPERATURE"), rel=1e-12) == limits._TEMPERATURE_COUNTS
-    assert pytest.approx(1 / scale("ENCODER", "SHAFT_ANGLE"), rel=1e-12) == limits._ANGLE_COUNTS
-    assert pytest.approx(1 / scale("VALVE_COMMAND", "VALVE_VOLTAGE"), rel=1e-12) == limits._VALVE_COUNTS
-    assert pytest.approx(1 / scale("MOTOR_COMMAND", "TORQUE_LIMIT"), rel=1e-12) == limits._MOTOR_COUNTS
+    assert pytest.approx(1 / (scale("ANALOG_SENSORS", "CYLINDER_PRESSURE") * 1e5), rel=1e-12) == limits.PRESSURE_COUNTS
+    assert pytest.approx(1 / scale("ANALOG_SENSORS", "OIL_TEMPERATURE"), rel=1e-12) == limits.TEMPERATURE_COUNTS
+    assert pytest.approx(1 / scale("ENCODER", "SHAFT_ANGLE"), rel=1e-12) == limits.ANGLE_COUNTS
+    assert pytest.approx(1 / scale("VALVE_COMMAND", "VALVE_VOLTAGE"), rel=1e-12) == limits.VALVE_COUNTS
+    assert pytest.approx(1 / scale("MOTOR_COMMAND", "TORQUE_LIMIT"), rel=1e-12) == limits.MOTOR_COUNTS
 
 
 def test_crc_agrees_with_the_e2e_library(limits: ModuleType) -> None:

@@ -25,7 +25,7 @@ def model_named(rig: str, changed: Path | None = None) -> Model:
     try:
         model = made()
         if changed:
-            model = made(load_overlay(changed, declare_parameters(model)))
+            model = made(load_overlay(changed, declare_parameters(model), rig=model.name))
     except InputError:
         raise
     except Exception as error:  # a user's class may raise anything

@@ -12,9 +12,9 @@ from math import pi
 import numpy as np
 
 from clutch_hil.discrepancy.models.linear_motion import Scale, candidates
-from clutch_hil.discrepancy.models.measured_motion import Motion, smooth
 from clutch_hil.discrepancy.models.sliding_contact import Drive, SlidingContact
 from clutch_hil.fitting.model import Columns, Output
+from clutch_hil.recordings.measured_motion import Motion, smooth
 from protocols.files.parameters import ParameterSet
 from protocols.files.units import BAR
 

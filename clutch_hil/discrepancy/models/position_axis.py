@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from clutch_hil.discrepancy.models.linear_motion import Scale, candidates
-from clutch_hil.discrepancy.models.measured_motion import Motion, smooth
 from clutch_hil.discrepancy.models.sliding_contact import Drive, SlidingContact
 from clutch_hil.fitting.model import Columns, Output
+from clutch_hil.recordings.measured_motion import Motion, smooth
 from protocols.files.parameters import ParameterSet
 
 if TYPE_CHECKING:
@@ -37,6 +37,7 @@ class PositionAxis(SlidingContact):
     inputs = ("position_m",)
     output = Output("motor_force_n", "N", "friction")
     defaults = "position_axis_model.toml"
+    load = _LOAD
     scale = Scale(force=50.0, speed=0.15, path=0.25, load=150.0)
     known = candidates(
         scale,

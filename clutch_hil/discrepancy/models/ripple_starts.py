@@ -13,8 +13,8 @@ import numpy as np
 from scipy.signal import czt
 
 from clutch_hil.discrepancy.models.linear_motion import PERIOD
-from clutch_hil.discrepancy.models.measured_motion import Motion
 from clutch_hil.fitting.model import Candidate
+from clutch_hil.recordings.measured_motion import Motion
 
 _LEAST_SPEED = 0.1  # of the greatest speed: slower samples show the reversal, not the position
 _BINS = 8  # along the shortest period

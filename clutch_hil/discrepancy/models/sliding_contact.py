@@ -19,10 +19,10 @@ import numpy as np
 from numba import from_dtype, njit
 
 from clutch_hil.discrepancy.models.linear_motion import STRIBECK_DEPTH, Scale, law_values
-from clutch_hil.discrepancy.models.measured_motion import Motion
 from clutch_hil.discrepancy.models.ripple_starts import ripple_starts
 from clutch_hil.fitting.model import Candidate, Columns, Output, Values
-from clutch_hil.recordings.checks.knowledge import Limits
+from clutch_hil.recordings.checks.knowledge import Implied, Limits
+from clutch_hil.recordings.measured_motion import Motion
 from plant_sim.effects.catalogue import effect
 from plant_sim.effects.signals import DRIVE, PISTON, SENSORS, SIGNALS, bind_laws, call, has_law
 from plant_sim.effects.start import StrongestOrder
@@ -40,6 +40,8 @@ _FIELDS = (
     "clutch_viscous_exponent", "clutch_beta_inf", "clutch_beta_onset", "clutch_beta_scale", "clutch_stribeck_speed",
     "clutch_attraction", "piston_contact_pressure",
 )  # fmt: skip
+_SPEED = "speed_m_s"  # column that a run may have
+_SLIDING = 0.3  # of the greatest speed: chosen, pre-sliding and the dip of friction at a reversal are below
 _RECORD = np.dtype([(name, np.float64) for name in _FIELDS])
 _RECORD_TYPE = from_dtype(_RECORD)
 _CONSTANT = {
@@ -71,6 +73,8 @@ class SlidingContact(ABC):
     scale: ClassVar[Scale]
     known: ClassVar[tuple[Candidate, ...]]  # every candidate of the rig
     defaults: ClassVar[str]  # file of plant_sim/parameters
+    lag: ClassVar[float] = Limits.delay  # s: by which friction may be late; a contact that bends far in slow strokes is
+    load: ClassVar[str] = ""  # column of the normal load, which a run may have
 
     def __init__(self, parameters: ParameterSet | None = None) -> None:
         whole = self.nominal() if parameters is None else parameters
@@ -137,7 +141,33 @@ class SlidingContact(ABC):
 
     def limits(self) -> Mapping[str, Limits]:
         """See `Ranged`: the path and the force that the rig is made for; the first input is the position."""
-        return {self.inputs[0]: Limits(span=self.scale.path), self.output.column: Limits(span=self.scale.force)}
+        return {
+            self.inputs[0]: Limits(span=self.scale.path),
+            self.output.column: Limits(span=self.scale.force, delay=self.lag),
+        }
+
+    def from_others(self, run: Columns) -> Mapping[str, tuple[str, np.ndarray]]:
+        """See `Redundant`: a speed that was recorded, too, is the derivative of the position."""
+        if _SPEED not in run or "motion.window" not in self.parameters:
+            return {}
+        moved = self._track_motion(run, self.parameters, float(run["time_s"][1] - run["time_s"][0]))
+        return {_SPEED: (self.inputs[0], moved.speed)}
+
+    def implied(self, run: Columns, floors: Mapping[str, float]) -> Mapping[str, Implied]:
+        """See `Implying`: friction has the sign of the speed, and tells the load that it is in proportion to."""
+        own, column = self.parameters, self.output.column
+        moved = self._track_motion(run, own, float(run["time_s"][1] - run["time_s"][0]))
+        friction = run[column] - self._drive(run, own, moved).other
+        found = {self.inputs[0]: Implied(column, floors[column], friction=friction, speed=moved.speed)}
+        contact = self._contact(own)
+        slope = contact.get("clutch_coulomb_slope", 0.0)
+        if self.load in run and slope > 0.0:
+            speed = np.abs(moved.speed)
+            rest = contact.get("clutch_coulomb_intercept", 0.0) + contact.get("clutch_viscous_intercept", 0.0) * speed
+            slides = speed > _SLIDING * float(speed.max())
+            load = np.where(slides, (friction * np.sign(moved.speed) - rest) / slope, np.nan)
+            found[self.load] = Implied(column, floors[column] / slope, values=load)
+        return found
 
     @abstractmethod
     def _track_motion(self, run: Columns, own: ParameterSet, period: float) -> Motion:

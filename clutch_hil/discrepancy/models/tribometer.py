@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from clutch_hil.discrepancy.models.linear_motion import Scale, candidates
-from clutch_hil.discrepancy.models.measured_motion import Motion, path
 from clutch_hil.discrepancy.models.sliding_contact import Drive, SlidingContact
 from clutch_hil.fitting.model import Columns, Output
+from clutch_hil.recordings.measured_motion import Motion, path
 from protocols.files.parameters import ParameterSet
 
 if TYPE_CHECKING:
@@ -30,6 +30,8 @@ class Tribometer(SlidingContact):
     inputs = ("displacement_m", "normal_load_n")
     output = Output("friction_force_n", "N", "friction")
     defaults = "tribometer_model.toml"
+    load = "normal_load_n"
+    lag = 0.4  # s: pre-sliding of the micro-tribometer's strokes of 4 s takes 0.27 s
     scale = Scale(force=3.0, speed=1e-3, path=1e-3, load=5.0)
     known = candidates(
         scale,
@@ -44,7 +46,7 @@ class Tribometer(SlidingContact):
         return path(run["displacement_m"], period, own["motion.flicker"].si)
 
     def _drive(self, run: Columns, own: ParameterSet, moved: Motion) -> Drive:
-        load = np.ascontiguousarray(run["normal_load_n"], float)
+        load = np.ascontiguousarray(run[self.load], float)
         return Drive(load, *np.zeros((2, load.size)))
 
     def _contact(self, own: ParameterSet) -> Mapping[str, float]:

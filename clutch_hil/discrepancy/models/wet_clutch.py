@@ -85,8 +85,10 @@ class WetClutch:
         "drive": ("motor_torque_nm", "slip_speed_rad_s"),
     }
 
-    def __init__(self, parameters: ParameterSet | None = None) -> None:
+    def __init__(self, parameters: ParameterSet | None = None, step: float = _STEP) -> None:
+        """step: of the integration [s], at most."""
         whole = parameters or wet_clutch.nominal()
+        self._step = step
         plug_ins = catalogue()
         self._whole = whole
         read = wet_clutch.nominal()  # a recording was scaled by the data sheets, whatever the sensors are
@@ -193,9 +195,10 @@ class WetClutch:
         shown = np.empty((n, 6))
         start = self._initial_state(rig, columns, period)
         limit = rig.record["motor_torque_limit"][0]
+        substeps = _substeps(rig, rate, period, self._step)
         run(
-            start.y, start.effects, voltage, speed, limit, rig.record, rig.table.kernel, period, _substeps(rig, rate, period),
-            bool(driven), pressure, slip, self._scales, shown,
+            start.y, start.effects, voltage, speed, limit, rig.record, rig.table.kernel, period, substeps, bool(driven),
+            pressure, slip, self._scales, shown,
         )  # fmt: skip
         shown[1:, SLIP] = np.diff(shown[:, ANGLE]) / period  # as an encoder gives it
         return {column: convert(shown[:, i]) for column, (i, convert) in _SHOWN.items()}
@@ -221,10 +224,11 @@ class WetClutch:
         return wet_clutch.Rig(whole), wet_clutch.fastest_rate(own, sum_added_rates(whole, own))
 
 
-def _substeps(rig: wet_clutch.Rig, rate: float, period: float) -> int:
+def _substeps(rig: wet_clutch.Rig, rate: float, period: float, step: float) -> int:
     """Integration steps of a sample: see Integration."""
     on = (catalogue()[name] for name in rig.table.names)
-    step = _FINE if any(DRIVE in effect.laws and effect.states for effect in on) else _STEP
+    if any(DRIVE in effect.laws and effect.states for effect in on):
+        step = min(step, _FINE)
     return ceil(max(period / step, period * rate / _RATE) - 1e-9)
 
 

@@ -52,11 +52,28 @@ class Knowledge:
 
 
 @dataclass(frozen=True)
+class Implied:
+    """What an output tells of an input, by the baseline turned round.
+
+    source: the output. values: what the input must be, (n,) in its unit, where the output tells it, else NaN; None for a
+    position. friction, speed: of a position, the force that must have the sign of its speed, (n,) each. floor: standard
+    deviation of the noise of `values`, or of `friction`.
+    """
+
+    source: str
+    floor: float
+    values: np.ndarray | None = None
+    friction: np.ndarray | None = None
+    speed: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
 class Recorded:
     """One run to be checked.
 
     columns: (n,) by name, with time_s in equal steps. known: by column; a column without an entry is not looked at. inputs:
     columns that drive the prediction. latitude: factor, 1 or more, by which the baseline's own uncertainty may scale it.
+    implied: what outputs tell of inputs, by input.
     """
 
     name: str
@@ -64,6 +81,7 @@ class Recorded:
     known: Mapping[str, Knowledge]
     inputs: tuple[str, ...] = ()
     latitude: float = 1.0
+    implied: Mapping[str, Implied] = field(default_factory=dict)
     period: float = field(init=False)
 
     def __post_init__(self) -> None:

@@ -7,6 +7,7 @@ Equation        delay = the shift with the largest correlation of measured and p
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from scipy.signal import lfilter
 
 from clutch_hil.recordings.checks.finding import Finding
 from clutch_hil.recordings.checks.knowledge import Recorded
@@ -18,10 +19,12 @@ LEAST_TOTAL = (
 )
 EARLY = 0.05  # s: nothing real is early; half a window of a smoother is
 APART = 0.05  # s that the delay may change in a run: oil that warms, or a valve that sticks, change it by less
+_LEAK_RATES = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)  # 1/s: those of the catalogue's leaking sensor, and around
 _STEADY = 0.25  # of what clocks run apart: how far the middle of a run may be from half of it
 _MOST_DELAY = 5.0  # s that are searched, and a quarter of the run
 _STEP = 5e-3  # s of the means that delays are read from: a tenth of what is told
 _BETTER = 0.25  # of the unexplained share that is left: a shift explains most of the rest, or it is another fault
+_AS_GOOD = 0.02  # of correlation: peaks that differ by less are those of a period
 _LEAST_CORRELATION = 0.95  # at the best shift; noise of 5 % and a gain leave 0.97, a saturated triangle has less
 
 
@@ -37,15 +40,17 @@ def find_short(run: Recorded) -> list[Finding]:
 def find_late(run: Recorded) -> list[Finding]:
     """Columns whose clock is not that of the inputs."""
     found = []
-    most = min(_MOST_DELAY, 0.25 * len(run.columns["time_s"]) * run.period)
+    most = longest_delay(run)
     for name, known in run.known.items():
         if known.predicted is None:
             continue
-        found_delay = _delay(run.columns[name], known.predicted, run.period, most)
+        found_delay = find_delay(run.columns[name], known.predicted, run.period, most)
         if found_delay is None:
             continue
         delay, sure = found_delay
         if not sure or -EARLY <= delay <= known.limits.delay:
+            continue
+        if delay < 0.0 and _leaks(run.columns[name], known.predicted, run.period, delay):
             continue
         text = (
             f"is {abs(delay):.3g} s {'behind' if delay > 0.0 else 'before'} {known.source}: its clock is not that of the"
@@ -53,6 +58,22 @@ def find_late(run: Recorded) -> list[Finding]:
         )
         found.append(Finding("delay", name, run.rows, text, True))
     return found
+
+
+def _leaks(measured: np.ndarray, predicted: np.ndarray, period: float, delay: float) -> bool:
+    """Whether a sensor whose charge leaks explains more than a shift by `delay` < 0 [s]: slow movements are then early."""
+    block = max(1, round(_STEP / period))
+    m, p = (_means(values, block) for values in (measured, predicted))
+    shift = round(-delay / (block * period))
+    shifted = np.corrcoef(m[: len(m) - shift], p[shift:])[0, 1]
+    decays = np.exp(-np.array(_LEAK_RATES) * block * period)
+    leaking = [lfilter([0.5 * (1.0 + decay), -0.5 * (1.0 + decay)], [1.0, -decay], p) for decay in decays]
+    return any(np.corrcoef(m, one)[0, 1] > shifted for one in leaking)
+
+
+def longest_delay(run: Recorded) -> float:
+    """Delay [s] up to which one is searched in a run."""
+    return min(_MOST_DELAY, 0.25 * len(run.columns["time_s"]) * run.period)
 
 
 def find_drift(run: Recorded) -> list[Finding]:
@@ -64,7 +85,7 @@ def find_drift(run: Recorded) -> list[Finding]:
         if known.predicted is None or n < 3 * LEAST_ROWS:
             continue
         thirds = [slice(0, n // 3), slice(n // 3, 2 * n // 3), slice(2 * n // 3, n)]
-        delays = [_delay(run.columns[name][part], known.predicted[part], run.period, most) for part in thirds]
+        delays = [find_delay(run.columns[name][part], known.predicted[part], run.period, most) for part in thirds]
         if any(one is None for one in delays):
             continue
         (first, sure), (middle, _), (last, too) = delays  # type: ignore[misc]
@@ -102,7 +123,7 @@ def total_seconds(runs: Sequence[Recorded]) -> float:
     return sum(len(run.columns["time_s"]) * run.period for run in runs)
 
 
-def _delay(measured: np.ndarray, predicted: np.ndarray, period: float, most: float) -> tuple[float, bool] | None:
+def find_delay(measured: np.ndarray, predicted: np.ndarray, period: float, most: float) -> tuple[float, bool] | None:
     """Delay [s] of measured behind predicted, within `most`, and whether it explains most of their difference.
 
     None where both have too little in common to tell.
@@ -122,7 +143,11 @@ def _delay(measured: np.ndarray, predicted: np.ndarray, period: float, most: flo
     total, square = (s[n : n + 2 * shifts + 1] - s[: 2 * shifts + 1] for s in (sums, squares))
     spread = np.sqrt(np.maximum(square - total**2 / n, 0.0))
     r = np.where(spread > 0.0, cross / np.where(spread > 0.0, spread, 1.0), 0.0)
-    best = int(np.argmax(r))
+    inside = r[1:-1]
+    peaks = 1 + np.flatnonzero((inside >= r[:-2]) & (inside >= r[2:]) & (inside > r.max() - _AS_GOOD))
+    best = (
+        int(peaks[np.argmin(np.abs(peaks - shifts))]) if len(peaks) else int(np.argmax(r))
+    )  # of a period, the nearest
     if r[best] < _LEAST_CORRELATION or best in (0, 2 * shifts):  # at the end of the search it is no maximum
         return None
     gains = 1.0 - r[best] ** 2 < _BETTER * (1.0 - max(r[shifts], 0.0) ** 2)

@@ -15,6 +15,10 @@ from clutch_hil.recordings.checks.likely_unit import name_own_unit
 MOVES = 10.0  # floors, peak to peak: a prediction that moves by more must show in the channel, whatever its sensor
 MARGIN = 0.05  # of the width between limits: noise and offset of a sensor at its end
 SPAN_FACTOR = 100.0  # times the span: strokes of 0.01 to 100 times it occur on rigs of a kind; a wrong prefix is 1000
+_TOLD_SPAN = (
+    1.0 / 30.0,
+    4.0,
+)  # of an input's span, told outside: inch for m is 39; chosen, a rig of the model moves as it does
 _FROZEN = 0.5  # s of equal values: noise of an amplifier never leaves a converter on one step for 500 samples in motion
 _FROZEN_MOVE = 0.2  # of its whole movement: what the prediction moves, or is off, beside a frozen stretch
 _UNSEEN_FROZEN = (
@@ -71,13 +75,18 @@ def find_out_of_range(run: Recorded) -> list[Finding]:
         if ratio == 0.0:
             text = f"is {values[0]:.6g} {known.unit} throughout: it is dead, or the rig stood still"
             found.append(Finding("range", name, run.rows, text, True))
-        elif not 1.0 / SPAN_FACTOR < ratio < SPAN_FACTOR:
+        elif not (_TOLD_SPAN[0] < ratio < _TOLD_SPAN[1] or (name not in run.inputs and _is_of_a_kind(ratio))):
             text = (
                 f"moves by {np.ptp(values):.3g} {known.unit}, {ratio:.2g} of what this rig is made for:"
                 f" {name_own_unit(known, ratio)}, or give the model of your rig"
             )
-            found.append(Finding("range", name, run.rows, text, True))
+            found.append(Finding("range", name, run.rows, text, not _is_of_a_kind(ratio)))
     return found
+
+
+def _is_of_a_kind(ratio: float) -> bool:
+    """Whether rigs of a kind may differ so much in the size of their movement."""
+    return 1.0 / SPAN_FACTOR < ratio < SPAN_FACTOR
 
 
 def find_frozen(run: Recorded) -> list[Finding]:

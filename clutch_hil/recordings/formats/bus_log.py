@@ -14,7 +14,8 @@ from clutch_hil.recordings.can_signals import bit_places, multiplexers, physical
 from protocols.can.database import is_carried, read_database
 from protocols.can.frames import DBC
 from protocols.errors import InputError, listing
-from protocols.files.bus_log import EXTENDED, FD, FLAG_NAMES, BusLog, good_crc, log_kind, read_bus_log
+from protocols.files.bus_frames import EXTENDED, FD, FLAG_NAMES, BusLog
+from protocols.files.bus_log import good_crc, log_kind, read_bus_log
 
 _EPOCH_S = 1e8  # s, three years: stamps above count from 1970
 _MOST_NAMES = 20  # identifiers in a message for people
@@ -32,15 +33,18 @@ class BusLogFormat:
         return bool(log_kind(path, head))
 
     def open(self, path: Path, options: Mapping[str, Any]) -> recording.Recording:
-        given = options.get("dbc")
-        dbc = _find(path, given) if given else DBC
-        log = read_bus_log(path)
-        messages = {(m.frame_id, m.is_extended_frame): m for m in read_database(dbc).messages}
-        known = _known(log, messages)
-        log = log.only_channel(
-            options.get("channel"), known, f"messages of {dbc.name}", 'write channel = "NAME" in [file]'
-        )
-        return _BusRecording(path, dbc, log, messages, bool(given))
+        return open_frames(path, options)
+
+
+def open_frames(path: Path, options: Mapping[str, Any], zero: float | None = None) -> recording.Recording:
+    """The signals of the frames in a file. zero: time stamp of the time 0 [s]; that of the first frame if not given."""
+    given = options.get("dbc")
+    dbc = _find(path, given) if given else DBC
+    log = read_bus_log(path)
+    messages = {(m.frame_id, m.is_extended_frame): m for m in read_database(dbc).messages}
+    known = _known(log, messages)
+    log = log.only_channel(options.get("channel"), known, f"messages of {dbc.name}", 'write channel = "NAME" in [file]')
+    return _BusRecording(path, dbc, log, messages, bool(given), zero)
 
 
 @dataclass(frozen=True)
@@ -56,14 +60,21 @@ class _BusRecording:
     """See `clutch_hil.recordings.channel.Recording`."""
 
     def __init__(
-        self, path: Path, dbc: Path, log: BusLog, messages: Mapping[tuple[int, bool], Message], given: bool
+        self,
+        path: Path,
+        dbc: Path,
+        log: BusLog,
+        messages: Mapping[tuple[int, bool], Message],
+        given: bool,
+        zero: float | None,
     ) -> None:
         self.numbers: Mapping[str, float] = {}
         self.notes = [
             *log.notes,
             f"signals by {dbc.name}" + ("" if given else ", the bench's own: the map names no dbc"),
         ]
-        zero = float(log.stamps[0]) if len(log) else 0.0
+        if zero is None:
+            zero = float(log.stamps[0]) if len(log) else 0.0
         self.start = ""
         if zero > _EPOCH_S:
             try:

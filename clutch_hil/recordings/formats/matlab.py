@@ -26,6 +26,7 @@ _LAYOUTS = (
     ControlDesk(), StructureWithTime(), Timeseries(), Dataset(), LoggedSignal(), SimulationOutput(), Table(), Times(),
     Categorical(),
 )  # fmt: skip
+_MATLAB = b"MATLAB "  # first bytes of a file of level 5 and 7.3
 _MOST_TIMES = 4_000_000  # numbers of time axes that are read while a file is opened: 32 MB
 _MOST_AXES = 100
 _MOST_LEFT_OUT = 20  # variables that are named
@@ -38,7 +39,9 @@ class Matlab:
     order = 0
 
     def recognises(self, head: bytes, path: Path) -> bool:
-        return is_level5(head) or is_level4(head) or (is_level73(head) and is_hdf5(head)) or _is_cut_level73(head)
+        if head.startswith(_MATLAB) and 0 in head:  # whatever of it is damaged
+            return not is_hdf5(head) or is_level73(head)
+        return is_level5(head) or is_level4(head)
 
     def open(self, path: Path, options: Mapping[str, Any]) -> Recording:
         with path.open("rb") as file:
@@ -49,6 +52,10 @@ class Matlab:
             )
         if is_level73(head):
             return IsolatedRecording(path, f"{__name__}:open_level73")
+        if not (is_level5(head) or is_level4(head)):
+            raise InputError(
+                f"recording {path} is cut or damaged: it says that it is a MATLAB file, and of no level that there is"
+            )
         return MatlabRecording(BinaryFile(path), is_level5(head))
 
 

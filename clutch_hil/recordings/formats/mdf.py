@@ -6,16 +6,18 @@ index have no time, unless the map names a column of the group as `time_s`.
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from math import isfinite, nan
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
-from clutch_hil.recordings.channel import Channel, Signal, first_of, plain_unit
+from clutch_hil.recordings.channel import Channel, Recording, Signal, first_of, plain_unit
+from clutch_hil.recordings.formats.bus_log import BusLogFormat, open_frames
 from protocols.errors import InputError
 from protocols.files.bounds import check_rows
-from protocols.files.mdf_file import MAGIC, MdfChannel, MdfFile, MdfGroup
+from protocols.files.mdf_file import BUS_MESSAGES, MAGIC, MdfChannel, MdfFile, MdfGroup
 from protocols.files.units import same_quantity, to_si
 
 _MASTER_UNITS = {"angle": "rad", "distance": "m", "index": "1"}  # ASAM MDF 4.2, table 17; where the file writes none
@@ -26,22 +28,54 @@ class Mdf:
     """MDF 3 and 4."""
 
     name = "MDF"
-    keys: ClassVar[Mapping[str, type]] = {}
+    keys: ClassVar[Mapping[str, type]] = BusLogFormat.keys  # of the frames that a file may have beside its signals
     order = 0
 
     def recognises(self, head: bytes, path: Path) -> bool:
         return head[:8] in MAGIC
 
-    def open(self, path: Path, options: Mapping[str, Any]) -> "MdfRecording":
-        return MdfRecording(path)
+    def open(self, path: Path, options: Mapping[str, Any]) -> Recording:
+        file = MdfFile(path)
+        if BUS_MESSAGES not in file.left_out:
+            return MdfRecording(path, file)
+        try:
+            frames = open_frames(path, options, file.start_stamp)
+        except InputError:
+            if options:
+                raise
+            return MdfRecording(path, file)  # which tells what it leaves out
+        del file.left_out[BUS_MESSAGES]
+        return SignalsAndFrames(MdfRecording(path, file), frames)
+
+
+class SignalsAndFrames:
+    """A Recording in an MDF file of signals and of frames of a bus, decoded by a database; numbers of the frames come last."""
+
+    def __init__(self, signals: "MdfRecording", frames: Recording) -> None:
+        self._parts = (signals, frames)
+        self._first = len(signals.channels)
+        self.numbers: Mapping[str, float] = {}
+        self.notes = [*signals.notes, *(note for note in frames.notes if note not in signals.notes)]
+        self.start = signals.start
+        shifted = [replace(channel, number=channel.number + self._first) for channel in frames.channels]
+        self.channels: Sequence[Channel] = [*signals.channels, *shifted]
+
+    def read(self, channels: Sequence[Channel]) -> list[Signal]:
+        signals, frames = self._parts
+        own = signals.read([channel for channel in channels if channel.number <= self._first])
+        others = [channel for channel in channels if channel.number > self._first]
+        decoded = frames.read([replace(channel, number=channel.number - self._first) for channel in others])
+        by_number = {signal.channel.number: signal for signal in own}
+        by_number |= {c.number: replace(s, channel=c) for c, s in zip(others, decoded, strict=True)}
+        return [by_number[channel.number] for channel in channels]
 
 
 class MdfRecording:
     """A Recording in an MDF file."""
 
-    def __init__(self, path: Path) -> None:
-        self._path, self._file = path, MdfFile(path)
-        self.numbers: dict[str, float] = {}
+    def __init__(self, path: Path, file: MdfFile) -> None:
+        self._path, self._file = path, file
+        self.numbers: Mapping[str, float] = {}
         self.notes: list[str] = []
         self.start = self._file.start
         self._seconds: dict[MdfChannel, float] = {}  # of one unit of each time axis
@@ -75,10 +109,13 @@ class MdfRecording:
 
     def _describe(self) -> None:
         """Note what the file is and what of it is left out, and find which masters are times."""
-        if self._file.unfinished:
+        if cut := self._file.condition.cut_text():
+            self.notes.append(f"the file is cut or damaged at its end; read as far as its blocks reach: {cut}")
+        if self._file.condition.unfinished:
             self.notes.append("the file was never finished by its writer; read as far as its blocks reach")
         for reason, names in self._file.left_out.items():
-            self.notes.append(f"left out as {reason}: {first_of(names)}")
+            how = '; name their database in the map: dbc = "FILE.dbc" in [file]' if reason == BUS_MESSAGES else ""
+            self.notes.append(f"left out as {reason}: {first_of(names)}{how}")
         for master in dict.fromkeys(group.master for group in self._file.groups if group.master):
             self._describe_master(master)
 

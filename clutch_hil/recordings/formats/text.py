@@ -84,8 +84,11 @@ class TextRecording:
                     table.column(str(number)).combine_chunks(), lines
                 )
             count += len(table)
-        self.notes += rows.notes(self._file.path, count)
-        self.notes += [note for reader in columns.values() for note in reader.notes(count)]
+        told = [
+            *rows.notes(self._file.path, count),
+            *(note for reader in columns.values() for note in reader.notes(count)),
+        ]
+        self.notes += [note for note in told if note not in self.notes]
         return [Signal(channel, values[channel.number][:count]) for channel in channels]
 
     def _channel(self, number: int) -> Channel:

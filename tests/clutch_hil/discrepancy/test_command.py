@@ -11,9 +11,9 @@ from clutch_hil.command import application
 from protocols.errors import InputError
 from protocols.files.run import Run
 from protocols.files.runs import write_run
-from tests.clutch_hil.discrepancy.test_fit import record_run
+from tests.clutch_hil.fitting.test_fit import record_run
 
-MODEL = "tests/clutch_hil/discrepancy/test_fit.py:Amplifier"
+MODEL = "tests/clutch_hil/fitting/test_fit.py:Amplifier"
 HIDDEN = {"cubic.share": 0.3}
 
 
@@ -62,11 +62,11 @@ def test_the_same_document_goes_to_machines(paths: list[Path], tmp_path: Path) -
     [
         (["--rig", "wet_cluch"], "rig 'wet_cluch' is neither known nor PATH.py:CLASS; did you mean wet_clutch?"),
         (["--rig", "nowhere.py:Rig"], "rig nowhere.py:Rig: the file nowhere.py does not exist"),
-        (["--rig", "tests/clutch_hil/discrepancy/test_fit.py"], "is not of the form PATH.py:CLASS"),
-        (["--rig", "tests/clutch_hil/discrepancy/test_fit.py:Amplifyer"], "has no class 'Amplifyer'"),
-        (["--rig", "tests/clutch_hil/discrepancy/test_fit.py:CandidateSearch"], "cannot be made without arguments"),
+        (["--rig", "tests/clutch_hil/fitting/test_fit.py"], "is not of the form PATH.py:CLASS"),
+        (["--rig", "tests/clutch_hil/fitting/test_fit.py:Amplifyer"], "has no class 'Amplifyer'"),
+        (["--rig", "tests/clutch_hil/fitting/test_fit.py:CandidateSearch"], "cannot be made without arguments"),
         (["--rig", MODEL, "--effects", "cubik"], "effect 'cubik' is no candidate of the rig amplifier"),
-        (["--rig", MODEL, "--calibration", "0"], "calibration 0 is not possible"),
+        (["--rig", MODEL, "--refit-within", "0"], "calibration 0 is not possible"),
         (["--rig", MODEL, "--model", "nowhere.toml"], "parameter file nowhere.toml does not exist"),
         ([], "lacks the column"),
     ],

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from clutch_hil.discrepancy.models import position_axis, tribometer
-from clutch_hil.discrepancy.models.measured_motion import path, smooth
 from clutch_hil.discrepancy.models.pneumatic_cylinder import PneumaticCylinder
 from clutch_hil.discrepancy.models.position_axis import PositionAxis
 from clutch_hil.discrepancy.models.sliding_contact import SlidingContact
 from clutch_hil.discrepancy.models.tribometer import Tribometer
 from clutch_hil.fitting.model import Columns, Hinting
+from clutch_hil.recordings.measured_motion import path, smooth
 from plant_sim.friction.coulomb import Coulomb
 from plant_sim.friction.maxwell_slip import MaxwellSlip
 from plant_sim.friction.stribeck import Stribeck

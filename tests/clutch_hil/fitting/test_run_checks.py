@@ -5,15 +5,24 @@ import pytest
 
 import clutch_hil as ch
 from benchmarks.battery.short_case import make_short_case
-from benchmarks.dirty_channels import DirtyCase, alterations, name_wrong, position_axis, wet_clutch
+from benchmarks.dirty_channels import (
+    DirtyCase,
+    alterations,
+    name_wrong,
+    pneumatic_cylinder,
+    position_axis,
+    sliding_cases,
+    tribometer,
+    wet_clutch,
+)
 from clutch_hil.discrepancy.memory import check_memory, estimate_memory
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
 from clutch_hil.discrepancy.search import investigate
 from clutch_hil.fitting.model import Columns
 from clutch_hil.fitting.run_checks import check_evidence
-from tests.clutch_hil.discrepancy.test_fit import record_run
+from tests.clutch_hil.fitting.test_fit import record_run
 
-MODEL = "tests/clutch_hil/discrepancy/test_fit.py:Amplifier"
+MODEL = "tests/clutch_hil/fitting/test_fit.py:Amplifier"
 # Strengths of the largest size that the battery has: gap of 4 floors behind 5 % noise
 FAULTS = {
     "nothing": {},
@@ -31,9 +40,13 @@ FAULTS = {
 }
 
 
-@pytest.mark.parametrize("make", [wet_clutch, position_axis], ids=lambda make: make.__name__)
+@pytest.mark.parametrize(
+    "make", [wet_clutch, position_axis, tribometer, pneumatic_cylinder], ids=lambda make: make.__name__
+)
 def test_every_altered_channel_is_told(make) -> None:
-    """What is only told: saturation and offsets, which are for discovery to name, and a demand that is cut off from below."""
+    """What is only told: saturation and offsets, which are for discovery to name, a demand that is cut off from below, a set
+    load, and sizes that another rig of the kind may have.
+    """
     case: DirtyCase = make()
     assert check_evidence(case.model, case.runs) == []
     told = set()
@@ -45,7 +58,9 @@ def test_every_altered_channel_is_told(make) -> None:
     assert told <= {
         ("cylinder_pressure_bar", "saturated above"), ("cylinder_pressure_bar", "saturated below"),
         ("clutch_torque_nm", "saturated above"), ("clutch_torque_nm", "saturated below"),
-        ("valve_voltage_v", "saturated below"), ("motor_force_n", "off"),
+        ("valve_voltage_v", "saturated below"), ("motor_force_n", "off"), ("friction_force_n", "off"), ("rod_force_n", "off"),
+        ("normal_load_n", "off"), ("normal_load_n", "dead at its mean"), ("pressure_bar", "off"), ("pressure_bar", "in psi"),
+        *((column, f"in {unit}") for column in ("position_m", "displacement_m") for unit in ("inch", "dm", "sixteenths")),
     }  # fmt: skip
 
 
@@ -53,6 +68,12 @@ def test_every_altered_channel_is_told(make) -> None:
 def test_a_real_fault_of_a_sensor_is_not_refused(fault: str) -> None:
     fitted, held_out = make_short_case(FAULTS[fault])
     assert not [str(finding) for finding in check_evidence(WetClutch(), fitted | held_out) if finding.hard]
+
+
+@pytest.mark.slow
+def test_no_effect_of_a_sliding_contact_is_refused() -> None:
+    for name, case in sliding_cases(1):
+        assert not [f"{name}: {finding}" for finding in check_evidence(case.model, case.runs) if finding.hard]
 
 
 def test_one_bad_run_among_good_ones_is_named() -> None:

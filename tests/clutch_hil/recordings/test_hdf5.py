@@ -233,7 +233,7 @@ def test_what_ends_the_other_process_is_told(opener: Callable[[Path], Recording]
 def test_the_other_process_ends_with_the_recording(tmp_path: Path) -> None:
     recording = open_recording(write(tmp_path, logger))
     assert isinstance(recording, IsolatedRecording)
-    process = recording._process
+    process = recording.child.process
     assert process.poll() is None
     del recording
     assert process.wait(timeout=10) is not None

@@ -10,8 +10,8 @@ from nptdms import ChannelObject, GroupObject, RootObject, TdmsFile, TdmsWriter
 from benchmarks.mutations import check_damaged
 from clutch_hil.recordings.channel import choose_channel
 from clutch_hil.recordings.format import open_recording, recognise
-from clutch_hil.recordings.import_map import load_map
 from protocols.errors import InputError
+from tests.clutch_hil.recordings.maps import import_by, refusal
 
 ROWS = 400
 TIME = np.arange(ROWS) / 200.0
@@ -45,19 +45,6 @@ def plain() -> list[Any]:
     ]  # fmt: skip
 
 
-def import_by(tmp_path: Path, recording: Path, text: str = MAP) -> Any:
-    toml = tmp_path / "map.toml"
-    toml.write_text(text, encoding="utf-8")
-    return load_map(str(toml)).read(recording)
-
-
-def refusal(tmp_path: Path, recording: Path, text: str = MAP) -> str:
-    with pytest.raises(InputError) as refused:
-        import_by(tmp_path, recording, text)
-    assert "\n" not in str(refused.value)
-    return str(refused.value)
-
-
 def read(path: Path, name: str) -> tuple[np.ndarray, np.ndarray | None]:
     recording = open_recording(path)
     (signal,) = recording.read([choose_channel(path, recording.channels, name)])
@@ -68,7 +55,7 @@ def read(path: Path, name: str) -> tuple[np.ndarray, np.ndarray | None]:
 def test_start_and_increment_are_the_time(tmp_path: Path, name: str) -> None:
     path = write(tmp_path / name, plain())
     assert recognise(path).name == "TDMS"
-    run = import_by(tmp_path, path)
+    run = import_by(tmp_path, path, MAP)
     np.testing.assert_allclose(run["time_s"], TIME, rtol=0.0, atol=1e-12)
     np.testing.assert_allclose(run["position_m"], 1e-3 * POSITION)  # the file's unit counts
     assert run.metadata["gear_ratio"] == 2.5
@@ -82,7 +69,7 @@ def in_pieces() -> list[list[Any]]:
 
 def test_many_segments_are_one_signal(tmp_path: Path) -> None:
     path = write(tmp_path / "a.tdms", *in_pieces())
-    np.testing.assert_array_equal(import_by(tmp_path, path)["position_m"], POSITION)
+    np.testing.assert_array_equal(import_by(tmp_path, path, MAP)["position_m"], POSITION)
 
 
 def test_channels_that_begin_later_keep_their_times(tmp_path: Path) -> None:
@@ -95,7 +82,7 @@ def test_channels_that_begin_later_keep_their_times(tmp_path: Path) -> None:
         ],
     )
     np.testing.assert_allclose(read(path, "force")[1], 0.5 + TIME[::10], atol=1e-9)
-    assert "different rasters" in refusal(tmp_path, path)
+    assert "different rasters" in refusal(tmp_path, path, MAP)
     run = import_by(tmp_path, path, "[file]\nresample_hz = 200.0\n" + MAP)
     np.testing.assert_allclose(run["motor_force_n"], run["time_s"], atol=1e-9)
     np.testing.assert_allclose(run["position_m"], run["time_s"], atol=1e-9)
@@ -117,7 +104,7 @@ def test_a_spectrum_has_no_time(tmp_path: Path) -> None:
     path = write(tmp_path / "a.tdms", measured)
     assert read(path, "pos")[1] is None
     assert any("is recorded over Hz, which gives no time" in note for note in open_recording(path).notes)
-    assert "no column 'time_s'" in refusal(tmp_path, path)
+    assert "no column 'time_s'" in refusal(tmp_path, path, MAP)
 
 
 def test_milliseconds_on_the_axis_become_seconds(tmp_path: Path) -> None:
@@ -175,7 +162,7 @@ def test_an_index_of_another_recording_is_not_read(tmp_path: Path) -> None:
 def test_a_cut_file_is_read_as_far_as_it_reaches(tmp_path: Path) -> None:
     path = write(tmp_path / "a.tdms", *in_pieces())
     path.write_bytes(path.read_bytes()[:-100])
-    run = import_by(tmp_path, path)
+    run = import_by(tmp_path, path, MAP)
     rows = len(run["time_s"])
     assert ROWS - 50 < rows < ROWS
     np.testing.assert_array_equal(run["motor_force_n"], FORCE[:rows])

@@ -1,0 +1,139 @@
+"""`clutch-hil identify`: from recordings of a clutch to the calibration that its controller and its model run on."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import typer
+
+from clutch_hil.command import report
+from clutch_hil.commands.identify_friction import run_friction
+from clutch_hil.commands.many_paths import ManyPaths
+from clutch_hil.commands.options import JSON, OVERWRITE
+from protocols.errors import InputError
+
+FILES = ("calibration.toml", "identification.json", "fit.png")
+TO = typer.Option(..., "--out", help=f"folder for {', '.join(FILES)}, or friction.toml and friction.png")
+
+
+_COLUMN = "COLUMN, or COLUMN:UNIT; a unit with a minus turns the sign"
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command(cls=ManyPaths)(identify)
+
+
+def identify(
+    runs: list[Path] = typer.Argument(..., metavar="RUN...", help="recorded runs of one rig"),
+    rig: str = typer.Option("", help="rig of the runs; wet_clutch if not given"),
+    hold: list[str] = typer.Option([], metavar="NAME[=VALUE]", help="a parameter of the clutch that is not fitted"),
+    bounds: list[str] = typer.Option([], metavar="NAME=LOW:HIGH", help="bounds of a parameter, in its unit"),
+    tie: list[str] = typer.Option([], metavar="NAME=OTHER", help="a parameter with its declared ratio to another"),
+    force_checks: bool = typer.Option(False, "--force-checks", help="go on in spite of hard checks, with a note"),
+    friction: str | None = typer.Option(
+        None, "--friction", metavar="LAW", help="of any rig only this law: stribeck, maxwell-slip, gms, xgms or lugre"
+    ),
+    holdout: list[Path] = typer.Option([], "--holdout", metavar="RUN...", help="runs on which the law is judged"),
+    position: str = typer.Option("", help=f"of the law, position: {_COLUMN}; by its name if not given"),
+    speed: str = typer.Option("", help=f"speed, where there is no position: {_COLUMN}"),
+    force: str = typer.Option("", help=f"force or torque: {_COLUMN}"),
+    load: str = typer.Option("", help=f"normal load or pressure: {_COLUMN}"),
+    time: str = typer.Option("", help="time: COLUMN or COLUMN:UNIT; time_s if not given"),
+    map_name: str | None = typer.Option(None, "--map", help="map for foreign files, as of clutch-hil import"),
+    low_pass: float = typer.Option(0.0, help="low-pass of all columns without delay, in Hz; 0 for none"),
+    rate: float = typer.Option(0.0, help="rate to resample to, in Hz; 0 leaves it"),
+    elements: int | None = typer.Option(None, help="elements of the law; held-out stretches decide if not given"),
+    terms: str | None = typer.Option(
+        None,
+        metavar="A,B,...",
+        help="terms of law and rig: mass,offset,viscous; held-out stretches decide if not given",
+    ),
+    starts: int = typer.Option(8, help="searches from different starts"),
+    seed: int = typer.Option(0, min=0, help="seed of the starts"),
+    out: Path = TO,
+    overwrite: bool = OVERWRITE,
+    json_output: bool = JSON,
+) -> None:
+    """Identify a clutch from recorded runs: friction, hydraulics, oil, drive. With --friction: the friction law of any rig."""
+    if friction is not None:
+        if odd := [name for name, given in (("hold", hold), ("bounds", bounds), ("tie", tie)) if given]:
+            raise InputError(f"--{odd[0]} is for a clutch, and --friction for a law alone; allowed is one of them")
+        columns = {"position": position, "speed": speed, "force": force, "load": load, "time": time}
+        run_friction(
+            runs, friction, holdout, columns, map_name, low_pass, rate, elements, terms, starts, seed, rig, out, overwrite,
+            json_output,
+        )  # fmt: skip
+        return
+    law_only = {
+        "holdout": holdout, "position": position, "speed": speed, "force": force, "load": load, "time": time, "map": map_name,
+        "low-pass": low_pass, "rate": rate, "elements": elements, "terms": terms,
+    }  # fmt: skip
+    if odd := [name for name, given in law_only.items() if given]:
+        raise InputError(f"--{odd[0]} goes with --friction, a law alone; a clutch is identified from its own columns")
+    _run_clutch(runs, rig or "wet_clutch", hold, bounds, tie, force_checks, out, overwrite, json_output)
+
+
+def _run_clutch(
+    runs: list[Path], rig: str, hold: list[str], bounds: list[str], tie: list[str], force: bool, out: Path, overwrite: bool,
+    json_output: bool,
+) -> None:  # fmt: skip
+    """Identify a clutch and write its files."""
+    from clutch_hil.bench.progress import progress_bar
+    from clutch_hil.bench.recording import make_writable
+    from clutch_hil.identify import identification
+    from clutch_hil.identify.picture import draw_identification, table_lines
+    from protocols.files.output_file import new_files, whole_file
+
+    held = {name: _number("hold", name, text) if text else None for name, text in _pairs("hold", hold, False)}
+    limits = {name: _range(name, text) for name, text in _pairs("bounds", bounds)}
+    ties = dict(_pairs("tie", tie))
+    new_files(make_writable(out), FILES, overwrite, runs)
+    with progress_bar("identify", json_output) as progress:
+        found = identification.identify(
+            runs, rig=rig, hold=held, bounds=limits, ties=ties, force=force,
+            progress=lambda what, share: progress(round(100 * share), 100),
+        )  # fmt: skip
+    calibration = found.calibration
+    document = {**calibration.document(), "misfit": dict(found.misfit), "seconds": found.seconds, "verdict": str(found)}
+    calibration.write(out / FILES[0])
+    with whole_file(out / FILES[1]) as part:
+        part.write_text(json.dumps(document, indent=1), encoding="utf-8")
+    draw_identification(found, out / FILES[2])
+    lines = [
+        *table_lines(found),
+        *(f"held: {name}: {why}" for name, why in calibration.held.items()),
+        *(f"warning: {text}" for text in calibration.warnings),
+        *calibration.notes,
+        f"read:    {', '.join(map(str, runs))}",
+        f"wrote:   {', '.join(str(out / name) for name in FILES)}",
+    ]
+    report(document, "\n".join(lines), str(found), True, json_output)
+
+
+def _pairs(option: str, texts: Sequence[str], needed: bool = True) -> list[tuple[str, str]]:
+    """(name, value) of each NAME=VALUE. Raises InputError."""
+    pairs = []
+    for text in texts:
+        name, mark, value = text.partition("=")
+        if not name or (needed and not value) or (mark and not value):
+            raise InputError(f"--{option} is {text!r}; allowed is NAME{'=VALUE' if needed else ' or NAME=VALUE'}")
+        pairs.append((name, value))
+    return pairs
+
+
+def _number(option: str, name: str, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not abs(value) < float("inf"):
+        raise InputError(f"--{option} {name} has the value {text!r}; allowed is a number")
+    return value
+
+
+def _range(name: str, text: str) -> tuple[float, float]:
+    low, mark, high = text.partition(":")
+    if not mark:
+        raise InputError(f"--bounds {name} is {text!r}; allowed is LOW:HIGH")
+    return _number("bounds", name, low), _number("bounds", name, high)

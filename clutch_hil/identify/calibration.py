@@ -1,0 +1,122 @@
+"""Calibration: what identification found, for the plant and for the controller, as one TOML file.
+
+    [calibration]
+    rig = "wet_clutch"
+    date = "2026-11-26T01:30:00+00:00"
+
+    [[calibration.runs]]
+    file = "stribeck.parquet"
+    sha256 = "..."
+
+    [plant.clutch]
+    coulomb_slope = { value = 17.02, uncertainty = 0.011, source = "identified from 5 runs, 95 % 16.99..17.04 Nm/bar" }
+
+    [controller.model]
+    coulomb_slope = { ... }
+
+    [correlation]
+    names = [...]
+    matrix = [[...]]
+
+`protocols/files/parameters.py` reads the parts of plant and controller as any file that changes parameters.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+
+from clutch_hil.fitting.intervals import NORMAL_95
+from protocols.files.output_file import whole_file
+
+
+@dataclass(frozen=True)
+class Identified:
+    """A parameter that was identified: value and half width of its 95 % interval in `unit`; declared: its value before."""
+
+    name: str
+    value: float
+    half: float
+    unit: str
+    declared: float
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Its 95 % interval."""
+        return self.value - self.half, self.value + self.half
+
+    @property
+    def source(self) -> str:
+        """Where the value is from, for a parameter file."""
+        low, high = self.interval
+        return f"identified, 95 % interval {low:.6g}..{high:.6g} {self.unit}"
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A calibration of a `rig`.
+
+    parameters: of the plant. controller: values by dotted name, with their source. correlation (p, p): of the parameters.
+    runs: SHA-256 by name. held: parameters that were not fitted, with the reason. warnings, notes: a sentence each.
+    """
+
+    rig: str
+    parameters: Sequence[Identified]
+    controller: Mapping[str, tuple[float, str]]
+    correlation: np.ndarray
+    runs: Mapping[str, str]
+    held: Mapping[str, str] = field(default_factory=dict)
+    warnings: Sequence[str] = ()
+    notes: Sequence[str] = ()
+    date: str = field(default_factory=lambda: datetime.now(UTC).isoformat(timespec="seconds"))
+
+    def __getitem__(self, name: str) -> Identified:
+        return next(one for one in self.parameters if one.name == name)
+
+    def write(self, path: Path) -> None:
+        """Write the file; it appears when it is complete. Raises InputError."""
+        with whole_file(path) as part:
+            part.write_text("\n".join([*self._lines(), ""]), encoding="utf-8")
+
+    def _lines(self) -> list[str]:
+        lines = [
+            f"# Written by clutch-hil identify {version('clutch-hil')}",
+            *(f"# held: {n}: {why}" for n, why in self.held.items()),
+        ]
+        lines += [f"# warning: {text}" for text in self.warnings]
+        lines += ["", "[calibration]", f"rig = {json.dumps(self.rig)}", f"date = {json.dumps(self.date)}"]
+        for name, digest in self.runs.items():
+            lines += ["", "[[calibration.runs]]", f"file = {json.dumps(name)}", f"sha256 = {json.dumps(digest)}"]
+        plant = {
+            one.name: f"value = {one.value!r}, unit = {json.dumps(one.unit)}, uncertainty = {one.half / NORMAL_95!r},"
+            f" source = {json.dumps(one.source)}"
+            for one in self.parameters
+        }
+        controller = {
+            n: f"value = {value!r}, source = {json.dumps(why)}" for n, (value, why) in self.controller.items()
+        }
+        for part, entries in (("plant", plant), ("controller", controller)):
+            groups = dict.fromkeys(name.partition(".")[0] for name in entries)
+            for group in groups:
+                members = [name for name in entries if name.startswith(f"{group}.")]
+                lines += ["", f"[{part}.{group}]", *(f"{n.partition('.')[2]} = {{ {entries[n]} }}" for n in members)]
+        rows = [f"    [{', '.join(f'{value:.4f}' for value in row)}]," for row in self.correlation.tolist()]
+        names = json.dumps([one.name for one in self.parameters])
+        return [*lines, "", "[correlation]", f"names = {names}", "matrix = [", *rows, "]"]
+
+    def document(self) -> dict:
+        """All of it as a JSON document."""
+        return {
+            "rig": self.rig,
+            "date": self.date,
+            "parameters": [
+                {"name": p.name, "value": p.value, "unit": p.unit, "ci95": list(p.interval), "declared": p.declared}
+                for p in self.parameters
+            ],
+            "controller": {name: value for name, (value, _) in self.controller.items()},
+            "held": dict(self.held), "warnings": list(self.warnings), "notes": list(self.notes), "runs": dict(self.runs),
+        }  # fmt: skip

@@ -1,0 +1,158 @@
+"""Clutch parameters: what is identified of a wet clutch, what cannot be, and what its runs need to show for it.
+
+Equation        viscous torque K = C_v omega_r^gamma at omega_r = 10 rad/s takes the place of C_v while it is fitted: C_v alone
+                  moves with gamma as 10^gamma, along a curved valley
+                volumes: clearance, conductance, capacity times s and damping, stack stiffness divided by s give the same
+                  pressures and torques (docs/rig.md, 2 to 4), whatever s is. So the clearance is held, and they are
+                  relative to it
+                oil: mu(T)/mu(70 degC) - 1 (eq. 6.3) has one scale, A/mu(70 degC). So A and B are held, and the viscous gain is
+                  fitted
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from clutch_hil.fitting.model import Columns, Model, Output, Values
+from clutch_hil.identify.stepwise import Samples
+
+FITTED = (
+    "valve.gain", "valve.frequency", "valve.damping", "hydraulics.conductance", "hydraulics.capacity",
+    "piston.contact_pressure", "piston.preload_pressure", "piston.clearance", "piston.stack_stiffness", "piston.damping",
+    "clutch.coulomb_slope", "clutch.coulomb_intercept", "clutch.viscous_slope", "clutch.viscous_intercept", "clutch.beta_inf",
+    "clutch.beta_onset", "clutch.beta_scale", "clutch.stribeck_speed", "clutch.viscous_exponent", "clutch.attraction",
+    "oil.viscous_gain", "oil.heat_capacity", "oil.heat_transfer", "oil.sump_temperature", "motor.inertia",
+    "motor.proportional_gain", "motor.integral_gain",
+)  # fmt: skip
+HELD: Mapping[str, str] = {  # by default, and why
+    "piston.clearance": "pressures and torques alone tell no volume: conductance, capacity, damping and stack stiffness are"
+    " relative to it; give the drawing's",
+}
+HYDRAULIC = (
+    "valve.frequency", "valve.damping", "hydraulics.conductance", "hydraulics.capacity", "piston.contact_pressure",
+    "piston.preload_pressure", "piston.damping",
+)  # fmt: skip
+_VISCOUS = ("clutch.viscous_slope", "clutch.viscous_intercept")
+_EXPONENT, _REFERENCE_SLIP = "clutch.viscous_exponent", 10.0  # rad/s: in the middle of the maps' logarithmic range
+_CONTACT_TORQUE = 1.0  # Nm: the plates touch
+
+
+def viscous_scale(values: Values) -> float:
+    """omega_r^gamma: factor from C_v to the torque at the reference slip."""
+    return float(_REFERENCE_SLIP ** values[_EXPONENT])
+
+
+def to_fit(values: Values) -> dict[str, float]:
+    """Parameters as they are fitted: the viscous torque at the reference slip in the place of C_v."""
+    return {**values, **{name: values[name] * viscous_scale(values) for name in _VISCOUS}}
+
+
+def from_fit(values: Values) -> dict[str, float]:
+    """Parameters of the rig from those that are fitted."""
+    return {**values, **{name: values[name] / viscous_scale(values) for name in _VISCOUS}}
+
+
+class FittedModel:
+    """A clutch's `model` in the parameters that are fitted. ties: by name of a parameter another one, and its ratio to that."""
+
+    def __init__(self, model: Model, ties: Mapping[str, tuple[str, float]]) -> None:
+        self._model, self._ties = model, dict(ties)
+        self.name, self.inputs, self.outputs = model.name, model.inputs, model.outputs
+        self.parameters, self.candidates = model.parameters, model.candidates
+
+    def simulate(self, run: Columns, parameters: Values, effects: Values) -> Columns:
+        """See `Model`."""
+        return self._model.simulate(run, from_fit(tie(parameters, self._ties)), effects)
+
+
+def tie(values: Values, ties: Mapping[str, tuple[str, float]]) -> dict[str, float]:
+    """Values in which each tied parameter is its ratio times the other one."""
+    return {**values, **{name: ratio * values[other] for name, (other, ratio) in ties.items()}}
+
+
+class HydraulicModel:
+    """The hydraulics of a clutch's `model` alone: pressure from the voltage."""
+
+    def __init__(self, model: Model) -> None:
+        self._model = model
+        self.name, self.inputs, self.parameters, self.candidates = (
+            model.name,
+            model.inputs,
+            model.parameters,
+            model.candidates,
+        )
+        self.outputs: tuple[Output, ...] = tuple(o for o in model.outputs if o.column == "cylinder_pressure_bar")
+
+    def simulate(self, run: Columns, parameters: Values, effects: Values) -> Columns:
+        """See `Model`."""
+        return self._model.simulate_block("hydraulics", run, parameters, effects)  # type: ignore[attr-defined]
+
+
+@dataclass(frozen=True)
+class Need:
+    """What the runs must show for `parameters`: `value` of them, in `unit`, at least `least`; `sentence` says it, with both."""
+
+    parameters: tuple[str, ...]
+    value: Callable[[Samples, Values], float]
+    least: float
+    sentence: str
+
+    def warn(self, samples: Samples, values: Values) -> str:
+        """The sentence where the runs do not show it, "" where they do. values: of the rig, as identified."""
+        shown = self.value(samples, values)
+        return "" if shown >= self.least else self.sentence.format(shown=shown, least=self.least)
+
+
+def _touching(s: Samples) -> np.ndarray:
+    return s.sliding if np.any(s.sliding) else np.abs(s.torque) > _CONTACT_TORQUE
+
+
+def _span(values: np.ndarray) -> float:
+    return float(np.quantile(values, 0.98) - np.quantile(values, 0.02)) if len(values) else 0.0
+
+
+def _low_slip(s: Samples, v: Values) -> float:
+    """V_S over the lower slips."""
+    slips = np.abs(s.slip[_touching(s)])
+    return v["clutch.stribeck_speed"] / float(np.quantile(slips, 0.02)) if len(slips) else 0.0
+
+
+def _slip_ratio(s: Samples, v: Values) -> float:
+    slips = np.abs(s.slip[_touching(s)])
+    return float(np.quantile(slips, 0.98) / max(np.quantile(slips, 0.02), 1e-3)) if len(slips) else 0.0
+
+
+def _fills(s: Samples, v: Values) -> float:
+    """Times that the pressure rises from below the preload to above the contact."""
+    state, count = 0, 0
+    for pressure in s.pressure:
+        if pressure < 0.5 * v["piston.preload_pressure"]:
+            state = 1
+        elif state and pressure > v["piston.contact_pressure"]:
+            state, count = 0, count + 1
+    return float(count)
+
+
+NEEDS: tuple[Need, ...] = (
+    Need(("clutch.stribeck_speed", "clutch.beta_inf"), _low_slip, 1.3,
+         "V_S and beta need slips well below V_S; V_S is {shown:.2g} times the lowest slip of these runs, needed is {least:g}"),
+    Need(("clutch.viscous_exponent",), _slip_ratio, 3.0,
+         "gamma needs slips that differ; the highest is {shown:.2g} times the lowest in these runs, needed is {least:g}"),
+    Need(("clutch.coulomb_slope", "clutch.coulomb_intercept", *_VISCOUS), lambda s, v: _span(s.pressure[_touching(s)]), 0.5,
+         "M_C(p) and C_v(p) need pressures that differ in contact; these runs span {shown:.2g} bar, needed is {least:g}"),
+    Need(("clutch.beta_onset", "clutch.beta_scale"), lambda s, v: _span(s.pressure[_touching(s)]), 0.5,
+         "beta(p) needs pressures from contact on; these runs span {shown:.2g} bar in contact, needed is {least:g}"),
+    Need(("clutch.attraction",), lambda s, v: float(np.quantile(np.abs(s.slip_rate[np.abs(s.torque) > _CONTACT_TORQUE]), 0.99))
+         if np.any(np.abs(s.torque) > _CONTACT_TORQUE) else 0.0, 30.0,
+         "C needs a slip that changes fast in contact; these runs reach {shown:.2g} rad/s^2, needed is {least:g}"),
+    Need(("oil.viscous_gain",), lambda s, v: _span(s.temperature[_touching(s)]), 8.0,
+         "the temperature law needs several temperatures; these runs span {shown:.2g} K in contact, needed is {least:g}"),
+    Need(("oil.heat_capacity", "oil.heat_transfer", "oil.sump_temperature"), lambda s, v: _span(s.temperature), 4.0,
+         "the heat balance needs a heating run; the oil moves by {shown:.2g} K, needed is {least:g}"),
+    Need(("piston.preload_pressure", "piston.damping", "hydraulics.conductance", "hydraulics.capacity"), _fills, 1.0,
+         "springs, piston and oil volumes need a fill from an empty cylinder; these runs have {shown:g}, needed is {least:g}"),
+    Need(("motor.inertia", "motor.proportional_gain", "motor.integral_gain"),
+         lambda s, v: float(np.quantile(np.abs(s.slip_rate), 0.99)), 30.0,
+         "inertia and drive need a speed that changes; these runs reach {shown:.2g} rad/s^2, needed is {least:g}"),
+)  # fmt: skip

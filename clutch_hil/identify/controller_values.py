@@ -1,0 +1,52 @@
+"""Controller values: what the controller believes and where its phases end, from the parameters of an identified clutch."""
+
+from collections.abc import Mapping
+
+from clutch_hil.fitting.model import Values
+from protocols.files.parameters import ParameterSet
+
+# controller's name -> plant's: one quantity, in one unit
+_SAME: Mapping[str, str] = {
+    **{
+        f"model.{name}": f"clutch.{name}"
+        for name in (
+            "coulomb_slope", "coulomb_intercept", "viscous_slope", "viscous_intercept", "beta_inf", "beta_onset", "beta_scale",
+            "stribeck_speed", "viscous_exponent", "attraction",
+        )
+    },
+    "model.contact_pressure": "piston.contact_pressure",
+    "model.oil_viscous_gain": "oil.viscous_gain",
+    "model.motor_inertia": "motor.inertia",
+    "model.motor_gain": "motor.proportional_gain",
+    "pressure.valve_gain": "valve.gain",
+}  # fmt: skip
+
+
+def derive_controller_values(plant: Values, nominal: Values, controller: ParameterSet) -> dict[str, tuple[float, str]]:
+    """Values by the controller's dotted name, with their source. Pressures lie to contact and preload as they do nominally.
+
+    plant: of the identified rig; nominal: of the rig that the `controller`'s parameters were laid out for.
+    """
+    values = {ours: (plant[theirs], f"identified: {theirs}") for ours, theirs in _SAME.items()}
+    lag = plant["piston.damping"] / plant["piston.stack_stiffness"]
+    values["model.piston_lag"] = lag, "identified: piston.damping / piston.stack_stiffness (docs/rig.md, 3)"
+    contact, preload = plant["piston.contact_pressure"], plant["piston.preload_pressure"]
+    was_contact, was_preload = nominal["piston.contact_pressure"], nominal["piston.preload_pressure"]
+    shift = contact - was_contact
+    for name in ("phases.fill_pressure", "torque.pressure_limit"):
+        values[name] = controller[name].value + shift, "as far above the contact pressure as nominally"
+    for name in ("phases.released_pressure", "phases.lost_pressure"):
+        values[name] = controller[name].value * preload / was_preload, "as much of the springs' preload as nominally"
+    share = (controller["pressure.floor"].value - was_preload) / (was_contact - was_preload)
+    values["pressure.floor"] = preload + share * (contact - preload), "between preload and contact as nominally"
+    limit = controller["lock.pressure_limit"].value
+    if values["torque.pressure_limit"][0] > limit:
+        values["torque.pressure_limit"] = (
+            limit,
+            "the lock's limit; as far above contact as nominally is more",
+        )
+    bounded = {}
+    for name, (value, why) in values.items():
+        low, high = controller[name].bounds
+        bounded[name] = (min(max(value, low), high), why if low <= value <= high else f"{why}; held at its bound")
+    return bounded

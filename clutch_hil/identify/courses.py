@@ -1,0 +1,161 @@
+"""Courses: the experiments that identify a clutch, laid out from its contact pressure on, in a safe order.
+
+The first finds the contact pressure by a slow staircase. The other five are those of the thesis, 24 s or less each. Together
+they excite every parameter that pressures, torques, slip and temperature can tell.
+
+References      Janssens 2010, figs 6.11 (pressure staircase and triangle), 6.12 (Stribeck sweeps at nine pressures), 6.14 (sine
+                of the slip), 6.15 (multisine of the pressure), 6.8 (heating)
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from clutch_hil.bench.experiments import PRESSURE_RATE, RELEASE_TIME, STEP, Course
+from plant_sim.profiles.profile import COLUMNS, PRESSURE_COLUMN
+from plant_sim.rigs.multisine import Multisine
+from protocols.files.units import RPM
+
+LEAST, MOST = 0.35, 1.85  # bar above contact: the range of the maps of the thesis, 2.7 to 4.2 bar at 2.35 bar
+HIGHEST = 4.45  # bar: below the pressure limit of the controller, with room to regulate
+TORQUE_SHARE = 0.75  # of the motor's limit that the clutch may be given: it must hold the speed against it
+_LEVELS = (0.35, 0.5, 0.7, 0.9, 1.1, 1.3, 1.5, 1.7, 1.85)  # bar above contact: nine, as fig 6.12 has
+_SPEED = 200 * RPM  # of the experiments at constant speed (6.3)
+_SPEED_RATE = 100.0  # rad/s^2: 0.05 kg m^2 take 5 Nm
+_FILL_ABOVE = 0.15  # bar above contact, of a gentle fill
+
+
+@dataclass(frozen=True)
+class Span:
+    """Pressures that a clutch may be given: its `contact` pressure, and how far above it the experiments `reach` [bar]."""
+
+    contact: float
+    reach: float = MOST
+
+    @classmethod
+    def of_line(cls, slope: float, contact: float, torque: float) -> "Span":
+        """Of a clutch with `slope` [Nm/bar] above contact that may carry this `torque` [Nm]."""
+        return cls(contact, min(MOST, torque / slope, HIGHEST - contact))
+
+
+class _Clutch(Course):
+    """A course in the `span` of a clutch; pressures are given above its contact, MOST stands for its reach."""
+
+    def __init__(self, span: Span, speed: float) -> None:
+        self._span = span
+        super().__init__(speed)
+
+    def above(self, seconds: float, pressure: float, **values: float) -> None:
+        """Go to a pressure [bar] above contact within `seconds` [s]; of a smaller reach the same share."""
+        self.to(seconds, pressure=self._span.contact + pressure * self._span.reach / MOST, **values)
+
+    def fill(self, pressure: float) -> None:
+        """Fill gently, go to a pressure [bar] above contact and settle."""
+        self.above(STEP, _FILL_ABOVE)
+        self.to(0.4)
+        self.above(max(pressure - _FILL_ABOVE, 0.0) / PRESSURE_RATE + STEP, pressure)
+
+
+def scale(span: Span) -> Course:
+    """A slow staircase of the pressure at 200 rpm: where the torque begins (Table 6.3)."""
+    course = _Clutch(span, _SPEED)
+    course.above(STEP, -0.25)
+    for k in range(11):
+        course.above(0.3, -0.25 + 0.2 * k)
+        course.to(0.6)
+    course.release()
+    return course
+
+
+def stribeck(span: Span) -> Course:
+    """Nine sweeps of the slip, 25 to 1 rad/s and back, each at another pressure (fig 6.12)."""
+    course = _Clutch(span, 25.0)
+    course.fill(_LEVELS[0])
+    shares = np.abs(np.linspace(1.0, -1.0, 25))[1:]
+    for level in _LEVELS:
+        course.above(0.15, level)
+        for share in shares.tolist():
+            course.to(0.095, speed=1.0 + 24.0 * share**1.7)
+    course.release(0.3)
+    return course
+
+
+def staircase(span: Span) -> Course:
+    """Pressure staircase up and down, then triangles, at 200 rpm (fig 6.11)."""
+    course = _Clutch(span, _SPEED)
+    course.fill(LEAST)
+    up = np.linspace(LEAST, MOST, 8).tolist()
+    for level in up + up[-2::-1]:
+        course.above(0.05, level)
+        course.to(0.6)
+    for level in (MOST, LEAST, 1.3, 0.7, MOST, LEAST):
+        course.above(1.7, level)
+    course.release()
+    return course
+
+
+def dynamics(span: Span) -> Course:
+    """Multisine of the pressure at 200 rpm, then a sine of the slip of 5 Hz (figs 6.14, 6.15)."""
+    course = _Clutch(span, _SPEED)
+    course.fill(1.05)
+    course.to(0.8)
+    source = Multisine(np.arange(1, 26), amplitude=0.05, samples=200)
+    wave = source.period(np.random.default_rng(615))
+    for _ in range(8):
+        for value in wave.tolist():
+            course.above(1.0 / 200, 1.05 + value)
+    course.above(0.1, 1.05)
+    course.to(0.4, speed=100 * RPM)
+    for k in range(1, 20 * 40 + 1):
+        course.to(0.01, speed=100 * RPM + 50 * RPM * math.sin(2.0 * math.pi * k / 20))
+    course.to(0.3)
+    course.release()
+    return course
+
+
+def fills(span: Span) -> Course:
+    """Six fills from an empty cylinder to other pressures; speeding up and down while it is open: springs, volumes, inertia."""
+    course = _Clutch(span, 25.0)
+    for level in (0.5, 0.8, 1.1, 1.4, 1.7, 1.0):
+        course.to(20.0 / _SPEED_RATE, speed=5.0)
+        course.to(0.8)
+        course.fill(level)
+        course.to(0.7)
+        course.to(10.0 / _SPEED_RATE, speed=15.0)
+        course.to(0.5)
+        course.release(0.5)
+        course.to(10.0 / _SPEED_RATE, speed=25.0)
+    course.to(RELEASE_TIME)
+    return course
+
+
+def heating(span: Span) -> Course:
+    """A long hold at a high pressure and speed, then a lower one: oil that warms and cools (fig 6.8, eq. 6.3)."""
+    course = _Clutch(span, 23.0)
+    course.fill(1.6)
+    course.to(11.0)
+    course.above(0.3, 0.9)
+    course.to(0.2, speed=12.0)
+    course.to(9.5)
+    course.release()
+    return course
+
+
+# Experiments by name, with the oil temperature [degC] that a simulated rig begins at
+COURSES: Mapping[str, tuple[Callable[[Span], Course], float]] = {
+    "stribeck": (stribeck, 70.0),
+    "staircase": (staircase, 70.0),
+    "dynamics": (dynamics, 72.0),
+    "fills": (fills, 60.0),
+    "heating": (heating, 95.0),
+}
+SCALE: tuple[Callable[[Span], Course], float] = (scale, 70.0)
+
+
+def course_text(make: Callable[[Span], Course], span: Span) -> str:
+    """Contents of the profile file of a course for a clutch."""
+    rows = (f"{time:.3f},{torque:g},{speed:.4g},{pressure:.5g}" for time, torque, speed, pressure in make(span).rows)
+    head = f"# {make.__doc__}\n{','.join((*COLUMNS, PRESSURE_COLUMN))}\n"
+    return head + "\n".join(rows) + "\n"

@@ -1,0 +1,240 @@
+"""Identification: from recorded runs of a clutch to the calibration of its model and its controller."""
+
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from time import monotonic
+
+import numpy as np
+
+from clutch_hil.bench.rig import DEFAULT_RIG, rig_named
+from clutch_hil.bench.run_file import read_run
+from clutch_hil.bench.sealed import checksum
+from clutch_hil.fitting.evidence import Evidence
+from clutch_hil.fitting.fit import FreeParameter
+from clutch_hil.fitting.model import Columns, Model, Values
+from clutch_hil.fitting.noise import estimate_floors
+from clutch_hil.fitting.run_checks import check_evidence
+from clutch_hil.identify.calibration import Calibration, Identified
+from clutch_hil.identify.clutch_parameters import (
+    FITTED,
+    HELD,
+    NEEDS,
+    FittedModel,
+    from_fit,
+    tie,
+    to_fit,
+    viscous_scale,
+)
+from clutch_hil.identify.controller_values import derive_controller_values
+from clutch_hil.identify.joint_fit import fit_jointly
+from clutch_hil.identify.starting_values import estimate_start
+from clutch_hil.identify.stepwise import take_samples
+from clutch_hil.recordings.checks.finding import Finding, refuse_hard
+from clutch_hil.recordings.checks.timing import cut_at_fault
+from protocols.errors import InputError, closest, listing
+from protocols.files.run import Run
+from protocols.node import node_factory
+
+TIMING = 5e-4  # s: half a sampling period; events within a sample are not resolved by a run
+FINE_STEP = 1.25e-4  # s, of the accurate integration: a quarter of the quick one's
+_MOVE = 0.2  # of the unit of moves: step of differences
+_UNIT = 0.05  # of a parameter that declares no uncertainty: its unit of moves
+_EXPONENT_UNIT = 0.02  # of gamma: 6 % of 1/3
+
+# where the runs do not excite them these are as declared; any other one is as the steps found it beside the contact pressure
+_AS_DECLARED = (
+    "clutch.stribeck_speed", "clutch.beta_inf", "clutch.viscous_exponent", "clutch.attraction", "oil.viscous_gain",
+    "oil.heat_capacity", "oil.heat_transfer", "oil.sump_temperature", "motor.inertia", "motor.proportional_gain",
+    "motor.integral_gain",
+)  # fmt: skip
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Identification:
+    """A `calibration`, and how well it fits: columns measured and simulated by run, root mean square residual over the floor by
+    output, `seconds` that it took, `findings` of the checks."""
+
+    calibration: Calibration
+    measured: Mapping[str, Columns]
+    simulated: Mapping[str, Columns]
+    units: Mapping[str, str]
+    misfit: Mapping[str, float]
+    findings: Sequence[Finding]
+    seconds: float
+
+    def __str__(self) -> str:
+        """The verdict in one line."""
+        worst = max(self.misfit, key=lambda column: self.misfit[column])
+        warned = f"; {len(self.calibration.warnings)} warnings" if self.calibration.warnings else ""
+        return (
+            f"{len(self.calibration.parameters)} parameters identified from {len(self.measured)} runs; worst fit: {worst},"
+            f" residual {self.misfit[worst]:.3g} times its noise{warned}"
+        )
+
+
+def identify(
+    runs: Sequence[Run | str | Path],
+    *,
+    rig: str = DEFAULT_RIG,
+    hold: Mapping[str, float | None] | None = None,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    ties: Mapping[str, str] | None = None,
+    force: bool = False,
+    progress: Progress = lambda what, share: None,
+) -> Identification:
+    """Identify a clutch from `runs`, in memory or by path, as `clutch-hil identify` does.
+
+    hold: parameters that are not fitted, with their value, None for the declared one. bounds: of parameters, in their units.
+    ties: a parameter and the one that it keeps its declared ratio to. Runs that end in a fault count until there. Hard
+    findings of the checks raise InputError, unless `force`. progress(what, share) is called now and then.
+
+    It takes about a minute. Raises InputError.
+    """
+    started = monotonic()
+    if not runs:
+        raise InputError("an identification was asked for without runs; one or more are needed")
+    made = rig_named(rig).model
+    model = made()
+    if lacking := [name for name in FITTED if name not in model.parameters]:
+        raise InputError(f"rig {rig} has no parameter {lacking[0]}; wet clutches are identified: wet_clutch")
+    _check_names(model, [*(hold or {}), *(bounds or {}), *(ties or {}), *(ties or {}).values()])
+    findings: list[Finding] = []
+    hashes: dict[str, str] = {}
+    measured = _read(runs, model, hashes, findings)
+    columns = list(measured.values())
+    samples = take_samples(columns)
+    floors = estimate_floors(columns, model.outputs)
+    declared = {name: p.value for name, p in model.parameters.items()}
+    held = {n: why for n, why in HELD.items() if n not in (bounds or {})} | dict.fromkeys(
+        hold or {}, "held by the user"
+    )
+    given = {name: declared[name] if (value := (hold or {}).get(name)) is None else value for name in held}
+    ratios = {name: (other, declared[name] / declared[other]) for name, other in (ties or {}).items()}
+    names = [name for name in FITTED if name not in held and name not in ratios]
+    free = [_free(model, name, (bounds or {}).get(name)) for name in names]
+    progress("starting values", 0.0)
+    start = estimate_start(
+        model, columns, samples, floors, free, given, TIMING, lambda share: progress("starting values", 0.2 * share)
+    )
+    unmet = {name: text for need in NEEDS if (text := need.warn(samples, start)) for name in need.parameters}
+    free = [f for f in free if f.name not in unmet]
+    if not free:
+        raise InputError(f"these runs excite no parameter of the clutch: {'; '.join(dict.fromkeys(unmet.values()))}")
+    start |= {name: declared[name] for name in unmet if name in _AS_DECLARED and name not in given}
+    fitted = [_as_fitted(f, start) for f in free]
+    accurate = made(step=FINE_STEP)
+    coarse, fine = (Evidence(FittedModel(one, ratios), columns, floors, timing=TIMING) for one in (model, accurate))
+    joint = fit_jointly(
+        coarse, fine, (to_fit(tie(start, ratios)), {}), fitted, lambda share: progress("joint fit", 0.2 + 0.7 * share)
+    )
+    values = from_fit(tie(joint.at.point[0], ratios))
+    nominal = rig_named(rig).plant.nominal(None)
+    findings += check_evidence(made(nominal.with_values(values)), measured)
+    if not force:
+        refuse_hard(findings)
+    halves = _half_widths(free, joint.half, joint.correlation, values)
+    parameters = [
+        Identified(f.name, values[f.name], float(half), model.parameters[f.name].unit, declared[f.name])
+        for f, half in zip(free, halves, strict=True)
+    ]
+    notes = [f"{joint.left_out} of {fine.size} means over 4 ms are outliers, and left out"] if joint.left_out else []
+    calibration = Calibration(
+        rig=rig,
+        parameters=parameters,
+        controller=derive_controller_values(values, declared, node_factory("controller")().parameters),
+        correlation=joint.correlation,
+        runs=hashes,
+        held={**held, **dict.fromkeys(unmet, "the runs do not excite it")},
+        warnings=[*dict.fromkeys(unmet.values()), *_at_bounds(free, values)],
+        notes=[*map(str, findings), *notes],
+    )
+    simulated = {name: model.simulate(run, values, {}) for name, run in measured.items()}
+    misfit = {o.column: _misfit(o.column, measured, simulated) / floors[o.column] for o in model.outputs}
+    progress("done", 1.0)
+    units = {output.column: output.unit for output in model.outputs}
+    return Identification(calibration, measured, simulated, units, misfit, findings, monotonic() - started)
+
+
+def _check_names(model: Model, names: Sequence[str]) -> None:
+    for name in names:
+        if name not in model.parameters:
+            raise InputError(f"parameter {name!r} is unknown; {closest(name, list(model.parameters))}")
+
+
+def _read(
+    runs: Sequence[Run | str | Path], model: Model, hashes: dict[str, str], findings: list[Finding]
+) -> dict[str, Columns]:
+    """Columns by name, as far as no run is in a fault. Raises InputError."""
+    needed = ("time_s", *model.inputs, *(output.column for output in model.outputs), "shaft_angle_rad")
+    read: dict[str, Columns] = {}
+    for number, given in enumerate(runs, 1):
+        if isinstance(given, Run):
+            name, run = f"run {number}", given
+            hashes[name] = hashlib.sha256(b"".join(np.ascontiguousarray(run[c]).tobytes() for c in needed)).hexdigest()
+        else:
+            name, run = Path(given).name, read_run(given, needed)
+            hashes[name] = checksum(Path(given))
+        if name in read:
+            raise InputError(f"run {name} is given twice; once is allowed")
+        kept, cut = cut_at_fault(run.columns)
+        if cut:
+            findings.append(replace(cut, run=name))
+            if len(kept["time_s"]) < 2:
+                raise InputError(f"run {name} is in a fault from its first rows on ({cut.column}); it is no evidence")
+        if lacking := [column for column in needed if column not in kept]:
+            raise InputError(f"run {name} lacks the column {lacking[0]}; needed are {listing(needed)}")
+        read[name] = kept
+    return read
+
+
+def _free(model: Model, name: str, bounds: tuple[float, float] | None) -> FreeParameter:
+    p = model.parameters[name]
+    unit = p.uncertainty or (_EXPONENT_UNIT if name == "clutch.viscous_exponent" else _UNIT * abs(p.value))
+    low, high = bounds or p.bounds
+    if not low < high:
+        raise InputError(f"bounds of {name} are {low:g} and {high:g}; allowed is a low and a higher one")
+    return FreeParameter(name, _MOVE * unit, unit, low, high)
+
+
+def _is_viscous(name: str) -> bool:
+    return name in ("clutch.viscous_slope", "clutch.viscous_intercept")
+
+
+def _as_fitted(f: FreeParameter, values: Values) -> FreeParameter:
+    """A parameter as it is fitted (clutch_parameters.py): of C_v the torque at the reference slip."""
+    scale = viscous_scale(values) if _is_viscous(f.name) else 1.0
+    low, high = (bound * scale * (4.0 if _is_viscous(f.name) else 1.0) for bound in (f.low, f.high))
+    return FreeParameter(f.name, f.step * scale, f.scale * scale, low, high)
+
+
+def _half_widths(
+    free: Sequence[FreeParameter], half: np.ndarray, correlation: np.ndarray, values: Values
+) -> np.ndarray:
+    """Half widths (p,) of the rig's parameters: those of C_v = K/omega_r^gamma by their derivatives in K and gamma."""
+    names = [f.name for f in free]
+    change = np.eye(len(names))
+    scale = viscous_scale(values)
+    for k, name in enumerate(names):
+        if _is_viscous(name):
+            change[k, k] = 1.0 / scale
+            if "clutch.viscous_exponent" in names:
+                change[k, names.index("clutch.viscous_exponent")] = -values[name] * np.log(10.0)
+    return np.sqrt(np.diag(change @ (correlation * np.outer(half, half)) @ change.T))
+
+
+def _at_bounds(free: Sequence[FreeParameter], values: Values) -> list[str]:
+    return [
+        f"{f.name} rests at its bound {values[f.name]:g}; that is no estimate: widen its bounds, or record runs that excite it"
+        for f in free
+        if min(values[f.name] - f.low, f.high - values[f.name]) < 1e-6 * (f.high - f.low)
+    ]
+
+
+def _misfit(column: str, measured: Mapping[str, Columns], simulated: Mapping[str, Columns]) -> float:
+    """Root mean square of what is left of an output, in its unit."""
+    left = [run[column] - simulated[name][column] for name, run in measured.items()]
+    return float(np.sqrt(np.mean(np.concatenate(left) ** 2)))

@@ -1,0 +1,60 @@
+"""Picture of an identification: each output of each run as measured and simulated, and the residual."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from clutch_hil.bench.palette import MEASURED, TRUE
+from clutch_hil.identify.identification import Identification
+from protocols.files.output_file import whole_file
+
+_WIDTH, _HEIGHT = 4.2, 1.25  # inches of a run, and of an axis
+_POINTS = 3000  # of a line, at most: what a page can show
+_MOST_RUNS = 6  # side by side
+
+
+def draw_identification(found: Identification, path: Path) -> None:
+    """Write the picture to `path`. Raises InputError."""
+    names, columns = list(found.measured)[:_MOST_RUNS], list(found.units)
+    figure = Figure(figsize=(_WIDTH * len(names) + 1.0, 2.0 * _HEIGHT * len(columns)), layout="constrained")
+    axes = figure.subplots(
+        2 * len(columns), len(names), sharex="col", squeeze=False, height_ratios=[2.0, 1.0] * len(columns)
+    )
+    for k, name in enumerate(names):
+        measured, simulated = found.measured[name], found.simulated[name]
+        every = max(1, len(measured["time_s"]) // _POINTS)
+        time = measured["time_s"][::every]
+        for i, column in enumerate(columns):
+            top, low = axes[2 * i, k], axes[2 * i + 1, k]
+            top.plot(time, measured[column][::every], color=MEASURED, lw=0.8, label="measured")
+            top.plot(time, simulated[column][::every], color=TRUE, lw=0.8, ls="--", label="identified model")
+            low.plot(time, (measured[column] - simulated[column])[::every], color="black", lw=0.4)
+            if k == 0:
+                top.set_ylabel(f"{_title(column)}\n[{found.units[column]}]")
+                low.set_ylabel("residual")
+        axes[0, k].set_title(name, fontsize=9)
+        axes[-1, k].set_xlabel("time [s]")
+    axes[0, 0].legend(fontsize=7, loc="best")
+    with whole_file(path) as part:
+        figure.savefig(part, format="png", dpi=110)
+
+
+def _title(column: str) -> str:
+    """A column's name without its unit."""
+    words = column.split("_")
+    return " ".join(words[:-2] if words[-2:] == ["rad", "s"] else words[:-1])
+
+
+def table_lines(found: Identification) -> Sequence[str]:
+    """Lines of a table of the parameters, for people."""
+    width = max(len(p.name) for p in found.calibration.parameters)
+    lines = [f"{'parameter':<{width}}  {'identified':>11}  {'+- 95 %':>9}  {'declared':>10}  unit"]
+    for p in found.calibration.parameters:
+        moved = abs(p.value - p.declared) > p.half
+        lines.append(
+            f"{p.name:<{width}}  {p.value:>11.5g}  {p.half:>9.2g}  {p.declared:>10.5g}  {p.unit}"
+            + ("" if moved else "  (as declared)")
+        )
+    return [*lines, *(f"residual of {c}: {np.round(share, 2):g} times its noise" for c, share in found.misfit.items())]

@@ -1,0 +1,206 @@
+"""Stepwise identification of the wet clutch: starting values of the joint fit, in the order of the thesis (sec. 6.3, 6.4).
+
+Equation        1 valve gain        k_v = median p_cyl/V at rest                                          docs/rig.md, 1
+                2 contact           M = a p + b at high slip: p_contact = -b/a                            Table 6.3
+                3 friction curve    M = M_C s_n + C_v r_T omega^gamma, all runs at once                   eq. 6.2, 6.6
+                4 oil               T(t) - T(0) = (1/C_th) int |M omega| - (h/C_th) int (T - T_sump)      docs/rig.md, 7
+                5 motor             J d omega = (M_m - M) dt; d M_m = k_p de + k_i e dt                   docs/rig.md, 8
+                6 hydraulics        fit of the pressure from the voltage, from several starts             docs/rig.md, 1 to 3
+                7 attraction        fit of the torque behind measured pressure and slip                   eq. 6.7, fig 6.14
+Assumptions     1 to 5 see means over 20 ms at which pressure and slip change slowly: there eq. 6.9 is at rest
+Not modelled    noise in the measured pressure and slip; the joint fit does not need this
+References      T. Janssens, PhD thesis, KU Leuven, 2010, sec. 6.3, 6.4
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from clutch_hil.fitting.model import Columns
+from protocols.files.parameters import ParameterSet
+
+MEAN = 0.02  # s: a friction lag of eq. 6.9 is 12 ms (docs/rig.md), one pressure loop period 100 ms
+_CALM_PRESSURE = 1.5  # bar/s: the lag of 12 ms is then 0.02 bar, a thirtieth of the usual steps
+_CALM_SLIP = 40.0  # rad/s^2
+_LEAST_TORQUE = 1.0  # Nm: twenty deviations of the sensor (docs/rig.md, 9)
+_LEAST_SLIP = 0.5  # rad/s: below, plates may stick, and the torque is no function of the slip
+_LEAST_VOLTAGE = 0.2  # V: the pressure of less is mostly noise
+_NEAR_LIMIT = 0.95  # of the motor's torque: beyond it, its regulator may be limited
+_SPEEDS = (5.0, 11.0, 22.0)  # rad/s: starts of V_S, about half, once and twice that of the thesis
+_EXPONENTS = (0.25, 0.5)  # starts of gamma
+_SPAN = 1.0  # s: of the differences of the temperature, whose noise is 0.1 K
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Means over MEAN of all runs together, (n,) each.
+
+    voltage [V], pressure [bar], slip [rad/s], torque, motor [Nm], temperature [degC], error of the speed [rad/s], rates of
+    pressure [bar/s] and slip [rad/s^2]. last: whether it is the last of its run.
+    """
+
+    voltage: np.ndarray
+    pressure: np.ndarray
+    slip: np.ndarray
+    torque: np.ndarray
+    motor: np.ndarray
+    temperature: np.ndarray
+    error: np.ndarray
+    pressure_rate: np.ndarray
+    slip_rate: np.ndarray
+    last: np.ndarray
+
+    @property
+    def calm(self) -> np.ndarray:
+        """Where pressure and slip change slowly, (n,)."""
+        return (np.abs(self.pressure_rate) < _CALM_PRESSURE) & (np.abs(self.slip_rate) < _CALM_SLIP)
+
+    @property
+    def sliding(self) -> np.ndarray:
+        """Where the plates slide slowly changing under a torque, (n,)."""
+        return (
+            self.calm & (np.abs(self.torque) > _LEAST_TORQUE) & (np.abs(self.slip) > _LEAST_SLIP)
+            & (self.torque * self.slip > 0.0)
+        )  # fmt: skip
+
+
+def take_samples(runs: Sequence[Columns]) -> Samples:
+    """Means over MEAN of all runs."""
+    columns: list[list[np.ndarray]] = [[] for _ in range(10)]
+    for run in runs:
+        period = float(run["time_s"][1] - run["time_s"][0])
+        block = max(1, round(MEAN / period))
+        count = len(run["time_s"]) // block
+
+        def mean(values: np.ndarray, count: int = count, block: int = block) -> np.ndarray:
+            return values[: count * block].reshape(count, block).mean(axis=1)
+
+        error = run["motor_speed_demand_rad_s"] - run["slip_speed_rad_s"]
+        names = (
+            "valve_voltage_v", "cylinder_pressure_bar", "slip_speed_rad_s", "clutch_torque_nm", "motor_torque_nm",
+            "oil_temperature_degc",
+        )  # fmt: skip
+        means = [*(mean(run[name]) for name in names), mean(error)]
+        rates = [np.gradient(means[k], block * period) if count > 1 else np.zeros(count) for k in (1, 2)]
+        last = np.arange(count) == count - 1
+        for values, more in zip(columns, [*means, *rates, last], strict=True):
+            values.append(more)
+    return Samples(*(np.concatenate(values) for values in columns))
+
+
+def estimate_valve_gain(s: Samples) -> float | None:
+    """k_v [bar/V]: pressure over voltage where both rest; None where they never do."""
+    rests = s.calm & (s.voltage > _LEAST_VOLTAGE) & np.append(np.abs(np.diff(s.voltage)) < 0.02 * s.voltage[1:], False)
+    return float(np.median(s.pressure[rests] / s.voltage[rests])) if np.count_nonzero(rests) > 5 else None
+
+
+def estimate_contact(s: Samples) -> tuple[float, float] | None:
+    """a_M [Nm/bar] and p_contact [bar] of M = a_M (p - p_contact) at the faster half of the slips (Table 6.3); None without."""
+    at = s.sliding
+    if np.count_nonzero(at) < 10:
+        return None
+    at &= np.abs(s.slip) >= np.median(np.abs(s.slip[at]))
+    if np.ptp(s.pressure[at]) < 0.1:
+        return None
+    pressure, torque = s.pressure[at], np.abs(s.torque[at])
+    slope, offset = np.polyfit(pressure, torque, 1)
+    for _ in range(5):  # iteratively re-weighted: single samples off the line count less (Huber)
+        off = np.abs(torque - slope * pressure - offset)
+        weight = 1.0 / np.maximum(1.0, off / (1.5 * max(float(np.median(off)), 1e-6)))
+        slope, offset = np.polyfit(pressure, torque, 1, w=np.sqrt(weight))
+    return (float(slope), float(-offset / slope)) if slope > 0.0 else None
+
+
+def estimate_friction(s: Samples, line: tuple[float, float], p: ParameterSet) -> dict[str, float]:
+    """Parameters of the stationary friction curve (eq. 6.2, 6.6), by dotted name, from all sliding samples at once.
+
+    line: a_M [Nm/bar] and p_contact [bar], see `estimate_contact`.
+    """
+    at = s.sliding & (np.abs(s.slip) > 2.0 * _LEAST_SLIP)
+    pressure, slip, torque = s.pressure[at], np.abs(s.slip[at]), np.abs(s.torque[at])
+    above = s.temperature[at] - p["oil.origin"].value
+    reference = p["oil.reference"].value - p["oil.origin"].value
+    mu = (p["oil.slope"].value * np.log10(np.maximum(np.stack([above, np.full_like(above, reference)]), 1.0))
+          + p["oil.offset"].value)  # eq. 6.3  # fmt: skip
+    warmth = mu[0] / mu[1] - 1.0
+    slope, contact = line
+    nominal = {name.partition(".")[2]: q.value for name, q in p.items() if name.startswith("clutch.")}
+    onset, share = nominal["beta_onset"] - p["piston.contact_pressure"].value, nominal["coulomb_slope"]
+    share /= share + nominal["viscous_slope"] * 20.94 ** nominal["viscous_exponent"]
+
+    def torque_of(x: np.ndarray) -> np.ndarray:
+        a_c, p_c, a_v, p_v, inf, start, scale, speed, exponent, gain = x
+        beta = np.minimum(1.0, inf + (1.0 - inf) * np.exp(np.minimum(-(pressure - start) / scale, 50.0)))  # eq. 6.6
+        stribeck = a_c * np.maximum(pressure - p_c, 0.0) * (1.0 + (beta - 1.0) * np.exp(-speed / slip))
+        viscous = a_v * np.maximum(pressure - p_v, 0.0) * (1.0 + gain * warmth) * slip**exponent  # eq. 6.2
+        return np.asarray(stribeck + viscous)
+
+    bounds = [p[f"clutch.{n}"].bounds for n in ("beta_inf", "beta_scale", "stribeck_speed", "viscous_exponent")]
+    low = np.array(
+        [0.1 * slope, 0.7 * contact, 0.0, 0.7 * contact, bounds[0][0], contact, 0.02, 2.0, bounds[3][0], 0.0]
+    )
+    high = np.array(
+        [3.0 * slope, 1.15 * contact, slope, 1.2 * contact, 1.0, contact + 3.0 * onset, 1.0, 40.0, bounds[3][1], 10.0]
+    )
+    best = None
+    for speed in _SPEEDS:
+        for exponent in _EXPONENTS:
+            begin = np.array([
+                share * slope, contact, (1.0 - share) * slope / 20.94**exponent, contact, nominal["beta_inf"],
+                contact + onset, nominal["beta_scale"], speed, exponent, p["oil.viscous_gain"].value,
+            ])  # fmt: skip
+            begin = np.clip(begin, low + 1e-3 * (high - low), high - 1e-3 * (high - low))
+            tried = least_squares(
+                lambda x: torque_of(x) - torque, begin, bounds=(low, high), loss="soft_l1", f_scale=0.1,
+                x_scale=np.maximum(np.abs(begin), 0.1), max_nfev=60,
+            )  # fmt: skip
+            if best is None or tried.cost < best.cost:
+                best = tried
+    assert best is not None
+    a_c, p_c, a_v, p_v, inf, start, scale, speed, exponent, gain = best.x
+    found = {
+        "coulomb_slope": a_c, "coulomb_intercept": -a_c * p_c, "viscous_slope": a_v, "viscous_intercept": -a_v * p_v,
+        "beta_inf": inf, "beta_onset": start, "beta_scale": scale, "stribeck_speed": speed, "viscous_exponent": exponent,
+    }  # fmt: skip
+    return {**{f"clutch.{name}": float(value) for name, value in found.items()}, "oil.viscous_gain": float(gain)}
+
+
+def estimate_oil(s: Samples) -> dict[str, float] | None:
+    """Heat capacity [J/K], heat transfer [W/K] and sump temperature [degC]; None where the oil's temperature hardly moves."""
+    step = max(1, round(_SPAN / MEAN))
+    inside = np.convolve(s.last, np.ones(step), "full")[step - 1 : -step] == 0  # window k..k+step within one run
+    power = np.concatenate([[0.0], np.cumsum(np.abs(s.torque * s.slip) * MEAN)])
+    warm = np.concatenate([[0.0], np.cumsum(s.temperature * MEAN)])
+    at = np.flatnonzero(inside[: len(s.slip) - step])
+    if len(at) < 5:
+        return None
+    rise = s.temperature[at + step] - s.temperature[at]
+    terms = np.column_stack([power[at + step] - power[at], -(warm[at + step] - warm[at]), np.full(len(at), _SPAN)])
+    (a, b, c), *_ = np.linalg.lstsq(terms, rise, rcond=None)
+    if not (a > 0.0 and b > 0.0):
+        return None
+    return {"oil.heat_capacity": 1.0 / a, "oil.heat_transfer": b / a, "oil.sump_temperature": c / b}
+
+
+def estimate_motor(s: Samples, limit: float) -> dict[str, float]:
+    """Inertia [kg m^2] and gains of the speed regulator [Nm s/rad, Nm/rad], those that the samples show; limit [Nm]."""
+    k = np.flatnonzero(~s.last[:-1])
+    found: dict[str, float] = {}
+    balance = 0.5 * ((s.motor - s.torque)[k] + (s.motor - s.torque)[k + 1]) * MEAN
+    change = s.slip[k + 1] - s.slip[k]
+    fast = np.abs(change) > 0.2
+    if (
+        np.count_nonzero(fast) > 5
+        and (inertia := float(balance[fast] @ change[fast] / (change[fast] @ change[fast]))) > 0.0
+    ):
+        found["motor.inertia"] = inertia
+    free = (np.abs(s.motor[k]) < _NEAR_LIMIT * limit) & (np.abs(s.motor[k + 1]) < _NEAR_LIMIT * limit)
+    terms = np.column_stack([s.error[k + 1] - s.error[k], 0.5 * (s.error[k] + s.error[k + 1]) * MEAN])[free]
+    if len(terms) > 5:
+        (proportional, integral), *_ = np.linalg.lstsq(terms, (s.motor[k + 1] - s.motor[k])[free], rcond=None)
+        for name, value in (("motor.proportional_gain", proportional), ("motor.integral_gain", integral)):
+            if value > 0.0:
+                found[name] = float(value)
+    return found

@@ -1,0 +1,210 @@
+"""BusLog: frames of a bus in order of time, and how they are collected, one by one or as the usual lines of a text.
+
+Bounds          MOST_FRAMES frames and MOST_CHANNELS channels, checked while they are collected
+"""
+
+from array import array
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import can
+import numpy as np
+
+from protocols.errors import InputError, listing
+from protocols.files.line_frames import UsualLines
+
+MOST_FRAMES = 10_000_000  # 33 min of a bench at 1 kHz; they take 0.4 GB while they are read
+MOST_CHANNELS = 256  # more are a damaged file
+EXTENDED, REMOTE, ERROR, FD = 1, 2, 4, 8  # flags of a frame: the bench uses none that has one
+FLAG_NAMES = {REMOTE: "remote", FD: "CAN FD", ERROR: "error", EXTENDED: "extended"}
+_BACKWARD_RUN = 3  # falling times in sequence: chosen, two senders that are out of order make one or two
+_HIGHEST_STANDARD_ID, _HIGHEST_ID = 0x7FF, 0x1FFFFFFF
+_USUAL_BYTES = 8  # of data of a usual line in `payload`, whatever its length
+
+
+@dataclass(frozen=True)
+class BusLog:
+    """Frames in order of time. Each array has shape (frames,).
+
+    stamps: time [s], from any origin. ids: identifiers. flags: EXTENDED, REMOTE, ERROR, FD. channel: index in `channels`, names
+    as in the file. payload, starts, lengths: data of frame i are payload[starts[i] : starts[i] + lengths[i]]. damaged: lines or
+    objects that are no frame. cut: why the end is missing, "" where it is not. notes: what was decided, a sentence each.
+    """
+
+    path: Path
+    kind: str
+    stamps: np.ndarray
+    ids: np.ndarray
+    flags: np.ndarray
+    channel: np.ndarray
+    starts: np.ndarray
+    lengths: np.ndarray
+    payload: bytes
+    channels: tuple[str, ...]
+    damaged: int = 0
+    cut: str = ""
+    notes: list[str] = field(default_factory=list)
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+    def data(self, index: int) -> bytes:
+        """Payload of a frame."""
+        start = self.starts[index]
+        return self.payload[start : start + self.lengths[index]]
+
+    def matrix(self, rows: np.ndarray, length: int) -> np.ndarray:
+        """Payloads of the frames `rows`, which have at least `length` bytes: shape (rows, length)."""
+        return np.frombuffer(self.payload, np.uint8)[self.starts[rows][:, None] + np.arange(length)]
+
+    def keep(self, rows: np.ndarray) -> "BusLog":
+        """The log with the frames `rows` only, indices or a mask."""
+        names = ("stamps", "ids", "flags", "channel", "starts", "lengths")
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
+
+    def only_channel(self, wanted: str | None, carries: np.ndarray, what: str, how: str) -> "BusLog":
+        """The log of one channel: `wanted`, or else the only one with frames of the mask `carries`.
+
+        what: such frames, for messages; how: the way to ask for a channel. Raises InputError where several are possible.
+        """
+        if wanted is not None:
+            if wanted not in self.channels:
+                raise InputError(f"log {self.path} has no channel {wanted!r}; it has {listing(self.channels)}")
+            chosen = self.channels.index(wanted)
+        else:
+            counts = np.bincount(self.channel[carries], minlength=len(self.channels))
+            possible = [self.channels[k] for k in np.flatnonzero(counts)]
+            if len(possible) > 1:
+                raise InputError(f"log {self.path} has {what} on {len(possible)} channels, {listing(possible)}; {how}")
+            if not possible:
+                return self
+            chosen = self.channels.index(possible[0])
+        others = np.bincount(self.channel, minlength=len(self.channels))
+        left_out = ", ".join(f"{n} of {self.channels[k]}" for k, n in enumerate(others) if n and k != chosen)
+        if left_out:
+            self.notes.append(f"took channel {self.channels[chosen]}; left out frames: {left_out}")
+        return self.keep(self.channel == chosen)
+
+
+class FrameCollector:
+    """Frames of messages, in the order of the file. channel_name: text of a channel of python-can."""
+
+    def __init__(self, path: Path, kind: str, channel_name: Callable[[object], str]) -> None:
+        self._path, self._kind, self._channel_name = path, kind, channel_name
+        self._stamps, self._ids, self._flags = array("d"), array("I"), array("B")
+        self._channel, self._starts, self._lengths = array("H"), array("q"), array("B")
+        self._payload = bytearray()
+        self._channels: dict[object, int] = {}
+
+    def __len__(self) -> int:
+        return len(self._stamps)
+
+    def add(self, message: can.Message) -> bool:
+        """Add a frame; return whether it is one: its parts fit each other."""
+        data, can_id = message.data or b"", message.arbitration_id
+        usual = not (message.is_remote_frame or message.is_error_frame)
+        length = message.dlc if usual and not message.is_fd else len(data)
+        if not isfinite(message.timestamp) or (usual and len(data) != min(length, 8) and not message.is_fd):
+            return False
+        if can_id > (_HIGHEST_ID if message.is_extended_id or message.is_error_frame else _HIGHEST_STANDARD_ID):
+            return False
+        if len(self._stamps) >= MOST_FRAMES:
+            raise self._too_many_frames()
+        index = self._channels.setdefault(message.channel, len(self._channels))
+        if index >= MOST_CHANNELS:
+            raise self._too_many_channels()
+        self._stamps.append(message.timestamp)
+        self._ids.append(can_id)
+        self._flags.append(
+            EXTENDED * message.is_extended_id
+            | REMOTE * message.is_remote_frame
+            | ERROR * message.is_error_frame
+            | FD * message.is_fd
+        )
+        self._channel.append(index)
+        self._starts.append(len(self._payload))
+        self._lengths.append(len(data))
+        self._payload += data
+        return True
+
+    def mix(self, usual: UsualLines, numbers: list[int]) -> None:
+        """Put the frames of usual lines between those collected, which are of the lines `numbers`, in the order of the file."""
+        lines = np.concatenate([usual.frames["line"], np.array(numbers, np.int64)])
+        if len(lines) > MOST_FRAMES:
+            raise self._too_many_frames()
+        order = np.argsort(lines, kind="stable")
+        names = [*usual.channels, *map(self._channel_name, self._channels)]
+        channel = np.concatenate([usual.frames["channel"], np.array(self._channel, np.int64) + len(usual.channels)])[
+            order
+        ]
+        seen: dict[str, int] = {}  # by name, in the order in which they come
+        there, first = np.unique(channel, return_index=True)
+        index = np.zeros(len(names), np.uint16)
+        for old in there[np.argsort(first)].tolist():
+            index[old] = seen.setdefault(names[old], len(seen))
+        if len(seen) > MOST_CHANNELS:
+            raise self._too_many_channels()
+        before = _USUAL_BYTES * len(usual.frames)
+
+        def join(of_usual: np.ndarray, others: "array[Any]") -> Any:
+            kind = others.typecode
+            return array(kind, np.concatenate([of_usual, np.array(others, kind)])[order].astype(kind).tobytes())
+
+        self._starts = join(np.arange(0, before, _USUAL_BYTES), array("q", [start + before for start in self._starts]))
+        self._stamps = join(usual.frames["stamp"], self._stamps)
+        self._ids = join(usual.frames["can_id"], self._ids)
+        self._flags = join(EXTENDED * usual.frames["extended"], self._flags)
+        self._lengths = join(usual.frames["length"], self._lengths)
+        self._channel = array("H", index[channel].tobytes())
+        self._payload = bytearray(usual.frames["data"].tobytes()) + self._payload
+        self._channels, self._channel_name = dict(seen.items()), str
+
+    def _too_many_frames(self) -> InputError:
+        return InputError(f"log {self._path} has more than {MOST_FRAMES} frames; cut it into parts")
+
+    def _too_many_channels(self) -> InputError:
+        return InputError(f"log {self._path} has more than {MOST_CHANNELS} channels: it is damaged")
+
+    def log(self, damaged: int, cut: str, notes: list[str]) -> BusLog:
+        """The frames in order of time. Raises InputError where there is none."""
+        if not self._stamps:
+            why = f"; {damaged} lines are damaged" if damaged else f"; {cut}" if cut else ""
+            raise InputError(f"log {self._path} ({self._kind}) has no frame{why}")
+        log = BusLog(
+            self._path, self._kind, np.frombuffer(self._stamps, np.float64), np.frombuffer(self._ids, np.uint32),
+            np.frombuffer(self._flags, np.uint8), np.frombuffer(self._channel, np.uint16),
+            np.frombuffer(self._starts, np.int64), np.frombuffer(self._lengths, np.uint8), bytes(self._payload),
+            tuple(map(self._channel_name, self._channels)), damaged, cut, notes,
+        )  # fmt: skip
+        if damaged:
+            notes.append(f"left out {damaged} lines that are no frame")
+        if cut:
+            notes.append(cut)
+        backwards = np.diff(log.stamps) < 0
+        if backwards.any():
+            latest = np.maximum.accumulate(log.stamps)
+            notes.append(
+                f"{np.count_nonzero(log.stamps < latest)} of {len(log)} frames were not in order of time, up to"
+                f" {np.max(latest - log.stamps):.6g} s late; ordered by time"
+            )
+            log = log.keep(_order(log.stamps))
+        return log
+
+
+def _order(stamps: np.ndarray) -> np.ndarray:
+    """Indices (n,) that put frames in order of time. Frames of one time keep their order; where a log was written backwards, in
+    runs of times that only fall, they are backwards, too.
+    """
+    steps = np.diff(stamps)
+    rank = np.arange(len(stamps))
+    begins = np.concatenate([[0], np.flatnonzero(steps > 0) + 1, [len(stamps)]])
+    falls = np.concatenate([[0], np.cumsum(steps < 0), [0]])
+    ends = begins[1:]
+    begins = begins[:-1]
+    long = (ends - begins > _BACKWARD_RUN) & (falls[ends - 1] - falls[begins] >= _BACKWARD_RUN)
+    for begin, end in zip(begins[long], ends[long], strict=True):
+        rank[begin:end] = rank[begin:end][::-1]
+    return np.lexsort((rank, stamps))

@@ -1,0 +1,113 @@
+"""ChildReader: a file that is read in a process of its own, with limits of time and memory.
+
+For libraries in C that can end the process, or never return, on a damaged file: HDF5 does both (version 2.0, files with a few
+changed bytes: a double free, an endless loop). The process costs about 0.3 s. It ends when the reader is no longer used.
+"""
+
+import os
+import pickle
+import resource
+import signal
+import subprocess
+import sys
+import weakref
+from importlib import import_module
+from typing import IO, Any
+
+from protocols.errors import InputError
+
+MOST_SECONDS = 10  # of computing for one file, opened and read
+_MOST_BYTES = 2 << 30  # of the process, with the libraries' own 0.2 GB; the values themselves have bounds of their own
+
+
+class ChildReader:
+    """Asks a function in the other process.
+
+    name: of the file, for messages. server: `module:function`; called there with `arguments`, it opens the file and returns the
+    function that answers each question. Questions, answers: what pickle can carry. most_seconds: of computing, in all.
+    """
+
+    def __init__(self, name: str, server: str, *arguments: str, most_seconds: int = MOST_SECONDS) -> None:
+        self._name, self._most_seconds = name, most_seconds
+        paths = os.pathsep.join(os.path.abspath(entry) for entry in sys.path)
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", __name__, name, str(most_seconds), server, *arguments],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, "PYTHONPATH": paths, "OPENBLAS_NUM_THREADS": "1"},
+        )
+        weakref.finalize(self, _end, self.process)
+
+    def ask(self, question: Any = None) -> Any:
+        """The answer to a question. Raises InputError where the file is refused, or the process has ended."""
+        stdin, stdout = self.process.stdin, self.process.stdout
+        assert stdin is not None
+        assert stdout is not None
+        try:
+            pickle.dump(question, stdin)
+            stdin.flush()
+        except OSError:
+            pass  # it has ended: told below
+        try:
+            answer = pickle.load(stdout)
+        except (EOFError, pickle.UnpicklingError):
+            code = self.process.wait()
+            raise InputError(
+                f"{self._name} is damaged, or too large: the library that reads it ended ({self._describe_end(code)})"
+            ) from None
+        if isinstance(answer, InputError):
+            raise answer
+        return answer
+
+    def _describe_end(self, code: int) -> str:
+        if code == -signal.SIGXCPU:
+            return f"after {self._most_seconds} s of computing"
+        return f"signal {-code}" if code < 0 else f"exit code {code}"
+
+
+def _end(process: "subprocess.Popen[bytes]") -> None:
+    process.kill()
+    for pipe in (process.stdin, process.stdout):
+        if pipe:
+            pipe.close()
+    process.wait()
+
+
+def _serve(name: str, server: str, arguments: list[str], questions: IO[bytes], answers: IO[bytes]) -> None:
+    """Open a file and answer what is asked, until nobody asks any more."""
+    answer_of = None
+    while True:
+        try:
+            question = pickle.load(questions)
+        except EOFError:
+            return
+        answer: Any
+        try:
+            if answer_of is None:
+                module, function = server.split(":")
+                answer_of = getattr(import_module(module), function)(*arguments)
+            answer = answer_of(question)
+        except InputError as error:
+            answer = error
+        except MemoryError:
+            answer = InputError(f"{name} needs more than {_MOST_BYTES / (1 << 30):g} GiB of memory")
+        pickle.dump(answer, answers, protocol=5)
+        answers.flush()
+        if answer_of is None:
+            return
+
+
+def main() -> None:
+    """The other process."""
+    name, most_seconds, server, *arguments = sys.argv[1:]
+    resource.setrlimit(resource.RLIMIT_CPU, (int(most_seconds), int(most_seconds) + 1))
+    resource.setrlimit(resource.RLIMIT_DATA, (_MOST_BYTES, _MOST_BYTES))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    answers = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # what libraries print is no answer
+    _serve(name, server, arguments, sys.stdin.buffer, answers)
+
+
+if __name__ == "__main__":
+    main()

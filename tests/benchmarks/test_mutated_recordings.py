@@ -1,0 +1,72 @@
+"""Damaged copies of a small file of each format: read, or refused in one sentence; and most get behind the opening."""
+
+from pathlib import Path
+
+import pytest
+
+from benchmarks.mutations import Reach, play_copies
+from benchmarks.sound_recordings import Sound, make_files
+from protocols.errors import InputError
+from tests.clutch_hil.recordings.test_hdf5_in_child import level73
+
+COPIES = (
+    60  # of each file, in all 25 s of computing; `python -m benchmarks.mutated_recordings` makes as many as are wanted
+)
+# Share of copies that must get behind the opening, or the damage says nothing of the readers; of 500 each had twice that.
+# A changed byte fails the sum of a deflated variable, and a database is read whole or not at all
+LEAST = {"MATLAB 5 deflated": 0.0, "DBC": 0.0}
+NAMES = (
+    "CSV", "text of a logger", "Parquet", "Feather", "MDF 4.10 deflated", "MDF 4.10", "MDF 3.30", "MATLAB 5 deflated",
+    "MATLAB 5", "MATLAB 5, deflated after the damage", "MATLAB 4", "TDMS", "HDF5", "HDF5 in chunks", "MATLAB 7.3",
+    "bus log, candump", "bus log, ASC", "bus log, TRC", "bus log, BLF", "bus log, BLF deflated", "bus log, MF4", "DBC",
+    "log of the bench",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def sounds(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Sound]:
+    return {sound.name: sound for sound in make_files(tmp_path_factory.mktemp("sound"))}
+
+
+def test_every_format_has_a_sound_file_that_is_read_whole(tmp_path: Path, sounds: dict[str, Sound]) -> None:
+    assert tuple(sounds) == NAMES
+    for sound in sounds.values():
+        assert sound.play(copy_of(sound, tmp_path)) is Reach.READ, sound.name
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_damaged_copies_are_read_or_refused(
+    tmp_path: Path, sounds: dict[str, Sound], name: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    sound = sounds[name]
+    copy = copy_of(sound, tmp_path)
+    good = copy.read_bytes()
+    sound.play(copy)  # what is loaded once is not a copy's time or memory
+    reached = play_copies(copy, good, COPIES, 1, sound.play)
+    assert COPIES - reached[Reach.REFUSED] >= LEAST.get(name, 0.2) * COPIES, reached
+    assert capfd.readouterr() == ("", "")
+
+
+def copy_of(sound: Sound, folder: Path) -> Path:
+    """A file like that of `sound`, which `play` may alter."""
+    copy = folder / f"damaged{sound.file.suffix}"
+    copy.write_bytes(sound.file.read_bytes())
+    return copy
+
+
+def test_a_copy_that_ends_the_library_is_one_sentence(tmp_path: Path) -> None:
+    """As the HDF5 library does on some files: the process for many copies ends, and the next copy has another one."""
+    from benchmarks.sound_recordings import _ManyByOne
+
+    play = _ManyByOne(f"{__name__}:end_on_one")
+    files = [level73(tmp_path / name) for name in ("a.mat", "ends.mat", "b.mat")]
+    assert [play(file) for file in files] == [Reach.REFUSED] * 3
+
+
+def end_on_one(path: Path) -> None:
+    """In the other process."""
+    import os
+
+    if "ends" in path.name:
+        os.abort()
+    raise InputError(f"recording {path} is not liked")

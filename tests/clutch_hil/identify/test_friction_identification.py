@@ -1,0 +1,220 @@
+"""Friction that is known is identified again: parameters within intervals, terms by held-out stretches, files, warnings."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from clutch_hil.identify.friction.identification import identify_friction
+from clutch_hil.identify.friction.result import IdentifiedFriction, read_friction
+from plant_sim.friction.coulomb import Coulomb
+from plant_sim.friction.directed import Directed
+from plant_sim.friction.gms import GMS
+from plant_sim.friction.identification.asymmetric import ShapedElements
+from plant_sim.friction.load_law import LoadLaw
+from plant_sim.friction.lugre import LuGre
+from plant_sim.friction.maxwell_slip import MaxwellSlip
+from plant_sim.friction.shaped import ShapedMaxwellSlip
+from plant_sim.friction.stribeck import Stribeck
+from plant_sim.friction.xgms import XGMS
+from protocols.errors import InputError
+from protocols.files.run import Run
+from tests.clutch_hil.identify.slides import PERIOD, SPAN, motion, play, red, white
+
+POSITION = motion()
+N = POSITION.size
+NOISE = 0.02  # N, of about 10
+LIMITS, POINTS = np.array([4.0, 3.0]), np.array([2e-5, 1e-4])  # N, m
+CURVE = Stribeck(7.0, 0.7, 4e-3, 80.0)
+STEPPED = np.array([20.0, 60.0, 10.0, 120.0, 35.0])[np.arange(N) * 15 // N % 5]  # N, load
+
+
+def truth(name: str) -> tuple[Run, tuple[str, ...], dict[str, float]]:
+    """A run, the terms of its law, and the values that are to be found."""
+    elements = {"limit_1": 4.0, "limit_2": 3.0, "break_point_1": 2e-5, "break_point_2": 1e-4}
+    stribeck = {"beta": 0.7, "stribeck_velocity": 4e-3, "viscous": 80.0}
+    terms = ("viscous", "stribeck")
+    noise = white(N, NOISE, seed=3)
+    if name == "stribeck":
+        return (
+            play(Coulomb(CURVE), noise=noise, mass=3.0),
+            (*terms, "mass"),
+            {"static_force": 7.0, **stribeck, "mass": 3.0},
+        )
+    if name == "maxwell-slip":
+        return (
+            play(MaxwellSlip(LIMITS / POINTS, LIMITS), noise=noise, offset=0.5),
+            ("offset",),
+            {**elements, "offset": 0.5},
+        )
+    if name == "gms":
+        model = GMS(CURVE, LIMITS / POINTS, LIMITS / 7.0, 7.0 * 50.0)
+        return (
+            play(model, noise=noise, mass=3.0),
+            (*terms, "lag", "mass"),
+            {**elements, **stribeck, "attraction": 50.0, "mass": 3.0},
+        )
+    if name == "lugre":
+        return play(LuGre(CURVE, 2e5), noise=noise), terms, {"static_force": 7.0, "stiffness": 2e5, **stribeck}
+    law = LoadLaw(0.3, 2.0, 50.0)
+    level = float(law(STEPPED.mean()))
+    limits = LIMITS * level / LIMITS.sum()
+    model = XGMS(law, limits / POINTS, limits / level, 0.7, 4e-3, 80.0 / level, attraction=50.0)
+    values = {"limit_1": limits[0], "limit_2": limits[1], "break_point_1": 2e-5, "break_point_2": 1e-4}
+    values |= stribeck | {"attraction": 50.0, "fall": 0.5, "load_scale": 50.0}
+    return play(model, load=STEPPED, noise=noise), (*terms, "lag", "fall"), values
+
+
+@pytest.mark.parametrize("name", ["stribeck", "maxwell-slip", "gms", "xgms", "lugre"])
+def test_a_law_that_is_known_is_found_again(name: str) -> None:
+    run, terms, values = truth(name)
+    found = identify_friction(run, name, terms=terms, elements=2 if "limit_1" in values else None, starts=2)
+    inside = [found.interval(one)[0] <= value <= found.interval(one)[1] for one, value in values.items()]
+    assert {one.name for one in found.parameters} == set(values)
+    for one, value in values.items():
+        assert found[one] == pytest.approx(value, rel=0.05), one
+    assert sum(inside) >= len(inside) - 1, [one for one, is_in in zip(values, inside, strict=True) if not is_in]
+    if name != "stribeck":  # whose sign is a sample early or late at a reversal
+        assert found.errors["held_out"] == pytest.approx(NOISE, rel=0.15)
+    assert found.starts[1] == 2
+
+
+def test_held_out_stretches_choose_the_terms_and_the_elements() -> None:
+    """The rig has 2 elements, mass, viscous friction and an offset; no delay, no damping, no asymmetry."""
+    model = GMS(Stribeck(7.0, viscous=80.0), LIMITS / POINTS, LIMITS / 7.0)
+    found = identify_friction(play(model, noise=white(N, NOISE, 1), mass=3.0, offset=0.5), "gms", starts=1)
+    assert found.structure.elements == 2
+    assert set(found.structure.terms) == {"mass", "viscous", "offset"}
+    assert found["mass"] == pytest.approx(3.0, rel=0.01)
+    assert found["offset"] == pytest.approx(0.5, rel=0.05)
+    assert sum(step.chosen for step in found.steps) == 1
+    assert len(found.steps) > 4
+
+
+def test_friction_that_differs_with_the_direction_is_told_from_an_offset() -> None:
+    up, down = (GMS(Stribeck(7.0, viscous=80.0 * share), LIMITS / POINTS, LIMITS / 7.0) for share in (1.2, 0.8))
+    found = identify_friction(play(Directed(up, down), noise=white(N, NOISE, 2)), "gms", starts=1)
+    assert "viscous_asymmetry" in found.structure.terms
+    assert "offset" not in found.structure.terms
+    assert found["viscous_asymmetry"] == pytest.approx(0.2, abs=0.01)
+
+
+def test_the_shape_of_an_asymmetric_loop_is_found() -> None:
+    shape = np.array([0.15, -0.1])
+    reach = float(np.abs(POSITION).max())
+    model = ShapedMaxwellSlip(ShapedElements(MaxwellSlip(LIMITS / POINTS, LIMITS), shape, reach))
+    run = play(model, noise=white(N, NOISE, 4))
+    found = identify_friction(run, "maxwell-slip", elements=2, terms=("shape",), starts=1)
+    assert [found["shape_1"], found["shape_2"]] == pytest.approx(shape, abs=0.01)
+    plain = identify_friction(run, "maxwell-slip", elements=2, terms=(), starts=1)
+    assert plain.errors["held_out"] > 5.0 * found.errors["held_out"]
+
+
+def test_intervals_hold_where_the_noise_lasts_over_many_samples() -> None:
+    """Noise that is correlated over 100 samples: intervals that take it as white hold half of the values or less."""
+    position, model = motion(12.0), MaxwellSlip(LIMITS / POINTS, LIMITS)
+    inside, narrow, total = 0, 0, 0
+    for seed in range(20):
+        noise = red(position.size, 0.1, 0.99, seed)
+        found = identify_friction(
+            play(model, position, noise=noise), "maxwell-slip", elements=2, terms=("offset",), starts=1
+        )
+        for name, value in (("limit_1", 4.0), ("limit_2", 3.0), ("break_point_2", 1e-4), ("offset", 0.0)):
+            low, high = found.interval(name)
+            inside += low <= value <= high
+            total += 1
+            white_half = 0.5 * (high - low) * 0.1  # 100 correlated samples in place of one
+            narrow += abs(found[name] - value) <= white_half
+    assert inside >= 0.85 * total
+    assert narrow <= 0.6 * total
+
+
+class TestFile:
+    def found(self) -> IdentifiedFriction:
+        run, terms, _ = truth("xgms")
+        return identify_friction(run, "xgms", terms=terms, elements=2, starts=1, rig="bench 3", holdout=[run])
+
+    def test_loads_back_to_the_last_digit(self, tmp_path: Path) -> None:
+        found = self.found()
+        again = read_friction(found.write(tmp_path / "friction.toml"))
+        assert again.values == found.values
+        assert again.verdict == found.verdict
+        assert np.array_equal(again.correlation, found.correlation, equal_nan=True)
+        assert again.runs == found.runs
+        assert [run.used for run in again.runs] == ["fitted", "held out"]
+        assert again.rig == "bench 3"
+        force, kept = (one.model.trace(POSITION, PERIOD, STEPPED).force for one in (found, again))
+        assert np.array_equal(force, kept)
+
+    def test_what_was_changed_by_hand_and_is_wrong_is_told(self, tmp_path: Path) -> None:
+        path = self.found().write(tmp_path / "friction.toml")
+        text = path.read_text(encoding="utf-8")
+        for before, after, message in (
+            ('kind = "friction"', 'kind = "clutch"', "is of the kind 'clutch'"),
+            ('law = "xgms"', 'law = "xgmz"', "law 'xgmz' is unknown; did you mean xgms"),
+            ("beta = {", "betta = {", "has the parameters"),
+            ("elements = 2", "elements = 3", "has the parameters"),
+            ("beta = { value = ", "beta = { value = -", "beta is -0"),
+        ):
+            path.write_text(text.replace(before, after, 1), encoding="utf-8")
+            with pytest.raises(InputError, match=message):
+                read_friction(path)
+
+
+class TestWarnings:
+    MODEL = GMS(Stribeck(7.0, viscous=80.0), LIMITS / POINTS, LIMITS / 7.0)
+
+    def warnings(self, run: Run, law: str = "gms") -> str:
+        return "\n".join(identify_friction(run, law, starts=1, elements=1 if law != "stribeck" else None).warnings)
+
+    def test_one_way_says_nothing_of_pre_sliding(self) -> None:
+        time = PERIOD * np.arange(N)
+        rising = 5e-3 * time + 2e-3 * (1.0 - np.cos(0.5 * time))  # m, never turns
+        assert "no reversal" in self.warnings(play(self.MODEL, rising, noise=white(N, NOISE, 5)))
+
+    def test_one_speed_says_nothing_of_stribeck(self) -> None:
+        saw = SPAN * (2.0 * np.abs(2.0 * ((np.arange(N) * PERIOD * 0.5) % 1.0) - 1.0) - 1.0)
+        told = self.warnings(play(Coulomb(CURVE), saw, noise=white(N, NOISE, 5)), "stribeck")
+        assert "a Stribeck curve needs speeds over two decades" in told
+
+    def test_a_constant_load_says_nothing_of_its_influence(self) -> None:
+        model = XGMS(LoadLaw(0.3, 2.0, 50.0), LIMITS / POINTS, LIMITS / 7.0)
+        run = play(model, load=np.full(N, 40.0), noise=white(N, NOISE, 5))
+        assert "taken as proportional" in self.warnings(run, "xgms")
+
+    def test_a_load_that_the_law_does_not_know_is_told(self) -> None:
+        run, _, _ = truth("xgms")
+        assert "which gms does not know: xgms does" in self.warnings(run)
+
+    def test_samples_too_far_apart_do_not_resolve_pre_sliding(self) -> None:
+        stiff = GMS(Stribeck(7.0, viscous=80.0), [1e8], [1.0])
+        assert "pre-sliding is not resolved" in self.warnings(play(stiff, noise=white(N, NOISE, 5)))
+
+
+@pytest.mark.parametrize(
+    ("law", "change", "message"),
+    [
+        ("gsm", {}, "law 'gsm' is unknown; did you mean gms"),
+        ("xgms", {}, "law xgms needs the load"),
+        ("stribeck", {"elements": 2}, "law stribeck has no elements"),
+        ("gms", {"elements": 0}, "number of elements is 0; allowed is 1 to 20"),
+        ("gms", {"terms": ("lag",)}, "'lag' needs 'stribeck'"),
+        ("gms", {"terms": ("fall",)}, "law gms has no term 'fall'"),
+        ("gms", {"terms": ("inertia",)}, "term 'inertia' is unknown"),
+        ("gms", {"starts": 0}, "number of starts is 0"),
+        ("gms", {"low_pass": -1.0}, "low-pass is -1 Hz"),
+        ("gms", {"low_pass": 400.0}, "allowed is below 250"),
+    ],
+)
+def test_wrong_requests_are_told_in_a_sentence(law: str, change: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        identify_friction(play(TestWarnings.MODEL), law, **change)  # type: ignore[arg-type]
+
+
+def test_a_reversed_sign_and_a_constant_speed_are_told() -> None:
+    run = play(TestWarnings.MODEL)
+    reversed_sign = Run({**run.columns, "friction_force_n": -run["friction_force_n"]}, {})
+    with pytest.raises(InputError, match="friction would drive it; reverse its sign"):
+        identify_friction(reversed_sign, "gms")
+    with pytest.raises(InputError, match=r"the speed is constant at 0\.005 m/s"):
+        identify_friction(play(Coulomb(CURVE), 5e-3 * PERIOD * np.arange(N), noise=white(N, NOISE, 6)), "stribeck")
