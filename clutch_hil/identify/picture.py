@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from clutch_hil.bench.palette import MEASURED, TRUE
+from clutch_hil.bench.palette import DEMAND, MEASURED, TRUE
 from clutch_hil.identify.identification import Identification
 from protocols.files.output_file import whole_file
 
@@ -30,7 +30,7 @@ def draw_identification(found: Identification, path: Path) -> None:
             top, low = axes[2 * i, k], axes[2 * i + 1, k]
             top.plot(time, measured[column][::every], color=MEASURED, lw=0.8, label="measured")
             top.plot(time, simulated[column][::every], color=TRUE, lw=0.8, ls="--", label="identified model")
-            low.plot(time, (measured[column] - simulated[column])[::every], color="black", lw=0.4)
+            low.plot(time, (measured[column] - simulated[column])[::every], color=DEMAND, lw=0.4)
             if k == 0:
                 top.set_ylabel(f"{_title(column)}\n[{found.units[column]}]")
                 low.set_ylabel("residual")

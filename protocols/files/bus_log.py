@@ -173,9 +173,12 @@ def _read_mf4(path: Path, head: bytes) -> BusLog:
     if head.startswith(b"UnFin"):
         cut = "the log is an unfinished MF4: its logger was stopped before the end"
     with without_remarks():
-        log = _collect_sound(path, collector, lambda: read_frames(path, bus_frames.MOST_FRAMES), cut, [])
-        if log.cut:
-            gc.collect()  # while it is quiet: what is half-read holds itself
+        log = None
+        try:
+            log = _collect_sound(path, collector, lambda: read_frames(path, bus_frames.MOST_FRAMES), cut, [])
+        finally:
+            if log is None or log.cut:
+                gc.collect()  # while it is quiet: what is half-read holds itself
         return log
 
 

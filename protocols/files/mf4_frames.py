@@ -16,11 +16,13 @@ import can
 import numpy as np
 
 from protocols.errors import InputError
-from protocols.files.mdf_blocks import open_checked
+from protocols.files.mdf_blocks import damaged, open_checked
 
 _ROWS = 50_000  # read at once: with CAN FD, 3 MB of payloads
 _KINDS = ("CAN_DataFrame", "CAN_RemoteFrame", "CAN_ErrorFrame")
 _FD_BYTES = 64  # of data in a row
+_MAY_BE_INVALID = 2  # flag of a channel of MDF 4
+_BYTES, _MOST_BITS = 6, 64  # lowest data type of MDF 4 that is no number; bits of a number
 _BUS_EVENT = 2  # flag of a channel group: FLAG_CG_BUS_EVENT of asammdf, whose import costs a second
 
 
@@ -63,7 +65,27 @@ def _open(path: Path) -> Iterator[Any]:
 
     stream, _ = open_checked(path)
     with stream, MDF(stream) as mdf:  # type: ignore[arg-type]
+        for group in mdf.groups:
+            _check_record(path, group)
         yield mdf
+
+
+def _check_record(path: Path, group: Any) -> None:
+    """Raise InputError where a channel lies outside of its record, or rows are not there: a library in C does not ask."""
+    block = group.channel_group
+    row_bytes, mark_bytes = block.samples_byte_nr, getattr(block, "invalidation_bytes_nr", 0)
+    for channel in group.channels:
+        first, bits = getattr(channel, "byte_offset", 0), getattr(channel, "bit_offset", 0) + channel.bit_count
+        marked = getattr(channel, "flags", 0) & _MAY_BE_INVALID
+        if 8 * first + bits > 8 * row_bytes or (channel.data_type < _BYTES and channel.bit_count > _MOST_BITS):
+            raise damaged(path, f"{channel.name} lies outside of its record")
+        if marked and channel.pos_invalidation_bit >= 8 * mark_bytes:
+            raise damaged(path, f"the mark of {channel.name} lies outside of its record")
+    size = sum(info.original_size for info in group.get_data_blocks())
+    if block.cycles_nr * row_bytes > size:
+        raise damaged(
+            path, f"a group has {block.cycles_nr} rows of {row_bytes} bytes by its header, and {size} bytes of data"
+        )
 
 
 def read_frames(path: Path, most: int) -> Iterator[can.Message]:

@@ -13,7 +13,7 @@ from protocols.moved_modules import describe_moves, find_new_place
     ("old", "new"),
     [
         ("plant_sim.discrepancy", "clutch_hil.discrepancy"),
-        ("plant_sim.discrepancy.model", "clutch_hil.discrepancy.model"),
+        ("plant_sim.discrepancy.model", "clutch_hil.fitting.model"),
         ("plant_sim.discrepancy.decide", "clutch_hil.discrepancy.decision"),
         ("plant_sim.discrepancy.models.slide", "clutch_hil.discrepancy.models.sliding_contact"),
         ("clutch_hil.discrepancy.inquiry", "clutch_hil.discrepancy.selection"),
@@ -23,7 +23,8 @@ from protocols.moved_modules import describe_moves, find_new_place
         ("plant_sim.effects.friction_lag", "plant_sim.effects.friction.friction_lag"),
         ("protocols.runs", "protocols.files.runs"),
         ("rt_controller.adaptation", "rt_controller.law.adaptation"),
-        ("clutch_hil.discrepancy.model", None),  # it is there
+        ("clutch_hil.discrepancy.model", "clutch_hil.fitting.model"),
+        ("clutch_hil.fitting.model", None),  # it is there
         ("plant_sim.discrepancy.no_such", None),
         ("protocols.no_such", None),
         ("numpy.no_such", None),

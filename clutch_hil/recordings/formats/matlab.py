@@ -27,6 +27,7 @@ _LAYOUTS = (
     Categorical(),
 )  # fmt: skip
 _MATLAB = b"MATLAB "  # first bytes of a file of level 5 and 7.3
+_TITLE = 30  # bytes of a file in which a MATLAB file of level 5 or 7.3 says so: "MATLAB 7.3 MAT-file"
 _MOST_TIMES = 4_000_000  # numbers of time axes that are read while a file is opened: 32 MB
 _MOST_AXES = 100
 _MOST_LEFT_OUT = 20  # variables that are named
@@ -39,7 +40,7 @@ class Matlab:
     order = 0
 
     def recognises(self, head: bytes, path: Path) -> bool:
-        if head.startswith(_MATLAB) and 0 in head:  # whatever of it is damaged
+        if head.startswith(_MATLAB) and (0 in head or b"MAT-file" in head[:_TITLE]):  # whatever of it is damaged
             return not is_hdf5(head) or is_level73(head)
         return is_level5(head) or is_level4(head)
 

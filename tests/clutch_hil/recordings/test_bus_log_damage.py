@@ -164,3 +164,17 @@ def test_damaged_files_are_read_or_refused_in_one_sentence(tmp_path: Path, suffi
         assert time.monotonic() - began < 20.0
     assert tracemalloc.get_traced_memory()[1] < 1 << 28
     tracemalloc.stop()
+
+
+def test_a_channel_of_an_mf4_outside_of_its_record_is_refused(tmp_path: Path) -> None:
+    """Read there, a library in C ends the process."""
+    path = write(tmp_path / "a.mf4", bench())
+    content = bytearray(path.read_bytes())
+    last = content.rindex(b"##CN")
+    (links,) = struct.unpack_from("<Q", content, last + 16)
+    struct.pack_into("<I", content, last + 24 + 8 * links + 4, 1_000_000)  # its place in the record
+    path.write_bytes(content)
+    with pytest.raises(InputError, match="lies outside of its record"):
+        open_recording(path)
+    with pytest.raises(InputError, match="lies outside of its record"):
+        read_bus_log(path)
