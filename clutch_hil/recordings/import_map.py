@@ -37,7 +37,7 @@ from protocols.errors import InputError, closest
 from protocols.files.run import Run
 from protocols.files.runs import check_columns
 from protocols.files.toml_table import TomlTable, read_toml
-from protocols.files.units import from_si, same_quantity, to_si
+from protocols.files.units import from_si, have_same_quantity, to_si
 
 MAPS = Path(__file__).parent / "maps"
 _KEYS: Mapping[str, type] = {
@@ -263,7 +263,7 @@ def _read_column(column: str, entry: TomlTable) -> ForeignColumn:
         raise InputError(f"import map: {column}.unit_from is {source!r}; allowed are file and map")
     if source == "map" and not unit:
         raise InputError(f"import map: {column} has unit_from = 'map' and no unit")
-    if unit and not same_quantity(unit, unit_of(column)):
+    if unit and not have_same_quantity(unit, unit_of(column)):
         raise InputError(
             f"import map: {column} is given in {unit!r}, which cannot be converted into {unit_of(column)!r}"
         )
@@ -285,7 +285,7 @@ def _choose_unit(path: Path, name: str, source: ForeignColumn, channel: Channel,
             raise InputError(f"recording {path} tells no unit of {channel.name!r} for {name}; set `unit` in the map")
         return source.unit
     try:
-        fits = same_quantity(written, unit_of(name))
+        fits = have_same_quantity(written, unit_of(name))
     except InputError:
         if not source.unit:
             raise InputError(

@@ -21,7 +21,7 @@ from clutch_hil.recordings.rasters import ANTI_ALIAS_SHARE, Sampling, TimedColum
 from protocols.errors import InputError, closest
 from protocols.files.run import Run
 from protocols.files.runs import read_columns
-from protocols.files.units import same_quantity, to_si
+from protocols.files.units import have_same_quantity, to_si
 
 LEAST_SAMPLES = 100  # of a record: chosen, ten for each of the ten parameters that a law may have
 LARGEST = 1e15  # of any value, in SI: chosen, far beyond every rig; squares of it are still numbers
@@ -239,7 +239,7 @@ def _take(name: str, run: Run, what: str, chosen: str) -> tuple[np.ndarray, str]
     sign = -1.0 if unit.startswith("-") else 1.0
     unit = unit.removeprefix("-").strip() or _unit_of(name, run, what, column)
     for si in ("s",) if what == "time" else _FAMILIES[what]:
-        if same_quantity(unit, si):
+        if have_same_quantity(unit, si):
             one, zero = to_si(1.0, unit), to_si(0.0, unit)
             return sign * ((one - zero) * np.asarray(run.columns[column], float) + zero), si
     allowed = " or ".join(("s",) if what == "time" else _FAMILIES[what])

@@ -166,10 +166,10 @@ class ArrowRecording:
                     self._pandas_units = {str(k): v for k, v in units.items() if isinstance(v, str)}
             elif isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value):
                 self.numbers[name] = float(value)
-        self.start = next((str(v) for key in _START if isinstance(v := _parsed(metadata, key), str)), "")
+        self.start = next((str(v) for key in _START if isinstance(v := _parse_entry(metadata, key), str)), "")
 
 
-def _parsed(metadata: Mapping[str, str], key: str) -> Any:
+def _parse_entry(metadata: Mapping[str, str], key: str) -> Any:
     try:
         return json.loads(metadata[key])
     except (KeyError, ValueError):
