@@ -8,7 +8,7 @@ the terms are NaN.
 
 import contextlib
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
 from itertools import count
 from pathlib import Path
@@ -37,6 +37,20 @@ def make_writable(folder: Path) -> Path:
     if not os.access(folder, os.W_OK):
         raise InputError(f"folder {folder} cannot be written")
     return folder
+
+
+@contextlib.contextmanager
+def writable_folder(folder: Path) -> Iterator[Path]:
+    """`folder`, as `make_writable` makes it. One that was missing, and is still empty after an exception, is removed again."""
+    missing = not folder.exists()
+    make_writable(folder)
+    try:
+        yield folder
+    except BaseException:
+        if missing:
+            with contextlib.suppress(OSError):  # something is in it
+                folder.rmdir()
+        raise
 
 
 def run_path(folder: Path, name: str, suffix: str = ".parquet") -> Path:

@@ -48,14 +48,14 @@ def discrepancy(
 ) -> None:
     """Find where runs and simulation disagree, name the missing effect, and show how far it closes the gap."""
     from clutch_hil.bench.progress import progress_bar
-    from clutch_hil.bench.recording import make_writable
+    from clutch_hil.bench.recording import writable_folder
     from clutch_hil.discrepancy.outcome import FILES, find_discrepancy
     from protocols.files.output_file import new_files
 
     model, refit_within = _begin(model, calibration, refit_within)
     names = [name.strip() for name in effects.split(",") if name.strip()]
-    new_files(make_writable(out), FILES, overwrite, [*runs, *holdout, *([model] if model else [])])
-    with progress_bar("discrepancy", json_output) as progress:
+    new_files(out, FILES, overwrite, [*runs, *holdout, *([model] if model else [])])
+    with writable_folder(out), progress_bar("discrepancy", json_output) as progress:
         outcome = find_discrepancy(
             runs, holdout, rig=rig, model=model, calibration=refit_within, effects=names or None,
             force=force, progress=lambda what, share: progress(round(100 * share), 100),

@@ -80,7 +80,7 @@ def _run_clutch(
 ) -> None:  # fmt: skip
     """Identify a clutch and write its files."""
     from clutch_hil.bench.progress import progress_bar
-    from clutch_hil.bench.recording import make_writable
+    from clutch_hil.bench.recording import writable_folder
     from clutch_hil.identify import identification
     from clutch_hil.identify.picture import draw_identification, table_lines
     from protocols.files.output_file import new_files, whole_file
@@ -88,8 +88,8 @@ def _run_clutch(
     held = {name: _number("hold", name, text) if text else None for name, text in _pairs("hold", hold, False)}
     limits = {name: _range(name, text) for name, text in _pairs("bounds", bounds)}
     ties = dict(_pairs("tie", tie))
-    new_files(make_writable(out), FILES, overwrite, runs)
-    with progress_bar("identify", json_output) as progress:
+    new_files(out, FILES, overwrite, runs)
+    with writable_folder(out), progress_bar("identify", json_output) as progress:
         found = identification.identify(
             runs, rig=rig, hold=held, bounds=limits, ties=ties, force=force,
             progress=lambda what, share: progress(round(100 * share), 100),

@@ -108,7 +108,7 @@ def _reference(channel: Channel, recording: Recording) -> str:
 
 
 def _ending(unit: str) -> str:
-    """End of the name of a column of ours that takes `unit`; "" for none."""
+    """End of the name of a run's column that takes `unit`; "" for none."""
     if not unit:
         return ""
     for end, own in UNITS.items():

@@ -24,7 +24,7 @@ from plant_sim.rigs.tribometer import Tribometer, mean_radius, nominal
 from protocols.files.parameters import ParameterSet, load_defaults
 
 DEFAULTS = Path(__file__).parents[1] / "parameters" / "tribometer_contacts.toml"
-ELEMENTS = 10  # ours: with more, the pre-sliding curve is not visibly smoother
+ELEMENTS = 10  # chosen: with more, the pre-sliding curve is not visibly smoother
 
 
 class Contacts:

@@ -108,6 +108,10 @@ def read_columns(path: Path) -> Run:
     if suffix in (".mf4", ".parquet"):
         kind = "ASAM MDF" if suffix == ".mf4" else "Parquet"
         raise InputError(f"run {path} cannot be read: it is no {kind} file, it begins with {head[:8]!r}")
+    if suffix != ".mat" and 0 in head:  # a picture, an archive: no text has it
+        raise InputError(
+            f"run {path} is no table of numbers: it begins with {head[:8]!r}; allowed are {listing(SUFFIXES)}, .mat"
+        )
     return matlab.read_mat(path) if suffix == ".mat" else _read_csv(path)
 
 

@@ -1,6 +1,6 @@
 """TDMS of LabVIEW, VeriStand and DIAdem: groups of channels, each with a start and an increment, or beside a channel of times.
 
-The index file beside one (.tdms_index) is not used: where it is of another recording, its numbers would be read as ours.
+The index file beside one (.tdms_index) is not used: if it belongs to another recording, its numbers would be wrong.
 """
 
 import io

@@ -1,0 +1,94 @@
+"""The commands that identify a clutch and take its calibration: options, files, courses."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import clutch_hil as ch
+from clutch_hil.command import application
+from clutch_hil.commands.identify import FILES
+from clutch_hil.identify.courses import COURSES, HIGHEST, MOST, SCALE, Span, course_text
+from plant_sim.profiles.profile import load_profile
+from protocols.errors import InputError
+from protocols.files.runs import write_run
+
+LONGEST = 24.0  # s of a course
+
+
+def run_command(*words: object) -> tuple[int, str]:
+    """Exit code and text; an InputError is what `clutch-hil` prints as one sentence with exit code 2."""
+    result = CliRunner().invoke(application(), list(map(str, words)))
+    if isinstance(result.exception, InputError):
+        return 2, str(result.exception)
+    return result.exit_code, result.output
+
+
+@pytest.fixture(scope="module")
+def run_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("runs") / "loads.parquet"
+    write_run(ch.simulate(profile="loads_and_slips", seed=4), path)
+    return path
+
+
+def test_a_run_becomes_three_files_and_a_verdict(tmp_path: Path, run_file: Path) -> None:
+    code, text = run_command("identify", run_file, "--out", tmp_path / "mine")
+    assert code == 0
+    assert sorted(path.name for path in (tmp_path / "mine").iterdir()) == sorted(FILES)
+    assert "parameters identified from 1 runs" in text
+    code, text = run_command("identify", run_file, "--out", tmp_path / "mine")
+    assert code == 2
+    assert "--overwrite" in text
+    code, text = run_command("up", "--calibration", tmp_path / "mine" / FILES[0], "--plant-parameters", run_file)
+    assert code == 2
+    assert "--calibration has parameters of plant and controller" in text
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--hold", "valve.gain=x"], "'x'"),
+        (["--hold", "=1"], "'=1'"),
+        (["--hold", "valve.gain=inf"], "'inf'"),
+        (["--bounds", "valve.gain"], "'valve.gain'"),
+        (["--bounds", "valve.gain=1"], "LOW:HIGH"),
+        (["--bounds", "valve.gain=3:2"], "valve.gain"),
+        (["--tie", "valve.gain"], "NAME=VALUE"),
+        (["--tie", "valve.gain=valve.nosuch"], "valve.nosuch"),
+        (["--rig", "nosuch"], "nosuch"),
+        (["--rig", "power_shift"], "power_shift"),
+        (["--position", "x"], "--friction"),
+        (["--friction", "gms", "--tie", "a=b"], "--tie"),
+    ],
+)
+def test_a_wrong_option_is_one_sentence(tmp_path: Path, run_file: Path, words: list[str], told: str) -> None:
+    code, text = run_command("identify", run_file, *words, "--out", tmp_path / "mine")
+    assert code == 2
+    assert told in text
+    assert not list(tmp_path.glob("mine/*"))
+
+
+def test_a_number_after_calibration_is_told_its_new_option(run_file: Path, tmp_path: Path) -> None:
+    code, text = run_command("discrepancy", run_file, "--calibration", "0.5", "--out", tmp_path / "d")
+    assert code == 2
+    assert "--refit-within 0.5" in text
+
+
+@pytest.mark.parametrize("name", [*COURSES, "scale"])
+@pytest.mark.parametrize("span", [Span(2.35), Span(1.7), Span.of_line(14.0, 3.0, 30.0), Span.of_line(25.0, 2.65, 30.0)])
+def test_courses_are_profiles_within_the_span_of_the_clutch(tmp_path: Path, name: str, span: Span) -> None:
+    make = SCALE[0] if name == "scale" else COURSES[name][0]
+    path = tmp_path / "course.csv"
+    path.write_text(course_text(make, span), encoding="utf-8")
+    profile = load_profile(str(path))
+    assert profile.duration <= LONGEST
+    assert max(profile.pressure) <= max(HIGHEST, span.contact + 0.2) + 1e-9
+    assert max(profile.pressure) <= span.contact + span.reach + 1e-4
+    assert max(np.abs(profile.speed)) <= 26.2  # rad/s, the speed limit of the maps
+    assert profile.pressure[-1] == 0.0
+
+
+def test_a_steep_clutch_gets_no_more_than_its_torque() -> None:
+    assert Span.of_line(20.0, 2.35, 30.0).reach == pytest.approx(1.5)
+    assert Span.of_line(14.0, 2.35, 30.0).reach == MOST
