@@ -41,31 +41,7 @@ def run_friction(
     from clutch_hil.recordings.rasters import Sampling
     from protocols.files.output_file import new_files, whole_file
 
-<<<<<<< HEAD
     find_law(friction)
-    made = not out.exists()
-    new_files(make_writable(out), FILES, overwrite, [*runs, *holdout, *([Path(map_name)] if map_name else [])])
-    try:
-        with ActivityLine("reading", json_output) as line:
-            law = identify(
-                runs, friction, holdout=holdout, **columns,
-                map_name=map_name, low_pass=low_pass, rate=rate, elements=elements, starts=starts, seed=seed, rig=rig,
-                terms=None if terms is None else [name.strip() for name in terms.split(",") if name.strip()],
-                progress=lambda what, share: line.update(f"{100.0 * share:.0f} %: {what}"),
-            )  # fmt: skip
-            line.update("drawing")
-            mapped = load_map(map_name) if map_name else None
-            records = read_records(runs, Columns(**columns), mapped, Sampling(low_pass, rate))
-            figure = draw_friction(law, records)
-            with whole_file(out / FILES[1]) as picture:
-                figure.savefig(picture, dpi=110, format="png")
-            law.write(out / FILES[0])
-    except BaseException:
-        if made and not any(out.iterdir()):
-            out.rmdir()
-        raise
-=======
-    law_named(friction)
     new_files(out, FILES, overwrite, [*runs, *holdout, *([Path(map_name)] if map_name else [])])
     with writable_folder(out), ActivityLine("reading", json_output) as line:
         law = identify(
@@ -82,7 +58,6 @@ def run_friction(
             figure.savefig(picture, dpi=110, format="png")
         law.write(out / FILES[0])
 
->>>>>>> main
     wrote = [out / name for name in FILES]
     read, written = (", ".join(map(str, paths)) for paths in ((*runs, *holdout), wrote))
     text = "\n".join([_format_law(law), f"read:    {read}", f"wrote:   {written}"])

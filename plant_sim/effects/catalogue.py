@@ -64,7 +64,7 @@ def _check_names(one: Effect, known: Mapping[str, Effect]) -> None:
         raise InputError(f"effect {one.name} is shown beside {beside!r}, which is unknown; {closest(beside, known)}")
 
 
-def _module(path: Path, chosen: bool) -> ModuleType:
+def _module(path: Path, ours: bool) -> ModuleType:
     """The module of an effect file. Raises InputError for a user's file that cannot be loaded."""
     name = f"{__package__}.{path.parent.name}.{path.stem}" if ours else f"clutch_hil_effects.{path.stem}"
     if ours:
