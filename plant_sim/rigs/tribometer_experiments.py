@@ -222,7 +222,7 @@ def stick_slip_map(
 ) -> Array:
     """Whether there is stick-slip at each of `loads` [N] and `speeds` [rad/s]: bool (loads, speeds).
 
-    `rig_at` gives the rig of a load, such as `Contacts().dry`. Raises InputError.
+    `rig_at` gives the rig of a load, such as `Contacts().make_dry_rig`. Raises InputError.
     """
     pairs = [[_stick_slip_at(rig_at(load), load, speed, coupling) for speed in speeds] for load in loads]
     return np.array(pairs, bool)

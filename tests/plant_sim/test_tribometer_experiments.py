@@ -145,7 +145,7 @@ class TestStribeck:
 
     @pytest.mark.parametrize("name", ["dry", "lubricated"])
     def test_it_measures_the_steady_curve_of_the_contact(self, name: str) -> None:
-        rig = getattr(CONTACTS, name)(280.0)
+        rig = getattr(CONTACTS, f"make_{name}_rig")(280.0)
         curve = stribeck(rig, 280.0, (0.08, 0.3, 2.0))
         np.testing.assert_allclose(curve.speed, (0.08, 0.3, 2.0), rtol=0.01)
         expected = rig.friction.steady_state(curve.speed * rig.radius, 280.0) * rig.radius
@@ -206,9 +206,9 @@ def test_a_load_beyond_the_dynamometers_is_refused_where_it_is_read() -> None:
 
 def test_the_stick_slip_map_has_loads_by_speeds() -> None:
     """As in figure 4.7: at 75 N there is none at the highest speed, at 87 N there is."""
-    found = stick_slip_map(Contacts().dry, (75.0, 87.0), (13.74e-3, 20e-3), Coupling(100.0, 5.8))
+    found = stick_slip_map(Contacts().make_dry_rig, (75.0, 87.0), (13.74e-3, 20e-3), Coupling(100.0, 5.8))
     np.testing.assert_array_equal(found, [[True, False], [True, True]])
 
 
 def test_a_slow_drive_is_given_the_time_to_break_away() -> None:
-    assert stick_slip_map(Contacts().dry, (87.0,), (4e-3,), Coupling(100.0, 5.8)).all()
+    assert stick_slip_map(Contacts().make_dry_rig, (87.0,), (4e-3,), Coupling(100.0, 5.8)).all()
