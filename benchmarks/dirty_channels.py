@@ -67,7 +67,7 @@ ALTERATIONS: Mapping[str, Alteration] = {
 }
 
 
-def alterations(column: str) -> dict[str, Alteration]:
+def list_alterations(column: str) -> dict[str, Alteration]:
     """The alterations of a column by name: those of every column, and those of its unit."""
     unit = next(u for u in sorted(_FACTORS, key=len, reverse=True) if column.endswith(f"_{u}"))
     found = dict(ALTERATIONS) | {f"in {n}": (lambda x, _, f=f: f * x) for n, f in _FACTORS[unit].items()}
@@ -88,10 +88,10 @@ class DirtyCase:
     runs: Mapping[str, Columns]
     channels: tuple[str, ...]
 
-    def altered(self) -> Iterator[tuple[str, str, dict[str, Columns]]]:
+    def alter_each_channel(self) -> Iterator[tuple[str, str, dict[str, Columns]]]:
         """Channel, alteration and the runs with it, each in turn."""
         for column in self.channels:
-            for name, change in alterations(column).items():
+            for name, change in list_alterations(column).items():
                 yield column, name, self.alter(column, change)
 
     def alter(self, column: str, change: Alteration) -> dict[str, Columns]:
@@ -216,7 +216,7 @@ def sliding_cases(seeds: int) -> Iterator[tuple[str, DirtyCase]]:
                 yield f"{rig}, {candidate.name}, seed {seed}", DirtyCase(case.model, runs, case.channels)
 
 
-def refused(case: Case) -> list[str]:
+def list_refusals(case: Case) -> list[str]:
     """What hard checks say of the runs of a sound case."""
     generated = generate_case(case)
     runs = {f"run-{k}": one.columns for k, one in enumerate((*generated.runs, *generated.held_out))}
@@ -243,7 +243,7 @@ def main(
         case = make()
         if said := [str(f) for f in check_evidence(case.model, case.runs)]:
             typer.echo(f"{rig}: sound runs: {said}")
-        for column, alteration, runs in case.altered():
+        for column, alteration, runs in case.alter_each_channel():
             cases += 1
             findings = check_evidence(case.model, runs)
             refuses = any(f.hard for f in findings)
@@ -260,7 +260,7 @@ def main(
     with progress_bar("sound cases", False) as progress:
         for done, sound_case in enumerate(listed):
             progress(done, len(listed))
-            if said := refused(sound_case):
+            if said := list_refusals(sound_case):
                 refusals.append(f"{sound_case.name}: {said[0]}")
                 typer.echo(refusals[-1])
     sliding, told = 0, 0

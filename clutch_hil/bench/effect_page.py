@@ -29,7 +29,7 @@ def rewrite_page(text: str, effects: Sequence[Effect]) -> str:
         "hooks": _hooks(),
         "effects": _effects(effects),
     }
-    if gone := published_names(text) - names(effects):
+    if gone := list_published_names(text) - names(effects):
         raise InputError(
             f"published names are gone: {listing(gone)}; run files and models contain them: keep them, or edit the page first"
         )
@@ -46,13 +46,13 @@ def rewrite_page(text: str, effects: Sequence[Effect]) -> str:
     return text
 
 
-def pictured_names(text: str) -> list[str]:
+def list_pictured_names(text: str) -> list[str]:
     """Names of the effects in the page's picture, in its order; [] for a page without a picture."""
     mark = _PICTURE.search(text)
     return mark[1].split(", ") if mark else []
 
 
-def published_names(text: str) -> set[str]:
+def list_published_names(text: str) -> set[str]:
     """Names of the effects in the page's table, and of their parameters as `effect.parameter`."""
     rows = _ROW.findall(text)
     parameters = {f"{effect}.{name}" for effect, cell in rows for name in _UNIT.sub("", cell).split(", ")}

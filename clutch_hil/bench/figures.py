@@ -10,7 +10,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 
 from clutch_hil.bench import palette
-from clutch_hil.bench.rig import DEFAULT_RIG, rig_named
+from clutch_hil.bench.rig import DEFAULT_RIG, find_rig
 from protocols.errors import InputError, closest
 from protocols.files.run import Run
 
@@ -26,7 +26,7 @@ def draw_run(run: Run, title: str = "") -> Figure:
     Raises InputError for a run that lacks a column that is drawn.
     """
     injected = [change["row"] / run.metadata["sample_rate_hz"] for change in run.metadata.get("injections", ())]
-    rig = rig_named(run.metadata.get("rig", DEFAULT_RIG))
+    rig = find_rig(run.metadata.get("rig", DEFAULT_RIG))
     try:
         figure: Figure = rig.sheet(run.columns, title, injected).finish()
     except KeyError as error:

@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from clutch_hil.bench.rig import rig_named
+from clutch_hil.bench.rig import find_rig
 from clutch_hil.bench.scenario import Scenario, choose_scenario
 from clutch_hil.bench.settings import select_settings
 from clutch_hil.bench.simulate import Simulation
@@ -87,4 +87,4 @@ def compose_scenario(
 
 def measure_run(run: Run) -> dict[str, float | str]:
     """Compute every measure of a run, by name: a number in its unit, NaN where it cannot be measured, or a word."""
-    return {name: measure.of(run.columns) for name, measure in rig_named(run.metadata["rig"]).measures.items()}
+    return {name: measure.of(run.columns) for name, measure in find_rig(run.metadata["rig"]).measures.items()}

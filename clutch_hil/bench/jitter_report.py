@@ -28,7 +28,7 @@ MOST_UNEXPLAINED = 100.0  # late cycles per million that the machine does not ex
 def check_setting(setting: Setting, cpus: Sequence[int]) -> Setting:
     """Return `setting` if it can be measured; `cpus` are allowed. Raises InputError."""
     if setting.cpu not in cpus:
-        raise InputError(f"CPU {setting.cpu} is not ours; allowed are {', '.join(map(str, cpus))}")
+        raise InputError(f"CPU {setting.cpu} is not possible; allowed are {', '.join(map(str, cpus))}")
     if not 1.0 <= setting.piece <= 60.0:
         raise InputError(
             f"{setting.seconds:g} s in {setting.rounds} rounds is not possible; allowed are 1 to 60 s a round"

@@ -138,7 +138,7 @@ LOADS = {
 }
 
 
-def loads_named(names: Sequence[str]) -> list[Load]:
+def find_loads(names: Sequence[str]) -> list[Load]:
     """Loads with these names. Raises InputError."""
     if unknown := [name for name in names if name not in LOADS]:
         raise InputError(f"load {unknown[0]!r} is unknown; allowed are {listing(LOADS)}")

@@ -59,7 +59,7 @@ def _ticks() -> Fact:
 def _governor() -> Fact:
     governors = {_read(path) for path in _CPU.glob("cpu[0-9]*/cpufreq/scaling_governor")} - {None}
     if not governors:
-        return Fact("clock frequency", "not ours to set", None)
+        return Fact("clock frequency", "set by the host or the hardware", None)
     state = ", ".join(sorted(str(one) for one in governors))
     return Fact("clock frequency", state, governors == {"performance"}, "sudo cpupower frequency-set -g performance")
 
@@ -95,7 +95,7 @@ def _clock_source() -> Fact:
 
 def _hypervisor() -> Fact:
     virtual = " hypervisor" in (_read("/proc/cpuinfo") or "")
-    state = "virtual: stalls of the host show as ours" if virtual else "bare metal"
+    state = "virtual: stalls of the host look like late cycles" if virtual else "bare metal"
     return Fact("machine", state, not virtual, "use a machine of your own where tails matter")
 
 

@@ -58,7 +58,7 @@ def run_sheet(columns: Mapping[str, np.ndarray], title: str, injected: Iterable[
 
 
 def _draw_torque(axes: Any, columns: Mapping[str, np.ndarray]) -> None:
-    time, demand = columns["time_s"], signed_demand(columns)
+    time, demand = columns["time_s"], sign_demand(columns)
     axes.plot(time, columns["controller_torque_estimate_nm"], color=palette.ESTIMATE, lw=1.0, label="estimate")
     name, column = _torque_column(columns)
     _plot(axes, columns, column, name, 1.4)
@@ -103,7 +103,7 @@ def slip_direction(columns: Mapping[str, np.ndarray]) -> np.ndarray:
     return direction(columns.get("truth_slip_speed_rad_s", columns["slip_speed_rad_s"]), torque_of(columns))
 
 
-def signed_demand(columns: Mapping[str, np.ndarray]) -> np.ndarray:
+def sign_demand(columns: Mapping[str, np.ndarray]) -> np.ndarray:
     """Torque demand (n,) [Nm] with the sign of the slip; NaN where a lock or a pressure is asked for."""
     other = np.isin(columns["controller_request"], (Request.LOCK, Request.PRESSURE))
     return np.where(other, np.nan, slip_direction(columns) * np.nan_to_num(columns["torque_demand_nm"]))

@@ -51,7 +51,7 @@ class Result:
             judgements=tuple(judgements),
         )
 
-    def interrupted(self, seconds: float) -> "Result":
+    def mark_interrupted(self, seconds: float) -> "Result":
         """This result of a run that was interrupted after `seconds` [s]. If it has limits, it is not good."""
         verdict, good = f"interrupted after {seconds:.1f} s; {self.verdict}", self.good and not self.judgements
         return replace(self, document=self.document | {"verdict": verdict, "good": good}, verdict=verdict, good=good)
@@ -117,7 +117,7 @@ def judge_run(path: Path, read: str, limits: Sequence[Limit] = (), timing: dict[
     lines += fault_lines([faults]) if limits else []  # without limits the verdict names the faults
     result = Result(document, "\n".join(lines), verdict, good).with_limits(judge_limits(limits, columns))
     draw_run(picture, columns, title(path, verdict, result), injected)
-    return result.interrupted(columns["time_s"][-1]) if timing and timing["interrupted"] else result
+    return result.mark_interrupted(columns["time_s"][-1]) if timing and timing["interrupted"] else result
 
 
 def _never_idle(columns: Mapping[str, np.ndarray]) -> bool:

@@ -106,11 +106,11 @@ def rig_names() -> tuple[str, ...]:
 
 def rigs_with_model() -> tuple[str, ...]:
     """Names of the rigs that have a discrepancy model, whose experiments their benches can play."""
-    return tuple(name for name in rig_names() if rig_named(name).model_at)
+    return tuple(name for name in rig_names() if find_rig(name).model_at)
 
 
 @cache
-def rig_named(name: str) -> Rig:
+def find_rig(name: str) -> Rig:
     """A rig by name. Raises InputError."""
     rig: Rig = load_entry(GROUP, "rig", name)
     return rig

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from clutch_hil.bench.limits import Limit
-from clutch_hil.bench.rig import DEFAULT_RIG, Rig, rig_named
+from clutch_hil.bench.rig import DEFAULT_RIG, Rig, find_rig
 from clutch_hil.bench.settings import RunSettings
 from clutch_hil.command import check_rate
 from plant_sim.node.injection import Injection, effect_off, effect_on, sensor_bias, sensor_freeze
@@ -49,7 +49,7 @@ class Scenario:
     @classmethod
     def of(cls, settings: RunSettings, rig: str = DEFAULT_RIG) -> "Scenario":
         """Scenario with `settings` alone, without injections and limits. Raises InputError."""
-        name, known = Path(settings.profile).stem, rig_named(rig)
+        name, known = Path(settings.profile).stem, find_rig(rig)
         return cls(name, "", "", known, None, settings, known.plant.nominal(settings.plant_parameters))
 
     @property
@@ -69,7 +69,7 @@ class Scenario:
         return profile
 
 
-def shipped_scenarios() -> dict[str, Path]:
+def find_shipped_scenarios() -> dict[str, Path]:
     """Files of the scenarios that come with the bench, by name."""
     return {path.stem: path for path in sorted(FOLDER.glob("*.toml"))}
 
@@ -79,13 +79,13 @@ def load_scenario(name: str, given: Mapping[str, Any] | None = None) -> Scenario
 
     Raises InputError, which names file, entry, value and what is allowed.
     """
-    known = shipped_scenarios()
+    known = find_shipped_scenarios()
     path = Path(name) if name.endswith(".toml") else known.get(name)
     if path is None:
         raise InputError(f"scenario {name!r} is unknown, and the path of one ends with .toml; {closest(name, known)}")
     with name_file_in_errors(path):
         table = read_toml(path, _ENTRIES)
-        rig = rig_named(table.get("rig", str, DEFAULT_RIG))
+        rig = find_rig(table.get("rig", str, DEFAULT_RIG))
         settings = replace(_settings(table, rig), **(given or {}))
         return Scenario(
             name=path.stem,

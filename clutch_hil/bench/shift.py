@@ -73,7 +73,7 @@ def judge_shift(path: Path, read: str, limits: Sequence[Limit] = (), timing: dic
     lines += fault_lines(faults) if limits else []
     result = Result(document, "\n".join(lines), verdict, good).with_limits(judge_limits(limits, columns))
     draw_shift(picture, columns, title(path, verdict.partition(", heat")[0], result))
-    return result.interrupted(columns["time_s"][-1]) if timing and timing["interrupted"] else result
+    return result.mark_interrupted(columns["time_s"][-1]) if timing and timing["interrupted"] else result
 
 
 def _shift_lines(measured: dict[str, Any]) -> list[str]:

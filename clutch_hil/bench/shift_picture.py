@@ -41,7 +41,7 @@ def shift_sheet(columns: Mapping[str, np.ndarray], title: str, injected: Iterabl
         torque.plot(time, columns[f"truth_clutch_torque_{name}_nm"], color=colour, lw=1.5, label=f"{name}, true")
         pressure.plot(time, columns[f"cylinder_pressure_{name}_bar"], color=colour, lw=1.0, label=f"{name}, measured")
         last = name == _CLUTCHES[-1][0]
-        torque.plot(time, signed_demand(columns, name, prefix), label="demands" if last else None, **dashed)
+        torque.plot(time, sign_demand(columns, name, prefix), label="demands" if last else None, **dashed)
         pressure.plot(time, columns[f"{prefix}pressure_demand_bar"], label="demands" if last else None, **dashed)
     speed.plot(time, columns["input_speed_demand_rad_s"], label="input, demand", **dashed)
     speed.set_ylabel("speed [rad/s]")
@@ -68,7 +68,7 @@ def shift_sheet(columns: Mapping[str, np.ndarray], title: str, injected: Iterabl
     return sheet
 
 
-def signed_demand(columns: Mapping[str, np.ndarray], clutch: str, prefix: str) -> np.ndarray:
+def sign_demand(columns: Mapping[str, np.ndarray], clutch: str, prefix: str) -> np.ndarray:
     """Torque demand of a clutch (n,) [Nm] with the sign of its slip; NaN where a lock or a pressure is asked for."""
     way = direction(columns[f"truth_slip_speed_{clutch}_rad_s"], columns[f"truth_clutch_torque_{clutch}_nm"])
     other = np.isin(columns[f"{prefix}request"], (Request.LOCK, Request.PRESSURE))

@@ -1,4 +1,4 @@
-"""Stalls of a CPU: times in which the machine ran nothing of ours, found by a loop of the highest priority that does nothing.
+"""Stalls of a CPU: times without a service, found by a loop of the highest priority that does nothing.
 
 Method          a thread sleeps from slot to slot in compiled code, without the GIL. Where it wakes late, the time from the slot
                 until it woke was lost to the machine

@@ -50,7 +50,7 @@ def read_truth(path: Path, folder: Path | None = None) -> tuple[Path, Run]:
 def describe_truth(path: Path, truth: Path, whole: Run) -> tuple[dict[str, Any], str, str, bool]:
     """Describe what the truth file has and the run at `path` has not; return document, text, verdict and True."""
     metadata = whole.metadata
-    on = _effects_on(metadata["plant_parameters"])
+    on = _list_active_effects(metadata["plant_parameters"])
     injections, settings = metadata["injections"], metadata["settings"]
     columns = [name for name in whole.columns if reveals_truth(name)]
     values = [(name, short, f"{value:g}") for name, own in on.items() for short, value in own.items()]
@@ -76,9 +76,9 @@ def _table_lines(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str
     return [table_text([head, *rows]) if rows else f"{head[0]}: nothing", ""]
 
 
-def _effects_on(parameters: Mapping[str, float]) -> dict[str, dict[str, float]]:
+def _list_active_effects(parameters: Mapping[str, float]) -> dict[str, dict[str, float]]:
     """Parameters of the effects that are on, by effect and short name."""
-    off = {name: effect.off() for name, effect in effects().items()}
+    off = {name: effect.list_off_values() for name, effect in effects().items()}
     on = [name for name, values in off.items() if any(parameters.get(p, value) != value for p, value in values.items())]
     return {
         name: {

@@ -95,7 +95,7 @@ def _describe(effect: "Effect", out: Path, overwrite: bool, columns: int, json_o
 def _write_page(page: Path, effects: Sequence["Effect"], json_output: bool) -> None:
     """Write the parts of a page that are made from the effects of this package; draw its picture beside it, as a PNG."""
     from clutch_hil.bench.demonstration import demonstrate
-    from clutch_hil.bench.effect_page import pictured_names, rewrite_page
+    from clutch_hil.bench.effect_page import list_pictured_names, rewrite_page
     from clutch_hil.bench.effect_picture import draw_effects
     from clutch_hil.bench.effect_text import is_ours
     from plant_sim.effects import catalogue
@@ -106,7 +106,7 @@ def _write_page(page: Path, effects: Sequence["Effect"], json_output: bool) -> N
         raise InputError(f"page {page} has the suffix {page.suffix or '-'}; a Markdown page ends with .md")
     try:
         text = rewrite_page(page.read_text(encoding="utf-8"), ours)
-        drawn = [catalogue.effect(name) for name in pictured_names(text)]
+        drawn = [catalogue.effect(name) for name in list_pictured_names(text)]
     except OSError as error:
         raise InputError(f"page {page} cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:

@@ -34,14 +34,14 @@ def run_friction(
     from clutch_hil.bench.progress import ActivityLine
     from clutch_hil.bench.recording import writable_folder
     from clutch_hil.identify.friction.identification import identify_friction as identify
-    from clutch_hil.identify.friction.law import law_named
+    from clutch_hil.identify.friction.law import find_law
     from clutch_hil.identify.friction.picture import draw_friction
     from clutch_hil.identify.friction.slide_record import Columns, read_records
     from clutch_hil.recordings.import_map import load_map
     from clutch_hil.recordings.rasters import Sampling
     from protocols.files.output_file import new_files, whole_file
 
-    law_named(friction)
+    find_law(friction)
     new_files(out, FILES, overwrite, [*runs, *holdout, *([Path(map_name)] if map_name else [])])
     with writable_folder(out), ActivityLine("reading", json_output) as line:
         law = identify(

@@ -35,7 +35,7 @@ def import_run(
     overwrite: bool = OVERWRITE,
     json_output: bool = JSON,
 ) -> None:
-    """Map names and units of a foreign recording onto ours and write it as a run; what was done to it is told, and kept in the
+    """Map names and units of a recording onto those of a run and write the run; what was done to it is told, and kept in the
     file's metadata. --list and --draft show what is in it first."""
     if show_list and draft:
         raise InputError("--list and --draft are given; allowed is one of them")

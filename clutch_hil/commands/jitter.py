@@ -37,7 +37,7 @@ def jitter(
 
     from clutch_hil.bench import jitter_report
     from clutch_hil.bench.jitter import measure, sweep
-    from clutch_hil.bench.loads import loads_named
+    from clutch_hil.bench.loads import find_loads
     from clutch_hil.bench.measurements import Setting
     from clutch_hil.bench.progress import progress_bar
     from clutch_hil.bench.recording import make_writable
@@ -54,7 +54,7 @@ def jitter(
         ),
         cpus,
     )  # fmt: skip
-    loads = loads_named(load)
+    loads = find_loads(load)
     wanted = _rates(rates) if rates is not None else []
     open_bus(setting.bus).close()
     summary, picture = make_writable(out) / "jitter.json", out / "jitter.png"

@@ -13,10 +13,10 @@ def register(app: typer.Typer) -> None:
 
 def scenarios(json_output: bool = JSON) -> None:
     """List the scenarios that come with the bench, with their limits."""
-    from clutch_hil.bench.scenario import FOLDER, load_scenario, shipped_scenarios
+    from clutch_hil.bench.scenario import FOLDER, find_shipped_scenarios, load_scenario
 
     lines, document = [f"read:    {FOLDER}"], []
-    for scenario in map(load_scenario, shipped_scenarios()):
+    for scenario in map(load_scenario, find_shipped_scenarios()):
         limits = list(map(str, scenario.limits))
         lines += [
             f"{scenario.name} ({scenario.rig.name}, {scenario.duration:.1f} s): {scenario.title}",

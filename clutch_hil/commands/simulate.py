@@ -57,7 +57,7 @@ def simulate(
     """Run plant and controller in one process: a scenario or a profile, several scenarios, or a sweep."""
     from clutch_hil.bench.junit import check_junit
     from clutch_hil.bench.progress import progress_bar
-    from clutch_hil.bench.scenario import choose_scenario, shipped_scenarios
+    from clutch_hil.bench.scenario import choose_scenario, find_shipped_scenarios
     from clutch_hil.bench.settings import select_settings
     from clutch_hil.bench.simulate import Simulation
     from clutch_hil.bench.suite import run_one, run_suite
@@ -66,7 +66,7 @@ def simulate(
     if every and names:
         raise InputError(f"simulate was given {names[0]!r} and --all; allowed is one of them")
     given = select_settings(locals())
-    wanted = shipped_scenarios() if every else names or ()
+    wanted = find_shipped_scenarios() if every else names or ()
     chosen = [choose_scenario(name, given) for name in wanted] or [choose_scenario(None, given)]
     swept = seeds > 1 or vary is not None
     if swept and (len(chosen) > 1 or blind or junit):

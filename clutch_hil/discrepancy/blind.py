@@ -49,10 +49,12 @@ def standard() -> Visibility:
 def _draw_visible(candidate: Candidate, random: np.random.Generator) -> dict[str, float] | None:
     """Values of a candidate by dotted name that show a GAP; None where none within its bounds do."""
     typical, bounds = candidate.typical(), {f"{candidate.name}.{p.name}": p.bounds for p in candidate.parameters}
-    strengths = {name: off for name, off in candidate.off().items() if typical[name] != off and name != _KEPT}
+    strengths = {
+        name: off for name, off in candidate.list_off_values().items() if typical[name] != off and name != _KEPT
+    }
     times = {name: random.uniform(*_SPREAD) for name in strengths}
     for k in range(_MOST):
-        values = dict(typical) | {n: off for n, off in candidate.off().items() if n == _KEPT}
+        values = dict(typical) | {n: off for n, off in candidate.list_off_values().items() if n == _KEPT}
         for name, off in strengths.items():
             raised = off + times[name] * _RAISE**k * (typical[name] - off)
             values[name] = float(np.clip(raised, *bounds[name]))

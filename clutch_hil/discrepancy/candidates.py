@@ -86,9 +86,9 @@ class CandidateSearch:
         jobs: list[tuple[Candidate, dict[str, float], dict[str, float]]] = []  # candidate, off, strengths
         for c in candidates:
             for start in starts.get(c.name) or [c.typical()]:
-                full = c.off() | start
+                full = c.list_off_values() | start
                 strengths = {f"{c.name}.{s.name}": full[f"{c.name}.{s.name}"] for s in c.strengths}
-                jobs.append((c, full | {n: c.off()[n] for n in strengths}, strengths))
+                jobs.append((c, full | {n: c.list_off_values()[n] for n in strengths}, strengths))
         points = [self._point(off | {n: v}) for _, off, strengths in jobs for n, v in strengths.items()]
         residuals = iter(self._evidence.residuals(points))
         self._set_directions(
@@ -101,7 +101,9 @@ class CandidateSearch:
         worth = max(self._least, _SECOND_SIMULATION * max((gain for gain, _, _ in trials), default=0.0))
         best = self._take_first_steps([trial for trial in trials if trial[0] > worth])
         for _, d, _ in trials:  # candidates without a gain stay off
-            best.setdefault(d.candidate.name, Fit(d.candidate, d.candidate.off(), self.cost, self.at.residual))
+            best.setdefault(
+                d.candidate.name, Fit(d.candidate, d.candidate.list_off_values(), self.cost, self.at.residual)
+            )
         return sorted(best.values(), key=lambda fit: fit.cost)
 
     def predict_gain(self, together: Sequence[Direction]) -> tuple[float, dict[str, float]]:
@@ -267,7 +269,7 @@ def _interpolate(off: Values, values: Values, share: float) -> dict[str, float]:
 
 def _double_strengths(fit: Fit) -> dict[str, float]:
     """Parameters of a fit with its strengths twice as far from off, within bounds."""
-    bounds, off = _bounds(fit.candidate), fit.candidate.off()
+    bounds, off = _bounds(fit.candidate), fit.candidate.list_off_values()
     strengths = {f"{fit.name}.{s.name}" for s in fit.candidate.strengths}
     return {n: float(np.clip(2.0 * v - off[n], *bounds[n])) if n in strengths else v for n, v in fit.values.items()}
 

@@ -248,5 +248,9 @@ def _free_baseline(model: Model, parameters: Values) -> list[FreeParameter]:
 def _free_effects(model: Model, option: Values) -> list[FreeParameter]:
     on = {name.partition(".")[0] for name in option}
     return [
-        f for c in model.candidates if c.name in on for f in free_effect(c, {**c.off(), **option}) if f.name in option
+        f
+        for c in model.candidates
+        if c.name in on
+        for f in free_effect(c, {**c.list_off_values(), **option})
+        if f.name in option
     ]

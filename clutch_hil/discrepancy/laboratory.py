@@ -10,7 +10,7 @@ from typing import Any, Protocol
 from clutch_hil.bench.experiments import Course
 from clutch_hil.bench.in_memory import Values, compose_scenario
 from clutch_hil.bench.recording import make_writable, run_path
-from clutch_hil.bench.rig import DEFAULT_RIG, Rig, rig_named
+from clutch_hil.bench.rig import DEFAULT_RIG, Rig, find_rig
 from clutch_hil.bench.run_file import read_run
 from clutch_hil.bench.scenario import Scenario, load_scenario
 from clutch_hil.bench.settings import RunSettings
@@ -83,7 +83,7 @@ class RunningBench:
             about = ask(session, Keys(bench, "plant").describe, attempts=3)
         if about is None:
             raise InputError(f"the plant of bench {bench} does not describe itself; an experiment needs its telemetry")
-        _check_experiments(rig_named(about.get("rig", DEFAULT_RIG)))
+        _check_experiments(find_rig(about.get("rig", DEFAULT_RIG)))
 
     def play(self, experiment: Experiment, number: int, quiet: bool) -> Path:
         """See `Laboratory`."""
@@ -217,6 +217,6 @@ def _require_sound(experiment: Experiment, path: Path, interrupted: bool) -> Pat
     if interrupted:
         raise InputError(f"experiment {experiment.name} was interrupted; {path} holds a part of it")
     run = read_run(path)
-    if (fault := rig_named(run.metadata["rig"]).measure("fault").of(run.columns)) != "none":
+    if (fault := find_rig(run.metadata["rig"]).measure("fault").of(run.columns)) != "none":
         raise InputError(f"experiment {experiment.name} ended in a fault ({fault}); {path} is no evidence")
     return path

@@ -11,9 +11,9 @@ from clutch_hil.discrepancy.model_file import read_model, write_model
 from clutch_hil.discrepancy.models.named import (
     declare_parameters,
     evidence,
-    model_named,
+    find_model,
+    list_required_columns,
     read_evidence,
-    required_columns,
     set_calibration,
 )
 from clutch_hil.discrepancy.regimes import Regimes
@@ -79,7 +79,7 @@ class Discrepancy:
         `command` is what the report says was typed. Raises InputError naming a file that cannot be written.
         """
         folder = make_writable(Path(folder))
-        shipped = declare_parameters(model_named(self.rig))
+        shipped = declare_parameters(find_model(self.rig))
         begun_from = read_model(self.model, shipped) if self.model else None
         write_model(self.result, shipped, folder / _MODEL_FILE, begun_from)
         start = {name: p.value for name, p in self.known.parameters.items()}
@@ -114,7 +114,7 @@ def find_discrepancy(
     if not runs:
         raise InputError("a discrepancy was asked for without runs; one or more are needed")
     changed = Path(model) if model is not None else None
-    known = model_named(rig, changed)
+    known = find_model(rig, changed)
     if calibration is not None:
         known = set_calibration(known, calibration)
     _check_paths([*runs, *held_out])
@@ -162,7 +162,9 @@ def _columns(runs: Sequence[Run | str | Path], model: Model, hashes: dict[str, s
         if isinstance(run, Run):
             name = f"number {len(hashes) + 1}"
             read[name] = evidence(Path(name), run, model)
-            content = b"".join(column.encode() + run.columns[column].tobytes() for column in required_columns(model))
+            content = b"".join(
+                column.encode() + run.columns[column].tobytes() for column in list_required_columns(model)
+            )
             hashes[name] = hashlib.sha256(content).hexdigest()
         else:
             read[str(run)] = read_evidence(Path(run), model)

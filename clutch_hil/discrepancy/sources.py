@@ -39,7 +39,7 @@ def sources(model: Model, runs: Sequence[Columns], floors: Values, parameters: V
     """The sources of `model`'s disagreement with `runs`."""
     with ThreadPoolExecutor() as pool:
         predicted = list(pool.map(lambda run: model.simulate(run, parameters, effects), runs))
-        off = [_off(model, floors, run, shown) for run, shown in zip(runs, predicted, strict=True)]
+        off = [_compute_residuals(model, floors, run, shown) for run, shown in zip(runs, predicted, strict=True)]
         if isinstance(model, Locating):
             parts = list(pool.map(
                 lambda k: model.locate(k, runs[k], predicted[k], off[k], floors, parameters, effects), range(len(runs))
@@ -77,7 +77,7 @@ def auto(x: np.ndarray, lag: int) -> np.ndarray:
     return product
 
 
-def _off(model: Model, floors: Values, run: Columns, shown: Columns) -> Columns:
+def _compute_residuals(model: Model, floors: Values, run: Columns, shown: Columns) -> Columns:
     """Measured less simulated, without the offset of a run that is known to `Output.beginning` floors only."""
     residuals = {}
     for output in model.outputs:

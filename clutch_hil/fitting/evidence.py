@@ -13,7 +13,7 @@ Equation        r = (mean over a block of samples of (measured - predicted))/sig
                   No law of the catalogue explains all of an output that is off by hundreds of floors. What is left there must
                   not outweigh the other outputs
 Assumptions     effects differ in what is slower than a block of 4 ms
-                the laws of a rig differ from ours by a tenth, and that error is correlated over 0.4 s. So many neighbouring
+                a rig's laws differ from the model's by a tenth, and that error is correlated over 0.4 s. So many neighbouring
                   residuals, `redundancy`, carry the information of one about the calibration. Counted as independent, they
                   would outweigh all prior knowledge of the baseline, and an unlikely calibration would be preferred to an
                   effect whose law is slightly wrong

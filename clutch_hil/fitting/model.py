@@ -57,7 +57,7 @@ class Candidate:
         """The parameters that only shape it."""
         return tuple(p for p in self.parameters if isinstance(p, Shape))
 
-    def off(self) -> dict[str, float]:
+    def list_off_values(self) -> dict[str, float]:
         """Values of its parameters while it is off, by dotted name."""
         return {f"{self.name}.{p.name}": p.off for p in self.parameters}
 

@@ -28,7 +28,7 @@ def check_evidence(model: Model, runs: Mapping[str, Columns]) -> list[Finding]:
     # a constant output would set its own floor: of those that move, the others' is taken
     floors = estimate_floors(list(runs.values()), model.outputs)
     limits = model.limits() if isinstance(model, Ranged) else {}
-    latitude, clipped = _latitude(model), _clipped_columns(model)
+    latitude, clipped = _latitude(model), _list_clipped_columns(model)
     seen: list[Finding] = []
     recorded = []
     for name, run in runs.items():
@@ -69,7 +69,7 @@ def _latitude(model: Model) -> float:
     return min(1.0 + _STANDARD_DEVIATIONS * calibration(model) * max(shares, default=0.0), _MOST_LATITUDE)
 
 
-def _clipped_columns(model: Model) -> set[str]:
+def _list_clipped_columns(model: Model) -> set[str]:
     """Columns whose saturation is a candidate of the model."""
     starts = [catalogue()[c.name].start for c in model.candidates if c.name in catalogue()]
     return {column for start in starts if isinstance(start, ChannelEnds) for column in start.limits.values()}

@@ -8,7 +8,7 @@ from time import monotonic
 
 import numpy as np
 
-from clutch_hil.bench.rig import DEFAULT_RIG, rig_named
+from clutch_hil.bench.rig import DEFAULT_RIG, find_rig
 from clutch_hil.bench.run_file import read_run
 from clutch_hil.bench.sealed import checksum
 from clutch_hil.fitting.evidence import Evidence
@@ -97,7 +97,7 @@ def identify(
     started = monotonic()
     if not runs:
         raise InputError("an identification was asked for without runs; one or more are needed")
-    made = rig_named(rig).model
+    made = find_rig(rig).model
     model = made()
     if lacking := [name for name in FITTED if name not in model.parameters]:
         raise InputError(f"rig {rig} has no parameter {lacking[0]}; wet clutches are identified: wet_clutch")
@@ -132,7 +132,7 @@ def identify(
         coarse, fine, (to_fit(tie(start, ratios)), {}), fitted, lambda share: progress("joint fit", 0.2 + 0.7 * share)
     )
     values = from_fit(tie(joint.at.point[0], ratios))
-    nominal = rig_named(rig).plant.nominal(None)
+    nominal = find_rig(rig).plant.nominal(None)
     findings += check_evidence(made(nominal.with_values(values)), measured)
     if not force:
         refuse_hard(findings)

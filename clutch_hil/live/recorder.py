@@ -18,7 +18,7 @@ from typing import Any
 import zenoh
 
 from clutch_hil.bench.recording import Recording, make_writable, run_path
-from clutch_hil.bench.rig import DEFAULT_RIG, rig_named
+from clutch_hil.bench.rig import DEFAULT_RIG, find_rig
 from clutch_hil.bench.sealed import SealedRecording
 from clutch_hil.live.catalogue import format_count
 from clutch_hil.live.tape import Tape
@@ -237,7 +237,7 @@ class Recorder:
         path = next(p for p in further if not (p.exists() or p in self._metadata)) if self._metadata else first
         rig = self._descriptions["plant"].described.get("rig", DEFAULT_RIG)
         if self._blind:
-            rig_named(rig).plant.check_blind(True)
+            find_rig(rig).plant.check_blind(True)
         columns = {node: self._columns(node) for node in self._nodes()}
         plant = columns.pop("plant")
         recording = SealedRecording if self._blind else Recording

@@ -119,7 +119,7 @@ class ViewerStream:
     def _send(
         self, recording: rr.RecordingStream, screen: Screen, batches: list[Batch], events: list[dict[str, Any]]
     ) -> None:
-        """Send rows and wait until the viewer has taken them, so that others wait in our queue, where they are counted."""
+        """Send rows and wait until the viewer has taken them, so that others wait in this queue, where they are counted."""
         rows: Counter[str] = Counter()
         for batch in batches:
             rows[batch.node] += len(batch.rows)

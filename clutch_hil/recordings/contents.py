@@ -7,7 +7,7 @@ from pathlib import Path
 from clutch_hil.recordings.channel import Channel, Recording, plain_unit
 from clutch_hil.recordings.import_map import UNITS
 from protocols.errors import InputError
-from protocols.files.units import same_quantity
+from protocols.files.units import have_same_quantity
 
 _TIME_NAMES = ("time_s", "time", "t", "zeit", "timestamp", "tid", "temps", "tempo", "tiempo", "currenttime")
 _LONGEST_NAME = 60  # characters of a column's name in a draft
@@ -76,7 +76,7 @@ def draft_map(file: Path, recording: Recording, options: Sequence[tuple[str, obj
             continue
         unit = plain_unit(channel.unit)
         end = _ending(unit)
-        name = _unused(f"{_plain_name(channel.name)}_{end or '1'}", names)
+        name = _choose_unused_name(f"{_plain_name(channel.name)}_{end or '1'}", names)
         names.add(name)
         remark = "" if end else "  # the file tells no unit that is known: set unit, and the end of the name"
         lines.append(f"{name} = {{ {_reference(channel, recording)}{_unit_entry(channel, '1')} }}{remark}")
@@ -108,12 +108,12 @@ def _reference(channel: Channel, recording: Recording) -> str:
 
 
 def _ending(unit: str) -> str:
-    """End of the name of a column of ours that takes `unit`; "" for none."""
+    """End of the name of a run's column that takes `unit`; "" for none."""
     if not unit:
         return ""
     for end, own in UNITS.items():
         try:
-            if same_quantity(unit, own):
+            if have_same_quantity(unit, own):
                 return end
         except InputError:
             return ""
@@ -126,7 +126,7 @@ def _plain_name(name: str) -> str:
     return "_".join(words)[:_LONGEST_NAME] or "column"
 
 
-def _unused(name: str, names: set[str]) -> str:
+def _choose_unused_name(name: str, names: set[str]) -> str:
     if name not in names:
         return name
     stem, end = name.rsplit("_", 1)

@@ -11,13 +11,13 @@
     to_s = 24.7
     delimiter = ";"               # and other entries that only one format understands: docs/recordings.md
 
-    [columns]                     # ours = the foreign one, in its unit
+    [columns]                     # column of the run = column of the recording, in its unit
     position_m = { from = "qm", unit = "m" }
     motor_force_n = { from = "vir", unit = "N", scale_by = "gtau" }  # times a number that the file has
     friction_force_n = { number = 4, unit = "uN", scale = -1.0 }     # the fourth column of the file, times a number
     gear_1 = { from = "gear", unit = "1", hold = true }              # keeps its last value between samples
 
-The unit of our column is the end of its name. Where the file itself tells a unit, that one counts, and `unit` may be left out;
+The unit of the run's column is the end of its name. Where the file tells a unit, that one counts, and `unit` may be left out;
 `unit_from = "map"` sets a wrong one right. The metadata `import` of a run say what was done to the data.
 """
 
@@ -37,7 +37,7 @@ from protocols.errors import InputError, closest
 from protocols.files.run import Run
 from protocols.files.runs import check_columns
 from protocols.files.toml_table import TomlTable, read_toml
-from protocols.files.units import from_si, same_quantity, to_si
+from protocols.files.units import from_si, have_same_quantity, to_si
 
 MAPS = Path(__file__).parent / "maps"
 _KEYS: Mapping[str, type] = {
@@ -151,7 +151,7 @@ class ImportMap:
         return {name: values[kept] for name, values in columns.items()}
 
     def _convert(self, path: Path, recording: Recording, name: str, signal: Signal, notes: list[str]) -> np.ndarray:
-        """Values (n,) of a signal in the unit of our column `name`."""
+        """Values (n,) of a signal in the unit of the run's column `name`."""
         source, channel = self.columns[name], signal.channel
         if channel.kind == "text":
             raise InputError(f"recording {path}: column {channel.name!r} for {name} holds text; allowed are numbers")
@@ -247,7 +247,7 @@ def load_map(name: str) -> ImportMap:
 
 
 def unit_of(column: str) -> str:
-    """Unit of one of our columns, by the end of its name. Raises InputError."""
+    """Unit of a column of a run, by the end of its name. Raises InputError."""
     words = column.split("_")
     for end in ("_".join(words[-2:]), words[-1]):
         if end in UNITS and len(words) > 1:
@@ -263,7 +263,7 @@ def _read_column(column: str, entry: TomlTable) -> ForeignColumn:
         raise InputError(f"import map: {column}.unit_from is {source!r}; allowed are file and map")
     if source == "map" and not unit:
         raise InputError(f"import map: {column} has unit_from = 'map' and no unit")
-    if unit and not same_quantity(unit, unit_of(column)):
+    if unit and not have_same_quantity(unit, unit_of(column)):
         raise InputError(
             f"import map: {column} is given in {unit!r}, which cannot be converted into {unit_of(column)!r}"
         )
@@ -285,7 +285,7 @@ def _choose_unit(path: Path, name: str, source: ForeignColumn, channel: Channel,
             raise InputError(f"recording {path} tells no unit of {channel.name!r} for {name}; set `unit` in the map")
         return source.unit
     try:
-        fits = same_quantity(written, unit_of(name))
+        fits = have_same_quantity(written, unit_of(name))
     except InputError:
         if not source.unit:
             raise InputError(

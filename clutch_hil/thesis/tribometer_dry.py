@@ -54,7 +54,7 @@ def figure_4_1(sheet: Sheet) -> None:
     left, right = sheet.axes(1, 2, width=11, height=4.6)
     load = 280.0
     torque: dict[str, list[float]] = {"creeping asperities": [], "without creep": [], "XGMS": []}
-    rigs = (CONTACTS.creeping(load), _make_without_creep(load), CONTACTS.dry(load))
+    rigs = (CONTACTS.make_creeping_rig(load), _make_without_creep(load), CONTACTS.make_dry_rig(load))
     for rig, (name, peaks) in zip(rigs, torque.items(), strict=True):
         for shade, acceleration in zip(np.linspace(0.0, 0.85, len(ACCELERATIONS)), ACCELERATIONS, strict=True):
             peak, motion = break_away(rig, load, acceleration)
@@ -99,8 +99,8 @@ def figure_4_1(sheet: Sheet) -> None:
 
 
 def _make_without_creep(load: float) -> Tribometer:
-    """Make the rig of `Contacts.creeping` with a constant coefficient: beta = 1 makes mu_0 = mu_inf."""
-    return Contacts(CONTACTS.parameters.with_values({"dry.beta": 1.0})).creeping(load)
+    """Make the rig of `Contacts.make_creeping_rig` with a constant coefficient: beta = 1 makes mu_0 = mu_inf."""
+    return Contacts(CONTACTS.parameters.with_values({"dry.beta": 1.0})).make_creeping_rig(load)
 
 
 @reproduces(
@@ -115,7 +115,7 @@ def figure_4_3(sheet: Sheet) -> None:
     axes[0].plot(time, 1e4 * saw_tooth(SAW_TOOTH, SAW_SPEED, time), lw=1.2)
     label(axes[0], "time [s]", r"commanded $\theta$ [1e-4 rad]", "command (fig 4.2)")
     load = PRESLIDING_LOAD
-    cases = (("dry", CONTACTS.dry(load), 1.0), ("lubricated", CONTACTS.lubricated(load), OIL_FACTOR))
+    cases = (("dry", CONTACTS.make_dry_rig(load), 1.0), ("lubricated", CONTACTS.make_lubricated_rig(load), OIL_FACTOR))
     for panel, (name, rig, scale) in zip(axes[1:], cases, strict=True):
         motion = pre_sliding(rig, load, scale * SAW_TOOTH, scale * SAW_SPEED)
         panel.plot(1e4 * motion.record.angle_rad, motion.torque, lw=1.0)
@@ -159,7 +159,9 @@ def figure_4_3(sheet: Sheet) -> None:
 def _run_local_memory(condition: str, load: float, scale: float) -> Motion:
     """Run a rig whose contact is Dahl's model, with the limit and the first stiffness of the elements' parabola."""
     limit = CONTACTS.static_coefficient(condition, load) * load  # N
-    stiffness = 2.0 * limit / (CONTACTS.parameters[f"{condition}.travel"].si * CONTACTS.dry(load).radius)  # N/m
+    stiffness = (
+        2.0 * limit / (CONTACTS.parameters[f"{condition}.travel"].si * CONTACTS.make_dry_rig(load).radius)
+    )  # N/m
     return pre_sliding(Tribometer(Dahl(limit, stiffness)), load, scale * SAW_TOOTH, scale * SAW_SPEED)
 
 
@@ -200,7 +202,7 @@ def _measure_branch_difference(motion: Motion, plain: Motion) -> Array:
 def figure_4_4(sheet: Sheet) -> None:
     """Hysteresis, friction against velocity, and a zoom."""
     axes = sheet.axes(1, 3, width=14, height=4.6)
-    rig = CONTACTS.dry(OWN_WEIGHT)
+    rig = CONTACTS.make_dry_rig(OWN_WEIGHT)
     speeds = np.linspace(0.13, 0.34, 8)
     curve = stribeck(rig, OWN_WEIGHT, 0.5 * (speeds[1:] + speeds[:-1]))
     lags, between, harmonic = [], [], []
@@ -262,7 +264,7 @@ def figure_4_7(sheet: Sheet) -> None:
     coupling = Coupling(values["stiffness"], values["damping"])
     stick: dict[float, list[bool]] = {}
     for column, load in enumerate((75.0, 87.0)):
-        rig = CONTACTS.dry(load)
+        rig = CONTACTS.make_dry_rig(load)
         stick[load] = []
         for row, speed in enumerate(SLIP_SPEEDS):
             motion = stick_slip(rig, load, speed, coupling, 10.0)
@@ -273,7 +275,7 @@ def figure_4_7(sheet: Sheet) -> None:
         axes[0, column].set_title(f"{load:g} N: $T_f$ [Nm]; speeds in mrad/s", loc="left", fontsize=10)
         axes[-1, column].set_xlabel("time [s]")
     loads = (65.0, 75.0, 87.0, 110.0, 140.0)
-    critical = [critical_speed(CONTACTS.dry(load), load, coupling, (6e-3, 60e-3), steps=7) for load in loads]
+    critical = [critical_speed(CONTACTS.make_dry_rig(load), load, coupling, (6e-3, 60e-3), steps=7) for load in loads]
     grid = axes[0, 0].get_gridspec()
     for panel in axes[:, 2]:
         panel.remove()
@@ -295,7 +297,7 @@ def figure_4_7(sheet: Sheet) -> None:
         "critical speed grows with every load, 65 to 140 N [mrad/s]", bool(np.all(np.diff(critical) > 0.0)),
         1e3 * np.array(critical), "the higher the load, the higher the critical velocity",
     )  # fmt: skip
-    wet = stick_slip_map(CONTACTS.lubricated, list(stick), SLIP_SPEEDS, coupling)
+    wet = stick_slip_map(CONTACTS.make_lubricated_rig, list(stick), SLIP_SPEEDS, coupling)
     sheet.check(
         "no stick-slip at any of these loads and speeds in oil", not wet.any(), int(wet.sum()), "will not occur"
     )

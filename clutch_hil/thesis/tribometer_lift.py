@@ -43,7 +43,7 @@ def _crosses_zero(difference: Array) -> bool:
 def figure_4_5(sheet: Sheet) -> None:
     """Reciprocation, then oscillation with an offset; what each of the two lags does alone."""
     axes = sheet.axes(1, 3, width=14, height=4.6)
-    rig = CONTACTS.lubricated(OWN_WEIGHT)
+    rig = CONTACTS.make_lubricated_rig(OWN_WEIGHT)
     speeds = np.linspace(0.13, 0.34, 8)
     lags, rises = [], []
     for colour, frequency in zip(("C0", "C1", "C2"), FREQUENCIES, strict=True):
@@ -76,7 +76,7 @@ def figure_4_5(sheet: Sheet) -> None:
         _crosses_zero(both) and bool(both.argmin() < both.argmax()), 1e3 * both, "cross each other",
     )  # fmt: skip
     others = [
-        _run_cross(CONTACTS.lubricated(load), load, frequency)[1]
+        _run_cross(CONTACTS.make_lubricated_rig(load), load, frequency)[1]
         for load, frequency in ((OWN_WEIGHT, 6.0), (280.0, FAST))
     ]
     sheet.check(
@@ -86,9 +86,11 @@ def figure_4_5(sheet: Sheet) -> None:
     )  # fmt: skip
     values = CONTACTS.parameters
     lifting = _run_cross(
-        Contacts(values.with_values({"lubricated.beta": 1.0}), 7).lubricated(OWN_WEIGHT), OWN_WEIGHT, FAST
+        Contacts(values.with_values({"lubricated.beta": 1.0}), 7).make_lubricated_rig(OWN_WEIGHT), OWN_WEIGHT, FAST
     )[1]
-    layer = _run_cross(Contacts(values.with_values({"film.share": 0.0}), 7).lubricated(OWN_WEIGHT), OWN_WEIGHT, FAST)[1]
+    layer = _run_cross(
+        Contacts(values.with_values({"film.share": 0.0}), 7).make_lubricated_rig(OWN_WEIGHT), OWN_WEIGHT, FAST
+    )[1]
     sheet.check(
         "with the lift-up lagging alone (beta = 1) they do not cross: accelerating is higher [mNm]",
         bool(lifting.min() > -NOISE), 1e3 * lifting, "this project: which mechanism?",
@@ -117,7 +119,7 @@ def figure_4_5(sheet: Sheet) -> None:
 def figure_4_11(sheet: Sheet) -> None:
     """Staircase of speeds, forth and back."""
     axes = sheet.axes(1, 2, width=11, height=4.6)
-    rig = CONTACTS.lubricated(HIGHEST_LOAD)
+    rig = CONTACTS.make_lubricated_rig(HIGHEST_LOAD)
     levels = np.array([*STAIR_SPEEDS, *(-np.array(STAIR_SPEEDS))])
 
     def staircase(time: Array) -> Array:
@@ -170,7 +172,7 @@ def figure_4_18(sheet: Sheet) -> None:
     levels, slopes, wings, tops, sides = [], [], [], [], []
     reference = 0.0
     for load in BUTTERFLY_LOADS:
-        rig = CONTACTS.lubricated(load)
+        rig = CONTACTS.make_lubricated_rig(load)
         motion = reciprocation(rig, load, SINE, 9.0, periods=12)
         gap = MICROMETRES * motion.gap
         if load == BUTTERFLY_LOADS[0]:
@@ -215,7 +217,7 @@ def figure_4_18(sheet: Sheet) -> None:
         "symmetric but for the inclination: the two wings of a load are equal within 15 % (ratio)",
         all(abs(ratio - 1.0) < 0.15 for ratio in uneven), uneven, "for a flat surface a symmetric butterfly",
     )  # fmt: skip
-    profile = 0.5 * MICROMETRES * CONTACTS.lubricated(BUTTERFLY_LOADS[0]).parameters["disks.runout"].si
+    profile = 0.5 * MICROMETRES * CONTACTS.make_lubricated_rig(BUTTERFLY_LOADS[0]).parameters["disks.runout"].si
     sheet.check(
         "clearest at the lowest load: at 52 N the gap is wider at mid-stroke by more than at any other load [um]",
         tops[0] > max(tops[1:]), tops, "clearly observed especially at the lowest load",

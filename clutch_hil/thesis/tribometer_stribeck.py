@@ -34,7 +34,7 @@ SCALE_NOTE = (
 
 @cache
 def _measure_curve(condition: str, load: float, lowest: float, highest: float, count: int) -> Steady:
-    rig = RIGS.dry(load) if condition == "dry" else RIGS.lubricated(load)
+    rig = RIGS.make_dry_rig(load) if condition == "dry" else RIGS.make_lubricated_rig(load)
     return stribeck(rig, load, np.geomspace(lowest, highest, count))
 
 
@@ -48,7 +48,7 @@ def figure_4_6(sheet: Sheet) -> None:
     left, right = sheet.axes(1, 2, width=11, height=4.8)
     drops, rises, minima, falls, ratios = [], [], [], [], []
     for load, colour in zip(THREE_LOADS, ("C0", "C1", "C2"), strict=True):
-        rig = RIGS.dry(load)
+        rig = RIGS.make_dry_rig(load)
         peak, _ = break_away(rig, load, PULL_ACCELERATION)
         dry, wet = _measure_curve("dry", load, 0.06, 0.65, 14), _measure_curve("lubricated", load, 0.05, 6.0, 14)
         left.plot(np.append(0.0, dry.speed), np.append(peak, dry.torque), "o-", color=colour, ms=3, lw=1.0)
@@ -107,7 +107,7 @@ def _find_minimum(curve: Steady) -> float:
 def figure_4_14(sheet: Sheet) -> None:
     """Steady runs at the highest speed, eq 4.2 fitted to every second of them."""
     left, right = sheet.axes(1, 2, width=11, height=4.8)
-    runs = [stribeck(RIGS.lubricated(load), load, (FASTEST_SPEED,)) for load in LOADS]
+    runs = [stribeck(RIGS.make_lubricated_rig(load), load, (FASTEST_SPEED,)) for load in LOADS]
     load = np.array([float(run.load[0]) for run in runs])
     mu = np.array([float(run.coefficient(MEAN_RADIUS)[0]) for run in runs])
     estimate = least_squares(LOAD, load[::2], (mu * load)[::2])

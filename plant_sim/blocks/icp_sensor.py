@@ -50,11 +50,11 @@ class IcpSensor:
     """
 
     sensitivity: float = 2.25e-3  # V/N, 10 mV/lb: loads of 0.5 and 2 kg then give the axes of figs C.3, C.5 and C.8
-    time_constant: float = 2.5  # s, ours: fig C.3 decays within its 20 s
+    time_constant: float = 2.5  # s, chosen: fig C.3 decays within its 20 s
     gain: float = 100.0
     offset: float = 0.0  # V
     warming_load: float = 0.0  # N/K
-    limit: float = 10.0  # V, ours: the swing of a power unit made for +-10 V data acquisition
+    limit: float = 10.0  # V, chosen: the swing of a power unit made for +-10 V data acquisition
 
     def __post_init__(self) -> None:
         """Raise InputError naming the value that is not possible."""

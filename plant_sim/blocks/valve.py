@@ -4,7 +4,7 @@ Equation        u = clip(k_v V, 0, p_supply);  p_v'' + 2 zeta w p_v' + w^2 p_v =
 Assumptions     the supply pressure is constant; the voltage is held constant over a step (zero-order hold)
 Valid range     V 0..10 V
 Not modelled    flow limits; dead band, stiction, hysteresis, delay, sagging supply are effects (plant_sim/effects)
-References      Janssens 2010, sec. 6.3 (supply 2.5 MPa, bandwidth of its pressure loop 9.8 Hz); w, zeta, k_v: ours
+References      Janssens 2010, sec. 6.3 (supply 2.5 MPa, bandwidth of its pressure loop 9.8 Hz); w, zeta, k_v: chosen here
 """
 
 from numba import njit

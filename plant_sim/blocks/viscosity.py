@@ -1,7 +1,7 @@
 """Viscosity of the oil over its temperature, as a ratio.
 
 Equation        eta(T)/eta(T_0) = exp(B [1/(T - T_V) - 1/(T_0 - T_V)])                              (Vogel's law)
-Assumptions     B and T_V from 35 mm^2/s at 40 degC and 7.2 mm^2/s at 100 degC, usual for automatic transmission oils (ours);
+Assumptions     B and T_V from 35 mm^2/s at 40 degC and 7.2 mm^2/s at 100 degC, usual for automatic transmission oils;
                 the density, which falls by 4 % in between, is taken as constant
 Valid range     -20..150 degC
 Not modelled    shear thinning, pressure

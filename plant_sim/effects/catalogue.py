@@ -21,7 +21,7 @@ _FOLDER = Path(__file__).parent
 
 
 def effects() -> Mapping[str, Effect]:
-    """Every effect by name: ours, then those of the user's folders. Raises InputError."""
+    """Every effect by name: those of this package, then those of the user's folders. Raises InputError."""
     return _effects(os.environ.get(VARIABLE, ""))
 
 

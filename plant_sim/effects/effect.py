@@ -182,7 +182,7 @@ class Effect:
         """Typical values by dotted name, each in its unit."""
         return {f"{self.name}.{p.name}": p.typical for p in self.parameters}
 
-    def off(self) -> dict[str, float]:
+    def list_off_values(self) -> dict[str, float]:
         """Values of the strengths at which the effect is off, by dotted name, each in its unit."""
         return dict(self.switches)
 

@@ -49,7 +49,7 @@ class Asperities:
     height: Array
     stiffness: Array
     mass: Array | float = 0.0
-    poisson: float = 0.3  # of steel; ours: the thesis gives no material
+    poisson: float = 0.3  # of steel; chosen: the thesis gives no material
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "position", elements("asperity position", self.position, above=-np.inf))
@@ -80,7 +80,7 @@ class Asperities:
         """Draw `count` asperities N with the total tangential stiffness 1 and the total `mass`.
 
         Positions are uniform over `length`, heights normal with standard deviation `roughness`, stiffness log-normal
-        with standard deviation `spread` of its logarithm (the thesis names no distributions; these are ours, log-normal
+        with standard deviation `spread` of its logarithm (the thesis names no distributions; these are chosen here, log-normal
         because a stiffness is positive). Raises InputError.
         """
         require_whole("number of asperities", count)

@@ -2,7 +2,7 @@
 
 What            a 0/1 profile of N_w steps, repeated without end; "fill degree" is the part of the length that is step
 Equation        edges e_0 < e_1 < ...; the asperity tip is over step j where e_2j <= s < e_2j+1
-Assumptions     rigid and at rest; periodic (ours: the thesis says nothing about the ends, and a stroke must not meet them)
+Assumptions     rigid and at rest; periodic (chosen: the thesis says nothing of the ends, and a stroke must not meet them)
 Valid range     any width above 0
 Not modelled    the floor of the recesses (nothing touches it), slopes of the steps, wear
 References      Janssens 2010, sec. 2.2.2, figs 2.1 and 2.2
@@ -20,7 +20,7 @@ from plant_sim.friction.model import Array, elements, require
 from plant_sim.friction.whole_number import require_whole
 from protocols.errors import InputError
 
-LEAST_WIDTH = 0.2  # of the mean width; ours: a drawn width below it is set to it, so that no width is 0 or negative
+LEAST_WIDTH = 0.2  # of the mean width; chosen: a drawn width below it is set to it, so that no width is 0 or negative
 
 
 @njit(inline="always")

@@ -36,10 +36,10 @@ from plant_sim.friction.model import Array, real, require, require_type
 
 # numbers before the arrays: N, 2 N_w, mu_0, mu_inf, tau, period, longest travel, two of the normal motion
 HEADER_SIZE = 9
-# in `steady_state`; ours: 200 change the mean force of the model of figure 2.5 by less than 0.02 %
+# in `steady_state`; chosen: 200 change the mean force of the model of figure 2.5 by less than 0.02 %
 SAMPLES_PER_PITCH = 50
-MOST_PARTS = 1e5  # into which a sample is divided; ours: this many take 1 s for 250 asperities
-LONGEST_FLAT_TRAVEL = 1e9  # travel in one sample on a flat surface; ours: its square, in m v^2/2, does not overflow
+MOST_PARTS = 1e5  # into which a sample is divided; chosen: this many take 1 s for 250 asperities
+LONGEST_FLAT_TRAVEL = 1e9  # travel in one sample on a flat surface; chosen: its square, in m v^2/2, does not overflow
 
 
 @njit(inline="always")

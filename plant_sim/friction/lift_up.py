@@ -9,7 +9,7 @@ Equation        F_N(v) = F_N,inf (1 - exp(-|v|/v_N)), even in v                 
 Assumptions     constant velocity over a step: the lift-up force is exact; the mass by the trapezoidal rule. G is the
                 load given; when it changes, the static approach d follows at once: h is the lift above it
 Valid range     normal motion small beside the thickness of the plates; the lift-up force below G
-Not modelled    runout of the disks, tilt. The decay in stick is ours: the thesis leaves it open. It prints sign(v)
+Not modelled    runout of the disks, tilt. The decay in stick is of this project: the thesis leaves it open. It prints sign(v)
                 before C_N as for the friction; with F_N even, that equation has no steady state for v < 0 (F_N runs away),
                 so there is none here. F_N does not fall with h: a lift-up force above G throws the body off
 References      Janssens 2010, appendix E

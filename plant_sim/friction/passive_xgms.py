@@ -6,7 +6,7 @@ Assumptions     as `xgms`; sum F_i^2/(2 k_i) is the stored energy, at each step 
 Valid range     as `xgms`. Where k_i |v| is below the rate of the slip law (soft springs, slow motion after fast) the force
                 comes later than in XGMS: not after the time 1/C, but after the displacement (alpha_i s - F_i)/k_i
 Not modelled    as `xgms`
-References      the bound is ours; Janssens 2010, sec. 5.5 for the rest
+References      the bound is of this project; Janssens 2010, sec. 5.5 for the rest
 """
 
 from dataclasses import dataclass

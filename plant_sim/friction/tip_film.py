@@ -20,7 +20,7 @@ from scipy.optimize import brentq, minimize_scalar
 from plant_sim.friction.model import require
 from protocols.errors import InputError
 
-THINNEST, THICKEST = 1e-9, 1e3  # h [-], range in which thresholds are searched; ours
+THINNEST, THICKEST = 1e-9, 1e3  # h [-], range in which thresholds are searched; chosen
 
 
 @dataclass(frozen=True)

@@ -71,7 +71,7 @@ def effect_on(name: str, given: Mapping[str, float] | None = None) -> dict[str, 
 
 def effect_off(name: str) -> dict[str, float]:
     """Return the parameter values that switch an effect off. Raises InputError for an unknown effect."""
-    return effect(name).off()
+    return effect(name).list_off_values()
 
 
 def sensor_freeze(sensor: str, frozen: bool = True) -> dict[str, float]:

@@ -20,8 +20,8 @@ from plant_sim.friction.whole_number import require_whole
 from plant_sim.rigs.position_axis import LEAST_SAMPLES, Trajectory
 from protocols.errors import InputError
 
-MOST_LINES = 1e5  # of a multisine; ours: each is summed at each sample
-FADE_TIME = 0.5  # s over which a trajectory fades to 0 before the next one; ours
+MOST_LINES = 1e5  # of a multisine; chosen: each is summed at each sample
+FADE_TIME = 0.5  # s over which a trajectory fades to 0 before the next one; chosen
 
 
 @law

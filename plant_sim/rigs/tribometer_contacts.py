@@ -24,7 +24,7 @@ from plant_sim.rigs.tribometer import Tribometer, mean_radius, nominal
 from protocols.files.parameters import ParameterSet, load_defaults
 
 DEFAULTS = Path(__file__).parents[1] / "parameters" / "tribometer_contacts.toml"
-ELEMENTS = 10  # ours: with more, the pre-sliding curve is not visibly smoother
+ELEMENTS = 10  # chosen: with more, the pre-sliding curve is not visibly smoother
 
 
 class Contacts:
@@ -39,11 +39,11 @@ class Contacts:
         self._rig = nominal()
         self._radius = mean_radius(self._rig)  # m
 
-    def dry(self, load: float) -> Tribometer:
+    def make_dry_rig(self, load: float) -> Tribometer:
         """The rig with the dry contact as it is under `load` [N]. Raises InputError."""
         return Tribometer(self._xgms("dry", load), self._rig, seed=self._seed + round(load))
 
-    def lubricated(self, load: float) -> Tribometer:
+    def make_lubricated_rig(self, load: float) -> Tribometer:
         """The rig with the contact in oil under `load` [N], which lifts the disk. Raises InputError."""
         film = self.parameters.si("film")
         lift = LiftUp(
@@ -59,7 +59,7 @@ class Contacts:
         rig = self._rig.with_values({f"lift.{name}": film[name] for name in ("height", "speed", "rate")})
         return Tribometer(LiftingXGMS(self._xgms("lubricated", load), lift), rig, seed=self._seed + round(load))
 
-    def creeping(self, load: float) -> Tribometer:
+    def make_creeping_rig(self, load: float) -> Tribometer:
         """The rig with dry asperities whose friction coefficient grows in stick (eq 2.2), as stiff as `dry` under `load` [N].
 
         They break away at most at the static friction of the dry contact and slide at beta of it. Raises InputError.

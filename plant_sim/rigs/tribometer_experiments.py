@@ -25,12 +25,12 @@ from protocols.errors import InputError
 
 Array = np.ndarray
 BANDWIDTH = 100.0  # Hz, sec. 3.11
-DT = 1e-4  # s, integration step; ours
+DT = 1e-4  # s, integration step; chosen
 KEPT_EVERY = 5  # steps between kept samples: 2 kHz, so that the sensors' noise is filtered and not aliased
 SETTLING_ANGLE = 0.1  # rad before a steady state is read: a thousand times the travel before sliding
-KICK_TIME = 0.05  # s of a velocity that is high enough to start sliding; ours
-READING_TIME = 0.5  # s over which a steady state is averaged; ours
-SLOWEST_SLIDING = 1e-6  # rad/s; ours
+KICK_TIME = 0.05  # s of a velocity that is high enough to start sliding; chosen
+READING_TIME = 0.5  # s over which a steady state is averaged; chosen
+SLOWEST_SLIDING = 1e-6  # rad/s; chosen
 BREAK_AWAY_RATIO = 1.6  # upper bound of break-away friction over that of slowest sliding, for the contacts here
 HIGHEST_COEFFICIENT = 0.3  # -, above the 0.25 measured at 50 N (fig 4.14)
 STICK_SPEED, BURST_SPEED = 0.1, 1.5  # of the driven speed: stick-slip falls below the one and exceeds the other

@@ -19,7 +19,7 @@ from plant_sim.rigs.tribometer import Tribometer
 
 Array = np.ndarray
 REALISATIONS, PERIODS = 4, 10  # sec. 3.10
-DRIFT_STIFFNESS = 1.0  # Nm/rad, ours: the weak position loop of sec. 3.10; as much as the inertia at 1 Hz
+DRIFT_STIFFNESS = 1.0  # Nm/rad, chosen: the weak position loop of sec. 3.10; as much as the inertia at 1 Hz
 
 
 class Tangential(NamedTuple):

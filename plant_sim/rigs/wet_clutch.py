@@ -29,7 +29,7 @@ from protocols.errors import InputError
 from protocols.files.parameters import ParameterSet, load_defaults, load_overlay
 
 DEFAULTS = Path(__file__).parents[1] / "parameters" / "janssens2010.toml"
-STEP_LIMIT = 1e-4  # s, longest integration step: ours; the stack on its damping has a time constant of 0.4 ms
+STEP_LIMIT = 1e-4  # s, longest integration step: chosen; the stack on its damping has a time constant of 0.4 ms
 
 _STABILITY_LIMIT = 2.5  # rate times step: Runge-Kutta 4 is stable up to 2.78 on the real axis, less a margin
 _GROUPS = ("valve", "hydraulics", "piston", "clutch", "oil", "motor", "sensors", "standstill")

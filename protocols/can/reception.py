@@ -22,7 +22,7 @@ _COUNTS = ("received", "lost", "repeated", "corrupt", "misshapen", "unusable")
 REJECTED = ("repeated", "corrupt", "misshapen", "unusable")  # counts of frames that were not used
 # Counts of `Reception`; counter: alive counter of the last frame plus 1, 0 before the first frame
 RECEPTION = np.dtype([(name, "i8") for name in ("can_id", "length", "counter", *_COUNTS)])
-# Frames of a second service on identifiers of ours: the number of the last ones, and the period of the last
+# Frames of a second service on identifiers of this service: the number of the last ones, and the period of the last
 INTRUDER = np.dtype([("frames", "i8"), ("period", "i8")])
 INTRUSION = (
     10  # frames: chosen; a second plant or controller sends as many in 10 ms at 1 kHz, a person with a tool does not

@@ -56,7 +56,7 @@ def count_sound_objects(path: Path, most: int) -> tuple[int, str]:
         while base := file.read(OBJ_HEADER_BASE_STRUCT.size):
             at = file.tell() - len(base)
             if len(base) < OBJ_HEADER_BASE_STRUCT.size:
-                return frames, _cut(at)
+                return frames, _describe_cut(at)
             signature, _, _, bytes_of_object, kind = OBJ_HEADER_BASE_STRUCT.unpack(base)
             if signature != b"LOBJ" or bytes_of_object < OBJ_HEADER_BASE_STRUCT.size or bytes_of_object > _MOST_OBJECT:
                 return frames, f"the log is damaged at byte {at}"
@@ -75,7 +75,7 @@ def count_sound_objects(path: Path, most: int) -> tuple[int, str]:
                 if frames > most or not sound or (not good and whole):
                     return frames, "" if frames > most else f"the log is damaged in the container at byte {at}"
             if not whole:
-                return frames, _cut(at)
+                return frames, _describe_cut(at)
     if tail.strip(b"\0"):
         return frames, "the log ends within an object"
     if told != size:
@@ -83,7 +83,7 @@ def count_sound_objects(path: Path, most: int) -> tuple[int, str]:
     return frames, ""
 
 
-def _cut(at: int) -> str:
+def _describe_cut(at: int) -> str:
     return f"the log ends within the object at byte {at}"
 
 

@@ -78,9 +78,9 @@ def check_blocks(path: Path) -> Condition:
             elif content[_ID_BYTES : _ID_BYTES + 2] == b"HD":
                 _Blocks3(path, content, condition).check()
             else:
-                raise damaged(path, "it has no header")
+                raise make_damage_error(path, "it has no header")
         except struct.error:
-            raise damaged(path, "a block is not whole") from None
+            raise make_damage_error(path, "a block is not whole") from None
         return condition
 
 
@@ -97,7 +97,7 @@ def check_inflated(path: Path, packed: bytes, size: int, address: int) -> None:
         )
 
 
-def damaged(path: Path, what: str) -> InputError:
+def make_damage_error(path: Path, what: str) -> InputError:
     """The error of a file that is cut or damaged; `what` says where."""
     return InputError(f"recording {path} cannot be read, it is cut or damaged: {what}")
 
@@ -113,7 +113,7 @@ class _Blocks:
 
     def _visit(self, address: int, kind: str) -> None:
         if address in self._seen:
-            raise damaged(self._path, f"its blocks form a circle at byte {address} ({kind})")
+            raise make_damage_error(self._path, f"its blocks form a circle at byte {address} ({kind})")
         self._seen.add(address)
         if len(self._seen) > _MOST_BLOCKS:
             raise InputError(f"recording {self._path} has more than {_MOST_BLOCKS} blocks; allowed are fewer")
@@ -131,10 +131,10 @@ class _Blocks:
         if max(self._seen) > first:
             raise self._fail(first, "of data")
         if not any(there for there, _ in self._condition.cut):
-            raise damaged(self._path, f"it ends at byte {self._size}, before its first row")
+            raise make_damage_error(self._path, f"it ends at byte {self._size}, before its first row")
 
     def _fail(self, address: int, kind: str) -> InputError:
-        return damaged(self._path, f"no whole block {kind} at byte {address} of {self._size}")
+        return make_damage_error(self._path, f"no whole block {kind} at byte {address} of {self._size}")
 
 
 class _Blocks4(_Blocks):
@@ -332,7 +332,7 @@ class _Blocks4(_Blocks):
         if address + 48 + packed > self._size:
             raise self._fail(address, "DZ")
         if size > _MOST_INFLATED or (method in _DEFLATE and size > _BEST_DEFLATE * packed):
-            raise damaged(
+            raise make_damage_error(
                 self._path,
                 f"{packed} bytes of data at byte {address} are said to become {size};"
                 f" allowed are {min(_MOST_INFLATED, _BEST_DEFLATE * packed)}",
@@ -383,12 +383,12 @@ class _Blocks3(_Blocks):
                     if link + 4 > self._size:
                         raise self._fail(link, "of a channel")
         if groups != count:
-            raise damaged(self._path, f"it has {groups} channel groups in a data group of {count}")
+            raise make_damage_error(self._path, f"it has {groups} channel groups in a data group of {count}")
         if total and data + total > self._size and groups == 1 and not id_bytes:
             self._cuts.append(data)
             self._keep_rows(rows_at, "<I", rows, max(0, self._size - data) // row_bytes)
         elif total and data + total > self._size:
-            raise damaged(self._path, f"its rows need {total} bytes from byte {data}, of {self._size}")
+            raise make_damage_error(self._path, f"its rows need {total} bytes from byte {data}, of {self._size}")
         if id_bytes and rows_of_all > _MOST_UNSORTED_ROWS:
             raise InputError(
                 f"recording {self._path} has {rows_of_all} rows that must be sorted; allowed are {_MOST_UNSORTED_ROWS}"

@@ -14,7 +14,7 @@ import numpy as np
 
 from protocols.errors import InputError
 from protocols.files.bounds import MOST_BYTES, check_rows
-from protocols.files.mdf_blocks import check_inflated, damaged, open_checked
+from protocols.files.mdf_blocks import check_inflated, make_damage_error, open_checked
 from protocols.files.mdf_conversions import NUMBER, STATUS, TEXT, kind_after, to_physical
 
 MAGIC = (b"MDF     ", b"UnFinMF ")  # first bytes of a file
@@ -133,7 +133,7 @@ class MdfFile:
             with self._reading():
                 values, invalid = (np.concatenate([np.zeros(0, bool), *those]) for those in zip(*parts, strict=True))
             if not values.shape == invalid.shape == (rows,) or values.dtype.kind not in "iufb":
-                raise damaged(
+                raise make_damage_error(
                     self._path, f"{channel.name} has {rows} rows by its header, and {len(values)} in its data"
                 )
             raw[channel] = (values, invalid)
@@ -172,7 +172,7 @@ class MdfFile:
         if getattr(group, "uses_ld", False):
             row_bytes = block.samples_byte_nr  # invalidation bytes have blocks of their own
         if rows * row_bytes > size:
-            raise damaged(
+            raise make_damage_error(
                 self._path,
                 f"{channel.name} has {rows} rows of {row_bytes} bytes by its header, and {size} bytes of data",
             )

@@ -16,7 +16,7 @@ import can
 import numpy as np
 
 from protocols.errors import InputError
-from protocols.files.mdf_blocks import damaged, open_checked
+from protocols.files.mdf_blocks import make_damage_error, open_checked
 
 _ROWS = 50_000  # read at once: with CAN FD, 3 MB of payloads
 _KINDS = ("CAN_DataFrame", "CAN_RemoteFrame", "CAN_ErrorFrame")
@@ -78,12 +78,12 @@ def _check_record(path: Path, group: Any) -> None:
         first, bits = getattr(channel, "byte_offset", 0), getattr(channel, "bit_offset", 0) + channel.bit_count
         marked = getattr(channel, "flags", 0) & _MAY_BE_INVALID
         if 8 * first + bits > 8 * row_bytes or (channel.data_type < _BYTES and channel.bit_count > _MOST_BITS):
-            raise damaged(path, f"{channel.name} lies outside of its record")
+            raise make_damage_error(path, f"{channel.name} lies outside of its record")
         if marked and channel.pos_invalidation_bit >= 8 * mark_bytes:
-            raise damaged(path, f"the mark of {channel.name} lies outside of its record")
+            raise make_damage_error(path, f"the mark of {channel.name} lies outside of its record")
     size = sum(info.original_size for info in group.get_data_blocks())
     if block.cycles_nr * row_bytes > size:
-        raise damaged(
+        raise make_damage_error(
             path, f"a group has {block.cycles_nr} rows of {row_bytes} bytes by its header, and {size} bytes of data"
         )
 

@@ -44,7 +44,7 @@ def from_si(value: float, unit: str) -> float:
     return (value - offset) / factor
 
 
-def same_quantity(unit: str, other: str) -> bool:
+def have_same_quantity(unit: str, other: str) -> bool:
     """Whether two units are of one quantity, so that values can be converted. Raises InputError for an unknown unit.
 
     An angle is a quantity of its own: Hz and rad/s differ.

@@ -1,7 +1,7 @@
 """State of the plates as the controller estimates it: open, sliding, sticking, locked.
 
 Assumptions     plates without contact are open, also while they turn (motion.py)
-References      ours; locked: "totally closed", Janssens 2010, sec. 6.2.1
+References      developed here; locked: "totally closed", Janssens 2010, sec. 6.2.1
 """
 
 from enum import IntEnum

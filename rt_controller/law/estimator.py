@@ -9,7 +9,7 @@ Equation        sliding     M_sim = level M_C(p) m + (level + viscous) sign(omeg
 Assumptions     measured pressure is the pressure on the plates; one element (sec. 6.2.3)
 Valid range     p 2.7..4.2 bar, 0..250 rpm either way, oil above 35 degC
 Not modelled    pre-sliding (presliding.py), seal friction, direction of the stroke
-References      Janssens 2010, sec. 5.2, eqs 6.2, 6.3, 6.6, 6.9, Tables 6.1, 6.4, 6.5; `level` and `viscous` are ours
+References      Janssens 2010, sec. 5.2, eqs 6.2, 6.3, 6.6, 6.9, Tables 6.1, 6.4, 6.5; `level` and `viscous` are of this project
                 (adaptation.py, trim.py)
 """
 

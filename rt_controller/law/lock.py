@@ -5,7 +5,7 @@ Equation        plates that slide: the capacity rises at `rate`. Plates that sti
                 `time_constant`. So noise of the torque does not move the valve
 Assumptions     the friction level is correct within the margin; otherwise the plates slide, and the capacity rises
 Not modelled    heat while the plates still slide: the supervisor must limit it
-References      Janssens 2010, sec. 6.2.1: the clutch totally closed. The rule is ours
+References      Janssens 2010, sec. 6.2.1: the clutch totally closed. The rule is of this project
 """
 
 from numba import njit

@@ -10,7 +10,7 @@ What            mismatch    the motor's torque balance and the torque model diff
 Assumptions     the model is correct within `torque_mismatch`; the motor's speed control integrates; the pressure loop follows
                 within the dwell
 Not modelled    smaller errors of the signals; a motor torque signal that is constant while the plates stand
-References      ours; the time to detect each fault is measured in docs/states.md
+References      developed here; the time to detect each fault is measured in docs/states.md
 """
 
 import numpy as np

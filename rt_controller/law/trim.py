@@ -6,7 +6,7 @@ Equation        level = (sum w x y + floor^2 l) / (sum w x^2 + floor^2),  w = ex
 Assumptions     the error is proportional to the torque; below the torque `floor` the prior has more weight than the data
 Not modelled    lasting errors: the adaptation learns them (adaptation.py), slowly, by oil temperature, in clear cases only. The
                 trim corrects them until then, also in creep and after the first contact, and forgets
-References      ours
+References      developed here
 """
 
 from numba import njit

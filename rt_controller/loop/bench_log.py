@@ -22,7 +22,7 @@ from protocols.files.bus_log import good_crc, iterate, read_bus_log
 COMPARED_FRAMES = ("VALVE_COMMAND", "MOTOR_COMMAND", "CONTROLLER_STATUS")
 _FRAMES_BEFORE_START = 64  # frames before the first sample that its cycle still receives, as in service.py
 _VALID_SHARE = (
-    0.5  # of a channel's frames on our identifiers: a wrong CRC passes in one of 256, another bus has none of ours
+    0.5  # of a channel's frames on the bench's identifiers: a wrong CRC passes in 1 of 256, another bus has none
 )
 
 

@@ -50,7 +50,7 @@ def controller_parameters(changed: Path | None = None) -> ParameterSet:
     return load_overlay(changed, shipped, CONTROLLER, RIG) if changed else shipped
 
 
-def shipped_parameters() -> ParameterSet:
+def load_shipped_parameters() -> ParameterSet:
     """Return the default parameters of controller and guard."""
     return ParameterSet({**load_defaults(PARAMETERS), **load_defaults(LIMITS)})
 

@@ -32,7 +32,7 @@ class Samples:
             if not received_some or remaining <= 0.0 or self.has_plant_ended(before):
                 return False
 
-    def arrived_ns(self) -> int:
+    def find_arrival_ns(self) -> int:
         """Return when the last sample was complete [ns of CLOCK_MONOTONIC], from the time stamp of its frame."""
         now = time.monotonic_ns()
         return now - max(time.time_ns() - self.line.marked_ns, 0)

@@ -21,7 +21,7 @@ from protocols.realtime.overrun import OverrunError, overrun_policy
 from protocols.realtime.stopping import Stop
 from protocols.realtime.waiting import choose_waiting
 from protocols.telemetry.outlet import Outlet
-from rt_controller.loop.node import COLUMNS, ControllerNode, shipped_parameters
+from rt_controller.loop.node import COLUMNS, ControllerNode, load_shipped_parameters
 from rt_controller.loop.samples import Samples, usual_arrival
 from rt_controller.loop.trigger import Trigger, trigger
 from rt_controller.loop.turn import Turn, warm
@@ -100,7 +100,7 @@ class ControllerService:
             samples = Samples(Exchange(port, frames["ENCODER"].can_id, stop.wakes), frames)
             outlet = Outlet(
                 self.name, node, COLUMNS, port.name, self.rate, session,
-                shipped=shipped_parameters(), ring=self.ring, publish=self.telemetry, router=self.router,
+                shipped=load_shipped_parameters(), ring=self.ring, publish=self.telemetry, router=self.router,
             )  # fmt: skip
             turn = Turn(samples, node)
             beat = outlet.beat(clock)
@@ -165,7 +165,7 @@ class ControllerService:
         for _ in range(max(1, round(_WARM_UP_TIME * self.rate))):
             self._cycle(node, turn, outlet)
             turn.samples.next(2.0 / self.rate)
-            arrivals.append(turn.samples.arrived_ns())
+            arrivals.append(turn.samples.find_arrival_ns())
         self._cycle(node, turn, outlet)
         cycle_trigger.start(usual_arrival(arrivals, cycle_trigger.clock.period_ns))
 

@@ -79,7 +79,7 @@ class Turn:
         missed = beat.wake_up(missed)
         complete = self.answer(1 + missed)
         if drifts.size:
-            follow(beat.memory.clocks, drifts, complete, self.samples.arrived_ns())
+            follow(beat.memory.clocks, drifts, complete, self.samples.find_arrival_ns())
         return missed
 
     def answer_samples(self, beat: Beat, changes: int) -> int:

@@ -38,13 +38,13 @@ def changed(**values: float) -> Contacts:
 class TestContacts:
     @pytest.mark.parametrize("load", [58.0, 560.0, 1400.0])
     def test_oil_lowers_the_friction_at_low_speed(self, load: float) -> None:
-        dry, wet = CONTACTS.dry(load), CONTACTS.lubricated(load)
+        dry, wet = CONTACTS.make_dry_rig(load), CONTACTS.make_lubricated_rig(load)
         speed = 0.2 * dry.radius
         assert wet.friction.steady_state(speed, load) < 0.9 * dry.friction.steady_state(speed, load)
 
     @pytest.mark.parametrize("load", [58.0, 560.0, 1400.0])
     def test_gross_sliding_begins_after_the_travel_under_any_load(self, load: float) -> None:
-        rig = CONTACTS.dry(load)
+        rig = CONTACTS.make_dry_rig(load)
         static = float(CONTACTS.load_law("dry")(load))
         travel = load_contacts()["dry.travel"].si * rig.radius
         force = rig.friction.trace(np.array([0.0, 0.5, 0.99, 1.0, 1.5]) * travel, 10.0, load).force
@@ -52,7 +52,7 @@ class TestContacts:
         np.testing.assert_allclose(force[3:], static, rtol=1e-4)  # viscous friction of 1e-6 rad/s
 
     def test_without_a_share_of_the_load_the_film_changes_no_friction(self) -> None:
-        rig = changed(film__share=0.0).lubricated(58.0)
+        rig = changed(film__share=0.0).make_lubricated_rig(58.0)
         model = rig.friction
         speeds = np.array([0.01, 1.0, 6.0]) * rig.radius
         np.testing.assert_allclose(
@@ -60,7 +60,7 @@ class TestContacts:
         )
 
     def test_the_creeping_asperities_slide_at_beta_of_the_static_friction(self) -> None:
-        rig = CONTACTS.creeping(280.0)
+        rig = CONTACTS.make_creeping_rig(280.0)
         static = CONTACTS.static_coefficient("dry", 280.0) * 280.0
         assert rig.friction.steady_state(1e-3, 280.0) == pytest.approx(
             load_contacts()["dry.beta"].si * static, rel=1e-9
@@ -68,22 +68,22 @@ class TestContacts:
 
     def test_a_load_beyond_the_rig_is_refused(self) -> None:
         with pytest.raises(InputError, match="load is 2000 N"):
-            CONTACTS.dry(2000.0)
+            CONTACTS.make_dry_rig(2000.0)
 
 
 class TestBreakAway:
     def test_it_falls_with_the_acceleration_by_creep(self) -> None:
-        rig = CONTACTS.creeping(280.0)
+        rig = CONTACTS.make_creeping_rig(280.0)
         slow, fast = (break_away(rig, 280.0, acceleration)[0] for acceleration in (0.2, 2.0))
         assert slow > fast + 10.0 * NOISE
 
     def test_without_creep_it_does_not(self) -> None:
-        rig = changed(dry__beta=1.0).creeping(280.0)
+        rig = changed(dry__beta=1.0).make_creeping_rig(280.0)
         slow, fast = (break_away(rig, 280.0, acceleration)[0] for acceleration in (0.2, 2.0))
         assert abs(slow - fast) < 5.0 * NOISE
 
     def test_slowly_it_is_the_static_friction(self) -> None:
-        peak, motion = break_away(CONTACTS.dry(560.0), 560.0, 0.2)
+        peak, motion = break_away(CONTACTS.make_dry_rig(560.0), 560.0, 0.2)
         static = CONTACTS.static_coefficient("dry", 560.0) * 560.0 * 0.075
         assert peak == pytest.approx(static, abs=5.0 * NOISE)
         assert motion.velocity[-1] > 0.1
@@ -97,7 +97,7 @@ class TestPreSliding:
         assert np.abs(np.diff(saw_tooth(LOOP, 1e-4, time))).max() <= 1e-4 * time[1] * (1.0 + 1e-9)
 
     def test_the_dry_loop_does_not_depend_on_the_speed(self) -> None:
-        rig = CONTACTS.dry(80.0)
+        rig = CONTACTS.make_dry_rig(80.0)
         slow, fast = (pre_sliding(rig, 80.0, LOOP, speed) for speed in (4e-4, 16e-4))
         last = [motion.time > corner_times(LOOP, speed)[2] for motion, speed in ((slow, 4e-4), (fast, 16e-4))]
         angle = np.linspace(-0.4e-4, 0.4e-4, 50)
@@ -108,7 +108,7 @@ class TestPreSliding:
         assert np.sqrt(np.mean((torque[0] - torque[1]) ** 2)) < 1.5 * NOISE
 
     def test_it_dissipates(self) -> None:
-        motion = pre_sliding(CONTACTS.dry(80.0), 80.0, LOOP, 8e-4)
+        motion = pre_sliding(CONTACTS.make_dry_rig(80.0), 80.0, LOOP, 8e-4)
         cycle = motion.time > corner_times(LOOP, 8e-4)[1]
         work = np.trapezoid(motion.torque[cycle], motion.record.slip_angle_rad[cycle])
         assert work > 0.02 * np.ptp(motion.torque[cycle]) * np.ptp(motion.record.slip_angle_rad[cycle])
@@ -122,7 +122,7 @@ class TestFrictionLag:
         return float((up - down).mean())
 
     def test_dry_friction_is_higher_accelerating_and_more_so_the_faster(self) -> None:
-        rig = CONTACTS.dry(58.0)
+        rig = CONTACTS.make_dry_rig(58.0)
         assert 0.0 < self.lag(rig, 1.0) < self.lag(rig, 2.0) < self.lag(rig, 3.0)
 
     def test_a_contact_without_memory_of_its_speed_has_none(self) -> None:
@@ -131,7 +131,7 @@ class TestFrictionLag:
 
     def test_a_swing_that_would_reverse_is_refused(self) -> None:
         with pytest.raises(InputError, match=r"swing is 0\.5 rad/s"):
-            oscillation(CONTACTS.lubricated(58.0), 58.0, 0.4, 0.5, 9.0, periods=1)
+            oscillation(CONTACTS.make_lubricated_rig(58.0), 58.0, 0.4, 0.5, 9.0, periods=1)
 
 
 class TestStribeck:
@@ -141,7 +141,7 @@ class TestStribeck:
     )
     def test_what_are_no_speeds_is_refused(self, speeds: list, message: str) -> None:
         with pytest.raises(InputError, match=message):
-            stribeck(CONTACTS.dry(280.0), 280.0, speeds)
+            stribeck(CONTACTS.make_dry_rig(280.0), 280.0, speeds)
 
     @pytest.mark.parametrize("name", ["dry", "lubricated"])
     def test_it_measures_the_steady_curve_of_the_contact(self, name: str) -> None:
@@ -156,44 +156,44 @@ class TestStribeck:
 
 class TestStickSlip:
     def test_it_ceases_at_high_speed(self) -> None:
-        rig = CONTACTS.dry(75.0)
+        rig = CONTACTS.make_dry_rig(75.0)
         assert has_stick_slip(stick_slip(rig, 75.0, 4e-3, SOFT, 4.0), 4e-3)
         assert not has_stick_slip(stick_slip(rig, 75.0, 40e-3, SOFT, 2.0), 40e-3)
 
     def test_it_needs_friction_that_falls_with_speed(self) -> None:
-        rig = changed(dry__beta=1.0).dry(75.0)
+        rig = changed(dry__beta=1.0).make_dry_rig(75.0)
         assert not has_stick_slip(stick_slip(rig, 75.0, 4e-3, SOFT, 4.0), 4e-3)
 
     def test_damping_ends_it(self) -> None:
-        rig = CONTACTS.dry(75.0)
+        rig = CONTACTS.make_dry_rig(75.0)
         assert not has_stick_slip(stick_slip(rig, 75.0, 9.44e-3, Coupling(100.0, 50.0), 4.0), 9.44e-3)
 
     def test_the_critical_speed_grows_with_the_load(self) -> None:
-        low, high = (critical_speed(CONTACTS.dry(w), w, SOFT, (6e-3, 60e-3), steps=4) for w in (65.0, 140.0))
+        low, high = (critical_speed(CONTACTS.make_dry_rig(w), w, SOFT, (6e-3, 60e-3), steps=4) for w in (65.0, 140.0))
         assert low < high
 
     def test_bounds_without_the_critical_speed_are_refused(self) -> None:
         with pytest.raises(InputError, match="does not end between"):
-            critical_speed(CONTACTS.dry(75.0), 75.0, SOFT, (40e-3, 60e-3), steps=1)
+            critical_speed(CONTACTS.make_dry_rig(75.0), 75.0, SOFT, (40e-3, 60e-3), steps=1)
 
 
 class TestLiftUp:
     @pytest.mark.parametrize("periods", [-1, 0, 1.5])
     def test_what_is_no_number_of_periods_is_refused(self, periods: int) -> None:
-        rig = CONTACTS.dry(58.0)
+        rig = CONTACTS.make_dry_rig(58.0)
         with pytest.raises(InputError, match=f"number of periods is {periods}; allowed is a whole number of 1 or more"):
             reciprocation(rig, 58.0, 0.06, 9.0, periods)
         with pytest.raises(InputError, match=f"number of periods is {periods}"):
             oscillation(rig, 58.0, 0.4, 0.2, 9.0, periods)
 
     def test_the_gap_is_wider_in_deceleration(self) -> None:
-        motion = reciprocation(CONTACTS.lubricated(58.0), 58.0, 0.06, 9.0, periods=8)
+        motion = reciprocation(CONTACTS.make_lubricated_rig(58.0), 58.0, 0.06, 9.0, periods=8)
         beyond = (motion.angle > 0.02) & (motion.angle < 0.05)
         slows, speeds_up = (motion.gap[beyond & (sign * motion.velocity > 0.0)].mean() for sign in (1.0, -1.0))
         assert slows > speeds_up + 0.05e-6
 
     def test_dry_disks_do_not_lift(self) -> None:
-        motion = reciprocation(CONTACTS.dry(58.0), 58.0, 0.06, 9.0, periods=8)
+        motion = reciprocation(CONTACTS.make_dry_rig(58.0), 58.0, 0.06, 9.0, periods=8)
         beyond = (motion.angle > 0.02) & (motion.angle < 0.05)
         slows, speeds_up = (motion.gap[beyond & (sign * motion.velocity > 0.0)].mean() for sign in (1.0, -1.0))
         assert abs(slows - speeds_up) < 0.01e-6
@@ -201,7 +201,7 @@ class TestLiftUp:
 
 def test_a_load_beyond_the_dynamometers_is_refused_where_it_is_read() -> None:
     with pytest.raises(InputError, match=r"load, which the normal dynamometers must read, is 1400 N; .* at most 1293"):
-        stribeck(Contacts().dry(1400.0), 1400.0, [0.5])
+        stribeck(Contacts().make_dry_rig(1400.0), 1400.0, [0.5])
 
 
 def test_the_stick_slip_map_has_loads_by_speeds() -> None:

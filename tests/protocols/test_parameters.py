@@ -10,7 +10,7 @@ import pytest
 
 from protocols.errors import InputError
 from protocols.files.parameters import Parameter, ParameterSet, load_defaults, load_overlay
-from protocols.files.units import from_si, same_quantity, to_si
+from protocols.files.units import from_si, have_same_quantity, to_si
 
 ROUNDING = 1e-12  # relative: a factor and an offset in doubles
 
@@ -203,7 +203,7 @@ def test_a_unit_that_is_nearly_one_is_hinted_at() -> None:
     ],
 )
 def test_units_of_one_quantity(unit: str, other: str, same: bool) -> None:
-    assert same_quantity(unit, other) is same
+    assert have_same_quantity(unit, other) is same
 
 
 # A user's file

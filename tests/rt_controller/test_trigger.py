@@ -68,7 +68,7 @@ class Rig:
         missed: int = beat.clock.wait()
         complete = self.answer(1 + missed)
         if drifts.size:
-            follow(beat.memory.clocks, drifts, complete, self.samples.arrived_ns())
+            follow(beat.memory.clocks, drifts, complete, self.samples.find_arrival_ns())
         return missed
 
     def answer_samples(self, beat: Any, changes: int) -> int:

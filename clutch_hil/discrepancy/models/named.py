@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from clutch_hil.bench.rig import rig_named, rig_names, rigs_with_model
+from clutch_hil.bench.rig import find_rig, rig_names, rigs_with_model
 from clutch_hil.fitting.model import Columns, Demanding, Model
 from protocols.entry_points import entry_names, load_entry
 from protocols.errors import InputError, closest
@@ -19,7 +19,7 @@ _MOST = 5.0  # stated uncertainties: five standard deviations
 _NEEDED = ("name", "inputs", "outputs", "parameters", "candidates", "simulate")  # what `Model` has
 
 
-def model_named(rig: str, changed: Path | None = None) -> Model:
+def find_model(rig: str, changed: Path | None = None) -> Model:
     """The model `rig`, a name or PATH.py:CLASS, with its parameters as the model file `changed` has them. Raises InputError."""
     made = _load_user_class(rig) if ".py" in rig else _find_installed_class(rig)
     try:
@@ -53,7 +53,7 @@ def declare_parameters(model: Model) -> ParameterSet:
     )
 
 
-def required_columns(model: Model) -> tuple[str, ...]:
+def list_required_columns(model: Model) -> tuple[str, ...]:
     """Columns that a run of the model must have."""
     if isinstance(model, Demanding):
         return model.run_columns
@@ -67,8 +67,8 @@ def read_evidence(path: Path, model: Model) -> Columns:
 
 def evidence(path: Path, run: Run, model: Model) -> Columns:
     """Columns of `run`, told as `path`, that the model can be compared with. Raises InputError."""
-    columns, rig = required_columns(model), run.metadata.get("rig")
-    if rig in rig_names() and rig_named(rig).plant.clutches and not set(columns) <= set(run.columns):
+    columns, rig = list_required_columns(model), run.metadata.get("rig")
+    if rig in rig_names() and find_rig(rig).plant.clutches and not set(columns) <= set(run.columns):
         raise InputError(
             f"run {path} is a run of two clutches, of the rig {rig}, which the model {model.name} does not describe;"
             " allowed are runs of one clutch"
@@ -79,7 +79,7 @@ def evidence(path: Path, run: Run, model: Model) -> Columns:
 
 def _find_installed_class(name: str) -> Any:
     if name in rig_names():
-        return rig_named(name).model
+        return find_rig(name).model
     if name in (others := entry_names(GROUP)):
         return load_entry(GROUP, "model", name)
     known = sorted((*rigs_with_model(), *others))

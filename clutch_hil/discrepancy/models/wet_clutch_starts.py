@@ -85,7 +85,7 @@ def _strongest_order(start: StrongestOrder, candidate: Candidate, run: Columns, 
 
 def _channel_ends(start: ChannelEnds, candidate: Candidate, run: Columns, parameters: ParameterSet) -> list[Values]:
     """A start for each limit: at the highest voltage of its channel, the other limits off."""
-    off = candidate.off()
+    off = candidate.list_off_values()
     volts = {name: run[column] * parameters[_SENSITIVITIES[column]].value for name, column in start.limits.items()}
     return [
         off | {f"{candidate.name}.{name}": float(np.quantile(np.abs(volt), _SATURATED))} for name, volt in volts.items()

@@ -92,7 +92,7 @@ class Pictures:
 
     def draw_orders(self) -> bytes | None:
         """Order spectrum of the output that is off by most; None where no order stands out."""
-        column = self._ordered_output()
+        column = self._choose_order_output()
         if column is None or not self.residuals.has_order(column):
             return None
         with _figure(2.5) as figure:
@@ -181,7 +181,7 @@ class Pictures:
         residuals = self.residuals
         outputs = residuals.outputs
         columns = [column for column in self.shown[:2] if residuals.variables(column)]
-        ordered = self._ordered_output()
+        ordered = self._choose_order_output()
         heights = [
             0.35 + 1.0 * max(len(outputs), 1),
             1.6 + 0.32 * len(self.result.floors),
@@ -236,7 +236,7 @@ class Pictures:
             else:
                 axes.set_ylabel("")
 
-    def _ordered_output(self) -> str | None:
+    def _choose_order_output(self) -> str | None:
         """The output of an order spectrum: the one that is off by most, where a shaft turns."""
         columns = self.shown[:1]
         if not columns or not any(ANGLE in trace.columns for trace in self.result.traces):

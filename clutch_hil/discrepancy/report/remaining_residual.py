@@ -12,7 +12,7 @@ def section(pictures: Pictures) -> tuple[str, list[Html]]:
     rows = [
         _row(pictures, column)
         for column in pictures.residuals.outputs
-        if pictures.residuals.held_out_traces_with(column)
+        if pictures.residuals.list_held_out_traces(column)
     ]
     if not rows:
         return "What remains", [tag("p", "No trace of a run was kept.")]
@@ -45,7 +45,7 @@ def section(pictures: Pictures) -> tuple[str, list[Html]]:
 def _row(pictures: Pictures, column: str) -> tuple[str, ...]:
     residuals, unit = pictures.residuals, pictures.result.units.get(column, "")
     when = "after" if residuals.has_changed else "before"
-    rms = max(residuals.rms(trace, column, when) for trace in residuals.held_out_traces_with(column))
+    rms = max(residuals.rms(trace, column, when) for trace in residuals.list_held_out_traces(column))
     floor = pictures.result.floors.get(column, 0.0)
     lags, correlation, _ = residuals.autocorrelation(column, when)
     end = next((lag for lag, c in zip(lags, correlation, strict=True) if abs(c) < _UNCORRELATED), None)

@@ -107,7 +107,7 @@ class Residuals:
         """Traces of held-out runs; all of them where each was left out in turn."""
         return [trace for trace in self.result.traces if trace.held_out] or self.result.traces
 
-    def held_out_traces_with(self, column: str) -> list[Trace]:
+    def list_held_out_traces(self, column: str) -> list[Trace]:
         """Held-out traces with an output."""
         return [trace for trace in self.held_out_traces if column in trace.measured]
 
@@ -272,7 +272,7 @@ class Residuals:
 
     def autocorrelation(self, column: str, when: str) -> tuple[np.ndarray, np.ndarray, float]:
         """Lags [s], autocorrelation of the residual in the judged runs, and the half-width of white noise's 95 % band."""
-        traces = self.held_out_traces_with(column)
+        traces = self.list_held_out_traces(column)
         shortest = min(len(times(trace)) for trace in traces)
         lags = max(10, round(_LONGEST_LAG * shortest))
         total, samples = np.zeros(lags), 0
@@ -288,7 +288,7 @@ class Residuals:
     def spectrum(self, column: str, when: str) -> tuple[np.ndarray, np.ndarray]:
         """Frequencies [Hz] and amplitude density [unit/sqrt(Hz)] of the residual in the judged runs."""
         powers = []
-        traces = self.held_out_traces_with(column)
+        traces = self.list_held_out_traces(column)
         length = min(_SEGMENT, *(len(times(trace)) // 2 for trace in traces))
         for trace in traces:
             residual = self.error(trace, column, when)

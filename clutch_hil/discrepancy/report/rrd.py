@@ -89,8 +89,8 @@ def _blueprint(residuals: Residuals) -> rrb.Blueprint:
     """Layout of the viewer: a tab for each run, the one with the largest disagreement first, and so its outputs."""
     first = residuals.find_worst_run(residuals.outputs[0]) if residuals.outputs else None
     traces = sorted(residuals.result.traces, key=lambda trace: trace is not first)
-    tabs = [_run_view(residuals, trace, _ordered_columns(residuals, trace)[:_ROWS], trace.name) for trace in traces]
-    rest = [_run_view(residuals, t, _ordered_columns(residuals, t)[_ROWS:], f"{t.name}: more") for t in traces]
+    tabs = [_run_view(residuals, trace, _order_columns(residuals, trace)[:_ROWS], trace.name) for trace in traces]
+    rest = [_run_view(residuals, t, _order_columns(residuals, t)[_ROWS:], f"{t.name}: more") for t in traces]
     views = [tab for tab in (*tabs, *rest) if tab is not None]
     verdict_view = rrb.TextDocumentView(origin=f"/{_VERDICT}", name="verdict")
     if views:
@@ -106,7 +106,7 @@ def _blueprint(residuals: Residuals) -> rrb.Blueprint:
     )
 
 
-def _ordered_columns(residuals: Residuals, trace: Trace) -> list[str]:
+def _order_columns(residuals: Residuals, trace: Trace) -> list[str]:
     return [column for column in residuals.outputs if column in trace.measured]
 
 

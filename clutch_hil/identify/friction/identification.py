@@ -16,7 +16,7 @@ import numpy as np
 
 from clutch_hil.identify.friction.excitation import excite, judge_break_points
 from clutch_hil.identify.friction.intervals import intervals
-from clutch_hil.identify.friction.law import EXCLUSIVE, NEEDS, PARAMETERS, RIGID, Law, Structure, Values, law_named
+from clutch_hil.identify.friction.law import EXCLUSIVE, NEEDS, PARAMETERS, RIGID, Law, Structure, Values, find_law
 from clutch_hil.identify.friction.motion_model import MotionModel
 from clutch_hil.identify.friction.result import IdentifiedFriction, Parameter, TriedStep, UsedRun
 from clutch_hil.identify.friction.selection import Progress, Step, fit_structure, judge, select
@@ -67,7 +67,7 @@ def identify_friction(
     `elements` and `terms` fix the law; if None, held-out stretches decide. `starts` searches, spread by `seed`. `progress(what,
     share)`. Raises InputError.
     """
-    chosen = law_named(law)
+    chosen = find_law(law)
     given = [runs] if isinstance(runs, (Path, str, Run)) else list(runs)
     columns = Columns(position=position, force=force, load=load, speed=speed, time=time)
     own_map = load_map(map_name) if map_name else None

@@ -81,7 +81,7 @@ LAWS = {
 }
 
 
-def law_named(name: str) -> Law:
+def find_law(name: str) -> Law:
     """The law `name`. Raises InputError."""
     if name not in LAWS:
         raise InputError(f"friction law {name!r} is unknown; {closest(name, LAWS)}")

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from clutch_hil.identify.friction.law import CONSTANTS, PARAMETERS, Structure, law_named
+from clutch_hil.identify.friction.law import CONSTANTS, PARAMETERS, Structure, find_law
 from plant_sim.friction.model import FrictionModel
 from plant_sim.rigs.position_feedforward import Feedforward
 from protocols.errors import InputError
@@ -169,7 +169,7 @@ def read_friction(path: Path | str) -> IdentifiedFriction:
     terms = _texts(document, "terms")
     if unknown := [term for term in terms if term not in PARAMETERS]:
         raise InputError(f"file {path}: term {unknown[0]!r} is unknown; known are {', '.join(PARAMETERS)}")
-    structure = Structure(law_named(document.need("law", str)), document.need("elements", int), terms)
+    structure = Structure(find_law(document.need("law", str)), document.need("elements", int), terms)
     entries = document.table("parameters")
     if set(entries) != set(structure.names):
         raise InputError(

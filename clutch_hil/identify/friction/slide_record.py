@@ -21,7 +21,7 @@ from clutch_hil.recordings.rasters import ANTI_ALIAS_SHARE, Sampling, TimedColum
 from protocols.errors import InputError, closest
 from protocols.files.run import Run
 from protocols.files.runs import read_columns
-from protocols.files.units import same_quantity, to_si
+from protocols.files.units import have_same_quantity, to_si
 
 LEAST_SAMPLES = 100  # of a record: chosen, ten for each of the ten parameters that a law may have
 LARGEST = 1e15  # of any value, in SI: chosen, far beyond every rig; squares of it are still numbers
@@ -39,7 +39,7 @@ NAMES: Mapping[str, tuple[str, ...]] = {
 _FAMILIES: Mapping[str, tuple[str, ...]] = {
     "position": ("m", "rad"), "speed": ("m/s", "rad/s"), "force": ("N", "Nm"), "load": ("N", "Nm", "Pa"),
 }  # fmt: skip
-# End of a column's name -> its unit; `import_map.UNITS` has those of our own runs
+# End of a column's name -> its unit; `import_map.UNITS` has those of run files
 _ENDS = {
     "m_s": "m/s", "mm_s": "mm/s", "um_s": "um/s", "rad_s": "rad/s", "deg_s": "deg/s", "rpm": "rpm", "m": "m", "cm": "cm",
     "mm": "mm", "um": "um", "rad": "rad", "mrad": "mrad", "deg": "deg", "n": "N", "kn": "kN", "mn": "mN", "un": "uN",
@@ -239,7 +239,7 @@ def _take(name: str, run: Run, what: str, chosen: str) -> tuple[np.ndarray, str]
     sign = -1.0 if unit.startswith("-") else 1.0
     unit = unit.removeprefix("-").strip() or _unit_of(name, run, what, column)
     for si in ("s",) if what == "time" else _FAMILIES[what]:
-        if same_quantity(unit, si):
+        if have_same_quantity(unit, si):
             one, zero = to_si(1.0, unit), to_si(0.0, unit)
             return sign * ((one - zero) * np.asarray(run.columns[column], float) + zero), si
     allowed = " or ".join(("s",) if what == "time" else _FAMILIES[what])

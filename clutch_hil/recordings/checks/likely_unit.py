@@ -5,7 +5,7 @@ from math import log
 from clutch_hil.recordings.checks.knowledge import BASELINE, Knowledge, Recorded
 
 _ALIKE = 1.6  # factor within which a scale is that of a unit: half a step between the nearest ones
-# Units that a column may be in by mistake -> how many of them are one of ours; K and degF have another zero
+# Units that a column may be in by mistake -> how many of them make one of the run's unit; K and degF have another zero
 _OTHERS = {
     "m": {"mm": 1e3, "um": 1e6, "cm": 1e2, "inch": 39.37, "km": 1e-3},
     "N": {"kN": 1e-3, "mN": 1e3, "uN": 1e6, "kgf": 0.102},

@@ -1,4 +1,4 @@
-"""Parquet and Feather (Arrow IPC): tables of pandas, Polars, DuckDB; and run files of our own."""
+"""Parquet and Feather (Arrow IPC): tables of pandas, Polars, DuckDB; and run files of this project."""
 
 import json
 from collections import Counter
@@ -19,7 +19,7 @@ from protocols.files.arrow_file import FEATHER_1, IPC_FILE, IPC_STREAM, PARQUET,
 from protocols.files.head import read_head
 from protocols.files.run import parse_json
 
-_TIME = "time_s"  # column of our own run files
+_TIME = "time_s"  # column of run files of this project
 _START = ("time_zero", "recorded_at")  # metadata of a run with the time of day, ISO 8601
 _UNIT_KEYS, _MEANING_KEYS = (
     (b"unit", b"units", b"Unit"),
@@ -153,7 +153,7 @@ class ArrowRecording:
         return _first(described.metadata, _UNIT_KEYS) or self._pandas_units.get(described.name, "")
 
     def _read_metadata(self) -> None:
-        """Numbers and the time of day in the metadata of a run of ours, and units in the attributes of a pandas table."""
+        """Numbers and the time of day in a run file's metadata, and units in the attributes of a pandas table."""
         metadata = {k.decode(errors="replace"): v.decode(errors="replace") for k, v in self._file.metadata.items()}
         self._pandas_units: dict[str, str] = {}
         for name, text in metadata.items():
@@ -166,10 +166,10 @@ class ArrowRecording:
                     self._pandas_units = {str(k): v for k, v in units.items() if isinstance(v, str)}
             elif isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value):
                 self.numbers[name] = float(value)
-        self.start = next((str(v) for key in _START if isinstance(v := _parsed(metadata, key), str)), "")
+        self.start = next((str(v) for key in _START if isinstance(v := _parse_entry(metadata, key), str)), "")
 
 
-def _parsed(metadata: Mapping[str, str], key: str) -> Any:
+def _parse_entry(metadata: Mapping[str, str], key: str) -> Any:
     try:
         return json.loads(metadata[key])
     except (KeyError, ValueError):

@@ -15,7 +15,7 @@ from clutch_hil.recordings.matlab.level73 import has_matlab_classes, is_level73
 from clutch_hil.recordings.matlab.texts import read_date
 from protocols.errors import InputError
 from protocols.files.bounds import check_rows
-from protocols.files.units import same_quantity, to_si
+from protocols.files.units import have_same_quantity, to_si
 
 _UNITS = ("unit", "units", "Unit", "Units", "UNIT", "UNITS")
 _COMMENTS = ("description", "long_name", "comment", "Description", "Comment")
@@ -251,6 +251,6 @@ def _kind(dtype: np.dtype) -> str:
 def _seconds(unit: str) -> float:
     """Seconds in a unit of time, 0 where it is none."""
     try:
-        return to_si(1.0, unit) if unit and same_quantity(unit, "s") else 0.0
+        return to_si(1.0, unit) if unit and have_same_quantity(unit, "s") else 0.0
     except InputError:
         return 0.0

@@ -18,7 +18,7 @@ from clutch_hil.recordings.formats.bus_log import BusLogFormat, open_frames
 from protocols.errors import InputError
 from protocols.files.bounds import check_rows
 from protocols.files.mdf_file import BUS_MESSAGES, MAGIC, MdfChannel, MdfFile, MdfGroup
-from protocols.files.units import same_quantity, to_si
+from protocols.files.units import have_same_quantity, to_si
 
 _MASTER_UNITS = {"angle": "rad", "distance": "m", "index": "1"}  # ASAM MDF 4.2, table 17; where the file writes none
 _MOST_PROBED = 200  # groups whose first and last times are shown: each may inflate two blocks of 4 MB, 10 ms
@@ -124,7 +124,7 @@ class MdfRecording:
         where = f"group {master.group + 1} is recorded over {master.name!r}"
         unit = plain_unit(master.unit)
         known = _is_known(unit)
-        seconds = to_si(1.0, unit) if known and same_quantity(unit, "s") else None
+        seconds = to_si(1.0, unit) if known and have_same_quantity(unit, "s") else None
         if master.master == "time" and (seconds or not known):
             if not seconds and unit:
                 self.notes.append(f"{where}, a time in the unknown unit {unit!r}; taken as seconds, as MDF asks")

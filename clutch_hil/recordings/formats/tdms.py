@@ -1,6 +1,6 @@
 """TDMS of LabVIEW, VeriStand and DIAdem: groups of channels, each with a start and an increment, or beside a channel of times.
 
-The index file beside one (.tdms_index) is not used: where it is of another recording, its numbers would be read as ours.
+The index file beside one (.tdms_index) is not used: if it belongs to another recording, its numbers would be wrong.
 """
 
 import io
@@ -19,7 +19,7 @@ import numpy as np
 from clutch_hil.recordings.channel import Channel, Signal, first_of, plain_unit
 from protocols.errors import InputError
 from protocols.files.bounds import check_bytes, check_rows
-from protocols.files.units import same_quantity, to_si
+from protocols.files.units import have_same_quantity, to_si
 
 if TYPE_CHECKING:
     from nptdms import TdmsChannel, TdmsFile
@@ -191,7 +191,7 @@ class TdmsRecording:
             return None
         unit = plain_unit(str(properties.get("wf_xunit_string", ""))) or "s"
         try:
-            if not same_quantity(unit, "s"):
+            if not have_same_quantity(unit, "s"):
                 self.notes.append(f"{channel.group_name}/{channel.name} is recorded over {unit}, which gives no time")
                 return None
             factor = to_si(1.0, unit)

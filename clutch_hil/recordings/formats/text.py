@@ -33,7 +33,7 @@ from clutch_hil.recordings.text.lines import TextFile, looks_like_text
 from clutch_hil.recordings.text.rows import Rows, read_rows
 from protocols.errors import InputError
 from protocols.files.bounds import check_rows
-from protocols.files.units import same_quantity, to_si
+from protocols.files.units import have_same_quantity, to_si
 
 RASTER = "rows"  # the only one of a text file
 # unit of a time axis by its size, where it counts from 1970: from the year 2000 to 2100
@@ -236,6 +236,6 @@ class _Reader:
 
 def _is_time(unit: str) -> bool:
     try:
-        return same_quantity(unit.strip("[]"), "s")
+        return have_same_quantity(unit.strip("[]"), "s")
     except InputError:
         return False

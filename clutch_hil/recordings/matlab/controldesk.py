@@ -8,7 +8,7 @@ from clutch_hil.recordings.matlab.layouts import About, Layout, TimeAxis, Walk
 from clutch_hil.recordings.matlab.texts import read_date, remarks, to_text
 from clutch_hil.recordings.matlab.value import Numbers, Struct, Value
 from protocols.errors import InputError
-from protocols.files.units import same_quantity, to_si
+from protocols.files.units import have_same_quantity, to_si
 
 _MOST_REMARKS = 20
 
@@ -38,7 +38,7 @@ class ControlDesk(Layout):
             return None
         name = to_text(one.get("Name")) or "time"
         try:
-            is_time = not unit or same_quantity(unit, "s")
+            is_time = not unit or have_same_quantity(unit, "s")
         except InputError:
             is_time = False
         if not is_time:  # a raster over an angle, or what is measured over it

@@ -107,30 +107,30 @@ class _Reader:
         self._order, self._left = order, MOST_VALUES
         self._objects, self._inside_objects = LateTable(), False
 
-    def damaged(self, what: str) -> InputError:
+    def make_damage_error(self, what: str) -> InputError:
         return InputError(f"{self.name} is damaged: {what} in variable number {self.variable}")
 
     def _tag(self, source: Bytes, at: int, end: int) -> tuple[int, int, int, int]:
         """Type and size of the element at byte `at`, where its data begin, and where the next element begins."""
         if at + 8 > end:
-            raise self.damaged("an element is missing")
+            raise self.make_damage_error("an element is missing")
         kind, size = struct.unpack(self._order + "II", source.read(at, 8))
         if kind >> 16:  # up to four bytes of data are in the tag
             kind, size, begin, after = kind & 0xFFFF, kind >> 16, at + 4, at + 8
             if size > 4:
-                raise self.damaged(f"{size} bytes in a tag, where 4 are allowed,")
+                raise self.make_damage_error(f"{size} bytes in a tag, where 4 are allowed,")
         else:
             begin = at + 8
             after = begin + size + (-size % 8 if kind != _MATRIX else 0)
         if begin + size > end:
-            raise self.damaged(f"an element of {size} bytes, where {end - begin} are left,")
+            raise self.make_damage_error(f"an element of {size} bytes, where {end - begin} are left,")
         return kind, size, begin, min(after, end) if kind != _MATRIX else after
 
     def _data(self, source: Bytes, at: int, end: int, most: int = _MOST_TEXT) -> tuple[bytes, int]:
         """Data of the small element at byte `at`, and where the next begins."""
         _, size, begin, after = self._tag(source, at, end)
         if size > most:
-            raise self.damaged(f"{size} bytes, where {most} are allowed,")
+            raise self.make_damage_error(f"{size} bytes, where {most} are allowed,")
         return source.read(begin, size), after
 
     def read_matrix(self, source: Bytes, at: int, end: int, depth: int) -> tuple[str, Value]:
@@ -146,7 +146,7 @@ class _Reader:
             return "", TOO_DEEP
         raw, at = self._data(source, at, end, 16)
         if len(raw) != 8:
-            raise self.damaged(f"flags of {len(raw)} bytes, where 8 are allowed,")
+            raise self.make_damage_error(f"flags of {len(raw)} bytes, where 8 are allowed,")
         flags = struct.unpack(self._order + "II", raw)[0]
         kind = flags & 0xFF
         if kind == _OPAQUE:
@@ -154,7 +154,7 @@ class _Reader:
         raw, at = self._data(source, at, end, 4 * _MOST_AXES)
         shape = tuple(struct.unpack(f"{self._order}{len(raw) // 4}i", raw[: len(raw) // 4 * 4]))
         if len(shape) < 2 or min(shape) < 0:
-            raise self.damaged(f"an array of the shape {shape}")
+            raise self.make_damage_error(f"an array of the shape {shape}")
         raw, at = self._data(source, at, end)
         name = raw.decode("utf-8", "replace").rstrip("\x00")
         if kind in _KINDS:
@@ -170,17 +170,17 @@ class _Reader:
             return name, SPARSE
         if kind == _FUNCTION:
             return name, FUNCTION
-        raise self.damaged(f"an array of the unknown class {kind}")
+        raise self.make_damage_error(f"an array of the unknown class {kind}")
 
     def _read_numbers(self, source: Bytes, at: int, end: int, shape: tuple[int, ...], flags: int) -> Value:
         if not prod(shape):
             return Numbers(shape, "f", NumberBlock(self.name, source, at, np.dtype("f8"), self.variable))
         stored, size, begin, _ = self._tag(source, at, end)
         if stored not in _STORED:
-            raise self.damaged(f"numbers of the unknown type {stored}")
+            raise self.make_damage_error(f"numbers of the unknown type {stored}")
         dtype = np.dtype(self._order + _STORED[stored])
         if size != prod(shape) * dtype.itemsize:
-            raise self.damaged(f"{size} bytes for {prod(shape)} numbers")
+            raise self.make_damage_error(f"{size} bytes for {prod(shape)} numbers")
         block = NumberBlock(self.name, source, begin, dtype, self.variable)
         kind = "b" if flags & _IS_LOGICAL else _KINDS[flags & 0xFF]
         few = block.read_exact(prod(shape)) if prod(shape) <= SMALL else None
@@ -194,7 +194,7 @@ class _Reader:
             return Text(())
         stored, size, begin, _ = self._tag(source, at, end)
         if stored not in _ENCODINGS:
-            raise self.damaged(f"characters of the unknown type {stored}")
+            raise self.make_damage_error(f"characters of the unknown type {stored}")
         if size > _MOST_TEXT or prod(shape) > _MOST_TEXT:
             return LeftOut(f"a text of {size} bytes")
         encoding = _ENCODINGS[stored]
@@ -206,12 +206,12 @@ class _Reader:
 
     def _read_items(self, source: Bytes, at: int, end: int, count: int, depth: int) -> list[Value]:
         if count > (end - at) // 8:  # every item has a tag
-            raise self.damaged(f"{count} items in {end - at} bytes")
+            raise self.make_damage_error(f"{count} items in {end - at} bytes")
         items = []
         for _ in range(count):
             kind, size, begin, at = self._tag(source, at, end)
             if kind != _MATRIX:
-                raise self.damaged(f"an element of type {kind} in a cell or structure, where 14 is allowed,")
+                raise self.make_damage_error(f"an element of type {kind} in a cell or structure, where 14 is allowed,")
             items.append(self.read_matrix(source, begin, begin + size, depth + 1)[1])
         return items
 
@@ -225,7 +225,7 @@ class _Reader:
         names, at = self._data(source, at, end)
         if length <= 0:
             if names:
-                raise self.damaged(f"field names of {length} bytes")
+                raise self.make_damage_error(f"field names of {length} bytes")
             return Struct(shape, {})
         raws = [names[begin : begin + length] for begin in range(0, len(names), length)]
         keys = _unlike([raw.split(b"\x00")[0].decode("utf-8", "replace") for raw in raws])
@@ -240,7 +240,7 @@ class _Reader:
         name, _, class_name = texts
         kind, size, begin, _ = self._tag(source, at, end)
         if kind != _MATRIX:
-            raise self.damaged(f"an object of the class {class_name} whose data are of type {kind}")
+            raise self.make_damage_error(f"an object of the class {class_name} whose data are of type {kind}")
         data = self.read_matrix(source, begin, begin + size, depth + 1)[1]
         return name, data if class_name == _TABLE else read_reference(data, self._objects, class_name)
 
@@ -253,7 +253,7 @@ class _Reader:
         self._order = "<" if source.read(2, 2) == b"IM" else ">"
         kind, length = struct.unpack(self._order + "II", source.read(8, 8))
         if kind != _MATRIX or 16 + length > source.size:
-            raise self.damaged("the data of objects")
+            raise self.make_damage_error("the data of objects")
         self._inside_objects = True
         _, found = self.read_matrix(source, 16, 16 + length, 0)
         for table in found.fields.get("MCOS", ()) if isinstance(found, Struct) else ():

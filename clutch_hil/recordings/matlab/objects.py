@@ -82,7 +82,7 @@ class ObjectTable:
         self._name = name
         table = cells.items[0] if cells.items else None
         if not isinstance(table, Numbers) or not _HEADER <= table.size <= _MOST_BYTES:
-            raise self._damaged()
+            raise self._make_damage_error()
         raw = table.block.read_exact(table.size).astype(np.uint8).tobytes()
         words = np.frombuffer(raw[: len(raw) // 4 * 4], np.dtype(order + "u4"))
         version, offsets = int(words[0]), [int(offset) for offset in words[2:10]]
@@ -90,7 +90,7 @@ class ObjectTable:
         if not self.is_known:
             return
         if any(a > b or b > len(raw) for a, b in pairwise(offsets[:6])):
-            raise self._damaged()
+            raise self._make_damage_error()
         self._names = [text.decode("utf-8", "replace") for text in raw[_HEADER : offsets[0]].split(b"\x00") if text]
         self._classes, saved, self._objects, own = (
             words[begin // 4 : end // 4] for begin, end in pairwise(offsets[:5])
@@ -100,7 +100,7 @@ class ObjectTable:
         defaults = cells.items[-1]
         self._defaults = defaults.items if isinstance(defaults, Cell) else ()
 
-    def _damaged(self) -> InputError:
+    def _make_damage_error(self) -> InputError:
         return InputError(f"{self._name} is damaged: the table of its objects")
 
     def class_name(self, number: int) -> str:
@@ -108,7 +108,7 @@ class ObjectTable:
             return ""
         names = [int(n) for n in self._classes[4 * number : 4 * number + 2]]
         if len(names) < 2 or max(names) > len(self._names):
-            raise self._damaged()
+            raise self._make_damage_error()
         return ".".join(self._names[n - 1] for n in names if n)
 
     def properties(self, number: int) -> Mapping[str, Value]:
@@ -118,17 +118,17 @@ class ObjectTable:
         if not number:  # an object that was deleted
             return {}
         if len(entry) < 6:
-            raise self._damaged()
+            raise self._make_damage_error()
         class_number, _, _, saved, own, _ = entry
         blocks, block = (self._properties[1], saved) if saved else (self._properties[0], own)
         found: dict[str, Value] = {}
         if class_number < len(self._defaults) and isinstance(defaults := self._defaults[class_number], Struct):
             found.update(defaults.element(0))
         if block >= len(blocks):
-            raise self._damaged()
+            raise self._make_damage_error()
         for name, kind, index in blocks[block]:
             if not 0 < name <= len(self._names):
-                raise self._damaged()
+                raise self._make_damage_error()
             if kind == _VALUE and index < len(self._cells):
                 found[self._names[name - 1]] = self._cells[index]
             elif kind == _NAME and 0 < index <= len(self._names):

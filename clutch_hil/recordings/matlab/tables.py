@@ -65,7 +65,7 @@ class Times(Layout):
     def add(self, walk: Walk, value: Value, path: str, about: About, depth: int) -> bool:
         if not isinstance(value, Object) or value.class_name not in ("duration", "datetime"):
             return False
-        numbers = _stored(value)
+        numbers = _read_stored(value)
         if numbers is not None and numbers.size > 1:
             add_times(walk, value, path, about.name, is_beside=True)
         return True
@@ -86,7 +86,7 @@ class Categorical(Layout):
 
 def add_times(walk: Walk, value: Object, path: str, name: str, is_beside: bool = False) -> TimeAxis | None:
     """The time axis of an object of the class duration or datetime; dates are counted from the first."""
-    numbers = _stored(value)
+    numbers = _read_stored(value)
     if numbers is not None and not numbers.size:
         return None
     if numbers is None or numbers.size != max(numbers.shape):
@@ -110,7 +110,7 @@ def add_times(walk: Walk, value: Object, path: str, name: str, is_beside: bool =
     return walk.add_time(numbers, path, name, _MILLISECONDS, first, is_beside)
 
 
-def _stored(value: Value) -> Numbers | None:
+def _read_stored(value: Value) -> Numbers | None:
     stored = value.fields.get("millis" if value.class_name == "duration" else "data")
     return stored if isinstance(stored, Numbers) else None
 

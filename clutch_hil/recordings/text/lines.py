@@ -75,7 +75,7 @@ class TextFile:
                 begin = file.read(_JUDGED)
         except OSError as error:
             raise InputError(f"recording {path} cannot be read: {error.strerror}") from None
-        self.encoding = _check_encoding(encoding) if encoding else marked_encoding(begin)
+        self.encoding = _check_encoding(encoding) if encoding else find_marked_encoding(begin)
         self._errors = "replace" if self.encoding and not encoding else "strict"
         self.encoding = self.encoding or "utf-8"
         try:
@@ -154,13 +154,13 @@ def after_lines(text: bytes, lines: int) -> int:
 
 def looks_like_text(head: bytes) -> bool:
     """Whether a file that begins with `head` may be text."""
-    if marked_encoding(head):
+    if find_marked_encoding(head):
         return True
     text = head.replace(b"\0", b"")  # a logger that lost power leaves them
     return bool(text) and len(text) - len(text.translate(None, _CONTROL)) <= _CONTROL_SHARE * len(text)
 
 
-def marked_encoding(begin: bytes) -> str:
+def find_marked_encoding(begin: bytes) -> str:
     """The encoding that the first bytes tell, "" where they do not."""
     for mark, name in _MARKS:
         if begin.startswith(mark):

@@ -19,7 +19,7 @@ _SOURCE = "[D] fault injection: frozen or not"
 
 
 @njit(inline="always")
-def kept(now, last, frozen):
+def hold(now, last, frozen):
     """A channel's present value, or its last one."""
     return last if frozen else now
 
@@ -27,11 +27,11 @@ def kept(now, last, frozen):
 def freeze(s, c, p, x, h):
     """Show the last value of each frozen channel; remember what is shown."""
     began = x.begun > 0.0
-    s.pressure_voltage = kept(s.pressure_voltage, x.pressure, began and p.pressure >= 0.5)
-    s.temperature_voltage = kept(s.temperature_voltage, x.temperature, began and p.temperature >= 0.5)
-    s.motor_torque_voltage = kept(s.motor_torque_voltage, x.motor_torque, began and p.motor_torque >= 0.5)
-    s.clutch_torque_voltage = kept(s.clutch_torque_voltage, x.clutch_torque, began and p.clutch_torque >= 0.5)
-    s.encoder_angle = kept(s.encoder_angle, x.encoder, began and p.encoder >= 0.5)
+    s.pressure_voltage = hold(s.pressure_voltage, x.pressure, began and p.pressure >= 0.5)
+    s.temperature_voltage = hold(s.temperature_voltage, x.temperature, began and p.temperature >= 0.5)
+    s.motor_torque_voltage = hold(s.motor_torque_voltage, x.motor_torque, began and p.motor_torque >= 0.5)
+    s.clutch_torque_voltage = hold(s.clutch_torque_voltage, x.clutch_torque, began and p.clutch_torque >= 0.5)
+    s.encoder_angle = hold(s.encoder_angle, x.encoder, began and p.encoder >= 0.5)
     if h > 0.0:
         x.begun = 1.0
         x.pressure, x.temperature = s.pressure_voltage, s.temperature_voltage

@@ -19,7 +19,7 @@ from plant_sim.effects.signals import ACQUISITION
 
 
 @njit(inline="always")
-def rounded(voltage, input_range, bits, offset):
+def round_to_level(voltage, input_range, bits, offset):
     """The level nearest to `voltage` [V] of a converter with `bits` over +-`input_range` [V]; one lies `offset` steps off 0."""
     step = 2.0 * input_range / 2.0**bits
     return step * (floor(voltage / step - offset + 0.5) + offset)
@@ -28,8 +28,8 @@ def rounded(voltage, input_range, bits, offset):
 def coarsen(s, c, p, x, h):
     """Round both channels."""
     full, pressure, torque = c.sensors_input_range, c.sensors_pressure_bits, c.sensors_clutch_torque_bits
-    s.pressure_voltage = rounded(s.pressure_voltage, full, pressure - p.pressure_bits_lost, p.offset)
-    s.clutch_torque_voltage = rounded(s.clutch_torque_voltage, full, torque - p.torque_bits_lost, p.offset)
+    s.pressure_voltage = round_to_level(s.pressure_voltage, full, pressure - p.pressure_bits_lost, p.offset)
+    s.clutch_torque_voltage = round_to_level(s.clutch_torque_voltage, full, torque - p.torque_bits_lost, p.offset)
 
 
 EFFECT = Effect(

@@ -41,7 +41,7 @@ EFFECT = Effect(
         ),
         Strength(
             "warming_load", "Nm/K", off=0.0, typical=-0.05, bounds=(-5.0, 5.0),
-            source="[D] sign of fig C.7, where a warm hand takes a quarter off 4 kg; the size is ours",
+            source="[D] sign of fig C.7, where a warm hand takes a quarter off 4 kg; the size was chosen here",
         ),
     ),
     states=(State("leaked", "Nm"), State("origin", "K")),

@@ -25,9 +25,9 @@ from plant_sim.friction.maxwell_slip import MaxwellSlip
 from plant_sim.friction.model import Array
 from protocols.errors import InputError
 
-TOLERANCE = 1e-6  # relative, of stiffness and height: more is a violation; ours, far below what can be measured
+TOLERANCE = 1e-6  # relative, of stiffness and height: more is a violation; chosen, far below what can be measured
 CONSTRAINT_WEIGHT = 1e6  # of the constraints relative to the data; they are then met to about 1e-9 of the height
-STROKE_COUNT = 400  # number of strokes at which the gap is computed; ours
+STROKE_COUNT = 400  # number of strokes at which the gap is computed; chosen
 MOST_ITERATIONS = 200  # of the alternating fit; it converges in about 20
 
 

@@ -23,7 +23,7 @@ from plant_sim.friction.stribeck import Stribeck
 from protocols.errors import InputError
 
 MOST_EVALUATIONS = 20000  # of Nelder-Mead
-GRID = 10  # starts for each nonlinear parameter, enough that one of them converges to the best fit; ours
+GRID = 10  # starts for each nonlinear parameter, enough that one of them converges to the best fit; chosen
 TOLERANCE = 1e-10  # relative, of Nelder-Mead, in parameters and RMSE
 
 

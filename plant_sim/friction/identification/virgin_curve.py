@@ -19,11 +19,11 @@ from plant_sim.friction.model import Array, real, require
 from plant_sim.friction.whole_number import require_whole
 from protocols.errors import InputError
 
-DEAD_BAND = 0.05  # of the position's range: a smaller turn is noise; ours, ten times the noise of a good encoder
-FULL_STROKE = 0.95  # of the widest stroke: shorter ones are inner loops or cut off by the record; ours
+DEAD_BAND = 0.05  # of the position's range: a smaller turn is noise; chosen: ten times the noise of a good encoder
+FULL_STROKE = 0.95  # of the widest stroke: shorter ones are inner loops or cut off by the record; chosen
 LEAST_POINTS = 2  # of a fitted curve: a single point does not show how the curve bends
-BINS = 10  # number of parts of the stroke whose mean forces must not fall; ours
-LARGEST_FALL = 0.05  # of the height of the curve: a larger fall is not noise; ours
+BINS = 10  # number of parts of the stroke whose mean forces must not fall; chosen
+LARGEST_FALL = 0.05  # of the height of the curve: a larger fall is not noise; chosen
 
 
 @dataclass(frozen=True)

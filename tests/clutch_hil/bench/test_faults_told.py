@@ -20,7 +20,7 @@ from protocols.node import node_factory
 from protocols.realtime.beat import TIMING
 from protocols.telemetry.batch import Batch, run_file_columns
 from rt_controller.law.phases import Fault, Phase
-from rt_controller.loop.node import COLUMNS, ControllerNode, controller_parameters, shipped_parameters
+from rt_controller.loop.node import COLUMNS, ControllerNode, controller_parameters, load_shipped_parameters
 from tests.clutch_hil.bench.test_services import RATE, hear
 from tests.processes import ONE_CPU, PATIENCE, await_file, service
 
@@ -37,13 +37,13 @@ def test_every_fault_has_its_reason_and_a_limit_that_exists() -> None:
     names = {fault.name.lower().replace("_", " ") for fault in Fault if fault is not Fault.NONE}
     assert set(REASONS) == names
     assert set(load_frames()["CONTROLLER_STATUS"].choices("fault").values()) == names | {"none"}
-    parameters = shipped_parameters()
+    parameters = load_shipped_parameters()
     assert all(parameters[reason.limit].unit == reason.unit for reason in REASONS.values())
 
 
 @pytest.mark.parametrize("fault", [fault for fault in Fault if fault is not Fault.NONE])
 def test_a_fault_is_told_once_with_time_reason_and_values(fault: Fault) -> None:
-    watch = FaultWatch(NAMES, 250.0, {name: p.value for name, p in shipped_parameters().items()})
+    watch = FaultWatch(NAMES, 250.0, {name: p.value for name, p in load_shipped_parameters().items()})
     came = row(fault=fault.value, sample_age=6.0, pressure_bar=3.41, slip_rad_s=20.1)
     (told,) = watch.take(np.concatenate([row(), came, came]))
     assert told.line.startswith(f"fault at 10.02 s: {fault.name.lower().replace('_', ' ')}: ")

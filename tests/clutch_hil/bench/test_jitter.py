@@ -17,7 +17,7 @@ from clutch_hil.bench.command_latency import compute_latencies, watch_frames
 from clutch_hil.bench.echo import Echo
 from clutch_hil.bench.jitter_report import document, judge, judge_sweep, sweep_document, sweep_text
 from clutch_hil.bench.lateness import late_cycles, mark_explained, spike, spikes
-from clutch_hil.bench.loads import LOADS, loads_named
+from clutch_hil.bench.loads import LOADS, find_loads
 from clutch_hil.bench.measurements import Measurements, Setting, summary
 from clutch_hil.bench.stalls import StallWatch
 from clutch_hil.bench.witness_loop import Pace, read
@@ -163,8 +163,8 @@ def test_only_known_loads() -> None:
     with pytest.raises(
         InputError, match=r"load 'heat' is unknown; allowed are bus, cpu, disk, full, memory, restarts, viewer"
     ):
-        loads_named(["cpu", "heat"])
-    assert [load.name for load in loads_named(["disk"])] == ["disk"]
+        find_loads(["cpu", "heat"])
+    assert [load.name for load in find_loads(["disk"])] == ["disk"]
 
 
 @pytest.mark.parametrize(
@@ -178,7 +178,7 @@ def test_a_load_runs_and_ends(name: str, local_bus: str) -> None:
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["--cpu", "999"], "error: CPU 999 is not ours; allowed are "),
+        (["--cpu", "999"], "error: CPU 999 is not possible; allowed are "),
         (["--seconds", "900"], "error: 900 s in 3 rounds is not possible; allowed are 1 to 60 s a round"),
         (["--rates", "250,fast"], "error: rates '250,fast' has 'fast'; allowed are whole numbers of Hz"),
         (["--rates", "250,7"], "error: rate 7 Hz is not possible; allowed are 50 to 10000 Hz"),

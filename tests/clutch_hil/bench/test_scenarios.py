@@ -9,8 +9,8 @@ import pytest
 
 from clutch_hil.bench.limits import Judgement, judge_limits
 from clutch_hil.bench.measures import MEASURES
-from clutch_hil.bench.rig import rig_named, rig_names
-from clutch_hil.bench.scenario import Scenario, load_scenario, shipped_scenarios
+from clutch_hil.bench.rig import find_rig, rig_names
+from clutch_hil.bench.scenario import Scenario, find_shipped_scenarios, load_scenario
 from clutch_hil.bench.simulate import Simulation
 from protocols.files.runs import read_run
 
@@ -24,7 +24,7 @@ def judgements(scenario: Scenario) -> list[Judgement]:
     return list(judge_limits(scenario.limits, columns))
 
 
-@pytest.mark.parametrize("name", shipped_scenarios())
+@pytest.mark.parametrize("name", find_shipped_scenarios())
 def test_a_scenario_passes_with_margin(name: str) -> None:
     scenario = load_scenario(name)
     assert scenario.title
@@ -73,13 +73,13 @@ def test_a_frozen_sensor_that_is_not_frozen_is_no_fault() -> None:
 def test_every_measure_is_in_the_documentation_and_none_else() -> None:
     text = DOCS.read_text(encoding="utf-8")
     for rig in rig_names():
-        for name, measure in rig_named(rig).measures.items():
+        for name, measure in find_rig(rig).measures.items():
             assert f"| `{name}` | {measure.unit or 'word'} | {measure.what} |" in text
 
 
 def test_every_scenario_is_in_the_documentation() -> None:
     text = DOCS.read_text(encoding="utf-8")
-    for name in shipped_scenarios():
+    for name in find_shipped_scenarios():
         assert f"| `{name}` | {load_scenario(name).title} |" in text
 
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from clutch_hil.bench.rig import GROUP, rig_named, rig_names
+from clutch_hil.bench.rig import GROUP, find_rig, rig_names
 from clutch_hil.bench.scenario import choose_scenario, load_scenario
 from clutch_hil.bench.simulate import Simulation
 from clutch_hil.command import application
-from clutch_hil.discrepancy.models.named import model_named
+from clutch_hil.discrepancy.models.named import find_model
 from protocols.errors import InputError
 from protocols.files.runs import read_run
 from protocols.realtime import child
@@ -40,13 +40,13 @@ def installed(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.Monk
     monkeypatch.syspath_prepend(str(site))
     monkeypatch.setenv("PYTHONPATH", str(site))
     yield
-    rig_named.cache_clear()
+    find_rig.cache_clear()
 
 
 def test_it_is_listed_with_the_others() -> None:
     assert rig_names() == ("power_shift", "small_clutch", "wet_clutch")
     with pytest.raises(InputError, match="rig is 'lorry'; allowed are power_shift, small_clutch, wet_clutch"):
-        rig_named("lorry")
+        find_rig("lorry")
 
 
 def test_its_run_has_its_name_its_parameters_and_its_measures(tmp_path: Path) -> None:
@@ -91,7 +91,7 @@ def test_its_processes_in_lock_step_are_one_process_to_the_bit(local_bus: str, t
 
 def test_what_it_lacks_is_told() -> None:
     with pytest.raises(InputError, match="rig small_clutch has no discrepancy model"):
-        model_named("small_clutch")
+        find_model("small_clutch")
     with pytest.raises(InputError, match=r"scenario .*gentle\.toml is of the rig small_clutch, and --rig wet_clutch"):
         choose_scenario(SCENARIO, {}, "wet_clutch")
 
@@ -103,4 +103,4 @@ def test_a_rig_that_cannot_be_loaded_is_told(tmp_path: Path, monkeypatch: pytest
     (metadata / "entry_points.txt").write_text(f"[{GROUP}]\nbroken = no_such_module:RIG\n")
     monkeypatch.syspath_prepend(str(tmp_path))
     with pytest.raises(InputError, match="rig broken cannot be loaded from no_such_module:RIG: No module named"):
-        rig_named("broken")
+        find_rig("broken")

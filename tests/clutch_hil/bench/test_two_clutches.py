@@ -20,7 +20,7 @@ from clutch_hil.bench.run_file import read_run
 from clutch_hil.bench.scenario import load_scenario
 from clutch_hil.bench.simulate import Simulation
 from clutch_hil.command import application
-from clutch_hil.discrepancy.models.named import model_named
+from clutch_hil.discrepancy.models.named import find_model
 from clutch_hil.live import recorder, tune
 from clutch_hil.live.blueprint import build_blueprint
 from clutch_hil.live.collector import Collector
@@ -323,7 +323,7 @@ def test_the_model_of_one_clutch_is_not_compared_with_it(run_file: Path, tmp_pat
 def test_it_has_no_model_and_no_experiments(tmp_path: Path) -> None:
     told = "rig power_shift, whose run is a run of two clutches, has no discrepancy model"
     with pytest.raises(InputError, match=told):
-        model_named("power_shift")
+        find_model("power_shift")
     assert refusal("experiment", "crawl", "--scenario", "shift", "--out", tmp_path) == told
 
 

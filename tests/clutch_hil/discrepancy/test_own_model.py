@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from clutch_hil.discrepancy.model_file import write_model
-from clutch_hil.discrepancy.models.named import declare_parameters, model_named
+from clutch_hil.discrepancy.models.named import declare_parameters, find_model
 from clutch_hil.discrepancy.result import NAMED
 from clutch_hil.discrepancy.search import investigate
 from clutch_hil.fitting.model import Candidate
@@ -39,7 +39,7 @@ def test_each_candidate_changes_nothing_while_it_is_off(heater: ModuleType) -> N
     base = {name: p.value for name, p in model.parameters.items()}
     plain = model.simulate(run, base, {})["temperature_degc"]
     for candidate in model.candidates:
-        off = model.simulate(run, base, candidate.off())["temperature_degc"]
+        off = model.simulate(run, base, candidate.list_off_values())["temperature_degc"]
         np.testing.assert_array_equal(off, plain, candidate.name)
 
 
@@ -85,13 +85,13 @@ def test_the_script_writes_runs_with_the_model_s_columns(
 def test_the_workflow_names_radiation_and_the_model_file_has_it(heater: ModuleType, tmp_path: Path) -> None:
     """By PATH.py:CLASS and on the runs of docs/own_model.md: convection, which leads alone, is not left beside it."""
     rig = f"{DOCS / 'examples' / 'heater.py'}:Heater"
-    model = model_named(rig)
+    model = find_model(rig)
     runs = {"one": heater.measured(1, (50, 10, 90)), "two": heater.measured(2, (20, 80, 0))}
     result = investigate(model, runs, {"held out": heater.measured(3, (70, 30, 110, 0))})
     assert (result.verdict, result.effects) == (NAMED, ["radiation"])
     assert result.gap["temperature_degc"].after < 1.1 * NOISE
     write_model(result, declare_parameters(model), tmp_path / "model.toml")
-    extended = model_named(rig, tmp_path / "model.toml")
+    extended = find_model(rig, tmp_path / "model.toml")
     assert "radiation" not in {c.name for c in extended.candidates}
 
 
@@ -112,7 +112,7 @@ def test_a_model_from_before_the_move_is_told_where_things_are_now(tmp_path: Pat
         encoding="utf-8",
     )
     with pytest.raises(InputError) as refused:
-        model_named(f"{tmp_path / 'mine.py'}:Mine")
+        find_model(f"{tmp_path / 'mine.py'}:Mine")
     assert str(refused.value).endswith(
         "No module named 'plant_sim.discrepancy'; plant_sim.discrepancy.model is now clutch_hil.fitting.model;"
         " protocols.parameters is now protocols.files.parameters; protocols.runs is now protocols.files.runs"
@@ -122,8 +122,8 @@ def test_a_model_from_before_the_move_is_told_where_things_are_now(tmp_path: Pat
 def test_a_model_that_looks_for_something_else_is_told_only_that(tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text("import no_such_module\n", encoding="utf-8")
     with pytest.raises(InputError, match=r"No module named 'no_such_module'$"):
-        model_named(f"{tmp_path / 'mine.py'}:Mine")
+        find_model(f"{tmp_path / 'mine.py'}:Mine")
 
 
 def test_an_effect_of_the_catalogue_is_a_candidate() -> None:
-    assert Candidate.of(effect("torque_sensor_offset")).off() == {"torque_sensor_offset.offset": 0.0}
+    assert Candidate.of(effect("torque_sensor_offset")).list_off_values() == {"torque_sensor_offset.offset": 0.0}

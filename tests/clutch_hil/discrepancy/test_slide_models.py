@@ -53,7 +53,7 @@ def test_a_candidate_that_is_off_changes_nothing(rig: type[SlidingContact]) -> N
     model, plain = rig(), simulate_force(rig)
     base = {name: p.value for name, p in model.parameters.items()}
     for candidate in model.candidates:
-        off = model.simulate(run(rig), base, candidate.off())[model.output.column]
+        off = model.simulate(run(rig), base, candidate.list_off_values())[model.output.column]
         np.testing.assert_array_equal(off, plain, candidate.name)
 
 

@@ -69,7 +69,7 @@ def test_the_result_is_a_law_of_the_simulator(identified):
 def test_film_of_the_tribometer_is_identified_through_its_sensors():
     """Height, speed and rate that `parameters/tribometer_contacts.toml` puts into the rig, through noise and runout."""
     radius, film, load = mean_radius(nominal()), load_contacts().si("film"), 120.0
-    rig = Contacts(seed=3).lubricated(load)
+    rig = Contacts(seed=3).make_lubricated_rig(load)
     records = []
     for frequency, angle in ((4.5, 0.06), (9.0, 0.06), (9.0, 0.03)):
         m = reciprocation(rig, load, angle, frequency, 8)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clutch_hil.bench.effect_page import names, published_names, rewrite_page
+from clutch_hil.bench.effect_page import list_published_names, names, rewrite_page
 from clutch_hil.bench.effect_text import is_ours, sort_effects
 from clutch_hil.discrepancy.models.wet_clutch import WetClutch
 from plant_sim.effects.catalogue import VARIABLE, effects
@@ -129,7 +129,7 @@ def test_it_is_a_candidate_whose_fit_begins_where_its_file_says(new: Effect) -> 
 def test_it_joins_the_page_when_the_command_writes_it(new: Effect) -> None:
     page = PAGE.read_text(encoding="utf-8")
     written = rewrite_page(page, sort_effects(effects().values()))
-    assert published_names(written) - published_names(page) == names([new])
+    assert list_published_names(written) - list_published_names(page) == names([new])
     row = (
         "| friction | `hub_mesh` | Torque ripples as the teeth of the hub mesh | amplitude [Nm], order, phase [rad] |\n"
     )
@@ -186,8 +186,8 @@ def test_a_page_stays_as_it_is_where_its_picture_cannot_be_written(tmp_path: Pat
 
 def test_a_published_name_stays() -> None:
     page, ours = PAGE.read_text(encoding="utf-8"), sort_effects(filter(is_ours, effects().values()))
-    assert {"backlash", "backlash.gap", "residual_torque.pressure_lag"} <= published_names(page)
-    assert published_names(page) <= names(ours)
+    assert {"backlash", "backlash.gap", "residual_torque.pressure_lag"} <= list_published_names(page)
+    assert list_published_names(page) <= names(ours)
     kept = [effect for effect in ours if effect.name != "valve_delay"]
     with pytest.raises(InputError, match=r"published names are gone: valve_delay, valve_delay\.delay;"):
         rewrite_page(page, kept)

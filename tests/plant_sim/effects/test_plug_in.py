@@ -162,7 +162,7 @@ for effect in effects().values():
     node.sample(); node.advance()
     took[effect.name] = 1e3 * (time.process_time() - began)
     assert node.row()
-    node.tune(effect.off())
+    node.tune(effect.list_off_values())
 print(json.dumps(took))
 """
 
