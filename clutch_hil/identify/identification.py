@@ -31,6 +31,7 @@ from clutch_hil.identify.controller_values import derive_controller_values
 from clutch_hil.identify.joint_fit import fit_jointly
 from clutch_hil.identify.starting_values import estimate_start
 from clutch_hil.identify.stepwise import take_samples
+from clutch_hil.live.catalogue import format_count
 from clutch_hil.recordings.checks.finding import Finding, refuse_hard
 from clutch_hil.recordings.checks.timing import cut_at_fault
 from protocols.errors import InputError, closest, listing
@@ -71,9 +72,10 @@ class Identification:
     def __str__(self) -> str:
         """The verdict in one line."""
         worst = max(self.misfit, key=lambda column: self.misfit[column])
-        warned = f"; {len(self.calibration.warnings)} warnings" if self.calibration.warnings else ""
+        warned = f"; {format_count(len(self.calibration.warnings), 'warning')}" if self.calibration.warnings else ""
         return (
-            f"{len(self.calibration.parameters)} parameters identified from {len(self.measured)} runs; worst fit: {worst},"
+            f"{format_count(len(self.calibration.parameters), 'parameter')} identified from"
+            f" {format_count(len(self.measured), 'run')}; worst fit: {worst},"
             f" residual {self.misfit[worst]:.3g} times its noise{warned}"
         )
 
