@@ -64,7 +64,6 @@ SLOW = (
     "clutch_hil/discrepancy",
     "clutch_hil/fitting",
     "clutch_hil/identify",
-    "clutch_hil/identify",
     "clutch_hil/thesis",
     "plant_sim/effects",
     "plant_sim/friction",
