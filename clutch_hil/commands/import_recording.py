@@ -95,6 +95,7 @@ def _import(
 
 def _list(recording: Path, map_name: str | None, json_output: bool) -> None:
     from clutch_hil.bench.progress import table_text
+    from clutch_hil.live.catalogue import format_count
     from clutch_hil.recordings.contents import contents_document, contents_rows
     from clutch_hil.recordings.format import open_recording, recognise
     from clutch_hil.recordings.import_map import load_map
@@ -104,7 +105,7 @@ def _list(recording: Path, map_name: str | None, json_output: bool) -> None:
     document = {"read": str(recording), "format": kind, **contents_document(contents)}
     numbers = [f"{name} = {value:.6g}" for name, value in contents.numbers.items()]
     text = "\n".join([f"read {recording}: {kind}", *contents.notes, *numbers, table_text(contents_rows(contents))])
-    report(document, text, f"{len(contents.channels)} channels", True, json_output)
+    report(document, text, format_count(len(contents.channels), "channel"), True, json_output)
 
 
 def _draft(recording: Path, map_name: str | None, out: Path | None, overwrite: bool, json_output: bool) -> None:

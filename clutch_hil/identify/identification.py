@@ -31,16 +31,19 @@ from clutch_hil.identify.controller_values import derive_controller_values
 from clutch_hil.identify.joint_fit import fit_jointly
 from clutch_hil.identify.starting_values import estimate_start
 from clutch_hil.identify.stepwise import take_samples
+from clutch_hil.live.catalogue import format_count
 from clutch_hil.recordings.checks.finding import Finding, refuse_hard
 from clutch_hil.recordings.checks.timing import cut_at_fault
 from protocols.errors import InputError, closest, listing
 from protocols.files.run import Run
+from protocols.files.runs import check_columns
 from protocols.node import node_factory
 
 TIMING = 5e-4  # s: half a sampling period; events within a sample are not resolved by a run
 FINE_STEP = 1.25e-4  # s, of the accurate integration: a quarter of the quick one's
 _MOVE = 0.2  # of the unit of moves: step of differences
 _UNIT = 0.05  # of a parameter that declares no uncertainty: its unit of moves
+_ROOM = 5.0  # times the bounds of C_v: omega_r^gamma is 4.6 times as large with gamma = 1 as with 1/3
 _EXPONENT_UNIT = 0.02  # of gamma: 6 % of 1/3
 
 # where the runs do not excite them these are as declared; any other one is as the steps found it beside the contact pressure
@@ -69,9 +72,10 @@ class Identification:
     def __str__(self) -> str:
         """The verdict in one line."""
         worst = max(self.misfit, key=lambda column: self.misfit[column])
-        warned = f"; {len(self.calibration.warnings)} warnings" if self.calibration.warnings else ""
+        warned = f"; {format_count(len(self.calibration.warnings), 'warning')}" if self.calibration.warnings else ""
         return (
-            f"{len(self.calibration.parameters)} parameters identified from {len(self.measured)} runs; worst fit: {worst},"
+            f"{format_count(len(self.calibration.parameters), 'parameter')} identified from"
+            f" {format_count(len(self.measured), 'run')}; worst fit: {worst},"
             f" residual {self.misfit[worst]:.3g} times its noise{warned}"
         )
 
@@ -113,7 +117,8 @@ def identify(
         hold or {}, "held by the user"
     )
     given = {name: declared[name] if (value := (hold or {}).get(name)) is None else value for name in held}
-    ratios = {name: (other, declared[name] / declared[other]) for name, other in (ties or {}).items()}
+    model.parameters.with_values(given)  # held within their bounds
+    ratios = {name: (other, _ratio(name, other, declared)) for name, other in (ties or {}).items()}
     names = [name for name in FITTED if name not in held and name not in ratios]
     free = [_free(model, name, (bounds or {}).get(name)) for name in names]
     progress("starting values", 0.0)
@@ -165,6 +170,14 @@ def _check_names(model: Model, names: Sequence[str]) -> None:
             raise InputError(f"parameter {name!r} is unknown; {closest(name, list(model.parameters))}")
 
 
+def _ratio(name: str, other: str, declared: Values) -> float:
+    if name == other or declared[other] == 0.0:
+        raise InputError(
+            f"{name} is tied to {other}, which is {declared[other]:g}; allowed is another parameter that is not 0"
+        )
+    return declared[name] / declared[other]
+
+
 def _read(
     runs: Sequence[Run | str | Path], model: Model, hashes: dict[str, str], findings: list[Finding]
 ) -> dict[str, Columns]:
@@ -174,6 +187,7 @@ def _read(
     for number, given in enumerate(runs, 1):
         if isinstance(given, Run):
             name, run = f"run {number}", given
+            check_columns(Path(name), run.columns, needed)
             hashes[name] = hashlib.sha256(b"".join(np.ascontiguousarray(run[c]).tobytes() for c in needed)).hexdigest()
         else:
             name, run = Path(given).name, read_run(given, needed)
@@ -195,8 +209,11 @@ def _free(model: Model, name: str, bounds: tuple[float, float] | None) -> FreePa
     p = model.parameters[name]
     unit = p.uncertainty or (_EXPONENT_UNIT if name == "clutch.viscous_exponent" else _UNIT * abs(p.value))
     low, high = bounds or p.bounds
-    if not low < high:
-        raise InputError(f"bounds of {name} are {low:g} and {high:g}; allowed is a low and a higher one")
+    if not p.bounds[0] <= low < high <= p.bounds[1]:
+        raise InputError(
+            f"bounds of {name} are {low:g} and {high:g} {p.unit}; allowed is a low and a higher one from {p.bounds[0]:g} to"
+            f" {p.bounds[1]:g}"
+        )
     return FreeParameter(name, _MOVE * unit, unit, low, high)
 
 
@@ -207,7 +224,7 @@ def _is_viscous(name: str) -> bool:
 def _as_fitted(f: FreeParameter, values: Values) -> FreeParameter:
     """A parameter as it is fitted (clutch_parameters.py): of C_v the torque at the reference slip."""
     scale = viscous_scale(values) if _is_viscous(f.name) else 1.0
-    low, high = (bound * scale * (4.0 if _is_viscous(f.name) else 1.0) for bound in (f.low, f.high))
+    low, high = (bound * scale * (_ROOM if _is_viscous(f.name) else 1.0) for bound in (f.low, f.high))
     return FreeParameter(f.name, f.step * scale, f.scale * scale, low, high)
 
 

@@ -25,7 +25,7 @@ their numbers differ by up to 13 %, and XGMS misses the unloading by 0.073 N.
 def format_markdown_page(results: Sequence[Result]) -> str:
     """Format the page for the `results` of all entries."""
     head = (
-        f"What `clutch-hil reproduce --all` said on {date.today().isoformat()} (clutch-hil {version('clutch-hil')}, Python"
+        f"Results of `clutch-hil reproduce --all` on {date.today().isoformat()} (clutch-hil {version('clutch-hil')}, Python"
         f" {platform.python_version()}): {summarise(results)}.\nWritten by `python -m clutch_hil.thesis`."
     )
     claims = [("name", "holds", "claim"), *(format_claim_row(result) for result in results)]

@@ -10,7 +10,7 @@ Assumptions     the motor torque signal is correct while it changes; a stuck sig
                 friction changes more slowly than the window
 Valid range     |slip| and torque above their floors, |alpha| below its limit; outside all states are held
 Not modelled    errors that are not proportional to torque (contact pressure, seal) appear as a level
-References      developed here; torque balance: docs/rig.md, 8; Janssens 2010, chapter 7: integral adaptation as future work
+References      developed here; torque balance: docs/rig.md, 8. Janssens 2010, ch. 7, announces adaptation as future work
 """
 
 import numpy as np

@@ -170,12 +170,29 @@ def test_a_torque_that_follows_no_pressure_is_refused(runs: list[Run], column: s
         ({"rig": "nosuch"}, "nosuch"),
         ({"hold": {"clutch.nosuch": None}}, "clutch.nosuch"),
         ({"bounds": {"valve.gain": (3.0, 2.0)}}, "valve.gain"),
+        ({"bounds": {"motor.inertia": (-1.0, 1.0)}}, "motor.inertia"),
+        ({"hold": {"valve.gain": 1e9}}, "valve.gain"),
         ({"ties": {"valve.gain": "nosuch.name"}}, "nosuch.name"),
+        ({"ties": {"valve.gain": "standstill.lag"}}, "standstill.lag"),
     ],
 )
 def test_wrong_options_are_one_sentence(runs: list[Run], options: dict, words: str) -> None:
     with pytest.raises(InputError, match=words):
         identify(runs[:1], **options)
+
+
+@pytest.mark.parametrize("rows", [0, 1, 7])
+def test_a_run_of_next_to_nothing_is_refused(runs: list[Run], rows: int) -> None:
+    short = replace(runs[0], columns={name: values[:rows] for name, values in runs[0].columns.items()})
+    with pytest.raises(InputError):
+        identify([short])
+
+
+def test_a_value_that_is_no_number_is_refused_by_column(runs: list[Run]) -> None:
+    torque = runs[0]["clutch_torque_nm"].copy()
+    torque[100] = np.nan
+    with pytest.raises(InputError, match="clutch_torque_nm"):
+        identify([replace(runs[0], columns={**runs[0].columns, "clutch_torque_nm": torque})])
 
 
 def test_without_runs_nothing_is_identified() -> None:

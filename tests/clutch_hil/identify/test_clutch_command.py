@@ -36,7 +36,7 @@ def test_a_run_becomes_three_files_and_a_verdict(tmp_path: Path, run_file: Path)
     code, text = run_command("identify", run_file, "--out", tmp_path / "mine")
     assert code == 0
     assert sorted(path.name for path in (tmp_path / "mine").iterdir()) == sorted(FILES)
-    assert "parameters identified from 1 runs" in text
+    assert "parameters identified from 1 run;" in text
     code, text = run_command("identify", run_file, "--out", tmp_path / "mine")
     assert code == 2
     assert "--overwrite" in text
