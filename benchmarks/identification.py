@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.battery.truth_rig import BAR, RIG_RECORD, ZERO_CELSIUS, draw_rig
 from benchmarks.battery.truth_simulation import COLUMNS, PERIOD, PRESSURE, Inputs, simulate
 from clutch_hil.identify.courses import COURSES, TORQUE_SHARE, Span
-from clutch_hil.identify.identification import Identification, identify
+from clutch_hil.identify.identification import Identification, identify_clutch
 from plant_sim.rigs import wet_clutch
 from protocols.files.run import Run
 
@@ -138,7 +138,7 @@ def main(options: list[str]) -> int:
     for seed in range(given.first, given.first + given.rigs):
         rig = draw(seed)
         true, runs, begin = true_values(rig), play(rig, seed), monotonic()
-        found = identify(runs)
+        found = identify_clutch(runs)
         seconds.append(monotonic() - begin)
         inside += [p.interval[0] <= true[p.name] <= p.interval[1] for p in found.calibration.parameters]
         values = values_of(found, declared)

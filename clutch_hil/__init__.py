@@ -7,7 +7,7 @@ simulate, sweep (grid, random, latin_hypercube), measure_run, draw_run, draw_swe
 start_bench: plant and controller as processes on a bus, driven by a program
 read_run, write_run: run files
 find_discrepancy, play_experiment: what a model lacks that recordings have
-identify: the calibration of a clutch, from recordings
+identify_clutch: the calibration of a clutch, from recordings
 identify_friction, read_friction: a friction law from recordings of any rig
 reproduce, friction: results and friction models of the thesis
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from clutch_hil.discrepancy.outcome import Discrepancy, find_discrepancy
     from clutch_hil.identify.friction.identification import identify_friction
     from clutch_hil.identify.friction.result import IdentifiedFriction, read_friction
-    from clutch_hil.identify.identification import Identification, identify
+    from clutch_hil.identify.identification import Identification, identify_clutch
     from clutch_hil.live.live_bench import LiveBench, start_bench
     from clutch_hil.thesis.reproduction import reproduce
     from protocols.errors import InputError
@@ -44,7 +44,7 @@ drop_stale(Path(__file__).parent, *map(Path(__file__).parent.with_name, ("protoc
 
 __all__ = [
     "Discrepancy", "Identification", "IdentifiedFriction", "InputError", "LiveBench", "Run", "draw_run", "draw_sweep",
-    "find_discrepancy", "friction", "grid", "identify", "identify_friction", "latin_hypercube", "measure_run",
+    "find_discrepancy", "friction", "grid", "identify_clutch", "identify_friction", "latin_hypercube", "measure_run",
     "play_experiment", "random", "read_friction", "read_run", "reproduce", "simulate", "start_bench", "sweep", "write_run",
 ]  # fmt: skip
 _PLACES = {
@@ -60,7 +60,7 @@ _PLACES = {
     "clutch_hil.discrepancy.outcome": ("Discrepancy", "find_discrepancy"),
     "clutch_hil.identify.friction.identification": ("identify_friction",),
     "clutch_hil.identify.friction.result": ("IdentifiedFriction", "read_friction"),
-    "clutch_hil.identify.identification": ("Identification", "identify"),
+    "clutch_hil.identify.identification": ("Identification", "identify_clutch"),
     "clutch_hil.live.live_bench": ("LiveBench", "start_bench"),
     "clutch_hil.thesis.reproduction": ("reproduce",),
 }

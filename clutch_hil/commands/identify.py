@@ -90,7 +90,7 @@ def _run_clutch(
     ties = dict(_pairs("tie", tie))
     new_files(out, FILES, overwrite, runs)
     with writable_folder(out), progress_bar("identify", json_output) as progress:
-        found = identification.identify(
+        found = identification.identify_clutch(
             runs, rig=rig, hold=held, bounds=limits, ties=ties, force=force,
             progress=lambda what, share: progress(round(100 * share), 100),
         )  # fmt: skip

@@ -77,9 +77,9 @@ class Calibration:
     def __getitem__(self, name: str) -> Identified:
         return next(one for one in self.parameters if one.name == name)
 
-    def write(self, path: Path) -> None:
+    def write(self, path: Path | str) -> None:
         """Write the file; it appears when it is complete. Raises InputError."""
-        with whole_file(path) as part:
+        with whole_file(Path(path)) as part:
             part.write_text("\n".join([*self._lines(), ""]), encoding="utf-8")
 
     def _lines(self) -> list[str]:

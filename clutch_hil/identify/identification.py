@@ -80,7 +80,7 @@ class Identification:
         )
 
 
-def identify(
+def identify_clutch(
     runs: Sequence[Run | str | Path],
     *,
     rig: str = DEFAULT_RIG,

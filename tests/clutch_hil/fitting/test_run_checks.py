@@ -7,7 +7,7 @@ import clutch_hil as ch
 from benchmarks.battery.short_case import make_short_case
 from benchmarks.dirty_channels import (
     DirtyCase,
-    alterations,
+    list_alterations,
     name_wrong,
     pneumatic_cylinder,
     position_axis,
@@ -50,7 +50,7 @@ def test_every_altered_channel_is_told(make) -> None:
     case: DirtyCase = make()
     assert check_evidence(case.model, case.runs) == []
     told = set()
-    for column, name, runs in case.altered():
+    for column, name, runs in case.alter_each_channel():
         findings = check_evidence(case.model, runs)
         assert findings, f"{column} {name}"
         if not findings[0].hard:
@@ -85,7 +85,7 @@ def test_one_bad_run_among_good_ones_is_named() -> None:
 
 def test_what_the_checks_let_pass_is_not_named_wrong() -> None:
     case = position_axis()
-    runs = case.alter("motor_force_n", alterations("motor_force_n")["off"])
+    runs = case.alter("motor_force_n", list_alterations("motor_force_n")["off"])
     assert name_wrong(case, "motor_force_n", "off", runs)[1] == []
 
 
@@ -93,7 +93,7 @@ def test_what_the_checks_let_pass_is_not_named_wrong() -> None:
 def test_a_fit_at_its_bound_is_not_named_whatever_the_checks_say(name: str) -> None:
     """Past the checks, a force that is 0, or a thousandth, was a leaking sensor with its leak at the bound."""
     case = position_axis()
-    result = investigate(case.model, case.alter("motor_force_n", alterations("motor_force_n")[name]))
+    result = investigate(case.model, case.alter("motor_force_n", list_alterations("motor_force_n")[name]))
     assert (result.effects, result.alternatives) == ([], [])
 
 

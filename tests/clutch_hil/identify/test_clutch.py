@@ -13,7 +13,7 @@ import pytest
 import clutch_hil as ch
 from benchmarks.identification import draw, maps_error, play, true_values, values_of
 from clutch_hil.identify.controller_values import derive_controller_values
-from clutch_hil.identify.identification import Identification, identify
+from clutch_hil.identify.identification import Identification, identify_clutch
 from plant_sim.rigs import wet_clutch
 from protocols.errors import InputError
 from protocols.files.run import Run
@@ -38,7 +38,7 @@ def runs(rig: np.ndarray) -> list[Run]:
 
 @pytest.fixture(scope="module")
 def found(runs: list[Run]) -> Identification:
-    return identify(runs)
+    return identify_clutch(runs)
 
 
 @pytest.fixture(scope="module")
@@ -131,7 +131,7 @@ def test_a_controller_with_it_follows_as_one_that_knows_the_rig(rig: np.ndarray,
 
 
 def test_slips_that_do_not_tell_a_stribeck_speed_are_told(runs: list[Run]) -> None:
-    found = identify([runs[1]], hold={"oil.viscous_gain": None})
+    found = identify_clutch([runs[1]], hold={"oil.viscous_gain": None})
     assert any("V_S" in text for text in found.calibration.warnings)
     assert found.calibration.held["clutch.stribeck_speed"] == "the runs do not excite it"
     assert "clutch.stribeck_speed" not in {p.name for p in found.calibration.parameters}
@@ -143,7 +143,7 @@ def test_outliers_and_a_faulted_stretch_are_left_out(rig: np.ndarray, runs: list
     fault = np.zeros(len(torque))
     fault[15_000:] = 4.0
     dirty = replace(runs[1], columns={**runs[1].columns, "clutch_torque_nm": torque, "controller_fault": fault})
-    found = identify([runs[0], dirty, *runs[2:]], force=True)
+    found = identify_clutch([runs[0], dirty, *runs[2:]], force=True)
     assert max(maps_error(values_of(found, DECLARED), true_values(rig)).values()) < MAPS
     assert any("outliers" in note for note in found.calibration.notes)
     assert any("fault" in note for note in found.calibration.notes)
@@ -160,7 +160,7 @@ def test_outliers_and_a_faulted_stretch_are_left_out(rig: np.ndarray, runs: list
 def test_a_torque_that_follows_no_pressure_is_refused(runs: list[Run], column: str, change) -> None:  # type: ignore[no-untyped-def]
     wrong = [replace(run, columns={**run.columns, column: change(run[column])}) for run in runs]
     with pytest.raises(InputError, match="no torque that rises with the pressure"):
-        identify(wrong)
+        identify_clutch(wrong)
 
 
 @pytest.mark.parametrize(
@@ -178,23 +178,23 @@ def test_a_torque_that_follows_no_pressure_is_refused(runs: list[Run], column: s
 )
 def test_wrong_options_are_one_sentence(runs: list[Run], options: dict, words: str) -> None:
     with pytest.raises(InputError, match=words):
-        identify(runs[:1], **options)
+        identify_clutch(runs[:1], **options)
 
 
 @pytest.mark.parametrize("rows", [0, 1, 7])
 def test_a_run_of_next_to_nothing_is_refused(runs: list[Run], rows: int) -> None:
     short = replace(runs[0], columns={name: values[:rows] for name, values in runs[0].columns.items()})
     with pytest.raises(InputError):
-        identify([short])
+        identify_clutch([short])
 
 
 def test_a_value_that_is_no_number_is_refused_by_column(runs: list[Run]) -> None:
     torque = runs[0]["clutch_torque_nm"].copy()
     torque[100] = np.nan
     with pytest.raises(InputError, match="clutch_torque_nm"):
-        identify([replace(runs[0], columns={**runs[0].columns, "clutch_torque_nm": torque})])
+        identify_clutch([replace(runs[0], columns={**runs[0].columns, "clutch_torque_nm": torque})])
 
 
 def test_without_runs_nothing_is_identified() -> None:
     with pytest.raises(InputError, match="without runs"):
-        identify([])
+        identify_clutch([])
