@@ -1,7 +1,7 @@
 """Identification of rigs drawn at random: errors, intervals, time. `python -m benchmarks.identification`.
 
-The truth is the rig of the battery (benchmarks/battery/truth_simulation.py). It shares no code with the plant. Those of `_DRAWN`
-are drawn within +-30 %. Each rig plays the five courses of `clutch-hil experiment identify`, with the noise of docs/rig.md.
+The truth is the rig of the battery (benchmarks/battery/truth_simulation.py). It shares no code with the plant. Its _DRAWN
+vary by +-30 %. Each rig plays the five courses of `clutch-hil experiment identify`, with the noise of docs/rig.md.
 """
 
 import argparse
