@@ -1,0 +1,74 @@
+"""Identify first: whether a calibration beyond the stated uncertainty explains what disagrees, so that no effect is named.
+
+Equation        e(x) = (|r(x)|^2 - N)/N:  power above the noise floor, as a share of the N residuals, without any tolerance for
+                  errors of the laws
+                identify first:  e(base) > DISAGREEMENT, e(recalibrated) <= DISAGREEMENT, and
+                  e(effects) > e(recalibrated) + DISAGREEMENT
+Assumptions     a rig whose equations are the model's is fitted to the floor; a missing effect that some calibration imitates is
+                  no other than that calibration by these runs. Effects that explain as much with fewer parameters stay named
+"""
+
+from collections.abc import Sequence
+
+from clutch_hil.discrepancy.decision import DISAGREEMENT
+from clutch_hil.discrepancy.recalibration import Moved, Recalibration
+from clutch_hil.discrepancy.result import Estimate
+from clutch_hil.fitting.evidence import Evidence, Point
+from clutch_hil.fitting.model import Model, calibration
+from clutch_hil.fitting.recalibration import Identifiable, recalibrate
+
+_MUCH_LESS = 0.5  # of what the effects leave: a re-calibration that leaves no more is spoken of
+_FAR = 1.0  # stated uncertainties: a parameter that moved less is not spoken of
+_AT_LIMIT = 0.99  # of how far a parameter may move: it is at its limit
+
+
+def look_for_calibration(evidence: Evidence, base: Point, best: Point) -> Recalibration | None:
+    """Re-calibrate the model of `evidence`, without tolerance; None where the baseline or the effects explain all of it.
+
+    base: the baseline, re-fitted within its uncertainty. best: with the effects that explain most.
+    """
+    model = evidence.model
+    before, effects = (evidence.excess(r) for r in evidence.residuals([base, best]))
+    if min(before, effects) <= DISAGREEMENT:
+        return None
+    values, after = recalibrate(evidence, base)
+    moved = [
+        Moved(n, p.value, float(values[n]), p.unit, p.uncertainty)
+        for n, p in model.parameters.items()
+        if values[n] != p.value
+    ]
+    far = sorted((one for one in moved if one.sigmas > _FAR), key=lambda one: -one.sigmas)
+    command = model.identification if isinstance(model, Identifiable) else None
+    return Recalibration(tuple(far), before, after, effects, command)
+
+
+def note_limits(model: Model, baseline: Sequence[Estimate], recalibration: Recalibration | None) -> list[str]:
+    """A sentence for each parameter of the re-fitted `baseline` that ends at the limit of its uncertainty: what to state."""
+    share, notes = calibration(model), []
+    wanted = {one.name: one for one in recalibration.moved} if recalibration and recalibration.explains else {}
+    for e in baseline:
+        if not e.uncertainty > 0.0 or abs(e.value - e.nominal) < _AT_LIMIT * share * e.uncertainty:
+            continue
+        known = e.name in wanted
+        least = max(abs(wanted[e.name].value - e.nominal) / share, e.uncertainty) if known else e.uncertainty
+        unit = "" if e.unit == "1" else f" {e.unit}"
+        notes.append(
+            f"{e.name} ends at the limit of its uncertainty: {e.value:.4g}{unit} where {e.nominal:.4g} +- {e.uncertainty:.2g}"
+            f" is stated and {share:g} of that is allowed; state an uncertainty {'of at least' if known else 'above'}"
+            f" {least:.2g}{unit}, or identify it"
+        )
+    return notes
+
+
+def note_rest(recalibration: Recalibration) -> list[str]:
+    """A sentence where the re-calibration leaves much less than the effects do, but not nothing.
+
+    The calibration may be wrong, and an effect missing too.
+    """
+    if recalibration.after > _MUCH_LESS * recalibration.effects:
+        return []
+    return [
+        f"a calibration beyond the stated uncertainty explains {recalibration.closed:.1%} of what disagrees by itself,"
+        f" more than these effects do, but not all of it: {recalibration}. If nobody has identified this rig,"
+        f" {recalibration.advice}"
+    ]
