@@ -68,8 +68,8 @@ def draw(seed: int, spread: float = SPREAD, drawn: Sequence[str] = DRAWN, sump: 
     return rig
 
 
-def play(rig: np.ndarray, seed: int) -> list[Run]:
-    """The runs of the five courses, 1 kHz."""
+def play(rig: np.ndarray, seed: int, names: Sequence[str] = tuple(COURSES)) -> list[Run]:
+    """The runs of the courses `names`, 1 kHz."""
     slope = (
         float(
             rig["clutch_coulomb_slope"][0] + rig["clutch_viscous_slope"][0] * 20.94 ** rig["clutch_viscous_exponent"][0]
@@ -79,7 +79,7 @@ def play(rig: np.ndarray, seed: int) -> list[Run]:
     limit = float(rig["motor_torque_limit"][0])
     span = Span.of_line(slope, float(rig["piston_contact_pressure"][0]) / BAR, TORQUE_SHARE * limit)
     runs = []
-    for number, (make, celsius) in enumerate(COURSES.values()):
+    for number, (make, celsius) in enumerate(COURSES[name] for name in names):
         rows = np.array(make(span).rows)
         time = PERIOD * np.arange(int(rows[-1, 0] / PERIOD))
         pressure, speed = (np.interp(time, rows[:, 0], rows[:, k]) for k in (3, 2))

@@ -3,14 +3,14 @@
 Equation        e(x) = (|r(x)|^2 - N)/N:  power above the noise floor, as a share of the N residuals, without any tolerance for
                   errors of the laws
                 identify first:  e(base) > DISAGREEMENT, e(recalibrated) <= DISAGREEMENT, and
-                  e(effects) > e(recalibrated) + DISAGREEMENT
+                  e(effects) > e(recalibrated) + m,  m: DISAGREEMENT beside a single effect, CLOSED_EXCESS beside several
 Assumptions     a rig whose equations are the model's is fitted to the floor; a missing effect that some calibration imitates is
                   no other than that calibration by these runs. Effects that explain as much with fewer parameters stay named
 """
 
 from collections.abc import Sequence
 
-from clutch_hil.discrepancy.decision import DISAGREEMENT
+from clutch_hil.discrepancy.decision import CLOSED_EXCESS, DISAGREEMENT
 from clutch_hil.discrepancy.recalibration import Moved, Recalibration
 from clutch_hil.discrepancy.result import Estimate
 from clutch_hil.fitting.evidence import Evidence, Point
@@ -22,14 +22,15 @@ _FAR = 1.0  # stated uncertainties: a parameter that moved less is not spoken of
 _AT_LIMIT = 0.99  # of how far a parameter may move: it is at its limit
 
 
-def look_for_calibration(evidence: Evidence, base: Point, best: Point) -> Recalibration | None:
+def look_for_calibration(evidence: Evidence, base: Point, best: Point, single: bool) -> Recalibration | None:
     """Re-calibrate the model of `evidence`, without tolerance; None where the baseline or the effects explain all of it.
 
-    base: the baseline, re-fitted within its uncertainty. best: with the effects that explain most.
+    base: the baseline, re-fitted within its uncertainty. best: with the effects that explain most. single: whether that is
+    one effect that may be named, whose law may be slightly wrong, and not several, or one that explains too little.
     """
-    model = evidence.model
+    model, margin = evidence.model, DISAGREEMENT if single else CLOSED_EXCESS
     before, effects = (evidence.excess(r) for r in evidence.residuals([base, best]))
-    if min(before, effects) <= DISAGREEMENT:
+    if before <= DISAGREEMENT or effects <= margin:
         return None
     values, after = recalibrate(evidence, base)
     moved = [
@@ -39,7 +40,7 @@ def look_for_calibration(evidence: Evidence, base: Point, best: Point) -> Recali
     ]
     far = sorted((one for one in moved if one.sigmas > _FAR), key=lambda one: -one.sigmas)
     command = model.identification if isinstance(model, Identifiable) else None
-    return Recalibration(tuple(far), before, after, effects, command)
+    return Recalibration(tuple(far), before, after, effects, margin, command)
 
 
 def note_limits(model: Model, baseline: Sequence[Estimate], recalibration: Recalibration | None) -> list[str]:

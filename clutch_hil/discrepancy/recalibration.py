@@ -33,20 +33,22 @@ class Recalibration:
     """The baseline fitted beyond its stated uncertainty.
 
     moved: parameters that moved, the farthest first. before, after, effects: power above the floor as a share of the number of
-    residuals, of the baseline within its uncertainty, of this one, and of the effects that explain most. command: what
-    identifies the rig, None for a model without one.
+    residuals, of the baseline within its uncertainty, of this one, and of the effects that explain most. margin: by how
+    much more the effects may leave than this and still count as explaining it as well. command: what identifies the rig, None
+    for a model without one.
     """
 
     moved: tuple[Moved, ...]
     before: float
     after: float
     effects: float
+    margin: float
     command: str | None
 
     @property
     def explains(self) -> bool:
         """Whether it explains the disagreement, and the effects do not explain it as well."""
-        return self.after <= DISAGREEMENT and self.effects > self.after + DISAGREEMENT
+        return self.after <= DISAGREEMENT and self.effects > self.after + self.margin
 
     @property
     def closed(self) -> float:

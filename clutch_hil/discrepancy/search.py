@@ -64,7 +64,8 @@ def investigate(
     recalibration = None
     if verdict != NOTHING:
         progress("a calibration beyond the stated uncertainty", 0.82)
-        recalibration = look_for_calibration(evidence, selection.base.point, selection.final.point)
+        single = verdict != NONE_OF_THESE and len(selection.named) == 1
+        recalibration = look_for_calibration(evidence, selection.base.point, selection.final.point, single)
     if evident and selection.explanation.is_negligible:
         verdict, effects, alternatives = NOTHING, [], []  # a coarse converter leaves as much by itself
     elif recalibration and recalibration.explains:

@@ -18,7 +18,9 @@ FLOOR = 0.03  # of the number of residuals: power above the noise floor that cou
 _WIDE = 30.0  # stated uncertainties: a parameter that is wrong by 10 then costs 0.1 n, as good as nothing
 _STEP = 0.2  # stated uncertainties: step of differences, as in fit.py
 _MOST_ROUNDS = 12  # linearisations; 2 to 8 are usual
-_LEAST_GAIN = 0.02  # of the power above the floor: a round that gains less ends the fit
+_LEAST_GAIN = (
+    0.2  # of the power above the floor: a round that gains less goes nowhere, as usual where an effect is missing
+)
 
 
 @runtime_checkable
