@@ -38,7 +38,7 @@ def look_for_calibration(evidence: Evidence, base: Point, best: Point, single: b
         for n, p in model.parameters.items()
         if values[n] != p.value
     ]
-    far = sorted((one for one in moved if one.sigmas > _FAR), key=lambda one: -one.sigmas)
+    far = sorted((m for m in moved if m.sigmas > _FAR), key=lambda m: (m.uncertainty == 0.0, -m.sigmas))
     command = model.identification if isinstance(model, Identifiable) else None
     return Recalibration(tuple(far), before, after, effects, margin, command)
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from clutch_hil.discrepancy.decision import DISAGREEMENT
 
 _MOST_TOLD = 6  # parameters in a sentence
+_UNIT = 0.05  # of a parameter that declares no uncertainty: as identify has it (free_parameters.py)
 
 
 @dataclass(frozen=True)
@@ -19,8 +20,8 @@ class Moved:
 
     @property
     def sigmas(self) -> float:
-        """How far, in stated uncertainties; a hundredth of the value counts as one where none is stated."""
-        return abs(self.value - self.nominal) / (self.uncertainty or 0.01 * abs(self.nominal) or 1.0)
+        """How far, in stated uncertainties; _UNIT counts as one where none is stated."""
+        return abs(self.value - self.nominal) / (self.uncertainty or _UNIT * abs(self.nominal) or 1.0)
 
     def __str__(self) -> str:
         unit = "" if self.unit == "1" else f" {self.unit}"
@@ -32,10 +33,10 @@ class Moved:
 class Recalibration:
     """The baseline fitted beyond its stated uncertainty.
 
-    moved: parameters that moved, the farthest first. before, after, effects: power above the floor as a share of the number of
-    residuals, of the baseline within its uncertainty, of this one, and of the effects that explain most. margin: by how
-    much more the effects may leave than this and still count as explaining it as well. command: what identifies the rig, None
-    for a model without one.
+    moved: parameters that moved, the farthest first, those without a stated uncertainty last. before, after, effects: power
+    above the floor as a share of the number of residuals, of the baseline within its uncertainty, of this one, and of the
+    effects that explain most. margin: by how much more the effects may leave than this and still count as explaining it as
+    well. command: what identifies the rig, None for a model without one.
     """
 
     moved: tuple[Moved, ...]
