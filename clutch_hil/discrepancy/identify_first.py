@@ -2,10 +2,11 @@
 
 Equation        e(x) = (|r(x)|^2 - N)/N:  power above the noise floor, as a share of the N residuals, without any tolerance for
                   errors of the laws
-                identify first:  e(base) > DISAGREEMENT, e(recalibrated) <= DISAGREEMENT, and
+                identify first:  e(base) > DISAGREEMENT, e(recalibrated) <= max(DISAGREEMENT, e(effects)/10), and
                   e(effects) > e(recalibrated) + m,  m: DISAGREEMENT beside a single effect, CLOSED_EXCESS beside several
 Assumptions     a rig whose equations are the model's is fitted to the floor; a missing effect that some calibration imitates is
-                  no other than that calibration by these runs. Effects that explain as much with fewer parameters stay named
+                  no other than that calibration by these runs. Effects that explain as much with fewer parameters stay named.
+                  Beside a wrong calibration a missing effect is found only once the rig is identified
 """
 
 from collections.abc import Sequence
@@ -62,10 +63,12 @@ def note_limits(model: Model, baseline: Sequence[Estimate], recalibration: Recal
 
 
 def note_rest(recalibration: Recalibration) -> list[str]:
-    """A sentence where the re-calibration leaves much less than the effects do, but not nothing.
-
-    The calibration may be wrong, and an effect missing too.
-    """
+    """A sentence where the re-calibration leaves less than the effects do, but not nothing: both may be wrong."""
+    if recalibration.explains:
+        left = f"even re-calibrated the model leaves {recalibration.after:.2g} times the floor's power"
+        return (
+            [] if recalibration.is_complete else [f"{left}: an effect may be missing too; identify, then search again"]
+        )
     if recalibration.after > _MUCH_LESS * recalibration.effects:
         return []
     return [

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 from clutch_hil.discrepancy.decision import DISAGREEMENT
 
+# Of what the effects leave: a re-calibration that leaves no more says that they only stand for a calibration
+LEFT_BESIDE = 0.1
 _MOST_TOLD = 6  # parameters in a sentence
 _UNIT = 0.05  # of a parameter that declares no uncertainty: as identify has it (free_parameters.py)
 
@@ -48,8 +50,14 @@ class Recalibration:
 
     @property
     def explains(self) -> bool:
-        """Whether it explains the disagreement, and the effects do not explain it as well."""
-        return self.after <= DISAGREEMENT and self.effects > self.after + self.margin
+        """Whether it explains what disagrees, or nearly all that the effects leave, and these do not explain it as well."""
+        enough = max(DISAGREEMENT, LEFT_BESIDE * self.effects)
+        return self.after <= enough and self.effects > self.after + self.margin
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether it leaves no disagreement."""
+        return self.after <= DISAGREEMENT
 
     @property
     def closed(self) -> float:

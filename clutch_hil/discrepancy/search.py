@@ -89,7 +89,7 @@ def investigate(
     rivals = selection.judge_rivals()
     if recalibration and verdict == IDENTIFY_FIRST:
         rivals = [_refuse_for(recalibration, rival) for rival in rivals]
-    elif recalibration:
+    if recalibration:
         notes += note_rest(recalibration)
     progress("gap on runs that were not fitted", 0.85)
     evidence, before, after = selection.evidence, selection.base, selection.final

@@ -153,6 +153,16 @@ def test_a_calibration_that_explains_much_but_not_all_is_noted() -> None:
     assert note_rest(replace(FOUND, effects=1.5)) == []
 
 
+def test_a_calibration_that_leaves_a_tenth_of_what_effects_leave_comes_first() -> None:
+    assert replace(FOUND, effects=10.1).explains
+    assert not replace(FOUND, effects=9.9).explains
+    (note,) = note_rest(replace(FOUND, effects=10.1))
+    assert note == "even re-calibrated the model leaves 1 times the floor's power: an effect may be missing too;" + (
+        " identify, then search again"
+    )
+    assert note_rest(replace(FOUND, after=0.05)) == []
+
+
 def test_effects_must_leave_more_by_a_margin() -> None:
     assert replace(FOUND, after=0.05).explains
     assert not replace(FOUND, after=0.05, effects=0.14).explains
