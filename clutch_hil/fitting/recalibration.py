@@ -14,7 +14,8 @@ from clutch_hil.fitting.evidence import Evidence, Point
 from clutch_hil.fitting.fit import FreeParameter, LinearModel, linearise, refit
 from clutch_hil.fitting.model import Values
 
-FLOOR = 0.03  # of the number of residuals: power above the noise floor that counts as none (decision.CLOSED_EXCESS)
+# of the number of residuals: power above the noise floor at which a fit ends, a standard deviation of a mean square of 1e5
+FLOOR = 0.004
 _WIDE = 30.0  # stated uncertainties: a parameter that is wrong by 10 then costs 0.1 n, as good as nothing
 _STEP = 0.2  # stated uncertainties: step of differences, as in fit.py
 _MOST_ROUNDS = 12  # linearisations; 2 to 8 are usual
