@@ -14,8 +14,7 @@ from clutch_hil.fitting.evidence import Evidence, Point
 from clutch_hil.fitting.fit import FreeParameter, LinearModel, linearise, refit
 from clutch_hil.fitting.model import Values
 
-# of the number of residuals: power above the noise floor at which a fit ends, a standard deviation of a mean square of 1e5
-FLOOR = 0.004
+FLOOR = 0.03  # of the number of residuals: power above the noise floor that counts as none (decision.CLOSED_EXCESS)
 _WIDE = 30.0  # stated uncertainties: a parameter that is wrong by 10 then costs 0.1 n, as good as nothing
 _STEP = 0.2  # stated uncertainties: step of differences, as in fit.py
 _MOST_ROUNDS = 12  # linearisations; 2 to 8 are usual
@@ -58,13 +57,13 @@ def recalibrate(evidence: Evidence, near: Point) -> tuple[Values, float]:
 
 
 def fit_to_floor(evidence: Evidence, start: Point, free: Sequence[FreeParameter]) -> LinearModel:
-    """Fit the parameters `free` from `start` until the noise floor is reached, or until little is gained."""
+    """Fit the parameters `free` from `start` until little of the power above the floor is gained."""
     at = linearise(evidence, start, free)
     for _ in range(_MOST_ROUNDS):
         before = evidence.excess(at.residual) if np.isfinite(at.cost) else np.inf
         at = refit(evidence, at, 0)
         after = evidence.excess(at.residual) if np.isfinite(at.cost) else np.inf
-        if after < FLOOR or not before - after > _LEAST_GAIN * after:
+        if not before - after > _LEAST_GAIN * after:
             break
         at = linearise(evidence, at.point, free)
     return at
