@@ -10,6 +10,7 @@ Assumptions     a rig whose equations are the model's is fitted to the floor; a 
 """
 
 from collections.abc import Sequence
+from math import isfinite
 
 from clutch_hil.discrepancy.decision import CLOSED_EXCESS, DISAGREEMENT
 from clutch_hil.discrepancy.recalibration import Moved, Recalibration
@@ -34,6 +35,8 @@ def look_for_calibration(evidence: Evidence, base: Point, best: Point, single: b
     if before <= DISAGREEMENT or effects <= margin:
         return None
     values, after = recalibrate(evidence, base)
+    if not isfinite(after):  # it cannot be simulated there
+        return None
     moved = [
         Moved(n, p.value, float(values[n]), p.unit, p.uncertainty)
         for n, p in model.parameters.items()

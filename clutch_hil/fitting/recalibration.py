@@ -52,11 +52,11 @@ def recalibrate(evidence: Evidence, near: Point) -> tuple[Values, float]:
             for n, p in model.parameters.items()
             if p.uncertainty > 0.0 and p.bounds[0] < p.bounds[1]
         ]
-        values = fit_to_floor(evidence, (near[0], {}), free).point[0]
+        values = fit_to_end(evidence, (near[0], {}), free).point[0]
     return values, evidence.excess(evidence.residuals([(values, {})])[0])
 
 
-def fit_to_floor(evidence: Evidence, start: Point, free: Sequence[FreeParameter]) -> LinearModel:
+def fit_to_end(evidence: Evidence, start: Point, free: Sequence[FreeParameter]) -> LinearModel:
     """Fit the parameters `free` from `start` until little of the power above the floor is gained."""
     at = linearise(evidence, start, free)
     for _ in range(_MOST_ROUNDS):

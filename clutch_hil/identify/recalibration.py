@@ -6,7 +6,7 @@ Equation        as the joint fit (joint_fit.py), with sensitivities to one side 
 
 from clutch_hil.fitting.evidence import Evidence
 from clutch_hil.fitting.model import Model, Values
-from clutch_hil.fitting.recalibration import FLOOR, fit_to_floor
+from clutch_hil.fitting.recalibration import FLOOR, fit_to_end
 from clutch_hil.identify.clutch_parameters import FITTED, HELD, NEEDS, FittedModel, from_fit, to_fit
 from clutch_hil.identify.free_parameters import AS_DECLARED, TIMING, as_fitted, free_parameter
 from clutch_hil.identify.starting_values import estimate_start
@@ -29,7 +29,7 @@ def recalibrate_clutch(model: Model, evidence: Evidence, near: Values) -> dict[s
         unmet = {name for need in NEEDS if need.warn(samples, start) for name in need.parameters}
         begun = {**start, **{name: near[name] for name in unmet if name in AS_DECLARED}}
         fitted = [as_fitted(f, begun) for f in free if f.name not in unmet]
-        at = fit_to_floor(timed, (to_fit(begun), {}), fitted)
+        at = fit_to_end(timed, (to_fit(begun), {}), fitted)
         return timed.excess(at.residual), from_fit(at.point[0])
 
     best = fit(near)
