@@ -19,7 +19,7 @@ _WIDE = 30.0  # stated uncertainties: a parameter that is wrong by 10 then costs
 _STEP = 0.2  # stated uncertainties: step of differences, as in fit.py
 _MOST_ROUNDS = 12  # linearisations; 2 to 8 are usual
 _LEAST_GAIN = (
-    0.2  # of the power above the floor: a round that gains less goes nowhere, as usual where an effect is missing
+    0.2  # of the power above the floor: a round that gains less goes nowhere; usual where an effect is missing
 )
 
 
@@ -38,10 +38,9 @@ class Identifiable(Protocol):
 
 
 def recalibrate(evidence: Evidence, near: Point) -> tuple[Values, float]:
-    """Parameters that fit best without any effect, beginning `near` a point, and the power that they leave above the floor, as
-    a share of the number of residuals.
+    """Parameters that fit best without any effect, beginning `near` a point, and the power that they leave above the floor.
 
-    Identifiable models do it themselves.
+    The power is a share of the number of residuals. Identifiable models do it themselves.
     """
     model = evidence.model
     if isinstance(model, Identifiable):
@@ -57,12 +56,16 @@ def recalibrate(evidence: Evidence, near: Point) -> tuple[Values, float]:
 
 
 def fit_to_end(evidence: Evidence, start: Point, free: Sequence[FreeParameter]) -> LinearModel:
-    """Fit the parameters `free` from `start` until little of the power above the floor is gained."""
+    """Fit the parameters `free` from `start` until little of the power above the floor is gained.
+
+    Its cost is infinite where `start` cannot be simulated.
+    """
     at = linearise(evidence, start, free)
     for _ in range(_MOST_ROUNDS):
-        before = evidence.excess(at.residual) if np.isfinite(at.cost) else np.inf
-        at = refit(evidence, at, 0)
-        after = evidence.excess(at.residual) if np.isfinite(at.cost) else np.inf
+        if not np.isfinite(at.cost):
+            break
+        before, at = evidence.excess(at.residual), refit(evidence, at, 0)
+        after = evidence.excess(at.residual)
         if not before - after > _LEAST_GAIN * after:
             break
         at = linearise(evidence, at.point, free)
