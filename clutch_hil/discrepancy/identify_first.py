@@ -48,20 +48,29 @@ def look_for_calibration(evidence: Evidence, base: Point, best: Point, single: b
 
 
 def note_limits(model: Model, baseline: Sequence[Estimate], recalibration: Recalibration | None) -> list[str]:
-    """A sentence for each parameter of the re-fitted `baseline` that ends at the limit of its uncertainty: what to state."""
-    share, notes = calibration(model), []
-    wanted = {one.name: one for one in recalibration.moved} if recalibration and recalibration.explains else {}
+    """Which uncertainties are stated too small: those that another calibration needs, else those that stop the baseline.
+
+    baseline: re-fitted within its uncertainty.
+    """
+    share = calibration(model)
+    if recalibration and recalibration.explains:
+        needed = [
+            f"{m.name} {abs(m.value - m.nominal) / share:.2g} {m.unit}".removesuffix(" 1")
+            for m in recalibration.moved
+            if m.uncertainty > 0.0 and abs(m.value - m.nominal) > share * m.uncertainty
+        ]
+        told = "; ".join(needed)
+        return [
+            f"uncertainties that allow the calibration, of which {share:g} is used: {told}; state them, or identify"
+        ]
+    notes = []
     for e in baseline:
-        if not e.uncertainty > 0.0 or abs(e.value - e.nominal) < _AT_LIMIT * share * e.uncertainty:
-            continue
-        known = e.name in wanted
-        least = max(abs(wanted[e.name].value - e.nominal) / share, e.uncertainty) if known else e.uncertainty
-        unit = "" if e.unit == "1" else f" {e.unit}"
-        notes.append(
-            f"{e.name} ends at the limit of its uncertainty: {e.value:.4g}{unit} where {e.nominal:.4g} +- {e.uncertainty:.2g}"
-            f" is stated and {share:g} of that is allowed; state an uncertainty {'of at least' if known else 'above'}"
-            f" {least:.2g}{unit}, or identify it"
-        )
+        if e.uncertainty > 0.0 and abs(e.value - e.nominal) >= _AT_LIMIT * share * e.uncertainty:
+            unit = "" if e.unit == "1" else f" {e.unit}"
+            notes.append(
+                f"{e.name} ends at the limit of its uncertainty: {e.value:.4g}{unit} where {e.nominal:.4g} +-"
+                f" {e.uncertainty:.2g} is stated and {share:g} of that is allowed; state more, or identify it"
+            )
     return notes
 
 
