@@ -1,6 +1,8 @@
 """`clutch-hil identify`: from recordings of a clutch to the calibration that its controller and its model run on."""
 
 import json
+import shlex
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -12,7 +14,7 @@ from clutch_hil.commands.many_paths import ManyPaths
 from clutch_hil.commands.options import JSON, OVERWRITE
 from protocols.errors import InputError
 
-FILES = ("calibration.toml", "identification.json", "fit.png")
+FILES = ("calibration.toml", "identification.json", "report.html", "fit.png")
 TO = typer.Option(..., "--out", help=f"folder for {', '.join(FILES)}, or friction.toml and friction.png")
 
 
@@ -83,6 +85,7 @@ def _run_clutch(
     from clutch_hil.bench.recording import writable_folder
     from clutch_hil.identify import identification
     from clutch_hil.identify.picture import draw_identification, table_lines
+    from clutch_hil.identify.report_page import compose_report
     from protocols.files.output_file import new_files, whole_file
 
     held = {name: _number("hold", name, text) if text else None for name, text in _pairs("hold", hold, False)}
@@ -99,7 +102,10 @@ def _run_clutch(
     calibration.write(out / FILES[0])
     with whole_file(out / FILES[1]) as part:
         part.write_text(json.dumps(document, indent=1), encoding="utf-8")
-    draw_identification(found, out / FILES[2])
+    page = compose_report(found, [FILES[0], FILES[1], FILES[3]], shlex.join(["clutch-hil", *sys.argv[1:]]))
+    with whole_file(out / FILES[2]) as part:
+        part.write_text(page, encoding="utf-8")
+    draw_identification(found, out / FILES[3])
     lines = [
         *table_lines(found),
         *(f"held: {name}: {why}" for name, why in calibration.held.items()),
