@@ -1,4 +1,4 @@
-"""Pictures of the report of an identification, each a PNG: parameters beside what was stated, fit and residual of each output."""
+"""Pictures of the report of an identification, each a PNG: parameters, fit and residual of each output, correlation."""
 
 from collections.abc import Sequence
 
@@ -44,9 +44,9 @@ def draw_fit(found: Identification, column: str) -> bytes:
             if k % 2:
                 for axes in (top, low):
                     axes.axvspan(begin, end, color=DEMAND, alpha=0.09, lw=0)
-            label = lambda text, k=k: text if not k else "_"
-            top.plot(*_envelope(time, measured[column]), color=MEASURED, lw=1.4, label=label("measured"))
-            top.plot(*_envelope(time, simulated), color=TRUE, lw=0.8, label=label("identified model"))
+            mark = "_" if k else ""  # a legend leaves out labels that begin so
+            top.plot(*_envelope(time, measured[column]), color=MEASURED, lw=1.4, label=f"{mark}measured")
+            top.plot(*_envelope(time, simulated), color=TRUE, lw=0.8, label=f"{mark}identified model")
             low.plot(*_envelope(time, measured[column] - simulated), color=CYCLE[0], lw=0.6)
             top.annotate(
                 _short(name), (0.5 * (begin + end), 1.0), xycoords=("data", "axes fraction"), xytext=(0, 3),
