@@ -49,12 +49,11 @@ def own_courses(
     plant: "Scenario", bus: str, lockstep: bool, blind: bool, out: Path, overwrite: bool, rate: int | None, quiet: bool
 ) -> Iterator[Path]:
     """Courses on a bench that is started for each of them, with the plant of a scenario."""
-    from clutch_hil.discrepancy.identification_set import MISMATCH, UNCALIBRATED, play_courses
+    from clutch_hil.discrepancy.identification_set import play_courses
     from clutch_hil.discrepancy.laboratory import OwnBench
     from plant_sim.rigs import wet_clutch
 
-    controller = {**plant.settings.controller, MISMATCH: UNCALIBRATED}
-    bench = OwnBench(replace(plant, settings=replace(plant.settings, controller=controller)), bus, lockstep, blind)
+    bench = OwnBench(uncalibrated(plant), bus, lockstep, blind)
 
     def play(experiment: "Experiment", number: int) -> Path:
         _tell(experiment, number, quiet)
@@ -63,6 +62,14 @@ def own_courses(
     contact = wet_clutch.nominal()["piston.contact_pressure"].value
     folder = _new_folder(out, overwrite)
     return play_courses(folder, rate or 1000, play, plant.plant["motor.torque_limit"].value, contact)
+
+
+def uncalibrated(plant: "Scenario") -> "Scenario":
+    """The scenario with a controller that compares torques less strictly, as nobody has calibrated it yet."""
+    from clutch_hil.discrepancy.identification_set import MISMATCH, UNCALIBRATED
+
+    controller = {**plant.settings.controller, MISMATCH: UNCALIBRATED}
+    return replace(plant, settings=replace(plant.settings, controller=controller))
 
 
 @contextmanager
