@@ -1,8 +1,9 @@
 """Identification design: the shortest next experiment for a clutch that is identified in part, by its Fisher information.
 
-Equation        F = F_runs + sum over pieces of W J'J W,  J: sensitivities of the outputs to the parameters, in block noise
-                  F_runs: inverse of the covariance that the calibration states
-                  1/W: how much wider its intervals are than J'J of the runs gives, as residuals are correlated
+Equation        F = F_runs + sum over pieces of J'J,  J: sensitivities of the outputs to the parameters, in block noise
+                  F_runs: inverse of the covariance that the calibration states, times w^2
+                  w = c sqrt(k/(k - p)): how much wider intervals are than white noise gives, after k seconds for p parameters
+                  (joint_fit.py); c as in the runs. Covariance after the experiment: w^2 F^-1
                 goal ratio q = half width / goal, from F^-1 (goals.py). Greedy: the piece that lowers sum log max(q/0.8, 1)
                   most per second is added, until every q <= 0.8
 Assumptions     linear about the identified values; white noise; inputs as a controller with the calibration makes them
@@ -72,21 +73,22 @@ def design_experiment(
     told: dict[str, tuple[np.ndarray, float]] = {}
     for k, piece in enumerate(PIECES):
         if (one := _information_of_piece(piece, span, found, names, values, floors, bench)) is not None:
-            told[piece] = one[0] / np.outer(wider, wider), one[1]
+            told[piece] = one
         progress((k + 1) / len(PIECES))
-    before = _stand(gathered, names, values, goals)
-    chosen: list[str] = []
-    while len(chosen) < _MOST_PIECES and (now := _lack(_stand(gathered, names, values, goals))) > 0.0:
-        gains = {
-            piece: (now - _lack(_stand(gathered + information, names, values, goals))) / seconds
+    gathered = gathered * wider.after(0.0) ** 2  # of white noise, as that of the pieces
+    before, spent = _stand(gathered, names, values, goals, wider.after(0.0)), 0.0
+    now, chosen = _lack(before), list[str]()
+    while len(chosen) < _MOST_PIECES and now > 0.0:
+        lacks = {
+            piece: _lack(_stand(gathered + information, names, values, goals, wider.after(spent + seconds)))
             for piece, (information, seconds) in told.items()
         }
-        best = max(gains, key=lambda piece: gains[piece], default="")
-        if not best or gains[best] * told[best][1] < _LEAST_GAIN:
+        best = max(told, key=lambda piece: (now - lacks[piece]) / told[piece][1], default="")
+        if not best or now - lacks[best] < _LEAST_GAIN:
             break
         chosen.append(best)
-        gathered = gathered + told[best][0]
-    after = _stand(gathered, names, values, goals)
+        gathered, spent, now = gathered + told[best][0], spent + told[best][1], lacks[best]
+    after = _stand(gathered, names, values, goals, wider.after(spent))
     course = compose(chosen, span)
     seconds = float(course.rows[-1][0])
     text = profile_text(course, f"Next experiment of clutch-hil identify --design: {', '.join(chosen) or 'nothing'}")
@@ -122,16 +124,35 @@ def _information_of_runs(found: Identification, names: Sequence[str], values: Va
     return information
 
 
-def _widening(found: Identification, names: Sequence[str], values: Values, floors: Values) -> np.ndarray:
-    """How much wider (p,) the intervals of the runs are than white noise gives, 1 or more."""
-    model, known = find_rig(found.calibration.rig).model(), len(found.calibration.parameters)
-    free = free_parameters(model, names[:known])
-    at = linearise(Evidence(model, list(found.measured.values()), floors, timing=TIMING), (dict(values), {}), free)
+@dataclass(frozen=True)
+class _Widening:
+    """How much wider intervals are than white noise gives: `excess` sqrt(k/(k - p)), after k `seconds` for p `parameters`."""
+
+    excess: float
+    seconds: float
+    parameters: int
+
+    def after(self, more: float) -> float:
+        """After `more` seconds [s]."""
+        k = max(self.seconds + more, self.parameters + 1.0)
+        return self.excess * float(np.sqrt(k / (k - self.parameters)))
+
+
+def _widening(found: Identification, names: Sequence[str], values: Values, floors: Values) -> _Widening:
+    """That of the runs: the median over the parameters that the goals need."""
+    model, calibration = find_rig(found.calibration.rig).model(), found.calibration
+    known, runs = len(calibration.parameters), list(found.measured.values())
+    at = linearise(
+        Evidence(model, runs, floors, timing=TIMING), (dict(values), {}), free_parameters(model, names[:known])
+    )
     size = np.sqrt(np.diag(at.gram)) + 1e-12
     white = np.sqrt(np.diag(np.linalg.inv(at.gram / np.outer(size, size) + 1e-9 * np.eye(known)))) / size
-    stated = np.array([p.half for p in found.calibration.parameters]) / NORMAL_95 / [f.scale for f in at.free]
-    wider = np.maximum(stated / white, 1.0)
-    return np.concatenate([wider, np.full(len(names) - known, float(np.median(wider)))])
+    stated = np.array([p.half for p in calibration.parameters]) / NORMAL_95 / [f.scale for f in at.free]
+    needed = {name for goal in GOALS for name in goal.needs}
+    wider = float(np.median([r for name, r in zip(names, stated / white, strict=False) if name in needed] or [1.0]))
+    seconds = sum(float(run["time_s"][-1] - run["time_s"][0]) for run in runs)
+    few = _Widening(1.0, seconds, known).after(0.0)
+    return _Widening(max(wider / few, 1.0), seconds, known)
 
 
 def _information_of_piece(
@@ -161,11 +182,13 @@ def _information_of_piece(
     return sensitivity.T @ sensitivity, float(alone.rows[-1][0] - rest.rows[-1][0])
 
 
-def _stand(information: np.ndarray, names: Sequence[str], values: Values, goals: Sequence[Goal]) -> list[Standing]:
-    """How goals stand with F (p, p)."""
+def _stand(
+    information: np.ndarray, names: Sequence[str], values: Values, goals: Sequence[Goal], wider: float
+) -> list[Standing]:
+    """How goals stand with F (p, p) of white noise, and intervals that are so much wider."""
     size = np.sqrt(np.diag(information))
     spread = np.linalg.inv(information / np.outer(size, size)) / np.outer(size, size)
-    return stand_at(values, names, NORMAL_95**2 * spread, goals)
+    return stand_at(values, names, (NORMAL_95 * wider) ** 2 * spread, goals)
 
 
 def _lack(standings: Sequence[Standing]) -> float:
